@@ -1,33 +1,35 @@
-//! Dapple puts Monte Carlo samples where an image needs them.
+//! Adaptive sampling for Monte Carlo rendering: more samples where an image needs them.
 //!
-//! This crate re-exports the parts, so that one dependency is enough:
+//! This crate re-exports Dapple's library crates, so that one dependency is enough:
 //!
-//! * [`core`]: the one plug. Point sets, samplers, integrators, filters, films, exact budgets, the render
-//!   loop. Depend on it alone (as `dapple-core`) to use Dapple in a renderer of your own: it knows no
-//!   geometry, no scene and no image file.
-//! * [`low_discrepancy`] (feature `low-discrepancy`): Owen-scrambled Sobol', Halton, (0,2), stratified and
-//!   independent points.
-//! * [`adaptive`] (feature `adaptive`): the error-driven sampler, its variance preset, the stopping rule of Cycles.
-//! * [`mitchell`] (feature `mitchell`): Mitchell's contrast-adaptive sampler, and pbrt-v2's.
-//! * [`clustering`] (feature `clustering`): slices of triangles in, clusters out.
-//! * [`cluster_adaptive`] (feature `cluster-adaptive`): sample counts from the projected sizes of clusters,
-//!   through a closure that finds first hits.
-//! * [`light_selection`] (feature `light-selection`): learned probabilities of lights.
-//! * [`denoise`] (feature `denoise`): filters that are right under unequal sample counts.
-//! * [`metrics`] (feature `metrics`): how wrong an image is.
-//! * [`geometry`] (feature `geometry`): watertight rays.
-//! * [`scene`] (feature `scene`): scene descriptions, pbrt and model readers, image files, bundled scenes.
+//! * [`core`]: the interfaces of point sets, samplers, integrators and filters; films, exact budgets and the render
+//!   loop. It contains no geometry, scenes or image files; to use Dapple in another renderer, `dapple-core` alone is
+//!   enough.
+//! * [`low_discrepancy`] (feature `low-discrepancy`): Owen-scrambled Sobol', Halton, (0,2), stratified and independent
+//!   random point sets.
+//! * [`adaptive`] (feature `adaptive`): the default sampler, driven by estimated errors; its variance preset; Cycles'
+//!   stopping rule.
+//! * [`mitchell`] (feature `mitchell`): Mitchell's contrast-adaptive sampler, and the variant in pbrt-v2.
+//! * [`clustering`] (feature `clustering`): groups neighbouring triangles with similar normals into clusters.
+//! * [`cluster_adaptive`] (feature `cluster-adaptive`): a sampler with sample counts from the projected sizes of
+//!   clusters; a closure that traces first hits connects it to a renderer.
+//! * [`light_selection`] (feature `light-selection`): learned probabilities of selecting each of several lights.
+//! * [`denoise`] (feature `denoise`): filters (denoisers) that take unequal sample counts into account.
+//! * [`metrics`] (feature `metrics`): errors of images against references, and their statistics.
+//! * [`geometry`] (feature `geometry`): ray tracing of triangles and other shapes, watertight at shared edges.
+//! * [`scene`] (feature `scene`): scene descriptions, readers of pbrt and model files, image files, bundled scenes.
 //! * [`renderer`] (feature `renderer`): lights, materials, integrators.
-//! * [`job`] (feature `job`): one render from description to image; samplers, point sets and filters by name;
+//! * [`job`] (feature `job`): one render, from its description to its image; samplers, point sets and filters by name;
 //!   checkpoints and shards.
-//! * `study` (feature `study`, not by default): what accuracy costs in time.
+//! * `study` (feature `study`, off by default): measurements of error against render time, with a report.
 //!
-//! `examples/foreign_renderer.rs` is a renderer that shares nothing with Dapple's own but these parts.
+//! `examples/foreign_renderer.rs` connects clusters, sampler and denoiser to a renderer that shares no code with
+//! Dapple.
 //!
 //! # Example
 //!
-//! An integrator is anything that turns coordinates into radiance. This one is a soft shadow's edge; the
-//! sampler finds it and puts its samples there.
+//! An integrator maps a sample's random coordinates to radiance. This one computes the edge of a soft shadow; the
+//! sampler finds the penumbra and takes most samples there.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -88,7 +90,7 @@ pub use dapple_scene as scene;
 #[cfg(feature = "study")]
 pub use dapple_study as study;
 
-/// The programs of the README and of the tutorial.
+/// Runs the examples of the README and of the tutorial pages as documentation tests.
 #[cfg(all(doctest, feature = "adaptive", feature = "denoise", feature = "low-discrepancy"))]
 mod pages {
     #[doc = include_str!("../README.md")]

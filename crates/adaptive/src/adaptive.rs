@@ -10,15 +10,16 @@ use dapple_core::{
 /// The error-driven sampler: a uniform pilot estimates each pixel's error, then counts minimise the estimated relative
 /// error of the image.
 ///
-/// The score of a pixel is the variance of its samples, pooled with that of its neighbours
-/// ([`relative_variance`](crate::relative_variance)). With an [`ErrorMap`], it is the geometric mean of that variance
-/// and the map. A pixel's error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the sum of
-/// errors and lie on the ladder of well-stratified counts ([`Ladder`](dapple_core::Ladder)).
+/// The score of a pixel is the relative variance of its samples, pooled with that of its neighbours
+/// ([`relative_variance`](crate::relative_variance)). With an [`ErrorMap`], the score is the geometric mean of that
+/// variance and the map. A pixel's error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the
+/// sum of errors and lie on the ladder of well-stratified counts ([`Ladder`](dapple_core::Ladder)).
 ///
 /// # Guarantees
 ///
 /// * The budget is met exactly.
-/// * No pixel gets fewer samples than the pilot, which has a quarter of the mean count or more.
+/// * No pixel gets fewer samples than a kept pilot. That is 4 by default, or about a quarter of the mean count if that
+///   is more.
 /// * Every pixel's score is at least 1 % of the mean.
 /// * Counts are uniform where the predicted gain of adapted counts is too small ([`AdaptiveOptions::gain`]).
 ///
@@ -43,12 +44,12 @@ pub struct Adaptive<P> {
 const HITS: u8 = 4;
 
 impl<P: PointSet> Adaptive<P> {
-    /// A sampler that uses this point set, with the default parameters.
+    /// Makes a sampler that uses this point set, with the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: AdaptiveOptions::default(), preset: None, errors: None }
     }
 
-    /// A sampler that uses this point set, with these parameters.
+    /// Makes a sampler that uses this point set, with these parameters.
     ///
     /// # Errors
     ///
@@ -58,7 +59,7 @@ impl<P: PointSet> Adaptive<P> {
         Ok(Self { points, options, preset: None, errors: None })
     }
 
-    /// Makes the scores depend on a filter's error map as well.
+    /// Adds a filter's error map to the pixels' scores, beside the variance of their samples.
     ///
     /// # Errors
     ///
@@ -103,12 +104,12 @@ impl<P: PointSet> Sampler for Adaptive<P> {
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
         let crosses = self.options.policy == PilotPolicy::Cross;
-        // Scores, and eight terms each where a pool is more than a window.
+        // Bytes per pixel of scores, and of eight terms where the pool is not a plain window.
         let pooling = 8 + if self.options.pool == PoolShape::Window { 0 } else { 64 };
         let cells = if self.options.reads_hits() { usize::from(HITS) * Cells::BYTES_PER_HIT } else { 0 };
-        // Scores stand beside a map of errors.
+        // Scores are held beside the error map.
         let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);
-        // Counts and floors of both halves stand beside all of it.
+        // Counts and floors of both halves are held beside all of these.
         let across = if crosses { 12 } else { 0 };
         let plans = !self.pilot().is_all(frame, limits);
         let always = size_of::<RgbMoments>() + across;
@@ -140,7 +141,7 @@ impl<P: PointSet> Sampler for Adaptive<P> {
             PilotPolicy::Discard => self.plan_after_discarding(seen, plan)?,
             PilotPolicy::Cross => self.plan_across(seen, plan)?,
         }
-        // Nothing to add where the ceiling holds every pixel.
+        // Nothing is left to add if every pixel is at its ceiling.
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
 }

@@ -5,16 +5,16 @@ use crate::out_of_range;
 use dapple_core::{Error, Film, FirstHit, Options as _};
 
 dapple_core::options! {
-    /// The parameters of [`Cells`].
+    /// The parameters by which [`Cells`] divides first hits into patches of surface.
     pub struct CellOptions {
-        /// Edge of a cell's cube in pixels.
+        /// Edge of the grid cubes that divide surfaces into cells, in pixels.
         ///
-        /// It is measured at the depth of the cell and rounded down to an octave, so that a cell covers about its
-        /// square.
+        /// The edge is converted to world units by the pixel footprint at the hit, rounded down to a power of two times
+        /// the median. A cell thus covers about `edge` x `edge` pixels.
         pub edge: f32 = 16.0 => "16", |edge| (1.0..=65536.0).contains(&edge), "1 to 65536 pixels";
-        /// Degrees within which a cell's normals lie about their mean.
+        /// Largest angle between a cell's normals and their mean, in degrees.
         ///
-        /// 10 degrees are those of [Lan 2016].
+        /// The default 10 is the value of [Lan 2016].
         pub normals: f32 = 10.0 => "10", |degrees| degrees > 0.0 && degrees <= 90.0, "above 0 and at most 90 degrees";
     }
 }
@@ -55,7 +55,7 @@ struct Key {
     normal: u32,
 }
 
-/// The largest distance between the tangent planes of neighbouring hits on one surface, in footprints.
+/// The largest distance of a hit from the tangent plane of a neighbouring hit on one surface, in pixel footprints.
 const PLANE: f32 = 2.0;
 
 impl Cells {
@@ -64,7 +64,7 @@ impl Cells {
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for options out of range, or a number of hits other than `per_pixel` per pixel.
+    /// [`Error::OutOfRange`] for options out of range, or if the number of hits is not `per_pixel` per pixel.
     pub fn new(
         hits: &[Option<FirstHit>],
         per_pixel: usize,
@@ -100,7 +100,7 @@ impl Cells {
     ///
     /// # Errors
     ///
-    /// As [`Cells::new`]; also for a film without first hits.
+    /// [`Error::OutOfRange`] for options out of range, or a film that recorded no first hits.
     pub fn of_film(film: &Film, options: &CellOptions) -> Result<Self, Error> {
         let per_pixel = usize::from(film.needs().first_hits);
         if per_pixel == 0 {
@@ -130,8 +130,8 @@ impl Cells {
         Self { labels, per_pixel, hits }
     }
 
-    /// The most bytes per hit that [`Cells::of_film`] takes: a copy of the hit, its key, and 33 bytes of sets, seams
-    /// and labels. Measured on a million pixels of the Cornell box.
+    /// The largest number of bytes per hit that [`Cells::of_film`] takes: a copy of the hit, its key, and 33 bytes of
+    /// sets, seams and labels. Measured on a million pixels of the Cornell box.
     pub(crate) const BYTES_PER_HIT: usize = size_of::<Option<FirstHit>>() + size_of::<Option<Key>>() + 33;
 
     /// The number of cells.
@@ -149,12 +149,12 @@ impl Cells {
         self.labels.len() / self.per_pixel
     }
 
-    /// The number of each probe's cell, `per_pixel` per pixel, row by row.
+    /// The index of each probe's cell: `per_pixel` indices per pixel, row by row.
     pub fn labels(&self) -> &[u32] {
         &self.labels
     }
 
-    /// The numbers of the cells that the probes of `pixel` hit, in the order of the probes.
+    /// The indices of the cells that the probes of `pixel` hit, in the order of the probes.
     pub fn of_pixel(&self, pixel: usize) -> &[u32] {
         &self.labels[pixel * self.per_pixel..][..self.per_pixel]
     }
@@ -165,7 +165,7 @@ impl Cells {
     }
 }
 
-/// Calls `visit` with the numbers of each pair of neighbouring probes: within a pixel, and between a pixel and the ones
+/// Calls `visit` with the indices of each pair of neighbouring probes: within a pixel, and between a pixel and the ones
 /// to the right and below.
 fn for_neighbours([width, height]: [usize; 2], per_pixel: usize, mut visit: impl FnMut(usize, usize)) {
     for pixel in 0..width * height {
@@ -183,7 +183,7 @@ fn for_neighbours([width, height]: [usize; 2], per_pixel: usize, mut visit: impl
     }
 }
 
-/// The key of each hit; `None` for a miss.
+/// The grid cube, material and normal bin of each hit; `None` for a miss.
 fn keys(hits: &[Option<FirstHit>], options: &CellOptions) -> Vec<Option<Key>> {
     let mut footprints: Vec<f32> = hits.iter().flatten().map(|h| h.footprint).filter(|f| *f > 0.0).collect();
     let middle = footprints.len() / 2;
@@ -209,8 +209,8 @@ fn keys(hits: &[Option<FirstHit>], options: &CellOptions) -> Vec<Option<Key>> {
     hits.iter().map(|hit| hit.as_ref().map(key)).collect()
 }
 
-/// The number of a direction's bin, with the unit sphere mapped by an octahedron to a square of `side` x `side` bins
-/// [Engelhardt and Dachsbacher 2008].
+/// The index of a direction's bin. An octahedron maps the unit sphere to a square of `side` x `side` bins [Engelhardt
+/// and Dachsbacher 2008].
 fn bin([x, y, z]: [f32; 3], side: f32) -> u32 {
     let norm = x.abs() + y.abs() + z.abs();
     if norm.is_nan() || norm == 0.0 {
@@ -222,7 +222,7 @@ fn bin([x, y, z]: [f32; 3], side: f32) -> u32 {
     index(y) * side as u32 + index(x)
 }
 
-/// The mean normal of a cell and the spread around it.
+/// The sum of a cell's normals, and their spread around its direction.
 #[derive(Clone, Copy)]
 struct Cone {
     sum: [f32; 3],
@@ -232,7 +232,8 @@ struct Cone {
 
 /// Joins neighbouring cells where a surface continues across the borders of cubes and bins. Both hits must have the
 /// same material, and normals that differ by less than a cell's cone. Each must lie within [`PLANE`] footprints of the
-/// other's plane. The smoothest pairs are joined first. A cell never exceeds its limits of normals and size.
+/// other's tangent plane. Pairs with the most similar normals are joined first. A cell never exceeds its limits of
+/// normals and size.
 fn close_seams(
     hits: &[Option<FirstHit>],
     keys: &[Option<Key>],
@@ -271,7 +272,7 @@ fn close_seams(
     }
 }
 
-/// The cone of normals of each set, stored at the index of the set's root.
+/// The cone of normals of each set of hits (a cell), stored at the index of the set's root.
 fn cones(hits: &[Option<FirstHit>], sets: &mut Disjoint) -> Vec<Cone> {
     let mut cones = vec![Cone { sum: [0.0; 3], cosine: 1.0 }; hits.len()];
     for (i, hit) in hits.iter().enumerate() {
@@ -289,7 +290,7 @@ fn cones(hits: &[Option<FirstHit>], sets: &mut Disjoint) -> Vec<Cone> {
     cones
 }
 
-/// A cone that contains both cones.
+/// Returns a cone of normals that contains both cones.
 fn joint(a: &Cone, b: &Cone) -> Cone {
     let sum = [a.sum[0] + b.sum[0], a.sum[1] + b.sum[1], a.sum[2] + b.sum[2]];
     let axis = unit(sum);

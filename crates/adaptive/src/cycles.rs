@@ -1,4 +1,4 @@
-//! The adaptive sampling of Blender's Cycles.
+//! The adaptive sampler of Blender's Cycles.
 
 use crate::pilot::Pilot;
 use dapple_core::{
@@ -7,19 +7,20 @@ use dapple_core::{
 };
 
 dapple_core::options! {
-    /// The parameters of [`Cycles`].
+    /// The parameters of [`Cycles`], the adaptive sampling of Blender's Cycles.
     pub struct CyclesOptions {
-        /// The user's threshold, of which five times counts; 0 is 1 over the mean budget, at least 0.001.
+        /// Error threshold; errors are compared with 5 times it. 0 takes 1 / mean budget, at least 0.001.
         pub threshold: f64 = 0.0 => "0", |t| t >= 0.0 && t.is_finite(), "0 or above; 0 chooses";
-        /// Samples per pixel before any stops; 0 is 16 t^-0.3 for threshold t, with a budget at most a quarter of it.
+        /// Samples per pixel before any pixel stops; 0 takes 16 t^-0.3 for threshold t, at most a quarter of the mean.
         ///
-        /// At least 4 are chosen.
+        /// With 0, at least 4 samples are taken. The limit of a quarter holds with [`Stopping::Budget`] only.
         pub min: u32 = 0, |min| min != 1, "each of the two halves needs a sample; 0 chooses";
-        /// Samples of an open pixel between two looks.
+        /// Additional samples per round of each pixel that has not converged.
         pub step: u32 = 16, |step| step != 0, "at least one sample";
-        /// The end: budget (the threshold falls until it is spent) or threshold (the budget is a ceiling).
+        /// Stopping rule: budget (the threshold falls until it is spent) or threshold (the budget is an upper bound).
         ///
-        /// With [`Stopping::Budget`] the threshold falls to half of the largest error where all pixels have converged.
+        /// With [`Stopping::Budget`], errors are compared with half of the largest error if that is less than 5 times
+        /// the threshold.
         pub mode: Stopping = Stopping::Budget => "budget";
         /// The samples that decide stay in the image (biased), as published; there is no other.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
@@ -50,7 +51,7 @@ const LEAST_THRESHOLD: f64 = 1e-3;
 /// The term of the denominator that avoids division by zero in black pixels.
 const BLACK: f64 = 1e-4;
 
-/// The adaptive sampling of Blender's Cycles [Cycles, `kernel/film/adaptive_sampling.h` and `scene/integrator.cpp`;
+/// The adaptive sampler of Blender's Cycles [Cycles, `kernel/film/adaptive_sampling.h` and `scene/integrator.cpp`;
 /// after Dammertz 2010].
 ///
 /// A pixel's error compares the mean of all samples with the mean of half of them: `(|dR| + |dG| + |dB|) / (1e-4 +
@@ -68,12 +69,12 @@ pub struct Cycles<P> {
 }
 
 impl<P: PointSet> Cycles<P> {
-    /// A sampler that uses this point set, with the default parameters.
+    /// Makes a sampler that uses this point set, with the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: CyclesOptions::default() }
     }
 
-    /// A sampler that uses this point set, with these parameters.
+    /// Makes a sampler that uses this point set, with these parameters.
     ///
     /// # Errors
     ///
@@ -83,8 +84,8 @@ impl<P: PointSet> Cycles<P> {
         Ok(Self { points, options })
     }
 
-    /// Plans one more step for all open pixels. If the budget is too small for all, those with the largest error come
-    /// first.
+    /// Plans `step` more samples for each open pixel (one that has not converged). If the budget is too small for all,
+    /// the pixels with the largest error come first.
     fn refine(&self, seen: &Feedback<'_>, threshold: f64, plan: &mut Plan) -> Result<(), Error> {
         let errors: Vec<f64> = (0..seen.pixels()).map(|i| half_error(seen.film, i)).collect();
         let mut limit = LOOSENED * threshold;
@@ -103,7 +104,7 @@ impl<P: PointSet> Cycles<P> {
             left -= u64::from(plan.counts[i]);
         }
         if plan.total() == 0 && self.options.mode == Stopping::Budget {
-            // No pixel differs, or those that do are at their ceiling: the rest is spread evenly.
+            // No pixel is open, or all open ones are at their ceiling: the rest is spread evenly.
             let now: Vec<u32> = (0..seen.pixels()).map(|i| seen.film.count(i) as u32).collect();
             let total = seen.film.counts().iter().sum::<u64>() + seen.budget.left();
             let shared = allocate(&vec![1.0; now.len()], &now, seen.budget.max_spp, total)?;
@@ -123,7 +124,7 @@ fn half_error(film: &Film, i: usize) -> f64 {
     if error.is_finite() { error } else { 0.0 }
 }
 
-/// Marks the open pixels and the eight neighbours of each.
+/// Marks the open pixels (those that have not converged) and the eight neighbours of each.
 fn with_neighbours(open: &[bool], [w, h]: [u32; 2]) -> Vec<bool> {
     let (w, h) = (w as usize, h as usize);
     let near = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
@@ -145,7 +146,8 @@ impl<P: PointSet> Sampler for Cycles<P> {
     }
 
     fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
-        // Errors, room, what is open and its neighbours, and the order of all where all are.
+        // Per pixel: error, room below the ceiling, three flags for open pixels and their neighbours, and an index in
+        // the order.
         SamplerMemory::planning(frame, 8 + 4 + 3 + size_of::<usize>())
     }
 

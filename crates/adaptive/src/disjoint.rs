@@ -32,8 +32,8 @@ impl Disjoint {
         self.size[root]
     }
 
-    /// Joins the sets of `a` and `b`, and returns their common root: the root of the larger set, or the smaller number
-    /// if the sizes are equal.
+    /// Joins the sets of `a` and `b`, and returns their common root: the root of the larger set, or the smaller root if
+    /// the sizes are equal.
     pub(crate) fn join(&mut self, a: usize, b: usize) -> usize {
         let (a, b) = (self.root(a), self.root(b));
         if a == b {

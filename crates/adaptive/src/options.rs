@@ -4,48 +4,48 @@ use crate::{CellOptions, PoolShape};
 use dapple_core::{Error, Film, Needs, Options as _, OutOfRange, PilotPolicy};
 
 dapple_core::options! {
-    /// The parameters of [`Adaptive`](crate::Adaptive). The defaults are those of `dapple render`.
+    /// The parameters of the error-driven sampler [`Adaptive`](crate::Adaptive). The defaults are those of `dapple
+    /// render`.
     pub struct AdaptiveOptions {
-        /// Samples per pixel before counts adapt; 0 takes 4, or a quarter of the mean budget where that is more.
+        /// Samples per pixel before counts adapt; 0 takes 4, or a quarter of the mean budget if that is more.
         ///
-        /// A quarter is rounded down to a rung of the ladder of well-stratified counts. At least 2 otherwise, and 4
-        /// with [`PilotPolicy::Cross`], each half of which needs a variance.
+        /// The quarter is rounded down to a count on the ladder of well-stratified counts. Any other pilot has at least
+        /// 2 samples per pixel, and 4 with [`PilotPolicy::Cross`], because each half needs a variance.
         pub pilot: u32 = 0, |pilot| pilot != 1, "two samples or more have a variance; 0 chooses";
         /// Rounds for the rest of the budget, each planned from all samples before it; 0 takes 3, or 1 without keep.
         ///
-        /// With another policy than [`PilotPolicy::Keep`] more than one round would bias the image.
+        /// With any policy but [`PilotPolicy::Keep`], more than one round would bias the image.
         pub rounds: u32 = 0, |rounds| rounds <= 64, "1 to 64; 0 chooses";
-        /// The pool of variance: window (neighbours), inside (those of the same cell weigh more) or cell (all of it).
+        /// Pool of variances: window (neighbours), inside (the same cell weighs more) or cell (all its pixels).
         pub pool: PoolShape = PoolShape::Window => "window";
-        /// The window of the pool is 2 radius + 1 pixels squared.
+        /// Radius of the pooling window, 2 radius + 1 pixels wide and high.
         pub radius: u32 = 2, |radius| radius <= 64, "at most 64 pixels";
-        /// Weight of the pool beside a pixel's own degrees of freedom; inf: the pool alone.
+        /// Weight of the pooled variance, in degrees of freedom; inf uses the pool alone.
         pub prior: f64 = 12.0 => "12", |prior| prior >= 0.0, "a weight of 0 or more, or inf";
-        /// Power of the variance that is pooled; above 1 the noisiest neighbours weigh more.
+        /// Exponent of variances before pooling; above 1, the noisiest neighbours weigh more.
         ///
         /// See [`Pooling::power`](crate::Pooling::power).
         pub power: f64 = 2.0 => "2", |power| power > 0.0 && power <= 4.0, "above 0 and at most 4";
         /// Weight of edges and texture in first hits, in degrees of freedom; 0 leaves them out.
         pub geometry: f64 = 0.0 => "0", |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
-        /// Errors are taken to fall as n^-exponent; 1 for random points.
+        /// Exponent of the assumed error decrease n^-exponent; 1 for random points.
         pub exponent: f64 = 1.15, |rate| rate > 0.0 && rate <= 3.0, "the rate at which errors fall lies in (0, 3]";
-        /// Errors are relative to mean^2 + epsilon; 0.3 suits a denoised image, 0.01 one that is shown as it is.
+        /// Number added to the squared mean in relative errors; 0.3 for a denoised image, 0.01 for an unfiltered one.
         pub epsilon: f64 = 0.3, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
-        /// The most samples of a pixel, in mean counts.
+        /// Largest number of samples of a pixel, as a multiple of the mean number.
         pub cap: f64 = 6.0 => "6", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
         /// Share of a filter's error map in the score, in a geometric mean with the pixel's own variance.
         pub mix: f64 = 0.5, |mix| (0.0..=1.0).contains(&mix), "a share from 0 to 1";
-        /// Counts are uniform if they promise no less than this share of uniform counts' error; 1 or inf: they adapt.
+        /// Largest predicted error of adapted counts, relative to uniform counts, for using them; inf always does.
         ///
-        /// At 1, counts stay uniform where the ladder makes adapted counts worse than uniform ones; with infinity,
-        /// never.
+        /// At 1, counts stay uniform where the ladder makes adapted counts worse than uniform ones.
         pub gain: f64 = 0.98, |gain| (0.0..=1.0).contains(&gain) || gain == f64::INFINITY, "a share from 0 to 1, or inf";
-        /// The pilot's retention: keep (slightly biased), discard (unbiased), cross (unbiased, two halves).
+        /// Use of pilot samples: keep (slightly biased), discard (unbiased) or cross (unbiased, two halves).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, discard, cross";
-        /// Edge of a cell in pixels, where cells are used.
+        /// Edge of a cell (patch of surface) in pixels, if cells are used.
         pub edge: f32 = 16.0 => "16", |edge| (1.0..=65536.0).contains(&edge), "1 to 65536 pixels";
-        /// Degrees within which a cell's normals lie.
+        /// Largest angle between a cell's normals and their mean, in degrees.
         pub normals: f32 = 10.0 => "10", |degrees| degrees > 0.0 && degrees <= 90.0, "above 0 and at most 90 degrees";
     }
 }
@@ -60,7 +60,7 @@ impl AdaptiveOptions {
         }
     }
 
-    /// Returns `true` if first hits are read, for cells or for edges and texture.
+    /// Returns `true` if the sampler reads first hits, for cells or for edges and texture.
     pub(crate) fn reads_hits(&self) -> bool {
         self.pool != PoolShape::Window || self.geometry > 0.0
     }
@@ -98,12 +98,12 @@ pub type MapErrors = Box<dyn Fn(&Film) -> Result<Vec<f32>, Error> + Send>;
 
 /// An additional source of error estimates: a filter that predicts the error of the filtered image.
 pub struct ErrorMap {
-    /// The map's name in the sampler's description.
+    /// The error map's name in the sampler's description.
     pub name: String,
     /// The statistics that the map reads from the film.
     pub needs: Needs,
-    /// Returns the predicted squared error of each pixel of the filtered image, row by row, relative to the squared
-    /// image. Any unit will do; negative numbers and NaN count as 0.
+    /// The function that returns the predicted squared error of each pixel of the filtered image, row by row, relative
+    /// to the squared image. Any unit will do; negative numbers and NaN count as 0.
     pub of: MapErrors,
     /// The largest working memory of `of` in bytes per pixel.
     pub bytes_per_pixel: usize,

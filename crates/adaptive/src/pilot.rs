@@ -2,17 +2,18 @@
 
 use dapple_core::{Budget, Combine, Feedback, Frame, Ladder, Limits, PilotPolicy, Plan, Retention, saturating_u32};
 
-/// A uniform pilot, described by size and retention.
+/// A uniform pilot: samples taken in every pixel before counts adapt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pilot {
     /// The use of pilot samples in the image. [`PilotPolicy::Refined`] is treated as [`PilotPolicy::Keep`].
     pub policy: PilotPolicy,
-    /// Samples per pixel; 0 chooses the larger of 4 and the rung of the ladder at a quarter of the mean budget.
+    /// Pilot samples per pixel. 0 chooses the larger of 4 and the largest ladder count up to a quarter of the mean
+    /// budget.
     pub samples: u32,
 }
 
 impl Pilot {
-    /// A pilot of `samples` samples per pixel with this retention; 0 samples choose by the budget.
+    /// A pilot of `samples` samples per pixel with this retention; 0 chooses the number by the budget.
     pub const fn new(policy: PilotPolicy, samples: u32) -> Self {
         Self { policy, samples }
     }
@@ -21,7 +22,7 @@ impl Pilot {
         if self.samples > 0 { self.samples } else { LEAST.max(ladder.floor(mean / 4)) }
     }
 
-    /// Returns `true` if these limits pay for the pilot alone, so that no adapted counts are planned.
+    /// Returns `true` if the pilot spends the whole budget of these limits, so that no adapted counts are planned.
     pub fn is_all(self, frame: &Frame, limits: &Limits) -> bool {
         let Budget::Samples(total) = limits.budget else { return false };
         let pixels = frame.pixels() as u64;
@@ -29,14 +30,14 @@ impl Pilot {
         self.policy != PilotPolicy::Discard && total.is_multiple_of(pixels) && self.wanted(mean, Ladder::Whole) >= mean
     }
 
-    /// Begins a round. Sets how `plan` combines halves, and requests the pilot samples that are missing, if the budget
-    /// allows. If none are missing, the counts of `plan` stay 0.
+    /// Begins a round. Sets the rule by which `plan` combines halves, and requests the pilot samples that are missing,
+    /// if the budget allows. If none are missing, the counts of `plan` stay 0.
     pub fn begin(self, seen: &Feedback<'_>, plan: &mut Plan) -> PilotRound {
         let budget = seen.budget;
         let (crosses, discards) = (self.policy == PilotPolicy::Cross, self.policy == PilotPolicy::Discard);
         plan.combine = if crosses { Combine::Equally } else { Combine::ByCount };
         let mean = budget.total / seen.pixels() as u64;
-        // A discarded pilot may take half of the budget, and never the floor's share.
+        // A discarded pilot takes at most half of the budget, and leaves each pixel its floor.
         let affordable =
             if discards { mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2) } else { mean };
         let ladder = if crosses { Ladder::Halves } else { Ladder::of(seen.film.needs()) };
@@ -60,14 +61,15 @@ impl Pilot {
     }
 }
 
-/// The state of the pilot at the beginning of a round.
+/// The state of the pilot (uniform first samples) at the beginning of a round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PilotRound {
-    /// The pilot's samples per pixel.
+    /// The number of pilot samples per pixel.
     pub samples: u32,
     /// `true` if pilot samples were missing, so that this round's plan is already filled with them.
     pub is_missing: bool,
 }
 
-/// The smallest pilot chosen by default: enough for pooling over 25 pixels, few enough for a budget of 8 spp.
+/// The smallest pilot chosen by default, in samples per pixel: enough for pooling over 25 pixels, few enough for a
+/// budget of 8 samples per pixel.
 const LEAST: u32 = 4;

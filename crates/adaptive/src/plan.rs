@@ -4,17 +4,19 @@ use crate::{Adaptive, Cells, Pooling, geometric_variance, relative_variance};
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Ladder, Plan, PointSet, RgbMoments, saturating_u32};
 use rayon::prelude::*;
 
-/// The largest count whose power is stored in a table.
+/// The largest sample count `n` for which a table stores `n^-exponent`.
 const TABLE: u32 = 4096;
 
-/// The divisor of the mean count that gives the least number of kept samples per pixel: a quarter of the mean.
+/// The divisor of the mean count that gives the least number of samples per pixel after a discarded pilot: a quarter of
+/// the mean.
 const FLOOR: u64 = 4;
 
 /// The smallest score of a pixel, as a fraction of the mean score.
 const SCORE_FLOOR: f64 = 0.01;
 
 impl<P: PointSet> Adaptive<P> {
-    /// The score of each pixel; `moments` returns a pixel's sample statistics.
+    /// Returns each pixel's score, an estimate of its relative variance per sample. `moments` returns a pixel's sample
+    /// statistics.
     fn scores(&self, film: &Film, moments: impl Fn(usize) -> RgbMoments + Sync + Send) -> Result<Vec<f64>, Error> {
         let o = &self.options;
         let pixels = (0..film.frame().pixels()).into_par_iter().with_min_len(4096);
@@ -37,8 +39,8 @@ impl<P: PointSet> Adaptive<P> {
         Ok(scores)
     }
 
-    /// Adds edges and texture of the first hits to `scores`, scaled to the same mean and weighted in degrees of
-    /// freedom.
+    /// Blends the geometric variance of first hits (edges and texture) into `scores`, scaled to the same mean and
+    /// weighted in degrees of freedom.
     fn blend_geometry(&self, film: &Film, cells: &Cells, known: &[RgbMoments], scores: &mut [f64]) {
         let hits: Vec<_> = (0..scores.len()).flat_map(|i| film.first_hits(i)).collect();
         let albedos: Vec<_> = hits.iter().map(|hit| hit.map_or([0.0; 3], |hit| hit.albedo)).collect();
@@ -55,8 +57,8 @@ impl<P: PointSet> Adaptive<P> {
         }
     }
 
-    /// Replaces each score by the geometric mean of it and the predicted error, which is first converted to the error
-    /// of one sample.
+    /// Replaces each score by a weighted geometric mean of the score and the predicted error. The error is first
+    /// multiplied by `n^exponent`, which makes it the error of one sample.
     fn blend_errors(&self, errors: &[f32], film: &Film, scores: &mut [f64]) {
         let of_one = |(i, &e): (usize, &f32)| {
             let e = if e.is_finite() { f64::from(e.max(0.0)) } else { 0.0 };
@@ -74,7 +76,7 @@ impl<P: PointSet> Adaptive<P> {
         }
     }
 
-    /// Counts that minimise the error given by the scores, sum to `total` and are at least `floors`.
+    /// Returns counts that minimise the error given by the scores, sum to `total` and are at least `floors`.
     fn counts(
         &self,
         scores: &[f64],
@@ -87,7 +89,7 @@ impl<P: PointSet> Adaptive<P> {
         let cap = (self.options.cap * mean).ceil().min(f64::from(ceiling)) as u32;
         let mut shared = ladder.allocate(scores, floors, cap, total, exponent)?;
         if shared.unspent > 0 {
-            // The floors left too little room under the cap: only the user's ceiling counts.
+            // The floors left too little room under the cap: only the user's ceiling applies.
             shared = ladder.allocate(scores, floors, ceiling, total, exponent)?;
         }
         let left = |n: f64| n.max(1.0).powf(-exponent);
@@ -103,8 +105,8 @@ impl<P: PointSet> Adaptive<P> {
         Ok(shared.counts)
     }
 
-    /// Plans the next round of a render that keeps all samples: up to the next of the equal steps from the pilot to the
-    /// budget.
+    /// Plans the next round of a render that keeps all samples. The budget beyond the pilot is divided into equal
+    /// steps, one per round.
     pub(crate) fn plan_kept(&self, seen: &Feedback<'_>, pilot: u32, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { spent, total, min_spp, max_spp, .. } = seen.budget;
         let scores = self.scores(seen.film, |i| seen.film.moments(i))?;
@@ -120,7 +122,7 @@ impl<P: PointSet> Adaptive<P> {
         Ok(())
     }
 
-    /// Plans the image's samples after a discarded pilot.
+    /// Plans the samples that enter the image, from the scores of a discarded pilot.
     pub(crate) fn plan_after_discarding(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
         let ladder = Ladder::of(seen.film.needs());

@@ -11,9 +11,10 @@ pub enum PoolShape {
     /// The square window of pixels around the pixel.
     #[default]
     Window,
-    /// The square window, plus, with half the window's weight, its pixels whose first hit is in the same cell.
+    /// The square window, and with half its weight a same-cell pool: pixels up to one pixel beyond the window whose
+    /// first hit is in the same cell (patch of surface).
     Inside,
-    /// All pixels of the image whose first hit is in the same cell.
+    /// All pixels of the image whose first hit is in the same cell (patch of surface).
     Cell,
 }
 
@@ -26,10 +27,11 @@ pub struct Pooling {
     pub pool: PoolShape,
     /// The radius of the window, which is `2 radius + 1` pixels wide and high.
     pub radius: u32,
-    /// The weight of the pool relative to a pixel's own `n - 1` degrees of freedom; infinity uses the pool alone.
+    /// The weight of the pooled variance, in degrees of freedom; a pixel's own variance has `n - 1`. Infinity uses the
+    /// pool alone.
     pub prior: f64,
-    /// The power of the variance that is averaged, above 0. 1 averages variances. 2 gives the noisiest pixels more
-    /// weight, which helps if a few of many samples carry the error.
+    /// The exponent, above 0, to which variances are raised before averaging. 1 averages variances. 2 gives the
+    /// noisiest pixels more weight, which helps if a few of many samples carry the error.
     pub power: f64,
     /// The number added to the squared mean before division, so that black pixels have finite relative variance.
     pub epsilon: f64,
@@ -96,8 +98,8 @@ pub fn relative_variance(
     Ok(over_windows([w, h], pooling.radius as usize, |i| Terms::of(&moments[i], pooling.power), score))
 }
 
-/// The terms of a pixel that are summed over pools. They are degrees of freedom (1), a 1 if there are samples, powers
-/// of the variance times degrees of freedom (3), and means (3). Eight numbers side by side are added in SIMD lanes.
+/// The terms of a pixel that are summed over its pool: degrees of freedom (1), a 1 if there are samples (1), powers of
+/// the variance times degrees of freedom (3), and means (3). Eight numbers side by side are added in SIMD lanes.
 #[derive(Clone, Copy, Debug, Default)]
 struct Terms([f64; 8]);
 
@@ -134,7 +136,7 @@ impl Terms {
         &self.0[5..8]
     }
 
-    /// The pooled mean of the variance's power, per channel.
+    /// The pooled mean, per channel, of variances raised to [`Pooling::power`].
     fn pooled(&self) -> [f64; 3] {
         std::array::from_fn(|c| ratio(self.deviations()[c], self.freedom()))
     }
@@ -164,7 +166,8 @@ fn ratio(a: f64, b: f64) -> f64 {
     if b > 0.0 { a / b } else { 0.0 }
 }
 
-/// The pooled mean of the variance's power for each cell, over all pixels whose first hit is in the cell.
+/// The pooled mean of variances raised to [`Pooling::power`] for each cell, over all pixels whose first hit is in the
+/// cell.
 fn over_cells(terms: &[Terms], first: &[u32], cells: usize) -> Vec<[f64; 3]> {
     let mut sums = vec![Terms::default(); cells];
     for (terms, &cell) in terms.iter().zip(first) {
@@ -173,8 +176,8 @@ fn over_cells(terms: &[Terms], first: &[u32], cells: usize) -> Vec<[f64; 3]> {
     sums.iter().map(Terms::pooled).collect()
 }
 
-/// The pooled mean of the variance's power over the pixels around pixel `i` whose first hit is in the same cell. The
-/// pixels lie up to one pixel beyond the window.
+/// The pooled mean of variances raised to [`Pooling::power`], over the pixels around pixel `i` whose first hit is in
+/// the same cell. The pixels lie up to one pixel beyond the window.
 fn inside(terms: &[Terms], first: &[u32], i: usize, [w, h]: [usize; 2], radius: usize) -> [f64; 3] {
     let mut sum = Terms::default();
     for k in near(i / w, radius + 1, h).flat_map(|y| near(i % w, radius + 1, w).map(move |x| y * w + x)) {
@@ -190,7 +193,7 @@ fn near(at: usize, radius: usize, end: usize) -> Range<usize> {
     at.saturating_sub(radius)..(at + radius + 1).min(end)
 }
 
-/// The number of rows that one task computes.
+/// The number of pixel rows that one task computes.
 fn rows_of_task(width: usize, radius: usize) -> usize {
     (SERIAL / width.max(1)).max(2 * radius).max(1)
 }
@@ -204,8 +207,8 @@ pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize
     task.saturating_mul(threads.min(h.div_ceil(own)))
 }
 
-/// The score of each pixel, from its own terms and their sums over a window. The window is `2 radius + 1` pixels
-/// squared, cut off at the borders.
+/// The score of each pixel, from its own terms and their sums over a window. The window is `2 radius + 1` pixels wide
+/// and high, cut off at the borders.
 ///
 /// Terms are added in the order of rows and columns. A running sum would keep the rounding error of a firefly.
 fn over_windows(
@@ -240,8 +243,8 @@ fn over_windows(
 /// An estimate of each pixel's relative variance from the first hits alone. Not negative, without unit.
 ///
 /// The first of two terms measures texture and edges between materials: the variance of albedo over the pixel's probes,
-/// divided by the squared mean plus `epsilon`. The second measures edges of shapes: the fraction of pairs of probes in
-/// different cells, times half the squared difference of normals.
+/// divided by the squared mean plus `epsilon`, summed over channels. The second measures edges of shapes: three times
+/// the mean, over pairs of probes, of half the squared difference of normals. Pairs in the same cell count as 0.
 ///
 /// `albedos` and `normals` belong to the probes of `cells`, in the same order; both are zero for a probe without a hit.
 pub fn geometric_variance(cells: &Cells, albedos: &[[f32; 3]], normals: &[[f32; 3]], epsilon: f64) -> Vec<f64> {

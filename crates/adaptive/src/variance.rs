@@ -4,30 +4,32 @@ use crate::{Adaptive, AdaptiveOptions};
 use dapple_core::{Error, PilotPolicy, PointSet};
 
 dapple_core::options! {
-    /// The parameters of [`Adaptive::variance`].
+    /// The parameters of the error-driven sampler's preset `variance` ([`Adaptive::variance`]).
     pub struct VarianceOptions {
-        /// Samples per pixel before counts adapt; 0 takes 4, or a quarter of the mean budget where that is more.
+        /// Samples per pixel before counts adapt; 0 takes 4, or a quarter of the mean budget if that is more.
         ///
-        /// At least 2 otherwise, and 4 with [`PilotPolicy::Cross`], each half of which needs a variance.
+        /// Any other pilot has at least 2 samples per pixel, and 4 with [`PilotPolicy::Cross`], because each half needs
+        /// a variance.
         pub pilot: u32 = 0;
-        /// Variance and mean are pooled over 2 radius + 1 pixels squared.
+        /// Radius of the window over which variance and mean are pooled, 2 radius + 1 pixels wide and high.
         pub radius: u32 = 2;
-        /// Errors are taken to fall as n^-exponent; 1 for random points.
+        /// Exponent of the assumed error decrease n^-exponent; 1 for random points.
         ///
-        /// 1.3 measured best for Owen-scrambled nets in images.
+        /// The default 1.3 measured best for Owen-scrambled nets in images.
         pub exponent: f64 = 1.3;
-        /// Errors are relative to mean^2 + epsilon.
+        /// Number added to the squared mean in relative errors.
         pub epsilon: f64 = 0.01;
-        /// The most samples of a pixel, in mean counts.
+        /// Largest number of samples of a pixel, as a multiple of the mean number.
         pub cap: f64 = 6.0 => "6";
-        /// The pilot's retention: keep (slightly biased), discard (unbiased), cross (unbiased, two halves).
+        /// Use of pilot samples: keep (slightly biased), discard (unbiased) or cross (unbiased, two halves).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, discard, cross";
     }
 }
 
 impl From<VarianceOptions> for AdaptiveOptions {
-    /// Options with one round, variances pooled over the window alone, and no comparison with uniform counts.
+    /// Converts to options with one round, variances pooled over the window alone, and no comparison with uniform
+    /// counts.
     fn from(o: VarianceOptions) -> Self {
         let VarianceOptions { pilot, radius, exponent, epsilon, cap, policy } = o;
         Self {
@@ -52,12 +54,12 @@ impl From<VarianceOptions> for AdaptiveOptions {
 /// With unpooled variances of 4 samples, the error is 1.2 to 3.3 times that of uniform counts. Pooled variances do
 /// nearly as well as exact ones.
 impl<P: PointSet> Adaptive<P> {
-    /// The preset `variance` with this point set and the default parameters.
+    /// Makes the preset `variance` of the error-driven sampler, with this point set and the default parameters.
     pub fn variance(points: P) -> Self {
         Self::preset(points, VarianceOptions::default())
     }
 
-    /// The preset `variance` with this point set and these parameters.
+    /// Makes the preset `variance` of the error-driven sampler, with this point set and these parameters.
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! `dapple compare A REF`.
+//! The subcommand `dapple compare A REF`.
 
 use crate::output::{tell, warn};
 use crate::{Failure, Outcome, Result};
@@ -10,19 +10,19 @@ use std::path::{Path, PathBuf};
 
 /// Compare an image with its reference
 ///
-/// Reads EXR, PFM, Radiance HDR, PNG, JPEG and TGA; integers are taken as sRGB. Of an EXR file the main layer
-/// counts. All figures are of linear values, unless they say display or sRGB. FLIP is the difference that is seen
-/// on a display 0.7 m wide with 3840 pixels across, from 0.7 m.
+/// Reads EXR (its main layer), PFM, Radiance HDR, PNG, JPEG and TGA; integer values are decoded as sRGB. All errors are
+/// computed from linear values, unless the text next to them names display or sRGB. FLIP estimates the difference that
+/// a viewer sees on a display 0.7 m wide with 3840 pixels across, from 0.7 m.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  dapple compare scene.exr reference.exr\n  dapple compare --json a.pfm b.exr")]
 pub(crate) struct CompareArgs {
-    /// The image
+    /// Image to measure
     #[arg(value_name = "A")]
     image: PathBuf,
-    /// The reference, of the same size
+    /// Reference image, of the same size
     #[arg(value_name = "REF")]
     reference: PathBuf,
-    /// Print one line of JSON
+    /// Print one line of JSON instead of a table
     #[arg(long)]
     json: bool,
 }
@@ -51,7 +51,7 @@ fn read(path: &Path) -> Result<Image> {
     read_image(&bytes, &name, Encoding::Auto).map_err(Failure::new)
 }
 
-/// The JSON line; its keys have the order of the fields.
+/// The JSON line that is printed; its keys have the order of the fields.
 #[derive(Serialize)]
 struct Line {
     mse: f64,
@@ -89,7 +89,7 @@ fn line(c: &Comparison, flip: f64) -> String {
         non_finite: c.non_finite,
         worst_block: Block { position, size, relmse: rel_mse },
     };
-    // Plain numbers cannot fail.
+    // Serialising plain numbers cannot fail.
     serde_json::to_string(&line).unwrap_or_default()
 }
 

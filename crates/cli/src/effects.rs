@@ -1,4 +1,4 @@
-//! `dapple effects SCENE`.
+//! The subcommand `dapple effects SCENE`.
 
 mod ledger;
 mod table;
@@ -14,16 +14,17 @@ use dapple_scene::{Effects, Scene, bundled};
 use ledger::{Ledger, Settings};
 use std::path::PathBuf;
 
-/// The longest side in pixels of rendered images without a given resolution. Shares hardly depend on the resolution,
+/// The longest side in pixels of images if the user sets no resolution. The results hardly depend on the resolution,
 /// but the waiting time does.
 const LONGEST: u32 = 192;
 
-/// List the effects that a scene calls for, their causes, their cost in time and their share of the image
+/// List the effects (kinds of light transport) that a scene uses, their causes, their cost in time and their share of
+/// the image
 ///
-/// Each effect is left out in turn. The same image is rendered with it and without it, alternately, with --seeds seeds.
-/// Shares of time are of tracing at equal samples. Shares of the image are the relMSE of the image without the effect
-/// against the one with it, noise removed, and the lost mean radiance. The light beyond the scene's depth stands beside
-/// them. Figures have the half width of their 95 % interval.
+/// Each effect is left out in turn: the image is rendered alternately with and without it, with --seeds seeds. Shares
+/// of time are of tracing time at equal samples per pixel. Shares of the image are the relMSE of the image without the
+/// effect against the image with it, noise removed, and the lost mean radiance. The light of paths beyond the scene's
+/// depth limit is measured, too. Each value has the half width of its 95 % interval.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct EffectsArgs {
@@ -31,11 +32,11 @@ pub(crate) struct EffectsArgs {
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     scene: PathBuf,
 
-    /// List the effects and their causes, and render nothing
+    /// List the effects and their causes only, without rendering
     #[arg(long)]
     list: bool,
 
-    /// Width and height in pixels [default: the scene's shape, the longer side at most 192]
+    /// Width and height in pixels [default: the scene's aspect ratio, the longer side at most 192]
     #[arg(long, value_name = "WxH", value_parser = resolution, conflicts_with = "list")]
     resolution: Option<[u32; 2]>,
 
@@ -44,20 +45,20 @@ pub(crate) struct EffectsArgs {
     #[arg(value_parser = clap::value_parser!(u32).range(1..))]
     spp: u32,
 
-    /// Independent images with each effect and without it
+    /// Number of seeds; each effect has one image with it and one without it per seed
     #[arg(long, value_name = "N", default_value_t = 4, conflicts_with = "list")]
     #[arg(value_parser = clap::value_parser!(u32).range(4..=64))]
     seeds: u32,
 
-    /// Threads to use; 0 is one per core
+    /// Number of threads; 0 is one per core
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
     threads: u16,
 
-    /// List what the renderer cannot do as warnings, rather than refusing the scene
+    /// Print warnings about unsupported features of the scene instead of refusing it
     #[arg(long)]
     allow_unsupported: bool,
 
-    /// Print one line of JSON rather than a table; no progress
+    /// Print one line of JSON instead of the table; show no progress
     #[arg(long)]
     json: bool,
 }
@@ -94,7 +95,7 @@ pub(crate) fn run(options: &EffectsArgs) -> Result<Outcome> {
 fn measure(options: &EffectsArgs, mut scene: Scene, effects: &Effects, stop: &Stop) -> Result<Ledger> {
     let [width, height] = options.resolution.unwrap_or_else(|| shrink(scene.film.resolution));
     let frame = Frame::new(width, height).map_err(Failure::new)?;
-    // A window of the file's is for its own resolution; the ledger is about the whole image.
+    // A crop window in the file is in pixels of its own resolution; effects are measured on the whole image.
     if scene.film.crop.take().is_some() {
         warn("the scene's crop window is not followed: the figures are of the whole image");
     }
@@ -102,7 +103,7 @@ fn measure(options: &EffectsArgs, mut scene: Scene, effects: &Effects, stop: &St
     Ledger::measure(&scene, effects, &settings, stop)
 }
 
-/// A size of the same shape whose sides are at most [`LONGEST`].
+/// Shrinks a size in pixels to the same aspect ratio with sides of at most [`LONGEST`].
 fn shrink(size: [u32; 2]) -> [u32; 2] {
     let longest = size[0].max(size[1]).max(1);
     let shrunk = |side: u32| (u64::from(side) * u64::from(LONGEST)).div_ceil(u64::from(longest)).max(1) as u32;

@@ -1,4 +1,4 @@
-//! Errors and warnings of jobs, with the program's options in their advice.
+//! Messages for errors and warnings of jobs, with advice that names command-line options.
 
 use crate::Failure;
 use crate::render;
@@ -6,7 +6,7 @@ use dapple_job::memory::MemoryAdvice;
 use dapple_job::{JobError, SpecError, Warning};
 use dapple_scene::{Problem, ProblemKind, ReadError};
 
-/// The failure for an error of a job, with one line per line of the error's message.
+/// Makes the failure for an error of a job, with one line per line of the error's message.
 pub(crate) fn of_job(error: &JobError) -> Failure {
     match error {
         JobError::Spec(error) => of_spec(error),
@@ -43,7 +43,7 @@ pub(crate) fn of_job(error: &JobError) -> Failure {
     }
 }
 
-/// The failure for the problems of a scene file, naming the option that allows unsupported features.
+/// Makes the failure for the problems of a scene file. For unsupported features it names the option that allows them.
 pub(crate) fn of_reader(error: &ReadError) -> Failure {
     let line = |problem: &Problem| match problem.kind {
         ProblemKind::Unsupported => {
@@ -55,7 +55,7 @@ pub(crate) fn of_reader(error: &ReadError) -> Failure {
     Failure(error.problems.iter().map(line).chain(more).collect())
 }
 
-/// The failure for an invalid description, naming the command-line option.
+/// Makes the failure for an invalid description of a render, with the name of the wrong command-line option.
 pub(crate) fn of_spec(error: &SpecError) -> Failure {
     match error {
         SpecError::Field { .. } => Failure::usage("render", option(error)),
@@ -63,7 +63,7 @@ pub(crate) fn of_spec(error: &SpecError) -> Failure {
     }
 }
 
-/// A message that names the option of the wrong field, and the problem.
+/// A message with the name of the wrong field's command-line option, and the problem.
 fn option(error: &SpecError) -> String {
     match error {
         SpecError::Field { field: "seconds", what } => format!("--time: {what}"),
@@ -72,7 +72,7 @@ fn option(error: &SpecError) -> String {
     }
 }
 
-/// The text of a warning, with advice for the command line.
+/// The text of a warning, with advice that names command-line options.
 pub(crate) fn warning(warning: &Warning) -> String {
     match warning {
         Warning::SuggestedSpp { suggested, .. } => format!("{warning}; --spp {suggested} follows the file"),

@@ -1,4 +1,4 @@
-//! `dapple info SCENE`.
+//! The subcommand `dapple info SCENE`.
 
 use crate::output::{tell, warn};
 use crate::{Outcome, Result, failure};
@@ -9,14 +9,15 @@ use dapple_scene::{Effects, bundled};
 use dapple_scene::{Geometry, MaterialKind, Scene};
 use std::path::PathBuf;
 
-/// Print the contents of a scene, the effects that it calls for and the memory of a render
+/// Print the contents of a scene, the effects that it uses and the estimated memory of a render
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  dapple info scene.pbrt\n  dapple info model.obj\n  dapple info terrain")]
 pub(crate) struct InfoArgs {
-    /// A pbrt-v4 file, a model (.obj, .ply, .stl), or a bundled scene: teapot, terrain, cornell, furnace, plates, lens, motion, glass, room, grass
+    /// A pbrt-v4 file, a model (.obj, .ply, .stl), or a bundled scene: teapot, terrain, cornell, furnace, plates, lens,
+    /// motion, glass, room, grass
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     scene: PathBuf,
-    /// List what the renderer cannot do as warnings, rather than refusing the scene
+    /// Print warnings about unsupported features of the scene instead of refusing it
     #[arg(long)]
     allow_unsupported: bool,
 }
@@ -87,7 +88,8 @@ fn crop(scene: &Scene) -> String {
     }
 }
 
-/// Formats counts by kind, such as `3 (2 diffuse, 1 metal)`, with kinds in the order of first occurrence.
+/// Formats the number of objects and of each kind, such as `3 (2 diffuse, 1 metal)`, with kinds in the order of first
+/// occurrence.
 fn count(kinds: impl Iterator<Item = &'static str>) -> String {
     let mut counts: Vec<(&str, usize)> = Vec::new();
     let mut all = 0;
@@ -133,7 +135,7 @@ fn lights(scene: &Scene) -> String {
     count(shining.chain(others))
 }
 
-/// The corners of the world's bounding box, in the scene file's units.
+/// Formats the corners of the scene's bounding box, in the scene file's units.
 fn bounds(world: &World) -> String {
     let Some([low, high]) = world.geometry().bounds() else { return "nothing".into() };
     let corner = |p: [f32; 3]| {

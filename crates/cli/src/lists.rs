@@ -1,4 +1,4 @@
-//! `dapple samplers`, `dapple points`, `dapple filters`, `dapple integrators`.
+//! The subcommands `dapple samplers`, `points`, `filters` and `integrators`, which list names and parameters.
 
 use crate::output::tell;
 use crate::{Outcome, Result};
@@ -17,7 +17,7 @@ pub(crate) fn filters() -> Result<Outcome> {
     list(FILTERS)
 }
 
-/// Prints the entries' names, and under each name the parameters with their defaults.
+/// Prints the name of each registry entry, and below it the entry's parameters with their defaults.
 fn list<Make>(entries: &[Entry<Make>]) -> Result<Outcome> {
     for entry in entries {
         tell(format!("{:<18}{}", entry.name, entry.about))?;

@@ -1,14 +1,14 @@
-//! The machine's threads and clocks.
+//! Rendering threads and the process clock.
 
 use crate::{Failure, Result};
 
-/// Starts the threads that render; 0 is one per core.
+/// Starts `threads` rendering threads; 0 is one per core.
 pub(crate) fn start_threads(threads: u16) -> Result<()> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads));
     pool.build_global().map_err(|e| Failure::new(format!("cannot start {threads} threads: {e}")))
 }
 
-/// User and system seconds of this process so far; `None` where the system does not report them.
+/// User and system seconds of this process so far; `None` if the system does not report them.
 pub(crate) fn cpu_seconds() -> Option<f64> {
     #[cfg(any(target_os = "linux", target_os = "macos", target_os = "freebsd"))]
     {

@@ -22,11 +22,11 @@ use std::process::ExitCode;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Outcome {
     Done,
-    /// A signal ended the program early; the samples until then are saved.
+    /// A signal ended the program early; the samples taken so far are saved.
     Interrupted,
 }
 
-/// An error, as lines for stderr of one sentence each.
+/// An error, as lines that are printed to stderr.
 #[derive(Debug)]
 struct Failure(Vec<String>);
 
@@ -35,7 +35,7 @@ impl Failure {
         Self(vec![line.to_string()])
     }
 
-    /// The failure for wrong arguments, in clap's form: usage, exit status 2.
+    /// Prints an error about wrong arguments of a subcommand in clap's form, with its usage, and exits with status 2.
     fn usage(command: &str, wrong: impl std::fmt::Display) -> Self {
         let mut arguments = Arguments::command();
         arguments.build();
@@ -46,7 +46,7 @@ impl Failure {
         }
     }
 
-    /// The failure for a message of several lines, each printed as an error of its own.
+    /// Makes the failure for a message of several lines; each line is printed as an error.
     fn lines(message: &impl ToString) -> Self {
         Self(message.to_string().lines().map(str::to_owned).collect())
     }
@@ -81,16 +81,16 @@ enum Command {
     Info(info::InfoArgs),
     Effects(effects::EffectsArgs),
     Study(Box<study::StudyArgs>),
-    /// One run of a study, in a process of its own: JSON in, JSON out
+    /// Make one run of a study in a process of its own: reads a request as JSON, prints the run as JSON
     #[command(hide = true)]
     StudyRun,
-    /// List the samplers: how many samples each pixel gets
+    /// List the samplers, which decide how many samples each pixel gets
     Samplers,
-    /// List the point sets: where samples lie
+    /// List the point sets, which decide where samples lie
     Points,
-    /// List the integrators: how light is transported
+    /// List the integrators, which compute the radiance of a sample
     Integrators,
-    /// List the filters (the denoisers): how an image is made of the samples
+    /// List the filters (denoisers), which make the image from the samples
     Filters,
 }
 

@@ -1,14 +1,14 @@
-//! `dapple merge`.
+//! The subcommand `dapple merge`.
 
 use crate::render::{self, Show};
 use crate::{Outcome, Result, failure};
 use dapple_job::ShardSet;
 use std::path::PathBuf;
 
-/// Make the image of shards that several machines rendered
+/// Make an image from shards that several machines rendered
 ///
-/// The image has the same bits as that of one machine with the same arguments and --light-selection power. The scene is
-/// read again, from its place in the shards' description or from --scene. It must be the scene that was rendered.
+/// The image has the same bits as a render on one machine with the same arguments and --light-selection power. The
+/// scene is read again, from the path in the shards or from --scene. It must be the scene that was rendered.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct MergeArgs {
@@ -16,27 +16,27 @@ pub(crate) struct MergeArgs {
     #[arg(value_name = "SHARD", required = true)]
     shards: Vec<PathBuf>,
 
-    /// An image, by extension: .exr, .pfm or .png; may be given again [default: those of dapple render]
+    /// Image file to write: .exr, .pfm or .png; may be repeated [default: as for dapple render]
     #[arg(short, long = "output", value_name = "OUT", value_parser = render::args::output)]
     outputs: Vec<PathBuf>,
 
-    /// The place of the scene, if it has moved
+    /// Path of the scene, if it has moved
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
 
-    /// Make PNG files brighter by this many powers of two
+    /// Exposure of PNG images in stops; each stop doubles the brightness
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
     exposure: f32,
 
-    /// Threads to use; 0 is one per core
+    /// Number of threads; 0 is one per core
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
     threads: u16,
 
-    /// Print one line of JSON rather than a summary; all but "cpu" is of all machines together
+    /// Print one line of JSON instead of the summary; all values but "cpu" cover all machines together
     #[arg(long)]
     json: bool,
 
-    /// No summary; warnings remain
+    /// Show no summary; warnings are still printed
     #[arg(short, long, conflicts_with = "json")]
     quiet: bool,
 }

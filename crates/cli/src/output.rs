@@ -1,4 +1,4 @@
-//! The one place that writes to stdout and stderr.
+//! Printing to stdout and stderr; no other module of the program prints.
 
 use crate::{Failure, Result};
 use std::io::{self, ErrorKind, Write};
@@ -13,7 +13,7 @@ pub(crate) fn warn(line: impl AsRef<str>) {
     say("warning", line.as_ref());
 }
 
-/// Writes a result and a line end to stdout. Ignores a closed pipe (`| head`).
+/// Writes a result as a line to stdout. Ignores a closed pipe (`| head`).
 pub(crate) fn tell(result: impl AsRef<str>) -> Result<()> {
     match writeln!(io::stdout().lock(), "{}", result.as_ref()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(Failure::new(format!("cannot write to stdout: {e}"))),

@@ -1,4 +1,4 @@
-//! `dapple render`.
+//! The subcommand `dapple render`.
 
 pub(crate) mod args;
 mod progress;
@@ -29,7 +29,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     }
     let stop = Stop::listen()?;
     start_threads(args.threads)?;
-    // Before anything long: a second process learns at once that it is the second.
+    // The checkpoint file is locked first, so that a second process with the same file fails at once.
     let checkpoints = args.checkpoints().open().map_err(|e| failure::of_job(&e))?;
     let show = Show {
         outputs: &args.outputs,
@@ -59,7 +59,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     }
 }
 
-/// Filters and writes the image of merged shards.
+/// Filters the merged film of shards and writes the image files.
 pub(crate) fn merge(shards: ShardSet, spec: &RenderSpec, show: &Show<'_>, threads: u16) -> Result<Outcome> {
     let stop = Stop::listen()?;
     start_threads(threads)?;
@@ -78,7 +78,8 @@ fn load(spec: &RenderSpec, options: &LoadOptions, limit: MemoryLimit) -> Result<
     Ok(loaded)
 }
 
-/// Prepares the job. Also returns the processor time in seconds before clustering; `None` if the user stopped it.
+/// Prepares the job. Also returns the processor seconds used before clustering, if the system reports them. The result
+/// is `None` if the user stopped it.
 fn prepare(loaded: LoadedScene, files: OutputFiles, stop: &Stop) -> Result<Option<(Job, Option<f64>)>> {
     let (spec, warned) = (loaded.spec().clone(), loaded.warnings().len());
     let prepared = loaded.build().map_err(|e| failure::of_job(&e))?;
@@ -102,13 +103,14 @@ fn trace(job: &mut Job, checkpoints: Option<Checkpoints>, mut progress: Progress
     traced.map_err(|e| failure::of_job(&e))
 }
 
-/// Prints warnings. A scene's suggested samples per pixel are mentioned only if the user set a number.
+/// Prints warnings, to stderr. `has_spp` states that the user set samples per pixel; otherwise the number that the
+/// scene suggests is not mentioned.
 fn warn_all(warnings: &[Warning], has_spp: bool) {
     let silent = |warning: &&Warning| !(has_spp && matches!(warning, Warning::SuggestedSpp { .. }));
     warnings.iter().filter(silent).for_each(|warning| warn(failure::warning(warning)));
 }
 
-/// Options for the files and the summary of an image.
+/// The options for an image's files and for its summary.
 pub(crate) struct Show<'a> {
     pub(crate) outputs: &'a [PathBuf],
     pub(crate) maps: Option<&'a Path>,
@@ -118,7 +120,7 @@ pub(crate) struct Show<'a> {
 }
 
 impl Show<'_> {
-    /// The image files to write, checked to be writable; none for a shard.
+    /// Returns the image files to write, checked to be writable; an empty list for a shard.
     fn files(&self, loaded: &LoadedScene) -> Result<OutputFiles> {
         if loaded.spec().shard.is_some() {
             return Ok(OutputFiles::none());
@@ -177,7 +179,7 @@ impl Show<'_> {
     }
 }
 
-/// The shard file to write, checked to be writable; `None` without a shard.
+/// Returns the path of the shard file to write, checked to be writable; `None` if the render is not a shard.
 fn shard_file(args: &RenderArgs, loaded: &LoadedScene) -> Result<Option<PathBuf>> {
     let Some(shard) = loaded.spec().shard else { return Ok(None) };
     let named = || PathBuf::from(format!("{}-{}-of-{}.shard", loaded.scene().name, shard.index() + 1, shard.of()));
@@ -201,8 +203,8 @@ fn write_shard(path: &Path, job: &Job, film: &Film, quiet: bool) -> Result<()> {
     tell(format!("{}: shard {shard}, {samples} samples; dapple merge makes the image of all shards", path.display()))
 }
 
-/// The outcome of the program, after all files are written. `checkpoint` is the file to resume from, or the error that
-/// prevented it.
+/// The outcome of the program, after all files are written. `checkpoint` is the written checkpoint file, or the error
+/// of writing it.
 fn end(
     interrupted: bool,
     panicked: Option<String>,
@@ -230,7 +232,7 @@ fn end(
     }
 }
 
-/// Advice on how to replay the rejected sample `first` by itself; `None` if that is impossible.
+/// Advice on how to replay only the rejected sample `first`, by command-line options; `None` if that is impossible.
 pub(crate) fn replay(first: &dapple_core::Rejected) -> Option<String> {
     let [x, y] = first.sample.pixel;
     let (spp, right, below) = (first.sample.index + 1, x + 1, y + 1);

@@ -1,21 +1,22 @@
-//! Ctrl-C and SIGTERM: the first one stops the render and saves it, the second one ends the program at once.
+//! Handling of Ctrl-C and SIGTERM: the first signal stops the render and saves it, a second one ends the program at
+//! once.
 
 use crate::{Failure, Result};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// A flag that a signal sets to request a stop.
+/// A flag that Ctrl-C or SIGTERM sets to request a stop. Clones share the flag.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Stop(Arc<AtomicBool>);
 
 impl Stop {
-    /// Listens for Ctrl-C and SIGTERM from now on; call it once per process.
+    /// Installs the handler of Ctrl-C and SIGTERM; may be called once per process.
     pub(crate) fn listen() -> Result<Self> {
         let stop = Self::default();
         let asked = stop.clone();
         ctrlc::set_handler(move || {
             if asked.0.swap(true, Ordering::Relaxed) {
-                // A second signal does not wait for files.
+                // A second signal ends the program without waiting for files.
                 #[allow(clippy::exit)]
                 std::process::exit(130);
             }

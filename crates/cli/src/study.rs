@@ -1,4 +1,4 @@
-//! `dapple study`.
+//! The subcommand `dapple study`, and the hidden `dapple study-run`.
 
 mod args;
 mod progress;
@@ -16,7 +16,7 @@ use progress::Bar;
 use std::io::Read;
 use std::path::Path;
 
-/// The hidden subcommand that makes a single run in its own process.
+/// The name of the hidden subcommand that makes a single run of a study in its own process.
 const ONE: &str = "study-run";
 
 pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
@@ -26,7 +26,7 @@ pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
         Err(args::Wrong::File(failure)) => return Err(failure),
     };
     let stop = Stop::listen()?;
-    // Counted in 16 bits there, and checked in the plan.
+    // The plan allows at most 1024 threads, so that the number fits in 16 bits.
     start_threads(u16::try_from(plan.threads).unwrap_or(0))?;
     let mut runner: Box<dyn Runner> = match plan.fresh {
         false => Box::new(InProcess::new(cpu_seconds)),
@@ -71,9 +71,9 @@ fn deliver(folder: &Path, quiet: bool) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Runs `dapple study-run`: reads a request from stdin, and writes the run to stdout.
+/// Runs `dapple study-run`: reads a request as JSON from stdin, and writes the finished run as JSON to stdout.
 pub(crate) fn run_one() -> Result<Outcome> {
-    // Ctrl-C stops the study between its runs; this one is finished.
+    // Ctrl-C stops a study between its runs; the handler lets this run finish.
     let _stop = Stop::listen()?;
     let mut json = String::new();
     std::io::stdin().read_to_string(&mut json).map_err(|e| Failure::new(format!("cannot read the run: {e}")))?;
@@ -90,7 +90,7 @@ fn itself() -> Result<std::path::PathBuf> {
     std::env::current_exe().map_err(|e| Failure::new(format!("--fresh: cannot find this program: {e}")))
 }
 
-/// The failure for an error of a study, with advice for the command line.
+/// Makes the failure for an error of a study, with advice that names command-line options.
 fn failure_of(error: &StudyError, bar: &mut Bar) -> Failure {
     bar.finish();
     match error {

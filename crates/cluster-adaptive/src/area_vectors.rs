@@ -5,42 +5,44 @@ use dapple_clustering::Triangles;
 
 /// The area vectors (unit normal times area) of every cluster's triangles.
 ///
-/// They give `S(d) = sum |n_t . d| A_t`, the sum of projected triangle areas, for any direction. It is the thesis' own
-/// remedy for boxes that are larger than their contents [Lan 2016, 3.2.2 a].
+/// The vectors give `S(d) = sum |n_t . d| A_t`, the sum of projected triangle areas, for any direction `d`. Lan
+/// proposes this sum as the remedy for boxes that are larger than their contents [Lan 2016, 3.2.2 a].
 ///
-/// If a cluster's normals all lie on one side of `d`, as they do except at grazing angles, one scalar product is exact:
-/// `|d . sum of area vectors|`. Otherwise up to 256 triangles are summed exactly. More triangles are summed as at most
-/// 256 bundles of similar normals. Only bundles that are seen edge-on themselves are inexact (less than 1 % of the
-/// cluster's area in the tests' hemisphere).
+/// If a cluster's normals all lie on one side of the plane perpendicular to `d`, as they do except at grazing angles,
+/// one scalar product is exact: `|d . sum of area vectors|`. Otherwise up to 256 triangles are summed exactly. More
+/// triangles are summed as at most 256 bundles of similar normals. Only bundles that are seen edge-on themselves are
+/// inexact (less than 1 % of the cluster's area in the tests' hemisphere).
 #[derive(Clone, Debug, PartialEq)]
 pub struct AreaVectors {
     clusters: Vec<Bundle>,
     vectors: Vec<[f64; 3]>,
 }
 
-/// One cluster's vectors, each turned to the side of `axis`.
+/// One cluster's area vectors, each turned to the side of `axis`.
 #[derive(Clone, Debug, PartialEq)]
 struct Bundle {
     range: std::ops::Range<usize>,
     sum: [f64; 3],
     axis: [f64; 3],
-    /// Sine of the largest angle to the axis; above 1 if normals spread over a right angle.
+    /// Sine of the largest angle between a normal and the axis; above 1 if that is a right angle or more.
     sine: f64,
     area: f64,
 }
 
-/// The most triangles that are summed one by one.
+/// The largest number of a cluster's triangles that are summed one by one.
 const EXACT: usize = 256;
-/// Cells along each side of the octahedron's square: 256 bundles.
+/// The number of cells along each side of the octahedral map's square. Its 256 cells are the bundles of similar
+/// normals.
 const CELLS: usize = 16;
 
 impl AreaVectors {
-    /// The vectors of triangles, each with its cluster's number below `clusters`. Triangles with a vertex that is not
-    /// finite have no area.
+    /// Computes the area vectors of all clusters. `labels` has the index, below `clusters`, of each triangle's cluster.
+    /// Triangles with a vertex that is not finite have no area.
     ///
     /// # Errors
     ///
-    /// [`Error::LabelCount`], [`Error::NoVertex`] or [`Error::NoCluster`].
+    /// [`Error::LabelCount`] unless there is one label per triangle. [`Error::NoVertex`] for the index of a missing
+    /// vertex. [`Error::NoCluster`] for a label that is not below `clusters`.
     pub fn new(triangles: &Triangles<'_>, labels: &[u32], clusters: usize) -> Result<Self, Error> {
         let Triangles { positions, indices, .. } = *triangles;
         if labels.len() != indices.len() {
@@ -92,13 +94,13 @@ impl AreaVectors {
         self.clusters.len()
     }
 
-    /// True if there are no clusters.
+    /// Returns `true` if there are no clusters.
     pub fn is_empty(&self) -> bool {
         self.clusters.is_empty()
     }
 
-    /// The sum of the projected areas of a cluster's triangles along the unit direction `d`, in world
-    /// units; hidden triangles count too. 0 for an unknown cluster.
+    /// The sum of the projected areas of a cluster's triangles along the unit direction `d`, in world units. Hidden
+    /// triangles count too. 0 for an unknown cluster.
     pub fn projected(&self, cluster: u32, d: [f32; 3]) -> f64 {
         let Some(bundle) = self.clusters.get(cluster as usize) else { return 0.0 };
         let d = d.map(f64::from);
@@ -108,7 +110,7 @@ impl AreaVectors {
         self.vectors[bundle.range.clone()].iter().map(|&v| dot(v, d).abs()).sum()
     }
 
-    /// The sum of the areas of a cluster's triangles; 0 for an unknown cluster.
+    /// The sum of the areas of a cluster's triangles, in world units; 0 for an unknown cluster.
     pub fn area(&self, cluster: u32) -> f64 {
         self.clusters.get(cluster as usize).map_or(0.0, |b| b.area)
     }
@@ -145,7 +147,7 @@ fn turn_to(axis: [f64; 3], vectors: &mut [[f64; 3]]) {
     }
 }
 
-/// The cell of a direction on the octahedron, unfolded into a square [Engelhardt and Dachsbacher 2008].
+/// The index of a direction's cell on the octahedron, unfolded into a square [Engelhardt and Dachsbacher 2008].
 fn cell(v: [f64; 3]) -> usize {
     let norm = v[0].abs() + v[1].abs() + v[2].abs();
     if norm == 0.0 {

@@ -4,24 +4,24 @@
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// A probe hit a primitive that has no label.
+    /// A probe's hit on a primitive that has no label.
     #[error(
         "pixel ({}, {}): a probe hit primitive {primitive}, but there are labels for {labels} only: give one label per primitive, in the numbering of the hits", pixel[0], pixel[1]
     )]
     NoLabel {
-        /// Column and row in the full image.
+        /// Column and row of the probe's pixel in the full image.
         pixel: [u32; 2],
-        /// The primitive that was reported.
+        /// The index of the primitive that was hit.
         primitive: u32,
         /// The number of labels.
         labels: usize,
     },
-    /// A label names a cluster that is not in the list.
+    /// A label that names a cluster not in the list.
     #[error(
         "label {label} names no cluster: there are {clusters}, numbered from 0; pass labels and clusters of the same clustering"
     )]
     NoCluster {
-        /// The label.
+        /// The label that names no cluster.
         label: u32,
         /// The number of clusters.
         clusters: usize,
@@ -29,15 +29,15 @@ pub enum Error {
     /// A number of labels that differs from the number of triangles.
     #[error("{labels} labels for {triangles} triangles: give one label per triangle")]
     LabelCount {
-        /// Labels given.
+        /// The number of labels given.
         labels: usize,
-        /// Triangles given.
+        /// The number of triangles.
         triangles: usize,
     },
-    /// A triangle has the index of a vertex that does not exist.
+    /// A triangle with the index of a vertex that does not exist.
     #[error("triangle {triangle} names vertex {vertex}, but there are {vertices}")]
     NoVertex {
-        /// The triangle.
+        /// The index of the triangle.
         triangle: usize,
         /// The index of the vertex.
         vertex: u32,
@@ -47,19 +47,19 @@ pub enum Error {
     /// A parameter outside its range.
     #[error("{name} = {value} is out of range: {allowed}")]
     OutOfRange {
-        /// The parameter, by its public name.
+        /// The parameter's name on the command line.
         name: &'static str,
-        /// The value given.
+        /// The rejected value.
         value: String,
-        /// The range.
+        /// The allowed range, in words.
         allowed: &'static str,
     },
-    /// Probes were traced for another image.
+    /// Probes that were traced for another frame than the rendered one.
     #[error("the probes are those of {of}, but {wanted} is rendered: probe that frame, or let the sampler probe")]
     OtherFrame {
-        /// The frame of the probes.
+        /// The frame of the probes, as text.
         of: String,
-        /// The frame of the render.
+        /// The frame of the render, as text.
         wanted: String,
     },
 }
@@ -76,7 +76,8 @@ impl From<dapple_core::OutOfRange> for Error {
     }
 }
 
-/// Parameters become the core's kind; other errors become [`dapple_core::Error::Other`].
+/// Converts errors of parameters to [`dapple_core::Error::OutOfRange`], and other errors to
+/// [`dapple_core::Error::Other`].
 impl From<Error> for dapple_core::Error {
     fn from(error: Error) -> Self {
         match error {

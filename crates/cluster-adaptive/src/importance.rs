@@ -1,21 +1,23 @@
-//! Sampling importance: from rates to each pixel's part of the reserved samples.
+//! Sampling importance: each pixel's weight, computed from the sampling rates of its probes.
 
 use crate::probe::{BACKGROUND, Probe, Probes, dot};
 use crate::{ClusterSize, ClusterThesisOptions, Error, rates};
 use dapple_clustering::Cluster;
 use rayon::prelude::*;
 
-/// The increasing map `f` from the ratio `x = SP / SC` to a sampling rate [Lan 2016, eq. 3-3]. The thesis requires such
-/// a map and gives none.
+/// The increasing map `f` from the ratio `x = SP / SC` of pixel area to cluster size to a sampling rate [Lan 2016, eq.
+/// 3-3]. The thesis requires such a map and gives none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RateMap {
-    /// `x`: every cluster gets the same number of samples, as in the thesis' prose.
+    /// `f(x) = x` for the ratio `x` of pixel area to cluster size: every cluster gets the same number of samples, as in
+    /// the text of [Lan 2016].
     Identity,
-    /// `sqrt(x)`: milder, the default.
+    /// `f(x) = sqrt(x)` for the ratio `x` of pixel area to cluster size, the default: rates vary less than with
+    /// [`RateMap::Identity`].
     #[default]
     Root,
-    /// `ln(1 + x / m)`, with `m` the median over all probes with a hit. It is milder still for clusters smaller than
-    /// most, and like the ratio itself for larger ones.
+    /// `f(x) = ln(1 + x / m)`, with `m` the median over probes of the ratio `x` of pixel area to cluster size. Nearly
+    /// proportional to `x` for clusters larger than most, logarithmic for smaller ones.
     Log,
 }
 
@@ -34,13 +36,13 @@ impl RateMap {
     }
 }
 
-/// The sampling importance of all pixels.
+/// The sampling importance of all pixels: weights in proportion to which samples are distributed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Importance {
-    /// One number per pixel of the window, row by row: finite, not negative, without unit. If any probe has a hit, the
-    /// mean is `1 + angle + distance`.
+    /// The importance of each pixel of the window, row by row: finite, not negative, without unit. If no term is left
+    /// out, the mean over the image is `1 + angle + distance`.
     pub per_pixel: Vec<f32>,
-    /// Probes whose cluster has no size, as [`Rates::replaced`](crate::Rates::replaced) counts them.
+    /// The number of probes whose cluster has no size ([`Rates::replaced`](crate::Rates::replaced)).
     pub replaced: usize,
 }
 
@@ -51,10 +53,10 @@ pub struct Importance {
 ///
 /// `I_p = share_p / <share> + angle * a_p / <a> + distance * z_p / <z>`
 ///
-/// with `share` the mean over the pixel's probes of `f(SP / SC)`, `a` that of `1 - |n . d|` (`n` the cluster's mean
-/// normal, or the surface's where normals cancel; `d` the ray), `z` that of the distance to the hit, and `< >` the
-/// mean over the image. A term whose mean is 0 is left out. Probes without a hit add 0 to each term, except to the
-/// share with [`ClusterSize::Hits`].
+/// Here `share` is the mean over the pixel's probes of `f(SP / SC)`, for pixel area `SP` and cluster size `SC`. `a` is
+/// the mean of `1 - |n . d|`, with `d` the ray and `n` the cluster's mean normal (the surface's where normals cancel).
+/// `z` is the mean distance to the hit, and `< >` the mean over the image. A term whose mean is 0 is left out. Probes
+/// without a hit add 0 to each term, except to the share with [`ClusterSize::Hits`].
 ///
 /// Importance has no unit: a scaled scene has the same importance, except for the rounding of its coordinates. (The
 /// published [`PixelArea::One`](crate::PixelArea::One) is an area in world units. It is the same for all pixels and
@@ -62,7 +64,8 @@ pub struct Importance {
 ///
 /// # Errors
 ///
-/// As [`rates`]; [`Error::OutOfRange`] for a weight that is negative or not finite.
+/// [`Error::NoCluster`] if a probe has a cluster that is not in `clusters`; [`Error::OutOfRange`] for a weight that is
+/// negative or not finite.
 pub fn importance(
     probes: &Probes,
     clusters: &[Cluster],
@@ -95,7 +98,8 @@ fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-/// `1 - cos` of the angle between the ray and the normal of the surface at its hit.
+/// `1 - |cos|` of the angle between the probe's ray and its cluster's mean normal, or the surface's normal where the
+/// cluster's normals cancel. 0 without a hit.
 fn obliquity(probe: &Probe, clusters: &[Cluster]) -> f64 {
     if probe.cluster == BACKGROUND {
         return 0.0;
@@ -105,7 +109,7 @@ fn obliquity(probe: &Probe, clusters: &[Cluster]) -> f64 {
     (1.0 - if known { cosine } else { f64::from(probe.cosine) }).clamp(0.0, 1.0)
 }
 
-/// The lower median of the rates of probes with a hit; 1 without any.
+/// The lower median of the rates of probes with a hit; 1 if no probe has a hit.
 fn median(probes: &Probes, rates: &[f64]) -> f64 {
     let hits = probes.all().iter().zip(rates).filter(|(p, _)| p.cluster != BACKGROUND);
     let mut rates: Vec<f64> = hits.map(|(_, &r)| r).collect();

@@ -1,32 +1,32 @@
-//! The parameters of the published sampler.
+//! The parameters of the sampler of [Lan 2016].
 
 use crate::{Error, PixelArea, RateMap};
 use dapple_core::Options as _;
 
 dapple_core::options! {
-    /// The parameters of [`ClusterThesis`](crate::ClusterThesis).
+    /// The parameters of [`ClusterThesis`](crate::ClusterThesis), the sampler of [Lan 2016].
     ///
-    /// The defaults are the published combination as far as it is published. The thesis gives no formula for `map`. It
-    /// gives no values for the two weights either; their default 0.25 is a guess.
+    /// The defaults are Lan's, as far as the thesis gives any. It gives no formula for `map`, and no values for the two
+    /// weights; their default 0.25 is a guess.
     pub struct ClusterThesisOptions {
-        /// A pixel's size beside box and triangles: one (published) or footprint.
+        /// Pixel area, if clusters are measured by box or triangles: one (published) or footprint.
         pub pixel: PixelArea = PixelArea::One => "one";
-        /// From relative size to rate: identity, root or log.
+        /// Map from the ratio of pixel to cluster size to a sampling rate: identity, root or log.
         pub map: RateMap = RateMap::Root => "root";
-        /// Weight of a large angle between normal and ray.
+        /// Weight of a large angle between normal and ray; the cluster's size weighs 1.
         ///
-        /// It is relative to the cluster's share, which weighs 1; 0 leaves it out.
+        /// 0 leaves the angle out.
         pub angle: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
-        /// Weight of distance.
+        /// Weight of the distance to the hit; the cluster's size weighs 1.
         ///
-        /// It is relative to the cluster's share, which weighs 1; 0 leaves it out.
+        /// 0 leaves the distance out.
         pub distance: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
-        /// Samples that every pixel gets (beside --time and --error take --min-spp); 0 is the thesis' table 4-3.
+        /// Least samples per pixel (with --time and --error use --min-spp instead); 0 takes Lan's table 4-3.
         ///
-        /// The table is [`published_bounds`]. The minimum also holds under a budget that is raised later, so a time
-        /// limit may refuse it: give the limit's own floor there.
+        /// [`published_bounds`] is this table. The minimum also holds if the budget is raised later, so a time limit
+        /// may refuse it: set the limit's own floor there.
         pub min: u32 = 0;
-        /// The most samples of a pixel; 0 as above.
+        /// Largest number of samples of a pixel; 0 takes Lan's table 4-3.
         pub max: u32 = 0;
     }
 }
@@ -45,7 +45,7 @@ impl ClusterThesisOptions {
         Ok(())
     }
 
-    /// The floor and ceiling of all counts for `mean` samples per pixel.
+    /// The least and the largest count per pixel, for a budget of `mean` samples per pixel.
     pub(crate) fn bounds(&self, mean: f64) -> [u32; 2] {
         let [low, high] = published_bounds(mean);
         match (self.min, self.max) {
@@ -57,7 +57,7 @@ impl ClusterThesisOptions {
     }
 }
 
-/// The minimum and maximum count for `mean` samples per pixel [Lan 2016, table 4-3].
+/// The least and the largest count per pixel for a budget of `mean` samples per pixel [Lan 2016, table 4-3].
 ///
 /// The table has minima 6, 12, 24, 56 and maxima 16, 32, 48, 80 for means 8, 16, 32, 64. Bounds are linear between its
 /// columns, and in proportion below and above. The minimum is rounded down, the maximum up.

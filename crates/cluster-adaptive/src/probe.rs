@@ -6,15 +6,15 @@ use dapple_core::{Frame, PointSet, SampleId, streams};
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// The placement of a pixel's probes.
+/// The placement of a pixel's first-hit probes on pixel and lens.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Placement {
-    /// One probe, through the centres of pixel and lens: as published [Lan 2016, 2.6]. Its prediction is wrong for
-    /// pixels that see more than one cluster.
+    /// One probe, through the centres of pixel and lens [Lan 2016, 2.6]. The sampling rate that it predicts is wrong
+    /// for pixels that see more than one cluster.
     #[default]
     Centre,
-    /// This many probes, 1 to 256, spread over pixel and lens by a point set. In expectation each predicts the pixel's
-    /// true rate.
+    /// A number of probes, 1 to 256, spread over pixel and lens by a point set. The expectation of each probe's
+    /// predicted sampling rate is right for any pixel.
     Jittered(u32),
 }
 
@@ -37,25 +37,25 @@ impl std::fmt::Display for Placement {
     }
 }
 
-/// A ray that the caller traces.
+/// A first-hit probe's ray, which the caller traces.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeRay {
-    /// Column and row in the full image.
+    /// Column and row of the probe's pixel in the full image.
     pub pixel: [u32; 2],
     /// The ray's point on the film, inside `pixel`, in pixels of the full image from its upper left corner.
     pub film: [f32; 2],
     /// The ray's point on the lens, in `[0, 1)^2` as the integrator would sample it; `[0.5, 0.5]` with
     /// [`Placement::Centre`]. A pinhole ignores it.
     pub lens: [f32; 2],
-    /// The sample's name. A renderer that needs more coordinates (time, for example) takes blocks of this sample from 1
-    /// on; block 0 is `film` and `lens`.
+    /// The sample's identity in the point set. A renderer that needs more coordinates (time, for example) takes blocks
+    /// of this sample from 1 on; block 0 is `film` and `lens`.
     pub sample: SampleId,
 }
 
 /// The first surface on a probe's ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeHit {
-    /// The primitive: an index into the labels.
+    /// The index of the primitive in the list of labels.
     pub primitive: u32,
     /// The ray's direction, from the eye to the hit; of any length above 0.
     pub direction: [f32; 3],
@@ -68,10 +68,10 @@ pub struct ProbeHit {
     pub footprint: f32,
 }
 
-/// The record of one probe. Without a hit all is zero except for the class.
+/// The cluster and geometry that one probe hit. Without a hit, the cluster is [`BACKGROUND`] and all else is zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Probe {
-    /// The cluster of the hit, or [`BACKGROUND`].
+    /// The index of the cluster that the probe hit, or [`BACKGROUND`].
     pub cluster: u32,
     /// Unit direction of the ray.
     pub direction: [f32; 3],
@@ -86,7 +86,8 @@ pub struct Probe {
 impl Probe {
     const MISS: Self = Self { cluster: BACKGROUND, direction: [0.0; 3], cosine: 0.0, distance: 0.0, footprint: 0.0 };
 
-    /// A probe; `None` for a hit with a NaN, an infinity, or no direction.
+    /// Makes the record of a hit on `cluster`; `None` for a hit with a NaN, an infinity, a negative length, or no
+    /// direction.
     fn new(cluster: u32, hit: &ProbeHit) -> Option<Self> {
         let ProbeHit { direction, distance, normal, footprint, .. } = *hit;
         // f64, since squares of small components leave the range of f32.
@@ -107,16 +108,16 @@ pub(crate) fn dot(a: [f32; 3], b: [f32; 3]) -> f64 {
     f64::from(a[0]) * f64::from(b[0]) + f64::from(a[1]) * f64::from(b[1]) + f64::from(a[2]) * f64::from(b[2])
 }
 
-/// The cost of probing: part of the cost of every image planned from it.
+/// The cost of tracing probes: part of the cost of every image that is planned from them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ProbeCost {
-    /// Rays traced.
+    /// The number of rays traced.
     pub rays: u64,
-    /// Wall seconds.
+    /// The wall seconds that tracing took.
     pub seconds: f64,
 }
 
-/// The probes of a frame; 32 bytes each.
+/// The first-hit probes of a frame; 28 bytes per probe.
 #[derive(Clone, Debug)]
 pub struct Probes {
     frame: Frame,
@@ -131,8 +132,8 @@ pub struct Probes {
 /// Coordinates come from `points`, as samples of [`streams::PROBE`]; [`Placement::Centre`] needs none. The result
 /// depends neither on threads nor on their order, as long as `shoot` is a pure function.
 ///
-/// Each probe ends in exactly one class: a cluster, or the background. A hit with a NaN, an infinity,
-/// a negative length or no direction is no hit; [`Probes::rejected`] counts them.
+/// Each probe ends in exactly one class: a cluster, or the background. A hit with a NaN, an infinity, a negative length
+/// or no direction counts as no hit; [`Probes::rejected`] has the number of such hits.
 ///
 /// # Errors
 ///
@@ -203,7 +204,7 @@ impl Probes {
         self.placement
     }
 
-    /// All probes, pixel by pixel, row by row: [`Placement::per_pixel`] each.
+    /// All probes, pixel by pixel and row by row, with [`Placement::per_pixel`] probes per pixel.
     pub fn all(&self) -> &[Probe] {
         &self.probes
     }
@@ -218,7 +219,7 @@ impl Probes {
         &self.probes[i * k..(i + 1) * k]
     }
 
-    /// The number of rejected hits: not finite, or without direction.
+    /// The number of rejected hits: those with a NaN, an infinity, a negative length, or no direction.
     pub fn rejected(&self) -> u64 {
         self.rejected
     }
@@ -228,12 +229,13 @@ impl Probes {
         self.cost
     }
 
-    /// The cluster per pixel, that of its first probe, or [`BACKGROUND`]: for colour maps and filters.
+    /// The cluster that each pixel's first probe hit, or [`BACKGROUND`], row by row: for colour maps and filters.
     pub fn cluster_map(&self) -> Vec<u32> {
         self.probes.iter().step_by(self.placement.per_pixel() as usize).map(|p| p.cluster).collect()
     }
 
-    /// The number of probes per class: one per cluster, and the background's last. They add up to all probes.
+    /// The number of probes that hit each cluster, and last the number that hit nothing. The numbers add up to all
+    /// probes.
     ///
     /// # Errors
     ///

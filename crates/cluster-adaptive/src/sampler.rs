@@ -1,4 +1,4 @@
-//! The sampler: counts from geometry alone.
+//! The sampler of [Lan 2016]: sample counts from geometry alone.
 
 use crate::{
     ClusterSize, ClusterThesisOptions, Error, Importance, Placement, Probe, ProbeCost, ProbeHit, ProbeRay, Probes,
@@ -10,36 +10,36 @@ use dapple_core::{
 };
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The caller's ray tracer: finds the first hit of a probe. A pure function.
+/// The caller's function that traces a probe ray and returns its first hit, if any. It must be pure.
 pub type TraceProbe = Arc<dyn Fn(ProbeRay) -> Option<ProbeHit> + Send + Sync>;
 
-/// The labels, clusters and rays that a sampler probes for its first plan.
+/// The inputs with which a sampler traces its probes before the first plan: labels, clusters and a ray tracer.
 #[derive(Clone)]
 pub struct ProbeSource {
-    /// The cluster of each primitive.
+    /// The index of each primitive's cluster.
     pub labels: Arc<[u32]>,
-    /// The clusters.
+    /// The clusters that the labels index.
     pub clusters: Arc<[Cluster]>,
-    /// Finds first hits.
+    /// The function that traces a probe ray and returns its first hit.
     pub shoot: TraceProbe,
     /// The placement of each pixel's probes.
     pub placement: Placement,
-    /// The parameters of clustering, as further parameters of [`ClusterThesis`]'s description: `k=9,clamp=32`, for
-    /// example, or nothing.
+    /// The clustering parameters to append to [`ClusterThesis`]'s description, for example `k=9,clamp=32`; may be
+    /// empty.
     pub described: String,
 }
 
-/// A handle to the probes of a boxed sampler, for their cost and for maps.
+/// A handle that shares a sampler's first-hit probes, also after the sampler is boxed: for their cost and for maps.
 #[derive(Clone, Debug, Default)]
 pub struct ProbesHandle(Arc<Mutex<Option<Arc<Probes>>>>);
 
 impl ProbesHandle {
-    /// The latest probes; `None` before the first plan.
+    /// The first-hit probes that the sampler traced last; `None` before the first plan.
     pub fn probes(&self) -> Option<Arc<Probes>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// The cost of the latest probes; `None` before the first plan.
+    /// The cost of the first-hit probes that the sampler traced last; `None` before the first plan.
     pub fn cost(&self) -> Option<ProbeCost> {
         self.probes().map(|p| p.cost())
     }
@@ -49,7 +49,7 @@ impl ProbesHandle {
     }
 }
 
-/// The weights of all pixels, for one frame.
+/// The sampling weights of all pixels of one frame.
 struct Prior {
     frame: Frame,
     weights: Vec<f64>,
@@ -69,16 +69,15 @@ impl Prior {
 /// pixel's area to the cluster's projected area. Every pixel gets a minimum. The rest of the budget is distributed in
 /// proportion to importance, up to a maximum; the excess goes to the others ([`share`]).
 ///
-/// *Guarantees*: the budget is met to the sample. Counts are a function of geometry alone: radiance does not enter
-/// them, and probes never enter the image. The image is thus unbiased for every budget that is known beforehand, and
-/// for every sequence of them. (A limit on the *error* stops by the samples seen, and has its own bias.) A raised
-/// budget keeps the proportions as far as the samples already spent allow. Equal importance gives counts that differ by
-/// at most 1.
+/// *Guarantees*: the budget is met exactly. Counts are a function of geometry alone: radiance does not enter them, and
+/// probes never enter the image. The image is thus unbiased for every budget that is known beforehand, and for every
+/// sequence of them. (A limit on the *error* stops by the samples seen, and has its own bias.) A raised budget keeps
+/// the proportions as far as the samples already spent allow. Equal importance gives counts that differ by at most 1.
 ///
-/// *Weaknesses*: equal samples per cluster do not minimise the error; the sampler knows no light, texture or gloss. As
-/// published it loses to uniform counts if most error lies in large clusters, such as a textured floor. The loss is up
-/// to a factor of `mean / minimum` in MSE. Counts do not prefer well-stratified prefixes of the point set, nor do the
-/// thesis' counts.
+/// *Weaknesses*: equal samples per cluster do not minimise the error; the sampler knows no light, texture or gloss.
+/// With the published parameters it loses to uniform counts if most error lies in large clusters, such as a textured
+/// floor. The loss is up to a factor of `mean / minimum` in MSE. Counts are not rounded to those at which the point set
+/// is well stratified, nor are the counts of the thesis.
 pub struct ClusterThesis<P> {
     points: P,
     size: ClusterSize,
@@ -90,16 +89,18 @@ pub struct ClusterThesis<P> {
 }
 
 impl<P: PointSet> ClusterThesis<P> {
-    /// The published combination, planned from these probes; valid for their frame only.
+    /// Makes the sampler with the size measure and parameters of [Lan 2016], planned from these probes. It is valid for
+    /// their frame only.
     ///
     /// # Errors
     ///
-    /// As [`ClusterThesis::with_options`].
+    /// [`Error::NoCluster`] if a probe has a cluster that is not in the list.
     pub fn published(points: P, probes: &Probes, clusters: &[Cluster]) -> Result<Self, Error> {
         Self::with_options(points, probes, clusters, ClusterSize::ProjectedBox, ClusterThesisOptions::default())
     }
 
-    /// Any combination, planned from these probes; valid for their frame only.
+    /// Makes the sampler with any size measure and parameters, planned from these probes. It is valid for their frame
+    /// only.
     ///
     /// # Errors
     ///
@@ -118,8 +119,8 @@ impl<P: PointSet> ClusterThesis<P> {
         Ok(Self { points, size, options, placement, probed: None, handle, prior })
     }
 
-    /// Any combination, probed at the first plan for a frame. It can be made before the frame is known.
-    /// [`ClusterThesis::handle`] has the cost.
+    /// Makes the sampler with any size measure and parameters. It traces its probes at the first plan for a frame,
+    /// which need not be known before. [`ClusterThesis::handle`] has their cost.
     ///
     /// # Errors
     ///
@@ -140,18 +141,18 @@ impl<P: PointSet> ClusterThesis<P> {
         Ok(Self { points, size, options, placement, probed: Some(probed), handle, prior: None })
     }
 
-    /// A handle to the probes that the sampler traces, now or later. Stays empty if the probes were given.
+    /// A handle to the probes that the sampler traces, now or later. It stays empty if the probes were given.
     pub fn handle(&self) -> ProbesHandle {
         self.handle.clone()
     }
 
-    /// The number of probes whose cluster has no size; they have the largest rate of the others. 0 before the first
-    /// plan.
+    /// The number of probes whose cluster has no size; they get the largest rate of the other probes. 0 before the
+    /// first plan.
     pub fn replaced(&self) -> usize {
         self.prior.as_ref().map_or(0, |p| p.replaced)
     }
 
-    /// The weights of the frame's pixels, from probes traced now if there are none.
+    /// The sampling weights of the frame's pixels. Traces the probes of the frame first if there are none.
     fn weights(&mut self, frame: &Frame) -> Result<&[f64], Error> {
         let fits = self.prior.as_ref().is_some_and(|p| p.frame == *frame);
         if !fits {
@@ -217,7 +218,7 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
         let [min, max] = self.options.bounds(total as f64 / pixels as f64);
         let base = min.max(budget.min_spp);
         let ceiling = if self.options.max > 0 { max } else { max.max(base) }.min(budget.max_spp);
-        // The table's bounds give way; the user's bounds hold or are refused.
+        // The bounds of the table yield to the budget. The user's bounds hold, or an error is returned.
         let asked = self.options.min.max(budget.min_spp);
         if asked > ceiling {
             let allowed = "no less than the floor of samples per pixel";

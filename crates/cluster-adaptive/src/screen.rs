@@ -1,4 +1,4 @@
-//! The film area of a box, in perspective.
+//! The area that a box covers on the film, in perspective.
 
 /// The area, in pixels, that the box between the corners `bounds` covers on a film of `resolution` pixels. The
 /// projection `world_to_clip` has the rows of a matrix that takes `[x, y, z, 1]` to clip space. A point with `w > 0`
@@ -28,7 +28,7 @@ pub fn projected_box_area(bounds: &[[f32; 3]; 2], world_to_clip: &[[f32; 4]; 4],
     (share * film).clamp(0.0, film)
 }
 
-/// The images of the corners in front of the eye, and of the points where edges enter that half space.
+/// The projections of the corners in front of the eye, and of the points where edges of the box enter that half space.
 fn in_front(corners: &[[f64; 3]; 8]) -> Vec<[f64; 2]> {
     let far = corners.iter().fold(0.0, |m: f64, c| m.max(c[0].abs()).max(c[1].abs()).max(c[2].abs()));
     // Just in front of the eye: images there lie a billion films away, but at finite places.
@@ -46,7 +46,7 @@ fn in_front(corners: &[[f64; 3]; 8]) -> Vec<[f64; 2]> {
     points
 }
 
-/// The convex hull, counter-clockwise [Andrew 1979].
+/// The corners of the points' convex hull, counter-clockwise [Andrew 1979].
 fn hull(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     points.dedup();
@@ -72,7 +72,7 @@ fn hull(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     hull
 }
 
-/// The part of a convex polygon in `[-1, 1]^2` [Sutherland and Hodgman 1974].
+/// The part of a convex polygon that lies in `[-1, 1]^2`, the film in clip space [Sutherland and Hodgman 1974].
 fn cut_to_film(mut polygon: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     for (axis, side) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)] {
         let inside = |p: [f64; 2]| 1.0 - side * p[axis];

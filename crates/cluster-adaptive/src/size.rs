@@ -1,4 +1,4 @@
-//! The size of a cluster, and the rate that its probes predict.
+//! The size of a cluster, and the sampling rate that its probes predict.
 
 use crate::probe::{BACKGROUND, Probe, Probes};
 use crate::screen::projected_box_area;
@@ -6,26 +6,26 @@ use crate::{AreaVectors, Error};
 use dapple_clustering::Cluster;
 use rayon::prelude::*;
 
-/// The measure of a cluster's size `SC`.
+/// The measure of a cluster's size `SC`, for the ratio `SP / SC` of pixel area to cluster size.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ClusterSize {
-    /// The published size [Lan 2016, 2.3]: the cluster's axis-aligned box, projected along the probe's ray,
-    /// `lx ly |dz| + lx lz |dy| + ly lz |dx|`, in world units.
+    /// The size of the cluster's axis-aligned box, projected along the probe's unit ray `d`: `lx ly |dz| + lx lz |dy| +
+    /// ly lz |dx|`, in world units [Lan 2016, 2.3]. `lx`, `ly` and `lz` are the box's edges.
     #[default]
     ProjectedBox,
-    /// The thesis' own remedy [Lan 2016, 3.2.2 a]: the sum of the triangles' areas, projected along the
-    /// probe's ray, in world units.
+    /// The sum of the areas of the cluster's triangles, projected along the probe's ray, in world units [Lan 2016,
+    /// 3.2.2 a]. Boxes may be much larger than their triangles.
     ProjectedTriangles(AreaVectors),
-    /// The film area of the cluster's box in perspective, in pixels: [`projected_box_area`] with this matrix. The
-    /// published formula lacks perspective.
+    /// The film area of the cluster's box in perspective, in pixels: [`projected_box_area`] with this world-to-clip
+    /// matrix. The projected box of [Lan 2016, 2.3] lacks perspective.
     ScreenBox([[f32; 4]; 4]),
-    /// Probes with a hit on the cluster, over probes per pixel: the pixels it covers, with occlusion and perspective.
-    /// The background is a cluster as well.
+    /// The number of probes that hit the cluster, divided by the probes per pixel: the pixels that it covers, with
+    /// occlusion and perspective. The background is a cluster as well.
     Hits,
 }
 
 impl ClusterSize {
-    /// The name on the command line: `box`, `triangles`, `screen` or `hits`.
+    /// The measure's name on the command line: `box`, `triangles`, `screen` or `hits`.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::ProjectedBox => "box",
@@ -36,37 +36,38 @@ impl ClusterSize {
     }
 }
 
-/// The pixel's own size `SP`, for clusters measured in world units.
+/// The measure of a pixel's area `SP`, for clusters whose size is measured in world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PixelArea {
-    /// The published size: 1 for every pixel. The perspective factor `f^2 / d^2` is missing: a far cluster counts as
-    /// large as a near one.
+    /// Area 1 for every pixel, as in [Lan 2016]. The perspective factor `f^2 / d^2` of focal length and distance is
+    /// missing: a far cluster counts as large as a near one.
     #[default]
     One,
-    /// The footprint of the pixel at the hit, squared: `SC / SP` is then a number of pixels.
+    /// The squared width of the pixel's footprint at the hit. A cluster's size divided by it is a number of pixels.
     Footprint,
 }
 
 dapple_core::choices!(PixelArea { One = "one", Footprint = "footprint" });
 
 /// The least projected size of a cluster, as a fraction of its largest face (or of its triangles' area). It is the size
-/// of a plane 0.06 degrees from edge-on. Nearer to edge-on sizes stay constant, so that no rate is infinite and none
+/// of a plane 0.06 degrees from edge-on. Nearer to edge-on, sizes stay constant, so that no rate is infinite and none
 /// jumps at 0 degrees.
 const EDGE_ON: f64 = 1e-3;
 
-/// The predicted rates, one number per probe.
+/// The sampling rates that probes predict, one per probe.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rates {
-    /// `SP / SC` for the cluster of each probe, in the order of [`Probes::all`]: finite, not negative; 0 for a probe
-    /// without a hit. Only proportions matter, except with [`PixelArea::Footprint`], [`ClusterSize::ScreenBox`] and
-    /// [`ClusterSize::Hits`], where a cluster of `n` pixels gives `1 / n`.
+    /// The ratio `SP / SC` of pixel area to cluster size, for each probe in the order of [`Probes::all`]. Finite and
+    /// not negative; 0 for a probe without a hit. Only proportions matter, except with [`PixelArea::Footprint`],
+    /// [`ClusterSize::ScreenBox`] and [`ClusterSize::Hits`], where a cluster of `n` pixels gives `1 / n`.
     pub values: Vec<f64>,
-    /// Probes whose cluster has no size (a point, a line, corners that are not finite). They get the largest rate of
-    /// the others.
+    /// The number of probes whose cluster has no size (a point, a line, corners that are not finite). They get the
+    /// largest rate of the other probes.
     pub replaced: usize,
 }
 
-/// The rate `SP / SC` that each probe predicts [Lan 2016, eq. 3-3, before `f`].
+/// The sampling rate that each probe predicts: the ratio `SP / SC` of pixel area to cluster size [Lan 2016, eq. 3-3,
+/// before `f`].
 ///
 /// The thesis estimates the pixel's true rate `R sum_i Scc_i / Sc_i` with one ray, as `R SP / SC`. The sum is over the
 /// clusters that the pixel sees, and `Scc_i` is the part of cluster `i` in it. A probe through the pixel's centre is
@@ -120,7 +121,7 @@ fn pixel_size(probe: &Probe, area: PixelArea) -> f64 {
     }
 }
 
-/// The terms of a box's projection, once per cluster.
+/// The areas of a cluster's box faces, and the least projected size of the box.
 struct BoxFaces {
     areas: [f64; 3],
     least: f64,
@@ -133,8 +134,8 @@ impl BoxFaces {
         Self { areas, least: EDGE_ON * areas[0].max(areas[1]).max(areas[2]) }
     }
 
-    /// The size along the unit direction `d`, in the orthographic projection of the thesis (2.3, Fig. 3-20); at least a
-    /// thousandth of the largest face.
+    /// The box's size projected along the unit direction `d`, in the orthographic projection of [Lan 2016, 2.3, Fig.
+    /// 3-20]. It is at least a thousandth of the largest face.
     fn projected(&self, d: [f32; 3]) -> f64 {
         let [x, y, z] = self.areas;
         let [dx, dy, dz] = d.map(|d| f64::from(d.abs()));
@@ -142,7 +143,8 @@ impl BoxFaces {
     }
 }
 
-/// Replaces rates of clusters without size, and NaN, by the largest of the others.
+/// Replaces rates of clusters without size, and NaN, by the largest of the others. Returns the number of replaced
+/// rates.
 fn replace_infinite(rates: &mut [f64]) -> usize {
     let none = |r: f64| !r.is_finite() || r < 0.0;
     let largest = rates.iter().copied().filter(|&r| !none(r)).fold(0.0, f64::max);

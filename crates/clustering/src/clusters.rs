@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-/// The clusters of triangles: a partition and the figures of each part.
+/// The clusters of a mesh's triangles: the cluster of each triangle, the triangles and properties of each cluster, and
+/// a report on the voxel grid.
 ///
-/// Clusters are numbered by voxel (z, then y, then x), within a voxel by material, and within these in the order in
-/// which they were opened. Clones share the large arrays.
+/// Clusters are numbered by voxel (z, then y, then x), within a voxel by material, and within one voxel and material in
+/// the order in which they were opened. Clones share the large arrays.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clusters {
     pub(crate) labels: Arc<[u32]>,
@@ -15,33 +16,33 @@ pub struct Clusters {
     pub(crate) report: ClusterReport,
 }
 
-/// One cluster.
+/// The properties of one cluster of triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cluster {
-    /// The number of its triangles.
+    /// The number of triangles in the cluster.
     pub triangles: u32,
-    /// The smallest and largest corner of its axis-aligned box.
+    /// The smallest and largest corner of the cluster's axis-aligned bounding box.
     pub bounds: [[f32; 3]; 2],
-    /// The sum of its triangles' areas. Triangles without a normal have no area.
+    /// The sum of the areas of the cluster's triangles. Triangles without a normal have no area.
     pub area: f64,
     /// The area-weighted mean normal, of unit length. It is zero if the normals cancel or no triangle has one.
     ///
     /// With [`Sides::Signed`](crate::Sides::Signed), normals follow the winding (counter-clockwise seen from the
-    /// front).
-    /// With [`Sides::Either`](crate::Sides::Either), only the line of the normal has a meaning. Each normal is first
-    /// turned to the side of z > 0 (of y, of x if z is 0), then to that of the cluster's first normal.
+    /// front). With [`Sides::Either`](crate::Sides::Either), the sign of the normal has no meaning. Each triangle's
+    /// normal is first turned to z > 0 (to y > 0 if z is 0, to x > 0 if both are 0), then to the side of the cluster's
+    /// first normal.
     pub normal: [f32; 3],
-    /// The cosine of the largest angle between `normal` and the normal of a member; -1 if `normal` is zero. With
-    /// [`Sides::Either`](crate::Sides::Either), the smaller of both angles counts.
+    /// The cosine of the largest angle between `normal` and the normal of a triangle in the cluster; -1 if `normal` is
+    /// zero. With [`Sides::Either`](crate::Sides::Either), the absolute value of each cosine counts.
     pub cone: f32,
-    /// The material.
+    /// The material number of the cluster's triangles.
     pub material: u32,
-    /// The group from which the cluster was cut: the triangles of one material in one voxel. Groups are numbered from 0
-    /// like clusters; groups without clusters have no number.
+    /// The number of the cluster's group: the triangles of one material in one voxel. Groups are numbered from 0 in the
+    /// order of their clusters; groups without clusters have no number.
     pub group: u32,
 }
 
-/// The grid, and how much of it was used.
+/// Statistics of the voxel grid: its resolution, and how triangles fill it.
 ///
 /// ```
 /// # use dapple_clustering::{ClusterParams, Triangles, cluster};
@@ -62,36 +63,38 @@ pub struct Cluster {
 pub struct ClusterReport {
     /// The number of voxels along each axis.
     pub resolution: [u32; 3],
-    /// The number of voxels with a triangle, of [`ClusterReport::requested`].
+    /// The number of voxels that hold at least one triangle, out of [`ClusterReport::requested`].
     pub occupied: u64,
-    /// The number of triangles in the voxel that has most.
+    /// The number of triangles in the fullest voxel.
     pub fullest: u32,
-    /// The number of triangles.
+    /// The number of triangles in the whole mesh.
     pub triangles: u32,
-    /// The number of pairs of a triangle and its voxel: `triangles` for insertion by centroid, more for boxes.
+    /// The number of pairs of a triangle and a voxel that it was put into: equal to `triangles` for insertion by
+    /// centroid, equal or more for insertion by bounding box.
     pub insertions: u64,
-    /// The number of clusters whose triangles all have their cluster in another voxel; 0 for insertion by centroid.
+    /// The number of clusters that were dropped because each of their triangles kept a cluster from another voxel; 0
+    /// for insertion by centroid.
     pub phantoms: u64,
 }
 
 impl Cluster {
-    /// Makes a cluster without triangles, for a shape of another kind such as a sphere. It has no normal.
+    /// Makes a cluster without triangles and without a normal, for a shape such as a sphere.
     ///
-    /// `bounds` are the smallest and largest corner of its box. `group` continues the numbers of the groups of
-    /// triangles.
+    /// `bounds` are the smallest and largest corner of the shape's bounding box. `group` continues the numbers of the
+    /// groups of triangles.
     pub const fn without_triangles(bounds: [[f32; 3]; 2], area: f64, material: u32, group: u32) -> Self {
         Self { triangles: 0, bounds, area, normal: [0.0; 3], cone: -1.0, material, group }
     }
 }
 
 impl ClusterReport {
-    /// The number of voxels, occupied or not.
+    /// The number of voxels in the grid, occupied or not.
     pub fn requested(&self) -> u64 {
         self.resolution.iter().map(|&n| u64::from(n)).product()
     }
 
-    /// Returns true if the grid hardly separates the triangles: one voxel of more than eight holds most of more than
-    /// eight triangles.
+    /// Returns true if the grid hardly separates the triangles: one voxel holds more than half of them. Grids of up to
+    /// eight voxels and meshes of up to eight triangles never count as degenerate.
     ///
     /// A distant object then stretches the grid ("the teapot in a stadium"). Leave it out, or cluster it separately.
     pub fn is_degenerate(&self) -> bool {
@@ -100,7 +103,7 @@ impl ClusterReport {
 }
 
 impl Clusters {
-    /// The cluster of each triangle, numbers below [`Clusters::len`].
+    /// The cluster number of each triangle, below [`Clusters::len`].
     pub fn labels(&self) -> &[u32] {
         &self.labels
     }
@@ -115,17 +118,18 @@ impl Clusters {
         self.clusters.is_empty()
     }
 
-    /// The clusters by number.
+    /// The properties of each cluster, in the order of cluster numbers.
     pub fn clusters(&self) -> &[Cluster] {
         &self.clusters
     }
 
-    /// Shared references to labels and clusters, without copying.
+    /// Reference-counted handles to the [labels](Self::labels) and [clusters](Self::clusters), made without copying the
+    /// arrays.
     pub fn shared(&self) -> (Arc<[u32]>, Arc<[Cluster]>) {
         (self.labels.clone(), self.clusters.clone())
     }
 
-    /// The triangles of a cluster, ascending; empty for numbers from [`Clusters::len`] on.
+    /// The indices of a cluster's triangles, ascending; empty if `cluster` is not below [`Clusters::len`].
     pub fn members(&self, cluster: u32) -> &[u32] {
         let ends = (self.starts.get(cluster as usize), self.starts.get(cluster as usize + 1));
         match ends {
@@ -134,7 +138,7 @@ impl Clusters {
         }
     }
 
-    /// The grid, and how much of it was used.
+    /// The report on the voxel grid: its resolution and how triangles fill it.
     pub fn report(&self) -> ClusterReport {
         self.report
     }

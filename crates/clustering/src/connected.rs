@@ -1,25 +1,27 @@
-//! Connected pieces of classes of triangles, by union-find over shared vertices [after Tarjan 1975].
+//! Cuts classes of triangles (similar normals, one material, one voxel) into connected pieces, by union-find over
+//! shared vertices [after Tarjan 1975].
 
 use crate::grid::{Mesh, centroid_sum};
 use crate::params::Order;
 
-/// No triangle.
+/// Marks the absence of a triangle or of a piece.
 const NONE: u32 = u32::MAX;
 
-/// The scratch space of one thread.
+/// The scratch space of one thread for finding connected pieces.
 #[derive(Default)]
 pub(crate) struct Connector {
-    /// A hash table with open addressing: a vertex and the first triangle at it.
+    /// A hash table with open addressing. A slot holds a vertex, with the first triangle or the lowest piece at it.
     slots: Vec<[u32; 2]>,
     parent: Vec<u32>,
 }
 
 impl Connector {
-    /// Cuts each class of a group into its connected pieces and renumbers these, class by class. Returns the number of
+    /// Cuts each class of a group (the triangles of one material in a voxel) into its connected pieces. `class` holds
+    /// the class of each triangle and receives its piece. Pieces are numbered class by class. Returns the number of
     /// pieces.
     ///
-    /// Triangles without a class (`u32::MAX`) are connected among themselves. Each such piece joins the first numbered
-    /// piece that it touches, or stays on its own.
+    /// Triangles of class `u32::MAX` have no normal and are connected among themselves. Each piece of them joins the
+    /// lowest numbered other piece that shares a vertex with it, or stays on its own.
     pub(crate) fn cut(&mut self, group: Group<'_>, class: &mut [u32], classes: u32) -> u32 {
         let mut lists = vec![Vec::new(); classes as usize];
         let mut flat = Vec::new();
@@ -44,8 +46,8 @@ impl Connector {
         pieces
     }
 
-    /// Joins the connected triangles of a list and numbers the pieces from `pieces` on. Returns the number after the
-    /// last.
+    /// Finds the connected pieces of the triangles in `list` and writes their numbers, from `pieces` on, to `class`.
+    /// Returns the next free number.
     fn number(&mut self, group: Group<'_>, list: &[u32], class: &mut [u32], pieces: u32) -> u32 {
         self.join(group, list);
         let mut roots: Vec<u32> = Vec::new();
@@ -66,7 +68,8 @@ impl Connector {
         pieces + roots.len() as u32
     }
 
-    /// Orders pieces by their smallest centroids (x, then y, then z), which do not depend on the order of triangles.
+    /// Sorts the pieces' root triangles by the smallest centroid of each piece (by x, then y, then z). The result does
+    /// not depend on the order of triangles.
     fn order_by_place(&mut self, group: Group<'_>, list: &[u32], roots: &mut [u32]) {
         let mut first: Vec<(u32, [f64; 3])> = Vec::with_capacity(list.len());
         for &triangle in list {
@@ -86,7 +89,7 @@ impl Connector {
         }
     }
 
-    /// Joins the triangles of a list that share vertices.
+    /// Unites all triangles of a list that share vertices.
     fn join(&mut self, group: Group<'_>, list: &[u32]) {
         self.clear(list.len());
         for &triangle in list {
@@ -101,7 +104,8 @@ impl Connector {
         }
     }
 
-    /// For each flat triangle, the lowest number of the pieces that share a vertex with it.
+    /// Returns, for each triangle of `flat` (those without a normal), the lowest number of the pieces that share a
+    /// vertex with it; [`NONE`] if no piece does.
     fn touched(&mut self, group: Group<'_>, numbered: &[u32], flat: &[u32], class: &[u32]) -> Vec<u32> {
         self.clear(numbered.len());
         for &triangle in numbered {
@@ -118,13 +122,14 @@ impl Connector {
         flat.iter().map(lowest).collect()
     }
 
-    /// Makes room for the vertices of some triangles. At most half of it will be filled.
+    /// Empties the hash table and resizes it for the vertices of `triangles` triangles, which fill at most half of the
+    /// slots.
     fn clear(&mut self, triangles: usize) {
         self.slots.clear();
         self.slots.resize((6 * triangles).next_power_of_two(), [NONE; 2]);
     }
 
-    /// The slot of a vertex, or the empty slot for it.
+    /// The index of the slot that holds a vertex, or of the empty slot where it belongs.
     fn slot(&self, group: Group<'_>, vertex: u32) -> usize {
         let mask = self.slots.len() - 1;
         let mut slot = group.hash(vertex) as usize & mask;
@@ -143,15 +148,16 @@ impl Connector {
         triangle
     }
 
-    /// Unites two pieces. The smaller number becomes the root.
+    /// Unites the pieces of triangles `a` and `b`. The root with the smaller number becomes the common root.
     fn unite(&mut self, a: u32, b: u32) {
         let (a, b) = (self.root(a), self.root(b));
         self.parent[a.max(b) as usize] = a.min(b);
     }
 }
 
-/// Gives the pieces of flat triangles, numbered last, to the pieces that they touch. Returns the number of pieces that
-/// remain.
+/// Merges each piece of flat triangles (those without a normal) into the lowest numbered piece that it touches. Pieces
+/// of flat triangles have the highest numbers in `class`; those that touch no other piece are renumbered. Returns the
+/// number of pieces left.
 fn hand_over(flat: &[u32], touched: &[u32], class: &mut [u32], pieces: u32) -> u32 {
     let first = flat.iter().map(|&triangle| class[triangle as usize]).min().unwrap_or(pieces);
     let mut owner = vec![NONE; (pieces - first) as usize];
@@ -172,7 +178,7 @@ fn hand_over(flat: &[u32], touched: &[u32], class: &mut [u32], pieces: u32) -> u
     pieces
 }
 
-/// The triangles of one material in a voxel, by their numbers in the group.
+/// The triangles of one material in a voxel. Methods take a triangle's index in this group.
 #[derive(Clone, Copy)]
 pub(crate) struct Group<'a> {
     pub(crate) mesh: &'a Mesh<'a>,
@@ -190,7 +196,7 @@ impl Group<'_> {
         self.mesh.corners(self.triangles[triangle as usize])
     }
 
-    /// Tests if two vertices count as one.
+    /// Tests if two vertices count as one: the same index, or with `weld` the same position.
     fn same(&self, a: u32, b: u32) -> bool {
         a == b || (self.weld && self.mesh.positions[a as usize] == self.mesh.positions[b as usize])
     }

@@ -1,16 +1,17 @@
-//! The published grouping: first fit to a representative's normal.
+//! The published grouping [Lan 2016]: a triangle joins the first class whose representative has a similar normal (first
+//! fit).
 
 use crate::params::{ClusterParams, Order};
 use std::cmp::Ordering;
 
-/// The normal of a triangle, with its number in the group.
+/// A triangle's unit normal and its index in the group (one material's triangles in a voxel).
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Facet {
     pub(crate) normal: [f32; 3],
     pub(crate) number: u32,
 }
 
-/// The rule of similar normals and of the order of representatives.
+/// The criterion for similar normals, and the order in which triangles are visited.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Rule {
     pub(crate) cosine: f32,
@@ -24,9 +25,9 @@ impl Rule {
     }
 }
 
-/// The number of passes, one per cluster over all remaining facets, before these are sorted.
+/// The number of classes found by one pass each over all remaining facets, before [`sweep`] sorts the rest.
 const PASSES: usize = 24;
-/// The least number of facets worth sorting.
+/// The least number of remaining facets for which sorting them ([`sweep`]) pays.
 const MANY: usize = 512;
 
 #[inline]
@@ -35,18 +36,18 @@ fn dot<const TWO_SIDED: bool>(a: [f32; 3], b: [f32; 3]) -> f32 {
     if TWO_SIDED { dot.abs() } else { dot }
 }
 
-/// Tests if `a` comes before `b` as a representative: by z, then y, then x.
+/// Tests if normal `a` precedes normal `b` in canonical order: larger z first, then larger y, then larger x.
 #[inline]
 fn before(a: [f32; 3], b: [f32; 3]) -> bool {
     a[2] > b[2] || (a[2] == b[2] && (a[1] > b[1] || (a[1] == b[1] && a[0] > b[0])))
 }
 
-/// Numbers in a group, class by class.
+/// Triangles' indices in their group, class by class. A class holds triangles of similar normals.
 #[derive(Debug, Default)]
 pub(crate) struct Classes {
-    /// Ascending within each class.
+    /// The members of all classes in turn, ascending within each class.
     pub(crate) members: Vec<u32>,
-    /// The end of each class.
+    /// For each class, the end of its range in `members`.
     pub(crate) ends: Vec<u32>,
 }
 
@@ -62,7 +63,8 @@ impl Classes {
         self.ends.iter().map(move |&end| &self.members[std::mem::replace(&mut start, end as usize)..end as usize])
     }
 
-    /// Puts numbers without a class, ascending, into the first class, or into a new one if there is none.
+    /// Adds `numbers` (indices of triangles without a class, ascending) to the first class, or to a new one if there is
+    /// none.
     pub(crate) fn join_first(&mut self, numbers: impl Iterator<Item = usize>) {
         let (first, count) = (self.ends.first().map_or(0, |&end| end as usize), self.members.len());
         drop(self.members.splice(first..first, numbers.map(|i| i as u32)));
@@ -76,7 +78,7 @@ impl Classes {
         self.members[..first + more].sort_unstable();
     }
 
-    /// Rebuilds the classes from the class of each number.
+    /// Rebuilds the classes from `class`, the class of each triangle in the group.
     pub(crate) fn sort(&mut self, class: &[u32], classes: u32) {
         let Self { members, ends } = self;
         // At first the beginning of each class, at last its end.
@@ -97,17 +99,16 @@ impl Classes {
         }
     }
 
-    /// Ends a class; `joined` members are in classes so far.
+    /// Ends the current class at index `joined` of `members`.
     fn end(&mut self, joined: usize) {
         self.ends.push(joined as u32);
     }
 }
 
-/// Sorts facets into classes and empties `facets`. The facets' numbers must ascend.
+/// Sorts facets into classes and empties `facets`. The numbers of the facets must ascend.
 ///
-/// First fit in an order equals repeated passes: the first remaining facet is the representative, and all remaining
-/// facets like it join. No facet is compared with more representatives than come before its own, and sorting is not
-/// needed.
+/// First fit is computed in passes: the first remaining facet becomes the representative of a class, and all remaining
+/// facets like it join. So a facet is compared only with representatives up to its own, and no sorting is needed.
 pub(crate) fn classify(facets: &mut Vec<Facet>, rule: Rule, classes: &mut Classes) {
     classes.ends.clear();
     classes.members.resize(facets.len(), 0);
@@ -147,15 +148,15 @@ fn higher(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// The first facet in canonical order, given the largest z.
+/// The normal that comes first in canonical order (by z, then y, then x), given the largest z, `top`.
 fn first_at(facets: &[Facet], top: f32) -> [f32; 3] {
     let mut tied = facets.iter().map(|facet| facet.normal).filter(|normal| normal[2] == top);
     let first = tied.next().unwrap_or([f32::NEG_INFINITY; 3]);
     tied.fold(first, |first, normal| if before(normal, first) { normal } else { first })
 }
 
-/// Moves the numbers of all facets like the representative to `room` and returns how many. `top` becomes the largest z
-/// of the remaining facets.
+/// Moves the numbers of all facets similar to the representative from `facets` to `room`, and returns how many there
+/// are. `top` becomes the largest z of the remaining facets.
 fn take<const TWO_SIDED: bool, const CANONICAL: bool>(
     facets: &mut Vec<Facet>,
     representative: [f32; 3],
@@ -183,8 +184,8 @@ fn take<const TWO_SIDED: bool, const CANONICAL: bool>(
     joined
 }
 
-/// [`take`] for many facets in many classes: with facets sorted by z, those like a representative lie within a short
-/// run.
+/// Does the work of [`take`] for all remaining classes. Facets are sorted by z, so those like a representative lie
+/// within a short run.
 fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, classes: &mut Classes, joined: usize) {
     facets.sort_unstable_by(|a, b| {
         if before(a.normal, b.normal) {
@@ -225,7 +226,8 @@ fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, classes: &
     facets.clear();
 }
 
-/// The first place from `i` on that leads to itself. Halves the path for later searches.
+/// The first index from `i` on with `next[index] == index`: the next facet without a class. Halves the path for later
+/// searches.
 fn skip(next: &mut [u32], mut i: usize) -> usize {
     while next[i] as usize != i {
         next[i] = next[next[i] as usize];

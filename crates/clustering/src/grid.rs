@@ -1,4 +1,4 @@
-//! The uniform grid: its resolution, and the voxel of a place.
+//! The uniform grid: its resolution, and the voxel that contains a point.
 //!
 //! All arithmetic is f64. Sums and products of `f32` then neither overflow nor vanish, and scaling by a power of two
 //! changes no digit.
@@ -6,19 +6,20 @@
 use crate::{Error, Triangles};
 use rayon::prelude::*;
 
-/// Triangles per task. Fixed, so that the number of threads has no effect.
+/// The number of triangles per parallel task. It is fixed, so that the number of threads has no effect.
 pub(crate) const CHUNK: usize = 1 << 15;
 
-/// Centroids this little below a face count as on it, and so belong to the voxel above. The unit is the largest
-/// coordinate of the axis.
+/// The tolerance at the faces of voxels, as a fraction of the axis's largest absolute coordinate. Points this little
+/// below a face count as on it and belong to the voxel above.
 ///
-/// It is four times the rounding error of an `f32`. Regular meshes have centroids exactly on faces, and scaling by
-/// 1000, say, would move them to either side.
+/// The tolerance is four times the rounding error of an `f32`. Regular meshes have centroids exactly on faces, and
+/// scaling by 1000, say, would move them to either side.
 const FACE_WIDTH: f64 = 1.0 / (1 << 22) as f64;
-/// The tolerance for the numbers of voxels, which are rounded at halves.
+/// The relative increase of a number of voxels before rounding, so that numbers just below a half round up.
 const HALF_WIDTH: f64 = 1.0 / (1 << 20) as f64;
 
-/// The smallest and largest corner of a box. The fourth lane is idle, so that one instruction handles a corner.
+/// An axis-aligned box, as its smallest and largest corner. The fourth lane is unused, so that one instruction handles
+/// a corner.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds {
     low: [f32; 4],
@@ -35,7 +36,7 @@ impl Bounds {
         self.unite(Self { low: place, high: place });
     }
 
-    /// Widens the box to contain another.
+    /// Widens the box to contain another box.
     #[inline]
     pub(crate) fn unite(&mut self, other: Self) {
         for lane in 0..4 {
@@ -44,7 +45,7 @@ impl Bounds {
         }
     }
 
-    /// The box of three points.
+    /// The bounding box of three points.
     #[inline]
     pub(crate) fn of([a, b, c]: [[f32; 4]; 3]) -> Self {
         let mut bounds = Self { low: a, high: a };
@@ -53,20 +54,20 @@ impl Bounds {
         bounds
     }
 
-    /// The smallest and largest corner.
+    /// The smallest and largest corner of the box.
     pub(crate) fn corners(&self) -> [[f32; 3]; 2] {
         [self.low, self.high].map(|[x, y, z, _]| [x, y, z])
     }
 }
 
-/// Triangles that passed all checks.
+/// The triangles to cluster, after all checks have passed.
 #[derive(Debug)]
 pub(crate) struct Mesh<'a> {
-    /// Vertices.
+    /// The positions of the vertices.
     pub(crate) positions: &'a [[f32; 3]],
     pub(crate) indices: &'a [[u32; 3]],
     pub(crate) materials: &'a [u32],
-    /// The box of all triangles.
+    /// The bounding box of all triangles.
     pub(crate) bounds: Bounds,
 }
 
@@ -90,13 +91,13 @@ impl<'a> Mesh<'a> {
         Ok(Self { positions: mesh.positions, indices: mesh.indices, materials: mesh.materials, bounds })
     }
 
-    /// The corners of a triangle, with an idle fourth lane.
+    /// The positions of a triangle's corners, with an unused fourth coordinate.
     #[inline]
     pub(crate) fn corners(&self, triangle: u32) -> [[f32; 4]; 3] {
         self.indices[triangle as usize].map(|vertex| padded(self.positions[vertex as usize]))
     }
 
-    /// The material of a triangle.
+    /// The material number of a triangle; 0 if the mesh has no materials.
     pub(crate) fn material(&self, triangle: u32) -> u32 {
         self.materials.get(triangle as usize).copied().unwrap_or(0)
     }
@@ -107,7 +108,7 @@ fn padded([x, y, z]: [f32; 3]) -> [f32; 4] {
     [x, y, z, 0.0]
 }
 
-/// The bounding box of some places, or `None` if one of them is not finite.
+/// The bounding box of some points, or `None` if one of them is not finite.
 fn finite_bounds(places: impl Iterator<Item = [f32; 4]>) -> Option<Bounds> {
     let mut bounds = Bounds::NOTHING;
     // Zero times a finite number is zero, times anything else NaN. So one sum checks all numbers.
@@ -134,8 +135,8 @@ fn look_up(indices: &[[u32; 3]], vertices: [u32; 6]) -> (u32, [bool; 6]) {
 }
 
 impl Triangles<'_> {
-    /// The box of all vertices, if the vertices on its faces are in use. `None` if they are not or a triangle is bad.
-    /// Faster than a look at each triangle.
+    /// The bounding box of all vertices, if triangles use the vertices on its faces. `None` if not, or if an index or a
+    /// position is invalid. This is faster than visiting the corners of each triangle.
     fn bounds_of_vertices(&self) -> Option<Bounds> {
         let chunk_bounds = |places: &[[f32; 3]]| finite_bounds(places.iter().map(|&place| padded(place)));
         let unite = |mut a: Bounds, b| {
@@ -159,7 +160,7 @@ impl Triangles<'_> {
         ((largest as usize) < self.positions.len() && found == [true; 6]).then_some(bounds)
     }
 
-    /// The box of all triangles. The error names the first bad one.
+    /// The bounding box of all triangles. The error names the first bad triangle.
     fn bounds_of_triangles(&self) -> Result<Bounds, Error> {
         let chunk_bounds = |chunk: &[[u32; 3]]| {
             let vertices = self.positions.len();
@@ -197,23 +198,23 @@ impl Triangles<'_> {
     }
 }
 
-/// A grid over a box.
+/// A uniform voxel grid over a box.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Grid {
-    /// Voxels along each axis.
+    /// The number of voxels along each axis.
     pub(crate) resolution: [u32; 3],
-    /// The map for places.
+    /// The map from points to voxels.
     whole: Scale,
-    /// The map for sums of three places.
+    /// The map from sums of three points (three times a centroid) to voxels.
     thirds: Scale,
 }
 
-/// A map from places to voxels. The fourth lane is idle.
+/// A linear map from points to voxel coordinates: `(point - low) * density`. The fourth lane is unused.
 #[derive(Clone, Copy, Debug, Default)]
 struct Scale {
-    /// The low corner, less [`FACE_WIDTH`] or a quarter of a voxel.
+    /// The lower corner of the box, moved down by the tolerance at faces, which is at most a quarter of a voxel.
     low: [f64; 4],
-    /// Voxels per unit of length; 0 along an axis without extent.
+    /// The number of voxels per unit of length; 0 along an axis without extent.
     density: [f64; 4],
 }
 
@@ -240,24 +241,24 @@ impl Grid {
         Self { resolution, whole, thirds }
     }
 
-    /// The number of voxels along the longest axis for K, before the clamp.
+    /// The number of voxels along the longest axis for factor K, before the clamp.
     pub(crate) fn longest(k: f64, triangles: usize) -> f64 {
         k * (triangles as f64).cbrt()
     }
 
-    /// The number of voxels, occupied or not.
+    /// The number of voxels in the grid, occupied or not.
     pub(crate) fn voxels(&self) -> u64 {
         self.resolution.iter().map(|&n| u64::from(n)).product()
     }
 
-    /// The number of a voxel: x runs fastest, z slowest.
+    /// The index of a voxel in the grid: x runs fastest, z slowest.
     #[inline]
     pub(crate) fn number(&self, [x, y, z]: [u32; 3]) -> u64 {
         let [nx, ny, _] = self.resolution.map(u64::from);
         (u64::from(z) * ny + u64::from(y)) * nx + u64::from(x)
     }
 
-    /// The voxel of a place in the unit of `scale`. Places on a face belong to the voxel above.
+    /// The voxel that contains a point, along each axis. Points on a face belong to the voxel above.
     #[inline]
     fn voxel(&self, place: [f64; 4], scale: &Scale) -> [u32; 3] {
         // Next to 2^32 the last digit of an f64 is 2^-20, and the digits below the leading one are those of the addend.
@@ -268,7 +269,7 @@ impl Grid {
         std::array::from_fn(|axis| ((voxels[axis].to_bits() >> 20) as u32).min(self.resolution[axis] - 1))
     }
 
-    /// The number of the voxel of a triangle's centroid.
+    /// The index of the voxel that contains a triangle's centroid.
     #[inline]
     pub(crate) fn centroid_voxel(&self, [a, b, c]: [[f32; 4]; 3]) -> u64 {
         let sum = std::array::from_fn(|lane| f64::from(a[lane]) + f64::from(b[lane]) + f64::from(c[lane]));
@@ -281,7 +282,7 @@ impl Grid {
     }
 }
 
-/// Three times the centroid.
+/// The sum of a triangle's corners, three times its centroid.
 #[inline]
 pub(crate) fn centroid_sum([a, b, c]: [[f32; 4]; 3]) -> [f64; 3] {
     std::array::from_fn(|axis| f64::from(a[axis]) + f64::from(b[axis]) + f64::from(c[axis]))

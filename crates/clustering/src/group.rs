@@ -1,4 +1,4 @@
-//! The clusters of the triangles of one material in one voxel.
+//! Clusters a group: the triangles of one material in one voxel.
 
 use crate::Cluster;
 use crate::connected::{Connector, Group};
@@ -8,23 +8,23 @@ use crate::params::{ClusterParams, Connection, Grouping, Insertion, Order};
 use crate::small_groups::{FirstFit, MAX_SMALL, SmallGroups};
 use crate::triangle_normals::{Normals, Surface};
 
-/// The clusters of some voxels, numbered from 0.
+/// The clusters of a range of voxels, with groups numbered from 0.
 #[derive(Default)]
 pub(crate) struct Batch {
-    /// Triangles, cluster by cluster, ascending in each.
+    /// The indices of triangles, cluster by cluster, ascending within each.
     pub(crate) members: Vec<u32>,
     pub(crate) clusters: Vec<Cluster>,
-    /// The number of groups with a cluster.
+    /// The number of groups (one voxel's triangles of one material) with a cluster.
     pub(crate) groups: u32,
     /// The number of voxels with at least one triangle.
     pub(crate) voxels: u64,
     /// The number of triangles in the fullest voxel.
     pub(crate) fullest: u32,
-    /// The number of clusters that kept no triangle.
+    /// The number of clusters that kept no triangle and were dropped.
     pub(crate) phantoms: u64,
 }
 
-/// The triangles of one material in a voxel, ascending, with their surfaces and normals.
+/// The triangles of one material in a voxel, ascending by index, with their surfaces and normals.
 #[derive(Clone, Copy)]
 pub(crate) struct Members<'a> {
     pub(crate) triangles: &'a [u32],
@@ -32,7 +32,7 @@ pub(crate) struct Members<'a> {
     pub(crate) normals: Normals<'a>,
 }
 
-/// The scratch space of one thread. Arrays are indexed by the number in the group.
+/// The scratch space of one thread for clustering groups. Triangles are identified by their index in the group.
 #[derive(Default)]
 pub(crate) struct Scratch {
     small: SmallGroups,
@@ -43,14 +43,14 @@ pub(crate) struct Scratch {
     connector: Connector,
 }
 
-/// Parameters in the form that groups use.
+/// The clustering parameters in the form that [`Scratch::cluster`] uses.
 #[derive(Clone, Copy)]
 pub(crate) struct GroupRule {
     grouping: Grouping,
     weld: bool,
     rule: Rule,
     steep: f32,
-    /// True if every triangle keeps its cluster in the group.
+    /// True if every triangle keeps its cluster in the group, as with insertion by centroid.
     keeps_all: bool,
 }
 
@@ -67,15 +67,15 @@ impl GroupRule {
         }
     }
 
-    /// Tests if [`SmallGroups`] applies.
+    /// Tests if the parameters allow [`SmallGroups`], the fast path for small groups.
     fn is_plain(&self) -> bool {
         self.keeps_all && self.grouping == Grouping::Greedy && self.rule.order == Order::Canonical
     }
 }
 
 impl Scratch {
-    /// Clusters a group and adds the result to a batch. Only triangles for which `keeps` returns true (by number in the
-    /// group) count.
+    /// Clusters a group and adds its clusters to `batch`. With insertion by bounding box, a triangle stays in its
+    /// cluster only if `keeps` returns true for its index in the group.
     #[inline(always)]
     pub(crate) fn cluster(
         &mut self,
@@ -122,7 +122,7 @@ impl Scratch {
         batch.groups += u32::from(batch.clusters.len() > clusters);
     }
 
-    /// Sorts a group into `classes`.
+    /// Sorts the triangles of a group into `self.classes`: sets of similar normals, or their connected pieces.
     fn classify(&mut self, mesh: &Mesh<'_>, plan: &GroupRule, group: Members<'_>) {
         self.facets.clear();
         let facet = |number| Facet { normal: group.normals.of(number), number: number as u32 };
@@ -141,7 +141,7 @@ impl Scratch {
         }
     }
 
-    /// Cuts classes into their connected pieces.
+    /// Cuts `self.classes` (sets of triangles with similar normals) into their connected pieces.
     fn cut(&mut self, group: Group<'_>) {
         self.class.clear();
         self.class.resize(group.triangles.len(), u32::MAX);
@@ -160,10 +160,10 @@ impl Cluster {
     pub(crate) const NONE: Self = Self::without_triangles([[0.0; 3]; 2], 0.0, 0, 0);
 }
 
-/// The z from which on a two-sided normal has all normals of its cluster on its own side. They point upwards, and their
-/// angles within a cluster are at most twice the parameter.
+/// The least z of a cluster's first normal that ensures that all normals of the cluster lie on its side. Two-sided
+/// normals point upwards, and those of a cluster differ by at most twice the angle parameter.
 ///
-/// It is infinite if no z suffices, and below any z for signed normals.
+/// The result is infinite if no z suffices, and negative infinity for signed normals.
 fn steep(params: &ClusterParams) -> f32 {
     /// Tolerance for the rounding of normals, of products and of the angle.
     const SLACK: f64 = 1e-3;
@@ -174,7 +174,7 @@ fn steep(params: &ClusterParams) -> f32 {
     }
 }
 
-/// A cluster with the figures of its members.
+/// Makes a cluster from its members: their bounds, area, mean normal and cone.
 fn measure(group: Members<'_>, members: &[u32], steep: f32, common: Cluster) -> Cluster {
     let numbers = || members.iter().map(|&i| i as usize);
     let mut sum = Surface::NOTHING;
@@ -193,7 +193,8 @@ fn measure(group: Members<'_>, members: &[u32], steep: f32, common: Cluster) -> 
     Cluster { triangles: members.len() as u32, normal, cone, ..sum.cluster(common) }
 }
 
-/// The smallest cosine between a normal and those of members; -1 if the normal is zero.
+/// The smallest of `cosines`, those between `normal` and its cluster's triangles; -1 if `normal` is zero. If `both`,
+/// absolute values count.
 fn cone(normal: [f32; 3], cosines: impl Iterator<Item = f32>, both: bool) -> f32 {
     if normal == [0.0; 3] {
         return -1.0;

@@ -1,8 +1,7 @@
 //! Clusters of a scene's triangles by place, material and normal: plain slices in, clusters out.
 //!
 //! An image is hard to sample where many small clusters crowd a pixel. A sampler can learn this from the geometry
-//! before rendering.
-//! The method is that of \[Lan 2016\]; this crate has it as published and in an improved form.
+//! before rendering. The crate implements the method of \[Lan 2016\] as published, and an improved form of it.
 //!
 //! ```
 //! use dapple_clustering::{ClusterParams, Triangles, cluster};
@@ -27,12 +26,12 @@
 //! [`ClusterParams::published`] is the method of the thesis, as in its code:
 //!
 //! 1. A uniform grid over all triangles has K N^(1/3) voxels along its longest axis, at most 32 \[Lan 2016, eq. 3-1,
-//!    3-2, fig. 3-11\]. It follows pbrt-v2, which has K = 3 and at most 64.
+//!    3-2, fig. 3-11\]. The formula follows pbrt-v2, which has K = 3 and at most 64 voxels.
 //! 2. Each triangle goes into every voxel that its box overlaps ([`Insertion::BoundingBox`]).
 //! 3. In each voxel, triangles are visited in input order ([`Order::Input`]). A triangle joins the first cluster whose
 //!    first triangle has the same material and a normal within A = 10 degrees. If there is none, it opens one
 //!    ([`Grouping::Greedy`]) \[Lan 2016, fig. 3-15\].
-//! 4. A triangle stores one cluster, so it keeps that of its last voxel.
+//! 4. A triangle stores one cluster: the one from its last voxel.
 //!
 //! Tests confirm the consequences:
 //!
@@ -44,8 +43,8 @@
 //!
 //! Published clusters take O(n c) time for n triangles of a voxel in c clusters.
 //!
-//! The thesis leaves some rules open, and we chose them: triangles without a normal (see [`cluster`]), and that bounds,
-//! area and normal are those of the triangles that keep a cluster.
+//! The thesis leaves two rules open. Here, a triangle without a normal joins the first cluster of its voxel and
+//! material (see [`cluster`]). The bounds, area and normal of a cluster are computed from the triangles that keep it.
 //!
 //! # Improvements
 //!
@@ -91,27 +90,27 @@ pub use partition::cluster;
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct Triangles<'a> {
-    /// Vertices. Unused ones may have any value.
+    /// The positions of the vertices. Unused vertices may have any value.
     pub positions: &'a [[f32; 3]],
-    /// Three vertices per triangle.
+    /// For each triangle, the indices of its three vertices in `positions`.
     pub indices: &'a [[u32; 3]],
-    /// A material per triangle; empty if all have the same.
+    /// The material number of each triangle; empty if all triangles have the same material.
     pub materials: &'a [u32],
 }
 
 impl<'a> Triangles<'a> {
-    /// Triangles of one material, with three vertex indices each.
+    /// Makes a set of triangles of one material from vertex positions and three vertex indices per triangle.
     pub const fn new(positions: &'a [[f32; 3]], indices: &'a [[u32; 3]]) -> Self {
         Self { positions, indices, materials: &[] }
     }
 
-    /// Sets the material of each triangle; an empty slice gives all the same.
+    /// Sets the material number of each triangle; with an empty slice, all triangles have the same material.
     pub const fn with_materials(self, materials: &'a [u32]) -> Self {
         Self { materials, ..self }
     }
 }
 
-/// Runs the example of the README.
+/// Runs the README's example as a documentation test.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct ReadmeExample;

@@ -2,17 +2,17 @@
 
 use crate::Error;
 
-/// The largest factor K. A larger one reaches the largest clamp with a single triangle.
+/// The largest allowed factor K. Even a single triangle then gets the largest number of voxels along an axis.
 pub(crate) const MAX_K: f64 = 1_048_576.0;
-/// The most voxels along an axis. An `f32` coordinate has 24 bits, so 2^20 voxels leave 4 bits for the place in a
-/// voxel.
+/// The largest allowed number of voxels along an axis. An `f32` coordinate has 24 bits, so 2^20 voxels leave 4 bits for
+/// the position in a voxel.
 pub(crate) const MAX_CLAMP: u32 = 1 << 20;
-/// The widest angle in degrees. Beyond a right angle, normals of one cluster could be opposed.
+/// The widest allowed angle in degrees. Beyond a right angle, normals of one cluster could be opposed.
 pub(crate) const MAX_ANGLE: f64 = 90.0;
-/// The rounding error of the product of two `f32` unit vectors: at most `2 * 2^-24` from their lengths and `3 * 2^-24`
-/// from the sum.
+/// The tolerance of a cosine. It exceeds the rounding error of the dot product of two `f32` unit vectors: at most `2 *
+/// 2^-24` from their lengths and `3 * 2^-24` from the sum.
 ///
-/// Because of it, equal normals are alike at any angle (a representative joins its own cluster), and an angle met
+/// With this tolerance, equal normals are alike at any angle (a representative joins its own cluster), and an angle met
 /// exactly counts as within.
 const COSINE_SLACK: f64 = 1.0 / (1 << 21) as f64;
 
@@ -20,10 +20,10 @@ const COSINE_SLACK: f64 = 1.0 / (1 << 21) as f64;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Insertion {
-    /// The voxel of its centroid. \[Lan 2016\] uses the other variant.
+    /// The voxel that contains the triangle's centroid. \[Lan 2016\] uses [`Insertion::BoundingBox`].
     #[default]
     Centroid,
-    /// All voxels that its axis-aligned box overlaps, as published.
+    /// All voxels that the triangle's axis-aligned box overlaps, as in \[Lan 2016\].
     ///
     /// The triangle is clustered in each of them and keeps the cluster of the last one in the order of z, then y, then
     /// x.
@@ -31,16 +31,17 @@ pub enum Insertion {
     BoundingBox,
 }
 
-/// The grouping of a voxel's triangles of one material.
+/// The method that divides a voxel's triangles of one material into clusters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Grouping {
-    /// A triangle joins the first cluster whose representative has a normal within the angle, or else opens one and
-    /// represents it. As published.
+    /// A triangle joins the first cluster whose representative has a normal within the angle; otherwise it opens a
+    /// cluster and represents it. This is the method of \[Lan 2016\].
     #[default]
     Greedy,
-    /// Greedy, then each cluster is cut into its connected pieces. Triangles are connected if they share a vertex,
-    /// directly or through others of the cluster. The thesis names this remedy but does not build it.
+    /// [`Grouping::Greedy`], then each cluster is cut into its connected pieces. Triangles are connected if they share
+    /// a vertex, directly or through other triangles of the cluster. \[Lan 2016\] names this remedy but does not build
+    /// it.
     Connected,
 }
 
@@ -52,23 +53,23 @@ pub enum Order {
     /// order of triangles and the subdivision of flat parts have no effect.
     #[default]
     Canonical,
-    /// Input order, as published. Another order of the same triangles gives other clusters.
+    /// The input order, as in \[Lan 2016\]. Another order of the same triangles gives other clusters.
     Input,
 }
 
-/// The comparison of opposite normals.
+/// The treatment of opposite normals when normals are compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Sides {
-    /// Opposite normals are alike, `|n.n'|`. A flipped winding, common in meshes from several sources, then cuts no
-    /// surface in two. A sampler sees only one side anyway.
+    /// Opposite normals are alike: normals are compared by `|n.n'|`. A flipped winding, common in meshes from several
+    /// sources, then cuts no surface in two. A sampler sees only one side anyway.
     #[default]
     Either,
-    /// Opposite normals differ, `n.n'`. As published.
+    /// Opposite normals differ: normals are compared by `n.n'`, as in \[Lan 2016\].
     Signed,
 }
 
-/// The vertices that connect triangles.
+/// The rule by which two triangles are connected: by vertices at the same place, or by vertices of the same index.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Connection {
@@ -76,7 +77,7 @@ pub enum Connection {
     /// connected only by place.
     #[default]
     Place,
-    /// Vertices of the same index.
+    /// Vertices of the same index. Other vertices at the same place do not connect triangles.
     Vertex,
 }
 
@@ -100,28 +101,27 @@ pub struct ClusterParams {
     /// = 3, from 43 with K = 9 and from 2 with K = 30.
     /// Beyond that only the shorter axes react to K, and voxels stop being cubes. Raise `clamp` if K should matter.
     pub k: f64,
-    /// The most voxels along an axis, 1 to 2^20: 32 in the thesis, 64 in pbrt-v2 and by default.
+    /// The largest number of voxels along an axis, 1 to 2^20: 32 in the thesis, 64 in pbrt-v2 and by default.
     ///
-    /// In the originals the clamp bounds the memory of an array of voxels. Here only occupied voxels are stored, so any
-    /// clamp is affordable.
-    /// At 64, a voxel is 16 pixels wide in an image of the whole scene that is 1024 pixels wide. Smaller clusters tell
-    /// a sampler little more than single pixels do.
+    /// In pbrt-v2 and the thesis, the clamp bounds the memory of an array of voxels. Here only occupied voxels are
+    /// stored, so any clamp is affordable. At 64, a voxel is 16 pixels wide in an image of the whole scene that is 1024
+    /// pixels wide. Smaller clusters tell a sampler little more than single pixels do.
     pub clamp: u32,
     /// The angle A in degrees within which normals are alike, 0 to 90; 10 by default, as in the thesis. The cosine has
     /// a tolerance of `2^-21`: 0.0002 degrees at 10, 0.06 at 0.
     pub angle: f64,
     /// The voxels that a triangle is put into.
     pub insertion: Insertion,
-    /// The grouping of a voxel's triangles of one material.
+    /// The method that divides a voxel's triangles of one material into clusters.
     pub grouping: Grouping,
     /// The order in which a voxel's triangles are visited.
     pub order: Order,
-    /// The comparison of opposite normals.
+    /// The treatment of opposite normals when normals are compared.
     pub sides: Sides,
-    /// The vertices that connect triangles for [`Grouping::Connected`].
+    /// The rule by which two triangles are connected, for [`Grouping::Connected`].
     pub connection: Connection,
-    /// The desired number of clusters. If set, the voxels per axis are searched for, and `k` and `clamp` are unused.
-    /// See [`ClusterParams::for_count`].
+    /// The desired number of clusters. If set, the grid is searched for, and `k` and `clamp` are unused. See
+    /// [`ClusterParams::for_count`]. `None` sizes the grid by `k` and `clamp`.
     pub count: Option<u32>,
 }
 
@@ -156,25 +156,25 @@ impl ClusterParams {
         }
     }
 
-    /// The default, with a grid whose number of clusters comes close to `count` (at least 1).
+    /// The default parameters, with a grid whose number of clusters comes close to `count` (at least 1).
     ///
     /// The count is a target. Materials and normals separate triangles even in a single voxel, triangles in one place
     /// stay together in any grid, and the number of clusters jumps from grid to grid.
     ///
     /// The search tries some dozen grids, from 1 to 2^20 voxels along the longest axis. It returns the one whose number
-    /// of clusters is nearest to `count` by ratio (the coarsest of equals).
-    /// It ends within 1 %, or when grids differ by 1 %. With boxes, grids that put the average triangle into more than
-    /// 32 voxels are not tried.
+    /// of clusters is nearest to `count` by ratio (the coarsest of equals). It ends when the number of clusters is
+    /// within 1 % of `count`, or when the next grids differ by at most 1 %. With [`Insertion::BoundingBox`], it skips
+    /// grids that put the average triangle into more than 32 voxels.
     pub fn for_count(count: u32) -> Self {
         Self { count: Some(count), ..Self::default() }
     }
 
-    /// Sets the factor K.
+    /// Sets the factor K, which scales the number of voxels.
     pub const fn with_k(self, k: f64) -> Self {
         Self { k, ..self }
     }
 
-    /// Sets the most voxels along an axis.
+    /// Sets the largest number of voxels along an axis.
     pub const fn with_clamp(self, clamp: u32) -> Self {
         Self { clamp, ..self }
     }
@@ -189,7 +189,7 @@ impl ClusterParams {
         Self { insertion, ..self }
     }
 
-    /// Sets the grouping of a voxel's triangles of one material.
+    /// Sets the method that divides a voxel's triangles of one material into clusters.
     pub const fn with_grouping(self, grouping: Grouping) -> Self {
         Self { grouping, ..self }
     }
@@ -199,12 +199,12 @@ impl ClusterParams {
         Self { order, ..self }
     }
 
-    /// Sets the comparison of opposite normals.
+    /// Sets the treatment of opposite normals when normals are compared.
     pub const fn with_sides(self, sides: Sides) -> Self {
         Self { sides, ..self }
     }
 
-    /// Sets the vertices that connect triangles.
+    /// Sets the rule by which two triangles are connected.
     pub const fn with_connection(self, connection: Connection) -> Self {
         Self { connection, ..self }
     }
@@ -214,7 +214,7 @@ impl ClusterParams {
         Self { count: Some(count), ..self }
     }
 
-    /// Checks the parameters as [`crate::cluster`] does.
+    /// Checks that all parameters are in range, as [`crate::cluster`] does.
     ///
     /// # Errors
     ///
@@ -240,7 +240,7 @@ impl ClusterParams {
         self.sides == Sides::Either
     }
 
-    /// The least dot product of similar normals.
+    /// The least dot product of two unit normals that count as similar.
     pub(crate) fn cosine(&self) -> f32 {
         (self.angle.to_radians().cos() - COSINE_SLACK) as f32
     }

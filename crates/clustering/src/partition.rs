@@ -1,4 +1,4 @@
-//! From triangles to clusters over a grid, in ranges of voxels.
+//! Clusters triangles over a grid: sorts them by voxel, clusters ranges of voxels in parallel, and joins the results.
 
 use crate::grid::{Bounds, CHUNK, Grid, Mesh};
 use crate::group::{Batch, GroupRule, Members, Scratch};
@@ -10,13 +10,15 @@ use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// The most pairs of a triangle and a voxel: 4 GiB with their copy.
+/// The largest number of pairs of a triangle and a voxel. With a sorted copy, pairs of 64 bits then take up to 4 GiB.
 const MAX_ENTRIES: u64 = 1 << 28;
-/// The limit on pairs during the search for a grid: per triangle, and at least.
+/// The limit on pairs of a triangle and a voxel during the search for a grid: the number per triangle, and the least
+/// limit for the whole mesh.
 const SEARCHED_ENTRIES: [u64; 2] = [32, 1 << 16];
-/// The ratio within which numbers of clusters, or the resolutions of two grids, are close enough.
+/// The ratio at which the search for a grid ends: between found and desired number of clusters, or between the
+/// resolutions of the two grids that bracket the result.
 const NEAR: f64 = 1.01;
-/// The number of voxels from which on an entry needs more than 64 bits.
+/// The largest number of voxels for which a pair of a voxel and a triangle fits 64 bits.
 const WIDE: u64 = 1 << 32;
 
 /// Clusters triangles by place, material and normal. The crate's page describes the method, [`ClusterParams`] the
@@ -25,17 +27,17 @@ const WIDE: u64 = 1 << 32;
 /// The result has the same bits on any number of threads. With [`crate::Order::Canonical`], triangles that are shuffled
 /// with their vertices and materials keep their labels; only sums may differ in their last digits.
 ///
-/// A triangle without a normal (zero area or three corners on a line) is like any normal. It joins the first cluster of
-/// its voxel and material, or with [`crate::Grouping::Connected`] the first that it touches.
-/// If there is none, such triangles form a cluster of their own, one per connected piece.
+/// A triangle without a normal (zero area or three corners on a line) is similar to every triangle. It joins the first
+/// cluster of its voxel and material, or with [`crate::Grouping::Connected`] the first that it touches. If there is
+/// none, such triangles form a cluster of their own, one per connected piece.
 ///
 /// # Errors
 ///
 /// * There are no triangles.
-/// * A corner is not a vertex or not finite. Unused vertices may have any value.
-/// * The number of materials is neither 0 nor that of the triangles.
+/// * A triangle refers to a vertex that does not exist or is not finite. Unused vertices may have any value.
+/// * The number of materials is neither 0 nor the number of triangles.
 /// * A parameter is out of range.
-/// * The boxes of the triangles overlap more than 2^28 voxels in all.
+/// * With [`Insertion::BoundingBox`], the boxes of the triangles overlap more than 2^28 voxels in all.
 pub fn cluster(triangles: &Triangles<'_>, params: &ClusterParams) -> Result<Clusters, Error> {
     params.check()?;
     let mesh = Mesh::new(triangles)?;
@@ -48,7 +50,8 @@ pub fn cluster(triangles: &Triangles<'_>, params: &ClusterParams) -> Result<Clus
     }
 }
 
-/// The clusters of the grid with nearly `count` clusters: bisection of the voxels along the longest axis, by ratio.
+/// Searches for the grid whose number of clusters is nearest to `count`, and returns its clusters. It bisects the
+/// number of voxels along the longest axis by ratio.
 fn search(mesh: &Mesh<'_>, params: &ClusterParams, count: u32) -> Result<Clusters, Error> {
     let [each, least] = SEARCHED_ENTRIES;
     let limit = (each * mesh.indices.len() as u64).clamp(least, MAX_ENTRIES);
@@ -90,7 +93,7 @@ fn search(mesh: &Mesh<'_>, params: &ClusterParams, count: u32) -> Result<Cluster
     Ok(best)
 }
 
-/// The geometric mean, strictly between the two if there is room.
+/// The geometric mean of two numbers, rounded down, and strictly between them if there is room.
 fn middle(low: u32, high: u32) -> u32 {
     let mean = (f64::from(low) * f64::from(high)).sqrt() as u32;
     mean.clamp(low + 1, (high - 1).max(low + 1))
@@ -140,7 +143,7 @@ fn partition_with<E: Entry>(
     Ok(join(batches, report))
 }
 
-/// The triangles of a chunk.
+/// The indices of the triangles in a chunk of [`CHUNK`] triangles.
 fn numbers(mesh: &Mesh<'_>, chunk: usize) -> std::ops::Range<u32> {
     let end = (chunk * CHUNK + CHUNK).min(mesh.indices.len());
     (chunk * CHUNK) as u32..end as u32
@@ -163,7 +166,7 @@ fn insert_boxes<E: Entry>(mesh: &Mesh<'_>, grid: Grid, chunk: usize, entries: &m
     }
 }
 
-/// The number of voxels that the triangles' boxes overlap in all.
+/// The sum over all triangles of the number of voxels that the triangle's box overlaps; an error above `limit`.
 fn count_overlapped(mesh: &Mesh<'_>, grid: Grid, limit: u64) -> Result<u64, Error> {
     let count = |triangle: u32| {
         let [first, last] = grid.overlapped(Bounds::of(mesh.corners(triangle)));
@@ -174,23 +177,24 @@ fn count_overlapped(mesh: &Mesh<'_>, grid: Grid, limit: u64) -> Result<u64, Erro
     if entries > limit { Err(Error::TooManyEntries { entries, limit }) } else { Ok(entries) }
 }
 
-/// Triangles whose surfaces are computed together: enough blocks to leave few lanes idle, and few enough to stay in the
-/// nearest cache until they are clustered.
+/// The least number of triangles whose normals and areas are computed together. It leaves few vector lanes idle, and
+/// the triangles stay in the nearest cache until they are clustered.
 const RUN: usize = 256;
 
-/// The scratch space of one thread.
+/// The scratch space of one thread for clustering ranges of voxels.
 #[derive(Default)]
 struct Worker {
     scratch: Scratch,
     surfaces: Surfaces,
-    /// The triangles of some voxels, material by material.
+    /// The indices of the triangles that wait for clustering, sorted by voxel, then by material.
     triangles: Vec<u32>,
-    /// For each voxel and material among them: the number of the voxel, and the end of its triangles.
+    /// The groups (one voxel, one material) of `triangles`: the index of the voxel, and the end of the group's
+    /// triangles.
     groups: Vec<(u64, usize)>,
 }
 
 impl Worker {
-    /// Clusters the voxels of a range.
+    /// Clusters the voxels of a range, given as the sorted pairs of voxels and triangles.
     fn cluster<E: Entry>(&mut self, mesh: &Mesh<'_>, params: &ClusterParams, grid: Grid, entries: &[E]) -> Batch {
         let mut batch = Batch::default();
         batch.members.reserve_exact(if params.insertion == Insertion::Centroid { entries.len() } else { 0 });
@@ -208,7 +212,7 @@ impl Worker {
         batch
     }
 
-    /// Splits the triangles of one voxel, from `first` on, into groups by material.
+    /// Splits the triangles of one voxel, those in `self.triangles` from `first` on, into groups by material.
     fn split(&mut self, materials: &[u32], first: usize, voxel: u64) {
         if materials.is_empty() {
             self.groups.push((voxel, self.triangles.len()));
@@ -216,7 +220,7 @@ impl Worker {
         }
         let own = &mut self.triangles[first..];
         let material = |triangle: &u32| materials[*triangle as usize];
-        // They ascend; so do their materials where meshes come one by one.
+        // The triangles ascend; so do their materials if the triangles of each mesh are contiguous.
         if !own.is_sorted_by_key(material) {
             own.sort_unstable_by_key(|triangle| u64::from(material(triangle)) << 32 | u64::from(*triangle));
         }
@@ -227,8 +231,8 @@ impl Worker {
         }
     }
 
-    /// Clusters the groups and drops them, in the widest registers of the machine. Rust never fuses a product and a
-    /// sum, so the bits are the same for all.
+    /// Clusters the waiting groups into `batch` and removes them, with the widest vector registers of the machine. Rust
+    /// never fuses a product and a sum, so every width gives the same bits.
     fn flush(&mut self, mesh: &Mesh<'_>, params: &ClusterParams, grid: Grid, batch: &mut Batch) {
         Arch::new().dispatch(Flush { worker: self, mesh, params, grid, batch });
     }
@@ -254,7 +258,7 @@ impl Worker {
     }
 }
 
-/// A call of [`Worker::flush_here`].
+/// A call of [`Worker::flush_here`] that pulp compiles for each width of vector registers.
 struct Flush<'a, 'm> {
     worker: &'a mut Worker,
     mesh: &'a Mesh<'m>,
@@ -272,8 +276,8 @@ impl NullaryFnOnce for Flush<'_, '_> {
     }
 }
 
-/// Concatenates batches. Each array is written once, in its final place: the first touch of a page costs more than
-/// writing to it.
+/// Concatenates the batches to the final result. Each array is written once, in its final place: the first touch of a
+/// page costs more than writing to it.
 fn join(batches: Vec<Batch>, report: ClusterReport) -> Clusters {
     let count = batches.iter().map(|batch| batch.clusters.len()).sum();
     let triangles = report.triangles as usize;

@@ -1,4 +1,5 @@
-//! The default grouping of small groups in lanes, without a branch per triangle.
+//! A fast path of the default grouping for groups of up to 256 triangles (of one material in a voxel): vector lanes,
+//! and no branch per triangle.
 //!
 //! Most groups of fine grids are small. There a mispredicted branch costs more than idle lanes.
 
@@ -6,27 +7,28 @@ use crate::Cluster;
 use crate::group::{Batch, Members};
 use crate::triangle_normals::Surface;
 
-/// The largest group that is clustered in lanes. Each of its classes takes a pass over all lanes, and larger groups
-/// tend to have more classes.
+/// The largest number of triangles in a group that is clustered in vector lanes. Each class of similar normals takes a
+/// pass over all lanes, and larger groups tend to have more classes.
 pub(crate) const MAX_SMALL: usize = 256;
-/// The largest number of classes; each takes a pass over all lanes.
+/// The largest number of classes of similar normals in a group that is clustered in vector lanes. Each class takes a
+/// pass over all lanes.
 const MAX_CLASSES: usize = 32;
 
-/// The scratch space of one thread.
+/// The scratch space of one thread for small groups.
 #[derive(Default)]
 pub(crate) struct SmallGroups {
     parts: Vec<Part>,
     sorted: Vec<u32>,
 }
 
-/// The sums over a class.
+/// The sums and the results of one class of triangles with similar normals.
 #[derive(Clone, Copy)]
 struct Part {
     sum: Surface,
     triangles: u32,
-    /// The index at which the next member is stored.
+    /// The index in `sorted` at which the next triangle of the class is stored.
     next: u32,
-    /// The normal of the first member.
+    /// The normal of the class's first triangle.
     lead: [f32; 3],
     normal: [f32; 3],
     cone: f32,
@@ -37,17 +39,18 @@ impl Part {
         Self { sum: Surface::NOTHING, triangles: 0, next: 0, lead: [0.0; 3], normal: [0.0; 3], cone: 1.0 };
 }
 
-/// First fit: an item joins the first group that accepts it, items in canonical order.
+/// The criterion of first fit: a triangle joins the first class whose first triangle has a similar normal. Triangles
+/// are visited in canonical order (by z, then y, then x of the normal).
 #[derive(Clone, Copy)]
 pub(crate) struct FirstFit {
     pub(crate) cosine: f32,
     pub(crate) two_sided: bool,
-    /// The least z of a cluster's first normal for which all its normals are on one side.
+    /// The least z of a cluster's first normal that ensures that all normals of the cluster lie on one side.
     pub(crate) steep: f32,
 }
 
 impl SmallGroups {
-    /// Clusters a group of at most N triangles and adds the result to a batch. Returns false and does nothing if some
+    /// Clusters a group of at most N triangles and adds its clusters to `batch`. Returns false and does nothing if some
     /// triangles have no normal or there are too many classes.
     #[inline(always)]
     pub(crate) fn cluster<const N: usize>(
@@ -86,7 +89,8 @@ impl SmallGroups {
         true
     }
 
-    /// Sums up the classes. If `sides` may differ within a class, normals are turned to the side of the first.
+    /// Sums the normals, areas and boxes of each class. If `sides` is true, each normal is first turned to the side of
+    /// its class's first normal.
     #[inline(always)]
     fn sum(&mut self, group: Members<'_>, class: &[u32], sides: bool) {
         if !sides {
@@ -107,7 +111,8 @@ impl SmallGroups {
         }
     }
 
-    /// Computes normals and cones, and sorts members by class.
+    /// Computes the normal and cone of each class, and sorts the triangles by class. If `both`, opposite normals are
+    /// alike.
     #[inline(always)]
     fn finish(&mut self, group: Members<'_>, class: &[u32], both: bool) {
         let mut members = 0;
@@ -128,8 +133,8 @@ impl SmallGroups {
     }
 }
 
-/// First fit in canonical order: sets the classes of the first `count`. Returns the number of classes, or a number
-/// above [`MAX_CLASSES`].
+/// Computes first fit in canonical order, and writes the class of each of the first `count` triangles to `class`.
+/// Returns the number of classes, or `usize::MAX` if there are more than [`MAX_CLASSES`].
 #[inline(always)]
 fn classify<const N: usize, const TWO_SIDED: bool>(
     [x, y, z]: [&[f32; N]; 3],
@@ -137,7 +142,7 @@ fn classify<const N: usize, const TWO_SIDED: bool>(
     cosine: f32,
     class: &mut [u32; N],
 ) -> usize {
-    /// Marks a triangle with a class; below the key of any number.
+    /// The key of a triangle that has a class already; below the key of any number.
     const DONE: i32 = i32::MIN;
     // Integers in the order of z.
     let mut keys = [DONE; N];
@@ -176,7 +181,7 @@ fn classify<const N: usize, const TWO_SIDED: bool>(
     if top == DONE { classes as usize } else { usize::MAX }
 }
 
-/// An integer with the order of a float. Both zeros have the same.
+/// Maps a float to an integer of the same order. 0.0 and -0.0 map to the same integer.
 #[inline(always)]
 fn key(x: f32) -> i32 {
     let bits = (x + 0.0).to_bits() as i32;

@@ -6,21 +6,22 @@ use crate::Cluster;
 use crate::grid::{Bounds, Mesh};
 use crate::small_groups::MAX_SMALL;
 
-/// The least sine between the edges of a triangle with a normal. `f32` coordinates of three points on a line produce a
-/// normal by rounding, about `2^-52` in f64 arithmetic.
+/// The sine of the angle between two edges up to which a triangle is flat, that is, without a normal. For three `f32`
+/// points on a line, rounding in f64 arithmetic produces a sine of about `2^-52`.
 const FLAT: f64 = 1.0 / (1_u64 << 46) as f64;
-/// Triangles per block: enough to fill the widest registers, few enough for the nearest cache.
+/// The number of triangles per block: enough to fill the widest registers, few enough for the nearest cache.
 const BLOCK: usize = 16;
 
-/// A number for each triangle of a block.
+/// One value for each triangle of a block.
 type Lanes<T> = [T; BLOCK];
 
-/// The terms of a cluster's sums.
+/// The area, normal and bounding box of a triangle, or their sum over the triangles of a cluster.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Surface {
-    /// The unit normal times twice the area (three values), and twice the area; zero without a normal.
+    /// The unit normal times twice the area (three values), and twice the area; all zero for a triangle without a
+    /// normal.
     pub(crate) weighted: [f64; 4],
-    /// The bounding box.
+    /// The bounding box of the triangle or triangles.
     pub(crate) bounds: Bounds,
 }
 
@@ -28,7 +29,7 @@ impl Surface {
     /// The sum over no triangles.
     pub(crate) const NOTHING: Self = Self { weighted: [0.0; 4], bounds: Bounds::NOTHING };
 
-    /// Adds a triangle whose normal is on the same side.
+    /// Adds a triangle. Its normal must already be turned to the side of the sum.
     #[inline(always)]
     pub(crate) fn add(&mut self, other: &Self) {
         for lane in 0..4 {
@@ -45,7 +46,7 @@ impl Surface {
         Self { weighted: [side * x, side * y, side * z, weight], bounds: self.bounds }
     }
 
-    /// The mean normal; zero if normals cancel up to rounding.
+    /// The area-weighted mean normal, of unit length; zero if normals cancel up to rounding.
     #[inline(always)]
     pub(crate) fn normal(&self) -> [f32; 3] {
         let [x, y, z, weight] = self.weighted;
@@ -66,7 +67,8 @@ impl Surface {
     }
 }
 
-/// Unit normals by axis, zero for flat triangles; `flat` is 1 for these and 0 otherwise.
+/// The unit normals of consecutive triangles, one array per axis. A flat triangle has normal zero and `flat` 1; others
+/// have `flat` 0.
 #[derive(Clone, Copy)]
 pub(crate) struct Normals<'a> {
     axes: [&'a [f32]; 3],
@@ -99,7 +101,8 @@ impl<'a> Normals<'a> {
         self.dot(i, other) + self.flat[self.start + i]
     }
 
-    /// The first N normals. The last ones may belong to other groups or to none.
+    /// The x, y and z of the first N normals; `None` if fewer are stored. The last ones may belong to other groups or
+    /// be unused.
     pub(crate) fn first<const N: usize>(&self) -> Option<[&'a [f32; N]; 3]> {
         let [x, y, z] = self.axes.map(|axis| axis[self.start..].first_chunk());
         Some([x?, y?, z?])
@@ -115,13 +118,13 @@ pub(crate) struct Surfaces {
 }
 
 impl Surfaces {
-    /// The normals from a triangle on.
+    /// The normals of the triangles from index `start` on.
     pub(crate) fn normals(&self, start: usize) -> Normals<'_> {
         let [x, y, z] = &self.axes;
         Normals { axes: [x, y, z], flat: &self.flat, start }
     }
 
-    /// Replaces the triangles. Two-sided normals are turned upwards.
+    /// Replaces the contents by the surfaces and normals of `triangles`. If `two_sided`, normals are turned upwards.
     #[inline(always)]
     pub(crate) fn load(&mut self, mesh: &Mesh<'_>, triangles: &[u32], two_sided: bool) {
         self.surfaces.clear();
@@ -152,7 +155,7 @@ impl Surfaces {
     }
 }
 
-/// The edges of triangles from their first corners on, by axis.
+/// The two edges from the first corner of each triangle of a block, by axis.
 #[derive(Default)]
 struct Edges {
     u: [Lanes<f64>; 3],
@@ -170,12 +173,12 @@ impl Edges {
     }
 }
 
-/// Cross products of edges, and the figures that follow from them.
+/// The cross products of the edges of a block's triangles, with the doubled areas and unit normals that follow.
 struct Crosses {
     cross: [Lanes<f64>; 3],
     doubled: Lanes<f64>,
     unit: [Lanes<f32>; 3],
-    /// 1 for triangles without a normal, else 0.
+    /// For each triangle, 1 if it has no normal, else 0.
     flat: Lanes<f32>,
 }
 
@@ -206,7 +209,7 @@ impl Crosses {
         found
     }
 
-    /// Turns each normal to the side of z > 0 (of y > 0 if z is 0, and so on).
+    /// Turns each normal to the side of z > 0 (of y > 0 if z is 0, of x > 0 if both are 0).
     #[inline(always)]
     fn turn_up(&mut self) {
         for lane in 0..BLOCK {

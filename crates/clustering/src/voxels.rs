@@ -2,17 +2,17 @@
 
 use rayon::prelude::*;
 
-/// The numbers of a voxel and a triangle, ordered by the first, then by the second.
+/// A pair of a voxel's index and a triangle's index, ordered by voxel, then by triangle.
 pub(crate) trait Entry: Copy + Ord + Default + Send + Sync {
     /// Pairs a voxel with a triangle.
     fn new(voxel: u64, triangle: u32) -> Self;
-    /// The voxel.
+    /// The index of the voxel.
     fn voxel(self) -> u64;
-    /// The triangle.
+    /// The index of the triangle.
     fn triangle(self) -> u32;
 }
 
-/// Entries for grids of up to 2^32 voxels.
+/// Pairs of a voxel and a triangle in 64 bits, for grids of up to 2^32 voxels.
 impl Entry for u64 {
     #[inline]
     fn new(voxel: u64, triangle: u32) -> Self {
@@ -28,7 +28,7 @@ impl Entry for u64 {
     }
 }
 
-/// Entries for any grid.
+/// Pairs of a voxel and a triangle in 128 bits, for any grid.
 impl Entry for u128 {
     #[inline]
     fn new(voxel: u64, triangle: u32) -> Self {
@@ -44,19 +44,20 @@ impl Entry for u128 {
     }
 }
 
-/// The average number of entries per bucket: 32 KiB with their copy, a first-level cache.
+/// The intended number of entries per range of voxels. With their sorting copy they fill a first-level cache of 32 KiB.
 const BUCKET: usize = 2048;
-/// The most buckets. Counting into more of them costs more than sorting longer ones.
+/// The largest number of ranges of voxels. Counting into more ranges costs more than sorting longer ones.
 const MAX_BUCKETS: usize = 1024;
-/// Buckets with fewer entries are sorted by comparisons.
+/// The number of entries in a range below which they are sorted by comparisons.
 const SMALL: usize = 64;
-/// The most bits of a voxel's number for which voxels are counted: half a first-level cache of counters.
+/// The largest width of a range, in bits of the voxel's index, that is sorted by counting entries per voxel. The
+/// counters then fill half a first-level cache.
 const MAX_COUNTED: u32 = 12;
-/// The most voxels per entry for which voxels are counted. Clearing and adding up a counter takes a fraction of moving
-/// an entry once more.
+/// The largest number of voxels per entry in a range that is sorted by counting entries per voxel. Clearing and adding
+/// up a counter takes a fraction of moving an entry once more.
 const SPARSE: usize = 4;
 
-/// Ranges of voxels of equal width, a power of two.
+/// A division of voxel indices into ranges of equal width, a power of two.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ranges {
     shift: u32,
@@ -64,7 +65,7 @@ pub(crate) struct Ranges {
 }
 
 impl Ranges {
-    /// The ranges for a number of voxels and of entries.
+    /// Chooses ranges for a grid of `voxels` voxels and a number of entries.
     pub(crate) fn new(voxels: u64, entries: usize) -> Self {
         let wanted = (entries / BUCKET).clamp(1, MAX_BUCKETS).next_power_of_two().trailing_zeros();
         let bits = u64::BITS - (voxels - 1).leading_zeros();
@@ -78,7 +79,7 @@ impl Ranges {
     }
 }
 
-/// Entries ordered by range, otherwise in their old order.
+/// Entries ordered by range of voxels, in the original order within each range.
 pub(crate) struct Sorted<E> {
     entries: Vec<E>,
     starts: Vec<u32>,
@@ -109,7 +110,8 @@ impl<E: Entry> Sorted<E> {
     }
 }
 
-/// Calls `work` for each range with its entries in order. The results have the order of the ranges.
+/// Calls `work` in parallel for each range, with its entries sorted by voxel and triangle. Returns the results in the
+/// order of the ranges.
 pub(crate) fn for_ranges<E: Entry, S: Default, T: Send>(
     parts: &[Sorted<E>],
     ranges: Ranges,
@@ -135,7 +137,8 @@ struct Buffers<E> {
 }
 
 impl<E: Entry> Buffers<E> {
-    /// Fills `entries` with those of a range, sorted. Their voxels agree in all but the low `bits`.
+    /// Fills `entries` with the sorted entries of a range from all parts. The voxels of a range differ only in their
+    /// low `bits` bits.
     fn load(&mut self, parts: &[Sorted<E>], range: usize, bits: u32) {
         let parts = || parts.iter().map(|part| part.range(range));
         let count = parts().map(<[E]>::len).sum();
@@ -168,7 +171,7 @@ impl<E: Entry> Buffers<E> {
     }
 }
 
-/// Sorts entries whose voxels agree in all but the low `bits`, and whose triangles ascend.
+/// Sorts entries by voxel. Their voxels must differ only in the low `bits` bits, and their triangles must ascend.
 fn sort<E: Entry>(entries: &mut Vec<E>, spare: &mut Vec<E>, bits: u32) {
     const DIGIT: u32 = 8;
     if entries.len() < SMALL || bits > 3 * DIGIT {

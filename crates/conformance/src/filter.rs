@@ -24,7 +24,8 @@ pub fn filter(make: impl Fn() -> Box<dyn Filter>) {
     filter_on_frames(|_| make());
 }
 
-/// As [`filter`], for filters that `make` creates for one frame (because they use clusters of its pixels, say).
+/// Checks filters as [`filter`] does, if `make` creates each one for one frame (because it uses clusters of its pixels,
+/// say).
 ///
 /// # Panics
 ///
@@ -48,7 +49,7 @@ pub fn filter_on_frames(make: impl Fn(&Frame) -> Box<dyn Filter>) {
     }
 }
 
-/// The range of sample counts in a film; a hash of the pixel's number picks the count.
+/// The range of sample counts in a film; a hash of the pixel's index picks the count.
 #[derive(Clone, Copy, Debug)]
 enum Counts {
     /// 0 to 3 samples per pixel.

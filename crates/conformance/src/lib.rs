@@ -68,7 +68,7 @@ pub use filter::{filter, filter_on_frames};
 pub use point_set::point_set;
 pub use sampler::{Spending, bits, sampler, sampler_on_frames, threshold_sampler};
 
-/// Runs the example of the README.
+/// The README's example, run as a doctest.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct ReadmeExample;

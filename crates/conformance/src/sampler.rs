@@ -35,7 +35,8 @@ pub fn sampler(make: impl Fn() -> Box<dyn Sampler>) {
     sampler_on_frames(|_| make(), Spending::Exact);
 }
 
-/// As [`sampler`], for samplers that stop at a threshold: they may spend less than the budget, never more.
+/// Checks a sampler that stops at a threshold, created by `make`: as [`sampler`] does, but it may spend less than the
+/// budget.
 ///
 /// # Panics
 ///
@@ -44,7 +45,8 @@ pub fn threshold_sampler(make: impl Fn() -> Box<dyn Sampler>) {
     sampler_on_frames(|_| make(), Spending::AtMost);
 }
 
-/// As [`sampler`], for samplers that `make` creates for one frame (because they use clusters of its pixels, say).
+/// Checks samplers as [`sampler`] does, if `make` creates each one for one frame (because it uses clusters of its
+/// pixels, say).
 ///
 /// # Panics
 ///
@@ -71,15 +73,15 @@ pub fn sampler_on_frames(make: impl Fn(&Frame) -> Box<dyn Sampler>, spending: Sp
 pub(crate) enum Scene {
     Black,
     Constant,
-    /// Dark pixels on the left, bright ones on the right, and a partly covered column between.
+    /// An edge: dark pixels on the left, bright ones on the right, and a partly covered column between.
     Edge,
     /// Noise whose variance grows from left to right.
     Noise,
-    /// One sample in 64 is 10^20.
+    /// A constant image, except that one sample in 64 is 10^20.
     Firefly,
-    /// One sample in eight is NaN, infinite or negative.
+    /// Noise in which one sample in eight is NaN, infinite or negative.
     Invalid,
-    /// Every sample is NaN.
+    /// An image in which every sample is NaN.
     AllInvalid,
 }
 

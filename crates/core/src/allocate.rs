@@ -1,11 +1,13 @@
 //! Exact allocation of an integer budget to pixels.
 //!
 //! Both [`allocate`] and [`Ladder::allocate`] minimise `sum_p g_p f(n_p)` over integers `floor_p <= n_p <= ceiling`
-//! that add up to the budget. `g_p` is a pixel's score (its weight squared times its variance).
+//! that add up to the budget. `n_p` is pixel `p`'s sample count, `g_p` its score (its weight squared times its
+//! variance), and `f` falls with the count.
 //!
-//! The objective is separable and convex, so handing out samples in the order of their marginal gain is exactly optimal
-//! [Fox 1966]. Most are handed out at once, down to a common threshold of the gain, the rest one by one. Ties go to the
-//! smaller count and then by a hash of the pixel's number, so that no part of the image is preferred.
+//! The objective is separable and convex, so handing out samples in the order of their marginal gain (decrease of the
+//! objective) is exactly optimal [Fox 1966]. Most samples are handed out at once, down to a common threshold of the
+//! gain, the rest one by one. Ties go to the smaller count and then by a hash of the pixel's index, so that no part of
+//! the image is preferred.
 
 mod ladder;
 mod share;
@@ -22,25 +24,25 @@ use std::collections::BinaryHeap;
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Allocation {
-    /// Samples per pixel.
+    /// The number of samples of each pixel.
     pub counts: Vec<u32>,
-    /// Samples of the budget that fit in no pixel, because all are at the ceiling.
+    /// The number of samples of the budget that fit in no pixel, because all are at the ceiling.
     pub unspent: u64,
     /// The number of scores that were replaced: NaN and negative ones by 0, infinite ones by the largest finite score.
     pub replaced: usize,
 }
 
-/// The error function `f` to minimise, and the sample counts that a pixel may have.
+/// A pixel's error `f(n)` as a function of its sample count `n`, and the counts that a pixel may have.
 trait Steps: Sync {
     /// The smallest allowed count above `n`.
     fn next(&self, n: u32) -> u32;
-    /// The largest count reached from 0 by steps whose gain per sample, for a score of 1, is at least `threshold`.
+    /// The largest count reached from 0 by steps that each decrease `f` by at least `threshold` per sample.
     fn reach(&self, threshold: f64) -> u32;
-    /// The decrease of `f` per sample between the counts `n` and `m`, for a score of 1.
+    /// The decrease of `f` per sample from count `n` to count `m`, that is `(f(n) - f(m)) / (m - n)`.
     fn gain(&self, n: u32, m: u32) -> f64;
 }
 
-/// Every integer count is allowed, and `f(n) = 1/n`: the error of independent samples.
+/// The error `f(n) = 1/n` of independent samples, with every integer count allowed.
 struct EveryCount;
 
 impl Steps for EveryCount {
@@ -112,8 +114,8 @@ fn share_out(
 /// The least number of pixels that one thread's task handles.
 const SERIAL: usize = 4096;
 
-/// Returns the optimal counts, which sum to `total`. Requires scores above 0, not all equal, and a total within floors
-/// and ceiling.
+/// Returns the counts that minimise the total error and sum to `total`. Requires scores above 0, not all equal, and a
+/// total within floors and ceiling.
 fn share_out_clean(scores: &[f64], floors: &[u32], ceiling: u32, total: u64, steps: &impl Steps) -> Vec<u32> {
     let reach = |g: f64, floor: u32, threshold: f64| steps.reach(threshold / g).min(ceiling).max(floor);
     let spend = |threshold: f64| -> u64 {
@@ -138,7 +140,7 @@ fn all_equal(scores: &[f64]) -> bool {
     scores.windows(2).all(|w| w[0] == w[1])
 }
 
-/// Returns counts that sum to `total` and are as equal as floors and ceiling allow. A hash of the pixel's number picks
+/// Returns counts that sum to `total` and are as equal as floors and ceiling allow. A hash of the pixel's index picks
 /// the pixels that get one of the remaining samples. Requires a `total` that fits under the ceiling.
 fn level(floors: &[u32], ceiling: u32, total: u64) -> Vec<u32> {
     let at = |level: u32, floor: u32| level.min(ceiling).max(floor);
@@ -161,8 +163,8 @@ fn level(floors: &[u32], ceiling: u32, total: u64) -> Vec<u32> {
     counts
 }
 
-/// Returns scores in `[1e-60, 1]`, relative to the largest, and the number of NaN, negative and infinite ones. Pixels
-/// with a score of 0 wait until all others are at the ceiling, and then get equal shares.
+/// Returns the scores, divided by the largest and clamped to `[1e-60, 1]`, and the number of NaN, negative and infinite
+/// scores. A score of 0 becomes 1e-60: such pixels wait until all others are at the ceiling, and then get equal shares.
 fn clean(scores: &[f64]) -> (Vec<f64>, usize) {
     let largest = scores.iter().copied().filter(|g| g.is_finite()).fold(0.0, f64::max);
     let largest = if largest > 0.0 { largest } else { 1.0 };
@@ -181,16 +183,16 @@ fn clean(scores: &[f64]) -> (Vec<f64>, usize) {
     (cleaned, replaced)
 }
 
-/// Two close thresholds of the gain per sample, between which the budget runs out.
+/// Two close thresholds of the gain (error decrease) per sample, between which the budget runs out.
 struct Bracket {
-    /// A threshold that the budget can pay: all steps with at least this gain fit. `None` if only the floors fit.
+    /// A threshold within the budget: all steps with at least this gain fit. `None` if only the floors fit.
     within: Option<f64>,
-    /// A threshold that costs too much: steps with at least this gain exceed the budget.
+    /// A threshold beyond the budget: all steps with at least this gain exceed it. 0 if the search met none.
     beyond: f64,
 }
 
-/// Estimates the threshold of the gain from a subset of pixels. The search over all pixels starts there, which saves
-/// most of its dozen steps.
+/// Estimates, from a subset of pixels, the gain (error decrease) per sample at which the budget runs out. The search
+/// over all pixels starts there, which saves most of its dozen steps.
 fn threshold_of_some(
     start: f64,
     scores: &[f64],
@@ -209,13 +211,13 @@ fn threshold_of_some(
     bracket.within.unwrap_or(start)
 }
 
-/// The approximate number of pixels that [`threshold_of_some`] reads.
+/// The approximate number of pixels from which [`threshold_of_some`] estimates.
 const SOME: usize = 2048;
 
-/// Searches for the gain per sample above which all steps together spend `total`.
+/// Searches for the gain (error decrease) per sample above which all steps together spend `total` samples.
 ///
-/// The search stops when at most `close` samples are left over, or only steps of nearly equal gain remain. `spend`
-/// returns the samples spent at a threshold, and falls as the threshold rises.
+/// The search starts at `start`. It stops when at most `close` samples are left over, or only steps of nearly equal
+/// gain remain. `spend` returns the number of samples spent at a threshold, and falls as the threshold rises.
 fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64) -> Bracket {
     // Gains of steps beyond the first lie between 1 (scores are relative to the largest) and 1e-60 (the smallest score)
     // times 2^-128 (the last rung, at the steepest exponent).
@@ -251,7 +253,7 @@ fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64
     bracket
 }
 
-/// A pixel in the queue for its next step, ordered by the gain of the step.
+/// A pixel queued for its next samples, ordered by their gain: the error decrease per sample.
 struct Waiting {
     gain: f64,
     count: u32,
@@ -283,8 +285,8 @@ impl PartialEq for Waiting {
 
 impl Eq for Waiting {}
 
-/// Takes all steps that gain at least `threshold` per sample, largest gain first, until none of the `left` samples
-/// remains.
+/// Raises pixels by all steps whose error decrease per sample is at least `threshold`, largest decrease first. Stops
+/// early if none of the `left` samples remains.
 fn hand_out_above(
     threshold: f64,
     counts: &mut [u32],
@@ -293,7 +295,7 @@ fn hand_out_above(
     left: &mut u64,
     steps: &impl Steps,
 ) {
-    // Without a bracket from below this would list every step.
+    // Without a threshold beyond the budget, this would list every step.
     if threshold == 0.0 || *left == 0 {
         return;
     }
@@ -330,7 +332,7 @@ fn hand_out_above(
     }
 }
 
-/// Hands out the `left` samples one step at a time, each time to the pixel with the largest gain.
+/// Hands out the `left` samples one step at a time, each time to the pixel with the largest error decrease per sample.
 fn hand_out(counts: &mut [u32], scores: &[f64], ceiling: u32, mut left: u64, steps: &impl Steps) {
     if left == 0 {
         return;
@@ -353,7 +355,7 @@ fn hand_out(counts: &mut [u32], scores: &[f64], ceiling: u32, mut left: u64, ste
     }
 }
 
-/// Converts `n` to 32 bits; larger numbers become `u32::MAX`.
+/// Converts `n` to 32 bits. Larger numbers become `u32::MAX`.
 #[doc(hidden)]
 #[inline]
 pub fn saturating_u32(n: u64) -> u32 {

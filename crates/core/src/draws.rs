@@ -24,13 +24,13 @@ use std::cell::Cell;
 pub struct Block(u32);
 
 impl Block {
-    /// The block with this number.
+    /// Makes the block (four dimensions of a sample's random numbers) with this number.
     pub const fn new(number: u32) -> Self {
         Self(number)
     }
 
-    /// The block of repetition `k` (such as a path vertex), if each repetition owns `stride` blocks: number `number + k
-    /// * stride`. Wraps past 2^32 blocks, after some 10^8 vertices.
+    /// The block for repetition `k` (such as a path vertex), if each repetition owns `stride` blocks. Its number is
+    /// this block's number plus `k * stride`, and wraps past 2^32 blocks, after some 10^8 vertices.
     pub const fn at(self, k: u32, stride: u32) -> Self {
         Self(self.0.wrapping_add(k.wrapping_mul(stride)))
     }

@@ -58,7 +58,7 @@ pub enum Error {
         name: &'static str,
         /// The rejected value.
         value: String,
-        /// The allowed values.
+        /// The allowed values, in words.
         allowed: &'static str,
     },
     /// A point set with too few samples per pixel.
@@ -78,7 +78,7 @@ pub enum Error {
     BadPlan {
         /// The sampler's name.
         sampler: String,
-        /// The fault of the plan.
+        /// The fault of the plan, in words.
         what: String,
     },
     /// A film that lacks statistics that a sampler or filter reads.
@@ -86,7 +86,7 @@ pub enum Error {
     NotRecorded {
         /// The name of the sampler or filter.
         who: String,
-        /// The missing statistics.
+        /// The missing statistics, as a noun phrase.
         what: &'static str,
     },
     /// A film that does not match data that a sampler or filter prepared, such as clusters of another image size.
@@ -108,10 +108,10 @@ pub enum Error {
         "the snapshot is of another render: {what}; resume with the settings that it was made with, or start a new render"
     )]
     OtherRender {
-        /// The settings that differ.
+        /// The settings that differ, in words.
         what: String,
     },
-    /// A render that cannot be split into shards.
+    /// A render that cannot be split into shards (parts for separate machines).
     #[error("{who} cannot be split into shards: {why}")]
     NoShards {
         /// The name of the sampler or limit that rules shards out.
@@ -119,10 +119,10 @@ pub enum Error {
         /// The reason, and what to do.
         why: &'static str,
     },
-    /// Shards that do not make an image together.
+    /// Shards (parts from separate machines) that do not make an image together.
     #[error("these shards do not make an image: {what}")]
     BadShards {
-        /// The shard that is missing, a duplicate, or of another image.
+        /// A phrase that names the shards that are missing, duplicate, or of another image.
         what: String,
     },
     /// A sample that is NaN, infinite or negative, under [`InvalidSample::Fail`](crate::InvalidSample).
@@ -130,9 +130,9 @@ pub enum Error {
     InvalidSample {
         /// The invalid sample; the same point set replays it.
         sample: SampleId,
-        /// Its radiance, linear RGB.
+        /// The radiance of the invalid sample, linear RGB.
         value: [f32; 3],
-        /// The point set with its seed.
+        /// The description of the point set, with its seed.
         points: String,
     },
     /// A panic of the integrator.
@@ -142,7 +142,7 @@ pub enum Error {
         sample: SampleId,
         /// The panic's message.
         message: String,
-        /// The point set with its seed.
+        /// The description of the point set, with its seed.
         points: String,
         /// The film with the samples finished before the panic.
         film: Box<Film>,

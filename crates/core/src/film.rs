@@ -9,7 +9,8 @@ pub(crate) use bank::{Bank, Range, index, widen};
 use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SampleId, streams};
 use bank::join;
 
-/// Running means and sums of squared deviations of a pixel's first-hit features.
+/// Running means and sums of squared deviations of a pixel's first-hit features: shading normal, albedo, position,
+/// depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct FeatureMoments {
     pub(crate) samples: u32,
@@ -58,9 +59,9 @@ pub struct Features {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RejectedReason {
-    /// A channel was NaN or infinite.
+    /// A channel of the radiance was NaN or infinite.
     NotFinite,
-    /// A channel was negative.
+    /// A channel of the radiance was negative.
     Negative,
 }
 
@@ -72,17 +73,17 @@ impl RejectedReason {
     }
 }
 
-/// A rejected sample. It counts as black, and can be replayed with the point set.
+/// A sample that was rejected as NaN, infinite or negative. It counts as black, and can be replayed with the point set.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rejected {
-    /// The sample.
+    /// The pixel, stream and index of the rejected sample.
     pub sample: SampleId,
-    /// The reason.
+    /// The reason for the rejection.
     pub reason: RejectedReason,
 }
 
-/// The record of one round.
+/// The sample count and timings of one round: a batch of samples that are planned together.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoundRecord {
@@ -90,9 +91,9 @@ pub struct RoundRecord {
     pub samples: u64,
     /// `true` if the samples stayed in the image, `false` if they were discarded.
     pub kept: bool,
-    /// Wall seconds of planning.
+    /// The wall seconds that planning the round took.
     pub plan_seconds: f64,
-    /// Wall seconds of tracing.
+    /// The wall seconds that tracing the round took.
     pub trace_seconds: f64,
 }
 
@@ -100,15 +101,15 @@ pub struct RoundRecord {
 #[non_exhaustive]
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Record {
-    /// The sample budget in force at each plan, for [`Budget::Recorded`](crate::Budget::Recorded).
+    /// The total sample budget in force at each plan. [`Budget::Recorded`](crate::Budget::Recorded) replays it.
     pub budgets: Vec<u64>,
-    /// One record per round.
+    /// The sample counts and timings of the rounds, in order.
     pub rounds: Vec<RoundRecord>,
     /// The number of samples traced, discarded ones included.
     pub samples: u64,
-    /// The number of rays, the sum of [`Estimate::cost`](crate::Estimate::cost).
+    /// The number of rays traced: the sum of [`Estimate::cost`](crate::Estimate::cost).
     pub rays: u64,
-    /// The number of blocks of random numbers requested.
+    /// The number of blocks of four random numbers that the integrator requested.
     pub blocks: u64,
     /// The number of samples rejected as NaN, infinite or negative.
     pub rejected: u64,
@@ -152,9 +153,10 @@ pub struct Film {
     pub(crate) frame: Frame,
     pub(crate) needs: Needs,
     pub(crate) combine: Combine,
-    /// Statistics of kept samples: one bank, or one per half.
+    /// Statistics of kept samples (those in the image): one bank, or one per half.
     pub(crate) kept: Vec<Bank>,
-    /// Statistics of discarded samples, as `kept`; empty until samples are discarded.
+    /// Statistics of discarded samples (those not in the image): one bank, or one per half. Empty until samples are
+    /// discarded.
     pub(crate) discarded: Vec<Bank>,
     pub(crate) features: Vec<FeatureMoments>,
     pub(crate) first_hits: Vec<Option<FirstHit>>,
@@ -193,15 +195,15 @@ impl Film {
             + if needs.cost { 8 } else { 0 }
     }
 
-    /// The bytes per pixel of one set of banks: the statistics of all kept, or of all discarded samples.
+    /// The bytes per pixel for the statistics of all kept samples, or of all discarded samples.
     pub(crate) fn bank_bytes_per_pixel(needs: &Needs) -> usize {
         let bank = 8 + 24 + if needs.variance { 24 } else { 0 } + if needs.extrema { 32 } else { 0 };
         bank * if needs.halves { 2 } else { 1 }
     }
 
-    /// Adds a kept sample to pixel `pixel`, for tests of samplers and filters. Its index in the stream is the pixel's
-    /// count so far. NaN, infinite and negative radiances are rejected, as in a render. `half` is 0 or 1; a film without
-    /// halves ignores it.
+    /// Adds a kept sample to pixel `pixel`, for tests of samplers and filters. The sample's index in the stream is the
+    /// pixel's count so far. NaN, infinite and negative radiances are rejected, as in a render. `half` is 0 or 1; a
+    /// film without halves ignores it.
     ///
     /// # Panics
     ///
@@ -231,17 +233,17 @@ impl Film {
         }
     }
 
-    /// The image's size and window.
+    /// The image's resolution and its rendered window.
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
 
-    /// The recorded statistics.
+    /// The statistics that the film records besides counts and means.
     pub fn needs(&self) -> &Needs {
         &self.needs
     }
 
-    /// The record of the render.
+    /// The budgets, rounds, totals and timings of the render.
     pub fn record(&self) -> &Record {
         &self.record
     }
@@ -284,19 +286,20 @@ impl Film {
         }
     }
 
-    /// Count, mean and squared deviations of all kept samples of pixel `i`, both halves together. Without
+    /// Count, mean and sum of squared deviations of all kept samples of pixel `i`, both halves together. Without
     /// [`Needs::variance`] the deviations are NaN.
     pub fn moments(&self, i: usize) -> RgbMoments {
         merged(&self.kept, i)
     }
 
-    /// Count, mean and squared deviations of pixel `i`'s kept samples in half 0 or 1; `None` in a film without halves.
+    /// Count, mean and sum of squared deviations of pixel `i`'s kept samples in half 0 or 1; `None` in a film without
+    /// halves.
     pub fn half(&self, half: usize, i: usize) -> Option<RgbMoments> {
         (self.kept.len() == 2).then(|| self.kept[half & 1].moments(i))
     }
 
-    /// Count, mean and squared deviations of pixel `i`'s discarded samples, withdrawn ones included; zero if there are
-    /// none.
+    /// Count, mean and sum of squared deviations of pixel `i`'s discarded samples, withdrawn ones included; zero if
+    /// there are none.
     pub fn discarded(&self, i: usize) -> RgbMoments {
         if self.discarded.is_empty() { RgbMoments::default() } else { merged(&self.discarded, i) }
     }
@@ -307,22 +310,26 @@ impl Film {
         joined(&self.kept, i).map(colours)
     }
 
-    /// The smallest and largest [`luminance`] of pixel `i`'s kept samples; `None` as for [`Film::range`].
+    /// The smallest and the largest [`luminance`] of pixel `i`'s kept samples. `None` without samples or without
+    /// [`Needs::extrema`].
     pub fn luminance_range(&self, i: usize) -> Option<[f32; 2]> {
         joined(&self.kept, i).map(|range| range.map(|v| v[3]))
     }
 
-    /// [`Film::range`] of pixel `i`'s discarded samples.
+    /// The smallest and the largest value per channel of pixel `i`'s discarded samples. `None` without such samples or
+    /// without [`Needs::extrema`].
     pub fn discarded_range(&self, i: usize) -> Option<[[f32; 3]; 2]> {
         joined(&self.discarded, i).map(colours)
     }
 
-    /// [`Film::luminance_range`] of pixel `i`'s discarded samples.
+    /// The smallest and the largest [`luminance`] of pixel `i`'s discarded samples. `None` without such samples or
+    /// without [`Needs::extrema`].
     pub fn discarded_luminance_range(&self, i: usize) -> Option<[f32; 2]> {
         joined(&self.discarded, i).map(|range| range.map(|v| v[3]))
     }
 
-    /// Mean and variance of pixel `i`'s first hits; `None` without [`Needs::features`].
+    /// Mean and variance of normal, albedo, position and depth at pixel `i`'s first hits; `None` without
+    /// [`Needs::features`].
     pub fn features(&self, i: usize) -> Option<Features> {
         let f = self.features.get(i)?;
         let v = |k: usize| [f.mean[k], f.mean[k + 1], f.mean[k + 2]];
@@ -388,7 +395,7 @@ impl Film {
         }
     }
 
-    /// Moves the kept samples of the marked pixels to the discarded ones.
+    /// Moves the kept samples of the marked pixels to the statistics of the discarded samples.
     pub(crate) fn withdraw(&mut self, withdrawn: &[bool]) {
         self.open_discarded();
         for (kept, discarded) in self.kept.iter_mut().zip(&mut self.discarded) {
@@ -404,7 +411,7 @@ impl Film {
     }
 }
 
-/// The reason to reject this radiance; `None` for a valid one.
+/// The reason why a film rejects this radiance; `None` for a valid one.
 #[inline]
 pub(crate) fn reason_to_reject([r, g, b]: [f32; 3]) -> Option<RejectedReason> {
     if r >= 0.0 && g >= 0.0 && b >= 0.0 && r < f32::INFINITY && g < f32::INFINITY && b < f32::INFINITY {
@@ -416,7 +423,7 @@ pub(crate) fn reason_to_reject([r, g, b]: [f32; 3]) -> Option<RejectedReason> {
     }
 }
 
-/// Sorts by pixel, stream and index, and keeps the first [`REJECTED_LISTED`](Film::REJECTED_LISTED).
+/// Sorts rejected samples by pixel, stream and index, and keeps the first [`REJECTED_LISTED`].
 pub(crate) fn keep_first(rejected: &mut Vec<Rejected>) {
     rejected.sort_by_key(|r| (r.sample.pixel[1], r.sample.pixel[0], r.sample.stream, r.sample.index));
     rejected.truncate(REJECTED_LISTED);
@@ -426,7 +433,7 @@ fn colours(range: Range) -> [[f32; 3]; 2] {
     range.map(|[r, g, b, _]| [r, g, b])
 }
 
-/// The range of pixel `i`'s samples over all `banks`; `None` without samples.
+/// The smallest and the largest values of pixel `i`'s samples over all `banks`; `None` without samples.
 fn joined(banks: &[Bank], i: usize) -> Option<Range> {
     let mut ranges = banks.iter().filter(|b| b.counts[i] > 0).filter_map(|b| b.ranges.get(i));
     let mut all = *ranges.next()?;

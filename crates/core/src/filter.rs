@@ -3,11 +3,11 @@
 use crate::{Error, Film, FilterMemory, Frame, ImagePlanes, Needs};
 use std::sync::Arc;
 
-/// An image made from a film.
+/// An image that a filter (denoiser) made from a film.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub struct Filtered {
-    /// Width and height of the frame's window.
+    /// Width and height of the frame's rendered window, in pixels.
     pub size: [u32; 2],
     /// Linear RGB radiance, row by row from the top.
     pub radiance: Vec<[f32; 3]>,
@@ -73,8 +73,8 @@ pub trait Filter: Send + Sync {
         Needs::none()
     }
 
-    /// The memory that [`Filter::apply`] takes for a film of this frame that records `needs`. The default assumes a
-    /// filter that holds only its image and an error per pixel.
+    /// The memory in bytes that [`Filter::apply`] takes for a film of this frame that records `needs`. The default
+    /// assumes a filter that holds only its image and an error per pixel.
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let _ = needs;
         FilterMemory::new(frame, 0, ImagePlanes::RadianceAndError)

@@ -22,7 +22,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// A whole image of `width` x `height` pixels.
+    /// Makes the frame of a whole image of `width` x `height` pixels.
     ///
     /// # Errors
     ///
@@ -37,11 +37,11 @@ impl Frame {
         Ok(Self { resolution: [width, height], origin: [0, 0], size: [width, height] })
     }
 
-    /// The window `x0 .. x1` x `y0 .. y1` of this frame, in pixels of the full image.
+    /// Makes the frame of the window `x0 .. x1` x `y0 .. y1`, in pixels of the full image.
     ///
     /// # Errors
     ///
-    /// [`Error::BadCrop`] if the window is empty or reaches outside this frame.
+    /// [`Error::BadCrop`] if the window is empty or reaches outside the full image.
     pub fn crop(self, x0: u32, y0: u32, x1: u32, y1: u32) -> Result<Self, Error> {
         if x0 >= x1 || y0 >= y1 || x1 > self.resolution[0] || y1 > self.resolution[1] {
             return Err(Error::BadCrop { crop: [x0, y0, x1, y1], resolution: self.resolution });

@@ -3,7 +3,7 @@
 use crate::Draws;
 use rayon::prelude::*;
 
-/// The cluster label of a ray that meets nothing.
+/// The cluster label of a camera ray that meets no surface; other rays have the label of the cluster they hit.
 pub const BACKGROUND: u32 = u32::MAX;
 
 /// The first surface that a sample meets. The integrator reports it; samplers and filters read it.
@@ -18,7 +18,7 @@ pub const BACKGROUND: u32 = u32::MAX;
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstHit {
-    /// The position, in the integrator's own units.
+    /// The hit's position, in the integrator's own units of length.
     pub position: [f32; 3],
     /// Unit normal of the geometry, on the side the ray came from.
     pub geometric_normal: [f32; 3],
@@ -32,11 +32,11 @@ pub struct FirstHit {
     pub footprint: f32,
     /// Microfacet roughness in `[0, 1]`: 0 for a mirror, 1 for a diffuse surface.
     pub roughness: f32,
-    /// The integrator's number for the material.
+    /// The material's index, as the integrator counts materials.
     pub material: u32,
-    /// The integrator's number for the shape (mesh, sphere, …).
+    /// The index of the shape (mesh, sphere, …), as the integrator counts shapes.
     pub shape: u32,
-    /// The number of the triangle within the shape; 0 for spheres and other shapes of one piece.
+    /// The index of the triangle within the shape; 0 for spheres and other shapes of one piece.
     pub primitive: u32,
 }
 
@@ -90,7 +90,7 @@ impl FirstHit {
         self
     }
 
-    /// Sets the number of the material.
+    /// Sets the index of the material.
     #[inline]
     #[must_use]
     pub const fn with_material(mut self, material: u32) -> Self {
@@ -98,7 +98,7 @@ impl FirstHit {
         self
     }
 
-    /// Sets the number of the shape.
+    /// Sets the index of the shape.
     #[inline]
     #[must_use]
     pub const fn with_shape(mut self, shape: u32) -> Self {
@@ -106,7 +106,7 @@ impl FirstHit {
         self
     }
 
-    /// Sets the triangle within the shape.
+    /// Sets the index of the triangle within the shape.
     #[inline]
     #[must_use]
     pub const fn with_primitive(mut self, primitive: u32) -> Self {
@@ -122,7 +122,7 @@ impl FirstHit {
     }
 }
 
-/// An integrator's result for one sample.
+/// An integrator's result for one sample: radiance, first hit and cost.
 ///
 /// ```
 /// use dapple_core::Estimate;
@@ -198,8 +198,8 @@ pub trait Integrator: Sync {
         false
     }
 
-    /// Learns from the notes of one training pass, between two passes. Notes are merged in a fixed order, so the result
-    /// does not depend on threads.
+    /// Learns from the values noted in one training pass ([`TrainingLog::note`]), between two passes. Notes are merged
+    /// in a fixed order, so the result does not depend on threads.
     ///
     /// The first pass traces one sample per pixel. Each later pass traces as many as all passes before it, at most the
     /// rest of the round: 1, 1, 2, 4, …
@@ -286,7 +286,7 @@ impl TrainingSum {
     }
 }
 
-/// The sums of all notes of a training pass, sorted by key.
+/// The sums of all values that integrators noted in a training pass, sorted by key.
 ///
 /// Blocks of 16x16 pixels are summed first, then rows of blocks, then all rows in order. The sums are the same bits for
 /// any number of threads.
@@ -296,19 +296,19 @@ pub struct TrainingData {
 }
 
 impl TrainingData {
-    /// Merges the sums of the parts of an image, which are in the order of the image.
+    /// Merges the sums of an image's parts, given in the order of the image, on all threads.
     pub(crate) fn merge(parts: &[Vec<TrainingSum>]) -> Self {
         Self::merged(parts, |entries| entries.par_sort_by_key(|e| e.key))
     }
 
-    /// As [`TrainingData::merge`], on the calling thread alone. A task that waits for other tasks would start new ones
-    /// meanwhile.
+    /// Merges the sums of an image's parts, given in the order of the image, on the calling thread alone. A task that
+    /// waits for a parallel sort would start other tasks meanwhile.
     pub(crate) fn merge_here(parts: &[Vec<TrainingSum>]) -> Self {
         Self::merged(parts, |entries| entries.sort_by_key(|e| e.key))
     }
 
-    /// Merges the parts by sorting; `sort` must be stable, so that equal keys stay in order. A tree would take several
-    /// times as long.
+    /// Merges the sums of an image's parts by sorting them by key. `sort` must be stable, so that equal keys stay in
+    /// order. A tree would take several times as long.
     fn merged(parts: &[Vec<TrainingSum>], sort: impl FnOnce(&mut [TrainingSum])) -> Self {
         let mut entries = parts.concat();
         sort(&mut entries);
@@ -324,7 +324,7 @@ impl TrainingData {
         Self { entries }
     }
 
-    /// Training data of these entries; `None` if their keys do not ascend.
+    /// Makes training data of these entries; `None` if their keys do not ascend.
     pub(crate) fn sorted(entries: Vec<TrainingSum>) -> Option<Self> {
         entries.is_sorted_by(|a, b| a.key < b.key).then_some(Self { entries })
     }

@@ -96,7 +96,7 @@ pub use sampler::{BudgetLeft, Feedback, Sampler};
 pub use shard::{Shard, ShardFilm, Sharded, merge};
 pub use snapshot::Snapshot;
 
-/// Runs the example of the README.
+/// The README's example, run as a doctest.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct ReadmeExample;

@@ -4,15 +4,15 @@
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Budget {
-    /// This many samples in all, exactly.
+    /// A number of samples in all. It is spent exactly, unless the sampler stops at a threshold.
     Samples(u64),
-    /// About this many seconds of planning and tracing. Between rounds, the render loop converts the time to sample
-    /// budgets, which the film records. [`Budget::Recorded`] replays these budgets to the same bits.
+    /// A time for planning and tracing, in seconds, met approximately. Between rounds, the render loop converts the
+    /// time to sample budgets, which the film records. [`Budget::Recorded`] replays these budgets to the same bits.
     Seconds(f64),
-    /// As many samples as the image needs for an estimated relMSE of at most `relmse`, but at most `at_most`. The film
-    /// then also records halves.
+    /// The number of samples that an estimated relMSE of at most `relmse` needs, but at most `at_most`. The film then
+    /// also splits each pixel's samples into two halves.
     Error {
-        /// The goal, `mean((x - truth)^2 / (truth^2 + 0.01))`.
+        /// The largest accepted relMSE: `mean((x - truth)^2 / (truth^2 + 0.01))` over pixels and channels.
         relmse: f64,
         /// The largest number of samples, spent if the goal is not reached.
         at_most: u64,
@@ -59,13 +59,14 @@ impl Schedule {
         Self { tile_rows, ..self }
     }
 
-    /// Sets the samples per pixel and slice; 0 chooses them by time.
+    /// Sets the samples per pixel in a slice, the work between two calls of the monitor; 0 makes slices of about 0.2
+    /// seconds.
     #[must_use]
     pub const fn with_slice_spp(self, slice_spp: u32) -> Self {
         Self { slice_spp, ..self }
     }
 
-    /// Permutes tasks by this seed; 0 keeps them in order.
+    /// Sets the seed of a random permutation of tasks; 0 keeps tasks in order.
     #[must_use]
     pub const fn with_shuffle(self, shuffle: u64) -> Self {
         Self { shuffle, ..self }
@@ -88,7 +89,7 @@ impl Schedule {
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub struct Limits {
-    /// The amount of work.
+    /// The amount of work: a number of samples, a time, or an error to reach.
     pub budget: Budget,
     /// The least number of samples per pixel, 1 by default. A sampler's own floor may be higher.
     pub min_spp: u32,
@@ -101,7 +102,7 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Limits of this many samples in all.
+    /// Limits of `total` samples in all.
     pub fn samples(total: u64) -> Self {
         Self::new(Budget::Samples(total))
     }

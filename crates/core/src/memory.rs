@@ -7,13 +7,14 @@ use crate::{Budget, Film, Filter, Frame, Limits, Needs, Sampler};
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SamplerMemory {
-    /// Statistics of discarded or withdrawn samples, which the film stores besides those of the kept samples.
+    /// The bytes of the statistics of discarded or withdrawn samples, which the film stores besides those of the kept
+    /// samples.
     pub discarded: u64,
-    /// State that the sampler keeps from one round to the next.
+    /// The bytes of state that the sampler keeps from one round to the next.
     pub state: u64,
-    /// The peak while a round is planned, the plan included.
+    /// The peak in bytes while a round is planned, the plan included.
     pub planning: u64,
-    /// The plan alone, which is held while the round is traced.
+    /// The bytes of the plan (a sample count per pixel), which is held while the round is traced.
     pub plan: u64,
 }
 
@@ -40,8 +41,8 @@ impl SamplerMemory {
 
     /// Adds the memory of discarded samples: a film with both kept and discarded samples holds its statistics twice.
     ///
-    /// With a known budget, all samples so far are discarded when the rest is planned. The planes of kept samples are
-    /// then still untouched zeros, which take no memory yet.
+    /// With a budget given in samples, all samples so far are discarded when the rest is planned. The planes of kept
+    /// samples are then still untouched zeros, which take no memory yet.
     #[must_use]
     pub fn with_discarded(self, frame: &Frame, needs: &Needs, limits: &Limits) -> Self {
         let discarded = frame.bytes(Film::bank_bytes_per_pixel(needs));
@@ -52,13 +53,13 @@ impl SamplerMemory {
     }
 }
 
-/// The planes of a filter's image.
+/// The per-pixel values in a filter's result.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ImagePlanes {
     /// Radiance only.
     Radiance,
-    /// Radiance, and the estimated error.
+    /// Radiance, and the estimated squared error.
     RadianceAndError,
 }
 
@@ -66,9 +67,9 @@ pub enum ImagePlanes {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FilterMemory {
-    /// The peak while the filter is applied, the filtered image included.
+    /// The peak in bytes while the filter is applied, the filtered image included.
     pub applying: u64,
-    /// The filtered image, with its error estimates if the filter makes them.
+    /// The bytes of the filtered image, with its error estimates if the filter makes them.
     pub image: u64,
 }
 
@@ -117,15 +118,15 @@ impl FilterMemory {
 pub struct Memory {
     /// The statistics that the film records.
     pub needs: Needs,
-    /// The film, discarded samples included.
+    /// The bytes of the film, discarded samples included.
     pub film: u64,
-    /// The sampler's state.
+    /// The bytes of state that the sampler keeps between rounds.
     pub sampler: u64,
-    /// The peak while a round is planned, besides film and state.
+    /// The peak in bytes while a round is planned, besides the film and the sampler's state.
     pub planning: u64,
-    /// The plan of the round being traced.
+    /// The bytes of the plan (a sample count per pixel) of the round being traced.
     pub tracing: u64,
-    /// The filter's memory besides the film.
+    /// The bytes that the filter takes besides the film.
     pub filter: FilterMemory,
 }
 

@@ -35,40 +35,40 @@ pub struct Needs {
 }
 
 impl Needs {
-    /// Counts and means only.
+    /// No statistics besides sample counts and means.
     pub const fn none() -> Self {
         Self { variance: false, extrema: false, halves: false, features: false, first_hits: 0, cost: false }
     }
 
-    /// Adds the sample variance.
+    /// Adds the sample variance per pixel and channel.
     #[must_use]
     pub const fn with_variance(mut self) -> Self {
         self.variance = true;
         self
     }
 
-    /// Adds the extrema.
+    /// Adds the smallest and largest sample per pixel.
     #[must_use]
     pub const fn with_extrema(mut self) -> Self {
         self.extrema = true;
         self
     }
 
-    /// Adds two halves.
+    /// Adds the split of each pixel's samples into two independently scrambled halves.
     #[must_use]
     pub const fn with_halves(mut self) -> Self {
         self.halves = true;
         self
     }
 
-    /// Adds first-hit features with their variance.
+    /// Adds mean and variance of the first hit's albedo, normal, depth and position.
     #[must_use]
     pub const fn with_features(mut self) -> Self {
         self.features = true;
         self
     }
 
-    /// Adds the first hits of at least the first `k` samples.
+    /// Adds the first hits of at least the first `k` samples per pixel, stored one by one.
     #[must_use]
     pub const fn with_first_hits(mut self, k: u8) -> Self {
         if k > self.first_hits {
@@ -77,7 +77,7 @@ impl Needs {
         self
     }
 
-    /// Adds the cost per pixel.
+    /// Adds the cost of each pixel's samples, in rays.
     #[must_use]
     pub const fn with_cost(mut self) -> Self {
         self.cost = true;

@@ -4,14 +4,14 @@ mod value;
 
 pub use value::OptionValue;
 
-/// A parameter: its name, its default as text, and one line of help.
+/// A command-line parameter of a sampler, point set or filter: its name, its default as text, and one line of help.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Parameter {
     /// The name, as in `name=value`.
     pub name: &'static str,
     /// The default value, as text that parses.
     pub default: &'static str,
-    /// One line of help.
+    /// A one-line description of the parameter.
     pub help: &'static str,
 }
 
@@ -47,7 +47,7 @@ pub enum OptionError {
     /// An item without an equals sign.
     #[error("\"{item}\" is not of the form key=value")]
     NotAPair {
-        /// The item, as given.
+        /// The list item, as given.
         item: String,
     },
     /// An unknown name.
@@ -305,7 +305,7 @@ macro_rules! choices {
     ($Type:ident { $($variant:ident = $name:literal),* $(,)? }) => {
         #[allow(unreachable_pub, reason = "the enum may be private")]
         impl $Type {
-            /// The name on the command line.
+            /// The variant's name on the command line.
             pub const fn name(self) -> &'static str {
                 match self {
                     $(Self::$variant => $name,)*

@@ -25,17 +25,17 @@ pub enum Retention {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Combine {
-    /// The mean weighted by the sample counts of the halves.
+    /// The mean of the two halves, weighted by their sample counts.
     #[default]
     ByCount,
-    /// The plain average, whatever the counts. Required for an unbiased image if each half decides the counts of the
-    /// other.
+    /// The plain average of the two halves, whatever their counts. Required for an unbiased image if each half decides
+    /// the counts of the other.
     Equally,
-    /// The weight of the first half, in `[0, 1]`; the second half gets the rest.
+    /// A fixed weight of the first half, in `[0, 1]`; the second half gets the rest.
     Fixed(f64),
 }
 
-/// One round: additional samples per pixel, and their retention.
+/// The plan of one round: additional samples per pixel, and their use in the image.
 ///
 /// ```
 /// use dapple_core::{Plan, Retention};
@@ -56,9 +56,9 @@ pub struct Plan {
     /// Additional samples per pixel for the second half; `counts` then holds those of the first half. With `None`,
     /// samples alternate between the halves. Allowed only in films with halves.
     pub second_half: Option<Vec<u32>>,
-    /// The use of the round's samples.
+    /// The use of the round's samples: in the image, or only as information for the sampler.
     pub retention: Retention,
-    /// The rule that combines the halves from this round on.
+    /// The rule that combines the means of a pixel's two halves from this round on.
     pub combine: Combine,
     /// A mark per pixel whose kept samples are withdrawn from the image before the round is traced. Withdrawn samples
     /// join the discarded ones and stay spent. A withdrawn pixel must get kept samples in this round, whose indices

@@ -11,9 +11,11 @@ use std::sync::Arc;
 pub struct SampleId {
     /// Column and row in the full image, also in the render of a crop.
     pub pixel: [u32; 2],
-    /// The number of the point sequence; sequences are scrambled independently of each other (see [`streams`]).
+    /// The number of the pixel's point sequence; a pixel's sequences are scrambled independently of each other (see
+    /// [`streams`]).
     pub stream: u32,
-    /// The index in the stream, from 0, less than [`PointSet::capacity`]. It continues over rounds.
+    /// The sample's index in the stream (point sequence), from 0, less than [`PointSet::capacity`]. It continues over
+    /// rounds.
     pub index: u64,
 }
 
@@ -29,15 +31,17 @@ impl SampleId {
 ///
 /// Two streams of one pixel are scrambled independently, so that their difference is a valid error estimate.
 pub mod streams {
-    /// All samples of a render without halves.
+    /// The stream of the image's samples in a render without halves.
     pub const WHOLE: u32 = 0;
-    /// Sample `i` of a render with halves is sample `i >> 1` of stream `HALVES[i & 1]`.
+    /// The streams of the image's samples in a render with two halves. If samples alternate between the halves, a
+    /// pixel's sample `i` is sample `i >> 1` of stream `HALVES[i & 1]`.
     pub const HALVES: [u32; 2] = [1, 2];
-    /// Samples of discarded rounds. A separate stream keeps the samples in the image an unbroken prefix of theirs.
+    /// The stream of discarded samples, which do not enter the image. A separate stream keeps the image's samples an
+    /// unbroken prefix of their own sequence.
     pub const DISCARDED: u32 = 3;
-    /// Discarded samples of a render with halves.
+    /// The streams of discarded samples in a render with two halves.
     pub const DISCARDED_HALVES: [u32; 2] = [4, 5];
-    /// First-hit probes traced before a render, by samplers that plan from geometry.
+    /// The stream of first-hit probes, which samplers that plan from geometry trace before a render.
     pub const PROBE: u32 = 6;
 }
 

@@ -13,7 +13,7 @@ use budget::Meter;
 use round::Stopped;
 use std::time::Instant;
 
-/// The state of a render between two slices of a round, passed to a [`Monitor`].
+/// The state of a render between two slices of tracing (about 0.2 seconds each), passed to a [`Monitor`].
 #[non_exhaustive]
 #[derive(Clone, Copy)]
 pub struct Status<'a> {
@@ -67,7 +67,7 @@ pub enum Control {
 /// }
 /// ```
 pub trait Monitor {
-    /// Called after each slice. The returned value decides whether the render continues.
+    /// Called after each slice of tracing (about 0.2 seconds). The returned value decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
     /// Called once at the end, unless the render was stopped. A render resumed from a snapshot taken here may have
@@ -145,13 +145,13 @@ impl<'a> Render<'a> {
         Self { frame, limits, needs: Needs::none(), monitor: None }
     }
 
-    /// Adds statistics for the film to record.
+    /// Adds statistics that the film must record besides counts and means.
     pub fn needs(mut self, needs: Needs) -> Self {
         self.needs = self.needs.and(needs);
         self
     }
 
-    /// Sets the monitor that is called between slices.
+    /// Sets the monitor that is called between slices of tracing (about 0.2 seconds each).
     pub fn monitor(mut self, monitor: &'a mut dyn Monitor) -> Self {
         self.monitor = Some(monitor);
         self
@@ -181,8 +181,9 @@ impl<'a> Render<'a> {
     ///
     /// # Errors
     ///
-    /// As [`Render::run`]. [`Error::OtherRender`] if sampler, points, frame, bounds of counts or needs differ, or if
-    /// more samples are already planned than the budget allows. [`Error::BadSnapshot`] for inconsistent bytes.
+    /// The errors of [`Render::run`]. [`Error::OtherRender`] if sampler, points, frame, bounds of counts or needs
+    /// differ, or if more samples are already planned than the budget allows. [`Error::BadSnapshot`] for inconsistent
+    /// bytes.
     pub fn resume(
         self,
         snapshot: Snapshot,
@@ -277,7 +278,7 @@ struct State {
     passes: Vec<TrainingData>,
 }
 
-/// Asks the sampler for the next round; `None` at the end of the render.
+/// Requests the plan of the next round from the sampler; `None` at the end of the render.
 fn plan(
     state: &mut State,
     meter: &mut Meter,
@@ -302,7 +303,7 @@ fn plan(
     }
 }
 
-/// Applies a plan's withdrawals and retention to the film, and returns the round to trace.
+/// Applies a plan's withdrawals and discarding to the film, and returns the round to trace.
 fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {
     if plan.retention == Retention::Discard {
         film.open_discarded();
@@ -322,7 +323,7 @@ struct Clock {
 }
 
 impl Clock {
-    /// A running stopwatch that shows `seconds` now.
+    /// Starts a stopwatch that shows `seconds` now.
     fn start(seconds: f64) -> Self {
         Self { start: Instant::now(), away: -seconds }
     }
@@ -432,15 +433,15 @@ fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &crate::Budget
     Ok(())
 }
 
-/// Additional samples of a pixel in a round, by half.
+/// The number of additional samples of a pixel in a round, by half.
 enum Planned {
     Whole(u64),
     Alternating(u64),
     Halves(u64, u64),
 }
 
-/// The number of points that pixel `i` will have used in either stream, whichever is larger, after `more` samples
-/// beyond those in `banks`.
+/// The number of points that pixel `i` will have used after `more` samples beyond those in `banks`: the larger number
+/// of its two streams (point sequences).
 fn used_after(banks: &[Bank], i: usize, more: Planned, withdrawn: bool) -> u64 {
     let used = |half: usize| banks.get(half).map_or(0, |b| b.next_index(i));
     let counted = |half: usize| banks.get(half).filter(|_| !withdrawn).map_or(0, |b| b.counts[i]);

@@ -2,7 +2,7 @@
 
 use crate::{Error, Film, Frame, Limits, Needs, Plan, PointSet, Progress, SamplerMemory};
 
-/// A render's sample budget at the time a round is planned.
+/// A render's sample budget, spent and total, at the time a round (a batch of samples) is planned.
 ///
 /// ```
 /// use dapple_core::BudgetLeft;
@@ -16,11 +16,11 @@ pub struct BudgetLeft {
     /// The number of samples traced so far, discarded ones included.
     pub spent: u64,
     /// The number of samples that may be spent in all, as far as known. Under a time or error limit the render loop may
-    /// raise it after [`Progress::Done`], and plan again.
+    /// raise it after a sampler reports [`Progress::Done`], and plan again.
     pub total: u64,
-    /// The least number of kept samples per pixel.
+    /// The least number of samples per pixel in the image, discarded ones not counted.
     pub min_spp: u32,
-    /// The largest number of kept samples per pixel.
+    /// The largest number of samples per pixel in the image, discarded ones not counted.
     pub max_spp: u32,
 }
 
@@ -30,19 +30,19 @@ impl BudgetLeft {
         Self { spent: 0, total, min_spp: 1, max_spp: u32::MAX }
     }
 
-    /// Sets the samples traced so far.
+    /// Sets the number of samples traced so far, discarded ones included.
     #[must_use]
     pub const fn with_spent(self, spent: u64) -> Self {
         Self { spent, ..self }
     }
 
-    /// Sets the least number of kept samples per pixel.
+    /// Sets the least number of samples per pixel in the image, discarded ones not counted.
     #[must_use]
     pub const fn with_min_spp(self, min_spp: u32) -> Self {
         Self { min_spp, ..self }
     }
 
-    /// Sets the largest number of kept samples per pixel.
+    /// Sets the largest number of samples per pixel in the image, discarded ones not counted.
     #[must_use]
     pub const fn with_max_spp(self, max_spp: u32) -> Self {
         Self { max_spp, ..self }
@@ -62,17 +62,17 @@ pub struct Feedback<'a> {
     pub round: u32,
     /// The film so far, which records at least the statistics of [`Sampler::needs`].
     pub film: &'a Film,
-    /// The budget, spent and total.
+    /// The sample budget: spent, total, and the bounds of each pixel's count.
     pub budget: BudgetLeft,
 }
 
 impl<'a> Feedback<'a> {
-    /// The state after `round` rounds.
+    /// The state of a render after `round` rounds of planning and tracing.
     pub const fn new(round: u32, film: &'a Film, budget: BudgetLeft) -> Self {
         Self { round, film, budget }
     }
 
-    /// The image's size and window.
+    /// The image's resolution and its rendered window.
     pub fn frame(&self) -> &Frame {
         self.film.frame()
     }
@@ -151,19 +151,20 @@ pub trait Sampler: Send {
         Needs::none()
     }
 
-    /// The memory that the sampler takes besides the film, in a render of this frame within these limits. `needs` lists
-    /// all statistics that the film records. The default assumes a sampler that keeps nothing but the plan.
+    /// The memory in bytes that the sampler takes besides the film, in a render of this frame within these limits.
+    /// `needs` lists all statistics that the film records. The default assumes a sampler that keeps nothing but the
+    /// plan.
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
         let _ = limits;
         let memory = SamplerMemory::planning(frame, 0);
         if needs.halves { memory.with_second_half(frame) } else { memory }
     }
 
-    /// The point set whose points the samples use.
+    /// The point set that supplies the samples' random numbers.
     fn points(&self) -> &dyn PointSet;
 
-    /// Plans a round. Fills `plan`, whose counts are 0, and returns [`Progress::Trace`], or returns [`Progress::Done`]
-    /// if no more samples are wanted. The film is empty in round 0.
+    /// Plans the next round (batch of samples). Fills `plan`, whose counts are 0, and returns [`Progress::Trace`], or
+    /// returns [`Progress::Done`] if no more samples are wanted. The film is empty in round 0.
     ///
     /// A plan may have at most `seen.budget.left()` samples. A sampler that spends the budget exactly plans until
     /// nothing is left. One that stops at a threshold may stop earlier.

@@ -89,7 +89,7 @@ impl Shard {
         width as usize * height.saturating_sub(self.index).div_ceil(self.of) as usize
     }
 
-    /// This shard's rows of a plane that has `width` values per row.
+    /// Returns this shard's rows of a plane that has `width` values per row.
     fn cut<T: Copy>(&self, plane: &[T], width: usize) -> Vec<T> {
         let rows = plane.chunks(width.max(1)).enumerate().filter(|(row, _)| self.owns(*row));
         rows.flat_map(|(_, values)| values).copied().collect()
@@ -97,7 +97,7 @@ impl Shard {
 }
 
 impl std::fmt::Display for Shard {
-    /// Formats as number and total, counted from 1: `1/4` is the first of four.
+    /// Formats as number and total, counted from 1: `1/4` is the first of four shards.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}/{}", self.index + 1, self.of)
     }
@@ -111,7 +111,7 @@ impl std::fmt::Display for Shard {
 pub struct Sharded<'a> {
     inner: &'a mut dyn Sampler,
     shard: Shard,
-    /// A film of the whole image that holds only sample counts, for the inner sampler.
+    /// A film of the whole image that holds sample counts but no sample values, for the inner sampler.
     ghost: Option<Film>,
     /// The budgets passed to the inner sampler so far, one per plan of the whole image.
     shown: Vec<BudgetLeft>,
@@ -137,7 +137,7 @@ impl<'a> Sharded<'a> {
         Ok(Self { inner, shard, ghost: None, shown: Vec::new() })
     }
 
-    /// The inner sampler's next plan for the whole image; `None` at the end.
+    /// Returns the inner sampler's next plan for the whole image; `None` if it plans no more rounds.
     fn plan_whole(&mut self, frame: &Frame, halves: bool, budget: BudgetLeft) -> Result<Option<Plan>, Error> {
         let needs = self.inner.needs();
         let needs = if halves { needs.with_halves() } else { needs };
@@ -168,7 +168,7 @@ impl<'a> Sharded<'a> {
     }
 }
 
-/// Adds the samples of a plan to the counts of the ghost film.
+/// Adds the samples of a plan to the ghost film, which holds the counts of the whole image and no sample values.
 fn count(ghost: &mut Film, plan: &Plan) {
     if plan.retention == Retention::Discard {
         ghost.open_discarded();
@@ -310,7 +310,7 @@ impl ShardFilm {
         Ok(Self { shard, film })
     }
 
-    /// The shard's number and total.
+    /// The shard: its index, and the number of shards.
     pub fn shard(&self) -> Shard {
         self.shard
     }
@@ -330,8 +330,8 @@ impl ShardFilm {
         to.finish()
     }
 
-    /// Reads the bytes of [`ShardFilm::to_bytes`]. Takes memory of at most a few times their number, even for invalid
-    /// bytes.
+    /// Reads the bytes of [`ShardFilm::to_bytes`]. Allocates at most a few times as many bytes as it reads, even for
+    /// invalid bytes.
     ///
     /// # Errors
     ///

@@ -25,12 +25,13 @@ pub(crate) struct Cursor {
     pub(crate) row: u32,
 }
 
-/// A round that is partly traced.
+/// A round (a batch of planned samples) that is partly traced.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct OpenRound {
     pub(crate) plan: Plan,
     pub(crate) cursor: Cursor,
-    /// The sums of the unfinished training pass, for each traced row of blocks: its number and the sums by key.
+    /// The sums of the unfinished training pass. For each traced row of 16x16-pixel blocks: the index of the row of
+    /// blocks, and the sums by key.
     pub(crate) pending: Vec<(usize, Vec<TrainingSum>)>,
     /// The number of samples traced before this round.
     pub(crate) before: u64,
@@ -45,7 +46,7 @@ impl OpenRound {
         if row < self.cursor.row as usize { self.cursor.end } else { self.cursor.start }
     }
 
-    /// The untraced rest of the round as a plan. It has no withdrawals, which are done when the round begins.
+    /// The untraced rest of the round as a plan. It withdraws no samples: withdrawals happen when the round begins.
     pub(crate) fn rest(&self, width: usize) -> Plan {
         let left = |counts: &[u32]| -> Vec<u32> {
             counts.iter().enumerate().map(|(i, n)| n.saturating_sub(self.done(i / width))).collect()
@@ -70,7 +71,7 @@ pub(crate) struct View<'a> {
 }
 
 const MAGIC: &[u8; 8] = b"dapple-s";
-/// The version of the format. It changes with the layout and the contents.
+/// The version of the snapshot format. It changes with the layout and the contents.
 const VERSION: u32 = 2;
 
 impl View<'_> {
@@ -153,8 +154,8 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Reads the bytes of [`Status::snapshot`](crate::Status::snapshot). Takes memory of at most a few times their
-    /// number, even for invalid bytes.
+    /// Reads the bytes of [`Status::snapshot`](crate::Status::snapshot). Allocates at most a few times as many bytes as
+    /// it reads, even for invalid bytes.
     ///
     /// # Errors
     ///
@@ -187,12 +188,12 @@ impl Snapshot {
         Ok(Self { film, round, open, passes, total, seconds, sampler_state, sampler, points, bounds })
     }
 
-    /// The film at the snapshot, with valid statistics in every pixel.
+    /// The film (per-pixel statistics) at the time of the snapshot, with valid statistics in every pixel.
     pub fn film(&self) -> &Film {
         &self.film
     }
 
-    /// Checks that the snapshot belongs to a render with these settings.
+    /// Checks that the snapshot belongs to a render with this sampler, frame and limits, and records these `needs`.
     pub(crate) fn check(
         &self,
         sampler: &dyn Sampler,

@@ -1,4 +1,5 @@
-//! Weighted means over windows, both halves at once. The weights of each half come from the other half's guide.
+//! Weighted means over windows of pixels, for both halves of the samples at once. The weights of each half come from a
+//! guide: the colours and variances of the other half.
 
 use crate::planes::{Colours, Inputs, LEAST_ALBEDO, Plane};
 use crate::tile::{
@@ -9,22 +10,22 @@ use dapple_core::{FilterMemory, Frame, ImagePlanes};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-/// A window and the weights in it.
+/// A square window around a pixel, and its spatial weights.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Window {
     /// The radius in pixels, at most [`REACH`].
     pub(crate) radius: usize,
-    /// Weights below this count as 0.
+    /// The least weight of a pixel that counts; smaller weights are replaced by 0.
     pub(crate) cut: f32,
-    /// The spatial weight is `exp(-falloff r^2)`.
+    /// The falloff of the spatial weight `exp(-falloff r^2)`, with `r` in pixels.
     pub(crate) falloff: f32,
 }
 
-/// Weights below this vanish in a sum, but their products are slow subnormal numbers. Dropping them saves a third of
-/// the time of `cluster-regression` (docs/results/filters.md).
+/// The weight below which a pixel is left out. It would vanish in a sum, but its products are slow subnormal numbers.
+/// Leaving such pixels out saves a third of the time of `cluster-regression` (docs/results/filters.md).
 pub(crate) const VANISHING: f32 = 1e-20;
 
-/// The weighted means of `values` in both halves.
+/// The weighted means of `values` over a window around each pixel, for both halves.
 pub(crate) fn average(
     inputs: &Inputs,
     values: [&Colours; 2],
@@ -35,7 +36,8 @@ pub(crate) fn average(
     average_where(inputs, values, guides, like, window, &|_| true)
 }
 
-/// [`average`] of the tiles whose origin is `wanted`; the others keep their values. A single guide weighs both halves.
+/// Averages the tiles for whose origin `wanted` returns true; the other tiles keep their values. With two guides, each
+/// half takes its weights from the other half's guide. A single guide serves both halves.
 pub(crate) fn average_where<const G: usize>(
     inputs: &Inputs,
     values: [&Colours; 2],
@@ -54,8 +56,8 @@ pub(crate) fn average_where<const G: usize>(
     [0, 1].map(|half| std::array::from_fn(|c| assembled(inputs.size, &tiles, &values[half][c], half, c)))
 }
 
-/// The memory of a filter that is one average over [`Inputs`]. `pooled` guides have one plane of variance instead of
-/// three.
+/// The memory of a filter that computes one average over [`Inputs`]. `pooled` guides have one plane of variance instead
+/// of three.
 pub(crate) fn memory(frame: &Frame, labels: bool, like: &Likeness, pooled: bool) -> FilterMemory {
     let [kept, making] = Inputs::bytes_per_pixel(labels);
     let guides = 2 * (3 + if pooled { 1 } else { 3 });
@@ -76,7 +78,8 @@ struct TileTask<'a, const G: usize> {
     origin: [usize; 2],
 }
 
-/// The rows of both halves, even and odd columns apart: each holds red, green, blue and weight.
+/// The weighted sums of a tile. An entry holds red, green, blue and weight of the even (or odd) columns in a row of one
+/// half.
 type Sums = Vec<[f32; 4 * LANES]>;
 
 #[inline(always)]
@@ -124,7 +127,7 @@ impl<const G: usize> TileTask<'_, G> {
         sums
     }
 
-    /// Adds the pixels at `offset` from the tile's.
+    /// Adds to the sums of each pixel in the tile the pixel at `offset` from it, multiplied by its weight.
     #[inline(always)]
     fn gather<S: Simd, const R: usize>(
         &self,
@@ -170,7 +173,7 @@ impl<const G: usize> TileTask<'_, G> {
     }
 }
 
-/// Divides the sums by their weights; black where no sample is in reach.
+/// Divides the sums of colours by the sums of weights. A pixel becomes black if its window holds no sample.
 #[inline(always)]
 fn divide(sums: &mut Sums) {
     for row in sums {
@@ -202,7 +205,8 @@ fn assembled([width, height]: [usize; 2], tiles: &[Option<Sums>], own: &[f32], h
     all
 }
 
-/// A guide from the means of one half, with three variances or one pooled variance.
+/// Makes a guide from the mean colours of one half of the samples. `pooled` adds the variances of the three channels;
+/// `demodulated` divides colours by albedo.
 pub(crate) fn guide(inputs: &Inputs, half: usize, pooled: bool, demodulated: bool) -> Guide {
     let own = &inputs.halves[half];
     let divided = |c: usize, plane: &Plane, power: u32| -> Plane {

@@ -168,7 +168,8 @@ impl ClusterGaussian {
         Filtered::new(size, radiance).with_error(error)
     }
 
-    /// The weighted sums around pixel (x, y). If its clusters cut it off, they are ignored.
+    /// The weighted sums over the kernel around pixel (x, y): of means and presence, and of variances. Clusters are
+    /// ignored if they leave no sample in reach.
     #[inline]
     fn gather<M: Membership>(&self, plane: &Plane<'_, M>, x: usize, y: usize) -> ([f64; 4], f64) {
         // The factor is 0 or at least 2^-53, however small `outside`: its square does not underflow.
@@ -187,7 +188,8 @@ struct Plane<'a, M> {
 }
 
 impl<M: Membership> Plane<'_, M> {
-    /// The sums of weight times mean and presence, and of squared weight times variance.
+    /// The sums over the kernel around pixel (x, y): of weight times mean and presence, and of squared weight times
+    /// variance. `factor` maps the overlap of two pixels' clusters to a factor on the weight.
     #[inline]
     fn gather(&self, weights: &[f64], x: usize, y: usize, factor: impl Fn(f64) -> f64) -> ([f64; 4], f64) {
         let [width, height] = self.size;

@@ -13,7 +13,8 @@ use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlane
 use rayon::prelude::*;
 use std::fmt;
 
-/// The weight of the image beside a regression, relative to 1 for a window's centre. 0.1 to 2 gave equal errors.
+/// The weight of the image that is averaged with the predictions of a regression; a window's centre has the weight 1.
+/// Weights from 0.1 to 2 gave equal errors.
 const BESIDE: f32 = 0.5;
 
 /// The number of passes of a [`ClusterRegression`].
@@ -22,7 +23,8 @@ const BESIDE: f32 = 0.5;
 pub enum Passes {
     /// One pass of regression.
     One,
-    /// Two passes, and the choice among them, the bilateral image and the unfiltered image. The default.
+    /// Two passes of regression, the default. The result is chosen per pixel among both passes, the bilateral image and
+    /// the unfiltered image.
     #[default]
     Two,
 }
@@ -120,7 +122,7 @@ impl ClusterRegression {
         if self.label.is_some() { self.options.outside } else { 1.0 }
     }
 
-    /// Filters both halves in the first pass.
+    /// Runs the first pass on both halves of the samples. `beside` is the bilateral image.
     fn first(&self, inputs: &Inputs, beside: &Pair) -> Pair {
         let guides = [0, 1].map(|half| guide(inputs, half, true, false));
         let features = FeatureScales { bandwidth: 1.5, floors: [1e-2, 2e-3] };
@@ -128,7 +130,8 @@ impl ClusterRegression {
         Pair(regress(inputs, &guides, &like, beside, BESIDE))
     }
 
-    /// Filters both halves in the second pass, guided by an image with less noise.
+    /// Runs the second pass on both halves of the samples. `guide` is an image with less noise, by which pixels are
+    /// compared.
     fn second(&self, inputs: &Inputs, guide: &Pair) -> Pair {
         let features = FeatureScales { bandwidth: 5.0, floors: [1e-2, 2e-2] };
         // The first pass has used most of the information in the clusters.
@@ -154,8 +157,8 @@ impl ClusterRegression {
 /// The guide of the second pass: the filtered image without its albedo, and its remaining noise from the difference of
 /// the halves over 5x5 pixels.
 ///
-/// The variance is that of either half; that of the whole image, a quarter as much, left more error. One guide serves
-/// both halves. It keeps little of their noise and costs half as much as two.
+/// The variance is that of one half, `(a - b)^2 / 2`. The variance of the whole image, `(a - b)^2 / 4`, left more
+/// error. One guide serves both halves. It keeps little of their noise and costs half as much as two guides.
 fn residual_guide(inputs: &Inputs, image: &Pair) -> Guide {
     let Pair([a, b]) = image;
     let demodulated = |plane: &Plane, c: usize, i: usize| plane[i] / inputs.divisor(c, i);
@@ -197,8 +200,8 @@ impl Filter for ClusterRegression {
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let [kept, making] = Inputs::bytes_per_pixel(self.label.is_some() && needs.first_hits > 0);
         let pair = 4 * 6;
-        // The first pass stands beside the bilateral pair. The second stands beside the bilateral, first, unfiltered
-        // and chosen pairs and a plane of weights. That is more than the final choice takes.
+        // While the first pass runs, the bilateral pair is in memory. While the second runs, these are: the bilateral,
+        // first, unfiltered and chosen pairs, and a plane of weights. That is more than the final choice takes.
         let at_most = match self.options.passes {
             Passes::One => frame.bytes(kept + pair).saturating_add(bytes(frame, 2)),
             Passes::Two => frame.bytes(kept + 4 * pair + 4).saturating_add(bytes(frame, 1)),

@@ -4,33 +4,34 @@ use crate::planes::{Colours, Inputs, Plane, box_mean};
 use dapple_core::{Error, Filtered};
 use rayon::prelude::*;
 
-/// The epsilon of relMSE.
+/// The constant that relMSE adds to the squared mean.
 const EPSILON: f32 = 0.01;
 
-/// Factor on the unfiltered image's error when candidates are compared. Its estimate is never negative; the others
-/// scatter around theirs. Without the factor, that scatter would select noise where all errors are small.
+/// The factor on the estimated error of the unfiltered image when it is compared with filtered images. Its estimate is
+/// never negative, while those of filtered images scatter. Without the factor, that scatter would select the noisy
+/// image where all errors are small.
 const HANDICAP: f32 = 2.0;
 
-/// Pixels per task.
+/// The number of pixels per parallel task.
 const CHUNK: usize = 4096;
 
-/// An image from each half of the samples.
+/// Two images, one from each half of the samples.
 #[derive(Clone)]
 pub(crate) struct Pair(pub(crate) [Colours; 2]);
 
 impl Pair {
-    /// The unfiltered halves.
+    /// The unfiltered mean colours of both halves.
     pub(crate) fn unfiltered(inputs: &Inputs) -> Self {
         Self([0, 1].map(|h| inputs.halves[h].colour.clone()))
     }
 
-    /// The mean of both halves, weighted by their counts.
+    /// Channel `c` of pixel `i` in the mean of both halves, weighted by their sample counts.
     pub(crate) fn combined(&self, inputs: &Inputs, c: usize, i: usize) -> f32 {
         let (a, b) = (self.0[0][c][i], self.0[1][c][i]);
         b + inputs.first_share(i) * (a - b)
     }
 
-    /// Multiplies both halves by the albedo.
+    /// Multiplies both halves by each pixel's albedo, raised to at least 0.02.
     pub(crate) fn modulate(&mut self, inputs: &Inputs) {
         self.each(|c, i, value| value * inputs.divisor(c, i));
     }
@@ -43,7 +44,7 @@ impl Pair {
         }
     }
 
-    /// The sum of several pairs, each multiplied by a weight per pixel.
+    /// The sum of several pairs of images, each multiplied by a weight per pixel.
     pub(crate) fn mixed(pairs: &[&Self], weights: &[Plane]) -> Self {
         let mix = |half: usize, c: usize| -> Plane {
             let mut sum = vec![0.0; pairs[0].0[half][c].len()];
@@ -59,7 +60,7 @@ impl Pair {
     }
 }
 
-/// The weight of squared errors: one over the squared level of 3x3 pixels, as in relMSE.
+/// The weight of each pixel's squared error, as in relMSE: one over the squared mean of 3x3 pixels plus epsilon.
 pub(crate) fn relative_weight(inputs: &Inputs, image: &Pair) -> Plane {
     let of = |c: usize, i: usize| image.combined(inputs, c, i);
     let grey = |i: usize| (of(0, i) + of(1, i) + of(2, i)) / 3.0;
@@ -69,7 +70,8 @@ pub(crate) fn relative_weight(inputs: &Inputs, image: &Pair) -> Plane {
     mean.into_par_iter().with_min_len(1024).map(|m| 1.0 / (m * m + epsilon).max(1e-30)).collect()
 }
 
-/// The estimated weighted squared error of each pixel, unsmoothed, and its variance part; 0 where a half is empty.
+/// The estimated squared error of each pixel times its weight, unsmoothed, and the part of it that is variance. Both
+/// are 0 where a half has no samples.
 ///
 /// Let `F_A`, `F_B` be the filtered and `A`, `B` the unfiltered halves. `A` and `B` share no sample.
 /// So `E (F_A - B)^2` is the error of `F_A` plus the variance of `B`, and `E (A - B)^2` is the sum of both variances.
@@ -104,8 +106,8 @@ pub(crate) fn raw_error(inputs: &Inputs, image: &Pair, weight: &[f32]) -> [Plane
 }
 
 /// Selects per pixel the candidate with the least estimated error over `(2 radius + 1)^2` pixels, the first of equals.
-/// The selection is blurred over 5x5 pixels. The last candidate is the unfiltered image; it must be better by a factor
-/// of [`HANDICAP`].
+/// The selection is blurred over 5x5 pixels. The last candidate is the unfiltered image, whose error counts
+/// [`HANDICAP`] times.
 pub(crate) fn select(inputs: &Inputs, candidates: &[&Pair], weight: &[f32], radius: usize) -> Pair {
     let mut errors: Vec<Plane> =
         candidates.par_iter().map(|p| box_mean(&raw_error(inputs, p, weight)[0], inputs.size, radius)).collect();
@@ -123,11 +125,11 @@ pub(crate) fn select(inputs: &Inputs, candidates: &[&Pair], weight: &[f32], radi
     Pair::mixed(candidates, &shares)
 }
 
-/// The filtered image in radiance, with its error.
+/// The filtered image in radiance, with the estimated squared error of each pixel.
 ///
-/// The error is the larger of two smoothed estimates: the whole error over 7x7 pixels and the variance over 5x5.
-/// It is at least 5 % of the image's mean error, relative to the squared level.
-/// It is infinite where no pixel in reach has samples in both halves.
+/// The error is the larger of two smoothed estimates: the whole error over 7x7 pixels and the variance over 5x5. It is
+/// at least 5 % of the image's mean error, both relative to the squared brightness of 3x3 pixels. It is infinite where
+/// no pixel in reach has samples in both halves.
 pub(crate) fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
     let weight = relative_weight(inputs, image);
     let [whole, variance] = raw_error(inputs, image, &weight);

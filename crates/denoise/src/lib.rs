@@ -1,8 +1,8 @@
 //! Denoising filters: from per-pixel statistics to an image and its error, correct under unequal sample counts.
 //!
 //! * [`Gaussian`]: a blur of the pixel means.
-//! * [`ClusterGaussian`]: the same, kept within clusters of similar surfaces.
-//! * [`NlMeans`]: non-local means. Each half of the samples is weighted by the other half.
+//! * [`ClusterGaussian`]: a blur of the pixel means, kept within clusters of similar surfaces.
+//! * [`NlMeans`]: non-local means. The weights that filter one half of the samples come from the other half.
 //! * [`Bilateral`]: a cross-bilateral filter over first-hit features, colours and clusters.
 //! * [`ClusterRegression`]: two passes of regression on first-hit features, and a choice by estimated error.
 //!
@@ -51,8 +51,8 @@
 //!
 //! # Limits
 //!
-//! The blur of the two Gaussians is bias. It stays however many samples are spent.
-//! Their [`Filtered::error`](dapple_core::Filtered::error) is the variance only.
+//! The blur of the two Gaussians is bias, and no number of samples removes it. Their
+//! [`Filtered::error`](dapple_core::Filtered::error) is the variance only.
 //!
 //! The other three filters need two halves of the samples.
 //! The difference between the halves shows the whole error, bias included. That estimate is smoothed over 7x7 pixels.
@@ -80,7 +80,7 @@ pub use error_map::relative_errors;
 pub use gaussian::{Gaussian, GaussianOptions};
 pub use nl_means::{NlMeans, NlMeansOptions};
 
-/// Runs the example of the README.
+/// Runs the README's example as a documentation test.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct ReadmeExample;

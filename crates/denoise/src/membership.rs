@@ -1,17 +1,17 @@
-//! The clusters of a pixel, and the share that two pixels have in common.
+//! The clusters of a pixel's samples, and the overlap of the clusters of two pixels.
 
 pub(crate) use dapple_core::BACKGROUND;
 
-/// The number of samples per pixel that may vote on its clusters.
+/// The largest number of samples per pixel whose clusters count.
 pub(crate) const MOST_VOTES: usize = 8;
 
-/// The clusters of a pixel.
+/// The cluster or clusters that a pixel belongs to.
 pub(crate) trait Membership: Sync {
-    /// The share that two pixels have in common: 1 for the same cluster, 0 for different ones.
+    /// The overlap of two pixels' clusters: 1 if both lie in the same cluster, 0 if they have no cluster in common.
     fn overlap(&self, other: &Self) -> f64;
 }
 
-/// One cluster per pixel.
+/// The cluster of a pixel that belongs to only one.
 impl Membership for u32 {
     #[inline]
     fn overlap(&self, other: &Self) -> f64 {
@@ -19,7 +19,7 @@ impl Membership for u32 {
     }
 }
 
-/// The clusters of a pixel's first samples, with the number of samples in each.
+/// The clusters of a pixel's first samples (up to eight), with the number of samples in each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Votes {
     /// The clusters in ascending order. The first `len` entries are used.
@@ -30,7 +30,8 @@ pub(crate) struct Votes {
 }
 
 impl Votes {
-    /// Counts the first eight votes.
+    /// Counts the samples in each cluster. `labels` are the clusters of a pixel's samples, of which the first eight
+    /// count.
     pub(crate) fn count(labels: impl Iterator<Item = u32>) -> Self {
         let mut votes = [0; MOST_VOTES];
         let mut samples = 0;
@@ -49,7 +50,7 @@ impl Votes {
         counted
     }
 
-    /// The overlap of two sorted lists, for pixels of several clusters.
+    /// The overlap of two pixels with several clusters each; 1 if either pixel has no samples.
     #[inline(never)]
     fn merge(&self, other: &Self) -> f64 {
         // A pixel without samples matches every pixel.
@@ -74,7 +75,8 @@ impl Votes {
 }
 
 impl Membership for Votes {
-    /// The sum over the clusters of the smaller of the two shares.
+    /// The sum over all clusters of the smaller share: the share of one pixel's samples in the cluster or of the
+    /// other's.
     #[inline]
     fn overlap(&self, other: &Self) -> f64 {
         if self.len == 1 && other.len == 1 {

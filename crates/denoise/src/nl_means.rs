@@ -90,7 +90,7 @@ impl NlMeans {
         Likeness { patch, colour: k as f32, features: features.map(scales), outside: 1.0 }
     }
 
-    /// Filters both halves of a film.
+    /// Filters both halves of a film's samples, and returns an image from each.
     pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
         let demodulated = self.options.features.is_some();
         let guides = [0, 1].map(|half| guide(inputs, half, demodulated, demodulated));

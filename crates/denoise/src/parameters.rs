@@ -2,7 +2,7 @@
 
 use dapple_core::{Needs, Options};
 
-/// The needs of a filter over halves and features.
+/// The statistics that the film must record for a filter over halves and features.
 pub(crate) const NEEDS: Needs = Needs::none().with_variance().with_halves().with_features();
 
 /// A filter's description: its name, its parameters and those of its clusters, if any.

@@ -1,4 +1,4 @@
-//! Pixel means and their variances, as the two Gaussians read them.
+//! Pixel means and their variances, as `Gaussian` and `ClusterGaussian` read them.
 
 use dapple_core::Film;
 use rayon::prelude::*;
@@ -16,8 +16,8 @@ pub(crate) fn mean_and_presence(film: &Film, i: usize) -> [f64; 4] {
 
 /// The estimated variance of each pixel's mean, averaged over the channels; `None` if the film recorded none.
 ///
-/// It comes from the halves if the film has them, since only these are valid for low-discrepancy samples.
-/// Otherwise it comes from the sample variance. It is infinite where unknown and 0 in pixels without samples, which no
+/// The estimate comes from the halves if the film has them, since only these are valid for low-discrepancy samples.
+/// Otherwise it comes from the sample variance. It is infinite where unknown, and 0 in pixels without samples, which no
 /// sum includes.
 pub(crate) fn variances(film: &Film) -> Option<Vec<f64>> {
     let needs = film.needs();
@@ -39,7 +39,7 @@ pub(crate) fn variances(film: &Film) -> Option<Vec<f64>> {
     Some((0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(variance).collect())
 }
 
-/// The weighted mean from summed [`mean_and_presence`]; black if no sample is in reach.
+/// The weighted mean from a weighted sum of [`mean_and_presence`]; black if no sample is in reach.
 #[inline]
 pub(crate) fn normalised([r, g, b, weight]: [f64; 4]) -> [f32; 3] {
     if weight > 0.0 { [r, g, b].map(|x| (x / weight) as f32) } else { [0.0; 3] }

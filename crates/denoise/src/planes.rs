@@ -1,4 +1,4 @@
-//! The planes that filters over halves and features read of a film.
+//! A film's halves and first-hit features as planes (one value per pixel), in the form that the filters read.
 
 use crate::cluster_gaussian::ClusterLookup;
 use crate::membership::BACKGROUND;
@@ -8,67 +8,70 @@ use rayon::prelude::*;
 /// One value per pixel, row by row.
 pub(crate) type Plane = Vec<f32>;
 
-/// A colour per pixel.
+/// The red, green and blue of each pixel, a plane each.
 pub(crate) type Colours = [Plane; 3];
 
-/// Feature channels: shading normal, albedo, logarithm of depth.
+/// The number of feature channels: shading normal (3), albedo (3), logarithm of depth (1).
 pub(crate) const FEATURES: usize = 7;
 
-/// The largest radiance in units of the image's level. Its fourth power fits `f32`.
+/// The largest radiance in units of the image's level (its mean brightness). Its fourth power fits `f32`.
 const BRIGHTEST: f32 = 1e9;
 
-/// The variance of an unknown value, in squared levels.
+/// The variance assumed for an unknown value, in units of the squared level (the image's mean brightness).
 const UNKNOWN: f32 = 1e6;
 
-/// The floor under the variance of a sample, in squared levels. It makes 2 % of the level negligible at one sample, and
-/// less with more samples, so filters stay consistent.
+/// The variance added to the variance of a sample, in units of the squared level. At one sample, differences of 2 % of
+/// the level then count as noise. With more samples, that limit falls, so filters stay consistent.
 const FLOOR: f32 = 4e-4;
 
 /// The least albedo that colours are divided by.
 pub(crate) const LEAST_ALBEDO: f32 = 0.02;
 
-/// The degrees of freedom of the variance of 5x5 pixels; the pixel's own variance has `n - 1`.
+/// The weight, in degrees of freedom, of the variance over 5x5 pixels. A pixel's own variance of `n` samples has the
+/// weight `n - 1`.
 const POOLED: f32 = 6.0;
 
-/// One half of a film.
+/// One half of a film's samples.
 pub(crate) struct Half {
-    /// Mean colours, in units of the level.
+    /// The mean colours, in units of the image's level.
     pub(crate) colour: Colours,
-    /// Pooled variances of the mean colours.
+    /// The variances of the mean colours, in squared levels. The variance of a sample is shrunk towards that of 5x5
+    /// pixels.
     pub(crate) variance: Colours,
-    /// Sample counts.
+    /// The number of samples in each pixel.
     pub(crate) count: Plane,
 }
 
-/// First-hit features. A miss has a zero normal, an albedo of 1 and a large depth.
+/// The first-hit features of each pixel. A miss has a zero normal, an albedo of 1 and a large depth.
 pub(crate) struct Features {
-    /// Normal (3), albedo (3), logarithm of depth.
+    /// The mean normal (3 planes), albedo (3) and logarithm of depth (1).
     pub(crate) mean: [Plane; FEATURES],
-    /// Variances of the mean normal, albedo (each summed over its channels) and logarithm of depth.
+    /// The variances of the mean normal, of the mean albedo (each summed over its channels) and of the mean logarithm
+    /// of depth.
     pub(crate) variance: [Plane; 3],
     /// The variance of the mean position, summed over its coordinates.
     pub(crate) scatter: Plane,
-    /// The smallest change of the log depth between neighbouring pixels, in 3x3 pixels.
+    /// The change of the log depth per pixel, the smallest among 3x3 pixels.
     pub(crate) slope: Plane,
-    /// Position, relative to the mean position.
+    /// The mean position of first hits, relative to the mean over the image.
     pub(crate) position: Colours,
-    /// The reciprocal width of 24 pixels at the pixel's depth.
+    /// The reciprocal of the width that 24 pixels have at the pixel's depth.
     pub(crate) scale: Plane,
 }
 
-/// A film as planes.
+/// A film's halves, features and clusters as planes, which the filters read.
 pub(crate) struct Inputs {
     pub(crate) size: [usize; 2],
-    /// The radiance that is scaled to 1 in these planes.
+    /// The image's level: the radiance (near the mean of the image) that is scaled to 1 in these planes.
     pub(crate) level: f32,
     pub(crate) halves: [Half; 2],
     pub(crate) features: Features,
-    /// The cluster of each pixel, if there are clusters. Labels are only compared, so 24 bits suffice.
+    /// The cluster of each pixel's first sample, modulo 2^24 - 3 so that an `f32` holds it; `None` without clusters.
     pub(crate) labels: Option<Plane>,
 }
 
 impl Inputs {
-    /// Reads halves, sample variance and features of a film; first hits too, if `label` assigns clusters.
+    /// Reads the halves, sample variance and features of a film; with a `label`, also the cluster of each first hit.
     pub(crate) fn new(film: &Film, label: Option<&ClusterLookup>) -> Self {
         let size = film.frame().size().map(|n| n as usize);
         let level = level(film);
@@ -81,7 +84,7 @@ impl Inputs {
         Self { size, level, halves, features: features(film), labels }
     }
 
-    /// The bytes per pixel of these planes: those kept, and the maximum while they are made.
+    /// The number of bytes per pixel that these planes occupy, and the largest number while they are computed.
     pub(crate) const fn bytes_per_pixel(labels: bool) -> [usize; 2] {
         let (halves, labels) = (2 * 7, if labels { 1 } else { 0 });
         let features = FEATURES + 3 + 1 + 1 + 3 + 1;
@@ -97,13 +100,13 @@ impl Inputs {
         self.size[0] * self.size[1]
     }
 
-    /// The share of the first half in the samples of pixel `i`; one half if it has none.
+    /// The share of the first half in the samples of pixel `i`; 0.5 if the pixel has no samples.
     pub(crate) fn first_share(&self, i: usize) -> f32 {
         let (a, b) = (self.halves[0].count[i], self.halves[1].count[i]);
         if a + b > 0.0 { a / (a + b) } else { 0.5 }
     }
 
-    /// The albedo of a pixel, bounded away from zero for a division.
+    /// One channel of the albedo of pixel `i`, raised to at least [`LEAST_ALBEDO`] for a division.
     pub(crate) fn divisor(&self, channel: usize, i: usize) -> f32 {
         self.features.mean[3 + channel][i].max(LEAST_ALBEDO)
     }
@@ -114,7 +117,8 @@ pub(crate) fn per_pixel<T: Send>(film: &Film, f: impl Fn(usize) -> T + Sync + Se
     (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(f).collect()
 }
 
-/// The image's level: the mean of its channels, capped at eight times the median of pixels that are not black.
+/// The image's level: the mean brightness of its pixels, each capped at eight times the median of pixels that are not
+/// black. It is 1 for a black image.
 fn level(film: &Film) -> f32 {
     let grey = per_pixel(film, |i| (film.mean(i).iter().sum::<f64>() / 3.0) as f32);
     let mut lit: Vec<f32> = grey.iter().copied().filter(|g| *g > 0.0).collect();
@@ -128,7 +132,7 @@ fn level(film: &Film) -> f32 {
     (mean as f32).clamp(1e-18, 1e18)
 }
 
-/// The variance of one sample in each pixel, shrunk towards that of its surroundings, in squared levels.
+/// The variance of one sample in each pixel, shrunk towards the variance over 5x5 pixels, in squared levels.
 fn pooled_variance(film: &Film, level: f32) -> Colours {
     let size = film.frame().size().map(|n| n as usize);
     let unit = 1.0 / f64::from(level);
@@ -204,7 +208,7 @@ fn features(film: &Film) -> Features {
     }
 }
 
-/// The mean of all positions, in f64 because they may lie far from the origin.
+/// The mean of all first-hit positions, in f64 because they may lie far from the origin.
 fn centre(film: &Film) -> [f64; 3] {
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     for feature in (0..film.frame().pixels()).filter_map(|i| film.features(i)).filter(|f| f.hits > 0) {
@@ -214,7 +218,8 @@ fn centre(film: &Film) -> [f64; 3] {
     sum.map(|s| s / f64::max(count, 1.0))
 }
 
-/// The features of pixel `i` with its misses blended in; `None` without samples.
+/// The features of pixel `i` with its misses blended in at the depth `far`, and positions relative to `middle`; `None`
+/// without samples.
 fn feature(film: &Film, i: usize, far: f32, middle: [f64; 3]) -> Option<Feature> {
     let f = film.features(i).filter(|f| f.samples > 0)?;
     let share = f.hits as f32 / f.samples as f32;
@@ -257,7 +262,7 @@ fn ln(x: f32) -> f32 {
     exponent as f32 * std::f32::consts::LN_2 + series
 }
 
-/// The mean of the known features among 5x5 pixels around pixel `i`.
+/// The mean of the known features among 5x5 pixels around pixel `i`; `None` if none are known.
 fn from_neighbours(known: &[Option<Feature>], [width, height]: [usize; 2], i: usize) -> Option<Feature> {
     let (x, y) = (i % width, i / width);
     let mut sum = Feature::default();
@@ -313,7 +318,7 @@ fn slopes(depth: &[f32], size: [usize; 2]) -> Plane {
     (0..depth.len()).into_par_iter().with_min_len(1024).map(smallest).collect()
 }
 
-/// The mean over `(2 radius + 1)^2` pixels. The border repeats beyond the frame.
+/// The mean of a plane over the `(2 radius + 1)^2` pixels around each pixel. Beyond the frame, the border repeats.
 pub(crate) fn box_mean(plane: &[f32], [width, height]: [usize; 2], radius: usize) -> Plane {
     let share = 1.0 / (2 * radius + 1) as f32;
     let mut across = vec![0.0; plane.len()];

@@ -14,31 +14,33 @@ use dapple_core::Frame;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-/// The regressors: normal (3), albedo (3), position (3).
+/// The number of regressors: normal (3), albedo (3), position (3).
 const REGRESSORS: usize = 9;
-/// The regressors and three colour channels of either half.
+/// The number of values per pixel: the regressors, and the three colour channels of both halves.
 const VALUES: usize = REGRESSORS + 6;
-/// The radius of the compared patches.
+/// The radius of the compared patches in pixels.
 const PATCH: usize = 1;
 /// The radius of a window in pixels.
 const REACH: usize = 6;
 /// The width of a window in pixels.
 const SIDE: usize = 2 * REACH + 1;
-/// The rows of window centres in a tile.
+/// The number of rows of window centres in a tile.
 const CENTRES: usize = HEIGHT / 2;
-/// Weights below this count as 0.
+/// The amount that is subtracted from each weight; smaller weights become 0.
 const NEGLIGIBLE: f32 = 1e-3;
 /// The share of the total weight that is added to the diagonal of the normal equations.
 const RIDGE: f32 = 1e-3;
-/// The least pivot relative to its diagonal. Directions below it are lost to rounding and dropped.
+/// The least pivot of the normal equations, relative to its diagonal entry. Smaller pivots are lost to rounding and are
+/// raised to it.
 const PIVOT: f32 = 1e-5;
-/// The size of a tile and the surroundings that its windows predict.
+/// Width and height in pixels of a tile with the surroundings that its windows predict.
 const HALO: [usize; 2] = [WIDTH + 2 * REACH, HEIGHT + 2 * REACH];
 
-/// Filters both halves. The weights of each come from the other half's guide, or from a single guide for both.
+/// Filters both halves of the samples by regression. The weights of each half come from the other half's guide, or from
+/// a single guide for both.
 ///
-/// If no window's centre resembles a pixel, the image `beside` stands in: it has the weight `share`, while a
-/// window's centre has 1. Every second pixel is no centre.
+/// The image `beside` is averaged with the predictions of the windows. It has the weight `share`, while a window's
+/// centre has 1. So it replaces pixels that resemble no window's centre.
 pub(crate) fn regress<const G: usize>(
     inputs: &Inputs,
     guides: &[Guide; G],
@@ -66,7 +68,7 @@ pub(crate) fn regress<const G: usize>(
     merge(inputs.size, &tiles, beside, share)
 }
 
-/// The memory of [`regress`] in bytes at most, with so many guides; includes the guides and the result.
+/// The largest memory of [`regress`] in bytes, for a number of guides. It includes the guides and the result.
 pub(crate) fn bytes(frame: &Frame, guides: usize) -> u64 {
     // Guides, references, sharpness; sums by rows and the result, beside the tiles that they are assembled from.
     let planes = 4 * guides + 3 + 3 + 8 + 6;
@@ -74,7 +76,8 @@ pub(crate) fn bytes(frame: &Frame, guides: usize) -> u64 {
     frame.bytes(4 * planes).saturating_add(tiles)
 }
 
-/// The windows of one tile. Its result is the sums of weighted predictions and of weights for the tile and its halo.
+/// The task of fitting all windows of one tile. It returns the sums of weighted predictions and of weights for the
+/// pixels of the tile and its halo.
 struct TileTask<'a, const G: usize> {
     inputs: &'a Inputs,
     guides: &'a [Guide; G],
@@ -86,13 +89,14 @@ struct TileTask<'a, const G: usize> {
 
 /// A tile's copies of the regressors and of the colours and counts of both halves.
 type Data = Stack<17>;
-/// The first plane of the first half's colours. [`COUNTS`] is that of the counts.
+/// The index in [`Data`] of the first half's red plane. [`COUNTS`] is the index of its sample counts.
 const COLOURS: usize = REGRESSORS;
 const COUNTS: usize = REGRESSORS + 6;
-/// The planes of window centres: the reciprocal width of 24 pixels there, and the reference colour.
+/// A tile's copies of the planes that are read at window centres: the reciprocal width of 24 pixels there, and the
+/// reference colour.
 type Centres = Stack<4>;
 
-/// The weights by one guide, by offset and row of centres.
+/// The weights that follow from one guide, indexed by the offset in a window and by the row of window centres.
 type Weights = Vec<[Row; CENTRES]>;
 
 impl<const G: usize> WithSimd for TileTask<'_, G> {
@@ -136,7 +140,7 @@ impl<const G: usize> TileTask<'_, G> {
     }
 }
 
-/// The weights of all windows of a tile, by each guide.
+/// Computes the weights of the pixels in all windows of a tile, for each guide.
 #[inline(always)]
 fn weigh<S: Simd, const G: usize>(simd: S, tile: &Tile, guides: &[LocalGuide; G], like: &Likeness) -> [Weights; G] {
     let mut weights = [(); G].map(|()| vec![[[0.0; LANES]; CENTRES]; SIDE * SIDE]);
@@ -170,13 +174,14 @@ fn weigh<S: Simd, const G: usize>(simd: S, tile: &Tile, guides: &[LocalGuide; G]
     weights
 }
 
-/// The plane fitted in a window: the intercept at its centre and the slopes of each channel.
+/// The linear function fitted in a window, for each colour channel: the value at the window's centre, and the slope of
+/// each regressor. A vector holds several windows.
 struct Fit<S: Simd> {
     intercept: [S::f32s; 3],
     slopes: [[S::f32s; 3]; REGRESSORS],
 }
 
-/// The regressors of the pixels at an offset from the window centres, relative to these.
+/// The regressors of pixels at some offset from the window centres, less the regressors of the centres.
 #[inline(always)]
 fn regressors<S: Simd>(
     simd: S,
@@ -207,10 +212,11 @@ fn centre<S: Simd>(simd: S, data: &Data, [y, block]: [usize; 2]) -> [S::f32s; RE
     values
 }
 
-/// The sums of the normal equations: `[a][b]` of regressor `a - 1` (1 for `a` 0) times value `b`.
+/// The weighted sums of the normal equations. Entry `[a][b]` sums the products of regressor `a - 1` (or 1, if `a` is 0)
+/// and value `b`.
 type Sums<S> = [[<S as Simd>::f32s; VALUES]; REGRESSORS + 1];
 
-/// Fits the colours of both halves in as many windows as there are lanes.
+/// Fits the colours of both halves in a vector of windows.
 #[inline(always)]
 fn fit<S: Simd, const G: usize>(
     simd: S,
@@ -278,7 +284,8 @@ fn fit<S: Simd, const G: usize>(
     ]
 }
 
-/// The sample counts behind the weights of each guide: those of one half, or of both together.
+/// The sample counts that affect the weights for each guide: with two guides those of one half each, with one guide
+/// those of both halves together.
 #[inline(always)]
 fn counts<S: Simd, const G: usize>(simd: S, row: &[S::f32s], block: usize) -> [S::f32s; G] {
     let step = stride::<S>();
@@ -292,7 +299,7 @@ fn counts<S: Simd, const G: usize>(simd: S, row: &[S::f32s], block: usize) -> [S
     counts
 }
 
-/// Adds the products of regressors in one row of a window, three sums at a time.
+/// Adds the weighted products of regressors in one row of a window to `sums`, three sums at a time.
 #[inline(always)]
 fn accumulate<S: Simd>(
     simd: S,
@@ -327,7 +334,7 @@ fn add_products<S: Simd>(
     [sums[b], sums[b + 1], sums[b + 2]] = [s, t, u];
 }
 
-/// The weighted covariance of regressor `a` and value `b`.
+/// The weighted covariance of regressor `a` and value `b`. `share` is one over the total weight.
 #[inline(always)]
 fn covariance<S: Simd>(
     simd: S,
@@ -340,8 +347,8 @@ fn covariance<S: Simd>(
     simd.sub_f32s(simd.mul_f32s(sums[a + 1][b], share), simd.mul_f32s(mean[a], mean[b]))
 }
 
-/// Solves the normal equations, centred at the weighted means, by `L D L^T`. The right-hand sides are the colours that
-/// begin at value `colours`.
+/// Solves the normal equations, centred at the weighted means, by the decomposition `L D L^T`. The right-hand sides are
+/// the three colour channels from value `colours` on.
 #[inline(always)]
 fn solve<S: Simd>(simd: S, total: S::f32s, sums: &Sums<S>, colours: usize, reference: &[S::f32s; 3]) -> Fit<S> {
     let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
@@ -434,7 +441,7 @@ fn predict<S: Simd, const G: usize>(
     }
 }
 
-/// The sums of a tile and its halo, eight per pixel.
+/// Rearranges the sums of a tile and its halo to eight planes: red, green, blue and weight of each half.
 fn cropped(sums: &[[f32; 8 * COLUMNS]]) -> Vec<f32> {
     let [width, height] = HALO;
     let skip = MARGIN - REACH;
@@ -449,7 +456,7 @@ fn cropped(sums: &[[f32; 8 * COLUMNS]]) -> Vec<f32> {
     all
 }
 
-/// Adds up the tiles in their order and divides by the weights.
+/// Adds the sums of all tiles in a fixed order to the image `beside` times `share`, and divides by the weights.
 fn merge([width, height]: [usize; 2], tiles: &[Vec<f32>], beside: &Pair, share: f32) -> [Colours; 2] {
     let columns = width.div_ceil(WIDTH);
     let row = |y: usize| -> Vec<f32> {

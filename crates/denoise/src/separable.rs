@@ -2,13 +2,13 @@
 
 use rayon::prelude::*;
 
-/// The sum of `read(i)` over the surroundings of each pixel of a `width` x `height` plane, with the weight `weights[dx
-/// + n] weights[dy + n]`.
+/// Convolves the values `read(i)` of a `width` x `height` plane. A pixel at the offset (dx, dy) has the weight
+/// `weights[dx + n] weights[dy + n]`.
 ///
-/// `weights` has `2 n + 1` entries. Pixels outside the plane count as zeros.
-/// `finish` turns a pixel's index and its sums into the result.
+/// `weights` has `2 n + 1` entries. Pixels outside the plane count as zeros. `finish` maps a pixel's index and its
+/// weighted sums to the result.
 ///
-/// Rows run in parallel. Each sum is taken by one task in a fixed order.
+/// Rows run in parallel. Each sum is computed by one task in a fixed order.
 pub(crate) fn separable<const N: usize, T: Send + Default + Clone>(
     [width, height]: [usize; 2],
     weights: &[f64],

@@ -15,28 +15,30 @@ use pulp::Simd;
 pub(crate) const WIDTH: usize = 64;
 /// Height of a tile in pixels.
 pub(crate) const HEIGHT: usize = 16;
-/// Pixels to each side that windows (7) and their patches (3) read; even.
+/// The margin around a tile in pixels, an even number. Windows reach 7 pixels beyond the tile, and their patches 3
+/// more.
 pub(crate) const MARGIN: usize = 10;
-/// The largest radius of a window.
+/// The largest radius of a window in pixels.
 pub(crate) const REACH: usize = 7;
-/// Columns of one parity in a tile's planes, rounded up to whole vectors.
+/// The number of even (or odd) columns in a tile's planes, margin included, rounded up to whole vectors.
 pub(crate) const COLUMNS: usize = 48;
-/// Rows of a tile's planes.
+/// The number of rows in a tile's planes, margin included.
 pub(crate) const ROWS: usize = HEIGHT + 2 * MARGIN;
-/// Pixels of one parity in a row of a tile.
+/// The number of even (or odd) pixels in a row of a tile.
 pub(crate) const LANES: usize = WIDTH / 2;
-/// Columns of one parity for which differences are computed: `LANES` and the columns that patches read beside them.
+/// The number of even (or odd) columns for which differences are computed: `LANES`, and the columns that patches read
+/// beside them.
 const SPAN: usize = 40;
 
-/// One value for each pixel of one parity in a row.
+/// One value for each even (or odd) pixel in a row of a tile.
 pub(crate) type Row = [f32; LANES];
 
-/// Planes of a tile. Each row holds the even columns of all planes, one plane after the other, then the odd ones. One
-/// index leads to all planes of a pixel.
+/// Copies of P planes of a tile and its margin. Each row holds the even columns of all planes, one plane after the
+/// other, then the odd columns. One index leads to all planes of a pixel.
 pub(crate) struct Stack<const P: usize>(Vec<f32>);
 
 impl<const P: usize> Stack<P> {
-    /// Copies the surroundings of the tile at `origin`. Pixels beyond the frame repeat the border.
+    /// Copies the tile at `origin` and its margin from each plane. Pixels beyond the frame repeat the border.
     pub(crate) fn new(planes: [&[f32]; P], size: [usize; 2], origin: [usize; 2]) -> Self {
         let mut stack = Self(vec![0.0; 2 * ROWS * P * COLUMNS]);
         for (k, plane) in planes.into_iter().enumerate() {
@@ -79,14 +81,14 @@ impl<const P: usize> Stack<P> {
         }
     }
 
-    /// `count` columns of each plane, from a row, a parity and a first column on. The indices include the margin. Plane
-    /// `k` begins at `k * COLUMNS`.
+    /// A slice with `count` columns of each plane, which starts at a given row, parity and column. These indices
+    /// include the margin. Plane `k` begins at `k * COLUMNS` of the slice.
     #[inline(always)]
     fn from(&self, [y, parity, start]: [usize; 3], count: usize) -> &[f32] {
         &self.0[(2 * y + parity) * P * COLUMNS + start..][..(P - 1) * COLUMNS + count]
     }
 
-    /// The tile's pixels in row `y` with columns of one parity, moved by (dx, dy).
+    /// The pixels at the offset (dx, dy) from the even (or odd) pixels in row `y` of the tile.
     #[inline(always)]
     pub(crate) fn moved(&self, y: usize, parity: usize, [dx, dy]: [isize; 2]) -> &[f32] {
         let (parity, shift) = moved(parity, dx);
@@ -108,32 +110,33 @@ fn moved(parity: usize, dx: isize) -> (usize, isize) {
     ((column & 1) as usize, column >> 1)
 }
 
-/// A colour and its variance, by which pixels are compared.
+/// An image by which a filter compares pixels: a colour per pixel and its variance.
 pub(crate) struct Guide {
-    /// Colour.
+    /// The colour of each pixel.
     pub(crate) colour: Colours,
-    /// One plane pools the channels. Three planes judge each channel by itself [after Rousselle 2012].
+    /// The variance of each pixel's colour: one plane with the sum over the channels, or three planes to compare each
+    /// channel by itself [after Rousselle 2012].
     pub(crate) variance: Vec<Plane>,
 }
 
 /// A tile's copy of a guide.
 pub(crate) enum LocalGuide {
-    /// Red, green, blue and the variance of their sum.
+    /// Red, green, blue and the sum of their variances.
     Pooled(Stack<4>),
-    /// Red, green, blue and their variances.
+    /// Red, green, blue and the variance of each.
     Each(Stack<6>),
 }
 
-/// The scales of squared feature differences. Smaller differences count little, whatever their variance.
+/// The scales by which squared feature differences are divided.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FeatureScales {
-    /// The bandwidth in standard deviations.
+    /// The bandwidth of feature differences in standard deviations.
     pub(crate) bandwidth: f32,
-    /// Floors under the variances of normal and albedo.
+    /// The least variances of normal and of albedo; smaller variances are raised to them.
     pub(crate) floors: [f32; 2],
 }
 
-/// The rules by which the pixels of a window are compared.
+/// The parameters by which the pixels of a window are compared.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Likeness {
     /// The radius of the compared patches in pixels.
@@ -142,7 +145,7 @@ pub(crate) struct Likeness {
     pub(crate) colour: f32,
     /// The scales of feature differences; `None` to ignore features.
     pub(crate) features: Option<FeatureScales>,
-    /// The factor for pixels of another cluster.
+    /// The factor on the weight of a pixel in another cluster.
     pub(crate) outside: f32,
 }
 
@@ -150,13 +153,15 @@ pub(crate) struct Likeness {
 pub(crate) struct Tile {
     pub(crate) origin: [usize; 2],
     size: [usize; 2],
-    /// Means (7), variances of normal, albedo and depth, and the reciprocal scales of their squared differences.
+    /// Feature means (7 planes), variances of normal, albedo and log depth, and the reciprocal scales of their squared
+    /// differences; `None` if features are not compared.
     features: Option<Stack<13>>,
     labels: Option<Stack<1>>,
 }
 
 impl Tile {
-    /// The tile at `origin`, with the planes that [`sharpness`] returns.
+    /// Copies the planes of the tile at `origin`. `sharpness` holds the planes from the function [`sharpness`]; with
+    /// `None`, features are not compared.
     pub(crate) fn new(inputs: &Inputs, origin: [usize; 2], like: &Likeness, sharpness: Option<&[Plane; 3]>) -> Self {
         let size = inputs.size;
         let features = sharpness.map(|sharp| {
@@ -170,14 +175,14 @@ impl Tile {
         Self { origin, size, features, labels }
     }
 
-    /// The tile's rows inside the frame, and its columns of either parity, rounded up.
+    /// The number of the tile's rows inside the frame, and half the number of its columns there, rounded up.
     #[inline(always)]
     pub(crate) fn extent(&self) -> [usize; 2] {
         let [width, height] = [0, 1].map(|k| self.size[k] - self.origin[k]);
         [height.min(HEIGHT), width.div_ceil(2).min(LANES)]
     }
 
-    /// A guide's copy.
+    /// The tile's copy of a guide.
     pub(crate) fn guide(&self, guide: &Guide) -> LocalGuide {
         let [r, g, b] = &guide.colour;
         match &guide.variance[..] {
@@ -187,7 +192,8 @@ impl Tile {
     }
 }
 
-/// The reciprocal scales of squared differences of normal, albedo and depth.
+/// The reciprocal scales of squared differences of normal, albedo and log depth: one over the squared bandwidth times
+/// the variance or its floor.
 pub(crate) fn sharpness(features: &Features, scales: &FeatureScales) -> [Plane; 3] {
     let square = scales.bandwidth * scales.bandwidth;
     std::array::from_fn(|k| {
@@ -198,8 +204,8 @@ pub(crate) fn sharpness(features: &Features, scales: &FeatureScales) -> [Plane; 
 }
 
 impl LocalGuide {
-    /// Differences between two runs of `SPAN` columns, each from a row, a parity and a first column on. They are in
-    /// units of their variance, less the expected difference due to noise.
+    /// Writes the differences between two runs of `SPAN` pixels to `out`. Each run starts at a given row, parity and
+    /// column. A difference is squared, less its expectation due to noise, in units of the variance.
     #[inline(always)]
     fn differences<S: Simd>(&self, simd: S, here: [usize; 3], there: [usize; 3], out: &mut [f32; SPAN]) {
         let out = S::as_mut_simd_f32s(out).0;
@@ -233,13 +239,14 @@ impl LocalGuide {
     }
 }
 
-/// The vectors of a row.
+/// A row of numbers as vectors of the machine's width.
 #[inline(always)]
 pub(crate) fn vectors<S: Simd>(row: &[f32]) -> &[S::f32s] {
     S::as_simd_f32s(row).0
 }
 
-/// The excess of a squared difference over its expectation from the variances, in units of the variances.
+/// The excess of a squared difference over its expectation due to noise, divided by the sum of the variances `vp` and
+/// `vq`.
 #[inline(always)]
 fn excess<S: Simd>(simd: S, square: S::f32s, vp: S::f32s, vq: S::f32s) -> S::f32s {
     let expected = simd.add_f32s(vp, simd.min_f32s(vp, vq));
@@ -257,7 +264,8 @@ impl Differences {
         Self { pointwise: vec![[0.0; COLUMNS]; 2 * ROWS], column_sums: [[0.0; COLUMNS]; 2] }
     }
 
-    /// Compares the tile's first `rows` rows, and those that patches of radius `R` reach, with the pixels at `offset`.
+    /// Compares the pixels of the tile's first `rows` rows, and of the rows that patches of radius `R` reach, with the
+    /// pixels at `offset` from them.
     #[inline(always)]
     pub(crate) fn compare<S: Simd, const R: usize>(
         &mut self,
@@ -278,7 +286,7 @@ impl Differences {
         }
     }
 
-    /// Sums the compared columns around row `y` of the tile, for [`Differences::columns`].
+    /// Sums the differences of each column over the `2 R + 1` rows around row `y` of the tile.
     #[inline(always)]
     pub(crate) fn sum_columns<S: Simd, const R: usize>(&mut self, simd: S, y: usize) {
         for parity in 0..2 {
@@ -294,7 +302,8 @@ impl Differences {
         }
     }
 
-    /// The columns that patches around the row's pixels of one parity sum up.
+    /// The column sums that make up the patches around the even (or odd) pixels of the row, one slice per column of a
+    /// patch.
     #[inline(always)]
     fn columns<S: Simd, const R: usize>(&self, parity: usize) -> [&[S::f32s]; 7] {
         let mut columns: [&[S::f32s]; 7] = [&[]; 7];
@@ -308,8 +317,8 @@ impl Differences {
 }
 
 impl Tile {
-    /// The weights of the pixels at `offset` from those of one parity in row `y`, by each guide. They follow from the
-    /// differences of patches and of features.
+    /// Computes the weight of the pixel at `offset` from each even (or odd) pixel in row `y`, for each guide. Weights
+    /// follow from the differences of patches and features, and from the clusters.
     #[inline(always)]
     pub(crate) fn weights<S: Simd, const R: usize, const G: usize>(
         &self,
@@ -355,7 +364,8 @@ impl Tile {
     }
 }
 
-/// The largest difference of normal, albedo and depth, at least 0, between the `i`-th vectors of two rows of features.
+/// The largest of the scaled differences of normal, albedo and log depth, at least 0, between the `i`-th vectors of two
+/// rows of features.
 #[inline(always)]
 fn feature_distance<S: Simd>(simd: S, p: &[S::f32s], q: &[S::f32s], i: usize) -> S::f32s {
     let step = stride::<S>();
@@ -395,7 +405,7 @@ fn exp_minus_all<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     simd.transmute_f32s_u32s(simd.add_u32s(simd.transmute_u32s_f32s(power), bits))
 }
 
-/// 1.5 * 2^23. Adding it leaves the rounded integer in the low bits.
+/// 1.5 * 2^23. Adding this to a small number leaves the number, rounded to an integer, in the low bits.
 const ROUND: f32 = 12_582_912.0;
 
 /// Taylor coefficients of the exponential function, from the fifth down to the second.
@@ -404,8 +414,8 @@ const EXPONENTIAL: [f32; 4] = [1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5];
 /// `exp(-x)` for `x >= 0` with a relative error of 3e-6 and the same bits on every machine. Beyond 80 it stays at about
 /// `exp(-80)`.
 ///
-/// `2^f` for `f` in -1/2 .. 1/2 is the Taylor polynomial of degree 5; the remainder is below 2.5e-6. The integer part
-/// is added to the exponent.
+/// The power is `2^n 2^f` with an integer `n` and `f` in -1/2 .. 1/2. `2^f` is a Taylor polynomial of degree 5, with a
+/// remainder below 2.5e-6. `n` is added to the exponent.
 #[inline(always)]
 pub(crate) fn exp_minus(x: f32) -> f32 {
     let [fifth, fourth, third, second] = EXPONENTIAL;
@@ -416,9 +426,9 @@ pub(crate) fn exp_minus(x: f32) -> f32 {
     f32::from_bits(power.to_bits().wrapping_add(rounded.to_bits() << 23))
 }
 
-/// The weight of pixels with `there` samples for pixels with `here` samples. More samples weigh more, but at most twice
-/// as much as equal counts. Weights in proportion to samples would make leaks across edges grow with the ratio of the
-/// counts.
+/// The factor `there / (here + there)` on the weight of a pixel with `there` samples for a pixel with `here` samples.
+/// More samples weigh more, but at most twice as much as equal counts. Weights in proportion to samples would make
+/// leaks across edges grow with the ratio of the counts.
 #[inline(always)]
 pub(crate) fn count_weights<S: Simd>(simd: S, here: S::f32s, there: S::f32s) -> S::f32s {
     simd.div_f32s(there, simd.max_f32s(simd.add_f32s(here, there), simd.splat_f32s(1.0)))
@@ -429,7 +439,7 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> u64 {
     u64::from(width.div_ceil(WIDTH as u32)) * u64::from(height.div_ceil(HEIGHT as u32))
 }
 
-/// The corners of all tiles of a frame, row by row.
+/// The upper left pixels of all tiles of a frame, row by row.
 pub(crate) fn origins([width, height]: [usize; 2]) -> Vec<[usize; 2]> {
     let rows = (0..height).step_by(HEIGHT);
     rows.flat_map(|y| (0..width).step_by(WIDTH).map(move |x| [x, y])).collect()

@@ -1,4 +1,4 @@
-//! Files that survive a crash: checkpoints of renders, and shards of images.
+//! Files that stay complete in a crash: checkpoints of renders, and shards (every N-th row) of images.
 //!
 //! * [`Store::save`] writes a temporary file, flushes it to the disk and renames it; the previous version of the file
 //!   is kept beside it. So [`Store::read`] finds a complete file at every moment.

@@ -1,4 +1,4 @@
-//! A hash of the files and settings on which a result depends.
+//! A hash of files and settings, by which changes of them are detected.
 
 /// The FNV-1a hash in 128 bits, by Fowler, Noll and Vo. Not cryptographic: it detects changes, not forgeries.
 #[derive(Clone, Debug)]
@@ -16,14 +16,14 @@ impl ContentHash {
         Self::default()
     }
 
-    /// Adds bytes.
+    /// Appends bytes to the hashed data.
     pub fn add(&mut self, bytes: &[u8]) {
         for byte in bytes {
             self.0 = (self.0 ^ u128::from(*byte)).wrapping_mul((1 << 88) + 0x13b);
         }
     }
 
-    /// Adds the length of a text, then the text.
+    /// Appends the length of a text in bytes, then the text, to the hashed data.
     pub fn text(&mut self, text: &str) {
         self.add(&(text.len() as u64).to_le_bytes());
         self.add(text.as_bytes());

@@ -9,14 +9,14 @@ use dapple_scene::ReadError;
 use dapple_scene::{Effect, WithoutError, bundled};
 use std::path::PathBuf;
 
-/// A job that cannot be prepared, run, resumed or merged.
+/// An error in preparing, running, resuming or merging a job (a render with its description).
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum JobError {
     /// An invalid description of a render.
     #[error(transparent)]
     Spec(#[from] SpecError),
-    /// A scene name that is neither a file nor a bundled scene.
+    /// A scene name that is neither the path of a file nor the name of a bundled scene.
     #[error("{name}: there is no such file, and no such bundled scene; the bundled scenes are {}", bundled::names().join(", "))]
     NoScene {
         /// The name of the scene.
@@ -25,7 +25,7 @@ pub enum JobError {
     /// A scene that cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// A scene that cannot be built as a world.
+    /// A scene from which no world can be built for tracing.
     #[error(transparent)]
     World(#[from] WorldError),
     /// A sampler, a point set or a filter that cannot be made.
@@ -34,31 +34,31 @@ pub enum JobError {
     /// An integrator that cannot be made.
     #[error(transparent)]
     Integrator(#[from] IntegratorError),
-    /// An error of the render itself.
+    /// An error from `dapple_core`, which plans and takes the samples.
     #[error(transparent)]
     Core(#[from] dapple_core::Error),
-    /// An effect that cannot be left out.
+    /// An effect (a kind of light transport) that cannot be left out of the scene.
     #[error("without {effect}: {source}")]
     Without {
-        /// The effect.
+        /// The effect that was to be left out.
         effect: Effect,
-        /// The reason.
+        /// The reason why the effect cannot be left out.
         source: WithoutError,
     },
-    /// An effect to leave out that the scene does not use.
+    /// A request to leave out an effect that the scene does not use.
     #[error("without {effect}: the scene does not call for it; it calls for {}", list(called))]
     NotCalledFor {
-        /// The effect.
+        /// The effect that was to be left out.
         effect: Effect,
-        /// The effects that the scene uses.
+        /// All effects that the scene uses.
         called: Vec<Effect>,
     },
-    /// A render that needs more memory than allowed.
+    /// A render that needs more memory than the limit.
     #[error("{}", refusal(estimate, *limit, *advice))]
     Memory {
-        /// The memory that the render needs.
+        /// The estimated memory of the render.
         estimate: Box<MemoryEstimate>,
-        /// The memory that is allowed.
+        /// The largest memory that the render may use.
         limit: MemoryLimit,
         /// The suggested remedy.
         advice: MemoryAdvice,
@@ -66,52 +66,52 @@ pub enum JobError {
     /// A checkpoint or a shard that cannot be read or written.
     #[error(transparent)]
     Checkpoint(#[from] checkpoint::Error),
-    /// An existing checkpoint file in a render that does not resume from it.
+    /// A checkpoint file that already exists, in a render that does not resume from it; it would be overwritten.
     #[error("{path}: a checkpoint exists; resume from it, or remove it and {path}.previous", path = path.display())]
     CheckpointExists {
-        /// The checkpoint file.
+        /// The path of the existing checkpoint file.
         path: PathBuf,
     },
-    /// A checkpoint or shards made by a render with other settings.
+    /// A checkpoint or shard file made by a render with other settings.
     #[error("{}", other_render(path, differences))]
     OtherRender {
         /// The checkpoint or shard file.
         path: PathBuf,
-        /// The settings that differ, a phrase each.
+        /// The settings that differ, one phrase for each.
         differences: Vec<String>,
     },
-    /// A checkpoint whose snapshot is inconsistent.
+    /// A checkpoint file whose snapshot of the film is inconsistent.
     #[error("{}: {source}", path.display())]
     Snapshot {
-        /// The checkpoint file.
+        /// The path of the checkpoint file.
         path: PathBuf,
-        /// The fault of the snapshot.
+        /// The error of decoding the snapshot.
         source: dapple_core::Error,
     },
-    /// Shards that cannot be read or do not belong together, with a line for each problem.
+    /// Shard files that cannot be read or do not belong together: one message per problem.
     #[error("{}", .0.join("\n"))]
     Shards(Vec<String>),
-    /// A panic of the integrator, with its message.
+    /// A panic in the integrator: its message.
     #[error("{0}")]
     Panicked(String),
     /// A request for a shard file in a job that renders the whole image.
     #[error("the description names no shard; set one, such as 1/4")]
     NotAShard,
-    /// An image that cannot be sharded.
+    /// An image that cannot be rendered as shards (every N-th row each).
     #[error("shard {shard}: {why}")]
     NoShard {
-        /// The shard.
+        /// The shard that was requested.
         shard: Shard,
-        /// The reason.
+        /// The reason why the image cannot be sharded.
         why: String,
     },
-    /// A description that needs another world than the prepared one.
+    /// A description that needs another world (scene built for tracing) than the prepared one.
     #[error("the description asks for another scene, image or light selection than was prepared; prepare it anew")]
     OtherWorld,
-    /// A checkpoint or shard requested for a scene that was read without a digest.
+    /// A checkpoint or shard of a scene that was read without a digest (hash of its files).
     #[error("checkpoints and shards need a digest of the scene; load it with one")]
     NoDigest,
-    /// Image files that cannot be written, with a line for each.
+    /// Image files that cannot be written: one message per file.
     #[error("{}", .0.join("\n"))]
     Files(Vec<String>),
 }

@@ -1,12 +1,13 @@
-//! One render, from its description to its image.
+//! One render, from its description to its image and files.
 //!
 //! * [`registry`]: samplers, point sets and filters by name.
-//! * [`WorldClusters`]: the clusters of a world, for samplers and filters that use them.
+//! * [`WorldClusters`]: the clusters (groups of neighbouring triangles) of a world (a scene built for tracing), for
+//!   samplers and filters that use clusters.
 //! * [`output`]: the layers of an OpenEXR file, and maps.
-//! * [`memory`]: estimates of the memory of scenes and worlds.
-//! * [`checkpoint`]: files that survive a crash.
+//! * [`memory`]: estimates of the memory of scenes, worlds and renders.
+//! * [`checkpoint`]: files that stay complete in a crash.
 
-/// Runs the examples of the README.
+/// Runs the README's examples as documentation tests.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;

@@ -1,4 +1,4 @@
-//! Reading of scenes, and building of worlds.
+//! Reading of scenes, and building of worlds (scenes ready for tracing).
 
 use crate::memory::{MemoryEstimate, MemoryLimit};
 use crate::registry::{self, Setting};
@@ -19,21 +19,21 @@ use std::time::Instant;
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct LoadOptions {
-    /// The memory that the render may take; longer files are not read.
+    /// The largest memory of the render; scene files longer than this are not read.
     pub limit: MemoryLimit,
     /// If `true`, hashes every byte read. Checkpoints and shards need this digest.
     pub digest: bool,
 }
 
 impl Default for LoadOptions {
-    /// No memory limit, and a digest.
+    /// Options without a memory limit and with a digest.
     fn default() -> Self {
         Self { limit: MemoryLimit::none(), digest: true }
     }
 }
 
 impl LoadOptions {
-    /// Sets the memory limit.
+    /// Sets the memory limit of the render.
     #[must_use]
     pub fn with_limit(self, limit: MemoryLimit) -> Self {
         Self { limit, ..self }
@@ -46,7 +46,7 @@ impl LoadOptions {
     }
 }
 
-/// A scene that was read, with the settings of the render.
+/// A scene that was read, with the description of its render.
 #[derive(Clone, Debug)]
 pub struct LoadedScene {
     spec: RenderSpec,
@@ -90,12 +90,12 @@ impl LoadedScene {
         Ok(loaded)
     }
 
-    /// Uses `scene` instead of the scene that the description names. It has no digest, so the render has no
-    /// checkpoints.
+    /// Uses `scene` instead of reading the scene named in the description. The result has no digest, so the render can
+    /// write no checkpoints or shards.
     ///
     /// # Errors
     ///
-    /// As [`LoadedScene::read`].
+    /// [`JobError`] if the description is invalid, or leaves out an effect that the scene does not use.
     pub fn from_scene(spec: &RenderSpec, mut scene: Scene) -> Result<Self, JobError> {
         spec.check()?;
         if let Some(depth) = spec.max_depth {
@@ -133,12 +133,12 @@ impl LoadedScene {
         })
     }
 
-    /// The scene, with the changes that the description makes.
+    /// The scene, changed as the description requires: depth limit, pixel filter and left-out effects.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// The image's resolution and rendered window.
+    /// The image's resolution, and the window of it that is rendered.
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
@@ -148,17 +148,18 @@ impl LoadedScene {
         &self.spec
     }
 
-    /// Warnings about directives of the scene file that were adjusted or ignored.
+    /// The warnings so far: adjusted or ignored directives of the scene file, another suggested number of samples,
+    /// effects that are left out, and lights found by chance only.
     pub fn warnings(&self) -> &[Warning] {
         &self.warnings
     }
 
-    /// The least memory that the render takes.
+    /// An estimate of the least memory of the render.
     pub fn memory(&self) -> &MemoryEstimate {
         &self.expected
     }
 
-    /// Builds the world for tracing.
+    /// Builds the world: the scene in the form in which rays are traced.
     ///
     /// # Errors
     ///
@@ -186,17 +187,17 @@ impl LoadedScene {
 }
 
 impl PreparedScene {
-    /// The scene.
+    /// The scene description from which the world was built.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 
-    /// The world.
+    /// The world: the scene in the form in which rays are traced.
     pub fn world(&self) -> &Arc<World> {
         &self.world
     }
 
-    /// The hash of all bytes read for the scene; `None` without a digest.
+    /// The digest: a hash of all bytes read for the scene. `None` if the scene was read without a digest.
     pub fn digest(&self) -> Option<&ContentHash> {
         self.digest.as_ref()
     }
@@ -211,7 +212,7 @@ impl PreparedScene {
         self.build_seconds
     }
 
-    /// The effects that are left out of the image.
+    /// The effects (kinds of light transport) that are left out of the image.
     pub fn without(&self) -> &[Effect] {
         &self.without
     }
@@ -221,20 +222,21 @@ impl PreparedScene {
         &self.warnings
     }
 
-    /// Prepares a job on this world; its description may differ from the scene's in methods, budget and seed.
+    /// Prepares a job (one render) on this world. Its description may differ from that of this world in sampler, point
+    /// set, filter, integrator, budget, crop and seed.
     ///
     /// # Errors
     ///
-    /// [`JobError::OtherWorld`] if the description needs another world; otherwise as [`Job::prepare`].
+    /// [`JobError::OtherWorld`] if the description needs another world; otherwise the errors of [`Job::prepare`].
     pub fn job(&self, spec: &RenderSpec) -> Result<Job, JobError> {
         Job::on(spec, self.clone())
     }
 }
 
-/// The scene's warnings.
+/// The warnings about directives of the scene file, and about another suggested number of samples per pixel.
 fn notices(spec: &RenderSpec, scene: &Scene) -> Vec<Warning> {
     let mut warnings = Vec::new();
-    // The text of a bundled scene has advice for other renderers, which is not news for its user.
+    // Notices of bundled scenes are about directives for other renderers, which do not concern the user.
     if bundle(&spec.scene).is_none() {
         warnings.extend(scene.notices.iter().cloned().map(Warning::Notice));
     }
@@ -246,7 +248,7 @@ fn notices(spec: &RenderSpec, scene: &Scene) -> Vec<Warning> {
     warnings
 }
 
-/// The bundled scene called `name`; `None` if it is the name of a file.
+/// The bundled scene called `name`; `None` if there is none, or if a file has this name.
 fn bundle(name: &str) -> Option<Bundle> {
     if Path::new(name).is_file() { None } else { bundled::files(name) }
 }
@@ -278,7 +280,7 @@ pub fn read_scene(
     let scene = read_any_from(&files, path, &AnyOptions::default().with_scene(read_options))?;
     let digest = files.read.map(|read| {
         let mut digest = ContentHash::new();
-        // The place of the scene does not matter.
+        // Paths are hashed relative to the scene's folder, so that a moved scene has the same digest.
         let folder = path.parent().unwrap_or(Path::new(""));
         for (file, of_bytes) in read.into_inner() {
             digest.text(&file.strip_prefix(folder).unwrap_or(&file).to_string_lossy());
@@ -313,11 +315,11 @@ impl Files for Recorder {
     }
 }
 
-/// The effects to leave out, each once, in the order in which they are removed from the scene.
+/// Checks the effects to leave out; returns each once, in the order in which they are removed from the scene.
 fn called_for(asked: &[Effect], scene: &Scene) -> Result<Vec<Effect>, JobError> {
     let effects = Effects::of(scene);
     let mut without = asked.to_vec();
-    // The selection among lights comes last, so that the strongest of those that are left stays.
+    // `SeveralLights` comes last, so that the strongest of the lights that other removals leave is kept.
     without.sort_by_key(|&effect| (effect == Effect::SeveralLights, effect));
     without.dedup();
     match without.iter().find(|&&effect| !effects.has(effect)) {
@@ -334,7 +336,7 @@ pub(crate) fn frame(spec: &RenderSpec, scene: &Scene) -> Result<Frame, JobError>
     let [w, h] = spec.resolution.unwrap_or(full);
     let frame = Frame::new(w, h)?;
     let scaled = |[x0, y0, x1, y1]: [u32; 4]| {
-        // The file's window at another resolution, as in pbrt: the same part of the image.
+        // At another resolution, the file's window covers the same part of the image, as in pbrt.
         let part =
             |at: u32, from: u32, to: u32| (u64::from(at) * u64::from(to)).div_ceil(u64::from(from.max(1))) as u32;
         [part(x0, full[0], w), part(y0, full[1], h), part(x1, full[0], w), part(y1, full[1], h)]
@@ -350,7 +352,7 @@ pub(crate) fn frame(spec: &RenderSpec, scene: &Scene) -> Result<Frame, JobError>
     }
 }
 
-/// The seed and the mean samples per pixel, as point sets take them.
+/// The settings of a point set: the seed, and the mean samples per pixel (`None` for budgets of error or time).
 pub(crate) fn setting(spec: &RenderSpec, frame: Frame) -> Setting {
     let spp = match spec.budget {
         BudgetSpec::Spp(spp) => Some(spp.ceil() as u64),
@@ -360,11 +362,11 @@ pub(crate) fn setting(spec: &RenderSpec, frame: Frame) -> Setting {
     Setting { seed: spec.seed, spp }
 }
 
-/// The budget and the bounds of samples per pixel in a description.
+/// The budget in samples, error or seconds, and the bounds of samples per pixel, from a description.
 pub(crate) fn limits(spec: &RenderSpec, frame: Frame) -> Limits {
     let pixels = frame.pixels() as u64;
     let budget = match spec.budget {
-        // At least one sample: a mean that rounds to none is refused by its bounds.
+        // At least one sample in total; the bounds refuse a mean that is too small for one sample per pixel.
         BudgetSpec::Spp(spp) => Budget::Samples(((spp * pixels as f64).round() as u64).max(1)),
         BudgetSpec::Samples(samples) => Budget::Samples(samples),
         BudgetSpec::Error(relmse) => {

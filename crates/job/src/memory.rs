@@ -1,6 +1,6 @@
 //! Estimates of the memory of scenes, worlds and renders, before they exist.
 //!
-//! Meshes and images are counted; names, materials and lights are too small to matter.
+//! Only meshes and images are counted: names, materials and lights are too small to matter.
 
 mod estimate;
 mod process;
@@ -15,21 +15,21 @@ use std::sync::Arc;
 /// Bytes of the bounding volume hierarchy per triangle. Measured: 87 to 92 on meshes of 1 and 4 million triangles, 80
 /// on the terrain's 131 thousand (docs/results/memory.md).
 const TREE: u64 = 92;
-/// The largest number of bytes per triangle while the hierarchy is built, besides the meshes. Measured: 221 to 232.
+/// Peak bytes per triangle while the bounding volume hierarchy is built, not counting the meshes. Measured: 221 to 232.
 const BUILDING: u64 = 232;
-/// Bytes per pixel of the tables from which an environment map is sampled.
+/// Bytes per pixel of an environment map's sampling tables.
 const ENVIRONMENT: u64 = 16;
 
-/// The memory of a world besides its scene, in bytes.
+/// The memory of a world (a scene built for tracing) in bytes, not counting the scene itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WorldMemory {
-    /// The size of the finished world.
+    /// The size of the finished world in bytes.
     pub built: u64,
-    /// The peak while the world is built.
+    /// The peak memory in bytes while the world is built.
     pub building: u64,
 }
 
-/// The bytes of a scene's meshes and images.
+/// Returns the bytes of a scene's meshes and images; shared ones count once.
 pub fn of_scene(scene: &Scene) -> u64 {
     let meshes = once(meshes(scene)).into_iter().map(|mesh| {
         of_slice(&mesh.positions) + of_slice(&mesh.normals) + of_slice(&mesh.uvs) + of_slice(&mesh.triangles)
@@ -38,9 +38,11 @@ pub fn of_scene(scene: &Scene) -> u64 {
     meshes.chain(images).sum()
 }
 
-/// The memory that [`World::new`](dapple_renderer::World::new) will take for a scene, to within 10 % for large meshes.
+/// Estimates the memory of the world that [`World::new`](dapple_renderer::World::new) builds for a scene, to within 10
+/// % for large meshes.
 pub fn of_world(scene: &Scene) -> WorldMemory {
-    // Positions become single, triangles and texture coordinates are copied, each triangle gets a normal.
+    // Positions are stored in single precision; normals, texture coordinates and triangles are copied; each triangle
+    // gets a normal.
     let copied = |mesh: &Arc<MeshData>| {
         let vertices = mesh.positions.len() as u64 * 12 + of_slice(&mesh.normals) + of_slice(&mesh.uvs);
         vertices + 2 * of_slice(&mesh.triangles)
@@ -56,7 +58,7 @@ fn of_slice<T>(values: &[T]) -> u64 {
     size_of_val(values) as u64
 }
 
-/// The meshes of all shapes; a mesh shared by several instances occurs once.
+/// The meshes of all shapes. An object's meshes occur once, however many instances it has.
 fn meshes(scene: &Scene) -> impl Iterator<Item = &Arc<MeshData>> {
     let shapes = scene.shapes.iter().chain(scene.objects.iter().flat_map(|object| &object.shapes));
     shapes.filter_map(|shape: &Shape| match &shape.geometry {
@@ -81,7 +83,7 @@ fn images(scene: &Scene) -> impl Iterator<Item = &Arc<Image>> {
     textures.chain(environments(scene))
 }
 
-/// The distinct values, without repetitions of shared ones.
+/// Removes repetitions of shared values.
 fn once<'a, T>(all: impl Iterator<Item = &'a Arc<T>>) -> Vec<&'a Arc<T>> {
     let mut all: Vec<&Arc<T>> = all.collect();
     all.sort_by_key(|one| Arc::as_ptr(one));

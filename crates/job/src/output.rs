@@ -1,4 +1,5 @@
-//! Image files made from a film: the layers and header of an EXR file, and maps.
+//! Image files made from a film (per-pixel statistics): the layers and header of an EXR file, and maps (images of a
+//! per-pixel quantity, such as sample counts).
 //!
 //! [`OutputFiles`] writes the files; [`image`](dapple_scene::image) encodes them.
 

@@ -15,15 +15,15 @@ pub use samplers::{MadeSampler, MakeSampler, SAMPLERS};
 
 use dapple_clustering::{ClusterParams, Grouping, Insertion, Order, Sides};
 
-/// A sampler, point set or filter in the registry: name, description, parameters and constructor.
+/// An entry of the registry: the name, description, parameters and constructor of a sampler, point set or filter.
 pub struct Entry<Make> {
-    /// The name on the command line.
+    /// The entry's name on the command line and in descriptions.
     pub name: &'static str,
-    /// Former names, still accepted.
+    /// Former names of the entry, which are still accepted.
     pub aliases: &'static [&'static str],
-    /// One line of description.
+    /// A one-line description of the entry, for lists.
     pub about: &'static str,
-    /// The parameters, in groups.
+    /// The parameters of the entry; groups of them are shared by several entries.
     pub parameters: &'static [&'static [Parameter]],
     make: Make,
 }
@@ -38,18 +38,18 @@ impl<Make> Entry<Make> {
         Self { name, aliases: &[], about, parameters, make }
     }
 
-    /// All parameters of the entry.
+    /// Iterates over all parameters of the entry.
     pub fn parameters(&self) -> impl Iterator<Item = &'static Parameter> + use<Make> {
         self.parameters.iter().copied().flatten()
     }
 
-    /// Returns `true` if `name` is the entry's name or a former one.
+    /// Returns `true` if `name` is the entry's present name or a former one.
     pub fn is_called(&self, name: &str) -> bool {
         self.name == name || self.aliases.contains(&name)
     }
 }
 
-/// The seed and the budget, which the constructor of a point set takes besides the parameters.
+/// The seed and the budget for making a point set, besides its parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Setting {
     /// The seed of all random numbers.
@@ -58,7 +58,8 @@ pub struct Setting {
     pub spp: Option<u64>,
 }
 
-/// The parameters of clustering for all entries that read clusters. The defaults are the published method.
+/// The parameters of grouping triangles into clusters, for all entries that use clusters. The defaults are those of the
+/// published method.
 const CLUSTERING: &[Parameter] = &[
     Parameter::new(
         "k",
@@ -108,21 +109,23 @@ pub fn points(description: &str, setting: Setting) -> Result<AnyPoints, Registry
     Ok(AnyPoints::new((entry.make)(&parameters, setting)?))
 }
 
-/// Makes a sampler from its description, with the point set `points`.
+/// Makes a sampler from its description (`NAME` or `NAME:key=value,…`), with the point set `points`.
 ///
 /// # Errors
 ///
-/// As [`points`]; [`RegistryError::NeedsWorld`] if the sampler reads the world and there is none.
+/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
+/// [`RegistryError::NeedsWorld`] if the sampler reads the world and `inputs` has none.
 pub fn sampler(description: &str, points: AnyPoints, inputs: &MethodInputs) -> Result<MadeSampler, RegistryError> {
     let (entry, parameters) = parameters::find("sampler", SAMPLERS, description)?;
     (entry.make)(&parameters, points, inputs)
 }
 
-/// Makes a filter from its description.
+/// Makes a filter (denoiser) from its description (`NAME` or `NAME:key=value,…`).
 ///
 /// # Errors
 ///
-/// As [`sampler`].
+/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
+/// [`RegistryError::NeedsWorld`] if the filter reads the world and `inputs` has none.
 pub fn filter(description: &str, inputs: &MethodInputs) -> Result<MadeFilter, RegistryError> {
     let (entry, parameters) = parameters::find("filter", FILTERS, description)?;
     (entry.make)(&parameters, inputs)
@@ -132,7 +135,7 @@ pub fn filter(description: &str, inputs: &MethodInputs) -> Result<MadeFilter, Re
 ///
 /// # Errors
 ///
-/// As [`sampler`], except [`RegistryError::NeedsWorld`].
+/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
 pub fn check_sampler(description: &str) -> Result<(), RegistryError> {
     let points = points("random", Setting { seed: 0, spp: None })?;
     without_world(sampler(description, points, &MethodInputs::default()))
@@ -142,7 +145,7 @@ pub fn check_sampler(description: &str) -> Result<(), RegistryError> {
 ///
 /// # Errors
 ///
-/// As [`points`].
+/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
 pub fn check_points(description: &str) -> Result<(), RegistryError> {
     points(description, Setting { seed: 0, spp: None }).map(|_| ())
 }
@@ -151,7 +154,7 @@ pub fn check_points(description: &str) -> Result<(), RegistryError> {
 ///
 /// # Errors
 ///
-/// As [`filter`], except [`RegistryError::NeedsWorld`].
+/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
 pub fn check_filter(description: &str) -> Result<(), RegistryError> {
     without_world(filter(description, &MethodInputs::default()))
 }

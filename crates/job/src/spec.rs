@@ -10,19 +10,20 @@ use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
 use serde::{Deserialize, Serialize};
 
-/// The version of the format that [`RenderSpec::to_json`] writes.
+/// The version of the JSON format that [`RenderSpec::to_json`] writes.
 pub const SPEC_VERSION: u32 = 1;
-/// Mean samples per pixel of [`RenderSpec::new`].
+/// The default budget of a render, in mean samples per pixel.
 pub const DEFAULT_SPP: f64 = 64.0;
-/// Largest number of samples per pixel under a [`BudgetSpec::Error`] without a `max_spp`.
+/// The largest number of samples per pixel if the budget is [`BudgetSpec::Error`] and `max_spp` is not set.
 pub const ERROR_SPP: u32 = 16384;
-/// The sampler of [`RenderSpec::new`]. Its `epsilon` suits the default filter; without a filter, 0.01 is better.
+/// The name of the default sampler. The default of its parameter `epsilon` suits the default filter; without a filter,
+/// an `epsilon` of 0.01 is better.
 pub const DEFAULT_SAMPLER: &str = "adaptive";
-/// The point set of [`RenderSpec::new`].
+/// The name of the default point set.
 pub const DEFAULT_POINTS: &str = "sobol";
-/// The filter of [`RenderSpec::new`].
+/// The name of the default filter (denoiser).
 pub const DEFAULT_FILTER: &str = "cluster-regression";
-/// The integrator of [`RenderSpec::new`].
+/// The name of the default integrator.
 pub const DEFAULT_INTEGRATOR: &str = "path";
 
 /// A description of a render: all settings that decide the pixels of an image.
@@ -41,56 +42,58 @@ pub const DEFAULT_INTEGRATOR: &str = "path";
 #[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct RenderSpec {
-    /// The version of the format: [`SPEC_VERSION`].
+    /// The version of the JSON format: [`SPEC_VERSION`].
     pub version: u32,
-    /// A scene file, a model, or the name of a bundled scene.
+    /// The scene: the path of a scene or model file, or the name of a bundled scene.
     pub scene: String,
-    /// The sampler, `NAME` or `NAME:key=value,…`.
+    /// The sampler (how many samples each pixel gets), `NAME` or `NAME:key=value,…`.
     #[serde(default = "names::sampler")]
     pub sampler: String,
-    /// The point set, `NAME` or `NAME:key=value,…`.
+    /// The point set (where samples lie), `NAME` or `NAME:key=value,…`.
     #[serde(default = "names::points")]
     pub points: String,
-    /// The filter, `NAME` or `NAME:key=value,…`; `none` leaves each pixel the mean of its samples.
+    /// The filter (denoiser), `NAME` or `NAME:key=value,…`; `none` leaves each pixel the mean of its samples.
     #[serde(default = "names::filter")]
     pub filter: String,
     /// The integrator, `NAME` or `NAME:key=value,…`.
     #[serde(default = "names::integrator")]
     pub integrator: String,
-    /// The selection among several lights. `None` stands for the default that [`RenderSpec::selection`] returns.
+    /// The rule by which light sampling selects one of several lights. `None` stands for the default that
+    /// [`RenderSpec::selection`] returns.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light_selection: Option<LightSelection>,
     /// The condition that ends the render.
     #[serde(default)]
     pub budget: BudgetSpec,
-    /// Smallest number of samples per pixel.
+    /// The smallest number of samples that each pixel gets.
     #[serde(default = "names::one")]
     pub min_spp: u32,
-    /// Largest number of samples per pixel. `None` is no bound, or [`ERROR_SPP`] for an error budget.
+    /// Largest number of samples per pixel. `None` sets no bound, or [`ERROR_SPP`] if the budget is
+    /// [`BudgetSpec::Error`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_spp: Option<u32>,
-    /// Width and height in pixels; `None` is the scene's.
+    /// Width and height of the full image in pixels; `None` takes the resolution in the scene.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolution: Option<[u32; 2]>,
-    /// The window to render.
+    /// The part of the image to render.
     #[serde(default)]
     pub crop: CropSpec,
     /// Seed of all random numbers.
     #[serde(default = "names::seed")]
     pub seed: u64,
-    /// Most scattering events between camera and light; `None` is the scene's limit.
+    /// The largest number of scattering events between camera and light; `None` takes the limit in the scene.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_depth: Option<u32>,
-    /// The pixel filter.
+    /// The pixel filter: the scene's, or a box one pixel wide.
     #[serde(default)]
     pub pixel_filter: PixelFilterSpec,
-    /// Effects that are left out of the scene.
+    /// Effects (kinds of light transport) that are left out of the scene.
     #[serde(default, with = "names::effects", skip_serializing_if = "Vec::is_empty")]
     pub without: Vec<Effect>,
     /// If `true`, unsupported directives of a scene are warnings instead of errors.
     #[serde(default)]
     pub allow_unsupported: bool,
-    /// The shard of the image to render; `None` renders the whole image.
+    /// The shard (every N-th row of the image) to render; `None` renders the whole image.
     #[serde(default, with = "names::shard", skip_serializing_if = "Option::is_none")]
     pub shard: Option<Shard>,
 }
@@ -99,18 +102,18 @@ pub struct RenderSpec {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BudgetSpec {
-    /// Exactly this mean number of samples per pixel.
+    /// The render takes exactly this mean number of samples per pixel.
     Spp(f64),
-    /// Exactly this number of samples in all.
+    /// The render takes exactly this number of samples in total.
     Samples(u64),
-    /// A predicted relMSE, before filtering, of at most this value.
+    /// The render ends when the predicted relMSE of the unfiltered image is at most this value.
     Error(f64),
-    /// About this many seconds of clustering, planning and tracing.
+    /// The render takes about this many seconds for clustering, planning and tracing together.
     Seconds(f64),
 }
 
 impl BudgetSpec {
-    /// The budget's name in the JSON.
+    /// The budget's key in the JSON of a description: `spp`, `samples`, `error` or `seconds`.
     pub const fn field(self) -> &'static str {
         match self {
             Self::Spp(_) => "spp",
@@ -127,58 +130,59 @@ impl Default for BudgetSpec {
     }
 }
 
-/// The window of an image to render.
+/// The part of an image to render.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CropSpec {
-    /// The scene's window.
+    /// The crop window in the scene file; the whole image if the file has none.
     #[default]
     Scene,
-    /// The whole image.
+    /// The whole image, even if the scene file has a crop window.
     Whole,
-    /// The window `[x0, y0, x1, y1]` in pixels, with `x1` and `y1` excluded.
+    /// The rectangle `[x0, y0, x1, y1]` in pixels, with column `x1` and row `y1` excluded.
     Window([u32; 4]),
 }
 
-/// The pixel filter of an image.
+/// The choice of the pixel filter, which weights samples around a pixel's centre.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PixelFilterSpec {
-    /// The scene's pixel filter.
+    /// The pixel filter in the scene file.
     #[default]
     Scene,
-    /// A box of one pixel.
+    /// A box filter that is one pixel wide.
     Box,
 }
 
-/// An invalid description.
+/// An error in the description of a render.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum SpecError {
     /// Text that is not JSON, a missing or unknown field, or a value of another type.
     #[error("the render's description cannot be read: {0}")]
     Json(#[from] serde_json::Error),
-    /// A format of another version.
+    /// A description in another version of the JSON format than [`SPEC_VERSION`].
     #[error(
         "the render's description has version {found}, and this Dapple reads version {SPEC_VERSION}; use the version of \
          Dapple that wrote it, or describe the render again"
     )]
     Version {
-        /// The version in the description.
+        /// The format version in the description.
         found: u64,
     },
     /// A value out of range, or a value that contradicts another field.
     #[error("{field}: {what}")]
     Field {
-        /// The name of the field.
+        /// The name of the wrong field of [`RenderSpec`].
         field: &'static str,
-        /// The problem and the remedy.
+        /// The problem with the field's value, and the remedy.
         what: String,
     },
 }
 
 impl RenderSpec {
-    /// A scene with the default methods, 64 samples per pixel and seed 1.
+    /// Describes a render of `scene` with the default sampler, point set, filter and integrator, 64 samples per pixel
+    /// and seed 1.
     pub fn new(scene: impl Into<String>) -> Self {
         Self {
             version: SPEC_VERSION,
@@ -202,31 +206,31 @@ impl RenderSpec {
         }
     }
 
-    /// Sets the sampler.
+    /// Sets the sampler, `NAME` or `NAME:key=value,…`.
     #[must_use]
     pub fn sampler(self, sampler: impl Into<String>) -> Self {
         Self { sampler: sampler.into(), ..self }
     }
 
-    /// Sets the point set.
+    /// Sets the point set, `NAME` or `NAME:key=value,…`.
     #[must_use]
     pub fn points(self, points: impl Into<String>) -> Self {
         Self { points: points.into(), ..self }
     }
 
-    /// Sets the filter.
+    /// Sets the filter (denoiser), `NAME` or `NAME:key=value,…`; `none` leaves each pixel the mean of its samples.
     #[must_use]
     pub fn filter(self, filter: impl Into<String>) -> Self {
         Self { filter: filter.into(), ..self }
     }
 
-    /// Sets the integrator.
+    /// Sets the integrator, `NAME` or `NAME:key=value,…`.
     #[must_use]
     pub fn integrator(self, integrator: impl Into<String>) -> Self {
         Self { integrator: integrator.into(), ..self }
     }
 
-    /// Sets the selection among several lights.
+    /// Sets the rule by which light sampling selects one of several lights.
     #[must_use]
     pub fn light_selection(self, selection: LightSelection) -> Self {
         Self { light_selection: Some(selection), ..self }
@@ -238,70 +242,70 @@ impl RenderSpec {
         Self { budget, ..self }
     }
 
-    /// Sets the smallest and the largest number of samples per pixel.
+    /// Sets the smallest and the largest number of samples per pixel; `None` sets no largest number.
     #[must_use]
     pub fn bounds(self, min_spp: u32, max_spp: Option<u32>) -> Self {
         Self { min_spp, max_spp, ..self }
     }
 
-    /// Sets width and height in pixels.
+    /// Sets width and height of the full image in pixels.
     #[must_use]
     pub fn resolution(self, width: u32, height: u32) -> Self {
         Self { resolution: Some([width, height]), ..self }
     }
 
-    /// Sets the window to render.
+    /// Sets the part of the image to render.
     #[must_use]
     pub fn crop(self, crop: CropSpec) -> Self {
         Self { crop, ..self }
     }
 
-    /// Sets the seed.
+    /// Sets the seed of all random numbers.
     #[must_use]
     pub fn seed(self, seed: u64) -> Self {
         Self { seed, ..self }
     }
 
-    /// Sets the limit of scattering events; `None` is the scene's.
+    /// Sets the largest number of scattering events between camera and light; `None` takes the limit in the scene.
     #[must_use]
     pub fn max_depth(self, max_depth: Option<u32>) -> Self {
         Self { max_depth, ..self }
     }
 
-    /// Sets the pixel filter.
+    /// Sets the pixel filter: the scene's, or a box one pixel wide.
     #[must_use]
     pub fn pixel_filter(self, pixel_filter: PixelFilterSpec) -> Self {
         Self { pixel_filter, ..self }
     }
 
-    /// Sets the effects that are left out.
+    /// Sets the effects (kinds of light transport) that are left out of the scene.
     #[must_use]
     pub fn without(self, without: impl IntoIterator<Item = Effect>) -> Self {
         Self { without: without.into_iter().collect(), ..self }
     }
 
-    /// Sets whether unsupported directives are warnings (`true`) or errors.
+    /// Makes unsupported directives of the scene file warnings (`true`) or errors (`false`).
     #[must_use]
     pub fn allow_unsupported(self, allow: bool) -> Self {
         Self { allow_unsupported: allow, ..self }
     }
 
-    /// Sets the shard to render; `None` renders the whole image.
+    /// Sets the shard (every N-th row) to render; `None` renders the whole image.
     #[must_use]
     pub fn shard(self, shard: Option<Shard>) -> Self {
         Self { shard, ..self }
     }
 
-    /// The selection among several lights in effect: [`light_selection`](Self::light_selection), else learned, or power
-    /// for a shard.
+    /// The rule in effect for selecting one of several lights: [`light_selection`](Self::light_selection) if it is set.
+    /// The default is [`LightSelection::Learned`] for a whole image and [`LightSelection::Power`] for a shard.
     ///
-    /// A shard cannot learn, because training needs samples of the whole image.
+    /// A shard cannot use learned selection, because training needs samples of the whole image.
     pub fn selection(&self) -> LightSelection {
         let default = if self.shard.is_some() { LightSelection::Power } else { LightSelection::Learned };
         self.light_selection.unwrap_or(default)
     }
 
-    /// The description as one line of JSON.
+    /// Encodes the description as one line of JSON.
     ///
     /// # Errors
     ///
@@ -310,11 +314,11 @@ impl RenderSpec {
         Ok(serde_json::to_string(self)?)
     }
 
-    /// The description as indented JSON.
+    /// Encodes the description as indented JSON.
     ///
     /// # Errors
     ///
-    /// As [`RenderSpec::to_json`].
+    /// [`SpecError::Json`] for a number that JSON cannot hold (NaN, infinity).
     pub fn to_json_pretty(&self) -> Result<String, SpecError> {
         Ok(serde_json::to_string_pretty(self)?)
     }
@@ -323,8 +327,8 @@ impl RenderSpec {
     ///
     /// # Errors
     ///
-    /// [`SpecError::Version`] for another version, before any other error; [`SpecError::Json`] for unknown fields and wrong
-    /// types; [`SpecError::Field`] as [`RenderSpec::check`].
+    /// [`SpecError::Version`] for another version, before any other error; [`SpecError::Json`] for unknown fields and
+    /// wrong types; [`SpecError::Field`] for a value that [`RenderSpec::check`] refuses.
     pub fn from_json(json: &str) -> Result<Self, SpecError> {
         #[derive(Deserialize)]
         struct Version {
@@ -339,7 +343,8 @@ impl RenderSpec {
         Ok(spec)
     }
 
-    /// Checks all that can be checked without a scene: the ranges of numbers, and the names of the methods.
+    /// Checks the settings that do not depend on the scene: the ranges of numbers, and the names of sampler, point set,
+    /// filter and integrator.
     ///
     /// # Errors
     ///
@@ -403,7 +408,7 @@ impl RenderSpec {
         Ok(())
     }
 
-    /// The budget as mean samples per pixel; `None` for other budgets.
+    /// The mean samples per pixel of a [`BudgetSpec::Spp`]; `None` for other budgets.
     pub fn mean_spp(&self) -> Option<f64> {
         match self.budget {
             BudgetSpec::Spp(spp) => Some(spp),
@@ -411,7 +416,8 @@ impl RenderSpec {
         }
     }
 
-    /// Returns `true` if both descriptions need the same world.
+    /// Returns `true` if both descriptions need the same world (scene built for tracing), so that one built world
+    /// serves both.
     pub(crate) fn has_world_of(&self, other: &Self) -> bool {
         let world = |spec: &Self| Self {
             light_selection: Some(spec.selection()),

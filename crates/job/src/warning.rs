@@ -1,4 +1,4 @@
-//! Warnings, as values that a program can format.
+//! Warnings of a render.
 
 use dapple_core::{Rejected, streams};
 use dapple_scene::{Called, Effect, Notice};
@@ -8,72 +8,73 @@ use std::fmt;
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum Warning {
-    /// A directive of the scene file that was adjusted or ignored.
+    /// A note about a directive of the scene file that was adjusted or ignored.
     Notice(Notice),
-    /// A scene file that suggests another number of samples per pixel.
+    /// A scene file that suggests another number of samples per pixel than the render takes.
     SuggestedSpp {
         /// The name of the scene.
         scene: String,
-        /// The samples per pixel that the scene suggests.
+        /// The samples per pixel that the scene file suggests.
         suggested: u32,
-        /// The samples per pixel of the render.
+        /// The mean samples per pixel of the render.
         spp: f64,
     },
-    /// An effect that is left out of the image.
+    /// An effect (a kind of light transport) that is left out of the image at the user's request.
     LeftOut {
-        /// The effect.
+        /// The effect that is left out.
         effect: Effect,
-        /// The object in the scene that uses the effect.
+        /// The first object in the scene that uses the effect; `None` if unknown.
         by: Option<Called>,
     },
-    /// Light that a path tracer finds by chance only.
+    /// A light that a path tracer finds by chance only, such as a small lamp behind glass.
     FoundByChance(Called),
-    /// The number of triangles without area, which are left out.
+    /// Triangles without area, which are left out: their number.
     DroppedTriangles(usize),
-    /// A damaged checkpoint; the render resumes from the previous one.
+    /// The newest version of a checkpoint is missing or damaged: the error of reading it. The render resumes from the
+    /// previous version.
     PreviousCheckpoint(String),
-    /// A checkpoint that could not be written; the render continues and tries again.
+    /// A checkpoint could not be written: the error. The render continues and tries again.
     NoCheckpoint(String),
-    /// Samples that were NaN, infinite or negative, and count as black.
+    /// Samples whose radiance was NaN, infinite or negative, and that count as black.
     RejectedSamples {
         /// The number of rejected samples.
         rejected: u64,
-        /// The number of all samples.
+        /// The number of all samples of the render.
         samples: u64,
         /// The first rejected sample.
         first: Rejected,
-        /// The description of the point set.
+        /// The description of the point set that placed the samples.
         points: String,
     },
-    /// A clustering grid in which nearly all triangles lie in few voxels.
+    /// A clustering grid that is too coarse for the scene: nearly all triangles lie in few voxels.
     DegenerateClusters {
-        /// The number of voxels that the parameters request.
+        /// The number of voxels of the grid, as set by the clustering parameters.
         requested: u64,
         /// The number of voxels that contain triangles.
         occupied: u64,
     },
-    /// The number of probes that hit a NaN or infinite position, and count as background.
+    /// Probe rays whose hit position was NaN or infinite, and that count as background: their number.
     RejectedProbes(u64),
-    /// A render with an error goal that ended above it.
+    /// A render that ended before its predicted error fell to the goal.
     ErrorNotReached {
-        /// The predicted relMSE, if known.
+        /// The predicted relMSE at the end; `None` if unknown.
         predicted: Option<f64>,
-        /// The goal.
+        /// The relMSE to reach.
         goal: f64,
     },
-    /// The image of a stopped render that stays unfiltered, because the filter would take too long.
+    /// A stopped render whose image is left unfiltered, because the filter would take too long.
     NotFiltered {
-        /// The filter's name.
+        /// The name of the filter that was not applied.
         filter: String,
     },
-    /// Values that were too large for the file format, and were clamped.
+    /// Pixel values that were too large for the file format, and were clamped to its maximum.
     Clamped {
-        /// The file.
+        /// The path of the image file.
         path: std::path::PathBuf,
         /// The number of clamped values.
         values: u64,
     },
-    /// A shard that is not written, because the render was stopped.
+    /// A shard (every N-th row of an image) whose file is not written, because its render was stopped.
     ShardStopped(dapple_core::Shard),
 }
 
@@ -130,7 +131,7 @@ impl fmt::Display for Warning {
     }
 }
 
-/// A sentence about the effect on the image of light found by chance.
+/// Describes in a sentence how a light that is found by chance only shows in the image: as specks.
 pub fn found_by_chance(called: &Called) -> String {
     let others = match called.objects {
         1 => String::new(),
@@ -143,7 +144,8 @@ pub fn found_by_chance(called: &Called) -> String {
     )
 }
 
-/// Returns `true` if uniform sampling can replay the rejected sample `first`.
+/// Returns `true` if uniform sampling with the same seed can replay the rejected sample `first`: its stream is
+/// [`streams::WHOLE`], not one of a half or a pilot.
 pub fn can_be_replayed(first: &Rejected) -> bool {
     first.sample.stream == streams::WHOLE
 }

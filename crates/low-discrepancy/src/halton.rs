@@ -26,10 +26,10 @@ use dapple_core::{PointSet, SampleId};
 ///
 /// # Stratification
 ///
-/// Among any `2^a 3^b` consecutive samples, the first pair has exactly one point in each of the `2^a x 3^b` boxes (`5^a
-/// x 7^b` for the second pair).
-/// A later pair has one point in each of `2^k x 3^k` boxes for `6^k` samples that begin at a multiple of `6^k`.
-/// Every prefix is usable; [`PointSet::preferred_count`] returns the best ones.
+/// Among any `2^a 3^b` consecutive samples, the first pair has exactly one point in each of the `2^a x 3^b` boxes. For
+/// the second pair, replace 2 and 3 by 5 and 7. A later pair has one point in each of `2^k x 3^k` boxes for `6^k`
+/// samples that begin at a multiple of `6^k`. Every prefix is usable; [`PointSet::preferred_count`] returns the best
+/// ones.
 ///
 /// # Limits
 ///
@@ -45,7 +45,7 @@ pub struct Halton {
 }
 
 impl Halton {
-    /// Makes the sequence of a seed.
+    /// Makes the scrambled Halton sequence of a seed.
     pub const fn new(seed: u64) -> Self {
         Self { seed: Seed::new(seed) }
     }
@@ -87,7 +87,7 @@ impl PointSet for Halton {
     }
 }
 
-/// The scrambled point number `index` in bases 2 and 3.
+/// The scrambled 2-D point with this index, in bases 2 and 3.
 #[inline]
 fn pair23(index: u64, key: u64) -> [f32; 2] {
     let [base2, _] = halves(key);
@@ -96,8 +96,8 @@ fn pair23(index: u64, key: u64) -> [f32; 2] {
     [unit(x), unit(nested::<3, 21>(index, nth_key(key, 0)))]
 }
 
-/// The scrambled radical inverse of `index` in base `BASE` as a fraction of 2^32, rounded down. A random affine map
-/// permutes each digit; it depends on all digits before it.
+/// The scrambled radical inverse of `index` in base `BASE`, in units of 2^-32, rounded down. A random affine map
+/// permutes each digit; the map depends on all digits before it.
 ///
 /// Affine maps `a d + c` with `a` not 0 act on a prime number of digits. They map any two different digits to any two
 /// different digits equally often.
@@ -121,8 +121,8 @@ fn nested<const BASE: u64, const DIGITS: u32>(mut index: u64, key: u64) -> u32 {
     (((fraction << 30) / BASE.pow(DIGITS)) as u32) << 2
 }
 
-/// A nested scramble of an index in base 6. It permutes blocks of `6^k`, and halves of thirds within them, so that
-/// aligned blocks stay aligned.
+/// A nested scramble of an index in base 6. In each block of `6^(k + 1)` indices it permutes the three thirds, and the
+/// two halves of each third. Aligned blocks thus stay aligned.
 ///
 /// It has 12 digits: indices from 6^12 = 2.2e9 on keep their place among blocks of that size.
 #[inline]

@@ -5,7 +5,7 @@ use dapple_core::SampleId;
 /// The odd number nearest to 2^64 / golden ratio: the step between the keys of one block [after Steele 2014].
 const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// Another odd constant: the first 16 hexadecimal digits of the fraction of pi, made odd.
+/// An odd constant by which batch numbers enter a key: the first 16 hexadecimal digits of the fraction of pi, made odd.
 const HIGH_STEP: u64 = 0x243f_6a88_85a3_08d3;
 
 /// A bijective hash of 64 bits. Every input bit affects every output bit.

@@ -11,8 +11,7 @@ use dapple_core::{PointSet, SampleId};
 /// Each is XOR-scrambled by a random number per pixel and pair, and shuffled independently for each pair.
 ///
 /// Each `count` samples of a pair are a (0,k,2)-net. The count must be known beforehand and is rounded up to a power of
-/// two, as published ([`LowDiscrepancy::count`]).
-/// Further samples begin another net with fresh scrambles.
+/// two, as in pbrt ([`LowDiscrepancy::count`]). Further samples begin another net with fresh scrambles.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};
@@ -44,7 +43,7 @@ impl LowDiscrepancy {
     /// The size of the largest net: an `f32` cannot distinguish more points along one axis.
     pub const MAX_COUNT: u32 = 1 << 24;
 
-    /// Makes nets of `count` samples, rounded up to a power of two.
+    /// Makes the point set with nets of `count` samples, rounded up to a power of two.
     ///
     /// # Errors
     ///

@@ -20,7 +20,7 @@ use rand_pcg::Pcg64Mcg;
 /// assert_ne!(points.block(id, 0), Random::new(8).block(id, 0));
 /// ```
 ///
-/// Its limit: the variance of `n` samples falls as `1 / n`, never faster.
+/// Limit: the variance of `n` samples falls as `1 / n`, never faster.
 ///
 /// Name: `random`. Parameters: `seed`.
 #[derive(Clone, Copy, Debug)]
@@ -29,7 +29,7 @@ pub struct Random {
 }
 
 impl Random {
-    /// Makes the generator of a seed.
+    /// Makes the point set of independent random numbers for a seed.
     pub const fn new(seed: u64) -> Self {
         Self { seed: Seed::new(seed) }
     }

@@ -37,7 +37,7 @@ impl Stratified {
     /// The largest number of strata per axis. Each cell still holds 2^12 x 2^12 different points.
     pub const MAX_STRATA: u32 = 1 << 12;
 
-    /// Makes grids of `strata x strata` cells.
+    /// Makes the point set with grids of `strata x strata` cells.
     ///
     /// # Errors
     ///
@@ -54,7 +54,7 @@ impl Stratified {
         self.strata * self.strata
     }
 
-    /// The point of a cell with the random bits `jitter`.
+    /// The point in `[0, 1)^2` that the random bits `jitter` select in cell `cell`.
     #[inline]
     fn point(&self, cell: u32, jitter: u64) -> [f32; 2] {
         let [jx, jy] = halves(jitter);
@@ -64,7 +64,7 @@ impl Stratified {
     }
 }
 
-/// The number in stratum `k` of `n` that `jitter` selects, as a fraction of 2^32 with 24 significant bits. Integer
+/// The coordinate in stratum `k` of `n` that `jitter` selects, in units of 2^-32, with 24 significant bits. Integer
 /// arithmetic keeps points from rounding into the next cell.
 #[inline]
 fn in_stratum(k: u32, n: u32, jitter: u32) -> u32 {

@@ -17,7 +17,7 @@ pub struct Blocks {
 /// Ratios of an image's block means to those of its reference, from [`block_ratios`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlockRatios {
-    /// Per channel, the ratios of all blocks that are bright enough, ascending.
+    /// For each channel, image over reference in all blocks where the reference is bright enough, ascending.
     sorted: [Vec<f64>; 3],
 }
 
@@ -30,7 +30,7 @@ impl BlockRatios {
         self.sorted[channel].len()
     }
 
-    /// The ratios of channel 0, 1 or 2, ascending; 1 is no bias.
+    /// The ratios (image over reference) of channel 0, 1 or 2, ascending. A ratio of 1 means no bias.
     ///
     /// # Panics
     /// For a channel above 2.
@@ -99,8 +99,8 @@ fn finite(value: f32) -> f64 {
 /// Ratios of block means, image over reference, channel by channel. They reveal bias that the noise of single pixels
 /// hides.
 ///
-/// A block's channel counts only if the reference is bright enough there: at least 2 % of the median over all its
-/// blocks and channels.
+/// A block counts in a channel only if its reference mean is at least 2 % of the median of the reference's means over
+/// all blocks and channels.
 ///
 /// ```
 /// # use dapple_metrics::{Pixels, block_ratios};
@@ -112,7 +112,8 @@ fn finite(value: f32) -> f64 {
 /// ```
 ///
 /// # Errors
-/// [`MetricsError::Sizes`], [`MetricsError::NonFiniteReference`], [`MetricsError::Block`].
+/// [`MetricsError::Sizes`] if the sizes differ; [`MetricsError::NonFiniteReference`] for NaN or infinity in the
+/// reference; [`MetricsError::Block`] if a block is empty or larger than the image.
 pub fn block_ratios(image: Pixels<'_>, reference: Pixels<'_>, block: [u32; 2]) -> Result<BlockRatios, MetricsError> {
     check(image, reference)?;
     let [image, reference] = [block_means(image, block)?, block_means(reference, block)?];
@@ -159,7 +160,7 @@ pub fn downsample(image: Pixels<'_>, target: [u32; 2]) -> Result<Vec<[f32; 3]>, 
     Ok(pixels.collect())
 }
 
-/// The range of old pixels that a new pixel covers along one axis, with weights.
+/// The range of old pixels that a new pixel covers along one axis in [`downsample`], with weights.
 struct Span {
     first: usize,
     /// The covered lengths of the old pixels from `first` on, in units of `1 / target` of an old pixel.

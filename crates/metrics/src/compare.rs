@@ -31,7 +31,7 @@ pub struct Comparison {
     pub smape: f64,
     /// Mean of `(s(x) - s(r))^2`, 0..=1. s clamps to 0..=1 and applies the sRGB curve [IEC 61966-2-1].
     pub display_mse: f64,
-    /// `10 log10(1 / display_mse)` in dB, limited to 200, which equal images have.
+    /// `10 log10(1 / display_mse)` in dB, at most 200, the value for equal images.
     pub psnr: f64,
     /// `255^2 display_mse`: MSE on the scale of 8-bit sRGB files, computed without rounding to 8 bits. Rounding would
     /// add up to 1/6 and hide errors below half a step.
@@ -39,29 +39,31 @@ pub struct Comparison {
     /// Mean of x over mean of r for each channel; 1 if they are equal, even if both are 0. A mean of r nearer to 0 than
     /// 1e-20 counts as 1e-20, so that the ratio is finite.
     pub channel_ratios: [f64; 3],
-    /// Mean of x over mean of r, all channels together.
+    /// Mean of x over mean of r, all channels together, with the same limits as
+    /// [`channel_ratios`](Self::channel_ratios).
     pub mean_ratio: f64,
     /// The number of channel values of x (not pixels) that are NaN or infinite.
     pub non_finite: u64,
-    /// The block with the largest relMSE.
+    /// The block of 16x16 pixels with the largest relMSE, the first in reading order among equals.
     pub worst_block: WorstBlock,
 }
 
-/// A block of 16x16 pixels ([`WORST_BLOCK_SIZE`]); smaller at the right and lower edge.
+/// The block of 16x16 pixels ([`WORST_BLOCK_SIZE`]) with the largest relMSE. Blocks are smaller at the right and lower
+/// edge of the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct WorstBlock {
-    /// Column and row of its upper left pixel.
+    /// Column and row, from 0, of the block's upper left pixel.
     pub position: [u32; 2],
-    /// Width and height in pixels.
+    /// Width and height of the block in pixels.
     pub size: [u32; 2],
-    /// Mean relMSE of the block's pixels.
+    /// relMSE over the block's pixels and channels.
     pub rel_mse: f64,
 }
 
 /// Compares an image with its reference and returns all error metrics.
 ///
-/// Sums are in f64, which holds the square of the largest f32: nothing overflows.
+/// Sums are in f64 and cannot overflow, since an f64 holds the square of the largest f32.
 ///
 /// ```
 /// # use dapple_metrics::{Pixels, compare};
@@ -73,8 +75,8 @@ pub struct WorstBlock {
 /// ```
 ///
 /// # Errors
-/// [`MetricsError::Sizes`] if the sizes differ; [`MetricsError::NonFiniteReference`] with the first such pixel. NaN in
-/// the image is counted, not an error.
+/// [`MetricsError::Sizes`] if the sizes differ; [`MetricsError::NonFiniteReference`] for NaN or infinity in the
+/// reference. Non-finite values in the image are counted and are no error.
 pub fn compare(image: Pixels<'_>, reference: Pixels<'_>) -> Result<Comparison, MetricsError> {
     check(image, reference)?;
     let mut sums = Sums::default();
@@ -123,7 +125,7 @@ struct Sums {
 }
 
 impl Sums {
-    /// Adds a pixel to the sums. Returns the pixel's relative squared error, averaged over channels.
+    /// Adds a pixel to the sums. Returns the pixel's relMSE, the mean of `(x - r)^2 / (r^2 + 0.01)` over its channels.
     fn add(&mut self, image: &[f32; 3], reference: &[f32; 3]) -> f64 {
         let mut relative = 0.0;
         for c in 0..3 {
@@ -168,7 +170,7 @@ fn trimmed_mean(mut values: Vec<f64>) -> f64 {
     mean(&values[..kept])
 }
 
-/// The block with the largest relMSE; of equal ones the first in reading order.
+/// The block with the largest relMSE, the first in reading order among equals. `relative` is the relMSE of each pixel.
 fn worst_block(relative: &[f64], size: [u32; 2]) -> WorstBlock {
     let side = WORST_BLOCK_SIZE;
     let mut worst: Option<WorstBlock> = None;

@@ -4,7 +4,7 @@ use crate::compare::RELATIVE_EPSILON;
 use crate::sum::Sum;
 use crate::{MetricsError, Pixels};
 
-/// The fewest renders of each image that [`difference`] takes: a pair for the numerator, two more for the denominator.
+/// The fewest renders of each image that [`difference`] accepts: two for the numerator, two more for the denominator.
 pub const LEAST_RENDERS: usize = 4;
 
 /// An estimate from independent renders, with its standard error.
@@ -31,11 +31,11 @@ pub struct Difference {
 ///
 /// Renders `a[i]` and `b[i]` may share a seed, which reduces the noise of their difference. `a[i]` and `a[j]` must not.
 ///
-/// The square of `b - a` is estimated by the product of the differences of two pairs of renders. Averaged over all
-/// choices of pairs, independent noise cancels. The `a` of the denominator is the mean of the remaining renders. (If it
-/// included all renders, numerator and denominator would share noise. At a difference of a tenth and noise of a
-/// quarter, a fifth of the value was missing.) The nonlinear denominator leaves a bias: with a relative noise `s` of
-/// its mean, the value is too large by about `3 s^2`. A non-finite channel counts as 0.
+/// The square of `b - a` is estimated by `(b[s] - a[s]) (b[t] - a[t])`, averaged over all pairs of renders s and t.
+/// Independent noise then cancels. The `a` of the denominator is the mean of the remaining renders. (If it included all
+/// renders, numerator and denominator would share noise. At a difference of a tenth and noise of a quarter, the value
+/// would be a fifth too small.) The nonlinear denominator leaves a bias: with a relative noise `s` of its mean, the
+/// value is too large by about `3 s^2`. A non-finite channel counts as 0.
 ///
 /// ```
 /// # use dapple_metrics::{Pixels, difference};
@@ -51,7 +51,7 @@ pub struct Difference {
 ///
 /// # Errors
 /// [`MetricsError::FewRenders`] below [`LEAST_RENDERS`] or for different numbers of renders; [`MetricsError::Sizes`] if
-/// any two differ in size.
+/// any two renders differ in size.
 pub fn difference(a: &[Pixels<'_>], b: &[Pixels<'_>]) -> Result<Difference, MetricsError> {
     let n = a.len();
     if n < LEAST_RENDERS || b.len() != n {
@@ -97,14 +97,14 @@ pub fn difference(a: &[Pixels<'_>], b: &[Pixels<'_>]) -> Result<Difference, Metr
     Ok(Difference { rel_mse: jackknife(&rel_mse), mean_lost: jackknife(&mean_lost) })
 }
 
-/// All pairs of the numbers `0..n` without `skip`.
+/// All pairs of two numbers in `0..n` other than `skip`, each pair once.
 fn pairs(n: usize, skip: usize) -> impl Iterator<Item = (usize, usize)> {
     let kept = move |k: &usize| *k != skip;
     (0..n).filter(kept).flat_map(move |s| (s + 1..n).filter(kept).map(move |t| (s, t)))
 }
 
-/// The jackknife estimate [after Tukey 1958]. The last of `estimates` uses all renders, each other one leaves out one
-/// render.
+/// The jackknife estimate and its standard error [after Tukey 1958]. The last of `estimates` uses all renders; each of
+/// the others leaves out one render.
 fn jackknife(estimates: &[f64]) -> Measured {
     let (without, all) = (&estimates[..estimates.len() - 1], estimates[estimates.len() - 1]);
     let n = without.len() as f64;

@@ -22,7 +22,7 @@ const PIXELS_PER_DEGREE_RANGE: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Flip {
-    /// Mean of the map, 0 to 1.
+    /// The mean of the difference map, 0 to 1.
     pub mean: f64,
     /// The visible difference at each pixel, 0 (none) to 1, row by row from the top.
     pub map: Vec<f32>,
@@ -61,14 +61,15 @@ pub fn flip(image: Pixels<'_>, reference: Pixels<'_>, pixels_per_degree: f64) ->
 /// Exponent that compresses colour differences [after Andersson 2020].
 const COLOUR_EXPONENT: f32 = 0.7;
 
-/// The knee of the compression: a share of the largest colour difference, and its compressed value
-/// [after Andersson 2020].
+/// The knee of the compression of colour differences: its place as a fraction of the largest difference, and its
+/// compressed value [after Andersson 2020].
 const COLOUR_KNEE: [f32; 2] = [0.4, 0.95];
 
 /// Exponent of feature differences [after Andersson 2020].
 const FEATURE_EXPONENT: f32 = 0.5;
 
-/// The FLIP difference of pixel `at`, 0 to 1: a feature difference raises the colour difference [after Andersson 2020].
+/// The FLIP difference of the pixel at index `at`, 0 to 1: a feature difference raises the colour difference [after
+/// Andersson 2020].
 fn pixel_difference(image: &PerceivedImage, reference: &PerceivedImage, at: usize) -> f32 {
     let colour = compress(colour::hyab(image.colours[at], reference.colours[at]));
     let edges = (image.edges[at] - reference.edges[at]).abs();
@@ -77,7 +78,7 @@ fn pixel_difference(image: &PerceivedImage, reference: &PerceivedImage, at: usiz
     if colour > 0.0 { libm::powf(colour, 1.0 - feature.min(1.0)) } else { 0.0 }
 }
 
-/// Maps a colour distance to 0..=1 and compresses large ones.
+/// Maps a colour distance to 0..=1 and compresses large distances.
 fn compress(distance: f32) -> f32 {
     // The largest distance of displayed colours, that of green and blue.
     let largest = libm::powf(colour::LARGEST_DISTANCE, COLOUR_EXPONENT);
@@ -103,10 +104,11 @@ struct PerceivedImage {
 
 /// The filter kernels for a given number of pixels per degree.
 struct VisionKernels {
-    /// Kernels of contrast sensitivity: lightness, red-green, and the narrow and the wide part of blue-yellow, which
-    /// are added.
+    /// The kernels of contrast sensitivity for lightness, red-green and blue-yellow. The last two both filter
+    /// blue-yellow, and their results are added.
     sensitivity: [Kernel; 4],
-    /// The kernel that smooths across a feature. The two below give the first and second derivative along it.
+    /// The Gaussian that smooths at right angles to a derivative. `edge` takes the first derivative, `point` the
+    /// second.
     smooth: Kernel,
     edge: Kernel,
     point: Kernel,

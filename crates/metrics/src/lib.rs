@@ -40,7 +40,7 @@ mod srgb;
 mod statistics;
 mod sum;
 
-/// The README's example is tested.
+/// Runs the README's example as a documentation test.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;
@@ -62,15 +62,15 @@ pub enum MetricsError {
     /// An image without pixels.
     #[error("an image of {}x{} has no pixels; both sides must be at least 1", size[0], size[1])]
     Empty {
-        /// Width and height.
+        /// Width and height of the image.
         size: [u32; 2],
     },
     /// A slice of pixels whose length does not match the image size.
     #[error("an image of {}x{} has {} pixels, but {found} are given; pass width times height pixels", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
     PixelCount {
-        /// Width and height.
+        /// Width and height of the image.
         size: [u32; 2],
-        /// The number of pixels given.
+        /// The number of pixels in the slice.
         found: usize,
     },
     /// The images differ in size.
@@ -87,15 +87,15 @@ pub enum MetricsError {
     /// A reference with NaN or infinity.
     #[error("the reference is {value:?} at column {}, row {}; render a finite one", pixel[0], pixel[1])]
     NonFiniteReference {
-        /// Column and row of the first such pixel.
+        /// Column and row, from 0, of the first pixel with NaN or infinity.
         pixel: [u32; 2],
-        /// The value of that pixel.
+        /// The linear RGB value of that pixel.
         value: [f32; 3],
     },
     /// Too few renders to separate the difference from noise.
     #[error("there are {} renders of one image and {} of the other; use as many of both, at least {}", renders[0], renders[1], LEAST_RENDERS)]
     FewRenders {
-        /// The numbers of renders of the two images.
+        /// The numbers of renders of the first and of the second image.
         renders: [usize; 2],
     },
     /// A block that is empty or larger than the image.
@@ -109,23 +109,23 @@ pub enum MetricsError {
     /// A reference variance that is negative, NaN or infinite.
     #[error("the variance is {value:?} at column {}, row {}; pass finite variances of 0 or more", pixel[0], pixel[1])]
     Variance {
-        /// Column and row of the first such pixel.
+        /// Column and row, from 0, of the first pixel with such a variance.
         pixel: [u32; 2],
-        /// The variance of that pixel.
+        /// The variance of that pixel in each channel.
         value: [f32; 3],
     },
-    /// A number of pixels per degree outside 1..=1000.
+    /// A number of pixels per degree of visual angle outside 1..=1000, passed to [`flip`].
     #[error("{value} pixels per degree of visual angle are out of range; use 1 to 1000; 67 is usual")]
     PixelsPerDegree {
-        /// Pixels per degree given.
+        /// The number of pixels per degree passed.
         value: f64,
     },
-    /// A target size that is empty or larger than the image.
+    /// A target size for [`downsample`] that is empty or larger than the image.
     #[error("{}x{} cannot be averaged to {}x{}; use sides from 1 to the image's", size[0], size[1], target[0], target[1])]
     Target {
         /// Width and height of the image.
         size: [u32; 2],
-        /// Width and height requested.
+        /// The requested width and height.
         target: [u32; 2],
     },
 }
@@ -145,10 +145,10 @@ pub struct Pixels<'a> {
 }
 
 impl<'a> Pixels<'a> {
-    /// An image of `size` (width and height) with `size[0] * size[1]` pixels.
+    /// Borrows `size[0] * size[1]` pixels as an image of `size` (width and height).
     ///
     /// # Errors
-    /// [`MetricsError::Empty`] if a side is 0; [`MetricsError::PixelCount`] if the length does not match.
+    /// [`MetricsError::Empty`] if a side is 0; [`MetricsError::PixelCount`] if `values` has another length.
     pub fn new(size: [u32; 2], values: &'a [[f32; 3]]) -> Result<Self, MetricsError> {
         if size.contains(&0) {
             return Err(MetricsError::Empty { size });
@@ -159,12 +159,12 @@ impl<'a> Pixels<'a> {
         Ok(Self { size, values })
     }
 
-    /// Width and height.
+    /// The width and height in pixels.
     pub fn size(&self) -> [u32; 2] {
         self.size
     }
 
-    /// The pixels, top row first.
+    /// The pixels in linear RGB, row by row from the top.
     pub fn values(&self) -> &'a [[f32; 3]] {
         self.values
     }

@@ -8,18 +8,19 @@ use crate::{MetricsError, Pixels};
 /// limited by the reference.
 pub const REFERENCE_LIMIT: f64 = 100.0;
 
-/// A reference image with its noise. Its samples must be independent of the image's: use another seed, preferably
-/// another point set.
+/// A reference image and its noise. The reference's samples must be independent of the compared image's: use another
+/// seed, preferably another point set.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum NoisyReference<'a> {
     /// Two independent images with equal numbers of samples; the reference is their mean.
     Halves([Pixels<'a>; 2]),
-    /// A reference and the variance of each channel (of the mean, not of one sample), in squared radiance.
+    /// A reference and its variance in each pixel and channel.
     Variance {
-        /// The reference.
+        /// The reference image, a mean over samples.
         mean: Pixels<'a>,
-        /// The variance of `mean` per pixel and channel, in squared radiance; of the same size.
+        /// The variance of `mean` (not of one sample) per pixel and channel, in squared radiance; of the same size as
+        /// `mean`.
         variance: Pixels<'a>,
     },
 }
@@ -28,13 +29,13 @@ pub enum NoisyReference<'a> {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corrected {
-    /// MSE, whose correction is unbiased.
+    /// The MSE, in squared radiance. Its correction is unbiased.
     pub mse: CorrectedError,
-    /// relMSE, which keeps a bias from the noise in the denominator.
+    /// The relMSE. Its correction keeps a bias from the noise in the denominator.
     ///
-    /// For a relative variance v of the reference and an error e, the value is too large by a fraction of up to `3 v (1
-    /// + 2 v / e)`. This is 3 % for v = 0.005 and e = 0.01, and 0.0003 % for v = 1e-6 and the same e. (Second-order
-    /// expansion for normal noise and r^2 far above [`RELATIVE_EPSILON`].)
+    /// For a relative variance v of the reference and a true relMSE e, the value is too large by a fraction of up to `3
+    /// v (1 + 2 v / e)`. This is 3 % for v = 0.005 and e = 0.01, and 0.0003 % for v = 1e-6 and the same e.
+    /// (Second-order expansion for normal noise and r^2 far above [`RELATIVE_EPSILON`].)
     pub rel_mse: CorrectedError,
 }
 
@@ -44,7 +45,7 @@ pub struct Corrected {
 pub struct CorrectedError {
     /// The error as [`compare`](crate::compare) measures it, with the reference's noise.
     pub measured: f64,
-    /// The mean variance of the reference, in the unit of `measured`.
+    /// The contribution of the reference's noise to `measured`: its mean variance, relative for relMSE.
     pub reference: f64,
     /// `measured - reference`: the estimated error against the noiseless reference. At 0 or below, the reference is too
     /// noisy to measure the image.

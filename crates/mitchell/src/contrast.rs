@@ -1,11 +1,10 @@
 //! The contrast of a pixel's or a window's samples.
 
-/// Contrast per channel of samples between `min` and `max`, `(max - min) / (max + min)`
-/// (after Mitchell 1987), in `[0, 1]`.
+/// The contrast per channel of samples between `min` and `max`: `(max - min) / (max + min)`, in `[0, 1]` [after
+/// Mitchell 1987].
 ///
-/// Does not change when all samples are multiplied by the same number. Where there is no light at
-/// all it is 0, not 0/0; a bound that is negative or not finite counts as 0, as such a sample does in
-/// a film.
+/// Contrast does not change if all samples are multiplied by the same number. Without any light it is 0, not 0/0. A
+/// bound that is negative or not finite counts as 0, as rejected samples do in a film.
 ///
 /// ```
 /// // {0.2, 0.2, 0.2, 0.8}, {0.5, 0.6} and nothing at all.
@@ -20,12 +19,12 @@ pub fn contrast([min, max]: [[f32; 3]; 2]) -> [f64; 3] {
     })
 }
 
-/// The largest deviation of a sample from the mean, relative to the mean,
-/// `max_i |Y_i - mean| / mean` [pbrt-v2, `src/samplers/adaptive.cpp`], from the smallest and the
-/// largest sample: no sample between them deviates more.
+/// The largest deviation of a sample from the mean, relative to the mean: `max_i |Y_i - mean| / mean` [pbrt-v2,
+/// `src/samplers/adaptive.cpp`]. The smallest and the largest sample suffice, because no sample between them deviates
+/// more.
 ///
-/// 0 where the mean is 0 (pbrt-v2 divides by it and compares with NaN, so that it does not refine
-/// either) or NaN, and where all samples are equal.
+/// The result is 0 if all samples are equal, or if the mean is 0 or NaN. (pbrt-v2 divides by a mean of 0 and compares
+/// with NaN, so it does not refine either.)
 ///
 /// ```
 /// // {1, 1, 1, 1.9}
@@ -37,10 +36,11 @@ pub fn deviation([min, max]: [f32; 2], mean: f64) -> f64 {
     if usable && min < max { (max - mean).max(mean - min).max(0.0) / mean } else { 0.0 }
 }
 
-/// The range of no samples: any other contains it.
+/// The range of an empty set of samples, `[min, max]` per channel: every other range contains it.
 pub(crate) const NOTHING: [[f32; 3]; 2] = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
 
-/// For each pixel the range over the `2 radius + 1` pixels squared around it, cut off at the borders.
+/// Returns, for each pixel, the smallest and largest values over the window around it. The window is `2 radius + 1`
+/// pixels wide and high, cut off at the borders.
 pub(crate) fn windowed(ranges: &[[[f32; 3]; 2]], [width, height]: [u32; 2], radius: u32) -> Vec<[[f32; 3]; 2]> {
     let [w, h, radius] = [width, height, radius].map(|n| n as usize);
     let across = |i: usize| {

@@ -1,10 +1,9 @@
-//! Mitchell's contrast-adaptive sampler, and the one that pbrt-v2 made of it.
+//! Mitchell's contrast-adaptive sampler, and pbrt-v2's variant of it.
 //!
 //! Both sample every pixel at a first rate, measure how much its samples differ, and sample at a second rate the pixels
 //! where they differ most:
 //!
-//! * [`Mitchell`]: contrast `(max - min) / (max + min)` per channel over 3x3 pixels, after Mitchell
-//!   1987;
+//! * [`Mitchell`]: contrast `(max - min) / (max + min)` per channel over 3x3 pixels, after Mitchell 1987;
 //! * [`MitchellPbrt`]: deviation in luminance from the pixel's own mean, as in pbrt-v2.
 //!
 //! ```
@@ -37,9 +36,9 @@
 //!
 //! # Guarantees
 //!
-//! * [`Stopping::Budget`] meets the budget to the sample, [`Stopping::Threshold`] never exceeds it; at most one
-//!   pixel leaves the two rates.
-//! * Where the budget allows it, no pixel has fewer samples in the image than the first rate.
+//! * [`Stopping::Budget`] meets the budget exactly, and [`Stopping::Threshold`] never exceeds it. At most one pixel
+//!   gets a count other than the two rates.
+//! * If the budget allows it, no pixel has fewer samples in the image than the first rate.
 //! * [`PilotPolicy`] documents the bias of each retention of the pilot. Each closed form is tested, with the biased
 //!   policies as controls that the test must reject.
 //!
@@ -65,7 +64,7 @@ pub use mitchell::{Mitchell, MitchellOptions};
 pub use pbrt::{MitchellPbrt, MitchellPbrtOptions};
 pub use rates::Rates;
 
-/// Runs the example of the README.
+/// The README's example, run as a doctest.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct ReadmeExample;

@@ -1,4 +1,4 @@
-//! Contrast in a neighbourhood, after Mitchell 1987.
+//! Mitchell's adaptive sampler: contrast in a neighbourhood decides, after Mitchell 1987.
 
 use crate::Rates;
 use crate::contrast::{NOTHING, contrast, windowed};
@@ -9,41 +9,41 @@ use dapple_core::{
 };
 
 dapple_core::options! {
-    /// The parameters of [`Mitchell`].
+    /// The parameters of [`Mitchell`], the contrast-adaptive sampler.
     pub struct MitchellOptions {
-        /// Samples per pixel that decide; 0 with additional=0 is the thesis' table 4-2 for the mean budget.
+        /// Samples per pixel before refinement; 0 with additional=0 takes Lan's table 4-2 for the mean budget.
         ///
-        /// The table is [`Rates::for_mean`], read anew where the budget is raised to twice its size [Lan 2016].
+        /// [`Rates::for_mean`] is this table [Lan 2016]. It is read again when the budget has doubled.
         pub initial: u32 = 0;
-        /// Samples of a refined pixel besides; 0 as above.
+        /// Additional samples per refined pixel; 0 with initial=0 takes Lan's table 4-2 for the mean budget.
         pub additional: u32 = 0;
         /// Contrast of red above which a pixel is refined.
         ///
-        /// The eye sees green best and blue worst (after Mitchell 1987).
+        /// The three thresholds differ because the eye sees green best and blue worst [after Mitchell 1987].
         pub red: f64 = 0.4, |red| red > 0.0 && red <= 1.0, "a threshold of contrast lies in (0, 1]";
         /// Contrast of green above which a pixel is refined.
         pub green: f64 = 0.3, |green| green > 0.0 && green <= 1.0, "a threshold of contrast lies in (0, 1]";
         /// Contrast of blue above which a pixel is refined.
         pub blue: f64 = 0.6, |blue| blue > 0.0 && blue <= 1.0, "a threshold of contrast lies in (0, 1]";
-        /// Contrast is taken over 2 radius + 1 pixels squared.
+        /// Radius of the window in which contrast is measured, 2 radius + 1 pixels wide and high.
         ///
-        /// 1 is the paper's neighbourhood, 0 the pixel alone.
+        /// 1 is Mitchell's neighbourhood of 3x3 pixels; 0 is the pixel alone.
         pub radius: u32 = 1, |radius| radius <= 64, "at most 64 pixels";
-        /// The end: budget (highest contrast first, to the last sample) or threshold (the budget is a ceiling).
+        /// Stopping rule: budget (highest contrast first, until spent) or threshold (the budget is an upper bound).
         ///
-        /// With [`Stopping::Budget`] pixels are refined in the order of their contrast, above the threshold or not.
-        /// Once all are refined, further passes of the same step follow. Where all pixels have the same contrast,
-        /// counts differ by at most one. With [`Stopping::Threshold`] pixels above the threshold are refined once. In
-        /// both at most one pixel gets part of a step.
+        /// With [`Stopping::Budget`], pixels are refined in the order of their contrast, above the threshold or not.
+        /// Once all are refined, further passes add the same number of samples. If all pixels have the same contrast,
+        /// counts differ by at most one. With [`Stopping::Threshold`], pixels above the threshold are refined once.
+        /// With either rule, at most one pixel gets part of the additional samples.
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// The pilot's retention: keep or refined (both biased), discard (unbiased).
+        /// Use of pilot samples: keep or refined (both biased), or discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| !matches!(policy, PilotPolicy::Cross), "one of keep, refined, discard";
     }
 }
 
 impl MitchellOptions {
-    /// The least number of samples of one pixel for which contrast is defined.
+    /// The least number of samples per pixel for which contrast is defined.
     fn least(&self) -> u32 {
         if self.radius == 0 { 2 } else { 1 }
     }
@@ -73,17 +73,17 @@ impl MitchellOptions {
     }
 }
 
-/// Two rates by contrast, after Mitchell 1987.
+/// Mitchell's adaptive sampler: two sampling rates, chosen by contrast [after Mitchell 1987].
 ///
 /// After a base round, the contrast `(max - min) / (max + min)` of each channel is taken over the samples of 3x3
 /// pixels. Pixels in which a channel exceeds its threshold are refined to a second rate. Pixels are ranked by the
 /// largest ratio of contrast to threshold, ties by a hash of the pixel's index. The staged reconstruction of the paper
 /// is left to filters.
 ///
-/// *Guarantees*: the budget is met exactly or kept as a ceiling ([`Stopping`]). If it allows `initial` samples per
+/// *Guarantees*: the budget is met exactly, or is an upper bound ([`Stopping`]). If it allows `initial` samples per
 /// pixel, no pixel has fewer; a smaller budget is spent evenly.
 ///
-/// *Bias*: that of the [`PilotPolicy`]. The default keeps the pilot and is biased.
+/// *Bias*: see [`PilotPolicy`]. The default keeps the pilot and is biased.
 ///
 /// *Weaknesses*: dark noise has contrast 1, and contrast never falls as samples are added. Under Monte Carlo noise
 /// nearly every pixel is therefore refined, and the ranking ties. A light that the pilots of the whole neighbourhood
@@ -95,18 +95,17 @@ pub struct Mitchell<P> {
 }
 
 impl<P: PointSet> Mitchell<P> {
-    /// Makes a sampler with these points and the default parameters.
+    /// Makes a sampler that uses this point set, with the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: MitchellOptions::default(), two_rates: TwoRates::default() }
     }
 
-    /// Makes a sampler with these points and parameters.
+    /// Makes a sampler that uses this point set, with these parameters.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] when only one of the rates is chosen by itself (0), when a single sample decides
-    /// (`initial` 1 with `radius` 0), when the rates add up to more than 2^32 - 1, for a threshold outside (0, 1] and
-    /// for a radius above 64.
+    /// [`Error::OutOfRange`] if only one of the rates is 0, or if one sample alone decides (`initial` 1 with `radius`
+    /// 0). Also for rates that add up to more than 2^32 - 1, a threshold outside (0, 1], and a radius above 64.
     pub fn with_options(points: P, options: MitchellOptions) -> Result<Self, Error> {
         let out = |name, value: String, allowed| Err(Error::OutOfRange { name, value, allowed });
         options.check_ranges()?;
@@ -153,7 +152,7 @@ impl<P: PointSet> Sampler for Mitchell<P> {
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
-        // Ranges, those of rows and those of windows.
+        // Ranges of pixels, of rows of a window, and of windows.
         self.two_rates.memory(frame, needs, limits, 3 * size_of::<[[f32; 3]; 2]>())
     }
 

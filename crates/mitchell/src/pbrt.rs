@@ -9,23 +9,24 @@ use dapple_core::{
 };
 
 dapple_core::options! {
-    /// The parameters of [`MitchellPbrt`].
+    /// The parameters of [`MitchellPbrt`], the `adaptive` sampler of pbrt-v2.
     pub struct MitchellPbrtOptions {
-        /// Samples per pixel that decide, rounded up to a power of two.
+        /// Samples per pixel before refinement, rounded up to a power of two.
         pub min: u32 = 4, |min| min >= 2, "one sample deviates from nothing: 2 or more";
-        /// Samples of a refined pixel, rounded up to a power of two.
+        /// Samples per refined pixel, rounded up to a power of two.
         ///
-        /// Twice `min` where rounding makes them equal.
+        /// If rounding makes `min` and `max` equal, `max` is doubled.
         pub max: u32 = 32;
         /// Relative deviation in luminance above which a pixel is refined.
         ///
-        /// It is the deviation of a sample from the pilot's mean.
+        /// The deviation is that of a sample from the mean of its pixel's pilot samples.
         pub threshold: f64 = 0.5, |t| t > 0.0 && t.is_finite(), "a relative deviation above 0";
-        /// The end: budget (largest deviation first, to the last sample) or threshold (the budget is a ceiling).
+        /// Stopping rule: budget (largest deviation first, until spent) or threshold (the budget is an upper bound).
         ///
-        /// As [`MitchellOptions::mode`](crate::MitchellOptions::mode).
+        /// The rule works as in [`MitchellOptions::mode`](crate::MitchellOptions::mode), with deviation in place of
+        /// contrast.
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// The pilot's retention: refined (published, biased), keep (biased), discard (unbiased).
+        /// Use of pilot samples: refined (published, biased), keep (biased) or discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Refined => "refined",
             |policy| !matches!(policy, PilotPolicy::Cross), "one of refined, keep, discard";
     }
@@ -33,17 +34,17 @@ dapple_core::options! {
 
 /// The `adaptive` sampler of pbrt-v2 with its `contrast` test [pbrt-v2, `src/samplers/adaptive.cpp`].
 ///
-/// Each pixel gets `min` samples. If one of them deviates in luminance by more than half of their mean, `|Y - mean| /
-/// mean > 0.5`, `max` new samples replace them. With [`Stopping::Threshold`] and [`PilotPolicy::Refined`] this is the
-/// published rule. [`Stopping::Budget`], the default, ranks pixels by that deviation until the budget is spent. With
-/// [`PilotPolicy::Keep`] the pilot counts towards `max`.
+/// Each pixel gets `min` pilot samples. If the luminance `Y` of one deviates far from their mean, `|Y - mean| / mean >
+/// 0.5`, `max` new samples replace the pilot samples. With [`Stopping::Threshold`] and [`PilotPolicy::Refined`] this is
+/// the published rule. [`Stopping::Budget`], the default, ranks pixels by that deviation until the budget is spent.
+/// With [`PilotPolicy::Keep`] the pilot samples stay in the image and count towards `max`.
 ///
-/// *Guarantees*: the budget is met exactly or kept as a ceiling. If it allows `min` samples per pixel, no pixel has
+/// *Guarantees*: the budget is met exactly, or is an upper bound. If it allows `min` samples per pixel, no pixel has
 /// fewer.
 ///
-/// *Weaknesses*: the published rule is biased, by `3 p^2 - 2 p^3` for a Bernoulli pixel with two pilot samples (see
-/// [`PilotPolicy`]). A black pilot has no deviation and is never refined. Each pixel decides alone. The published form
-/// knows no budget. pbrt-v2's `shapeid` test is not included.
+/// *Weaknesses*: the published rule is biased. If samples are 1 with probability `p`, else 0, and the pilot has two, a
+/// pixel's expected value is `3 p^2 - 2 p^3` (see [`PilotPolicy`]). A black pilot has no deviation and is never
+/// refined. Each pixel decides alone. The published form knows no budget. pbrt-v2's `shapeid` test is not included.
 pub struct MitchellPbrt<P> {
     points: P,
     options: MitchellPbrtOptions,
@@ -51,13 +52,13 @@ pub struct MitchellPbrt<P> {
 }
 
 impl<P: PointSet> MitchellPbrt<P> {
-    /// Makes a sampler with these points and the default parameters.
+    /// Makes a sampler that uses this point set, with the default parameters.
     pub fn new(points: P) -> Self {
         let options = MitchellPbrtOptions::default();
         Self { points, options, two_rates: TwoRates::new(options.mode, options.policy) }
     }
 
-    /// Makes a sampler with these points and parameters.
+    /// Makes a sampler that uses this point set, with these parameters.
     ///
     /// # Errors
     ///
@@ -81,7 +82,8 @@ impl<P: PointSet> MitchellPbrt<P> {
 }
 
 impl MitchellPbrtOptions {
-    /// The largest deviation of a sample relative to the threshold, per pixel. Pixels above 1 are refined.
+    /// The largest relative deviation of a pixel's samples, divided by the threshold, per pixel. Pixels above 1 are
+    /// refined.
     fn scores(&self, film: &Film) -> Vec<f64> {
         let score = |i| {
             let (range, moments) = match self.policy {
@@ -119,7 +121,7 @@ impl<P: PointSet> Sampler for MitchellPbrt<P> {
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
-        // Scores.
+        // Eight bytes per pixel for the scores.
         self.two_rates.memory(frame, needs, limits, 8)
     }
 

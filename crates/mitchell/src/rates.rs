@@ -1,15 +1,15 @@
-//! The two rates.
+//! The two sampling rates: before and after refinement.
 
-/// Samples of a pixel: `initial` for all, `initial + additional` where it is refined.
+/// Sampling rates in samples per pixel: `initial` for every pixel, `initial + additional` for refined ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rates {
-    /// Samples that every pixel gets.
+    /// The number of samples that every pixel gets.
     pub initial: u32,
-    /// Samples that a refined pixel has besides.
+    /// The number of additional samples that a refined pixel gets.
     pub additional: u32,
 }
 
-/// Mean budget, initial and additional samples [Lan 2016, table 4-2].
+/// Mean budget, initial and additional samples per pixel [Lan 2016, table 4-2].
 const PRESETS: [[u64; 3]; 4] = [[8, 4, 6], [16, 4, 16], [32, 12, 24], [64, 16, 54]];
 
 impl Rates {
@@ -18,7 +18,7 @@ impl Rates {
     /// proportional to `mean`. The initial rate is rounded down, the additional one up, and both are at least 1.
     /// Refining all pixels thus costs at least `mean`.
     pub fn for_mean(mean: u64) -> Self {
-        // Beyond this everything would be clamped to u32 anyway.
+        // Larger numbers would all be clamped to u32 anyway.
         let mean = mean.min(1 << 32);
         let [first, .., last] = PRESETS;
         let between = PRESETS.windows(2).find(|w| (w[0][0]..=w[1][0]).contains(&mean)).map(|w| (w[0], w[1]));
@@ -30,7 +30,7 @@ impl Rates {
         Self { initial: clamped(at(1) / width), additional: clamped(at(2).div_ceil(width)) }
     }
 
-    /// Samples of a refined pixel.
+    /// The number of samples of a refined pixel: `initial + additional`.
     pub(crate) const fn refined(self) -> u32 {
         self.initial.saturating_add(self.additional)
     }

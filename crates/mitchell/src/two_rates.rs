@@ -1,4 +1,4 @@
-//! The part that both samplers share: a pilot, its retention, a ranking, and two rates.
+//! The part that Mitchell's and pbrt-v2's samplers share: a pilot, its retention, a ranking of pixels, and two rates.
 
 use crate::Rates;
 use dapple_core::{
@@ -8,25 +8,25 @@ use dapple_core::{
 
 const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold the state of a sampler of two rates" };
 
-/// The state of a sampler of two rates: ranking and rates in use.
+/// The state of a sampler with two rates (samples per pixel before and after refinement): ranking and rates in use.
 #[derive(Default)]
 pub(crate) struct TwoRates {
     pub(crate) mode: Stopping,
     pub(crate) policy: PilotPolicy,
-    /// The ranking, made once per pilot: later samples do not change it.
+    /// The pixels ranked for refinement. The ranking is made once per pilot: later samples do not change it.
     ranking: Option<Ranking>,
-    /// The rates in use, and the mean budget that they were chosen for.
+    /// The mean budget, in samples per pixel, for which rates were last chosen, and these rates.
     rates: Option<(u64, Rates)>,
 }
 
 /// The pixels in the order in which they are refined.
 struct Ranking {
-    /// Samples per pixel of the pilot that this map was computed from.
+    /// Samples per pixel of the pilot from which the order was computed.
     pilot: u32,
     order: Vec<u32>,
-    /// The number of pixels that exceed their threshold, first in the order.
+    /// The number of pixels whose contrast exceeds their threshold; they come first in the order.
     asking: usize,
-    /// True if all pixels have the same score.
+    /// `true` if all pixels have the same score (contrast relative to its threshold).
     level: bool,
 }
 
@@ -35,10 +35,10 @@ impl TwoRates {
         Self { mode, policy, ranking: None, rates: None }
     }
 
-    /// Plans the next round. `rates` returns the rates for a mean budget. They stay until that has doubled, so that
-    /// the last tenth of a time limit does not go to one more sample everywhere. Fewer than `least` samples per pixel
-    /// have no contrast. `scores` returns each pixel's contrast relative to its threshold, from the pilot as far as
-    /// it is traced.
+    /// Plans the next round. `rates` returns the rates for a mean budget. The rates stay in use until the mean budget
+    /// has doubled. Otherwise the last tenth of a time limit would go to one more sample everywhere. A pilot of fewer
+    /// than `least` samples per pixel has no contrast. `scores` returns each pixel's contrast relative to its
+    /// threshold, from the pilot samples traced so far.
     pub(crate) fn next_round(
         &mut self,
         seen: &Feedback<'_>,
@@ -80,7 +80,7 @@ impl TwoRates {
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
 
-    /// Saves the rates and the ranking, which later films no longer show.
+    /// Encodes the rates and the ranking, which cannot be derived from later films, as bytes for [`TwoRates::restore`].
     pub(crate) fn save(&self) -> Vec<u8> {
         let mut words = Vec::new();
         words.push(u32::from(self.rates.is_some()));
@@ -126,9 +126,9 @@ impl TwoRates {
         Ok(())
     }
 
-    /// The memory of a sampler that needs `scoring` bytes per pixel for its scores, and whose film has these needs.
+    /// The memory of a sampler that needs `scoring` bytes per pixel for its scores, and whose film records `needs`.
     pub(crate) fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits, scoring: usize) -> SamplerMemory {
-        // The ranking comes after the scoring, beside scores, or counts and marks.
+        // The ranking is made after scoring, and held beside the scores, or counts and marks.
         const RANKING: usize = 4;
         let planning = scoring.saturating_sub(RANKING).max(8);
         let memory = SamplerMemory::planning(frame, planning).with_state(frame, RANKING);
@@ -145,18 +145,18 @@ impl TwoRates {
         }
     }
 
-    /// True if the whole pilot is discarded.
+    /// Returns `true` if the whole pilot is discarded.
     pub(crate) fn discards(&self) -> bool {
         self.policy == PilotPolicy::Discard
     }
 
-    /// Samples per pixel of the pilot.
+    /// Returns the number of pilot samples per pixel, for a budget of `mean` samples per pixel.
     fn pilot(&self, budget: &BudgetLeft, mean: u64, rates: Rates, least: u32) -> u32 {
         let wanted = u64::from(rates.initial);
         if !self.discards() {
             return saturating_u32(wanted.min(mean)).max(budget.min_spp).min(budget.max_spp);
         }
-        // It may take half of the budget, and never the floor's share.
+        // A discarded pilot takes at most half of the budget, and leaves each pixel its floor.
         let affordable = mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2);
         let pilot = saturating_u32(wanted.min(affordable));
         if pilot < least { 0 } else { pilot }
@@ -190,8 +190,8 @@ impl TwoRates {
 
 impl Ranking {
     fn new(pilot: u32, scores: &[f64]) -> Self {
-        // Contrast saturates at 1, so ties are common: in the order of their numbers the top of the image would
-        // take all samples.
+        // Contrast saturates at 1, so ties are common. In the order of their indices, the top of the image would take
+        // all samples.
         let tie = |i: u32| mix(u64::from(i));
         let mut order: Vec<u32> = (0..scores.len() as u32).collect();
         order.sort_unstable_by(|&a, &b| {
@@ -203,14 +203,14 @@ impl Ranking {
     }
 }
 
-/// A plan under construction.
+/// A plan of additional samples under construction, and the samples left of the budget.
 struct Steps<'a> {
     film: &'a Film,
     plan: &'a mut [u32],
     now: Vec<u32>,
     max_spp: u32,
     left: u64,
-    /// True if a pixel's first refinement removes the pilot's samples from the image.
+    /// `true` if a pixel's first refinement removes the pilot's samples from the image.
     withdraws: bool,
     withdrawn: Vec<bool>,
 }
@@ -222,13 +222,13 @@ impl<'a> Steps<'a> {
         Self { film: seen.film, plan: &mut plan.counts, now, max_spp, left: seen.budget.left(), withdraws, withdrawn }
     }
 
-    /// The samples that pixel `i` will have in the image.
+    /// The number of samples that pixel `i` will have in the image after the round.
     fn count(&self, i: usize) -> u32 {
         let before = if self.withdraws && self.withdrawn[i] { 0 } else { self.now[i] };
         before.saturating_add(self.plan[i])
     }
 
-    /// Raises the counts of pixels to `target`, in this order, as far as the budget goes.
+    /// Raises the counts of pixels to `target`, in the given order, as far as the budget goes.
     fn raise_all(&mut self, order: &[u32], target: u32, refines: bool) {
         for &i in order {
             if self.left == 0 {
@@ -262,7 +262,8 @@ impl<'a> Steps<'a> {
         self.left -= rest;
     }
 
-    /// Refines all pixels, then all of them again by the same step, until nothing is left.
+    /// Raises pixels to the refined count in the given order, then again by the additional rate. Ends when no sample is
+    /// left or all pixels are at the ceiling.
     fn raise_in_passes(&mut self, order: &[u32], rates: Rates) {
         let step = rates.additional;
         let lowest = (0..self.now.len()).map(|i| self.count(i)).min().unwrap_or(0);

@@ -1,7 +1,8 @@
-//! A scene as its file describes it: plain data, nothing built, every object with its line.
+//! A scene description: plain data as read from a scene file, every object with its file and line.
 //!
-//! Readers make it, [`Effects::of`](crate::Effects) walks it once, and
-//! [`World`](crate::World) builds what rays need from it.
+//! Readers make it, and [`Effects::of`](crate::Effects::of) reports the effects that it calls for. A renderer builds
+//! what
+//! rays need from it.
 
 mod camera;
 mod light;
@@ -26,12 +27,12 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A place in a file, for messages.
+/// The file and line of an object, for messages.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Source {
-    /// The file, as it was named.
+    /// The path by which the file was opened.
     pub file: Arc<PathBuf>,
-    /// The line, from 1; 0 for the whole file, or for a scene made by a program.
+    /// The line, from 1; 0 stands for the whole file, or for a scene made by a program.
     pub line: u32,
 }
 
@@ -44,24 +45,24 @@ impl fmt::Display for Source {
     }
 }
 
-/// A deviation of the reader from the file, or a warning, with its place.
+/// A message from a scene reader, with its place: a warning or an ignored setting.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Notice {
-    /// File and line.
+    /// The file and line that the message is about.
     pub source: Source,
-    /// The kind of deviation.
+    /// The kind of message: warning or ignored setting.
     pub kind: NoticeKind,
     /// The message, one sentence.
     pub message: String,
 }
 
-/// The kind of a notice.
+/// The kind of a [`Notice`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum NoticeKind {
-    /// The image may differ from the one that the file describes.
+    /// A warning: the image may differ from the one that the file describes.
     Warning,
-    /// A setting that Dapple leaves to its user, such as the sampler, was ignored.
+    /// An ignored setting, such as the sampler, which Dapple takes from its user and not from the file.
     IgnoredSetting,
 }
 
@@ -72,14 +73,14 @@ impl Notice {
     }
 }
 
-/// A scene: everything that its file describes. All lengths are the file's; transforms lead to its world space.
+/// A scene as its file describes it. Lengths are in the file's units; transforms lead to the file's world space.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
-    /// The file's stem, or the bundled scene's name.
+    /// The file name without its extension, or the name of a bundled scene.
     pub name: String,
-    /// The camera.
+    /// The camera: its pose, projection, lens and shutter.
     pub camera: Camera,
-    /// Resolution, window and pixel filter.
+    /// Resolution, crop window and pixel filter.
     pub film: FilmSettings,
     /// The largest number of scattering events on a path from camera to light, as in pbrt-v4; `None` is unlimited.
     pub max_depth: Option<u32>,
@@ -87,19 +88,19 @@ pub struct Scene {
     pub shapes: Vec<Shape>,
     /// Groups of shapes that appear only through [`Scene::instances`].
     pub objects: Vec<Object>,
-    /// Placed objects. Many instances share one object in memory.
+    /// Placed copies of [`Scene::objects`]. Many instances share one object in memory.
     pub instances: Vec<Instance>,
     /// Materials, which shapes reference by index.
     pub materials: Vec<Material>,
     /// Textures, which materials reference by index.
     pub textures: Vec<Texture>,
-    /// Lights that are not shapes.
+    /// Lights that are not shapes: points, spots, distant lights and environments.
     pub lights: Vec<Light>,
     /// Media, which shapes and the camera reference by index.
     pub media: Vec<Medium>,
-    /// The times of the two poses `to_world` and `moves_to` of moving things, which rest before and after. `[0, 0]`
-    /// means the same as `[0, 1]`.
+    /// The times of the poses `to_world` and `moves_to` of everything that moves. Objects rest before the first time
+    /// and after the second. `[0, 0]` means the same as `[0, 1]`.
     pub motion_times: [f64; 2],
-    /// Deviations from the file (ignored settings) and warnings.
+    /// Messages of the reader: warnings and ignored settings.
     pub notices: Vec<Notice>,
 }

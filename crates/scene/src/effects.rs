@@ -11,40 +11,40 @@ use std::fmt;
 use std::str::FromStr;
 use visible::Visible;
 
-/// A feature that costs time in scenes that call for it.
+/// A rendering effect, such as soft shadows, that costs render time in scenes that call for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum Effect {
-    /// Lamps with an area: shadows with soft borders.
+    /// Soft shadows, cast by lights with an area.
     SoftShadows,
-    /// More than one light to choose among.
+    /// More than one light, so that a renderer selects among them.
     SeveralLights,
-    /// Rough metals, coats and glass.
+    /// Glossy reflection or transmission: rough metals, coats and glass.
     Glossy,
-    /// Smooth metals and coats, and mirrors.
+    /// Mirror reflection: smooth metals, smooth coats and perfect mirrors.
     Mirror,
-    /// Glass and water: light that goes through surfaces.
+    /// Transmission through surfaces such as glass, water and panes.
     Refraction,
-    /// Light that was scattered more than once.
+    /// Light that is scattered more than once on its path.
     Interreflection,
-    /// Anything that varies over a surface: reflectances, roughness, bumps, shares of a mix, holes.
+    /// Values that vary over a surface: reflectance, roughness, bumps, mix weights, opacity.
     Textures,
-    /// Light from an environment.
+    /// Light from an environment, constant or an image.
     Environment,
-    /// A lens with an opening.
+    /// Depth of field: a lens with an aperture.
     DepthOfField,
-    /// Motion while the shutter is open.
+    /// Motion blur: the camera, a shape or an instance moves while the shutter is open.
     MotionBlur,
-    /// Surfaces with holes: an opacity below 1.
+    /// Surfaces with an opacity below 1.
     Transparency,
-    /// Media that absorb light.
+    /// Participating media that absorb light.
     AbsorbingMedia,
-    /// Media that scatter light.
+    /// Participating media that scatter light.
     ScatteringMedia,
 }
 
 impl Effect {
-    /// Every effect, in the order of reports.
+    /// All effects, in the order of reports.
     pub const ALL: [Self; 13] = [
         Self::SoftShadows,
         Self::SeveralLights,
@@ -61,7 +61,7 @@ impl Effect {
         Self::ScatteringMedia,
     ];
 
-    /// Returns the name on the command line.
+    /// Returns the effect's name on the command line, such as `soft-shadows`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::SoftShadows => "soft-shadows",
@@ -80,7 +80,7 @@ impl Effect {
         }
     }
 
-    /// Returns a short phrase for the scene without the effect, the result of [`Scene::without`].
+    /// Returns a short phrase that describes the scene without the effect, as [`Scene::without`] returns it.
     pub const fn left_out(self) -> &'static str {
         match self {
             Self::SoftShadows => "each area light is a point light of the same power, and invisible",
@@ -106,14 +106,14 @@ impl fmt::Display for Effect {
     }
 }
 
-/// The error of an unknown effect name.
+/// The error of an unknown effect name, found when a name is parsed as an [`Effect`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("unknown effect \"{name}\"; {}", advice(name))]
 pub struct UnknownEffect {
     name: String,
 }
 
-/// Returns advice on an unknown name: the nearest known name, or the list of all.
+/// Returns advice on an unknown effect name: the nearest known name, or the list of all names.
 fn advice(name: &str) -> String {
     let known = Effect::ALL.map(Effect::name);
     match nearest_name(name, known) {
@@ -130,25 +130,25 @@ impl FromStr for Effect {
     }
 }
 
-/// An effect and the reason why the scene calls for it.
+/// An effect that a scene calls for, and the reason.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Called {
-    /// The effect.
+    /// The effect that the scene calls for.
     pub effect: Effect,
-    /// The reason, as a short phrase about the first object that calls for it.
+    /// The reason, as a short phrase about the first object that calls for the effect.
     pub because: String,
-    /// File and line of the first object that calls for it.
+    /// File and line of the first object that calls for the effect.
     pub source: Source,
-    /// Number of objects that call for it (lamps, lights, materials, shapes, media, moving things); at least 1.
+    /// Number of objects that call for the effect (lamps, lights, materials, shapes, media, moving things); at least 1.
     pub objects: usize,
 }
 
 /// The effects that a scene calls for, each once, with the first object that calls for it.
 ///
-/// Only visible and effective objects count. A material on no shape, an object without instances, a black light, a medium
-/// without coefficients, an opacity of 1 and a shutter without duration call for nothing. An undecidable case (a number
-/// out of range, a texture's values) counts. Diffuse transmission
+/// Only visible and effective objects count. A material on no shape, an object without instances, a black light, a
+/// medium without coefficients, an opacity of 1 and a shutter without duration call for nothing. An undecidable case (a
+/// number out of range, a texture's values) counts. Diffuse transmission
 /// ([`DiffuseTransmission`](crate::MaterialKind::DiffuseTransmission)) and interfaces between media are not effects.
 ///
 /// ```
@@ -166,7 +166,7 @@ pub struct Effects {
 }
 
 impl Effects {
-    /// Returns the effects of a scene.
+    /// Returns the effects that a scene calls for.
     pub fn of(scene: &Scene) -> Self {
         let mut effects = Self { called: Vec::new(), max_depth: scene.max_depth };
         let visible = Visible::of(scene);
@@ -181,7 +181,7 @@ impl Effects {
         effects
     }
 
-    /// Returns true if the scene calls for an effect.
+    /// Returns true if the scene calls for `effect`.
     pub fn has(&self, effect: Effect) -> bool {
         self.called.iter().any(|c| c.effect == effect)
     }
@@ -199,22 +199,23 @@ impl Effects {
     /// Returns the scene's caustics that a path tracer finds only by chance, if any: light of small lamps through
     /// smooth glass.
     ///
-    /// A path tracer samples lamps directly, but not through a surface that refracts. Behind such a surface, light arrives
-    /// only along scattered rays that happen to leave through it and to hit the lamp. After a diffuse event their
-    /// probability is at most the solid angle of the lamp over pi. A scene has such caustics if
-    /// * a visible shape refracts and is smooth (see [`effectively_smooth`](crate::effectively_smooth)) or has a textured
-    ///   roughness, and paths may scatter twice,
-    /// * and a lamp covers less than 1e-3 sr, seen from the middle of that shape. Fewer than one scattered ray in 3000 finds
-    ///   it. Points, spots and distant lights cover nothing, and are never found through glass.
+    /// A path tracer samples lamps directly, but not through a surface that refracts. Behind such a surface, light
+    /// arrives only along scattered rays that happen to leave through it and to hit the lamp. After a diffuse event
+    /// their probability is at most the solid angle of the lamp over pi. A scene has such caustics if
+    /// * a visible shape refracts and is smooth (see [`effectively_smooth`](crate::effectively_smooth)) or has a
+    ///   textured roughness, and paths may scatter twice,
+    /// * and a lamp covers less than 1e-3 sr, seen from the middle of that shape. Fewer than one scattered ray in 3000
+    ///   finds the lamp. Points, spots and distant lights have no solid angle, and are never found through glass.
     /// * Lamps with less than 0.01 of the power of all lamps do not count.
     ///
-    /// The solid angle is the upper bound `area / distance^2`, a quarter of that for a sphere. Small bright parts of an
-    /// environment map are not searched. The reason names the first such lamp; `objects` counts them.
+    /// The solid angle is the upper bound `area / distance^2`, a quarter of this for a sphere. Small bright parts of an
+    /// environment map are not searched. The reason in the result names the first such lamp; its `objects` is the
+    /// number of such lamps.
     pub fn found_by_chance(scene: &Scene) -> Option<Called> {
         caustics::found_by_chance(scene, &Visible::of(scene))
     }
 
-    /// Counts one more object that calls for `effect`. The first object gives reason and source.
+    /// Counts one more object that calls for `effect`. The first such object gives the reason and the source.
     fn add(&mut self, effect: Effect, because: impl FnOnce() -> String, source: &Source) {
         match self.called.iter_mut().find(|c| c.effect == effect) {
             Some(called) => called.objects += 1,
@@ -222,7 +223,7 @@ impl Effects {
         }
     }
 
-    /// Sets the number of objects of an effect that needs several objects.
+    /// Sets the number of objects of an effect that only several objects together call for.
     fn count(&mut self, effect: Effect, objects: usize) {
         self.called.iter_mut().filter(|c| c.effect == effect).for_each(|c| c.objects = objects);
     }
@@ -269,7 +270,7 @@ impl Effects {
     fn add_motion(&mut self, scene: &Scene, visible: &Visible<'_>) {
         let [open, close] = scene.camera.shutter;
         let [first, second] = visible::motion_span(scene);
-        // Before and after the motion all stands still. Not a number counts as open.
+        // Nothing moves before and after the motion. NaN counts as an open shutter.
         if open == close || close <= first || open >= second {
             return;
         }

@@ -4,16 +4,16 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A source of files by path. Readers read through this trait, so that bundled scenes and fuzzers need no disk.
+/// A source of file contents by path. Readers read through this trait, so that bundled scenes and fuzzers need no disk.
 pub trait Files {
     /// Returns all bytes of one file.
     ///
     /// # Errors
-    /// The error of the system; [`io::ErrorKind::NotFound`] for a missing file.
+    /// The operating system's error; [`io::ErrorKind::NotFound`] for a missing file.
     fn read(&self, path: &Path) -> io::Result<Vec<u8>>;
 }
 
-/// The files of the operating system. Devices and pipes are refused, since reading them may never end.
+/// The files on disk. Devices and pipes are refused, since reading them may never end.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Disk;
 
@@ -26,14 +26,14 @@ impl Files for Disk {
     }
 }
 
-/// Files in memory, by exact path.
+/// Files in memory, found by their exact path.
 impl Files for BTreeMap<PathBuf, Vec<u8>> {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
         self.get(path).cloned().ok_or_else(not_found)
     }
 }
 
-/// Files built into a program (`include_bytes!`), by exact path.
+/// Files built into a program (`include_bytes!`), found by their exact path.
 impl Files for [(&str, &[u8])] {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
         let found = self.iter().find(|(name, _)| Path::new(name) == path);

@@ -52,17 +52,17 @@ pub struct Image {
     pub size: [u32; 2],
     /// The `size[0] * size[1]` pixels, row by row from the top.
     pub pixels: Vec<[f32; 3]>,
-    /// Opacity of each pixel, 0 to 1, in the same order; empty if all pixels are opaque. Colours are as in the file:
-    /// OpenEXR's are premultiplied by opacity, those of PNG and TGA are not.
+    /// Opacity of each pixel, 0 to 1, in the order of `pixels`; empty if all pixels are opaque. Colours are as in the
+    /// file: premultiplied by opacity in OpenEXR, not premultiplied in PNG and TGA.
     pub alpha: Vec<f32>,
 }
 
-/// The result of [`Image::non_finite`].
+/// The number of pixels with NaN or infinity in an image, and the first of them. [`Image::non_finite`] returns it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NonFinite {
     /// Number of pixels with a NaN or an infinity in any channel; at least 1.
     pub count: u64,
-    /// Column and row of the first such pixel in reading order, from 0.
+    /// Column and row, from 0, of the first pixel with NaN or infinity in reading order.
     pub first: [u32; 2],
 }
 
@@ -70,14 +70,14 @@ impl Image {
     /// Makes an image from its pixels, top row first.
     ///
     /// # Errors
-    /// [`ImageError::Empty`] if a side is 0, [`ImageError::PixelCount`] if `pixels` and `size` disagree.
+    /// [`ImageError::Empty`] if a side is 0, [`ImageError::PixelCount`] if `pixels.len()` is not the product of `size`.
     pub fn new(size: [u32; 2], pixels: Vec<[f32; 3]>) -> Result<Self, ImageError> {
         check_count(size, pixels.len())?;
         Ok(Self { size, pixels, alpha: Vec::new() })
     }
 
-    /// Returns the image with these opacities, clamped to 0..=1; NaN becomes 1. If all pixels are opaque, none are
-    /// stored.
+    /// Returns the image with the opacities `alpha`, one per pixel, clamped to 0..=1; NaN becomes 1. If all pixels are
+    /// opaque, no opacities are stored.
     ///
     /// # Errors
     /// [`ImageError::PixelCount`] if there is not one value per pixel.
@@ -123,8 +123,8 @@ impl Image {
         &self.pixels[y * self.width()..(y + 1) * self.width()]
     }
 
-    /// Returns the number and the first of the pixels with NaN or infinity, or `None`. Files may hold them; lights and
-    /// references must not.
+    /// Returns the number of pixels with NaN or infinity and the first such pixel; `None` if all values are finite.
+    /// Files may hold such values; lights and reference images must not.
     pub fn non_finite(&self) -> Option<NonFinite> {
         let bad = |p: &[f32; 3]| !p.iter().all(|c| c.is_finite());
         let first = self.pixels.iter().position(bad)?;
@@ -132,7 +132,7 @@ impl Image {
         Some(NonFinite { count, first: [(first % self.width()) as u32, (first / self.width()) as u32] })
     }
 
-    /// Returns the image if all values are finite. `file_name` appears in the error.
+    /// Returns the image itself if all its values are finite. `file_name` appears in the error.
     ///
     /// # Errors
     /// [`ImageError::NotFinite`] if a value is NaN or infinite.

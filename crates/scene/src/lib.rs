@@ -1,9 +1,9 @@
 //! Scenes as plain data: description, effects, readers, image files and bundled scenes.
 //!
-//! A reader ([`read_any`], [`pbrt`], [`model`]) turns a file into a [`Scene`]. [`Effects::of`] reports the effects that the
-//! scene calls for. This crate traces no rays: a renderer builds its world from the description.
+//! A reader ([`read_any`], [`pbrt`], [`model`]) turns a file into a [`Scene`]. [`Effects::of`] reports the effects that
+//! the scene calls for. This crate traces no rays: a renderer builds its world from the description.
 
-/// The README's example is tested.
+/// The README, so that its example runs as a doc test.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;

@@ -1,12 +1,15 @@
-//! Models by themselves: OBJ, PLY and STL files as scenes, under a camera and a light of our own.
+//! Readers of models: OBJ, PLY and STL files as scenes, with a default camera and a default light.
 //!
-//! [`read_any`](crate::read_any) returns a [`Scene`] that can be rendered as it stands: the meshes of the file in grey (or in
-//! an OBJ file's materials: `Kd` and `map_Kd`), smooth only where the file has normals; a camera that sees all
-//! of it from the front, the right and above; an environment, brighter above than below, with a round lamp over
-//! the viewer's left shoulder. Unsupported parts of the file are listed in [`Scene::notices`].
+//! [`read_any`](crate::read_any) returns a [`Scene`] that can be rendered without edits. It holds:
+//! * the meshes of the file in grey (or in an OBJ file's materials: `Kd` and `map_Kd`), smooth only if the file has
+//!   normals;
+//! * a camera that sees the whole model from the front, the right and above;
+//! * an environment, brighter above than below, with a round lamp over the viewer's left shoulder.
 //!
-//! The y axis points up in OBJ and PLY files and the z axis in STL files, as most programs write them; no
-//! format records it. [`ModelOptions::up`] overrules that.
+//! Unsupported parts of the file are listed in [`Scene::notices`].
+//!
+//! The y axis points up in OBJ and PLY files and the z axis in STL files, as most programs write them; no format
+//! records it. [`ModelOptions::up`] overrides this.
 
 mod mtl;
 mod obj;
@@ -27,7 +30,7 @@ use glam::{DAffine3, DVec3};
 use std::path::Path;
 use std::sync::Arc;
 
-/// The axis that points up.
+/// The axis of a model file that points up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UpAxis {
     /// +y is up; the front faces +z.
@@ -37,7 +40,7 @@ pub enum UpAxis {
 }
 
 impl UpAxis {
-    /// Returns the directions to the front, to the right of a viewer in front, and up.
+    /// Returns three directions: to the front, to the right of a viewer in front, and up.
     fn axes(self) -> (DVec3, DVec3, DVec3) {
         match self {
             Self::Y => (DVec3::Z, DVec3::X, DVec3::Y),
@@ -55,14 +58,15 @@ pub struct ModelOptions {
 }
 
 impl ModelOptions {
-    /// Sets [`up`](Self::up).
+    /// Sets [`up`](Self::up), the axis that points up.
     pub fn with_up(mut self, up: UpAxis) -> Self {
         self.up = Some(up);
         self
     }
 }
 
-/// Reads a model file as a scene with camera and light. `add` parses the bytes and adds meshes to the scene.
+/// Reads a model file as a scene with a default camera and light. `add` parses the file's bytes and adds the meshes to
+/// the scene.
 fn model_scene(
     files: &dyn Files,
     path: &Path,
@@ -88,7 +92,7 @@ fn mesh_of(shape: &Shape) -> Option<Arc<MeshData>> {
     }
 }
 
-/// Default reflectance, of surfaces without a material.
+/// Reflectance of surfaces without a material: 0.5.
 const GREY: Color = Color::Constant([0.5; 3]);
 
 fn add_material(scene: &mut Scene, name: &str, reflectance: Color, source: &Source) -> MaterialId {
@@ -97,7 +101,7 @@ fn add_material(scene: &mut Scene, name: &str, reflectance: Color, source: &Sour
     id
 }
 
-/// Adds a mesh in the default grey. `doubt` becomes a warning.
+/// Adds a mesh in the default grey to a scene. `doubt`, a reason to suspect the file, becomes a warning.
 fn add_mesh(scene: &mut Scene, data: MeshData, doubt: Option<String>, source: &Source) {
     let material = add_material(scene, "grey", GREY, source);
     let geometry = Geometry::Mesh(Arc::new(data));

@@ -1,29 +1,28 @@
-//! Reads scenes in the format of pbrt-v4 [Pharr et al. 2023; pbrt-v4 input file format], and of pbrt-v3 and v2
-//! [Pharr et al. 2016; 2010] as far as Dapple can render them.
+//! Reads scenes in the format of pbrt-v4 [Pharr et al. 2023; pbrt-v4 input file format], and of pbrt-v3 and v2 [Pharr
+//! et al. 2016; 2010] as far as Dapple can render them.
 //!
-//! [`read_scene`] reads from disk, [`read_scene_from`] from any [`Files`]. Either gives the whole
-//! [`Scene`] or every problem found, each with file and line; nothing is left out silently. What is read
-//! otherwise than written (advice on samplers, unknown parameters, what [`ReadOptions::allow_unsupported`]
-//! leaves out) is listed in [`Scene::notices`].
+//! [`read_scene`] reads from disk, [`read_scene_from`] from any [`Files`]. Either returns the whole [`Scene`] or every
+//! problem found, each with file and line; nothing is left out silently. Deviations from the file (ignored samplers,
+//! unknown parameters, features left out by [`ReadOptions::allow_unsupported`]) are listed in [`Scene::notices`].
 //!
-//! A file is text: directives with their arguments. `tokens` cuts it up, `directive` reads one
-//! directive at a time, `reader` carries them out one by one on a graphics state; the other modules hold
-//! what each kind of directive means. A new directive is a line in `directive::FORMS` and an arm in
-//! `Reader::execute`; a new shape, material, texture or light an arm in its module.
+//! A file is text: directives with their arguments. `tokens` splits the text, `directive` reads one directive at a
+//! time, and `reader` executes each on a graphics state. The other modules interpret each kind of directive. A new
+//! directive is a line in `directive::FORMS` and an arm in `Reader::execute`. A new shape, material, texture or light
+//! is an arm in its module.
 //!
 //! Files of pbrt-v2 and pbrt-v3 are read by the rules of their version, which is derived from the directives of the
-//! named file (not of those that it includes): see `version`. Names of materials, media and objects
-//! may be made after their use, as in pbrt-v4, and are settled at the end (`late_names`).
+//! main file (not of included files): see `version`. Names of materials, media and objects may be defined after their
+//! use, as in pbrt-v4, and are resolved at the end (`late_names`).
 //!
-//! Colours are linear sRGB. A spectrum of a surface or a medium is seen under D65; one of a light counts, in
-//! pbrt-v4, by its colour at luminance 1, as does a temperature, and `scale`, `power` or `illuminance` set
-//! its brightness; in pbrt-v2 and v3 as it is. Named metals and glasses are what `spectra` lists. Cylinders,
-//! parts of spheres and disks, curved bilinear patches and subdivision surfaces become triangles, with a
-//! notice where that is not exact.
+//! Colours are linear sRGB. A spectrum of a surface or a medium is converted under illuminant D65. In pbrt-v4, a
+//! light's spectrum or temperature gives only the light's colour, at luminance 1; `scale`, `power` or `illuminance` set
+//! the brightness. In pbrt-v2 and v3 a light's spectrum is converted without scaling. `spectra` lists the named metals
+//! and glasses. Cylinders, parts of spheres and disks, curved bilinear patches and subdivision surfaces become
+//! triangles, with a notice where that is not exact.
 //!
-//! A file that was cut off is noticed where something is then missing: a value, a bracket, an
-//! `AttributeEnd`, the camera, all shapes, all lights, or the last line's end. A cut between two
-//! directives that leaves a complete scene behind looks like a shorter scene.
+//! A truncated file is detected if something is missing: a value, a bracket, an `AttributeEnd`, the camera, all shapes,
+//! all lights, or the line break of the last line. A cut between two directives that leaves a complete scene is not
+//! detected.
 
 mod colorimetry;
 mod diagnostics;
@@ -59,32 +58,32 @@ use std::path::Path;
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct ReadOptions {
-    /// Leaves unsupported features out with a notice, instead of an error:
-    /// an unknown material becomes diffuse, an unknown texture grey, other objects are dropped.
+    /// True to leave unsupported features out with a notice, false to report an error. An unknown material becomes
+    /// diffuse, an unknown texture grey; other objects are dropped.
     pub allow_unsupported: bool,
 }
 
 impl ReadOptions {
-    /// Sets [`allow_unsupported`](Self::allow_unsupported).
+    /// Sets [`allow_unsupported`](Self::allow_unsupported), which leaves unsupported features out with a notice.
     pub fn with_allow_unsupported(mut self, allow: bool) -> Self {
         self.allow_unsupported = allow;
         self
     }
 }
 
-/// Reads a scene from disk.
+/// Reads a pbrt scene from disk.
 ///
 /// # Errors
-/// All problems of the file, each with its line.
+/// Returns all problems of the file, each with its line.
 pub fn read_scene(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Scene, ReadError> {
     read_scene_from(&Disk, path, options)
 }
 
-/// Reads a scene from `files`. Names of other files are relative to the folder of `path`, even in included files, as in
-/// pbrt.
+/// Reads a pbrt scene from `files`. Names of other files are relative to the folder of `path`, even in included files,
+/// as in pbrt.
 ///
 /// # Errors
-/// All problems of the file, each with its line.
+/// Returns all problems of the file, each with its line.
 pub fn read_scene_from(
     files: &(impl Files + ?Sized),
     path: impl AsRef<Path>,
@@ -93,7 +92,7 @@ pub fn read_scene_from(
     reader::Reader::new(&Unsized(files), path.as_ref(), options).read()
 }
 
-/// The reader of pbrt scenes.
+/// The [`SceneReader`] of pbrt scenes.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PbrtReader;
 

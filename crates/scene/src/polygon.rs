@@ -1,17 +1,18 @@
-//! Triangulation of polygons.
+//! Triangulation of polygons in space.
 
 use glam::{DVec2, DVec3};
 
-/// Number of corners tried as the centre of a fan, which bounds the work for polygons of very many corners.
+/// Number of corners tried as the centre of a fan. It bounds the work for polygons of very many corners.
 const HUBS_TRIED: usize = 16;
-/// The largest number of corners of a polygon cut ear by ear, which takes quadratic time.
+/// The largest number of corners of a polygon that is cut ear by ear, since ear clipping takes quadratic time.
 const MOST_EARS: usize = 2048;
 
-/// Cuts a polygon into triangles that wind as it does: a fan from a corner that sees all others, if there is one,
-/// else ear by ear [Meisters 1975]. Corners are below `positions.len()`; there are at least three.
+/// Cuts a polygon into triangles of the same winding and appends the triangles to `triangles`. The result is a fan from
+/// a corner that sees all others, if one is found, else it is cut ear by ear [Meisters 1975]. There are at least three
+/// corners, each below `positions.len()`.
 ///
 /// # Errors
-/// A polygon that crosses itself or has very many corners.
+/// Returns a message for a polygon that crosses itself, or a concave one with very many corners.
 pub(crate) fn triangulate(
     corners: &[u32],
     positions: &[DVec3],
@@ -38,13 +39,14 @@ pub(crate) fn triangulate(
     Err("this polygon crosses itself; triangulate the mesh")
 }
 
-/// Returns the polygon's area vector times 2.
+/// Returns the polygon's area vector times 2: along its normal, with twice its area as length.
 fn area(corners: &[u32], positions: &[DVec3]) -> DVec3 {
     let at = |i: usize| positions[corners[i] as usize];
     (1..corners.len() - 1).map(|i| (at(i) - at(0)).cross(at(i + 1) - at(0))).sum()
 }
 
-/// Returns the first corner whose fan of triangles covers the polygon without folding back.
+/// Returns the index of the first corner whose fan of triangles covers the polygon without folding back; `None` if none
+/// of the corners tried does.
 fn hub(corners: &[u32], positions: &[DVec3]) -> Option<usize> {
     let area = area(corners, positions);
     let at = |i: usize| positions[corners[i % corners.len()] as usize];
@@ -52,7 +54,8 @@ fn hub(corners: &[u32], positions: &[DVec3]) -> Option<usize> {
     (0..corners.len().min(HUBS_TRIED)).find(|&hub| (1..corners.len() - 1).all(|i| cross(hub, i).dot(area) >= 0.0))
 }
 
-/// Returns the corners projected along the axis nearest to the polygon's normal, counter-clockwise; `None` for area 0.
+/// Returns the corners projected to 2D along the axis nearest to the polygon's normal, counter-clockwise; `None` for
+/// area 0.
 fn flatten(corners: &[u32], positions: &[DVec3]) -> Option<Vec<DVec2>> {
     let normal = area(corners, positions);
     let size = normal.abs();
@@ -65,7 +68,7 @@ fn flatten(corners: &[u32], positions: &[DVec3]) -> Option<Vec<DVec2>> {
     Some(flat.map(|p| DVec2::new(p[u], p[v])).collect())
 }
 
-/// A polygon during ear clipping: a ring of the remaining corners, and which of them are ears.
+/// A polygon during ear clipping: a ring of the remaining corners, and a flag for each corner that is an ear.
 struct Ears<'p> {
     points: &'p [DVec2],
     next: Vec<usize>,
@@ -83,7 +86,8 @@ impl<'p> Ears<'p> {
         ears
     }
 
-    /// Cuts ears until nothing is left. Returns false if no ear remains before that.
+    /// Cuts ears until the whole polygon is cut, and calls `triangle` for each triangle. Returns false if no ear
+    /// remains before that, or if triangles overlap.
     fn cut(mut self, mut triangle: impl FnMut([usize; 3])) -> bool {
         let mut left = self.points.len();
         let (mut at, mut waited) = (0, 0);
@@ -106,35 +110,35 @@ impl<'p> Ears<'p> {
             for corner in [before, after] {
                 self.is_ear[corner] = self.can_be_cut(corner);
             }
-            // Not the neighbour: ears cut all around make better triangles than slivers from one corner.
+            // Skips the neighbour: ears cut all around have better shapes than slivers from one corner.
             at = self.next[after];
         }
         let last = [self.previous[at], at, self.next[at]];
         triangle(last);
-        // Areas with their signs add up to the polygon's; so if the last one is turned around, others overlap.
+        // The signed areas of all triangles add up to the polygon's. If the last triangle is reversed, others overlap.
         let whole: f64 = (1..self.points.len() - 1).map(|i| self.side(0, i, i + 1)).sum();
         self.side(last[0], last[1], last[2]) >= -1e-9 * whole
     }
 
-    /// Returns the area of three corners times 2, negative if they are clockwise.
+    /// Returns twice the area of the triangle of three corners, negative if the corners are clockwise.
     fn side(&self, a: usize, b: usize, c: usize) -> f64 {
         (self.points[b] - self.points[a]).perp_dot(self.points[c] - self.points[a])
     }
 
-    /// Returns true if a corner does not turn right and its triangle contains no other corner.
+    /// Returns true if a corner is an ear: it does not turn right, and its triangle contains no other corner.
     fn can_be_cut(&self, corner: usize) -> bool {
         let (before, after) = (self.previous[corner], self.next[corner]);
         let [a, b, c] = [before, corner, after].map(|i| self.points[i]);
         let side = |p: DVec2, q: DVec2, r: DVec2| (q - p).perp_dot(r - p);
         let turn = side(a, b, c);
         if turn <= 0.0 {
-            // A spike or a corner on a straight line has no area: nothing is lost.
+            // A spike, or a corner on a straight line, has no area and may be cut.
             return turn == 0.0;
         }
         let mut other = self.next[after];
         while other != before {
             let p = self.points[other];
-            // Corners may meet, where a hole is joined to the outline by a seam.
+            // Corners may coincide where a seam joins a hole to the outline.
             let inside = side(a, b, p) >= 0.0 && side(b, c, p) >= 0.0 && side(c, a, p) >= 0.0;
             if inside && p != a && p != b && p != c {
                 return false;

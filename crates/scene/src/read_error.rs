@@ -1,31 +1,31 @@
-//! Errors of readers.
+//! Errors of scene and model readers.
 
 use crate::Source;
 use std::fmt;
 
-/// The kind of a problem, which decides on the remedy.
+/// The kind of a problem in a scene file, which decides on the remedy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ProblemKind {
-    /// The file is wrong or unreadable.
+    /// The file is invalid or unreadable.
     Invalid,
-    /// The file is valid and uses a feature that Dapple lacks;
-    /// [`allow_unsupported`](crate::pbrt::ReadOptions::allow_unsupported) leaves it out.
+    /// The file is valid and uses a feature that Dapple lacks.
+    /// [`allow_unsupported`](crate::pbrt::ReadOptions::allow_unsupported) leaves the feature out.
     Unsupported,
 }
 
 /// One problem of a scene file.
 ///
-/// Shown as `FILE:LINE: message`; an unsupported feature is followed by advice. A program that advises in its own terms
+/// Displayed as `FILE:LINE: message`; advice follows for an unsupported feature. A program that gives its own advice
 /// formats [`source`](Self::source) and [`message`](Self::message) by [`kind`](Self::kind).
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Problem {
-    /// File and line.
+    /// The file and line of the problem.
     pub source: Source,
-    /// The kind of problem.
+    /// The kind of problem: an invalid file or an unsupported feature.
     pub kind: ProblemKind,
-    /// One sentence: the mistake and its remedy, or the name of the unsupported feature.
+    /// One sentence: the error and its remedy, or the name of the unsupported feature.
     pub message: String,
 }
 
@@ -39,18 +39,18 @@ impl fmt::Display for Problem {
     }
 }
 
-/// All problems of a scene file, in the order found, one per line.
+/// All problems of a scene file, in the order found. Displayed with one problem per line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ReadError {
-    /// The first 100 problems; never empty.
+    /// The first problems, at most 100; never empty.
     pub problems: Vec<Problem>,
-    /// Number of further problems, not listed.
+    /// Number of further problems that are not listed.
     pub more: usize,
 }
 
 impl ReadError {
-    /// Makes an error of one problem of kind [`ProblemKind::Invalid`].
+    /// Makes an error with one problem of kind [`ProblemKind::Invalid`].
     pub(crate) fn invalid(source: Source, message: impl Into<String>) -> Self {
         let problem = Problem { source, kind: ProblemKind::Invalid, message: message.into() };
         Self { problems: vec![problem], more: 0 }

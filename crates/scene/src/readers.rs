@@ -1,4 +1,4 @@
-//! The readers of all scene and model formats, and the choice of one.
+//! The readers of all scene and model formats, and the choice of a reader for a file.
 
 use crate::files::{Disk, Files};
 use crate::model::{ModelOptions, ObjReader, PlyReader, StlReader};
@@ -7,50 +7,51 @@ use crate::{ReadError, Scene, Source};
 use std::path::Path;
 use std::sync::Arc;
 
-/// A reader of one format of scenes or models.
+/// A reader of one file format of scenes or models.
 ///
 /// A new format is a type that implements this trait, and a line in [`READERS`].
 pub trait SceneReader: Sync {
     /// Returns the format's name, for messages.
     fn name(&self) -> &'static str;
 
-    /// Returns the extensions without a dot, in lower case. The empty one stands for files without an extension.
+    /// Returns the file name extensions of the format, in lower case without a dot. The empty string stands for files
+    /// without an extension.
     fn extensions(&self) -> &'static [&'static str];
 
-    /// Returns true if a file that begins with `content` has this format, whatever its name.
+    /// Returns true if the bytes of a file show that it has this format, whatever its name. The default returns false.
     fn recognizes(&self, content: &[u8]) -> bool {
         let _ = content;
         false
     }
 
-    /// Reads the file `path` and all files that it names.
+    /// Reads the file `path` and all files that it names as one scene.
     ///
     /// # Errors
-    /// All problems found, each with file and line.
+    /// Returns all problems found, each with file and line.
     fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError>;
 }
 
-/// All readers.
+/// The readers of all supported formats.
 pub const READERS: [&dyn SceneReader; 4] = [&PbrtReader, &ObjReader, &PlyReader, &StlReader];
 
-/// Options of all readers.
+/// Options of [`read_any`] for all formats.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct AnyOptions {
-    /// Options for pbrt scenes.
+    /// Options of the pbrt reader.
     pub scene: ReadOptions,
-    /// Options for models.
+    /// Options of the model readers (OBJ, PLY, STL).
     pub model: ModelOptions,
 }
 
 impl AnyOptions {
-    /// Replaces the options for pbrt scenes.
+    /// Replaces the options of the pbrt reader.
     pub fn with_scene(mut self, scene: ReadOptions) -> Self {
         self.scene = scene;
         self
     }
 
-    /// Replaces the options for models.
+    /// Replaces the options of the model readers (OBJ, PLY, STL).
     pub fn with_model(mut self, model: ModelOptions) -> Self {
         self.model = model;
         self
@@ -59,18 +60,18 @@ impl AnyOptions {
 
 /// Reads a scene (`.pbrt`, or no extension) or a model (`.obj`, `.ply`, `.stl`) from disk.
 ///
-/// The extension decides on the format, in capital or small letters; under an unknown extension the content decides.
+/// The extension, in upper or lower case, decides on the format. For an unknown extension the content decides.
 ///
 /// # Errors
-/// All problems of the file, each with file and line; or an unknown format.
+/// Returns all problems of the file, each with file and line, or the problem of an unknown format.
 pub fn read_any(path: impl AsRef<Path>, options: &AnyOptions) -> Result<Scene, ReadError> {
     read_any_from(&Disk, path, options)
 }
 
-/// Reads a scene or a model from `files`: see [`read_any`].
+/// Reads a scene or a model from `files`, with the choice of format of [`read_any`].
 ///
 /// # Errors
-/// As for [`read_any`].
+/// Returns all problems of the file, each with file and line, or the problem of an unknown format.
 pub fn read_any_from(
     files: &(impl Files + ?Sized),
     path: impl AsRef<Path>,
@@ -81,7 +82,7 @@ pub fn read_any_from(
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     if let Some(reader) = READERS.into_iter().find(|reader| reader.extensions().contains(&&*extension)) {
         let outcome = reader.read(files, path, options);
-        // Compressed bytes cause many errors: one is enough.
+        // Compressed bytes cause many errors; one problem replaces them.
         let compressed = || files.read(path).ok().and_then(|bytes| compression(&bytes));
         return outcome.map_err(|e| compressed().map_or(e, |advice| ReadError::invalid(source(), advice)));
     }
@@ -107,7 +108,7 @@ pub(crate) fn unreadable(source: Source, e: &std::io::Error) -> ReadError {
     ReadError::invalid(source, message)
 }
 
-/// Unsupported formats that users may expect: extension and program.
+/// Unsupported formats that users may expect: extension, and name of the format or program.
 const FOREIGN: [(&str, &str); 9] = [
     ("3ds", "3ds Max"),
     ("blend", "Blender"),
@@ -120,7 +121,7 @@ const FOREIGN: [(&str, &str); 9] = [
     ("xml", "Mitsuba XML"),
 ];
 
-/// Returns the message for a file that no reader accepts.
+/// Returns the error message for a file that no reader accepts.
 fn unsupported(extension: &str, content: &[u8]) -> String {
     if let Some(advice) = compression(content) {
         return advice.into();
@@ -136,7 +137,7 @@ fn unsupported(extension: &str, content: &[u8]) -> String {
     }
 }
 
-/// Returns the message for a compressed file; `None` for any other.
+/// Returns the error message for a compressed file; `None` if the bytes are not those of a known compression.
 fn compression(bytes: &[u8]) -> Option<&'static str> {
     let starts = |magic: &[u8]| bytes.starts_with(magic);
     if starts(&[0x1f, 0x8b]) {

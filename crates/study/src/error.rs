@@ -12,20 +12,20 @@ pub enum StudyError {
     /// A scene that cannot be read or built.
     #[error(transparent)]
     Load(#[from] dapple_job::JobError),
-    /// A scene that cannot be rendered as the plan describes.
+    /// A scene that cannot be rendered as the plan describes: the message.
     #[error("{0}")]
     Scene(String),
-    /// A reference image that does not fit the study (another scene, size or setting), or that cannot be read.
+    /// A reference image that cannot be read, or does not fit the study: another scene, size or setting.
     #[error("{file}: not a reference for {scene}: {why}", file = file.display())]
     Reference {
-        /// The reference's file.
+        /// The path of the reference image.
         file: PathBuf,
-        /// The scene's name.
+        /// The name of the reference's scene.
         scene: String,
-        /// The problem and the remedy.
+        /// The problem with the reference, and the remedy.
         why: String,
     },
-    /// A folder that holds another study.
+    /// A folder that already holds a study with other settings.
     #[error(
         "{}: the folder holds another study; choose another folder, or use the settings of that study\n{}",
         folder.display(), differences.join("\n")
@@ -49,17 +49,17 @@ pub enum StudyError {
         file: PathBuf,
         /// The number of the line, from 1.
         line: usize,
-        /// The fault of the line.
+        /// The problem with the line.
         why: String,
     },
     /// A file or folder that cannot be read or written.
     #[error("{}: cannot {action}: {source}; {kept}", path.display())]
     File {
-        /// The file or folder.
+        /// The path of the file or folder.
         path: PathBuf,
         /// The action that failed, as a verb phrase.
         action: &'static str,
-        /// The remedy, and the files that are kept.
+        /// A phrase about the files that are kept and the remedy.
         kept: String,
         /// The operating system's error.
         source: std::io::Error,
@@ -72,7 +72,7 @@ pub enum StudyError {
     Run {
         /// The run: scene, method, seed and samples.
         what: String,
-        /// The cause.
+        /// The cause of the failure.
         why: String,
     },
 }

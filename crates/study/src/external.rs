@@ -1,4 +1,4 @@
-//! Filters that are external programs.
+//! Filters (denoisers) that are external programs.
 
 use dapple_core::{Film, Filter, Filtered, Needs, Unfiltered};
 use dapple_job::output::layers;
@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::Instant;
 
-/// A filter that is an external program: it reads an unfiltered image with its features, and writes an image.
+/// A filter that is an external program: it reads an unfiltered image with features (albedo, normals, depth), and
+/// writes a filtered image.
 ///
 /// * Input: OpenEXR. The main layer has `R G B`, linear radiance, each pixel the mean of its own samples. Further
 ///   layers: `count`, `albedo` (`R G B`), `normal` (`X Y Z`, in scene space), `depth` and `coverage`. Features are
@@ -25,16 +26,18 @@ use std::time::Instant;
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct External {
-    /// The name that methods use as their filter.
+    /// The name under which methods use the program as their filter.
     pub name: String,
     /// The program (a path, or a name in `PATH`) and its arguments; no shell is involved. In each argument `{input}`
     /// and `{output}` stand for the paths of the images, `{threads}` for the study's number of threads.
     pub command: Vec<String>,
-    /// The working folder: that of the plan's file. Empty: the current one.
+    /// The working folder of the program; an empty path is the current folder. In a plan file, it is the folder of that
+    /// file.
     pub folder: PathBuf,
 }
 
-/// Parses `NAME=PROGRAM ARGUMENT…`, with arguments separated by spaces; the working folder is the current one.
+/// Parses `NAME=PROGRAM ARGUMENT…`, with arguments separated by spaces. The program's working folder is the current
+/// one.
 impl std::str::FromStr for External {
     type Err = String;
 
@@ -49,32 +52,32 @@ impl std::str::FromStr for External {
     }
 }
 
-/// The last line of a program's output, if the program reports its own time.
+/// The last line of a program's output, as JSON, if the program reports its own time in seconds.
 #[derive(Deserialize)]
 struct ReportedTime {
     seconds: f64,
 }
 
 impl External {
-    /// A filter called `name` that runs `command`, a program and its arguments, in the current folder.
+    /// Makes a filter called `name` that runs `command`, a program and its arguments, in the current folder.
     pub fn new(name: &str, command: &[&str]) -> Self {
         let command = command.iter().map(|argument| (*argument).to_owned()).collect();
         Self { name: name.to_owned(), command, folder: PathBuf::new() }
     }
 
-    /// The same filter, run in `folder`.
+    /// Sets the working folder of the program.
     #[must_use]
     pub fn started_in(self, folder: &Path) -> Self {
         Self { folder: folder.to_owned(), ..self }
     }
 
-    /// The statistics that the film must record for the input image.
+    /// The per-pixel statistics that the film must record for the program's input image.
     pub(crate) fn needs(&self) -> Needs {
         Needs::none().with_features()
     }
 
-    /// Runs the program on the film; returns the filtered image and the seconds. `unit` is as in [`layers`]; 0 threads
-    /// mean one per core.
+    /// Runs the program on the film; returns the filtered image, and the seconds that filtering took. `unit` is the
+    /// integrator's unit of length, in the file's units; 0 threads mean one per core.
     pub(crate) fn apply(&self, film: &Film, unit: f64, threads: usize) -> Result<(Filtered, f64), String> {
         let refuse = |what: String| format!("the filter \"{}\" ({}) {what}", self.name, self.command.join(" "));
         let folder = tempfile::Builder::new().prefix("dapple-").tempdir();
@@ -113,7 +116,7 @@ impl External {
     }
 }
 
-/// The unfiltered image and its features, encoded as an EXR file.
+/// Encodes the unfiltered image and its features as an EXR file.
 fn encode(film: &Film, unit: f64) -> Result<Vec<u8>, String> {
     let unfiltered = Unfiltered.apply(film).map_err(|e| e.to_string())?;
     let mut layers = layers(film, &unfiltered, unit, None);
@@ -123,7 +126,7 @@ fn encode(film: &Film, unit: f64) -> Result<Vec<u8>, String> {
     encode_exr(film.frame().size(), &layers, &[]).map(|exr| exr.bytes).map_err(|e| e.to_string())
 }
 
-/// The seconds that the program reports in the last line of `stdout`, else `wall`.
+/// The seconds that the program reports in the last line of its output; without a report, its wall seconds `wall`.
 fn seconds(stdout: &[u8], wall: f64) -> Result<f64, String> {
     let text = String::from_utf8_lossy(stdout);
     let Some(last) = text.lines().rev().find(|line| !line.trim().is_empty()) else { return Ok(wall) };
@@ -159,7 +162,7 @@ fn read(path: &Path, [w, h]: [u32; 2]) -> Result<Vec<[f32; 3]>, String> {
     Ok(image.pixels)
 }
 
-/// The last three lines of a program's error output, joined into one line.
+/// The last three lines of a program's error output, joined to one line.
 fn last_lines(stderr: &[u8]) -> String {
     let text = String::from_utf8_lossy(stderr);
     let lines: Vec<&str> = text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();

@@ -3,12 +3,13 @@
 //! A sampler decides how many samples each pixel gets. A point set decides where they lie (pbrt and Mitsuba call this
 //! the sampler). A filter is a denoiser. The three together are a [`Method`].
 //!
-//! 1. [`PlanPatch`] takes settings, from code or a TOML file; [`PlanPatch::resolve`] checks them and adds the defaults.
-//! 2. [`Study`] makes the runs of the [`Plan`] in a folder. Each [`Run`] is [`dapple_core::Render`] and a filter, timed
-//!    without progress reports and compared with a reference.
-//! 3. Each finished run is a line of `runs.jsonl`, on the disk before the next begins. A study that was stopped resumes
-//!    when it is opened again with the same plan.
-//! 4. [`write_report`] makes `summary.csv`, `summary.md` and `report.html`, of a finished study or an unfinished one.
+//! 1. [`PlanPatch`] holds settings, from code or a TOML file; [`PlanPatch::resolve`] checks them and adds the defaults.
+//! 2. [`Study`] makes the runs of the [`Plan`] in a folder. Each [`Run`] is a [`dapple_core::Render`] followed by a
+//!    filter. It is timed without progress reports, and its image is compared with a reference.
+//! 3. Each finished run is a line of `runs.jsonl`, on the disk before the next run begins. A stopped study resumes when
+//!    it is opened again with the same plan.
+//! 4. [`write_report`] makes `summary.csv`, `summary.md`, `report.html` and plots, of a finished or an unfinished
+//!    study.
 //!
 //! ```
 //! use dapple_study::{InProcess, PlanPatch, ScenePlan, Study, StudyOptions, write_report};
@@ -33,7 +34,7 @@
 //! # }
 //! ```
 
-/// The README's example is tested.
+/// Runs the README's examples as documentation tests.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;

@@ -1,4 +1,4 @@
-//! Plans: the scenes, methods, budgets and seeds of a study, from code or from a TOML file.
+//! The plan of a study: its scenes, methods, budgets and seeds, set in code or in a TOML file.
 
 mod keys;
 mod name_list;
@@ -19,13 +19,13 @@ use std::path::PathBuf;
 #[error("{}{key}: {message}", place.as_ref().map_or_else(String::new, |p| format!("{p}: ")))]
 #[non_exhaustive]
 pub struct PlanError {
-    /// `FILE:LINE`, if the plan comes from a file.
+    /// The place of the error, `FILE:LINE`; `None` for a plan from code.
     pub place: Option<String>,
-    /// The setting's key in the TOML file (`_` is `-` on the command line).
+    /// The key of the wrong setting, as in the TOML file. On the command line, options have `-` instead of `_`.
     pub key: String,
-    /// The wrong name or value, if there is one.
+    /// The wrong name or value; `None` if the error is not about a single one.
     pub value: Option<String>,
-    /// The error and its remedy.
+    /// The message: the error and its remedy.
     pub message: String,
 }
 
@@ -39,7 +39,7 @@ impl PlanError {
     }
 }
 
-/// A scene of a study.
+/// A scene of a study, with its reference image and the settings that are its own.
 ///
 /// ```
 /// # use dapple_study::ScenePlan;
@@ -49,15 +49,15 @@ impl PlanError {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ScenePlan {
-    /// The name of a bundled scene, or a path.
+    /// The name of a bundled scene, or the path of a scene file.
     pub source: String,
-    /// The scene's name in the study; by default derived from `source`.
+    /// The scene's name in the study; `None` derives it from `source`.
     pub name: Option<String>,
-    /// The reference image's file; by default a reference is rendered.
+    /// The file of the reference image; `None` renders a reference.
     pub reference: Option<PathBuf>,
-    /// Width and height of this scene's images in pixels; by default the study's.
+    /// Width and height of this scene's images in pixels; `None` takes the study's resolution.
     pub resolution: Option<[u32; 2]>,
-    /// Selection among several lights.
+    /// The rule by which light sampling selects one of several lights.
     pub lights: LightSelection,
 }
 
@@ -67,23 +67,24 @@ impl From<&str> for ScenePlan {
     }
 }
 
-/// Default scenes, both bundled.
+/// The default scenes of a study, both bundled with Dapple.
 pub const DEFAULT_SCENES: [&str; 2] = ["teapot", "terrain"];
-/// Default samplers.
+/// The default samplers of a study.
 pub const DEFAULT_SAMPLERS: [&str; 3] = ["uniform", "variance", "cluster-thesis"];
-/// Default filters.
+/// The default filters of a study.
 pub const DEFAULT_FILTERS: [&str; 2] = ["none", "gaussian"];
-/// Default budgets in samples per pixel.
+/// The default budgets of a study, in mean samples per pixel.
 pub const DEFAULT_SPP: [u64; 4] = [4, 8, 16, 32];
-/// Default number of seeds: enough for Student's t intervals of a useful width.
+/// The default number of seeds: enough for Student's t intervals of a useful width.
 pub const DEFAULT_SEEDS: u64 = 8;
-/// Default samples per pixel of a rendered reference.
+/// The default samples per pixel of a rendered reference image.
 pub const DEFAULT_REFERENCE_SPP: u64 = 1024;
-/// The default width and height in pixels.
+/// The default width and height of images in pixels.
 pub const DEFAULT_SIDE: u32 = 128;
 
 impl PlanPatch {
-    /// This patch, overridden by the settings of `other`. A resolution in `other` holds for every scene.
+    /// Returns this patch with its settings replaced by those that `other` sets. A resolution in `other` also replaces
+    /// the resolutions of single scenes.
     #[must_use]
     pub fn merge(self, other: Self) -> Self {
         let resized = other.resolution.is_some();
@@ -94,11 +95,11 @@ impl PlanPatch {
         merged
     }
 
-    /// Checks the settings, and adds the defaults of those that are missing.
+    /// Checks the settings, and adds the defaults of missing ones.
     ///
     /// # Errors
     ///
-    /// The first unknown name, empty list or number out of range. The message lists the known names.
+    /// [`PlanError`] for the first unknown name, empty list or number out of range. The message lists the known names.
     pub fn resolve(self) -> Result<Plan, PlanError> {
         let plan = self.taken_over();
         let quick = self.quick.unwrap_or(false);
@@ -136,7 +137,7 @@ impl PlanPatch {
         })
     }
 
-    /// All combinations of samplers, points and filters, then the methods that are listed one by one.
+    /// All combinations of samplers, point sets and filters, then the methods that are listed one by one.
     fn all_methods(&self) -> Result<Vec<Method>, PlanError> {
         let names = |set: &Option<Vec<String>>, default: &[&str]| {
             set.clone().unwrap_or_else(|| default.iter().map(|name| (*name).to_owned()).collect())
@@ -161,7 +162,7 @@ impl PlanPatch {
 }
 
 impl Plan {
-    /// The number of runs in the study.
+    /// The number of runs in the study, equal-time runs included.
     pub fn runs(&self) -> usize {
         let budgets = self.spp.len() + usize::from(self.time_of.is_some());
         self.scenes.len() * self.methods.len() * budgets * self.seeds.len()
@@ -186,7 +187,7 @@ fn check_methods(methods: &[Method], spp: u64, external: &[External]) -> Result<
     Ok(())
 }
 
-/// Makes the method's sampler, points and filter once, so that wrong names are found before a scene is read.
+/// Makes the method's sampler, point set and filter once, so that wrong names are found before a scene is read.
 fn check_method(method: &Method, spp: u64, external: &[External]) -> Result<(), PlanError> {
     let Method { sampler, points, filter } = method;
     registry::check_sampler(sampler).map_err(|e| PlanError::of_value("samplers", sampler, e))?;
@@ -204,7 +205,7 @@ fn check_method(method: &Method, spp: u64, external: &[External]) -> Result<(), 
     Ok(())
 }
 
-/// Checks that names of external programs are unique, and that commands name input and output.
+/// Checks that names of external programs are unique, and that their commands contain `{input}` and `{output}`.
 fn check_external(external: &[External]) -> Result<(), PlanError> {
     for (at, one) in external.iter().enumerate() {
         let refuse = |what: &str| Err(PlanError::of_value("external", &one.name, format!("{:?}: {what}", one.name)));
@@ -247,7 +248,8 @@ fn check_numbers(plan: &Plan) -> Result<(), PlanError> {
     Ok(())
 }
 
-/// The budget, one of `spp` (ascending), whose time the equal-time runs take; `None` without such runs.
+/// The budget whose time the equal-time runs get: `time_of`, or the second largest of `spp` (ascending) by default.
+/// `None` for 0, which leaves out equal-time runs.
 fn equal_time_budget(time_of: Option<u64>, spp: &[u64]) -> Result<Option<u64>, PlanError> {
     match time_of {
         Some(0) => Ok(None),
@@ -280,7 +282,7 @@ fn ascending(key: &str, mut spp: Vec<u64>) -> Result<Vec<u64>, PlanError> {
     }
 }
 
-/// Parses `SAMPLER[/POINTS[/FILTER]]`; points default to `sobol`, the filter to `none`.
+/// Parses `SAMPLER[/POINTS[/FILTER]]`; the point set defaults to `sobol`, the filter to `none`.
 impl std::str::FromStr for Method {
     type Err = PlanError;
 

@@ -28,9 +28,9 @@ pub struct Method {
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum RunBudget {
-    /// Mean samples per pixel.
+    /// The run takes this mean number of samples per pixel.
     Spp(u64),
-    /// As many samples as fit into the time that the baseline takes with this many samples per pixel.
+    /// Equal time: the run takes as long as the baseline's run with this mean number of samples per pixel.
     TimeOf(u64),
 }
 
@@ -40,7 +40,7 @@ impl Default for RunBudget {
     }
 }
 
-/// Formats as `16 spp` or `time of 16 spp`.
+/// Formats a budget as `16 spp` or `time of 16 spp`.
 impl fmt::Display for RunBudget {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -50,28 +50,28 @@ impl fmt::Display for RunBudget {
     }
 }
 
-/// Wall seconds of each phase; 0 for a phase that the method does not have.
+/// Wall seconds of each phase of a run; 0 for a phase that the method does not have.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Phases {
-    /// Reading the scene, once for all runs of a process.
+    /// Wall seconds of reading the scene, which happens once for all runs of a process.
     pub load: f64,
-    /// Building the bounding volume hierarchy, once for all runs of a process.
+    /// Wall seconds of building the bounding volume hierarchy, which happens once for all runs of a process.
     pub bvh: f64,
-    /// Clustering.
+    /// Wall seconds of grouping triangles into clusters.
     pub cluster: f64,
-    /// Probe rays.
+    /// Wall seconds of probe rays, which find pixels' first hits before sampling.
     pub probe: f64,
-    /// Planning sample counts, without probe rays.
+    /// Wall seconds of planning sample counts, without probe rays.
     pub plan: f64,
-    /// Tracing.
+    /// Wall seconds of tracing the samples.
     pub trace: f64,
-    /// Filtering.
+    /// Wall seconds of filtering.
     pub filter: f64,
 }
 
 impl Method {
-    /// A method of these registry names.
+    /// Makes a method of these registry names.
     pub fn new(sampler: &str, points: &str, filter: &str) -> Self {
         Self { sampler: sampler.into(), points: points.into(), filter: filter.into() }
     }
@@ -84,7 +84,7 @@ impl Default for Method {
     }
 }
 
-/// Formats as `SAMPLER/POINTS/FILTER`.
+/// Formats a method as `SAMPLER/POINTS/FILTER`.
 impl fmt::Display for Method {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}/{}/{}", self.sampler, self.points, self.filter)
@@ -92,37 +92,41 @@ impl fmt::Display for Method {
 }
 
 impl Phases {
-    /// Wall seconds that do not grow with the number of samples: clustering, probes and filter.
+    /// Sums the wall seconds of the phases that do not grow with the number of samples: clustering, probe rays and
+    /// filter.
     pub fn fixed(&self) -> f64 {
         self.cluster + self.probe + self.filter
     }
 
-    /// Wall seconds of an image: all phases but `load` and `bvh`.
+    /// Sums the wall seconds of all phases of an image: all but `load` and `bvh`.
     pub fn render(&self) -> f64 {
         self.cluster + self.probe + self.plan + self.trace + self.filter
     }
 }
 
-/// Errors of an image against its reference, for linear values unless noted; defined as in
-/// [`dapple_metrics::Comparison`].
+/// The errors of an image against its reference, defined as in [`dapple_metrics::Comparison`]; in linear values unless
+/// noted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct ImageErrors {
-    /// Mean squared error, without the reference's own variance if [`Run::corrected`].
+    /// Mean squared error. If [`Run::corrected`] is true, the reference's own variance is subtracted.
     pub mse: f64,
-    /// Mean of the squared error over (squared reference + 0.01); corrected like `mse`.
+    /// Mean of the squared error over (squared reference + 0.01). If [`Run::corrected`] is true, the part due to the
+    /// reference's own variance is subtracted.
     pub relmse: f64,
-    /// `relmse` without the 0.1 % of pixels with the largest errors; never corrected.
+    /// The relMSE without the 0.1 % of pixels with the largest errors; the reference's own variance is never
+    /// subtracted.
     pub relmse_trimmed: f64,
     /// Symmetric mean absolute percentage error, 0 to 2.
     pub smape: f64,
     /// Peak signal-to-noise ratio of sRGB values, in decibels.
     pub psnr: f64,
-    /// Mean squared error of sRGB values from 0 to 255; corrected like `mse`.
+    /// Mean squared error of sRGB values from 0 to 255. If [`Run::corrected`] is true, the part due to the reference's
+    /// own variance is subtracted.
     pub srgb8_mse: f64,
-    /// Mean LDR-FLIP, 0 to 1.
+    /// Mean of LDR-FLIP (the difference that a viewer sees), 0 to 1.
     pub flip: f64,
-    /// Mean of the image over the mean of the reference.
+    /// The ratio of the image's mean to the reference's mean; about 1 for an unbiased image.
     pub mean_ratio: f64,
 }
 
@@ -132,52 +136,55 @@ pub struct ImageErrors {
 pub struct Run {
     /// The scene's name in the study.
     pub scene: String,
-    /// The method.
+    /// The method: sampler, point set and filter.
     pub method: Method,
-    /// The budget.
+    /// The budget: mean samples per pixel, or equal time.
     pub budget: RunBudget,
     /// The seed of the point set.
     pub seed: u64,
-    /// Samples requested in total; a method with a stopping rule takes fewer.
+    /// The total number of samples requested; a method with a stopping rule may take fewer.
     #[serde(default)]
     pub asked: u64,
-    /// Samples taken in total, without separate probes.
+    /// The total number of samples taken, without probe rays.
     pub samples: u64,
-    /// Mean samples taken per pixel.
+    /// The mean number of samples taken per pixel.
     pub spp: f64,
-    /// Rays traced, probes included.
+    /// The number of rays traced, probe rays included.
     pub rays: u64,
-    /// Wall seconds by phase.
+    /// Wall seconds of each phase.
     pub seconds: Phases,
-    /// Wall seconds of the image: the sum of all phases but load and bvh.
+    /// Wall seconds of the image: the sum of all phases but reading the scene and building the hierarchy.
     pub render_s: f64,
-    /// User and system seconds of the phases in `render_s`, if known. For an external filter, the time that it reports.
+    /// User and system seconds of the phases in `render_s`; `None` if unknown. For an external filter, its reported
+    /// time is added instead.
     pub cpu_s: Option<f64>,
-    /// Errors against the reference.
+    /// The errors of the run's image against the reference.
     pub errors: ImageErrors,
     /// True if the reference's own variance was subtracted from `mse`, `relmse` and `srgb8_mse`.
     pub corrected: bool,
-    /// True if the error is below 100 times the reference's own variance.
+    /// True if the run's MSE or relMSE is below 100 times the part due to the reference's own variance, which then
+    /// limits the precision of the measurement.
     pub reference_limited: bool,
-    /// The render's own estimate of its relMSE, if the sampler makes one.
+    /// The render's own estimate of its relMSE; `None` if the sampler makes none.
     pub predicted_relmse: Option<f64>,
-    /// Samples rejected as NaN or infinite.
+    /// The number of samples rejected as NaN, infinite or negative.
     pub rejected: u64,
-    /// The machine's load average over the last minute.
+    /// The machine's load average over the last minute before the run; `None` if the system does not report it.
     pub load: Option<f64>,
     /// True if the run had a process of its own.
     pub fresh: bool,
-    /// The path of the image (EXR, first seed only), relative to the study's folder.
+    /// The path of the EXR image, relative to the study's folder; `None` for all seeds but the first.
     pub image: Option<String>,
-    /// The path of the map of sample counts (PNG, white is most), relative to the study's folder.
+    /// The path of the sample map (PNG of sample counts per pixel, white is the largest), relative to the study's
+    /// folder; `None` if it was not written.
     pub sample_map: Option<String>,
-    /// The samples per pixel that white stands for in the sample map.
+    /// The samples per pixel that white represents in the sample map.
     #[serde(default)]
     pub white: Option<f64>,
 }
 
 impl Run {
-    /// A run without results; a [`Runner`](crate::Runner) sets the other fields.
+    /// Makes a run without results; a [`Runner`](crate::Runner) sets the other fields.
     pub fn new(scene: &str, method: Method, budget: RunBudget, seed: u64) -> Self {
         Self { scene: scene.to_owned(), method, budget, seed, ..Self::default() }
     }
@@ -192,19 +199,19 @@ impl Run {
     }
 }
 
-/// A scene's reference image.
+/// The record of a scene's reference image.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct ReferenceRecord {
-    /// The file, relative to the study's folder or absolute.
+    /// The path of the reference's file, relative to the study's folder or absolute.
     pub file: String,
-    /// Mean samples per pixel; `None` if unknown.
+    /// The reference's mean samples per pixel; `None` if unknown.
     pub spp: Option<u64>,
-    /// The point set; `None` if unknown.
+    /// The point set with which the reference was rendered; `None` if unknown.
     pub points: Option<String>,
-    /// Seeds of the two halves; `None` if unknown.
+    /// The seeds of the reference's two halves; `None` if unknown.
     pub seeds: Option<[u64; 2]>,
-    /// relMSE of the reference due to its own variance; `None` if unknown.
+    /// The relMSE that the reference's own variance causes; `None` if unknown.
     pub relmse: Option<f64>,
     /// A hash of all settings and files that the reference depends on.
     pub hash: String,
@@ -216,26 +223,26 @@ pub struct ReferenceRecord {
 pub struct SceneRecord {
     /// The scene's name in the study.
     pub name: String,
-    /// The name of a bundled scene, or a path.
+    /// The name of a bundled scene, or the path of a scene file.
     pub source: String,
-    /// Width and height in pixels.
+    /// Width and height of the scene's images in pixels.
     pub resolution: [u32; 2],
-    /// The reference that runs are compared with.
+    /// The reference image with which runs are compared.
     pub reference: ReferenceRecord,
-    /// Selection among several lights.
+    /// The rule by which light sampling selects one of several lights.
     #[serde(default)]
     pub lights: LightSelection,
 }
 
-/// The machine that a study ran on.
+/// The machine on which a study ran.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Machine {
-    /// The processor's name, where known.
+    /// The processor's name; `None` if unknown.
     pub processor: Option<String>,
-    /// Threads used.
+    /// The number of threads that render.
     pub threads: usize,
-    /// Operating system and architecture.
+    /// The operating system and the processor architecture.
     pub system: String,
 }
 
@@ -243,32 +250,33 @@ pub struct Machine {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Manifest {
-    /// Version of Dapple.
+    /// The version of Dapple.
     pub version: String,
-    /// Commit of the build, where known; a `+` at the end marks uncommitted changes.
+    /// The git commit from which Dapple was built; `None` if unknown. A `+` at the end marks uncommitted changes.
     pub commit: Option<String>,
     /// The command line, argument by argument.
     pub command: Vec<String>,
-    /// Time at which the study began: UTC, RFC 3339.
+    /// The time at which the study began, as RFC 3339 in UTC.
     pub began: String,
-    /// The machine.
+    /// The machine that runs the study.
     pub machine: Machine,
-    /// Scenes in their order.
+    /// The scenes in the order of their runs.
     pub scenes: Vec<SceneRecord>,
-    /// Methods in their order.
+    /// The methods in the order of their runs.
     pub methods: Vec<Method>,
-    /// External programs that methods name as their filter.
+    /// The external programs that methods name as their filter.
     #[serde(default)]
     pub external: Vec<External>,
-    /// The method that the others are compared with, one of `methods`.
+    /// The method with which the others are compared, one of `methods`.
     pub baseline: Method,
-    /// Budgets in samples per pixel, ascending.
+    /// The budgets in mean samples per pixel, ascending.
     pub spp: Vec<u64>,
-    /// The budget of `spp` whose time equal-time runs get; `None` leaves them out.
+    /// The budget, one of `spp`, that sets the time of equal-time runs: the time that the baseline takes at this
+    /// budget. `None` if there are no equal-time runs.
     pub time_of: Option<u64>,
-    /// Seeds of each method and budget.
+    /// The seeds; each scene, method and budget has one run per seed.
     pub seeds: Vec<u64>,
-    /// Most scattering events between camera and light; `None` follows each scene.
+    /// The largest number of scattering events between camera and light; `None` takes the limit in each scene.
     #[serde(default)]
     pub max_depth: Option<u32>,
     /// True if each run had a process of its own.

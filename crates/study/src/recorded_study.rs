@@ -1,4 +1,4 @@
-//! A study read back from its folder.
+//! Reading of a study from its folder.
 
 use crate::record::{Manifest, Method, Run, RunBudget};
 use std::collections::BTreeMap;
@@ -11,25 +11,26 @@ pub enum FolderError {
     /// A file that cannot be read.
     #[error("{}: cannot be read: {source}; pass the folder that `dapple study -o` wrote to", path.display())]
     Read {
-        /// The file.
+        /// The path of the file that cannot be read.
         path: PathBuf,
-        /// The system's error.
+        /// The operating system's error.
         source: std::io::Error,
     },
-    /// A line that is not a record. Only an incomplete last line is allowed.
+    /// A line of `runs.jsonl`, or of `study.json`, that cannot be parsed. An incomplete last line of `runs.jsonl` is no
+    /// error.
     #[error("{}:{line}: not a record of a study: {source}; correct or remove the line", path.display())]
     Malformed {
         /// The path of the file.
         path: PathBuf,
         /// The number of the line, from 1.
         line: usize,
-        /// The fault of the line.
+        /// The error of parsing the line.
         source: serde_json::Error,
     },
-    /// A manifest whose baseline is not one of its methods.
+    /// A `study.json` whose baseline is not one of its methods.
     #[error("{}: the baseline is not one of the methods; add it to them", path.display())]
     Baseline {
-        /// The file.
+        /// The path of `study.json`.
         path: PathBuf,
     },
 }
@@ -44,17 +45,19 @@ pub enum FolderError {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct RecordedStudy {
-    /// The folder.
+    /// The study's folder.
     pub folder: PathBuf,
     /// The contents of `study.json`.
     pub manifest: Manifest,
-    /// The runs of `runs.jsonl` in the order of its lines; if a run is repeated, only the last line counts.
+    /// The finished runs, in the order of the lines of `runs.jsonl`. If several lines have the same scene, method,
+    /// budget and seed, only the last one counts.
     pub runs: Vec<Run>,
-    /// The number of skipped lines whose scene, method, budget or seed is not in the manifest.
+    /// The number of lines of `runs.jsonl` that were skipped because their scene, method, budget or seed is not in the
+    /// manifest.
     pub foreign: usize,
-    /// The number of skipped lines that a later line repeats.
+    /// The number of lines of `runs.jsonl` that were skipped because a later line is the same run.
     pub repeated: usize,
-    /// True if the last line was incomplete, as after a full disk, and was skipped.
+    /// True if the last line of `runs.jsonl` was skipped because it is incomplete, as after a full disk.
     pub torn: bool,
 }
 
@@ -62,7 +65,7 @@ impl RecordedStudy {
     /// Reads `study.json` and `runs.jsonl`; a study without runs is not an error.
     ///
     /// # Errors
-    /// [`FolderError`] with file and line.
+    /// [`FolderError`], which names the file and, for invalid contents, the line.
     pub fn read(folder: &Path) -> Result<Self, FolderError> {
         let path = folder.join("study.json");
         let manifest: Manifest = serde_json::from_slice(&read(&path)?).map_err(|source| FolderError::Malformed {
@@ -90,8 +93,8 @@ impl RecordedStudy {
         Ok(Self { folder: folder.to_owned(), manifest, runs, foreign, repeated, torn })
     }
 
-    /// The number of planned runs. If only the baseline lacks equal-time runs, none are counted for it, because its
-    /// runs at that spp take their place.
+    /// The number of planned runs. Equal-time runs of the baseline are not counted if other methods have equal-time
+    /// runs and the baseline has none: its runs at that spp replace them.
     pub fn expected(&self) -> usize {
         let m = &self.manifest;
         let timed = |own: bool| {

@@ -8,16 +8,16 @@ use dapple_metrics::{
 use dapple_scene::image::{Channels, Encoding, Plane, read_attributes, read_channels, read_image};
 use std::path::Path;
 
-/// A reference image with its own variance, where known.
+/// A reference image, with its variance if that is known.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ReferenceImage {
     pub(crate) size: [u32; 2],
     pub(crate) mean: Vec<[f32; 3]>,
-    /// Variance of `mean` per pixel and channel, in squared radiance; `None` if unknown.
+    /// The variance of the reference image, per pixel and channel, in squared radiance; `None` if unknown.
     pub(crate) variance: Option<Vec<[f32; 3]>>,
 }
 
-/// The header of an image file, and the hash of the file.
+/// The attributes in the header of an image file, and the hash of the file.
 pub(crate) struct FileHeader {
     pub(crate) attributes: Vec<(String, String)>,
     pub(crate) digest: ContentHash,
@@ -31,7 +31,7 @@ impl FileHeader {
     }
 }
 
-/// The errors of an image against a reference.
+/// The errors of an image against a reference, and the influence of the reference's own variance on them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct MeasuredErrors {
     pub(crate) errors: ImageErrors,
@@ -40,7 +40,7 @@ pub(crate) struct MeasuredErrors {
 }
 
 impl ReferenceImage {
-    /// The mean of two independent halves, with the variance estimated from their difference.
+    /// Averages two independent halves to a reference, whose variance is estimated from their difference.
     pub(crate) fn of_halves(size: [u32; 2], [a, b]: [&[[f32; 3]]; 2]) -> Self {
         let both = |of: fn(f32, f32) -> f32| {
             a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|c| of(a[c], b[c]))).collect::<Vec<[f32; 3]>>()
@@ -49,8 +49,8 @@ impl ReferenceImage {
         Self { size, mean, variance: Some(both(|a, b| 0.25 * (a - b) * (a - b))) }
     }
 
-    /// Reads a reference from an image file. The variance is used only if a study wrote the file; in other files,
-    /// `variance` is that of single samples.
+    /// Reads a reference from an image file. Its `variance` layer is used only if a study wrote the file; in other
+    /// files, this layer has the variance of single samples.
     pub(crate) fn read(path: &Path) -> Result<(Self, FileHeader), StudyError> {
         let bytes = std::fs::read(path).map_err(|e| StudyError::file(path, "read the reference", e))?;
         let name = path.display().to_string();
@@ -65,7 +65,7 @@ impl ReferenceImage {
         Ok((Self { size: image.size, mean: image.pixels, variance }, about))
     }
 
-    /// The image averaged down to `size`; `None` unless both sides are multiples.
+    /// Averages pixels to reduce the image to `size`; `None` unless the image's sides are multiples of those of `size`.
     pub(crate) fn averaged_to(self, size: [u32; 2]) -> Option<Self> {
         if self.size == size {
             return Some(self);
@@ -86,8 +86,8 @@ impl ReferenceImage {
         Some(Self { size, mean, variance })
     }
 
-    /// The contribution of the reference's variance to the MSE in sRGB values from 0 to 255. It is a quarter of the
-    /// squared difference of the halves, which mean and variance determine up to their order.
+    /// The part of the MSE in sRGB values (0 to 255) that is due to the reference's own variance. It is a quarter of
+    /// the squared difference of the reference's two halves, which follow from its mean and variance up to their order.
     fn own_srgb8(&self, variance: &[[f32; 3]]) -> Result<f64, dapple_metrics::MetricsError> {
         let half = |sign: f32| -> Vec<[f32; 3]> {
             let values = self.mean.iter().zip(variance);
@@ -97,7 +97,7 @@ impl ReferenceImage {
         Ok(0.25 * compare(Pixels::new(self.size, &a)?, Pixels::new(self.size, &b)?)?.srgb8_mse)
     }
 
-    /// relMSE of the reference due to its own variance; `None` if the variance is unknown.
+    /// The relMSE that the reference's own variance causes; `None` if the variance is unknown.
     pub(crate) fn own_relmse(&self) -> Option<f64> {
         let variance = self.variance.as_ref()?;
         let values = self.mean.as_flattened().iter().zip(variance.as_flattened());
@@ -119,7 +119,7 @@ impl ReferenceImage {
             psnr: found.psnr,
             srgb8_mse: found.srgb8_mse,
             flip: seen,
-            // JSON has no infinity, which a black reference would give.
+            // JSON cannot hold the infinite ratio to a black reference.
             mean_ratio: match found.mean_ratio {
                 ratio if ratio.is_finite() => ratio,
                 ratio if ratio.is_nan() => 1.0,

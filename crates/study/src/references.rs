@@ -1,4 +1,4 @@
-//! The references of a study: files of the user, or images rendered once and kept.
+//! The reference images of a study: files given by the user, or images rendered once and kept.
 
 use crate::reference_image::{FileHeader, ReferenceImage};
 use crate::shot::{Order, shoot};
@@ -9,19 +9,19 @@ use dapple_job::ContentHash;
 use dapple_scene::image::{Image, Layer, encode_exr, write_file};
 use std::path::{Path, PathBuf};
 
-/// Seeds of a reference's two halves, far above those of runs.
+/// The seeds of a rendered reference's two halves, far above the usual seeds of runs.
 const SEEDS: [u64; 2] = [0xda99_1e01, 0xda99_1e02];
 
-/// Candidate point sets for references. The first that no method uses is taken, so that no run shares points with its
-/// reference. On the bundled teapot and cornell at 512 spp, `halton` is as good as `sobol`, and has a quarter of the
-/// MSE of `random`.
+/// Candidate point sets for rendered references. The first one that no method uses is taken, so that no run shares
+/// points with its reference; if methods use all three, `random` is taken. On the bundled teapot and cornell at 512
+/// spp, `halton` is as good as `sobol`, and has a quarter of the MSE of `random`.
 const POINTS: [&str; 3] = ["sobol", "halton", "random"];
 
-/// The origin of a reference.
+/// The origin of a reference image.
 pub(crate) enum ReferenceSource {
-    /// A file of the user, already checked.
+    /// A file given by the user, already checked.
     File(ReferenceRecord),
-    /// A reference that is rendered unless the file at `path` exists. The record still lacks the variance.
+    /// A reference that is rendered unless the file at `path` already holds it. The record's `relmse` is not known yet.
     Rendered { record: ReferenceRecord, path: PathBuf },
 }
 
@@ -33,14 +33,14 @@ impl ReferenceSource {
     }
 }
 
-/// The folder of references: the study's own, or one that several studies share.
+/// The folder for rendered references: a part of the study's folder, or a folder that several studies share.
 pub(crate) struct ReferenceFolder<'a> {
     pub(crate) study: &'a Path,
     pub(crate) shared: Option<&'a Path>,
 }
 
 impl ReferenceFolder<'_> {
-    /// The path of the file `name` as recorded in the study, and as used on the disk.
+    /// Creates the folder; returns the path of the file `name` as recorded in the study, and the path for opening it.
     fn place(&self, name: &str) -> Result<(String, PathBuf), StudyError> {
         let make = |folder: &Path| {
             std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "make the folder of references", e))
@@ -62,7 +62,8 @@ impl ReferenceFolder<'_> {
     }
 }
 
-/// Decides on the reference of a scene. Returns an error for a user's file that does not fit.
+/// Decides from which file, or by which settings, a scene gets its reference. Returns an error for a user's file that
+/// does not fit the scene.
 pub(crate) fn plan_reference(
     plan: &Plan,
     scene: &ScenePlan,
@@ -113,7 +114,8 @@ fn depth(subject: &Subject) -> String {
     subject.scene.max_depth.map_or("unlimited".into(), |d| d.to_string())
 }
 
-/// Loads or renders a reference, and adds its variance to the record; `None` if `monitor` stopped it.
+/// Loads or renders a reference, and returns its record with the relMSE due to the reference's own variance. A file
+/// given by the user is not loaded. `None` if `monitor` stopped the rendering.
 pub(crate) fn load_or_render(
     wanted: ReferenceSource,
     subject: &Subject,
@@ -123,7 +125,7 @@ pub(crate) fn load_or_render(
         ReferenceSource::File(record) => return Ok(Some(record)),
         ReferenceSource::Rendered { record, path } => (record, path),
     };
-    // A broken file, or one of another reference, is rendered again.
+    // A broken file, or a file made with other settings, is rendered again.
     let kept = ReferenceImage::read(&path).ok();
     let kept = kept.filter(|(t, about)| about.attribute("study-key") == Some(&record.hash) && t.variance.is_some());
     let truth = match kept {
@@ -135,7 +137,7 @@ pub(crate) fn load_or_render(
     Ok(Some(record))
 }
 
-/// Renders the two halves of a reference, one per seed; `None` if stopped.
+/// Renders the two halves of a reference, one per seed; `None` if the monitor stopped it.
 fn render(
     record: &ReferenceRecord,
     subject: &Subject,
@@ -161,7 +163,7 @@ fn render(
     Ok(Some(ReferenceImage::of_halves(subject.view.resolution, [&halves[0], &halves[1]])))
 }
 
-/// Writes a reference to its file, with the settings in the header.
+/// Writes a rendered reference to its file, with the settings in the header.
 fn keep(
     path: &Path,
     truth: ReferenceImage,
@@ -181,7 +183,7 @@ fn keep(
     Ok(truth)
 }
 
-/// Checks the size, the pixels and the header of a user's file.
+/// Checks the size, the pixels and the header of a reference file given by the user, and returns its record.
 fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<ReferenceRecord, StudyError> {
     let (whole, about) = ReferenceImage::read(file)?;
     let refuse = |why: String| StudyError::Reference { file: file.to_owned(), scene: subject.view.name.clone(), why };
@@ -212,8 +214,8 @@ fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<ReferenceRecord,
     })
 }
 
-/// The first setting in which a file's header differs from the study. The header may come from `dapple render` or a
-/// study.
+/// Describes the first setting in which the header of a reference file differs from the study; `None` if none differs.
+/// The header may be written by `dapple render` or by a study.
 fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<String> {
     let depth = depth(subject);
     let scene = &subject.scene.name;
@@ -231,19 +233,19 @@ fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<Str
             return Some(format!("its {} is \"{there}\", and the study's \"{here}\"; {advice}", key.replace('-', " ")));
         }
     }
-    // Runs that share samples with the reference would show too small an error.
+    // A run with the reference's points and seed would share samples with it, and show too small an error.
     let points = kind(about.attribute("points")?);
     let seed = about.attribute("seed")?.parse().ok()?;
     let shares = plan.seeds.contains(&seed) && plan.methods.iter().any(|m| kind(&m.points) == points);
     shares.then(|| format!("its points are {points} of seed {seed}, as in runs; render it with another seed"))
 }
 
-/// A registry name without parameters.
+/// The name in `NAME:key=value,…`, without its parameters.
 fn kind(words: &str) -> &str {
     words.split(':').next().unwrap_or(words).trim()
 }
 
-/// `name` with only those characters that are safe in a file name, at most 80.
+/// Replaces characters that are unsafe in a file name by `-`, and cuts `name` to 80 characters.
 pub(crate) fn safe_file_name(name: &str) -> String {
     let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '-' };
     name.chars().map(plain).take(80).collect()

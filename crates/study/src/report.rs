@@ -27,7 +27,7 @@ pub enum ReportError {
     /// An error of the HTML template.
     #[error("report.html: {0}")]
     Page(#[from] askama::Error),
-    /// A file cannot be written; an older one is left as it was.
+    /// A file cannot be written; an existing file of that name is unchanged.
     #[error(transparent)]
     Write(#[from] ImageError),
 }
@@ -44,7 +44,8 @@ pub enum ReportError {
 /// Each file is written completely or not at all. Equal records give equal bytes.
 ///
 /// # Errors
-/// [`ReportError`]. Missing or broken images are no error; the report lists them.
+/// [`ReportError`] if the study cannot be read or a file cannot be written. Missing or broken images are no error; the
+/// report lists them.
 pub fn write_report(folder: &Path) -> Result<Summary, ReportError> {
     let recorded = RecordedStudy::read(folder)?;
     let summary = Summary::of(&recorded);
@@ -54,7 +55,7 @@ pub fn write_report(folder: &Path) -> Result<Summary, ReportError> {
     write_file(&folder.join("summary.csv"), &table)?;
     write_file(&folder.join("report.html"), page.as_bytes())?;
     write_file(&folder.join("summary.md"), markdown::render(&recorded, &summary).as_bytes())?;
-    // If this fails, so does the first file there, with a clear error.
+    // If this fails, writing the first plot fails too, with a clear error.
     let _ = std::fs::create_dir_all(folder.join("plots"));
     for (name, plot) in plots::plots(&recorded, &summary) {
         write_file(&folder.join("plots").join(name), plot.as_bytes())?;

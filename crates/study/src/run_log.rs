@@ -1,24 +1,24 @@
-//! The file `runs.jsonl`: one line per finished run, complete or absent.
+//! The file `runs.jsonl`: one complete line per finished run.
 
 use crate::{Run, StudyError};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// A store of lines, such as [`std::fs::File`]. A line is on the disk when `append` returns.
+/// A store to which lines are appended, such as [`std::fs::File`]. A line is on the disk when `append` returns.
 pub trait RunStore {
-    /// Appends bytes.
+    /// Appends bytes and flushes them to the disk.
     ///
     /// # Errors
     ///
-    /// The operating system's; part of the bytes may be stored.
+    /// The operating system's error; part of the bytes may be stored.
     fn append(&mut self, bytes: &[u8]) -> io::Result<()>;
 
     /// Truncates the store to `length` bytes.
     ///
     /// # Errors
     ///
-    /// The operating system's.
+    /// The operating system's error.
     fn cut(&mut self, length: u64) -> io::Result<()>;
 }
 
@@ -45,13 +45,13 @@ pub(crate) struct RunLog {
 }
 
 impl RunLog {
-    /// Opens or creates the file for this process alone, and drops an incomplete last line, which a killed process
+    /// Opens or creates the file and locks it for this process. Removes an incomplete last line, which a killed process
     /// leaves.
     ///
     /// # Errors
     ///
     /// [`StudyError::Busy`] if another process uses the file, [`StudyError::Line`] for a complete line that is not a
-    /// run, [`StudyError::File`].
+    /// run, [`StudyError::File`] for an error of the disk.
     pub(crate) fn open(path: &Path) -> Result<Self, StudyError> {
         let wrong = |action| move |e| StudyError::file(path, action, e);
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path);
@@ -62,7 +62,7 @@ impl RunLog {
                 let folder = path.parent().unwrap_or(Path::new("")).to_owned();
                 return Err(StudyError::Busy { folder });
             }
-            // Some file systems have no locks; the study runs without.
+            // Some file systems have no locks; the study then runs without one.
             Err(TryLockError::Error(_)) => {}
         }
         let mut bytes = Vec::new();
@@ -76,7 +76,7 @@ impl RunLog {
         Ok(Self { path: path.to_owned(), store: Box::new(file), length, runs })
     }
 
-    /// Replaces the store by another, for tests of a full disk.
+    /// Replaces the file by another store, for tests of a full disk.
     pub(crate) fn with_store(mut self, store: Box<dyn RunStore>) -> Self {
         self.store = store;
         self
@@ -87,11 +87,11 @@ impl RunLog {
         &self.runs
     }
 
-    /// Appends a run.
+    /// Appends a finished run in memory and on the disk.
     ///
     /// # Errors
     ///
-    /// [`StudyError::File`] if the disk fails; earlier runs are kept, and no part of this one.
+    /// [`StudyError::File`] if the disk fails. Earlier runs are kept, and no part of this run is stored.
     pub(crate) fn append(&mut self, run: Run) -> Result<(), StudyError> {
         let refuse = |source: io::Error, kept: usize| StudyError::File {
             path: self.path.clone(),

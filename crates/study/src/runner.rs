@@ -1,4 +1,4 @@
-//! Requests for runs, and the runners that make them.
+//! Requests for runs of a study, and the runners that make the runs.
 
 use crate::reference_image::ReferenceImage;
 use crate::references::safe_file_name;
@@ -13,22 +13,22 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// A request for a run, sent as JSON to another process.
+/// A request for one run of a study. It can be sent as JSON to another process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct RunRequest {
     /// The scene with the settings of its image.
     pub view: View,
-    /// The method.
+    /// The method: sampler, point set and filter.
     pub method: Method,
-    /// The external program, if the method's filter is one.
+    /// The external program, if it is the method's filter; otherwise `None`.
     #[serde(default)]
     pub external: Option<External>,
-    /// The budget.
+    /// The budget: mean samples per pixel, or equal time.
     pub budget: RunBudget,
     /// The seed of the point set.
     pub seed: u64,
-    /// The total number of samples in the budget.
+    /// The total number of samples to request.
     pub asked: u64,
     /// The path of the reference image.
     pub reference: PathBuf,
@@ -36,23 +36,23 @@ pub struct RunRequest {
     pub threads: usize,
     /// The study's folder.
     pub folder: PathBuf,
-    /// The path of the image and sample map, relative to the folder, without extension; `None` writes neither.
+    /// The path of the image and sample map without extension, relative to the study's folder; `None` writes neither.
     pub image: Option<String>,
 }
 
-/// A way to make runs; see [`InProcess`] and [`Processes`].
+/// A way to make the runs of a study: in this process ([`InProcess`]) or in new ones ([`Processes`]).
 pub trait Runner {
-    /// Makes the requested run.
+    /// Makes the requested run: renders, filters and compares with the reference.
     ///
     /// # Errors
     ///
-    /// An error of the scene, the reference or the render.
+    /// [`StudyError`] of the scene, the reference or the render.
     fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError>;
 }
 
 /// The runner that makes runs in this process, on the current rayon thread pool.
 ///
-/// A scene is read once for all its runs. An image that is not recorded warms it up.
+/// A scene is read once for all its runs, and warmed up by an image that is not recorded.
 pub struct InProcess {
     cpu: fn() -> Option<f64>,
     fresh: bool,
@@ -61,12 +61,14 @@ pub struct InProcess {
 }
 
 impl InProcess {
-    /// A runner; `cpu` returns the user and system seconds of this process so far, if the system reports them.
+    /// Makes a runner. `cpu` returns the user and system seconds of this process so far; `None` if the system does not
+    /// report them.
     pub fn new(cpu: fn() -> Option<f64>) -> Self {
         Self { cpu, fresh: false, subject: None, truth: None }
     }
 
-    /// A runner without warm-up for a process that makes a single run, which is marked as `fresh`.
+    /// Makes a runner without warm-up, for a process that makes a single run. The run is marked as `fresh`. `cpu` is as
+    /// in [`InProcess::new`].
     pub fn fresh(cpu: fn() -> Option<f64>) -> Self {
         Self { fresh: true, ..Self::new(cpu) }
     }
@@ -85,7 +87,7 @@ impl InProcess {
     }
 }
 
-/// Renders an image that is not recorded, since the first images of a process are slower.
+/// Renders an image that is not recorded, because the first images of a process are slower.
 fn warm_up(subject: &Subject) -> Result<(), StudyError> {
     let samples = WARM_UP_SPP * subject.frame()?.pixels() as u64;
     let method = Method::new("uniform", "sobol", "none");
@@ -182,7 +184,7 @@ pub struct Processes {
 }
 
 impl Processes {
-    /// A runner that starts `program` with these arguments.
+    /// Makes a runner that starts `program` with the arguments `words` for each run.
     pub fn new(program: &Path, words: &[&str]) -> Self {
         Self { program: program.to_owned(), words: words.iter().map(|w| (*w).to_owned()).collect() }
     }
@@ -199,7 +201,8 @@ impl Runner for Processes {
         command.args(&self.words).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().map_err(|e| refuse(format!("{}: {e}", self.program.display())))?;
         let words = serde_json::to_vec(request).map_err(|e| refuse(e.to_string()))?;
-        // The pipe closes when dropped. If the child ends early, its own error is reported first.
+        // Dropping the pipe closes it. If the child process ends early, its own error is reported rather than that of
+        // writing.
         let told = child.stdin.take().map_or(Ok(()), |mut pipe| pipe.write_all(&words));
         let output = child.wait_with_output().map_err(|e| refuse(e.to_string()))?;
         if !output.status.success() {
@@ -216,7 +219,7 @@ pub(crate) fn load_average() -> Option<f64> {
     std::fs::read_to_string("/proc/loadavg").ok()?.split_whitespace().next()?.parse().ok()
 }
 
-/// The path of a run's image, relative to the study's folder, without extension. `number` is the method's.
+/// The path of a run's image without extension, relative to the study's folder. `number` is the index of the method.
 pub(crate) fn image_stem(scene: &str, budget: RunBudget, number: usize) -> String {
     let budget = match budget {
         RunBudget::Spp(n) => format!("spp-{n}"),

@@ -1,40 +1,40 @@
-//! Rendering of one image by one method, with the cost measured.
+//! Rendering of one image by one method, with its cost measured.
 
 use crate::{External, Method, Phases, StudyError, Subject};
 use dapple_core::{Film, Filtered, Monitor, Needs};
 use dapple_job::{BudgetSpec, JobError, RenderMonitor};
 
-/// The settings of one image.
+/// The settings for rendering one image: method, seed, samples and external filter.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Order<'a> {
     pub(crate) method: &'a Method,
     pub(crate) seed: u64,
-    /// Samples to take in total.
+    /// The total number of samples to take.
     pub(crate) samples: u64,
-    /// The filter, if it is an external program.
+    /// The method's filter, if it is an external program; otherwise `None`.
     pub(crate) external: Option<&'a External>,
-    /// Threads of the external program; 0 is one per core.
+    /// The number of threads of the external program; 0 is one per core.
     pub(crate) threads: usize,
 }
 
 impl<'a> Order<'a> {
-    /// The settings for `samples` samples in total by `method`, with seed 0 and no external program.
+    /// Makes settings for `samples` samples in total by `method`, with seed 0 and no external program.
     pub(crate) fn new(method: &'a Method, samples: u64) -> Self {
         Self { method, seed: 0, samples, external: None, threads: 0 }
     }
 }
 
-/// An image and its cost.
+/// A rendered image and its cost.
 pub(crate) struct Shot {
     pub(crate) film: Film,
     pub(crate) filtered: Filtered,
     pub(crate) seconds: Phases,
-    /// Rays traced, probes included.
+    /// The number of rays traced, probe rays included.
     pub(crate) rays: u64,
     pub(crate) cpu_s: Option<f64>,
 }
 
-/// Renders an image and measures its cost; clusters are computed anew. The time in `monitor` does not count. `cpu`
+/// Renders an image and measures its cost, the time of clustering included. The time in `monitor` does not count. `cpu`
 /// returns the user and system seconds of this process so far.
 pub(crate) fn shoot(
     subject: &Subject,
@@ -68,7 +68,7 @@ pub(crate) fn shoot(
         }
     };
     let seconds = image.seconds;
-    // The time of an external program is the one that it reports, else the wall time.
+    // The time of an external program is its reported time, or else its wall time.
     let finished = if external.is_none() { cpu() } else { rendered.map(|cpu| cpu + seconds.filter) };
     let cpu_s = finished.zip(before).map(|(after, before)| after - before);
     let phases = Phases {

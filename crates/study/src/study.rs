@@ -1,4 +1,4 @@
-//! A study, run in one or more sessions.
+//! A study in a folder, which runs in one or more sessions.
 
 mod equal_time;
 mod manifest;
@@ -28,22 +28,22 @@ pub enum StudyStatus {
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct StudyProgress<'a> {
-    /// A description of the run or reference that is next or in progress.
+    /// A description of the run or reference in progress.
     pub doing: &'a str,
     /// The number of finished runs, earlier sessions included.
     pub done: usize,
-    /// The number of runs in the whole study.
+    /// The number of runs in the whole study, finished or not.
     pub runs: usize,
-    /// The fraction, 0 to 1, of this session's samples that are taken.
+    /// The fraction of this session's samples that are taken, 0 to 1.
     pub share: f64,
-    /// Estimated seconds left; `None` before anything is finished.
+    /// The estimated seconds until the study ends; `None` before the first samples are taken.
     pub left: Option<f64>,
 }
 
-/// An observer of a study, which can stop it.
+/// An observer of a study, which receives progress and warnings, and can stop the study.
 ///
-/// Called between runs, and several times a second while a reference is rendered; never while a run is timed. `()` is
-/// a monitor that ignores everything.
+/// It is called between runs, and several times a second while a reference is rendered; never while a run is timed.
+/// `()` is a monitor that ignores everything.
 ///
 /// ```
 /// use dapple_core::Control;
@@ -56,7 +56,7 @@ pub struct StudyProgress<'a> {
 /// }
 /// ```
 pub trait StudyMonitor {
-    /// Receives the progress, and returns [`Control::Stop`] to stop.
+    /// Receives the progress; returns [`Control::Stop`] to stop the study.
     fn progress(&mut self, progress: &StudyProgress<'_>) -> Control;
 
     /// Receives a warning, such as a directive of a scene that was approximated.
@@ -73,27 +73,27 @@ impl StudyMonitor for () {
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct StudyOptions {
-    /// A folder of references that several studies share; by default the study's own.
+    /// A folder for rendered references that several studies share; `None` keeps them in the study's folder.
     pub references: Option<PathBuf>,
-    /// The command line to record, argument by argument.
+    /// The command line to record in `study.json`, argument by argument.
     pub command: Vec<String>,
 }
 
 impl StudyOptions {
-    /// Keeps rendered references in a folder that several studies share.
+    /// Sets the folder for rendered references that several studies share; `None` keeps them in the study's folder.
     #[must_use]
     pub fn with_references(self, folder: impl Into<Option<PathBuf>>) -> Self {
         Self { references: folder.into(), ..self }
     }
 
-    /// Records the command line.
+    /// Sets the command line to record in `study.json`.
     #[must_use]
     pub fn with_command(self, arguments: impl IntoIterator<Item = String>) -> Self {
         Self { command: arguments.into_iter().collect(), ..self }
     }
 }
 
-/// A study in its folder; the example is on the [front page](crate).
+/// A study in its folder, opened for making runs. An example is on the [front page](crate).
 pub struct Study {
     plan: Plan,
     folder: PathBuf,
@@ -105,12 +105,12 @@ pub struct Study {
 
 impl Study {
     /// Begins a study in a folder, or resumes the study in it. Reads the scenes, compares the plan with the recorded
-    /// one, and renders missing references. `None` if `monitor` stopped it.
+    /// one, and renders missing references. Returns `None` if `monitor` stopped it.
     ///
     /// # Errors
     ///
-    /// [`StudyError::AnotherStudy`] if the settings differ from the recorded ones; an unusable scene or reference; an
-    /// error of the disk.
+    /// [`StudyError::AnotherStudy`] if the settings differ from the recorded ones; other errors for an unusable scene
+    /// or reference, and for the disk.
     pub fn open(
         plan: Plan,
         folder: &Path,
@@ -147,42 +147,42 @@ impl Study {
             return Ok(None);
         }
         if let Some(earlier) = earlier {
-            // A resumed study keeps its start and its command.
+            // A resumed study keeps the recorded start time and command line.
             manifest = Manifest { began: earlier.began, command: earlier.command, ..manifest };
         }
         write_file(&file, &manifest::bytes(&manifest))?;
         Ok(Some(Self { plan, folder: folder.to_owned(), manifest, views, log, meter }))
     }
 
-    /// The settings and circumstances, as in `study.json`.
+    /// The settings and circumstances of the study, as in `study.json`.
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
     }
 
-    /// The finished runs, in the order of completion.
+    /// The finished runs in the order of completion.
     pub fn runs(&self) -> &[Run] {
         self.log.runs()
     }
 
-    /// The number of runs in the whole study.
+    /// The number of runs in the whole study, finished or not.
     pub fn expected(&self) -> usize {
         self.plan.runs()
     }
 
-    /// Replaces the store of finished runs by another, for tests of a full disk.
+    /// Replaces the file of finished runs by another store, for tests of a full disk.
     pub fn with_store(mut self, store: Box<dyn RunStore>) -> Self {
         self.log = self.log.with_store(store);
         self
     }
 
-    /// Makes all runs that are missing.
+    /// Makes all missing runs.
     ///
-    /// The order is scene by scene, then seed by seed, budget by budget and method by method. Methods thus alternate,
-    /// so that a machine that slows down does so for all of them. A scene's equal-time runs come last.
+    /// Runs are ordered by scene, then seed, then budget, then method. Methods thus alternate, so that a slower machine
+    /// affects all of them. A scene's equal-time runs come last.
     ///
     /// # Errors
     ///
-    /// An error of a run or of the disk. Finished runs are kept.
+    /// [`StudyError`] of a run or of the disk. Finished runs are kept.
     pub fn run(&mut self, runner: &mut dyn Runner, monitor: &mut dyn StudyMonitor) -> Result<StudyStatus, StudyError> {
         for at in 0..self.views.len() {
             let pixels = pixels(&self.views[at]);
@@ -226,7 +226,7 @@ impl Study {
         }
     }
 
-    /// The finished run of a request, if there is one.
+    /// The finished run that answers a request; `None` if it is missing.
     fn find(&self, request: &RunRequest) -> Option<&Run> {
         let RunRequest { view, method, budget, seed, .. } = request;
         self.log.runs().iter().find(|run| run.is_of(&view.name, method, *budget, *seed))
@@ -246,7 +246,8 @@ impl Study {
     }
 }
 
-/// The origin of each scene's reference, and the scene read last, which is often the only one.
+/// Decides the origin of each scene's reference. Also returns the scene that was read last, so that a study of one
+/// scene reads it once.
 fn reference_sources(
     plan: &Plan,
     views: &[View],
@@ -258,7 +259,7 @@ fn reference_sources(
     let mut sources = Vec::new();
     let mut last: Option<Subject> = None;
     for (view, scene) in views.iter().zip(&plan.scenes) {
-        // Frees its memory before the next scene is read.
+        // Frees the memory of the last scene before the next one is read.
         drop(last.take());
         let subject = Subject::load(&view.by_default())?;
         subject.notices().iter().for_each(|notice| monitor.warning(notice));
@@ -268,7 +269,7 @@ fn reference_sources(
     Ok((sources, last))
 }
 
-/// Loads or renders the references and records them in the manifest; `false` if the monitor stopped it.
+/// Loads or renders the references and records them in the manifest; returns `false` if the monitor stopped it.
 fn load_references(
     manifest: &mut Manifest,
     sources: Vec<ReferenceSource>,
@@ -298,7 +299,7 @@ fn pixels(view: &View) -> u64 {
     u64::from(view.resolution[0]) * u64::from(view.resolution[1])
 }
 
-/// The scenes of a plan, with names and resolutions decided.
+/// Makes the views of a plan's scenes, with their names and resolutions.
 fn views(plan: &Plan) -> Result<Vec<View>, StudyError> {
     let mut views: Vec<View> = Vec::new();
     for scene in &plan.scenes {
@@ -335,7 +336,7 @@ fn resolution(plan: &Plan, scene: &ScenePlan) -> Result<[u32; 2], StudyError> {
     }
 }
 
-/// The progress of rendering a reference, over its two halves.
+/// The progress of rendering a reference, summed over its two halves.
 #[derive(Default)]
 struct HalvesProgress {
     second: bool,
@@ -351,7 +352,7 @@ impl HalvesProgress {
     }
 }
 
-/// Counts the samples of this session: taken, and in total.
+/// A counter of this session's samples, taken and in total, from which progress is estimated.
 struct WorkMeter {
     began: Instant,
     done: f64,
@@ -372,7 +373,7 @@ impl WorkMeter {
         meter
     }
 
-    /// The samples needed to render a reference; 0 if it exists.
+    /// The number of samples needed to render a reference; 0 if it exists.
     fn of_reference(&self, wanted: &ReferenceSource, view: &View) -> f64 {
         match wanted {
             ReferenceSource::Rendered { path, record } if !path.exists() => {

@@ -1,4 +1,4 @@
-//! A scene of a study, read and ready for tracing.
+//! The scenes of a study: their image settings, and the scene that is ready for tracing.
 
 use crate::StudyError;
 use dapple_core::Frame;
@@ -11,32 +11,34 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
 
-/// A scene with the settings of its image.
+/// A scene of a study, not read yet, with the settings of its image.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct View {
     /// The scene's name in the study.
     pub name: String,
-    /// The name of a bundled scene, or a path.
+    /// The name of a bundled scene, or the path of a scene file.
     pub source: String,
-    /// Width and height in pixels.
+    /// Width and height of the scene's images in pixels.
     pub resolution: [u32; 2],
-    /// Most scattering events between camera and light; `None` follows the scene.
+    /// The largest number of scattering events between camera and light; `None` takes the limit in the scene.
     pub max_depth: Option<u32>,
-    /// True if unsupported directives are warnings.
+    /// True if unsupported directives of the scene file are warnings, false if they are errors.
     pub allow_unsupported: bool,
-    /// Selection among several lights.
+    /// The rule by which light sampling selects one of several lights.
     #[serde(default)]
     pub lights: LightSelection,
 }
 
 impl View {
-    /// The view with the default light selection, for references. All light selections then share one reference.
+    /// Returns this view with the default light selection, for rendering the reference: views that differ in light
+    /// selection only thus share one reference.
     pub(crate) fn by_default(&self) -> Self {
         Self { lights: LightSelection::default(), ..self.clone() }
     }
 }
 
-/// A scene that was read and built, uncropped, with a box of one pixel as its pixel filter.
+/// A scene of a study that was read and built for tracing. It is uncropped, and its pixel filter is a box one pixel
+/// wide.
 pub(crate) struct Subject {
     pub(crate) view: View,
     pub(crate) scene: Arc<Scene>,
@@ -45,7 +47,8 @@ pub(crate) struct Subject {
     prepared: PreparedScene,
 }
 
-/// The default name of a scene, from its path; for a file such as `scene.pbrt`, the name of its folder.
+/// The default name of a scene: the file name without extension, or the name of the folder if the file is called
+/// `scene…`.
 pub(crate) fn name_of(source: &str) -> String {
     let path = Path::new(source);
     let part = |part: Option<&std::ffi::OsStr>| part.map(|p| p.to_string_lossy().into_owned());
@@ -57,7 +60,7 @@ pub(crate) fn name_of(source: &str) -> String {
 }
 
 impl View {
-    /// The description of a render of this view, with the default methods.
+    /// The description of a render of this view, with the default sampler, point set and filter.
     pub(crate) fn spec(&self) -> RenderSpec {
         let [w, h] = self.resolution;
         RenderSpec::new(self.source.clone())
@@ -75,7 +78,7 @@ impl Subject {
     ///
     /// # Errors
     ///
-    /// [`StudyError::Load`] with every problem of the scene's files.
+    /// [`StudyError::Load`], which lists every problem of the scene's files.
     pub(crate) fn load(view: &View) -> Result<Self, StudyError> {
         let loaded = LoadedScene::read(&view.spec(), &LoadOptions::default());
         let prepared = loaded.and_then(LoadedScene::build)?;
@@ -83,24 +86,25 @@ impl Subject {
         Ok(Self { view: view.clone(), scene: prepared.scene().clone(), content, prepared })
     }
 
-    /// The scene, ready for tracing.
+    /// The scene with the world built from it for tracing.
     pub(crate) fn prepared(&self) -> &PreparedScene {
         &self.prepared
     }
 
-    /// The reader's warnings, one line each; bundled scenes have none.
+    /// The warnings of reading the scene, one line each; bundled scenes have none.
     pub(crate) fn notices(&self) -> Vec<String> {
         let notices = self.prepared.warnings().iter().filter(|warning| matches!(warning, Warning::Notice(_)));
         notices.map(Warning::to_string).collect()
     }
 
-    /// The whole image.
+    /// The frame of the whole image, without a crop.
     pub(crate) fn frame(&self) -> Result<Frame, StudyError> {
         let [w, h] = self.view.resolution;
         Frame::new(w, h).map_err(|e| StudyError::Scene(e.to_string()))
     }
 
-    /// A digest of a few rendered pixels in the middle of the image. It changes if the renderer computes another image.
+    /// A hash of a few rendered pixels in the middle of the image. It changes if a new version of the renderer computes
+    /// another image.
     pub(crate) fn fingerprint(&self) -> Result<ContentHash, StudyError> {
         let middle = |side: u32| {
             let first = side.saturating_sub(CANARY_SIDE) / 2;
@@ -117,7 +121,7 @@ impl Subject {
     }
 }
 
-/// Pixels along a side and samples per pixel of a fingerprint; it takes milliseconds.
+/// The side in pixels of the square that is rendered for a fingerprint. Rendering it takes milliseconds.
 const CANARY_SIDE: u32 = 32;
 const CANARY_SPP: f64 = 4.0;
 

@@ -1,4 +1,4 @@
-//! The values of a study: the source of `summary.csv` and of the report.
+//! The statistics of a study, computed from its runs; `summary.csv` and the report contain them.
 
 mod comparison;
 mod factorial;
@@ -19,52 +19,52 @@ use run_table::RunTable;
 use seed_statistic::SeedStatistic;
 use std::collections::BTreeMap;
 
-/// The confidence of all intervals, unless a row's note gives another.
+/// The confidence level of all intervals.
 pub const CONFIDENCE: f64 = 0.95;
 
-/// The largest relative difference of times that count as equal in a comparison.
+/// The largest relative difference of two render times that count as equal in a comparison.
 pub const TIME_TOLERANCE: f64 = 0.1;
 
-/// The metrics that are compared with the baseline, by their names in [`Row::metric`].
+/// The error metrics for which methods are compared with the baseline.
 pub const COMPARED: [&str; 4] = ["relmse", "relmse_trimmed", "srgb8_mse", "flip"];
 
-/// One value of the summary, a line of `summary.csv`.
+/// One value of the summary: a line of `summary.csv`.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Row {
     /// The scene's name in the study.
     pub scene: String,
-    /// The method.
+    /// The method: sampler, point set and filter.
     pub method: Method,
-    /// The budget: `16 spp`, `time of 16 spp`, or empty for values over all budgets.
+    /// The budget, such as `16 spp` or `time of 16 spp`; empty for values over all budgets.
     pub budget: String,
-    /// The metric; [`Summary::write_csv`] lists them.
+    /// The name of the metric; [`Summary::write_csv`] lists all names.
     pub metric: String,
-    /// The value; `None` if it is unknown, for the reason in `note`.
+    /// The value of the metric; `None` if it is unknown, for the reason in `note`.
     pub value: Option<f64>,
-    /// The lower end of the 95 % interval, if there is one.
+    /// The lower end of the 95 % confidence interval over seeds; `None` without an interval.
     pub low: Option<f64>,
-    /// The upper end of the 95 % interval, if there is one.
+    /// The upper end of the 95 % confidence interval over seeds; `None` without an interval.
     pub high: Option<f64>,
-    /// The number of seeds.
+    /// The number of seeds from whose runs the value is computed.
     pub n: usize,
-    /// Remarks, separated by `; `.
+    /// Remarks on the value, separated by `; `.
     pub note: String,
 }
 
 impl Row {
-    /// The unique key: scene, method, budget and metric.
+    /// The row's unique key: scene, method, budget and metric, joined by `|`.
     pub fn key(&self) -> String {
         key(&self.scene, &self.method, &self.budget, &self.metric)
     }
 
-    /// The ends of the interval, `[low, high]`; `None` without one.
+    /// The ends of the 95 % confidence interval, `[low, high]`; `None` without an interval.
     pub fn interval(&self) -> Option<[f64; 2]> {
         Some([self.low?, self.high?])
     }
 }
 
-/// All values of a study.
+/// All values computed from the runs of a study.
 #[derive(Clone, Debug, Default)]
 pub struct Summary {
     rows: Vec<Row>,
@@ -76,7 +76,7 @@ fn key(scene: &str, method: &Method, budget: &str, metric: &str) -> String {
 }
 
 impl Summary {
-    /// Computes all values for which the study has runs.
+    /// Computes all values for which a study has runs.
     pub fn of(recorded: &RecordedStudy) -> Self {
         let grid = RunTable::new(recorded);
         let mut summary = Self::default();
@@ -88,12 +88,13 @@ impl Summary {
         summary
     }
 
-    /// All rows: points of the curves first, then slopes, times to errors, comparisons, factorials.
+    /// All rows, in this order: values of each budget, slopes, times to error levels, comparisons with the baseline,
+    /// factorial effects.
     pub fn rows(&self) -> &[Row] {
         &self.rows
     }
 
-    /// The row of a scene, method, budget and metric.
+    /// Finds the row of a scene, method, budget and metric; `None` if there is no such row.
     pub fn find(&self, scene: &str, method: &Method, budget: &str, metric: &str) -> Option<&Row> {
         self.places.get(&key(scene, method, budget, metric)).map(|&i| &self.rows[i])
     }
@@ -127,20 +128,21 @@ impl Summary {
     /// `value`, `low`, `high` (95 % interval over seeds), `n` (seeds), `note`. An unknown value is empty, and its note
     /// gives the reason. Numbers are the shortest that give the same f64.
     ///
-    /// Metrics of a budget:
+    /// Metrics at one budget:
     /// * geometric means: `mse`, `relmse`, `relmse_trimmed`, `smape`, `srgb8_mse`, `flip`, and
     ///   `predicted over true relmse`;
     /// * means: `psnr`, `mean_ratio`, `spp`, and `seconds PHASE` for `load`, `bvh`, `cluster`, `probe`, `plan`,
     ///   `trace`, `filter`;
-    /// * the median of `render_s`: `seconds`;
+    /// * the median of [`Run::render_s`](crate::Run::render_s): `seconds`;
     /// * against the baseline, paired by seed: `METRIC ratio`, `seconds ratio`, `relmse x seconds ratio`;
-    /// * of the factorial: `relmse part of counts`, `of filter`, `of both`, `of their interplay`.
+    /// * ratios of the factorial design (see [`FactorialEffect`]): `relmse part of counts`, `relmse part of filter`,
+    ///   `relmse part of both`, `relmse part of their interplay`.
     ///
     /// Metrics over all budgets: `relmse slope over spp`, `relmse slope over seconds`, `seconds to relmse E`,
     /// `seconds ratio to relmse E`.
     ///
     /// # Errors
-    /// The errors of the writer.
+    /// [`csv::Error`] if the writer fails.
     pub fn write_csv(&self, to: impl std::io::Write) -> Result<(), csv::Error> {
         let mut writer = csv::Writer::from_writer(to);
         writer.write_record([

@@ -12,57 +12,56 @@ use dapple_scene::{Effect, Effects};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::time::{Duration, Instant};
 
-/// Options of the renders.
+/// The settings of the renders that measure effects.
 pub(super) struct Settings {
     pub(super) frame: Frame,
     pub(super) spp: u32,
     pub(super) seeds: u32,
-    /// Hides the progress.
+    /// True hides the progress bar.
     pub(super) silent: bool,
 }
 
-/// The measurements of all effects that the scene calls for.
+/// The measurements of all effects that the scene uses.
 pub(super) struct Ledger {
     pub(super) resolution: [u32; 2],
     pub(super) spp: u32,
     pub(super) seeds: u32,
-    /// The measurements in the order of [`Effects::called`]; fewer if the user interrupted.
+    /// The measurements of effects, in the order of [`Effects::called`]; fewer if the user interrupted.
     pub(super) rows: Vec<Row>,
-    /// The cost and the light of paths longer than the scene's depth limit, by comparison with unlimited depth. `None`
-    /// if the scene sets no depth, or no path is long enough to be cut.
-    /// depth is set, or no path is long enough to be cut.
+    /// The cost and the light of paths beyond the scene's depth limit, by comparison with unlimited depth. `None` if
+    /// the scene sets no limit, or no path is long enough to be cut.
     pub(super) beyond_depth: Option<Shares>,
-    /// Seconds of tracing an image with every effect: processor time of all threads if the system reports it, else wall
-    /// time. `None` if nothing was rendered.
+    /// The mean seconds of tracing an image with every effect: processor time of all threads if the system reports it,
+    /// else wall time. `None` if no image was measured.
     pub(super) seconds: Option<f64>,
     pub(super) interrupted: bool,
 }
 
-/// The measurement of an effect, or the reason why it cannot be left out.
+/// The measurement of one effect, or the reason why the effect cannot be left out.
 pub(super) struct Row {
     pub(super) effect: Effect,
     pub(super) measured: std::result::Result<Shares, String>,
 }
 
-/// The cost of an effect in time, and its share of the image.
+/// The cost of an effect in tracing time, and its share of the image.
 pub(super) struct Shares {
-    /// The logarithm of the tracing time with the effect over the time without it.
+    /// The natural logarithm of the tracing time with the effect over the time without it.
     pub(super) log_time: Measured,
     pub(super) image: Difference,
 }
 
-/// An image, and the seconds spent on tracing it.
+/// A rendered image, and the seconds of tracing it.
 struct Render {
     pixels: Vec<[f32; 3]>,
     seconds: f64,
 }
 
 impl Ledger {
-    /// Measures every effect of the scene by leaving it out. Images with and without the effect alternate, and the
-    /// order changes with the seed, so that a machine that slows down favours neither.
+    /// Measures every effect of the scene by leaving it out. Images with and without the effect alternate, and their
+    /// order changes with the seed, so that a slower machine favours neither.
     pub(super) fn measure(whole: &Scene, effects: &Effects, settings: &Settings, stop: &Stop) -> Result<Self> {
         let endless = Scene { max_depth: None, ..whole.clone() };
-        // Paths that scatter at most once, however deep they may go, end by themselves.
+        // Without interreflection, paths scatter at most once, and no depth limit cuts them.
         let cut = whole.max_depth.is_some() && Effects::of(&endless).has(Effect::Interreflection);
         let mut studio = Studio::new(settings, effects.called().len() + usize::from(cut), stop);
         let mut ledger = Self {
@@ -77,7 +76,7 @@ impl Ledger {
         let with = prepare(whole, settings).map_err(|e| failure::of_job(&e))?;
         let mut seconds = Vec::new();
         if cut || !effects.called().is_empty() {
-            // The first image finds caches and clocks cold: it is not timed.
+            // The first image is slower because caches are cold, and is not timed.
             ledger.interrupted = studio.render(&with, 1)?.is_none();
         }
         for called in effects.called() {
@@ -117,7 +116,7 @@ impl Ledger {
 }
 
 impl Shares {
-    /// The cost and share of an effect, from pairs of renders with and without it.
+    /// Computes the cost and share of an effect from pairs of renders with and without it.
     fn of(settings: &Settings, pairs: Vec<[Render; 2]>) -> Result<Self> {
         let logs: Vec<f64> = pairs.iter().map(|[a, b]| (a.seconds / b.seconds).ln()).collect();
         let (with, without): (Vec<_>, Vec<_>) = pairs.into_iter().map(|[a, b]| (a.pixels, b.pixels)).unzip();
@@ -139,7 +138,7 @@ fn differ(size: [u32; 2], with: &[Vec<[f32; 3]>], without: &[Vec<[f32; 3]>]) -> 
     difference(&sides[0], &sides[1]).map_err(Failure::new)
 }
 
-/// The mean of `values` with its standard error.
+/// The mean of at least two `values`, with its standard error.
 fn mean(values: &[f64]) -> Measured {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
@@ -147,7 +146,7 @@ fn mean(values: &[f64]) -> Measured {
     Measured { value: mean, standard_error: (squares / (n - 1.0) / n).sqrt() }
 }
 
-/// Renders images and shows the progress.
+/// The renderer of images for the measurements, with a progress bar.
 struct Studio<'s> {
     settings: &'s Settings,
     stop: Stop,
@@ -155,12 +154,12 @@ struct Studio<'s> {
     clock: Instant,
 }
 
-/// Steps of the progress bar per image.
+/// The number of steps of the progress bar per image.
 const STEPS: u64 = 100;
 
 impl<'s> Studio<'s> {
     fn new(settings: &'s Settings, effects: usize, stop: &Stop) -> Self {
-        // Hidden by itself where stderr is no terminal.
+        // The bar hides itself if stderr is not a terminal.
         let target = if settings.silent { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
         let images = 1 + 2 * u64::from(settings.seeds) * effects as u64;
         let bar = ProgressBar::with_draw_target(Some(STEPS * images), target);
@@ -179,7 +178,8 @@ impl<'s> Studio<'s> {
         self.bar.inc(STEPS * 2 * u64::from(self.settings.seeds));
     }
 
-    /// Renders a pair of images, of two worlds, for each seed; `None` if the user stopped it.
+    /// Renders, for each seed, one image of each of two worlds: with and without an effect. `None` if the user stopped
+    /// it.
     fn pairs(&mut self, with: &PreparedScene, without: &PreparedScene) -> Result<Option<Vec<[Render; 2]>>> {
         let mut pairs = Vec::new();
         for seed in 1..=u64::from(self.settings.seeds) {

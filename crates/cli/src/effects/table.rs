@@ -1,4 +1,4 @@
-//! The ledger of effects as a table and as JSON.
+//! Formatting of measured effects as a table and as JSON.
 
 use super::ledger::{Ledger, Row, Shares};
 use dapple_job::found_by_chance;
@@ -8,7 +8,7 @@ use dapple_scene::{Scene, Source};
 use serde::Serialize;
 use std::path::Path;
 
-/// The values that the table and the JSON line show.
+/// The effects and measurements that the table and the JSON line show.
 pub(super) struct Told<'a> {
     pub(super) scene: &'a Scene,
     pub(super) effects: &'a Effects,
@@ -16,7 +16,7 @@ pub(super) struct Told<'a> {
     pub(super) ledger: Option<&'a Ledger>,
 }
 
-/// The JSON line; its keys have the order of the fields. A missing measurement is null.
+/// The JSON line that is printed; its keys have the order of the fields. A missing measurement is null.
 #[derive(Serialize)]
 struct Line<'a> {
     scene: &'a str,
@@ -36,7 +36,7 @@ struct Line<'a> {
 struct Beyond {
     radiance_lost: Figure,
     relmse: Figure,
-    /// Tracing time with unlimited depth over the time with the scene's depth.
+    /// The ratio of the tracing time with unlimited depth to the time with the scene's depth limit.
     time_ratio: Figure,
 }
 
@@ -53,25 +53,25 @@ struct Entry<'a> {
     effect: &'static str,
     #[serde(flatten)]
     reason: Reason<'a>,
-    /// Share of the tracing time, 0 to 1, and the half width of its 95 % interval. Below 0 if the image takes longer
-    /// without the effect.
+    /// The effect's share of the tracing time, at most 1, with the half width of its 95 % interval. It is below 0 if
+    /// the image takes longer without the effect.
     time_share: Option<Figure>,
-    /// Tracing time with the effect over the time without it.
+    /// The ratio of the tracing time with the effect to the time without it.
     time_ratio: Option<Figure>,
     relmse: Option<Figure>,
     radiance_lost: Option<Figure>,
-    /// The reason why the effect cannot be left out.
+    /// The reason why the effect cannot be left out; null if it can.
     kept: Option<&'a str>,
 }
 
-/// A value with the half width of its 95 % interval.
+/// A measured value with the half width of its 95 % interval, `noise`.
 #[derive(Clone, Copy, Serialize)]
 struct Figure {
     value: f64,
     noise: f64,
 }
 
-/// The values shown for one effect.
+/// The values that are shown for one effect.
 struct Figures {
     time_share: Figure,
     time_ratio: Figure,
@@ -85,7 +85,7 @@ impl Figures {
         let figure = |m: Measured| Figure { value: m.value, noise: student * m.standard_error };
         let log = figure(shares.log_time);
         let ratio = log.value.exp();
-        // By the slopes of exp(x) and 1 - exp(-x).
+        // The noise is propagated with the derivatives of exp(x) and 1 - exp(-x).
         let time_ratio = Figure { value: ratio, noise: ratio * log.noise };
         let time_share = Figure { value: 1.0 - 1.0 / ratio, noise: log.noise / ratio };
         let (rel_mse, lost) = (figure(shares.image.rel_mse), figure(shares.image.mean_lost));
@@ -93,8 +93,8 @@ impl Figures {
     }
 }
 
-/// The quantile of Student's t for a two-sided 95 % interval. From 31 degrees of freedom on, a series in their inverse
-/// [after Fisher and Cornish 1960], accurate to 0.5 %.
+/// The quantile of Student's t distribution for a two-sided 95 % interval. From 31 degrees of freedom on, it is a
+/// series in the inverse of their number [after Fisher and Cornish 1960], accurate to 0.5 %.
 fn student(freedom: u32) -> f64 {
     const TABLE: [f64; 30] = [
         12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131,
@@ -124,7 +124,7 @@ impl<'a> Told<'a> {
         Some(Beyond { radiance_lost: lost, relmse: rel_mse, time_ratio })
     }
 
-    /// Formats the measurements as one line of JSON.
+    /// Formats the effects and measurements as one line of JSON.
     pub(super) fn json(&self) -> String {
         let entry = |called: &'a Called| {
             let figures = self.figures(called);
@@ -151,11 +151,11 @@ impl<'a> Told<'a> {
             found_by_chance: self.by_chance.map(reason),
             beyond_depth: self.beyond_depth(),
         };
-        // Text and finite numbers cannot fail; what is not finite is null.
+        // Serialising text and numbers cannot fail; NaN and infinity become null.
         serde_json::to_string(&line).unwrap_or_default()
     }
 
-    /// Formats the measurements as a table.
+    /// Formats the effects and measurements as a table.
     pub(super) fn table(&self) -> String {
         let depth = self.effects.max_depth().map_or("unlimited".into(), |d| d.to_string());
         let called = self.effects.called();
@@ -175,7 +175,7 @@ impl<'a> Told<'a> {
         lines.push(String::new());
         let rows: Vec<[String; 6]> = called.iter().map(|c| self.cells(c)).collect();
         let wide = if self.ledger.is_some() { 6 } else { 2 };
-        // The reason is long: it comes last.
+        // The column "called for by" is long, and comes last.
         let order: &[usize] = if wide == 6 { &[0, 2, 3, 4, 5, 1] } else { &[0, 1] };
         let heads = ["effect", "called for by", "of the time", "without it", "relMSE without it", "radiance lost"];
         let all: Vec<[String; 6]> = [heads.map(str::to_owned)].into_iter().chain(rows).collect();
@@ -203,7 +203,7 @@ impl<'a> Told<'a> {
     }
 
     fn cells(&self, called: &Called) -> [String; 6] {
-        // That there are several lights is said by all of them.
+        // For several lights, all of them together are the cause, and no others are counted.
         let others = match called.objects {
             n if n > 1 && called.effect != Effect::SeveralLights => format!(", and {} more", n - 1),
             _ => String::new(),
@@ -227,8 +227,8 @@ fn reason(called: &Called) -> Reason<'_> {
     Reason { because: &called.because, file, line: *line, objects: called.objects }
 }
 
-/// The place of an object as file name and line, without folders, for lack of room in the table. JSON has the full
-/// path.
+/// The place of an object in the scene: file name and line. Folders are left out for lack of room in the table; JSON
+/// has the full path.
 fn place(source: &Source) -> String {
     let file = source.file.file_name().map_or_else(|| source.to_string(), |n| n.to_string_lossy().into_owned());
     if source.line == 0 { file } else { format!("{file}:{}", source.line) }

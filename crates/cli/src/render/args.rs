@@ -10,10 +10,11 @@ use dapple_scene::image::Format;
 use dapple_scene::{Effect, bundled};
 use std::path::{Path, PathBuf};
 
-/// Render an image, putting samples where it needs them
+/// Render an image with adaptive sampling: most samples go where the image needs them
 ///
-/// SCENE is a pbrt file (v4, v3 or v2), a bare model (.obj, .ply, .stl; Dapple adds a camera and a light), or
-/// the name of a bundled scene: teapot (the default), terrain, cornell, furnace, plates, lens, motion, glass, room, grass. Nothing is rendered before all settings are checked and all outputs can be written.
+/// SCENE is a pbrt file (v4, v3 or v2), a model (.obj, .ply, .stl; Dapple adds a camera and a light), or the name of a
+/// bundled scene: teapot (the default), terrain, cornell, furnace, plates, lens, motion, glass, room, grass. All
+/// settings are checked, and all outputs tested to be writable, before rendering begins.
 #[derive(Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct RenderArgs {
@@ -21,35 +22,35 @@ pub(crate) struct RenderArgs {
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     pub(crate) scene: PathBuf,
 
-    /// An image, by extension: .exr (every layer, settings in the header), .pfm or .png; may be given again
+    /// Image file to write: .exr (all layers, settings in the header), .pfm or .png; may be repeated
     ///
-    /// Without any, SCENE.exr and SCENE.png are written to the current folder, and the sample map
-    /// SCENE-samples.png where the sampler is adaptive. Files that are there are replaced.
+    /// Without this option, SCENE.exr and SCENE.png are written to the current folder, and the sample map
+    /// SCENE-samples.png unless the sampler is uniform. Existing files are replaced.
     #[arg(short, long = "output", value_name = "OUT", value_parser = output)]
     pub(crate) outputs: Vec<PathBuf>,
 
-    /// The sampler (how many samples each pixel gets); `dapple samplers` lists them
+    /// Sampler (how many samples each pixel gets); `dapple samplers` lists all
     ///
-    /// The default's `epsilon=0.3` suits the default filter; `adaptive:epsilon=0.01` suits `--filter none`.
+    /// The default sampler's `epsilon=0.3` suits the default filter; with `--filter none`, use `adaptive:epsilon=0.01`.
     #[arg(long, value_name = "NAME[:key=value,…]", default_value = dapple_job::DEFAULT_SAMPLER, value_parser = sampler)]
     #[arg(help_heading = "Method")]
     pub(crate) sampler: String,
 
-    /// The point set (where samples lie; pbrt and Mitsuba call this the sampler); `dapple points` lists them
+    /// Point set (where samples lie; pbrt and Mitsuba call this the sampler); `dapple points` lists all
     #[arg(long, value_name = "NAME[:…]", default_value = dapple_job::DEFAULT_POINTS, value_parser = points)]
     #[arg(help_heading = "Method")]
     pub(crate) points: String,
 
-    /// The filter (the denoiser); `dapple filters` lists them. `none` leaves each pixel the mean of its samples
+    /// Filter (the denoiser); `none` makes each pixel the mean of its own samples. `dapple filters` lists all
     #[arg(long, value_name = "NAME[:…]", default_value = dapple_job::DEFAULT_FILTER, value_parser = filter)]
     #[arg(help_heading = "Method")]
     pub(crate) filter: String,
 
-    /// The integrator (how light is transported); `dapple integrators` lists them
+    /// Integrator (how the radiance of a sample is computed); `dapple integrators` lists all
     #[arg(long, value_name = "NAME", default_value = dapple_job::DEFAULT_INTEGRATOR, help_heading = "Method")]
     pub(crate) integrator: String,
 
-    /// The pixel filter (pbrt's PixelFilter): the scene's, or a box of one pixel
+    /// Pixel filter (pbrt's PixelFilter): that of the scene file, or a box one pixel wide
     #[arg(long, value_name = "SHAPE", default_value = "scene", help_heading = "Method")]
     pub(crate) pixel_filter: PixelShape,
 
@@ -57,17 +58,19 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Method")]
     pub(crate) seed: u64,
 
-    /// Mean samples per pixel, exactly [default: 64, whatever the file suggests]
+    /// Take exactly this mean number of samples per pixel [default: 64, whatever the scene file suggests]
     #[arg(long, value_name = "MEAN", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) spp: Option<f64>,
 
-    /// Render until the predicted relMSE before filtering is this small, or --max-spp is spent; costs some accuracy
+    /// Render until the predicted relMSE of the unfiltered image is at most this value, or every pixel has --max-spp
+    /// samples; predicting costs some accuracy
     #[arg(long, value_name = "RELMSE", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) error: Option<f64>,
 
-    /// Plan and trace for about this many seconds; reading, filtering and writing come on top
+    /// Render for about this many seconds (clustering, planning and tracing); reading, filtering and writing take extra
+    /// time
     #[arg(long, value_name = "SECONDS", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) time: Option<f64>,
@@ -80,96 +83,103 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Bounds")]
     pub(crate) max_spp: Option<u32>,
 
-    /// Most scattering events between camera and light [default: the scene's]
+    /// Largest number of scattering events between camera and light [default: the scene's limit]
     #[arg(long, value_name = "N", help_heading = "Image")]
     pub(crate) max_depth: Option<u32>,
 
-    /// Selection among several lights, and among parts of an environment map: power, uniform or learned
-    /// [default: learned; with --shard, power]
+    /// Rule by which light sampling selects one of several lights, or a part of an environment map: power, uniform or
+    /// learned [default: learned; with --shard, power]
     #[arg(long, alias = "light-choice", value_name = "HOW", value_parser = light_selection)]
     #[arg(help_heading = "Method")]
     pub(crate) light_selection: Option<LightSelection>,
 
-    /// Leave an effect out that the scene calls for; may be given again. `dapple effects` lists what it calls for
+    /// Leave out an effect that the scene uses; may be repeated. `dapple effects` lists a scene's effects
     ///
-    /// Makes a different, cheaper image. A warning reports the difference, and the file's header records the effect.
+    /// The image then differs and costs less. A warning reports the difference, and the header of EXR files records the
+    /// effect.
     #[arg(long, value_name = "EFFECT", help_heading = "Image")]
     pub(crate) without: Vec<Effect>,
 
-    /// Width and height in pixels [default: the scene's]
+    /// Width and height of the full image in pixels [default: the scene's]
     #[arg(long, value_name = "WxH", value_parser = resolution, help_heading = "Image")]
     pub(crate) resolution: Option<[u32; 2]>,
 
-    /// Render this window of the whole image only [default: the scene's]
+    /// Render only this window of the image, in pixels; X1 and Y1 are excluded [default: the scene's crop window]
     ///
-    /// Its bits are those of the whole render with --sampler uniform --filter none --light-selection power; else counts differ.
+    /// With --sampler uniform --filter none --light-selection power, its pixels are the same bits as in a render of the
+    /// whole image. With other settings they may differ.
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop, help_heading = "Image")]
     pub(crate) crop: Option<[u32; 4]>,
 
-    /// Make PNG files brighter by this many powers of two
+    /// Exposure of PNG images in stops; each stop doubles the brightness
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, value_parser = stops, help_heading = "Image")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) exposure: f32,
 
-    /// A folder for maps as PNG: samples, albedo, normals, depth, and the predicted error with --error
+    /// Folder for maps as PNG files: samples, albedo, normals, depth, clusters and predicted error, if the render has
+    /// them
     #[arg(long, value_name = "DIR", help_heading = "Image")]
     pub(crate) maps: Option<PathBuf>,
 
-    /// Keep a checkpoint in this file, now and then and at the end, for --resume FILE
+    /// Write checkpoints to this file, at intervals and at the end, for --resume FILE
     ///
-    /// Written to a temporary file and renamed, so that a crash never destroys it. The previous one is kept as
-    /// FILE.previous; FILE.lock keeps other processes out. Refuses to overwrite an existing checkpoint unless resuming from
-    /// it.
+    /// Each checkpoint is written to a temporary file, then renamed, so that a crash never destroys it. The previous
+    /// checkpoint is kept as FILE.previous, and FILE.lock excludes other processes. An existing checkpoint is
+    /// overwritten only if the render resumes from it.
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
     pub(crate) checkpoint: Option<PathBuf>,
 
-    /// Seconds between checkpoints [default: 60, or longer so that they take at most 1 % of the time; the first after 1]
+    /// Seconds between checkpoints [default: 60, or more if checkpoints would take over 1 % of the time; the first
+    /// after 1]
     #[arg(long, value_name = "SECONDS", value_parser = above_zero, help_heading = "Interruption")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) checkpoint_every: Option<f64>,
 
-    /// Resume from this checkpoint, to the same bits as without interruption, and keep it up to date
+    /// Resume from this checkpoint, and keep writing to it; the image has the same bits as without interruption
     ///
-    /// Give the same arguments as before. The budget may be larger, and the filter may differ if the checkpoint holds the
-    /// data that it reads. With --checkpoint FILE too, a render starts afresh while FILE is missing, so that the same
-    /// command can be repeated.
+    /// Repeat the arguments of the interrupted render. The budget may be larger, and the filter may differ if the
+    /// checkpoint holds the data that it needs. If --checkpoint names the same FILE and it is missing, the render
+    /// starts afresh, so that one command can be repeated until the render is done.
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
     pub(crate) resume: Option<PathBuf>,
 
-    /// Render the I-th of N shards (from 1), every N-th row, for `dapple merge`; -o names a .shard file
+    /// Render shard I of N (from 1): every N-th row of the image, for `dapple merge`; -o names a .shard file
     ///
-    /// Needs --spp and a sampler that plans a priori (uniform, cluster-thesis), so that each machine has the same plan.
+    /// Needs --spp and a sampler that plans without looking at samples (uniform, cluster-thesis), so that every machine
+    /// makes the same plan.
     #[arg(long, value_name = "I/N", value_parser = dapple_job::parse_shard, help_heading = "Interruption")]
     #[arg(conflicts_with_all = ["maps", "json", "time", "error"])]
     pub(crate) shard: Option<Shard>,
 
-    /// Render the description in this file; it replaces SCENE and the options of Method, Budget, Bounds and Image
+    /// Read the description of the render from this JSON file; it replaces SCENE and the options of Method, Budget,
+    /// Bounds and Image (except --exposure and --maps)
     #[arg(long, value_name = "FILE", help_heading = "Description")]
     pub(crate) spec: Option<PathBuf>,
 
-    /// Print the description of the render as JSON, for --spec, and render nothing
+    /// Print the description of the render as JSON, for --spec, without rendering
     #[arg(long, help_heading = "Description")]
     pub(crate) print_spec: bool,
 
-    /// Memory limit, such as 2G, 500M or plain bytes; a render that needs more is refused [default: the machine's]
+    /// Memory limit, such as 2G, 500M or a number of bytes; larger renders are refused [default: the machine's memory]
     ///
-    /// The summary prints the estimate: scene and film, and the largest of sampler, filter and file writing.
+    /// The summary prints the estimated memory: scene, film and sampler, and the largest of planning, filter and file
+    /// writing.
     #[arg(long, value_name = "SIZE", value_parser = size)]
     pub(crate) memory: Option<u64>,
 
-    /// Threads to use; 0 is one per core
+    /// Number of threads; 0 is one per core
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
     pub(crate) threads: u16,
 
-    /// Warn about unsupported features and render without them, instead of refusing the scene
+    /// Render without unsupported features of the scene, with warnings, instead of refusing it
     #[arg(long)]
     pub(crate) allow_unsupported: bool,
 
-    /// Print one line of JSON rather than a summary; no progress
+    /// Print one line of JSON instead of the summary; show no progress
     #[arg(long)]
     pub(crate) json: bool,
 
-    /// No progress and no summary; warnings remain
+    /// Show no progress and no summary; warnings are still printed
     #[arg(short, long, conflicts_with = "json")]
     pub(crate) quiet: bool,
 }
@@ -196,17 +206,17 @@ impl From<PixelShape> for PixelFilterSpec {
     }
 }
 
-/// The shape of a pixel.
+/// The choice of the pixel filter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum PixelShape {
-    /// The scene's pixel filter
+    /// The pixel filter in the scene file
     Scene,
-    /// A box of one pixel
+    /// A box one pixel wide
     Box,
 }
 
 impl RenderArgs {
-    /// The description of the render, from `--spec` or from the other options.
+    /// Makes the description of the render, from `--spec` or from the other options.
     pub(crate) fn spec(&self) -> Result<RenderSpec> {
         let spec = match &self.spec {
             Some(path) => {
@@ -246,7 +256,7 @@ impl RenderArgs {
         spec
     }
 
-    /// The checkpoint files to write and to resume from.
+    /// The options for the checkpoint files to write and to resume from.
     pub(crate) fn checkpoints(&self) -> CheckpointOptions {
         let mut options = CheckpointOptions::default();
         options.keep.clone_from(&self.checkpoint);
@@ -255,7 +265,7 @@ impl RenderArgs {
         options
     }
 
-    /// Checks the options that the description does not contain.
+    /// Checks the options that are not part of the description: checkpoints, shards and outputs.
     fn check(&self, spec: &RenderSpec) -> std::result::Result<(), String> {
         if self.checkpoint_every.is_some() && self.checkpoint.is_none() && self.resume.is_none() {
             return Err("--checkpoint-every needs --checkpoint FILE or --resume FILE".into());

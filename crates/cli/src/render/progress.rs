@@ -1,4 +1,4 @@
-//! Progress bar and Ctrl-C handling.
+//! The progress bar of a render, and the stop of the render on Ctrl-C.
 
 use super::Show;
 use crate::output;
@@ -14,20 +14,20 @@ const STEPS: u64 = 1000;
 pub(super) struct Progress {
     bar: ProgressBar,
     stop: Stop,
-    /// Hides the progress bar and notes.
+    /// True hides the progress bar and notes.
     silent: bool,
     pixels: f64,
-    /// The number of machines that share the image.
+    /// The number of shards of the image; 1 without shards.
     shards: f64,
     error: Option<f64>,
-    /// The round and the predicted relMSE at its beginning.
+    /// The index of the present round of samples, and the predicted relMSE at the beginning of the round.
     predicted: (u32, Option<f64>),
 }
 
 impl Progress {
     pub(super) fn new(show: &Show<'_>, stop: Stop) -> Self {
         let silent = show.json || show.quiet;
-        // Hidden by itself where stderr is no terminal.
+        // The bar hides itself if stderr is not a terminal.
         let target = if silent { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
         let bar = ProgressBar::with_draw_target(Some(STEPS), target);
         if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {msg}") {
@@ -36,7 +36,7 @@ impl Progress {
         Self { bar, stop, silent, pixels: 1.0, shards: 1.0, error: None, predicted: (u32::MAX, None) }
     }
 
-    /// Takes the image's size and the budget from a job.
+    /// Sets the image's size and the budget from a job.
     pub(super) fn begin(&mut self, job: &Job) {
         self.pixels = job.frame().pixels() as f64;
         self.shards = f64::from(job.spec().shard.map_or(1, |shard| shard.of()));
@@ -58,7 +58,7 @@ impl Progress {
         let share = share.clamp(0.0, 1.0);
         let mut message = format!("{:.1} spp, round {}", status.samples as f64 / self.pixels, status.round + 1);
         if let Some(goal) = self.error {
-            // It reads the whole film: once per round is enough.
+            // The prediction reads the whole film, and is therefore made only once per round.
             if self.predicted.0 != status.round {
                 self.predicted = (status.round, status.film.predicted_relmse());
             }

@@ -1,20 +1,20 @@
-//! The result of a render, as a JSON line and as a summary.
+//! Formatting of a render's result as a line of JSON and as a summary.
 
 use dapple_job::memory::{MemoryEstimate, resident, size};
 use dapple_job::{Job, PhaseSeconds, RenderedImage};
 use dapple_scene::Effects;
 use serde::Serialize;
 
-/// A finished image with its job, to report on.
+/// A finished image with its job, from which the result is formatted.
 pub(super) struct Report<'a> {
     pub(super) job: &'a Job,
     pub(super) image: &'a RenderedImage,
     pub(super) cpu: Option<f64>,
-    /// The estimated memory; `None` for shards merged from other machines.
+    /// The estimated memory of the render; `None` for merged shards, which other machines rendered.
     pub(super) expected: Option<&'a MemoryEstimate>,
 }
 
-/// The JSON line; its keys have the order of the fields. An unknown value is null.
+/// The JSON line that is printed; its keys have the order of the fields. An unknown value is null.
 #[derive(Serialize)]
 struct Line<'a> {
     scene: &'a str,
@@ -37,7 +37,7 @@ struct Line<'a> {
 }
 
 impl Report<'_> {
-    /// Formats the result as one line of JSON.
+    /// Formats the result of the render as one line of JSON.
     pub(super) fn json(&self) -> String {
         let (job, image, record) = (self.job, self.image, self.image.film.record());
         let line = Line {
@@ -59,11 +59,11 @@ impl Report<'_> {
             effects: Effects::of(job.scene()).called().iter().map(|c| c.effect.name()).collect(),
             without: job.prepared().without().iter().map(|e| e.name()).collect(),
         };
-        // Plain numbers and text cannot fail.
+        // Serialising plain numbers and text cannot fail.
         serde_json::to_string(&line).unwrap_or_default()
     }
 
-    /// Formats the result as a few lines of text.
+    /// Formats the result of the render as a few lines of text.
     pub(super) fn summary(&self) -> String {
         let (job, image, film) = (self.job, self.image, &self.image.film);
         let [w, h] = film.frame().size();

@@ -5,113 +5,116 @@ use crate::{Failure, Result};
 use dapple_study::{External, Method, Plan, PlanPatch, ScenePlan, StudyError, split_names};
 use std::path::PathBuf;
 
-/// Measure accuracy against time: samplers x filters x budgets x seeds over scenes
+/// Measure error against render time: samplers x point sets x filters x budgets x seeds over scenes
 ///
-/// Every combination is rendered with every seed, timed and compared with a reference: at the same numbers of samples
-/// per pixel, and in the time that the baseline takes. Methods take turns run by run, so that a machine that slows
-/// down does so for all. Each finished run is a line of runs.jsonl in the folder DIR. The same command resumes a study
-/// that was stopped or killed.
+/// Every combination is rendered with every seed, timed and compared with a reference. Methods are compared at the same
+/// samples per pixel, and in the time that the baseline takes. Methods alternate run by run, so that a slower machine
+/// affects all of them. Each finished run is a line of runs.jsonl in the folder DIR. The same command resumes a stopped
+/// or killed study.
 ///
-/// All images are made with a box of one pixel as their pixel filter. References are rendered once, by points that
-/// no method uses, in two halves whose difference tells their own error.
+/// The pixel filter of all images is a box one pixel wide. References are rendered once, with a point set that no
+/// method uses, in two halves whose difference estimates the reference's own error.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct StudyArgs {
-    /// Scene files, models, bundled scenes, or names of scenes of the plan [default: teapot terrain]
+    /// Scene files, models, bundled scenes, or names of scenes in the plan [default: teapot terrain]
     #[arg(value_name = "SCENE")]
     scenes: Vec<String>,
 
-    /// A plan in TOML, with these options as its keys; options given here override it
+    /// Plan as a TOML file, with keys like these options; options on the command line override it
     #[arg(long, value_name = "FILE")]
     plan: Option<PathBuf>,
 
-    /// The folder for all results
+    /// Folder for all results
     #[arg(short, long = "output", value_name = "DIR", default_value = "study")]
     pub(super) output: PathBuf,
 
-    /// Samplers, by commas or one at a time [default: uniform,variance,cluster-thesis]
+    /// Samplers, separated by commas or by repeating the option [default: uniform,variance,cluster-thesis]
     ///
-    /// A comma before key=value belongs to the name before it: `mitchell:mode=budget,radius=2,variance` are two.
+    /// After a comma, key=value is a parameter of the preceding name: `mitchell:mode=budget,radius=2,variance` are two
+    /// samplers.
     #[arg(long, value_name = "NAME[:key=value,…],…", help_heading = "Methods")]
     samplers: Vec<String>,
 
-    /// Point sets, each with every sampler and filter [default: sobol]
+    /// Point sets, each combined with every sampler and filter [default: sobol]
     #[arg(long, value_name = "NAME[:…],…", help_heading = "Methods")]
     points: Vec<String>,
 
-    /// Filters, each with every sampler [default: none,gaussian]
+    /// Filters (denoisers), each combined with every sampler and point set [default: none,gaussian]
     #[arg(long, value_name = "NAME[:…],…", help_heading = "Methods")]
     filters: Vec<String>,
 
-    /// One method, by itself; may be given again. Points are sobol and the filter is none by default
+    /// Single method; may be repeated. Points default to sobol, the filter to none
     ///
-    /// Besides those of --samplers; without these, all there are.
+    /// Adds to the combinations of --samplers, --points and --filters. Without --samplers, these methods are the only
+    /// ones.
     #[arg(long = "method", value_name = "SAMPLER[/POINTS[/FILTER]]", help_heading = "Methods")]
     methods: Vec<Method>,
 
-    /// An external program as a filter, by its name for --filters and --method; may be given again
+    /// External program as a filter, which --filters and --method can use by NAME; may be repeated
     ///
-    /// It reads the unfiltered image with albedo and normal (EXR) and writes an image (EXR or PFM). No shell reads the
-    /// arguments. A last line {"seconds": 0.25} is its time; without one, the wall's.
+    /// The program reads the unfiltered image with albedo, normals and depth (EXR), and writes an image (EXR or PFM).
+    /// No shell interprets the arguments. A last line of output such as {"seconds": 0.25} sets its time; without such a
+    /// line, its wall time counts.
     #[arg(long, value_name = "NAME=PROGRAM {input} {output}", help_heading = "Methods")]
     external: Vec<External>,
 
-    /// The method that the others are compared with [default: uniform/sobol/none]
+    /// Method with which the others are compared [default: uniform/sobol/none]
     #[arg(long, value_name = "SAMPLER[/POINTS[/FILTER]]", help_heading = "Methods")]
     baseline: Option<Method>,
 
-    /// Samples per pixel [default: 4,8,16,32]
+    /// Budgets in mean samples per pixel [default: 4,8,16,32]
     #[arg(long, value_name = "N,…", value_delimiter = ',', help_heading = "Budgets")]
     spp: Vec<u64>,
 
-    /// Number of seeds; each combination is rendered with each [default: 8]
+    /// Number of seeds; each method is rendered once per seed and budget [default: 8]
     #[arg(long, value_name = "N", help_heading = "Budgets")]
     #[arg(value_parser = clap::value_parser!(u64).range(1..=100_000))]
     seeds: Option<u64>,
 
-    /// Equal-time runs take as long as the baseline with N spp, one of --spp; 0 leaves them out [default: the largest
-    /// but one]
+    /// Equal-time runs take as long as the baseline with N samples per pixel, one of --spp; 0 leaves them out [default:
+    /// the second largest]
     #[arg(long, value_name = "N", help_heading = "Budgets")]
     time_of: Option<u64>,
 
-    /// Compare with this image; given again for each scene, in their order
+    /// Reference image of a scene; repeat it for each SCENE, in the same order
     #[arg(long, value_name = "FILE", help_heading = "References", conflicts_with = "reference_spp")]
     reference: Vec<PathBuf>,
 
-    /// Samples per pixel of rendered references [default: 1024]
+    /// Samples per pixel of rendered reference images [default: 1024]
     #[arg(long, value_name = "N", help_heading = "References")]
     reference_spp: Option<u64>,
 
-    /// Keep rendered references in this folder, where other studies find them
+    /// Folder for rendered references that several studies share [default: in the study's folder]
     #[arg(long, value_name = "DIR", help_heading = "References")]
     pub(super) references: Option<PathBuf>,
 
-    /// Width and height in pixels [default: the reference file's, else 128x128]
+    /// Width and height of images in pixels [default: the reference file's, else 128x128]
     #[arg(long, value_name = "WxH", value_parser = resolution)]
     resolution: Option<[u32; 2]>,
 
-    /// Most scattering events between camera and light [default: each scene's]
+    /// Largest number of scattering events between camera and light [default: the limit in each scene]
     #[arg(long, value_name = "N")]
     max_depth: Option<u32>,
 
-    /// Threads to use; 0 is one per core
+    /// Number of threads; 0 is one per core
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(..=1024))]
     threads: Option<u16>,
 
-    /// Make each run in a process of its own: none profits from another's warm caches, at the price of reading the
-    /// scene each time
+    /// Start a new process for each run, so that no run profits from caches of another one; the scene is read for every
+    /// run
     #[arg(long)]
     fresh: bool,
 
-    /// A study of under a minute: 64x64 pixels, 4 seeds, 4, 8 and 16 spp by default
+    /// Make a study of less than a minute: by default 64x64 pixels, 4 seeds, and 4, 8 and 16 samples per pixel
     #[arg(long)]
     quick: bool,
 
-    /// List what the renderer cannot do as warnings, rather than refusing a scene
+    /// Render without unsupported features of scenes, with warnings, instead of refusing them
     #[arg(long)]
     allow_unsupported: bool,
 
-    /// No progress and no list of files; warnings remain
+    /// Show no progress and no list of files; warnings are still printed
     #[arg(short, long)]
     pub(super) quiet: bool,
 }
@@ -147,11 +150,11 @@ pub(super) enum Wrong {
 }
 
 impl StudyArgs {
-    /// The plan: the settings of the plan file, overridden by the arguments.
+    /// Makes the plan: the settings of the plan file, overridden by the arguments.
     pub(super) fn plan(&self) -> std::result::Result<Plan, Wrong> {
         let file = self.file().map_err(Wrong::File)?;
         let arguments = self.draft(&file).map_err(Wrong::Arguments)?;
-        // Underscores are the file's way of writing.
+        // Keys of plan files have underscores, and options have hyphens.
         let flag = |e: dapple_study::PlanError| format!("--{}: {}", e.key.replace('_', "-"), e.message);
         file.merge(arguments).resolve().map_err(|e| Wrong::Arguments(flag(e)))
     }
@@ -187,7 +190,8 @@ impl StudyArgs {
             .quick(said(self.quick)))
     }
 
-    /// The scenes from the arguments, else those of the plan file, with the references from the arguments.
+    /// The scenes from the arguments, or else from the plan file, with the reference files from the arguments. `None`
+    /// if the arguments set neither scenes nor references.
     fn scenes(&self, file: &PlanPatch) -> std::result::Result<Option<Vec<ScenePlan>>, String> {
         let planned = |name: &str| file.scenes.iter().flatten().find(|s| s.name.as_deref() == Some(name)).cloned();
         let named: Vec<ScenePlan> =

@@ -1,4 +1,4 @@
-//! Progress bar and Ctrl-C handling.
+//! The progress bar of a study, and the stop of the study on Ctrl-C.
 
 use crate::output;
 use crate::stop::Stop;
@@ -17,7 +17,7 @@ pub(super) struct Bar {
 
 impl Bar {
     pub(super) fn new(quiet: bool, stop: Stop) -> Self {
-        // Hidden by itself where stderr is no terminal.
+        // The bar hides itself if stderr is not a terminal.
         let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
         let bar = ProgressBar::with_draw_target(Some(STEPS), target);
         if let Ok(style) = ProgressStyle::with_template("{bar:20} {percent:>3} %  {wide_msg}") {

@@ -16,8 +16,8 @@ pub fn kept(p: f64, pilot: u32, total: u32) -> f64 {
     ones + (first * p - first * ones + (all - first) * p * mixed) / all
 }
 
-/// The expected value of such a pixel if a pilot whose samples differ is discarded and an even one is kept, as in
-/// pbrt-v2.
+/// The expected value of a pixel whose samples are 1 with probability `p`, else 0. A pilot of `pilot` samples is
+/// discarded if its samples differ and kept if they are equal, as in pbrt-v2.
 pub fn refined(p: f64, pilot: u32) -> f64 {
     let [ones, mixed] = outcomes(p, pilot);
     ones + mixed * p
@@ -44,11 +44,11 @@ impl Integrator for Bernoulli {
 /// all equal, and all samples are kept.
 #[derive(Clone, Copy, Debug)]
 pub struct Naive<P> {
-    /// The point set.
+    /// The point set that supplies the samples' random numbers.
     pub points: P,
-    /// Samples per pixel of the pilot.
+    /// The number of pilot samples per pixel.
     pub pilot: u32,
-    /// Samples in all of a pixel whose pilot's samples differ.
+    /// The total number of samples of a pixel whose pilot samples differ.
     pub total: u32,
 }
 
@@ -89,7 +89,7 @@ pub fn image_mean(film: &Film) -> f64 {
 pub struct Pixels {
     /// The number of kept samples of each pixel.
     pub counts: Vec<f64>,
-    /// The mean of each pixel, of one channel or over channels.
+    /// The mean radiance of each pixel, of one channel or over channels.
     pub values: Vec<f64>,
 }
 

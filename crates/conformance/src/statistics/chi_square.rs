@@ -3,7 +3,7 @@
 
 use super::levels::gamma_q;
 
-/// The p-value of observed counts per cell against expected ones.
+/// The chi-square test's p-value of observed counts per cell against expected ones.
 ///
 /// Cells that expect fewer than 5 samples are pooled in ascending order. A sample in a cell that expects less than 1e-9
 /// is impossible, and the p-value is 0.

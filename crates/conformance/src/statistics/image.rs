@@ -7,7 +7,8 @@ use super::mean::{Mean, MeanTest};
 const BLOCK: usize = 8;
 /// The |z| above which a block is an outlier; 5 % of blocks are by chance.
 const OUTLYING: f64 = 1.96;
-/// The number of bootstrap resamples for the spread of the pooled statistics.
+/// The number of bootstrap resamples that estimate the spread of the pooled statistics (number of outliers, sum of
+/// squared z).
 const RESAMPLES: usize = 200;
 
 /// The p-values of an image test. Each is adjusted for the number of blocks or channels of which it is the smallest.
@@ -46,7 +47,7 @@ pub fn images(width: usize, a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]) -> ImageTe
 ///
 /// # Panics
 ///
-/// As [`images`].
+/// If there are fewer than 2 replicates, or sizes differ.
 pub fn image(width: usize, replicates: &[Vec<[f64; 3]>], exact: &[[f64; 3]]) -> ImageTest {
     let exact = Group::new(width, std::slice::from_ref(&exact.to_vec()));
     test(&Group::new(width, replicates), None, Some(&exact.blocks[0]))
@@ -84,12 +85,12 @@ impl Group {
         self.blocks.iter().map(mean).collect()
     }
 
-    /// Mean `k` of the blocks and channels, over the replicates in `chosen`.
+    /// The mean of figure `k` (a block's mean in one channel) over the replicates in `chosen`.
     fn figure(&self, k: usize, chosen: impl Iterator<Item = usize>) -> Mean {
         chosen.map(|r| self.blocks[r][k]).collect()
     }
 
-    /// The group with the mean over replicates subtracted from each block.
+    /// Returns the group with each block's mean over replicates subtracted.
     fn centred(&self) -> Self {
         let n = self.blocks.len() as f64;
         let mean = |k: usize| self.blocks.iter().map(|r| r[k]).sum::<f64>() / n;
@@ -128,7 +129,7 @@ fn test(a: &Group, b: Option<&Group>, exact: Option<&Vec<f64>>) -> ImageTest {
     ImageTest { blocks: adjusted(worst.p(), figures), global: adjusted(global, 3), outliers, spread }
 }
 
-/// The pooled statistics: the number of z values that are outliers, and the sum of squares of all.
+/// The pooled statistics: the number of z values that are outliers, and the sum of all squared z values.
 fn pooled(deviates: impl Iterator<Item = f64>) -> [f64; 2] {
     let mut sums = [0.0; 2];
     for z in deviates {
@@ -138,7 +139,7 @@ fn pooled(deviates: impl Iterator<Item = f64>) -> [f64; 2] {
     sums
 }
 
-/// The p-values of the pooled statistics.
+/// The p-values of the pooled statistics: the number of outliers, and the sum of squared z values.
 ///
 /// Blocks and channels are correlated, by light that covers several and by their common budget. So the spread of the
 /// statistics comes from bootstrap resamples. A scaled chi-square distribution of the same mean and variance gives the

@@ -5,7 +5,7 @@ use dapple_metrics::student_t_quantile;
 /// The false-alarm probability of a whole family of tests.
 pub const FAMILY: f64 = 1e-6;
 
-/// The significance level of each of `tests` tests, so that any raises a false alarm with probability `alpha` (Sidak).
+/// The significance level of each of `tests` tests, at which the probability of any false alarm is `alpha` (Sidak).
 pub fn sidak(alpha: f64, tests: usize) -> f64 {
     -((-alpha).ln_1p() / tests as f64).exp_m1()
 }
@@ -57,7 +57,8 @@ pub fn gamma_q(a: f64, x: f64) -> f64 {
     front * h
 }
 
-/// The one-sided critical value of the normal distribution, `P(Z > z) = alpha`, by bisection on [`normal_tail`].
+/// The one-sided critical value `z` of the standard normal distribution, `P(Z > z) = alpha`, by bisection on
+/// [`normal_tail`].
 pub fn critical(alpha: f64) -> f64 {
     let (mut low, mut high) = (0.0, 40.0);
     for _ in 0..100 {
@@ -67,13 +68,13 @@ pub fn critical(alpha: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// `P(Z > z)` for z >= 0.
+/// The upper tail probability `P(Z > z)` of the standard normal distribution, for z >= 0.
 pub fn normal_tail(z: f64) -> f64 {
     0.5 * gamma_q(0.5, 0.5 * z * z)
 }
 
-/// `P(T > t)` of Student's t distribution for t >= 0, computed from its quantile. The relative error is 1e-10 down to
-/// 1e-300. Infinite degrees of freedom give the normal tail.
+/// The upper tail probability `P(T > t)` of Student's t distribution for t >= 0, computed from its quantile. The
+/// relative error is 1e-10 down to 1e-300. Infinite degrees of freedom give the normal tail.
 pub fn student_tail(t: f64, degrees_of_freedom: f64) -> f64 {
     if t.is_nan() || t <= 0.0 {
         return if t <= 0.0 { 0.5 } else { f64::NAN };

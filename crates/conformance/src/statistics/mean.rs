@@ -19,7 +19,7 @@ pub enum Verdict {
 pub struct Mean {
     /// The number of values.
     pub n: u64,
-    /// The mean.
+    /// The mean of the values.
     pub mean: f64,
     m2: f64,
 }
@@ -33,7 +33,7 @@ impl FromIterator<f64> for Mean {
 }
 
 impl Mean {
-    /// Adds a value.
+    /// Adds a value to the mean.
     pub fn add(&mut self, x: f64) {
         self.n += 1;
         let d = x - self.mean;
@@ -91,14 +91,14 @@ impl Mean {
     }
 }
 
-/// The outcome of a test of means.
+/// The outcome of a t-test of a mean.
 #[derive(Clone, Copy, Debug)]
 pub struct MeanTest {
     /// The mean minus the reference.
     pub difference: f64,
     /// The standard error of the difference.
     pub standard_error: f64,
-    /// The degrees of freedom of t.
+    /// The degrees of freedom of Student's t.
     pub degrees_of_freedom: f64,
 }
 
@@ -124,7 +124,7 @@ impl MeanTest {
     }
 }
 
-/// The outcome of [`decide`].
+/// The outcome of the sequential equivalence test [`decide`].
 #[derive(Clone, Copy, Debug)]
 pub struct Decided {
     /// The verdict; [`Verdict::Fail`] if the cap leaves it undecided.
@@ -135,8 +135,8 @@ pub struct Decided {
 
 /// Tests that the expectation of `draw` lies within `delta` of `reference`, with as many samples as needed.
 ///
-/// It starts with `first` samples and doubles their number while undecided, up to `cap`, where undecided counts as
-/// failed. A false claim passes with probability `alpha` at most, over all steps together.
+/// The test starts with `first` samples and doubles their number while undecided, up to `cap`, where undecided counts
+/// as failed. A false claim passes with probability `alpha` at most, over all steps together.
 pub fn decide(reference: f64, delta: f64, alpha: f64, first: u64, cap: u64, mut draw: impl FnMut() -> f64) -> Decided {
     let looks = (cap / first).max(1).ilog2() as usize + 1;
     let level = sidak(alpha, looks);

@@ -1,4 +1,4 @@
-//! The ladder of well-stratified counts.
+//! The ladder: sample counts at which low-discrepancy points are well stratified.
 
 use super::{Allocation, Steps, all_equal, clean, share_out};
 use crate::{Error, Needs};
@@ -25,7 +25,7 @@ use crate::{Error, Needs};
 pub enum Ladder {
     /// The ladder for one sequence of points per pixel: 1, 2, 3, 4, 6, 8, …
     Whole,
-    /// Twice these counts, for films that split each pixel's samples into two halves ([`Needs::halves`]).
+    /// The ladder 2, 4, 6, 8, 12, 16, …, for films that split each pixel's samples into two halves ([`Needs::halves`]).
     Halves,
 }
 
@@ -40,7 +40,7 @@ impl Ladder {
         self.rung_after(n).unwrap_or(u32::MAX)
     }
 
-    /// The largest count on the ladder that is at most `n`; `n` itself below the first.
+    /// The largest count on the ladder that is at most `n`; `n` itself if it is below the first count.
     pub fn floor(self, n: u32) -> u32 {
         let mut rung = n.min(1);
         let mut next = self.next(0);
@@ -51,8 +51,9 @@ impl Ladder {
         rung
     }
 
-    /// Allocates as [`allocate`](super::allocate), with counts on this ladder and an error that falls as `n^-exponent`.
-    /// The exponent is 1 for independent samples, and about 1.3 for images sampled with low-discrepancy nets.
+    /// Allocates samples to pixels as [`allocate`](super::allocate), but with counts on this ladder and a pixel error
+    /// that falls as `n^-exponent`. The exponent is 1 for independent samples, and about 1.3 for images sampled with
+    /// low-discrepancy nets.
     ///
     /// At most one pixel whose floor is on the ladder gets a count off it, so that the sum is exact. More do only if
     /// the budget fills every pixel to the last rung below `ceiling`. If all scores are equal, counts differ by at most
@@ -97,19 +98,19 @@ impl Ladder {
     }
 }
 
-/// The counts of a ladder with the error `f(n) = n^-exponent`.
+/// The counts of a ladder, for a pixel error `f(n) = n^-exponent`.
 struct Rungs {
     rungs: Vec<u32>,
-    /// For each rung, the gain per sample of the step up to it; descending.
+    /// For each count (rung), the error decrease per sample of the step up to it; descending.
     gains: Vec<f64>,
-    /// For each bucket of thresholds (see [`bucket`]), the number of rungs whose gain exceeds every threshold in the
-    /// bucket.
+    /// For each bucket of thresholds (see [`bucket`]), the number of rungs whose error decrease per sample exceeds
+    /// every threshold in the bucket.
     sure: Vec<u8>,
     exponent: f64,
 }
 
-/// The number of the bucket that holds a threshold. Buckets span an eighth of a power of two each from 2^-256 to 1; one
-/// more lies at either end.
+/// The index of the bucket that holds a threshold. Each octave from 2^-256 to 2 has eight equal buckets. The first
+/// bucket also holds all smaller thresholds; one more bucket holds all larger ones.
 fn bucket(threshold: f64) -> usize {
     const LOWEST: u64 = (1023 - 256) << 3;
     const HIGHEST: u64 = 1024 << 3;

@@ -5,20 +5,20 @@ use crate::Error;
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
-/// The units in a sample, as a power of two. Shares are integers in these units, so that sums do not depend on the
-/// order.
+/// The binary logarithm of the number of units in a sample. Shares of the budget are integers of these units, so that
+/// sums do not depend on the order.
 const QUANTUM_BITS: u32 = 20;
 const QUANTA: f64 = (1u64 << QUANTUM_BITS) as f64;
-/// The number of pixels per partial sum: 2048 shares below 2^52 units fit into 64 bits.
+/// The number of pixels per partial sum. The sum of 2048 shares below 2^52 units fits into 64 bits.
 const CHUNK: usize = 2048;
-/// The largest number of rounds of redistribution; about ten suffice if weights span a few decades.
+/// The largest number of steps in [`find_factor`]'s search; about ten suffice if weights span a few decades.
 const MOST_ROUNDS: u32 = 64;
 
 /// Shares out exactly `total` samples in proportion to `weights`.
 ///
 /// Pixel `p` gets `base + factor * weights[p]`, clamped to `floors[p]` and `ceiling` (a floor above the ceiling wins).
 /// The factor is common to all pixels, and such that the counts sum to `total`. Fractions are rounded by largest
-/// remainder. Ties go to the larger weight, then by a hash of the pixel's number.
+/// remainder. Ties go to the larger weight, then by a hash of the pixel's index.
 ///
 /// [`allocate`](crate::allocate()) takes squared errors and returns counts proportional to their root. This function
 /// takes the proportions of the counts themselves, for samplers that compute priorities rather than variances. Counts
@@ -80,7 +80,7 @@ pub fn share(weights: &[f64], base: u32, floors: &[u32], ceiling: u32, total: u6
     let left = total - counts.iter().map(|&n| u64::from(n)).sum::<u64>();
     let open = counts.iter().filter(|n| **n < ceiling).count();
     if left > open as u64 {
-        // Weights that differ by tens of decades cut the search off far from its end.
+        // If weights differ by tens of decades, the search stops far from its goal.
         return Ok(Allocation { counts: level(&counts, ceiling, total), unspent: 0, replaced });
     }
     hand_out_remainders(&shares, &weights, &mut counts, ceiling, left as usize);
@@ -134,7 +134,7 @@ fn find_factor(first: f64, goal: u128, close: u128, spend: impl Fn(f64) -> u128)
 }
 
 /// Adds one sample to each of the `left` pixels with the largest fractional shares, among those below the ceiling. Ties
-/// go to the larger weight, then by a hash of the pixel's number.
+/// go to the larger weight, then by a hash of the pixel's index.
 fn hand_out_remainders(shares: &[u64], weights: &[f64], counts: &mut [u32], ceiling: u32, mut left: usize) {
     if left == 0 {
         return;

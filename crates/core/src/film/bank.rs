@@ -1,8 +1,8 @@
-//! One bank of a film: the statistics of kept or of discarded samples, of one half or of all.
+//! A bank of a film: the statistics of kept or of discarded samples, of one half or of all.
 
 use crate::{Needs, RgbMoments};
 
-/// The smallest and the largest value of red, green, blue and luminance.
+/// The smallest and the largest value of red, green, blue and luminance among a set of samples.
 pub(crate) type Range = [[f32; 4]; 2];
 
 /// The range of an empty set of samples.
@@ -14,15 +14,15 @@ pub fn luminance([r, g, b]: [f64; 3]) -> f64 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
-/// The statistics of all pixels: of kept or of discarded samples, of one half or of all.
+/// Per-pixel statistics of one set of samples: kept in the image or discarded, in one half or all.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Bank {
     pub(crate) counts: Vec<u64>,
     pub(crate) means: Vec<[f64; 3]>,
     pub(crate) m2: Vec<[f64; 3]>,
     pub(crate) ranges: Vec<Range>,
-    /// Per pixel, the number of withdrawn samples, by which the next sample's index exceeds the count. Empty until
-    /// samples are withdrawn.
+    /// Per pixel, the difference between the next sample's index and the count, caused by withdrawn samples. Positive
+    /// in the bank that gave samples away, negative in the bank that got them. Empty until samples are withdrawn.
     pub(crate) ahead: Vec<i64>,
 }
 
@@ -41,12 +41,13 @@ impl Bank {
         RgbMoments { count: self.counts[i], mean: self.means[i], m2: self.m2.get(i).copied().unwrap_or([f64::NAN; 3]) }
     }
 
-    /// The index of pixel `i`'s next sample in its stream.
+    /// The index of pixel `i`'s next sample in its stream (point sequence).
     pub(crate) fn next_index(&self, i: usize) -> u64 {
         index(self.counts[i], self.ahead.get(i))
     }
 
-    /// Moves the samples of the marked pixels from this bank to `other`. Neither bank reuses a sample index later.
+    /// Moves the samples of the pixels marked in `withdrawn` from this bank's statistics to those of `other`. Neither
+    /// bank reuses a sample index later.
     pub(super) fn withdraw_into(&mut self, other: &mut Self, withdrawn: &[bool]) {
         let pixels = self.counts.len();
         for bank in [&mut *self, &mut *other] {
@@ -71,7 +72,7 @@ impl Bank {
     }
 }
 
-/// The stream index of the next sample, from the count of a pixel and its entry in [`Bank::ahead`].
+/// The index of a pixel's next sample in its point sequence, from the pixel's count and its entry in [`Bank::ahead`].
 #[inline]
 pub(crate) fn index(count: u64, ahead: Option<&i64>) -> u64 {
     count.wrapping_add_signed(ahead.copied().unwrap_or(0))

@@ -3,7 +3,8 @@
 use super::Film;
 
 impl Film {
-    /// The estimated squared error of pixel `i`'s mean, per channel. `None` without halves, or if a half is empty.
+    /// The estimated squared error of pixel `i`'s mean, per channel. `None` in a film without halves, or if a half of
+    /// the pixel has no samples.
     ///
     /// The estimate comes from the difference of the means A and B of the two halves, which are scrambled
     /// independently: `E (A - B)^2 = var A + var B`. That sum is split by sample counts, for a pixel mean of `w A + (1
@@ -24,7 +25,8 @@ impl Film {
         Some(error)
     }
 
-    /// [`Film::squared_error`] of every pixel, as the mean over the channels; `None` without halves.
+    /// The estimated squared error of every pixel's mean, averaged over the channels ([`Film::squared_error`]).
+    /// Infinite if a half of the pixel has no samples. `None` in a film without halves.
     pub fn squared_errors(&self) -> Option<Vec<f32>> {
         if self.kept.len() != 2 {
             return None;

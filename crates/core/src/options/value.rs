@@ -7,13 +7,14 @@ pub trait OptionValue: Sized {
     /// Parses `text`; `None` if it is not a value of this type.
     fn from_text(text: &str) -> Option<Self>;
 
-    /// The value as text that [`OptionValue::from_text`] reads back.
+    /// The value as text, which [`OptionValue::from_text`] parses to the same value.
     fn text(&self) -> String;
 
-    /// A phrase for messages about the values that parse; `allowed` is the declared range.
+    /// A noun phrase for error messages that describes the accepted values. `allowed` is the parameter's declared
+    /// range, in words.
     fn wanted(allowed: Option<&str>) -> String;
 
-    /// Parses `value` for the parameter `name`; `allowed` is the declared range, for the message.
+    /// Parses `value` for the parameter `name`. `allowed` is the declared range, for the error message.
     ///
     /// # Errors
     ///

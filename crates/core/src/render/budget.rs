@@ -9,12 +9,12 @@ pub(super) struct Meter {
     min_spp: u32,
     max_spp: u32,
     total: u64,
-    /// The number of plans so far, for replaying a record.
+    /// The number of plans so far; it indexes the budgets of a replayed record.
     barrier: usize,
 }
 
-/// The fraction of a time limit that the first estimate reserves for a last round, when the sampling rate is known
-/// better.
+/// The fraction of the remaining time that the plan after the first round reserves for a last round, when the sampling
+/// rate is known better.
 const RESERVE: f64 = 0.1;
 /// The least remaining time for which another round is planned, as a fraction of the time limit.
 const ENOUGH: f64 = 0.03;
@@ -83,13 +83,13 @@ impl Meter {
         Ok(())
     }
 
-    /// The budget of the last plan, with the samples spent since.
+    /// The budget of the last plan; its `spent` is the number of samples traced up to now.
     pub(super) fn left(&self, film: &Film) -> BudgetLeft {
         let spent = film.record().samples;
         BudgetLeft { spent, total: self.total, min_spp: self.min_spp, max_spp: self.max_spp }
     }
 
-    /// The budget for planning round `round`, after `seconds` of rendering.
+    /// Returns the budget for planning round `round`, after `seconds` of rendering.
     pub(super) fn show(&mut self, film: &Film, round: u32, seconds: f64) -> BudgetLeft {
         match &self.budget {
             Budget::Recorded(totals) => {

@@ -17,15 +17,16 @@ use std::slice::ChunksMut;
 
 /// The side, in pixels, of the blocks in which training data is summed.
 const BLOCK: usize = 16;
-/// The target duration of a slice in seconds, and so the interval between calls of the monitor. A single row of pixels
-/// may take longer.
+/// The target duration in seconds of a slice, the work between two calls of the monitor. A single row of pixels may
+/// take longer.
 const SLICE_SECONDS: f64 = 0.2;
-/// Samples in the first slice: a millisecond at a microsecond per sample, a second at a thousand.
+/// The number of samples in a round's first slice. It takes a millisecond at 1 us per sample, and a second at 1 ms per
+/// sample.
 const FIRST_SLICE: f64 = 1024.0;
-/// The largest size of a slice, as a multiple of the samples already traced in the round.
+/// The largest number of samples in a slice, as a multiple of the samples already traced in the round.
 const GROWTH: f64 = 8.0;
 
-/// The inputs of a slice that all tasks share.
+/// The inputs that all tasks of a slice share: integrator, points, plan and flags.
 struct Round<'a> {
     integrator: &'a dyn Integrator,
     points: &'a dyn PointSet,
@@ -37,17 +38,17 @@ struct Round<'a> {
     /// The number of first hits stored per pixel.
     first_hits: usize,
     wants_training: bool,
-    /// The range of sample numbers, within the round, that this slice traces in each pixel.
+    /// The samples that this slice traces in each pixel: first index and end, counted from the start of the round.
     part: [u32; 2],
 }
 
-/// One band's part of the planes of a [`Bank`].
+/// The part of a [`Bank`]'s planes that lies in one band of rows.
 struct BankRows<'a> {
     counts: &'a mut [u64],
     means: &'a mut [[f64; 3]],
     m2: &'a mut [[f64; 3]],
     ranges: &'a mut [film::Range],
-    /// See [`Bank::ahead`].
+    /// Per pixel, the next sample's index minus the count ([`Bank::ahead`]); empty if no samples were withdrawn.
     ahead: &'a [i64],
 }
 
@@ -61,7 +62,7 @@ struct Band<'a> {
     costs: &'a mut [u64],
 }
 
-/// The totals and rare events of one task.
+/// The totals of one task: samples, rays, rejected samples, training sums, and a panic if there was one.
 #[derive(Default)]
 struct Tally {
     samples: u64,
@@ -69,7 +70,7 @@ struct Tally {
     blocks: u64,
     /// The number of rejected samples.
     rejections: u64,
-    /// The first rejected samples, as many as the film lists.
+    /// The first rejected samples in order of pixel, stream and index; fewer than twice as many as the film lists.
     rejected: Vec<Rejected>,
     /// The first rejected sample in the order of tracing, with its radiance.
     first_rejected: Option<(SampleId, [f32; 3])>,
@@ -77,13 +78,13 @@ struct Tally {
     panicked: Option<(SampleId, String)>,
 }
 
-/// The point at which a monitor stopped a round.
+/// The result of tracing a round: stopped by a monitor, and where, or not stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stopped {
     No,
-    /// Before the end: samples of the round remain to be traced.
+    /// The monitor stopped the render while samples of the round remained to be traced.
     Within,
-    /// After the last slice of the round.
+    /// The monitor stopped the render after the last slice of the round.
     AtEnd,
 }
 
@@ -170,14 +171,14 @@ fn next_slice(open: &OpenRound, film: &Film, wants_training: bool, seconds: f64,
     (length, if wants_training { rows.next_multiple_of(BLOCK as u32) } else { rows })
 }
 
-/// Samples per pixel of the next training pass: as many as all samples before, so that passes double in length. Depends
-/// on the plans only, not on time.
+/// Samples per pixel of the next training pass: the mean number of all samples before, so that passes double in length.
+/// Depends on the plans only, not on time.
 fn pass_length(film: &Film) -> u32 {
     let mean = film.record.samples / film.frame.pixels() as u64;
     u32::try_from(mean).unwrap_or(u32::MAX).max(1)
 }
 
-/// The samples of each pixel, and the rows of pixels, that are traced between two calls of the monitor.
+/// The range of samples of each pixel, and the range of pixel rows, that are traced between two calls of the monitor.
 #[derive(Clone, Copy)]
 struct Slice {
     samples: [u32; 2],
@@ -390,7 +391,7 @@ fn trace_sample(
 
 impl Tally {
     /// Counts and lists a rejected sample. Outlined because it is rare. The list holds at most twice as many samples as
-    /// the film's.
+    /// the film's list.
     #[cold]
     #[inline(never)]
     fn reject(&mut self, rejected: Rejected, value: [f32; 3]) {
@@ -426,7 +427,8 @@ impl BankRows<'_> {
     }
 }
 
-/// Adds sample `k`'s first hit to the features of a pixel. Outlined because most renders record no first hits.
+/// Adds a sample's first hit to the pixel's features. Stores it too if it is among the pixel's first `k` samples.
+/// Outlined because most renders record no first hits.
 #[inline(never)]
 fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, hit: Option<&FirstHit>) {
     // A NaN would spread through every mean, so such a hit counts as a miss.
@@ -436,7 +438,7 @@ fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, hit: Option<&Fi
     }
     if k > 0 {
         // Kept and discarded samples fill the places in the order of tracing. This bank's indices give the next place,
-        // as long as one retention is used, which is the rule.
+        // as long as all rounds have the same retention, which is usual.
         let seen = band.banks.iter().map(|b| index(b.counts[local], b.ahead.get(local))).sum::<u64>() - 1;
         if seen < k as u64 {
             band.first_hits[local * k + seen as usize] = hit.copied();
@@ -444,7 +446,8 @@ fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, hit: Option<&Fi
     }
 }
 
-/// Adds up the results of tasks, in the order of the bands.
+/// Adds the results of tasks to the film, in the order of the bands. Returns the sample and message of the first panic,
+/// if there was one.
 fn add_up(
     film: &mut Film,
     tallies: Vec<Tally>,

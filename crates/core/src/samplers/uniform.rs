@@ -7,8 +7,8 @@ use crate::{
 
 /// Uniform sampling: the same number of samples for every pixel.
 ///
-/// If the budget is not a multiple of the number of pixels, a hash of the pixel's number picks those that get one
-/// sample more.
+/// If the budget is not a multiple of the number of pixels, a hash of the pixel's index picks those that get one sample
+/// more.
 ///
 /// *Guarantees*: unbiased, the exact budget, counts that do not depend on samples. *Weaknesses*: spends as much on a
 /// constant wall as on its shadow.
@@ -58,8 +58,8 @@ impl<P: PointSet> Sampler for Uniform<P> {
     }
 
     fn memory(&self, frame: &Frame, _: &Needs, limits: &Limits) -> SamplerMemory {
-        // Per pixel: floor, count, score and its copy, hash and number. With a known budget the only plan is made
-        // before anything is written to the film, which takes more.
+        // Bytes per pixel: floor, count, score and its copy, hash and index. With a budget known in samples, the only
+        // plan is made before anything is written to the film, which takes more.
         let once = matches!(limits.budget, Budget::Samples(_));
         SamplerMemory::planning(frame, if once { 0 } else { 40 })
     }

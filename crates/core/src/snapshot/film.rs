@@ -202,7 +202,7 @@ fn take_features(from: &mut Reader<'_>, pixels: usize) -> Result<Vec<FeatureMome
     (0..pixels).map(|_| one()).collect()
 }
 
-/// Writes a flag and 18 numbers, for hits and misses alike, so that every record has the same size.
+/// Writes a first hit as a flag and 18 numbers, for hits and misses alike, so that every record has the same size.
 fn put_hit(to: &mut Writer, hit: Option<&FirstHit>) {
     to.flag(hit.is_some());
     let Some(h) = hit else {
@@ -242,7 +242,7 @@ fn take_hits(from: &mut Reader<'_>, count: usize) -> Result<Vec<Option<FirstHit>
     Ok(hits)
 }
 
-/// Writes training data, four numbers per entry.
+/// Writes training data: the number of entries, then four numbers per entry.
 pub(crate) fn put_training(to: &mut Writer, entries: &[TrainingSum]) {
     to.number(entries.len() as u64);
     for e in entries {

@@ -1,13 +1,13 @@
-//! The weights of the Gaussian along one axis: the kernel integrated over each pixel.
+//! The weights of the Gaussian filter along one axis: the kernel integrated over each pixel.
 
 use std::f64::consts::PI;
 
-/// A weight below this share of the total changes no `f64` sum. It is dropped, so that its square cannot underflow to
-/// zero and meet an infinite variance.
+/// The share of the total weight below which a weight is dropped. It would change no `f64` sum, and its square could
+/// underflow to zero and meet an infinite variance.
 const NEGLIGIBLE: f64 = 1e-18;
 
-/// The integrals of `max(0, exp(-alpha x^2) - exp(-alpha radius^2))` over the pixels `k - 1/2 .. k + 1/2`, `k = -n ..=
-/// n`, divided by their sum.
+/// The weights of the pixels `k = -n ..= n` along one axis: the integrals of `max(0, exp(-alpha x^2) - exp(-alpha
+/// radius^2))` over `k - 1/2 .. k + 1/2`, divided by their sum.
 ///
 /// The result is symmetric bit for bit. It has at least one entry, none of them zero.
 /// `alpha` and `radius` must be finite and positive.
@@ -28,8 +28,8 @@ pub(crate) fn gaussian_weights(alpha: f64, radius: f64) -> Vec<f64> {
     half[1..].iter().rev().chain(&half).copied().collect()
 }
 
-/// The integral of the kernel over `start .. end`, `0 <= start <= end <= radius`, up to a factor that depends only on
-/// `alpha` and `radius`.
+/// The integral of the kernel `exp(-alpha x^2) - exp(-alpha radius^2)` over `start .. end`, `0 <= start <= end <=
+/// radius`, up to a factor that depends only on `alpha` and `radius`.
 fn mass(alpha: f64, radius: f64, start: f64, end: f64) -> f64 {
     let root = alpha.sqrt();
     let drop = (root * radius) * (root * radius);

@@ -1,23 +1,23 @@
-//! The contents of a file, and their format.
+//! The contents of a checkpoint or shard file, and the binary format.
 //!
-//! Eight bytes of magic; the version, the kind and the number of pairs of the identity (4 bytes each, little-endian, as
-//! everything); the pairs, each text after its length in 4 bytes; the length of the body in 8 bytes; the body; the CRC-32
-//! (IEEE 802.3) of all bytes before it.
+//! A file consists of: eight magic bytes; the version, the kind and the number of pairs in the identity (4 bytes each);
+//! the pairs, each text after its length in 4 bytes; the length of the body in 8 bytes; the body; the CRC-32 (IEEE
+//! 802.3) of all bytes before it. All numbers are little-endian.
 
 use super::Error;
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"dapple-c";
 const VERSION: u32 = 2;
-/// The largest length of a text in an identity, in bytes.
+/// The largest length in bytes of a name or value in an identity.
 const LONGEST: usize = 1 << 20;
 
-/// The purpose of a file.
+/// The kind of a file: a checkpoint of a render, or a shard of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// A render to be resumed.
+    /// The state of an unfinished or finished render, from which it can be resumed.
     Checkpoint,
-    /// A shard of an image.
+    /// The film of one shard (every N-th row) of an image.
     Shard,
 }
 
@@ -29,7 +29,7 @@ impl Kind {
         }
     }
 
-    /// The kind's name in messages.
+    /// The kind's name in messages: `checkpoint` or `shard`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Checkpoint => "checkpoint",
@@ -45,7 +45,7 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// An identity of these pairs, in this order.
+    /// Makes an identity of these pairs of name and value, in this order.
     pub fn new<N: Into<String>, V: Into<String>>(pairs: impl IntoIterator<Item = (N, V)>) -> Self {
         Self { pairs: pairs.into_iter().map(|(name, value)| (name.into(), value.into())).collect() }
     }
@@ -60,7 +60,7 @@ impl Identity {
         self.pairs.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
     }
 
-    /// The differences of the identity `there` from this one, one phrase each: `seed: 3 there, 4 here`.
+    /// Lists the pairs in which the identity `there` differs from this one, one phrase each: `seed: 3 there, 4 here`.
     pub fn differences(&self, there: &Self) -> Vec<String> {
         let nothing = "nothing";
         let mut differ = Vec::new();
@@ -79,15 +79,15 @@ impl Identity {
 /// The contents of a checkpoint or shard file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Contents {
-    /// The purpose.
+    /// The kind of the file: checkpoint or shard.
     pub kind: Kind,
-    /// The settings that the body depends on.
+    /// The settings that the body depends on, as pairs of name and value.
     pub identity: Identity,
-    /// The stored bytes.
+    /// The stored bytes: an encoded snapshot of a film, or an encoded shard.
     pub body: Vec<u8>,
 }
 
-/// The reason why bytes are not contents.
+/// The reason why the bytes of a file cannot be decoded as [`Contents`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Damage {
     /// The file is empty or truncated.
@@ -100,7 +100,7 @@ pub enum Damage {
     Checksum,
     /// The checksum is right, but the contents are inconsistent.
     Nonsense,
-    /// The file is of another [`Kind`].
+    /// The file is of another [`Kind`] than requested.
     Kind,
 }
 
@@ -109,7 +109,7 @@ impl std::fmt::Display for Damage {
         f.write_str(match self {
             Self::Short => "it is cut short",
             Self::Foreign => "it is not a file of Dapple's",
-            Self::Version => "another version of Dapple wrote it; finish it with that version, or render it again",
+            Self::Version => "another version of Dapple wrote it",
             Self::Checksum => "it is damaged (its checksum is wrong)",
             Self::Nonsense => "its contents make no sense",
             Self::Kind => "it is of another kind: a checkpoint is not a shard",
@@ -117,8 +117,19 @@ impl std::fmt::Display for Damage {
     }
 }
 
+impl Damage {
+    /// The advice that follows the reason in an error message.
+    pub(crate) fn remedy(self) -> &'static str {
+        match self {
+            Self::Short | Self::Checksum | Self::Nonsense => "restore it from a copy, or render it again",
+            Self::Foreign | Self::Kind => "check the name of the file",
+            Self::Version => "finish it with that version, or render it again",
+        }
+    }
+}
+
 impl Contents {
-    /// The encoded bytes before the body.
+    /// Encodes all bytes of the file before the body.
     pub(crate) fn head(&self) -> Result<Vec<u8>, Error> {
         let mut head = MAGIC.to_vec();
         let pairs = &self.identity.pairs;
@@ -136,11 +147,11 @@ impl Contents {
         Ok(head)
     }
 
-    /// The contents encoded as the bytes of a file.
+    /// Encodes the contents as the bytes of a file.
     ///
     /// # Errors
     ///
-    /// [`Error::LongText`] for a text of more than a MiB in the identity.
+    /// [`Error::LongText`] if a name or value in the identity is longer than 1 MiB.
     pub fn to_bytes(&self) -> Result<Vec<u8>, Error> {
         let mut bytes = self.head()?;
         bytes.extend(&self.body);
@@ -168,11 +179,12 @@ impl Contents {
         if contents.kind == kind { Ok(contents) } else { Err(damaged(Damage::Kind)) }
     }
 
-    /// Decodes the bytes of [`Contents::to_bytes`]. Takes at most twice their memory, even for invalid bytes.
+    /// Decodes bytes that [`Contents::to_bytes`] encoded. Uses at most twice the memory of the bytes, even if they are
+    /// invalid.
     ///
     /// # Errors
     ///
-    /// [`Damage`], which distinguishes a truncated or changed file from a file of another format.
+    /// The [`Damage`], which distinguishes truncated, changed and foreign files.
     pub fn from_bytes(mut bytes: Vec<u8>) -> Result<Self, Damage> {
         let begun = &bytes[..bytes.len().min(MAGIC.len())];
         if !MAGIC.starts_with(begun) {
@@ -186,7 +198,7 @@ impl Contents {
         let whole = crc32fast::hash(head) == u32::from_le_bytes(*sum);
         let (kind, identity, length) = match reader.head() {
             Ok(read) if whole => read,
-            // What was cut off cannot be told from what was changed; only a body that ends too early can.
+            // Truncated and changed bytes look alike, except if the body is shorter than its stored length.
             Ok((_, _, length)) if reader.0.len() as u64 != length => return Err(Damage::Short),
             _ if !whole => return Err(Damage::Checksum),
             _ => return Err(Damage::Nonsense),
@@ -223,7 +235,7 @@ impl<'a> Reader<'a> {
         std::str::from_utf8(bytes).map(str::to_owned).map_err(|_| Damage::Nonsense)
     }
 
-    /// Decodes kind, identity and the length of the body, and leaves the body to read.
+    /// Decodes the kind, the identity and the length of the body; the remaining bytes are the body.
     fn head(&mut self) -> Result<(Kind, Identity, u64), Damage> {
         let number = self.number()?;
         let kind = [Kind::Checkpoint, Kind::Shard].into_iter().find(|kind| kind.number() == number);

@@ -4,14 +4,14 @@ use super::Damage;
 use std::io;
 use std::path::PathBuf;
 
-/// A file that was not written or read. Each message names the file and the remedy.
+/// An error of writing or reading a checkpoint or shard file. Each message names the file and the remedy.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A step of writing that failed. An existing file is unchanged.
+    /// A step of writing a file that failed. An existing file of that name is unchanged.
     #[error("{}: cannot {step}: {source}; an existing file is unchanged; free some space, or choose another place", path.display())]
     Write {
-        /// The file.
+        /// The path of the file that was to be written.
         path: PathBuf,
         /// The step that failed, as a verb phrase.
         step: &'static str,
@@ -21,47 +21,57 @@ pub enum Error {
     /// A file that another process is writing.
     #[error("{}: another process is writing to it; wait for its end, or choose another file", path.display())]
     InUse {
-        /// The file.
+        /// The path of the file that another process is writing.
         path: PathBuf,
     },
     /// A missing file.
     #[error("{}: there is no such file; check the name of the {kind}", path.display())]
     Missing {
-        /// The file.
+        /// The path of the missing file.
         path: PathBuf,
-        /// The kind of file: checkpoint or shard.
+        /// The name of the file's kind: `checkpoint` or `shard`.
         kind: &'static str,
     },
     /// A file that the system cannot read.
     #[error("{}: cannot read it: {source}", path.display())]
     Read {
-        /// The file.
+        /// The path of the file that cannot be read.
         path: PathBuf,
         /// The operating system's error.
         source: io::Error,
     },
-    /// A damaged file, or one of another kind.
-    #[error("{}: {damage}", path.display())]
+    /// A damaged file, or a file of another kind than requested.
+    #[error("{}: {damage}; {}", path.display(), damage.remedy())]
     Damaged {
-        /// The file.
+        /// The path of the damaged file.
         path: PathBuf,
-        /// The damage.
+        /// The damage that was found.
         damage: Damage,
     },
-    /// A file of which neither the newest nor the previous version can be used.
-    #[error("{newer}; and {older}")]
+    /// A file whose newest and previous versions are both unusable.
+    #[error("{}; and {older}", newer.fault())]
     NoGeneration {
-        /// The error of the newest version.
+        /// The error of reading the file's newest version.
         newer: Box<Error>,
-        /// The error of the previous version.
+        /// The error of reading the file's previous version.
         older: Box<Error>,
     },
-    /// A text in an identity that is too long to store.
+    /// A name or value in an identity that is too long to store.
     #[error("a text of {bytes} bytes is too long: {most} at most")]
     LongText {
-        /// The length of the text in bytes.
+        /// The length of the name or value in bytes.
         bytes: usize,
-        /// The largest length in bytes.
+        /// The largest allowed length in bytes.
         most: usize,
     },
+}
+
+impl Error {
+    /// The message without its remedy, for a fault that the caller works around.
+    pub(crate) fn fault(&self) -> String {
+        match self {
+            Self::Damaged { path, damage } => format!("{}: {damage}", path.display()),
+            other => other.to_string(),
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! The calls to the operating system that write a file.
+//! The calls to the operating system by which files are written.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Write};
@@ -10,7 +10,7 @@ pub trait FileSystem: Send + Sync {
     /// Creates an empty file, replacing an existing one.
     ///
     /// # Errors
-    /// The operating system's.
+    /// The operating system's error.
     fn create(&self, path: &Path) -> io::Result<File> {
         OpenOptions::new().write(true).create(true).truncate(true).open(path)
     }
@@ -18,7 +18,7 @@ pub trait FileSystem: Send + Sync {
     /// Appends all bytes to the file.
     ///
     /// # Errors
-    /// The operating system's; part of the bytes may have been written.
+    /// The operating system's error; part of the bytes may have been written.
     fn write(&self, file: &mut File, bytes: &[u8]) -> io::Result<()> {
         file.write_all(bytes)
     }
@@ -26,7 +26,7 @@ pub trait FileSystem: Send + Sync {
     /// Flushes the file to the disk.
     ///
     /// # Errors
-    /// The operating system's.
+    /// The operating system's error.
     fn sync(&self, file: &File) -> io::Result<()> {
         file.sync_all()
     }
@@ -34,7 +34,7 @@ pub trait FileSystem: Send + Sync {
     /// Creates `to` as a hard link to the file `from`.
     ///
     /// # Errors
-    /// The operating system's; [`ErrorKind::Unsupported`] and others on disks without hard links.
+    /// The operating system's error; [`ErrorKind::Unsupported`] and others on disks without hard links.
     fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
         fs::hard_link(from, to)
     }
@@ -42,7 +42,7 @@ pub trait FileSystem: Send + Sync {
     /// Renames the file `from` to `to`, replacing an existing file.
     ///
     /// # Errors
-    /// The operating system's.
+    /// The operating system's error.
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
         fs::rename(from, to)
     }
@@ -50,7 +50,7 @@ pub trait FileSystem: Send + Sync {
     /// Removes the file, if it exists.
     ///
     /// # Errors
-    /// The operating system's.
+    /// The operating system's error.
     fn remove(&self, path: &Path) -> io::Result<()> {
         match fs::remove_file(path) {
             Err(e) if e.kind() != ErrorKind::NotFound => Err(e),
@@ -58,13 +58,13 @@ pub trait FileSystem: Send + Sync {
         }
     }
 
-    /// Flushes the names in a folder to the disk, where the system can.
+    /// Flushes a folder's list of file names to the disk. Does nothing if the system cannot open folders.
     ///
     /// # Errors
-    /// The operating system's.
+    /// The operating system's error.
     fn sync_folder(&self, folder: &Path) -> io::Result<()> {
         match File::open(folder) {
-            // Windows opens no folders, and needs none of this.
+            // Windows cannot open folders, and does not need this call.
             Err(_) => Ok(()),
             Ok(folder) => folder.sync_all(),
         }

@@ -1,7 +1,8 @@
 //! Writing and reading of a checkpoint file and its previous version.
 //!
-//! Beside FILE lie `FILE.part` during a write, `FILE.previous` with the previous version, and `FILE.lock`, which keeps
-//! a second writer away. The lock file is empty and never removed: removing it would let two processes hold the lock.
+//! Three more files are in the folder of FILE: `FILE.part` during a write, `FILE.previous` with the previous version,
+//! and `FILE.lock`, which excludes a second writer. The lock file is empty and never removed: removing it would let two
+//! processes hold the lock.
 
 use super::Error;
 use super::file_system::{Disk, FileSystem};
@@ -14,27 +15,27 @@ use std::path::{Path, PathBuf};
 pub struct Store {
     path: PathBuf,
     system: Box<dyn FileSystem>,
-    /// The lock, held as long as this value. The system releases it if the process is killed.
+    /// The locked file; dropping it releases the lock. The system releases the lock if the process is killed.
     _lock: File,
 }
 
-/// The version of a file that was read.
+/// The version of a file from which [`Store::read`] took the contents.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Generation {
-    /// The newest version.
+    /// The newest version of the file.
     Newest,
-    /// The previous version, read because the newest is missing or damaged.
+    /// The previous version of the file, read because the newest one is missing or damaged.
     Previous,
 }
 
 /// The result of [`Store::read`].
 #[derive(Debug)]
 pub struct Found {
-    /// The contents of the file.
+    /// The decoded contents of the file.
     pub contents: Contents,
-    /// The version that was read.
+    /// The version of the file from which the contents come.
     pub generation: Generation,
-    /// The error of the newest version, if the previous one was read.
+    /// The error of reading the newest version, if the contents come from the previous one.
     pub trouble: Option<Error>,
 }
 
@@ -52,11 +53,11 @@ impl Store {
         Self::lock_on(path, Box::new(Disk))
     }
 
-    /// As [`Store::lock`], on the file system `system`.
+    /// Locks the file at `path` for writing on the file system `system`, until the value is dropped.
     ///
     /// # Errors
     ///
-    /// As [`Store::lock`].
+    /// The errors of [`Store::lock`].
     pub fn lock_on(path: &Path, system: Box<dyn FileSystem>) -> Result<Self, Error> {
         let trouble = |source| Error::Write { path: path.to_owned(), step: "make a file beside it", source };
         if path.is_dir() {
@@ -70,7 +71,7 @@ impl Store {
         }
     }
 
-    /// The path of the file.
+    /// The path of the file's newest version.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -88,7 +89,7 @@ impl Store {
         let part = beside(&self.path, "part");
         let outcome = self.write(&part, contents).and_then(|()| self.put_in_place(&part));
         if outcome.is_err() {
-            // It takes space; if even that fails there is nothing more to do.
+            // The incomplete file only takes space; an error of removing it is ignored.
             let _ = self.system.remove(&part);
         }
         outcome
@@ -109,14 +110,16 @@ impl Store {
     fn put_in_place(&self, part: &Path) -> Result<(), Error> {
         let previous = beside(&self.path, "previous");
         if self.path.exists() {
-            // A second name first, then the first one changes hands: no moment without a newest file.
+            // A hard link gives the present file a second name before the new file takes the first one, so that a
+            // newest file always exists.
             let step = |e| self.trouble("keep the generation before", e);
             let second = beside(&self.path, "second");
             self.system.remove(&second).map_err(step)?;
             match self.system.link(&self.path, &second) {
                 Ok(()) => {
                     self.system.rename(&second, &previous).map_err(step)?;
-                    // It stays where both are names of the same file, after a crash at this very place.
+                    // If a crash left both names for one file, the rename did nothing, and the second name is removed
+                    // here.
                     let _ = self.system.remove(&second);
                 }
                 Err(_) => self.system.rename(&self.path, &previous).map_err(step)?,
@@ -131,7 +134,7 @@ impl Store {
         Error::Write { path: self.path.clone(), step, source }
     }
 
-    /// Reads the newest version, or the previous one if the newest is missing or damaged. Takes no lock.
+    /// Reads the newest version of a file, or the previous one if the newest is missing or damaged. Takes no lock.
     ///
     /// # Errors
     ///
@@ -149,13 +152,13 @@ impl Store {
         }
     }
 
-    /// Returns `true` if either version exists, damaged or not.
+    /// Returns `true` if the newest or the previous version of the file exists, damaged or not.
     pub fn exists(path: &Path) -> bool {
         path.exists() || beside(path, "previous").exists()
     }
 }
 
-/// The path `FILE.what` beside the file `path`.
+/// The path of a file in the same folder: `path` with `.` and `what` appended.
 fn beside(path: &Path, what: &str) -> PathBuf {
     let mut name = OsString::from(path);
     name.push(".");

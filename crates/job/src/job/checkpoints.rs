@@ -10,37 +10,38 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Default seconds between checkpoints.
+/// Default seconds between two checkpoints.
 const EVERY: f64 = 60.0;
-/// Seconds until the first checkpoint, or the interval if that is shorter.
+/// Seconds from the start of a render to its first checkpoint, at most; a shorter interval between checkpoints takes
+/// precedence.
 const FIRST: f64 = 1.0;
-/// The largest fraction of time that checkpoints may take by default.
+/// The largest fraction of the render time that checkpoints may take, unless the user sets an interval.
 const SHARE: f64 = 0.01;
-/// The assumed rate in bytes per second, before it is measured, at which a film is encoded, checksummed and written.
-/// Half of the rate measured on one slow core.
+/// The assumed rate in bytes per second at which a film is encoded, checksummed and written, until the first checkpoint
+/// is measured. It is half of the rate measured on one slow core.
 const GUESS: f64 = 0.5e9;
 
 /// The checkpoint file to write and the one to resume from.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct CheckpointOptions {
-    /// The file to write checkpoints to.
+    /// The file to write checkpoints to; `None` writes to `resume`, if that is set.
     pub keep: Option<PathBuf>,
-    /// The file to resume from. Checkpoints are written to it too, unless `keep` names another file. If both name the
-    /// same missing file, the render starts afresh.
+    /// The checkpoint file to resume from; `None` starts afresh. Checkpoints are written to this file too, unless
+    /// `keep` names another one. If both name the same missing file, the render starts afresh.
     pub resume: Option<PathBuf>,
-    /// Seconds between checkpoints. By default 60, or more so that they take at most 1 % of the time.
+    /// Seconds between checkpoints. `None` stands for 60, or for more if checkpoints would take over 1 % of the time.
     pub every: Option<f64>,
 }
 
 impl CheckpointOptions {
-    /// Writes checkpoints to the file `path`.
+    /// Sets the file to which checkpoints are written.
     #[must_use]
     pub fn keep(self, path: impl Into<PathBuf>) -> Self {
         Self { keep: Some(path.into()), ..self }
     }
 
-    /// Resumes from the file `path`.
+    /// Sets the checkpoint file from which the render resumes.
     #[must_use]
     pub fn resume(self, path: impl Into<PathBuf>) -> Self {
         Self { resume: Some(path.into()), ..self }
@@ -52,7 +53,7 @@ impl CheckpointOptions {
         Self { every: Some(seconds), ..self }
     }
 
-    /// Locks the checkpoint file; `None` if no file is named.
+    /// Locks the checkpoint file; returns `None` if the options name no file.
     ///
     /// # Errors
     ///
@@ -71,7 +72,7 @@ impl CheckpointOptions {
     }
 }
 
-/// A checkpoint file that this process has locked.
+/// A checkpoint file that this process has locked, with the file to resume from and the interval between checkpoints.
 pub struct Checkpoints {
     store: Arc<Store>,
     every: Option<f64>,
@@ -79,12 +80,13 @@ pub struct Checkpoints {
 }
 
 impl Checkpoints {
-    /// Reads the snapshot to resume from; `None` if the render starts afresh.
+    /// Reads the snapshot of the film to resume from; `None` if the render starts afresh. `here` is the identity of
+    /// this job.
     pub(super) fn snapshot(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<Snapshot>, JobError> {
         let Some(path) = &self.resume else { return Ok(None) };
         let found = Store::read(path, Kind::Checkpoint)?;
         if let (Generation::Previous, Some(trouble)) = (found.generation, &found.trouble) {
-            monitor.warn(Warning::PreviousCheckpoint(trouble.to_string()));
+            monitor.warn(Warning::PreviousCheckpoint(trouble.fault()));
         }
         let differences = compared(here).differences(&compared(&found.contents.identity));
         if !differences.is_empty() {
@@ -95,7 +97,7 @@ impl Checkpoints {
     }
 }
 
-/// A [`Monitor`] that passes calls to a job's monitor and writes checkpoints between slices.
+/// A [`Monitor`] that passes calls to a job's monitor and writes checkpoints between slices (parts of a render).
 pub(super) struct Watched<'m> {
     monitor: &'m mut dyn JobMonitor,
     writer: Option<Writer>,
@@ -112,7 +114,8 @@ impl<'m> Watched<'m> {
         }
     }
 
-    /// The checkpoint file to resume from, or the error of the last write; `None` without checkpoints.
+    /// Waits for the last write; returns the path of the checkpoint file, or the error of writing it. `None` without
+    /// checkpoints.
     pub(super) fn into_checkpoint(self) -> Option<Result<PathBuf, JobError>> {
         let mut writer = self.writer?;
         writer.wait(self.monitor);
@@ -144,14 +147,15 @@ struct Writer {
     store: Arc<Store>,
     identity: Identity,
     every: Option<f64>,
-    /// The time at which the last checkpoint, or the render, began.
+    /// The time at which the last checkpoint began; before the first checkpoint, the start of the render.
     last: Instant,
-    /// Seconds of computing per checkpoint; `None` until measured.
+    /// Estimated seconds of computing per checkpoint, twice the time of taking the last snapshot; `None` before the
+    /// first.
     cost: Option<f64>,
     is_first: bool,
     writing: Option<JoinHandle<Result<(), Error>>>,
     warned: bool,
-    /// The error of writing the final checkpoint.
+    /// The error of writing the final checkpoint, if there was one.
     trouble: Option<Error>,
 }
 
@@ -161,14 +165,15 @@ impl Writer {
         Self { store, identity, every, last, cost: None, is_first: true, writing: None, warned: false, trouble: None }
     }
 
-    /// Starts writing a checkpoint if one is due. After a disk error, the next due checkpoint tries again.
+    /// Starts writing a checkpoint if one is due and none is being written. After a disk error, the next due checkpoint
+    /// tries again.
     fn slice(&mut self, status: &Status<'_>, monitor: &mut dyn JobMonitor) {
         if !self.is_due(status) || !self.is_idle(monitor) {
             return;
         }
         let began = Instant::now();
         let contents = self.contents(status);
-        // The other thread computes about as long: a checksum, and a copy to the system.
+        // The writing thread needs about the same time again for the checksum and for copying the bytes to the system.
         self.cost = Some(2.0 * began.elapsed().as_secs_f64());
         (self.last, self.is_first) = (began, false);
         let store = self.store.clone();
@@ -179,7 +184,7 @@ impl Writer {
         }
     }
 
-    /// Writes the final checkpoint, and waits until it is on the disk.
+    /// Writes the final checkpoint in this thread, after a write in progress has ended.
     fn finish(&mut self, status: &Status<'_>, monitor: &mut dyn JobMonitor) {
         self.wait(monitor);
         let contents = self.contents(status);
@@ -190,7 +195,7 @@ impl Writer {
         let every = self.every.unwrap_or(EVERY);
         let interval = if self.is_first { every.min(FIRST) } else { every };
         let interval = match self.every {
-            // An interval that the user gave is kept, whatever it costs.
+            // An interval set by the user is kept, whatever share of the time checkpoints take.
             Some(_) => interval,
             None => {
                 let film = status.film;
@@ -205,7 +210,7 @@ impl Writer {
         Contents { kind: Kind::Checkpoint, identity: self.identity.clone(), body: status.snapshot() }
     }
 
-    /// Returns `true` if no write is in progress. Collects the result of a finished write.
+    /// Returns `true` if no checkpoint is being written. Collects the result of a finished write.
     fn is_idle(&mut self, monitor: &mut dyn JobMonitor) -> bool {
         if self.writing.as_ref().is_some_and(|writing| !writing.is_finished()) {
             return false;

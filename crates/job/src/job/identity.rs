@@ -5,15 +5,16 @@ use crate::JobError;
 use crate::checkpoint::Identity;
 use dapple_scene::PixelFilter;
 
-/// The name of the pair with the shard's number; it differs between shards of one image.
+/// The name of the identity pair that holds the shard, `I/N`; its value differs between shards of one image.
 pub(super) const SHARD: &str = "shard";
-/// The name of the pair with the filter, compared for shards only: a checkpoint may be finished with another filter.
+/// The name of the identity pair that holds the filter. Only shards have this pair: a checkpoint may be finished with
+/// another filter.
 pub(super) const FILTER: &str = "filter";
-/// The name of the pair with the description as JSON, which is never compared.
+/// The name of the identity pair that holds the render's description as JSON; it is never compared.
 pub(super) const SPEC: &str = "spec";
 
-/// The identity of a job: all settings but the budget, which may be raised, and the number of threads, which changes no
-/// bit.
+/// The identity of a job: all settings that its samples depend on. The budget, which may be raised, and the number of
+/// threads, which does not change the samples, are not compared.
 pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
     let (spec, scene, frame) = (&job.spec, &job.prepared.scene, &job.frame);
     let digest = job.prepared.digest.as_ref().ok_or(JobError::NoDigest)?;
@@ -43,17 +44,17 @@ pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
     Ok(Identity::new(pairs))
 }
 
-/// The pairs that must be equal for a checkpoint to be resumed.
+/// The pairs of an identity that must be equal for a checkpoint to be resumed.
 pub(super) fn compared(identity: &Identity) -> Identity {
     without(identity, &[SPEC])
 }
 
-/// The pairs that must be equal in all shards of one image.
+/// The pairs of an identity that must be equal in all shards of one image.
 pub(super) fn common(identity: &Identity) -> Identity {
     without(identity, &[SPEC, SHARD])
 }
 
-/// The pairs that must be equal in shards and in the job that takes over the merged film.
+/// The pairs of an identity that must be equal in shards and in the job that takes over their merged film.
 pub(super) fn samples(identity: &Identity) -> Identity {
     without(identity, &[SPEC, SHARD, FILTER])
 }
@@ -62,7 +63,7 @@ fn without(identity: &Identity, names: &[&str]) -> Identity {
     Identity::new(identity.pairs().iter().filter(|(name, _)| !names.contains(&name.as_str())).cloned())
 }
 
-/// A phrase that describes the pixel filter.
+/// Describes a pixel filter in a phrase, such as `box filter of radius 0.5 x 0.5`.
 pub fn pixel_filter(filter: &PixelFilter) -> String {
     match filter {
         PixelFilter::Box { radius: [x, y] } => format!("box filter of radius {x} x {y}"),

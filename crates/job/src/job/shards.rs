@@ -1,4 +1,4 @@
-//! Shards of an image: every N-th row each, rendered by several machines.
+//! Shards of an image: each shard is every N-th row, and several machines render one shard each.
 
 use super::identity::{SPEC, common, samples};
 use super::{Job, Traced};
@@ -7,7 +7,7 @@ use crate::{JobError, RenderSpec};
 use dapple_core::{Error, Film, Shard, ShardFilm, merge};
 use std::path::{Path, PathBuf};
 
-/// All shards of one image, merged.
+/// The merged film of all shards (every N-th row each) of one image, with the description of the render.
 pub struct ShardSet {
     spec: RenderSpec,
     identity: Identity,
@@ -21,7 +21,7 @@ pub(super) fn refused(shard: Shard, why: &Error) -> JobError {
 }
 
 impl Job {
-    /// The bytes of the shard file for a film of this job.
+    /// Encodes a film of this job as the bytes of a shard file.
     ///
     /// # Errors
     ///
@@ -83,12 +83,12 @@ impl ShardSet {
         };
         let film = merge(&films)?;
         let spec = RenderSpec::from_json(identity.value(SPEC).unwrap_or_default())?;
-        // The default selection of a shard is that of the whole image, too.
+        // Shards have another default light selection than whole images, so the shards' selection is set explicitly.
         let spec = RenderSpec { light_selection: Some(spec.selection()), shard: None, ..spec };
         Ok(Self { spec, first: first.to_owned(), identity, film })
     }
 
-    /// The description of the whole image's render.
+    /// The description of a render of the whole image, read from the shards.
     pub fn spec(&self) -> &RenderSpec {
         &self.spec
     }

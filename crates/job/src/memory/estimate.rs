@@ -9,9 +9,9 @@ use dapple_core::{Film, Frame, Memory, Needs};
 use dapple_scene::Scene;
 use std::fmt;
 
-/// Working memory per thread in bytes, mostly a filter's tile; measured 0.6 to 1.1 MiB.
+/// Working memory per thread in bytes, mostly for a filter's image tile. Measured: 0.6 to 1.1 MiB.
 const THREAD: u64 = 1 << 20;
-/// The memory of the program itself in bytes, if the system does not report it.
+/// The assumed memory of the program itself in bytes, used if the system does not report it.
 const PROGRAM: u64 = 16 << 20;
 
 /// A limit on the memory of a render.
@@ -22,7 +22,7 @@ pub struct MemoryLimit {
 }
 
 impl MemoryLimit {
-    /// No limit.
+    /// Makes a limit that no render exceeds.
     pub const fn none() -> Self {
         Self { bytes: u64::MAX, given: false }
     }
@@ -42,7 +42,7 @@ impl MemoryLimit {
         (self.bytes < u64::MAX).then_some(self.bytes)
     }
 
-    /// Returns `true` for a limit set by the user, `false` for the machine's.
+    /// Returns `true` for a limit set by the user, `false` for the machine's memory or no limit.
     pub const fn is_given(self) -> bool {
         self.given
     }
@@ -65,12 +65,12 @@ pub enum MemoryAdvice {
 /// The peak memory of a render in bytes, part by part.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MemoryEstimate {
-    /// The program and its threads, the scene and the world.
+    /// Bytes of the program and its threads, the scene and the world.
     scene: u64,
     film: u64,
-    /// The sampler's state.
+    /// Bytes of the sampler's state.
     sampler: u64,
-    /// Names and bytes of the stages, of which only one at a time is in memory.
+    /// The name of each stage of the render, and its bytes; only one stage at a time is in memory.
     stages: Vec<(&'static str, u64)>,
     /// Peak memory in bytes until the film is allocated.
     before: u64,
@@ -85,8 +85,9 @@ impl MemoryEstimate {
         Self { scene: now + built, film, sampler: 0, stages: Vec::new(), before: now + building }
     }
 
-    /// The memory of a prepared render. `files` is the memory for writing a file, besides film and image. `keeps`
-    /// states that the film is also stored as bytes, for a checkpoint or shard.
+    /// The memory of a prepared render. `before` is the estimate from its scene. `files` is the peak in bytes for
+    /// writing a file, besides film and image. `keeps` states that the film is also encoded as bytes, for a checkpoint
+    /// or shard.
     pub(crate) fn of_render(before: &Self, memory: &Memory, files: u64, keeps: bool) -> Self {
         let [now, most] = resident().unwrap_or([before.scene, 0]);
         let snapshot = if keeps { memory.snapshot() } else { 0 };
@@ -108,7 +109,7 @@ impl MemoryEstimate {
     pub fn check(&self, limit: MemoryLimit) -> Result<(), JobError> {
         let refused = |advice| Err(JobError::Memory { estimate: Box::new(self.clone()), limit, advice });
         if self.peak() <= limit.bytes {
-            // Without a limit, the system refuses at once what it can never have.
+            // A trial allocation finds films that are larger than the address space, even without a limit.
             let fits = usize::try_from(self.film).is_ok_and(|film| Vec::<u8>::new().try_reserve_exact(film).is_ok());
             return if fits { Ok(()) } else { refused(MemoryAdvice::AddressSpace) };
         }
@@ -120,7 +121,7 @@ impl MemoryEstimate {
         })
     }
 
-    /// The peak of the whole render in bytes.
+    /// The peak memory of the whole render in bytes.
     pub fn peak(&self) -> u64 {
         let lasting = self.scene.saturating_add(self.film).saturating_add(self.sampler);
         lasting.saturating_add(self.largest_stage().map_or(0, |(_, bytes)| bytes)).max(self.before)

@@ -1,13 +1,14 @@
 //! The memory of this process and of its machine, as Linux reports it.
 
-/// The bytes of memory that this process uses now, and their peak so far; `None` if the system does not report them.
+/// The resident memory of this process in bytes: the present value, then the peak so far. `None` if the system does not
+/// report them.
 pub fn resident() -> Option<[u64; 2]> {
     let status = read_text("/proc/self/status")?;
     Some([kibibytes(&status, "VmRSS:")?, kibibytes(&status, "VmHWM:")?])
 }
 
-/// The bytes that this process may use in all: those it uses and the system's free ones, within the control group's
-/// limit. `None` if the system does not report them.
+/// The memory in bytes that this process may use in total: the part in use plus the system's free memory, at most the
+/// control group's limit. `None` if the system does not report these values.
 pub fn available() -> Option<u64> {
     let free = kibibytes(&read_text("/proc/meminfo")?, "MemAvailable:")?;
     let left = free.saturating_add(resident()?[0]);
@@ -20,7 +21,7 @@ fn read_text(path: &str) -> Option<String> {
     if cfg!(target_os = "linux") { std::fs::read_to_string(path).ok() } else { None }
 }
 
-/// The number in the line `name 123 kB` of `text`.
+/// The value in bytes of the line `name 123 kB` in `text`; `None` without such a line.
 fn kibibytes(text: &str, name: &str) -> Option<u64> {
     let rest = text.lines().find_map(|line| line.strip_prefix(name))?;
     rest.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)

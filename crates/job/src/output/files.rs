@@ -8,7 +8,7 @@ use dapple_scene::image::{Format, Image, ImageError, check_writable, write_file}
 use dapple_scene::image::{encode_exr, encode_pfm, encode_png, rows_at_a_time};
 use std::path::{Path, PathBuf};
 
-/// The kind of image that a file holds.
+/// The kind of image in a file: the rendered image or one of the maps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Contents {
     Image(Format),
@@ -21,11 +21,12 @@ enum Contents {
 }
 
 impl Contents {
-    /// The peak memory in bytes for writing one such file; see [`OutputFiles::memory`].
+    /// The peak memory in bytes for writing one file of this kind, besides film and image. `filtered` states that a
+    /// filter made the image.
     fn memory(self, frame: &Frame, needs: &Needs, filtered: bool) -> u64 {
-        /// Red, green and blue as floats.
+        /// Bytes per pixel of red, green and blue as floats.
         const RGB: usize = 12;
-        // What is compressed takes its own size at most.
+        // The compressed data take at most the size of the uncompressed.
         let png = |channels: usize| 3 * channels;
         frame.bytes(match self {
             Self::Image(Format::Exr) => {
@@ -33,8 +34,9 @@ impl Contents {
                 let one =
                     1 + usize::from(needs.halves) + usize::from(needs.first_hits > 0) + usize::from(needs.features);
                 let layers = RGB * rgb + 4 * one;
-                // The image's copy, all layers, the file and what is on its way there; or the layers up to the variance,
-                // which stands beside means and a copy of its own.
+                // The larger of two peaks. While encoding: a copy of the image, all layers, the file and the rows being
+                // encoded. While making the variance layer: the layers so far, the pixel means and a copy of the
+                // variance.
                 let [width, height] = frame.size().map(|n| n as usize);
                 let batch =
                     frame.bytes(layers).min((layers * width * rows_at_a_time()) as u64) / (width * height) as u64;
@@ -59,13 +61,13 @@ pub struct OutputFiles {
 }
 
 impl OutputFiles {
-    /// No files.
+    /// Returns an empty list of files.
     pub fn none() -> Self {
         Self::default()
     }
 
-    /// The default files of a scene in the current folder: `NAME.exr`, `NAME.png`, and `NAME-samples.png` for an adaptive
-    /// sampler.
+    /// The default files of a scene, in the current folder: `NAME.exr`, `NAME.png`, and `NAME-samples.png` unless the
+    /// sampler is `uniform`.
     pub fn defaults(scene: &str, sampler: &str) -> Self {
         let mut files = vec![
             (Contents::Image(Format::Exr), PathBuf::from(format!("{scene}.exr"))),
@@ -77,7 +79,7 @@ impl OutputFiles {
         Self { files, ..Self::default() }
     }
 
-    /// Image files at these paths, in the formats of their extensions.
+    /// Lists image files at these paths, in the formats of their extensions.
     ///
     /// # Errors
     ///
@@ -87,7 +89,7 @@ impl OutputFiles {
         Ok(Self { files: paths.iter().map(image).collect::<Result<_, ImageError>>()?, ..Self::default() })
     }
 
-    /// Adds one PNG file per map in `folder`.
+    /// Adds one PNG file in `folder` for each map (samples, error, albedo, normals, depth, clusters).
     #[must_use]
     pub fn with_maps(mut self, folder: &Path) -> Self {
         self.files.extend(MAPS.iter().map(|&(what, name)| (what, folder.join(name))));
@@ -95,7 +97,7 @@ impl OutputFiles {
         self
     }
 
-    /// Sets the exposure of PNG files in stops: each makes them twice as bright.
+    /// Sets the exposure of PNG images in stops; one stop doubles the brightness.
     #[must_use]
     pub fn with_exposure(self, exposure: f32) -> Self {
         Self { exposure, ..self }
@@ -116,7 +118,8 @@ impl OutputFiles {
         if troubles.is_empty() { Ok(()) } else { Err(JobError::Files(troubles)) }
     }
 
-    /// The statistics that the film must record for these files; `clusters` states that the render has clusters.
+    /// The per-pixel statistics that the film must record for these files. `clusters` states that the render groups
+    /// triangles into clusters.
     pub fn needs(&self, clusters: bool) -> Needs {
         let mut needs = Needs::none();
         let shown = |(what, _): &(Contents, PathBuf)| matches!(what, Contents::Clusters | Contents::Image(Format::Exr));
@@ -139,7 +142,7 @@ impl OutputFiles {
         self.files.iter().map(|(what, _)| what.memory(frame, needs, filtered)).max().unwrap_or(0)
     }
 
-    /// Writes every file, even if others cannot be written. Returns a line about each file, and warnings.
+    /// Writes every file, even if others cannot be written. Returns one line per written file, and the warnings.
     ///
     /// `cpu` is the processor time in seconds, for the header; `None` if unknown.
     ///
@@ -167,7 +170,8 @@ impl OutputFiles {
         if troubles.is_empty() { Ok((lines, warnings)) } else { Err(JobError::Files(troubles)) }
     }
 
-    /// Encodes a file; returns its bytes and a phrase about it, or `None` if the film lacks the statistics.
+    /// Encodes a file; returns its bytes and a phrase about its contents, or `None` if the film lacks the statistics
+    /// for it.
     fn encode(&self, what: Contents, path: &Path, report: &Report<'_>, warnings: &mut Vec<Warning>) -> Encoded {
         let (film, filtered) = (&report.image.film, &report.image.filtered);
         let unit = 1.0 / report.job.world().space().scale();
@@ -227,8 +231,8 @@ impl OutputFiles {
     }
 }
 
-/// Saves an image that could not be written to `path` in the folder of temporary files. Returns the error `trouble`,
-/// with the new place added.
+/// Saves an image in the folder of temporary files, because it could not be written to `path`. Returns the error
+/// message `trouble`, extended by the new path if saving succeeded.
 fn write_elsewhere(path: &Path, bytes: &[u8], trouble: String) -> String {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let elsewhere = std::env::temp_dir().join(format!("dapple-{}-{name}", std::process::id()));
@@ -238,7 +242,7 @@ fn write_elsewhere(path: &Path, bytes: &[u8], trouble: String) -> String {
     }
 }
 
-/// The job and the image that headers and layers describe.
+/// The job and its image, from which files are encoded.
 struct Report<'a> {
     job: &'a Job,
     image: &'a RenderedImage,
@@ -247,7 +251,7 @@ struct Report<'a> {
 
 type Encoded = std::result::Result<Option<(Vec<u8>, String)>, ImageError>;
 
-/// The maps and their names; the map of clusters is written only if the render has clusters.
+/// The maps and their file names; the map of clusters is written only if the render has clusters.
 const MAPS: [(Contents, &str); 6] = [
     (Contents::Samples, "samples.png"),
     (Contents::Error, "error.png"),

@@ -4,7 +4,8 @@ use crate::{BudgetSpec, Job, RenderedImage, pixel_filter};
 use dapple_core::{Combine, Film};
 use dapple_scene::Effects;
 
-/// All settings and results of the render, as pairs of attribute name and text.
+/// All settings and results of the render, as pairs of attribute name and text. `cpu` is the processor time in seconds;
+/// `None` if unknown.
 pub(super) fn attributes(job: &Job, image: &RenderedImage, cpu: Option<f64>) -> Vec<(String, String)> {
     let (spec, scene, film) = (job.spec(), job.scene(), &image.film);
     let (record, frame, limits) = (film.record(), job.frame(), job.limits());
@@ -43,7 +44,7 @@ pub(super) fn attributes(job: &Job, image: &RenderedImage, cpu: Option<f64>) -> 
         ("bias", bias(job, image)),
         ("interrupted", record.interrupted.to_string()),
         ("threads", rayon::current_num_threads().to_string()),
-        // Plain numbers cannot fail.
+        // Serialising plain numbers cannot fail.
         ("seconds", serde_json::to_string(&image.seconds).unwrap_or_default()),
         ("cpu-seconds", cpu.map_or("unknown".into(), |s| s.to_string())),
     ];
@@ -52,7 +53,7 @@ pub(super) fn attributes(job: &Job, image: &RenderedImage, cpu: Option<f64>) -> 
     list.into_iter().map(|(key, text)| (format!("dapple:{key}"), filled(text))).collect()
 }
 
-/// The budget, in the unit in which it was set.
+/// Formats the budget in the unit in which the user set it.
 fn budget(job: &Job) -> String {
     match job.spec().budget {
         BudgetSpec::Seconds(seconds) => format!("{seconds} seconds"),
@@ -76,7 +77,8 @@ fn bias(job: &Job, image: &RenderedImage) -> String {
     }
 }
 
-/// A phrase about the bias from kept samples that decided sample counts [Kirk and Arvo 1991].
+/// A phrase about the bias of the unfiltered image: samples that decide sample counts bias an image that contains them
+/// [Kirk and Arvo 1991].
 fn bias_of_samples(job: &Job, film: &Film) -> &'static str {
     let rounds = &film.record().rounds;
     let decided = rounds.split_last().is_some_and(|(_, deciding)| deciding.iter().any(|round| round.kept));

@@ -3,7 +3,7 @@
 use dapple_core::{Features, Film, Filtered};
 use dapple_scene::image::{Layer, Plane};
 
-/// Returns every layer that the film can fill, the image first:
+/// Returns every EXR layer for which the film has statistics, the image first:
 ///
 /// | layer | channels | contents |
 /// |---|---|---|
@@ -56,8 +56,8 @@ pub fn layers(film: &Film, filtered: &Filtered, unit: f64, clusters: Option<Vec<
     layers
 }
 
-/// One value per pixel, computed from its first-hit features; `None` if the film has no features. Collecting all
-/// features at once would take more memory than most films.
+/// Computes one value per pixel from its features (albedo, normal and depth of first hits); `None` if the film has no
+/// features. Values are computed pixel by pixel, since a copy of all features would take more memory than most films.
 pub(super) fn of_features<T>(film: &Film, of: impl Fn(&Features) -> T) -> Option<Vec<T>> {
     let pixels = film.frame().pixels();
     film.needs().features.then(|| {
@@ -67,7 +67,7 @@ pub(super) fn of_features<T>(film: &Film, of: impl Fn(&Features) -> T) -> Option
     })
 }
 
-/// The mean depth in the file's units; infinite if no sample hit a surface.
+/// The mean first-hit distance of a pixel, in the file's units; infinite if no sample hit a surface.
 pub(super) fn depth(features: &Features, unit: f64) -> f32 {
     if features.hits == 0 { f32::INFINITY } else { (f64::from(features.depth) * unit) as f32 }
 }

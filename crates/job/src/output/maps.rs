@@ -1,18 +1,18 @@
-//! Maps of a render as images to look at.
+//! Maps of a render, images of one per-pixel quantity, as PNG files.
 
 use super::layers::{depth, of_features};
 use crate::WorldClusters;
 use dapple_core::{Film, Filtered};
 use dapple_scene::image::{ImageError, encode_png_gray, encode_png_rgb, srgb_encode};
 
-/// A map in shades of gray, with the value that white stands for.
+/// A map of one quantity in shades of gray, with the value that white represents.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GrayMap {
-    /// Width and height.
+    /// Width and height in pixels.
     pub size: [u32; 2],
-    /// Shades row by row from the top, from 0 (black) to 255 (white).
+    /// The shades of all pixels, row by row from the top, from 0 (black) to 255 (white).
     pub values: Vec<u8>,
-    /// The value that white stands for.
+    /// The value that white represents, in the map's unit.
     pub white: f64,
 }
 
@@ -27,14 +27,15 @@ impl GrayMap {
     }
 }
 
-/// The cluster that each pixel's first sample hit, `u32::MAX` if it hit nothing. `None` if the film has no first hits.
+/// Returns, per pixel, the index of the cluster that the first sample hit, or `u32::MAX` if it hit nothing. `None` if
+/// the film has no first hits.
 pub fn cluster_ids(film: &Film, clusters: &WorldClusters) -> Option<Vec<u32>> {
     let of = |i: usize| film.first_hits(i)[0].as_ref().and_then(|hit| clusters.label(hit)).unwrap_or(u32::MAX);
     (film.needs().first_hits > 0).then(|| (0..film.frame().pixels()).map(of).collect())
 }
 
-/// A PNG file that shows each cluster in one colour, and black where nothing was hit. Distant clusters may share a
-/// colour, since there are more clusters than colours.
+/// Encodes cluster indices as a PNG file that shows each cluster in one colour, and pixels without a hit in black.
+/// Several clusters may share a colour.
 ///
 /// # Errors
 ///
@@ -42,7 +43,7 @@ pub fn cluster_ids(film: &Film, clusters: &WorldClusters) -> Option<Vec<u32>> {
 pub fn cluster_map(size: [u32; 2], ids: &[u32]) -> Result<Vec<u8>, ImageError> {
     let colour = |&id: &u32| match id {
         u32::MAX => [0; 3],
-        // Bytes of a hash, kept from the dark, so that black stays the background's.
+        // Bytes of a hash, at least 56 each, so that only the background is black.
         _ => {
             let hash = (u64::from(id) + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
             [24, 36, 48].map(|shift| 56 + ((hash >> shift) % 200) as u8)
@@ -51,7 +52,7 @@ pub fn cluster_map(size: [u32; 2], ids: &[u32]) -> Result<Vec<u8>, ImageError> {
     encode_png_rgb(size, &ids.iter().map(colour).collect::<Vec<_>>())
 }
 
-/// A map of sample counts: white is the largest count, black is 0, shades are proportional.
+/// A map of sample counts per pixel: white is the largest count, black is 0, shades are proportional.
 pub fn sample_map(film: &Film) -> GrayMap {
     let counts = film.counts();
     let most = counts.iter().copied().max().unwrap_or(0);
@@ -59,13 +60,13 @@ pub fn sample_map(film: &Film) -> GrayMap {
     GrayMap { size: film.frame().size(), values: counts.iter().map(shade).collect(), white: most as f64 }
 }
 
-/// The radius in pixels of the window over which [`error_map`] averages, because one pixel has only one degree of
-/// freedom.
+/// The radius in pixels of the square window over which [`error_map`] averages. Averaging is needed because the error
+/// estimate of one pixel has only one degree of freedom.
 const POOLED: usize = 2;
 
-/// A map of the predicted relative error: the root of squared error over (squared value + 0.01), both pooled over 5x5
-/// pixels. White is the largest of the smallest 99 %, black is 0, shades are proportional. `None` if the filter gives
-/// no error estimates.
+/// A map of the predicted relative error: the square root of the predicted squared error over (squared value + 0.01),
+/// both averaged over 5x5 pixels. White is the 99th percentile, black is 0, shades are proportional. `None` if the
+/// filter makes no error estimates.
 pub fn error_map(filtered: &Filtered) -> Option<GrayMap> {
     let error = filtered.error.as_ref()?;
     let [w, h] = filtered.size.map(|n| n as usize);
@@ -88,15 +89,16 @@ pub fn error_map(filtered: &Filtered) -> Option<GrayMap> {
     Some(GrayMap { size: filtered.size, values: shades(&relative, white), white })
 }
 
-/// A map of first-hit distances, black near and white far. `white` is the largest distance in the file's units, and
-/// misses are white. `unit` is as in [`layers`](super::layers()). `None` if the film has no features.
+/// A map of first-hit distances, from black (0) to white (the largest distance, in the file's units; pixels without a
+/// hit are white, too). `unit` is the integrator's unit of length, in the file's units. `None` if the film has no
+/// features.
 pub fn depth_map(film: &Film, unit: f64) -> Option<GrayMap> {
     let depths = of_features(film, |f| f64::from(depth(f, unit)))?;
     let white = depths.iter().copied().filter(|d| d.is_finite()).fold(0.0, f64::max);
     Some(GrayMap { size: film.frame().size(), values: shades(&depths, white), white })
 }
 
-/// Mean albedo of the first hits as an sRGB PNG file. `None` if the film has no features.
+/// Encodes the mean albedo of each pixel's first hits as an sRGB PNG file. `None` if the film has no features.
 ///
 /// # Errors
 ///
@@ -107,8 +109,8 @@ pub fn albedo_map(film: &Film) -> Option<Result<Vec<u8>, ImageError>> {
     Some(encode_png_rgb(film.frame().size(), &values))
 }
 
-/// Mean shading normals of the first hits as a PNG file: -1 is stored as 0 and 1 as 255, so misses are mid-gray. `None`
-/// if the film has no features.
+/// Encodes the mean shading normal of each pixel's first hits as a PNG file: -1 is stored as 0 and 1 as 255, so pixels
+/// without a hit are mid-gray. `None` if the film has no features.
 ///
 /// # Errors
 ///
@@ -119,13 +121,13 @@ pub fn normal_map(film: &Film) -> Option<Result<Vec<u8>, ImageError>> {
     Some(encode_png_rgb(film.frame().size(), &values))
 }
 
-/// The indices of `0..length` that are at most [`POOLED`] away from `at`.
+/// The indices from `0..length` that are at most [`POOLED`] pixels away from `at`.
 fn window(at: usize, length: usize) -> std::ops::Range<usize> {
     at.saturating_sub(POOLED)..(at + POOLED + 1).min(length)
 }
 
 fn shades(values: &[f64], white: f64) -> Vec<u8> {
-    // NaN is white, as are values that are too large.
+    // NaN and values above `white` are white.
     let shade = |v: &f64| match v / white {
         _ if *v == 0.0 => 0,
         share if share < 1.0 => (255.0 * share).round() as u8,

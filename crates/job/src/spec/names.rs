@@ -1,4 +1,5 @@
-//! Default values, and values that are written as names in JSON.
+//! Default values of [`RenderSpec`](super::RenderSpec)'s fields, and the serialisation of values that are names in
+//! JSON.
 
 use super::{DEFAULT_FILTER, DEFAULT_INTEGRATOR, DEFAULT_POINTS, DEFAULT_SAMPLER};
 use dapple_core::Shard;
@@ -27,11 +28,11 @@ pub(super) const fn seed() -> u64 {
     1
 }
 
-/// Parses a shard from `I/N`, with I from 1.
+/// Parses a shard (every N-th row of an image) from the text `I/N`, with I from 1 to N.
 ///
 /// # Errors
 ///
-/// A message with examples, for any other text.
+/// A message with examples if the text is not of this form.
 pub fn parse_shard(text: &str) -> Result<Shard, String> {
     let numbers =
         text.split_once('/').and_then(|(i, n)| Some((i.parse::<u32>().ok()?.checked_sub(1)?, n.parse().ok()?)));

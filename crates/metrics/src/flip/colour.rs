@@ -61,7 +61,7 @@ pub(super) fn opponent(rgb: [f32; 3]) -> [f32; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// The [`opponent`] channels of an image clamped to 0..=1, as three planes.
+/// Clamps an image to 0..=1 and converts it to YCxCz ([`opponent`]), one plane per channel.
 pub(super) fn opponent_planes(image: Pixels<'_>, size: [usize; 2]) -> [Plane; 3] {
     let mut planes = [(); 3].map(|()| Plane { size, values: Vec::with_capacity(image.values.len()) });
     for rgb in image.values {
@@ -71,8 +71,8 @@ pub(super) fn opponent_planes(image: Pixels<'_>, size: [usize; 2]) -> [Plane; 3]
     planes
 }
 
-/// Converts an [`opponent`] colour, clamped to the display's gamut, to L*a*b*. Chroma is scaled by lightness (the Hunt
-/// effect) [after Andersson 2020].
+/// Converts a YCxCz colour (from [`opponent`]), clamped to the display's gamut, to L*a*b*. Chroma is scaled by
+/// lightness (the Hunt effect) [after Andersson 2020].
 pub(super) fn perceived([lightness, red_green, blue_yellow]: [f32; 3]) -> [f32; 3] {
     let y = (lightness + 16.0) / 116.0;
     let rgb = times(&RGB, [y + red_green / 500.0, y, y - blue_yellow / 200.0]);

@@ -1,4 +1,4 @@
-//! Separable convolution of planes; pixels beyond the edge repeat the edge.
+//! Separable convolution of image planes. Beyond the edge, the pixels of the edge are repeated.
 
 /// A one-dimensional convolution kernel, with taps at the offsets `-radius..=radius`.
 pub(super) struct Kernel {
@@ -32,8 +32,8 @@ impl Kernel {
         self.taps.len() / 2
     }
 
-    /// The taps large enough to change an f32 sum, with their offsets from the first tap. Skipping the others saves
-    /// time.
+    /// The taps above 1e-12 of the largest one, with their offsets from the first tap. Smaller taps do not change an
+    /// f32 sum.
     fn effective(&self) -> impl Iterator<Item = (usize, f32)> {
         let largest = self.taps.iter().fold(0.0, |m: f64, t| m.max(t.abs()));
         self.taps.iter().map(|&t| t as f32).enumerate().filter(move |(_, t)| f64::from(t.abs()) > 1e-12 * largest)
@@ -47,7 +47,7 @@ pub(super) struct Plane {
 }
 
 impl Plane {
-    /// Convolves along the rows.
+    /// Returns the plane convolved along its rows.
     pub(super) fn across(&self, kernel: &Kernel) -> Plane {
         let [width, radius] = [self.size[0], kernel.radius()];
         let mut values = vec![0.0; self.values.len()];
@@ -63,7 +63,7 @@ impl Plane {
         Plane { size: self.size, values }
     }
 
-    /// Convolves along the columns.
+    /// Returns the plane convolved along its columns.
     pub(super) fn down(&self, kernel: &Kernel) -> Plane {
         let [width, height] = self.size;
         let mut values = vec![0.0; self.values.len()];

@@ -6,8 +6,8 @@ use super::student::{normal_cdf, normal_quantile};
 use crate::blocks::percentile;
 use crate::sum::Sum;
 
-/// The number of resamples. The ends of a 95 % interval then vary by less than 3 % of its half width. Derivation:
-/// sqrt(0.025 * 0.975 / 9999) over the normal density at 1.96 is 0.027 standard deviations.
+/// The number of bootstrap resamples. The ends of a 95 % interval then vary by less than 3 % of its half width.
+/// Derivation: sqrt(0.025 * 0.975 / 9999) over the normal density at 1.96 is 0.027 standard deviations.
 pub const BOOTSTRAP_RESAMPLES: usize = 9999;
 
 /// The confidence interval of the mean by the bias-corrected and accelerated bootstrap [after Efron 1987].

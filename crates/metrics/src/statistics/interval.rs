@@ -5,16 +5,17 @@ use super::{
     StatisticsError, check_confidence, check_count, check_lengths, logarithms, mean, scatter, student_t_quantile,
 };
 
-/// The fewest values for a bootstrap interval; fewer show too little of their distribution.
+/// The fewest values for which intervals are computed by the bootstrap. Fewer values show too little of their
+/// distribution.
 pub const BOOTSTRAP_MIN_COUNT: usize = 32;
 
 /// The method by which an interval was computed.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum IntervalMethod {
-    /// Student's t, which assumes normal values.
+    /// The interval of Student's t, which assumes normally distributed values.
     Student,
-    /// The bias-corrected and accelerated bootstrap.
+    /// The bias-corrected and accelerated bootstrap [after Efron 1987].
     Bootstrap,
 }
 
@@ -22,11 +23,11 @@ pub enum IntervalMethod {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Interval {
-    /// The estimate.
+    /// The estimated value: a mean, a geometric mean, a ratio or a slope.
     pub value: f64,
-    /// The lower end.
+    /// The lower end of the confidence interval.
     pub low: f64,
-    /// The upper end.
+    /// The upper end of the confidence interval.
     pub high: f64,
     /// The method by which `low` and `high` were computed.
     pub method: IntervalMethod,
@@ -45,7 +46,7 @@ impl Interval {
 }
 
 /// The efficiency `1 / (error * seconds)` of a render, for a squared error such as MSE or relMSE. With independent
-/// samples it does not depend on the number of samples.
+/// samples, the efficiency does not depend on the number of samples.
 ///
 /// ```
 /// assert_eq!(dapple_metrics::efficiency(0.25, 8.0), Ok(0.5));
@@ -93,7 +94,7 @@ pub fn mean_interval(values: &[f64], confidence: f64) -> Result<Interval, Statis
     Ok(student_interval(value, deviation, n - 1.0, confidence))
 }
 
-/// Student's interval around a value with an estimated standard deviation.
+/// The confidence interval of a value whose estimated standard error is `deviation`, by Student's t.
 pub(super) fn student_interval(value: f64, deviation: f64, degrees_of_freedom: f64, confidence: f64) -> Interval {
     let half = deviation * student_t_quantile(0.5 + 0.5 * confidence, degrees_of_freedom);
     Interval { value, low: value - half, high: value + half, method: IntervalMethod::Student }
@@ -101,7 +102,7 @@ pub(super) fn student_interval(value: f64, deviation: f64, degrees_of_freedom: f
 
 /// The geometric mean of independent values above 0, with its interval: [`mean_interval`] of their logarithms.
 ///
-/// The lower end is above 0, as bands on logarithmic axes need it.
+/// The lower end is above 0, so the interval fits a logarithmic axis.
 ///
 /// ```
 /// let found = dapple_metrics::geometric_mean_interval(&[1.0, 4.0, 2.0], 0.95)?;
@@ -110,15 +111,15 @@ pub(super) fn student_interval(value: f64, deviation: f64, degrees_of_freedom: f
 /// ```
 ///
 /// # Errors
-/// [`StatisticsError::NotPositive`], and those of [`mean_interval`].
+/// [`StatisticsError::NotPositive`], and the errors of [`mean_interval`].
 pub fn geometric_mean_interval(values: &[f64], confidence: f64) -> Result<Interval, StatisticsError> {
     Ok(mean_interval(&logarithms(values)?, confidence)?.map(libm::exp))
 }
 
 /// The geometric mean of `a[i] / b[i]` with its interval.
 ///
-/// Values of one index share a seed or a scene. Pairing takes the variation that they have in common out. For errors of
-/// two methods at equal time, an interval below 1 means that the first method wins.
+/// `a[i]` and `b[i]` share a seed or a scene. Pairing removes the variation that they have in common. For errors of two
+/// methods at equal time, an interval below 1 means that the first method wins.
 ///
 /// ```
 /// # use dapple_metrics::ratio_interval;

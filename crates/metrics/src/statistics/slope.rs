@@ -7,7 +7,8 @@ use super::{StatisticsError, check_confidence, check_count, check_lengths, logar
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct LogLogFit {
-    /// The exponent with its interval; -1 for MSE over the number of independent samples.
+    /// The exponent, with its confidence interval. MSE as a function of the number of independent samples has a slope
+    /// of -1.
     pub slope: Interval,
     /// The value of y at x = 1.
     pub scale: f64,
@@ -16,13 +17,13 @@ pub struct LogLogFit {
 }
 
 impl LogLogFit {
-    /// The line's y at an x above 0.
+    /// Returns the y of the line at `x`, which must be above 0.
     pub fn predict(&self, x: f64) -> f64 {
         self.scale * libm::pow(x, self.slope.value)
     }
 
-    /// The x at which the line has a y above 0, such as the time to reach an error. Infinite or 0 if the line is level
-    /// at another y.
+    /// Returns the x at which the line reaches `y`, such as the time to reach an error. `y` must be above 0. The result
+    /// is infinite or 0 if the line is level at another y.
     pub fn solve(&self, y: f64) -> f64 {
         libm::exp(libm::log(y / self.scale) / self.slope.value)
     }

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{FRAC_1_SQRT_2, LN_2, PI};
 
-/// The degrees of freedom from which the expansion of the normal quantile has full f64 accuracy.
+/// The number of degrees of freedom from which on an expansion around the normal quantile has full f64 accuracy.
 const MANY_DEGREES: f64 = 1e5;
 
 /// The quantile of Student's t: the value below which t lies with `probability`; -inf at 0, inf at 1.
@@ -40,7 +40,7 @@ pub fn student_t_quantile(probability: f64, degrees_of_freedom: f64) -> f64 {
     z + z * terms.iter().rev().fold(0.0, |sum, term| (sum + term) / v)
 }
 
-/// The quantile of the standard normal distribution for a probability p in 0..=1.
+/// The quantile of the standard normal distribution for a probability p in 0..=1; infinite at 0 and 1.
 pub(super) fn normal_quantile(p: f64) -> f64 {
     quantile(p, |side, u| {
         let z = libm::exp(u);
@@ -58,16 +58,16 @@ pub(super) fn normal_cdf(z: f64) -> f64 {
     0.5 * libm::erfc(-z * FRAC_1_SQRT_2)
 }
 
-/// The probability to solve for: that of more than t, or that of 0 to t. The smaller one keeps all digits, in far tails
-/// and near the median.
+/// The probability from which the quantile t is computed: above t (`Tail`), or between 0 and t (`Centre`). The smaller
+/// of both keeps all digits, in far tails and near the median.
 #[derive(Clone, Copy, PartialEq)]
 enum Side {
     Tail,
     Centre,
 }
 
-/// The quantile of a symmetric distribution. `log_mass(side, u)` returns the logarithm of a side's probability at
-/// t = exp(u) and the absolute slope over u.
+/// The quantile of a symmetric distribution for the probability p. `log_mass(side, u)` returns the logarithm of the
+/// probability of `side` at t = exp(u), and the absolute value of its derivative by u.
 fn quantile(p: f64, log_mass: impl Fn(Side, f64) -> (f64, f64)) -> f64 {
     let sign = if p < 0.5 { -1.0 } else { 1.0 };
     let [tail, centre] = [p.min(1.0 - p), (p - 0.5).abs()];
@@ -84,7 +84,7 @@ fn quantile(p: f64, log_mass: impl Fn(Side, f64) -> (f64, f64)) -> f64 {
     sign * rising_root(excess).map_or(f64::INFINITY, libm::exp)
 }
 
-/// Logarithm of the largest f64.
+/// The natural logarithm of the largest f64.
 const LARGEST: f64 = 709.78;
 
 /// The zero of a rising function by Newton's iteration within a bracket; `None` if it is above [`LARGEST`].
@@ -119,7 +119,8 @@ fn rising_root(excess: impl Fn(f64) -> (f64, f64)) -> Option<f64> {
     Some(u)
 }
 
-/// The beta distribution that t^2 follows: of x = v / (v + t^2), with a = v/2 and b = 1/2.
+/// The beta distribution of x = v / (v + t^2) for Student's t with v degrees of freedom: its parameters are a = v/2 and
+/// b = 1/2.
 struct Beta {
     v: f64,
     a: f64,
@@ -132,7 +133,8 @@ impl Beta {
         Self { v, a, log_beta: 0.5 * libm::log(PI) - log_gamma_step(a) }
     }
 
-    /// The `log_mass` that [`quantile`] takes.
+    /// The logarithm of the probability of `side` at t = exp(u), and the absolute value of its derivative by u, as
+    /// [`quantile`] takes them.
     fn log_mass(&self, side: Side, u: f64) -> (f64, f64) {
         // ln(t^2 / v), and from it ln x and ln(1 - x) without cancellation.
         let odds = 2.0 * u - libm::log(self.v);

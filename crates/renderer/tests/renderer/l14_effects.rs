@@ -117,6 +117,24 @@ fn leaving_out_unused_effects_changes_no_bit_l14() {
     }
 }
 
+/// Clear air and an opacity of 1 call for no effect: the path tracer without code for media and alpha renders the same
+/// bits as a scene without either.
+#[test]
+fn clear_media_and_opaque_alpha_change_no_bit_l14() {
+    let expected = hash(&image(&plain(), 4, 1));
+    let mut clear = with(Effect::ScatteringMedia);
+    clear.media[0].scattering = [0.0; 3];
+    let mut opaque = with(Effect::Transparency);
+    opaque.shapes[1].alpha = Some(Scalar::Constant(1.0));
+    for (name, scene) in [("clear air", clear), ("an opacity of 1", opaque)] {
+        assert_eq!(Effects::of(&scene).called(), Effects::of(&plain()).called(), "{name}");
+        assert_eq!(hash(&image(&scene, 4, 1)), expected, "{name}");
+    }
+    // The control.
+    let thin = with(Effect::ScatteringMedia);
+    assert_ne!(hash(&image(&thin, 4, 1)), expected);
+}
+
 /// The number of requests of each block.
 struct Counted(Sobol, Mutex<BTreeMap<u32, u64>>);
 

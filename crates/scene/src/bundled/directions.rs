@@ -1,4 +1,4 @@
-//! Vectors and angles whose bits are the same on every machine.
+//! Vector and angle functions whose results are bitwise the same on every machine.
 
 pub(super) fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
@@ -29,7 +29,7 @@ pub(crate) fn normalize(a: [f64; 3]) -> [f64; 3] {
     scale(a, 1.0 / length(a))
 }
 
-/// Returns 0 for `x` below `from`, 1 above `to`, and `t^2 (3 - 2 t)` between, `t` being linear from 0 to 1.
+/// Returns 0 for `x` below `from`, 1 above `to`, and `t^2 (3 - 2 t)` between, where `t` rises linearly from 0 to 1.
 pub(crate) fn smoothstep(from: f64, to: f64, x: f64) -> f64 {
     let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
@@ -39,7 +39,7 @@ pub(crate) fn mix<const N: usize>(a: [f64; N], b: [f64; N], t: f64) -> [f64; N] 
     std::array::from_fn(|i| a[i] * (1.0 - t) + b[i] * t)
 }
 
-/// Returns sine and cosine of `turns` full turns, within 1e-12, for `turns` in `[0, 1]`.
+/// Returns the sine and the cosine of an angle of `turns` full turns, within 1e-12, for `turns` in `[0, 1]`.
 ///
 /// Uses Taylor polynomials about the nearest quarter turn: the platform's functions differ in the last bit between
 /// machines.

@@ -2,7 +2,7 @@
 
 use super::opening;
 
-/// Returns the text of the scene file.
+/// Returns the text of the furnace's scene file.
 pub(super) fn scene() -> String {
     let mut text = opening(
         "Furnace: the inside of a sphere that reflects rho = 0.5 of all light and gives off Le = 0.5 itself.\n\

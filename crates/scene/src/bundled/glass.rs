@@ -1,10 +1,10 @@
-//! Transmission: clear, rough and thin glass, colored glass, mist, and leaves cut out by alpha.
+//! A scene of transmission: clear, rough and thin glass, coloured glass, mist, and leaves cut out by alpha.
 
 use super::images::tga_with_alpha;
 use super::{Assets, opening};
 use std::fmt::Write;
 
-/// The twig's leaves: height on the stem, angle about the stem and tilt from upright (degrees), and size.
+/// The twig's leaves: height on the stem, angle about the stem in degrees, tilt from upright in degrees, and size.
 const LEAVES: [[f64; 4]; 11] = [
     [0.3, 20.0, 62.0, 0.62],
     [0.45, 157.0, 66.0, 0.66],
@@ -19,14 +19,15 @@ const LEAVES: [[f64; 4]; 11] = [
     [1.62, 315.0, 16.0, 0.32],
 ];
 
-/// Width and height of the leaf's image in pixels.
+/// Width and height of the square leaf image, in pixels.
 const LEAF: u16 = 96;
 
-/// Returns sRGB and opacity of a pixel of the leaf's image. The leaf grows upwards from the middle of the bottom edge.
+/// Returns the sRGB colour and the opacity of a pixel of the leaf image. The leaf grows upwards from the middle of the
+/// bottom edge.
 fn leaf(column: u16, row: u16) -> [u8; 4] {
     let unit = |i: u16| (f64::from(i) + 0.5) / f64::from(LEAF);
     let (across, along) = ((2.0 * unit(column) - 1.0).abs(), 1.0 - unit(row));
-    // The widest at a third; its edge is toothed.
+    // The leaf is widest at a third of its length and has a toothed edge.
     let teeth = 0.04 * (12.0 * along - (12.0 * along).floor());
     let rest = 1.0 - along;
     let width = 6.5 * along * rest * rest * 0.8 + 0.03 - teeth * rest;
@@ -40,7 +41,7 @@ fn leaf(column: u16, row: u16) -> [u8; 4] {
     if rib { [150, 170, 80, 255] } else { [70, 130, 45, 255] }
 }
 
-/// The bars of the pane's frame, each a box: its least and its greatest corner.
+/// The bars of the pane's frame. Each is a box, given by its minimum and maximum corners.
 const BARS: [[[f64; 3]; 2]; 4] = [
     [[-0.64, -0.03, 0.0], [0.64, 0.03, 0.05]],
     [[-0.64, -0.02, 1.0], [0.64, 0.02, 1.04]],
@@ -48,7 +49,7 @@ const BARS: [[[f64; 3]; 2]; 4] = [
     [[0.6, -0.02, 0.05], [0.64, 0.02, 1.0]],
 ];
 
-/// Returns the pbrt parameters of one mesh of all frame bars, with normals outwards.
+/// Returns the pbrt parameters of one triangle mesh that holds all bars of the pane's frame, with normals outwards.
 fn frame() -> String {
     let (mut points, mut indices) = (String::new(), String::new());
     for (number, bar) in BARS.iter().enumerate() {
@@ -65,7 +66,7 @@ fn frame() -> String {
     format!("    \"point3 P\" [{points}]\n    \"integer indices\" [{indices}]\n")
 }
 
-/// Returns the text of the scene file, and the scene's other files.
+/// Returns the text of the scene file, and the name and bytes of the scene's other files.
 pub(super) fn scene() -> (String, Assets) {
     let mut text = opening(
         "Glass: a clear ball, a rough one, one filled with red dye, a ball of mist, a thin pane that leans, and a\n\

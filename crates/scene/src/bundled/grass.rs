@@ -1,19 +1,19 @@
-//! A meadow: much geometry below the size of a pixel.
+//! A meadow: many blades of grass smaller than a pixel.
 
 use super::directions::sin_cos;
 use super::opening;
 use std::fmt::Write;
 
-/// Number of different tufts.
+/// Number of different tuft meshes.
 const KINDS: u64 = 3;
-/// Blades per tuft.
+/// Number of grass blades per tuft.
 const BLADES: u64 = 30;
-/// Tufts along each side of the meadow.
+/// Number of tufts along each side of the square meadow.
 const ROWS: u64 = 30;
 /// Distance between neighbouring tufts in metres.
 const SPACING: f64 = 0.14;
 
-/// Returns a pseudo-random number in `[0, 1)`, a hash of the three arguments [Steele et al. 2014].
+/// Returns a pseudo-random number in `[0, 1)`: a hash of the three arguments [Steele et al. 2014].
 fn random(kind: u64, number: u64, use_of_it: u64) -> f64 {
     let mut x = (kind << 40 | number << 8 | use_of_it).wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -21,7 +21,7 @@ fn random(kind: u64, number: u64, use_of_it: u64) -> f64 {
     ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// Returns the mesh of a tuft: blades that grow near the origin and bend outwards, three triangles each.
+/// Returns the pbrt shape of a tuft: blades of three triangles each that grow near the origin and bend outwards.
 fn tuft(kind: u64) -> String {
     let (mut points, mut indices) = (String::new(), String::new());
     for blade in 0..BLADES {
@@ -47,7 +47,7 @@ fn tuft(kind: u64) -> String {
     format!("  Shape \"trianglemesh\"\n    \"point3 P\" [{points}]\n    \"integer indices\" [{indices}]\n")
 }
 
-/// Returns the text of the scene file.
+/// Returns the text of the meadow's scene file.
 pub(super) fn scene() -> String {
     let mut text = opening(
         "Grass: nine hundred tufts of thirty blades, three kinds of tuft, a few stones, under a lamp and the sky.\n\

@@ -2,7 +2,8 @@
 
 use super::directions::lat_long_direction;
 
-/// Encodes a latitude-longitude PFM image. `radiance` is called with the unit direction (z up) of each pixel's centre.
+/// Encodes a latitude-longitude PFM image. `radiance` returns the RGB radiance from a unit direction (z up); it is
+/// called for each pixel's centre.
 pub(super) fn lat_long_pfm(width: usize, height: usize, radiance: impl Fn([f64; 3]) -> [f64; 3]) -> Vec<u8> {
     let mut bytes = format!("PF\n{width} {height}\n-1.0\n").into_bytes();
     // PFM begins with the bottom row.
@@ -16,8 +17,8 @@ pub(super) fn lat_long_pfm(width: usize, height: usize, radiance: impl Fn([f64; 
     bytes
 }
 
-/// Encodes an uncompressed 24-bit TGA image. `color` returns the sRGB bytes of a pixel by column and row, from the top
-/// left.
+/// Encodes an uncompressed 24-bit TGA image. `color` returns the sRGB bytes of the pixel at a column and a row, counted
+/// from the top left.
 pub(super) fn tga(width: u16, height: u16, color: impl Fn(u16, u16) -> [u8; 3]) -> Vec<u8> {
     // From the top left, no opacity.
     tga_of([width, height], [24, 0x20], |column, row| {
@@ -26,7 +27,8 @@ pub(super) fn tga(width: u16, height: u16, color: impl Fn(u16, u16) -> [u8; 3]) 
     })
 }
 
-/// Encodes an uncompressed 32-bit TGA image. `color` returns sRGB and opacity of a pixel by column and row.
+/// Encodes an uncompressed 32-bit TGA image. `color` returns the sRGB and opacity bytes of the pixel at a column and a
+/// row, counted from the top left.
 pub(super) fn tga_with_alpha(width: u16, height: u16, color: impl Fn(u16, u16) -> [u8; 4]) -> Vec<u8> {
     // From the top left, 8 bits of opacity.
     tga_of([width, height], [32, 0x28], |column, row| {
@@ -35,8 +37,8 @@ pub(super) fn tga_with_alpha(width: u16, height: u16, color: impl Fn(u16, u16) -
     })
 }
 
-/// Encodes a TGA image. `format` holds bits per pixel and the descriptor byte; `pixel` returns a pixel's bytes in file
-/// order.
+/// Encodes an uncompressed TGA image. `format` holds the bits per pixel and the descriptor byte. `pixel` returns the
+/// bytes of the pixel at a column and a row, in the file's order.
 fn tga_of<const N: usize>([width, height]: [u16; 2], format: [u8; 2], pixel: impl Fn(u16, u16) -> [u8; N]) -> Vec<u8> {
     // Field by field: no id, no palette, true colour, palette and origin all 0, size, format.
     let mut bytes = vec![0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0];

@@ -1,4 +1,4 @@
-//! A row of balls, one of them in focus, before small lamps far away.
+//! A scene of depth of field: a row of balls, one of them in focus, and small lamps far behind.
 
 use super::directions::{dot, normalize, scale, sub};
 use super::opening;
@@ -10,7 +10,7 @@ const TARGET: [f64; 3] = [0.0, 0.0, 0.75];
 const SHARP: usize = 2;
 const RADIUS: f64 = 0.55;
 
-/// The balls' x, y and reflectance, from the nearest to the farthest.
+/// The balls from the nearest to the farthest: x, y and reflectance (linear RGB).
 const BALLS: [(f64, f64, [f64; 3]); 6] = [
     (-1.6, -4.6, [0.75, 0.12, 0.08]),
     (-1.25, -2.9, [0.8, 0.4, 0.05]),
@@ -38,13 +38,13 @@ const LAMPS: [(f64, f64, [f64; 3]); 12] = [
 const LAMPS_Y: f64 = 12.0;
 const LAMP_RADIUS: f64 = 0.06;
 
-/// Returns the distance along the view from the camera to the centre of the ball in focus.
+/// Returns the distance, along the viewing direction, from the camera to the centre of the ball in focus.
 pub(super) fn focal_distance() -> f64 {
     let (x, y, _) = BALLS[SHARP];
     dot(sub([x, y, RADIUS], EYE), normalize(sub(TARGET, EYE)))
 }
 
-/// Returns the text of the scene file.
+/// Returns the text of the lens scene's file.
 pub(super) fn scene() -> String {
     let mut text = opening(
         "Lens: a row of balls seen through a thin lens that is focused on the third of them;\n\

@@ -6,7 +6,7 @@ use super::directions::{add, cross, dot, normalize, sub};
 #[derive(Clone, Debug, Default)]
 pub(super) struct Mesh {
     pub(super) positions: Vec<[f64; 3]>,
-    /// Unit normals, one per position.
+    /// Unit vertex normals, one per position.
     pub(super) normals: Vec<[f64; 3]>,
     pub(super) triangles: Vec<[u32; 3]>,
 }
@@ -33,7 +33,7 @@ impl Mesh {
         triangle.map(|corner| self.positions[corner as usize])
     }
 
-    /// Returns a triangle's normal by its winding; its length is twice the triangle's area.
+    /// Returns the normal of a triangle, oriented by its winding. Its length is twice the triangle's area.
     pub(super) fn face_normal(&self, triangle: [u32; 3]) -> [f64; 3] {
         let [a, b, c] = self.corners(triangle);
         cross(sub(b, a), sub(c, a))
@@ -41,8 +41,8 @@ impl Mesh {
 
     /// Sets the vertex normals of a height field (z up) to the area-weighted mean of the adjoining triangles' normals.
     ///
-    /// The mean is tilted upwards until it lies on the outer side of each of these triangles; on sharp ridges it would
-    /// not.
+    /// Each mean is then tilted upwards if needed, so that it lies on the outer side of each of these triangles. On
+    /// sharp ridges the mean alone would not.
     pub(super) fn smooth_normals(&mut self) {
         const LEAST_COSINE: f64 = 0.05;
         let mut sums = vec![[0.0; 3]; self.positions.len()];
@@ -66,7 +66,7 @@ impl Mesh {
         }
     }
 
-    /// Returns the mesh of the triangles that `keep` accepts, without unused vertices.
+    /// Returns a mesh of the triangles for which `keep` returns true, without unused vertices.
     pub(super) fn part(&self, keep: impl Fn([u32; 3]) -> bool) -> Self {
         let mut part = Self::default();
         let mut number = vec![u32::MAX; self.positions.len()];
@@ -83,10 +83,10 @@ impl Mesh {
         part
     }
 
-    /// Encodes the mesh as a binary little-endian PLY file: x y z nx ny nz as f32, and vertex indices of the smallest
-    /// type.
+    /// Encodes the mesh as a binary little-endian PLY file: x y z nx ny nz as f32, and vertex indices as u16 if these
+    /// suffice, else u32.
     pub(super) fn ply(&self) -> Vec<u8> {
-        // Half the bytes of a triangle are its indices; terrain is cut into parts that fit u16.
+        // With u32, about half of the file would be indices. Terrain is cut into parts that fit u16.
         let short = self.positions.len() <= usize::from(u16::MAX) + 1;
         let index = if short { "ushort" } else { "uint" };
         let mut bytes = format!(

@@ -1,18 +1,18 @@
-//! A mill that turns, a ball that rolls and dice that fall while the shutter is open.
+//! A scene of motion blur: a mill turns, a ball rolls and dice fall while the shutter is open.
 
 use super::opening;
 use std::fmt::Write;
 
 /// Rotation of the mill while the shutter is open, in degrees.
 const TURN: f64 = 20.0;
-/// The ball's x when the shutter opens, and when it closes.
+/// The x coordinate of the rolling ball when the shutter opens, and when it closes.
 const ROLL: [f64; 2] = [0.1, 0.45];
 const BALL: f64 = 0.55;
 
-/// The dice: x, height when the shutter closes, distance fallen and degrees turned while it is open.
+/// The dice: x, height when the shutter closes, distance fallen and degrees turned while the shutter is open.
 const DICE: [(f64, f64, f64, f64); 3] = [(1.2, 2.7, 0.0, 0.0), (2.2, 2.0, 0.2, 12.0), (3.2, 1.1, 0.4, 24.0)];
 
-/// Returns the text of the scene file.
+/// Returns the text of the motion scene's file.
 pub(super) fn scene() -> String {
     let mut text = opening(
         "Motion: a mill that turns, a ball that rolls, and dice that fall (but for the first one) while the shutter\n\

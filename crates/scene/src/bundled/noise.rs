@@ -1,6 +1,6 @@
-//! Seeded gradient noise and fractal sums of it, the same on every machine.
+//! Seeded gradient noise and fractal sums of it, bitwise the same on every machine.
 
-/// Returns a hash of 64 bits: the finaliser of [Steele et al. 2014], with the constants of Stafford's variant 13.
+/// Returns a 64-bit hash of `x`: the finaliser of [Steele et al. 2014], with the constants of Stafford's variant 13.
 fn mix_bits(mut x: u64) -> u64 {
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -28,8 +28,8 @@ pub(super) fn gradient_noise([x, y]: [f64; 2], seed: u64) -> f64 {
     low * (1.0 - t) + high * t
 }
 
-/// Returns the point at which to evaluate the next octave: twice the frequency, rotated by the angle of a 3-4-5
-/// triangle. The rotation keeps the lattices of different octaves apart.
+/// Returns the point at which to evaluate the next octave of noise: the given point scaled by 2 and rotated by the
+/// angle of a 3-4-5 triangle. The rotation keeps the lattices of different octaves apart.
 fn next_octave([x, y]: [f64; 2]) -> [f64; 2] {
     [2.0 * (0.8 * x - 0.6 * y), 2.0 * (0.6 * x + 0.8 * y)]
 }
@@ -45,8 +45,9 @@ pub(super) fn fbm(mut point: [f64; 2], seed: u64, octaves: u32) -> f64 {
     sum
 }
 
-/// Ridged multifractal noise (after Musgrave, in Ebert et al. 2003), 0 to about 2: octaves of
-/// `(1 - |noise|)^2`, each weighted by the one before, so that ridges are rough and valleys smooth.
+/// Returns ridged multifractal noise at a point (after Musgrave, in Ebert et al. 2003), 0 to about 2. It is a sum of
+/// octaves of `(1 - |noise|)^2`. Each octave is weighted by the octave before, so that ridges are rough and valleys
+/// smooth.
 pub(super) fn ridged(mut point: [f64; 2], seed: u64, octaves: u32) -> f64 {
     let (mut sum, mut height, mut weight) = (0.0, 1.0, 1.0);
     for octave in 0..octaves {

@@ -6,15 +6,16 @@ use std::fmt::Write;
 
 const CAMERA: [f64; 3] = [0.0, -9.0, 3.2];
 const TARGET: [f64; 3] = [0.0, 0.6, 1.55];
-/// Centre of the row of lights. The plates are tilted so that they reflect this point to the camera.
+/// Centre of the row of lights. Each plate is tilted so that it reflects this point to the camera.
 const LIGHTS: [f64; 3] = [0.0, 3.4, 4.2];
 
-/// The plates' y and z of the centre, and roughness (alpha), from the nearest to the farthest.
+/// The plates from the nearest to the farthest: y and z of the centre, and roughness (alpha).
 const PLATES: [(f64, f64, f64); 4] = [(-2.3, 0.25, 0.15), (-1.1, 0.35, 0.06), (0.2, 0.65, 0.025), (1.5, 1.15, 0.01)];
 const HALF_WIDTH: f64 = 2.6;
 const HALF_LENGTH: f64 = 0.55;
 
-/// The lights' x, radius and hue. All emit the same power, so that smaller lights are brighter.
+/// The sphere lights: x, radius and hue (linear RGB). All emit the same power apart from hue, so that smaller lights
+/// are brighter.
 const SPHERES: [(f64, f64, [f64; 3]); 4] = [
     (-2.4, 0.04, [1.0, 0.75, 0.55]),
     (-0.9, 0.12, [1.0, 0.95, 0.8]),
@@ -22,7 +23,8 @@ const SPHERES: [(f64, f64, [f64; 3]); 4] = [
     (2.4, 0.6, [0.65, 0.8, 1.0]),
 ];
 
-/// Returns the corners of the plate centred at `y`, `z`. The plate reflects the centre of the lights to the camera.
+/// Returns the corners of the plate centred at `y`, `z`, tilted so that it reflects the centre of the row of lights to
+/// the camera.
 pub(super) fn plate(y: f64, z: f64) -> [[f64; 3]; 4] {
     let centre = [0.0, y, z];
     let to_camera = normalize(sub(CAMERA, centre));
@@ -38,7 +40,7 @@ pub(super) fn plate(y: f64, z: f64) -> [[f64; 3]; 4] {
     ]
 }
 
-/// Returns the text of the scene file.
+/// Returns the text of the plates scene's file.
 pub(super) fn scene() -> String {
     let mut text = opening(
         "Plates: four metal plates, rough to nearly smooth, mirror four sphere lights of one power and different size.\n\

@@ -1,4 +1,4 @@
-//! Two rooms with eight lamps, most of which light a corner of their own.
+//! A scene of two rooms with eight lamps, most of which light only their own corner.
 
 use super::cornell::{Quad, write_mesh};
 use super::opening;
@@ -6,7 +6,7 @@ use std::fmt::Write;
 
 type Corners = [[f64; 3]; 2];
 
-/// Floor, ceiling and walls of a space of 8 x 6 metres, 2.8 metres high: name, material, corners.
+/// Floor, ceiling and walls of a space of 8 x 6 metres, 2.8 metres high: name, material, corners in metres.
 const WALLS: [(&str, &str, Quad); 6] = [
     ("floor", "floor", [[0.0, 0.0, 0.0], [8.0, 0.0, 0.0], [8.0, 6.0, 0.0], [0.0, 6.0, 0.0]]),
     ("ceiling", "plaster", [[0.0, 0.0, 2.8], [0.0, 6.0, 2.8], [8.0, 6.0, 2.8], [8.0, 0.0, 2.8]]),
@@ -16,7 +16,7 @@ const WALLS: [(&str, &str, Quad); 6] = [
     ("right wall", "green", [[8.0, 0.0, 0.0], [8.0, 0.0, 2.8], [8.0, 6.0, 2.8], [8.0, 6.0, 0.0]]),
 ];
 
-/// Boxes: name, material, least and greatest corner.
+/// Furniture and inner walls as boxes: name, material, minimum and maximum corners in metres.
 const BOXES: [(&str, &str, Corners); 13] = [
     ("partition", "plaster", [[5.0, 2.3, 0.0], [5.12, 6.0, 2.8]]),
     ("table top", "wood", [[1.9, 2.3, 0.7], [3.6, 3.2, 0.74]]),
@@ -36,10 +36,11 @@ const BOXES: [(&str, &str, Corners); 13] = [
 /// Heights of the shelf's boards in metres.
 const BOARDS: [f64; 4] = [0.2, 0.8, 1.4, 1.98];
 
-/// Lampshades, boxes open at the top and the bottom: least and greatest corner.
+/// Lampshades, boxes open at the top and the bottom: minimum and maximum corners in metres.
 const SHADES: [Corners; 2] = [[[2.95, 2.55, 1.05], [3.25, 2.85, 1.25]], [[0.4, 5.0, 1.45], [0.8, 5.4, 1.75]]];
 
-/// Lamps of one quadrilateral: name, radiance, corners. Their order puts the normal on the emitting side.
+/// Lamps of one quadrilateral each: name, radiance (RGB), corners. The order of the corners puts the normal on the
+/// emitting side.
 const PANELS: [(&str, [f64; 3], Quad); 4] = [
     ("ceiling panel", [5.0, 4.8, 4.4], [[1.7, 2.6, 2.79], [1.7, 3.2, 2.79], [2.3, 3.2, 2.79], [2.3, 2.6, 2.79]]),
     (
@@ -59,7 +60,7 @@ const PANELS: [(&str, [f64; 3], Quad); 4] = [
     ),
 ];
 
-/// Spherical lamps: name, radiance, centre, radius.
+/// Spherical lamps: name, radiance (RGB), centre, radius.
 const BULBS: [(&str, [f64; 3], [f64; 3], f64); 4] = [
     ("desk lamp", [110.0, 85.0, 55.0], [3.1, 2.7, 1.13], 0.04),
     ("floor lamp", [60.0, 45.0, 26.0], [0.6, 5.2, 1.58], 0.06),
@@ -67,7 +68,7 @@ const BULBS: [(&str, [f64; 3], [f64; 3], f64); 4] = [
     ("candle behind the screen", [420.0, 260.0, 90.0], [6.5, 3.3, 0.6], 0.02),
 ];
 
-/// Returns the six faces of a box, facing outwards: the four sides, then top and bottom.
+/// Returns the six faces of a box, facing outwards: the four sides, then two faces at the top and the bottom.
 fn sides([low, high]: Corners) -> [Quad; 6] {
     let corner = |x: usize, y: usize, z: usize| [[low, high][x][0], [low, high][y][1], [low, high][z][2]];
     let of = |q: [[usize; 3]; 4]| q.map(|[x, y, z]| corner(x, y, z));
@@ -81,7 +82,7 @@ fn sides([low, high]: Corners) -> [Quad; 6] {
     ]
 }
 
-/// Returns the faces of the books on the three lower boards, grouped by their three colours.
+/// Returns the faces of the books on the three lower boards of the shelf, grouped by their three colours.
 fn books() -> [Vec<Quad>; 3] {
     let mut colours = [Vec::new(), Vec::new(), Vec::new()];
     for (row, board) in BOARDS.iter().take(3).enumerate() {
@@ -99,7 +100,7 @@ fn books() -> [Vec<Quad>; 3] {
     colours
 }
 
-/// Returns the text of the scene file.
+/// Returns the text of the room scene's file.
 pub(super) fn scene() -> String {
     let mut text = opening(
         "A room and what is seen of another through the gap beside a partition, with eight lamps of very different\n\

@@ -7,19 +7,20 @@ use super::images::{lat_long_pfm, tga};
 use super::mesh::Mesh;
 use super::{Assets, opening};
 
-/// Quadrilaterals along each side of a patch. The 32 patches of 2 x 12 x 12 triangles make about 9000.
+/// Number of quadrilaterals along each side of a Bezier patch. The teapot's 32 patches of 2 x 12 x 12 triangles make
+/// about 9000 triangles.
 const STEPS: usize = 12;
 
-/// One control point of a profile: radius, the off-axis coordinate of the two middle control points of a quarter turn,
-/// and height.
+/// One control point of a profile, `[r, l, z]`: radius, the off-axis coordinate of the two middle control points of a
+/// quarter turn, and height.
 type Ring = [f64; 3];
 
-/// The parts turned about the z axis, as profiles of cubic pieces that share their end points. Outside is to
-/// the left of the way the profile runs, seen with the radius to the right and the height up.
+/// The profile of the lid, which is turned about the z axis: cubic Bezier pieces that share their end points. Outside
+/// is to the left of the profile's direction, seen with the radius to the right and the height up.
 ///
-/// Newell's table [Newell 1975; Crow 1987] gives each quarter turn of a piece as 4 x 4 points
-/// `(r, 0), (r, l), (l, r), (0, r)` at four heights; this is the same table without its repetitions.
-/// `l / r` is 0.56 throughout but for the knob's 0.45 / 0.8.
+/// Newell's table [Newell 1975; Crow 1987] gives each quarter turn of a piece as 4 x 4 points `(r, 0), (r, l), (l, r),
+/// (0, r)` at four heights. `LID` and `BODY` are that table without its repetitions. `l / r` is 0.56 throughout but for
+/// the knob's 0.45 / 0.8.
 const LID: [Ring; 7] = [
     [0.0, 0.0, 3.15],
     [0.8, 0.45, 3.15],
@@ -30,7 +31,8 @@ const LID: [Ring; 7] = [
     [1.3, 0.728, 2.4],
 ];
 
-/// Rim, upper body, lower body, and the bottom that others added to Newell's pot.
+/// The profile of the body, in the form of `LID`: rim, upper body, lower body, and the bottom, which others added to
+/// Newell's teapot.
 const BODY: [Ring; 13] = [
     [1.4, 0.784, 2.4],
     [1.3375, 0.749, 2.53125],
@@ -47,8 +49,8 @@ const BODY: [Ring; 13] = [
     [0.0, 0.0, 0.0],
 ];
 
-/// One section of a tube's control points: two points in the plane y = 0, given by x and z, and one half width. The
-/// tube is symmetric in y.
+/// One cross-section of control points of a tube (handle or spout): two points in the plane y = 0, given by x and z,
+/// and one half width. The tube is symmetric in y.
 struct Section {
     first: [f64; 2],
     second: [f64; 2],
@@ -79,13 +81,13 @@ const SPOUT: [Section; 7] = [
     section([2.8, 2.4], [3.2, 2.4], 0.15),
 ];
 
-/// The 4 x 4 control points of a bicubic Bezier patch: `[row][column]`.
+/// The 4 x 4 control points of a bicubic Bezier patch, indexed `[row][column]`.
 pub(super) type Patch = [[[f64; 3]; 4]; 4];
 
-/// The patches of one part of the teapot, `[piece][column]`. The columns close to a ring.
+/// The patches of one part of the teapot, indexed `[piece][column]`. The columns of a piece close to a ring.
 pub(super) type Part = Vec<Vec<Patch>>;
 
-/// Returns the patches of a profile turned about the z axis, four quarter turns per piece.
+/// Returns the patches of a profile turned about the z axis: four quarter turns per cubic piece.
 fn turned(profile: &[Ring]) -> Part {
     let quarter = |[r, l, z]: Ring, turn: usize| {
         [[r, 0.0, z], [r, l, z], [l, r, z], [0.0, r, z]].map(|[x, y, z]| match turn {
@@ -100,7 +102,7 @@ fn turned(profile: &[Ring]) -> Part {
         .collect()
 }
 
-/// Returns the patches of a tube, two halves per piece.
+/// Returns the patches of a tube (handle or spout): two halves per cubic piece.
 fn tube(sections: &[Section]) -> Part {
     let half = |section: &Section, side: f64| {
         let ([x0, z0], [x1, z1], w) = (section.first, section.second, section.half_width * side);
@@ -115,17 +117,19 @@ fn tube(sections: &[Section]) -> Part {
         .collect()
 }
 
-/// Returns the index of each cubic piece's first control point. Neighbouring pieces share one of the `points`.
+/// Returns the index of the first control point of each cubic piece of a curve with `points` control points.
+/// Neighbouring pieces share a point.
 fn pieces(points: usize) -> impl Iterator<Item = usize> {
     (0..points - 1).step_by(3)
 }
 
-/// Returns the lid, the body, the handle and the spout.
+/// Returns the patches of the lid, the body, the handle and the spout.
 pub(super) fn parts() -> [Part; 4] {
     [turned(&LID), turned(&BODY), tube(&HANDLE), tube(&SPOUT)]
 }
 
-/// Returns the value and the derivative of a cubic Bezier curve at `t` by de Casteljau's algorithm; exact at 0 and 1.
+/// Returns the value and the derivative of a cubic Bezier curve at `t`, by de Casteljau's algorithm. The value is exact
+/// at 0 and 1.
 fn bezier(points: [[f64; 3]; 4], t: f64) -> ([f64; 3], [f64; 3]) {
     let between = |a: [f64; 3], b: [f64; 3]| mix(a, b, t);
     let [a, b, c] = [0, 1, 2].map(|i| between(points[i], points[i + 1]));
@@ -133,7 +137,8 @@ fn bezier(points: [[f64; 3]; 4], t: f64) -> ([f64; 3], [f64; 3]) {
     (between(d, e), scale(sub(e, d), 3.0))
 }
 
-/// Returns a point of a patch and its derivatives by `s` (along the rows' order) and by `t` (along the columns').
+/// Returns a point of a patch, its derivative by `s` (from row to row) and its derivative by `t` (from column to
+/// column).
 fn patch_point(patch: &Patch, s: f64, t: f64) -> [[f64; 3]; 3] {
     let rows = patch.map(|row| bezier(row, t));
     let (point, along_s) = bezier(rows.map(|(value, _)| value), s);
@@ -141,7 +146,7 @@ fn patch_point(patch: &Patch, s: f64, t: f64) -> [[f64; 3]; 3] {
     [point, along_s, along_t]
 }
 
-/// Returns true if all control points of a row coincide: the patch ends in a tip.
+/// Returns true if all control points of a row coincide, so that the patch ends in a tip.
 fn is_point(row: &[[f64; 3]; 4]) -> bool {
     row.iter().all(|point| *point == row[0])
 }
@@ -153,7 +158,7 @@ fn add_part(mesh: &mut Mesh, part: &Part) {
     let down = part.len() * STEPS;
     let mut above: Vec<u32> = Vec::new();
     for row in 0..=down {
-        // The last row is the end of the last piece, every other one lies in the piece that it begins or is inside of.
+        // The last row ends the last piece; every other row lies in the piece that it begins or is inside of.
         let piece = (row / STEPS).min(part.len() - 1);
         let s = (row - piece * STEPS) as f64 / STEPS as f64;
         let ring: Vec<_> = (0..around)
@@ -162,7 +167,7 @@ fn add_part(mesh: &mut Mesh, part: &Part) {
         let patch = &part[piece][0];
         let at_tip = row == 0 && is_point(&patch[0]) || row == down && is_point(&patch[3]);
         let here: Vec<u32> = if at_tip {
-            // Tangents around the ring vanish; the surface is flat there, and turned about the axis.
+            // Tangents around the ring vanish at a tip. The surface of revolution is flat there.
             let up = if row == 0 { 1.0 } else { -1.0 };
             vec![mesh.add(patch[if row == 0 { 0 } else { 3 }][0], [0.0, 0.0, up]); around]
         } else {
@@ -180,10 +185,10 @@ fn add_part(mesh: &mut Mesh, part: &Part) {
     }
 }
 
-/// Returns the teapot's mesh: standing on z = 0, spout towards +x, normals outwards.
+/// Returns the teapot's mesh: base at z = 0, spout towards +x, normals outwards.
 ///
-/// Open borders, as in Newell's data: the lid's edge and the rim's inner edge (a gap of 0.08 between them),
-/// both ends of the handle and the foot of the spout (all inside the body), and the spout's mouth.
+/// Its borders are open as in Newell's data: the lid's edge and the rim's inner edge (a gap of 0.08 between them), both
+/// ends of the handle and the foot of the spout (all inside the body), and the spout's mouth.
 pub(super) fn mesh() -> Mesh {
     let mut mesh = Mesh::default();
     for part in &parts() {
@@ -193,7 +198,7 @@ pub(super) fn mesh() -> Mesh {
 }
 
 /// A rectangular light far away: direction of its centre, half width and half height (as tangents of angles), and
-/// radiance. Cross bars of a half width make it a window.
+/// radiance. `bar` is the half width of cross bars that make the light a window; 0 for none.
 struct SoftBox {
     centre: [f64; 3],
     half: [f64; 2],
@@ -210,7 +215,7 @@ const SOFT_BOXES: [SoftBox; 3] = [
     SoftBox { centre: [0.35, 0.9, 0.55], half: [0.5, 0.2], radiance: [1.2, 1.4, 1.8], bar: 0.0 },
 ];
 
-/// Returns the visible share of a soft box in a direction, 0 to 1. Edges are softened over `EDGE`.
+/// Returns the fraction of a soft box that is visible in a direction, 0 to 1. Edges are softened over `EDGE`.
 fn coverage(light: &SoftBox, direction: [f64; 3]) -> f64 {
     const EDGE: f64 = 0.03;
     let centre = normalize(light.centre);
@@ -226,7 +231,7 @@ fn coverage(light: &SoftBox, direction: [f64; 3]) -> f64 {
     inside(x, light.half[0]) * inside(y, light.half[1]) * pane
 }
 
-/// Returns the studio's radiance from a direction: walls, a dim ground below, and the soft boxes. The walls darken
+/// Returns the studio's radiance from a unit direction: walls, a dim ground below, and the soft boxes. The walls darken
 /// upwards: `mix(horizon, zenith, z (2 - z))`.
 fn studio(direction: [f64; 3]) -> [f64; 3] {
     let z = direction[2];
@@ -238,7 +243,7 @@ fn studio(direction: [f64; 3]) -> [f64; 3] {
     SOFT_BOXES.iter().fold(wall, |sum, light| add(sum, scale(light.radiance, coverage(light, direction))))
 }
 
-/// Returns the colour of a texel of the floor image: 2 x 2 slate tiles of different shades with pale grout.
+/// Returns the sRGB colour of a texel of the floor image: 2 x 2 slate tiles of two shades with pale grout.
 fn floor_tile(column: u16, row: u16) -> [u8; 3] {
     const TILE: u16 = 64;
     const JOINT: u16 = 2;
@@ -252,7 +257,7 @@ fn floor_tile(column: u16, row: u16) -> [u8; 3] {
     }
 }
 
-/// Returns the text of the scene file, and the scene's other files.
+/// Returns the text of the scene file, and the name and bytes of the scene's other files.
 pub(super) fn scene() -> (String, Assets) {
     let mut text = opening(
         "Teapot: Newell's teapot in gold on a glossy tiled floor, in a studio; in the spirit of pbrt's `metal` scene.\n\
@@ -305,8 +310,8 @@ Shape "trianglemesh"
     (text, files)
 }
 
-/// Returns the largest sine of the angle between the normals of neighbouring patches at a shared vertex, without the
-/// tips. 0 means that every seam is smooth.
+/// Returns the largest sine of the angle between the normals of neighbouring patches along their shared edges, tips
+/// excluded. 0 means that every seam is smooth.
 #[cfg(test)]
 pub(super) fn largest_seam_angle() -> f64 {
     let normal = |patch: &Patch, s: f64, t: f64| {

@@ -1,4 +1,4 @@
-//! Fractal mountains about a river plain, under sun and sky.
+//! A scene of fractal mountains about a river plain, under sun and sky.
 
 use super::directions::{mix, normalize, smoothstep};
 use super::images::lat_long_pfm;
@@ -6,26 +6,28 @@ use super::mesh::Mesh;
 use super::noise::{fbm, gradient_noise, ridged};
 use super::{Assets, opening};
 
-/// Cells along each side of the grid. Without those under water, about 2^17 triangles remain.
+/// Number of cells along each side of the ground's grid. Without cells under water, about 2^17 triangles remain.
 const CELLS: usize = 267;
-/// The grid covers a trapezium that the camera looks along: y from NEAR to FAR, and |x| below `HALF + SPREAD (y - NEAR)`.
+/// y of the near edge of the grid. The grid covers a trapezium along the view: y from NEAR to FAR, and |x| below `HALF
+/// + SPREAD (y - NEAR)`.
 const NEAR: f64 = -2.0;
 const FAR: f64 = 20.0;
 const HALF: f64 = 3.0;
 const SPREAD: f64 = 0.5;
-/// Ground deeper than this under the water, which lies at z = 0, is left out.
+/// Height below which triangles of the ground are left out. The water lies at z = 0.
 const DEPTH_KEPT: f64 = -0.04;
 const SEED: u64 = 2016;
 
-/// Octaves of the ground (the last is about as long as a far cell is wide; more would be noise), and of the smoothed ground that decides what grows where.
+/// Number of octaves of noise in the ground. The last octave is about as long as a far cell is wide; more would alias.
+/// `COARSE_OCTAVES` make the smoothed ground, whose slope selects the cover.
 const OCTAVES: u32 = 7;
 const COARSE_OCTAVES: u32 = 4;
 
-/// Returns the height of the ground at a point, as a sum of this many octaves.
+/// Returns the height of the ground at a point. `octaves` is the number of octaves of its noise.
 fn height([x, y]: [f64; 2], octaves: u32) -> f64 {
     let river = 1.6 * gradient_noise([0.17 * y, 0.5], SEED + 100) + 0.25 * gradient_noise([0.6 * y, 3.5], SEED + 101);
     let off = (x - river).abs();
-    // The valley widens the mountains' feet; far away the mountains close it.
+    // Mountains rise with the distance from the river, and close the valley far away.
     let rise = smoothstep(0.9, 5.0, off).max(smoothstep(13.0, 18.5, y));
     let far = 0.55 + 0.45 * smoothstep(0.0, 14.0, y);
     let banks = -0.1 + 0.14 * smoothstep(0.35, 0.8, off) + 0.05 * smoothstep(0.7, 2.0, off);
@@ -35,7 +37,7 @@ fn height([x, y]: [f64; 2], octaves: u32) -> f64 {
     banks + plain + rise * far * (2.3 * mountains + 0.5 * rise + scree)
 }
 
-/// Returns the point (x, y) of a grid vertex. Rows lie closer together near the camera.
+/// Returns the point (x, y) of the grid vertex at a column and a row. Rows lie closer together near the camera.
 fn place(column: f64, row: f64) -> [f64; 2] {
     let t = row / CELLS as f64;
     let y = NEAR + (FAR - NEAR) * t * (0.35 + 0.65 * t);
@@ -72,7 +74,7 @@ pub(super) fn ground() -> Mesh {
     mesh.part(|triangle| mesh.corners(triangle).iter().any(|point| point[2] > DEPTH_KEPT))
 }
 
-/// The materials of the ground, in the order of [`MATERIALS`].
+/// The material of a triangle of the ground.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Cover {
     Grass,
@@ -86,8 +88,8 @@ const MATERIALS: [(Cover, &str, &str); 3] = [
     (Cover::Snow, "snow", "0.78 0.80 0.84"),
 ];
 
-/// Returns the cover of a triangle: rock where steep, snow where high, else grass, with borders perturbed by noise.
-/// Steepness is that of the smoothed ground, so that no single triangle stands out.
+/// Returns the cover of a triangle: rock where steep, snow where high, else grass, with borders perturbed by noise. The
+/// slope is taken from the smoothed ground, so that neighbouring triangles agree.
 fn cover(mesh: &Mesh, triangle: [u32; 3]) -> Cover {
     let [a, b, c] = mesh.corners(triangle);
     let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / 3.0);
@@ -102,7 +104,7 @@ fn cover(mesh: &Mesh, triangle: [u32; 3]) -> Cover {
     }
 }
 
-/// Returns the meshes of the ground, one per material, with the material's name.
+/// Returns the ground as one mesh per material, each with the material's name.
 pub(super) fn covers() -> Vec<(&'static str, Mesh)> {
     let ground = ground();
     MATERIALS.iter().map(|&(kind, name, _)| (name, ground.part(|triangle| cover(&ground, triangle) == kind))).collect()
@@ -115,7 +117,7 @@ fn sky(direction: [f64; 3]) -> [f64; 3] {
     mix([0.72, 0.78, 0.86], [0.16, 0.30, 0.62], 1.0 - low * low * low)
 }
 
-/// Returns the text of the scene file, and the scene's other files.
+/// Returns the text of the scene file, and the name and bytes of the scene's other files.
 pub(super) fn scene() -> (String, Assets) {
     let mut text = opening(
         "Terrain: fractal mountains about a river plain, a hazy sun and a sky.\n\

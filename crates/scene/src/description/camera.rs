@@ -3,19 +3,19 @@
 use super::{MediumId, Source};
 use glam::DAffine3;
 
-/// A camera.
+/// A camera: pose, projection, lens and shutter.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
     /// The transform from camera space (x right, y up, z forward, as in pbrt) to world space. It may mirror.
     pub to_world: DAffine3,
-    /// The camera-to-world transform at the second of [`Scene::motion_times`](super::Scene::motion_times), if the
-    /// camera moves.
+    /// The camera-to-world transform at the second of [`Scene::motion_times`](super::Scene::motion_times); `None` if
+    /// the camera does not move.
     pub moves_to: Option<DAffine3>,
-    /// The projection.
+    /// The projection: perspective or orthographic.
     pub projection: Projection,
-    /// Width over height of the screen, if the file sets it; otherwise that of the resolution.
+    /// Width over height of the screen; `None` takes the ratio of the resolution.
     pub aspect: Option<f64>,
-    /// Window on the screen plane (x0, x1, y0, y1), if the file sets it.
+    /// The part of the screen plane that the image shows: x0, x1, y0, y1. `None` derives it from the aspect ratio.
     pub screen_window: Option<[f64; 4]>,
     /// Radius of the lens in units of camera space, as in pbrt-v4; 0 is a pinhole.
     pub lens_radius: f64,
@@ -25,19 +25,19 @@ pub struct Camera {
     pub shutter: [f64; 2],
     /// The medium around the camera; `None` is vacuum.
     pub medium: Option<MediumId>,
-    /// File and line.
+    /// File and line of the camera, for messages.
     pub source: Source,
 }
 
-/// The projection of a camera.
+/// The projection of a camera: perspective or orthographic.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Projection {
-    /// Perspective: rays start at one point.
+    /// A perspective projection: all rays of a pinhole camera start at one point.
     Perspective {
         /// Full angle of view along the shorter side of the image, in degrees.
         fov: f64,
     },
-    /// Orthographic: parallel rays. The screen window is in units of camera space.
+    /// An orthographic projection: parallel rays. The screen window is in units of camera space.
     Orthographic,
 }
 
@@ -67,9 +67,9 @@ pub struct FilmSettings {
     pub crop: Option<[u32; 4]>,
     /// The pixel filter. It is importance-sampled, so that each sample belongs to one pixel.
     pub pixel_filter: PixelFilter,
-    /// The file name that the scene suggests for its image.
+    /// The file name that the scene suggests for its image, if any.
     pub file_name: Option<String>,
-    /// Samples per pixel that the scene suggests.
+    /// The number of samples per pixel that the scene suggests, if any.
     pub spp: Option<u32>,
 }
 
@@ -82,21 +82,21 @@ impl Default for FilmSettings {
 /// A pixel filter, with radii in pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PixelFilter {
-    /// Constant within the radii.
+    /// A box filter: constant within the radii.
     Box {
-        /// Half width and half height.
+        /// Half width and half height of the filter, in pixels.
         radius: [f64; 2],
     },
-    /// A tent that falls linearly to 0 at the radii.
+    /// A triangle filter: a tent that falls linearly to 0 at the radii.
     Triangle {
-        /// Half width and half height.
+        /// Half width and half height of the filter, in pixels.
         radius: [f64; 2],
     },
-    /// A Gaussian minus its value at the radius, so that it is 0 there.
+    /// A Gaussian filter: a Gaussian minus its value at the radius, so that it is 0 there.
     Gaussian {
-        /// Half width and half height.
+        /// Half width and half height of the filter, in pixels.
         radius: [f64; 2],
-        /// Standard deviation in pixels.
+        /// Standard deviation of the Gaussian, in pixels.
         sigma: f64,
     },
 }

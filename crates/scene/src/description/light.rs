@@ -7,42 +7,43 @@ use glam::DAffine3;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// A light that is not a shape.
+/// A light that is not a shape: point, spot, distant light or environment.
 #[derive(Clone, Debug)]
 pub struct Light {
     /// The kind of light, with its parameters.
     pub kind: LightKind,
     /// The transform from the light's space to world space.
     pub to_world: DAffine3,
-    /// File and line.
+    /// File and line of the light, for messages.
     pub source: Source,
 }
 
-/// The kind of a light. Every match over kinds is exhaustive, so that the compiler names the places to extend.
+/// The kind of a light, with its parameters. Code matches it without a wildcard, so that the compiler finds every place
+/// that a new kind must extend.
 #[derive(Clone, Debug)]
 pub enum LightKind {
-    /// Radiance from everywhere beyond the scene.
+    /// An environment: radiance from all directions, infinitely far away.
     Infinite {
         /// Radiance by direction.
         radiance: EnvironmentRadiance,
     },
-    /// A point at the origin of the light's space with equal intensity in all directions.
+    /// A point light at the origin of the light's space, with equal intensity in all directions.
     Point {
         /// Radiant intensity, linear RGB.
         intensity: [f32; 3],
     },
-    /// A point at the origin of the light's space that points along +z.
+    /// A cone of light from the origin of the light's space, along +z.
     Spot {
         /// Radiant intensity along the axis, linear RGB.
         intensity: [f32; 3],
-        /// Angle between the axis and the cone's edge, where light ends, degrees.
+        /// Angle in degrees between the axis and the edge of the cone, beyond which intensity is 0.
         cone: f32,
-        /// Angle between the axis and where light begins to fall off, degrees; at most `cone`.
+        /// Angle in degrees between the axis and the start of the falloff; at most `cone`.
         falloff_start: f32,
-        /// The falloff between the two angles.
+        /// The shape of the falloff from `falloff_start` to `cone`.
         falloff: SpotFalloff,
     },
-    /// Parallel light from infinitely far, out of the direction +z of the light's space.
+    /// Parallel light from infinitely far away. It arrives from the direction +z of the light's space.
     Distant {
         /// Irradiance of a surface that faces the light, linear RGB.
         irradiance: [f32; 3],
@@ -50,7 +51,7 @@ pub enum LightKind {
 }
 
 impl LightKind {
-    /// Returns the kind's name, for messages.
+    /// Returns a short name of the kind, such as "spot", for messages.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Infinite { radiance: EnvironmentRadiance::Constant(_) } => "uniform environment",
@@ -69,7 +70,7 @@ impl LightKind {
         }
     }
 
-    /// True if the light is not black. NaN passes here; the renderer's validation rejects it later.
+    /// Returns true if the light is not black. NaN counts as not black; the renderer's validation rejects it later.
     pub(crate) fn shines(&self) -> bool {
         let black = |rgb: &[f32; 3]| *rgb == [0.0; 3];
         match self {
@@ -83,8 +84,8 @@ impl LightKind {
         }
     }
 
-    /// Returns the luminance-weighted radiant power. `disk` is the area that the scene exposes to light from infinitely
-    /// far.
+    /// Returns the luminance of the radiant power. `disk` is the cross-section of the scene's bounding sphere, through
+    /// which light from infinitely far enters.
     pub(crate) fn power(&self, disk: f64) -> f64 {
         let brightness = |rgb: &[f32; 3]| luminance(rgb.map(f64::from));
         match self {
@@ -147,16 +148,16 @@ pub enum EnvironmentRadiance {
     /// on top, `theta = pi v`, `phi = 2 pi u`, the direction in the light's frame is
     /// `(sin theta cos phi, sin theta sin phi, cos theta)`.
     LatLong {
-        /// Linear RGB, top row first.
+        /// The image, linear RGB, top row first.
         image: Arc<Image>,
-        /// Factor of every value.
+        /// Factor applied to every pixel value.
         scale: f32,
     },
     /// A square equal-area octahedral image [Clarberg 2008], as in pbrt-v4; z is up in the light's frame.
     EqualArea {
-        /// Linear RGB, top row first, as many rows as columns.
+        /// The square image, linear RGB, top row first.
         image: Arc<Image>,
-        /// Factor of every value.
+        /// Factor applied to every pixel value.
         scale: f32,
     },
 }

@@ -8,24 +8,24 @@ use std::f64::consts::PI;
 /// The size and emission of a shape that emits light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LampShape {
-    /// The emitted radiance.
+    /// The emitted radiance, and the number of emitting sides.
     pub(crate) emission: Emission,
-    /// Area of the emitting side, in square units of the file's world space.
+    /// Area of one emitting side, in square units of the file's world space.
     pub(crate) area: f64,
-    /// Area-weighted centroid of the shape.
+    /// Area-weighted centroid of the shape, in the file's world space.
     pub(crate) centre: DVec3,
     /// Area-weighted mean of the unit normals: of length 1 for a flat shape, 0 for a closed one.
     pub(crate) facing: DVec3,
 }
 
 impl LampShape {
-    /// Returns the lamp that a shape makes in its first pose; `None` if the shape emits no light or has no area.
+    /// Returns the size and emission of a shape in its first pose; `None` if the shape emits no light or has no area.
     pub(crate) fn of(shape: &Shape) -> Option<Self> {
         let emission = shape.emission.filter(|e| e.radiance != [0.0; 3])?;
         let (area, centre, facing) = match &shape.geometry {
             Geometry::Mesh(_) => mesh(shape)?,
             Geometry::Sphere { radius } => {
-                // A stretched one is refused elsewhere.
+                // Validation refuses stretched spheres elsewhere.
                 let scale = shape.to_world.matrix3.determinant().abs().cbrt();
                 (4.0 * PI * (radius * scale).powi(2), shape.to_world.translation, DVec3::ZERO)
             }
@@ -42,7 +42,7 @@ impl LampShape {
         (area != 0.0).then_some(Self { emission, area, centre, facing })
     }
 
-    /// Returns the radiant power, RGB: `pi area radiance` per emitting side.
+    /// Returns the radiant power, RGB: `pi * area * radiance` for each emitting side.
     pub(crate) fn power(&self) -> [f64; 3] {
         let sides = if self.emission.two_sided { 2.0 } else { 1.0 };
         self.emission.radiance.map(|l| PI * self.area * f64::from(l) * sides)
@@ -53,11 +53,11 @@ fn side(shape: &Shape) -> f64 {
     if shape.reversed { -1.0 } else { 1.0 }
 }
 
-/// Returns area, centroid and mean normal of a mesh; `None` for area 0.
+/// Returns area, centroid and mean normal of a mesh in world space; `None` for area 0.
 fn mesh(shape: &Shape) -> Option<(f64, DVec3, DVec3)> {
     let Geometry::Mesh(mesh) = &shape.geometry else { return None };
     let (mut area, mut moment, mut facing) = (0.0, DVec3::ZERO, DVec3::ZERO);
-    // A mirroring transform turns the winding around, and not the normal.
+    // A mirroring transform reverses the winding, but not the normal.
     let side = side(shape) * shape.to_world.matrix3.determinant().signum();
     let turn = shape.to_world.matrix3.inverse().transpose();
     for triangle in &mesh.triangles {
@@ -77,18 +77,18 @@ fn mesh(shape: &Shape) -> Option<(f64, DVec3, DVec3)> {
     (area != 0.0).then(|| (area, moment / area, facing / area))
 }
 
-/// The index of a light in its scene.
+/// The index of a light in its scene: an emitting shape, or a light that is not a shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LightNumber {
-    /// Index in [`Scene::shapes`].
+    /// An emitting shape, by its index in [`Scene::shapes`].
     Shape(usize),
-    /// Index in [`Scene::lights`].
+    /// A light that is not a shape, by its index in [`Scene::lights`].
     Light(usize),
 }
 
-/// Returns every light that is not black, with its luminance-weighted radiant power. An infinitely far light counts
-/// with its power into the scene's bounding sphere. The renderer's selection of lights by power has the same weights
-/// within rounding.
+/// Returns every light that is not black, with the luminance of its radiant power. The power of an infinitely far light
+/// is what enters the scene's bounding sphere. The renderer's light selection by power uses the same weights within
+/// rounding.
 pub(crate) fn powers(scene: &Scene) -> Vec<(LightNumber, f64)> {
     let lamp = |(i, shape)| LampShape::of(shape).map(|lamp| (LightNumber::Shape(i), luminance(lamp.power())));
     let mut found: Vec<_> = scene.shapes.iter().enumerate().filter_map(lamp).collect();
@@ -98,7 +98,7 @@ pub(crate) fn powers(scene: &Scene) -> Vec<(LightNumber, f64)> {
     found
 }
 
-/// Returns half the diagonal of the scene's bounds; 0 for an empty scene.
+/// Returns the radius of a sphere around the scene: half the diagonal of its bounds; 0 for an empty scene.
 fn radius(scene: &Scene) -> f64 {
     let mut bounds = Bounds::default();
     scene.shapes.iter().for_each(|s| bounds.grow(&s.geometry, s.to_world));
@@ -123,7 +123,7 @@ impl Default for Bounds {
 }
 
 impl Bounds {
-    /// Extends the box to include a shape.
+    /// Extends the box to include a shape's geometry, transformed by `to_world`.
     pub(crate) fn grow(&mut self, geometry: &Geometry, to_world: DAffine3) {
         let mut take = |p: DVec3| {
             let p = to_world.transform_point3(p);

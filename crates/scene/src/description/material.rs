@@ -12,24 +12,23 @@ pub struct MaterialId(pub u32);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct TextureId(pub u32);
 
-/// A material: its scattering, and the maps that tilt its normals.
+/// A material: its scattering, and the maps that tilt its shading normals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
-    /// Name in the file, or a generated one.
+    /// The material's name in the file, or a generated name.
     pub name: String,
     /// The kind of scattering, with its parameters.
     pub kind: MaterialKind,
-    /// Bump map: a height in units of the file's world space, which tilts shading normals and leaves the surface in
-    /// place.
+    /// Bump map: heights in units of the file's world space. They tilt shading normals and do not move the surface.
     pub bump: Option<Scalar>,
     /// Normal map: an image of tangent-space normals, `2 rgb - 1`, which replace shading normals.
     pub normal_map: Option<TextureId>,
-    /// File and line.
+    /// File and line of the material, for messages.
     pub source: Source,
 }
 
 impl Material {
-    /// Makes a material without bump and normal map.
+    /// Makes a material without bump map and normal map.
     pub fn new(name: impl Into<String>, kind: MaterialKind, source: Source) -> Self {
         Self { name: name.into(), kind, bump: None, normal_map: None, source }
     }
@@ -38,125 +37,126 @@ impl Material {
 /// The scattering of a material. Parameters are pbrt-v4's, or those of the older pbrt version that has the material.
 #[derive(Clone, Debug, PartialEq)]
 pub enum MaterialKind {
-    /// Lambert.
+    /// Lambertian (ideal diffuse) reflection.
     Diffuse {
-        /// Share of light reflected.
+        /// The fraction of light reflected.
         reflectance: Color,
     },
-    /// Lambert's reflection, and the same through the surface: a sheet of paper.
+    /// Lambertian reflection and Lambertian transmission, as of a sheet of paper.
     DiffuseTransmission {
-        /// Share of light reflected.
+        /// The fraction of light reflected.
         reflectance: Color,
-        /// Share of light transmitted to the other side.
+        /// The fraction of light transmitted to the other side.
         transmittance: Color,
     },
     /// A metal, smooth or rough (Trowbridge-Reitz).
     Conductor {
-        /// The metal's Fresnel term.
+        /// Fresnel reflectance of the metal.
         fresnel: ConductorFresnel,
-        /// Microfacet roughness.
+        /// Microfacet roughness of the metal.
         roughness: Roughness,
     },
-    /// Glass, smooth or rough. The surface's normal points out of the glass.
+    /// Glass or another transparent dielectric, smooth or rough. The surface normal points out of it.
     Dielectric {
-        /// Index of refraction of the inside over that of the outside.
+        /// Index of refraction of the inside divided by that of the outside.
         eta: f32,
-        /// Microfacet roughness.
+        /// Microfacet roughness of the surface.
         roughness: Roughness,
-        /// Factor of reflected light; always white in pbrt-v4.
+        /// Factor applied to reflected light; white (1) in pbrt-v4.
         reflectance: Color,
-        /// Factor of transmitted light; always white in pbrt-v4.
+        /// Factor applied to transmitted light; white (1) in pbrt-v4.
         transmittance: Color,
     },
-    /// A pane of glass, one shape for both faces: light passes straight through or is reflected.
+    /// A pane of glass, modelled as one surface for both faces: light passes straight through or is reflected.
     ThinDielectric {
         /// Index of refraction of the glass.
         eta: f32,
     },
     /// A dielectric coat over a diffuse base.
     CoatedDiffuse {
-        /// Reflectance of the base.
+        /// Reflectance of the diffuse base.
         reflectance: Color,
-        /// The coat.
+        /// The dielectric coat.
         coat: Coating,
     },
     /// A dielectric coat over a metal.
     CoatedConductor {
-        /// Fresnel term of the metal.
+        /// Fresnel reflectance of the metal.
         fresnel: ConductorFresnel,
         /// Microfacet roughness of the metal.
         roughness: Roughness,
-        /// The coat.
+        /// The dielectric coat.
         coat: Coating,
     },
     /// A blend of two materials.
     Mix {
-        /// The materials at `amount` 0 and at `amount` 1.
+        /// The material at `amount` 0 and the material at `amount` 1.
         materials: [MaterialId; 2],
-        /// Share of the second material, 0 to 1.
+        /// Weight of the second material, 0 to 1.
         amount: Scalar,
     },
-    /// A border between two media. Light passes straight through, without a scattering event being counted.
+    /// A border between two media, without a surface: light passes straight through, and no scattering event is
+    /// counted.
     Interface,
     /// A perfect mirror without a Fresnel term [pbrt-v3, `mirror`].
     Mirror {
-        /// Share of light reflected.
+        /// The fraction of light reflected.
         reflectance: Color,
     },
-    /// A sum of Lambert's reflection and a rough dielectric's of index 1.5 [pbrt-v3, `plastic`].
+    /// The sum of a Lambertian lobe and the reflection of a rough dielectric of index 1.5 [pbrt-v3, `plastic`].
     Plastic {
-        /// Share of light reflected diffusely.
+        /// The fraction of light reflected diffusely.
         diffuse: Color,
-        /// Factor of the glossy reflection.
+        /// Factor applied to the glossy reflection.
         specular: Color,
-        /// Microfacets of the glossy reflection.
+        /// Microfacet roughness of the glossy reflection.
         roughness: Roughness,
     },
     /// A glossy coat over a diffuse base [Ashikhmin and Shirley 2000; pbrt-v3, `substrate`].
     Substrate {
-        /// Reflectance of the base.
+        /// Reflectance of the diffuse base.
         diffuse: Color,
         /// Reflectance of the coat at normal incidence.
         specular: Color,
-        /// Microfacets of the coat.
+        /// Microfacet roughness of the coat.
         roughness: Roughness,
     },
 }
 
-/// The Fresnel term of a metal.
+/// The Fresnel reflectance of a metal, by its index of refraction or by its colour.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ConductorFresnel {
-    /// Complex index of refraction, per channel.
+    /// A complex index of refraction, `eta + i k`, for each of R, G and B.
     EtaK {
-        /// Real part.
+        /// Real part of the index of refraction, RGB.
         eta: [f32; 3],
-        /// Imaginary part.
+        /// Imaginary part of the index of refraction, RGB.
         k: [f32; 3],
     },
-    /// Reflectance at normal incidence; the real part `eta` is 1.
+    /// Reflectance at normal incidence; the real part of the index of refraction is 1.
     Reflectance(Color),
 }
 
-/// A dielectric layer over another material.
+/// The parameters of a dielectric coat over another material, as in pbrt-v4.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coating {
-    /// Microfacet roughness.
+    /// Microfacet roughness of the coat.
     pub roughness: Roughness,
-    /// Index of refraction.
+    /// Index of refraction of the coat.
     pub eta: f32,
-    /// Optical thickness along the normal.
+    /// Optical thickness of the coat along its normal.
     pub thickness: f32,
-    /// Scattering albedo inside the coat.
+    /// Single-scattering albedo of the medium inside the coat.
     pub albedo: Color,
-    /// Henyey-Greenstein asymmetry inside the coat, -1 to 1.
+    /// Henyey-Greenstein asymmetry of the medium inside the coat, -1 to 1.
     pub g: f32,
-    /// The largest number of events of pbrt-v4's random walk between the layers.
+    /// The largest number of scattering events in pbrt-v4's random walk between the layers.
     pub max_depth: u32,
-    /// pbrt-v4's number of random walks per evaluation.
+    /// The number of random walks that pbrt-v4 averages per evaluation.
     pub samples: u32,
 }
 
-/// pbrt-v4's default coat, smooth.
+/// The defaults of pbrt-v4's coat: smooth, index of refraction 1.5, no medium inside.
 impl Default for Coating {
     fn default() -> Self {
         let (roughness, albedo) = (Roughness::constant(0.0, 0.0, false), Color::Constant([0.0; 3]));
@@ -164,27 +164,28 @@ impl Default for Coating {
     }
 }
 
-/// Microfacet roughness along the two tangents.
+/// Microfacet roughness along the two tangents of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Roughness {
-    /// Along u.
+    /// Roughness along the tangent u.
     pub u: Scalar,
-    /// Along v.
+    /// Roughness along the tangent v.
     pub v: Scalar,
-    /// True for `alpha = sqrt(roughness)`, false for `alpha = roughness`.
+    /// True if the microfacet width is `alpha = sqrt(roughness)`, false if `alpha = roughness`.
     pub remap: bool,
 }
 
-/// A colour: constant or a texture.
+/// A colour: constant, or a texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Color {
-    /// Linear RGB.
+    /// A constant colour, linear RGB.
     Constant([f32; 3]),
-    /// A texture.
+    /// A texture that gives the colour.
     Texture(TextureId),
 }
 
-/// Smallest microfacet width (alpha) of a rough surface, as in pbrt-v4. Surfaces of smaller widths are smooth.
+/// Smallest microfacet width (alpha) of a rough surface, as in pbrt-v4. A surface of smaller width is treated as
+/// smooth.
 pub const SMOOTH_ALPHA: f32 = 1e-3;
 
 /// Returns the microfacet width (alpha) of a roughness: `sqrt(roughness)`, as in pbrt-v4.
@@ -193,19 +194,19 @@ pub fn roughness_to_alpha(roughness: f32) -> f32 {
     roughness.max(0.0).sqrt()
 }
 
-/// Returns true if a surface with these two microfacet widths counts as smooth.
+/// Returns true if a surface with these two microfacet widths (alpha) is treated as smooth.
 #[inline]
 pub fn effectively_smooth(alpha: [f32; 2]) -> bool {
     alpha[0].max(alpha[1]) < SMOOTH_ALPHA
 }
 
 impl Roughness {
-    /// Makes a roughness without textures.
+    /// Makes a roughness of constant values along u and v.
     pub const fn constant(u: f32, v: f32, remap: bool) -> Self {
         Self { u: Scalar::Constant(u), v: Scalar::Constant(v), remap }
     }
 
-    /// Returns both roughnesses, or `None` if either is a texture.
+    /// Returns the roughness along u and along v; `None` if either is a texture.
     pub fn constants(&self) -> Option<[f32; 2]> {
         match (self.u, self.v) {
             (Scalar::Constant(u), Scalar::Constant(v)) => Some([u, v]),
@@ -214,23 +215,23 @@ impl Roughness {
     }
 }
 
-/// A number: constant, or the first channel of a texture with equal channels.
+/// A number: constant, or the first channel of a texture whose channels are equal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Scalar {
-    /// One value for all points.
+    /// A constant value.
     Constant(f32),
-    /// A texture.
+    /// The first channel of a texture.
     Texture(TextureId),
 }
 
-/// A texture with its name and line.
+/// A texture with its name and its place in the file.
 #[derive(Clone, Debug)]
 pub struct Texture {
-    /// Name in the file.
+    /// The texture's name in the file.
     pub name: String,
     /// The kind of texture, with its parameters.
     pub kind: TextureKind,
-    /// File and line.
+    /// File and line of the texture, for messages.
     pub source: Source,
 }
 
@@ -241,48 +242,48 @@ pub enum TextureKind {
     Checkerboard {
         /// Factors of u and v, applied before the shift.
         scale: [f32; 2],
-        /// Shift of u and v.
+        /// Offsets added to u and v after `scale`.
         shift: [f32; 2],
-        /// The colors where `floor(u) + floor(v)` is even, and where it is odd.
+        /// The colour where `floor(u) + floor(v)` is even, and the colour where it is odd.
         colors: [Color; 2],
     },
-    /// An image, repeated, bilinear. `v = 0` is its bottom edge, `u = 0` its left one.
+    /// An image, interpolated bilinearly. `v = 0` is its bottom edge, `u = 0` its left edge.
     Image {
-        /// Decoded to linear RGB, top row first.
+        /// The image, decoded to linear RGB, top row first.
         image: Arc<Image>,
         /// Factors of u and v, applied before the shift.
         scale: [f32; 2],
-        /// Shift of u and v.
+        /// Offsets added to u and v after `scale`.
         shift: [f32; 2],
-        /// Factor of every value.
+        /// Factor applied to every pixel value.
         factor: f32,
-        /// True if every value is then subtracted from 1, with negative results set to 0.
+        /// True if each value, after `factor`, is subtracted from 1; negative results become 0.
         invert: bool,
-        /// The values beyond the image's edges.
+        /// The values beyond the edges of the image.
         wrap: Wrap,
     },
-    /// Two textures, multiplied.
+    /// The product of two colours or textures.
     Product {
-        /// The factors.
+        /// The two factors.
         factors: [Color; 2],
     },
-    /// An interpolation between two textures.
+    /// A linear interpolation between two colours or textures.
     Mix {
-        /// The colors at `amount` 0 and at `amount` 1.
+        /// The colour at `amount` 0 and the colour at `amount` 1.
         colors: [Color; 2],
-        /// Share of the second colour, 0 to 1.
+        /// Weight of the second colour, 0 to 1.
         amount: Scalar,
     },
 }
 
-/// The values of an image beyond its edges.
+/// The values of an image texture beyond the edges of its image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wrap {
-    /// Repeats the image.
+    /// The image repeats.
     #[default]
     Repeat,
-    /// Black.
+    /// Black outside the image.
     Black,
-    /// Repeats the nearest pixel.
+    /// The value of the nearest pixel of the image.
     Clamp,
 }

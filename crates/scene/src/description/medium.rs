@@ -6,10 +6,10 @@ use super::Source;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct MediumId(pub u32);
 
-/// A homogeneous medium.
+/// A homogeneous participating medium.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Medium {
-    /// Name in the file.
+    /// The medium's name in the file.
     pub name: String,
     /// Absorption coefficient per unit of the file's world space, linear RGB.
     pub absorption: [f32; 3],
@@ -17,7 +17,7 @@ pub struct Medium {
     pub scattering: [f32; 3],
     /// Asymmetry of the Henyey-Greenstein phase function, -1 to 1 (exclusive).
     pub g: f32,
-    /// File and line.
+    /// File and line of the medium, for messages.
     pub source: Source,
 }
 

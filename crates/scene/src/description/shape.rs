@@ -6,32 +6,32 @@ use std::sync::Arc;
 
 /// A shape: geometry, material, emission and media.
 ///
-/// The geometric normal, on whose side the shape emits, is as in pbrt-v4:
-/// * In the shape's own space: `(p1 - p0) x (p2 - p0)` of a triangle, outwards of a sphere, +z of a disk.
-/// * It is brought to world space as a normal (by the inverse transpose), so that a transform that mirrors
-///   does not turn it around; then it is negated if [`reversed`](Self::reversed).
-/// * Where a mesh has normals, they are transformed and negated the same way, and a triangle's geometric
-///   normal is negated where it points away from their interpolation: shading normals decide on the side.
+/// The shape emits on the side of its geometric normal, which follows pbrt-v4:
+/// * In the shape's own space it is `(p1 - p0) x (p2 - p0)` for a triangle, outwards for a sphere, +z for a disk.
+/// * The inverse transpose of the transform brings it to world space, so that a mirroring transform does not reverse
+///   it. Then it is negated if [`reversed`](Self::reversed).
+/// * Normals of a mesh are transformed and negated in the same way. A triangle's geometric normal is negated if it
+///   points away from the interpolated mesh normal, so that shading normals select the side.
 #[derive(Clone, Debug)]
 pub struct Shape {
     /// Geometry in the shape's own space.
     pub geometry: Geometry,
     /// The transform from the shape's space to world space, or to the object's space for a shape of an [`Object`].
     pub to_world: DAffine3,
-    /// The same transform at the second of [`Scene::motion_times`](super::Scene::motion_times), if the shape moves.
-    /// Shapes of objects cannot move; instances can.
+    /// The transform `to_world` at the second of [`Scene::motion_times`](super::Scene::motion_times); `None` if the
+    /// shape does not move. Shapes of objects cannot move; instances can.
     pub moves_to: Option<DAffine3>,
-    /// The material.
+    /// The index of the shape's material.
     pub material: MaterialId,
-    /// The emitted light, if any.
+    /// The emitted light; `None` if the shape emits none.
     pub emission: Option<Emission>,
     /// Opacity from 0 (a hole) to 1; `None` is 1 everywhere.
     pub alpha: Option<Scalar>,
-    /// The media on both sides; `None` keeps the medium that surrounds the shape.
+    /// The media on both sides of the surface; `None` keeps the medium that surrounds the shape.
     pub media: Option<MediumInterface>,
-    /// True if the file reversed its orientation (`ReverseOrientation`).
+    /// True if the file reversed the shape's orientation (`ReverseOrientation`).
     pub reversed: bool,
-    /// File and line.
+    /// File and line of the shape, for messages.
     pub source: Source,
 }
 
@@ -46,20 +46,20 @@ impl Shape {
 /// The geometry of a shape.
 #[derive(Clone, Debug)]
 pub enum Geometry {
-    /// Triangles.
+    /// A triangle mesh.
     Mesh(Arc<MeshData>),
     /// A whole sphere around the origin.
     Sphere {
-        /// Radius.
+        /// The sphere's radius, in the shape's own space.
         radius: f64,
     },
     /// A whole disk (or ring) around the z axis, facing +z.
     Disk {
-        /// The disk's z.
+        /// The z coordinate of the disk.
         height: f64,
-        /// Outer radius.
+        /// The disk's outer radius.
         radius: f64,
-        /// Radius of the hole; 0 for none.
+        /// Radius of the hole in the disk; 0 for no hole.
         inner_radius: f64,
     },
 }
@@ -68,36 +68,37 @@ pub enum Geometry {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ObjectId(pub u32);
 
-/// A group of shapes, to be placed by instances.
+/// A group of shapes that instances place in the world.
 #[derive(Clone, Debug)]
 pub struct Object {
-    /// Name in the file.
+    /// The object's name in the file.
     pub name: String,
     /// The object's shapes. None of them emits light.
     pub shapes: Vec<Shape>,
-    /// File and line.
+    /// File and line of the object, for messages.
     pub source: Source,
 }
 
-/// A placed object.
+/// An instance: one placement of an object in the world.
 #[derive(Clone, Debug)]
 pub struct Instance {
-    /// The placed object.
+    /// The index of the placed object.
     pub object: ObjectId,
     /// The transform from the object's space to world space.
     pub to_world: DAffine3,
-    /// The same transform at the second of [`Scene::motion_times`](super::Scene::motion_times), if the instance moves.
+    /// The transform `to_world` at the second of [`Scene::motion_times`](super::Scene::motion_times); `None` if the
+    /// instance does not move.
     pub moves_to: Option<DAffine3>,
-    /// File and line.
+    /// File and line of the instance, for messages.
     pub source: Source,
 }
 
 impl MeshData {
-    /// Checks that positions, normals and texture coordinates are finite, that their numbers match, and that all
-    /// indices exist. Triangles of area 0 are allowed.
+    /// Checks that positions, normals and texture coordinates are finite, and that all vertex indices exist. There must
+    /// be as many normals as positions, or none, and likewise for texture coordinates. Triangles of area 0 are allowed.
     ///
     /// # Errors
-    /// The first fault found.
+    /// Returns the first fault found.
     pub fn check(&self) -> Result<(), MeshFault> {
         let vertices = self.positions.len();
         if let Some(vertex) = self.positions.iter().position(|p| !p.is_finite()) {
@@ -124,11 +125,11 @@ impl MeshData {
     }
 }
 
-/// The error of a mesh. Vertices and triangles count from 0.
+/// A fault of a mesh. Indices of vertices and triangles count from 0.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MeshFault {
-    /// No triangles.
+    /// The mesh has no triangles.
     #[error("the mesh has no triangles; remove it")]
     Empty,
     /// A position is NaN or infinite.
@@ -140,47 +141,47 @@ pub enum MeshFault {
     /// A normal or texture coordinate is NaN or infinite in single precision.
     #[error("the {of} of vertex {vertex} is not finite; mend the mesh")]
     Attribute {
-        /// Name of the attribute.
+        /// Name of the attribute: normal or texture coordinate.
         of: &'static str,
         /// Index of the vertex.
         vertex: usize,
     },
-    /// The number of normals or texture coordinates differs from that of vertices.
+    /// The number of normals or texture coordinates differs from the number of vertices.
     #[error("there are {count} {of} for {vertices} vertices; give one for each, or none")]
     Count {
-        /// Name of the attribute.
+        /// Name of the attribute: normals or texture coordinates.
         of: &'static str,
-        /// Number of values.
+        /// Number of values of the attribute.
         count: usize,
         /// Number of vertices.
         vertices: usize,
     },
-    /// A triangle with an index beyond the last vertex.
+    /// A triangle refers to a vertex that does not exist.
     #[error("triangle {triangle} has vertex index {corner}; indices are whole numbers from 0 to {}", vertices.saturating_sub(1))]
     Corner {
         /// Index of the triangle.
         triangle: usize,
-        /// The vertex index.
+        /// The index of the missing vertex.
         corner: u32,
         /// Number of vertices.
         vertices: usize,
     },
 }
 
-/// Indexed triangles. `normals` and `uvs` are empty or as long as `positions`.
+/// Indexed triangles. `normals` and `uvs` are each empty or as long as `positions`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeshData {
-    /// Vertex positions.
+    /// Vertex positions in the shape's own space.
     pub positions: Vec<DVec3>,
-    /// Shading normals, one per vertex, of any length.
+    /// Shading normals of any length, one per vertex; empty if the mesh has none.
     pub normals: Vec<[f32; 3]>,
-    /// Texture coordinates, one per vertex.
+    /// Texture coordinates, one pair per vertex; empty if the mesh has none.
     pub uvs: Vec<[f32; 2]>,
     /// Three vertex indices per triangle.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Diffuse emission of a shape.
+/// Diffuse emission of a shape: the same radiance in all directions of the emitting side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Emission {
     /// Radiance, linear RGB, with all scale and power factors applied.

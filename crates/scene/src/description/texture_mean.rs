@@ -3,13 +3,14 @@
 use super::{Color, Scalar, Texture, TextureId, TextureKind};
 use glam::{DVec3, Vec3};
 
-/// Deepest nesting of textures within textures; deeper ones are black.
+/// Deepest nesting of textures within textures. Textures nested deeper count as black.
 const DEEPEST: u32 = 8;
 
 /// Returns the mean colour of a texture over the unit square of texture coordinates, linear RGB.
 ///
-/// A checkerboard's is half of each color, a product's the product of the means, a mix' the mix of the means. An image is
-/// averaged over all its pixels. An unknown number is black.
+/// The mean of a checkerboard is the mean of its two colours. The mean of a product is the product of its factors'
+/// means, and the mean of a mix is the mix of its colours' means. An image is averaged over all its pixels. A missing
+/// texture is black.
 pub(crate) fn texture_mean(textures: &[Texture], id: TextureId) -> [f32; 3] {
     mean_within(textures, id, DEEPEST).to_array()
 }

@@ -1,4 +1,4 @@
-//! Scenes edited to do without one of their effects.
+//! Edits that remove one effect, such as soft shadows, from a scene.
 
 mod surfaces;
 
@@ -7,60 +7,61 @@ use super::{Light, LightKind, Material, Scalar, Scene, Shape, SpotFalloff};
 use crate::effects::{Effect, Effects};
 use glam::{DAffine3, DMat3, DVec3};
 
-/// The error of a scene that cannot be edited to do without an effect.
+/// The error of an effect that cannot be removed from a scene.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum WithoutError {
-    /// The edit would remove all lights.
+    /// Removing the effect would remove all lights.
     #[error("without {effect} no light is left, and the image would be black; keep the effect")]
     NoLight {
-        /// The effect.
+        /// The effect to be removed.
         effect: Effect,
     },
 }
 
-/// A function that returns the albedo at normal incidence of a material without textures, or `None`: see
-/// [`Scene::without`].
+/// A function that returns the albedo at normal incidence of a material without textures, or `None` for a material that
+/// the renderer refuses. [`Scene::without`] calls it.
 pub type Albedo<'a> = dyn Fn(&Material) -> Option<[f32; 3]> + 'a;
 
-/// Least length of the mean normal of a lamp that counts as flat: a lamp that emits to one side only.
+/// Least length of a lamp's mean normal at which the lamp counts as flat and is replaced by spots, not by a point.
 const FLAT: f64 = 0.9;
 
 impl Scene {
-    /// Returns an edited scene without an effect, so that a renderer needs no switch. A scene that does not call for
-    /// the effect is returned unchanged.
+    /// Returns a copy of the scene edited so that it lacks an effect. A renderer thus needs no switch for effects. A
+    /// scene that does not call for the effect is returned unchanged.
     ///
-    /// * [`SoftShadows`](Effect::SoftShadows): each lamp becomes a light without extent of the same power at its
-    ///   area-weighted middle, where it stands first. Of a flat one-sided lamp (area `A`, radiance `L`) that is a
-    ///   spot of 90 degrees along its normal with intensity `A L` on the axis and a smooth-step falloff, which has
-    ///   the lamp's intensity `A L` on the axis and, like its cosine, the power `pi A L`; of a flat two-sided
-    ///   lamp two of them, back to back; of any other (a sphere, a lamp that turns) a point of equal intensity in
-    ///   all directions, `power / 4 pi`. The lamp's shape goes: it would shut the point in.
-    /// * [`SeveralLights`](Effect::SeveralLights): only the light of the highest power shines (the first of
-    ///   equals); other lamps stay as dark bodies.
+    /// * [`SoftShadows`](Effect::SoftShadows): each area light (lamp) is replaced by a light without extent and of the
+    ///   same power, at the lamp's area-weighted centroid in its first pose. The lamp's shape is removed, since it
+    ///   would enclose the new light. A flat one-sided lamp of area `A` and radiance `L` becomes a 90 degree spot along
+    ///   its normal with smooth-step falloff. This spot has the lamp's axial intensity `A L` and its power `pi A L`. A
+    ///   flat two-sided lamp becomes two such spots, back to back. Any other lamp (a sphere, a curved mesh) becomes a
+    ///   point of intensity `power / 4 pi`.
+    /// * [`SeveralLights`](Effect::SeveralLights): only the light of the highest power (the first of equals) emits.
+    ///   Other lamps remain as shapes without emission.
     /// * [`Glossy`](Effect::Glossy): materials with a rough lobe become diffuse, with their whole albedo at normal
-    ///   incidence. A textured color stays, times what its mean changes by. Rough glass becomes smooth glass.
+    ///   incidence as reflectance. A textured colour keeps its texture, scaled to the new mean. Rough glass becomes
+    ///   smooth glass.
     /// * [`Mirror`](Effect::Mirror): materials with a smooth reflecting lobe become diffuse in the same way.
-    /// * [`Refraction`](Effect::Refraction): glass and panes become
-    ///   [`Interface`](super::MaterialKind::Interface)s; what they reflect or tint is lost.
-    /// * [`Interreflection`](Effect::Interreflection): at most one scattering event.
-    /// * [`Textures`](Effect::Textures): each becomes its mean over the unit square of texture coordinates (of a
-    ///   product the product of means); bumps and normal maps go.
-    /// * [`Environment`](Effect::Environment): infinite lights go.
+    /// * [`Refraction`](Effect::Refraction): glass and panes become [`Interface`](super::MaterialKind::Interface)s;
+    ///   their reflection and tint are lost.
+    /// * [`Interreflection`](Effect::Interreflection): paths have at most one scattering event.
+    /// * [`Textures`](Effect::Textures): each texture becomes its mean over the unit square of texture coordinates (for
+    ///   a product, the product of means). Bump and normal maps are removed.
+    /// * [`Environment`](Effect::Environment): infinite lights are removed.
     /// * [`DepthOfField`](Effect::DepthOfField): the lens has radius 0.
-    /// * [`MotionBlur`](Effect::MotionBlur): the shutter opens and closes at the middle of its time, so that
-    ///   everything stands where it is then.
-    /// * [`Transparency`](Effect::Transparency): shapes with a constant opacity below one half go, unless they
-    ///   shine; all others are opaque.
-    /// * [`AbsorbingMedia`](Effect::AbsorbingMedia), [`ScatteringMedia`](Effect::ScatteringMedia): their
-    ///   coefficients become 0, and media with nothing left go.
+    /// * [`MotionBlur`](Effect::MotionBlur): the shutter opens and closes at the middle of the exposure, so that
+    ///   nothing moves.
+    /// * [`Transparency`](Effect::Transparency): shapes with a constant opacity below one half are removed unless they
+    ///   emit light. All other shapes become opaque.
+    /// * [`AbsorbingMedia`](Effect::AbsorbingMedia), [`ScatteringMedia`](Effect::ScatteringMedia): the coefficients of
+    ///   this kind become 0. Media left without any coefficient are removed.
     ///
-    /// `albedo` returns the albedo at normal incidence of a material without textures, bump and normal maps, which only
-    /// a renderer knows. `None` (for a material that the renderer refuses) leaves the material as it is.
+    /// `albedo` returns the albedo at normal incidence of a material without textures, bump map and normal map, which
+    /// only a renderer knows. `None` (for a material that the renderer refuses) leaves the material unchanged.
     ///
     /// # Errors
     ///
-    /// [`WithoutError::NoLight`] where the edit would take the last light away.
+    /// [`WithoutError::NoLight`] if the edit would remove the last light.
     pub fn without(&self, effect: Effect, albedo: &Albedo<'_>) -> Result<Self, WithoutError> {
         let mut scene = self.clone();
         if !Effects::of(self).has(effect) {
@@ -150,7 +151,7 @@ fn point_lights(lamp: &LampShape) -> Vec<(LightKind, DAffine3)> {
     directions.into_iter().map(|axis| (kind.clone(), along(axis, lamp.centre))).collect()
 }
 
-/// Returns the transform from a space whose +z is `axis`, with this origin.
+/// Returns the transform to world space from a space with this origin whose +z axis is the unit vector `axis`.
 fn along(axis: DVec3, origin: DVec3) -> DAffine3 {
     let x = axis.any_orthonormal_vector();
     DAffine3 { matrix3: DMat3::from_cols(x, axis.cross(x), axis), translation: origin }

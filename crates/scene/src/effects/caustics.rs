@@ -10,11 +10,11 @@ use glam::DVec3;
 /// Solid angle in steradians below which a lamp is small: fewer than one diffusely scattered ray in 3000 (`1e-3 / pi`)
 /// hits it. At 64 to 1024 samples most pixels miss such a lamp.
 const SMALL: f64 = 1e-3;
-/// Share of the lamps' total power below which a lamp does not count.
+/// Fraction of the total power of all lights below which a light does not count.
 const WORTH: f64 = 0.01;
 
 pub(super) fn found_by_chance(scene: &Scene, visible: &Visible<'_>) -> Option<Called> {
-    // One event is the refraction, another one sends the light to the camera.
+    // One event is the refraction; another one scatters the light to the camera.
     if scene.max_depth.is_some_and(|d| d < 2) {
         return None;
     }
@@ -48,7 +48,7 @@ pub(super) fn found_by_chance(scene: &Scene, visible: &Visible<'_>) -> Option<Ca
     found
 }
 
-/// A shape that refracts, so that light sampling cannot pass it.
+/// A smooth refracting shape. Light sampling cannot connect through it.
 struct Glass<'s> {
     name: &'s str,
     source: &'s Source,
@@ -71,10 +71,11 @@ fn refracting<'s>(scene: &'s Scene, visible: &Visible<'s>) -> Vec<Glass<'s>> {
     found
 }
 
-/// Returns the name of the smooth glass that a material is or contains in a mix, if any.
+/// Returns the name of the first smooth refracting material in a material or, for a mix, among its parts; `None` if
+/// there is none.
 fn smooth_glass(scene: &Scene, id: MaterialId) -> Option<&str> {
     let mut waiting = vec![id];
-    // Mixed of itself: each is looked at once.
+    // Mixes may be circular: visit each material once.
     let mut seen = vec![false; scene.materials.len()];
     while let Some(id) = waiting.pop() {
         let number = id.0 as usize;
@@ -91,7 +92,7 @@ fn smooth_glass(scene: &Scene, id: MaterialId) -> Option<&str> {
     None
 }
 
-/// Returns an upper bound of the solid angle of a light in steradians; `None` for a light that surrounds the scene.
+/// Returns an upper bound of the solid angle, in steradians, of a light seen from a point; `None` for an environment.
 fn solid_angle(scene: &Scene, light: LightNumber, from: DVec3) -> Option<f64> {
     match light {
         LightNumber::Light(i) => match scene.lights[i].kind.environment() {

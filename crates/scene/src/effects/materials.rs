@@ -7,18 +7,18 @@ use crate::{
     roughness_to_alpha,
 };
 
-/// A lobe of a material other than diffuse ones.
+/// A non-diffuse lobe of a material.
 pub(super) struct Lobe<'m> {
-    /// Its name, for messages.
+    /// The lobe's description for messages, such as "a metal".
     pub(super) what: &'static str,
-    /// Microfacet roughness; `None` for a perfect mirror.
+    /// Microfacet roughness of the lobe; `None` for a perfectly smooth lobe.
     pub(super) roughness: Option<&'m Roughness>,
     /// True if the lobe transmits light.
     pub(super) refracts: bool,
 }
 
 impl Lobe<'_> {
-    /// Returns if the lobe may be smooth, and if it may be rough. A textured roughness may be both.
+    /// Returns two flags: the lobe may be smooth, and the lobe may be rough. A textured roughness sets both.
     pub(super) fn smooth_or_rough(&self) -> [bool; 2] {
         let Some(alpha) = self.roughness.map(alpha) else { return [true, false] };
         match alpha {
@@ -31,13 +31,13 @@ impl Lobe<'_> {
     }
 }
 
-/// Returns the microfacet widths, or `None` if a texture decides them.
+/// Returns the microfacet widths (alpha) along u and v; `None` if a texture sets either.
 fn alpha(roughness: &Roughness) -> Option<[f32; 2]> {
     let remapped = |r| if roughness.remap { roughness_to_alpha(r) } else { r };
     roughness.constants().map(|r| r.map(remapped))
 }
 
-/// Returns the lobes of a material other than diffuse ones.
+/// Returns the non-diffuse lobes of a material.
 pub(super) fn lobes(kind: &MaterialKind) -> Vec<Lobe<'_>> {
     let black = |color: &Color| *color == Color::Constant([0.0; 3]);
     let reflecting = |what, roughness| Lobe { what, roughness: Some(roughness), refracts: false };
@@ -70,7 +70,7 @@ pub(super) fn lobes(kind: &MaterialKind) -> Vec<Lobe<'_>> {
     }
 }
 
-/// Returns the textures that a material looks up, each with the name of its use.
+/// Returns the textures that a material looks up, each with the name of its use, such as "roughness".
 fn textures(material: &Material) -> Vec<(TextureId, &'static str)> {
     let mut found = Vec::new();
     let mut color = |color: &Color, what| {
@@ -155,7 +155,8 @@ impl Effects {
     }
 }
 
-/// Returns true if a lobe calls for an effect of surfaces. Reflections of clear glass belong to refraction.
+/// Returns true if a lobe calls for an effect of surfaces (glossy, mirror or refraction). The reflection of smooth
+/// glass counts as refraction, not as mirror.
 pub(super) fn calls_for(lobe: &Lobe<'_>, effect: Effect) -> bool {
     let [smooth, rough] = lobe.smooth_or_rough();
     match effect {

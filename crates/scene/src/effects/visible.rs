@@ -1,14 +1,14 @@
-//! The visible part of a scene.
+//! The visible part of a scene: objects that can affect its image.
 
 use crate::{Color, Instance, MaterialId, MaterialKind, MediumId, Scalar, Scene, Shape};
 
-/// The shapes, instances, materials and media that can be seen.
+/// The shapes, instances, materials and media of a scene that can affect its image.
 pub(super) struct Visible<'s> {
     /// Shapes placed in the world, directly or through an instance, each once.
     pub(super) shapes: Vec<&'s Shape>,
     /// Instances of objects that have shapes.
     pub(super) instances: Vec<&'s Instance>,
-    /// True for each material that a visible shape has, directly or in a mix. Indexed by material.
+    /// True for each material that a visible shape uses, directly or in a mix. Indexed by material.
     pub(super) materials: Vec<bool>,
     /// True for each medium that borders on a visible shape or surrounds the camera. Indexed by medium.
     pub(super) media: Vec<bool>,
@@ -47,7 +47,7 @@ impl<'s> Visible<'s> {
         }
     }
 
-    /// Marks a material and the materials that it mixes. Stops at marked ones, so that circular mixes end.
+    /// Marks a material and the materials that it mixes as visible. Skips marked materials, so that circular mixes end.
     fn wear(&mut self, scene: &Scene, first: MaterialId) {
         let mut waiting = vec![first];
         while let Some(id) = waiting.pop() {
@@ -62,7 +62,7 @@ impl<'s> Visible<'s> {
     }
 }
 
-/// Returns those of two mixed materials whose share is above 0.
+/// Returns the materials of a mix whose weight is above 0: one or both.
 fn mixed(materials: &[MaterialId; 2], amount: Scalar) -> impl Iterator<Item = MaterialId> {
     let [without_first, without_second] = match amount {
         Scalar::Constant(amount) => [amount >= 1.0, amount <= 0.0],
@@ -72,7 +72,7 @@ fn mixed(materials: &[MaterialId; 2], amount: Scalar) -> impl Iterator<Item = Ma
     (!without_first).then_some(first).into_iter().chain((!without_second).then_some(second))
 }
 
-/// Returns a shape's opacity as text; `None` if it is 1 everywhere.
+/// Returns a shape's opacity as text; `None` if the opacity is 1 everywhere.
 pub(super) fn holes(shape: &Shape) -> Option<String> {
     match shape.alpha? {
         Scalar::Constant(alpha) if alpha >= 1.0 => None,
@@ -81,7 +81,7 @@ pub(super) fn holes(shape: &Shape) -> Option<String> {
     }
 }
 
-/// Returns true if a shape scatters nothing: a lamp's black body, or an interface between media.
+/// Returns true if a shape scatters no light: a black diffuse surface, or an interface between media.
 pub(super) fn is_black(scene: &Scene, shape: &Shape) -> bool {
     match scene.materials.get(shape.material.0 as usize).map(|m| &m.kind) {
         Some(MaterialKind::Diffuse { reflectance }) => *reflectance == Color::Constant([0.0; 3]),
@@ -90,7 +90,7 @@ pub(super) fn is_black(scene: &Scene, shape: &Shape) -> bool {
     }
 }
 
-/// Returns the times at which motion starts and ends.
+/// Returns the times at which motion starts and ends. Equal times mean an end of start + 1.
 pub(super) fn motion_span(scene: &Scene) -> [f64; 2] {
     match scene.motion_times {
         [first, second] if first == second => [first, first + 1.0],

@@ -6,34 +6,34 @@ use std::path::PathBuf;
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
-    /// An image without pixels.
+    /// An image whose width or height is 0.
     #[error("an image of {}x{} has no pixels; both sides must be at least 1", size[0], size[1])]
     Empty {
-        /// Width and height.
+        /// Width and height in pixels.
         size: [u32; 2],
     },
     /// The number of pixels differs from width times height.
     #[error("an image of {}x{} needs {} pixels, not {found}", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
     PixelCount {
-        /// Width and height.
+        /// Width and height in pixels.
         size: [u32; 2],
         /// Number of pixels given.
         found: usize,
     },
-    /// A file of unknown format.
+    /// A file whose format is not recognized.
     #[error(
         "{file}: unknown image format; convert it to PNG, JPEG, TGA (by its extension), Radiance HDR, OpenEXR or PFM"
     )]
     UnknownContent {
-        /// The file.
+        /// Name of the image file.
         file: String,
     },
-    /// A file that ends before its image does.
+    /// A file that ends before its image is complete.
     #[error("{file}: the {format} file ends at byte {offset}, before its image is complete; copy or download it again")]
     Truncated {
-        /// The file.
+        /// Name of the image file.
         file: String,
-        /// Format of the file.
+        /// Name of the file format, such as "PNG".
         format: &'static str,
         /// Offset in bytes at which the file ends.
         offset: u64,
@@ -41,23 +41,23 @@ pub enum ImageError {
     /// A file that contradicts its format or itself.
     #[error("{file}: the {format} file is damaged at or before byte {offset}: {what}; copy it again or save it anew")]
     Malformed {
-        /// The file.
+        /// Name of the image file.
         file: String,
-        /// Format of the file.
+        /// Name of the file format, such as "PNG".
         format: &'static str,
-        /// Offset in bytes of the mistake.
+        /// Offset in bytes of the error, or a later offset.
         offset: u64,
-        /// The mistake.
+        /// A description of the error.
         what: String,
     },
     /// A file whose image has a side of 0.
     #[error("{file}: the {format} file has {}x{} pixels; both sides must be at least 1", size[0], size[1])]
     EmptyFile {
-        /// The file.
+        /// Name of the image file.
         file: String,
-        /// Format of the file.
+        /// Name of the file format, such as "PNG".
         format: &'static str,
-        /// Width and height.
+        /// Width and height in pixels; at least one is 0.
         size: [u64; 2],
     },
     /// A header that claims more pixels than the file can plausibly hold.
@@ -66,13 +66,13 @@ pub enum ImageError {
         size[0], size[1], needed.div_ceil(1 << 20), limit >> 20
     )]
     TooLarge {
-        /// The file.
+        /// Name of the image file.
         file: String,
-        /// Format of the file.
+        /// Name of the file format, such as "PNG".
         format: &'static str,
-        /// Width and height in the header.
+        /// Width and height in pixels, from the header.
         size: [u64; 2],
-        /// Bytes of memory to read the image, the file included.
+        /// Memory in bytes to read the image, the file included.
         needed: u128,
         /// Length of the file in bytes.
         bytes: u64,
@@ -85,29 +85,29 @@ pub enum ImageError {
         first[0], first[1], if *count > 1 { format!(", and {} more", count - 1) } else { String::new() }
     )]
     NotFinite {
-        /// The file.
+        /// Name of the image file.
         file: String,
-        /// Number of pixels that are not finite.
+        /// Number of pixels with NaN or infinity.
         count: u64,
-        /// Column (from the left) and row (from the top) of the first such pixel, from 0.
+        /// Column (from the left) and row (from the top), from 0, of the first pixel with NaN or infinity.
         first: [u32; 2],
     },
-    /// An unsupported feature of a format.
+    /// A file with a feature of its format that Dapple does not support.
     #[error("{file}: {what} in {format} files is not supported; save it as {instead}")]
     Unsupported {
-        /// The file.
+        /// Name of the image file.
         file: String,
-        /// Format of the file.
+        /// Name of the file format, such as "PNG".
         format: &'static str,
-        /// Name of the feature.
+        /// Name of the unsupported feature.
         what: String,
-        /// The remedy.
+        /// The kind of image to save instead.
         instead: &'static str,
     },
-    /// An output path whose extension names no format.
+    /// An output path whose extension is not .exr, .pfm or .png.
     #[error("{}: unknown image format; name the output .exr, .pfm or .png", path.display())]
     UnknownExtension {
-        /// The path.
+        /// The output path.
         path: PathBuf,
     },
     /// An exposure that is not finite.
@@ -119,19 +119,19 @@ pub enum ImageError {
     /// A name, attribute or size that the output format cannot hold.
     #[error("{what}")]
     Encode {
-        /// The mistake and its remedy.
+        /// A description of the error, with its remedy.
         what: String,
     },
-    /// A file that the file system refuses to write.
+    /// A file that cannot be written.
     #[error("{}: cannot {action}: {source}; {advice}", path.display())]
     Write {
-        /// The path that was to be written.
+        /// The path of the file to write.
         path: PathBuf,
-        /// The step that failed.
+        /// The step that failed, such as "write the file".
         action: &'static str,
         /// The remedy.
         advice: &'static str,
-        /// The system's error.
+        /// The operating system's error.
         source: std::io::Error,
     },
 }

@@ -3,8 +3,8 @@
 use super::{Encoding, srgb};
 use ::image::ColorType;
 
-/// Returns the last bytes of the pixel memory, `bytes_per_pixel` (at most 12) for each pixel. A decoder writes packed
-/// pixels there, and [`expand`] converts them without overtaking its input.
+/// Returns the end of the memory of `pixels` as bytes: `bytes_per_pixel` (at most 12) for each pixel. A decoder writes
+/// packed samples there. [`expand`] then converts them in place, front to back, without overwriting unread samples.
 pub(super) fn packed(pixels: &mut [[f32; 3]], bytes_per_pixel: usize) -> &mut [u8] {
     let length = pixels.len() * bytes_per_pixel;
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(pixels);
@@ -27,7 +27,8 @@ pub(super) fn alpha(packed: &[u8], color: ColorType) -> Option<Vec<f32>> {
     })
 }
 
-/// Converts the samples in [`packed`] to linear RGB. The error describes an unsupported colour type.
+/// Converts the samples in the memory that [`packed`] returns to linear RGB, in place. The error describes an
+/// unsupported colour type.
 pub(super) fn expand(pixels: &mut [[f32; 3]], color: ColorType, encoding: Encoding) -> Result<(), &'static str> {
     let linear = encoding == Encoding::Linear;
     let table = |srgb: fn() -> Vec<f32>, most: f64| {
@@ -54,16 +55,16 @@ pub(super) fn expand(pixels: &mut [[f32; 3]], color: ColorType, encoding: Encodi
                 _ => forward::<2, 8>(pixels, 1, value),
             }
         }
-        // Radiance HDR: there they lie already.
+        // Radiance HDR: the samples are linear RGB already, in their final place.
         ColorType::Rgb32F => {}
         _ => return Err("this kind of pixel"),
     }
     Ok(())
 }
 
-/// Converts pixels of `BYTES` bytes, in samples of `SIZE` bytes, to colours; `step` is 0 for gray. Of `n` pixels, pixel
-/// `i` is read `BYTES (n - i)` bytes before the end. It is written up to `12 (n - i - 1)` bytes before the end, so that
-/// no unread byte is overwritten.
+/// Converts pixels of `BYTES` bytes, in samples of `SIZE` bytes, to RGB in place; `value` converts one sample. `step`
+/// is 0 for gray, 1 for RGB. Of `n` pixels, pixel `i` is read `BYTES (n - i)` bytes before the end. It is written up to
+/// `12 (n - i - 1)` bytes before the end, so that no unread byte is overwritten.
 fn forward<const SIZE: usize, const BYTES: usize>(
     pixels: &mut [[f32; 3]],
     step: usize,

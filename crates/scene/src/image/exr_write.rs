@@ -12,12 +12,12 @@ use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::io::Cursor;
 
-/// A named group of channels.
+/// A layer of an OpenEXR file: a named group of channels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer<'a> {
     /// Name of the layer; empty for the main layer, which every viewer shows.
     pub name: String,
-    /// Channel names and values: `R`, `G`, `B` for colours, `Y` for one number per pixel.
+    /// Name and values of each channel: `R`, `G`, `B` for colours, `Y` for one number per pixel.
     pub channels: Vec<(&'a str, Plane<'a>)>,
 }
 
@@ -29,7 +29,7 @@ impl Layer<'_> {
     }
 }
 
-/// An OpenEXR file in memory.
+/// An encoded OpenEXR file in memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EncodedExr {
     /// The bytes of the file, for [`write_file`](super::write_file).
@@ -42,18 +42,17 @@ pub struct EncodedExr {
 /// The largest finite 16-bit float.
 const F16_MAX: f32 = 65504.0;
 
-/// Encodes layers of `size` pixels as one OpenEXR part: scan lines, top row first, ZIP compression. Channels are called
-/// `LAYER.CHANNEL`, those of the main layer just `CHANNEL`; every viewer reads such files.
+/// Encodes layers of `size` pixels as one OpenEXR part: scan lines, top row first, ZIP compression. A channel is named
+/// `LAYER.CHANNEL`, or just `CHANNEL` in the main layer; every viewer reads such files.
 ///
-/// 32-bit values survive bit for bit, NaN and infinities too. 16-bit ones are rounded to nearest, and finite
-/// values beyond 65504 are clamped and counted. `attributes` become text attributes of the header (UTF-8), which
-/// [`read_attributes`] reads: a record of how the image was made. The same input gives the same
-/// bytes.
+/// 32-bit values are stored bit for bit, NaN and infinities included. 16-bit values are rounded to nearest; finite
+/// values beyond 65504 are clamped and counted. `attributes` (name, value) become text attributes of the header
+/// (UTF-8), a record of how the image was made; [`read_attributes`] reads them. The same input gives the same bytes.
 ///
 /// # Errors
-/// [`ImageError::Empty`]; [`ImageError::PixelCount`] for a plane whose length disagrees with `size`;
-/// [`ImageError::Encode`] for no channels at all, for names that are empty, longer than 255 bytes, given twice
-/// or contain NUL, and for attribute names that OpenEXR keeps for itself.
+/// [`ImageError::Empty`] if a side is 0. [`ImageError::PixelCount`] for a plane whose length disagrees with `size`.
+/// [`ImageError::Encode`] if there are no channels, or for an attribute name that OpenEXR reserves.
+/// [`ImageError::Encode`] also for a name that is empty, longer than 255 bytes, given twice or contains NUL.
 pub fn encode_exr(
     size: [u32; 2],
     layers: &[Layer<'_>],
@@ -71,7 +70,7 @@ pub fn encode_exr(
     if channels.is_empty() {
         return Err(refuse("an EXR file needs at least one channel".to_owned()));
     }
-    // The order that the format requires.
+    // The format requires channels in order of their names.
     channels.sort_by(|a, b| a.0.as_bytes().cmp(b.0.as_bytes()));
     check_names("channel", channels.iter().map(|(name, _)| name.as_str()))?;
     check_names("attribute", attributes.iter().map(|(name, _)| name.as_str()))?;
@@ -105,7 +104,7 @@ fn check_names<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<(
     Ok(())
 }
 
-/// Checks that all attributes can be read back as text. Names to which OpenEXR gives another type are refused.
+/// Checks that every attribute can be read back as text. Refuses names to which OpenEXR gives another type.
 fn check_attributes(bytes: &[u8], attributes: &[(String, String)]) -> Result<(), ImageError> {
     let found = read_attributes(bytes, "the EXR file in memory").unwrap_or_default();
     match attributes.iter().find(|given| !found.contains(given)) {
@@ -139,17 +138,17 @@ fn header(size: [u32; 2], channels: &[(String, &Plane<'_>)], attributes: &[(Stri
         .with_attributes(LayerAttributes { other, ..LayerAttributes::default() })
 }
 
-/// Rows per compressed block (ZIP), set by the format.
+/// Number of image rows per ZIP-compressed block, fixed by the OpenEXR format.
 const BLOCK_ROWS: usize = 16;
 
-/// Returns the number of rows that [`encode_exr`] compresses at a time. Memory holds these rows besides planes and
-/// file.
+/// Returns the number of rows that [`encode_exr`] compresses at a time. Its memory holds these rows in addition to the
+/// planes and the file.
 pub fn rows_at_a_time() -> usize {
     4 * BLOCK_ROWS * rayon::current_num_threads()
 }
 
 fn encode(header: Header, planes: &[&Plane<'_>]) -> ::exr::error::Result<Vec<u8>> {
-    // As much as planes without any pattern take: a file that grows is copied, and its earlier places stay empty.
+    // Enough for incompressible planes: a vector that grows is copied, and its old memory is wasted.
     let raw: usize = planes.iter().map(|plane| if let Plane::F16(_) = plane { 2 } else { 4 } * plane.len()).sum();
     let mut bytes = Cursor::new(Vec::with_capacity(raw + raw / 64));
     block::write(&mut bytes, [header].into_iter().collect(), true, |meta, writer| {
@@ -192,8 +191,8 @@ fn to_half(value: f32) -> f16 {
     f16::from_f32(if value.is_finite() { value.clamp(-F16_MAX, F16_MAX) } else { value })
 }
 
-/// Sorts the header's attributes by name, since `exr` keeps them in a hash map and files would differ between runs. The
-/// header's length stays, and with it every offset.
+/// Sorts the attributes in an encoded file's header by name, since `exr` keeps them in a hash map and files would
+/// differ between runs. The length of the header and all offsets stay the same.
 fn sort_attributes(mut bytes: Vec<u8>) -> Vec<u8> {
     const START: usize = 8;
     let mut entries = Vec::new();

@@ -1,4 +1,4 @@
-//! Writing of files that are either complete or absent.
+//! Writing of files so that a file is either complete or absent.
 
 use super::ImageError;
 use std::ffi::OsString;
@@ -10,19 +10,19 @@ use std::sync::atomic::{AtomicU32, Ordering};
 /// The format of an output image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// OpenEXR, any number of layers: `.exr`.
+    /// OpenEXR with any number of layers: `.exr`.
     Exr,
     /// Portable float map, RGB: `.pfm`.
     Pfm,
-    /// 8-bit sRGB: `.png`.
+    /// PNG, 8-bit sRGB: `.png`.
     Png,
 }
 
 impl Format {
-    /// Returns the format of a file name's extension, in upper or lower case.
+    /// Returns the format that the extension of `path` names, in upper or lower case.
     ///
     /// # Errors
-    /// [`ImageError::UnknownExtension`], which lists the known extensions.
+    /// [`ImageError::UnknownExtension`], whose message lists the known extensions.
     pub fn from_path(path: &Path) -> Result<Self, ImageError> {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
         match extension.as_str() {
@@ -34,11 +34,10 @@ impl Format {
     }
 }
 
-/// Writes a whole file: into `FILE.part-PID-N` beside it, flushed to the disk, then renamed, so that nothing
-/// unfinished ever has the final name. On failure the part is removed and an old file is left as it was.
+/// Writes a whole file: first `FILE.part-PID-N` beside it, which is flushed to the disk and then renamed. The final
+/// name thus never holds an incomplete file. On failure the part file is removed and an old file stays as it was.
 ///
-/// A symbolic link is followed. A device or a pipe is written to directly. A file marked read-only is left
-/// alone.
+/// A symbolic link is followed. A device or a pipe is written to directly. A file marked read-only is not replaced.
 ///
 /// # Errors
 /// [`ImageError::Write`], with the path, the step, the system's message and a remedy.
@@ -66,7 +65,7 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), ImageError> {
 /// beside it.
 ///
 /// # Errors
-/// As for [`write_file`].
+/// [`ImageError::Write`], with the path, the step, the system's message and a remedy.
 pub fn check_writable(path: &Path) -> Result<(), ImageError> {
     let target = Target::of(path)?;
     if let Place::Stream = target.place {
@@ -80,13 +79,13 @@ pub fn check_writable(path: &Path) -> Result<(), ImageError> {
 enum Place {
     /// No file exists at the path.
     Free,
-    /// A regular file exists, with these permissions.
+    /// A regular file with these permissions exists at the path.
     Taken(fs::Permissions),
-    /// A device or a pipe. Renaming would replace it.
+    /// A device or a pipe. Renaming a file to the path would replace it.
     Stream,
 }
 
-/// The destination of a write, with links followed.
+/// The destination of a write, with symbolic links followed.
 struct Target {
     path: PathBuf,
     place: Place,
@@ -124,7 +123,7 @@ impl Target {
     }
 
     fn create_part(&self) -> Result<(File, PathBuf), ImageError> {
-        /// Number of part files so far, which keeps the names of concurrent writes apart.
+        /// Number of part files created so far. It keeps the names of concurrent writes apart.
         static NUMBER: AtomicU32 = AtomicU32::new(0);
         let Some(name) = self.path.file_name() else {
             return Err(self.refuse("write to a path without a file name", ErrorKind::InvalidInput.into()));
@@ -135,7 +134,7 @@ impl Target {
             let part = self.path.with_file_name(part);
             match OpenOptions::new().write(true).create_new(true).open(&part) {
                 Ok(file) => return Ok((file, part)),
-                // Left behind by a process of the same number that was killed.
+                // A killed process with the same id left this part file.
                 Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
                 Err(e) => return Err(self.refuse("create a file beside it", e)),
             }
@@ -157,7 +156,8 @@ fn follow_link(path: &Path) -> PathBuf {
     fs::canonicalize(path).unwrap_or_else(|_| path.parent().unwrap_or(Path::new("")).join(link))
 }
 
-/// Flushes the directory entry to the disk, if the system can. The file's contents are complete either way.
+/// Flushes the entry of a file in its directory to the disk, if the system can. The file's contents are complete either
+/// way.
 fn sync_directory(path: &Path) {
     let parent = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if let Ok(directory) = File::open(parent) {

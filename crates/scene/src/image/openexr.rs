@@ -1,5 +1,5 @@
-//! OpenEXR files through the `exr` crate. They are read block by block, so that a wrong header is detected before
-//! memory is allocated for its claims.
+//! OpenEXR files, read through the `exr` crate block by block. A wrong header is thus detected before memory is
+//! allocated for the sizes that it claims.
 
 use super::read::{ALPHA_BYTES, File, PIXEL_BYTES};
 use super::{Image, ImageError};
@@ -20,11 +20,11 @@ const FORMAT: &str = "OpenEXR";
 /// The values of one channel, row by row from the top.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Plane<'a> {
-    /// 32-bit floats; every bit pattern survives.
+    /// 32-bit floats; every bit pattern is preserved.
     F32(Cow<'a, [f32]>),
     /// 32-bit unsigned integers.
     U32(Cow<'a, [u32]>),
-    /// Stored as 16-bit floats.
+    /// Floats that are stored in the file as 16-bit floats.
     F16(Cow<'a, [f32]>),
 }
 
@@ -53,7 +53,7 @@ impl<'a> From<&'a [u32]> for Plane<'a> {
 }
 
 impl Plane<'_> {
-    /// Returns the number of values.
+    /// Returns the number of values in the channel.
     pub fn len(&self) -> usize {
         match self {
             Self::F32(v) | Self::F16(v) => v.len(),
@@ -61,7 +61,7 @@ impl Plane<'_> {
         }
     }
 
-    /// Returns true if there are no values.
+    /// Returns true if the channel has no values.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -70,23 +70,25 @@ impl Plane<'_> {
 /// All channels of an OpenEXR file, read by [`read_channels`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Channels {
-    /// Width and height of every channel.
+    /// Width and height of every channel, in pixels.
     pub size: [u32; 2],
-    /// Full names (`R`, `albedo.R`) and values. Parts are in the file's order, channels of a part sorted by name.
+    /// Full name (`R`, `albedo.R`) and values of each channel. Parts are in the file's order; the channels of a part
+    /// are sorted by name.
     pub channels: Vec<(String, Plane<'static>)>,
 }
 
 impl Channels {
-    /// Returns the channel with this full name, if any.
+    /// Returns the values of the channel with this full name; `None` if there is none.
     pub fn plane(&self, name: &str) -> Option<&Plane<'static>> {
         self.channels.iter().find(|(n, _)| n == name).map(|(_, plane)| plane)
     }
 }
 
-/// Reads all channels of an OpenEXR file in full precision. In files of several parts, the part's name comes first.
+/// Reads all channels of an OpenEXR file in full precision. In a file of several parts, a channel's full name begins
+/// with its part's name.
 ///
 /// # Errors
-/// As for [`read_image`](super::read_image); also if the parts differ in size.
+/// Those of [`read_image`](super::read_image), and [`ImageError::Unsupported`] if the parts differ in size.
 pub fn read_channels(bytes: &[u8], file_name: &str) -> Result<Channels, ImageError> {
     let file = File { bytes, name: file_name };
     with_reader(&file, |open| {
@@ -112,7 +114,7 @@ pub fn read_channels(bytes: &[u8], file_name: &str) -> Result<Channels, ImageErr
 /// Reads the text attributes (name, value) in the header of an OpenEXR file's first part.
 ///
 /// # Errors
-/// As for [`read_image`](super::read_image), for errors of the header.
+/// The errors of [`read_image`](super::read_image) for a faulty header.
 pub fn read_attributes(bytes: &[u8], file_name: &str) -> Result<Vec<(String, String)>, ImageError> {
     let file = File { bytes, name: file_name };
     with_reader(&file, |open| {
@@ -156,16 +158,16 @@ pub(super) fn read(file: &File<'_>) -> Result<Image, ImageError> {
     })
 }
 
-/// The channels to read as the image, by index within their part.
+/// The channels to read as the image, by index within their part of the file.
 struct MainChannels {
     part: usize,
-    /// Indices of red, green and blue; three times the same for a gray image.
+    /// Indices of red, green and blue (`None` is 0 everywhere); three equal indices for a gray image.
     colors: [Option<usize>; 3],
     alpha: Option<usize>,
 }
 
 impl MainChannels {
-    /// Makes the selection from three channels (R, G, B) or one.
+    /// Makes the selection from the indices of three channels (R, G, B) or of one gray channel.
     fn new(part: usize, found: &[usize], alpha: Option<Vec<usize>>) -> Self {
         let colors = std::array::from_fn(|i| found.get(if found.len() == 1 { 0 } else { i }).copied());
         Self { part, colors, alpha: alpha.and_then(|found| found.first().copied()) }
@@ -227,7 +229,7 @@ fn has(header: &Header, name: &[u8]) -> bool {
     header.channels.list.iter().any(|c| c.name.as_slice() == name)
 }
 
-/// An error of the decoder, or one of this module.
+/// An error of the `exr` decoder, or an [`ImageError`] found by this module.
 enum Fault {
     Exr(ExrError),
     Ours(ImageError),
@@ -247,7 +249,8 @@ impl From<ImageError> for Fault {
 
 type Source<'a> = Cursor<&'a [u8]>;
 
-/// Calls `work` with a function that opens the file anew and checks its headers. Returns the result of `work`.
+/// Calls `work` with a function that opens the file anew and checks its headers. Returns the result of `work`, its
+/// errors converted to [`ImageError`].
 fn with_reader<'a, T>(
     file: &File<'a>,
     work: impl FnOnce(&mut dyn FnMut() -> Result<Reader<Source<'a>>, Fault>) -> Result<T, Fault>,
@@ -269,7 +272,7 @@ fn with_reader<'a, T>(
 /// Checks the header fields that the block reader trusts: sizes, tiles, chunk counts, sampling.
 fn check_headers(file: &File<'_>, headers: &[Header]) -> Result<(), ImageError> {
     for header in headers {
-        // One channel must be had, and a block; how many are kept, the caller knows.
+        // Memory for one channel and one block; the caller checks again for the channels that it keeps.
         check_size(file, header, 4)?;
         if header.deep {
             return Err(file.unsupported(FORMAT, "deep data", "a flat image"));
@@ -277,7 +280,7 @@ fn check_headers(file: &File<'_>, headers: &[Header]) -> Result<(), ImageError> 
         if header.channels.list.iter().any(|c| c.sampling.0 != 1 || c.sampling.1 != 1) {
             return Err(file.unsupported(FORMAT, "a channel of lower resolution than the image", "RGB"));
         }
-        // Eight bytes of offset table a chunk, and the reader indexes the table by its own count.
+        // The offset table has eight bytes per chunk, and the reader indexes it by a count of its own.
         if header.chunk_count > file.bytes.len() / 8 {
             return Err(file.truncated(FORMAT));
         }
@@ -292,10 +295,11 @@ fn check_headers(file: &File<'_>, headers: &[Header]) -> Result<(), ImageError> 
     Ok(())
 }
 
-/// Largest accepted header in bytes. Small attributes take about 30 times their bytes in memory; a preview image fits.
+/// Largest accepted header in bytes. Small attributes take about 30 times their length in memory; a preview image fits.
 const MOST_HEADER: usize = 4 << 20;
 
-/// Checks the header's length by walking its attributes (name, type, length, value). An empty name ends a part.
+/// Checks the length of the header by walking its attributes (name, type, length, value). An empty name ends the
+/// attributes of a part.
 fn check_header_length(file: &File<'_>) -> Result<(), ImageError> {
     let text = |at: usize| {
         let end = file.bytes.get(at..)?.iter().take(256).position(|&b| b == 0)?;
@@ -325,11 +329,11 @@ fn check_header_length(file: &File<'_>) -> Result<(), ImageError> {
     Ok(())
 }
 
-/// Estimated number of copies of a block during decompression. With this estimate every kind of compression stays
-/// within the memory limit (`tests/image_memory.rs`).
+/// Estimated number of copies of a block in memory during decompression. With this estimate every kind of compression
+/// stays within the memory limit (`tests/image_memory.rs`).
 const BLOCK_COPIES: u64 = 5;
 
-/// Checks that a part fits the memory limit: `per_pixel` bytes for each pixel, and one decompressed block.
+/// Checks that one part of a file fits the memory limit: `per_pixel` bytes for each pixel, and one decompressed block.
 fn check_size(file: &File<'_>, header: &Header, per_pixel: u64) -> Result<(), ImageError> {
     let size = [header.layer_size.0 as u64, header.layer_size.1 as u64];
     let [w, h] = match header.blocks {
@@ -337,13 +341,13 @@ fn check_size(file: &File<'_>, header: &Header, per_pixel: u64) -> Result<(), Im
         BlockDescription::Tiles(tiles) => [tiles.tile_size.0 as u64, tiles.tile_size.1 as u64],
         BlockDescription::ScanLines => [size[0], (header.compression.scan_lines_per_block() as u64).min(size[1])],
     };
-    // In 32 bits whatever it is, since some kinds of compression expand.
+    // 32 bits per sample whatever its type, since some kinds of compression expand samples.
     let block = w.saturating_mul(h).saturating_mul(4 * header.channels.list.len() as u64);
     let tables = 64 * header.chunk_count as u64;
     file.check_claim(FORMAT, size, per_pixel, block.saturating_mul(BLOCK_COPIES).saturating_add(tables))
 }
 
-/// Reads the channels `wanted` of one part at full resolution, in that order.
+/// Reads the channels of one part whose indices are `wanted`, at full resolution, in the order of `wanted`.
 fn read_planes(
     file: &File<'_>,
     reader: Reader<Source<'_>>,
@@ -378,7 +382,7 @@ fn read_planes(
     Ok(planes)
 }
 
-/// Calls `put` with the index and the value, as a float, of each sample of a line.
+/// Calls `put` for each sample of a line, with the sample's index in the line and its value as a float.
 fn floats(header: &Header, line: LineRef<'_>, mut put: impl FnMut(usize, f32)) -> Result<(), ExrError> {
     let samples = 0..line.location.sample_count;
     match header.channels.list[line.location.channel].sample_type {
@@ -388,8 +392,8 @@ fn floats(header: &Header, line: LineRef<'_>, mut put: impl FnMut(usize, f32)) -
     }
 }
 
-/// Calls `store` with each line of each channel of one part at full resolution, and the index of the line's first
-/// pixel.
+/// Calls `store` for each line of each channel of one part, at full resolution, with the index of the line's first
+/// pixel in the image.
 fn read_lines(
     file: &File<'_>,
     reader: Reader<Source<'_>>,
@@ -402,7 +406,7 @@ fn read_lines(
     let expected = chunks.expected_chunk_count();
     let mut seen = BTreeSet::new();
     chunks.decompress_sequential(false, |_, block| {
-        // The offset table may point at one chunk twice, and at another part's: then some pixels stay unset.
+        // A faulty offset table may point to one chunk twice or to another part's chunk, which leaves pixels unset.
         let position = block.index.pixel_position;
         if block.index.layer == part && block.index.level == Vec2(0, 0) {
             seen.insert((position.1, position.0));

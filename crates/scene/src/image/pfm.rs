@@ -10,7 +10,7 @@ pub(super) fn read(file: &File<'_>) -> Result<Image, ImageError> {
     let (header, start) = Header::parse(file)?;
     file.check_claim(FORMAT, header.size, PIXEL_BYTES, 0)?;
     let [width, height] = header.size.map(|s| s as usize);
-    // No overflow: the claim has been checked.
+    // No overflow: `check_claim` has checked the size.
     let expected = width * height * header.channels * 4;
     let data = &file.bytes[start..];
     if data.len() < expected {
@@ -23,7 +23,7 @@ pub(super) fn read(file: &File<'_>) -> Result<Image, ImageError> {
     let (floats, _) = data.as_chunks::<4>();
     let value = |bytes: [u8; 4]| {
         let v = if header.scale < 0.0 { f32::from_le_bytes(bytes) } else { f32::from_be_bytes(bytes) };
-        // Left alone where the scale is 1, so that every bit pattern survives.
+        // Values are unchanged if the scale is 1, so that every bit pattern is preserved.
         if header.scale.abs() == 1.0 { v } else { v * header.scale.abs() }
     };
     let channel = |i: usize| if header.channels == 1 { 0 } else { i };
@@ -33,11 +33,11 @@ pub(super) fn read(file: &File<'_>) -> Result<Image, ImageError> {
     Image::new([width as u32, height as u32], pixels)
 }
 
-/// Encodes an image as a PFM file: little-endian, rows from the bottom up. Every bit pattern survives, NaN
-/// and infinities too.
+/// Encodes an image as a PFM file: little-endian, rows from the bottom up. Every bit pattern is preserved, NaN and
+/// infinities included.
 ///
 /// # Errors
-/// [`ImageError::Empty`], [`ImageError::PixelCount`].
+/// [`ImageError::Empty`] if a side is 0, [`ImageError::PixelCount`] if the number of pixels is not width times height.
 pub fn encode_pfm(image: &Image) -> Result<Vec<u8>, ImageError> {
     check_count(image.size, image.pixels.len())?;
     let mut bytes = format!("PF\n{} {}\n-1.0\n", image.size[0], image.size[1]).into_bytes();
@@ -55,7 +55,7 @@ struct Header {
 }
 
 impl Header {
-    /// Parses the header. Returns it, and the offset of the first float.
+    /// Parses the header. Returns the header and the offset of the first float, in bytes.
     fn parse(file: &File<'_>) -> Result<(Self, usize), ImageError> {
         let channels = if file.bytes.starts_with(b"PF") { 3 } else { 1 };
         let mut at = 2;
@@ -68,20 +68,21 @@ impl Header {
         let size = [side(words[0])?, side(words[1])?];
         let scale = words[2].parse::<f32>().ok().filter(|s| s.is_finite() && *s != 0.0);
         let scale = scale.ok_or_else(|| bad(format!("the scale '{}' is no finite number other than 0", words[2])))?;
-        // One byte of white space ends the header; a carriage return brings its line feed along.
+        // One byte of white space, or a carriage return with its line feed, ends the header.
         let length = if file.bytes[at..].starts_with(b"\r\n") { 2 } else { 1 };
         Ok((Self { channels, size, scale }, at + length))
     }
 }
 
-/// Returns the header's next field. `at` moves to the white space after it.
+/// Returns the next field of the header, and moves `at` to the white space after it. `name` is the field's name for
+/// messages.
 fn next_word<'a>(file: &File<'a>, at: &mut usize, name: &str) -> Result<&'a str, ImageError> {
     let blanks = file.bytes[*at..].iter().take_while(|b| b.is_ascii_whitespace()).count();
     if blanks == 0 && *at < file.bytes.len() {
         return Err(file.malformed(FORMAT, *at, format!("white space is missing before the {name}")));
     }
     let start = *at + blanks;
-    // Longer than any number, so that a file of something else is not searched to its end.
+    // Longer than any number. The limit keeps a file that is no PFM from being searched to its end.
     let rest = &file.bytes[start..file.bytes.len().min(start + 64)];
     let length = rest.iter().position(u8::is_ascii_whitespace);
     let Some(length) = length else {

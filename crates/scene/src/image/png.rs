@@ -1,17 +1,18 @@
-//! 8-bit PNG.
+//! Encoding of 8-bit PNG files.
 
 use super::{Image, ImageError, check_count, srgb_decode};
 use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use ::image::{ExtendedColorType, ImageEncoder};
 
-/// Encodes an image as 8-bit sRGB, after multiplying it by `2^exposure_stops`.
+/// Encodes an image as an 8-bit sRGB PNG file, after multiplying it by `2^exposure_stops`.
 ///
-/// With v a channel times `2^exposure_stops` in f64: NaN, negatives and -∞ become 0; 1, more, and +∞
-/// become 255; the rest becomes `255 * srgb(v)` rounded to nearest. No dithering, no tone curve. The same
-/// input gives the same bytes, on every machine.
+/// With v a channel times `2^exposure_stops` in f64: NaN, negative values and -∞ become 0; 1, larger values and +∞
+/// become 255; all others become `255 * srgb(v)` rounded to nearest. There is no dithering and no tone curve. The same
+/// input gives the same bytes on every machine.
 ///
 /// # Errors
-/// [`ImageError::Empty`], [`ImageError::PixelCount`]; [`ImageError::Exposure`] for stops that are not finite.
+/// [`ImageError::Empty`] if a side is 0, [`ImageError::PixelCount`] if the number of pixels is not width times height,
+/// [`ImageError::Exposure`] for stops that are not finite.
 pub fn encode_png(image: &Image, exposure_stops: f32) -> Result<Vec<u8>, ImageError> {
     check_count(image.size, image.pixels.len())?;
     if !exposure_stops.is_finite() {
@@ -23,19 +24,19 @@ pub fn encode_png(image: &Image, exposure_stops: f32) -> Result<Vec<u8>, ImageEr
     encode(image.size, &bytes, ExtendedColorType::Rgb8)
 }
 
-/// Encodes bytes without conversion as a gray image, one per pixel, top row first: for maps.
+/// Encodes a gray PNG file from one byte per pixel, top row first. The bytes are stored without conversion.
 ///
 /// # Errors
-/// [`ImageError::Empty`], [`ImageError::PixelCount`].
+/// [`ImageError::Empty`] if a side is 0, [`ImageError::PixelCount`] if the number of values is not width times height.
 pub fn encode_png_gray(size: [u32; 2], values: &[u8]) -> Result<Vec<u8>, ImageError> {
     check_count(size, values.len())?;
     encode(size, values, ExtendedColorType::L8)
 }
 
-/// Encodes bytes without conversion as a colour image, three per pixel, top row first: for maps.
+/// Encodes an RGB PNG file from three bytes per pixel, top row first. The bytes are stored without conversion.
 ///
 /// # Errors
-/// [`ImageError::Empty`], [`ImageError::PixelCount`].
+/// [`ImageError::Empty`] if a side is 0, [`ImageError::PixelCount`] if the number of values is not width times height.
 pub fn encode_png_rgb(size: [u32; 2], values: &[[u8; 3]]) -> Result<Vec<u8>, ImageError> {
     check_count(size, values.len())?;
     encode(size, values.as_flattened(), ExtendedColorType::Rgb8)
@@ -49,10 +50,10 @@ fn encode(size: [u32; 2], bytes: &[u8], color: ExtendedColorType) -> Result<Vec<
     Ok(file)
 }
 
-/// Converts linear values to sRGB bytes by a search among exact thresholds, which is faster than the curve and rounds
-/// exactly.
+/// A converter of linear values to sRGB bytes. It searches among exact thresholds, which is faster than the sRGB curve
+/// and rounds exactly.
 struct Quantizer {
-    /// The smallest linear values that become 1, 2, ..., 255.
+    /// The smallest linear values that become the bytes 1, 2, ..., 255.
     borders: Vec<f64>,
 }
 
@@ -62,7 +63,7 @@ impl Quantizer {
     }
 
     fn byte(&self, linear: f64) -> u8 {
-        // No border is below NaN.
+        // No border compares as at most NaN, so that NaN becomes 0.
         self.borders.partition_point(|&border| border <= linear) as u8
     }
 }
@@ -82,7 +83,7 @@ mod tests {
     use super::super::{Encoding, read_image, srgb_encode};
     use super::*;
 
-    /// The bytes of the decoded file, by way of linear values.
+    /// Returns the bytes of a PNG file's pixels, read as linear values from 0 to 1.
     fn bytes_of(file: &[u8]) -> Vec<u8> {
         let image = read_image(file, "a.png", Encoding::Linear).unwrap();
         image.pixels.iter().flatten().map(|v| (v * 255.0).round() as u8).collect()

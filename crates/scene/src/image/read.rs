@@ -5,13 +5,13 @@ use ::image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, tga::
 use ::image::{ImageDecoder, ImageError as Decoder, Limits};
 use std::io::{Cursor, ErrorKind};
 
-/// The encoding of a file's integers. Floating-point files are linear under any choice.
+/// The encoding of integer samples in an image file. Floating-point samples are always linear.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encoding {
-    /// Integers are sRGB.
+    /// The default: integers are sRGB, as with [`Encoding::Srgb`].
     #[default]
     Auto,
-    /// Integers are proportional to intensity: bump maps, roughness, masks.
+    /// Integers are proportional to intensity, as in bump maps, roughness and masks.
     Linear,
     /// Integers are sRGB.
     Srgb,
@@ -19,16 +19,22 @@ pub enum Encoding {
 
 /// Reads an image: PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM.
 ///
-/// The content decides on the format; only TGA, which has no signature, needs its extension. Integers of
-/// 8 or 16 bits become 0..=1, then pass the sRGB curve unless `encoding` is linear; alpha never does. Gray
-/// becomes RGB. Color profiles, EXIF orientation and EXR's display window are ignored; an animated PNG
-/// gives its first frame. HDR files are taken as they stand (no EXPOSURE), PFM values are multiplied by
-/// the magnitude of the header's scale. Of an EXR file, the main layer is read: channels `R`, `G`, `B`
-/// without a layer name, or else `Y`, or else those of the first layer that has them, or else the one channel
-/// that there is, or else as many of `R`, `G`, `B` as there are (0 for the others); `A` of the same layer is its
-/// alpha, and its pixels are those of the data window. NaN and infinities are kept: see [`Image::non_finite`].
+/// The content decides on the format; only TGA, which has no signature, needs its extension. Integers of 8 or 16 bits
+/// are scaled to 0..=1, then decoded by the sRGB curve unless `encoding` is linear; alpha is never decoded. Gray
+/// becomes RGB. Color profiles, EXIF orientation and OpenEXR's display window are ignored. An animated PNG gives its
+/// first frame. HDR values are used as stored (EXPOSURE is ignored); PFM values are multiplied by the magnitude of the
+/// header's scale. Pixels of an OpenEXR file are those of its data window. NaN and infinities are kept: see
+/// [`Image::non_finite`].
 ///
-/// `file_name` is for messages, and for its extension.
+/// Of an OpenEXR file, the first of these that exists is read, with the `A` of the same layer as alpha:
+/// * channels `R`, `G`, `B` without a layer name,
+/// * channel `Y` without a layer name,
+/// * `R`, `G`, `B` of the first layer that has them,
+/// * `Y` of the first layer that has it,
+/// * the only channel of the file,
+/// * any of `R`, `G`, `B`, the others 0.
+///
+/// `file_name` is used for messages and for its extension.
 ///
 /// # Errors
 /// Any fault of the file, with its name and the byte offset. An image whose reading would take more than 256 MiB + 16 x
@@ -67,7 +73,7 @@ pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<I
 
 const HDR: &str = "Radiance HDR";
 
-/// An error of the decoder, or one of this module.
+/// An error of an `image` decoder, or an [`ImageError`] found by this module.
 enum Fault {
     Decoder(Decoder),
     Ours(ImageError),
@@ -85,21 +91,22 @@ impl From<ImageError> for Fault {
     }
 }
 
-/// A file in memory and the name to use in messages.
+/// The bytes of a file, and the file name to use in messages.
 pub(super) struct File<'a> {
     pub(super) bytes: &'a [u8],
     pub(super) name: &'a str,
 }
 
-/// Memory in bytes that reading any file may take. Suffices for textures of 4096 x 4096 pixels (201 MB).
+/// Memory in bytes that reading a file of any length may take. Suffices for textures of 4096 x 4096 pixels (201 MB).
 const FREE_BYTES: u64 = 256 << 20;
-/// Memory in bytes allowed in addition per byte of the file. A good texture holds fewer than 10 samples per byte.
+/// Further memory in bytes that reading may take for each byte of the file. A good texture holds fewer than 10 samples
+/// per byte.
 const BYTES_PER_BYTE: u64 = 16;
-/// Memory in bytes for a decoder's tables and buffers, independent of the image's size.
+/// Memory in bytes for a decoder's tables and buffers, independent of the size of the image.
 const OWN_BYTES: u128 = 1 << 20;
-/// Bytes of a colour in memory.
+/// Memory in bytes of the RGB colour of one pixel.
 pub(super) const PIXEL_BYTES: u64 = 12;
-/// Bytes of an opacity in memory.
+/// Memory in bytes of the opacity of one pixel.
 pub(super) const ALPHA_BYTES: u64 = 4;
 
 impl File<'_> {
@@ -120,8 +127,8 @@ impl File<'_> {
         FREE_BYTES.saturating_add((self.bytes.len() as u64).saturating_mul(BYTES_PER_BYTE))
     }
 
-    /// Refuses empty images, and sizes out of proportion to the file, before memory is allocated. `per_pixel` counts
-    /// the bytes per pixel during reading, `besides` all others that the decoder needs.
+    /// Refuses images without pixels, and sizes out of proportion to the file, before memory is allocated. `per_pixel`
+    /// is the memory in bytes per pixel during reading; `besides` is all other memory in bytes that the decoder needs.
     pub(super) fn check_claim(
         &self,
         format: &'static str,
@@ -177,10 +184,10 @@ impl Content {
     }
 }
 
-/// Bytes per column that decoders buffer: up to three rows of the widest pixels.
+/// Bytes per image column that decoders buffer: up to three rows of the widest pixels.
 const COLUMN_BYTES: u64 = 32;
 
-/// Decodes an image in its final memory. `working` counts the bytes that the decoder needs in addition.
+/// Decodes an image in its final memory. `working` is the memory in bytes that the decoder needs in addition.
 fn decode<D: ImageDecoder>(
     file: &File<'_>,
     format: &'static str,
@@ -208,14 +215,14 @@ fn decode<D: ImageDecoder>(
 }
 
 /// Checks a PNG's size, for which the decoder has no clear error, and its end, since the decoder accepts truncated
-/// files. Returns memory limits for compressed texts and colour profiles.
+/// files. Returns the decoder's memory limits, which bound compressed texts and colour profiles.
 fn check_png(file: &File<'_>) -> Result<Limits, ImageError> {
     let mut limits = Limits::no_limits();
     if let Some(&[.., a, b, c, d, e, f, g, h]) = file.bytes.first_chunk::<24>() {
         let size = [u32::from_be_bytes([a, b, c, d]).into(), u32::from_be_bytes([e, f, g, h]).into()];
         file.check_claim("PNG", size, PIXEL_BYTES, 0)?;
         let rest = file.memory_limit().saturating_sub(size[0] * size[1] * (PIXEL_BYTES + ALPHA_BYTES));
-        // A small one is for every image to have; the decoder counts its rows, too.
+        // Every image may have a small profile; the decoder counts its row buffers, too.
         limits.max_alloc = Some((rest / 4).max(OWN_BYTES as u64 / 2 + size[0] * COLUMN_BYTES));
     }
     let mut rest = &file.bytes[8..];
@@ -235,7 +242,8 @@ fn check_png(file: &File<'_>) -> Result<Limits, ImageError> {
 /// Checks that a JPEG is complete by walking its segments. The decoder would fill the rest of a truncated file with
 /// gray.
 ///
-/// Returns the decoder's bytes per pixel: it keeps the coefficients of the whole image if they come in several scans.
+/// Returns the decoder's working memory in bytes: row buffers, twice the file's length and, if the image comes in
+/// several scans, the coefficients of the whole image.
 fn check_jpeg(file: &File<'_>) -> Result<u64, ImageError> {
     const END_OF_IMAGE: u8 = 0xd9;
     const START_OF_SCAN: u8 = 0xda;
@@ -253,13 +261,13 @@ fn check_jpeg(file: &File<'_>) -> Result<u64, ImageError> {
                 let Some(length) = rest.first_chunk::<2>() else { break };
                 let Some(after) = rest.get(usize::from(u16::from_be_bytes(*length))..) else { break };
                 match (marker, rest) {
-                    // Frames: length, precision, height, width, channels, and how each of these is sampled.
+                    // Frame header: length, precision, height, width, channels, and the sampling of each channel.
                     (0xc0..=0xc3, &[_, _, _, h0, h1, w0, w1, count, ..]) => {
                         let size = [[w0, w1], [h0, h1]].map(|side| u64::from(u16::from_be_bytes(side)));
                         channels = u64::from(count);
                         let [w, h] = size.map(|side| side.next_multiple_of(32));
                         coefficients = w * h * channels * 2;
-                        // Rows of 8 times up to 4 lines, some times over; and the decoder has a copy of the file.
+                        // Several buffers of 8 x 4 lines, and copies of the file.
                         working = w * channels * 8 * 4 * 2 * 4 + 2 * file.bytes.len() as u64;
                         if marker == PROGRESSIVE {
                             working += std::mem::take(&mut coefficients);
@@ -278,7 +286,7 @@ fn check_jpeg(file: &File<'_>) -> Result<u64, ImageError> {
     Err(file.truncated("JPEG"))
 }
 
-/// Returns the bytes of a TGA's second copy by index: at most two per pixel.
+/// Returns the memory in bytes, at most two per pixel, of the palette indices that the decoder of a TGA copies.
 fn tga_copy(file: &File<'_>) -> u64 {
     match file.bytes.first_chunk::<16>() {
         Some(&[.., w0, w1, h0, h1]) => {
@@ -288,7 +296,8 @@ fn tga_copy(file: &File<'_>) -> u64 {
     }
 }
 
-/// Largest accepted header in bytes. Small attributes take tens of times their bytes in memory (an estimate).
+/// Largest accepted header of a Radiance HDR file, in bytes. Small attributes take tens of times their bytes in memory
+/// (an estimate).
 const HDR_HEADER: usize = 1 << 20;
 
 fn check_hdr(file: &File<'_>) -> Result<(), ImageError> {

@@ -1,6 +1,7 @@
-//! The sRGB transfer curve, from IEEE-exact operations only, so that it has the same bits on every machine.
+//! The sRGB transfer curve, computed by IEEE-exact operations only, so that results are bitwise the same on every
+//! machine.
 
-/// Returns the linear intensity of an sRGB value in 0..=1 [IEC 61966-2-1]. Other values are clamped, NaN becomes 0.
+/// Returns the linear intensity of an sRGB value in 0..=1 [IEC 61966-2-1]. Values outside are clamped; NaN becomes 0.
 pub fn srgb_decode(encoded: f64) -> f64 {
     let s = unit(encoded);
     if s <= 0.04045 {
@@ -12,7 +13,7 @@ pub fn srgb_decode(encoded: f64) -> f64 {
     x * x * fifth_root * fifth_root
 }
 
-/// Returns the sRGB value of a linear intensity in 0..=1 [IEC 61966-2-1]. Other values are clamped, NaN becomes 0.
+/// Returns the sRGB value of a linear intensity in 0..=1 [IEC 61966-2-1]. Values outside are clamped; NaN becomes 0.
 pub fn srgb_encode(linear: f64) -> f64 {
     let x = unit(linear);
     if x <= 0.003_130_8 {
@@ -32,7 +33,8 @@ fn unit(x: f64) -> f64 {
     if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) }
 }
 
-/// Returns the `N`th root of x in [0.08, 1] by Newton's iteration from above. libm's `pow` differs between platforms.
+/// Returns the `N`th root of `x` in [0.08, 1], by Newton's iteration from above. libm's `pow` differs between
+/// platforms.
 fn root<const N: i32>(x: f64) -> f64 {
     let n = f64::from(N);
     let mut y = (x + n - 1.0) / n;
@@ -42,12 +44,12 @@ fn root<const N: i32>(x: f64) -> f64 {
     y
 }
 
-/// Returns the linear values of all 256 8-bit sRGB codes.
+/// Returns the linear intensities of all 256 8-bit sRGB codes, in order.
 pub(super) fn decode_table_8() -> Vec<f32> {
     (0..256).map(|i| srgb_decode(f64::from(i) / 255.0) as f32).collect()
 }
 
-/// Returns the linear values of all 65536 16-bit sRGB codes.
+/// Returns the linear intensities of all 65536 16-bit sRGB codes, in order.
 pub(super) fn decode_table_16() -> Vec<f32> {
     (0..65536).map(|i| srgb_decode(f64::from(i) / 65535.0) as f32).collect()
 }

@@ -1,32 +1,32 @@
-//! Materials of OBJ files.
+//! Reading of MTL files, the material files of OBJ models.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The contents of an MTL file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Library {
-    /// Materials by name.
+    /// The materials of the file, by name.
     pub(super) materials: BTreeMap<String, Material>,
-    /// Unsupported or corrected statements, each with its line; line 0 stands for the whole file.
+    /// Messages on unsupported or corrected statements, each with its line; line 0 is the whole file.
     pub(super) notices: Vec<(u32, String)>,
 }
 
-/// The supported part of a material.
+/// The supported statements of one MTL material.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Material {
-    /// The statement `Kd`: linear RGB within 0..=1.
+    /// The diffuse reflectance, statement `Kd`: linear RGB within 0..=1.
     pub(super) diffuse: Option<[f32; 3]>,
-    /// The statement `map_Kd`: name of an image file.
+    /// The name of an image file, statement `map_Kd`.
     pub(super) texture: Option<String>,
-    /// The line of `newmtl`.
+    /// The line of the statement `newmtl` that begins the material.
     pub(super) line: u32,
 }
 
-/// Reads a file of materials. Unreadable statements are skipped with a notice, never an error.
+/// Reads an MTL file. Unreadable statements are skipped with a notice, never an error.
 pub(super) fn read_mtl(bytes: &[u8]) -> Library {
     let text = String::from_utf8_lossy(bytes);
     let mut library = Library::default();
-    // Statements before the first `newmtl` count for none.
+    // Statements before the first `newmtl` belong to no material.
     let mut ownerless = Material::default();
     let mut name = None;
     let mut unheeded = BTreeSet::new();
@@ -77,7 +77,8 @@ fn file_of(rest: &str) -> Option<&str> {
     (!file.is_empty() && !file.starts_with('-')).then_some(file)
 }
 
-/// Returns true if an unsupported statement would change the image.
+/// Returns true if an unsupported MTL statement would change the image. The statement is given by its keyword and its
+/// numbers.
 fn calls_for_more(keyword: &str, numbers: &[f64]) -> bool {
     let first = numbers.first().copied().unwrap_or(0.0);
     match keyword {

@@ -1,7 +1,7 @@
 //! Meshes from OBJ files.
 //!
-//! Read without a library: `tobj` reports no lines with its errors, panics or reads wrong numbers at some mistakes, and
-//! knows neither continued lines nor faces that mix corners with and without texture coordinates.
+//! This parser uses no library. `tobj` reports no lines with its errors, and panics or reads wrong numbers at some
+//! mistakes. It supports neither continued lines nor faces that mix corners with and without texture coordinates.
 
 use super::obj_materials::Materials;
 use super::{UpAxis, model_scene};
@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::Arc;
 
-/// The reader of OBJ models.
+/// The [`SceneReader`] of OBJ models.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ObjReader;
 
@@ -41,7 +41,7 @@ impl SceneReader for ObjReader {
     }
 }
 
-/// Adds the shapes and materials of an OBJ file to a scene.
+/// Adds the shapes and materials of an OBJ file to a scene, and notices on unsupported statements.
 fn add_model(scene: &mut Scene, model: ObjModel, files: &dyn Files, source: &Source) {
     let mut materials = Materials::default();
     for (word, line) in model.left_out {
@@ -61,20 +61,20 @@ fn add_model(scene: &mut Scene, model: ObjModel, files: &dyn Files, source: &Sou
 /// The contents of an OBJ file.
 #[derive(Clone, Debug, Default)]
 pub struct ObjModel {
-    /// Meshes, one for each combination of material and vertex attributes (normals, texture coordinates).
+    /// The meshes, one for each combination of material and vertex attributes (normals, texture coordinates).
     pub meshes: Vec<ObjMesh>,
-    /// Names of the material files, each with the line that names it.
+    /// Names of the material files (MTL), each with the line that names it.
     pub libraries: Vec<(String, u32)>,
-    /// Unsupported statements (lines, points, curves), each with the line of its first use.
+    /// Keywords of unsupported statements (lines, points, curves), each with the line of its first use.
     pub left_out: Vec<(String, u32)>,
 }
 
-/// The part of an OBJ file that has one material.
+/// The faces of an OBJ file that share one material and the same vertex attributes.
 #[derive(Clone, Debug)]
 pub struct ObjMesh {
-    /// Name of the material and line of its first use; `None` before the first `usemtl`.
+    /// Name of the material and line of its first use; `None` for faces before the first `usemtl`.
     pub material: Option<(String, u32)>,
-    /// The mesh. Polygons were cut into triangles.
+    /// The mesh, with polygons cut into triangles.
     pub data: MeshData,
 }
 
@@ -85,26 +85,26 @@ pub enum ObjError {
     /// A line that cannot be read.
     #[error("line {line}: {what}")]
     Line {
-        /// Number of the line.
+        /// Number of the line, from 1.
         line: u32,
-        /// The mistake and its remedy.
+        /// A description of the error, with its remedy.
         what: String,
     },
     /// The file has no faces.
     #[error("there are no faces; export a mesh, not points or curves")]
     NoFaces,
-    /// The mesh itself is wrong.
+    /// The mesh is invalid.
     #[error(transparent)]
     Mesh(#[from] MeshFault),
 }
 
-/// Reads the meshes of a file.
+/// Reads the meshes of an OBJ file.
 ///
-/// Negative numbers count back from the last vertex so far. Polygons become triangles. Colors and `w` of vertices are
-/// skipped. Bytes that are not UTF-8 are allowed in names.
+/// Negative indices count back from the last vertex read so far. Polygons become triangles. Colours and `w` of vertices
+/// are skipped. Bytes that are not UTF-8 are allowed in names.
 ///
 /// # Errors
-/// The first mistake in the file.
+/// Returns the first fault in the file.
 pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ObjError> {
     let text = String::from_utf8_lossy(bytes);
     let mut parser = Parser::default();
@@ -122,7 +122,7 @@ pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ObjError> {
     if meshes.is_empty() { Err(ObjError::NoFaces) } else { Ok(ObjModel { meshes, libraries, left_out }) }
 }
 
-/// Positions, texture coordinates and normals of the whole file.
+/// Positions, texture coordinates and normals of the whole OBJ file.
 #[derive(Debug, Default)]
 struct Vertices {
     positions: Vec<DVec3>,
@@ -131,12 +131,12 @@ struct Vertices {
 }
 
 impl Vertices {
-    /// Returns the numbers of positions, texture coordinates and normals, in the order of [`KINDS`].
+    /// Returns the number of positions, of texture coordinates and of normals, in the order of [`KINDS`].
     fn counts(&self) -> [u64; 3] {
         [self.positions.len(), self.uvs.len(), self.normals.len()].map(|n| n as u64)
     }
 
-    /// Returns the mesh of a group, with one vertex for each distinct corner, in the order of first use.
+    /// Returns the mesh of a group of faces, with one vertex for each distinct corner, in the order of first use.
     fn mesh(&self, group: &Group, [has_uv, has_normal]: [bool; 2]) -> Result<MeshData, ObjError> {
         let mut data = MeshData::default();
         let mut known: HashMap<Corner, u32> = HashMap::new();
@@ -147,7 +147,7 @@ impl Vertices {
             for &corner in &group.corners[start..end] {
                 let next = known.len() as u32;
                 polygon.push(*known.entry(corner).or_insert_with(|| {
-                    // Faces may precede their vertices: `check_ranges` has compared the numbers, which count from 1.
+                    // Faces may precede their vertices. `check_ranges` has checked these indices, which count from 1.
                     let [position, uv, normal] = corner.map(|number| number.map_or(0, |n| n as usize - 1));
                     data.positions.push(self.positions[position]);
                     if has_uv {
@@ -168,7 +168,7 @@ impl Vertices {
     }
 }
 
-/// Iterates over lines with their numbers. A backslash at the end continues a line.
+/// An iterator over lines of a text with their numbers. A backslash at the end continues a line.
 struct Lines<'t> {
     rest: &'t str,
     number: u32,
@@ -196,26 +196,26 @@ impl<'t> Iterator for Lines<'t> {
     }
 }
 
-/// The key of a group of faces; keys sort by first use.
+/// The key of a group of faces: material and vertex attributes. Keys sort by the material's first use.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct Key {
     material: Option<(u32, String)>,
-    /// True if all corners have texture coordinates; true if all have normals.
+    /// Two flags: all corners have texture coordinates; all corners have normals.
     has: [bool; 2],
 }
 
-/// Indices of a corner's position, texture coordinates and normal, from 1.
+/// Indices of a corner's position, texture coordinates and normal, from 1; `None` for an absent one.
 type Corner = [Option<u64>; 3];
 
-/// The faces that share one key.
+/// The faces of an OBJ file that share one [`Key`].
 #[derive(Debug, Default)]
 struct Group {
     corners: Vec<Corner>,
-    /// For each face: its line, and the end of its corners in the list of all corners.
+    /// The line of each face, and the end of its corners within `corners`.
     faces: Vec<(u32, usize)>,
 }
 
-/// The largest index that refers to a vertex not yet read, with its line.
+/// The largest index of a vertex that had not been read at its use, and the line of that use.
 #[derive(Clone, Copy, Debug, Default)]
 struct Largest {
     value: u64,
@@ -224,7 +224,7 @@ struct Largest {
 
 const KINDS: [&str; 3] = ["vertices", "texture coordinates", "normals"];
 
-/// State of the parser: everything read so far.
+/// The state of the OBJ parser: everything read so far.
 #[derive(Default)]
 struct Parser {
     vertices: Vertices,
@@ -238,7 +238,7 @@ struct Parser {
 
 impl Parser {
     fn line(&mut self, number: u32, line: &str) -> Result<(), String> {
-        // A comment may stand behind anything but a name.
+        // A comment may follow anything but a name.
         let words = || line.split('#').next().unwrap_or("").split_whitespace().skip(1);
         let Some(keyword) = line.split_whitespace().next() else { return Ok(()) };
         let name = line.trim_start()[keyword.len()..].trim();
@@ -292,7 +292,7 @@ impl Parser {
         Ok(())
     }
 
-    /// Parses a corner's indices, counted from 1.
+    /// Parses one corner of a face, such as `1/2/3`, into indices from 1.
     fn corner(&mut self, line: u32, word: &str) -> Result<Corner, String> {
         let mut numbers = [None; 3];
         for (kind, text) in word.split('/').enumerate() {
@@ -325,7 +325,7 @@ impl Parser {
         Ok(numbers)
     }
 
-    /// Checks at the end that all indices refer to vertices. Faces may come before their vertices.
+    /// Checks, after the last line, that all indices refer to existing vertices. Faces may precede their vertices.
     fn check_ranges(&self) -> Result<(), ObjError> {
         for (kind, largest) in self.largest.iter().enumerate() {
             let (count, what) = (self.vertices.counts()[kind], KINDS[kind]);
@@ -342,7 +342,7 @@ impl Parser {
     }
 }
 
-/// Parses the first `N` numbers of a statement.
+/// Parses the first `N` numbers of a statement. The error is a message without the line.
 fn numbers<'w, const N: usize>(keyword: &str, words: impl Iterator<Item = &'w str>) -> Result<[f64; N], String> {
     let mut values = [0.0; N];
     let mut found = 0;
@@ -357,7 +357,7 @@ fn numbers<'w, const N: usize>(keyword: &str, words: impl Iterator<Item = &'w st
     if found == N { Ok(values) } else { Err(format!("{keyword} needs {N} numbers, not {found}")) }
 }
 
-/// Converts numbers to single precision. The error reports overflow.
+/// Converts numbers to single precision. The error reports an overflow.
 fn single<const N: usize>(values: [f64; N]) -> Result<[f32; N], String> {
     let rounded = values.map(|v| v as f32);
     match rounded.iter().position(|v| !v.is_finite()) {
@@ -374,7 +374,7 @@ fn not_finite(word: &str) -> String {
     format!("\"{}\" is not finite; mend the mesh", shown(word))
 }
 
-/// Returns a word of the file for use in a message, cut to 32 characters.
+/// Returns a word of the file for a message: cut to 32 characters, without control characters.
 fn shown(word: &str) -> String {
     let mut shown: String = word.chars().take(32).filter(|c| !c.is_control()).collect();
     if word.chars().nth(32).is_some() {

@@ -1,4 +1,4 @@
-//! Materials of an OBJ model: its material files, and the images that they name.
+//! Materials of an OBJ model: its MTL files, and the images that these name.
 
 use super::mtl::{Material as MtlMaterial, read_mtl};
 use super::{GREY, add_material};
@@ -9,10 +9,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// The materials of an OBJ file: those of its libraries, and those in use.
+/// The materials of an OBJ file: those read from its MTL files, and those added to the scene so far.
 #[derive(Default)]
 pub(super) struct Materials {
-    /// Materials by name, each with the path of its file.
+    /// MTL materials by name, each with the path of its file.
     known: BTreeMap<String, (MtlMaterial, Arc<PathBuf>)>,
     made: BTreeMap<Option<String>, MaterialId>,
     images: BTreeMap<PathBuf, Option<Arc<Image>>>,
@@ -40,7 +40,8 @@ impl Materials {
         }
     }
 
-    /// Returns the material for the name and line of a `usemtl`, or the default one for `None`.
+    /// Returns the scene's material for the name and line of a `usemtl`, or the default grey for `None`. Adds the
+    /// material on its first use.
     pub(super) fn of(
         &mut self,
         scene: &mut Scene,
@@ -76,7 +77,7 @@ impl Materials {
         let flat = material.diffuse.map_or(GREY, Color::Constant);
         let Some(name) = &material.texture else { return flat };
         let Some(image) = self.image(scene, name, files, source) else { return flat };
-        // Kd multiplies the image; without one, or black as some programs write it, the image stands alone.
+        // Kd multiplies the image. A missing Kd, or a black one as some programs write, leaves the image unchanged.
         let tint = material.diffuse.filter(|c| *c != [0.0; 3]).unwrap_or([1.0; 3]);
         let even = tint[0] == tint[1] && tint[1] == tint[2];
         let (scale, shift, factor) = ([1.0; 2], [0.0; 2], if even { tint[0] } else { 1.0 });
@@ -88,7 +89,7 @@ impl Materials {
         add_texture(scene, name, TextureKind::Product { factors: [Color::Constant(tint), image] }, source)
     }
 
-    /// Returns the image of a file, if it can be read. Each file is read once.
+    /// Returns the image of a file; `None`, with a notice, if it cannot be read. Each file is read once.
     fn image(&mut self, scene: &mut Scene, name: &str, files: &dyn Files, source: &Source) -> Option<Arc<Image>> {
         let path = beside(&source.file, name);
         if let Some(known) = self.images.get(&path) {
@@ -119,7 +120,7 @@ fn add_texture(scene: &mut Scene, name: &str, kind: TextureKind, source: &Source
     Color::Texture(id)
 }
 
-/// Returns the path of the file `name`, relative to `file`'s folder. Accepts backslashes, as Windows writes them.
+/// Returns the path of the file `name` relative to the folder of `file`. Accepts backslashes, as Windows writes them.
 fn beside(file: &Path, name: &str) -> PathBuf {
     file.parent().unwrap_or(Path::new("")).join(name.replace('\\', "/"))
 }

@@ -1,4 +1,4 @@
-//! Meshes from PLY files: ascii, and binary of either byte order [Turk 1994].
+//! Meshes from PLY files: ASCII, and binary of either byte order [Turk 1994].
 
 use super::{UpAxis, add_mesh, model_scene};
 use crate::files::Files;
@@ -14,7 +14,7 @@ use ply_rs_bw::ply::{
 use std::io::BufRead;
 use std::path::Path;
 
-/// The reader of PLY models.
+/// The [`SceneReader`] of PLY models.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PlyReader;
 
@@ -41,30 +41,30 @@ impl SceneReader for PlyReader {
     }
 }
 
-/// The result of [`read_ply`].
+/// A mesh from a PLY file, as [`read_ply`] returns it.
 #[derive(Clone, Debug)]
 pub struct PlyMesh {
-    /// The mesh. Polygons were cut into triangles.
+    /// The mesh, with polygons cut into triangles.
     pub data: MeshData,
-    /// A reason to suspect that the file is incomplete, if any.
+    /// A reason to suspect that the file is incomplete; `None` if there is none.
     pub doubt: Option<&'static str>,
 }
 
-/// The error of a PLY file. Elements count from 0.
+/// The error of a PLY file. Indices of elements count from 0.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlyError {
-    /// The header breaks the format's rules.
+    /// The header is invalid; with a description of the error.
     #[error("the PLY header cannot be read ({0}); export the mesh anew")]
     Header(String),
-    /// A header that promises more elements than the file can hold.
+    /// The header declares more elements than the file can hold.
     #[error(
         "the header promises {count} elements {element}, and only {bytes} bytes follow; the file is cut off or damaged"
     )]
     TooShort {
-        /// The element's name.
+        /// Name of the element, such as `vertex`.
         element: String,
-        /// Number of elements promised.
+        /// Number of elements that the header declares.
         count: usize,
         /// Number of bytes after the header.
         bytes: usize,
@@ -72,11 +72,11 @@ pub enum PlyError {
     /// An element cannot be read.
     #[error("{element} {index} cannot be read ({reason}); the file is cut off or damaged")]
     Element {
-        /// The element's name.
+        /// Name of the element, such as `vertex`.
         element: String,
-        /// Index of the element.
+        /// Index of the element among those of its name.
         index: usize,
-        /// The parser's message.
+        /// The message of the PLY parser.
         reason: String,
     },
     /// The file has no element `vertex` with x, y and z.
@@ -85,12 +85,12 @@ pub enum PlyError {
     /// The file has no element `face` with a list of vertex indices.
     #[error("there is no element face with a list vertex_indices; export triangles")]
     NoFaces,
-    /// A polygon that cannot be cut into triangles, or has invalid vertex indices.
+    /// A polygon cannot be cut into triangles, or has an invalid vertex index.
     #[error("face {face}: {what}")]
     Face {
         /// Index of the face.
         face: usize,
-        /// The mistake and its remedy.
+        /// A description of the error, with its remedy.
         what: String,
     },
     /// The mesh is invalid.
@@ -98,13 +98,13 @@ pub enum PlyError {
     Mesh(#[from] MeshFault),
 }
 
-/// Reads a mesh. Texture coordinates may be called `u v`, `s t`, `texture_u texture_v` or
+/// Reads a mesh from the bytes of a PLY file. Texture coordinates may be called `u v`, `s t`, `texture_u texture_v` or
 /// `texture_s texture_t`; other properties and elements are skipped.
 ///
-/// Memory is bounded by a small multiple of `bytes.len()`, whatever the header claims.
+/// Memory is at most a small multiple of `bytes.len()`, whatever the header declares.
 ///
 /// # Errors
-/// The first fault in the file.
+/// Returns the first fault in the file.
 pub fn read_ply(bytes: &[u8]) -> Result<PlyMesh, PlyError> {
     let mut reader = Reader::new(bytes);
     let header =
@@ -139,7 +139,7 @@ pub fn read_ply(bytes: &[u8]) -> Result<PlyMesh, PlyError> {
     Ok(PlyMesh { data, doubt })
 }
 
-/// Refuses names declared twice: the parser would keep one of them and misread the data.
+/// Refuses a header that declares a name twice: the parser would keep one of the two and misread the data.
 fn check_unique(text: &[u8], header: &Header) -> Result<(), PlyError> {
     let lines = |word: &[u8]| text.split(|&b| b == b'\n').filter(|line| line.starts_with(word)).count();
     let properties: usize = header.elements.values().map(|def| def.properties.len()).sum();
@@ -159,7 +159,7 @@ fn one_line(e: &ParseError) -> String {
     }
 }
 
-/// The bytes after the header, which hold the elements.
+/// The unread bytes after the header, which hold the elements.
 struct Payload<'b> {
     left: &'b [u8],
     encoding: Encoding,
@@ -170,12 +170,12 @@ impl Payload<'_> {
     /// Refuses an element count that the remaining bytes cannot hold, before memory is allocated.
     fn check_length(&self, def: &ElementDef) -> Result<(), PlyError> {
         let size = |ty: &PropertyType| match (self.encoding, ty) {
-            // A digit and a space.
+            // The shortest number in ASCII: a digit and a space.
             (Encoding::Ascii, _) => 2,
             (_, PropertyType::Scalar(scalar) | PropertyType::List(scalar, _)) => bytes_of(scalar),
         };
         let least: usize = def.properties.values().map(|p| size(&p.data_type)).sum();
-        // The last line may lack its end.
+        // The last line may lack its line break.
         let bytes = self.left.len();
         let fits = least > 0 && def.count.checked_mul(least).is_some_and(|total| total <= bytes + 1);
         if fits || def.count == 0 {
@@ -233,7 +233,7 @@ impl PropertyAccess for Skipped {
     }
 }
 
-/// The values of one vertex: x, y, z, nx, ny, nz, u, v.
+/// The values of one vertex in a PLY file: x, y, z, nx, ny, nz, u, v.
 struct Vertex([f64; 8]);
 
 impl PropertyAccess for Vertex {
@@ -296,7 +296,7 @@ fn read_vertices(payload: &mut Payload<'_>, def: &ElementDef, data: &mut MeshDat
     Ok(())
 }
 
-/// The vertex indices of one polygon, of either integer type.
+/// The vertex indices of one polygon. The file's type of integer decides which list holds them.
 #[derive(Default)]
 struct Face {
     signed: Vec<i32>,
@@ -332,7 +332,7 @@ impl PropertyAccess for Face {
     }
 }
 
-/// The vertex indices of all polygons in one list, and the end of each polygon.
+/// The vertex indices of all polygons in one list, and the end of each polygon in that list.
 #[derive(Default)]
 struct Faces {
     corners: Vec<u32>,
@@ -359,7 +359,7 @@ fn read_faces(payload: &mut Payload<'_>, def: &ElementDef) -> Result<Faces, PlyE
     Ok(faces)
 }
 
-/// Cuts all polygons into triangles and appends these to `data`.
+/// Cuts all polygons into triangles and appends the triangles to `data`.
 fn cut(faces: &Faces, data: &mut MeshData) -> Result<(), PlyError> {
     let vertices = data.positions.len();
     data.triangles.reserve(faces.corners.len().saturating_sub(2 * faces.ends.len()));

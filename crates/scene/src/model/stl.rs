@@ -1,7 +1,9 @@
-//! Meshes from STL files, binary and text, through `stl_io`.
+//! Meshes from STL files, binary and text, through the crate `stl_io`.
 //!
-//! That crate leaves open: text or binary (binary files may begin with `solid` too), files of several solids, capital
-//! letters, lines of mistakes, and numbers that are not finite. This module decides them.
+//! This module adds what that crate lacks:
+//! * the distinction of text and binary files, since binary files may begin with `solid`, too;
+//! * files of several solids, and upper case;
+//! * line numbers in errors, and the refusal of numbers that are not finite.
 
 use super::{UpAxis, add_mesh, model_scene};
 use crate::files::Files;
@@ -12,7 +14,7 @@ use std::collections::HashMap;
 use std::io::Cursor;
 use std::path::Path;
 
-/// The reader of STL models.
+/// The [`SceneReader`] of STL models.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct StlReader;
 
@@ -42,16 +44,16 @@ impl SceneReader for StlReader {
     }
 }
 
-/// The result of [`read_stl`].
+/// A mesh from an STL file, as [`read_stl`] returns it.
 #[derive(Clone, Debug)]
 pub struct StlMesh {
-    /// The mesh, without normals, since facets are flat. Bitwise equal corners share one vertex.
+    /// The mesh, without normals, since facets are flat. Bitwise equal corners are merged into one vertex.
     pub data: MeshData,
-    /// A reason to suspect the file, if any.
+    /// A reason to suspect that the file is damaged; `None` if there is none.
     pub doubt: Option<String>,
 }
 
-/// The error of an STL file. Facets count from 0, lines from 1.
+/// The error of an STL file. Indices of facets count from 0, lines from 1.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StlError {
@@ -61,28 +63,28 @@ pub enum StlError {
         /// Length of the file in bytes.
         bytes: usize,
     },
-    /// A header that promises more facets than the file can hold.
+    /// The header of a binary file declares more facets than the file can hold.
     #[error(
         "the header promises {count} facets, and only {bytes} bytes follow where each takes 50; the file is cut off or damaged"
     )]
     TooShort {
-        /// Number of facets promised.
+        /// Number of facets that the header declares.
         count: u32,
         /// Number of bytes after the header.
         bytes: usize,
     },
-    /// A facet of a binary file with a coordinate that is not finite.
+    /// A facet of a binary file has a coordinate that is not finite.
     #[error("facet {facet}: a corner is not finite; mend the mesh")]
     Facet {
         /// Index of the facet.
         facet: usize,
     },
-    /// A mistake in a text file.
+    /// A line of a text file is invalid.
     #[error("line {line}: {what}")]
     Line {
-        /// Number of the line.
+        /// Number of the line, from 1.
         line: u32,
-        /// The mistake and its remedy.
+        /// A description of the error, with its remedy.
         what: String,
     },
     /// The mesh is invalid.
@@ -92,14 +94,14 @@ pub enum StlError {
 
 /// Length of a binary file's header in bytes: 80 of text, and 4 for the number of facets.
 const HEADER: usize = 84;
-/// Length of a binary facet in bytes: normal, three corners, two extra bytes.
+/// Length of a facet of a binary file in bytes: normal, three corners, two extra bytes.
 const FACET: usize = 50;
 
-/// Reads a mesh. A file is text if it begins with `solid`, has no NUL byte near its beginning, and is not as
-/// long as a binary file of its number of facets would be.
+/// Reads a mesh from the bytes of an STL file. A file that begins with `solid` is text, with two exceptions: a NUL
+/// among its first 512 bytes, or the exact length of a binary file with its number of facets.
 ///
 /// # Errors
-/// The first fault in the file.
+/// Returns the first fault in the file.
 pub fn read_stl(bytes: &[u8]) -> Result<StlMesh, StlError> {
     let count = bytes.get(80..HEADER).and_then(<[u8]>::first_chunk).map(|&count| u32::from_le_bytes(count));
     let promised = count.map(|count| HEADER as u64 + FACET as u64 * u64::from(count));
@@ -123,7 +125,7 @@ pub fn read_stl(bytes: &[u8]) -> Result<StlMesh, StlError> {
 }
 
 fn read_binary(bytes: &[u8]) -> Result<MeshData, StlError> {
-    // The crate takes what begins with `solid ` for text.
+    // `stl_io` takes files that begin with `solid ` for text.
     let mut bytes = bytes.to_vec();
     bytes[0] = 0;
     let mut file = Cursor::new(bytes);
@@ -146,7 +148,7 @@ fn read_text(bytes: &[u8]) -> Result<StlMesh, StlError> {
             let what = "outside of a solid, only `solid` can follow; the file is damaged";
             return Err(StlError::Line { line: first, what: what.into() });
         }
-        // One solid in the spelling of the crate, and its line numbers.
+        // One solid in the lower case that `stl_io` requires, and its line numbers.
         let mut solid = String::from("solid \n");
         let mut numbers = Vec::new();
         for (number, line) in lines.by_ref() {
@@ -167,7 +169,7 @@ fn begins_with(line: &str, word: &str) -> bool {
 }
 
 fn read_solid(text: String, first: u32, lines: &[u32], welder: &mut Welder) -> Result<(), StlError> {
-    /// Lines per facet: its normal, `outer loop`, three corners, `endloop`, `endfacet`.
+    /// Number of lines per facet of a text file: normal, `outer loop`, three corners, `endloop`, `endfacet`.
     const LINES: usize = 7;
     let mut file = Cursor::new(text);
     let fault = |facet: usize, what: String| {
@@ -188,7 +190,7 @@ fn read_solid(text: String, first: u32, lines: &[u32], welder: &mut Welder) -> R
     Ok(())
 }
 
-/// Collects triangles and merges bitwise equal corners into one vertex.
+/// A mesh under construction, which merges bitwise equal corners into one vertex.
 #[derive(Default)]
 struct Welder {
     mesh: MeshData,
@@ -196,13 +198,13 @@ struct Welder {
 }
 
 impl Welder {
-    /// Adds a triangle. Returns `None` if a corner is not finite.
+    /// Adds a triangle; `None` if a corner is not finite.
     fn add(&mut self, corners: [[f32; 3]; 3]) -> Option<()> {
         if !corners.as_flattened().iter().all(|c| c.is_finite()) {
             return None;
         }
         let triangle = corners.map(|corner| {
-            // A sum with 0 has no negative zero.
+            // Adding 0 turns -0 into 0.
             let key = corner.map(|c| (c + 0.0).to_bits());
             let next = self.mesh.positions.len() as u32;
             *self.known.entry(key).or_insert_with(|| {

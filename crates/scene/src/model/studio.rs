@@ -1,4 +1,4 @@
-//! The camera and the light for models, which have none.
+//! The default camera and light of models, whose files have neither.
 
 use super::UpAxis;
 use crate::bundled::directions::{dot, lat_long_direction, mix, normalize, smoothstep};
@@ -7,22 +7,22 @@ use crate::{Camera, EnvironmentRadiance, FilmSettings, Light, LightKind, Project
 use glam::{DAffine3, DMat3, DVec3};
 use std::sync::{Arc, LazyLock};
 
-/// Full angle of view along the shorter side, in degrees: about that of a portrait lens.
+/// Full angle of view along the shorter side of the image, in degrees: about that of a portrait lens.
 const FOV: f64 = 35.0;
-/// Sine of half that angle, a literal so that it is the same on every machine.
+/// The sine of half of `FOV`, a literal so that it is the same on every machine.
 const SIN_HALF_FOV: f64 = 0.300_705_799_504_273_1;
-/// Direction from the model to the camera: components to the front, the right and up.
+/// Direction from the model to the camera: components to the front, to the right and up. It is normalized at its use.
 const VIEW: [f64; 3] = [1.0, 0.6, 0.45];
 /// Factor by which the view is wider than the model's bounding sphere.
 const MARGIN: f64 = 1.02;
-/// The largest number of scattering events per path: grey surfaces leave little light after them.
+/// The largest number of scattering events per path. Grey surfaces leave little light after this number.
 const MAX_DEPTH: u32 = 6;
 const RESOLUTION: [u32; 2] = [960, 720];
 
-/// Sets camera, film and light for a model whose vertices are `points`.
+/// Sets camera, film, path depth and light of a scene for a model whose vertices are `points`.
 ///
 /// # Errors
-/// A model of size 0, or too large.
+/// Returns a message if all vertices coincide, or if the size overflows.
 pub(super) fn set(
     scene: &mut Scene,
     points: impl Iterator<Item = DVec3> + Clone,
@@ -53,25 +53,25 @@ pub(super) fn set(
     scene.film = FilmSettings { resolution: RESOLUTION, ..FilmSettings::default() };
     scene.max_depth = Some(MAX_DEPTH);
     let radiance = EnvironmentRadiance::LatLong { image: STUDIO.clone(), scale: 1.0 };
-    // The studio turns with the camera: its x axis points to the viewer, level.
+    // The environment is turned with the camera: its x axis points horizontally to the viewer.
     let level = (VIEW[0] * front + VIEW[1] * right).normalize();
     let to_world = DAffine3::from_mat3(DMat3::from_cols(level, up.cross(level), up));
     scene.lights = vec![Light { kind: LightKind::Infinite { radiance }, to_world, source: source.clone() }];
     Ok(())
 }
 
-/// The environment map, made once because that takes longer than reading a small model.
+/// The environment map of model scenes. It is made once, since that takes longer than reading a small model.
 static STUDIO: LazyLock<Arc<Image>> = LazyLock::new(|| Arc::new(studio()));
 
-/// Makes the environment map: brighter above than below, with a round lamp over the viewer's left shoulder. z is up, x
-/// towards the viewer.
+/// Makes the environment map of model scenes: brighter above than below, with a round lamp over the viewer's left
+/// shoulder. z is up, and x points to the viewer.
 fn studio() -> Image {
     const SIZE: [u32; 2] = [512, 256];
     const FLOOR: [f64; 3] = [0.16, 0.15, 0.14];
     const HORIZON: [f64; 3] = [0.34, 0.34, 0.35];
     const ZENITH: [f64; 3] = [0.55, 0.60, 0.68];
     const LAMP: [f64; 3] = [13.0, 12.2, 11.0];
-    /// Cosines of the lamp's outer edge (17 degrees) and of its fully bright part (13 degrees).
+    /// Cosines of the angular radii of the lamp's outer edge (17 degrees) and of its fully bright part (13 degrees).
     const EDGE: [f64; 2] = [0.956, 0.974];
     let lamp = normalize([0.62, -0.62, 0.72]);
     let radiance = |x: usize, y: usize| {

@@ -1,12 +1,13 @@
-//! From spectra to linear RGB.
+//! Conversion of spectra to linear RGB.
 
 use glam::{DMat3, DVec3, dvec3};
 
-/// First wavelength of the tables below, in nm; they have a value every 10 nm.
+/// First wavelength of the tables `OBSERVER` and `D65`, in nm. The tables have a value every 10 nm.
 const FIRST: f64 = 380.0;
 const STEP: f64 = 10.0;
 
-/// The CIE 1931 observer's x, y, z by wavelength [CIE 15:2004, table T.4].
+/// The colour-matching functions x, y, z of the CIE 1931 observer, by wavelength from 380 to 780 nm [CIE 15:2004, table
+/// T.4].
 const OBSERVER: [[f64; 3]; 41] = [
     [0.0014, 0.0000, 0.0065],
     [0.0042, 0.0001, 0.0201],
@@ -51,7 +52,7 @@ const OBSERVER: [[f64; 3]; 41] = [
     [0.0000, 0.0000, 0.0000],
 ];
 
-/// Illuminant D65 by wavelength [CIE 15:2004, table T.1].
+/// Relative spectral power of illuminant D65, by wavelength from 380 to 780 nm [CIE 15:2004, table T.1].
 const D65: [f64; 41] = [
     49.9755, 54.6482, 82.7549, 91.4860, 93.4318, 86.6823, 104.865, 117.008, 117.812, 114.861, 115.923, 108.811,
     109.354, 107.802, 104.790, 107.689, 104.405, 104.046, 100.000, 96.3342, 95.7880, 88.6856, 90.0062, 89.5991,
@@ -75,7 +76,8 @@ pub(super) fn rgb_of_xyz(xyz: DVec3) -> DVec3 {
     .mul_vec3(xyz)
 }
 
-/// Returns the observer's response and D65 at a wavelength in nm, interpolated linearly.
+/// Returns the observer's x, y, z and the power of D65 at a wavelength in nm, interpolated linearly; 0 outside of the
+/// tables.
 fn tables_at(wavelength: f64) -> (DVec3, f64) {
     let place = (wavelength - FIRST) / STEP;
     if !(0.0..=(OBSERVER.len() - 1) as f64).contains(&place) {
@@ -87,7 +89,8 @@ fn tables_at(wavelength: f64) -> (DVec3, f64) {
     (observer, D65[below] + (D65[below + 1] - D65[below]) * part)
 }
 
-/// Returns XYZ of `spectrum` under an illuminant, D65 or equal energy, divided by the illuminant's Y.
+/// Returns the CIE XYZ of `spectrum` under D65 or, if `under_d65` is false, under equal energy. The result is divided
+/// by the illuminant's Y.
 fn xyz(spectrum: impl Fn(f64) -> f64, under_d65: bool) -> DVec3 {
     let (mut sum, mut whole) = (DVec3::ZERO, 0.0);
     for step in 0..=4 * (OBSERVER.len() as u32 - 1) {
@@ -100,18 +103,18 @@ fn xyz(spectrum: impl Fn(f64) -> f64, under_d65: bool) -> DVec3 {
     sum / whole
 }
 
-/// A spectrum in a file: pairs of wavelength (nm) and value, linear between wavelengths and constant beyond the first
-/// and last.
+/// A spectrum as a file gives it: pairs of wavelength (nm) and value, linear between wavelengths and constant before
+/// the first and after the last.
 #[derive(Clone, Debug)]
 pub(super) struct Sampled {
     pairs: Vec<[f64; 2]>,
 }
 
 impl Sampled {
-    /// Makes a spectrum from alternating wavelengths and values.
+    /// Makes a spectrum from alternating wavelengths (nm) and values.
     ///
     /// # Errors
-    /// A message to follow the name of the parameter.
+    /// Returns a message that is to follow the name of the parameter.
     pub(super) fn new(numbers: &[f64]) -> Result<Self, String> {
         let (pairs, rest) = numbers.as_chunks::<2>();
         if pairs.is_empty() || !rest.is_empty() {
@@ -126,7 +129,7 @@ impl Sampled {
         Ok(Self { pairs: pairs.to_vec() })
     }
 
-    /// Returns the spectrum's value if it is the same at all wavelengths, else `None`.
+    /// Returns the spectrum's value if it is equal at all wavelengths, else `None`.
     pub(super) fn constant(&self) -> Option<f64> {
         let [_, value] = self.pairs[0];
         self.pairs.iter().all(|p| p[1] == value).then_some(value)
@@ -149,17 +152,18 @@ impl Sampled {
 
     /// Returns the linear sRGB colour of a reflectance spectrum under D65. A constant spectrum is gray.
     pub(super) fn rgb_under_d65(&self) -> DVec3 {
-        // The tables' own white is off by 0.3 % in blue, for their step; that is divided out.
+        // At this step the white of the tables is off by 0.3 % in blue. The division removes the error.
         rgb_of_xyz(xyz(|w| self.at(w), true)) / rgb_of_xyz(xyz(|_| 1.0, true))
     }
 
-    /// Returns the linear sRGB colour of the spectrum without an illuminant, as in pbrt-v2 and v3. The metals in
-    /// [`super::spectra`] were converted the same way.
+    /// Returns the linear sRGB colour of the spectrum without an illuminant (equal energy), as in pbrt-v2 and v3. The
+    /// metals in [`super::spectra`] were converted in this way.
     pub(super) fn rgb(&self) -> DVec3 {
         rgb_of_xyz(xyz(|w| self.at(w), false))
     }
 
-    /// Returns the linear sRGB colour, scaled to luminance 1; `None` if the spectrum has no visible part.
+    /// Returns the linear sRGB colour of the spectrum as light, scaled to luminance 1; `None` if the spectrum has no
+    /// visible part.
     pub(super) fn rgb_of_luminance_one(&self) -> Option<DVec3> {
         let xyz = xyz(|w| self.at(w), false);
         let rgb = rgb_of_xyz(xyz / xyz.y);
@@ -167,21 +171,22 @@ impl Sampled {
     }
 }
 
-/// Returns the linear sRGB colour of light with chromaticity `x, y` and luminance 1.
+/// Returns the linear sRGB colour of light with CIE chromaticity `x, y` and luminance 1.
 pub(super) fn rgb_of_chromaticity([x, y]: [f64; 2]) -> DVec3 {
     rgb_of_xyz(dvec3(x / y, 1.0, (1.0 - x - y) / y))
 }
 
-/// Returns the linear sRGB colour of a black body, scaled to luminance 1; channels may be negative. `None` if it emits
-/// no visible light.
+/// Returns the linear sRGB colour of a black body at a temperature in kelvin, scaled to luminance 1. Channels may be
+/// negative. `None` if it emits no visible light.
 pub(super) fn blackbody(kelvin: f64) -> Option<DVec3> {
-    // The constant factor is lost anyway, and cold bodies would underflow.
+    // The division by Y removes the factor of `planck`, which keeps cold bodies from underflow.
     let xyz = xyz(|wavelength| planck(wavelength, kelvin, 555.0), false);
     let rgb = rgb_of_xyz(xyz / xyz.y);
     rgb.is_finite().then_some(rgb)
 }
 
-/// Returns the linear sRGB colour of a black body, scaled to a spectral maximum of 1, as in pbrt-v3.
+/// Returns the linear sRGB colour of a black body at a temperature in kelvin, scaled to a spectral maximum of 1, as in
+/// pbrt-v3. `None` if the colour is not finite.
 pub(super) fn blackbody_of_peak_one(kelvin: f64) -> Option<DVec3> {
     /// Wien's displacement constant in nm K [CODATA 2018].
     const WIEN: f64 = 2.897_771_955e6;
@@ -191,7 +196,8 @@ pub(super) fn blackbody_of_peak_one(kelvin: f64) -> Option<DVec3> {
     rgb.is_finite().then_some(rgb)
 }
 
-/// Returns Planck's spectral radiance up to a factor that depends only on the temperature and on `reference` (nm).
+/// Returns Planck's spectral radiance at a wavelength in nm, up to a factor that depends only on the temperature and on
+/// `reference` (nm).
 fn planck(wavelength: f64, kelvin: f64, reference: f64) -> f64 {
     /// Planck's second constant h c / k in nm K [CODATA 2018].
     const C2: f64 = 1.438_776_877e7;
@@ -212,8 +218,8 @@ mod tests {
         [x / (x + y + z), y / (x + y + z), y]
     }
 
-    /// Chromaticities of the Planckian locus, from a standard table [CIE 15:2004]: 6500 K is
-    /// x = 0.3135, y = 0.3237; 2856 K (illuminant A) is x = 0.4476, y = 0.4074.
+    /// Compares black bodies with the Planckian locus of a standard table [CIE 15:2004]: 6500 K has
+    /// x = 0.3135, y = 0.3237; 2856 K (illuminant A) has x = 0.4476, y = 0.4074.
     #[test]
     fn black_bodies_have_their_colours() {
         for (kelvin, x, y) in [(6500.0, 0.3135, 0.3237), (2856.0, 0.4476, 0.4074)] {

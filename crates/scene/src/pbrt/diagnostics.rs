@@ -1,13 +1,13 @@
-//! The problems and notices that a reader collects.
+//! The problems and notices that the pbrt reader collects.
 
 use crate::{Notice, NoticeKind, Problem, ProblemKind, ReadError, Source};
 
-/// The largest number of problems that are listed; further ones are only counted.
+/// The largest number of problems that an error lists; further problems are only counted.
 const LISTED_PROBLEMS: usize = 100;
-/// The largest number of notices that are listed; further ones are only counted.
+/// The largest number of notices in a scene; further notices are only counted.
 const LISTED_NOTICES: usize = 1000;
 
-/// Collects problems and notices.
+/// The problems and notices collected while a pbrt scene is read.
 #[derive(Debug, Default)]
 pub(super) struct Log {
     problems: Vec<Problem>,
@@ -38,7 +38,7 @@ impl Log {
         self.push_notice(Notice::warning(source.clone(), message));
     }
 
-    /// Reports an ignored setting, one that Dapple leaves to its user.
+    /// Adds a notice of an ignored setting, such as a sampler, which Dapple takes from its user.
     pub(super) fn ignored_setting(&mut self, source: &Source, message: String) {
         self.push_notice(Notice { source: source.clone(), kind: NoticeKind::IgnoredSetting, message });
     }
@@ -51,7 +51,7 @@ impl Log {
         }
     }
 
-    /// Reports a valid feature that is not supported.
+    /// Reports a valid but unsupported feature: as a notice if unsupported features may be left out, else as a problem.
     pub(super) fn unsupported(&mut self, source: &Source, what: &str) {
         if self.allow_unsupported {
             self.notice(source, format!("{what} is not supported; left out"));

@@ -1,4 +1,4 @@
-//! Conversion of tokens to directives: a name, arguments, and the place in the file.
+//! Conversion of tokens to directives: each a name, arguments, and a place in the file.
 
 use super::diagnostics::Log;
 use super::params::{Param, read_param};
@@ -8,22 +8,23 @@ use dapple_core::nearest_name;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// The arguments that a directive takes.
+/// The form of the arguments that a pbrt directive takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Form {
     /// No arguments.
     Bare,
-    /// This many numbers, in brackets or not.
+    /// Numbers, in brackets or not. The field is their count.
     Numbers(usize),
-    /// Quoted strings: the least and the largest number of them.
+    /// Quoted strings. The fields are their smallest and their largest count.
     Texts(usize, usize),
-    /// This many quoted strings, then parameters.
+    /// Quoted strings followed by parameters. The field is the count of strings.
     Named(usize),
-    /// An unquoted word.
+    /// One unquoted word.
     Word,
 }
 
-/// Every directive of pbrt-v4, and those of pbrt-v2 and pbrt-v3 that it no longer has.
+/// Every directive of pbrt-v4, and the directives of pbrt-v2 and pbrt-v3 that pbrt-v4 dropped, with the form of its
+/// arguments. Sorted by name.
 const FORMS: &[(&str, Form)] = &[
     ("Accelerator", Form::Named(1)),
     ("ActiveTransform", Form::Word),
@@ -72,7 +73,7 @@ const FORMS: &[(&str, Form)] = &[
     ("WorldEnd", Form::Bare),
 ];
 
-/// One directive: its name, arguments and place.
+/// One directive of a pbrt file: its name, arguments and place.
 #[derive(Debug)]
 pub(super) struct Directive<'t> {
     pub(super) word: &'t str,
@@ -82,7 +83,7 @@ pub(super) struct Directive<'t> {
     pub(super) params: Vec<Param>,
 }
 
-/// Reads the directives of a text. Malformed ones are reported and skipped.
+/// An iterator over the directives of a pbrt file. Malformed directives are reported and skipped.
 pub(super) struct Directives<'t> {
     tokens: Tokens<'t>,
     file: Arc<PathBuf>,
@@ -93,12 +94,12 @@ impl<'t> Directives<'t> {
         Self { tokens: Tokens::new(text), file }
     }
 
-    /// Returns the line that the reader has reached.
+    /// Returns the file and the line that the reader has reached.
     pub(super) fn here(&self) -> Source {
         Source { file: self.file.clone(), line: self.tokens.line() }
     }
 
-    /// Returns the next well-formed directive.
+    /// Returns the next well-formed directive; `None` at the end of the file. Reports malformed directives to `log`.
     pub(super) fn next(&mut self, log: &mut Log) -> Option<Directive<'t>> {
         loop {
             let result = match self.tokens.next()? {
@@ -148,7 +149,8 @@ impl<'t> Directives<'t> {
         Ok(directive)
     }
 
-    /// Returns the next token as an argument of the directive `word`.
+    /// Returns the next token as an argument of the directive `word`. `wanted` names the argument in the error at the
+    /// end of the file.
     fn argument(&mut self, word: Token<'t>, wanted: &str) -> Result<Token<'t>, Fault> {
         match self.tokens.next() {
             Some(token) => token,
@@ -168,7 +170,7 @@ impl<'t> Directives<'t> {
                 return Ok(numbers);
             }
             let wanted = if full { "]".to_owned() } else { format!("number {} of {count}", numbers.len() + 1) };
-            // A directive in the numbers' place is left to be read.
+            // A directive in place of a number is not consumed, so that it is read next.
             if let Some(token) = self.tokens.peek_good().filter(|t| t.is_name() || t.kind == Kind::Text) {
                 return Err((token.line, format!("{} takes {count} numbers: {wanted} is missing", word.text)));
             }

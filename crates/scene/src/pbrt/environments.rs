@@ -3,8 +3,8 @@
 use crate::image::Image;
 use std::f64::consts::{PI, TAU};
 
-/// Returns the illuminance of an upward patch under the upper half (z > 0) of an environment map: the integral of
-/// luminance times cosine.
+/// Returns the illuminance of an upward surface under the upper half (z > 0) of an environment map: the integral of
+/// luminance times cosine. `equal_area` is the layout of the image: equal-area square if true, else latitude-longitude.
 pub(super) fn illuminance_of(image: &Image, equal_area: bool) -> f64 {
     let [width, height] = image.size.map(f64::from);
     let luminance = |p: &[f32; 3]| {
@@ -34,7 +34,7 @@ pub(super) fn illuminance_of(image: &Image, equal_area: bool) -> f64 {
     sum
 }
 
-/// Returns z of the direction at the point (u, v) of the equal-area square [Clarberg 2008].
+/// Returns z of the unit direction at the point (u, v) of the equal-area square [Clarberg 2008].
 fn height_of(u: f64, v: f64) -> f64 {
     let inward = 1.0 - (2.0 * u - 1.0).abs() - (2.0 * v - 1.0).abs();
     let r = 1.0 - inward.abs();
@@ -45,7 +45,7 @@ fn height_of(u: f64, v: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// A white sky gives pi.
+    /// The illuminance under an environment of radiance 1 is pi.
     #[test]
     fn white_skies() {
         for (size, equal_area, close) in [([128, 64], false, 1e-3), ([64, 64], true, 1e-3)] {

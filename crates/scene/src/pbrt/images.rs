@@ -1,4 +1,4 @@
-//! Images: textures, environments, normal maps.
+//! Images that a pbrt scene names: textures, environment maps and normal maps.
 
 use super::params::Params;
 use super::reader::Reader;
@@ -10,27 +10,27 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Decoded images by path, decoding and channel.
+/// Decoded images by path, decoding of integers, and channel.
 pub(super) type Images = BTreeMap<(PathBuf, Decoding, Channel), Arc<Image>>;
 
-/// The encoding of a file's integers.
+/// The conversion of an image file's integers to linear intensity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Decoding {
     Srgb,
     Linear,
-    /// Linear intensity is this power of the integer. Holds the bits of an `f32`, so that the type can be a key of a
-    /// map.
+    /// Raises the integer, scaled to 0..=1, to this power. Holds the bits of an `f32`, so that the type can be a map
+    /// key.
     Gamma(u32),
 }
 
-/// The part of a pixel that a texture reads.
+/// The part of an image's pixels that a texture reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Channel {
-    /// The colour.
+    /// The colour (RGB).
     Rgb,
-    /// Opacity if it is not 1 everywhere, else the mean of the colour channels, as in pbrt-v4.
+    /// Opacity if it is not 1 everywhere, else the mean of R, G and B, as in pbrt-v4.
     AlphaOrMean,
-    /// Luminance, as in pbrt-v2 and v3.
+    /// Luminance of the colour, as in pbrt-v2 and v3.
     Luminance,
 }
 
@@ -41,7 +41,7 @@ impl Channel {
     }
 
     fn of(self, mut image: Image) -> Image {
-        // What only colours need to know is not kept for numbers.
+        // A float texture does not need the opacity besides its values.
         let alpha = if self == Self::Rgb { Vec::new() } else { std::mem::take(&mut image.alpha) };
         match self {
             Self::Rgb => {}
@@ -60,7 +60,8 @@ impl Channel {
 }
 
 impl Reader<'_> {
-    /// Returns the image of a file that the scene names, decoding it at its first use.
+    /// Returns the image of a file that the scene names. Decodes the file at its first use. `None`, with a reported
+    /// problem, if the file cannot be read.
     pub(super) fn image(
         &mut self,
         name: &str,
@@ -93,7 +94,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Returns the decoding of an image map's integers from the directive's parameters.
+    /// Returns the decoding of an image map's integers, from the directive's parameters and the version of pbrt.
     pub(super) fn decoding(&self, params: &mut Params, file: &str) -> Decoding {
         match self.version {
             Version::V2 => {
@@ -130,7 +131,8 @@ impl Reader<'_> {
     }
 }
 
-/// Returns true if a file's values are encoded integers. OpenEXR, Radiance HDR and PFM files hold linear values.
+/// Returns true if a file's values are encoded integers, false for OpenEXR, Radiance HDR and PFM files, which hold
+/// linear values.
 fn holds_integers(bytes: &[u8]) -> bool {
     ![&b"\x76\x2f\x31\x01"[..], b"#?", b"PF", b"Pf"].iter().any(|magic| bytes.starts_with(magic))
 }

@@ -1,4 +1,4 @@
-//! Names that are used before they are defined, and checks that need the whole file.
+//! Resolution of names that are used before their definition, and checks that need the whole file.
 
 use super::reader::{Reader, unknown_name};
 use super::state::{MaterialRef, MediaRef};
@@ -6,25 +6,25 @@ use super::tokens::shown;
 use crate::{Material, MaterialId, MaterialKind, MediumId, MediumInterface, ObjectId, Shape, Source};
 use std::rc::Rc;
 
-/// The deepest nesting of mixed materials; each level costs a choice per hit.
+/// The deepest nesting of mixed materials. Each level costs a random choice per hit.
 const DEEPEST_MIX: u32 = 8;
 
-/// References to names that were not defined at their use.
+/// References to names that are resolved at the end of the file.
 #[derive(Default)]
 pub(super) struct Awaited {
-    /// Shapes, each with the name of its material and where it was named.
+    /// Shapes, each with the name of its material and the place of that name in the file.
     materials: Vec<(ShapePlace, Rc<str>, Rc<Source>)>,
     /// Mixed materials, each with the names of its two materials.
     pub(super) mixes: Vec<(MaterialId, [String; 2])>,
-    /// Shapes, each with the names of the media on its two sides.
+    /// Shapes, each with the names of the media inside and outside.
     media: Vec<(ShapePlace, Rc<MediaRef>)>,
-    /// The medium around the camera.
+    /// The names of the media in effect at the `Camera` directive. The outside one surrounds the camera.
     pub(super) camera: Option<Rc<MediaRef>>,
-    /// Instances, each with the name of its object.
+    /// Indices of instances, each with the name of its object.
     pub(super) instances: Vec<(usize, String)>,
 }
 
-/// The place of a shape in the scene.
+/// The index of a shape in its object, or in the scene if `object` is `None`.
 #[derive(Clone, Copy)]
 struct ShapePlace {
     object: Option<ObjectId>,
@@ -38,7 +38,8 @@ impl Reader<'_> {
         id
     }
 
-    /// Adds a shape to the scene, with the current material and media.
+    /// Adds a shape to the current object or, outside of objects, to the scene. The shape gets the current material and
+    /// media.
     pub(super) fn keep_shape(&mut self, mut shape: Shape) {
         let place = ShapePlace { object: self.object, index: self.shapes_here().len() };
         shape.material = self.current_material(&shape.source, place);
@@ -63,7 +64,8 @@ impl Reader<'_> {
         }
     }
 
-    /// Returns the current material for the shape at `place`.
+    /// Returns the current material for the shape at `place`. If its name is not defined yet, returns a placeholder and
+    /// records the name.
     fn current_material(&mut self, source: &Source, place: ShapePlace) -> MaterialId {
         match self.state.material.clone() {
             MaterialRef::Made(id) => id,
@@ -86,7 +88,8 @@ impl Reader<'_> {
         }
     }
 
-    /// Resolves all names, and reports missing parts of the scene.
+    /// Resolves all names, and reports missing parts of the scene: unclosed blocks, no `WorldBegin`, camera, shape or
+    /// light. `whole` is the whole file, for messages.
     pub(super) fn check_complete(&mut self, whole: &Source) {
         let awaited = std::mem::take(&mut self.awaited);
         for (place, name, at) in awaited.materials {
@@ -121,7 +124,7 @@ impl Reader<'_> {
         if self.log.has_problems() {
             return;
         }
-        // What was left out may have been all there was.
+        // The unsupported features left out may have been the only shapes or lights.
         if self.scene.shapes.is_empty() && self.scene.instances.is_empty() {
             let what = if self.scene.objects.iter().any(|o| !o.shapes.is_empty()) {
                 "no shape stands in the world; place an object by ObjectInstance"
@@ -155,7 +158,7 @@ impl Reader<'_> {
                 *materials = [first, second];
             }
         }
-        // A mix that holds itself grows deeper without end.
+        // The depth of a mix that contains itself exceeds every bound.
         let mut depths = vec![0; self.scene.materials.len()];
         for _ in 0..=DEEPEST_MIX {
             for (mix, _) in &mixes {
@@ -178,7 +181,7 @@ impl Reader<'_> {
     }
 
     fn settle_media(&mut self, shapes: Vec<(ShapePlace, Rc<MediaRef>)>, camera: Option<Rc<MediaRef>>) {
-        // Many shapes share one directive, whose names are looked up and complained about once.
+        // Many shapes share one directive, whose names are looked up and reported once.
         let mut last: Option<(Rc<MediaRef>, MediumInterface)> = None;
         for (place, media) in shapes {
             let known = last.as_ref().filter(|l| Rc::ptr_eq(&l.0, &media)).map(|l| l.1);
@@ -216,7 +219,7 @@ impl Reader<'_> {
             }
         }
         let objects = &self.scene.objects;
-        // Nothing, placed somewhere, is nothing.
+        // An instance of an empty object has no effect.
         self.scene.instances.retain(|i| objects.get(i.object.0 as usize).is_some_and(|o| !o.shapes.is_empty()));
     }
 }

@@ -1,4 +1,4 @@
-//! Lights, and the emission of shapes.
+//! Lights of pbrt scenes, and the emission of shapes.
 
 use super::directive::Directive;
 use super::environments::illuminance_of;
@@ -16,7 +16,7 @@ use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 impl Reader<'_> {
-    /// Carries out `AreaLightSource`: later shapes emit light.
+    /// Executes `AreaLightSource`: later shapes emit light.
     pub(super) fn set_area_light(&mut self, mut d: Directive<'_>) {
         self.lights_met += 1;
         let mut params = self.params(&mut d, "light");
@@ -42,7 +42,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Carries out `LightSource`.
+    /// Executes `LightSource`: adds a light to the scene.
     pub(super) fn add_light(&mut self, mut d: Directive<'_>) {
         self.lights_met += 1;
         let mut params = self.params(&mut d, "light");
@@ -87,7 +87,7 @@ impl Reader<'_> {
         let delta = params.float32("conedeltaangle", 5.0f32.min(cone), within, "at least 0 and at most coneangle");
         if let Some(power) = self.power(params) {
             let [edge, start] = [cone, cone - delta].map(|angle| f64::from(angle).to_radians().cos());
-            // The solid angle that the light fills, its falloff counted half.
+            // The solid angle of the cone; the part within the falloff counts half.
             let filled = TAU * ((1.0 - start) + (start - edge) / 2.0);
             intensity = brighter(intensity, power / filled, params);
         }
@@ -111,7 +111,7 @@ impl Reader<'_> {
         Some((LightKind::Distant { irradiance }, DAffine3::from_mat3(frame)))
     }
 
-    /// Takes the parameter `power` (pbrt-v4 only).
+    /// Takes the parameter `power` of a light (pbrt-v4 only). `None` unless it is above 0.
     fn power(&self, params: &mut Params) -> Option<f64> {
         if self.version.is_old() { None } else { positive(params, "power") }
     }
@@ -143,7 +143,8 @@ impl Reader<'_> {
         Some((LightKind::Infinite { radiance: radiance? }, DAffine3::IDENTITY))
     }
 
-    /// Makes the environment of an image, multiplied by `tint` and scaled to `illuminance` if given.
+    /// Makes the radiance of an environment map, multiplied by `tint` and scaled to `illuminance` if given. `None`,
+    /// with a reported problem, if the image is unusable.
     fn environment(
         &mut self,
         file: &str,
@@ -152,7 +153,7 @@ impl Reader<'_> {
         source: &Source,
         params: &mut Params,
     ) -> Option<EnvironmentRadiance> {
-        // pbrt-v2 reads integers as they are.
+        // pbrt-v2 decodes integers without the sRGB curve.
         let linear = self.version == super::version::Version::V2;
         let decoding = if linear { Decoding::Linear } else { Decoding::Srgb };
         let Some(mut image) = self.image(file, decoding, Channel::Rgb, source) else {
@@ -165,12 +166,12 @@ impl Reader<'_> {
             image = Arc::new(Image { pixels, ..(*image).clone() });
             scale = 1.0;
         }
-        // Older versions know only one layout.
+        // Older versions have only the latitude-longitude layout.
         let equal_area = image.size[0] == image.size[1] && !self.version.is_old();
         if let Some(wanted) = illuminance {
             let mut found = illuminance_of(&image, equal_area);
             if equal_area {
-                // pbrt-v4 weighs the square as half a sphere (lights.cpp, the image branch of `infinite`).
+                // pbrt-v4 weights the square as half a sphere (lights.cpp, the image branch of `infinite`).
                 found *= 0.5;
                 let what = "pbrt-v4 takes half of what a square image gives for its illuminance, and so makes it \
                             twice as bright as asked: it is done alike";
@@ -199,7 +200,7 @@ impl Reader<'_> {
     }
 }
 
-/// Reports parameters that would change the light and are unsupported.
+/// Reports given parameters that would change the light and are unsupported.
 fn refuse(params: &mut Params, names: &[&'static str]) {
     for &name in names {
         if let Some(param) = params.take(name) {
@@ -209,14 +210,14 @@ fn refuse(params: &mut Params, names: &[&'static str]) {
     }
 }
 
-/// Takes a parameter that, as in pbrt, is ignored unless it is above 0.
+/// Takes a number parameter. `None` unless it is above 0: pbrt ignores such values, too.
 fn positive(params: &mut Params, name: &'static str) -> Option<f64> {
     let given = params.has(name);
     let value = params.float(name, 0.0, |_| true, "finite");
     (given && value > 0.0).then_some(value)
 }
 
-/// Returns a light's colour times the parameter `scale`.
+/// Returns a light's colour times the light's parameter `scale`.
 fn scaled(color: [f32; 3], params: &mut Params) -> [f32; 3] {
     if params.version().is_old() {
         let scale = light_scale(params);
@@ -244,7 +245,7 @@ fn point(params: &mut Params, name: &'static str, default: DVec3) -> DVec3 {
     params.array::<3>(name, Type::Point3).map_or(default, |(p, _)| DVec3::from_array(p))
 }
 
-/// Returns axes whose z is `direction`.
+/// Returns orthonormal axes whose z is along `direction`; `None`, with a reported problem, for direction 0.
 fn along(direction: DVec3, params: &mut Params) -> Option<DMat3> {
     let Some(z) = (direction / direction.abs().max_element()).try_normalize() else {
         params.problem(params.line(), format!("{} needs from and to to differ", params.of().to_owned()));

@@ -1,4 +1,4 @@
-//! Materials of pbrt-v4; those of older versions are in `old_materials`.
+//! Materials of pbrt-v4. Materials of older versions are in `old_materials`.
 
 use super::directive::Directive;
 use super::params::{Params, Type, Values};
@@ -9,7 +9,7 @@ use super::textures::Textures;
 use super::tokens::shown;
 use crate::{Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, Scalar, Source};
 
-/// Supported types of pbrt-v4.
+/// Supported material types of pbrt-v4.
 const MATERIALS: &[&str] = &[
     "diffuse",
     "diffusetransmission",
@@ -21,18 +21,18 @@ const MATERIALS: &[&str] = &[
     "mix",
     "interface",
 ];
-/// Supported types of pbrt-v2 and v3.
+/// Supported material types of pbrt-v2 and v3.
 const OLD_MATERIALS: &[&str] = &["matte", "plastic", "substrate", "metal", "mirror", "glass", "mix"];
 
-/// Returns pbrt's default material, a diffuse one.
+/// Returns pbrt's default material: diffuse, with reflectance 0.5.
 pub(super) fn default_kind() -> MaterialKind {
     MaterialKind::Diffuse { reflectance: Color::Constant([0.5; 3]) }
 }
 
-/// The material that a directive describes, before it gets an index.
+/// A material as a directive describes it, without an index.
 pub(super) struct Made {
     pub(super) kind: MaterialKind,
-    /// The names of the two materials, for a mix.
+    /// The names of the two mixed materials; `None` if the material is no mix.
     pub(super) mixes: Option<[String; 2]>,
 }
 
@@ -43,7 +43,7 @@ impl From<MaterialKind> for Made {
 }
 
 impl Reader<'_> {
-    /// Carries out `Material`.
+    /// Executes `Material`: makes the current material.
     pub(super) fn set_material(&mut self, mut d: Directive<'_>) {
         let params = self.params(&mut d, "material");
         let name = format!("material {}", self.scene.materials.len());
@@ -52,7 +52,7 @@ impl Reader<'_> {
         self.state.material = MaterialRef::Made(id);
     }
 
-    /// Carries out `MakeNamedMaterial`.
+    /// Executes `MakeNamedMaterial`: defines a named material.
     pub(super) fn make_named_material(&mut self, mut d: Directive<'_>) {
         let mut params = self.params(&mut d, "material");
         let name = d.texts.swap_remove(0);
@@ -73,7 +73,8 @@ impl Reader<'_> {
         self.named_materials.insert(name, id);
     }
 
-    /// Makes a material of type `kind` and returns its index. After an error, a stand-in keeps reading possible.
+    /// Makes a material of type `kind`, adds it to the scene, and returns its index. After an error, adds a placeholder
+    /// so that reading can continue.
     fn make_material(&mut self, name: String, kind: &str, line: u32, mut params: Params, source: Source) -> MaterialId {
         let shades = !matches!(kind, "mix" | "interface" | "none" | "");
         let (bump_name, has_bump) = match self.version.is_old() {
@@ -82,7 +83,7 @@ impl Reader<'_> {
         };
         let bump = (shades && has_bump)
             .then(|| params.scalar(bump_name, 0.0, &self.textures, |_| true, "finite"))
-            // A height that is the same everywhere tilts nothing.
+            // A constant height tilts no normals.
             .filter(|bump| matches!(bump, Scalar::Texture(_)));
         let normal_map = (shades && !self.version.is_old()).then(|| self.normal_map(&mut params, &source)).flatten();
         if let (Some(_), Some(_)) = (bump, normal_map) {
@@ -102,7 +103,7 @@ impl Reader<'_> {
     }
 }
 
-/// Makes a material of a pbrt-v4 type; `None` for an unknown type.
+/// Makes a material of the pbrt-v4 type `kind`; `None` for an unknown type.
 fn new_material(kind: &str, params: &mut Params, textures: &Textures) -> Option<Made> {
     let kind = match kind {
         "diffuse" => MaterialKind::Diffuse { reflectance: params.color("reflectance", [0.5; 3], textures) },
@@ -212,7 +213,7 @@ fn mix(params: &mut Params, textures: &Textures) -> Made {
     Made { kind: MaterialKind::Mix { materials: [MaterialId(0); 2], amount }, mixes }
 }
 
-/// Reads a metal's Fresnel term from the parameters called `names`: reflectance, eta and k.
+/// Reads a metal's Fresnel parameters. `names` are the names of the parameters for reflectance, eta and k.
 pub(super) fn fresnel(params: &mut Params, textures: &Textures, names: [&'static str; 3]) -> ConductorFresnel {
     let [reflectance_name, eta, k] = names;
     if params.has(reflectance_name) {
@@ -236,7 +237,7 @@ fn roughness(params: &mut Params, textures: &Textures) -> Roughness {
     roughness_of(params, textures, ["roughness", "uroughness", "vroughness"], 0.0, remap)
 }
 
-/// Reads a roughness from the three parameters called `names`: for both directions, for u, for v.
+/// Reads a roughness from three parameters. `names` are their names: for both directions, for u, for v.
 pub(super) fn roughness_of(
     params: &mut Params,
     textures: &Textures,
@@ -257,7 +258,7 @@ pub(super) fn roughness_of(
 }
 
 impl Params {
-    /// Reads a reflectance: a constant or a texture.
+    /// Reads a reflectance parameter: a constant or a texture. Returns `default` if it is absent or invalid.
     pub(super) fn color(&mut self, name: &'static str, default: [f32; 3], textures: &Textures) -> Color {
         if self.peek(name).is_none_or(|p| p.ty != Type::Texture) {
             return Color::Constant(self.rgb(name, Gamut::Reflectance).unwrap_or(default));
@@ -274,7 +275,8 @@ impl Params {
         Color::Constant(default)
     }
 
-    /// Reads a number: a constant or a texture. `ok` accepts a constant; `range` describes the valid ones in messages.
+    /// Reads a number parameter: a constant or a texture. `ok` accepts valid constants; `range` describes these in
+    /// messages. Returns `default` if the parameter is absent or invalid.
     pub(super) fn scalar(
         &mut self,
         name: &'static str,
@@ -303,7 +305,8 @@ impl Params {
         default_scalar
     }
 
-    /// Reads a number that must be constant: a constant or a constant texture.
+    /// Reads a number parameter that must not vary: a constant or a constant texture. `ok` accepts valid numbers;
+    /// `range` describes these in messages. Returns `default` if the parameter is absent, invalid or varies.
     pub(super) fn constant(
         &mut self,
         name: &'static str,
@@ -323,7 +326,7 @@ impl Params {
         }
     }
 
-    /// Returns the name of the texture that a parameter references, and its line.
+    /// Takes a parameter that names a texture. Returns the texture's name and the parameter's line.
     pub(super) fn texture_name(&mut self, name: &'static str) -> Option<(String, u32)> {
         let param = self.take_typed(name, &[Type::Texture])?;
         match &param.values {

@@ -1,4 +1,4 @@
-//! Participating media.
+//! Participating media of pbrt scenes.
 
 use super::directive::Directive;
 use super::reader::Reader;
@@ -9,7 +9,7 @@ use crate::{Medium, MediumId};
 use std::rc::Rc;
 
 impl Reader<'_> {
-    /// Carries out `MakeNamedMedium`.
+    /// Executes `MakeNamedMedium`: defines a homogeneous medium.
     pub(super) fn make_medium(&mut self, mut d: Directive<'_>) {
         let mut params = self.params(&mut d, "medium");
         let name = d.texts.swap_remove(0);
@@ -51,11 +51,11 @@ impl Reader<'_> {
         self.named_media.insert(name, id);
     }
 
-    /// Carries out `MediumInterface`: sets the media for later shapes, and for the camera.
+    /// Executes `MediumInterface`: sets the media of later shapes, and of the camera.
     pub(super) fn set_media(&mut self, d: Directive<'_>) {
         let named = |i: usize| d.texts.get(i).filter(|name| !name.is_empty()).cloned();
         let inside = named(0);
-        // One name is for both sides, as in pbrt.
+        // A single name applies to both sides, as in pbrt.
         let outside = if d.texts.len() == 1 { inside.clone() } else { named(1) };
         self.state.media = Some(Rc::new(MediaRef { inside, outside, source: d.source }));
     }

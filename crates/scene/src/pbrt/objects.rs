@@ -1,4 +1,4 @@
-//! Objects and their instances.
+//! Objects of pbrt scenes, and their instances.
 
 use super::directive::Directive;
 use super::reader::Reader;
@@ -6,7 +6,7 @@ use super::tokens::shown;
 use crate::{Instance, Object, ObjectId};
 
 impl Reader<'_> {
-    /// Carries out `ObjectBegin`.
+    /// Executes `ObjectBegin`: later shapes belong to this object until `ObjectEnd`.
     pub(super) fn begin_object(&mut self, d: &Directive<'_>) {
         if let Some(open) = self.object {
             let open = &self.scene.objects[open.0 as usize];
@@ -26,14 +26,14 @@ impl Reader<'_> {
         self.object = Some(id);
     }
 
-    /// Carries out `ObjectInstance`.
+    /// Executes `ObjectInstance`: places an object in the world.
     pub(super) fn add_instance(&mut self, d: &Directive<'_>) {
         if self.object.is_some() {
             let what = "ObjectInstance within an object; objects hold shapes only, so move it out";
             self.log.problem(&d.source, what);
             return;
         }
-        // pbrt looks objects up when everything is read.
+        // The object may be defined later: pbrt looks it up at the end of the file.
         let object = match self.named_objects.get(&d.texts[0]) {
             Some(&id) => id,
             None => {

@@ -1,4 +1,4 @@
-//! Conversion of materials of pbrt-v2 and pbrt-v3 to those of the scene description.
+//! Conversion of pbrt-v2 and pbrt-v3 materials to materials of the scene description.
 
 use super::materials::{Made, fresnel};
 use super::params::{Params, Type};
@@ -8,7 +8,7 @@ use super::version::Version;
 use crate::{Color, MaterialId, MaterialKind, Roughness, Scalar};
 
 impl Reader<'_> {
-    /// Makes a material of a pbrt-v2 or v3 type; `None` for an unknown or unsupported type.
+    /// Makes a material of the pbrt-v2 or v3 type `kind`; `None` for an unknown or unsupported type.
     pub(super) fn old_material(&self, kind: &str, params: &mut Params) -> Option<Made> {
         let textures = &self.textures;
         let kind = match kind {
@@ -62,7 +62,8 @@ impl Reader<'_> {
         }
     }
 
-    /// Makes a mix of two materials; `amount` is the share of the first.
+    /// Makes a mix of two materials. The file's `amount` is the weight of the first material, here of the second, so it
+    /// is subtracted from 1.
     fn old_mix(&self, params: &mut Params) -> Made {
         let mut name = |parameter| {
             params.text(parameter).map(|t| t.0).or_else(|| {
@@ -87,7 +88,7 @@ impl Reader<'_> {
         Made { kind: MaterialKind::Mix { materials: [MaterialId(0); 2], amount: Scalar::Constant(amount) }, mixes }
     }
 
-    /// Reads the roughness parameters and converts them to widths (alpha) by the rule of the file's version.
+    /// Reads the roughness parameters and converts them to microfacet widths (alpha) by the rule of the file's version.
     fn old_roughness(&self, params: &mut Params, default: f32) -> Roughness {
         let remap = self.version == Version::V3 && params.flag("remaproughness", true);
         let both = self.old_alpha(params, "roughness", default, remap);
@@ -127,8 +128,8 @@ impl Reader<'_> {
     }
 }
 
-/// Returns the Trowbridge-Reitz alpha with a highlight as wide as that of Blinn's distribution of exponent `e = 1 /
-/// roughness`: `sqrt(2 / (e + 2))` [after Walter et al. 2007].
+/// Returns the Trowbridge-Reitz alpha `sqrt(2 / (e + 2))`, which makes highlights as wide as Blinn's distribution of
+/// exponent `e = 1 / roughness` [after Walter et al. 2007].
 fn alpha_of_blinn(roughness: f32) -> f32 {
     // pbrt-v2 caps exponents at this.
     const STEEPEST: f32 = 10_000.0;
@@ -136,13 +137,14 @@ fn alpha_of_blinn(roughness: f32) -> f32 {
     (2.0 / (exponent + 2.0)).sqrt()
 }
 
-/// Returns pbrt-v3's alpha for a roughness [Pharr et al. 2016, section 8.4.2].
+/// Returns the microfacet width (alpha) of a roughness by pbrt-v3's polynomial [Pharr et al. 2016, section 8.4.2].
 fn alpha_of_third(roughness: f32) -> f32 {
     let x = roughness.max(1e-3).ln();
     1.62142 + x * (0.819_955 + x * (0.1734 + x * (0.017_120_1 + x * 0.000_640_711)))
 }
 
-/// Takes the parameter `scale` of a light: a colour or a number.
+/// Takes the parameter `scale` of a light in pbrt-v2 and v3: a colour, or a number for all three channels. The default
+/// is 1.
 pub(super) fn light_scale(params: &mut Params) -> [f32; 3] {
     if params.peek("scale").is_some_and(|p| p.ty == Type::Float) {
         return [params.float32("scale", 1.0, |v| v >= 0.0, "at least 0"); 3];

@@ -1,4 +1,4 @@
-//! Directives before `WorldBegin`: camera, film, filter, sampler, integrator.
+//! Directives before `WorldBegin`: camera, film, pixel filter, sampler, integrator.
 
 use super::directive::Directive;
 use super::params::{Params, Type};
@@ -8,7 +8,7 @@ use super::version::Version;
 use crate::{Camera, PixelFilter, Projection, Source};
 
 impl Reader<'_> {
-    /// Carries out `Camera`, `Film`, `Sampler`, `Integrator` or `PixelFilter`.
+    /// Executes `Camera`, `Film`, `Sampler`, `Integrator` or `PixelFilter`.
     pub(super) fn read_rendering_option(&mut self, mut d: Directive<'_>) {
         let params = self.params(&mut d, "");
         let (kind, source) = (d.texts.swap_remove(0), d.source);
@@ -24,7 +24,7 @@ impl Reader<'_> {
     fn read_camera(&mut self, kind: &str, source: Source, mut params: Params) {
         self.meet("Camera", &source);
         if !matches!(kind, "perspective" | "orthographic") {
-            // Another projection shows another image, so it is never left out.
+            // Another projection would change the whole image, so it is always an error.
             let what =
                 format!("Camera {} is not supported; use Camera \"perspective\" or \"orthographic\"", shown(kind));
             self.log.problem(&source, what);
@@ -58,7 +58,7 @@ impl Reader<'_> {
         let (to_world, moved) = (ctm.start.inverse(), ctm.end.inverse());
         self.name_space("camera", [to_world, moved]);
         if params.finish(&mut self.log) {
-            // What is outside, while the camera is made, is around it.
+            // The current outside medium surrounds the camera.
             self.awaited.camera.clone_from(&self.state.media);
             self.scene.camera = Camera {
                 to_world,
@@ -111,7 +111,7 @@ impl Reader<'_> {
         let strata = [params.integer("xsamples", 1, i32::MAX), params.integer("ysamples", 1, i32::MAX)];
         self.scene.film.spp = match (spp, strata) {
             (Some(spp), _) => Some(spp as u32),
-            // pbrt-v4's stratified sampler: 4 x 4 if only one of them is given.
+            // pbrt-v4's stratified sampler has 4 x 4 strata by default.
             (None, [Some(x), y]) => (x as u32).checked_mul(y.unwrap_or(4) as u32),
             (None, [None, Some(y)]) => (y as u32).checked_mul(4),
             (None, [None, None]) => None,
@@ -135,7 +135,7 @@ impl Reader<'_> {
         params.finish(&mut self.log);
     }
 
-    /// Carries out `Renderer`, `SurfaceIntegrator` or `VolumeIntegrator`, which stand for `Integrator` in pbrt-v2.
+    /// Executes `Renderer`, `SurfaceIntegrator` or `VolumeIntegrator`, pbrt-v2's directives in place of `Integrator`.
     pub(super) fn read_old_transport(&mut self, mut d: Directive<'_>) {
         let mut params = self.params(&mut d, "");
         let what = format!("{} (of pbrt-v2) is ignored; light is transported by path tracing", params.of());
@@ -144,7 +144,7 @@ impl Reader<'_> {
         let depth = match d.word {
             "SurfaceIntegrator" => {
                 let depth = params.integer("maxdepth", 0, i32::MAX).unwrap_or(5) as u32;
-                // Its path tracer lights the vertex beyond the last bounce, too: one more than others count.
+                // pbrt-v2's path tracer also lights the vertex after the last bounce: one event more than others.
                 Some(if kind == "path" { depth.saturating_add(1) } else { depth })
             }
             "Renderer" if kind == "metropolis" => Some(params.integer("maxdepth", 0, i32::MAX).unwrap_or(7) as u32),
@@ -189,7 +189,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Notes pbrt-v2's different default if a pbrt-v2 file names no `SurfaceIntegrator`.
+    /// Adds a notice if a pbrt-v2 file names no `SurfaceIntegrator`, since pbrt-v2's default differs from path tracing.
     pub(super) fn check_old_transport(&mut self, whole: &Source) {
         if self.version == Version::V2 && !self.once.places.contains_key("depth") {
             let what = "no SurfaceIntegrator is named: pbrt-v2 would light directly and follow 5 mirrors; \
@@ -199,7 +199,8 @@ impl Reader<'_> {
     }
 }
 
-/// Returns the crop window in pixels: x0, y0, x1, y1. `cropwindow` takes precedence over `pixelbounds`, as in pbrt.
+/// Returns the crop window in pixels: x0, y0, x1, y1; `None` if the file sets none or an empty one. `cropwindow` takes
+/// precedence over `pixelbounds`, as in pbrt.
 fn crop(params: &mut Params, resolution: [u32; 2]) -> Option<[u32; 4]> {
     let bounds = params.array::<4>("pixelbounds", Type::Integer);
     let window = params.array::<4>("cropwindow", Type::Float);

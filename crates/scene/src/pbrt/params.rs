@@ -28,7 +28,7 @@ pub(super) enum Type {
 }
 
 impl Type {
-    /// Returns the type with this name in any version of pbrt.
+    /// Returns the parameter type with this name in any version of pbrt; `None` for an unknown name.
     fn named(name: &str) -> Option<Self> {
         Some(match name {
             "float" => Self::Float,
@@ -74,11 +74,11 @@ pub(super) enum Values {
     Numbers(Vec<f64>),
     Texts(Vec<String>),
     Bools(Vec<bool>),
-    /// A value that was wrong and has been reported.
+    /// An invalid value, which has been reported.
     Broken,
 }
 
-/// One parameter as written.
+/// One parameter of a directive, as written in the file.
 #[derive(Clone, Debug)]
 pub(super) struct Param {
     pub(super) ty: Type,
@@ -90,8 +90,8 @@ pub(super) struct Param {
     inherited: bool,
 }
 
-/// Reads `"type name" value` or `"type name" [ values ]`. Bad values are reported and kept as broken, so that they do
-/// not count as missing.
+/// Reads a parameter, `"type name" value` or `"type name" [ values ]`. Invalid values are reported and kept as
+/// [`Values::Broken`], so that they do not count as missing.
 pub(super) fn read_param(tokens: &mut Tokens<'_>, file: &Arc<PathBuf>, log: &mut Log) -> Result<Param, Fault> {
     let Some(declaration) = tokens.next() else { return Err((tokens.line(), "a parameter is missing".into())) };
     let declaration = declaration?;
@@ -120,7 +120,7 @@ pub(super) fn read_param(tokens: &mut Tokens<'_>, file: &Arc<PathBuf>, log: &mut
                 tokens.next();
                 break;
             }
-            // Nothing is a value that could begin a directive: a bracket or a value is missing.
+            // A word that may begin a directive is no value: a bracket or a value is missing.
             Some(t) if t.is_name() || t.kind == Kind::Close || t.kind == Kind::Open => {
                 let what = if bracketed { "a ] is missing after" } else { "a value is missing after" };
                 return Err((t.line, format!("{what} {}", shown(declaration.text))));
@@ -166,7 +166,7 @@ fn unknown_type(name: &str) -> String {
     format!("unknown parameter type {}{near}", shown(name))
 }
 
-/// Appends the value of a token to a parameter of type `ty`.
+/// Appends the value of a token to the values of a parameter of type `ty`.
 fn push_value(values: &mut Option<Values>, token: &Token<'_>, ty: Option<Type>) -> Result<(), Fault> {
     let wrong = |wanted: &str| {
         let ty = ty.map_or("this type", Type::name);
@@ -204,7 +204,8 @@ fn push_value(values: &mut Option<Values>, token: &Token<'_>, ty: Option<Type>) 
     }
 }
 
-/// The parameters of one directive. [`finish`](Self::finish) reports invalid ones, and those never taken.
+/// The parameters of one directive. To take a parameter is to read it and mark it as used. [`finish`](Self::finish)
+/// reports invalid parameters, and those never taken.
 #[derive(Debug)]
 pub(super) struct Params {
     of: String,
@@ -220,7 +221,8 @@ pub(super) struct Params {
 }
 
 impl Params {
-    /// Makes the list of a directive's own parameters and the inherited ones. `of` names the directive in messages.
+    /// Makes the list of a directive's own parameters and those inherited from `Attribute`. `of` names the directive in
+    /// messages.
     pub(super) fn new(of: String, source: &Source, own: Vec<Param>, inherited: &[Param], version: Version) -> Self {
         let mut problems = Vec::new();
         let mut by_name: Vec<(&str, u32)> = own.iter().map(|p| (p.name.as_str(), p.line)).collect();
@@ -255,7 +257,7 @@ impl Params {
         self.line
     }
 
-    /// Returns the file's version.
+    /// Returns the pbrt version of the file.
     pub(super) fn version(&self) -> Version {
         self.version
     }
@@ -264,7 +266,8 @@ impl Params {
         self.problems.push((line, message.into()));
     }
 
-    /// Reports an unsupported type of directive, with the nearest supported type. Ignores the parameters.
+    /// Reports an unsupported type of a directive, such as an unknown shape, and suggests the nearest of the supported
+    /// types `known`. Ignores the parameters.
     pub(super) fn unsupported_type(&mut self, line: u32, directive: &str, kind: &str, known: &[&str]) {
         let near = nearest_name(kind, known.iter().copied());
         let near = near.map_or(String::new(), |known| format!(" (did you mean \"{known}\"?)"));
@@ -276,13 +279,13 @@ impl Params {
         self.unsupported.push((line, what.into()));
     }
 
-    /// Reports an unsupported combination of parameters.
+    /// Reports an unsupported feature at the directive's line.
     pub(super) fn unsupported_here(&mut self, what: &str) {
         let line = self.line;
         self.unsupported(line, what);
     }
 
-    /// Makes [`finish`](Self::finish) return false. The caller has reported the reason.
+    /// Makes [`finish`](Self::finish) return false, for a failure that the caller has reported.
     pub(super) fn fail(&mut self) {
         self.broken = true;
     }
@@ -291,7 +294,7 @@ impl Params {
         self.notices.push((line, message.into()));
     }
 
-    /// Returns true if a parameter read so far was invalid.
+    /// Returns true if a parameter taken so far was invalid, or if [`fail`](Self::fail) was called.
     pub(super) fn is_bad(&self) -> bool {
         self.broken || !self.problems.is_empty()
     }
@@ -301,16 +304,16 @@ impl Params {
         self.list.iter().any(|p| p.name == name && !p.taken)
     }
 
-    /// Returns the parameter with this name without taking it.
+    /// Returns the parameter with this name without taking it; `None` if it is missing or already taken.
     pub(super) fn peek(&self, name: &str) -> Option<&Param> {
         self.list.iter().find(|p| p.name == name && !p.taken)
     }
 
-    /// Takes the parameter with this name; `None` if it is missing or broken.
+    /// Takes the parameter with this name; `None` if it is missing or its value is broken.
     pub(super) fn take(&mut self, name: &'static str) -> Option<Param> {
         self.asked.push(name);
         let index = self.list.iter().position(|p| p.name == name && !p.taken)?;
-        // Later ones of the name are duplicates, or inherited and hidden.
+        // Later parameters of this name are duplicates or hidden inherited ones.
         let mut taken = self.list[index].clone_head();
         for p in self.list.iter_mut().filter(|p| p.name == name) {
             p.taken = true;
@@ -323,7 +326,8 @@ impl Params {
         Some(taken)
     }
 
-    /// Takes the parameter with this name if its type is one of `types`.
+    /// Takes the parameter with this name; `None` if it is missing or, with a reported problem, if its type is not
+    /// among `types`.
     pub(super) fn take_typed(&mut self, name: &'static str, types: &[Type]) -> Option<Param> {
         let param = self.take(name)?;
         if types.contains(&param.ty) {
@@ -353,7 +357,8 @@ impl Params {
         self.one(name, param.line, &values).map(|value| (value, param.line))
     }
 
-    /// Takes a number that `ok` accepts, or returns `default`. `range` describes the valid numbers in messages.
+    /// Takes a number parameter; returns `default` if it is missing or `ok` rejects it. `range` describes the valid
+    /// numbers in messages.
     pub(super) fn float(&mut self, name: &'static str, default: f64, ok: impl Fn(f64) -> bool, range: &str) -> f64 {
         let Some((value, line)) = self.number(name, Type::Float) else { return default };
         if ok(value) {
@@ -363,12 +368,13 @@ impl Params {
         default
     }
 
-    /// Takes a number as [`float`](Self::float) does, in single precision. Refuses overflow.
+    /// Takes a number parameter in single precision; returns `default` if it is missing, overflows or `ok` rejects it.
+    /// `range` describes the valid numbers in messages.
     pub(super) fn float32(&mut self, name: &'static str, default: f32, ok: impl Fn(f64) -> bool, range: &str) -> f32 {
         self.float(name, f64::from(default), |v| ok(v) && (v as f32).is_finite(), range) as f32
     }
 
-    /// Takes an integer within `least..=most`.
+    /// Takes an integer parameter; `None` if it is missing or not within `least..=most`.
     pub(super) fn integer(&mut self, name: &'static str, least: i32, most: i32) -> Option<i32> {
         let (value, line) = self.number(name, Type::Integer)?;
         if value.fract() == 0.0 && (f64::from(least)..=f64::from(most)).contains(&value) {
@@ -386,14 +392,15 @@ impl Params {
         self.one(name, line, &values).unwrap_or(default)
     }
 
-    /// Takes a string; returns it with its line.
+    /// Takes a string parameter. Returns the string and the parameter's line.
     pub(super) fn text(&mut self, name: &'static str) -> Option<(String, u32)> {
         let param = self.take_typed(name, &[Type::Text])?;
         let Values::Texts(values) = param.values else { return None };
         self.one(name, param.line, &values).map(|text| (text, param.line))
     }
 
-    /// Takes numbers whose count is a multiple of `group`; returns them with their line.
+    /// Takes a parameter of several numbers, whose count must be a multiple of `group`. Returns the numbers and the
+    /// parameter's line.
     pub(super) fn numbers(&mut self, name: &'static str, types: &[Type], group: usize) -> Option<(Vec<f64>, u32)> {
         let param = self.take_typed(name, types)?;
         let Values::Numbers(values) = param.values else { return None };
@@ -405,7 +412,7 @@ impl Params {
         None
     }
 
-    /// Takes exactly `N` numbers; returns them with their line.
+    /// Takes a parameter of exactly `N` numbers. Returns the numbers and the parameter's line.
     pub(super) fn array<const N: usize>(&mut self, name: &'static str, ty: Type) -> Option<([f64; N], u32)> {
         let param = self.take_typed(name, &[ty])?;
         let Values::Numbers(values) = param.values else { return None };
@@ -417,7 +424,7 @@ impl Params {
         array.map(|a| (a, param.line))
     }
 
-    /// Takes parameters that Dapple does not follow, with a notice for each that was given.
+    /// Takes unsupported parameters that may be ignored. Adds a notice for each parameter that was given.
     pub(super) fn not_followed(&mut self, names: &[&'static str]) {
         for &name in names {
             if let Some(param) = self.take(name) {
@@ -426,7 +433,7 @@ impl Params {
         }
     }
 
-    /// Takes parameters that have no effect, without a notice.
+    /// Takes parameters that have no effect on the image, without a notice.
     pub(super) fn ignore(&mut self, names: &[&'static str]) {
         for &name in names {
             self.take(name);
@@ -438,7 +445,7 @@ impl Params {
         self.list.iter_mut().for_each(|p| p.taken = true);
     }
 
-    /// Reports all problems and notices. Returns true if the directive can be carried out.
+    /// Reports all problems, notices and unknown parameters to `log`. Returns true if the directive can be executed.
     pub(super) fn finish(mut self, log: &mut Log) -> bool {
         let source = |line| Source { file: self.file.clone(), line };
         for (line, message) in &self.problems {

@@ -1,4 +1,4 @@
-//! Execution of directives, one by one, on a graphics state.
+//! Execution of the directives of a pbrt file, one by one, on a graphics state.
 
 use super::ReadOptions;
 use super::diagnostics::Log;
@@ -20,32 +20,33 @@ use std::path::{Component, Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
 
-/// The deepest nesting of blocks. Scenes have a handful of levels, and each costs memory.
+/// The deepest nesting of blocks. Scenes have a few levels, and each level costs memory.
 const DEEPEST_BLOCK: usize = 4096;
-/// The deepest nesting of included files; each level costs stack.
+/// The deepest nesting of included files. Each level costs stack memory.
 const DEEPEST_INCLUDE: usize = 32;
-/// The largest number of included files, so that a few small files cannot include each other without end.
+/// The largest number of included files, which bounds the work for a few small files that include each other many
+/// times.
 const MOST_INCLUDES: usize = 10_000;
 
-/// The largest number of parameters that `Attribute` may add to one kind of directive, since each directive copies
-/// them.
+/// The largest number of parameters that `Attribute` may add to one kind of directive. Each directive copies these
+/// parameters.
 const MOST_ATTRIBUTES: usize = 64;
 
-/// An open block.
+/// An open block: its opening directive and the state to restore at its end.
 pub(super) struct Block {
-    /// `AttributeBegin`, `TransformBegin` or `ObjectBegin`.
+    /// The opening directive: `AttributeBegin`, `TransformBegin` or `ObjectBegin`.
     pub(super) begin: &'static str,
     pub(super) source: Source,
     saved: State,
 }
 
-/// The places of directives that may occur only once.
+/// The places in the file of directives that should occur only once, by name.
 #[derive(Default)]
 pub(super) struct Once {
     pub(super) places: BTreeMap<&'static str, Source>,
 }
 
-/// Reads one scene.
+/// The reader of one pbrt scene: the scene so far, the graphics state, and all named objects.
 pub(super) struct Reader<'a> {
     pub(super) files: &'a dyn Files,
     folder: PathBuf,
@@ -55,25 +56,25 @@ pub(super) struct Reader<'a> {
     pub(super) state: State,
     pub(super) version: Version,
     pub(super) blocks: Vec<Block>,
-    /// Named coordinate systems: the transform to world space at both ends of the motion.
+    /// Named coordinate systems. The two transforms lead to world space, at the start and at the end of the motion.
     pub(super) spaces: BTreeMap<String, [DAffine3; 2]>,
-    /// The object that new shapes belong to; `None` for the world.
+    /// The object that new shapes belong to; `None` outside of object definitions.
     pub(super) object: Option<ObjectId>,
     pub(super) named_objects: BTreeMap<String, ObjectId>,
     pub(super) named_materials: BTreeMap<String, MaterialId>,
     pub(super) named_media: BTreeMap<String, MediumId>,
     pub(super) default_material: Option<MaterialId>,
-    /// References to names that may be defined later.
+    /// References to names that may be defined later in the file.
     pub(super) awaited: Awaited,
     pub(super) textures: Textures,
     pub(super) meshes: BTreeMap<PathBuf, Arc<MeshData>>,
     pub(super) images: Images,
-    /// Number of triangles made so far from other shapes.
+    /// Number of triangles made so far from shapes that are not triangle meshes.
     pub(super) triangles_made: usize,
     pub(super) once: Once,
     including: Vec<PathBuf>,
     included: usize,
-    /// Number of directives so far that make shapes or light, including failed ones.
+    /// Number of `Shape` directives so far, including failed ones. `lights_met` counts directives that emit light.
     pub(super) shapes_met: usize,
     pub(super) lights_met: usize,
     stopped: bool,
@@ -124,7 +125,8 @@ impl<'a> Reader<'a> {
         Ok(self.scene)
     }
 
-    /// Returns the bytes of a file that is named at `source`, or reports why it cannot be read.
+    /// Returns the bytes of a file that the scene names at `source`; `None`, with a reported problem, if it cannot be
+    /// read or is compressed by gzip.
     pub(super) fn load(&mut self, path: &Path, source: &Source) -> Option<Vec<u8>> {
         match self.files.read(path) {
             Ok(bytes) if bytes.starts_with(&[0x1f, 0x8b]) => {
@@ -141,7 +143,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Returns the path of a file that the scene names, relative to the scene's folder.
+    /// Returns the path of a file that the scene names: relative to the folder of the main scene file.
     pub(super) fn resolve(&self, name: &str) -> PathBuf {
         tidy(&self.folder.join(name))
     }
@@ -182,7 +184,7 @@ impl<'a> Reader<'a> {
         self.including.pop();
     }
 
-    /// Sets the version whose rules and defaults the reader follows.
+    /// Sets the pbrt version whose rules and defaults apply. Adds a notice for a version before pbrt-v4.
     fn set_version(&mut self, version: Version, whole: &Source) {
         self.version = version;
         if version.is_old() {
@@ -241,7 +243,7 @@ impl<'a> Reader<'a> {
             "WorldEnd" => self.log.notice(&source, "WorldEnd is not needed since pbrt-v4"),
             "Renderer" | "SurfaceIntegrator" | "VolumeIntegrator" => self.read_old_transport(d),
             "Volume" => self.log.unsupported(&source, "Volume (of pbrt-v2)"),
-            // Out of place: already reported.
+            // A directive in the wrong part of the file, which has been reported.
             _ => {}
         }
     }
@@ -262,7 +264,7 @@ impl<'a> Reader<'a> {
         !inside
     }
 
-    /// Records a directive that should occur once, with a notice at the second occurrence.
+    /// Records a directive that should occur only once. Adds a notice if it has occurred before.
     pub(super) fn meet(&mut self, word: &'static str, source: &Source) {
         if let Some(first) = self.once.places.insert(word, source.clone()) {
             self.log.notice(source, format!("a second {word} (the first is at {first}); this one counts"));
@@ -300,7 +302,7 @@ impl<'a> Reader<'a> {
                     self.object = None;
                 }
                 if block.begin == "TransformBegin" && self.version.is_old() {
-                    // Older versions saved nothing else.
+                    // In older versions such a block saves only the transform.
                     self.state.ctm = block.saved.ctm;
                 } else {
                     self.state = block.saved;
@@ -314,7 +316,7 @@ impl<'a> Reader<'a> {
         self.load_spectra(&mut d.params, &d.source);
         match Rc::make_mut(&mut self.state.attributes).of_mut(&d.texts[0]) {
             Some(list) => {
-                // Later ones hide earlier ones.
+                // Later parameters replace earlier ones of the same name.
                 list.retain(|old: &Param| d.params.iter().all(|new| new.name != old.name));
                 list.extend(d.params);
                 if list.len() > MOST_ATTRIBUTES {
@@ -351,7 +353,7 @@ impl<'a> Reader<'a> {
 
     fn read_option(&mut self, d: Directive<'_>) {
         for param in &d.params {
-            // The one option that changes what materials do.
+            // The only option that changes materials.
             if param.name == "forcediffuse" && param.values != Values::Bools(vec![false]) {
                 self.log.unsupported(&d.source, "Option forcediffuse");
             } else {
@@ -360,7 +362,8 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Returns the parameters of a directive, with those that `Attribute` added for `kind` (`shape`, `light`, …).
+    /// Returns the parameters of a directive, with those that `Attribute` added for directives of `kind` (`shape`,
+    /// `light`, …).
     pub(super) fn params(&mut self, d: &mut Directive<'_>, kind: &str) -> Params {
         let of = d.texts.last().map_or(d.word.to_owned(), |t| format!("{} {}", d.word, shown(t)));
         self.load_spectra(&mut d.params, &d.source);
@@ -377,7 +380,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// The message for an unknown name: suggests the nearest known name, or else gives `advice`.
+/// Returns the message for an unknown name. It suggests the nearest known name or, if none is near, gives `advice`.
 pub(super) fn unknown_name<'k>(
     what: &str,
     name: &str,
@@ -390,7 +393,7 @@ pub(super) fn unknown_name<'k>(
     }
 }
 
-/// Returns a path without `.`, and without `..` after a named folder.
+/// Returns a path without `.` components, and without `..` components that follow a folder's name.
 fn tidy(path: &Path) -> PathBuf {
     let mut tidy = PathBuf::new();
     for part in path.components() {

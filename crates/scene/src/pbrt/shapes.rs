@@ -1,4 +1,4 @@
-//! Shapes.
+//! Shapes of pbrt scenes.
 
 use super::directive::Directive;
 use super::params::{Params, Type};
@@ -11,13 +11,13 @@ use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// The largest number of triangles made from other shapes in a scene: about 300 MB.
+/// The largest number of triangles in a scene made from shapes that are not triangle meshes: about 300 MB.
 const MOST_MADE: usize = 1 << 22;
 
 const SHAPES: [&str; 7] = ["trianglemesh", "plymesh", "sphere", "disk", "cylinder", "bilinearmesh", "loopsubdiv"];
 
 impl Reader<'_> {
-    /// Carries out `Shape`.
+    /// Executes `Shape`: adds a shape with the current material, emission and media.
     pub(super) fn add_shape(&mut self, mut d: Directive<'_>) {
         self.shapes_met += 1;
         let mut params = self.params(&mut d, "shape");
@@ -36,7 +36,7 @@ impl Reader<'_> {
             }
         };
         if self.version.is_old() {
-            // Of pbrt-v3's shadows alone.
+            // A parameter of pbrt-v3 that affects shadows only.
             if let Some(param) = params.take("shadowalpha") {
                 params.unsupported(param.line, format!("parameter shadowalpha of {}", params.of().to_owned()));
             }
@@ -52,7 +52,7 @@ impl Reader<'_> {
         let good = params.finish(&mut self.log);
         let geometry = match geometry {
             Some(geometry) if good => geometry,
-            // Kept, empty, so that its material is checked too; the scene is refused anyway.
+            // An empty mesh, so that the material is checked too; the scene is refused anyway.
             _ if self.log.has_problems() => Geometry::Mesh(Arc::default()),
             _ => return,
         };
@@ -62,7 +62,8 @@ impl Reader<'_> {
         self.keep_shape(shape);
     }
 
-    /// Returns the emission of a shape under the current area light, if any.
+    /// Returns the emission of a shape under the current area light; `None` if there is no area light or it is
+    /// unsupported here.
     fn emission(&self, geometry: &Geometry, params: &mut Params) -> Option<Emission> {
         let light = self.state.emission?;
         let line = params.line();
@@ -113,7 +114,7 @@ impl Reader<'_> {
             return Some(Geometry::Mesh(mesh.clone()));
         }
         let source = Source { line, ..source.clone() };
-        // The reason has been given where this fails.
+        // `load` reports the reason of a failure.
         let Some(bytes) = self.load(&path, &source) else {
             params.fail();
             return None;
@@ -170,7 +171,7 @@ impl Reader<'_> {
     }
 
     fn round(&mut self, shape: Round, params: &mut Params, line: u32) -> Option<Geometry> {
-        // A sphere makes the most.
+        // A sphere has the most triangles of the round shapes.
         self.make_room(1 << 16, params, line)?;
         let mesh = shape.mesh();
         let what = format!("{} is made of {} triangles with smooth normals", params.of(), mesh.triangles.len());
@@ -190,7 +191,7 @@ impl Reader<'_> {
             None if positions.len() == 4 => vec![[0, 1, 2, 3]],
             None => return lacks_indices(params, line),
         };
-        // Faults of the corners' values, with the messages of meshes.
+        // Checks the vertices' values, with the error messages of meshes.
         let whole = MeshData { positions, normals, uvs, triangles: vec![[0; 3]] };
         check(&whole, params, line)?;
         let MeshData { positions, normals, uvs, .. } = whole;
@@ -223,7 +224,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Checks that `more` triangles may be made; otherwise reports a problem and returns `None`.
+    /// Returns `Some` if `more` triangles may be made; otherwise reports a problem and returns `None`.
     fn make_room(&self, more: usize, params: &mut Params, line: u32) -> Option<()> {
         if self.triangles_made.saturating_add(more) <= MOST_MADE {
             return Some(());
@@ -244,12 +245,12 @@ impl Reader<'_> {
     }
 }
 
-/// Takes `phimax`, the angle in degrees that a round shape covers, at most 360.
+/// Takes the parameter `phimax`: the angle in degrees that a round shape covers, at most 360.
 fn sweep(params: &mut Params) -> f64 {
     params.float("phimax", 360.0, |v| v > 0.0, "above 0").min(360.0)
 }
 
-/// Returns the area of a shape in world space; `None` for a stretched round shape.
+/// Returns the area of a shape in world space; `None` for a sphere or disk that the transform does not scale uniformly.
 fn world_area(geometry: &Geometry, to_world: DAffine3) -> Option<f64> {
     let even = || {
         let axes = [to_world.matrix3.x_axis, to_world.matrix3.y_axis, to_world.matrix3.z_axis];
@@ -304,19 +305,19 @@ fn positions(params: &mut Params, line: u32) -> Option<Vec<DVec3>> {
     Some(points.chunks_exact(3).map(DVec3::from_slice).collect())
 }
 
-/// Positions, normals and texture coordinates.
+/// Positions, normals and texture coordinates of a mesh.
 type Vertices = (Vec<DVec3>, Vec<[f32; 3]>, Vec<[f32; 2]>);
 
 fn vertices(params: &mut Params, line: u32) -> Option<Vertices> {
     let positions = positions(params, line)?;
     let normals = singles::<3>(params.numbers("N", &[Type::Normal], 3));
-    // pbrt-v3 also calls them st, and both it and pbrt-v2 declare them float.
+    // pbrt-v3 also names texture coordinates `st`; pbrt-v2 and v3 declare them float.
     let uv = if params.has("uv") { "uv" } else { "st" };
     let uvs = singles::<2>(params.numbers(uv, &[Type::Point2, Type::Float], 2));
     Some((positions, normals, uvs))
 }
 
-/// Checks vertex indices and returns them in groups of `N`.
+/// Returns vertex indices in groups of `N`; `None`, with a reported problem, if an index is not below `vertices`.
 fn corners<const N: usize>(
     params: &mut Params,
     what: &str,
@@ -342,7 +343,7 @@ fn corners<const N: usize>(
     Some(groups)
 }
 
-/// Returns numbers in groups of `N`, in single precision.
+/// Returns numbers in groups of `N`, in single precision; nothing for `None`.
 fn singles<const N: usize>(numbers: Option<(Vec<f64>, u32)>) -> Vec<[f32; N]> {
     let (numbers, _) = numbers.unwrap_or_default();
     numbers.chunks_exact(N).map(|group| std::array::from_fn(|i| group[i] as f32)).collect()

@@ -10,18 +10,20 @@ use glam::DVec3;
 /// The valid range of a colour, and the illuminant under which a spectrum is converted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Gamut {
-    /// 0 to 1. A spectrum is converted under D65.
+    /// A reflectance: 0 to 1. A spectrum is converted under D65.
     Reflectance,
-    /// At least 0. In pbrt-v4 a spectrum or a temperature has luminance 1; other parameters set the brightness.
+    /// The colour of a light: at least 0. In pbrt-v4 a spectrum or a temperature gives a colour of luminance 1; other
+    /// parameters set the brightness.
     Light,
-    /// At least 0, for indices of refraction.
+    /// An index of refraction: at least 0. A spectrum is converted without an illuminant.
     Index,
-    /// At least 0, for textures and coefficients of media. A spectrum is converted under D65.
+    /// A texture value or a coefficient of a medium: at least 0. A spectrum is converted under D65.
     Unbounded,
 }
 
 impl Params {
-    /// Takes a constant colour in linear sRGB; `None` if it is missing or invalid.
+    /// Takes a constant colour parameter (RGB, XYZ, spectrum or black body) as linear sRGB; `None` if it is missing or
+    /// invalid.
     pub(super) fn rgb(&mut self, name: &'static str, gamut: Gamut) -> Option<[f32; 3]> {
         let param = self.take_typed(name, &[Type::Rgb, Type::Xyz, Type::Spectrum, Type::Blackbody])?;
         let of = self.of().to_owned();
@@ -29,7 +31,7 @@ impl Params {
             (Type::Rgb | Type::Xyz, Values::Numbers(values)) => match *values.as_slice() {
                 [a, b, c] => {
                     let xyz = param.ty == Type::Xyz;
-                    // What lies outside sRGB is clipped.
+                    // Negative channels, of colours outside the gamut of sRGB, are clipped.
                     let rgb = if xyz { rgb_of_xyz(DVec3::new(a, b, c)).max(DVec3::ZERO).to_array() } else { [a, b, c] };
                     match in_range(rgb, gamut) {
                         Ok(rgb) => return Some(rgb),
@@ -71,8 +73,8 @@ impl Params {
         None
     }
 
-    /// Returns the colour of a black body from the values of a parameter: its temperature in kelvin, and in old files a
-    /// scale.
+    /// Returns the linear sRGB colour of a black body parameter. Its values are a temperature in kelvin and, in pbrt-v3
+    /// files, a scale.
     fn blackbody(&self, values: &[f64]) -> Result<[f32; 3], String> {
         let hidden = |kelvin: f64| format!("is a black body of {kelvin} K, which does not shine visibly");
         let rgb = match *values {
@@ -111,8 +113,8 @@ impl Params {
         in_range(rgb.to_array(), gamut).map_err(|range| format!("must be {range}, not {}", rgb.max_element()))
     }
 
-    /// Takes one index of refraction: a number, a named glass, or a spectrum's value at 587.6 nm, the standard line for
-    /// glass.
+    /// Takes one index of refraction: a number, a named glass, or a spectrum's value at 587.6 nm, the standard
+    /// wavelength for glass. Returns `default` if the parameter is missing or invalid.
     pub(super) fn index(&mut self, name: &'static str, default: f32) -> f32 {
         const HELIUM_D: f64 = 587.6;
         let above = |v: f64| v > 0.0;
@@ -149,7 +151,7 @@ impl Params {
     }
 }
 
-/// Returns the colour in single precision, or an error to follow the parameter's name.
+/// Returns a colour in single precision; an error, to follow the parameter's name, if a channel is outside of `gamut`.
 fn in_range(rgb: [f64; 3], gamut: Gamut) -> Result<[f32; 3], &'static str> {
     let most = if gamut == Gamut::Reflectance { 1.0 } else { f64::from(f32::MAX) };
     match rgb.iter().all(|c| (0.0..=most).contains(c)) {
@@ -161,8 +163,8 @@ fn in_range(rgb: [f64; 3], gamut: Gamut) -> Result<[f32; 3], &'static str> {
 
 /// Complex indices of refraction of metals as linear RGB: name, eta, k.
 ///
-/// The values of the Tungsten renderer's table of conductors [Bitterli 2018], which integrates measured
-/// spectra against the CIE observer; of brass (CuZn) those that the same rule makes of pbrt-v4's spectrum.
+/// The values are from the Tungsten renderer's table of conductors [Bitterli 2018], which integrates measured spectra
+/// against the CIE observer. The values of brass (CuZn) were converted from pbrt-v4's spectrum in the same way.
 const METALS: &[(&str, [f32; 3], [f32; 3])] = &[
     ("Ag", [0.155_264_65, 0.116_723_3, 0.138_380_7], [4.828_343_4, 3.122_246, 2.147_050_4]),
     ("Al", [1.657_46, 0.880_368_95, 0.521_228_73], [9.223_869, 6.269_523, 4.837_001_3]),
@@ -173,7 +175,7 @@ const METALS: &[(&str, [f32; 3], [f32; 3])] = &[
     ("TiO2", [3.456_620_2, 2.801_707_7, 2.905_148_5], [0.000_102_666_2, 0.0, 0.000_635_690_2]),
 ];
 
-/// Returns eta or k of a metal by a name such as `metal-Cu-eta`.
+/// Returns eta or k of a metal, as linear RGB, by a name such as `metal-Cu-eta`; `None` for an unknown name.
 pub(super) fn metal(name: &str) -> Option<[f32; 3]> {
     let (metal, part) = name.strip_prefix("metal-")?.split_once('-')?;
     let (_, eta, k) = METALS.iter().find(|m| m.0 == metal)?;
@@ -184,8 +186,8 @@ pub(super) fn metal(name: &str) -> Option<[f32; 3]> {
     }
 }
 
-/// Indices of refraction of glasses at 587.6 nm [Schott, optical glass data sheets]. pbrt-v4 writes F for the maker's
-/// SF (flint glass).
+/// Names of glasses and their indices of refraction at 587.6 nm [Schott, optical glass data sheets]. pbrt-v4 writes F
+/// for the maker's SF (flint glass).
 const GLASSES: &[(&str, f32)] = &[
     ("glass-BAF10", 1.670_03),
     ("glass-BK7", 1.516_80),
@@ -200,7 +202,8 @@ fn glass(name: &str) -> Option<f32> {
     GLASSES.iter().find(|g| g.0 == name).map(|g| g.1)
 }
 
-/// Chromaticities of standard illuminants [CIE 15:2004, tables T.3 and T.8; for ACES, SMPTE ST 2065-1].
+/// Names and CIE x, y chromaticities of standard illuminants [CIE 15:2004, tables T.3 and T.8; for ACES, SMPTE ST
+/// 2065-1].
 const ILLUMINANTS: &[(&str, [f64; 2])] = &[
     ("illum-acesD60", [0.321_68, 0.337_67]),
     ("stdillum-A", [0.447_57, 0.407_45]),
@@ -219,22 +222,22 @@ const ILLUMINANTS: &[(&str, [f64; 2])] = &[
     ("stdillum-F9", [0.3741, 0.3727]),
 ];
 
-/// Returns the linear RGB colour of a named illuminant at luminance 1.
+/// Returns the linear RGB colour of a named illuminant at luminance 1; `None` for an unknown name.
 fn illuminant(name: &str) -> Option<[f32; 3]> {
     if name == "stdillum-D65" {
-        // The white of sRGB itself.
+        // D65 is the white of sRGB.
         return Some([1.0; 3]);
     }
     let (_, chromaticity) = ILLUMINANTS.iter().find(|i| i.0 == name)?;
     Some(rgb_of_chromaticity(*chromaticity).max(DVec3::ZERO).as_vec3().to_array())
 }
 
-/// Returns true if pbrt-v4 has a spectrum with this name.
+/// Returns true if `name` is a known metal, glass or illuminant of pbrt-v4.
 pub(super) fn is_named(name: &str) -> bool {
     metal(name).is_some() || glass(name).is_some() || illuminant(name).is_some()
 }
 
-/// Returns the known name nearest to this one, if one is close.
+/// Returns the known spectrum name nearest to `name`; `None` if no name is near.
 pub(super) fn near_name(name: &str) -> Option<String> {
     let parts = METALS.iter().flat_map(|m| ["eta", "k"].map(|part| format!("metal-{}-{part}", m.0)));
     let others = GLASSES.iter().map(|g| g.0).chain(ILLUMINANTS.iter().map(|i| i.0)).chain(["stdillum-D65"]);

@@ -1,4 +1,4 @@
-//! Spectra in files of their own: pairs of a wavelength and a value.
+//! Files of spectra: pairs of a wavelength in nm and a value.
 
 use super::params::{Param, Type, Values};
 use super::reader::Reader;
@@ -8,7 +8,7 @@ use crate::Source;
 use std::io::ErrorKind;
 
 impl Reader<'_> {
-    /// Replaces the file names in spectrum parameters by the numbers in these files.
+    /// Replaces each file name in a spectrum parameter by the numbers in the file.
     pub(super) fn load_spectra(&mut self, params: &mut [Param], source: &Source) {
         for param in params.iter_mut().filter(|p| p.ty == Type::Spectrum) {
             let Values::Texts(names) = &param.values else { continue };
@@ -31,7 +31,7 @@ impl Reader<'_> {
                 self.log.problem(at, what);
                 return None;
             }
-            // Read again, for the message.
+            // `load` reads the file again and reports the error.
             Err(_) => {
                 self.load(&path, at);
                 return None;
@@ -48,7 +48,7 @@ impl Reader<'_> {
     }
 }
 
-/// Parses all numbers of a text; `#` begins a comment. The error has a line.
+/// Parses all numbers of a text; `#` begins a comment. The error is the line, from 1, and a message.
 fn numbers(bytes: &[u8]) -> Result<Vec<f64>, (u32, String)> {
     let mut numbers = Vec::new();
     for (i, line) in bytes.split(|&b| b == b'\n').enumerate() {

@@ -1,14 +1,14 @@
-//! The graphics state that applies to subsequent shapes and lights.
+//! The graphics state: transform, material, emission and media that apply to subsequent shapes and lights.
 
 use super::params::Param;
 use crate::{MaterialId, Source};
 use glam::{DAffine3, DMat3, DVec3};
 use std::rc::Rc;
 
-/// The state that `AttributeBegin` saves and `AttributeEnd` restores.
+/// The graphics state, which `AttributeBegin` saves and `AttributeEnd` restores.
 #[derive(Clone, Debug)]
 pub(super) struct State {
-    /// The current transformation matrix: from the current space to world space (before `Camera`, to camera space).
+    /// The current transformation matrix: from the current space to world space (before `WorldBegin`, to camera space).
     pub(super) ctm: Ctm,
     pub(super) reversed: bool,
     pub(super) material: MaterialRef,
@@ -30,12 +30,12 @@ impl Default for State {
     }
 }
 
-/// The current transformation matrix at both ends of the motion.
+/// The current transformation matrix at the start and at the end of the motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Ctm {
     pub(super) start: DAffine3,
     pub(super) end: DAffine3,
-    /// Flags of the ends (start, end) that directives change.
+    /// Two flags: directives change the transform at the start; directives change the transform at the end.
     pub(super) active: [bool; 2],
 }
 
@@ -46,23 +46,24 @@ impl Default for Ctm {
 }
 
 impl Ctm {
-    /// Returns the transform at the end of the motion if it differs from [`start`](Self::start).
+    /// Returns the transform at the end of the motion; `None` if it equals [`start`](Self::start).
     pub(super) fn moves_to(&self) -> Option<DAffine3> {
         (self.end != self.start).then_some(self.end)
     }
 }
 
-/// The arguments of `AreaLightSource`.
+/// The arguments of `AreaLightSource`, for the emission of subsequent shapes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct AreaLight {
-    /// Radiance, linear RGB, with the scale applied.
+    /// Radiance, linear RGB, with the parameter `scale` applied.
     pub(super) radiance: [f32; 3],
     pub(super) two_sided: bool,
-    /// Total power of each shape, if given; `radiance` then has luminance 1.
+    /// Total power of each shape, if given. A shape's radiance is then `radiance * power / (pi * area)`, with the area
+    /// of both sides if two-sided.
     pub(super) power: Option<f64>,
 }
 
-/// The arguments of `MediumInterface`. As in pbrt, names are looked up at the end of the file.
+/// The names of media in a `MediumInterface`. As in pbrt, names are looked up at the end of the file.
 #[derive(Clone, Debug)]
 pub(super) struct MediaRef {
     pub(super) inside: Option<String>,
@@ -70,7 +71,7 @@ pub(super) struct MediaRef {
     pub(super) source: Source,
 }
 
-/// The current material, by name or index. As in pbrt, names are looked up at the end of the file.
+/// The current material: the default, an index, or a name. As in pbrt, names are looked up at the end of the file.
 #[derive(Clone, Debug)]
 pub(super) enum MaterialRef {
     Default,
@@ -78,7 +79,7 @@ pub(super) enum MaterialRef {
     Named(Rc<str>, Rc<Source>),
 }
 
-/// Parameters that `Attribute` adds to directives.
+/// Parameters that `Attribute` adds to directives, for each kind of directive.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Attributes {
     pub(super) shape: Vec<Param>,
@@ -101,7 +102,7 @@ impl Attributes {
     }
 }
 
-/// Returns the transform of 16 numbers, given column by column.
+/// Returns the affine transform of a 4 x 4 matrix, given column by column; an error for a projective matrix.
 pub(super) fn matrix(m: &[f64]) -> Result<DAffine3, String> {
     if m[3] != 0.0 || m[7] != 0.0 || m[11] != 0.0 || m[15] == 0.0 {
         return Err("this transform is projective; every fourth number must be 0, the last one 1".into());
@@ -110,9 +111,9 @@ pub(super) fn matrix(m: &[f64]) -> Result<DAffine3, String> {
     Ok(DAffine3::from_mat3_translation(DMat3::from_cols(column(0), column(4), column(8)), column(12)))
 }
 
-/// Returns the rotation by an angle in degrees around an axis.
+/// Returns the rotation by an angle in degrees around an axis; an error for axis 0.
 pub(super) fn rotation(degrees: f64, axis: DVec3) -> Result<DAffine3, String> {
-    // The largest coordinate is taken out first, since squares of tiny ones underflow.
+    // Divides by the largest coordinate first, since squares of tiny coordinates underflow.
     let axis = axis / axis.abs().max_element();
     match axis.try_normalize() {
         Some(axis) => Ok(DAffine3::from_axis_angle(axis, degrees.to_radians())),
@@ -120,7 +121,8 @@ pub(super) fn rotation(degrees: f64, axis: DVec3) -> Result<DAffine3, String> {
     }
 }
 
-/// Returns the transform from world space to the space of a viewer (x right, y up, z forward, left-handed).
+/// Returns the transform from world space to the space of a viewer at `eye` (x right, y up, z forward, left-handed); an
+/// error if the directions are degenerate.
 pub(super) fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Result<DAffine3, String> {
     let degenerate = "LookAt needs three different directions: the point looked at must differ from the eye, and up \
                       must not lie along the line of sight";
@@ -132,7 +134,7 @@ pub(super) fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Result<DAffine3, 
     Ok(DAffine3::from_mat3_translation(DMat3::from_cols(right, up, forward), eye).inverse())
 }
 
-/// Returns true if a transform is finite and invertible.
+/// Returns true if a transform can be inverted: the transform and its inverse are finite.
 pub(super) fn is_invertible(transform: &DAffine3) -> bool {
     let determinant = transform.matrix3.determinant();
     transform.is_finite() && determinant.is_finite() && determinant != 0.0 && transform.inverse().is_finite()

@@ -5,22 +5,22 @@ use crate::MeshData;
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
 
-/// Marks a missing neighbour.
+/// The index that marks a missing face or vertex.
 const NONE: u32 = u32::MAX;
 
-/// A triangle mesh with the adjacency of its faces.
+/// A triangle mesh to be subdivided (control mesh), with the adjacency of its faces.
 struct Control {
     positions: Vec<DVec3>,
     faces: Vec<[u32; 3]>,
-    /// For each face, its neighbour across the edge from corner `i` to corner `i + 1`.
+    /// For each face, the index of the neighbour across the edge from corner `i` to corner `i + 1`.
     neighbors: Vec<[u32; 3]>,
-    /// For each vertex, one of its faces.
+    /// For each vertex, the index of one of its faces.
     start: Vec<u32>,
     /// For each vertex, the number of its faces.
     count: Vec<u32>,
 }
 
-/// The error of a mesh that cannot be subdivided.
+/// The error of a mesh that cannot be subdivided, with the index of the triangle or vertex.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Unfit {
     #[error("triangle {0} has the same corner twice; remove it")]
@@ -31,8 +31,8 @@ pub(super) enum Unfit {
     Tangled(usize),
 }
 
-/// Returns the limit surface of a control mesh, sampled after `levels` subdivisions, with normals. Each level has four
-/// times the triangles.
+/// Returns the limit surface of a control mesh, sampled after `levels` subdivisions, with normals. Each level
+/// multiplies the number of triangles by four.
 pub(super) fn subdivide(positions: Vec<DVec3>, faces: Vec<[u32; 3]>, levels: u32) -> Result<MeshData, Unfit> {
     let twice = |f: &[u32; 3]| f[0] == f[1] || f[1] == f[2] || f[2] == f[0];
     if let Some(face) = faces.iter().position(twice) {
@@ -53,12 +53,12 @@ fn previous(i: usize) -> usize {
     (i + 2) % 3
 }
 
-/// Returns Loop's weight of each neighbour of a vertex with `valence` neighbours.
+/// Returns Loop's weight of each neighbour of an interior vertex with `valence` neighbours.
 fn beta(valence: usize) -> f64 {
     if valence == 3 { 3.0 / 16.0 } else { 3.0 / (8.0 * valence as f64) }
 }
 
-/// The neighbours of a vertex in order, and a flag for vertices on a border.
+/// The neighbours of a vertex in order around it, and a flag for vertices on a border.
 struct Ring {
     vertices: Vec<u32>,
     border: bool,
@@ -82,13 +82,13 @@ impl Control {
         self.faces[face as usize].iter().position(|&v| v == vertex)
     }
 
-    /// Fills `ring` with the neighbours of a vertex. Refuses a mesh in which the walk around the vertex would not end.
+    /// Fills `ring` with the neighbours of a vertex. Returns an error if the walk around the vertex would not end.
     fn ring(&self, vertex: u32, ring: &mut Ring) -> Result<(), Unfit> {
         let tangled = Unfit::Tangled(vertex as usize);
         ring.vertices.clear();
         let start = self.start[vertex as usize];
         let mut face = start;
-        // Around by the next faces, until that is the first again, or there is none.
+        // Walks from face to face around the vertex, to the first face or to a border.
         for _ in 0..=self.count[vertex as usize] {
             let corner = self.corner_of(face, vertex).ok_or(tangled)?;
             ring.vertices.push(self.faces[face as usize][next(corner)]);
@@ -105,7 +105,8 @@ impl Control {
         Err(tangled)
     }
 
-    /// Fills `ring` with the neighbours of a border vertex whose last face is `face`.
+    /// Fills `ring` with the neighbours of a border vertex; `face` is the last face around it. `None` if the walk does
+    /// not end at a border.
     fn border_ring(&self, vertex: u32, mut face: u32, ring: &mut Ring) -> Option<()> {
         ring.border = true;
         ring.vertices.clear();
@@ -122,7 +123,7 @@ impl Control {
     }
 
     /// Returns a vertex's position averaged with its neighbours. Inside the mesh, each neighbour has the weight
-    /// `inner(valence)`; on a border, only the two border neighbours count, with weight `border`.
+    /// `inner(valence)`. On a border, only the two border neighbours count, each with the weight `border`.
     fn drawn(&self, vertex: usize, ring: &Ring, inner: fn(usize) -> f64, border: f64) -> DVec3 {
         let (own, valence) = (self.positions[vertex], ring.vertices.len());
         let at = |i: usize| self.positions[ring.vertices[i] as usize];
@@ -179,7 +180,7 @@ impl Control {
         Ok(Self::new(positions, faces))
     }
 
-    /// Returns the mesh with each vertex moved to its limit position.
+    /// Returns the mesh with each vertex moved to its limit position, and with normals.
     fn limit(mut self) -> Result<MeshData, Unfit> {
         let mut ring = Ring { vertices: Vec::new(), border: false };
         let gamma = |valence: usize| 1.0 / (valence as f64 + 3.0 / (8.0 * beta(valence)));
@@ -201,12 +202,12 @@ impl Control {
         Ok(MeshData { positions: self.positions, normals, uvs: Vec::new(), triangles: self.faces })
     }
 
-    /// Returns the cross product of the two limit tangents at a vertex, in pbrt's order. It points away from the
-    /// winding's side.
+    /// Returns the cross product of the two limit tangents at a vertex, in pbrt's order. It points to the side opposite
+    /// to the winding's normal.
     fn normal(&self, vertex: usize, ring: &Ring) -> DVec3 {
         let own = self.positions[vertex];
         let n = ring.vertices.len();
-        // Around the vertex itself, so that far from the origin nothing is lost.
+        // Relative to the vertex, to keep precision far from the origin.
         let at = |i: usize| self.positions[ring.vertices[i] as usize] - own;
         let (mut s, mut t) = (DVec3::ZERO, DVec3::ZERO);
         if !ring.border {
@@ -233,7 +234,8 @@ impl Control {
     }
 }
 
-/// Returns all edges as (lower vertex, upper vertex, face, edge of the face), sorted, so that equal edges are adjacent.
+/// Returns all edges as (lower vertex, upper vertex, face, edge of the face), sorted, so that the edges of neighbouring
+/// faces are adjacent.
 fn edges(faces: &[[u32; 3]]) -> Vec<(u32, u32, u32, u8)> {
     let mut edges = Vec::with_capacity(3 * faces.len());
     for (number, face) in faces.iter().enumerate() {
@@ -246,7 +248,8 @@ fn edges(faces: &[[u32; 3]]) -> Vec<(u32, u32, u32, u8)> {
     edges
 }
 
-/// Returns each face's neighbours across its edges. The faces at an edge are paired in order.
+/// Returns, for each face, the indices of its neighbours across its three edges. Faces that share an edge are paired in
+/// the order of `edges`.
 fn neighbors(edges: &[(u32, u32, u32, u8)], faces: usize) -> Vec<[u32; 3]> {
     let mut neighbors = vec![[NONE; 3]; faces];
     let mut rest = edges;
@@ -274,8 +277,8 @@ mod tests {
         (positions, faces.to_vec())
     }
 
-    /// By hand: with valence 4, gamma = 1 / (4 + 3 / (8 * 3/32)) = 1/8, and the ring of a corner of the
-    /// octahedron has its middle at the origin: the limit is half as far out.
+    /// The limit of a corner is half as far from the centre, as calculated by hand: with valence 4,
+    /// gamma = 1 / (4 + 3 / (8 * 3/32)) = 1/8, and the neighbours of a corner have their mean at the origin.
     #[test]
     fn corners_of_an_octahedron() {
         let (positions, faces) = octahedron();
@@ -292,7 +295,7 @@ mod tests {
         }
     }
 
-    /// A flat sheet stays flat, its border where it was, and its normals are those of pbrt.
+    /// A flat sheet stays flat, and its normals point opposite to the winding, as in pbrt.
     #[test]
     fn sheets_stay_flat() {
         let positions: Vec<DVec3> = (0..9).map(|i| dvec3(f64::from(i % 3), f64::from(i / 3), 7.0)).collect();

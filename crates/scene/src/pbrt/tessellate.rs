@@ -1,15 +1,15 @@
-//! Triangulation of curved shapes that the scene description lacks.
+//! Triangulation of round shapes and bilinear patches, which the scene description lacks.
 
 use crate::MeshData;
 use glam::DVec3;
 use std::f64::consts::TAU;
 
-/// Steps around a full turn. The triangles deviate by less than 1e-4 of the radius.
+/// Number of steps around a full turn. The triangles deviate from the shape by less than 1e-4 of the radius.
 const AROUND: u32 = 256;
-/// Steps from pole to pole of a sphere.
+/// Number of steps from pole to pole of a sphere.
 const ALONG: u32 = 128;
 
-/// A part of a sphere, cylinder or disk around the z axis. `sweep` is in degrees.
+/// A part of a sphere, cylinder or disk around the z axis. `sweep` is the covered angle in degrees.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Round {
     Sphere { radius: f64, low: f64, high: f64, sweep: f64 },
@@ -23,7 +23,7 @@ impl Round {
         sweep.clamp(0.0, 360.0) / 360.0
     }
 
-    /// Returns position and normal at the texture coordinates (u, v), parametrised as in pbrt.
+    /// Returns the position and the normal at the texture coordinates (u, v), parametrised as in pbrt.
     fn at(&self, u: f64, v: f64) -> (DVec3, DVec3) {
         let (sin, cos) = (u * self.sweep() * TAU).sin_cos();
         match *self {
@@ -75,7 +75,8 @@ pub(super) fn grid_triangles(mesh: &mut MeshData, first: u32, columns: u32, rows
     }
 }
 
-/// Bilinear patches. Each has four vertex indices in the order (0,0), (1,0), (0,1), (1,1) of (u, v).
+/// Bilinear patches with shared vertices. Each patch has four vertex indices in the order (0,0), (1,0), (0,1), (1,1) of
+/// (u, v).
 pub(super) struct Patches {
     pub(super) positions: Vec<DVec3>,
     /// Normals, one per position; may be empty.
@@ -85,13 +86,14 @@ pub(super) struct Patches {
     pub(super) corners: Vec<[u32; 4]>,
 }
 
-/// The largest number of cells along each side of a curved patch; scenes of many patches use fewer.
+/// The largest number of cells along each side of a curved patch. Scenes with many patches use fewer cells.
 const PATCH_CELLS: u32 = 16;
-/// Triangles of all curved patches together, about, unless there are more than a quarter as many patches.
+/// The approximate limit on triangles of all curved patches of a shape together. As each patch has at least 8
+/// triangles, more than `PATCH_TRIANGLES / 8` patches exceed it.
 const PATCH_TRIANGLES: u32 = 1 << 19;
 
 impl Patches {
-    /// Returns the triangle mesh, and the number of curved patches. A flat one (a parallelogram) has exactly two
+    /// Returns the triangle mesh, and the number of curved patches. A flat patch (a parallelogram) has exactly two
     /// triangles.
     pub(super) fn mesh(&self) -> (MeshData, usize) {
         let curved = self.corners.iter().filter(|c| !self.is_flat(c)).count();
@@ -127,7 +129,7 @@ impl Patches {
         } else if smooth {
             let along_u = (p[1] - p[0]).lerp(p[3] - p[2], v);
             let along_v = (p[2] - p[0]).lerp(p[3] - p[1], u);
-            // Scaled, since squares of tiny lengths underflow in single precision.
+            // Normalized in double precision, since squares of tiny lengths underflow in single precision.
             let normal = along_u.cross(along_v);
             mesh.normals.push(normal.normalize_or_zero().as_vec3().to_array());
         }
@@ -144,7 +146,7 @@ impl Patches {
     fn is_flat(&self, corners: &[u32; 4]) -> bool {
         let p = corners.map(|c| self.positions[c as usize]);
         let size = (p[3] - p[0]).abs().max((p[1] - p[2]).abs()).max_element();
-        // What single precision leaves of a file's rounding.
+        // The distance from a parallelogram, which is compared with the rounding of single precision.
         let off = (p[0] + p[3] - p[1] - p[2]).abs().max_element();
         let straight = |value: [f32; 4]| (value[0] + value[3] - value[1] - value[2]).abs() <= 1e-5;
         let uv = corners.map(|c| self.uvs.get(c as usize).copied().unwrap_or_default());
@@ -165,7 +167,7 @@ mod tests {
             .sum()
     }
 
-    /// Areas, and that winding and normals agree with each other.
+    /// Compares areas with exact values, and checks that winding and normals agree.
     #[test]
     fn round_shapes_have_their_areas() {
         for (shape, expected) in [

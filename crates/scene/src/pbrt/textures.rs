@@ -1,4 +1,4 @@
-//! Textures by name. Constant textures become plain values.
+//! Textures of pbrt scenes, by name. Constant textures become plain values.
 
 use super::directive::Directive;
 use super::images::{Channel, Decoding};
@@ -10,24 +10,24 @@ use super::version::Version;
 use crate::{Color, Scalar, Source, Texture, TextureId, TextureKind, Wrap};
 use std::collections::BTreeMap;
 
-/// Stand-in for an unsupported texture under `allow_unsupported`.
+/// The colour in place of an unsupported or invalid texture.
 const GREY: Color = Color::Constant([0.5; 3]);
 
-/// The deepest nesting of textures; a look-up visits all levels.
+/// The deepest nesting of textures within textures. A look-up evaluates all levels.
 const DEEPEST_TEXTURE: u32 = 8;
 
-/// Textures made so far.
+/// The textures defined so far, by name.
 #[derive(Debug, Default)]
 pub(super) struct Textures {
     spectra: BTreeMap<String, Color>,
-    /// Textures of numbers; `Err` holds the name of an unsupported kind.
+    /// Float textures by name. `Err` holds the name of an unsupported class of texture.
     floats: BTreeMap<String, Result<Scalar, String>>,
-    /// Nesting depth of each of the scene's textures.
+    /// The nesting depth of each texture of the scene, by its index.
     depths: Vec<u32>,
 }
 
 impl Textures {
-    /// Returns the colour texture with this name.
+    /// Returns the spectrum (colour) texture with this name. The error is a message for an unknown name.
     pub(super) fn spectrum(&self, name: &str) -> Result<Color, String> {
         self.spectra.get(name).copied().ok_or_else(|| {
             let advice = if self.floats.contains_key(name) {
@@ -39,7 +39,8 @@ impl Textures {
         })
     }
 
-    /// Returns the float texture with this name. `Err` within `Ok` names an unsupported kind.
+    /// Returns the float texture with this name. The outer error is a message for an unknown name. The inner error
+    /// names an unsupported class of texture.
     pub(super) fn float(&self, name: &str) -> Result<&Result<Scalar, String>, String> {
         self.floats.get(name).ok_or_else(|| {
             let advice = if self.spectra.contains_key(name) {
@@ -52,7 +53,7 @@ impl Textures {
     }
 }
 
-/// The type of a texture's values.
+/// The type of a texture's values: colours or numbers.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Holds {
     Colors,
@@ -60,7 +61,7 @@ enum Holds {
 }
 
 impl Reader<'_> {
-    /// Carries out `Texture`.
+    /// Executes `Texture`: defines a named texture.
     pub(super) fn make_texture(&mut self, mut d: Directive<'_>) {
         let mut params = self.params(&mut d, "texture");
         let [name, ty, class] = &d.texts[..] else { return };
@@ -96,7 +97,7 @@ impl Reader<'_> {
                 }
                 self.textures.spectra.insert(name.clone(), color.unwrap_or(GREY));
             }
-            // The use of an unsupported texture is reported.
+            // An unsupported float texture is reported only at its use.
             Holds::Numbers => {
                 let value = color.map(scalar_of).ok_or_else(|| class.clone());
                 self.textures.floats.insert(name.clone(), value);
@@ -105,7 +106,7 @@ impl Reader<'_> {
         params.finish(&mut self.log);
     }
 
-    /// Makes the texture of a class; `None` if the class is unsupported.
+    /// Makes a texture of a class such as `imagemap`, for colours or numbers; `None` if the class is unsupported.
     fn texture_color(
         &mut self,
         name: &str,
@@ -147,7 +148,7 @@ impl Reader<'_> {
         Some(color)
     }
 
-    /// Takes a parameter that is a value or a texture of the same type.
+    /// Takes a parameter of a texture: a constant, or another texture of the same type.
     fn part(&self, name: &'static str, default: f32, holds: Holds, params: &mut Params) -> Color {
         match holds {
             Holds::Colors => params.any_color(name, [default; 3], &self.textures),
@@ -191,7 +192,7 @@ impl Reader<'_> {
     fn image_map(&mut self, name: &str, holds: Holds, params: &mut Params, source: &Source) -> Color {
         let (mut scale, mut shift) = mapping(params);
         if self.version == Version::V2 {
-            // Its first row is at v = 0.
+            // pbrt-v2 places an image's first row at v = 0.
             (scale[1], shift[1]) = (-scale[1], 1.0 - shift[1]);
         }
         let factor = params.float32("scale", 1.0, |_| true, "finite");
@@ -229,7 +230,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Makes the texture of a material's normal map, if its parameters name a file.
+    /// Makes the texture of a material's normal map; `None` if the parameters name no file, or the file cannot be read.
     pub(super) fn normal_map(&mut self, params: &mut Params, source: &Source) -> Option<TextureId> {
         let (file, line) = params.text("normalmap")?;
         let image = self.image(&file, Decoding::Linear, Channel::Rgb, &Source { line, ..source.clone() })?;
@@ -241,7 +242,8 @@ impl Reader<'_> {
         }
     }
 
-    /// Returns the product of two textures or constants. A constant factor becomes part of an image's own.
+    /// Returns the product of two colours, each a constant or a texture. A gray constant is multiplied into the other
+    /// texture's own values if possible.
     fn product(&mut self, name: &str, a: Color, b: Color, params: &mut Params, source: &Source) -> Color {
         let gray = |c: [f32; 3]| (c[0] == c[1] && c[1] == c[2]).then_some(c[0]);
         let folded = match (a, b) {
@@ -262,7 +264,7 @@ impl Reader<'_> {
         self.add_texture(name, kind, params, source)
     }
 
-    /// Returns the texture multiplied by `by`; `None` if its kind has no place for a factor.
+    /// Returns the texture multiplied by `by` without another level of nesting; `None` if its kind does not allow that.
     fn scaled(&self, id: TextureId, by: f32) -> Option<TextureKind> {
         match self.scene.textures[id.0 as usize].kind.clone() {
             TextureKind::Checkerboard { scale, shift, colors } => {
@@ -282,7 +284,7 @@ impl Reader<'_> {
     }
 }
 
-/// Returns a gray colour of this value.
+/// Returns a gray colour with this value: a constant or a texture.
 fn color_of(scalar: Scalar) -> Color {
     match scalar {
         Scalar::Constant(value) => Color::Constant([value; 3]),
@@ -290,7 +292,7 @@ fn color_of(scalar: Scalar) -> Color {
     }
 }
 
-/// Returns the value of a gray colour.
+/// Returns the value of a gray colour: a constant or a texture.
 fn scalar_of(color: Color) -> Scalar {
     match color {
         Color::Constant([value, ..]) => Scalar::Constant(value),
@@ -298,7 +300,7 @@ fn scalar_of(color: Color) -> Scalar {
     }
 }
 
-/// Takes the factors and the shift of u and v.
+/// Takes the parameters of texture coordinates. Returns the factors of u and v, and the shifts of u and v.
 fn mapping(params: &mut Params) -> ([f32; 2], [f32; 2]) {
     if let Some((mapping, line)) = params.text("mapping").filter(|t| t.0 != "uv") {
         params.unsupported(line, format!("mapping {}", shown(&mapping)));
@@ -311,7 +313,8 @@ fn mapping(params: &mut Params) -> ([f32; 2], [f32; 2]) {
 }
 
 impl Params {
-    /// Takes a colour without an upper bound, or a texture.
+    /// Takes a parameter that is a colour without an upper bound or a texture. Returns `default` if it is missing or
+    /// invalid.
     fn any_color(&mut self, name: &'static str, default: [f32; 3], textures: &Textures) -> Color {
         // pbrt-v2 and v3 take a number for gray here.
         if self.version().is_old() && self.peek(name).is_some_and(|p| p.ty == Type::Float) {

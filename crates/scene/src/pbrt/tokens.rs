@@ -1,24 +1,24 @@
-//! Division of a scene file's text into tokens with lines.
+//! Division of a pbrt file's text into tokens, each with its line.
 
-/// One token of a scene file.
+/// One token of a pbrt file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Token<'t> {
     pub(super) kind: Kind,
     /// The text as written, without quotes.
     pub(super) text: &'t str,
-    /// The line, from 1.
+    /// The line of the token, from 1.
     pub(super) line: u32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// Anything unquoted: directives, numbers, `true`.
+    /// An unquoted word: a directive, a number, `true` or `false`.
     Word,
     /// A quoted string.
     Text,
-    /// `[`
+    /// An opening bracket, `[`.
     Open,
-    /// `]`
+    /// A closing bracket, `]`.
     Close,
 }
 
@@ -31,10 +31,10 @@ impl Token<'_> {
     }
 }
 
-/// Line and message of an error.
+/// An error: its line, and its message.
 pub(super) type Fault = (u32, String);
 
-/// Iterates over the tokens of a text, with look-ahead.
+/// An iterator over the tokens of a text, with a look-ahead of one token.
 #[derive(Debug)]
 pub(super) struct Tokens<'t> {
     text: &'t str,
@@ -48,12 +48,12 @@ impl<'t> Tokens<'t> {
         Self { text, at: 0, line: 1, ahead: None }
     }
 
-    /// Returns the line reached.
+    /// Returns the line that the scan has reached, from 1.
     pub(super) fn line(&self) -> u32 {
         self.line
     }
 
-    /// Returns the next token without taking it.
+    /// Returns the next token without consuming it; `None` at the end of the text.
     pub(super) fn peek(&mut self) -> Option<&Result<Token<'t>, Fault>> {
         if self.ahead.is_none() {
             self.ahead = Some(self.scan());
@@ -61,7 +61,7 @@ impl<'t> Tokens<'t> {
         self.ahead.as_ref().and_then(Option::as_ref)
     }
 
-    /// Returns the next token without taking it; `None` at a malformed one.
+    /// Returns the next token without consuming it; `None` if it is malformed or the text ends.
     pub(super) fn peek_good(&mut self) -> Option<Token<'t>> {
         self.peek().and_then(|t| t.as_ref().ok()).copied()
     }
@@ -110,7 +110,7 @@ impl<'t> Tokens<'t> {
         }
     }
 
-    /// Scans a string, which must end on the line where it begins, as in pbrt.
+    /// Scans a quoted string. As in pbrt, it must end on the line where it begins.
     fn scan_text(&mut self) -> Result<Token<'t>, Fault> {
         let bytes = self.text.as_bytes();
         let start = self.at + 1;
@@ -131,8 +131,7 @@ impl<'t> Tokens<'t> {
     }
 }
 
-/// Returns the text of a quoted string with escapes such as `
-/// `, `\t` and `\"` replaced.
+/// Returns the text of a quoted string with escapes such as `\n`, `\t` and `\"` replaced.
 pub(super) fn unescape(token: &Token<'_>) -> Result<String, Fault> {
     let mut text = String::with_capacity(token.text.len());
     let mut chars = token.text.chars();
@@ -158,7 +157,7 @@ pub(super) fn unescape(token: &Token<'_>) -> Result<String, Fault> {
     Ok(text)
 }
 
-/// Returns the finite number of a token, correctly rounded to f64.
+/// Returns the number that a token holds, correctly rounded to f64; an error if it is not a finite number.
 pub(super) fn number(token: &Token<'_>) -> Result<f64, Fault> {
     let plain = |b: u8| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.' | b'e' | b'E');
     let bad = |advice: &str| Err((token.line, format!("{} is not a number; {advice}", shown(token.text))));
@@ -178,7 +177,7 @@ pub(super) fn number(token: &Token<'_>) -> Result<f64, Fault> {
     }
 }
 
-/// Returns a token for use in a message: quoted, and cut if long.
+/// Returns the text of a token for a message: quoted, and cut after 60 characters.
 pub(super) fn shown(text: &str) -> String {
     const MOST: usize = 60;
     match text.char_indices().nth(MOST) {

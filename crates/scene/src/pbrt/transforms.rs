@@ -8,7 +8,8 @@ use crate::Source;
 use glam::{DAffine3, DVec3};
 
 impl Reader<'_> {
-    /// Carries out a directive that changes the current transformation matrix. Returns false for any other.
+    /// Executes a directive that changes the current transformation matrix. Returns false, without effect, for other
+    /// directives.
     pub(super) fn transform(&mut self, d: &Directive<'_>) -> bool {
         let numbers = &d.numbers;
         match d.word {
@@ -40,7 +41,7 @@ impl Reader<'_> {
         true
     }
 
-    /// Carries out `TransformTimes`.
+    /// Executes `TransformTimes`: sets the start and end times of the motion.
     pub(super) fn set_times(&mut self, d: &Directive<'_>) {
         self.meet("TransformTimes", &d.source);
         let times = [d.numbers[0], d.numbers[1]];
@@ -82,7 +83,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Stores a transform to world space as the coordinate system `name`, which the reader defines.
+    /// Defines the coordinate system `name` by its transforms to world space at the start and at the end of the motion.
     pub(super) fn name_space(&mut self, name: &str, to_world: [DAffine3; 2]) {
         self.spaces.insert(name.to_owned(), to_world);
     }

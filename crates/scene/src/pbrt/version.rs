@@ -1,8 +1,8 @@
-//! The pbrt version that a file was written for.
+//! Detection of the pbrt version that a file was written for.
 
 use super::tokens::{Kind, Tokens};
 
-/// A version of the format, which decides the meaning of directives.
+/// A version of the pbrt file format, which decides the meaning of directives.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Version {
     V2,
@@ -11,7 +11,7 @@ pub(super) enum Version {
     V4,
 }
 
-/// Materials that pbrt-v4 no longer has.
+/// Material types of pbrt-v2 or v3 that pbrt-v4 no longer has.
 const OLD_MATERIALS: &[&str] = &[
     "disney",
     "fourier",
@@ -27,7 +27,7 @@ const OLD_MATERIALS: &[&str] = &[
     "uber",
 ];
 
-/// Materials that came with pbrt-v4.
+/// Material types that pbrt-v4 introduced.
 const NEW_MATERIALS: &[&str] = &[
     "coatedconductor",
     "coateddiffuse",
@@ -39,27 +39,28 @@ const NEW_MATERIALS: &[&str] = &[
     "thindielectric",
 ];
 
-/// Directives and types found that identify a version.
+/// Flags for directives and types, found in a file, that identify a pbrt version.
 #[derive(Default)]
 struct Marks {
     new: bool,
     old: bool,
-    /// True after a directive or type that only pbrt-v2 has.
+    /// True after a directive that only pbrt-v2 has.
     second: bool,
-    /// True after a directive or type that pbrt-v3 and later have.
+    /// True after a directive that pbrt-v3 and later have.
     third: bool,
 }
 
 impl Version {
-    /// Returns the version of a file, which no file states.
+    /// Returns the pbrt version of a file, derived from its directives and types, since files do not state it.
     ///
-    /// One directive or type of pbrt-v4 identifies pbrt-v4. Among older ones, an `Integrator` or a medium identifies
-    /// pbrt-v3; all others are pbrt-v2.
+    /// A directive or type that only pbrt-v4 has identifies pbrt-v4, as does the lack of any that only older versions
+    /// have. Otherwise an `Integrator` or a medium, without a directive of pbrt-v2 alone, identifies pbrt-v3. All other
+    /// files are pbrt-v2.
     pub(super) fn of(text: &str) -> Self {
         let mut marks = Marks::default();
         let mut tokens = Tokens::new(text);
         let mut word = "";
-        // Of the strings that follow the word, which this is, and the one before.
+        // The index of the current string after `word`, and the string before it.
         let (mut place, mut before) = (0, "");
         while let Some(token) = tokens.next() {
             let Ok(token) = token else { continue };
@@ -88,7 +89,7 @@ impl Version {
         self < Self::V4
     }
 
-    /// Returns the name, for messages.
+    /// Returns the name of the version, such as "pbrt-v3", for messages.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::V2 => "pbrt-v2",
@@ -123,7 +124,7 @@ impl Marks {
             ("Film", 0, "rgb" | "gbuffer" | "spectral") => self.new = true,
             ("Sampler", 0, "independent" | "paddedsobol" | "pmj02bn" | "zsobol") => self.new = true,
             ("Film", 0, "image") | ("AreaLightSource", 0, "area") | ("Texture", 1, "color") => self.old = true,
-            // Declarations of parameters.
+            // The types in declarations of parameters.
             (_, 1.., _) => {
                 let mut parts = text.split_ascii_whitespace();
                 let ty = parts.next().filter(|_| parts.next().is_some() && parts.next().is_none());

@@ -1,14 +1,14 @@
-//! All settings of a study, each declared once.
+//! The settings of a study, each declared in one place.
 //!
-//! The table below generates the fields, TOML keys, setters and merge of [`PlanPatch`]. It also generates the fields of
-//! [`Plan`] that copy a setting unchanged.
+//! From the declarations, a macro generates the fields, TOML keys, setters and merging of [`PlanPatch`], and the fields
+//! of [`Plan`].
 
 use super::{DEFAULT_REFERENCE_SPP, ScenePlan, toml_file};
 use crate::{External, Method};
 use serde::Deserialize;
 
-/// Makes [`PlanPatch`] and [`Plan`] from three lists: settings that `PlanPatch::resolve` combines, settings without a
-/// default, and settings with one. A fourth list has the fields of the plan that are computed.
+/// Makes [`PlanPatch`] and [`Plan`] from four lists. The first three hold settings: those that `PlanPatch::resolve`
+/// combines, those without a default, and those with one. The fourth holds the fields of the plan that are computed.
 macro_rules! settings {
     (
         combined { $($(#[$c_meta:meta])* $combined:ident: $c_type:ty,)* }
@@ -16,9 +16,11 @@ macro_rules! settings {
         defaulted { $($(#[$d_meta:meta])* $defaulted:ident: $d_type:ty = $default:expr,)* }
         computed { $($(#[$p_meta:meta])* $computed:ident: $p_type:ty,)* }
     ) => {
-        /// Some settings of a study; [`resolve`](Self::resolve) gives the others their defaults.
+        /// A part of a study's settings. [`resolve`](Self::resolve) adds the defaults of the others, and makes a
+        /// [`Plan`].
         ///
-        /// Fields have the names of the TOML file's keys. Each has a setter, and two patches can be merged.
+        /// Fields have the names of the TOML file's keys; `None` is a setting that is not set. Each field has a setter,
+        /// and two patches can be merged.
         ///
         /// ```
         /// use dapple_study::PlanPatch;
@@ -36,7 +38,8 @@ macro_rules! settings {
             $($(#[$d_meta])* pub $defaulted: Option<$d_type>,)*
         }
 
-        /// A complete plan: every setting has a value, and is checked as far as possible without reading a scene.
+        /// A complete plan of a study: every setting has a value, and is checked as far as possible without reading a
+        /// scene.
         #[derive(Clone, Debug, PartialEq)]
         #[non_exhaustive]
         pub struct Plan {
@@ -54,7 +57,7 @@ macro_rules! settings {
         impl PlanPatch {
             setters! { $($combined: $c_type,)* $($optional: $o_type,)* $($defaulted: $d_type,)* }
 
-            /// This patch, overridden by the settings of `other`.
+            /// Returns this patch with its settings replaced by those that `other` sets.
             pub(super) fn replaced_by(self, other: Self) -> Self {
                 Self {
                     $($combined: other.$combined.or(self.$combined),)*
@@ -63,7 +66,7 @@ macro_rules! settings {
                 }
             }
 
-            /// A plan with the settings that are copied unchanged; the computed fields are empty.
+            /// A plan with the settings that are copied unchanged; its computed fields are empty.
             pub(super) fn taken_over(&self) -> Plan {
                 Plan {
                     $($computed: Default::default(),)*
@@ -89,70 +92,74 @@ macro_rules! setters {
 
 settings! {
     combined {
-        /// Scenes; default [`DEFAULT_SCENES`](super::DEFAULT_SCENES).
+        /// The scenes; default [`DEFAULT_SCENES`](super::DEFAULT_SCENES).
         scenes: Vec<ScenePlan>,
-        /// Samplers; default [`DEFAULT_SAMPLERS`](super::DEFAULT_SAMPLERS).
+        /// The samplers (how many samples each pixel gets), each combined with every point set and filter; default
+        /// [`DEFAULT_SAMPLERS`](super::DEFAULT_SAMPLERS).
         samplers: Vec<String>,
-        /// Point sets, each with every sampler and filter; default `sobol`.
+        /// The point sets (where samples lie), each combined with every sampler and filter; default `sobol`.
         points: Vec<String>,
-        /// Filters, each with every sampler and point set; default [`DEFAULT_FILTERS`](super::DEFAULT_FILTERS).
+        /// The filters (denoisers), each combined with every sampler and point set; default
+        /// [`DEFAULT_FILTERS`](super::DEFAULT_FILTERS).
         filters: Vec<String>,
-        /// Methods in addition to samplers x points x filters; the only ones if no samplers are set.
+        /// Methods (sampler, point set and filter) in addition to samplers x points x filters; the only methods if no
+        /// samplers are set.
         #[serde(deserialize_with = "toml_file::methods")]
         methods: Vec<Method>,
-        /// External programs that methods can name as their filter; default none.
+        /// External programs, which methods can name as their filter; default none.
         #[serde(deserialize_with = "toml_file::externals")]
         external: Vec<External>,
-        /// The method that the others are compared with; default uniform/sobol/none. Added in front of the methods if
-        /// it is not one of them.
+        /// The method with which the others are compared; default uniform/sobol/none. It is added in front of the
+        /// methods if it is not one of them.
         #[serde(deserialize_with = "toml_file::method")]
         baseline: Method,
-        /// Budgets in samples per pixel; default [`DEFAULT_SPP`](super::DEFAULT_SPP).
+        /// The budgets in mean samples per pixel; default [`DEFAULT_SPP`](super::DEFAULT_SPP).
         spp: Vec<u64>,
-        /// Seeds; default 1 to [`DEFAULT_SEEDS`](super::DEFAULT_SEEDS).
+        /// The seeds, one run each per scene, method and budget; default 1 to [`DEFAULT_SEEDS`](super::DEFAULT_SEEDS).
         #[serde(deserialize_with = "toml_file::seeds")]
         seeds: Vec<u64>,
-        /// The budget of `spp` whose time, taken by the baseline, equal-time runs get. 0 leaves them out; default the
-        /// largest budget but one.
+        /// The budget, one of `spp`, that sets the time of equal-time runs: every method gets the time that the
+        /// baseline takes at this budget. 0 leaves out equal-time runs; default the second largest budget.
         time_of: u64,
-        /// Smaller defaults, for a study of less than a minute; default false.
+        /// If true, defaults are smaller, for a study of less than a minute; default false.
         quick: bool,
     }
     optional {
-        /// Width and height in pixels; default those of a reference file, else [`DEFAULT_SIDE`](super::DEFAULT_SIDE)
-        /// squared.
+        /// Width and height of images in pixels; default the size of a scene's reference file, else
+        /// [`DEFAULT_SIDE`](super::DEFAULT_SIDE) for both.
         #[serde(deserialize_with = "toml_file::resolution")]
         resolution: [u32; 2],
-        /// Most scattering events between camera and light; default each scene's.
+        /// The largest number of scattering events between camera and light; default the limit in each scene.
         max_depth: u32,
     }
     defaulted {
-        /// Samples per pixel of rendered references, from 2 to 2^32, rounded up to an even number; default
+        /// Samples per pixel of rendered reference images, from 2 to 2^32, rounded up to an even number; default
         /// [`DEFAULT_REFERENCE_SPP`].
         reference_spp: u64 = DEFAULT_REFERENCE_SPP,
-        /// Threads, at most 1024; default 0, one per core.
+        /// The number of threads, at most 1024; default 0, which is one per core.
         threads: usize = 0,
-        /// A process of its own for each run; default false.
+        /// If true, each run has a process of its own; default false.
         fresh: bool = false,
-        /// Unsupported directives of a scene are warnings, not errors; default false.
+        /// If true, unsupported directives of scene files are warnings, not errors; default false.
         allow_unsupported: bool = false,
     }
     computed {
-        /// Scenes in their order, at least one.
+        /// The scenes in the order of their runs, at least one.
         scenes: Vec<ScenePlan>,
-        /// Methods in their order, each once.
+        /// The methods in the order of their runs, without repetitions.
         methods: Vec<Method>,
-        /// External programs that methods can name as their filter.
+        /// The external programs that methods can name as their filter.
         external: Vec<External>,
-        /// The method that the others are compared with, one of [`methods`](Self::methods).
+        /// The method with which the others are compared, one of [`methods`](Self::methods).
         baseline: Method,
-        /// Budgets in samples per pixel, ascending.
+        /// The budgets in mean samples per pixel, ascending.
         spp: Vec<u64>,
-        /// Seeds, each once.
+        /// The seeds, without repetitions.
         seeds: Vec<u64>,
-        /// The budget of `spp` whose time equal-time runs get; `None` leaves them out.
+        /// The budget, one of `spp`, that sets the time of equal-time runs: the time that the baseline takes at this
+        /// budget. `None` leaves out equal-time runs.
         time_of: Option<u64>,
-        /// Pixels along a side where neither a resolution nor a reference file gives a size.
+        /// Width and height in pixels of a scene's images, if neither a resolution nor a reference file sets them.
         side: u32,
     }
 }

@@ -1,6 +1,6 @@
-//! Comma-separated lists of names with parameters, which hold commas themselves.
+//! Comma-separated lists of names whose parameters contain commas, too.
 
-/// Splits a list at its commas, except those between the parameters of one name.
+/// Splits a list of names at its commas, except at commas between the parameters of one name.
 ///
 /// After a comma, `key=value` is a parameter of the name before it. Anything else begins the next name.
 ///

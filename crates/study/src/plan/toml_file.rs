@@ -1,4 +1,4 @@
-//! A plan as a TOML file.
+//! Reading of a plan from a TOML file.
 
 use super::{PlanError, PlanPatch, ScenePlan};
 use crate::{External, Method, StudyError};
@@ -29,22 +29,23 @@ impl PlanPatch {
     ///
     /// # Errors
     ///
-    /// Text that is not TOML, an unknown key, a value of another type, or a value that [`PlanPatch::resolve`] refuses.
-    /// The message has file, line and key.
+    /// [`StudyError`] for a file that cannot be read, text that is not TOML, an unknown key, a value of another type,
+    /// or a value that [`PlanPatch::resolve`] refuses. The message names file, line and key.
     pub fn read(file: &Path) -> Result<Self, StudyError> {
         let text = std::fs::read_to_string(file).map_err(|e| StudyError::file(file, "read the plan", e))?;
         Ok(Self::parse(&text, file)?)
     }
 
-    /// Parses a plan from TOML text. `file` is the name in errors; relative paths start from its folder.
+    /// Parses a plan from TOML text. Errors contain the path `file`; relative paths in the text start from its folder.
     ///
     /// # Errors
     ///
-    /// Those of [`PlanPatch::read`].
+    /// [`PlanError`] for text that is not TOML, an unknown key, a value of another type, or a value that
+    /// [`PlanPatch::resolve`] refuses.
     pub fn parse(text: &str, file: &Path) -> Result<Self, PlanError> {
         let mut patch: Self = toml::from_str(text).map_err(|e| located_toml(&e, text, file))?;
         patch.make_relative_to(file.parent().unwrap_or(Path::new("")));
-        // Resolved here for its errors only, while their lines are known.
+        // The plan is resolved here only to find its errors while their lines in the file are known.
         patch.clone().resolve().map_err(|e| located(e, text, file))?;
         Ok(patch)
     }
@@ -52,7 +53,7 @@ impl PlanPatch {
     fn make_relative_to(&mut self, folder: &Path) {
         for scene in self.scenes.iter_mut().flatten() {
             let path = folder.join(&scene.source);
-            // The name of a bundled scene, unless a file has it.
+            // A bundled scene's name stays a name, unless a file of that name exists.
             let bundled = !path.exists() && dapple_scene::bundled::names().contains(&scene.source.as_str());
             if !bundled {
                 scene.source = path.display().to_string();
@@ -63,7 +64,7 @@ impl PlanPatch {
     }
 }
 
-/// A scene, written as a name or as a table.
+/// The TOML value of a scene: its name or path as text, or a table.
 #[derive(Deserialize)]
 #[serde(
     untagged,
@@ -97,7 +98,7 @@ impl<'de> Deserialize<'de> for ScenePlan {
     }
 }
 
-/// A method, written as text or as a table.
+/// The TOML value of a method: `SAMPLER/POINTS/FILTER` as text, or a table.
 #[derive(Deserialize)]
 #[serde(
     untagged,
@@ -135,7 +136,7 @@ pub(super) fn methods<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<M
     Vec::<MethodForm>::deserialize(from)?.into_iter().map(MethodForm::method).collect::<Result<_, _>>().map(Some)
 }
 
-/// An external program, written as a table; it runs in the folder of the plan file.
+/// The TOML table of an external program, which runs in the folder of the plan file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ExternalTable {
@@ -164,7 +165,7 @@ pub(super) fn externals<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec
     Ok(Some(Vec::<ExternalTable>::deserialize(from)?.into_iter().map(External::from).collect()))
 }
 
-/// Seeds, written as their number or as a list.
+/// The TOML value of the seeds: their number N for seeds 1 to N, or a list.
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "a number of seeds, or a list of seeds")]
 enum SeedsForm {
@@ -172,7 +173,7 @@ enum SeedsForm {
     List(Vec<u64>),
 }
 
-/// The largest number of seeds, so that a typing error cannot fill the memory.
+/// The largest number of seeds in a plan; it keeps a typing error from filling the memory.
 const MOST_SEEDS: u64 = 100_000;
 
 pub(super) fn seeds<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<u64>>, D::Error> {
@@ -182,7 +183,7 @@ pub(super) fn seeds<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<u64
     }))
 }
 
-/// A resolution, written as text or as a pair.
+/// The TOML value of a resolution: text such as `128x128`, or a pair.
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "a resolution: \"128x128\" or [128, 128]")]
 enum ResolutionForm {
@@ -201,22 +202,22 @@ pub(super) fn resolution<'de, D: Deserializer<'de>>(from: D) -> Result<Option<[u
     sides.map(Some).ok_or_else(wrong)
 }
 
-/// Converts an error of the TOML reader to one with file, line and key.
+/// Converts an error of the TOML parser to a plan error with file, line and key.
 fn located_toml(error: &toml::de::Error, text: &str, file: &Path) -> PlanError {
     let at = error.span().map_or(0, |span| span.start.min(text.len()));
     let number = text.as_bytes()[..at].iter().filter(|b| **b == b'\n').count();
-    // The value may stand below its key.
+    // The value may be on a later line than its key.
     let key = text.lines().take(number + 1).filter_map(key_of).last().unwrap_or("plan");
     let place = format!("{}:{}", file.display(), number + 1);
     PlanError { place: Some(place), ..PlanError::new(key, error.message()) }
 }
 
-/// Adds to an error the line of the key, or of the value below the key.
+/// Adds to a plan error the file and the line of the wrong value; if the value is not found, the line of its key.
 fn located(error: PlanError, text: &str, file: &Path) -> PlanError {
     let lines = || text.lines().enumerate();
     let keyed = |key: &str| lines().find(|(_, line)| key_of(line) == Some(key)).map(|(number, _)| number);
     let of_key = keyed(&error.key);
-    // An error in a method has the key of its part, such as `points`.
+    // An error in one of `methods` has the key of the wrong part, such as `points`.
     let from = of_key.or_else(|| keyed("methods")).unwrap_or(0);
     let of_value = error.value.as_ref().and_then(|value| lines().skip(from).find(|(_, line)| line.contains(value)));
     let number = of_value.map(|(number, _)| number).or(of_key);
@@ -224,7 +225,7 @@ fn located(error: PlanError, text: &str, file: &Path) -> PlanError {
     PlanError { place: Some(place), ..error }
 }
 
-/// The key that a line assigns a value to; `None` if it assigns none.
+/// The key to which a line of TOML assigns a value; `None` if it assigns none.
 fn key_of(line: &str) -> Option<&str> {
     let (key, _) = line.split_once('=')?;
     let key = key.trim();

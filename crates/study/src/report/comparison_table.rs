@@ -5,21 +5,21 @@ use crate::record::{Method, RunBudget};
 use crate::recorded_study::RecordedStudy;
 use crate::summary::{COMPARED, FactorialEffect, HOLDS, RatioVerdict, Row, Summary, UNFAIR};
 
-/// The verdicts on one method.
+/// The comparisons of one method with the baseline, grouped by verdict.
 pub(super) struct MethodVerdicts {
     pub(super) method: String,
-    /// Wins, losses and undecided comparisons.
+    /// The scenes with a win, with a loss and with an undecided comparison.
     pub(super) groups: Vec<VerdictGroup>,
 }
 
-/// The scenes for which a method has one verdict.
+/// The scenes in which a method's comparison with the baseline has the same verdict.
 pub(super) struct VerdictGroup {
     pub(super) class: &'static str,
     pub(super) lead: String,
     pub(super) scenes: Vec<(String, TableCell)>,
 }
 
-/// A row of a table of comparisons.
+/// A row of the comparison table: one method against the baseline, on one scene at one budget.
 pub(super) struct ComparisonLine {
     pub(super) scene: String,
     pub(super) method: String,
@@ -27,13 +27,14 @@ pub(super) struct ComparisonLine {
     pub(super) cells: Vec<TableCell>,
     pub(super) class: &'static str,
     pub(super) verdict: String,
-    /// True if the verdict also holds when all comparisons must hold together.
+    /// True if the verdict also holds with intervals so wide that all comparisons together have 95 % confidence.
     pub(super) together: bool,
-    /// The reason why an interval that excludes 1 is undecided.
+    /// The reason why the verdict is undecided although the interval excludes 1: unequal times. Empty otherwise.
     pub(super) unfair: String,
 }
 
-/// The budget of the report's first comparison: equal time if there is one, else the most samples.
+/// The budget of the report's first comparison: equal time if there are such runs, else the largest spp; `None` without
+/// runs to compare.
 pub(super) fn headline(recorded: &RecordedStudy, summary: &Summary) -> Option<RunBudget> {
     let manifest = &recorded.manifest;
     let compared = |budget: &RunBudget| {
@@ -44,7 +45,7 @@ pub(super) fn headline(recorded: &RecordedStudy, summary: &Summary) -> Option<Ru
     manifest.time_of.map(RunBudget::TimeOf).into_iter().chain(spp).find(compared)
 }
 
-/// The verdicts on each method at one budget, in the order of the study.
+/// The verdicts on each method at one budget, in the order of the study's methods.
 pub(super) fn method_verdicts(
     recorded: &RecordedStudy,
     summary: &Summary,
@@ -83,7 +84,7 @@ pub(super) fn method_verdicts(
     method_verdicts
 }
 
-/// The numbers of wins, losses and undecided comparisons.
+/// Counts the wins, losses and undecided comparisons at one budget.
 pub(super) fn tally(summary: &Summary, budget: RunBudget) -> [usize; 3] {
     let words = budget.to_string();
     let rows = || summary.rows().iter().filter(|row| row.budget == words && row.metric == "relmse ratio");
@@ -91,7 +92,7 @@ pub(super) fn tally(summary: &Summary, budget: RunBudget) -> [usize; 3] {
         .map(|verdict| rows().filter(|row| RatioVerdict::of(row) == Some(verdict)).count())
 }
 
-/// The rows of the comparison table, scene by scene and method by method.
+/// The rows of the comparison table, ordered by scene, then by method.
 pub(super) fn lines(
     recorded: &RecordedStudy,
     summary: &Summary,
@@ -126,12 +127,12 @@ pub(super) fn lines(
     lines
 }
 
-/// A row of the factorial table.
+/// A row of the factorial table, which separates the effects of a method's sampler and filter on relMSE.
 pub(super) struct FactorialLine {
     pub(super) scene: String,
     pub(super) sampler: String,
     pub(super) filter: String,
-    /// The effects in the order of [`FactorialEffect::ALL`], with the classes of their verdicts.
+    /// The ratio of each effect, in the order of [`FactorialEffect::ALL`], with the name of its verdict.
     pub(super) parts: Vec<(TableCell, &'static str)>,
 }
 

@@ -1,4 +1,5 @@
-//! Images of the report: crops beside the reference, and maps of errors and samples; all PNG inside the page.
+//! Images of the report: crops of renders and references, error maps and sample maps. All are PNG files embedded in the
+//! page.
 
 use crate::record::{Run, RunBudget, SceneRecord};
 use crate::recorded_study::RecordedStudy;
@@ -10,54 +11,55 @@ use std::path::Path;
 /// The largest total size of all images in the page, in bytes.
 const ROOM: f64 = 3.5e6;
 
-/// The ends of the error map's scale, as powers of ten of the relative squared error.
+/// The ends of the error map's colour scale: the exponents of powers of ten of the relative squared error.
 pub(super) const ERROR_DECADES: [f64; 2] = [-4.0, 0.0];
 
-/// Colours of errors, evenly spaced. Their lightness rises, so that they survive print and colour blindness [after van
-/// der Walt 2015, matplotlib's `inferno` at quarters].
+/// The colour scale of error maps at 0, 1/4, 1/2, 3/4 and 1. Its lightness rises, so that it can be read in black and
+/// white and by the colour-blind [after van der Walt 2015, matplotlib's `inferno`].
 const ERROR_COLOURS: [[f64; 3]; 5] =
     [[0.0, 0.0, 4.0], [87.0, 16.0, 110.0], [188.0, 55.0, 84.0], [249.0, 142.0, 9.0], [252.0, 255.0, 164.0]];
 
-/// A PNG image embedded in the page.
+/// A PNG image embedded in the page, as a data URI with its size in pixels.
 pub(super) struct Embedded {
     pub(super) uri: String,
     pub(super) size: [u32; 2],
 }
 
-/// A rectangle in pixels: left, top, width and height.
+/// A rectangle of an image in pixels: left, top, width and height.
 pub(super) type Crop = [u32; 4];
 
-/// The images of a method.
+/// The report's images of one method on one scene.
 pub(super) struct MethodImages {
     /// The method's index in the manifest.
     pub(super) method: usize,
-    /// One image for each of [`Gallery::crops`]; empty without an image.
+    /// The method's image, cut to each of [`Gallery::crops`]; empty if the study has no image.
     pub(super) crops: Vec<Embedded>,
     pub(super) error_map: Option<Embedded>,
     pub(super) sample_map: Option<Embedded>,
-    /// The samples per pixel that white stands for in the sample map.
+    /// The samples per pixel that white represents in the sample map.
     pub(super) white: Option<f64>,
 }
 
-/// The images of a scene.
+/// The report's images of one scene.
 pub(super) struct Gallery {
     pub(super) budget: Option<RunBudget>,
-    /// The exposure of all images of the scene, in stops.
+    /// The exposure in stops that is applied to all images of the scene.
     pub(super) exposure_stops: f32,
     pub(super) overview: Option<Embedded>,
-    /// The crop in which methods differ most, then a typical one.
+    /// The crop in which the methods' errors differ most, then the crop with the median difference.
     pub(super) crops: Vec<Crop>,
     pub(super) reference_crops: Vec<Embedded>,
     pub(super) tiles: Vec<MethodImages>,
-    /// Images that cannot be shown, with the reasons.
+    /// One message for each image that cannot be shown, with the reason.
     pub(super) problems: Vec<String>,
 }
 
-/// The side of crops and maps in pixels, chosen so that the page stays small. A pixel of a side of 80 is shown as about
-/// 2x2.
+/// The side of crops and maps in pixels, 32 to 80, chosen so that all images together take about [`ROOM`] bytes. The
+/// page shows a pixel of the largest crops as about 2x2 pixels.
 fn side(recorded: &RecordedStudy) -> u32 {
     let tiles = recorded.manifest.scenes.len() * recorded.manifest.methods.len();
-    // Two crops of 3 bytes a pixel hardly compress, two maps do, and base64 adds a third.
+    // About 10.5 bytes per pixel of a side: two crops of 3 bytes that hardly compress, two maps that do, and a third
+    // more for base64.
     let side = (ROOM / tiles.max(1) as f64 / 10.5).sqrt().clamp(32.0, 80.0);
     side as u32 / 8 * 8
 }
@@ -117,7 +119,8 @@ pub(super) fn gallery(recorded: &RecordedStudy, scene: &SceneRecord) -> Gallery 
     gallery
 }
 
-/// The budget whose images are shown: equal time, else the most samples with images; `None` without images.
+/// The budget whose images are shown: equal time if it has images, else the largest spp with images; `None` without
+/// images.
 fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
     let shown = || recorded.runs.iter().filter(|run| run.scene == scene.name && run.image.is_some());
     let spp = |run: &Run| if let RunBudget::Spp(spp) = run.budget { Some(spp) } else { None };
@@ -125,7 +128,8 @@ fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
     timed.or(shown().filter_map(spp).max().map(RunBudget::Spp))
 }
 
-/// The first run that has an image, else the first that has a sample map.
+/// The first run of a method at `budget` that has an image, else the first one that has a sample map. For the baseline
+/// at equal time, its run at that spp may replace it.
 fn run<'a>(recorded: &'a RecordedStudy, scene: &SceneRecord, method: usize, budget: RunBudget) -> Option<&'a Run> {
     let method = &recorded.manifest.methods[method];
     let find = |budget: RunBudget, has: fn(&Run) -> bool| {
@@ -151,8 +155,8 @@ fn embed(png: Result<Vec<u8>, dapple_scene::image::ImageError>, size: [u32; 2]) 
     Some(Embedded { uri, size })
 }
 
-/// The exposure in whole stops: 0 unless the image is far too dark or too bright to see. Then it brings the brightest 1
-/// % of pixels to 1.
+/// The exposure in whole stops at which a scene's images are shown: 0, unless the reference is far too dark or too
+/// bright. In that case it maps the 99th percentile of pixel values to about 1.
 fn exposure(reference: &Image) -> f32 {
     let mut peaks: Vec<f32> = reference.pixels.iter().map(|p| p[0].max(p[1]).max(p[2])).collect();
     peaks.sort_by(f32::total_cmp);
@@ -163,7 +167,7 @@ fn exposure(reference: &Image) -> f32 {
     -libm::round(libm::log2(bright)) as f32
 }
 
-/// The relative squared error of each pixel, as in relMSE.
+/// The squared error of each pixel over (squared reference + 0.01), the quantity whose mean is relMSE.
 fn relative_errors(image: &Image, reference: &Image) -> Vec<f32> {
     let error = |(x, r): (&[f32; 3], &[f32; 3])| {
         let of = |c: usize| {
@@ -175,12 +179,12 @@ fn relative_errors(image: &Image, reference: &Image) -> Vec<f32> {
     image.pixels.iter().zip(&reference.pixels).map(error).collect()
 }
 
-/// The least side of an image in pixels; in a smaller one a crop shows no more than the whole.
+/// The smallest side in pixels of an image that is cropped; smaller images are shown whole.
 const LEAST_SIDE: u32 = 24;
 
-/// The two square crops to show: the one where the methods' errors differ most, and the one with the median difference.
-/// Their side is `side`, or half the image's if that is smaller. An image without room for two crops is shown whole.
-/// Ties go to the first crop, row by row.
+/// The two square crops to show: the one where the methods' errors differ most, then the one with the median
+/// difference. Their side is `side`, at most half the image's. An image without room for two crops is shown whole.
+/// Among equal crops, the first one in row order is taken.
 fn crops(size: [u32; 2], side: u32, errors: &[Option<Vec<f32>>]) -> Vec<Crop> {
     let side = side.min(size[0].min(size[1]) / 2);
     if side < LEAST_SIDE {
@@ -209,8 +213,8 @@ fn crops(size: [u32; 2], side: u32, errors: &[Option<Vec<f32>>]) -> Vec<Crop> {
     [Some(most.1), typical].into_iter().flatten().collect()
 }
 
-/// A measure of how much the methods' errors differ in a crop: the logarithm of the worst over the best mean error.
-/// With one method, its mean error.
+/// A measure of how much the methods' errors differ in a crop: the logarithm of the largest over the smallest mean
+/// error. If there is only one method, its mean error.
 fn spread(size: [u32; 2], crop: Crop, errors: &[Option<Vec<f32>>]) -> f64 {
     let means: Vec<f64> = errors
         .iter()
@@ -222,7 +226,7 @@ fn spread(size: [u32; 2], crop: Crop, errors: &[Option<Vec<f32>>]) -> f64 {
         })
         .collect();
     let [low, high] = [means.iter().copied().fold(f64::INFINITY, f64::min), means.iter().copied().fold(0.0, f64::max)];
-    // Errors below a thousandth are invisible and do not count.
+    // Errors below about 0.001 are invisible; adding 0.001 to both keeps them from mattering.
     if means.len() < 2 { high } else { libm::log((high + 1e-3) / (low + 1e-3)) }
 }
 
@@ -236,7 +240,7 @@ fn cut_all(image: &Image, gallery: &Gallery) -> Vec<Embedded> {
     gallery.crops.iter().filter_map(cut).collect()
 }
 
-/// The image, averaged until its longer side is at most `most` pixels; `None` if that fails.
+/// Shrinks an image by averaging pixels until its longer side is at most `most` pixels; `None` if that fails.
 fn shrink(image: &Image, most: u32) -> Option<Image> {
     let [width, height] = image.size;
     let longer = width.max(height);

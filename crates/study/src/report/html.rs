@@ -1,4 +1,4 @@
-//! The HTML report: the values of the template, from the rows of the summary.
+//! The HTML report: fills the page template with rows of the summary.
 
 use super::comparison_table::{
     ComparisonLine, FactorialLine, MethodVerdicts, factorial_lines, headline, lines, method_verdicts, tally,
@@ -31,11 +31,11 @@ struct ReportPage {
     legend: Vec<LegendEntry>,
     made: Vec<(&'static str, String)>,
     references: Vec<[String; 5]>,
-    /// The ends of the scale of error maps.
+    /// The smallest and the largest error of the error maps' colour scale, as text.
     error_scale: [String; 2],
 }
 
-/// The first comparison of the report.
+/// The comparison with the baseline at the top of the report.
 struct Headline {
     timed: bool,
     budget: String,
@@ -66,19 +66,19 @@ struct SceneSection {
     view: SceneImages,
 }
 
-/// Slopes and times to error levels of a method.
+/// A method's slopes of error over samples and time, and its times to reach error levels.
 struct Cost {
     method: String,
     swatch: String,
     slopes: [TableCell; 2],
-    /// Seconds and ratio, level by level.
+    /// The seconds to reach each error level, and their ratio to the baseline's.
     times: Vec<[TableCell; 2]>,
 }
 
-/// The time of a method by phase.
+/// A method's render time by phase.
 struct Times {
     method: String,
-    /// Percent of the longest time.
+    /// The name of each phase, and its time in percent of the slowest method's total.
     shares: Vec<(&'static str, f64)>,
     cells: Vec<TableCell>,
 }
@@ -90,7 +90,7 @@ struct PointLine {
     note: String,
 }
 
-/// Images of a scene.
+/// The images of one scene, with captions, as the template needs them.
 struct SceneImages {
     budget: String,
     exposure: String,
@@ -101,7 +101,7 @@ struct SceneImages {
     problems: Vec<String>,
 }
 
-/// The place of a crop in the overview, in percent.
+/// The rectangle of a crop in the overview image, as CSS percentages.
 struct CropMark {
     label: &'static str,
     place: String,
@@ -160,7 +160,7 @@ pub(super) fn render(recorded: &RecordedStudy, summary: &Summary) -> Result<Stri
     .render()
 }
 
-/// Deviations from the plan.
+/// Sentences about unusual records: foreign, repeated or incomplete lines of `runs.jsonl`, and rejected samples.
 fn remarks(recorded: &RecordedStudy) -> Vec<String> {
     let mut remarks = Vec::new();
     let mut remark = |count: usize, words: &str| {
@@ -175,7 +175,7 @@ fn remarks(recorded: &RecordedStudy) -> Vec<String> {
     remark(recorded.repeated, "runs were made twice; the last one counts.");
     remark(usize::from(recorded.torn), "line of runs.jsonl was cut off at its end and was left out.");
     let rejected = recorded.runs.iter().filter(|run| run.rejected > 0).count();
-    remark(rejected, "runs had samples that were NaN or infinite.");
+    remark(rejected, "runs had samples that were NaN, infinite or negative.");
     remarks
 }
 
@@ -227,7 +227,7 @@ fn reference(scene: &SceneRecord) -> [String; 5] {
     ]
 }
 
-/// A budget in a sentence, after "at".
+/// Formats a budget for use in a sentence after "at", such as `16 spp`.
 fn phrase(budget: RunBudget) -> String {
     match budget {
         RunBudget::Spp(spp) => format!("{spp} spp"),
@@ -250,7 +250,7 @@ impl Builder<'_> {
         let ticks = manifest.spp.iter().map(|&spp| spp as f64).collect();
         let spp = Axis { title: "samples per pixel", ticks: Some(ticks) };
         let over_spp = log_log(&self.curves(scene, "spp"), &spp, &Axis { title: "relMSE", ticks: None });
-        // The bars have the budget of the table.
+        // The bars of phases show the same budget as the comparison table.
         let times_budget = self.budget.unwrap_or(RunBudget::Spp(manifest.spp.last().copied().unwrap_or(0)));
         SceneSection {
             id: format!("scene-{index}"),
@@ -268,13 +268,13 @@ impl Builder<'_> {
         }
     }
 
-    /// The chart of error against time; `None` without runs.
+    /// The chart of relMSE against seconds, as SVG; `None` without runs.
     pub(super) fn over_seconds(&self, scene: &SceneRecord) -> Option<String> {
         let seconds = Axis { title: "seconds for an image", ticks: None };
         log_log(&self.curves(scene, "seconds"), &seconds, &Axis { title: "relMSE", ticks: None })
     }
 
-    /// The error levels of the table, as text.
+    /// The relMSE levels for which the summary has times to reach them, as text.
     pub(super) fn levels(&self, scene: &SceneRecord) -> Vec<String> {
         let mut levels: Vec<String> = Vec::new();
         for row in self.summary.rows().iter().filter(|row| row.scene == scene.name) {

@@ -9,20 +9,20 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 #[derive(Clone, Debug)]
 pub(super) struct PlottedCurve {
     pub(super) style: MethodStyle,
-    /// The points: x, y, and the interval of y if there is one.
+    /// The points: x, y, and the 95 % interval of y if there is one.
     pub(super) points: Vec<(f64, f64, Option<[f64; 2]>)>,
 }
 
 /// An axis: its title and its ticks.
 pub(super) struct Axis {
     pub(super) title: &'static str,
-    /// The values of the ticks; `None` chooses 1, 2 and 5 times powers of ten.
+    /// The values at which ticks are drawn; `None` chooses round values, at most 1 to 9 times powers of ten.
     pub(super) ticks: Option<Vec<f64>>,
 }
 
 pub(super) const SIZE: (u32, u32) = (480, 346);
 const MARGIN: Margins = Margins { left: 74, right: 16, top: 12, bottom: 52 };
-/// The font size. The page's style enlarges it on a phone; margins and ticks leave room for 17.
+/// The font size in pixels. The page's style enlarges it to 17 on a phone; margins and ticks leave room for that.
 const FONT: u32 = 14;
 const WIDEST_FONT: i32 = 17;
 
@@ -33,7 +33,8 @@ struct Margins {
     bottom: i32,
 }
 
-/// Stand-ins for CSS variables, which plotters lacks: each role has its own colour, and [`recolour`] replaces it.
+/// Placeholder colours, one for each role (text, lines, bands): plotters cannot write CSS variables, so [`recolour`]
+/// replaces these colours by them.
 const TEXT: RGBColor = RGBColor(4, 0, 0);
 const GRID: RGBColor = RGBColor(4, 0, 1);
 const FRAME: RGBColor = RGBColor(4, 0, 2);
@@ -66,7 +67,8 @@ pub(super) fn log_log(curves: &[PlottedCurve], x: &Axis, y: &Axis) -> Option<Str
     Some(recolour(&svg))
 }
 
-/// The logarithms of the smallest and largest value, widened by the fraction `share` of their distance.
+/// The base-10 logarithms of the smallest and the largest value, both moved outwards by the fraction `share` of their
+/// distance, or by 0.15 if they nearly coincide. `None` without positive values.
 fn range(values: impl Iterator<Item = f64>, share: f64) -> Option<[f64; 2]> {
     let mut ends = [f64::INFINITY, f64::NEG_INFINITY];
     for value in values.filter(|v| *v > 0.0 && v.is_finite()) {
@@ -81,7 +83,7 @@ fn range(values: impl Iterator<Item = f64>, share: f64) -> Option<[f64; 2]> {
     Some([ends[0] - by, ends[1] + by])
 }
 
-/// The mapping from values to pixels of the chart.
+/// The mapping from values (on logarithmic axes) to pixels of the chart.
 struct PlotArea {
     x: [f64; 2],
     y: [f64; 2],
@@ -192,7 +194,8 @@ fn draw_axes<'a>(root: &Area<'a>, area: &PlotArea, [x, y]: [&Axis; 2]) -> Drawn<
     root.draw(&Text::new(y.title, (0, (top + bottom) / 2), turned))
 }
 
-/// The values of ticks: 1, 2 and 5 times powers of ten, or powers of ten alone if these are more than `most`.
+/// The values of ticks within a range of logarithms: those set for the axis, or the densest of four series with at most
+/// `most` ticks. The series are 1; 1 and 3; 1, 2 and 5; and 1 to 9, times powers of ten.
 fn ticks(axis: &Axis, [low, high]: [f64; 2], most: usize) -> Vec<f64> {
     let inside = |v: &f64| (low..=high).contains(&libm::log10(*v));
     if let Some(own) = &axis.ticks {
@@ -209,17 +212,17 @@ fn ticks(axis: &Axis, [low, high]: [f64; 2], most: usize) -> Vec<f64> {
         let step = found[0].len().div_ceil(most);
         return found[0].iter().copied().step_by(step).collect();
     }
-    // The most ticks that fit, but at least two.
+    // The densest series of at most `most` ticks, if it has at least two.
     let fitting = found.iter().rev().find(|t| t.len() <= most && t.len() >= 2);
     fitting.or(found.iter().find(|t| t.len() >= 2)).unwrap_or(&found[3]).clone()
 }
 
-/// A short and exact number: 0.001, 0.02, 16, 5e-6.
+/// Formats a number for a tick, short and exact: `0.001`, `0.02`, `16`, `5e-6`.
 pub(super) fn tick_words(value: f64) -> String {
     if (1e-3..1e5).contains(&value) { value.to_string() } else { format!("{value:e}") }
 }
 
-/// Replaces the stand-in colours by the page's CSS variables, and adds dashes to lines.
+/// Replaces the placeholder colours in an SVG by the page's CSS variables, and adds dashes to lines.
 fn recolour(svg: &str) -> String {
     let start = svg.find("<svg").unwrap_or(0);
     let mut svg = svg[start..].replacen(&format!("width=\"{}\" height=\"{}\" ", SIZE.0, SIZE.1), "", 1);
@@ -243,7 +246,7 @@ fn hex(RGBColor(r, g, b): RGBColor) -> String {
     format!("#{r:02X}{g:02X}{b:02X}")
 }
 
-/// A short piece of a method's line, for legends.
+/// An SVG of a short piece of a method's line with its marker, for legends.
 pub(super) fn swatch(style: MethodStyle) -> String {
     let mut svg = String::new();
     let (width, height) = (34, 16);

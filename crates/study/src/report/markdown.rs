@@ -73,7 +73,7 @@ fn table(page: &mut String, title: &str, heads: &[&str], rows: impl Iterator<Ite
         write!(page, "\n**{title}**\n\n| {} |\n|{}\n{}", heads.join(" | "), "---|".repeat(heads.len()), rows.concat());
 }
 
-/// `0.86 [0.83, 0.90]`.
+/// Formats a value with its interval, such as `0.86 [0.83, 0.90]`.
 fn cell(cell: &TableCell) -> String {
     let parts = [cell.text.as_str(), &cell.interval].into_iter().filter(|part| !part.is_empty());
     format!("{}{}", parts.collect::<Vec<_>>().join(" "), cell.mark)

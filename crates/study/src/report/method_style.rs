@@ -1,17 +1,17 @@
-//! Styles of methods: colour and marker by sampler, dash by filter.
+//! Line styles of methods in charts: colour and marker by sampler and points, dash by filter.
 
 use crate::record::Method;
 
-/// The number of the page's colours. Further samplers reuse them with other markers.
+/// The number of line colours in the page. If there are more samplers, colours repeat with other markers.
 pub(super) const COLOURS: usize = 8;
 
-/// The number of markers.
+/// The number of marker shapes.
 const MARKS: usize = 8;
 
-/// Dashes of lines, `stroke-dasharray`.
+/// The dash patterns of lines, as values of SVG's `stroke-dasharray`.
 pub(super) const DASHES: [&str; 5] = ["none", "7 4", "2 3", "10 3 2 3", "14 4"];
 
-/// Indices of colour, marker and dash.
+/// The line style of a method: the indices of its colour, marker and dash pattern.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct MethodStyle {
     pub(super) colour: usize,
@@ -19,7 +19,7 @@ pub(super) struct MethodStyle {
     pub(super) dash: usize,
 }
 
-/// The styles of all methods, in their order.
+/// Chooses the styles of all methods, in the order of the methods.
 pub(super) fn styles(methods: &[Method]) -> Vec<MethodStyle> {
     let mut samplers: Vec<(&str, &str)> = Vec::new();
     let mut filters: Vec<&str> = Vec::new();
@@ -41,7 +41,8 @@ fn index<T: PartialEq>(known: &mut Vec<T>, one: T) -> usize {
     })
 }
 
-/// The shortest names that tell these methods apart. Points appear only if they differ, a filter only if there is one.
+/// Short unique names of the methods: the sampler, the point set if methods differ in it, and the filter unless it is
+/// `none`.
 pub(super) fn names(methods: &[Method]) -> Vec<String> {
     let differ = methods.iter().any(|m| m.points != methods[0].points);
     let name = |m: &Method| {

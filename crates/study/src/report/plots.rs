@@ -1,4 +1,4 @@
-//! The curves of error against time as SVG files.
+//! The charts of error against render time as SVG files.
 
 use super::html::Builder;
 use super::log_log_chart::{SIZE, swatch};
@@ -7,7 +7,8 @@ use crate::recorded_study::RecordedStudy;
 use crate::references::safe_file_name;
 use crate::summary::Summary;
 
-/// A file name and an SVG for each scene. The SVG carries its own colours, for light and dark.
+/// Makes a file name and the text of an SVG for each scene. The SVG contains its own colours, for light and dark
+/// backgrounds.
 pub(super) fn plots(recorded: &RecordedStudy, summary: &Summary) -> Vec<(String, String)> {
     let methods = &recorded.manifest.methods;
     let (names, styles) = (names(methods), styles(methods));
@@ -24,7 +25,7 @@ const HEAD: u32 = 30;
 const LEGEND: u32 = 320;
 const LINE: u32 = 24;
 
-/// A line of the legend.
+/// The SVG of a line in the legend.
 fn entry(number: usize, name: &str, swatch: &str) -> String {
     let (x, y) = (SIZE.0 + 8, HEAD + 16 + LINE * number as u32);
     let swatch = placed(swatch, [x, y - 12], [34, 16]);
@@ -44,7 +45,7 @@ fn whole(title: &str, chart: &str, legend: &str) -> String {
     )
 }
 
-/// An SVG inside another, without its own size.
+/// Places an SVG inside another one, in the given rectangle.
 fn placed(svg: &str, [x, y]: [u32; 2], [width, height]: [u32; 2]) -> String {
     let size = format!(" width=\"{width}\" height=\"{height}\"");
     let (tag, rest) = svg.split_once('>').unwrap_or((svg, ""));

@@ -2,31 +2,31 @@
 
 use crate::summary::{Row, number};
 
-/// A value of the report, rounded for display and exact.
+/// A value in a table of the report: rounded for display, and exact as in `summary.csv`.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TableCell {
     /// The key of the value's row in `summary.csv`; see [`Row::key`].
     pub(super) key: String,
-    /// The value as in `summary.csv`.
+    /// The exact value, as text in `summary.csv`.
     pub(super) value: String,
     pub(super) low: String,
     pub(super) high: String,
-    /// The rounded value, as displayed.
+    /// The rounded value, as the table displays it.
     pub(super) text: String,
-    /// The rounded interval; empty without one.
+    /// The rounded 95 % interval; empty without an interval.
     pub(super) interval: String,
     pub(super) note: String,
-    /// A footnote sign; empty without a note.
+    /// The sign of a footnote about the value; empty without a footnote.
     pub(super) mark: &'static str,
 }
 
 impl TableCell {
-    /// A cell of three significant digits; a dash without a value.
+    /// Makes a cell from a row's value with three significant digits; a dash without a value.
     pub(super) fn of(row: Option<&Row>) -> Self {
         Self::with(row, short)
     }
 
-    /// A cell with a ratio; a dash without a value.
+    /// Makes a cell from a row's value as a ratio with two or three decimals; a dash without a value.
     pub(super) fn ratio(row: Option<&Row>) -> Self {
         Self::with(row, ratio)
     }
@@ -50,7 +50,7 @@ impl TableCell {
     }
 }
 
-/// The footnote sign of a note; the report explains it.
+/// The footnote sign for a row's note; empty for notes without a footnote in the report.
 fn mark(note: &str) -> &'static str {
     if note.contains("extrapolated") {
         "†"
@@ -80,7 +80,7 @@ pub(super) fn short(value: f64) -> String {
     }
 }
 
-/// Formats a ratio with two decimals, or more if it is below 0.095.
+/// Formats a ratio with two decimals; below 0.095 with more, and from 9.995 with fewer.
 pub(super) fn ratio(value: f64) -> String {
     match value.abs() {
         s if !(0.01..999.5).contains(&s) => short(value),

@@ -1,22 +1,23 @@
-//! Runs of other methods in the time that the baseline takes.
+//! Equal-time runs: each method takes the time that the baseline takes at one budget.
 //!
-//! 1. A method's time is modelled as `fixed + rate * samples`, from medians over seeds at the nearest spp. `fixed` is
-//!    the time of clustering, probes and filter.
-//! 2. The model gives the number of samples that takes the baseline's median time with `time_of` spp.
-//! 3. The first seed's run is timed against the baseline's equal-time run. If it is off by more than 5 %, it is
-//!    repeated. If both are off, the count is corrected once, from the nearer of the two.
-//! 4. All seeds use the same count. A resumed study reads it from `runs.jsonl`.
+//! 1. A method's time is modelled as `fixed + rate * samples`, from medians over seeds at the nearest budget. `fixed`
+//!    is the time of clustering, probe rays and filter.
+//! 2. From the model follows the number of samples that takes the baseline's median time with `time_of` spp.
+//! 3. The time of the first seed's run is compared with that of the baseline's equal-time run. If it differs by more
+//!    than 5 %, the run is repeated. If both differ, the number of samples is corrected once, from the nearer of the
+//!    two.
+//! 4. All seeds use the same number of samples. A resumed study reads it from `runs.jsonl`.
 
 use super::{Study, StudyStatus, pixels};
 use crate::runner::{RunRequest, Runner};
 use crate::{Method, Run, RunBudget, StudyError, study::StudyMonitor};
 use dapple_core::Control;
 
-/// The largest relative difference of times that counts as equal.
+/// The largest relative difference at which an equal-time run's time counts as equal to the baseline's.
 const TOLERANCE: f64 = 0.05;
 
 impl Study {
-    /// Makes a scene's equal-time runs, the baseline first.
+    /// Makes a scene's equal-time runs, those of the baseline first.
     pub(super) fn equal_time(
         &mut self,
         at: usize,
@@ -49,7 +50,7 @@ impl Study {
                     Some(target) if found.is_none() => first_run(request, target, runner)?,
                     _ => runner.run(&request)?,
                 };
-                // The first run of a seed is the baseline's.
+                // The baseline's run comes first; the other methods' runs are to take the same time.
                 target = target.or(Some(run.render_s));
                 self.keep(run)?;
             }
@@ -62,13 +63,14 @@ impl Study {
         self.runs().iter().filter(move |r| r.scene == *scene && r.method == *method && r.budget == budget)
     }
 
-    /// The number of samples with which a method takes as long as the baseline with `time_of` spp.
+    /// The total number of samples with which a method takes as long as the baseline with `time_of` spp, according to
+    /// the time model.
     fn solve(&self, at: usize, method: &Method, time_of: u64) -> u64 {
         let pixels = pixels(&self.views[at]);
         let target = median(self.of_method(at, &self.plan.baseline, RunBudget::Spp(time_of)).map(|r| r.render_s));
         let mut spp = time_of as f64;
         let mut asked = time_of * pixels;
-        // The second pass takes the time at the spp nearest to the first answer.
+        // The second pass uses times at the budget nearest to the first result.
         for _ in 0..2 {
             let distance = |n: &&u64| (**n as f64 / spp).ln().abs();
             let nearest = self.plan.spp.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
@@ -82,7 +84,8 @@ impl Study {
     }
 }
 
-/// Makes a method's first equal-time run, with the requested or a corrected number of samples.
+/// Makes a method's first equal-time run, with the requested number of samples, or with a corrected one if the time is
+/// not near `target` seconds.
 fn first_run(request: RunRequest, target: f64, runner: &mut dyn Runner) -> Result<Run, StudyError> {
     let off = |run: &Run| (run.render_s / target).ln().abs();
     let near = |run: &Run| off(run) <= TOLERANCE.ln_1p();
@@ -105,7 +108,8 @@ fn first_run(request: RunRequest, target: f64, runner: &mut dyn Runner) -> Resul
     runner.run(&RunRequest { asked, ..request })
 }
 
-/// The number of samples that takes `target` seconds, at least one per pixel.
+/// The total number of samples that takes `target` seconds if a render takes `fixed + rate * samples`; at least one per
+/// pixel.
 fn samples(target: f64, fixed: f64, rate: f64, pixels: u64) -> u64 {
     let samples = (target - fixed) / rate;
     if samples.is_finite() { (samples as u64).max(pixels) } else { pixels }

@@ -1,4 +1,4 @@
-//! The file `study.json`: the settings of a study, and their comparison.
+//! The file `study.json`: writing, reading and comparing the settings of a study.
 
 use crate::{Machine, Manifest, Method, Plan, SceneRecord, StudyError};
 use serde::Deserialize;
@@ -6,11 +6,11 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// The commit of the build: the value of `DAPPLE_COMMIT` when it was compiled. Without it the commit is unknown; the
-/// current repository may be another one.
+/// The git commit of the build: the value of the environment variable `DAPPLE_COMMIT` at compile time. Without this
+/// variable the commit is unknown: the repository around the current folder may be another one.
 const COMMIT: Option<&str> = option_env!("DAPPLE_COMMIT");
 
-/// The manifest of a study that begins now.
+/// Makes the manifest of a study that begins now.
 pub(super) fn new(plan: &Plan, scenes: Vec<SceneRecord>, command: &[String]) -> Manifest {
     Manifest {
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -43,7 +43,7 @@ fn machine(threads: usize) -> Machine {
     }
 }
 
-/// Formats seconds since 1970 as RFC 3339 in UTC, with Howard Hinnant's `civil_from_days`.
+/// Formats seconds since 1970 as RFC 3339 in UTC, by Howard Hinnant's algorithm `civil_from_days`.
 fn utc(seconds: u64) -> String {
     let (days, second) = (seconds / 86_400, seconds % 86_400);
     // Years begin on 1 March, so that the leap day is the last.
@@ -57,7 +57,7 @@ fn utc(seconds: u64) -> String {
     format!("{year:04}-{month:02}-{date:02}T{:02}:{:02}:{:02}Z", second / 3600, second / 60 % 60, second % 60)
 }
 
-/// Reads a manifest; `None` if the file does not exist.
+/// Reads a manifest from `study.json`; `None` if the file does not exist.
 pub(super) fn read(file: &Path) -> Result<Option<Manifest>, StudyError> {
     let bytes = match std::fs::read(file) {
         Ok(bytes) => bytes,
@@ -68,16 +68,16 @@ pub(super) fn read(file: &Path) -> Result<Option<Manifest>, StudyError> {
     serde_json::from_slice(&bytes).map(Some).map_err(refuse)
 }
 
-/// The text of `study.json`.
+/// Encodes a manifest as the text of `study.json`.
 pub(super) fn bytes(manifest: &Manifest) -> Vec<u8> {
-    // Plain numbers and text cannot fail.
+    // Serialising plain numbers and text cannot fail.
     let mut bytes = serde_json::to_vec_pretty(manifest).unwrap_or_default();
     bytes.push(b'\n');
     bytes
 }
 
-/// The settings that differ between two manifests, one line each. Start, command line, paths and variance of references
-/// are ignored.
+/// Lists the settings that differ between two manifests, one line each. Start time, command line, and the references'
+/// paths and variance are ignored.
 pub(super) fn differences(there: &Manifest, here: &Manifest) -> Vec<String> {
     let plain = |manifest: &Manifest| {
         let mut plain = manifest.clone();
@@ -94,7 +94,8 @@ pub(super) fn differences(there: &Manifest, here: &Manifest) -> Vec<String> {
     found
 }
 
-/// Compares two JSON values recursively and adds each difference to `found`. Lists are shown as a whole.
+/// Compares two JSON values recursively and adds a line for each difference to `found`. Lists that differ are shown as
+/// a whole.
 fn compare(place: &str, there: &Value, here: &Value, found: &mut Vec<String>) {
     if there == here {
         return;
@@ -120,7 +121,7 @@ fn compare(place: &str, there: &Value, here: &Value, found: &mut Vec<String>) {
     }
 }
 
-/// A value as readable text.
+/// Formats a JSON value as readable text.
 fn readable(value: &Value) -> String {
     match value {
         Value::Null => "none".into(),

@@ -1,24 +1,25 @@
-//! Comparisons with the baseline.
+//! Comparisons of methods with the baseline.
 
 use super::run_table::{RunTable, error};
 use super::seed_statistic::SeedStatistic;
 use super::{COMPARED, CONFIDENCE, Row, Summary, TIME_TOLERANCE};
 use crate::record::{Run, RunBudget};
 
-/// The verdict on a method: the ratio of its error to the baseline's.
+/// The verdict on a method, from the confidence interval of the ratio of its error to the baseline's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum RatioVerdict {
-    /// The whole interval lies below 1.
+    /// The whole interval lies below 1: the method has less error.
     Win,
-    /// The interval contains 1, or the times differ by more than [`TIME_TOLERANCE`].
+    /// The interval contains 1 or is missing, or a better error took too much time. At equal time, the method with less
+    /// error may take at most [`TIME_TOLERANCE`] more time.
     Undecided,
-    /// The whole interval lies above 1.
+    /// The whole interval lies above 1: the method has more error.
     Loss,
 }
 
 impl RatioVerdict {
-    /// The name, which begins a note.
+    /// The verdict's name, with which the note of a row begins.
     pub fn words(self) -> &'static str {
         match self {
             Self::Win => "win",
@@ -27,17 +28,18 @@ impl RatioVerdict {
         }
     }
 
-    /// The verdict of a row that has a ratio; `None` for other rows.
+    /// The verdict in a row's note; `None` for rows without a verdict.
     pub fn of(row: &Row) -> Option<Self> {
         let first = row.note.split(';').next()?;
         [Self::Win, Self::Undecided, Self::Loss].into_iter().find(|v| v.words() == first)
     }
 }
 
-/// The mark in a note of a row: the verdict still holds with intervals so wide that all comparisons hold together.
+/// The words in a row's note that mark a verdict that also holds with wider intervals, which all comparisons together
+/// satisfy with 95 % confidence.
 pub(crate) const HOLDS: &str = "holds for all together";
 
-/// The mark in a note of a row: a win or a loss if the times were equal.
+/// The words in a row's note that mark an undecided comparison: the interval excludes 1, but the times differ too much.
 pub(crate) const UNFAIR: &str = "times the time";
 
 pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
@@ -48,7 +50,8 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
                 method != grid.baseline && !grid.pairs(scene, [method, grid.baseline], budget).is_empty()
             })
             .collect();
-        // Each interval needs this confidence for all of them to hold together with 95 % [after Šidák 1967].
+        // The confidence level that each interval needs so that all of them hold together with 95 % confidence [after
+        // Šidák 1967].
         let together = libm::pow(CONFIDENCE, 1.0 / compared.len().max(1) as f64);
         for at in compared {
             compare(summary, grid, at, budget, together);
@@ -78,7 +81,8 @@ fn compare(summary: &mut Summary, grid: &RunTable<'_>, at: [usize; 2], budget: R
     summary.add(grid, at, Some(budget), "relmse x seconds ratio", cost);
 }
 
-/// Puts the verdict in front of the statistic's note.
+/// Adds the verdict to the front of the statistic's note. `wide` is the interval at which all comparisons hold
+/// together; `seconds` is the ratio of render times in an equal-time comparison.
 pub(super) fn judge(figure: SeedStatistic, wide: Option<[f64; 2]>, seconds: Option<f64>) -> SeedStatistic {
     let side = |ends: [f64; 2]| match ends {
         [_, high] if high < 1.0 => RatioVerdict::Win,

@@ -1,4 +1,4 @@
-//! The factorial design {uniform, adaptive} x {no filter, filter}.
+//! The factorial design {baseline's sampler, method's sampler} x {baseline's filter, method's filter}.
 
 use super::Summary;
 use super::comparison::judge;
@@ -6,15 +6,15 @@ use super::run_table::{RunTable, error};
 use super::seed_statistic::SeedStatistic;
 use crate::record::{Method, Run, RunBudget};
 
-/// An effect of the factorial design, as a ratio of relMSE.
+/// An effect in the factorial design of a method's sampler and filter: a ratio of relMSE, below 1 for an improvement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FactorialEffect {
-    /// The sampler, without a filter.
+    /// The effect of the method's sampler, with the baseline's filter.
     Sampler,
-    /// The filter, with the baseline's sampler.
+    /// The effect of the method's filter, with the baseline's sampler.
     Filter,
-    /// Sampler and filter together.
+    /// The effect of the method's sampler and filter together.
     Both,
     /// The effect of both, divided by the product of the separate effects; below 1, sampler and filter reinforce each
     /// other.
@@ -22,7 +22,7 @@ pub enum FactorialEffect {
 }
 
 impl FactorialEffect {
-    /// All effects, in the order of the table.
+    /// All effects, in the order of the report's table.
     pub const ALL: [Self; 4] = [Self::Sampler, Self::Filter, Self::Both, Self::Interaction];
 
     /// The effect's name in [`Row::metric`](super::Row::metric).
@@ -36,8 +36,9 @@ impl FactorialEffect {
     }
 }
 
-/// The indices of four methods: baseline, baseline with the method's sampler, baseline with its filter, and the method.
-/// All four use the method's points, so that points do not count as an effect of the sampler. `None` if one is missing.
+/// The indices of four methods: baseline, baseline with the method's sampler, baseline with the method's filter, and
+/// the method. All four use the method's point set, so that it does not count as an effect of the sampler. `None` if
+/// one is missing, or if the method has the baseline's sampler or filter.
 pub(crate) fn corners(methods: &[Method], baseline: &Method, method: &Method) -> Option<[usize; 4]> {
     if method.sampler == baseline.sampler || method.filter == baseline.filter {
         return None;
@@ -71,14 +72,14 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     }
 }
 
-/// The runs of the four methods, for each seed that has all four.
+/// The runs of the design's four methods, for each seed with runs of all four.
 fn complete<'a>(grid: &RunTable<'a>, scene: usize, corners: [usize; 4], budget: RunBudget) -> Vec<[&'a Run; 4]> {
     let runs = corners.map(|method| grid.at([scene, method], budget));
     let with = |seed: &u64| Some([*runs[0].get(seed)?, *runs[1].get(seed)?, *runs[2].get(seed)?, *runs[3].get(seed)?]);
     runs[3].keys().filter_map(with).collect()
 }
 
-/// The numerator and denominator of an effect, in relMSE.
+/// The numerator and the denominator of an effect, in relMSE.
 fn sides(part: FactorialEffect, runs: &[&Run; 4]) -> (f64, f64) {
     let [base, counts, filter, both] = runs.map(|run| error(run, "relmse"));
     match part {

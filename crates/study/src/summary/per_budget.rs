@@ -1,14 +1,14 @@
-//! Errors, costs and predictions of each method at each budget.
+//! Errors, times and error predictions of each method at each budget.
 
 use super::Summary;
 use super::run_table::{RunTable, Seeds, error};
 use super::seed_statistic::SeedStatistic;
 use crate::record::{Phases, Run};
 
-/// A function that returns the seconds of one phase.
+/// A function that returns the seconds of one phase of a run.
 pub(crate) type OfPhases = fn(&Phases) -> f64;
 
-/// The names and readers of phases, in the order in which they happen.
+/// The name of each phase of a run and the function that returns its seconds, in the order of the phases.
 pub(crate) const PHASES: [(&str, OfPhases); 7] = [
     ("load", |p| p.load),
     ("bvh", |p| p.bvh),
@@ -49,7 +49,7 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     }
 }
 
-/// For each run, the ratio of predicted to measured relMSE.
+/// The ratio of predicted to measured relMSE of each run that has a prediction.
 fn predictions(runs: &Seeds<'_>) -> Vec<f64> {
     let ratio = |run: &&Run| {
         let found = run.predicted_relmse? / run.errors.relmse;
@@ -58,7 +58,8 @@ fn predictions(runs: &Seeds<'_>) -> Vec<f64> {
     runs.values().filter_map(ratio).collect()
 }
 
-/// A note for values in which the reference's own noise matters; empty otherwise.
+/// A note on the reference's own noise: the number of runs whose error it limits, or from whose error it was
+/// subtracted. Empty if it does not matter.
 fn marks(runs: &Seeds<'_>, metric: &str) -> String {
     let count = |of: fn(&Run) -> bool| runs.values().filter(|run| of(run)).count();
     let [limited, corrected] = [count(|run| run.reference_limited), count(|run| run.corrected)];

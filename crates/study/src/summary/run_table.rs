@@ -4,10 +4,10 @@ use crate::record::{Manifest, Run, RunBudget};
 use crate::recorded_study::RecordedStudy;
 use std::collections::BTreeMap;
 
-/// Runs of one scene, method and budget by seed.
+/// The runs of one scene, method and budget, by seed.
 pub(super) type Seeds<'a> = BTreeMap<u64, &'a Run>;
 
-/// All runs of a study, by the indices of scenes and methods in the manifest.
+/// All runs of a study, by the indices of their scenes and methods in the manifest.
 pub(super) struct RunTable<'a> {
     pub(super) manifest: &'a Manifest,
     pub(super) baseline: usize,
@@ -30,7 +30,8 @@ impl<'a> RunTable<'a> {
         Self { manifest, baseline, cells, none: BTreeMap::new() }
     }
 
-    /// The runs by seed, possibly none. For the baseline at equal time, its runs at that spp.
+    /// The runs of a scene and method (by index) at a budget, by seed; possibly none. For the baseline at equal time,
+    /// its runs at that spp replace missing ones.
     pub(super) fn at(&self, [scene, method]: [usize; 2], budget: RunBudget) -> &Seeds<'a> {
         let found = |budget| self.cells.get(&(scene, method, order(budget)));
         let instead = match budget {
@@ -40,13 +41,13 @@ impl<'a> RunTable<'a> {
         found(budget).or(instead).unwrap_or(&self.none)
     }
 
-    /// Every pair of scene and method, scene by scene.
+    /// The indices of every pair of scene and method, scene by scene.
     pub(super) fn all(&self) -> impl Iterator<Item = [usize; 2]> + use<> {
         let [scenes, methods] = [self.manifest.scenes.len(), self.manifest.methods.len()];
         (0..scenes).flat_map(move |scene| (0..methods).map(move |method| [scene, method]))
     }
 
-    /// Budgets in samples, ascending, then the equal-time budget.
+    /// All budgets: those in samples per pixel, ascending, then the equal-time budget.
     pub(super) fn budgets(&self) -> Vec<RunBudget> {
         let timed = self.manifest.time_of.map(RunBudget::TimeOf);
         self.spp_budgets().into_iter().chain(timed).collect()
@@ -59,7 +60,7 @@ impl<'a> RunTable<'a> {
         spp.into_iter().map(RunBudget::Spp).collect()
     }
 
-    /// Pairs of two methods' runs with the same seed.
+    /// The runs of two methods on one scene at one budget, paired by seed.
     pub(super) fn pairs(&self, scene: usize, methods: [usize; 2], budget: RunBudget) -> Vec<[&'a Run; 2]> {
         let [a, b] = methods.map(|method| self.at([scene, method], budget));
         a.iter().filter_map(|(seed, run)| Some([*run, *b.get(seed)?])).collect()
@@ -73,7 +74,7 @@ fn order(budget: RunBudget) -> (bool, u64) {
     }
 }
 
-/// The error of a run called `metric`.
+/// The value of a run's error metric with the name `metric`.
 pub(super) fn error(run: &Run, metric: &str) -> f64 {
     let e = &run.errors;
     match metric {

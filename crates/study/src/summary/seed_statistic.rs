@@ -1,9 +1,9 @@
-//! One value from the runs of several seeds.
+//! Statistics over the runs of several seeds.
 
 use super::CONFIDENCE;
 use dapple_metrics::{geometric_mean_interval, mean_interval, ratio_interval};
 
-/// A statistic over seeds: value, interval and note.
+/// A statistic over the runs of several seeds: value, confidence interval and note.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct SeedStatistic {
     pub(super) value: Option<f64>,
@@ -15,7 +15,7 @@ pub(super) struct SeedStatistic {
 const ONE_SEED: &str = "one seed: no interval";
 
 impl SeedStatistic {
-    /// The geometric mean with its interval; the arithmetic mean, with a note, if a value is not above 0.
+    /// The geometric mean with its 95 % interval. If a value is not above 0, the arithmetic mean, with a note.
     pub(super) fn geometric(values: &[f64]) -> Self {
         let without = values.iter().filter(|v| **v <= 0.0).count();
         if without > 0 {
@@ -29,7 +29,7 @@ impl SeedStatistic {
         }
     }
 
-    /// The arithmetic mean with its interval.
+    /// The arithmetic mean with its 95 % interval.
     pub(super) fn arithmetic(values: &[f64]) -> Self {
         match values {
             [] => Self::missing(0, "no runs"),
@@ -38,7 +38,7 @@ impl SeedStatistic {
         }
     }
 
-    /// The geometric mean of the ratios of paired values, with its interval.
+    /// The geometric mean of the ratios of paired values, with its 95 % interval.
     pub(super) fn ratio(pairs: &[(f64, f64)]) -> Self {
         Self::ratio_at(pairs, CONFIDENCE)
     }
@@ -61,7 +61,7 @@ impl SeedStatistic {
         Self { value: None, ends: None, n, note: note.into() }
     }
 
-    /// A value from `n` seeds without an interval.
+    /// A value without an interval, computed from `n` seeds.
     pub(super) fn bare(value: f64, n: usize) -> Self {
         Self { value: Some(value), ends: None, n, note: String::new() }
     }
@@ -80,7 +80,7 @@ impl SeedStatistic {
         }
     }
 
-    /// The same statistic with another note.
+    /// Adds a remark to the statistic's note.
     pub(super) fn noted(mut self, note: &str) -> Self {
         if !note.is_empty() {
             self.note = if self.note.is_empty() { note.into() } else { format!("{}; {note}", self.note) };

@@ -1,4 +1,4 @@
-//! Slopes of error over samples and over time.
+//! The slopes of error over samples and over time on logarithmic axes.
 
 use super::run_table::{RunTable, error};
 use super::seed_statistic::SeedStatistic;
@@ -7,7 +7,7 @@ use crate::record::Run;
 use dapple_metrics::log_log_fit;
 use std::collections::BTreeMap;
 
-/// A function that returns a run's cost, in samples or seconds.
+/// A function that returns a run's cost, in samples per pixel or in seconds.
 type OfRun = fn(&Run) -> f64;
 
 pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
@@ -24,10 +24,10 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     }
 }
 
-/// The runs of one seed, by ascending budget.
+/// The runs of one seed in the order of ascending budgets.
 pub(super) type Curve<'a> = Vec<&'a Run>;
 
-/// The curve of each seed, over the budgets in samples.
+/// The runs of a scene and method as one curve per seed, over the budgets in samples per pixel.
 pub(super) fn curves<'a>(grid: &RunTable<'a>, at: [usize; 2]) -> BTreeMap<u64, Curve<'a>> {
     let mut curves: BTreeMap<u64, Curve<'a>> = BTreeMap::new();
     for budget in grid.spp_budgets() {
@@ -45,7 +45,7 @@ fn slope(curves: &BTreeMap<u64, Curve<'_>>, x: OfRun) -> SeedStatistic {
     if longest < 2 {
         return SeedStatistic::missing(curves.len(), "one budget: no slope");
     }
-    // In an unfinished study, seeds that lack budgets would mix slopes of different ranges.
+    // Seeds that lack budgets, as in an unfinished study, are left out: their slopes cover another range.
     let whole: Vec<_> = curves.values().filter(|curve| curve.len() == longest).collect();
     let series: Vec<[Vec<f64>; 2]> = whole
         .iter()
@@ -68,7 +68,7 @@ fn slope(curves: &BTreeMap<u64, Curve<'_>>, x: OfRun) -> SeedStatistic {
     }
 }
 
-/// The fitted slope on logarithmic axes. Two points leave no residual for a fit, and give the slope of their line.
+/// The slope of the line fitted to points on logarithmic axes. Two points give the slope of the line through them.
 fn slope_of(x: &[f64], y: &[f64]) -> Result<f64, dapple_metrics::StatisticsError> {
     if let ([x0, x1], [y0, y1]) = (x, y) {
         if x0 == x1 {

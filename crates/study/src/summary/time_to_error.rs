@@ -1,13 +1,14 @@
-//! Times in which a method reaches a given error level.
+//! The render times in which methods reach given relMSE levels.
 //!
-//! Each seed has a curve of error over `render_s` at its budgets. Between two neighbouring budgets the time is
-//! interpolated on logarithmic axes; the first crossing counts.
+//! Each seed has a curve of relMSE over render time, with one point per budget. Between two neighbouring points the
+//! time is interpolated on logarithmic axes. The first crossing of the level counts.
 //!
 //! 1. If every seed's curve crosses the level, the value is the geometric mean over seeds, with its interval.
-//! 2. If only some do, the curve of mean errors is interpolated, without an interval. Dropping the other seeds would
-//!    flatter the method.
-//! 3. If the mean curve does not cross, the value is a bound. From three budgets on, up to [`REACH`] times beyond the
-//!    measured times, it is the fitted line's time, marked as extrapolated.
+//! 2. If only some curves cross it, the curve of mean errors is interpolated, without an interval. Dropping the other
+//!    seeds would flatter the method.
+//! 3. If the mean curve does not cross the level, the note gives a bound on the time. If there are at least three
+//!    budgets, the time at which a fitted line reaches the level is the value, marked as extrapolated. It must be
+//!    within a factor of [`REACH`] of the measured times.
 
 use super::run_table::{RunTable, error};
 use super::seed_statistic::SeedStatistic;
@@ -16,10 +17,10 @@ use super::{CONFIDENCE, Summary, number};
 use dapple_metrics::log_log_fit;
 use std::collections::BTreeMap;
 
-/// The largest factor beyond the measured times to which a fitted line is extrapolated.
+/// The largest factor by which a fitted line is extrapolated beyond the measured times.
 const REACH: f64 = 4.0;
 
-/// The largest number of error levels.
+/// The largest number of error levels per scene.
 const LEVELS: usize = 3;
 
 pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
@@ -43,10 +44,10 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     }
 }
 
-/// A point of a curve: time in seconds and error.
+/// A point of a curve: render time in seconds, and relMSE.
 type Point = [f64; 2];
 
-/// Error levels that the baseline reaches: 1, 2 or 5 times powers of ten within its measured errors, evenly spread.
+/// Chooses error levels: 1, 2 or 5 times powers of ten within the baseline's measured errors, evenly spread.
 fn levels(baseline: &[Point]) -> Vec<f64> {
     let errors = || baseline.iter().map(|p| p[1]);
     let [low, high] = [errors().fold(f64::INFINITY, f64::min), errors().fold(0.0, f64::max)];
@@ -63,7 +64,7 @@ fn levels(baseline: &[Point]) -> Vec<f64> {
     (0..LEVELS).map(|i| inside[i * (inside.len() - 1) / (LEVELS - 1)]).collect()
 }
 
-/// The curve of geometric means over the seeds that have all budgets.
+/// The curve of geometric means of time and error at each budget, over the seeds that have runs at the most budgets.
 fn mean_curve(curves: &BTreeMap<u64, Curve<'_>>) -> Vec<Point> {
     let longest = curves.values().map(Vec::len).max().unwrap_or(0);
     let whole: Vec<Vec<Point>> = curves.values().filter(|c| c.len() == longest).map(points).collect();
@@ -78,7 +79,7 @@ fn points(curve: &Curve<'_>) -> Vec<Point> {
     curve.iter().map(|run| [run.render_s, error(run, "relmse")]).collect()
 }
 
-/// The time at which a curve first crosses the level from above, interpolated; `None` if it never does.
+/// The interpolated time in seconds at which a curve first crosses the error level from above; `None` if it never does.
 fn crossing(curve: &[Point], level: f64) -> Option<f64> {
     let positive = curve.iter().flatten().all(|v| *v > 0.0);
     if !positive || curve.first()?[1] < level {
@@ -94,7 +95,7 @@ fn crossing(curve: &[Point], level: f64) -> Option<f64> {
 }
 
 struct Times {
-    /// The time of each seed that reaches the level, by seed; empty unless all seeds do.
+    /// The time in seconds of each seed to reach the level; empty unless all seeds reach it.
     seeds: BTreeMap<u64, f64>,
     measured: bool,
     figure: SeedStatistic,
@@ -121,7 +122,8 @@ fn times(curves: &BTreeMap<u64, Curve<'_>>, level: f64) -> Times {
     without(beyond(&mean, level, n), false)
 }
 
-/// The statistic for a level that the mean curve does not reach: a bound or an extrapolation.
+/// The statistic for an error level that the mean curve does not cross: an extrapolated time, or only a bound in the
+/// note.
 fn beyond(mean: &[Point], level: f64, n: usize) -> SeedStatistic {
     let (Some(first), Some(last)) = (mean.first(), mean.last()) else {
         return SeedStatistic::missing(n, "no errors above 0");
@@ -150,7 +152,7 @@ fn beyond(mean: &[Point], level: f64, n: usize) -> SeedStatistic {
     }
 }
 
-/// A time with about three digits, for a note.
+/// Formats a time in seconds with its unit, for a note.
 fn seconds(time: f64) -> String {
     if time < 0.1 { format!("{:.3} ms", 1000.0 * time) } else { format!("{time:.3} s") }
 }

@@ -1,4 +1,4 @@
-//! Edits of materials that remove the effects of surfaces.
+//! Edits of materials that remove glossy, mirror, refraction or texture effects from a scene.
 
 use super::Albedo;
 use crate::description::texture_mean::texture_mean;
@@ -8,7 +8,7 @@ use crate::{
 };
 
 impl Scene {
-    /// Replaces the lobes that call for `effect` in all materials.
+    /// Replaces, in all materials, the lobes that call for `effect` (glossy, mirror or refraction).
     pub(super) fn replace_lobes(&mut self, effect: Effect, albedo: &Albedo<'_>) {
         let Self { materials, textures, .. } = self;
         for material in materials.iter_mut().filter(|m| surface_calls_for(&m.kind, effect)) {
@@ -29,7 +29,7 @@ impl Scene {
         }
     }
 
-    /// Replaces every texture by its mean.
+    /// Replaces every texture in use by its mean, and removes bump and normal maps.
     pub(super) fn flatten_textures(&mut self) {
         let means = Means(&self.textures);
         for material in &mut self.materials {
@@ -42,7 +42,7 @@ impl Scene {
     }
 }
 
-/// Returns the colour of a diffuse surface whose reflectance is a material's albedo at normal incidence. `None` for an
+/// Returns the reflectance of a diffuse material with the same albedo at normal incidence as `material`. `None` for an
 /// invalid material, which the renderer reports later.
 fn diffuse_color(material: &Material, textures: &mut Vec<Texture>, albedo: &Albedo<'_>) -> Option<Color> {
     if let MaterialKind::Mirror { reflectance } = &material.kind {
@@ -63,7 +63,7 @@ fn diffuse_color(material: &Material, textures: &mut Vec<Texture>, albedo: &Albe
     Some(Color::Texture(TextureId(textures.len() as u32 - 1)))
 }
 
-/// Returns the colour that a material's albedo depends on most; `None` if there is none.
+/// Returns the colour parameter that a material's albedo depends on most; `None` for a kind without one.
 fn base(kind: &MaterialKind) -> Option<Color> {
     match kind {
         MaterialKind::CoatedDiffuse { reflectance: color, .. }
@@ -75,7 +75,7 @@ fn base(kind: &MaterialKind) -> Option<Color> {
     }
 }
 
-/// The textures of a scene, to be replaced by their means.
+/// The textures of a scene, and methods that replace uses of them by their means.
 struct Means<'t>(&'t [Texture]);
 
 impl Means<'_> {
@@ -93,7 +93,7 @@ impl Means<'_> {
         }
     }
 
-    /// Replaces the textures of a material by their means.
+    /// Replaces each texture in a material's parameters by its mean.
     fn flatten(&self, kind: &mut MaterialKind) {
         let color = |color: &mut Color| *color = Color::Constant(self.color(*color));
         let scalar = |scalar: &mut Scalar| *scalar = self.scalar(*scalar);
