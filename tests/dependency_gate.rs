@@ -91,40 +91,10 @@ const RULES: &[Rule] = &[
     ("dapple-renderer", RENDERER, &["clap", "indicatif"]),
     ("dapple-job", JOB, &["clap", "indicatif", "ctrlc"]),
     ("dapple-study", STUDY, &["clap", "indicatif", "ctrlc"]),
-    ("dapple-cli", CLI, &[]),
+    ("dapple-cli", LAYERS, &[]),
 ];
-const RENDERER: &[&str] =
-    &["dapple-core", "dapple-scene", "dapple-geometry", "dapple-low-discrepancy", "dapple-light-selection"];
-/// The renderer, every method with a name, and clusters.
-const JOB: &[&str] = &[
-    "dapple-core",
-    "dapple-scene",
-    "dapple-geometry",
-    "dapple-low-discrepancy",
-    "dapple-light-selection",
-    "dapple-renderer",
-    "dapple-adaptive",
-    "dapple-mitchell",
-    "dapple-clustering",
-    "dapple-cluster-adaptive",
-    "dapple-denoise",
-];
-const STUDY: &[&str] = &[
-    "dapple-core",
-    "dapple-scene",
-    "dapple-geometry",
-    "dapple-low-discrepancy",
-    "dapple-light-selection",
-    "dapple-renderer",
-    "dapple-adaptive",
-    "dapple-mitchell",
-    "dapple-clustering",
-    "dapple-cluster-adaptive",
-    "dapple-denoise",
-    "dapple-metrics",
-    "dapple-job",
-];
-const CLI: &[&str] = &[
+/// Crates from the bottom up: the dependencies that the top four may have are prefixes.
+const LAYERS: &[&str] = &[
     "dapple-core",
     "dapple-scene",
     "dapple-geometry",
@@ -140,6 +110,10 @@ const CLI: &[&str] = &[
     "dapple-job",
     "dapple-study",
 ];
+const RENDERER: &[&str] = LAYERS.split_at(5).0;
+/// The renderer, every method with a name, and clusters.
+const JOB: &[&str] = LAYERS.split_at(11).0;
+const STUDY: &[&str] = LAYERS.split_at(13).0;
 
 /// Crates for scenes, BVHs, vectors or image files.
 const OF_A_SCENE: &[&str] = &["glam", "obvhs", "image", "exr", "dapple-geometry", "dapple-scene", "dapple-renderer"];

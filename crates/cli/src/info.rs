@@ -5,7 +5,7 @@ use crate::{Outcome, Result, failure};
 use dapple_job::memory::{MemoryEstimate, size};
 use dapple_job::{JobError, LoadOptions, LoadedScene, OutputFiles, PreparedScene, RenderSpec, Warning, pixel_filter};
 use dapple_renderer::World;
-use dapple_scene::{Effects, bundled};
+use dapple_scene::bundled;
 use dapple_scene::{Geometry, MaterialKind, Scene};
 use std::path::PathBuf;
 
@@ -37,7 +37,7 @@ pub(crate) fn run(args: &InfoArgs) -> Result<Outcome> {
         Err(error) => format!("no render by default: {}", failure::of_job(&error).0.join("; ")),
     };
     tell(format!("{:<12}{memory}", "memory"))?;
-    let effects = Effects::of(prepared.scene());
+    let effects = prepared.world().effects();
     tell(format!("{:<12}{}", "effects", effects.called().len()))?;
     for called in effects.called() {
         tell(format!("  {:<18}{} ({})", called.effect.name(), called.because, called.source))?;

@@ -41,6 +41,6 @@ mod spread;
 pub use adaptive::{Bernoulli, Naive, Pixels, count_trend, image_mean, kept, refined};
 pub use chi_square::{chi_square, integrate};
 pub use image::{ImageTest, image, images};
-pub use levels::{FAMILY, adjusted, critical, gamma_q, ln_gamma, normal_tail, power, sidak, student_tail, two_sided};
+pub use levels::{FAMILY, adjusted, critical, normal_tail, power, sidak, student_tail, two_sided};
 pub use mean::{Decided, Mean, MeanTest, Verdict, decide, samples_needed};
 pub use spread::{Calibration, brown_forsythe};

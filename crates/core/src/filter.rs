@@ -1,5 +1,6 @@
 //! Images from films.
 
+use crate::forward::forward;
 use crate::{Error, Film, FilterMemory, Frame, ImagePlanes, Needs};
 use std::sync::Arc;
 
@@ -88,33 +89,13 @@ pub trait Filter: Send + Sync {
     fn apply(&self, film: &Film) -> Result<Filtered, Error>;
 }
 
-macro_rules! forward {
-    ($($owner:ty),*) => {$(
-        impl<T: Filter + ?Sized> Filter for $owner {
-            fn name(&self) -> &str {
-                (**self).name()
-            }
-
-            fn describe(&self) -> String {
-                (**self).describe()
-            }
-
-            fn needs(&self) -> Needs {
-                (**self).needs()
-            }
-
-            fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
-                (**self).memory(frame, needs)
-            }
-
-            fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-                (**self).apply(film)
-            }
-        }
-    )*};
-}
-
-forward!(&T, Box<T>, Arc<T>);
+forward!(Filter for &T, Box<T>, Arc<T>; {
+    ref name() -> &str;
+    ref describe() -> String;
+    ref needs() -> Needs;
+    ref memory(frame: &Frame, needs: &Needs) -> FilterMemory;
+    ref apply(film: &Film) -> Result<Filtered, Error>;
+});
 
 /// The identity filter: each pixel is the mean of its own samples.
 #[derive(Clone, Copy, Debug, Default)]

@@ -1,6 +1,7 @@
 //! Radiance estimates, first hits and training data of integrators.
 
 use crate::Draws;
+use crate::forward::forward;
 use rayon::prelude::*;
 
 /// The cluster label of a camera ray that meets no surface; other rays have the label of the cluster they hit.
@@ -211,26 +212,11 @@ pub trait Integrator: Sync {
     }
 }
 
-macro_rules! forward {
-    ($($owner:ty),*) => {$(
-        impl<T: Integrator + ?Sized> Integrator for $owner {
-            #[inline]
-            fn estimate(&self, draws: &Draws<'_>, log: &mut TrainingLog) -> Estimate {
-                (**self).estimate(draws, log)
-            }
-
-            fn wants_training(&self) -> bool {
-                (**self).wants_training()
-            }
-
-            fn learn(&mut self, pass: &TrainingData) {
-                (**self).learn(pass);
-            }
-        }
-    )*};
-}
-
-forward!(&mut T, Box<T>);
+forward!(Integrator for &mut T, Box<T>; {
+    ref estimate(draws: &Draws<'_>, log: &mut TrainingLog) -> Estimate;
+    ref wants_training() -> bool;
+    mut learn(pass: &TrainingData);
+});
 
 /// Values that an integrator notes during a training pass, under keys that it chooses.
 #[derive(Debug, Default)]

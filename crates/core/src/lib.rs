@@ -58,6 +58,7 @@ mod draws;
 mod error;
 mod film;
 mod filter;
+mod forward;
 mod frame;
 mod integrator;
 mod limits;

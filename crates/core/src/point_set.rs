@@ -1,5 +1,6 @@
 //! Point sets: random numbers as a pure function of a sample's identity.
 
+use crate::forward::forward;
 use std::sync::Arc;
 
 /// The identity of one sample of one pixel.
@@ -104,27 +105,9 @@ pub trait PointSet: Send + Sync {
     }
 }
 
-macro_rules! forward {
-    ($($owner:ty),*) => {$(
-        impl<T: PointSet + ?Sized> PointSet for $owner {
-            fn describe(&self) -> String {
-                (**self).describe()
-            }
-
-            #[inline]
-            fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
-                (**self).block(id, block)
-            }
-
-            fn capacity(&self) -> u64 {
-                (**self).capacity()
-            }
-
-            fn preferred_count(&self, n: u64) -> u64 {
-                (**self).preferred_count(n)
-            }
-        }
-    )*};
-}
-
-forward!(&T, Box<T>, Arc<T>);
+forward!(PointSet for &T, Box<T>, Arc<T>; {
+    ref describe() -> String;
+    ref block(id: SampleId, block: u32) -> [f32; 4];
+    ref capacity() -> u64;
+    ref preferred_count(n: u64) -> u64;
+});

@@ -1,5 +1,6 @@
 //! Sample counts per pixel, planned round by round.
 
+use crate::forward::forward;
 use crate::{Error, Film, Frame, Limits, Needs, Plan, PointSet, Progress, SamplerMemory};
 
 /// A render's sample budget, spent and total, at the time a round (a batch of samples) is planned.
@@ -194,46 +195,14 @@ pub trait Sampler: Send {
     }
 }
 
-macro_rules! forward {
-    ($($owner:ty),*) => {$(
-        impl<T: Sampler + ?Sized> Sampler for $owner {
-            fn name(&self) -> &str {
-                (**self).name()
-            }
-
-            fn describe(&self) -> String {
-                (**self).describe()
-            }
-
-            fn a_priori(&self) -> bool {
-                (**self).a_priori()
-            }
-
-            fn needs(&self) -> Needs {
-                (**self).needs()
-            }
-
-            fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
-                (**self).memory(frame, needs, limits)
-            }
-
-            fn points(&self) -> &dyn PointSet {
-                (**self).points()
-            }
-
-            fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-                (**self).next_round(seen, plan)
-            }
-
-            fn save(&self) -> Vec<u8> {
-                (**self).save()
-            }
-
-            fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-                (**self).restore(saved)
-            }
-        }
-    )*};
-}
-
-forward!(&mut T, Box<T>);
+forward!(Sampler for &mut T, Box<T>; {
+    ref name() -> &str;
+    ref describe() -> String;
+    ref a_priori() -> bool;
+    ref needs() -> Needs;
+    ref memory(frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory;
+    ref points() -> &dyn PointSet;
+    ref save() -> Vec<u8>;
+    mut next_round(seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error>;
+    mut restore(saved: &[u8]) -> Result<(), Error>;
+});

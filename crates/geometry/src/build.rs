@@ -15,19 +15,19 @@ use obvhs::bvh2::node::Bvh2Node;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Preset {
-    /// The least effort.
+    /// The least effort, for the fastest building.
     Fastest,
     /// Little effort.
     VeryFast,
-    /// For one image: obvhs's fast preset with half of its reinsertion. On meshes of 7e4 and 1e6 triangles, rays are as
-    /// fast as with [`Medium`](Self::Medium) and building is faster (docs/results/rays.md).
+    /// Effort for rendering one image: obvhs's fast preset with half of its reinsertion. On meshes of 7e4 and 1e6
+    /// triangles, rays are as fast as with [`Medium`](Self::Medium) and building is faster (docs/results/rays.md).
     #[default]
     Fast,
-    /// More effort than usual.
+    /// More effort than [`Fast`](Self::Fast), the default.
     Medium,
-    /// For many images.
+    /// Effort that pays for many images of one scene.
     Slow,
-    /// The most effort.
+    /// The most effort, for the slowest building.
     VerySlow,
 }
 
@@ -69,7 +69,7 @@ enum Item<'a> {
 }
 
 impl<'a> Items<'a> {
-    /// The primitives that can be hit.
+    /// Collects the primitives that can be hit: triangles with an area, spheres and disks.
     fn of_shapes(shapes: &'a [Shape], padded: bool) -> Result<Self, Error> {
         too_many("shapes", shapes.len(), u32::MAX as usize)?;
         let count = shapes.iter().map(|shape| shape.mesh().map_or(1, |mesh| mesh.triangles().len())).sum();
@@ -91,7 +91,7 @@ impl<'a> Items<'a> {
         Ok(Self { shapes, boxes: &[], keys, padded })
     }
 
-    /// An item's key and the item.
+    /// The item with an index, and its key.
     #[inline(always)]
     fn item(&self, number: u32) -> (u64, Item<'a>) {
         let key = self.keys[number as usize];

@@ -15,7 +15,7 @@ pub enum Error {
         "{what} {value:e} is out of range: magnitudes must lie in 1e-18..5e17; scale the scene by a power of two first"
     )]
     ScaleOutOfRange {
-        /// The quantity out of range.
+        /// The name of the quantity out of range.
         what: &'static str,
         /// The value out of range.
         value: f64,
@@ -35,19 +35,19 @@ pub enum Error {
     /// A parameter of a shape or a motion is invalid.
     #[error("{what} is {value}; {expected}")]
     BadParameter {
-        /// The parameter.
+        /// The name of the parameter.
         what: &'static str,
         /// The invalid value.
         value: f64,
-        /// The requirement on it.
+        /// The requirement that the value fails, as a clause for the message.
         expected: &'static str,
     },
     /// There are more triangles, shapes or nodes than 32-bit numbers can count.
     #[error("{count} {what} are too many, at most {limit} can be numbered; split the scene")]
     TooMany {
-        /// The things counted.
+        /// The kind of things counted, such as "shapes".
         what: &'static str,
-        /// Their number.
+        /// The number of things found.
         count: usize,
         /// The largest possible number.
         limit: usize,

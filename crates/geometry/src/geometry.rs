@@ -93,7 +93,7 @@ impl Geometry {
         self.closest_at(ray, 0.0)
     }
 
-    /// The closest hit at a time in `[0, 1]`.
+    /// The closest hit with `tmin < t < tmax` at a time in `[0, 1]`; ties as for [`closest`](Self::closest).
     // Debug builds are compiled more often than they run, so crates do not inline the walk there.
     #[cfg_attr(not(debug_assertions), inline(always))]
     #[must_use]
@@ -115,7 +115,7 @@ impl Geometry {
         }
     }
 
-    /// The closest hit, `t` multiplied by `scale`.
+    /// The closest hit, its `t` multiplied by `scale`.
     #[inline(always)]
     fn closest_along<S: Safeguards>(&self, prepared: &PreparedRay, scale: f32, time: f32) -> Option<Hit> {
         let mut best = Best::new(prepared.ray.tmax);
@@ -136,7 +136,7 @@ impl Geometry {
         self.occluded_at(ray, 0.0)
     }
 
-    /// Returns true if anything is hit at a time in `[0, 1]`.
+    /// Returns true if anything is hit with `tmin < t < tmax` at a time in `[0, 1]`.
     #[cfg_attr(not(debug_assertions), inline(always))]
     #[must_use]
     pub fn occluded_at(&self, ray: &Ray, time: f32) -> bool {
@@ -192,7 +192,7 @@ impl Geometry {
         self.parametric_at(hit, position, 0.0)
     }
 
-    /// The surface parameters of a point that was hit at this time.
+    /// The surface parameters of a point hit at a time in `[0, 1]`; see [`parametric`](Self::parametric).
     #[must_use]
     pub fn parametric_at(&self, hit: &Hit, position: Vec3, time: f32) -> [f32; 2] {
         match self.shapes.get(hit.shape as usize) {
@@ -203,7 +203,7 @@ impl Geometry {
         }
     }
 
-    /// The instance of a shape number beyond the base shapes; `None` for base shapes and unused numbers.
+    /// The instance, object and shape that a shape number refers to; `None` for base shapes and unused numbers.
     #[inline]
     #[must_use]
     pub fn placed(&self, shape: u32) -> Option<PlacedShape> {
@@ -242,15 +242,9 @@ impl Geometry {
         self.instances().map_or(self.shapes.len() as u32, |placed| placed.shape_count())
     }
 
-    /// The objects in their order.
+    /// The objects of which there may be instances, in the order given to [`with_instances`](Self::with_instances).
     pub fn objects(&self) -> impl Iterator<Item = &Arc<Self>> {
         self.instances().into_iter().flat_map(|placed| placed.objects.iter().map(|object| &object.geometry))
-    }
-
-    /// Returns true if there are instances, or objects for them.
-    #[must_use]
-    pub fn has_instances(&self) -> bool {
-        self.instances().is_some()
     }
 
     /// Returns true if an instance or the vertices of a mesh move.
@@ -263,7 +257,7 @@ impl Geometry {
         !self.tree.moved.is_empty()
     }
 
-    /// The most nodes and leaves on a ray's stack at once, at most 256 for any triangles.
+    /// The largest number of nodes and leaves on a ray's traversal stack at once, at most 256.
     #[must_use]
     pub fn deepest(&self) -> usize {
         self.tree.stack
@@ -273,7 +267,7 @@ impl Geometry {
         &self.tree
     }
 
-    fn instances(&self) -> Option<&Placements> {
+    pub(crate) fn instances(&self) -> Option<&Placements> {
         if let WalkKind::Placed(placed) = &self.tree.way { Some(&placed.placements) } else { None }
     }
 

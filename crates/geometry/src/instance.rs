@@ -83,16 +83,16 @@ pub(crate) struct Object {
     pub(crate) geometry: Arc<Geometry>,
     /// The object's bounding box, grown so that surfaces lie strictly inside; `None` if nothing can be hit.
     bounds: Option<[DVec3; 2]>,
-    /// The most that rounding can move a ray within the box, per axis.
+    /// The largest distance per axis by which rounding can move a ray within the box, in the object's space.
     reach: f64,
-    /// The number of shapes in the base and in earlier objects.
+    /// The number of base shapes and of shapes in earlier objects.
     first: u32,
 }
 
 #[derive(Clone, Debug)]
 struct PlacedObject {
     object: u32,
-    /// The number of the instance's first shape.
+    /// The shape number of the instance's first shape.
     first: u32,
     place: Pose,
 }
@@ -112,7 +112,7 @@ struct Map {
     to_object: DMat3,
 }
 
-/// A ray in an object's space.
+/// A ray in an object's space. Its parameter is `(t - start) speed` for parameter `t` in world space.
 struct Local {
     ray: Ray,
     start: f64,
@@ -189,7 +189,7 @@ impl Placements {
         let mut known = Vec::with_capacity(objects.len());
         let mut count = base as usize;
         for (number, geometry) in objects.into_iter().enumerate() {
-            if geometry.has_instances() {
+            if geometry.instances().is_some() {
                 return Err(Error::Nested { object: number as u32 });
             }
             known.push(Object::new(geometry, numbered(count)?));
@@ -276,7 +276,7 @@ impl Placements {
         }
     }
 
-    /// The ray in the space of the instance's object.
+    /// The ray in the space of the instance's object; `None` if it misses the object's box.
     fn enter(&self, instance: &PlacedObject, prepared: &PreparedRay, time: f32) -> Option<Local> {
         let object = &self.objects[instance.object as usize];
         let mut local = instance.place.at(time).enter(&prepared.ray, object.bounds?)?;

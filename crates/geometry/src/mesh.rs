@@ -1,9 +1,9 @@
 use crate::Error;
 use glam::{DVec3, Vec3};
 
-/// The largest magnitude of a coordinate or a ray's origin. Products of two differences stay finite in f32.
+/// The largest allowed magnitude of a coordinate. Products of two differences stay finite in f32.
 pub(crate) const LARGEST: f32 = (1u64 << 59) as f32;
-/// The least magnitude of a shape's largest coordinate, unless that is 0.
+/// The smallest allowed magnitude of a shape's largest coordinate, unless that is 0.
 pub(crate) const SMALLEST: f32 = 1.0 / (1u64 << 60) as f32;
 /// A triangle has no area if the sine of its angle at the first corner is below this. The f64 cross product of exact
 /// f32 corners cannot tell it from 0.
@@ -30,7 +30,8 @@ pub struct Mesh {
     /// The unit normal of each triangle; zero without area.
     normals: Vec<Vec3>,
     degenerate: usize,
-    /// The error of an f64 sum of corners, from the largest coordinate; stored so that hits need not compute it.
+    /// The rounding error of an f64 sum of corners, bounded by the largest coordinate; stored so that hits need not
+    /// compute it.
     lost: f32,
 }
 
@@ -67,13 +68,13 @@ impl Mesh {
         Ok(mesh)
     }
 
-    /// The vertices.
+    /// The positions of the vertices.
     #[must_use]
     pub fn positions(&self) -> &[[f32; 3]] {
         &self.positions
     }
 
-    /// The triangles.
+    /// The three vertex indices of each triangle.
     #[must_use]
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
@@ -116,12 +117,12 @@ impl Mesh {
     }
 }
 
-/// One ulp of f32, relative: twice the largest rounding error.
+/// One ulp of f32 relative to the value: twice the largest relative rounding error.
 pub(crate) const ROUNDING: f64 = 1.0 / (1u64 << 23) as f64;
-/// Sixteen ulps of f64, relative to the magnitudes in a sum.
+/// Sixteen ulps of f64: a bound on the rounding error of a short f64 sum, relative to the magnitudes in it.
 pub(crate) const LOST_IN_F64: f64 = 16.0 * f64::EPSILON;
 
-/// Tests if a triangle has no area.
+/// Returns true if a triangle has no area.
 pub(crate) fn has_no_area(corners: [Vec3; 3]) -> bool {
     let [a, b, c] = corners.map(Vec3::as_dvec3);
     let (ab, ac) = (b - a, c - a);

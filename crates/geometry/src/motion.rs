@@ -3,7 +3,7 @@
 use crate::Error;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-/// An affine map that stands still, or moves from one map at time 0 to another at time 1.
+/// An affine map that is constant, or moves from one map at time 0 to another at time 1.
 ///
 /// A moving map is decomposed into a stretch, a rotation and a translation (polar decomposition), which are
 /// interpolated. Stretch and translation change linearly. The rotation has constant speed around one axis, the shorter
@@ -44,7 +44,7 @@ const PIECES: u32 = 32;
 const HARDLY_TURNED: f64 = 1e-9;
 
 impl Motion {
-    /// The additional bytes of a moving map.
+    /// The additional memory of a moving map in bytes.
     pub(crate) const PATH_BYTES: usize = size_of::<Path>();
 
     /// Makes a map that does not move.
@@ -96,7 +96,7 @@ impl Motion {
         self.path.is_some()
     }
 
-    /// The map at a time. Times outside `[0, 1]` count as its ends.
+    /// The map at a time, including the map given to [`after`](Self::after). Times outside `[0, 1]` are clamped.
     #[must_use]
     pub fn at(&self, time: f32) -> DAffine3 {
         self.at_exactly(time.into()) * self.first
@@ -155,7 +155,7 @@ impl Path {
     }
 }
 
-/// The most steps of the iteration. It takes about ten, and a few more for nearly flat maps.
+/// The largest number of steps of the polar decomposition. It takes about ten, and a few more for nearly flat maps.
 const STEPS: usize = 100;
 
 /// The rotation and the symmetric stretch (negative if the map mirrors) whose product is the matrix of a map. Newton's

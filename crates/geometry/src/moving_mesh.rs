@@ -54,7 +54,7 @@ impl MovingMesh {
         &self.start
     }
 
-    /// The vertices at time 1.
+    /// The positions of the vertices at time 1.
     #[must_use]
     pub fn ends(&self) -> &[[f32; 3]] {
         &self.ends
@@ -85,7 +85,7 @@ impl MovingMesh {
         })
     }
 
-    /// The corners at time 1 themselves, which rounding may keep [`corners`](Self::corners) from reaching.
+    /// The exact corners at time 1, which [`corners`](Self::corners) may miss by rounding.
     pub(crate) fn ends_of(&self, triangle: u32) -> [Vec3; 3] {
         self.start.triangles()[triangle as usize].map(|vertex| Vec3::from_array(self.ends[vertex as usize]))
     }
@@ -102,7 +102,8 @@ impl MovingMesh {
     }
 }
 
-/// A coordinate at a time, with the same bits as in the walk.
+/// A coordinate interpolated at a time in `[0, 1]`. Traversal and surface points share it, so that they agree to the
+/// last bit.
 #[inline(always)]
 pub(crate) fn between(from: f32, to: f32, time: f32) -> f32 {
     from + (to - from) * time

@@ -3,7 +3,7 @@
 use crate::Ray;
 use glam::{Vec3, Vec4};
 
-/// The largest coordinate of a traced ray's origin.
+/// The largest absolute coordinate of a traced ray's origin.
 const FARTHEST: f32 = (1u64 << 60) as f32;
 /// Directions with a largest component outside `1/DIRECTION..DIRECTION` are first scaled by a power of two.
 const DIRECTION: f32 = 1024.0;
@@ -13,20 +13,21 @@ const DIRECTION: f32 = 1024.0;
 pub(crate) struct PreparedRay {
     /// The ray, with a non-negative `tmin` and a direction of moderate length.
     pub(crate) ray: Ray,
-    /// The origin. Arrays have four entries, so that an axis below four is always in range.
+    /// The ray's origin. The array has four entries, so that an axis below four is always in range.
     pub(crate) origin: [f32; 4],
     /// The reciprocal direction per axis, finite and with the direction's sign.
     pub(crate) inverse: [f32; 4],
-    /// The bound of a box that the ray meets first, per axis: 0 for the lower, 1 for the upper.
+    /// The bound of a box that the ray meets first along each axis: 0 for the lower, 1 for the upper bound.
     pub(crate) near: [usize; 3],
-    /// The axes. The direction is longest along the last one.
+    /// A permutation of the three axes. The direction's longest component is along the last one.
     pub(crate) axes: [usize; 3],
     /// The shear: the direction's first two axes over its last, and the reciprocal of the last.
     pub(crate) shear: [f32; 3],
 }
 
 impl PreparedRay {
-    /// Prepares a valid ray with a direction of moderate length. `t` is the caller's; `None` for other rays.
+    /// Prepares a valid ray with a direction of moderate length, without rescaling its parameter `t`. `None` for other
+    /// rays.
     #[inline(always)]
     pub(crate) fn ordinary(ray: &Ray) -> Option<Self> {
         let longest = ray.direction.abs().max_element();
@@ -89,7 +90,7 @@ impl PreparedRay {
 
 const NEXT: [usize; 3] = [1, 2, 0];
 
-/// Tests the origin and limits of a ray.
+/// Returns true if a ray's origin and limits are valid.
 #[inline(always)]
 fn is_sane(ray: &Ray) -> bool {
     // Written so that NaN fails.

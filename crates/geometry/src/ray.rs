@@ -22,9 +22,9 @@ use glam::Vec3;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// The start.
+    /// The point at which the ray starts, `t` = 0.
     pub origin: Vec3,
-    /// The direction, of any length but 0.
+    /// The direction of the ray, of any length but 0.
     pub direction: Vec3,
     /// Hits lie strictly beyond this parameter.
     pub tmin: f32,
@@ -35,16 +35,16 @@ pub struct Ray {
     pub ends: [PrimitiveId; 2],
 }
 
-/// A triangle of a scene, or none.
+/// The identity of a triangle in a scene (its shape and its index there), or [`NONE`](Self::NONE).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PrimitiveId(pub(crate) u64);
 
 impl PrimitiveId {
-    /// No primitive.
+    /// The value for no triangle, as on spheres and disks.
     pub const NONE: Self = Self(u64::MAX);
 
-    /// Triangle `primitive` of shape `shape`. Use [`NONE`](Self::NONE) for spheres and disks, which a ray may meet
-    /// again.
+    /// The identity of triangle `primitive` of shape number `shape`. Use [`NONE`](Self::NONE) for spheres and disks,
+    /// which a ray may meet again.
     #[inline]
     #[must_use]
     pub const fn triangle(shape: u32, primitive: u32) -> Self {
@@ -60,7 +60,7 @@ impl PrimitiveId {
 }
 
 impl Ray {
-    /// The whole half-line, `t` from 0 to infinity.
+    /// Makes a ray along the whole half-line, with `t` from 0 to infinity.
     #[inline]
     #[must_use]
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
@@ -72,13 +72,6 @@ impl Ray {
     #[must_use]
     pub const fn with_limits(self, tmin: f32, tmax: f32) -> Self {
         Self { tmin, tmax, ..self }
-    }
-
-    /// Sets the flat primitives on which the ray starts and ends.
-    #[inline]
-    #[must_use]
-    pub const fn with_ends(self, ends: [PrimitiveId; 2]) -> Self {
-        Self { ends, ..self }
     }
 
     /// Returns true if the ray is valid. Invalid rays hit nothing.
@@ -100,7 +93,7 @@ impl Ray {
 /// The first intersection of a ray with a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// The parameter along the ray, in lengths of its direction.
+    /// The ray parameter of the hit, in lengths of the ray's direction.
     pub t: f32,
     /// The shape's number: its index in the list given to [`Geometry::build`](crate::Geometry::build).
     pub shape: u32,

@@ -8,11 +8,11 @@ use glam::Vec3;
 
 /// A set of safeguards: all, unless a type leaves some out.
 pub trait Safeguards: Copy + 'static {
-    /// Triangles are finished in f64 where f32 cannot tell.
+    /// True: triangles are intersected in f64 where f32 cannot decide.
     const EXACT: bool = true;
-    /// Boxes grow by the bounds on rounding, and their exits are slightly delayed.
+    /// True: boxes grow by the bounds on rounding errors, and rays leave them slightly later.
     const PADDING: bool = true;
-    /// The smallest number wins among hits at the same distance, otherwise the first one tested.
+    /// True: the smallest shape and primitive number wins among hits at the same distance. False: the first one tested.
     const TIES: bool = true;
     /// True: a ray's origin moves off the surface by the bound on the point's rounding error. False: by 1e-4 in any scene.
     const OFFSETS: bool = true;
@@ -24,7 +24,7 @@ pub struct All;
 
 impl Safeguards for All {}
 
-/// All but [`Safeguards::EXACT`].
+/// All safeguards but [`Safeguards::EXACT`].
 #[derive(Clone, Copy, Debug)]
 pub struct WithoutExact;
 
@@ -32,7 +32,7 @@ impl Safeguards for WithoutExact {
     const EXACT: bool = false;
 }
 
-/// All but [`Safeguards::PADDING`].
+/// All safeguards but [`Safeguards::PADDING`].
 #[derive(Clone, Copy, Debug)]
 pub struct WithoutPadding;
 
@@ -40,7 +40,7 @@ impl Safeguards for WithoutPadding {
     const PADDING: bool = false;
 }
 
-/// All but [`Safeguards::TIES`].
+/// All safeguards but [`Safeguards::TIES`].
 #[derive(Clone, Copy, Debug)]
 pub struct WithoutTies;
 
@@ -48,7 +48,7 @@ impl Safeguards for WithoutTies {
     const TIES: bool = false;
 }
 
-/// All but [`Safeguards::OFFSETS`].
+/// All safeguards but [`Safeguards::OFFSETS`].
 #[derive(Clone, Copy, Debug)]
 pub struct WithoutOffsets;
 

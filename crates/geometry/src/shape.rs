@@ -236,7 +236,7 @@ impl Disk {
     }
 }
 
-/// A shape without triangles, in the acceleration structure.
+/// A sphere or disk in the acceleration structure.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Quadric {
     Sphere(Sphere),
@@ -244,7 +244,7 @@ pub(crate) enum Quadric {
 }
 
 impl Quadric {
-    /// The smallest parameter with `tmin < t < tmax`.
+    /// The smallest ray parameter of an intersection with `tmin < t < tmax`; `None` without one.
     #[inline]
     pub(crate) fn intersect(&self, ray: &Ray) -> Option<f32> {
         let (tmin, tmax) = (f64::from(ray.tmin), f64::from(ray.tmax));
@@ -269,7 +269,7 @@ impl Quadric {
         }
     }
 
-    /// Exact bounds, in f64.
+    /// The exact lower and upper corner of the bounding box in world space, in f64.
     pub(crate) fn bounds(&self) -> [DVec3; 2] {
         match self {
             Self::Sphere(sphere) => sphere.space.bounds(DVec3::splat(sphere.radius), DVec3::ZERO),
@@ -277,7 +277,7 @@ impl Quadric {
         }
     }
 
-    /// pbrt-v4's (u, v) of a point of the surface.
+    /// The surface parameters `(u, v)` of a point, each in `[0, 1]`, as in pbrt-v4.
     pub(crate) fn parametric(&self, point: Vec3) -> [f32; 2] {
         match self {
             Self::Sphere(sphere) => sphere.parametric(point),
@@ -316,7 +316,7 @@ impl Space {
         self.to_object.matrix3 * (point.as_dvec3() - self.to_world.translation)
     }
 
-    /// The derivatives of a point in world space.
+    /// The derivatives of a point, mapped from object space to world space.
     fn derivatives(&self, of: [DVec3; 2]) -> [Vec3; 2] {
         of.map(|d| (self.to_world.matrix3 * d).as_vec3())
     }

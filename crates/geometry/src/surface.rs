@@ -14,7 +14,7 @@ pub struct SurfacePoint {
     /// The unit geometric normal. It is on the side from which a triangle's corners run counter-clockwise, outward for
     /// a sphere, and the transformed +z side for a disk.
     pub normal: Vec3,
-    /// The triangle of the point; none on spheres and disks.
+    /// The triangle that contains the point; [`PrimitiveId::NONE`] on spheres and disks.
     pub primitive: PrimitiveId,
 }
 
@@ -79,8 +79,8 @@ pub fn spawn_ray_to_point(from: &SurfacePoint, target: Vec3) -> Ray {
     aim(from, target, 1.0_f32.next_down())
 }
 
-/// A ray from a surface to a point. If the point is nearer to the surface's plane than the offset, the ray runs along
-/// the plane and not back into it.
+/// A ray from a surface to a point in space, up to `tmax`. If the point is nearer to the surface's plane than the
+/// offset, the ray runs along the plane and not back into it.
 #[inline(always)]
 fn aim(from: &SurfacePoint, target: Vec3, tmax: f32) -> Ray {
     let wanted = target - from.position;

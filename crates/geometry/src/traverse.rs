@@ -11,11 +11,12 @@ use crate::triangle::{Triangles8, lowest};
 use pulp::NullaryFnOnce;
 use std::marker::PhantomData;
 
-/// The bit of a child's code for a leaf of triangles; the rest is its block.
+/// The bit that marks a child's code as a leaf of triangles; the other bits are the index of its block of eight
+/// triangles.
 const TRIANGLES: u32 = 1 << 31;
-/// The bit of a child's code for a sphere or disk; the rest is its index.
+/// The bit that marks a child's code as a sphere or disk; the other bits are its index.
 const QUADRIC: u32 = 1 << 30;
-/// The limit of node codes: codes below are nodes.
+/// The limit of node indices: codes below it are nodes.
 pub(crate) const LIMIT: usize = QUADRIC as usize;
 /// The deepest stack of a walk. A tree that needs more is rebuilt by medians.
 pub(crate) const DEEPEST: usize = 256;
@@ -73,7 +74,7 @@ impl Child {
     }
 }
 
-/// The shapes and primitives of a leaf's triangles.
+/// The shape and primitive numbers of a leaf's eight triangles.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Keys {
     pub(crate) shapes: Words,
@@ -103,7 +104,7 @@ pub(crate) fn key(shape: u32, primitive: u32) -> u64 {
     u64::from(shape) << 32 | u64::from(primitive)
 }
 
-/// The tree, its leaves and their numbers.
+/// The bounding volume hierarchy: nodes, leaves, and the shape and primitive numbers of the leaves.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tree {
     pub(crate) nodes: Vec<Node8>,
@@ -113,7 +114,7 @@ pub(crate) struct Tree {
     pub(crate) triangle_keys: Vec<Keys>,
     pub(crate) quadrics: Vec<Quadric>,
     pub(crate) quadric_keys: Vec<u64>,
-    /// The most entries on the stack at once.
+    /// The largest number of entries on the traversal stack at once.
     pub(crate) stack: usize,
     pub(crate) way: WalkKind,
 }
@@ -121,14 +122,14 @@ pub(crate) struct Tree {
 /// The walk of a tree. One branch selects it, so scenes without instances do not pay for them.
 #[derive(Clone, Debug)]
 pub(crate) enum WalkKind {
-    /// With the widest vectors, AVX2.
+    /// Traversal of triangles that do not move, with AVX2 vectors.
     #[cfg(target_arch = "x86_64")]
     Whole(pulp::x86::V3),
-    /// With pairs of vectors.
+    /// Traversal of triangles that do not move, with pairs of four-wide vectors.
     Pair,
-    /// Over triangles that move.
+    /// Traversal of triangles that move.
     Moving(Vectors),
-    /// Over base shapes, then over the scene's instances.
+    /// Traversal of the base shapes, then of the scene's instances.
     Placed(Box<PlacedTree>),
 }
 
@@ -225,7 +226,7 @@ impl<const MOVING: bool> Leaves for Primitives<MOVING> {
     }
 }
 
-/// Leaves that do not move and need no time.
+/// The leaf test for triangles that do not move and need no time.
 const STILL: Primitives<false> = Primitives { time: 0.0 };
 
 /// Leaves that are boxes; the function tests their contents.
@@ -295,7 +296,7 @@ impl Tree {
         }
     }
 
-    /// A walk to triangles that do not move.
+    /// Makes the walk for triangles that do not move.
     #[inline(always)]
     fn still<'a, S: Safeguards, L: Lanes, const ANY: bool>(
         &'a self,

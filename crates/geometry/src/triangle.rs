@@ -19,9 +19,9 @@ use crate::safeguards::Safeguards;
 use crate::traverse::Keys;
 use glam::Vec3;
 
-/// Triangles with a sheared area below this share of the square of their extent are finished in f64.
+/// Triangles whose sheared area is below this fraction of their squared extent are intersected again in f64.
 const THIN: f32 = 1.0 / 32.0;
-/// Below this area products of f32 lose bits to underflow.
+/// The sheared area below which products of f32 lose bits to underflow.
 const TINY: f32 = f32::MIN_POSITIVE * (1u64 << 26) as f32;
 /// Sixteen times the rounding unit of f32. It bounds the error of `t` relative to the magnitudes in it (three roundings
 /// per sheared coordinate, six in the interpolation).
@@ -39,13 +39,14 @@ pub(crate) fn lowest(mask: u32) -> usize {
     mask.trailing_zeros() as usize & (WIDTH - 1)
 }
 
-/// Up to eight triangles, corner by corner and axis by axis. Unused places repeat the first.
+/// Up to eight triangles, stored corner by corner and axis by axis. Unused lanes repeat the first triangle.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Triangles8 {
     corners: [[Eight; 3]; 3],
 }
 
-/// The lanes hit within the ray's limits, with their parameters and weights.
+/// The hits of one ray among eight triangles: a mask of the triangles hit, their ray parameters and barycentric
+/// weights.
 pub(crate) struct Hits {
     pub(crate) mask: u32,
     pub(crate) t: [f32; WIDTH],
@@ -96,7 +97,8 @@ impl Triangles8 {
         there
     }
 
-    /// The lanes whose triangles are hit at `tmin < t < tmax` and `t <= limit`.
+    /// The hits with `tmin < t < tmax` and `t <= limit`. `None` if no triangle is hit. Triangles at the ray's ends are
+    /// skipped.
     #[inline(always)]
     pub(crate) fn intersect<S: Safeguards, L: Lanes>(
         &self,
@@ -148,7 +150,7 @@ impl Triangles8 {
         [a - shear * z[0], b - shear * z[1], c - shear * z[2]]
     }
 
-    /// `t` and the weights of the `wanted` lanes, whose three edge functions have the same sign.
+    /// Computes `t` and the barycentric weights of the `wanted` lanes, whose three edge functions have the same sign.
     #[inline(always)]
     fn finish<S: Safeguards, L: Lanes>(
         &self,
@@ -192,8 +194,8 @@ impl Triangles8 {
         (hits.mask != 0).then_some(hits)
     }
 
-    /// Finishes the `unsettled` lanes in f64. In `sound` lanes only `t` is uncertain, near a limit, and the side of the
-    /// plane decides.
+    /// Intersects the `unsettled` lanes in f64 and adds their hits. In `sound` lanes only `t` is uncertain: there the
+    /// side of the plane on which the ray ends decides.
     #[inline(never)]
     fn settle(&self, prepared: &PreparedRay, limit: f32, mut unsettled: u32, sound: u32, hits: &mut Hits) {
         while unsettled != 0 {
@@ -239,7 +241,7 @@ impl Plane {
         Self { height, slant: normal.dot(prepared.ray.direction.as_dvec3()) }
     }
 
-    /// Tests if the ray meets the plane within its limits.
+    /// Returns true if the ray meets the plane within its limits.
     #[inline(always)]
     fn within(&self, prepared: &PreparedRay) -> bool {
         let (height, slant) = if self.slant > 0.0 { (self.height, self.slant) } else { (-self.height, -self.slant) };
@@ -247,7 +249,8 @@ impl Plane {
     }
 }
 
-/// Tests one triangle in f64, with the same sheared corners as its neighbours and `t` as exact as possible.
+/// Intersects one triangle in f64, with corners sheared by the same f32 operations as its neighbours'. Returns `t` and
+/// the weights of the second and third corner.
 #[inline(never)]
 fn settle(prepared: &PreparedRay, corners: &[Vec3; 3], plane: &Plane) -> Option<(f64, [f64; 2])> {
     let [kx, ky, kz] = prepared.axes;

@@ -7,11 +7,11 @@ pub enum Error {
     /// A parameter outside its range.
     #[error("{name} = {value} is out of range: {allowed}")]
     OutOfRange {
-        /// The parameter.
+        /// The name of the parameter.
         name: &'static str,
         /// The value given.
         value: String,
-        /// The range.
+        /// The allowed range, as text for the message.
         allowed: &'static str,
     },
 }

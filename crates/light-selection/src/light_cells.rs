@@ -9,27 +9,29 @@ use rayon::prelude::*;
 /// The parameters of [`LightCells`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightCellOptions {
-    /// Voxels along the longest side of the box; fewer where there are many lights.
+    /// The number of voxels along the longest side of the box; fewer if the table would otherwise be too large for the
+    /// number of lights.
     pub resolution: u32,
-    /// Weight of the expectation, in samples.
+    /// The weight of the expected contribution against the measured one, as a number of samples.
     pub prior: f32,
-    /// Share of uniform selection in every distribution: no weight is above one over this times the number of lights.
+    /// The fraction of uniform selection in every distribution. It bounds a sample's weight by the number of lights
+    /// over this fraction.
     pub defensive: f32,
 }
 
 impl Default for LightCellOptions {
-    /// 24 voxels, 4 samples, a tenth.
+    /// Returns a resolution of 24 voxels, a prior of 4 samples and a uniform fraction of 0.1.
     fn default() -> Self {
         Self { resolution: 24, prior: 4.0, defensive: 0.1 }
     }
 }
 
-/// The distributions in use.
+/// The kind of distributions in use: one per cell, or one for all cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Guidance {
     /// One distribution per cell.
     Cells,
-    /// One distribution for all: cells differ too little.
+    /// One distribution for all cells, since cells differ too little.
     Global,
 }
 
@@ -59,7 +61,7 @@ pub struct LightCells {
     /// Row by row: the end of each light's share of the unit interval. First comes the global mix, then the
     /// expectation for each neighbourhood, then the rows of cells that were seen.
     ends: Vec<f32>,
-    /// The number of rows before those of cells.
+    /// The number of rows before the cells' own: the global mix and the neighbourhoods.
     shared: usize,
     /// Per seen cell and light: the expected root of the second moment, up to a factor.
     expected: Vec<f32>,
@@ -68,17 +70,18 @@ pub struct LightCells {
     guidance: Guidance,
 }
 
-/// Different values of a coordinate of 24 bits.
+/// The number of values of a 24-bit random number.
 const STEPS: f32 = (1 << 24) as f32;
 /// The most numbers in a table: 2^21 of each kind take 34 MB in all, if every cell is seen.
 const MOST: usize = 1 << 21;
 /// Voxels along each side of a neighbourhood: until a cell is seen, a 27th of the rows will do (a ninth in a flat box).
 const NEIGHBOURHOOD: u32 = 3;
-/// Cells are used if they promise less than this share of the global mix's second moment.
+/// The fraction of the global distribution's second moment below which the cells' predicted second moment must lie for
+/// cells to be used.
 const WORTH: f64 = 0.97;
 
 impl LightCells {
-    /// A table for the points inside `bounds` and so many lights. Points outside belong to the nearest cell.
+    /// Makes a table for the points inside `bounds` and for `lights` lights. Points outside belong to the nearest cell.
     ///
     /// `expected` takes the middle of a voxel, half its diagonal, a cell's axis (a unit vector) and a light. It
     /// returns the light's approximate contribution there, in any unit: `|..| 1.0` if nothing is known. The result is
@@ -138,7 +141,7 @@ impl LightCells {
         Ok(Some(made))
     }
 
-    /// The cell of a point with this normal, on the side that is lit.
+    /// The index of the cell of a point with this normal, which is on the side that is lit.
     #[inline]
     pub fn cell(&self, position: [f32; 3], normal: [f32; 3]) -> u32 {
         self.grid.cell(position, normal)
@@ -222,12 +225,12 @@ impl LightCells {
         self.update_distributions();
     }
 
-    /// The distributions in use.
+    /// The kind of distributions in use: one per cell, or one for all cells.
     pub fn guidance(&self) -> Guidance {
         self.guidance
     }
 
-    /// Turns learned moments into probabilities.
+    /// Recomputes the probabilities of lights from the learned second moments.
     fn update_distributions(&mut self) {
         let ratios = self.light_ratios();
         let level = self.level(&ratios);
@@ -274,7 +277,7 @@ impl LightCells {
         sums.into_iter().map(|s| ratio(s).clamp(1e-4, 1e4)).collect()
     }
 
-    /// The second moment that an expectation of 1 stands for, over all cells.
+    /// The measured second moment for an expected contribution of 1, averaged over all cells.
     fn level(&self, ratios: &[f64]) -> f64 {
         let mut sums = [0.0; 2];
         for (expected, seen) in self.expected.chunks(self.lights).zip(self.seen.chunks(self.lights)) {
@@ -301,7 +304,7 @@ impl LightCells {
         mixes.moments.extend(each);
     }
 
-    /// The best mix for second moments, with its uniform share.
+    /// Computes the distribution of least variance for second moments, mixed with the uniform one.
     fn mix(&self, mixes: &mut Mixes) {
         let Mixes { moments, mix } = mixes;
         mix.clear();
@@ -312,7 +315,7 @@ impl LightCells {
         mix.iter_mut().for_each(|p| *p = (1.0 - uniform) * of(*p) + uniform / n);
     }
 
-    /// The mix for all cells together.
+    /// The probabilities of the lights from the samples of all cells together.
     fn global_mix(&self) -> Vec<f64> {
         let mut sums = vec![[0.0; 2]; self.lights];
         for seen in self.seen.chunks(self.lights) {
@@ -327,7 +330,7 @@ impl LightCells {
     }
 }
 
-/// Working memory: second moments of a cell's lights, and their mix.
+/// Working memory: the second moments of a cell's lights, and the probabilities that follow from them.
 #[derive(Default)]
 struct Mixes {
     moments: Vec<f64>,
@@ -350,7 +353,7 @@ fn expect(
     row.iter_mut().for_each(|v| *v = if scale > 0.0 { (*v * scale).max(1e-6) } else { 1.0 });
 }
 
-/// The sum of squares seen in a cell, and that of an expectation of 1.
+/// The sum of squared contributions measured in a cell, and the expected sum for a level of 1.
 fn level_of(expected: &[f32], seen: &[[f32; 2]], ratios: &[f64]) -> [f64; 2] {
     let each = expected.iter().zip(seen).zip(ratios);
     each.fold([0.0; 2], |sum, ((&e, &[n, squares]), ratio)| {
@@ -359,7 +362,8 @@ fn level_of(expected: &[f32], seen: &[[f32; 2]], ratios: &[f64]) -> [f64; 2] {
     })
 }
 
-/// Sets the ends of the shares of a mix: whole multiples of 2^-24, each above the one before.
+/// Sets the cumulative probabilities of a row from a mix of probabilities: whole multiples of 2^-24, each above the one
+/// before.
 fn set_ends(row: &mut [f32], mix: &[f64]) {
     let (mut sum, mut before) = (0.0, 0.0);
     let last = mix.len() - 1;

@@ -2,11 +2,8 @@
 
 use crate::Rates;
 use crate::contrast::{NOTHING, contrast, windowed};
-use crate::two_rates::TwoRates;
-use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
-    SamplerMemory, Stopping,
-};
+use crate::two_rates::{TwoRates, sampler_of_two_rates};
+use dapple_core::{Error, Film, Options as _, PilotPolicy, PointSet, Stopping};
 
 dapple_core::options! {
     /// The parameters of [`Mitchell`], the contrast-adaptive sampler.
@@ -127,40 +124,5 @@ impl<P: PointSet> Mitchell<P> {
     }
 }
 
-impl<P: PointSet> Sampler for Mitchell<P> {
-    fn name(&self) -> &str {
-        "mitchell"
-    }
-
-    fn describe(&self) -> String {
-        format!("mitchell:{}", self.options.describe())
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_extrema()
-    }
-
-    fn points(&self) -> &dyn PointSet {
-        &self.points
-    }
-
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        seen.film.require(self.name(), &self.needs())?;
-        let options = self.options;
-        let rates = |mean| options.rates(mean);
-        self.two_rates.next_round(seen, plan, rates, options.least(), |film| options.scores(film))
-    }
-
-    fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
-        // Ranges of pixels, of rows of a window, and of windows.
-        self.two_rates.memory(frame, needs, limits, 3 * size_of::<[[f32; 3]; 2]>())
-    }
-
-    fn save(&self) -> Vec<u8> {
-        self.two_rates.save()
-    }
-
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.two_rates.restore(saved)
-    }
-}
+// Ranges of pixels, of rows of a window, and of windows.
+sampler_of_two_rates!(Mitchell, "mitchell", 3 * size_of::<[[f32; 3]; 2]>());

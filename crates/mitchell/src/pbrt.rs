@@ -2,11 +2,8 @@
 
 use crate::Rates;
 use crate::contrast::deviation;
-use crate::two_rates::TwoRates;
-use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
-    SamplerMemory, Stopping, luminance,
-};
+use crate::two_rates::{TwoRates, sampler_of_two_rates};
+use dapple_core::{Error, Film, Options as _, PilotPolicy, PointSet, Stopping, luminance};
 
 dapple_core::options! {
     /// The parameters of [`MitchellPbrt`], the `adaptive` sampler of pbrt-v2.
@@ -82,6 +79,15 @@ impl<P: PointSet> MitchellPbrt<P> {
 }
 
 impl MitchellPbrtOptions {
+    /// The least number of samples of one pixel that have a deviation.
+    fn least(&self) -> u32 {
+        2
+    }
+
+    fn rates(&self, _: u64) -> Rates {
+        Rates { initial: self.min, additional: self.max - self.min }
+    }
+
     /// The largest relative deviation of a pixel's samples, divided by the threshold, per pixel. Pixels above 1 are
     /// refined.
     fn scores(&self, film: &Film) -> Vec<f64> {
@@ -96,40 +102,5 @@ impl MitchellPbrtOptions {
     }
 }
 
-impl<P: PointSet> Sampler for MitchellPbrt<P> {
-    fn name(&self) -> &str {
-        "mitchell-pbrt"
-    }
-
-    fn describe(&self) -> String {
-        format!("mitchell-pbrt:{}", self.options.describe())
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_extrema()
-    }
-
-    fn points(&self) -> &dyn PointSet {
-        &self.points
-    }
-
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        seen.film.require(self.name(), &self.needs())?;
-        let options = self.options;
-        let rates = Rates { initial: options.min, additional: options.max - options.min };
-        self.two_rates.next_round(seen, plan, |_| rates, 2, |film| options.scores(film))
-    }
-
-    fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
-        // Eight bytes per pixel for the scores.
-        self.two_rates.memory(frame, needs, limits, 8)
-    }
-
-    fn save(&self) -> Vec<u8> {
-        self.two_rates.save()
-    }
-
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.two_rates.restore(saved)
-    }
-}
+// Eight bytes per pixel for the scores.
+sampler_of_two_rates!(MitchellPbrt, "mitchell-pbrt", 8);

@@ -8,6 +8,60 @@ use dapple_core::{
 
 const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold the state of a sampler of two rates" };
 
+/// Implements `Sampler` for a struct of points, options and [`TwoRates`]. The options return the scores, the rates for a
+/// mean budget, and the least number of samples that has a score. Scoring takes `$scoring` bytes per pixel.
+macro_rules! sampler_of_two_rates {
+    ($Sampler:ident, $name:literal, $scoring:expr) => {
+        impl<P: PointSet> dapple_core::Sampler for $Sampler<P> {
+            fn name(&self) -> &str {
+                $name
+            }
+
+            fn describe(&self) -> String {
+                format!("{}:{}", $name, self.options.describe())
+            }
+
+            fn needs(&self) -> dapple_core::Needs {
+                dapple_core::Needs::none().with_extrema()
+            }
+
+            fn points(&self) -> &dyn PointSet {
+                &self.points
+            }
+
+            fn next_round(
+                &mut self,
+                seen: &dapple_core::Feedback<'_>,
+                plan: &mut dapple_core::Plan,
+            ) -> Result<dapple_core::Progress, Error> {
+                seen.film.require($name, &self.needs())?;
+                let options = self.options;
+                let rates = |mean| options.rates(mean);
+                self.two_rates.next_round(seen, plan, rates, options.least(), |film| options.scores(film))
+            }
+
+            fn memory(
+                &self,
+                frame: &dapple_core::Frame,
+                needs: &dapple_core::Needs,
+                limits: &dapple_core::Limits,
+            ) -> dapple_core::SamplerMemory {
+                self.two_rates.memory(frame, needs, limits, $scoring)
+            }
+
+            fn save(&self) -> Vec<u8> {
+                self.two_rates.save()
+            }
+
+            fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+                self.two_rates.restore(saved)
+            }
+        }
+    };
+}
+
+pub(crate) use sampler_of_two_rates;
+
 /// The state of a sampler with two rates (samples per pixel before and after refinement): ranking and rates in use.
 #[derive(Default)]
 pub(crate) struct TwoRates {

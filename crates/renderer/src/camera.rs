@@ -4,7 +4,7 @@ use crate::shading::warp::concentric_disk;
 use crate::space::Space;
 use dapple_geometry::{Motion, Ray};
 use dapple_scene::{Camera, Projection, Source};
-use glam::{DAffine3, Mat3, Vec2, Vec3};
+use glam::{DAffine3, DMat3, Mat3, Vec2, Vec3};
 
 /// A camera that cannot be made.
 #[non_exhaustive]
@@ -13,9 +13,9 @@ pub enum CameraError {
     /// The angle of view is out of range.
     #[error("{at}: a field of view of {fov} degrees is invalid; give an angle above 0 and below 180")]
     Fov {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the camera.
         at: Source,
-        /// The angle in degrees.
+        /// The invalid angle of view in degrees.
         fov: f64,
     },
     /// The camera's transform is not invertible.
@@ -23,7 +23,7 @@ pub enum CameraError {
         "{at}: the camera's transform is not finite or flattens space; check LookAt (eye and target must differ, up must not lie along the view) and scales"
     )]
     Pose {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the camera.
         at: Source,
     },
     /// The lens or its focal distance is invalid.
@@ -31,25 +31,25 @@ pub enum CameraError {
         "{at}: a lens of radius {radius} focused at {distance} is invalid; give a radius of at least 0 and a finite distance above 0"
     )]
     Lens {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the camera.
         at: Source,
-        /// Radius of the lens, in units of camera space.
+        /// The radius of the lens, in units of camera space.
         radius: f64,
-        /// Focal distance, in units of camera space.
+        /// The focal distance of the lens, in units of camera space.
         distance: f64,
     },
     /// The pose at the end of the motion is invalid.
     #[error("{at}: the camera's motion is invalid: {why}")]
     Motion {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the camera.
         at: Source,
-        /// The problem.
+        /// The problem of the motion, as text.
         why: String,
     },
     /// The window on the screen is invalid.
     #[error("{at}: the screen window or aspect ratio is empty or not finite")]
     Window {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the camera.
         at: Source,
     },
 }
@@ -66,7 +66,7 @@ pub struct CameraView {
     step: Vec2,
     /// Screen position of the image's centre, in screen units.
     shift: Vec2,
-    /// Radius of the lens and focal distance, in units of `axes`.
+    /// The radius of the lens; `focal_distance` is its focal distance. Both are in units of `axes`.
     lens_radius: f32,
     focal_distance: f32,
     /// True if rays start on the screen and run forward; `step` and `shift` are then in units of `axes`.
@@ -101,6 +101,37 @@ pub struct ThinLens;
 #[derive(Clone, Copy, Debug)]
 pub struct General;
 
+/// Returns the columns of a camera's transform without their scale, and that scale. `None` if they are not finite or lie
+/// in a plane.
+fn axes(given: DMat3) -> Option<(DMat3, f64)> {
+    let longest = given.to_cols_array().into_iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+    if !given.is_finite() || longest == 0.0 {
+        return None;
+    }
+    // Directions need no scale, and squares of a very small or large one leave the range of f32. A power
+    // of two changes no digit.
+    let size = longest.log2().floor().clamp(-1000.0, 1000.0).exp2();
+    let axes = given * size.recip();
+    // Below this the columns lie in a plane as far as f32 can tell. All is finite here.
+    (axes.determinant().abs() > 1e-20).then_some((axes, size))
+}
+
+/// Returns the motion of a camera, if it moves, and the factor from its matrix to the view's axes.
+fn motion(
+    camera: &Camera,
+    pose: DAffine3,
+    space: &Space,
+    length: f64,
+) -> Result<Option<Box<(Motion, f64)>>, CameraError> {
+    let Some(end) = camera.moves_to.filter(|end| *end != camera.to_world) else { return Ok(None) };
+    let (at, end) = (|| camera.source.clone(), space.apply(end));
+    let motion = Motion::between(pose, end).map_err(|e| CameraError::Motion { at: at(), why: e.to_string() })?;
+    if !end.translation.as_vec3().is_finite() || !(end.matrix3 * length.recip()).as_mat3().is_finite() {
+        return Err(CameraError::Pose { at: at() });
+    }
+    Ok(Some(Box::new((motion, length.recip()))))
+}
+
 impl CameraView {
     /// Makes the camera of a scene for images of this resolution.
     ///
@@ -110,19 +141,8 @@ impl CameraView {
     pub fn new(camera: &Camera, resolution: [u32; 2], space: &Space) -> Result<Self, CameraError> {
         let at = || camera.source.clone();
         let pose = space.apply(camera.to_world);
-        let given = camera.to_world.matrix3;
-        let longest = given.to_cols_array().into_iter().fold(0.0, |m: f64, x| m.max(x.abs()));
-        if !given.is_finite() || longest == 0.0 || !pose.translation.as_vec3().is_finite() {
-            return Err(CameraError::Pose { at: at() });
-        }
-        // Directions need no scale, and squares of a very small or large one leave the range of f32. A power
-        // of two changes no digit.
-        let size = longest.log2().floor().clamp(-1000.0, 1000.0).exp2();
-        let axes = given * size.recip();
-        // Below this the columns lie in a plane as far as f32 can tell. All is finite here.
-        if axes.determinant().abs() <= 1e-20 {
-            return Err(CameraError::Pose { at: at() });
-        }
+        let axes = axes(camera.to_world.matrix3).filter(|_| pose.translation.as_vec3().is_finite());
+        let (axes, size) = axes.ok_or_else(|| CameraError::Pose { at: at() })?;
         // Lens and focus are lengths of camera space, as in pbrt-v4; the axes have taken its scale.
         let length = space.scale() * size;
         // The length of a unit of the screen window, at distance 1 or everywhere.
@@ -161,18 +181,7 @@ impl CameraView {
         }
         let half = Vec2::new((width * 0.5) as f32, (height * 0.5) as f32);
         let axes = axes.as_mat3();
-        let motion = match camera.moves_to {
-            Some(end) if end != camera.to_world => {
-                let end = space.apply(end);
-                let motion = Motion::between(pose, end);
-                let motion = motion.map_err(|e| CameraError::Motion { at: at(), why: e.to_string() })?;
-                if !end.translation.as_vec3().is_finite() || !(end.matrix3 * length.recip()).as_mat3().is_finite() {
-                    return Err(CameraError::Pose { at: at() });
-                }
-                Some(Box::new((motion, length.recip())))
-            }
-            _ => None,
-        };
+        let motion = motion(camera, pose, space, length)?;
         let origin = pose.translation.as_vec3();
         Ok(Self { origin, axes, half, step, shift, lens_radius, focal_distance, orthographic, motion })
     }
@@ -213,7 +222,7 @@ impl CameraView {
 
     /// Returns the width of a pixel at distance 1 along the view direction.
     #[inline]
-    pub fn pixel_width(&self) -> f32 {
+    fn pixel_width(&self) -> f32 {
         self.step.min_element()
     }
 

@@ -68,7 +68,7 @@ pub(crate) trait LightSource {
     /// bounding sphere.
     fn power(&self, scene_radius: f64) -> f64;
 
-    /// Returns a first guess of the light's contributions, for learned selection.
+    /// Returns an approximation of the light's contributions, with which learned selection starts.
     fn expectation(&self) -> Expectation;
 }
 
@@ -119,7 +119,7 @@ lights! {
     Sphere(SphereLight),
     /// An emitting disk or ring.
     Disk(DiskLight),
-    /// A whole environment.
+    /// An environment as one light.
     Environment(Arc<Environment>),
     /// A tile of an environment map.
     Tile(Tile),
@@ -166,7 +166,7 @@ pub enum Target {
     Surface(SurfacePoint),
     /// A point in space, of a light without extent.
     Point(Vec3),
-    /// Infinitely far away.
+    /// A light infinitely far away.
     Far,
 }
 
@@ -210,7 +210,7 @@ impl LightSample {
 /// A selected light, and the probability of its selection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SelectedLight {
-    /// The number of the light.
+    /// The index of the light.
     pub index: u32,
     /// The probability of its selection.
     pub pmf: f32,
@@ -351,7 +351,7 @@ impl Lights {
         }
     }
 
-    /// Returns the first guess of each light's contributions.
+    /// Returns an approximation of each light's contributions, with which learned selection starts.
     pub(crate) fn expectations(&self) -> Vec<Expectation> {
         self.lights.iter().map(LightSource::expectation).collect()
     }
@@ -472,13 +472,8 @@ fn sample_on(lamp: &Lamp, from: Vec3, point: SurfacePoint, side: f32, area: f32)
     let radiance = lamp.radiance(cosine);
     // As `area_to_solid_angle`; a lamp that touches the point has no direction.
     let pdf = squared / (cosine.abs() * area);
-    (radiance != Vec3::ZERO && pdf > 0.0).then_some(LightSample {
-        wi,
-        radiance,
-        pdf,
-        target: Target::Surface(point),
-        delta: false,
-    })
+    let target = Target::Surface(point);
+    (radiance != Vec3::ZERO && pdf > 0.0).then_some(LightSample { wi, radiance, pdf, target, delta: false })
 }
 
 /// Returns the solid-angle density at `from` of a point drawn uniformly on `area`: `d^2 / (|cos| area)`.

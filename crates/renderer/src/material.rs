@@ -145,35 +145,8 @@ impl Surface {
             MaterialKind::ThinDielectric { eta } => {
                 (Kind::ThinDielectric { eta: index(*eta)? }, Scatters::default().lobes().through())
             }
-            MaterialKind::CoatedDiffuse { reflectance, coat } => {
-                let options = coat_options(coat)?;
-                let coat = Box::new(Coat::new(options).map_err(|e| e.to_string())?);
-                let reflectance = share(reflectance)?;
-                let scatters = Scatters { anisotropic: options.alpha[0] != options.alpha[1], ..Scatters::default() };
-                match reflectance {
-                    Color::Constant(rgb) => {
-                        let base = coat.base(Vec3::from_array(rgb));
-                        (Kind::Coated { coat, base }, scatters.lobes())
-                    }
-                    Color::Texture(_) => {
-                        let scatters = Scatters { textured: true, ..scatters.lobes() };
-                        (Kind::TexturedCoated { coat, reflectance }, scatters)
-                    }
-                }
-            }
-            MaterialKind::CoatedConductor { fresnel, roughness, coat } => {
-                let options = coat_options(coat)?;
-                let alpha = alpha(roughness)?;
-                let coat = Box::new(MetalCoat::new(options, alpha).map_err(|e| e.to_string())?);
-                let anisotropic = alpha[0] != alpha[1] || options.alpha[0] != options.alpha[1];
-                let scatters = Scatters { anisotropic, ..Scatters::default() }.lobes();
-                match conductor(fresnel)? {
-                    Metal::Known(ior) => (Kind::CoatedConductor { coat, ior }, scatters),
-                    Metal::Tinted(reflectance) => {
-                        (Kind::TintedCoatedConductor { coat, reflectance }, Scatters { textured: true, ..scatters })
-                    }
-                }
-            }
+            MaterialKind::CoatedDiffuse { reflectance, coat } => coated_diffuse(reflectance, coat)?,
+            MaterialKind::CoatedConductor { fresnel, roughness, coat } => coated_conductor(fresnel, roughness, coat)?,
             MaterialKind::Mirror { reflectance } => {
                 let reflectance = share(reflectance)?;
                 (Kind::Mirror(reflectance), Scatters::colors(&[reflectance]))
@@ -299,7 +272,7 @@ struct Scatters {
 }
 
 impl Scatters {
-    /// Returns the features of scattering that depends only on these colours.
+    /// Returns the features of a material whose scattering depends only on these colours.
     fn colors(colors: &[Color]) -> Self {
         let textured = colors.iter().any(|c| matches!(c, Color::Texture(_)));
         let black = colors.iter().all(|c| *c == Color::Constant([0.0; 3]));
@@ -371,6 +344,39 @@ impl Widths {
 enum Metal {
     Known(ComplexIor),
     Tinted(Color),
+}
+
+fn coated_diffuse(reflectance: &Color, coat: &Coating) -> Result<(Kind, Scatters), String> {
+    let options = coat_options(coat)?;
+    let coat = Box::new(Coat::new(options).map_err(|e| e.to_string())?);
+    let reflectance = share(reflectance)?;
+    let anisotropic = options.alpha[0] != options.alpha[1];
+    let scatters = Scatters { anisotropic, ..Scatters::default() }.lobes();
+    Ok(match reflectance {
+        Color::Constant(rgb) => {
+            let base = coat.base(Vec3::from_array(rgb));
+            (Kind::Coated { coat, base }, scatters)
+        }
+        Color::Texture(_) => (Kind::TexturedCoated { coat, reflectance }, Scatters { textured: true, ..scatters }),
+    })
+}
+
+fn coated_conductor(
+    fresnel: &ConductorFresnel,
+    roughness: &Roughness,
+    coat: &Coating,
+) -> Result<(Kind, Scatters), String> {
+    let options = coat_options(coat)?;
+    let alpha = alpha(roughness)?;
+    let coat = Box::new(MetalCoat::new(options, alpha).map_err(|e| e.to_string())?);
+    let anisotropic = alpha[0] != alpha[1] || options.alpha[0] != options.alpha[1];
+    let scatters = Scatters { anisotropic, ..Scatters::default() }.lobes();
+    Ok(match conductor(fresnel)? {
+        Metal::Known(ior) => (Kind::CoatedConductor { coat, ior }, scatters),
+        Metal::Tinted(reflectance) => {
+            (Kind::TintedCoatedConductor { coat, reflectance }, Scatters { textured: true, ..scatters })
+        }
+    })
 }
 
 fn conductor(fresnel: &ConductorFresnel) -> Result<Metal, String> {

@@ -19,9 +19,9 @@ pub enum MediumError {
     /// A coefficient is negative or not finite.
     #[error("{at}: the {what} {value:?} of medium \"{name}\" is invalid; give finite numbers of at least 0")]
     Coefficient {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the medium.
         at: scene::Source,
-        /// Name of the medium.
+        /// The name of the medium.
         name: String,
         /// The name of the coefficient.
         what: &'static str,
@@ -31,17 +31,17 @@ pub enum MediumError {
     /// A coefficient overflows single precision at the scene's size.
     #[error("{at}: medium \"{name}\" is too dense for a scene of this size; give smaller coefficients")]
     Beyond {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the medium.
         at: scene::Source,
-        /// Name of the medium.
+        /// The name of the medium.
         name: String,
     },
     /// The phase function's asymmetry is out of range.
     #[error("{at}: the asymmetry g = {g} of medium \"{name}\" is invalid; give a number above -1 and below 1")]
     Asymmetry {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the medium.
         at: scene::Source,
-        /// Name of the medium.
+        /// The name of the medium.
         name: String,
         /// The value.
         g: f32,
@@ -69,12 +69,12 @@ pub struct Medium {
 pub enum MediumEvent {
     /// The light is scattered.
     Scatter {
-        /// Distance from the ray's origin, below the limit.
+        /// The distance from the ray's origin to the event, below the limit.
         t: f32,
         /// Scattering coefficient times transmittance, over the density of `t`.
         weight: Vec3,
     },
-    /// The light reaches the limit.
+    /// The light reaches the limit without scattering.
     Pass {
         /// Transmittance over the probability of reaching the limit.
         weight: Vec3,

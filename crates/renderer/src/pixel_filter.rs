@@ -23,7 +23,7 @@ enum Kind {
     },
 }
 
-/// Steps of a tabulated inverse. Linear interpolation leaves errors of about 1e-3 of the radius.
+/// The number of steps of a tabulated inverse. Linear interpolation leaves errors of about 1e-3 of the radius.
 const STEPS: usize = 1024;
 
 impl FilterSampler {

@@ -39,35 +39,35 @@ pub enum Error {
     /// A microfacet width is outside `[0, 10]`.
     #[error("roughness makes a microfacet width of {value}; give one from 0 (smooth) to 10")]
     Roughness {
-        /// The width.
+        /// The invalid microfacet width.
         value: f32,
     },
     /// An index of refraction is outside `[0.1, 10]`.
     #[error("an index of refraction is {value}; give one from 0.1 to 10 (1.5 is common)")]
     Eta {
-        /// The index.
+        /// The invalid index of refraction.
         value: f32,
     },
     /// A coat's thickness is negative or not finite.
     #[error("a coat's thickness is {value}; give a finite one from 0 up")]
     Thickness {
-        /// The thickness.
+        /// The invalid optical thickness.
         value: f32,
     },
     /// A weight is negative, infinite or NaN.
     #[error("weight {index} is {value}; weights must be finite and not negative")]
     Weight {
-        /// Index of the weight.
+        /// The index of the invalid weight.
         index: usize,
-        /// The weight.
+        /// The invalid weight.
         value: f32,
     },
-    /// More items than a distribution can hold.
+    /// There are more items than a distribution can hold.
     #[error("{count} items or cells a side are more than the {most} that a distribution holds; merge some")]
     TooMany {
-        /// The count.
+        /// The number of items, or of cells along a side.
         count: usize,
-        /// The largest count.
+        /// The largest number that a distribution holds.
         most: usize,
     },
     /// The number of weights differs from columns times rows.

@@ -15,7 +15,7 @@ pub struct Textures {
     coded: Vec<Option<Arc<Coded>>>,
 }
 
-/// The deepest nesting of textures; deeper ones are black.
+/// The largest number of nested textures; a deeper texture is black.
 const DEEPEST: u32 = 8;
 
 impl Textures {
@@ -45,7 +45,7 @@ impl Textures {
 
     /// Returns a number at `uv`: the constant, or the first channel of the texture.
     #[inline]
-    pub fn look_up_scalar(&self, scalar: Scalar, uv: [f32; 2]) -> f32 {
+    pub(crate) fn look_up_scalar(&self, scalar: Scalar, uv: [f32; 2]) -> f32 {
         match scalar {
             Scalar::Constant(value) => value,
             Scalar::Texture(id) => self.look_up(id, uv).x,

@@ -88,7 +88,7 @@ use glam::Vec3;
 pub struct World {
     pub(crate) effects: Effects,
     pub(crate) geometry: Geometry,
-    /// Properties of the base shapes, those of no object.
+    /// The properties of the base shapes, which belong to no object.
     pub(crate) parts: Vec<Part>,
     /// Properties of the shapes of all objects, object by object.
     pub(crate) object_parts: Vec<Part>,
@@ -144,7 +144,7 @@ pub(crate) struct Part {
 }
 
 pub(crate) const NO_LIGHT: u32 = u32::MAX;
-/// Index that stands for vacuum.
+/// The medium index that means vacuum.
 pub(crate) const NO_MEDIUM: u32 = u32::MAX;
 
 /// A hit with its orientation, found by [`World::closest_hit`].
@@ -219,7 +219,7 @@ impl World {
     ///
     /// # Errors
     ///
-    /// As for [`World::new`].
+    /// The errors of [`World::new`].
     pub fn with_resolution(scene: &Scene, resolution: [u32; 2]) -> Result<Self, WorldError> {
         build::build(scene, resolution)
     }

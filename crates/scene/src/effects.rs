@@ -11,93 +11,60 @@ use std::fmt;
 use std::str::FromStr;
 use visible::Visible;
 
-/// A rendering effect, such as soft shadows, that costs render time in scenes that call for it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[non_exhaustive]
-pub enum Effect {
-    /// Soft shadows, cast by lights with an area.
-    SoftShadows,
-    /// More than one light, so that a renderer selects among them.
-    SeveralLights,
-    /// Glossy reflection or transmission: rough metals, coats and glass.
-    Glossy,
-    /// Mirror reflection: smooth metals, smooth coats and perfect mirrors.
-    Mirror,
-    /// Transmission through surfaces such as glass, water and panes.
-    Refraction,
-    /// Light that is scattered more than once on its path.
-    Interreflection,
-    /// Values that vary over a surface: reflectance, roughness, bumps, mix weights, opacity.
-    Textures,
-    /// Light from an environment, constant or an image.
-    Environment,
-    /// Depth of field: a lens with an aperture.
-    DepthOfField,
-    /// Motion blur: the camera, a shape or an instance moves while the shutter is open.
-    MotionBlur,
-    /// Surfaces with an opacity below 1.
-    Transparency,
-    /// Participating media that absorb light.
-    AbsorbingMedia,
-    /// Participating media that scatter light.
-    ScatteringMedia,
+/// Declares the effects in the order of reports: each with its name, and a phrase for the scene without it.
+macro_rules! effects {
+    ($($(#[$about:meta])* $variant:ident: $name:literal, $left_out:literal;)*) => {
+        /// A rendering effect, such as soft shadows, that costs render time in scenes that call for it.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        #[non_exhaustive]
+        pub enum Effect {
+            $($(#[$about])* $variant,)*
+        }
+
+        impl Effect {
+            /// All effects, in the order of reports.
+            pub const ALL: [Self; [$($name),*].len()] = [$(Self::$variant),*];
+
+            /// Returns the effect's name on the command line, such as `soft-shadows`.
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name,)* }
+            }
+
+            /// Returns a short phrase that describes the scene without the effect, as [`Scene::without`] returns it.
+            pub const fn left_out(self) -> &'static str {
+                match self { $(Self::$variant => $left_out,)* }
+            }
+        }
+    };
 }
 
-impl Effect {
-    /// All effects, in the order of reports.
-    pub const ALL: [Self; 13] = [
-        Self::SoftShadows,
-        Self::SeveralLights,
-        Self::Glossy,
-        Self::Mirror,
-        Self::Refraction,
-        Self::Interreflection,
-        Self::Textures,
-        Self::Environment,
-        Self::DepthOfField,
-        Self::MotionBlur,
-        Self::Transparency,
-        Self::AbsorbingMedia,
-        Self::ScatteringMedia,
-    ];
-
-    /// Returns the effect's name on the command line, such as `soft-shadows`.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::SoftShadows => "soft-shadows",
-            Self::SeveralLights => "several-lights",
-            Self::Glossy => "glossy",
-            Self::Mirror => "mirror",
-            Self::Refraction => "refraction",
-            Self::Interreflection => "interreflection",
-            Self::Textures => "textures",
-            Self::Environment => "environment",
-            Self::DepthOfField => "depth-of-field",
-            Self::MotionBlur => "motion-blur",
-            Self::Transparency => "transparency",
-            Self::AbsorbingMedia => "absorbing-media",
-            Self::ScatteringMedia => "scattering-media",
-        }
-    }
-
-    /// Returns a short phrase that describes the scene without the effect, as [`Scene::without`] returns it.
-    pub const fn left_out(self) -> &'static str {
-        match self {
-            Self::SoftShadows => "each area light is a point light of the same power, and invisible",
-            Self::SeveralLights => "only the most powerful light shines",
-            Self::Glossy => "rough surfaces are diffuse and equally bright, rough glass is clear",
-            Self::Mirror => "mirrors are diffuse and equally bright",
-            Self::Refraction => "light passes straight through glass, without reflection",
-            Self::Interreflection => "light scatters once",
-            Self::Textures => "every texture is its mean, and bumps are gone",
-            Self::Environment => "the environment is black",
-            Self::DepthOfField => "the lens is a pinhole",
-            Self::MotionBlur => "everything stands still, at its place in the middle of the exposure",
-            Self::Transparency => "partly transparent surfaces are opaque, mostly transparent ones are gone",
-            Self::AbsorbingMedia => "media do not absorb",
-            Self::ScatteringMedia => "media do not scatter",
-        }
-    }
+effects! {
+    /// Soft shadows, cast by lights with an area.
+    SoftShadows: "soft-shadows", "each area light is a point light of the same power, and invisible";
+    /// More than one light, so that a renderer selects among them.
+    SeveralLights: "several-lights", "only the most powerful light shines";
+    /// Glossy reflection or transmission: rough metals, coats and glass.
+    Glossy: "glossy", "rough surfaces are diffuse and equally bright, rough glass is clear";
+    /// Mirror reflection: smooth metals, smooth coats and perfect mirrors.
+    Mirror: "mirror", "mirrors are diffuse and equally bright";
+    /// Transmission through surfaces such as glass, water and panes.
+    Refraction: "refraction", "light passes straight through glass, without reflection";
+    /// Light that is scattered more than once on its path.
+    Interreflection: "interreflection", "light scatters once";
+    /// Values that vary over a surface: reflectance, roughness, bumps, mix weights, opacity.
+    Textures: "textures", "every texture is its mean, and bumps are gone";
+    /// Light from an environment, constant or an image.
+    Environment: "environment", "the environment is black";
+    /// Depth of field: a lens with an aperture.
+    DepthOfField: "depth-of-field", "the lens is a pinhole";
+    /// Motion blur: the camera, a shape or an instance moves while the shutter is open.
+    MotionBlur: "motion-blur", "everything stands still, at its place in the middle of the exposure";
+    /// Surfaces with an opacity below 1.
+    Transparency: "transparency", "partly transparent surfaces are opaque, mostly transparent ones are gone";
+    /// Participating media that absorb light.
+    AbsorbingMedia: "absorbing-media", "media do not absorb";
+    /// Participating media that scatter light.
+    ScatteringMedia: "scattering-media", "media do not scatter";
 }
 
 impl fmt::Display for Effect {

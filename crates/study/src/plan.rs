@@ -242,8 +242,7 @@ fn check_numbers(plan: &Plan) -> Result<(), PlanError> {
     }
     let threads = plan.threads;
     if threads > 1024 {
-        let message = format!("{threads} is out of range; use 0 (one per core) to 1024");
-        return Err(PlanError::new("threads", message));
+        return Err(PlanError::new("threads", format!("{threads} is out of range; use 0 (one per core) to 1024")));
     }
     Ok(())
 }

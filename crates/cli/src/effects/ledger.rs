@@ -7,8 +7,7 @@ use dapple_core::{Control, Frame, Status};
 use dapple_job::{BudgetSpec, CropSpec, JobError, JobMonitor, LoadedScene, PreparedScene, RenderSpec};
 use dapple_metrics::{Difference, Measured, Pixels, difference};
 use dapple_renderer::light::LightSelection;
-use dapple_scene::Scene;
-use dapple_scene::{Effect, Effects};
+use dapple_scene::{Effect, Effects, Scene};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::time::{Duration, Instant};
 

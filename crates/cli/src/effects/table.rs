@@ -2,9 +2,8 @@
 
 use super::ledger::{Ledger, Row, Shares};
 use dapple_job::found_by_chance;
-use dapple_metrics::Measured;
-use dapple_scene::{Called, Effect, Effects};
-use dapple_scene::{Scene, Source};
+use dapple_metrics::{Measured, student_t_quantile};
+use dapple_scene::{Called, Effect, Effects, Scene, Source};
 use serde::Serialize;
 use std::path::Path;
 
@@ -93,19 +92,9 @@ impl Figures {
     }
 }
 
-/// The quantile of Student's t distribution for a two-sided 95 % interval. From 31 degrees of freedom on, it is a
-/// series in the inverse of their number [after Fisher and Cornish 1960], accurate to 0.5 %.
+/// The quantile of Student's t distribution for a two-sided 95 % interval.
 fn student(freedom: u32) -> f64 {
-    const TABLE: [f64; 30] = [
-        12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131,
-        2.120, 2.110, 2.101, 2.093, 2.086, 2.080, 2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042,
-    ];
-    let z: f64 = 1.959_964;
-    let series = |n: f64| z + (z.powi(3) + z) / (4.0 * n);
-    (freedom as usize)
-        .checked_sub(1)
-        .and_then(|i| TABLE.get(i).copied())
-        .unwrap_or_else(|| series(freedom.max(1).into()))
+    student_t_quantile(0.975, f64::from(freedom))
 }
 
 impl<'a> Told<'a> {
@@ -253,9 +242,9 @@ mod tests {
 
     #[test]
     fn intervals_by_students_t() {
-        assert_eq!((student(1), student(3), student(30)), (12.706, 3.182, 2.042));
-        // 2.0395 and 2.0003 in tables.
-        assert!((student(31) - 2.0395).abs() < 0.01 && (student(60) - 2.0003).abs() < 0.005);
+        for (freedom, table) in [(1, 12.706), (3, 3.182), (30, 2.042), (31, 2.040), (60, 2.000)] {
+            assert!((student(freedom) - table).abs() < 0.0006, "{freedom}: {}", student(freedom));
+        }
     }
 
     #[test]

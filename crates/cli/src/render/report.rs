@@ -2,7 +2,6 @@
 
 use dapple_job::memory::{MemoryEstimate, resident, size};
 use dapple_job::{Job, PhaseSeconds, RenderedImage};
-use dapple_scene::Effects;
 use serde::Serialize;
 
 /// A finished image with its job, from which the result is formatted.
@@ -56,7 +55,7 @@ impl Report<'_> {
             cpu: self.cpu,
             predicted_relmse: image.film.predicted_relmse(),
             rejected: record.rejected,
-            effects: Effects::of(job.scene()).called().iter().map(|c| c.effect.name()).collect(),
+            effects: job.world().effects().called().iter().map(|c| c.effect.name()).collect(),
             without: job.prepared().without().iter().map(|e| e.name()).collect(),
         };
         // Serialising plain numbers and text cannot fail.

@@ -11,7 +11,7 @@ pub fn sidak(alpha: f64, tests: usize) -> f64 {
 }
 
 /// `ln Gamma(x)` for x > 0, by Stirling's series after shifting x above 15; the error is below 1e-14.
-pub fn ln_gamma(x: f64) -> f64 {
+pub(crate) fn ln_gamma(x: f64) -> f64 {
     let mut shift = 0.0;
     let mut x = x;
     while x < 15.0 {
@@ -25,7 +25,7 @@ pub fn ln_gamma(x: f64) -> f64 {
 
 /// The upper regularised incomplete gamma function Q(a, x). Uses the series of P below a + 1, else Legendre's continued
 /// fraction (modified Lentz), so that small tails keep their digits.
-pub fn gamma_q(a: f64, x: f64) -> f64 {
+pub(crate) fn gamma_q(a: f64, x: f64) -> f64 {
     if x <= 0.0 {
         return 1.0;
     }

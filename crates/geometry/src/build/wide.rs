@@ -11,10 +11,12 @@ use crate::triangle::Triangles8;
 use glam::Vec3;
 use obvhs::bvh2::node::Bvh2Node;
 
-/// The expected time of testing eight boxes; below, of eight triangles and of one sphere or disk. Of 0.6, 1.2 and 2 for
-/// triangles, 0.6 gave the fastest rays and the smallest tree in each scene of benches/rays.rs, by 1 to 5 %.
+/// The expected time of testing eight boxes, the unit of these costs.
 const NODE_COST: f32 = 1.0;
+/// The expected time of testing eight triangles. Of 0.6, 1.2 and 2, 0.6 gave the fastest rays and the smallest tree in
+/// each scene of benches/rays.rs, by 1 to 5 %.
 const TRIANGLES_COST: f32 = 0.6;
+/// The expected time of testing one sphere or disk.
 const QUADRIC_COST: f32 = 2.5;
 /// The expected time of testing an instance: an estimate for transforming a ray and testing a few nodes of the object.
 const BOX_COST: f32 = 10.0;
@@ -34,9 +36,9 @@ const MANY: u32 = WIDTH as u32 + 1;
 /// The costs of a binary subtree.
 #[derive(Clone, Copy, Debug)]
 struct SubtreePlan {
-    /// The least cost as at most 1, 2, … 7 children of a node.
+    /// The least cost of the subtree as at most 1, 2, … 7 children of a node.
     cost: [f32; WIDTH - 1],
-    /// As [`Pair::triangles`].
+    /// The number of triangles in the subtree, or [`MANY`]; see [`Pair::triangles`].
     triangles: u32,
     /// True if the subtree, as a single child, is cheapest as a leaf.
     leaf: bool,

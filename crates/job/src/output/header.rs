@@ -2,7 +2,6 @@
 
 use crate::{BudgetSpec, Job, RenderedImage, pixel_filter};
 use dapple_core::{Combine, Film};
-use dapple_scene::Effects;
 
 /// All settings and results of the render, as pairs of attribute name and text. `cpu` is the processor time in seconds;
 /// `None` if unknown.
@@ -12,7 +11,7 @@ pub(super) fn attributes(job: &Job, image: &RenderedImage, cpu: Option<f64>) -> 
     let [[w, h], [x, y], [cw, ch]] = [frame.resolution(), frame.origin(), frame.size()];
     let budgets: Vec<String> = record.budgets.iter().map(u64::to_string).collect();
     let notices: Vec<String> = scene.notices.iter().map(|n| format!("{}: {}", n.source, n.message)).collect();
-    let effects: Vec<&str> = Effects::of(scene).called().iter().map(|c| c.effect.name()).collect();
+    let effects: Vec<&str> = job.world().effects().called().iter().map(|c| c.effect.name()).collect();
     let without: Vec<&str> = job.prepared().without().iter().map(|e| e.name()).collect();
     let list = [
         ("version", env!("CARGO_PKG_VERSION").to_owned()),

@@ -13,7 +13,7 @@ pub(super) struct Grid {
     counts: [u32; 3],
 }
 
-/// Orientations: the axis that a normal is nearest to, and its sign.
+/// The number of orientations of a normal: its nearest axis, and the sign along it.
 const AXES: u32 = 6;
 
 impl Grid {

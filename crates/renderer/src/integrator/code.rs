@@ -6,21 +6,22 @@ use super::path::ROULETTE_FROM;
 use crate::World;
 use dapple_scene::Effect;
 
-/// Selection among several lights.
+/// The bit for selection among several lights.
 pub const SEVERAL_LIGHTS: u32 = 1;
-/// Light from environments.
+/// The bit for light from environments.
 pub const ENVIRONMENT: u32 = 2;
-/// Russian roulette, if paths may be long enough.
+/// The bit for Russian roulette, needed if paths may be long enough.
 pub const ROULETTE: u32 = 4;
-/// Surfaces that transmit light.
+/// The bit for surfaces that transmit light.
 pub const TRANSMISSION: u32 = 8;
-/// Effects that few scenes have: media, alpha, interfaces, mixed materials and motion.
+/// The bit for effects that few scenes have: media, alpha, interfaces, mixed materials and motion.
 ///
-/// One predictable branch each tells them apart at run time.
+/// One predictable branch per effect decides at run time if it is present.
 pub const RARE: u32 = 16;
-/// Surfaces other than diffuse ones of one colour, vertex normals, and instances.
+/// The bit for surfaces other than diffuse ones of one colour, for vertex normals, and for instances.
 pub const VARIED: u32 = 32;
-/// Light selection that is learned: a [`LearnedSelector`](super::LearnedSelector), not a bit of the path tracer's code.
+/// The bit for learned light selection. It selects a [`LearnedSelector`](super::LearnedSelector) and is no bit of the
+/// path tracer's code.
 pub const LEARNED_SELECTION: u32 = 64;
 
 /// Returns the bits of the code that a world needs, from the [effects](World::effects) of its scene and its surfaces.

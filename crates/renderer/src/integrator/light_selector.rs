@@ -33,12 +33,13 @@ pub trait LightSelector: Sync {
         let _ = (training, place, light, contribution);
     }
 
-    /// See [`Integrator::wants_training`](dapple_core::Integrator::wants_training).
+    /// Returns true while the selector learns; see
+    /// [`Integrator::wants_training`](dapple_core::Integrator::wants_training).
     fn wants_training(&self) -> bool {
         false
     }
 
-    /// See [`Integrator::learn`](dapple_core::Integrator::learn).
+    /// Learns from the records of one training pass; see [`Integrator::learn`](dapple_core::Integrator::learn).
     fn learn(&mut self, pass: &TrainingData) {
         let _ = pass;
     }
@@ -76,7 +77,7 @@ impl LightSelector for FixedSelector {
 #[derive(Debug)]
 pub struct LearnedSelector {
     cells: Option<LightCells>,
-    /// First guesses of contributions, one per light.
+    /// The approximate contribution expected of each light before learning.
     expectations: Vec<Expectation>,
     passes_left: u32,
     /// Test switch: weights light found by BSDF sampling with unlearned probabilities, an error that a test must find.
@@ -84,10 +85,10 @@ pub struct LearnedSelector {
     pub(super) forgets: bool,
 }
 
-/// The place outside all cells.
+/// The place of points outside all cells, which use the fixed distribution.
 const NO_CELL: u32 = u32::MAX;
 
-/// Number of training passes: 1, 1, 2 and 4 samples per pixel if the rounds are long enough.
+/// The number of training passes. They take 1, 1, 2 and 4 samples per pixel if the rounds are long enough.
 const TRAINING_PASSES: u32 = 4;
 
 impl LightSelector for LearnedSelector {

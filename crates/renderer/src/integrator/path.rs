@@ -42,9 +42,9 @@ struct Path<P> {
     radiance: Vec3,
     /// The last scattering event, if light sampling there could have found the light that the next ray meets.
     last: Option<LastScatter<P>>,
-    /// Scattering events so far.
+    /// The number of scattering events so far.
     depth: u32,
-    /// Rays so far, shadow rays included.
+    /// The number of rays traced so far, shadow rays included.
     rays: u32,
     /// Product of the squared indices of refraction crossed.
     ///
@@ -64,7 +64,7 @@ struct LastScatter<P> {
     position: Vec3,
     /// The place whose light distribution was sampled.
     place: P,
-    /// Solid-angle density of the direction that was sampled.
+    /// The solid-angle density with which the BSDF or phase function sampled the direction.
     pdf: f32,
 }
 

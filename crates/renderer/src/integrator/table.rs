@@ -31,7 +31,7 @@ pub struct IntegratorEntry {
     pub name: &'static str,
     /// A description in one line.
     pub about: &'static str,
-    /// The parameters.
+    /// The parameters that the integrator takes, with their defaults.
     pub parameters: &'static [Parameter],
     make: MakeIntegrator,
 }
@@ -47,7 +47,7 @@ pub enum IntegratorError {
         name: String,
         /// The known name closest to it, if one is close.
         nearest: Option<&'static str>,
-        /// The names of the table.
+        /// The names of all integrators, separated by commas.
         known: String,
     },
     /// A parameter that is unknown, repeated, or has no valid value.
@@ -55,7 +55,7 @@ pub enum IntegratorError {
     Parameter {
         /// The integrator.
         integrator: &'static str,
-        /// The problem, and its remedy.
+        /// The error of the parameter, with its remedy.
         source: OptionError,
     },
 }
@@ -69,7 +69,7 @@ pub fn integrators() -> &'static [IntegratorEntry] {
 ///
 /// # Errors
 ///
-/// For an unknown name or parameter, and for a value out of range.
+/// [`IntegratorError`] for an unknown name or parameter, and for a value out of range.
 ///
 /// # Examples
 ///

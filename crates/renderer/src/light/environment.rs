@@ -22,9 +22,9 @@ pub enum EnvironmentError {
     /// The radiance is negative or not finite.
     #[error("{at}: the environment's radiance {value:?} is invalid; give finite numbers of at least 0")]
     Radiance {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the environment.
         at: Source,
-        /// The value.
+        /// The invalid value, linear RGB.
         value: [f32; 3],
     },
     /// A texel is negative or not finite.
@@ -32,13 +32,13 @@ pub enum EnvironmentError {
         "{at}: texel ({column}, {row}) of the environment image is {value:?}; repair the image: values must be finite and at least 0, also when scaled"
     )]
     Texel {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the environment.
         at: Source,
-        /// Column of the texel, from the left, from 0.
+        /// The column of the texel, counted from 0 at the left.
         column: usize,
-        /// Row of the texel, from the top, from 0.
+        /// The row of the texel, counted from 0 at the top.
         row: usize,
-        /// The value.
+        /// The invalid value, linear RGB.
         value: [f32; 3],
     },
     /// An equal-area image is not square.
@@ -46,17 +46,17 @@ pub enum EnvironmentError {
         "{at}: an equal-area environment image must be square, not {} x {}; use a square image, or one in latitude and longitude", size[0], size[1]
     )]
     Square {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the environment.
         at: Source,
-        /// Width and height.
+        /// The width and height of the image in pixels.
         size: [u32; 2],
     },
     /// The image has more texels than a distribution can hold.
     #[error("{at}: an environment image of {} x {} is too large; scale it down", size[0], size[1])]
     Size {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the environment.
         at: Source,
-        /// Width and height.
+        /// The width and height of the image in pixels.
         size: [u32; 2],
     },
     /// The transform stretches or flattens space, or is not finite.
@@ -64,7 +64,7 @@ pub enum EnvironmentError {
         "{at}: the environment's transform flattens or stretches space, or is not finite; rotate, mirror and scale uniformly only"
     )]
     Transform {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the environment.
         at: Source,
     },
 }
@@ -89,9 +89,9 @@ struct Map {
     layout: Layout,
     image: Arc<Image>,
     scale: f32,
-    /// Distribution of texels by brightness times solid angle.
+    /// The distribution that samples texels by brightness times solid angle.
     cells: PiecewiseConstant2d,
-    /// Mean luminance over the sphere.
+    /// The mean luminance of the map over the sphere.
     average: f64,
 }
 

@@ -23,7 +23,8 @@ pub(crate) enum Expectation {
 }
 
 impl Expectation {
-    /// Returns about the unoccluded irradiance on surfaces within `half` of `at` whose normals are nearest to `axis`.
+    /// Returns the approximate unoccluded irradiance on surfaces within distance `half` of `at` whose normals are
+    /// nearest to `axis`.
     ///
     /// It is above 0 even if the light is behind `at`, since cells have an extent.
     pub(crate) fn irradiance(&self, at: Vec3, half: f32, axis: Vec3) -> f32 {

@@ -10,9 +10,9 @@ pub enum PunctualError {
     /// The intensity or irradiance is negative or not finite.
     #[error("{at}: the light's intensity {value:?} is invalid; give finite numbers of at least 0")]
     Value {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the light.
         at: Source,
-        /// The value.
+        /// The invalid intensity or irradiance, linear RGB.
         value: [f32; 3],
     },
     /// The intensity or distance overflows single precision at the scene's size.
@@ -20,7 +20,7 @@ pub enum PunctualError {
         "{at}: the light is too strong or too far away for a scene of this size; reduce it, or use a distant light"
     )]
     Beyond {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the light.
         at: Source,
     },
     /// The angles do not make a cone.
@@ -28,11 +28,11 @@ pub enum PunctualError {
         "{at}: the spot's cone of {cone} degrees with a falloff from {falloff_start} is invalid; give 0 <= start <= cone <= 180, cone above 0"
     )]
     Cone {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the light.
         at: Source,
-        /// Angle in degrees at which the light ends.
+        /// The angle from the axis at which the light ends, in degrees.
         cone: f32,
-        /// Angle in degrees at which the falloff starts.
+        /// The angle from the axis at which the falloff starts, in degrees.
         falloff_start: f32,
     },
     /// The transform flattens space, stretches a spot's cone, or is not finite.
@@ -40,7 +40,7 @@ pub enum PunctualError {
         "{at}: the light's transform flattens space, stretches the cone of a spot, or is not finite; move, rotate, mirror and scale uniformly only"
     )]
     Transform {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the light.
         at: Source,
     },
 }

@@ -18,10 +18,10 @@ use std::str::FromStr;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LightSelection {
-    /// Proportional to power.
+    /// Selection proportional to the lights' power.
     #[default]
     Power,
-    /// Every light with the same probability.
+    /// Selection of every light with the same probability.
     Uniform,
     /// Learned while rendering, per cell of space and orientation, from the contributions of lights there
     /// ([`LightCells`](dapple_light_selection::LightCells)).
@@ -74,7 +74,7 @@ impl FromStr for LightSelection {
     }
 }
 
-/// Number of values of a random number, which point sets make of 24 bits.
+/// The number of values of a 24-bit random number.
 const STEPS: u64 = 1 << 24;
 
 /// Returns the distribution that selects lights proportionally to `powers`, each with a probability above 0.

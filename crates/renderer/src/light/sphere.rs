@@ -73,14 +73,8 @@ impl LightSource for SphereLight {
         let wi = frame.to_world(Vec3::new(local.x, local.y, -local.z)).normalize();
         // The first point met is seen from outside.
         let radiance = self.lamp.radiance(self.flip);
-        let pdf = warp::uniform_cone_pdf(height);
-        (radiance != Vec3::ZERO).then_some(LightSample {
-            wi,
-            radiance,
-            pdf,
-            target: Target::Surface(point),
-            delta: false,
-        })
+        let (pdf, target) = (warp::uniform_cone_pdf(height), Target::Surface(point));
+        (radiance != Vec3::ZERO).then_some(LightSample { wi, radiance, pdf, target, delta: false })
     }
 
     #[inline]

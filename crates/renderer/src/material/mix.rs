@@ -4,7 +4,7 @@ use super::{Kind, MaterialError, Surface};
 use crate::texture::Textures;
 use dapple_scene::{Material, MaterialKind, Scalar};
 
-/// The deepest nesting of mixes.
+/// The largest number of nested mixes.
 const DEEPEST: u32 = 16;
 
 /// Returns the surface of material `index` at a point, and the surface's index. For a mix, it is one of the mixed

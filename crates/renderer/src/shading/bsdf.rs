@@ -51,7 +51,7 @@ pub enum Bsdf<'m> {
         coat: &'m MetalCoat,
         /// The metal's index of refraction over the coat's.
         ior: ComplexIor,
-        /// About the metal's reflectance, to choose lobes by.
+        /// The metal's approximate reflectance, from which the probability of the coat's lobe is computed.
         bright: f32,
     },
     /// Rough glass; made by [`Bsdf::dielectric`].
@@ -63,7 +63,7 @@ pub enum Bsdf<'m> {
         /// Index of refraction of the glass.
         eta: f32,
     },
-    /// Lambert's reflection, and the same through the surface.
+    /// Lambert's reflection, and Lambertian transmission through the surface.
     DiffuseTransmission(DiffuseTransmission),
     /// A mirror without a Fresnel term.
     Mirror {
@@ -72,7 +72,7 @@ pub enum Bsdf<'m> {
     },
     /// The sum of Lambert's reflection and a glossy one.
     Plastic(Plastic),
-    /// Lambert's reflection under a glossy one.
+    /// Lambert's reflection under a glossy one that reduces it [Ashikhmin and Shirley 2000].
     Substrate(Substrate),
 }
 
@@ -101,7 +101,7 @@ impl<'m> Bsdf<'m> {
     ///
     /// # Errors
     ///
-    /// As for [`TrowbridgeReitz::new`].
+    /// The errors of [`TrowbridgeReitz::new`].
     pub fn conductor(ior: ComplexIor, alpha: [f32; 2]) -> Result<Self, super::Error> {
         let microfacets = TrowbridgeReitz::new(alpha)?;
         Ok(if effectively_smooth(alpha) { Self::SmoothConductor { ior } } else { Self::Conductor { ior, microfacets } })
@@ -287,7 +287,7 @@ impl<'m> Bsdf<'m> {
         )
     }
 
-    /// Returns about the share of light scattered, per channel: a feature for denoisers, not for transport.
+    /// Returns the approximate share of light scattered, per channel: a feature for denoisers, not for transport.
     pub fn albedo(&self) -> Vec3 {
         match self {
             Self::Diffuse { reflectance } | Self::Mirror { reflectance } => *reflectance,

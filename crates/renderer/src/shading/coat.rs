@@ -24,8 +24,8 @@ use dapple_scene::effectively_smooth;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
-/// Cells of the tables over the cosine. A smooth coat's transmittance, the hardest to tabulate, is within 1e-4
-/// (relatively, within 1e-3 at a cosine of 0.01).
+/// The number of cells of the tables over the cosine. A smooth coat's transmittance, the hardest to tabulate, is within
+/// 1e-4 (relatively, within 1e-3 at a cosine of 0.01).
 const CELLS: usize = 256;
 
 /// The parameters of a [`Coat`], as pbrt-v4's `coateddiffuse` has them.
@@ -40,7 +40,7 @@ pub struct CoatOptions {
     /// (inside) keeps `exp(-thickness / c)`. Where the coat scatters with an albedo, what it scatters mostly
     /// goes on: multiply the thickness by `1 - albedo`.
     pub thickness: f32,
-    /// Most events of pbrt-v4's walk between the layers; `u32::MAX` for all.
+    /// The largest number of events of pbrt-v4's random walk between the layers; `u32::MAX` for all.
     pub max_depth: u32,
 }
 
@@ -110,7 +110,7 @@ impl Coat {
 
     /// Returns the share of light at this cosine that reaches the base, and the share that the coat reflects.
     #[inline]
-    pub fn transmittance_and_reflectance(&self, cos: f32) -> [f32; 2] {
+    pub(crate) fn transmittance_and_reflectance(&self, cos: f32) -> [f32; 2] {
         let x = cos.clamp(0.0, 1.0) * CELLS as f32;
         let cell = (x as usize).min(CELLS - 1);
         let t = x - cell as f32;
@@ -118,13 +118,8 @@ impl Coat {
         [a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])]
     }
 
-    /// Returns the share of the base's light that the coat reflects back to the base.
-    pub fn internal_reflectance(&self) -> f32 {
-        self.internal_reflectance
-    }
-
     /// Returns the transmittance averaged over a cosine-weighted hemisphere.
-    pub fn average_transmittance(&self) -> f32 {
+    pub(crate) fn average_transmittance(&self) -> f32 {
         self.average_transmittance
     }
 
@@ -295,7 +290,7 @@ mod tests {
         let outside = 1.0 - coat.average_transmittance();
         assert!((outside - 0.0918).abs() < 1e-4, "{outside}");
         let inside = 1.0 - (1.0 - outside) / 2.25;
-        assert!((coat.internal_reflectance() - inside).abs() < 1e-5, "{} {inside}", coat.internal_reflectance());
+        assert!((coat.internal_reflectance - inside).abs() < 1e-5, "{} {inside}", coat.internal_reflectance);
     }
 
     #[test]

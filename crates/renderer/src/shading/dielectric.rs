@@ -20,7 +20,7 @@ pub struct Tint {
 }
 
 impl Tint {
-    /// No tint.
+    /// The tint without effect: both factors are 1.
     pub const WHITE: Self = Self { reflectance: Vec3::ONE, transmittance: Vec3::ONE };
 
     /// Returns the probability of sampling the reflection, for a Fresnel reflectance of `reflectance`; transmission has
@@ -140,8 +140,8 @@ impl RoughDielectric {
         (f, self.tint.chance(reflectance) * self.microfacets.reflection_pdf(wo, h))
     }
 
-    /// `f` and density for `wo` above and `wi` below [Walter et al. 2007, eq. 16, 17 and 21, over `eta^2`]; `outside`
-    /// is whether `wo` lies outside of the glass.
+    /// Returns `f` and density for `wo` above and `wi` below [Walter et al. 2007, eq. 16, 17 and 21, over `eta^2`].
+    /// `outside` is true if `wo` lies outside the glass.
     ///
     /// The half vector is `h = a + eta b`, `a` being the direction outside and `b` the one inside, whichever light
     /// comes from: so the two ways through differ by `eta^2`, and by nothing else. The root of the Jacobian's
@@ -180,12 +180,12 @@ pub(super) fn sample_pane(eta: f32, wo: Vec3, lobe: f32) -> BsdfSample {
     BsdfSample { wi, weight: Vec3::ONE, pdf, specular: true, eta: 1.0 }
 }
 
-/// Lambert's reflection on this side, and the same on the other: a sheet of paper.
+/// Lambert's reflection, and Lambertian transmission to the other side, as of a sheet of paper.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DiffuseTransmission {
-    /// Share of light reflected, per channel.
+    /// The share of light reflected, per channel.
     pub reflectance: Vec3,
-    /// Share of light that comes out on the other side, per channel.
+    /// The share of light that leaves on the other side, per channel.
     pub transmittance: Vec3,
 }
 

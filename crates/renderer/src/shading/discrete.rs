@@ -31,11 +31,11 @@ pub struct Discrete {
 /// An item sampled from a [`Discrete`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
-    /// Index of the item.
+    /// The index of the sampled item.
     pub index: usize,
-    /// Probability of the item, above 0, equal to [`Discrete::pmf`].
+    /// The probability of the sampled item, above 0, equal to [`Discrete::pmf`].
     pub pmf: f32,
-    /// Position of the coordinate within the item's share, again uniform in `[0, 1)`.
+    /// The position of the random coordinate within the item's share, again uniform in `[0, 1)`.
     pub u: f32,
 }
 
@@ -123,8 +123,8 @@ pub struct PiecewiseConstant2d {
     size: [usize; 2],
 }
 
-/// Columns per slot of a row's guide. Without a guide, a binary search through a row misses the cache at nearly every
-/// step: a quarter of the time in a scene lit by an image of 1024 x 512.
+/// The number of columns per slot of a row's guide. Without a guide, a binary search through a row misses the cache at
+/// nearly every step: a quarter of the time in a scene lit by an image of 1024 x 512.
 const TO_A_SLOT: usize = 4;
 
 impl PiecewiseConstant2d {

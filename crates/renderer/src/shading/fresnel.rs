@@ -15,16 +15,16 @@ pub fn dielectric(cos: f32, eta: f32) -> f32 {
     }
 }
 
-/// Returns [`dielectric`] from the cosines on both sides, each in `[0, 1]`, not both 0.
+/// Returns the Fresnel reflectance of [`dielectric`] from the cosines on both sides, each in `[0, 1]`, not both 0.
 #[inline]
-pub fn dielectric_between(cos: f32, cos_t: f32, eta: f32) -> f32 {
+pub(crate) fn dielectric_between(cos: f32, cos_t: f32, eta: f32) -> f32 {
     let parallel = (eta * cos - cos_t) / (eta * cos + cos_t);
     let perpendicular = (cos - eta * cos_t) / (cos + eta * cos_t);
     0.5 * (parallel * parallel + perpendicular * perpendicular)
 }
 
-/// Reflectance of a pane: both of its faces and all reflections between them, `R + T^2 R / (1 - R^2)` for a face's
-/// `R = 1 - T` [Pharr et al. 2023, sec. 9.5.2]; the rest goes straight through.
+/// Returns the reflectance of a pane: both of its faces and all reflections between them, `R + T^2 R / (1 - R^2)` for a
+/// face's `R = 1 - T` [Pharr et al. 2023, sec. 9.5.2]. The rest of the light passes straight through.
 #[inline]
 pub fn pane(cos: f32, eta: f32) -> f32 {
     let face = dielectric(cos, eta);
@@ -44,15 +44,15 @@ pub fn transmitted_cosine(cos: f32, eta: f32) -> Option<f32> {
 /// A metal's index of refraction `eta + i k` over that of the medium around it, per channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ComplexIor {
-    /// Real part.
+    /// The real part of the index, per channel.
     pub eta: Vec3,
-    /// Imaginary part.
+    /// The imaginary part of the index, per channel.
     pub k: Vec3,
 }
 
 impl ComplexIor {
-    /// The index, with `eta` 1, that reflects `reflectance` at normal incidence, as pbrt-v4's conductor
-    /// with a reflectance: `k = 2 sqrt(r / (1 - r))`, `r` clamped to `[0, 0.9999]`.
+    /// Returns the index with real part 1 that reflects `reflectance` at normal incidence, as pbrt-v4's conductor with
+    /// a reflectance does: `k = 2 sqrt(r / (1 - r))`, `r` clamped to `[0, 0.9999]`.
     pub fn from_reflectance(reflectance: Vec3) -> Self {
         let k = reflectance.to_array().map(|r| {
             let r = if r > 0.0 { r.min(0.9999) } else { 0.0 };
@@ -73,9 +73,9 @@ impl ComplexIor {
     }
 }
 
-/// Reflectance of a conductor in real arithmetic. With `(a + i b)^2 = (eta + i k)^2 - sin^2`,
-/// `Rs = |cos - (a + i b)|^2 / |cos + (a + i b)|^2` and
-/// `Rp = Rs |cos (a + i b) - sin^2|^2 / |cos (a + i b) + sin^2|^2`.
+/// Returns the reflectance of a conductor at a cosine, in real arithmetic. With `(a + i b)^2 = (eta + i k)^2 - sin^2`,
+/// `Rs = |cos - (a + i b)|^2 / |cos + (a + i b)|^2` and `Rp = Rs |cos (a + i b) - sin^2|^2 / |cos (a + i b) +
+/// sin^2|^2`.
 #[inline]
 fn conductor(cos: f32, eta: f32, k: f32) -> f32 {
     let cos2 = cos * cos;

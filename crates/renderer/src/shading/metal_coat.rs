@@ -32,9 +32,10 @@ use dapple_low_discrepancy::Sobol;
 use dapple_scene::effectively_smooth;
 use glam::Vec3;
 
-/// Cells of the tables over the cosine.
+/// The number of cells of the tables over the cosine.
 const CELLS: usize = 64;
-/// Walks per cosine. More would improve rough layers seen from above, and change nothing at grazing angles.
+/// The number of random walks per cosine. More would improve rough layers seen from above, and change nothing at
+/// grazing angles.
 const WALKS: u64 = 1024;
 /// Smallest cosine from which walks start, in place of 0.
 const GRAZING: f32 = 1e-3;
@@ -56,7 +57,7 @@ impl MetalCoat {
     ///
     /// # Errors
     ///
-    /// As for [`Coat::new`]; also [`Error::Roughness`] for a width of the metal.
+    /// The errors of [`Coat::new`]; also [`Error::Roughness`] for a width of the metal.
     pub fn new(options: CoatOptions, alpha: [f32; 2]) -> Result<Self, Error> {
         let coat = Coat::new(options)?;
         let metal = TrowbridgeReitz::new(alpha)?;
@@ -198,7 +199,8 @@ impl MetalCoat {
         (pdf > 0.0).then(|| BsdfSample { wi, weight: f * (wi.z / pdf), pdf, specular: false, eta: 1.0 })
     }
 
-    /// Returns `P` and `Q` at a cosine.
+    /// Returns the tabulated `P` and `Q` of the module's formula at a cosine: light that passes the coat, and light
+    /// that comes back from below it.
     #[inline]
     fn passes_and_again(&self, cos: f32) -> [f32; 2] {
         let (cell, t) = place(cos);
@@ -248,7 +250,7 @@ fn refracted(w: Vec3, eta: f32) -> Option<Vec3> {
     (sin2 < 1.0).then(|| Vec3::new(x, y, (1.0 - sin2).sqrt()))
 }
 
-/// Returns the table's cell for a cosine, and the position in the cell, 0 to 1.
+/// Returns the index of the table's cell that contains a cosine, and the position in the cell, 0 to 1.
 #[inline]
 fn place(cos: f32) -> (usize, f32) {
     let x = cos.clamp(0.0, 1.0) * CELLS as f32;
@@ -263,7 +265,7 @@ struct Walks<'c> {
     options: CoatOptions,
 }
 
-/// Shares of the light that leave after one bounce, and after any number.
+/// The share of the light that leaves after one bounce, and after any number of bounces.
 type Light = [f64; 2];
 
 impl Walks<'_> {
@@ -385,7 +387,7 @@ impl Walks<'_> {
     }
 }
 
-/// A share of the light, and the position of its direction in the table.
+/// A share of the light that leaves, and the position of its direction in the table.
 struct Link {
     cell: usize,
     t: f64,

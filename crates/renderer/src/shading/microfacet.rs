@@ -59,7 +59,7 @@ impl TrowbridgeReitz {
 
     /// Returns the share of the microfacets facing `w` that are visible from `w`: Smith's `G1`.
     #[inline]
-    pub fn masking(&self, w: Vec3) -> f32 {
+    pub(crate) fn masking(&self, w: Vec3) -> f32 {
         let cos = w.z.abs();
         2.0 * cos / (cos + self.stretched(w))
     }
@@ -67,14 +67,14 @@ impl TrowbridgeReitz {
     /// Returns height-correlated masking and shadowing, `1 / (1 + Lambda(wo) + Lambda(wi))` [Heitz 2014, eq. 99]. The
     /// two directions may be on different sides.
     #[inline]
-    pub fn masking_shadowing(&self, wo: Vec3, wi: Vec3) -> f32 {
+    pub(crate) fn masking_shadowing(&self, wo: Vec3, wi: Vec3) -> f32 {
         let (co, ci) = (wo.z.abs(), wi.z.abs());
         2.0 * co * ci / (self.stretched(wo) * ci + self.stretched(wi) * co)
     }
 
     /// Samples a microfacet normal among those visible from `w`, `w.z > 0`, by spherical caps [Dupuy and Benyoub 2023].
     #[inline]
-    pub fn sample_visible(&self, w: Vec3, u: [f32; 2]) -> Vec3 {
+    pub(crate) fn sample_visible(&self, w: Vec3, u: [f32; 2]) -> Vec3 {
         let [ax, ay] = self.alpha;
         let v = Vec3::new(ax * w.x, ay * w.y, w.z).normalize();
         let (sin, cos) = sin_cos_turn(u[0]);
@@ -87,18 +87,9 @@ impl TrowbridgeReitz {
         Vec3::new(ax * (radius * cos + v.x), ay * (radius * sin + v.y), above).normalize()
     }
 
-    /// Returns the solid-angle density of [`sample_visible`](Self::sample_visible) at the unit normal `wm`: `G1(w)
-    /// max(0, w . wm) D(wm) / w.z`.
-    #[inline]
-    pub fn visible_pdf(&self, w: Vec3, wm: Vec3) -> f32 {
-        if !(wm.z > 0.0) {
-            return 0.0;
-        }
-        2.0 * self.normals(wm) * w.dot(wm).max(0.0) / (w.z + self.stretched(w))
-    }
-
     /// Returns the solid-angle density of the mirror direction of `wo` about a visible normal, given `h = wo + wi`. It
-    /// is [`visible_pdf`](Self::visible_pdf) over `4 wo . wm`, in which `wo . wm` cancels.
+    /// is the density of visible normals, `G1(wo) max(0, wo . wm) D(wm) / wo.z`, over `4 wo . wm`, in which `wo . wm`
+    /// cancels.
     #[inline]
     pub(super) fn reflection_pdf(&self, wo: Vec3, h: Vec3) -> f32 {
         self.normals(h) / (2.0 * (wo.z + self.stretched(wo)))

@@ -9,7 +9,7 @@
 /// Reduction to an eighth of a turn is exact; the polynomials are those of sinf and cosf after Moshier 1992
 /// (Cephes).
 #[inline]
-pub fn sin_cos_turn(turn: f32) -> (f32, f32) {
+pub(crate) fn sin_cos_turn(turn: f32) -> (f32, f32) {
     // Adding and taking away 1.5 * 2^23 rounds to the nearest whole number, ties to even, without a call
     // into libm on processors whose baseline cannot round.
     let quarters = (turn * 4.0 + 12_582_912.0) - 12_582_912.0;

@@ -1,10 +1,9 @@
-//! Maps from the unit square to the domains that rendering samples, each with its density and, where it
-//! exists, its inverse.
+//! Maps from the unit square to the domains that rendering samples, each with its density.
 //!
 //! Coordinates `u` lie in `[0, 1)`; directions are unit vectors around +z. Every map keeps neighbours
 //! neighbours, so that a low-discrepancy point set stays one.
 
-use super::trigonometry::{sin_cos_turn, sin_cos_within_an_eighth, turn_of};
+use super::trigonometry::{sin_cos_turn, sin_cos_within_an_eighth};
 use glam::{Vec2, Vec3, Vec4};
 use std::f32::consts::{FRAC_PI_4, PI};
 
@@ -21,12 +20,6 @@ pub fn uniform_sphere_pdf() -> f32 {
     0.25 / PI
 }
 
-/// Inverts [`uniform_sphere`]. At the poles the second coordinate is undefined, and 0 is returned for it.
-#[inline]
-pub fn invert_uniform_sphere(w: Vec3) -> [f32; 2] {
-    [below_one(0.5 * (1.0 - w.z)), turn_of(w.y, w.x)]
-}
-
 /// Samples a unit direction uniformly on the hemisphere `z > 0`.
 #[inline]
 pub fn uniform_hemisphere(u: [f32; 2]) -> Vec3 {
@@ -39,12 +32,6 @@ pub fn uniform_hemisphere_pdf() -> f32 {
     0.5 / PI
 }
 
-/// Inverts [`uniform_hemisphere`].
-#[inline]
-pub fn invert_uniform_hemisphere(w: Vec3) -> [f32; 2] {
-    [below_one(1.0 - w.z), turn_of(w.y, w.x)]
-}
-
 /// Samples a point uniformly on the unit disk, by the concentric map [Shirley and Chiu 1997].
 #[inline]
 pub fn concentric_disk(u: [f32; 2]) -> Vec2 {
@@ -55,25 +42,6 @@ pub fn concentric_disk(u: [f32; 2]) -> Vec2 {
 #[inline]
 pub fn concentric_disk_pdf() -> f32 {
     1.0 / PI
-}
-
-/// Inverts [`concentric_disk`].
-#[inline]
-pub fn invert_concentric_disk(p: Vec2) -> [f32; 2] {
-    let radius = p.length();
-    // In eighths of a turn from the axis of the triangle that the point lies in.
-    let eighths = 8.0 * turn_of(p.y, p.x);
-    let (a, b) = if !(1.0..7.0).contains(&eighths) {
-        let from_axis = if eighths >= 7.0 { eighths - 8.0 } else { eighths };
-        (radius, radius * from_axis)
-    } else if eighths < 3.0 {
-        (radius * (2.0 - eighths), radius)
-    } else if eighths < 5.0 {
-        (-radius, radius * (4.0 - eighths))
-    } else {
-        (radius * (eighths - 6.0), -radius)
-    };
-    [below_one(0.5 * (a + 1.0)), below_one(0.5 * (b + 1.0))]
 }
 
 /// Samples a unit direction on the hemisphere `z > 0` with density proportional to its cosine.
@@ -90,12 +58,6 @@ pub fn cosine_hemisphere(u: [f32; 2]) -> Vec3 {
 #[inline]
 pub fn cosine_hemisphere_pdf(cos: f32) -> f32 {
     cos.max(0.0) / PI
-}
-
-/// Inverts [`cosine_hemisphere`].
-#[inline]
-pub fn invert_cosine_hemisphere(w: Vec3) -> [f32; 2] {
-    invert_concentric_disk(Vec2::new(w.x, w.y))
 }
 
 /// Samples a point uniformly on a triangle by the low-distortion map of [Heitz 2019]. Returns barycentric coordinates
@@ -115,13 +77,6 @@ pub fn uniform_triangle_pdf(area: f32) -> f32 {
     1.0 / area
 }
 
-/// Inverts [`uniform_triangle`].
-#[inline]
-pub fn invert_uniform_triangle(b: [f32; 3]) -> [f32; 2] {
-    let sum = b[0] + b[1];
-    if b[1] > b[0] { [below_one(2.0 * b[0]), below_one(sum)] } else { [below_one(sum), below_one(2.0 * b[1])] }
-}
-
 /// Samples a unit direction uniformly in the cone around +z with `1 - cos` of the half angle equal to `one_minus_cos`,
 /// in `(0, 2]`.
 ///
@@ -137,15 +92,6 @@ pub fn uniform_cone(u: [f32; 2], one_minus_cos: f32) -> Vec3 {
 #[inline]
 pub fn uniform_cone_pdf(one_minus_cos: f32) -> f32 {
     0.5 / (PI * one_minus_cos)
-}
-
-/// Inverts [`uniform_cone`]. Cones with `1 - cos` below about 1e-2 are inverted by the distance from the axis, which is
-/// more precise than the cosine.
-#[inline]
-pub fn invert_uniform_cone(w: Vec3, one_minus_cos: f32) -> [f32; 2] {
-    let sin2 = w.x * w.x + w.y * w.y;
-    let height = if w.z > 0.0 { self::one_minus_cos(sin2) } else { 1.0 - w.z };
-    [below_one(height / one_minus_cos), turn_of(w.y, w.x)]
 }
 
 /// Returns `1 - cos` of an angle in `[0, pi/2]` with this squared sine, without cancellation.
@@ -175,10 +121,4 @@ fn concentric(u: [f32; 2]) -> (f32, Vec2) {
 fn around_z(radius: f32, z: f32, turn: f32) -> Vec3 {
     let (sin, cos) = sin_cos_turn(turn);
     Vec3::new(radius * cos, radius * sin, z)
-}
-
-/// Returns an inverted coordinate clamped to `[0, 1)` against rounding.
-#[inline]
-fn below_one(u: f32) -> f32 {
-    u.clamp(0.0, 1.0 - 0.5 * f32::EPSILON)
 }

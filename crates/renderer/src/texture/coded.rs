@@ -3,9 +3,9 @@
 use dapple_scene::image::Image;
 use glam::Vec3;
 
-/// The largest number of distinct values, those of a byte.
+/// The largest number of distinct values, as many as a byte can index.
 const MOST: usize = 256;
-/// Pixels along a tile's side.
+/// The number of pixels along a tile's side.
 const SIDE: usize = 4;
 
 /// An image with at most 256 distinct channel values, as from 8-bit files, stored exactly in one byte per channel.

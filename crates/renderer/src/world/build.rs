@@ -76,7 +76,7 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
     }
     let dropped = shapes.iter().map(|s| if let Shape::Mesh(mesh) = s { mesh.degenerate() } else { 0 }).sum::<usize>();
     let dropped_triangles = dropped + placements.dropped_triangles;
-    let object_parts = std::mem::take(&mut placements.parts);
+    let mut object_parts = std::mem::take(&mut placements.parts);
     let moves = placements.moves;
     let geometry = problems.note(placements.build(shapes));
     let (Some(camera), Some(geometry)) = (camera, geometry) else {
@@ -87,16 +87,7 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
         return Err(WorldError { problems: problems.0 });
     }
     let moves = moves || camera.moves();
-    let (mut parts, mut object_parts) = (parts, object_parts);
-    let (mut has_transmission, mut has_passable_surfaces) = (false, false);
-    for part in parts.iter_mut().chain(&mut object_parts) {
-        let surface = &surfaces[part.material as usize];
-        part.passable = part.alpha.is_some() || surface.mixes || surface.interface;
-        has_transmission |= surface.transmits;
-        has_passable_surfaces |= part.passable;
-    }
-    // The materials of a mix belong to no part.
-    has_transmission |= has_passable_surfaces && surfaces.iter().any(|surface| surface.transmits);
+    let [has_transmission, has_passable_surfaces] = mark_passable(&mut parts, &mut object_parts, &surfaces);
     Ok(World {
         effects: Effects::of(scene),
         geometry,
@@ -117,6 +108,20 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
         has_passable_surfaces,
         open: shutter.open,
     })
+}
+
+/// Marks the parts that light may pass. Returns if light goes through any surface, and if any part is passable.
+fn mark_passable(parts: &mut [Part], object_parts: &mut [Part], surfaces: &[Surface]) -> [bool; 2] {
+    let (mut has_transmission, mut has_passable_surfaces) = (false, false);
+    for part in parts.iter_mut().chain(object_parts) {
+        let surface = &surfaces[part.material as usize];
+        part.passable = part.alpha.is_some() || surface.mixes || surface.interface;
+        has_transmission |= surface.transmits;
+        has_passable_surfaces |= part.passable;
+    }
+    // The materials of a mix belong to no part.
+    has_transmission |= has_passable_surfaces && surfaces.iter().any(|surface| surface.transmits);
+    [has_transmission, has_passable_surfaces]
 }
 
 /// Makes the camera with its motion while the shutter is open. Its resting pose is that at the opening.
@@ -241,7 +246,8 @@ fn light(
     })
 }
 
-/// Returns the sign of each triangle's winding normal, by the vertex normals if there are any.
+/// Returns a sign per triangle, or one for all: -1 if the emitting side is opposite to the winding normal, else 1.
+/// Vertex normals decide if there are any.
 fn sides(geometry: &Geometry, number: u32, part: &Part) -> Vec<f32> {
     let Shape::Mesh(mesh) = &geometry.shapes()[number as usize] else { return Vec::new() };
     if part.normals.is_empty() {

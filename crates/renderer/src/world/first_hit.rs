@@ -13,7 +13,7 @@ impl World {
         self.first_hit_of(*ray, *at, self.surface(at, u))
     }
 
-    /// Returns [`Self::first_hit`] for a known surface.
+    /// Returns the features of [`Self::first_hit`] for a surface that is already looked up.
     ///
     /// Not inlined, since most renders need no first hits. Takes arguments by value, so that the caller's stay in
     /// registers.

@@ -15,7 +15,7 @@ impl Shutter {
     ///
     /// # Errors
     ///
-    /// If anything moves and times are not finite or not in order.
+    /// A message if anything moves and the times are not finite or not in order.
     pub(super) fn of(scene: &Scene) -> Result<Self, String> {
         let moves = scene.camera.moves_to.is_some()
             || scene.shapes.iter().any(|shape| shape.moves_to.is_some())
@@ -39,7 +39,7 @@ impl Shutter {
         Ok(Self { open: [opens, closes].map(|t| ((t - from) / (to - from)).clamp(0.0, 1.0) as f32) })
     }
 
-    /// Returns a motion restricted to the interval; a pose at rest if its length is 0.
+    /// Returns the motion unchanged, or its pose at that time if the shutter's interval has length 0.
     pub(super) fn seen(&self, motion: Motion) -> Motion {
         if self.open[0] == self.open[1] { Motion::still(motion.at(self.open[0])) } else { motion }
     }

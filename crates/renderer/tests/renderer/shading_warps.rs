@@ -1,6 +1,7 @@
 //! Warps, discrete choices, frames and weights of multiple importance sampling.
 
 use crate::statistics::{FAMILY, chi_square, integrate, sidak};
+use dapple_renderer::shading::trigonometry::turn_of;
 use dapple_renderer::shading::warp::*;
 use dapple_renderer::shading::{Discrete, Error, PiecewiseConstant2d, ShadingFrame, power_heuristic};
 use glam::{Vec2, Vec3};
@@ -18,6 +19,58 @@ struct Warp {
     pdf: fn(Vec3) -> f32,
     /// The least sampled cosine.
     lowest: f64,
+}
+
+/// Inverts [`uniform_sphere`]. At the poles the second coordinate is undefined, and 0 is returned for it.
+fn invert_uniform_sphere(w: Vec3) -> [f32; 2] {
+    [below_one(0.5 * (1.0 - w.z)), turn_of(w.y, w.x)]
+}
+
+/// Inverts [`uniform_hemisphere`].
+fn invert_uniform_hemisphere(w: Vec3) -> [f32; 2] {
+    [below_one(1.0 - w.z), turn_of(w.y, w.x)]
+}
+
+/// Inverts [`concentric_disk`].
+fn invert_concentric_disk(p: Vec2) -> [f32; 2] {
+    let radius = p.length();
+    // In eighths of a turn from the axis of the triangle that the point lies in.
+    let eighths = 8.0 * turn_of(p.y, p.x);
+    let (a, b) = if !(1.0..7.0).contains(&eighths) {
+        let from_axis = if eighths >= 7.0 { eighths - 8.0 } else { eighths };
+        (radius, radius * from_axis)
+    } else if eighths < 3.0 {
+        (radius * (2.0 - eighths), radius)
+    } else if eighths < 5.0 {
+        (-radius, radius * (4.0 - eighths))
+    } else {
+        (radius * (eighths - 6.0), -radius)
+    };
+    [below_one(0.5 * (a + 1.0)), below_one(0.5 * (b + 1.0))]
+}
+
+/// Inverts [`cosine_hemisphere`].
+fn invert_cosine_hemisphere(w: Vec3) -> [f32; 2] {
+    invert_concentric_disk(Vec2::new(w.x, w.y))
+}
+
+/// Inverts [`uniform_triangle`].
+fn invert_uniform_triangle(b: [f32; 3]) -> [f32; 2] {
+    let sum = b[0] + b[1];
+    if b[1] > b[0] { [below_one(2.0 * b[0]), below_one(sum)] } else { [below_one(sum), below_one(2.0 * b[1])] }
+}
+
+/// Inverts [`uniform_cone`]. Cones with `1 - cos` below about 1e-2 are inverted by the distance from the axis, which is
+/// more precise than the cosine.
+fn invert_uniform_cone(w: Vec3, cone: f32) -> [f32; 2] {
+    let sin2 = w.x * w.x + w.y * w.y;
+    let height = if w.z > 0.0 { one_minus_cos(sin2) } else { 1.0 - w.z };
+    [below_one(height / cone), turn_of(w.y, w.x)]
+}
+
+/// Returns an inverted coordinate clamped to `[0, 1)` against rounding.
+fn below_one(u: f32) -> f32 {
+    u.clamp(0.0, BELOW_ONE)
 }
 
 /// `1 - cos` of the cone tested.

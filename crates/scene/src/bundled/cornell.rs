@@ -1,6 +1,5 @@
 //! The Cornell box.
 
-use super::opening;
 use std::fmt::Write;
 
 pub(super) type Quad = [[f64; 3]; 4];
@@ -51,30 +50,7 @@ pub(super) fn block(top: Quad) -> Vec<Quad> {
 
 /// Returns the text of the Cornell box's scene file.
 pub(super) fn scene() -> String {
-    let mut text = opening(
-        "The Cornell box, from Cornell University's published measurements (millimetres;\n\
-         www.graphics.cornell.edu/online/box/data.html).\n\
-         The measured spectra are replaced by the RGB values in common use: reflectances and lamp of the box in\n\
-         McGuire's Computer Graphics Archive. The lamp hangs 0.2 mm below the ceiling, which has no hole for it here.",
-    );
-    text += r#"Film "rgb" "integer xresolution" [ 512 ] "integer yresolution" [ 512 ] "string filename" "cornell.exr"
-PixelFilter "box"
-Sampler "zsobol" "integer pixelsamples" [ 64 ]
-Integrator "path" "integer maxdepth" [ 5 ]
-
-# The measurements are right-handed and pbrt's camera is left-handed: mirrored, red comes to the left.
-Scale -1 1 1
-LookAt 278 273 -800  278 273 0  0 1 0
-# 2 atan(0.0125 / 0.035), from the published film of 0.025 and focal length of 0.035.
-Camera "perspective" "float fov" [ 39.3076 ]
-
-WorldBegin
-
-MakeNamedMaterial "white" "string type" "diffuse" "rgb reflectance" [ 0.725 0.71 0.68 ]
-MakeNamedMaterial "red" "string type" "diffuse" "rgb reflectance" [ 0.63 0.065 0.05 ]
-MakeNamedMaterial "green" "string type" "diffuse" "rgb reflectance" [ 0.14 0.45 0.091 ]
-MakeNamedMaterial "lamp" "string type" "diffuse" "rgb reflectance" [ 0.78 0.78 0.78 ]
-"#;
+    let mut text = include_str!("cornell.pbrt").to_owned();
     for (name, material, quad) in WALLS {
         let _ = writeln!(text, "\n# {name}\nNamedMaterial \"{material}\"");
         write_mesh(&mut text, &[quad]);

@@ -1,7 +1,7 @@
 //! A scene of transmission: clear, rough and thin glass, coloured glass, mist, and leaves cut out by alpha.
 
+use super::Assets;
 use super::images::tga_with_alpha;
-use super::{Assets, opening};
 use std::fmt::Write;
 
 /// The twig's leaves: height on the stem, angle about the stem in degrees, tilt from upright in degrees, and size.
@@ -68,115 +68,7 @@ fn frame() -> String {
 
 /// Returns the text of the scene file, and the name and bytes of the scene's other files.
 pub(super) fn scene() -> (String, Assets) {
-    let mut text = opening(
-        "Glass: a clear ball, a rough one, one filled with red dye, a ball of mist, a thin pane that leans, and a\n\
-         twig whose leaves are squares cut out by the opacity of leaf.tga.",
-    );
-    text += r#"Film "rgb" "integer xresolution" [ 600 ] "integer yresolution" [ 400 ] "string filename" "glass.exr"
-PixelFilter "box"
-Sampler "zsobol" "integer pixelsamples" [ 256 ]
-Integrator "path" "integer maxdepth" [ 16 ]
-
-# z is up and the world right-handed; pbrt's camera is left-handed, hence the mirror.
-Scale -1 1 1
-LookAt 0.2 -9 3.4  0.2 0 0.85  0 0 1
-Camera "perspective" "float fov" [ 32 ]
-
-MakeNamedMedium "dye" "string type" "homogeneous" "rgb sigma_a" [ 0.12 1.6 2.2 ] "rgb sigma_s" [ 0 0 0 ]
-MakeNamedMedium "mist" "string type" "homogeneous"
-  "rgb sigma_a" [ 0.02 0.02 0.02 ] "rgb sigma_s" [ 2 2.1 2.3 ] "float g" [ 0.3 ]
-
-WorldBegin
-
-LightSource "infinite" "rgb L" [ 0.55 0.6 0.7 ]
-
-Texture "checks" "spectrum" "checkerboard" "float uscale" [ 48 ] "float vscale" [ 48 ]
-  "rgb tex1" [ 0.62 0.55 0.45 ] "rgb tex2" [ 0.22 0.19 0.17 ]
-Texture "leaf colour" "spectrum" "imagemap" "string filename" "leaf.tga"
-Texture "leaf holes" "float" "imagemap" "string filename" "leaf.tga"
-MakeNamedMaterial "floor" "string type" "diffuse" "texture reflectance" "checks"
-MakeNamedMaterial "bulb" "string type" "diffuse" "rgb reflectance" [ 0 0 0 ]
-MakeNamedMaterial "stem" "string type" "diffuse" "rgb reflectance" [ 0.2 0.16 0.06 ]
-MakeNamedMaterial "leaf" "string type" "diffusetransmission"
-  "texture reflectance" "leaf colour" "texture transmittance" "leaf colour"
-MakeNamedMaterial "clear" "string type" "dielectric" "float eta" [ 1.5 ]
-MakeNamedMaterial "rough" "string type" "dielectric" "float eta" [ 1.5 ]
-  "float roughness" [ 0.15 ] "bool remaproughness" false
-MakeNamedMaterial "pane" "string type" "thindielectric" "float eta" [ 1.5 ]
-MakeNamedMaterial "frame" "string type" "conductor" "rgb eta" [ 1.4 1 0.6 ] "rgb k" [ 7.5 6.5 5.3 ]
-  "float roughness" [ 0.2 ] "bool remaproughness" false
-MakeNamedMaterial "nothing" "string type" "interface"
-
-NamedMaterial "floor"
-Shape "trianglemesh"
-  "point3 P" [ -20 -20 0  20 -20 0  20 20 0  -20 20 0 ]
-  "point2 uv" [ 0 0  1 0  1 1  0 1 ]
-  "integer indices" [ 0 1 2  0 2 3 ]
-
-AttributeBegin
-  Translate -3 -3 6
-  NamedMaterial "bulb"
-  AreaLightSource "diffuse" "rgb L" [ 16 15 13 ]
-  Shape "sphere" "float radius" [ 1.5 ]
-AttributeEnd
-
-AttributeBegin
-  Translate -2.1 -0.6 0.75
-  NamedMaterial "clear"
-  Shape "sphere" "float radius" [ 0.75 ]
-AttributeEnd
-
-AttributeBegin
-  Translate -0.75 1.1 0.75
-  NamedMaterial "rough"
-  Shape "sphere" "float radius" [ 0.75 ]
-AttributeEnd
-
-AttributeBegin
-  Translate 0.7 -0.9 0.7
-  NamedMaterial "clear"
-  MediumInterface "dye" ""
-  Shape "sphere" "float radius" [ 0.7 ]
-AttributeEnd
-
-AttributeBegin
-  Translate 2.45 -1 0.75
-  NamedMaterial "nothing"
-  MediumInterface "mist" ""
-  Shape "sphere" "float radius" [ 0.75 ]
-AttributeEnd
-
-# The pane leans back in a frame of metal.
-AttributeBegin
-  Translate -0.7 -2.3 0
-  Rotate 25 0 0 1
-  Rotate -12 1 0 0
-  NamedMaterial "pane"
-  Shape "trianglemesh"
-    "point3 P" [ -0.6 0 0.05  0.6 0 0.05  0.6 0 1  -0.6 0 1 ]
-    "integer indices" [ 0 1 2  0 2 3 ]
-  NamedMaterial "frame"
-  Shape "trianglemesh"
-"#;
-    text += &frame();
-    text += r#"AttributeEnd
-
-# The twig.
-ObjectBegin "leaf"
-  NamedMaterial "leaf"
-  Shape "trianglemesh" "texture alpha" "leaf holes"
-    "point3 P" [ -0.5 0 0  0.5 0 0  0.5 0 1  -0.5 0 1 ]
-    "point2 uv" [ 0 0  1 0  1 1  0 1 ]
-    "integer indices" [ 0 1 2  0 2 3 ]
-ObjectEnd
-AttributeBegin
-  Translate 1.75 1 0
-  NamedMaterial "stem"
-  Shape "trianglemesh"
-    "point3 P" [ -0.04 -0.023 0  0.04 -0.023 0  0 0.046 0  0 0 1.7 ]
-    "integer indices" [ 0 1 3  1 2 3  2 0 3 ]
-AttributeEnd
-"#;
+    let mut text = include_str!("glass.pbrt").replace("{frame}", &frame());
     for [height, turn, down, size] in LEAVES {
         let _ = write!(
             text,

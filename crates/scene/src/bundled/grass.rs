@@ -1,7 +1,6 @@
 //! A meadow: many blades of grass smaller than a pixel.
 
 use super::directions::sin_cos;
-use super::opening;
 use std::fmt::Write;
 
 /// Number of different tuft meshes.
@@ -49,48 +48,7 @@ fn tuft(kind: u64) -> String {
 
 /// Returns the text of the meadow's scene file.
 pub(super) fn scene() -> String {
-    let mut text = opening(
-        "Grass: nine hundred tufts of thirty blades, three kinds of tuft, a few stones, under a lamp and the sky.\n\
-         Metres, z up.",
-    );
-    text += r#"Film "rgb" "integer xresolution" [ 600 ] "integer yresolution" [ 400 ] "string filename" "grass.exr"
-PixelFilter "box"
-Sampler "zsobol" "integer pixelsamples" [ 128 ]
-Integrator "path" "integer maxdepth" [ 4 ]
-
-# The world is right-handed; pbrt's camera is left-handed, hence the mirror.
-Scale -1 1 1
-LookAt 0 -3.2 1.15  0 -0.2 0.12  0 0 1
-Camera "perspective" "float fov" [ 34 ]
-
-WorldBegin
-
-LightSource "infinite" "rgb L" [ 0.35 0.45 0.65 ]
-
-MakeNamedMaterial "soil" "string type" "diffuse" "rgb reflectance" [ 0.16 0.11 0.07 ]
-MakeNamedMaterial "stone" "string type" "diffuse" "rgb reflectance" [ 0.4 0.39 0.36 ]
-MakeNamedMaterial "lamp" "string type" "diffuse" "rgb reflectance" [ 0 0 0 ]
-MakeNamedMaterial "blade 0" "string type" "diffuse" "rgb reflectance" [ 0.14 0.3 0.06 ]
-MakeNamedMaterial "blade 1" "string type" "diffuse" "rgb reflectance" [ 0.22 0.34 0.07 ]
-MakeNamedMaterial "blade 2" "string type" "diffuse" "rgb reflectance" [ 0.34 0.33 0.12 ]
-
-NamedMaterial "soil"
-Shape "trianglemesh"
-  "point3 P" [ -30 -30 0  30 -30 0  30 30 0  -30 30 0 ]
-  "integer indices" [ 0 1 2  0 2 3 ]
-
-# The lamp, its normal down.
-AttributeBegin
-  Translate -2.5 -1.5 3.5
-  NamedMaterial "lamp"
-  AreaLightSource "diffuse" "rgb L" [ 34 30 24 ]
-  Shape "trianglemesh"
-    "point3 P" [ -0.5 -0.5 0  -0.5 0.5 0  0.5 0.5 0  0.5 -0.5 0 ]
-    "integer indices" [ 0 1 2  0 2 3 ]
-AttributeEnd
-
-NamedMaterial "stone"
-"#;
+    let mut text = include_str!("grass.pbrt").to_owned();
     for (x, y, radius) in [(-0.7, -0.9, 0.16), (0.55, -0.5, 0.22), (0.15, 0.7, 0.28)] {
         let _ = writeln!(text, "AttributeBegin\n  Translate {x} {y} 0.02");
         let _ = writeln!(text, "  Shape \"sphere\" \"float radius\" [ {radius} ]\nAttributeEnd");

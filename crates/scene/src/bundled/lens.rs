@@ -1,7 +1,6 @@
 //! A scene of depth of field: a row of balls, one of them in focus, and small lamps far behind.
 
 use super::directions::{dot, normalize, scale, sub};
-use super::opening;
 use std::fmt::Write;
 
 const EYE: [f64; 3] = [0.0, -9.0, 2.3];
@@ -46,50 +45,11 @@ pub(super) fn focal_distance() -> f64 {
 
 /// Returns the text of the lens scene's file.
 pub(super) fn scene() -> String {
-    let mut text = opening(
-        "Lens: a row of balls seen through a thin lens that is focused on the third of them;\n\
-         small lamps far behind become disks.",
-    );
-    text += r#"Film "rgb" "integer xresolution" [ 600 ] "integer yresolution" [ 400 ] "string filename" "lens.exr"
-PixelFilter "box"
-Sampler "zsobol" "integer pixelsamples" [ 128 ]
-Integrator "path" "integer maxdepth" [ 5 ]
-
-# z is up and the world right-handed; pbrt's camera is left-handed, hence the mirror.
-Scale -1 1 1
-"#;
     let triple = |[x, y, z]: [f64; 3]| format!("{x} {y} {z}");
-    let _ = writeln!(text, "LookAt {}  {}  0 0 1", triple(EYE), triple(TARGET));
-    let _ = write!(
-        text,
-        "# To the middle of the third ball, along the view.\n\
-         Camera \"perspective\" \"float fov\" [ 30 ]\n  \"float lensradius\" [ 0.2 ] \"float focaldistance\" [ {:.4} ]\n",
-        focal_distance()
-    );
-    text += r#"
-WorldBegin
-
-LightSource "infinite" "rgb L" [ 0.09 0.1 0.13 ]
-
-Texture "checks" "spectrum" "checkerboard" "float uscale" [ 32 ] "float vscale" [ 32 ]
-  "rgb tex1" [ 0.5 0.47 0.42 ] "rgb tex2" [ 0.14 0.13 0.13 ]
-MakeNamedMaterial "floor" "string type" "diffuse" "texture reflectance" "checks"
-MakeNamedMaterial "bulb" "string type" "diffuse" "rgb reflectance" [ 0 0 0 ]
-
-NamedMaterial "floor"
-Shape "trianglemesh"
-  "point3 P" [ -16 -16 0  16 -16 0  16 16 0  -16 16 0 ]
-  "point2 uv" [ 0 0  1 0  1 1  0 1 ]
-  "integer indices" [ 0 1 2  0 2 3 ]
-
-# The lamp that lights the balls, up on the left behind the camera.
-AttributeBegin
-  Translate -5 -7 7
-  NamedMaterial "bulb"
-  AreaLightSource "diffuse" "rgb L" [ 22 20 17 ]
-  Shape "sphere" "float radius" [ 1 ]
-AttributeEnd
-"#;
+    let mut text = include_str!("lens.pbrt")
+        .replace("{eye}", &triple(EYE))
+        .replace("{target}", &triple(TARGET))
+        .replace("{distance}", &format!("{:.4}", focal_distance()));
     for (number, (x, y, rgb)) in BALLS.into_iter().enumerate() {
         let _ = write!(
             text,

@@ -1,7 +1,6 @@
 //! Rough metal plates under sphere lights of different size.
 
 use super::directions::{add, cross, normalize, scale, sub};
-use super::opening;
 use std::fmt::Write;
 
 const CAMERA: [f64; 3] = [0.0, -9.0, 3.2];
@@ -42,39 +41,9 @@ pub(super) fn plate(y: f64, z: f64) -> [[f64; 3]; 4] {
 
 /// Returns the text of the plates scene's file.
 pub(super) fn scene() -> String {
-    let mut text = opening(
-        "Plates: four metal plates, rough to nearly smooth, mirror four sphere lights of one power and different size.\n\
-         After the idea of Veach and Guibas 1995: light sampling alone fails at the smooth plates and big lights,\n\
-         BSDF sampling alone at the rough plates and small lights. Layout and numbers are our own.",
-    );
-    text += r#"Film "rgb" "integer xresolution" [ 512 ] "integer yresolution" [ 384 ] "string filename" "plates.exr"
-PixelFilter "box"
-Sampler "zsobol" "integer pixelsamples" [ 32 ]
-Integrator "path" "integer maxdepth" [ 5 ]
-
-# z is up and the world right-handed; pbrt's camera is left-handed, hence the mirror.
-Scale -1 1 1
-"#;
     let triple = |[x, y, z]: [f64; 3]| format!("{x} {y} {z}");
-    let _ = writeln!(text, "LookAt {}  {}  0 0 1", triple(CAMERA), triple(TARGET));
-    text += r#"Camera "perspective" "float fov" [ 38 ]
-
-WorldBegin
-
-# So that nothing is quite black.
-LightSource "infinite" "rgb L" [ 0.08 0.08 0.09 ]
-
-Texture "checks" "spectrum" "checkerboard" "float uscale" [ 24 ] "float vscale" [ 24 ]
-  "rgb tex1" [ 0.45 0.43 0.40 ] "rgb tex2" [ 0.18 0.18 0.2 ]
-MakeNamedMaterial "floor" "string type" "diffuse" "texture reflectance" "checks"
-MakeNamedMaterial "bulb" "string type" "diffuse" "rgb reflectance" [ 0 0 0 ]
-
-NamedMaterial "floor"
-Shape "trianglemesh"
-  "point3 P" [ -12 -12 0  12 -12 0  12 12 0  -12 12 0 ]
-  "point2 uv" [ 0 0  1 0  1 1  0 1 ]
-  "integer indices" [ 0 1 2  0 2 3 ]
-"#;
+    let mut text =
+        include_str!("plates.pbrt").replace("{camera}", &triple(CAMERA)).replace("{target}", &triple(TARGET));
     for (number, (y, z, roughness)) in PLATES.into_iter().enumerate() {
         let _ = write!(
             text,

@@ -1,7 +1,6 @@
 //! A scene of two rooms with eight lamps, most of which light only their own corner.
 
 use super::cornell::{Quad, write_mesh};
-use super::opening;
 use std::fmt::Write;
 
 type Corners = [[f64; 3]; 2];
@@ -102,37 +101,7 @@ fn books() -> [Vec<Quad>; 3] {
 
 /// Returns the text of the room scene's file.
 pub(super) fn scene() -> String {
-    let mut text = opening(
-        "A room and what is seen of another through the gap beside a partition, with eight lamps of very different\n\
-         power: two panels, a strip under a shelf, a picture that glows, two bulbs in shades, a night light behind a chest\n\
-         and a candle behind a screen. Metres, z up.",
-    );
-    text += r#"Film "rgb" "integer xresolution" [ 600 ] "integer yresolution" [ 400 ] "string filename" "room.exr"
-PixelFilter "box"
-Sampler "zsobol" "integer pixelsamples" [ 256 ]
-Integrator "path" "integer maxdepth" [ 5 ]
-
-# The world is right-handed; pbrt's camera is left-handed, hence the mirror.
-Scale -1 1 1
-LookAt 0.5 0.4 1.75  4.6 4.4 0.95  0 0 1
-Camera "perspective" "float fov" [ 58 ]
-
-WorldBegin
-
-Texture "boards" "spectrum" "checkerboard" "float uscale" [ 16 ] "float vscale" [ 12 ]
-  "rgb tex1" [ 0.42 0.3 0.2 ] "rgb tex2" [ 0.28 0.19 0.12 ]
-MakeNamedMaterial "floor" "string type" "coateddiffuse" "texture reflectance" "boards"
-  "float roughness" [ 0.25 ] "bool remaproughness" false
-MakeNamedMaterial "plaster" "string type" "diffuse" "rgb reflectance" [ 0.72 0.7 0.66 ]
-MakeNamedMaterial "brick" "string type" "diffuse" "rgb reflectance" [ 0.5 0.2 0.14 ]
-MakeNamedMaterial "green" "string type" "diffuse" "rgb reflectance" [ 0.2 0.42 0.26 ]
-MakeNamedMaterial "wood" "string type" "diffuse" "rgb reflectance" [ 0.36 0.23 0.13 ]
-MakeNamedMaterial "shade" "string type" "diffuse" "rgb reflectance" [ 0.6 0.55 0.45 ]
-MakeNamedMaterial "red" "string type" "diffuse" "rgb reflectance" [ 0.45 0.08 0.07 ]
-MakeNamedMaterial "blue" "string type" "diffuse" "rgb reflectance" [ 0.09 0.15 0.4 ]
-MakeNamedMaterial "ochre" "string type" "diffuse" "rgb reflectance" [ 0.55 0.4 0.12 ]
-MakeNamedMaterial "lamp" "string type" "diffuse" "rgb reflectance" [ 0 0 0 ]
-"#;
+    let mut text = include_str!("room.pbrt").to_owned();
     for (name, material, quad) in WALLS {
         let _ = writeln!(text, "\n# {name}\nNamedMaterial \"{material}\"");
         if name == "floor" {

@@ -1,11 +1,11 @@
 //! Newell's teapot in gold on a tiled floor, in a studio.
 
+use super::Assets;
 #[cfg(test)]
 use super::directions::length;
 use super::directions::{add, cross, dot, mix, normalize, scale, smoothstep, sub};
 use super::images::{lat_long_pfm, tga};
 use super::mesh::Mesh;
-use super::{Assets, opening};
 
 /// Number of quadrilaterals along each side of a Bezier patch. The teapot's 32 patches of 2 x 12 x 12 triangles make
 /// about 9000 triangles.
@@ -259,49 +259,7 @@ fn floor_tile(column: u16, row: u16) -> [u8; 3] {
 
 /// Returns the text of the scene file, and the name and bytes of the scene's other files.
 pub(super) fn scene() -> (String, Assets) {
-    let mut text = opening(
-        "Teapot: Newell's teapot in gold on a glossy tiled floor, in a studio; in the spirit of pbrt's `metal` scene.\n\
-         teapot.ply: Newell's 32 Bezier patches (control points as published; the bottom is the later addition),\n\
-         cut into 12 x 12 quadrilaterals each, with the patches' own normals.\n\
-         studio.pfm: latitude-longitude, z up, radiance mix(horizon, zenith, z (2 - z)) and three soft boxes.\n\
-         tiles.tga: four slate tiles with joints.\n\
-         Gold: index of refraction at 617, 549 and 471 nm (Johnson and Christy 1972).",
-    );
-    text += r#"Film "rgb" "integer xresolution" [ 640 ] "integer yresolution" [ 400 ] "string filename" "teapot.exr"
-PixelFilter "box"
-Sampler "zsobol" "integer pixelsamples" [ 64 ]
-Integrator "path" "integer maxdepth" [ 5 ]
-
-# z is up and the world right-handed; pbrt's camera is left-handed, hence the mirror.
-Scale -1 1 1
-LookAt 2.2 -9 4.6  0.3 0 1.25  0 0 1
-Camera "perspective" "float fov" [ 26 ]
-
-WorldBegin
-
-# A latitude-longitude map; pbrt-v4 itself wants an equal-area square.
-LightSource "infinite" "string filename" "studio.pfm"
-
-Texture "tiles" "spectrum" "imagemap" "string filename" "tiles.tga"
-
-MakeNamedMaterial "gold" "string type" "conductor"
-  "rgb eta" [ 0.21 0.43 1.31 ]
-  "rgb k" [ 3.272 2.455 1.849 ]
-  "float roughness" [ 0.1 ] "bool remaproughness" false
-MakeNamedMaterial "floor" "string type" "coateddiffuse"
-  "texture reflectance" "tiles"
-  "float roughness" [ 0.05 ] "bool remaproughness" false
-
-NamedMaterial "gold"
-Shape "plymesh" "string filename" "teapot.ply"
-
-# A tile is 0.8 wide.
-NamedMaterial "floor"
-Shape "trianglemesh"
-  "point3 P" [ -40 -40 0  40 -40 0  40 40 0  -40 40 0 ]
-  "point2 uv" [ 0 0  50 0  50 50  0 50 ]
-  "integer indices" [ 0 1 2  0 2 3 ]
-"#;
+    let text = include_str!("teapot.pbrt").to_owned();
     let files = vec![
         ("teapot.ply".to_owned(), mesh().ply()),
         ("studio.pfm".to_owned(), lat_long_pfm(256, 128, studio)),

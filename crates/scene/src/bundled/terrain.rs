@@ -1,10 +1,10 @@
 //! A scene of fractal mountains about a river plain, under sun and sky.
 
+use super::Assets;
 use super::directions::{mix, normalize, smoothstep};
 use super::images::lat_long_pfm;
 use super::mesh::Mesh;
 use super::noise::{fbm, gradient_noise, ridged};
-use super::{Assets, opening};
 
 /// Number of cells along each side of the ground's grid. Without cells under water, about 2^17 triangles remain.
 const CELLS: usize = 267;
@@ -119,46 +119,7 @@ fn sky(direction: [f64; 3]) -> [f64; 3] {
 
 /// Returns the text of the scene file, and the name and bytes of the scene's other files.
 pub(super) fn scene() -> (String, Assets) {
-    let mut text = opening(
-        "Terrain: fractal mountains about a river plain, a hazy sun and a sky.\n\
-         grass.ply, rock.ply, snow.ply: one ground cut by height and slope, about 2^17 triangles in all: ridged multifractal\n\
-         and fractional Brownian sums of seeded gradient noise, on a grid that is finer near the camera.\n\
-         sky.pfm: latitude-longitude, z up, a gradient from horizon to zenith.\n\
-         The sun is a disk 60 away and 1.8 degrees in radius (the real one: 0.27), for soft shadows.",
-    );
-    text += r#"Film "rgb" "integer xresolution" [ 640 ] "integer yresolution" [ 400 ] "string filename" "terrain.exr"
-PixelFilter "box"
-Sampler "zsobol" "integer pixelsamples" [ 32 ]
-Integrator "path" "integer maxdepth" [ 5 ]
-
-# z is up and the world right-handed; pbrt's camera is left-handed, hence the mirror.
-Scale -1 1 1
-LookAt 0 -1.6 1.5  0.2 6 1.0  0 0 1
-Camera "perspective" "float fov" [ 38 ]
-
-WorldBegin
-
-# A latitude-longitude map; pbrt-v4 itself wants an equal-area square.
-LightSource "infinite" "string filename" "sky.pfm"
-
-MakeNamedMaterial "black" "string type" "diffuse" "rgb reflectance" [ 0 0 0 ]
-
-# The sun: a disk faces its own +z; turned over, then tilted away from straight down.
-AttributeBegin
-  Translate 0 8 0
-  Rotate -97 0 0 1
-  Rotate -55 1 0 0
-  Translate 0 0 60
-  Rotate 180 1 0 0
-  NamedMaterial "black"
-  AreaLightSource "diffuse" "rgb L" [ 1500 1330 1080 ]
-  Shape "disk" "float radius" [ 1.9 ]
-AttributeEnd
-
-MakeNamedMaterial "water" "string type" "coateddiffuse"
-  "rgb reflectance" [ 0.02 0.04 0.05 ]
-  "float roughness" [ 0.06 ] "bool remaproughness" false
-"#;
+    let mut text = include_str!("terrain.pbrt").to_owned();
     for (_, name, reflectance) in MATERIALS {
         text += &format!(
             "MakeNamedMaterial \"{name}\" \"string type\" \"diffuse\" \"rgb reflectance\" [ {reflectance} ]\n"

@@ -34,7 +34,7 @@ impl Reader<'_> {
             params.ignore(&["nsamples", "samples"]);
             None
         } else {
-            refuse(&mut params, &["filename"]);
+            params.refuse(&["filename"]);
             positive(&mut params, "power")
         };
         if params.finish(&mut self.log) {
@@ -117,14 +117,14 @@ impl Reader<'_> {
     }
 
     fn infinite(&mut self, params: &mut Params, source: &Source) -> Option<(LightKind, DAffine3)> {
-        refuse(params, &["portal"]);
+        params.refuse(&["portal"]);
         let old = self.version.is_old();
         let constant = params.has("L").then(|| params.rgb("L", Gamut::Light).unwrap_or([1.0; 3]));
         let illuminance = if old { None } else { positive(params, "illuminance") };
         let file = params.text(if old { "mapname" } else { "filename" });
         let radiance = match file {
             Some((_, line)) if constant.is_some() && !old => {
-                params.problem(line, format!("{} has both L and filename; remove one", params.of().to_owned()));
+                params.problem(line, format!("{} has both L and filename; remove one", params.of()));
                 None
             }
             Some((file, line)) => {
@@ -200,16 +200,6 @@ impl Reader<'_> {
     }
 }
 
-/// Reports given parameters that would change the light and are unsupported.
-fn refuse(params: &mut Params, names: &[&'static str]) {
-    for &name in names {
-        if let Some(param) = params.take(name) {
-            let what = format!("parameter {name} of {}", params.of());
-            params.unsupported(param.line, what);
-        }
-    }
-}
-
 /// Takes a number parameter. `None` unless it is above 0: pbrt ignores such values, too.
 fn positive(params: &mut Params, name: &'static str) -> Option<f64> {
     let given = params.has(name);
@@ -237,7 +227,7 @@ fn finite(color: [f32; 3], params: &mut Params) -> [f32; 3] {
     if color.iter().all(|c| c.is_finite()) {
         return color;
     }
-    params.problem(params.line(), format!("{} is brighter than 3.4e38; make it darker", params.of().to_owned()));
+    params.problem(params.line(), format!("{} is brighter than 3.4e38; make it darker", params.of()));
     [0.0; 3]
 }
 
@@ -248,7 +238,7 @@ fn point(params: &mut Params, name: &'static str, default: DVec3) -> DVec3 {
 /// Returns orthonormal axes whose z is along `direction`; `None`, with a reported problem, for direction 0.
 fn along(direction: DVec3, params: &mut Params) -> Option<DMat3> {
     let Some(z) = (direction / direction.abs().max_element()).try_normalize() else {
-        params.problem(params.line(), format!("{} needs from and to to differ", params.of().to_owned()));
+        params.problem(params.line(), format!("{} needs from and to to differ", params.of()));
         return None;
     };
     let (x, y) = z.any_orthonormal_pair();

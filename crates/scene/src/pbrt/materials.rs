@@ -57,8 +57,8 @@ impl Reader<'_> {
         let mut params = self.params(&mut d, "material");
         let name = d.texts.swap_remove(0);
         let kind = params.text("type");
-        if kind.is_none() && !params.is_bad() {
-            params.problem(d.source.line, format!("{} lacks its type; add \"string type\" \"diffuse\"", params.of()));
+        if kind.is_none() {
+            params.lacks(d.source.line, "its type; add \"string type\" \"diffuse\"");
         }
         if let Some(&first) = self.named_materials.get(&name) {
             let first = &self.scene.materials[first.0 as usize].source;
@@ -87,8 +87,7 @@ impl Reader<'_> {
             .filter(|bump| matches!(bump, Scalar::Texture(_)));
         let normal_map = (shades && !self.version.is_old()).then(|| self.normal_map(&mut params, &source)).flatten();
         if let (Some(_), Some(_)) = (bump, normal_map) {
-            let what = format!("{} has both displacement and normalmap; remove one", params.of());
-            params.problem(line, what);
+            params.problem(line, format!("{} has both displacement and normalmap; remove one", params.of()));
         }
         let (textures, old) = (&self.textures, self.version.is_old());
         let made = if old { self.old_material(kind, &mut params) } else { new_material(kind, &mut params, textures) };
@@ -199,14 +198,11 @@ fn mix(params: &mut Params, textures: &Textures) -> Made {
     let mixes = match names.map(|(names, line)| (<[String; 2]>::try_from(names), line)) {
         Some((Ok(names), _)) => Some(names),
         Some((Err(names), line)) => {
-            let what = format!("parameter materials of {} takes 2 names, not {}", params.of(), names.len());
-            params.problem(line, what);
+            params.problem(line, format!("parameter materials of {} takes 2 names, not {}", params.of(), names.len()));
             None
         }
-        None if params.is_bad() => None,
         None => {
-            let what = format!("{} lacks \"string materials\" with two names", params.of());
-            params.problem(params.line(), what);
+            params.lacks(params.line(), "\"string materials\" with two names");
             None
         }
     };
@@ -292,13 +288,11 @@ impl Params {
         let Some((texture, line)) = self.texture_name(name) else { return default_scalar };
         match textures.float(&texture) {
             Ok(Ok(Scalar::Constant(value))) if !ok(f64::from(*value)) => {
-                let what = format!("parameter {name} of {} must be {range}, not {value}", self.of());
-                self.problem(line, what);
+                self.problem(line, format!("parameter {name} of {} must be {range}, not {value}", self.of()));
             }
             Ok(Ok(scalar)) => return *scalar,
             Ok(Err(class)) => {
-                let what = format!("a texture of class {} as {name} of {}", shown(class), self.of());
-                self.unsupported(line, what);
+                self.unsupported(line, format!("a texture of class {} as {name} of {}", shown(class), self.of()));
             }
             Err(message) => self.problem(line, message),
         }
@@ -319,8 +313,7 @@ impl Params {
         match self.scalar(name, default, textures, ok, range) {
             Scalar::Constant(value) => value,
             Scalar::Texture(_) => {
-                let what = format!("a texture as {name} of {}", self.of());
-                self.unsupported(line, what);
+                self.unsupported(line, format!("a texture as {name} of {}", self.of()));
                 default
             }
         }
@@ -332,10 +325,7 @@ impl Params {
         match &param.values {
             Values::Texts(names) if names.len() == 1 => Some((names[0].clone(), param.line)),
             _ => {
-                self.problem(
-                    param.line,
-                    format!("parameter {name} of {} takes one texture's name", self.of().to_owned()),
-                );
+                self.problem(param.line, format!("parameter {name} of {} takes one texture's name", self.of()));
                 None
             }
         }

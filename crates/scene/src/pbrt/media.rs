@@ -20,18 +20,13 @@ impl Reader<'_> {
                 params.unsupported(line, format!("a medium of type {} (other than homogeneous)", shown(&kind)));
                 params.ignore_rest();
             }
-            None if params.is_bad() => {}
-            None => {
-                params.problem(line, format!("{} lacks its type; add \"string type\" \"homogeneous\"", params.of()));
-            }
+            None => params.lacks(line, "its type; add \"string type\" \"homogeneous\""),
         }
-        for name in ["preset", "Le", "Lescale"] {
-            if let Some(param) = params.take(name) {
-                let of = params.of().to_owned();
-                let advice = if name == "preset" { " (give its sigma_a and sigma_s)" } else { "" };
-                params.unsupported(param.line, format!("parameter {name}{advice} of {of}"));
-            }
+        if let Some(param) = params.take("preset") {
+            let what = format!("parameter preset (give its sigma_a and sigma_s) of {}", params.of());
+            params.unsupported(param.line, what);
         }
+        params.refuse(&["Le", "Lescale"]);
         // pbrt's defaults.
         let absorption = params.rgb("sigma_a", Gamut::Unbounded).unwrap_or([0.0011, 0.0024, 0.014]);
         let scattering = params.rgb("sigma_s", Gamut::Unbounded).unwrap_or([2.55, 3.21, 3.77]);

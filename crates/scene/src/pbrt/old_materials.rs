@@ -67,8 +67,7 @@ impl Reader<'_> {
     fn old_mix(&self, params: &mut Params) -> Made {
         let mut name = |parameter| {
             params.text(parameter).map(|t| t.0).or_else(|| {
-                let what = format!("{} lacks \"string {parameter}\"", params.of());
-                params.problem(params.line(), what);
+                params.problem(params.line(), format!("{} lacks \"string {parameter}\"", params.of()));
                 None
             })
         };
@@ -80,8 +79,7 @@ impl Reader<'_> {
         let amount = match params.color("amount", [0.5; 3], &self.textures) {
             Color::Constant([r, g, b]) if r == g && g == b => 1.0 - r,
             _ => {
-                let what = format!("an amount that is a texture or not gray in {}", params.of());
-                params.unsupported(line, what);
+                params.unsupported(line, format!("an amount that is a texture or not gray in {}", params.of()));
                 0.5
             }
         };

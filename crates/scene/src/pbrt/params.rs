@@ -27,45 +27,36 @@ pub(super) enum Type {
     Texture,
 }
 
+/// The names of the types in any version of pbrt; a type's own name comes before its older ones.
+const TYPES: [(&str, Type); 18] = [
+    ("float", Type::Float),
+    ("integer", Type::Integer),
+    ("bool", Type::Bool),
+    ("string", Type::Text),
+    ("point2", Type::Point2),
+    ("vector2", Type::Vector2),
+    ("point3", Type::Point3),
+    ("vector3", Type::Vector3),
+    ("normal", Type::Normal),
+    ("rgb", Type::Rgb),
+    ("spectrum", Type::Spectrum),
+    ("blackbody", Type::Blackbody),
+    ("texture", Type::Texture),
+    ("xyz", Type::Xyz),
+    ("point", Type::Point3),
+    ("vector", Type::Vector3),
+    ("normal3", Type::Normal),
+    ("color", Type::Rgb),
+];
+
 impl Type {
     /// Returns the parameter type with this name in any version of pbrt; `None` for an unknown name.
     fn named(name: &str) -> Option<Self> {
-        Some(match name {
-            "float" => Self::Float,
-            "integer" => Self::Integer,
-            "bool" => Self::Bool,
-            "string" => Self::Text,
-            "point2" => Self::Point2,
-            "vector2" => Self::Vector2,
-            "point3" | "point" => Self::Point3,
-            "vector3" | "vector" => Self::Vector3,
-            "normal" | "normal3" => Self::Normal,
-            "rgb" | "color" => Self::Rgb,
-            "xyz" => Self::Xyz,
-            "spectrum" => Self::Spectrum,
-            "blackbody" => Self::Blackbody,
-            "texture" => Self::Texture,
-            _ => return None,
-        })
+        TYPES.iter().find(|(known, _)| *known == name).map(|(_, ty)| *ty)
     }
 
     fn name(self) -> &'static str {
-        match self {
-            Self::Float => "float",
-            Self::Integer => "integer",
-            Self::Bool => "bool",
-            Self::Text => "string",
-            Self::Point2 => "point2",
-            Self::Vector2 => "vector2",
-            Self::Point3 => "point3",
-            Self::Vector3 => "vector3",
-            Self::Normal => "normal",
-            Self::Rgb => "rgb",
-            Self::Xyz => "xyz",
-            Self::Spectrum => "spectrum",
-            Self::Blackbody => "blackbody",
-            Self::Texture => "texture",
-        }
+        TYPES.iter().find(|(_, ty)| *ty == self).map_or("", |(name, _)| name)
     }
 }
 
@@ -147,22 +138,9 @@ pub(super) fn read_param(tokens: &mut Tokens<'_>, file: &Arc<PathBuf>, log: &mut
 }
 
 fn unknown_type(name: &str) -> String {
-    const NAMES: [&str; 13] = [
-        "float",
-        "integer",
-        "bool",
-        "string",
-        "point2",
-        "vector2",
-        "point3",
-        "vector3",
-        "normal",
-        "rgb",
-        "spectrum",
-        "blackbody",
-        "texture",
-    ];
-    let near = nearest_name(name, NAMES).map_or(String::new(), |k| format!("; did you mean \"{k}\"?"));
+    // Without the names of older versions.
+    let near = nearest_name(name, TYPES[..13].iter().map(|(known, _)| *known))
+        .map_or(String::new(), |k| format!("; did you mean \"{k}\"?"));
     format!("unknown parameter type {}{near}", shown(name))
 }
 
@@ -228,8 +206,7 @@ impl Params {
         let mut by_name: Vec<(&str, u32)> = own.iter().map(|p| (p.name.as_str(), p.line)).collect();
         by_name.sort();
         for pair in by_name.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
-            let what = format!("parameter {} of {of} is given twice; remove one", shown(pair[0].0));
-            problems.push((pair[1].1, what));
+            problems.push((pair[1].1, format!("parameter {} of {of} is given twice; remove one", shown(pair[0].0))));
         }
         let mut list = own;
         list.extend(inherited.iter().map(|p| Param { inherited: true, ..p.clone() }));
@@ -283,6 +260,22 @@ impl Params {
     pub(super) fn unsupported_here(&mut self, what: &str) {
         let line = self.line;
         self.unsupported(line, what);
+    }
+
+    /// Takes parameters that would change the image and are unsupported, and reports those that were given.
+    pub(super) fn refuse(&mut self, names: &[&'static str]) {
+        for &name in names {
+            if let Some(param) = self.take(name) {
+                self.unsupported(param.line, format!("parameter {name} of {}", self.of));
+            }
+        }
+    }
+
+    /// Reports a missing parameter, unless an invalid one has been reported.
+    pub(super) fn lacks(&mut self, line: u32, what: &str) {
+        if !self.is_bad() {
+            self.problem(line, format!("{} lacks {what}", self.of));
+        }
     }
 
     /// Makes [`finish`](Self::finish) return false, for a failure that the caller has reported.

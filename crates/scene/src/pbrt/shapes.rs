@@ -37,9 +37,7 @@ impl Reader<'_> {
         };
         if self.version.is_old() {
             // A parameter of pbrt-v3 that affects shadows only.
-            if let Some(param) = params.take("shadowalpha") {
-                params.unsupported(param.line, format!("parameter shadowalpha of {}", params.of().to_owned()));
-            }
+            params.refuse(&["shadowalpha"]);
         }
         let given = params.has("alpha");
         let alpha = params.scalar("alpha", 1.0, &self.textures, |v| (0.0..=1.0).contains(&v), "within 0..=1");
@@ -98,15 +96,9 @@ impl Reader<'_> {
     }
 
     fn ply_mesh(&mut self, params: &mut Params, source: &Source) -> Option<Geometry> {
-        for name in ["displacement", "edgelength"] {
-            if let Some(param) = params.take(name) {
-                params.unsupported(param.line, format!("parameter {name} of {}", params.of().to_owned()));
-            }
-        }
+        params.refuse(&["displacement", "edgelength"]);
         let Some((name, line)) = params.text("filename") else {
-            if !params.is_bad() {
-                params.problem(source.line, format!("{} lacks \"string filename\"", params.of().to_owned()));
-            }
+            params.lacks(source.line, "\"string filename\"");
             return None;
         };
         let path = self.resolve(&name);
@@ -164,7 +156,7 @@ impl Reader<'_> {
         let [a, b] = [("zmin", -1.0), ("zmax", 1.0)].map(|(name, z)| params.float(name, z, |_| true, "finite"));
         let sweep = sweep(params);
         if a == b {
-            params.problem(line, format!("{} has no height; zmin and zmax must differ", params.of().to_owned()));
+            params.problem(line, format!("{} has no height; zmin and zmax must differ", params.of()));
             return None;
         }
         self.round(Round::Cylinder { radius, low: a.min(b), high: a.max(b), sweep }, params, line)
@@ -180,9 +172,7 @@ impl Reader<'_> {
     }
 
     fn bilinear_mesh(&mut self, params: &mut Params, line: u32) -> Option<Geometry> {
-        if let Some(param) = params.take("emissionfilename") {
-            params.unsupported(param.line, format!("parameter emissionfilename of {}", params.of().to_owned()));
-        }
+        params.refuse(&["emissionfilename"]);
         let (positions, normals, uvs) = vertices(params, line)?;
         params.ignore(&["faceIndices"]);
         let corners = match params.numbers("indices", &[Type::Integer], 4) {
@@ -210,7 +200,7 @@ impl Reader<'_> {
         params.ignore(&["scheme"]);
         let positions = positions(params, line)?;
         let Some((numbers, line)) = params.numbers("indices", &[Type::Integer], 3) else {
-            return if params.is_bad() { None } else { lacks_indices(params, line) };
+            return lacks_indices(params, line);
         };
         let faces = corners::<3>(params, "triangle", &numbers, line, positions.len())?;
         let made = 1usize.checked_shl(2 * levels).and_then(|n| faces.len().checked_mul(n)).unwrap_or(usize::MAX);
@@ -218,7 +208,7 @@ impl Reader<'_> {
         match subdivide(positions, faces, levels) {
             Ok(mesh) => self.made(mesh, params, line),
             Err(unfit) => {
-                params.problem(line, format!("{}: {unfit}", params.of().to_owned()));
+                params.problem(line, format!("{}: {unfit}", params.of()));
                 None
             }
         }
@@ -287,19 +277,17 @@ fn triangle_mesh(params: &mut Params, line: u32) -> Option<Geometry> {
 }
 
 fn lacks_indices<T>(params: &mut Params, line: u32) -> Option<T> {
-    params.problem(line, format!("{} lacks \"integer indices\"", params.of().to_owned()));
+    params.lacks(line, "\"integer indices\"");
     None
 }
 
 fn check(mesh: &MeshData, params: &mut Params, line: u32) -> Option<()> {
-    mesh.check().map_err(|fault| params.problem(line, format!("{}: {fault}", params.of().to_owned()))).ok()
+    mesh.check().map_err(|fault| params.problem(line, format!("{}: {fault}", params.of()))).ok()
 }
 
 fn positions(params: &mut Params, line: u32) -> Option<Vec<DVec3>> {
     let Some((points, _)) = params.numbers("P", &[Type::Point3], 3) else {
-        if !params.is_bad() {
-            params.problem(line, format!("{} lacks \"point3 P\"", params.of().to_owned()));
-        }
+        params.lacks(line, "\"point3 P\"");
         return None;
     };
     Some(points.chunks_exact(3).map(DVec3::from_slice).collect())

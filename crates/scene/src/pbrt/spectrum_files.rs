@@ -27,8 +27,7 @@ impl Reader<'_> {
         match self.files.read(&path) {
             Err(e) if e.kind() == ErrorKind::NotFound => {
                 let near = near_name(name).map_or(String::new(), |n| format!("; did you mean \"{n}\"?"));
-                let what = format!("spectrum {} is neither known by name nor a file{near}", shown(name));
-                self.log.problem(at, what);
+                self.log.problem(at, format!("spectrum {} is neither known by name nor a file{near}", shown(name)));
                 return None;
             }
             // `load` reads the file again and reports the error.

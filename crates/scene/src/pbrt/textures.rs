@@ -214,9 +214,7 @@ impl Reader<'_> {
             params.ignore(&["trilinear"]);
         }
         let Some((file, line)) = params.text("filename") else {
-            if !params.is_bad() {
-                params.problem(source.line, format!("{} lacks \"string filename\"", params.of()));
-            }
+            params.lacks(source.line, "\"string filename\"");
             return GREY;
         };
         let decoding = self.decoding(params, &file);
@@ -252,7 +250,7 @@ impl Reader<'_> {
                 if product.iter().all(|c| c.is_finite()) {
                     return Color::Constant(product);
                 }
-                params.problem(source.line, format!("{} is above 3.4e38; scale it less", params.of().to_owned()));
+                params.problem(source.line, format!("{} is above 3.4e38; scale it less", params.of()));
                 return GREY;
             }
             (Color::Texture(id), Color::Constant(c)) | (Color::Constant(c), Color::Texture(id)) => {

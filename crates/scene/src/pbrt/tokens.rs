@@ -149,8 +149,7 @@ pub(super) fn unescape(token: &Token<'_>) -> Result<String, Fault> {
             Some(c @ ('\\' | '"' | '\'')) => c,
             other => {
                 let escape = other.map_or(String::new(), |c| c.to_string());
-                let what = format!("unknown escape \\{escape} in a string; write \\\\ for a backslash");
-                return Err((token.line, what));
+                return Err((token.line, format!("unknown escape \\{escape} in a string; write \\\\ for a backslash")));
             }
         });
     }

@@ -12,7 +12,7 @@ use std::sync::Arc;
 const LONG: [usize; 2] = [8, 4];
 /// Tiles across and down a square image.
 const SQUARE: [usize; 2] = [6, 6];
-/// Marks a tile that is black, or nearly.
+/// The index that marks a tile as black, or nearly black.
 const BLACK: u32 = u32::MAX;
 
 /// The tiles of an environment that is an image. An environment of one color stays whole: cutting it does not pay.

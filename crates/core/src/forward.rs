@@ -1,0 +1,29 @@
+//! Traits on references and boxes.
+
+/// Implements a trait for references and boxes of its implementers. Lists the methods that take `&self` after `ref`, then
+/// those that take `&mut self` after `mut`.
+macro_rules! forward {
+    ($Trait:ident for $($Owner:ty),*; $methods:tt) => { $(forward! { @ $Trait, $Owner, $methods })* };
+    (@ $Trait:ident, $Owner:ty, {
+        $(ref $name:ident($($arg:ident: $Arg:ty),*) $(-> $Result:ty)?;)*
+        $(mut $change:ident($($given:ident: $Given:ty),*) $(-> $Changed:ty)?;)*
+    }) => {
+        impl<T: $Trait + ?Sized> $Trait for $Owner {
+            $(
+                #[inline]
+                fn $name(&self $(, $arg: $Arg)*) $(-> $Result)? {
+                    (**self).$name($($arg),*)
+                }
+            )*
+
+            $(
+                #[inline]
+                fn $change(&mut self $(, $given: $Given)*) $(-> $Changed)? {
+                    (**self).$change($($given),*)
+                }
+            )*
+        }
+    };
+}
+
+pub(crate) use forward;
