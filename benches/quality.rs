@@ -13,8 +13,7 @@
 use criterion::measurement::{Measurement, ValueFormatter, WallTime};
 use criterion::{BenchmarkGroup, Criterion, SamplingMode, Throughput};
 use dapple::core::{Frame, Limits, Render};
-use dapple::job::Stage;
-use dapple::job::registry::{self, Setting};
+use dapple::job::registry::{self, MethodInputs, Setting};
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::{World, integrator};
 use dapple_scene::bundled;
@@ -102,7 +101,8 @@ impl Course {
         let seed = self.seed.replace(self.seed.get() + 1);
         let clock = Instant::now();
         let points = registry::points(points, Setting { seed, spp: Some(spp) }).expect("points");
-        let mut sampler = registry::sampler(sampler, points, &Stage::new(self.world.clone())).expect("a sampler");
+        let mut sampler =
+            registry::sampler(sampler, points, &MethodInputs::of(self.world.clone())).expect("a sampler").sampler;
         let frame = Frame::new(self.side, self.side).expect("a frame");
         let limits = Limits::samples(spp * frame.pixels() as u64);
         let film = Render::new(frame, &limits).run(&mut *integrator(&self.world), &mut *sampler);

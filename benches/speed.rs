@@ -4,11 +4,11 @@
 //! RAYON_NUM_THREADS=1 cargo bench --bench speed
 //! ```
 
-use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple::clustering::{ClusterParams, cluster};
 use dapple::core::{Film, Frame, Limits, Render};
-use dapple::job::registry::{self, Setting};
-use dapple::job::{Stage, WorldClusters, WorldTriangles};
+use dapple::job::registry::{self, MethodInputs, Setting};
+use dapple::job::{WorldClusters, WorldTriangles};
 use dapple::renderer::{World, integrator};
 use dapple_scene::bundled;
 use std::hint::black_box;
@@ -41,10 +41,13 @@ fn clustering(criterion: &mut Criterion) {
 }
 
 /// A film of the world, recorded for the filter.
-fn film(world: &Arc<World>, stage: &Stage, sampler: &str, filter: &str, side: u32, spp: u64) -> Film {
+fn film(world: &Arc<World>, sampler: &str, filter: &str, side: u32, spp: u64) -> Film {
     let points = registry::points("sobol", Setting { seed: SEED, spp: Some(spp) }).expect("points");
-    let mut sampler = registry::sampler(sampler, points, stage).expect("a sampler");
-    let needs = registry::filter(filter, stage).expect("a filter").needs();
+    let mut inputs = MethodInputs::of(world.clone());
+    let made = registry::sampler(sampler, points, &inputs).expect("a sampler");
+    let mut sampler = made.sampler;
+    inputs.clusters = made.clusters;
+    let needs = registry::filter(filter, &inputs).expect("a filter").filter.needs();
     let frame = Frame::new(side, side).expect("a frame");
     let limits = Limits::samples(spp * frame.pixels() as u64);
     Render::new(frame, &limits).needs(needs).run(&mut *integrator(world), &mut *sampler).expect("a film")
@@ -59,10 +62,8 @@ fn renders(criterion: &mut Criterion) {
         group.sample_size(10);
         group.throughput(Throughput::Elements(spp * u64::from(side * side)));
         for sampler in SAMPLERS {
-            // A new stage each time, since clusters are part of the cost.
-            let stage = || Stage::new(world.clone());
-            let run = |stage: Stage| film(&world, &stage, sampler, "none", side, spp);
-            group.bench_function(sampler, |b| b.iter_batched(stage, run, BatchSize::PerIteration));
+            // Clusters are made each time: they are part of the cost.
+            group.bench_function(sampler, |b| b.iter(|| film(&world, sampler, "none", side, spp)));
         }
         group.finish();
     }
@@ -72,12 +73,12 @@ fn renders(criterion: &mut Criterion) {
 fn filters(criterion: &mut Criterion) {
     let side = if is_test() { 16 } else { 128 };
     let world = world("teapot", side);
-    let stage = Stage::new(world.clone());
+    let inputs = MethodInputs::of(world.clone());
     let mut group = criterion.benchmark_group("filter/teapot");
     group.throughput(Throughput::Elements(u64::from(side * side)));
     for name in FILTERS {
-        let film = film(&world, &stage, "cluster-thesis", name, side, 4);
-        let filter = registry::filter(name, &stage).expect("a filter");
+        let film = film(&world, "cluster-thesis", name, side, 4);
+        let filter = registry::filter(name, &inputs).expect("a filter").filter;
         group.bench_function(name, |b| b.iter(|| filter.apply(black_box(&film))));
     }
     group.finish();

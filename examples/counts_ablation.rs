@@ -17,7 +17,7 @@
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program whose table is its result")]
 
 use dapple::core::{Frame, Limits, Render};
-use dapple::job::{Stage, registry};
+use dapple::job::registry::{self, MethodInputs};
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::light::LightSelection;
 use dapple::renderer::{World, integrator};
@@ -160,7 +160,7 @@ impl Course {
             .ok_or("a light selection is power, uniform or learned")?;
         let world = &self.worlds[choice];
         let points = registry::points("sobol", registry::Setting { seed, spp: Some(spp) })?;
-        let mut sampler = registry::sampler(sampler, points, &Stage::new(world.clone()))?;
+        let mut sampler = registry::sampler(sampler, points, &MethodInputs::of(world.clone()))?.sampler;
         let frame = Frame::new(run.side, run.side)?;
         let limits = Limits::samples(spp * frame.pixels() as u64);
         let film = Render::new(frame, &limits).run(&mut *integrator(world), &mut *sampler)?;

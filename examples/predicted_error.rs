@@ -12,8 +12,7 @@
 #![expect(clippy::print_stdout, reason = "a program whose table is its result")]
 
 use dapple::core::{Film, Frame, Limits, Needs, Render};
-use dapple::job::Stage;
-use dapple::job::registry::{self, Setting};
+use dapple::job::registry::{self, MethodInputs, Setting};
 use dapple::metrics::{RELATIVE_EPSILON, geometric_mean_interval, student_t_quantile};
 use dapple::renderer::{World, integrator};
 use dapple_scene::bundled;
@@ -101,7 +100,7 @@ impl Course {
 
     fn film(&self, sampler: &str, points: &str, seed: u64, limits: Limits, needs: Needs) -> Result<Film> {
         let points = registry::points(points, Setting { seed, spp: None })?;
-        let mut sampler = registry::sampler(sampler, points, &Stage::new(self.world.clone()))?;
+        let mut sampler = registry::sampler(sampler, points, &MethodInputs::of(self.world.clone()))?.sampler;
         Ok(Render::new(self.frame, &limits).needs(needs).run(&mut *integrator(&self.world), &mut *sampler)?)
     }
 

@@ -12,7 +12,7 @@
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program whose table is its result")]
 
 use dapple::core::{Frame, Limits, Render};
-use dapple::job::{Stage, registry};
+use dapple::job::registry::{self, MethodInputs};
 use dapple::metrics::{Pixels, block_ratios, compare};
 use dapple::renderer::{World, integrator};
 use dapple::scene::image::{Encoding, Image, encode_png, read_image, write_file};
@@ -110,7 +110,7 @@ fn row(name: &str, file: &Path, reference: &Path, spp: u64, seeds: u64, images: 
 fn image(world: &World, size: [u32; 2], spp: u64, seed: u64) -> Result<Vec<[f32; 3]>> {
     let mut integrator = integrator(world);
     let points = registry::points("sobol", registry::Setting { seed, spp: Some(spp) })?;
-    let mut sampler = registry::sampler("uniform", points, &Stage::empty())?;
+    let mut sampler = registry::sampler("uniform", points, &MethodInputs::default())?.sampler;
     let frame = Frame::new(size[0], size[1])?;
     let limits = Limits::samples(spp * u64::from(size[0]) * u64::from(size[1]));
     let film = Render::new(frame, &limits).run(&mut *integrator, &mut *sampler)?;

@@ -1,8 +1,7 @@
 //! Error estimates are calibrated, and adaptive sampling loses little where it cannot win.
 
 use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, Sampler, TrainingLog};
-use dapple::job::Stage;
-use dapple::job::registry::{self, Setting};
+use dapple::job::registry::{self, MethodInputs, Setting};
 use dapple::metrics::{ratio_interval, student_t_quantile};
 use dapple::renderer::{World, integrator};
 use dapple_scene::bundled;
@@ -19,7 +18,7 @@ impl Integrator for EqualNoise {
 
 fn sampler(words: &str, points: &str, seed: u64) -> Box<dyn Sampler> {
     let points = registry::points(points, Setting { seed, spp: None }).expect("points");
-    registry::sampler(words, points, &Stage::empty()).expect("a sampler")
+    registry::sampler(words, points, &MethodInputs::default()).expect("a sampler").sampler
 }
 
 fn mse_of_one(film: &Film) -> f64 {
@@ -146,11 +145,11 @@ fn one_huge_triangle_gets_enough_samples_k11() {
     let files = std::collections::BTreeMap::from([(std::path::PathBuf::from("s.pbrt"), ornament().into_bytes())]);
     let scene = dapple::scene::pbrt::read_scene_from(&files, "s.pbrt", &Default::default()).expect("it reads");
     let world = std::sync::Arc::new(World::with_resolution(&scene, [SIDE; 2]).expect("sound"));
-    let stage = Stage::new(world.clone());
+    let inputs = MethodInputs::of(world.clone());
     let frame = Frame::new(SIDE, SIDE).expect("a frame");
     let film = |words: &str, spp: u64, seed: u64, needs: Needs| {
         let points = registry::points("sobol", Setting { seed, spp: Some(spp) }).expect("points");
-        let mut sampler = registry::sampler(words, points, &stage).expect("a sampler");
+        let mut sampler = registry::sampler(words, points, &inputs).expect("a sampler").sampler;
         let limits = Limits::samples(spp * frame.pixels() as u64);
         Render::new(frame, &limits).needs(needs).run(&mut *integrator(&world), &mut *sampler).expect("a film")
     };

@@ -4,8 +4,7 @@
 //! has a probability of about 1e-6, since the tails of pooled values are approximate.
 
 use dapple::core::{Film, Frame, Limits, Render};
-use dapple::job::Stage;
-use dapple::job::registry::{self, SAMPLERS, Setting};
+use dapple::job::registry::{self, MethodInputs, SAMPLERS, Setting};
 use dapple::renderer::{World, integrator};
 use dapple_conformance::statistics::{FAMILY, Pixels, count_trend, image_mean, images, power, sidak, two_sided};
 use dapple_scene::bundled;
@@ -34,11 +33,12 @@ fn world(scene: &str) -> Arc<World> {
 
 /// Images by one sampler, each with its own seed.
 fn films(world: &Arc<World>, sampler: &str, spp: u64, first_seed: u64) -> Vec<Film> {
-    let stage = Stage::new(world.clone());
+    let inputs = MethodInputs::of(world.clone());
     let frame = Frame::new(SIDE, SIDE).expect("a frame");
     let film = |seed: u64| {
         let points = registry::points("sobol", Setting { seed: first_seed + seed, spp: Some(spp) }).expect("points");
-        let mut sampler = registry::sampler(sampler, points, &stage).unwrap_or_else(|e| panic!("{e}"));
+        let made = registry::sampler(sampler, points, &inputs);
+        let mut sampler = made.unwrap_or_else(|e| panic!("{e}")).sampler;
         let limits = Limits::samples(spp * frame.pixels() as u64);
         Render::new(frame, &limits).run(&mut *integrator(world), &mut *sampler).expect("a film")
     };
@@ -98,10 +98,10 @@ fn unbiased_modes_match_uniform_on_the_teapot_a01() {
 /// Every sampler either decides its counts a priori or has a parameter `policy`.
 #[test]
 fn every_sampler_names_its_policy() {
-    let stage = Stage::new(world("cornell"));
+    let inputs = MethodInputs::of(world("cornell"));
     for entry in SAMPLERS {
         let points = registry::points("sobol", Setting { seed: 1, spp: Some(8) }).expect("points");
-        let sampler = registry::sampler(entry.name, points, &stage).expect("a sampler");
+        let sampler = registry::sampler(entry.name, points, &inputs).expect("a sampler").sampler;
         let policies = entry.parameters.iter().flat_map(|p| p.iter()).filter(|p| p.name == "policy").count();
         let says = sampler.describe().contains("policy=");
         assert!(sampler.a_priori() || (policies == 1 && says), "{} has no policy", sampler.describe());
@@ -110,7 +110,7 @@ fn every_sampler_names_its_policy() {
             // The sampler has no other policy, and its description names the one that it has.
             let chosen = ["discard", "cross", "refined"].map(|policy| {
                 let points = registry::points("sobol", Setting { seed: 1, spp: Some(8) }).expect("points");
-                registry::sampler(&format!("{}:policy={policy}", entry.name), points, &stage).is_ok()
+                registry::sampler(&format!("{}:policy={policy}", entry.name), points, &inputs).is_ok()
             });
             assert!(chosen == [false; 3] && sampler.describe().contains("policy=keep"), "{}", sampler.describe());
             continue;

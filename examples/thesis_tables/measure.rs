@@ -2,7 +2,7 @@
 
 use crate::{Result, reference, statistics};
 use dapple::core::{Film, Frame, Limits, Needs, Render};
-use dapple::job::{Stage, registry};
+use dapple::job::registry::{self, MadeSampler, MethodInputs};
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::{World, integrator};
 use dapple_scene::{self as scene, bundled};
@@ -227,18 +227,23 @@ struct Place<'a> {
 impl Place<'_> {
     /// One film, filtered in each way. Keeps the image of uniform sampling for the methods after it.
     fn images(&self, method: usize, seed: u64, spp: u64, uniform: &mut Uniform) -> Result<Vec<Run>> {
-        // Each image has its own stage, so that its counters are for this image alone.
-        let stage = Stage::new(self.world.clone());
-        let filters = (0..FILTERS.len()).map(|f| registry::filter(&filter_request(f, self.plan.k), &stage));
-        let filters = filters.collect::<std::result::Result<Vec<_>, _>>()?;
+        let mut inputs = MethodInputs::of(self.world.clone());
+        let mut filters = Vec::new();
+        for filter in 0..FILTERS.len() {
+            let made = registry::filter(&filter_request(filter, self.plan.k), &inputs)?;
+            inputs.clusters = made.clusters.or(inputs.clusters);
+            filters.push(made.filter);
+        }
         let needs = filters.iter().fold(Needs::none(), |needs, f| needs.and(f.needs()));
         let Method { points, .. } = METHODS[method];
-        let film = film(self.plan, &self.world, &stage, &METHODS[method], (seed, spp), needs)?;
+        let (film, made) = film(self.plan, &self.world, &inputs, &METHODS[method], (seed, spp), needs)?;
+        let of_filter = inputs.clusters.filter(|known| made.clusters.as_ref().is_none_or(|c| !Arc::ptr_eq(known, c)));
+        let cluster = [made.clusters, of_filter].iter().flatten().fold(0.0, |sum, set| sum + set.seconds());
         if METHODS[method].sampler == "uniform" {
             uniform.insert(points, film.image());
         }
         let lowest = self.lowest(&film, uniform.get(points).ok_or("uniform sampling comes first")?)?;
-        let (record, probe) = (film.record(), stage.probe_cost().seconds);
+        let (record, probe) = (film.record(), made.probes.cost().unwrap_or_default().seconds);
 
         let mut runs = Vec::new();
         for (filter, made) in filters.iter().enumerate() {
@@ -248,7 +253,7 @@ impl Place<'_> {
             // Clusters made for one filter do not count for the others.
             let asked = METHODS[method].clusters.is_some() || filter == CLUSTER_FILTER;
             let seconds = Seconds {
-                cluster: if asked { stage.cluster_seconds() } else { 0.0 },
+                cluster: if asked { cluster } else { 0.0 },
                 probe,
                 plan: (record.plan_seconds() - probe).max(0.0),
                 trace: record.trace_seconds() / if filter == CLUSTER_FILTER { 1.0 } else { self.recording },
@@ -278,16 +283,17 @@ impl Place<'_> {
 fn film(
     plan: &Plan,
     world: &World,
-    stage: &Stage,
+    inputs: &MethodInputs,
     method: &Method,
     (seed, spp): (u64, u64),
     needs: Needs,
-) -> Result<Film> {
+) -> Result<(Film, MadeSampler)> {
     let points = registry::points(method.points, registry::Setting { seed, spp: Some(spp) })?;
-    let mut sampler = registry::sampler(&method.request(plan.k), points, stage)?;
+    let mut made = registry::sampler(&method.request(plan.k), points, inputs)?;
     let frame = Frame::new(plan.side, plan.side)?;
     let limits = Limits::samples(spp * u64::from(plan.side * plan.side));
-    Ok(Render::new(frame, &limits).needs(needs).run(&mut *integrator(world), &mut *sampler)?)
+    let film = Render::new(frame, &limits).needs(needs).run(&mut *integrator(world), &mut *made.sampler)?;
+    Ok((film, made))
 }
 
 /// Seconds of tracing with first hits recorded over seconds without: the best of five, in turns.
@@ -295,7 +301,7 @@ fn recording(plan: &Plan, world: &World) -> Result<f64> {
     let mut best = [f64::INFINITY; 2];
     for seed in 1..=5 {
         for (best, needs) in best.iter_mut().zip([Needs::none().with_first_hits(1), Needs::none()]) {
-            let film = film(plan, world, &Stage::empty(), &METHODS[RANDOM], (seed, 16), needs)?;
+            let (film, _) = film(plan, world, &MethodInputs::default(), &METHODS[RANDOM], (seed, 16), needs)?;
             *best = best.min(film.record().trace_seconds());
         }
     }

@@ -3,7 +3,7 @@
 use crate::Result;
 use crate::measure::{Plan, errors};
 use dapple::core::{Frame, Limits, Render};
-use dapple::job::{Stage, registry};
+use dapple::job::registry::{self, MethodInputs};
 use dapple::renderer::{World, integrator};
 use dapple::scene::image::{Encoding, Image, encode_pfm, read_image, write_file};
 use dapple_scene::bundled::Bundle;
@@ -44,7 +44,7 @@ fn half(plan: &Plan, world: &World, bundle: &Bundle, seed: u64, cache: &Path) ->
     }
     eprintln!("reference: rendering {name}");
     let points = registry::points(POINTS, registry::Setting { seed, spp: Some(spp) })?;
-    let mut sampler = registry::sampler("uniform", points, &Stage::empty())?;
+    let mut sampler = registry::sampler("uniform", points, &MethodInputs::default())?.sampler;
     let limits = Limits::samples(spp * u64::from(side * side));
     let frame = Frame::new(side, side)?;
     let film = Render::new(frame, &limits).run(&mut *integrator(world), &mut *sampler)?;

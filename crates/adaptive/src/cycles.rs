@@ -22,6 +22,9 @@ dapple_core::options! {
         /// With [`Stopping::Budget`], errors are compared with half of the largest error if that is less than 5 times
         /// the threshold.
         pub mode: Stopping = Stopping::Budget => "budget";
+        /// The samples that decide stay in the image (biased), as published; there is no other.
+        pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
+            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
     }
 }
 
@@ -75,7 +78,7 @@ impl<P: PointSet> Cycles<P> {
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a threshold that is negative or not finite, a `min` of 1, and a `step` of 0.
+    /// [`Error::OutOfRange`] for the first parameter out of range.
     pub fn with_options(points: P, options: CyclesOptions) -> Result<Self, Error> {
         options.check_ranges()?;
         Ok(Self { points, options })
@@ -135,7 +138,7 @@ impl<P: PointSet> Sampler for Cycles<P> {
     }
 
     fn describe(&self) -> String {
-        format!("cycles:{},policy=keep", self.options.describe())
+        format!("cycles:{}", self.options.describe())
     }
 
     fn needs(&self) -> Needs {
@@ -159,7 +162,7 @@ impl<P: PointSet> Sampler for Cycles<P> {
         }
         let (threshold, min) = self.options.resolved(seen.budget.total / seen.pixels() as u64);
         let first = min.max(seen.budget.min_spp).min(seen.budget.max_spp);
-        if !Pilot::new(PilotPolicy::Keep, first).begin(seen, plan).is_missing {
+        if !Pilot::new(self.options.policy, first).begin(seen, plan).is_missing {
             self.refine(seen, threshold, plan)?;
         }
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })

@@ -5,7 +5,10 @@ use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog,
 };
-use dapple_denoise::{Bilateral, ClusterGaussian, ClusterRegression, Gaussian, NlMeans, Passes};
+use dapple_denoise::{
+    Bilateral, ClusterGaussian, ClusterGaussianOptions, ClusterRegression, ClusterRegressionOptions, Gaussian, NlMeans,
+    Passes,
+};
 use dapple_low_discrepancy::Random;
 use std::hint::black_box;
 use std::sync::Arc;
@@ -42,7 +45,10 @@ fn filters(c: &mut Criterion) {
     let (plain, noisy, hits) = (film(Needs::none()), film(Needs::none().with_variance()), film(hits));
     let map = (0..SIDE * SIDE).map(|i| (i % SIDE + i / SIDE / 3) / 16).collect();
     let from_map = ClusterGaussian::from_map([SIDE, SIDE], map).expect("a map");
-    let label = |k| ClusterGaussian::from_hits(k, Arc::new(|hit| Some(hit.material))).expect("first hits");
+    let label = |hits| {
+        let filter = ClusterGaussian::from_hits(Arc::new(|hit| Some(hit.material)));
+        filter.with_options(ClusterGaussianOptions::default().hits(hits)).expect("first hits")
+    };
     let cases: [(&str, &Film, Box<dyn Filter>); 6] = [
         ("gaussian", &plain, Box::new(Gaussian::default())),
         ("gaussian with error", &noisy, Box::new(Gaussian::default())),
@@ -70,8 +76,8 @@ fn from_halves(c: &mut Criterion) {
     let film =
         Render::new(frame, &limits).needs(needs).run(&mut Stripes, &mut Uniform::new(Random::new(1))).expect("a film");
     let clusters = |passes| {
-        let plain = ClusterRegression::new().with_passes(passes);
-        plain.with_clusters(Arc::new(|hit| Some(hit.material)), 0.2, "").expect("a factor")
+        let plain = ClusterRegression::with_options(ClusterRegressionOptions::default().passes(passes));
+        plain.expect("passes").with_clusters(Arc::new(|hit| Some(hit.material)), "")
     };
     let cases: [(&str, Box<dyn Filter>); 4] = [
         ("bilateral", Box::new(Bilateral::default())),

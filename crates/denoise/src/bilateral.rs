@@ -3,11 +3,29 @@
 use crate::averaging::{VANISHING, Window, average, guide, memory};
 use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{Pair, filtered};
-use crate::parameters::{NEEDS, bandwidth, out, outside_weight, radius};
+use crate::parameters::{NEEDS, describe};
 use crate::planes::Inputs;
 use crate::tile::{FeatureScales, Likeness, REACH};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
 use std::fmt;
+
+dapple_core::options! {
+    /// The parameters of [`Bilateral`].
+    pub struct BilateralOptions {
+        /// Pixels averaged to each side, 0 to 7.
+        pub window: usize = REACH => "7", |window| window <= REACH, "0 to 7 pixels to each side";
+        /// The spatial weight is exp(-falloff r^2).
+        pub falloff: f64 = 0.03,
+            |falloff| (0.0..=100.0).contains(&falloff), "0 (a flat window) to 100, per square pixel";
+        /// Differences of colours are measured in this many standard deviations.
+        pub colour: f64 = 0.8, |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
+        /// The same for first hits' normals, albedo and depth.
+        pub features: f64 = 1.0 => "1", |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
+        /// Weight of a pixel of another cluster relative to one of the same; 1: no clusters.
+        pub outside: f64 = 1.0 => "1",
+            |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
+    }
+}
 
 /// The cross-bilateral filter [after Eisemann and Durand 2004; Petschnigg 2004], with first-hit features and clusters.
 ///
@@ -28,11 +46,12 @@ use std::fmt;
 ///
 /// ```
 /// use dapple_core::{Film, Filter, Frame};
-/// use dapple_denoise::Bilateral;
+/// use dapple_denoise::{Bilateral, BilateralOptions};
 /// use std::sync::Arc;
 ///
 /// // A pixel of another material counts half.
-/// let filter = Bilateral::default().with_clusters(Arc::new(|hit| Some(hit.material)), 0.5, "")?;
+/// let filter = Bilateral::with_options(BilateralOptions::default().outside(0.5))?;
+/// let filter = filter.with_clusters(Arc::new(|hit| Some(hit.material)), "");
 /// let mut film = Film::new(Frame::new(16, 16)?, filter.needs());
 /// for pixel in 0..256 {
 ///     for sample in 0..4 {
@@ -43,73 +62,42 @@ use std::fmt;
 /// assert!(image.radiance.iter().all(|[red, ..]| (red - 1.0).abs() < 0.1));
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Bilateral {
-    window: usize,
-    falloff: f64,
-    colour: f64,
-    features: f64,
-    outside: f64,
+    options: BilateralOptions,
     label: Option<ClusterLookup>,
     described: String,
 }
 
-impl Default for Bilateral {
-    fn default() -> Self {
-        let described = String::new();
-        Self { window: REACH, falloff: 0.03, colour: 0.8, features: 1.0, outside: 1.0, label: None, described }
-    }
-}
-
 impl Bilateral {
-    /// Windows of `window` pixels to each side with the spatial weight `exp(-falloff r^2)`, `r` in pixels.
+    /// The filter with these parameters, without clusters.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] unless `window <= 7` and `falloff` is in `0 ..= 100`.
-    pub fn new(window: usize, falloff: f64) -> Result<Self, Error> {
-        if !(0.0..=100.0).contains(&falloff) {
-            return out("falloff", falloff, "0 (a flat window) to 100, per square pixel");
-        }
-        Ok(Self { window: radius("window", window, REACH)?, falloff, ..Self::default() })
-    }
-
-    /// Sets the bandwidths: differences of colours and of features are measured in this many standard deviations.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] unless both are in `0.001 ..= 1000`.
-    pub fn with_bandwidths(self, colour: f64, features: f64) -> Result<Self, Error> {
-        bandwidth("colour", colour)?;
-        bandwidth("features", features)?;
-        Ok(Self { colour, features, ..self })
+    /// [`Error::OutOfRange`] for the first parameter out of range.
+    pub fn with_options(options: BilateralOptions) -> Result<Self, Error> {
+        options.check_ranges()?;
+        Ok(Self { options, ..Self::default() })
     }
 
     /// Multiplies the weight of a pixel by `outside` if its first sample lies in another cluster. `described` is
-    /// appended to the filter's description; it tells how the clusters are made, such as `k=9,clamp=32`.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] unless `outside` is in `[0, 1]`.
-    pub fn with_clusters(
-        self,
-        label: ClusterLookup,
-        outside: f64,
-        described: impl Into<String>,
-    ) -> Result<Self, Error> {
-        Ok(Self { label: Some(label), outside: outside_weight(outside)?, described: described.into(), ..self })
+    /// appended to the filter's description: the parameters of the clusters, such as `k=9,clamp=32`.
+    #[must_use]
+    pub fn with_clusters(self, label: ClusterLookup, described: impl Into<String>) -> Self {
+        Self { label: Some(label), described: described.into(), ..self }
     }
 
     /// The bilateral filter that makes the first image of `ClusterRegression`. It serves there as well as the default,
     /// at a third of the cost.
     pub(crate) fn candidate() -> Self {
-        Self { window: 4, falloff: 0.06, colour: 0.75, features: 1.25, ..Self::default() }
+        let options = BilateralOptions::default().window(4).falloff(0.06).colour(0.75).features(1.25);
+        Self { options, ..Self::default() }
     }
 
     /// Filters both halves of a film's samples, and returns an image from each.
     pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
         let guides = [0, 1].map(|half| guide(inputs, half, true, true));
-        let window = Window { radius: self.window, cut: VANISHING, falloff: self.falloff as f32 };
+        let window = Window { radius: self.options.window, cut: VANISHING, falloff: self.options.falloff as f32 };
         let values = [0, 1].map(|h: usize| &guides[h].colour);
         let mut pair = Pair(average(inputs, values, &guides, &self.likeness(), &window));
         pair.modulate(inputs);
@@ -117,8 +105,9 @@ impl Bilateral {
     }
 
     fn likeness(&self) -> Likeness {
-        let features = FeatureScales { bandwidth: self.features as f32, floors: [1e-2, 2e-2] };
-        Likeness { patch: 1, colour: self.colour as f32, features: Some(features), outside: self.outside as f32 }
+        let BilateralOptions { colour, features, outside, .. } = self.options;
+        let features = FeatureScales { bandwidth: features as f32, floors: [1e-2, 2e-2] };
+        Likeness { patch: 1, colour: colour as f32, features: Some(features), outside: outside as f32 }
     }
 }
 
@@ -134,15 +123,11 @@ impl Filter for Bilateral {
     }
 
     fn describe(&self) -> String {
-        let Self { window, falloff, colour, features, outside, described, .. } = self;
-        let comma = if described.is_empty() { "" } else { "," };
-        format!(
-            "bilateral:window={window},falloff={falloff},colour={colour},features={features},outside={outside}{comma}{described}"
-        )
+        describe(self.name(), &self.options, &self.described)
     }
 
     fn needs(&self) -> Needs {
-        if self.label.is_some() && self.outside < 1.0 { NEEDS.with_first_hits(1) } else { NEEDS }
+        if self.label.is_some() && self.options.outside < 1.0 { NEEDS.with_first_hits(1) } else { NEEDS }
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {

@@ -2,12 +2,37 @@
 
 use crate::Gaussian;
 use crate::membership::{BACKGROUND, MOST_VOTES, Membership, Votes};
-use crate::parameters::{out, outside_weight};
+use crate::parameters::describe;
 use crate::pixel_means::{mean_and_presence, normalised, squared_error, variances};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, FirstHit, Frame, ImagePlanes, Needs};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, FirstHit, Frame, ImagePlanes, Needs, Options as _};
 use rayon::prelude::*;
 use std::fmt;
 use std::sync::Arc;
+
+dapple_core::options! {
+    /// The parameters of [`ClusterGaussian`] besides its kernel.
+    pub struct ClusterGaussianOptions {
+        /// Weight of a pixel of another cluster relative to one of the same.
+        ///
+        /// The table shows relMSE over that of the best `outside` of each image and budget, as geometric means
+        /// (`tests/denoise/outside.rs`: five synthetic images at 8 to 64 spp).
+        /// In some images the clusters miss edges, in others they cut smooth gradients.
+        ///
+        /// | `outside` | 0 | 0.01 | 0.03 | 0.05 | 0.07 | 0.1 | 0.2 | 1 |
+        /// |---|---|---|---|---|---|---|---|---|
+        /// | 1 first hit | 1.124 | 1.117 | 1.108 | 1.103 | 1.100 | 1.101 | 1.130 | 1.608 |
+        /// | 4 first hits | 1.101 | 1.098 | 1.095 | 1.094 | 1.097 | 1.105 | 1.156 | 1.704 |
+        ///
+        /// The optimum is flat. Over 4 to 256 spp it moves to 0.01 or 0.02, since leaks cost more when there is less
+        /// noise.
+        pub outside: f64 = 0.05,
+            |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
+        /// First hits that tell a pixel's clusters, 1 (published) to 8.
+        ///
+        /// Without effect on a filter with a map of clusters.
+        pub hits: u8 = 1, |hits| hits > 0 && usize::from(hits) <= MOST_VOTES, "1 to 8 first hits per pixel";
+    }
+}
 
 /// A function from a first hit to its cluster; `None` for the background.
 pub type ClusterLookup = Arc<dyn Fn(&FirstHit) -> Option<u32> + Send + Sync>;
@@ -16,7 +41,7 @@ pub type ClusterLookup = Arc<dyn Fn(&FirstHit) -> Option<u32> + Send + Sync>;
 #[derive(Clone)]
 enum Clusters {
     Map { size: [u32; 2], clusters: Vec<u32> },
-    Hits { k: u8, label: ClusterLookup },
+    Hits(ClusterLookup),
 }
 
 /// A [`Gaussian`] in which pixels of other clusters weigh less.
@@ -48,39 +73,26 @@ enum Clusters {
 ///
 /// ```
 /// use dapple_core::{Film, Filter, Frame, Needs};
-/// use dapple_denoise::ClusterGaussian;
+/// use dapple_denoise::{ClusterGaussian, ClusterGaussianOptions};
 ///
 /// let mut film = Film::new(Frame::new(4, 1)?, Needs::none());
 /// for (pixel, value) in [0.0, 0.0, 1.0, 1.0].into_iter().enumerate() {
 ///     film.push(pixel, 0, [value; 3]);
 /// }
-/// let filter = ClusterGaussian::from_map([4, 1], vec![7, 7, 9, 9])?.with_outside(0.0)?;
+/// let filter = ClusterGaussian::from_map([4, 1], vec![7, 7, 9, 9])?;
+/// let filter = filter.with_options(ClusterGaussianOptions::default().outside(0.0))?;
 /// assert_eq!(filter.apply(&film)?.radiance, film.image(), "nothing crosses the border");
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
 #[derive(Clone)]
 pub struct ClusterGaussian {
     kernel: Gaussian,
-    outside: f64,
+    options: ClusterGaussianOptions,
     clusters: Clusters,
     described: String,
 }
 
 impl ClusterGaussian {
-    /// The default weight of a pixel in another cluster, relative to one in the same cluster.
-    ///
-    /// The table shows relMSE over that of the best `outside` of each image and budget, as geometric means
-    /// (`tests/denoise/outside.rs`: five synthetic images at 8 to 64 spp).
-    /// In some images the clusters miss edges, in others they cut smooth gradients.
-    ///
-    /// | `outside` | 0 | 0.01 | 0.03 | 0.05 | 0.07 | 0.1 | 0.2 | 1 |
-    /// |---|---|---|---|---|---|---|---|---|
-    /// | 1 first hit | 1.124 | 1.117 | 1.108 | 1.103 | 1.100 | 1.101 | 1.130 | 1.608 |
-    /// | 4 first hits | 1.101 | 1.098 | 1.095 | 1.094 | 1.097 | 1.105 | 1.156 | 1.704 |
-    ///
-    /// The optimum is flat. Over 4 to 256 spp it moves to 0.01 or 0.02, since leaks cost more when there is less noise.
-    pub const DEFAULT_OUTSIDE: f64 = 0.05;
-
     /// Takes the cluster of each pixel from `clusters`, row by row from the top of a film window of `size` (width,
     /// height). Any number may stand for the background, such as `u32::MAX`.
     ///
@@ -91,28 +103,24 @@ impl ClusterGaussian {
         let [width, height] = size;
         if u64::from(width) * u64::from(height) != clusters.len() as u64 {
             let value = format!("{} of them for {width}x{height} pixels", clusters.len());
-            return out("clusters", value, "give one cluster for each pixel of the film's window, row by row");
+            let allowed = "give one cluster for each pixel of the film's window, row by row";
+            return Err(Error::OutOfRange { name: "clusters", value, allowed });
         }
         Ok(Self::new(Clusters::Map { size, clusters }))
     }
 
-    /// Takes the clusters of each pixel from the first hits of its first `k` samples, which the film must record.
+    /// Takes the clusters of each pixel from the first hits of its first samples, which the film must record. Their
+    /// number is [`ClusterGaussianOptions::hits`].
     ///
     /// Each sample is a vote for the cluster that `label` returns. A miss or `None` is a vote for the background. With
-    /// `k` 1, one sample decides for the pixel, as published.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] unless `k` is in `1 ..= 8`.
-    pub fn from_hits(k: u8, label: ClusterLookup) -> Result<Self, Error> {
-        if k == 0 || usize::from(k) > MOST_VOTES {
-            return out("hits", k, "1 to 8 first hits per pixel");
-        }
-        Ok(Self::new(Clusters::Hits { k, label }))
+    /// one vote, one sample decides for the pixel, as published.
+    pub fn from_hits(label: ClusterLookup) -> Self {
+        Self::new(Clusters::Hits(label))
     }
 
     fn new(clusters: Clusters) -> Self {
-        Self { kernel: Gaussian::default(), outside: Self::DEFAULT_OUTSIDE, clusters, described: String::new() }
+        let (kernel, options) = (Gaussian::default(), ClusterGaussianOptions::default());
+        Self { kernel, options, clusters, described: String::new() }
     }
 
     /// Replaces the kernel.
@@ -120,28 +128,19 @@ impl ClusterGaussian {
         Self { kernel, ..self }
     }
 
-    /// Sets the weight of pixels in other clusters, relative to those in the same cluster.
+    /// Sets the parameters.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] unless it is in `[0, 1]`.
-    pub fn with_outside(self, outside: f64) -> Result<Self, Error> {
-        Ok(Self { outside: outside_weight(outside)?, ..self })
+    /// [`Error::OutOfRange`] for the first parameter out of range.
+    pub fn with_options(self, options: ClusterGaussianOptions) -> Result<Self, Error> {
+        options.check_ranges()?;
+        Ok(Self { options, ..self })
     }
 
-    /// Appends `described` to the filter's description; it tells how the clusters are made, such as `k=9,clamp=32`.
+    /// Appends `described` to the filter's description: the parameters of the clusters, such as `k=9,clamp=32`.
     pub fn with_described(self, described: impl Into<String>) -> Self {
         Self { described: described.into(), ..self }
-    }
-
-    /// The kernel.
-    pub fn kernel(&self) -> &Gaussian {
-        &self.kernel
-    }
-
-    /// The weight of a pixel in another cluster, relative to one in the same cluster.
-    pub fn outside(&self) -> f64 {
-        self.outside
     }
 
     fn blend<M: Membership>(&self, film: &Film, members: &[M]) -> Filtered {
@@ -174,7 +173,7 @@ impl ClusterGaussian {
     #[inline]
     fn gather<M: Membership>(&self, plane: &Plane<'_, M>, x: usize, y: usize) -> ([f64; 4], f64) {
         // The factor is 0 or at least 2^-53, however small `outside`: its square does not underflow.
-        let cut = 1.0 - self.outside;
+        let cut = 1.0 - self.options.outside;
         let sums = plane.gather(self.kernel.weights(), x, y, |overlap| 1.0 - cut * (1.0 - overlap));
         if sums.0[3] > 0.0 { sums } else { plane.gather(self.kernel.weights(), x, y, |_| 1.0) }
     }
@@ -233,26 +232,25 @@ impl Filter for ClusterGaussian {
     }
 
     fn describe(&self) -> String {
-        let clusters = match &self.clusters {
-            Clusters::Map { .. } => "clusters=map".to_owned(),
-            Clusters::Hits { k, .. } => format!("hits={k}"),
+        let own = match &self.clusters {
+            Clusters::Map { .. } => format!("outside={},clusters=map", self.options.outside),
+            Clusters::Hits(_) => self.options.describe(),
         };
-        let Self { outside, described, .. } = self;
-        let comma = if described.is_empty() { "" } else { "," };
-        format!("cluster-gaussian:{},outside={outside},{clusters}{comma}{described}", self.kernel.parameters())
+        let comma = if self.described.is_empty() { "" } else { "," };
+        describe(self.name(), &self.kernel.options(), &format!("{own}{comma}{}", self.described))
     }
 
     fn needs(&self) -> Needs {
         match self.clusters {
             Clusters::Map { .. } => Needs::none(),
-            Clusters::Hits { k, .. } => Needs::none().with_first_hits(k),
+            Clusters::Hits(_) => Needs::none().with_first_hits(self.options.hits),
         }
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let votes = match self.clusters {
             Clusters::Map { .. } => 0,
-            Clusters::Hits { .. } => size_of::<Votes>(),
+            Clusters::Hits(_) => size_of::<Votes>(),
         };
         let known = needs.variance || needs.halves;
         // Means and presence, variances, and the image with its error.
@@ -275,9 +273,9 @@ impl Filter for ClusterGaussian {
                 }
                 Ok(self.blend(film, clusters))
             }
-            Clusters::Hits { k, label } => {
+            Clusters::Hits(label) => {
                 let votes = |i| {
-                    let traced = film.count(i).min(u64::from(*k)) as usize;
+                    let traced = film.count(i).min(u64::from(self.options.hits)) as usize;
                     let hits = &film.first_hits(i)[..traced];
                     Votes::count(hits.iter().map(|hit| hit.as_ref().and_then(|h| label(h)).unwrap_or(BACKGROUND)))
                 };

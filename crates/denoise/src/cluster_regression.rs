@@ -4,12 +4,12 @@ use crate::averaging::guide;
 use crate::bilateral::Bilateral;
 use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{Pair, filtered, relative_weight, select};
-use crate::parameters::{NEEDS, outside_weight};
+use crate::parameters::{NEEDS, describe};
 use crate::planes::{Inputs, Plane, box_mean};
 use crate::prefilter::prefilter;
 use crate::regression::{bytes, regress};
 use crate::tile::{FeatureScales, Guide, Likeness};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
 use rayon::prelude::*;
 use std::fmt;
 
@@ -29,15 +29,28 @@ pub enum Passes {
     Two,
 }
 
+dapple_core::choices!(Passes { One = "1", Two = "2" });
+
+dapple_core::options! {
+    /// The parameters of [`ClusterRegression`].
+    pub struct ClusterRegressionOptions {
+        /// 2, or 1: regression alone, without a second pass and a choice.
+        pub passes: Passes = Passes::Two => "2";
+        /// Weight of a pixel of another cluster relative to one of the same; 1: no clusters.
+        pub outside: f64 = 0.2,
+            |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
+    }
+}
+
 /// Regression on first-hit features, in windows that follow clusters, features and colours.
 ///
 /// ```
 /// use dapple_core::{Film, Filter, Frame};
-/// use dapple_denoise::{ClusterRegression, Passes};
+/// use dapple_denoise::{ClusterRegression, ClusterRegressionOptions, Passes};
 /// use std::sync::Arc;
 ///
-/// let filter = ClusterRegression::new().with_passes(Passes::One);
-/// let filter = filter.with_clusters(Arc::new(|hit| Some(hit.material)), ClusterRegression::DEFAULT_OUTSIDE, "")?;
+/// let filter = ClusterRegression::with_options(ClusterRegressionOptions::default().passes(Passes::One))?;
+/// let filter = filter.with_clusters(Arc::new(|hit| Some(hit.material)), "");
 /// let mut film = Film::new(Frame::new(16, 16)?, filter.needs());
 /// for pixel in 0..256 {
 ///     for sample in 0..4 {
@@ -76,44 +89,37 @@ pub enum Passes {
 /// [`relative_errors`](crate::relative_errors) turns it into scores for a sampler.
 #[derive(Clone, Default)]
 pub struct ClusterRegression {
-    passes: Passes,
+    options: ClusterRegressionOptions,
     label: Option<ClusterLookup>,
-    outside: Option<f64>,
     described: String,
 }
 
 impl ClusterRegression {
-    /// The default weight of a pixel in another cluster, relative to one in the same cluster.
-    pub const DEFAULT_OUTSIDE: f64 = 0.2;
-
     /// A regression without clusters, in two passes.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Sets the number of passes.
-    pub fn with_passes(self, passes: Passes) -> Self {
-        Self { passes, ..self }
-    }
-
-    /// Multiplies the weight of a pixel in the first pass by `outside` if its first sample lies in another cluster.
-    /// `described` is appended to the filter's description; it tells how the clusters are made, such as `k=9,clamp=32`.
+    /// A regression with these parameters, without clusters.
     ///
     /// # Errors
     ///
     /// [`Error::OutOfRange`] unless `outside` is in `[0, 1]`.
-    pub fn with_clusters(
-        self,
-        label: ClusterLookup,
-        outside: f64,
-        described: impl Into<String>,
-    ) -> Result<Self, Error> {
-        let outside = Some(outside_weight(outside)?);
-        Ok(Self { label: Some(label), outside, described: described.into(), ..self })
+    pub fn with_options(options: ClusterRegressionOptions) -> Result<Self, Error> {
+        options.check_ranges()?;
+        Ok(Self { options, ..Self::default() })
     }
 
+    /// Multiplies the weight of a pixel in the first pass by `outside` if its first sample lies in another cluster.
+    /// `described` is appended to the filter's description: the parameters of the clusters, such as `k=9,clamp=32`.
+    #[must_use]
+    pub fn with_clusters(self, label: ClusterLookup, described: impl Into<String>) -> Self {
+        Self { label: Some(label), described: described.into(), ..self }
+    }
+
+    /// The weight of a pixel in another cluster: 1 without clusters.
     fn outside(&self) -> f64 {
-        self.outside.unwrap_or(1.0)
+        if self.label.is_some() { self.options.outside } else { 1.0 }
     }
 
     /// Runs the first pass on both halves of the samples. `beside` is the bilateral image.
@@ -137,7 +143,7 @@ impl ClusterRegression {
     fn pair(&self, inputs: &Inputs) -> Pair {
         let averaged = Bilateral::candidate().pair(inputs);
         let first = self.first(inputs, &averaged);
-        if self.passes == Passes::One {
+        if self.options.passes == Passes::One {
             return first;
         }
         let unfiltered = Pair::unfiltered(inputs);
@@ -184,13 +190,11 @@ impl Filter for ClusterRegression {
     }
 
     fn describe(&self) -> String {
-        let passes = if self.passes == Passes::One { 1 } else { 2 };
-        let comma = if self.described.is_empty() { "" } else { "," };
-        format!("cluster-regression:passes={passes},outside={}{comma}{}", self.outside(), self.described)
+        describe(self.name(), &self.options.outside(self.outside()), &self.described)
     }
 
     fn needs(&self) -> Needs {
-        if self.label.is_some() && self.outside() < 1.0 { NEEDS.with_first_hits(1) } else { NEEDS }
+        if self.outside() < 1.0 { NEEDS.with_first_hits(1) } else { NEEDS }
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
@@ -198,7 +202,7 @@ impl Filter for ClusterRegression {
         let pair = 4 * 6;
         // While the first pass runs, the bilateral pair is in memory. While the second runs, these are: the bilateral,
         // first, unfiltered and chosen pairs, and a plane of weights. That is more than the final choice takes.
-        let at_most = match self.passes {
+        let at_most = match self.options.passes {
             Passes::One => frame.bytes(kept + pair).saturating_add(bytes(frame, 2)),
             Passes::Two => frame.bytes(kept + 4 * pair + 4).saturating_add(bytes(frame, 1)),
         };

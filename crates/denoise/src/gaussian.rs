@@ -1,13 +1,26 @@
 //! The Gaussian filter.
 
-use crate::separable::separable;
 mod weights;
 
 use self::weights::gaussian_weights;
-use crate::parameters::out;
+use crate::parameters::describe;
 use crate::pixel_means::{mean_and_presence, normalised, squared_error, variances};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs};
+use crate::separable::separable;
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
 use rayon::prelude::*;
+
+dapple_core::options! {
+    /// The parameters of [`Gaussian`].
+    pub struct GaussianOptions {
+        /// The kernel is exp(-alpha r^2) - exp(-alpha radius^2) along each axis.
+        ///
+        /// The standard deviation is `sqrt(0.5 / alpha)` pixels.
+        pub alpha: f64 = 0.5, |alpha| alpha > 0.0 && alpha.is_finite(), "a finite number above 0; 0.5 is usual";
+        /// Half its width in pixels.
+        pub radius: f64 = 4.0 => "4",
+            |radius| radius > 0.0 && radius <= 64.0, "above 0 and at most 64 pixels, from the centre to the edge";
+    }
+}
 
 /// A Gaussian blur of the pixel means, with weights integrated over each pixel.
 ///
@@ -62,53 +75,49 @@ use rayon::prelude::*;
 /// It is infinite where a pixel in reach has samples but an unknown variance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gaussian {
-    alpha: f64,
-    radius: f64,
+    options: GaussianOptions,
     weights: Vec<f64>,
 }
 
 impl Default for Gaussian {
     fn default() -> Self {
-        Self { alpha: 0.5, radius: 4.0, weights: gaussian_weights(0.5, 4.0) }
+        Self::of(GaussianOptions::default())
     }
 }
 
 impl Gaussian {
     /// A Gaussian with the falloff `alpha` per square pixel, cut off `radius` pixels from the centre along each axis.
-    /// The standard deviation is `sqrt(0.5 / alpha)` pixels.
+    ///
+    /// # Errors
+    ///
+    /// As [`Gaussian::with_options`].
+    pub fn new(alpha: f64, radius: f64) -> Result<Self, Error> {
+        Self::with_options(GaussianOptions { alpha, radius })
+    }
+
+    /// A Gaussian with these parameters.
     ///
     /// # Errors
     ///
     /// [`Error::OutOfRange`] unless `alpha` is finite and positive and `radius` in `(0, 64]`.
-    pub fn new(alpha: f64, radius: f64) -> Result<Self, Error> {
-        if !(alpha > 0.0 && alpha.is_finite()) {
-            return out("alpha", alpha, "a finite number above 0; 0.5 is usual");
-        }
-        if !(radius > 0.0 && radius <= 64.0) {
-            return out("radius", radius, "above 0 and at most 64 pixels, from the centre to the edge");
-        }
-        Ok(Self { alpha, radius, weights: gaussian_weights(alpha, radius) })
+    pub fn with_options(options: GaussianOptions) -> Result<Self, Error> {
+        options.check_ranges()?;
+        Ok(Self::of(options))
     }
 
-    /// The falloff per square pixel.
-    pub fn alpha(&self) -> f64 {
-        self.alpha
+    fn of(options: GaussianOptions) -> Self {
+        Self { options, weights: gaussian_weights(options.alpha, options.radius) }
     }
 
-    /// The distance from the centre to the end of the kernel along each axis, in pixels.
-    pub fn radius(&self) -> f64 {
-        self.radius
+    /// The parameters.
+    pub fn options(&self) -> GaussianOptions {
+        self.options
     }
 
     /// The weights of the pixels along one axis: `2 n + 1` of them, the pixel itself in the middle. They are positive,
     /// symmetric and sum to 1. A pixel's weight is the product of its column's and its row's.
     pub fn weights(&self) -> &[f64] {
         &self.weights
-    }
-
-    /// The parameters, as in descriptions.
-    pub(crate) fn parameters(&self) -> String {
-        format!("alpha={},radius={}", self.alpha, self.radius)
     }
 }
 
@@ -118,7 +127,7 @@ impl Filter for Gaussian {
     }
 
     fn describe(&self) -> String {
-        format!("gaussian:{}", self.parameters())
+        describe(self.name(), &self.options, "")
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {

@@ -13,7 +13,7 @@
 //!
 //! ```
 //! use dapple_core::{Film, Filter, Frame, Needs};
-//! use dapple_denoise::{ClusterGaussian, Gaussian};
+//! use dapple_denoise::{ClusterGaussian, ClusterGaussianOptions, Gaussian};
 //!
 //! // Dark on the left with four samples a pixel, bright on the right with two.
 //! let mut film = Film::new(Frame::new(8, 8)?, Needs::none().with_variance());
@@ -32,7 +32,8 @@
 //!
 //! // The two sides are two clusters.
 //! let clusters = (0..64).map(|i| u32::from(i % 8 >= 4)).collect();
-//! let kept = ClusterGaussian::from_map([8, 8], clusters)?.with_outside(0.0)?.apply(&film)?;
+//! let hard = ClusterGaussianOptions::default().outside(0.0);
+//! let kept = ClusterGaussian::from_map([8, 8], clusters)?.with_options(hard)?.apply(&film)?;
 //! assert!((kept.radiance[27][0] - 0.125).abs() < 1e-6, "nothing crosses the edge");
 //! # Ok::<(), dapple_core::Error>(())
 //! ```
@@ -72,12 +73,12 @@ mod regression;
 mod separable;
 mod tile;
 
-pub use bilateral::Bilateral;
-pub use cluster_gaussian::{ClusterGaussian, ClusterLookup};
-pub use cluster_regression::{ClusterRegression, Passes};
+pub use bilateral::{Bilateral, BilateralOptions};
+pub use cluster_gaussian::{ClusterGaussian, ClusterGaussianOptions, ClusterLookup};
+pub use cluster_regression::{ClusterRegression, ClusterRegressionOptions, Passes};
 pub use error_map::relative_errors;
-pub use gaussian::Gaussian;
-pub use nl_means::NlMeans;
+pub use gaussian::{Gaussian, GaussianOptions};
+pub use nl_means::{NlMeans, NlMeansOptions};
 
 /// Runs the README's example as a documentation test.
 #[cfg(doctest)]

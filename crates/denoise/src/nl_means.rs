@@ -2,10 +2,27 @@
 
 use crate::averaging::{Window, average, guide, memory};
 use crate::error_map::{Pair, filtered};
-use crate::parameters::{bandwidth, radius};
+use crate::parameters::{NEEDS, describe};
 use crate::planes::Inputs;
 use crate::tile::{FeatureScales, Likeness, REACH};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
+
+dapple_core::options! {
+    /// The parameters of [`NlMeans`]: `k` and patches as published, and smaller windows.
+    pub struct NlMeansOptions {
+        /// Pixels searched to each side, 0 to 7.
+        pub window: usize = REACH => "7", |window| window <= REACH, "0 to 7 pixels to each side";
+        /// Pixels compared to each side, 0 to 3.
+        pub patch: usize = 3, |patch| patch <= 3, "0 to 3 pixels to each side";
+        /// Differences are measured in this many standard deviations.
+        pub k: f64 = 0.45, |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
+        /// The same for first hits' normals, albedo and depth; none: only colours count (published).
+        ///
+        /// With features, colours are compared without their albedo.
+        pub features: Option<f64> = None => "none",
+            |k| k.is_none_or(|k| (1e-3..=1e3).contains(&k)), "0.001 to 1000 standard deviations";
+    }
+}
 
 /// Non-local means: each pixel becomes the mean of pixels with similar surroundings.
 ///
@@ -20,13 +37,14 @@ use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
 /// follow.
 /// The image is the mean of both halves, weighted by their counts [after Rousselle 2012].
 ///
-/// [`NlMeans::with_features`] also compares first hits, and compares colours without their albedo.
+/// [`NlMeansOptions::features`] also compares first hits, and compares colours without their albedo.
 ///
 /// ```
 /// use dapple_core::{Film, Filter, Frame};
-/// use dapple_denoise::NlMeans;
+/// use dapple_denoise::{NlMeans, NlMeansOptions};
 ///
-/// let filter = NlMeans::new(5, 2, 0.6)?; // 11x11 windows, 5x5 patches
+/// // 11x11 windows, 5x5 patches
+/// let filter = NlMeans::with_options(NlMeansOptions::default().window(5).patch(2).k(0.6))?;
 /// let mut film = Film::new(Frame::new(16, 16)?, filter.needs());
 /// for pixel in 0..256 {
 ///     for sample in 0..4 {
@@ -50,53 +68,33 @@ use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
 ///
 /// Pixels without samples are filled from their window, or black if the window is empty.
 /// [`Filtered::error`] estimates the whole squared error from the halves, bias included.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct NlMeans {
-    window: usize,
-    patch: usize,
-    k: f64,
-    features: Option<f64>,
-}
-
-impl Default for NlMeans {
-    /// `k` 0.45 and patches of 7x7 pixels as published; windows of 15x15 pixels.
-    fn default() -> Self {
-        Self { window: REACH, patch: 3, k: 0.45, features: None }
-    }
+    options: NlMeansOptions,
 }
 
 impl NlMeans {
-    /// Windows and patches with this many pixels to each side. Colour differences are measured in `k` standard
-    /// deviations.
+    /// The filter with these parameters.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] unless `window <= 7`, `patch <= 3` and `k` is in `0.001 ..= 1000`.
-    pub fn new(window: usize, patch: usize, k: f64) -> Result<Self, Error> {
-        bandwidth("k", k)?;
-        Ok(Self { window: radius("window", window, REACH)?, patch: radius("patch", patch, 3)?, k, features: None })
-    }
-
-    /// Also compares the normals, albedo and depth of first hits, in units of `k` standard deviations.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] unless `k` is in `0.001 ..= 1000`.
-    pub fn with_features(self, k: f64) -> Result<Self, Error> {
-        bandwidth("features", k)?;
-        Ok(Self { features: Some(k), ..self })
+    /// [`Error::OutOfRange`] for the first parameter out of range.
+    pub fn with_options(options: NlMeansOptions) -> Result<Self, Error> {
+        options.check_ranges()?;
+        Ok(Self { options })
     }
 
     fn likeness(&self) -> Likeness {
         let scales = |k: f64| FeatureScales { bandwidth: k as f32, floors: [1e-2, 2e-2] };
-        Likeness { patch: self.patch, colour: self.k as f32, features: self.features.map(scales), outside: 1.0 }
+        let NlMeansOptions { patch, k, features, .. } = self.options;
+        Likeness { patch, colour: k as f32, features: features.map(scales), outside: 1.0 }
     }
 
     /// Filters both halves of a film's samples, and returns an image from each.
     pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
-        let demodulated = self.features.is_some();
+        let demodulated = self.options.features.is_some();
         let guides = [0, 1].map(|half| guide(inputs, half, demodulated, demodulated));
-        let window = Window { radius: self.window, cut: 0.05, falloff: 0.0 };
+        let window = Window { radius: self.options.window, cut: 0.05, falloff: 0.0 };
         let values = [0, 1].map(|h: usize| &guides[h].colour);
         let mut pair = Pair(average(inputs, values, &guides, &self.likeness(), &window));
         if demodulated {
@@ -112,18 +110,15 @@ impl Filter for NlMeans {
     }
 
     fn describe(&self) -> String {
-        let Self { window, patch, k, features } = self;
-        let features = features.map_or("none".to_owned(), |k| k.to_string());
-        format!("nlm:window={window},patch={patch},k={k},features={features}")
+        describe(self.name(), &self.options, "")
     }
 
     fn needs(&self) -> Needs {
-        let plain = Needs::none().with_variance().with_halves();
-        if self.features.is_some() { plain.with_features() } else { plain }
+        if self.options.features.is_some() { NEEDS } else { Needs::none().with_variance().with_halves() }
     }
 
     fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
-        memory(frame, false, &self.likeness(), self.features.is_some())
+        memory(frame, false, &self.likeness(), self.options.features.is_some())
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {

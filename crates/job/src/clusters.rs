@@ -1,12 +1,11 @@
 //! Clusters of a world's surfaces, and the data of a world that samplers and filters use.
 
-use crate::registry::RegistryError;
-use dapple_cluster_adaptive::{ProbeCost, ProbeHit, ProbeRay, ProbesHandle, TraceProbe};
+use dapple_cluster_adaptive::{ProbeHit, ProbeRay, TraceProbe};
 use dapple_clustering::{Cluster, ClusterParams, ClusterReport, Clusters, Triangles, cluster};
 use dapple_core::FirstHit;
 use dapple_renderer::World;
 use glam::{Vec2, Vec3};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// The triangles of a world as plain slices, mesh by mesh, in the coordinates of first hits.
@@ -102,6 +101,11 @@ impl WorldClusters {
         Ok(Self { params: *params, labels, clusters, first, report, seconds: began.elapsed().as_secs_f64() })
     }
 
+    /// The parameters of clustering.
+    pub fn params(&self) -> &ClusterParams {
+        &self.params
+    }
+
     /// The cluster's number of each primitive: triangles first, mesh by mesh, then spheres and disks.
     pub fn labels(&self) -> &Arc<[u32]> {
         &self.labels
@@ -147,105 +151,6 @@ fn whole([low, high]: [Vec3; 2], material: u32, group: u32) -> Cluster {
     let area = 2.0 * (d.x * d.y + d.y * d.z + d.z * d.x);
     let bounds = [low.to_array(), high.to_array()];
     Cluster::without_triangles(bounds, area, material, group)
-}
-
-/// The world for which a method's sampler and filter are made. Clusters are made once per set of parameters. Clones are
-/// cheap and share the clusters.
-#[derive(Clone, Debug, Default)]
-pub struct Stage {
-    world: Option<Arc<World>>,
-    made: Arc<Mutex<Made>>,
-    used: Arc<Mutex<Option<Arc<WorldClusters>>>>,
-}
-
-#[derive(Debug, Default)]
-struct Made {
-    clusters: Vec<Arc<WorldClusters>>,
-    probes: Vec<ProbesHandle>,
-}
-
-impl Stage {
-    /// The stage of a method on `world`.
-    pub fn new(world: Arc<World>) -> Self {
-        Self { world: Some(world), ..Self::default() }
-    }
-
-    /// A stage for another method on the same world. Both share clusters, but each has its own
-    /// [`Stage::clusters_used`].
-    #[must_use]
-    pub fn sibling(&self) -> Self {
-        Self { used: Arc::default(), ..self.clone() }
-    }
-
-    /// A stage without a world, for methods that need none; the others fail with [`RegistryError::NeedsWorld`].
-    pub fn empty() -> Self {
-        Self::default()
-    }
-
-    /// The clusters of the world with these parameters, made on the first call.
-    ///
-    /// # Errors
-    ///
-    /// [`RegistryError::NeedsWorld`], naming the method `of`, on an empty stage. Also if a parameter is out of range.
-    pub fn clusters(&self, of: &'static str, params: &ClusterParams) -> Result<Arc<WorldClusters>, RegistryError> {
-        let found = self.find_or_make(of, params)?;
-        self.used.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| found.clone());
-        Ok(found)
-    }
-
-    fn find_or_make(&self, of: &'static str, params: &ClusterParams) -> Result<Arc<WorldClusters>, RegistryError> {
-        let world = self.world(of)?;
-        let known = |made: &Made| made.clusters.iter().find(|c| c.params == *params).cloned();
-        if let Some(known) = known(&self.made()) {
-            return Ok(known);
-        }
-        // Unlocked meanwhile: clustering runs on rayon, whose workers may enter here with another task.
-        let found =
-            WorldClusters::new(world, params).map_err(|e| RegistryError::Clusters { of, why: e.to_string() })?;
-        let mut made = self.made();
-        if let Some(known) = known(&made) {
-            return Ok(known);
-        }
-        let found = Arc::new(found);
-        made.clusters.push(found.clone());
-        Ok(found)
-    }
-
-    /// The clusters that this stage's method uses, the first ones if several; `None` if it uses none.
-    pub fn clusters_used(&self) -> Option<Arc<WorldClusters>> {
-        self.used.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
-    /// Wall seconds spent on clustering so far.
-    pub fn cluster_seconds(&self) -> f64 {
-        self.made().clusters.iter().fold(0.0, |sum, c| sum + c.seconds)
-    }
-
-    /// The cost of probes so far, summed over all samplers made on this stage.
-    pub fn probe_cost(&self) -> ProbeCost {
-        let made = self.made();
-        made.probes.iter().filter_map(ProbesHandle::cost).fold(ProbeCost::default(), |sum, cost| ProbeCost {
-            rays: sum.rays + cost.rays,
-            seconds: sum.seconds + cost.seconds,
-        })
-    }
-
-    /// The number of probes whose hit was NaN; they count as background.
-    pub fn rejected_probes(&self) -> u64 {
-        self.made().probes.iter().filter_map(ProbesHandle::probes).map(|probes| probes.rejected()).sum()
-    }
-
-    pub(crate) fn world(&self, of: &'static str) -> Result<&Arc<World>, RegistryError> {
-        self.world.as_ref().ok_or(RegistryError::NeedsWorld { of })
-    }
-
-    pub(crate) fn keep(&self, probes: ProbesHandle) {
-        self.made().probes.push(probes);
-    }
-
-    fn made(&self) -> MutexGuard<'_, Made> {
-        self.made.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 /// A function that traces probes: it returns the first hits of rays in the world.

@@ -12,8 +12,10 @@ use crate::checkpoint::Identity;
 use crate::load::{LoadOptions, LoadedScene, PreparedScene, frame, limits, setting};
 use crate::memory::MemoryEstimate;
 use crate::output::OutputFiles;
-use crate::{JobError, RenderSpec, Stage, Warning, WorldClusters, registry};
+use crate::registry::{self, MadeFilter, MadeSampler, MethodInputs};
+use crate::{JobError, RenderSpec, Warning, WorldClusters};
 use checkpoints::Watched;
+use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
     Budget, Control, Error, Film, Filter, Filtered, Frame, Limits, Memory, Monitor, Needs, NoMonitor, PointSet, Render,
     Sampler, Sharded, Status, Unfiltered,
@@ -44,8 +46,9 @@ pub struct Job {
     described: String,
     sampler: Box<dyn Sampler>,
     filter: Box<dyn Filter>,
-    of_sampler: Stage,
-    of_filter: Stage,
+    clusters: Option<Arc<WorldClusters>>,
+    cluster_seconds: f64,
+    probes: ProbesHandle,
     needs: Needs,
     outputs: OutputFiles,
 }
@@ -160,16 +163,19 @@ impl Job {
             return Err(JobError::OtherWorld);
         }
         let frame = frame(spec, &prepared.scene)?;
-        let of_sampler = Stage::new(prepared.world.clone());
-        let of_filter = of_sampler.sibling();
         let points = registry::points(&spec.points, setting(spec, frame))?;
         let points_described = points.describe();
-        let sampler = registry::sampler(&spec.sampler, points, &of_sampler)?;
-        let filter = registry::filter(&spec.filter, &of_filter)?;
+        let mut inputs = MethodInputs::of(prepared.world.clone());
+        let MadeSampler { sampler, clusters, probes } = registry::sampler(&spec.sampler, points, &inputs)?;
+        inputs.clusters.clone_from(&clusters);
+        let MadeFilter { filter, clusters: of_filter } = registry::filter(&spec.filter, &inputs)?;
+        let is_shared = |made: &&Arc<_>| clusters.as_ref().is_some_and(|known| Arc::ptr_eq(known, made));
+        let sets = clusters.iter().chain(of_filter.iter().filter(|made| !is_shared(made)));
+        let cluster_seconds = sets.fold(0.0, |sum, set| sum + set.seconds());
         let mut limits = limits(spec, frame);
         if let Budget::Seconds(seconds) = &mut limits.budget {
             // Keeps at least 1 ms, so that clustering cannot use up the whole limit.
-            *seconds = (*seconds - of_sampler.cluster_seconds()).max(1e-3);
+            *seconds = (*seconds - cluster_seconds).max(1e-3);
         }
         drop(make_integrator(&spec.integrator, &prepared.world)?);
         let mut job = Self {
@@ -182,8 +188,9 @@ impl Job {
             needs: filter.needs(),
             sampler,
             filter,
-            of_sampler,
-            of_filter,
+            clusters: clusters.or(of_filter),
+            cluster_seconds,
+            probes,
             outputs: OutputFiles::none(),
         };
         if spec.shard.is_some() {
@@ -261,8 +268,8 @@ impl Job {
     }
 
     /// The clusters that the sampler uses, else those of the filter; `None` if neither uses any.
-    pub fn clusters(&self) -> Option<Arc<WorldClusters>> {
-        self.of_sampler.clusters_used().or_else(|| self.of_filter.clusters_used())
+    pub fn clusters(&self) -> Option<&Arc<WorldClusters>> {
+        self.clusters.as_ref()
     }
 
     /// The estimated memory of the render. `keeps` adds the bytes of a checkpoint or shard.
@@ -389,11 +396,11 @@ impl Job {
                 warnings.push(Warning::ErrorNotReached { predicted, goal });
             }
         }
-        let probes = self.of_sampler.probe_cost();
+        let probes = self.probes.cost().unwrap_or_default();
         let seconds = PhaseSeconds {
             load: self.prepared.load_seconds,
             bvh: self.prepared.build_seconds,
-            cluster: self.of_sampler.cluster_seconds(),
+            cluster: self.cluster_seconds,
             probe: probes.seconds,
             // Probes are traced when the first round is planned.
             plan: (record.plan_seconds() - probes.seconds).max(0.0),
@@ -412,7 +419,7 @@ impl Job {
             let (requested, occupied) = (report.requested(), report.occupied);
             warnings.push(Warning::DegenerateClusters { requested, occupied });
         }
-        let rejected = self.of_sampler.rejected_probes();
+        let rejected = self.probes.probes().map_or(0, |probes| probes.rejected());
         if rejected > 0 {
             warnings.push(Warning::RejectedProbes(rejected));
         }

@@ -24,7 +24,7 @@ pub mod registry;
 mod spec;
 mod warning;
 
-pub use clusters::{Stage, WorldClusters, WorldTriangles};
+pub use clusters::{WorldClusters, WorldTriangles};
 pub use content_hash::ContentHash;
 pub use error::JobError;
 pub use job::{

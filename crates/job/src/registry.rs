@@ -1,19 +1,19 @@
 //! The registry of samplers, point sets and filters by name.
 
 mod filters;
+mod inputs;
 mod parameters;
 mod points;
 mod samplers;
 
 pub use dapple_core::Parameter;
-pub use filters::{FILTERS, MakeFilter};
+pub use filters::{FILTERS, MadeFilter, MakeFilter};
+pub use inputs::MethodInputs;
 pub use parameters::{Parameters, RegistryError};
 pub use points::{AnyPoints, MakePoints, POINTS};
-pub use samplers::{MakeSampler, SAMPLERS};
+pub use samplers::{MadeSampler, MakeSampler, SAMPLERS};
 
-use crate::Stage;
 use dapple_clustering::{ClusterParams, Grouping, Insertion, Order, Sides};
-use dapple_core::{Filter, Sampler};
 
 /// An entry of the registry: the name, description, parameters and constructor of a sampler, point set or filter.
 pub struct Entry<Make> {
@@ -87,14 +87,16 @@ fn clustering(p: &Parameters) -> Result<ClusterParams, RegistryError> {
     let groupings = [("greedy", Grouping::Greedy), ("connected", Grouping::Connected)];
     let orders = [("input", Order::Input), ("canonical", Order::Canonical)];
     let sides = [("1", Sides::Signed), ("2", Sides::Either)];
-    Ok(ClusterParams::default()
+    let params = ClusterParams::default()
         .with_k(p.number("k")?)
         .with_clamp(p.number("clamp")?)
         .with_angle(p.number("normals")?)
         .with_insertion(p.choice("insertion", &insertions)?)
         .with_grouping(p.choice("grouping", &groupings)?)
         .with_order(p.choice("order", &orders)?)
-        .with_sides(p.choice("sides", &sides)?))
+        .with_sides(p.choice("sides", &sides)?);
+    params.check().map_err(|e| p.refuse(e.to_string()))?;
+    Ok(params)
 }
 
 /// Makes a point set from its description: `NAME` or `NAME:key=value,…`.
@@ -107,27 +109,26 @@ pub fn points(description: &str, setting: Setting) -> Result<AnyPoints, Registry
     Ok(AnyPoints::new((entry.make)(&parameters, setting)?))
 }
 
-/// Makes a sampler from its description (`NAME` or `NAME:key=value,…`), with the point set `points`, for the world on
-/// `stage`.
+/// Makes a sampler from its description (`NAME` or `NAME:key=value,…`), with the point set `points`.
 ///
 /// # Errors
 ///
 /// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
-/// [`RegistryError::NeedsWorld`] if the sampler reads the world and `stage` is empty.
-pub fn sampler(description: &str, points: AnyPoints, stage: &Stage) -> Result<Box<dyn Sampler>, RegistryError> {
+/// [`RegistryError::NeedsWorld`] if the sampler reads the world and `inputs` has none.
+pub fn sampler(description: &str, points: AnyPoints, inputs: &MethodInputs) -> Result<MadeSampler, RegistryError> {
     let (entry, parameters) = parameters::find("sampler", SAMPLERS, description)?;
-    (entry.make)(&parameters, points, stage)
+    (entry.make)(&parameters, points, inputs)
 }
 
-/// Makes a filter (denoiser) from its description (`NAME` or `NAME:key=value,…`), for the world on `stage`.
+/// Makes a filter (denoiser) from its description (`NAME` or `NAME:key=value,…`).
 ///
 /// # Errors
 ///
 /// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
-/// [`RegistryError::NeedsWorld`] if the filter reads the world and `stage` is empty.
-pub fn filter(description: &str, stage: &Stage) -> Result<Box<dyn Filter>, RegistryError> {
+/// [`RegistryError::NeedsWorld`] if the filter reads the world and `inputs` has none.
+pub fn filter(description: &str, inputs: &MethodInputs) -> Result<MadeFilter, RegistryError> {
     let (entry, parameters) = parameters::find("filter", FILTERS, description)?;
-    (entry.make)(&parameters, stage)
+    (entry.make)(&parameters, inputs)
 }
 
 /// Checks the description of a sampler as far as possible without a world.
@@ -137,7 +138,7 @@ pub fn filter(description: &str, stage: &Stage) -> Result<Box<dyn Filter>, Regis
 /// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
 pub fn check_sampler(description: &str) -> Result<(), RegistryError> {
     let points = points("random", Setting { seed: 0, spp: None })?;
-    without_world(sampler(description, points, &Stage::empty()))
+    without_world(sampler(description, points, &MethodInputs::default()))
 }
 
 /// Checks the description of a point set.
@@ -155,7 +156,7 @@ pub fn check_points(description: &str) -> Result<(), RegistryError> {
 ///
 /// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
 pub fn check_filter(description: &str) -> Result<(), RegistryError> {
-    without_world(filter(description, &Stage::empty()))
+    without_world(filter(description, &MethodInputs::default()))
 }
 
 fn without_world<T>(made: Result<T, RegistryError>) -> Result<(), RegistryError> {

@@ -43,7 +43,7 @@ macro_rules! numbers {
     )*};
 }
 
-numbers!(u32, u64, usize, i32, f32, f64);
+numbers!(u8, u32, u64, usize, i32, f32, f64);
 
 /// Parses `none` as `None`, and other text as a value of the inner type.
 impl<T: OptionValue> OptionValue for Option<T> {

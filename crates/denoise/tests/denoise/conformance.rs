@@ -2,7 +2,10 @@
 
 use dapple_conformance as conformance;
 use dapple_core::Frame;
-use dapple_denoise::{Bilateral, ClusterGaussian, ClusterLookup, ClusterRegression, Gaussian, NlMeans, Passes};
+use dapple_denoise::{
+    Bilateral, BilateralOptions, ClusterGaussian, ClusterGaussianOptions, ClusterLookup, ClusterRegression,
+    ClusterRegressionOptions, Gaussian, NlMeans, NlMeansOptions, Passes,
+};
 use std::sync::Arc;
 
 #[test]
@@ -23,8 +26,10 @@ fn map(frame: &Frame) -> ClusterGaussian {
 
 #[test]
 fn cluster_gaussian_from_a_map_conforms() {
-    for outside in [0.0, ClusterGaussian::DEFAULT_OUTSIDE, 1.0] {
-        conformance::filter_on_frames(|frame| Box::new(map(frame).with_outside(outside).unwrap()));
+    for outside in [0.0, ClusterGaussianOptions::default().outside, 1.0] {
+        conformance::filter_on_frames(|frame| {
+            Box::new(map(frame).with_options(ClusterGaussianOptions::default().outside(outside)).unwrap())
+        });
     }
 }
 
@@ -32,7 +37,8 @@ fn cluster_gaussian_from_a_map_conforms() {
 fn cluster_gaussian_from_hits_conforms() {
     let label: ClusterLookup = Arc::new(|hit| (hit.primitive != 1).then_some(hit.material + 10 * hit.primitive));
     for (k, outside) in [(1, 0.1), (4, 0.0), (8, 0.1)] {
-        let make = || ClusterGaussian::from_hits(k, label.clone()).unwrap().with_outside(outside).unwrap();
+        let options = ClusterGaussianOptions::default().hits(k).outside(outside);
+        let make = || ClusterGaussian::from_hits(label.clone()).with_options(options).unwrap();
         conformance::filter(|| Box::new(make()));
     }
 }
@@ -40,21 +46,24 @@ fn cluster_gaussian_from_hits_conforms() {
 #[test]
 fn nl_means_conform() {
     conformance::filter(|| Box::new(NlMeans::default()));
-    conformance::filter(|| Box::new(NlMeans::new(3, 1, 0.6).unwrap().with_features(0.6).unwrap()));
+    let options = NlMeansOptions::default().window(3).patch(1).k(0.6).features(Some(0.6));
+    conformance::filter(|| Box::new(NlMeans::with_options(options).unwrap()));
 }
 
 #[test]
 fn bilateral_conforms() {
     let label: ClusterLookup = Arc::new(|hit| Some(hit.material));
     conformance::filter(|| Box::new(Bilateral::default()));
-    conformance::filter(|| Box::new(Bilateral::default().with_clusters(label.clone(), 0.0, "").unwrap()));
+    let plain = Bilateral::with_options(BilateralOptions::default().outside(0.0)).unwrap();
+    conformance::filter(|| Box::new(plain.clone().with_clusters(label.clone(), "")));
 }
 
 #[test]
 fn cluster_regression_conforms() {
     let label: ClusterLookup = Arc::new(|hit| (hit.primitive != 1).then_some(hit.material + 10 * hit.primitive));
-    let made = || ClusterRegression::new().with_clusters(label.clone(), 0.2, "").unwrap();
-    conformance::filter(|| Box::new(made()));
-    conformance::filter(|| Box::new(made().with_passes(Passes::One)));
+    for passes in [Passes::Two, Passes::One] {
+        let plain = ClusterRegression::with_options(ClusterRegressionOptions::default().passes(passes)).unwrap();
+        conformance::filter(|| Box::new(plain.clone().with_clusters(label.clone(), "")));
+    }
     conformance::filter(|| Box::new(ClusterRegression::new()));
 }

@@ -5,7 +5,10 @@ use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog,
 };
-use dapple_denoise::{Bilateral, ClusterLookup, ClusterRegression, Gaussian, NlMeans, Passes, relative_errors};
+use dapple_denoise::{
+    Bilateral, BilateralOptions, ClusterLookup, ClusterRegression, ClusterRegressionOptions, Gaussian, NlMeans,
+    NlMeansOptions, Passes, relative_errors,
+};
 use dapple_low_discrepancy::Random;
 use std::sync::Arc;
 
@@ -54,15 +57,17 @@ fn film(made: &mut Made, seed: u64, spp: u64) -> Film {
 }
 
 fn filters() -> Vec<Box<dyn Filter>> {
-    let clusters = || ClusterRegression::new().with_clusters(label(), 0.2, "").unwrap();
+    let nlm = NlMeansOptions::default().window(5).patch(2).k(0.6).features(Some(0.6));
+    let bilateral = Bilateral::with_options(BilateralOptions::default().outside(0.5)).unwrap();
+    let one = ClusterRegression::with_options(ClusterRegressionOptions::default().passes(Passes::One)).unwrap();
     vec![
         Box::new(NlMeans::default()),
-        Box::new(NlMeans::new(5, 2, 0.6).unwrap().with_features(0.6).unwrap()),
+        Box::new(NlMeans::with_options(nlm).unwrap()),
         Box::new(Bilateral::default()),
-        Box::new(Bilateral::default().with_clusters(label(), 0.5, "").unwrap()),
+        Box::new(bilateral.with_clusters(label(), "")),
         Box::new(ClusterRegression::new()),
-        Box::new(clusters().with_passes(Passes::One)),
-        Box::new(clusters()),
+        Box::new(one.with_clusters(label(), "")),
+        Box::new(ClusterRegression::new().with_clusters(label(), "")),
     ]
 }
 
@@ -250,8 +255,9 @@ fn clusters_preserve_an_edge_too_faint_for_its_noise() {
         let limits = Limits::samples(spp * frame.pixels() as u64);
         Render::new(frame, &limits).needs(NEEDS).run(faint, &mut Uniform::new(Random::new(seed))).unwrap()
     }
-    let regression = || ClusterRegression::new().with_passes(Passes::One);
-    let (blind, seeing) = (step(&regression()), step(&regression().with_clusters(label(), 0.0, "").unwrap()));
+    let options = ClusterRegressionOptions::default().passes(Passes::One).outside(0.0);
+    let regression = ClusterRegression::with_options(options).unwrap();
+    let (blind, seeing) = (step(&regression), step(&regression.clone().with_clusters(label(), "")));
     assert!(blind < 0.12 && seeing > 0.16, "without clusters {blind}, with them {seeing}, in truth 0.2");
 }
 
@@ -261,17 +267,23 @@ fn parameters_out_of_range_are_refused() {
         Err(Error::OutOfRange { name, .. }) => assert_eq!(name, parameter),
         other => panic!("{parameter} is not refused: {other:?}"),
     };
-    refused(NlMeans::new(8, 3, 0.45).map(drop), "window");
-    refused(NlMeans::new(7, 4, 0.45).map(drop), "patch");
+    let (nlm, bilateral) = (NlMeansOptions::default(), BilateralOptions::default());
+    let of_nlm = |options, parameter| refused(NlMeans::with_options(options).map(drop), parameter);
+    let of_bilateral = |options, parameter| refused(Bilateral::with_options(options).map(drop), parameter);
+    of_nlm(nlm.window(8), "window");
+    of_nlm(nlm.patch(4), "patch");
+    of_bilateral(bilateral.window(8), "window");
     for k in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        refused(NlMeans::new(7, 3, k).map(drop), "k");
-        refused(NlMeans::default().with_features(k).map(drop), "features");
-        refused(Bilateral::default().with_bandwidths(k, 1.0).map(drop), "colour");
+        of_nlm(nlm.k(k), "k");
+        of_nlm(nlm.features(Some(k)), "features");
+        of_bilateral(bilateral.colour(k), "colour");
+        of_bilateral(bilateral.features(k), "features");
     }
-    refused(Bilateral::new(7, f64::NAN).map(drop), "falloff");
+    of_bilateral(bilateral.falloff(f64::NAN), "falloff");
     for outside in [-0.1, 1.1, f64::NAN] {
-        refused(Bilateral::default().with_clusters(label(), outside, "").map(drop), "outside");
-        refused(ClusterRegression::new().with_clusters(label(), outside, "").map(drop), "outside");
+        of_bilateral(bilateral.outside(outside), "outside");
+        let options = ClusterRegressionOptions::default().outside(outside);
+        refused(ClusterRegression::with_options(options).map(drop), "outside");
     }
 }
 
@@ -279,7 +291,7 @@ fn parameters_out_of_range_are_refused() {
 fn descriptions_give_every_parameter() {
     assert_eq!(NlMeans::default().describe(), "nlm:window=7,patch=3,k=0.45,features=none");
     assert_eq!(ClusterRegression::new().describe(), "cluster-regression:passes=2,outside=1");
-    let clusters = ClusterRegression::new().with_clusters(label(), 0.2, "k=9").unwrap();
+    let clusters = ClusterRegression::new().with_clusters(label(), "k=9");
     assert_eq!(clusters.describe(), "cluster-regression:passes=2,outside=0.2,k=9");
     // First hits are recorded only where clusters matter.
     assert_eq!((clusters.needs().first_hits, ClusterRegression::new().needs().first_hits), (1, 0));

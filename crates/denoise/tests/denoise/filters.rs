@@ -4,7 +4,7 @@ use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog,
 };
-use dapple_denoise::{ClusterGaussian, Gaussian};
+use dapple_denoise::{ClusterGaussian, ClusterGaussianOptions, Gaussian};
 use dapple_low_discrepancy::Random;
 use proptest::prelude::*;
 use std::sync::Arc;
@@ -29,6 +29,7 @@ fn refused(result: Result<impl Sized, Error>, parameter: &str) {
 
 #[test]
 fn parameters_out_of_range_are_refused() {
+    let options = ClusterGaussianOptions::default();
     for alpha in [0.0, -0.5, f64::NAN, f64::INFINITY] {
         refused(Gaussian::new(alpha, 4.0), "alpha");
     }
@@ -36,10 +37,10 @@ fn parameters_out_of_range_are_refused() {
         refused(Gaussian::new(0.5, radius), "radius");
     }
     for outside in [-0.1, 1.1, f64::NAN] {
-        refused(ClusterGaussian::from_map([1, 1], vec![0]).unwrap().with_outside(outside), "outside");
+        refused(ClusterGaussian::from_map([1, 1], vec![0]).unwrap().with_options(options.outside(outside)), "outside");
     }
     for k in [0, 9] {
-        refused(ClusterGaussian::from_hits(k, Arc::new(|_| None)), "hits");
+        refused(ClusterGaussian::from_hits(Arc::new(|_| None)).with_options(options.hits(k)), "hits");
     }
     refused(ClusterGaussian::from_map([3, 2], vec![0; 5]), "clusters");
     refused(ClusterGaussian::from_map([u32::MAX, u32::MAX], vec![]), "clusters");
@@ -60,8 +61,9 @@ fn descriptions_give_every_parameter() {
     assert_eq!(Gaussian::default().describe(), "gaussian:alpha=0.5,radius=4");
     let map = ClusterGaussian::from_map([1, 1], vec![0]).unwrap();
     assert_eq!(map.describe(), "cluster-gaussian:alpha=0.5,radius=4,outside=0.05,clusters=map");
-    let hits = ClusterGaussian::from_hits(4, Arc::new(|_| None)).unwrap();
-    let hits = hits.with_kernel(Gaussian::new(2.0, 1.5).unwrap()).with_outside(0.25).unwrap();
+    let hits = ClusterGaussian::from_hits(Arc::new(|_| None));
+    let hits = hits.with_kernel(Gaussian::new(2.0, 1.5).unwrap());
+    let hits = hits.with_options(ClusterGaussianOptions::default().hits(4).outside(0.25)).unwrap();
     assert_eq!(hits.describe(), "cluster-gaussian:alpha=2,radius=1.5,outside=0.25,hits=4");
 }
 
@@ -178,7 +180,8 @@ fn first_hits_and_a_map_agree_on_pure_pixels() {
     let film = Render::new(frame, &limits).needs(needs).run(&mut Flat, &mut Uniform::new(Random::new(3))).unwrap();
     let kernel = Gaussian::new(0.5, 2.0).unwrap();
     let hits = |k| {
-        ClusterGaussian::from_hits(k, Arc::new(|hit| Some(hit.material)))
+        ClusterGaussian::from_hits(Arc::new(|hit| Some(hit.material)))
+            .with_options(ClusterGaussianOptions::default().hits(k))
             .unwrap()
             .with_kernel(kernel.clone())
             .apply(&film)
@@ -196,7 +199,8 @@ fn first_hits_and_a_map_agree_on_pure_pixels() {
     }
     assert_ne!(one.radiance, eight.radiance, "mixed pixels blend");
     // A film with too few first hits is refused.
-    let poor = ClusterGaussian::from_hits(8, Arc::new(|_| None)).unwrap();
+    let poor = ClusterGaussian::from_hits(Arc::new(|_| None));
+    let poor = poor.with_options(ClusterGaussianOptions::default().hits(8)).unwrap();
     let bare = self::film([12, 9], |_| 1.0);
     assert!(matches!(poor.apply(&bare), Err(Error::NotRecorded { .. })));
 }
@@ -207,7 +211,10 @@ fn outside_ranges_from_the_plain_gaussian_to_a_hard_border() {
     let film = film([16, 10], |i| if i % 16 < 6 { 1.0 + (i % 7) as f32 } else { 1000.0 + (i % 5) as f32 });
     let map: Vec<u32> = (0..160).map(|i| u32::from(i % 16 < 6)).collect();
     let with = |outside| {
-        let map = ClusterGaussian::from_map([16, 10], map.clone()).unwrap().with_outside(outside).unwrap();
+        let map = ClusterGaussian::from_map([16, 10], map.clone())
+            .unwrap()
+            .with_options(ClusterGaussianOptions::default().outside(outside))
+            .unwrap();
         map.apply(&film).unwrap().radiance
     };
     let plain = Gaussian::default().apply(&film).unwrap().radiance;
@@ -239,7 +246,7 @@ proptest! {
         let kernel = Gaussian::new(alpha, radius).unwrap();
         let clusters = (0..width * height).map(|i| i * i % 3).collect();
         let map = ClusterGaussian::from_map([width, height], clusters).unwrap();
-        let map = map.with_kernel(kernel.clone()).with_outside(outside).unwrap();
+        let map = map.with_kernel(kernel.clone()).with_options(ClusterGaussianOptions::default().outside(outside)).unwrap();
         let filters: [&dyn Filter; 2] = [&kernel, &map];
         for filter in filters {
             let image = filter.apply(&film).unwrap();

@@ -2,7 +2,7 @@
 
 use crate::support::Noise;
 use dapple_core::{Film, Filter, Frame, Needs};
-use dapple_denoise::{ClusterGaussian, Gaussian};
+use dapple_denoise::{ClusterGaussian, ClusterGaussianOptions, Gaussian};
 
 /// A film of `size` pixels with `count(x, y)` samples per pixel of `signal(x, y)` plus noise in 0 .. 1.
 fn film(
@@ -62,6 +62,10 @@ fn mean_and_error(values: &[f64]) -> (f64, f64) {
 const EDGE: f64 = 0.152_920_846_231_744;
 const COUNTS: [[u32; 2]; 4] = [[4, 4], [4, 16], [4, 256], [256, 4]];
 
+fn outside(outside: f64) -> ClusterGaussianOptions {
+    ClusterGaussianOptions::default().outside(outside)
+}
+
 fn edge_filters() -> [(Box<dyn Filter>, f64); 4] {
     let kernel = Gaussian::new(2.0, 1.5).unwrap();
     let map = |clusters: Vec<u32>| ClusterGaussian::from_map([8, 5], clusters).unwrap().with_kernel(kernel.clone());
@@ -70,9 +74,9 @@ fn edge_filters() -> [(Box<dyn Filter>, f64); 4] {
     let crossing = 0.25 * EDGE / (0.25 * EDGE + (1.0 - EDGE));
     [
         (Box::new(kernel), EDGE),
-        (Box::new(one.with_outside(0.1).unwrap()), EDGE),
-        (Box::new(two.clone().with_outside(0.25).unwrap()), crossing),
-        (Box::new(two.with_outside(0.0).unwrap()), 0.0),
+        (Box::new(one.with_options(outside(0.1)).unwrap()), EDGE),
+        (Box::new(two.clone().with_options(outside(0.25)).unwrap()), crossing),
+        (Box::new(two.with_options(outside(0.0)).unwrap()), 0.0),
     ]
 }
 
@@ -144,7 +148,7 @@ fn step(image: &[f64], slope: f64) -> f64 {
 fn sample_counts_that_jump_leave_no_seam_a09() {
     let map: Vec<u32> = (0..SEAM[0] * SEAM[1]).map(|i| u32::from(i % SEAM[0] >= 16)).collect();
     let cluster = ClusterGaussian::from_map(SEAM, vec![1; map.len()]).unwrap();
-    let border = ClusterGaussian::from_map(SEAM, map).unwrap().with_outside(0.0).unwrap();
+    let border = ClusterGaussian::from_map(SEAM, map).unwrap().with_options(outside(0.0)).unwrap();
     for slope in [0.0f32, 0.05] {
         let films: Vec<Film> = (0..64)
             .map(|seed| {
@@ -209,7 +213,7 @@ fn pixels_without_samples_are_filled_or_marked_f09() {
     // One sampled pixel in the corner; the kernel reaches 4 pixels.
     let film = film([12, 12], 3, |x, y| if x + y == 0 { 4 } else { 0 }, |_, _, _| 2.0);
     let clusters = (0..144).collect();
-    let map = ClusterGaussian::from_map([12, 12], clusters).unwrap().with_outside(0.0).unwrap();
+    let map = ClusterGaussian::from_map([12, 12], clusters).unwrap().with_options(outside(0.0)).unwrap();
     let narrow = Gaussian::new(0.5, 0.4).unwrap();
     let filters: [(&dyn Filter, usize); 3] = [(&Gaussian::default(), 4), (&map, 4), (&narrow, 0)];
     for (filter, reach) in filters {

@@ -41,10 +41,10 @@ fn filters() -> Vec<(Box<dyn Filter>, u32)> {
     vec![
         (Box::new(Gaussian::default()), 4),
         (Box::new(Gaussian::new(0.5, 3.0).unwrap()), 4),
-        (Box::new(ClusterGaussian::from_hits(1, label.clone()).unwrap()), 4),
+        (Box::new(ClusterGaussian::from_hits(label.clone())), 4),
         (Box::new(NlMeans::default()), 24),
         (Box::new(Bilateral::default()), 24),
-        (Box::new(ClusterRegression::new().with_clusters(label, 0.2, "").unwrap()), 32),
+        (Box::new(ClusterRegression::new().with_clusters(label, "")), 32),
     ]
 }
 

@@ -1,4 +1,4 @@
-//! The weight of other clusters on synthetic images: the measurement behind `ClusterGaussian::DEFAULT_OUTSIDE`.
+//! The weight of other clusters on synthetic images: the measurement behind `ClusterGaussianOptions::outside`.
 //!
 //! The table comes from `cargo test -p dapple-denoise --test denoise outside:: -- --nocapture`.
 
@@ -8,7 +8,7 @@ use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog, Unfiltered,
 };
-use dapple_denoise::ClusterGaussian;
+use dapple_denoise::{ClusterGaussian, ClusterGaussianOptions};
 use dapple_low_discrepancy::Random;
 use std::sync::Arc;
 
@@ -99,8 +99,9 @@ fn errors(image: Image, k: u8, spp: u64) -> [f64; OUTSIDE.len()] {
         let film = image.film(spp, seed);
         unfiltered += rel_mse(&Unfiltered.apply(&film).unwrap().radiance, &truth) / SEEDS as f64;
         for (found, outside) in found.iter_mut().zip(OUTSIDE) {
-            let filter = ClusterGaussian::from_hits(k, Arc::new(|hit| Some(hit.material))).unwrap();
-            let filtered = filter.with_outside(outside).unwrap().apply(&film).unwrap();
+            let filter = ClusterGaussian::from_hits(Arc::new(|hit| Some(hit.material)));
+            let options = ClusterGaussianOptions::default().hits(k).outside(outside);
+            let filtered = filter.with_options(options).unwrap().apply(&film).unwrap();
             *found += rel_mse(&filtered.radiance, &truth) / SEEDS as f64;
         }
     }
@@ -110,7 +111,7 @@ fn errors(image: Image, k: u8, spp: u64) -> [f64; OUTSIDE.len()] {
 }
 
 fn default_position() -> usize {
-    OUTSIDE.iter().position(|o| *o == ClusterGaussian::DEFAULT_OUTSIDE).unwrap()
+    OUTSIDE.iter().position(|o| *o == ClusterGaussianOptions::default().outside).unwrap()
 }
 
 /// The default is close to the best weight. Seeds are fixed; the bounds leave room for other point sets.

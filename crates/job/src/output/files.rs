@@ -2,12 +2,11 @@
 
 use super::header::attributes;
 use super::{self as output, GrayMap};
-use crate::{Job, JobError, RenderedImage, Warning, WorldClusters};
+use crate::{Job, JobError, RenderedImage, Warning};
 use dapple_core::{Frame, Needs};
 use dapple_scene::image::{Format, Image, ImageError, check_writable, write_file};
 use dapple_scene::image::{encode_exr, encode_pfm, encode_png, rows_at_a_time};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// The kind of image in a file: the rendered image or one of the maps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -156,7 +155,7 @@ impl OutputFiles {
         image: &RenderedImage,
         cpu: Option<f64>,
     ) -> Result<(Vec<String>, Vec<Warning>), JobError> {
-        let report = Report { job, image, cpu, clusters: job.clusters() };
+        let report = Report { job, image, cpu };
         let (mut lines, mut troubles, mut warnings) = (Vec::new(), Vec::new(), Vec::new());
         for (what, path) in &self.files {
             match self.encode(*what, path, &report, &mut warnings) {
@@ -177,7 +176,7 @@ impl OutputFiles {
         let (film, filtered) = (&report.image.film, &report.image.filtered);
         let unit = 1.0 / report.job.world().space().scale();
         let known = |bytes: Vec<u8>, about: String| Ok(Some((bytes, about)));
-        let ids = || output::cluster_ids(film, report.clusters.as_deref()?);
+        let ids = || output::cluster_ids(film, report.job.clusters()?);
         let gray = |map: GrayMap, about: String| known(map.png()?, about);
         match what {
             Contents::Image(format) => {
@@ -248,7 +247,6 @@ struct Report<'a> {
     job: &'a Job,
     image: &'a RenderedImage,
     cpu: Option<f64>,
-    clusters: Option<Arc<WorldClusters>>,
 }
 
 type Encoded = std::result::Result<Option<(Vec<u8>, String)>, ImageError>;

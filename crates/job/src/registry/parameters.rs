@@ -28,8 +28,8 @@ pub enum RegistryError {
         /// The fault, and the remedy.
         what: String,
     },
-    /// An entry that reads the world, on a stage without one.
-    #[error("{of} reads the scene's triangles: give it a stage with a world")]
+    /// An entry that reads the world, without one.
+    #[error("{of} reads the scene's triangles: give it a world")]
     NeedsWorld {
         /// The name of the entry.
         of: &'static str,

@@ -1,17 +1,36 @@
 //! The samplers.
 
-use super::{AnyPoints, CLUSTERING, Entry, Parameter, Parameters, RegistryError, clustering};
-use crate::Stage;
+use super::{AnyPoints, CLUSTERING, Entry, MethodInputs, Parameter, Parameters, RegistryError, clustering};
+use crate::WorldClusters;
 use crate::clusters::{WorldTriangles, shoot};
 use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, VarianceOptions};
-use dapple_cluster_adaptive::{AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeSource};
+use dapple_cluster_adaptive::{
+    AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeSource, ProbesHandle,
+};
 use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Frame, Options as _, Sampler};
 use dapple_denoise::relative_errors;
 use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions};
+use std::sync::Arc;
 
 /// The constructor of a sampler.
-pub type MakeSampler = fn(&Parameters, AnyPoints, &Stage) -> Result<Box<dyn Sampler>, RegistryError>;
+pub type MakeSampler = fn(&Parameters, AnyPoints, &MethodInputs) -> Result<MadeSampler, RegistryError>;
+
+/// A sampler, and the clusters and probes that it uses.
+pub struct MadeSampler {
+    /// The sampler.
+    pub sampler: Box<dyn Sampler>,
+    /// The clusters; `None` if it uses none.
+    pub clusters: Option<Arc<WorldClusters>>,
+    /// The probes that the sampler traces for its first plan; stays empty if it traces none.
+    pub probes: ProbesHandle,
+}
+
+impl<S: Sampler + 'static> From<S> for MadeSampler {
+    fn from(sampler: S) -> Self {
+        Self { sampler: Box::new(sampler), clusters: None, probes: ProbesHandle::default() }
+    }
+}
 
 /// All samplers of the registry.
 pub const SAMPLERS: &[Entry<MakeSampler>] = &[
@@ -19,9 +38,9 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         "variance",
         "pooled variance of a pilot, Neyman counts on a ladder",
         &[VarianceOptions::PARAMETERS],
-        |p, points, _| Ok(Box::new(Adaptive::variance_with_options(points, p.options()?)?)),
+        |p, points, _| Ok(Adaptive::variance_with_options(points, p.options()?)?.into()),
     ),
-    Entry::new("uniform", "the same count for every pixel", &[], |_, points, _| Ok(Box::new(Uniform::new(points)))),
+    Entry::new("uniform", "the same count for every pixel", &[], |_, points, _| Ok(Uniform::new(points).into())),
     Entry {
         aliases: &["cluster"],
         ..Entry::new(
@@ -35,22 +54,19 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         "mitchell",
         "contrast of a pilot, two rates (Mitchell 1987)",
         &[MitchellOptions::PARAMETERS],
-        |p, points, _| Ok(Box::new(Mitchell::with_options(points, p.options()?)?)),
+        |p, points, _| Ok(Mitchell::with_options(points, p.options()?)?.into()),
     ),
     Entry::new(
         "mitchell-pbrt",
         "pbrt-v2's variant: samples that deviate from the pixel's mean, two rates",
         &[MitchellPbrtOptions::PARAMETERS],
-        |p, points, _| Ok(Box::new(MitchellPbrt::with_options(points, p.options()?)?)),
+        |p, points, _| Ok(MitchellPbrt::with_options(points, p.options()?)?.into()),
     ),
     Entry::new(
         "cycles",
         "the stopping rule of Blender's Cycles: pixels whose two halves differ go on",
-        &[CyclesOptions::PARAMETERS, KEEP],
-        |p, points, _| {
-            p.choice("policy", &[("keep", ())])?;
-            Ok(Box::new(Cycles::with_options(points, p.options()?)?))
-        },
+        &[CyclesOptions::PARAMETERS],
+        |p, points, _| Ok(Cycles::with_options(points, p.options()?)?.into()),
     ),
     Entry::new(
         "cluster-thesis",
@@ -65,11 +81,6 @@ const BY: &[Parameter] = &[Parameter::new(
     "variance",
     "The error that counts follow: variance (pooled, of the pilot), or that of nlm, bilateral or cluster-regression.",
 )];
-const KEEP: &[Parameter] = &[Parameter::new(
-    "policy",
-    "keep",
-    "The samples that decide stay in the image (biased), as published; there is no other.",
-)];
 const PROBES: &[Parameter] = &[
     Parameter::new("probes", "centre", "Probe rays per pixel: centre (one, published), or so many jittered ones."),
     Parameter::new(
@@ -81,23 +92,23 @@ const PROBES: &[Parameter] = &[
 const A_PRIORI: &[Parameter] =
     &[Parameter::new("policy", "a-priori", "Counts are planned from geometry alone: unbiased.")];
 
-fn adaptive(p: &Parameters, points: AnyPoints, stage: &Stage) -> Result<Box<dyn Sampler>, RegistryError> {
+fn adaptive(p: &Parameters, points: AnyPoints, inputs: &MethodInputs) -> Result<MadeSampler, RegistryError> {
     let sampler = Adaptive::with_options(points, p.options()?).map_err(|e| p.refuse(e.to_string()))?;
-    Ok(match error_map(p, stage)? {
-        Some(map) => Box::new(sampler.with_error_map(map).map_err(|e| p.refuse(e.to_string()))?),
-        None => Box::new(sampler),
+    Ok(match error_map(p, inputs)? {
+        Some(map) => sampler.with_error_map(map).map_err(|e| p.refuse(e.to_string()))?.into(),
+        None => sampler.into(),
     })
 }
 
 /// The error map that a sampler uses besides the pooled variance: the error that a filter with default parameters
 /// predicts for its image. For the regression filter, the error after one pass. `None` without a filter.
-fn error_map(p: &Parameters, stage: &Stage) -> Result<Option<ErrorMap>, RegistryError> {
+fn error_map(p: &Parameters, inputs: &MethodInputs) -> Result<Option<ErrorMap>, RegistryError> {
     let by = ["nlm", "bilateral", "cluster-regression"].map(|name| (name, Some(name)));
     let [nlm, bilateral, regression] = by;
     let Some(name) = p.choice("by", &[("variance", None), nlm, bilateral, regression])? else { return Ok(None) };
     // The filter runs once per round. Its first pass shows where errors are, at half of the cost and without clusters.
     let quick = if name == "cluster-regression" { "cluster-regression:passes=1,outside=1" } else { name };
-    let filter = super::filter(quick, stage)?;
+    let filter = super::filter(quick, inputs)?.filter;
     let (needs, epsilon) = (filter.needs(), p.number("epsilon")?);
     let square = Frame::new(1024, 1024)?;
     let bytes_per_pixel = (filter.memory(&square, &needs).applying / square.pixels() as u64) as usize;
@@ -114,7 +125,7 @@ enum Size {
     Hits,
 }
 
-fn cluster_thesis(p: &Parameters, points: AnyPoints, stage: &Stage) -> Result<Box<dyn Sampler>, RegistryError> {
+fn cluster_thesis(p: &Parameters, points: AnyPoints, inputs: &MethodInputs) -> Result<MadeSampler, RegistryError> {
     let placement = match p.value("probes") {
         "centre" => Placement::Centre,
         _ => Placement::Jittered(p.number("probes").map_err(|_| {
@@ -130,10 +141,9 @@ fn cluster_thesis(p: &Parameters, points: AnyPoints, stage: &Stage) -> Result<Bo
     p.choice("policy", &[("a-priori", ())])?;
     let params = clustering(p)?;
     options.check().map_err(|e| p.refuse(e.to_string()))?;
-    params.check().map_err(|e| p.refuse(e.to_string()))?;
 
-    let clusters = stage.clusters(p.of(), &params)?;
-    let world = stage.world(p.of())?;
+    let clusters = inputs.clusters(p.of(), &params)?;
+    let world = inputs.world(p.of())?;
     let size = match size {
         Size::Box => ClusterSize::ProjectedBox,
         Size::Hits => ClusterSize::Hits,
@@ -148,11 +158,10 @@ fn cluster_thesis(p: &Parameters, points: AnyPoints, stage: &Stage) -> Result<Bo
     let source = ProbeSource {
         labels: clusters.labels().clone(),
         clusters: clusters.clusters().clone(),
-        shoot: shoot(world.clone(), clusters),
+        shoot: shoot(world.clone(), clusters.clone()),
         placement,
         described: p.described(CLUSTERING),
     };
     let sampler = ClusterThesis::probing(points, source, size, options).map_err(|e| p.refuse(e.to_string()))?;
-    stage.keep(sampler.handle());
-    Ok(Box::new(sampler))
+    Ok(MadeSampler { probes: sampler.handle(), sampler: Box::new(sampler), clusters: Some(clusters) })
 }

@@ -1,14 +1,14 @@
 use super::*;
-use dapple_core::{PointSet, SampleId};
+use dapple_core::{PointSet, SampleId, Sampler as _};
 use dapple_renderer::World;
 use dapple_scene::bundled;
 use std::sync::Arc;
 
 const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
 
-fn stage() -> Stage {
+fn inputs() -> MethodInputs {
     let scene = bundled::files("furnace").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
-    Stage::new(Arc::new(World::new(&scene).unwrap_or_else(|e| panic!("{e}"))))
+    MethodInputs::of(Arc::new(World::new(&scene).unwrap_or_else(|e| panic!("{e}"))))
 }
 
 fn refusal<T>(made: Result<T, RegistryError>) -> String {
@@ -17,7 +17,7 @@ fn refusal<T>(made: Result<T, RegistryError>) -> String {
 
 #[test]
 fn every_entry_is_made_by_its_name() {
-    let stage = stage();
+    let inputs = inputs();
     for entry in POINTS {
         let points = points(entry.name, SETTING).unwrap_or_else(|e| panic!("{e}"));
         assert!(points.describe().starts_with(entry.name), "{}", points.describe());
@@ -26,12 +26,12 @@ fn every_entry_is_made_by_its_name() {
     }
     for entry in SAMPLERS {
         let points = points("random", SETTING).unwrap_or_else(|e| panic!("{e}"));
-        let sampler = sampler(entry.name, points, &stage).unwrap_or_else(|e| panic!("{e}"));
+        let sampler = sampler(entry.name, points, &inputs).unwrap_or_else(|e| panic!("{e}")).sampler;
         assert_eq!(sampler.name(), entry.name);
         assert!(sampler.points().describe().starts_with("random"));
     }
     for entry in FILTERS {
-        assert_eq!(filter(entry.name, &stage).unwrap_or_else(|e| panic!("{e}")).name(), entry.name);
+        assert_eq!(filter(entry.name, &inputs).unwrap_or_else(|e| panic!("{e}")).filter.name(), entry.name);
     }
     let names = [
         POINTS.iter().map(|e| e.name).collect::<Vec<_>>(),
@@ -46,7 +46,9 @@ fn every_entry_is_made_by_its_name() {
 #[test]
 fn the_former_name_of_adaptive_is_understood_and_the_library_has_the_same_defaults() {
     let points = || points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-    let describe = |name: &str| sampler(name, points(), &Stage::empty()).unwrap_or_else(|e| panic!("{e}")).describe();
+    let describe = |name: &str| {
+        sampler(name, points(), &MethodInputs::default()).unwrap_or_else(|e| panic!("{e}")).sampler.describe()
+    };
     assert_eq!(describe("cluster"), describe("adaptive"));
     assert_eq!(dapple_adaptive::Adaptive::new(points()).describe(), describe("adaptive"));
     assert_eq!(describe("adaptive:epsilon=0.3"), describe("adaptive"));
@@ -55,30 +57,30 @@ fn the_former_name_of_adaptive_is_understood_and_the_library_has_the_same_defaul
 /// Counts that follow a filter's own error: the sampler asks for what the filter reads, and says its name.
 #[test]
 fn cluster_follows_a_filter_by_its_name() {
-    let stage = stage();
+    let inputs = inputs();
     // A plan's regression is the quick one.
     let quick = "cluster-regression:passes=1,outside=1";
     for (name, read) in [("nlm", "nlm"), ("bilateral", "bilateral"), ("cluster-regression", quick)] {
         let make = |words: &str| {
             let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-            sampler(words, points, &stage).unwrap_or_else(|e| panic!("{e}"))
+            sampler(words, points, &inputs).unwrap_or_else(|e| panic!("{e}")).sampler
         };
         let made = make(&format!("adaptive:by={name}"));
         assert!(made.describe().starts_with(&format!("adaptive:by={name},")), "{}", made.describe());
         assert_eq!(make(&made.describe()).describe(), made.describe());
-        let wanted = filter(read, &stage).unwrap_or_else(|e| panic!("{e}")).needs();
+        let wanted = filter(read, &inputs).unwrap_or_else(|e| panic!("{e}")).filter.needs();
         assert_eq!(made.needs().and(wanted), made.needs(), "{name}");
         assert_ne!(made.needs(), make("adaptive").needs(), "{name}");
     }
     let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-    let refused = refusal(sampler("adaptive:by=gaussian", points, &stage));
+    let refused = refusal(sampler("adaptive:by=gaussian", points, &inputs));
     assert!(refused.contains("one of variance, nlm, bilateral, cluster-regression"), "{refused}");
 }
 
 /// A description parses again, names every parameter, and equals the default.
 #[test]
 fn descriptions_are_words() {
-    let stage = stage();
+    let inputs = inputs();
     let said = |parameters: Vec<&Parameter>| -> String {
         parameters.iter().map(|p| format!("{}={}", p.name, p.default)).collect::<Vec<_>>().join(",")
     };
@@ -91,7 +93,7 @@ fn descriptions_are_words() {
     for entry in SAMPLERS {
         let describe = |words: &str| {
             let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-            sampler(words, points, &stage).unwrap_or_else(|e| panic!("{e}")).describe()
+            sampler(words, points, &inputs).unwrap_or_else(|e| panic!("{e}")).sampler.describe()
         };
         let words = format!("{}:{}", entry.name, said(entry.parameters().collect()));
         assert_eq!(describe(&words), describe(entry.name));
@@ -99,7 +101,7 @@ fn descriptions_are_words() {
         assert_eq!(keys(&describe(entry.name)), keys(&words));
     }
     for entry in FILTERS {
-        let describe = |words: &str| filter(words, &stage).unwrap_or_else(|e| panic!("{e}")).describe();
+        let describe = |words: &str| filter(words, &inputs).unwrap_or_else(|e| panic!("{e}")).filter.describe();
         let words = format!("{}:{}", entry.name, said(entry.parameters().collect()));
         assert_eq!(describe(&words), describe(entry.name));
         assert_eq!(describe(&describe(entry.name)), describe(entry.name));
@@ -110,7 +112,7 @@ fn descriptions_are_words() {
 #[test]
 fn wrong_words_are_refused_with_what_there_is() {
     let points = || points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-    let sampler = |words: &str| refusal(sampler(words, points(), &Stage::empty()));
+    let sampler = |words: &str| refusal(sampler(words, points(), &MethodInputs::default()));
     assert!(refusal(super::points("sobel", SETTING)).contains("There are sobol"));
     assert!(sampler("").contains("variance, uniform"));
     assert!(refusal(check_filter("nune")).contains("none"));
@@ -156,7 +158,8 @@ fn wrong_cluster_words_are_refused_without_a_world() {
         assert_ne!(refusal(check_filter(&format!("cluster-gaussian:{words}"))), "", "{words}");
     }
     assert!(check_sampler("cluster-thesis").is_ok() && check_filter("cluster-gaussian").is_ok());
-    let made = sampler("cluster-thesis", points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}")), &Stage::empty());
+    let made =
+        sampler("cluster-thesis", points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}")), &MethodInputs::default());
     assert!(refusal(made).contains("world"));
 }
 
@@ -165,36 +168,94 @@ fn wrong_cluster_words_are_refused_without_a_world() {
 fn every_cluster_choice_renders() {
     let scene = bundled::files("cornell").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
     let world = Arc::new(World::with_resolution(&scene, [9, 7]).unwrap_or_else(|e| panic!("{e}")));
-    let stage = Stage::new(world.clone());
+    let inputs = MethodInputs::of(world.clone());
+    let (mut rays, mut rejected) = (0, 0);
     let clusters = ["insertion=box,order=input", "insertion=centroid,grouping=connected,order=canonical,sides=2"];
     for size in ["box", "triangles", "screen", "hits"] {
         for (pixel, map) in [("one", "identity"), ("footprint", "root"), ("one", "log")] {
             for (probes, clusters) in ["centre", "3"].into_iter().zip(clusters) {
                 let words = format!("cluster-thesis:size={size},pixel={pixel},map={map},probes={probes},{clusters}");
                 let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-                let mut sampler = sampler(&words, points, &stage).unwrap_or_else(|e| panic!("{words}: {e}"));
+                let mut made = sampler(&words, points, &inputs).unwrap_or_else(|e| panic!("{words}: {e}"));
                 let frame = dapple_core::Frame::new(9, 7).expect("not empty");
                 let film = dapple_core::Render::new(frame, &dapple_core::Limits::samples(63 * 8))
-                    .run(&mut *dapple_renderer::integrator(&world), &mut *sampler);
+                    .run(&mut *dapple_renderer::integrator(&world), &mut *made.sampler);
                 let counts = film.unwrap_or_else(|e| panic!("{words}: {e}")).counts();
                 assert_eq!(counts.iter().sum::<u64>(), 63 * 8, "{words}");
                 assert_ne!(counts.iter().min(), counts.iter().max(), "{words} tells nothing apart");
+                let probes = made.probes.probes().unwrap_or_else(|| panic!("{words}: no probes"));
+                rays += probes.cost().rays;
+                rejected += probes.rejected();
             }
         }
     }
-    assert_eq!(stage.probe_cost().rays, 63 * 12 * (1 + 3));
-    assert_eq!(stage.rejected_probes(), 0);
+    assert_eq!((rays, rejected), (63 * 12 * (1 + 3), 0));
 }
 
-/// One set of clusters serves the sampler, the filter and the map.
+/// One set of clusters serves the sampler and the filter, unless their parameters differ.
 #[test]
-fn clusters_are_made_once() {
-    let stage = stage();
+fn clusters_are_made_once_for_each_set_of_parameters() {
+    let mut inputs = inputs();
     let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-    sampler("cluster-thesis", points, &stage).unwrap_or_else(|e| panic!("{e}"));
-    filter("cluster-gaussian", &stage).unwrap_or_else(|e| panic!("{e}"));
-    let first = stage.clusters_used().expect("clusters were made");
-    let again =
-        stage.clusters("test", &dapple_clustering::ClusterParams::published()).unwrap_or_else(|e| panic!("{e}"));
-    assert!(Arc::ptr_eq(&first, &again));
+    inputs.clusters = sampler("cluster-thesis", points, &inputs).unwrap_or_else(|e| panic!("{e}")).clusters;
+    let is_shared = |words: &str| {
+        let made = filter(words, &inputs).unwrap_or_else(|e| panic!("{e}"));
+        let [known, used] = [&inputs.clusters, &made.clusters].map(|set| set.as_ref().expect("clusters were made"));
+        Arc::ptr_eq(known, used)
+    };
+    assert!(is_shared("cluster-gaussian") && is_shared("cluster-regression"));
+    assert!(!is_shared("cluster-gaussian:sides=2"));
+    // Without an effect on the image, none are made.
+    assert!(filter("bilateral", &inputs).unwrap_or_else(|e| panic!("{e}")).clusters.is_none());
+}
+
+/// Checkpoints, shards and EXR headers hold these texts.
+#[test]
+fn descriptions_stay_as_files_hold_them() {
+    const CLUSTERS: &str = "k=9,clamp=32,normals=10,insertion=box,grouping=greedy,order=input,sides=1";
+    let inputs = inputs();
+    let described = |words: &str| {
+        if SAMPLERS.iter().any(|entry| entry.is_called(words.split(':').next().unwrap_or(words))) {
+            let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+            return sampler(words, points, &inputs).unwrap_or_else(|e| panic!("{e}")).sampler.describe();
+        }
+        filter(words, &inputs).unwrap_or_else(|e| panic!("{e}")).filter.describe()
+    };
+    for (words, expected) in [
+        ("none", "none"),
+        ("gaussian", "gaussian:alpha=0.5,radius=4"),
+        ("gaussian:alpha=2,radius=1.50", "gaussian:alpha=2,radius=1.5"),
+        ("nlm", "nlm:window=7,patch=3,k=0.45,features=none"),
+        ("nlm:features=0.60,window=3", "nlm:window=3,patch=3,k=0.45,features=0.6"),
+        ("uniform", "uniform"),
+        ("variance", "variance:pilot=0,radius=2,exponent=1.3,epsilon=0.01,cap=6,policy=keep"),
+        (
+            "adaptive",
+            "adaptive:by=variance,pilot=0,rounds=0,pool=window,radius=2,prior=12,power=2,geometry=0,exponent=1.15,\
+             epsilon=0.3,cap=6,mix=0.5,gain=0.98,policy=keep,edge=16,normals=10",
+        ),
+        ("mitchell", "mitchell:initial=0,additional=0,red=0.4,green=0.3,blue=0.6,radius=1,mode=budget,policy=keep"),
+        ("mitchell-pbrt", "mitchell-pbrt:min=4,max=32,threshold=0.5,mode=budget,policy=refined"),
+        ("cycles", "cycles:threshold=0,min=0,step=16,mode=budget,policy=keep"),
+    ] {
+        assert_eq!(described(words), expected);
+    }
+    for (words, expected) in [
+        ("cluster-gaussian", "cluster-gaussian:alpha=0.5,radius=4,outside=0.05,hits=1"),
+        ("cluster-gaussian:hits=4,outside=1", "cluster-gaussian:alpha=0.5,radius=4,outside=1,hits=4"),
+        ("bilateral", "bilateral:window=7,falloff=0.03,colour=0.8,features=1,outside=1"),
+        (
+            "bilateral:outside=0.5,falloff=1e-3,colour=10.0",
+            "bilateral:window=7,falloff=0.001,colour=10,features=1,outside=0.5",
+        ),
+        ("cluster-regression", "cluster-regression:passes=2,outside=0.2"),
+        ("cluster-regression:passes=1,outside=1", "cluster-regression:passes=1,outside=1"),
+        (
+            "cluster-thesis",
+            "cluster-thesis:probes=centre,size=box,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0,\
+             policy=a-priori",
+        ),
+    ] {
+        assert_eq!(described(words), format!("{expected},{CLUSTERS}"));
+    }
 }

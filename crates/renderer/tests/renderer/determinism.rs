@@ -2,8 +2,7 @@
 
 use crate::support::*;
 use dapple_core::{Draws, Frame, Limits, Needs, PointSet, Render, SampleId, Schedule, TrainingLog, streams};
-use dapple_job::Stage;
-use dapple_job::registry::{self, POINTS, SAMPLERS, Setting};
+use dapple_job::registry::{self, MethodInputs, POINTS, SAMPLERS, Setting};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::{World, blocks, integrator};
 use dapple_scene::bundled;
@@ -23,8 +22,9 @@ fn points(name: &str) -> registry::AnyPoints {
 fn rendered(world: &World, sampler: &str, name: &str, schedule: Schedule, threads: usize) -> u64 {
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let limits = Limits::samples(SPP * frame.pixels() as u64).with_schedule(schedule);
-    let mut sampler = registry::sampler(sampler, points(name), &Stage::new(Arc::new(world.clone())))
-        .unwrap_or_else(|e| panic!("{e}"));
+    let inputs = MethodInputs::of(Arc::new(world.clone()));
+    let made = registry::sampler(sampler, points(name), &inputs);
+    let mut sampler = made.unwrap_or_else(|e| panic!("{e}")).sampler;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     let needs = Needs::none().with_variance().with_features();
     let film = pool.install(|| Render::new(frame, &limits).needs(needs).run(&mut *integrator(world), &mut *sampler));

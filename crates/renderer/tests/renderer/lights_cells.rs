@@ -4,8 +4,7 @@
 use crate::support::{add, add_material, diffuse, line, rectangle, scene};
 use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Frame, Limits, Render, Sampler, Schedule};
-use dapple_job::Stage;
-use dapple_job::registry::{self, Setting};
+use dapple_job::registry::{self, MethodInputs, Setting};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::light::LightSelection;
 use dapple_renderer::{World, integrator};
@@ -80,7 +79,8 @@ fn learned_choices_do_not_depend_on_threads_or_tiles() {
     let world = room(LightSelection::Learned);
     let draw = |words: &str, threads, schedule| {
         let points = registry::points("sobol", Setting { seed: 3, spp: Some(8) }).unwrap_or_else(|e| panic!("{e}"));
-        let mut sampler = registry::sampler(words, points, &Stage::empty()).unwrap_or_else(|e| panic!("{e}"));
+        let made = registry::sampler(words, points, &MethodInputs::default());
+        let mut sampler = made.unwrap_or_else(|e| panic!("{e}")).sampler;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
         let film = pool.install(|| film(&world, &mut *sampler, 8, schedule));
         film.image().iter().flatten().map(|x| x.to_bits()).collect::<Vec<_>>()

@@ -4,8 +4,7 @@
 
 use dapple_core::{Frame, Limits, Render};
 use dapple_geometry::{Geometry as Tree, Mesh, Preset, Ray, Shape};
-use dapple_job::Stage;
-use dapple_job::registry::{self, Setting};
+use dapple_job::registry::{self, MethodInputs, Setting};
 use dapple_renderer::{World, integrator};
 use dapple_scene::{AnyOptions, read_any, read_any_from};
 use glam::DVec3;
@@ -87,13 +86,15 @@ fn meet([a, b, c]: &[DVec3; 3], ray: &Ray) -> Option<f64> {
 fn rendered(name: &str, world: World) -> usize {
     let frame = Frame::new(32, 32).unwrap();
     let world = Arc::new(world);
-    let stage = Stage::new(world.clone());
+    let mut inputs = MethodInputs::of(world.clone());
     let mut clusters = 0;
     for sampler in ["cluster-thesis", "cluster:geometry=2"] {
         let points = registry::points("sobol", Setting { seed: 1, spp: Some(2) }).unwrap();
-        let mut sampler = registry::sampler(sampler, points, &stage).unwrap_or_else(|e| panic!("{name}: {e}"));
-        let filter = registry::filter("cluster-gaussian", &stage).unwrap_or_else(|e| panic!("{name}: {e}"));
-        let made = stage.clusters_used().expect("made by now");
+        let made = registry::sampler(sampler, points, &inputs).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let mut sampler = made.sampler;
+        inputs.clusters = made.clusters.or(inputs.clusters);
+        let filter = registry::filter("cluster-gaussian", &inputs).unwrap_or_else(|e| panic!("{name}: {e}")).filter;
+        let made = inputs.clusters.as_ref().expect("made by now");
         let used: BTreeSet<u32> = made.labels().iter().copied().collect();
         clusters = made.clusters().len();
         assert!(used.len() <= clusters && used.iter().all(|&label| (label as usize) < clusters), "{name}");
