@@ -47,7 +47,9 @@ fn pixels(image: &Image) -> Result<Pixels<'_>> {
 
 fn read(path: &Path) -> Result<Image> {
     let name = path.display().to_string();
-    let bytes = Disk.read(path).map_err(|e| Failure::new(format!("{name}: cannot read it: {e}")))?;
+    let bytes = Disk
+        .read(path)
+        .map_err(|e| Failure::new(format!("{name}: cannot read it: {e}; check the name of the image")))?;
     read_image(&bytes, &name, Encoding::Auto).map_err(Failure::new)
 }
 

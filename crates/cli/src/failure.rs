@@ -47,7 +47,8 @@ pub(crate) fn of_job(error: &JobError) -> Failure {
 pub(crate) fn of_reader(error: &ReadError) -> Failure {
     let line = |problem: &Problem| match problem.kind {
         ProblemKind::Unsupported => {
-            format!("{}: {}; remove it, or pass --allow-unsupported", problem.source, problem.message)
+            let first = if problem.message.contains("did you mean") { "correct the name, " } else { "" };
+            format!("{}: {}; {first}remove it, or pass --allow-unsupported", problem.source, problem.message)
         }
         _ => problem.to_string(),
     };

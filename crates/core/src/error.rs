@@ -13,7 +13,7 @@ pub enum Error {
         resolution: [u32; 2],
     },
     /// A frame of more than 2^32 - 1 pixels.
-    #[error("an image of {}x{} has more than 2^32 - 1 pixels; render it in crops", resolution[0], resolution[1])]
+    #[error("an image of {}x{} has more than 2^32 - 1 pixels; choose a smaller one", resolution[0], resolution[1])]
     FrameTooLarge {
         /// The requested width and height.
         resolution: [u32; 2],

@@ -146,7 +146,7 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// An estimate without a first hit, at the cost of one ray.
+    /// An estimate with this radiance and without a first hit; its cost is one ray.
     #[inline]
     pub const fn new(radiance: [f32; 3]) -> Self {
         Self { radiance, first_hit: None, cost: 1 }

@@ -25,7 +25,7 @@ impl SamplerMemory {
         Self { planning: plan.saturating_add(frame.bytes(bytes_per_pixel)), plan, ..Self::default() }
     }
 
-    /// Adds the memory of a plan's counts for the film's second half, in a frame of this size.
+    /// Adds the bytes of the sample counts, one per pixel, that a plan stores for the second half of the samples.
     #[must_use]
     pub fn with_second_half(self, frame: &Frame) -> Self {
         let counts = frame.bytes(4);

@@ -33,7 +33,7 @@ const POOLED: f32 = 6.0;
 
 /// One half of a film's samples.
 pub(crate) struct Half {
-    /// The mean colours, in units of the image's level.
+    /// The mean colours, divided by the level of the image ([`Inputs::level`]).
     pub(crate) colour: Colours,
     /// The variances of the mean colours, in squared levels. The variance of a sample is shrunk towards that of 5x5
     /// pixels.

@@ -90,7 +90,7 @@ impl PreparedRay {
 
 const NEXT: [usize; 3] = [1, 2, 0];
 
-/// Returns true if a ray's origin and limits are valid.
+/// Returns true if a ray's origin is bounded, `tmin < tmax`, and `tmax` is above 0; false if one of them is NaN.
 #[inline(always)]
 fn is_sane(ray: &Ray) -> bool {
     // Written so that NaN fails.

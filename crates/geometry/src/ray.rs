@@ -74,7 +74,8 @@ impl Ray {
         Self { tmin, tmax, ..self }
     }
 
-    /// Returns true if the ray is valid. Invalid rays hit nothing.
+    /// Returns true if the ray can hit anything: a bounded origin, a finite direction other than 0, `tmin < tmax`, and
+    /// `tmax` above 0. Any other ray, one with a NaN included, hits nothing.
     #[inline]
     #[must_use]
     pub fn is_valid(&self) -> bool {

@@ -178,7 +178,12 @@ fn read_solid(text: String, first: u32, lines: &[u32], welder: &mut Welder) -> R
     };
     let unreadable = |e: std::io::Error, facet: usize| {
         let reason: String = e.to_string().chars().take(200).collect();
-        fault(facet, format!("the facet that should be here cannot be read ({reason}); the file is cut off or damaged"))
+        fault(
+            facet,
+            format!(
+                "this was read as a text STL file, and its next facet is missing or wrong ({reason}); the file is cut off, damaged or of another format"
+            ),
+        )
     };
     let facets = stl_io::create_stl_reader(&mut file).map_err(|e| unreadable(e, 0))?;
     for (number, facet) in facets.enumerate() {
