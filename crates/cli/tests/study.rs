@@ -34,17 +34,17 @@ fn a_study_is_made_with_one_command() {
     let out = folder.done(&format!("study tiny.pbrt {SMALL} -o s"));
     assert!(out.contains("runs.jsonl") && out.contains("study.json"), "{out}");
     let runs = folder.study("s");
-    // Six methods, two budgets and one of time, two seeds.
-    assert_eq!(runs.len(), 6 * 3 * 2);
+    // Four methods, two budgets and one of time, two seeds.
+    assert_eq!(runs.len(), 4 * 3 * 2);
     for (what, run) in &runs {
         assert!(run["render_s"].as_f64().expect("seconds") > 0.0, "{what}");
         assert!(run["errors"]["relmse"].is_f64() && run["errors"]["flip"].as_f64() > Some(0.0), "{what}");
         assert_eq!(run["fresh"], false, "{what}");
     }
-    let thesis = |(what, run): &(&String, &serde_json::Value)| {
-        what.contains("cluster-thesis") && run["seconds"]["cluster"].as_f64() > Some(0.0)
+    let clustered = |(what, run): &(&String, &serde_json::Value)| {
+        what.contains("cluster-regression") && run["seconds"]["cluster"].as_f64() > Some(0.0)
     };
-    assert!(runs.iter().any(|r| thesis(&r)), "clusters are timed");
+    assert!(runs.iter().any(|r| clustered(&r)), "clusters are timed");
     let first = runs.values().find(|r| r["seed"] == 1).expect("a first seed");
     for key in ["image", "sample_map"] {
         folder.read(&format!("s/{}", first[key].as_str().expect("a file")));
@@ -59,7 +59,7 @@ fn a_study_is_made_with_one_command() {
     // Another study is refused.
     let said = folder.run(&format!("study tiny.pbrt {SMALL} --filters none -o s"));
     assert_eq!(said.status, Some(1));
-    assert!(said.err.contains("\nerror: methods: uniform/sobol/none uniform/sobol/gaussian "), "{}", said.err);
+    assert!(said.err.contains("\nerror: methods: uniform/sobol/none uniform/sobol/cluster-regression"), "{}", said.err);
     assert!(said.err.contains("the folder holds another study; choose another folder"), "{}", said.err);
     assert_eq!(folder.read("s/runs.jsonl"), before);
 }
@@ -188,7 +188,7 @@ fn ctrl_c_stops_between_runs_and_says_how_to_go_on() {
     assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().expect("kill").success());
     let said = Said::of(child.wait_with_output().expect("an end"));
     assert_eq!(said.status, Some(130), "{}", said.err);
-    let expected = format!("interrupted: {} of 480 runs are in s; the same command resumes", folder.lines("s"));
+    let expected = format!("interrupted: {} of 320 runs are in s; the same command resumes", folder.lines("s"));
     assert!(said.err.contains(&expected), "{}", said.err);
     let bytes = folder.read("s/runs.jsonl");
     assert_eq!(bytes.last(), Some(&b'\n'), "a whole last line");
