@@ -95,7 +95,7 @@ impl Coat {
         };
         let table: Box<[_]> = (0..=CELLS).map(|i| interface.seen_from_outside(i as f32 / CELLS as f32, eta)).collect();
         let average_transmittance = interface.average(&[0.0, 1.0], |mu| interface.seen_from_outside(mu, eta)[0]);
-        // Reflection from below has a kink at the critical angle: integrate each side of it.
+        // Reflection from below has a kink at the critical angle, so each side of it is integrated separately.
         let critical = (1.0 - f64::from(eta).powi(2).recip()).max(0.0).sqrt();
         let internal_reflectance =
             interface.average(&[0.0, critical, 1.0], |mu| interface.returned_from_below(mu, eta));
