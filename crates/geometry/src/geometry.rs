@@ -296,7 +296,7 @@ impl Geometry {
         self
     }
 
-    /// The base shapes in their order.
+    /// The base shapes, which belong to no instance, in the order given to [`build`](Self::build).
     #[must_use]
     pub fn shapes(&self) -> &[Shape] {
         &self.shapes

@@ -41,7 +41,7 @@ use std::sync::Arc;
 pub struct Instance {
     /// The index of the object in the list given to [`Geometry::with_instances`].
     pub object: u32,
-    /// The map from the object's space to world space.
+    /// The map from the object's space to world space, which may change over time.
     pub motion: Motion,
 }
 
@@ -61,7 +61,7 @@ pub struct PlacedShape {
     pub instance: u32,
     /// The index of the object in the list given to [`Geometry::with_instances`].
     pub object: u32,
-    /// The index of the shape in the object.
+    /// The index of the shape among the shapes of the object.
     pub shape: u32,
 }
 
@@ -83,7 +83,7 @@ pub(crate) struct Placements {
 #[derive(Clone, Debug)]
 pub(crate) struct Object {
     pub(crate) geometry: Arc<Geometry>,
-    /// The object's bounding box, grown so that surfaces lie strictly inside; `None` if nothing can be hit.
+    /// The object's bounding box, padded so that surfaces lie strictly inside; `None` if nothing can be hit.
     bounds: Option<[DVec3; 2]>,
     /// A bound on the distance per axis by which rounding can move a ray within the box, in the object's space.
     reach: f64,

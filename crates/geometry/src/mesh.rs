@@ -71,13 +71,13 @@ impl Mesh {
         Ok(mesh)
     }
 
-    /// The positions of the vertices.
+    /// The positions of all vertices, in the order given to [`new`](Self::new).
     #[must_use]
     pub fn positions(&self) -> &[[f32; 3]] {
         &self.positions
     }
 
-    /// The three vertex indices of each triangle.
+    /// The three vertex indices of each triangle, including triangles without area.
     #[must_use]
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
@@ -95,7 +95,7 @@ impl Mesh {
         has_no_area(self.corners(triangle))
     }
 
-    /// The three corners of a triangle. The index must be below `triangles().len()`.
+    /// Returns the positions of a triangle's three corners. The index must be below `triangles().len()`.
     #[inline]
     #[must_use]
     pub fn corners(&self, triangle: u32) -> [Vec3; 3] {

@@ -50,7 +50,7 @@ impl MovingMesh {
         Ok(mesh)
     }
 
-    /// The mesh at time 0.
+    /// The triangle mesh with the vertices' positions at time 0.
     #[must_use]
     pub fn start(&self) -> &Mesh {
         &self.start

@@ -35,7 +35,7 @@ pub struct Ray {
     pub ends: [PrimitiveId; 2],
 }
 
-/// The identity of a triangle in a scene (its shape and its index there), or [`NONE`](Self::NONE).
+/// The identity of a triangle in a scene (shape number and index in the mesh), or [`NONE`](Self::NONE).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PrimitiveId(pub(crate) u64);
 
@@ -51,7 +51,7 @@ impl PrimitiveId {
         Self((shape as u64) << 32 | primitive as u64)
     }
 
-    /// The triangle's index in its mesh; meaningless for [`NONE`](Self::NONE).
+    /// Returns the triangle's index in its mesh; meaningless for [`NONE`](Self::NONE).
     #[inline]
     #[must_use]
     pub const fn number(self) -> u32 {
@@ -60,7 +60,7 @@ impl PrimitiveId {
 }
 
 impl Ray {
-    /// Makes a ray along the whole half-line, with `t` from 0 to infinity.
+    /// Makes a ray along the half-line from `origin`, with `t` from 0 to infinity.
     #[inline]
     #[must_use]
     pub fn new(origin: Vec3, direction: Vec3) -> Self {

@@ -63,7 +63,7 @@ struct Sheared<L> {
 }
 
 impl Triangles8 {
-    /// Packs 1 to 8 triangles.
+    /// Makes a block of 1 to 8 triangles.
     #[cfg(test)]
     pub(crate) fn new(triangles: &[[Vec3; 3]]) -> Self {
         let mut packed = Self::default();

@@ -61,7 +61,7 @@ pub struct CameraView {
     /// The right, up and forward vectors of the camera's transform, as columns. They are scaled so that the largest
     /// entry lies in [1, 2).
     axes: Mat3,
-    /// Half the resolution, in pixels.
+    /// Half the width and half the height of the image, in pixels.
     half: Vec2,
     /// The screen position of the image's centre, in screen units.
     step: Vec2,
@@ -242,7 +242,7 @@ impl CameraView {
         self.lens_radius > 0.0
     }
 
-    /// Returns true if the camera moves.
+    /// Returns true if the camera's pose changes over time.
     pub fn moves(&self) -> bool {
         self.motion.is_some()
     }

@@ -54,7 +54,7 @@ pub struct Media {
     media: Vec<Medium>,
 }
 
-/// A homogeneous medium.
+/// A homogeneous medium: absorption, scattering and phase function are the same everywhere.
 #[derive(Clone, Copy, Debug)]
 pub struct Medium {
     /// The extinction coefficient (absorption plus scattering) per channel and unit of length.

@@ -260,7 +260,7 @@ impl World {
         &self.lights
     }
 
-    /// Returns the camera.
+    /// Returns the camera, prepared for the resolution of the images.
     pub fn camera(&self) -> &CameraView {
         &self.camera
     }

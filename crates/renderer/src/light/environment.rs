@@ -38,7 +38,7 @@ pub enum EnvironmentError {
         column: usize,
         /// The row of the texel, counted from 0 at the top.
         row: usize,
-        /// The invalid value, linear RGB.
+        /// The invalid texel in linear RGB, before scaling.
         value: [f32; 3],
     },
     /// An environment map in the equal-area layout is not square.

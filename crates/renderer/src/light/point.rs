@@ -40,8 +40,8 @@ impl PointLight {
         Ok((intensity != Vec3::ZERO).then_some(Self { position: position.as_vec3(), intensity }))
     }
 
-    /// Returns the light that arrives at `from`, with the same intensity in all directions (a spot's falloff is not
-    /// applied). Returns `None` if `from` is the light's position.
+    /// Returns the light that arrives at the point `from` if the light has the same intensity in all directions. A
+    /// spot light applies its falloff to the result. Returns `None` at the light's position and where the light underflows to 0.
     #[inline]
     pub(super) fn arriving(&self, from: Vec3) -> Option<LightSample> {
         let to = self.position - from;

@@ -33,10 +33,10 @@ pub enum LightSelection {
 }
 
 impl LightSelection {
-    /// All variants, in the order of their documentation.
+    /// All kinds of light selection, the default first.
     pub const ALL: [Self; 3] = [Self::Power, Self::Uniform, Self::Learned];
 
-    /// Returns the name on the command line.
+    /// Returns the name on the command line, such as "power".
     pub const fn name(self) -> &'static str {
         match self {
             Self::Power => "power",

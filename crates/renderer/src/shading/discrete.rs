@@ -29,7 +29,7 @@ pub struct Discrete {
     total: f64,
 }
 
-/// An item sampled from a [`Discrete`].
+/// An item sampled from a [`Discrete`] distribution, with its probability.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
     /// The index of the sampled item.
@@ -183,7 +183,7 @@ impl PiecewiseConstant2d {
         Some(self.sample_row(row, f64::from(u[0].clamp(0.0, BELOW_ONE)), near))
     }
 
-    /// Returns the point in `[0, 1)` that coordinate `across` selects in a row, and the density.
+    /// Returns the point in `[0, 1)^2` that the number `across` in `[0, 1)` selects in a row, and its density.
     #[inline(always)]
     fn sample_row(&self, row: Choice, across: f64, near: impl FnOnce(usize)) -> ([f32; 2], f32) {
         let slot = row.index * (self.slots + 1) + (across * self.slots as f64) as usize;
@@ -234,7 +234,7 @@ fn check(weights: &[f32]) -> Result<(), Error> {
     }
 }
 
-/// Returns the running sums divided by the total, and the total. All sums are 0 if the total is 0.
+/// Returns the cumulative sums divided by the total, and the total. All sums are 0 if the total is 0.
 fn cumulative(weights: impl Iterator<Item = f64>) -> (Vec<f64>, f64) {
     let mut total = 0.0;
     let mut ends: Vec<f64> = weights
@@ -264,13 +264,13 @@ fn invert(ends: &[f64], first: usize, last: usize, u: f64) -> Choice {
     Choice { index, pmf: width as f32, u: (((u - begin) / width) as f32).clamp(0.0, BELOW_ONE) }
 }
 
-/// Returns the cell, of `n`, that coordinate `u` lies in. The product is exact in f64.
+/// Returns the index of the cell that contains `u`, of `n` equal cells of the unit interval. The product is exact.
 #[inline]
 fn cell(u: f32, n: usize) -> usize {
     ((f64::from(u) * n as f64) as usize).min(n - 1)
 }
 
-/// Returns the coordinate of a choice in `[0, 1)`, kept within its cell against rounding.
+/// Returns the coordinate in `[0, 1)` of a choice among `n` cells. Rounding does not move it out of its cell.
 #[inline]
 fn place(choice: Choice, n: usize) -> f32 {
     let u = ((choice.index as f64 + f64::from(choice.u)) / n as f64) as f32;

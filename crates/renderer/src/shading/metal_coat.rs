@@ -86,7 +86,7 @@ impl MetalCoat {
         ComplexIor { eta: ior.eta / self.coat.eta(), k: ior.k / self.coat.eta() }
     }
 
-    /// Returns true if both the coat and the metal are mirrors.
+    /// Returns true if both the coat and the metal are smooth, so that all light is mirrored.
     #[inline]
     pub(super) fn is_specular(&self) -> bool {
         self.lobe.is_none()
