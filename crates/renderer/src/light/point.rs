@@ -41,7 +41,8 @@ impl PointLight {
     }
 
     /// Returns the light that arrives at the point `from` if the light has the same intensity in all directions. A
-    /// spot light applies its falloff to the result. Returns `None` at the light's position and where the light underflows to 0.
+    /// spot light applies its falloff to the result. Returns `None` at the light's position and where the light
+    /// underflows to 0.
     #[inline]
     pub(super) fn arriving(&self, from: Vec3) -> Option<LightSample> {
         let to = self.position - from;
