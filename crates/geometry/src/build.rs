@@ -1,4 +1,5 @@
-//! Building of the tree from shapes: boxes, a binary tree (obvhs's where that is safe), eight-wide nodes.
+//! Construction of the bounding volume hierarchy: boxes of primitives, a binary tree (by obvhs where that is safe),
+//! and its conversion to eight-wide nodes.
 
 mod binary;
 mod wide;
@@ -11,23 +12,23 @@ use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::node::Bvh2Node;
 
-/// The effort of building the tree. It affects speed only, not images.
+/// The effort spent on building the bounding volume hierarchy. It affects speed only, not images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Preset {
-    /// The least effort, for the fastest building.
+    /// The least effort: the fastest building and the slowest rays.
     Fastest,
-    /// Little effort.
+    /// Obvhs's very fast preset: more effort than [`Fastest`](Self::Fastest), less than [`Fast`](Self::Fast).
     VeryFast,
-    /// Effort for rendering one image: obvhs's fast preset with half of its reinsertion. On meshes of 7e4 and 1e6
-    /// triangles, rays are as fast as with [`Medium`](Self::Medium) and building is faster (docs/results/rays.md).
+    /// Effort suited to rendering one image: obvhs's fast preset with half of its reinsertion. On meshes of 7e4 and
+    /// 1e6 triangles, rays are as fast as with [`Medium`](Self::Medium) and building is faster (docs/results/rays.md).
     #[default]
     Fast,
-    /// More effort than [`Fast`](Self::Fast), the default.
+    /// Obvhs's medium preset: more effort than [`Fast`](Self::Fast), the default.
     Medium,
-    /// Effort that pays for many images of one scene.
+    /// Obvhs's slow preset, for many images of one scene.
     Slow,
-    /// The most effort, for the slowest building.
+    /// The most effort: the slowest building and the fastest rays.
     VerySlow,
 }
 
@@ -44,22 +45,23 @@ impl Preset {
     }
 }
 
-/// The lower and upper corner of a box.
+/// The lower and the upper corner of an axis-aligned box.
 pub(crate) type Bounds = [Vec3; 2];
 
-/// The items of a tree: primitives of shapes, or boxes of instances. Boxes of primitives are computed on demand, which
-/// is faster than fetching them.
+/// The items of a bounding volume hierarchy: primitives of shapes, or boxes of instances. Boxes of primitives are
+/// computed on demand, which is faster than fetching stored ones.
 struct Items<'a> {
     shapes: &'a [Shape],
-    /// The boxes of the instances; empty if there are shapes.
+    /// The boxes of the instances; empty if the items are primitives of shapes.
     boxes: &'a [Bounds],
-    /// For each item, its shape and primitive, or the index of an instance.
+    /// One key per item: the shape's number in the upper and the primitive's in the lower 32 bits, or the index of an
+    /// instance.
     keys: Vec<u64>,
-    /// True if boxes are padded for rounding, which only measurements leave out (see `safeguards`).
+    /// True if boxes are padded for rounding. Only measurements set it to false (see `safeguards`).
     padded: bool,
 }
 
-/// An item of a tree.
+/// An item of a bounding volume hierarchy. A triangle is given by its mesh; its index is in the item's key.
 enum Item<'a> {
     Triangle(&'a Mesh),
     Moving(&'a MovingMesh),
@@ -69,7 +71,8 @@ enum Item<'a> {
 }
 
 impl<'a> Items<'a> {
-    /// Collects the primitives that can be hit: triangles with an area, spheres and disks.
+    /// Collects the primitives that can be hit: triangles with an area, spheres and disks. Fails if there are too
+    /// many.
     fn of_shapes(shapes: &'a [Shape], padded: bool) -> Result<Self, Error> {
         too_many("shapes", shapes.len(), u32::MAX as usize)?;
         let count = shapes.iter().map(|shape| shape.mesh().map_or(1, |mesh| mesh.triangles().len())).sum();
@@ -91,7 +94,7 @@ impl<'a> Items<'a> {
         Ok(Self { shapes, boxes: &[], keys, padded })
     }
 
-    /// The item with an index, and its key.
+    /// Returns an item by its index, with its key.
     #[inline(always)]
     fn item(&self, number: u32) -> (u64, Item<'a>) {
         let key = self.keys[number as usize];
@@ -107,7 +110,7 @@ impl<'a> Items<'a> {
         (key, item)
     }
 
-    /// An item's box, padded for rounding.
+    /// Returns the box of an item by its index, padded for rounding if `padded` is set.
     #[inline(always)]
     fn bounds(&self, number: u32) -> Bounds {
         match self.item(number) {
@@ -128,11 +131,11 @@ impl<'a> Items<'a> {
 
     fn around_quadric(&self, quadric: &Quadric) -> Bounds {
         let [low, high] = quadric.bounds().map(DVec3::as_vec3);
-        // Rounding to f32, and the rounding of a sphere's own bounds: both within a few of its ulps.
+        // The padding covers the rounding to f32 and the rounding of the f64 bounds: both within a few ulps.
         if self.padded { grow([low, high], (high - low).max_element() * ULPS) } else { [low, high] }
     }
 
-    /// Builds the tree over all items and the box around it; `None` for no items.
+    /// Builds the tree over all items. Returns it with the box around all items, `None` if there are no items.
     fn tree(&self, preset: Preset) -> (Tree, Option<Bounds>) {
         let Some(bounds) = self.total() else { return (Tree::default(), None) };
         let tree = wide::collapse(&binary::by_area(self.leaves(bounds), preset.params()), self)
@@ -142,7 +145,7 @@ impl<'a> Items<'a> {
         (tree, around)
     }
 
-    /// A box around all items, unpadded for triangles; `None` if there are none.
+    /// Returns a box around all items, unpadded for triangles; `None` without items.
     fn total(&self) -> Option<Bounds> {
         let loose = |number: u32| match self.item(number) {
             (key, Item::Triangle(mesh)) => enclose(mesh.corners(key as u32)),
@@ -151,8 +154,8 @@ impl<'a> Items<'a> {
         (0..self.keys.len() as u32).map(loose).reduce(union)
     }
 
-    /// The items as leaves of a binary tree. Boxes are scaled to unit size, so that areas neither overflow nor vanish
-    /// and the tree is the same at each scale. Rounding and clamping cost only time.
+    /// Returns the items as leaves of a binary tree. Boxes are scaled to the unit cube: areas then neither overflow
+    /// nor vanish, and the tree does not depend on the scene's scale. Rounding and clamping affect only speed.
     fn leaves(&self, bounds: Bounds) -> Vec<Bvh2Node> {
         let origin = bounds[0].as_dvec3();
         let per_extent = 1.0 / (bounds[1].as_dvec3() - origin).max_element().max(f64::MIN_POSITIVE);
@@ -166,21 +169,21 @@ impl<'a> Items<'a> {
     }
 }
 
-/// Boxes of triangles grow by this share of the triangle's extent. The f32 weights of a triangle seen from the side
-/// (see `triangle::THIN`) can be off by 2^-17, for each of three corners, each up to two extents from the ray.
+/// The padding of a triangle's box, as a fraction of the triangle's extent. The f32 weights of a triangle seen nearly
+/// edge-on (see `triangle::THIN`) can be off by 2^-17 per corner, and a corner can be two extents from the ray.
 const GROWTH: f32 = 1.0 / (1u64 << 14) as f32;
-/// All boxes grow by this share of their largest coordinate, so that no slab is thinner than rounding. It is three
-/// ulps, one of them for the rounding of the growth itself.
+/// The padding of every box, as a fraction of its largest coordinate, so that no slab is thinner than rounding. It is
+/// three ulps, one of them for the rounding of the padding itself.
 const ULPS: f32 = 3.0 / (1u64 << 23) as f32;
-/// All boxes also grow by this absolute length.
+/// The padding of every box as an absolute length.
 ///
-/// Along an axis in which a ray hardly moves, a slab is left at the distance of its wall times the largest reciprocal,
-/// below 2^128.
-/// Triangles lie up to 2^71 away (twice `prepared_ray::FARTHEST`, in lengths of the shortest direction, 2^-10).
-/// Underflow of a slope shears them by less than 2^-80.
+/// Where a direction's component is nearly 0, the ray crosses a slab's wall at the distance to the wall times the
+/// largest reciprocal, below 2^128. Triangles lie up to 2^71 away (twice `prepared_ray::FARTHEST`, in lengths of the
+/// shortest direction, 2^-10). Underflow of a slope shears them by less than 2^-80.
 const LEAST: f32 = 1.0 / (1u64 << 57) as f32;
 
-/// Builds the tree. Also returns the bounds and the number of triangles that can be hit.
+/// Builds the bounding volume hierarchy over shapes. Returns it with its bounds and the number of triangles that can
+/// be hit.
 pub(crate) fn build_tree(
     shapes: &[Shape],
     preset: Preset,
@@ -192,7 +195,8 @@ pub(crate) fn build_tree(
     Ok((tree, bounds, items.keys.len() - quadrics))
 }
 
-/// Builds the tree over numbered boxes, and a box around all of them.
+/// Builds the bounding volume hierarchy over the boxes of instances, each with its index. Returns it with a box around
+/// all of them.
 pub(crate) fn build_top(boxes: &[(u32, [DVec3; 2])], preset: Preset) -> Result<(Tree, Option<Bounds>), Error> {
     too_many("instances", boxes.len(), LIMIT)?;
     let grown: Vec<Bounds> = boxes

@@ -1,4 +1,4 @@
-/// The reason why shapes were refused. Nothing is dropped silently, and nothing panics.
+/// The reason why shapes, motions or instances were refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -10,14 +10,14 @@ pub enum Error {
         /// The vertex's index in its mesh.
         vertex: u32,
     },
-    /// A coordinate or a whole shape lies outside the range of exact rays.
+    /// A coordinate or a whole shape is too large or too small for exact ray intersections.
     #[error(
         "{what} {value:e} is out of range: magnitudes must lie in 1e-18..5e17; scale the scene by a power of two first"
     )]
     ScaleOutOfRange {
-        /// The name of the quantity out of range.
+        /// The name of the quantity that is out of range, such as "a mesh's largest coordinate".
         what: &'static str,
-        /// The value out of range.
+        /// The value of the quantity, in scene units.
         value: f64,
     },
     /// A triangle refers to a vertex that does not exist.
@@ -29,27 +29,27 @@ pub enum Error {
         triangle: u32,
         /// The index of the missing vertex.
         vertex: u32,
-        /// The number of vertices.
+        /// The number of vertices of the mesh. Indices must be below it.
         vertices: usize,
     },
-    /// A parameter of a shape or a motion is invalid.
+    /// A parameter of a shape, a motion or an instance is invalid.
     #[error("{what} is {value}; {expected}")]
     BadParameter {
-        /// The name of the parameter.
+        /// The name of the parameter, such as "a sphere's radius".
         what: &'static str,
-        /// The invalid value.
+        /// The invalid value of the parameter.
         value: f64,
-        /// The requirement that the value fails, as a clause for the message.
+        /// The requirement on the parameter, as a clause for the error message.
         expected: &'static str,
     },
-    /// There are more triangles, shapes or nodes than 32-bit numbers can count.
-    #[error("{count} {what} are too many, at most {limit} can be numbered; split the scene")]
+    /// A geometry has more triangles, shapes, primitives or instances than it can number.
+    #[error("{count} {what} are too many, fewer than {limit} can be numbered; split the scene")]
     TooMany {
-        /// The kind of things counted, such as "shapes".
+        /// The name of the things counted, such as "shapes".
         what: &'static str,
-        /// The number of things found.
+        /// The number of things given.
         count: usize,
-        /// The largest possible number.
+        /// The limit: the number of things must be below it.
         limit: usize,
     },
     /// An instance refers to an object that does not exist.
@@ -57,17 +57,17 @@ pub enum Error {
         "instance {instance} refers to object {object} of {objects}: indices count from 0 and stay below {objects}"
     )]
     NoSuchObject {
-        /// The instance's index.
+        /// The index of the instance in the list of instances.
         instance: u32,
-        /// The index of the missing object.
+        /// The index of the missing object in the list of objects.
         object: u32,
-        /// The number of objects.
+        /// The number of objects. Indices must be below it.
         objects: usize,
     },
-    /// An object contains instances itself.
+    /// An object of an instance contains instances itself, which is not supported.
     #[error("object {object} is made of instances; only one level is supported: put its instances into the scene")]
     Nested {
-        /// The object's index.
+        /// The index of the object in the list of objects.
         object: u32,
     },
 }

@@ -10,11 +10,11 @@ use crate::{Error, Hit, Instance, PlacedShape, PrimitiveId, Ray, Shape, SurfaceP
 use glam::{DAffine3, Vec3};
 use std::sync::Arc;
 
-/// A scene: shapes and the tree that finds their intersections with rays. Objects made of shapes may stand in it any
-/// number of times, as instances.
+/// A scene for ray intersection: shapes, instances of objects, and the bounding volume hierarchy over both. An object
+/// is a group of shapes that is in memory once and can be placed in the scene many times.
 ///
-/// Shapes are numbered: first the base shapes in their order, then the shapes of each instance in the order of
-/// instances.
+/// Every shape has a number. The base shapes (those of no instance) come first, in their order. The shapes of each
+/// instance follow, in the order of instances.
 ///
 /// ```
 /// use dapple_geometry::{Geometry, Preset, Ray, Shape, Sphere};
@@ -38,35 +38,39 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// Builds the tree over all shapes. The index of a shape is its number in hits. Without shapes or triangles, every
-    /// ray misses.
+    /// Builds a scene from shapes. A shape's index in the list is its number in hits. Without shapes, or with empty
+    /// meshes only, every ray misses.
     ///
     /// # Errors
-    /// [`Error::TooMany`] for more shapes than a `u32` counts or more than 2^30 primitives.
+    /// [`Error::TooMany`] for 2^32 - 1 shapes or more, or for 2^30 primitives or more.
     pub fn build(shapes: Vec<Shape>, preset: Preset) -> Result<Self, Error> {
         Self::build_padded(shapes, preset, All::PADDING)
     }
 
-    /// [`build`](Self::build) with boxes that allow for rounding (`padded`), or without.
+    /// Builds a scene as [`build`](Self::build) does, with boxes padded for rounding if `padded` is true.
     pub(crate) fn build_padded(shapes: Vec<Shape>, preset: Preset, padded: bool) -> Result<Self, Error> {
         let (tree, bounds, triangle_count) = build_tree(&shapes, preset, padded)?;
         Ok(Self { shapes, tree, bounds, triangle_count })
     }
 
-    /// Builds a scene with instances of objects. Each object is in memory once, however often it stands in the scene.
+    /// Builds a scene from base shapes and from instances of objects. Each object is in memory once, however many
+    /// instances it has.
     ///
-    /// Objects may be without shapes or instances. A single moving shape is a moving instance of an object of one
+    /// An object may lack shapes or instances. A single moving shape is made as a moving instance of an object of one
     /// shape.
     ///
-    /// A mesh in an instance is as watertight as by itself. Where surfaces of different instances, or of an instance
-    /// and the base, only touch, rays may pass through a gap as wide as rounding in f32.
+    /// A mesh in an instance is watertight. Where surfaces of different instances, or of an instance and the base,
+    /// only touch, rays may pass through a gap as wide as rounding in f32.
     ///
     /// # Errors
-    /// * The errors of [`build`](Self::build).
-    /// * [`Error::NoSuchObject`] for an instance of a missing object.
-    /// * [`Error::Nested`] for an object that contains instances.
-    /// * [`Error::BadParameter`] for a map that is not finite or not invertible.
-    /// * [`Error::ScaleOutOfRange`] for an instance that reaches farther than a [`Mesh`](crate::Mesh) may.
+    /// * The errors of [`build`](Self::build) for the base shapes.
+    /// * [`Error::TooMany`] for 2^30 instances with contents or more, or if base shapes and shapes of instances are
+    ///   2^32 - 1 or more.
+    /// * [`Error::NoSuchObject`] if an instance refers to an object that does not exist.
+    /// * [`Error::Nested`] if an object contains instances itself.
+    /// * [`Error::BadParameter`] if an instance's map is not finite or not invertible.
+    /// * [`Error::ScaleOutOfRange`] if an instance reaches beyond the largest coordinate of
+    ///   [`Mesh::new`](crate::Mesh::new).
     pub fn with_instances(
         shapes: Vec<Shape>,
         objects: Vec<Arc<Self>>,
@@ -85,15 +89,16 @@ impl Geometry {
         Ok(scene)
     }
 
-    /// The closest hit with `tmin < t < tmax` at time 0. Of hits at the same `t`, the one with the smallest (shape,
-    /// primitive) is returned, for any preset and order of traversal.
+    /// Returns the closest hit of a ray with `tmin < t < tmax` at time 0, or `None` if nothing is hit. If several hits
+    /// have the same `t`, the one with the smallest shape number, then the smallest primitive number, is returned.
     #[inline(always)]
     #[must_use]
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         self.closest_at(ray, 0.0)
     }
 
-    /// The closest hit with `tmin < t < tmax` at a time in `[0, 1]`; ties as for [`closest`](Self::closest).
+    /// Returns the closest hit with `tmin < t < tmax` at a time in `[0, 1]`. Ties in `t` are decided as by
+    /// [`closest`](Self::closest).
     // Debug builds are compiled more often than they run, so crates do not inline the walk there.
     #[cfg_attr(not(debug_assertions), inline(always))]
     #[must_use]
@@ -108,14 +113,14 @@ impl Geometry {
             None => {
                 let (prepared, scale) = PreparedRay::rescaled(ray)?;
                 let hit = self.closest_along::<S>(&prepared, scale, time)?;
-                // Rounding to the caller's scale must not leave the limits.
+                // Rounding to the caller's scale must not move `t` out of the limits.
                 let (least, most) = (ray.tmin.max(0.0).next_up(), ray.tmax.next_down());
                 Some(Hit { t: hit.t.max(least).min(most), ..hit })
             }
         }
     }
 
-    /// The closest hit, its `t` multiplied by `scale`.
+    /// Returns the closest hit, with its `t` multiplied by `scale`.
     #[inline(always)]
     fn closest_along<S: Safeguards>(&self, prepared: &PreparedRay, scale: f32, time: f32) -> Option<Hit> {
         let mut best = Best::new(prepared.ray.tmax);
@@ -128,15 +133,15 @@ impl Geometry {
         })
     }
 
-    /// Returns true if anything is hit with `tmin < t < tmax` at time 0. Faster than [`closest`](Self::closest), with
-    /// the same answer.
+    /// Returns true if the ray hits anything with `tmin < t < tmax` at time 0, that is, if [`closest`](Self::closest)
+    /// returns a hit. Faster than that function.
     #[inline(always)]
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
         self.occluded_at(ray, 0.0)
     }
 
-    /// Returns true if anything is hit with `tmin < t < tmax` at a time in `[0, 1]`.
+    /// Returns true if the ray hits anything with `tmin < t < tmax` at a time in `[0, 1]`.
     #[cfg_attr(not(debug_assertions), inline(always))]
     #[must_use]
     pub fn occluded_at(&self, ray: &Ray, time: f32) -> bool {
@@ -151,18 +156,19 @@ impl Geometry {
         }
     }
 
-    /// The point of a hit, with its error and normal. `hit` must come from [`closest`](Self::closest) of this geometry
-    /// and ray.
+    /// Returns the surface point of a hit, with its error bound and normal. `hit` must come from
+    /// [`closest`](Self::closest) of this geometry and ray.
     #[inline(always)]
     #[must_use]
     pub fn surface(&self, ray: &Ray, hit: &Hit) -> SurfacePoint {
         self.surface_at(ray, hit, 0.0)
     }
 
-    /// The point of a hit of [`closest_at`](Self::closest_at) with this ray and time.
+    /// Returns the surface point of a hit, with its error bound and normal. `hit` must come from
+    /// [`closest_at`](Self::closest_at) with this ray and time.
     ///
-    /// Normals of an instance are those of its object, transformed by the inverse transpose. A mirroring map does not
-    /// flip them.
+    /// The normals of an instance are the normals of its object, transformed by the inverse transpose of the
+    /// instance's matrix. A mirroring map does not flip them.
     #[inline(always)]
     #[must_use]
     pub fn surface_at(&self, ray: &Ray, hit: &Hit, time: f32) -> SurfacePoint {
@@ -183,16 +189,18 @@ impl Geometry {
         }
     }
 
-    /// The surface parameters of a point: a triangle's [`Hit::barycentrics`], or pbrt-v4's `(u, v)` in `[0, 1]` of a
-    /// sphere or disk.
+    /// Returns the surface parameters of a point at time 0: a triangle's [`Hit::barycentrics`], or pbrt-v4's `(u, v)`
+    /// in `[0, 1]` of a sphere or disk.
     ///
-    /// `u` runs around the axis. `v` runs from the lower pole up, or from the rim inwards.
+    /// For spheres and disks, `u` is the angle around the z axis. `v` increases from a sphere's lower pole to its
+    /// upper pole, or from a disk's rim inwards.
     #[must_use]
     pub fn parametric(&self, hit: &Hit, position: Vec3) -> [f32; 2] {
         self.parametric_at(hit, position, 0.0)
     }
 
-    /// The surface parameters of a point hit at a time in `[0, 1]`; see [`parametric`](Self::parametric).
+    /// Returns the surface parameters of a point that was hit at a time in `[0, 1]`, as
+    /// [`parametric`](Self::parametric) does for time 0.
     #[must_use]
     pub fn parametric_at(&self, hit: &Hit, position: Vec3, time: f32) -> [f32; 2] {
         match self.shapes.get(hit.shape as usize) {
@@ -203,23 +211,25 @@ impl Geometry {
         }
     }
 
-    /// The instance, object and shape that a shape number refers to; `None` for base shapes and unused numbers.
+    /// Returns the instance, object and shape that a shape number refers to; `None` for base shapes and unused
+    /// numbers.
     #[inline]
     #[must_use]
     pub fn placed(&self, shape: u32) -> Option<PlacedShape> {
         self.instances()?.placed(shape)
     }
 
-    /// The shape's number if every object counts once. Base shapes keep their numbers; the shapes of objects follow,
-    /// object by object. The number must be below [`shape_count`](Self::shape_count).
+    /// Returns the number that a shape would have if every object were placed exactly once. Base shapes keep their
+    /// numbers; the shapes of the objects follow, object by object. `shape` must be below
+    /// [`shape_count`](Self::shape_count).
     #[inline]
     #[must_use]
     pub fn original(&self, shape: u32) -> u32 {
         if (shape as usize) < self.shapes.len() { shape } else { self.placements().original(shape) }
     }
 
-    /// The shape with a number below [`shape_count`](Self::shape_count). An instance's shape is in the space of its
-    /// object.
+    /// Returns the shape with a number below [`shape_count`](Self::shape_count). The shape of an instance is given in
+    /// the space of its object.
     #[inline]
     #[must_use]
     pub fn shape(&self, number: u32) -> &Shape {
@@ -229,25 +239,26 @@ impl Geometry {
         }
     }
 
-    /// The map from a shape's space to the world at a time in `[0, 1]`; `None` for base shapes, which are in world
-    /// space.
+    /// Returns the map from a shape's space to world space at a time in `[0, 1]`. `None` for base shapes, which are in
+    /// world space.
     #[must_use]
     pub fn to_world(&self, shape: u32, time: f32) -> Option<DAffine3> {
         ((shape as usize) >= self.shapes.len()).then(|| self.placements().to_world(shape, time))
     }
 
-    /// The number of shapes: base shapes, and the shapes of each instance.
+    /// The number of shapes: all base shapes, plus the shapes of each instance.
     #[must_use]
     pub fn shape_count(&self) -> u32 {
         self.instances().map_or(self.shapes.len() as u32, |placed| placed.shape_count())
     }
 
-    /// The objects of which there may be instances, in the order given to [`with_instances`](Self::with_instances).
+    /// Iterates over the objects that instances can refer to, in the order given to
+    /// [`with_instances`](Self::with_instances).
     pub fn objects(&self) -> impl Iterator<Item = &Arc<Self>> {
         self.instances().into_iter().flat_map(|placed| placed.objects.iter().map(|object| &object.geometry))
     }
 
-    /// Returns true if an instance or the vertices of a mesh move.
+    /// Returns true if an instance or a mesh's vertices move over time.
     #[must_use]
     pub fn moves(&self) -> bool {
         self.base_moves() || self.instances().is_some_and(|placed| placed.moves)
@@ -257,7 +268,8 @@ impl Geometry {
         !self.tree.moved.is_empty()
     }
 
-    /// The largest number of nodes and leaves on a ray's traversal stack at once, at most 256.
+    /// The largest number of nodes and leaves on the stack at once while a ray traverses the tree of the base shapes;
+    /// at most 256.
     #[must_use]
     pub fn deepest(&self) -> usize {
         self.tree.stack
@@ -271,38 +283,41 @@ impl Geometry {
         if let WalkKind::Placed(placed) = &self.tree.way { Some(&placed.placements) } else { None }
     }
 
-    /// The instances. Called only for numbers beyond the base shapes.
+    /// Returns the instances. Panics without instances, so call it only for numbers beyond the base shapes.
     #[inline]
     fn placements(&self) -> &Placements {
         self.instances().expect("a shape number of this geometry")
     }
 
-    /// Returns the scene with the baseline vectors on any machine, AVX2 or not.
+    /// Returns the scene with the walk for pairs of four-wide vectors, even on a machine with AVX2.
     #[cfg(test)]
     pub(crate) fn in_pairs(mut self) -> Self {
         self.tree.way = if self.base_moves() { WalkKind::Moving(Vectors::Pair) } else { WalkKind::Pair };
         self
     }
 
-    /// The base shapes in their order.
+    /// The base shapes, which belong to no instance, in the order given to [`build`](Self::build).
     #[must_use]
     pub fn shapes(&self) -> &[Shape] {
         &self.shapes
     }
 
-    /// The lower and upper corner of a box around everything that can be hit, at any time; `None` if nothing can.
+    /// The lower and upper corner of a box around everything that can be hit at any time; `None` if there is nothing
+    /// to hit.
     #[must_use]
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
         self.bounds
     }
 
-    /// The bytes of the tree, its leaves, the objects' trees and the instances. Excludes the shapes themselves.
+    /// The memory in bytes of the trees (scene, objects and instances) and of the instances. The shapes themselves are
+    /// not included.
     #[must_use]
     pub fn memory_bytes(&self) -> usize {
         self.tree.memory_bytes() + self.instances().map_or(0, |placed| placed.memory_bytes())
     }
 
-    /// The number of triangles in memory that can be hit: those with an area. An object counts once.
+    /// The number of triangles in memory that can be hit, that is, that have an area. An object's triangles count
+    /// once.
     #[must_use]
     pub fn triangle_count(&self) -> usize {
         self.triangle_count

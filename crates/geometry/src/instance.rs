@@ -1,14 +1,16 @@
-//! Instances: an object is in memory once and stands in the scene any number of times, each with its own map.
+//! Instances of objects: an object is in memory once and placed in the scene any number of times, each time by a map
+//! from the object's space to world space.
 //!
-//! A ray is transformed to the object's space in f64. There it begins where it enters the object's box. The f32 of its
-//! origin thus has the precision of the object, however far the ray has come. Its direction gets unit length.
+//! A ray is transformed to the object's space in f64. Its origin is moved to the point where it enters the object's
+//! box, and its direction gets unit length. Only then are both rounded to f32. The origin's rounding error is thus
+//! relative to the object's size, even if the ray comes from far away.
 //!
-//! Let `start` be the ray's parameter at the entry and `speed` the length of the mapped direction. Then the parameter
-//! in the object's space is `t' = (t - start) speed`. Hits within the object's limits are hits; their `t` is rounded
-//! once and kept within the limits.
+//! Let `start` be the world-space parameter at the entry and `speed` the length of the transformed direction. The
+//! parameter in the object's space is then `t' = (t - start) speed`. A hit is transformed back to `t`, rounded once
+//! and kept between `tmin` and `tmax`.
 //!
-//! Rounding the mapped ray to f32 moves it by about an ulp of the object's size. [`Placements::surface`] adds that to
-//! the error of points, so that rays leave them beyond it.
+//! Rounding the transformed ray to f32 moves it by about an ulp of the object's size. [`Placements::surface`] adds
+//! this distance to the error of surface points, so that new rays start beyond it.
 
 use crate::build::{Bounds, Preset, build_top};
 use crate::mesh::{LARGEST, LOST_IN_F64, ROUNDING};
@@ -20,7 +22,7 @@ use crate::{Error, Geometry, Hit, Motion, PrimitiveId, Ray, Shape, SurfacePoint}
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::sync::Arc;
 
-/// An object placed in a scene.
+/// A placement of an object in a scene by a map that may change over time.
 ///
 /// ```
 /// use dapple_geometry::{Geometry, Instance, Motion, Preset, Ray, Shape, Sphere};
@@ -37,62 +39,63 @@ use std::sync::Arc;
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Instance {
-    /// The index of the object.
+    /// The index of the object in the list given to [`Geometry::with_instances`].
     pub object: u32,
-    /// The map from the object's space to world space.
+    /// The map from the object's space to world space, which may change over time.
     pub motion: Motion,
 }
 
 impl Instance {
-    /// Places the object with this index by a motion from its space to world space.
+    /// Makes an instance of the object with this index. `motion` maps the object's space to world space.
     #[must_use]
     pub const fn new(object: u32, motion: Motion) -> Self {
         Self { object, motion }
     }
 }
 
-/// The instance, object and shape of a shape number beyond the base shapes.
+/// The instance, object and shape that a shape number beyond the base shapes refers to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct PlacedShape {
-    /// The index of the instance.
+    /// The index of the instance in the list given to [`Geometry::with_instances`].
     pub instance: u32,
-    /// The index of the object.
+    /// The index of the object in the list given to [`Geometry::with_instances`].
     pub object: u32,
-    /// The index of the shape in the object.
+    /// The index of the shape among the shapes of the object.
     pub shape: u32,
 }
 
-/// All instances, and the tree over their boxes.
+/// All instances of a scene, and the bounding volume hierarchy over their boxes.
 #[derive(Clone, Debug)]
 pub(crate) struct Placements {
-    /// The number of base shapes. The shapes of instances are numbered from here.
+    /// The number of base shapes (those of no instance). The shapes of instances are numbered from here.
     base: u32,
     pub(crate) objects: Vec<Object>,
     instances: Vec<PlacedObject>,
-    /// The index of the instance of each shape number from `base` on.
+    /// The index of the instance for each shape number from `base` on.
     instance_of: Vec<u32>,
     top: Tree,
     pub(crate) bounds: Option<Bounds>,
     pub(crate) moves: bool,
 }
 
-/// An object with the data of the first test against a ray.
+/// An object with its box, against which rays are tested first.
 #[derive(Clone, Debug)]
 pub(crate) struct Object {
     pub(crate) geometry: Arc<Geometry>,
-    /// The object's bounding box, grown so that surfaces lie strictly inside; `None` if nothing can be hit.
+    /// The object's bounding box, padded so that surfaces lie strictly inside; `None` if nothing can be hit.
     bounds: Option<[DVec3; 2]>,
-    /// The largest distance per axis by which rounding can move a ray within the box, in the object's space.
+    /// A bound on the distance per axis by which rounding can move a ray within the box, in the object's space.
     reach: f64,
-    /// The number of base shapes and of shapes in earlier objects.
+    /// The number of shapes before the object's own if every object counts once: base shapes and shapes of earlier
+    /// objects.
     first: u32,
 }
 
 #[derive(Clone, Debug)]
 struct PlacedObject {
     object: u32,
-    /// The shape number of the instance's first shape.
+    /// The shape number of the first shape of the instance.
     first: u32,
     place: Pose,
 }
@@ -107,23 +110,23 @@ enum Pose {
 #[derive(Clone, Copy, Debug)]
 struct Map {
     to_world: DAffine3,
-    /// The inverse of the map's matrix. The translation is subtracted first, which keeps precision far from the world's
-    /// origin.
+    /// The inverse of the matrix of `to_world`. The translation is subtracted from a point first, which keeps
+    /// precision far from the world's origin.
     to_object: DMat3,
 }
 
-/// A ray in an object's space. Its parameter is `(t - start) speed` for parameter `t` in world space.
+/// A ray in an object's space. A world-space parameter `t` corresponds to its parameter `(t - start) speed`.
 struct Local {
     ray: Ray,
     start: f64,
     speed: f64,
 }
 
-/// Boxes of objects grow by this share of their extent, and by [`GROWTH_FAR`] of their largest coordinate. That is far
-/// above the rounding of a ray's origin and far below a measurable cost.
+/// The padding of an object's box: this fraction of its extent plus [`GROWTH_FAR`] of its largest coordinate. It is
+/// far above the rounding of a ray's origin, and too small to cost measurable time.
 const GROWTH: f64 = 1.0 / (1u64 << 10) as f64;
 const GROWTH_FAR: f64 = 1.0 / (1u64 << 20) as f64;
-/// Factor on the best hit's distance within which hits are still tested, since rounding may bring them nearer.
+/// A factor on the best hit's distance within which hits are still tested, since rounding may reduce their distance.
 const BEYOND: f64 = 1.0 + 1.0 / (1u64 << 20) as f64;
 
 impl Object {
@@ -160,10 +163,10 @@ impl Map {
         self.to_object * (world.as_dvec3() - self.to_world.translation)
     }
 
-    /// The part of a ray within a box, in the object's space.
+    /// Returns the ray in the object's space, starting where it enters a box; `None` if it misses the box.
     fn enter(&self, ray: &Ray, [low, high]: [DVec3; 2]) -> Option<Local> {
         let (origin, direction) = (self.point(ray.origin), self.to_object * ray.direction.as_dvec3());
-        // As in `PreparedRay`: finite, so that no product of zero and infinity is formed.
+        // The reciprocals are finite, as in `PreparedRay`, so that no product of zero and infinity is formed.
         let inverse = direction.recip().clamp(DVec3::splat(-f64::MAX), DVec3::splat(f64::MAX));
         let (a, b) = ((low - origin) * inverse, (high - origin) * inverse);
         let start = a.min(b).max_element().max(ray.tmin.into());
@@ -212,7 +215,7 @@ impl Placements {
         Ok(all)
     }
 
-    /// Adds an instance and returns its box, if it contains anything.
+    /// Adds an instance and returns its box in world space; `None` if its object has nothing that can be hit.
     fn place(&mut self, number: u32, Instance { object, motion }: Instance) -> Result<Option<[DVec3; 2]>, Error> {
         let objects = self.objects.len();
         let known =
@@ -276,7 +279,7 @@ impl Placements {
         }
     }
 
-    /// The ray in the space of the instance's object; `None` if it misses the object's box.
+    /// Returns the ray in the space of the instance's object; `None` if it misses the object's box.
     fn enter(&self, instance: &PlacedObject, prepared: &PreparedRay, time: f32) -> Option<Local> {
         let object = &self.objects[instance.object as usize];
         let mut local = instance.place.at(time).enter(&prepared.ray, object.bounds?)?;
@@ -300,7 +303,7 @@ impl Placements {
         self.base + self.instance_of.len() as u32
     }
 
-    /// The instance, object and shape of a shape number.
+    /// Returns the instance and the object of a shape number, and the shape's index in the object.
     fn resolve(&self, number: u32) -> (&PlacedObject, &Object, u32) {
         let instance = &self.instances[self.instance_of[(number - self.base) as usize] as usize];
         (instance, &self.objects[instance.object as usize], number - instance.first)
@@ -334,7 +337,7 @@ impl Placements {
         let (point, error, normal, primitive) = match shape {
             Shape::Mesh(mesh) => {
                 let (point, error, _) = mesh.point(hit.primitive, hit.barycentrics);
-                // The f32 normal would not do: a nearly flat map magnifies its rounding.
+                // The stored f32 normal is too coarse: a nearly flat map magnifies its rounding error.
                 let [a, b, c] = mesh.corners(hit.primitive).map(Vec3::as_dvec3);
                 let primitive = PrimitiveId::triangle(hit.shape, hit.primitive);
                 (point, error, (b - a).cross(c - a).normalize_or_zero(), primitive)
@@ -376,10 +379,11 @@ impl Placements {
     }
 }
 
-/// A point of a sphere or disk in its object's space, with its error and normal.
+/// Returns a hit point of a sphere or disk in its object's space, with its error and normal. The identity is
+/// [`PrimitiveId::NONE`].
 fn on_quadric(quadric: &Quadric, map: &Map, ray: &Ray, t: f32) -> (Vec3, Vec3, DVec3, PrimitiveId) {
     let (origin, direction) = (map.point(ray.origin), map.to_object * ray.direction.as_dvec3());
-    // Seen from the hit itself, near `t` = 0.
+    // The ray is moved to start near the hit, which then lies near `t` = 0.
     let origin = (origin + direction * f64::from(t)).as_vec3();
     let point = quadric.surface(&Ray::new(origin, direction.normalize_or(DVec3::Z).as_vec3()), 0.0);
     (point.position, point.error, point.normal.as_dvec3(), PrimitiveId::NONE)

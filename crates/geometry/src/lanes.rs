@@ -1,27 +1,27 @@
-//! Eight numbers at once, in the widest vectors of the machine and with the same bits in all of them.
+//! Vectors of eight f32 in the widest registers of the machine. Results have the same bits on every machine.
 
 use glam::Vec4;
 use std::ops::{Add, Div, Mul, Sub};
 
-/// The number of lanes.
+/// The number of lanes (numbers) in a vector.
 pub(crate) const WIDTH: usize = 8;
 
-/// An aligned array that vectors are loaded from.
+/// Eight f32 in memory, aligned so that a vector can be loaded from them.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(align(32))]
 pub(crate) struct Eight(pub(crate) [f32; WIDTH]);
 
-/// An aligned array of integers.
+/// Eight u32 in memory, aligned so that a vector can be loaded from them.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(32))]
 pub(crate) struct Words(pub(crate) [u32; WIDTH]);
 
-/// Eight `f32` with lane-wise operations. Comparisons return a bit per lane. `min` and `max` of a NaN and a number are
-/// unspecified.
+/// A vector of eight `f32` with lane-wise operations. Comparisons return a mask with one bit per lane. `min` and `max`
+/// of NaN and a number are unspecified.
 pub(crate) trait Lanes:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
-    /// The proof that the machine has these vectors.
+    /// The proof that the processor supports these vectors.
     type Token: Copy;
 
     fn splat(token: Self::Token, value: f32) -> Self;
@@ -32,22 +32,22 @@ pub(crate) trait Lanes:
     fn abs(self) -> Self;
     fn less(self, other: Self) -> u32;
     fn at_most(self, other: Self) -> u32;
-    /// The mask of the lanes whose words equal `word`.
+    /// Returns the mask of the lanes in which `words` equals `word`.
     fn equal(token: Self::Token, words: &Words, word: u32) -> u32;
 }
 
-/// The vectors of this machine's processor.
+/// The kind of vectors that the processor supports.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Vectors {
-    /// AVX2: one vector of eight.
+    /// One vector of eight f32 (AVX2).
     #[cfg(target_arch = "x86_64")]
     Whole(pulp::x86::V3),
-    /// The architecture's baseline: two vectors of four.
+    /// Two vectors of four f32 (SSE2, NEON or other).
     Pair,
 }
 
 impl Default for Vectors {
-    /// The widest vectors. Detected once per tree, since detection takes time.
+    /// Returns the widest kind that the processor supports. Detection takes time, so each tree does it once.
     fn default() -> Self {
         #[cfg(target_arch = "x86_64")]
         if let Some(v3) = pulp::x86::V3::try_new() {
@@ -57,7 +57,7 @@ impl Default for Vectors {
     }
 }
 
-/// Two vectors of four: SSE2 and NEON.
+/// Eight f32 in two vectors of four (SSE2 or NEON).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair([Vec4; 2]);
 
@@ -134,7 +134,7 @@ impl Lanes for Pair {
     }
 }
 
-/// One vector of eight: AVX2, if the machine has it.
+/// Eight f32 in one vector, for processors with AVX2.
 #[cfg(target_arch = "x86_64")]
 mod avx {
     use super::{Add, Div, Eight, Lanes, Mul, Sub, WIDTH, Words};
@@ -159,7 +159,7 @@ mod avx {
 
     lanewise! { Add, add, _mm256_add_ps; Sub, sub, _mm256_sub_ps; Mul, mul, _mm256_mul_ps; Div, div, _mm256_div_ps; }
 
-    /// Ordered, quiet comparisons: false for NaN.
+    /// The predicate "less than, ordered and quiet" of AVX comparisons: false for NaN.
     const LESS: i32 = 17;
     const AT_MOST: i32 = 18;
 

@@ -1,18 +1,19 @@
 use crate::Error;
 use glam::{DVec3, Vec3};
 
-/// The largest allowed magnitude of a coordinate. Products of two differences stay finite in f32.
+/// The largest allowed magnitude of a coordinate, 2^59. Products of two coordinate differences then stay finite in
+/// f32.
 pub(crate) const LARGEST: f32 = (1u64 << 59) as f32;
-/// The smallest allowed magnitude of a shape's largest coordinate, unless that is 0.
+/// The smallest allowed magnitude of a shape's largest coordinate, 2^-60, unless all coordinates are 0.
 pub(crate) const SMALLEST: f32 = 1.0 / (1u64 << 60) as f32;
-/// A triangle has no area if the sine of its angle at the first corner is below this. The f64 cross product of exact
-/// f32 corners cannot tell it from 0.
+/// The sine of a triangle's angle at its first corner at or below which the triangle has no area. The f64 cross
+/// product of exact f32 corners cannot distinguish smaller sines from 0.
 const SINE_OF_NOTHING: f64 = 1.0 / (1u64 << 48) as f64;
 
-/// Indexed triangles that passed all checks.
+/// An indexed triangle mesh whose indices and coordinates passed all checks.
 ///
-/// A triangle faces the side from which its corners run counter-clockwise. Triangles without area keep their indices,
-/// are never hit and are counted by [`degenerate`](Self::degenerate).
+/// A triangle faces the side from which its corners run counter-clockwise. Triangles without area keep their indices
+/// but are never hit; [`degenerate`](Self::degenerate) counts them.
 ///
 /// ```
 /// use dapple_geometry::{Error, Mesh};
@@ -27,22 +28,24 @@ const SINE_OF_NOTHING: f64 = 1.0 / (1u64 << 48) as f64;
 pub struct Mesh {
     positions: Vec<[f32; 3]>,
     triangles: Vec<[u32; 3]>,
-    /// The unit normal of each triangle; zero without area.
+    /// The unit normal of each triangle; the zero vector for a triangle without area.
     normals: Vec<Vec3>,
     degenerate: usize,
-    /// The rounding error of an f64 sum of corners, bounded by the largest coordinate; stored so that hits need not
-    /// compute it.
+    /// A bound on the rounding error of a point computed in f64 from three corners, in scene units, for the mesh's
+    /// largest coordinate.
     lost: f32,
 }
 
 impl Mesh {
-    /// Checks vertices and triangles (three vertex indices each). Unused vertices are not checked.
+    /// Makes a mesh from vertex positions and from triangles (three vertex indices each), and checks both. Unused
+    /// vertices are not checked.
     ///
     /// # Errors
-    /// * [`Error::IndexOutOfRange`] or [`Error::NonFinite`] for a bad vertex.
-    /// * [`Error::ScaleOutOfRange`] if a coordinate exceeds 2^59 (5.8e17), or if all are below 2^-60 (8.7e-19) but not
-    ///   0.
-    /// * [`Error::TooMany`] for 2^32 triangles.
+    /// * [`Error::IndexOutOfRange`] if a triangle refers to a missing vertex.
+    /// * [`Error::NonFinite`] if a triangle's vertex has a NaN or infinite coordinate.
+    /// * [`Error::ScaleOutOfRange`] if a used coordinate exceeds 2^59 (5.8e17), or if all are below 2^-60 (8.7e-19)
+    ///   but not all are 0.
+    /// * [`Error::TooMany`] if there are 2^32 - 1 triangles or more.
     pub fn new(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, Error> {
         let limit = u32::MAX as usize;
         if triangles.len() >= limit {
@@ -68,19 +71,19 @@ impl Mesh {
         Ok(mesh)
     }
 
-    /// The positions of the vertices.
+    /// The positions of all vertices, in the order given to [`new`](Self::new).
     #[must_use]
     pub fn positions(&self) -> &[[f32; 3]] {
         &self.positions
     }
 
-    /// The three vertex indices of each triangle.
+    /// The three vertex indices of each triangle, including triangles without area.
     #[must_use]
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
-    /// The number of triangles without area. They are never hit.
+    /// The number of triangles without area, which are never hit.
     #[must_use]
     pub fn degenerate(&self) -> usize {
         self.degenerate
@@ -92,19 +95,19 @@ impl Mesh {
         has_no_area(self.corners(triangle))
     }
 
-    /// The three corners of a triangle. The index must be below `triangles().len()`.
+    /// Returns the positions of a triangle's three corners. The index must be below `triangles().len()`.
     #[inline]
     #[must_use]
     pub fn corners(&self, triangle: u32) -> [Vec3; 3] {
         self.triangles[triangle as usize].map(|vertex| Vec3::from_array(self.positions[vertex as usize]))
     }
 
-    /// A point of a triangle, the bound on its distance from the exact triangle per axis, and the unit normal.
-    /// `barycentrics` are the weights of the second and third corner.
+    /// Returns a point of a triangle, a bound on the point's distance from the exact triangle per axis, and the unit
+    /// normal. `barycentrics` are the weights of the second and third corner.
     ///
-    /// The weights are taken as exact and the sum is formed in f64. The bound is therefore the last rounding to f32
-    /// (half an ulp, doubled for slack) plus the error of f64. In f32, pbrt's bound is `gamma_7` times the sum of
-    /// magnitudes [Pharr 2023, eq. 6.26].
+    /// The weights are taken as exact and the sum is formed in f64. The bound is the rounding to f32 (half an ulp,
+    /// doubled for slack) plus the rounding error of the f64 sum. A sum in f32 has pbrt's larger bound, `gamma_7`
+    /// times the sum of magnitudes [Pharr 2023, eq. 6.26].
     #[inline(always)]
     #[must_use]
     pub fn point(&self, triangle: u32, barycentrics: [f32; 2]) -> (Vec3, Vec3, Vec3) {
@@ -117,12 +120,12 @@ impl Mesh {
     }
 }
 
-/// One ulp of f32 relative to the value: twice the largest relative rounding error.
+/// The relative size of one ulp of f32, 2^-23: twice the largest relative rounding error.
 pub(crate) const ROUNDING: f64 = 1.0 / (1u64 << 23) as f64;
-/// Sixteen ulps of f64: a bound on the rounding error of a short f64 sum, relative to the magnitudes in it.
+/// A bound on the rounding error of a short f64 sum, relative to the magnitudes in it: sixteen ulps of f64.
 pub(crate) const LOST_IN_F64: f64 = 16.0 * f64::EPSILON;
 
-/// Returns true if a triangle has no area.
+/// Returns true if two corners coincide or the sine of the angle at the first corner is at most `SINE_OF_NOTHING`.
 pub(crate) fn has_no_area(corners: [Vec3; 3]) -> bool {
     let [a, b, c] = corners.map(Vec3::as_dvec3);
     let (ab, ac) = (b - a, c - a);
@@ -130,7 +133,8 @@ pub(crate) fn has_no_area(corners: [Vec3; 3]) -> bool {
     area <= SINE_OF_NOTHING * ab.length() * ac.length() || a == b || a == c || b == c
 }
 
-/// The largest magnitude among a vertex's coordinates.
+/// Returns the largest magnitude among the coordinates of a triangle's vertex. Fails if the vertex is missing or not
+/// finite.
 fn magnitude(positions: &[[f32; 3]], triangle: u32, vertex: u32) -> Result<f32, Error> {
     let vertices = positions.len();
     let position = positions.get(vertex as usize).ok_or(Error::IndexOutOfRange { triangle, vertex, vertices })?;
@@ -140,7 +144,8 @@ fn magnitude(positions: &[[f32; 3]], triangle: u32, vertex: u32) -> Result<f32, 
     Ok(position.iter().fold(0.0, |largest, x| largest.max(x.abs())))
 }
 
-/// The unit normal of the side from which `a`, `b`, `c` run counter-clockwise.
+/// Returns the unit normal on the side from which `a`, `b`, `c` run counter-clockwise; the zero vector if there is
+/// none.
 fn unit_normal(a: DVec3, b: DVec3, c: DVec3) -> Vec3 {
     (b - a).cross(c - a).normalize_or_zero().as_vec3()
 }

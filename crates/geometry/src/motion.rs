@@ -1,13 +1,13 @@
-//! Affine maps that change over time.
+//! Affine maps that change over time, for moving instances.
 
 use crate::Error;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-/// An affine map that is constant, or moves from one map at time 0 to another at time 1.
+/// An affine map that is constant, or that moves from one map at time 0 to another at time 1.
 ///
-/// A moving map is decomposed into a stretch, a rotation and a translation (polar decomposition), which are
-/// interpolated. Stretch and translation change linearly. The rotation has constant speed around one axis, the shorter
-/// way round [after Shoemake and Duff 1992]. Before 0 and after 1 the map stands still.
+/// A moving map is decomposed into a stretch, a rotation and a translation (polar decomposition). Stretch and
+/// translation are interpolated linearly. The rotation has constant speed around one axis, in the direction of the
+/// smaller angle [after Shoemake and Duff 1992]. Before time 0 and after time 1 the map is constant.
 ///
 /// ```
 /// use dapple_geometry::Motion;
@@ -19,45 +19,46 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
-    /// The maps at times 0 and 1, to be applied after `first`.
+    /// The maps at times 0 and 1. Both are applied after `first`.
     ends: [DAffine3; 2],
-    /// The interpolation between the two maps; `None` if the map stands still.
+    /// The decomposition from which maps between times 0 and 1 are interpolated; `None` if the map is constant.
     path: Option<Box<Path>>,
-    /// The constant map that is applied first.
+    /// The constant map that is applied to points before the moving one.
     first: DAffine3,
 }
 
-/// A decomposed map: `x -> rotation (stretch x) + translation`.
+/// The decomposition of a moving map at its two ends: `x -> rotation (stretch x) + translation`.
 #[derive(Clone, Debug, PartialEq)]
 struct Path {
     translation: [DVec3; 2],
     stretch: [DMat3; 2],
-    /// The rotation at time 0. Until time 1 it turns by another `angle`, in [0, pi], around `axis`.
+    /// The rotation at time 0. From time 0 to time 1 it is followed by a turn of `angle` radians, in [0, pi], around
+    /// `axis`.
     rotation: DQuat,
     axis: DVec3,
     angle: f64,
 }
 
-/// The number of pieces of a rotating path, each with its own box.
+/// The number of pieces into which a rotating corner's path is cut for its bounding box.
 const PIECES: u32 = 32;
-/// Angle of rotation in radians below which one piece suffices.
+/// The angle of rotation in radians up to which one piece suffices.
 const HARDLY_TURNED: f64 = 1e-9;
 
 impl Motion {
-    /// The additional memory of a moving map in bytes.
+    /// The size in bytes of a moving map's decomposition, allocated in addition to the map itself.
     pub(crate) const PATH_BYTES: usize = size_of::<Path>();
 
-    /// Makes a map that does not move.
+    /// Makes a constant map.
     #[must_use]
     pub fn still(map: DAffine3) -> Self {
         Self { ends: [map; 2], path: None, first: DAffine3::IDENTITY }
     }
 
-    /// Makes a map that moves from `start` at time 0 to `end` at time 1; still if they are equal.
+    /// Makes a map that moves from `start` at time 0 to `end` at time 1, or a constant one if both are equal.
     ///
     /// # Errors
-    /// [`Error::BadParameter`] if a map is not finite or not invertible, or if only one of them mirrors: everything
-    /// would be flat at some time in between.
+    /// [`Error::BadParameter`] if one of the two maps is not finite or not invertible. [`Error::BadParameter`] also if
+    /// only one of them mirrors, since the map would flatten everything at some time in between.
     pub fn between(start: DAffine3, end: DAffine3) -> Result<Self, Error> {
         if start == end {
             return Ok(Self::still(start));
@@ -69,7 +70,7 @@ impl Motion {
             return Err(Error::BadParameter { what: "a motion's determinant", value: determinants[1], expected });
         }
         let turn = r0.inverse() * r1;
-        // Of the two quaternions of a rotation, the one that turns by less.
+        // A rotation has two quaternions of opposite sign; this is the one with the smaller angle.
         let turn = if turn.w < 0.0 { -turn } else { turn };
         let sine = turn.xyz().length();
         let path = Path {
@@ -82,27 +83,28 @@ impl Motion {
         Ok(Self { ends: [start, end], path: Some(Box::new(path)), first: DAffine3::IDENTITY })
     }
 
-    /// Returns the motion with the constant map `first` applied before it.
+    /// Returns the motion with the constant map `first` applied before the moving one.
     #[must_use]
     pub fn after(mut self, first: DAffine3) -> Self {
         self.first *= first;
         self
     }
 
-    /// Returns true if the map moves.
+    /// Returns true if the map changes over time.
     #[inline]
     #[must_use]
     pub fn moves(&self) -> bool {
         self.path.is_some()
     }
 
-    /// The map at a time, including the map given to [`after`](Self::after). Times outside `[0, 1]` are clamped.
+    /// Returns the map at a time, including the map given to [`after`](Self::after). Times outside `[0, 1]` are
+    /// clamped.
     #[must_use]
     pub fn at(&self, time: f32) -> DAffine3 {
         self.at_exactly(time.into()) * self.first
     }
 
-    /// The map at a time, without `first`.
+    /// Returns the map at a time, without `first`.
     fn at_exactly(&self, time: f64) -> DAffine3 {
         match &self.path {
             Some(path) if time > 0.0 && time < 1.0 => path.at(time),
@@ -111,11 +113,12 @@ impl Motion {
         }
     }
 
-    /// A box that contains the image of a box at all times.
+    /// Returns the lower and upper corner of a box that contains the moved box at all times.
     ///
-    /// The path of a point of the box is a mean of the paths of the box's corners, and a corner's path is cut into
-    /// pieces. A piece of duration `h` stays within `h^2 / 8` times its largest acceleration of the straight line
-    /// between its ends. With the angular speed `w`, that acceleration is at most `w^2 |S p| + 2 w |S' p|`.
+    /// A point of the box is a fixed weighted mean of the box's corners, and so is its path. A corner's path is cut
+    /// into pieces. A piece of duration `h` stays within `h^2 / 8` times its largest acceleration of the straight line
+    /// between its ends. With angular speed `w`, point `p` and stretch `S` of derivative `S'`, the acceleration is at
+    /// most `w^2 |S p| + 2 w |S' p|`.
     #[must_use]
     pub fn bounds(&self, low: DVec3, high: DVec3) -> [DVec3; 2] {
         let corners = (0..8_u32).map(|k| {
@@ -147,7 +150,7 @@ impl Path {
         }
     }
 
-    /// The largest distance of a point's path from the straight lines between the ends of its pieces.
+    /// Returns a bound on the distance between a point's path and the straight lines that join the ends of its pieces.
     fn sagitta(&self, point: DVec3, pieces: u32) -> f64 {
         let [start, end] = self.stretch.map(|stretch| stretch * point);
         let acceleration = self.angle * (self.angle * start.length().max(end.length()) + 2.0 * (end - start).length());
@@ -155,11 +158,12 @@ impl Path {
     }
 }
 
-/// The largest number of steps of the polar decomposition. It takes about ten, and a few more for nearly flat maps.
+/// The largest number of steps of the iteration in [`polar`]. It usually takes about ten, and a few more for nearly
+/// flat maps.
 const STEPS: usize = 100;
 
-/// The rotation and the symmetric stretch (negative if the map mirrors) whose product is the matrix of a map. Newton's
-/// iteration towards the nearest rotation with scaled steps [after Higham 1986].
+/// Returns the rotation and the symmetric stretch whose product is the matrix of a map. The stretch is negative if the
+/// map mirrors. The rotation comes from Newton's iteration with scaled steps [after Higham 1986].
 fn polar(map: &DAffine3) -> Result<(DQuat, DMat3), Error> {
     let matrix = map.matrix3;
     let determinant = matrix.determinant();
@@ -169,7 +173,7 @@ fn polar(map: &DAffine3) -> Result<(DQuat, DMat3), Error> {
     if !map.is_finite() || determinant == 0.0 || !determinant.is_finite() {
         return Err(wrong);
     }
-    // The nearest orthogonal matrix of a mirroring one is not a rotation; that of its negative is.
+    // The orthogonal matrix nearest to a mirroring matrix is not a rotation, so the negative matrix is used.
     let mut rotation = matrix * (largest.recip() * determinant.signum());
     for _ in 0..STEPS {
         let inverse = rotation.inverse().transpose();

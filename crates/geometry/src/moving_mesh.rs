@@ -2,11 +2,11 @@ use crate::mesh::{LOST_IN_F64, ROUNDING, has_no_area};
 use crate::{Error, Mesh};
 use glam::Vec3;
 
-/// Triangles with moving vertices. Each vertex moves in a straight line from its place at time 0 to its place at time
-/// 1, and stands still before and after.
+/// An indexed triangle mesh with moving vertices. Each vertex moves in a straight line from its position at time 0 to
+/// its position at time 1, and is at rest before and after.
 ///
-/// Corners at a time are rounded to f32, equally for all triangles at a vertex, so the mesh is watertight at each time.
-/// Triangles without area at times 0, 1/2 and 1 have none at any time and are never hit.
+/// The corners at a time are rounded to f32 in the same way for all triangles that share a vertex, so the mesh is
+/// watertight at every time. Triangles without area at times 0, 1/2 and 1 have none at any time and are never hit.
 ///
 /// ```
 /// use dapple_geometry::MovingMesh;
@@ -26,10 +26,12 @@ pub struct MovingMesh {
 }
 
 impl MovingMesh {
-    /// Checks the vertices at both times and the triangles (three vertex indices each).
+    /// Makes a mesh from vertex positions at times 0 and 1 and from triangles (three vertex indices each), and checks
+    /// them.
     ///
     /// # Errors
-    /// The errors of [`Mesh::new`] for either time; [`Error::BadParameter`] if the numbers of vertices differ.
+    /// The errors of [`Mesh::new`] for the positions at either time. [`Error::BadParameter`] if the numbers of
+    /// positions differ.
     pub fn new(starts: Vec<[f32; 3]>, ends: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, Error> {
         if starts.len() != ends.len() {
             let expected = "there must be as many vertices at time 1 as at time 0";
@@ -48,7 +50,7 @@ impl MovingMesh {
         Ok(mesh)
     }
 
-    /// The mesh at time 0.
+    /// The triangle mesh with the vertices' positions at time 0.
     #[must_use]
     pub fn start(&self) -> &Mesh {
         &self.start
@@ -60,20 +62,21 @@ impl MovingMesh {
         &self.ends
     }
 
-    /// The number of triangles without area at any time. They are never hit.
+    /// The number of triangles that have no area at any time in `[0, 1]`, which are never hit.
     #[must_use]
     pub fn degenerate(&self) -> usize {
         self.degenerate
     }
 
-    /// Returns true if the triangle has no area at any time. The area is quadratic in time, so three times decide. The
-    /// index must be below the number of triangles.
+    /// Returns true if the triangle has no area at any time in `[0, 1]`. The vector of its area is quadratic in time,
+    /// so three times decide. The index must be below the number of triangles.
     #[must_use]
     pub fn is_degenerate(&self, triangle: u32) -> bool {
         [0.0, 0.5, 1.0].into_iter().all(|time| has_no_area(self.corners(triangle, time)))
     }
 
-    /// The three corners of a triangle at a time. The index must be below the number of triangles.
+    /// Returns the three corners of a triangle at a time, clamped to `[0, 1]`. The index must be below the number of
+    /// triangles.
     #[inline]
     #[must_use]
     pub fn corners(&self, triangle: u32, time: f32) -> [Vec3; 3] {
@@ -85,13 +88,15 @@ impl MovingMesh {
         })
     }
 
-    /// The exact corners at time 1, which [`corners`](Self::corners) may miss by rounding.
+    /// Returns a triangle's exact corners at time 1. [`corners`](Self::corners) at time 1 may differ from them by
+    /// rounding.
     pub(crate) fn ends_of(&self, triangle: u32) -> [Vec3; 3] {
         self.start.triangles()[triangle as usize].map(|vertex| Vec3::from_array(self.ends[vertex as usize]))
     }
 
-    /// A point of a triangle at a time, the bound on its distance from the triangle of [`corners`](Self::corners) per
-    /// axis, and the unit normal. See [`Mesh::point`].
+    /// Returns a point of a triangle at a time, a bound on the point's error per axis, and the unit normal.
+    /// `barycentrics` are the weights of the second and third corner. The error is the distance to the triangle of
+    /// [`corners`](Self::corners).
     #[must_use]
     pub fn point(&self, triangle: u32, barycentrics: [f32; 2], time: f32) -> (Vec3, Vec3, Vec3) {
         let [a, b, c] = self.corners(triangle, time).map(Vec3::as_dvec3);
@@ -102,8 +107,8 @@ impl MovingMesh {
     }
 }
 
-/// A coordinate interpolated at a time in `[0, 1]`. Traversal and surface points share it, so that they agree to the
-/// last bit.
+/// Returns a coordinate interpolated linearly at a time in `[0, 1]`. Traversal and surface points both call it, so
+/// that they agree to the last bit.
 #[inline(always)]
 pub(crate) fn between(from: f32, to: f32, time: f32) -> f32 {
     from + (to - from) * time

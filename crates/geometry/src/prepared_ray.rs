@@ -3,31 +3,35 @@
 use crate::Ray;
 use glam::{Vec3, Vec4};
 
-/// The largest absolute coordinate of a traced ray's origin.
+/// The largest absolute coordinate of a valid ray's origin; rays from farther away hit nothing.
 const FARTHEST: f32 = (1u64 << 60) as f32;
-/// Directions with a largest component outside `1/DIRECTION..DIRECTION` are first scaled by a power of two.
+/// The limit of moderate directions: a direction whose largest component lies outside `1/DIRECTION..DIRECTION` is
+/// first scaled by a power of two.
 const DIRECTION: f32 = 1024.0;
 
-/// A valid ray with its slab and shear constants [after Woop, Benthin and Wald 2013].
+/// A valid ray with its precomputed constants: those of the test against boxes (slabs) and those of the test against
+/// triangles (a shear) [after Woop, Benthin and Wald 2013].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PreparedRay {
-    /// The ray, with a non-negative `tmin` and a direction of moderate length.
+    /// The ray, with a non-negative `tmin` and a direction whose largest component lies between 1/1024 and 1024.
     pub(crate) ray: Ray,
-    /// The ray's origin. The array has four entries, so that an axis below four is always in range.
+    /// The ray's origin. A fourth entry, 0, keeps every axis index below four in range without a check.
     pub(crate) origin: [f32; 4],
-    /// The reciprocal direction per axis, finite and with the direction's sign.
+    /// The reciprocals of the direction's components. They are finite and keep the components' signs; the fourth entry
+    /// is 1.
     pub(crate) inverse: [f32; 4],
-    /// The bound of a box that the ray meets first along each axis: 0 for the lower, 1 for the upper bound.
+    /// Per axis, the side of a box that the ray meets first: 0 for the lower bound, 1 for the upper bound.
     pub(crate) near: [usize; 3],
-    /// A permutation of the three axes. The direction's longest component is along the last one.
+    /// A permutation of the three axes. The last one is the axis of the direction's longest component.
     pub(crate) axes: [usize; 3],
-    /// The shear: the direction's first two axes over its last, and the reciprocal of the last.
+    /// The constants of the shear: the direction's components along `axes[0]` and `axes[1]`, both divided by the
+    /// longest one, and the reciprocal of the longest one.
     pub(crate) shear: [f32; 3],
 }
 
 impl PreparedRay {
-    /// Prepares a valid ray with a direction of moderate length, without rescaling its parameter `t`. `None` for other
-    /// rays.
+    /// Prepares a valid ray whose direction has its largest component between 1/1024 and 1024, and keeps its parameter
+    /// `t`. Returns `None` for any other ray.
     #[inline(always)]
     pub(crate) fn ordinary(ray: &Ray) -> Option<Self> {
         let longest = ray.direction.abs().max_element();
@@ -35,14 +39,14 @@ impl PreparedRay {
         if moderate && is_sane(ray) { Some(Self::prepare(ray)) } else { None }
     }
 
-    /// Prepares a ray with a very short or very long direction; `None` if it is invalid.
+    /// Prepares a ray with a very short or very long direction. Returns `None` if the ray is invalid.
     ///
-    /// The direction is scaled by a power of two, which is exact unless `t` leaves the range of f32. The second number
-    /// converts the prepared ray's `t` to the caller's.
+    /// The direction is scaled by a power of two, which is exact unless `t` leaves the range of f32. The second value
+    /// is the factor by which the prepared ray's `t` is multiplied to give the caller's.
     #[cold]
     pub(crate) fn rescaled(ray: &Ray) -> Option<(Self, f32)> {
         let longest = ray.direction.abs().max_element();
-        // If no number lies between the limits, nothing can be hit.
+        // If no f32 lies between the limits, nothing can be hit.
         let room = ray.tmin.max(0.0).next_up() < ray.tmax;
         if !is_sane(ray) || !ray.direction.is_finite() || longest == 0.0 || !room {
             return None;
@@ -73,8 +77,8 @@ impl PreparedRay {
         let axes = [NEXT[longest], NEXT[NEXT[longest]], longest];
         let components = d.to_array();
         let direction = d.extend(1.0);
-        // A component of 0 (or one whose reciprocal overflows) keeps its sign and takes the largest reciprocal.
-        // Boxes are grown enough for their walls to be as far away as triangles can be (`build::LEAST`).
+        // A component of 0, or one whose reciprocal overflows, gets the largest finite reciprocal with its sign. Boxes
+        // are padded enough that this loses no triangle (`build::LEAST`).
         let inverse = (Vec4::ONE / direction).clamp(Vec4::splat(-f32::MAX), Vec4::splat(f32::MAX)).to_array();
         let over_longest = (direction / Vec4::splat(components[longest])).to_array();
         Self {
@@ -90,7 +94,7 @@ impl PreparedRay {
 
 const NEXT: [usize; 3] = [1, 2, 0];
 
-/// Returns true if a ray's origin is bounded, `tmin < tmax`, and `tmax` is above 0; false if one of them is NaN.
+/// Returns true if the origin's coordinates are at most `FARTHEST`, `tmin < tmax` and `tmax > 0`.
 #[inline(always)]
 fn is_sane(ray: &Ray) -> bool {
     // Written so that NaN fails.
@@ -103,7 +107,7 @@ fn sign(x: f32) -> usize {
     (x.to_bits() >> 31) as usize
 }
 
-/// 2^exponent, with `exponent` from -127 (a denormal) to 127.
+/// Returns 2^`exponent`, for an `exponent` from -127 (a denormal) to 127.
 fn power_of_two(exponent: i32) -> f32 {
     if exponent <= -127 { f32::MIN_POSITIVE / 2.0 } else { f32::from_bits(((exponent + 127) as u32) << 23) }
 }

@@ -1,4 +1,4 @@
-//! The shapes of a geometry: meshes, spheres and disks.
+//! The kinds of shapes in a geometry: meshes, spheres and disks.
 
 use crate::mesh::{LARGEST, LOST_IN_F64, ROUNDING, SMALLEST};
 use crate::{Error, Mesh, MovingMesh, PrimitiveId, Ray, SurfacePoint};
@@ -6,21 +6,21 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
-/// A shape of a [`Geometry`](crate::Geometry).
+/// A shape of a [`Geometry`](crate::Geometry): a mesh, a sphere or a disk.
 #[derive(Clone, Debug)]
 pub enum Shape {
-    /// Triangles, shared without copying.
+    /// A triangle mesh, shared without copying.
     Mesh(Arc<Mesh>),
-    /// Triangles with moving vertices, shared without copying.
+    /// A triangle mesh with moving vertices, shared without copying.
     Moving(Arc<MovingMesh>),
-    /// A whole sphere, transformed by an affine map.
+    /// A full sphere, transformed by an affine map.
     Sphere(Sphere),
-    /// A whole disk or ring, transformed by an affine map.
+    /// A full disk or a ring, transformed by an affine map.
     Disk(Disk),
 }
 
 impl Shape {
-    /// The triangles, at time 0 if they move; `None` for spheres and disks.
+    /// Returns the triangle mesh, for moving vertices the mesh at time 0; `None` for spheres and disks.
     #[must_use]
     pub fn mesh(&self) -> Option<&Mesh> {
         match self {
@@ -30,8 +30,8 @@ impl Shape {
         }
     }
 
-    /// The lower and upper corner of the axis-aligned box at all times, up to rounding; `None` for a mesh without
-    /// triangles.
+    /// Returns the lower and upper corner of the shape's axis-aligned bounding box over all times, up to rounding.
+    /// `None` for a mesh without triangles.
     #[must_use]
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
         let quadric = |quadric: Quadric| Some(quadric.bounds().map(DVec3::as_vec3));
@@ -78,7 +78,7 @@ impl From<Disk> for Shape {
     }
 }
 
-/// A sphere around the origin of its own space, transformed to the world. Computed in f64.
+/// A sphere around the origin of its own space, with an affine map to world space. Intersections are computed in f64.
 #[derive(Clone, Copy, Debug)]
 pub struct Sphere {
     space: Space,
@@ -86,19 +86,20 @@ pub struct Sphere {
 }
 
 impl Sphere {
-    /// Makes a sphere in world space.
+    /// Makes a sphere in world space from its centre and radius.
     ///
     /// # Errors
-    /// The errors of [`transformed`](Self::transformed).
+    /// The errors of [`transformed`](Self::transformed), for a translation to the centre.
     pub fn new(centre: Vec3, radius: f32) -> Result<Self, Error> {
         Self::transformed(DAffine3::from_translation(centre.as_dvec3()), radius.into())
     }
 
-    /// Makes a sphere around the origin, transformed to the world by any invertible affine map.
+    /// Makes a sphere around the origin of its own space, transformed to world space by an invertible affine map.
     ///
     /// # Errors
-    /// [`Error::BadParameter`] if the radius is not positive or the map is not invertible; [`Error::ScaleOutOfRange`]
-    /// outside the range of [`Mesh::new`].
+    /// * [`Error::BadParameter`] if the radius is not positive and finite, or the map not finite and invertible.
+    /// * [`Error::ScaleOutOfRange`] if the largest coordinate of its box is below 2^-60 or above 2^59, as for
+    ///   [`Mesh::new`].
     pub fn transformed(to_world: DAffine3, radius: f64) -> Result<Self, Error> {
         positive("a sphere's radius", radius)?;
         let sphere = Self { space: Space::new(to_world)?, radius };
@@ -106,10 +107,10 @@ impl Sphere {
         Ok(sphere)
     }
 
-    /// The parameters of both intersections of the whole line, the nearer one first.
+    /// Returns the parameters of both intersections of the infinite line, the smaller one first; `None` without any.
     ///
-    /// The discriminant comes from the line's point nearest to the centre, and the root near 0 from the product of
-    /// both. Neither cancels [after Haines et al., Ray Tracing Gems 2019, chapter 7].
+    /// The discriminant comes from the line's point nearest to the centre. The root nearer to 0 comes from the product
+    /// of both roots. Neither suffers from cancellation [after Haines et al., Ray Tracing Gems 2019, chapter 7].
     #[inline]
     fn roots(&self, ray: &Ray) -> Option<[f64; 2]> {
         let (o, d) = self.space.ray_to_object(ray);
@@ -141,8 +142,8 @@ impl Sphere {
         [longitude(p), (1.0 - (p.z / p.length()).clamp(-1.0, 1.0).acos() / PI) as f32]
     }
 
-    /// The derivatives of a point by its `(u, v)` of [`Geometry::parametric`](crate::Geometry::parametric). At the
-    /// poles that of u is zero.
+    /// Returns the derivatives of a point's world-space position with respect to `u` and `v` of
+    /// [`Geometry::parametric`](crate::Geometry::parametric). At the poles, both derivatives are zero.
     #[must_use]
     pub fn derivatives(&self, point: Vec3) -> [Vec3; 2] {
         let p = self.space.point_to_object(point);
@@ -155,7 +156,8 @@ impl Sphere {
     }
 }
 
-/// A disk or ring in a plane of constant z of its own space, transformed to the world. Computed in f64.
+/// A disk or ring in a plane of constant z of its own space, with an affine map to world space. Intersections are
+/// computed in f64.
 #[derive(Clone, Copy, Debug)]
 pub struct Disk {
     space: Space,
@@ -165,11 +167,12 @@ pub struct Disk {
 }
 
 impl Disk {
-    /// Makes a disk in world space. `inner_radius` is the radius of the hole, 0 for none. `normal` need not have unit
-    /// length.
+    /// Makes a disk in world space from its centre, its normal and its radius. `inner_radius` is the radius of the
+    /// hole, 0 for none. `normal` need not have unit length.
     ///
     /// # Errors
-    /// The errors of [`transformed`](Self::transformed), and [`Error::BadParameter`] for a normal without a direction.
+    /// The errors of [`transformed`](Self::transformed). [`Error::BadParameter`] also if the length of `normal` is not
+    /// positive and finite.
     pub fn new(centre: Vec3, normal: Vec3, radius: f32, inner_radius: f32) -> Result<Self, Error> {
         let normal = normal.as_dvec3();
         let length = normal.length();
@@ -180,12 +183,14 @@ impl Disk {
         Self::transformed(to_world, 0.0, radius.into(), inner_radius.into())
     }
 
-    /// Makes a disk at `z = height` around the z axis, facing +z, transformed to the world by any invertible affine
-    /// map.
+    /// Makes a disk around the z axis at `z = height` of its own space. It faces +z and is transformed to world space
+    /// by an invertible affine map.
     ///
     /// # Errors
-    /// [`Error::BadParameter`] unless `0 <= inner_radius < radius`, the height is finite and the map is invertible;
-    /// [`Error::ScaleOutOfRange`] outside the range of [`Mesh::new`].
+    /// * [`Error::BadParameter`] unless `0 <= inner_radius < radius`, the radius and height are finite, and the map is
+    ///   finite and invertible.
+    /// * [`Error::ScaleOutOfRange`] if the largest coordinate of its box is below 2^-60 or above 2^59, as for
+    ///   [`Mesh::new`].
     pub fn transformed(to_world: DAffine3, height: f64, radius: f64, inner_radius: f64) -> Result<Self, Error> {
         positive("a disk's radius", radius)?;
         if !(0.0..radius).contains(&inner_radius) {
@@ -225,8 +230,8 @@ impl Disk {
         [longitude(p), v.clamp(0.0, 1.0) as f32]
     }
 
-    /// The derivatives of a point by its `(u, v)` of [`Geometry::parametric`](crate::Geometry::parametric). In the
-    /// middle they are zero.
+    /// Returns the derivatives of a point's world-space position with respect to `u` and `v` of
+    /// [`Geometry::parametric`](crate::Geometry::parametric). At the centre, both derivatives are zero.
     #[must_use]
     pub fn derivatives(&self, point: Vec3) -> [Vec3; 2] {
         let p = self.space.point_to_object(point);
@@ -236,7 +241,7 @@ impl Disk {
     }
 }
 
-/// A sphere or disk in the acceleration structure.
+/// A sphere or a disk, as an item of the bounding volume hierarchy.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Quadric {
     Sphere(Sphere),
@@ -244,11 +249,11 @@ pub(crate) enum Quadric {
 }
 
 impl Quadric {
-    /// The smallest ray parameter of an intersection with `tmin < t < tmax`; `None` without one.
+    /// Returns the smallest ray parameter of an intersection with `tmin < t < tmax`; `None` without one.
     #[inline]
     pub(crate) fn intersect(&self, ray: &Ray) -> Option<f32> {
         let (tmin, tmax) = (f64::from(ray.tmin), f64::from(ray.tmax));
-        // Exact and rounded: the reported parameter must obey the limits too.
+        // Both the exact and the rounded parameter must obey the limits.
         let within = |t: f64| {
             let rounded = t as f32;
             (t > tmin && t < tmax && rounded > ray.tmin && rounded < ray.tmax).then_some(rounded)
@@ -269,7 +274,7 @@ impl Quadric {
         }
     }
 
-    /// The exact lower and upper corner of the bounding box in world space, in f64.
+    /// Returns the exact lower and upper corner of the bounding box in world space, in f64.
     pub(crate) fn bounds(&self) -> [DVec3; 2] {
         match self {
             Self::Sphere(sphere) => sphere.space.bounds(DVec3::splat(sphere.radius), DVec3::ZERO),
@@ -277,7 +282,7 @@ impl Quadric {
         }
     }
 
-    /// The surface parameters `(u, v)` of a point, each in `[0, 1]`, as in pbrt-v4.
+    /// Returns the surface parameters `(u, v)` of a world-space point, each in `[0, 1]`, as pbrt-v4 defines them.
     pub(crate) fn parametric(&self, point: Vec3) -> [f32; 2] {
         match self {
             Self::Sphere(sphere) => sphere.parametric(point),
@@ -286,7 +291,7 @@ impl Quadric {
     }
 }
 
-/// The space of a sphere or disk, with the maps to the world and back.
+/// The own space of a sphere or disk, given by the maps to world space and back.
 #[derive(Clone, Copy, Debug)]
 struct Space {
     to_world: DAffine3,
@@ -306,7 +311,8 @@ impl Space {
 
     #[inline]
     fn ray_to_object(&self, ray: &Ray) -> (DVec3, DVec3) {
-        // Subtracting first is exact. The inverse's own translation would not be, far from the world's origin.
+        // Subtracting the translation first is exact. Adding the inverse's own translation would lose precision far
+        // from the world's origin.
         let origin = self.point_to_object(ray.origin);
         (origin, self.to_object.matrix3 * ray.direction.as_dvec3())
     }
@@ -316,12 +322,13 @@ impl Space {
         self.to_object.matrix3 * (point.as_dvec3() - self.to_world.translation)
     }
 
-    /// The derivatives of a point, mapped from object space to world space.
+    /// Maps derivatives of a point from object space to world space.
     fn derivatives(&self, of: [DVec3; 2]) -> [Vec3; 2] {
         of.map(|d| (self.to_world.matrix3 * d).as_vec3())
     }
 
-    /// The exact world bounds of the ellipsoid or disk with these half axes around a centre in object space.
+    /// Returns the exact world-space bounds of the ellipsoid or disk with these half axes around a centre, both in
+    /// object space.
     fn bounds(&self, half: DVec3, centre: DVec3) -> [DVec3; 2] {
         let m = self.to_world.matrix3;
         let centre = self.to_world.transform_point3(centre);
@@ -330,7 +337,7 @@ impl Space {
         [centre - reach, centre + reach]
     }
 
-    /// The surface point in world space for a point and normal in object space.
+    /// Returns the surface point in world space for a point and a normal in object space.
     fn surface(&self, point: DVec3, normal: DVec3) -> SurfacePoint {
         let m = self.to_world.matrix3;
         let exact = m * point + self.to_world.translation;
@@ -347,7 +354,7 @@ impl Space {
     }
 }
 
-/// The angle around the z axis from +x as a share of the full turn, in `[0, 1)`.
+/// Returns the angle around the z axis, from +x, as a fraction of the full turn in `[0, 1)`.
 fn longitude(p: DVec3) -> f32 {
     let turns = p.y.atan2(p.x) / TAU;
     let share = (if turns < 0.0 { turns + 1.0 } else { turns }) as f32;

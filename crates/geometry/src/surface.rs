@@ -1,28 +1,28 @@
-//! Points on surfaces, and rays that leave and reach them without meeting them again.
+//! Points on surfaces, and rays that start or end at such points without hitting the same surface again.
 
 use crate::safeguards::{All, Safeguards};
 use crate::{PrimitiveId, Ray};
 use glam::Vec3;
 
-/// A point on a surface with a bound on its error.
+/// A point on a surface with a bound on the rounding error of its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
-    /// The point, recomputed on the surface (not `origin + t direction`).
+    /// The position in world space. It is computed from the shape, which is more exact than `origin + t direction`.
     pub position: Vec3,
-    /// A bound on the distance from `position` to the exact surface, per axis.
+    /// A bound on the distance from `position` to the exact surface, per axis, in scene units.
     pub error: Vec3,
-    /// The unit geometric normal. It is on the side from which a triangle's corners run counter-clockwise, outward for
-    /// a sphere, and the transformed +z side for a disk.
+    /// The unit geometric normal. A triangle's normal is on the side from which its corners run counter-clockwise. A
+    /// sphere's normal points outwards. A disk's normal is the transformed +z axis of its own space.
     pub normal: Vec3,
     /// The triangle that contains the point; [`PrimitiveId::NONE`] on spheres and disks.
     pub primitive: PrimitiveId,
 }
 
-/// Moves a point off its surface to the side of `direction`, by little more than its error.
+/// Returns a point moved off its surface, to the side of `direction`, by little more than the error of its position.
 ///
-/// `error` bounds the point's error per axis and `normal` is the surface's unit normal. The step along the normal is
-/// `error . |normal|`. The sum is moved on by the rounding of its last place, away from the surface [after Pharr 2023,
-/// section 6.8.6].
+/// `error` bounds the position's error per axis and `normal` is the surface's unit normal. The step along the normal
+/// has the length `error . |normal|`. The moved point is then shifted by at most two units in the last place, away
+/// from the surface [after Pharr 2023, section 6.8.6].
 #[inline(always)]
 #[must_use]
 pub fn offset_origin(position: Vec3, error: Vec3, normal: Vec3, direction: Vec3) -> Vec3 {
@@ -42,13 +42,15 @@ fn offset_origin_with<S: Safeguards>(position: Vec3, error: Vec3, normal: Vec3, 
     moved + Vec3::select(step.cmpeq(Vec3::ZERO), Vec3::ZERO, away)
 }
 
-/// The offset of [`WithoutOffsets`](crate::safeguards::WithoutOffsets), in place of the bound on the error.
+/// The length of the step off a surface under [`WithoutOffsets`](crate::safeguards::WithoutOffsets), in place of the
+/// bound on the error.
 const FIXED: f32 = 1e-4;
 
-/// Factor that allows for the rounding of a unit normal, of the dot product with it and of the step: a few ulps of f32.
+/// A factor on the step off a surface that allows for the rounding of the unit normal, the dot product and the step.
 const SLACK: f32 = 1.0 + 1.0 / (1u64 << 19) as f32;
 
-/// A ray that leaves a surface and does not meet it again at its start. The direction stays unchanged.
+/// Returns a ray that leaves a surface in the given direction, starting far enough off the surface not to hit it at
+/// once.
 #[inline]
 #[must_use]
 pub fn spawn_ray(from: &SurfacePoint, direction: Vec3) -> Ray {
@@ -61,9 +63,9 @@ pub(crate) fn spawn_ray_with<S: Safeguards>(from: &SurfacePoint, direction: Vec3
     Ray { ends: [from.primitive, PrimitiveId::NONE], ..Ray::new(origin, direction) }
 }
 
-/// A ray between two surfaces that meets neither of them at its ends. `t` runs from 0 to 1.
+/// Returns a ray between two surface points that hits neither surface at its ends. `t` runs from 0 to 1.
 ///
-/// Both ends are moved towards each other by their errors, the far one also by the rounding of `direction`.
+/// Both ends are moved off their surfaces by the error bounds; the far bound includes the rounding of `direction`.
 #[inline(always)]
 #[must_use]
 pub fn spawn_ray_to(from: &SurfacePoint, to: &SurfacePoint) -> Ray {
@@ -72,15 +74,15 @@ pub fn spawn_ray_to(from: &SurfacePoint, to: &SurfacePoint) -> Ray {
     Ray { ends: [from.primitive, to.primitive], ..aim(from, target, 1.0) }
 }
 
-/// A ray from a surface to a point in space. `t` runs from 0 to just below 1.
+/// Returns a ray from a surface point to a point in space. `t` runs from 0 to just below 1.
 #[inline]
 #[must_use]
 pub fn spawn_ray_to_point(from: &SurfacePoint, target: Vec3) -> Ray {
     aim(from, target, 1.0_f32.next_down())
 }
 
-/// A ray from a surface to a point in space, up to `tmax`. If the point is nearer to the surface's plane than the
-/// offset, the ray runs along the plane and not back into it.
+/// Returns a ray from a surface point towards a point in space, with `t` up to `tmax`. If the target is nearer to the
+/// surface's plane than the offset origin, the ray runs parallel to the plane and not back into it.
 #[inline(always)]
 fn aim(from: &SurfacePoint, target: Vec3, tmax: f32) -> Ray {
     let wanted = target - from.position;
@@ -92,7 +94,7 @@ fn aim(from: &SurfacePoint, target: Vec3, tmax: f32) -> Ray {
     Ray { origin, direction, tmin: 0.0, tmax, ends: [from.primitive, PrimitiveId::NONE] }
 }
 
-/// The largest distance of a ray's end from its target: `target - origin` is rounded once per axis.
+/// A bound per axis on the distance between a ray's end and its target: `target - origin` is rounded once per axis.
 #[inline(always)]
 fn aim_error(target: Vec3, origin: Vec3) -> Vec3 {
     (target - origin).abs() * f32::EPSILON

@@ -1,4 +1,4 @@
-//! The tree, and the walk of rays through it.
+//! The bounding volume hierarchy, and the traversal of rays through it.
 
 use crate::instance::Placements;
 #[cfg(target_arch = "x86_64")]
@@ -11,28 +11,27 @@ use crate::triangle::{Triangles8, lowest};
 use pulp::NullaryFnOnce;
 use std::marker::PhantomData;
 
-/// The bit that marks a child's code as a leaf of triangles; the other bits are the index of its block of eight
-/// triangles.
+/// The bit that marks a child's code as a leaf of triangles. The other bits are the leaf's index in `Tree::triangles`.
 const TRIANGLES: u32 = 1 << 31;
-/// The bit that marks a child's code as a sphere or disk; the other bits are its index.
+/// The bit that marks a child's code as a sphere, a disk or the box of an instance. The other bits are its index.
 const QUADRIC: u32 = 1 << 30;
-/// The limit of node indices: codes below it are nodes.
+/// The limit of node indices: a child's code below it is the index of a node.
 pub(crate) const LIMIT: usize = QUADRIC as usize;
-/// The deepest stack of a walk. A tree that needs more is rebuilt by medians.
+/// The largest allowed number of entries on the traversal stack. A tree that needs more is rebuilt by median splits.
 pub(crate) const DEEPEST: usize = 256;
 
-/// The tolerance on the far side of a box: it is met if it is entered before it is left, within this factor. There are
-/// three roundings per slab [after Ize 2013], seven in a sheared corner and eight in `t`, each of 2^-24; the rest is
-/// slack.
+/// Returns the factor by which a box's exit distance is multiplied before it is compared with the entry distance. It
+/// allows for three roundings per slab [after Ize 2013], seven in a sheared corner and eight in `t`, each of 2^-24,
+/// and some slack.
 const fn far_side<S: Safeguards>() -> f32 {
     if S::PADDING { 1.0 + 1.0 / (1u64 << 18) as f32 } else { 1.0 }
 }
 
-/// A node with up to eight children. Unused children have empty boxes.
+/// A node with up to eight children. Unused children have empty boxes, which no ray hits.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 pub(crate) struct Node8 {
-    /// The children's lower and upper bounds per axis.
+    /// The children's lower and upper bounds, per axis.
     pub(crate) bounds: [[Eight; 2]; 3],
     pub(crate) children: [u32; WIDTH],
 }
@@ -41,7 +40,8 @@ impl Node8 {
     pub(crate) const EMPTY: Self =
         Self { bounds: [[Eight([f32::INFINITY; WIDTH]), Eight([f32::NEG_INFINITY; WIDTH])]; 3], children: [0; WIDTH] };
 
-    /// The entry and exit of the children's slabs along an axis. `near` is the bound that the ray meets first.
+    /// Returns the ray parameters at which the children's slabs along an axis are entered and left. `near` is the side
+    /// that the ray meets first.
     #[inline(always)]
     fn slab<L: Lanes>(&self, token: L::Token, prepared: &PreparedRay, axis: usize, near: usize) -> [L; 2] {
         let bounds = &self.bounds[axis];
@@ -54,13 +54,13 @@ impl Node8 {
     }
 }
 
-/// A child of a node.
+/// A child of a node, with its index in the list of nodes, of triangle leaves or of quadrics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Child {
     Node(u32),
     Triangles(u32),
     Quadric(u32),
-    /// The index of a box, in a tree over boxes.
+    /// The index of an instance's box, in the tree over instances.
     Box(u32),
 }
 
@@ -74,7 +74,7 @@ impl Child {
     }
 }
 
-/// The shape and primitive numbers of a leaf's eight triangles.
+/// The shape and primitive numbers of the eight triangles in a leaf.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Keys {
     pub(crate) shapes: Words,
@@ -91,54 +91,54 @@ impl Keys {
         key(self.shapes.0[lane], self.primitives.0[lane])
     }
 
-    /// The mask of the lanes with this key.
+    /// Returns the mask of the lanes whose triangle has this key.
     #[inline(always)]
     pub(crate) fn equal<L: Lanes>(&self, token: L::Token, key: u64) -> u32 {
         L::equal(token, &self.shapes, (key >> 32) as u32) & L::equal(token, &self.primitives, key as u32)
     }
 }
 
-/// The shape and primitive number in one integer, whose order decides ties.
+/// Returns the shape and primitive number as one integer. Of hits at the same distance, the smallest key wins.
 #[inline(always)]
 pub(crate) fn key(shape: u32, primitive: u32) -> u64 {
     u64::from(shape) << 32 | u64::from(primitive)
 }
 
-/// The bounding volume hierarchy: nodes, leaves, and the shape and primitive numbers of the leaves.
+/// The bounding volume hierarchy: nodes, leaves, and the shape and primitive numbers in the leaves.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tree {
     pub(crate) nodes: Vec<Node8>,
     pub(crate) triangles: Vec<Triangles8>,
-    /// The triangles at time 1; empty if no vertex moves.
+    /// The leaves of `triangles` at time 1; empty if no vertex moves.
     pub(crate) moved: Vec<Triangles8>,
     pub(crate) triangle_keys: Vec<Keys>,
     pub(crate) quadrics: Vec<Quadric>,
     pub(crate) quadric_keys: Vec<u64>,
-    /// The largest number of entries on the traversal stack at once.
+    /// The largest number of entries on the stack during traversal.
     pub(crate) stack: usize,
     pub(crate) way: WalkKind,
 }
 
-/// The walk of a tree. One branch selects it, so scenes without instances do not pay for them.
+/// The traversal that suits a tree. A single branch selects it, so scenes without instances do not pay for them.
 #[derive(Clone, Debug)]
 pub(crate) enum WalkKind {
-    /// Traversal of triangles that do not move, with AVX2 vectors.
+    /// Traversal of triangles at rest, with AVX2 vectors of eight.
     #[cfg(target_arch = "x86_64")]
     Whole(pulp::x86::V3),
-    /// Traversal of triangles that do not move, with pairs of four-wide vectors.
+    /// Traversal of triangles at rest, with pairs of four-wide vectors.
     Pair,
-    /// Traversal of triangles that move.
+    /// Traversal of triangles with moving vertices.
     Moving(Vectors),
-    /// Traversal of the base shapes, then of the scene's instances.
+    /// Traversal of the base shapes, then of the instances.
     Placed(Box<PlacedTree>),
 }
 
-/// Instances, and the vectors for the walk.
+/// The instances of a scene, and the vectors for the traversal of the base shapes.
 #[derive(Clone, Debug)]
 pub(crate) struct PlacedTree {
     pub(crate) placements: Placements,
     vectors: Vectors,
-    /// True if the tree's own triangles move.
+    /// True if triangles of the base shapes have moving vertices.
     moving: bool,
 }
 
@@ -162,7 +162,7 @@ impl WalkKind {
     }
 }
 
-/// A walk through a tree, compiled for each kind of vectors.
+/// A call of the traversal, compiled for each kind of vectors. `ANY` is true if any hit ends it.
 struct Walk<'a, S, L: Lanes, V, const ANY: bool> {
     token: L::Token,
     tree: &'a Tree,
@@ -186,7 +186,7 @@ impl<S: Safeguards, L: Lanes, V: Leaves, const ANY: bool> NullaryFnOnce for Walk
     }
 }
 
-/// The test at a leaf. It offers hits to the best so far; with `ANY` it returns true after a hit.
+/// The intersection test at a leaf. It offers hits to `best`. With `ANY`, it returns true if something is hit.
 trait Leaves {
     fn test<S: Safeguards, L: Lanes, const ANY: bool>(
         &mut self,
@@ -198,7 +198,7 @@ trait Leaves {
     ) -> bool;
 }
 
-/// Leaves of triangles, spheres and disks. With `MOVING`, triangles are taken at a time in `[0, 1]`.
+/// The leaf test for triangles, spheres and disks. With `MOVING`, triangles are interpolated at `time` in `[0, 1]`.
 struct Primitives<const MOVING: bool> {
     time: f32,
 }
@@ -226,10 +226,10 @@ impl<const MOVING: bool> Leaves for Primitives<MOVING> {
     }
 }
 
-/// The leaf test for triangles that do not move and need no time.
+/// The leaf test for triangles at rest, which ignores time.
 const STILL: Primitives<false> = Primitives { time: 0.0 };
 
-/// Leaves that are boxes; the function tests their contents.
+/// The leaf test for boxes of instances. The function gets a box's index and tests its contents.
 struct Boxes<F>(F);
 
 impl<F: FnMut(u32, &mut Best) -> bool> Leaves for Boxes<F> {
@@ -246,7 +246,7 @@ impl<F: FnMut(u32, &mut Best) -> bool> Leaves for Boxes<F> {
     }
 }
 
-/// The best hit so far.
+/// The closest hit found so far, or the limit `tmax` before any.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Best {
     pub(crate) t: f32,
@@ -257,7 +257,7 @@ pub(crate) struct Best {
 
 impl Best {
     pub(crate) fn new(tmax: f32) -> Self {
-        // No key is below 0, so a tie with tmax never wins.
+        // The key 0 is the smallest, so a hit at exactly `tmax` never replaces it.
         Self { t: tmax, key: 0, weights: [0.0; 2], found: false }
     }
 
@@ -269,7 +269,7 @@ impl Best {
     }
 }
 
-/// A child on the stack: the ray's parameter at its entry, and the child's code.
+/// An entry of the stack: the ray parameter at which a child's box is entered, and the child's code.
 type Aside = (f32, u32);
 
 impl Tree {
@@ -283,7 +283,7 @@ impl Tree {
         self.dispatch::<S, true>(prepared, time, &mut Best::new(prepared.ray.tmax))
     }
 
-    // Inlining at every call takes seconds to compile; see `Geometry::closest_at`.
+    // Inlining at every call would add seconds of compile time to debug builds; see `Geometry::closest_at`.
     #[cfg_attr(not(debug_assertions), inline(always))]
     #[cfg_attr(debug_assertions, inline(never))]
     fn dispatch<S: Safeguards, const ANY: bool>(&self, prepared: &PreparedRay, time: f32, best: &mut Best) -> bool {
@@ -296,7 +296,7 @@ impl Tree {
         }
     }
 
-    /// Makes the walk for triangles that do not move.
+    /// Makes the traversal of triangles at rest.
     #[inline(always)]
     fn still<'a, S: Safeguards, L: Lanes, const ANY: bool>(
         &'a self,
@@ -347,8 +347,8 @@ impl Tree {
         false
     }
 
-    /// Walks a tree over boxes and calls `visit` with the numbers of those met, the nearest first, and the best so far.
-    /// With `ANY` the walk ends when it returns true.
+    /// Traverses a tree over boxes and calls `visit` with the index of each box met, nearest first, and the best hit.
+    /// With `ANY` the traversal ends when `visit` returns true.
     pub(crate) fn visit<const ANY: bool>(
         &self,
         prepared: &PreparedRay,
@@ -361,8 +361,8 @@ impl Tree {
         }
     }
 
-    /// Walks the tree from near to far. With `ANY` it returns true at the first hit, otherwise it leaves the closest in
-    /// `best`. `STACK` is at least `self.stack`.
+    /// Traverses the tree from near to far. With `ANY` it returns true at the first hit found. Otherwise it returns
+    /// false and leaves the closest hit in `best`. `STACK` must be at least `self.stack`.
     #[inline(always)]
     fn walk<S: Safeguards, L: Lanes, const ANY: bool, const STACK: usize, V: Leaves>(
         &self,
@@ -402,8 +402,8 @@ impl Tree {
         }
     }
 
-    /// Tests a node's children and returns the nearest one met. The others go on the stack, the farthest deepest
-    /// (unsorted with `ANY`).
+    /// Tests a node's children and returns the code of the nearest one met. The others go on the stack, farthest
+    /// first. With `ANY` they are not sorted.
     #[inline(always)]
     fn enter<S: Safeguards, L: Lanes, const ANY: bool, const STACK: usize>(
         &self,
@@ -433,7 +433,7 @@ impl Tree {
             return Some(node.children[first]);
         }
         if ANY {
-            // Any hit will do, so sorting does not pay.
+            // Any hit ends the traversal, so sorting does not pay.
             while met != 0 {
                 stack[*height] = (0.0, node.children[lowest(met)]);
                 met &= met - 1;

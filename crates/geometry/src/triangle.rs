@@ -1,16 +1,16 @@
 //! A watertight test of eight triangles against one ray.
 //!
-//! The inside test is that of Woop, Benthin and Wald [2013]. Corners are moved to the ray's origin and sheared so that
-//! the ray runs along an axis. The signs of the three edge functions decide. Two triangles that share an edge always
-//! agree on it, for three reasons:
+//! The inside test is the one of Woop, Benthin and Wald [2013]. Corners are moved to the ray's origin and sheared so
+//! that the ray runs along an axis. A point is inside if the three edge functions have the same sign. Two triangles
+//! that share an edge always get the same sign on it, for three reasons:
 //!
-//! * Rounding is the same for every triangle at a corner.
-//! * A product is monotone.
-//! * An edge function of 0 is computed again in f64, where products of two f32 are exact.
+//! * A corner is rounded in the same way for every triangle that contains it.
+//! * A rounded product is monotone in its factors.
+//! * If an edge function is 0 in f32, it is computed again in f64, where products of two f32 are exact.
 //!
-//! The parameter `t` comes from f32 if that suffices. It comes from f64 for triangles seen nearly from the side, and
-//! near `tmin` and `tmax`, where a rounding error could turn the surface just left into a hit. All of this depends only
-//! on the ray and the triangle, never on the order of traversal.
+//! The ray parameter `t` is computed in f32 if that is exact enough. It is computed in f64 for triangles seen nearly
+//! edge-on, and near `tmin` and `tmax`, where a rounding error could turn the surface just left into a hit. The choice
+//! depends only on the ray and the triangle, never on the order of traversal.
 
 use crate::lanes::{Eight, Lanes, WIDTH};
 use crate::moving_mesh::between;
@@ -19,42 +19,43 @@ use crate::safeguards::Safeguards;
 use crate::traverse::Keys;
 use glam::Vec3;
 
-/// Triangles whose sheared area is below this fraction of their squared extent are intersected again in f64.
+/// The fraction of a triangle's squared extent below which its sheared area counts as thin. Thin triangles are
+/// intersected again in f64.
 const THIN: f32 = 1.0 / 32.0;
 /// The sheared area below which products of f32 lose bits to underflow.
 const TINY: f32 = f32::MIN_POSITIVE * (1u64 << 26) as f32;
-/// Sixteen times the rounding unit of f32. It bounds the error of `t` relative to the magnitudes in it (three roundings
-/// per sheared coordinate, six in the interpolation).
+/// A bound on the rounding error of `t`, relative to the magnitudes that enter it: sixteen times the rounding unit of
+/// f32. Each sheared coordinate takes three roundings, the interpolation six.
 const T_ERROR: f32 = 1.0 / (1u64 << 20) as f32;
 
-/// The largest magnitude of three values, per lane.
+/// Returns the largest magnitude of three values, per lane.
 #[inline(always)]
 fn largest<L: Lanes>([a, b, c]: &[L; 3]) -> L {
     a.abs().max(b.abs()).max(c.abs())
 }
 
-/// The index of the lowest bit in a mask of lanes.
+/// Returns the index of the lowest set bit in a mask of lanes.
 #[inline(always)]
 pub(crate) fn lowest(mask: u32) -> usize {
     mask.trailing_zeros() as usize & (WIDTH - 1)
 }
 
-/// Up to eight triangles, stored corner by corner and axis by axis. Unused lanes repeat the first triangle.
+/// One to eight triangles, stored corner by corner and axis by axis. Unused lanes repeat the first triangle.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Triangles8 {
     corners: [[Eight; 3]; 3],
 }
 
-/// The hits of one ray among eight triangles: a mask of the triangles hit, their ray parameters and barycentric
-/// weights.
+/// The hits of one ray among eight triangles. `mask` has a bit per triangle hit, and `t` holds the ray parameters.
 pub(crate) struct Hits {
     pub(crate) mask: u32,
     pub(crate) t: [f32; WIDTH],
-    /// The weights of the second and third corner.
+    /// The barycentric weights of the second and of the third corner.
     pub(crate) weights: [[f32; WIDTH]; 2],
 }
 
-/// Corners relative to the origin and sheared: x and y across the ray, z along it (not yet divided).
+/// The corners of eight triangles relative to the ray's origin, sheared: x and y across the ray, z along it. The z
+/// coordinate is not yet divided by the direction's longest component.
 struct Sheared<L> {
     x: [L; 3],
     y: [L; 3],
@@ -62,7 +63,7 @@ struct Sheared<L> {
 }
 
 impl Triangles8 {
-    /// Packs 1 to 8 triangles.
+    /// Makes a block of 1 to 8 triangles.
     #[cfg(test)]
     pub(crate) fn new(triangles: &[[Vec3; 3]]) -> Self {
         let mut packed = Self::default();
@@ -81,7 +82,7 @@ impl Triangles8 {
         }
     }
 
-    /// The triangles at a time in `[0, 1]`, moved from `self` at 0 towards `end` at 1.
+    /// Returns the triangles at a time in `[0, 1]`, interpolated linearly between `self` (time 0) and `end` (time 1).
     #[inline(always)]
     pub(crate) fn toward(&self, end: &Self, time: f32) -> Self {
         let mut there = *self;
@@ -97,8 +98,8 @@ impl Triangles8 {
         there
     }
 
-    /// The hits with `tmin < t < tmax` and `t <= limit`. `None` if no triangle is hit. Triangles at the ray's ends are
-    /// skipped.
+    /// Returns the hits with `tmin < t < tmax` and `t <= limit`, or `None` if no triangle is hit. Skips the triangles
+    /// on which the ray starts or ends (`Ray::ends`).
     #[inline(always)]
     pub(crate) fn intersect<S: Safeguards, L: Lanes>(
         &self,
@@ -108,17 +109,17 @@ impl Triangles8 {
         keys: &Keys,
     ) -> Option<Hits> {
         let s = self.shear::<L>(token, prepared);
-        // Each edge function belongs to the opposite corner and is its weight.
+        // Each edge function belongs to the opposite corner and is that corner's unnormalised weight.
         let u = s.x[2] * s.y[1] - s.y[2] * s.x[1];
         let v = s.x[0] * s.y[2] - s.y[0] * s.x[2];
         let w = s.x[1] * s.y[0] - s.y[1] * s.x[0];
         let zero = L::splat(token, 0.0);
         let inside = zero.at_most(u.min(v).min(w)) | u.max(v).max(w).at_most(zero);
-        // The common case; the keys need not be fetched then.
+        // Most triangles are missed. Returning here avoids fetching the keys.
         if inside == 0 {
             return None;
         }
-        // Most of these are the flat triangles at the ends of the ray, which it does not meet in between.
+        // Most hits left are the triangles on which the ray starts or ends. The ray cannot meet a flat triangle again.
         let [from, to] = prepared.ray.ends;
         let wanted = inside & !(keys.equal::<L>(token, from.0) | keys.equal::<L>(token, to.0));
         if wanted == 0 { None } else { self.finish::<S, L>(token, prepared, limit, wanted, &s, [u, v, w]) }
@@ -135,7 +136,7 @@ impl Triangles8 {
         }
     }
 
-    /// The corners' coordinates along an axis, relative to the ray's origin.
+    /// Returns the corners' coordinates along an axis, relative to the ray's origin.
     #[inline(always)]
     fn along<L: Lanes>(&self, token: L::Token, prepared: &PreparedRay, axis: usize) -> [L; 3] {
         let [a, b, c] = &self.corners;
@@ -166,7 +167,8 @@ impl Triangles8 {
         let reciprocal = L::splat(token, 1.0) / determinant;
         let (second, third) = (v * reciprocal, w * reciprocal);
         let (to_second, to_third) = (s.z[1] - s.z[0], s.z[2] - s.z[0]);
-        // Differences to the first corner: exact for a triangle that faces the ray, for any rounding of the weights.
+        // Interpolates differences to the first corner: they are exactly 0 for a triangle perpendicular to the axis,
+        // however the weights are rounded.
         let t = (s.z[0] + (second * to_second + third * to_third)) * L::splat(token, prepared.shear[2]);
 
         let (tmin, tmax) = (L::splat(token, prepared.ray.tmin), L::splat(token, prepared.ray.tmax));
@@ -194,8 +196,8 @@ impl Triangles8 {
         (hits.mask != 0).then_some(hits)
     }
 
-    /// Intersects the `unsettled` lanes in f64 and adds their hits. In `sound` lanes only `t` is uncertain: there the
-    /// side of the plane on which the ray ends decides.
+    /// Intersects the `unsettled` lanes in f64 and adds their hits. In `sound` lanes only `t` is uncertain, so the
+    /// limits are first compared with the triangle's plane.
     #[inline(never)]
     fn settle(&self, prepared: &PreparedRay, limit: f32, mut unsettled: u32, sound: u32, hits: &mut Hits) {
         while unsettled != 0 {
@@ -226,8 +228,8 @@ impl Triangles8 {
 
 /// A triangle's plane relative to a ray, from exact corners in f64.
 struct Plane {
-    /// The distance of the plane from the ray's origin along the unnormalised normal, and the direction's component
-    /// along that normal.
+    /// The scalar product of the unnormalised normal with the vector from the ray's origin to the plane. The plane is
+    /// at `t = height / slant`.
     height: f64,
     slant: f64,
 }
@@ -241,7 +243,7 @@ impl Plane {
         Self { height, slant: normal.dot(prepared.ray.direction.as_dvec3()) }
     }
 
-    /// Returns true if the ray meets the plane within its limits.
+    /// Returns true if the ray meets the plane at `tmin < t < tmax`.
     #[inline(always)]
     fn within(&self, prepared: &PreparedRay) -> bool {
         let (height, slant) = if self.slant > 0.0 { (self.height, self.slant) } else { (-self.height, -self.slant) };
@@ -249,8 +251,9 @@ impl Plane {
     }
 }
 
-/// Intersects one triangle in f64, with corners sheared by the same f32 operations as its neighbours'. Returns `t` and
-/// the weights of the second and third corner.
+/// Intersects one triangle in f64. The corners are sheared by the same f32 operations as in `Triangles8`, so that
+/// neighbours agree on shared edges. Returns `t` and the barycentric weights of the second and third corner; `None`
+/// without a hit.
 #[inline(never)]
 fn settle(prepared: &PreparedRay, corners: &[Vec3; 3], plane: &Plane) -> Option<(f64, [f64; 2])> {
     let [kx, ky, kz] = prepared.axes;
@@ -285,6 +288,6 @@ fn settle(prepared: &PreparedRay, corners: &[Vec3; 3], plane: &Plane) -> Option<
     if !near(prepared.ray.tmin) && !near(prepared.ray.tmax) {
         return Some((t, weights));
     }
-    // The side of the plane on which the ray ends, free of the shear's rounding in f32.
+    // Near a limit, `t` comes from the unsheared plane, free of the shear's rounding in f32.
     (plane.slant != 0.0).then(|| ((plane.height / plane.slant).clamp(low, high), weights))
 }

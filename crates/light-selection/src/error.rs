@@ -1,15 +1,15 @@
 //! The error of this crate.
 
-/// An option or a box that [`LightCells::new`](crate::LightCells::new) refuses.
+/// The reason why [`LightCells::new`](crate::LightCells::new) refused its options or its bounding box.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// A parameter outside its range.
+    /// A parameter is outside its range.
     #[error("{name} = {value} is out of range: {allowed}")]
     OutOfRange {
-        /// The name of the parameter.
+        /// The name of the parameter, such as "prior".
         name: &'static str,
-        /// The value given.
+        /// The value of the parameter, as text.
         value: String,
         /// The allowed range, as text for the message.
         allowed: &'static str,

@@ -1,4 +1,4 @@
-//! Probabilities of lights, learned per cell of space and orientation.
+//! Light selection probabilities, learned per cell of space and orientation.
 
 mod grid;
 
@@ -9,13 +9,13 @@ use rayon::prelude::*;
 /// The parameters of [`LightCells`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightCellOptions {
-    /// The number of voxels along the longest side of the box; fewer if the table would otherwise be too large for the
-    /// number of lights.
+    /// The number of voxels along the longest side of the box, from 1 to 1024. Fewer are used if the table would
+    /// become too large for the number of lights.
     pub resolution: u32,
-    /// The weight of the expected contribution against the measured one, as a number of samples.
+    /// The weight of the expected contribution against the measured one, as a number of samples. It must be positive.
     pub prior: f32,
-    /// The fraction of uniform selection in every distribution. It bounds a sample's weight by the number of lights
-    /// over this fraction.
+    /// The fraction of uniform selection in every distribution, above 0 and at most 1. A sample's weight is at most
+    /// the number of lights divided by it, up to the rounding of probabilities.
     pub defensive: f32,
 }
 
@@ -26,70 +26,78 @@ impl Default for LightCellOptions {
     }
 }
 
-/// The kind of distributions in use: one per cell, or one for all cells.
+/// The choice between a distribution for each cell and a single distribution for the whole scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Guidance {
-    /// One distribution per cell.
+    /// Each cell selects lights by its own distribution.
     Cells,
-    /// One distribution for all cells, since cells differ too little.
+    /// All cells select lights by one common distribution, since the cells' distributions differ too little to pay.
     Global,
 }
 
-/// Probabilities of lights: one distribution for each cell of space (a voxel) and orientation (the axis nearest to the
-/// normal).
+/// A table of light selection probabilities, with one distribution per cell. A cell is a voxel of space combined with
+/// an orientation (the axis nearest to the surface normal, with its sign).
 ///
-/// The variance of light `e`, chosen with probability `p_e`, is least for `p_e` in proportion to the root of the
-/// second moment `E[X_e^2]` of its contribution `X_e` (before division by `p_e`). Moments are learned from samples
-/// that are traced anyway. They are shrunk to the expectation for the cell and, over all cells, for the light. A
-/// tenth of the selection is uniform. A table is read-only while samples are traced, and learns in between
-/// ([`LightCells::learn`]).
+/// Let `X_e` be the contribution of light `e` before division by its selection probability `p_e`. The variance is
+/// least for `p_e` in proportion to the root of the second moment `E[X_e^2]`. Second moments are learned from samples
+/// that are traced anyway. Cells with few samples fall back on the expected contribution, scaled by each light's mean
+/// over all cells. A fraction of the selection is uniform ([`LightCellOptions::defensive`]). A table is read-only
+/// while samples are traced, and learns between passes ([`LightCells::learn`]).
 ///
-/// *Guarantees*: each light has a probability of at least a tenth of its uniform share in every cell, so that an
-/// estimator that divides by [`LightCells::pmf`] is unbiased whatever the table has learned. Probabilities are whole
-/// multiples of 2^-24: coordinates of 24 bits select exactly as often. Learning is deterministic. *Weaknesses*: a
-/// cell does not know the direction of view (gloss). Two sides of a wall thinner than a voxel share a cell where
-/// normals agree.
+/// *Guarantees*: in every cell, each light keeps the fraction [`LightCellOptions::defensive`] of its uniform
+/// probability, up to rounding. An estimator that divides by [`LightCells::pmf`] is therefore unbiased, whatever the
+/// table has learned. Probabilities are positive multiples of 2^-24, so random numbers of 24 bits select lights with
+/// exactly these probabilities. Learning is deterministic.
 ///
-/// The table takes plain numbers, so that any renderer can use it.
+/// *Weaknesses*: a cell ignores the direction of view, which matters for glossy surfaces. The two sides of a wall
+/// thinner than a voxel share a cell where their normals agree.
+///
+/// Positions, normals and light indices are plain numbers, so that any renderer can use the table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightCells {
     grid: Grid,
     lights: usize,
     options: LightCellOptions,
-    /// The row of each cell: its own since it was first seen, before that its neighbourhood's.
+    /// The index in `ends` of each cell's row: its own row once the cell has samples, its neighbourhood's row before.
     rows: Vec<u32>,
-    /// Row by row: the end of each light's share of the unit interval. First comes the global mix, then the
-    /// expectation for each neighbourhood, then the rows of cells that were seen.
+    /// The cumulative probabilities: per row and light, the sum up to and including the light. The row of the global
+    /// distribution comes first, then one row per neighbourhood (expected contributions only), then one per cell with
+    /// samples.
     ends: Vec<f32>,
-    /// The number of rows before the cells' own: the global mix and the neighbourhoods.
+    /// The number of rows before the cells' own: one global row and one per neighbourhood.
     shared: usize,
-    /// Per seen cell and light: the expected root of the second moment, up to a factor.
+    /// The expected root of the second moment per cell with samples and per light, 1 on average over a cell's lights.
     expected: Vec<f32>,
-    /// Per seen cell and light: samples, and the sum of their squares.
+    /// The number of samples and the sum of their squared contributions, per cell with samples and per light.
     seen: Vec<[f32; 2]>,
     guidance: Guidance,
 }
 
-/// The number of values of a 24-bit random number.
+/// The number of values of a 24-bit random number, 2^24.
 const STEPS: f32 = (1 << 24) as f32;
-/// The most numbers in a table: 2^21 of each kind take 34 MB in all, if every cell is seen.
+/// The largest number of pairs of a cell and a light in a table. 2^21 pairs take 34 MB if every cell gets samples.
 const MOST: usize = 1 << 21;
-/// Voxels along each side of a neighbourhood: until a cell is seen, a 27th of the rows will do (a ninth in a flat box).
+/// The number of voxels along each side of a neighbourhood. Cells without samples share a row per neighbourhood and
+/// orientation, so 27 times fewer rows are needed (9 times in a flat box).
 const NEIGHBOURHOOD: u32 = 3;
-/// The fraction of the global distribution's second moment below which the cells' predicted second moment must lie for
-/// cells to be used.
+/// The largest predicted second moment with one distribution per cell, relative to the global distribution's, at which
+/// cells are used.
 const WORTH: f64 = 0.97;
 
 impl LightCells {
-    /// Makes a table for the points inside `bounds` and for `lights` lights. Points outside belong to the nearest cell.
+    /// Makes a table for points inside `bounds` and for `lights` lights. Points outside `bounds` belong to the nearest
+    /// cell.
     ///
-    /// `expected` takes the middle of a voxel, half its diagonal, a cell's axis (a unit vector) and a light. It
-    /// returns the light's approximate contribution there, in any unit: `|..| 1.0` if nothing is known. The result is
-    /// `None` with fewer than two lights, which need no selection, or more than 2^16, which no table can store.
+    /// `expected` takes the centre of a voxel, half its diagonal, a cell's axis (a unit vector) and the index of a
+    /// light. It returns the light's approximate contribution there, in any unit; `|..| 1.0` if nothing is known.
+    ///
+    /// Returns `None` for fewer than two lights, which need no selection, and for more than 2^16, which are too many
+    /// for a table.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for options out of range, or for bounds that are not finite or not in order.
+    /// [`Error::OutOfRange`] if an option is out of its range, or if the corners of `bounds` are not finite or not in
+    /// order.
     pub fn new(
         bounds: [[f32; 3]; 2],
         lights: usize,
@@ -141,27 +149,27 @@ impl LightCells {
         Ok(Some(made))
     }
 
-    /// The index of the cell of a point with this normal, which is on the side that is lit.
+    /// Returns the index of the cell of a point. `normal` is the surface normal on the side that is lit.
     #[inline]
     pub fn cell(&self, position: [f32; 3], normal: [f32; 3]) -> u32 {
         self.grid.cell(position, normal)
     }
 
-    /// The number of cells.
+    /// The number of cells: voxels times six orientations.
     pub fn cells(&self) -> usize {
         self.rows.len()
     }
 
-    /// The number of lights.
+    /// The number of lights in each distribution.
     pub fn lights(&self) -> usize {
         self.lights
     }
 
-    /// The light that `u` in `[0, 1)` selects in a cell, and its probability there.
+    /// Returns the index of the light that a random number `u` in `[0, 1)` selects in a cell, and its probability.
     #[inline]
     pub fn sample(&self, cell: u32, u: f32) -> (u32, f32) {
         let row = self.row(cell);
-        // The last end is 1, but `u` may be NaN or 1.
+        // Clamped below: the last cumulative probability is 1, but `u` may be 1.
         let light = match row.len() {
             0..=8 => row.iter().map(|end| usize::from(u >= *end)).sum(),
             _ => row.partition_point(|end| u >= *end),
@@ -170,7 +178,7 @@ impl LightCells {
         (light as u32, share(row, light))
     }
 
-    /// The probability of a light in a cell.
+    /// Returns the probability that a cell selects a light.
     #[inline]
     pub fn pmf(&self, cell: u32, light: u32) -> f32 {
         share(self.row(cell), light as usize)
@@ -185,17 +193,19 @@ impl LightCells {
         &self.ends[row * self.lights..][..self.lights]
     }
 
-    /// The key under which a light's contribution in a cell is noted.
+    /// Returns the key of a cell and a light, under which [`LightCells::learn`] takes their samples.
     #[inline]
     pub fn key(&self, cell: u32, light: u32) -> u64 {
         u64::from(cell) * self.lights as u64 + u64::from(light)
     }
 
-    /// Learns from samples: for each [`LightCells::key`], their number and the sum of their squared contributions.
+    /// Learns from samples. Each note is a [`LightCells::key`], the number of its samples and the sum of their squared
+    /// contributions.
     ///
-    /// Contributions are neither divided by the probability of the light nor weighted by the throughput of the path
-    /// before it. Samples of a hidden light count as well. Keys out of range and sums that are NaN are skipped.
-    /// `expected` is that of [`LightCells::new`]: cells that are seen for the first time call it.
+    /// A contribution is neither divided by the light's probability nor multiplied by the throughput of the path
+    /// before it. Samples of an occluded light count with contribution 0. Notes whose key is out of range or whose sum
+    /// is NaN, negative or too large for f32 are skipped. `expected` is the function given to [`LightCells::new`]; it
+    /// is called for cells that get their first samples.
     pub fn learn(
         &mut self,
         notes: impl Iterator<Item = (u64, u64, f64)>,
@@ -225,12 +235,13 @@ impl LightCells {
         self.update_distributions();
     }
 
-    /// The kind of distributions in use: one per cell, or one for all cells.
+    /// The kind of distributions in use: one per cell, or a common one while cells differ too little.
     pub fn guidance(&self) -> Guidance {
         self.guidance
     }
 
-    /// Recomputes the probabilities of lights from the learned second moments.
+    /// Recomputes all probabilities from the learned second moments, and decides between cells and the global
+    /// distribution.
     fn update_distributions(&mut self) {
         let ratios = self.light_ratios();
         let level = self.level(&ratios);
@@ -240,7 +251,7 @@ impl LightCells {
         let (of_all, of_cells) = ends.split_at_mut(self.shared * lights);
         set_ends(&mut of_all[..lights], &global);
         let cells = self.expected.par_chunks(lights).zip(self.seen.par_chunks(lights));
-        // Second moments that cells promise, with their own mix and with the global one.
+        // The predicted second moments of each cell: with its own distribution and with the global one.
         let promised: Vec<[f64; 2]> = of_cells
             .par_chunks_mut(lights)
             .zip(cells)
@@ -259,8 +270,8 @@ impl LightCells {
         self.guidance = if pays { Guidance::Cells } else { Guidance::Global };
     }
 
-    /// The ratio of each light's second moments to the expected ones, relative to all lights; 1 for a light without
-    /// samples.
+    /// Returns each light's measured second moment relative to its expected one, divided by the same ratio for all
+    /// lights together. A light without samples gets 1; all ratios are clamped to 1e-4..1e4.
     fn light_ratios(&self) -> Vec<f64> {
         let mut sums = vec![[0.0; 2]; self.lights];
         for (expected, seen) in self.expected.chunks(self.lights).zip(self.seen.chunks(self.lights)) {
@@ -271,13 +282,13 @@ impl LightCells {
         }
         let all = sums.iter().fold([0.0; 2], |a, s| [a[0] + s[0], a[1] + s[1]]);
         let mean = if all[0] > 0.0 { all[1] / all[0] } else { 0.0 };
-        // A light without contributions so far may yet contribute: within bounds.
+        // A light without contributions so far may still contribute, so its ratio stays above 0.
         let ratio =
             |[found, expected]: [f64; 2]| if expected > 0.0 && mean > 0.0 { found / expected * mean } else { 1.0 };
         sums.into_iter().map(|s| ratio(s).clamp(1e-4, 1e4)).collect()
     }
 
-    /// The measured second moment for an expected contribution of 1, averaged over all cells.
+    /// Returns the measured second moment relative to the expected one, averaged over all cells.
     fn level(&self, ratios: &[f64]) -> f64 {
         let mut sums = [0.0; 2];
         for (expected, seen) in self.expected.chunks(self.lights).zip(self.seen.chunks(self.lights)) {
@@ -287,12 +298,12 @@ impl LightCells {
         if sums[0] > 0.0 { sums[0] / sums[1] } else { 1.0 }
     }
 
-    /// A cell's second moments: those seen, with [`LightCellOptions::prior`] samples of those expected, at the cell's
-    /// level.
+    /// Computes the second moments of a cell's lights: the measured ones averaged with [`LightCellOptions::prior`]
+    /// samples of the expected ones, which are scaled to the cell's level (see `level`).
     fn moments(&self, expected: &[f32], seen: &[[f32; 2]], ratios: &[f64], level: f64, mixes: &mut Mixes) {
         let prior = f64::from(self.options.prior);
         let [found, wanted] = level_of(expected, seen, ratios);
-        // The cell's own level, weighted by its samples; the image's has the weight of one sample.
+        // The cell's own level is weighted by its number of samples; the level of all cells counts as one sample.
         let samples: f64 = seen.iter().map(|s| f64::from(s[0])).sum();
         let own = if wanted > 0.0 { found / wanted } else { level };
         let level = (samples * own + level) / (samples + 1.0);
@@ -304,7 +315,7 @@ impl LightCells {
         mixes.moments.extend(each);
     }
 
-    /// Computes the distribution of least variance for second moments, mixed with the uniform one.
+    /// Computes the distribution of least variance for second moments, mixed with the uniform distribution.
     fn mix(&self, mixes: &mut Mixes) {
         let Mixes { moments, mix } = mixes;
         mix.clear();
@@ -315,7 +326,7 @@ impl LightCells {
         mix.iter_mut().for_each(|p| *p = (1.0 - uniform) * of(*p) + uniform / n);
     }
 
-    /// The probabilities of the lights from the samples of all cells together.
+    /// Returns the probabilities of the lights from the samples of all cells together.
     fn global_mix(&self) -> Vec<f64> {
         let mut sums = vec![[0.0; 2]; self.lights];
         for seen in self.seen.chunks(self.lights) {
@@ -330,14 +341,14 @@ impl LightCells {
     }
 }
 
-/// Working memory: the second moments of a cell's lights, and the probabilities that follow from them.
+/// Working memory for one cell: the second moments of its lights, and the probabilities computed from them.
 #[derive(Default)]
 struct Mixes {
     moments: Vec<f64>,
     mix: Vec<f64>,
 }
 
-/// Fills in the expectation for a cell's lights, 1 on average.
+/// Fills in the expected contributions of a cell's lights, scaled to 1 on average.
 fn expect(
     row: &mut [f32],
     (middle, half, axis): ([f32; 3], f32, [f32; 3]),
@@ -347,13 +358,13 @@ fn expect(
         let e = expected(middle, half, axis, light);
         *value = if e > 0.0 && e.is_finite() { e } else { 0.0 };
     }
-    // Without any expectation all lights are alike.
+    // If no light is expected to contribute, all get the same expectation.
     let sum: f32 = row.iter().sum();
     let scale = if sum > 0.0 && sum.is_finite() { row.len() as f32 / sum } else { 0.0 };
     row.iter_mut().for_each(|v| *v = if scale > 0.0 { (*v * scale).max(1e-6) } else { 1.0 });
 }
 
-/// The sum of squared contributions measured in a cell, and the expected sum for a level of 1.
+/// Returns the sum of squared contributions measured in a cell, and the sum expected at a level of 1.
 fn level_of(expected: &[f32], seen: &[[f32; 2]], ratios: &[f64]) -> [f64; 2] {
     let each = expected.iter().zip(seen).zip(ratios);
     each.fold([0.0; 2], |sum, ((&e, &[n, squares]), ratio)| {
@@ -362,14 +373,14 @@ fn level_of(expected: &[f32], seen: &[[f32; 2]], ratios: &[f64]) -> [f64; 2] {
     })
 }
 
-/// Sets the cumulative probabilities of a row from a mix of probabilities: whole multiples of 2^-24, each above the one
-/// before.
+/// Sets the cumulative probabilities of a row from a distribution. They are multiples of 2^-24, each larger than the
+/// one before.
 fn set_ends(row: &mut [f32], mix: &[f64]) {
     let (mut sum, mut before) = (0.0, 0.0);
     let last = mix.len() - 1;
     for (i, (end, p)) in row.iter_mut().zip(mix).enumerate() {
         sum += p;
-        // Leaves one step for each of the remaining lights.
+        // The limit leaves one step of 2^-24 for each of the remaining lights.
         let most = STEPS - (last - i) as f32;
         let steps = ((sum * f64::from(STEPS)).round() as f32).clamp(before + 1.0, most);
         before = if i == last { STEPS } else { steps };

@@ -1,4 +1,4 @@
-//! Cameras: from a position in a pixel to a ray.
+//! Cameras, which turn a position on the image into a ray.
 
 use crate::shading::warp::concentric_disk;
 use crate::space::Space;
@@ -6,11 +6,11 @@ use dapple_geometry::{Motion, Ray};
 use dapple_scene::{Camera, Projection, Source};
 use glam::{DAffine3, DMat3, Mat3, Vec2, Vec3};
 
-/// A camera that cannot be made.
+/// The reason why [`CameraView::new`] refused a camera.
 #[non_exhaustive]
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CameraError {
-    /// The angle of view is out of range.
+    /// The angle of view is not above 0 and below 180 degrees.
     #[error("{at}: a field of view of {fov} degrees is invalid; give an angle above 0 and below 180")]
     Fov {
         /// The line of the scene file that defines the camera.
@@ -18,7 +18,7 @@ pub enum CameraError {
         /// The invalid angle of view in degrees.
         fov: f64,
     },
-    /// The camera's transform is not invertible.
+    /// The camera's transform is not finite or not invertible.
     #[error(
         "{at}: the camera's transform is not finite or flattens space; check LookAt (eye and target must differ, up must not lie along the view) and scales"
     )]
@@ -26,7 +26,7 @@ pub enum CameraError {
         /// The line of the scene file that defines the camera.
         at: Source,
     },
-    /// The lens or its focal distance is invalid.
+    /// The lens radius is negative, the focal distance is not positive, or one of them is not finite or too large.
     #[error(
         "{at}: a lens of radius {radius} focused at {distance} is invalid; give a radius of at least 0 and a finite distance above 0"
     )]
@@ -38,15 +38,15 @@ pub enum CameraError {
         /// The focal distance of the lens, in units of camera space.
         distance: f64,
     },
-    /// The pose at the end of the motion is invalid.
+    /// The end of the camera's motion is not invertible, or mirrors while the start does not.
     #[error("{at}: the camera's motion is invalid: {why}")]
     Motion {
         /// The line of the scene file that defines the camera.
         at: Source,
-        /// The problem of the motion, as text.
+        /// The reason, as text for the error message.
         why: String,
     },
-    /// The window on the screen is invalid.
+    /// The screen window is empty, not finite or too large, or the aspect ratio is not positive and finite.
     #[error("{at}: the screen window or aspect ratio is empty or not finite")]
     Window {
         /// The line of the scene file that defines the camera.
@@ -54,34 +54,37 @@ pub enum CameraError {
     },
 }
 
-/// A camera ready to make rays, in the renderer's own space.
+/// A camera prepared to make rays, in the renderer's space (the scene scaled and moved; see [`Space`]).
 #[derive(Clone, Debug)]
 pub struct CameraView {
     origin: Vec3,
-    /// Columns: right, up and forward vectors of the camera's transform, scaled so that the largest entry is in [1, 2).
+    /// The right, up and forward vectors of the camera's transform, as columns. They are scaled so that the largest
+    /// entry lies in [1, 2).
     axes: Mat3,
-    /// Half the resolution, in pixels.
+    /// Half the width and half the height of the image, in pixels.
     half: Vec2,
-    /// Screen units per pixel.
+    /// The screen position of the image's centre, in screen units.
     step: Vec2,
-    /// Screen position of the image's centre, in screen units.
+    /// The size of a pixel in screen units.
     shift: Vec2,
-    /// The radius of the lens; `focal_distance` is its focal distance. Both are in units of `axes`.
+    /// The radius of the lens, in units of `axes`; 0 for a pinhole. `focal_distance` is in the same units.
     lens_radius: f32,
     focal_distance: f32,
-    /// True if rays start on the screen and run forward; `step` and `shift` are then in units of `axes`.
+    /// True for an orthographic camera, whose rays start on the screen and run forward. `step` and `shift` are then in
+    /// units of `axes`.
     orthographic: bool,
-    /// The motion, if the camera moves, and the factor from its matrix to `axes`.
+    /// The motion of a moving camera, and the factor from its matrix to `axes`; `None` for a camera at rest.
     motion: Option<Box<(Motion, f64)>>,
 }
 
-/// The lens of a camera, a type so that a pinhole costs nothing.
+/// The kind of camera that makes rays. It is a type parameter, so that a pinhole carries no code for a lens or motion.
 pub trait Lens: Sync {
-    /// Returns the ray through `place`, in pixels from the image's centre with y downwards. `on_lens` in `[0, 1)^2`
-    /// selects the point on the lens.
+    /// Returns the ray through the position `place`, in pixels from the image's centre with y downwards. `on_lens` in
+    /// `[0, 1)^2` selects the point on the lens.
     fn ray(view: &CameraView, place: Vec2, on_lens: [f32; 2]) -> Ray;
 
-    /// Returns [`ray`](Self::ray) at a time in `[0, 1]` within the motion. Cameras that do not move ignore the time.
+    /// Returns the ray as [`ray`](Self::ray) does, at a time in `[0, 1]` within the motion. Cameras at rest ignore the
+    /// time.
     #[inline(always)]
     fn ray_at(view: &CameraView, place: Vec2, on_lens: [f32; 2], time: f32) -> Ray {
         let _ = time;
@@ -89,34 +92,34 @@ pub trait Lens: Sync {
     }
 }
 
-/// A pinhole: all rays pass through one point.
+/// A perspective pinhole camera at rest: all rays start at one point.
 #[derive(Clone, Copy, Debug)]
 pub struct Pinhole;
 
-/// A thin lens: rays pass through a disk and meet in the focal plane.
+/// A perspective camera at rest with a thin lens: rays start on a disk and focus in the focal plane.
 #[derive(Clone, Copy, Debug)]
 pub struct ThinLens;
 
-/// Any camera: perspective or orthographic, moving or not, with or without a lens.
+/// A camera of any kind: perspective or orthographic, moving or at rest, with or without a lens.
 #[derive(Clone, Copy, Debug)]
 pub struct General;
 
-/// Returns the columns of a camera's transform without their scale, and that scale. `None` if they are not finite or lie
-/// in a plane.
+/// Returns the columns of a camera's transform divided by a power of two, and that power. Returns `None` if the
+/// columns are not finite or lie in a plane.
 fn axes(given: DMat3) -> Option<(DMat3, f64)> {
     let longest = given.to_cols_array().into_iter().fold(0.0, |m: f64, x| m.max(x.abs()));
     if !given.is_finite() || longest == 0.0 {
         return None;
     }
-    // Directions need no scale, and squares of a very small or large one leave the range of f32. A power
-    // of two changes no digit.
+    // The scale is divided out, since squares of a very small or large scale leave the range of f32. Division by a
+    // power of two is exact.
     let size = longest.log2().floor().clamp(-1000.0, 1000.0).exp2();
     let axes = given * size.recip();
-    // Below this the columns lie in a plane as far as f32 can tell. All is finite here.
+    // At a smaller determinant, the columns lie in a plane within the precision of f32. All numbers are finite here.
     (axes.determinant().abs() > 1e-20).then_some((axes, size))
 }
 
-/// Returns the motion of a camera, if it moves, and the factor from its matrix to the view's axes.
+/// Returns the motion of a camera and the factor from its matrix to the view's axes; `None` for a camera at rest.
 fn motion(
     camera: &Camera,
     pose: DAffine3,
@@ -133,19 +136,21 @@ fn motion(
 }
 
 impl CameraView {
-    /// Makes the camera of a scene for images of this resolution.
+    /// Prepares the camera of a scene for images of `resolution` (width and height in pixels).
     ///
     /// # Errors
     ///
-    /// If the pose, angle of view, lens or window is invalid.
+    /// [`CameraError`] if the angle of view, the transform, the lens, the motion or the screen window is invalid.
     pub fn new(camera: &Camera, resolution: [u32; 2], space: &Space) -> Result<Self, CameraError> {
         let at = || camera.source.clone();
         let pose = space.apply(camera.to_world);
         let axes = axes(camera.to_world.matrix3).filter(|_| pose.translation.as_vec3().is_finite());
         let (axes, size) = axes.ok_or_else(|| CameraError::Pose { at: at() })?;
-        // Lens and focus are lengths of camera space, as in pbrt-v4; the axes have taken its scale.
+        // Lens radius and focal distance are lengths in camera space, as in pbrt-v4; the scale was divided out of the
+        // axes.
         let length = space.scale() * size;
-        // The length of a unit of the screen window, at distance 1 or everywhere.
+        // The length of a unit of the screen window: at distance 1 for a perspective camera, at any distance
+        // otherwise.
         let (unit, orthographic) = match camera.projection {
             Projection::Perspective { fov } if fov > 0.0 && fov < 180.0 => ((fov.to_radians() * 0.5).tan(), false),
             Projection::Perspective { fov } => return Err(CameraError::Fov { at: at(), fov }),
@@ -169,7 +174,7 @@ impl CameraView {
         }
         let step = Vec2::new(((x1 - x0) / width * unit) as f32, ((y1 - y0) / height * unit) as f32);
         let shift = Vec2::new(((x0 + x1) * 0.5 * unit) as f32, ((y0 + y1) * 0.5 * unit) as f32);
-        // Corners whose squares f32 holds: beyond, directions would be NaN.
+        // The squares of larger corners would overflow f32, and directions would be NaN.
         let corner = [x0, x1, y0, y1].map(|w| (w * unit).abs()).into_iter().fold(0.0, f64::max);
         if corner >= 1e15 {
             return Err(CameraError::Window { at: at() });
@@ -186,18 +191,18 @@ impl CameraView {
         Ok(Self { origin, axes, half, step, shift, lens_radius, focal_distance, orthographic, motion })
     }
 
-    /// Returns the camera with the pose at a time in `[0, 1]` as its resting pose, the one of [`Self::world_to_clip`].
+    /// Returns the camera with its pose at a time in `[0, 1]` as its resting pose, which [`Self::world_to_clip`] uses.
     pub(crate) fn resting_at(mut self, time: f32) -> Self {
         (self.origin, self.axes) = self.pose(time);
         self
     }
 
-    /// Returns the camera without its motion, in its resting pose.
+    /// Returns the camera without its motion, fixed in its resting pose.
     pub(crate) fn standing(self) -> Self {
         Self { motion: None, ..self }
     }
 
-    /// Returns the position and the axes at a time in `[0, 1]` within the motion.
+    /// Returns the camera's position and its axes at a time in `[0, 1]` within the motion.
     #[inline]
     fn pose(&self, time: f32) -> (Vec3, Mat3) {
         match &self.motion {
@@ -210,23 +215,23 @@ impl CameraView {
         }
     }
 
-    /// Returns the place of a point, in pixels from the image's centre: `pixel` and an offset from its centre (in
+    /// Returns a position in pixels from the image's centre, from a pixel and an offset from the pixel's centre (in
     /// pixels, y downwards).
     ///
-    /// The centre is subtracted from the integer pixel coordinate first, so that places near pixel 65535 keep their
-    /// precision.
+    /// The image's centre is subtracted from the integer pixel coordinate first, so that positions near pixel 65535
+    /// keep their precision.
     #[inline]
     pub fn place(&self, pixel: [u32; 2], offset: Vec2) -> Vec2 {
         Vec2::new(pixel[0] as f32 + 0.5 - self.half.x, pixel[1] as f32 + 0.5 - self.half.y) + offset
     }
 
-    /// Returns the width of a pixel at distance 1 along the view direction.
+    /// Returns the smaller of a pixel's width and height, at distance 1 along the view direction.
     #[inline]
     fn pixel_width(&self) -> f32 {
         self.step.min_element()
     }
 
-    /// Returns the width of a pixel at this distance along a ray, in units of the renderer's space.
+    /// Returns the width that a pixel covers at a distance along a ray, both in units of the renderer's space.
     #[inline]
     pub fn footprint(&self, distance: f32) -> f32 {
         if self.orthographic { self.pixel_width() * self.axes.x_axis.length() } else { distance * self.pixel_width() }
@@ -237,23 +242,24 @@ impl CameraView {
         self.lens_radius > 0.0
     }
 
-    /// Returns true if the camera moves.
+    /// Returns true if the camera's pose changes over time.
     pub fn moves(&self) -> bool {
         self.motion.is_some()
     }
 
-    /// Returns true if rays can be made by [`General`] only, not by [`Pinhole`] or [`ThinLens`].
+    /// Returns true if the camera is orthographic or moves. Only [`General`] then makes its rays.
     pub fn is_general(&self) -> bool {
         self.orthographic || self.moves()
     }
 
-    /// Returns the ray of any camera through an offset (in pixels) from a pixel's centre at time 0; `on_lens` in `[0,
-    /// 1)^2`.
+    /// Returns the camera ray through a pixel at time 0. `offset` is the distance from the pixel's centre in pixels;
+    /// `on_lens` in `[0, 1)^2` selects the point on the lens.
     pub fn ray(&self, pixel: [u32; 2], offset: Vec2, on_lens: [f32; 2]) -> Ray {
         self.ray_at(self.place(pixel, offset), on_lens, 0.0)
     }
 
-    /// Returns the ray of any camera through a [`place`](Self::place) at a time in `[0, 1]`; `on_lens` in `[0, 1)^2`.
+    /// Returns the camera ray through a position made by [`place`](Self::place), at a time in `[0, 1]`. `on_lens` in
+    /// `[0, 1)^2` selects the point on the lens.
     pub fn ray_at(&self, place: Vec2, on_lens: [f32; 2], time: f32) -> Ray {
         match (self.is_general(), self.has_lens()) {
             (true, _) => General::ray_at(self, place, on_lens, time),
@@ -262,11 +268,11 @@ impl CameraView {
         }
     }
 
-    /// Returns the rows of the matrix from points `[x, y, z, 1]` to the clip space of this view's image.
+    /// Returns the rows of the matrix from points `[x, y, z, 1]` in the renderer's space to this image's clip space.
     ///
-    /// In front of the eye `w > 0`, and on the film `x / w` and `y / w` are in `[-1, 1]`. The lens is treated as a
-    /// pinhole, and a moving camera is in its resting pose. For an orthographic camera `w` is 1; the third row is above
-    /// 0 in front of the camera.
+    /// Points in front of the eye have `w > 0`. Points inside the image have `x / w` and `y / w` in `[-1, 1]`. The
+    /// lens is treated as a pinhole, and a moving camera is in its resting pose. For an orthographic camera, `w` is 1
+    /// and the third row is positive in front of the camera.
     pub fn world_to_clip(&self) -> [[f32; 4]; 4] {
         let to_camera = self.axes.inverse();
         let [x, y, z] = [to_camera.row(0), to_camera.row(1), to_camera.row(2)];
@@ -283,8 +289,8 @@ impl CameraView {
         [across, down, row(z), row(z)]
     }
 
-    /// Returns the direction to a place in camera space, z forward. For an orthographic camera: the point on the
-    /// screen, at z = 1.
+    /// Returns the direction to a position on the image in camera space, with z = 1 forward. For an orthographic
+    /// camera, returns the point on the screen instead.
     #[inline]
     fn screen(&self, place: Vec2) -> Vec3 {
         Vec3::new(place.x * self.step.x + self.shift.x, -place.y * self.step.y + self.shift.y, 1.0)
@@ -316,7 +322,7 @@ impl Lens for General {
     fn ray_at(view: &CameraView, place: Vec2, on_lens: [f32; 2], time: f32) -> Ray {
         let (origin, axes) = view.pose(time);
         let screen = view.screen(place);
-        // The start of the ray without a lens, and the vector from there to distance 1.
+        // The start of the ray through a pinhole, and the vector along the ray with z = 1.
         let (start, forward) =
             if view.orthographic { (Vec3::new(screen.x, screen.y, 0.0), Vec3::Z) } else { (Vec3::ZERO, screen) };
         if !view.has_lens() {

@@ -1,4 +1,4 @@
-//! Integrators: the radiance that one sample of a pixel estimates.
+//! Integrators: each returns a random estimate of a pixel's radiance for one sample.
 
 mod ambient_occlusion;
 pub mod code;
@@ -17,16 +17,17 @@ use crate::World;
 use crate::camera::{General, Pinhole, ThinLens};
 use dapple_core::Integrator;
 
-/// Returns the path tracer for a world, without code for effects that the scene does not call for.
+/// Returns the path tracer for a world, compiled without code for effects that the scene lacks.
 ///
-/// Images do not depend on which code was left out.
+/// The image does not depend on the code left out.
 pub fn integrator(world: &World) -> Box<dyn Integrator + '_> {
     integrator_with(world, 0)
 }
 
-/// Returns the path tracer for a world, with additional code that the world does not need: bits of [`code`].
+/// Returns the path tracer for a world, with code for additional effects that the world lacks. `idle` is a combination
+/// of bits of [`code`].
 ///
-/// For measuring what idle code costs, and for showing that it changes nothing.
+/// Serves to measure the cost of unused code, and to test that it does not change the image.
 pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
     use code::{ENVIRONMENT, LEARNED_SELECTION, RARE, ROULETTE, SEVERAL_LIGHTS, TRANSMISSION, VARIED};
     let wanted = code::needed(world) | idle;
@@ -35,11 +36,11 @@ pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
             Box::new(PathTracer::<$lens, $selector, { $code }>::new(world)) as Box<dyn Integrator + '_>
         };
     }
-    // Each form takes seconds to compile. One exists where leaving code out was measured to pay: for light from
-    // beyond the scene, glass, and plain surfaces. Light selection and roulette cost an idle form one branch each.
+    // Each form takes seconds to compile, so there is one only where leaving code out was measured to pay:
+    // environments, transmission and plain surfaces. Unused light selection and roulette cost one branch each.
     const MANY: u32 = SEVERAL_LIGHTS | ROULETTE | VARIED;
     const GLASS: u32 = MANY | ENVIRONMENT | TRANSMISSION;
-    // The unit tests of this crate compile two forms only; those in tests/ use all.
+    // The unit tests of this crate compile two forms only; the tests in tests/ use all of them.
     let general = cfg!(test) || wanted & RARE != 0 || world.camera.is_general();
     let transmission = wanted & TRANSMISSION != 0;
     if wanted & LEARNED_SELECTION != 0 {

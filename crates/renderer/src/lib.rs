@@ -1,10 +1,10 @@
 //! The example renderer of Dapple: cameras, lights, materials, media and integrators.
 //!
-//! [`World::new`] prepares a [`dapple_scene::Scene`] for tracing rays, and keeps its [`Effects`](dapple_scene::Effects).
-//! [`integrator()`] returns the path tracer specialised for these effects; [`make_integrator`] returns any integrator by
-//! name. [`dapple_core::Render`] renders with it.
+//! [`World::new`] prepares a [`dapple_scene::Scene`] for ray tracing and records its
+//! [`Effects`](dapple_scene::Effects). [`integrator()`] returns the path tracer compiled for these effects, and
+//! [`make_integrator`] makes any integrator by name. [`dapple_core::Render`] renders images with an integrator.
 
-/// The README's example is tested.
+/// The README, whose example is compiled and run as a test.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;

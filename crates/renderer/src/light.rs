@@ -1,8 +1,9 @@
-//! Lights, and their sampling by solid angle.
+//! Lights, and the sampling of directions towards them by solid angle.
 //!
-//! A new type of light is a file here that implements `LightSource`, and a line in the list of lights below.
+//! A new kind of light is a file in this directory that implements `LightSource`, and a line in the list of lights
+//! below.
 
-// `!(x > 0.0)` is meant: NaN is rejected, too.
+// `!(x > 0.0)` is intended: it rejects NaN too.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 mod disk;
@@ -38,44 +39,45 @@ use dapple_scene::{Light as Described, LightKind};
 use glam::Vec3;
 use std::sync::Arc;
 
-/// The functions that each light implements.
+/// The functions that each kind of light implements.
 pub(crate) trait LightSource {
-    /// Samples a direction from `from` to the light by `u` in `[0, 1)^2`. `None` if the light does not shine on `from`.
+    /// Samples a direction from the point `from` to the light by random numbers `u` in `[0, 1)^2`. Returns `None` if
+    /// no light arrives at `from` from the sampled direction.
     fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample>;
 
-    /// Returns the solid-angle density with which [`Self::sample`] at `from` draws the direction to a `point` of the
-    /// light.
+    /// Returns the solid-angle density with which [`Self::sample`] at `from` samples the direction to a `point` on the
+    /// light's shape.
     ///
-    /// 0 for lights that are not shapes.
+    /// Returns 0 for lights without a shape.
     #[inline]
     fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
         let _ = (from, point);
         0.0
     }
 
-    /// Returns the emission of a light that is a shape; `None` for all others.
+    /// Returns the emission of an area light; `None` for lights without a shape.
     #[inline]
     fn lamp(&self) -> Option<&Lamp> {
         None
     }
 
-    /// Returns true for a light without extent, which no ray hits.
+    /// Returns true for a light that no ray can hit: a point, a spot or a distant light.
     fn is_delta(&self) -> bool {
         false
     }
 
-    /// Returns the luminance-weighted radiant power over pi. Light from far away counts with its power into the scene's
-    /// bounding sphere.
+    /// Returns the luminance of the light's radiant power, divided by pi. An environment or distant light counts with
+    /// the power that enters the scene's bounding sphere. `scene_radius` is the sphere's radius.
     fn power(&self, scene_radius: f64) -> f64;
 
-    /// Returns an approximation of the light's contributions, with which learned selection starts.
+    /// Returns an approximation of the light's contribution, which learned selection uses before it has samples.
     fn expectation(&self) -> Expectation;
 }
 
 /// Declares the enum of all lights, which dispatches without a virtual table.
 macro_rules! lights {
     ($($(#[$about:meta])* $name:ident($source:ty),)*) => {
-        /// One light: a shape that emits, a light without extent, or light from beyond the scene.
+        /// A light of the scene: an area light, a point or spot light, or light from infinity.
         #[derive(Clone, Debug)]
         pub(crate) enum Light {
             $($(#[$about])* $name($source),)*
@@ -113,30 +115,30 @@ macro_rules! lights {
 }
 
 lights! {
-    /// A mesh of emitting triangles.
+    /// A mesh of triangles that emit light.
     Mesh(MeshLight),
-    /// An emitting sphere.
+    /// A sphere that emits light.
     Sphere(SphereLight),
-    /// An emitting disk or ring.
+    /// A disk or ring that emits light.
     Disk(DiskLight),
-    /// An environment as one light.
+    /// A whole environment, selected as one light.
     Environment(Arc<Environment>),
-    /// A tile of an environment map.
+    /// A rectangle of an environment map, selected as a light of its own.
     Tile(Tile),
-    /// A point light.
+    /// A point that emits in all directions.
     Point(PointLight),
-    /// A spot light.
+    /// A point that emits into a cone.
     Spot(SpotLight),
-    /// A distant light.
+    /// Parallel light from infinity.
     Distant(DistantLight),
 }
 
 impl Light {
-    /// Makes the light of a description. `None` if the light is black.
+    /// Prepares a light of the scene. Returns `None` if it emits nothing.
     ///
     /// # Errors
     ///
-    /// If the description is invalid, with its line.
+    /// An error message with the light's line in the scene file, if a parameter or the transform is invalid.
     pub(crate) fn of(described: &Described, space: &Space) -> Result<Option<Self>, String> {
         let (to_world, at) = (described.to_world, &described.source);
         let light = match &described.kind {
@@ -159,19 +161,19 @@ impl Light {
     }
 }
 
-/// The origin of a light sample.
+/// The place that a light sample comes from.
 #[derive(Clone, Copy, Debug)]
 pub enum Target {
-    /// A point of a surface.
+    /// A point on the surface of an area light.
     Surface(SurfacePoint),
-    /// A point in space, of a light without extent.
+    /// The position of a point or spot light.
     Point(Vec3),
-    /// A light infinitely far away.
+    /// A place infinitely far away.
     Far,
 }
 
 impl Target {
-    /// Returns the ray from a point to the target. `direction` is the unit direction from one to the other.
+    /// Returns the ray from a surface point to the target. `direction` is the unit direction to the target.
     #[inline(always)]
     pub(crate) fn ray_from(&self, from: &SurfacePoint, direction: Vec3) -> Ray {
         match self {
@@ -182,41 +184,44 @@ impl Target {
     }
 }
 
-/// A sample of the light that arrives at a point, before occlusion.
+/// A sample of the light that arrives at a point, without regard to occlusion.
 #[derive(Clone, Copy, Debug)]
 pub struct LightSample {
-    /// Unit direction to the light.
+    /// The unit direction to the light.
     pub wi: Vec3,
-    /// Radiance along `wi`; for a light without extent, the irradiance on a surface that faces the light.
+    /// The linear RGB radiance from `wi`. For a light without extent, the irradiance on a surface that faces the
+    /// light.
     pub radiance: Vec3,
-    /// Density of `wi` in solid angle, above 0; for a light without extent, the probability of the light's selection.
+    /// The solid-angle density of `wi` times the probability of selecting the light, above 0. For a light without
+    /// extent, the probability alone.
     pub pdf: f32,
-    /// The origin of the light.
+    /// The place that the light comes from.
     pub target: Target,
     /// True if the light has no extent, so that no ray can hit it.
     ///
-    /// The sample then counts in full, without a weight against BSDF sampling.
+    /// The sample then gets no multiple-importance weight against BSDF sampling.
     pub delta: bool,
 }
 
 impl LightSample {
-    /// Returns the ray from the sampled point to the light. It must be unoccluded up to its `tmax`.
+    /// Returns the ray from the shaded point to the light. The light is visible if nothing is hit before the ray's
+    /// `tmax`.
     #[inline(always)]
     pub fn shadow_ray(&self, from: &SurfacePoint) -> Ray {
         self.target.ray_from(from, self.wi)
     }
 }
 
-/// A selected light, and the probability of its selection.
+/// A light selected at random, with its probability.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SelectedLight {
-    /// The index of the light.
+    /// The index of the light in [`Lights`].
     pub index: u32,
-    /// The probability of its selection.
+    /// The probability with which the light was selected.
     pub pmf: f32,
 }
 
-/// The emission of a shape.
+/// The emission of an area light: its radiance, from one side or from both.
 #[derive(Clone, Copy, Debug)]
 pub struct Lamp {
     pub(crate) radiance: Vec3,
@@ -224,60 +229,62 @@ pub struct Lamp {
 }
 
 impl Lamp {
-    /// Returns the radiance in a direction at this cosine from the lamp's oriented normal.
+    /// Returns the emitted radiance in a direction. `cosine` is taken between the direction and the normal of the
+    /// emitting side.
     #[inline]
     pub fn radiance(&self, cosine: f32) -> Vec3 {
         if cosine > 0.0 || (self.two_sided && cosine < 0.0) { self.radiance } else { Vec3::ZERO }
     }
 
-    /// Returns the luminance-weighted radiant exitance over pi, summed over the emitting sides.
+    /// Returns the luminance of the radiant exitance, divided by pi and summed over the emitting sides.
     fn brightness(&self) -> f64 {
         luminance(self.radiance) * if self.two_sided { 2.0 } else { 1.0 }
     }
 
-    /// Returns the luminance-weighted radiant intensity of an area along its normal.
+    /// Returns the luminance of the radiant intensity that a flat emitter of this area has along its normal.
     fn intensity(&self, area: f64) -> f32 {
         (luminance(self.radiance) * area) as f32
     }
 
-    /// Returns `normal` for a lamp that emits from one side, and zero for both.
+    /// Returns `normal` if the light emits from one side, and the zero vector if it emits from both.
     fn facing(&self, normal: Vec3) -> Vec3 {
         if self.two_sided { Vec3::ZERO } else { normal }
     }
 }
 
-/// Returns [`dapple_core::luminance`] of a vector.
+/// Returns the luminance of a linear RGB color, by [`dapple_core::luminance`].
 fn luminance(rgb: Vec3) -> f64 {
     dapple_core::luminance(rgb.to_array().map(f64::from))
 }
 
-/// All lights with the probabilities of their selection.
+/// All lights of a scene, with the probabilities of their selection.
 #[derive(Clone, Debug)]
 pub struct Lights {
     lights: Vec<Light>,
     distribution: Discrete,
     pmf: Vec<f32>,
     environments: Vec<SelectableEnvironment>,
-    /// Number of lights when each environment counts as one.
+    /// The number of lights if each environment counts as one.
     whole: usize,
     has_delta: bool,
     is_learned: bool,
     scene_radius: f32,
 }
 
-/// An environment, and its index or indices among the lights.
+/// An environment with the indices of its lights.
 #[derive(Clone, Debug)]
 struct SelectableEnvironment {
     whole: Arc<Environment>,
-    /// Index of the environment's light, or of its first tile's light.
+    /// The index of the environment's light, or of its first tile.
     light: u32,
-    /// The environment's tiles if it is cut into them, and the light of the second tile; further tiles follow.
+    /// The environment's tiles and the index of the second tile's light, if the environment is divided; further tiles
+    /// follow.
     tiles: Option<(Arc<Tiles>, u32)>,
 }
 
 impl SelectableEnvironment {
-    /// Returns the radiance from unit direction `w`, the solid-angle density with which the environment's light draws
-    /// `w`, and that light.
+    /// Returns the radiance from the unit direction `w`, the solid-angle density of `w` under light sampling once its
+    /// light is selected, and the index of that light.
     #[inline(always)]
     fn find(&self, w: Vec3) -> (Vec3, f32, u32) {
         match &self.tiles {
@@ -294,7 +301,7 @@ impl SelectableEnvironment {
 }
 
 impl Lights {
-    /// Makes the set of lights, selected by power. Black lights must have been left out.
+    /// Makes the set of lights, selected in proportion to their power. Every light must emit something.
     pub(crate) fn new(lights: Vec<Light>, scene_radius: f32) -> Self {
         let environment = |(light, of): (usize, &Light)| match of {
             Light::Environment(whole) => {
@@ -316,7 +323,7 @@ impl Lights {
         lights
     }
 
-    /// Sets the distribution by which lights are selected. Every light keeps a probability above 0.
+    /// Sets the distribution by which lights are selected. Every light keeps a positive probability.
     pub(crate) fn set_selection(&mut self, selection: LightSelection) {
         self.is_learned = selection == LightSelection::Learned;
         self.join_tiles();
@@ -331,7 +338,7 @@ impl Lights {
         self.pmf = (0..self.lights.len()).map(|i| self.distribution.pmf(i)).collect();
     }
 
-    /// Replaces each environment map by one light per tile, so that their selection can be learned.
+    /// Divides each environment map into one light per tile, so that the selection of tiles can be learned.
     fn cut_into_tiles(&mut self) {
         for environment in &mut self.environments {
             let Some(tiles) = Tiles::new(&environment.whole).map(Arc::new) else { continue };
@@ -342,7 +349,7 @@ impl Lights {
         }
     }
 
-    /// Replaces the tiles of each environment map by one light.
+    /// Makes each divided environment map a single light again.
     fn join_tiles(&mut self) {
         self.lights.truncate(self.whole);
         for environment in &mut self.environments {
@@ -351,12 +358,13 @@ impl Lights {
         }
     }
 
-    /// Returns an approximation of each light's contributions, with which learned selection starts.
+    /// Returns an approximation of each light's contribution, which learned selection uses before it has samples.
     pub(crate) fn expectations(&self) -> Vec<Expectation> {
         self.lights.iter().map(LightSource::expectation).collect()
     }
 
-    /// Returns the number of lights to select from. With learned selection, an environment map counts as its tiles.
+    /// Returns the number of lights to select from. With learned selection, each tile of an environment map is a
+    /// light.
     pub fn len(&self) -> usize {
         self.lights.len()
     }
@@ -366,24 +374,24 @@ impl Lights {
         self.lights.is_empty()
     }
 
-    /// Returns true if selection is learned and there are several lights.
+    /// Returns true if the selection is learned and there are several lights.
     pub(crate) fn is_selection_learned(&self) -> bool {
         self.is_learned && self.lights.len() > 1
     }
 
-    /// Returns true if there is an environment.
+    /// Returns true if there is an environment among the lights.
     #[inline]
     pub fn has_environment(&self) -> bool {
         !self.environments.is_empty()
     }
 
-    /// Returns true if there is a light without extent.
+    /// Returns true if a light has no extent: a point, a spot or a distant light.
     #[inline]
     pub fn has_delta(&self) -> bool {
         self.has_delta
     }
 
-    /// Returns the radiance of all environments from a unit direction.
+    /// Returns the summed radiance of all environments from a unit direction.
     #[inline]
     pub fn environment(&self, direction: Vec3) -> Vec3 {
         let mut sum = Vec3::ZERO;
@@ -393,10 +401,11 @@ impl Lights {
         sum
     }
 
-    /// Returns [`Lights::environment`] for a direction drawn by BSDF sampling with solid-angle density `bsdf_pdf`.
+    /// Returns the radiance of all environments from a direction that BSDF sampling chose with solid-angle density
+    /// `bsdf_pdf`, with its multiple-importance weights.
     ///
-    /// Each environment is weighted against light sampling by the power heuristic. `pmf` is the probability with which
-    /// light sampling selects a light: [`Lights::pmf`] for [`Lights::sample`].
+    /// The weight of each environment is the power heuristic against light sampling. `pmf` returns the probability
+    /// with which light sampling selects a light: [`Lights::pmf`] if directions come from [`Lights::sample`].
     #[inline(always)]
     pub fn environment_weighted(&self, direction: Vec3, bsdf_pdf: f32, pmf: impl Fn(u32) -> f32) -> Vec3 {
         let mut sum = Vec3::ZERO;
@@ -407,15 +416,17 @@ impl Lights {
         sum
     }
 
-    /// Samples light that arrives at `from`: `choice` in `[0, 1)` selects a light, `u` in `[0, 1)^2` a direction to it.
+    /// Samples light that arrives at the point `from`. `choice` in `[0, 1)` selects a light, and `u` in `[0, 1)^2` a
+    /// direction to it.
     ///
-    /// The density includes the selection. `None` if the selected light does not shine on `from`.
+    /// The density includes the probability of selecting the light. Returns `None` if no light arrives from the
+    /// sampled direction.
     #[inline(always)]
     pub fn sample(&self, from: Vec3, choice: f32, u: [f32; 2]) -> Option<LightSample> {
         self.sample_selected(self.select(choice)?, from, u)
     }
 
-    /// Selects a light by `u` in `[0, 1)`. `None` if there is no light.
+    /// Selects a light by a random number `u` in `[0, 1)`. Returns `None` if there is no light.
     #[inline(always)]
     pub fn select(&self, u: f32) -> Option<SelectedLight> {
         match self.lights.len() {
@@ -424,31 +435,32 @@ impl Lights {
         }
     }
 
-    /// Samples a direction to a selected light, as [`Lights::sample`] does. The density includes the selection.
+    /// Samples a direction from the point `from` to a selected light, by `u` in `[0, 1)^2`. The density includes the
+    /// probability of the selection. Returns `None` if no light arrives from there.
     #[inline(always)]
     pub fn sample_selected(&self, light: SelectedLight, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let mut sample = self.lights[light.index as usize].sample(from, u)?;
         sample.pdf *= light.pmf;
-        // A density that overflowed would count for nothing, one that vanished for everything.
+        // A density that overflowed to infinity would give weight 0, and a density of 0 infinite weight.
         (sample.pdf > 0.0 && sample.pdf < f32::INFINITY).then_some(sample)
     }
 
-    /// Returns the solid-angle density with which [`Lights::sample`] draws the direction from `from` to `point` on the
-    /// shape of `light`.
+    /// Returns the solid-angle density with which [`Lights::sample`] samples the direction from `from` to `point` on
+    /// the shape of an area light.
     ///
-    /// Includes the probability of the selection.
+    /// The density includes the probability of selecting the light.
     #[inline]
     pub fn pdf(&self, light: u32, from: Vec3, point: &SurfacePoint) -> f32 {
         self.direction_pdf(light, from, point) * self.pmf(light)
     }
 
-    /// Returns [`Lights::pdf`] without the probability of the selection.
+    /// Returns the density as [`Lights::pdf`] does, without the probability of selecting the light.
     #[inline(always)]
     pub fn direction_pdf(&self, light: u32, from: Vec3, point: &SurfacePoint) -> f32 {
         self.lights[light as usize].pdf(from, point)
     }
 
-    /// Returns the emission of a light that is a shape; `None` for all others.
+    /// Returns the emission of an area light by its index; `None` for other lights and unused indices.
     #[inline]
     pub fn lamp(&self, light: u32) -> Option<&Lamp> {
         self.lights.get(light as usize)?.lamp()
@@ -461,8 +473,8 @@ impl Lights {
     }
 }
 
-/// Returns the light sample of a point drawn uniformly on `area`. The point's normal times `side` is on the emitting
-/// side.
+/// Returns the light sample of a point that was sampled uniformly on `area`. `side` is 1 if the point's normal is on
+/// the emitting side, and -1 if it is on the other.
 #[inline(always)]
 fn sample_on(lamp: &Lamp, from: Vec3, point: SurfacePoint, side: f32, area: f32) -> Option<LightSample> {
     let to = point.position - from;
@@ -470,13 +482,14 @@ fn sample_on(lamp: &Lamp, from: Vec3, point: SurfacePoint, side: f32, area: f32)
     let wi = to * squared.sqrt().recip();
     let cosine = -side * point.normal.dot(wi);
     let radiance = lamp.radiance(cosine);
-    // As `area_to_solid_angle`; a lamp that touches the point has no direction.
+    // The density is the one of `area_to_solid_angle`. It is 0 or NaN if the light touches the point.
     let pdf = squared / (cosine.abs() * area);
     let target = Target::Surface(point);
     (radiance != Vec3::ZERO && pdf > 0.0).then_some(LightSample { wi, radiance, pdf, target, delta: false })
 }
 
-/// Returns the solid-angle density at `from` of a point drawn uniformly on `area`: `d^2 / (|cos| area)`.
+/// Returns the solid-angle density at `from` of a point sampled uniformly on `area`: `d^2 / (|cos| area)` at distance
+/// `d`.
 #[inline]
 pub(crate) fn area_to_solid_angle(from: Vec3, point: &SurfacePoint, area: f32) -> f32 {
     let to = point.position - from;

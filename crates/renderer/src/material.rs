@@ -1,4 +1,4 @@
-//! Materials prepared for shading: values that do not depend on the hit are computed once.
+//! Materials prepared for shading. Values that do not depend on the hit are computed once.
 
 mod mix;
 #[cfg(test)]
@@ -18,36 +18,36 @@ use dapple_scene::{
 };
 use glam::Vec3;
 
-/// A material prepared for shading.
+/// A material prepared for shading: its scattering model, its parameters and its flags.
 #[derive(Clone, Debug)]
 pub struct Surface {
     kind: Kind,
-    /// The bump map or normal map.
+    /// The bump map and the normal map.
     pub(crate) normal_variation: NormalVariation,
     /// True if there is a bump map or a normal map.
     pub(crate) bumped: bool,
-    /// True if scattering depends on texture coordinates.
+    /// True if scattering depends on the texture coordinates.
     pub(crate) textured: bool,
-    /// True if scattering depends on the direction of the tangent along u.
+    /// True if scattering depends on the tangent in the direction of increasing u.
     pub(crate) anisotropic: bool,
-    /// True if sampling chooses among several lobes.
+    /// True if sampling selects among several lobes, which takes a random number.
     pub(crate) several_lobes: bool,
-    /// True if nothing is scattered, as by the body of a lamp.
+    /// True if the material scatters nothing, as is common for area lights.
     pub(crate) black: bool,
-    /// True if light may be transmitted.
+    /// True if the material may transmit light, by refraction or diffusely.
     pub(crate) transmits: bool,
-    /// True for an interface: a border between media that light passes unchanged.
+    /// True for an interface: a boundary between media that light passes without scattering.
     pub(crate) interface: bool,
-    /// True for a mix of two other materials, from which [`resolve`] selects one.
+    /// True for a mix of two other materials, of which [`resolve`] selects one at each hit.
     pub(crate) mixes: bool,
 }
 
-/// The maps that tilt shading normals.
+/// The textures that tilt shading normals: a bump map and a normal map.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct NormalVariation {
-    /// Bump map: a height in units of the file's world space.
+    /// The bump map: a texture of heights in units of the scene file's world space.
     pub(crate) bump: Option<TextureId>,
-    /// Normal map: an image of tangent-space normals.
+    /// The normal map: an image of normals in tangent space.
     pub(crate) normal_map: Option<TextureId>,
 }
 
@@ -70,7 +70,7 @@ enum Kind {
     Interface,
 }
 
-/// Microfacet widths: constant, or textured.
+/// The microfacet widths of a material: constant, or from a texture.
 #[derive(Clone, Copy, Debug)]
 enum Widths {
     Smooth(TrowbridgeReitz),
@@ -78,7 +78,7 @@ enum Widths {
     Textured(Roughness),
 }
 
-/// The error of a material that cannot be prepared.
+/// The error of a material that cannot be prepared. Its message names the material and its line.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{at}: material \"{name}\": {what}")]
 pub struct MaterialError {
@@ -94,11 +94,11 @@ impl MaterialError {
 }
 
 impl Surface {
-    /// Prepares a material.
+    /// Prepares a material of a scene for shading.
     ///
     /// # Errors
     ///
-    /// If a parameter is outside its range.
+    /// [`MaterialError`] if a parameter is out of its range.
     pub fn new(material: &Material) -> Result<Self, MaterialError> {
         let wrong = |what: String| MaterialError::new(material, what);
         let mut surface = Self::of_kind(&material.kind).map_err(&wrong)?;
@@ -106,7 +106,7 @@ impl Surface {
             Some(Scalar::Constant(height)) if !height.is_finite() => {
                 return Err(wrong(format!("a bump of {height} is invalid; give a finite height")));
             }
-            // The same height everywhere tilts nothing.
+            // A constant height tilts no normal.
             Some(Scalar::Constant(_)) | None => None,
             Some(Scalar::Texture(id)) => Some(id),
         };
@@ -188,12 +188,12 @@ impl Surface {
         })
     }
 
-    /// Returns true for a Lambertian reflection of constant colour, without bump and normal maps.
+    /// Returns true for Lambertian reflection of constant color, without a bump map or normal map.
     pub(crate) fn is_plain(&self) -> bool {
         matches!(self.kind, Kind::Diffuse(Color::Constant(_))) && !self.bumped
     }
 
-    /// Returns the scattering of a [plain](Self::is_plain) material; black for any other.
+    /// Returns the BSDF of a [plain](Self::is_plain) material; a black one for any other material.
     #[inline(always)]
     pub(crate) fn plain(&self) -> Bsdf<'_> {
         let reflectance = match self.kind {
@@ -203,11 +203,11 @@ impl Surface {
         Bsdf::Diffuse { reflectance }
     }
 
-    /// Returns the scattering at a point with these texture coordinates. Mixes (before they are resolved) and
-    /// interfaces scatter nothing.
+    /// Returns the BSDF at a point with these texture coordinates. Interfaces, and mixes that are not resolved to one
+    /// of their materials, scatter nothing.
     #[inline(always)]
     pub fn bsdf(&self, textures: &Textures, uv: [f32; 2]) -> Bsdf<'_> {
-        // A constant was clamped when the material was made.
+        // A constant color was clamped when the material was prepared.
         if let Kind::Diffuse(Color::Constant(rgb)) = &self.kind {
             return Bsdf::Diffuse { reflectance: Vec3::from_array(*rgb) };
         }
@@ -261,7 +261,7 @@ impl Surface {
     }
 }
 
-/// The features of a material that integrators may omit.
+/// The features of a material for which integrators may leave out code.
 #[derive(Clone, Copy, Default)]
 struct Scatters {
     textured: bool,
@@ -272,7 +272,7 @@ struct Scatters {
 }
 
 impl Scatters {
-    /// Returns the features of a material whose scattering depends only on these colours.
+    /// Returns the features of a material whose scattering depends only on these colors. It is black if all are black.
     fn colors(colors: &[Color]) -> Self {
         let textured = colors.iter().any(|c| matches!(c, Color::Texture(_)));
         let black = colors.iter().all(|c| *c == Color::Constant([0.0; 3]));
@@ -298,7 +298,7 @@ impl Scatters {
 impl Widths {
     fn new(roughness: &Roughness) -> Result<Self, String> {
         if roughness.constants().is_none() {
-            // The one that is a number is checked all the same.
+            // If one of the two widths is a number, that number is checked here.
             for scalar in [roughness.u, roughness.v] {
                 if let Scalar::Constant(r) = scalar {
                     alpha(&Roughness { u: scalar, v: Scalar::Constant(r), ..*roughness })?;
@@ -314,7 +314,7 @@ impl Widths {
         })
     }
 
-    /// Returns the microfacets at a point; `None` if the surface is smooth there.
+    /// Returns the microfacet distribution at a point; `None` if the surface is smooth there.
     #[inline]
     fn at(&self, textures: &Textures, uv: [f32; 2]) -> Option<TrowbridgeReitz> {
         match self {
@@ -327,7 +327,7 @@ impl Widths {
         }
     }
 
-    /// Returns the microfacets at a point, very narrow ones if the surface is smooth there.
+    /// Returns the microfacet distribution at a point, also where the surface counts as smooth.
     #[inline]
     fn rough(&self, textures: &Textures, uv: [f32; 2]) -> TrowbridgeReitz {
         match self {
@@ -340,7 +340,7 @@ impl Widths {
     }
 }
 
-/// The index of refraction of a metal: constant, or dependent on the point.
+/// The index of refraction of a metal: constant, or from a texture of reflectances.
 enum Metal {
     Known(ComplexIor),
     Tinted(Color),
@@ -394,7 +394,8 @@ fn conductor(fresnel: &ConductorFresnel) -> Result<Metal, String> {
     })
 }
 
-/// Prepares a share of light: clamps a constant to `[0, 1]`. Textures are clamped when they are looked up.
+/// Checks a color that is a fraction of light and clamps a constant one to `[0, 1]`. Textures are clamped when they
+/// are looked up.
 fn share(color: &Color) -> Result<Color, String> {
     match color {
         Color::Constant(rgb) if rgb.iter().any(|x| !(x.is_finite() && *x >= 0.0)) => {

@@ -1,6 +1,6 @@
-//! Homogeneous media that absorb and scatter.
+//! Homogeneous media that absorb and scatter light.
 
-// `!(x > 0.0)` is meant: NaN is rejected, too.
+// `!(x > 0.0)` is intended: it rejects NaN too.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 pub mod exponential;
@@ -12,7 +12,7 @@ use dapple_scene as scene;
 use exponential::{depth_of, exp};
 use glam::Vec3;
 
-/// A medium that cannot be made.
+/// The reason why a medium of a scene was refused.
 #[non_exhaustive]
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MediumError {
@@ -23,12 +23,12 @@ pub enum MediumError {
         at: scene::Source,
         /// The name of the medium.
         name: String,
-        /// The name of the coefficient.
+        /// The name of the coefficient, "absorption" or "scattering".
         what: &'static str,
-        /// The value.
+        /// The invalid coefficient per linear RGB channel, as in the scene file.
         value: [f32; 3],
     },
-    /// A coefficient overflows single precision at the scene's size.
+    /// A coefficient overflows single precision in units of the scene's size.
     #[error("{at}: medium \"{name}\" is too dense for a scene of this size; give smaller coefficients")]
     Beyond {
         /// The line of the scene file that defines the medium.
@@ -36,58 +36,59 @@ pub enum MediumError {
         /// The name of the medium.
         name: String,
     },
-    /// The phase function's asymmetry is out of range.
+    /// The asymmetry of the phase function is not above -1 and below 1.
     #[error("{at}: the asymmetry g = {g} of medium \"{name}\" is invalid; give a number above -1 and below 1")]
     Asymmetry {
         /// The line of the scene file that defines the medium.
         at: scene::Source,
         /// The name of the medium.
         name: String,
-        /// The value.
+        /// The invalid asymmetry.
         g: f32,
     },
 }
 
-/// The media of a scene, in the renderer's units of length.
+/// All media of a scene, with coefficients in the renderer's units of length.
 #[derive(Clone, Debug, Default)]
 pub struct Media {
     media: Vec<Medium>,
 }
 
-/// A homogeneous medium.
+/// A homogeneous medium: absorption, scattering and phase function are the same everywhere.
 #[derive(Clone, Copy, Debug)]
 pub struct Medium {
-    /// Extinction coefficient (absorption plus scattering) per unit of length.
+    /// The extinction coefficient (absorption plus scattering) per channel and unit of length.
     extinction: Vec3,
     scattering: Vec3,
     scatters: bool,
     phase: HenyeyGreenstein,
 }
 
-/// The event at which a ray's passage through a medium ends. The path's throughput is multiplied by the weight.
+/// The event that ends a ray's segment in a medium. The path's throughput must be multiplied by its weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MediumEvent {
-    /// The light is scattered.
+    /// The light is scattered before it reaches the limit.
     Scatter {
-        /// The distance from the ray's origin to the event, below the limit.
+        /// The distance from the ray's origin to the scattering event, below the limit.
         t: f32,
-        /// Scattering coefficient times transmittance, over the density of `t`.
+        /// The scattering coefficient times the transmittance, divided by the density of `t`.
         weight: Vec3,
     },
-    /// The light reaches the limit without scattering.
+    /// The light reaches the limit without being scattered.
     Pass {
-        /// Transmittance over the probability of reaching the limit.
+        /// The transmittance divided by the probability of reaching the limit.
         weight: Vec3,
     },
 }
 
 impl Media {
-    /// Makes the media of a scene. Lengths are multiplied by `scale` ([`Space::scale`](crate::Space::scale)).
+    /// Prepares the media of a scene. `scale` is the factor from the scene's lengths to the renderer's
+    /// ([`Space::scale`](crate::Space::scale)).
     ///
     /// # Errors
     ///
-    /// Every medium with a coefficient that is negative, not finite or beyond single precision, or with an asymmetry
-    /// outside -1 to 1.
+    /// One [`MediumError`] for each medium whose coefficients are negative, not finite or beyond single precision, or
+    /// whose asymmetry is not above -1 and below 1.
     pub fn new(media: &[scene::Medium], scale: f64) -> Result<Self, Vec<MediumError>> {
         let (mut made, mut errors) = (Vec::with_capacity(media.len()), Vec::new());
         for medium in media {
@@ -109,16 +110,16 @@ impl Media {
         self.media.is_empty()
     }
 
-    /// Returns true if any medium scatters.
+    /// Returns true if at least one medium scatters.
     pub fn scatter(&self) -> bool {
         self.media.iter().any(|m| m.scatters)
     }
 
-    /// Returns the medium with this index, as counted by [`scene::MediumId`].
+    /// Returns the medium with this index, which [`scene::MediumId`] holds.
     ///
     /// # Panics
     ///
-    /// If there is no such medium.
+    /// Panics if `number` is not below [`len`](Self::len).
     #[inline]
     pub fn medium(&self, number: u32) -> &Medium {
         &self.media[number as usize]
@@ -137,7 +138,7 @@ impl Medium {
         if !(-1.0 < g && g < 1.0) {
             return Err(MediumError::Asymmetry { at: at.clone(), name: name.clone(), g });
         }
-        // Per unit of length: coefficients are divided by the scale of lengths.
+        // Coefficients are per unit of length, so they are divided by the scale of lengths.
         let [absorption, scattering] =
             [medium.absorption, medium.scattering].map(|c| Vec3::from_array(c).as_dvec3() / scale);
         let (extinction, scattering) = ((absorption + scattering).as_vec3(), scattering.as_vec3());
@@ -148,25 +149,25 @@ impl Medium {
         Ok(Self { extinction, scattering, scatters, phase: HenyeyGreenstein::new(g) })
     }
 
-    /// Returns true if the medium scatters.
+    /// Returns true if the scattering coefficient is above 0 in some channel.
     ///
-    /// Otherwise light passes with [`transmittance`](Self::transmittance) as its weight, without a random number.
+    /// A medium that does not scatter needs no sampling: its weight is the [`transmittance`](Self::transmittance).
     #[inline]
     pub fn scatters(&self) -> bool {
         self.scatters
     }
 
-    /// The phase function.
+    /// Returns the medium's phase function.
     #[inline]
     pub fn phase(&self) -> &HenyeyGreenstein {
         &self.phase
     }
 
-    /// Returns the share of light that crosses `distance` (0 to infinity), per channel: `exp(-extinction distance)`
-    /// [Beer 1852, Bouguer 1729].
+    /// Returns the fraction of light that crosses `distance` (0 to infinity) without being absorbed or scattered, per
+    /// channel: `exp(-extinction distance)` [Beer 1852, Bouguer 1729].
     #[inline]
     pub fn transmittance(&self, distance: f32) -> Vec3 {
-        // No extinction: the product with an infinite distance would be NaN.
+        // Without extinction, the product with an infinite distance would be NaN.
         let through = |extinction: f32| if extinction > 0.0 { exp(-extinction * distance) } else { 1.0 };
         let Vec3 { x, y, z } = self.extinction;
         if x == y && y == z {
@@ -175,18 +176,18 @@ impl Medium {
         Vec3::new(through(x), through(y), through(z))
     }
 
-    /// Samples the distance that light travels in a scattering medium, up to `limit` (above 0, possibly infinite).
+    /// Samples the distance that light travels in a scattering medium, up to `limit` (above 0, may be infinite).
     ///
-    /// Distances follow the extinction of one channel, selected by `u_channel` in proportion to the path's
-    /// `throughput`; `u_distance` samples the distance. All channels then share the sample by the balance heuristic
-    /// [Veach 1997, sec. 9.2.2; after Wilkie et al. 2014], whose density is the channels' mean. No channel of the
-    /// product of weight and throughput exceeds the throughput's sum (and 0.2 %); in a gray medium the weight is the
-    /// albedo, or 1.
+    /// `u_channel` selects a channel in proportion to the path's `throughput`, and `u_distance` samples a distance by
+    /// that channel's extinction. The weight of the sample uses the balance heuristic over the channels [Veach 1997,
+    /// sec. 9.2.2; after Wilkie et al. 2014], whose density is the channels' weighted mean. No channel of the product
+    /// of weight and throughput exceeds the sum of the throughput by more than 0.2 %. In a gray medium, the weight is
+    /// the albedo or 1.
     #[inline]
     pub fn sample(&self, limit: f32, u_channel: f32, u_distance: f32, throughput: Vec3) -> MediumEvent {
         let share = shares(throughput);
         let channel = usize::from(u_channel >= share.x) + usize::from(u_channel >= share.x + share.y);
-        // Infinite in a channel without extinction.
+        // The distance is infinite if the channel has no extinction.
         let t = depth_of(u_distance) / self.extinction[channel.min(2)];
         if !(t < limit) {
             return MediumEvent::Pass { weight: self.balance(share, limit, Vec3::ONE, Vec3::ONE) };
@@ -194,20 +195,21 @@ impl Medium {
         MediumEvent::Scatter { t, weight: self.balance(share, t, self.scattering, self.extinction) }
     }
 
-    /// Returns `value T / sum(share density T)` per channel, `T` being the transmittance to `t`; 0 where `value` is 0.
+    /// Returns `value T / sum(share density T)` per channel, with the transmittance `T` to `t`; 0 in channels where
+    /// `value` is 0.
     #[inline]
     fn balance(&self, share: Vec3, t: f32, value: Vec3, density: Vec3) -> Vec3 {
         let Vec3 { x, y, z } = self.extinction;
         if x == y && y == z {
-            // T cancels, and with it all that may vanish. The shares' sum rounds.
+            // T cancels, so nothing can underflow. The sum of the shares is taken as 1.
             return value / density.x;
         }
         let of = |k: usize| {
             if !(value[k] > 0.0) {
                 return 0.0;
             }
-            // By ratios to the channel itself, whose term stays: nothing over nothing cannot come up, and a sum that
-            // overflows is a weight that vanishes.
+            // Transmittances are divided by the channel's own, whose term is then at least its share. This avoids 0/0;
+            // a sum that overflows gives weight 0.
             let term = |c: usize| {
                 let more = self.extinction[k] - self.extinction[c];
                 match share[c] * density[c] {
@@ -221,17 +223,18 @@ impl Medium {
     }
 }
 
-/// Smallest share of a channel relative to the largest, so that weights of nearly dark channels do not overflow.
+/// The smallest selection probability of a channel relative to the largest, so that weights of nearly dark channels do
+/// not overflow.
 const LEAST_SHARE: f32 = 1.0 / 1024.0;
 
-/// Returns the probabilities with which the channels are selected.
+/// Returns the probabilities with which the color channels are selected, in proportion to a throughput.
 #[inline]
 fn shares(throughput: Vec3) -> Vec3 {
     let largest = throughput.max_element();
     if !(largest > 0.0 && largest < f32::INFINITY) {
         return Vec3::splat(1.0 / 3.0);
     }
-    // Relative first: sums of throughputs might overflow.
+    // Divided by the largest first, since the sum of a throughput might overflow.
     let relative = (throughput / largest).max(Vec3::splat(LEAST_SHARE));
     relative / relative.element_sum()
 }

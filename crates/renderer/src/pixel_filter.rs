@@ -1,9 +1,9 @@
-//! Importance sampling of the pixel filter: each sample belongs to one pixel and has weight 1.
+//! Importance sampling of the pixel filter. Each sample contributes to one pixel only, with weight 1.
 
 use dapple_scene::PixelFilter;
 use glam::Vec2;
 
-/// Samples offsets from a pixel's centre, with a density proportional to the filter.
+/// A sampler of offsets from a pixel's centre, with a density proportional to the pixel filter.
 #[derive(Clone, Debug)]
 pub struct FilterSampler {
     kind: Kind,
@@ -17,18 +17,19 @@ enum Kind {
     Triangle {
         radius: Vec2,
     },
-    /// Inverse cumulative distribution of each axis, tabulated at equal steps.
+    /// The inverse cumulative distribution of each axis, tabulated at equal steps.
     Table {
         axes: [Vec<f32>; 2],
     },
 }
 
-/// The number of steps of a tabulated inverse. Linear interpolation leaves errors of about 1e-3 of the radius.
+/// The number of steps of a tabulated inverse distribution. Linear interpolation has errors of about 1e-3 of the
+/// radius.
 const STEPS: usize = 1024;
 
 impl FilterSampler {
-    /// Makes the sampler of a filter. Radii that are not finite and positive (readers refuse them) mean a box of one
-    /// pixel.
+    /// Makes the sampler of a filter. A filter with a radius or sigma that is not finite and positive is replaced by a
+    /// box of one pixel; scene readers refuse such filters.
     pub fn new(filter: &PixelFilter) -> Self {
         let usable = |r: &[f64; 2]| r.iter().all(|r| r.is_finite() && *r > 0.0);
         let vec = |r: [f64; 2]| Vec2::new(r[0] as f32, r[1] as f32);
@@ -43,7 +44,7 @@ impl FilterSampler {
         Self { kind }
     }
 
-    /// Returns an offset from the pixel's centre, in pixels, for `u` in `[0, 1)^2`.
+    /// Returns the offset from the pixel's centre, in pixels, that the random numbers `u` in `[0, 1)^2` select.
     #[inline]
     pub fn sample(&self, u: [f32; 2]) -> Vec2 {
         match &self.kind {
@@ -54,15 +55,16 @@ impl FilterSampler {
     }
 }
 
-/// Returns the inverse cumulative distribution of the tent on [-1, 1] at `u`.
+/// Returns the inverse cumulative distribution of the tent (triangle) filter on [-1, 1] at `u`.
 fn tent(u: f32) -> f32 {
     if u < 0.5 { (2.0 * u).sqrt() - 1.0 } else { 1.0 - (2.0 * (1.0 - u)).sqrt() }
 }
 
-/// Tabulates the inverse cumulative distribution of `max(0, g(x) - g(r))` on [-r, r], `g` being the Gaussian.
+/// Tabulates the inverse cumulative distribution of `max(0, g(x) - g(r))` on [-r, r], for a Gaussian `g` and the
+/// radius `r`.
 fn gaussian_inverse(radius: f64, sigma: f64) -> Vec<f32> {
     let exponent = |x: f64| x * x / (2.0 * sigma * sigma);
-    // g(x) - g(r) over g's peak, without cancellation where sigma is large.
+    // g(x) - g(r) divided by g(0), without cancellation if sigma is large.
     let density = |x: f64| (-exponent(x)).exp() * -(exponent(x) - exponent(radius)).min(0.0).exp_m1();
     let cells = 16 * STEPS;
     let width = 2.0 * radius / cells as f64;
@@ -73,7 +75,7 @@ fn gaussian_inverse(radius: f64, sigma: f64) -> Vec<f32> {
     }
     let total = cumulative[cells];
     if total <= 0.0 {
-        // Narrower than a cell: all of it lies at the centre.
+        // The filter is narrower than a cell, so all of it is at the centre.
         return vec![0.0; STEPS + 1];
     }
     let mut cell = 0;

@@ -1,10 +1,10 @@
 //! BSDFs and their building blocks: warps, discrete distributions, frames, Fresnel terms and microfacets.
 //!
-//! Everything here is a pure function of small `Copy` values: the per-sample path allocates nothing and
-//! cannot fail. Directions are unit vectors; those of a BSDF lie in the shading frame, where the normal is
-//! +z, and both `wo` and `wi` point away from the surface.
+//! All functions here are pure, take small `Copy` values and allocate nothing per sample. Directions are unit vectors.
+//! The directions of a BSDF are in the shading frame: the normal is +z, and both `wo` and `wi` point away from the
+//! surface.
 
-// `!(x > 0.0)` is meant: NaN is rejected, too.
+// `!(x > 0.0)` is intended: it rejects NaN too.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 pub mod bsdf;
@@ -32,7 +32,7 @@ pub use microfacet::TrowbridgeReitz;
 pub use mis::power_heuristic;
 pub(crate) use mis::power_heuristic_over_pdf;
 
-/// The error of a parameter out of range.
+/// A parameter of a BSDF or a distribution is out of its range.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -62,20 +62,20 @@ pub enum Error {
         /// The invalid weight.
         value: f32,
     },
-    /// There are more items than a distribution can hold.
+    /// A distribution would have more items, or more cells along a side, than it can hold.
     #[error("{count} items or cells a side are more than the {most} that a distribution holds; merge some")]
     TooMany {
-        /// The number of items, or of cells along a side.
+        /// The number of items, or of cells along the side.
         count: usize,
-        /// The largest number that a distribution holds.
+        /// The largest number of items, or of cells along a side, that a distribution holds.
         most: usize,
     },
-    /// The number of weights differs from columns times rows.
+    /// The number of weights given differs from the number of cells, columns times rows.
     #[error("{count} weights do not fill a grid of {} columns x {} rows; give one per cell", .size[0], .size[1])]
     Shape {
-        /// The number of weights.
+        /// The number of weights given.
         count: usize,
-        /// Columns and rows.
+        /// The numbers of columns and rows.
         size: [usize; 2],
     },
 }

@@ -1,13 +1,12 @@
 //! The renderer's own space: the scene moved to the origin and scaled by a power of two.
 //!
-//! Geometry is f32. Far from the origin f32 has no digits left, and at extreme scales products
-//! overflow, so every scene is moved and scaled in f64 on the way in. The scale is a power of two,
-//! which changes no digit.
+//! Geometry is f32. Far from the origin f32 loses precision, and at extreme scales products overflow. Scenes are
+//! therefore moved and scaled in f64 when they are loaded. Scaling by a power of two is exact.
 
 use dapple_scene::{Geometry, Scene, Shape};
 use glam::{DAffine3, DMat3, DVec3};
 
-/// The map from the file's world space to the renderer's space.
+/// The map from the scene file's world space to the renderer's space: a translation and a scale by a power of two.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Space {
     centre: DVec3,
@@ -15,8 +14,8 @@ pub struct Space {
 }
 
 impl Space {
-    /// Returns the space in which the whole scene lies around the origin, in a box of half width 1. Includes moving
-    /// shapes at both ends of their motion, and all instances.
+    /// Returns the space in which the whole scene is centred at the origin, in a box of half width 1. The box includes
+    /// all instances, and moving shapes at both ends of their motion.
     pub fn of(scene: &Scene) -> Self {
         let mut extent = Extent::NOTHING;
         for shape in &scene.shapes {
@@ -36,7 +35,7 @@ impl Space {
         Self::around(&extent)
     }
 
-    /// Returns the space in which the shapes of an object lie around the origin, in a box of half width 1.
+    /// Returns the space in which the shapes of an object are centred at the origin, in a box of half width 1.
     pub(crate) fn of_shapes(shapes: &[Shape]) -> Self {
         Self::around(&Extent::of(shapes))
     }
@@ -47,18 +46,18 @@ impl Space {
             return Self { centre: DVec3::ZERO, scale: 1.0 };
         }
         let centre = low + (high - low) * 0.5;
-        // A scene that is one point keeps its scale.
+        // A scene that is a single point keeps its scale.
         let exponent = if half > 0.0 { half.log2().ceil().clamp(-1000.0, 1000.0) } else { 0.0 };
         Self { centre, scale: (-exponent).exp2() }
     }
 
-    /// Returns the inverse map, from the renderer's space to the file's.
+    /// Returns the inverse map, from the renderer's space to the scene file's world space.
     pub(crate) fn inverse(&self) -> DAffine3 {
         let matrix3 = DMat3::from_diagonal(DVec3::splat(self.scale.recip()));
         DAffine3 { matrix3, translation: self.centre }
     }
 
-    /// Returns a transform to the file's world space, followed by the map to the renderer's space.
+    /// Returns a transform to the renderer's space, from a transform `to_world` to the scene file's world space.
     pub fn apply(&self, to_world: DAffine3) -> DAffine3 {
         DAffine3 {
             matrix3: DMat3::from_diagonal(DVec3::splat(self.scale)) * to_world.matrix3,
@@ -66,23 +65,23 @@ impl Space {
         }
     }
 
-    /// Maps a point of the file's world space to the renderer's space.
+    /// Maps a point of the scene file's world space to the renderer's space.
     pub fn point(&self, world: DVec3) -> DVec3 {
         (world - self.centre) * self.scale
     }
 
-    /// Maps a point of the renderer's space to the file's world space.
+    /// Maps a point of the renderer's space to the scene file's world space.
     pub fn world(&self, point: [f32; 3]) -> [f64; 3] {
         (DVec3::from_array(point.map(f64::from)) / self.scale + self.centre).to_array()
     }
 
-    /// Returns the factor of lengths from the file's space to the renderer's, a power of two.
+    /// Returns the factor by which lengths of the scene file are multiplied in the renderer's space, a power of two.
     pub fn scale(&self) -> f64 {
         self.scale
     }
 }
 
-/// The bounding box of points.
+/// A bounding box of points in f64.
 #[derive(Clone, Copy, Debug)]
 struct Extent {
     low: DVec3,
@@ -114,7 +113,7 @@ impl Extent {
         }
     }
 
-    /// Adds the corners of another box, mapped by `map`.
+    /// Adds the corners of another box, transformed by `map`. An empty box adds nothing.
     fn add_box(&mut self, other: &Self, map: &DAffine3) {
         if other.low.cmple(other.high).all() {
             let (centre, half) = ((other.low + other.high) * 0.5, (other.high - other.low) * 0.5);
@@ -128,7 +127,7 @@ fn corners(half: DVec3) -> impl Iterator<Item = DVec3> {
     (0..8u32).map(move |k| half * DVec3::new(sign(k & 1), sign(k & 2), sign(k & 4)))
 }
 
-/// Returns the factor of a transform that scales all directions equally; `None` for any other.
+/// Returns the scale of a transform that only rotates, mirrors and scales uniformly; `None` for any other.
 pub(crate) fn even_scale(m: &DMat3) -> Option<f64> {
     let lengths = [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()];
     let scale = lengths[0];

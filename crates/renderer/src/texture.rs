@@ -1,4 +1,4 @@
-//! Texture look-ups.
+//! Look-ups of textures at texture coordinates.
 
 mod coded;
 
@@ -7,19 +7,19 @@ use dapple_scene::{Color, Scalar, Texture, TextureId, TextureKind, Wrap};
 use glam::Vec3;
 use std::sync::Arc;
 
-/// All textures of a scene, for look-ups.
+/// All textures of a scene, prepared for look-ups.
 #[derive(Clone, Debug, Default)]
 pub struct Textures {
     textures: Vec<TextureKind>,
-    /// A compact copy of each texture's image, if it has at most 256 values.
+    /// A compact copy of each texture's image; `None` if the image has more than 256 distinct values.
     coded: Vec<Option<Arc<Coded>>>,
 }
 
-/// The largest number of nested textures; a deeper texture is black.
+/// The largest depth of nested textures. A texture nested deeper is black.
 const DEEPEST: u32 = 8;
 
 impl Textures {
-    /// Prepares the textures of a scene, in the same order.
+    /// Prepares the textures of a scene. Indices stay the same.
     pub fn new(textures: &[Texture]) -> Self {
         let textures: Vec<_> = textures.iter().map(|t| t.kind.clone()).collect();
         let mut coded: Vec<Option<Arc<Coded>>> = Vec::with_capacity(textures.len());
@@ -37,13 +37,14 @@ impl Textures {
         Self { textures, coded }
     }
 
-    /// Returns a texture's colour at `uv`, linear RGB, unfiltered: averaging a pixel's samples filters it.
+    /// Returns a texture's linear RGB color at the texture coordinates `uv`. Nothing is filtered beyond bilinear
+    /// interpolation; averaging a pixel's samples does the rest. An unknown texture is black.
     #[inline]
     pub fn look_up(&self, id: TextureId, uv: [f32; 2]) -> Vec3 {
         self.look_up_within(id, uv, DEEPEST)
     }
 
-    /// Returns a number at `uv`: the constant, or the first channel of the texture.
+    /// Returns a scalar parameter at `uv`: the constant, or the first channel of its texture.
     #[inline]
     pub(crate) fn look_up_scalar(&self, scalar: Scalar, uv: [f32; 2]) -> f32 {
         match scalar {
@@ -80,7 +81,7 @@ impl Textures {
                     Scalar::Constant(amount) => *amount,
                     Scalar::Texture(id) => self.look_up_within(*id, uv, depth - 1).x,
                 };
-                // One share may be 0, and the other's colour anything.
+                // At 0 or 1, only one color is looked up, since the other may not be finite.
                 match amount {
                     0.0 => color(a),
                     1.0 => color(b),
@@ -91,7 +92,8 @@ impl Textures {
     }
 }
 
-/// Interpolates bilinearly among pixels that `pixel` returns for a column and a row; `v = 0` is the bottom edge.
+/// Interpolates bilinearly among four pixels, each of which `pixel` returns for a column and a row. `v = 0` is the
+/// bottom edge.
 #[inline(always)]
 fn bilinear([w, h]: [u32; 2], [u, v]: [f32; 2], wrap: Wrap, pixel: impl Fn(usize, usize) -> Vec3) -> Vec3 {
     let (x, y) = (u * w as f32 - 0.5, (1.0 - v) * h as f32 - 0.5);
@@ -111,8 +113,8 @@ fn bilinear([w, h]: [u32; 2], [u, v]: [f32; 2], wrap: Wrap, pixel: impl Fn(usize
     upper.lerp(lower, fy)
 }
 
-/// Returns the floor and the fraction of `x`, without the function call of `floor` on old processors. Numbers too large
-/// to have fractions return 2^30.
+/// Returns the floor and the fraction of `x`, without the function call that `floor` needs on old processors. `x` is
+/// first clamped to the range from -2^30 to 2^30, beyond which numbers have no fractions.
 #[inline]
 fn parts(x: f32) -> (i64, f32) {
     const FAR: f32 = (1u32 << 30) as f32;
@@ -122,14 +124,15 @@ fn parts(x: f32) -> (i64, f32) {
     (i64::from(floor), x - floor as f32)
 }
 
-/// Marks a row or column beyond the image, which is black.
+/// The mark of a row or column outside the image, which is black.
 const BEYOND: usize = usize::MAX;
 
-/// Returns the rows (or columns), of `n`, for positions `first` and `first + 1`, wrapped or clamped as `wrap` requires.
+/// Returns the indices, of `n` rows or columns, for the positions `first` and `first + 1`. `wrap` determines the
+/// result outside the image.
 #[inline]
 fn pair(first: i64, n: u32, wrap: Wrap) -> [usize; 2] {
     let n = i64::from(n);
-    // Mostly both lie in the image: a division is dear.
+    // Mostly both are in the image, which avoids the slow integer division.
     if first >= 0 && first < n - 1 {
         return [first as usize, first as usize + 1];
     }

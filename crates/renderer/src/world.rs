@@ -1,4 +1,4 @@
-//! A scene prepared for tracing rays.
+//! A scene prepared for ray tracing.
 
 mod build;
 mod bump;
@@ -27,16 +27,16 @@ use dapple_scene::Effects;
 use dapple_scene::{MediumInterface, Scalar, Scene};
 use glam::Vec3;
 
-/// A scene prepared for tracing rays: geometry in a tree, lights with their probabilities, materials with their tables,
-/// and the camera.
+/// A scene prepared for ray tracing: geometry with a bounding volume hierarchy, lights with selection probabilities,
+/// materials with tables, and the camera.
 ///
-/// An [`Integrator`](dapple_core::Integrator) is built from its queries: [camera rays](Self::camera_ray), the
-/// [closest hit](Self::closest_hit), [occlusion](Self::occluded), [scattering](Self::bsdf), [emission](Self::emitted), and
-/// [lights](Self::lights) to sample.
+/// The functions that an [`Integrator`](dapple_core::Integrator) needs are [camera rays](Self::camera_ray), the
+/// [closest hit](Self::closest_hit), [occlusion](Self::occluded), [scattering](Self::bsdf), [emission](Self::emitted)
+/// and the [lights](Self::lights) to sample.
 ///
 /// # Examples
 ///
-/// An integrator of direct light: emission, and one light sampled at the first hit.
+/// An integrator of direct light adds the emission at the first hit and the light from one sampled light.
 ///
 /// ```
 /// use dapple_core::{Draws, Estimate, Frame, Integrator, Limits, Render, TrainingLog};
@@ -88,9 +88,9 @@ use glam::Vec3;
 pub struct World {
     pub(crate) effects: Effects,
     pub(crate) geometry: Geometry,
-    /// The properties of the base shapes, which belong to no object.
+    /// The properties of the base shapes, which are the shapes of no object.
     pub(crate) parts: Vec<Part>,
-    /// Properties of the shapes of all objects, object by object.
+    /// The properties of the shapes of all objects, object by object.
     pub(crate) object_parts: Vec<Part>,
     pub(crate) surfaces: Vec<Surface>,
     pub(crate) textures: Textures,
@@ -100,99 +100,103 @@ pub struct World {
     pub(crate) max_depth: u32,
     pub(crate) space: Space,
     pub(crate) dropped_triangles: usize,
-    /// True if the camera or anything visible moves while the shutter is open.
+    /// True if the camera or a shape moves while the shutter is open.
     pub(crate) moves: bool,
-    /// The media of the scene.
+    /// The media of the scene, in the renderer's units of length.
     pub(crate) media: Media,
-    /// Index of the medium around the camera.
+    /// The index of the medium around the camera, or `NO_MEDIUM`.
     pub(crate) camera_medium: u32,
     has_transmission: bool,
     has_passable_surfaces: bool,
-    /// The part of the motion during which the shutter is open, in `[0, 1]`.
+    /// The opening and closing time of the shutter within the motion, in `[0, 1]`.
     pub(crate) open: [f32; 2],
 }
 
-/// A point of a lamp that a ray hits.
+/// The point of an area light that a ray hits.
 #[derive(Clone, Copy, Debug)]
 pub struct Emitter {
-    /// Index of the light, for [`Lights::pdf`].
+    /// The index of the light, for [`Lights::pdf`].
     pub light: u32,
-    /// The point. Its normal is on the emitting side.
+    /// The point hit, with its normal on the emitting side.
     pub point: SurfacePoint,
-    /// Radiance towards the ray's origin; black on the dark side.
+    /// The linear RGB radiance towards the ray's origin; black on a side that does not emit.
     pub radiance: Vec3,
 }
 
-/// The properties of one shape besides its geometry.
+/// The properties of a shape besides its geometry.
 #[derive(Clone, Debug)]
 pub(crate) struct Part {
     pub(crate) material: u32,
-    /// Index of the shape's light; `NO_LIGHT` if it emits none.
+    /// The index of the shape's light; `NO_LIGHT` if the shape emits nothing.
     pub(crate) light: u32,
-    /// -1 if the geometric normal is opposite to the tree's, else 1.
+    /// -1 if the shape's normal is opposite to the one that the geometry reports, else 1.
     pub(crate) flip: f32,
-    /// Unit vertex normals in world space; may be empty.
+    /// The unit vertex normals, in world space or in the space of the shape's object; empty if there are none.
     pub(crate) normals: Vec<Vec3>,
-    /// Texture coordinates, one per vertex; may be empty.
+    /// The texture coordinates, one pair per vertex; empty if there are none.
     pub(crate) uvs: Vec<[f32; 2]>,
-    /// Opacity; `None` if it is 1 everywhere.
+    /// The opacity; `None` if it is 1 everywhere.
     pub(crate) alpha: Option<Scalar>,
-    /// The media on both sides. `outside` is the side of an [`Interaction`]'s normal.
+    /// The media on the two sides; `None` if the shape separates none. `outside` is the side of an [`Interaction`]'s
+    /// normal.
     pub(crate) media: Option<MediumInterface>,
-    /// True if rays may pass unscattered, or if the material is a mix, which may contain an interface.
+    /// True if rays may pass the shape without scattering: it has an opacity, an interface material, or a mix (which
+    /// may contain an interface).
     pub(crate) passable: bool,
 }
 
 pub(crate) const NO_LIGHT: u32 = u32::MAX;
-/// The medium index that means vacuum.
+/// The medium index for vacuum.
 pub(crate) const NO_MEDIUM: u32 = u32::MAX;
 
-/// A hit with its orientation, found by [`World::closest_hit`].
+/// A hit with its properties and oriented normals, returned by [`World::closest_hit`].
 #[derive(Clone, Copy, Debug)]
 pub struct Interaction<'w> {
     pub(crate) part: &'w Part,
     pub(crate) hit: Hit,
-    /// The hit point. Its normal is on the emitting side.
+    /// The hit point. Its geometric normal is on the emitting side.
     pub(crate) point: SurfacePoint,
-    /// Interpolated vertex normal on the side of the geometric normal; without vertex normals, the geometric one.
+    /// The interpolated vertex normal, on the side of the geometric normal. Without vertex normals, it is the
+    /// geometric normal.
     pub(crate) shading_normal: Vec3,
     pub(crate) time: f32,
 }
 
 impl Interaction<'_> {
-    /// Returns the hit point, with its geometric normal. Lamps emit on the side of the normal.
+    /// Returns the hit point. Its geometric normal is on the side on which an area light emits.
     #[inline]
     pub fn point(&self) -> &SurfacePoint {
         &self.point
     }
 
-    /// Returns the interpolated vertex normal on the side of the geometric normal; without vertex normals, the
-    /// geometric one.
+    /// Returns the interpolated vertex normal, on the side of the geometric normal. Without vertex normals, returns
+    /// the geometric normal.
     #[inline]
     pub fn shading_normal(&self) -> Vec3 {
         self.shading_normal
     }
 
-    /// Returns the hit as the geometry reports it: shape, primitive and coordinates on the primitive.
+    /// Returns the hit as the geometry reports it, with the numbers of shape and triangle and the barycentric
+    /// coordinates.
     #[inline]
     pub fn hit(&self) -> &Hit {
         &self.hit
     }
 
-    /// Returns the ray parameter of the hit: its distance, if the ray's direction is of unit length.
+    /// Returns the ray parameter of the hit, which is its distance if the ray's direction has unit length.
     #[inline]
     pub fn distance(&self) -> f32 {
         self.hit.t
     }
 
-    /// Returns the index of the surface's light, for [`Lights::pdf`]. `None` if the surface emits nothing.
+    /// Returns the index of the surface's light, for [`Lights::pdf`]; `None` if the surface emits nothing.
     #[inline]
     pub fn light(&self) -> Option<u32> {
         (self.part.light != NO_LIGHT).then_some(self.part.light)
     }
 
-    /// Returns the index of the medium behind the hit, for a ray that arrives through `medium` and leaves along
-    /// `direction`.
+    /// Returns the index of the medium that a ray enters if it leaves the hit along `direction`. `medium` is the
+    /// medium through which it arrived.
     #[inline]
     pub(crate) fn medium_beyond(&self, direction: Vec3, medium: u32) -> u32 {
         match &self.part.media {
@@ -206,16 +210,16 @@ impl Interaction<'_> {
 }
 
 impl World {
-    /// Builds a world from a scene, for images of the scene's resolution.
+    /// Prepares a scene for images of the scene's own resolution.
     ///
     /// # Errors
     ///
-    /// Every problem found, each with the line of its object.
+    /// [`WorldError`] with all problems found, each with the line of its object.
     pub fn new(scene: &Scene) -> Result<Self, WorldError> {
         build::build(scene, scene.film.resolution)
     }
 
-    /// Builds a world for images of this resolution, in place of the scene's.
+    /// Prepares a scene for images of another resolution (width and height in pixels).
     ///
     /// # Errors
     ///
@@ -224,7 +228,8 @@ impl World {
         build::build(scene, resolution)
     }
 
-    /// Sets the largest number of scattering events on a path from camera to light, in place of the scene's.
+    /// Sets the largest number of scattering events on a path from the camera to a light, which replaces the scene's
+    /// own.
     pub fn set_max_depth(&mut self, max_depth: u32) {
         self.max_depth = max_depth;
     }
@@ -234,46 +239,46 @@ impl World {
         self.lights.set_selection(selection);
     }
 
-    /// Returns the effects that the scene calls for.
+    /// Returns the rendering effects that the scene contains, such as environments or motion blur.
     pub fn effects(&self) -> &Effects {
         &self.effects
     }
 
-    /// Returns the largest number of scattering events on a path from camera to light.
+    /// Returns the largest number of scattering events on a path from the camera to a light; `u32::MAX` for no limit.
     pub fn max_depth(&self) -> u32 {
         self.max_depth
     }
 
-    /// Returns the geometry.
+    /// Returns the geometry, in the renderer's space.
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
     }
 
-    /// Returns the lights: [`Lights::sample`] for next-event estimation, [`Lights::environment`] for rays that leave
-    /// the scene.
+    /// Returns the lights. [`Lights::sample`] serves next-event estimation, and [`Lights::environment`] rays that
+    /// leave the scene.
     pub fn lights(&self) -> &Lights {
         &self.lights
     }
 
-    /// Returns the camera.
+    /// Returns the camera, prepared for the resolution of the images.
     pub fn camera(&self) -> &CameraView {
         &self.camera
     }
 
-    /// Returns the number of triangles without area, which were left out.
+    /// Returns the number of triangles without area, which no ray can hit.
     pub fn dropped_triangles(&self) -> usize {
         self.dropped_triangles
     }
 
-    /// Returns the map from the file's world space to the renderer's space, in which hits are given.
+    /// Returns the map from the scene file's world space to the renderer's space, in which hits are given.
     pub fn space(&self) -> &Space {
         &self.space
     }
 
-    /// Returns the camera ray of one sample, and its time in `[0, 1]` within the motion.
+    /// Returns the camera ray of a sample, and the sample's time in `[0, 1]` within the motion.
     ///
-    /// Draws the position in the pixel by the pixel filter, the position on the lens, and the time:
-    /// [`blocks::CAMERA`] and, where something moves, [`blocks::TIME`].
+    /// The random numbers are those of [`blocks::CAMERA`] (the position in the pixel by the pixel filter, and the
+    /// point on the lens) and, in scenes with motion, [`blocks::TIME`].
     pub fn camera_ray(&self, draws: &Draws<'_>) -> (Ray, f32) {
         let u = draws.block(blocks::CAMERA);
         let offset = self.filter.sample([u[0], u[1]]);
@@ -282,9 +287,11 @@ impl World {
         (self.camera.ray_at(place, [u[2], u[3]], time), time)
     }
 
-    /// Returns the closest hit of a ray. `time` is that of the [camera ray](Self::camera_ray), 0 if nothing moves.
+    /// Returns the closest hit of a ray; `None` if it hits nothing. `time` is the time returned by
+    /// [`camera_ray`](Self::camera_ray), which is 0 without motion.
     ///
-    /// Surfaces with holes (alpha) and interfaces between media are hit, too: the integrator must let rays pass.
+    /// Surfaces with holes (alpha) and interfaces between media count as hits. The integrator must continue rays that
+    /// pass them.
     #[inline(always)]
     pub fn closest_hit(&self, ray: &Ray, time: f32) -> Option<Interaction<'_>> {
         let hit = self.geometry.closest_at(ray, time)?;
@@ -300,7 +307,7 @@ impl World {
             let [a, b, c] = mesh.triangles()[hit.primitive as usize].map(|v| part.normals[v as usize]);
             let [v, w] = hit.barycentrics;
             let normal = a * (1.0 - v - w) + b * v + c * w;
-            // Shading normals decide on the side [Pharr et al. 2023, sec. 6.5.3].
+            // Shading normals determine the side [Pharr et al. 2023, sec. 6.5.3].
             if normal.dot(point.normal) < 0.0 {
                 point.normal = -point.normal;
             }
@@ -309,7 +316,8 @@ impl World {
         Some(Interaction { part, hit, point, shading_normal, time })
     }
 
-    /// Returns [`Self::closest_hit`] in a world without [varied surfaces](Self::has_varied_surfaces).
+    /// Returns the closest hit as [`Self::closest_hit`] does, in a world without [varied
+    /// surfaces](Self::has_varied_surfaces) and without motion.
     #[inline(always)]
     pub(crate) fn closest_hit_plain(&self, ray: &Ray) -> Option<Interaction<'_>> {
         let hit = self.geometry.closest(ray)?;
@@ -319,36 +327,38 @@ impl World {
         Some(Interaction { part, hit, point, shading_normal: point.normal, time: 0.0 })
     }
 
-    /// Returns true if anything blocks a ray up to its `tmax`. `time` is that of the [camera ray](Self::camera_ray).
+    /// Returns true if any surface blocks the ray before its `tmax`. `time` is the time returned by
+    /// [`camera_ray`](Self::camera_ray).
     ///
-    /// [`LightSample::shadow_ray`](crate::light::LightSample::shadow_ray) makes the ray to a light.
+    /// [`LightSample::shadow_ray`](crate::light::LightSample::shadow_ray) makes the ray to a sampled light.
     #[inline(always)]
     pub fn occluded(&self, ray: &Ray, time: f32) -> bool {
         self.geometry.occluded_at(ray, time)
     }
 
-    /// Returns the radiance that a surface emits towards the unit direction `wo`; black on its dark side.
+    /// Returns the radiance that a surface emits towards the unit direction `wo`; black on a side that does not emit.
     #[inline]
     pub fn emitted(&self, at: &Interaction<'_>, wo: Vec3) -> Vec3 {
         let lamp = self.lights.lamp(at.part.light);
         lamp.map_or(Vec3::ZERO, |lamp| lamp.radiance(at.point.normal.dot(wo)))
     }
 
-    /// Returns the lamp at the closest hit of a ray. `None` if the ray hits nothing, or a surface that emits nothing.
+    /// Returns the area light at the closest hit of a ray at time 0. Returns `None` if the ray hits nothing or a
+    /// surface that emits nothing.
     pub fn emitter(&self, ray: &Ray) -> Option<Emitter> {
         let at = self.closest_hit(ray, 0.0)?;
         at.light().map(|light| Emitter { light, point: at.point, radiance: self.emitted(&at, -ray.direction) })
     }
 
-    /// Returns the BSDF at a hit, and the frame in which its directions are given.
+    /// Returns the BSDF at a hit, and the shading frame in which its directions are given.
     ///
-    /// `u` in `[0, 1)` selects a material of a mix. An interface between media scatters nothing.
+    /// `u` in `[0, 1)` selects one material if the surface is a mix. An interface between media scatters nothing.
     pub fn bsdf(&self, at: &Interaction<'_>, u: f32) -> (Bsdf<'_>, ShadingFrame) {
         let surface = self.surface(at, u);
         (self.bsdf_of(at, surface), self.frame_of(at, surface))
     }
 
-    /// Returns the surface at a hit; `u` in `[0, 1)` selects a material of a mix.
+    /// Returns the material at a hit. `u` in `[0, 1)` selects one material if the surface is a mix.
     fn surface(&self, at: &Interaction<'_>, u: f32) -> &Surface {
         let surface = &self.surfaces[at.part.material as usize];
         if !surface.mixes {
@@ -357,32 +367,32 @@ impl World {
         material::resolve(&self.surfaces, at.part.material, &self.textures, self.uv(at), u).0
     }
 
-    /// Returns true if the scene has more than flat diffuse surfaces of constant colour: other materials, vertex
-    /// normals, instances.
+    /// Returns true if the scene has vertex normals, instances, or a material other than diffuse reflection of
+    /// constant color.
     pub(crate) fn has_varied_surfaces(&self) -> bool {
         !self.object_parts.is_empty()
             || self.parts.iter().any(|part| !part.normals.is_empty())
             || !self.surfaces.iter().all(Surface::is_plain)
     }
 
-    /// Returns true if any surface transmits light.
+    /// Returns true if a surface transmits light, by refraction or diffusely.
     pub(crate) fn has_transmission(&self) -> bool {
         self.has_transmission
     }
 
-    /// Returns true if any surface is [passable](Part::passable).
+    /// Returns true if a surface may let rays pass without scattering; see [`Part::passable`].
     pub(crate) fn has_passable_surfaces(&self) -> bool {
         self.has_passable_surfaces
     }
 
-    /// Returns the opacity at a hit, in `[0, 1]`.
+    /// Returns the opacity at a hit, in `[0, 1]`. NaN counts as 0.
     #[inline]
     #[expect(clippy::manual_clamp, reason = "NaN counts as 0, which `clamp` would let through")]
     pub(crate) fn alpha(&self, at: &Interaction<'_>) -> f32 {
         at.part.alpha.map_or(1.0, |alpha| self.textures.look_up_scalar(alpha, self.uv(at)).max(0.0).min(1.0))
     }
 
-    /// Returns the texture coordinates of a hit.
+    /// Returns the texture coordinates `(u, v)` of a hit.
     #[inline]
     pub(crate) fn uv(&self, at: &Interaction<'_>) -> [f32; 2] {
         let Shape::Mesh(mesh) = self.geometry.shape(at.hit.shape) else {
@@ -390,7 +400,7 @@ impl World {
         };
         let [v, w] = at.hit.barycentrics;
         if at.part.uvs.is_empty() {
-            // pbrt-v4's default corners (0, 0), (1, 0), (1, 1).
+            // pbrt-v4's default texture coordinates of the corners: (0, 0), (1, 0), (1, 1).
             return [v + w, w];
         }
         let [a, b, c] = mesh.triangles()[at.hit.primitive as usize].map(|v| at.part.uvs[v as usize]);
@@ -398,14 +408,15 @@ impl World {
         [u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1]]
     }
 
-    /// Returns the BSDF of `surface` at a hit.
+    /// Returns the BSDF of the material `surface` at a hit.
     #[inline(always)]
     pub(crate) fn bsdf_of<'s>(&self, at: &Interaction<'_>, surface: &'s Surface) -> Bsdf<'s> {
         let uv = if surface.textured { self.uv(at) } else { [0.0; 2] };
         surface.bsdf(&self.textures, uv)
     }
 
-    /// Returns the shading frame of a hit. Its x axis follows u for anisotropic materials.
+    /// Returns the shading frame of a hit. For anisotropic materials, its x axis follows the direction of increasing
+    /// u.
     #[inline(always)]
     pub(crate) fn frame_of(&self, at: &Interaction<'_>, surface: &Surface) -> ShadingFrame {
         if surface.bumped {

@@ -1,7 +1,7 @@
-//! Binary trees over leaves of one item each, in obvhs's nodes: siblings are adjacent and the root is first.
+//! Binary trees whose leaves hold one item each, stored as obvhs's nodes: siblings are adjacent and the root is first.
 //!
-//! obvhs takes quadratic time and makes chains if many boxes share a centre (see [`by_area`]). Its other requirements
-//! hold here: the input is finite, of moderate size and not empty.
+//! obvhs takes quadratic time and makes long chains if many boxes share a centre; [`by_area`] avoids this. Its other
+//! requirements are met: boxes are finite and of moderate size, and there is at least one.
 
 use glam::Vec3A;
 use obvhs::BvhBuildParams;
@@ -12,15 +12,18 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance};
 use std::cmp::Ordering;
 
-/// The number of grid cells along the longest axis of the scene on which centres are compared.
+/// The number of cells along the longest axis of the scene. Boxes whose centres share a cell count as sharing a
+/// centre.
 const CELLS: f32 = (1u32 << 20) as f32;
-/// At most this many boxes with their centre in one cell go to obvhs; more are split at our own medians.
+/// The largest number of boxes with their centre in one cell that obvhs gets. More boxes in a cell are split at
+/// medians here.
 const CROWD: usize = 8;
 
-/// A tree of small expected cost: obvhs's PLOC and reinsertion over boxes with different centres, and medians where
-/// many share one.
+/// Returns a binary tree of small expected cost. obvhs's PLOC and reinsertion join boxes with different centres;
+/// median splits divide groups of boxes that share one.
 ///
-/// The leaf of item `n` is the `n`th of `leaves`, in the unit cube. Children may come before their parent.
+/// Item `n` is the leaf at index `n` of `leaves`, whose boxes are in the unit cube. Children may come before their
+/// parent.
 pub(super) fn by_area(leaves: Vec<Bvh2Node>, params: BvhBuildParams) -> Vec<Bvh2Node> {
     match Groups::new(&leaves) {
         None => obvhs_tree(leaves, params),
@@ -38,7 +41,7 @@ pub(super) fn by_area(leaves: Vec<Bvh2Node>, params: BvhBuildParams) -> Vec<Bvh2
     }
 }
 
-/// Builds a balanced tree, split at the median along the longest axis of the centres.
+/// Returns a balanced binary tree. Each node is split at the median along the axis on which the centres differ most.
 pub(super) fn by_median(leaves: Vec<Bvh2Node>) -> Vec<Bvh2Node> {
     let mut nodes = Vec::with_capacity(2 * leaves.len());
     let mut numbers: Vec<u32> = (0..leaves.len() as u32).collect();
@@ -49,17 +52,17 @@ pub(super) fn by_median(leaves: Vec<Bvh2Node>) -> Vec<Bvh2Node> {
     nodes
 }
 
-/// Groups of items. Items with their centre in the same crowded cell form a group, all others are alone.
+/// A partition of the items. Items with their centre in the same crowded cell form a group; every other item is alone.
 struct Groups {
     members: Vec<u32>,
-    /// The start of each group in the list of members, and the end of the last.
+    /// The index in `members` at which each group starts, and the length of `members` as the last entry.
     starts: Vec<u32>,
 }
 
 impl Groups {
-    /// Groups the items; `None` if no cell is crowded.
+    /// Partitions the items; `None` if no cell is crowded.
     fn new(leaves: &[Bvh2Node]) -> Option<Self> {
-        // 21 bits per axis.
+        // The cell of a centre, with 21 bits per axis.
         let cell = |leaf: &Bvh2Node| {
             let [x, y, z] = (centre(leaf) * CELLS).as_uvec3().to_array().map(u64::from);
             x << 42 | y << 21 | z
@@ -100,12 +103,12 @@ impl Groups {
     }
 }
 
-/// Tests if more than [`CROWD`] cells are equal. Only cells whose hash occurs that often are sorted: sorting all would
-/// take longer than everything else here.
+/// Returns true if a value occurs more than [`CROWD`] times in `cells`. Only values whose hash occurs that often are
+/// sorted, since sorting all would take longer than the rest of this module.
 fn is_crowded(cells: impl Iterator<Item = u64> + Clone, count: usize) -> bool {
     let bits = (2 * count).next_power_of_two().trailing_zeros().max(1);
-    // The finalizer of SplitMix64 [Steele, Lea and Flood 2014, figure 16]: regular grids would collide with less
-    // mixing.
+    // The finalizer of SplitMix64 [Steele, Lea and Flood 2014, figure 16]. With less mixing, cells of regular grids
+    // would collide.
     let slot = |cell: u64| {
         let mixed = (cell ^ cell >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         let mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -126,11 +129,11 @@ fn is_crowded(cells: impl Iterator<Item = u64> + Clone, count: usize) -> bool {
     suspects.chunk_by(|a, b| a == b).any(|equal| equal.len() > CROWD)
 }
 
-/// Builds obvhs's tree over these leaves.
+/// Builds obvhs's tree (PLOC, then reinsertion) over these leaves.
 fn obvhs_tree(leaves: Vec<Bvh2Node>, params: BvhBuildParams) -> Vec<Bvh2Node> {
     let Some(all) = leaves.iter().map(|leaf| *leaf.aabb()).reduce(|a, b| a.union(&b)) else { return leaves };
     let mut tree = Bvh2::zeroed(leaves.len());
-    // The leaves move to the builder: `PlocBuilder::build` would copy them.
+    // The leaves are moved into the builder, since `PlocBuilder::build` would copy them.
     let mut builder = PlocBuilder::with_capacity(leaves.len());
     builder.current_nodes = leaves;
     let (precision, threshold) = (params.sort_precision, params.search_depth_threshold);
@@ -152,7 +155,7 @@ fn obvhs_tree(leaves: Vec<Bvh2Node>, params: BvhBuildParams) -> Vec<Bvh2Node> {
     tree.nodes
 }
 
-/// Builds a subtree over the items `numbers` (at least one) at the node `root`.
+/// Builds a subtree by median splits at the node `root` over the items `numbers`, of which there is at least one.
 fn split_by_median(leaves: &[Bvh2Node], numbers: &mut [u32], nodes: &mut Vec<Bvh2Node>, root: usize) {
     let mut open = vec![(root, 0, numbers.len())];
     while let Some((node, start, end)) = open.pop() {
@@ -171,7 +174,7 @@ fn split_by_median(leaves: &[Bvh2Node], numbers: &mut [u32], nodes: &mut Vec<Bvh
     }
 }
 
-/// The order of items by centre along the axis on which centres differ most, then by size, then by index.
+/// Returns the order of items by centre along the axis on which centres differ most, then by area, then by index.
 fn median_order<'a>(leaves: &'a [Bvh2Node], numbers: &[u32]) -> impl Fn(&u32, &u32) -> Ordering + use<'a> {
     let centre_of = |number: u32| centre(&leaves[number as usize]);
     let start = centre_of(numbers[0]);

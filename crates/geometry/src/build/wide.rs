@@ -1,7 +1,7 @@
-//! Conversion of a binary tree to eight-wide nodes and leaves of up to eight triangles, at the least expected cost.
+//! Conversion of a binary tree to eight-wide nodes and leaves of up to eight triangles, with the least expected cost.
 //!
-//! Dynamic programming over the surface-area cost decides which subtrees become nodes or leaves, and which dissolve
-//! into their parent [after Ylitie, Karras and Laine 2017, section 3.1].
+//! Dynamic programming over the surface-area cost decides each subtree's form: a node, a leaf, or several children of
+//! its parent [after Ylitie, Karras and Laine 2017, section 3.1].
 
 use super::{Bounds, Item, Items, union};
 use crate::Shape;
@@ -11,40 +11,41 @@ use crate::triangle::Triangles8;
 use glam::Vec3;
 use obvhs::bvh2::node::Bvh2Node;
 
-/// The expected time of testing eight boxes, the unit of these costs.
+/// The expected time of testing eight boxes. It is the unit of all costs here.
 const NODE_COST: f32 = 1.0;
-/// The expected time of testing eight triangles. Of 0.6, 1.2 and 2, 0.6 gave the fastest rays and the smallest tree in
-/// each scene of benches/rays.rs, by 1 to 5 %.
+/// The expected time of testing a leaf of eight triangles. Of 0.6, 1.2 and 2, the value 0.6 gave the fastest rays and
+/// the smallest tree in each scene of benches/rays.rs, by 1 to 5 %.
 const TRIANGLES_COST: f32 = 0.6;
 /// The expected time of testing one sphere or disk.
 const QUADRIC_COST: f32 = 2.5;
 /// The expected time of testing an instance: an estimate for transforming a ray and testing a few nodes of the object.
 const BOX_COST: f32 = 10.0;
 
-/// The costs of two siblings together, in 32 bytes: there is one for each primitive.
+/// The combined costs of two siblings. It takes 32 bytes, since there is one for each primitive.
 #[derive(Clone, Copy, Debug, Default)]
 struct Pair {
-    /// The least total cost of both siblings as at most 2, 3, … 8 children of a node.
+    /// The least total cost of both siblings if they become at most 2, 3, … 8 children of a node.
     cost: [f32; WIDTH - 1],
-    /// The number of triangles below, or [`MANY`] if a leaf cannot hold them or other items are among them. 0 marks a
-    /// pair not planned yet.
+    /// The number of triangles below both siblings, or [`MANY`] if a leaf cannot hold them or other items are among
+    /// them. 0 marks a pair whose costs are not computed yet.
     triangles: u32,
 }
 
 const MANY: u32 = WIDTH as u32 + 1;
 
-/// The costs of a binary subtree.
+/// The least costs of a subtree of the binary tree, and its best form.
 #[derive(Clone, Copy, Debug)]
 struct SubtreePlan {
-    /// The least cost of the subtree as at most 1, 2, … 7 children of a node.
+    /// The least cost of the subtree if it becomes at most 1, 2, … 7 children of a node.
     cost: [f32; WIDTH - 1],
-    /// The number of triangles in the subtree, or [`MANY`]; see [`Pair::triangles`].
+    /// The number of triangles in the subtree, or [`MANY`] if a leaf cannot hold its items; see [`Pair::triangles`].
     triangles: u32,
-    /// True if the subtree, as a single child, is cheapest as a leaf.
+    /// True if a leaf costs less than a node for the subtree as a single child.
     leaf: bool,
 }
 
-/// Builds the eight-wide tree; `None` if it is empty or needs too deep a stack.
+/// Converts a binary tree to an eight-wide one; `None` if it is empty or needs a deeper traversal stack than
+/// [`DEEPEST`].
 pub(super) fn collapse(nodes: &[Bvh2Node], items: &Items<'_>) -> Option<Tree> {
     let moves = items.shapes.iter().any(|shape| matches!(shape, Shape::Moving(_)));
     let plans = SubtreePlans::new(nodes, items);
@@ -59,15 +60,15 @@ pub(super) fn collapse(nodes: &[Bvh2Node], items: &Items<'_>) -> Option<Tree> {
 struct SubtreePlans<'a> {
     nodes: &'a [Bvh2Node],
     items: &'a Items<'a>,
-    /// True if all items are triangles, so that items need not be fetched to check it.
+    /// True if all items are triangles, so that their kind need not be looked up.
     triangles: bool,
-    /// The pairs in reverse order of their nodes: the last two nodes first.
+    /// The pairs of siblings in reverse order of their nodes: the first pair is the last two nodes.
     pairs: Vec<Pair>,
 }
 
 impl<'a> SubtreePlans<'a> {
-    /// Plans all nodes, from below. Almost all children come after their parent in the list. The few that obvhs put
-    /// elsewhere, and their ancestors, wait until the rest is done.
+    /// Computes the costs of all pairs, from the leaves up. Almost all children come after their parent in the list.
+    /// The few that obvhs puts elsewhere, and their ancestors, wait until the rest is done.
     fn new(nodes: &'a [Bvh2Node], items: &'a Items<'a>) -> Self {
         let count = nodes.len() / 2;
         let triangles = items.boxes.is_empty() && items.shapes.iter().all(|shape| shape.mesh().is_some());
@@ -97,7 +98,7 @@ impl<'a> SubtreePlans<'a> {
         plans
     }
 
-    /// Computes the costs of a pair; `None` while those of a pair below are unknown.
+    /// Computes the costs of a pair; `None` while the costs of a pair below it are unknown.
     #[inline(always)]
     fn pair(&self, number: usize) -> Option<Pair> {
         let first = self.nodes.len() - 2 * (number + 1);
@@ -135,18 +136,18 @@ impl<'a> SubtreePlans<'a> {
         SubtreePlan { cost, triangles, leaf: as_leaf <= as_node }
     }
 
-    /// The index of the pair of children below an inner node.
+    /// Returns the index of the pair that holds the children of an inner node.
     #[inline(always)]
     fn pair_of(&self, node: &Bvh2Node) -> usize {
         (self.nodes.len() - 1 - node.first_index as usize) / 2
     }
 }
 
-/// The least costs of two siblings with 2, 3, … 8 children, over all distributions. All are computed together, so that
-/// compilers vectorise the loop.
+/// Returns the least costs of two siblings with 2, 3, … 8 children in total, over all distributions. All are computed
+/// in one loop, so that compilers vectorise it.
 #[inline(always)]
 fn shares(left: &SubtreePlan, right: &SubtreePlan) -> [f32; WIDTH - 1] {
-    // The right side's costs, preceded by those of less than one child.
+    // The right side's costs, preceded by infinite costs for fewer than one child.
     let mut rights = [f32::INFINITY; 2 * WIDTH];
     rights[WIDTH..2 * WIDTH - 1].copy_from_slice(&right.cost);
     let mut least = [f32::INFINITY; WIDTH];
@@ -159,7 +160,7 @@ fn shares(left: &SubtreePlan, right: &SubtreePlan) -> [f32; WIDTH - 1] {
     std::array::from_fn(|slots| least[slots])
 }
 
-/// The number of children, of `slots`, for the left side at the least cost.
+/// Returns how many of `slots` children go to the left side in the cheapest distribution.
 fn share(left: &SubtreePlan, right: &SubtreePlan, slots: usize) -> usize {
     let mut best = (1, f32::INFINITY);
     for i in 1..slots {
@@ -171,7 +172,7 @@ fn share(left: &SubtreePlan, right: &SubtreePlan, slots: usize) -> usize {
     best.0
 }
 
-/// A list of up to eight values without an allocation.
+/// A list of up to eight values, without heap allocation.
 struct UpToEight<T> {
     all: [T; WIDTH],
     count: usize,
@@ -187,7 +188,7 @@ impl<T: Copy> UpToEight<T> {
 struct Wide<'a> {
     nodes: &'a [Bvh2Node],
     items: &'a Items<'a>,
-    /// True if one of the shapes moves.
+    /// True if vertices of a shape move over time.
     moves: bool,
     plans: SubtreePlans<'a>,
     tree: Tree,
@@ -202,25 +203,27 @@ struct Chosen {
     triangles: bool,
 }
 
-/// A leaf of triangles to be packed: the binary subtree, and its place in a wide node.
+/// A leaf of triangles that is not packed yet: the root of its binary subtree, and its place (node and lane) in a wide
+/// node.
 struct Loose {
     binary: u32,
     wide: u32,
     lane: usize,
 }
 
-/// The number of leaves unpacked at once. Reading nodes of several subtrees in turns hides the latency of memory.
+/// The number of leaves packed together. Reading nodes of several subtrees in turn hides memory latency.
 const BATCH: usize = 64;
 
 impl Wide<'_> {
-    /// Creates all nodes and leaves; boxes of nodes stay empty.
+    /// Creates all nodes and leaves. The boxes of inner nodes stay empty until [`enclose`] sets them.
     fn emit(mut self) -> Tree {
         if self.nodes.is_empty() {
             return self.tree;
         }
         let mut open = Vec::new();
         let mut loose = Vec::new();
-        // Mostly enough, and unused memory costs nothing until written; growing would move all nodes.
+        // This capacity mostly suffices; growing would move all nodes. Unused memory costs nothing until it is
+        // written.
         self.tree.nodes.reserve(self.nodes.len() / 32);
         self.tree.nodes.push(Node8::EMPTY);
         let plan = self.plans.plan(0);
@@ -241,12 +244,13 @@ impl Wide<'_> {
         self.tree
     }
 
-    /// Collects the binary nodes that become up to `slots` children, in place of node `below` and the next node.
+    /// Collects up to `slots` binary nodes that replace the siblings `below` and `below + 1` as children of a wide
+    /// node.
     fn divide(&self, below: u32, slots: usize, children: &mut UpToEight<Chosen>) {
         let (left, right) = (self.plans.plan(below as usize), self.plans.plan(below as usize + 1));
         let lefts = share(&left, &right, slots);
         for (child, plan, slots) in [(below, &left, lefts), (below + 1, &right, slots - lefts)] {
-            // The fewest slots that reach the least cost.
+            // The smallest number of slots that reaches the least cost.
             let slots = (1..=slots).find(|&i| plan.cost[i - 1] <= plan.cost[slots - 1]).unwrap_or(1);
             if slots > 1 {
                 self.divide(self.nodes[child as usize].first_index, slots, children);
@@ -257,7 +261,8 @@ impl Wide<'_> {
         }
     }
 
-    /// Makes a subtree a child of a wide node. Its contents are queued in `open` or `loose`.
+    /// Makes a subtree the child of a wide node in `lane`. Its contents are queued in `open` (nodes) or `loose`
+    /// (leaves).
     fn place(&mut self, it: Chosen, wide: u32, lane: usize, open: &mut Vec<(u32, u32)>, loose: &mut Vec<Loose>) {
         let first = self.nodes[it.node as usize].first_index;
         let (child, bounds) = if !it.leaf {
@@ -283,7 +288,7 @@ impl Wide<'_> {
         self.tree.nodes[wide as usize].put(lane, child, bounds);
     }
 
-    /// Packs leaves of triangles in this order and sets their boxes.
+    /// Packs the queued leaves of triangles in their order and sets their boxes.
     fn pack(&mut self, loose: &[Loose]) {
         self.tree.triangles.reserve_exact(loose.len());
         self.tree.triangle_keys.reserve_exact(loose.len());
@@ -292,7 +297,8 @@ impl Wide<'_> {
             let mut members: [UpToEight<u32>; BATCH] = std::array::from_fn(|_| UpToEight { all: [0; WIDTH], count: 0 });
             open.extend((0..).zip(leaves).map(|(leaf, &Loose { binary, .. })| (leaf, binary)));
             while !open.is_empty() {
-                // Counted first, without branches, so that all memory is requested before any is waited for.
+                // Nodes are counted first, without branches, so that all memory is requested before any of it is
+                // needed.
                 let inner = open.iter().filter(|&&(_, number)| !self.nodes[number as usize].is_leaf()).count();
                 next.reserve(2 * inner);
                 for &(leaf, number) in &open {
@@ -322,7 +328,7 @@ impl Wide<'_> {
         // The corners at time 1.
         let mut ends = Triangles8::default();
         for lane in 0..WIDTH {
-            // Unused lanes repeat the first.
+            // Unused lanes repeat the first triangle.
             let number = items[if lane < items.len() { lane } else { 0 }];
             let (key, item) = self.items.item(number);
             keys[lane] = key;
@@ -332,7 +338,7 @@ impl Wide<'_> {
                     (corners, corners)
                 }
                 Item::Moving(mesh) => (mesh.corners(key as u32, 0.0), mesh.ends_of(key as u32)),
-                // Not a triangle.
+                // Leaves with several items hold triangles only.
                 Item::Quadric(_) | Item::Box(_) => continue,
             };
             corners.put(lane, from);
@@ -365,7 +371,7 @@ impl Node8 {
         }
     }
 
-    /// The bounding box of all children.
+    /// Returns the bounding box of all children.
     pub(super) fn around(&self) -> Bounds {
         let least = |side: usize| self.bounds.map(|axis| axis[side].0.into_iter().fold(f32::INFINITY, f32::min));
         let most = |side: usize| self.bounds.map(|axis| axis[side].0.into_iter().fold(f32::NEG_INFINITY, f32::max));
@@ -373,8 +379,8 @@ impl Node8 {
     }
 }
 
-/// Sets the boxes of nodes from those below. Returns the largest number of children on the stack at once: all but one
-/// per level along some path.
+/// Sets the boxes of inner nodes from their children, bottom up. Returns the largest number of entries on the
+/// traversal stack: per level of a path, all children but one.
 fn enclose(nodes: &mut [Node8]) -> usize {
     let mut needs = vec![0_usize; nodes.len()];
     // Children come after their parent. The box of a node is empty until it is set here.

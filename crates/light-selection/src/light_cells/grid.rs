@@ -1,23 +1,24 @@
-//! Voxels and orientations.
+//! The grid of cells: voxels in space, and orientations of the surface normal.
 
 use crate::Error;
 
-/// A grid of cubic voxels over a box, each with six cells: one per orientation of the normal.
+/// A grid of cubic voxels over a box. Each voxel has six cells, one per orientation of the surface normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Grid {
     corner: [f32; 3],
-    /// The upper corner of the last voxel along each axis.
+    /// The upper corner of the grid, at the end of the last voxel along each axis.
     end: [f32; 3],
     edge: f32,
     per_unit: f32,
     counts: [u32; 3],
 }
 
-/// The number of orientations of a normal: its nearest axis, and the sign along it.
+/// The number of orientations of a normal: three nearest axes with two signs.
 const AXES: u32 = 6;
 
 impl Grid {
-    /// Makes a grid of about `resolution` voxels along the longest side, with at most `most` cells.
+    /// Makes a grid of at most `resolution` voxels along the longest side, and fewer if there would be more than
+    /// `most` cells.
     pub(super) fn new([low, high]: [[f32; 3]; 2], resolution: u32, most: usize) -> Result<Self, Error> {
         let sides: [f32; 3] = std::array::from_fn(|a| high[a] - low[a]);
         let longest = sides[0].max(sides[1]).max(sides[2]);
@@ -36,7 +37,7 @@ impl Grid {
         Ok(Self { corner: low, end, edge, per_unit: 1.0 / edge, counts })
     }
 
-    /// Returns a grid whose voxels are `times` as wide. The last voxels are cut off at the box.
+    /// Returns a grid over the same box whose voxels are `times` as wide. The last voxels are cut off at the box.
     pub(super) fn coarser(&self, times: u32) -> Self {
         let (edge, per_unit) = (self.edge * times as f32, self.per_unit / times as f32);
         Self { edge, per_unit, counts: self.counts.map(|n| n.div_ceil(times)), ..*self }
@@ -48,7 +49,7 @@ impl Grid {
 
     #[inline]
     pub(super) fn cell(&self, position: [f32; 3], normal: [f32; 3]) -> u32 {
-        // Negative numbers and NaN become 0.
+        // The conversion maps negative numbers and NaN to 0.
         let at = |a: usize| (((position[a] - self.corner[a]) * self.per_unit) as u32).min(self.counts[a] - 1);
         let [x, y, z] = normal.map(f32::abs);
         let axis = if x >= y && x >= z { 0 } else { 1 + usize::from(y < z) };
@@ -57,7 +58,8 @@ impl Grid {
         voxel * AXES + 2 * axis as u32 + negative
     }
 
-    /// Returns the middle of a cell's voxel, half the voxel's diagonal, and the unit axis of the cell.
+    /// Returns the centre of a cell's voxel, half the diagonal of a full voxel, and the unit axis of the cell's
+    /// orientation.
     pub(super) fn cell_at(&self, cell: u32) -> ([f32; 3], f32, [f32; 3]) {
         let (voxel, side) = (cell / AXES, cell % AXES);
         let [nx, ny, _] = self.counts;

@@ -1,4 +1,5 @@
-//! Ambient occlusion: the open share of the hemisphere above each surface.
+//! Ambient occlusion: the cosine-weighted fraction of the hemisphere above a surface that is not blocked by other
+//! surfaces.
 
 use crate::World;
 use crate::blocks;
@@ -9,29 +10,31 @@ use dapple_geometry::spawn_ray;
 dapple_core::options! {
     /// The parameters of [`AmbientOcclusion`].
     pub struct AmbientOcclusionOptions {
-        /// The largest distance of an occluder, in lengths of the scene file.
+        /// The largest distance of an occluder, in units of the scene file.
         pub distance: f64 = f64::INFINITY => "inf", |distance| distance > 0.0, "above 0";
     }
 }
 
-/// The cosine-weighted share of directions from the first hit in which nothing is closer than a distance.
+/// An integrator for ambient occlusion. Its value is the cosine-weighted fraction of directions from the camera ray's
+/// first hit in which nothing lies within a given distance.
 ///
-/// 1 for an open surface, 0 for a closed one and where the camera ray leaves the scene. Ignores lights and materials:
-/// holes by alpha count as closed. Built on the public queries of [`World`] alone.
+/// It is 1 for an open surface, and 0 for an enclosed one or where the camera ray hits nothing. Lights and materials
+/// are ignored; holes cut by alpha count as solid. The code calls public functions of [`World`] only.
 #[derive(Clone, Copy, Debug)]
 pub struct AmbientOcclusion<'w> {
     world: &'w World,
-    /// The largest distance of an occluder, in units of the renderer's space.
+    /// The largest distance of an occluder, in the renderer's units.
     distance: f32,
 }
 
 impl<'w> AmbientOcclusion<'w> {
-    /// Makes the integrator. Surfaces up to `distance` away occlude, in units of the scene file; infinity includes all.
+    /// Makes the integrator. Surfaces within `distance`, in units of the scene file, count as occluders; infinity
+    /// includes all.
     pub fn new(world: &'w World, distance: f64) -> Self {
         Self { world, distance: (distance * world.space().scale()) as f32 }
     }
 
-    /// Makes the integrator from its parameters, for the table of integrators.
+    /// Makes the integrator from the text of its parameters, for the table of integrators.
     pub(super) fn parse<'a>(parameters: &str, world: &'a World) -> Result<Box<dyn Integrator + 'a>, OptionError> {
         let options = AmbientOcclusionOptions::parse(parameters)?;
         Ok(Box::new(AmbientOcclusion::new(world, options.distance)))
@@ -46,12 +49,12 @@ impl Integrator for AmbientOcclusion<'_> {
             return Estimate::new([0.0; 3]);
         };
         let [.., u, v] = draws.block(blocks::scatter(0));
-        // The side of the geometric normal that the camera sees.
+        // The side of the surface from which the camera ray comes.
         let normal = at.point().normal;
         let frame = ShadingFrame::from_normal(if normal.dot(ray.direction) > 0.0 { -normal } else { normal });
         let mut probe = spawn_ray(at.point(), frame.to_world(warp::cosine_hemisphere([u, v])));
         probe.tmax = self.distance;
-        // Directions are drawn with the density of the cosine, which cancels: the share is the mean of 0 and 1.
+        // Directions are sampled with cosine density, so the fraction is the mean of the values 0 and 1.
         let open = if world.occluded(&probe, time) { 0.0 } else { 1.0 };
         let first_hit = draws.wants_first_hit().then(|| world.first_hit(&ray, &at, 0.0));
         Estimate::new([open; 3]).with_first_hit(first_hit).with_cost(2)

@@ -1,6 +1,7 @@
-//! The effects that a path tracer has code for: bits of its type parameter.
+//! The effects that a path tracer has code for, as bits of its const parameter.
 //!
-//! Code whose bit is missing is not compiled. Bits, not one type parameter each: 13 forms are built of the 384 possible.
+//! Code whose bit is missing is not compiled. One parameter of bits replaces many type parameters; 13 of 384 possible
+//! forms are built.
 
 use super::path::ROULETTE_FROM;
 use crate::World;
@@ -8,25 +9,26 @@ use dapple_scene::Effect;
 
 /// The bit for selection among several lights.
 pub const SEVERAL_LIGHTS: u32 = 1;
-/// The bit for light from environments.
+/// The bit for light from environments, which is found by rays that leave the scene.
 pub const ENVIRONMENT: u32 = 2;
-/// The bit for Russian roulette, needed if paths may be long enough.
+/// The bit for Russian roulette, needed if paths may exceed 4 scattering events.
 pub const ROULETTE: u32 = 4;
 /// The bit for surfaces that transmit light.
 pub const TRANSMISSION: u32 = 8;
-/// The bit for effects that few scenes have: media, alpha, interfaces, mixed materials and motion.
-///
-/// One predictable branch per effect decides at run time if it is present.
+/// The bit for effects that few scenes have: media, alpha, interfaces between media, mixed materials and motion.
+/// At run time, one predictable branch per effect decides if a scene has it.
+/// At run time, one predictable branch per effect decides if a scene has it.
 pub const RARE: u32 = 16;
-/// The bit for surfaces other than diffuse ones of one colour, for vertex normals, and for instances.
+/// The bit for vertex normals, instances and all surfaces other than diffuse ones of constant color.
 pub const VARIED: u32 = 32;
-/// The bit for learned light selection. It selects a [`LearnedSelector`](super::LearnedSelector) and is no bit of the
-/// path tracer's code.
+/// The bit for learned light selection. It selects a [`LearnedSelector`](super::LearnedSelector); the const parameter
+/// of the path tracer does not contain it.
 pub const LEARNED_SELECTION: u32 = 64;
 
-/// Returns the bits of the code that a world needs, from the [effects](World::effects) of its scene and its surfaces.
+/// Returns the bits that a world needs, from the [effects](World::effects) of its scene and from its surfaces.
 ///
-/// Surfaces are inspected too, since paper, interfaces, mixes, vertex normals and instances are not effects.
+/// Surfaces are inspected too, since diffuse transmission, interfaces, mixes, vertex normals and instances are not
+/// listed as effects.
 pub(super) fn needed(world: &World) -> u32 {
     let has = |effect| world.effects().has(effect);
     let bit = |needed: bool, bit: u32| if needed { bit } else { 0 };

@@ -1,4 +1,4 @@
-//! The selection of the light that a sample aims at.
+//! Selection of the light that a path samples at a vertex.
 
 use crate::World;
 use crate::light::{Expectation, Lights, SelectedLight};
@@ -6,46 +6,49 @@ use dapple_core::{TrainingData, TrainingLog};
 use dapple_light_selection::{LightCellOptions, LightCells};
 use glam::Vec3;
 
-/// A distribution over the lights of a world, which may depend on the place and be learned while rendering.
+/// A distribution over the lights of a world. It may depend on the position and be learned while rendering.
 ///
-/// A type parameter of [`PathTracer`](super::PathTracer), so that a fixed distribution carries no code of a learned one.
+/// It is a type parameter of [`PathTracer`](super::PathTracer), so that fixed distributions carry no code for learned
+/// ones.
 pub trait LightSelector: Sync {
-    /// The cell of a point, which selects a distribution.
+    /// The key of the distribution that a point uses, such as a cell of space.
     type Place: Copy;
-    /// The place of points without a distribution of their own: those inside media, and the camera.
+    /// The key for points without a distribution of their own, such as points inside media.
     const NOWHERE: Self::Place;
 
-    /// Makes the selector for the light selection set in `world`.
+    /// Makes the selector for the light selection that is set in `world`.
     fn of(world: &World) -> Self;
 
-    /// Returns the place of a point that is lit on the side of `normal`.
+    /// Returns the key of the distribution for a point that is lit on the side of `normal`.
     fn place(&self, position: Vec3, normal: Vec3) -> Self::Place;
 
-    /// Selects a light at a place by `u` in `[0, 1)`. `None` if there is no light.
+    /// Selects a light from the distribution at `place` by a random number `u` in `[0, 1)`. Returns `None` if there is
+    /// no light.
     fn select(&self, lights: &Lights, place: Self::Place, u: f32) -> Option<SelectedLight>;
 
-    /// Returns the probability with which [`select`](Self::select) returns `light` at a place.
+    /// Returns the probability with which [`select`](Self::select) returns `light` from the distribution at `place`.
     fn pmf(&self, lights: &Lights, place: Self::Place, light: u32) -> f32;
 
-    /// Records the contribution of a selected light at a place, to learn from.
+    /// Records the contribution of a selected light for learning. The default does nothing.
     #[inline(always)]
     fn record(&self, training: &mut TrainingLog, place: Self::Place, light: SelectedLight, contribution: Vec3) {
         let _ = (training, place, light, contribution);
     }
 
-    /// Returns true while the selector learns; see
+    /// Returns true while the selector needs training passes; see
     /// [`Integrator::wants_training`](dapple_core::Integrator::wants_training).
     fn wants_training(&self) -> bool {
         false
     }
 
-    /// Learns from the records of one training pass; see [`Integrator::learn`](dapple_core::Integrator::learn).
+    /// Learns from the contributions recorded in one training pass; see
+    /// [`Integrator::learn`](dapple_core::Integrator::learn).
     fn learn(&mut self, pass: &TrainingData) {
         let _ = pass;
     }
 }
 
-/// A selector with the same distribution at all places: [`Lights::select`].
+/// A selector with the same distribution everywhere, which is [`Lights::select`].
 #[derive(Clone, Copy, Debug)]
 pub struct FixedSelector;
 
@@ -71,24 +74,24 @@ impl LightSelector for FixedSelector {
     }
 }
 
-/// A selector with a distribution per cell of space and orientation, learned in the first samples of a render.
+/// A selector with one distribution per cell of space and orientation, learned in the first samples of a render.
 ///
-/// Equal to [`FixedSelector`] if the world's selection is not learned, or if there is only one light.
+/// It behaves like [`FixedSelector`] if the world's selection is not learned, or if there is only one light.
 #[derive(Debug)]
 pub struct LearnedSelector {
     cells: Option<LightCells>,
-    /// The approximate contribution expected of each light before learning.
+    /// The approximate contribution of each light, used before contributions are measured.
     expectations: Vec<Expectation>,
     passes_left: u32,
-    /// Test switch: weights light found by BSDF sampling with unlearned probabilities, an error that a test must find.
+    /// Test switch that injects an error: light found by BSDF sampling is weighted with unlearned probabilities.
     #[cfg(test)]
     pub(super) forgets: bool,
 }
 
-/// The place of points outside all cells, which use the fixed distribution.
+/// The key for points outside all cells, which use the fixed distribution.
 const NO_CELL: u32 = u32::MAX;
 
-/// The number of training passes. They take 1, 1, 2 and 4 samples per pixel if the rounds are long enough.
+/// The number of training passes. They take 1, 1, 2 and 4 samples per pixel if rendering rounds are long enough.
 const TRAINING_PASSES: u32 = 4;
 
 impl LightSelector for LearnedSelector {
@@ -100,7 +103,7 @@ impl LightSelector for LearnedSelector {
         let bounds = world.geometry.bounds().filter(|_| world.lights.is_selection_learned());
         let cells = bounds.and_then(|bounds| {
             let options = LightCellOptions::default();
-            // Bounds that hold nothing leave the selection fixed.
+            // If the bounds are invalid or there are too few or too many lights, the selection stays fixed.
             LightCells::new(bounds.map(|b| b.to_array()), expectations.len(), &options, first_guess(&expectations))
                 .ok()
                 .flatten()
@@ -164,7 +167,8 @@ impl LightSelector for LearnedSelector {
     }
 }
 
-/// Returns a function that estimates the irradiance of each light in the middle of a voxel.
+/// Returns a function that estimates the irradiance from a light at the centre of a voxel, from its index and the
+/// cell's shape.
 fn first_guess(lights: &[Expectation]) -> impl Fn([f32; 3], f32, [f32; 3], usize) -> f32 + Sync {
     |middle, half, axis, light| lights[light].irradiance(Vec3::from(middle), half, Vec3::from(axis))
 }

@@ -20,14 +20,16 @@ use glam::Vec3;
 use std::marker::PhantomData;
 use transmission::MediumEnd;
 
-/// Number of scattering events after which roulette starts. Before, nearly every path is worth its cost.
+/// The number of scattering events after which Russian roulette starts. Almost all shorter paths are worth their cost.
 pub(super) const ROULETTE_FROM: u32 = 4;
-/// The highest survival probability, so that endless paths end.
+/// The largest survival probability of Russian roulette. It is below 1, so that every path ends.
 ///
-/// The variance of an endless path is finite only while albedo^2 < SURVIVAL: 0.95 would lose closed rooms of albedo 0.98.
+/// The variance of an endless path is finite only while albedo^2 < SURVIVAL. A value of 0.95 would make it infinite in
+/// closed rooms of albedo 0.98.
 const SURVIVAL: f32 = 0.99;
 
-/// A path tracer for worlds with a lens `L` and lights selected by `S`, with the bits `E` of [`code`](super::code).
+/// A path tracer for a camera of kind `L` and light selection `S`. `E` is a combination of bits of
+/// [`code`](super::code): the effects it has code for.
 #[derive(Debug)]
 pub struct PathTracer<'w, L, S, const E: u32> {
     world: &'w World,
@@ -35,54 +37,57 @@ pub struct PathTracer<'w, L, S, const E: u32> {
     lens: PhantomData<fn() -> L>,
 }
 
-/// The state of a path: its next ray, and the radiance gathered.
+/// The state of a path while it is traced.
 struct Path<P> {
     ray: Ray,
     throughput: Vec3,
     radiance: Vec3,
-    /// The last scattering event, if light sampling there could have found the light that the next ray meets.
+    /// The last scattering event, if light sampling there could also have found the light that the next ray hits; else
+    /// `None`.
     last: Option<LastScatter<P>>,
     /// The number of scattering events so far.
     depth: u32,
-    /// The number of rays traced so far, shadow rays included.
+    /// The number of rays traced so far, including shadow rays.
     rays: u32,
-    /// Product of the squared indices of refraction crossed.
+    /// The product of the squared relative indices of refraction crossed.
     ///
-    /// Roulette multiplies the throughput by this: the division at entering glass is undone at leaving.
+    /// Roulette multiplies the throughput by this product, since the radiance scaling on entering glass is undone on
+    /// leaving it.
     eta_squared: f32,
-    /// Rays so far along the path, without shadow rays; a ray that passes a surface counts again behind it.
+    /// The number of path segments so far, without shadow rays. Passing a surface starts a new segment.
     segments: u32,
-    /// The medium around the ray's origin.
+    /// The index of the medium around the ray's origin, or `NO_MEDIUM`.
     medium: u32,
-    /// The time within the motion, in `[0, 1]`.
+    /// The time of the sample within the motion, in `[0, 1]`.
     time: f32,
 }
 
-/// A scattering event that sampled a light.
+/// A scattering event at which a light was sampled too.
 #[derive(Clone, Copy)]
 struct LastScatter<P> {
     position: Vec3,
-    /// The place whose light distribution was sampled.
+    /// The key of the light distribution that was sampled.
     place: P,
-    /// The solid-angle density with which the BSDF or phase function sampled the direction.
+    /// The solid-angle density with which the BSDF or phase function sampled the next direction.
     pdf: f32,
 }
 
-/// A point of a surface where a path scatters.
+/// A surface point at which a path scatters.
 ///
-/// Borrows hit, BSDF and frame: structs that functions point at live in memory, the rest of a vertex stays in registers.
+/// It borrows the hit, BSDF and frame: only structs behind pointers live in memory, so the other fields stay in
+/// registers.
 struct Vertex<'a> {
     at: &'a Interaction<'a>,
     bsdf: &'a Bsdf<'a>,
     frame: &'a ShadingFrame,
-    /// The direction back along the path, in the shading frame.
+    /// The unit direction towards the previous vertex, in the shading frame.
     wo: Vec3,
-    /// Cosine between `wo` and the geometric normal.
+    /// The cosine between the direction to the previous vertex and the geometric normal.
     outside: f32,
 }
 
 impl Vertex<'_> {
-    /// Returns true if `wi` leaves on the same side of the geometric surface as `wo`.
+    /// Returns true if the world-space direction `wi` is on the same side of the geometric surface as `wo`.
     #[inline(always)]
     fn is_same_side(&self, wi: Vec3) -> bool {
         self.at.point.normal.dot(wi) * self.outside > 0.0
@@ -101,7 +106,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         Self { world, selector: S::of(world), lens: PhantomData }
     }
 
-    /// Returns a new path that starts at the camera.
+    /// Starts a path at the camera.
     #[inline(always)]
     fn begin(&self, draws: &Draws<'_>) -> Path<S::Place> {
         let world = self.world;
@@ -134,7 +139,8 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         }
     }
 
-    /// Returns the environments' radiance along the path's ray, weighted against light sampling.
+    /// Returns the radiance of all environments along the path's ray, with the multiple-importance weight of BSDF
+    /// sampling.
     #[inline(always)]
     fn environment(&self, path: &Path<S::Place>) -> Vec3 {
         let (lights, direction) = (&self.world.lights, path.ray.direction);
@@ -146,7 +152,8 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         }
     }
 
-    /// Returns the radiance that a hit lamp emits towards the ray's origin, weighted against light sampling.
+    /// Returns the radiance that a hit area light emits along the path's ray, with the multiple-importance weight of
+    /// BSDF sampling.
     #[inline(always)]
     fn emitted(&self, path: &Path<S::Place>, at: &Interaction<'_>) -> Vec3 {
         let (lights, light) = (&self.world.lights, at.part.light);
@@ -162,7 +169,8 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         }
     }
 
-    /// Carries out one scattering event: adds direct light and samples the next ray. Returns false if the path ends.
+    /// Carries out one scattering event: adds direct light and samples the next ray. Returns false if the path ends
+    /// here.
     #[inline(always)]
     fn scatter(
         &self,
@@ -213,9 +221,10 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         path.throughput.max_element() > 0.0
     }
 
-    /// Returns the light of one sampled lamp that is scattered at a vertex along the path (next-event estimation).
+    /// Returns the light from one sampled light source that is scattered back along the path at a vertex (next-event
+    /// estimation).
     ///
-    /// `u` selects the light (0) and a direction to it (1, 2).
+    /// `u[0]` selects the light source; `u[1]` and `u[2]` select a direction to it.
     #[inline(always)]
     fn direct(
         &self,
@@ -235,11 +244,12 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         scattered
     }
 
-    /// Returns the light of a sample that is scattered at a vertex along the path, weighted against BSDF sampling.
+    /// Returns the light of a sample that is scattered back along the path at a vertex, with the multiple-importance
+    /// weight of light sampling.
     #[inline(always)]
     fn scattered(&self, path: &mut Path<S::Place>, vertex: &Vertex<'_>, light: &LightSample) -> Vec3 {
         let Vertex { at, bsdf, wo, .. } = vertex;
-        // No light through the geometric surface, whatever the shading normal.
+        // Light may not pass through the geometric surface, even if the shading normal would allow it.
         let same_side = vertex.is_same_side(light.wi);
         if !Self::HAS_TRANSMISSION && !same_side {
             return Vec3::ZERO;
@@ -259,7 +269,8 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         share * f * light.radiance * (wi.z.abs() * weight)
     }
 
-    /// Plays Russian roulette with `u` in `[0, 1)`. Returns false if the path ends; otherwise reweights the path.
+    /// Plays Russian roulette with a random number `u` in `[0, 1)`. Returns false if the path ends; otherwise divides
+    /// the throughput by the survival probability.
     #[inline(always)]
     fn survives(&self, path: &mut Path<S::Place>, u: f32) -> bool {
         let eta_squared = if Self::HAS_TRANSMISSION { path.eta_squared } else { 1.0 };
@@ -275,11 +286,12 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
 impl<L: Lens, S: LightSelector, const E: u32> Integrator for PathTracer<'_, L, S, E> {
     fn estimate(&self, draws: &Draws<'_>, training: &mut TrainingLog) -> Estimate {
         let mut path = self.begin(draws);
-        // Filled in where it is returned: moving a first hit takes more instructions than leaving it out.
+        // The estimate is filled in where it is returned, since moving a first hit takes more instructions than
+        // leaving it out.
         let mut estimate = Estimate::new([0.0; 3]).with_cost(0);
         loop {
             path.rays += 1;
-            // A copy to point at: a path that is pointed at would live in memory, not in registers.
+            // A copy, so that the path itself is never behind a pointer and stays in registers.
             let ray = path.ray;
             let hit = self.closest_hit(&ray, path.time);
             if Self::HAS_RARE_EFFECTS {

@@ -1,10 +1,10 @@
-//! The table of integrators by name.
+//! The table of all integrators, by name.
 
 use super::{AmbientOcclusion, AmbientOcclusionOptions, integrator};
 use crate::World;
 use dapple_core::{Integrator, OptionError, Options, Parameter, nearest_name, parse_pairs};
 
-/// All integrators, the default first. A new integrator is a file beside this one and an entry here.
+/// All integrators, the default first. A new integrator is a file in this directory and an entry here.
 const INTEGRATORS: &[IntegratorEntry] = &[
     IntegratorEntry {
         name: "path",
@@ -20,47 +20,47 @@ const INTEGRATORS: &[IntegratorEntry] = &[
     },
 ];
 
-/// A function that makes an integrator from its parameters `key=value,…`.
+/// A function that makes an integrator for a world from the text of its parameters, `key=value,…`.
 type MakeIntegrator = for<'w> fn(&str, &'w World) -> Result<Box<dyn Integrator + 'w>, OptionError>;
 
-/// One integrator of the table.
+/// An entry of the table of integrators.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct IntegratorEntry {
-    /// The name on the command line.
+    /// The integrator's name on the command line.
     pub name: &'static str,
-    /// A description in one line.
+    /// A description of the integrator in one line, for help texts.
     pub about: &'static str,
-    /// The parameters that the integrator takes, with their defaults.
+    /// The integrator's parameters, with their defaults.
     pub parameters: &'static [Parameter],
     make: MakeIntegrator,
 }
 
-/// The error of a request for an integrator.
+/// The reason why a request for an integrator, `NAME` or `NAME:key=value,…`, was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum IntegratorError {
-    /// An unknown name.
+    /// There is no integrator of this name.
     #[error("there is no integrator \"{name}\"; {} are {known}", nearest.map_or("there".to_owned(), |n| format!("did you mean \"{n}\"? There")))]
     Unknown {
-        /// The name.
+        /// The unknown name.
         name: String,
-        /// The known name closest to it, if one is close.
+        /// The known name most similar to the unknown one, if one is similar.
         nearest: Option<&'static str>,
         /// The names of all integrators, separated by commas.
         known: String,
     },
-    /// A parameter that is unknown, repeated, or has no valid value.
+    /// A parameter is unknown, repeated, or has an invalid value.
     #[error("{integrator}: {source}")]
     Parameter {
-        /// The integrator.
+        /// The name of the integrator.
         integrator: &'static str,
-        /// The error of the parameter, with its remedy.
+        /// The error of the parameter.
         source: OptionError,
     },
 }
 
-/// Returns all integrators, the default first.
+/// Returns the table of all integrators, the default first.
 pub fn integrators() -> &'static [IntegratorEntry] {
     INTEGRATORS
 }
@@ -69,7 +69,7 @@ pub fn integrators() -> &'static [IntegratorEntry] {
 ///
 /// # Errors
 ///
-/// [`IntegratorError`] for an unknown name or parameter, and for a value out of range.
+/// [`IntegratorError`] if the integrator or a parameter is unknown, or if a value is out of range.
 ///
 /// # Examples
 ///
@@ -91,16 +91,17 @@ pub fn make<'w>(request: &str, world: &'w World) -> Result<Box<dyn Integrator + 
     (entry.make)(parameters, world).map_err(|source| IntegratorError::Parameter { integrator: entry.name, source })
 }
 
-/// Checks a request without a world: the integrator's name and the names of its parameters.
+/// Checks a request without a world. The integrator's name and the names of its parameters must be known; values are
+/// not checked.
 ///
 /// # Errors
 ///
-/// [`IntegratorError`] for an unknown name of an integrator or parameter.
+/// [`IntegratorError`] if the integrator or a parameter is unknown.
 pub fn check(request: &str) -> Result<(), IntegratorError> {
     find(request).map(|_| ())
 }
 
-/// Returns the table entry of a request, and the text of its parameters after checking their names.
+/// Returns the table entry of a request and the text of its parameters, after checking the names of both.
 fn find(request: &str) -> Result<(&'static IntegratorEntry, &str), IntegratorError> {
     let (name, parameters) = request.split_once(':').unwrap_or((request, ""));
     let names = || INTEGRATORS.iter().map(|entry| entry.name);

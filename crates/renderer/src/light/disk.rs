@@ -16,7 +16,7 @@ pub(crate) struct DiskLight {
 }
 
 impl DiskLight {
-    /// Makes a ring around `centre` that emits along `normal` (unit length).
+    /// Makes a disk or ring around `centre` that emits to the side of `normal` (unit length).
     pub(crate) fn new(lamp: Lamp, centre: Vec3, normal: Vec3, radius: f32, inner_radius: f32) -> Self {
         Self { lamp, centre, frame: ShadingFrame::from_normal(normal), radius, inner_radius }
     }

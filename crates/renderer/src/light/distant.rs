@@ -1,20 +1,20 @@
-//! Parallel light.
+//! Distant lights: parallel light from infinity.
 
 use super::punctual::checked;
 use super::{Expectation, LightSample, LightSource, PunctualError, Target, luminance};
 use dapple_scene::Source;
 use glam::{DAffine3, DVec3, Vec3};
 
-/// Parallel light from infinitely far.
+/// Parallel light from one direction, infinitely far away.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DistantLight {
-    /// Unit direction to the light.
+    /// The unit direction from the scene to the light.
     towards: Vec3,
     irradiance: Vec3,
 }
 
 impl DistantLight {
-    /// Makes parallel light from direction +z of the light's space. `None` if it is black.
+    /// Makes parallel light that comes from direction +z of the light's space. Returns `None` if the irradiance is 0.
     pub(crate) fn new(irradiance: [f32; 3], to_world: DAffine3, at: &Source) -> Result<Option<Self>, PunctualError> {
         let Some(irradiance) = checked(irradiance, at)? else { return Ok(None) };
         match (to_world.matrix3 * DVec3::Z).try_normalize() {
@@ -35,7 +35,8 @@ impl LightSource for DistantLight {
         true
     }
 
-    /// Returns irradiance times the scene's disk `pi r^2`, over pi.
+    /// Returns the luminance of the irradiance times the cross section `pi r^2` of the scene's bounding sphere,
+    /// divided by pi.
     fn power(&self, scene_radius: f64) -> f64 {
         luminance(self.irradiance) * scene_radius * scene_radius
     }

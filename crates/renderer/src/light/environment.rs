@@ -1,4 +1,4 @@
-//! Light from beyond the scene.
+//! Environments: light from infinity, as a function of direction.
 
 mod tiles;
 
@@ -15,19 +15,19 @@ use glam::{DMat3, Mat3, Vec3};
 use std::f32::consts::PI;
 use std::sync::Arc;
 
-/// An environment that cannot be made.
+/// The reason why [`Environment::new`] refused an environment.
 #[non_exhaustive]
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EnvironmentError {
-    /// The radiance is negative or not finite.
+    /// The constant radiance, or the scale of an environment map, is negative or not finite.
     #[error("{at}: the environment's radiance {value:?} is invalid; give finite numbers of at least 0")]
     Radiance {
         /// The line of the scene file that defines the environment.
         at: Source,
-        /// The invalid value, linear RGB.
+        /// The invalid radiance in linear RGB, or the invalid scale three times.
         value: [f32; 3],
     },
-    /// A texel is negative or not finite.
+    /// A texel of the environment map is negative or not finite.
     #[error(
         "{at}: texel ({column}, {row}) of the environment image is {value:?}; repair the image: values must be finite and at least 0, also when scaled"
     )]
@@ -38,10 +38,10 @@ pub enum EnvironmentError {
         column: usize,
         /// The row of the texel, counted from 0 at the top.
         row: usize,
-        /// The invalid value, linear RGB.
+        /// The invalid texel in linear RGB, before scaling.
         value: [f32; 3],
     },
-    /// An equal-area image is not square.
+    /// An environment map in the equal-area layout is not square.
     #[error(
         "{at}: an equal-area environment image must be square, not {} x {}; use a square image, or one in latitude and longitude", size[0], size[1]
     )]
@@ -51,7 +51,7 @@ pub enum EnvironmentError {
         /// The width and height of the image in pixels.
         size: [u32; 2],
     },
-    /// The image has more texels than a distribution can hold.
+    /// The environment map has more texels than a sampling distribution can hold.
     #[error("{at}: an environment image of {} x {} is too large; scale it down", size[0], size[1])]
     Size {
         /// The line of the scene file that defines the environment.
@@ -59,7 +59,8 @@ pub enum EnvironmentError {
         /// The width and height of the image in pixels.
         size: [u32; 2],
     },
-    /// The transform stretches or flattens space, or is not finite.
+    /// The transform stretches or flattens space, or is not finite. It may only move, rotate, mirror and scale
+    /// uniformly.
     #[error(
         "{at}: the environment's transform flattens or stretches space, or is not finite; rotate, mirror and scale uniformly only"
     )]
@@ -69,7 +70,7 @@ pub enum EnvironmentError {
     },
 }
 
-/// Light from infinitely far, as a function of direction.
+/// Light from infinitely far, as a function of direction: a constant radiance or an environment map.
 #[derive(Clone, Debug)]
 pub struct Environment {
     to_light: Mat3,
@@ -83,19 +84,19 @@ enum Kind {
     Image(Map),
 }
 
-/// An environment map. Texels are constant, as in pbrt-v4, so that sampling matches evaluation.
+/// An environment map. Radiance is constant within a texel, as in pbrt-v4, so that the sampling density is exact.
 #[derive(Clone, Debug)]
 struct Map {
     layout: Layout,
     image: Arc<Image>,
     scale: f32,
-    /// The distribution that samples texels by brightness times solid angle.
+    /// The distribution that samples texels in proportion to luminance times solid angle.
     cells: PiecewiseConstant2d,
-    /// The mean luminance of the map over the sphere.
+    /// The mean luminance of the map over the sphere of directions.
     average: f64,
 }
 
-/// The map from directions to the image.
+/// The parametrisation of the sphere of directions by the image: latitude and longitude, or equal-area octahedral.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Layout {
     LatLong,
@@ -103,17 +104,19 @@ enum Layout {
 }
 
 impl Environment {
-    /// Makes an environment in the file's orientation. `None` if it is black.
+    /// Prepares an environment of a scene, oriented by the transform `to_world`. Returns `None` if the radiance is 0
+    /// everywhere.
     ///
     /// # Errors
     ///
-    /// If a radiance is negative or not finite, an equal-area image is not square, or the transform does not just
-    /// rotate and scale.
+    /// [`EnvironmentError`] if a radiance or the scale is negative or not finite, if an equal-area image is not
+    /// square, or if an image is too large. Also if the transform flattens space, or if it stretches an environment
+    /// map.
     pub fn new(radiance: &EnvironmentRadiance, to_world: DMat3, at: &Source) -> Result<Option<Self>, EnvironmentError> {
-        // Directions only: a uniform scale does nothing.
+        // Only directions matter, so a uniform scale has no effect.
         let inverse = to_world.inverse();
         let sound = to_world.is_finite() && inverse.is_finite() && to_world.determinant().abs() > 0.0;
-        // Under a stretch, areas in the image would no longer be areas on the sphere.
+        // Under a stretch, equal areas of the image would no longer cover the expected solid angles.
         let constant = matches!(radiance, EnvironmentRadiance::Constant(_));
         if !sound || !(constant || even_scale(&to_world).is_some()) {
             return Err(EnvironmentError::Transform { at: at.clone() });
@@ -133,7 +136,7 @@ impl Environment {
         Ok(kind.map(|kind| Self { to_light: normalized(inverse), to_world: normalized(to_world), kind }))
     }
 
-    /// Returns the radiance from unit direction `w`.
+    /// Returns the linear RGB radiance from the unit direction `w`.
     #[inline]
     pub fn radiance(&self, w: Vec3) -> Vec3 {
         match &self.kind {
@@ -142,21 +145,22 @@ impl Environment {
         }
     }
 
-    /// Returns direction, radiance and solid-angle density of a point drawn in the image.
+    /// Returns the direction, radiance and solid-angle density of a point sampled in the image.
     #[inline(always)]
     fn drawn(&self, map: &Map, (uv, density): ([f32; 2], f32)) -> (Vec3, Vec3, f32) {
         let (local, pdf) = map.layout.to_sphere(uv, density);
-        // Radiance and density both of the cell that was drawn: its direction may round into the next.
+        // Radiance and density both come from the sampled texel, since the direction may round into the next one.
         ((self.to_world * local).normalize(), map.radiance(uv), pdf)
     }
 
-    /// Returns the solid-angle density with which light sampling draws direction `w`.
+    /// Returns the solid-angle density with which light sampling chooses the direction `w`, without the probability of
+    /// selecting the light.
     #[inline]
     pub fn direction_pdf(&self, w: Vec3) -> f32 {
         self.radiance_and_pdf(w).1
     }
 
-    /// Returns [`Self::radiance`] and [`Self::direction_pdf`] by one look-up.
+    /// Returns [`Self::radiance`] and [`Self::direction_pdf`] with a single look-up of the map.
     #[inline]
     pub(super) fn radiance_and_pdf(&self, w: Vec3) -> (Vec3, f32) {
         match &self.kind {
@@ -168,14 +172,14 @@ impl Environment {
         }
     }
 
-    /// Returns position in the image, radiance, and solid-angle density for unit direction `w`.
+    /// Returns the position in the image, the radiance and the solid-angle density for the unit direction `w`.
     #[inline(always)]
     fn looked_up(&self, map: &Map, w: Vec3) -> ([f32; 2], Vec3, f32) {
         let uv = map.layout.to_uv(self.to_light * w);
         (uv, map.radiance(uv), map.layout.pdf(uv, map.cells.pdf(uv)))
     }
 
-    /// Returns the mean luminance over the sphere.
+    /// Returns the mean luminance over the sphere of directions.
     pub(super) fn average_luminance(&self) -> f64 {
         match &self.kind {
             Kind::Constant(rgb) => luminance(*rgb),
@@ -185,7 +189,7 @@ impl Environment {
 }
 
 impl LightSource for Environment {
-    /// Samples a direction with a density nearly proportional to brightness.
+    /// Samples a direction. In a map, the density is nearly proportional to luminance.
     #[inline]
     fn sample(&self, _: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let (wi, radiance, pdf) = match &self.kind {
@@ -196,7 +200,8 @@ impl LightSource for Environment {
         shines.then_some(LightSample { wi, radiance, pdf, target: Target::Far, delta: false })
     }
 
-    /// Returns mean luminance times 4 pi, times the scene's disk `pi r^2`, over pi.
+    /// Returns the mean luminance times 4 pi, times the cross section `pi r^2` of the scene's bounding sphere, divided
+    /// by pi.
     fn power(&self, scene_radius: f64) -> f64 {
         4.0 * std::f64::consts::PI * scene_radius * scene_radius * self.average_luminance()
     }
@@ -220,7 +225,8 @@ impl Map {
             let (column, row, value) = (i % width, i / width, image.pixels[i]);
             return Err(EnvironmentError::Texel { at: at.clone(), column, row, value });
         }
-        // Brightness of a texel times its share of the sphere, which in latitude and longitude goes with the sine.
+        // A texel's weight is its luminance times its solid angle. In latitude and longitude, solid angle is
+        // proportional to the sine of the polar angle.
         let share = |row: usize| match layout {
             Layout::LatLong => sin_cos_turn(0.5 * (row as f32 + 0.5) / height as f32).0,
             Layout::EqualArea => 1.0,
@@ -233,7 +239,7 @@ impl Map {
         if cells.is_empty() || scale == 0.0 {
             return Ok(None);
         }
-        // The sine averages to 2/pi over rows.
+        // The sine averages to 2/pi over the rows.
         let mean_share = if layout == Layout::LatLong { std::f64::consts::FRAC_2_PI } else { 1.0 };
         let average = cells.mean() * f64::from(scale) / mean_share;
         Ok(Some(Self { layout, image: image.clone(), scale, cells, average }))
@@ -252,7 +258,7 @@ impl Map {
         [((u * width as f32) as u32).min(width - 1), ((v * height as f32) as u32).min(height - 1)]
     }
 
-    /// Loads the cache line of a pixel that is needed soon.
+    /// Reads a pixel early, so that its cache line is loaded when it is needed.
     #[inline(always)]
     fn look(&self, pixel: usize) {
         std::hint::black_box(self.image.pixels[pixel][0]);
@@ -260,17 +266,18 @@ impl Map {
 }
 
 impl Layout {
-    /// Returns the position in the image of a direction in the light's frame (z up): `[0, 1]^2`, row 0 at `v = 0`.
+    /// Returns the image position in `[0, 1]^2` of a direction in the light's space (z up). Row 0 is at `v = 0`.
     #[inline]
     fn to_uv(self, w: Vec3) -> [f32; 2] {
         match self {
-            // The polar angle from both coordinates keeps its digits near the poles.
+            // Computing the polar angle by the arctangent of both coordinates keeps precision near the poles.
             Self::LatLong => [turn_of(w.y, w.x), 2.0 * turn_of((w.x * w.x + w.y * w.y).sqrt(), w.z)],
             Self::EqualArea => octahedral::to_square(w.normalize()),
         }
     }
 
-    /// Returns the direction at a position in the image, and a density there converted to solid angle.
+    /// Returns the direction at an image position, and the solid-angle density for a density `density` over the unit
+    /// square.
     #[inline]
     fn to_sphere(self, uv: [f32; 2], density: f32) -> (Vec3, f32) {
         match self {
@@ -283,7 +290,7 @@ impl Layout {
         }
     }
 
-    /// Returns a density at a position in the image, converted to solid angle.
+    /// Converts a density over the unit square, at an image position, to a solid-angle density.
     #[inline]
     fn pdf(self, uv: [f32; 2], density: f32) -> f32 {
         match self {
@@ -296,12 +303,12 @@ impl Layout {
     }
 }
 
-/// Returns true if a radiance is finite and not negative.
+/// Returns true if all channels of a radiance are finite and not negative.
 fn valid(rgb: &[f32; 3]) -> bool {
     rgb.iter().all(|x| x.is_finite() && *x >= 0.0)
 }
 
-/// Returns the rotation (and reflection) in a matrix that may also scale uniformly.
+/// Returns a matrix with its uniform scale divided out, which leaves a rotation or reflection.
 fn normalized(m: DMat3) -> Mat3 {
     let scale = m.determinant().abs().cbrt();
     (m * (1.0 / scale)).as_mat3()

@@ -1,34 +1,35 @@
-//! First guesses of lights' contributions, for learned selection.
+//! Approximations of the lights' contributions, which learned selection uses before it has samples.
 
 use glam::Vec3;
 
-/// The strength of a light, for a first guess of its contribution.
+/// A light's strength and position, reduced to the numbers that approximate its contribution anywhere in the scene.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Expectation {
-    /// A light within the scene.
+    /// A light within the scene: an area, point or spot light.
     Near {
         middle: Vec3,
         radius: f32,
-        /// Mean of the unit normals: shorter the more they differ, zero if the light emits from both sides.
+        /// The mean of the emitting sides' unit normals. It is shorter the more they differ, and zero if the light
+        /// emits to all sides.
         facing: Vec3,
-        /// Luminance-weighted radiant intensity along `facing`.
+        /// The luminance of the radiant intensity along `facing`.
         intensity: f32,
     },
-    /// A light beyond the scene.
+    /// A light from infinity: an environment, a tile of it, or a distant light.
     Far {
-        /// Unit direction to the light; zero if it comes from all sides.
+        /// The unit direction to the light; zero if light comes from all sides.
         towards: Vec3,
         irradiance: f32,
     },
 }
 
 impl Expectation {
-    /// Returns the approximate unoccluded irradiance on surfaces within distance `half` of `at` whose normals are
-    /// nearest to `axis`.
+    /// Returns the approximate unoccluded irradiance in a cell: on surfaces within distance `half` of `at` whose
+    /// normals are nearest to `axis`.
     ///
-    /// It is above 0 even if the light is behind `at`, since cells have an extent.
+    /// The value is positive even if the light is behind `at`, since other points of the cell may see it.
     pub(crate) fn irradiance(&self, at: Vec3, half: f32, axis: Vec3) -> f32 {
-        // Normals are up to 55 degrees off the axis.
+        // Normals of a cell deviate from the axis by up to 55 degrees.
         let received = |cosine: f32| ((cosine + 0.5) / 1.5).clamp(0.05, 1.0);
         match *self {
             Self::Near { middle, radius, facing, intensity } => {

@@ -1,4 +1,4 @@
-//! Triangles that emit light.
+//! Meshes that emit light.
 
 use super::spherical::SphericalTriangle;
 use super::{Expectation, Lamp, LightSample, LightSource, Target, area_to_solid_angle, sample_on};
@@ -7,43 +7,44 @@ use crate::shading::warp;
 use dapple_geometry::{Geometry, PrimitiveId, Shape, SurfacePoint};
 use glam::{DVec3, Vec3};
 
-/// A mesh whose triangles emit the same radiance.
+/// A mesh whose triangles all emit the same radiance.
 #[derive(Clone, Debug)]
 pub(crate) struct MeshLight {
     lamp: Lamp,
     facets: Vec<Facet>,
     choice: Discrete,
-    /// For lamps of at most [`FEW`] facets: the start of each facet on the unit interval, and 1 over the facet's share.
+    /// For lights of at most [`FEW`] triangles: where each triangle's part of the unit interval starts, and 1 divided
+    /// by its length. Empty for larger lights.
     ///
-    /// A linear search takes half the time of the table for a lamp of two triangles.
+    /// For a light of two triangles, this linear search takes half the time of the table.
     few: Vec<[f32; 2]>,
     area: f64,
-    /// Squared distance beyond which no facet counts as near: see [`Facet::near`].
+    /// The squared distance from a sampled point beyond which no triangle is near enough for [`Facet::near`].
     near_squared: f32,
-    /// Index of the facet of each triangle; empty if all triangles have an area.
+    /// The index in `facets` of each triangle of the mesh; empty if all triangles have an area.
     facet_of: Vec<u32>,
 }
 
-/// The largest number of facets that are searched linearly.
+/// The largest number of triangles for which a linear search selects one.
 const FEW: usize = 8;
 
-/// One triangle of a lamp, prepared for sampling.
+/// One triangle of a mesh light, prepared for sampling.
 #[derive(Clone, Copy, Debug)]
 struct Facet {
     corner: Vec3,
     edges: [Vec3; 2],
-    /// Unit normal by the winding.
+    /// The unit normal on the side from which the corners run counter-clockwise.
     normal: Vec3,
-    /// 1 or -1: `normal` times this is on the emitting side.
+    /// 1 if `normal` is on the emitting side, -1 if it is on the other.
     side: f32,
-    /// Bound on the error of a sampled point along each axis.
+    /// A bound on the rounding error of a sampled point, per axis.
     error: Vec3,
     primitive: PrimitiveId,
-    /// Share of the lamp's area, 0 to 1.
+    /// The fraction of the light's area, 0 to 1.
     share: f32,
-    /// Squared distance from the centroid to the farthest corner.
+    /// The squared distance from the centroid to the farthest corner.
     ///
-    /// From nearby points, the facet is sampled by solid angle, from distant ones by area.
+    /// From points nearer than this distance, the triangle is sampled by solid angle; from others, by area.
     reach_squared: f32,
 }
 
@@ -52,9 +53,10 @@ impl Facet {
         self.corner + (self.edges[0] + self.edges[1]) * (1.0 / 3.0)
     }
 
-    /// Returns the facet as seen from a nearby point, to sample the solid angle; `None` for distant points.
+    /// Returns the triangle's projection on the sphere around a nearby point, for sampling by solid angle. Returns
+    /// `None` for distant points.
     ///
-    /// Depends on facet and point only, so that light sampling and its density agree.
+    /// The result depends only on the triangle and the point, so sampling and density always agree on the method.
     fn near(&self, from: Vec3) -> Option<SphericalTriangle> {
         if (from - self.centroid()).length_squared() >= self.reach_squared {
             return None;
@@ -64,26 +66,27 @@ impl Facet {
         SphericalTriangle::new([corner, corner + edges[0], corner + edges[1]].map(|c| c - from))
     }
 
-    /// Returns the coordinates, along the triangle's edges, of the point hit in this direction.
+    /// Returns where a direction from a point meets the triangle, as coordinates along its two edges.
     fn intersection(&self, from: Vec3, direction: DVec3) -> [f32; 2] {
         let [e0, e1] = self.edges.map(Vec3::as_dvec3);
         let to = from.as_dvec3() - self.corner.as_dvec3();
-        // [Moeller and Trumbore 1997].
+        // The intersection of Moeller and Trumbore [1997].
         let across = direction.cross(e1);
         let scale = 1.0 / e0.dot(across);
         let bound = |x: f64| if x.is_finite() { x.clamp(0.0, 1.0) } else { 0.0 };
         let b1 = bound(to.dot(across) * scale);
         let b2 = bound(direction.dot(to.cross(e0)) * scale);
-        // Rounding leads past the far edge at most.
+        // Rounding can lead slightly past the third edge.
         let over = (b1 + b2).max(1.0);
         [(b1 / over) as f32, (b2 / over) as f32]
     }
 }
 
 impl MeshLight {
-    /// Makes the light of the mesh with index `shape` in `geometry`. `None` if it has no area.
+    /// Makes the light of the mesh with index `shape` in `geometry`. Returns `None` for other shapes and for a mesh
+    /// without area.
     ///
-    /// `sides` holds a sign per triangle, or one for all.
+    /// `sides` holds one sign per triangle, or one sign for all: 1 if the winding's side emits, -1 for the other.
     pub(crate) fn new(geometry: &Geometry, shape: u32, lamp: Lamp, sides: &[f32]) -> Option<Self> {
         let Shape::Mesh(mesh) = &geometry.shapes()[shape as usize] else { return None };
         let mut facets = Vec::with_capacity(mesh.triangles().len());
@@ -97,7 +100,7 @@ impl MeshLight {
                 edges: [b - a, c - a],
                 normal: across.normalize_or_zero().as_vec3(),
                 side: sides.get(triangle as usize).or(sides.first()).copied().unwrap_or(1.0),
-                // Six roundings at most: two edges, two products, two sums [Pharr et al. 2023, eq. 6.26].
+                // At most six roundings: two edges, two products, two sums [Pharr et al. 2023, eq. 6.26].
                 error: (a.abs().max(b.abs()).max(c.abs()) * 3.0) * (6.0 * f32::EPSILON),
                 primitive: PrimitiveId::triangle(shape, triangle),
                 share: 0.0,
@@ -121,7 +124,7 @@ impl MeshLight {
             let corners = [facet.corner, facet.corner + facet.edges[0], facet.corner + facet.edges[1]];
             facet.reach_squared = corners.map(|c| (c - centroid).length_squared()).into_iter().fold(0.0, f32::max);
         }
-        // Twice the widest reach, and a margin for rounding.
+        // Twice the largest distance to a corner, squared, and a margin for rounding.
         let near_squared = 5.0 * facets.iter().map(|f| f.reach_squared).fold(0.0, f32::max);
         let mut facet_of = Vec::new();
         if facets.len() < mesh.triangles().len() {
@@ -131,7 +134,7 @@ impl MeshLight {
         Some(Self { lamp, facets, choice, few, area, near_squared, facet_of })
     }
 
-    /// Samples a facet uniformly by solid angle.
+    /// Samples a point of a triangle uniformly by solid angle.
     #[inline(never)]
     fn sample_near(&self, facet: &Facet, seen: &SphericalTriangle, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let radiance = self.lamp.radiance(if seen.seen_from_above() { facet.side } else { -facet.side });
@@ -146,12 +149,12 @@ impl MeshLight {
         Some(LightSample { wi, radiance, pdf, target: Target::Surface(point), delta: false })
     }
 
-    /// Selects a facet by area with `u` in `[0, 1)`. Returns its index and the position of `u` in its share, in `[0,
-    /// 1)`.
+    /// Selects a triangle by area with a random number `u` in `[0, 1)`. Returns its index, and the remainder of `u`
+    /// rescaled to `[0, 1)`.
     #[inline(always)]
     fn choose(&self, u: f32) -> Option<(usize, f32)> {
         if !self.few.is_empty() {
-            // Counted, not searched: the processor cannot guess where a random number falls.
+            // All entries are counted, since the branches of a search would be mispredicted.
             let index = self.few[1..].iter().map(|[start, _]| usize::from(u >= *start)).sum::<usize>();
             let [start, scale] = self.few[index];
             return Some((index, ((u - start) * scale).clamp(0.0, BELOW_ONE)));
@@ -170,15 +173,15 @@ impl MeshLight {
 }
 
 impl LightSource for MeshLight {
-    /// Selects a triangle by area with `u[0]`, whose remainder is used again within the triangle. That stratifies
-    /// points over the whole lamp. Distant triangles are sampled by area, nearby ones by solid angle.
+    /// Selects a triangle by area with `u[0]` and uses the rescaled remainder of `u[0]` within it, so that points are
+    /// stratified over the whole light. Nearby triangles are sampled by solid angle, others by area.
     #[inline(always)]
     fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let (index, within) = self.choose(u[0])?;
         let facet = &self.facets[index];
         let [_, b1, b2] = warp::uniform_triangle([within, u[1]]);
         let position = facet.corner + facet.edges[0] * b1 + facet.edges[1] * b2;
-        // The distance is known here: a cheap test before that of the facet.
+        // The distance to the sampled point is known, which gives a cheap first test.
         if (position - from).length_squared() < self.near_squared
             && let Some(seen) = facet.near(from)
         {

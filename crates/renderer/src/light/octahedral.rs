@@ -1,20 +1,21 @@
 //! An area-preserving map between the sphere and a square [Clarberg 2008].
 //!
-//! The upper half of the sphere fills the diamond in the middle of the square, the lower half the four corners: an
-//! octahedron cut open along its lower edges. A direction at such an edge lies twice on the border of the square, at
-//! two points that the middle of their side mirrors into each other.
+//! The upper hemisphere fills the diamond in the middle of the square, and the lower hemisphere its four corners: an
+//! octahedron cut open along its lower edges. A direction on such an edge has two points on the border of the square.
+//! They are mirror images about the midpoint of a side.
 
 use crate::shading::trigonometry::{sin_cos_turn, turn_of};
 use glam::Vec3;
 
-/// Returns the unit direction at a point of `[0, 1]^2`; `u` grows with x, `v` with y, and +z is the middle.
+/// Returns the unit direction at a point `[u, v]` of `[0, 1]^2`. `u` increases with x and `v` with y; the centre is
+/// +z.
 #[inline]
 pub(super) fn to_sphere(uv: [f32; 2]) -> Vec3 {
     let [a, b] = uv.map(|x| 2.0 * x - 1.0);
-    // Above 0 in the upper half.
+    // Positive in the upper hemisphere.
     let inside = 1.0 - (a.abs() + b.abs());
     let radius = 1.0 - inside.abs();
-    // Within a quarter of the circle, from its x axis.
+    // The angle in turns within a quarter circle, from the x axis.
     let turn = if radius > 0.0 { ((b.abs() - a.abs()) / radius + 1.0) * 0.125 } else { 0.125 };
     let (sin, cos) = sin_cos_turn(turn);
     let z = (1.0 - radius * radius).copysign(inside);
@@ -22,10 +23,10 @@ pub(super) fn to_sphere(uv: [f32; 2]) -> Vec3 {
     Vec3::new((across * cos).copysign(a), (across * sin).copysign(b), z)
 }
 
-/// Returns the point of `[0, 1]^2` at a unit direction: the inverse of [`to_sphere`].
+/// Returns the point of `[0, 1]^2` for a unit direction: the inverse of [`to_sphere`].
 #[inline]
 pub(super) fn to_square(w: Vec3) -> [f32; 2] {
-    // sqrt(1 - |z|) without cancellation near the poles.
+    // This equals sqrt(1 - |z|), without cancellation near the poles.
     let radius = ((w.x * w.x + w.y * w.y) / (1.0 + w.z.abs())).sqrt();
     let share = 4.0 * turn_of(w.y.abs(), w.x.abs());
     let (b, a) = (share * radius, radius - share * radius);

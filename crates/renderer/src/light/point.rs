@@ -1,4 +1,4 @@
-//! Point lights.
+//! Point lights: light of the same intensity in all directions from a single point.
 
 use super::punctual::checked;
 use super::{Expectation, LightSample, LightSource, PunctualError, Target, luminance};
@@ -6,19 +6,19 @@ use crate::space::Space;
 use dapple_scene::Source;
 use glam::{DAffine3, Vec3};
 
-/// A point that emits the same intensity in all directions.
+/// A point that emits the same radiant intensity in all directions.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PointLight {
     position: Vec3,
-    /// Radiant intensity in the renderer's units, linear RGB.
+    /// The linear RGB radiant intensity, in the renderer's units.
     intensity: Vec3,
 }
 
-/// The largest distance from the scene's centre, in half widths of the scene; larger ones overflow when squared.
+/// The largest coordinate of a point light in the renderer's space; squares of larger ones may overflow.
 const FARTHEST: f64 = 1e18;
 
 impl PointLight {
-    /// Makes a point light at the origin of the light's space. `None` if it is black.
+    /// Makes a point light at the origin of the light's space. Returns `None` if the intensity is 0.
     pub(crate) fn new(
         intensity: [f32; 3],
         to_world: DAffine3,
@@ -30,23 +30,26 @@ impl PointLight {
         if !position.is_finite() {
             return Err(PunctualError::Transform { at: at.clone() });
         }
-        // Intensity over squared distance must not change with the unit of length.
+        // The irradiance (intensity over squared distance) must not depend on the unit of length, so the intensity is
+        // scaled.
         let intensity = (intensity.as_dvec3() * space.scale() * space.scale()).as_vec3();
         if position.abs().max_element() > FARTHEST || !intensity.is_finite() {
             return Err(PunctualError::Beyond { at: at.clone() });
         }
-        // Below f32 all light of the scene is black.
+        // An intensity that underflows f32 counts as 0.
         Ok((intensity != Vec3::ZERO).then_some(Self { position: position.as_vec3(), intensity }))
     }
 
-    /// Returns the light that arrives at `from` at full intensity. `None` at the light itself.
+    /// Returns the light that arrives at the point `from` if the light has the same intensity in all directions. A
+    /// spot light applies its falloff to the result. Returns `None` at the light's position and where the light
+    /// underflows to 0.
     #[inline]
     pub(super) fn arriving(&self, from: Vec3) -> Option<LightSample> {
         let to = self.position - from;
         let squared = to.length_squared();
         let wi = to / squared.sqrt();
         let radiance = self.intensity / squared;
-        // From the point itself there is no direction.
+        // At the light's own position, there is no direction.
         let arrives = radiance != Vec3::ZERO && radiance.is_finite();
         arrives.then_some(LightSample { wi, radiance, pdf: 1.0, target: Target::Point(self.position), delta: true })
     }
@@ -55,7 +58,7 @@ impl PointLight {
         self.intensity
     }
 
-    /// Returns the expectation of a light of this intensity in all directions.
+    /// Returns the expectation of a point light at this position that emits a given intensity in all directions.
     pub(super) fn expectation_of(&self, intensity: f64) -> Expectation {
         Expectation::Near { middle: self.position, radius: 0.0, facing: Vec3::ZERO, intensity: intensity as f32 }
     }
@@ -71,7 +74,7 @@ impl LightSource for PointLight {
         true
     }
 
-    /// Returns intensity times 4 pi, over pi.
+    /// Returns the luminance of the intensity times 4 pi, divided by pi.
     fn power(&self, _: f64) -> f64 {
         4.0 * luminance(self.intensity)
     }

@@ -1,11 +1,11 @@
-//! The distribution by which one of several lights is selected.
+//! The distribution by which a renderer selects one of several lights.
 
 use crate::shading::discrete::Discrete;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// The distribution by which one of several lights is selected.
+/// The distribution by which the renderer selects one of several lights to sample.
 ///
 /// # Examples
 ///
@@ -18,25 +18,25 @@ use std::str::FromStr;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LightSelection {
-    /// Selection proportional to the lights' power.
+    /// A probability proportional to each light's power.
     #[default]
     Power,
-    /// Selection of every light with the same probability.
+    /// The same probability for every light.
     Uniform,
-    /// Learned while rendering, per cell of space and orientation, from the contributions of lights there
-    /// ([`LightCells`](dapple_light_selection::LightCells)).
+    /// Probabilities learned while rendering, per cell of space and orientation, from the lights' measured
+    /// contributions ([`LightCells`](dapple_light_selection::LightCells)).
     ///
-    /// Selection is proportional to power inside media, and with a single light. An environment map counts as its
-    /// tiles, up to 32 or 36 lights.
+    /// Inside media, and with a single light, the selection stays proportional to power. Each tile of an environment
+    /// map is a light of its own: up to 36 tiles for a square map, up to 32 otherwise.
     #[serde(alias = "cells")]
     Learned,
 }
 
 impl LightSelection {
-    /// All variants, in the order of their documentation.
+    /// All kinds of light selection, the default first.
     pub const ALL: [Self; 3] = [Self::Power, Self::Uniform, Self::Learned];
 
-    /// Returns the name on the command line.
+    /// Returns the name on the command line, such as "power".
     pub const fn name(self) -> &'static str {
         match self {
             Self::Power => "power",
@@ -52,14 +52,14 @@ impl fmt::Display for LightSelection {
     }
 }
 
-/// The error of an unknown name of a [`LightSelection`].
+/// An unknown name was given for a [`LightSelection`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("light selection \"{name}\" is unknown; give {}", LightSelection::ALL.map(LightSelection::name).join(", "))]
 pub struct UnknownLightSelection {
     name: String,
 }
 
-/// Parses a name; `cells` is an old alias of `learned`.
+/// Parses the name of a light selection; `cells` is an old alias of `learned`.
 impl FromStr for LightSelection {
     type Err = UnknownLightSelection;
 
@@ -77,11 +77,12 @@ impl FromStr for LightSelection {
 /// The number of values of a 24-bit random number.
 const STEPS: u64 = 1 << 24;
 
-/// Returns the distribution that selects lights proportionally to `powers`, each with a probability above 0.
+/// Returns the distribution that selects lights in proportion to `powers`, with a positive probability for each.
 ///
-/// Probabilities are whole multiples of 2^-24. Each light gets 2^-24, and the rest is distributed by power. A random
-/// number of 24 bits thus selects each light exactly as often as its probability requires. Otherwise a light of share
-/// 10^-12 would never be selected, and be missing from the image. Beyond 2^23 lights, shares are not rounded.
+/// Probabilities are multiples of 2^-24. Each light gets 2^-24, and the rest is distributed by power. A random number
+/// of 24 bits therefore selects each light exactly as often as its probability states. Otherwise a light with a
+/// probability of 10^-12 would never be selected and be missing from the image. With more than 2^23 lights,
+/// probabilities are not rounded.
 pub(super) fn by_power(powers: &[f64]) -> Discrete {
     let total: f64 = powers.iter().sum();
     let sound = total > 0.0 && total.is_finite();
@@ -93,18 +94,18 @@ pub(super) fn by_power(powers: &[f64]) -> Discrete {
             let (mut sum, mut dealt) = (0.0, 0.0);
             let share = |p: &f64| {
                 sum += power(p);
-                // Rounded ends, not shares, add up to the whole.
+                // Cumulative probabilities are rounded, so that the sum stays exact.
                 let end = (spare * (sum / total)).round().min(spare);
                 let count = 1.0 + end - dealt;
                 dealt = end;
-                // At most 2^24: exact.
+                // The count is at most 2^24 and therefore exact in f32.
                 count as f32
             };
             powers.iter().map(share).collect()
         }
         None => powers.iter().map(|p| (power(p) / total).max(1e-30) as f32).collect(),
     };
-    // Neither fails: shares are positive numbers, and lights fewer than 2^32.
+    // Construction cannot fail: all weights are positive, and there are fewer than 2^32 lights.
     Discrete::new(&shares).unwrap_or_else(|_| unreachable!("shares are weights"))
 }
 

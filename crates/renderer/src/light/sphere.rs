@@ -11,16 +11,16 @@ pub(crate) struct SphereLight {
     lamp: Lamp,
     centre: Vec3,
     radius: f32,
-    /// Distance from the centre below which points count as inside: the radius, and a margin for rounding.
+    /// The distance from the centre below which a point counts as inside: the radius plus a margin for rounding.
     reach: f32,
-    /// -1 if the sphere emits inwards, else 1.
+    /// -1 if the sphere emits inwards, and 1 if it emits outwards.
     flip: f32,
 }
 
 impl SphereLight {
-    /// Makes a spherical light; `flip` is -1 if it emits inwards, else 1.
+    /// Makes a spherical light. `flip` is -1 if it emits inwards, and 1 if it emits outwards.
     pub(crate) fn new(lamp: Lamp, centre: Vec3, radius: f32, flip: f32) -> Self {
-        // A point on the sphere is off by a rounding of each coordinate; its distance by some more.
+        // The rounding of a point on the sphere affects its distance from the centre by up to this much.
         let error = (centre.length() + radius) * (4.0 * f32::EPSILON);
         Self { lamp, centre, radius, reach: radius + error, flip }
     }
@@ -29,28 +29,30 @@ impl SphereLight {
         4.0 * std::f64::consts::PI * f64::from(self.radius) * f64::from(self.radius)
     }
 
-    /// Returns the squared sine of half the angle that the sphere subtends; `None` from inside.
+    /// Returns the squared sine of half the angle that the sphere subtends at `axis` from its centre; `None` inside
+    /// the sphere.
     #[inline]
     fn sine_squared(&self, axis: Vec3) -> Option<f32> {
         let squared = axis.length_squared();
         (squared > self.reach * self.reach).then(|| self.radius * self.radius / squared)
     }
 
-    /// Returns the point with this outward normal, and the bound on its rounding error.
+    /// Returns the point of the sphere with this unit outward normal, and a bound on its rounding error.
     #[inline]
     fn point(&self, normal: Vec3) -> SurfacePoint {
         let position = self.centre + normal * self.radius;
-        // Three roundings of each coordinate, and those of the normal.
+        // Three roundings per coordinate, plus the rounding of the normal.
         let error = (self.centre.abs() + Vec3::splat(self.radius)) * (4.0 * f32::EPSILON);
         SurfacePoint { position, error, normal, primitive: PrimitiveId::NONE }
     }
 }
 
 impl LightSource for SphereLight {
-    /// Samples the subtended cone uniformly from outside; from inside and from the sphere itself, the area.
+    /// From outside, samples the cone that the sphere subtends uniformly. From inside or on the sphere, samples the
+    /// area uniformly.
     ///
-    /// The cone's height `1 - cos` is computed from the sine, so that no distance makes it vanish
-    /// [Pharr et al. 2023, sec. 6.2.4].
+    /// The cone's height `1 - cos` is computed from the sine, so that it does not vanish at large distances [Pharr et
+    /// al. 2023, sec. 6.2.4].
     #[inline]
     fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let axis = from - self.centre;
@@ -60,8 +62,8 @@ impl LightSource for SphereLight {
         };
         let height = warp::one_minus_cos(sin2);
         let local = warp::uniform_cone(u, height);
-        // Angle at the centre between the axis and the point met first; both terms keep their digits
-        // at any distance [Pharr et al. 2023, eq. 6.6].
+        // The angle at the centre between the axis and the nearest intersection. Both terms keep precision at any
+        // distance [Pharr et al. 2023, eq. 6.6].
         let sin2_theta = local.x * local.x + local.y * local.y;
         let sin_max = sin2.sqrt();
         let cos_alpha = sin2_theta / sin_max + local.z * (1.0 - sin2_theta / sin2).max(0.0).sqrt();
@@ -71,7 +73,7 @@ impl LightSource for SphereLight {
         let normal = frame.to_world(Vec3::new(local.x * around * sin_alpha, local.y * around * sin_alpha, cos_alpha));
         let point = self.point(normal.normalize());
         let wi = frame.to_world(Vec3::new(local.x, local.y, -local.z)).normalize();
-        // The first point met is seen from outside.
+        // The nearest intersection is seen from outside.
         let radiance = self.lamp.radiance(self.flip);
         let (pdf, target) = (warp::uniform_cone_pdf(height), Target::Surface(point));
         (radiance != Vec3::ZERO).then_some(LightSample { wi, radiance, pdf, target, delta: false })
@@ -95,7 +97,7 @@ impl LightSource for SphereLight {
     }
 
     fn expectation(&self) -> Expectation {
-        // The disk that is seen of a sphere is a quarter of its surface.
+        // A sphere's projected area is a quarter of its surface.
         let intensity = self.lamp.intensity(self.area() * 0.25);
         Expectation::Near { middle: self.centre, radius: self.radius, facing: Vec3::ZERO, intensity }
     }

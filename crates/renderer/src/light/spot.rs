@@ -1,26 +1,26 @@
-//! Spot lights.
+//! Spot lights: light from a single point into a cone.
 
 use super::{Expectation, LightSample, LightSource, PointLight, PunctualError, luminance};
 use crate::space::{Space, even_scale};
 use dapple_scene::{Source, SpotFalloff};
 use glam::{DAffine3, DVec3, Vec3};
 
-/// A point that emits into a cone.
+/// A point that emits light into a cone.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SpotLight {
     point: PointLight,
-    /// Unit vector along the cone's axis, away from the lamp.
+    /// The unit vector along the cone's axis, in the direction of emission.
     axis: Vec3,
-    /// `1 - cos` of the angle at which light ends, since the cosine of a narrow cone rounds to 1.
+    /// `1 - cos` of the angle from the axis at which the cone ends. (The cosine of a narrow cone would round to 1.)
     edge: f32,
-    /// `1 - cos` of the angle at which the falloff starts.
+    /// `1 - cos` of the angle from the axis at which the falloff starts.
     core: f32,
     falloff: SpotFalloff,
 }
 
 impl SpotLight {
-    /// Makes a spot light at the origin of the light's space, emitting along +z; angles in degrees. `None` if it is
-    /// black.
+    /// Makes a spot light at the origin of the light's space that emits along +z. `cone` and `falloff_start` are
+    /// angles in degrees. Returns `None` if the intensity is 0.
     pub(crate) fn new(
         intensity: [f32; 3],
         [cone, falloff_start]: [f32; 2],
@@ -41,7 +41,7 @@ impl SpotLight {
         Ok(point.map(|point| Self { point, axis, edge: height(cone), core: height(falloff_start), falloff }))
     }
 
-    /// Returns the share of the full intensity, 0 to 1, at an angle from the axis with `1 - cos` equal to `height`.
+    /// Returns the intensity relative to the one on the axis, 0 to 1, at an angle whose `1 - cos` is `height`.
     #[inline]
     fn share(&self, height: f32) -> f32 {
         if height <= self.core {
@@ -55,10 +55,10 @@ impl SpotLight {
         }
     }
 
-    /// Returns the power over that of a point light of the full intensity, 0 to 1.
+    /// Returns the light's power relative to a point light with the axis intensity in all directions, 0 to 1.
     fn share_of_sphere(&self) -> f64 {
         let [edge, core] = [self.edge, self.core].map(f64::from);
-        // Integrals of the falloff over x from 0 to 1.
+        // The means of the two falloff functions over x from 0 to 1.
         let mean = match self.falloff {
             SpotFalloff::Smoothstep => 0.5,
             SpotFalloff::Quartic => 0.2,
@@ -71,7 +71,7 @@ impl LightSource for SpotLight {
     #[inline]
     fn sample(&self, from: Vec3, _: [f32; 2]) -> Option<LightSample> {
         let mut sample = self.point.arriving(from)?;
-        // 1 - cos from the chord, which keeps the digits of narrow cones.
+        // `1 - cos` comes from the chord, which keeps precision in narrow cones.
         let share = self.share(0.5 * (sample.wi + self.axis).length_squared());
         sample.radiance *= share;
         (sample.radiance != Vec3::ZERO).then_some(sample)
@@ -81,12 +81,13 @@ impl LightSource for SpotLight {
         true
     }
 
-    /// Returns intensity times 4 pi times the share of the sphere, over pi.
+    /// Returns the luminance of the axis intensity times 4 pi times the relative power, divided by pi.
     fn power(&self, _: f64) -> f64 {
         4.0 * luminance(self.point.intensity()) * self.share_of_sphere()
     }
 
-    /// Returns the expectation of a point light: the cone may cross a cell anywhere, and is learned.
+    /// Returns the expectation of a point light of the same power. The cone may cross a cell anywhere, so its shape is
+    /// learned.
     fn expectation(&self) -> Expectation {
         self.point.expectation_of(luminance(self.point.intensity()) * self.share_of_sphere())
     }

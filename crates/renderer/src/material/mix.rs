@@ -1,19 +1,19 @@
-//! Selection among mixed materials.
+//! Selection of one material of a mix.
 
 use super::{Kind, MaterialError, Surface};
 use crate::texture::Textures;
 use dapple_scene::{Material, MaterialKind, Scalar};
 
-/// The largest number of nested mixes.
+/// The largest depth of nested mixes.
 const DEEPEST: u32 = 16;
 
-/// Returns the surface of material `index` at a point, and the surface's index. For a mix, it is one of the mixed
-/// materials.
+/// Returns the surface of material `index` at a point, and the surface's index. If the material is a mix, one of the
+/// mixed materials is returned.
 ///
-/// `choice` in `[0, 1)` selects among them by their shares at the point. Nested mixes use the remainder of the same
-/// random number.
+/// The random number `choice` in `[0, 1)` selects a material with the mix's amounts at the point as probabilities.
+/// Nested mixes reuse the rescaled remainder of `choice`.
 ///
-/// The materials must have passed [`check_mixes`].
+/// The materials must have passed [`check_mixes`] without an error.
 #[inline]
 pub(crate) fn resolve<'w>(
     surfaces: &'w [Surface],
@@ -36,7 +36,7 @@ pub(crate) fn resolve<'w>(
     (surface, index)
 }
 
-/// Returns the probability that [`resolve`] returns an interface. Calls `uv` for mixes only.
+/// Returns the probability with which [`resolve`] returns an interface. Calls `uv` for mixes only.
 pub(crate) fn interface_share(
     surfaces: &[Surface],
     index: u32,
@@ -64,7 +64,7 @@ fn share_of_second(textures: &Textures, amount: Scalar, uv: [f32; 2]) -> f32 {
     textures.look_up_scalar(amount, uv).max(0.0).min(1.0)
 }
 
-/// Returns the errors of mixes: missing materials, mixes of themselves, and too deep nesting.
+/// Returns the errors of all mixes: missing materials, mixes that contain themselves, and nesting that is too deep.
 pub(crate) fn check_mixes(materials: &[Material]) -> Vec<MaterialError> {
     let mut wrong = Vec::new();
     let parts: Vec<Vec<usize>> = materials
@@ -78,7 +78,8 @@ pub(crate) fn check_mixes(materials: &[Material]) -> Vec<MaterialError> {
             parts.into_iter().filter(|&part| part < materials.len()).collect()
         })
         .collect();
-    // Depth first, by a stack of our own: how many levels are below each, once all of them are known.
+    // Depth-first search with an explicit stack. `levels` holds the depth of nesting below each material once it is
+    // known.
     let mut levels: Vec<Option<u32>> = vec![None; materials.len()];
     let mut within = vec![false; materials.len()];
     for start in 0..materials.len() {

@@ -11,93 +11,96 @@ use dapple_scene::effectively_smooth;
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};
 
-/// The scattering of one surface point, with its textures already looked up.
+/// The BSDF at a surface point, with its textures already evaluated.
 ///
-/// A small `Copy` value, made afresh at each hit; what depends on the material alone is computed when the
-/// material is made. Opaque surfaces scatter on both sides: a `wo` below the surface is mirrored through
-/// the point, as pbrt-v4 does, and no light passes from one side to the other.
+/// A small `Copy` value that is made at each hit; data that depends only on the material is computed once. Opaque
+/// surfaces scatter on both sides: as in pbrt-v4, a `wo` below the surface is mirrored through the point. No light
+/// passes an opaque surface.
 ///
-/// All directions are unit vectors in the shading frame, pointing away from the surface. The caller prevents
-/// light from leaking through the *geometric* surface where the shading normal differs.
+/// All directions are unit vectors in the shading frame and point away from the surface. The caller must reject
+/// directions that would leak through the *geometric* surface where the shading normal differs from its normal.
 #[derive(Clone, Copy, Debug)]
 pub enum Bsdf<'m> {
-    /// Lambert's reflection.
+    /// Lambertian reflection.
     Diffuse {
-        /// The share of light reflected, per channel.
+        /// The fraction of light reflected, per channel.
         reflectance: Vec3,
     },
     /// A rough metal.
     Conductor {
-        /// Fresnel term of the metal.
+        /// The metal's complex index of refraction relative to the outside's.
         ior: ComplexIor,
-        /// Microfacets of the metal.
+        /// The metal's microfacet distribution.
         microfacets: TrowbridgeReitz,
     },
-    /// A smooth metal mirror.
+    /// A smooth metal, which reflects like a mirror.
     SmoothConductor {
-        /// Fresnel term of the metal.
+        /// The metal's complex index of refraction relative to the outside's.
         ior: ComplexIor,
     },
-    /// A dielectric coat, rough or smooth, over Lambert's reflection; made by [`Bsdf::coated_diffuse`].
+    /// A dielectric coat, rough or smooth, over Lambertian reflection; made by [`Bsdf::coated_diffuse`].
     CoatedDiffuse {
-        /// The coat.
+        /// The coat, with its tables.
         coat: &'m Coat,
-        /// The base's `f` including all reflections from below the coat, but without the two passes through the coat.
+        /// The base's contribution to `f` with all repeated reflections, but without the coat's transmittance in both
+        /// directions.
         base: Vec3,
     },
-    /// A dielectric coat over a metal, each rough or smooth; made by [`Bsdf::coated_conductor`].
+    /// A dielectric coat over a metal; each layer is rough or smooth. Made by [`Bsdf::coated_conductor`].
     CoatedConductor {
-        /// The coat, and how it transmits the metal's light.
+        /// The coat, with its tables of the metal's light that passes it.
         coat: &'m MetalCoat,
-        /// The metal's index of refraction over the coat's.
+        /// The metal's complex index of refraction relative to the coat's.
         ior: ComplexIor,
-        /// The metal's approximate reflectance, from which the probability of the coat's lobe is computed.
+        /// The metal's approximate reflectance, which determines the probability of sampling the coat's own
+        /// reflection.
         bright: f32,
     },
-    /// Rough glass; made by [`Bsdf::dielectric`].
+    /// A rough interface of glass; made by [`Bsdf::dielectric`].
     Dielectric(RoughDielectric),
-    /// Smooth glass; made by [`Bsdf::dielectric`].
+    /// A smooth interface of glass; made by [`Bsdf::dielectric`].
     SmoothDielectric(SmoothDielectric),
-    /// A pane of glass, with both faces.
+    /// A thin pane of glass, with the reflections of both faces.
     ThinDielectric {
-        /// Index of refraction of the glass.
+        /// The index of refraction of the glass relative to the outside's.
         eta: f32,
     },
-    /// Lambert's reflection, and Lambertian transmission through the surface.
+    /// Lambertian reflection, and Lambertian transmission to the other side.
     DiffuseTransmission(DiffuseTransmission),
-    /// A mirror without a Fresnel term.
+    /// A mirror whose reflectance does not depend on the angle.
     Mirror {
-        /// The share of light reflected, per channel.
+        /// The fraction of light reflected, per channel.
         reflectance: Vec3,
     },
-    /// The sum of Lambert's reflection and a glossy one.
+    /// The sum of Lambertian and glossy reflection, as pbrt-v3's `plastic`.
     Plastic(Plastic),
-    /// Lambert's reflection under a glossy one that reduces it [Ashikhmin and Shirley 2000].
+    /// Lambertian reflection below a glossy layer that reduces it [Ashikhmin and Shirley 2000].
     Substrate(Substrate),
 }
 
 /// A direction sampled from a [`Bsdf`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BsdfSample {
-    /// The direction of the incoming light, in the shading frame. For transmitted light, the sign of z differs from
-    /// that of `wo`.
+    /// The sampled direction towards the light, in the shading frame. For transmission, its z has the opposite sign of
+    /// `wo`'s.
     pub wi: Vec3,
-    /// `f |cos| / pdf`: the factor of the path's throughput.
+    /// The factor `f |cos| / pdf` by which the path's throughput is multiplied.
     pub weight: Vec3,
-    /// Solid-angle density of `wi`, equal to [`Bsdf::pdf`]. For a specular sample, the probability of choosing the
+    /// The solid-angle density of `wi`, equal to [`Bsdf::pdf`]. For a specular sample, the probability of choosing its
     /// lobe.
     pub pdf: f32,
-    /// True if `wi` is the only direction of its lobe: [`Bsdf::evaluate`] and [`Bsdf::pdf`] do not include it, and light
-    /// sampling cannot find it.
+    /// True if the lobe has no direction but `wi`. [`Bsdf::evaluate`] and [`Bsdf::pdf`] do not include such a lobe,
+    /// and light sampling cannot find it.
     pub specular: bool,
-    /// Index of refraction on the side of `wi` over that on the side of `wo`; 1 except for refraction. `weight` has
-    /// been divided by `eta^2`, which leaving the glass undoes. Russian roulette should therefore multiply the
-    /// throughput by the path's `eta^2` [Pharr et al. 2023, sec. 14.2.3].
+    /// The index of refraction on the side of `wi` relative to the side of `wo`; 1 except for refraction. `weight`
+    /// includes a division by `eta^2`, which is undone when the path leaves the glass. Russian roulette should
+    /// therefore multiply the throughput by the product of `eta^2` along the path [Pharr et al. 2023, sec. 14.2.3].
     pub eta: f32,
 }
 
 impl<'m> Bsdf<'m> {
-    /// Makes a metal with these widths: rough, or smooth if [`effectively_smooth`] returns true.
+    /// Makes a metal with microfacet widths `alpha`. It is smooth if [`effectively_smooth`] returns true for them,
+    /// else rough.
     ///
     /// # Errors
     ///
@@ -107,25 +110,26 @@ impl<'m> Bsdf<'m> {
         Ok(if effectively_smooth(alpha) { Self::SmoothConductor { ior } } else { Self::Conductor { ior, microfacets } })
     }
 
-    /// Makes a coat over a diffuse base of this reflectance, clamped to `[0, 1]`.
+    /// Makes a coat over a diffuse base with this reflectance, clamped to `[0, 1]`.
     #[inline]
     pub fn coated_diffuse(coat: &'m Coat, reflectance: Vec3) -> Self {
         Self::CoatedDiffuse { coat, base: coat.base(reflectance.clamp(Vec3::ZERO, Vec3::ONE)) }
     }
 
-    /// Makes a coat over a metal. `ior` is the metal's index of refraction over that outside the coat.
+    /// Makes a coat over a metal. `ior` is the metal's index of refraction relative to the medium outside the coat.
     #[inline]
     pub fn coated_conductor(coat: &'m MetalCoat, ior: ComplexIor) -> Self {
         let ior = coat.below(ior);
         Self::CoatedConductor { coat, ior, bright: ior.reflectance(1.0).element_sum() / 3.0 }
     }
 
-    /// Makes glass with index of refraction `eta`, inside over outside. It is smooth if [`effectively_smooth`] returns
-    /// true or `eta` is 1, else rough.
+    /// Makes glass with microfacet widths `alpha`. `eta` is the index of refraction inside relative to the one
+    /// outside. The glass is smooth if [`effectively_smooth`] returns true for `alpha` or if `eta` is 1, else rough.
     ///
     /// # Errors
     ///
-    /// [`Error::Eta`](super::Error::Eta) for an index outside `[0.1, 10]`; otherwise as for [`TrowbridgeReitz::new`].
+    /// [`Error::Eta`](super::Error::Eta) if `eta` is outside `[0.1, 10]`. The errors of [`TrowbridgeReitz::new`] for
+    /// `alpha`.
     pub fn dielectric(eta: f32, alpha: [f32; 2], tint: Tint) -> Result<Self, super::Error> {
         if !(0.1..=10.0).contains(&eta) {
             return Err(super::Error::Eta { value: eta });
@@ -138,8 +142,8 @@ impl<'m> Bsdf<'m> {
         })
     }
 
-    /// Returns the world-space direction `v` in the shading frame. For Lambert's reflection only the cosine is
-    /// computed, and the rest is 0.
+    /// Returns the world-space direction `v` in the shading frame. Lambertian reflection needs only z, so its x and y
+    /// are 0.
     #[inline(always)]
     pub(crate) fn local(&self, frame: &ShadingFrame, v: Vec3) -> Vec3 {
         match self {
@@ -148,33 +152,33 @@ impl<'m> Bsdf<'m> {
         }
     }
 
-    /// Returns `f(wo, wi)` per steradian, without the cosine. 0 for specular lobes, and for directions on different
-    /// sides of an opaque surface.
+    /// Returns `f(wo, wi)` per steradian, without the cosine. Returns 0 for specular lobes, and for directions on
+    /// different sides of an opaque surface.
     #[inline]
     pub fn evaluate(&self, wo: Vec3, wi: Vec3) -> Vec3 {
         self.evaluate_and_pdf(wo, wi).0
     }
 
-    /// Returns the solid-angle density with which [`sample`](Self::sample) draws `wi`. 0 for specular lobes, and for
-    /// directions on different sides of an opaque surface.
+    /// Returns the solid-angle density with which [`sample`](Self::sample) samples `wi`. Returns 0 for specular lobes,
+    /// and for directions on different sides of an opaque surface.
     #[inline]
     pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         self.evaluate_and_pdf(wo, wi).1
     }
 
-    /// Returns [`evaluate`](Self::evaluate) and [`pdf`](Self::pdf), computed together.
+    /// Returns [`evaluate`](Self::evaluate) and [`pdf`](Self::pdf), which is faster than two calls.
     #[inline(always)]
     pub fn evaluate_and_pdf(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         if let Self::Diffuse { reflectance } = self {
-            // The most common, inlined: the same numbers as `evaluate_above`.
+            // The most common BSDF is inlined, with the same numbers as in `evaluate_above`.
             let same_side = (wo.z > 0.0 && wi.z > 0.0) || (wo.z < 0.0 && wi.z < 0.0);
             return if same_side { (*reflectance * FRAC_1_PI, wi.z.abs() * FRAC_1_PI) } else { (Vec3::ZERO, 0.0) };
         }
         self.evaluate_others(wo, wi)
     }
 
-    /// Samples `wi` with density [`pdf`](Self::pdf): `lobe` in `[0, 1)` chooses the lobe, `u` in `[0, 1)^2` the
-    /// direction. `None` if nothing is scattered; the sample is then black.
+    /// Samples `wi` with density [`pdf`](Self::pdf). `lobe` in `[0, 1)` selects the lobe, and `u` in `[0, 1)^2` the
+    /// direction. Returns `None` if nothing is scattered; the sample then contributes 0.
     #[inline(always)]
     pub fn sample(&self, wo: Vec3, u: [f32; 2], lobe: f32) -> Option<BsdfSample> {
         let Self::Diffuse { reflectance } = self else { return self.sample_others(wo, u, lobe) };
@@ -182,13 +186,13 @@ impl<'m> Bsdf<'m> {
         if !(side * wo.z > 0.0) {
             return None;
         }
-        // The cosine cancels: nothing to divide.
+        // The cosine in the weight cancels with the one in the density.
         let wi = warp::cosine_hemisphere(u);
         let pdf = wi.z * FRAC_1_PI;
         Some(BsdfSample { wi: side * wi, weight: *reflectance, pdf, specular: false, eta: 1.0 })
     }
 
-    /// Returns [`sample`](Self::sample) for all but Lambert's reflection.
+    /// Samples as [`sample`](Self::sample) does, for all BSDFs but Lambertian reflection.
     fn sample_others(&self, wo: Vec3, u: [f32; 2], lobe: f32) -> Option<BsdfSample> {
         let side = if wo.z > 0.0 { 1.0 } else { -1.0 };
         let given = wo;
@@ -262,7 +266,7 @@ impl<'m> Bsdf<'m> {
         if wi.z > 0.0 { drawn(wi, found) } else { None }
     }
 
-    /// Returns true if every lobe is specular, so that light sampling is useless.
+    /// Returns true if every lobe is specular, so that light sampling finds nothing.
     #[inline]
     pub fn is_specular(&self) -> bool {
         match self {
@@ -275,7 +279,7 @@ impl<'m> Bsdf<'m> {
         }
     }
 
-    /// Returns true if the surface may transmit light: `wi` and `wo` may be on different sides.
+    /// Returns true if light may be transmitted, with `wi` and `wo` on different sides.
     #[inline]
     pub fn transmits(&self) -> bool {
         matches!(
@@ -287,7 +291,8 @@ impl<'m> Bsdf<'m> {
         )
     }
 
-    /// Returns the approximate share of light scattered, per channel: a feature for denoisers, not for transport.
+    /// Returns the approximate fraction of light scattered, per channel. It is a feature for denoisers, not used for
+    /// light transport.
     pub fn albedo(&self) -> Vec3 {
         match self {
             Self::Diffuse { reflectance } | Self::Mirror { reflectance } => *reflectance,
@@ -309,8 +314,8 @@ impl<'m> Bsdf<'m> {
         }
     }
 
-    /// Returns the width of the widest lobe, 0 for a mirror and 1 for Lambert's: a feature for denoisers, not for
-    /// transport.
+    /// Returns the width of the widest lobe: 0 for a mirror, 1 for Lambertian reflection. It is a feature for
+    /// denoisers, not used for light transport.
     pub fn roughness(&self) -> f32 {
         let width = |m: &TrowbridgeReitz| (m.alpha()[0] * m.alpha()[1]).sqrt();
         match self {
@@ -329,7 +334,7 @@ impl<'m> Bsdf<'m> {
         }
     }
 
-    /// Returns [`evaluate_and_pdf`](Self::evaluate_and_pdf) for all but Lambert's reflection.
+    /// Evaluates as [`evaluate_and_pdf`](Self::evaluate_and_pdf) does, for all BSDFs but Lambertian reflection.
     fn evaluate_others(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         match (self, to_upper_side(wo, wi)) {
             (Self::Dielectric(glass), _) => glass.evaluate_and_pdf(wo, wi),
@@ -345,7 +350,7 @@ impl<'m> Bsdf<'m> {
         }
     }
 
-    /// Returns `f` and density of an opaque surface for two directions with positive z.
+    /// Returns `f` and the density of an opaque surface for two directions with positive z.
     #[inline]
     fn evaluate_above(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         match self {
@@ -369,10 +374,10 @@ impl<'m> Bsdf<'m> {
     }
 }
 
-/// A coat over Lambert's reflection, seen from one direction.
+/// A coat over Lambertian reflection, with the values that depend only on `wo`.
 struct CoatSeen {
     transmittance: f32,
-    /// Probability of sampling the coat's lobe: the coat's share of the reflected light.
+    /// The probability of sampling the coat's own reflection: its fraction of the reflected light.
     chance: f32,
 }
 
@@ -382,11 +387,12 @@ impl CoatSeen {
         let [transmittance, reflectance] = coat.transmittance_and_reflectance(wo.z);
         let below = base.element_sum() / 3.0 * (PI * transmittance * coat.average_transmittance());
         let sum = reflectance + below;
-        // Neither reflects: an index of 1 over a black base. Sample the base, which gives black.
+        // Nothing is reflected if the index is 1 over a black base; sampling the base then gives 0.
         Self { transmittance, chance: if sum > 0.0 { reflectance / sum } else { 0.0 } }
     }
 
-    /// Returns `f` and density for two directions with positive z; `wo` is the one given to [`CoatSeen::new`].
+    /// Returns `f` and the density for two directions with positive z. `wo` must be the direction given to
+    /// [`CoatSeen::new`].
     #[inline]
     fn evaluate_above(&self, coat: &Coat, base: Vec3, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         let Self { transmittance: to, chance } = *self;
@@ -403,8 +409,8 @@ impl CoatSeen {
     }
 }
 
-/// Returns both directions mirrored to the side `z > 0`. `None` if they are on different sides, along the surface, or
-/// NaN.
+/// Returns both directions mirrored to the side `z > 0`. Returns `None` if they are on different sides, along the
+/// surface or NaN.
 #[inline]
 fn to_upper_side(wo: Vec3, wi: Vec3) -> Option<(Vec3, Vec3)> {
     if wo.z > 0.0 && wi.z > 0.0 {
@@ -416,7 +422,7 @@ fn to_upper_side(wo: Vec3, wi: Vec3) -> Option<(Vec3, Vec3)> {
     }
 }
 
-/// Returns the mirror direction of `w` about the unit vector `m`.
+/// Returns `w` mirrored about the unit vector `m`.
 #[inline]
 pub(super) fn mirror(w: Vec3, m: Vec3) -> Vec3 {
     2.0 * w.dot(m) * m - w

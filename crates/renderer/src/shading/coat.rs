@@ -1,22 +1,23 @@
-//! A dielectric coat over Lambert's reflection.
+//! A dielectric coat over Lambertian reflection, as a closed formula.
 //!
-//! Light enters through the coat, is scattered by the base, may be reflected back down from below the coat
-//! and scattered again, and leaves. pbrt-v4 walks that at random at each evaluation. Lambert's base forgets
-//! where light came from, so the walk's mean is a product, whatever the coat's roughness:
+//! Light enters through the coat and is scattered by the base. Part of it is reflected back down by the coat and
+//! scattered again before it leaves. pbrt-v4 estimates this by a random walk at every evaluation. A Lambertian base
+//! scatters in the same way whatever the incident direction, so the walk's mean is a product, for any roughness of the
+//! coat:
 //!
 //! `f = f_coat + T(wo) T(wi) rho / (pi eta^2) * sum_{k < K} (rho F)^k`
 //!
-//! * `T(w)`: share of the light from `w` that arrives at the base, in one pass through the coat;
-//! * `F`: share of the base's light that comes back to the base from below the coat;
-//! * `eta^2`: radiance spreads over fewer directions beyond the interface; light leaving from `wi` to `wo`
-//!   has `T(wo) / eta^2` by the interface's own reciprocity;
-//! * `K`: pbrt-v4's walk of depth `d` meets the base `ceil(d / 2)` times and then drops what is left, 4 % of
-//!   the base's light for `d = 10` and `rho = 0.9`.
+//! * `f_coat`: the coat's own reflection.
+//! * `rho`: the reflectance of the base; `eta`: the coat's index of refraction relative to the outside's.
+//! * `T(w)`: the fraction of light from `w` that reaches the base in one pass through the coat. By reciprocity, light
+//!   that leaves towards `wo` has the factor `T(wo) / eta^2`.
+//! * `F`: the fraction of the base's light that the coat reflects back to the base.
+//! * `K`: the largest number of reflections from the base. pbrt-v4's walk of depth `d` has `K = ceil(d / 2)` and drops
+//!   the rest: 4 % of the base's light for `d = 10` and `rho = 0.9`.
 //!
-//! Both `T` and `F` include, as pbrt-v4's coat does without saying so, absorption `exp(-thickness / |cos|)`
-//! on every crossing: 1 % a crossing at the default thickness. They are integrated over visible microfacet
-//! normals when the material is made; `T` is a table over the cosine. So `f` is reciprocal to the last bit,
-//! and takes no random numbers.
+//! `T` and `F` include absorption by `exp(-thickness / |cos|)` on every crossing, as pbrt-v4's undocumented behaviour
+//! does: 1 % per crossing at the default thickness. Both are integrated over visible microfacet normals when the
+//! material is made; `T` is a table over the cosine. The formula is exactly reciprocal and needs no random numbers.
 
 use super::microfacet::TrowbridgeReitz;
 use super::{Error, fresnel};
@@ -24,40 +25,40 @@ use dapple_scene::effectively_smooth;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
-/// The number of cells of the tables over the cosine. A smooth coat's transmittance, the hardest to tabulate, is within
-/// 1e-4 (relatively, within 1e-3 at a cosine of 0.01).
+/// The number of cells of the tables over the cosine. The hardest case, a smooth coat's transmittance, has an error
+/// below 1e-4 (a relative error below 1e-3 at a cosine of 0.01).
 const CELLS: usize = 256;
 
-/// The parameters of a [`Coat`], as pbrt-v4's `coateddiffuse` has them.
+/// The parameters of a [`Coat`], with the meaning that pbrt-v4's `coateddiffuse` material gives them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CoatOptions {
-    /// Index of refraction over the outside's, in `[0.1, 10]`.
+    /// The coat's index of refraction relative to the outside's, in `[0.1, 10]`.
     pub eta: f32,
-    /// Microfacet widths along the tangents; smooth where
-    /// [`effectively_smooth`] returns true, or where `eta` is 1.
+    /// The microfacet widths along the two tangents. The coat is smooth if [`effectively_smooth`] returns true for
+    /// them or `eta` is 1.
     pub alpha: [f32; 2],
-    /// Optical thickness along the normal, from 0: light that crosses the coat at an angle with cosine `c`
-    /// (inside) keeps `exp(-thickness / c)`. Where the coat scatters with an albedo, what it scatters mostly
-    /// goes on: multiply the thickness by `1 - albedo`.
+    /// The optical thickness along the normal, at least 0. Light that crosses the coat at an angle with cosine `c`
+    /// inside keeps the fraction `exp(-thickness / c)`. A coat that scatters with an albedo passes most of the
+    /// scattered light on; give `1 - albedo` times its thickness.
     pub thickness: f32,
-    /// The largest number of events of pbrt-v4's random walk between the layers; `u32::MAX` for all.
+    /// The largest number of events in pbrt-v4's random walk between the layers; `u32::MAX` for no limit.
     pub max_depth: u32,
 }
 
 impl Default for CoatOptions {
-    /// Returns pbrt-v4's defaults, a smooth coat.
+    /// Returns pbrt-v4's defaults: a smooth coat of index 1.5 and thickness 0.01, with at most 10 events.
     fn default() -> Self {
         Self { eta: 1.5, alpha: [0.0; 2], thickness: 0.01, max_depth: 10 }
     }
 }
 
-/// A coat over a diffuse base, tabulated once per material: some 10 ms (0.3 ms if smooth) and 2 KiB. The base's reflectance may
-/// vary from hit to hit.
+/// A dielectric coat over a diffuse base, tabulated once per material. The tables take about 10 ms (0.3 ms for a
+/// smooth coat) and 2 KiB. The reflectance of the base may vary from hit to hit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coat {
     eta: f32,
     microfacets: Option<TrowbridgeReitz>,
-    /// Transmittance to the base and directional reflectance, at cosine `i / CELLS`.
+    /// The transmittance to the base and the reflectance of the coat, at cosine `i / CELLS`.
     table: Box<[[f32; 2]]>,
     average_transmittance: f32,
     internal_reflectance: f32,
@@ -65,14 +66,14 @@ pub struct Coat {
 }
 
 impl Coat {
-    /// Tabulates the coat with these parameters.
+    /// Makes a coat with these parameters and computes its tables.
     ///
-    /// An anisotropic coat transmits like the isotropic one of width `sqrt(alpha_x alpha_y)`; its own
+    /// An anisotropic coat has the transmittance of the isotropic coat of width `sqrt(alpha_x alpha_y)`. Its own
     /// reflection is anisotropic.
     ///
     /// # Errors
     ///
-    /// [`Error::Eta`], [`Error::Thickness`] or [`Error::Roughness`] for a value out of range.
+    /// [`Error::Eta`], [`Error::Thickness`] or [`Error::Roughness`] if the parameter is out of its range.
     pub fn new(options: CoatOptions) -> Result<Self, Error> {
         let CoatOptions { eta, alpha, thickness, max_depth } = options;
         if !(0.1..=10.0).contains(&eta) {
@@ -94,7 +95,7 @@ impl Coat {
         };
         let table: Box<[_]> = (0..=CELLS).map(|i| interface.seen_from_outside(i as f32 / CELLS as f32, eta)).collect();
         let average_transmittance = interface.average(&[0.0, 1.0], |mu| interface.seen_from_outside(mu, eta)[0]);
-        // Reflection from below has a kink at the critical angle: integrate each side of it.
+        // Reflection from below has a kink at the critical angle, so each side of it is integrated separately.
         let critical = (1.0 - f64::from(eta).powi(2).recip()).max(0.0).sqrt();
         let internal_reflectance =
             interface.average(&[0.0, critical, 1.0], |mu| interface.returned_from_below(mu, eta));
@@ -108,7 +109,7 @@ impl Coat {
         })
     }
 
-    /// Returns the share of light at this cosine that reaches the base, and the share that the coat reflects.
+    /// Returns the fractions of light from outside at this cosine: what reaches the base, and what the coat reflects.
     #[inline]
     pub(crate) fn transmittance_and_reflectance(&self, cos: f32) -> [f32; 2] {
         let x = cos.clamp(0.0, 1.0) * CELLS as f32;
@@ -118,31 +119,31 @@ impl Coat {
         [a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])]
     }
 
-    /// Returns the transmittance averaged over a cosine-weighted hemisphere.
+    /// Returns the mean transmittance over a cosine-weighted hemisphere.
     pub(crate) fn average_transmittance(&self) -> f32 {
         self.average_transmittance
     }
 
-    /// Returns the coat's microfacets; `None` for a smooth coat.
+    /// Returns the coat's microfacet distribution; `None` for a smooth coat.
     #[inline]
     pub fn microfacets(&self) -> Option<&TrowbridgeReitz> {
         self.microfacets.as_ref()
     }
 
-    /// Returns the coat's index of refraction over that of the outside.
+    /// Returns the coat's index of refraction relative to the outside's.
     #[inline]
     pub fn eta(&self) -> f32 {
         self.eta
     }
 
-    /// Returns the Fresnel reflectance of the coat from outside.
+    /// Returns the Fresnel reflectance of the coat's interface, from outside at this cosine.
     #[inline]
     pub(super) fn fresnel(&self, cos: f32) -> f32 {
         fresnel::dielectric(cos, self.eta)
     }
 
-    /// The base's part of `f`, without `T(wo) T(wi)`: `rho / (pi eta^2) sum_{k < K} (rho F)^k`, for a base
-    /// of reflectance `rho`.
+    /// Returns the base's part of `f` without `T(wo) T(wi)`, for a base of this reflectance `rho`: `rho / (pi eta^2)
+    /// sum_{k < K} (rho F)^k`.
     #[inline]
     pub(crate) fn base(&self, reflectance: Vec3) -> Vec3 {
         let ratio = reflectance * self.internal_reflectance;
@@ -159,7 +160,7 @@ impl Coat {
     }
 }
 
-/// The coat's interface, seen from either side, with the quadrature to average over it.
+/// The coat's interface as seen from either side, with the quadrature nodes for averages over it.
 struct Interface {
     microfacets: Option<TrowbridgeReitz>,
     thickness: f64,
@@ -167,7 +168,7 @@ struct Interface {
 }
 
 impl Interface {
-    /// Returns transmittance to the base, and reflectance, from outside at cosine `mu`.
+    /// Returns the transmittance to the base and the reflectance, for light from outside at cosine `mu`.
     fn seen_from_outside(&self, mu: f32, eta: f32) -> [f32; 2] {
         let mut sums = [0.0; 2];
         self.for_each_facet(mu, |w, m, weight| {
@@ -186,7 +187,8 @@ impl Interface {
         sums.map(|x| x as f32)
     }
 
-    /// Returns the share of light from below at cosine `mu` that returns to the base, after two crossings of the coat.
+    /// Returns the fraction of light from below at cosine `mu` that returns to the base, after two crossings of the
+    /// coat.
     fn returned_from_below(&self, mu: f32, eta: f32) -> f32 {
         let mut sum = 0.0;
         self.for_each_facet(mu, |w, m, weight| {
@@ -200,15 +202,16 @@ impl Interface {
         sum as f32
     }
 
-    /// Calls `visit(w, m, weight)` for microfacet normals `m` visible from `w`, whose cosine is `mu`; the
+    /// Calls `visit(w, m, weight)` for microfacet normals `m` visible from the direction `w` of cosine `mu`. The
     /// weights sum to 1.
     fn for_each_facet(&self, mu: f32, mut visit: impl FnMut(Vec3, Vec3, f64)) {
         let w = Vec3::new(((1.0 - mu) * (1.0 + mu)).sqrt(), 0.0, mu);
         let Some(microfacets) = &self.microfacets else {
             return visit(w, Vec3::Z, 1.0);
         };
-        // The normal's azimuth is periodic and even: equal steps on a half turn converge fastest. Towards
-        // the horizon its height goes like the root of 1 - u, which 1 - u = s^2 takes away.
+        // The integrand is periodic and even in the azimuth, so equal steps over half a turn converge fastest. Towards
+        // the horizon, the normal's height is proportional to the root of 1 - u; substituting 1 - u = s^2 removes the
+        // root.
         const AZIMUTHS: usize = 16;
         for j in 0..AZIMUTHS {
             let turn = 0.5 * (j as f32 + 0.5) / AZIMUTHS as f32;
@@ -219,8 +222,8 @@ impl Interface {
         }
     }
 
-    /// Returns the probability that light from a facet visible from `wo` leaves towards `wi` unshadowed: `G(wo, wi) /
-    /// G1(wo)`.
+    /// Returns the probability that light which a visible facet scatters from `wo` towards `wi` is not shadowed:
+    /// `G(wo, wi) / G1(wo)`.
     fn shadowing(&self, wo: Vec3, wi: Vec3) -> f32 {
         self.microfacets.as_ref().map_or(1.0, |m| {
             let (co, ci) = (wo.z.abs(), wi.z.abs());
@@ -229,13 +232,13 @@ impl Interface {
         })
     }
 
-    /// Returns the share of light that survives one crossing of the coat along `w`.
+    /// Returns the fraction of light that one crossing of the coat along `w` does not absorb.
     fn crossing(&self, w: Vec3) -> f64 {
         (-self.thickness / f64::from(w.z.abs())).exp()
     }
 
-    /// Returns the cosine-weighted average of `f` over the hemisphere. Integrates each interval between the given
-    /// `cosines`, with the resolution of a square root at its start.
+    /// Returns the cosine-weighted average of `f` over the hemisphere. The intervals between consecutive `cosines` are
+    /// integrated separately; each may start like a square root.
     fn average(&self, cosines: &[f64], f: impl Fn(f32) -> f32) -> f64 {
         let nodes = gauss_legendre(48);
         let mut sum = 0.0;
@@ -250,7 +253,7 @@ impl Interface {
     }
 }
 
-/// Returns nodes and weights of Gauss-Legendre quadrature on `[0, 1]`, by Newton's method.
+/// Returns the nodes and weights of Gauss-Legendre quadrature on `[0, 1]`, computed by Newton's method.
 fn gauss_legendre(n: usize) -> Vec<[f64; 2]> {
     let node = |i: usize| {
         let mut x = (std::f64::consts::PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();

@@ -1,54 +1,56 @@
-//! Glass: what light does at a border between two transparent media, and at a pane.
+//! Dielectrics (glass): reflection and refraction at the interface of two transparent media and at a thin pane, and
+//! diffuse transmission.
 //!
-//! The normal +z points out of the glass: `wo.z > 0` is outside. Inside, the image is mirrored through the point, with
-//! the reciprocal index; so every function below works with a `wo` above and an `eta` of what lies below over what
-//! lies above. Radiance is scattered, not importance: what crosses the border is divided by `eta^2`
-//! [Pharr et al. 2023, sec. 9.5.2].
+//! The normal +z points out of the glass, so `wo.z > 0` is outside. A `wo` inside is mirrored through the point, with
+//! the reciprocal index of refraction. The functions below therefore work with `wo` above the surface; their `eta` is
+//! the index below relative to the one above. Transmitted radiance is divided by `eta^2` [Pharr et al. 2023, sec.
+//! 9.5.2].
 
 use super::bsdf::{BsdfSample, mirror};
 use super::fresnel;
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
 use glam::Vec3;
 
-/// Factors of the light that glass scatters, white in nature.
+/// Color factors of the light that glass reflects and transmits; 1 for physical glass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tint {
-    /// Factor of reflected light, per channel.
+    /// The factor of reflected light, per channel.
     pub reflectance: Vec3,
-    /// Factor of transmitted light, per channel.
+    /// The factor of transmitted light, per channel.
     pub transmittance: Vec3,
 }
 
 impl Tint {
-    /// The tint without effect: both factors are 1.
+    /// The tint without effect, with both factors 1.
     pub const WHITE: Self = Self { reflectance: Vec3::ONE, transmittance: Vec3::ONE };
 
-    /// Returns the probability of sampling the reflection, for a Fresnel reflectance of `reflectance`; transmission has
-    /// the rest.
+    /// Returns the probability of sampling the reflection at a Fresnel reflectance of `reflectance`. Transmission has
+    /// the remaining probability.
     #[inline]
     fn chance(&self, reflectance: f32) -> f32 {
-        // Then exactly Fresnel's, and every sample has the same weight.
+        // With equal factors, Fresnel's reflectance as the probability gives every sample the same weight.
         if self.reflectance == self.transmittance {
             return reflectance;
         }
         let up = reflectance * self.reflectance.element_sum();
         let down = (1.0 - reflectance) * self.transmittance.element_sum();
-        // A black glass scatters nothing, whichever lobe is drawn.
+        // Black glass scatters nothing, so any probability will do.
         if up + down > 0.0 { up / (up + down) } else { 0.0 }
     }
 }
 
-/// A smooth border of glass.
+/// A smooth interface of glass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SmoothDielectric {
-    /// Index of refraction of the inside over that of the outside.
+    /// The index of refraction inside relative to the one outside.
     pub eta: f32,
-    /// Factors of reflected and transmitted light.
+    /// The color factors of reflected and transmitted light.
     pub tint: Tint,
 }
 
 impl SmoothDielectric {
-    /// Samples as [`Bsdf::sample`](super::Bsdf::sample) does; both lobes are specular.
+    /// Samples a direction as [`Bsdf::sample`](super::Bsdf::sample) does. Reflection and transmission are both
+    /// specular.
     #[inline]
     pub(super) fn sample(&self, wo: Vec3, lobe: f32) -> Option<BsdfSample> {
         let (side, eta) = if wo.z > 0.0 { (1.0, self.eta) } else { (-1.0, 1.0 / self.eta) };
@@ -73,19 +75,19 @@ impl SmoothDielectric {
     }
 }
 
-/// A rough border of glass [Walter et al. 2007].
+/// A rough interface of glass [Walter et al. 2007].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoughDielectric {
-    /// Index of refraction of the inside over that of the outside; not 1, with which there is no border.
+    /// The index of refraction inside relative to the one outside. It must not be 1, which is no interface.
     pub eta: f32,
-    /// Microfacets of the border.
+    /// The microfacet distribution of the interface.
     pub microfacets: TrowbridgeReitz,
-    /// Factors of reflected and transmitted light.
+    /// The color factors of reflected and transmitted light.
     pub tint: Tint,
 }
 
 impl RoughDielectric {
-    /// Returns `f` and density as [`Bsdf::evaluate_and_pdf`](super::Bsdf::evaluate_and_pdf) does.
+    /// Returns `f` and the density as [`Bsdf::evaluate_and_pdf`](super::Bsdf::evaluate_and_pdf) does.
     #[inline]
     pub(super) fn evaluate_and_pdf(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         let (side, eta) = if wo.z > 0.0 { (1.0, self.eta) } else { (-1.0, 1.0 / self.eta) };
@@ -99,7 +101,7 @@ impl RoughDielectric {
         }
     }
 
-    /// Samples as [`Bsdf::sample`](super::Bsdf::sample) does.
+    /// Samples a direction as [`Bsdf::sample`](super::Bsdf::sample) does.
     #[inline]
     pub(super) fn sample(&self, wo: Vec3, u: [f32; 2], lobe: f32) -> Option<BsdfSample> {
         let (side, eta) = if wo.z > 0.0 { (1.0, self.eta) } else { (-1.0, 1.0 / self.eta) };
@@ -110,7 +112,7 @@ impl RoughDielectric {
         let reflectance = transmitted.map_or(1.0, |cos_t| fresnel::dielectric_between(cos.clamp(0.0, 1.0), cos_t, eta));
         let (wi, (f, pdf), eta) = match transmitted {
             Some(cos_t) if lobe >= self.tint.chance(reflectance) => {
-                // Once more to unit length: for an index far from 1 its terms are larger than 1 and cancel.
+                // Normalised again: if the index is far from 1, the terms exceed 1 and cancel.
                 let wi = ((cos / eta - cos_t) * m - wo / eta).normalize();
                 if !(wi.z < 0.0) {
                     return None;
@@ -131,7 +133,7 @@ impl RoughDielectric {
         })
     }
 
-    /// Returns `f` and density for two directions above.
+    /// Returns `f` and the density for two directions with positive z.
     #[inline]
     fn reflected(&self, wo: Vec3, wi: Vec3, eta: f32) -> (Vec3, f32) {
         let h = wo + wi;
@@ -140,19 +142,19 @@ impl RoughDielectric {
         (f, self.tint.chance(reflectance) * self.microfacets.reflection_pdf(wo, h))
     }
 
-    /// Returns `f` and density for `wo` above and `wi` below [Walter et al. 2007, eq. 16, 17 and 21, over `eta^2`].
-    /// `outside` is true if `wo` lies outside the glass.
+    /// Returns `f` and the density for `wo` above and `wi` below [Walter et al. 2007, eq. 16, 17 and 21, divided by
+    /// `eta^2`]. `outside` is true if `wo` is outside the glass.
     ///
-    /// The half vector is `h = a + eta b`, `a` being the direction outside and `b` the one inside, whichever light
-    /// comes from: so the two ways through differ by `eta^2`, and by nothing else. The root of the Jacobian's
-    /// denominator is `|h|`, and `|cos|` of both directions cancel against those in the masking.
+    /// The half vector is `h = a + eta b` for the direction `a` outside and `b` inside, in both directions of travel.
+    /// The two values therefore differ only by the factor `eta^2`. The root of the Jacobian's denominator is `|h|`,
+    /// and the cosines of both directions cancel with those in the masking term.
     #[inline]
     fn transmitted(&self, wo: Vec3, wi: Vec3, outside: bool) -> (Vec3, f32) {
         let (a, b) = if outside { (wo, wi) } else { (wi, wo) };
         let h = a + self.eta * b;
-        // Upwards, on the side of `wo`.
+        // The half vector is turned to the side of `wo`.
         let h = if h.z < 0.0 { -h } else { h };
-        // Times |h|. Facets are seen from above by `wo` and from below by `wi`.
+        // Both cosines are multiplied by |h|. `wo` must see a facet from above, and `wi` from below.
         let (before, beyond) = (wo.dot(h), -wi.dot(h));
         if !(before > 0.0 && beyond > 0.0) {
             return (Vec3::ZERO, 0.0);
@@ -170,8 +172,8 @@ impl RoughDielectric {
     }
 }
 
-/// Samples a pane of glass as [`Bsdf::sample`](super::Bsdf::sample) does: light passes straight through or is
-/// reflected.
+/// Samples a thin pane of glass as [`Bsdf::sample`](super::Bsdf::sample) does. Light is mirrored, or passes in the
+/// same direction.
 #[inline]
 pub(super) fn sample_pane(eta: f32, wo: Vec3, lobe: f32) -> BsdfSample {
     let reflectance = fresnel::pane(wo.z.abs(), eta);
@@ -180,17 +182,17 @@ pub(super) fn sample_pane(eta: f32, wo: Vec3, lobe: f32) -> BsdfSample {
     BsdfSample { wi, weight: Vec3::ONE, pdf, specular: true, eta: 1.0 }
 }
 
-/// Lambert's reflection, and Lambertian transmission to the other side, as of a sheet of paper.
+/// Lambertian reflection combined with Lambertian transmission to the other side, as by a sheet of paper.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DiffuseTransmission {
-    /// The share of light reflected, per channel.
+    /// The fraction of light reflected, per channel.
     pub reflectance: Vec3,
-    /// The share of light that leaves on the other side, per channel.
+    /// The fraction of light transmitted to the other side, per channel.
     pub transmittance: Vec3,
 }
 
 impl DiffuseTransmission {
-    /// Returns the probability of sampling the reflection: its share of the scattered light.
+    /// Returns the probability of sampling the reflection: its fraction of the scattered light.
     #[inline]
     pub(super) fn chance(&self) -> f32 {
         let (up, down) = (self.reflectance.element_sum(), self.transmittance.element_sum());

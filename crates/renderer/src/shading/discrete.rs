@@ -1,50 +1,51 @@
-//! Sampling of items in proportion to weights.
+//! Sampling of items and grid cells in proportion to weights.
 
 mod window;
 
 use super::Error;
 pub(crate) use window::Window;
 
-/// The largest coordinate below 1.
+/// The largest f32 below 1.
 const BELOW_ONE: f32 = 1.0 - 0.5 * f32::EPSILON;
-/// The largest number of rows or columns. Cells stay wide enough to hold several f32 values.
+/// The largest number of rows or columns of a grid. Cells then stay wide enough to contain several f32 values.
 const MAX_SIDE: usize = 1 << 20;
 
-/// Items sampled with probability proportional to their weights.
+/// A discrete distribution over items, with probabilities proportional to their weights.
 ///
-/// Inverts the cumulative distribution, so that well-distributed coordinates give well-distributed items: an alias table
-/// would break that up. A guide table [Chen and Asau 1974] finds the item in constant expected time. Sums are f64.
+/// Sampling inverts the cumulative distribution, so well-distributed random numbers give well-distributed items; an
+/// alias table would not. A guide table [Chen and Asau 1974] finds the item in constant expected time. Sums are
+/// computed in f64.
 ///
-/// A distribution whose weights are all 0, or that has none, is *empty*: nothing is sampled.
+/// A distribution without a positive weight is *empty*: no item can be sampled.
 ///
-/// A coordinate of 24 bits gives an item a multiple of 2^-24 of probability: with 10^6 items single
-/// frequencies are off by some percent, though sums over neighbours are not.
+/// A random number of 24 bits selects an item with a probability that is a multiple of 2^-24. With 10^6 items, single
+/// frequencies can be off by some percent, but sums over neighbours are not.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Discrete {
-    /// `ends[i]`: the probability of items `0..=i`. From the last item of positive weight on, it is 1.
+    /// `ends[i]` is the cumulative probability of items `0..=i`. It is 1 from the last item with a positive weight on.
     ends: Vec<f64>,
-    /// `guide[j]`: the item that coordinate `j / n` selects, for n items.
+    /// `guide[j]` is the item that the random number `j / n` selects, for n items.
     guide: Vec<u32>,
     total: f64,
 }
 
-/// An item sampled from a [`Discrete`].
+/// An item sampled from a [`Discrete`] distribution, with its probability.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
     /// The index of the sampled item.
     pub index: usize,
-    /// The probability of the sampled item, above 0, equal to [`Discrete::pmf`].
+    /// The probability of the sampled item, above 0; equal to [`Discrete::pmf`].
     pub pmf: f32,
-    /// The position of the random coordinate within the item's share, again uniform in `[0, 1)`.
+    /// The random number rescaled to the item's interval, so that it is uniform in `[0, 1)` again.
     pub u: f32,
 }
 
 impl Discrete {
-    /// Makes the distribution with these weights, at most 2^32 - 1 of them.
+    /// Makes the distribution with these weights, of which there may be at most 2^32 - 1.
     ///
     /// # Errors
     ///
-    /// [`Error::Weight`] for a weight that is negative, infinite or NaN; [`Error::TooMany`].
+    /// [`Error::Weight`] if a weight is negative, infinite or NaN. [`Error::TooMany`] if there are too many weights.
     pub fn new(weights: &[f32]) -> Result<Self, Error> {
         if u32::try_from(weights.len()).is_err() {
             return Err(Error::TooMany { count: weights.len(), most: u32::MAX as usize });
@@ -69,7 +70,8 @@ impl Discrete {
         Self { ends, guide, total }
     }
 
-    /// Selects an item by `u`, clamped to `[0, 1)`, never one of weight 0. `None` if the distribution is empty.
+    /// Selects an item by a random number `u`, clamped to `[0, 1)`. Items of weight 0 are never selected. Returns
+    /// `None` if the distribution is empty.
     #[inline]
     pub fn sample(&self, u: f32) -> Option<Choice> {
         if !(self.total > 0.0) {
@@ -82,12 +84,12 @@ impl Discrete {
         Some(invert(&self.ends, first, last, u))
     }
 
-    /// Returns the probability of item `index`. It is 0 for an item too light, relative to the others, to be ever
-    /// selected.
+    /// Returns the probability of item `index`. It is 0 if the weight is too small, relative to the others, for the
+    /// item ever to be selected.
     ///
     /// # Panics
     ///
-    /// If there is no item `index`.
+    /// Panics if `index` is not below [`len`](Self::len) and the distribution is not empty.
     #[inline]
     pub fn pmf(&self, index: usize) -> f32 {
         if self.total > 0.0 { (self.ends[index] - start(&self.ends, index)) as f32 } else { 0.0 }
@@ -103,28 +105,30 @@ impl Discrete {
         !(self.total > 0.0)
     }
 
-    /// Returns the sum of the weights.
+    /// Returns the sum of all weights.
     pub fn total(&self) -> f64 {
         self.total
     }
 }
 
-/// A density on the unit square, constant on each cell of a grid: an environment map's brightness, say.
+/// A probability density on the unit square that is constant on each cell of a grid, such as an environment map's
+/// luminance.
 ///
-/// Cells are half-open; a cell of weight 0 is never sampled. Takes 9 bytes a cell.
+/// Cells are half-open. A cell of weight 0 is never sampled. The density takes about 9 bytes per cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PiecewiseConstant2d {
     rows: Discrete,
-    /// `ends` of a [`Discrete`] for each row, one after another.
+    /// The `ends` of a [`Discrete`] for the columns of each row, one row after another.
     columns: Vec<f64>,
-    /// Guides, row by row, each `slots + 1` long: the column that coordinate `j / slots` selects, then the last column.
+    /// The guide tables of the rows, one after another, each with `slots + 1` entries: entry `j` is the column that
+    /// the random number `j / slots` selects, and the last entry is the last column.
     guides: Vec<u32>,
     slots: usize,
     size: [usize; 2],
 }
 
-/// The number of columns per slot of a row's guide. Without a guide, a binary search through a row misses the cache at
-/// nearly every step: a quarter of the time in a scene lit by an image of 1024 x 512.
+/// The number of columns per guide slot. Without a guide table, a binary search through a row misses the cache at
+/// nearly every step, which takes a quarter of the time in a scene lit by an environment map of 1024 x 512.
 const TO_A_SLOT: usize = 4;
 
 impl PiecewiseConstant2d {
@@ -179,7 +183,7 @@ impl PiecewiseConstant2d {
         Some(self.sample_row(row, f64::from(u[0].clamp(0.0, BELOW_ONE)), near))
     }
 
-    /// Returns the point in `[0, 1)` that coordinate `across` selects in a row, and the density.
+    /// Returns the point in `[0, 1)^2` that the number `across` in `[0, 1)` selects in a row, and its density.
     #[inline(always)]
     fn sample_row(&self, row: Choice, across: f64, near: impl FnOnce(usize)) -> ([f32; 2], f32) {
         let slot = row.index * (self.slots + 1) + (across * self.slots as f64) as usize;
@@ -230,7 +234,7 @@ fn check(weights: &[f32]) -> Result<(), Error> {
     }
 }
 
-/// Returns the running sums divided by the total, and the total. All sums are 0 if the total is 0.
+/// Returns the cumulative sums divided by the total, and the total. All sums are 0 if the total is 0.
 fn cumulative(weights: impl Iterator<Item = f64>) -> (Vec<f64>, f64) {
     let mut total = 0.0;
     let mut ends: Vec<f64> = weights
@@ -260,13 +264,13 @@ fn invert(ends: &[f64], first: usize, last: usize, u: f64) -> Choice {
     Choice { index, pmf: width as f32, u: (((u - begin) / width) as f32).clamp(0.0, BELOW_ONE) }
 }
 
-/// Returns the cell, of `n`, that coordinate `u` lies in. The product is exact in f64.
+/// Returns the index of the cell that contains `u`, of `n` equal cells of the unit interval. The product is exact.
 #[inline]
 fn cell(u: f32, n: usize) -> usize {
     ((f64::from(u) * n as f64) as usize).min(n - 1)
 }
 
-/// Returns the coordinate of a choice in `[0, 1)`, kept within its cell against rounding.
+/// Returns the coordinate in `[0, 1)` of a choice among `n` cells. Rounding does not move it out of its cell.
 #[inline]
 fn place(choice: Choice, n: usize) -> f32 {
     let u = ((choice.index as f64 + f64::from(choice.u)) / n as f64) as f32;

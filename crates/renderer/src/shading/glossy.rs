@@ -1,36 +1,36 @@
-//! Glossy reflection on top of a diffuse one, by the two models of older scene files.
+//! Glossy reflection above diffuse reflection, by the models of pbrt-v3's `plastic` and `substrate` materials.
 //!
-//! Both work with directions on the side `z > 0`.
+//! The functions of both models expect directions on the side `z > 0`.
 
 use super::fresnel;
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};
 
-/// Index of refraction of [`Plastic`].
+/// The index of refraction of [`Plastic`]'s glossy reflection.
 const PLASTIC_ETA: f32 = 1.5;
 
-/// The sum of Lambert's reflection and a rough dielectric's, as pbrt-v3's `plastic`. The sum may exceed the incident
-/// light: the diffuse part is not reduced by the glossy one.
+/// The sum of Lambertian reflection and a rough dielectric's reflection, as pbrt-v3's `plastic`. More light than
+/// arrives may be reflected, since the glossy part does not reduce the diffuse one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plastic {
-    /// Share of light reflected diffusely, per channel.
+    /// The fraction of light reflected diffusely, per channel.
     pub diffuse: Vec3,
-    /// The factor of the glossy reflection, which is Fresnel's for an index of 1.5.
+    /// The factor of the glossy reflection, per channel, which multiplies the Fresnel reflectance for an index of 1.5.
     pub specular: Vec3,
-    /// Microfacets of the glossy reflection.
+    /// The microfacet distribution of the glossy reflection.
     pub microfacets: TrowbridgeReitz,
 }
 
 impl Plastic {
-    /// Returns the probability of sampling the glossy lobe: nearly its share of the light from `wo`.
+    /// Returns the probability of sampling the glossy lobe: approximately its fraction of the light reflected to `wo`.
     #[inline]
     pub(super) fn chance(&self, wo: Vec3) -> f32 {
         let glossy = self.specular.element_sum() * fresnel::dielectric(wo.z, PLASTIC_ETA);
         share(glossy, self.diffuse.element_sum())
     }
 
-    /// Returns `f` and density; `chance` is the probability of the glossy lobe at `wo`.
+    /// Returns `f` and the density. `chance` is the probability of sampling the glossy lobe at `wo`.
     #[inline]
     pub(super) fn evaluate_above(&self, wo: Vec3, wi: Vec3, chance: f32) -> (Vec3, f32) {
         let h = wo + wi;
@@ -40,37 +40,37 @@ impl Plastic {
         (self.diffuse * FRAC_1_PI + glossy, pdf)
     }
 
-    /// Returns the share of light reflected at normal incidence, per channel.
+    /// Returns the approximate fraction of light reflected at normal incidence, per channel.
     pub(super) fn albedo(&self) -> Vec3 {
         self.diffuse + self.specular * fresnel::dielectric(1.0, PLASTIC_ETA)
     }
 }
 
-/// A glossy coat over a diffuse base [Ashikhmin and Shirley 2000], with Trowbridge and Reitz' microfacets, as pbrt-v3's
-/// `substrate`.
+/// A glossy coat over a diffuse base [Ashikhmin and Shirley 2000] with a Trowbridge-Reitz (GGX) microfacet
+/// distribution, as pbrt-v3's `substrate`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Substrate {
-    /// Reflectance of the base, per channel.
+    /// The reflectance of the base, per channel.
     pub diffuse: Vec3,
-    /// Reflectance of the coat at normal incidence, per channel.
+    /// The reflectance of the coat at normal incidence, per channel.
     pub specular: Vec3,
-    /// Microfacets of the coat.
+    /// The microfacet distribution of the coat.
     pub microfacets: TrowbridgeReitz,
 }
 
 impl Substrate {
-    /// Returns the probability of sampling the coat's lobe: nearly its share of the light from `wo`.
+    /// Returns the probability of sampling the coat's lobe: approximately its fraction of the light reflected to `wo`.
     #[inline]
     pub(super) fn chance(&self, wo: Vec3) -> f32 {
         let diffuse = self.diffuse * (Vec3::ONE - self.specular);
         share(schlick(self.specular, wo.z).element_sum(), diffuse.element_sum())
     }
 
-    /// Returns `f` and density; `chance` is the probability of the coat's lobe at `wo` [Ashikhmin and Shirley 2000, eq.
-    /// 4 and 5; the coat's lobe by Pharr et al. 2016, sec. 8.5].
+    /// Returns `f` and the density [Ashikhmin and Shirley 2000, eq. 4 and 5; the coat's lobe after Pharr et al. 2016,
+    /// sec. 8.5]. `chance` is the probability of sampling the coat's lobe at `wo`.
     #[inline]
     pub(super) fn evaluate_above(&self, wo: Vec3, wi: Vec3, chance: f32) -> (Vec3, f32) {
-        // 28 / 23 makes up for the two powers, so that no light is lost or made.
+        // The factor 28 / 23 normalises the two powers, so that energy is conserved.
         const SCALE: f32 = 28.0 / (23.0 * PI);
         let beyond = |cos: f32| 1.0 - fifth_power(1.0 - 0.5 * cos);
         let diffuse = self.diffuse * (Vec3::ONE - self.specular) * (SCALE * beyond(wi.z) * beyond(wo.z));
@@ -81,13 +81,14 @@ impl Substrate {
         (diffuse + schlick(self.specular, cos) * lobe, pdf)
     }
 
-    /// Returns nearly the share of light reflected at normal incidence, per channel.
+    /// Returns the approximate fraction of light reflected at normal incidence, per channel.
     pub(super) fn albedo(&self) -> Vec3 {
         self.specular + self.diffuse * (Vec3::ONE - self.specular)
     }
 }
 
-/// Returns Schlick's approximation of the Fresnel reflectance [Schlick 1994, eq. 15].
+/// Returns Schlick's approximation of the Fresnel reflectance at a cosine, from the one at normal incidence [Schlick
+/// 1994, eq. 15].
 #[inline]
 fn schlick(normal: Vec3, cos: f32) -> Vec3 {
     normal + fifth_power(1.0 - cos.min(1.0)) * (Vec3::ONE - normal)

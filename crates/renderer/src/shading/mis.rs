@@ -1,11 +1,12 @@
-//! Multiple importance sampling.
+//! Weights for multiple importance sampling.
 
-/// Returns the weight of a sample from the strategy with density `pdf` against another with density `other`. Uses the
-/// power heuristic with exponent 2 [Veach 1997, sec. 9.2.4]; each strategy takes one sample.
+/// Returns the weight of a sample by the power heuristic with exponent 2 [Veach 1997, sec. 9.2.4]. `pdf` is the
+/// density of the strategy that generated the sample, and `other` the density of another strategy. Each strategy takes
+/// one sample.
 ///
-/// In `[0, 1]` for any two non-negative densities, and `power_heuristic(a, b) + power_heuristic(b, a)` is 1
-/// within rounding unless both are 0. Ratios are squared, never densities, so nothing overflows. Two
-/// infinite densities share equally; a density of 0 has weight 0, and so has NaN.
+/// The result is in `[0, 1]` for non-negative densities. `power_heuristic(a, b) + power_heuristic(b, a)` is 1 within
+/// rounding, unless both are 0. The ratio is squared, not the densities, so nothing overflows. Two infinite densities
+/// give 0.5; a `pdf` of 0 or NaN gives 0.
 #[inline]
 pub fn power_heuristic(pdf: f32, other: f32) -> f32 {
     if !(pdf > 0.0) {
@@ -18,11 +19,11 @@ pub fn power_heuristic(pdf: f32, other: f32) -> f32 {
     1.0 / (1.0 + ratio * ratio)
 }
 
-/// Returns [`power_heuristic`] divided by `pdf`, with one division less; `pdf` must be finite and above 0.
+/// Returns [`power_heuristic`] divided by `pdf`, with one division less. `pdf` must be finite and above 0.
 #[inline]
 pub(crate) fn power_heuristic_over_pdf(pdf: f32, other: f32) -> f32 {
     let ratio = other / pdf;
-    // A ratio whose square overflows gives 0.
+    // If the square of the ratio overflows, the result is 0.
     1.0 / (pdf + pdf * ratio * ratio)
 }
 

@@ -1,21 +1,21 @@
-//! Angles in turns, by polynomials that give the same bits on every machine.
+//! Trigonometric functions of angles in turns, by polynomials that give the same bits on every machine.
 //!
-//! The platform's `sin`, `cos` and `atan2` differ in the last bit between systems; these use only
-//! additions, multiplications and divisions, which IEEE 754 fixes. A turn is a full circle, so that a
-//! coordinate in `[0, 1)` is an angle without being multiplied by an inexact pi first.
+//! The platform's `sin`, `cos` and `atan2` differ in the last bit between systems. The functions here use only
+//! additions, multiplications and divisions, which IEEE 754 defines exactly. A turn is a full circle, so a random
+//! number in `[0, 1)` is an angle without a multiplication by a rounded pi.
 
-/// Returns sine and cosine of `turn` full turns, within 2e-7, for `|turn| <= 2^20`.
+/// Returns the sine and cosine of `turn` full turns, with an error below 2e-7, for `|turn| <= 2^20`.
 ///
-/// Reduction to an eighth of a turn is exact; the polynomials are those of sinf and cosf after Moshier 1992
-/// (Cephes).
+/// The reduction to an eighth of a turn is exact. The polynomials are the ones of sinf and cosf in Cephes [Moshier
+/// 1992].
 #[inline]
 pub(crate) fn sin_cos_turn(turn: f32) -> (f32, f32) {
-    // Adding and taking away 1.5 * 2^23 rounds to the nearest whole number, ties to even, without a call
-    // into libm on processors whose baseline cannot round.
+    // Adding and subtracting 1.5 * 2^23 rounds to the nearest integer, ties to even. It avoids a call into libm on
+    // processors without a rounding instruction in their baseline.
     let quarters = (turn * 4.0 + 12_582_912.0) - 12_582_912.0;
     let (sin, cos) = sin_cos_within_an_eighth((turn * 4.0 - quarters) * std::f32::consts::FRAC_PI_2);
-    // Quarters 0 to 3 give (sin, cos), (cos, -sin), (-sin, -cos), (-cos, sin): by bits, since a processor cannot guess
-    // a random quarter.
+    // Quarters 0 to 3 give (sin, cos), (cos, -sin), (-sin, -cos), (-cos, sin). They are selected by bit operations,
+    // since branches on a random quarter would be mispredicted.
     let quarter = quarters as i32 as u32;
     let (sin, cos) = (sin.to_bits(), cos.to_bits());
     let change = (sin ^ cos) & 0_u32.wrapping_sub(quarter & 1);
@@ -23,8 +23,7 @@ pub(crate) fn sin_cos_turn(turn: f32) -> (f32, f32) {
     (f32::from_bits(sin ^ change ^ negative(quarter)), f32::from_bits(cos ^ change ^ negative(quarter.wrapping_add(1))))
 }
 
-/// Returns sine and cosine of an angle in radians of at most an eighth of a turn, by the polynomials of
-/// [`sin_cos_turn`].
+/// Returns the sine and cosine of an angle in radians of at most an eighth of a turn (pi / 4).
 #[inline(always)]
 pub(super) fn sin_cos_within_an_eighth(x: f32) -> (f32, f32) {
     let z = x * x;
@@ -33,9 +32,9 @@ pub(super) fn sin_cos_within_an_eighth(x: f32) -> (f32, f32) {
     (sin, cos)
 }
 
-/// Returns the angle of the point `(x, y)` in turns, in `[0, 1)`, within 1e-7; 0 at the origin.
+/// Returns the angle of the point `(x, y)` in turns, in `[0, 1)`, with an error below 1e-7; 0 at the origin.
 ///
-/// The polynomial is that of atanf after Moshier 1992 (Cephes).
+/// The polynomial is the one of atanf in Cephes [Moshier 1992].
 #[inline]
 pub fn turn_of(y: f32, x: f32) -> f32 {
     let (near, far) = (x.abs().min(y.abs()), x.abs().max(y.abs()));

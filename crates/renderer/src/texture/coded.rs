@@ -1,31 +1,31 @@
-//! Compact copies of images with few distinct values.
+//! Compact copies of images with few distinct channel values.
 
 use dapple_scene::image::Image;
 use glam::Vec3;
 
-/// The largest number of distinct values, as many as a byte can index.
+/// The largest number of distinct values: the number of indices in a byte.
 const MOST: usize = 256;
-/// The number of pixels along a tile's side.
+/// The number of pixels along the side of a tile.
 const SIDE: usize = 4;
 
-/// An image with at most 256 distinct channel values, as from 8-bit files, stored exactly in one byte per channel.
-/// Scattered look-ups in a large image wait for memory. This form takes a third of the memory of three floats, and four
-/// neighbours mostly share a cache line.
+/// An image with at most 256 distinct channel values, such as one from an 8-bit file, stored exactly in one byte per
+/// channel. Scattered look-ups in a large image are limited by memory latency. This form takes a third of the memory
+/// of three floats, and four neighbouring pixels mostly share a cache line.
 #[derive(Clone, Debug)]
 pub(super) struct Coded {
     tiles: Vec<Tile>,
-    /// Tiles per row.
+    /// The number of tiles per row of tiles.
     across: usize,
     values: Box<[f32; MOST]>,
 }
 
-/// Codes of 4 x 4 pixels, row by row, in one cache line. The fourth byte of each pixel is unused.
+/// The value indices of 4 x 4 pixels, row by row, in one cache line. The fourth byte of each pixel is unused.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 struct Tile([[u8; 4]; SIDE * SIDE]);
 
 impl Coded {
-    /// Makes the compact copy of an image; `None` if it has too many values.
+    /// Makes the compact copy of an image. Returns `None` if the image has more than 256 distinct values.
     pub(super) fn new(image: &Image) -> Option<Self> {
         let [width, height] = [image.width(), image.height()];
         let across = width.div_ceil(SIDE);
@@ -40,7 +40,7 @@ impl Coded {
         Some(Self { tiles, across, values: Box::new(coder.values) })
     }
 
-    /// Returns the pixel at a column and a row within the image.
+    /// Returns the linear RGB pixel at a column and a row, which must be inside the image.
     #[inline]
     pub(super) fn pixel(&self, column: usize, row: usize) -> Vec3 {
         let (tile, place) = locate(self.across, column, row);
@@ -49,17 +49,17 @@ impl Coded {
     }
 }
 
-/// Returns the index of a pixel's tile, and the pixel's index in the tile.
+/// Returns the index of a pixel's tile, and the index of the pixel in its tile.
 #[inline]
 fn locate(across: usize, column: usize, row: usize) -> (usize, usize) {
     (row / SIDE * across + column / SIDE, row % SIDE * SIDE + column % SIDE)
 }
 
-/// Numbers distinct values in the order of their first use.
+/// A table that gives each distinct value an index, in the order of first use.
 struct Coder {
     values: [f32; MOST],
     count: usize,
-    /// Hash table from a value's bits to its number, from 1; 0 is a free slot.
+    /// A hash table from a value's bits to its index plus 1; 0 marks a free slot.
     slots: [u16; Self::SLOTS],
 }
 
@@ -70,12 +70,12 @@ impl Default for Coder {
 }
 
 impl Coder {
-    /// Size of the hash table: four times the largest number of values keeps searches short.
+    /// The size of the hash table: four times the largest number of values, which keeps searches short.
     const SLOTS: usize = 4 * MOST;
 
-    /// Returns the code of a value; `None` if there are too many values.
+    /// Returns the index of a value; `None` if there are more than 256 distinct values.
     fn code(&mut self, value: f32) -> Option<u8> {
-        // The golden ratio of 2^32 scatters bits [after Knuth 1998, sec. 6.4].
+        // Multiplication by 2^32 divided by the golden ratio scatters the bits [after Knuth 1998, sec. 6.4].
         let mut slot = (value.to_bits().wrapping_mul(0x9E37_79B9) >> 22) as usize;
         loop {
             let number = usize::from(self.slots[slot]);

@@ -1,4 +1,4 @@
-//! Construction of a world from a scene.
+//! Preparation of a world from a scene.
 
 use super::instances::{Placements, empty_mesh};
 use super::shutter::Shutter;
@@ -15,15 +15,15 @@ use dapple_scene::Effects;
 use dapple_scene::{Emission, Geometry as Described, MeshData, Scene, Shape as DescribedShape, Source};
 use glam::{DAffine3, DVec3, Vec3};
 
-/// All errors that prevent a scene from being rendered.
+/// The reasons why a scene cannot be rendered.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{}", problems.join("\n"))]
 pub struct WorldError {
-    /// The problems, one sentence each, with the object's line.
+    /// The problems, each as one sentence that begins with the line of the object.
     pub problems: Vec<String>,
 }
 
-/// Collects problems, so that all problems of a scene are reported together.
+/// A list of problems, so that all problems of a scene are reported together.
 #[derive(Default)]
 pub(super) struct Problems(Vec<String>);
 
@@ -110,7 +110,8 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
     })
 }
 
-/// Marks the parts that light may pass. Returns if light goes through any surface, and if any part is passable.
+/// Marks the parts that rays may pass without scattering. Returns two flags: true if a surface transmits light, and
+/// true if a part is passable.
 fn mark_passable(parts: &mut [Part], object_parts: &mut [Part], surfaces: &[Surface]) -> [bool; 2] {
     let (mut has_transmission, mut has_passable_surfaces) = (false, false);
     for part in parts.iter_mut().chain(object_parts) {
@@ -119,19 +120,19 @@ fn mark_passable(parts: &mut [Part], object_parts: &mut [Part], surfaces: &[Surf
         has_transmission |= surface.transmits;
         has_passable_surfaces |= part.passable;
     }
-    // The materials of a mix belong to no part.
+    // The materials of a mix are materials of no part, so all materials are checked.
     has_transmission |= has_passable_surfaces && surfaces.iter().any(|surface| surface.transmits);
     [has_transmission, has_passable_surfaces]
 }
 
-/// Makes the camera with its motion while the shutter is open. Its resting pose is that at the opening.
+/// Makes the camera with its motion while the shutter is open. Its resting pose is its pose when the shutter opens.
 fn camera(scene: &Scene, resolution: [u32; 2], space: &Space, shutter: &Shutter) -> Result<CameraView, CameraError> {
     let [opens, closes] = shutter.open;
     let view = CameraView::new(&scene.camera, resolution, space)?.resting_at(opens);
     Ok(if opens == closes { view.standing() } else { view })
 }
 
-/// Returns the properties of a shape besides its geometry.
+/// Returns a shape's properties besides its geometry, without vertex normals and texture coordinates.
 fn part(shape: &DescribedShape) -> Part {
     Part {
         material: shape.material.0,
@@ -145,7 +146,8 @@ fn part(shape: &DescribedShape) -> Part {
     }
 }
 
-/// Returns a shape's geometry in the renderer's space, and its other properties.
+/// Returns a shape's geometry in the renderer's space and its other properties. Fails with a message if the geometry
+/// is invalid.
 pub(super) fn convert(shape: &DescribedShape, space: &Space) -> Result<(Shape, Part), String> {
     let to_world = space.apply(shape.to_world);
     let mirrors = shape.to_world.matrix3.determinant() < 0.0;
@@ -153,7 +155,7 @@ pub(super) fn convert(shape: &DescribedShape, space: &Space) -> Result<(Shape, P
     let reversed = part.flip;
     let geometry = match &shape.geometry {
         Described::Mesh(mesh) => {
-            // The tree's normal is by the winding in world space, which a mirror turns around.
+            // The geometry's normal follows the winding in world space, which a mirroring transform reverses.
             part.flip = if mirrors { -reversed } else { reversed };
             part.normals = world_normals(mesh, shape.to_world, reversed);
             part.uvs.clone_from(&mesh.uvs);
@@ -171,14 +173,14 @@ pub(super) fn convert(shape: &DescribedShape, space: &Space) -> Result<(Shape, P
     Ok((geometry, part))
 }
 
-/// Returns unit vertex normals in world space. Normals of length 0 stay zero.
+/// Returns unit vertex normals in world space, multiplied by `sign`. Normals of length 0 stay zero.
 fn world_normals(mesh: &MeshData, to_world: DAffine3, sign: f32) -> Vec<Vec3> {
     let turn = to_world.matrix3.inverse().transpose();
     let unit = |n: &[f32; 3]| (turn * Vec3::from_array(*n).as_dvec3()).normalize_or_zero().as_vec3() * sign;
     mesh.normals.iter().map(unit).collect()
 }
 
-/// Returns the lights that are not shapes, without black ones.
+/// Returns the lights that are not shapes, and leaves out lights that emit nothing.
 fn lights_without_shape(scene: &Scene, space: &Space, problems: &mut Problems) -> Vec<Light> {
     scene.lights.iter().filter_map(|light| problems.note(Light::of(light, space)).flatten()).collect()
 }
@@ -207,7 +209,7 @@ fn lights(
     Lights::new(lights, radius)
 }
 
-/// Returns the lamp of an emission. `None` if it is black.
+/// Returns the emission of an area light; `None` if it is black. Fails with a message if a number is invalid.
 fn lamp(emission: Emission) -> Result<Option<Lamp>, String> {
     let Emission { radiance, two_sided } = emission;
     if radiance.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
@@ -217,7 +219,7 @@ fn lamp(emission: Emission) -> Result<Option<Lamp>, String> {
     Ok((radiance != Vec3::ZERO).then_some(Lamp { radiance, two_sided }))
 }
 
-/// Returns the light of a shape. `None` if the shape has no area.
+/// Returns the area light of a shape; `None` if the shape has no area.
 fn light(
     shape: &DescribedShape,
     number: u32,
@@ -246,8 +248,8 @@ fn light(
     })
 }
 
-/// Returns a sign per triangle, or one for all: -1 if the emitting side is opposite to the winding normal, else 1.
-/// Vertex normals decide if there are any.
+/// Returns one sign per triangle, or one for all: -1 if the emitting side is opposite to the winding normal, else 1.
+/// If there are vertex normals, they determine the emitting side.
 fn sides(geometry: &Geometry, number: u32, part: &Part) -> Vec<f32> {
     let Shape::Mesh(mesh) = &geometry.shapes()[number as usize] else { return Vec::new() };
     if part.normals.is_empty() {
@@ -257,7 +259,8 @@ fn sides(geometry: &Geometry, number: u32, part: &Part) -> Vec<f32> {
         .map(|t| {
             let [a, b, c] = mesh.corners(t as u32);
             let normal = (b - a).cross(c - a) * part.flip;
-            // The mean normal decides: lamps whose normals turn around within a triangle are not supported.
+            // The mean vertex normal of the triangle decides. Area lights whose vertex normals point to both sides of
+            // a triangle are not supported.
             let shading: Vec3 = mesh.triangles()[t].iter().map(|&v| part.normals[v as usize]).sum();
             if normal.dot(shading) < 0.0 { -part.flip } else { part.flip }
         })

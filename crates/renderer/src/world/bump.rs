@@ -1,4 +1,4 @@
-//! Tangents of surfaces, and shading normals that bump and normal maps tilt.
+//! Tangents of surfaces, and shading normals tilted by bump maps and normal maps.
 
 use super::{Interaction, World};
 use crate::material::{NormalVariation, Surface};
@@ -6,15 +6,16 @@ use crate::shading::ShadingFrame;
 use dapple_geometry::{Mesh, Shape};
 use glam::Vec3;
 
-/// Step in u and v to measure the slope of a height: pbrt-v4's default if it knows no footprint [Pharr et al. 2023,
+/// The step in u and v for the slope of a bump map: pbrt-v4's default without a known footprint [Pharr et al. 2023,
 /// sec. 10.5.3].
 const STEP: f32 = 5e-4;
 
 impl World {
-    /// Returns the derivatives of position by u and by v at a hit; zero if texture coordinates are degenerate.
+    /// Returns the derivatives of a hit point's position with respect to u and v. Both are zero if the texture
+    /// coordinates are degenerate.
     pub(super) fn derivatives(&self, at: &Interaction<'_>) -> [Vec3; 2] {
         let shape = self.geometry.shape(at.hit.shape);
-        // A point of an instance, in the space of its object.
+        // The hit point in the space of the instance's object.
         let local = || match self.geometry.to_world(at.hit.shape, at.time) {
             None => at.point.position,
             Some(to_world) => to_world.inverse().transform_point3(at.point.position.as_dvec3()).as_vec3(),
@@ -28,9 +29,10 @@ impl World {
         derivatives.map(|d| self.direction_to_world(at, d))
     }
 
-    /// Returns the shading frame of a hit with a normal map or else a bump map.
+    /// Returns the shading frame of a hit whose material has a normal map or a bump map. A normal map takes
+    /// precedence.
     ///
-    /// The frame's normal is on the side of the geometric normal.
+    /// The frame's z axis is on the side of the geometric normal.
     #[inline(never)]
     pub(super) fn bumped_frame(&self, at: &Interaction<'_>, surface: &Surface) -> ShadingFrame {
         let [along_u, along_v] = self.derivatives(at);
@@ -53,21 +55,23 @@ impl World {
     }
 }
 
-/// Returns the unit normal `n` after displacing the surface along `n` by a height. `derivatives` are those of the
-/// position, `rise` those of the height. The result is `(p_u + h_u n) x (p_v + h_v n)`, on the side of `n` [Pharr et
-/// al. 2023, eq. 10.16, for a height of 0].
+/// Returns the normal of a surface of unit normal `n` after displacement along `n` by a height. `derivatives` are the
+/// derivatives of the position with respect to u and v, `rise` those of the height. The result is `(p_u + h_u n) x
+/// (p_v + h_v n)`, on the side of `n` [Pharr et al. 2023, eq. 10.16, for a height of 0].
 fn tilt(n: Vec3, derivatives: [Vec3; 2], rise: [f32; 2]) -> Vec3 {
-    // Vertex normals lean away from their triangle: what counts lies across them.
+    // Vertex normals are not perpendicular to their triangle, so only the derivatives' parts perpendicular to `n`
+    // count.
     let [p_u, p_v] = derivatives.map(|p| p - n * n.dot(p));
     let level = p_u.cross(p_v);
     let side = if level.dot(n) < 0.0 { -1.0 } else { 1.0 };
     let tilted = level + rise[0] * n.cross(p_v) + rise[1] * p_u.cross(n);
     let largest = tilted.abs().max_element();
-    // Without directions of u and v there is no slope.
+    // Without derivatives with respect to u and v there is no slope.
     if largest > 0.0 && largest.is_finite() { side / largest * tilted } else { n }
 }
 
-/// Returns the derivatives of a triangle's position by u and by v; zero if texture coordinates are degenerate.
+/// Returns the derivatives of a position on a triangle with respect to u and v. Both are zero if the texture
+/// coordinates are degenerate.
 fn triangle_derivatives(at: &Interaction<'_>, mesh: &Mesh, [p0, p1, p2]: [Vec3; 3]) -> [Vec3; 2] {
     let [t0, t1, t2] = match at.part.uvs.is_empty() {
         true => [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]],

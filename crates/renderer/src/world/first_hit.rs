@@ -1,4 +1,4 @@
-//! The features of a first hit, for samplers and denoisers.
+//! The features of a camera ray's first hit, such as albedo and normal, for samplers and denoisers.
 
 use super::{Interaction, NO_LIGHT, World};
 use crate::material::Surface;
@@ -6,17 +6,17 @@ use dapple_core::FirstHit;
 use dapple_geometry::Ray;
 
 impl World {
-    /// Returns the features of a camera ray's hit that samplers and denoisers use.
+    /// Returns the features of a camera ray's first hit that samplers and denoisers use.
     ///
-    /// `u` in `[0, 1)` selects a material of a mix.
+    /// `u` in `[0, 1)` selects one material if the surface is a mix.
     pub fn first_hit(&self, ray: &Ray, at: &Interaction<'_>, u: f32) -> FirstHit {
         self.first_hit_of(*ray, *at, self.surface(at, u))
     }
 
-    /// Returns the features of [`Self::first_hit`] for a surface that is already looked up.
+    /// Returns the features of a first hit as [`Self::first_hit`] does, for a material that is known already.
     ///
-    /// Not inlined, since most renders need no first hits. Takes arguments by value, so that the caller's stay in
-    /// registers.
+    /// Not inlined, since most renders need no such features. Arguments are passed by value, so that the caller's
+    /// copies stay in registers.
     #[inline(never)]
     pub(crate) fn first_hit_of(&self, ray: Ray, at: Interaction<'_>, surface: &Surface) -> FirstHit {
         let bsdf = self.bsdf_of(&at, surface);

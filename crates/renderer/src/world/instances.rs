@@ -1,4 +1,4 @@
-//! Objects, their instances, and shapes that move.
+//! Objects, instances of objects, and moving shapes.
 
 use super::build::{Problems, convert};
 use super::shutter::Shutter;
@@ -9,7 +9,7 @@ use dapple_scene::{MaterialId, MediumId, Scene, Shape as DescribedShape, Source}
 use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
 
-/// The objects and instances of a world under construction, and the properties of their shapes.
+/// The objects and instances of a world that is being built, and the properties of the objects' shapes.
 pub(super) struct Placements<'a> {
     space: &'a Space,
     shutter: &'a Shutter,
@@ -21,11 +21,11 @@ pub(super) struct Placements<'a> {
 }
 
 impl<'a> Placements<'a> {
-    /// Converts the scene's objects and instances.
+    /// Converts the objects and instances of a scene, and adds their errors to `problems`.
     pub(super) fn of(scene: &Scene, space: &'a Space, shutter: &'a Shutter, problems: &mut Problems) -> Self {
         let (objects, instances, parts) = (Vec::new(), Vec::new(), Vec::new());
         let mut all = Self { space, shutter, objects, instances, parts, dropped_triangles: 0, moves: false };
-        // The space of each object; none for an object with a problem.
+        // The space of each object; `None` for an object with a problem.
         let mut spaces = Vec::with_capacity(scene.objects.len());
         for object in &scene.objects {
             for shape in &object.shapes {
@@ -51,7 +51,8 @@ impl<'a> Placements<'a> {
         all
     }
 
-    /// Adds a moving shape, as the only instance of an object of its own. An empty mesh keeps the shape's index.
+    /// Adds a moving shape as the only instance of an object of its own. The caller puts an empty mesh in its place
+    /// among the base shapes, so that indices stay the same.
     pub(super) fn add_moving(&mut self, shape: &DescribedShape, problems: &mut Problems) {
         if shape.emission.is_some() {
             problems.add(&shape.source, "a shape that moves cannot emit light; keep it still".into());
@@ -64,7 +65,7 @@ impl<'a> Placements<'a> {
         }
     }
 
-    /// Adds an object in a space of its own, and returns that space. `None` after a reported problem.
+    /// Adds an object in a space of its own, and returns that space. Returns `None` if a problem was reported.
     fn add_object(&mut self, shapes: &[DescribedShape], source: &Source, problems: &mut Problems) -> Option<Space> {
         let own = Space::of_shapes(shapes);
         let mut geometry = Vec::with_capacity(shapes.len());
@@ -104,7 +105,7 @@ impl<'a> Placements<'a> {
         self.instances.push(Instance::new(object, motion));
     }
 
-    /// Builds the geometry of base shapes and instances, in a faster form if there are no instances.
+    /// Builds the geometry of base shapes and instances. Without instances, traversal is faster.
     pub(super) fn build(self, shapes: Vec<Shape>) -> Result<Geometry, dapple_geometry::Error> {
         match self.instances.is_empty() {
             true => Geometry::build(shapes, Preset::default()),
@@ -113,12 +114,12 @@ impl<'a> Placements<'a> {
     }
 }
 
-/// Returns the empty mesh that keeps the index of a moving shape.
+/// Returns an empty mesh, which takes the place of a moving shape among the base shapes.
 pub(super) fn empty_mesh() -> Option<Shape> {
     Mesh::new(Vec::new(), Vec::new()).ok().map(Shape::from)
 }
 
-/// Reports properties that shapes of an object cannot have.
+/// Reports properties that the shapes of an object must not have: emission and motion.
 fn refuse(shape: &DescribedShape, problems: &mut Problems) {
     if shape.emission.is_some() {
         problems.add(&shape.source, "a shape of an object cannot emit light; move the lamp out of the object".into());
@@ -129,12 +130,12 @@ fn refuse(shape: &DescribedShape, problems: &mut Problems) {
 }
 
 impl World {
-    /// Returns the index of a shape's material.
+    /// Returns the index of the material of the shape with this number.
     pub fn shape_material(&self, shape: u32) -> u32 {
         self.part(shape).material
     }
 
-    /// Returns the properties of the shape with this index.
+    /// Returns the properties of the shape with this number.
     #[inline]
     pub(crate) fn part(&self, shape: u32) -> &Part {
         match self.parts.get(shape as usize) {
@@ -144,7 +145,7 @@ impl World {
     }
 
     /// Returns the interaction for a hit of an instance. Normals are transformed by the inverse transpose, so that
-    /// mirroring keeps their side.
+    /// they stay on their side under a mirroring transform.
     #[inline(never)]
     pub(super) fn instance_interaction(&self, ray: &Ray, hit: Hit, time: f32) -> Interaction<'_> {
         let mut point = self.geometry.surface_at(ray, &hit, time);
@@ -160,7 +161,7 @@ impl World {
             let inner = a * (1.0 - v - w) + b * v + c * w;
             let normal = to_world.matrix3.inverse().transpose() * inner.as_dvec3();
             shading_normal = normal.normalize_or_zero().as_vec3();
-            // Shading normals decide on the side [Pharr et al. 2023, sec. 6.5.3].
+            // Shading normals determine the side [Pharr et al. 2023, sec. 6.5.3].
             if shading_normal.dot(point.normal) < 0.0 {
                 point.normal = -point.normal;
             }
@@ -168,7 +169,7 @@ impl World {
         Interaction { part, hit, point, shading_normal, time }
     }
 
-    /// Returns a direction of the hit shape's own space in world space.
+    /// Transforms a direction from the own space of the shape hit to world space.
     #[inline]
     pub(super) fn direction_to_world(&self, at: &Interaction<'_>, direction: Vec3) -> Vec3 {
         match self.geometry.to_world(at.hit.shape, at.time) {
@@ -177,7 +178,8 @@ impl World {
         }
     }
 
-    /// Returns the lower and the upper corner of a shape's bounding box when the shutter opens, within rounding.
+    /// Returns the lower and upper corner of a shape's bounding box at the time when the shutter opens, up to
+    /// rounding.
     pub fn shape_bounds(&self, shape: u32) -> [Vec3; 2] {
         let [low, high] = self.geometry.shape(shape).bounds().unwrap_or_default();
         let Some(to_world) = self.geometry.to_world(shape, self.time(0.0)) else { return [low, high] };
@@ -186,7 +188,7 @@ impl World {
 }
 
 impl Problems {
-    /// Reports missing media, and lamps with holes.
+    /// Reports references to media that do not exist, and area lights with holes (alpha).
     pub(super) fn check_media(&mut self, scene: &Scene) {
         let missing = |medium: &Option<MediumId>| medium.is_some_and(|m| m.0 as usize >= scene.media.len());
         for shape in scene.shapes.iter().chain(scene.objects.iter().flat_map(|object| &object.shapes)) {

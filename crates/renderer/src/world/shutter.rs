@@ -1,21 +1,22 @@
-//! The time interval of a motion in which the shutter is open.
+//! The part of a scene's motion during which the camera's shutter is open.
 
 use super::World;
 use dapple_geometry::Motion;
 use dapple_scene::Scene;
 
-/// The time interval of a motion in which the shutter is open.
+/// The interval of time, within a scene's motion, in which the camera's shutter is open.
 pub(super) struct Shutter {
-    /// Opening and closing time in `[0, 1]`, equal if nothing moves visibly.
+    /// The opening and closing time in `[0, 1]`, where the motion takes place from 0 to 1. Both are 0 if nothing
+    /// moves.
     pub(super) open: [f32; 2],
 }
 
 impl Shutter {
-    /// Returns the shutter of a scene.
+    /// Returns the interval in which the shutter of a scene is open.
     ///
     /// # Errors
     ///
-    /// A message if anything moves and the times are not finite or not in order.
+    /// A message if the scene has motion and its times are not finite or not in order.
     pub(super) fn of(scene: &Scene) -> Result<Self, String> {
         let moves = scene.camera.moves_to.is_some()
             || scene.shapes.iter().any(|shape| shape.moves_to.is_some())
@@ -39,14 +40,15 @@ impl Shutter {
         Ok(Self { open: [opens, closes].map(|t| ((t - from) / (to - from)).clamp(0.0, 1.0) as f32) })
     }
 
-    /// Returns the motion unchanged, or its pose at that time if the shutter's interval has length 0.
+    /// Returns the motion unchanged, or its constant pose if the shutter opens and closes at the same time.
     pub(super) fn seen(&self, motion: Motion) -> Motion {
         if self.open[0] == self.open[1] { Motion::still(motion.at(self.open[0])) } else { motion }
     }
 }
 
 impl World {
-    /// Returns a time within the motion, in `[0, 1]`, sampled uniformly while the shutter is open by `u` in `[0, 1)`.
+    /// Returns a time within the motion, in `[0, 1]`. The random number `u` in `[0, 1)` samples it uniformly from the
+    /// interval in which the shutter is open.
     #[inline]
     pub fn time(&self, u: f32) -> f32 {
         let [opens, closes] = self.open;

@@ -1,4 +1,4 @@
-//! Passage of rays through media, surfaces with alpha, and interfaces.
+//! Transmission of rays through media, alpha-masked surfaces and interfaces between media.
 
 use super::{LastScatter, LightSelector, Path, PathTracer, ROULETTE_FROM};
 use crate::blocks;
@@ -12,22 +12,23 @@ use dapple_core::Draws;
 use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray};
 use glam::Vec3;
 
-/// The largest number of surfaces that a ray passes before it is dropped. Nested interfaces and leaves rarely reach
-/// 100.
+/// The largest number of surfaces that a ray passes before it is dropped. Even nested interfaces and foliage rarely
+/// reach 100.
 const MOST_PASSED: u32 = 10_000;
 
-/// The result of a path's passage through a medium.
+/// The outcome of tracing a path segment through a medium.
 pub(super) enum MediumEnd {
     /// The path reaches the surface ahead, or infinity.
     Crossed,
-    /// The path is scattered, and continues from there.
+    /// The path scatters in the medium and continues from the scattering point.
     Scattered,
-    /// The path is absorbed, and ends.
+    /// The path ends in the medium.
     Absorbed,
 }
 
 impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
-    /// Returns the surface at a hit. `None` if the ray passes the surface and continues behind.
+    /// Returns the material of the surface at a hit. Returns `None` if the ray passes the surface; the path then
+    /// continues behind it.
     #[inline(always)]
     pub(super) fn surface_at(
         &self,
@@ -68,7 +69,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         Some(surface)
     }
 
-    /// Continues the path behind a hit in the same direction.
+    /// Continues the path behind a hit in the same direction. Zeroes the throughput if the path has too many segments.
     fn pass(&self, path: &mut Path<S::Place>, at: &Interaction<'_>) {
         path.ray = spawn_ray(&at.point, path.ray.direction);
         if path.segments > MOST_PASSED {
@@ -76,8 +77,8 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         }
     }
 
-    /// Returns the transmittance along a shadow ray that starts in `medium`, per channel in `[0, 1]`. `None` if
-    /// occluded.
+    /// Returns the transmittance per color channel along a shadow ray that starts in `medium`. Returns `None` if the
+    /// ray is occluded.
     #[inline(always)]
     pub(super) fn transmittance(
         &self,
@@ -100,11 +101,11 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         if !Self::HAS_RARE_EFFECTS || medium == NO_MEDIUM {
             return Some(Vec3::ONE);
         }
-        // The same medium all the way: another one begins beyond a surface, and none is in between.
+        // The whole ray is in one medium: media change only at surfaces, and there is none in between.
         Some(world.media.medium(medium).transmittance(ray.tmax * ray.direction.length()))
     }
 
-    /// Returns [`Self::transmittance`] in scenes in which surfaces may let light pass.
+    /// Returns the transmittance along a shadow ray in scenes with passable surfaces; 0 if the ray is occluded.
     #[inline(never)]
     fn transmittance_past_surfaces(
         &self,
@@ -129,7 +130,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
             }
             let surface = &world.surfaces[part.material as usize];
             let alpha = world.alpha(&at);
-            // A mixture lets the share of its interfaces through.
+            // A mixed material lets through the fraction of its interfaces.
             let empty = material::interface_share(&world.surfaces, part.material, &world.textures, || world.uv(&at));
             let through = 1.0 - alpha + alpha * empty;
             share *= through;
@@ -144,8 +145,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         Vec3::ZERO
     }
 
-    /// Moves the path through its medium towards a surface at `distance` (infinity for none). Returns the event on the
-    /// way.
+    /// Moves the path through its medium towards a surface at `distance` (infinity for none). Returns the outcome.
     #[inline(never)]
     pub(super) fn cross_medium(&self, draws: &Draws<'_>, path: &mut Path<S::Place>, distance: f32) -> MediumEnd {
         let world = self.world;
@@ -201,12 +201,12 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         phase: &HenyeyGreenstein,
         light: &LightSample,
     ) -> Vec3 {
-        // A point in space is exact and has no side.
+        // A point in a medium has no rounding error and no side.
         let from = SurfacePoint { position, error: Vec3::ZERO, normal: Vec3::ZERO, primitive: PrimitiveId::NONE };
         let medium = path.medium;
         let ray = light.shadow_ray(&from);
         let Some(share) = self.transmittance(ray, &light.target, path, medium) else { return Vec3::ZERO };
-        // The phase function is its own density.
+        // The phase function is normalised, so its value is also the sampling density.
         let pdf = phase.evaluate(path.ray.direction, light.wi);
         let weight = if light.delta { light.pdf.recip() } else { power_heuristic_over_pdf(light.pdf, pdf) };
         share * light.radiance * (pdf * weight)

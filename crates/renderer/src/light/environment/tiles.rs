@@ -1,4 +1,5 @@
-//! Tiles of an environment map, each a light, so that selection can learn which parts of the sky are visible.
+//! Tiles of an environment map. Each tile is a light of its own, so that learned selection finds the visible parts of
+//! the sky.
 
 use super::{Environment, Kind};
 use crate::light::{Expectation, LightSample, LightSource, Target};
@@ -8,34 +9,35 @@ use std::f32::consts::PI;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Tiles across and down a latitude-longitude image: 45 degrees each, if the image has enough texels.
+/// The number of tiles across and down an image that is not square: 45 degrees each in latitude and longitude, if
+/// there are enough texels.
 const LONG: [usize; 2] = [8, 4];
-/// Tiles across and down a square image.
+/// The number of tiles across and down a square image.
 const SQUARE: [usize; 2] = [6, 6];
-/// The index that marks a tile as black, or nearly black.
+/// The index of tiles that emit nothing, or almost nothing.
 const BLACK: u32 = u32::MAX;
 
-/// The tiles of an environment that is an image. An environment of one color stays whole: cutting it does not pay.
+/// The tiles of an environment map. An environment of constant radiance is not divided, since that does not pay.
 ///
-/// Each tile is sampled by brightness, as the whole is. Tiles selected by [`Tiles::share`] together sample as the whole
-/// does. One look-up finds the radiance of a ray that leaves the scene, and its tile.
+/// Directions in each tile are sampled by luminance. If tiles are selected in proportion to [`Tiles::share`],
+/// directions have the same density as without tiles. One look-up returns the radiance in a direction and its tile.
 #[derive(Clone, Debug)]
 pub(crate) struct Tiles {
     whole: Arc<Environment>,
     grid: [usize; 2],
     windows: Vec<TileWindow>,
-    /// Index into `windows` or [`BLACK`] for each tile, row by row.
+    /// For each tile, row by row, its index in `windows` or [`BLACK`].
     numbers: Vec<u32>,
 }
 
 #[derive(Clone, Debug)]
 struct TileWindow {
-    /// The tile's share of the light of the whole environment, 0 to 1.
+    /// The tile's fraction of the whole environment's light, 0 to 1.
     share: f64,
     window: Window,
 }
 
-/// One tile of an environment, as a light.
+/// One tile of an environment map, as a light.
 #[derive(Clone, Debug)]
 pub(crate) struct Tile {
     tiles: Arc<Tiles>,
@@ -64,7 +66,8 @@ impl LightSource for Tile {
 }
 
 impl Tiles {
-    /// Cuts an environment into tiles. `None` if there would be only one.
+    /// Divides an environment map into tiles. Returns `None` if fewer than two tiles emit light, or if the radiance is
+    /// constant.
     pub(crate) fn new(whole: &Arc<Environment>) -> Option<Self> {
         let Kind::Image(map) = &whole.kind else { return None };
         let [width, height] = map.image.size.map(|n| n as usize);
@@ -74,7 +77,7 @@ impl Tiles {
         for tile in 0..grid[0] * grid[1] {
             let [column, row] = [tile % grid[0], tile / grid[0]];
             let window = Window::new(&map.cells, range(column, grid[0], width), range(row, grid[1], height));
-            // A tile too dark to divide by is left to BSDF sampling.
+            // A tile too dark to divide by is found by BSDF sampling only.
             let window = window.filter(|window| window.mass() as f32 >= f32::MIN_POSITIVE);
             numbers.push(if window.is_some() { windows.len() as u32 } else { BLACK });
             windows.extend(window.map(|window| TileWindow { share: window.mass(), window }));
@@ -82,17 +85,17 @@ impl Tiles {
         (windows.len() > 1).then(|| Self { whole: whole.clone(), grid, windows, numbers })
     }
 
-    /// Returns the number of tiles that are not black.
+    /// Returns the number of tiles that emit light.
     pub(crate) fn len(&self) -> usize {
         self.windows.len()
     }
 
-    /// Returns a tile's share of the light of the whole environment, above 0.
+    /// Returns a tile's fraction of the whole environment's light, above 0.
     fn share(&self, tile: u32) -> f64 {
         self.windows[tile as usize].share
     }
 
-    /// Samples a direction in a tile with a density nearly proportional to brightness.
+    /// Samples a direction in a tile by `u` in `[0, 1)^2`, with a density nearly proportional to luminance.
     #[inline]
     fn sample(&self, tile: u32, u: [f32; 2]) -> Option<LightSample> {
         let Kind::Image(map) = &self.whole.kind else { return None };
@@ -103,10 +106,10 @@ impl Tiles {
         shines.then_some(LightSample { wi, radiance, pdf, target: Target::Far, delta: false })
     }
 
-    /// Returns the radiance from unit direction `w`, the solid-angle density with which the tile there draws `w`, and
-    /// that tile.
+    /// Returns the radiance from the unit direction `w`, the solid-angle density with which its tile samples `w`, and
+    /// the index of the tile.
     ///
-    /// The density of a black tile is 0.
+    /// For a direction in a dark tile, the density and the index are 0.
     #[inline]
     pub(crate) fn find(&self, w: Vec3) -> (Vec3, f32, u32) {
         let Kind::Image(map) = &self.whole.kind else { return (self.whole.radiance(w), 0.0, 0) };
@@ -119,24 +122,24 @@ impl Tiles {
         }
     }
 
-    /// Returns the mean direction of a tile's light, and the irradiance on a surface that faces it.
+    /// Returns the mean direction of a tile's light, and the approximate irradiance on a surface that faces it.
     fn expectation(&self, tile: u32) -> Expectation {
         const SIDE: u32 = 16;
         let place = |i: u32| (i as f32 + 0.5) / SIDE as f32;
         let directions = (0..SIDE * SIDE).filter_map(|i| self.sample(tile, [place(i % SIDE), place(i / SIDE)]));
         let mean = directions.map(|sample| sample.wi).sum::<Vec3>() / (SIDE * SIDE) as f32;
         let light = 4.0 * PI * (self.whole.average_luminance() * self.share(tile)) as f32;
-        // Directions of a tile around a pole cancel: light from all sides gives a quarter.
+        // The directions of a tile around a pole cancel out; light from all sides has a quarter of the irradiance.
         Expectation::Far { towards: mean.normalize_or_zero(), irradiance: light * mean.length().max(0.25) }
     }
 }
 
-/// Returns the range of texels along one side that belong to a tile.
+/// Returns the range of texels along one axis that belong to a tile.
 fn range(tile: usize, tiles: usize, texels: usize) -> Range<usize> {
     tile * texels / tiles..(tile + 1) * texels / tiles
 }
 
-/// Returns the last tile that begins at or before a texel: the inverse of [`range`].
+/// Returns the index of the tile that contains a texel along one axis: the inverse of [`range`].
 #[inline]
 fn tile_of(texel: usize, tiles: usize, texels: usize) -> usize {
     ((texel + 1) * tiles - 1) / texels

@@ -1,13 +1,13 @@
-//! A rectangle of a density on the unit square.
+//! A rectangular part of a density on the unit square.
 
 use super::{BELOW_ONE, Discrete, PiecewiseConstant2d, start};
 use std::ops::Range;
 
-/// A rectangle of a [`PiecewiseConstant2d`] as a density of its own: the whole density over [`Window::mass`]. Shares
-/// the whole's sums along rows, and stores 12 bytes per row.
+/// A rectangle of a [`PiecewiseConstant2d`] as a density of its own: the whole density divided by [`Window::mass`]. It
+/// uses the cumulative sums of the whole and stores about 12 bytes per row.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Window {
-    /// The probability of each row of the rectangle.
+    /// The distribution over the rows of the rectangle.
     rows: Discrete,
     first_row: usize,
     columns: Range<usize>,
@@ -15,11 +15,11 @@ pub(crate) struct Window {
 }
 
 impl Window {
-    /// Makes the rectangle of these columns and rows; `None` if all its weights are 0.
+    /// Makes the rectangle of these columns and rows of `whole`. Returns `None` if all its weights are 0.
     ///
     /// # Panics
     ///
-    /// If the whole has fewer columns or rows.
+    /// Panics if `whole` has fewer columns or rows and some weight is positive.
     pub(crate) fn new(whole: &PiecewiseConstant2d, columns: Range<usize>, rows: Range<usize>) -> Option<Self> {
         if whole.is_empty() || columns.is_empty() {
             return None;
@@ -33,13 +33,13 @@ impl Window {
         (!rows.is_empty()).then(|| Self { mass: rows.total(), rows, first_row, columns })
     }
 
-    /// Returns the rectangle's share of the whole, above 0.
+    /// Returns the rectangle's fraction of the whole probability, above 0.
     pub(crate) fn mass(&self) -> f64 {
         self.mass
     }
 
-    /// Samples as [`PiecewiseConstant2d::sample_near`] does, but returns the density of the whole, as
-    /// [`PiecewiseConstant2d::pdf`] does.
+    /// Samples a point of the rectangle as [`PiecewiseConstant2d::sample_near`] does. The density returned is the
+    /// whole's, so that it equals [`PiecewiseConstant2d::pdf`].
     #[inline(always)]
     pub(crate) fn sample_near(
         &self,
@@ -52,7 +52,7 @@ impl Window {
         let ends = whole.row(row.index);
         let [from, to] = [start(ends, self.columns.start), ends[self.columns.end - 1]];
         let across = from + f64::from(u[0].clamp(0.0, BELOW_ONE)) * (to - from);
-        // A row that was sampled has `from < to`; the sum may round to `to`.
+        // A sampled row has `from < to`. The sum may round to `to`, so it is clamped.
         Some(whole.sample_row(row, across.clamp(from, to.next_down()), near))
     }
 }
