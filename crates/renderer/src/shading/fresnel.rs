@@ -73,9 +73,9 @@ impl ComplexIor {
     }
 }
 
-/// Returns the reflectance of a conductor at a cosine, computed in real arithmetic. With `(a + i b)^2 = (eta + i k)^2
-/// - sin^2`, it is the mean of `Rs = |cos - (a + i b)|^2 / |cos + (a + i b)|^2` and `Rp = Rs |cos (a + i b) - sin^2|^2
-/// / |cos (a + i b) + sin^2|^2`.
+/// Returns the reflectance of a conductor at a cosine, computed in real arithmetic. Let
+/// `(a + i b)^2 = (eta + i k)^2 - sin^2`. The reflectance is the mean of `Rs = |cos - (a + i b)|^2 / |cos + (a + i b)|^2`
+/// and `Rp = Rs |cos (a + i b) - sin^2|^2 / |cos (a + i b) + sin^2|^2`.
 #[inline]
 fn conductor(cos: f32, eta: f32, k: f32) -> f32 {
     let cos2 = cos * cos;
