@@ -416,8 +416,8 @@ impl Job {
         let mut warnings = Vec::new();
         let report = self.clusters().and_then(|clusters| clusters.report());
         if let Some(report) = report.filter(|report| report.is_degenerate()) {
-            let (requested, occupied) = (report.requested(), report.occupied);
-            warnings.push(Warning::DegenerateClusters { requested, occupied });
+            let (voxels, fullest, triangles) = (report.requested(), report.fullest, report.triangles);
+            warnings.push(Warning::DegenerateClusters { voxels, fullest, triangles });
         }
         let rejected = self.probes.probes().map_or(0, |probes| probes.rejected());
         if rejected > 0 {

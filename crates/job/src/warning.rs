@@ -46,12 +46,14 @@ pub enum Warning {
         /// The description of the point set that placed the samples.
         points: String,
     },
-    /// A clustering grid that is too coarse for the scene: nearly all triangles lie in few voxels.
+    /// A clustering grid that is too coarse for the scene: one voxel holds more than half of the triangles.
     DegenerateClusters {
-        /// The number of voxels of the grid, as set by the clustering parameters.
-        requested: u64,
-        /// The number of voxels that contain triangles.
-        occupied: u64,
+        /// The number of voxels of the grid.
+        voxels: u64,
+        /// The number of triangles in the fullest voxel.
+        fullest: u32,
+        /// The number of triangles in the scene.
+        triangles: u32,
     },
     /// Probe rays whose hit position was NaN or infinite, and that count as background: their number.
     RejectedProbes(u64),
@@ -106,10 +108,10 @@ impl fmt::Display for Warning {
                     id.index, id.stream
                 )
             }
-            Self::DegenerateClusters { requested, occupied } => write!(
+            Self::DegenerateClusters { voxels, fullest, triangles } => write!(
                 f,
-                "of {requested} voxels {occupied} hold all triangles, so that clusters tell little apart; leave out what \
-                 stretches the scene, or raise clamp= and k="
+                "one of the clustering grid's {voxels} voxels holds {fullest} of {triangles} triangles, so that clusters \
+                 separate little; raise k= and clamp=, or leave out objects far away, which stretch the grid"
             ),
             Self::RejectedProbes(rejected) => {
                 write!(f, "{rejected} probes hit a place that is NaN or infinite, and count as background")

@@ -41,6 +41,7 @@ struct Readme;
 
 mod error;
 mod external;
+mod measured_image;
 mod plan;
 mod record;
 mod recorded_study;
@@ -49,9 +50,8 @@ mod references;
 mod report;
 mod run_log;
 mod runner;
-mod shot;
 mod study;
-mod subject;
+mod study_scene;
 pub mod summary;
 
 pub use error::StudyError;
@@ -66,6 +66,6 @@ pub use report::{ReportError, write_report};
 pub use run_log::RunStore;
 pub use runner::{InProcess, Processes, RunRequest, Runner};
 pub use study::{Study, StudyMonitor, StudyOptions, StudyProgress, StudyStatus};
-pub(crate) use subject::Subject;
-pub use subject::View;
+pub(crate) use study_scene::Subject;
+pub use study_scene::View;
 pub use summary::Summary;

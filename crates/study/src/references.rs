@@ -1,8 +1,8 @@
 //! The reference images of a study: files given by the user, or images rendered once and kept.
 
+use crate::measured_image::{Order, shoot};
 use crate::reference_image::{FileHeader, ReferenceImage};
-use crate::shot::{Order, shoot};
-use crate::subject::name_of;
+use crate::study_scene::name_of;
 use crate::{Method, Plan, ReferenceRecord, ScenePlan, StudyError, Subject};
 use dapple_core::{Control, Monitor};
 use dapple_job::ContentHash;

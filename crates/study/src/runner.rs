@@ -1,9 +1,9 @@
 //! Requests for runs of a study, and the runners that make the runs.
 
+use crate::measured_image::{Order, shoot};
 use crate::reference_image::ReferenceImage;
 use crate::references::safe_file_name;
-use crate::shot::{Order, shoot};
-use crate::subject::View;
+use crate::study_scene::View;
 use crate::{External, Method, Run, RunBudget, StudyError, Subject};
 use dapple_core::NoMonitor;
 use dapple_job::output::sample_map;

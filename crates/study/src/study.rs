@@ -7,7 +7,7 @@ use crate::reference_image::ReferenceImage;
 use crate::references::{ReferenceFolder, ReferenceSource, load_or_render, plan_reference, safe_file_name};
 use crate::run_log::{RunLog, RunStore};
 use crate::runner::{RunRequest, Runner, image_stem};
-use crate::subject::{Subject, View, name_of};
+use crate::study_scene::{Subject, View, name_of};
 use crate::{Manifest, Method, Plan, PlanError, Run, RunBudget, ScenePlan, SceneRecord, StudyError};
 use dapple_core::{Control, Status};
 use dapple_scene::image::write_file;
