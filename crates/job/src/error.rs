@@ -135,7 +135,9 @@ fn refusal(estimate: &MemoryEstimate, limit: MemoryLimit, advice: MemoryAdvice) 
 
 fn other_render(path: &std::path::Path, differences: &[String]) -> String {
     let path = path.display();
-    let mut lines = vec![format!("{path}: the file is of another render than the one asked for:")];
+    let mut lines = vec![format!(
+        "{path}: the checkpoint is of another render; give the arguments that it was made with, or another file:"
+    )];
     lines.extend(differences.iter().map(|line| format!("{path}: {line}")));
     lines.join("\n")
 }

@@ -252,7 +252,7 @@ fn crc32(bytes: &[u8]) -> u32 {
 fn what_differs_is_listed_x04() {
     let here = Identity::new([("scene", "teapot"), ("seed", "4"), ("depth", "5")]);
     let there = Identity::new([("scene", "teapot"), ("seed", "3"), ("lens", "wide")]);
-    let expected = ["seed: 3 there, 4 here", "depth: nothing there, 5 here", "lens: wide there, nothing here"];
+    let expected = ["seed: 3, not 4", "depth: none, not 5", "lens: wide, not none"];
     assert_eq!(here.differences(&there), expected);
     assert!(here.differences(&here).is_empty());
     let folder = tempfile::tempdir().unwrap();

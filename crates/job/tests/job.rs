@@ -86,7 +86,7 @@ fn a_resumed_render_has_the_bits_of_one_that_was_not_stopped() {
     // What was stopped is refused to another render, with the difference.
     let mut other = Job::prepare(&spec.clone().seed(2)).unwrap_or_else(|e| panic!("{e}"));
     let refused = other.run(open(), &mut NoMonitor).err().expect("another render");
-    assert!(matches!(refused, JobError::OtherRender { .. }) && refused.to_string().contains("seed: 1 there, 2 here"));
+    assert!(matches!(refused, JobError::OtherRender { .. }) && refused.to_string().contains("seed: 1, not 2"));
     let mut job = Job::prepare(&spec).unwrap_or_else(|e| panic!("{e}"));
     let film = job.run(open(), &mut NoMonitor).unwrap_or_else(|e| panic!("{e}")).film;
     assert_eq!(film.image(), render(&spec));

@@ -63,7 +63,7 @@ pub(crate) struct StudyArgs {
     baseline: Option<Method>,
 
     /// Budgets in mean samples per pixel [default: 4,8,16,32]
-    #[arg(long, value_name = "N,…", value_delimiter = ',', help_heading = "Budgets")]
+    #[arg(long, value_name = "N,…", value_delimiter = ',', value_parser = samples, help_heading = "Budgets")]
     spp: Vec<u64>,
 
     /// Number of seeds; each method is rendered once per seed and budget [default: 8]
@@ -139,6 +139,10 @@ A plan, every key optional:
 
 Ctrl-C stops after the current run; the same command resumes. `dapple samplers`, `points` and `filters`
 list what can be compared.";
+
+fn samples(word: &str) -> std::result::Result<u64, String> {
+    word.parse().map_err(|_| "a whole number of samples per pixel is required".to_owned())
+}
 
 /// An error in the arguments or in the plan file.
 pub(super) enum Wrong {

@@ -60,18 +60,18 @@ impl Identity {
         self.pairs.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
     }
 
-    /// Lists the pairs in which the identity `there` differs from this one, one phrase each: `seed: 3 there, 4 here`.
+    /// Lists the pairs in which the identity `there` differs from this one, one phrase each: `seed: 3, not 4`.
     pub fn differences(&self, there: &Self) -> Vec<String> {
-        let nothing = "nothing";
+        let nothing = "none";
         let mut differ = Vec::new();
         for (name, here) in &self.pairs {
             let there = there.value(name).unwrap_or(nothing);
             if there != here {
-                differ.push(format!("{name}: {there} there, {here} here"));
+                differ.push(format!("{name}: {there}, not {here}"));
             }
         }
         let unknown = there.pairs.iter().filter(|(name, _)| self.value(name).is_none());
-        differ.extend(unknown.map(|(name, there)| format!("{name}: {there} there, {nothing} here")));
+        differ.extend(unknown.map(|(name, there)| format!("{name}: {there}, not {nothing}")));
         differ
     }
 }

@@ -74,7 +74,11 @@ impl ShardSet {
                 Some((of, identity)) => {
                     let differ = common(identity).differences(&common(&contents.identity));
                     let of = of.display();
-                    troubles.extend(differ.into_iter().map(|d| format!("{}: beside {of}: {d}", path.display())));
+                    troubles.extend(
+                        differ
+                            .into_iter()
+                            .map(|d| format!("{}: it is of another render than {of}: {d}", path.display())),
+                    );
                 }
             }
         }

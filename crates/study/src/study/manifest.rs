@@ -117,7 +117,7 @@ fn compare(place: &str, there: &Value, here: &Value, found: &mut Vec<String>) {
             let scene = place.trim_end_matches(".reference.hash");
             found.push(format!("{scene} or its reference has changed since"));
         }
-        _ => found.push(format!("{place}: {} there, {} here", readable(there), readable(here))),
+        _ => found.push(format!("{place}: {}, not {}", readable(there), readable(here))),
     }
 }
 

@@ -156,17 +156,17 @@ fn another_plan_in_the_folder_is_refused_with_the_difference() {
         scene
     };
     let changes: [(PlanPatch, &str); 8] = [
-        (PlanPatch::default().spp(vec![4, 16]), "spp: 4 8 there, 4 16 here"),
-        (PlanPatch::default().seeds(vec![1]), "seeds: 1 2 there, 1 here"),
+        (PlanPatch::default().spp(vec![4, 16]), "spp: 4 8, not 4 16"),
+        (PlanPatch::default().seeds(vec![1]), "seeds: 1 2, not 1"),
         (
             PlanPatch::default().filters(vec!["gaussian".into()]),
-            "methods: uniform/sobol/none variance/sobol/none there, uniform/sobol/none uniform/sobol/gaussian",
+            "methods: uniform/sobol/none variance/sobol/none, not uniform/sobol/none uniform/sobol/gaussian",
         ),
-        (PlanPatch::default().time_of(0), "time_of: 4 there, none here"),
-        (PlanPatch::default().resolution([8, 9]), "scene tiny.resolution: 8 8 there, 8 9 here"),
-        (PlanPatch::default().reference_spp(32), "scene tiny.reference.spp: 16 there, 32 here"),
-        (PlanPatch::default().scenes(vec![named("other")]), "name: tiny there, other here"),
-        (PlanPatch::default().fresh(true), "fresh: false there, true here"),
+        (PlanPatch::default().time_of(0), "time_of: 4, not none"),
+        (PlanPatch::default().resolution([8, 9]), "scene tiny.resolution: 8 8, not 8 9"),
+        (PlanPatch::default().reference_spp(32), "scene tiny.reference.spp: 16, not 32"),
+        (PlanPatch::default().scenes(vec![named("other")]), "name: tiny, not other"),
+        (PlanPatch::default().fresh(true), "fresh: false, not true"),
     ];
     for (change, message) in changes {
         let plan = place.draft().merge(change).resolve().unwrap();
