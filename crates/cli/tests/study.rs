@@ -115,7 +115,7 @@ fn wrong_words_say_what_there_is() {
         ("--samplers variance:cup=3", 2, "there is no parameter \"cup\""),
         ("--baseline nonesuch", 2, "--baseline: there is no sampler"),
         ("--spp 0", 2, "--spp: 0 is out of range; use 1 to"),
-        ("--spp a", 2, "invalid digit"),
+        ("--spp a", 2, "a whole number of samples per pixel is required"),
         ("--spp 4,4", 2, "--spp: a number is given twice"),
         ("--time-of 3", 2, "--time-of: 3 is not one of spp (4, 8, 16, 32)"),
         ("--seeds 0", 2, "1..=100000"),
