@@ -40,7 +40,7 @@ pub(crate) fn row(effort: Effort, image: &Image) -> Result<Row> {
     let each = (price.median - 1.0) * EVERY * 1e3;
     Ok(Row {
         safeguard: "checkpoints",
-        does: "what is rendered is on the disk once a minute, whole at any moment",
+        does: "the render is saved once a minute, in a file that is whole at any moment",
         price,
         price_of: format!(
             "one checkpoint a minute, {each:.1} ms each where nothing goes on meanwhile; with one in a render of {length:.2} s it \

@@ -19,7 +19,7 @@ pub(crate) fn row(effort: Effort, image: &Image) -> Result<Row> {
     })?;
     Ok(Row {
         safeguard: "halves",
-        does: "errors are predicted from two independently scrambled halves, where somebody asks for them",
+        does: "errors are predicted from two independently scrambled halves, on request",
         price,
         price_of: format!("{}; besides, two short sequences are less even than a long one", image.describe()),
         breaks: vec![predictions()?],

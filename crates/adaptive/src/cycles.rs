@@ -22,7 +22,7 @@ dapple_core::options! {
         /// With [`Stopping::Budget`], errors are compared with half of the largest error if that is less than 5 times
         /// the threshold.
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// The samples that decide stay in the image (biased), as published; there is no other.
+        /// Use in the image of the samples that decide when a pixel stops: keep (biased, as published), the only one.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "keep; there is no other";
     }

@@ -21,9 +21,9 @@ const LONGEST: u32 = 192;
 /// List the effects (kinds of light transport) that a scene uses, the objects that cause them, their cost in time and
 /// their share of the image
 ///
-/// Each effect is left out in turn: the image is rendered alternately with and without it, with --seeds seeds. Shares
-/// of time are of tracing time at equal samples per pixel. The share of the image is two numbers: the relMSE of the image
-/// without the effect, less the part due to noise, and the mean radiance that is lost. The light of paths beyond the scene's
+/// Each effect is left out in turn: the image is rendered alternately with and without it, with --seeds seeds. The cost
+/// is a share of the tracing time, at equal samples per pixel. The share of the image is given in two ways: the mean radiance
+/// that is lost without the effect, and the relMSE of the image without it, from which noise is subtracted. The light of paths beyond the scene's
 /// depth limit is measured, too. Each value has the half width of its 95 % interval.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
@@ -45,7 +45,7 @@ pub(crate) struct EffectsArgs {
     #[arg(value_parser = clap::value_parser!(u32).range(1..))]
     spp: u32,
 
-    /// Number of seeds; each effect has one image with it and one without it per seed
+    /// Number of seeds; each effect is rendered once with and once without it per seed
     #[arg(long, value_name = "N", default_value_t = 4, conflicts_with = "list")]
     #[arg(value_parser = clap::value_parser!(u32).range(4..=64))]
     seeds: u32,

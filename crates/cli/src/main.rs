@@ -71,7 +71,7 @@ Examples:
   dapple study teapot -o teapot-study              accuracy against time: runs.jsonl, report.html
 
 Results go to stdout, progress and warnings to stderr.
-Exit status: 0 done, 1 failed, 2 wrong arguments, 130 interrupted (the samples until then are saved).";
+Exit status: 0 done, 1 failed, 2 wrong arguments, 130 interrupted (the image so far is saved).";
 
 #[derive(Subcommand)]
 enum Command {

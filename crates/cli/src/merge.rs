@@ -32,8 +32,8 @@ pub(crate) struct MergeArgs {
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
     threads: u16,
 
-    /// Print one line of JSON instead of the summary; values are totals over all machines, except "cpu", which
-    /// is of the merging machine only
+    /// Print one line of JSON instead of the summary; values are totals over all machines, except "cpu", the CPU
+    /// seconds of the merging
     #[arg(long)]
     json: bool,
 

@@ -107,9 +107,9 @@ fn wrong_words_say_what_there_is() {
     folder.done("render tiny.pbrt --spp 1 --pixel-filter box --seed 77 -o r.exr");
     folder.done("render cornell --spp 1 --resolution 12x8 --pixel-filter box --seed 77 -o c.exr");
     let cases = [
-        ("--samplers uniform,nonesuch", 2, "--samplers: there is no sampler \"nonesuch\"; there are variance, "),
-        ("--points nonesuch", 2, "--points: there is no point set \"nonesuch\"; there are sobol, "),
-        ("--filters nonesuch", 2, "--filters: there is no filter \"nonesuch\"; there are none, "),
+        ("--samplers uniform,nonesuch", 2, "--samplers: there is no sampler \"nonesuch\"; choose among variance, "),
+        ("--points nonesuch", 2, "--points: there is no point set \"nonesuch\"; choose among sobol, "),
+        ("--filters nonesuch", 2, "--filters: there is no filter \"nonesuch\"; choose among none, "),
         ("--method uniform/nonesuch", 2, "there is no point set \"nonesuch\""),
         ("--method a/b/c/d", 2, "write SAMPLER/POINTS/FILTER"),
         ("--samplers variance:cup=3", 2, "there is no parameter \"cup\""),

@@ -18,7 +18,7 @@ pub struct AreaVectors {
     vectors: Vec<[f64; 3]>,
 }
 
-/// One cluster's area vectors, each turned to the side of `axis`.
+/// One cluster's area vectors, each negated where needed, so that its component along `axis` is not negative.
 #[derive(Clone, Debug, PartialEq)]
 struct Bundle {
     range: std::ops::Range<usize>,

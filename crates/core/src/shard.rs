@@ -126,8 +126,7 @@ impl<'a> Sharded<'a> {
     pub fn new(inner: &'a mut dyn Sampler, shard: Shard, limits: &Limits) -> Result<Self, Error> {
         let refuse = |who: String, why| Err(Error::NoShards { who, why });
         if !inner.a_priori() {
-            let why =
-                "it reads samples that other machines have; take a sampler with fixed counts, such as \"uniform\"";
+            let why = "it reads samples that other machines have; take a sampler with fixed counts";
             return refuse(format!("sampler \"{}\"", inner.name()), why);
         }
         if !matches!(limits.budget, Budget::Samples(_)) {

@@ -233,7 +233,8 @@ impl PreparedScene {
     }
 }
 
-/// The warnings about directives of the scene file, and about another suggested number of samples per pixel.
+/// The warnings about directives of the scene file, and the one given if the file suggests another number of samples per
+/// pixel than the render takes.
 fn notices(spec: &RenderSpec, scene: &Scene) -> Vec<Warning> {
     let mut warnings = Vec::new();
     // Notices of bundled scenes are about directives for other renderers, which do not concern the user.

@@ -369,13 +369,17 @@ impl RenderSpec {
             BudgetSpec::Spp(spp) if spp < f64::from(min) => {
                 return wrong(
                     field,
-                    format!("{spp} is below the smallest number of samples per pixel, {min}; raise it"),
+                    format!(
+                        "{spp} is below the smallest number of samples per pixel, {min}; raise one, or lower the other"
+                    ),
                 );
             }
             BudgetSpec::Spp(spp) if spp > f64::from(most) => {
                 return wrong(
                     field,
-                    format!("{spp} is above {most}, the largest number of samples per pixel; lower it"),
+                    format!(
+                        "{spp} is above the largest number of samples per pixel, {most}; lower one, or raise the other"
+                    ),
                 );
             }
             _ => {}

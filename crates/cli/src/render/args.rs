@@ -31,8 +31,8 @@ pub(crate) struct RenderArgs {
 
     /// Sampler (how many samples each pixel gets); `dapple samplers` lists all
     ///
-    /// With `--filter none`, use `adaptive:epsilon=0.01`, which gives dark pixels more samples; the default epsilon, 0.3,
-    /// is for the default filter.
+    /// Errors are relative to the squared radiance plus `epsilon`; a smaller one gives dark pixels more samples. The
+    /// default, 0.3, suits the default filter; with `--filter none`, use `adaptive:epsilon=0.01`.
     #[arg(long, value_name = "NAME[:key=value,…]", default_value = dapple_job::DEFAULT_SAMPLER, value_parser = sampler)]
     #[arg(help_heading = "Method")]
     pub(crate) sampler: String,
@@ -55,7 +55,7 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "SHAPE", default_value = "scene", help_heading = "Method")]
     pub(crate) pixel_filter: PixelShape,
 
-    /// Seed of all random numbers; the same seed gives the same image on any number of threads
+    /// Seed of all random numbers; except with --time, the same seed gives the same image on any number of threads
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Method")]
     pub(crate) seed: u64,
 
@@ -65,7 +65,7 @@ pub(crate) struct RenderArgs {
     pub(crate) spp: Option<f64>,
 
     /// Render until the predicted relMSE of the unfiltered image is at most this value, or every pixel has --max-spp
-    /// samples; at equal samples, the image is slightly less accurate than with --spp
+    /// samples. With as many samples, --spp gives a slightly more accurate image
     #[arg(long, value_name = "RELMSE", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) error: Option<f64>,
@@ -93,10 +93,10 @@ pub(crate) struct RenderArgs {
     #[arg(help_heading = "Method")]
     pub(crate) light_selection: Option<LightSelection>,
 
-    /// Leave out an effect that the scene uses; may be repeated. `dapple effects` lists a scene's effects
+    /// Leave out an effect that the scene uses, or several separated by commas; `dapple effects` lists a scene's effects
     ///
     /// The image then differs and costs less. A warning and the header of EXR files name the effect.
-    #[arg(long, value_name = "EFFECT", help_heading = "Image")]
+    #[arg(long, value_name = "EFFECT", value_delimiter = ',', help_heading = "Image")]
     pub(crate) without: Vec<Effect>,
 
     /// Width and height of the full image in pixels [default: the scene's]
@@ -128,8 +128,8 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
     pub(crate) checkpoint: Option<PathBuf>,
 
-    /// Seconds between checkpoints [default: 60, or more if checkpoints would take over 1 % of the time; the first
-    /// after 1]
+    /// Seconds between checkpoints [default: 60, or longer to keep checkpoints under 1 % of the time; the first is
+    /// written after 1 s]
     #[arg(long, value_name = "SECONDS", value_parser = above_zero, help_heading = "Interruption")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) checkpoint_every: Option<f64>,
@@ -137,8 +137,8 @@ pub(crate) struct RenderArgs {
     /// Resume from this checkpoint, and keep writing to it; the image has the same bits as without interruption
     ///
     /// Repeat the arguments of the interrupted render. The budget may be larger, and the filter may differ if the
-    /// checkpoint holds the data that it needs. If --checkpoint names the same FILE and it is missing, the render
-    /// starts afresh, so that one command can be repeated until the render is done.
+    /// checkpoint holds the data that it needs. A missing FILE is an error, unless --checkpoint names it too: the
+    /// render then starts afresh, so that one command can be repeated until it is done.
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
     pub(crate) resume: Option<PathBuf>,
 
@@ -161,8 +161,8 @@ pub(crate) struct RenderArgs {
 
     /// Memory limit, such as 2G, 500M or a number of bytes; larger renders are refused [default: the machine's memory]
     ///
-    /// The summary prints the estimate: scene, film and sampler, plus the largest of planning, filtering and file
-    /// writing.
+    /// The summary prints the estimate: scene, film and sampler, plus the largest of three phases: planning, filtering
+    /// and file writing.
     #[arg(long, value_name = "SIZE", value_parser = size)]
     pub(crate) memory: Option<u64>,
 

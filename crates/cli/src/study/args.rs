@@ -46,7 +46,7 @@ pub(crate) struct StudyArgs {
 
     /// Single method; may be repeated. Points default to sobol, the filter to none
     ///
-    /// Replaces the default combinations of samplers, point sets and filters; with --samplers, adds to the given ones.
+    /// Without --samplers, only these methods run. With it, they run besides its combinations.
     #[arg(long = "method", value_name = "SAMPLER[/POINTS[/FILTER]]", help_heading = "Methods")]
     methods: Vec<Method>,
 

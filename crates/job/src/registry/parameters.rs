@@ -9,7 +9,7 @@ use std::str::FromStr;
 #[derive(Debug, thiserror::Error)]
 pub enum RegistryError {
     /// An unknown name.
-    #[error("there is no {kind} \"{name}\"; {} are {known}", nearest.map_or("there".to_owned(), |n| format!("did you mean \"{n}\"? There")))]
+    #[error("there is no {kind} \"{name}\"; {} among {known}", nearest.map_or("choose".to_owned(), |n| format!("did you mean \"{n}\"? Choose")))]
     Unknown {
         /// The kind of entry: sampler, point set or filter.
         kind: &'static str,

@@ -113,7 +113,7 @@ fn descriptions_are_words() {
 fn wrong_words_are_refused_with_what_there_is() {
     let points = || points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
     let sampler = |words: &str| refusal(sampler(words, points(), &MethodInputs::default()));
-    assert!(refusal(super::points("sobel", SETTING)).contains("There are sobol"));
+    assert!(refusal(super::points("sobel", SETTING)).contains("Choose among sobol"));
     assert!(sampler("").contains("variance, uniform"));
     assert!(refusal(check_filter("nune")).contains("none"));
     assert!(sampler("uniform:x=1").contains("it takes none"));

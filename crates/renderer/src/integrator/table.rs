@@ -41,7 +41,7 @@ pub struct IntegratorEntry {
 #[non_exhaustive]
 pub enum IntegratorError {
     /// There is no integrator of this name.
-    #[error("there is no integrator \"{name}\"; {} are {known}", nearest.map_or("there".to_owned(), |n| format!("did you mean \"{n}\"? There")))]
+    #[error("there is no integrator \"{name}\"; {} among {known}", nearest.map_or("choose".to_owned(), |n| format!("did you mean \"{n}\"? Choose")))]
     Unknown {
         /// The unknown name.
         name: String,
@@ -133,7 +133,7 @@ mod tests {
         assert_eq!(refused("ambient-occlusion: distance = 2.5"), "ambient-occlusion 2.5");
         assert_eq!(
             refused("paths"),
-            "there is no integrator \"paths\"; did you mean \"path\"? There are path, ambient-occlusion"
+            "there is no integrator \"paths\"; did you mean \"path\"? Choose among path, ambient-occlusion"
         );
         let wrong = |problem: &str| format!("ambient-occlusion: {problem}");
         assert_eq!(refused("ambient-occlusion:far"), wrong("\"far\" is not of the form key=value"));

@@ -254,10 +254,10 @@ mod tests {
             ("spp = [8", ":1: spp: "),
             (
                 "samplers = [\n  \"uniform\",\n  \"nonesuch\",\n]",
-                ":3: samplers: there is no sampler \"nonesuch\"; there are variance, ",
+                ":3: samplers: there is no sampler \"nonesuch\"; choose among variance, ",
             ),
-            ("filters = [\"nonesuch\"]", ":1: filters: there is no filter \"nonesuch\"; there are none, "),
-            ("points = [\"nonesuch\"]", ":1: points: there is no point set \"nonesuch\"; there are sobol, "),
+            ("filters = [\"nonesuch\"]", ":1: filters: there is no filter \"nonesuch\"; choose among none, "),
+            ("points = [\"nonesuch\"]", ":1: points: there is no point set \"nonesuch\"; choose among sobol, "),
             ("samplers = [\"mitchell:nonesuch=2\"]", ":1: samplers: mitchell: there is no parameter \"nonesuch\""),
             ("methods = [\"uniform\",\n \"variance/nonesuch\"]", ":2: points: there is no point set"),
             ("methods = [\"a/b/c/d\"]", ":1: methods: \"a/b/c/d\" is not a method; write SAMPLER/POINTS/FILTER"),
