@@ -71,8 +71,7 @@ fn wrong_words_end_with_usage() {
     let folder = Folder::new();
     let samplers: Vec<&str> = SAMPLERS.iter().map(|entry| entry.name).collect();
     let unknown = format!(
-        "error: invalid value 'nonesuch' for '--sampler <NAME[:key=value,…]>': there is no sampler \"nonesuch\"; there \
-         are {}\n\nFor more information, try '--help'.\n",
+        "error: invalid value 'nonesuch' for '--sampler <NAME[:key=value,…]>': there is no sampler \"nonesuch\"; choose among {}\n\nFor more information, try '--help'.\n",
         samplers.join(", ")
     );
     let golden = [
