@@ -25,7 +25,9 @@ use dapple_core::{
 ///
 /// # Bias
 ///
-/// By default the pilot stays in the image, so kept samples also decide the counts [Kirk and Arvo 1991].
+/// By default the pilot stays in the image, so kept samples also decide the counts [Kirk and Arvo 1991]. Where light is
+/// rare, that loses some of it. [`PilotPolicy::Neighbours`] leaves a pixel's own samples out of its score: unbiased with
+/// one round after the pilot, but for the share of a pixel in the total of all scores, and nearly so with three.
 /// [`PilotPolicy::Discard`] and [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start,
 /// but lose accuracy.
 ///
@@ -137,7 +139,9 @@ impl<P: PointSet> Sampler for Adaptive<P> {
             return Ok(Progress::Trace);
         }
         match self.options.policy {
-            PilotPolicy::Keep | PilotPolicy::Refined => self.plan_kept(seen, pilot.samples, plan)?,
+            PilotPolicy::Keep | PilotPolicy::Refined | PilotPolicy::Neighbours => {
+                self.plan_kept(seen, pilot.samples, plan)?
+            }
             PilotPolicy::Discard => self.plan_after_discarding(seen, plan)?,
             PilotPolicy::Cross => self.plan_across(seen, plan)?,
         }

@@ -12,9 +12,9 @@ dapple_core::options! {
         /// The quarter is rounded down to a count on the ladder of well-stratified counts. Any other pilot has at least
         /// 2 samples per pixel, and 4 with [`PilotPolicy::Cross`], because each half needs a variance.
         pub pilot: u32 = 0, |pilot| pilot != 1, "two samples or more have a variance; 0 chooses";
-        /// Rounds for the rest of the budget, each planned from all samples before it; 0 takes 3, or 1 without keep.
+        /// Rounds for the rest of the budget, each planned from all samples before it; 0 takes 3, or 1 with discard or cross.
         ///
-        /// With any policy but [`PilotPolicy::Keep`], more than one round would bias the image.
+        /// With [`PilotPolicy::Discard`] or [`PilotPolicy::Cross`], more than one round would bias the image.
         pub rounds: u32 = 0, |rounds| rounds <= 64, "1 to 64; 0 chooses";
         /// Pool of variances: window (neighbours), inside (the same cell weighs more) or cell (all its pixels).
         pub pool: PoolShape = PoolShape::Window => "window";
@@ -40,9 +40,9 @@ dapple_core::options! {
         ///
         /// At 1, counts stay uniform where the ladder makes adapted counts worse than uniform ones.
         pub gain: f64 = 0.98, |gain| (0.0..=1.0).contains(&gain) || gain == f64::INFINITY, "a share from 0 to 1, or inf";
-        /// Use of pilot samples: keep (slightly biased), discard (unbiased) or cross (unbiased, two halves).
+        /// Use of pilot samples: keep (biased), neighbours (nearly unbiased), discard or cross (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, discard, cross";
+            |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, neighbours, discard, cross";
         /// Edge of a cell (patch of surface) in pixels, if cells are used.
         pub edge: f32 = 16.0 => "16", |edge| (1.0..=65536.0).contains(&edge), "1 to 65536 pixels";
         /// Largest angle between a cell's normals and their mean, in degrees.
@@ -54,7 +54,7 @@ impl AdaptiveOptions {
     /// The number of rounds after the pilot.
     pub(crate) fn rounds_after_pilot(&self) -> u32 {
         match (self.rounds, self.policy) {
-            (0, PilotPolicy::Keep) => 3,
+            (0, PilotPolicy::Keep | PilotPolicy::Neighbours) => 3,
             (0, _) => 1,
             (rounds, _) => rounds,
         }
@@ -73,21 +73,26 @@ impl AdaptiveOptions {
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a value out of range, or several rounds without [`PilotPolicy::Keep`]. With
-    /// [`PilotPolicy::Cross`], also for a pilot below 4 or any use of first hits.
+    /// [`Error::OutOfRange`] for a value out of range, or several rounds with [`PilotPolicy::Discard`] or
+    /// [`PilotPolicy::Cross`]. With [`PilotPolicy::Cross`] or [`PilotPolicy::Neighbours`], also for any use of first
+    /// hits. With the former, also for a pilot below 4; with the latter, for a window of radius 0.
     pub fn check(&self) -> Result<(), Error> {
         self.check_ranges()?;
         let out = |name, value: String, allowed| Err(OutOfRange { name, value, allowed }.into());
         if self.policy == PilotPolicy::Cross && self.pilot != 0 && self.pilot < 4 {
             return out("pilot", self.pilot.to_string(), "each of the two halves needs two samples; 0 chooses");
         }
-        if self.policy != PilotPolicy::Keep && self.rounds > 1 {
+        if matches!(self.policy, PilotPolicy::Discard | PilotPolicy::Cross) && self.rounds > 1 {
             let allowed = "1 unless the pilot is kept: the others would be biased too";
             return out("rounds", self.rounds.to_string(), allowed);
         }
         if self.policy == PilotPolicy::Cross && self.reads_hits() {
             let allowed = "keep or discard beside cells: a half's hits would decide on itself";
             return out("policy", "cross".into(), allowed);
+        }
+        if self.policy == PilotPolicy::Neighbours && (self.reads_hits() || self.radius == 0) {
+            let allowed = "keep or discard beside cells or radius 0: a pixel's own samples would decide on it";
+            return out("policy", "neighbours".into(), allowed);
         }
         Ok(())
     }

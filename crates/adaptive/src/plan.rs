@@ -1,7 +1,7 @@
 //! Planning of sample counts from a film's statistics, without side effects.
 
-use crate::{Adaptive, Cells, Pooling, geometric_variance, relative_variance};
-use dapple_core::{BudgetLeft, Error, Feedback, Film, Ladder, Plan, PointSet, RgbMoments, saturating_u32};
+use crate::{Adaptive, Cells, OwnSamples, Pooling, geometric_variance, relative_variance};
+use dapple_core::{BudgetLeft, Error, Feedback, Film, Ladder, PilotPolicy, Plan, PointSet, RgbMoments, saturating_u32};
 use rayon::prelude::*;
 
 /// The largest sample count `n` for which a table stores `n^-exponent`.
@@ -22,7 +22,9 @@ impl<P: PointSet> Adaptive<P> {
         let pixels = (0..film.frame().pixels()).into_par_iter().with_min_len(4096);
         let known: Vec<RgbMoments> = pixels.map(moments).collect();
         let cells = if o.reads_hits() { Some(Cells::of_film(film, &o.cells())?) } else { None };
-        let pooling = Pooling { pool: o.pool, radius: o.radius, prior: o.prior, power: o.power, epsilon: o.epsilon };
+        let own = if o.policy == PilotPolicy::Neighbours { OwnSamples::LeftOut } else { OwnSamples::Used };
+        let (pool, radius, prior, power, epsilon) = (o.pool, o.radius, o.prior, o.power, o.epsilon);
+        let pooling = Pooling { pool, radius, prior, power, epsilon, own };
         let mut scores = relative_variance(&known, film.frame().size(), &pooling, cells.as_ref())?;
         if let (Some(cells), true) = (&cells, o.geometry > 0.0) {
             self.blend_geometry(film, cells, &known, &mut scores);

@@ -1,7 +1,7 @@
 //! Estimates of pixel variance from few samples, pooled over neighbours or cells.
 
 use crate::{Cells, out_of_range};
-use dapple_core::{Error, RgbMoments};
+use dapple_core::{Error, OptionValue as _, RgbMoments};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -20,6 +20,16 @@ pub enum PoolShape {
 
 dapple_core::choices!(PoolShape { Window = "window", Inside = "inside", Cell = "cell" });
 
+/// The use of a pixel's own samples in its score.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OwnSamples {
+    /// The pixel's own samples count, in the window and beside it.
+    #[default]
+    Used,
+    /// Only the neighbours' samples count, so the score is independent of the pixel's own samples.
+    LeftOut,
+}
+
 /// The parameters of [`relative_variance`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pooling {
@@ -35,6 +45,8 @@ pub struct Pooling {
     pub power: f64,
     /// The number added to the squared mean before division, so that black pixels have finite relative variance.
     pub epsilon: f64,
+    /// The use of a pixel's own samples. If they are left out, `prior` is not used.
+    pub own: OwnSamples,
 }
 
 /// The relative variance `v~ / (m^2 + epsilon)` of each pixel's samples, pooled and summed over channels.
@@ -46,10 +58,12 @@ pub struct Pooling {
 /// `moments` are row by row, for an image of `size` pixels. The pool is a mean weighted by degrees of freedom, so
 /// pixels with fewer than two samples do not contribute.
 ///
+/// With [`OwnSamples::LeftOut`], `v~^q = pool(v^q)`, and both the pool and `m` omit the pixel itself.
+///
 /// # Errors
 ///
 /// [`Error::OutOfRange`] if the number of `moments` does not match `size`, or if the pool needs cells and `cells` is
-/// missing or of another size.
+/// missing or of another size. Also for [`OwnSamples::LeftOut`] with another pool than [`PoolShape::Window`].
 pub fn relative_variance(
     moments: &[RgbMoments],
     size: [u32; 2],
@@ -59,6 +73,9 @@ pub fn relative_variance(
     let [w, h] = size.map(|n| n as usize);
     if moments.len() != w * h {
         return Err(out_of_range("moments", moments.len(), "one for each pixel of the image"));
+    }
+    if pooling.own == OwnSamples::LeftOut && pooling.pool != PoolShape::Window {
+        return Err(out_of_range("pool", pooling.pool.text(), "window, where a pixel's own samples are left out"));
     }
     let first: Vec<u32> = match (pooling.pool, cells) {
         (PoolShape::Window, _) => Vec::new(),
@@ -86,16 +103,17 @@ pub fn relative_variance(
         let each = pools.iter().zip(own.deviations()).zip(sums.means());
         let relative = each.map(|((pool, deviation), mean)| {
             let mean = mean / sums.seen().max(1.0);
-            let variance = match pooling.prior {
-                prior if prior == f64::INFINITY => *pool,
-                prior => (deviation + prior * pool) / (own.freedom() + prior),
+            let variance = match (pooling.own, pooling.prior) {
+                (OwnSamples::LeftOut, _) | (_, f64::INFINITY) => *pool,
+                (_, prior) => (deviation + prior * pool) / (own.freedom() + prior),
             };
             root(variance, pooling.power) / (mean * mean + pooling.epsilon)
         });
         // Starts from 0: the empty sum of floats is -0.
         relative.fold(0.0, |sum, x| sum + x)
     };
-    Ok(over_windows([w, h], pooling.radius as usize, |i| Terms::of(&moments[i], pooling.power), score))
+    let window = (pooling.radius as usize, pooling.own);
+    Ok(over_windows([w, h], window, |i| Terms::of(&moments[i], pooling.power), score))
 }
 
 /// The terms of a pixel that are summed over its pool: degrees of freedom (1), a 1 if there are samples (1), powers of
@@ -208,12 +226,13 @@ pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize
 }
 
 /// The score of each pixel, from its own terms and their sums over a window. The window is `2 radius + 1` pixels wide
-/// and high, cut off at the borders.
+/// and high, cut off at the borders; the pixel itself may be left out.
 ///
-/// Terms are added in the order of rows and columns. A running sum would keep the rounding error of a firefly.
+/// Terms are added in the order of rows and columns. A running sum would keep the rounding error of a firefly, and so
+/// would a difference.
 fn over_windows(
     [w, h]: [usize; 2],
-    radius: usize,
+    (radius, own): (usize, OwnSamples),
     terms: impl Fn(usize) -> Terms + Sync,
     score: impl Fn(usize, &Terms, &Terms) -> f64 + Sync,
 ) -> Vec<f64> {
@@ -222,8 +241,8 @@ fn over_windows(
     scores.par_chunks_mut(rows * w.max(1)).enumerate().for_each(|(task, scores)| {
         let (first, last) = (task * rows, task * rows + scores.len() / w - 1);
         let around = near(first, radius, h).start..near(last, radius, h).end;
-        let own: Vec<Terms> = (around.start * w..around.end * w).map(&terms).collect();
-        let row = |y: usize| &own[(y - around.start) * w..][..w];
+        let all: Vec<Terms> = (around.start * w..around.end * w).map(&terms).collect();
+        let row = |y: usize| &all[(y - around.start) * w..][..w];
         let mut columns = vec![Terms::default(); w];
         for (y, scores) in (first..).zip(scores.chunks_mut(w)) {
             columns.fill(Terms::default());
@@ -232,7 +251,13 @@ fn over_windows(
             }
             for (x, place) in scores.iter_mut().enumerate() {
                 let mut sums = Terms::default();
-                columns[near(x, radius, w)].iter().for_each(|column| sums.add(column));
+                match own {
+                    OwnSamples::Used => columns[near(x, radius, w)].iter().for_each(|column| sums.add(column)),
+                    OwnSamples::LeftOut => {
+                        near(x, radius, w).filter(|&k| k != x).for_each(|k| sums.add(&columns[k]));
+                        near(y, radius, h).filter(|&k| k != y).for_each(|k| sums.add(&row(k)[x]));
+                    }
+                }
                 *place = score(y * w + x, &row(y)[x], &sums);
             }
         }

@@ -23,7 +23,7 @@ dapple_core::options! {
         pub cap: f64 = 6.0 => "6";
         /// Use of pilot samples: keep (slightly biased), discard (unbiased) or cross (unbiased, two halves).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, discard, cross";
+            |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, discard, cross, neighbours";
     }
 }
 

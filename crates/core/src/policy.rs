@@ -26,6 +26,12 @@ pub enum PilotPolicy {
     /// two half-length sequences have more error than one. If the budget is raised later, a half's earlier samples
     /// influence its later counts through the other half.
     Cross,
+    /// All samples stay in the image, and a pixel's count depends on the samples of its neighbours only.
+    ///
+    /// With one round after the pilot, the bias is that of a pixel's share in the total of all scores: of the order of 1
+    /// over the number of pixels. Later rounds add a bias of second order, because the neighbours' counts depended on
+    /// the pixel.
+    Neighbours,
 }
 
 /// The point at which samplers that compare an error estimate with a threshold stop.

@@ -106,7 +106,7 @@ impl Bilateral {
 
     fn likeness(&self) -> Likeness {
         let BilateralOptions { colour, features, outside, .. } = self.options;
-        let features = FeatureScales { bandwidth: features as f32, floors: [1e-2, 2e-2] };
+        let features = FeatureScales { bandwidth: features as f32, floors: [1e-2, 2e-2], slope: 3.0 };
         Likeness { patch: 1, colour: colour as f32, features: Some(features), outside: outside as f32 }
     }
 }

@@ -8,7 +8,9 @@ use crate::parameters::{NEEDS, describe};
 use crate::planes::{Inputs, Plane, box_mean};
 use crate::prefilter::prefilter;
 use crate::regression::{bytes, regress};
+use crate::shrink::{Radii, shrink};
 use crate::tile::{FeatureScales, Guide, Likeness};
+use crate::wide::{self, wide};
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
 use rayon::prelude::*;
 use std::fmt;
@@ -27,14 +29,17 @@ pub enum Passes {
     /// the unfiltered image.
     #[default]
     Two,
+    /// A third pass over 41x41 pixels. Its image, that of the first two passes and the unfiltered image are blended by
+    /// shrinkage.
+    Three,
 }
 
-dapple_core::choices!(Passes { One = "1", Two = "2" });
+dapple_core::choices!(Passes { One = "1", Two = "2", Three = "3" });
 
 dapple_core::options! {
     /// The parameters of [`ClusterRegression`].
     pub struct ClusterRegressionOptions {
-        /// 2, or 1: regression alone, without a second pass and a choice.
+        /// Passes of regression: 1, 2 with a choice among them, or 3 with a wide pass and blends.
         pub passes: Passes = Passes::Two => "2";
         /// Weight of a pixel of another cluster relative to one of the same; 1: no clusters.
         pub outside: f64 = 0.2,
@@ -79,6 +84,9 @@ dapple_core::options! {
 ///    The blend of the best ones guides a second pass, without albedo. The halves give its remaining noise.
 ///    Both halves share this guide, and so their weights and normal equations.
 /// 5. The result is the choice among all four images by estimated error over 7x7 pixels.
+/// 6. With three passes, this choice guides a regression over 41x41 pixels around every fourth pixel of every fourth row,
+///    without albedo. The choice is moved towards its image, and the unfiltered image towards the result, each as far as
+///    their difference is noise by the halves [after James and Stein 1961].
 ///
 /// # Guarantees
 ///
@@ -125,7 +133,7 @@ impl ClusterRegression {
     /// Runs the first pass on both halves of the samples. `beside` is the bilateral image.
     fn first(&self, inputs: &Inputs, beside: &Pair) -> Pair {
         let guides = [0, 1].map(|half| guide(inputs, half, true, false));
-        let features = FeatureScales { bandwidth: 1.5, floors: [1e-2, 2e-3] };
+        let features = FeatureScales { bandwidth: 1.5, floors: [1e-2, 2e-3], slope: 3.0 };
         let like = Likeness { patch: 1, colour: 2.0, features: Some(features), outside: self.outside() as f32 };
         Pair(regress(inputs, &guides, &like, beside, BESIDE))
     }
@@ -133,7 +141,7 @@ impl ClusterRegression {
     /// Runs the second pass on both halves of the samples. `guide` is an image with less noise, by which pixels are
     /// compared.
     fn second(&self, inputs: &Inputs, guide: &Pair) -> Pair {
-        let features = FeatureScales { bandwidth: 5.0, floors: [1e-2, 2e-2] };
+        let features = FeatureScales { bandwidth: 5.0, floors: [1e-2, 2e-2], slope: 3.0 };
         // The first pass has used most of the information in the clusters.
         let outside = self.outside().max(0.5) as f32;
         let like = Likeness { patch: 1, colour: 1.5, features: Some(features), outside };
@@ -150,8 +158,25 @@ impl ClusterRegression {
         let weight = relative_weight(inputs, &first);
         let chosen = select(inputs, &[&first, &averaged, &unfiltered], &weight, 2);
         let second = self.second(inputs, &chosen);
-        select(inputs, &[&first, &averaged, &second, &unfiltered], &weight, 3)
+        let base = select(inputs, &[&first, &averaged, &second, &unfiltered], &weight, 3);
+        if self.options.passes == Passes::Two {
+            return base;
+        }
+        drop((first, averaged, second, chosen));
+        let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
+        let smooth = shrink(inputs, &base, &smooth, Radii { bias: 8, noise: 20 });
+        let detailed = shrink(inputs, &unfiltered, &smooth, Radii { bias: 5, noise: 10 });
+        let share = detail(inputs);
+        Pair::mixed(&[&smooth, &detailed], &[vec![1.0 - share; inputs.pixels()], vec![share; inputs.pixels()]])
     }
+}
+
+/// The share of the image that is blended with the unfiltered one: 1/2 up to 16 samples per pixel, then rising to 1 at
+/// 32.
+fn detail(inputs: &Inputs) -> f32 {
+    let samples = |h: usize| inputs.halves[h].count.iter().map(|&n| f64::from(n)).sum::<f64>();
+    let mean = (samples(0) + samples(1)) / inputs.pixels() as f64;
+    (mean as f32 / 32.0).clamp(0.5, 1.0)
 }
 
 /// The guide of the second pass: the filtered image without its albedo, and its remaining noise from the difference of
@@ -205,6 +230,11 @@ impl Filter for ClusterRegression {
         let at_most = match self.options.passes {
             Passes::One => frame.bytes(kept + pair).saturating_add(bytes(frame, 2)),
             Passes::Two => frame.bytes(kept + 4 * pair + 4).saturating_add(bytes(frame, 1)),
+            // The wide pass runs beside the image of two passes and the unfiltered one.
+            Passes::Three => {
+                let two = frame.bytes(kept + 4 * pair + 4).saturating_add(bytes(frame, 1));
+                two.max(frame.bytes(kept + 2 * pair).saturating_add(wide::bytes(frame)))
+            }
         };
         FilterMemory::new(frame, making, ImagePlanes::RadianceAndError).at_least(at_most)
     }

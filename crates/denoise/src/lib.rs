@@ -71,7 +71,9 @@ mod planes;
 mod prefilter;
 mod regression;
 mod separable;
+mod shrink;
 mod tile;
+mod wide;
 
 pub use bilateral::{Bilateral, BilateralOptions};
 pub use cluster_gaussian::{ClusterGaussian, ClusterGaussianOptions, ClusterLookup};

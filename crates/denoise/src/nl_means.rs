@@ -85,7 +85,7 @@ impl NlMeans {
     }
 
     fn likeness(&self) -> Likeness {
-        let scales = |k: f64| FeatureScales { bandwidth: k as f32, floors: [1e-2, 2e-2] };
+        let scales = |k: f64| FeatureScales { bandwidth: k as f32, floors: [1e-2, 2e-2], slope: 3.0 };
         let NlMeansOptions { patch, k, features, .. } = self.options;
         Likeness { patch, colour: k as f32, features: features.map(scales), outside: 1.0 }
     }

@@ -15,9 +15,9 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// The number of regressors: normal (3), albedo (3), position (3).
-const REGRESSORS: usize = 9;
+pub(crate) const REGRESSORS: usize = 9;
 /// The number of values per pixel: the regressors, and the three colour channels of both halves.
-const VALUES: usize = REGRESSORS + 6;
+pub(crate) const VALUES: usize = REGRESSORS + 6;
 /// The radius of the compared patches in pixels.
 const PATCH: usize = 1;
 /// The radius of a window in pixels.
@@ -27,7 +27,7 @@ const SIDE: usize = 2 * REACH + 1;
 /// The number of rows of window centres in a tile.
 const CENTRES: usize = HEIGHT / 2;
 /// The amount that is subtracted from each weight; smaller weights become 0.
-const NEGLIGIBLE: f32 = 1e-3;
+pub(crate) const NEGLIGIBLE: f32 = 1e-3;
 /// The share of the total weight that is added to the diagonal of the normal equations.
 const RIDGE: f32 = 1e-3;
 /// The least pivot of the normal equations, relative to its diagonal entry. Smaller pivots are lost to rounding and are
@@ -176,9 +176,9 @@ fn weigh<S: Simd, const G: usize>(simd: S, tile: &Tile, guides: &[LocalGuide; G]
 
 /// The linear function fitted in a window, for each colour channel: the value at the window's centre, and the slope of
 /// each regressor. A vector holds several windows.
-struct Fit<S: Simd> {
-    intercept: [S::f32s; 3],
-    slopes: [[S::f32s; 3]; REGRESSORS],
+pub(crate) struct Fit<S: Simd> {
+    pub(crate) intercept: [S::f32s; 3],
+    pub(crate) slopes: [[S::f32s; 3]; REGRESSORS],
 }
 
 /// The regressors of pixels at some offset from the window centres, less the regressors of the centres.
@@ -214,7 +214,7 @@ fn centre<S: Simd>(simd: S, data: &Data, [y, block]: [usize; 2]) -> [S::f32s; RE
 
 /// The weighted sums of the normal equations. Entry `[a][b]` sums the products of regressor `a - 1` (or 1, if `a` is 0)
 /// and value `b`.
-type Sums<S> = [[<S as Simd>::f32s; VALUES]; REGRESSORS + 1];
+pub(crate) type Sums<S> = [[<S as Simd>::f32s; VALUES]; REGRESSORS + 1];
 
 /// Fits the colours of both halves in a vector of windows.
 #[inline(always)]
@@ -318,15 +318,15 @@ fn accumulate<S: Simd>(
 }
 
 #[inline(always)]
-fn add_products<S: Simd>(
+pub(crate) fn add_products<S: Simd, const N: usize>(
     simd: S,
-    weighted: &[S::f32s; SIDE],
-    values: [&[S::f32s; SIDE]; 3],
+    weighted: &[S::f32s; N],
+    values: [&[S::f32s; N]; 3],
     sums: &mut [S::f32s; VALUES],
     b: usize,
 ) {
     let [mut s, mut t, mut u] = [sums[b], sums[b + 1], sums[b + 2]];
-    for k in 0..SIDE {
+    for k in 0..N {
         s = simd.add_f32s(s, simd.mul_f32s(weighted[k], values[0][k]));
         t = simd.add_f32s(t, simd.mul_f32s(weighted[k], values[1][k]));
         u = simd.add_f32s(u, simd.mul_f32s(weighted[k], values[2][k]));
@@ -350,7 +350,13 @@ fn covariance<S: Simd>(
 /// Solves the normal equations, centred at the weighted means, by the decomposition `L D L^T`. The right-hand sides are
 /// the three colour channels from value `colours` on.
 #[inline(always)]
-fn solve<S: Simd>(simd: S, total: S::f32s, sums: &Sums<S>, colours: usize, reference: &[S::f32s; 3]) -> Fit<S> {
+pub(crate) fn solve<S: Simd>(
+    simd: S,
+    total: S::f32s,
+    sums: &Sums<S>,
+    colours: usize,
+    reference: &[S::f32s; 3],
+) -> Fit<S> {
     let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
     let share = simd.div_f32s(one, simd.max_f32s(total, simd.splat_f32s(1e-20)));
     let mut mean = sums[0];

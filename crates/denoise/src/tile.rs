@@ -134,6 +134,8 @@ pub(crate) struct FeatureScales {
     pub(crate) bandwidth: f32,
     /// The least variances of normal and of albedo; smaller variances are raised to them.
     pub(crate) floors: [f32; 2],
+    /// The least standard deviation of log depth, in units of its slope between neighbouring pixels.
+    pub(crate) slope: f32,
 }
 
 /// The parameters by which the pixels of a window are compared.
@@ -197,7 +199,8 @@ impl Tile {
 pub(crate) fn sharpness(features: &Features, scales: &FeatureScales) -> [Plane; 3] {
     let square = scales.bandwidth * scales.bandwidth;
     std::array::from_fn(|k| {
-        let floor = |slope: f32| if k < 2 { scales.floors[k] } else { (3.0 * slope) * (3.0 * slope) + 1e-4 };
+        let floor =
+            |slope: f32| if k < 2 { scales.floors[k] } else { (scales.slope * slope) * (scales.slope * slope) + 1e-4 };
         let sharp = |(v, slope): (&f32, &f32)| 1.0 / (square * v.max(floor(*slope)));
         features.variance[k].iter().zip(&features.slope).map(sharp).collect()
     })
@@ -248,7 +251,7 @@ pub(crate) fn vectors<S: Simd>(row: &[f32]) -> &[S::f32s] {
 /// The excess of a squared difference over its expectation due to noise, divided by the sum of the variances `vp` and
 /// `vq`.
 #[inline(always)]
-fn excess<S: Simd>(simd: S, square: S::f32s, vp: S::f32s, vq: S::f32s) -> S::f32s {
+pub(crate) fn excess<S: Simd>(simd: S, square: S::f32s, vp: S::f32s, vq: S::f32s) -> S::f32s {
     let expected = simd.add_f32s(vp, simd.min_f32s(vp, vq));
     simd.div_f32s(simd.sub_f32s(square, expected), simd.add_f32s(vp, vq))
 }
@@ -390,7 +393,7 @@ fn feature_distance<S: Simd>(simd: S, p: &[S::f32s], q: &[S::f32s], i: usize) ->
 
 /// [`exp_minus`] of a vector.
 #[inline(always)]
-fn exp_minus_all<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+pub(crate) fn exp_minus_all<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     let (round, one) = (simd.splat_f32s(ROUND), simd.splat_f32s(1.0));
     let t = simd.mul_f32s(simd.min_f32s(x, simd.splat_f32s(80.0)), simd.splat_f32s(-std::f32::consts::LOG2_E));
     let rounded = simd.add_f32s(t, round);

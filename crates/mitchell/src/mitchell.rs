@@ -35,7 +35,7 @@ dapple_core::options! {
         pub mode: Stopping = Stopping::Budget => "budget";
         /// Use of pilot samples: keep or refined (both biased), or discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| !matches!(policy, PilotPolicy::Cross), "one of keep, refined, discard";
+            |policy| !matches!(policy, PilotPolicy::Cross | PilotPolicy::Neighbours), "one of keep, refined, discard";
     }
 }
 

@@ -25,7 +25,7 @@ dapple_core::options! {
         pub mode: Stopping = Stopping::Budget => "budget";
         /// Use of pilot samples: refined (published, biased), keep (biased) or discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Refined => "refined",
-            |policy| !matches!(policy, PilotPolicy::Cross), "one of refined, keep, discard";
+            |policy| !matches!(policy, PilotPolicy::Cross | PilotPolicy::Neighbours), "one of refined, keep, discard";
     }
 }
 

@@ -187,7 +187,7 @@ impl TwoRates {
         let planning = scoring.saturating_sub(RANKING).max(8);
         let memory = SamplerMemory::planning(frame, planning).with_state(frame, RANKING);
         match self.policy {
-            PilotPolicy::Keep | PilotPolicy::Cross => memory,
+            PilotPolicy::Keep | PilotPolicy::Cross | PilotPolicy::Neighbours => memory,
             PilotPolicy::Discard => memory.with_discarded(frame, needs, limits),
             PilotPolicy::Refined => {
                 // Withdrawn samples have statistics of their own from the second round on, and a count of skipped

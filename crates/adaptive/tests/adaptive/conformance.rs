@@ -15,7 +15,7 @@ fn adaptive(options: AdaptiveOptions) -> Adaptive<Sobol> {
 #[test]
 fn adaptive_conforms() {
     let default = options();
-    for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
+    for policy in [PilotPolicy::Keep, PilotPolicy::Neighbours, PilotPolicy::Discard, PilotPolicy::Cross] {
         sampler(|| Box::new(adaptive(default.policy(policy))));
     }
 }
@@ -43,7 +43,7 @@ fn adaptive_conforms_in_rounds_with_cells_and_by_a_map() {
 
 #[test]
 fn variance_conforms_under_every_policy() {
-    for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
+    for policy in [PilotPolicy::Keep, PilotPolicy::Neighbours, PilotPolicy::Discard, PilotPolicy::Cross] {
         for (pilot, exponent) in [(0, 1.3), (5, 1.0)] {
             let options = VarianceOptions::default().policy(policy).pilot(pilot).exponent(exponent);
             sampler(|| Box::new(Adaptive::variance_with_options(Random::new(1), options).unwrap()));

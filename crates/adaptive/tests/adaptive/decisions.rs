@@ -1,7 +1,7 @@
 //! Decisions of the error-driven sampler on made-up films.
 
 use crate::common::*;
-use dapple_adaptive::{Adaptive, AdaptiveOptions, ErrorMap, PilotPolicy, PoolShape};
+use dapple_adaptive::{Adaptive, AdaptiveOptions, ErrorMap, OwnSamples, PilotPolicy, PoolShape};
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, Plan, Progress, Sampler};
 use dapple_low_discrepancy::{Random, Sobol};
 
@@ -167,14 +167,15 @@ fn variance_pooled_inside_cells_stays_inside() {
     let hits: Vec<_> = (0..SIDE * SIDE).map(|i| Some(hit(i))).collect();
     let cells = Cells::new(&hits, 1, [SIDE as u32; 2], &CellOptions::default()).unwrap();
     let at_border = |pool| {
-        let pooling = Pooling { pool, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01 };
+        let pooling = Pooling { pool, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01, own: OwnSamples::Used };
         relative_variance(&moments, [SIDE as u32; 2], &pooling, Some(&cells)).unwrap()[20 * SIDE + 23]
     };
     let (window, inside, cell) =
         (at_border(PoolShape::Window), at_border(PoolShape::Inside), at_border(PoolShape::Cell));
     assert_eq!(cell, 0.0, "the quiet cell has no variance");
     assert!(inside > 0.0 && inside < 0.75 * window, "{inside} of {window}");
-    let pooling = Pooling { pool: PoolShape::Cell, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01 };
+    let pooling =
+        Pooling { pool: PoolShape::Cell, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01, own: OwnSamples::Used };
     assert!(relative_variance(&moments, [SIDE as u32; 2], &pooling, None).is_err());
     assert!(relative_variance(&moments[1..], [SIDE as u32; 2], &pooling, Some(&cells)).is_err());
 }
@@ -192,7 +193,7 @@ fn rounds_spend_the_budget_in_equal_steps() {
 #[test]
 fn tiny_budgets_and_frames_are_met() {
     for (w, h, total) in [(1, 1, 1), (1, 1, 5), (3, 1, 4), (7, 5, 35), (7, 5, 36), (8, 8, 64 * 3 + 1)] {
-        for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
+        for policy in [PilotPolicy::Keep, PilotPolicy::Neighbours, PilotPolicy::Discard, PilotPolicy::Cross] {
             let mut sampler = with(options().policy(policy));
             let film =
                 run(&mut Field(|_, u: [f32; 4]| u[0]), &mut sampler, frame(w, h), &Limits::samples(total)).unwrap();
@@ -219,6 +220,9 @@ fn wrong_options_are_refused() {
         good.mix(1.5),
         good.gain(-0.1),
         good.pool(PoolShape::Cell).policy(PilotPolicy::Cross),
+        good.pool(PoolShape::Inside).policy(PilotPolicy::Neighbours),
+        good.geometry(1.0).policy(PilotPolicy::Neighbours),
+        good.radius(0).policy(PilotPolicy::Neighbours),
     ] {
         assert!(Adaptive::with_options(Random::new(1), bad).is_err(), "{bad:?}");
     }

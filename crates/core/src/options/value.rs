@@ -60,5 +60,5 @@ impl<T: OptionValue> OptionValue for Option<T> {
     }
 }
 
-crate::choices!(PilotPolicy { Keep = "keep", Refined = "refined", Discard = "discard", Cross = "cross" });
+crate::choices!(PilotPolicy { Keep = "keep", Refined = "refined", Discard = "discard", Cross = "cross", Neighbours = "neighbours" });
 crate::choices!(Stopping { Budget = "budget", Threshold = "threshold" });

@@ -61,7 +61,7 @@ fn bilateral_conforms() {
 #[test]
 fn cluster_regression_conforms() {
     let label: ClusterLookup = Arc::new(|hit| (hit.primitive != 1).then_some(hit.material + 10 * hit.primitive));
-    for passes in [Passes::Two, Passes::One] {
+    for passes in [Passes::Three, Passes::Two, Passes::One] {
         let plain = ClusterRegression::with_options(ClusterRegressionOptions::default().passes(passes)).unwrap();
         conformance::filter(|| Box::new(plain.clone().with_clusters(label.clone(), "")));
     }
