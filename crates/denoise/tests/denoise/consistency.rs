@@ -221,7 +221,6 @@ fn a_third_pass_removes_blotches() {
         mean += smooth.iter().map(|p| f64::from(p[0])).sum::<f64>();
         raw += film.image().iter().map(|p| f64::from(p[0])).sum::<f64>();
     }
-    println!("{} of the error; mean {} of the samples'", three / two, mean / raw);
     assert!(three < 0.7 * two, "{three} for {two}");
     assert!((mean / raw - 1.0).abs() < 0.02, "{mean} for {raw}");
 }
