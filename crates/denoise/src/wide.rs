@@ -1,6 +1,6 @@
 //! A second, much wider window of regression: 41x41 pixels around every fourth pixel of every fourth row.
 //!
-//! Where few samples leave more noise than 13x13 pixels can average, the image of narrower windows keeps blotches of
+//! If few samples leave more noise than 13x13 pixels can average, the image of narrower windows keeps blotches of
 //! their size. This pass takes that image as its guide, and its result is blended with it by [`shrink`](crate::shrink).
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]

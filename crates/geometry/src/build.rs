@@ -177,7 +177,7 @@ const GROWTH: f32 = 1.0 / (1u64 << 14) as f32;
 const ULPS: f32 = 3.0 / (1u64 << 23) as f32;
 /// The padding of every box as an absolute length.
 ///
-/// Where a direction's component is nearly 0, the ray crosses a slab's wall at the distance to the wall times the
+/// If a direction's component is nearly 0, the ray crosses a slab's wall at the distance to the wall times the
 /// largest reciprocal, below 2^128. Triangles lie up to 2^71 away (twice `prepared_ray::FARTHEST`, in lengths of the
 /// shortest direction, 2^-10). Underflow of a slope shears them by less than 2^-80.
 const LEAST: f32 = 1.0 / (1u64 << 57) as f32;
