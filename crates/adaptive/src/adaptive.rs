@@ -27,7 +27,8 @@ use dapple_core::{
 ///
 /// By default the pilot stays in the image, so kept samples also decide the counts [Kirk and Arvo 1991]. Where light is
 /// rare, that loses some of it. [`PilotPolicy::Neighbours`] leaves a pixel's own samples out of its score: unbiased with
-/// one round after the pilot, but for the share of a pixel in the total of all scores, and nearly so with three.
+/// one round after the pilot, but for the share of a pixel in the total of all scores. Three rounds, the default, still
+/// lose some light where it is rare, but less than [`PilotPolicy::Keep`].
 /// [`PilotPolicy::Discard`] and [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start,
 /// but lose accuracy.
 ///

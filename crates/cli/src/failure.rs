@@ -47,8 +47,7 @@ pub(crate) fn of_job(error: &JobError) -> Failure {
 pub(crate) fn of_reader(error: &ReadError) -> Failure {
     let line = |problem: &Problem| match problem.kind {
         ProblemKind::Unsupported => {
-            let first = if problem.message.contains("did you mean") { "correct the name, " } else { "" };
-            format!("{}: {}; {first}remove it, or pass --allow-unsupported", problem.source, problem.message)
+            format!("{}: {}; remove it, or pass --allow-unsupported", problem.source, problem.message)
         }
         _ => problem.to_string(),
     };

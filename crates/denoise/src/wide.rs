@@ -121,13 +121,12 @@ impl Stack {
         // A vector may begin at the last centre.
         let columns = (width.div_ceil(STEP) + 2 * PAD).next_multiple_of(16) + 16;
         let sharp = sharpness(&inputs.features, &FEATURES);
-        let reference = inputs.halves.iter().map(|half| {
-            let divided = |c: usize| -> Plane {
-                half.colour[c].iter().enumerate().map(|(i, value)| value / inputs.divisor(c, i)).collect()
-            };
-            std::array::from_fn::<Plane, 3, _>(divided)
+        let colours: [Colours; 2] = [0, 1].map(|half: usize| {
+            std::array::from_fn(|c| {
+                let own = inputs.halves[half].colour[c].iter().enumerate();
+                own.map(|(i, value)| value / inputs.divisor(c, i)).collect()
+            })
         });
-        let colours: Vec<Colours> = reference.collect();
         let mut planes: Vec<&[f32]> = Vec::with_capacity(PLANES);
         planes.extend(guide.colour.iter().chain(&guide.variance).map(|p| &p[..]));
         planes.extend(inputs.features.mean.iter().chain(&inputs.features.variance).chain(&sharp).map(|p| &p[..]));

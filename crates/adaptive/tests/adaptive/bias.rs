@@ -40,7 +40,7 @@ fn discarding_and_crossing_are_unbiased_a01() {
 }
 
 /// Counts by the neighbours' samples are unbiased with one round. Three rounds see neighbours whose counts followed the
-/// pixel: a bias of second order, 0.24 % of the mean here (2.5 standard errors). Keeping has 20 times as much.
+/// pixel: a bias of second order, 2.5 standard errors here, where the noise is the same everywhere.
 #[test]
 fn counts_by_neighbours_are_unbiased_a01() {
     for options in [alone(PilotPolicy::Neighbours), alone(PilotPolicy::Neighbours).radius(1)] {
