@@ -364,7 +364,7 @@ fn every_bundle_reads_and_says_what_its_text_says() {
         ("glass", 9, 1, 1),
         ("door", 15, 0, 1),
         ("tea", 15, 0, 2),
-        ("cabin", 100, 1, 76),
+        ("cabin", 84, 1, 76),
     ] {
         let scene = files(name).unwrap().read().unwrap();
         assert_eq!(scene.name, name);
