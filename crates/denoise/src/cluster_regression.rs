@@ -1,4 +1,4 @@
-//! First-order regression on features and clusters, in two passes with a choice by estimated error.
+//! First-order regression on features and clusters, in two passes with a choice by estimated error and a wide third.
 
 use crate::averaging::guide;
 use crate::bilateral::Bilateral;
@@ -25,12 +25,12 @@ const BESIDE: f32 = 0.5;
 pub enum Passes {
     /// One pass of regression.
     One,
-    /// Two passes of regression, the default. The result is chosen per pixel among both passes, the bilateral image and
-    /// the unfiltered image.
-    #[default]
+    /// Two passes of regression. The result is chosen per pixel among both passes, the bilateral image and the
+    /// unfiltered image.
     Two,
-    /// A third pass over 41x41 pixels. Its image, that of the first two passes and the unfiltered image are blended by
-    /// shrinkage.
+    /// A third pass over 41x41 pixels, the default. Its image, that of the first two passes and the unfiltered image are
+    /// blended by shrinkage.
+    #[default]
     Three,
 }
 
@@ -40,7 +40,7 @@ dapple_core::options! {
     /// The parameters of [`ClusterRegression`].
     pub struct ClusterRegressionOptions {
         /// Passes of regression: 1, 2 with a choice among them, or 3 with a wide pass and blends.
-        pub passes: Passes = Passes::Two => "2";
+        pub passes: Passes = Passes::Three => "3";
         /// Weight of a pixel of another cluster relative to one of the same; 1: no clusters.
         pub outside: f64 = 0.2,
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
@@ -103,7 +103,7 @@ pub struct ClusterRegression {
 }
 
 impl ClusterRegression {
-    /// A regression without clusters, in two passes.
+    /// A regression without clusters, in three passes.
     pub fn new() -> Self {
         Self::default()
     }

@@ -68,13 +68,13 @@ fn filters() -> Vec<Box<dyn Filter>> {
         Box::new(ClusterRegression::new()),
         Box::new(one.with_clusters(label(), "")),
         Box::new(ClusterRegression::new().with_clusters(label(), "")),
-        Box::new(three_passes()),
-        Box::new(three_passes().with_clusters(label(), "")),
+        Box::new(two_passes()),
+        Box::new(two_passes().with_clusters(label(), "")),
     ]
 }
 
-fn three_passes() -> ClusterRegression {
-    ClusterRegression::with_options(ClusterRegressionOptions::default().passes(Passes::Three)).unwrap()
+fn two_passes() -> ClusterRegression {
+    ClusterRegression::with_options(ClusterRegressionOptions::default().passes(Passes::Two)).unwrap()
 }
 
 /// Mean squared error of the first channel against the truth.
@@ -215,8 +215,8 @@ fn a_third_pass_removes_blotches() {
     for seed in 1..=5 {
         let film = pushed([96, 80], seed, |_| 8, |_, noise| if noise < 0.05 { 20.0 } else { 0.0 });
         let error = |image: &[[f32; 3]]| image.iter().map(|p| f64::from(p[0] - 1.0).powi(2)).sum::<f64>();
-        let smooth = three_passes().apply(&film).unwrap().radiance;
-        two += error(&ClusterRegression::new().apply(&film).unwrap().radiance);
+        let smooth = ClusterRegression::new().apply(&film).unwrap().radiance;
+        two += error(&two_passes().apply(&film).unwrap().radiance);
         three += error(&smooth);
         mean += smooth.iter().map(|p| f64::from(p[0])).sum::<f64>();
         raw += film.image().iter().map(|p| f64::from(p[0])).sum::<f64>();
@@ -314,9 +314,9 @@ fn parameters_out_of_range_are_refused() {
 #[test]
 fn descriptions_give_every_parameter() {
     assert_eq!(NlMeans::default().describe(), "nlm:window=7,patch=3,k=0.45,features=none");
-    assert_eq!(ClusterRegression::new().describe(), "cluster-regression:passes=2,outside=1");
+    assert_eq!(ClusterRegression::new().describe(), "cluster-regression:passes=3,outside=1");
     let clusters = ClusterRegression::new().with_clusters(label(), "k=9");
-    assert_eq!(clusters.describe(), "cluster-regression:passes=2,outside=0.2,k=9");
+    assert_eq!(clusters.describe(), "cluster-regression:passes=3,outside=0.2,k=9");
     // First hits are recorded only where clusters matter.
     assert_eq!((clusters.needs().first_hits, ClusterRegression::new().needs().first_hits), (1, 0));
 }

@@ -65,7 +65,7 @@ fn cluster_follows_a_filter_by_its_name() {
             let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
             sampler(words, points, &inputs).unwrap_or_else(|e| panic!("{e}")).sampler
         };
-        let made = make(&format!("adaptive:by={name}"));
+        let made = make(&format!("adaptive:policy=keep,by={name}"));
         assert!(made.describe().starts_with(&format!("adaptive:by={name},")), "{}", made.describe());
         assert_eq!(make(&made.describe()).describe(), made.describe());
         let wanted = filter(read, &inputs).unwrap_or_else(|e| panic!("{e}")).filter.needs();
@@ -73,7 +73,7 @@ fn cluster_follows_a_filter_by_its_name() {
         assert_ne!(made.needs(), make("adaptive").needs(), "{name}");
     }
     let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-    let refused = refusal(sampler("adaptive:by=gaussian", points, &inputs));
+    let refused = refusal(sampler("adaptive:policy=keep,by=gaussian", points, &inputs));
     assert!(refused.contains("one of variance, nlm, bilateral, cluster-regression"), "{refused}");
 }
 
@@ -232,7 +232,7 @@ fn descriptions_stay_as_files_hold_them() {
         (
             "adaptive",
             "adaptive:by=variance,pilot=0,rounds=0,pool=window,radius=2,prior=12,power=2,geometry=0,exponent=1.15,\
-             epsilon=0.3,cap=6,mix=0.5,gain=0.98,policy=keep,edge=16,normals=10",
+             epsilon=0.3,cap=6,mix=0.5,gain=0.98,policy=neighbours,edge=16,normals=10",
         ),
         ("mitchell", "mitchell:initial=0,additional=0,red=0.4,green=0.3,blue=0.6,radius=1,mode=budget,policy=keep"),
         ("mitchell-pbrt", "mitchell-pbrt:min=4,max=32,threshold=0.5,mode=budget,policy=refined"),
@@ -248,7 +248,7 @@ fn descriptions_stay_as_files_hold_them() {
             "bilateral:outside=0.5,falloff=1e-3,colour=10.0",
             "bilateral:window=7,falloff=0.001,colour=10,features=1,outside=0.5",
         ),
-        ("cluster-regression", "cluster-regression:passes=2,outside=0.2"),
+        ("cluster-regression", "cluster-regression:passes=3,outside=0.2"),
         ("cluster-regression:passes=1,outside=1", "cluster-regression:passes=1,outside=1"),
         (
             "cluster-thesis",
