@@ -15,6 +15,7 @@
 //!   clusters; a closure that traces first hits connects it to a renderer.
 //! * [`light_selection`] (feature `light-selection`): learned probabilities of selecting each of several lights.
 //! * [`denoise`] (feature `denoise`): filters (denoisers) that take unequal sample counts into account.
+//! * `oidn` (feature `oidn`, off by default): Intel Open Image Denoise as a filter; its library is found at run time.
 //! * [`metrics`] (feature `metrics`): errors of images against references, and their statistics.
 //! * [`geometry`] (feature `geometry`): ray tracing of triangles and other shapes, watertight at shared edges.
 //! * [`scene`] (feature `scene`): scene descriptions, readers of pbrt and model files, image files, bundled scenes.
@@ -83,6 +84,8 @@ pub use dapple_low_discrepancy as low_discrepancy;
 pub use dapple_metrics as metrics;
 #[cfg(feature = "mitchell")]
 pub use dapple_mitchell as mitchell;
+#[cfg(feature = "oidn")]
+pub use dapple_oidn as oidn;
 #[cfg(feature = "renderer")]
 pub use dapple_renderer as renderer;
 #[cfg(feature = "scene")]

@@ -85,6 +85,7 @@ const RULES: &[Rule] = &[
     ("dapple-clustering", &[], OF_A_SCENE),
     ("dapple-cluster-adaptive", &["dapple-core", "dapple-clustering"], OF_A_SCENE),
     ("dapple-denoise", &["dapple-core"], OF_A_SCENE),
+    ("dapple-oidn", &["dapple-core"], OF_A_SCENE),
     ("dapple-metrics", &[], &["glam", "obvhs", "image", "exr", "rayon"]),
     ("dapple-geometry", &[], &["image", "exr", "rayon", "clap"]),
     ("dapple-scene", &["dapple-core"], &["obvhs", "clap", "indicatif"]),
@@ -106,14 +107,15 @@ const LAYERS: &[&str] = &[
     "dapple-clustering",
     "dapple-cluster-adaptive",
     "dapple-denoise",
+    "dapple-oidn",
     "dapple-metrics",
     "dapple-job",
     "dapple-study",
 ];
 const RENDERER: &[&str] = LAYERS.split_at(5).0;
 /// The renderer, every method with a name, and clusters.
-const JOB: &[&str] = LAYERS.split_at(11).0;
-const STUDY: &[&str] = LAYERS.split_at(13).0;
+const JOB: &[&str] = LAYERS.split_at(12).0;
+const STUDY: &[&str] = LAYERS.split_at(14).0;
 
 /// Crates for scenes, BVHs, vectors or image files.
 const OF_A_SCENE: &[&str] = &["glam", "obvhs", "image", "exr", "dapple-geometry", "dapple-scene", "dapple-renderer"];
@@ -142,6 +144,17 @@ fn crates_depend_only_on_allowed_crates() {
             assert!(RULES.iter().any(|r| r.0 == name), "{name} has no rule in tests/dependency_gate.rs");
         }
     }
+}
+
+#[test]
+fn no_program_is_built_with_libloading_unless_asked() {
+    for name in ["dapple", "dapple-job", "dapple-cli", "dapple-study"] {
+        assert!(!built_with(name).contains("libloading"), "{name} loads libraries without the feature oidn");
+    }
+    assert!(
+        tree(&["--package", "dapple-cli", "--features", "oidn"]).contains("libloading"),
+        "the feature adds nothing"
+    );
 }
 
 #[test]

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""oidn.py INPUT.exr OUTPUT.exr [--threads N] [--no-features | --prefilter]: Intel's Open Image Denoise on an image of a study.
+"""oidn.py INPUT.exr OUTPUT.exr [--threads N] [--no-features | --prefilter]: Intel's Open Image Denoise on an EXR file of Dapple.
 
-An external filter of `dapple study` (see docs/results/race.toml). Needs Python 3.10 and, from PyPI,
+An external filter of `dapple study` (see docs/results/race.toml), and a program for files of `dapple render`. Needs Python 3.10 and, from PyPI,
     pip install numpy openexr==3.5.3 pyoidn==2.5.1.0
 which installs OIDN 2.5 with its weights; `python3` in PATH must have them.
 
-OIDN gets HDR colour, albedo and normal at its higher quality ("high"), features weighted by the share of samples that hit something (as
-an antialiased feature is). Features keep their noise; with --prefilter they are denoised first, each by a run of its own whose time
+OIDN gets HDR colour, albedo and normal at its higher quality ("high"). The colour is the layer `unfiltered` if the file has one, else the
+image. Features are weighted by the share of samples that hit something, the layer `coverage`, if the file has one. Features keep their noise; with --prefilter they are denoised first, each by a run of its own whose time
 counts, and taken as clean. The reported time is that of the filter's execution alone, the shortest of three, once device, weights and
 filter are ready. Starting Python, loading, and reading and writing files are not counted.
 """
@@ -19,8 +19,9 @@ p = argparse.ArgumentParser()
 p.add_argument("input")
 p.add_argument("output")
 p.add_argument("--threads", type=int, default=0)
-p.add_argument("--no-features", action="store_true")
-p.add_argument("--prefilter", action="store_true")
+features = p.add_mutually_exclusive_group()
+features.add_argument("--no-features", action="store_true")
+features.add_argument("--prefilter", action="store_true")
 a = p.parse_args()
 
 try:
@@ -34,15 +35,28 @@ with OpenEXR.File(a.input, separate_channels=True) as f:
     planes = {name: np.asarray(c.pixels, np.float32) for name, c in f.channels().items()}
 
 
-def layer(*names):
+def layer(name, channels="RGB"):
+    """A layer of three channels; `None` if the file lacks it."""
+    names = [f"{name}.{c}" if name else c for c in channels]
+    if not planes.keys() >= set(names):
+        return None
     return np.ascontiguousarray(np.stack([planes[n] for n in names], -1))
 
 
-images = {pyoidn.OIDN_IMAGE_COLOR: layer("R", "G", "B")}
+color = next((found for found in (layer("unfiltered"), layer("")) if found is not None), None)
+if color is None:
+    sys.exit(f"{a.input}: no channels R, G and B; give an image of dapple")
+images = {pyoidn.OIDN_IMAGE_COLOR: color}
 if not a.no_features:
-    coverage = planes["coverage.Y"][..., None]
-    images[pyoidn.OIDN_IMAGE_ALBEDO] = np.clip(layer("albedo.R", "albedo.G", "albedo.B") * coverage, 0, 1)
-    images[pyoidn.OIDN_IMAGE_NORMAL] = np.clip(layer("normal.X", "normal.Y", "normal.Z") * coverage, -1, 1)
+    albedo, normal = layer("albedo"), layer("normal", "XYZ")
+    missing = [name for name, found in (("albedo", albedo), ("normal", normal)) if found is None]
+    if missing:
+        sys.exit(
+            f"{a.input}: no layer {' and '.join(missing)}; render it with --features, or filter it without features by --no-features"
+        )
+    coverage = planes["coverage.Y"][..., None] if "coverage.Y" in planes else np.float32(1)
+    images[pyoidn.OIDN_IMAGE_ALBEDO] = np.clip(albedo * coverage, 0, 1)
+    images[pyoidn.OIDN_IMAGE_NORMAL] = np.clip(normal * coverage, -1, 1)
 
 device = pyoidn.Device()
 if a.threads > 0:

@@ -3,7 +3,7 @@
 use crate::output::tell;
 use crate::{Outcome, Result};
 use dapple_core::Parameter;
-use dapple_job::registry::{Entry, FILTERS, POINTS, SAMPLERS};
+use dapple_job::registry::{Entry, FILTERS, NOT_BUILT, POINTS, SAMPLERS};
 
 pub(crate) fn samplers() -> Result<Outcome> {
     list(SAMPLERS)
@@ -14,7 +14,11 @@ pub(crate) fn points() -> Result<Outcome> {
 }
 
 pub(crate) fn filters() -> Result<Outcome> {
-    list(FILTERS)
+    list(FILTERS)?;
+    for (name, feature) in NOT_BUILT {
+        tell(format!("{name:<18}not in this program; build it with the feature \"{feature}\""))?;
+    }
+    Ok(Outcome::Done)
 }
 
 /// Prints the name of each registry entry, and below it the entry's parameters with their defaults.

@@ -54,6 +54,13 @@ pub(crate) fn run(args: &MergeArgs) -> Result<Outcome> {
     if let Some(scene) = &args.scene {
         spec.scene = scene.to_string_lossy().into_owned();
     }
-    let show = Show { outputs: &args.outputs, maps: None, exposure: args.exposure, json: args.json, quiet: args.quiet };
+    let show = Show {
+        outputs: &args.outputs,
+        maps: None,
+        features: false,
+        exposure: args.exposure,
+        json: args.json,
+        quiet: args.quiet,
+    };
     render::merge(shards, &spec, &show, args.threads)
 }

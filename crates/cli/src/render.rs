@@ -34,6 +34,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     let show = Show {
         outputs: &args.outputs,
         maps: args.maps.as_deref(),
+        features: args.features,
         exposure: args.exposure,
         json: args.json,
         quiet: args.quiet,
@@ -114,6 +115,7 @@ fn warn_all(warnings: &[Warning], has_spp: bool) {
 pub(crate) struct Show<'a> {
     pub(crate) outputs: &'a [PathBuf],
     pub(crate) maps: Option<&'a Path>,
+    pub(crate) features: bool,
     pub(crate) exposure: f32,
     pub(crate) json: bool,
     pub(crate) quiet: bool,
@@ -130,6 +132,7 @@ impl Show<'_> {
             outputs => OutputFiles::images(outputs).map_err(Failure::new)?,
         };
         let files = self.maps.map_or(files.clone(), |folder| files.with_maps(folder)).with_exposure(self.exposure);
+        let files = if self.features { files.with_features() } else { files };
         files.prepare().map_err(|e| failure::of_job(&e))?;
         Ok(files)
     }

@@ -131,7 +131,7 @@ fn an_exr_file_tells_how_it_was_made() {
     let (size, channels) = read(&folder, "a.exr");
     assert_eq!(size, [24, 16]);
     let names: Vec<&str> = channels.iter().map(|c| c.0.as_str()).collect();
-    for name in ["R", "G", "B", "variance.R", "count.Y", "albedo.G", "normal.X", "normal.Z", "depth.Y"] {
+    for name in ["R", "G", "B", "variance.R", "count.Y", "albedo.G", "normal.X", "normal.Z", "depth.Y", "coverage.Y"] {
         assert!(names.contains(&name), "{name}: {names:?}");
     }
     let plane = |name: &str| channels.iter().find(|c| c.0 == name).map(|c| &c.1).expect("a channel");
@@ -237,6 +237,30 @@ fn clusters_are_shown_and_charged() {
     folder.done("render tiny.pbrt --sampler uniform --filter none --spp 4 --maps plain -o b.exr");
     assert!(!names_of(&folder, "plain").contains(&"clusters.png".to_owned()));
     assert!(!read(&folder, "b.exr").1.iter().any(|c| c.0 == "cluster.Y"));
+}
+
+/// `--features` adds layers to the files of any filter, and leaves the image as it is.
+#[test]
+fn features_are_written_on_request_only() {
+    let folder = Folder::new();
+    let words = "render tiny.pbrt --sampler uniform --filter none --spp 4 -o";
+    folder.done(&format!("{words} plain.exr"));
+    folder.done(&format!("{words} asked.exr --features"));
+    let [plain, asked] = ["plain.exr", "asked.exr"].map(|name| read(&folder, name).1);
+    let new = ["albedo.R", "normal.X", "normal.Y", "normal.Z", "depth.Y", "coverage.Y"];
+    for name in new {
+        let held = |channels: &[(String, Vec<f32>)]| channels.iter().any(|c| c.0 == name);
+        assert!(held(&asked) && !held(&plain), "{name}");
+    }
+    let plane = |name: &str| &asked.iter().find(|c| c.0 == name).expect("a channel").1;
+    assert!(plain.iter().all(|(name, values)| plane(name) == values), "the image changed");
+    // The floor ends at the horizon: above it nothing is hit.
+    let coverage = plane("coverage.Y");
+    assert!(coverage[0] == 0.0 && coverage[15 * 24] == 1.0, "{coverage:?}");
+    assert_eq!((plane("albedo.R")[15 * 24], plane("normal.Y")[15 * 24]), (0.5, 1.0));
+
+    let said = folder.run(&format!("{words} a.png --features"));
+    assert!(said.status == Some(2) && said.err.contains("add --output FILE.exr"), "{}", said.err);
 }
 
 /// A warning reports clusters that a far triangle made useless.

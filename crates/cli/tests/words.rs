@@ -7,6 +7,27 @@ use dapple_job::registry::SAMPLERS;
 use dapple_scene::bundled;
 use std::time::{Duration, Instant};
 
+/// `oidn` and `both` need a feature of the build and a library; each is named before the scene is read.
+#[test]
+fn optional_filters_name_what_is_missing() {
+    let folder = Folder::new();
+    for filter in ["oidn", "both:prefilter=false"] {
+        let mut command = folder.command(&format!("render nonesuch.pbrt --filter {filter}"));
+        let output = command.env("DAPPLE_OIDN", "/nonesuch/oidn.so").output().expect("the program starts");
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{error}");
+        let expected = if cfg!(feature = "oidn") {
+            "DAPPLE_OIDN = \"/nonesuch/oidn.so\" cannot be loaded: "
+        } else {
+            "is not in this program; build it with the feature \"oidn\""
+        };
+        assert!(error.contains(expected), "{error}");
+    }
+    let listed = folder.done("filters");
+    let of = listed.lines().find(|line| line.starts_with("oidn ")).expect("it is listed");
+    assert_eq!(of.contains("feature \"oidn\""), !cfg!(feature = "oidn"), "{of}");
+}
+
 #[test]
 fn settings_are_refused_before_anything_is_rendered_i06() {
     let folder = Folder::new();

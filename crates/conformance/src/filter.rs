@@ -24,6 +24,15 @@ pub fn filter(make: impl Fn() -> Box<dyn Filter>) {
     filter_on_frames(|_| make());
 }
 
+/// Checks a learned filter as [`filter`] does, except that constant images may change by the relative `tolerance`.
+///
+/// # Panics
+///
+/// If a check fails; the message names it.
+pub fn filter_within(tolerance: f32, make: impl Fn() -> Box<dyn Filter>) {
+    check(tolerance, |_| make());
+}
+
 /// Checks filters as [`filter`] does, if `make` creates each one for one frame (because it uses clusters of its pixels,
 /// say).
 ///
@@ -31,6 +40,13 @@ pub fn filter(make: impl Fn() -> Box<dyn Filter>) {
 ///
 /// If a check fails; the message names it.
 pub fn filter_on_frames(make: impl Fn(&Frame) -> Box<dyn Filter>) {
+    check(ROUNDING, make);
+}
+
+/// The relative change of constant images by normalised `f32` weights.
+const ROUNDING: f32 = 1e-5;
+
+fn check(tolerance: f32, make: impl Fn(&Frame) -> Box<dyn Filter>) {
     let first = make(&frame([19, 18]));
     let (name, description) = (first.name(), first.describe());
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
@@ -44,7 +60,7 @@ pub fn filter_on_frames(make: impl Fn(&Frame) -> Box<dyn Filter>) {
                 finite_and_repeatable(&*filter, scene, counts, frame);
             }
         }
-        keeps_constant(&*filter, frame);
+        keeps_constant(&*filter, frame, tolerance);
         refuses(&*filter, frame);
     }
 }
@@ -139,15 +155,15 @@ fn bits(image: &Filtered) -> Vec<u32> {
     image.radiance.iter().flatten().chain(errors).map(|v| v.to_bits()).collect()
 }
 
-/// Checks that constant images stay constant to 1e-5, the precision of normalised `f32` weights.
-fn keeps_constant(filter: &dyn Filter, frame: Frame) {
+/// Checks that constant images stay constant to a relative `tolerance`.
+fn keeps_constant(filter: &dyn Filter, frame: Frame, tolerance: f32) {
     for (scene, value) in [(Scene::Constant, 0.7f32), (Scene::Black, 0.0)] {
         let film = film(scene, Counts::Uneven, filter.needs(), frame);
         let image = filter.apply(&film).unwrap_or_else(|e| panic!("{}: {e}", filter.describe()));
         for (i, x) in image.radiance.iter().enumerate() {
             for (x, share) in x.iter().zip([1.0, 0.5, 0.25]) {
                 let wanted = value * share;
-                let near = (x - wanted).abs() <= 1e-5 * wanted;
+                let near = (x - wanted).abs() <= tolerance * wanted;
                 assert!(near, "{}: pixel {i} of a constant {wanted} is {x}", filter.describe());
             }
         }

@@ -64,7 +64,7 @@ mod point_set;
 mod sampler;
 pub mod statistics;
 
-pub use filter::{filter, filter_on_frames};
+pub use filter::{filter, filter_on_frames, filter_within};
 pub use point_set::point_set;
 pub use sampler::{Spending, bits, sampler, sampler_on_frames, threshold_sampler};
 

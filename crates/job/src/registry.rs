@@ -7,7 +7,7 @@ mod points;
 mod samplers;
 
 pub use dapple_core::Parameter;
-pub use filters::{FILTERS, MadeFilter, MakeFilter};
+pub use filters::{FILTERS, MadeFilter, MakeFilter, NOT_BUILT};
 pub use inputs::MethodInputs;
 pub use parameters::{Parameters, RegistryError};
 pub use points::{AnyPoints, MakePoints, POINTS};
@@ -25,6 +25,8 @@ pub struct Entry<Make> {
     pub about: &'static str,
     /// The parameters of the entry; groups of them are shared by several entries.
     pub parameters: &'static [&'static [Parameter]],
+    /// The Cargo feature without which programs lack the entry; `None` for entries that every program has.
+    pub feature: Option<&'static str>,
     make: Make,
 }
 
@@ -35,7 +37,7 @@ impl<Make> Entry<Make> {
         parameters: &'static [&'static [Parameter]],
         make: Make,
     ) -> Self {
-        Self { name, aliases: &[], about, parameters, make }
+        Self { name, aliases: &[], about, parameters, feature: None, make }
     }
 
     /// Iterates over all parameters of the entry.
@@ -125,8 +127,13 @@ pub fn sampler(description: &str, points: AnyPoints, inputs: &MethodInputs) -> R
 /// # Errors
 ///
 /// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
-/// [`RegistryError::NeedsWorld`] if the filter reads the world and `inputs` has none.
+/// [`RegistryError::NotBuilt`] for a filter whose feature is off, [`RegistryError::NoLibrary`] for one whose library is
+/// missing. [`RegistryError::NeedsWorld`] if the filter reads the world and `inputs` has none.
 pub fn filter(description: &str, inputs: &MethodInputs) -> Result<MadeFilter, RegistryError> {
+    let name = description.split(':').next().unwrap_or_default().trim();
+    if let Some(&(of, feature)) = NOT_BUILT.iter().find(|(absent, _)| *absent == name) {
+        return Err(RegistryError::NotBuilt { of, feature });
+    }
     let (entry, parameters) = parameters::find("filter", FILTERS, description)?;
     (entry.make)(&parameters, inputs)
 }

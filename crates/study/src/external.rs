@@ -2,7 +2,7 @@
 
 use dapple_core::{Film, Filter, Filtered, Needs, Unfiltered};
 use dapple_job::output::layers;
-use dapple_scene::image::{Encoding, Layer, Plane, encode_exr, read_image};
+use dapple_scene::image::{Encoding, encode_exr, read_image};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -119,10 +119,7 @@ impl External {
 /// Encodes the unfiltered image and its features as an EXR file.
 fn encode(film: &Film, unit: f64) -> Result<Vec<u8>, String> {
     let unfiltered = Unfiltered.apply(film).map_err(|e| e.to_string())?;
-    let mut layers = layers(film, &unfiltered, unit, None);
-    let share = |i: usize| film.features(i).map_or(0.0, |f| f.hits as f32 / f.samples.max(1) as f32);
-    let coverage: Vec<f32> = (0..film.frame().pixels()).map(share).collect();
-    layers.push(Layer { name: "coverage".into(), channels: vec![("Y", Plane::from(coverage))] });
+    let layers = layers(film, &unfiltered, unit, None);
     encode_exr(film.frame().size(), &layers, &[]).map(|exr| exr.bytes).map_err(|e| e.to_string())
 }
 

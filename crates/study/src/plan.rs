@@ -212,7 +212,8 @@ fn check_external(external: &[External]) -> Result<(), PlanError> {
         if one.name.is_empty() || one.name.contains(|c: char| "/:,=".contains(c) || c.is_whitespace()) {
             return refuse("not a name; use one without spaces and / : , =");
         }
-        if registry::FILTERS.iter().any(|entry| entry.name == one.name) {
+        // A filter of an optional feature gives way, so that a plan means the same in every program.
+        if registry::FILTERS.iter().any(|entry| entry.feature.is_none() && entry.name == one.name) {
             return refuse("a built-in filter has this name; choose another");
         }
         if external[..at].iter().any(|other| other.name == one.name) {

@@ -120,6 +120,12 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "DIR", help_heading = "Image")]
     pub(crate) maps: Option<PathBuf>,
 
+    /// Record albedo, normal, depth and coverage of first hits for any filter, as layers of the EXR files
+    ///
+    /// The default filter records them anyway. The image stays the same; other denoisers read these layers.
+    #[arg(long, help_heading = "Image")]
+    pub(crate) features: bool,
+
     /// Write checkpoints to this file, at intervals and at the end, for --resume FILE
     ///
     /// Each checkpoint is written to a temporary file, then renamed, so that a crash never destroys it. The previous
@@ -147,11 +153,11 @@ pub(crate) struct RenderArgs {
     /// Needs --spp and a sampler that plans without looking at samples (uniform, cluster-thesis), so that every machine
     /// makes the same plan.
     #[arg(long, value_name = "I/N", value_parser = dapple_job::parse_shard, help_heading = "Interruption")]
-    #[arg(conflicts_with_all = ["maps", "json", "time", "error"])]
+    #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error"])]
     pub(crate) shard: Option<Shard>,
 
     /// Read the description of the render from this JSON file; it replaces SCENE and the options of Method, Budget,
-    /// Bounds and Image (except --exposure and --maps)
+    /// Bounds and Image (except --exposure, --maps and --features)
     #[arg(long, value_name = "FILE", help_heading = "Description")]
     pub(crate) spec: Option<PathBuf>,
 
@@ -275,6 +281,10 @@ impl RenderArgs {
         }
         if spec.shard.is_none() && shards > 0 {
             return Err("--output: a .shard file needs --shard I/N".into());
+        }
+        let has_layers = |path: &PathBuf| matches!(Format::from_path(path), Ok(Format::Exr));
+        if self.features && !self.outputs.is_empty() && !self.outputs.iter().any(has_layers) {
+            return Err("--features writes layers, which only EXR files hold; add --output FILE.exr".into());
         }
         let mut seen: Vec<&PathBuf> = Vec::new();
         for output in &self.outputs {

@@ -45,6 +45,21 @@ macro_rules! numbers {
 
 numbers!(u8, u32, u64, usize, i32, f32, f64);
 
+/// Parses `true` and `false`.
+impl OptionValue for bool {
+    fn from_text(text: &str) -> Option<Self> {
+        text.parse().ok()
+    }
+
+    fn text(&self) -> String {
+        self.to_string()
+    }
+
+    fn wanted(allowed: Option<&str>) -> String {
+        allowed.map_or_else(|| "true or false".into(), str::to_owned)
+    }
+}
+
 /// Parses `none` as `None`, and other text as a value of the inner type.
 impl<T: OptionValue> OptionValue for Option<T> {
     fn from_text(text: &str) -> Option<Self> {

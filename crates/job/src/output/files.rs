@@ -32,7 +32,7 @@ impl Contents {
             Self::Image(Format::Exr) => {
                 let rgb = 1 + usize::from(filtered) + usize::from(needs.variance) + 2 * usize::from(needs.features);
                 let one =
-                    1 + usize::from(needs.halves) + usize::from(needs.first_hits > 0) + usize::from(needs.features);
+                    1 + usize::from(needs.halves) + usize::from(needs.first_hits > 0) + 2 * usize::from(needs.features);
                 let layers = RGB * rgb + 4 * one;
                 // The larger of two peaks. While encoding: a copy of the image, all layers, the file and the rows being
                 // encoded. While making the variance layer: the layers so far, the pixel means and a copy of the
@@ -58,6 +58,7 @@ pub struct OutputFiles {
     files: Vec<(Contents, PathBuf)>,
     maps: Option<PathBuf>,
     exposure: f32,
+    features: bool,
 }
 
 impl OutputFiles {
@@ -103,6 +104,13 @@ impl OutputFiles {
         Self { exposure, ..self }
     }
 
+    /// Requests albedo, normal, depth and coverage layers in EXR files, whatever sampler and filter read. Without this,
+    /// files have these layers only if something else needs features.
+    #[must_use]
+    pub fn with_features(self) -> Self {
+        Self { features: true, ..self }
+    }
+
     /// Creates the folder of the maps, and checks that every file can be written.
     ///
     /// # Errors
@@ -128,6 +136,7 @@ impl OutputFiles {
         }
         for (what, _) in &self.files {
             match what {
+                Contents::Image(Format::Exr) if self.features => needs = needs.with_variance().with_features(),
                 Contents::Image(Format::Exr) => needs = needs.with_variance(),
                 Contents::Albedo | Contents::Normals | Contents::Depth => needs = needs.with_features(),
                 _ => {}

@@ -16,6 +16,7 @@ use dapple_scene::image::{Layer, Plane};
 /// | `albedo` | R G B | mean albedo of the first hits, black where nothing is hit |
 /// | `normal` | X Y Z | mean shading normal of the first hits in the file's world space, 0 where nothing is hit |
 /// | `depth` | Y | mean distance of the first hits in the file's units, infinite where nothing is hit |
+/// | `coverage` | Y | share of the samples that hit a surface; the three layers above are means over these |
 ///
 /// `unit` is the integrator's unit of length, measured in the file's: `1 / world.space().scale()`. `clusters` come from
 /// [`cluster_ids`](super::cluster_ids).
@@ -53,6 +54,7 @@ pub fn layers(film: &Film, filtered: &Filtered, unit: f64, clusters: Option<Vec<
         layers.push(Layer { name: "normal".into(), channels: vec![("X", x), ("Y", y), ("Z", z)] });
     }
     layers.extend(channel(&|f| depth(f, unit)).map(|depth| one("depth", depth)));
+    layers.extend(channel(&coverage).map(|coverage| one("coverage", coverage)));
     layers
 }
 
@@ -70,6 +72,11 @@ pub(super) fn of_features<T>(film: &Film, of: impl Fn(&Features) -> T) -> Option
 /// The mean first-hit distance of a pixel, in the file's units; infinite if no sample hit a surface.
 pub(super) fn depth(features: &Features, unit: f64) -> f32 {
     if features.hits == 0 { f32::INFINITY } else { (f64::from(features.depth) * unit) as f32 }
+}
+
+/// The share of a pixel's samples that hit a surface; 0 without samples.
+fn coverage(features: &Features) -> f32 {
+    features.hits as f32 / features.samples.max(1) as f32
 }
 
 fn rgb(name: &str, pixels: &[[f32; 3]]) -> Layer<'static> {
@@ -104,7 +111,7 @@ mod tests {
         }
         let filtered = Unfiltered.apply(&film).unwrap();
         let found = layers(&film, &filtered, 1.0, None);
-        assert_eq!(names(&found), ["", "variance", "count", "error", "albedo", "normal", "depth"]);
+        assert_eq!(names(&found), ["", "variance", "count", "error", "albedo", "normal", "depth", "coverage"]);
         let plane = |layer: usize| found[layer].channels[0].1.clone();
         assert_eq!(plane(0), vec![2.0_f32, 0.0].into());
         let Plane::F32(variance) = plane(1) else { panic!("floats") };
@@ -113,6 +120,7 @@ mod tests {
         // One squared error per half-difference: (1 - 3)^2 / 4.
         assert_eq!(plane(3), vec![1.0, f32::INFINITY].into());
         assert_eq!(plane(6), vec![f32::INFINITY; 2].into());
+        assert_eq!(plane(7), vec![0.0_f32; 2].into());
     }
 
     #[test]

@@ -7,6 +7,8 @@ use dapple_denoise::{
     Bilateral, BilateralOptions, ClusterGaussian, ClusterGaussianOptions, ClusterLookup, ClusterRegression,
     ClusterRegressionOptions, Gaussian, GaussianOptions, NlMeans, NlMeansOptions,
 };
+#[cfg(feature = "oidn")]
+use dapple_oidn::{Both, Library, Oidn, OidnOptions};
 use std::sync::Arc;
 
 /// The constructor of a filter.
@@ -53,7 +55,48 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
         &[ClusterRegressionOptions::PARAMETERS, CLUSTERING],
         cluster_regression,
     ),
+    #[cfg(feature = "oidn")]
+    Entry {
+        feature: Some(OIDN),
+        ..Entry::new(
+            "oidn",
+            "Intel Open Image Denoise, a neural network; its library is found at run time",
+            &[OidnOptions::PARAMETERS],
+            |p, _| Ok(oidn(p)?.into()),
+        )
+    },
+    #[cfg(feature = "oidn")]
+    Entry {
+        feature: Some(OIDN),
+        ..Entry::new(
+            "both",
+            "the mean of oidn and cluster-regression",
+            &[OidnOptions::PARAMETERS, ClusterRegressionOptions::PARAMETERS, CLUSTERING],
+            both,
+        )
+    },
 ];
+
+/// The feature of filters by Open Image Denoise.
+const OIDN: &str = "oidn";
+
+/// Filters that this program was built without, each with its Cargo feature.
+pub const NOT_BUILT: &[(&str, &str)] = if cfg!(feature = "oidn") { &[] } else { &[("oidn", OIDN), ("both", OIDN)] };
+
+#[cfg(feature = "oidn")]
+fn oidn(p: &Parameters) -> Result<Oidn, RegistryError> {
+    let options = p.options::<OidnOptions>()?;
+    let library = Library::load().map_err(|e| RegistryError::NoLibrary { of: p.of(), why: e.to_string() })?;
+    Ok(Oidn::new(library, options))
+}
+
+/// The library is loaded first, so that its absence is reported before a scene is read.
+#[cfg(feature = "oidn")]
+fn both(p: &Parameters, inputs: &MethodInputs) -> Result<MadeFilter, RegistryError> {
+    let oidn = oidn(p)?;
+    let MadeFilter { filter, clusters } = cluster_regression(p, inputs)?;
+    Ok(MadeFilter { filter: Box::new(Both::new(oidn, filter)), clusters })
+}
 
 fn cluster_gaussian(p: &Parameters, inputs: &MethodInputs) -> Result<MadeFilter, RegistryError> {
     let (kernel, options) = (Gaussian::with_options(p.options()?)?, p.options()?);

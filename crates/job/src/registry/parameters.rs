@@ -42,6 +42,24 @@ pub enum RegistryError {
         /// The fault, and the remedy.
         why: String,
     },
+    /// A filter that this program was built without.
+    #[error(
+        "the filter \"{of}\" is not in this program; build it with the feature \"{feature}\" (cargo … --features {feature})"
+    )]
+    NotBuilt {
+        /// The name of the filter.
+        of: &'static str,
+        /// The Cargo feature that adds it.
+        feature: &'static str,
+    },
+    /// A filter whose shared library is missing or unsuitable.
+    #[error("{of}: {why}")]
+    NoLibrary {
+        /// The name of the filter.
+        of: &'static str,
+        /// The fault, and the remedy.
+        why: String,
+    },
     /// A parameter value that the sampler or filter refuses.
     #[error(transparent)]
     Core(#[from] dapple_core::Error),

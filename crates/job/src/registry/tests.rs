@@ -1,3 +1,5 @@
+#![allow(clippy::print_stderr, reason = "tests say when they skip")]
+
 use super::*;
 use dapple_core::{PointSet, SampleId, Sampler as _};
 use dapple_renderer::World;
@@ -9,6 +11,18 @@ const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
 fn inputs() -> MethodInputs {
     let scene = bundled::files("furnace").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
     MethodInputs::of(Arc::new(World::new(&scene).unwrap_or_else(|e| panic!("{e}"))))
+}
+
+/// The filter, or `None` with a message if its shared library is missing.
+fn available(words: &str, inputs: &MethodInputs) -> Option<Box<dyn dapple_core::Filter>> {
+    match filter(words, inputs) {
+        Ok(made) => Some(made.filter),
+        Err(missing @ RegistryError::NoLibrary { .. }) => {
+            eprintln!("skipped: {missing}");
+            None
+        }
+        Err(e) => panic!("{words}: {e}"),
+    }
 }
 
 fn refusal<T>(made: Result<T, RegistryError>) -> String {
@@ -31,7 +45,8 @@ fn every_entry_is_made_by_its_name() {
         assert!(sampler.points().describe().starts_with("random"));
     }
     for entry in FILTERS {
-        assert_eq!(filter(entry.name, &inputs).unwrap_or_else(|e| panic!("{e}")).filter.name(), entry.name);
+        let Some(filter) = available(entry.name, &inputs) else { continue };
+        assert_eq!(filter.name(), entry.name);
     }
     let names = [
         POINTS.iter().map(|e| e.name).collect::<Vec<_>>(),
@@ -101,6 +116,9 @@ fn descriptions_are_words() {
         assert_eq!(keys(&describe(entry.name)), keys(&words));
     }
     for entry in FILTERS {
+        if available(entry.name, &inputs).is_none() {
+            continue;
+        }
         let describe = |words: &str| filter(words, &inputs).unwrap_or_else(|e| panic!("{e}")).filter.describe();
         let words = format!("{}:{}", entry.name, said(entry.parameters().collect()));
         assert_eq!(describe(&words), describe(entry.name));
@@ -126,6 +144,24 @@ fn wrong_words_are_refused_with_what_there_is() {
         assert_ne!(sampler(&format!("variance:{bad}")), "", "{bad}");
     }
     assert_eq!(sampler("variance: pilot = 8 , policy=cross "), "", "blanks do no harm");
+}
+
+/// Without the feature, the error names it; with it, the error of a missing library comes before that of a missing world.
+#[test]
+fn optional_filters_are_there_or_name_their_feature() {
+    for name in ["oidn", "both"] {
+        let built = FILTERS.iter().any(|entry| entry.name == name && entry.feature == Some("oidn"));
+        assert_eq!((built, NOT_BUILT.is_empty()), (cfg!(feature = "oidn"), cfg!(feature = "oidn")), "{name}");
+        let refused = refusal(check_filter(&format!("{name}:prefilter=false")));
+        if built {
+            assert!(refused.is_empty() || refused.contains("set DAPPLE_OIDN"), "{refused}");
+            assert!(refusal(check_filter(&format!("{name}:prefilter=maybe"))).contains("true or false"));
+        } else {
+            let expected = "is not in this program; build it with the feature \"oidn\" (cargo … --features oidn)";
+            assert_eq!(refused, format!("the filter \"{name}\" {expected}"));
+        }
+    }
+    assert!(FILTERS.iter().filter(|entry| entry.feature.is_none()).count() >= 6);
 }
 
 /// Also without a world: a program refuses wrong words before it reads a scene.

@@ -293,6 +293,18 @@ mod tests {
         assert_eq!(message_of(""), "");
     }
 
+    /// Plans mean the same in programs with and without the feature.
+    #[test]
+    fn an_external_filter_may_have_the_name_of_an_optional_filter() {
+        for name in ["oidn", "both"] {
+            let text = format!(
+                "filters = [\"{name}\"]\n[[external]]\nname = \"{name}\"\ncommand = \"p {{input}} {{output}}\""
+            );
+            let plan = PlanPatch::parse(&text, Path::new("plan.toml")).unwrap().resolve().unwrap();
+            assert_eq!((plan.external[0].name.as_str(), plan.methods[1].filter.as_str()), (name, name));
+        }
+    }
+
     #[test]
     fn a_file_gives_every_setting() {
         let text = r#"

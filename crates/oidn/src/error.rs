@@ -1,0 +1,76 @@
+//! Errors of loading and running the library.
+
+use crate::VARIABLE;
+use std::path::PathBuf;
+
+/// The advice at the end of each error of loading.
+const ADVICE: &str = "install Open Image Denoise 2 (https://www.openimagedenoise.org), and set DAPPLE_OIDN to the path of \
+                      its library unless the system finds it";
+
+/// The reason why the library cannot be used.
+#[non_exhaustive]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum LoadError {
+    /// No library under the names that the system's search path was asked for.
+    #[error("there is no library {names}: {why}; {ADVICE}")]
+    NotFound {
+        /// The names, as a list for messages.
+        names: String,
+        /// The system's message for the first of the names.
+        why: String,
+    },
+    /// A path in the variable that is not a loadable library.
+    #[error("{VARIABLE} = \"{}\" cannot be loaded: {why}; {ADVICE}", path.display())]
+    NotLoaded {
+        /// The path in the variable.
+        path: PathBuf,
+        /// The system's message.
+        why: String,
+    },
+    /// A library that is not OIDN 2.
+    #[error("{library} lacks the function {function}: it is not OIDN, or older than version 2; {ADVICE}")]
+    Lacks {
+        /// The library's path or name.
+        library: String,
+        /// The first missing function.
+        function: &'static str,
+    },
+    /// A version other than 2.
+    #[error("{library} is version {version} of OIDN, and version 2 is needed; {ADVICE}")]
+    Version {
+        /// The library's path or name.
+        library: String,
+        /// The library's major version.
+        version: i32,
+    },
+    /// A library without a usable CPU device.
+    #[error("{library} cannot use this processor: {why}; {ADVICE}")]
+    NoDevice {
+        /// The library's path or name.
+        library: String,
+        /// The library's message.
+        why: String,
+    },
+}
+
+/// The reason why a run of the library failed.
+#[non_exhaustive]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RunError {
+    /// An error that the library reports.
+    #[error("Open Image Denoise reports: {0}")]
+    Reported(String),
+    /// An image of the wrong number of values; a bug of this crate.
+    #[error("the image \"{name}\" has {found} values instead of {expected}; this is a bug in dapple-oidn")]
+    Size {
+        /// The image's name.
+        name: &'static str,
+        /// The number of values.
+        found: usize,
+        /// The required number of values.
+        expected: usize,
+    },
+    /// An output image with NaN or infinity.
+    #[error("Open Image Denoise wrote {0} values that are NaN or infinite; update it, or choose another filter")]
+    NotFinite(usize),
+}

@@ -1,0 +1,75 @@
+//! Intel Open Image Denoise (OIDN), a neural denoiser, as a filter of Dapple.
+//!
+//! * [`Oidn`]: OIDN on the film's means, guided by the albedo and normals of first hits.
+//! * [`Both`]: the plain mean of OIDN's image and that of another filter.
+//! * [`Library`]: the shared library, loaded at run time. The crate builds without it.
+//!
+//! ```
+//! use dapple_core::{Film, Filter, Frame};
+//! use dapple_oidn::{Library, Oidn, OidnOptions};
+//!
+//! let library = match Library::load() {
+//!     Ok(library) => library,
+//!     Err(missing) => return println!("{missing}"), // names the package and the variable to set
+//! };
+//! let filter = Oidn::new(library, OidnOptions::default());
+//! let mut film = Film::new(Frame::new(32, 32).expect("not empty"), filter.needs());
+//! for i in 0..1024 {
+//!     film.push(i, 0, [if i % 2 == 0 { 0.0 } else { 1.0 }; 3]);
+//! }
+//! let image = filter.apply(&film).expect("an image");
+//! assert!((0.2..0.8).contains(&image.radiance[500][0]));
+//! ```
+//!
+//! # The library
+//!
+//! OIDN 2 is needed, from <https://www.openimagedenoise.org> or a package manager. The variable `DAPPLE_OIDN` names the
+//! file, or a folder that holds it. Without the variable, the system's search path is used: `libOpenImageDenoise.so.2`,
+//! `libOpenImageDenoise.dylib` or `OpenImageDenoise.dll`. The library runs on the CPU, on as many threads as rayon's pool.
+//!
+//! # What OIDN gets
+//!
+//! * Colour: the mean of all samples of a pixel, as high dynamic range, scaled by a power of two to a mean level of
+//!   about 1.
+//! * Albedo and normal: means over first hits, multiplied by the share of samples that hit. With `prefilter`, the
+//!   default, OIDN first denoises each of them by itself.
+//! * Pixels without samples: the mean of the nearest samples in a window of up to 9x9 pixels, else black.
+//! * Images with a side below 32 pixels are mirrored up to that side.
+//!
+//! The quality is OIDN's highest.
+//!
+//! # Guarantees
+//!
+//! * The same bits on any number of threads: measured with OIDN 2.5.1, not promised by OIDN. Other versions and other
+//!   processors give other bits.
+//! * Light is not clamped. Radiance above 10,000 times the image's mean level (the geometric mean over lit pixels) stays
+//!   in its pixel, and OIDN sees the rest. OIDN by itself brightens a lamp of 10^10 twofold, and turns the whole image
+//!   black beside one of 10^30.
+//! * An image that is black everywhere stays black.
+//!
+//! # Limits
+//!
+//! * No error estimate: [`Filtered::error`](dapple_core::Filtered::error) is `None`, for [`Both`] as well. OIDN gives
+//!   none, and the errors of the two filters are not independent.
+//! * The image is biased. OIDN takes a single bright pixel for an outlier: of one pixel of 1000 in a wall of 0.5, 0.3 %
+//!   of the light is left. A lamp of 4x4 pixels keeps its light.
+//! * Constant images change by up to 5 %, and by up to a third where a side is below 64 pixels.
+
+mod both;
+mod error;
+mod filter;
+mod images;
+mod library;
+
+#[cfg(test)]
+mod tests;
+
+pub use both::Both;
+pub use error::{LoadError, RunError};
+pub use filter::{Oidn, OidnOptions};
+pub use library::{Library, VARIABLE};
+
+/// Runs the README's example as a documentation test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct ReadmeExample;
