@@ -25,10 +25,11 @@ use dapple_core::{
 ///
 /// # Bias
 ///
-/// By default the pilot stays in the image, so kept samples also decide the counts [Kirk and Arvo 1991]. Where light is
-/// rare, that loses some of it. [`PilotPolicy::Neighbours`] leaves a pixel's own samples out of its score: unbiased with
-/// one round after the pilot, but for the share of a pixel in the total of all scores. Three rounds, the default, still
-/// lose some light where it is rare, but less than [`PilotPolicy::Keep`].
+/// By default all samples stay in the image, and no pixel's count depends on its own samples
+/// ([`PilotPolicy::Neighbours`]). The image is unbiased for a budget that is known at the start, but for the share of a
+/// pixel in the total of all scores.
+/// With [`PilotPolicy::Keep`] a pixel's own samples also decide its count [Kirk and Arvo 1991]. That lowers the error a
+/// little, and loses light where light is rare.
 /// [`PilotPolicy::Discard`] and [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start,
 /// but lose accuracy.
 ///
@@ -69,7 +70,7 @@ impl<P: PointSet> Adaptive<P> {
     /// [`Error::OutOfRange`] unless the pilot is kept, because an error map reads kept samples in both halves.
     pub fn with_error_map(mut self, errors: ErrorMap) -> Result<Self, Error> {
         if self.options.policy != PilotPolicy::Keep {
-            let allowed = "keep beside a filter's error map";
+            let allowed = "keep beside a filter's error map (policy=keep)";
             return Err(Error::OutOfRange { name: "policy", value: self.options.policy.name().into(), allowed });
         }
         self.errors = Some(errors);

@@ -16,7 +16,7 @@ pub use cycles::{Cycles, CyclesOptions};
 pub use dapple_core::{PilotPolicy, Stopping};
 pub use options::{AdaptiveOptions, ErrorMap, MapErrors};
 pub use pilot::{Pilot, PilotRound};
-pub use pool::{OwnSamples, PoolShape, Pooling, geometric_variance, relative_variance};
+pub use pool::{PoolShape, Pooling, Sources, geometric_variance, relative_variance};
 pub use variance::VarianceOptions;
 
 fn out_of_range(name: &'static str, value: impl ToString, allowed: &'static str) -> dapple_core::Error {

@@ -12,9 +12,10 @@ dapple_core::options! {
         /// The quarter is rounded down to a count on the ladder of well-stratified counts. Any other pilot has at least
         /// 2 samples per pixel, and 4 with [`PilotPolicy::Cross`], because each half needs a variance.
         pub pilot: u32 = 0, |pilot| pilot != 1, "two samples or more have a variance; 0 chooses";
-        /// Rounds for the rest of the budget, each planned from all samples before it; 0 takes 3, or 1 with discard or cross.
+        /// Rounds for the rest of the budget; 0 takes 3 with keep, 2 with neighbours, 1 with discard or cross.
         ///
-        /// With [`PilotPolicy::Discard`] or [`PilotPolicy::Cross`], more than one round would bias the image.
+        /// Each round is planned from the samples before it. With [`PilotPolicy::Neighbours`], more than two rounds would
+        /// bias the image; with [`PilotPolicy::Discard`] and [`PilotPolicy::Cross`], more than one.
         pub rounds: u32 = 0, |rounds| rounds <= 64, "1 to 64; 0 chooses";
         /// Pool of variances: window (neighbours), inside (the same cell weighs more) or cell (all its pixels).
         pub pool: PoolShape = PoolShape::Window => "window";
@@ -40,8 +41,8 @@ dapple_core::options! {
         ///
         /// At 1, counts stay uniform where the ladder makes adapted counts worse than uniform ones.
         pub gain: f64 = 0.98, |gain| (0.0..=1.0).contains(&gain) || gain == f64::INFINITY, "a share from 0 to 1, or inf";
-        /// Use of pilot samples: keep (biased), neighbours (less biased), discard or cross (unbiased).
-        pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
+        /// Use of pilot samples: neighbours, discard, cross (all unbiased), or keep (biased).
+        pub policy: PilotPolicy = PilotPolicy::Neighbours => "neighbours",
             |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, neighbours, discard, cross";
         /// Edge of a cell (patch of surface) in pixels, if cells are used.
         pub edge: f32 = 16.0 => "16", |edge| (1.0..=65536.0).contains(&edge), "1 to 65536 pixels";
@@ -54,7 +55,8 @@ impl AdaptiveOptions {
     /// The number of rounds after the pilot.
     pub(crate) fn rounds_after_pilot(&self) -> u32 {
         match (self.rounds, self.policy) {
-            (0, PilotPolicy::Keep | PilotPolicy::Neighbours) => 3,
+            (0, PilotPolicy::Keep) => 3,
+            (0, PilotPolicy::Neighbours) => 2,
             (0, _) => 1,
             (rounds, _) => rounds,
         }
@@ -73,8 +75,8 @@ impl AdaptiveOptions {
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a value out of range, or several rounds with [`PilotPolicy::Discard`] or
-    /// [`PilotPolicy::Cross`]. With [`PilotPolicy::Cross`] or [`PilotPolicy::Neighbours`], also for any use of first
+    /// [`Error::OutOfRange`] for a value out of range, several rounds with [`PilotPolicy::Discard`] or
+    /// [`PilotPolicy::Cross`], or more than two with [`PilotPolicy::Neighbours`]. With [`PilotPolicy::Cross`] or [`PilotPolicy::Neighbours`], also for any use of first
     /// hits. With the former, also for a pilot below 4; with the latter, for a window of radius 0.
     pub fn check(&self) -> Result<(), Error> {
         self.check_ranges()?;
@@ -83,7 +85,11 @@ impl AdaptiveOptions {
             return out("pilot", self.pilot.to_string(), "each of the two halves needs two samples; 0 chooses");
         }
         if matches!(self.policy, PilotPolicy::Discard | PilotPolicy::Cross) && self.rounds > 1 {
-            let allowed = "1 unless the pilot is kept: the others would be biased too";
+            let allowed = "1 with discard or cross: more rounds would bias the image";
+            return out("rounds", self.rounds.to_string(), allowed);
+        }
+        if self.policy == PilotPolicy::Neighbours && self.rounds > 2 {
+            let allowed = "1 or 2 with neighbours: a third round would bias the image; add policy=keep for more";
             return out("rounds", self.rounds.to_string(), allowed);
         }
         if self.policy == PilotPolicy::Cross && self.reads_hits() {
@@ -91,7 +97,7 @@ impl AdaptiveOptions {
             return out("policy", "cross".into(), allowed);
         }
         if self.policy == PilotPolicy::Neighbours && (self.reads_hits() || self.radius == 0) {
-            let allowed = "keep or discard beside cells or radius 0: a pixel's own samples would decide on it";
+            let allowed = "keep or discard beside cells or radius 0, as in policy=keep: own samples would decide there";
             return out("policy", "neighbours".into(), allowed);
         }
         Ok(())

@@ -1,6 +1,6 @@
 //! Planning of sample counts from a film's statistics, without side effects.
 
-use crate::{Adaptive, Cells, OwnSamples, Pooling, geometric_variance, relative_variance};
+use crate::{Adaptive, Cells, Pooling, Sources, geometric_variance, relative_variance};
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Ladder, PilotPolicy, Plan, PointSet, RgbMoments, saturating_u32};
 use rayon::prelude::*;
 
@@ -22,9 +22,9 @@ impl<P: PointSet> Adaptive<P> {
         let pixels = (0..film.frame().pixels()).into_par_iter().with_min_len(4096);
         let known: Vec<RgbMoments> = pixels.map(moments).collect();
         let cells = if o.reads_hits() { Some(Cells::of_film(film, &o.cells())?) } else { None };
-        let own = if o.policy == PilotPolicy::Neighbours { OwnSamples::LeftOut } else { OwnSamples::Used };
+        let sources = self.sources(film);
         let (pool, radius, prior, power, epsilon) = (o.pool, o.radius, o.prior, o.power, o.epsilon);
-        let pooling = Pooling { pool, radius, prior, power, epsilon, own };
+        let pooling = Pooling { pool, radius, prior, power, epsilon, sources };
         let mut scores = relative_variance(&known, film.frame().size(), &pooling, cells.as_ref())?;
         if let (Some(cells), true) = (&cells, o.geometry > 0.0) {
             self.blend_geometry(film, cells, &known, &mut scores);
@@ -39,6 +39,19 @@ impl<P: PointSet> Adaptive<P> {
             self.blend_errors(&errors, film, &mut scores);
         }
         Ok(scores)
+    }
+
+    /// Returns the pixels whose samples count in a score, in the round that follows the samples of `film`.
+    ///
+    /// With [`PilotPolicy::Neighbours`], the first round after the pilot reads the other colour of a chessboard, and the
+    /// second the pixel's own colour. The counts of that colour followed the pilot of the other colour, so no path of
+    /// decisions leads from a pixel's samples back to its counts.
+    fn sources(&self, film: &Film) -> Sources {
+        if self.options.policy != PilotPolicy::Neighbours {
+            return Sources::All;
+        }
+        let alike = (1..film.frame().pixels()).all(|i| film.count(i) == film.count(0));
+        if alike { Sources::Odd } else { Sources::Even }
     }
 
     /// Blends the geometric variance of first hits (edges and texture) into `scores`, scaled to the same mean and

@@ -20,14 +20,18 @@ pub enum PoolShape {
 
 dapple_core::choices!(PoolShape { Window = "window", Inside = "inside", Cell = "cell" });
 
-/// The use of a pixel's own samples in its score.
+/// The pixels of a window whose samples count in a pixel's score.
+///
+/// Steps are counted as columns plus rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum OwnSamples {
-    /// The pixel's own samples count, in the window and beside it.
+pub enum Sources {
+    /// All pixels. The pixel's own samples count in the window and beside it.
     #[default]
-    Used,
-    /// Only the neighbours' samples count, so the score is independent of the pixel's own samples.
-    LeftOut,
+    All,
+    /// Pixels an odd number of steps away. They form the other colour of a chessboard.
+    Odd,
+    /// Pixels an even number of steps away, but not the pixel itself.
+    Even,
 }
 
 /// The parameters of [`relative_variance`].
@@ -45,8 +49,8 @@ pub struct Pooling {
     pub power: f64,
     /// The number added to the squared mean before division, so that black pixels have finite relative variance.
     pub epsilon: f64,
-    /// The use of a pixel's own samples. If they are left out, `prior` is not used.
-    pub own: OwnSamples,
+    /// The pixels whose samples count. `prior` is used with [`Sources::All`] only.
+    pub sources: Sources,
 }
 
 /// The relative variance `v~ / (m^2 + epsilon)` of each pixel's samples, pooled and summed over channels.
@@ -58,12 +62,13 @@ pub struct Pooling {
 /// `moments` are row by row, for an image of `size` pixels. The pool is a mean weighted by degrees of freedom, so
 /// pixels with fewer than two samples do not contribute.
 ///
-/// With [`OwnSamples::LeftOut`], `v~^q = pool(v^q)`, and both the pool and `m` omit the pixel itself.
+/// With [`Sources::Odd`] and [`Sources::Even`], `v~^q = pool(v^q)`, and both the pool and `m` omit the pixel itself.
 ///
 /// # Errors
 ///
 /// [`Error::OutOfRange`] if the number of `moments` does not match `size`, or if the pool needs cells and `cells` is
-/// missing or of another size. Also for [`OwnSamples::LeftOut`] with another pool than [`PoolShape::Window`].
+/// missing or of another size. Also for other sources than [`Sources::All`] with another pool than
+/// [`PoolShape::Window`].
 pub fn relative_variance(
     moments: &[RgbMoments],
     size: [u32; 2],
@@ -74,7 +79,7 @@ pub fn relative_variance(
     if moments.len() != w * h {
         return Err(out_of_range("moments", moments.len(), "one for each pixel of the image"));
     }
-    if pooling.own == OwnSamples::LeftOut && pooling.pool != PoolShape::Window {
+    if pooling.sources != Sources::All && pooling.pool != PoolShape::Window {
         return Err(out_of_range("pool", pooling.pool.text(), "window, where a pixel's own samples are left out"));
     }
     let first: Vec<u32> = match (pooling.pool, cells) {
@@ -103,16 +108,16 @@ pub fn relative_variance(
         let each = pools.iter().zip(own.deviations()).zip(sums.means());
         let relative = each.map(|((pool, deviation), mean)| {
             let mean = mean / sums.seen().max(1.0);
-            let variance = match (pooling.own, pooling.prior) {
-                (OwnSamples::LeftOut, _) | (_, f64::INFINITY) => *pool,
-                (_, prior) => (deviation + prior * pool) / (own.freedom() + prior),
+            let variance = match (pooling.sources, pooling.prior) {
+                (Sources::Odd | Sources::Even, _) | (_, f64::INFINITY) => *pool,
+                (Sources::All, prior) => (deviation + prior * pool) / (own.freedom() + prior),
             };
             root(variance, pooling.power) / (mean * mean + pooling.epsilon)
         });
         // Starts from 0: the empty sum of floats is -0.
         relative.fold(0.0, |sum, x| sum + x)
     };
-    let window = (pooling.radius as usize, pooling.own);
+    let window = (pooling.radius as usize, pooling.sources);
     Ok(over_windows([w, h], window, |i| Terms::of(&moments[i], pooling.power), score))
 }
 
@@ -221,18 +226,18 @@ fn rows_of_task(width: usize, radius: usize) -> usize {
 pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize) -> usize {
     let own = rows_of_task(w, radius);
     let around = (own + 2 * radius).min(h);
-    let task = w.saturating_mul(around + 1).saturating_mul(size_of::<Terms>());
+    let task = w.saturating_mul(around + 2).saturating_mul(size_of::<Terms>());
     task.saturating_mul(threads.min(h.div_ceil(own)))
 }
 
-/// The score of each pixel, from its own terms and their sums over a window. The window is `2 radius + 1` pixels wide
-/// and high, cut off at the borders; the pixel itself may be left out.
+/// The score of each pixel, from its own terms and the sums of `sources` in a window. The window is `2 radius + 1`
+/// pixels wide and high, cut off at the borders.
 ///
 /// Terms are added in the order of rows and columns. A running sum would keep the rounding error of a firefly, and so
 /// would a difference.
 fn over_windows(
     [w, h]: [usize; 2],
-    (radius, own): (usize, OwnSamples),
+    (radius, sources): (usize, Sources),
     terms: impl Fn(usize) -> Terms + Sync,
     score: impl Fn(usize, &Terms, &Terms) -> f64 + Sync,
 ) -> Vec<f64> {
@@ -243,19 +248,24 @@ fn over_windows(
         let around = near(first, radius, h).start..near(last, radius, h).end;
         let all: Vec<Terms> = (around.start * w..around.end * w).map(&terms).collect();
         let row = |y: usize| &all[(y - around.start) * w..][..w];
-        let mut columns = vec![Terms::default(); w];
+        // Sums over rows an even number of steps away, and over the others if they are not added together.
+        let mut columns = [0, 1].map(|_| vec![Terms::default(); w]);
         for (y, scores) in (first..).zip(scores.chunks_mut(w)) {
-            columns.fill(Terms::default());
+            columns.iter_mut().for_each(|sums| sums.fill(Terms::default()));
             for k in near(y, radius, h) {
-                columns.iter_mut().zip(row(k)).for_each(|(sum, terms)| sum.add(terms));
+                let odd = usize::from(sources != Sources::All && k.abs_diff(y) % 2 == 1);
+                columns[odd].iter_mut().zip(row(k)).for_each(|(sum, terms)| sum.add(terms));
             }
             for (x, place) in scores.iter_mut().enumerate() {
                 let mut sums = Terms::default();
-                match own {
-                    OwnSamples::Used => columns[near(x, radius, w)].iter().for_each(|column| sums.add(column)),
-                    OwnSamples::LeftOut => {
-                        near(x, radius, w).filter(|&k| k != x).for_each(|k| sums.add(&columns[k]));
-                        near(y, radius, h).filter(|&k| k != y).for_each(|k| sums.add(&row(k)[x]));
+                let odd = |k: usize| k.abs_diff(x) % 2;
+                match sources {
+                    Sources::All => columns[0][near(x, radius, w)].iter().for_each(|column| sums.add(column)),
+                    Sources::Odd => near(x, radius, w).for_each(|k| sums.add(&columns[1 - odd(k)][k])),
+                    Sources::Even => {
+                        near(x, radius, w).filter(|&k| k != x).for_each(|k| sums.add(&columns[odd(k)][k]));
+                        let above_and_below = near(y, radius, h).filter(|&k| k != y && k.abs_diff(y) % 2 == 0);
+                        above_and_below.for_each(|k| sums.add(&row(k)[x]));
                     }
                 }
                 *place = score(y * w + x, &row(y)[x], &sums);

@@ -21,7 +21,7 @@ dapple_core::options! {
         pub epsilon: f64 = 0.01;
         /// Largest number of samples of a pixel, as a multiple of the mean number.
         pub cap: f64 = 6.0 => "6";
-        /// Use of pilot samples: keep (biased), neighbours (less biased), discard or cross (unbiased).
+        /// Use of pilot samples: keep (biased), neighbours, discard or cross (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, discard, cross, neighbours";
     }

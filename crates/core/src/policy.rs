@@ -28,9 +28,9 @@ pub enum PilotPolicy {
     Cross,
     /// All samples stay in the image, and a pixel's count depends on the samples of its neighbours only.
     ///
-    /// With one round after the pilot, the bias is that of a pixel's share in the total of all scores: of the order of 1
-    /// over the number of pixels. Later rounds add a bias of second order, because the neighbours' counts depended on
-    /// the pixel.
+    /// A first round after the pilot reads the other colour of a chessboard, a second the pixel's own colour. Then no
+    /// path of decisions leads from a pixel's samples to its count. What remains is the pixel's share in the total of all
+    /// scores: a bias of the order of 1 over the number of pixels.
     Neighbours,
 }
 

@@ -1,5 +1,8 @@
 //! A second, much wider window of regression: 41x41 pixels around every fourth pixel of every fourth row.
 //!
+//! Windows take one colour of a chessboard: the pixels of odd diagonals or of even ones, in turns from one row of
+//! windows to the next. That halves the time and adds 2 % of error.
+//!
 //! If few samples leave more noise than 13x13 pixels can average, the image of narrower windows keeps blotches of
 //! their size. This pass takes that image as its guide, and its result is blended with it by [`shrink`](crate::shrink).
 
@@ -26,8 +29,12 @@ const ROWS: usize = BAND - STEP + 2 * REACH + 1;
 /// The columns of one phase (column modulo [`STEP`]) beside the frame on either side. Windows reach 5 of them, patches
 /// one more.
 const PAD: usize = 6;
-/// The number of offsets of a window row whose products are summed together.
+/// The largest number of pixels that one window sees: every second one.
+const SEEN: usize = (SIDE * SIDE).div_ceil(2);
+/// The number of pixels of a window whose products are summed together.
 const SEGMENT: usize = 14;
+/// The largest distance that is not negligible: `exp(-8)` is below [`NEGLIGIBLE`].
+const FAR: f32 = 8.0;
 /// The bandwidth of colour differences in standard deviations.
 const COLOUR: f32 = 1.5;
 /// The scales of feature differences.
@@ -153,13 +160,18 @@ impl Stack {
         stack
     }
 
-    /// All planes of the pixels in row `y` at the offset `dx` from the window centres that begin with number `k`. Plane
-    /// `p` begins at `p` times [`Stack::columns`].
+    /// The index of plane 0 of the pixel in row `y` at the offset `dx` from the window centre number `k`. Plane `p` lies
+    /// `p` times [`Stack::columns`] further on.
     #[inline(always)]
-    fn at(&self, y: usize, dx: isize, k: usize) -> &[f32] {
+    fn index(&self, y: usize, dx: isize, k: usize) -> usize {
         let (phase, shift) = (dx.rem_euclid(STEP as isize) as usize, dx.div_euclid(STEP as isize));
-        let start = (y * STEP + phase) * PLANES * self.columns + (PAD + k).wrapping_add_signed(shift);
-        &self.data[start..]
+        (y * STEP + phase) * PLANES * self.columns + (PAD + k).wrapping_add_signed(shift)
+    }
+
+    /// The vector of plane `p` at an index from [`Stack::index`].
+    #[inline(always)]
+    fn get<S: Simd>(&self, index: usize, p: usize) -> S::f32s {
+        vectors::<S>(&self.data[index + p * self.columns..][..S::F32_LANES])[0]
     }
 
     /// The index of pixel column `x` in one of the eight planes of a band's sums.
@@ -184,14 +196,13 @@ impl WithSimd for BandTask<'_> {
     fn with_simd<S: Simd>(self, simd: S) -> Vec<f32> {
         let [width, height] = self.size;
         let mut sums = vec![0.0; ROWS * STEP * 8 * self.stack.columns];
-        let mut weights = vec![0.0; SIDE * SIDE * S::F32_LANES];
+        let mut seen = Seen::<S>::new(simd);
         for y in (self.first..(self.first + BAND).min(height)).step_by(STEP) {
             for k in (0..width.div_ceil(STEP)).step_by(S::F32_LANES) {
-                let centre = Centre::new(self.stack, [y, k], width);
-                let weights = S::as_mut_simd_f32s(&mut weights).0;
-                weigh(simd, &centre, height, weights);
-                let fits = fit(simd, &centre, height, weights);
-                predict(simd, &centre, height, weights, &fits, self.first, &mut sums);
+                let centre = Centre::new(simd, self.stack, [y, k], self.size);
+                weigh(simd, &centre, self.first, &mut seen);
+                let fits = fit(simd, &centre, &seen);
+                predict(simd, &centre, &seen, &fits, &mut sums);
             }
         }
         sums
@@ -199,109 +210,147 @@ impl WithSimd for BandTask<'_> {
 }
 
 /// As many window centres as there are lanes, in one row.
-struct Centre<'a> {
+struct Centre<'a, S: Simd> {
     stack: &'a Stack,
     y: usize,
     k: usize,
-    /// The number of centres inside the frame.
-    inside: usize,
+    height: usize,
+    /// 1 for centres inside the frame, 0 for others.
+    inside: S::f32s,
+    /// The regressors at the centres, then the scale of positions.
+    regressors: [S::f32s; REGRESSORS + 1],
 }
 
-impl<'a> Centre<'a> {
-    fn new(stack: &'a Stack, [y, k]: [usize; 2], width: usize) -> Self {
-        Self { stack, y, k, inside: width.div_ceil(STEP) - k }
-    }
-
-    /// The first vector of plane `p` at the offset `dx` in row `y`.
+impl<'a, S: Simd> Centre<'a, S> {
     #[inline(always)]
-    fn get<S: Simd>(&self, y: usize, dx: isize, p: usize) -> S::f32s {
-        vectors::<S>(&self.stack.at(y, dx, self.k)[p * self.stack.columns..][..S::F32_LANES])[0]
-    }
-
-    /// The row at the offset `dy`; `None` outside the frame.
-    #[inline(always)]
-    fn row(&self, dy: isize, height: usize) -> Option<usize> {
-        self.y.checked_add_signed(dy).filter(|y| *y < height)
+    fn new(simd: S, stack: &'a Stack, [y, k]: [usize; 2], [width, height]: [usize; 2]) -> Self {
+        let mut lanes = [0.0; 64];
+        lanes[..(width.div_ceil(STEP) - k).min(64)].fill(1.0);
+        let at = stack.index(y, 0, k);
+        let mut regressors = [simd.splat_f32s(0.0); REGRESSORS + 1];
+        for p in 0..=REGRESSORS {
+            regressors[p] = stack.get::<S>(at, plane(p));
+        }
+        Self { stack, y, k, height, inside: vectors::<S>(&lanes)[0], regressors }
     }
 }
 
-/// Writes the weights of all pixels of the windows, by offset.
+/// The plane of a regressor, or of the scale of positions, which follows the last one.
 #[inline(always)]
-fn weigh<S: Simd>(simd: S, centre: &Centre<'_>, height: usize, weights: &mut [S::f32s]) {
-    let zero = simd.splat_f32s(0.0);
-    let mut own = [[zero; 4]; 9];
+const fn plane(regressor: usize) -> usize {
+    if regressor < 6 { MEANS + regressor } else { POSITION + regressor - 6 }
+}
+
+/// The pixels of the windows whose weights are not all 0.
+struct Seen<S: Simd> {
+    /// The number of pixels.
+    count: usize,
+    /// The index in the [`Stack`], and that in the sums of a [`BandTask`].
+    places: Vec<[usize; 2]>,
+    weights: Vec<S::f32s>,
+}
+
+impl<S: Simd> Seen<S> {
+    fn new(simd: S) -> Self {
+        Self { count: 0, places: vec![[0; 2]; SEEN], weights: vec![simd.splat_f32s(0.0); SEEN] }
+    }
+}
+
+/// Lists the pixels of the windows with their weights. The sums of the band begin [`REACH`] rows above row `first`.
+#[inline(always)]
+fn weigh<S: Simd>(simd: S, centre: &Centre<'_, S>, first: usize, seen: &mut Seen<S>) {
+    let (stack, zero) = (centre.stack, simd.splat_f32s(0.0));
+    let mut patch = [[zero; 4]; 9];
     for o in 0..9 {
         let (dx, dy) = (o as isize % 3 - PATCH, o as isize / 3 - PATCH);
-        let y = (centre.y.saturating_add_signed(dy)).min(height - 1);
+        let at = stack.index(centre.y.saturating_add_signed(dy).min(centre.height - 1), dx, centre.k);
         for p in 0..4 {
-            own[o][p] = centre.get::<S>(y, dx, p);
+            patch[o][p] = stack.get::<S>(at, p);
         }
     }
     let mut features = [zero; 13];
     for p in 0..13 {
-        features[p] = centre.get::<S>(centre.y, 0, MEANS + p);
+        features[p] = stack.get::<S>(stack.index(centre.y, 0, centre.k), MEANS + p);
     }
-    let mut lanes = [0.0; 64];
-    lanes[..centre.inside.min(64)].fill(1.0);
-    let inside = vectors::<S>(&lanes)[0];
-    let share = simd.splat_f32s(1.0 / (9.0 * COLOUR * COLOUR));
-    for o in 0..SIDE * SIDE {
-        let [dx, dy] = [o % SIDE, o / SIDE].map(|d| d as isize - REACH as isize);
-        let Some(y) = centre.row(dy, height) else {
-            weights[o] = zero;
-            continue;
-        };
-        let mut patch = zero;
-        for (q, own) in own.iter().enumerate() {
-            let (px, py) = (q as isize % 3 - PATCH, q as isize / 3 - PATCH);
-            let row = (y.saturating_add_signed(py)).min(height - 1);
-            let mut square = zero;
-            for c in 0..3 {
-                let d = simd.sub_f32s(own[c], centre.get::<S>(row, dx + px, c));
-                square = simd.add_f32s(square, simd.mul_f32s(d, d));
+    let (share, far) = (simd.splat_f32s(1.0 / (9.0 * COLOUR * COLOUR)), simd.splat_f32s(FAR));
+    let parity = (centre.y / STEP) as isize;
+    seen.count = 0;
+    for dy in -(REACH as isize)..=REACH as isize {
+        let Some(y) = centre.y.checked_add_signed(dy).filter(|y| *y < centre.height) else { continue };
+        let left = ((dy + parity) & 1) - REACH as isize;
+        for dx in (left..=REACH as isize).step_by(2) {
+            let index = stack.index(y, dx, centre.k);
+            let distance = feature_distance(simd, stack, &features, index);
+            if none_below(simd, distance, far) {
+                continue;
             }
-            patch = simd.add_f32s(patch, excess(simd, square, own[VARIANCE], centre.get::<S>(row, dx + px, VARIANCE)));
+            let by_colour = simd.mul_f32s(patch_distance(simd, centre, &patch, y, dx), share);
+            let distance = simd.add_f32s(simd.max_f32s(by_colour, zero), distance);
+            if none_below(simd, distance, far) {
+                continue;
+            }
+            let weight = simd.sub_f32s(exp_minus_all(simd, distance), simd.splat_f32s(NEGLIGIBLE));
+            seen.weights[seen.count] = simd.mul_f32s(simd.max_f32s(weight, zero), centre.inside);
+            let sums = stack.place(y + REACH - first, 0, 0) + centre.k;
+            let (phase, shift) = (dx.rem_euclid(STEP as isize) as usize, dx.div_euclid(STEP as isize));
+            let sums = (sums + phase * 8 * stack.columns).wrapping_add_signed(shift);
+            seen.places[seen.count] = [index, sums];
+            seen.count += 1;
         }
-        let by_colour = simd.max_f32s(simd.mul_f32s(patch, share), zero);
-        let distance = simd.add_f32s(by_colour, feature_distance(simd, centre, &features, y, dx));
-        let weight = simd.sub_f32s(exp_minus_all(simd, distance), simd.splat_f32s(NEGLIGIBLE));
-        weights[o] = simd.mul_f32s(simd.max_f32s(weight, zero), inside);
     }
 }
 
-/// The largest scaled difference of normal, albedo and log depth between the centres and the pixels at the offset `dx`
-/// in row `y`, at least 0.
+/// Returns `true` if no lane of `a` is less than that of `b`.
 #[inline(always)]
-fn feature_distance<S: Simd>(simd: S, centre: &Centre<'_>, own: &[S::f32s; 13], y: usize, dx: isize) -> S::f32s {
+fn none_below<S: Simd>(simd: S, a: S::f32s, b: S::f32s) -> bool {
+    simd.first_true_m32s(simd.less_than_f32s(a, b)) == S::F32_LANES
+}
+
+/// The sum of scaled differences of colour between the patches around the centres and those around the pixels at the
+/// offset `dx` in row `y`.
+#[inline(always)]
+fn patch_distance<S: Simd>(simd: S, centre: &Centre<'_, S>, own: &[[S::f32s; 4]; 9], y: usize, dx: isize) -> S::f32s {
+    let stack = centre.stack;
+    let mut sum = simd.splat_f32s(0.0);
+    for (q, own) in own.iter().enumerate() {
+        let (px, py) = (q as isize % 3 - PATCH, q as isize / 3 - PATCH);
+        let at = stack.index(y.saturating_add_signed(py).min(centre.height - 1), dx + px, centre.k);
+        let mut square = simd.splat_f32s(0.0);
+        for c in 0..3 {
+            let d = simd.sub_f32s(own[c], stack.get::<S>(at, c));
+            square = simd.add_f32s(square, simd.mul_f32s(d, d));
+        }
+        sum = simd.add_f32s(sum, excess(simd, square, own[VARIANCE], stack.get::<S>(at, VARIANCE)));
+    }
+    sum
+}
+
+/// The largest scaled difference of normal, albedo and log depth between the centres and the pixels at an index, at
+/// least 0.
+#[inline(always)]
+fn feature_distance<S: Simd>(simd: S, stack: &Stack, own: &[S::f32s; 13], index: usize) -> S::f32s {
     let mut most = simd.splat_f32s(0.0);
     for group in 0..3 {
         let mut square = simd.splat_f32s(0.0);
         for k in 3 * group..(3 * group + 3).min(7) {
-            let d = simd.sub_f32s(own[k], centre.get::<S>(y, dx, MEANS + k));
+            let d = simd.sub_f32s(own[k], stack.get::<S>(index, MEANS + k));
             square = simd.add_f32s(square, simd.mul_f32s(d, d));
         }
-        let (vp, vq) = (own[7 + group], centre.get::<S>(y, dx, MEANS + 7 + group));
+        let (vp, vq) = (own[7 + group], stack.get::<S>(index, MEANS + 7 + group));
         let expected = simd.add_f32s(vp, simd.min_f32s(vp, vq));
         most = simd.max_f32s(simd.mul_f32s(simd.sub_f32s(square, expected), own[10 + group]), most);
     }
     most
 }
 
-/// The regressors of the pixels at the offset `dx` in row `y`, relative to the window centres: normal, albedo,
-/// position.
+/// The regressors of the pixels at an index, relative to the window centres: normal, albedo, position.
 #[inline(always)]
-fn regressors<S: Simd>(
-    simd: S,
-    centre: &Centre<'_>,
-    own: &[S::f32s; REGRESSORS + 1],
-    y: usize,
-    dx: isize,
-) -> [S::f32s; REGRESSORS] {
+fn regressors<S: Simd>(simd: S, centre: &Centre<'_, S>, index: usize) -> [S::f32s; REGRESSORS] {
     let (least, most) = (simd.splat_f32s(-16.0), simd.splat_f32s(16.0));
+    let own = &centre.regressors;
     let mut apart = [simd.splat_f32s(0.0); REGRESSORS];
     for k in 0..REGRESSORS {
-        let plane = if k < 6 { MEANS + k } else { POSITION + k - 6 };
-        apart[k] = simd.sub_f32s(centre.get::<S>(y, dx, plane), own[k]);
+        apart[k] = simd.sub_f32s(centre.stack.get::<S>(index, plane(k)), own[k]);
         if k >= 6 {
             apart[k] = simd.max_f32s(simd.min_f32s(simd.mul_f32s(apart[k], own[REGRESSORS]), most), least);
         }
@@ -309,88 +358,90 @@ fn regressors<S: Simd>(
     apart
 }
 
-/// The regressors at the centres, then the scale of positions.
-#[inline(always)]
-fn at_centre<S: Simd>(simd: S, centre: &Centre<'_>) -> [S::f32s; REGRESSORS + 1] {
-    let mut own = [simd.splat_f32s(0.0); REGRESSORS + 1];
-    for k in 0..=REGRESSORS {
-        let plane = if k < 6 { MEANS + k } else { POSITION + k - 6 };
-        own[k] = centre.get::<S>(centre.y, 0, plane);
+/// Regressors, colours and weighted regressors of some pixels, whose products are summed together.
+struct Segment<S: Simd> {
+    apart: [[S::f32s; SEGMENT]; REGRESSORS],
+    colours: [[S::f32s; SEGMENT]; 6],
+    weighted: [[S::f32s; SEGMENT]; REGRESSORS + 1],
+}
+
+impl<S: Simd> Segment<S> {
+    /// Adds the products of all pixels to `sums`.
+    #[inline(always)]
+    fn add_to(&self, simd: S, sums: &mut Sums<S>) {
+        for a in 0..=REGRESSORS {
+            for b in [0, 3, 6] {
+                if a <= b + 3 {
+                    let values = [&self.apart[b], &self.apart[b + 1], &self.apart[b + 2]];
+                    add_products(simd, &self.weighted[a], values, &mut sums[a], b);
+                }
+            }
+            for b in [0, 3] {
+                let values = [&self.colours[b], &self.colours[b + 1], &self.colours[b + 2]];
+                add_products(simd, &self.weighted[a], values, &mut sums[a], REGRESSORS + b);
+            }
+        }
     }
-    own
+}
+
+/// The number of samples of both halves in the pixels at an index.
+#[inline(always)]
+fn samples<S: Simd>(simd: S, stack: &Stack, index: usize) -> S::f32s {
+    simd.add_f32s(stack.get::<S>(index, COUNTS), stack.get::<S>(index, COUNTS + 1))
 }
 
 /// Fits the colours of both halves in the windows.
 #[inline(always)]
-fn fit<S: Simd>(simd: S, centre: &Centre<'_>, height: usize, weights: &[S::f32s]) -> [Fit<S>; 2] {
-    let zero = simd.splat_f32s(0.0);
-    let own = at_centre(simd, centre);
-    let count = |y: usize, dx: isize| simd.add_f32s(centre.get::<S>(y, dx, COUNTS), centre.get::<S>(y, dx, COUNTS + 1));
-    let here = count(centre.y, 0);
+fn fit<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>) -> [Fit<S>; 2] {
+    let (stack, zero) = (centre.stack, simd.splat_f32s(0.0));
+    let at = stack.index(centre.y, 0, centre.k);
+    let here = samples(simd, stack, at);
     // Bounded, so that subtracting it loses no digits.
     let mut reference = [zero; 3];
     for c in 0..3 {
-        reference[c] = simd.min_f32s(centre.get::<S>(centre.y, 0, c), simd.splat_f32s(8.0));
+        reference[c] = simd.min_f32s(stack.get::<S>(at, c), simd.splat_f32s(8.0));
     }
     let mut sums: Sums<S> = [[zero; VALUES]; REGRESSORS + 1];
     let mut total = zero;
-    for down in 0..SIDE {
-        let Some(y) = centre.row(down as isize - REACH as isize, height) else { continue };
-        for first in (0..SIDE).step_by(SEGMENT) {
-            let mut apart = [[zero; SEGMENT]; REGRESSORS];
-            let mut colours = [[zero; SEGMENT]; 6];
-            let mut weighted = [[zero; SEGMENT]; REGRESSORS + 1];
-            for at in 0..SEGMENT.min(SIDE - first) {
-                let dx = (first + at) as isize - REACH as isize;
-                let weight = simd.mul_f32s(weights[down * SIDE + first + at], count_weights(simd, here, count(y, dx)));
-                total = simd.add_f32s(total, weight);
-                weighted[0][at] = weight;
-                let z = regressors(simd, centre, &own, y, dx);
-                for k in 0..REGRESSORS {
-                    apart[k][at] = z[k];
-                    weighted[k + 1][at] = simd.mul_f32s(weight, z[k]);
-                }
-                for v in 0..6 {
-                    colours[v][at] = simd.sub_f32s(centre.get::<S>(y, dx, COLOURS + v), reference[v % 3]);
-                }
-            }
-            for a in 0..=REGRESSORS {
-                for b in [0, 3, 6] {
-                    if a <= b + 3 {
-                        let values = [&apart[b], &apart[b + 1], &apart[b + 2]];
-                        add_products(simd, &weighted[a], values, &mut sums[a], b);
-                    }
-                }
-                for b in [0, 3] {
-                    let values = [&colours[b], &colours[b + 1], &colours[b + 2]];
-                    add_products(simd, &weighted[a], values, &mut sums[a], REGRESSORS + b);
-                }
-            }
+    let mut segment = Segment {
+        apart: [[zero; SEGMENT]; REGRESSORS],
+        colours: [[zero; SEGMENT]; 6],
+        weighted: [[zero; SEGMENT]; REGRESSORS + 1],
+    };
+    let mut filled = 0;
+    for o in 0..seen.count {
+        let index = seen.places[o][0];
+        let weight = simd.mul_f32s(seen.weights[o], count_weights(simd, here, samples(simd, stack, index)));
+        total = simd.add_f32s(total, weight);
+        let z = regressors(simd, centre, index);
+        segment.weighted[0][filled] = weight;
+        for k in 0..REGRESSORS {
+            segment.apart[k][filled] = z[k];
+            segment.weighted[k + 1][filled] = simd.mul_f32s(weight, z[k]);
+        }
+        for v in 0..6 {
+            segment.colours[v][filled] = simd.sub_f32s(stack.get::<S>(index, COLOURS + v), reference[v % 3]);
+        }
+        filled += 1;
+        if filled == SEGMENT {
+            segment.add_to(simd, &mut sums);
+            filled = 0;
         }
     }
+    for weighted in &mut segment.weighted {
+        weighted[filled..].fill(zero);
+    }
+    segment.add_to(simd, &mut sums);
     [solve(simd, total, &sums, REGRESSORS, &reference), solve(simd, total, &sums, REGRESSORS + 3, &reference)]
 }
 
 /// Adds the predictions of both halves' windows to the pixels in them.
 #[inline(always)]
-fn predict<S: Simd>(
-    simd: S,
-    centre: &Centre<'_>,
-    height: usize,
-    weights: &[S::f32s],
-    fits: &[Fit<S>; 2],
-    first: usize,
-    sums: &mut [f32],
-) {
-    let own = at_centre(simd, centre);
+fn predict<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>, fits: &[Fit<S>; 2], sums: &mut [f32]) {
     let columns = centre.stack.columns;
-    for o in 0..SIDE * SIDE {
-        let [dx, dy] = [o % SIDE, o / SIDE].map(|d| d as isize - REACH as isize);
-        let Some(y) = centre.row(dy, height) else { continue };
-        let z = regressors(simd, centre, &own, y, dx);
-        let (phase, shift) = (dx.rem_euclid(STEP as isize) as usize, dx.div_euclid(STEP as isize));
-        let row = y + REACH - first;
-        let start = (row * STEP + phase) * 8 * columns + (PAD + centre.k).wrapping_add_signed(shift);
+    for o in 0..seen.count {
+        let ([index, start], weight) = (seen.places[o], seen.weights[o]);
+        let z = regressors(simd, centre, index);
         for half in 0..2 {
             let fit = &fits[half];
             for c in 0..3 {
@@ -398,13 +449,16 @@ fn predict<S: Simd>(
                 for k in 0..REGRESSORS {
                     value = simd.add_f32s(value, simd.mul_f32s(fit.slopes[k][c], z[k]));
                 }
-                let to = &mut sums[start + (4 * half + c) * columns..][..S::F32_LANES];
-                let sum = &mut S::as_mut_simd_f32s(to).0[0];
-                *sum = simd.add_f32s(*sum, simd.mul_f32s(weights[o], value));
+                add(simd, &mut sums[start + (4 * half + c) * columns..], simd.mul_f32s(weight, value));
             }
-            let to = &mut sums[start + (4 * half + 3) * columns..][..S::F32_LANES];
-            let sum = &mut S::as_mut_simd_f32s(to).0[0];
-            *sum = simd.add_f32s(*sum, weights[o]);
+            add(simd, &mut sums[start + (4 * half + 3) * columns..], weight);
         }
     }
+}
+
+/// Adds a vector to the beginning of `sums`.
+#[inline(always)]
+fn add<S: Simd>(simd: S, sums: &mut [f32], value: S::f32s) {
+    let to = &mut S::as_mut_simd_f32s(&mut sums[..S::F32_LANES]).0[0];
+    *to = simd.add_f32s(*to, value);
 }

@@ -17,6 +17,9 @@
 //! | `glass` | balls of glass, dye and mist, a pane, a twig | refraction, media, alpha, instances |
 //! | `room` | two rooms and eight small lamps that few places see | many local lights, interreflection, coat |
 //! | `grass` | a meadow of 27,000 blades under a lamp and the sky | geometry below a pixel, instances |
+//! | `door` | a room lit through a door ajar, three pots on a table | nearly all light indirect, metal, glass |
+//! | `tea` | a glass of tea before tiles, a ball on a chessboard | detail in refraction and reflection, absorption |
+//! | `cabin` | an aeroplane's cabin at night | 68 small lamps, screens, dark and glossy surfaces |
 //!
 //! The files' bytes are the same on every machine: all arithmetic is `+ - * /` and `sqrt` on `f64`, which
 //! IEEE 754 rounds in one way, and Rust neither fuses nor reorders these operations.
@@ -35,8 +38,10 @@
 //! assert_eq!(scene.name, "teapot");
 //! ```
 
+mod cabin;
 mod cornell;
 pub(crate) mod directions;
+mod door;
 mod glass;
 mod grass;
 mod images;
@@ -45,7 +50,9 @@ mod mesh;
 mod motion;
 mod noise;
 mod plates;
+mod revolved;
 mod room;
+mod tea;
 mod teapot;
 mod terrain;
 #[cfg(test)]
@@ -99,8 +106,10 @@ impl Files for Bundle {
 /// Name and bytes of each file of a bundled scene besides its scene file: meshes and images.
 type Assets = Vec<(String, Vec<u8>)>;
 
-const NAMES: [&str; 10] =
-    ["teapot", "terrain", "cornell", "furnace", "plates", "lens", "motion", "glass", "room", "grass"];
+const NAMES: [&str; 13] = [
+    "teapot", "terrain", "cornell", "furnace", "plates", "lens", "motion", "glass", "room", "grass", "door", "tea",
+    "cabin",
+];
 
 /// Returns the names of the bundled scenes, [`DEFAULT`] first.
 pub fn names() -> &'static [&'static str] {
@@ -120,6 +129,9 @@ pub fn files(name: &str) -> Option<Bundle> {
         "motion" => (motion::scene(), Assets::new()),
         "room" => (room::scene(), Assets::new()),
         "grass" => (grass::scene(), Assets::new()),
+        "door" => (door::scene(), Assets::new()),
+        "tea" => (tea::scene(), Assets::new()),
+        "cabin" => (cabin::scene(), Assets::new()),
         _ => glass::scene(),
     };
     let main = "scene.pbrt".to_owned();

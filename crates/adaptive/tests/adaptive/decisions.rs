@@ -1,7 +1,9 @@
 //! Decisions of the error-driven sampler on made-up films.
 
 use crate::common::*;
-use dapple_adaptive::{Adaptive, AdaptiveOptions, ErrorMap, OwnSamples, PilotPolicy, PoolShape};
+use dapple_adaptive::{
+    Adaptive, AdaptiveOptions, ErrorMap, PilotPolicy, PoolShape, Pooling, Sources, relative_variance,
+};
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, Plan, Progress, Sampler};
 use dapple_low_discrepancy::{Random, Sobol};
 
@@ -144,7 +146,7 @@ fn bad_error_maps_do_no_harm() {
 #[test]
 fn an_error_map_gets_its_needs() {
     let needs = Needs::none().with_halves().with_features();
-    let sampler = Adaptive::new(Random::new(1)).with_error_map(map(needs, |_| Ok(vec![]))).unwrap();
+    let sampler = with(options()).with_error_map(map(needs, |_| Ok(vec![]))).unwrap();
     assert_eq!(sampler.needs(), needs.with_variance());
     assert!(sampler.describe().starts_with("adaptive:by=made-up,"));
     let discard = options().policy(PilotPolicy::Discard);
@@ -154,7 +156,7 @@ fn an_error_map_gets_its_needs() {
 /// Cells separate two materials that a window mixes, one of them noisy.
 #[test]
 fn variance_pooled_inside_cells_stays_inside() {
-    use dapple_adaptive::{CellOptions, Cells, Pooling, relative_variance};
+    use dapple_adaptive::{CellOptions, Cells};
     use dapple_core::FirstHit;
     let seen = film(Needs::none().with_variance(), |[x, _], u| if x < 24 { 0.5 } else { u[0] });
     let moments: Vec<_> = (0..SIDE * SIDE).map(|i| seen.moments(i)).collect();
@@ -167,7 +169,7 @@ fn variance_pooled_inside_cells_stays_inside() {
     let hits: Vec<_> = (0..SIDE * SIDE).map(|i| Some(hit(i))).collect();
     let cells = Cells::new(&hits, 1, [SIDE as u32; 2], &CellOptions::default()).unwrap();
     let at_border = |pool| {
-        let pooling = Pooling { pool, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01, own: OwnSamples::Used };
+        let pooling = Pooling { pool, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01, sources: Sources::All };
         relative_variance(&moments, [SIDE as u32; 2], &pooling, Some(&cells)).unwrap()[20 * SIDE + 23]
     };
     let (window, inside, cell) =
@@ -175,9 +177,32 @@ fn variance_pooled_inside_cells_stays_inside() {
     assert_eq!(cell, 0.0, "the quiet cell has no variance");
     assert!(inside > 0.0 && inside < 0.75 * window, "{inside} of {window}");
     let pooling =
-        Pooling { pool: PoolShape::Cell, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01, own: OwnSamples::Used };
+        Pooling { pool: PoolShape::Cell, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01, sources: Sources::All };
     assert!(relative_variance(&moments, [SIDE as u32; 2], &pooling, None).is_err());
     assert!(relative_variance(&moments[1..], [SIDE as u32; 2], &pooling, Some(&cells)).is_err());
+}
+
+/// A change of one pixel's samples changes the scores of exactly the pixels that it is a source of, also at the border.
+#[test]
+fn sources_are_colours_of_a_chessboard() {
+    let noise = |u: [f32; 4], scale: f32| scale * u[0];
+    let before = film(Needs::none().with_variance(), |_, u| noise(u, 1.0));
+    for at in [[0, 5], [20, 23]] {
+        let after = film(Needs::none().with_variance(), |pixel, u| noise(u, if pixel == at { 9.0 } else { 1.0 }));
+        for (sources, odd) in [(Sources::Odd, 1), (Sources::Even, 0)] {
+            let pooling =
+                Pooling { pool: PoolShape::Window, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01, sources };
+            let [a, b] = [&before, &after].map(|film| {
+                let moments: Vec<_> = (0..SIDE * SIDE).map(|i| film.moments(i)).collect();
+                relative_variance(&moments, [SIDE as u32; 2], &pooling, None).unwrap()
+            });
+            for i in 0..SIDE * SIDE {
+                let [dx, dy] = [(i % SIDE).abs_diff(at[0]), (i / SIDE).abs_diff(at[1])];
+                let source = dx <= 2 && dy <= 2 && (dx + dy) % 2 == odd && dx + dy > 0;
+                assert_eq!(a[i] != b[i], source, "{sources:?}, {at:?}, {dx} {dy}");
+            }
+        }
+    }
 }
 
 #[test]
@@ -210,6 +235,7 @@ fn wrong_options_are_refused() {
         good.pilot(2).policy(PilotPolicy::Cross),
         good.rounds(65),
         good.rounds(2).policy(PilotPolicy::Discard),
+        good.rounds(3).policy(PilotPolicy::Neighbours),
         good.radius(65),
         good.prior(f64::NAN),
         good.power(0.0),
@@ -229,8 +255,8 @@ fn wrong_options_are_refused() {
     assert!(Adaptive::with_options(Random::new(1), good.prior(f64::INFINITY)).is_ok());
 }
 
-/// A window's task has the terms of its own rows (128 or 4), those of the rows around, and a row of sums, 64 bytes
-/// each. There are no more tasks than the image's 1024 rows need.
+/// A window's task has the terms of its own rows (128 or 4), those of the rows around, and two rows of sums, 64
+/// bytes each. There are no more tasks than the image's 1024 rows need.
 #[test]
 fn working_memory_of_threads_is_counted_z03() {
     let frame = Frame::new(4096, 1024).unwrap();
@@ -243,7 +269,7 @@ fn working_memory_of_threads_is_counted_z03() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(memory).planning
     };
-    let (wide, narrow) = (4096 * (256 + 1) * 64, 4096 * (8 + 1) * 64);
+    let (wide, narrow) = (4096 * (256 + 2) * 64, 4096 * (8 + 2) * 64);
     assert_eq!(planning(64, 1) - planning(2, 1), wide - narrow);
     assert_eq!(planning(64, 4) - planning(64, 1), 3 * wide);
     assert_eq!(planning(64, 8), planning(64, 20), "there are eight tasks");

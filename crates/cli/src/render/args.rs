@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 /// Render an image with adaptive sampling: most samples go where the image needs them
 ///
 /// SCENE is a pbrt file (v4, v3 or v2), a model (.obj, .ply, .stl; Dapple adds a camera and a light), or the name of a
-/// bundled scene: teapot (the default), terrain, cornell, furnace, plates, lens, motion, glass, room, grass. All
-/// settings are checked, and all outputs tested to be writable, before rendering begins.
+/// bundled scene: teapot (the default), terrain, cornell, furnace, plates, lens, motion, glass, room, grass, door, tea,
+/// cabin. All settings are checked, and all outputs tested to be writable, before rendering begins.
 #[derive(Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct RenderArgs {

@@ -191,6 +191,8 @@ fn bundled_scenes_render() {
     for (name, effects) in [
         ("lens", &[Effect::DepthOfField, Effect::SeveralLights][..]),
         ("motion", &[Effect::MotionBlur]),
+        ("tea", &[Effect::Refraction, Effect::Glossy, Effect::AbsorbingMedia]),
+        ("cabin", &[Effect::SeveralLights, Effect::Glossy]),
         (
             "glass",
             &[

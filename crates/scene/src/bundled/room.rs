@@ -3,7 +3,7 @@
 use super::cornell::{Quad, write_mesh};
 use std::fmt::Write;
 
-type Corners = [[f64; 3]; 2];
+pub(super) type Corners = [[f64; 3]; 2];
 
 /// Floor, ceiling and walls of a space of 8 x 6 metres, 2.8 metres high: name, material, corners in metres.
 const WALLS: [(&str, &str, Quad); 6] = [
@@ -68,7 +68,7 @@ const BULBS: [(&str, [f64; 3], [f64; 3], f64); 4] = [
 ];
 
 /// Returns the six faces of a box, facing outwards: the four sides, then two faces at the top and the bottom.
-fn sides([low, high]: Corners) -> [Quad; 6] {
+pub(super) fn sides([low, high]: Corners) -> [Quad; 6] {
     let corner = |x: usize, y: usize, z: usize| [[low, high][x][0], [low, high][y][1], [low, high][z][2]];
     let of = |q: [[usize; 3]; 4]| q.map(|[x, y, z]| corner(x, y, z));
     [

@@ -1,7 +1,8 @@
 use super::directions::{add, cross, dot, lat_long_direction, length, normalize, scale, sin_cos, sub};
 use super::mesh::Mesh;
 use super::{DEFAULT, cornell, files, names, plates, teapot, terrain};
-use std::collections::BTreeMap;
+use crate::{Geometry, MaterialKind};
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
@@ -361,6 +362,9 @@ fn every_bundle_reads_and_says_what_its_text_says() {
         ("lens", 20, 1, 13),
         ("motion", 5, 1, 1),
         ("glass", 9, 1, 1),
+        ("door", 15, 0, 1),
+        ("tea", 15, 0, 2),
+        ("cabin", 84, 1, 76),
     ] {
         let scene = files(name).unwrap().read().unwrap();
         assert_eq!(scene.name, name);
@@ -374,6 +378,34 @@ fn every_bundle_reads_and_says_what_its_text_says() {
             scene.notices
         );
     }
+}
+
+/// Glass, tea and the tea's surface meet in one ring of points, so that no ray slips between them.
+#[test]
+fn the_glass_of_tea_is_closed() {
+    let scene = files("tea").unwrap().read().unwrap();
+    let meshes: Vec<_> = scene
+        .shapes
+        .iter()
+        .filter(|shape| matches!(scene.materials[shape.material.0 as usize].kind, MaterialKind::Dielectric { .. }))
+        .map(|shape| match &shape.geometry {
+            Geometry::Mesh(mesh) => mesh.clone(),
+            other => panic!("{other:?}"),
+        })
+        .collect();
+    assert_eq!(meshes.len(), 3);
+    let rims = meshes.iter().map(|mesh| {
+        let edges = mesh.triangles.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
+        let mut open: BTreeMap<(u32, u32), i32> = BTreeMap::new();
+        for (a, b) in edges {
+            *open.entry((a.min(b), a.max(b))).or_default() += 1;
+        }
+        let open = open.into_iter().filter(|(_, uses)| *uses == 1).flat_map(|((a, b), _)| [a, b]);
+        let point = |corner: u32| mesh.positions[corner as usize].to_array().map(f64::to_bits);
+        open.map(point).collect::<BTreeSet<[u64; 3]>>()
+    });
+    let rims: Vec<_> = rims.collect();
+    assert!(rims[0].len() > 100 && rims[0] == rims[1] && rims[1] == rims[2], "{:?}", [0, 1, 2].map(|i| rims[i].len()));
 }
 
 #[test]

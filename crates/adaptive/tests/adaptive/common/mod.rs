@@ -1,7 +1,7 @@
 //! Integrators and samplers for the tests.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
-use dapple_adaptive::AdaptiveOptions;
+use dapple_adaptive::{AdaptiveOptions, PilotPolicy};
 use dapple_core::{
     Block, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet, Progress, Render,
     Sampler, TrainingLog,
@@ -60,9 +60,9 @@ impl<F: FnMut(&Feedback<'_>, &mut Plan) -> Progress + Send> Sampler for Planned<
     }
 }
 
-/// Options for images that are compared without a denoiser.
+/// Options for images that are compared without a denoiser. Kept samples decide, which all pools and rounds allow.
 pub fn options() -> AdaptiveOptions {
-    AdaptiveOptions::default().epsilon(0.01)
+    AdaptiveOptions::default().policy(PilotPolicy::Keep).epsilon(0.01)
 }
 
 pub fn frame(width: u32, height: u32) -> Frame {
