@@ -14,7 +14,8 @@ const WALL: [f32; 3] = [0.5, 0.1, 0.2];
 fn film(scene: &Scene, spp: u64, needs: Needs) -> Film {
     let world = world(scene);
     let frame = Frame::new(1, 1).expect("the size is at least 1x1");
-    let render = Render::new(frame, &Limits::samples(spp)).needs(needs);
+    let limits = Limits::samples(spp);
+    let render = Render::new(frame, &limits).needs(needs);
     render.run(&mut *integrator(&world), &mut Uniform::new(Sobol::new(7))).expect("it renders")
 }
 
