@@ -1,6 +1,6 @@
 //! Random numbers of one sample, by named blocks.
 
-use crate::{PointSet, SampleId};
+use crate::{Needs, PointSet, SampleId};
 use std::cell::Cell;
 
 /// A named group of four dimensions of a sample's random numbers, for one use of randomness such as the lens.
@@ -64,6 +64,7 @@ pub struct Draws<'a> {
     points: &'a dyn PointSet,
     id: SampleId,
     first_hit: bool,
+    features: bool,
     requested: Cell<u32>,
 }
 
@@ -71,7 +72,7 @@ impl<'a> Draws<'a> {
     /// The random numbers of sample `id`, without a request for its first hit.
     #[inline]
     pub fn new(points: &'a dyn PointSet, id: SampleId) -> Self {
-        Self { points, id, first_hit: false, requested: Cell::new(0) }
+        Self { points, id, first_hit: false, features: false, requested: Cell::new(0) }
     }
 
     /// Requests the first hit from the integrator.
@@ -81,10 +82,17 @@ impl<'a> Draws<'a> {
         Self { first_hit: true, ..self }
     }
 
-    /// The random numbers of sample `id` in a render; `first_hit` requests the first hit.
+    /// Requests the first hit and the features from the integrator.
     #[inline]
-    pub(crate) fn of_round(points: &'a dyn PointSet, id: SampleId, first_hit: bool) -> Self {
-        Self { points, id, first_hit, requested: Cell::new(0) }
+    #[must_use]
+    pub fn with_features(self) -> Self {
+        Self { first_hit: true, features: true, ..self }
+    }
+
+    /// The random numbers of sample `id` in a render, with requests for what the film records.
+    #[inline]
+    pub(crate) fn of_round(points: &'a dyn PointSet, id: SampleId, needs: &Needs) -> Self {
+        Self { points, id, first_hit: needs.wants_first_hit(), features: needs.features, requested: Cell::new(0) }
     }
 
     /// The four coordinates of `block`, each in `[0, 1)`: two 2-D pairs.
@@ -111,6 +119,13 @@ impl<'a> Draws<'a> {
     #[inline]
     pub fn wants_first_hit(&self) -> bool {
         self.first_hit
+    }
+
+    /// Returns `true` if the film records features. Then [`Draws::wants_first_hit`] returns `true` as well. If not, leave
+    /// [`Estimate::features`](crate::Estimate::features) at `None`.
+    #[inline]
+    pub fn wants_features(&self) -> bool {
+        self.features
     }
 
     /// The number of calls of [`Draws::block`] so far. An effect that is off requests no block.

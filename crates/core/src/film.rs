@@ -6,11 +6,10 @@ mod error;
 pub use bank::luminance;
 pub(crate) use bank::{Bank, Range, index, widen};
 
-use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SampleId, streams};
+use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SampleId, SurfaceFeatures, streams};
 use bank::join;
 
-/// Running means and sums of squared deviations of a pixel's first-hit features: shading normal, albedo, position,
-/// depth.
+/// Running means and sums of squared deviations of a pixel's features: shading normal, albedo, position, depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct FeatureMoments {
     pub(crate) samples: u32,
@@ -20,13 +19,15 @@ pub(crate) struct FeatureMoments {
 }
 
 impl FeatureMoments {
-    pub(crate) fn push(&mut self, hit: Option<&FirstHit>) {
+    pub(crate) fn push(&mut self, features: Option<SurfaceFeatures>) {
+        if self.samples > 0 && features.is_some_and(|f| f.rare) {
+            return;
+        }
         self.samples = self.samples.saturating_add(1);
-        let Some(hit) = hit else { return };
+        let Some(SurfaceFeatures { normal: n, albedo: a, position: p, depth, .. }) = features else { return };
         self.hits = self.hits.saturating_add(1);
         let share = 1.0 / self.hits as f32;
-        let (n, a, p) = (hit.shading_normal, hit.albedo, hit.position);
-        let values = [n[0], n[1], n[2], a[0], a[1], a[2], p[0], p[1], p[2], hit.depth];
+        let values = [n[0], n[1], n[2], a[0], a[1], a[2], p[0], p[1], p[2], depth];
         for ((mean, m2), x) in self.mean.iter_mut().zip(&mut self.m2).zip(values) {
             let delta = x - *mean;
             *mean += delta * share;
@@ -35,11 +36,12 @@ impl FeatureMoments {
     }
 }
 
-/// Mean and sample variance of the first hits of one pixel. Means are over the samples that hit a surface.
+/// Mean and sample variance of one pixel's [`SurfaceFeatures`], or of its first hits for samples that have none. Means are
+/// over the samples that hit a surface.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {
-    /// The number of samples of the pixel.
+    /// The number of samples of the pixel, without those whose features are left out as [rare](SurfaceFeatures::rare).
     pub samples: u32,
     /// The number of samples that hit a surface.
     pub hits: u32,
@@ -49,7 +51,7 @@ pub struct Features {
     pub albedo: [f32; 3],
     /// Mean position, in the integrator's units.
     pub position: [f32; 3],
-    /// Mean distance along the ray, in the integrator's units.
+    /// Mean length of the path to the surface, in the integrator's units.
     pub depth: f32,
     /// Sample variances of normal (3), albedo (3), position (3) and depth (1), in this order; `None` below two hits.
     pub variance: Option<[f32; 10]>,
@@ -328,7 +330,7 @@ impl Film {
         joined(&self.discarded, i).map(|range| range.map(|v| v[3]))
     }
 
-    /// Mean and variance of normal, albedo, position and depth at pixel `i`'s first hits; `None` without
+    /// Mean and variance of normal, albedo, position and depth of pixel `i`'s samples; `None` without
     /// [`Needs::features`].
     pub fn features(&self, i: usize) -> Option<Features> {
         let f = self.features.get(i)?;

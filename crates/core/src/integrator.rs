@@ -7,7 +7,8 @@ use rayon::prelude::*;
 /// The cluster label of a camera ray that meets no surface; other rays have the label of the cluster they hit.
 pub const BACKGROUND: u32 = u32::MAX;
 
-/// The first surface that a sample meets. The integrator reports it; samplers and filters read it.
+/// The first surface that a sample meets. The integrator reports it; clusters and samplers read it, and filters unless
+/// there are [`SurfaceFeatures`].
 ///
 /// ```
 /// use dapple_core::FirstHit;
@@ -123,7 +124,74 @@ impl FirstHit {
     }
 }
 
-/// An integrator's result for one sample: radiance, first hit and cost.
+/// The features of one sample for filters: those of the first rough surface, seen through mirrors, glass and smooth coats.
+///
+/// The sample's own path selects between reflection and refraction. The mean over samples is then their blend, in the
+/// shares in which they make the colour.
+///
+/// ```
+/// use dapple_core::SurfaceFeatures;
+///
+/// // A red wall, seen in a mirror that reflects 80 %. The path is 3 units long.
+/// let wall = SurfaceFeatures::new([2.0, 0.0, 1.0], [-1.0, 0.0, 0.0], 3.0).with_albedo([0.8 * 0.5, 0.0, 0.0]);
+/// # assert_eq!(wall.depth, 3.0);
+/// ```
+#[non_exhaustive]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfaceFeatures {
+    /// The surface's position, in the integrator's own units of length.
+    pub position: [f32; 3],
+    /// Unit shading normal, on the side the ray came from.
+    pub normal: [f32; 3],
+    /// Fraction of light that the surface reflects towards the camera, linear RGB in `[0, 1]`: its albedo times the share
+    /// that mirrors and glass before it pass on.
+    pub albedo: [f32; 3],
+    /// Length of the path from the camera to the surface, in the units of `position`.
+    pub depth: f32,
+    /// True if the path took a lobe of little weight, such as the reflection of glass seen head-on.
+    ///
+    /// Few samples of a pixel do, and their features are noise in its mean. The film leaves them out, unless the pixel has
+    /// no features yet.
+    pub rare: bool,
+}
+
+impl SurfaceFeatures {
+    /// The features of a white surface.
+    #[inline]
+    pub const fn new(position: [f32; 3], normal: [f32; 3], depth: f32) -> Self {
+        Self { position, normal, albedo: [1.0; 3], depth, rare: false }
+    }
+
+    /// Sets the albedo, linear RGB in `[0, 1]`.
+    #[inline]
+    #[must_use]
+    pub const fn with_albedo(mut self, albedo: [f32; 3]) -> Self {
+        self.albedo = albedo;
+        self
+    }
+
+    /// Sets whether the path took a lobe of little weight.
+    #[inline]
+    #[must_use]
+    pub const fn with_rare(mut self, rare: bool) -> Self {
+        self.rare = rare;
+        self
+    }
+
+    /// Returns `true` if no number is NaN or infinite.
+    pub(crate) fn is_finite(&self) -> bool {
+        let Self { position, normal, albedo, depth, .. } = self;
+        [position, normal, albedo].into_iter().flatten().chain([depth]).all(|v| v.is_finite())
+    }
+}
+
+impl From<&FirstHit> for SurfaceFeatures {
+    fn from(hit: &FirstHit) -> Self {
+        Self::new(hit.position, hit.shading_normal, hit.depth).with_albedo(hit.albedo)
+    }
+}
+
+/// An integrator's result for one sample: radiance, first hit, features and cost.
 ///
 /// ```
 /// use dapple_core::Estimate;
@@ -141,6 +209,9 @@ pub struct Estimate {
     /// The first hit, if [`Draws::wants_first_hit`] requests it and the sample met a surface. A hit with a NaN or an
     /// infinity counts as a miss.
     pub first_hit: Option<FirstHit>,
+    /// The features, if [`Draws::wants_features`] requests them and they are not those of the first hit. The film records
+    /// the first hit's features if this is `None`, or has a NaN or an infinity.
+    pub features: Option<SurfaceFeatures>,
     /// The cost of the sample: the number of rays traced.
     pub cost: u32,
 }
@@ -149,7 +220,7 @@ impl Estimate {
     /// An estimate with this radiance and without a first hit; its cost is one ray.
     #[inline]
     pub const fn new(radiance: [f32; 3]) -> Self {
-        Self { radiance, first_hit: None, cost: 1 }
+        Self { radiance, first_hit: None, features: None, cost: 1 }
     }
 
     /// Sets the first hit: a [`FirstHit`], or an `Option` of one.
@@ -157,6 +228,14 @@ impl Estimate {
     #[must_use]
     pub fn with_first_hit(mut self, hit: impl Into<Option<FirstHit>>) -> Self {
         self.first_hit = hit.into();
+        self
+    }
+
+    /// Sets the features of a surface behind the first hit: [`SurfaceFeatures`], or an `Option` of them.
+    #[inline]
+    #[must_use]
+    pub fn with_features(mut self, features: impl Into<Option<SurfaceFeatures>>) -> Self {
+        self.features = features.into();
         self
     }
 

@@ -83,7 +83,9 @@ pub use error::Error;
 pub use film::{Features, Film, Record, Rejected, RejectedReason, RoundRecord, luminance};
 pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
-pub use integrator::{BACKGROUND, Estimate, FirstHit, Integrator, TrainingData, TrainingLog, TrainingSum};
+pub use integrator::{
+    BACKGROUND, Estimate, FirstHit, Integrator, SurfaceFeatures, TrainingData, TrainingLog, TrainingSum,
+};
 pub use limits::{Budget, InvalidSample, Limits, Schedule};
 pub use memory::{FilterMemory, ImagePlanes, Memory, SamplerMemory};
 pub use moments::{Moments, RgbMoments};

@@ -26,7 +26,8 @@ pub struct Needs {
     /// samples. Halves raise the image's error (a net of n points beats two of n/2), so request them only if they are
     /// read.
     pub halves: bool,
-    /// Mean and variance of the first hit's albedo, normal, depth and position.
+    /// Mean and variance of albedo, normal, depth and position of the first rough surface
+    /// ([`SurfaceFeatures`](crate::SurfaceFeatures)).
     pub features: bool,
     /// The number of samples per pixel, from the first on, whose first hits are stored one by one.
     pub first_hits: u8,
@@ -61,7 +62,7 @@ impl Needs {
         self
     }
 
-    /// Adds mean and variance of the first hit's albedo, normal, depth and position.
+    /// Adds mean and variance of albedo, normal, depth and position of the first rough surface.
     #[must_use]
     pub const fn with_features(mut self) -> Self {
         self.features = true;

@@ -19,7 +19,7 @@ dapple_core::options! {
             |falloff| (0.0..=100.0).contains(&falloff), "0 (a flat window) to 100, per square pixel";
         /// Differences of colours are measured in this many standard deviations.
         pub colour: f64 = 0.8, |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
-        /// The same for first hits' normals, albedo and depth.
+        /// The same for features: normal, albedo and depth.
         pub features: f64 = 1.0 => "1", |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
         /// Weight of a pixel of another cluster relative to one of the same; 1: no clusters.
         pub outside: f64 = 1.0 => "1",
@@ -27,7 +27,7 @@ dapple_core::options! {
     }
 }
 
-/// The cross-bilateral filter [after Eisemann and Durand 2004; Petschnigg 2004], with first-hit features and clusters.
+/// The cross-bilateral filter [after Eisemann and Durand 2004; Petschnigg 2004], with features and clusters.
 ///
 /// The weight of a pixel is the product of
 ///

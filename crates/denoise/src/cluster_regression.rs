@@ -47,7 +47,7 @@ dapple_core::options! {
     }
 }
 
-/// Regression on first-hit features, in windows that follow clusters, features and colours.
+/// Regression on features of the first rough surface, in windows that follow clusters, features and colours.
 ///
 /// ```
 /// use dapple_core::{Film, Filter, Frame};
@@ -91,7 +91,7 @@ dapple_core::options! {
 /// # Guarantees
 ///
 /// Bias vanishes as samples are added: pixels that differ by more than noise do not mix.
-/// Without clusters, `outside` is 1. Where first hits are missing, only colours count.
+/// Without clusters, `outside` is 1. Where features are missing, only colours count.
 ///
 /// [`Filtered::error`] estimates the whole squared error from the halves, bias included.
 /// [`relative_errors`](crate::relative_errors) turns it into scores for a sampler.
@@ -119,6 +119,7 @@ impl ClusterRegression {
     }
 
     /// Multiplies the weight of a pixel in the first pass by `outside` if its first sample lies in another cluster.
+    /// Clusters stay those of the first hit, whatever mirrors and glass show behind it.
     /// `described` is appended to the filter's description: the parameters of the clusters, such as `k=9,clamp=32`.
     #[must_use]
     pub fn with_clusters(self, label: ClusterLookup, described: impl Into<String>) -> Self {

@@ -3,8 +3,11 @@
 //! * [`Gaussian`]: a blur of the pixel means.
 //! * [`ClusterGaussian`]: a blur of the pixel means, kept within clusters of similar surfaces.
 //! * [`NlMeans`]: non-local means. The weights that filter one half of the samples come from the other half.
-//! * [`Bilateral`]: a cross-bilateral filter over first-hit features, colours and clusters.
-//! * [`ClusterRegression`]: two passes of regression on first-hit features, and a choice by estimated error.
+//! * [`Bilateral`]: a cross-bilateral filter over features, colours and clusters.
+//! * [`ClusterRegression`]: two passes of regression on features, and a choice by estimated error.
+//!
+//! Features are normal, albedo, depth and position of the first rough surface, seen through mirrors, glass and smooth
+//! coats. Clusters are those of the first hit.
 //!
 //! [`relative_errors`] turns a filter's error estimate into scores for an adaptive sampler.
 //!

@@ -16,7 +16,7 @@ dapple_core::options! {
         pub patch: usize = 3, |patch| patch <= 3, "0 to 3 pixels to each side";
         /// Differences are measured in this many standard deviations.
         pub k: f64 = 0.45, |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
-        /// The same for first hits' normals, albedo and depth; none: only colours count (published).
+        /// The same for features (normal, albedo and depth); none: only colours count (published).
         ///
         /// With features, colours are compared without their albedo.
         pub features: Option<f64> = None => "none",
@@ -37,7 +37,7 @@ dapple_core::options! {
 /// follow.
 /// The image is the mean of both halves, weighted by their counts [after Rousselle 2012].
 ///
-/// [`NlMeansOptions::features`] also compares first hits, and compares colours without their albedo.
+/// [`NlMeansOptions::features`] also compares features, and compares colours without their albedo.
 ///
 /// ```
 /// use dapple_core::{Film, Filter, Frame};

@@ -1,4 +1,4 @@
-//! A film's halves and first-hit features as planes (one value per pixel), in the form that the filters read.
+//! A film's halves and features as planes (one value per pixel), in the form that the filters read.
 
 use crate::cluster_gaussian::ClusterLookup;
 use crate::membership::BACKGROUND;
@@ -42,7 +42,7 @@ pub(crate) struct Half {
     pub(crate) count: Plane,
 }
 
-/// The first-hit features of each pixel. A miss has a zero normal, an albedo of 1 and a large depth.
+/// The features of each pixel: those of the first rough surface. A miss has a zero normal, an albedo of 1 and a large depth.
 pub(crate) struct Features {
     /// The mean normal (3 planes), albedo (3) and logarithm of depth (1).
     pub(crate) mean: [Plane; FEATURES],
@@ -53,7 +53,7 @@ pub(crate) struct Features {
     pub(crate) scatter: Plane,
     /// The change of the log depth per pixel, the smallest among 3x3 pixels.
     pub(crate) slope: Plane,
-    /// The mean position of first hits, relative to the mean over the image.
+    /// The mean position, relative to the mean over the image.
     pub(crate) position: Colours,
     /// The reciprocal of the width that 24 pixels have at the pixel's depth.
     pub(crate) scale: Plane,
@@ -208,7 +208,7 @@ fn features(film: &Film) -> Features {
     }
 }
 
-/// The mean of all first-hit positions, in f64 because they may lie far from the origin.
+/// The mean of all positions, in f64 because they may lie far from the origin.
 fn centre(film: &Film) -> [f64; 3] {
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     for feature in (0..film.frame().pixels()).filter_map(|i| film.features(i)).filter(|f| f.hits > 0) {

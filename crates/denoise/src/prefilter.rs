@@ -1,5 +1,5 @@
-//! Prefilter of the first-hit features (normal, albedo, depth, position). It removes most of the noise from lens blur,
-//! motion blur and subpixel geometry.
+//! Prefilter of the features (normal, albedo, depth, position). It removes most of the noise from lens blur, motion blur,
+//! subpixel geometry, and surfaces that both reflect and refract.
 
 use crate::averaging::{VANISHING, Window, average_where};
 use crate::planes::{Colours, Inputs, Plane, box_mean};

@@ -6,8 +6,8 @@ use crate::film::{self, Bank, FeatureMoments, REJECTED_LISTED, index, keep_first
 use crate::integrator::TrainingSum;
 use crate::snapshot::{Cursor, OpenRound};
 use crate::{
-    Control, Draws, Error, Film, FirstHit, Integrator, InvalidSample, Limits, Plan, PointSet, Rejected, Retention,
-    SampleId, TrainingData, TrainingLog, streams,
+    Control, Draws, Error, Estimate, Film, FirstHit, Integrator, InvalidSample, Limits, Needs, Plan, PointSet,
+    Rejected, Retention, SampleId, SurfaceFeatures, TrainingData, TrainingLog, streams,
 };
 use rayon::prelude::*;
 use std::cell::Cell;
@@ -34,9 +34,7 @@ struct Round<'a> {
     width: usize,
     origin: [u32; 2],
     streams: [u32; 2],
-    wants_first_hit: bool,
-    /// The number of first hits stored per pixel.
-    first_hits: usize,
+    needs: Needs,
     wants_training: bool,
     /// The samples that this slice traces in each pixel: first index and end, counted from the start of the round.
     part: [u32; 2],
@@ -207,8 +205,7 @@ fn slice(
             (Retention::Discard, false) => [streams::DISCARDED; 2],
             (Retention::Discard, true) => streams::DISCARDED_HALVES,
         },
-        wants_first_hit: film.needs.wants_first_hit(),
-        first_hits: usize::from(film.needs.first_hits),
+        needs: film.needs,
         wants_training: integrator.wants_training(),
         part,
     };
@@ -368,7 +365,7 @@ fn trace_sample(
     let index = index(bank.counts[local], bank.ahead.get(local));
     let id = SampleId::new(pixel, round.streams[half], index);
     current.set(Some(id));
-    let draws = Draws::of_round(round.points, id, round.wants_first_hit);
+    let draws = Draws::of_round(round.points, id, &round.needs);
     let estimate = round.integrator.estimate(&draws, log);
     let radiance = match reason_to_reject(estimate.radiance) {
         None => estimate.radiance,
@@ -381,8 +378,8 @@ fn trace_sample(
     tally.rays += u64::from(estimate.cost);
     tally.blocks += u64::from(draws.blocks_requested());
     bank.push(local, radiance);
-    if round.wants_first_hit {
-        record_first_hit(band, local, round.first_hits, estimate.first_hit.as_ref());
+    if round.needs.wants_first_hit() {
+        record_first_hit(band, local, usize::from(round.needs.first_hits), &estimate);
     }
     if let Some(cost) = band.costs.get_mut(local) {
         *cost += u64::from(estimate.cost);
@@ -427,14 +424,15 @@ impl BankRows<'_> {
     }
 }
 
-/// Adds a sample's first hit to the pixel's features. Stores it too if it is among the pixel's first `k` samples.
+/// Adds a sample to the pixel's features. Stores its first hit too if it is among the pixel's first `k` samples.
 /// Outlined because most renders record no first hits.
 #[inline(never)]
-fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, hit: Option<&FirstHit>) {
+fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, estimate: &Estimate) {
     // A NaN would spread through every mean, so such a hit counts as a miss.
-    let hit = hit.filter(|h| h.is_finite());
-    if let Some(features) = band.features.get_mut(local) {
-        features.push(hit);
+    let hit = estimate.first_hit.as_ref().filter(|h| h.is_finite());
+    if let Some(moments) = band.features.get_mut(local) {
+        let behind = estimate.features.filter(SurfaceFeatures::is_finite);
+        moments.push(behind.or_else(|| hit.map(SurfaceFeatures::from)));
     }
     if k > 0 {
         // Kept and discarded samples fill the places in the order of tracing. This bank's indices give the next place,

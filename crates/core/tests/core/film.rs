@@ -248,6 +248,34 @@ fn first_hits_with_a_nan_count_as_misses() {
 }
 
 #[test]
+fn features_replace_those_of_first_hits_unless_rare_or_nan() {
+    use dapple_core::{Draws, Estimate, FirstHit, Integrator, SurfaceFeatures, TrainingLog};
+    /// The depth of the features of each sample, and true if they are rare.
+    struct Behind([(f32, bool); 4]);
+    impl Integrator for Behind {
+        fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+            let (depth, rare) = self.0[draws.id().index as usize];
+            let features = SurfaceFeatures::new([0.0; 3], [0.0, 0.0, 1.0], depth).with_rare(rare);
+            assert!(draws.wants_features() && draws.wants_first_hit());
+            Estimate::new([1.0; 3])
+                .with_first_hit(FirstHit::new([0.0; 3], [1.0, 0.0, 0.0], 1.0))
+                .with_features(features)
+        }
+    }
+    let needs = Needs::none().with_features().with_first_hits(1);
+    let features = |samples| {
+        let mut integrator = Behind(samples);
+        let film = run(&mut integrator, &mut Uniform::new(Constant), needs, frame(1, 1), &Limits::samples(4)).unwrap();
+        assert_eq!(film.first_hits(0)[0].map(|hit| hit.depth), Some(1.0));
+        let features = film.features(0).unwrap();
+        (features.samples, features.hits, features.depth)
+    };
+    assert_eq!(features([(2.0, false), (4.0, false), (9.0, true), (3.0, false)]), (3, 3, 3.0));
+    assert_eq!(features([(2.0, true), (4.0, false), (9.0, true), (9.0, true)]), (2, 2, 3.0), "the first one counts");
+    assert_eq!(features([(f32::NAN, false), (3.0, false), (3.0, false), (5.0, false)]), (4, 4, 3.0), "the first hit");
+}
+
+#[test]
 fn a_film_without_needed_statistics_is_refused() {
     let all = [
         Needs::none().with_variance(),

@@ -13,10 +13,19 @@ use dapple_scene::image::{Layer, Plane};
 /// | `count` | Y, integers | samples per pixel |
 /// | `error` | Y | predicted squared error of the image, mean over the channels, if the filter knows it |
 /// | `cluster` | Y, integers | the cluster that each pixel's first sample met, 4294967295 where it met nothing |
+<<<<<<< HEAD
 /// | `albedo` | R G B | mean albedo of the first hits, black where nothing is hit |
 /// | `normal` | X Y Z | mean shading normal of the first hits in the file's world space, 0 where nothing is hit |
 /// | `depth` | Y | mean distance of the first hits in the file's units, infinite where nothing is hit |
 /// | `coverage` | Y | share of the samples that hit a surface; the three layers above are means over these |
+=======
+/// | `albedo` | R G B | mean albedo of the first rough surfaces, black where nothing is hit |
+/// | `normal` | X Y Z | their mean shading normal in the file's world space, 0 where nothing is hit |
+/// | `depth` | Y | mean length of the paths to them in the file's units, infinite where nothing is hit |
+///
+/// The first rough surface is seen through mirrors, glass and smooth coats, as denoisers expect
+/// ([`SurfaceFeatures`](dapple_core::SurfaceFeatures)). The sky in a mirror has the normal 0 and the mirror's depth.
+>>>>>>> rough
 ///
 /// `unit` is the integrator's unit of length, measured in the file's: `1 / world.space().scale()`. `clusters` come from
 /// [`cluster_ids`](super::cluster_ids).
@@ -58,8 +67,7 @@ pub fn layers(film: &Film, filtered: &Filtered, unit: f64, clusters: Option<Vec<
     layers
 }
 
-/// Computes one value per pixel from its features (albedo, normal and depth of first hits); `None` if the film has no
-/// features. Values are computed pixel by pixel, since a copy of all features would take more memory than most films.
+/// Computes one value per pixel from its features (albedo, normal and depth); `None` if the film has no features. Values are computed pixel by pixel, since a copy of all features would take more memory than most films.
 pub(super) fn of_features<T>(film: &Film, of: impl Fn(&Features) -> T) -> Option<Vec<T>> {
     let pixels = film.frame().pixels();
     film.needs().features.then(|| {
@@ -69,7 +77,7 @@ pub(super) fn of_features<T>(film: &Film, of: impl Fn(&Features) -> T) -> Option
     })
 }
 
-/// The mean first-hit distance of a pixel, in the file's units; infinite if no sample hit a surface.
+/// The mean length of a pixel's paths to the first rough surface, in the file's units; infinite if no sample hit a surface.
 pub(super) fn depth(features: &Features, unit: f64) -> f32 {
     if features.hits == 0 { f32::INFINITY } else { (f64::from(features.depth) * unit) as f32 }
 }

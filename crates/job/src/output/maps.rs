@@ -98,7 +98,7 @@ pub fn depth_map(film: &Film, unit: f64) -> Option<GrayMap> {
     Some(GrayMap { size: film.frame().size(), values: shades(&depths, white), white })
 }
 
-/// Encodes the mean albedo of each pixel's first hits as an sRGB PNG file. `None` if the film has no features.
+/// Encodes the mean albedo of each pixel's first rough surfaces as an sRGB PNG file. `None` if the film has no features.
 ///
 /// # Errors
 ///
@@ -109,8 +109,8 @@ pub fn albedo_map(film: &Film) -> Option<Result<Vec<u8>, ImageError>> {
     Some(encode_png_rgb(film.frame().size(), &values))
 }
 
-/// Encodes the mean shading normal of each pixel's first hits as a PNG file: -1 is stored as 0 and 1 as 255, so pixels
-/// without a hit are mid-gray. `None` if the film has no features.
+/// Encodes the mean shading normal of each pixel's first rough surfaces as a PNG file: -1 is stored as 0 and 1 as 255, so
+/// pixels without a hit are mid-gray. `None` if the film has no features.
 ///
 /// # Errors
 ///

@@ -3,6 +3,7 @@
 
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a survival probability that is NaN ends the path")]
 
+mod features;
 mod transmission;
 
 use super::code;
@@ -27,6 +28,12 @@ pub(super) const ROULETTE_FROM: u32 = 4;
 /// The variance of an endless path is finite only while albedo^2 < SURVIVAL. A value of 0.95 would make it infinite in
 /// closed rooms of albedo 0.98.
 const SURVIVAL: f32 = 0.99;
+
+/// The probability below which a smooth lobe of glass is left out of features.
+///
+/// Features are then those of what glass shows best. With all lobes, four scenes with glass keep 3 % more error at 8 spp
+/// and 1 % more at 32.
+const RARE: f32 = 0.1;
 
 /// A path tracer for a camera of kind `L` and light selection `S`. `E` is a combination of bits of
 /// [`code`](super::code): the effects it has code for.
@@ -60,6 +67,12 @@ struct Path<P> {
     medium: u32,
     /// The time of the sample within the motion, in `[0, 1]`.
     time: f32,
+    /// The product of the survival probabilities of Russian roulette so far.
+    survival: f32,
+    /// True while features are wanted and all scattering so far was by mirrors, glass and smooth coats.
+    is_smooth: bool,
+    /// True if glass reflected or refracted the path in a lobe of less than [`RARE`] of the light.
+    is_rare: bool,
 }
 
 /// A scattering event at which a light was sampled too.
@@ -126,6 +139,9 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
             segments: 0,
             medium: if Self::HAS_RARE_EFFECTS { world.camera_medium } else { NO_MEDIUM },
             time,
+            survival: 1.0,
+            is_smooth: draws.wants_features(),
+            is_rare: false,
         }
     }
 
@@ -206,6 +222,10 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
             return false;
         }
         path.throughput *= sample.weight;
+        if varied && path.is_smooth {
+            path.is_smooth = sample.specular || bsdf.samples_narrow_lobe(wo, choices[1]);
+            path.is_rare |= Self::HAS_TRANSMISSION && sample.specular && sample.pdf < RARE && bsdf.transmits();
+        }
         if Self::HAS_TRANSMISSION {
             path.eta_squared *= sample.eta * sample.eta;
         }
@@ -279,6 +299,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
             return false;
         }
         path.throughput /= survival;
+        path.survival *= survival;
         true
     }
 }
@@ -300,12 +321,18 @@ impl<L: Lens, S: LightSelector, const E: u32> Integrator for PathTracer<'_, L, S
                     let distance = hit.as_ref().map_or(f32::INFINITY, |at| at.hit.t);
                     match self.cross_medium(draws, &mut path, distance) {
                         MediumEnd::Crossed => {}
-                        MediumEnd::Scattered => continue,
+                        MediumEnd::Scattered => {
+                            path.is_smooth = false;
+                            continue;
+                        }
                         MediumEnd::Absorbed => break,
                     }
                 }
             }
             let Some(at) = hit else {
+                if Self::HAS_VARIED_SURFACES && path.is_smooth && path.depth > 0 {
+                    estimate.features = features::of_background(&estimate, Self::tint(&path), path.is_rare);
+                }
                 if Self::HAS_ENVIRONMENT {
                     path.radiance += path.throughput * self.environment(&path);
                 }
@@ -322,6 +349,10 @@ impl<L: Lens, S: LightSelector, const E: u32> Integrator for PathTracer<'_, L, S
             }
             if path.depth == 0 && draws.wants_first_hit() {
                 estimate.first_hit = Some(self.world.first_hit_of(ray, at, surface));
+            } else if Self::HAS_VARIED_SURFACES && path.is_smooth {
+                let (tint, length) = (Self::tint(&path), features::length(&estimate));
+                let features = self.world.features_of(ray, at, surface, tint, length);
+                estimate.features = Some(features.with_rare(path.is_rare));
             }
             if path.depth >= self.world.max_depth || !self.scatter(draws, training, &mut path, &at, surface) {
                 break;

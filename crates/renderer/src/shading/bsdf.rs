@@ -11,6 +11,12 @@ use dapple_scene::effectively_smooth;
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};
 
+/// The largest microfacet width of a lobe that counts as smooth for the features of denoisers.
+///
+/// At 0.02 a lobe is 2 degrees wide, so that a reflection in it has detail. Following lobes of width 0.1 blurred more
+/// than it kept on four of six scenes.
+const NARROW: f32 = 0.02;
+
 /// The BSDF at a surface point, with its textures already evaluated.
 ///
 /// A small `Copy` value that is made at each hit; data that depends only on the material is computed once. Opaque
@@ -331,6 +337,28 @@ impl<'m> Bsdf<'m> {
             | Self::SmoothDielectric(_)
             | Self::ThinDielectric { .. }
             | Self::Mirror { .. } => 0.0,
+        }
+    }
+
+    /// Returns true if [`sample`](Self::sample) with this `lobe` samples a rough lobe so narrow that reflections and
+    /// refractions in it have detail. It serves the features of denoisers, not light transport.
+    #[inline(never)]
+    pub(crate) fn samples_narrow_lobe(&self, wo: Vec3, lobe: f32) -> bool {
+        let narrow = |m: &TrowbridgeReitz| m.alpha()[0].max(m.alpha()[1]) <= NARROW;
+        let wo = Vec3::new(wo.x, wo.y, wo.z.abs());
+        match self {
+            Self::Conductor { microfacets, .. } => narrow(microfacets),
+            Self::Dielectric(glass) => narrow(&glass.microfacets),
+            Self::CoatedDiffuse { coat, base } => {
+                coat.microfacets().is_some_and(narrow) && lobe < CoatSeen::new(coat, *base, wo).chance
+            }
+            Self::CoatedConductor { coat, bright, .. } => match coat.samples_coat(*bright, wo, lobe) {
+                true => coat.coat().microfacets().is_some_and(narrow),
+                false => coat.roughness() <= NARROW,
+            },
+            Self::Plastic(plastic) => narrow(&plastic.microfacets) && lobe < plastic.chance(wo),
+            Self::Substrate(substrate) => narrow(&substrate.microfacets) && lobe < substrate.chance(wo),
+            _ => false,
         }
     }
 

@@ -136,6 +136,11 @@ impl MetalCoat {
         if sum > 0.0 { reflectance / sum } else { 0.0 }
     }
 
+    /// Returns true if [`sample`](Self::sample) with this `choice` samples the coat's own reflection.
+    pub(super) fn samples_coat(&self, bright: f32, wo: Vec3, choice: f32) -> bool {
+        choice < self.chance(wo.z, self.passes_and_again(wo.z), bright)
+    }
+
     /// Returns `f` and the density for two directions with positive z. `ior` is the metal's index of refraction
     /// relative to the coat's, `bright` its approximate reflectance.
     #[inline]

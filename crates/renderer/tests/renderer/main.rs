@@ -6,6 +6,7 @@ mod camera_rays;
 mod determinism;
 mod effects_called;
 mod effects_without;
+mod features;
 mod furnace;
 mod l14_effects;
 mod lens_and_shutter;
