@@ -13,19 +13,13 @@ use dapple_scene::image::{Layer, Plane};
 /// | `count` | Y, integers | samples per pixel |
 /// | `error` | Y | predicted squared error of the image, mean over the channels, if the filter knows it |
 /// | `cluster` | Y, integers | the cluster that each pixel's first sample met, 4294967295 where it met nothing |
-<<<<<<< HEAD
-/// | `albedo` | R G B | mean albedo of the first hits, black where nothing is hit |
-/// | `normal` | X Y Z | mean shading normal of the first hits in the file's world space, 0 where nothing is hit |
-/// | `depth` | Y | mean distance of the first hits in the file's units, infinite where nothing is hit |
-/// | `coverage` | Y | share of the samples that hit a surface; the three layers above are means over these |
-=======
 /// | `albedo` | R G B | mean albedo of the first rough surfaces, black where nothing is hit |
 /// | `normal` | X Y Z | their mean shading normal in the file's world space, 0 where nothing is hit |
 /// | `depth` | Y | mean length of the paths to them in the file's units, infinite where nothing is hit |
+/// | `coverage` | Y | share of the samples that hit a surface; the three layers above are means over these |
 ///
 /// The first rough surface is seen through mirrors, glass and smooth coats, as denoisers expect
 /// ([`SurfaceFeatures`](dapple_core::SurfaceFeatures)). The sky in a mirror has the normal 0 and the mirror's depth.
->>>>>>> rough
 ///
 /// `unit` is the integrator's unit of length, measured in the file's: `1 / world.space().scale()`. `clusters` come from
 /// [`cluster_ids`](super::cluster_ids).
