@@ -1,7 +1,7 @@
 //! A second, much wider window of regression: 41x41 pixels around every fourth pixel of every fourth row.
 //!
-//! Windows take one colour of a chessboard: the pixels of odd diagonals or of even ones, in turns from one row of
-//! windows to the next. That halves the time and adds 2 % of error.
+//! Every window sees all of its pixels. Windows of every second pixel, in turns, would take half the time for 2 % more
+//! error, but neighbouring pixels would then get the predictions of different windows: a visible chessboard.
 //!
 //! If few samples leave more noise than 13x13 pixels can average, the image of narrower windows keeps blotches of
 //! their size. This pass takes that image as its guide, and its result is blended with it by [`shrink`](crate::shrink).
@@ -29,8 +29,6 @@ const ROWS: usize = BAND - STEP + 2 * REACH + 1;
 /// The columns of one phase (column modulo [`STEP`]) beside the frame on either side. Windows reach 5 of them, patches
 /// one more.
 const PAD: usize = 6;
-/// The largest number of pixels that one window sees: every second one.
-const SEEN: usize = (SIDE * SIDE).div_ceil(2);
 /// The number of pixels of a window whose products are summed together.
 const SEGMENT: usize = 14;
 /// The largest distance that is not negligible: `exp(-8)` is below [`NEGLIGIBLE`].
@@ -252,7 +250,7 @@ struct Seen<S: Simd> {
 
 impl<S: Simd> Seen<S> {
     fn new(simd: S) -> Self {
-        Self { count: 0, places: vec![[0; 2]; SEEN], weights: vec![simd.splat_f32s(0.0); SEEN] }
+        Self { count: 0, places: vec![[0; 2]; SIDE * SIDE], weights: vec![simd.splat_f32s(0.0); SIDE * SIDE] }
     }
 }
 
@@ -273,12 +271,10 @@ fn weigh<S: Simd>(simd: S, centre: &Centre<'_, S>, first: usize, seen: &mut Seen
         features[p] = stack.get::<S>(stack.index(centre.y, 0, centre.k), MEANS + p);
     }
     let (share, far) = (simd.splat_f32s(1.0 / (9.0 * COLOUR * COLOUR)), simd.splat_f32s(FAR));
-    let parity = (centre.y / STEP) as isize;
     seen.count = 0;
     for dy in -(REACH as isize)..=REACH as isize {
         let Some(y) = centre.y.checked_add_signed(dy).filter(|y| *y < centre.height) else { continue };
-        let left = ((dy + parity) & 1) - REACH as isize;
-        for dx in (left..=REACH as isize).step_by(2) {
+        for dx in -(REACH as isize)..=REACH as isize {
             let index = stack.index(y, dx, centre.k);
             let distance = feature_distance(simd, stack, &features, index);
             if none_below(simd, distance, far) {
