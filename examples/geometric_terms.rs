@@ -16,7 +16,7 @@
 
 #![expect(clippy::print_stdout, reason = "a program whose table is its result")]
 
-use dapple::adaptive::{Adaptive, AdaptiveOptions, ErrorMap, MapErrors};
+use dapple::adaptive::{Adaptive, AdaptiveOptions, ErrorMap, MapErrors, PilotPolicy};
 use dapple::core::samplers::Uniform;
 use dapple::core::{Film, FirstHit, Frame, Limits, Needs, Render, Sampler, luminance};
 use dapple::geometry::Ray;
@@ -121,7 +121,7 @@ impl Course {
         let mut sampler: Box<dyn Sampler> = match by {
             None => Box::new(Uniform::new(points)),
             Some((which, mix)) => {
-                let options = AdaptiveOptions::default().epsilon(0.01).mix(mix);
+                let options = AdaptiveOptions::default().policy(PilotPolicy::Keep).epsilon(0.01).mix(mix);
                 let sampler = Adaptive::with_options(points, options)?;
                 match which {
                     Some(which) => Box::new(sampler.with_error_map(term(which, self.world.clone(), options))?),
