@@ -66,7 +66,7 @@ const SAUCER: [[f64; 2]; 12] = [
     [0.0, 0.05],
 ];
 
-/// Where the glass stands.
+/// The place where the glass stands.
 const PLACE: [f64; 2] = [-0.5, -0.1];
 /// The chessboard's minimum and maximum corners.
 const BOARD: Corners = [[-0.7, -0.7, 0.0], [0.7, 0.7, 0.08]];
