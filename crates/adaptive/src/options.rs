@@ -41,7 +41,7 @@ dapple_core::options! {
         ///
         /// At 1, counts stay uniform where the ladder makes adapted counts worse than uniform ones.
         pub gain: f64 = 0.98, |gain| (0.0..=1.0).contains(&gain) || gain == f64::INFINITY, "a share from 0 to 1, or inf";
-        /// Use of pilot samples: neighbours, discard, cross (all unbiased), or keep (biased).
+        /// Use of pilot samples: neighbours (nearly unbiased), discard or cross (unbiased), or keep (biased).
         pub policy: PilotPolicy = PilotPolicy::Neighbours => "neighbours",
             |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, neighbours, discard, cross";
         /// Edge of a cell (patch of surface) in pixels, if cells are used.

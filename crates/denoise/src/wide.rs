@@ -1,7 +1,7 @@
 //! A second, much wider window of regression: 41x41 pixels around every fourth pixel of every fourth row.
 //!
-//! Every window sees all of its pixels. Windows of every second pixel, in turns, would take half the time for 2 % more
-//! error, but neighbouring pixels would then get the predictions of different windows: a visible chessboard.
+//! Every window sees all of its pixels. Windows of every second pixel, in turns, would take less time, but neighbouring
+//! pixels would then get the predictions of different windows: a visible chessboard.
 //!
 //! If few samples leave more noise than 13x13 pixels can average, the image of narrower windows keeps blotches of
 //! their size. This pass takes that image as its guide, and its result is blended with it by [`shrink`](crate::shrink).
