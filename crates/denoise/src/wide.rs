@@ -10,7 +10,7 @@
 
 use crate::error_map::Pair;
 use crate::planes::{Colours, Inputs, Plane};
-use crate::regression::{Fit, NEGLIGIBLE, REGRESSORS, Sums, VALUES, add_products, solve};
+use crate::regression::{Fit, NEGLIGIBLE, Sums, add_products, solve};
 use crate::tile::{FeatureScales, Guide, count_weights, excess, exp_minus_all, sharpness, vectors};
 use dapple_core::Frame;
 use pulp::{Arch, Simd, WithSimd};
@@ -33,6 +33,10 @@ const CENTRES: usize = 32;
 const PAD: usize = 6;
 /// The columns of one phase that a task reads. It is a constant, so that indices are checked once per pixel of a window.
 const COLUMNS: usize = CENTRES + 2 * PAD;
+/// The number of regressors: normal (3) and position (3). Values are divided by albedo, so albedo would add nothing.
+const REGRESSORS: usize = 6;
+/// The number of values per pixel: the regressors, and the three colour channels of both halves.
+const VALUES: usize = REGRESSORS + 6;
 /// The number of pixels of a window whose products are summed together.
 const SEGMENT: usize = 14;
 /// The largest distance that is not negligible: `exp(-8)` is below [`NEGLIGIBLE`].
@@ -284,7 +288,7 @@ impl<S: Simd> Centre<'_, S> {
 /// The plane of a regressor, or of the scale of positions, which follows the last one.
 #[inline(always)]
 const fn plane(regressor: usize) -> usize {
-    if regressor < 6 { MEANS + regressor } else { POSITION + regressor - 6 }
+    if regressor < 3 { MEANS + regressor } else { POSITION + regressor - 3 }
 }
 
 /// The pixels of the windows whose weights are not all 0.
@@ -393,7 +397,7 @@ fn feature_distance<S: Simd>(simd: S, own: &[S::f32s; 13], there: Pixels<'_>) ->
     most
 }
 
-/// The regressors of pixels relative to the window centres: normal, albedo, position.
+/// The regressors of pixels relative to the window centres: normal and position.
 #[inline(always)]
 fn regressors<S: Simd>(simd: S, centre: &Centre<'_, S>, there: Pixels<'_>) -> [S::f32s; REGRESSORS] {
     let (least, most) = (simd.splat_f32s(-16.0), simd.splat_f32s(16.0));
@@ -401,7 +405,7 @@ fn regressors<S: Simd>(simd: S, centre: &Centre<'_, S>, there: Pixels<'_>) -> [S
     let mut apart = [simd.splat_f32s(0.0); REGRESSORS];
     for k in 0..REGRESSORS {
         apart[k] = simd.sub_f32s(there.get::<S>(plane(k)), own[k]);
-        if k >= 6 {
+        if k >= 3 {
             apart[k] = simd.max_f32s(simd.min_f32s(simd.mul_f32s(apart[k], own[REGRESSORS]), most), least);
         }
     }
@@ -418,9 +422,9 @@ struct Segment<S: Simd> {
 impl<S: Simd> Segment<S> {
     /// Adds the products of all pixels to `sums`.
     #[inline(always)]
-    fn add_to(&self, simd: S, sums: &mut Sums<S>) {
+    fn add_to(&self, simd: S, sums: &mut Sums<S, VALUES, { REGRESSORS + 1 }>) {
         for a in 0..=REGRESSORS {
-            for b in [0, 3, 6] {
+            for b in [0, 3] {
                 if a <= b + 3 {
                     let values = [&self.apart[b], &self.apart[b + 1], &self.apart[b + 2]];
                     add_products(simd, &self.weighted[a], values, &mut sums[a], b);
@@ -436,7 +440,7 @@ impl<S: Simd> Segment<S> {
 
 /// Fits the colours of both halves in the windows.
 #[inline(always)]
-fn fit<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>) -> [Fit<S>; 2] {
+fn fit<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>) -> [Fit<S, REGRESSORS>; 2] {
     let (stack, zero) = (centre.stack, simd.splat_f32s(0.0));
     let own = stack.at::<S>(centre.y * ROW + centre.k + IN_STACK[FARTHEST]);
     let here = own.get::<S>(COUNT);
@@ -445,7 +449,7 @@ fn fit<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>) -> [Fit<S>; 2] 
     for c in 0..3 {
         reference[c] = simd.min_f32s(own.get::<S>(c), simd.splat_f32s(8.0));
     }
-    let mut sums: Sums<S> = [[zero; VALUES]; REGRESSORS + 1];
+    let mut sums: Sums<S, VALUES, { REGRESSORS + 1 }> = [[zero; VALUES]; REGRESSORS + 1];
     let mut total = zero;
     let mut segment = Segment {
         apart: [[zero; SEGMENT]; REGRESSORS],
@@ -481,7 +485,7 @@ fn fit<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>) -> [Fit<S>; 2] 
 
 /// Adds the predictions of both halves' windows to the pixels in them.
 #[inline(always)]
-fn predict<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>, fits: &[Fit<S>; 2], sums: &mut [f32]) {
+fn predict<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>, fits: &[Fit<S, REGRESSORS>; 2], sums: &mut [f32]) {
     for pixel in &seen.all[..seen.count] {
         let z = regressors(simd, centre, centre.stack.at::<S>(pixel.index));
         let sums = &mut sums[pixel.sums..][..7 * COLUMNS + S::F32_LANES];
