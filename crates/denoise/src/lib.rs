@@ -68,6 +68,7 @@ mod error_map;
 mod gaussian;
 mod membership;
 mod nl_means;
+mod outliers;
 mod parameters;
 mod pixel_means;
 mod planes;
