@@ -4,7 +4,7 @@ use crate::averaging::guide;
 use crate::bilateral::Bilateral;
 use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{Pair, filtered, relative_weight, select};
-use crate::parameters::{NEEDS, describe};
+use crate::parameters::{RECORDED, describe};
 use crate::planes::{Inputs, Plane, box_mean};
 use crate::prefilter::prefilter;
 use crate::regression::{bytes, regress};
@@ -220,7 +220,7 @@ impl Filter for ClusterRegression {
     }
 
     fn needs(&self) -> Needs {
-        if self.outside() < 1.0 { NEEDS.with_first_hits(1) } else { NEEDS }
+        if self.outside() < 1.0 { RECORDED.with_first_hits(1) } else { RECORDED }
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
@@ -244,6 +244,6 @@ impl Filter for ClusterRegression {
         film.require(self.name(), &self.needs())?;
         let mut inputs = Inputs::new(film, self.label.as_ref());
         prefilter(&mut inputs);
-        Ok(filtered(&inputs, &self.pair(&inputs)))
+        Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs))))
     }
 }

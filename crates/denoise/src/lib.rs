@@ -77,6 +77,7 @@ mod separable;
 mod shrink;
 mod tile;
 mod wide;
+mod withheld;
 
 pub use bilateral::{Bilateral, BilateralOptions};
 pub use cluster_gaussian::{ClusterGaussian, ClusterGaussianOptions, ClusterLookup};

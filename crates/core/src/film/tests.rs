@@ -10,11 +10,27 @@ fn bytes<T>(plane: &Vec<T>) -> usize {
 #[test]
 fn bytes_per_pixel_are_those_allocated() {
     let none = Needs::none();
-    let all = none.with_variance().with_extrema().with_halves().with_features().with_first_hits(3).with_cost();
-    let each = [none.with_variance(), none.with_extrema(), none.with_halves(), none.with_features(), none.with_cost()];
+    let all = none
+        .with_variance()
+        .with_extrema()
+        .with_halves()
+        .with_features()
+        .with_first_hits(3)
+        .with_cost()
+        .with_emission();
+    let each = [
+        none.with_variance(),
+        none.with_extrema(),
+        none.with_halves(),
+        none.with_features(),
+        none.with_cost(),
+        none.with_emission(),
+    ];
     for needs in each.into_iter().chain([none, all, none.with_first_hits(5), none.with_variance().with_halves()]) {
         let film = Film::new(Frame::new(37, 11).unwrap(), needs);
-        let bank = |b: &Bank| bytes(&b.counts) + bytes(&b.means) + bytes(&b.m2) + bytes(&b.ranges) + bytes(&b.ahead);
+        let bank = |b: &Bank| {
+            bytes(&b.counts) + bytes(&b.means) + bytes(&b.m2) + bytes(&b.ranges) + bytes(&b.ahead) + bytes(&b.emission)
+        };
         let banks: usize = film.kept.iter().chain(&film.discarded).map(bank).sum();
         let rest = bytes(&film.features) + bytes(&film.first_hits) + bytes(&film.costs);
         assert_eq!(banks + rest, 37 * 11 * Film::bytes_per_pixel(&needs), "{needs:?}");
