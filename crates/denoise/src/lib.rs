@@ -66,6 +66,8 @@ mod cluster_gaussian;
 mod cluster_regression;
 mod error_map;
 mod gaussian;
+#[cfg(test)]
+mod internals;
 mod membership;
 mod nl_means;
 mod parameters;
