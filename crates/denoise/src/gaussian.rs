@@ -60,6 +60,11 @@ dapple_core::options! {
 /// * The remaining noise variance differs by 0.3 %.
 /// * The narrower kernel has 9 weights per axis, the wider one 17.
 ///
+/// # Lamps
+///
+/// Bright light sources seen directly stay in their pixels, if the film recorded their emission. The published blur
+/// spreads them too. A film without [`Needs::emission`] gives that.
+///
 /// # Pixels without samples
 ///
 /// They are filled from their neighbours. If no pixel in reach has samples, they are black with an infinite error.

@@ -25,9 +25,10 @@ pub(crate) struct Bounds {
 impl Bounds {
     /// The bounds for a film whose image has this `level` (its mean brightness).
     ///
-    /// The emission of a pixel that a lamp covers partly is noisy. Filters remove that noise, better than they keep the
-    /// lamp in its place, unless it is very bright. So the bound is the lower the brighter the brightest emission is, and the
-    /// lower the more samples there are. Constants are from measurements on five scenes (docs/results/lamps.md).
+    /// The emission of a pixel that a lamp covers partly is noisy, and filters remove that noise. With all emission
+    /// withheld, blurred lamps of a thin lens have three times the error at 8 samples per pixel. Leaks of brighter lamps
+    /// are worse, and more samples leave less noise. So the bound falls with the largest emission and with the number
+    /// of samples. On nine scenes, at 8 to 32 samples, it never costs more than noise, and takes up to 16 % off.
     pub(crate) fn new(film: &Film, level: f32) -> Self {
         let (pixels, level) = (film.frame().pixels(), f64::from(level));
         let samples = (0..pixels).map(|i| film.count(i)).sum::<u64>() as f64 / pixels as f64;
