@@ -183,21 +183,21 @@ fn errors_are_unknown_only_where_no_pixel_in_reach_has_both_halves() {
     assert!(rows[..5].iter().all(|share| *share == 1.0) && rows[6..].iter().all(|share| *share == 0.0), "{rows:?}");
 }
 
-/// A lamp of radiance 1000 covers pixel 300 partly; one sample in four sees it. The wall varies by 0.1.
+/// A lamp of radiance 10^5 covers pixel 300 partly; one sample in four sees it. The wall varies by 0.1.
 #[test]
 fn variances_at_edges_of_lamps_are_those_of_the_light_that_filters_get() {
     let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), RECORDED);
     for pixel in 0..PIXELS {
         for sample in 0..8 {
             let wall = if sample < 4 { 0.95 } else { 1.05 };
-            let lamp = if pixel == 300 && sample % 4 < 2 && sample < 4 { 1000.0 } else { 0.0 };
+            let lamp = if pixel == 300 && sample % 4 < 2 && sample < 4 { 1e5 } else { 0.0 };
             film.push_with_emission(pixel, sample % 2, [wall + lamp; 3], [lamp; 3]);
         }
     }
     let inputs = Inputs::new(&film, None);
     for half in &inputs.halves {
         let (colour, largest) = (half.colour[0][300], half.variance[0].iter().copied().fold(0.0f32, f32::max));
-        assert!(colour > 10.0 && colour < 250.0, "{colour}: most of the lamp is withheld");
+        assert!(colour > 10.0 && colour < 100.0, "{colour}: most of the lamp is withheld");
         assert!(largest < 0.1, "{largest}");
     }
     assert_eq!(inputs.halves[0].colour[0][300], inputs.halves[1].colour[0][300], "both halves see it alike");

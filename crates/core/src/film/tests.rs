@@ -125,3 +125,21 @@ fn a_predicted_error_is_not_hidden_by_the_error_itself() {
     let ratio = own / frame.pixels() as f64 / truth;
     assert!(!(0.9..1.2).contains(&ratio), "{ratio}");
 }
+
+#[test]
+fn withdrawn_emission_is_averaged_with_that_of_discarded_samples() {
+    let mut film = Film::new(Frame::new(2, 1).unwrap(), Needs::none().with_emission());
+    for (emission, withdraw) in [([1.0, 0.0, 3.0], true), ([4.0; 3], true), ([9.0; 3], false)] {
+        for pixel in [0, 1] {
+            film.push_with_emission(pixel, 0, [10.0; 3], emission);
+        }
+        if withdraw {
+            film.push_with_emission(0, 0, [10.0; 3], emission);
+            film.withdraw(&[true, false]);
+        }
+    }
+    assert_eq!([film.emission(0, 0), film.emission(1, 0)], [Some([9.0; 3]); 2]);
+    assert_eq!(film.discarded[0].emission, [[2.5, 2.0, 3.5], [0.0; 3]]);
+    let kept = film.emission(0, 1).unwrap();
+    assert!((kept[0] - 14.0 / 3.0).abs() < 1e-6 && (film.count(1), film.discarded(0).count) == (3, 4), "{kept:?}");
+}

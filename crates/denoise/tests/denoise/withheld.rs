@@ -83,13 +83,13 @@ fn lamp(emission: bool) -> (Film, Vec<usize>) {
     let mut film = Film::new(Frame::new(SIDE, SIDE).unwrap(), needs(emission));
     let mut noise = Noise::new(9);
     let mut seen = vec![0; PIXELS];
-    for pixel in 0..PIXELS {
+    for (pixel, seen) in seen.iter_mut().enumerate() {
         let [x, y] = [pixel % SIDE as usize, pixel / SIDE as usize].map(|p| p as f32);
         for sample in 0..2 * SAMPLES {
             let [u, v, w] = [(); 3].map(|()| noise.next());
             let wall = 0.06 * w;
             if (x + u - 12.3).hypot(y + v - 11.6) < 3.2 {
-                seen[pixel] += 1;
+                *seen += 1;
                 film.push_with_emission(pixel, sample % 2, [2000.0 + wall; 3], [2000.0; 3]);
             } else {
                 film.push(pixel, sample % 2, [wall; 3]);
