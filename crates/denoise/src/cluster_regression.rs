@@ -5,7 +5,7 @@ use crate::bilateral::Bilateral;
 use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{Pair, filtered, relative_weight, select};
 use crate::outliers;
-use crate::parameters::{NEEDS, describe};
+use crate::parameters::{RECORDED, describe};
 use crate::planes::{Inputs, Plane, box_mean};
 use crate::prefilter::prefilter;
 use crate::regression::{bytes, regress};
@@ -215,7 +215,7 @@ impl Filter for ClusterRegression {
     }
 
     fn needs(&self) -> Needs {
-        if self.outside() < 1.0 { NEEDS.with_first_hits(1) } else { NEEDS }
+        if self.outside() < 1.0 { RECORDED.with_first_hits(1) } else { RECORDED }
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
@@ -242,7 +242,7 @@ impl Filter for ClusterRegression {
         let mut inputs = Inputs::new(film, self.label.as_ref());
         prefilter(&mut inputs);
         if self.options.passes != Passes::Three {
-            return Ok(filtered(&inputs, &self.pair(&inputs)));
+            return Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs))));
         }
         let light = outliers::take(&mut inputs);
         let mut image = filtered(&inputs, &self.pair(&inputs));
@@ -252,6 +252,6 @@ impl Filter for ClusterRegression {
             };
             image.radiance.iter_mut().enumerate().for_each(add);
         }
-        Ok(image)
+        Ok(inputs.restored(film, image))
     }
 }
