@@ -74,6 +74,7 @@ mod gaussian;
 mod internals;
 mod membership;
 mod nl_means;
+mod outliers;
 mod parameters;
 mod pixel_means;
 mod planes;
