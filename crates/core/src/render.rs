@@ -272,8 +272,7 @@ impl<'a> Render<'a> {
                 break;
             };
             let tracing = context.clock.seconds() - open.traced_seconds;
-            let stopped =
-                round::trace(integrator, &mut state, &mut open, tracing, &mut context)?;
+            let stopped = round::trace(integrator, &mut state, &mut open, tracing, &mut context)?;
             let film = &mut state.film;
             film.record.rounds.push(RoundRecord {
                 samples: film.record.samples - open.before,
@@ -340,11 +339,7 @@ fn plan(
 }
 
 /// Predicts the error that an error limit concerns; `None` without such a limit. Clears a filter without an estimate.
-fn predict(
-    state: &mut State,
-    meter: &Meter,
-    filter: &mut Option<&dyn Filter>,
-) -> Result<Option<Prediction>, Error> {
+fn predict(state: &mut State, meter: &Meter, filter: &mut Option<&dyn Filter>) -> Result<Option<Prediction>, Error> {
     if meter.goal().is_none() {
         return Ok(None);
     }

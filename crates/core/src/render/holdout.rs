@@ -16,11 +16,14 @@ const BLOCK: usize = 8;
 /// The least number of blocks with a measurement.
 const FEWEST: usize = 4;
 /// The standard deviation of the true error over a filter's own estimate, before anything is measured.
-const PRIOR: f64 = 0.45;
+const PRIOR: f64 = 0.6;
 /// The relative standard deviation by which that ratio changes when the samples are doubled.
 const DRIFT: f64 = 0.2;
-/// The least relative standard deviation of a measurement. Blocks without a bright path know nothing of it.
+/// The least relative standard deviation of a measurement.
 const LEAST: f64 = 0.1;
+/// The factor on the variance of a measurement below the present ratio. Blocks without the rare bright paths are low and
+/// look exact, and a limit ends at the first low prediction.
+const LOW: f64 = 3.0;
 /// The range of the ratio.
 const RATIOS: [f64; 2] = [0.2, 5.0];
 /// The range of the exponent by which errors of filtered images fall with samples, and the one assumed at first.
@@ -82,6 +85,7 @@ impl Holdout {
             (ratio, variance, confirmed) = (before.ratio, before.variance, before.confirmed);
             variance += (ratio * DRIFT * growth.log2()).powi(2);
             if let Some((measured, spread)) = before.measure(film, size) {
+                let spread = if measured < ratio { LOW * spread } else { spread };
                 let gain = variance / (variance + spread);
                 ratio = (ratio + gain * (measured - ratio)).clamp(RATIOS[0], RATIOS[1]);
                 variance *= 1.0 - gain;
@@ -90,7 +94,8 @@ impl Holdout {
             let fell = (before.own / own).ln() / growth.ln();
             fall = if fell.is_finite() { fell.clamp(FALLS[0], FALLS[1]) } else { before.fall };
         }
-        let counts = [first, second].map(|bank| bank.counts.iter().map(|&n| n.try_into().unwrap_or(u32::MAX)).collect());
+        let counts =
+            [first, second].map(|bank| bank.counts.iter().map(|&n| n.try_into().unwrap_or(u32::MAX)).collect());
         let means = [first, second].map(|bank| bank.means.iter().map(|m| m.map(|x| x as f32)).collect());
         let (image, relmse) = (image.radiance, own * ratio);
         Ok(Some(Self { samples, own, relmse, fall, confirmed, ratio, variance, image, error, counts, means }))
@@ -106,36 +111,41 @@ impl Holdout {
         let [width, height] = size;
         let columns = width.div_ceil(BLOCK);
         let mut blocks = vec![[0.0; 2]; columns * height.div_ceil(BLOCK)];
+        let mut points = Points::default();
         each_weight(&self.image, size, |i, weight| {
             let (Some(x), Some(y)) = (self.fresh(film, 0, i), self.fresh(film, 1, i)) else { return };
             let block = &mut blocks[i / width / BLOCK * columns + i % width / BLOCK];
             for c in 0..3 {
                 let of = f64::from(self.image[i][c]);
+                let [a, b] = [0, 1].map(|half: usize| f64::from(self.means[half][i][c]));
                 block[0] += weight[c] * (of - x[c]) * (of - y[c]);
                 block[1] += weight[c] * f64::from(self.error[i]);
+                let across = (of - x[c]) * (0.5 * (a + b) - y[c]) + (of - y[c]) * (0.5 * (a + b) - x[c]);
+                points.across += 0.5 * weight[c] * across;
+                points.shared += 0.5 * weight[c] * (a - b) * (x[c] - y[c]);
+                points.variance += 0.5 * weight[c] * (a - b) * (a - b);
             }
         });
         let known = blocks.iter().filter(|block| block[1] > 0.0).count();
         let [measured, own] = [0, 1].map(|k: usize| blocks.iter().map(|block| block[k]).sum::<f64>());
-        let ratio = measured / own;
+        let ratio = (measured + points.correction()) / own;
         if known < FEWEST || !ratio.is_finite() {
             return None;
         }
-        // A measurement that is low by chance would also look exact, since its blocks lack the rare bright paths.
         let expected = ratio.max(self.ratio);
         let square = |block: &[f64; 2]| (block[0] - expected * block[1]).powi(2);
         let spread = blocks.iter().map(square).sum::<f64>() / (own * own) + (LEAST * expected).powi(2);
         spread.is_finite().then_some((ratio, spread))
     }
 
-    /// The mean of the samples that a half of pixel `i` has gained. `None` if it gained none, or lost some.
+    /// The mean of the samples that a half of pixel `i` has gained. `None` if it gained none, lost some, or had none.
     fn fresh(&self, film: &Film, half: usize, i: usize) -> Option<[f64; 3]> {
         let bank = &film.kept[half];
         let before = f64::from(self.counts[half][i]);
         let now = bank.counts[i] as f64;
         let gained = now - before;
         let of = |c: usize| (now * bank.means[i][c] - before * f64::from(self.means[half][i][c])) / gained;
-        (gained > 0.0).then(|| [of(0), of(1), of(2)])
+        (gained > 0.0 && before > 0.0).then(|| [of(0), of(1), of(2)])
     }
 
     pub(crate) fn put(&self, to: &mut Writer) {
@@ -160,6 +170,31 @@ impl Holdout {
         let counts = [from.numbers(pixels)?, from.numbers(pixels)?];
         let means = [from.numbers(pixels)?, from.numbers(pixels)?];
         Ok(Self { samples, own, relmse, fall, confirmed, ratio, variance, image, error, counts, means })
+    }
+}
+
+/// Sums over pixels for the dependence between a point set's successive samples.
+///
+/// Low-discrepancy samples fill the gaps of those before them. So the new mean `X` is low where the old one `A` of the
+/// same half is high, `F` follows `A`, and `(F - X)(F - Y)` would be too large. With `C` the covariance of `A` and `X`,
+/// and `g` the weight of each half's pixel mean in `F`, the product's mean is the squared error less `2 g C`. Halves
+/// are independent, so `E (A - B)(X - Y) = 2 C`, and `E (F - X)((A + B) / 2 - Y) = g var A - C / 2 - g C`.
+#[derive(Default)]
+struct Points {
+    /// The sum of `(F - X)((A + B) / 2 - Y)`.
+    across: f64,
+    /// The sum of `C`.
+    shared: f64,
+    /// The sum of `var A`.
+    variance: f64,
+}
+
+impl Points {
+    /// The sum of `2 g C`, at most 0: independent samples need no correction.
+    fn correction(&self) -> f64 {
+        let shared = self.shared.clamp(-0.5 * self.variance, 0.0);
+        let weight = (self.across + 0.5 * shared) / (self.variance - shared);
+        2.0 * shared * if weight.is_finite() { weight.clamp(0.0, 0.5) } else { 0.0 }
     }
 }
 
