@@ -13,7 +13,7 @@ type Truth = [Vec<[f32; 3]>; 2];
 
 fn truth(scene: &str, size: [u32; 2]) -> Truth {
     [98, 99].map(|seed| {
-        let spec = spec(scene, size).sampler("uniform").filter("none").budget(BudgetSpec::Spp(256.0)).seed(seed);
+        let spec = spec(scene, size).sampler("uniform").filter("none").budget(BudgetSpec::Spp(160.0)).seed(seed);
         Job::prepare(&spec).and_then(|mut job| job.render()).unwrap_or_else(|e| panic!("{e}")).filtered.radiance
     })
 }
