@@ -84,7 +84,7 @@ dapple_core::options! {
 ///    The blend of the best ones guides a second pass, without albedo. The halves give its remaining noise.
 ///    Both halves share this guide, and so their weights and normal equations.
 /// 5. The result is the choice among all four images by estimated error over 7x7 pixels.
-/// 6. With three passes, this choice guides a regression over 41x41 pixels around every fourth pixel of every fourth row,
+/// 6. With three passes, this choice guides a regression over 41x41 pixels around every sixth pixel of every sixth row,
 ///    without albedo. The choice is moved towards its image, and the unfiltered image towards the result, each as far as
 ///    their difference is noise by the halves [after James and Stein 1961].
 ///

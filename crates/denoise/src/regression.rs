@@ -15,9 +15,9 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// The number of regressors: normal (3), albedo (3), position (3).
-pub(crate) const REGRESSORS: usize = 9;
+const REGRESSORS: usize = 9;
 /// The number of values per pixel: the regressors, and the three colour channels of both halves.
-pub(crate) const VALUES: usize = REGRESSORS + 6;
+const VALUES: usize = REGRESSORS + 6;
 /// The radius of the compared patches in pixels.
 const PATCH: usize = 1;
 /// The radius of a window in pixels.
@@ -175,10 +175,10 @@ fn weigh<S: Simd, const G: usize>(simd: S, tile: &Tile, guides: &[LocalGuide; G]
 }
 
 /// The linear function fitted in a window, for each colour channel: the value at the window's centre, and the slope of
-/// each regressor. A vector holds several windows.
-pub(crate) struct Fit<S: Simd> {
+/// each of `R` regressors. A vector holds several windows.
+pub(crate) struct Fit<S: Simd, const R: usize> {
     pub(crate) intercept: [S::f32s; 3],
-    pub(crate) slopes: [[S::f32s; 3]; REGRESSORS],
+    pub(crate) slopes: [[S::f32s; 3]; R],
 }
 
 /// The regressors of pixels at some offset from the window centres, less the regressors of the centres.
@@ -213,8 +213,8 @@ fn centre<S: Simd>(simd: S, data: &Data, [y, block]: [usize; 2]) -> [S::f32s; RE
 }
 
 /// The weighted sums of the normal equations. Entry `[a][b]` sums the products of regressor `a - 1` (or 1, if `a` is 0)
-/// and value `b`.
-pub(crate) type Sums<S> = [[<S as Simd>::f32s; VALUES]; REGRESSORS + 1];
+/// and value `b`. Values are the regressors, then the colours. `V` and `N` are the numbers of values and of rows.
+pub(crate) type Sums<S, const V: usize, const N: usize> = [[<S as Simd>::f32s; V]; N];
 
 /// Fits the colours of both halves in a vector of windows.
 #[inline(always)]
@@ -224,7 +224,7 @@ fn fit<S: Simd, const G: usize>(
     centres: &Centres,
     weights: &[Weights; G],
     [y, block]: [usize; 2],
-) -> [Fit<S>; 2] {
+) -> [Fit<S, REGRESSORS>; 2] {
     let zero = simd.splat_f32s(0.0);
     let step = stride::<S>();
     let centre = centre(simd, data, [y, block]);
@@ -233,7 +233,7 @@ fn fit<S: Simd, const G: usize>(
     let reference = [at_centre[step + block], at_centre[2 * step + block], at_centre[3 * step + block]];
     let here = vectors::<S>(data.moved(y, 0, [0, 0]));
     let own: [S::f32s; G] = counts(simd, here, block);
-    let mut sums: [Sums<S>; G] = [[[zero; VALUES]; REGRESSORS + 1]; G];
+    let mut sums: [Sums<S, VALUES, { REGRESSORS + 1 }>; G] = [[[zero; VALUES]; REGRESSORS + 1]; G];
     let mut total = [zero; G];
     let mut apart = [[zero; SIDE]; REGRESSORS];
     let mut colours = [[[zero; SIDE]; 3]; 2];
@@ -305,7 +305,7 @@ fn accumulate<S: Simd>(
     simd: S,
     weighted: &[[S::f32s; SIDE]; REGRESSORS + 1],
     apart: &[[S::f32s; SIDE]; REGRESSORS],
-    sums: &mut Sums<S>,
+    sums: &mut Sums<S, VALUES, { REGRESSORS + 1 }>,
 ) {
     for a in 0..=REGRESSORS {
         // Sums left of the diagonal are not read. Skipping them would cost more than the groups that begin there.
@@ -318,11 +318,11 @@ fn accumulate<S: Simd>(
 }
 
 #[inline(always)]
-pub(crate) fn add_products<S: Simd, const N: usize>(
+pub(crate) fn add_products<S: Simd, const V: usize, const N: usize>(
     simd: S,
     weighted: &[S::f32s; N],
     values: [&[S::f32s; N]; 3],
-    sums: &mut [S::f32s; VALUES],
+    sums: &mut [S::f32s; V],
     b: usize,
 ) {
     let [mut s, mut t, mut u] = [sums[b], sums[b + 1], sums[b + 2]];
@@ -336,10 +336,10 @@ pub(crate) fn add_products<S: Simd, const N: usize>(
 
 /// The weighted covariance of regressor `a` and value `b`. `share` is one over the total weight.
 #[inline(always)]
-fn covariance<S: Simd>(
+fn covariance<S: Simd, const V: usize, const N: usize>(
     simd: S,
-    sums: &Sums<S>,
-    mean: &[S::f32s; VALUES],
+    sums: &Sums<S, V, N>,
+    mean: &[S::f32s; V],
     share: S::f32s,
     a: usize,
     b: usize,
@@ -350,13 +350,13 @@ fn covariance<S: Simd>(
 /// Solves the normal equations, centred at the weighted means, by the decomposition `L D L^T`. The right-hand sides are
 /// the three colour channels from value `colours` on.
 #[inline(always)]
-pub(crate) fn solve<S: Simd>(
+pub(crate) fn solve<S: Simd, const R: usize, const V: usize, const N: usize>(
     simd: S,
     total: S::f32s,
-    sums: &Sums<S>,
+    sums: &Sums<S, V, N>,
     colours: usize,
     reference: &[S::f32s; 3],
-) -> Fit<S> {
+) -> Fit<S, R> {
     let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
     let share = simd.div_f32s(one, simd.max_f32s(total, simd.splat_f32s(1e-20)));
     let mut mean = sums[0];
@@ -364,11 +364,11 @@ pub(crate) fn solve<S: Simd>(
         *value = simd.mul_f32s(*value, share);
     }
     // `lower[i][j]`, j < i; `right` is the right-hand side, then the solution.
-    let mut lower = [[zero; REGRESSORS]; REGRESSORS];
-    let mut pivots = [zero; REGRESSORS];
-    let mut right = [[zero; 3]; REGRESSORS];
-    for j in 0..REGRESSORS {
-        for i in j..REGRESSORS {
+    let mut lower = [[zero; R]; R];
+    let mut pivots = [zero; R];
+    let mut right = [[zero; 3]; R];
+    for j in 0..R {
+        for i in j..R {
             let mut entry = covariance(simd, sums, &mean, share, j, i);
             let diagonal = simd.add_f32s(simd.max_f32s(entry, zero), simd.splat_f32s(RIDGE));
             if i == j {
@@ -395,9 +395,9 @@ pub(crate) fn solve<S: Simd>(
     let mut intercept = *reference;
     for c in 0..3 {
         intercept[c] = simd.add_f32s(intercept[c], mean[colours + c]);
-        for j in (0..REGRESSORS).rev() {
+        for j in (0..R).rev() {
             let mut value = simd.div_f32s(right[j][c], pivots[j]);
-            for i in j + 1..REGRESSORS {
+            for i in j + 1..R {
                 value = simd.sub_f32s(value, simd.mul_f32s(lower[i][j], right[i][c]));
             }
             right[j][c] = value;
@@ -415,7 +415,7 @@ fn predict<S: Simd, const G: usize>(
     data: &Data,
     centres: &Centres,
     weights: &[Weights; G],
-    fits: &[Fit<S>; 2],
+    fits: &[Fit<S, REGRESSORS>; 2],
     [y, block]: [usize; 2],
     sums: &mut [[f32; 8 * COLUMNS]],
 ) {

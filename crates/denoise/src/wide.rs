@@ -1,4 +1,4 @@
-//! A second, much wider window of regression: 41x41 pixels around every fourth pixel of every fourth row.
+//! A second, much wider window of regression: 41x41 pixels around every sixth pixel of every sixth row.
 //!
 //! Every window sees all of its pixels. Windows of every second pixel, in turns, would take less time, but neighbouring
 //! pixels would then get the predictions of different windows: a visible chessboard.
@@ -10,7 +10,7 @@
 
 use crate::error_map::Pair;
 use crate::planes::{Colours, Inputs, Plane};
-use crate::regression::{Fit, NEGLIGIBLE, REGRESSORS, Sums, VALUES, add_products, solve};
+use crate::regression::{Fit, NEGLIGIBLE, Sums, add_products, solve};
 use crate::tile::{FeatureScales, Guide, count_weights, excess, exp_minus_all, sharpness, vectors};
 use dapple_core::Frame;
 use pulp::{Arch, Simd, WithSimd};
@@ -20,15 +20,24 @@ use rayon::prelude::*;
 const REACH: usize = 20;
 /// The width of a window in pixels.
 const SIDE: usize = 2 * REACH + 1;
-/// The distance between window centres in pixels, along both axes.
-const STEP: usize = 4;
+/// The distance between window centres in pixels, along both axes. Distances of 4 to 6 leave equal errors, 8 leaves 1 %
+/// more.
+const STEP: usize = 6;
 /// The number of rows of pixels whose centres one task takes.
-const BAND: usize = 32;
+const BAND: usize = 30;
 /// The number of rows that the windows of a task reach.
 const ROWS: usize = BAND - STEP + 2 * REACH + 1;
-/// The columns of one phase (column modulo [`STEP`]) beside the frame on either side. Windows reach 5 of them, patches
-/// one more.
-const PAD: usize = 6;
+/// The number of columns of window centres that one task takes.
+const CENTRES: usize = 32;
+/// The columns of one phase (column modulo [`STEP`]) beside the centres on either side. Windows and patches reach
+/// that far.
+const PAD: usize = 4;
+/// The columns of one phase that a task reads. It is a constant, so that indices are checked once per pixel of a window.
+const COLUMNS: usize = CENTRES + 2 * PAD;
+/// The number of regressors: normal (3) and position (3). Values are divided by albedo, so albedo would add nothing.
+const REGRESSORS: usize = 6;
+/// The number of values per pixel: the regressors, and the three colour channels of both halves.
+const VALUES: usize = REGRESSORS + 6;
 /// The number of pixels of a window whose products are summed together.
 const SEGMENT: usize = 14;
 /// The largest distance that is not negligible: `exp(-8)` is below [`NEGLIGIBLE`].
@@ -38,57 +47,58 @@ const COLOUR: f32 = 1.5;
 /// The scales of feature differences.
 const FEATURES: FeatureScales = FeatureScales { bandwidth: 5.0, floors: [1e-2, 5e-2], slope: 15.0 };
 /// The radius of the compared patches.
-const PATCH: isize = 1;
+const PATCH: usize = 1;
 /// The weight of the image beside the predictions, relative to 1 for a window's centre.
 const BESIDE: f32 = 0.5;
 
 /// The copied planes: guide colours (3) and variance (1), features (7) and their variances (3), the scales of feature
-/// differences (3), positions (3) with the reciprocal width of 24 pixels (1), counts of both halves (2), and colours
-/// without albedo (6).
-const PLANES: usize = 29;
+/// differences (3), positions (3) with the reciprocal width of 24 pixels (1), samples of both halves (1), and colours without
+/// albedo (6).
+const PLANES: usize = 28;
 const VARIANCE: usize = 3;
 const MEANS: usize = 4;
 
 const POSITION: usize = 17;
 
-const COUNTS: usize = 21;
-const COLOURS: usize = 23;
+const COUNT: usize = 21;
+const COLOURS: usize = 22;
 
 /// Filters both halves with windows of 41x41 pixels, compared by `guide`: the image `beside` without its albedo, and
 /// its remaining noise.
 pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
     let [width, height] = inputs.size;
-    let stack = Stack::new(inputs, guide);
+    let stacks = stacks(inputs, guide);
+    let [bands, tiles] = [height.div_ceil(BAND), stacks.len()];
     let arch = Arch::new();
-    let bands: Vec<Vec<f32>> = (0..height.div_ceil(BAND))
+    let sums: Vec<Vec<f32>> = (0..bands * tiles)
         .into_par_iter()
-        .map(|band| arch.dispatch(BandTask { stack: &stack, size: inputs.size, first: band * BAND }))
+        .map(|task| {
+            let (band, tile) = (task / tiles, task % tiles);
+            let columns = width.div_ceil(STEP) - tile * CENTRES;
+            let (stack, size) = (&stacks[tile], [columns.min(CENTRES), height]);
+            arch.dispatch(BandTask { stack, size, first: band * BAND })
+        })
         .collect();
     let row = |y: usize| -> Vec<f32> {
-        let mut sums = vec![0.0f32; 8 * width];
+        let mut row = vec![0.0f32; 8 * width];
         for (half, own) in beside.0.iter().enumerate() {
             for (c, own) in own.iter().enumerate() {
                 for x in 0..width {
                     let i = y * width + x;
-                    sums[(4 * half + c) * width + x] = BESIDE * own[i] / inputs.divisor(c, i);
+                    row[(4 * half + c) * width + x] = BESIDE * own[i] / inputs.divisor(c, i);
                 }
             }
-            sums[(4 * half + 3) * width..][..width].fill(BESIDE);
+            row[(4 * half + 3) * width..][..width].fill(BESIDE);
         }
         let first = y.saturating_sub(REACH + BAND - 1).div_ceil(BAND);
-        for (band, tile) in bands.iter().enumerate().skip(first) {
+        for band in first..bands {
             let Some(local) = (y + REACH).checked_sub(band * BAND) else { break };
-            if local >= ROWS {
-                continue;
-            }
-            for plane in 0..8 {
-                let to = &mut sums[plane * width..][..width];
-                for (x, to) in to.iter_mut().enumerate() {
-                    *to += tile[stack.place(local, plane, x)];
-                }
+            if local < ROWS {
+                let tiles = sums[band * tiles..][..tiles].iter().enumerate();
+                tiles.for_each(|(tile, sums)| add_tile(&mut row, width, tile, &sums[local * STEP * 8 * COLUMNS..]));
             }
         }
-        sums
+        row
     };
     let rows: Vec<Vec<f32>> = (0..height).into_par_iter().map(row).collect();
     let of = |half: usize, c: usize| -> Plane {
@@ -102,85 +112,119 @@ pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
     Pair([0, 1].map(|half| std::array::from_fn(|c| of(half, c))))
 }
 
+/// Adds the sums that one task has for a row of pixels to that row.
+fn add_tile(row: &mut [f32], width: usize, tile: usize, sums: &[f32]) {
+    let pixel = |column: usize, phase: usize| STEP * (tile * CENTRES + column) + phase;
+    for phase in 0..STEP {
+        let inside = |column: &usize| (STEP * PAD..width + STEP * PAD).contains(&pixel(*column, phase));
+        for plane in 0..8 {
+            let from = &sums[(phase * 8 + plane) * COLUMNS..][..COLUMNS];
+            let to = &mut row[plane * width..][..width];
+            for column in (0..COLUMNS).filter(inside) {
+                to[pixel(column, phase) - STEP * PAD] += from[column];
+            }
+        }
+    }
+}
+
 /// The memory of [`wide`] in bytes at most, the guide and the result included.
 pub(crate) fn bytes(frame: &Frame) -> u64 {
     let [width, height] = frame.size().map(u64::from);
-    let columns = (width.div_ceil(STEP as u64) + 2 * PAD as u64 + 32) * STEP as u64;
+    let columns = width.div_ceil((STEP * CENTRES) as u64) * (STEP * COLUMNS) as u64;
     let stack = 4 * PLANES as u64 * columns * height;
     let bands = height.div_ceil(BAND as u64) * 4 * 8 * ROWS as u64 * columns;
     // The guide, feature scales, and the sums by rows beside the result.
     frame.bytes(4 * (4 + 3 + 8 + 6)).saturating_add(stack).saturating_add(bands)
 }
 
-/// Copies of the planes, with columns of equal remainder modulo [`STEP`] side by side. Each row holds for each of these
-/// phases all planes, one after the other. Columns beyond the frame repeat the border.
-struct Stack {
-    data: Vec<f32>,
-    /// The columns of one phase, padding included.
-    columns: usize,
-}
+/// Copies of the planes for [`CENTRES`] columns of window centres, with columns of equal remainder modulo [`STEP`] side
+/// by side. Each row holds for each of these phases all planes, one after the other. Columns beyond the frame repeat the
+/// border.
+struct Stack(Vec<f32>);
 
-impl Stack {
-    fn new(inputs: &Inputs, guide: &Guide) -> Self {
-        let [width, height] = inputs.size;
-        // A vector may begin at the last centre.
-        let columns = (width.div_ceil(STEP) + 2 * PAD).next_multiple_of(16) + 16;
-        let sharp = sharpness(&inputs.features, &FEATURES);
-        let colours: [Colours; 2] = [0, 1].map(|half: usize| {
-            std::array::from_fn(|c| {
-                let own = inputs.halves[half].colour[c].iter().enumerate();
-                own.map(|(i, value)| value / inputs.divisor(c, i)).collect()
-            })
-        });
-        let mut planes: Vec<&[f32]> = Vec::with_capacity(PLANES);
-        planes.extend(guide.colour.iter().chain(&guide.variance).map(|p| &p[..]));
-        planes.extend(inputs.features.mean.iter().chain(&inputs.features.variance).chain(&sharp).map(|p| &p[..]));
-        planes.extend(inputs.features.position.iter().map(|p| &p[..]));
-        planes.push(&inputs.features.scale);
-        planes.extend(inputs.halves.iter().map(|half| &half.count[..]));
-        planes.extend(colours.iter().flatten().map(|p| &p[..]));
-        let mut stack = Self { data: vec![0.0; height * STEP * PLANES * columns], columns };
-        let (columns, row_length) = (stack.columns, STEP * PLANES * columns);
-        stack.data.par_chunks_mut(row_length).enumerate().for_each(|(y, row)| {
+/// The copies for all columns of window centres, from left to right.
+fn stacks(inputs: &Inputs, guide: &Guide) -> Vec<Stack> {
+    let [width, height] = inputs.size;
+    let sharp = sharpness(&inputs.features, &FEATURES);
+    let colours: [Colours; 2] = [0, 1].map(|half: usize| {
+        std::array::from_fn(|c| {
+            let own = inputs.halves[half].colour[c].iter().enumerate();
+            own.map(|(i, value)| value / inputs.divisor(c, i)).collect()
+        })
+    });
+    let [a, b] = [0, 1].map(|half: usize| &inputs.halves[half].count);
+    let count: Plane = a.iter().zip(b).map(|(a, b)| a + b).collect();
+    let mut planes: Vec<&[f32]> = Vec::with_capacity(PLANES);
+    planes.extend(guide.colour.iter().chain(&guide.variance).map(|p| &p[..]));
+    planes.extend(inputs.features.mean.iter().chain(&inputs.features.variance).chain(&sharp).map(|p| &p[..]));
+    planes.extend(inputs.features.position.iter().map(|p| &p[..]));
+    planes.extend([&inputs.features.scale[..], &count]);
+    planes.extend(colours.iter().flatten().map(|p| &p[..]));
+    let tile = |tile: usize| {
+        let mut data = vec![0.0; height * STEP * PLANES * COLUMNS];
+        data.par_chunks_mut(STEP * PLANES * COLUMNS).enumerate().for_each(|(y, row)| {
             for (k, plane) in planes.iter().enumerate() {
                 let source = &plane[y * width..][..width];
                 for phase in 0..STEP {
-                    let to = &mut row[(phase * PLANES + k) * columns..][..columns];
+                    let to = &mut row[(phase * PLANES + k) * COLUMNS..][..COLUMNS];
                     for (column, to) in to.iter_mut().enumerate() {
-                        let x = (STEP * column + phase) as isize - (STEP * PAD) as isize;
-                        let outside = x < 0 || x >= width as isize;
-                        let is_count = (COUNTS..COUNTS + 2).contains(&k);
-                        *to = if outside && is_count { 0.0 } else { source[x.clamp(0, width as isize - 1) as usize] };
+                        let x = STEP * (tile * CENTRES + column) + phase;
+                        let inside = (STEP * PAD..width + STEP * PAD).contains(&x);
+                        let value = source[x.saturating_sub(STEP * PAD).min(width - 1)];
+                        *to = if inside || k != COUNT { value } else { 0.0 };
                     }
                 }
             }
         });
-        stack
-    }
+        Stack(data)
+    };
+    (0..width.div_ceil(STEP * CENTRES)).map(tile).collect()
+}
 
-    /// The index of plane 0 of the pixel in row `y` at the offset `dx` from the window centre number `k`. Plane `p` lies
-    /// `p` times [`Stack::columns`] further on.
-    #[inline(always)]
-    fn index(&self, y: usize, dx: isize, k: usize) -> usize {
-        let (phase, shift) = (dx.rem_euclid(STEP as isize) as usize, dx.div_euclid(STEP as isize));
-        (y * STEP + phase) * PLANES * self.columns + (PAD + k).wrapping_add_signed(shift)
-    }
+/// The number of values between two rows of a [`Stack`].
+const ROW: usize = STEP * PLANES * COLUMNS;
+/// The largest distance of a compared pixel from a window centre, in columns of pixels.
+const FARTHEST: usize = REACH + PATCH;
 
-    /// The vector of plane `p` at an index from [`Stack::index`].
-    #[inline(always)]
-    fn get<S: Simd>(&self, index: usize, p: usize) -> S::f32s {
-        vectors::<S>(&self.data[index + p * self.columns..][..S::F32_LANES])[0]
+/// The index of a pixel at the offset `dx - FARTHEST` columns from a window centre, within a row that holds `planes`
+/// planes for each phase. The centre's number is added to it.
+const fn columns(planes: usize) -> [usize; 2 * FARTHEST + 1] {
+    let mut all = [0; 2 * FARTHEST + 1];
+    let mut dx = 0;
+    while dx < all.len() {
+        let column = dx + STEP * PAD - FARTHEST;
+        all[dx] = (column % STEP) * planes * COLUMNS + column / STEP;
+        dx += 1;
     }
+    all
+}
 
-    /// The index of pixel column `x` in one of the eight planes of a band's sums.
+/// [`columns`] of a [`Stack`] and of a task's sums.
+const IN_STACK: [usize; 2 * FARTHEST + 1] = columns(PLANES);
+const IN_SUMS: [usize; 2 * FARTHEST + 1] = columns(8);
+
+impl Stack {
+    /// All planes of as many pixels as there are lanes, from an index of plane 0.
     #[inline(always)]
-    fn place(&self, row: usize, plane: usize, x: usize) -> usize {
-        ((row * STEP + x % STEP) * 8 + plane) * self.columns + PAD + x / STEP
+    fn at<S: Simd>(&self, index: usize) -> Pixels<'_> {
+        Pixels(&self.0[index..][..(PLANES - 1) * COLUMNS + S::F32_LANES])
+    }
+}
+
+/// The planes of as many pixels as there are lanes, which lie [`STEP`] apart in a row.
+#[derive(Clone, Copy)]
+struct Pixels<'a>(&'a [f32]);
+
+impl Pixels<'_> {
+    /// The vector of plane `p`.
+    #[inline(always)]
+    fn get<S: Simd>(self, p: usize) -> S::f32s {
+        vectors::<S>(&self.0[p * COLUMNS..][..S::F32_LANES])[0]
     }
 }
 
 /// The windows whose centres lie in [`BAND`] rows from row `first`. Its result is the sums of weighted predictions and
-/// of weights, from [`REACH`] rows above.
+/// of weights, from [`REACH`] rows above. `size` is the number of columns of centres and of rows of pixels.
 struct BandTask<'a> {
     stack: &'a Stack,
     size: [usize; 2],
@@ -192,11 +236,11 @@ impl WithSimd for BandTask<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Vec<f32> {
-        let [width, height] = self.size;
-        let mut sums = vec![0.0; ROWS * STEP * 8 * self.stack.columns];
+        let [columns, height] = self.size;
+        let mut sums = vec![0.0; ROWS * STEP * 8 * COLUMNS];
         let mut seen = Seen::<S>::new(simd);
         for y in (self.first..(self.first + BAND).min(height)).step_by(STEP) {
-            for k in (0..width.div_ceil(STEP)).step_by(S::F32_LANES) {
+            for k in (0..columns).step_by(S::F32_LANES) {
                 let centre = Centre::new(simd, self.stack, [y, k], self.size);
                 weigh(simd, &centre, self.first, &mut seen);
                 let fits = fit(simd, &centre, &seen);
@@ -221,36 +265,54 @@ struct Centre<'a, S: Simd> {
 
 impl<'a, S: Simd> Centre<'a, S> {
     #[inline(always)]
-    fn new(simd: S, stack: &'a Stack, [y, k]: [usize; 2], [width, height]: [usize; 2]) -> Self {
+    fn new(simd: S, stack: &'a Stack, [y, k]: [usize; 2], [columns, height]: [usize; 2]) -> Self {
         let mut lanes = [0.0; 64];
-        lanes[..(width.div_ceil(STEP) - k).min(64)].fill(1.0);
-        let at = stack.index(y, 0, k);
+        lanes[..(columns - k).min(64)].fill(1.0);
+        let own = stack.at::<S>(y * ROW + k + IN_STACK[FARTHEST]);
         let mut regressors = [simd.splat_f32s(0.0); REGRESSORS + 1];
         for p in 0..=REGRESSORS {
-            regressors[p] = stack.get::<S>(at, plane(p));
+            regressors[p] = own.get::<S>(plane(p));
         }
         Self { stack, y, k, height, inside: vectors::<S>(&lanes)[0], regressors }
+    }
+}
+
+impl<S: Simd> Centre<'_, S> {
+    /// The indices of the rows of a patch around row `y` in the [`Stack`], for the first of the centres.
+    #[inline(always)]
+    fn rows_near(&self, y: usize) -> [usize; 3] {
+        let row = |y: usize| y.min(self.height - 1) * ROW + self.k;
+        [row(y.saturating_sub(1)), row(y), row(y + 1)]
     }
 }
 
 /// The plane of a regressor, or of the scale of positions, which follows the last one.
 #[inline(always)]
 const fn plane(regressor: usize) -> usize {
-    if regressor < 6 { MEANS + regressor } else { POSITION + regressor - 6 }
+    if regressor < 3 { MEANS + regressor } else { POSITION + regressor - 3 }
 }
 
 /// The pixels of the windows whose weights are not all 0.
 struct Seen<S: Simd> {
     /// The number of pixels.
     count: usize,
-    /// The index in the [`Stack`], and that in the sums of a [`BandTask`].
-    places: Vec<[usize; 2]>,
-    weights: Vec<S::f32s>,
+    all: Vec<Pixel<S>>,
+}
+
+/// Pixels at the same offset from as many window centres as there are lanes.
+#[derive(Clone, Copy)]
+struct Pixel<S: Simd> {
+    /// The index of plane 0 in the [`Stack`].
+    index: usize,
+    /// The index of plane 0 in the sums of a [`BandTask`].
+    sums: usize,
+    weight: S::f32s,
 }
 
 impl<S: Simd> Seen<S> {
     fn new(simd: S) -> Self {
-        Self { count: 0, places: vec![[0; 2]; SIDE * SIDE], weights: vec![simd.splat_f32s(0.0); SIDE * SIDE] }
+        let none = Pixel { index: 0, sums: 0, weight: simd.splat_f32s(0.0) };
+        Self { count: 0, all: vec![none; SIDE * SIDE] }
     }
 }
 
@@ -259,41 +321,41 @@ impl<S: Simd> Seen<S> {
 fn weigh<S: Simd>(simd: S, centre: &Centre<'_, S>, first: usize, seen: &mut Seen<S>) {
     let (stack, zero) = (centre.stack, simd.splat_f32s(0.0));
     let mut patch = [[zero; 4]; 9];
+    let near = centre.rows_near(centre.y);
     for o in 0..9 {
-        let (dx, dy) = (o as isize % 3 - PATCH, o as isize / 3 - PATCH);
-        let at = stack.index(centre.y.saturating_add_signed(dy).min(centre.height - 1), dx, centre.k);
+        let there = stack.at::<S>(near[o / 3] + IN_STACK[FARTHEST - PATCH + o % 3]);
         for p in 0..4 {
-            patch[o][p] = stack.get::<S>(at, p);
+            patch[o][p] = there.get::<S>(p);
         }
     }
+    let own = stack.at::<S>(near[PATCH] + IN_STACK[FARTHEST]);
     let mut features = [zero; 13];
     for p in 0..13 {
-        features[p] = stack.get::<S>(stack.index(centre.y, 0, centre.k), MEANS + p);
+        features[p] = own.get::<S>(MEANS + p);
     }
     let (share, far) = (simd.splat_f32s(1.0 / (9.0 * COLOUR * COLOUR)), simd.splat_f32s(FAR));
-    seen.count = 0;
-    for dy in -(REACH as isize)..=REACH as isize {
-        let Some(y) = centre.y.checked_add_signed(dy).filter(|y| *y < centre.height) else { continue };
-        for dx in -(REACH as isize)..=REACH as isize {
-            let index = stack.index(y, dx, centre.k);
-            let distance = feature_distance(simd, stack, &features, index);
+    let mut count = 0;
+    for y in centre.y.saturating_sub(REACH)..(centre.y + REACH + 1).min(centre.height) {
+        let near = centre.rows_near(y);
+        let row_of_sums = (y + REACH - first) * STEP * 8 * COLUMNS + centre.k;
+        for dx in FARTHEST - REACH..=FARTHEST + REACH {
+            let index = near[PATCH] + IN_STACK[dx];
+            let distance = feature_distance(simd, &features, stack.at::<S>(index));
             if none_below(simd, distance, far) {
                 continue;
             }
-            let by_colour = simd.mul_f32s(patch_distance(simd, centre, &patch, y, dx), share);
+            let by_colour = simd.mul_f32s(patch_distance(simd, stack, &patch, &near, dx), share);
             let distance = simd.add_f32s(simd.max_f32s(by_colour, zero), distance);
             if none_below(simd, distance, far) {
                 continue;
             }
             let weight = simd.sub_f32s(exp_minus_all(simd, distance), simd.splat_f32s(NEGLIGIBLE));
-            seen.weights[seen.count] = simd.mul_f32s(simd.max_f32s(weight, zero), centre.inside);
-            let sums = stack.place(y + REACH - first, 0, 0) + centre.k;
-            let (phase, shift) = (dx.rem_euclid(STEP as isize) as usize, dx.div_euclid(STEP as isize));
-            let sums = (sums + phase * 8 * stack.columns).wrapping_add_signed(shift);
-            seen.places[seen.count] = [index, sums];
-            seen.count += 1;
+            let weight = simd.mul_f32s(simd.max_f32s(weight, zero), centre.inside);
+            seen.all[count] = Pixel { index, sums: row_of_sums + IN_SUMS[dx], weight };
+            count += 1;
         }
     }
+    seen.count = count;
 }
 
 /// Returns `true` if no lane of `a` is less than that of `b`.
@@ -302,52 +364,49 @@ fn none_below<S: Simd>(simd: S, a: S::f32s, b: S::f32s) -> bool {
     simd.first_true_m32s(simd.less_than_f32s(a, b)) == S::F32_LANES
 }
 
-/// The sum of scaled differences of colour between the patches around the centres and those around the pixels at the
-/// offset `dx` in row `y`.
+/// The sum of scaled differences of colour between the patches around the centres and those around the pixels in column
+/// `dx`. `rows` are the rows of the latter.
 #[inline(always)]
-fn patch_distance<S: Simd>(simd: S, centre: &Centre<'_, S>, own: &[[S::f32s; 4]; 9], y: usize, dx: isize) -> S::f32s {
-    let stack = centre.stack;
+fn patch_distance<S: Simd>(simd: S, stack: &Stack, own: &[[S::f32s; 4]; 9], rows: &[usize; 3], dx: usize) -> S::f32s {
     let mut sum = simd.splat_f32s(0.0);
-    for (q, own) in own.iter().enumerate() {
-        let (px, py) = (q as isize % 3 - PATCH, q as isize / 3 - PATCH);
-        let at = stack.index(y.saturating_add_signed(py).min(centre.height - 1), dx + px, centre.k);
+    for q in 0..9 {
+        let (own, there) = (&own[q], stack.at::<S>(rows[q / 3] + IN_STACK[dx + q % 3 - PATCH]));
         let mut square = simd.splat_f32s(0.0);
         for c in 0..3 {
-            let d = simd.sub_f32s(own[c], stack.get::<S>(at, c));
+            let d = simd.sub_f32s(own[c], there.get::<S>(c));
             square = simd.add_f32s(square, simd.mul_f32s(d, d));
         }
-        sum = simd.add_f32s(sum, excess(simd, square, own[VARIANCE], stack.get::<S>(at, VARIANCE)));
+        sum = simd.add_f32s(sum, excess(simd, square, own[VARIANCE], there.get::<S>(VARIANCE)));
     }
     sum
 }
 
-/// The largest scaled difference of normal, albedo and log depth between the centres and the pixels at an index, at
-/// least 0.
+/// The largest scaled difference of normal, albedo and log depth between the centres and other pixels, at least 0.
 #[inline(always)]
-fn feature_distance<S: Simd>(simd: S, stack: &Stack, own: &[S::f32s; 13], index: usize) -> S::f32s {
+fn feature_distance<S: Simd>(simd: S, own: &[S::f32s; 13], there: Pixels<'_>) -> S::f32s {
     let mut most = simd.splat_f32s(0.0);
     for group in 0..3 {
         let mut square = simd.splat_f32s(0.0);
         for k in 3 * group..(3 * group + 3).min(7) {
-            let d = simd.sub_f32s(own[k], stack.get::<S>(index, MEANS + k));
+            let d = simd.sub_f32s(own[k], there.get::<S>(MEANS + k));
             square = simd.add_f32s(square, simd.mul_f32s(d, d));
         }
-        let (vp, vq) = (own[7 + group], stack.get::<S>(index, MEANS + 7 + group));
+        let (vp, vq) = (own[7 + group], there.get::<S>(MEANS + 7 + group));
         let expected = simd.add_f32s(vp, simd.min_f32s(vp, vq));
         most = simd.max_f32s(simd.mul_f32s(simd.sub_f32s(square, expected), own[10 + group]), most);
     }
     most
 }
 
-/// The regressors of the pixels at an index, relative to the window centres: normal, albedo, position.
+/// The regressors of pixels relative to the window centres: normal and position.
 #[inline(always)]
-fn regressors<S: Simd>(simd: S, centre: &Centre<'_, S>, index: usize) -> [S::f32s; REGRESSORS] {
+fn regressors<S: Simd>(simd: S, centre: &Centre<'_, S>, there: Pixels<'_>) -> [S::f32s; REGRESSORS] {
     let (least, most) = (simd.splat_f32s(-16.0), simd.splat_f32s(16.0));
     let own = &centre.regressors;
     let mut apart = [simd.splat_f32s(0.0); REGRESSORS];
     for k in 0..REGRESSORS {
-        apart[k] = simd.sub_f32s(centre.stack.get::<S>(index, plane(k)), own[k]);
-        if k >= 6 {
+        apart[k] = simd.sub_f32s(there.get::<S>(plane(k)), own[k]);
+        if k >= 3 {
             apart[k] = simd.max_f32s(simd.min_f32s(simd.mul_f32s(apart[k], own[REGRESSORS]), most), least);
         }
     }
@@ -364,9 +423,9 @@ struct Segment<S: Simd> {
 impl<S: Simd> Segment<S> {
     /// Adds the products of all pixels to `sums`.
     #[inline(always)]
-    fn add_to(&self, simd: S, sums: &mut Sums<S>) {
+    fn add_to(&self, simd: S, sums: &mut Sums<S, VALUES, { REGRESSORS + 1 }>) {
         for a in 0..=REGRESSORS {
-            for b in [0, 3, 6] {
+            for b in [0, 3] {
                 if a <= b + 3 {
                     let values = [&self.apart[b], &self.apart[b + 1], &self.apart[b + 2]];
                     add_products(simd, &self.weighted[a], values, &mut sums[a], b);
@@ -380,24 +439,18 @@ impl<S: Simd> Segment<S> {
     }
 }
 
-/// The number of samples of both halves in the pixels at an index.
-#[inline(always)]
-fn samples<S: Simd>(simd: S, stack: &Stack, index: usize) -> S::f32s {
-    simd.add_f32s(stack.get::<S>(index, COUNTS), stack.get::<S>(index, COUNTS + 1))
-}
-
 /// Fits the colours of both halves in the windows.
 #[inline(always)]
-fn fit<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>) -> [Fit<S>; 2] {
+fn fit<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>) -> [Fit<S, REGRESSORS>; 2] {
     let (stack, zero) = (centre.stack, simd.splat_f32s(0.0));
-    let at = stack.index(centre.y, 0, centre.k);
-    let here = samples(simd, stack, at);
+    let own = stack.at::<S>(centre.y * ROW + centre.k + IN_STACK[FARTHEST]);
+    let here = own.get::<S>(COUNT);
     // Bounded, so that subtracting it loses no digits.
     let mut reference = [zero; 3];
     for c in 0..3 {
-        reference[c] = simd.min_f32s(stack.get::<S>(at, c), simd.splat_f32s(8.0));
+        reference[c] = simd.min_f32s(own.get::<S>(c), simd.splat_f32s(8.0));
     }
-    let mut sums: Sums<S> = [[zero; VALUES]; REGRESSORS + 1];
+    let mut sums: Sums<S, VALUES, { REGRESSORS + 1 }> = [[zero; VALUES]; REGRESSORS + 1];
     let mut total = zero;
     let mut segment = Segment {
         apart: [[zero; SEGMENT]; REGRESSORS],
@@ -405,18 +458,18 @@ fn fit<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>) -> [Fit<S>; 2] 
         weighted: [[zero; SEGMENT]; REGRESSORS + 1],
     };
     let mut filled = 0;
-    for o in 0..seen.count {
-        let index = seen.places[o][0];
-        let weight = simd.mul_f32s(seen.weights[o], count_weights(simd, here, samples(simd, stack, index)));
+    for pixel in &seen.all[..seen.count] {
+        let there = stack.at::<S>(pixel.index);
+        let weight = simd.mul_f32s(pixel.weight, count_weights(simd, here, there.get::<S>(COUNT)));
         total = simd.add_f32s(total, weight);
-        let z = regressors(simd, centre, index);
+        let z = regressors(simd, centre, there);
         segment.weighted[0][filled] = weight;
         for k in 0..REGRESSORS {
             segment.apart[k][filled] = z[k];
             segment.weighted[k + 1][filled] = simd.mul_f32s(weight, z[k]);
         }
         for v in 0..6 {
-            segment.colours[v][filled] = simd.sub_f32s(stack.get::<S>(index, COLOURS + v), reference[v % 3]);
+            segment.colours[v][filled] = simd.sub_f32s(there.get::<S>(COLOURS + v), reference[v % 3]);
         }
         filled += 1;
         if filled == SEGMENT {
@@ -433,11 +486,10 @@ fn fit<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>) -> [Fit<S>; 2] 
 
 /// Adds the predictions of both halves' windows to the pixels in them.
 #[inline(always)]
-fn predict<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>, fits: &[Fit<S>; 2], sums: &mut [f32]) {
-    let columns = centre.stack.columns;
-    for o in 0..seen.count {
-        let ([index, start], weight) = (seen.places[o], seen.weights[o]);
-        let z = regressors(simd, centre, index);
+fn predict<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>, fits: &[Fit<S, REGRESSORS>; 2], sums: &mut [f32]) {
+    for pixel in &seen.all[..seen.count] {
+        let z = regressors(simd, centre, centre.stack.at::<S>(pixel.index));
+        let sums = &mut sums[pixel.sums..][..7 * COLUMNS + S::F32_LANES];
         for half in 0..2 {
             let fit = &fits[half];
             for c in 0..3 {
@@ -445,9 +497,9 @@ fn predict<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>, fits: &[Fit
                 for k in 0..REGRESSORS {
                     value = simd.add_f32s(value, simd.mul_f32s(fit.slopes[k][c], z[k]));
                 }
-                add(simd, &mut sums[start + (4 * half + c) * columns..], simd.mul_f32s(weight, value));
+                add(simd, &mut sums[(4 * half + c) * COLUMNS..], simd.mul_f32s(pixel.weight, value));
             }
-            add(simd, &mut sums[start + (4 * half + 3) * columns..], weight);
+            add(simd, &mut sums[(4 * half + 3) * COLUMNS..], pixel.weight);
         }
     }
 }
