@@ -319,10 +319,10 @@ fn plan(
     sampler: &mut dyn Sampler,
     clock: &Clock,
 ) -> Result<Option<OpenRound>, Error> {
+    let planning = clock.seconds();
     loop {
         let State { film, round, .. } = state;
-        let planning = clock.seconds();
-        let budget = meter.show(film, *round, planning);
+        let budget = meter.show(film, *round, clock.seconds());
         film.record.budgets.push(budget.total);
         let mut plan = Plan::empty(film.frame.pixels());
         let progress = sampler.next_round(&crate::Feedback { round: *round, film, budget }, &mut plan)?;
@@ -333,6 +333,10 @@ fn plan(
         }
         let predicted = predict(state, meter, filter)?;
         if !meter.extend(&state.film, clock.seconds(), predicted) {
+            // The time of the last prediction belongs to the last round.
+            if let Some(last) = state.film.record.rounds.last_mut() {
+                last.plan_seconds += clock.seconds() - planning;
+            }
             return Ok(None);
         }
     }

@@ -20,10 +20,13 @@ const PRIOR: f64 = 0.6;
 /// The relative standard deviation by which that ratio changes when the samples are doubled.
 const DRIFT: f64 = 0.2;
 /// The least relative standard deviation of a measurement.
-const LEAST: f64 = 0.1;
+const LEAST: f64 = 0.2;
 /// The factor on the variance of a measurement below the present ratio. Blocks without the rare bright paths are low and
-/// look exact, and a limit ends at the first low prediction.
+/// look exact.
 const LOW: f64 = 3.0;
+/// The standard deviations of the ratio that are added to it. Without them, a limit that ends at the first low
+/// prediction would end too early on average.
+const CAUTION: f64 = 0.3;
 /// The range of the ratio.
 const RATIOS: [f64; 2] = [0.2, 5.0];
 /// The range of the exponent by which errors of filtered images fall with samples, and the one assumed at first.
@@ -97,7 +100,7 @@ impl Holdout {
         let counts =
             [first, second].map(|bank| bank.counts.iter().map(|&n| n.try_into().unwrap_or(u32::MAX)).collect());
         let means = [first, second].map(|bank| bank.means.iter().map(|m| m.map(|x| x as f32)).collect());
-        let (image, relmse) = (image.radiance, own * ratio);
+        let (image, relmse) = (image.radiance, own * (ratio + CAUTION * variance.sqrt()));
         Ok(Some(Self { samples, own, relmse, fall, confirmed, ratio, variance, image, error, counts, means }))
     }
 
