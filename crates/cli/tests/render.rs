@@ -75,8 +75,8 @@ fn error_and_time_are_budgets() {
         assert!(tight[key].as_f64().unwrap() <= 0.0005, "{tight}");
         assert!(tight["samples"].as_u64() > loose["samples"].as_u64(), "{loose} {tight}");
     }
-    let unfiltered = folder.json("tiny.pbrt --error-of unfiltered --error 0.002 -o a.exr");
-    let filtered = folder.json("tiny.pbrt --error 0.002 -o a.exr");
+    let unfiltered = folder.json("cornell --resolution 48x36 --error-of unfiltered --error 0.004 -o a.exr");
+    let filtered = folder.json("cornell --resolution 48x36 --error 0.004 -o a.exr");
     assert!(unfiltered["predicted_relmse_filtered"].is_null());
     assert!(unfiltered["samples"].as_u64() > filtered["samples"].as_u64(), "{filtered} {unfiltered}");
     let out = folder.done("render tiny.pbrt --error 1e-9 --max-spp 16 -o a.pfm");

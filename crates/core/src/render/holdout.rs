@@ -1,8 +1,8 @@
 //! The relMSE of a filtered image, measured with samples that the filter has not seen.
 //!
 //! Let `F` be the filtered image of the samples so far, and `X`, `Y` the means of the next round's samples in the two
-//! halves. `F`, `X` and `Y` are independent, so `E (F - X)(F - Y)` is the squared error of `F`: without a bias, whatever
-//! the filter did. The filter's own estimate sees only samples that the filter has fitted. The ratio of both estimates
+//! halves. If they are independent, `E (F - X)(F - Y)` is the squared error of `F`: without a bias, whatever the filter
+//! did. [`Points`] corrects for the dependence within a low-discrepancy sequence. The filter's own estimate sees only samples that the filter has fitted. The ratio of both estimates
 //! changes slowly as samples are added, and corrects the filter's estimate for the image of all samples.
 
 use crate::snapshot::Broken;

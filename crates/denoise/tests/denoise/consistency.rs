@@ -202,6 +202,7 @@ fn error_estimates_are_within_a_factor_of_three() {
             actual += squared_error(&image.radiance) * channels;
             unfiltered += squared_error(&film.image()) * channels;
         }
+        eprintln!("RATIO {} {:.2} control {:.2}", filter.describe(), estimated / actual, unfiltered / actual);
         assert!((0.33..3.0).contains(&(estimated / actual)), "{}: {estimated} for {actual}", filter.describe());
         assert!(unfiltered / actual > 3.0, "{}: the control is no control", filter.describe());
     }
