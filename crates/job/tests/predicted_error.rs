@@ -1,5 +1,7 @@
 //! The predicted error of the filtered image against the true one, on bundled scenes.
 
+#![expect(clippy::print_stderr, reason = "the ratios of scenes are read in the output")]
+
 use dapple_core::Filtered;
 use dapple_denoise::relative_errors;
 use dapple_job::{BudgetSpec, Job, PixelFilterSpec, RenderSpec};
