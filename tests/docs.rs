@@ -371,6 +371,8 @@ fn the_guides_compile_and_their_tests_pass_when_followed_to_the_letter() {
                 .args(["-e", "-c", &block.text])
                 .env("CARGO_TARGET_DIR", root().join("target/docs/target"))
                 .env("CARGO_NET_OFFLINE", "true")
+                // Compiling takes longer than these tests.
+                .env("CARGO_PROFILE_DEV_OPT_LEVEL", "1")
                 .current_dir(&workspace)
                 .output()
                 .expect("a shell");

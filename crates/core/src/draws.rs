@@ -65,6 +65,7 @@ pub struct Draws<'a> {
     id: SampleId,
     first_hit: bool,
     features: bool,
+    emission: bool,
     requested: Cell<u32>,
 }
 
@@ -72,7 +73,7 @@ impl<'a> Draws<'a> {
     /// The random numbers of sample `id`, without a request for its first hit.
     #[inline]
     pub fn new(points: &'a dyn PointSet, id: SampleId) -> Self {
-        Self { points, id, first_hit: false, features: false, requested: Cell::new(0) }
+        Self { points, id, first_hit: false, features: false, emission: false, requested: Cell::new(0) }
     }
 
     /// Requests the first hit from the integrator.
@@ -89,10 +90,18 @@ impl<'a> Draws<'a> {
         Self { first_hit: true, features: true, ..self }
     }
 
+    /// Requests the emission of light sources seen directly from the integrator.
+    #[inline]
+    #[must_use]
+    pub fn with_emission(self) -> Self {
+        Self { emission: true, ..self }
+    }
+
     /// The random numbers of sample `id` in a render, with requests for what the film records.
     #[inline]
     pub(crate) fn of_round(points: &'a dyn PointSet, id: SampleId, needs: &Needs) -> Self {
-        Self { points, id, first_hit: needs.wants_first_hit(), features: needs.features, requested: Cell::new(0) }
+        let Needs { features, emission, .. } = *needs;
+        Self { points, id, first_hit: needs.wants_first_hit(), features, emission, requested: Cell::new(0) }
     }
 
     /// The four coordinates of `block`, each in `[0, 1)`: two 2-D pairs.
@@ -126,6 +135,13 @@ impl<'a> Draws<'a> {
     #[inline]
     pub fn wants_features(&self) -> bool {
         self.features
+    }
+
+    /// Returns `true` if the film records the emission of light sources seen directly. If not, leave
+    /// [`Estimate::emission`](crate::Estimate::emission) at 0.
+    #[inline]
+    pub fn wants_emission(&self) -> bool {
+        self.emission
     }
 
     /// The number of calls of [`Draws::block`] so far. An effect that is off requests no block.

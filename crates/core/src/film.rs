@@ -4,7 +4,7 @@ mod bank;
 mod error;
 
 pub use bank::luminance;
-pub(crate) use bank::{Bank, Range, index, widen};
+pub(crate) use bank::{Bank, Range, add_emission, index, widen};
 
 use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SampleId, SurfaceFeatures, streams};
 use bank::join;
@@ -203,6 +203,7 @@ impl Film {
     /// The bytes per pixel for the statistics of all kept samples, or of all discarded samples.
     pub(crate) fn bank_bytes_per_pixel(needs: &Needs) -> usize {
         let bank = 8 + 24 + if needs.variance { 24 } else { 0 } + if needs.extrema { 32 } else { 0 };
+        let bank = bank + if needs.emission { 12 } else { 0 };
         bank * if needs.halves { 2 } else { 1 }
     }
 
@@ -214,6 +215,16 @@ impl Film {
     ///
     /// If `pixel` is outside the window.
     pub fn push(&mut self, pixel: usize, half: usize, radiance: [f32; 3]) {
+        self.push_with_emission(pixel, half, radiance, [0.0; 3]);
+    }
+
+    /// Adds a kept sample as [`Film::push`] does, with the part of its radiance that light sources seen directly emit. A
+    /// film without [`Needs::emission`] ignores that part.
+    ///
+    /// # Panics
+    ///
+    /// If `pixel` is outside the window.
+    pub fn push_with_emission(&mut self, pixel: usize, half: usize, radiance: [f32; 3], emission: [f32; 3]) {
         let halves = self.kept.len() == 2;
         let half = if halves { half & 1 } else { 0 };
         let bank = &mut self.kept[half];
@@ -229,6 +240,9 @@ impl Film {
         }
         if let Some(range) = bank.ranges.get_mut(pixel) {
             widen(range, radiance);
+        }
+        if let Some(mean) = bank.emission.get_mut(pixel) {
+            add_emission(mean, moments.count, emission, radiance);
         }
         self.record.samples += 1;
         if let Some(reason) = reason {
@@ -303,6 +317,12 @@ impl Film {
         (self.kept.len() == 2).then(|| self.kept[half & 1].moments(i))
     }
 
+    /// The mean emission of light sources that pixel `i`'s kept samples saw directly: of half 0 or 1, or of all samples in
+    /// a film without halves. `None` without [`Needs::emission`].
+    pub fn emission(&self, half: usize, i: usize) -> Option<[f32; 3]> {
+        self.kept[half % self.kept.len()].emission.get(i).copied()
+    }
+
     /// Count, mean and sum of squared deviations of pixel `i`'s discarded samples, withdrawn ones included; zero if
     /// there are none.
     pub fn discarded(&self, i: usize) -> RgbMoments {
@@ -371,7 +391,7 @@ impl Film {
         (0..self.frame.pixels()).map(|i| self.count(i)).collect()
     }
 
-    /// Checks that the film records all of `needs`; a filter calls this first.
+    /// Checks that the film records all of `needs` but emission, without which filters work too. A filter calls this first.
     ///
     /// # Errors
     ///

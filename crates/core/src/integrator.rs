@@ -212,6 +212,11 @@ pub struct Estimate {
     /// The features, if [`Draws::wants_features`] requests them and they are not those of the first hit. The film records
     /// the first hit's features if this is `None`, or has a NaN or an infinity.
     pub features: Option<SurfaceFeatures>,
+    /// The part of the radiance that light sources emit towards the camera, if [`Draws::wants_emission`] requests it: seen
+    /// by the camera ray itself, through mirrors, or through glass that shows them in almost every sample; else 0.
+    ///
+    /// Filters keep bright emission in its pixel. They stay correct without it.
+    pub emission: [f32; 3],
     /// The cost of the sample: the number of rays traced.
     pub cost: u32,
 }
@@ -220,7 +225,7 @@ impl Estimate {
     /// An estimate with this radiance and without a first hit; its cost is one ray.
     #[inline]
     pub const fn new(radiance: [f32; 3]) -> Self {
-        Self { radiance, first_hit: None, features: None, cost: 1 }
+        Self { radiance, first_hit: None, features: None, emission: [0.0; 3], cost: 1 }
     }
 
     /// Sets the first hit: a [`FirstHit`], or an `Option` of one.
@@ -236,6 +241,14 @@ impl Estimate {
     #[must_use]
     pub fn with_features(mut self, features: impl Into<Option<SurfaceFeatures>>) -> Self {
         self.features = features.into();
+        self
+    }
+
+    /// Sets the part of the radiance that light sources emit towards the camera.
+    #[inline]
+    #[must_use]
+    pub const fn with_emission(mut self, emission: [f32; 3]) -> Self {
+        self.emission = emission;
         self
     }
 

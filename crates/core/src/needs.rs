@@ -33,12 +33,22 @@ pub struct Needs {
     pub first_hits: u8,
     /// The cost of each pixel's samples, in rays.
     pub cost: bool,
+    /// The mean emission of light sources seen directly ([`Estimate::emission`](crate::Estimate::emission)).
+    pub emission: bool,
 }
 
 impl Needs {
     /// No statistics besides sample counts and means.
     pub const fn none() -> Self {
-        Self { variance: false, extrema: false, halves: false, features: false, first_hits: 0, cost: false }
+        Self {
+            variance: false,
+            extrema: false,
+            halves: false,
+            features: false,
+            first_hits: 0,
+            cost: false,
+            emission: false,
+        }
     }
 
     /// Adds the sample variance per pixel and channel.
@@ -85,6 +95,13 @@ impl Needs {
         self
     }
 
+    /// Adds the mean emission of light sources seen directly.
+    #[must_use]
+    pub const fn with_emission(mut self) -> Self {
+        self.emission = true;
+        self
+    }
+
     /// The union: the statistics that `self` or `other` requests.
     #[must_use]
     pub const fn and(self, other: Self) -> Self {
@@ -95,6 +112,7 @@ impl Needs {
             features: self.features || other.features,
             first_hits: if self.first_hits > other.first_hits { self.first_hits } else { other.first_hits },
             cost: self.cost || other.cost,
+            emission: self.emission || other.emission,
         }
     }
 

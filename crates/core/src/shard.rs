@@ -266,7 +266,7 @@ impl Sampler for Sharded<'_> {
 }
 
 const MAGIC: &[u8; 8] = b"dapple-p";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// The film of one shard: the statistics of its rows. For an example see [`Shard`].
 #[derive(Clone, Debug, PartialEq)]
@@ -292,6 +292,7 @@ impl ShardFilm {
             means: shard.cut(&bank.means, width),
             m2: shard.cut(&bank.m2, width),
             ranges: shard.cut(&bank.ranges, width),
+            emission: shard.cut(&bank.emission, width),
             ahead: shard.cut(&bank.ahead, width),
         };
         let film = Film {
@@ -370,6 +371,7 @@ pub fn merge(parts: &[ShardFilm]) -> Result<Film, Error> {
                 means: join(first, 1, banks.iter().map(|b| &b.means[..]))?,
                 m2: join(first, 1, banks.iter().map(|b| &b.m2[..]))?,
                 ranges: join(first, 1, banks.iter().map(|b| &b.ranges[..]))?,
+                emission: join(first, 1, banks.iter().map(|b| &b.emission[..]))?,
                 ahead: join(first, 1, banks.iter().map(|b| &b.ahead[..]))?,
             })
         };

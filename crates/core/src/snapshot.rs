@@ -74,7 +74,7 @@ pub(crate) struct View<'a> {
 
 const MAGIC: &[u8; 8] = b"dapple-s";
 /// The version of the snapshot format. It changes with the layout and the contents.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 impl View<'_> {
     pub(crate) fn write(&self) -> Vec<u8> {

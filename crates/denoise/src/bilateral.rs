@@ -3,7 +3,7 @@
 use crate::averaging::{VANISHING, Window, average, guide, memory};
 use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{Pair, filtered};
-use crate::parameters::{NEEDS, describe};
+use crate::parameters::{RECORDED, describe};
 use crate::planes::Inputs;
 use crate::tile::{FeatureScales, Likeness, REACH};
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
@@ -127,7 +127,7 @@ impl Filter for Bilateral {
     }
 
     fn needs(&self) -> Needs {
-        if self.label.is_some() && self.options.outside < 1.0 { NEEDS.with_first_hits(1) } else { NEEDS }
+        if self.label.is_some() && self.options.outside < 1.0 { RECORDED.with_first_hits(1) } else { RECORDED }
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
@@ -137,6 +137,6 @@ impl Filter for Bilateral {
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
         let inputs = Inputs::new(film, self.label.as_ref());
-        Ok(filtered(&inputs, &self.pair(&inputs)))
+        Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs))))
     }
 }

@@ -3,7 +3,7 @@
 use crate::Gaussian;
 use crate::membership::{BACKGROUND, MOST_VOTES, Membership, Votes};
 use crate::parameters::describe;
-use crate::pixel_means::{mean_and_presence, normalised, squared_error, variances};
+use crate::pixel_means::{emission, mean_and_presence, normalised, squared_error, variances};
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, FirstHit, Frame, ImagePlanes, Needs, Options as _};
 use rayon::prelude::*;
 use std::fmt;
@@ -147,14 +147,17 @@ impl ClusterGaussian {
         let size = film.frame().size();
         let width = size[0] as usize;
         let pixels = film.frame().pixels();
-        let means = (0..pixels).into_par_iter().with_min_len(1024).map(|i| mean_and_presence(film, i)).collect();
+        let emission = emission(film);
+        let emission = emission.as_deref();
+        let mean = |i| mean_and_presence(film, emission, i);
+        let means = (0..pixels).into_par_iter().with_min_len(1024).map(mean).collect();
         let plane = Plane { size: size.map(|n| n as usize), means, variances: variances(film), members };
         let mut radiance = vec![[0.0; 3]; pixels];
         let mut error = plane.variances.as_ref().map(|_| vec![0.0; pixels]);
         let row = |y: usize, radiance: &mut [[f32; 3]], error: &mut [f32]| {
             for (x, radiance) in radiance.iter_mut().enumerate() {
                 let (sum, noise) = self.gather(&plane, x, y);
-                *radiance = normalised(sum);
+                *radiance = normalised(sum, emission.map_or([0.0; 3], |emission| emission[y * width + x]));
                 if let Some(error) = error.get_mut(x) {
                     *error = squared_error(noise, sum[3]);
                 }
@@ -242,8 +245,8 @@ impl Filter for ClusterGaussian {
 
     fn needs(&self) -> Needs {
         match self.clusters {
-            Clusters::Map { .. } => Needs::none(),
-            Clusters::Hits(_) => Needs::none().with_first_hits(self.options.hits),
+            Clusters::Map { .. } => Needs::none().with_emission(),
+            Clusters::Hits(_) => Needs::none().with_emission().with_first_hits(self.options.hits),
         }
     }
 
@@ -253,8 +256,8 @@ impl Filter for ClusterGaussian {
             Clusters::Hits(_) => size_of::<Votes>(),
         };
         let known = needs.variance || needs.halves;
-        // Means and presence, variances, and the image with its error.
-        let planes = size_of::<[f64; 4]>() + if known { 8 + 16 } else { 12 };
+        // Means and presence, variances, the image with its error, and emission.
+        let planes = size_of::<[f64; 4]>() + if known { 8 + 16 } else { 12 } + if needs.emission { 24 } else { 0 };
         let image = if known { ImagePlanes::RadianceAndError } else { ImagePlanes::Radiance };
         FilterMemory::new(frame, votes + planes, image)
     }

@@ -4,7 +4,8 @@ use crate::averaging::guide;
 use crate::bilateral::Bilateral;
 use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{Pair, filtered, relative_weight, select};
-use crate::parameters::{NEEDS, describe};
+use crate::outliers;
+use crate::parameters::{RECORDED, describe};
 use crate::planes::{Inputs, Plane, box_mean};
 use crate::prefilter::prefilter;
 use crate::regression::{bytes, regress};
@@ -84,9 +85,12 @@ dapple_core::options! {
 ///    The blend of the best ones guides a second pass, without albedo. The halves give its remaining noise.
 ///    Both halves share this guide, and so their weights and normal equations.
 /// 5. The result is the choice among all four images by estimated error over 7x7 pixels.
-/// 6. With three passes, this choice guides a regression over 41x41 pixels around every sixth pixel of every sixth row,
-///    without albedo. The choice is moved towards its image, and the unfiltered image towards the result, each as far as
-///    their difference is noise by the halves [after James and Stein 1961].
+/// 6. With three passes, the unfiltered image is no candidate in that choice. The choice guides a regression over 41x41
+///    pixels around every sixth pixel of every sixth row, without albedo. The choice is moved towards its image, and the
+///    unfiltered image towards the result, each as far as their difference is noise by the halves [after James and
+///    Stein 1961].
+/// 7. With three passes, outliers are taken out of the halves before step 2: bright colours that the other half lacks.
+///    Their light is spread over the surface around them after step 6.
 ///
 /// # Guarantees
 ///
@@ -157,27 +161,18 @@ impl ClusterRegression {
         }
         let unfiltered = Pair::unfiltered(inputs);
         let weight = relative_weight(inputs, &first);
-        let chosen = select(inputs, &[&first, &averaged, &unfiltered], &weight, 2);
+        let chosen = select(inputs, &[&first, &averaged], Some(&unfiltered), &weight, 2);
         let second = self.second(inputs, &chosen);
-        let base = select(inputs, &[&first, &averaged, &second, &unfiltered], &weight, 3);
+        let filtered = [&first, &averaged, &second];
         if self.options.passes == Passes::Two {
-            return base;
+            return select(inputs, &filtered, Some(&unfiltered), &weight, 3);
         }
+        let base = select(inputs, &filtered, None, &weight, 3);
         drop((first, averaged, second, chosen));
         let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
         let smooth = shrink(inputs, &base, &smooth, Radii { bias: 8, noise: 20 });
-        let detailed = shrink(inputs, &unfiltered, &smooth, Radii { bias: 5, noise: 10 });
-        let share = detail(inputs);
-        Pair::mixed(&[&smooth, &detailed], &[vec![1.0 - share; inputs.pixels()], vec![share; inputs.pixels()]])
+        shrink(inputs, &unfiltered, &smooth, Radii { bias: 5, noise: 10 })
     }
-}
-
-/// The share of the image that is blended with the unfiltered one: 1/2 up to 16 samples per pixel, then rising to 1 at
-/// 32.
-fn detail(inputs: &Inputs) -> f32 {
-    let samples = |h: usize| inputs.halves[h].count.iter().map(|&n| f64::from(n)).sum::<f64>();
-    let mean = (samples(0) + samples(1)) / inputs.pixels() as f64;
-    (mean as f32 / 32.0).clamp(0.5, 1.0)
 }
 
 /// The guide of the second pass: the filtered image without its albedo, and its remaining noise from the difference of
@@ -220,7 +215,7 @@ impl Filter for ClusterRegression {
     }
 
     fn needs(&self) -> Needs {
-        if self.outside() < 1.0 { NEEDS.with_first_hits(1) } else { NEEDS }
+        if self.outside() < 1.0 { RECORDED.with_first_hits(1) } else { RECORDED }
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
@@ -234,7 +229,9 @@ impl Filter for ClusterRegression {
             // The wide pass runs beside the image of two passes and the unfiltered one.
             Passes::Three => {
                 let two = frame.bytes(kept + 4 * pair + 4).saturating_add(bytes(frame, 1));
-                two.max(frame.bytes(kept + 2 * pair).saturating_add(wide::bytes(frame)))
+                let wide = frame.bytes(kept + 2 * pair).saturating_add(wide::bytes(frame));
+                // The light of the outliers is kept meanwhile.
+                two.max(wide).saturating_add(frame.bytes(12)).max(frame.bytes(kept + outliers::BYTES_PER_PIXEL))
             }
         };
         FilterMemory::new(frame, making, ImagePlanes::RadianceAndError).at_least(at_most)
@@ -244,6 +241,17 @@ impl Filter for ClusterRegression {
         film.require(self.name(), &self.needs())?;
         let mut inputs = Inputs::new(film, self.label.as_ref());
         prefilter(&mut inputs);
-        Ok(filtered(&inputs, &self.pair(&inputs)))
+        if self.options.passes != Passes::Three {
+            return Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs))));
+        }
+        let light = outliers::take(&mut inputs);
+        let mut image = filtered(&inputs, &self.pair(&inputs));
+        if let Some(light) = light {
+            let add = |(i, colour): (usize, &mut [f32; 3])| {
+                (0..3).for_each(|c| colour[c] = (colour[c] + light[c][i] * inputs.level).min(f32::MAX));
+            };
+            image.radiance.iter_mut().enumerate().for_each(add);
+        }
+        Ok(inputs.restored(film, image))
     }
 }

@@ -106,13 +106,20 @@ pub(crate) fn raw_error(inputs: &Inputs, image: &Pair, weight: &[f32]) -> [Plane
 }
 
 /// Selects per pixel the candidate with the least estimated error over `(2 radius + 1)^2` pixels, the first of equals.
-/// The selection is blurred over 5x5 pixels. The last candidate is the unfiltered image, whose error counts
+/// The selection is blurred over 5x5 pixels. The error of the unfiltered image, if that is a candidate, counts
 /// [`HANDICAP`] times.
-pub(crate) fn select(inputs: &Inputs, candidates: &[&Pair], weight: &[f32], radius: usize) -> Pair {
+pub(crate) fn select(
+    inputs: &Inputs,
+    filtered: &[&Pair],
+    unfiltered: Option<&Pair>,
+    weight: &[f32],
+    radius: usize,
+) -> Pair {
+    let candidates: Vec<&Pair> = filtered.iter().copied().chain(unfiltered).collect();
     let mut errors: Vec<Plane> =
         candidates.par_iter().map(|p| box_mean(&raw_error(inputs, p, weight)[0], inputs.size, radius)).collect();
-    if let Some(unfiltered) = errors.last_mut() {
-        unfiltered.iter_mut().for_each(|e| *e *= HANDICAP);
+    for error in &mut errors[filtered.len()..] {
+        error.iter_mut().for_each(|e| *e *= HANDICAP);
     }
     let best =
         |i: usize| (1..errors.len()).fold(0, |best, k| if errors[k][i] < errors[best][i] { k } else { best }) as u8;
@@ -122,7 +129,7 @@ pub(crate) fn select(inputs: &Inputs, candidates: &[&Pair], weight: &[f32], radi
         box_mean(&is, inputs.size, 2)
     };
     let shares: Vec<Plane> = (0..candidates.len()).into_par_iter().map(share).collect();
-    Pair::mixed(candidates, &shares)
+    Pair::mixed(&candidates, &shares)
 }
 
 /// The filtered image in radiance, with the estimated squared error of each pixel.

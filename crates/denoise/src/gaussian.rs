@@ -4,7 +4,7 @@ mod weights;
 
 use self::weights::gaussian_weights;
 use crate::parameters::describe;
-use crate::pixel_means::{mean_and_presence, normalised, squared_error, variances};
+use crate::pixel_means::{emission, mean_and_presence, normalised, squared_error, variances};
 use crate::separable::separable;
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
 use rayon::prelude::*;
@@ -59,6 +59,11 @@ dapple_core::options! {
 /// * The wider kernel's weights beyond 4.5 pixels add up to 7e-6 per axis.
 /// * The remaining noise variance differs by 0.3 %.
 /// * The narrower kernel has 9 weights per axis, the wider one 17.
+///
+/// # Lamps
+///
+/// Bright light sources seen directly stay in their pixels, if the film recorded their emission. The published blur
+/// spreads them too. A film without [`Needs::emission`] gives that.
 ///
 /// # Pixels without samples
 ///
@@ -130,22 +135,30 @@ impl Filter for Gaussian {
         describe(self.name(), &self.options, "")
     }
 
+    fn needs(&self) -> Needs {
+        Needs::none().with_emission()
+    }
+
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
-        // Four sums along rows, and four along columns.
+        // Four sums along rows, and four along columns; emission.
         let known = needs.variance || needs.halves;
         let image = if known { ImagePlanes::RadianceAndError } else { ImagePlanes::Radiance };
-        FilterMemory::new(frame, 2 * size_of::<[f64; 4]>(), image)
+        FilterMemory::new(frame, 2 * size_of::<[f64; 4]>() + if needs.emission { 24 } else { 0 }, image)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         let size = film.frame().size();
         let plane = size.map(|n| n as usize);
-        let sums = separable(plane, &self.weights, |i| mean_and_presence(film, i), |_, sum| sum);
+        let emission = emission(film);
+        let emission = emission.as_deref();
+        let sums = separable(plane, &self.weights, |i| mean_and_presence(film, emission, i), |_, sum| sum);
         let error = variances(film).map(|variances| {
             let squares: Vec<f64> = self.weights.iter().map(|w| w * w).collect();
             separable(plane, &squares, |i| [variances[i]], |i, [sum]| squared_error(sum, sums[i][3]))
         });
-        let radiance = sums.into_par_iter().with_min_len(1024).map(normalised).collect();
+        let own = |i| emission.map_or([0.0; 3], |emission| emission[i]);
+        let finish = |(i, sum)| normalised(sum, own(i));
+        let radiance = sums.into_par_iter().enumerate().with_min_len(1024).map(finish).collect();
         Ok(Filtered::new(size, radiance).with_error(error))
     }
 }

@@ -47,6 +47,10 @@
 //! * A constant image stays that constant, also at borders and beside pixels without samples.
 //! * The result has the same bits on any number of threads and on any machine. Each sum is taken by one task in a fixed
 //!   order, without fused operations.
+//! * Bright light sources seen directly stay in their pixels, if the film recorded their emission. Filters spread at most
+//!   a part of it: 30 times the image's mean brightness, or more for lamps of little contrast.
+//! * `NlMeans`, `Bilateral` and `ClusterRegression` keep what lies above 10^9 times the mean brightness in its pixel too, so
+//!   that no radiance is lost.
 //! * Pixels without samples are filled from their neighbours. If no sample is in reach, they are black with an infinite
 //!   error.
 //! * `NlMeans`, `Bilateral` and `ClusterRegression` are consistent: their bias vanishes as samples are added
@@ -66,8 +70,11 @@ mod cluster_gaussian;
 mod cluster_regression;
 mod error_map;
 mod gaussian;
+#[cfg(test)]
+mod internals;
 mod membership;
 mod nl_means;
+mod outliers;
 mod parameters;
 mod pixel_means;
 mod planes;
@@ -77,6 +84,7 @@ mod separable;
 mod shrink;
 mod tile;
 mod wide;
+mod withheld;
 
 pub use bilateral::{Bilateral, BilateralOptions};
 pub use cluster_gaussian::{ClusterGaussian, ClusterGaussianOptions, ClusterLookup};

@@ -2,7 +2,7 @@
 
 use crate::averaging::{Window, average, guide, memory};
 use crate::error_map::{Pair, filtered};
-use crate::parameters::{NEEDS, describe};
+use crate::parameters::{RECORDED, describe};
 use crate::planes::Inputs;
 use crate::tile::{FeatureScales, Likeness, REACH};
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
@@ -114,7 +114,11 @@ impl Filter for NlMeans {
     }
 
     fn needs(&self) -> Needs {
-        if self.options.features.is_some() { NEEDS } else { Needs::none().with_variance().with_halves() }
+        if self.options.features.is_some() {
+            RECORDED
+        } else {
+            Needs::none().with_variance().with_halves().with_emission()
+        }
     }
 
     fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
@@ -124,6 +128,6 @@ impl Filter for NlMeans {
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
         let inputs = Inputs::new(film, None);
-        Ok(filtered(&inputs, &self.pair(&inputs)))
+        Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs))))
     }
 }

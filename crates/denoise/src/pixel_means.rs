@@ -1,17 +1,27 @@
 //! Pixel means and their variances, as `Gaussian` and `ClusterGaussian` read them.
 
+use crate::planes::level;
+use crate::withheld::Bounds;
 use dapple_core::Film;
 use rayon::prelude::*;
 
-/// The mean of pixel `i` followed by 1, or zeros if the pixel has no samples. Weighted sums of these are the numerator
+/// The emission that blurs leave in each pixel; `None` if the film recorded none.
+pub(crate) fn emission(film: &Film) -> Option<Vec<[f64; 3]>> {
+    let bounds = film.needs().emission.then(|| Bounds::new(film, level(film)))?;
+    let withheld = |i| bounds.withheld_emission(film, i);
+    Some((0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(withheld).collect())
+}
+
+/// The mean of pixel `i` without the `emission` that stays there, followed by 1, or zeros if the pixel has no samples. Weighted sums of these are the numerator
 /// and denominator of a mean over the pixels with samples.
 #[inline]
-pub(crate) fn mean_and_presence(film: &Film, i: usize) -> [f64; 4] {
+pub(crate) fn mean_and_presence(film: &Film, emission: Option<&[[f64; 3]]>, i: usize) -> [f64; 4] {
     if film.count(i) == 0 {
         return [0.0; 4];
     }
     let [r, g, b] = film.mean(i);
-    [r, g, b, 1.0]
+    let [er, eg, eb] = emission.map_or([0.0; 3], |emission| emission[i]);
+    [r - er, g - eg, b - eb, 1.0]
 }
 
 /// The estimated variance of each pixel's mean, averaged over the channels; `None` if the film recorded none.
@@ -39,10 +49,11 @@ pub(crate) fn variances(film: &Film) -> Option<Vec<f64>> {
     Some((0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(variance).collect())
 }
 
-/// The weighted mean from a weighted sum of [`mean_and_presence`]; black if no sample is in reach.
+/// The weighted mean from a weighted sum of [`mean_and_presence`] plus the pixel's own `emission`; black if no sample is in
+/// reach.
 #[inline]
-pub(crate) fn normalised([r, g, b, weight]: [f64; 4]) -> [f32; 3] {
-    if weight > 0.0 { [r, g, b].map(|x| (x / weight) as f32) } else { [0.0; 3] }
+pub(crate) fn normalised(sum: [f64; 4], emission: [f64; 3]) -> [f32; 3] {
+    if sum[3] > 0.0 { std::array::from_fn(|c| (sum[c] / sum[3] + emission[c]) as f32) } else { [0.0; 3] }
 }
 
 /// The squared error of a weighted mean, from the sum of squared weights times variances and the sum of weights.

@@ -2,7 +2,8 @@
 
 use crate::cluster_gaussian::ClusterLookup;
 use crate::membership::BACKGROUND;
-use dapple_core::Film;
+use crate::withheld::Bounds;
+use dapple_core::{Film, Filtered};
 use rayon::prelude::*;
 
 /// One value per pixel, row by row.
@@ -15,7 +16,7 @@ pub(crate) type Colours = [Plane; 3];
 pub(crate) const FEATURES: usize = 7;
 
 /// The largest radiance in units of the image's level (its mean brightness). Its fourth power fits `f32`.
-const BRIGHTEST: f32 = 1e9;
+pub(crate) const BRIGHTEST: f32 = 1e9;
 
 /// The variance assumed for an unknown value, in units of the squared level (the image's mean brightness).
 const UNKNOWN: f32 = 1e6;
@@ -64,6 +65,8 @@ pub(crate) struct Inputs {
     pub(crate) size: [usize; 2],
     /// The image's level: the radiance (near the mean of the image) that is scaled to 1 in these planes.
     pub(crate) level: f32,
+    /// The largest light in these planes; the rest is withheld ([`Inputs::restored`]).
+    bounds: Bounds,
     pub(crate) halves: [Half; 2],
     pub(crate) features: Features,
     /// The cluster of each pixel's first sample, modulo 2^24 - 3 so that an `f32` holds it; `None` without clusters.
@@ -75,13 +78,14 @@ impl Inputs {
     pub(crate) fn new(film: &Film, label: Option<&ClusterLookup>) -> Self {
         let size = film.frame().size().map(|n| n as usize);
         let level = level(film);
-        let sample_variance = pooled_variance(film, level);
-        let halves = [0, 1].map(|h| half(film, h, level, &sample_variance));
+        let bounds = Bounds::new(film, level);
+        let sample_variance = pooled_variance(film, level, bounds);
+        let halves = [0, 1].map(|h| half(film, h, level, bounds, &sample_variance));
         let labels = label.filter(|_| film.needs().first_hits > 0).map(|label| {
             let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(|hit| label(hit));
             per_pixel(film, |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
         });
-        Self { size, level, halves, features: features(film), labels }
+        Self { size, level, bounds, halves, features: features(film), labels }
     }
 
     /// The number of bytes per pixel that these planes occupy, and the largest number while they are computed.
@@ -93,6 +97,11 @@ impl Inputs {
         let known = size_of::<Option<f32>>() + size_of::<Option<Feature>>() + size_of::<Feature>();
         let kept = halves + features + labels;
         [4 * kept, 4 * (kept + 3) + known]
+    }
+
+    /// Adds the light that the filter did not get to the image that it made of this film.
+    pub(crate) fn restored(&self, film: &Film, filtered: Filtered) -> Filtered {
+        self.bounds.restore(film, filtered)
     }
 
     /// The number of pixels.
@@ -119,7 +128,7 @@ pub(crate) fn per_pixel<T: Send>(film: &Film, f: impl Fn(usize) -> T + Sync + Se
 
 /// The image's level: the mean brightness of its pixels, each capped at eight times the median of pixels that are not
 /// black. It is 1 for a black image.
-fn level(film: &Film) -> f32 {
+pub(crate) fn level(film: &Film) -> f32 {
     let grey = per_pixel(film, |i| (film.mean(i).iter().sum::<f64>() / 3.0) as f32);
     let mut lit: Vec<f32> = grey.iter().copied().filter(|g| *g > 0.0).collect();
     if lit.is_empty() {
@@ -133,13 +142,14 @@ fn level(film: &Film) -> f32 {
 }
 
 /// The variance of one sample in each pixel, shrunk towards the variance over 5x5 pixels, in squared levels.
-fn pooled_variance(film: &Film, level: f32) -> Colours {
+fn pooled_variance(film: &Film, level: f32, bounds: Bounds) -> Colours {
     let size = film.frame().size().map(|n| n as usize);
     let unit = 1.0 / f64::from(level);
     let most = f64::from(BRIGHTEST) * f64::from(BRIGHTEST);
     let own = per_pixel(film, |i| {
         let of = |v: f64| (v * unit * unit).min(most) as f32;
-        film.moments(i).variance().map(|[r, g, b]| [of(r), of(g), of(b)])
+        let variance = film.moments(i).variance()?;
+        Some(without_withheld(film, i, bounds, variance).map(of))
     });
     let known: Plane = own.iter().map(|v| f32::from(u8::from(v.is_some()))).collect();
     let near = box_mean(&known, size, 2);
@@ -156,14 +166,31 @@ fn pooled_variance(film: &Film, level: f32) -> Colours {
     })
 }
 
-fn half(film: &Film, half: usize, level: f32, sample_variance: &Colours) -> Half {
+/// The variance of one sample of pixel `i` without the light that is withheld, from the sample `variance`.
+///
+/// Withheld light varies at the edges of lamps. There the difference of the halves bounds the variance of the rest.
+fn without_withheld(film: &Film, i: usize, bounds: Bounds, variance: [f64; 3]) -> [f64; 3] {
+    let withheld = [0, 1].map(|half| bounds.withheld_of_half(film, half, i));
+    if withheld == [[0.0; 3]; 2] {
+        return variance;
+    }
+    let [a, b] = [0, 1].map(|half| film.half(half, i).unwrap_or_default());
+    let share = a.count as f64 * b.count as f64 / (a.count + b.count).max(1) as f64;
+    std::array::from_fn(|c| {
+        let rest = a.mean[c] - withheld[0][c] - b.mean[c] + withheld[1][c];
+        variance[c].min(rest * rest * share)
+    })
+}
+
+fn half(film: &Film, half: usize, level: f32, bounds: Bounds, sample_variance: &Colours) -> Half {
     let unit = 1.0 / f64::from(level);
     let of = |i: usize| {
         let moments = film.half(half, i).unwrap_or_default();
         // A missing half takes the film's mean. Its variance is UNKNOWN.
         let [r, g, b] = if moments.count > 0 { moments.mean } else { film.mean(i) };
+        let [wr, wg, wb] = bounds.withheld_of_half(film, half, i);
         let value = |x: f64| ((x * unit) as f32).min(BRIGHTEST);
-        [value(r), value(g), value(b), moments.count as f32]
+        [value(r - wr), value(g - wg), value(b - wb), moments.count as f32]
     };
     let all = per_pixel(film, of);
     let [r, g, b, count] = std::array::from_fn(|k| all.iter().map(|values| values[k]).collect::<Plane>());

@@ -78,8 +78,14 @@ fn rendered(sampler: &mut dyn Sampler, needs: Needs) -> (Film, Vec<u8>) {
 }
 
 fn seeds() -> Vec<(&'static str, Vec<u8>)> {
-    let everything =
-        Needs::none().with_variance().with_extrema().with_halves().with_features().with_first_hits(1).with_cost();
+    let everything = Needs::none()
+        .with_variance()
+        .with_extrema()
+        .with_halves()
+        .with_features()
+        .with_first_hits(1)
+        .with_cost()
+        .with_emission();
     let (_, snapshot) = rendered(&mut Uniform::new(Hashed), everything);
     let (_, plain) = rendered(&mut Uniform::new(Hashed), Needs::none());
     let identity = Identity::new([("scene", "teapot"), ("seed", "7")]);

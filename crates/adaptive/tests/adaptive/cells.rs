@@ -141,3 +141,16 @@ fn a_floor_is_cut_into_squares() {
     assert_eq!(cells.len(), 36, "96 pixels of 16 along each axis");
     assert!(cells.hits().iter().all(|&n| n == 256));
 }
+
+/// Two floors whose pixels are 8 times as wide on the left as on the right. They meet at their corners, so that the cubes
+/// there have the same place, but another size.
+#[test]
+fn each_cell_has_the_size_of_its_own_pixels() {
+    let surface = |x: f32, y: f32| {
+        let (across, width) = if x < 48.0 { (48.0 - x, 8.0) } else { (x - 48.0, 1.0) };
+        Some(hit([width * across, width * y, 0.0], [0.0, 0.0, 1.0], 0).with_footprint(width))
+    };
+    let cells = cells(&image(1, surface));
+    assert_eq!(cells.len(), 36, "squares of 16 pixels on either side: {:?}", cells.hits());
+    assert!(cells.hits().iter().all(|&n| n == 256), "{:?}", cells.hits());
+}

@@ -26,9 +26,14 @@ fn film(needs: Needs, value: impl Fn([usize; 2], [f32; 4]) -> f32) -> Film {
 
 /// The final counts, planned from this film for 32 samples per pixel.
 fn planned(sampler: &mut dyn Sampler, film: &Film) -> Result<Vec<u32>, Error> {
+    planned_for(32, sampler, film)
+}
+
+/// The final counts, planned from this film for `spp` samples per pixel.
+fn planned_for(spp: u64, sampler: &mut dyn Sampler, film: &Film) -> Result<Vec<u32>, Error> {
     let pixels = (SIDE * SIDE) as u64;
     let spent = u64::from(PILOT) * pixels;
-    let budget = BudgetLeft::new(32 * pixels).with_spent(spent).with_max_spp(100_000);
+    let budget = BudgetLeft::new(spp * pixels).with_spent(spent).with_max_spp(100_000);
     let mut plan = Plan::empty(SIDE * SIDE);
     let progress = sampler.next_round(&Feedback::new(1, film, budget), &mut plan)?;
     assert_eq!(progress, Progress::Trace);
@@ -93,6 +98,54 @@ fn no_region_starves() {
     assert!(counts.iter().all(|&n| n <= 6 * 32 + 1), "and no pixel gets more than the cap");
     let beyond = (0..SIDE).map(|y| counts[y * SIDE + 40]).filter(|&n| n > PILOT).count();
     assert!(beyond > 0, "some samples go where no variance was seen");
+}
+
+/// A score of 1 % of the mean is 0.005 of a noisy pixel's.
+#[test]
+fn pixels_without_variance_get_samples_by_the_least_score() {
+    let seen = film(Needs::none().with_variance(), |[x, _], u| if x < 24 { u[0] } else { 0.5 });
+    let counts = planned_for(1024, &mut with(options().rounds(1).pilot(PILOT)), &seen).unwrap();
+    let exponent = options().exponent;
+    let [noisy, quiet] = [6, 40].map(|x| column_mean(&counts, x));
+    let expected = 0.005f64.powf(1.0 / (1.0 + exponent));
+    assert!((quiet / noisy / expected - 1.0).abs() < 0.2, "{quiet} of {noisy}, not {expected} of it");
+}
+
+/// Count, mean 1 and sample variance, as moments.
+fn moments_of(count: u64, variance: f64) -> dapple_core::RgbMoments {
+    let mut moments = dapple_core::RgbMoments::default();
+    (moments.count, moments.mean, moments.m2) = (count, [1.0; 3], [variance * (count - 1) as f64; 3]);
+    moments
+}
+
+/// Two samples of variance 1 and five of variance 7: the pool is (1 * 1 + 4 * 7) / 5 = 5.8.
+#[test]
+fn variances_are_pooled_and_blended_by_degrees_of_freedom() {
+    let moments = [moments_of(2, 1.0), moments_of(5, 7.0)];
+    for (prior, expected) in [
+        (0.0, [1.0, 7.0]),
+        (2.0, [(1.0 + 2.0 * 5.8) / 3.0, (28.0 + 2.0 * 5.8) / 6.0]),
+        (12.0, [(1.0 + 12.0 * 5.8) / 13.0, (28.0 + 12.0 * 5.8) / 16.0]),
+        (f64::INFINITY, [5.8, 5.8]),
+    ] {
+        let sources = Sources::All;
+        let pooling = Pooling { pool: PoolShape::Window, radius: 1, prior, power: 1.0, epsilon: 0.5, sources };
+        let found = relative_variance(&moments, [2, 1], &pooling, None).unwrap();
+        for (found, expected) in found.iter().zip(expected) {
+            // Three channels, over the squared mean and epsilon.
+            assert!((found / (3.0 * expected / 1.5) - 1.0).abs() < 1e-12, "prior {prior}: {found}, not {expected}");
+        }
+    }
+}
+
+/// Two probes of albedo 0.2 and 0.6: the mean is 0.4 and the sample variance 0.08, twice the mean squared deviation.
+#[test]
+fn geometric_variance_is_the_sample_variance_of_albedo() {
+    use dapple_adaptive::{CellOptions, Cells, geometric_variance};
+    let hit = dapple_core::FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0).with_footprint(1.0);
+    let cells = Cells::new(&[Some(hit); 2], 2, [1, 1], &CellOptions::default()).unwrap();
+    let found = geometric_variance(&cells, &[[0.2; 3], [0.6; 3]], &[[0.0, 0.0, 1.0]; 2], 0.04)[0];
+    assert!((found - 3.0 * 0.08 / 0.2).abs() < 1e-6, "{found}");
 }
 
 #[test]

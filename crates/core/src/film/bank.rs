@@ -21,6 +21,8 @@ pub(crate) struct Bank {
     pub(crate) means: Vec<[f64; 3]>,
     pub(crate) m2: Vec<[f64; 3]>,
     pub(crate) ranges: Vec<Range>,
+    /// The mean emission of light sources seen directly.
+    pub(crate) emission: Vec<[f32; 3]>,
     /// Per pixel, the difference between the next sample's index and the count, caused by withdrawn samples. Positive
     /// in the bank that gave samples away, negative in the bank that got them. Empty until samples are withdrawn.
     pub(crate) ahead: Vec<i64>,
@@ -33,6 +35,7 @@ impl Bank {
             means: vec![[0.0; 3]; pixels],
             m2: if needs.variance { vec![[0.0; 3]; pixels] } else { Vec::new() },
             ranges: if needs.extrema { vec![NOTHING; pixels] } else { Vec::new() },
+            emission: if needs.emission { vec![[0.0; 3]; pixels] } else { Vec::new() },
             ahead: Vec::new(),
         }
     }
@@ -55,6 +58,7 @@ impl Bank {
         }
         for i in (0..pixels).filter(|&i| withdrawn[i]) {
             let mut moments = other.moments(i);
+            let share = self.counts[i] as f32 / (self.counts[i] + moments.count).max(1) as f32;
             moments.merge(&self.moments(i));
             (other.counts[i], other.means[i]) = (moments.count, moments.mean);
             if let (Some(to), Some(from)) = (other.m2.get_mut(i), self.m2.get_mut(i)) {
@@ -63,6 +67,10 @@ impl Bank {
             if let (Some(to), Some(from)) = (other.ranges.get_mut(i), self.ranges.get_mut(i)) {
                 join(to, from);
                 *from = NOTHING;
+            }
+            if let (Some(to), Some(from)) = (other.emission.get_mut(i), self.emission.get_mut(i)) {
+                (0..3).for_each(|c| to[c] += share * (from[c] - to[c]));
+                *from = [0.0; 3];
             }
             let moved = self.counts[i] as i64;
             self.ahead[i] += moved;
@@ -76,6 +84,16 @@ impl Bank {
 #[inline]
 pub(crate) fn index(count: u64, ahead: Option<&i64>) -> u64 {
     count.wrapping_add_signed(ahead.copied().unwrap_or(0))
+}
+
+/// Adds a sample's emission to the mean over `count` samples, this one included. Each channel is at most the sample's
+/// radiance; NaN counts as 0.
+#[inline]
+pub(crate) fn add_emission(mean: &mut [f32; 3], count: u64, emission: [f32; 3], radiance: [f32; 3]) {
+    let share = 1.0 / count as f32;
+    for c in 0..3 {
+        mean[c] += (emission[c].max(0.0).min(radiance[c]) - mean[c]) * share;
+    }
 }
 
 /// Extends a range to include a sample.

@@ -10,11 +10,27 @@ fn bytes<T>(plane: &Vec<T>) -> usize {
 #[test]
 fn bytes_per_pixel_are_those_allocated() {
     let none = Needs::none();
-    let all = none.with_variance().with_extrema().with_halves().with_features().with_first_hits(3).with_cost();
-    let each = [none.with_variance(), none.with_extrema(), none.with_halves(), none.with_features(), none.with_cost()];
+    let all = none
+        .with_variance()
+        .with_extrema()
+        .with_halves()
+        .with_features()
+        .with_first_hits(3)
+        .with_cost()
+        .with_emission();
+    let each = [
+        none.with_variance(),
+        none.with_extrema(),
+        none.with_halves(),
+        none.with_features(),
+        none.with_cost(),
+        none.with_emission(),
+    ];
     for needs in each.into_iter().chain([none, all, none.with_first_hits(5), none.with_variance().with_halves()]) {
         let film = Film::new(Frame::new(37, 11).unwrap(), needs);
-        let bank = |b: &Bank| bytes(&b.counts) + bytes(&b.means) + bytes(&b.m2) + bytes(&b.ranges) + bytes(&b.ahead);
+        let bank = |b: &Bank| {
+            bytes(&b.counts) + bytes(&b.means) + bytes(&b.m2) + bytes(&b.ranges) + bytes(&b.ahead) + bytes(&b.emission)
+        };
         let banks: usize = film.kept.iter().chain(&film.discarded).map(bank).sum();
         let rest = bytes(&film.features) + bytes(&film.first_hits) + bytes(&film.costs);
         assert_eq!(banks + rest, 37 * 11 * Film::bytes_per_pixel(&needs), "{needs:?}");
@@ -108,4 +124,22 @@ fn a_predicted_error_is_not_hidden_by_the_error_itself() {
         .sum();
     let ratio = own / frame.pixels() as f64 / truth;
     assert!(!(0.9..1.2).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn withdrawn_emission_is_averaged_with_that_of_discarded_samples() {
+    let mut film = Film::new(Frame::new(2, 1).unwrap(), Needs::none().with_emission());
+    for (emission, withdraw) in [([1.0, 0.0, 3.0], true), ([4.0; 3], true), ([9.0; 3], false)] {
+        for pixel in [0, 1] {
+            film.push_with_emission(pixel, 0, [10.0; 3], emission);
+        }
+        if withdraw {
+            film.push_with_emission(0, 0, [10.0; 3], emission);
+            film.withdraw(&[true, false]);
+        }
+    }
+    assert_eq!([film.emission(0, 0), film.emission(1, 0)], [Some([9.0; 3]); 2]);
+    assert_eq!(film.discarded[0].emission, [[2.5, 2.0, 3.5], [0.0; 3]]);
+    let kept = film.emission(0, 1).unwrap();
+    assert!((kept[0] - 14.0 / 3.0).abs() < 1e-6 && (film.count(1), film.discarded(0).count) == (3, 4), "{kept:?}");
 }

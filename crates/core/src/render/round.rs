@@ -2,7 +2,9 @@
 
 use super::{MonitorContext, State};
 use crate::allocate::mix;
-use crate::film::{self, Bank, FeatureMoments, REJECTED_LISTED, index, keep_first, reason_to_reject, widen};
+use crate::film::{
+    self, Bank, FeatureMoments, REJECTED_LISTED, add_emission, index, keep_first, reason_to_reject, widen,
+};
 use crate::integrator::TrainingSum;
 use crate::snapshot::{Cursor, OpenRound};
 use crate::{
@@ -46,6 +48,7 @@ struct BankRows<'a> {
     means: &'a mut [[f64; 3]],
     m2: &'a mut [[f64; 3]],
     ranges: &'a mut [film::Range],
+    emission: &'a mut [[f32; 3]],
     /// Per pixel, the next sample's index minus the count ([`Bank::ahead`]); empty if no samples were withdrawn.
     ahead: &'a [i64],
 }
@@ -228,10 +231,11 @@ fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>, size: usiz
     let banks = if retention == Retention::Keep { &mut film.kept } else { &mut film.discarded };
     let mut banks: Vec<_> = banks
         .iter_mut()
-        .map(|Bank { counts, means, m2, ranges, ahead }| {
+        .map(|Bank { counts, means, m2, ranges, emission, ahead }| {
             let sums = (chunks(counts, &pixels, size), chunks(means, &pixels, size), chunks(m2, &pixels, size));
             let ahead = if ahead.is_empty() { &[][..] } else { &ahead[pixels.clone()] };
-            (sums, chunks(ranges, &pixels, size), ahead.chunks(size))
+            let more = (chunks(ranges, &pixels, size), chunks(emission, &pixels, size));
+            (sums, more, ahead.chunks(size))
         })
         .collect();
     let mut features = chunks(&mut film.features, &pixels, size);
@@ -243,11 +247,12 @@ fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>, size: usiz
             first,
             banks: banks
                 .iter_mut()
-                .map(|((counts, means, m2), ranges, ahead)| BankRows {
+                .map(|((counts, means, m2), (ranges, emission), ahead)| BankRows {
                     counts: counts.next().unwrap_or_default(),
                     means: means.next().unwrap_or_default(),
                     m2: m2.next().unwrap_or_default(),
                     ranges: ranges.next().unwrap_or_default(),
+                    emission: emission.next().unwrap_or_default(),
                     ahead: ahead.next().unwrap_or_default(),
                 })
                 .collect(),
@@ -378,6 +383,9 @@ fn trace_sample(
     tally.rays += u64::from(estimate.cost);
     tally.blocks += u64::from(draws.blocks_requested());
     bank.push(local, radiance);
+    if let Some(mean) = bank.emission.get_mut(local) {
+        add_emission(mean, bank.counts[local], estimate.emission, radiance);
+    }
     if round.needs.wants_first_hit() {
         record_first_hit(band, local, usize::from(round.needs.first_hits), &estimate);
     }

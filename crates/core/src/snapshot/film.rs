@@ -71,7 +71,8 @@ fn check(film: &Film) -> Result<(), Broken> {
             }
         }
         let sums = bank.means.iter().chain(&bank.m2).flatten();
-        if !sums.into_iter().all(|v| v.is_finite()) {
+        let emission = bank.emission.iter().flatten();
+        if !(sums.into_iter().all(|v| v.is_finite()) && emission.into_iter().all(|v| v.is_finite())) {
             return Err(Broken("a mean is NaN or infinite"));
         }
     }
@@ -94,14 +95,15 @@ fn take_frame(from: &mut Reader<'_>) -> Result<Frame, Broken> {
 }
 
 fn put_needs(to: &mut Writer, needs: &Needs) {
-    let Needs { variance, extrema, halves, features, first_hits, cost } = *needs;
-    [variance, extrema, halves, features, cost].into_iter().for_each(|need| to.flag(need));
+    let Needs { variance, extrema, halves, features, first_hits, cost, emission } = *needs;
+    [variance, extrema, halves, features, cost, emission].into_iter().for_each(|need| to.flag(need));
     to.number(first_hits);
 }
 
 fn take_needs(from: &mut Reader<'_>) -> Result<Needs, Broken> {
     let mut needs = Needs::none();
-    for need in [&mut needs.variance, &mut needs.extrema, &mut needs.halves, &mut needs.features, &mut needs.cost] {
+    let Needs { variance, extrema, halves, features, cost, emission, .. } = &mut needs;
+    for need in [variance, extrema, halves, features, cost, emission] {
         *need = from.flag()?;
     }
     needs.first_hits = from.number()?;
@@ -170,11 +172,12 @@ fn take_rejected(from: &mut Reader<'_>) -> Result<Vec<Rejected>, Broken> {
 }
 
 fn put_bank(to: &mut Writer, bank: &Bank) {
-    let Bank { counts, means, m2, ranges, ahead } = bank;
+    let Bank { counts, means, m2, ranges, emission, ahead } = bank;
     to.numbers(counts);
     to.numbers(means);
     to.numbers(m2);
     to.numbers(ranges);
+    to.numbers(emission);
     to.flag(!ahead.is_empty());
     to.numbers(ahead);
 }
@@ -185,6 +188,7 @@ fn take_bank(from: &mut Reader<'_>, pixels: usize, needs: &Needs) -> Result<Bank
         means: from.numbers(pixels)?,
         m2: from.numbers(if needs.variance { pixels } else { 0 })?,
         ranges: from.numbers(if needs.extrema { pixels } else { 0 })?,
+        emission: from.numbers(if needs.emission { pixels } else { 0 })?,
         ahead: match from.flag()? {
             true => from.numbers(pixels)?,
             false => Vec::new(),

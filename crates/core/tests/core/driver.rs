@@ -473,3 +473,22 @@ fn an_error_limit_ends_near_its_error() {
         assert_eq!(capped.record().samples, 50_001);
     }
 }
+
+/// A far goal is approached in steps of at most twice the samples, a near one in steps of at least an eighth more.
+#[test]
+fn an_error_limit_raises_the_budget_by_an_eighth_to_twice() {
+    let field = |_: [u32; 2], u: [f32; 4]| [0.5 + u[0], 2.0 * u[1], 0.1 + u[2] * u[2]];
+    let mut steps = Vec::new();
+    for goal in 0..24 {
+        let relmse = 0.1 * 0.9_f64.powi(goal);
+        let limits = Limits::new(Budget::Error { relmse, at_most: 1 << 22 });
+        let mut uniform = Uniform::new(Independent::new(goal as u64));
+        let film = run(&mut Field(field), &mut uniform, Needs::none(), frame(16, 16), &limits).unwrap();
+        // A budget is shown once more when it is spent.
+        let ratios = film.record().budgets.windows(2).map(|two| two[1] as f64 / two[0] as f64);
+        steps.extend(ratios.filter(|ratio| *ratio != 1.0));
+    }
+    assert!(steps.iter().all(|step| (1.12..=2.0).contains(step)), "{steps:?}");
+    let [least, most] = [steps.iter().copied().fold(9.0, f64::min), steps.iter().copied().fold(0.0, f64::max)];
+    assert!(most == 2.0 && least < 1.13, "the limits are reached: {least} to {most}");
+}

@@ -292,3 +292,30 @@ fn a_film_without_needed_statistics_is_refused() {
         assert!(film.require("somebody", &others).is_ok());
     }
 }
+
+/// Emission of samples 0 to 2 of one pixel; the radiance is 2.
+struct Lamps([[f32; 3]; 3]);
+
+impl dapple_core::Integrator for Lamps {
+    fn estimate(&self, draws: &dapple_core::Draws<'_>, _: &mut dapple_core::TrainingLog) -> dapple_core::Estimate {
+        dapple_core::Estimate::new([2.0; 3]).with_emission(self.0[draws.id().index as usize % 3])
+    }
+}
+
+#[test]
+fn emission_is_averaged_within_each_half_and_bounded_by_radiance() {
+    let mut lamps = Lamps([[1.0, 0.0, 9.0], [0.5, f32::NAN, -1.0], [0.0, f32::INFINITY, 2.0]]);
+    let limits = Limits::samples(6);
+    let mut draw = |needs| run(&mut lamps, &mut Uniform::new(Constant), needs, frame(1, 1), &limits).unwrap();
+    let film = draw(Needs::none().with_halves().with_emission());
+    let near = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+    for half in [0, 1] {
+        let emission = film.emission(half, 0).unwrap();
+        assert!(near(emission, [0.5, 2.0 / 3.0, 4.0 / 3.0]), "{emission:?}");
+    }
+    let film = draw(Needs::none().with_emission());
+    assert!(near(film.emission(0, 0).unwrap(), [0.5, 2.0 / 3.0, 4.0 / 3.0]) && film.emission(1, 0).is_some());
+    let bare = draw(Needs::none().with_halves());
+    assert_eq!((bare.emission(0, 0), bare.image()), (None, film.image()));
+    assert!(bare.require("a filter", &Needs::none().with_emission()).is_ok(), "filters work without it");
+}

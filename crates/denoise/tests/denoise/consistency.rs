@@ -246,6 +246,35 @@ fn a_third_pass_leaves_no_chessboard() {
     assert!(one < 0.8 * two, "{one} for {two}");
 }
 
+/// One pixel of 6,000 has a sample of 2,000 in one half, beside noise around 1. Its light stays, in no pixel much of it, with
+/// either half and at a border. Two passes lose half of it.
+#[test]
+fn the_light_of_an_outlier_is_spread_and_stays() {
+    for (at, half) in [(40 * 100 + 50, 0), (40 * 100 + 50, 1), (5999, 0)] {
+        let film = |spike: f32| {
+            let mut film = pushed([100, 60], 7, |_| 8, |_, noise| 0.5 + noise);
+            film.push(at, half, [spike; 3]);
+            film.push(at, 1 - half, [1.0; 3]);
+            film
+        };
+        let (with, without) = (film(2000.0), film(1.0));
+        let added = |filter: ClusterRegression| -> Vec<f64> {
+            let [with, without] = [&with, &without].map(|film| filter.apply(film).unwrap().radiance);
+            with.iter().zip(without).map(|(a, b)| f64::from(a[0] - b[0])).collect()
+        };
+        let (spread, kept) = (added(ClusterRegression::new()), added(two_passes()));
+        let largest = |image: &[f64]| image.iter().copied().fold(0.0, f64::max);
+        let light = 1999.0 / 10.0;
+        assert!(
+            (spread.iter().sum::<f64>() / light - 1.0).abs() < 0.02,
+            "{at}: {} of {light}",
+            spread.iter().sum::<f64>()
+        );
+        assert!(largest(&spread) < 0.02 * light, "{at}: {} of {light} in a pixel", largest(&spread));
+        assert!(kept.iter().sum::<f64>() < 0.5 * light, "{at}: two passes keep it as well");
+    }
+}
+
 #[test]
 fn relative_errors_are_largest_where_the_noise_is() {
     // Noise on the right only.

@@ -8,3 +8,4 @@ mod hard_cases;
 mod lobes_and_tiles;
 mod outside;
 mod support;
+mod withheld;

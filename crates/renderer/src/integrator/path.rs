@@ -35,6 +35,10 @@ const SURVIVAL: f32 = 0.99;
 /// and 1 % more at 32.
 const RARE: f32 = 0.1;
 
+/// The least probability of a smooth lobe through which light sources count as seen directly. Their emission is then
+/// almost free of noise within a pixel.
+const CERTAIN: f32 = 0.9;
+
 /// A path tracer for a camera of kind `L` and light selection `S`. `E` is a combination of bits of
 /// [`code`](super::code): the effects it has code for.
 #[derive(Debug)]
@@ -73,6 +77,9 @@ struct Path<P> {
     is_smooth: bool,
     /// True if glass reflected or refracted the path in a lobe of less than [`RARE`] of the light.
     is_rare: bool,
+    /// True while the emission of light sources seen directly is wanted, and all scattering so far was specular with a
+    /// probability of at least [`CERTAIN`].
+    is_direct: bool,
 }
 
 /// A scattering event at which a light was sampled too.
@@ -142,6 +149,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
             survival: 1.0,
             is_smooth: draws.wants_features(),
             is_rare: false,
+            is_direct: draws.wants_emission(),
         }
     }
 
@@ -226,6 +234,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
             path.is_smooth = sample.specular || bsdf.samples_narrow_lobe(wo, choices[1]);
             path.is_rare |= Self::HAS_TRANSMISSION && sample.specular && sample.pdf < RARE && bsdf.transmits();
         }
+        path.is_direct &= sample.specular && sample.pdf >= CERTAIN;
         if Self::HAS_TRANSMISSION {
             path.eta_squared *= sample.eta * sample.eta;
         }
@@ -320,9 +329,9 @@ impl<L: Lens, S: LightSelector, const E: u32> Integrator for PathTracer<'_, L, S
                 if path.medium != NO_MEDIUM {
                     let distance = hit.as_ref().map_or(f32::INFINITY, |at| at.hit.t);
                     match self.cross_medium(draws, &mut path, distance) {
-                        MediumEnd::Crossed => {}
+                        MediumEnd::Crossed => path.is_direct = false,
                         MediumEnd::Scattered => {
-                            path.is_smooth = false;
+                            (path.is_smooth, path.is_direct) = (false, false);
                             continue;
                         }
                         MediumEnd::Absorbed => break,
@@ -334,7 +343,11 @@ impl<L: Lens, S: LightSelector, const E: u32> Integrator for PathTracer<'_, L, S
                     estimate.features = features::of_background(&estimate, Self::tint(&path), path.is_rare);
                 }
                 if Self::HAS_ENVIRONMENT {
-                    path.radiance += path.throughput * self.environment(&path);
+                    let light = path.throughput * self.environment(&path);
+                    path.radiance += light;
+                    if path.is_direct {
+                        estimate.emission = light.to_array();
+                    }
                 }
                 break;
             };
@@ -345,7 +358,11 @@ impl<L: Lens, S: LightSelector, const E: u32> Integrator for PathTracer<'_, L, S
                 continue;
             };
             if at.part.light != NO_LIGHT {
-                path.radiance += path.throughput * self.emitted(&path, &at);
+                let light = path.throughput * self.emitted(&path, &at);
+                path.radiance += light;
+                if path.is_direct {
+                    estimate.emission = (Vec3::from(estimate.emission) + light).to_array();
+                }
             }
             if path.depth == 0 && draws.wants_first_hit() {
                 estimate.first_hit = Some(self.world.first_hit_of(ray, at, surface));

@@ -142,3 +142,52 @@ fn features_change_no_radiance() {
     };
     assert_eq!(of(Needs::none()), of(Needs::none().with_features()));
 }
+
+/// The mean emission seen directly and the mean radiance of the single pixel.
+fn emitted(scene: &Scene) -> ([f32; 3], [f64; 3]) {
+    let film = film(scene, 256, Needs::none().with_emission());
+    (film.emission(0, 0).expect("recorded"), film.mean(0))
+}
+
+#[test]
+fn the_sky_is_seen_directly_by_cameras_and_in_mirrors() {
+    let mut scene = view();
+    assert_eq!(emitted(&scene).0, [1.0; 3]);
+    add_plane(&mut scene, mirror(0.8), 0.0);
+    assert_near(emitted(&scene).0, [0.8; 3]);
+}
+
+#[test]
+fn light_that_surfaces_scatter_is_not_seen_directly() {
+    for kind in [wall(), metal(0.2), metal(0.005), coated(0.3, 0.0)] {
+        let mut scene = view();
+        add_plane(&mut scene, kind, 0.0);
+        let (emission, radiance) = emitted(&scene);
+        assert!(emission == [0.0; 3] && radiance[0] > 0.05, "{emission:?}, {radiance:?}");
+    }
+}
+
+/// A pane reflects 8 % of the samples; these are left out.
+#[test]
+fn a_pane_shows_lamps_behind_it_but_not_those_that_it_reflects() {
+    let mut scene = view();
+    add_plane(&mut scene, MaterialKind::ThinDielectric { eta: 1.5 }, 0.0);
+    let (emission, radiance) = emitted(&scene);
+    assert!((emission[0] - 0.92).abs() < 0.01 && (radiance[0] - 1.0).abs() < 1e-5, "{emission:?}, {radiance:?}");
+}
+
+#[test]
+fn emission_changes_no_radiance() {
+    let room = room([12, 9]);
+    let world = world(&room);
+    let of = |needs: Needs| {
+        let limits = Limits::samples(8 * 12 * 9);
+        let render = Render::new(Frame::new(12, 9).expect("a frame"), &limits).needs(needs);
+        render.run(&mut *integrator(&world), &mut Uniform::new(Sobol::new(3))).expect("it renders")
+    };
+    let (bare, recorded) = (of(Needs::none()), of(Needs::none().with_emission()));
+    assert_eq!(hash(&bare), hash(&recorded));
+    let seen = |i| recorded.emission(0, i).expect("recorded");
+    let above = |i: &usize| (0..3).any(|c| f64::from(seen(*i)[c]) > recorded.mean(*i)[c] * (1.0 + 1e-6));
+    assert_eq!((0..12 * 9).find(above), None, "emission is a part of the radiance");
+}

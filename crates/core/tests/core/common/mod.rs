@@ -125,7 +125,14 @@ pub fn run(
 }
 
 pub fn everything() -> Needs {
-    Needs::none().with_variance().with_extrema().with_halves().with_features().with_first_hits(3).with_cost()
+    Needs::none()
+        .with_variance()
+        .with_extrema()
+        .with_halves()
+        .with_features()
+        .with_first_hits(3)
+        .with_cost()
+        .with_emission()
 }
 
 pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {

@@ -1,0 +1,204 @@
+//! Properties of fits and error estimates that images alone hardly show.
+
+use crate::averaging::{VANISHING, Window, average, guide};
+use crate::error_map::{Pair, filtered, raw_error, select};
+use crate::parameters::{NEEDS, RECORDED};
+use crate::planes::{Colours, Inputs, Plane};
+use crate::regression::{Fit, Sums, regress, solve};
+use crate::tile::{Guide, Likeness};
+use dapple_core::{Film, Frame};
+use pulp::Scalar;
+
+const SIDE: usize = 24;
+const PIXELS: usize = SIDE * SIDE;
+
+/// The planes of a film with one sample per half: `value(pixel, half)`. Their level is divided out.
+fn inputs(value: impl Fn(usize, usize) -> f32) -> Inputs {
+    let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), NEEDS);
+    for pixel in 0..PIXELS {
+        (0..2).for_each(|half| film.push(pixel, half, [value(pixel, half); 3]));
+    }
+    Inputs::new(&film, None)
+}
+
+/// A noisy image with the mean 1.
+fn noisy() -> Inputs {
+    inputs(|pixel, half| 0.75 + 0.5 * ((pixel * 7919 + half * 104_729) % 1009) as f32 / 1009.0)
+}
+
+fn grey(value: impl Fn(usize) -> f32) -> Colours {
+    std::array::from_fn(|_| (0..PIXELS).map(&value).collect())
+}
+
+/// Two images, given in the units of the planes.
+fn pair(value: impl Fn(usize, usize) -> f32) -> Pair {
+    Pair([0, 1].map(|half| grey(|i| value(i, half))))
+}
+
+/// The images of both halves for a change of one half's guide, against those before: true where they differ.
+fn changed(image: impl Fn(&[Guide; 2]) -> [Colours; 2], inputs: &Inputs, half: usize) -> [bool; 2] {
+    let guides = || [0, 1].map(|half| guide(inputs, half, true, false));
+    let before = image(&guides());
+    let mut other = guides();
+    for (i, value) in other[half].colour.iter_mut().flat_map(|plane| plane.iter_mut().enumerate()) {
+        *value += if i % 3 == 0 { 0.5 } else { 0.0 };
+    }
+    let after = image(&other);
+    [0, 1].map(|half| before[half] != after[half])
+}
+
+const LIKE: Likeness = Likeness { patch: 1, colour: 2.0, features: None, outside: 1.0 };
+
+/// With its own weights, a half would keep the noise that these follow.
+#[test]
+fn the_fit_and_the_predictions_of_a_half_take_all_weights_from_the_other_half() {
+    let inputs = noisy();
+    let beside = Pair::unfiltered(&inputs);
+    let image = |guides: &[Guide; 2]| regress(&inputs, guides, &LIKE, &beside, 0.1);
+    assert_eq!(changed(image, &inputs, 0), [false, true]);
+    assert_eq!(changed(image, &inputs, 1), [true, false]);
+}
+
+#[test]
+fn averages_of_a_half_take_all_weights_from_the_other_half() {
+    let inputs = noisy();
+    let window = Window { radius: 4, cut: VANISHING, falloff: 0.05 };
+    let image = |guides: &[Guide; 2]| {
+        let [a, b] = [0, 1].map(|half: usize| &inputs.halves[half].colour);
+        average(&inputs, [a, b], guides, &LIKE, &window)
+    };
+    assert_eq!(changed(image, &inputs, 0), [false, true]);
+    assert_eq!(changed(image, &inputs, 1), [true, false]);
+}
+
+/// Regressors that are equal but for rounding: elimination leaves a pivot near 0, of either sign.
+#[test]
+fn slopes_of_regressors_that_are_equal_but_for_rounding_stay_bounded() {
+    let simd = Scalar::new();
+    let mut largest = 0.0f32;
+    for k in 0..400 {
+        let mut sums: Sums<Scalar, 5, 3> = [[0.0; 5]; 3];
+        let between = 256.0 + k as f32 * 3.1e-5 - 2e-3;
+        (sums[1][0], sums[1][1], sums[2][0], sums[2][1]) = (256.0, between, between, 256.0);
+        for c in 0..3 {
+            (sums[1][2 + c], sums[2][2 + c]) = (10.0, 10.01);
+        }
+        let fit: Fit<Scalar, 2> = solve(simd, 1.0, &sums, 2, &[0.0; 3]);
+        let steepest =
+            fit.slopes.iter().flatten().fold(0.0f32, |most, s| if s.is_nan() { f32::NAN } else { most.max(s.abs()) });
+        assert!(steepest < 6.0, "{steepest} at {k}");
+        largest = largest.max(steepest);
+    }
+    assert!(largest > 1.0, "the control: {largest} is the slope for the difference of the two");
+}
+
+/// The unfiltered halves are 1 + d and 1 - d for this pixel.
+const NOISE: f32 = 0.25;
+
+fn unfiltered(half: usize) -> f32 {
+    if half == 0 { 1.0 + NOISE } else { 1.0 - NOISE }
+}
+
+fn near(found: &[f32], expected: f32) -> bool {
+    found.iter().all(|v| (v - expected).abs() < 1e-4)
+}
+
+/// The mean of both halves is exact, so its error is 0; without the common part it would be `d^2`.
+#[test]
+fn errors_of_halves_that_cancel_are_no_error_of_their_mean() {
+    let inputs = inputs(|_, _| 1.0);
+    let image = pair(|_, half| if half == 0 { 1.1 } else { 0.9 });
+    let weight = vec![1.0; PIXELS];
+    let [whole, variance] = raw_error(&inputs, &image, &weight);
+    assert!(near(&whole, 0.0) && near(&variance, 0.01), "{} {}", whole[0], variance[0]);
+}
+
+#[test]
+fn raw_errors_are_squared_bias_where_halves_agree_and_noise_where_they_do_not() {
+    let (inputs, weight) = (inputs(|_, half| unfiltered(half)), vec![1.0; PIXELS]);
+    let [whole, variance] = raw_error(&inputs, &Pair::unfiltered(&inputs), &weight);
+    let noise = NOISE * NOISE;
+    assert!(near(&whole, noise) && near(&variance, noise), "{} {}", whole[0], variance[0]);
+    let [whole, variance] = raw_error(&inputs, &pair(|_, _| 1.5), &weight);
+    // The halves' own noise is subtracted: 0.25 + d^2 - 2 d^2.
+    assert!(near(&whole, 0.25 - noise) && near(&variance, 0.0), "{} {}", whole[0], variance[0]);
+}
+
+/// The image that `select` takes if the filtered image has `ratio` times the error of the unfiltered one: true for the
+/// filtered image.
+fn takes_filtered(ratio: f32) -> bool {
+    let inputs = inputs(|_, half| unfiltered(half));
+    // The error of a constant image without noise is its squared bias less d^2.
+    let bias = ((ratio + 1.0) * NOISE * NOISE).sqrt();
+    let (image, unfiltered) = (pair(|_, _| 1.0 + bias), Pair::unfiltered(&inputs));
+    let chosen = select(&inputs, &[&image], Some(&unfiltered), &vec![1.0; PIXELS], 2);
+    let [found, own] = [chosen.0[0][0][PIXELS / 2], unfiltered.0[0][0][PIXELS / 2]];
+    (found - 1.0 - bias).abs() < (found - own).abs()
+}
+
+#[test]
+fn unfiltered_pixels_must_have_half_the_error_of_filtered_ones_to_be_taken() {
+    let taken: Vec<bool> = [0.5, 1.5, 1.9, 2.1, 4.0].map(takes_filtered).to_vec();
+    assert_eq!(taken, [true, true, true, false, false]);
+}
+
+/// The error map of an image without error in the upper half, and with errors in the lower half.
+#[test]
+fn errors_are_at_least_a_twentieth_of_their_mean() {
+    let noisy = |i: usize| i >= PIXELS / 2;
+    let inputs = inputs(|i, half| if noisy(i) { unfiltered(half) } else { 1.0 });
+    let error = filtered(&inputs, &Pair::unfiltered(&inputs)).error.unwrap();
+    let mean = error.iter().sum::<f32>() / PIXELS as f32;
+    let least = error.iter().copied().fold(f32::INFINITY, f32::min);
+    // The floor itself adds some 2 % to the mean.
+    assert!((0.045..0.0505).contains(&(least / mean)), "{least} of {mean}");
+    assert!((error[PIXELS - 1] / (NOISE * NOISE) - 1.0).abs() < 0.01, "{}", error[PIXELS - 1]);
+}
+
+/// Differences of the halves show variance, even where the estimate of the whole error is 0 or below.
+#[test]
+fn errors_are_at_least_the_variance_of_the_filtered_image() {
+    let exact = inputs(|_, _| 1.0);
+    let image = pair(|_, half| if half == 0 { 1.1 } else { 0.9 });
+    let error = filtered(&exact, &image).error.unwrap();
+    assert!(near(&error, 0.01), "{}", error[0]);
+    // Without bias or variance, the estimate is -d^2.
+    let noisy = inputs(|_, half| unfiltered(half));
+    let error = filtered(&noisy, &pair(|_, _| 1.0)).error.unwrap();
+    assert!(error.iter().all(|e| *e == 0.0), "{}", error[0]);
+}
+
+#[test]
+fn errors_are_unknown_only_where_no_pixel_in_reach_has_both_halves() {
+    let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), NEEDS);
+    for pixel in 0..PIXELS {
+        let halves = if pixel / SIDE < 8 { 1 } else { 2 };
+        (0..halves).for_each(|half| film.push(pixel, half, [unfiltered(half); 3]));
+    }
+    let inputs = Inputs::new(&film, None);
+    let error = filtered(&inputs, &Pair::unfiltered(&inputs)).error.unwrap();
+    let unknown: Plane = error.iter().map(|e| f32::from(u8::from(e.is_infinite()))).collect();
+    let rows: Vec<f32> = unknown.chunks(SIDE).map(|row| row.iter().sum::<f32>() / SIDE as f32).collect();
+    // Variances reach 2 rows, whole errors 3.
+    assert!(rows[..5].iter().all(|share| *share == 1.0) && rows[6..].iter().all(|share| *share == 0.0), "{rows:?}");
+}
+
+/// A lamp of radiance 10^5 covers pixel 300 partly; one sample in four sees it. The wall varies by 0.1.
+#[test]
+fn variances_at_edges_of_lamps_are_those_of_the_light_that_filters_get() {
+    let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), RECORDED);
+    for pixel in 0..PIXELS {
+        for sample in 0..8 {
+            let wall = if sample < 4 { 0.95 } else { 1.05 };
+            let lamp = if pixel == 300 && sample % 4 < 2 && sample < 4 { 1e5 } else { 0.0 };
+            film.push_with_emission(pixel, sample % 2, [wall + lamp; 3], [lamp; 3]);
+        }
+    }
+    let inputs = Inputs::new(&film, None);
+    for half in &inputs.halves {
+        let (colour, largest) = (half.colour[0][300], half.variance[0].iter().copied().fold(0.0f32, f32::max));
+        assert!(colour > 10.0 && colour < 100.0, "{colour}: most of the lamp is withheld");
+        assert!(largest < 0.1, "{largest}");
+    }
+    assert_eq!(inputs.halves[0].colour[0][300], inputs.halves[1].colour[0][300], "both halves see it alike");
+}

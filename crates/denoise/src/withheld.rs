@@ -1,0 +1,94 @@
+//! Light that filters do not spread: bright emission seen directly, and outliers. It stays in its own pixel.
+//!
+//! A lamp may have 10^5 times the radiance of the wall beside it. Hardly any weight is small enough to keep it there.
+//! Within a pixel its emission is almost free of noise. So filters get images without most of it.
+
+use crate::planes::BRIGHTEST;
+use dapple_core::{Film, Filtered};
+use rayon::prelude::*;
+
+/// The bound of emission in units of the image's level, for one sample per pixel and a brightest emission of one level.
+const EMISSION: f64 = 3e6;
+
+/// The least bound of emission, in units of the image's level. Most displays show that as white.
+const LEAST: f64 = 30.0;
+
+/// The largest light that filters get from a pixel, in radiance.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bounds {
+    /// The bound of the emission seen directly.
+    emission: f64,
+    /// The bound of all other light.
+    other: f64,
+}
+
+impl Bounds {
+    /// The bounds for a film whose image has this `level` (its mean brightness).
+    ///
+    /// The emission of a pixel that a lamp covers partly is noisy, and filters remove that noise. With all emission
+    /// withheld, blurred lamps of a thin lens have three times the error at 8 samples per pixel. Leaks of brighter lamps
+    /// are worse, and more samples leave less noise. So the bound falls with the largest emission and with the number
+    /// of samples. On nine scenes, at 8 to 32 samples, it never costs more than noise, and takes up to 16 % off.
+    pub(crate) fn new(film: &Film, level: f32) -> Self {
+        let (pixels, level) = (film.frame().pixels(), f64::from(level));
+        let samples = (0..pixels).map(|i| film.count(i)).sum::<u64>() as f64 / pixels as f64;
+        let emission = |i| [0, 1].into_iter().filter_map(move |half| film.emission(half, i)).flatten();
+        let brightest = f64::from((0..pixels).flat_map(emission).fold(0.0, f32::max)) / level;
+        let bound = (EMISSION / (samples * brightest).max(1e-3)).clamp(LEAST, f64::from(BRIGHTEST));
+        Self { emission: bound * level, other: f64::from(BRIGHTEST) * level }
+    }
+
+    /// The light that is withheld from the mean of pixel `i`, for filters that read no halves: emission alone.
+    pub(crate) fn withheld_emission(self, film: &Film, i: usize) -> [f64; 3] {
+        let mean = film.mean(i);
+        let [a, b] = [0, 1].map(|half| film.emission(half, i).unwrap_or_default());
+        let counts = [0, 1].map(|half| film.half(half, i).unwrap_or_default().count);
+        let share = counts[0] as f32 / (counts[0] + counts[1]).max(1) as f32;
+        let emission: [f32; 3] = std::array::from_fn(|c| b[c] + share * (a[c] - b[c]));
+        std::array::from_fn(|c| (f64::from(emission[c]) - self.emission).clamp(0.0, mean[c]))
+    }
+
+    /// The light that is withheld from a mean colour of which `emission` is seen directly.
+    fn withheld(self, mean: [f64; 3], emission: [f32; 3]) -> [f64; 3] {
+        std::array::from_fn(|c| {
+            let emission = (f64::from(emission[c]) - self.emission).clamp(0.0, mean[c]);
+            emission + (mean[c] - emission - self.other).max(0.0)
+        })
+    }
+
+    /// The light that is withheld from one half of the samples of pixel `i`. A half without samples has the film's
+    /// mean.
+    pub(crate) fn withheld_of_half(self, film: &Film, half: usize, i: usize) -> [f64; 3] {
+        let moments = film.half(half, i).unwrap_or_default();
+        if moments.count > 0 {
+            return self.withheld(moments.mean, film.emission(half, i).unwrap_or_default());
+        }
+        self.withheld(film.mean(i), film.emission(1 - half, i).unwrap_or_default())
+    }
+
+    /// Adds the withheld light of both halves to a filtered image, and its variance to the image's error.
+    pub(crate) fn restore(self, film: &Film, filtered: Filtered) -> Filtered {
+        let Filtered { size, mut radiance, mut error, .. } = filtered;
+        let add = |(i, colour): (usize, &mut [f32; 3])| -> f32 {
+            let [a, b] = [0, 1].map(|half| self.withheld_of_half(film, half, i));
+            if [a, b] == [[0.0; 3]; 2] {
+                return 0.0;
+            }
+            let [na, nb] = [0, 1].map(|half| film.half(half, i).unwrap_or_default().count as f64);
+            let share = if na + nb > 0.0 { na / (na + nb) } else { 0.5 };
+            let apart: [f64; 3] = std::array::from_fn(|c| a[c] - b[c]);
+            *colour = std::array::from_fn(|c| finite(f64::from(colour[c]) + b[c] + share * apart[c]));
+            finite(share * (1.0 - share) * apart.iter().map(|d| d * d).sum::<f64>() / 3.0)
+        };
+        let more: Vec<f32> = radiance.par_iter_mut().enumerate().with_min_len(1024).map(add).collect();
+        for (error, more) in error.iter_mut().flatten().zip(more).filter(|(error, _)| error.is_finite()) {
+            *error = finite(f64::from(*error) + f64::from(more));
+        }
+        Filtered::new(size, radiance).with_error(error)
+    }
+}
+
+/// The nearest `f32` that is not infinite.
+fn finite(value: f64) -> f32 {
+    value.min(f64::from(f32::MAX)) as f32
+}
