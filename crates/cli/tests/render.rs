@@ -5,7 +5,7 @@ mod common;
 use common::{Folder, Said, names};
 use dapple_scene::image::{Plane, read_attributes, read_channels};
 
-const KEYS: [&str; 17] = [
+const KEYS: [&str; 18] = [
     "scene",
     "sampler",
     "points",
@@ -20,6 +20,7 @@ const KEYS: [&str; 17] = [
     "render_s",
     "cpu",
     "predicted_relmse",
+    "predicted_relmse_filtered",
     "rejected",
     "effects",
     "without",
@@ -68,10 +69,16 @@ fn json_holds_the_keys_and_budgets_are_exact() {
 #[test]
 fn error_and_time_are_budgets() {
     let folder = Folder::new();
-    let loose = folder.json("tiny.pbrt --error 0.05 -o a.pfm");
-    let tight = folder.json("tiny.pbrt --error 0.002 -o a.exr");
-    assert!(tight["predicted_relmse"].as_f64().unwrap() <= 0.002);
-    assert!(tight["samples"].as_u64() > loose["samples"].as_u64());
+    for (of, key) in [("filtered", "predicted_relmse_filtered"), ("unfiltered", "predicted_relmse")] {
+        let loose = folder.json(&format!("tiny.pbrt --error-of {of} --error 0.05 -o a.pfm"));
+        let tight = folder.json(&format!("tiny.pbrt --error-of {of} --error 0.0005 -o a.exr"));
+        assert!(tight[key].as_f64().unwrap() <= 0.0005, "{tight}");
+        assert!(tight["samples"].as_u64() > loose["samples"].as_u64(), "{loose} {tight}");
+    }
+    let unfiltered = folder.json("cornell --resolution 48x36 --error-of unfiltered --error 0.004 -o a.exr");
+    let filtered = folder.json("cornell --resolution 48x36 --error 0.004 -o a.exr");
+    assert!(unfiltered["predicted_relmse_filtered"].is_null());
+    assert!(unfiltered["samples"].as_u64() > filtered["samples"].as_u64(), "{filtered} {unfiltered}");
     let out = folder.done("render tiny.pbrt --error 1e-9 --max-spp 16 -o a.pfm");
     assert!(out.contains("predicted relMSE"), "{out}");
     assert_eq!(folder.json("tiny.pbrt --error 1e-9 --max-spp 16 -o a.pfm")["spp"], 16.0);

@@ -115,6 +115,9 @@ pub struct Record {
     pub blocks: u64,
     /// The number of samples rejected as NaN, infinite or negative.
     pub rejected: u64,
+    /// The relMSE of the filtered image, as an error limit with [`Render::error_of`](crate::Render::error_of) last
+    /// predicted it.
+    pub filtered_relmse: Option<f64>,
     /// `true` if a monitor stopped the render before its limits.
     pub interrupted: bool,
 }

@@ -1,5 +1,6 @@
 //! The memory of a render, forecast before it starts.
 
+use crate::render::holdout::Holdout;
 use crate::{Budget, Film, Filter, Frame, Limits, Needs, Sampler};
 
 /// The bytes that a sampler takes besides the film; 0 by default. Counts only memory that grows with the number of
@@ -128,9 +129,18 @@ pub struct Memory {
     pub tracing: u64,
     /// The bytes that the filter takes besides the film.
     pub filter: FilterMemory,
+    /// The bytes of the last filtered image and its halves, which [`Render::error_of`](crate::Render::error_of) keeps.
+    pub holdout: u64,
 }
 
 impl Memory {
+    /// Adds the memory of an error limit that concerns a filtered image
+    /// ([`Render::error_of`](crate::Render::error_of)).
+    #[must_use]
+    pub fn with_error_of(self, frame: &Frame) -> Self {
+        Self { holdout: frame.bytes(Holdout::BYTES), ..self }
+    }
+
     /// The memory of a [`Render`](crate::Render) with these arguments, and of `filter` applied to its film. `needs` are
     /// the statistics that the filter and other readers request; those of sampler and limits are added.
     pub fn of_render(sampler: &dyn Sampler, filter: &dyn Filter, needs: Needs, frame: &Frame, limits: &Limits) -> Self {
@@ -147,18 +157,19 @@ impl Memory {
             planning,
             tracing: plan,
             filter: filter.memory(frame, &needs),
+            holdout: 0,
         }
     }
 
     /// The bytes of a snapshot taken during the render ([`Status::snapshot`](crate::Status::snapshot)). A resumed
     /// render holds the same number of bytes besides the film at first.
     pub fn snapshot(&self) -> u64 {
-        self.film.saturating_add(self.tracing)
+        self.film.saturating_add(self.tracing).saturating_add(self.holdout)
     }
 
     /// The peak of the whole render in bytes, without snapshots.
     pub fn peak(&self) -> u64 {
-        let lasting = self.film.saturating_add(self.sampler);
+        let lasting = self.film.saturating_add(self.sampler).saturating_add(self.holdout);
         lasting.saturating_add(self.planning.max(self.tracing).max(self.filter.applying))
     }
 }

@@ -1,15 +1,17 @@
 //! The render loop: plan a round, trace it, plan the next.
 
 mod budget;
+pub(crate) mod holdout;
 mod round;
 
 use crate::film::Bank;
 use crate::snapshot::{Cursor, OpenRound, View};
 use crate::{
-    Error, Film, Frame, Integrator, Limits, Needs, Plan, Progress, Retention, RoundRecord, Sampler, Snapshot,
+    Error, Film, Filter, Frame, Integrator, Limits, Needs, Plan, Progress, Retention, RoundRecord, Sampler, Snapshot,
     TrainingData,
 };
 use budget::Meter;
+use holdout::{Holdout, Prediction};
 use round::Stopped;
 use std::time::Instant;
 
@@ -137,12 +139,13 @@ pub struct Render<'a> {
     limits: &'a Limits,
     needs: Needs,
     monitor: Option<&'a mut dyn Monitor>,
+    filter: Option<&'a dyn Filter>,
 }
 
 impl<'a> Render<'a> {
     /// A render of `frame` within `limits`, without a monitor.
     pub fn new(frame: Frame, limits: &'a Limits) -> Self {
-        Self { frame, limits, needs: Needs::none(), monitor: None }
+        Self { frame, limits, needs: Needs::none(), monitor: None, filter: None }
     }
 
     /// Adds statistics that the film must record besides counts and means.
@@ -157,6 +160,22 @@ impl<'a> Render<'a> {
         self
     }
 
+    /// Makes an error limit concern the image of this filter instead of the unfiltered one. The film records what the
+    /// filter needs. Without an error limit, nothing changes.
+    ///
+    /// At the end of each budget, the film is filtered. The next samples, which that image has not seen, then measure its
+    /// error and correct the filter's own estimate, [`Filtered::error`](crate::Filtered::error).
+    /// [`Record::filtered_relmse`](crate::Record::filtered_relmse) holds the last prediction. A filter that has no
+    /// estimate leaves the limit with the unfiltered image.
+    ///
+    /// # Precision
+    ///
+    /// `docs/results/predicted-error.md` compares predicted with true errors.
+    pub fn error_of(mut self, filter: &'a dyn Filter) -> Self {
+        self.filter = Some(filter);
+        self
+    }
+
     /// Renders until the limits are met, and returns the film. Each round is planned by `sampler` and traced with
     /// `integrator`, which learns from training passes.
     ///
@@ -167,8 +186,9 @@ impl<'a> Render<'a> {
     /// [`Error::Panicked`] carries the samples finished before.
     pub fn run(self, integrator: &mut dyn Integrator, sampler: &mut dyn Sampler) -> Result<Film, Error> {
         let meter = Meter::new(self.limits, &self.frame)?;
-        let needs = self.needs.and(sampler.needs()).and(meter.needs());
-        let state = State { film: Film::new(self.frame, needs), round: 0, open: None, passes: Vec::new() };
+        let needs = self.all_needs(sampler, &meter);
+        let film = Film::new(self.frame, needs);
+        let state = State { film, round: 0, open: None, passes: Vec::new(), holdout: None };
         self.drive(state, Clock::start(0.0), meter, integrator, sampler)
     }
 
@@ -191,9 +211,9 @@ impl<'a> Render<'a> {
         sampler: &mut dyn Sampler,
     ) -> Result<Film, Error> {
         let mut meter = Meter::new(self.limits, &self.frame)?;
-        let needs = self.needs.and(sampler.needs()).and(meter.needs());
+        let needs = self.all_needs(sampler, &meter);
         snapshot.check(sampler, &needs, &self.frame, self.limits)?;
-        let Snapshot { film, round, open, passes, total, seconds, sampler_state, .. } = snapshot;
+        let Snapshot { film, round, open, passes, total, seconds, sampler_state, holdout, .. } = snapshot;
         let planned = open.as_ref().map_or(film.record.samples, |open| open.before + open.plan.total());
         meter.restore(&film, total, planned)?;
         sampler.restore(&sampler_state)?;
@@ -204,7 +224,16 @@ impl<'a> Render<'a> {
             }
         }
         passes.iter().for_each(|pass| integrator.learn(pass));
-        self.drive(State { film, round, open, passes }, Clock::start(seconds), meter, integrator, sampler)
+        self.drive(State { film, round, open, passes, holdout }, Clock::start(seconds), meter, integrator, sampler)
+    }
+
+    /// The statistics that sampler, limits, an error limit's filter and the caller need.
+    fn all_needs(&self, sampler: &dyn Sampler, meter: &Meter) -> Needs {
+        let needs = self.needs.and(sampler.needs()).and(meter.needs());
+        match self.filter {
+            Some(filter) if meter.goal().is_some() => needs.and(filter.needs()),
+            _ => needs,
+        }
     }
 
     fn drive(
@@ -216,12 +245,13 @@ impl<'a> Render<'a> {
         sampler: &mut dyn Sampler,
     ) -> Result<Film, Error> {
         let limits = self.limits;
+        let mut filter = self.filter;
         let mut unwatched = NoMonitor;
         let monitor = self.monitor.unwrap_or(&mut unwatched);
         loop {
             let open = match state.open.take() {
                 Some(open) => Some(open),
-                None => plan(&mut state, &mut meter, sampler, &clock)?,
+                None => plan(&mut state, &mut meter, &mut filter, sampler, &clock)?,
             };
             let total = meter.left(&state.film).total;
             let limit = meter.seconds();
@@ -237,13 +267,12 @@ impl<'a> Render<'a> {
             let Some(mut open) = open else {
                 // A resumed render plans this round again.
                 let shown = state.film.record.budgets.pop();
-                context.end(&state.film, &state.passes);
+                context.end(&state);
                 state.film.record.budgets.extend(shown);
                 break;
             };
             let tracing = context.clock.seconds() - open.traced_seconds;
-            let stopped =
-                round::trace(integrator, &mut state.film, &mut open, &mut state.passes, tracing, &mut context)?;
+            let stopped = round::trace(integrator, &mut state, &mut open, tracing, &mut context)?;
             let film = &mut state.film;
             film.record.rounds.push(RoundRecord {
                 samples: film.record.samples - open.before,
@@ -259,7 +288,9 @@ impl<'a> Render<'a> {
                 }
                 Stopped::AtEnd => {
                     let spent = film.record.samples >= total;
-                    film.record.interrupted = !spent || meter.extend(film, clock.seconds());
+                    let predicted = predict(&mut state, &meter, &mut filter)?;
+                    let more = meter.extend(&state.film, clock.seconds(), predicted);
+                    state.film.record.interrupted = !spent || more;
                     break;
                 }
             }
@@ -276,19 +307,22 @@ struct State {
     open: Option<OpenRound>,
     /// The data of all training passes so far, to replay on resuming.
     passes: Vec<TrainingData>,
+    /// The filtered image of the last prediction, if an error limit concerns a filtered image.
+    holdout: Option<Holdout>,
 }
 
 /// Requests the plan of the next round from the sampler; `None` at the end of the render.
 fn plan(
     state: &mut State,
     meter: &mut Meter,
+    filter: &mut Option<&dyn Filter>,
     sampler: &mut dyn Sampler,
     clock: &Clock,
 ) -> Result<Option<OpenRound>, Error> {
-    let State { film, round, .. } = state;
+    let planning = clock.seconds();
     loop {
-        let planning = clock.seconds();
-        let budget = meter.show(film, *round, planning);
+        let State { film, round, .. } = state;
+        let budget = meter.show(film, *round, clock.seconds());
         film.record.budgets.push(budget.total);
         let mut plan = Plan::empty(film.frame.pixels());
         let progress = sampler.next_round(&crate::Feedback { round: *round, film, budget }, &mut plan)?;
@@ -297,10 +331,32 @@ fn plan(
             check(&plan, film, sampler, &budget)?;
             return Ok(Some(begin(plan, film, plan_seconds)));
         }
-        if !meter.extend(film, clock.seconds()) {
+        let predicted = predict(state, meter, filter)?;
+        if !meter.extend(&state.film, clock.seconds(), predicted) {
+            // The time of the last prediction belongs to the last round.
+            if let Some(last) = state.film.record.rounds.last_mut() {
+                last.plan_seconds += clock.seconds() - planning;
+            }
             return Ok(None);
         }
     }
+}
+
+/// Predicts the error that an error limit concerns; `None` without such a limit. Clears a filter without an estimate.
+fn predict(state: &mut State, meter: &Meter, filter: &mut Option<&dyn Filter>) -> Result<Option<Prediction>, Error> {
+    if meter.goal().is_none() {
+        return Ok(None);
+    }
+    if let Some(by) = *filter {
+        state.holdout = Holdout::next(state.holdout.take(), &state.film, by)?;
+        if let Some(holdout) = &state.holdout {
+            let prediction = holdout.prediction();
+            state.film.record.filtered_relmse = Some(prediction.relmse);
+            return Ok(Some(prediction));
+        }
+        *filter = None;
+    }
+    Ok(Some(Prediction::unfiltered(&state.film)))
 }
 
 /// Applies a plan's withdrawals and discarding to the film, and returns the round to trace.
@@ -350,23 +406,23 @@ impl MonitorContext<'_> {
     }
 
     /// Calls the monitor between two slices.
-    fn slice(&mut self, film: &Film, open: &OpenRound, passes: &[TrainingData]) -> Control {
-        self.show(film, Some(open), passes, |monitor, status| monitor.slice(status))
+    fn slice(&mut self, state: &State, open: &OpenRound) -> Control {
+        self.show(state, Some(open), |monitor, status| monitor.slice(status))
     }
 
-    fn end(&mut self, film: &Film, passes: &[TrainingData]) {
-        self.show(film, None, passes, |monitor, status| monitor.end(status));
+    fn end(&mut self, state: &State) {
+        self.show(state, None, |monitor, status| monitor.end(status));
     }
 
     fn show<T>(
         &mut self,
-        film: &Film,
+        state: &State,
         open: Option<&OpenRound>,
-        passes: &[TrainingData],
         show: impl FnOnce(&mut dyn Monitor, &Status<'_>) -> T,
     ) -> T {
         let seconds = self.clock.seconds();
         let Self { round, expected: total, sampler, limits, .. } = *self;
+        let State { film, passes, holdout, .. } = state;
         let status = Status {
             film,
             round,
@@ -374,7 +430,7 @@ impl MonitorContext<'_> {
             expected: total,
             seconds,
             seconds_limit: self.limit,
-            view: View { film, round, open, passes, total, seconds, sampler, limits },
+            view: View { film, round, open, passes, holdout: holdout.as_ref(), total, seconds, sampler, limits },
         };
         let answer = show(self.monitor, &status);
         self.clock.away += self.clock.seconds() - seconds;

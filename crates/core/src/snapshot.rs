@@ -3,6 +3,7 @@
 pub(crate) mod bytes;
 pub(crate) mod film;
 
+use crate::render::holdout::Holdout;
 use crate::{Error, Film, Frame, Limits, Needs, Plan, Sampler, TrainingData, TrainingSum};
 use bytes::{Reader, Writer};
 use film::{put_combine, put_film, put_training, take_combine, take_film, take_training};
@@ -64,6 +65,7 @@ pub(crate) struct View<'a> {
     pub(crate) round: u32,
     pub(crate) open: Option<&'a OpenRound>,
     pub(crate) passes: &'a [TrainingData],
+    pub(crate) holdout: Option<&'a Holdout>,
     pub(crate) total: u64,
     pub(crate) seconds: f64,
     pub(crate) sampler: &'a dyn Sampler,
@@ -72,7 +74,7 @@ pub(crate) struct View<'a> {
 
 const MAGIC: &[u8; 8] = b"dapple-s";
 /// The version of the snapshot format. It changes with the layout and the contents.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 impl View<'_> {
     pub(crate) fn write(&self) -> Vec<u8> {
@@ -93,6 +95,10 @@ impl View<'_> {
         to.flag(self.open.is_some());
         if let Some(open) = self.open {
             put_round(&mut to, open);
+        }
+        to.flag(self.holdout.is_some());
+        if let Some(holdout) = self.holdout {
+            holdout.put(&mut to);
         }
         to.finish()
     }
@@ -145,6 +151,7 @@ pub struct Snapshot {
     pub(crate) round: u32,
     pub(crate) open: Option<OpenRound>,
     pub(crate) passes: Vec<TrainingData>,
+    pub(crate) holdout: Option<Holdout>,
     pub(crate) total: u64,
     pub(crate) seconds: f64,
     pub(crate) sampler_state: Vec<u8>,
@@ -182,10 +189,11 @@ impl Snapshot {
             passes.push(pass.ok_or(Broken("training data is out of order"))?);
         }
         let open = if from.flag()? { Some(take_round(&mut from, &film)?) } else { None };
+        let holdout = if from.flag()? { Some(Holdout::take(&mut from, &film)?) } else { None };
         if !from.is_empty() {
             return Err(Broken("there are bytes after the end"));
         }
-        Ok(Self { film, round, open, passes, total, seconds, sampler_state, sampler, points, bounds })
+        Ok(Self { film, round, open, passes, holdout, total, seconds, sampler_state, sampler, points, bounds })
     }
 
     /// The film (per-pixel statistics) at the time of the snapshot, with valid statistics in every pixel.

@@ -13,7 +13,7 @@ use crate::load::{LoadOptions, LoadedScene, PreparedScene, frame, limits, settin
 use crate::memory::MemoryEstimate;
 use crate::output::OutputFiles;
 use crate::registry::{self, MadeFilter, MadeSampler, MethodInputs};
-use crate::{JobError, RenderSpec, Warning, WorldClusters};
+use crate::{ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
 use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
@@ -287,6 +287,8 @@ impl Job {
                 Memory::of_render(&sharded, &*self.filter, needs, frame, limits)
             }
         };
+        let limited = matches!(limits.budget, Budget::Error { .. }) && self.is_error_of_filtered();
+        let memory = if limited { memory.with_error_of(frame) } else { memory };
         let files = self.outputs.memory(frame, &memory.needs, self.filter.name() != Unfiltered.name());
         Ok(MemoryEstimate::of_render(&self.prepared.expected, &memory, files, keeps || self.spec.shard.is_some()))
     }
@@ -307,6 +309,7 @@ impl Job {
         }
         let mut watched = Watched::new(monitor, checkpoints, identity);
         let mut integrator = make_integrator(&self.spec.integrator, &self.prepared.world)?;
+        let filtered = self.is_error_of_filtered();
         let mut sharded;
         let sampler: &mut dyn Sampler = match self.spec.shard {
             None => &mut *self.sampler,
@@ -316,7 +319,10 @@ impl Job {
                 &mut sharded
             }
         };
-        let render = Render::new(self.frame, &self.limits).needs(self.needs).monitor(&mut watched);
+        let mut render = Render::new(self.frame, &self.limits).needs(self.needs).monitor(&mut watched);
+        if filtered {
+            render = render.error_of(&*self.filter);
+        }
         let film = match snapshot {
             None => render.run(&mut *integrator, sampler),
             Some(snapshot) => render.resume(snapshot, &mut *integrator, sampler),
@@ -332,6 +338,16 @@ impl Job {
                 }
             }
         }
+    }
+
+    /// Returns `true` if a limit of error concerns the filtered image.
+    fn is_error_of_filtered(&self) -> bool {
+        self.spec.error_of == ErrorOf::Filtered && self.filter.name() != Unfiltered.name()
+    }
+
+    /// The image that a limit of error concerns, as an adjective.
+    pub(crate) fn error_concerns(&self) -> &'static str {
+        if self.is_error_of_filtered() { "filtered" } else { "unfiltered" }
     }
 
     /// Filters a film of this render and returns the image.
@@ -391,7 +407,7 @@ impl Job {
             warnings.push(Warning::RejectedSamples { rejected, samples, first, points });
         }
         if let Budget::Error { relmse: goal, .. } = self.limits.budget {
-            let predicted = film.predicted_relmse();
+            let predicted = record.filtered_relmse.or_else(|| film.predicted_relmse());
             if !record.interrupted && predicted.is_none_or(|predicted| predicted > goal) {
                 warnings.push(Warning::ErrorNotReached { predicted, goal });
             }

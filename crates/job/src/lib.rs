@@ -35,6 +35,6 @@ pub use load::{LoadOptions, LoadedScene, PreparedScene, read_scene};
 pub use output::OutputFiles;
 pub use spec::{
     BudgetSpec, CropSpec, DEFAULT_FILTER, DEFAULT_INTEGRATOR, DEFAULT_POINTS, DEFAULT_SAMPLER, DEFAULT_SPP, ERROR_SPP,
-    PixelFilterSpec, RenderSpec, SPEC_VERSION, SpecError, parse_shard,
+    ErrorOf, PixelFilterSpec, RenderSpec, SPEC_VERSION, SpecError, parse_shard,
 };
 pub use warning::{Warning, can_be_replayed, found_by_chance};

@@ -65,6 +65,9 @@ pub struct RenderSpec {
     /// The condition that ends the render.
     #[serde(default)]
     pub budget: BudgetSpec,
+    /// The image that a [`BudgetSpec::Error`] concerns.
+    #[serde(default, skip_serializing_if = "ErrorOf::is_default")]
+    pub error_of: ErrorOf,
     /// The smallest number of samples that each pixel gets.
     #[serde(default = "names::one")]
     pub min_spp: u32,
@@ -106,10 +109,31 @@ pub enum BudgetSpec {
     Spp(f64),
     /// The render takes exactly this number of samples in total.
     Samples(u64),
-    /// The render ends when the predicted relMSE of the unfiltered image is at most this value.
+    /// The render ends when the predicted relMSE of the image is at most this value; [`RenderSpec::error_of`] selects
+    /// the filtered or the unfiltered image.
     Error(f64),
     /// The render takes about this many seconds for clustering, planning and tracing together.
     Seconds(f64),
+}
+
+/// The image that a limit of error concerns.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ErrorOf {
+    /// The filtered image. A filter without an estimate of its own error, such as `oidn`, leaves the limit with the
+    /// unfiltered image.
+    #[default]
+    Filtered,
+    /// The unfiltered image.
+    Unfiltered,
+}
+
+impl ErrorOf {
+    /// Returns `true` for the default, which JSON leaves out.
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+    fn is_default(&self) -> bool {
+        *self == Self::Filtered
+    }
 }
 
 impl BudgetSpec {
@@ -193,6 +217,7 @@ impl RenderSpec {
             integrator: names::integrator(),
             light_selection: None,
             budget: BudgetSpec::default(),
+            error_of: ErrorOf::Filtered,
             min_spp: 1,
             max_spp: None,
             resolution: None,
@@ -240,6 +265,12 @@ impl RenderSpec {
     #[must_use]
     pub fn budget(self, budget: BudgetSpec) -> Self {
         Self { budget, ..self }
+    }
+
+    /// Sets the image that a limit of error concerns: filtered or unfiltered.
+    #[must_use]
+    pub fn error_of(self, error_of: ErrorOf) -> Self {
+        Self { error_of, ..self }
     }
 
     /// Sets the smallest and the largest number of samples per pixel; `None` sets no largest number.

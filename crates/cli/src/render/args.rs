@@ -4,7 +4,7 @@ use crate::{Failure, Result, failure};
 use clap::{Args, ValueEnum};
 use dapple_core::Shard;
 use dapple_job::registry;
-use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, DEFAULT_SPP, PixelFilterSpec, RenderSpec};
+use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, DEFAULT_SPP, ErrorOf, PixelFilterSpec, RenderSpec};
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::Format;
 use dapple_scene::{Effect, bundled};
@@ -64,11 +64,16 @@ pub(crate) struct RenderArgs {
     #[arg(allow_negative_numbers = true)]
     pub(crate) spp: Option<f64>,
 
-    /// Render until the predicted relMSE of the unfiltered image is at most this value, or every pixel has --max-spp
-    /// samples. With as many samples, --spp gives a slightly more accurate image
+    /// Render until the predicted relMSE of the image is at most this value, or every pixel has --max-spp samples. With
+    /// as many samples, --spp gives a slightly more accurate image
     #[arg(long, value_name = "RELMSE", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) error: Option<f64>,
+
+    /// Image that --error concerns; a filter without an estimate of its own error (oidn, both) leaves it with the
+    /// unfiltered image
+    #[arg(long, value_name = "IMAGE", default_value = "filtered", requires = "error", help_heading = "Bounds")]
+    pub(crate) error_of: ErrorImage,
 
     /// Render for about this many seconds; reading the scene, filtering and writing take extra time
     #[arg(long, value_name = "SECONDS", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
@@ -212,6 +217,24 @@ impl From<PixelShape> for PixelFilterSpec {
 }
 
 /// The choice of the pixel filter.
+/// The image that `--error` concerns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ErrorImage {
+    /// The filtered image
+    Filtered,
+    /// The image before the filter
+    Unfiltered,
+}
+
+impl From<ErrorImage> for ErrorOf {
+    fn from(image: ErrorImage) -> Self {
+        match image {
+            ErrorImage::Filtered => Self::Filtered,
+            ErrorImage::Unfiltered => Self::Unfiltered,
+        }
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum PixelShape {
     /// The pixel filter in the scene file
@@ -248,6 +271,7 @@ impl RenderArgs {
             .filter(&self.filter)
             .integrator(&self.integrator)
             .budget(budget)
+            .error_of(self.error_of.into())
             .bounds(self.min_spp, self.max_spp)
             .crop(self.crop.map_or(CropSpec::Scene, CropSpec::Window))
             .seed(self.seed)

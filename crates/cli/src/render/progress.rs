@@ -60,7 +60,8 @@ impl Progress {
         if let Some(goal) = self.error {
             // The prediction reads the whole film, and is therefore made only once per round.
             if self.predicted.0 != status.round {
-                self.predicted = (status.round, status.film.predicted_relmse());
+                self.predicted =
+                    (status.round, status.film.record().filtered_relmse.or_else(|| status.film.predicted_relmse()));
             }
             match self.predicted.1 {
                 Some(now) => message += &format!(", relMSE {now:.2e} of {goal:.2e}"),

@@ -30,6 +30,7 @@ struct Line<'a> {
     render_s: f64,
     cpu: Option<f64>,
     predicted_relmse: Option<f64>,
+    predicted_relmse_filtered: Option<f64>,
     rejected: u64,
     effects: Vec<&'static str>,
     without: Vec<&'static str>,
@@ -54,6 +55,7 @@ impl Report<'_> {
             render_s: image.seconds.render(),
             cpu: self.cpu,
             predicted_relmse: image.film.predicted_relmse(),
+            predicted_relmse_filtered: record.filtered_relmse,
             rejected: record.rejected,
             effects: job.world().effects().called().iter().map(|c| c.effect.name()).collect(),
             without: job.prepared().without().iter().map(|e| e.name()).collect(),
@@ -76,7 +78,9 @@ impl Report<'_> {
             format!("{} samples, {} rays, {rate:.2} million rays per second", film.record().samples, image.rays()),
         ];
         if let Some(relmse) = film.predicted_relmse() {
-            lines.push(format!("predicted relMSE {relmse:.3e}"));
+            let filtered = film.record().filtered_relmse;
+            let filtered = filtered.map_or_else(String::new, |filtered| format!(", filtered {filtered:.3e}"));
+            lines.push(format!("predicted relMSE {relmse:.3e}{filtered}"));
         }
         if let Some(expected) = self.expected {
             let taken = resident().map_or_else(String::new, |[_, most]| format!("{} taken, ", size(most)));

@@ -1,5 +1,6 @@
 //! Conversion of budgets of time and error into numbers of samples.
 
+use super::holdout::Prediction;
 use crate::{Budget, BudgetLeft, Error, Film, Frame, Limits, Needs};
 
 /// Computes the sample budget of each plan from the user's budget, and extends it when it is spent.
@@ -57,6 +58,14 @@ impl Meter {
         }
     }
 
+    /// The relMSE of an error limit.
+    pub(super) fn goal(&self) -> Option<f64> {
+        match self.budget {
+            Budget::Error { relmse, .. } => Some(relmse),
+            _ => None,
+        }
+    }
+
     pub(super) fn seconds(&self) -> Option<f64> {
         match self.budget {
             Budget::Seconds(s) => Some(s),
@@ -107,8 +116,8 @@ impl Meter {
     }
 
     /// Raises the sample total after the sampler is done, if the budget allows. Returns `true` if another plan may
-    /// follow.
-    pub(super) fn extend(&mut self, film: &Film, seconds: f64) -> bool {
+    /// follow. An error limit takes the predicted error.
+    pub(super) fn extend(&mut self, film: &Film, seconds: f64, predicted: Option<Prediction>) -> bool {
         let spent = film.record().samples;
         let before = self.total;
         match &self.budget {
@@ -126,12 +135,13 @@ impl Meter {
                 }
             }
             Budget::Error { relmse, at_most } => {
-                let predicted = film.predicted_relmse().unwrap_or(f64::INFINITY);
-                if predicted <= *relmse || spent >= *at_most {
+                let predicted = predicted.unwrap_or(Prediction { relmse: f64::INFINITY, fall: 1.0, confirmed: true });
+                if predicted.relmse <= *relmse && predicted.confirmed || spent >= *at_most {
                     return false;
                 }
-                // Errors fall about as n^-1.2 in images. The guess is limited to twice the samples.
-                let growth = (predicted / relmse).powf(1.0 / 1.2).clamp(1.125, 2.0);
+                // The guess is limited to twice the samples. An unconfirmed error needs as many as show it.
+                let least = if predicted.confirmed { 1.125 } else { 1.5 };
+                let growth = (predicted.relmse / relmse).powf(1.0 / predicted.fall).clamp(least, 2.0);
                 self.total = ((spent as f64 * growth) as u64).min(*at_most);
             }
         }

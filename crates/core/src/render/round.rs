@@ -1,6 +1,6 @@
 //! Tracing one round: slices of bands of rows.
 
-use super::MonitorContext;
+use super::{MonitorContext, State};
 use crate::allocate::mix;
 use crate::film::{
     self, Bank, FeatureMoments, REJECTED_LISTED, add_emission, index, keep_first, reason_to_reject, widen,
@@ -93,17 +93,17 @@ pub(super) enum Stopped {
 /// begun without interruption.
 pub(super) fn trace(
     integrator: &mut dyn Integrator,
-    film: &mut Film,
+    state: &mut State,
     open: &mut OpenRound,
-    passes: &mut Vec<TrainingData>,
     began: f64,
     context: &mut MonitorContext<'_>,
 ) -> Result<Stopped, Error> {
     let points = context.sampler.points();
-    let height = film.frame.size()[1];
+    let height = state.film.frame.size()[1];
     let longest = longest_pixel(&open.plan);
     while open.cursor.start < longest {
         let wants_training = integrator.wants_training();
+        let film = &mut state.film;
         let (length, rows) = next_slice(open, film, wants_training, context.seconds() - began, context.limits);
         let cursor = &mut open.cursor;
         if cursor.row == 0 {
@@ -126,11 +126,11 @@ pub(super) fn trace(
                 let rows: Vec<_> = pending.into_iter().map(|(_, sums)| sums).collect();
                 let pass = TrainingData::merge(&rows);
                 integrator.learn(&pass);
-                passes.push(pass);
+                state.passes.push(pass);
             }
         }
         open.traced_seconds = context.seconds() - began;
-        if context.slice(film, open, passes) == Control::Stop {
+        if context.slice(state, open) == Control::Stop {
             return Ok(if open.cursor.start < longest { Stopped::Within } else { Stopped::AtEnd });
         }
     }

@@ -131,7 +131,7 @@ pub(crate) fn take_combine(from: &mut Reader<'_>) -> Result<Combine, Broken> {
 }
 
 fn put_record(to: &mut Writer, record: &Record) {
-    let Record { budgets, rounds, samples, rays, blocks, rejected, interrupted: _ } = record;
+    let Record { budgets, rounds, samples, rays, blocks, rejected, filtered_relmse: _, interrupted: _ } = record;
     to.list(budgets);
     to.number(rounds.len() as u64);
     for r in rounds {
@@ -155,7 +155,7 @@ fn take_record(from: &mut Reader<'_>) -> Result<Record, Broken> {
         rounds.push(RoundRecord { samples, kept, plan_seconds, trace_seconds });
     }
     let [samples, rays, blocks, rejected] = from.number()?;
-    Ok(Record { budgets, rounds, samples, rays, blocks, rejected, interrupted: false })
+    Ok(Record { budgets, rounds, samples, rays, blocks, rejected, filtered_relmse: None, interrupted: false })
 }
 
 fn take_rejected(from: &mut Reader<'_>) -> Result<Vec<Rejected>, Broken> {

@@ -4,5 +4,6 @@ mod common;
 mod conformance;
 mod driver;
 mod film;
+mod holdout;
 mod resume;
 mod withdraw;

@@ -188,8 +188,8 @@ fn a_firefly_does_not_spread_beyond_its_window() {
     }
 }
 
-/// The estimated mean squared error is within a factor of 3 of the actual one, over 10 images (bundled scenes: 0.6 to
-/// 2.9). The control, the error of the unfiltered image, is not.
+/// The estimated mean squared error is 1 to 3 times the actual one, over 10 images (bundled scenes: 0.4 to 2, see
+/// `docs/results/predicted-error.md`). The control, the error of the unfiltered image, is not.
 #[test]
 fn error_estimates_are_within_a_factor_of_three() {
     for filter in filters() {
@@ -202,7 +202,7 @@ fn error_estimates_are_within_a_factor_of_three() {
             actual += squared_error(&image.radiance) * channels;
             unfiltered += squared_error(&film.image()) * channels;
         }
-        assert!((0.33..3.0).contains(&(estimated / actual)), "{}: {estimated} for {actual}", filter.describe());
+        assert!((1.0..3.0).contains(&(estimated / actual)), "{}: {estimated} for {actual}", filter.describe());
         assert!(unfiltered / actual > 3.0, "{}: the control is no control", filter.describe());
     }
 }

@@ -98,7 +98,8 @@ impl MemoryEstimate {
             ("files", memory.filter.image.saturating_add(files)),
         ];
         let scene = now + THREAD * rayon::current_num_threads() as u64;
-        Self { scene, film: memory.film, sampler: memory.sampler, stages, before: before.before.max(most) }
+        let film = memory.film.saturating_add(memory.holdout);
+        Self { scene, film, sampler: memory.sampler, stages, before: before.before.max(most) }
     }
 
     /// Checks that a render fits into `limit`.

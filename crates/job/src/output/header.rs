@@ -40,6 +40,7 @@ pub(super) fn attributes(job: &Job, image: &RenderedImage, cpu: Option<f64>) -> 
         ("probe-rays", image.probe_rays.to_string()),
         ("rejected", record.rejected.to_string()),
         ("predicted-relmse", film.predicted_relmse().map_or("unknown".into(), |e| e.to_string())),
+        ("predicted-relmse-filtered", record.filtered_relmse.map_or("unknown".into(), |e| e.to_string())),
         ("bias", bias(job, image)),
         ("interrupted", record.interrupted.to_string()),
         ("threads", rayon::current_num_threads().to_string()),
@@ -57,7 +58,8 @@ fn budget(job: &Job) -> String {
     match job.spec().budget {
         BudgetSpec::Seconds(seconds) => format!("{seconds} seconds"),
         BudgetSpec::Error(relmse) => {
-            format!("relMSE {relmse}, at most {} spp", job.spec().max_spp.unwrap_or(crate::ERROR_SPP))
+            let most = job.spec().max_spp.unwrap_or(crate::ERROR_SPP);
+            format!("relMSE {relmse} of the {} image, at most {most} spp", job.error_concerns())
         }
         BudgetSpec::Samples(samples) => format!("{samples} samples"),
         BudgetSpec::Spp(spp) => match job.limits().budget {
