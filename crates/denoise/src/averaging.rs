@@ -1,13 +1,14 @@
 //! Weighted means over windows of pixels, for both halves of the samples at once. The weights of each half come from a
 //! guide: the colours and variances of the other half.
 
+use crate::dispatch::dispatch;
 use crate::planes::{Colours, Inputs, LEAST_ALBEDO, Plane};
 use crate::tile::{
     Differences, Guide, HEIGHT, LANES, Likeness, REACH, Stack, Tile, WIDTH, count_weights, exp_minus, origins,
     sharpness, stride, tiles, vectors,
 };
 use dapple_core::{FilterMemory, Frame, ImagePlanes};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 /// A square window around a pixel, and its spatial weights.
@@ -46,11 +47,10 @@ pub(crate) fn average_where<const G: usize>(
     window: &Window,
     wanted: &(impl Fn([usize; 2]) -> bool + Sync),
 ) -> [Colours; 2] {
-    let arch = Arch::new();
     let sharp = like.features.map(|scales| sharpness(&inputs.features, &scales));
     let sharp = sharp.as_ref();
     let task = |&origin: &[usize; 2]| {
-        wanted(origin).then(|| arch.dispatch(TileTask { inputs, values, guides, like, sharp, window, origin }))
+        wanted(origin).then(|| dispatch(TileTask { inputs, values, guides, like, sharp, window, origin }))
     };
     let tiles: Vec<Option<Sums>> = origins(inputs.size).par_iter().map(task).collect();
     [0, 1].map(|half| std::array::from_fn(|c| assembled(inputs.size, &tiles, &values[half][c], half, c)))

@@ -68,6 +68,7 @@ mod averaging;
 mod bilateral;
 mod cluster_gaussian;
 mod cluster_regression;
+mod dispatch;
 mod error_map;
 mod gaussian;
 #[cfg(test)]

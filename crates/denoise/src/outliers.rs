@@ -4,9 +4,10 @@
 //! exceeds its surroundings is taken out before filtering. Afterwards it is added again to up to some 2,000 pixels of
 //! the same surface. The sum over the image stays.
 
+use crate::dispatch::dispatch;
 use crate::planes::{Colours, Inputs, Plane, box_mean};
 use crate::tile::exp_minus;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 /// The ratio of an outlier to its surroundings, at least. With 3, a room lit through a slit has 10 % more error and 0.3 %
@@ -150,7 +151,7 @@ fn likeness(inputs: &Inputs, outlier: &Outlier, y: usize) -> (usize, [f32; SIDE]
     let rows = [nx, ny, nz, px, py, pz].map(|plane| &plane[first..][..len]);
     let from = [columns.start as f32 - x as f32, (at / width) as f32 - y as f32];
     let task = LikenessTask { rows, normal: n, position: p, from, scale: features.scale[at], width: outlier.width };
-    (first, Arch::new().dispatch(task), len)
+    (first, dispatch(task), len)
 }
 
 /// The task of [`likeness`], for pixels in a row.

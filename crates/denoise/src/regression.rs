@@ -4,14 +4,15 @@
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
+use crate::dispatch::dispatch;
 use crate::error_map::Pair;
 use crate::planes::{Colours, Inputs, Plane, box_mean};
 use crate::tile::{
-    COLUMNS, Differences, Guide, HEIGHT, LANES, Likeness, LocalGuide, MARGIN, ROWS, Row, Stack, Tile, WIDTH,
+    COLUMNS, Differences, GROUP, Guide, HEIGHT, LANES, Likeness, LocalGuide, MARGIN, ROWS, Row, Stack, Tile, WIDTH,
     count_weights, origins, sharpness, stride, tiles, vectors,
 };
 use dapple_core::Frame;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 /// The number of regressors: normal (3), albedo (3), position (3).
@@ -59,11 +60,10 @@ pub(crate) fn regress<const G: usize>(
     });
     let sharp = like.features.map(|scales| sharpness(&inputs.features, &scales));
     let sharp = sharp.as_ref();
-    let arch = Arch::new();
     let origins = origins(inputs.size);
     let tiles: Vec<Vec<f32>> = origins
         .par_iter()
-        .map(|&origin| arch.dispatch(TileTask { inputs, guides, like, sharp, reference: &reference, origin }))
+        .map(|&origin| dispatch(TileTask { inputs, guides, like, sharp, reference: &reference, origin }))
         .collect();
     merge(inputs.size, &tiles, beside, share)
 }
@@ -110,11 +110,16 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
         let (data, centres) = self.copies();
         let mut sums = vec![[0.0; 8 * COLUMNS]; 2 * ROWS];
         let [rows, columns] = tile.extent();
+        let blocks = GROUP / S::F32_LANES;
+        let mut fits = Vec::with_capacity(blocks);
         for row in 0..rows.div_ceil(2) {
-            for block in 0..columns.div_ceil(S::F32_LANES) {
-                let at = [2 * row, block];
+            for group in 0..columns.div_ceil(GROUP) {
+                let at = [2 * row, group * blocks];
+                fits.clear();
                 // No closures: their bodies would not be compiled for this machine's vectors.
-                let fits = fit(simd, &data, &centres, &weights, at);
+                for block in 0..blocks {
+                    fits.push(fit(simd, &data, &centres, &weights, [at[0], at[1] + block]));
+                }
                 predict(simd, &data, &centres, &weights, &fits, at, &mut sums);
             }
         }
@@ -415,34 +420,37 @@ fn predict<S: Simd, const G: usize>(
     data: &Data,
     centres: &Centres,
     weights: &[Weights; G],
-    fits: &[Fit<S, REGRESSORS>; 2],
-    [y, block]: [usize; 2],
+    fits: &[[Fit<S, REGRESSORS>; 2]],
+    [y, first]: [usize; 2],
     sums: &mut [[f32; 8 * COLUMNS]],
 ) {
     let step = stride::<S>();
-    let centre = centre(simd, data, [y, block]);
-    let scale = vectors::<S>(centres.moved(y, 0, [0, 0]))[block];
+    let scales = vectors::<S>(centres.moved(y, 0, [0, 0]));
     for o in 0..SIDE * SIDE {
         let offset = [o % SIDE, o / SIDE].map(|d| d as isize - REACH as isize);
-        let z = regressors(simd, vectors::<S>(data.moved(y, 0, offset)), &centre, scale, block);
+        let there = vectors::<S>(data.moved(y, 0, offset));
         let row = (y + MARGIN).wrapping_add_signed(offset[1]);
         let (parity, shift) = ((offset[0] & 1) as usize, offset[0] >> 1);
         let column = (MARGIN / 2).wrapping_add_signed(shift);
         let to = &mut sums[2 * row + parity][column..][..7 * COLUMNS + LANES];
         let to = S::as_mut_simd_f32s(to).0;
-        for half in 0..2 {
-            let fit = &fits[half];
-            let weight = vectors::<S>(&weights[if G == 2 { 1 - half } else { 0 }][o][y / 2])[block];
-            for c in 0..3 {
-                let mut value = fit.intercept[c];
-                for k in 0..REGRESSORS {
-                    value = simd.add_f32s(value, simd.mul_f32s(fit.slopes[k][c], z[k]));
+        for (i, fits) in fits.iter().enumerate() {
+            let block = first + i;
+            let z = regressors(simd, there, &centre(simd, data, [y, block]), scales[block], block);
+            for half in 0..2 {
+                let fit = &fits[half];
+                let weight = vectors::<S>(&weights[if G == 2 { 1 - half } else { 0 }][o][y / 2])[block];
+                for c in 0..3 {
+                    let mut value = fit.intercept[c];
+                    for k in 0..REGRESSORS {
+                        value = simd.add_f32s(value, simd.mul_f32s(fit.slopes[k][c], z[k]));
+                    }
+                    let sum = &mut to[(4 * half + c) * step + block];
+                    *sum = simd.add_f32s(*sum, simd.mul_f32s(weight, value));
                 }
-                let sum = &mut to[(4 * half + c) * step + block];
-                *sum = simd.add_f32s(*sum, simd.mul_f32s(weight, value));
+                let sum = &mut to[(4 * half + 3) * step + block];
+                *sum = simd.add_f32s(*sum, weight);
             }
-            let sum = &mut to[(4 * half + 3) * step + block];
-            *sum = simd.add_f32s(*sum, weight);
         }
     }
 }

@@ -21,14 +21,17 @@ pub(crate) const MARGIN: usize = 10;
 /// The largest radius of a window in pixels.
 pub(crate) const REACH: usize = 7;
 /// The number of even (or odd) columns in a tile's planes, margin included, rounded up to whole vectors.
-pub(crate) const COLUMNS: usize = 48;
+pub(crate) const COLUMNS: usize = 64;
 /// The number of rows in a tile's planes, margin included.
 pub(crate) const ROWS: usize = HEIGHT + 2 * MARGIN;
 /// The number of even (or odd) pixels in a row of a tile.
 pub(crate) const LANES: usize = WIDTH / 2;
+/// The number of windows whose predictions are added offset by offset. It is a multiple of every machine's vector, so
+/// sums have the same order, and the same bits, on all of them.
+pub(crate) const GROUP: usize = 16;
 /// The number of even (or odd) columns for which differences are computed: `LANES`, and the columns that patches read
 /// beside them.
-const SPAN: usize = 40;
+const SPAN: usize = 48;
 
 /// One value for each even (or odd) pixel in a row of a tile.
 pub(crate) type Row = [f32; LANES];

@@ -8,13 +8,19 @@
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
+mod stack;
+
+use crate::dispatch::dispatch;
 use crate::error_map::Pair;
-use crate::planes::{Colours, Inputs, Plane};
+use crate::planes::{Inputs, Plane};
 use crate::regression::{Fit, NEGLIGIBLE, Sums, add_products, solve};
-use crate::tile::{FeatureScales, Guide, count_weights, excess, exp_minus_all, sharpness, vectors};
+use crate::tile::{FeatureScales, GROUP, Guide, count_weights, excess, exp_minus_all, vectors};
 use dapple_core::Frame;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
+use stack::{
+    COLOURS, COUNT, FARTHEST, IN_STACK, IN_SUMS, MEANS, PLANES, POSITION, Pixels, ROW, Stack, VARIANCE, stacks,
+};
 
 /// The radius of a window in pixels.
 const REACH: usize = 20;
@@ -51,32 +57,19 @@ const PATCH: usize = 1;
 /// The weight of the image beside the predictions, relative to 1 for a window's centre.
 const BESIDE: f32 = 0.5;
 
-/// The copied planes: guide colours (3) and variance (1), features (7) and their variances (3), the scales of feature
-/// differences (3), positions (3) with the reciprocal width of 24 pixels (1), samples of both halves (1), and colours without
-/// albedo (6).
-const PLANES: usize = 28;
-const VARIANCE: usize = 3;
-const MEANS: usize = 4;
-
-const POSITION: usize = 17;
-
-const COUNT: usize = 21;
-const COLOURS: usize = 22;
-
 /// Filters both halves with windows of 41x41 pixels, compared by `guide`: the image `beside` without its albedo, and
 /// its remaining noise.
 pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
     let [width, height] = inputs.size;
     let stacks = stacks(inputs, guide);
     let [bands, tiles] = [height.div_ceil(BAND), stacks.len()];
-    let arch = Arch::new();
     let sums: Vec<Vec<f32>> = (0..bands * tiles)
         .into_par_iter()
         .map(|task| {
             let (band, tile) = (task / tiles, task % tiles);
             let columns = width.div_ceil(STEP) - tile * CENTRES;
             let (stack, size) = (&stacks[tile], [columns.min(CENTRES), height]);
-            arch.dispatch(BandTask { stack, size, first: band * BAND })
+            dispatch(BandTask { stack, size, first: band * BAND })
         })
         .collect();
     let row = |y: usize| -> Vec<f32> {
@@ -137,92 +130,6 @@ pub(crate) fn bytes(frame: &Frame) -> u64 {
     frame.bytes(4 * (4 + 3 + 8 + 6)).saturating_add(stack).saturating_add(bands)
 }
 
-/// Copies of the planes for [`CENTRES`] columns of window centres, with columns of equal remainder modulo [`STEP`] side
-/// by side. Each row holds for each of these phases all planes, one after the other. Columns beyond the frame repeat the
-/// border.
-struct Stack(Vec<f32>);
-
-/// The copies for all columns of window centres, from left to right.
-fn stacks(inputs: &Inputs, guide: &Guide) -> Vec<Stack> {
-    let [width, height] = inputs.size;
-    let sharp = sharpness(&inputs.features, &FEATURES);
-    let colours: [Colours; 2] = [0, 1].map(|half: usize| {
-        std::array::from_fn(|c| {
-            let own = inputs.halves[half].colour[c].iter().enumerate();
-            own.map(|(i, value)| value / inputs.divisor(c, i)).collect()
-        })
-    });
-    let [a, b] = [0, 1].map(|half: usize| &inputs.halves[half].count);
-    let count: Plane = a.iter().zip(b).map(|(a, b)| a + b).collect();
-    let mut planes: Vec<&[f32]> = Vec::with_capacity(PLANES);
-    planes.extend(guide.colour.iter().chain(&guide.variance).map(|p| &p[..]));
-    planes.extend(inputs.features.mean.iter().chain(&inputs.features.variance).chain(&sharp).map(|p| &p[..]));
-    planes.extend(inputs.features.position.iter().map(|p| &p[..]));
-    planes.extend([&inputs.features.scale[..], &count]);
-    planes.extend(colours.iter().flatten().map(|p| &p[..]));
-    let tile = |tile: usize| {
-        let mut data = vec![0.0; height * STEP * PLANES * COLUMNS];
-        data.par_chunks_mut(STEP * PLANES * COLUMNS).enumerate().for_each(|(y, row)| {
-            for (k, plane) in planes.iter().enumerate() {
-                let source = &plane[y * width..][..width];
-                for phase in 0..STEP {
-                    let to = &mut row[(phase * PLANES + k) * COLUMNS..][..COLUMNS];
-                    for (column, to) in to.iter_mut().enumerate() {
-                        let x = STEP * (tile * CENTRES + column) + phase;
-                        let inside = (STEP * PAD..width + STEP * PAD).contains(&x);
-                        let value = source[x.saturating_sub(STEP * PAD).min(width - 1)];
-                        *to = if inside || k != COUNT { value } else { 0.0 };
-                    }
-                }
-            }
-        });
-        Stack(data)
-    };
-    (0..width.div_ceil(STEP * CENTRES)).map(tile).collect()
-}
-
-/// The number of values between two rows of a [`Stack`].
-const ROW: usize = STEP * PLANES * COLUMNS;
-/// The largest distance of a compared pixel from a window centre, in columns of pixels.
-const FARTHEST: usize = REACH + PATCH;
-
-/// The index of a pixel at the offset `dx - FARTHEST` columns from a window centre, within a row that holds `planes`
-/// planes for each phase. The centre's number is added to it.
-const fn columns(planes: usize) -> [usize; 2 * FARTHEST + 1] {
-    let mut all = [0; 2 * FARTHEST + 1];
-    let mut dx = 0;
-    while dx < all.len() {
-        let column = dx + STEP * PAD - FARTHEST;
-        all[dx] = (column % STEP) * planes * COLUMNS + column / STEP;
-        dx += 1;
-    }
-    all
-}
-
-/// [`columns`] of a [`Stack`] and of a task's sums.
-const IN_STACK: [usize; 2 * FARTHEST + 1] = columns(PLANES);
-const IN_SUMS: [usize; 2 * FARTHEST + 1] = columns(8);
-
-impl Stack {
-    /// All planes of as many pixels as there are lanes, from an index of plane 0.
-    #[inline(always)]
-    fn at<S: Simd>(&self, index: usize) -> Pixels<'_> {
-        Pixels(&self.0[index..][..(PLANES - 1) * COLUMNS + S::F32_LANES])
-    }
-}
-
-/// The planes of as many pixels as there are lanes, which lie [`STEP`] apart in a row.
-#[derive(Clone, Copy)]
-struct Pixels<'a>(&'a [f32]);
-
-impl Pixels<'_> {
-    /// The vector of plane `p`.
-    #[inline(always)]
-    fn get<S: Simd>(self, p: usize) -> S::f32s {
-        vectors::<S>(&self.0[p * COLUMNS..][..S::F32_LANES])[0]
-    }
-}
-
 /// The windows whose centres lie in [`BAND`] rows from row `first`. Its result is the sums of weighted predictions and
 /// of weights, from [`REACH`] rows above. `size` is the number of columns of centres and of rows of pixels.
 struct BandTask<'a> {
@@ -238,13 +145,22 @@ impl WithSimd for BandTask<'_> {
     fn with_simd<S: Simd>(self, simd: S) -> Vec<f32> {
         let [columns, height] = self.size;
         let mut sums = vec![0.0; ROWS * STEP * 8 * COLUMNS];
-        let mut seen = Seen::<S>::new(simd);
+        let blocks = GROUP / S::F32_LANES;
+        let mut seen = Vec::with_capacity(blocks);
+        for _ in 0..blocks {
+            seen.push(Seen::<S>::new(simd));
+        }
+        let mut windows = Vec::with_capacity(blocks);
         for y in (self.first..(self.first + BAND).min(height)).step_by(STEP) {
-            for k in (0..columns).step_by(S::F32_LANES) {
-                let centre = Centre::new(simd, self.stack, [y, k], self.size);
-                weigh(simd, &centre, self.first, &mut seen);
-                let fits = fit(simd, &centre, &seen);
-                predict(simd, &centre, &seen, &fits, &mut sums);
+            for group in (0..columns).step_by(GROUP) {
+                windows.clear();
+                for (block, k) in (group..columns.min(group + GROUP)).step_by(S::F32_LANES).enumerate() {
+                    let centre = Centre::new(simd, self.stack, [y, k], self.size);
+                    weigh(simd, &centre, self.first, &mut seen[block]);
+                    let fits = fit(simd, &centre, &seen[block]);
+                    windows.push((centre, fits));
+                }
+                predict(simd, &windows, &seen, &mut sums);
             }
         }
         sums
@@ -306,12 +222,14 @@ struct Pixel<S: Simd> {
     index: usize,
     /// The index of plane 0 in the sums of a [`BandTask`].
     sums: usize,
+    /// The number of the offset, counted by rows.
+    offset: usize,
     weight: S::f32s,
 }
 
 impl<S: Simd> Seen<S> {
     fn new(simd: S) -> Self {
-        let none = Pixel { index: 0, sums: 0, weight: simd.splat_f32s(0.0) };
+        let none = Pixel { index: 0, sums: 0, offset: 0, weight: simd.splat_f32s(0.0) };
         Self { count: 0, all: vec![none; SIDE * SIDE] }
     }
 }
@@ -351,7 +269,8 @@ fn weigh<S: Simd>(simd: S, centre: &Centre<'_, S>, first: usize, seen: &mut Seen
             }
             let weight = simd.sub_f32s(exp_minus_all(simd, distance), simd.splat_f32s(NEGLIGIBLE));
             let weight = simd.mul_f32s(simd.max_f32s(weight, zero), centre.inside);
-            seen.all[count] = Pixel { index, sums: row_of_sums + IN_SUMS[dx], weight };
+            let (sums, offset) = (row_of_sums + IN_SUMS[dx], y * 2 * FARTHEST + dx);
+            seen.all[count] = Pixel { index, sums, offset, weight };
             count += 1;
         }
     }
@@ -484,23 +403,50 @@ fn fit<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>) -> [Fit<S, REGR
     [solve(simd, total, &sums, REGRESSORS, &reference), solve(simd, total, &sums, REGRESSORS + 3, &reference)]
 }
 
-/// Adds the predictions of both halves' windows to the pixels in them.
+/// Adds the predictions of both halves' windows to the pixels in them, offset by offset: a pixel may lie in windows of
+/// several vectors.
 #[inline(always)]
-fn predict<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>, fits: &[Fit<S, REGRESSORS>; 2], sums: &mut [f32]) {
-    for pixel in &seen.all[..seen.count] {
-        let z = regressors(simd, centre, centre.stack.at::<S>(pixel.index));
-        let sums = &mut sums[pixel.sums..][..7 * COLUMNS + S::F32_LANES];
-        for half in 0..2 {
-            let fit = &fits[half];
-            for c in 0..3 {
-                let mut value = fit.intercept[c];
-                for k in 0..REGRESSORS {
-                    value = simd.add_f32s(value, simd.mul_f32s(fit.slopes[k][c], z[k]));
-                }
-                add(simd, &mut sums[(4 * half + c) * COLUMNS..], simd.mul_f32s(pixel.weight, value));
+fn predict<S: Simd>(simd: S, windows: &[(Centre<'_, S>, [Fit<S, REGRESSORS>; 2])], seen: &[Seen<S>], sums: &mut [f32]) {
+    let mut next = [0; GROUP];
+    loop {
+        let mut least = usize::MAX;
+        for i in 0..windows.len() {
+            if next[i] < seen[i].count {
+                least = least.min(seen[i].all[next[i]].offset);
             }
-            add(simd, &mut sums[(4 * half + 3) * COLUMNS..], pixel.weight);
         }
+        if least == usize::MAX {
+            return;
+        }
+        for i in 0..windows.len() {
+            if next[i] < seen[i].count && seen[i].all[next[i]].offset == least {
+                predict_pixel(simd, &windows[i].0, &seen[i].all[next[i]], &windows[i].1, sums);
+                next[i] += 1;
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn predict_pixel<S: Simd>(
+    simd: S,
+    centre: &Centre<'_, S>,
+    pixel: &Pixel<S>,
+    fits: &[Fit<S, REGRESSORS>; 2],
+    sums: &mut [f32],
+) {
+    let z = regressors(simd, centre, centre.stack.at::<S>(pixel.index));
+    let sums = &mut sums[pixel.sums..][..7 * COLUMNS + S::F32_LANES];
+    for half in 0..2 {
+        let fit = &fits[half];
+        for c in 0..3 {
+            let mut value = fit.intercept[c];
+            for k in 0..REGRESSORS {
+                value = simd.add_f32s(value, simd.mul_f32s(fit.slopes[k][c], z[k]));
+            }
+            add(simd, &mut sums[(4 * half + c) * COLUMNS..], simd.mul_f32s(pixel.weight, value));
+        }
+        add(simd, &mut sums[(4 * half + 3) * COLUMNS..], pixel.weight);
     }
 }
 

@@ -1,0 +1,52 @@
+//! Tasks run with the machine's vectors: 16 lanes, 8, 4 or 1.
+
+use pulp::{Arch, WithSimd};
+
+/// Runs a task with the vectors of this machine.
+pub(crate) fn dispatch<T: WithSimd>(task: T) -> T::Output {
+    #[cfg(test)]
+    match tests::LANES.load(std::sync::atomic::Ordering::Relaxed) {
+        1 => return task.with_simd(pulp::Scalar),
+        4 => return task.with_simd(pulp::Scalar128b),
+        8 => return task.with_simd(pulp::Scalar256b),
+        _ => {}
+    }
+    Arch::new().dispatch(task)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::ClusterRegression;
+    use crate::parameters::NEEDS;
+    use dapple_core::{Film, Filter, Frame};
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// The number of lanes that [`dispatch`](super::dispatch) uses; 0 for those of the machine. Other tests that run at
+    /// the same time get the same bits, or fail as well.
+    pub(super) static LANES: AtomicUsize = AtomicUsize::new(0);
+
+    /// Windows of several vectors overlap, so sums over them must not depend on the vectors' width.
+    #[test]
+    fn images_have_the_same_bits_for_any_number_of_lanes() {
+        let [width, height] = [200, 30];
+        let mut film = Film::new(Frame::new(width, height).unwrap(), NEEDS);
+        let mut state = 1u32;
+        for pixel in 0..(width * height) as usize {
+            for sample in 0..4 {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                let noise = (state >> 8) as f32 / 16_777_216.0;
+                film.push(pixel, sample % 2, [if noise < 0.02 { 40.0 } else { 0.2 + noise }; 3]);
+            }
+        }
+        let image = |lanes| {
+            LANES.store(lanes, Ordering::Relaxed);
+            let image = ClusterRegression::new().apply(&film).unwrap();
+            LANES.store(0, Ordering::Relaxed);
+            image.radiance.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>()
+        };
+        let wanted = image(0);
+        for lanes in [1, 4, 8] {
+            assert!(image(lanes) == wanted, "{lanes} lanes");
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! The planes that the wide pass reads, copied such that a vector holds pixels around neighbouring window centres.
+
+use super::{CENTRES, COLUMNS, FEATURES, PAD, PATCH, REACH, STEP};
+use crate::planes::{Colours, Inputs, Plane};
+use crate::tile::{Guide, sharpness, vectors};
+use pulp::Simd;
+use rayon::prelude::*;
+
+/// The copied planes: guide colours (3) and variance (1), features (7) and their variances (3), the scales of feature
+/// differences (3), positions (3) with the reciprocal width of 24 pixels (1), samples of both halves (1), and colours without
+/// albedo (6).
+pub(super) const PLANES: usize = 28;
+pub(super) const VARIANCE: usize = 3;
+pub(super) const MEANS: usize = 4;
+
+pub(super) const POSITION: usize = 17;
+
+pub(super) const COUNT: usize = 21;
+pub(super) const COLOURS: usize = 22;
+
+/// Copies of the planes for [`CENTRES`] columns of window centres, with columns of equal remainder modulo [`STEP`] side
+/// by side. Each row holds for each of these phases all planes, one after the other. Columns beyond the frame repeat the
+/// border.
+pub(super) struct Stack(Vec<f32>);
+
+/// The copies for all columns of window centres, from left to right.
+pub(super) fn stacks(inputs: &Inputs, guide: &Guide) -> Vec<Stack> {
+    let [width, height] = inputs.size;
+    let sharp = sharpness(&inputs.features, &FEATURES);
+    let colours: [Colours; 2] = [0, 1].map(|half: usize| {
+        std::array::from_fn(|c| {
+            let own = inputs.halves[half].colour[c].iter().enumerate();
+            own.map(|(i, value)| value / inputs.divisor(c, i)).collect()
+        })
+    });
+    let [a, b] = [0, 1].map(|half: usize| &inputs.halves[half].count);
+    let count: Plane = a.iter().zip(b).map(|(a, b)| a + b).collect();
+    let mut planes: Vec<&[f32]> = Vec::with_capacity(PLANES);
+    planes.extend(guide.colour.iter().chain(&guide.variance).map(|p| &p[..]));
+    planes.extend(inputs.features.mean.iter().chain(&inputs.features.variance).chain(&sharp).map(|p| &p[..]));
+    planes.extend(inputs.features.position.iter().map(|p| &p[..]));
+    planes.extend([&inputs.features.scale[..], &count]);
+    planes.extend(colours.iter().flatten().map(|p| &p[..]));
+    let tile = |tile: usize| {
+        let mut data = vec![0.0; height * STEP * PLANES * COLUMNS];
+        data.par_chunks_mut(STEP * PLANES * COLUMNS).enumerate().for_each(|(y, row)| {
+            for (k, plane) in planes.iter().enumerate() {
+                let source = &plane[y * width..][..width];
+                for phase in 0..STEP {
+                    let to = &mut row[(phase * PLANES + k) * COLUMNS..][..COLUMNS];
+                    for (column, to) in to.iter_mut().enumerate() {
+                        let x = STEP * (tile * CENTRES + column) + phase;
+                        let inside = (STEP * PAD..width + STEP * PAD).contains(&x);
+                        let value = source[x.saturating_sub(STEP * PAD).min(width - 1)];
+                        *to = if inside || k != COUNT { value } else { 0.0 };
+                    }
+                }
+            }
+        });
+        Stack(data)
+    };
+    (0..width.div_ceil(STEP * CENTRES)).map(tile).collect()
+}
+
+/// The number of values between two rows of a [`Stack`].
+pub(super) const ROW: usize = STEP * PLANES * COLUMNS;
+/// The largest distance of a compared pixel from a window centre, in columns of pixels.
+pub(super) const FARTHEST: usize = REACH + PATCH;
+
+/// The index of a pixel at the offset `dx - FARTHEST` columns from a window centre, within a row that holds `planes`
+/// planes for each phase. The centre's number is added to it.
+const fn columns(planes: usize) -> [usize; 2 * FARTHEST + 1] {
+    let mut all = [0; 2 * FARTHEST + 1];
+    let mut dx = 0;
+    while dx < all.len() {
+        let column = dx + STEP * PAD - FARTHEST;
+        all[dx] = (column % STEP) * planes * COLUMNS + column / STEP;
+        dx += 1;
+    }
+    all
+}
+
+/// [`columns`] of a [`Stack`] and of a task's sums.
+pub(super) const IN_STACK: [usize; 2 * FARTHEST + 1] = columns(PLANES);
+pub(super) const IN_SUMS: [usize; 2 * FARTHEST + 1] = columns(8);
+
+impl Stack {
+    /// All planes of as many pixels as there are lanes, from an index of plane 0.
+    #[inline(always)]
+    pub(super) fn at<S: Simd>(&self, index: usize) -> Pixels<'_> {
+        Pixels(&self.0[index..][..(PLANES - 1) * COLUMNS + S::F32_LANES])
+    }
+}
+
+/// The planes of as many pixels as there are lanes, which lie [`STEP`] apart in a row.
+#[derive(Clone, Copy)]
+pub(super) struct Pixels<'a>(&'a [f32]);
+
+impl Pixels<'_> {
+    /// The vector of plane `p`.
+    #[inline(always)]
+    pub(super) fn get<S: Simd>(self, p: usize) -> S::f32s {
+        vectors::<S>(&self.0[p * COLUMNS..][..S::F32_LANES])[0]
+    }
+}
