@@ -85,10 +85,10 @@ dapple_core::options! {
 ///    The blend of the best ones guides a second pass, without albedo. The halves give its remaining noise.
 ///    Both halves share this guide, and so their weights and normal equations.
 /// 5. The result is the choice among all four images by estimated error over 7x7 pixels.
-/// 6. With three passes, only the images of both passes are candidates in that choice. The choice guides a regression
-///    over 41x41 pixels around every sixth pixel of every sixth row, without albedo. The choice is moved towards its
-///    image, and the unfiltered image towards the result, each as far as their difference is noise by the halves [after
-///    James and Stein 1961].
+/// 6. With three passes, the unfiltered image is no candidate in that choice. The choice guides a regression over 41x41
+///    pixels around every sixth pixel of every sixth row, without albedo. The choice is moved towards its image, and the
+///    unfiltered image towards the result, each as far as their difference is noise by the halves [after James and
+///    Stein 1961].
 /// 7. With three passes, outliers are taken out of the halves before step 2: bright colours that the other half lacks.
 ///    Their light is spread over the surface around them after step 6.
 ///
@@ -163,10 +163,11 @@ impl ClusterRegression {
         let weight = relative_weight(inputs, &first);
         let chosen = select(inputs, &[&first, &averaged], Some(&unfiltered), &weight, 2);
         let second = self.second(inputs, &chosen);
+        let filtered = [&first, &averaged, &second];
         if self.options.passes == Passes::Two {
-            return select(inputs, &[&first, &averaged, &second], Some(&unfiltered), &weight, 3);
+            return select(inputs, &filtered, Some(&unfiltered), &weight, 3);
         }
-        let base = select(inputs, &[&first, &second], None, &weight, 3);
+        let base = select(inputs, &filtered, None, &weight, 3);
         drop((first, averaged, second, chosen));
         let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
         let smooth = shrink(inputs, &base, &smooth, Radii { bias: 8, noise: 20 });
