@@ -1,4 +1,5 @@
-//! Light that filters do not spread: bright emission seen directly, and outliers. It stays in its own pixel.
+//! Light that filters do not get: bright emission seen directly, and all beyond the range of their planes. It stays in its
+//! own pixel. Noise that is bright in one half is spread instead ([`outliers`](crate::outliers)).
 //!
 //! A lamp may have 10^5 times the radiance of the wall beside it. Hardly any weight is small enough to keep it there.
 //! Within a pixel its emission is almost free of noise. So filters get images without most of it.
