@@ -6,4 +6,6 @@ mod driver;
 mod film;
 mod holdout;
 mod resume;
+mod rng;
+mod session;
 mod withdraw;
