@@ -82,15 +82,11 @@ pub enum Error {
         what: String,
     },
     /// A round of a [`Session`](crate::Session) that was given out and of which nothing came back.
-    #[error(
-        "nothing of this round was submitted, and {left} of its samples are left; pass each traced tile to Round::submit, or end with Session::finish"
-    )]
     NothingSubmitted {
         /// The number of samples left in the round.
         left: u64,
     },
     /// A tile that its round does not take.
-    #[error("the tile of columns {}..{} and rows {}..{} was not taken: {what}", area[0], area[2], area[1], area[3])]
     BadTile {
         /// The tile's area `[x0, y0, x1, y1]`, in pixels of the full image.
         area: [u32; 4],
@@ -190,6 +186,16 @@ impl fmt::Display for Error {
                 write!(f, "{who} reads {what}, which this film does not hold; pass its needs() to Render::needs")
             }
             Self::Mismatch { who, what } => write!(f, "{who} does not fit this film: {what}"),
+            Self::NothingSubmitted { left } => write!(
+                f,
+                "nothing of this round was submitted, and {left} of its samples are left; pass each traced tile to \
+                 Round::submit, or end with Session::finish"
+            ),
+            Self::BadTile { area, what } => write!(
+                f,
+                "the tile of columns {}..{} and rows {}..{} was not taken: {what}",
+                area[0], area[2], area[1], area[3]
+            ),
             Self::BadSnapshot { what } => write!(f, "these bytes are not a snapshot of a render: {what}"),
             Self::OtherRender { what } => write!(
                 f,

@@ -1,7 +1,7 @@
 //! The default methods.
 
 use dapple_adaptive::Adaptive;
-use dapple_core::{Filter, Sampler};
+use dapple_core::{Filter, Methods, Needs, Sampler};
 use dapple_denoise::ClusterRegression;
 use dapple_low_discrepancy::Sobol;
 
@@ -21,17 +21,22 @@ pub struct SamplerAndFilter {
     pub filter: Box<dyn Filter>,
 }
 
-impl From<SamplerAndFilter> for (Box<dyn Sampler>, Box<dyn Filter>) {
+impl From<SamplerAndFilter> for Methods<'static> {
     fn from(SamplerAndFilter { sampler, filter }: SamplerAndFilter) -> Self {
-        (sampler, filter)
+        Self { sampler, filter: Some(filter), needs: Needs::none() }
     }
 }
 
 /// Makes the default sampler with Sobol' points of this seed, and the default filter without clusters.
 ///
 /// ```
+/// use dapple_core::{Frame, Limits, Session};
+///
 /// let pair = dapple_registry::default_pair(7);
 /// assert_eq!((pair.sampler.name(), pair.filter.name()), ("adaptive", "cluster-regression"));
+/// let session = Session::new(Frame::new(8, 8)?, Limits::samples(16 * 64), pair)?;
+/// # let _ = session;
+/// # Ok::<(), dapple_core::Error>(())
 /// ```
 pub fn default_pair(seed: u64) -> SamplerAndFilter {
     SamplerAndFilter { sampler: Box::new(Adaptive::new(Sobol::new(seed))), filter: Box::new(ClusterRegression::new()) }

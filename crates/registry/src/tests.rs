@@ -3,7 +3,7 @@
 use super::*;
 use dapple_cluster_adaptive::{ProbeHit, ProbeRay};
 use dapple_core::samplers::Uniform;
-use dapple_core::{Block, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Render, TrainingLog};
+use dapple_core::{Block, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Render, Worker};
 
 const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
 
@@ -56,7 +56,7 @@ fn ball([x, y]: [f32; 2]) -> Option<u32> {
 }
 
 impl Integrator for Balls {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let [u, v, light, _] = draws.block(Block::new(0));
         let place = [draws.pixel()[0] as f32 + u, draws.pixel()[1] as f32 + v];
         let ball = ball(place);
