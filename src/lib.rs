@@ -5,24 +5,28 @@
 //! * [`core`]: the interfaces of point sets, samplers, integrators and filters; films, exact budgets and the render
 //!   loop. It contains no geometry, scenes or image files; to use Dapple in another renderer, `dapple-core` alone is
 //!   enough.
-//! * [`low_discrepancy`] (feature `low-discrepancy`): Owen-scrambled Sobol', Halton, (0,2), stratified and independent
-//!   random point sets.
-//! * [`adaptive`] (feature `adaptive`): the default sampler, driven by estimated errors; its variance preset; Cycles'
-//!   stopping rule.
-//! * [`mitchell`] (feature `mitchell`): Mitchell's contrast-adaptive sampler, and the variant in pbrt-v2.
-//! * [`clustering`] (feature `clustering`): groups neighbouring triangles with similar normals into clusters.
-//! * [`cluster_adaptive`] (feature `cluster-adaptive`): a sampler with sample counts from the projected sizes of
-//!   clusters; a closure that traces first hits connects it to a renderer.
-//! * [`light_selection`] (feature `light-selection`): learned probabilities of selecting each of several lights.
-//! * [`denoise`] (feature `denoise`): filters (denoisers) that take unequal sample counts into account.
-//! * `oidn` (feature `oidn`, off by default): Intel Open Image Denoise as a filter; its library is found at run time.
-//! * [`metrics`] (feature `metrics`): errors of images against references, and their statistics.
-//! * [`geometry`] (feature `geometry`): ray tracing of triangles and other shapes, watertight at shared edges.
-//! * [`scene`] (feature `scene`): scene descriptions, readers of pbrt and model files, image files, bundled scenes.
-//! * [`renderer`] (feature `renderer`): lights, materials, integrators.
-//! * [`job`] (feature `job`): one render, from its description to its image; samplers, point sets and filters by name;
-//!   checkpoints and shards.
-//! * `study` (feature `study`, off by default): measurements of error against render time, with a report.
+//! * [`points()`], [`sampler()`], [`filter()`] and [`default_pair`]: methods by name; [`registry`] (feature `registry`):
+//!   their tables, and clusters of a host. The default features are this one and those of the methods:
+//!   * [`low_discrepancy`] (feature `low-discrepancy`): Owen-scrambled Sobol', Halton, (0,2), stratified and
+//!     independent random point sets.
+//!   * [`adaptive`] (feature `adaptive`): the default sampler, driven by estimated errors; its variance preset; Cycles'
+//!     stopping rule.
+//!   * [`mitchell`] (feature `mitchell`): Mitchell's contrast-adaptive sampler, and the variant in pbrt-v2.
+//!   * [`clustering`] (feature `clustering`): groups neighbouring triangles with similar normals into clusters.
+//!   * [`cluster_adaptive`] (feature `cluster-adaptive`): a sampler with sample counts from the projected sizes of
+//!     clusters; a closure that traces first hits connects it to a renderer.
+//!   * [`denoise`] (feature `denoise`): filters (denoisers) that take unequal sample counts into account.
+//!
+//! Off by default; the feature `full` has all of them but `oidn`:
+//!
+//! * `light_selection` (feature `light-selection`): learned probabilities of selecting each of several lights.
+//! * `metrics` (feature `metrics`): errors of images against references, and their statistics.
+//! * `oidn` (feature `oidn`): Intel Open Image Denoise as a filter; its library is found at run time.
+//! * `geometry` (feature `geometry`): ray tracing of triangles and other shapes, watertight at shared edges.
+//! * `scene` (feature `scene`): scene descriptions, readers of pbrt and model files, image files, bundled scenes.
+//! * `renderer` (feature `renderer`): lights, materials, integrators.
+//! * `job` (feature `job`): one render, from its description to its image; checkpoints and shards.
+//! * `study` (feature `study`): measurements of error against render time, with a report.
 //!
 //! `examples/foreign_renderer.rs` connects clusters, sampler and denoiser to a renderer that shares no code with
 //! Dapple.
@@ -86,6 +90,8 @@ pub use dapple_metrics as metrics;
 pub use dapple_mitchell as mitchell;
 #[cfg(feature = "oidn")]
 pub use dapple_oidn as oidn;
+#[cfg(feature = "registry")]
+pub use dapple_registry::{self as registry, SamplerAndFilter, default_pair};
 #[cfg(feature = "renderer")]
 pub use dapple_renderer as renderer;
 #[cfg(feature = "scene")]
@@ -93,8 +99,13 @@ pub use dapple_scene as scene;
 #[cfg(feature = "study")]
 pub use dapple_study as study;
 
+#[cfg(feature = "registry")]
+mod methods;
+#[cfg(feature = "registry")]
+pub use methods::{filter, points, sampler};
+
 /// Runs the examples of the README and of the tutorial pages as documentation tests.
-#[cfg(all(doctest, feature = "adaptive", feature = "denoise", feature = "low-discrepancy"))]
+#[cfg(all(doctest, feature = "registry"))]
 mod pages {
     #[doc = include_str!("../README.md")]
     struct Readme;

@@ -86,6 +86,7 @@ const RULES: &[Rule] = &[
     ("dapple-cluster-adaptive", &["dapple-core", "dapple-clustering"], OF_A_SCENE),
     ("dapple-denoise", &["dapple-core"], OF_A_SCENE),
     ("dapple-oidn", &["dapple-core"], OF_A_SCENE),
+    ("dapple-registry", REGISTRY, OF_A_SCENE),
     ("dapple-metrics", &[], &["glam", "obvhs", "image", "exr", "rayon"]),
     ("dapple-geometry", &[], &["image", "exr", "rayon", "clap"]),
     ("dapple-scene", &["dapple-core"], &["obvhs", "clap", "indicatif"]),
@@ -108,14 +109,26 @@ const LAYERS: &[&str] = &[
     "dapple-cluster-adaptive",
     "dapple-denoise",
     "dapple-oidn",
+    "dapple-registry",
     "dapple-metrics",
     "dapple-job",
     "dapple-study",
 ];
 const RENDERER: &[&str] = LAYERS.split_at(5).0;
-/// The renderer, every method with a name, and clusters.
-const JOB: &[&str] = LAYERS.split_at(12).0;
-const STUDY: &[&str] = LAYERS.split_at(14).0;
+/// Every method with a name, and clusters; no scene.
+const REGISTRY: &[&str] = &[
+    "dapple-core",
+    "dapple-low-discrepancy",
+    "dapple-adaptive",
+    "dapple-mitchell",
+    "dapple-clustering",
+    "dapple-cluster-adaptive",
+    "dapple-denoise",
+    "dapple-oidn",
+];
+/// The renderer, and every method with a name.
+const JOB: &[&str] = LAYERS.split_at(13).0;
+const STUDY: &[&str] = LAYERS.split_at(15).0;
 
 /// Crates for scenes, BVHs, vectors or image files.
 const OF_A_SCENE: &[&str] = &["glam", "obvhs", "image", "exr", "dapple-geometry", "dapple-scene", "dapple-renderer"];
@@ -148,9 +161,10 @@ fn crates_depend_only_on_allowed_crates() {
 
 #[test]
 fn no_program_is_built_with_libloading_unless_asked() {
-    for name in ["dapple", "dapple-job", "dapple-cli", "dapple-study"] {
+    for name in ["dapple", "dapple-registry", "dapple-job", "dapple-cli", "dapple-study"] {
         assert!(!built_with(name).contains("libloading"), "{name} loads libraries without the feature oidn");
     }
+    assert!(!facade_built_with("full").contains("libloading"), "the feature full has oidn");
     assert!(
         tree(&["--package", "dapple-cli", "--features", "oidn"]).contains("libloading"),
         "the feature adds nothing"
@@ -179,6 +193,23 @@ fn a_foreign_renderer_takes_no_scene_along() {
         assert!(!built.contains(*outsider), "a foreign renderer must not be given {outsider}");
         assert!(control.contains(*outsider), "the tree does not show {outsider} where it is");
     }
+}
+
+/// The largest number of other people's crates that the default features may bring.
+const FOREIGN_CRATES: usize = 20;
+
+#[test]
+fn the_default_features_bring_no_scene_and_few_crates() {
+    let built = built_with("dapple");
+    for ours in ["dapple-registry", "dapple-adaptive", "dapple-denoise", "dapple-low-discrepancy"] {
+        assert!(built.contains(ours), "the default features lack {ours}");
+    }
+    for heavy in OF_A_SCENE.iter().chain(&["dapple-job", "dapple-study", "clap", "serde", "syn"]) {
+        assert!(!built.contains(*heavy), "the default features bring {heavy}");
+    }
+    let foreign: Vec<_> = built.iter().filter(|name| !name.starts_with("dapple")).collect();
+    assert!(foreign.len() <= FOREIGN_CRATES, "{} crates: {foreign:?}", foreign.len());
+    assert!(facade_built_with("full").len() > 3 * foreign.len(), "the tree does not show a heavy facade as heavy");
 }
 
 /// `(major, minor)` of a version such as `1.90` or `1.85.0`.

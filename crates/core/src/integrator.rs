@@ -10,6 +10,9 @@ pub const BACKGROUND: u32 = u32::MAX;
 /// The first surface that a sample meets. The integrator reports it; clusters and samplers read it, and filters unless
 /// there are [`SurfaceFeatures`].
 ///
+/// Position, normal and depth are enough for every filter. Albedo helps most; the other fields serve clusters and some
+/// samplers (`docs/book/src/your-renderer.md` has a table).
+///
 /// ```
 /// use dapple_core::FirstHit;
 ///

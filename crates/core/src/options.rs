@@ -4,6 +4,8 @@ mod value;
 
 pub use value::OptionValue;
 
+use std::fmt;
+
 /// A command-line parameter of a sampler, point set or filter: its name, its default as text, and one line of help.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Parameter {
@@ -23,8 +25,7 @@ impl Parameter {
 }
 
 /// A value outside its parameter's range.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{name} = {value} is out of range: {allowed}")]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OutOfRange {
     /// The parameter's name.
     pub name: &'static str,
@@ -34,6 +35,15 @@ pub struct OutOfRange {
     pub allowed: &'static str,
 }
 
+impl fmt::Display for OutOfRange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, value, allowed } = self;
+        write!(f, "{name} = {value} is out of range: {allowed}")
+    }
+}
+
+impl std::error::Error for OutOfRange {}
+
 impl From<OutOfRange> for crate::Error {
     fn from(OutOfRange { name, value, allowed }: OutOfRange) -> Self {
         Self::OutOfRange { name, value, allowed }
@@ -42,16 +52,14 @@ impl From<OutOfRange> for crate::Error {
 
 /// An error in a list of `name=value` options.
 #[non_exhaustive]
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum OptionError {
     /// An item without an equals sign.
-    #[error("\"{item}\" is not of the form key=value")]
     NotAPair {
         /// The list item, as given.
         item: String,
     },
     /// An unknown name.
-    #[error("there is no parameter \"{name}\"; {} takes {known}", nearest.map_or("it".to_owned(), |n| format!("did you mean \"{n}\"? It")))]
     Unknown {
         /// The unknown name.
         name: String,
@@ -61,13 +69,11 @@ pub enum OptionError {
         known: String,
     },
     /// A name that is given twice.
-    #[error("\"{name}\" is given twice")]
     Twice {
         /// The repeated name.
         name: &'static str,
     },
     /// A value that does not parse.
-    #[error("{name} = \"{value}\"; give {wanted}")]
     Value {
         /// The parameter's name.
         name: &'static str,
@@ -77,8 +83,31 @@ pub enum OptionError {
         wanted: String,
     },
     /// A value outside its parameter's range.
-    #[error(transparent)]
-    OutOfRange(#[from] OutOfRange),
+    OutOfRange(OutOfRange),
+}
+
+impl fmt::Display for OptionError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotAPair { item } => write!(f, "\"{item}\" is not of the form key=value"),
+            Self::Unknown { name, nearest, known } => write!(
+                f,
+                "there is no parameter \"{name}\"; {} takes {known}",
+                nearest.map_or("it".to_owned(), |n| format!("did you mean \"{n}\"? It"))
+            ),
+            Self::Twice { name } => write!(f, "\"{name}\" is given twice"),
+            Self::Value { name, value, wanted } => write!(f, "{name} = \"{value}\"; give {wanted}"),
+            Self::OutOfRange(inner) => inner.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for OptionError {}
+
+impl From<OutOfRange> for OptionError {
+    fn from(error: OutOfRange) -> Self {
+        Self::OutOfRange(error)
+    }
 }
 
 /// A struct of options that is parsed from `name=value,name=value`, and written back in the same form.

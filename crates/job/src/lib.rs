@@ -1,6 +1,6 @@
 //! One render, from its description to its image and files.
 //!
-//! * [`registry`]: samplers, point sets and filters by name.
+//! * [`registry`]: samplers, point sets and filters by name, made for a world.
 //! * [`WorldClusters`]: the clusters (groups of neighbouring triangles) of a world (a scene built for tracing), for
 //!   samplers and filters that use clusters.
 //! * [`output`]: the layers of an OpenEXR file, and maps.
@@ -26,6 +26,7 @@ mod warning;
 
 pub use clusters::{WorldClusters, WorldTriangles};
 pub use content_hash::ContentHash;
+pub use dapple_registry::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER};
 pub use error::JobError;
 pub use job::{
     CheckpointOptions, Checkpoints, Job, JobMonitor, PhaseSeconds, RenderMonitor, RenderedImage, ShardSet, Traced,
@@ -34,7 +35,7 @@ pub use job::{
 pub use load::{LoadOptions, LoadedScene, PreparedScene, read_scene};
 pub use output::OutputFiles;
 pub use spec::{
-    BudgetSpec, CropSpec, DEFAULT_FILTER, DEFAULT_INTEGRATOR, DEFAULT_POINTS, DEFAULT_SAMPLER, DEFAULT_SPP, ERROR_SPP,
-    ErrorOf, PixelFilterSpec, RenderSpec, SPEC_VERSION, SpecError, parse_shard,
+    BudgetSpec, CropSpec, DEFAULT_INTEGRATOR, DEFAULT_SPP, ERROR_SPP, ErrorOf, PixelFilterSpec, RenderSpec,
+    SPEC_VERSION, SpecError, parse_shard,
 };
 pub use warning::{Warning, can_be_replayed, found_by_chance};

@@ -1,114 +1,35 @@
-//! The registry of samplers, point sets and filters by name.
+//! The samplers, point sets and filters of `dapple-registry` by name, made for a world.
 
-mod filters;
 mod inputs;
-mod parameters;
-mod points;
-mod samplers;
 
-pub use dapple_core::Parameter;
-pub use filters::{FILTERS, MadeFilter, MakeFilter, NOT_BUILT};
+pub use dapple_registry::{
+    AnyPoints, Entry, FILTERS, MakeFilter, MakePoints, MakeSampler, NOT_BUILT, POINTS, Parameter, Parameters,
+    RegistryError, SAMPLERS, Setting, check_filter, check_points, check_sampler, points,
+};
 pub use inputs::MethodInputs;
-pub use parameters::{Parameters, RegistryError};
-pub use points::{AnyPoints, MakePoints, POINTS};
-pub use samplers::{MadeSampler, MakeSampler, SAMPLERS};
 
-use dapple_clustering::{ClusterParams, Grouping, Insertion, Order, Sides};
+use crate::WorldClusters;
+use dapple_cluster_adaptive::ProbesHandle;
+use dapple_core::{Filter, Sampler};
+use inputs::OnWorld;
+use std::sync::Arc;
 
-/// An entry of the registry: the name, description, parameters and constructor of a sampler, point set or filter.
-pub struct Entry<Make> {
-    /// The entry's name on the command line and in descriptions.
-    pub name: &'static str,
-    /// Former names of the entry, which are still accepted.
-    pub aliases: &'static [&'static str],
-    /// A one-line description of the entry, for lists.
-    pub about: &'static str,
-    /// The parameters of the entry; groups of them are shared by several entries.
-    pub parameters: &'static [&'static [Parameter]],
-    /// The Cargo feature without which programs lack the entry; `None` for entries that every program has.
-    pub feature: Option<&'static str>,
-    make: Make,
+/// A sampler, and the clusters and probes that it uses.
+pub struct MadeSampler {
+    /// The sampler.
+    pub sampler: Box<dyn Sampler>,
+    /// The clusters; `None` if it uses none.
+    pub clusters: Option<Arc<WorldClusters>>,
+    /// The probes that the sampler traces for its first plan; stays empty if it traces none.
+    pub probes: ProbesHandle,
 }
 
-impl<Make> Entry<Make> {
-    const fn new(
-        name: &'static str,
-        about: &'static str,
-        parameters: &'static [&'static [Parameter]],
-        make: Make,
-    ) -> Self {
-        Self { name, aliases: &[], about, parameters, feature: None, make }
-    }
-
-    /// Iterates over all parameters of the entry.
-    pub fn parameters(&self) -> impl Iterator<Item = &'static Parameter> + use<Make> {
-        self.parameters.iter().copied().flatten()
-    }
-
-    /// Returns `true` if `name` is the entry's present name or a former one.
-    pub fn is_called(&self, name: &str) -> bool {
-        self.name == name || self.aliases.contains(&name)
-    }
-}
-
-/// The seed and the budget for making a point set, besides its parameters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Setting {
-    /// The seed of all random numbers.
-    pub seed: u64,
-    /// The mean number of samples per pixel; `None` if unknown. Some point sets need it in advance.
-    pub spp: Option<u64>,
-}
-
-/// The parameters of grouping triangles into clusters, for all entries that use clusters. The defaults are those of the
-/// published method.
-const CLUSTERING: &[Parameter] = &[
-    Parameter::new(
-        "k",
-        "9",
-        "Voxels along the longest axis: k times the cube root of the triangles; 3, 9, 30 in the thesis.",
-    ),
-    Parameter::new("clamp", "32", "The most voxels along an axis."),
-    Parameter::new("normals", "10", "Degrees within which normals are alike."),
-    Parameter::new(
-        "insertion",
-        "box",
-        "A triangle's voxels: box (all that its box overlaps, the last one wins) or centroid.",
-    ),
-    Parameter::new("grouping", "greedy", "Within a voxel: greedy, or connected (cut into connected pieces)."),
-    Parameter::new(
-        "order",
-        "input",
-        "The order of triangles: input (published) or canonical (independent of their order).",
-    ),
-    Parameter::new("sides", "1", "Normals of 1 side, or of 2: opposite ones are alike."),
-];
-
-fn clustering(p: &Parameters) -> Result<ClusterParams, RegistryError> {
-    let insertions = [("box", Insertion::BoundingBox), ("centroid", Insertion::Centroid)];
-    let groupings = [("greedy", Grouping::Greedy), ("connected", Grouping::Connected)];
-    let orders = [("input", Order::Input), ("canonical", Order::Canonical)];
-    let sides = [("1", Sides::Signed), ("2", Sides::Either)];
-    let params = ClusterParams::default()
-        .with_k(p.number("k")?)
-        .with_clamp(p.number("clamp")?)
-        .with_angle(p.number("normals")?)
-        .with_insertion(p.choice("insertion", &insertions)?)
-        .with_grouping(p.choice("grouping", &groupings)?)
-        .with_order(p.choice("order", &orders)?)
-        .with_sides(p.choice("sides", &sides)?);
-    params.check().map_err(|e| p.refuse(e.to_string()))?;
-    Ok(params)
-}
-
-/// Makes a point set from its description: `NAME` or `NAME:key=value,…`.
-///
-/// # Errors
-///
-/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
-pub fn points(description: &str, setting: Setting) -> Result<AnyPoints, RegistryError> {
-    let (entry, parameters) = parameters::find("point set", POINTS, description)?;
-    Ok(AnyPoints::new((entry.make)(&parameters, setting)?))
+/// A filter, and the clusters that it uses.
+pub struct MadeFilter {
+    /// The filter.
+    pub filter: Box<dyn Filter>,
+    /// The clusters; `None` if it uses none.
+    pub clusters: Option<Arc<WorldClusters>>,
 }
 
 /// Makes a sampler from its description (`NAME` or `NAME:key=value,…`), with the point set `points`.
@@ -118,8 +39,9 @@ pub fn points(description: &str, setting: Setting) -> Result<AnyPoints, Registry
 /// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
 /// [`RegistryError::NeedsWorld`] if the sampler reads the world and `inputs` has none.
 pub fn sampler(description: &str, points: AnyPoints, inputs: &MethodInputs) -> Result<MadeSampler, RegistryError> {
-    let (entry, parameters) = parameters::find("sampler", SAMPLERS, description)?;
-    (entry.make)(&parameters, points, inputs)
+    let inputs = OnWorld::new(inputs);
+    let dapple_registry::MadeSampler { sampler, probes } = dapple_registry::sampler(description, points, &inputs)?;
+    Ok(MadeSampler { sampler, clusters: inputs.into_used(), probes })
 }
 
 /// Makes a filter (denoiser) from its description (`NAME` or `NAME:key=value,…`).
@@ -130,47 +52,9 @@ pub fn sampler(description: &str, points: AnyPoints, inputs: &MethodInputs) -> R
 /// [`RegistryError::NotBuilt`] for a filter whose feature is off, [`RegistryError::NoLibrary`] for one whose library is
 /// missing. [`RegistryError::NeedsWorld`] if the filter reads the world and `inputs` has none.
 pub fn filter(description: &str, inputs: &MethodInputs) -> Result<MadeFilter, RegistryError> {
-    let name = description.split(':').next().unwrap_or_default().trim();
-    if let Some(&(of, feature)) = NOT_BUILT.iter().find(|(absent, _)| *absent == name) {
-        return Err(RegistryError::NotBuilt { of, feature });
-    }
-    let (entry, parameters) = parameters::find("filter", FILTERS, description)?;
-    (entry.make)(&parameters, inputs)
-}
-
-/// Checks the description of a sampler as far as possible without a world.
-///
-/// # Errors
-///
-/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
-pub fn check_sampler(description: &str) -> Result<(), RegistryError> {
-    let points = points("random", Setting { seed: 0, spp: None })?;
-    without_world(sampler(description, points, &MethodInputs::default()))
-}
-
-/// Checks the description of a point set.
-///
-/// # Errors
-///
-/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
-pub fn check_points(description: &str) -> Result<(), RegistryError> {
-    points(description, Setting { seed: 0, spp: None }).map(|_| ())
-}
-
-/// Checks the description of a filter as far as possible without a world.
-///
-/// # Errors
-///
-/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
-pub fn check_filter(description: &str) -> Result<(), RegistryError> {
-    without_world(filter(description, &MethodInputs::default()))
-}
-
-fn without_world<T>(made: Result<T, RegistryError>) -> Result<(), RegistryError> {
-    match made {
-        Err(RegistryError::NeedsWorld { .. }) => Ok(()),
-        made => made.map(|_| ()),
-    }
+    let inputs = OnWorld::new(inputs);
+    let filter = dapple_registry::filter(description, &inputs)?;
+    Ok(MadeFilter { filter, clusters: inputs.into_used() })
 }
 
 #[cfg(test)]

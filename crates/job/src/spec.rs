@@ -16,13 +16,6 @@ pub const SPEC_VERSION: u32 = 1;
 pub const DEFAULT_SPP: f64 = 64.0;
 /// The largest number of samples per pixel if the budget is [`BudgetSpec::Error`] and `max_spp` is not set.
 pub const ERROR_SPP: u32 = 16384;
-/// The name of the default sampler. The default of its parameter `epsilon` suits the default filter; without a filter,
-/// an `epsilon` of 0.01 is better.
-pub const DEFAULT_SAMPLER: &str = "adaptive";
-/// The name of the default point set.
-pub const DEFAULT_POINTS: &str = "sobol";
-/// The name of the default filter (denoiser).
-pub const DEFAULT_FILTER: &str = "cluster-regression";
 /// The name of the default integrator.
 pub const DEFAULT_INTEGRATOR: &str = "path";
 

@@ -1,15 +1,20 @@
 //! The world for which samplers and filters are made.
 
-use super::RegistryError;
 use crate::WorldClusters;
+use crate::clusters::{WorldTriangles, shoot};
+use dapple_cluster_adaptive::AreaVectors;
 use dapple_clustering::ClusterParams;
+use dapple_denoise::ClusterLookup;
+use dapple_registry::{ClusterInputError, ClusterInputs, ClusterProbes};
 use dapple_renderer::World;
+use std::cell::RefCell;
 use std::sync::Arc;
 
 /// The world for which a sampler or filter is made, and clusters of it that exist already.
 #[derive(Clone, Debug, Default)]
 pub struct MethodInputs {
-    /// The world; `None` for methods that need none. The others fail with [`RegistryError::NeedsWorld`].
+    /// The world; `None` for methods that need none. The others fail with
+    /// [`RegistryError::NeedsWorld`](super::RegistryError::NeedsWorld).
     pub world: Option<Arc<World>>,
     /// Clusters of the world, for a method with the same parameters of clustering. Another method makes its own.
     pub clusters: Option<Arc<WorldClusters>>,
@@ -20,22 +25,67 @@ impl MethodInputs {
     pub fn of(world: Arc<World>) -> Self {
         Self { world: Some(world), clusters: None }
     }
+}
 
-    /// The world, for the method `of`.
-    pub(super) fn world(&self, of: &'static str) -> Result<&Arc<World>, RegistryError> {
-        self.world.as_ref().ok_or(RegistryError::NeedsWorld { of })
+/// The inputs of one method: keeps the clusters that it uses.
+pub(super) struct OnWorld<'a> {
+    inputs: &'a MethodInputs,
+    used: RefCell<Option<Arc<WorldClusters>>>,
+}
+
+impl<'a> OnWorld<'a> {
+    pub(super) fn new(inputs: &'a MethodInputs) -> Self {
+        Self { inputs, used: RefCell::new(None) }
     }
 
-    /// The clusters of the world with these parameters, for the method `of`.
-    pub(super) fn clusters(
-        &self,
-        of: &'static str,
-        params: &ClusterParams,
-    ) -> Result<Arc<WorldClusters>, RegistryError> {
-        if let Some(known) = self.clusters.as_ref().filter(|known| known.params() == params) {
-            return Ok(known.clone());
-        }
-        let made = WorldClusters::new(self.world(of)?, params);
-        made.map(Arc::new).map_err(|e| RegistryError::Clusters { of, why: e.to_string() })
+    /// The clusters that the method used; `None` if it used none.
+    pub(super) fn into_used(self) -> Option<Arc<WorldClusters>> {
+        self.used.into_inner()
+    }
+
+    fn world(&self) -> Result<&Arc<World>, ClusterInputError> {
+        self.inputs.world.as_ref().ok_or(ClusterInputError::NoScene)
+    }
+
+    /// The clusters of the world with these parameters: those that exist, or new ones.
+    fn clusters(&self, params: &ClusterParams) -> Result<Arc<WorldClusters>, ClusterInputError> {
+        let known = self.inputs.clusters.as_ref().filter(|known| known.params() == params);
+        let clusters = match known {
+            Some(known) => known.clone(),
+            None => {
+                let made = WorldClusters::new(self.world()?, params);
+                Arc::new(made.map_err(|e| ClusterInputError::Failed(e.to_string()))?)
+            }
+        };
+        *self.used.borrow_mut() = Some(clusters.clone());
+        Ok(clusters)
+    }
+}
+
+impl ClusterInputs for OnWorld<'_> {
+    fn labels(&self, params: &ClusterParams) -> Result<Option<ClusterLookup>, ClusterInputError> {
+        let clusters = self.clusters(params)?;
+        Ok(Some(Arc::new(move |hit| clusters.label(hit))))
+    }
+
+    fn probes(&self, params: &ClusterParams) -> Result<Option<ClusterProbes>, ClusterInputError> {
+        let clusters = self.clusters(params)?;
+        Ok(Some(ClusterProbes {
+            labels: clusters.labels().clone(),
+            clusters: clusters.clusters().clone(),
+            shoot: shoot(self.world()?.clone(), clusters),
+        }))
+    }
+
+    fn world_to_clip(&self) -> Option<[[f32; 4]; 4]> {
+        self.inputs.world.as_ref().map(|world| world.camera().world_to_clip())
+    }
+
+    fn area_vectors(&self, clusters: &ClusterProbes) -> Result<Option<AreaVectors>, dapple_cluster_adaptive::Error> {
+        let Some(world) = &self.inputs.world else { return Ok(None) };
+        let triangles = WorldTriangles::of(world);
+        // Spheres and disks come after the triangles.
+        let labels = clusters.labels.get(..triangles.indices.len()).unwrap_or(&clusters.labels);
+        AreaVectors::new(&triangles.as_slices(), labels, clusters.clusters.len()).map(Some)
     }
 }

@@ -1,7 +1,7 @@
 #![allow(clippy::print_stderr, reason = "tests say when they skip")]
 
 use super::*;
-use dapple_core::{PointSet, SampleId, Sampler as _};
+use dapple_core::{PointSet as _, SampleId};
 use dapple_renderer::World;
 use dapple_scene::bundled;
 use std::sync::Arc;

@@ -1,8 +1,9 @@
 //! Default values of [`RenderSpec`](super::RenderSpec)'s fields, and the serialisation of values that are names in
 //! JSON.
 
-use super::{DEFAULT_FILTER, DEFAULT_INTEGRATOR, DEFAULT_POINTS, DEFAULT_SAMPLER};
+use super::DEFAULT_INTEGRATOR;
 use dapple_core::Shard;
+use dapple_registry::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER};
 
 pub(super) fn sampler() -> String {
     DEFAULT_SAMPLER.into()

@@ -1,34 +1,29 @@
 //! The samplers.
 
-use super::{AnyPoints, CLUSTERING, Entry, MethodInputs, Parameter, Parameters, RegistryError, clustering};
-use crate::WorldClusters;
-use crate::clusters::{WorldTriangles, shoot};
-use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, VarianceOptions};
-use dapple_cluster_adaptive::{
-    AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeSource, ProbesHandle,
+use crate::{
+    AnyPoints, CLUSTERING, ClusterInputs, ClusterProbes, Entry, Parameter, Parameters, RegistryError, clustering,
 };
+use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, VarianceOptions};
+use dapple_cluster_adaptive::{ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeSource, ProbesHandle};
 use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Frame, Options as _, Sampler};
 use dapple_denoise::relative_errors;
 use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions};
-use std::sync::Arc;
 
 /// The constructor of a sampler.
-pub type MakeSampler = fn(&Parameters, AnyPoints, &MethodInputs) -> Result<MadeSampler, RegistryError>;
+pub type MakeSampler = fn(&Parameters, AnyPoints, &dyn ClusterInputs) -> Result<MadeSampler, RegistryError>;
 
-/// A sampler, and the clusters and probes that it uses.
+/// A sampler, and the probes that it traces.
 pub struct MadeSampler {
     /// The sampler.
     pub sampler: Box<dyn Sampler>,
-    /// The clusters; `None` if it uses none.
-    pub clusters: Option<Arc<WorldClusters>>,
     /// The probes that the sampler traces for its first plan; stays empty if it traces none.
     pub probes: ProbesHandle,
 }
 
 impl<S: Sampler + 'static> From<S> for MadeSampler {
     fn from(sampler: S) -> Self {
-        Self { sampler: Box::new(sampler), clusters: None, probes: ProbesHandle::default() }
+        Self { sampler: Box::new(sampler), probes: ProbesHandle::default() }
     }
 }
 
@@ -92,7 +87,7 @@ const PROBES: &[Parameter] = &[
 const A_PRIORI: &[Parameter] =
     &[Parameter::new("policy", "a-priori", "Counts are planned from geometry alone: unbiased.")];
 
-fn adaptive(p: &Parameters, points: AnyPoints, inputs: &MethodInputs) -> Result<MadeSampler, RegistryError> {
+fn adaptive(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
     let sampler = Adaptive::with_options(points, p.options()?).map_err(|e| p.refuse(e.to_string()))?;
     Ok(match error_map(p, inputs)? {
         Some(map) => sampler.with_error_map(map).map_err(|e| p.refuse(e.to_string()))?.into(),
@@ -102,13 +97,13 @@ fn adaptive(p: &Parameters, points: AnyPoints, inputs: &MethodInputs) -> Result<
 
 /// The error map that a sampler uses besides the pooled variance: the error that a filter with default parameters
 /// predicts for its image. For the regression filter, the error after one pass. `None` without a filter.
-fn error_map(p: &Parameters, inputs: &MethodInputs) -> Result<Option<ErrorMap>, RegistryError> {
+fn error_map(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Option<ErrorMap>, RegistryError> {
     let by = ["nlm", "bilateral", "cluster-regression"].map(|name| (name, Some(name)));
     let [nlm, bilateral, regression] = by;
     let Some(name) = p.choice("by", &[("variance", None), nlm, bilateral, regression])? else { return Ok(None) };
     // The filter runs once per round. Its first pass shows where errors are, at half of the cost and without clusters.
     let quick = if name == "cluster-regression" { "cluster-regression:passes=1,outside=1" } else { name };
-    let filter = super::filter(quick, inputs)?.filter;
+    let filter = crate::filter(quick, inputs)?;
     let (needs, epsilon) = (filter.needs(), p.number("epsilon")?);
     let square = Frame::new(1024, 1024)?;
     let bytes_per_pixel = (filter.memory(&square, &needs).applying / square.pixels() as u64) as usize;
@@ -125,7 +120,7 @@ enum Size {
     Hits,
 }
 
-fn cluster_thesis(p: &Parameters, points: AnyPoints, inputs: &MethodInputs) -> Result<MadeSampler, RegistryError> {
+fn cluster_thesis(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
     let placement = match p.value("probes") {
         "centre" => Placement::Centre,
         _ => Placement::Jittered(p.number("probes").map_err(|_| {
@@ -142,26 +137,21 @@ fn cluster_thesis(p: &Parameters, points: AnyPoints, inputs: &MethodInputs) -> R
     let params = clustering(p)?;
     options.check().map_err(|e| p.refuse(e.to_string()))?;
 
-    let clusters = inputs.clusters(p.of(), &params)?;
-    let world = inputs.world(p.of())?;
+    let lacks = |what| RegistryError::NeedsWorld { of: p.of(), what };
+    let probes = inputs.probes(&params).map_err(|e| e.of(p.of()))?.ok_or(lacks("clusters and first-hit probes"))?;
     let size = match size {
         Size::Box => ClusterSize::ProjectedBox,
         Size::Hits => ClusterSize::Hits,
-        Size::Screen => ClusterSize::ScreenBox(world.camera().world_to_clip()),
+        Size::Screen => {
+            ClusterSize::ScreenBox(inputs.world_to_clip().ok_or(lacks("the camera's matrix (size=screen)"))?)
+        }
         Size::Triangles => {
-            let triangles = WorldTriangles::of(world);
-            let labels = &clusters.labels()[..triangles.indices.len()];
-            let vectors = AreaVectors::new(&triangles.as_slices(), labels, clusters.clusters().len());
-            ClusterSize::ProjectedTriangles(vectors.map_err(|e| p.refuse(e.to_string()))?)
+            let vectors = inputs.area_vectors(&probes).map_err(|e| p.refuse(e.to_string()))?;
+            ClusterSize::ProjectedTriangles(vectors.ok_or(lacks("the scene's triangles (size=triangles)"))?)
         }
     };
-    let source = ProbeSource {
-        labels: clusters.labels().clone(),
-        clusters: clusters.clusters().clone(),
-        shoot: shoot(world.clone(), clusters.clone()),
-        placement,
-        described: p.described(CLUSTERING),
-    };
+    let ClusterProbes { labels, clusters, shoot } = probes;
+    let source = ProbeSource { labels, clusters, shoot, placement, described: p.described(CLUSTERING) };
     let sampler = ClusterThesis::probing(points, source, size, options).map_err(|e| p.refuse(e.to_string()))?;
-    Ok(MadeSampler { probes: sampler.handle(), sampler: Box::new(sampler), clusters: Some(clusters) })
+    Ok(MadeSampler { probes: sampler.handle(), sampler: Box::new(sampler) })
 }

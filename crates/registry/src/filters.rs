@@ -1,7 +1,7 @@
 //! The filters.
 
-use super::{CLUSTERING, Entry, MethodInputs, Parameters, RegistryError, clustering};
-use crate::WorldClusters;
+use crate::inputs::CLUSTERS;
+use crate::{CLUSTERING, ClusterInputs, Entry, Parameters, RegistryError, clustering};
 use dapple_core::{Filter, Options as _, Unfiltered};
 use dapple_denoise::{
     Bilateral, BilateralOptions, ClusterGaussian, ClusterGaussianOptions, ClusterLookup, ClusterRegression,
@@ -12,27 +12,13 @@ use dapple_oidn::{Both, Library, Oidn, OidnOptions};
 use std::sync::Arc;
 
 /// The constructor of a filter.
-pub type MakeFilter = fn(&Parameters, &MethodInputs) -> Result<MadeFilter, RegistryError>;
-
-/// A filter, and the clusters that it uses.
-pub struct MadeFilter {
-    /// The filter.
-    pub filter: Box<dyn Filter>,
-    /// The clusters; `None` if it uses none.
-    pub clusters: Option<Arc<WorldClusters>>,
-}
-
-impl<F: Filter + 'static> From<F> for MadeFilter {
-    fn from(filter: F) -> Self {
-        Self { filter: Box::new(filter), clusters: None }
-    }
-}
+pub type MakeFilter = fn(&Parameters, &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError>;
 
 /// All filters of the registry.
 pub const FILTERS: &[Entry<MakeFilter>] = &[
-    Entry::new("none", "each pixel the mean of its own samples", &[], |_, _| Ok(Unfiltered.into())),
+    Entry::new("none", "each pixel the mean of its own samples", &[], |_, _| Ok(Box::new(Unfiltered))),
     Entry::new("gaussian", "a Gaussian over pixel means", &[GaussianOptions::PARAMETERS], |p, _| {
-        Ok(Gaussian::with_options(p.options()?)?.into())
+        Ok(Box::new(Gaussian::with_options(p.options()?)?))
     }),
     Entry::new(
         "cluster-gaussian",
@@ -41,7 +27,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
         cluster_gaussian,
     ),
     Entry::new("nlm", "non-local means with two halves (Rousselle 2012)", &[NlMeansOptions::PARAMETERS], |p, _| {
-        Ok(NlMeans::with_options(p.options()?)?.into())
+        Ok(Box::new(NlMeans::with_options(p.options()?)?))
     }),
     Entry::new(
         "bilateral",
@@ -62,7 +48,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
             "oidn",
             "Intel Open Image Denoise, a neural network; its library is found at run time",
             &[OidnOptions::PARAMETERS],
-            |p, _| Ok(oidn(p)?.into()),
+            |p, _| Ok(Box::new(oidn(p)?)),
         )
     },
     #[cfg(feature = "oidn")]
@@ -92,43 +78,44 @@ fn oidn(p: &Parameters) -> Result<Oidn, RegistryError> {
 
 /// The library is loaded first, so that its absence is reported before a scene is read.
 #[cfg(feature = "oidn")]
-fn both(p: &Parameters, inputs: &MethodInputs) -> Result<MadeFilter, RegistryError> {
+fn both(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
     let oidn = oidn(p)?;
-    let MadeFilter { filter, clusters } = cluster_regression(p, inputs)?;
-    Ok(MadeFilter { filter: Box::new(Both::new(oidn, filter)), clusters })
+    Ok(Box::new(Both::new(oidn, cluster_regression(p, inputs)?)))
 }
 
-fn cluster_gaussian(p: &Parameters, inputs: &MethodInputs) -> Result<MadeFilter, RegistryError> {
+fn cluster_gaussian(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
     let (kernel, options) = (Gaussian::with_options(p.options()?)?, p.options()?);
-    labelled(p, inputs, |label| {
+    labelled(p, inputs, None, |label| {
         let plain = ClusterGaussian::from_hits(label).with_kernel(kernel.clone()).with_options(options)?;
         Ok(plain.with_described(p.described(CLUSTERING)))
     })
 }
 
-fn bilateral(p: &Parameters, inputs: &MethodInputs) -> Result<MadeFilter, RegistryError> {
+fn bilateral(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
     let plain = Bilateral::with_options(p.options()?)?;
-    labelled(p, inputs, |label| Ok(plain.clone().with_clusters(label, p.described(CLUSTERING))))
+    labelled(p, inputs, Some(plain.clone()), |label| Ok(plain.clone().with_clusters(label, p.described(CLUSTERING))))
 }
 
-fn cluster_regression(p: &Parameters, inputs: &MethodInputs) -> Result<MadeFilter, RegistryError> {
+fn cluster_regression(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
     let plain = ClusterRegression::with_options(p.options()?)?;
-    labelled(p, inputs, |label| Ok(plain.clone().with_clusters(label, p.described(CLUSTERING))))
+    labelled(p, inputs, Some(plain.clone()), |label| Ok(plain.clone().with_clusters(label, p.described(CLUSTERING))))
 }
 
-/// Makes a filter with the clusters of the world. Clusters are computed only if the parameters use them.
+/// Makes a filter with the clusters of the scene. Clusters are requested only if the parameters use them. `without` is
+/// the filter for scenes without clusters; `None` refuses these.
 fn labelled<F: Filter + 'static>(
     p: &Parameters,
-    inputs: &MethodInputs,
+    inputs: &dyn ClusterInputs,
+    without: Option<F>,
     made: impl Fn(ClusterLookup) -> Result<F, RegistryError>,
-) -> Result<MadeFilter, RegistryError> {
+) -> Result<Box<dyn Filter>, RegistryError> {
     let params = clustering(p)?;
-    let without = made(Arc::new(|_| None))?;
-    if without.needs().first_hits == 0 {
-        return Ok(without.into());
+    let unlabelled = made(Arc::new(|_| None))?;
+    if unlabelled.needs().first_hits == 0 {
+        return Ok(Box::new(unlabelled));
     }
-    let clusters = inputs.clusters(p.of(), &params)?;
-    let labels = clusters.clone();
-    let filter = made(Arc::new(move |hit| labels.label(hit)))?;
-    Ok(MadeFilter { filter: Box::new(filter), clusters: Some(clusters) })
+    match inputs.labels(&params).map_err(|e| e.of(p.of()))? {
+        Some(labels) => Ok(Box::new(made(labels)?)),
+        None => Ok(Box::new(without.ok_or(RegistryError::NeedsWorld { of: p.of(), what: CLUSTERS })?)),
+    }
 }

@@ -1,44 +1,14 @@
 //! The point sets.
 
-use super::{Entry, Parameters, RegistryError, Setting};
-use dapple_core::{Options as _, PointSet, SampleId};
+use crate::{Entry, Parameters, RegistryError, Setting};
+use dapple_core::{Options as _, PointSet};
 use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
 
 /// A point set of any type.
-pub struct AnyPoints(Box<dyn PointSet>);
-
-impl AnyPoints {
-    /// Wraps a boxed point set.
-    pub fn new(points: Box<dyn PointSet>) -> Self {
-        Self(points)
-    }
-}
-
-impl PointSet for AnyPoints {
-    fn describe(&self) -> String {
-        self.0.describe()
-    }
-
-    #[inline]
-    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
-        self.0.block(id, block)
-    }
-
-    fn capacity(&self) -> u64 {
-        self.0.capacity()
-    }
-
-    fn preferred_count(&self, n: u64) -> u64 {
-        self.0.preferred_count(n)
-    }
-
-    fn is_independent(&self) -> bool {
-        self.0.is_independent()
-    }
-}
+pub type AnyPoints = Box<dyn PointSet>;
 
 /// The constructor of a point set.
-pub type MakePoints = fn(&Parameters, Setting) -> Result<Box<dyn PointSet>, RegistryError>;
+pub type MakePoints = fn(&Parameters, Setting) -> Result<AnyPoints, RegistryError>;
 
 /// All point sets of the registry.
 pub const POINTS: &[Entry<MakePoints>] = &[
@@ -74,7 +44,7 @@ dapple_core::options! {
     }
 }
 
-fn low_discrepancy(p: &Parameters, s: Setting) -> Result<Box<dyn PointSet>, RegistryError> {
+fn low_discrepancy(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
     let count = match p.options::<LowDiscrepancyOptions>()?.count {
         0 => s.spp.unwrap_or(16),
         count => count,
@@ -83,7 +53,7 @@ fn low_discrepancy(p: &Parameters, s: Setting) -> Result<Box<dyn PointSet>, Regi
     Ok(Box::new(made.map_err(|e| p.refuse(e.to_string()))?))
 }
 
-fn stratified(p: &Parameters, s: Setting) -> Result<Box<dyn PointSet>, RegistryError> {
+fn stratified(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
     let strata = match p.options::<StratifiedOptions>()?.strata {
         0 => s.spp.map_or(4, |n| (n as f64).sqrt().ceil().clamp(1.0, 4096.0) as u32),
         strata => strata,

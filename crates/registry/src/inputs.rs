@@ -1,0 +1,170 @@
+//! The clusters and probes for which samplers and filters are made.
+
+use crate::RegistryError;
+use dapple_cluster_adaptive::{AreaVectors, ProbeHit, ProbeRay, TraceProbe};
+use dapple_clustering::{Cluster, ClusterParams};
+use dapple_core::FirstHit;
+use dapple_denoise::ClusterLookup;
+use std::sync::Arc;
+
+/// Clusters of a scene, and first-hit probes, for the methods that use them.
+///
+/// A renderer implements this on its scene, or fills [`HostClusters`]. Each part may be missing. `cluster-regression` and
+/// `bilateral` then do without clusters; `cluster-gaussian` and `cluster-thesis` are refused.
+pub trait ClusterInputs {
+    /// The function from a first hit to its cluster, for clusters made with `params`; `None` without clusters.
+    ///
+    /// # Errors
+    ///
+    /// [`ClusterInputError`] if there must be clusters and there are none.
+    fn labels(&self, params: &ClusterParams) -> Result<Option<ClusterLookup>, ClusterInputError>;
+
+    /// Clusters made with `params`, and the function that traces probes; `None` without them.
+    ///
+    /// # Errors
+    ///
+    /// [`ClusterInputError`] if there must be clusters and there are none.
+    fn probes(&self, params: &ClusterParams) -> Result<Option<ClusterProbes>, ClusterInputError>;
+
+    /// The camera's matrix from the world to clip space, for clusters measured on the screen; `None` by default.
+    fn world_to_clip(&self) -> Option<[[f32; 4]; 4]> {
+        None
+    }
+
+    /// The area vectors of the triangles of `clusters`, for clusters measured by triangles; `None` by default.
+    ///
+    /// # Errors
+    ///
+    /// [`dapple_cluster_adaptive::Error`] for labels that do not fit the triangles.
+    fn area_vectors(&self, clusters: &ClusterProbes) -> Result<Option<AreaVectors>, dapple_cluster_adaptive::Error> {
+        let _ = clusters;
+        Ok(None)
+    }
+}
+
+/// The reason why a [`ClusterInputs`] has no clusters.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ClusterInputError {
+    /// There is no scene yet: methods that use clusters are refused.
+    NoScene,
+    /// Surfaces that cannot be clustered: the fault, and the remedy.
+    Failed(String),
+}
+
+impl ClusterInputError {
+    /// The error of the method `of`.
+    pub(crate) fn of(self, of: &'static str) -> RegistryError {
+        match self {
+            Self::NoScene => RegistryError::NeedsWorld { of, what: CLUSTERS },
+            Self::Failed(why) => RegistryError::Clusters { of, why },
+        }
+    }
+}
+
+/// What most methods with clusters lack without a scene.
+pub(crate) const CLUSTERS: &str = "clusters of the scene's surfaces";
+
+/// Clusters, and the function that traces probes for the sampler `cluster-thesis`.
+#[derive(Clone)]
+pub struct ClusterProbes {
+    /// The cluster's number of each primitive.
+    pub labels: Arc<[u32]>,
+    /// The clusters.
+    pub clusters: Arc<[Cluster]>,
+    /// The function that traces a probe ray and returns its first hit, with the hit's index among `labels`.
+    pub shoot: TraceProbe,
+}
+
+impl ClusterProbes {
+    /// Probes of a scene of objects, each a cluster of its own: spheres, instances, distance fields. `bounds` are the
+    /// smallest and largest corner of each object's bounding box. `shoot` reports the object's number as
+    /// [`ProbeHit::primitive`].
+    pub fn of_objects(
+        bounds: &[[[f32; 3]; 2]],
+        shoot: impl Fn(ProbeRay) -> Option<ProbeHit> + Send + Sync + 'static,
+    ) -> Self {
+        let cluster = |(number, &[low, high]): (usize, &[[f32; 3]; 2])| {
+            let [x, y, z] = [0, 1, 2].map(|axis| f64::from(high[axis]) - f64::from(low[axis]));
+            // The area of the box.
+            Cluster::without_triangles([low, high], 2.0 * (x * y + y * z + z * x), 0, number as u32)
+        };
+        Self {
+            labels: (0..bounds.len() as u32).collect(),
+            clusters: bounds.iter().enumerate().map(cluster).collect(),
+            shoot: Arc::new(shoot),
+        }
+    }
+}
+
+/// Clusters that a renderer makes itself, from any number that its first hits have.
+///
+/// The parameters of clustering (`k`, `clamp`, …) have no effect on them.
+///
+/// ```
+/// use dapple_registry::HostClusters;
+///
+/// // Each of this renderer's objects is a cluster.
+/// let clusters = HostClusters::none().with_labels(|hit| Some(hit.shape));
+/// let filter = dapple_registry::filter("cluster-gaussian:hits=4", &clusters)?;
+/// assert_eq!(filter.needs().first_hits, 4);
+/// # Ok::<(), dapple_registry::RegistryError>(())
+/// ```
+#[derive(Clone, Default)]
+pub struct HostClusters {
+    labels: Option<ClusterLookup>,
+    probes: Option<ClusterProbes>,
+    world_to_clip: Option<[[f32; 4]; 4]>,
+}
+
+impl HostClusters {
+    /// A renderer without clusters.
+    pub fn none() -> Self {
+        Self::default()
+    }
+
+    /// Sets the function from a first hit to its cluster; it returns `None` for hits outside all clusters.
+    #[must_use]
+    pub fn with_labels(self, label: impl Fn(&FirstHit) -> Option<u32> + Send + Sync + 'static) -> Self {
+        Self { labels: Some(Arc::new(label)), ..self }
+    }
+
+    /// Sets the clusters and the function that traces probes, for the sampler `cluster-thesis`.
+    #[must_use]
+    pub fn with_probes(self, probes: ClusterProbes) -> Self {
+        Self { probes: Some(probes), ..self }
+    }
+
+    /// Sets the camera's matrix from the world to clip space, for `cluster-thesis:size=screen`.
+    #[must_use]
+    pub fn with_world_to_clip(self, matrix: [[f32; 4]; 4]) -> Self {
+        Self { world_to_clip: Some(matrix), ..self }
+    }
+}
+
+impl ClusterInputs for HostClusters {
+    fn labels(&self, _: &ClusterParams) -> Result<Option<ClusterLookup>, ClusterInputError> {
+        Ok(self.labels.clone())
+    }
+
+    fn probes(&self, _: &ClusterParams) -> Result<Option<ClusterProbes>, ClusterInputError> {
+        Ok(self.probes.clone())
+    }
+
+    fn world_to_clip(&self) -> Option<[[f32; 4]; 4]> {
+        self.world_to_clip
+    }
+}
+
+/// A scene that is not there yet: descriptions are checked as far as possible.
+pub(crate) struct NoScene;
+
+impl ClusterInputs for NoScene {
+    fn labels(&self, _: &ClusterParams) -> Result<Option<ClusterLookup>, ClusterInputError> {
+        Err(ClusterInputError::NoScene)
+    }
+
+    fn probes(&self, _: &ClusterParams) -> Result<Option<ClusterProbes>, ClusterInputError> {
+        Err(ClusterInputError::NoScene)
+    }
+}

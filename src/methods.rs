@@ -1,0 +1,56 @@
+//! Samplers, point sets and filters by name, for hosts without clusters.
+
+use dapple_core::{Filter, PointSet, Sampler};
+use dapple_registry::{HostClusters, RegistryError, Setting};
+
+/// Makes a point set (where samples lie) from its description: `NAME` or `NAME:key=value,…`.
+///
+/// Point sets that are made for a given count take it as a parameter: `stratified:strata=8`.
+///
+/// ```
+/// let points = dapple::points("sobol", 7)?;
+/// assert_eq!(points.describe(), "sobol:seed=7");
+/// # Ok::<(), dapple::registry::RegistryError>(())
+/// ```
+///
+/// # Errors
+///
+/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
+pub fn points(description: &str, seed: u64) -> Result<Box<dyn PointSet>, RegistryError> {
+    dapple_registry::points(description, Setting { seed, spp: None })
+}
+
+/// Makes a sampler (how many samples each pixel gets) from its description: `NAME` or `NAME:key=value,…`.
+///
+/// ```
+/// let sampler = dapple::sampler("adaptive:epsilon=0.5", dapple::points("sobol", 7)?)?;
+/// assert!(sampler.describe().contains("epsilon=0.5"));
+///
+/// let error = dapple::sampler("adaptiv", dapple::points("sobol", 7)?).err().expect("a typing error");
+/// assert!(error.to_string().contains("did you mean \"adaptive\"?"));
+/// # Ok::<(), dapple::registry::RegistryError>(())
+/// ```
+///
+/// # Errors
+///
+/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
+/// `cluster-thesis` needs clusters and probes, which [`dapple_registry::sampler`] takes.
+pub fn sampler(description: &str, points: Box<dyn PointSet>) -> Result<Box<dyn Sampler>, RegistryError> {
+    Ok(dapple_registry::sampler(description, points, &HostClusters::none())?.sampler)
+}
+
+/// Makes a filter (denoiser) from its description: `NAME` or `NAME:key=value,…`.
+///
+/// ```
+/// let filter = dapple::filter("cluster-regression")?;
+/// assert!(filter.needs().features);
+/// # Ok::<(), dapple::registry::RegistryError>(())
+/// ```
+///
+/// # Errors
+///
+/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
+/// `cluster-gaussian` needs clusters, which [`dapple_registry::filter`] takes.
+pub fn filter(description: &str) -> Result<Box<dyn Filter>, RegistryError> {
+    dapple_registry::filter(description, &HostClusters::none())
+}
