@@ -67,6 +67,10 @@
 //! ```
 
 pub use dapple_core as core;
+pub use dapple_core::{
+    Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Methods, Needs, Render, Rng, Round, Session,
+    Tile, Worker,
+};
 
 #[cfg(feature = "adaptive")]
 pub use dapple_adaptive as adaptive;
@@ -91,7 +95,7 @@ pub use dapple_mitchell as mitchell;
 #[cfg(feature = "oidn")]
 pub use dapple_oidn as oidn;
 #[cfg(feature = "registry")]
-pub use dapple_registry::{self as registry, SamplerAndFilter, default_pair};
+pub use dapple_registry::{self as registry, default_pair, default_pair_with};
 #[cfg(feature = "renderer")]
 pub use dapple_renderer as renderer;
 #[cfg(feature = "scene")]
