@@ -2,11 +2,14 @@
 
 mod bank;
 mod error;
+mod pixels;
+mod push;
 
 pub use bank::luminance;
 pub(crate) use bank::{Bank, Range, add_emission, index, widen};
+pub use pixels::PixelStatistics;
 
-use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SampleId, SurfaceFeatures, streams};
+use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SampleId, SurfaceFeatures};
 use bank::join;
 
 /// Running means and sums of squared deviations of a pixel's features: shading normal, albedo, position, depth.
@@ -136,7 +139,8 @@ impl Record {
 
 /// Per-pixel statistics of a render, row by row over its window, and its [`Record`].
 ///
-/// Samplers and filters read films. Tests of both can fill one by hand:
+/// Samplers and filters read films. A renderer with a loop of its own fills one by [`Film::push_estimate`]. Tests can push
+/// radiance alone:
 ///
 /// ```
 /// use dapple_core::{Film, Frame, Needs};
@@ -168,6 +172,8 @@ pub struct Film {
     pub(crate) costs: Vec<u64>,
     pub(crate) rejected: Vec<Rejected>,
     pub(crate) record: Record,
+    /// The number of samples pushed by radiance alone ([`Film::push`]), without a word on what they hit.
+    pub(crate) radiance_only: u64,
 }
 
 /// The largest number of rejected samples that the film lists. [`Record::rejected`] counts all.
@@ -189,6 +195,7 @@ impl Film {
             costs: if needs.cost { vec![0; pixels] } else { Vec::new() },
             rejected: Vec::new(),
             record: Record::default(),
+            radiance_only: 0,
         }
     }
 
@@ -205,51 +212,6 @@ impl Film {
         let bank = 8 + 24 + if needs.variance { 24 } else { 0 } + if needs.extrema { 32 } else { 0 };
         let bank = bank + if needs.emission { 12 } else { 0 };
         bank * if needs.halves { 2 } else { 1 }
-    }
-
-    /// Adds a kept sample to pixel `pixel`, for tests of samplers and filters. The sample's index in the stream is the
-    /// pixel's count so far. NaN, infinite and negative radiances are rejected, as in a render. `half` is 0 or 1; a
-    /// film without halves ignores it.
-    ///
-    /// # Panics
-    ///
-    /// If `pixel` is outside the window.
-    pub fn push(&mut self, pixel: usize, half: usize, radiance: [f32; 3]) {
-        self.push_with_emission(pixel, half, radiance, [0.0; 3]);
-    }
-
-    /// Adds a kept sample as [`Film::push`] does, with the part of its radiance that light sources seen directly emit. A
-    /// film without [`Needs::emission`] ignores that part.
-    ///
-    /// # Panics
-    ///
-    /// If `pixel` is outside the window.
-    pub fn push_with_emission(&mut self, pixel: usize, half: usize, radiance: [f32; 3], emission: [f32; 3]) {
-        let halves = self.kept.len() == 2;
-        let half = if halves { half & 1 } else { 0 };
-        let bank = &mut self.kept[half];
-        let index = bank.next_index(pixel);
-        let reason = reason_to_reject(radiance);
-        let radiance = if reason.is_some() { [0.0; 3] } else { radiance };
-        let mut moments = bank.moments(pixel);
-        moments.push(radiance);
-        bank.counts[pixel] = moments.count;
-        bank.means[pixel] = moments.mean;
-        if let Some(m2) = bank.m2.get_mut(pixel) {
-            *m2 = moments.m2;
-        }
-        if let Some(range) = bank.ranges.get_mut(pixel) {
-            widen(range, radiance);
-        }
-        if let Some(mean) = bank.emission.get_mut(pixel) {
-            add_emission(mean, moments.count, emission, radiance);
-        }
-        self.record.samples += 1;
-        if let Some(reason) = reason {
-            let stream = if halves { streams::HALVES[half] } else { streams::WHOLE };
-            let sample = SampleId { pixel: self.frame.pixel(pixel), stream, index };
-            self.list_rejected(1, vec![Rejected { sample, reason }]);
-        }
     }
 
     /// The image's resolution and its rendered window.
@@ -396,6 +358,7 @@ impl Film {
     /// # Errors
     ///
     /// [`Error::NotRecorded`], with the name `who` of the filter and the missing statistics.
+    /// [`Error::NoneReported`] if the film has room for features or first hits, but every sample came as radiance alone.
     pub fn require(&self, who: &str, needs: &Needs) -> Result<(), Error> {
         let have = &self.needs;
         let missing = [
@@ -406,8 +369,16 @@ impl Film {
             (needs.first_hits > have.first_hits, "first hits"),
             (needs.cost && !have.cost, "costs"),
         ];
-        match missing.iter().find(|m| m.0) {
-            Some((_, what)) => Err(Error::NotRecorded { who: who.to_owned(), what }),
+        if let Some((_, what)) = missing.iter().find(|m| m.0) {
+            return Err(Error::NotRecorded { who: who.to_owned(), what });
+        }
+        let samples = self.record.samples;
+        let unreported = [
+            (needs.features && samples > 0 && self.features.iter().all(|f| f.samples == 0), "first-hit features"),
+            (needs.first_hits > 0 && samples > 0 && self.radiance_only == samples, "first hits"),
+        ];
+        match unreported.iter().find(|u| u.0) {
+            Some((_, what)) => Err(Error::NoneReported { who: who.to_owned(), what }),
             None => Ok(()),
         }
     }

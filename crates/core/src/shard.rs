@@ -306,6 +306,7 @@ impl ShardFilm {
             costs: shard.cut(&film.costs, width),
             rejected: film.rejected.clone(),
             record: film.record.clone(),
+            radiance_only: film.radiance_only,
         };
         Ok(Self { shard, film })
     }
@@ -391,6 +392,7 @@ pub fn merge(parts: &[ShardFilm]) -> Result<Film, Error> {
         costs: join(first, 1, parts.iter().map(|film| &film.costs[..]))?,
         rejected,
         record: add_up(&parts)?,
+        radiance_only: 0,
     })
 }
 
