@@ -36,6 +36,9 @@ struct Buffers {
     position: Vec<[f32; 3]>,
     depth: Vec<f32>,
     coverage: Vec<f32>,
+    /// Sample variances of normal, albedo, position and depth.
+    spread: [Vec<[f32; 3]>; 3],
+    depth_spread: Vec<f32>,
 }
 
 impl Buffers {
@@ -46,9 +49,10 @@ impl Buffers {
         let features = |of: fn(dapple::core::Features) -> [f32; 3]| {
             pixels.clone().map(|i| film.features(i).map_or([0.0; 3], of)).collect()
         };
-        let scalar = |of: fn(dapple::core::Features) -> f32| {
-            pixels.clone().map(|i| film.features(i).map_or(0.0, of)).collect()
-        };
+        let scalar =
+            |of: fn(dapple::core::Features) -> f32| pixels.clone().map(|i| film.features(i).map_or(0.0, of)).collect();
+        let spread = |i: usize| film.features(i).and_then(|f| f.variance).unwrap_or_default();
+        let three = |k: usize| pixels.clone().map(|i| [0, 1, 2].map(|c| spread(i)[k + c])).collect();
         Self {
             size: film.frame().size(),
             halves: [0, 1].map(|h| colours(&|i| half(h, i).mean)),
@@ -62,6 +66,8 @@ impl Buffers {
             position: features(|f| f.position),
             depth: scalar(|f| f.depth),
             coverage: scalar(|f| f.hits as f32 / f.samples.max(1) as f32),
+            spread: [0, 3, 6].map(three),
+            depth_spread: pixels.clone().map(|i| spread(i)[9]).collect(),
         }
     }
 
@@ -82,14 +88,27 @@ impl Buffers {
         image.normal(&self.normal).albedo(&self.albedo).coverage(&self.coverage)
     }
 
+    /// All features with their variances.
+    fn known<'a>(&'a self, image: Denoise<'a>) -> Denoise<'a> {
+        let [normal, albedo, position] = &self.spread;
+        image
+            .noisy_normal(&self.normal, Variance::OfSamples(normal))
+            .noisy_albedo(&self.albedo, Variance::OfSamples(albedo))
+            .noisy_position(&self.position, Variance::OfSamples(position))
+            .noisy_depth(&self.depth, Variance::OfSamples(&self.depth_spread))
+            .coverage(&self.coverage)
+    }
+
     /// All features.
     fn guided<'a>(&'a self, image: Denoise<'a>) -> Denoise<'a> {
         self.surfaces(image).position(&self.position).depth(&self.depth)
     }
 }
 
-const HEADS: [&str; 10] = [
+const HEADS: [&str; 12] = [
     "film",
+    "halves, feature variances",
+    "one image, feature variances",
     "halves",
     "halves, no variance",
     "one image",
@@ -101,9 +120,11 @@ const HEADS: [&str; 10] = [
     "one image, no features",
 ];
 
-fn images(film: &Film, b: &Buffers) -> Result<[Filtered; 10]> {
+fn images(film: &Film, b: &Buffers) -> Result<[Filtered; 12]> {
     Ok([
         ClusterRegression::new().apply(film)?,
+        b.known(b.halves(true)).run()?,
+        b.known(b.whole()).run()?,
         b.guided(b.halves(true)).run()?,
         b.guided(b.halves(false)).run()?,
         b.guided(b.whole()).run()?,

@@ -228,7 +228,11 @@ fn what_cannot_be_denoised_is_refused_with_advice() {
     let before = folder.read("in.exr");
     let cases: [(&str, i32, &[&str]); 13] = [
         ("in.exr -o out.exr", 1, &["in.exr: layer \"Variance\"", "--spp N", "--variance-of-mean"]),
-        ("plain.exr -o out.exr", 1, &["plain.exr: it has no variance", "another seed", "layers are B, G, R, Albedo, N, Ns, P"]),
+        (
+            "plain.exr -o out.exr",
+            1,
+            &["plain.exr: it has no variance", "another seed", "layers are B, G, R, Albedo, N, Ns, P"],
+        ),
         ("data.exr -o out.exr", 1, &["no image was found", "--layer color=NAME"]),
         ("in.exr -o out.exr --spp 8 --layer normal=Nss", 1, &["no layer \"Nss\" for normal", "did you mean \"Ns\"?"]),
         ("in.exr -o out.exr --layer normals=Ns", 2, &["no kind of layer \"normals\"", "choose among color, variance"]),

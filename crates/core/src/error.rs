@@ -90,7 +90,9 @@ pub enum Error {
         what: &'static str,
     },
     /// A film with room for features or first hits, all of whose samples were pushed as radiance alone.
-    #[error("{who} reads {what}, but all samples of this film were pushed as radiance alone; push estimates with Film::push_estimate (one without a first hit is a miss), or use a filter that reads no features")]
+    #[error(
+        "{who} reads {what}, but all samples of this film were pushed as radiance alone; push estimates with Film::push_estimate (one without a first hit is a miss), or use a filter that reads no features"
+    )]
     NoneReported {
         /// The name of the sampler or filter.
         who: String,

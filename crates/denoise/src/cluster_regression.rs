@@ -227,7 +227,8 @@ impl Filter for ClusterRegression {
     }
 
     fn describe(&self) -> String {
-        describe(self.name(), &self.options.outside(self.outside()), &self.described) + featureless(self.without_features)
+        describe(self.name(), &self.options.outside(self.outside()), &self.described)
+            + featureless(self.without_features)
     }
 
     fn needs(&self) -> Needs {

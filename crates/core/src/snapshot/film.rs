@@ -54,7 +54,19 @@ pub(crate) fn take_film(from: &mut Reader<'_>, pixels: impl FnOnce(&Frame) -> us
     let features = if needs.features { take_features(from, pixels)? } else { Vec::new() };
     let first_hits = take_hits(from, pixels.saturating_mul(usize::from(needs.first_hits)))?;
     let costs = if needs.cost { from.numbers(pixels)? } else { Vec::new() };
-    let film = Film { frame, needs, combine, kept, discarded, features, first_hits, costs, rejected, record, radiance_only: 0 };
+    let film = Film {
+        frame,
+        needs,
+        combine,
+        kept,
+        discarded,
+        features,
+        first_hits,
+        costs,
+        rejected,
+        record,
+        radiance_only: 0,
+    };
     check(&film)?;
     Ok(film)
 }

@@ -1,6 +1,10 @@
 //! Depths from positions alone.
 
-/// The depth of each pixel from the positions around it: the smallest step to a neighbour, times a constant.
+/// The pixels at distance 1 that are as wide as this distance. Only the ratios of depths matter.
+const STEPS: f32 = 1e3;
+
+/// The depth of each pixel from the positions around it: the smallest step to a neighbour, times [`STEPS`]. It grows
+/// with the distance from the camera, wherever that stands.
 pub(super) fn depths([width, height]: [usize; 2], position: &[[f32; 3]], hit: impl Fn(usize) -> bool) -> Vec<f32> {
     let apart = |i: usize, k: usize| {
         let square: f32 = (0..3).map(|c| (position[i][c] - position[k][c]).powi(2)).sum();
@@ -16,9 +20,5 @@ pub(super) fn depths([width, height]: [usize; 2], position: &[[f32; 3]], hit: im
         ];
         beside.into_iter().flatten().filter_map(|k| apart(i, k)).reduce(f32::min)
     };
-    match std::env::var("DEPTHS").as_deref() {
-        Ok("one") => vec![1.0; position.len()],
-        Ok("length") => position.iter().map(|p| p.iter().map(|x| x * x).sum::<f32>().sqrt()).collect(),
-        _ => (0..position.len()).map(|i| if hit(i) { 1e3 * step(i).unwrap_or(1e-3) } else { 0.0 }).collect(),
-    }
+    (0..position.len()).map(|i| if hit(i) { STEPS * step(i).unwrap_or(1.0 / STEPS) } else { 0.0 }).collect()
 }

@@ -40,7 +40,7 @@ pub(super) fn split(all: &SampleBuffers<'_>, i: usize) -> [RgbMoments; 2] {
     let (p, q) = ((count - count / 2).max(1), (count / 2).max(1));
     let variance = all.variance.map_or([0.0; 3], |v| v.of_sample(i, count));
     let mean = all.mean[i].map(f64::from);
-    let z = deviate(i);
+    let z = sign(i);
     let half = |own: u64, other: u64, sign: f64| {
         let step = |c: usize| sign * (variance[c] / count as f64 * other as f64 / own as f64).sqrt();
         RgbMoments::new(own, std::array::from_fn(|c| mean[c] + step(c)), variance)
@@ -48,12 +48,9 @@ pub(super) fn split(all: &SampleBuffers<'_>, i: usize) -> [RgbMoments; 2] {
     [half(p, q, z), half(q, p, -z)]
 }
 
-fn deviate(i: usize) -> f64 {
-    let x = mix((i as u64).wrapping_add(0x9e37_79b9_7f4a_7c15));
-    match std::env::var("SPLIT").as_deref() {
-        Ok("normal") => (0..12).map(|k| (mix(x.wrapping_add(k)) >> 11) as f64 / (1u64 << 53) as f64).sum::<f64>() - 6.0,
-        _ => if x & 1 == 0 { 1.0 } else { -1.0 },
-    }
+/// A random sign for pixel `i`.
+fn sign(i: usize) -> f64 {
+    if mix((i as u64).wrapping_add(0x9e37_79b9_7f4a_7c15)) & 1 == 0 { 1.0 } else { -1.0 }
 }
 
 /// The finaliser of SplitMix64, a bijective 64-bit hash.

@@ -58,9 +58,7 @@ impl Image {
     }
 
     fn sets(&self) -> [SampleBuffers<'_>; 2] {
-        [0, 1].map(|h| {
-            SampleBuffers::new(&self.halves[h], SPP / 2).variance(Variance::OfSamples(&self.variances[h]))
-        })
+        [0, 1].map(|h| SampleBuffers::new(&self.halves[h], SPP / 2).variance(Variance::OfSamples(&self.variances[h])))
     }
 
     fn mean(&self) -> Colours {

@@ -237,7 +237,9 @@ impl Reader<'_> {
         let unit = if shares { known.unwrap_or(ASSUMED_SPP) as f32 } else { 1.0 };
         if shares && known.is_none() {
             let name = &layer.name;
-            self.note(format!("layer \"{name}\" holds shares of an unknown number of samples; {ASSUMED_SPP} is assumed (--spp)"));
+            self.note(format!(
+                "layer \"{name}\" holds shares of an unknown number of samples; {ASSUMED_SPP} is assumed (--spp)"
+            ));
         }
         let number = |n: f32| if n > 0.0 { (n * unit).round().max(1.0) as u32 } else { 0 };
         Ok(Some(counts.into_iter().map(number).collect()))
@@ -270,7 +272,9 @@ impl Reader<'_> {
             }
         }
         if unknown > 0 {
-            self.note(format!("layer \"{name}\": {unknown} variances are NaN or infinite; the squared colour stands for them"));
+            self.note(format!(
+                "layer \"{name}\": {unknown} variances are NaN or infinite; the squared colour stands for them"
+            ));
         }
         Ok(Some((variance, of_mean)))
     }
@@ -353,7 +357,10 @@ impl Reader<'_> {
 }
 
 /// The mean of the values of one or two files. Of two it also gives the variance of that mean.
-fn averaged<T>(mut each: Vec<Vec<T>>, each_channel: impl Fn(&T, &T, fn(f32, f32) -> f32) -> T) -> (Vec<T>, Option<Vec<T>>) {
+fn averaged<T>(
+    mut each: Vec<Vec<T>>,
+    each_channel: impl Fn(&T, &T, fn(f32, f32) -> f32) -> T,
+) -> (Vec<T>, Option<Vec<T>>) {
     if each.len() < 2 {
         return (each.pop().unwrap_or_default(), None);
     }

@@ -76,7 +76,9 @@ pub enum DenoiseError {
         layer: String,
     },
     /// A filter that reads the clusters of a scene.
-    #[error("filter \"{filter}\" reads clusters of a scene, which images lack; set outside=1, as in \"{filter}:outside=1\", or leave --filter out")]
+    #[error(
+        "filter \"{filter}\" reads clusters of a scene, which images lack; set outside=1, as in \"{filter}:outside=1\", or leave --filter out"
+    )]
     NeedsScene {
         /// The filter's name.
         filter: &'static str,

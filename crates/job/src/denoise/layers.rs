@@ -157,7 +157,8 @@ impl Layers {
     pub(super) fn find(&self, kind: LayerKind) -> Option<Found> {
         let names = KNOWN_LAYERS.iter().find(|(known, _)| *known == kind)?.1;
         if kind == SecondMoment {
-            let group = self.groups.iter().find(|(layer, _)| layer.starts_with("m2_") && self.named(&layer[3..]).is_some())?;
+            let group =
+                self.groups.iter().find(|(layer, _)| layer.starts_with("m2_") && self.named(&layer[3..]).is_some())?;
             return found(kind, group);
         }
         names.iter().find_map(|name| self.known(kind, name))

@@ -1,9 +1,7 @@
 //! Files of denoised images.
 
 use super::{DenoiseError, DenoiseSpec, DenoisedImage};
-use dapple_scene::image::{
-    Format, Image, Layer, check_writable, encode_exr, encode_pfm, encode_png, write_file,
-};
+use dapple_scene::image::{Format, Image, Layer, check_writable, encode_exr, encode_pfm, encode_png, write_file};
 use std::path::{Path, PathBuf};
 
 impl DenoiseSpec {
