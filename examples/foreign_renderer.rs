@@ -18,7 +18,7 @@ use dapple::cluster_adaptive::{BACKGROUND, ClusterThesis, Placement, ProbeHit, p
 use dapple::clustering::{ClusterParams, Sides, Triangles, cluster};
 use dapple::core::samplers::Uniform;
 use dapple::core::{Block, Draws, Estimate, Film, Filter, Frame, Integrator, Limits};
-use dapple::core::{Render, Sampler, TrainingLog, Unfiltered};
+use dapple::core::{Render, Sampler, Unfiltered, Worker};
 use dapple::denoise::{ClusterGaussian, Gaussian};
 use dapple::low_discrepancy::Sobol;
 use dapple::metrics::{Pixels, compare};
@@ -358,7 +358,7 @@ const LIGHTS: Block = Block::new(1);
 /// The interface to Dapple: the random numbers of one sample in, its radiance out. Direct light of the lamp and the
 /// sky.
 impl Integrator for Scene {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let [u, v, ..] = draws.block(FILM);
         let [x, y] = draws.pixel().map(|p| p as f32);
         let direction = self.camera_ray([x + u, y + v]);

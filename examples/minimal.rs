@@ -5,7 +5,7 @@
 
 use dapple::adaptive::Adaptive;
 use dapple::core::samplers::Uniform;
-use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Render, TrainingLog};
+use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Render, Worker};
 use dapple::low_discrepancy::Sobol;
 use std::f32::consts::TAU;
 
@@ -52,7 +52,7 @@ struct Balls;
 
 /// The interface to Dapple: the random numbers of one sample in, its radiance out.
 impl Integrator for Balls {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let ([u, v, lens, turn], [x, y]) = (draws.block(FILM), draws.pixel());
         let (x, y) = ((x as f32 + u) / 120.0 - 1.0, 0.4 - (y as f32 + v) / 120.0);
         // A lens of radius 0.1 in focus on the plane z = -0.6.

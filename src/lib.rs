@@ -35,7 +35,7 @@
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! use dapple::adaptive::Adaptive;
-//! use dapple::core::{Block, Draws, Estimate, Frame, Integrator, Limits, Render, TrainingLog};
+//! use dapple::core::{Block, Draws, Estimate, Frame, Integrator, Limits, Render, Worker};
 //! use dapple::low_discrepancy::Sobol;
 //!
 //! const PLACE: Block = Block::new(0);
@@ -43,7 +43,7 @@
 //! struct Penumbra;
 //!
 //! impl Integrator for Penumbra {
-//!     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+//!     fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
 //!         let [u, _, lamp, _] = draws.block(PLACE);
 //!         let x = draws.pixel()[0] as f32 + u;
 //!         let lit = x + 16.0 * lamp > 40.0;

@@ -1,6 +1,6 @@
 //! Error estimates are calibrated, and adaptive sampling loses little where it cannot win.
 
-use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, Sampler, TrainingLog};
+use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, Sampler, Worker};
 use dapple::job::registry::{self, MethodInputs, Setting};
 use dapple::metrics::{ratio_interval, student_t_quantile};
 use dapple::renderer::{World, integrator};
@@ -10,7 +10,7 @@ use dapple_scene::bundled;
 struct EqualNoise;
 
 impl Integrator for EqualNoise {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let [u, ..] = draws.block(Block::new(0));
         Estimate::new([-(1.0 - u).ln(); 3])
     }

@@ -4,7 +4,7 @@ use super::image::Image;
 use super::pairs::{in_turn, of_whole, pairs, seconds};
 use super::{Break, Effort, Ratio, Result, Row};
 use dapple_core::{
-    Draws, Estimate, Frame, Integrator, Limits, Needs, RejectedReason, Render, RgbMoments, SampleId, TrainingLog,
+    Draws, Estimate, Frame, Integrator, Limits, Needs, RejectedReason, Render, RgbMoments, SampleId, Worker,
 };
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -212,7 +212,7 @@ impl Faulty {
 }
 
 impl Integrator for Faulty {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let SampleId { pixel, index, .. } = draws.id();
         Estimate::new(Self::radiance(pixel, index))
     }

@@ -4,7 +4,7 @@ use super::image::Image;
 use super::pairs::{in_turn, pairs};
 use super::{Break, Effort, Error, Result, Row};
 use dapple_core::samplers::Uniform;
-use dapple_core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, TrainingLog};
+use dapple_core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, Worker};
 use dapple_low_discrepancy::Sobol;
 
 pub(crate) fn row(effort: Effort, image: &Image) -> Result<Row> {
@@ -39,7 +39,7 @@ impl Smooth {
 }
 
 impl Integrator for Smooth {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let [u, v, ..] = draws.block(Block::new(0));
         let value = Self::level(draws.pixel()) as f32 * 4.0 * u * v;
         Estimate::new([value; 3])

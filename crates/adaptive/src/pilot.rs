@@ -1,6 +1,6 @@
 //! The pilot: uniform samples taken before counts adapt.
 
-use dapple_core::{Budget, Combine, Feedback, Frame, Ladder, Limits, PilotPolicy, Plan, Retention, saturating_u32};
+use dapple_core::{Combine, Feedback, Frame, Ladder, Limits, PilotPolicy, Plan, Retention, saturating_u32};
 
 /// A uniform pilot: samples taken in every pixel before counts adapt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,7 +24,7 @@ impl Pilot {
 
     /// Returns `true` if the pilot spends the whole budget of these limits, so that no adapted counts are planned.
     pub fn is_all(self, frame: &Frame, limits: &Limits) -> bool {
-        let Budget::Samples(total) = limits.budget else { return false };
+        let Some(total) = limits.budget.samples(frame) else { return false };
         let pixels = frame.pixels() as u64;
         let mean = saturating_u32(total / pixels);
         self.policy != PilotPolicy::Discard && total.is_multiple_of(pixels) && self.wanted(mean, Ladder::Whole) >= mean

@@ -2,7 +2,7 @@
 
 use dapple_core::{
     Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, FirstHit, Frame, Integrator, Limits, Monitor, Plan,
-    Progress, Render, Sampler, Snapshot, Status, TrainingLog,
+    Progress, Render, Sampler, Snapshot, Status, Worker,
 };
 
 /// The way in which a sampler uses the budget.
@@ -91,7 +91,7 @@ impl Scene {
 }
 
 impl Integrator for Scene {
-    fn estimate(&self, draws: &Draws<'_>, log: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, log: &mut Worker) -> Estimate {
         let u = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         log.note(u64::from(x / 4), u[0]);

@@ -371,7 +371,7 @@ fn the_naive_rule_is_rejected_as_biased() {
 fn scaling_by_a_power_of_two_scales_every_bit() {
     struct Scaled(f32);
     impl dapple_core::Integrator for Scaled {
-        fn estimate(&self, draws: &dapple_core::Draws<'_>, _: &mut dapple_core::TrainingLog) -> dapple_core::Estimate {
+        fn estimate(&self, draws: &dapple_core::Draws<'_>, _: &mut dapple_core::Worker) -> dapple_core::Estimate {
             let [u, v, ..] = draws.block(dapple_core::Block::new(0));
             dapple_core::Estimate::new([u, u * v, v].map(|x| self.0 * x))
         }

@@ -1,13 +1,13 @@
 //! The cost of the render loop, of allocation and of planning on one thread.
 //!
-//! The loop's own price per sample is the time of `render/*` less that of `direct`, over 2^18 samples.
+//! The loop's own price per sample is the time of `render/*` or `pull/*` less that of `direct`, over 2^18 samples.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use dapple_adaptive::{Adaptive, VarianceOptions};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Ladder, Limits, Needs, Plan, PointSet,
-    Render, SampleId, Sampler, TrainingLog, allocate, streams,
+    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Ladder, Limits, Methods, Needs, Plan,
+    PointSet, Render, SampleId, Sampler, Session, Worker, allocate, streams,
 };
 use std::hint::black_box;
 
@@ -31,7 +31,7 @@ impl PointSet for Cheap {
 struct OneBlock;
 
 impl Integrator for OneBlock {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let u = draws.block(Block::new(0));
         Estimate::new([u[0], u[1], u[2]])
     }
@@ -50,7 +50,7 @@ fn on_one_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
 
 /// The same work through the same plugs, but for the loop: dynamic calls and a sum per pixel.
 fn direct(integrator: &dyn Integrator, points: &dyn PointSet) -> f64 {
-    let mut observed = TrainingLog::default();
+    let mut observed = Worker::default();
     let mut total = 0.0;
     for y in 0..SIDE {
         for x in 0..SIDE {
@@ -87,6 +87,21 @@ fn driver(c: &mut Criterion) {
             on_one_thread(|| Render::new(frame(), &limits).needs(needs).run(&mut OneBlock, &mut sampler))
         };
         group.bench_function(BenchmarkId::new("render", name), |b| b.iter(|| once().expect("a film")));
+        let pulled = || {
+            let methods = Methods::from(Uniform::new(Cheap)).with_needs(needs);
+            let mut session = Session::new(frame(), limits.clone(), methods)?;
+            let (mut worker, integrator): (_, &dyn Integrator) = (Worker::default(), black_box(&OneBlock));
+            while let Some(round) = session.next_round()? {
+                while let Some(mut tile) = round.next_tile() {
+                    for sample in tile.samples() {
+                        tile.add(&sample, integrator.estimate(&sample, &mut worker));
+                    }
+                    round.submit(tile)?;
+                }
+            }
+            Ok::<_, dapple_core::Error>(session.into_film())
+        };
+        group.bench_function(BenchmarkId::new("pull", name), |b| b.iter(|| pulled().expect("a film")));
     }
     group.finish();
 }

@@ -1,6 +1,6 @@
 //! Random numbers of one sample, by named blocks.
 
-use crate::{Needs, PointSet, SampleId};
+use crate::{Needs, PointSet, Rng, SampleId, streams};
 use std::cell::Cell;
 
 /// A named group of four dimensions of a sample's random numbers, for one use of randomness such as the lens.
@@ -43,7 +43,7 @@ impl Block {
 
 /// The random numbers of one sample.
 ///
-/// There is no cursor that returns "the next number": each use names its [`Block`].
+/// Each use of randomness names its [`Block`], or takes the next number of a cursor, [`Draws::rng`].
 ///
 /// ```
 /// # use dapple_core::{Block, Draws, PointSet, SampleId};
@@ -60,20 +60,25 @@ impl Block {
 /// assert_eq!((draws.pixel(), draws.blocks_requested()), ([3, 5], 1));
 /// # assert_eq!([x, y, u, v], [0.5; 4]);
 /// ```
+#[derive(Clone)]
 pub struct Draws<'a> {
     points: &'a dyn PointSet,
     id: SampleId,
+    /// The sample's place among those of its pixel in this round.
+    turn: u32,
     first_hit: bool,
     features: bool,
     emission: bool,
     requested: Cell<u32>,
+    /// The number of the next block for a cursor.
+    cursor: Cell<u32>,
 }
 
 impl<'a> Draws<'a> {
     /// The random numbers of sample `id`, without a request for its first hit.
     #[inline]
     pub fn new(points: &'a dyn PointSet, id: SampleId) -> Self {
-        Self { points, id, first_hit: false, features: false, emission: false, requested: Cell::new(0) }
+        Self::of_round(points, id, &Needs::none())
     }
 
     /// Requests the first hit from the integrator.
@@ -101,7 +106,20 @@ impl<'a> Draws<'a> {
     #[inline]
     pub(crate) fn of_round(points: &'a dyn PointSet, id: SampleId, needs: &Needs) -> Self {
         let Needs { features, emission, .. } = *needs;
-        Self { points, id, first_hit: needs.wants_first_hit(), features, emission, requested: Cell::new(0) }
+        let (first_hit, requested, cursor) = (needs.wants_first_hit(), Cell::new(0), Cell::new(0));
+        Self { points, id, turn: 0, first_hit, features, emission, requested, cursor }
+    }
+
+    /// Sets the sample's place among those of its pixel in this round.
+    #[inline]
+    pub(crate) fn with_turn(self, turn: u32) -> Self {
+        Self { turn, ..self }
+    }
+
+    /// The sample's place among those of its pixel in this round.
+    #[inline]
+    pub(crate) fn turn(&self) -> u32 {
+        self.turn
     }
 
     /// The four coordinates of `block`, each in `[0, 1)`: two 2-D pairs.
@@ -109,6 +127,45 @@ impl<'a> Draws<'a> {
     pub fn block(&self, block: Block) -> [f32; 4] {
         self.requested.set(self.requested.get() + 1);
         self.points.block(self.id, block.number())
+    }
+
+    /// A cursor that hands out the sample's numbers one after the other, from the first block on. A second cursor continues
+    /// with blocks that the first has not taken.
+    ///
+    /// A renderer that also names blocks lets the cursor start behind them, by [`Rng::skip_to`].
+    #[inline]
+    pub fn rng(&self) -> Rng<'_> {
+        Rng::new(self)
+    }
+
+    /// The number of the next block for a cursor, which then moves on.
+    #[inline]
+    pub(crate) fn next_block(&self) -> Block {
+        Block(self.cursor.replace(self.cursor.get().wrapping_add(1)))
+    }
+
+    /// Moves the cursor to `block`; `false` if it is beyond.
+    pub(crate) fn skip_to(&self, block: Block) -> bool {
+        let ahead = block.0 >= self.cursor.get();
+        if ahead {
+            self.cursor.set(block.0);
+        }
+        ahead
+    }
+
+    /// The sample's number among all samples of its pixel, from 0, for renderers that map samples to jitter cells or to
+    /// numbers of their own.
+    ///
+    /// Samples of the two halves alternate: those of the first have even numbers. Discarded samples are numbered by
+    /// themselves.
+    #[inline]
+    pub fn sample_number(&self) -> u64 {
+        let half = match self.id.stream {
+            first if first == streams::HALVES[0] || first == streams::DISCARDED_HALVES[0] => 0,
+            second if second == streams::HALVES[1] || second == streams::DISCARDED_HALVES[1] => 1,
+            _ => return self.id.index,
+        };
+        2 * self.id.index + half
     }
 
     /// Column and row of the pixel in the full frame.

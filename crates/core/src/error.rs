@@ -115,6 +115,22 @@ pub enum Error {
         /// The difference, and what to do about it.
         what: String,
     },
+    /// A round of a [`Session`](crate::Session) that was given out and of which nothing came back.
+    #[error(
+        "nothing of this round was submitted, and {left} of its samples are left; pass each traced tile to Round::submit, or end with Session::finish"
+    )]
+    NothingSubmitted {
+        /// The number of samples left in the round.
+        left: u64,
+    },
+    /// A tile that its round does not take.
+    #[error("the tile of columns {}..{} and rows {}..{} was not taken: {what}", area[0], area[2], area[1], area[3])]
+    BadTile {
+        /// The tile's area `[x0, y0, x1, y1]`, in pixels of the full image.
+        area: [u32; 4],
+        /// The fault, and what to do about it.
+        what: String,
+    },
     /// Bytes that are not a snapshot.
     #[error("these bytes are not a snapshot of a render: {what}")]
     BadSnapshot {

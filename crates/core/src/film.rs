@@ -4,9 +4,11 @@ mod bank;
 mod error;
 mod pixels;
 mod push;
+mod window;
 
 pub use bank::luminance;
-pub(crate) use bank::{Bank, Range, add_emission, index, widen};
+pub(crate) use bank::{Bank, BankRows, first_hits_of, record_first_hit};
+use bank::{Range, add_emission, widen};
 pub use pixels::PixelStatistics;
 
 use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SampleId, SurfaceFeatures};

@@ -1,7 +1,7 @@
 //! Radiance estimates, first hits and training data of integrators.
 
-use crate::Draws;
 use crate::forward::forward;
+use crate::{Draws, Worker};
 use rayon::prelude::*;
 
 /// The cluster label of a camera ray that meets no surface; other rays have the label of the cluster they hit.
@@ -261,10 +261,18 @@ impl Estimate {
     }
 }
 
+impl From<[f32; 3]> for Estimate {
+    /// An estimate with this radiance, without a first hit.
+    #[inline]
+    fn from(radiance: [f32; 3]) -> Self {
+        Self::new(radiance)
+    }
+}
+
 /// An integrator: estimates the radiance of a pixel from one sample's random numbers, independent of the sampler.
 ///
 /// ```
-/// use dapple_core::{Block, Draws, Estimate, Integrator, TrainingLog};
+/// use dapple_core::{Block, Draws, Estimate, Integrator, Worker};
 ///
 /// const PLACE: Block = Block::new(0);
 ///
@@ -272,7 +280,7 @@ impl Estimate {
 /// struct Disk;
 ///
 /// impl Integrator for Disk {
-///     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+///     fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
 ///         let [column, row] = draws.pixel();
 ///         let [u, v, ..] = draws.block(PLACE);
 ///         let distance = (column as f32 + u).hypot(row as f32 + v);
@@ -283,15 +291,15 @@ impl Estimate {
 pub trait Integrator: Sync {
     /// Estimates the radiance of pixel `draws.pixel()` from one sample. A pure function of the random numbers and of
     /// what [`Integrator::learn`] has learned so far.
-    fn estimate(&self, draws: &Draws<'_>, log: &mut TrainingLog) -> Estimate;
+    fn estimate(&self, draws: &Draws<'_>, log: &mut Worker) -> Estimate;
 
-    /// Returns `true` if this integrator writes to [`TrainingLog`] and expects [`Integrator::learn`]. Called before
+    /// Returns `true` if this integrator writes to [`Worker`] and expects [`Integrator::learn`]. Called before
     /// each training pass: an integrator that has learned enough returns `false` to skip the pass.
     fn wants_training(&self) -> bool {
         false
     }
 
-    /// Learns from the values noted in one training pass ([`TrainingLog::note`]), between two passes. Notes are merged
+    /// Learns from the values noted in one training pass ([`Worker::note`]), between two passes. Notes are merged
     /// in a fixed order, so the result does not depend on threads.
     ///
     /// The first pass traces one sample per pixel. Each later pass traces as many as all passes before it, at most the
@@ -305,42 +313,10 @@ pub trait Integrator: Sync {
 }
 
 forward!(Integrator for &mut T, Box<T>; {
-    ref estimate(draws: &Draws<'_>, log: &mut TrainingLog) -> Estimate;
+    ref estimate(draws: &Draws<'_>, log: &mut Worker) -> Estimate;
     ref wants_training() -> bool;
     mut learn(pass: &TrainingData);
 });
-
-/// Values that an integrator notes during a training pass, under keys that it chooses.
-#[derive(Debug, Default)]
-pub struct TrainingLog {
-    notes: Vec<(u64, f32)>,
-}
-
-impl TrainingLog {
-    /// Notes `value` under `key`. NaN and infinite values are dropped.
-    #[inline]
-    pub fn note(&mut self, key: u64, value: f32) {
-        if value.is_finite() {
-            self.notes.push((key, value));
-        }
-    }
-
-    /// Returns the sums of the notes by key, added in the order of noting, and clears the log.
-    pub(crate) fn summarise(&mut self) -> Vec<TrainingSum> {
-        self.notes.sort_by_key(|n| n.0);
-        let mut sums: Vec<TrainingSum> = Vec::new();
-        for &(key, value) in &self.notes {
-            let value = f64::from(value);
-            let note = TrainingSum { key, count: 1, sum: value, sum_of_squares: value * value };
-            match sums.last_mut() {
-                Some(last) if last.key == key => last.add(&note),
-                _ => sums.push(note),
-            }
-        }
-        self.notes.clear();
-        sums
-    }
-}
 
 /// The sums of all values noted under one key in one training pass.
 #[non_exhaustive]
@@ -357,7 +333,7 @@ pub struct TrainingSum {
 }
 
 impl TrainingSum {
-    fn add(&mut self, other: &TrainingSum) {
+    pub(crate) fn add(&mut self, other: &TrainingSum) {
         self.count += other.count;
         self.sum += other.sum;
         self.sum_of_squares += other.sum_of_squares;

@@ -18,7 +18,7 @@
 //! #     fn capacity(&self) -> u64 { 1 << 20 }
 //! # }
 //! use dapple_core::samplers::Uniform;
-//! use dapple_core::{Block, Draws, Estimate, Filter, Frame, Integrator, Limits, Render, TrainingLog, Unfiltered};
+//! use dapple_core::{Block, Draws, Estimate, Filter, Frame, Integrator, Limits, Render, Worker, Unfiltered};
 //!
 //! const PLACE: Block = Block::new(0);
 //!
@@ -26,7 +26,7 @@
 //! struct Half;
 //!
 //! impl Integrator for Half {
-//!     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+//!     fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
 //!         let [u, ..] = draws.block(PLACE);
 //!         Estimate::new(if u < 0.5 { [1.0; 3] } else { [0.0; 3] })
 //!     }
@@ -49,8 +49,8 @@
 //! # Limits
 //!
 //! * No geometry, scene or image file: all public items use `[f32; 3]`, slices and numbers.
-//! * No sampling of arbitrary densities, and no cursor that returns "the next number": each use of randomness names its
-//!   [`Block`].
+//! * No sampling of arbitrary densities. Each use of randomness names its [`Block`], or takes the next number of a cursor,
+//!   [`Draws::rng`].
 //! * One estimate belongs to one pixel: pixel filters wider than a pixel are sampled by the integrator.
 
 mod allocate;
@@ -70,10 +70,12 @@ mod plan;
 mod point_set;
 mod policy;
 mod render;
+mod rng;
 mod sampler;
 pub mod samplers;
 mod shard;
 mod snapshot;
+mod worker;
 
 #[doc(hidden)]
 pub use allocate::saturating_u32;
@@ -83,9 +85,7 @@ pub use error::Error;
 pub use film::{Features, Film, PixelStatistics, Record, Rejected, RejectedReason, RoundRecord, luminance};
 pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
-pub use integrator::{
-    BACKGROUND, Estimate, FirstHit, Integrator, SurfaceFeatures, TrainingData, TrainingLog, TrainingSum,
-};
+pub use integrator::{BACKGROUND, Estimate, FirstHit, Integrator, SurfaceFeatures, TrainingData, TrainingSum};
 pub use limits::{Budget, InvalidSample, Limits, Schedule};
 pub use memory::{FilterMemory, ImagePlanes, Memory, SamplerMemory};
 pub use moments::{Moments, RgbMoments};
@@ -94,10 +94,12 @@ pub use options::{OptionError, OptionValue, Options, OutOfRange, Parameter, near
 pub use plan::{Combine, Plan, Progress, Retention};
 pub use point_set::{PointSet, SampleId, streams};
 pub use policy::{PilotPolicy, Stopping};
-pub use render::{Control, Monitor, NoMonitor, Render, Status};
+pub use render::{Control, Methods, Monitor, NoMonitor, Render, Round, Samples, Session, Status, Tile};
+pub use rng::Rng;
 pub use sampler::{BudgetLeft, Feedback, Sampler};
 pub use shard::{Shard, ShardFilm, Sharded, merge};
 pub use snapshot::Snapshot;
+pub use worker::Worker;
 
 /// The README's example, run as a doctest.
 #[cfg(doctest)]

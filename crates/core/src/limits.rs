@@ -1,11 +1,15 @@
 //! Budgets and other limits of a render.
 
+use crate::Frame;
+
 /// The amount of work that a render may do.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Budget {
     /// A number of samples in all. It is spent exactly, unless the sampler stops at a threshold.
     Samples(u64),
+    /// A mean number of samples per pixel, above 0. The total is rounded to a whole number of samples, at least 1.
+    PerPixel(f64),
     /// A time for planning and tracing, in seconds, met approximately. Between rounds, the render loop converts the
     /// time to sample budgets, which the film records. [`Budget::Recorded`] replays these budgets to the same bits.
     Seconds(f64),
@@ -101,7 +105,23 @@ pub struct Limits {
     pub schedule: Schedule,
 }
 
+impl Budget {
+    /// The number of samples in an image of this frame, if it is known before the render.
+    pub fn samples(&self, frame: &Frame) -> Option<u64> {
+        match self {
+            Self::Samples(total) => Some(*total),
+            Self::PerPixel(spp) => Some(((spp * frame.pixels() as f64).round() as u64).max(1)),
+            _ => None,
+        }
+    }
+}
+
 impl Limits {
+    /// Limits of `spp` samples per pixel on average.
+    pub fn spp(spp: f64) -> Self {
+        Self::new(Budget::PerPixel(spp))
+    }
+
     /// Limits of `total` samples in all.
     pub fn samples(total: u64) -> Self {
         Self::new(Budget::Samples(total))

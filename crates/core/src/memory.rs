@@ -48,7 +48,7 @@ impl SamplerMemory {
     pub fn with_discarded(self, frame: &Frame, needs: &Needs, limits: &Limits) -> Self {
         let discarded = frame.bytes(Film::bank_bytes_per_pixel(needs));
         let zeros = Needs { extrema: false, ..*needs };
-        let known = matches!(limits.budget, Budget::Samples(_));
+        let known = limits.budget.samples(frame).is_some();
         let unwritten = if known { frame.bytes(Film::bank_bytes_per_pixel(&zeros)) } else { 0 };
         Self { discarded, planning: self.planning.saturating_sub(unwritten), ..self }
     }
@@ -148,7 +148,7 @@ impl Memory {
         let needs = if matches!(limits.budget, Budget::Error { .. }) { needs.with_halves() } else { needs };
         let SamplerMemory { discarded, state, planning, plan } = sampler.memory(frame, &needs, limits);
         // One sample per pixel goes to the first half. The other's zeros are never written, so they take no memory.
-        let single = matches!(limits.budget, Budget::Samples(total) if total <= frame.pixels() as u64);
+        let single = limits.budget.samples(frame).is_some_and(|total| total <= frame.pixels() as u64);
         let unwritten = if needs.halves && single { Film::bank_bytes_per_pixel(&needs) / 2 } else { 0 };
         Self {
             needs,

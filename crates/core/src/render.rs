@@ -1,19 +1,19 @@
 //! The render loop: plan a round, trace it, plan the next.
 
 mod budget;
+mod check;
 pub(crate) mod holdout;
+mod pull;
 mod round;
+mod session;
+mod tile;
 
-use crate::film::Bank;
-use crate::snapshot::{Cursor, OpenRound, View};
-use crate::{
-    Error, Film, Filter, Frame, Integrator, Limits, Needs, Plan, Progress, Retention, RoundRecord, Sampler, Snapshot,
-    TrainingData,
-};
-use budget::Meter;
-use holdout::{Holdout, Prediction};
-use round::Stopped;
-use std::time::Instant;
+pub use pull::Round;
+pub use session::{Methods, Session};
+pub use tile::{Samples, Tile};
+
+use crate::snapshot::View;
+use crate::{Error, Film, Filter, Frame, Integrator, Limits, Needs, Sampler, Snapshot};
 
 /// The state of a render between two slices of tracing (about 0.2 seconds each), passed to a [`Monitor`].
 #[non_exhaustive]
@@ -109,11 +109,11 @@ impl<F: FnMut(&Status<'_>) -> Control> Monitor for F {
 /// #     fn capacity(&self) -> u64 { u64::MAX }
 /// # }
 /// use dapple_core::samplers::Uniform;
-/// use dapple_core::{Control, Draws, Estimate, Frame, Integrator, Limits, Needs, Render, Status, TrainingLog};
+/// use dapple_core::{Control, Draws, Estimate, Frame, Integrator, Limits, Needs, Render, Status, Worker};
 ///
 /// struct Ramp;
 /// impl Integrator for Ramp {
-///     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+///     fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
 ///         Estimate::new([draws.pixel()[0] as f32; 3])
 ///     }
 /// }
@@ -185,11 +185,9 @@ impl<'a> Render<'a> {
     /// for an invalid sample under [`InvalidSample::Fail`](crate::InvalidSample), and a panic of the integrator;
     /// [`Error::Panicked`] carries the samples finished before.
     pub fn run(self, integrator: &mut dyn Integrator, sampler: &mut dyn Sampler) -> Result<Film, Error> {
-        let meter = Meter::new(self.limits, &self.frame)?;
-        let needs = self.all_needs(sampler, &meter);
-        let film = Film::new(self.frame, needs);
-        let state = State { film, round: 0, open: None, passes: Vec::new(), holdout: None };
-        self.drive(state, Clock::start(0.0), meter, integrator, sampler)
+        let mut session = self.session(sampler, None)?;
+        drive(&mut session, integrator, self.monitor)?;
+        Ok(session.into_film())
     }
 
     /// Resumes a render from a [`Snapshot`]. The film has the bits of an uninterrupted render, on any number of
@@ -210,306 +208,43 @@ impl<'a> Render<'a> {
         integrator: &mut dyn Integrator,
         sampler: &mut dyn Sampler,
     ) -> Result<Film, Error> {
-        let mut meter = Meter::new(self.limits, &self.frame)?;
-        let needs = self.all_needs(sampler, &meter);
-        snapshot.check(sampler, &needs, &self.frame, self.limits)?;
-        let Snapshot { film, round, open, passes, total, seconds, sampler_state, holdout, .. } = snapshot;
-        let planned = open.as_ref().map_or(film.record.samples, |open| open.before + open.plan.total());
-        meter.restore(&film, total, planned)?;
-        sampler.restore(&sampler_state)?;
-        if let Some(open) = &open {
-            let rest = open.rest(self.frame.size()[0] as usize);
-            if rest.total() > 0 {
-                check(&rest, &film, sampler, &meter.left(&film))?;
-            }
-        }
-        passes.iter().for_each(|pass| integrator.learn(pass));
-        self.drive(State { film, round, open, passes, holdout }, Clock::start(seconds), meter, integrator, sampler)
+        let mut session = self.session(sampler, Some(snapshot))?;
+        session.state.passes.iter().for_each(|pass| integrator.learn(pass));
+        drive(&mut session, integrator, self.monitor)?;
+        Ok(session.into_film())
     }
 
-    /// The statistics that sampler, limits, an error limit's filter and the caller need.
-    fn all_needs(&self, sampler: &dyn Sampler, meter: &Meter) -> Needs {
-        let needs = self.needs.and(sampler.needs()).and(meter.needs());
-        match self.filter {
-            Some(filter) if meter.goal().is_some() => needs.and(filter.needs()),
-            _ => needs,
-        }
-    }
-
-    fn drive(
-        self,
-        mut state: State,
-        mut clock: Clock,
-        mut meter: Meter,
-        integrator: &mut dyn Integrator,
-        sampler: &mut dyn Sampler,
-    ) -> Result<Film, Error> {
-        let limits = self.limits;
-        let mut filter = self.filter;
-        let mut unwatched = NoMonitor;
-        let monitor = self.monitor.unwrap_or(&mut unwatched);
-        loop {
-            let open = match state.open.take() {
-                Some(open) => Some(open),
-                None => plan(&mut state, &mut meter, &mut filter, sampler, &clock)?,
-            };
-            let total = meter.left(&state.film).total;
-            let limit = meter.seconds();
-            let mut context = MonitorContext {
-                monitor: &mut *monitor,
-                clock: &mut clock,
-                round: state.round,
-                expected: total,
-                limit,
-                sampler: &*sampler,
-                limits,
-            };
-            let Some(mut open) = open else {
-                // A resumed render plans this round again.
-                let shown = state.film.record.budgets.pop();
-                context.end(&state);
-                state.film.record.budgets.extend(shown);
-                break;
-            };
-            let tracing = context.clock.seconds() - open.traced_seconds;
-            let stopped = round::trace(integrator, &mut state, &mut open, tracing, &mut context)?;
-            let film = &mut state.film;
-            film.record.rounds.push(RoundRecord {
-                samples: film.record.samples - open.before,
-                kept: open.plan.retention == Retention::Keep,
-                plan_seconds: open.plan_seconds,
-                trace_seconds: clock.seconds() - tracing,
-            });
-            match stopped {
-                Stopped::No => state.round += 1,
-                Stopped::Within => {
-                    film.record.interrupted = true;
-                    break;
-                }
-                Stopped::AtEnd => {
-                    let spent = film.record.samples >= total;
-                    let predicted = predict(&mut state, &meter, &mut filter)?;
-                    let more = meter.extend(&state.film, clock.seconds(), predicted);
-                    state.film.record.interrupted = !spent || more;
-                    break;
-                }
-            }
-        }
-        Ok(state.film)
-    }
-}
-
-/// The state of a render between slices.
-struct State {
-    film: Film,
-    round: u32,
-    /// The round being traced, if any; the next one is planned after it.
-    open: Option<OpenRound>,
-    /// The data of all training passes so far, to replay on resuming.
-    passes: Vec<TrainingData>,
-    /// The filtered image of the last prediction, if an error limit concerns a filtered image.
-    holdout: Option<Holdout>,
-}
-
-/// Requests the plan of the next round from the sampler; `None` at the end of the render.
-fn plan(
-    state: &mut State,
-    meter: &mut Meter,
-    filter: &mut Option<&dyn Filter>,
-    sampler: &mut dyn Sampler,
-    clock: &Clock,
-) -> Result<Option<OpenRound>, Error> {
-    let planning = clock.seconds();
-    loop {
-        let State { film, round, .. } = state;
-        let budget = meter.show(film, *round, clock.seconds());
-        film.record.budgets.push(budget.total);
-        let mut plan = Plan::empty(film.frame.pixels());
-        let progress = sampler.next_round(&crate::Feedback { round: *round, film, budget }, &mut plan)?;
-        let plan_seconds = clock.seconds() - planning;
-        if progress == Progress::Trace {
-            check(&plan, film, sampler, &budget)?;
-            return Ok(Some(begin(plan, film, plan_seconds)));
-        }
-        let predicted = predict(state, meter, filter)?;
-        if !meter.extend(&state.film, clock.seconds(), predicted) {
-            // The time of the last prediction belongs to the last round.
-            if let Some(last) = state.film.record.rounds.last_mut() {
-                last.plan_seconds += clock.seconds() - planning;
-            }
-            return Ok(None);
-        }
-    }
-}
-
-/// Predicts the error that an error limit concerns; `None` without such a limit. Clears a filter without an estimate.
-fn predict(state: &mut State, meter: &Meter, filter: &mut Option<&dyn Filter>) -> Result<Option<Prediction>, Error> {
-    if meter.goal().is_none() {
-        return Ok(None);
-    }
-    if let Some(by) = *filter {
-        state.holdout = Holdout::next(state.holdout.take(), &state.film, by)?;
-        if let Some(holdout) = &state.holdout {
-            let prediction = holdout.prediction();
-            state.film.record.filtered_relmse = Some(prediction.relmse);
-            return Ok(Some(prediction));
-        }
-        *filter = None;
-    }
-    Ok(Some(Prediction::unfiltered(&state.film)))
-}
-
-/// Applies a plan's withdrawals and discarding to the film, and returns the round to trace.
-fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {
-    if plan.retention == Retention::Discard {
-        film.open_discarded();
-    }
-    if let Some(withdrawn) = &plan.withdraw {
-        film.withdraw(withdrawn);
-    }
-    film.combine = plan.combine;
-    let (cursor, before) = (Cursor::default(), film.record.samples);
-    OpenRound { plan, cursor, pending: Vec::new(), before, plan_seconds, traced_seconds: 0.0 }
-}
-
-/// A stopwatch for wall time that leaves out the time in the monitor.
-struct Clock {
-    start: Instant,
-    away: f64,
-}
-
-impl Clock {
-    /// Starts a stopwatch that shows `seconds` now.
-    fn start(seconds: f64) -> Self {
-        Self { start: Instant::now(), away: -seconds }
-    }
-
-    fn seconds(&self) -> f64 {
-        self.start.elapsed().as_secs_f64() - self.away
-    }
-}
-
-/// The monitor with the parts of [`Status`] that stay constant during a round.
-struct MonitorContext<'a> {
-    monitor: &'a mut dyn Monitor,
-    clock: &'a mut Clock,
-    round: u32,
-    expected: u64,
-    limit: Option<f64>,
-    sampler: &'a dyn Sampler,
-    limits: &'a Limits,
-}
-
-impl MonitorContext<'_> {
-    fn seconds(&self) -> f64 {
-        self.clock.seconds()
-    }
-
-    /// Calls the monitor between two slices.
-    fn slice(&mut self, state: &State, open: &OpenRound) -> Control {
-        self.show(state, Some(open), |monitor, status| monitor.slice(status))
-    }
-
-    fn end(&mut self, state: &State) {
-        self.show(state, None, |monitor, status| monitor.end(status));
-    }
-
-    fn show<T>(
-        &mut self,
-        state: &State,
-        open: Option<&OpenRound>,
-        show: impl FnOnce(&mut dyn Monitor, &Status<'_>) -> T,
-    ) -> T {
-        let seconds = self.clock.seconds();
-        let Self { round, expected: total, sampler, limits, .. } = *self;
-        let State { film, passes, holdout, .. } = state;
-        let status = Status {
-            film,
-            round,
-            samples: film.record.samples,
-            expected: total,
-            seconds,
-            seconds_limit: self.limit,
-            view: View { film, round, open, passes, holdout: holdout.as_ref(), total, seconds, sampler, limits },
+    /// The engine of this render: a new one, or one that continues a snapshot.
+    fn session<'s>(&self, sampler: &'s mut dyn Sampler, snapshot: Option<Snapshot>) -> Result<Session<'s>, Error>
+    where
+        'a: 's,
+    {
+        let methods = Methods::from(sampler).with_needs(self.needs);
+        let methods = match self.filter {
+            Some(filter) => methods.with_filter(filter),
+            None => methods,
         };
-        let answer = show(self.monitor, &status);
-        self.clock.away += self.clock.seconds() - seconds;
-        answer
+        Session::of_render(self.frame, self.limits, methods, snapshot)
     }
 }
 
-/// Checks that a plan is valid, and that the point set has enough samples.
-fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &crate::BudgetLeft) -> Result<(), Error> {
-    let bad = |what: String| Err(Error::BadPlan { sampler: sampler.describe(), what });
-    let pixels = film.frame.pixels();
-    let second = plan.second_half.as_deref();
-    if plan.counts.len() != pixels || second.is_some_and(|s| s.len() != pixels) {
-        return bad(format!("it has {} counts for {pixels} pixels", plan.counts.len()));
-    }
-    if second.is_some() && film.kept.len() != 2 {
-        return bad("it has a second half, but needs() has no halves".into());
-    }
-    match plan.total() {
-        0 => return bad("it has no samples".into()),
-        total if total > budget.left() => {
-            return bad(format!("it has {total} samples, but {} are left", budget.left()));
-        }
-        _ => {}
-    }
-    let kept = plan.retention == Retention::Keep;
-    let withdraw = plan.withdraw.as_deref();
-    if withdraw.is_some_and(|w| w.len() != pixels || !kept) {
-        return bad("it withdraws samples without a mark for each pixel, or in a round that is not kept".into());
-    }
-    let banks = if kept { &film.kept } else { &film.discarded };
-    let mut deepest = 0;
-    for i in 0..pixels {
-        let (first, others) = (u64::from(plan.counts[i]), second.map(|s| u64::from(s[i])));
-        let more = first + others.unwrap_or(0);
-        let withdrawn = withdraw.is_some_and(|w| w[i]);
-        if withdrawn && more == 0 {
-            return bad("it withdraws all samples of a pixel and traces none".into());
-        }
-        let before = if withdrawn { 0 } else { film.count(i) };
-        if kept && more > 0 && before + more > u64::from(budget.max_spp) {
-            return bad(format!("a pixel gets {} samples, above max_spp = {}", before + more, budget.max_spp));
-        }
-        let more = match others {
-            Some(others) => Planned::Halves(first, others),
-            None if film.kept.len() == 2 => Planned::Alternating(first),
-            None => Planned::Whole(first),
-        };
-        deepest = deepest.max(used_after(banks, i, more, withdrawn));
-    }
-    let points = sampler.points();
-    if deepest > points.capacity() {
-        let (points, capacity) = (points.describe(), points.capacity());
-        return Err(Error::SequenceExhausted { points, capacity, requested: deepest });
-    }
-    Ok(())
-}
-
-/// The number of additional samples of a pixel in a round, by half.
-enum Planned {
-    Whole(u64),
-    Alternating(u64),
-    Halves(u64, u64),
-}
-
-/// The number of points that pixel `i` will have used after `more` samples beyond those in `banks`: the larger number
-/// of its two streams (point sequences).
-fn used_after(banks: &[Bank], i: usize, more: Planned, withdrawn: bool) -> u64 {
-    let used = |half: usize| banks.get(half).map_or(0, |b| b.next_index(i));
-    let counted = |half: usize| banks.get(half).filter(|_| !withdrawn).map_or(0, |b| b.counts[i]);
-    let [first, second] = match more {
-        Planned::Whole(n) => [n, 0],
-        Planned::Halves(a, b) => [a, b],
-        Planned::Alternating(n) => {
-            // Samples go to the half with fewer of them until both are level.
-            let (a, b) = (counted(0), counted(1));
-            let first = (a + b + n).div_ceil(2).clamp(a, a + n) - a;
-            [first, n - first]
-        }
+/// Traces all rounds of a session.
+fn drive(
+    session: &mut Session<'_>,
+    integrator: &mut dyn Integrator,
+    monitor: Option<&mut dyn Monitor>,
+) -> Result<(), Error> {
+    let mut unwatched = NoMonitor;
+    let monitor: &mut dyn Monitor = match monitor {
+        Some(monitor) => monitor,
+        None => &mut unwatched,
     };
-    (used(0) + first).max(used(1) + second)
+    while session.open()? {
+        let stopped = round::trace(integrator, session, monitor)?;
+        if session.close(stopped)? {
+            return Ok(());
+        }
+    }
+    session.show_end(monitor);
+    Ok(())
 }

@@ -22,10 +22,10 @@ use crate::{
 /// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
 /// #     fn capacity(&self) -> u64 { u64::MAX }
 /// # }
-/// # use dapple_core::{Draws, Estimate, Integrator, TrainingLog};
+/// # use dapple_core::{Draws, Estimate, Integrator, Worker};
 /// # struct Ramp;
 /// # impl Integrator for Ramp {
-/// #     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+/// #     fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
 /// #         Estimate::new([draws.pixel()[0] as f32; 3])
 /// #     }
 /// # }
@@ -129,7 +129,7 @@ impl<'a> Sharded<'a> {
             let why = "it reads samples that other machines have; take a sampler with fixed counts";
             return refuse(format!("sampler \"{}\"", inner.name()), why);
         }
-        if !matches!(limits.budget, Budget::Samples(_)) {
+        if !matches!(limits.budget, Budget::Samples(_) | Budget::PerPixel(_)) {
             let why = "every machine must know the number of samples in advance; give a number of samples";
             return refuse("a limit of time or error".into(), why);
         }

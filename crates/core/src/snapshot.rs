@@ -36,6 +36,8 @@ pub(crate) struct OpenRound {
     pub(crate) pending: Vec<(usize, Vec<TrainingSum>)>,
     /// The number of samples traced before this round.
     pub(crate) before: u64,
+    /// The number of this round's samples that are traced and no longer in `plan`.
+    pub(crate) submitted: u64,
     pub(crate) plan_seconds: f64,
     /// Seconds of tracing this round before the snapshot.
     pub(crate) traced_seconds: f64,
@@ -45,6 +47,16 @@ impl OpenRound {
     /// The number of this round's samples already traced in each pixel of `row`.
     pub(crate) fn done(&self, row: usize) -> u32 {
         if row < self.cursor.row as usize { self.cursor.end } else { self.cursor.start }
+    }
+
+    /// Keeps only the untraced rest in the plan.
+    pub(crate) fn keep_rest(&mut self, width: usize) {
+        if self.cursor == Cursor::default() {
+            return;
+        }
+        let rest = self.rest(width);
+        self.submitted += self.plan.total() - rest.total();
+        (self.plan, self.cursor) = (rest, Cursor::default());
     }
 
     /// The untraced rest of the round as a plan. It withdraws no samples: withdrawals happen when the round begins.
@@ -68,28 +80,56 @@ pub(crate) struct View<'a> {
     pub(crate) holdout: Option<&'a Holdout>,
     pub(crate) total: u64,
     pub(crate) seconds: f64,
-    pub(crate) sampler: &'a dyn Sampler,
+    pub(crate) sampler: Planner<'a>,
     pub(crate) limits: &'a Limits,
+}
+
+/// A sampler, or what a snapshot says of it.
+#[derive(Clone, Copy)]
+pub(crate) enum Planner<'a> {
+    Sampler(&'a dyn Sampler),
+    Saved(&'a SavedSampler),
+}
+
+/// The description and state of a sampler during one round.
+pub(crate) struct SavedSampler {
+    sampler: String,
+    points: String,
+    state: Vec<u8>,
+}
+
+impl SavedSampler {
+    pub(crate) fn of(sampler: &dyn Sampler) -> Self {
+        Self { sampler: sampler.describe(), points: sampler.points().describe(), state: sampler.save() }
+    }
 }
 
 const MAGIC: &[u8; 8] = b"dapple-s";
 /// The version of the snapshot format. It changes with the layout and the contents.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 
 impl View<'_> {
     pub(crate) fn write(&self) -> Vec<u8> {
+        let saved;
+        let SavedSampler { sampler, points, state } = match self.sampler {
+            Planner::Saved(saved) => saved,
+            Planner::Sampler(sampler) => {
+                saved = SavedSampler::of(sampler);
+                &saved
+            }
+        };
         let plans = self.open.map_or(0, |open| 8 * open.plan.counts.len());
         let mut to = Writer::with_capacity(film::size(self.film) + plans);
         to.raw(MAGIC);
         to.number(VERSION);
-        to.text(&self.sampler.describe());
-        to.text(&self.sampler.points().describe());
+        to.text(sampler);
+        to.text(points);
         to.number([self.limits.min_spp, self.limits.max_spp]);
         to.number(self.round);
         to.number(self.total);
         to.number(self.seconds);
         put_film(&mut to, self.film);
-        to.list(&self.sampler.save());
+        to.list(state);
         to.number(self.passes.len() as u64);
         self.passes.iter().for_each(|pass| put_training(&mut to, pass.entries()));
         to.flag(self.open.is_some());
@@ -118,10 +158,10 @@ impl View<'_> {
 /// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
 /// #     fn capacity(&self) -> u64 { u64::MAX }
 /// # }
-/// # use dapple_core::{Draws, Estimate, Integrator, TrainingLog};
+/// # use dapple_core::{Draws, Estimate, Integrator, Worker};
 /// # struct Ramp;
 /// # impl Integrator for Ramp {
-/// #     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+/// #     fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
 /// #         Estimate::new([draws.pixel()[0] as f32; 3])
 /// #     }
 /// # }
@@ -253,7 +293,7 @@ fn put_round(to: &mut Writer, open: &OpenRound) {
     to.numbers(second_half.as_deref().unwrap_or(&[]));
     let Cursor { start, end, row } = open.cursor;
     to.number([start, end, row]);
-    to.number(open.before);
+    to.number([open.before, open.submitted]);
     to.number([open.plan_seconds, open.traced_seconds]);
     to.number(open.pending.len() as u64);
     for (block, observed) in &open.pending {
@@ -270,7 +310,7 @@ fn take_round(from: &mut Reader<'_>, film: &Film) -> Result<OpenRound, Broken> {
     plan.counts = from.numbers(width * height)?;
     plan.second_half = if from.flag()? { Some(from.numbers(width * height)?) } else { None };
     let [start, end, row] = from.number()?;
-    let before = from.number::<u64>()?;
+    let [before, submitted] = from.number()?;
     let [plan_seconds, traced_seconds] = from.number::<[f64; 2]>()?;
     let count = from.count(16)?;
     let mut pending = Vec::with_capacity(count);
@@ -279,7 +319,7 @@ fn take_round(from: &mut Reader<'_>, film: &Film) -> Result<OpenRound, Broken> {
         pending.push((block, take_training(from)?));
     }
     let cursor = Cursor { start, end, row };
-    let open = OpenRound { plan, cursor, pending, before, plan_seconds, traced_seconds };
+    let open = OpenRound { plan, cursor, pending, before, submitted, plan_seconds, traced_seconds };
     if end < start || row as usize >= height || !(plan_seconds.is_finite() && traced_seconds.is_finite()) {
         return Err(Broken("the place within a round is out of range"));
     }
@@ -290,7 +330,8 @@ fn take_round(from: &mut Reader<'_>, film: &Film) -> Result<OpenRound, Broken> {
         return Err(Broken("a round discards samples, but the film has no place for them"));
     }
     let traced = open.plan.total() - open.rest(width).total();
-    if before.checked_add(traced) != Some(film.record.samples) {
+    let all = before.checked_add(submitted).and_then(|n| n.checked_add(traced));
+    if all != Some(film.record.samples) {
         return Err(Broken("the place within a round is out of range"));
     }
     Ok(open)

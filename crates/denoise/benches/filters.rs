@@ -2,9 +2,7 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_core::samplers::Uniform;
-use dapple_core::{
-    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog,
-};
+use dapple_core::{Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, Worker};
 use dapple_denoise::{
     Bilateral, ClusterGaussian, ClusterGaussianOptions, ClusterRegression, ClusterRegressionOptions, Gaussian, NlMeans,
     Passes,
@@ -19,7 +17,7 @@ const SIDE: u32 = 1024;
 struct Stripes;
 
 impl Integrator for Stripes {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let [u, v, a, _] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         let stripe = ((x as f32 + u + 0.3 * (y as f32 + v)) / 16.0) as u32;

@@ -368,7 +368,7 @@ pub(crate) fn limits(spec: &RenderSpec, frame: Frame) -> Limits {
     let pixels = frame.pixels() as u64;
     let budget = match spec.budget {
         // At least one sample in total; the bounds refuse a mean that is too small for one sample per pixel.
-        BudgetSpec::Spp(spp) => Budget::Samples(((spp * pixels as f64).round() as u64).max(1)),
+        BudgetSpec::Spp(spp) => Budget::Samples(Budget::PerPixel(spp).samples(&frame).unwrap_or(1)),
         BudgetSpec::Samples(samples) => Budget::Samples(samples),
         BudgetSpec::Error(relmse) => {
             Budget::Error { relmse, at_most: pixels * u64::from(spec.max_spp.unwrap_or(ERROR_SPP)) }

@@ -9,7 +9,7 @@ mod target;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Control, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, PointSet, Render, SampleId,
-    Sampler, Shard, ShardFilm, Sharded, Status, TrainingData, TrainingLog,
+    Sampler, Shard, ShardFilm, Sharded, Status, TrainingData, Worker,
 };
 use dapple_job::checkpoint::{Contents, Identity, Kind};
 use std::path::Path;
@@ -43,7 +43,7 @@ impl PointSet for Hashed {
 struct Field;
 
 impl Integrator for Field {
-    fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, observed: &mut Worker) -> Estimate {
         let u = draws.block(Block::new(0));
         observed.note((u[0] * 4.0) as u64, u[1]);
         let first_hit = (u[2] > 0.3).then_some(

@@ -7,7 +7,7 @@
 //! * [`MitchellPbrt`]: deviation in luminance from the pixel's own mean, as in pbrt-v2.
 //!
 //! ```
-//! use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Limits, Render, TrainingLog};
+//! use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Limits, Render, Worker};
 //! use dapple_low_discrepancy::Sobol;
 //! use dapple_mitchell::Mitchell;
 //!
@@ -15,7 +15,7 @@
 //! struct Edge;
 //!
 //! impl Integrator for Edge {
-//!     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+//!     fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
 //!         let [x, y] = draws.pixel().map(|n| n as f32);
 //!         let [u, v, ..] = draws.block(Block::new(0));
 //!         let white = x + u > 8.0 + 0.3 * (y + v);

@@ -39,7 +39,7 @@ use glam::Vec3;
 /// An integrator of direct light adds the emission at the first hit and the light from one sampled light.
 ///
 /// ```
-/// use dapple_core::{Draws, Estimate, Frame, Integrator, Limits, Render, TrainingLog};
+/// use dapple_core::{Draws, Estimate, Frame, Integrator, Limits, Render, Worker};
 /// use dapple_core::samplers::Uniform;
 /// use dapple_low_discrepancy::Sobol;
 /// use dapple_renderer::{World, blocks};
@@ -68,7 +68,7 @@ use glam::Vec3;
 /// }
 ///
 /// impl Integrator for DirectLight<'_> {
-///     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+///     fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
 ///         Estimate::new(self.radiance(draws).to_array()).with_cost(2)
 ///     }
 /// }

@@ -6,7 +6,7 @@ mod statistics;
 #[path = "renderer/support/mod.rs"]
 mod support;
 
-use dapple_core::{Draws, Integrator, PointSet, SampleId, TrainingLog};
+use dapple_core::{Draws, Integrator, PointSet, SampleId, Worker};
 use dapple_geometry::{Ray, spawn_ray, spawn_ray_to};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::blocks;
@@ -98,7 +98,7 @@ fn walk(samples: u64, mut estimate: impl FnMut(&Draws<'_>) -> [f32; 3]) {
 }
 
 fn ours(integrator: &dyn Integrator, draws: &Draws<'_>) -> [f32; 3] {
-    integrator.estimate(draws, &mut TrainingLog::default()).radiance
+    integrator.estimate(draws, &mut Worker::default()).radiance
 }
 
 #[test]

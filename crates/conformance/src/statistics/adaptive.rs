@@ -2,7 +2,7 @@
 
 use dapple_core::{
     Block, Draws, Error, Estimate, Feedback, Film, Integrator, Needs, Plan, PointSet, Progress, Retention, Sampler,
-    TrainingLog,
+    Worker,
 };
 
 /// The expected value of a pixel that keeps a pilot of `pilot` samples, and continues to `total` samples if the pilot's
@@ -34,7 +34,7 @@ fn outcomes(p: f64, pilot: u32) -> [f64; 2] {
 pub struct Bernoulli(pub f32);
 
 impl Integrator for Bernoulli {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let [u, ..] = draws.block(Block::new(0));
         Estimate::new([f32::from(u8::from(u < self.0)); 3])
     }

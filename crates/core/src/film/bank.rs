@@ -1,6 +1,7 @@
 //! A bank of a film: the statistics of kept or of discarded samples, of one half or of all.
 
-use crate::{Needs, RgbMoments};
+use super::{FeatureMoments, RejectedReason, reason_to_reject};
+use crate::{Estimate, FirstHit, Needs, RgbMoments, SurfaceFeatures};
 
 /// The smallest and the largest value of red, green, blue and luminance among a set of samples.
 pub(crate) type Range = [[f32; 4]; 2];
@@ -109,5 +110,91 @@ pub(super) fn join(range: &mut Range, other: &Range) {
     for c in 0..4 {
         range[0][c] = range[0][c].min(other[0][c]);
         range[1][c] = range[1][c].max(other[1][c]);
+    }
+}
+
+/// The planes of a [`Bank`] over some pixels, which one task writes.
+pub(crate) struct BankRows<'a> {
+    pub(crate) counts: &'a mut [u64],
+    pub(crate) means: &'a mut [[f64; 3]],
+    pub(crate) m2: &'a mut [[f64; 3]],
+    pub(crate) ranges: &'a mut [Range],
+    pub(crate) emission: &'a mut [[f32; 3]],
+    /// Per pixel, the next sample's index minus the count ([`Bank::ahead`]); empty if no samples were withdrawn.
+    pub(crate) ahead: &'a [i64],
+}
+
+impl Bank {
+    /// All planes of the bank.
+    pub(crate) fn rows(&mut self) -> BankRows<'_> {
+        let Self { counts, means, m2, ranges, emission, ahead } = self;
+        BankRows { counts, means, m2, ranges, emission, ahead }
+    }
+}
+
+impl BankRows<'_> {
+    /// The index of the pixel's next sample in its stream (point sequence).
+    #[inline]
+    pub(crate) fn next_index(&self, local: usize) -> u64 {
+        index(self.counts[local], self.ahead.get(local))
+    }
+
+    /// Adds a sample's radiance and emission. Returns the reason if it is rejected; it then counts as black.
+    #[inline]
+    pub(crate) fn add(&mut self, local: usize, estimate: &Estimate) -> Option<RejectedReason> {
+        let reason = reason_to_reject(estimate.radiance);
+        let radiance = if reason.is_some() { [0.0; 3] } else { estimate.radiance };
+        self.push(local, radiance);
+        if let Some(mean) = self.emission.get_mut(local) {
+            add_emission(mean, self.counts[local], estimate.emission, radiance);
+        }
+        reason
+    }
+
+    /// Adds a sample to the running mean and deviations [Welford 1962]; see [`RgbMoments`](crate::RgbMoments).
+    #[inline]
+    fn push(&mut self, local: usize, radiance: [f32; 3]) {
+        self.counts[local] += 1;
+        let share = 1.0 / self.counts[local] as f64;
+        let mean = &mut self.means[local];
+        let before = *mean;
+        for c in 0..3 {
+            mean[c] += (f64::from(radiance[c]) - mean[c]) * share;
+        }
+        if let Some(m2) = self.m2.get_mut(local) {
+            for c in 0..3 {
+                let x = f64::from(radiance[c]);
+                m2[c] += (x - before[c]) * (x - mean[c]);
+            }
+        }
+        if let Some(range) = self.ranges.get_mut(local) {
+            widen(range, radiance);
+        }
+    }
+}
+
+/// The places for the first hits of the pixel's first `k` samples.
+#[inline]
+pub(crate) fn first_hits_of(hits: &mut [Option<FirstHit>], local: usize, k: usize) -> &mut [Option<FirstHit>] {
+    &mut hits[local * k..(local + 1) * k]
+}
+
+/// Adds a sample to the pixel's features. Stores its first hit too if `seen`, the number of the pixel's samples before it,
+/// leaves a place. Outlined because most renders record no first hits.
+#[inline(never)]
+pub(crate) fn record_first_hit(
+    features: Option<&mut FeatureMoments>,
+    places: &mut [Option<FirstHit>],
+    seen: u64,
+    estimate: &Estimate,
+) {
+    // A NaN would spread through every mean, so such a hit counts as a miss.
+    let hit = estimate.first_hit.as_ref().filter(|h| h.is_finite());
+    if let Some(moments) = features {
+        let behind = estimate.features.filter(SurfaceFeatures::is_finite);
+        moments.push(behind.or_else(|| hit.map(SurfaceFeatures::from)));
+    }
+    if let Some(place) = usize::try_from(seen).ok().and_then(|seen| places.get_mut(seen)) {
+        *place = hit.copied();
     }
 }

@@ -1,7 +1,7 @@
 //! Samples added to a film one by one, without the render loop.
 
-use super::{Film, Rejected, add_emission, reason_to_reject, widen};
-use crate::{Estimate, SampleId, SurfaceFeatures, streams};
+use super::{Film, Rejected, add_emission, reason_to_reject, record_first_hit, widen};
+use crate::{Estimate, SampleId, streams};
 
 impl Film {
     /// Adds a kept sample to pixel `pixel` with all that its estimate reports, as a render does: radiance, emission,
@@ -30,16 +30,9 @@ impl Film {
     pub fn push_estimate(&mut self, pixel: usize, half: usize, estimate: &Estimate) {
         let seen: u64 = self.kept.iter().map(|bank| bank.next_index(pixel)).sum();
         self.add(pixel, half, estimate);
-        // A NaN would spread through every mean, so such a hit counts as a miss.
-        let hit = estimate.first_hit.filter(|hit| hit.is_finite());
-        if let Some(moments) = self.features.get_mut(pixel) {
-            let behind = estimate.features.filter(SurfaceFeatures::is_finite);
-            moments.push(behind.or_else(|| hit.as_ref().map(SurfaceFeatures::from)));
-        }
         let k = usize::from(self.needs.first_hits);
-        if seen < k as u64 {
-            self.first_hits[pixel * k + seen as usize] = hit;
-        }
+        let places = &mut self.first_hits[pixel * k..(pixel + 1) * k];
+        record_first_hit(self.features.get_mut(pixel), places, seen, estimate);
         self.record.rays += u64::from(estimate.cost);
         if let Some(cost) = self.costs.get_mut(pixel) {
             *cost += u64::from(estimate.cost);

@@ -31,7 +31,10 @@ impl Meter {
         let out = |name, value: f64, allowed| Err(Error::OutOfRange { name, value: value.to_string(), allowed });
         let pixels = frame.pixels() as u64;
         let total = match &limits.budget {
-            Budget::Samples(total) => *total,
+            Budget::PerPixel(spp) if !(spp.is_finite() && *spp > 0.0) => {
+                return out("samples per pixel", *spp, "a number above zero");
+            }
+            Budget::Samples(_) | Budget::PerPixel(_) => limits.budget.samples(frame).unwrap_or(0),
             Budget::Seconds(s) if !(s.is_finite() && *s > 0.0) => return out("seconds", *s, "a time above zero"),
             Budget::Error { relmse, .. } if !(relmse.is_finite() && *relmse > 0.0) => {
                 return out("relmse", *relmse, "an error above zero");
@@ -45,7 +48,7 @@ impl Meter {
         if total < needed || total == 0 {
             return Err(Error::BudgetTooSmall { budget: total, needed: needed.max(1), pixels: frame.pixels() });
         }
-        if total > most && matches!(limits.budget, Budget::Samples(_)) {
+        if total > most && matches!(limits.budget, Budget::Samples(_) | Budget::PerPixel(_)) {
             return Err(Error::BudgetTooLarge { budget: total, most, pixels: frame.pixels() });
         }
         Ok(Self { budget: limits.budget.clone(), pixels, min_spp, max_spp, total, barrier: 0 })
@@ -82,7 +85,7 @@ impl Meter {
                 let what = "its budgets are not those of the record".into();
                 return Err(Error::OtherRender { what });
             }
-            Budget::Samples(_) => {}
+            Budget::Samples(_) | Budget::PerPixel(_) => {}
             _ => self.total = total,
         }
         if self.total < planned {
@@ -121,7 +124,7 @@ impl Meter {
         let spent = film.record().samples;
         let before = self.total;
         match &self.budget {
-            Budget::Samples(_) => return false,
+            Budget::Samples(_) | Budget::PerPixel(_) => return false,
             Budget::Recorded(totals) => return self.barrier < totals.len(),
             Budget::Seconds(limit) => {
                 let left = limit - seconds;

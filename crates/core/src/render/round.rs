@@ -1,21 +1,20 @@
 //! Tracing one round: slices of bands of rows.
 
-use super::{MonitorContext, State};
+use super::{Monitor, Session};
 use crate::allocate::mix;
-use crate::film::{
-    self, Bank, FeatureMoments, REJECTED_LISTED, add_emission, index, keep_first, reason_to_reject, widen,
-};
+use crate::film::{Bank, BankRows, FeatureMoments, REJECTED_LISTED, first_hits_of, keep_first, record_first_hit};
 use crate::integrator::TrainingSum;
 use crate::snapshot::{Cursor, OpenRound};
 use crate::{
-    Control, Draws, Error, Estimate, Film, FirstHit, Integrator, InvalidSample, Limits, Needs, Plan, PointSet,
-    Rejected, Retention, SampleId, SurfaceFeatures, TrainingData, TrainingLog, streams,
+    Control, Draws, Error, Film, FirstHit, Integrator, InvalidSample, Limits, Needs, Plan, PointSet, Rejected,
+    Retention, SampleId, TrainingData, Worker, streams,
 };
 use rayon::prelude::*;
 use std::cell::Cell;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice::ChunksMut;
+use std::sync::{Mutex, PoisonError};
 
 /// The side, in pixels, of the blocks in which training data is summed.
 const BLOCK: usize = 16;
@@ -29,7 +28,7 @@ const FIRST_SLICE: f64 = 1024.0;
 const GROWTH: f64 = 8.0;
 
 /// The inputs that all tasks of a slice share: integrator, points, plan and flags.
-struct Round<'a> {
+struct Inputs<'a> {
     integrator: &'a dyn Integrator,
     points: &'a dyn PointSet,
     plan: &'a Plan,
@@ -40,17 +39,19 @@ struct Round<'a> {
     wants_training: bool,
     /// The samples that this slice traces in each pixel: first index and end, counted from the start of the round.
     part: [u32; 2],
+    /// Workers that no task holds, so that their memory lasts longer than a band.
+    workers: Mutex<Vec<Worker>>,
 }
 
-/// The part of a [`Bank`]'s planes that lies in one band of rows.
-struct BankRows<'a> {
-    counts: &'a mut [u64],
-    means: &'a mut [[f64; 3]],
-    m2: &'a mut [[f64; 3]],
-    ranges: &'a mut [film::Range],
-    emission: &'a mut [[f32; 3]],
-    /// Per pixel, the next sample's index minus the count ([`Bank::ahead`]); empty if no samples were withdrawn.
-    ahead: &'a [i64],
+impl Inputs<'_> {
+    fn take_worker(&self) -> Worker {
+        self.workers.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+    }
+
+    fn give_back(&self, mut worker: Worker) {
+        worker.forget_notes();
+        self.workers.lock().unwrap_or_else(PoisonError::into_inner).push(worker);
+    }
 }
 
 /// A band of rows: the pixels that one task writes.
@@ -89,30 +90,33 @@ pub(super) enum Stopped {
     AtEnd,
 }
 
-/// Traces the rest of a round into the film. `began` is the time on the context's clock at which the round would have
-/// begun without interruption.
+/// Traces the rest of the open round into the film.
 pub(super) fn trace(
     integrator: &mut dyn Integrator,
-    state: &mut State,
-    open: &mut OpenRound,
-    began: f64,
-    context: &mut MonitorContext<'_>,
+    session: &mut Session<'_>,
+    monitor: &mut dyn Monitor,
 ) -> Result<Stopped, Error> {
-    let points = context.sampler.points();
-    let height = state.film.frame.size()[1];
-    let longest = longest_pixel(&open.plan);
-    while open.cursor.start < longest {
+    let began = session.began();
+    let height = session.state.film.frame.size()[1];
+    loop {
+        let seconds = session.seconds() - began;
+        let Session { state, sampler, limits, .. } = &mut *session;
+        let Some(open) = &mut state.open else { return Ok(Stopped::AtEnd) };
+        let (points, longest) = (sampler.points(), longest_pixel(&open.plan));
+        if open.cursor.start >= longest {
+            return Ok(Stopped::No);
+        }
         let wants_training = integrator.wants_training();
         let film = &mut state.film;
-        let (length, rows) = next_slice(open, film, wants_training, context.seconds() - began, context.limits);
+        let (length, rows) = next_slice(open, film, wants_training, seconds, limits);
         let cursor = &mut open.cursor;
         if cursor.row == 0 {
             cursor.end = cursor.start.saturating_add(length).min(longest);
         }
         let rows = [cursor.row, cursor.row.saturating_add(rows).min(height)];
         let range = Slice { samples: [cursor.start, cursor.end], rows };
-        let tallies = slice(&*integrator, points, &open.plan, film, context.limits, range);
-        let panicked = add_up(film, tallies, context.limits, points, &mut open.pending)?;
+        let tallies = slice(&*integrator, points, &open.plan, film, limits, range);
+        let panicked = add_up(film, tallies, limits, points, &mut open.pending)?;
         if let Some((sample, message)) = panicked {
             let film = Box::new(std::mem::replace(film, Film::new(*film.frame(), crate::Needs::none())));
             return Err(Error::Panicked { sample, message, points: points.describe(), film });
@@ -129,12 +133,13 @@ pub(super) fn trace(
                 state.passes.push(pass);
             }
         }
-        open.traced_seconds = context.seconds() - began;
-        if context.slice(state, open) == Control::Stop {
-            return Ok(if open.cursor.start < longest { Stopped::Within } else { Stopped::AtEnd });
+        let more = open.cursor.start < longest;
+        let seconds = session.seconds();
+        session.set_traced(seconds - began);
+        if session.show(monitor, |monitor, status| monitor.slice(status)) == Control::Stop {
+            return Ok(if more { Stopped::Within } else { Stopped::AtEnd });
         }
     }
-    Ok(Stopped::No)
 }
 
 fn longest_pixel(plan: &Plan) -> u32 {
@@ -196,7 +201,7 @@ fn slice(
 ) -> Vec<Tally> {
     let [width, _] = film.frame.size().map(|n| n as usize);
     let halves = film.kept.len() == 2;
-    let round = Round {
+    let round = Inputs {
         integrator,
         points,
         plan,
@@ -211,6 +216,7 @@ fn slice(
         needs: film.needs,
         wants_training: integrator.wants_training(),
         part,
+        workers: Mutex::default(),
     };
     let tile = limits.schedule.tile_rows.max(1) as usize;
     let tile = if round.wants_training { tile.next_multiple_of(BLOCK) } else { tile };
@@ -269,17 +275,18 @@ fn chunks<'a, T>(plane: &'a mut [T], pixels: &Range<usize>, size: usize) -> Chun
     share.chunks_mut(size)
 }
 
-fn trace_band(round: &Round<'_>, mut band: Band<'_>) -> Tally {
+fn trace_band(round: &Inputs<'_>, mut band: Band<'_>) -> Tally {
     let mut tally = Tally::default();
     let current = Cell::new(None);
     let caught = catch_unwind(AssertUnwindSafe(|| {
         if round.wants_training {
             trace_blocks(round, &mut band, &mut tally, &current);
         } else {
-            let mut log = TrainingLog::default();
+            let mut worker = round.take_worker();
             for local in 0..band.banks[0].counts.len() {
-                trace_pixel(round, &mut band, local, &mut tally, &mut log, &current);
+                trace_pixel(round, &mut band, local, &mut tally, &mut worker, &current);
             }
+            round.give_back(worker);
         }
     }));
     if let Err(payload) = caught {
@@ -294,34 +301,35 @@ fn trace_band(round: &Round<'_>, mut band: Band<'_>) -> Tally {
 
 /// Traces the band in blocks of 16x16 pixels. Training notes are summed per block, then per row of blocks, so that only
 /// one sum per key and row of blocks is kept.
-fn trace_blocks(round: &Round<'_>, band: &mut Band<'_>, tally: &mut Tally, current: &Cell<Option<SampleId>>) {
+fn trace_blocks(round: &Inputs<'_>, band: &mut Band<'_>, tally: &mut Tally, current: &Cell<Option<SampleId>>) {
     let width = round.width;
     let rows = band.banks[0].counts.len() / width;
     let first_row = band.first / width;
-    let mut log = TrainingLog::default();
+    let mut worker = round.take_worker();
     for top in (0..rows).step_by(BLOCK) {
         let mut blocks = Vec::with_capacity(width.div_ceil(BLOCK));
         for left in (0..width).step_by(BLOCK) {
             for row in top..(top + BLOCK).min(rows) {
                 for column in left..(left + BLOCK).min(width) {
-                    trace_pixel(round, band, row * width + column, tally, &mut log, current);
+                    trace_pixel(round, band, row * width + column, tally, &mut worker, current);
                 }
             }
-            blocks.push(log.summarise());
+            blocks.push(worker.summarise());
         }
         let row = TrainingData::merge_here(&blocks);
         tally.training.push(((first_row + top) / BLOCK, row.into_entries()));
     }
+    round.give_back(worker);
 }
 
 /// Traces all samples of one pixel in this slice, in index order.
 #[inline]
 fn trace_pixel(
-    round: &Round<'_>,
+    round: &Inputs<'_>,
     band: &mut Band<'_>,
     local: usize,
     tally: &mut Tally,
-    log: &mut TrainingLog,
+    worker: &mut Worker,
     current: &Cell<Option<SampleId>>,
 ) {
     let i = band.first + local;
@@ -337,13 +345,13 @@ fn trace_pixel(
     for step in start..last {
         if alternate {
             let half = usize::from(band.banks[1].counts[local] < band.banks[0].counts[local]);
-            trace_sample(round, band, Place { local, pixel, half }, tally, log, current);
+            trace_sample(round, band, Place { local, pixel, half }, tally, worker, current);
         } else {
             if step < first {
-                trace_sample(round, band, Place { local, pixel, half: 0 }, tally, log, current);
+                trace_sample(round, band, Place { local, pixel, half: 0 }, tally, worker, current);
             }
             if step < second {
-                trace_sample(round, band, Place { local, pixel, half: 1 }, tally, log, current);
+                trace_sample(round, band, Place { local, pixel, half: 1 }, tally, worker, current);
             }
         }
     }
@@ -359,35 +367,31 @@ struct Place {
 
 #[inline]
 fn trace_sample(
-    round: &Round<'_>,
+    round: &Inputs<'_>,
     band: &mut Band<'_>,
     Place { local, pixel, half }: Place,
     tally: &mut Tally,
-    log: &mut TrainingLog,
+    worker: &mut Worker,
     current: &Cell<Option<SampleId>>,
 ) {
     let bank = &mut band.banks[half];
-    let index = index(bank.counts[local], bank.ahead.get(local));
-    let id = SampleId::new(pixel, round.streams[half], index);
+    let id = SampleId::new(pixel, round.streams[half], bank.next_index(local));
     current.set(Some(id));
     let draws = Draws::of_round(round.points, id, &round.needs);
-    let estimate = round.integrator.estimate(&draws, log);
-    let radiance = match reason_to_reject(estimate.radiance) {
-        None => estimate.radiance,
-        Some(reason) => {
-            tally.reject(Rejected { sample: id, reason }, estimate.radiance);
-            [0.0; 3]
-        }
-    };
+    let estimate = round.integrator.estimate(&draws, worker);
+    if let Some(reason) = bank.add(local, &estimate) {
+        tally.reject(Rejected { sample: id, reason }, estimate.radiance);
+    }
     tally.samples += 1;
     tally.rays += u64::from(estimate.cost);
     tally.blocks += u64::from(draws.blocks_requested());
-    bank.push(local, radiance);
-    if let Some(mean) = bank.emission.get_mut(local) {
-        add_emission(mean, bank.counts[local], estimate.emission, radiance);
-    }
     if round.needs.wants_first_hit() {
-        record_first_hit(band, local, usize::from(round.needs.first_hits), &estimate);
+        let Band { banks, features, first_hits, .. } = band;
+        // Kept and discarded samples fill the places in the order of tracing. This bank's indices give the next place,
+        // as long as all rounds have the same retention, which is usual.
+        let seen = banks.iter().map(|b| b.next_index(local)).sum::<u64>() - 1;
+        let hits = first_hits_of(first_hits, local, usize::from(round.needs.first_hits));
+        record_first_hit(features.get_mut(local), hits, seen, &estimate);
     }
     if let Some(cost) = band.costs.get_mut(local) {
         *cost += u64::from(estimate.cost);
@@ -405,49 +409,6 @@ impl Tally {
         self.rejected.push(rejected);
         if self.rejected.len() == 2 * REJECTED_LISTED {
             keep_first(&mut self.rejected);
-        }
-    }
-}
-
-impl BankRows<'_> {
-    /// Adds a sample to the running mean and deviations [Welford 1962]; see [`RgbMoments`](crate::RgbMoments).
-    #[inline]
-    fn push(&mut self, local: usize, radiance: [f32; 3]) {
-        self.counts[local] += 1;
-        let share = 1.0 / self.counts[local] as f64;
-        let mean = &mut self.means[local];
-        let before = *mean;
-        for c in 0..3 {
-            mean[c] += (f64::from(radiance[c]) - mean[c]) * share;
-        }
-        if let Some(m2) = self.m2.get_mut(local) {
-            for c in 0..3 {
-                let x = f64::from(radiance[c]);
-                m2[c] += (x - before[c]) * (x - mean[c]);
-            }
-        }
-        if let Some(range) = self.ranges.get_mut(local) {
-            widen(range, radiance);
-        }
-    }
-}
-
-/// Adds a sample to the pixel's features. Stores its first hit too if it is among the pixel's first `k` samples.
-/// Outlined because most renders record no first hits.
-#[inline(never)]
-fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, estimate: &Estimate) {
-    // A NaN would spread through every mean, so such a hit counts as a miss.
-    let hit = estimate.first_hit.as_ref().filter(|h| h.is_finite());
-    if let Some(moments) = band.features.get_mut(local) {
-        let behind = estimate.features.filter(SurfaceFeatures::is_finite);
-        moments.push(behind.or_else(|| hit.map(SurfaceFeatures::from)));
-    }
-    if k > 0 {
-        // Kept and discarded samples fill the places in the order of tracing. This bank's indices give the next place,
-        // as long as all rounds have the same retention, which is usual.
-        let seen = band.banks.iter().map(|b| index(b.counts[local], b.ahead.get(local))).sum::<u64>() - 1;
-        if seen < k as u64 {
-            band.first_hits[local * k + seen as usize] = hit.copied();
         }
     }
 }

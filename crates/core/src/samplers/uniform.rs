@@ -1,8 +1,7 @@
 //! Uniform sampling: the same number of samples for every pixel.
 
 use crate::{
-    Budget, Error, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Retention, Sampler, SamplerMemory,
-    saturating_u32,
+    Error, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Retention, Sampler, SamplerMemory, saturating_u32,
 };
 
 /// Uniform sampling: the same number of samples for every pixel.
@@ -22,11 +21,11 @@ use crate::{
 /// #     fn capacity(&self) -> u64 { u64::MAX }
 /// # }
 /// use dapple_core::samplers::Uniform;
-/// use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Limits, Render, TrainingLog};
+/// use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Limits, Render, Worker};
 ///
 /// struct Grey;
 /// impl Integrator for Grey {
-///     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+///     fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
 ///         Estimate::new([draws.block(Block::new(0))[0]; 3])
 ///     }
 /// }
@@ -60,7 +59,7 @@ impl<P: PointSet> Sampler for Uniform<P> {
     fn memory(&self, frame: &Frame, _: &Needs, limits: &Limits) -> SamplerMemory {
         // Bytes per pixel: floor, count, score and its copy, hash and index. With a budget known in samples, the only
         // plan is made before anything is written to the film, which takes more.
-        let once = matches!(limits.budget, Budget::Samples(_));
+        let once = limits.budget.samples(frame).is_some();
         SamplerMemory::planning(frame, if once { 0 } else { 40 })
     }
 

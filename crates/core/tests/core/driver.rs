@@ -6,7 +6,7 @@ use dapple_conformance::bits;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, Progress,
-    Render, Retention, Schedule, Status, TrainingData, TrainingLog, streams,
+    Render, Retention, Schedule, Status, TrainingData, Worker, streams,
 };
 use std::io::Write as _;
 use std::sync::Mutex;
@@ -292,7 +292,7 @@ fn a_monitor_stops_between_slices_and_leaves_whole_pixels() {
 fn ids(sampler: &mut dyn dapple_core::Sampler, needs: Needs, spp: u64) -> Vec<(u32, u64)> {
     struct Spy(Mutex<Vec<(u32, u64)>>);
     impl Integrator for Spy {
-        fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+        fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
             self.0.lock().unwrap().push((draws.id().stream, draws.id().index));
             Estimate::new([draws.block(Block::new(0))[0]; 3])
         }
@@ -324,7 +324,7 @@ struct Learner {
 }
 
 impl Integrator for Learner {
-    fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, observed: &mut Worker) -> Estimate {
         let u = draws.block(Block::new(0));
         observed.note(u64::from(draws.pixel()[0] / 5), u[0]);
         observed.note(1000 + (u[1] * 10.0) as u64, u[2] * 0.1);
@@ -491,4 +491,36 @@ fn an_error_limit_raises_the_budget_by_an_eighth_to_twice() {
     assert!(steps.iter().all(|step| (1.12..=2.0).contains(step)), "{steps:?}");
     let [least, most] = [steps.iter().copied().fold(9.0, f64::min), steps.iter().copied().fold(0.0, f64::max)];
     assert!(most == 2.0 && least < 1.13, "the limits are reached: {least} to {most}");
+}
+
+#[test]
+fn scratch_memory_outlives_bands_and_changes_no_bits() {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    static MADE: AtomicUsize = AtomicUsize::new(0);
+    struct Stack(Vec<u32>);
+    impl Default for Stack {
+        fn default() -> Self {
+            MADE.fetch_add(1, Ordering::Relaxed);
+            Self(Vec::new())
+        }
+    }
+    struct Scratched;
+    impl Integrator for Scratched {
+        fn estimate(&self, draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
+            let stack: &mut Stack = worker.scratch();
+            stack.0.clear();
+            stack.0.push(draws.pixel()[0]);
+            Estimate::new([stack.0.len() as f32, draws.block(Block::new(0))[0], 0.0])
+        }
+    }
+    let film = |threads| {
+        let limits = Limits::spp(4.0).with_schedule(Schedule::default().with_slice_spp(4));
+        on_threads(threads, || {
+            Render::new(frame(64, 64), &limits).run(&mut Scratched, &mut Uniform::new(Independent::new(2)))
+        })
+    };
+    let one = film(1).unwrap();
+    assert_eq!(MADE.load(Ordering::Relaxed), 1, "one for the 64 rows");
+    assert!(bits(&one) == bits(&film(3).unwrap()));
+    assert!(MADE.load(Ordering::Relaxed) <= 4);
 }

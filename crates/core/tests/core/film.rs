@@ -220,10 +220,10 @@ fn bad_samples_pushed_by_hand_are_rejected_f05() {
 
 #[test]
 fn first_hits_with_a_nan_count_as_misses() {
-    use dapple_core::{Draws, Estimate, FirstHit, Integrator, TrainingLog};
+    use dapple_core::{Draws, Estimate, FirstHit, Integrator, Worker};
     struct Hits;
     impl Integrator for Hits {
-        fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+        fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
             let depth = if draws.id().index % 3 == 1 { f32::NAN } else { 2.0 };
             let first_hit = draws.wants_first_hit().then_some(
                 FirstHit::new([1.0; 3], [0.0, 0.0, 1.0], depth)
@@ -249,11 +249,11 @@ fn first_hits_with_a_nan_count_as_misses() {
 
 #[test]
 fn features_replace_those_of_first_hits_unless_rare_or_nan() {
-    use dapple_core::{Draws, Estimate, FirstHit, Integrator, SurfaceFeatures, TrainingLog};
+    use dapple_core::{Draws, Estimate, FirstHit, Integrator, SurfaceFeatures, Worker};
     /// The depth of the features of each sample, and true if they are rare.
     struct Behind([(f32, bool); 4]);
     impl Integrator for Behind {
-        fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+        fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
             let (depth, rare) = self.0[draws.id().index as usize];
             let features = SurfaceFeatures::new([0.0; 3], [0.0, 0.0, 1.0], depth).with_rare(rare);
             assert!(draws.wants_features() && draws.wants_first_hit());
@@ -297,7 +297,7 @@ fn a_film_without_needed_statistics_is_refused() {
 struct Lamps([[f32; 3]; 3]);
 
 impl dapple_core::Integrator for Lamps {
-    fn estimate(&self, draws: &dapple_core::Draws<'_>, _: &mut dapple_core::TrainingLog) -> dapple_core::Estimate {
+    fn estimate(&self, draws: &dapple_core::Draws<'_>, _: &mut dapple_core::Worker) -> dapple_core::Estimate {
         dapple_core::Estimate::new([2.0; 3]).with_emission(self.0[draws.id().index as usize % 3])
     }
 }

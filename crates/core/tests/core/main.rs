@@ -7,4 +7,6 @@ mod film;
 mod film_pushed;
 mod holdout;
 mod resume;
+mod rng;
+mod session;
 mod withdraw;

@@ -6,7 +6,7 @@ use dapple_conformance::bits;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Budget, Control, Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Monitor, Needs, Render,
-    Sampler, Schedule, Shard, ShardFilm, Sharded, Snapshot, Status, TrainingData, TrainingLog, merge,
+    Sampler, Schedule, Shard, ShardFilm, Sharded, Snapshot, Status, TrainingData, Worker, merge,
 };
 use std::time::{Duration, Instant};
 
@@ -17,7 +17,7 @@ struct Everything {
 }
 
 impl Integrator for Everything {
-    fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, observed: &mut Worker) -> Estimate {
         let u = draws.block(Block::new(0));
         observed.note(u64::from(draws.pixel()[0] / 5), u[0]);
         let shift: f64 = self.learned.iter().flat_map(|o| o.entries()).map(|e| e.sum / e.count as f64).sum();
@@ -128,7 +128,7 @@ fn a_render_resumed_on_other_threads_in_other_slices_is_the_same_x05() {
     // Negative control: an integrator without its training gives another image.
     struct Forgetful(Everything);
     impl Integrator for Forgetful {
-        fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate {
+        fn estimate(&self, draws: &Draws<'_>, observed: &mut Worker) -> Estimate {
             self.0.estimate(draws, observed)
         }
     }
@@ -320,7 +320,7 @@ fn shards_that_do_not_make_an_image_are_refused_x07() {
 struct Slow;
 
 impl Integrator for Slow {
-    fn estimate(&self, _: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, _: &Draws<'_>, _: &mut Worker) -> Estimate {
         std::thread::sleep(Duration::from_millis(1));
         Estimate::new([1.0; 3])
     }

@@ -3,7 +3,7 @@
 use crate::common::*;
 use dapple_core::{
     Draws, Error, Estimate, Feedback, Film, FirstHit, Integrator, Limits, Needs, Plan, Progress, Retention, RgbMoments,
-    Sampler, TrainingLog, luminance, streams,
+    Sampler, Worker, luminance, streams,
 };
 use std::sync::Mutex;
 
@@ -29,7 +29,7 @@ type Traced = (u32, u64, [f32; 3]);
 struct Spy(Mutex<Vec<(u32, Traced)>>);
 
 impl Integrator for Spy {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let [r, g, b, _] = draws.block(dapple_core::Block::new(0));
         let id = draws.id();
         self.0.lock().unwrap().push((id.pixel[0], (id.stream, id.index, [r, g, b])));

@@ -1,7 +1,7 @@
 //! Out of focus, features share the noise of the radiance. A regression on unfiltered features would keep it.
 
 use dapple_core::samplers::Uniform;
-use dapple_core::{Block, Draws, Estimate, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog};
+use dapple_core::{Block, Draws, Estimate, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, Worker};
 use dapple_denoise::ClusterRegression;
 use dapple_low_discrepancy::Random;
 
@@ -16,7 +16,7 @@ fn share(x: u32) -> f32 {
 }
 
 impl Integrator for Blur {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let [a, ..] = draws.block(Block::new(0));
         let bright = a < share(draws.pixel()[0]);
         let (radiance, normal) = if bright { (1.0, [0.0, 0.0, 1.0]) } else { (0.1, [1.0, 0.0, 0.0]) };

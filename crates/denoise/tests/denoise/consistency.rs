@@ -3,7 +3,7 @@
 use crate::support::Noise;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog,
+    Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, Worker,
 };
 use dapple_denoise::{
     Bilateral, BilateralOptions, ClusterLookup, ClusterRegression, ClusterRegressionOptions, Gaussian, NlMeans,
@@ -28,7 +28,7 @@ fn truth(x: u32, y: u32) -> f32 {
 }
 
 impl Integrator for Made {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let [u, v, a, b] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         let albedo = if x >= 24 && (x / 2).is_multiple_of(2) { 0.4 } else { 0.8 };
@@ -312,7 +312,7 @@ fn clusters_preserve_an_edge_too_faint_for_its_noise() {
     };
     struct Faint;
     impl Integrator for Faint {
-        fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+        fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
             let [a, ..] = draws.block(Block::new(0));
             let left = draws.pixel()[0] < 12;
             let hit = FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0)
@@ -377,7 +377,7 @@ fn descriptions_give_every_parameter() {
 fn invalid_features_leave_images_finite() {
     struct Wild;
     impl Integrator for Wild {
-        fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+        fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
             let [a, b, c, d] = draws.block(Block::new(0));
             let odd = [0.0, 1.0, -1.0, f32::NAN, f32::INFINITY, 3e38, -3e38, 1e-38, 1e18];
             let pick = |u: f32| if u < 0.5 { u } else { odd[((u - 0.5) * 18.0) as usize % 9] };

@@ -2,7 +2,7 @@
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog,
+    Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, Worker,
 };
 use dapple_denoise::{ClusterGaussian, ClusterGaussianOptions, Gaussian};
 use dapple_low_discrepancy::Random;
@@ -160,7 +160,7 @@ fn the_error_estimate_is_the_variance_of_the_image() {
 struct Flat;
 
 impl Integrator for Flat {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let [u, v, ..] = draws.block(Block::new(0));
         let hit = FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0)
             .with_albedo([0.5; 3])

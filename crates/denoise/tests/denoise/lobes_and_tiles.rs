@@ -1,9 +1,7 @@
 //! Filters have no runaway negative weights, and their result does not depend on tiles.
 
 use dapple_core::samplers::Uniform;
-use dapple_core::{
-    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog,
-};
+use dapple_core::{Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, Worker};
 use dapple_denoise::{Bilateral, ClusterGaussian, ClusterLookup, ClusterRegression, Gaussian, NlMeans};
 use dapple_low_discrepancy::Random;
 use std::sync::Arc;
@@ -12,7 +10,7 @@ use std::sync::Arc;
 struct TwoLevels;
 
 impl Integrator for TwoLevels {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let [u, v, a, _] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         let first_hit = draws.wants_first_hit().then_some(

@@ -6,7 +6,7 @@
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog, Unfiltered,
+    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, Unfiltered, Worker,
 };
 use dapple_denoise::{ClusterGaussian, ClusterGaussianOptions};
 use dapple_low_discrepancy::Random;
@@ -67,7 +67,7 @@ impl Image {
 
 impl Integrator for Image {
     /// Noise with a relative standard deviation of 1.
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let [u, v, noise, _] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         let (radiance, cluster) = self.at(x as f32 + u, y as f32 + v);

@@ -4,7 +4,7 @@
 use crate::World;
 use crate::blocks;
 use crate::shading::{ShadingFrame, warp};
-use dapple_core::{Draws, Estimate, Integrator, OptionError, Options as _, TrainingLog};
+use dapple_core::{Draws, Estimate, Integrator, OptionError, Options as _, Worker};
 use dapple_geometry::spawn_ray;
 
 dapple_core::options! {
@@ -42,7 +42,7 @@ impl<'w> AmbientOcclusion<'w> {
 }
 
 impl Integrator for AmbientOcclusion<'_> {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let world = self.world;
         let (ray, time) = world.camera_ray(draws);
         let Some(at) = world.closest_hit(&ray, time) else {

@@ -2,7 +2,7 @@
 
 use crate::World;
 use crate::light::{Expectation, Lights, SelectedLight};
-use dapple_core::{TrainingData, TrainingLog};
+use dapple_core::{TrainingData, Worker};
 use dapple_light_selection::{LightCellOptions, LightCells};
 use glam::Vec3;
 
@@ -31,7 +31,7 @@ pub trait LightSelector: Sync {
 
     /// Records the contribution of a selected light for learning. The default does nothing.
     #[inline(always)]
-    fn record(&self, training: &mut TrainingLog, place: Self::Place, light: SelectedLight, contribution: Vec3) {
+    fn record(&self, training: &mut Worker, place: Self::Place, light: SelectedLight, contribution: Vec3) {
         let _ = (training, place, light, contribution);
     }
 
@@ -146,7 +146,7 @@ impl LightSelector for LearnedSelector {
     }
 
     #[inline(always)]
-    fn record(&self, training: &mut TrainingLog, cell: u32, light: SelectedLight, contribution: Vec3) {
+    fn record(&self, training: &mut Worker, cell: u32, light: SelectedLight, contribution: Vec3) {
         if let Some(cells) = &self.cells
             && self.passes_left > 0
         {

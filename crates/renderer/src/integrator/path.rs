@@ -15,7 +15,7 @@ use crate::light::LightSample;
 use crate::material::Surface;
 use crate::shading::{Bsdf, ShadingFrame, power_heuristic, power_heuristic_over_pdf};
 use crate::world::{Interaction, NO_LIGHT, NO_MEDIUM};
-use dapple_core::{Draws, Estimate, Integrator, TrainingData, TrainingLog};
+use dapple_core::{Draws, Estimate, Integrator, TrainingData, Worker};
 use dapple_geometry::{Ray, spawn_ray};
 use glam::Vec3;
 use std::marker::PhantomData;
@@ -199,7 +199,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
     fn scatter(
         &self,
         draws: &Draws<'_>,
-        training: &mut TrainingLog,
+        training: &mut Worker,
         path: &mut Path<S::Place>,
         at: &Interaction<'w>,
         surface: &Surface,
@@ -257,7 +257,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
     #[inline(always)]
     fn direct(
         &self,
-        training: &mut TrainingLog,
+        training: &mut Worker,
         path: &mut Path<S::Place>,
         vertex: &Vertex<'_>,
         place: S::Place,
@@ -314,7 +314,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
 }
 
 impl<L: Lens, S: LightSelector, const E: u32> Integrator for PathTracer<'_, L, S, E> {
-    fn estimate(&self, draws: &Draws<'_>, training: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, training: &mut Worker) -> Estimate {
         let mut path = self.begin(draws);
         // The estimate is filled in where it is returned, since moving a first hit takes more instructions than
         // leaving it out.

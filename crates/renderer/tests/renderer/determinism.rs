@@ -1,7 +1,7 @@
 //! The same image on any number of threads, in any order of tiles, in any process, and in any unit of length.
 
 use crate::support::*;
-use dapple_core::{Draws, Frame, Limits, Needs, PointSet, Render, SampleId, Schedule, TrainingLog, streams};
+use dapple_core::{Draws, Frame, Limits, Needs, PointSet, Render, SampleId, Schedule, Worker, streams};
 use dapple_job::registry::{self, MethodInputs, POINTS, SAMPLERS, Setting};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::{World, blocks, integrator};
@@ -102,7 +102,7 @@ fn one_sample_replayed_alone_is_the_same_d03() {
         let [before, after] = [5, 6].map(|spp| film_of(&world, SIZE, spp, self::points(entry.name)));
         for i in [0, 17, 400, after.frame().pixels() - 1] {
             let id = SampleId::new(after.frame().pixel(i), streams::WHOLE, 5);
-            let alone = integrator.estimate(&Draws::new(&points, id), &mut TrainingLog::default()).radiance;
+            let alone = integrator.estimate(&Draws::new(&points, id), &mut Worker::default()).radiance;
             // Welford's step, as in the film.
             let step = |m: f64, x: f32| m + (f64::from(x) - m) * (1.0 / 6.0);
             let expected: [f64; 3] = std::array::from_fn(|c| step(before.mean(i)[c], alone[c]));

@@ -4,7 +4,7 @@
 use crate::statistics::{FAMILY, Mean, Verdict, critical, sidak};
 use crate::support::*;
 use dapple_core::samplers::Uniform;
-use dapple_core::{Draws, Estimate, Film, Frame, Integrator, Limits, PointSet, Render, SampleId, TrainingLog};
+use dapple_core::{Draws, Estimate, Film, Frame, Integrator, Limits, PointSet, Render, SampleId, Worker};
 use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray, spawn_ray_to, spawn_ray_to_point};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::camera::{Lens, Pinhole};
@@ -316,7 +316,7 @@ struct Direct<'w> {
 }
 
 impl Integrator for Direct<'_> {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let camera = draws.block(blocks::CAMERA);
         let view = self.world.camera();
         let offset = glam::Vec2::new(camera[0] - 0.5, camera[1] - 0.5);

@@ -4,7 +4,7 @@
 use dapple_adaptive::{AdaptiveOptions, PilotPolicy};
 use dapple_core::{
     Block, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet, Progress, Render,
-    Sampler, TrainingLog,
+    Sampler, Worker,
 };
 use dapple_low_discrepancy::Random;
 
@@ -29,7 +29,7 @@ impl Radiance for [f32; 3] {
 pub struct Field<F>(pub F);
 
 impl<R: Radiance, F: Fn([u32; 2], [f32; 4]) -> R + Sync> Integrator for Field<F> {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let radiance = (self.0)(draws.pixel(), draws.block(Block::new(0))).rgb();
         Estimate::new(radiance)
     }

@@ -6,7 +6,7 @@ use dapple_cluster_adaptive::{
 };
 use dapple_clustering::Cluster;
 use dapple_core::{
-    Block, Draws, Error, Estimate, Film, Frame, Integrator, Limits, Plan, Progress, Render, Sampler, TrainingLog,
+    Block, Draws, Error, Estimate, Film, Frame, Integrator, Limits, Plan, Progress, Render, Sampler, Worker,
 };
 use dapple_low_discrepancy::Random;
 
@@ -76,7 +76,7 @@ pub const LOOK: [[f32; 4]; 4] =
 pub struct Field<F>(pub F);
 
 impl<F: Fn([u32; 2], [f32; 4]) -> f32 + Sync> Integrator for Field<F> {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let value = (self.0)(draws.pixel(), draws.block(Block::new(0)));
         Estimate::new([value; 3])
     }

@@ -3,7 +3,7 @@
 
 use dapple_core::{
     Block, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet, Progress, Render,
-    Retention, SampleId, Sampler, TrainingLog,
+    Retention, SampleId, Sampler, Worker,
 };
 use rand::{RngExt, SeedableRng};
 
@@ -54,7 +54,7 @@ pub fn rng(seed: u64) -> rand_pcg::Pcg64 {
 pub struct Field<F>(pub F);
 
 impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let radiance = (self.0)(draws.pixel(), draws.block(Block::new(0)));
         Estimate::new(radiance)
     }

@@ -2,7 +2,7 @@
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
 use dapple_core::{
-    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Plan, Render, Sampler, TrainingLog,
+    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Plan, Render, Sampler, Worker,
 };
 use dapple_low_discrepancy::Random;
 use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PilotPolicy, Stopping};
@@ -13,7 +13,7 @@ pub const POLICIES: [PilotPolicy; 3] = [PilotPolicy::Keep, PilotPolicy::Refined,
 pub struct Field<F>(pub F);
 
 impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let radiance = (self.0)(draws.pixel(), draws.block(Block::new(0)));
         Estimate::new(radiance)
     }

@@ -1,0 +1,100 @@
+//! Parts of films: the statistics of some pixels, taken out and put back.
+
+use super::{Bank, Film};
+use crate::{Frame, Record, Retention};
+
+impl Film {
+    /// A film of the part `frame` of this film's window, with the statistics that a round of this retention writes.
+    pub(crate) fn part(&self, frame: Frame, retention: Retention) -> Film {
+        let rows = Rows::new(&self.frame, &frame);
+        let cut = |bank: &Bank| Bank {
+            counts: rows.cut(&bank.counts, 1),
+            means: rows.cut(&bank.means, 1),
+            m2: rows.cut(&bank.m2, 1),
+            ranges: rows.cut(&bank.ranges, 1),
+            emission: rows.cut(&bank.emission, 1),
+            ahead: rows.cut(&bank.ahead, 1),
+        };
+        let banks = self.written(retention).iter().map(cut).collect();
+        let (kept, discarded) = if retention == Retention::Keep { (banks, Vec::new()) } else { (Vec::new(), banks) };
+        Film {
+            frame,
+            needs: self.needs,
+            combine: self.combine,
+            kept,
+            discarded,
+            features: rows.cut(&self.features, 1),
+            first_hits: rows.cut(&self.first_hits, usize::from(self.needs.first_hits)),
+            costs: rows.cut(&self.costs, 1),
+            rejected: Vec::new(),
+            record: Record::default(),
+            radiance_only: 0,
+        }
+    }
+
+    /// Puts back a [`Film::part`] that has gained samples, and adds its record.
+    pub(crate) fn put_back(&mut self, part: Film, retention: Retention) {
+        let rows = Rows::new(&self.frame, &part.frame);
+        let (to, from) = match retention {
+            Retention::Keep => (&mut self.kept, &part.kept),
+            Retention::Discard => (&mut self.discarded, &part.discarded),
+        };
+        for (to, from) in to.iter_mut().zip(from) {
+            rows.paste(&mut to.counts, &from.counts, 1);
+            rows.paste(&mut to.means, &from.means, 1);
+            rows.paste(&mut to.m2, &from.m2, 1);
+            rows.paste(&mut to.ranges, &from.ranges, 1);
+            rows.paste(&mut to.emission, &from.emission, 1);
+        }
+        rows.paste(&mut self.features, &part.features, 1);
+        rows.paste(&mut self.first_hits, &part.first_hits, usize::from(self.needs.first_hits));
+        rows.paste(&mut self.costs, &part.costs, 1);
+        self.record.samples += part.record.samples;
+        self.record.rays += part.record.rays;
+        self.record.blocks += part.record.blocks;
+        if part.record.rejected > 0 {
+            self.list_rejected(part.record.rejected, part.rejected);
+        }
+    }
+
+    /// The statistics that a round of this retention writes.
+    fn written(&self, retention: Retention) -> &[Bank] {
+        if retention == Retention::Keep { &self.kept } else { &self.discarded }
+    }
+}
+
+/// The rows of a part within the planes of a whole.
+struct Rows {
+    /// The index of the part's first pixel in the whole.
+    first: usize,
+    /// Pixels per row of the whole, and of the part.
+    strides: [usize; 2],
+    rows: usize,
+}
+
+impl Rows {
+    fn new(whole: &Frame, part: &Frame) -> Self {
+        let [dx, dy] = [0, 1].map(|axis| (part.origin()[axis] - whole.origin()[axis]) as usize);
+        let stride = whole.size()[0] as usize;
+        Self { first: dy * stride + dx, strides: [stride, part.size()[0] as usize], rows: part.size()[1] as usize }
+    }
+
+    /// Copies the part of a plane with `each` values per pixel; nothing if the film does not record the plane.
+    fn cut<T: Clone>(&self, plane: &[T], each: usize) -> Vec<T> {
+        if plane.is_empty() || each == 0 {
+            return Vec::new();
+        }
+        let [stride, width] = self.strides;
+        let row = |r: usize| (self.first + r * stride) * each;
+        (0..self.rows).flat_map(|r| plane[row(r)..row(r) + width * each].iter().cloned()).collect()
+    }
+
+    /// Copies the values of the part into a plane.
+    fn paste<T: Clone>(&self, plane: &mut [T], part: &[T], each: usize) {
+        let [stride, width] = self.strides;
+        for (r, values) in part.chunks_exact((width * each).max(1)).enumerate() {
+            let first = (self.first + r * stride) * each;
+            plane[first..first + width * each].clone_from_slice(values);
+        }
+    }
+}

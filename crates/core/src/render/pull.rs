@@ -1,0 +1,191 @@
+//! Rounds of a session, cut into tiles.
+
+use super::session::{Clock, State};
+use super::tile::{Tile, area};
+use crate::snapshot::{Planner, SavedSampler, View};
+use crate::{Draws, Error, Estimate, Frame, InvalidSample, Limits, PointSet, Retention, Sampler};
+use rayon::prelude::*;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// A round of a [`Session`](crate::Session): samples that were planned together, and can be traced in any order, by any
+/// threads, machines or devices.
+///
+/// Each task takes a [`Tile`], adds the results of its samples and submits it. Threads share the round by reference.
+pub struct Round<'s> {
+    points: &'s dyn PointSet,
+    sampler: SavedSampler,
+    limits: &'s Limits,
+    clock: &'s Clock,
+    frame: Frame,
+    number: u32,
+    total: u64,
+    state: Mutex<Shared<'s>>,
+}
+
+/// The state of the render, and the tiles that [`Round::next_tile`] has not handed out.
+struct Shared<'s> {
+    state: &'s mut State,
+    areas: std::vec::IntoIter<[u32; 4]>,
+}
+
+impl<'s> Round<'s> {
+    pub(super) fn new(
+        state: &'s mut State,
+        sampler: &'s dyn Sampler,
+        limits: &'s Limits,
+        clock: &'s Clock,
+        (total, side): (u64, u32),
+    ) -> Self {
+        let (frame, number) = (state.film.frame, state.round);
+        let areas = areas(&frame, side).into_iter();
+        let (points, sampler) = (sampler.points(), SavedSampler::of(sampler));
+        Self { points, sampler, limits, clock, frame, number, total, state: Mutex::new(Shared { state, areas }) }
+    }
+
+    /// The round's number, from 0.
+    pub fn number(&self) -> u32 {
+        self.number
+    }
+
+    /// The point set of the render.
+    pub fn points(&self) -> &'s dyn PointSet {
+        self.points
+    }
+
+    /// The number of samples that were not submitted yet.
+    pub fn left(&self) -> u64 {
+        self.lock().state.open.as_ref().map_or(0, |open| open.plan.total())
+    }
+
+    /// The next tile with samples to trace; `None` if all were handed out.
+    ///
+    /// Tiles are squares of [`Session::with_tile_side`](crate::Session::with_tile_side) pixels, row by row. A tile that was
+    /// handed out and lost is in the round that [`Session::next_round`](crate::Session::next_round) returns next.
+    pub fn next_tile(&self) -> Option<Tile<'s>> {
+        let mut shared = self.lock();
+        loop {
+            let [x0, y0, x1, y1] = shared.areas.next()?;
+            let open = shared.state.open.as_ref()?;
+            let tile = Tile::new(self.points, &shared.state.film, open, self.frame.crop(x0, y0, x1, y1).ok()?);
+            if tile.left() > 0 {
+                return Some(tile);
+            }
+        }
+    }
+
+    /// The tile of columns `x0..x1` and rows `y0..y1` of the full image, for renderers with tiles of their own. It may have
+    /// no samples.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadTile`] for an area that is empty or reaches outside the frame's window.
+    pub fn tile(&self, [x0, y0, x1, y1]: [u32; 4]) -> Result<Tile<'s>, Error> {
+        let window = area(&self.frame);
+        let inside = x0 >= window[0] && y0 >= window[1] && x1 <= window[2] && y1 <= window[3];
+        let shared = self.lock();
+        match (self.frame.crop(x0, y0, x1, y1), &shared.state.open) {
+            (Ok(frame), Some(open)) if inside => Ok(Tile::new(self.points, &shared.state.film, open, frame)),
+            _ => {
+                let [left, top, right, bottom] = window;
+                let what = format!("it is empty or reaches outside columns {left}..{right} and rows {top}..{bottom}");
+                Err(Error::BadTile { area: [x0, y0, x1, y1], what })
+            }
+        }
+    }
+
+    /// The whole window as one tile, for renderers that trace waves of samples all over the image.
+    pub fn whole(&self) -> Tile<'s> {
+        let shared = self.lock();
+        let open = shared.state.open.as_ref().expect("a round is open as long as it is borrowed");
+        Tile::new(self.points, &shared.state.film, open, self.frame)
+    }
+
+    /// Takes the results of a tile, all of them.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadTile`] for a tile with missing samples, a wrong use of it, and pixels that were submitted already.
+    /// [`Error::InvalidSample`] under [`InvalidSample::Fail`]. The round is unchanged then.
+    pub fn submit(&self, tile: Tile<'_>) -> Result<(), Error> {
+        let area = tile.area();
+        let bad = |what: String| Err(Error::BadTile { area, what });
+        if let Some(what) = tile.fault {
+            return bad(what);
+        }
+        if tile.left() > 0 {
+            return bad(format!(
+                "{} of its samples have no result; add a result for each of Tile::samples",
+                tile.left()
+            ));
+        }
+        if let (InvalidSample::Fail, Some(rejected)) = (self.limits.invalid, tile.film.rejected.first()) {
+            let (sample, points) = (rejected.sample, self.points.describe());
+            return Err(Error::InvalidSample { sample, value: [f32::NAN; 3], points });
+        }
+        let mut shared = self.lock();
+        let State { film, open, .. } = &mut *shared.state;
+        let Some(open) = open else { return bad("its round is over".into()) };
+        let width = film.frame.size()[0] as usize;
+        let first = (area[1] - film.frame.origin()[1]) as usize * width + (area[0] - film.frame.origin()[0]) as usize;
+        let rows = (0..(area[3] - area[1]) as usize).map(|row| first + row * width);
+        let ranges: Vec<_> = rows.map(|start| start..start + (area[2] - area[0]) as usize).collect();
+        let mut counts = [Some(&mut open.plan.counts), open.plan.second_half.as_mut()].into_iter().flatten();
+        let planned =
+            |counts: &[u32]| ranges.iter().cloned().flat_map(|r| &counts[r]).map(|&n| u64::from(n)).sum::<u64>();
+        let all = tile.film.record.samples;
+        let (first, second) = (counts.next(), counts.next());
+        let left = [&first, &second].into_iter().flatten().map(|c| planned(c)).sum::<u64>();
+        if left != all {
+            return bad("some of its pixels were submitted already; trace each pixel once in a round".into());
+        }
+        for counts in [first, second].into_iter().flatten() {
+            ranges.iter().cloned().for_each(|range| counts[range].fill(0));
+        }
+        open.submitted += all;
+        let retention: Retention = tile.retention;
+        film.put_back(tile.film, retention);
+        Ok(())
+    }
+
+    /// Traces the rest of the round with `trace` on the current rayon thread pool, tile by tile.
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`Round::submit`].
+    pub fn trace<E: Into<Estimate>>(&self, trace: impl Fn(&Draws<'_>) -> E + Sync) -> Result<(), Error> {
+        let side = 32;
+        areas(&self.frame, side).into_par_iter().with_max_len(1).try_for_each(|area| {
+            let mut tile = self.tile(area)?;
+            for sample in tile.samples() {
+                let estimate = trace(&sample);
+                tile.add(&sample, estimate);
+            }
+            self.submit(tile)
+        })
+    }
+
+    /// The state of the render as bytes for [`Snapshot::from_bytes`](crate::Snapshot::from_bytes): all tiles submitted so
+    /// far. Tiles that are still being traced will be traced again by the render that continues.
+    pub fn snapshot(&self) -> Vec<u8> {
+        let shared = self.lock();
+        let State { film, round, open, passes, holdout } = &*shared.state;
+        let (seconds, holdout, open) = (self.clock.seconds(), holdout.as_ref(), open.as_ref());
+        let (total, sampler, limits) = (self.total, Planner::Saved(&self.sampler), self.limits);
+        View { film, round: *round, open, passes, holdout, total, seconds, sampler, limits }.write()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Shared<'s>> {
+        // A panic while the lock is held can only come from a failed allocation; the film is whole before and after.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Squares of `side` pixels that cover the frame's window, row by row.
+fn areas(frame: &Frame, side: u32) -> Vec<[u32; 4]> {
+    let [x0, y0, x1, y1] = area(frame);
+    let step = side as usize;
+    let row = |y: u32| {
+        (x0..x1).step_by(step).map(move |x| [x, y, x1.min(x.saturating_add(side)), y1.min(y.saturating_add(side))])
+    };
+    (y0..y1).step_by(step).flat_map(row).collect()
+}

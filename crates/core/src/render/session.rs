@@ -1,0 +1,485 @@
+//! The engine of a render: rounds planned by a sampler, traced by whoever asks for them.
+
+use super::budget::Meter;
+use super::check::check;
+use super::holdout::{Holdout, Prediction};
+use super::pull::Round;
+use super::round::Stopped;
+use super::{Monitor, Status};
+use crate::snapshot::{Cursor, OpenRound, Planner, View};
+use crate::{
+    Error, Feedback, Film, Filter, Filtered, Frame, Limits, Needs, Plan, Progress, Retention, RoundRecord, Sampler,
+    Snapshot, TrainingData, Unfiltered,
+};
+use std::time::Instant;
+
+/// A sampler and a filter that work together: what a [`Session`] needs besides a frame and limits.
+///
+/// ```
+/// # use dapple_core::{PointSet, SampleId};
+/// # struct Centre;
+/// # impl PointSet for Centre {
+/// #     fn describe(&self) -> String { "centre".into() }
+/// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
+/// #     fn capacity(&self) -> u64 { u64::MAX }
+/// # }
+/// use dapple_core::samplers::Uniform;
+/// use dapple_core::{Methods, Unfiltered};
+///
+/// let unfiltered = Methods::from(Uniform::new(Centre));
+/// let methods = Methods::from((Uniform::new(Centre), Unfiltered));
+/// # assert!(unfiltered.filter.is_none() && methods.filter.is_some());
+/// ```
+pub struct Methods<'a> {
+    /// The sampler, which holds its point set.
+    pub sampler: Box<dyn Sampler + 'a>,
+    /// The filter; `None` leaves each pixel the mean of its own samples.
+    pub filter: Option<Box<dyn Filter + 'a>>,
+    /// The statistics that the film records besides those that sampler and filter need.
+    pub needs: Needs,
+}
+
+impl<'a> Methods<'a> {
+    /// Sets the filter.
+    #[must_use]
+    pub fn with_filter(self, filter: impl Filter + 'a) -> Self {
+        Self { filter: Some(Box::new(filter)), ..self }
+    }
+
+    /// Adds the statistics that the filter needs.
+    fn with_filter_needs(self) -> Self {
+        let needs = self.filter.as_ref().map_or(Needs::none(), |filter| filter.needs());
+        self.with_needs(needs)
+    }
+
+    /// Adds statistics that the film must record besides those that sampler and filter need.
+    #[must_use]
+    pub fn with_needs(self, needs: Needs) -> Self {
+        Self { needs: self.needs.and(needs), ..self }
+    }
+}
+
+impl<'a, S: Sampler + 'a> From<S> for Methods<'a> {
+    fn from(sampler: S) -> Self {
+        Self { sampler: Box::new(sampler), filter: None, needs: Needs::none() }
+    }
+}
+
+impl<'a, S: Sampler + 'a, F: Filter + 'a> From<(S, F)> for Methods<'a> {
+    fn from((sampler, filter): (S, F)) -> Self {
+        Methods::from(sampler).with_filter(filter)
+    }
+}
+
+/// The state of a render between slices.
+pub(super) struct State {
+    pub(super) film: Film,
+    pub(super) round: u32,
+    /// The round being traced, if any; the next one is planned after it.
+    pub(super) open: Option<OpenRound>,
+    /// The data of all training passes so far, to replay on resuming.
+    pub(super) passes: Vec<TrainingData>,
+    /// The filtered image of the last prediction, if an error limit concerns a filtered image.
+    pub(super) holdout: Option<Holdout>,
+}
+
+/// A render whose loop belongs to the caller: it asks for rounds, traces their samples where and how it likes, and gives
+/// the results back.
+///
+/// It is the engine of [`Render`](crate::Render), without threads and integrator. The image has the same bits as that of
+/// `Render`, in whatever order samples come back.
+///
+/// ```
+/// # use dapple_core::{PointSet, SampleId};
+/// # struct Golden;
+/// # impl PointSet for Golden {
+/// #     fn describe(&self) -> String { "golden".into() }
+/// #     fn block(&self, id: SampleId, _: u32) -> [f32; 4] { [(id.index as f32 * 0.618_034).fract(); 4] }
+/// #     fn capacity(&self) -> u64 { 1 << 20 }
+/// # }
+/// # let points = Golden;
+/// use dapple_core::samplers::Uniform;
+/// use dapple_core::{Frame, Limits, Rng, Session};
+///
+/// /// Somebody's renderer: half of each pixel is lit.
+/// fn radiance(pixel: [u32; 2], rng: &mut Rng<'_>) -> [f32; 3] {
+///     if rng.next_f32() < 0.5 { [1.0; 3] } else { [0.0; 3] }
+/// }
+///
+/// let mut session = Session::new(Frame::new(64, 48)?, Limits::spp(16.0), Uniform::new(points))?;
+/// while let Some(round) = session.next_round()? {
+///     std::thread::scope(|threads| {
+///         for _ in 0..2 {
+///             threads.spawn(|| {
+///                 while let Some(mut tile) = round.next_tile() {
+///                     for sample in tile.samples() {
+///                         tile.add(&sample, radiance(sample.pixel(), &mut sample.rng()));
+///                     }
+///                     round.submit(tile).expect("each sample is added once");
+///                 }
+///             });
+///         }
+///     });
+/// }
+/// let image = session.finish()?;
+/// assert!(image.radiance.iter().all(|rgb| (rgb[0] - 0.5).abs() < 0.1));
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
+///
+/// # Guarantees
+///
+/// * A round counts only what is submitted. A tile that is lost or dropped is traced again by whoever asks for it.
+/// * Sample counts add up to the budget exactly, as in [`Render`](crate::Render).
+/// * [`Session::snapshot`] and [`Round::snapshot`] save the state; [`Session::resume`] continues with the same bits.
+///
+/// # Limits
+///
+/// There are no training passes: a renderer that learns does so by itself.
+pub struct Session<'a> {
+    pub(super) state: State,
+    pub(super) limits: Limits,
+    pub(super) sampler: Box<dyn Sampler + 'a>,
+    filter: Option<Box<dyn Filter + 'a>>,
+    /// True while an error limit concerns the image of `filter`.
+    judged: bool,
+    meter: Meter,
+    clock: Clock,
+    /// The reading of the clock at which the open round would have begun without interruption.
+    began: f64,
+    /// True when no round is left.
+    over: bool,
+    /// The samples that were left in the open round when it was last given out.
+    given_out: Option<u64>,
+    tile_side: u32,
+}
+
+impl<'a> Session<'a> {
+    /// A session for `frame` within `limits`: with a sampler, a pair of sampler and filter, or [`Methods`].
+    ///
+    /// The film records what both need. An error limit concerns the filter's image.
+    ///
+    /// # Errors
+    ///
+    /// For invalid limits.
+    pub fn new(frame: Frame, limits: Limits, methods: impl Into<Methods<'a>>) -> Result<Self, Error> {
+        let methods = methods.into().with_filter_needs();
+        Self::of_render(frame, &limits, methods, None)
+    }
+
+    /// Continues a session or a [`Render`](crate::Render) from its snapshot, under the conditions of
+    /// [`Render::resume`](crate::Render::resume).
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`Render::resume`](crate::Render::resume).
+    pub fn resume(
+        frame: Frame,
+        limits: Limits,
+        methods: impl Into<Methods<'a>>,
+        snapshot: Snapshot,
+    ) -> Result<Self, Error> {
+        let methods = methods.into().with_filter_needs();
+        Self::of_render(frame, &limits, methods, Some(snapshot))
+    }
+
+    /// The session of a render. It records what the methods ask for, and what sampler, limits and an error limit's filter need.
+    pub(super) fn of_render(
+        frame: Frame,
+        limits: &Limits,
+        methods: Methods<'a>,
+        snapshot: Option<Snapshot>,
+    ) -> Result<Self, Error> {
+        let Methods { mut sampler, filter, needs } = methods;
+        let mut meter = Meter::new(limits, &frame)?;
+        let judged = filter.is_some() && meter.goal().is_some();
+        let judge = filter.as_ref().filter(|_| judged).map_or(Needs::none(), |f| f.needs());
+        let needs = needs.and(sampler.needs()).and(meter.needs()).and(judge);
+        let (state, seconds) = match snapshot {
+            None => {
+                let film = Film::new(frame, needs);
+                (State { film, round: 0, open: None, passes: Vec::new(), holdout: None }, 0.0)
+            }
+            Some(snapshot) => continued(snapshot, &mut *sampler, &mut meter, (&needs, limits), &frame)?,
+        };
+        let (clock, limits) = (Clock::start(seconds), limits.clone());
+        let (began, over, given_out, tile_side) = (0.0, false, None, 32);
+        Ok(Self { state, limits, sampler, filter, judged, meter, clock, began, over, given_out, tile_side })
+    }
+
+    /// Plans the next round, or returns the open one if only a part of it was submitted; `None` when the limits are met.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NothingSubmitted`] if the last round was given out and nothing of it was submitted. For limits that the
+    /// sampler cannot meet, an invalid plan, and an exhausted point set. [`Error::NotRecorded`] after a round, if the filter
+    /// reads statistics that no sample carried.
+    pub fn next_round(&mut self) -> Result<Option<Round<'_>>, Error> {
+        if let Some(open) = &mut self.state.open {
+            open.keep_rest(self.state.film.frame.size()[0] as usize);
+            match open.plan.total() {
+                0 => self.finish_round()?,
+                left if self.given_out == Some(left) => return Err(Error::NothingSubmitted { left }),
+                _ => {}
+            }
+        }
+        if self.over || !self.open()? {
+            self.over = true;
+            return Ok(None);
+        }
+        self.given_out = self.state.open.as_ref().map(|open| open.plan.total());
+        let Self { state, limits, sampler, meter, clock, tile_side, .. } = self;
+        let total = meter.left(&state.film).total;
+        Ok(Some(Round::new(state, &**sampler, limits, clock, (total, *tile_side))))
+    }
+
+    /// Ends the open round, and checks that it recorded what the filter reads.
+    fn finish_round(&mut self) -> Result<(), Error> {
+        self.given_out = None;
+        self.close(Stopped::No)?;
+        match &self.filter {
+            Some(filter) => self.state.film.require(filter.name(), &filter.needs()),
+            None => Ok(()),
+        }
+    }
+
+    /// Sets the side, in pixels, of the square tiles that [`Round::next_tile`] hands out; 32 by default, at least 1.
+    #[must_use]
+    pub fn with_tile_side(self, side: u32) -> Self {
+        Self { tile_side: side.max(1), ..self }
+    }
+
+    /// The film so far: per-pixel statistics of the samples submitted.
+    pub fn film(&self) -> &Film {
+        &self.state.film
+    }
+
+    /// The image of the samples submitted so far, filtered if the session has a filter.
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`Filter::apply`].
+    pub fn image(&self) -> Result<Filtered, Error> {
+        match &self.filter {
+            Some(filter) => filter.apply(&self.state.film),
+            None => Unfiltered.apply(&self.state.film),
+        }
+    }
+
+    /// Ends the session and returns its image. Before the limits are met it is the image of the samples so far.
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`Filter::apply`].
+    pub fn finish(self) -> Result<Filtered, Error> {
+        self.image()
+    }
+
+    /// Ends the session and returns its film, marked as interrupted before the limits are met.
+    pub fn into_film(mut self) -> Film {
+        self.state.film.record.interrupted |= !self.over;
+        self.state.film
+    }
+
+    /// The state of the session as bytes for [`Snapshot::from_bytes`]. A session that continues the end plans the last round
+    /// again, so the budget shown for it is left out.
+    pub fn snapshot(&mut self) -> Vec<u8> {
+        let shown = if self.over { self.state.film.record.budgets.pop() } else { None };
+        let bytes = self.view(self.clock.seconds()).write();
+        self.state.film.record.budgets.extend(shown);
+        bytes
+    }
+
+    /// The content of a snapshot.
+    fn view(&self, seconds: f64) -> View<'_> {
+        let State { film, round, open, passes, holdout } = &self.state;
+        let (open, holdout) = (open.as_ref(), holdout.as_ref());
+        let (total, sampler, limits) = (self.meter.left(film).total, Planner::Sampler(&*self.sampler), &self.limits);
+        View { film, round: *round, open, passes, holdout, total, seconds, sampler, limits }
+    }
+
+    pub(super) fn seconds(&self) -> f64 {
+        self.clock.seconds()
+    }
+
+    /// The reading of the clock at which the open round would have begun without interruption.
+    pub(super) fn began(&self) -> f64 {
+        self.began
+    }
+
+    /// Notes the seconds that the open round has taken to trace.
+    pub(super) fn set_traced(&mut self, seconds: f64) {
+        if let Some(open) = &mut self.state.open {
+            open.traced_seconds = seconds;
+        }
+    }
+
+    /// Calls the monitor between two slices.
+    pub(super) fn show<T>(
+        &mut self,
+        monitor: &mut dyn Monitor,
+        show: impl FnOnce(&mut dyn Monitor, &Status<'_>) -> T,
+    ) -> T {
+        let seconds = self.clock.seconds();
+        let view = self.view(seconds);
+        let status = Status {
+            film: view.film,
+            round: view.round,
+            samples: view.film.record.samples,
+            expected: view.total,
+            seconds,
+            seconds_limit: self.meter.seconds(),
+            view,
+        };
+        let answer = show(monitor, &status);
+        self.clock.leave_out_since(seconds);
+        answer
+    }
+
+    /// Shows the end of the render to the monitor. A resumed render plans the last round again, so the snapshot has no
+    /// budget for it.
+    pub(super) fn show_end(&mut self, monitor: &mut dyn Monitor) {
+        let shown = self.state.film.record.budgets.pop();
+        self.show(monitor, |monitor, status| monitor.end(status));
+        self.state.film.record.budgets.extend(shown);
+    }
+
+    /// Opens a round to trace: the one that is open already, or the next; `false` if there is none.
+    pub(super) fn open(&mut self) -> Result<bool, Error> {
+        if self.state.open.is_none() {
+            self.state.open = self.plan()?;
+        }
+        let Some(open) = &self.state.open else {
+            self.over = true;
+            return Ok(false);
+        };
+        self.began = self.clock.seconds() - open.traced_seconds;
+        Ok(true)
+    }
+
+    /// Closes the round that was traced, or stopped. Returns `true` if the render ends here because it was stopped.
+    pub(super) fn close(&mut self, stopped: Stopped) -> Result<bool, Error> {
+        let Some(open) = self.state.open.take() else { return Ok(true) };
+        let film = &mut self.state.film;
+        film.record.rounds.push(RoundRecord {
+            samples: film.record.samples - open.before,
+            kept: open.plan.retention == Retention::Keep,
+            plan_seconds: open.plan_seconds,
+            trace_seconds: self.clock.seconds() - self.began,
+        });
+        match stopped {
+            Stopped::No => {
+                self.state.round += 1;
+                return Ok(false);
+            }
+            Stopped::Within => {}
+            Stopped::AtEnd => {
+                let spent = film.record.samples >= self.meter.left(film).total;
+                let predicted = self.predict()?;
+                let more = self.meter.extend(&self.state.film, self.clock.seconds(), predicted);
+                self.over = spent && !more;
+            }
+        }
+        Ok(true)
+    }
+
+    /// Requests the plan of the next round from the sampler; `None` at the end of the render.
+    fn plan(&mut self) -> Result<Option<OpenRound>, Error> {
+        let planning = self.clock.seconds();
+        loop {
+            let State { film, round, .. } = &mut self.state;
+            let budget = self.meter.show(film, *round, self.clock.seconds());
+            film.record.budgets.push(budget.total);
+            let mut plan = Plan::empty(film.frame.pixels());
+            let progress = self.sampler.next_round(&Feedback { round: *round, film, budget }, &mut plan)?;
+            let plan_seconds = self.clock.seconds() - planning;
+            if progress == Progress::Trace {
+                check(&plan, film, &*self.sampler, &budget)?;
+                return Ok(Some(begin(plan, film, plan_seconds)));
+            }
+            let predicted = self.predict()?;
+            if !self.meter.extend(&self.state.film, self.clock.seconds(), predicted) {
+                // The time of the last prediction belongs to the last round.
+                if let Some(last) = self.state.film.record.rounds.last_mut() {
+                    last.plan_seconds += self.clock.seconds() - planning;
+                }
+                return Ok(None);
+            }
+        }
+    }
+
+    /// Predicts the error that an error limit concerns; `None` without such a limit. A filter without an estimate leaves the
+    /// limit with the unfiltered image.
+    fn predict(&mut self) -> Result<Option<Prediction>, Error> {
+        if self.meter.goal().is_none() {
+            return Ok(None);
+        }
+        let State { film, holdout, .. } = &mut self.state;
+        if let Some(filter) = self.filter.as_ref().filter(|_| self.judged) {
+            *holdout = Holdout::next(holdout.take(), film, filter)?;
+            if let Some(holdout) = holdout {
+                let prediction = holdout.prediction();
+                film.record.filtered_relmse = Some(prediction.relmse);
+                return Ok(Some(prediction));
+            }
+            self.judged = false;
+        }
+        Ok(Some(Prediction::unfiltered(film)))
+    }
+}
+
+/// The state of a snapshot, checked against the render that continues it, and the seconds that it took.
+fn continued(
+    snapshot: Snapshot,
+    sampler: &mut dyn Sampler,
+    meter: &mut Meter,
+    (needs, limits): (&Needs, &Limits),
+    frame: &Frame,
+) -> Result<(State, f64), Error> {
+    snapshot.check(sampler, needs, frame, limits)?;
+    let Snapshot { film, round, open, passes, total, seconds, sampler_state, holdout, .. } = snapshot;
+    let planned = open.as_ref().map_or(film.record.samples, |open| open.before + open.submitted + open.plan.total());
+    meter.restore(&film, total, planned)?;
+    sampler.restore(&sampler_state)?;
+    if let Some(open) = &open {
+        let rest = open.rest(frame.size()[0] as usize);
+        if rest.total() > 0 {
+            check(&rest, &film, sampler, &meter.left(&film))?;
+        }
+    }
+    Ok((State { film, round, open, passes, holdout }, seconds))
+}
+
+/// Applies a plan's withdrawals and discarding to the film, and returns the round to trace.
+fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {
+    if plan.retention == Retention::Discard {
+        film.open_discarded();
+    }
+    if let Some(withdrawn) = &plan.withdraw {
+        film.withdraw(withdrawn);
+    }
+    film.combine = plan.combine;
+    let (cursor, before) = (Cursor::default(), film.record.samples);
+    OpenRound { plan, cursor, pending: Vec::new(), before, submitted: 0, plan_seconds, traced_seconds: 0.0 }
+}
+
+/// A stopwatch for wall time that leaves out the time in the monitor.
+pub(super) struct Clock {
+    start: Instant,
+    away: f64,
+}
+
+impl Clock {
+    /// Starts a stopwatch that shows `seconds` now.
+    fn start(seconds: f64) -> Self {
+        Self { start: Instant::now(), away: -seconds }
+    }
+
+    pub(super) fn seconds(&self) -> f64 {
+        self.start.elapsed().as_secs_f64() - self.away
+    }
+
+    /// Takes back the time since the stopwatch showed `seconds`.
+    fn leave_out_since(&mut self, seconds: f64) {
+        self.away += self.seconds() - seconds;
+    }
+}

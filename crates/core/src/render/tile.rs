@@ -1,0 +1,316 @@
+//! Tiles of a round: the samples that one task traces, in any order.
+
+use crate::film::{first_hits_of, record_first_hit};
+use crate::snapshot::OpenRound;
+use crate::{Draws, Estimate, Film, Needs, PointSet, Rejected, Retention, SampleId, streams};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// The samples of one tile, as planned: shared by the tile and its iterators.
+pub(super) struct Planned<'r> {
+    points: &'r dyn PointSet,
+    needs: Needs,
+    pub(super) area: [u32; 4],
+    streams: [u32; 2],
+    order: Order,
+    pixels: Vec<PlannedPixel>,
+}
+
+/// The samples of one pixel in a round.
+#[derive(Clone, Copy)]
+struct PlannedPixel {
+    /// The number of samples, and the number for the second half if halves have counts of their own.
+    counts: [u32; 2],
+    /// The index of the next sample in each stream.
+    next: [u64; 2],
+    /// The lead of the first half before the round, in samples.
+    lead: i64,
+}
+
+/// The division of a pixel's samples between two halves.
+#[derive(Clone, Copy, PartialEq)]
+enum Order {
+    /// There is one half.
+    Whole,
+    /// Samples go to the half with fewer of them, and alternate when both are level.
+    Alternating,
+    /// Each half has its count. Samples alternate until the smaller count is reached.
+    Counts,
+}
+
+impl PlannedPixel {
+    fn total(&self) -> u32 {
+        self.counts[0] + self.counts[1]
+    }
+
+    /// The half and the index of the pixel's sample number `turn` in this round.
+    #[inline]
+    fn sample(&self, order: Order, turn: u32) -> (usize, u64) {
+        match order {
+            Order::Whole => (0, self.next[0] + u64::from(turn)),
+            Order::Alternating => {
+                let behind = usize::from(self.lead > 0);
+                let level = u64::from(turn).checked_sub(self.lead.unsigned_abs());
+                let Some(after) = level else { return (behind, self.next[behind] + u64::from(turn)) };
+                let half = (after & 1) as usize;
+                let before = if half == behind { self.lead.unsigned_abs() } else { 0 };
+                (half, self.next[half] + before + after / 2)
+            }
+            Order::Counts => {
+                let both = self.counts[0].min(self.counts[1]);
+                if turn < 2 * both {
+                    let half = (turn & 1) as usize;
+                    return (half, self.next[half] + u64::from(turn / 2));
+                }
+                let half = usize::from(self.counts[1] > self.counts[0]);
+                (half, self.next[half] + u64::from(turn - both))
+            }
+        }
+    }
+}
+
+impl<'r> Planned<'r> {
+    fn width(&self) -> usize {
+        (self.area[2] - self.area[0]) as usize
+    }
+
+    fn pixel(&self, local: usize) -> [u32; 2] {
+        let width = self.width();
+        [self.area[0] + (local % width) as u32, self.area[1] + (local / width) as u32]
+    }
+
+    /// The pixel's number in the tile; `None` outside it.
+    #[inline]
+    fn local(&self, [column, row]: [u32; 2]) -> Option<usize> {
+        let [x0, y0, x1, y1] = self.area;
+        let inside = (x0..x1).contains(&column) && (y0..y1).contains(&row);
+        inside.then(|| (row - y0) as usize * (x1 - x0) as usize + (column - x0) as usize)
+    }
+
+    #[inline]
+    fn id(&self, local: usize, turn: u32) -> SampleId {
+        let (half, index) = self.pixels[local].sample(self.order, turn);
+        SampleId::new(self.pixel(local), self.streams[half], index)
+    }
+
+    #[inline]
+    fn draws(&self, local: usize, turn: u32) -> Draws<'r> {
+        Draws::of_round(self.points, self.id(local, turn), &self.needs).with_turn(turn)
+    }
+
+    fn total(&self) -> u64 {
+        self.pixels.iter().map(|p| u64::from(p.total())).sum()
+    }
+}
+
+/// Some pixels of a [`Round`], with the samples to trace in them and the results so far.
+///
+/// Samples may be added in any order: the film gets them in the order of [`Tile::samples`]. Results that come early wait
+/// in the tile. Nothing counts before [`Round::submit`] takes the tile back, complete.
+pub struct Tile<'r> {
+    pub(super) planned: Arc<Planned<'r>>,
+    pub(super) retention: Retention,
+    pub(super) film: Film,
+    /// The number of samples of each pixel that the film has.
+    taken: Vec<u32>,
+    left: u64,
+    /// Results that wait for earlier ones, by pixel and turn.
+    waiting: BTreeMap<(usize, u32), (Estimate, u32)>,
+    /// The first wrong use of the tile.
+    pub(super) fault: Option<String>,
+}
+
+impl<'r> Tile<'r> {
+    /// Takes the part of the film that `frame` covers.
+    pub(super) fn new(points: &'r dyn PointSet, film: &Film, open: &OpenRound, frame: crate::Frame) -> Self {
+        let part = film.part(frame, open.plan.retention);
+        let banks = if open.plan.retention == Retention::Keep { &part.kept } else { &part.discarded };
+        let width = film.frame.size()[0] as usize;
+        let [dx, dy] = [0, 1].map(|axis| (frame.origin()[axis] - film.frame.origin()[axis]) as usize);
+        let columns = frame.size()[0] as usize;
+        let pixel = |local: usize| {
+            let whole = (dy + local / columns) * width + dx + local % columns;
+            let second = open.plan.second_half.as_ref().map_or(0, |second| second[whole]);
+            let next = [0, 1].map(|half| banks.get(half).map_or(0, |bank| bank.next_index(local)));
+            let lead = banks.get(1).map_or(0, |second| banks[0].counts[local] as i64 - second.counts[local] as i64);
+            PlannedPixel { counts: [open.plan.counts[whole], second], next, lead }
+        };
+        let halves = banks.len() == 2;
+        let planned = Planned {
+            points,
+            needs: film.needs,
+            area: area(&frame),
+            streams: match (open.plan.retention, halves) {
+                (Retention::Keep, false) => [streams::WHOLE; 2],
+                (Retention::Keep, true) => streams::HALVES,
+                (Retention::Discard, false) => [streams::DISCARDED; 2],
+                (Retention::Discard, true) => streams::DISCARDED_HALVES,
+            },
+            order: match (halves, &open.plan.second_half) {
+                (false, _) => Order::Whole,
+                (true, None) => Order::Alternating,
+                (true, Some(_)) => Order::Counts,
+            },
+            pixels: (0..frame.pixels()).map(pixel).collect(),
+        };
+        let (taken, left) = (vec![0; frame.pixels()], planned.total());
+        let (retention, waiting) = (open.plan.retention, BTreeMap::new());
+        Self { planned: Arc::new(planned), retention, film: part, taken, left, waiting, fault: None }
+    }
+
+    /// Columns and rows `[x0, y0, x1, y1]` of the tile in the full image; the last ones are excluded.
+    pub fn area(&self) -> [u32; 4] {
+        self.planned.area
+    }
+
+    /// The samples to trace, pixel by pixel. Each has its identity and its random numbers.
+    pub fn samples(&self) -> Samples<'r> {
+        Samples { planned: self.planned.clone(), local: 0, turn: 0 }
+    }
+
+    /// Column and row of each pixel in the full image, and its number of samples in this round.
+    ///
+    /// Renderers with random numbers of their own trace as many samples and pass them to [`Tile::push`].
+    pub fn counts(&self) -> impl Iterator<Item = ([u32; 2], u32)> + use<'r> {
+        let planned = self.planned.clone();
+        (0..planned.pixels.len()).map(move |local| (planned.pixel(local), planned.pixels[local].total()))
+    }
+
+    /// The number of samples that were not added yet.
+    pub fn left(&self) -> u64 {
+        self.left
+    }
+
+    /// Adds the result of one sample: an [`Estimate`], or linear RGB.
+    ///
+    /// A sample of another tile or round, or one that was added before, is a mistake that [`Round::submit`] reports.
+    #[inline]
+    pub fn add(&mut self, sample: &Draws<'_>, estimate: impl Into<Estimate>) {
+        let (id, turn) = (sample.id(), sample.turn());
+        let local = self.planned.local(id.pixel);
+        match local.filter(|&local| turn < self.planned.pixels[local].total() && self.planned.id(local, turn) == id) {
+            Some(local) => self.place(local, turn, estimate.into(), sample.blocks_requested()),
+            None => self.wrong(id, "belongs to another tile or round; add each sample to the tile that it came from"),
+        }
+    }
+
+    /// Adds the results of a batch of samples, in the order of the samples.
+    ///
+    /// Another number of results than samples is a mistake that [`Round::submit`] reports.
+    pub fn add_all<E: Into<Estimate>>(&mut self, samples: &[Draws<'_>], estimates: impl IntoIterator<Item = E>) {
+        let mut estimates = estimates.into_iter();
+        let mut added = 0;
+        for (sample, estimate) in samples.iter().zip(&mut estimates) {
+            self.add(sample, estimate);
+            added += 1;
+        }
+        if added < samples.len() || estimates.next().is_some() {
+            let more = added + estimates.count() + usize::from(added == samples.len());
+            let what = format!("a batch of {} samples got {more} results; give one for each", samples.len());
+            self.fault.get_or_insert(what);
+        }
+    }
+
+    /// Adds the result of the pixel's next sample, for renderers with random numbers of their own. `pixel` is column and
+    /// row in the full image.
+    ///
+    /// More samples than [`Tile::counts`] asks for are a mistake that [`Round::submit`] reports.
+    #[inline]
+    pub fn push(&mut self, pixel: [u32; 2], estimate: impl Into<Estimate>) {
+        let local = self.planned.local(pixel);
+        match local.filter(|&local| self.taken[local] < self.planned.pixels[local].total()) {
+            Some(local) => self.place(local, self.taken[local], estimate.into(), 0),
+            None => {
+                let [column, row] = pixel;
+                let asked = local.map_or(0, |local| self.planned.pixels[local].total());
+                let what = format!(
+                    "pixel ({column}, {row}) got more than the {asked} samples asked for; trace as many as Tile::counts says"
+                );
+                self.fault.get_or_insert(what);
+            }
+        }
+    }
+
+    /// Records a result, or keeps it until the pixel's earlier ones are there.
+    #[inline]
+    fn place(&mut self, local: usize, turn: u32, estimate: Estimate, blocks: u32) {
+        if turn != self.taken[local] {
+            self.keep(local, turn, estimate, blocks);
+            return;
+        }
+        self.record(local, turn, &estimate, blocks);
+        while !self.waiting.is_empty()
+            && let Some((estimate, blocks)) = self.waiting.remove(&(local, self.taken[local]))
+        {
+            self.record(local, self.taken[local], &estimate, blocks);
+        }
+    }
+
+    #[cold]
+    fn keep(&mut self, local: usize, turn: u32, estimate: Estimate, blocks: u32) {
+        let again = turn < self.taken[local] || self.waiting.insert((local, turn), (estimate, blocks)).is_some();
+        if again {
+            self.wrong(self.planned.id(local, turn), "was added twice; add each sample once");
+        }
+    }
+
+    /// Records the next result of a pixel in the film.
+    #[inline]
+    fn record(&mut self, local: usize, turn: u32, estimate: &Estimate, blocks: u32) {
+        let (half, _) = self.planned.pixels[local].sample(self.planned.order, turn);
+        let Film { needs, kept, discarded, features, first_hits, costs, record, .. } = &mut self.film;
+        let banks = if self.retention == Retention::Keep { kept } else { discarded };
+        let rejected = banks[half].rows().add(local, estimate);
+        record.samples += 1;
+        record.rays += u64::from(estimate.cost);
+        record.blocks += u64::from(blocks);
+        if needs.wants_first_hit() {
+            let seen = banks.iter().map(|bank| bank.next_index(local)).sum::<u64>() - 1;
+            let places = first_hits_of(first_hits, local, usize::from(needs.first_hits));
+            record_first_hit(features.get_mut(local), places, seen, estimate);
+        }
+        if let Some(cost) = costs.get_mut(local) {
+            *cost += u64::from(estimate.cost);
+        }
+        self.taken[local] += 1;
+        self.left -= 1;
+        if let Some(reason) = rejected {
+            let sample = self.planned.id(local, turn);
+            self.film.list_rejected(1, vec![Rejected { sample, reason }]);
+        }
+    }
+
+    #[cold]
+    fn wrong(&mut self, id: SampleId, what: &str) {
+        let SampleId { pixel: [column, row], stream, index } = id;
+        let what = format!("sample {index} of stream {stream} in pixel ({column}, {row}) {what}");
+        self.fault.get_or_insert(what);
+    }
+}
+
+/// Columns and rows of a frame's window in the full image.
+pub(super) fn area(frame: &crate::Frame) -> [u32; 4] {
+    let ([x, y], [width, height]) = (frame.origin(), frame.size());
+    [x, y, x + width, y + height]
+}
+
+/// An iterator over the samples of a [`Tile`].
+pub struct Samples<'r> {
+    planned: Arc<Planned<'r>>,
+    local: usize,
+    turn: u32,
+}
+
+impl<'r> Iterator for Samples<'r> {
+    type Item = Draws<'r>;
+
+    #[inline]
+    fn next(&mut self) -> Option<Draws<'r>> {
+        while self.turn >= self.planned.pixels.get(self.local)?.total() {
+            (self.local, self.turn) = (self.local + 1, 0);
+        }
+        let draws = self.planned.draws(self.local, self.turn);
+        self.turn += 1;
+        Some(draws)
+    }
+}

@@ -1,0 +1,79 @@
+//! What one task of the render loop keeps between samples: scratch memory and training notes.
+
+use crate::TrainingSum;
+use std::any::Any;
+use std::fmt;
+
+/// What one task of the render loop keeps between samples, passed to
+/// [`Integrator::estimate`](crate::Integrator::estimate).
+///
+/// * [`Worker::scratch`]: memory of any type, reused by later samples of the same thread.
+/// * [`Worker::note`]: training data.
+///
+/// ```
+/// use dapple_core::{Draws, Estimate, Integrator, Worker};
+///
+/// /// A tracer with a stack that keeps its memory from sample to sample.
+/// struct Tracer;
+///
+/// impl Integrator for Tracer {
+///     fn estimate(&self, _: &Draws<'_>, worker: &mut Worker) -> Estimate {
+///         let stack: &mut Vec<u32> = worker.scratch();
+///         stack.clear();
+///         stack.push(0);
+///         Estimate::new([stack.len() as f32; 3])
+///     }
+/// }
+/// ```
+#[derive(Default)]
+pub struct Worker {
+    notes: Vec<(u64, f32)>,
+    scratch: Option<Box<dyn Any + Send>>,
+}
+
+impl Worker {
+    /// The task's own value of type `T`: the default at first, then whatever earlier samples left there. Results must not
+    /// depend on what it holds, since tasks share the pixels in any way. Asking for another type starts anew.
+    #[inline]
+    pub fn scratch<T: Any + Send + Default>(&mut self) -> &mut T {
+        if !self.scratch.as_ref().is_some_and(|s| s.is::<T>()) {
+            self.scratch = Some(Box::<T>::default());
+        }
+        self.scratch.as_mut().and_then(|s| s.downcast_mut()).expect("the value was made above")
+    }
+
+    /// Notes `value` under `key` as training data. NaN and infinite values are dropped.
+    #[inline]
+    pub fn note(&mut self, key: u64, value: f32) {
+        if value.is_finite() {
+            self.notes.push((key, value));
+        }
+    }
+
+    /// Drops notes that no training pass reads.
+    pub(crate) fn forget_notes(&mut self) {
+        self.notes.clear();
+    }
+
+    /// Returns the sums of the notes by key, added in the order of noting, and clears the log.
+    pub(crate) fn summarise(&mut self) -> Vec<TrainingSum> {
+        self.notes.sort_by_key(|n| n.0);
+        let mut sums: Vec<TrainingSum> = Vec::new();
+        for &(key, value) in &self.notes {
+            let value = f64::from(value);
+            let note = TrainingSum { key, count: 1, sum: value, sum_of_squares: value * value };
+            match sums.last_mut() {
+                Some(last) if last.key == key => last.add(&note),
+                _ => sums.push(note),
+            }
+        }
+        self.notes.clear();
+        sums
+    }
+}
+
+impl fmt::Debug for Worker {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Worker").field("notes", &self.notes.len()).finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,138 @@
+//! Numbers on demand: the cursor over a sample's random numbers, and the generator traits.
+
+use crate::common::{Independent, frame, mix};
+use dapple_core::samplers::Uniform;
+use dapple_core::{Block, Draws, Limits, Needs, PointSet, Rng, SampleId, Session, streams};
+use rand::RngExt;
+use std::collections::HashSet;
+
+/// Dimension `d` of every sample is `d / 256`.
+struct Dimensions;
+
+impl PointSet for Dimensions {
+    fn describe(&self) -> String {
+        "dimensions".into()
+    }
+    fn block(&self, _: SampleId, block: u32) -> [f32; 4] {
+        [0, 1, 2, 3].map(|k| (4 * block + k) as f32 / 256.0)
+    }
+    fn capacity(&self) -> u64 {
+        u64::MAX
+    }
+}
+
+fn dimension(value: f32) -> u32 {
+    (value * 256.0) as u32
+}
+
+fn draws() -> Draws<'static> {
+    Draws::new(&Dimensions, SampleId::new([3, 5], streams::WHOLE, 12))
+}
+
+#[test]
+fn pairs_are_aligned_with_the_point_sets_pairs() {
+    let draws = draws();
+    let mut rng = draws.rng();
+    let mut taken = Vec::new();
+    for step in [1, 2, 2, 1, 1, 2, 1, 2] {
+        match step {
+            1 => taken.push(rng.next_f32()),
+            _ => taken.extend(rng.next_2d()),
+        }
+    }
+    let dimensions: Vec<u32> = taken.into_iter().map(dimension).collect();
+    assert_eq!(dimensions, [0, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 13]);
+    assert_eq!(draws.blocks_requested(), 4);
+}
+
+#[test]
+fn cursors_of_one_sample_share_no_numbers() {
+    let draws = draws();
+    let (mut a, mut b) = (draws.rng(), draws.rng());
+    let taken: Vec<u32> = (0..10).flat_map(|_| [a.next_f32(), b.next_f32()]).map(dimension).collect();
+    assert_eq!(taken.iter().collect::<HashSet<_>>().len(), 20);
+    // One that is made later goes on behind both.
+    assert!(dimension(draws.rng().next_f32()) > *taken.iter().max().unwrap());
+}
+
+#[test]
+fn a_skip_restores_the_order_behind_a_loop() {
+    let after = |rejected: usize| {
+        let draws = draws();
+        let mut rng = draws.rng();
+        (0..=rejected).for_each(|_| {
+            rng.next_2d();
+        });
+        rng.skip_to(Block::new(8));
+        dimension(rng.next_f32())
+    };
+    assert_eq!([0, 1, 5, 14].map(after), [32; 4]);
+    // Beyond the block there is no way back.
+    assert_eq!(after(40), 4 * 21 - 2);
+}
+
+#[test]
+fn words_hold_the_numbers_of_the_point_set() {
+    let points = Independent::new(4);
+    for index in 0..200 {
+        let draws = Draws::new(&points, SampleId::new([1, 2], 0, index));
+        let [u, v, ..] = draws.block(Block::new(0));
+        let mut rng = draws.rng();
+        assert_eq!((rng.next_u32() >> 8) as f32 / (1 << 24) as f32, u);
+        assert_eq!((rng.next_u64() >> 40) as f32 / (1 << 24) as f32, v);
+    }
+}
+
+#[test]
+fn low_bits_are_as_good_as_random() {
+    // Each of the 64 bits is set in half of 4096 words, within 5 standard errors: a false alarm once in 30,000 runs of 64.
+    let points = Dimensions;
+    let mut set = [0_i64; 40];
+    for i in 0..4096 {
+        let draws = Draws::new(&points, SampleId::new([i % 64, i / 64], 0, mix(u64::from(i)) >> 50));
+        let word = draws.rng().next_u64();
+        (0..40).for_each(|bit| set[bit] += (word >> bit & 1) as i64);
+    }
+    assert!(set.iter().all(|n| (n - 2048).abs() < 5 * 32), "{set:?}");
+}
+
+#[test]
+fn every_version_of_rand_gets_the_same_numbers() {
+    let points = Independent::new(4);
+    let draws = || Draws::new(&points, SampleId::new([7, 7], 1, 3));
+    let [a, b, c, d] = draws().block(Block::new(0));
+    let (new, old, oldest) = (draws(), draws(), draws());
+    let floats: [f32; 4] = std::array::from_fn({
+        let mut rng = new.rng();
+        move |_| rng.random()
+    });
+    assert_eq!(floats, [a, b, c, d]);
+    let words: Vec<u32> = {
+        let mut rng = old.rng();
+        (0..4).map(|_| rand_core_0_9::RngCore::next_u32(&mut rng)).collect()
+    };
+    let mut rng = oldest.rng();
+    assert!(words.iter().all(|&word| word == rand_core_0_6::RngCore::next_u32(&mut rng)));
+    assert_eq!(words.iter().map(|w| (w >> 8) as f32 / (1 << 24) as f32).collect::<Vec<_>>(), [a, b, c, d]);
+    let bytes = |fill: &dyn Fn(&mut Rng<'_>, &mut [u8])| {
+        let (draws, mut bytes) = (draws(), [0; 13]);
+        fill(&mut draws.rng(), &mut bytes);
+        bytes
+    };
+    assert_eq!(
+        bytes(&|rng, b| rng.fill_bytes(b)),
+        bytes(&|rng, b| rand_core_0_6::RngCore::try_fill_bytes(rng, b).unwrap())
+    );
+}
+
+#[test]
+fn sample_numbers_run_on_over_halves() {
+    let numbers = |needs: Needs| {
+        let methods = dapple_core::Methods::from(Uniform::new(Independent::new(1))).with_needs(needs);
+        let mut session = Session::new(frame(1, 1), Limits::spp(7.0), methods).unwrap();
+        let round = session.next_round().unwrap().unwrap();
+        round.whole().samples().map(|s| s.sample_number()).collect::<Vec<_>>()
+    };
+    assert_eq!(numbers(Needs::none()), [0, 1, 2, 3, 4, 5, 6]);
+    assert_eq!(numbers(Needs::none().with_halves()), [0, 1, 2, 3, 4, 5, 6]);
+}

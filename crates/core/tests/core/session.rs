@@ -1,0 +1,333 @@
+//! Sessions: renders whose loop belongs to the caller.
+
+use crate::common::{Independent, Planned, everything, frame, mix};
+use dapple_adaptive::Adaptive;
+use dapple_conformance::bits;
+use dapple_core::samplers::Uniform;
+use dapple_core::{
+    Block, Control, Draws, Error, Estimate, Feedback, Film, FirstHit, Integrator, InvalidSample, Limits, Methods,
+    Needs, Plan, Progress, Render, Retention, Round, Sampler, Session, Snapshot, Status, Tile, Unfiltered, Worker,
+};
+
+/// Radiance, hits, emission, costs and now and then a bad sample, from the random numbers alone.
+fn trace(draws: &Draws<'_>) -> Estimate {
+    let u = draws.block(Block::new(0));
+    let value = if u[3] < 0.01 { f32::NAN } else { u[1] };
+    let hit =
+        (u[2] > 0.2).then(|| FirstHit::new([u[0], u[1], u[2]], [0.0, 0.0, 1.0], u[0]).with_albedo([0.5, u[1], 0.25]));
+    let cost = 2 + draws.pixel()[0] % 3;
+    Estimate::new([value, u[2], 0.5]).with_first_hit(hit).with_emission([0.0, 0.1, 0.2]).with_cost(cost)
+}
+
+struct Traced;
+
+impl Integrator for Traced {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
+        trace(draws)
+    }
+}
+
+/// Rounds of every kind: discarded, alternating between halves, with counts per half, after withdrawals.
+fn every_kind() -> impl Sampler {
+    let plan = |seen: &Feedback<'_>, plan: &mut Plan| {
+        let pixels = seen.pixels();
+        let some = |salt: u64| (0..pixels as u64).map(move |i| (mix(i ^ salt << 32) % 5) as u32);
+        plan.counts = some(u64::from(seen.round)).map(|n| n + 1).collect();
+        match seen.round {
+            0 => plan.retention = Retention::Discard,
+            1 | 4 => {}
+            2 => plan.second_half = Some(some(9).collect()),
+            3 => plan.withdraw = Some(some(11).map(|n| n == 0).collect()),
+            _ => return Progress::Done,
+        }
+        Progress::Trace
+    };
+    Planned { points: Independent::new(7), needs: everything(), plan }
+}
+
+const LIMIT: u64 = 100_000;
+
+fn rendered(sampler: &mut dyn Sampler) -> Film {
+    Render::new(frame(45, 38), &Limits::samples(LIMIT)).run(&mut Traced, sampler).unwrap()
+}
+
+/// Renders by a session whose tiles are traced by `work`, which gets the round.
+fn pulled(sampler: impl Sampler, work: impl Fn(&Round<'_>)) -> Film {
+    let mut session = Session::new(frame(45, 38), Limits::samples(LIMIT), sampler).unwrap().with_tile_side(11);
+    while let Some(round) = session.next_round().unwrap() {
+        work(&round);
+    }
+    session.into_film()
+}
+
+fn in_order(round: &Round<'_>) {
+    while let Some(mut tile) = round.next_tile() {
+        for sample in tile.samples() {
+            tile.add(&sample, trace(&sample));
+        }
+        round.submit(tile).unwrap();
+    }
+}
+
+/// A wave over the whole image, in an order that mixes pixels and turns.
+fn wave(round: &Round<'_>) {
+    let mut tile = round.whole();
+    let mut samples: Vec<_> = tile.samples().collect();
+    samples.sort_by_key(|s| {
+        mix(u64::from(s.pixel()[0] + 50 * s.pixel()[1]) ^ s.id().index << 20 ^ u64::from(s.id().stream) << 50)
+    });
+    for batch in samples.chunks(777) {
+        let results: Vec<Estimate> = batch.iter().map(trace).collect();
+        tile.add_all(batch, results);
+    }
+    round.submit(tile).unwrap();
+}
+
+/// Tiles of the host's own, backwards, on three threads.
+fn backwards(round: &Round<'_>) {
+    let areas: Vec<_> = (0..38).step_by(5).map(|y| [0, y, 45, (y + 5).min(38)]).collect();
+    std::thread::scope(|threads| {
+        for part in 0..3 {
+            let mine = areas.iter().rev().skip(part).step_by(3);
+            threads.spawn(move || {
+                for &area in mine {
+                    let mut tile = round.tile(area).unwrap();
+                    let samples: Vec<_> = tile.samples().collect();
+                    for sample in samples.iter().rev() {
+                        tile.add(sample, trace(sample));
+                    }
+                    round.submit(tile).unwrap();
+                }
+            });
+        }
+    });
+}
+
+#[test]
+fn a_session_gives_the_bits_of_a_render_in_any_order() {
+    let whole = bits(&rendered(&mut every_kind()));
+    for (name, work) in [("in order", in_order as fn(&Round<'_>)), ("wave", wave), ("backwards", backwards)] {
+        assert!(bits(&pulled(every_kind(), work)) == whole, "{name}");
+    }
+    let traced = |round: &Round<'_>| round.trace(trace).unwrap();
+    assert!(bits(&pulled(every_kind(), traced)) == whole);
+    // The order matters where it should: other numbers give another image.
+    let other = |round: &Round<'_>| round.trace(|s| trace(&Draws::new(round.points(), s.id())).with_cost(9)).unwrap();
+    assert!(bits(&pulled(every_kind(), other)) != whole);
+}
+
+#[test]
+fn adaptive_counts_are_those_of_a_render() {
+    let sampler = || Adaptive::variance(Independent::new(3));
+    let limits = Limits::spp(12.5);
+    let film = Render::new(frame(40, 40), &limits).run(&mut Traced, &mut sampler()).unwrap();
+    let mut session = Session::new(frame(40, 40), limits, sampler()).unwrap();
+    while let Some(round) = session.next_round().unwrap() {
+        backwards_tiles(&round);
+    }
+    let pulled = session.into_film();
+    assert_eq!((film.record().samples, pulled.record().samples), (20_000, 20_000));
+    assert!(bits(&film) == bits(&pulled) && !pulled.record().interrupted);
+    assert_eq!((film.record().rays, film.record().blocks), (pulled.record().rays, pulled.record().blocks));
+}
+
+fn backwards_tiles(round: &Round<'_>) {
+    let mut tiles: Vec<Tile<'_>> = std::iter::from_fn(|| round.next_tile()).collect();
+    while let Some(mut tile) = tiles.pop() {
+        for sample in tile.samples() {
+            tile.add(&sample, trace(&sample));
+        }
+        round.submit(tile).unwrap();
+    }
+}
+
+/// Kills the session after `tiles` tiles, and continues from the last snapshot.
+fn killed_after(tiles: usize) -> Film {
+    let mut session = Session::new(frame(45, 38), Limits::samples(LIMIT), every_kind()).unwrap();
+    let mut done = 0;
+    let bytes = 'killed: {
+        while let Some(round) = session.next_round().unwrap() {
+            while let Some(mut tile) = round.next_tile() {
+                if done == tiles {
+                    break 'killed round.snapshot();
+                }
+                tile.samples().for_each(|s| tile.add(&s, trace(&s)));
+                round.submit(tile).unwrap();
+                done += 1;
+            }
+        }
+        session.snapshot()
+    };
+    let snapshot = Snapshot::from_bytes(&bytes).unwrap();
+    let mut session = Session::resume(frame(45, 38), Limits::samples(LIMIT), every_kind(), snapshot).unwrap();
+    while let Some(round) = session.next_round().unwrap() {
+        wave_of_rest(&round);
+    }
+    session.into_film()
+}
+
+fn wave_of_rest(round: &Round<'_>) {
+    let mut tile = round.whole();
+    let samples: Vec<_> = tile.samples().collect();
+    samples.iter().rev().for_each(|s| tile.add(s, trace(s)));
+    round.submit(tile).unwrap();
+}
+
+#[test]
+fn a_killed_session_continues_with_the_same_bits_x05() {
+    let whole = bits(&rendered(&mut every_kind()));
+    for tiles in [0, 1, 3, 5, 11, 99] {
+        assert!(bits(&killed_after(tiles)) == whole, "after {tiles} tiles");
+    }
+}
+
+#[test]
+fn sessions_and_renders_continue_each_other() {
+    let whole = bits(&rendered(&mut every_kind()));
+    // A render that stops in the middle of its second round.
+    let mut saved = Vec::new();
+    let mut stop = |status: &Status<'_>| {
+        saved = status.snapshot();
+        if status.round == 1 { Control::Stop } else { Control::Continue }
+    };
+    let limits = Limits::samples(LIMIT).with_schedule(dapple_core::Schedule::default().with_slice_spp(1));
+    Render::new(frame(45, 38), &limits).monitor(&mut stop).run(&mut Traced, &mut every_kind()).unwrap();
+    let snapshot = Snapshot::from_bytes(&saved).unwrap();
+    let mut session = Session::resume(frame(45, 38), limits.clone(), every_kind(), snapshot).unwrap();
+    let round = session.next_round().unwrap().unwrap();
+    let mut tile = round.next_tile().unwrap();
+    tile.samples().for_each(|s| tile.add(&s, trace(&s)));
+    round.submit(tile).unwrap();
+    let bytes = round.snapshot();
+    drop(round);
+    // The render takes over again.
+    let snapshot = Snapshot::from_bytes(&bytes).unwrap();
+    let film = Render::new(frame(45, 38), &limits).resume(snapshot, &mut Traced, &mut every_kind()).unwrap();
+    assert!(bits(&film) == whole);
+}
+
+fn uniform() -> Uniform<Independent> {
+    Uniform::new(Independent::new(1))
+}
+
+#[test]
+fn wrong_uses_of_tiles_are_refused_and_named() {
+    let mut session = Session::new(frame(8, 8), Limits::spp(2.0), uniform()).unwrap().with_tile_side(4);
+    let round = session.next_round().unwrap().unwrap();
+    let message = |spoil: &dyn Fn(&mut Tile<'_>)| {
+        let mut tile = round.tile([0, 0, 4, 4]).unwrap();
+        tile.samples().for_each(|s| tile.add(&s, [1.0; 3]));
+        spoil(&mut tile);
+        round.submit(tile).unwrap_err().to_string()
+    };
+    fn first<'r>(tile: &Tile<'r>) -> Draws<'r> {
+        tile.samples().next().unwrap()
+    }
+    assert!(message(&|tile| tile.add(&first(tile), [1.0; 3])).contains("pixel (0, 0) was added twice"));
+    assert!(message(&|tile| tile.push([3, 2], [1.0; 3])).contains("pixel (3, 2) got more than the 2 samples"));
+    assert!(message(&|tile| tile.push([4, 0], [1.0; 3])).contains("pixel (4, 0) got more than the 0 samples"));
+    let other = round.tile([4, 4, 8, 8]).unwrap();
+    assert!(message(&|tile| tile.add(&first(&other), [1.0; 3])).contains("belongs to another tile"));
+    let few = |tile: &mut Tile<'_>| tile.add_all(&[first(tile)], Vec::<[f32; 3]>::new());
+    assert!(message(&few).contains("a batch of 1 samples got 0 results"));
+
+    let unfinished = round.tile([0, 0, 4, 4]).unwrap();
+    assert!(round.submit(unfinished).unwrap_err().to_string().contains("32 of its samples have no result"));
+    let [mut once, mut again] = [0, 1].map(|_| round.tile([0, 0, 4, 4]).unwrap());
+    for tile in [&mut once, &mut again] {
+        tile.samples().for_each(|s| tile.add(&s, [1.0; 3]));
+    }
+    round.submit(once).unwrap();
+    assert!(round.submit(again).unwrap_err().to_string().contains("submitted already"));
+    for area in [[0, 0, 9, 4], [4, 4, 4, 8], [6, 0, 2, 4]] {
+        assert!(matches!(round.tile(area), Err(Error::BadTile { .. })), "{area:?}");
+    }
+    assert_eq!(round.left(), 96);
+}
+
+#[test]
+fn a_round_of_which_nothing_comes_back_is_an_error() {
+    let mut session = Session::new(frame(8, 8), Limits::spp(2.0), uniform()).unwrap();
+    drop(session.next_round().unwrap());
+    assert!(matches!(session.next_round(), Err(Error::NothingSubmitted { left: 128 })));
+    // A part came back: the same round goes on with the rest.
+    let mut session = Session::new(frame(8, 8), Limits::spp(2.0), uniform()).unwrap().with_tile_side(4);
+    let part = |round: &Round<'_>| {
+        let mut tile = round.next_tile().unwrap();
+        tile.samples().for_each(|s| tile.add(&s, [1.0; 3]));
+        round.submit(tile).unwrap();
+    };
+    for left in [128, 96, 64, 32] {
+        let round = session.next_round().unwrap().unwrap();
+        assert_eq!((round.number(), round.left()), (0, left));
+        part(&round);
+    }
+    assert!(session.next_round().unwrap().is_none());
+    assert_eq!(session.film().record().rounds.len(), 1);
+}
+
+#[test]
+fn a_session_that_ends_early_keeps_its_samples() {
+    let mut session = Session::new(frame(8, 8), Limits::spp(4.0), uniform()).unwrap().with_tile_side(4);
+    let round = session.next_round().unwrap().unwrap();
+    let mut tile = round.next_tile().unwrap();
+    tile.samples().for_each(|s| tile.add(&s, [1.0, 2.0, 3.0]));
+    round.submit(tile).unwrap();
+    drop(round);
+    assert_eq!(session.image().unwrap().radiance[0], [1.0, 2.0, 3.0]);
+    let film = session.into_film();
+    assert!(film.record().interrupted);
+    assert_eq!((film.record().samples, film.count(0), film.count(5)), (64, 4, 0));
+}
+
+#[test]
+fn renderers_with_numbers_of_their_own_push_as_many_as_asked() {
+    let mut session = Session::new(frame(9, 7), Limits::spp(3.0), uniform()).unwrap();
+    while let Some(round) = session.next_round().unwrap() {
+        while let Some(mut tile) = round.next_tile() {
+            for (pixel, count) in tile.counts() {
+                (0..count).for_each(|n| tile.push(pixel, [n as f32; 3]));
+            }
+            round.submit(tile).unwrap();
+        }
+    }
+    assert!(session.finish().unwrap().radiance.iter().all(|&rgb| rgb == [1.0; 3]));
+}
+
+#[test]
+fn invalid_samples_are_listed_alike_or_fail() {
+    let pairs = [in_order as fn(&Round<'_>), wave, backwards].map(|work| pulled(every_kind(), work));
+    let film = rendered(&mut every_kind());
+    for pulled in pairs {
+        assert_eq!((pulled.rejected(), pulled.record().rejected), (film.rejected(), film.record().rejected));
+    }
+    assert!(film.record().rejected > 0);
+    let limits = Limits::spp(1.0).with_invalid(InvalidSample::Fail);
+    let mut session = Session::new(frame(4, 4), limits, uniform()).unwrap();
+    let round = session.next_round().unwrap().unwrap();
+    let failed = round.trace(|_| [f32::NAN; 3]);
+    assert!(matches!(failed, Err(Error::InvalidSample { .. })));
+}
+
+#[test]
+fn a_filter_that_lacks_features_is_told_after_the_first_round() {
+    struct Wants;
+    impl dapple_core::Filter for Wants {
+        fn name(&self) -> &str {
+            "wants"
+        }
+        fn needs(&self) -> Needs {
+            Needs::none().with_variance().with_halves()
+        }
+        fn apply(&self, film: &Film) -> Result<dapple_core::Filtered, Error> {
+            film.require("wants", &self.needs())?;
+            Unfiltered.apply(film)
+        }
+    }
+    let mut session = Session::new(frame(4, 4), Limits::spp(4.0), Methods::from((uniform(), Wants))).unwrap();
+    while let Some(round) = session.next_round().unwrap() {
+        round.trace(|_| [0.5; 3]).unwrap();
+    }
+    assert!(session.film().half(1, 0).is_some() && session.film().needs().variance);
+    assert_eq!(session.finish().unwrap().radiance, [[0.5; 3]; 16]);
+}
