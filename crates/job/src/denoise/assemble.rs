@@ -233,7 +233,7 @@ impl Reader<'_> {
         let counts = self.inputs[k].one(&layer);
         // Cycles writes shares of the largest number.
         let most = counts.iter().copied().fold(0.0, f32::max);
-        let shares = most <= 1.0 && counts.iter().any(|n| n.fract() > 0.0) || most <= 1.0 && known.is_some();
+        let shares = most <= 1.0 && (known.is_some() || counts.iter().any(|n| n.fract() > 0.0));
         let unit = if shares { known.unwrap_or(ASSUMED_SPP) as f32 } else { 1.0 };
         if shares && known.is_none() {
             let name = &layer.name;
