@@ -13,7 +13,7 @@ use std::path::PathBuf;
 ///
 /// Layers are found by the names that pbrt-v4, Cycles, Mitsuba, Arnold, RenderMan and Dapple give them: the image, its
 /// variance and sample counts, and as guides normal, albedo, position or depth of what each pixel shows. Two files need
-/// no variance, and are denoised better than one.
+/// no variance.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct DenoiseArgs {

@@ -226,7 +226,9 @@ fn what_cannot_be_denoised_is_refused_with_advice() {
     let small = Layer { name: String::new(), channels: RGB.map(|c| (c, vec![1.0_f32; 6].into())).into() };
     std::fs::write(folder.path("small.exr"), encode_exr([3, 2], &[small], &[]).unwrap().bytes).unwrap();
     let before = folder.read("in.exr");
-    let cases: [(&str, i32, &[&str]); 13] = [
+    std::fs::write(folder.path("a.png"), b"\x89PNG").unwrap();
+    let cases: [(&str, i32, &[&str]); 14] = [
+        ("a.png -o out.exr", 1, &["a.png: it is no OpenEXR file", "save the image as OpenEXR"]),
         ("in.exr -o out.exr", 1, &["in.exr: layer \"Variance\"", "--spp N", "--variance-of-mean"]),
         (
             "plain.exr -o out.exr",

@@ -14,12 +14,12 @@ pub(crate) fn describe(name: &str, options: &impl Options, clusters: &str) -> St
     format!("{name}:{}{comma}{clusters}", options.describe())
 }
 
-/// The statistics that the film records for a filter over halves, and over features unless it was told that there are none.
+/// The statistics that the film records for a filter over halves, and over features if it reads them.
 pub(crate) const fn recorded(features: bool) -> Needs {
     if features { RECORDED } else { Needs::none().with_variance().with_halves().with_emission() }
 }
 
-/// The end of the description of a filter that was told to read no features.
+/// The end of the description of a filter that reads no features.
 pub(crate) fn featureless(without: bool) -> &'static str {
     if without { ",features=none" } else { "" }
 }

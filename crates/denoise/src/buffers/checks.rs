@@ -42,7 +42,7 @@ pub(super) fn check(image: &Denoise<'_>) -> Result<(), Error> {
             if all.variance.is_none() {
                 return Err(bad(
                     "variance",
-                    "it is missing, and one image alone does not tell its noise; give its variance, or two halves (renders with different seeds) to denoise()",
+                    "it is missing, and one image alone does not show its noise; give its variance, or two halves (renders with different seeds) to denoise()",
                 ));
             }
         }

@@ -134,7 +134,7 @@ impl<'a> Surfaces<'a> {
     }
 }
 
-/// Whether pixel `i` shows a surface: some buffer of its geometry has more to say than 0 or far away.
+/// Returns true if pixel `i` shows a surface: a buffer of its geometry is neither 0 nor far away.
 fn hit(image: &Denoise<'_>, i: usize) -> bool {
     if let Some(share) = image.coverage {
         return share[i] > 0.0;

@@ -1,4 +1,4 @@
-//! Denoising from buffers: what they say is used, and what is wrong with them is reported.
+//! Denoising from buffers: all of them are used, and faulty ones are refused.
 
 use crate::support::Noise;
 use dapple_core::{Error, Estimate, Film, Filter, FirstHit, Frame, Needs};
@@ -89,7 +89,7 @@ fn images_from_buffers_have_less_error_the_more_the_buffers_hold() {
     let means = [0, 1].map(|h| SampleBuffers::new(&image.halves[h], SPP / 2));
     let guided = denoise(SIZE, &means[0], &means[1]).normal(&image.normal).albedo(&image.albedo).depth(&image.depth);
     let without = image.error(&guided.run().unwrap().radiance);
-    assert!(without < 1.3 * deep, "halves tell the variance: {without} for {deep}");
+    assert!(without < 1.3 * deep, "halves show the variance: {without} for {deep}");
 }
 
 /// One image with either kind of variance.
@@ -107,7 +107,7 @@ fn one_image_is_split_by_its_noise_and_keeps_its_light() {
     let (film, found) = run(Variance::OfSamples(&of_sample));
     let (_, again) = run(Variance::OfMean(&of_mean));
     let apart = found.radiance.iter().zip(&again.radiance).map(|(a, b)| (a[0] - b[0]).abs()).fold(0.0, f32::max);
-    assert!(apart < 1e-3, "both variances say the same: {apart}");
+    assert!(apart < 1e-3, "both variances are the same: {apart}");
     assert!(image.error(&found.radiance) < 0.3 * image.error(&mean), "{}", image.error(&found.radiance));
     for i in 0..PIXELS {
         let (sum, given) = (film.mean(i)[0], f64::from(mean[i][0]));

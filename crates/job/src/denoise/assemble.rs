@@ -148,6 +148,9 @@ impl Input {
         let open = |source| DenoiseError::Open { path: path.to_owned(), source };
         let bytes = std::fs::read(path).map_err(open)?;
         let name = path.display().to_string();
+        if !bytes.starts_with(b"\x76\x2f\x31\x01") {
+            return Err(DenoiseError::NotExr { path: path.to_owned() });
+        }
         let file = read_channels(&bytes, &name)?;
         let layers = Layers::of(&file);
         // pbrt-v4 writes a number, Cycles a text `cycles.LAYER.samples`.
@@ -245,18 +248,23 @@ impl Reader<'_> {
         Ok(Some(counts.into_iter().map(number).collect()))
     }
 
-    /// The variance in file `k`, and whether it is that of the mean. `counted` tells whether the number of samples is known.
+    /// The variance in file `k`, and true if it is that of the mean. `counted` is true if the number of samples is known.
     fn variance(&mut self, k: usize, mean: &Colours, counted: bool) -> Result<Option<(Colours, bool)>, DenoiseError> {
         let input = &self.inputs[k];
-        let (mut variance, of_mean, name) = if let Some(layer) = self.find(k, LayerKind::MeanVariance)? {
-            (input.three(&layer.channels), true, layer.name)
-        } else if let Some(layer) = self.find(k, LayerKind::Variance)? {
-            (input.three(&layer.channels), self.spec.variance_of_mean, layer.name)
-        } else if let Some(layer) = self.find(k, LayerKind::SecondMoment)? {
-            (from_second_moments(input, &layer, mean), false, layer.name)
-        } else {
-            return Ok(None);
+        let mut kinds = [LayerKind::MeanVariance, LayerKind::Variance, LayerKind::SecondMoment];
+        // A layer that the caller names comes first.
+        kinds.sort_by_key(|kind| !self.spec.layers.iter().any(|(given, _)| given == kind));
+        let mut layer = None;
+        for kind in kinds {
+            layer = if layer.is_none() { self.find(k, kind)? } else { layer };
+        }
+        let Some(layer) = layer else { return Ok(None) };
+        let (mut variance, of_mean) = match layer.kind {
+            LayerKind::SecondMoment => (from_second_moments(input, &layer, mean), false),
+            LayerKind::MeanVariance => (input.three(&layer.channels), true),
+            _ => (input.three(&layer.channels), self.spec.variance_of_mean),
         };
+        let name = layer.name;
         if !of_mean && !counted {
             if self.inputs.len() == 2 {
                 return Ok(None);
@@ -282,7 +290,10 @@ impl Reader<'_> {
     fn feature(&mut self, kind: LayerKind) -> Result<Feature<[f32; 3]>, DenoiseError> {
         let mut each = Vec::new();
         for (k, input) in self.inputs.iter().enumerate() {
-            let Some(layer) = self.find(k, kind)? else { return Ok(None) };
+            let Some(layer) = self.find(k, kind)? else {
+                self.found.retain(|(found, _)| *found != kind);
+                return Ok(None);
+            };
             each.push(input.three(&layer.channels));
         }
         let mut broken = 0;
@@ -297,7 +308,10 @@ impl Reader<'_> {
     fn scalar(&mut self, kind: LayerKind) -> Result<Feature<f32>, DenoiseError> {
         let mut each = Vec::new();
         for (k, input) in self.inputs.iter().enumerate() {
-            let Some(layer) = self.find(k, kind)? else { return Ok(None) };
+            let Some(layer) = self.find(k, kind)? else {
+                self.found.retain(|(found, _)| *found != kind);
+                return Ok(None);
+            };
             each.push(input.one(&layer));
         }
         if let [a, b] = &mut each[..] {

@@ -23,6 +23,12 @@ pub enum DenoiseError {
         /// The system's error.
         source: std::io::Error,
     },
+    /// A file of another format, which cannot hold layers.
+    #[error("{}: it is no OpenEXR file; save the image as OpenEXR with its variance, or with a second seed", path.display())]
+    NotExr {
+        /// The file.
+        path: PathBuf,
+    },
     /// A file that is not an image, or an image that cannot be written.
     #[error(transparent)]
     Image(#[from] ImageError),
@@ -59,7 +65,7 @@ pub enum DenoiseError {
         layers: Vec<String>,
     },
     /// One file without its variance.
-    #[error("{}: it has no variance, and one image alone does not tell its noise; give a second render with another seed, or name the layer with --layer variance=NAME. Its layers are {}",
+    #[error("{}: it has no variance, and one image alone does not show its noise; give a second render with another seed, or name the layer with --layer variance=NAME. Its layers are {}",
         path.display(), layers.join(", "))]
     NoVariance {
         /// The file.

@@ -58,7 +58,7 @@ impl DenoisedImage {
     }
 }
 
-/// Whether both paths lead to one file. A file that does not exist is none.
+/// Returns true if both paths lead to one existing file.
 fn same_file(a: &Path, b: &Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
