@@ -233,7 +233,7 @@ fn what_cannot_be_denoised_is_refused_with_advice() {
         (
             "plain.exr -o out.exr",
             1,
-            &["plain.exr: it has no variance", "another seed", "layers are B, G, R, Albedo, N, Ns, P"],
+            &["plain.exr: it has no variance", "another seed", "layers are Albedo, B, G, R, N, Ns, P"],
         ),
         ("data.exr -o out.exr", 1, &["no image was found", "--layer color=NAME"]),
         ("in.exr -o out.exr --spp 8 --layer normal=Nss", 1, &["no layer \"Nss\" for normal", "did you mean \"Ns\"?"]),

@@ -75,7 +75,8 @@ impl Assembled {
             (LayerKind::Albedo, albedo.is_some()),
             (LayerKind::Position, position.is_some() || depth.is_some()),
         ]);
-        let Reader { found, notices, .. } = reader;
+        let Reader { mut found, notices, .. } = reader;
+        found.sort();
         Ok(Self { size, sets, normal, albedo, position, depth, emission, coverage, ids, found, notices })
     }
 
