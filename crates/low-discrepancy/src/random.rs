@@ -55,4 +55,8 @@ impl PointSet for Random {
     fn capacity(&self) -> u64 {
         u64::MAX
     }
+
+    fn is_independent(&self) -> bool {
+        true
+    }
 }

@@ -31,6 +31,10 @@ impl PointSet for AnyPoints {
     fn preferred_count(&self, n: u64) -> u64 {
         self.0.preferred_count(n)
     }
+
+    fn is_independent(&self) -> bool {
+        self.0.is_independent()
+    }
 }
 
 /// The constructor of a point set.
