@@ -80,6 +80,8 @@ pub use dapple_cluster_adaptive as cluster_adaptive;
 pub use dapple_clustering as clustering;
 #[cfg(feature = "denoise")]
 pub use dapple_denoise as denoise;
+#[cfg(feature = "denoise")]
+pub use dapple_denoise::denoise;
 #[cfg(feature = "geometry")]
 pub use dapple_geometry as geometry;
 #[cfg(feature = "job")]
@@ -117,4 +119,6 @@ mod pages {
     struct WritingASampler;
     #[doc = include_str!("../docs/book/src/your-renderer.md")]
     struct YourRenderer;
+    #[doc = include_str!("../docs/book/src/denoise-buffers.md")]
+    struct DenoiseBuffers;
 }
