@@ -68,8 +68,8 @@
 
 pub use dapple_core as core;
 pub use dapple_core::{
-    Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Methods, Needs, Render, Rng, Round, Session,
-    Tile, Worker,
+    Draws, Error, Estimate, Film, Filtered, FirstHit, Frame, Integrator, Limits, Methods, Needs, Render, Rng, Round,
+    Session, Tile, Worker,
 };
 
 #[cfg(feature = "adaptive")]
