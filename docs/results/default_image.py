@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""default_image.py RUNS.JSONL: the table of docs/results/default-image.md as CSV, from the runs of its study.
+"""default_image.py RUNS.JSONL...: a table of docs/results/default-image.md as CSV, from the runs of its studies.
 
-One row per scene, number of samples and method, then geometric means over scenes, named "all", "tuned" and "held out". Ratios are of means over
+Runs at equal time are labelled "time of N": the time that N spp of the baseline take. One row per scene, number of samples and method, then geometric means over scenes, named "all", "tuned" and "held out". Ratios are of means over
 seeds; their 95 % intervals come from 2,000 resamplings of the seeds, the same seeds for both methods and all scenes.
 """
 import csv
@@ -20,11 +20,15 @@ def name(method):
     return f"{method['sampler']} + {method['filter']}"
 
 
-def read(path):
+def budget(run):
+    return str(run["budget"]["spp"]) if "spp" in run["budget"] else f"time of {run['budget']['time_of']}"
+
+
+def read(paths):
     runs = {}
-    for line in open(path):
+    for line in (line for path in paths for line in open(path)):
         run = json.loads(line)
-        key = run["scene"], run["budget"]["spp"], name(run["method"])
+        key = run["scene"], budget(run), name(run["method"])
         runs.setdefault(key, {})[run["seed"]] = run["errors"]
     return runs
 
@@ -38,10 +42,10 @@ def interval(draws):
     return draws[int(0.025 * len(draws))], draws[int(0.975 * len(draws))]
 
 
-def main(path):
-    runs = read(path)
+def main(paths):
+    runs = read(paths)
     scenes = list(dict.fromkeys(scene for scene, _, _ in runs))
-    budgets = sorted({spp for _, spp, _ in runs})
+    budgets = sorted({spp for _, spp, _ in runs}, key=lambda text: (len(text), text))
     methods = list(dict.fromkeys(method for _, _, method in runs))
     seeds = sorted(next(iter(runs.values())))
     chance = random.Random(1)
@@ -76,4 +80,4 @@ def main(path):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(sys.argv[1:])

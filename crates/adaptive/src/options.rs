@@ -29,7 +29,7 @@ dapple_core::options! {
         pub power: f64 = 2.0 => "2", |power| power > 0.0 && power <= 4.0, "above 0 and at most 4";
         /// Weight of edges and texture in first hits, in degrees of freedom; 0 leaves them out.
         pub geometry: f64 = 0.0 => "0", |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
-        /// Exponent of the assumed error decrease n^-exponent; 1 for random points.
+        /// Exponent of the assumed error decrease n^-exponent; at most 1 is used with independent points.
         pub exponent: f64 = 1.15, |rate| rate > 0.0 && rate <= 3.0, "the rate at which errors fall lies in (0, 3]";
         /// Number added to the squared mean in relative errors; 0.3 for a denoised image, 0.01 for an unfiltered one.
         pub epsilon: f64 = 0.3, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";

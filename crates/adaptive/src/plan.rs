@@ -15,6 +15,11 @@ const FLOOR: u64 = 4;
 const SCORE_FLOOR: f64 = 0.01;
 
 impl<P: PointSet> Adaptive<P> {
+    /// The exponent with which errors fall: that of the options, at most 1 for independent samples.
+    fn exponent(&self) -> f64 {
+        if self.points.is_independent() { self.options.exponent.min(1.0) } else { self.options.exponent }
+    }
+
     /// Returns each pixel's score, an estimate of its relative variance per sample. `moments` returns a pixel's sample
     /// statistics.
     fn scores(&self, film: &Film, moments: impl Fn(usize) -> RgbMoments + Sync + Send) -> Result<Vec<f64>, Error> {
@@ -77,7 +82,7 @@ impl<P: PointSet> Adaptive<P> {
     fn blend_errors(&self, errors: &[f32], film: &Film, scores: &mut [f64]) {
         let of_one = |(i, &e): (usize, &f32)| {
             let e = if e.is_finite() { f64::from(e.max(0.0)) } else { 0.0 };
-            e * (film.count(i).max(1) as f64).powf(self.options.exponent)
+            e * (film.count(i).max(1) as f64).powf(self.exponent())
         };
         let mut errors: Vec<f64> = errors.iter().enumerate().map(of_one).collect();
         raise_to_floor(&mut errors);
@@ -100,7 +105,7 @@ impl<P: PointSet> Adaptive<P> {
         ceiling: u32,
         ladder: Ladder,
     ) -> Result<Vec<u32>, Error> {
-        let (mean, exponent) = (total as f64 / scores.len() as f64, self.options.exponent);
+        let (mean, exponent) = (total as f64 / scores.len() as f64, self.exponent());
         let cap = (self.options.cap * mean).ceil().min(f64::from(ceiling)) as u32;
         let mut shared = ladder.allocate(scores, floors, cap, total, exponent)?;
         if shared.unspent > 0 {

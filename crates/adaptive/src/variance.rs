@@ -13,7 +13,7 @@ dapple_core::options! {
         pub pilot: u32 = 0;
         /// Radius of the window over which variance and mean are pooled, 2 radius + 1 pixels wide and high.
         pub radius: u32 = 2;
-        /// Exponent of the assumed error decrease n^-exponent; 1 for random points.
+        /// Exponent of the assumed error decrease n^-exponent; at most 1 is used with independent points.
         ///
         /// The default 1.3 measured best for Owen-scrambled nets in images.
         pub exponent: f64 = 1.3;

@@ -92,7 +92,7 @@ pub use moments::{Moments, RgbMoments};
 pub use needs::Needs;
 pub use options::{OptionError, OptionValue, Options, OutOfRange, Parameter, nearest_name, parse_pairs};
 pub use plan::{Combine, Plan, Progress, Retention};
-pub use point_set::{PointSet, SampleId, streams};
+pub use point_set::{HostNumbers, PointSet, SampleId, streams};
 pub use policy::{PilotPolicy, Stopping};
 pub use render::{Control, Methods, Monitor, NoMonitor, Render, Round, Samples, Session, Status, Tile};
 pub use rng::Rng;

@@ -1,5 +1,6 @@
 //! Point sets: random numbers as a pure function of a sample's identity.
 
+use crate::allocate::mix;
 use crate::forward::forward;
 use std::sync::Arc;
 
@@ -103,6 +104,12 @@ pub trait PointSet: Send + Sync {
     fn preferred_count(&self, n: u64) -> u64 {
         n
     }
+
+    /// Returns `true` if the numbers of a pixel's samples are independent of each other, so that errors fall as 1/n. In
+    /// point sets that are better distributed they fall faster. `false` by default.
+    fn is_independent(&self) -> bool {
+        false
+    }
 }
 
 forward!(PointSet for &T, Box<T>, Arc<T>; {
@@ -110,4 +117,35 @@ forward!(PointSet for &T, Box<T>, Arc<T>; {
     ref block(id: SampleId, block: u32) -> [f32; 4];
     ref capacity() -> u64;
     ref preferred_count(n: u64) -> u64;
+    ref is_independent() -> bool;
 });
+
+/// The point set of a renderer that draws random numbers of its own, and asks Dapple for sample counts only.
+///
+/// Samplers then plan for independent samples. A [`Session`](crate::Session) says how many samples each pixel gets
+/// ([`Tile::counts`](crate::Tile::counts)), and takes their results ([`Tile::push`](crate::Tile::push)). Code that asks for
+/// its numbers all the same gets a hash.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct HostNumbers;
+
+impl PointSet for HostNumbers {
+    fn describe(&self) -> String {
+        "host".to_owned()
+    }
+
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        let [column, row] = id.pixel.map(u64::from);
+        let name = [column | row << 32, u64::from(id.stream) | u64::from(block) << 32, id.index];
+        let first = name.into_iter().fold(0, |x, part| mix(x ^ part));
+        let unit = |x: u64| (x >> 40) as f32 / (1 << 24) as f32;
+        [0, 1, 2, 3].map(|k| unit(mix(first ^ k)))
+    }
+
+    fn capacity(&self) -> u64 {
+        u64::MAX
+    }
+
+    fn is_independent(&self) -> bool {
+        true
+    }
+}

@@ -53,6 +53,10 @@ impl PointSet for Random {
     fn capacity(&self) -> u64 {
         u64::MAX
     }
+
+    fn is_independent(&self) -> bool {
+        true
+    }
 }
 
 /// The generator PCG XSL 128/64 (MCG): a multiplicative congruential generator, whose output is folded and rotated

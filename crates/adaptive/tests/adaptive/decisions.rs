@@ -4,7 +4,9 @@ use crate::common::*;
 use dapple_adaptive::{
     Adaptive, AdaptiveOptions, ErrorMap, PilotPolicy, PoolShape, Pooling, Sources, relative_variance,
 };
-use dapple_core::{BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, Plan, Progress, Sampler};
+use dapple_core::{
+    BudgetLeft, Error, Feedback, Film, Frame, HostNumbers, Limits, Needs, Plan, PointSet, Progress, SampleId, Sampler,
+};
 use dapple_low_discrepancy::{Random, Sobol};
 
 const SIDE: usize = 48;
@@ -12,7 +14,6 @@ const PILOT: u32 = 8;
 
 /// A film of `PILOT` samples per pixel; `value` takes the pixel and four numbers.
 fn film(needs: Needs, value: impl Fn([usize; 2], [f32; 4]) -> f32) -> Film {
-    use dapple_core::{PointSet, SampleId};
     let points = Random::new(9);
     let mut film = Film::new(frame(SIDE as u32, SIDE as u32), needs);
     for i in 0..SIDE * SIDE {
@@ -326,4 +327,18 @@ fn working_memory_of_threads_is_counted_z03() {
     assert_eq!(planning(64, 1) - planning(2, 1), wide - narrow);
     assert_eq!(planning(64, 4) - planning(64, 1), 3 * wide);
     assert_eq!(planning(64, 8), planning(64, 20), "there are eight tasks");
+}
+
+#[test]
+fn independent_numbers_have_an_exponent_of_1_without_being_told() {
+    let seen = film(Needs::none().with_variance(), penumbra);
+    let counts = |points: Box<dyn PointSet>, exponent| {
+        let mut sampler = Adaptive::with_options(points, options().rounds(1).exponent(exponent)).unwrap();
+        planned(&mut sampler, &seen).unwrap()
+    };
+    let host = |exponent| counts(Box::new(HostNumbers), exponent);
+    let net = |exponent| counts(Box::new(Sobol::new(1)), exponent);
+    assert_eq!(host(1.15), net(1.0));
+    assert_eq!(host(0.8), net(0.8));
+    assert_ne!(host(1.15), net(1.15));
 }
