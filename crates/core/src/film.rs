@@ -2,6 +2,7 @@
 
 mod bank;
 mod error;
+mod splats;
 mod window;
 
 pub use bank::luminance;
@@ -10,6 +11,7 @@ use bank::{Range, add_emission, widen};
 
 use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SampleId, SurfaceFeatures, streams};
 use bank::join;
+pub(crate) use splats::Splats;
 
 /// Running means and sums of squared deviations of a pixel's features: shading normal, albedo, position, depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -168,6 +170,7 @@ pub struct Film {
     pub(crate) features: Vec<FeatureMoments>,
     pub(crate) first_hits: Vec<Option<FirstHit>>,
     pub(crate) costs: Vec<u64>,
+    pub(crate) splats: Splats,
     pub(crate) rejected: Vec<Rejected>,
     pub(crate) record: Record,
 }
@@ -189,6 +192,7 @@ impl Film {
             features: if needs.features { vec![FeatureMoments::default(); pixels] } else { Vec::new() },
             first_hits: vec![None; pixels * usize::from(needs.first_hits)],
             costs: if needs.cost { vec![0; pixels] } else { Vec::new() },
+            splats: if needs.splats { Splats::new(pixels, halves) } else { Splats::default() },
             rejected: Vec::new(),
             record: Record::default(),
         }
@@ -200,12 +204,14 @@ impl Film {
             + if needs.features { size_of::<FeatureMoments>() } else { 0 }
             + usize::from(needs.first_hits) * size_of::<Option<FirstHit>>()
             + if needs.cost { 8 } else { 0 }
+            + if needs.splats { size_of::<[i128; 3]>() * if needs.halves { 2 } else { 1 } } else { 0 }
     }
 
     /// The bytes per pixel for the statistics of all kept samples, or of all discarded samples.
     pub(crate) fn bank_bytes_per_pixel(needs: &Needs) -> usize {
         let bank = 8 + 24 + if needs.variance { 24 } else { 0 } + if needs.extrema { 32 } else { 0 };
         let bank = bank + if needs.emission { 12 } else { 0 };
+        let bank = bank + usize::from(needs.channels) * if needs.variance { 8 } else { 4 };
         bank * if needs.halves { 2 } else { 1 }
     }
 
@@ -289,10 +295,17 @@ impl Film {
     pub fn mean(&self, i: usize) -> [f64; 3] {
         let [a, b] = match &self.kept[..] {
             [a, b] => [a, b],
-            banks => return banks[0].means[i],
+            banks => return plus(banks[0].means[i], self.splats.mean(0, i)),
         };
         let w = self.first_half_weight(i);
-        std::array::from_fn(|c| w * a.means[i][c] + (1.0 - w) * b.means[i][c])
+        let own = std::array::from_fn(|c| w * a.means[i][c] + (1.0 - w) * b.means[i][c]);
+        if self.splats.sums.is_empty() { own } else { plus(own, self.splatted(w, i)) }
+    }
+
+    /// The mean radiance that splats add to pixel `i`, if the first half has weight `w`.
+    fn splatted(&self, w: f64, i: usize) -> [f64; 3] {
+        let [a, b] = [0, 1].map(|half| self.splats.mean(half, i));
+        std::array::from_fn(|c| w * a[c] + (1.0 - w) * b[c])
     }
 
     /// The weight, in `[0, 1]`, of the first half in pixel `i`'s mean. A half without samples has weight 0.
@@ -308,7 +321,7 @@ impl Film {
     }
 
     /// Count, mean and sum of squared deviations of all kept samples of pixel `i`, both halves together. Without
-    /// [`Needs::variance`] the deviations are NaN.
+    /// [`Needs::variance`] the deviations are NaN. The mean is without splats.
     pub fn moments(&self, i: usize) -> RgbMoments {
         merged(&self.kept, i)
     }
@@ -316,7 +329,34 @@ impl Film {
     /// Count, mean and sum of squared deviations of pixel `i`'s kept samples in half 0 or 1; `None` in a film without
     /// halves.
     pub fn half(&self, half: usize, i: usize) -> Option<RgbMoments> {
-        (self.kept.len() == 2).then(|| self.kept[half & 1].moments(i))
+        (self.kept.len() == 2).then(|| {
+            let moments = self.kept[half & 1].moments(i);
+            RgbMoments { mean: plus(moments.mean, self.splats.mean(half & 1, i)), ..moments }
+        })
+    }
+
+    /// The means of the values beside the radiance over pixel `i`'s kept samples: of half 0 or 1, or of all samples in a
+    /// film without halves. As many as [`Needs::channels`].
+    pub fn channels(&self, half: usize, i: usize) -> &[f32] {
+        let each = usize::from(self.needs.channels);
+        &self.kept[half % self.kept.len()].channels[i * each..(i + 1) * each]
+    }
+
+    /// A film whose radiance is three of the values beside the radiance, so that any filter can be applied to them: three
+    /// bands of a spectrum, for example. Features and counts stay; splats and emission are left out.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotRecorded`] for a channel that the film does not record.
+    pub fn with_channels_as_colour(&self, channels: [u16; 3]) -> Result<Self, Error> {
+        if channels.iter().any(|&c| c >= self.needs.channels) {
+            return Err(Error::NotRecorded { who: "with_channels_as_colour".into(), what: "so many channels" });
+        }
+        let mut film = self.clone();
+        film.needs = Needs { emission: false, splats: false, extrema: false, channels: 0, ..film.needs };
+        film.splats = Splats::default();
+        film.kept.iter_mut().chain(&mut film.discarded).for_each(|bank| bank.take_colour(channels.map(usize::from)));
+        Ok(film)
     }
 
     /// The mean emission of light sources that pixel `i`'s kept samples saw directly: of half 0 or 1, or of all samples in
@@ -407,6 +447,8 @@ impl Film {
             (needs.features && !have.features, "first-hit features"),
             (needs.first_hits > have.first_hits, "first hits"),
             (needs.cost && !have.cost, "costs"),
+            (needs.splats && !have.splats, "splats"),
+            (needs.channels > have.channels, "values beside the radiance"),
         ];
         match missing.iter().find(|m| m.0) {
             Some((_, what)) => Err(Error::NotRecorded { who: who.to_owned(), what }),
@@ -427,6 +469,13 @@ impl Film {
         self.open_discarded();
         for (kept, discarded) in self.kept.iter_mut().zip(&mut self.discarded) {
             kept.withdraw_into(discarded, withdrawn);
+        }
+    }
+
+    /// Adds splats, by half, pixel and radiance.
+    pub(crate) fn add_splats(&mut self, splats: Vec<(usize, [u32; 2], [f32; 3])>) {
+        for (half, pixel, radiance) in splats {
+            self.splats.add(&self.frame, half, pixel, radiance);
         }
     }
 
@@ -466,6 +515,10 @@ fn joined(banks: &[Bank], i: usize) -> Option<Range> {
     let mut all = *ranges.next()?;
     ranges.for_each(|range| join(&mut all, range));
     Some(all)
+}
+
+fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|c| a[c] + b[c])
 }
 
 fn merged(banks: &[Bank], i: usize) -> RgbMoments {

@@ -35,6 +35,10 @@ pub struct Needs {
     pub cost: bool,
     /// The mean emission of light sources seen directly ([`Estimate::emission`](crate::Estimate::emission)).
     pub emission: bool,
+    /// Light that samples add to other pixels ([`Worker::splat`](crate::Worker::splat)).
+    pub splats: bool,
+    /// The number of values beside the radiance whose means are recorded ([`Worker::channels`](crate::Worker::channels)).
+    pub channels: u16,
 }
 
 impl Needs {
@@ -48,6 +52,8 @@ impl Needs {
             first_hits: 0,
             cost: false,
             emission: false,
+            splats: false,
+            channels: 0,
         }
     }
 
@@ -102,6 +108,22 @@ impl Needs {
         self
     }
 
+    /// Adds light that samples add to other pixels.
+    #[must_use]
+    pub const fn with_splats(mut self) -> Self {
+        self.splats = true;
+        self
+    }
+
+    /// Adds the means, and with [`Needs::variance`] the variances, of this number of values beside the radiance.
+    #[must_use]
+    pub const fn with_channels(mut self, channels: u16) -> Self {
+        if channels > self.channels {
+            self.channels = channels;
+        }
+        self
+    }
+
     /// The union: the statistics that `self` or `other` requests.
     #[must_use]
     pub const fn and(self, other: Self) -> Self {
@@ -113,6 +135,8 @@ impl Needs {
             first_hits: if self.first_hits > other.first_hits { self.first_hits } else { other.first_hits },
             cost: self.cost || other.cost,
             emission: self.emission || other.emission,
+            splats: self.splats || other.splats,
+            channels: if self.channels > other.channels { self.channels } else { other.channels },
         }
     }
 

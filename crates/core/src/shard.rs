@@ -1,6 +1,6 @@
 //! Shards: parts of one image, rendered by machines that do not communicate.
 
-use crate::film::{Bank, keep_first};
+use crate::film::{Bank, Splats, keep_first};
 use crate::snapshot::bytes::{Reader, Writer};
 use crate::snapshot::film::{put_film, size, take_film};
 use crate::snapshot::{Broken, check_head};
@@ -293,6 +293,8 @@ impl ShardFilm {
             m2: shard.cut(&bank.m2, width),
             ranges: shard.cut(&bank.ranges, width),
             emission: shard.cut(&bank.emission, width),
+            channels: shard.cut(&bank.channels, width * usize::from(film.needs.channels)),
+            channels_m2: shard.cut(&bank.channels_m2, width * usize::from(film.needs.channels)),
             ahead: shard.cut(&bank.ahead, width),
         };
         let film = Film {
@@ -304,6 +306,7 @@ impl ShardFilm {
             features: shard.cut(&film.features, width),
             first_hits: shard.cut(&film.first_hits, width * usize::from(film.needs.first_hits)),
             costs: shard.cut(&film.costs, width),
+            splats: film.splats.clone(),
             rejected: film.rejected.clone(),
             record: film.record.clone(),
         };
@@ -361,6 +364,7 @@ impl ShardFilm {
 pub fn merge(parts: &[ShardFilm]) -> Result<Film, Error> {
     let parts = in_order(parts)?;
     let first = parts[0];
+    let each = usize::from(first.needs.channels);
     let discards = parts.iter().any(|film| !film.discarded.is_empty());
     let banks = |of: &dyn Fn(&Film) -> &[Bank], count: usize| -> Result<Vec<Bank>, Error> {
         let bank = |half: usize| -> Result<Bank, Error> {
@@ -372,6 +376,8 @@ pub fn merge(parts: &[ShardFilm]) -> Result<Film, Error> {
                 m2: join(first, 1, banks.iter().map(|b| &b.m2[..]))?,
                 ranges: join(first, 1, banks.iter().map(|b| &b.ranges[..]))?,
                 emission: join(first, 1, banks.iter().map(|b| &b.emission[..]))?,
+                channels: join(first, each, banks.iter().map(|b| &b.channels[..]))?,
+                channels_m2: join(first, each, banks.iter().map(|b| &b.channels_m2[..]))?,
                 ahead: join(first, 1, banks.iter().map(|b| &b.ahead[..]))?,
             })
         };
@@ -389,6 +395,7 @@ pub fn merge(parts: &[ShardFilm]) -> Result<Film, Error> {
         features: join(first, 1, parts.iter().map(|film| &film.features[..]))?,
         first_hits: join(first, usize::from(first.needs.first_hits), parts.iter().map(|film| &film.first_hits[..]))?,
         costs: join(first, 1, parts.iter().map(|film| &film.costs[..]))?,
+        splats: Splats::sum(parts.iter().map(|film| &film.splats)),
         rejected,
         record: add_up(&parts)?,
     })

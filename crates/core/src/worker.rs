@@ -1,4 +1,4 @@
-//! What one task of the render loop keeps between samples: scratch memory and training notes.
+//! What one task of the render loop keeps between samples: scratch memory, splats, channels, training notes.
 
 use crate::TrainingSum;
 use std::any::Any;
@@ -8,6 +8,8 @@ use std::fmt;
 /// [`Integrator::estimate`](crate::Integrator::estimate).
 ///
 /// * [`Worker::scratch`]: memory of any type, reused by later samples of the same thread.
+/// * [`Worker::splat`]: light that this sample adds to other pixels.
+/// * [`Worker::channels`]: values beside the radiance, such as a spectrum or other outputs (AOVs).
 /// * [`Worker::note`]: training data.
 ///
 /// ```
@@ -29,6 +31,8 @@ use std::fmt;
 pub struct Worker {
     notes: Vec<(u64, f32)>,
     scratch: Option<Box<dyn Any + Send>>,
+    splats: Vec<([u32; 2], [f32; 3])>,
+    channels: Vec<f32>,
 }
 
 impl Worker {
@@ -42,6 +46,23 @@ impl Worker {
         self.scratch.as_mut().and_then(|s| s.downcast_mut()).expect("the value was made above")
     }
 
+    /// Adds light of this sample to another pixel, at column and row of the full image: the light of a path from a lamp,
+    /// for example.
+    ///
+    /// The image gets the sum of all splats divided by the mean number of samples per pixel, beside the mean of the pixel's
+    /// own samples. Splats outside the frame's window are dropped. Those that are NaN, infinite, negative or above 9e17 are
+    /// rejected, and the sample is listed. Without [`Needs::splats`](crate::Needs::with_splats), splats are ignored.
+    #[inline]
+    pub fn splat(&mut self, pixel: [u32; 2], radiance: [f32; 3]) {
+        self.splats.push((pixel, radiance));
+    }
+
+    /// The sample's values beside the radiance, as many as [`Needs::channels`](crate::Needs::with_channels), all 0 at first.
+    #[inline]
+    pub fn channels(&mut self) -> &mut [f32] {
+        &mut self.channels
+    }
+
     /// Notes `value` under `key` as training data. NaN and infinite values are dropped.
     #[inline]
     pub fn note(&mut self, key: u64, value: f32) {
@@ -53,6 +74,19 @@ impl Worker {
     /// Drops notes that no training pass reads.
     pub(crate) fn forget_notes(&mut self) {
         self.notes.clear();
+    }
+
+    /// The number of values beside the radiance that the next sample has; they start as 0.
+    #[inline]
+    pub(crate) fn begin_channels(&mut self, channels: usize) {
+        self.channels.clear();
+        self.channels.resize(channels, 0.0);
+    }
+
+    /// Takes the splats of the last sample.
+    #[inline]
+    pub(crate) fn take_splats(&mut self) -> std::vec::Drain<'_, ([u32; 2], [f32; 3])> {
+        self.splats.drain(..)
     }
 
     /// Returns the sums of the notes by key, added in the order of noting, and clears the log.

@@ -24,6 +24,9 @@ pub(crate) struct Bank {
     pub(crate) ranges: Vec<Range>,
     /// The mean emission of light sources seen directly.
     pub(crate) emission: Vec<[f32; 3]>,
+    /// The means of the values beside the radiance, pixel by pixel, and their sums of squared deviations.
+    pub(crate) channels: Vec<f32>,
+    pub(crate) channels_m2: Vec<f32>,
     /// Per pixel, the difference between the next sample's index and the count, caused by withdrawn samples. Positive
     /// in the bank that gave samples away, negative in the bank that got them. Empty until samples are withdrawn.
     pub(crate) ahead: Vec<i64>,
@@ -37,8 +40,24 @@ impl Bank {
             m2: if needs.variance { vec![[0.0; 3]; pixels] } else { Vec::new() },
             ranges: if needs.extrema { vec![NOTHING; pixels] } else { Vec::new() },
             emission: if needs.emission { vec![[0.0; 3]; pixels] } else { Vec::new() },
+            channels: vec![0.0; pixels * usize::from(needs.channels)],
+            channels_m2: if needs.variance { vec![0.0; pixels * usize::from(needs.channels)] } else { Vec::new() },
             ahead: Vec::new(),
         }
+    }
+
+    /// Replaces the radiance by three of the channels.
+    pub(super) fn take_colour(&mut self, channels: [usize; 3]) {
+        let each = self.channels.len() / self.counts.len().max(1);
+        let of = |plane: &[f32], i: usize| channels.map(|c| f64::from(plane[i * each + c]));
+        for i in 0..self.counts.len() {
+            self.means[i] = of(&self.channels, i);
+            if let Some(m2) = self.m2.get_mut(i) {
+                *m2 = of(&self.channels_m2, i);
+            }
+        }
+        (self.channels, self.channels_m2) = (Vec::new(), Vec::new());
+        (self.ranges, self.emission) = (Vec::new(), Vec::new());
     }
 
     pub(super) fn moments(&self, i: usize) -> RgbMoments {
@@ -60,6 +79,7 @@ impl Bank {
         for i in (0..pixels).filter(|&i| withdrawn[i]) {
             let mut moments = other.moments(i);
             let share = self.counts[i] as f32 / (self.counts[i] + moments.count).max(1) as f32;
+            self.give_channels(other, i, share);
             moments.merge(&self.moments(i));
             (other.counts[i], other.means[i]) = (moments.count, moments.mean);
             if let (Some(to), Some(from)) = (other.m2.get_mut(i), self.m2.get_mut(i)) {
@@ -77,6 +97,21 @@ impl Bank {
             self.ahead[i] += moved;
             other.ahead[i] -= moved;
             (self.counts[i], self.means[i]) = (0, [0.0; 3]);
+        }
+    }
+
+    /// Merges pixel `i`'s channels into those of `other`, in which they get the weight `share` [Chan 1983].
+    fn give_channels(&mut self, other: &mut Self, i: usize, share: f32) {
+        let each = self.channels.len() / self.counts.len().max(1);
+        let before = self.counts[i] as f32 * (1.0 - share);
+        for k in i * each..(i + 1) * each {
+            let apart = self.channels[k] - other.channels[k];
+            other.channels[k] += share * apart;
+            if let (Some(to), Some(from)) = (other.channels_m2.get_mut(k), self.channels_m2.get_mut(k)) {
+                *to += *from + apart * apart * before;
+                *from = 0.0;
+            }
+            self.channels[k] = 0.0;
         }
     }
 }
@@ -120,6 +155,8 @@ pub(crate) struct BankRows<'a> {
     pub(crate) m2: &'a mut [[f64; 3]],
     pub(crate) ranges: &'a mut [Range],
     pub(crate) emission: &'a mut [[f32; 3]],
+    pub(crate) channels: &'a mut [f32],
+    pub(crate) channels_m2: &'a mut [f32],
     /// Per pixel, the next sample's index minus the count ([`Bank::ahead`]); empty if no samples were withdrawn.
     pub(crate) ahead: &'a [i64],
 }
@@ -127,8 +164,8 @@ pub(crate) struct BankRows<'a> {
 impl Bank {
     /// All planes of the bank.
     pub(crate) fn rows(&mut self) -> BankRows<'_> {
-        let Self { counts, means, m2, ranges, emission, ahead } = self;
-        BankRows { counts, means, m2, ranges, emission, ahead }
+        let Self { counts, means, m2, ranges, emission, channels, channels_m2, ahead } = self;
+        BankRows { counts, means, m2, ranges, emission, channels, channels_m2, ahead }
     }
 }
 
@@ -149,6 +186,20 @@ impl BankRows<'_> {
             add_emission(mean, self.counts[local], estimate.emission, radiance);
         }
         reason
+    }
+
+    /// Adds the values beside the radiance of the sample that was added last. NaN and infinite values count as 0.
+    pub(crate) fn add_channels(&mut self, local: usize, values: &[f32]) {
+        let share = 1.0 / self.counts[local] as f32;
+        let each = self.channels.len() / self.counts.len().max(1);
+        for (k, &value) in (local * each..(local + 1) * each).zip(values) {
+            let value = if value.is_finite() { value } else { 0.0 };
+            let apart = value - self.channels[k];
+            self.channels[k] += apart * share;
+            if let Some(m2) = self.channels_m2.get_mut(k) {
+                *m2 += apart * (value - self.channels[k]);
+            }
+        }
     }
 
     /// Adds a sample to the running mean and deviations [Welford 1962]; see [`RgbMoments`](crate::RgbMoments).

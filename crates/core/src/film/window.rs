@@ -1,18 +1,21 @@
 //! Parts of films: the statistics of some pixels, taken out and put back.
 
-use super::{Bank, Film};
+use super::{Bank, Film, Splats};
 use crate::{Frame, Record, Retention};
 
 impl Film {
     /// A film of the part `frame` of this film's window, with the statistics that a round of this retention writes.
     pub(crate) fn part(&self, frame: Frame, retention: Retention) -> Film {
         let rows = Rows::new(&self.frame, &frame);
+        let each = usize::from(self.needs.channels);
         let cut = |bank: &Bank| Bank {
             counts: rows.cut(&bank.counts, 1),
             means: rows.cut(&bank.means, 1),
             m2: rows.cut(&bank.m2, 1),
             ranges: rows.cut(&bank.ranges, 1),
             emission: rows.cut(&bank.emission, 1),
+            channels: rows.cut(&bank.channels, each),
+            channels_m2: rows.cut(&bank.channels_m2, each),
             ahead: rows.cut(&bank.ahead, 1),
         };
         let banks = self.written(retention).iter().map(cut).collect();
@@ -26,6 +29,7 @@ impl Film {
             features: rows.cut(&self.features, 1),
             first_hits: rows.cut(&self.first_hits, usize::from(self.needs.first_hits)),
             costs: rows.cut(&self.costs, 1),
+            splats: Splats::default(),
             rejected: Vec::new(),
             record: Record::default(),
         }
@@ -38,12 +42,15 @@ impl Film {
             Retention::Keep => (&mut self.kept, &part.kept),
             Retention::Discard => (&mut self.discarded, &part.discarded),
         };
+        let each = usize::from(self.needs.channels);
         for (to, from) in to.iter_mut().zip(from) {
             rows.paste(&mut to.counts, &from.counts, 1);
             rows.paste(&mut to.means, &from.means, 1);
             rows.paste(&mut to.m2, &from.m2, 1);
             rows.paste(&mut to.ranges, &from.ranges, 1);
             rows.paste(&mut to.emission, &from.emission, 1);
+            rows.paste(&mut to.channels, &from.channels, each);
+            rows.paste(&mut to.channels_m2, &from.channels_m2, each);
         }
         rows.paste(&mut self.features, &part.features, 1);
         rows.paste(&mut self.first_hits, &part.first_hits, usize::from(self.needs.first_hits));

@@ -144,6 +144,10 @@ impl<'s> Round<'s> {
         open.submitted += all;
         let retention: Retention = tile.retention;
         film.put_back(tile.film, retention);
+        film.add_splats(tile.splats);
+        if retention == Retention::Keep {
+            film.splats.count(tile.halves);
+        }
         Ok(())
     }
 

@@ -2,7 +2,9 @@
 
 use super::{Monitor, Session};
 use crate::allocate::mix;
-use crate::film::{Bank, BankRows, FeatureMoments, REJECTED_LISTED, first_hits_of, keep_first, record_first_hit};
+use crate::film::{
+    Bank, BankRows, FeatureMoments, REJECTED_LISTED, Splats, first_hits_of, keep_first, record_first_hit,
+};
 use crate::integrator::TrainingSum;
 use crate::snapshot::{Cursor, OpenRound};
 use crate::{
@@ -68,6 +70,8 @@ struct Band<'a> {
 #[derive(Default)]
 struct Tally {
     samples: u64,
+    /// The number of samples in each half.
+    halves: [u64; 2],
     rays: u64,
     blocks: u64,
     /// The number of rejected samples.
@@ -77,6 +81,8 @@ struct Tally {
     /// The first rejected sample in the order of tracing, with its radiance.
     first_rejected: Option<(SampleId, [f32; 3])>,
     training: Vec<(usize, Vec<TrainingSum>)>,
+    /// Half, pixel and radiance of splats.
+    splats: Vec<(usize, [u32; 2], [f32; 3])>,
     panicked: Option<(SampleId, String)>,
 }
 
@@ -116,6 +122,9 @@ pub(super) fn trace(
         let rows = [cursor.row, cursor.row.saturating_add(rows).min(height)];
         let range = Slice { samples: [cursor.start, cursor.end], rows };
         let tallies = slice(&*integrator, points, &open.plan, film, limits, range);
+        if open.plan.retention == Retention::Keep {
+            tallies.iter().for_each(|tally| film.splats.count(tally.halves));
+        }
         let panicked = add_up(film, tallies, limits, points, &mut open.pending)?;
         if let Some((sample, message)) = panicked {
             let film = Box::new(std::mem::replace(film, Film::new(*film.frame(), crate::Needs::none())));
@@ -235,13 +244,16 @@ fn slice(
 fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>, size: usize) -> Vec<Band<'_>> {
     let k = usize::from(film.needs.first_hits);
     let banks = if retention == Retention::Keep { &mut film.kept } else { &mut film.discarded };
+    let each = usize::from(film.needs.channels);
+    let wide = pixels.start * each..pixels.end * each;
     let mut banks: Vec<_> = banks
         .iter_mut()
-        .map(|Bank { counts, means, m2, ranges, emission, ahead }| {
+        .map(|Bank { counts, means, m2, ranges, emission, channels, channels_m2, ahead }| {
             let sums = (chunks(counts, &pixels, size), chunks(means, &pixels, size), chunks(m2, &pixels, size));
             let ahead = if ahead.is_empty() { &[][..] } else { &ahead[pixels.clone()] };
             let more = (chunks(ranges, &pixels, size), chunks(emission, &pixels, size));
-            (sums, more, ahead.chunks(size))
+            let beside = (chunks(channels, &wide, size * each.max(1)), chunks(channels_m2, &wide, size * each.max(1)));
+            (sums, more, beside, ahead.chunks(size))
         })
         .collect();
     let mut features = chunks(&mut film.features, &pixels, size);
@@ -253,12 +265,14 @@ fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>, size: usiz
             first,
             banks: banks
                 .iter_mut()
-                .map(|((counts, means, m2), (ranges, emission), ahead)| BankRows {
+                .map(|((counts, means, m2), (ranges, emission), (channels, channels_m2), ahead)| BankRows {
                     counts: counts.next().unwrap_or_default(),
                     means: means.next().unwrap_or_default(),
                     m2: m2.next().unwrap_or_default(),
                     ranges: ranges.next().unwrap_or_default(),
                     emission: emission.next().unwrap_or_default(),
+                    channels: channels.next().unwrap_or_default(),
+                    channels_m2: channels_m2.next().unwrap_or_default(),
                     ahead: ahead.next().unwrap_or_default(),
                 })
                 .collect(),
@@ -378,11 +392,22 @@ fn trace_sample(
     let id = SampleId::new(pixel, round.streams[half], bank.next_index(local));
     current.set(Some(id));
     let draws = Draws::of_round(round.points, id, &round.needs);
+    let channels = usize::from(round.needs.channels);
+    if channels > 0 {
+        worker.begin_channels(channels);
+    }
     let estimate = round.integrator.estimate(&draws, worker);
     if let Some(reason) = bank.add(local, &estimate) {
         tally.reject(Rejected { sample: id, reason }, estimate.radiance);
     }
+    if channels > 0 {
+        bank.add_channels(local, worker.channels());
+    }
+    for (to, radiance) in worker.take_splats() {
+        tally.splat(round, id, (half, to, radiance));
+    }
     tally.samples += 1;
+    tally.halves[half] += 1;
     tally.rays += u64::from(estimate.cost);
     tally.blocks += u64::from(draws.blocks_requested());
     if round.needs.wants_first_hit() {
@@ -399,6 +424,17 @@ fn trace_sample(
 }
 
 impl Tally {
+    /// Keeps a splat of a sample that enters the image, if the film records splats.
+    #[cold]
+    fn splat(&mut self, round: &Inputs<'_>, id: SampleId, splat: (usize, [u32; 2], [f32; 3])) {
+        if round.needs.splats && round.plan.retention == Retention::Keep {
+            match Splats::reason_to_reject(splat.2) {
+                Some(reason) => self.reject(Rejected { sample: id, reason }, splat.2),
+                None => self.splats.push(splat),
+            }
+        }
+    }
+
     /// Counts and lists a rejected sample. Outlined because it is rare. The list holds at most twice as many samples as
     /// the film's list.
     #[cold]
@@ -427,6 +463,7 @@ fn add_up(
         film.record.samples += tally.samples;
         film.record.rays += tally.rays;
         film.record.blocks += tally.blocks;
+        film.add_splats(tally.splats);
         if limits.invalid == InvalidSample::Fail
             && let Some((sample, value)) = tally.first_rejected
         {

@@ -1,6 +1,6 @@
 //! Tiles of a round: the samples that one task traces, in any order.
 
-use crate::film::{first_hits_of, record_first_hit};
+use crate::film::{Splats, first_hits_of, record_first_hit};
 use crate::snapshot::OpenRound;
 use crate::{Draws, Estimate, Film, Needs, PointSet, Rejected, Retention, SampleId, streams};
 use std::collections::BTreeMap;
@@ -115,9 +115,20 @@ pub struct Tile<'r> {
     taken: Vec<u32>,
     left: u64,
     /// Results that wait for earlier ones, by pixel and turn.
-    waiting: BTreeMap<(usize, u32), (Estimate, u32)>,
+    waiting: BTreeMap<(usize, u32), Waiting>,
+    /// Half, pixel and radiance of splats.
+    pub(super) splats: Vec<(usize, [u32; 2], [f32; 3])>,
+    /// The number of samples added in each half.
+    pub(super) halves: [u64; 2],
     /// The first wrong use of the tile.
     pub(super) fault: Option<String>,
+}
+
+/// A result that came before an earlier one of its pixel, the blocks it took, and its values beside the radiance.
+struct Waiting {
+    estimate: Estimate,
+    blocks: u32,
+    channels: Box<[f32]>,
 }
 
 impl<'r> Tile<'r> {
@@ -155,7 +166,8 @@ impl<'r> Tile<'r> {
         };
         let (taken, left) = (vec![0; frame.pixels()], planned.total());
         let (retention, waiting) = (open.plan.retention, BTreeMap::new());
-        Self { planned: Arc::new(planned), retention, film: part, taken, left, waiting, fault: None }
+        let (splats, halves) = (Vec::new(), [0; 2]);
+        Self { planned: Arc::new(planned), retention, film: part, taken, left, waiting, splats, halves, fault: None }
     }
 
     /// Columns and rows `[x0, y0, x1, y1]` of the tile in the full image; the last ones are excluded.
@@ -186,11 +198,31 @@ impl<'r> Tile<'r> {
     /// A sample of another tile or round, or one that was added before, is a mistake that [`Round::submit`] reports.
     #[inline]
     pub fn add(&mut self, sample: &Draws<'_>, estimate: impl Into<Estimate>) {
+        self.add_with_channels(sample, estimate, &[]);
+    }
+
+    /// Adds the result of one sample with its values beside the radiance, such as a spectrum or other outputs (AOVs).
+    ///
+    /// A number of values other than [`Needs::channels`](crate::Needs::with_channels) is a mistake that [`Round::submit`](crate::Round::submit) reports.
+    #[inline]
+    pub fn add_with_channels(&mut self, sample: &Draws<'_>, estimate: impl Into<Estimate>, channels: &[f32]) {
         let (id, turn) = (sample.id(), sample.turn());
         let local = self.planned.local(id.pixel);
         match local.filter(|&local| turn < self.planned.pixels[local].total() && self.planned.id(local, turn) == id) {
-            Some(local) => self.place(local, turn, estimate.into(), sample.blocks_requested()),
+            Some(local) => self.place(local, turn, &estimate.into(), sample.blocks_requested(), channels),
             None => self.wrong(id, "belongs to another tile or round; add each sample to the tile that it came from"),
+        }
+    }
+
+    /// Adds light of a sample to another pixel, as [`Worker::splat`](crate::Worker::splat) does.
+    pub fn splat(&mut self, sample: &Draws<'_>, pixel: [u32; 2], radiance: [f32; 3]) {
+        let (id, streams) = (sample.id(), self.planned.streams);
+        if !self.planned.needs.splats || self.retention != Retention::Keep {
+            return;
+        }
+        match Splats::reason_to_reject(radiance) {
+            Some(reason) => self.film.list_rejected(1, vec![Rejected { sample: id, reason }]),
+            None => self.splats.push((usize::from(id.stream != streams[0]), pixel, radiance)),
         }
     }
 
@@ -219,7 +251,7 @@ impl<'r> Tile<'r> {
     pub fn push(&mut self, pixel: [u32; 2], estimate: impl Into<Estimate>) {
         let local = self.planned.local(pixel);
         match local.filter(|&local| self.taken[local] < self.planned.pixels[local].total()) {
-            Some(local) => self.place(local, self.taken[local], estimate.into(), 0),
+            Some(local) => self.place(local, self.taken[local], &estimate.into(), 0, &[]),
             None => {
                 let [column, row] = pixel;
                 let asked = local.map_or(0, |local| self.planned.pixels[local].total());
@@ -233,22 +265,22 @@ impl<'r> Tile<'r> {
 
     /// Records a result, or keeps it until the pixel's earlier ones are there.
     #[inline]
-    fn place(&mut self, local: usize, turn: u32, estimate: Estimate, blocks: u32) {
+    fn place(&mut self, local: usize, turn: u32, estimate: &Estimate, blocks: u32, channels: &[f32]) {
         if turn != self.taken[local] {
-            self.keep(local, turn, estimate, blocks);
+            self.keep(local, turn, Waiting { estimate: *estimate, blocks, channels: channels.into() });
             return;
         }
-        self.record(local, turn, &estimate, blocks);
+        self.record(local, turn, estimate, blocks, channels);
         while !self.waiting.is_empty()
-            && let Some((estimate, blocks)) = self.waiting.remove(&(local, self.taken[local]))
+            && let Some(Waiting { estimate, blocks, channels }) = self.waiting.remove(&(local, self.taken[local]))
         {
-            self.record(local, self.taken[local], &estimate, blocks);
+            self.record(local, self.taken[local], &estimate, blocks, &channels);
         }
     }
 
     #[cold]
-    fn keep(&mut self, local: usize, turn: u32, estimate: Estimate, blocks: u32) {
-        let again = turn < self.taken[local] || self.waiting.insert((local, turn), (estimate, blocks)).is_some();
+    fn keep(&mut self, local: usize, turn: u32, waiting: Waiting) {
+        let again = turn < self.taken[local] || self.waiting.insert((local, turn), waiting).is_some();
         if again {
             self.wrong(self.planned.id(local, turn), "was added twice; add each sample once");
         }
@@ -256,11 +288,17 @@ impl<'r> Tile<'r> {
 
     /// Records the next result of a pixel in the film.
     #[inline]
-    fn record(&mut self, local: usize, turn: u32, estimate: &Estimate, blocks: u32) {
+    fn record(&mut self, local: usize, turn: u32, estimate: &Estimate, blocks: u32, channels: &[f32]) {
         let (half, _) = self.planned.pixels[local].sample(self.planned.order, turn);
         let Film { needs, kept, discarded, features, first_hits, costs, record, .. } = &mut self.film;
         let banks = if self.retention == Retention::Keep { kept } else { discarded };
-        let rejected = banks[half].rows().add(local, estimate);
+        let mut bank = banks[half].rows();
+        let rejected = bank.add(local, estimate);
+        if needs.channels > 0 {
+            bank.add_channels(local, channels);
+        }
+        let missing = channels.len() != usize::from(needs.channels);
+        self.halves[half] += 1;
         record.samples += 1;
         record.rays += u64::from(estimate.cost);
         record.blocks += u64::from(blocks);
@@ -274,6 +312,14 @@ impl<'r> Tile<'r> {
         }
         self.taken[local] += 1;
         self.left -= 1;
+        if missing {
+            let wanted = self.planned.needs.channels;
+            let what = format!(
+                "a sample has {} values beside its radiance, and the film records {wanted}; give as many to Tile::add_with_channels",
+                channels.len()
+            );
+            self.fault.get_or_insert(what);
+        }
         if let Some(reason) = rejected {
             let sample = self.planned.id(local, turn);
             self.film.list_rejected(1, vec![Rejected { sample, reason }]);

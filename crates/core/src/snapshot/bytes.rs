@@ -29,7 +29,7 @@ macro_rules! number {
     )*};
 }
 
-number!(u8, u32, u64, i64, f32, f64);
+number!(u8, u16, u32, u64, i64, i128, f32, f64);
 
 impl<T: Number, const N: usize> Number for [T; N] {
     const SIZE: usize = N * T::SIZE;

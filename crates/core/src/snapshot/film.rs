@@ -2,7 +2,7 @@
 
 use super::Broken;
 use super::bytes::{Reader, Writer};
-use crate::film::{Bank, FeatureMoments, REJECTED_LISTED};
+use crate::film::{Bank, FeatureMoments, REJECTED_LISTED, Splats};
 use crate::{
     Combine, Film, FirstHit, Frame, Needs, Record, Rejected, RejectedReason, RoundRecord, SampleId, TrainingSum,
 };
@@ -35,6 +35,8 @@ pub(crate) fn put_film(to: &mut Writer, film: &Film) {
     }
     film.first_hits.iter().for_each(|hit| put_hit(to, hit.as_ref()));
     to.numbers(&film.costs);
+    film.splats.sums.iter().for_each(|sums| to.numbers(sums));
+    to.number(film.splats.samples);
 }
 
 /// Reads a film whose planes have `pixels(frame)` pixels, fewer than the frame's for a shard.
@@ -54,7 +56,10 @@ pub(crate) fn take_film(from: &mut Reader<'_>, pixels: impl FnOnce(&Frame) -> us
     let features = if needs.features { take_features(from, pixels)? } else { Vec::new() };
     let first_hits = take_hits(from, pixels.saturating_mul(usize::from(needs.first_hits)))?;
     let costs = if needs.cost { from.numbers(pixels)? } else { Vec::new() };
-    let film = Film { frame, needs, combine, kept, discarded, features, first_hits, costs, rejected, record };
+    let planes = if needs.splats { halves } else { 0 };
+    let sums = (0..planes).map(|_| from.numbers(frame.pixels())).collect::<Result<_, _>>()?;
+    let splats = Splats { sums, samples: from.number()? };
+    let film = Film { frame, needs, combine, kept, discarded, features, first_hits, costs, splats, rejected, record };
     check(&film)?;
     Ok(film)
 }
@@ -71,8 +76,8 @@ fn check(film: &Film) -> Result<(), Broken> {
             }
         }
         let sums = bank.means.iter().chain(&bank.m2).flatten();
-        let emission = bank.emission.iter().flatten();
-        if !(sums.into_iter().all(|v| v.is_finite()) && emission.into_iter().all(|v| v.is_finite())) {
+        let mut single = bank.emission.iter().flatten().chain(&bank.channels).chain(&bank.channels_m2);
+        if !(sums.into_iter().all(|v| v.is_finite()) && single.all(|v| v.is_finite())) {
             return Err(Broken("a mean is NaN or infinite"));
         }
     }
@@ -95,18 +100,20 @@ fn take_frame(from: &mut Reader<'_>) -> Result<Frame, Broken> {
 }
 
 fn put_needs(to: &mut Writer, needs: &Needs) {
-    let Needs { variance, extrema, halves, features, first_hits, cost, emission } = *needs;
-    [variance, extrema, halves, features, cost, emission].into_iter().for_each(|need| to.flag(need));
+    let Needs { variance, extrema, halves, features, first_hits, cost, emission, splats, channels } = *needs;
+    [variance, extrema, halves, features, cost, emission, splats].into_iter().for_each(|need| to.flag(need));
     to.number(first_hits);
+    to.number(channels);
 }
 
 fn take_needs(from: &mut Reader<'_>) -> Result<Needs, Broken> {
     let mut needs = Needs::none();
-    let Needs { variance, extrema, halves, features, cost, emission, .. } = &mut needs;
-    for need in [variance, extrema, halves, features, cost, emission] {
+    let Needs { variance, extrema, halves, features, cost, emission, splats, .. } = &mut needs;
+    for need in [variance, extrema, halves, features, cost, emission, splats] {
         *need = from.flag()?;
     }
     needs.first_hits = from.number()?;
+    needs.channels = from.number()?;
     Ok(needs)
 }
 
@@ -172,23 +179,28 @@ fn take_rejected(from: &mut Reader<'_>) -> Result<Vec<Rejected>, Broken> {
 }
 
 fn put_bank(to: &mut Writer, bank: &Bank) {
-    let Bank { counts, means, m2, ranges, emission, ahead } = bank;
+    let Bank { counts, means, m2, ranges, emission, channels, channels_m2, ahead } = bank;
     to.numbers(counts);
     to.numbers(means);
     to.numbers(m2);
     to.numbers(ranges);
     to.numbers(emission);
+    to.numbers(channels);
+    to.numbers(channels_m2);
     to.flag(!ahead.is_empty());
     to.numbers(ahead);
 }
 
 fn take_bank(from: &mut Reader<'_>, pixels: usize, needs: &Needs) -> Result<Bank, Broken> {
+    let channels = pixels.saturating_mul(usize::from(needs.channels));
     Ok(Bank {
         counts: from.numbers(pixels)?,
         means: from.numbers(pixels)?,
         m2: from.numbers(if needs.variance { pixels } else { 0 })?,
         ranges: from.numbers(if needs.extrema { pixels } else { 0 })?,
         emission: from.numbers(if needs.emission { pixels } else { 0 })?,
+        channels: from.numbers(channels)?,
+        channels_m2: from.numbers(if needs.variance { channels } else { 0 })?,
         ahead: match from.flag()? {
             true => from.numbers(pixels)?,
             false => Vec::new(),

@@ -331,3 +331,82 @@ fn a_filter_that_lacks_features_is_told_after_the_first_round() {
     assert!(session.film().half(1, 0).is_some() && session.film().needs().variance);
     assert_eq!(session.finish().unwrap().radiance, [[0.5; 3]; 16]);
 }
+
+/// Light from a lamp that paths throw at pixels, three channels beside the radiance.
+struct Splatting;
+
+fn thrown(draws: &Draws<'_>) -> ([u32; 2], [f32; 3]) {
+    let u = draws.block(Block::new(1));
+    // 50 columns and rows: some fall outside the window.
+    (([0, 1].map(|k| (u[k] * 50.0) as u32)), [u[2], 2.0 * u[3], if u[0] < 0.01 { f32::NAN } else { 1.0 }])
+}
+
+impl Integrator for Splatting {
+    fn estimate(&self, draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
+        let (pixel, radiance) = thrown(draws);
+        worker.splat(pixel, radiance);
+        let estimate = trace(draws);
+        worker.channels().copy_from_slice(&[radiance[0], 4.0, estimate.radiance[1]]);
+        estimate
+    }
+}
+
+#[test]
+fn splats_and_channels_have_the_same_bits_in_any_order() {
+    let needs = Needs::none().with_splats().with_channels(3).with_variance();
+    let size = frame(45, 38);
+    let film = |threads| {
+        let limits = Limits::samples(LIMIT);
+        let render = || Render::new(size, &limits).needs(needs).run(&mut Splatting, &mut every_kind());
+        crate::common::on_threads(threads, render).unwrap()
+    };
+    let [one, three] = [1, 3].map(film);
+    assert!(bits(&one) == bits(&three));
+    let methods = Methods::from(every_kind()).with_needs(needs);
+    let mut session = Session::new(size, Limits::samples(LIMIT), methods).unwrap();
+    while let Some(round) = session.next_round().unwrap() {
+        let mut tile = round.whole();
+        let samples: Vec<_> = tile.samples().collect();
+        for sample in samples.iter().rev() {
+            let (pixel, radiance) = thrown(sample);
+            let estimate = trace(sample);
+            tile.splat(sample, pixel, radiance);
+            tile.add_with_channels(sample, estimate, &[radiance[0], 4.0, estimate.radiance[1]]);
+        }
+        round.submit(tile).unwrap();
+        // A snapshot keeps both.
+        let film = Snapshot::from_bytes(&round.snapshot()).unwrap().film().clone();
+        assert!((0..size.pixels()).all(|i| film.channels(0, i).len() == 3));
+    }
+    let pulled = session.into_film();
+    assert!(bits(&pulled) == bits(&one));
+    for i in 0..size.pixels() {
+        assert_eq!((pulled.channels(0, i), pulled.channels(1, i)), (one.channels(0, i), one.channels(1, i)));
+        assert!(one.count(i) == 0 || (one.channels(0, i)[1] - 4.0).abs() < 1e-5 || one.half(0, i).unwrap().count == 0);
+    }
+    // The second channel as colour is the radiance's green.
+    let green = one.with_channels_as_colour([2, 2, 2]).unwrap();
+    let apart = |i: usize| (green.half(0, i).unwrap().mean[0] - one.channels(0, i)[2] as f64).abs();
+    assert!((0..size.pixels()).all(|i| apart(i) < 1e-6));
+    assert!(one.with_channels_as_colour([0, 1, 3]).is_err());
+}
+
+#[test]
+fn splats_add_their_mean_to_the_image() {
+    /// Each sample throws a light of 3 at pixel (1, 0), and sees 0.5 itself.
+    struct Lamp;
+    impl Integrator for Lamp {
+        fn estimate(&self, _: &Draws<'_>, worker: &mut Worker) -> Estimate {
+            worker.splat([1, 0], [3.0, 0.0, 0.25]);
+            Estimate::new([0.5; 3])
+        }
+    }
+    // Other counts per pixel change nothing: 12 pixels get as many samples as 12 throw.
+    for needs in [Needs::none().with_splats(), Needs::none().with_splats().with_halves()] {
+        let mut sampler = crate::common::counts(Independent::new(1), (1..=12).collect());
+        let film = Render::new(frame(4, 3), &Limits::samples(1000)).needs(needs).run(&mut Lamp, &mut sampler).unwrap();
+        let image = film.image();
+        assert!((image[1][0] - (0.5 + 3.0 * 12.0)).abs() < 1e-4 && (image[1][2] - (0.5 + 0.25 * 12.0)).abs() < 1e-5);
+        assert!(image.iter().enumerate().all(|(i, rgb)| i == 1 || *rgb == [0.5; 3]));
+    }
+}

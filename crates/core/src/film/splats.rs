@@ -1,0 +1,79 @@
+//! Splats: light that samples add to pixels other than their own.
+
+use crate::{Frame, RejectedReason};
+
+/// The unit of the sums: 2^-64.
+const UNIT: f64 = 18_446_744_073_709_551_616.0;
+/// Splats from here on count as infinite. Sums stay exact for some 10^19 times as many.
+const LARGEST: f32 = 9.0e17;
+
+/// The sums of all splats per pixel, for each half of the samples.
+///
+/// Sums are whole numbers of 2^-64, so that they have the same bits in whatever order splats arrive.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Splats {
+    /// Linear RGB per pixel; one plane, or one per half. Empty if the film does not record splats.
+    pub(crate) sums: Vec<Vec<[i128; 3]>>,
+    /// The number of samples that could splat, in the image or withdrawn from it, for each plane.
+    pub(crate) samples: [u64; 2],
+}
+
+impl Splats {
+    pub(super) fn new(pixels: usize, halves: usize) -> Self {
+        Self { sums: vec![vec![[0; 3]; pixels]; halves], samples: [0; 2] }
+    }
+
+    /// Counts samples that could splat, by half.
+    pub(crate) fn count(&mut self, samples: [u64; 2]) {
+        if !self.sums.is_empty() {
+            (0..2).for_each(|half| self.samples[half] += samples[half]);
+        }
+    }
+
+    /// The reason why a splat is rejected; `None` for a valid one.
+    pub(crate) fn reason_to_reject(radiance: [f32; 3]) -> Option<RejectedReason> {
+        if radiance.iter().any(|&x| x > LARGEST) {
+            return Some(RejectedReason::NotFinite);
+        }
+        RejectedReason::of(radiance)
+    }
+
+    /// Adds a splat at column and row of the full image. Drops it outside the window, and if it is rejected.
+    pub(crate) fn add(&mut self, frame: &Frame, half: usize, [column, row]: [u32; 2], radiance: [f32; 3]) {
+        let ([x, y], [width, height]) = (frame.origin(), frame.size());
+        let (Some(column), Some(row)) = (column.checked_sub(x), row.checked_sub(y)) else { return };
+        if column >= width || row >= height || Self::reason_to_reject(radiance).is_some() {
+            return;
+        }
+        if let Some(sums) = self.sums.get_mut(half) {
+            let sum = &mut sums[row as usize * width as usize + column as usize];
+            (0..3).for_each(|c| sum[c] = sum[c].saturating_add((f64::from(radiance[c]) * UNIT) as i128));
+        }
+    }
+
+    /// The sums over the parts of an image. Each part has planes of the whole image.
+    pub(crate) fn sum<'a>(parts: impl Iterator<Item = &'a Self>) -> Self {
+        let mut whole = Self::default();
+        for part in parts {
+            if whole.sums.is_empty() {
+                whole.sums.clone_from(&part.sums);
+            } else {
+                let to = whole.sums.iter_mut().flatten().flatten();
+                to.zip(part.sums.iter().flatten().flatten()).for_each(|(to, from)| *to = to.saturating_add(*from));
+            }
+            (0..2).for_each(|half| whole.samples[half] += part.samples[half]);
+        }
+        whole
+    }
+
+    /// The mean radiance that splats add to pixel `i` in one half: their sum over the samples per pixel.
+    pub(super) fn mean(&self, half: usize, i: usize) -> [f64; 3] {
+        match self.sums.get(half) {
+            Some(sums) if self.samples[half] > 0 => {
+                let share = sums.len() as f64 / self.samples[half] as f64 / UNIT;
+                sums[i].map(|sum| sum as f64 * share)
+            }
+            _ => [0.0; 3],
+        }
+    }
+}
