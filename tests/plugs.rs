@@ -2,6 +2,9 @@
 
 mod common;
 
+use dapple::core::samplers::Uniform;
+use dapple::core::{Draws, Frame, Limits, Session, Tile};
+
 /// The name of each example, its source, and the largest part of the plain image's error that Dapple's may have.
 /// Measured: 0.080, 0.067 and 0.143.
 const PLUGS: [(&str, &str, f64); 3] = [
@@ -48,5 +51,37 @@ fn each_plug_lowers_the_error() {
         let numbers: Vec<f64> = said.split_whitespace().filter_map(|word| word.parse().ok()).collect();
         let [plain, dapple, part] = numbers[..] else { panic!("{name}: {said}") };
         assert!((dapple / plain - part).abs() < 0.01 && dapple > 0.0 && part < most, "{name}: {said}");
+    }
+}
+
+/// The part of an error of `Round::submit` that the page quotes, after a mistake with a tile of 16 pixels and 2 samples each.
+fn submitted(mistake: impl FnOnce(&mut Tile<'_>, &Draws<'_>, &Tile<'_>)) -> String {
+    let points = dapple::points("sobol", 1).expect("a point set");
+    let mut session = Session::new(Frame::new(8, 8).expect("a frame"), Limits::spp(2.0), Uniform::new(points))
+        .expect("a session")
+        .with_tile_side(4);
+    let round = session.next_round().expect("a plan").expect("a round");
+    let (mut tile, other) = (round.next_tile().expect("a tile"), round.next_tile().expect("a tile"));
+    let mut samples: Vec<_> = tile.samples().collect();
+    let last = samples.pop().expect("a sample");
+    samples.iter().for_each(|sample| tile.add(sample, [1.0; 3]));
+    mistake(&mut tile, &last, &other);
+    let text = round.submit(tile).expect_err("a mistake").to_string();
+    text.split_once("was not taken: ").expect("the tile is named").1.to_owned()
+}
+
+#[test]
+fn the_page_quotes_errors_as_they_are() {
+    let twice = |tile: &mut Tile<'_>, last: &Draws<'_>| (0..2).for_each(|_| tile.add(last, [1.0; 3]));
+    let texts = [
+        submitted(|_, _, _| ()),
+        submitted(|tile, last, _| twice(tile, last)),
+        submitted(|tile, _, other| tile.add(&other.samples().next().expect("a sample"), [1.0; 3])),
+        submitted(|tile, _, _| tile.push([0, 0], [1.0; 3])),
+        submitted(|tile, last, _| tile.add_all(std::slice::from_ref(last), [[1.0; 3]; 0])),
+    ];
+    for text in texts {
+        let quoted = text.split_once("belongs").map_or(text.clone(), |(_, rest)| format!("… belongs{rest}"));
+        assert!(PAGE.contains(&format!("`{quoted}`")), "the page does not quote: {text}");
     }
 }
