@@ -28,6 +28,7 @@
 //! * `job` (feature `job`): one render, from its description to its image; checkpoints and shards.
 //! * `study` (feature `study`): measurements of error against render time, with a report.
 //!
+//! `examples/plugs` has three renderers that keep their loop, each with under 25 lines for Dapple.
 //! `examples/foreign_renderer.rs` connects clusters, sampler and denoiser to a renderer that shares no code with
 //! Dapple.
 //!
@@ -67,6 +68,10 @@
 //! ```
 
 pub use dapple_core as core;
+pub use dapple_core::{
+    Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Methods, Needs, Render, Rng, Round, Session,
+    Tile, Worker,
+};
 
 #[cfg(feature = "adaptive")]
 pub use dapple_adaptive as adaptive;
@@ -76,6 +81,8 @@ pub use dapple_cluster_adaptive as cluster_adaptive;
 pub use dapple_clustering as clustering;
 #[cfg(feature = "denoise")]
 pub use dapple_denoise as denoise;
+#[cfg(feature = "denoise")]
+pub use dapple_denoise::denoise;
 #[cfg(feature = "geometry")]
 pub use dapple_geometry as geometry;
 #[cfg(feature = "job")]
@@ -91,7 +98,7 @@ pub use dapple_mitchell as mitchell;
 #[cfg(feature = "oidn")]
 pub use dapple_oidn as oidn;
 #[cfg(feature = "registry")]
-pub use dapple_registry::{self as registry, SamplerAndFilter, default_pair};
+pub use dapple_registry::{self as registry, default_pair, default_pair_with};
 #[cfg(feature = "renderer")]
 pub use dapple_renderer as renderer;
 #[cfg(feature = "scene")]
@@ -113,4 +120,6 @@ mod pages {
     struct WritingASampler;
     #[doc = include_str!("../docs/book/src/your-renderer.md")]
     struct YourRenderer;
+    #[doc = include_str!("../docs/book/src/denoise-buffers.md")]
+    struct DenoiseBuffers;
 }

@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 // --- plug
-use dapple::core::{Error, Estimate, FirstHit, Frame, Limits, Rng, Session};
+use dapple::{Error, Estimate, FirstHit, Frame, Limits, Rng, Session};
 
 impl Sampler for Rng<'_> {
     fn get_1d(&mut self) -> f32 {

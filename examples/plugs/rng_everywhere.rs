@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 // --- plug
-use dapple::core::{Error, Estimate, FirstHit, Frame, Limits, Session};
+use dapple::{Error, Estimate, FirstHit, Frame, Limits, Session};
 
 fn render_with_dapple(scene: &[Sphere], seed: u64) -> Result<Vec<[f32; 3]>, Error> {
     let mut session = Session::new(Frame::new(WIDTH, HEIGHT)?, Limits::spp(SPP.into()), dapple::default_pair(seed))?;

@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 // --- plug
-use dapple::core::{Error, Estimate, FirstHit, Frame, Limits, Session};
+use dapple::{Error, Estimate, FirstHit, Frame, Limits, Session};
 
 fn render_with_dapple(seed: u64) -> Result<Vec<Rgb>, Error> {
     let mut session = Session::new(Frame::new(SIZE[0], SIZE[1])?, Limits::spp(SPP.into()), dapple::default_pair(seed))?;

@@ -3,6 +3,7 @@
 //! The program handles arguments, progress and printing; the libraries do all other work.
 
 mod compare;
+mod denoise;
 mod effects;
 mod failure;
 mod info;
@@ -67,6 +68,7 @@ Examples:
   dapple render                                  the bundled teapot: teapot.exr, teapot.png, teapot-samples.png
   dapple render scene.pbrt -o scene.png --time 30
   dapple compare scene.exr reference.exr
+  dapple denoise in.exr -o out.exr                an image of any renderer, with its layers
   dapple effects scene.pbrt
   dapple study teapot -o teapot-study              accuracy against time: runs.jsonl, report.html
 
@@ -78,6 +80,7 @@ enum Command {
     Render(Box<render::RenderArgs>),
     Merge(merge::MergeArgs),
     Compare(compare::CompareArgs),
+    Denoise(denoise::DenoiseArgs),
     Info(info::InfoArgs),
     Effects(effects::EffectsArgs),
     Study(Box<study::StudyArgs>),
@@ -99,6 +102,7 @@ fn main() -> ExitCode {
         Command::Render(args) => render::run(&args),
         Command::Merge(args) => merge::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Denoise(args) => denoise::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Effects(args) => effects::run(&args),
         Command::Study(args) => study::run(&args),

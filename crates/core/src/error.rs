@@ -74,6 +74,24 @@ pub enum Error {
         /// The missing statistics, as a noun phrase.
         what: &'static str,
     },
+    /// A film with room for features or first hits, all of whose samples were pushed as radiance alone.
+    #[error(
+        "{who} reads {what}, but all samples of this film were pushed as radiance alone; push estimates with Film::push_estimate (one without a first hit is a miss), or use a filter that reads no features"
+    )]
+    NoneReported {
+        /// The name of the sampler or filter.
+        who: String,
+        /// The missing statistics, as a noun phrase.
+        what: &'static str,
+    },
+    /// A buffer of another program from which no film can be made.
+    #[error("buffer \"{buffer}\": {what}")]
+    BadBuffer {
+        /// The buffer's name, such as `normal`.
+        buffer: &'static str,
+        /// The fault of the buffer, and what to do about it.
+        what: String,
+    },
     /// A film that does not match data that a sampler or filter prepared, such as clusters of another image size.
     Mismatch {
         /// The name of the sampler or filter.

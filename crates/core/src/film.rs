@@ -2,14 +2,17 @@
 
 mod bank;
 mod error;
+mod pixels;
+mod push;
 mod splats;
 mod window;
 
 pub use bank::luminance;
 pub(crate) use bank::{Bank, BankRows, first_hits_of, record_first_hit};
 use bank::{Range, add_emission, widen};
+pub use pixels::PixelStatistics;
 
-use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SampleId, SurfaceFeatures, streams};
+use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SampleId, SurfaceFeatures};
 use bank::join;
 pub(crate) use splats::Splats;
 
@@ -140,7 +143,8 @@ impl Record {
 
 /// Per-pixel statistics of a render, row by row over its window, and its [`Record`].
 ///
-/// Samplers and filters read films. Tests of both can fill one by hand:
+/// Samplers and filters read films. A renderer with a loop of its own fills one by [`Film::push_estimate`]. Tests can push
+/// radiance alone:
 ///
 /// ```
 /// use dapple_core::{Film, Frame, Needs};
@@ -173,6 +177,8 @@ pub struct Film {
     pub(crate) splats: Splats,
     pub(crate) rejected: Vec<Rejected>,
     pub(crate) record: Record,
+    /// The number of samples pushed by radiance alone ([`Film::push`]), without a word on what they hit.
+    pub(crate) radiance_only: u64,
 }
 
 /// The largest number of rejected samples that the film lists. [`Record::rejected`] counts all.
@@ -195,6 +201,7 @@ impl Film {
             splats: if needs.splats { Splats::new(pixels, halves) } else { Splats::default() },
             rejected: Vec::new(),
             record: Record::default(),
+            radiance_only: 0,
         }
     }
 
@@ -213,51 +220,6 @@ impl Film {
         let bank = bank + if needs.emission { 12 } else { 0 };
         let bank = bank + usize::from(needs.channels) * if needs.variance { 8 } else { 4 };
         bank * if needs.halves { 2 } else { 1 }
-    }
-
-    /// Adds a kept sample to pixel `pixel`, for tests of samplers and filters. The sample's index in the stream is the
-    /// pixel's count so far. NaN, infinite and negative radiances are rejected, as in a render. `half` is 0 or 1; a
-    /// film without halves ignores it.
-    ///
-    /// # Panics
-    ///
-    /// If `pixel` is outside the window.
-    pub fn push(&mut self, pixel: usize, half: usize, radiance: [f32; 3]) {
-        self.push_with_emission(pixel, half, radiance, [0.0; 3]);
-    }
-
-    /// Adds a kept sample as [`Film::push`] does, with the part of its radiance that light sources seen directly emit. A
-    /// film without [`Needs::emission`] ignores that part.
-    ///
-    /// # Panics
-    ///
-    /// If `pixel` is outside the window.
-    pub fn push_with_emission(&mut self, pixel: usize, half: usize, radiance: [f32; 3], emission: [f32; 3]) {
-        let halves = self.kept.len() == 2;
-        let half = if halves { half & 1 } else { 0 };
-        let bank = &mut self.kept[half];
-        let index = bank.next_index(pixel);
-        let reason = reason_to_reject(radiance);
-        let radiance = if reason.is_some() { [0.0; 3] } else { radiance };
-        let mut moments = bank.moments(pixel);
-        moments.push(radiance);
-        bank.counts[pixel] = moments.count;
-        bank.means[pixel] = moments.mean;
-        if let Some(m2) = bank.m2.get_mut(pixel) {
-            *m2 = moments.m2;
-        }
-        if let Some(range) = bank.ranges.get_mut(pixel) {
-            widen(range, radiance);
-        }
-        if let Some(mean) = bank.emission.get_mut(pixel) {
-            add_emission(mean, moments.count, emission, radiance);
-        }
-        self.record.samples += 1;
-        if let Some(reason) = reason {
-            let stream = if halves { streams::HALVES[half] } else { streams::WHOLE };
-            let sample = SampleId { pixel: self.frame.pixel(pixel), stream, index };
-            self.list_rejected(1, vec![Rejected { sample, reason }]);
-        }
     }
 
     /// The image's resolution and its rendered window.
@@ -438,6 +400,7 @@ impl Film {
     /// # Errors
     ///
     /// [`Error::NotRecorded`], with the name `who` of the filter and the missing statistics.
+    /// [`Error::NoneReported`] if the film has room for features or first hits, but every sample came as radiance alone.
     pub fn require(&self, who: &str, needs: &Needs) -> Result<(), Error> {
         let have = &self.needs;
         let missing = [
@@ -450,8 +413,16 @@ impl Film {
             (needs.splats && !have.splats, "splats"),
             (needs.channels > have.channels, "values beside the radiance"),
         ];
-        match missing.iter().find(|m| m.0) {
-            Some((_, what)) => Err(Error::NotRecorded { who: who.to_owned(), what }),
+        if let Some((_, what)) = missing.iter().find(|m| m.0) {
+            return Err(Error::NotRecorded { who: who.to_owned(), what });
+        }
+        let samples = self.record.samples;
+        let unreported = [
+            (needs.features && samples > 0 && self.features.iter().all(|f| f.samples == 0), "first-hit features"),
+            (needs.first_hits > 0 && samples > 0 && self.radiance_only == samples, "first hits"),
+        ];
+        match unreported.iter().find(|u| u.0) {
+            Some((_, what)) => Err(Error::NoneReported { who: who.to_owned(), what }),
             None => Ok(()),
         }
     }

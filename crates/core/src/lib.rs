@@ -82,7 +82,7 @@ pub use allocate::saturating_u32;
 pub use allocate::{Allocation, Ladder, allocate, share};
 pub use draws::{Block, Draws};
 pub use error::Error;
-pub use film::{Features, Film, Record, Rejected, RejectedReason, RoundRecord, luminance};
+pub use film::{Features, Film, PixelStatistics, Record, Rejected, RejectedReason, RoundRecord, luminance};
 pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
 pub use integrator::{BACKGROUND, Estimate, FirstHit, Integrator, SurfaceFeatures, TrainingData, TrainingSum};

@@ -60,6 +60,11 @@ pub struct RgbMoments {
 }
 
 impl RgbMoments {
+    /// The moments of `count` values with this mean and this unbiased sample variance per channel.
+    pub fn new(count: u64, mean: [f64; 3], variance: [f64; 3]) -> Self {
+        Self { count, mean, m2: variance.map(|v| v * count.saturating_sub(1) as f64) }
+    }
+
     /// Adds a colour to count, means and squared deviations.
     #[inline]
     pub fn push(&mut self, value: [f32; 3]) {

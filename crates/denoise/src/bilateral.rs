@@ -3,8 +3,8 @@
 use crate::averaging::{VANISHING, Window, average, guide, memory};
 use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{Pair, filtered};
-use crate::parameters::{RECORDED, describe};
-use crate::planes::Inputs;
+use crate::parameters::{describe, featureless, recorded};
+use crate::planes::{Inputs, Reads};
 use crate::tile::{FeatureScales, Likeness, REACH};
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
 use std::fmt;
@@ -45,7 +45,7 @@ dapple_core::options! {
 /// [`Filtered::error`] estimates the whole squared error from the halves, bias included.
 ///
 /// ```
-/// use dapple_core::{Film, Filter, Frame};
+/// use dapple_core::{Estimate, Film, Filter, Frame};
 /// use dapple_denoise::{Bilateral, BilateralOptions};
 /// use std::sync::Arc;
 ///
@@ -55,7 +55,8 @@ dapple_core::options! {
 /// let mut film = Film::new(Frame::new(16, 16)?, filter.needs());
 /// for pixel in 0..256 {
 ///     for sample in 0..4 {
-///         film.push(pixel, sample % 2, [if (pixel + sample / 2) % 2 == 0 { 0.5 } else { 1.5 }; 3]);
+///         let noisy = if (pixel + sample / 2) % 2 == 0 { 0.5 } else { 1.5 };
+///         film.push_estimate(pixel, sample % 2, &Estimate::new([noisy; 3]));
 ///     }
 /// }
 /// let image = filter.apply(&film)?;
@@ -67,6 +68,7 @@ pub struct Bilateral {
     options: BilateralOptions,
     label: Option<ClusterLookup>,
     described: String,
+    without_features: bool,
 }
 
 impl Bilateral {
@@ -85,6 +87,20 @@ impl Bilateral {
     #[must_use]
     pub fn with_clusters(self, label: ClusterLookup, described: impl Into<String>) -> Self {
         Self { label: Some(label), described: described.into(), ..self }
+    }
+
+    /// Filters by colours alone, for films without features. Every pixel counts as a miss.
+    ///
+    /// A film that has room for features but never got any is otherwise refused
+    /// ([`Error::NoneReported`]).
+    #[must_use]
+    pub fn without_features(self) -> Self {
+        Self { without_features: true, ..self }
+    }
+
+    /// The statistics that the filter reads besides halves and variance.
+    fn reads(&self) -> Reads<'_> {
+        Reads { features: !self.without_features, label: self.label.as_ref() }
     }
 
     /// The bilateral filter that makes the first image of `ClusterRegression`. It serves there as well as the default,
@@ -123,11 +139,12 @@ impl Filter for Bilateral {
     }
 
     fn describe(&self) -> String {
-        describe(self.name(), &self.options, &self.described)
+        describe(self.name(), &self.options, &self.described) + featureless(self.without_features)
     }
 
     fn needs(&self) -> Needs {
-        if self.label.is_some() && self.options.outside < 1.0 { RECORDED.with_first_hits(1) } else { RECORDED }
+        let recorded = recorded(!self.without_features);
+        if self.label.is_some() && self.options.outside < 1.0 { recorded.with_first_hits(1) } else { recorded }
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
@@ -136,7 +153,7 @@ impl Filter for Bilateral {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        let inputs = Inputs::new(film, self.label.as_ref());
+        let inputs = Inputs::new(film, self.reads());
         Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs))))
     }
 }

@@ -5,8 +5,8 @@ use crate::bilateral::Bilateral;
 use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{Pair, filtered, relative_weight, select};
 use crate::outliers;
-use crate::parameters::{RECORDED, describe};
-use crate::planes::{Inputs, Plane, box_mean};
+use crate::parameters::{describe, featureless, recorded};
+use crate::planes::{Inputs, Plane, Reads, box_mean};
 use crate::prefilter::prefilter;
 use crate::regression::{bytes, regress};
 use crate::shrink::{Radii, shrink};
@@ -51,7 +51,7 @@ dapple_core::options! {
 /// Regression on features of the first rough surface, in windows that follow clusters, features and colours.
 ///
 /// ```
-/// use dapple_core::{Film, Filter, Frame};
+/// use dapple_core::{Estimate, Film, Filter, Frame};
 /// use dapple_denoise::{ClusterRegression, ClusterRegressionOptions, Passes};
 /// use std::sync::Arc;
 ///
@@ -60,7 +60,8 @@ dapple_core::options! {
 /// let mut film = Film::new(Frame::new(16, 16)?, filter.needs());
 /// for pixel in 0..256 {
 ///     for sample in 0..4 {
-///         film.push(pixel, sample % 2, [if (pixel + sample / 2) % 2 == 0 { 0.5 } else { 1.5 }; 3]);
+///         let noisy = if (pixel + sample / 2) % 2 == 0 { 0.5 } else { 1.5 };
+///         film.push_estimate(pixel, sample % 2, &Estimate::new([noisy; 3]));
 ///     }
 /// }
 /// let image = filter.apply(&film)?;
@@ -104,6 +105,7 @@ pub struct ClusterRegression {
     options: ClusterRegressionOptions,
     label: Option<ClusterLookup>,
     described: String,
+    without_features: bool,
 }
 
 impl ClusterRegression {
@@ -128,6 +130,20 @@ impl ClusterRegression {
     #[must_use]
     pub fn with_clusters(self, label: ClusterLookup, described: impl Into<String>) -> Self {
         Self { label: Some(label), described: described.into(), ..self }
+    }
+
+    /// Filters by colours alone, for films without features. Every pixel counts as a miss.
+    ///
+    /// A film that has room for features but never got any is otherwise refused
+    /// ([`Error::NoneReported`]).
+    #[must_use]
+    pub fn without_features(self) -> Self {
+        Self { without_features: true, ..self }
+    }
+
+    /// The statistics that the filter reads besides halves and variance.
+    fn reads(&self) -> Reads<'_> {
+        Reads { features: !self.without_features, label: self.label.as_ref() }
     }
 
     /// The weight of a pixel in another cluster: 1 without clusters.
@@ -212,10 +228,12 @@ impl Filter for ClusterRegression {
 
     fn describe(&self) -> String {
         describe(self.name(), &self.options.outside(self.outside()), &self.described)
+            + featureless(self.without_features)
     }
 
     fn needs(&self) -> Needs {
-        if self.outside() < 1.0 { RECORDED.with_first_hits(1) } else { RECORDED }
+        let recorded = recorded(!self.without_features);
+        if self.outside() < 1.0 { recorded.with_first_hits(1) } else { recorded }
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
@@ -239,7 +257,7 @@ impl Filter for ClusterRegression {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        let mut inputs = Inputs::new(film, self.label.as_ref());
+        let mut inputs = Inputs::new(film, self.reads());
         prefilter(&mut inputs);
         if self.options.passes != Passes::Three {
             return Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs))));

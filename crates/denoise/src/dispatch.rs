@@ -18,7 +18,7 @@ pub(crate) fn dispatch<T: WithSimd>(task: T) -> T::Output {
 mod tests {
     use crate::ClusterRegression;
     use crate::parameters::NEEDS;
-    use dapple_core::{Film, Filter, Frame};
+    use dapple_core::{Estimate, Film, Filter, Frame};
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     /// The number of lanes that [`dispatch`](super::dispatch) uses; 0 for those of the machine. Other tests that run at
@@ -35,7 +35,8 @@ mod tests {
             for sample in 0..4 {
                 state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
                 let noise = (state >> 8) as f32 / 16_777_216.0;
-                film.push(pixel, sample % 2, [if noise < 0.02 { 40.0 } else { 0.2 + noise }; 3]);
+                let radiance = if noise < 0.02 { 40.0 } else { 0.2 + noise };
+                film.push_estimate(pixel, sample % 2, &Estimate::new([radiance; 3]));
             }
         }
         let image = |lanes| {

@@ -3,7 +3,7 @@
 use crate::averaging::{VANISHING, Window, average, guide};
 use crate::error_map::{Pair, filtered, raw_error, select};
 use crate::parameters::{NEEDS, RECORDED};
-use crate::planes::{Colours, Inputs, Plane};
+use crate::planes::{Colours, Inputs, Plane, Reads};
 use crate::regression::{Fit, Sums, regress, solve};
 use crate::tile::{Guide, Likeness};
 use dapple_core::{Film, Frame};
@@ -11,6 +11,7 @@ use pulp::Scalar;
 
 const SIDE: usize = 24;
 const PIXELS: usize = SIDE * SIDE;
+const READS: Reads<'_> = Reads { features: true, label: None };
 
 /// The planes of a film with one sample per half: `value(pixel, half)`. Their level is divided out.
 fn inputs(value: impl Fn(usize, usize) -> f32) -> Inputs {
@@ -18,7 +19,7 @@ fn inputs(value: impl Fn(usize, usize) -> f32) -> Inputs {
     for pixel in 0..PIXELS {
         (0..2).for_each(|half| film.push(pixel, half, [value(pixel, half); 3]));
     }
-    Inputs::new(&film, None)
+    Inputs::new(&film, READS)
 }
 
 /// A noisy image with the mean 1.
@@ -175,7 +176,7 @@ fn errors_are_unknown_only_where_no_pixel_in_reach_has_both_halves() {
         let halves = if pixel / SIDE < 8 { 1 } else { 2 };
         (0..halves).for_each(|half| film.push(pixel, half, [unfiltered(half); 3]));
     }
-    let inputs = Inputs::new(&film, None);
+    let inputs = Inputs::new(&film, READS);
     let error = filtered(&inputs, &Pair::unfiltered(&inputs)).error.unwrap();
     let unknown: Plane = error.iter().map(|e| f32::from(u8::from(e.is_infinite()))).collect();
     let rows: Vec<f32> = unknown.chunks(SIDE).map(|row| row.iter().sum::<f32>() / SIDE as f32).collect();
@@ -194,7 +195,7 @@ fn variances_at_edges_of_lamps_are_those_of_the_light_that_filters_get() {
             film.push_with_emission(pixel, sample % 2, [wall + lamp; 3], [lamp; 3]);
         }
     }
-    let inputs = Inputs::new(&film, None);
+    let inputs = Inputs::new(&film, READS);
     for half in &inputs.halves {
         let (colour, largest) = (half.colour[0][300], half.variance[0].iter().copied().fold(0.0f32, f32::max));
         assert!(colour > 10.0 && colour < 100.0, "{colour}: most of the lamp is withheld");

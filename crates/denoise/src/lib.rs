@@ -9,6 +9,8 @@
 //! Features are normal, albedo, depth and position of the first rough surface, seen through mirrors, glass and smooth
 //! coats. Clusters are those of the first hit.
 //!
+//! [`denoise`] and [`denoise_whole`] make an image from buffers of any renderer, without a film.
+//!
 //! [`relative_errors`] turns a filter's error estimate into scores for an adaptive sampler.
 //!
 //! Each type is a [`Filter`](dapple_core::Filter). It reads a [`Film`](dapple_core::Film) and returns an image.
@@ -66,6 +68,7 @@
 
 mod averaging;
 mod bilateral;
+mod buffers;
 mod cluster_gaussian;
 mod cluster_regression;
 mod dispatch;
@@ -88,6 +91,7 @@ mod wide;
 mod withheld;
 
 pub use bilateral::{Bilateral, BilateralOptions};
+pub use buffers::{Counts, Denoise, SampleBuffers, Variance, denoise, denoise_whole};
 pub use cluster_gaussian::{ClusterGaussian, ClusterGaussianOptions, ClusterLookup};
 pub use cluster_regression::{ClusterRegression, ClusterRegressionOptions, Passes};
 pub use error_map::relative_errors;

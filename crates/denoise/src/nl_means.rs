@@ -3,7 +3,7 @@
 use crate::averaging::{Window, average, guide, memory};
 use crate::error_map::{Pair, filtered};
 use crate::parameters::{RECORDED, describe};
-use crate::planes::Inputs;
+use crate::planes::{Inputs, Reads};
 use crate::tile::{FeatureScales, Likeness, REACH};
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
 
@@ -127,7 +127,7 @@ impl Filter for NlMeans {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        let inputs = Inputs::new(film, None);
+        let inputs = Inputs::new(film, Reads { features: self.options.features.is_some(), label: None });
         Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs))))
     }
 }

@@ -13,3 +13,13 @@ pub(crate) fn describe(name: &str, options: &impl Options, clusters: &str) -> St
     let comma = if clusters.is_empty() { "" } else { "," };
     format!("{name}:{}{comma}{clusters}", options.describe())
 }
+
+/// The statistics that the film records for a filter over halves, and over features if it reads them.
+pub(crate) const fn recorded(features: bool) -> Needs {
+    if features { RECORDED } else { Needs::none().with_variance().with_halves().with_emission() }
+}
+
+/// The end of the description of a filter that reads no features.
+pub(crate) fn featureless(without: bool) -> &'static str {
+    if without { ",features=none" } else { "" }
+}

@@ -60,6 +60,15 @@ pub(crate) struct Features {
     pub(crate) scale: Plane,
 }
 
+/// The statistics that a filter reads besides halves and variance.
+#[derive(Clone, Copy)]
+pub(crate) struct Reads<'a> {
+    /// Features. Without, every pixel counts as a miss.
+    pub(crate) features: bool,
+    /// The cluster of each first hit, by this function.
+    pub(crate) label: Option<&'a ClusterLookup>,
+}
+
 /// A film's halves, features and clusters as planes, which the filters read.
 pub(crate) struct Inputs {
     pub(crate) size: [usize; 2],
@@ -74,18 +83,18 @@ pub(crate) struct Inputs {
 }
 
 impl Inputs {
-    /// Reads the halves, sample variance and features of a film; with a `label`, also the cluster of each first hit.
-    pub(crate) fn new(film: &Film, label: Option<&ClusterLookup>) -> Self {
+    /// Reads the halves and the sample variance of a film, and what else `reads` lists.
+    pub(crate) fn new(film: &Film, reads: Reads<'_>) -> Self {
         let size = film.frame().size().map(|n| n as usize);
         let level = level(film);
         let bounds = Bounds::new(film, level);
         let sample_variance = pooled_variance(film, level, bounds);
         let halves = [0, 1].map(|h| half(film, h, level, bounds, &sample_variance));
-        let labels = label.filter(|_| film.needs().first_hits > 0).map(|label| {
+        let labels = reads.label.filter(|_| film.needs().first_hits > 0).map(|label| {
             let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(|hit| label(hit));
             per_pixel(film, |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
         });
-        Self { size, level, bounds, halves, features: features(film), labels }
+        Self { size, level, bounds, halves, features: features(film, reads.features), labels }
     }
 
     /// The number of bytes per pixel that these planes occupy, and the largest number while they are computed.
@@ -211,12 +220,21 @@ struct Feature {
     depth: f32,
 }
 
-fn features(film: &Film) -> Features {
+impl Feature {
+    /// The features of a pixel that sees no surface.
+    fn miss(far: f32) -> Self {
+        let mean = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, ln(far), 0.0, 0.0, 0.0];
+        Self { mean, depth: far, ..Self::default() }
+    }
+}
+
+fn features(film: &Film, read: bool) -> Features {
     let size = film.frame().size().map(|n| n as usize);
     let depths = per_pixel(film, |i| film.features(i).filter(|f| f.hits > 0).map(|f| f.depth.clamp(1e-18, 1e18)));
     let far = 2.0 * depths.iter().flatten().copied().fold(0.5, f32::max);
     let middle = centre(film);
-    let of = |i: usize| feature(film, i, far, middle);
+    let miss = (!read || !film.needs().features).then(|| Feature::miss(far));
+    let of = |i: usize| miss.or_else(|| feature(film, i, far, middle));
     let known = per_pixel(film, of);
     let filled = |i: usize| known[i].or_else(|| from_neighbours(&known, size, i)).unwrap_or_default();
     let all = per_pixel(film, filled);
@@ -255,7 +273,7 @@ fn feature(film: &Film, i: usize, far: f32, middle: [f64; 3]) -> Option<Feature>
     let [r, g, b] = f.albedo;
     let position: [f32; 3] = std::array::from_fn(|k| (f64::from(f.position[k]) - middle[k]) as f32);
     let hit = [nx, ny, nz, r, g, b, ln(depth), position[0], position[1], position[2]];
-    let miss = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, ln(far), 0.0, 0.0, 0.0];
+    let miss = Feature::miss(far).mean;
     let mean: [f32; 10] =
         std::array::from_fn(|k| if f.hits > 0 { miss[k] + share * (hit[k] - miss[k]) } else { miss[k] });
     let mut within = f.variance.unwrap_or_default();

@@ -46,13 +46,14 @@ impl Bounds {
         let counts = [0, 1].map(|half| film.half(half, i).unwrap_or_default().count);
         let share = counts[0] as f32 / (counts[0] + counts[1]).max(1) as f32;
         let emission: [f32; 3] = std::array::from_fn(|c| b[c] + share * (a[c] - b[c]));
-        std::array::from_fn(|c| (f64::from(emission[c]) - self.emission).clamp(0.0, mean[c]))
+        std::array::from_fn(|c| (f64::from(emission[c]) - self.emission).clamp(0.0, mean[c].max(0.0)))
     }
 
     /// The light that is withheld from a mean colour of which `emission` is seen directly.
     fn withheld(self, mean: [f64; 3], emission: [f32; 3]) -> [f64; 3] {
         std::array::from_fn(|c| {
-            let emission = (f64::from(emission[c]) - self.emission).clamp(0.0, mean[c]);
+            // The mean of a half of split noise may be negative.
+            let emission = (f64::from(emission[c]) - self.emission).clamp(0.0, mean[c].max(0.0));
             emission + (mean[c] - emission - self.other).max(0.0)
         })
     }

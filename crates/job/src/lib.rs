@@ -6,6 +6,7 @@
 //! * [`output`]: the layers of an OpenEXR file, and maps.
 //! * [`memory`]: estimates of the memory of scenes, worlds and renders.
 //! * [`checkpoint`]: files that stay complete in a crash.
+//! * [`denoise`]: images of any renderer, from OpenEXR files.
 
 /// Runs the README's examples as documentation tests.
 #[cfg(doctest)]
@@ -15,6 +16,7 @@ struct Readme;
 pub mod checkpoint;
 mod clusters;
 mod content_hash;
+pub mod denoise;
 mod error;
 mod job;
 mod load;

@@ -2,10 +2,12 @@
 
 use crate::keys::{Seed, halves, mix64, unit};
 use dapple_core::{PointSet, SampleId};
+use rand::Rng;
+use rand_pcg::Pcg64Mcg;
 
 /// Independent uniform random numbers: plain Monte Carlo, the baseline of all other point sets.
 ///
-/// The generator is PCG XSL 128/64 (MCG) [after O'Neill 2014], with the bits of `rand_pcg::Pcg64Mcg`. Its 128 bits of state are hashed from (seed, pixel, stream,
+/// The generator is [`Pcg64Mcg`] [after O'Neill 2014]. Its 128 bits of state are hashed from (seed, pixel, stream,
 /// index, block), so any sample can be computed alone.
 ///
 /// ```
@@ -43,9 +45,9 @@ impl PointSet for Random {
         let key = self.seed.key(&id, block, 0);
         // Rotated, so that the two halves of the state never meet as equal numbers.
         let sample = mix64(id.index ^ key.rotate_left(32));
-        let mut pcg = Pcg::new(u128::from(key) << 64 | u128::from(sample));
-        let [a, b] = halves(pcg.next());
-        let [c, d] = halves(pcg.next());
+        let mut pcg = Pcg64Mcg::new(u128::from(key) << 64 | u128::from(sample));
+        let [a, b] = halves(pcg.next_u64());
+        let [c, d] = halves(pcg.next_u64());
         [unit(a), unit(b), unit(c), unit(d)]
     }
 
@@ -56,47 +58,5 @@ impl PointSet for Random {
 
     fn is_independent(&self) -> bool {
         true
-    }
-}
-
-/// The generator PCG XSL 128/64 (MCG): a multiplicative congruential generator, whose output is folded and rotated
-/// [after O'Neill 2014].
-struct Pcg {
-    state: u128,
-}
-
-impl Pcg {
-    const MULTIPLIER: u128 = 0x2360_ED05_1FC6_5DA4_4385_DF64_9FCC_F645;
-
-    /// The state must be odd.
-    #[inline]
-    const fn new(state: u128) -> Self {
-        Self { state: state | 1 }
-    }
-
-    #[inline]
-    const fn next(&mut self) -> u64 {
-        self.state = self.state.wrapping_mul(Self::MULTIPLIER);
-        let folded = (self.state >> 64) as u64 ^ self.state as u64;
-        folded.rotate_right((self.state >> 122) as u32)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::Pcg;
-    use crate::keys::mix64;
-    use rand::Rng;
-    use rand_pcg::Pcg64Mcg;
-
-    #[test]
-    fn the_generator_has_the_bits_of_rand_pcg() {
-        for n in 0..1000_u64 {
-            let state = u128::from(mix64(n)) << 64 | u128::from(mix64(!n));
-            let (mut ours, mut theirs) = (Pcg::new(state), Pcg64Mcg::new(state));
-            for _ in 0..4 {
-                assert_eq!(ours.next(), theirs.next_u64(), "{n}");
-            }
-        }
     }
 }

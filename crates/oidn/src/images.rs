@@ -121,13 +121,13 @@ fn mirrored(at: usize, length: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dapple_core::{Frame, Needs};
+    use dapple_core::{Estimate, Frame, Needs};
 
     fn film(values: &[f32], width: u32) -> Film {
         let frame = Frame::new(width, values.len() as u32 / width).unwrap();
         let mut film = Film::new(frame, Needs::none().with_features());
         for (i, &v) in values.iter().enumerate().filter(|(_, v)| v.is_finite()) {
-            film.push(i, 0, [v, 0.5 * v, 0.25 * v]);
+            film.push_estimate(i, 0, &Estimate::new([v, 0.5 * v, 0.25 * v]));
         }
         film
     }

@@ -5,7 +5,7 @@
 //! * [`Library`]: the shared library, loaded at run time. The crate builds without it.
 //!
 //! ```
-//! use dapple_core::{Film, Filter, Frame};
+//! use dapple_core::{Estimate, Film, Filter, Frame};
 //! use dapple_oidn::{Library, Oidn, OidnOptions};
 //!
 //! let library = match Library::load() {
@@ -15,7 +15,7 @@
 //! let filter = Oidn::new(library, OidnOptions::default());
 //! let mut film = Film::new(Frame::new(32, 32).expect("not empty"), filter.needs());
 //! for i in 0..1024 {
-//!     film.push(i, 0, [if i % 2 == 0 { 0.0 } else { 1.0 }; 3]);
+//!     film.push_estimate(i, 0, &Estimate::new([if i % 2 == 0 { 0.0 } else { 1.0 }; 3]));
 //! }
 //! let image = filter.apply(&film).expect("an image");
 //! assert!((0.2..0.8).contains(&image.radiance[500][0]));

@@ -4,7 +4,7 @@
 
 use crate::library::Images;
 use crate::{Both, Library, LoadError, Oidn, OidnOptions, RunError, VARIABLE};
-use dapple_core::{Error, Film, Filter, Frame, ImagePlanes, Needs, Options as _, Unfiltered};
+use dapple_core::{Error, Estimate, Film, Filter, Frame, ImagePlanes, Needs, Options as _, Unfiltered};
 use dapple_denoise::Gaussian;
 use std::ffi::OsStr;
 use std::path::Path;
@@ -54,7 +54,7 @@ fn frame(width: u32, height: u32) -> Frame {
 /// A film of one sample per pixel.
 fn film(width: u32, height: u32, value: impl Fn(usize) -> f32) -> Film {
     let mut film = Film::new(frame(width, height), Needs::none().with_features());
-    (0..film.frame().pixels()).for_each(|i| film.push(i, 0, [value(i); 3]));
+    (0..film.frame().pixels()).for_each(|i| film.push_estimate(i, 0, &Estimate::new([value(i); 3])));
     film
 }
 

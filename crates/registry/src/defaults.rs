@@ -1,7 +1,7 @@
 //! The default methods.
 
 use dapple_adaptive::Adaptive;
-use dapple_core::{Filter, Methods, Needs, Sampler};
+use dapple_core::{Methods, PointSet};
 use dapple_denoise::ClusterRegression;
 use dapple_low_discrepancy::Sobol;
 
@@ -13,31 +13,24 @@ pub const DEFAULT_POINTS: &str = "sobol";
 /// The name of the default filter (denoiser).
 pub const DEFAULT_FILTER: &str = "cluster-regression";
 
-/// A sampler, and the filter that makes the image from its samples.
-pub struct SamplerAndFilter {
-    /// The sampler.
-    pub sampler: Box<dyn Sampler>,
-    /// The filter.
-    pub filter: Box<dyn Filter>,
-}
-
-impl From<SamplerAndFilter> for Methods<'static> {
-    fn from(SamplerAndFilter { sampler, filter }: SamplerAndFilter) -> Self {
-        Self { sampler, filter: Some(filter), needs: Needs::none() }
-    }
-}
-
 /// Makes the default sampler with Sobol' points of this seed, and the default filter without clusters.
 ///
 /// ```
 /// use dapple_core::{Frame, Limits, Session};
 ///
 /// let pair = dapple_registry::default_pair(7);
-/// assert_eq!((pair.sampler.name(), pair.filter.name()), ("adaptive", "cluster-regression"));
-/// let session = Session::new(Frame::new(8, 8)?, Limits::samples(16 * 64), pair)?;
+/// assert_eq!((pair.sampler.name(), pair.filter.as_ref().unwrap().name()), ("adaptive", "cluster-regression"));
+/// let session = Session::new(Frame::new(8, 8)?, Limits::spp(16.0), pair)?;
 /// # let _ = session;
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
-pub fn default_pair(seed: u64) -> SamplerAndFilter {
-    SamplerAndFilter { sampler: Box::new(Adaptive::new(Sobol::new(seed))), filter: Box::new(ClusterRegression::new()) }
+pub fn default_pair(seed: u64) -> Methods<'static> {
+    default_pair_with(Sobol::new(seed))
+}
+
+/// Makes the default sampler with these points, and the default filter without clusters.
+///
+/// With [`HostNumbers`](dapple_core::HostNumbers), the pair serves renderers that draw random numbers of their own.
+pub fn default_pair_with(points: impl PointSet + 'static) -> Methods<'static> {
+    Methods::from((Adaptive::new(points), ClusterRegression::new()))
 }

@@ -10,7 +10,7 @@ mod samplers;
 
 pub use dapple_cluster_adaptive::ProbesHandle;
 pub use dapple_core::Parameter;
-pub use defaults::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER, SamplerAndFilter, default_pair};
+pub use defaults::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER, default_pair, default_pair_with};
 pub use error::RegistryError;
 pub use filters::{FILTERS, MakeFilter, NOT_BUILT};
 pub use inputs::{ClusterInputError, ClusterInputs, ClusterProbes, HostClusters};

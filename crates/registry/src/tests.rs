@@ -23,7 +23,8 @@ fn the_default_pair_is_made_of_the_defaults_by_name() {
     assert_eq!(pair.sampler.describe(), sampler.describe());
     assert_eq!(pair.sampler.points().describe(), sampler.points().describe());
     let filter = filter(DEFAULT_FILTER, &none).expect("a filter");
-    assert_eq!((pair.filter.describe(), pair.filter.needs()), (filter.describe(), filter.needs()));
+    let paired = pair.filter.unwrap();
+    assert_eq!((paired.describe(), paired.needs()), (filter.describe(), filter.needs()));
 }
 
 #[test]

@@ -39,7 +39,7 @@ mod tests;
 pub use error::ImageError;
 pub use exr_write::{EncodedExr, Layer, encode_exr, rows_at_a_time};
 pub use file::{Format, check_writable, write_file};
-pub use openexr::{Channels, Plane, read_attributes, read_channels};
+pub use openexr::{Channels, Plane, read_attributes, read_channels, read_integers};
 pub use pfm::encode_pfm;
 pub use png::{encode_png, encode_png_gray, encode_png_rgb};
 pub use read::{Encoding, read_image};

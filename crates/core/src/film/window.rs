@@ -32,6 +32,7 @@ impl Film {
             splats: Splats::default(),
             rejected: Vec::new(),
             record: Record::default(),
+            radiance_only: 0,
         }
     }
 

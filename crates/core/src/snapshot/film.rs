@@ -59,7 +59,20 @@ pub(crate) fn take_film(from: &mut Reader<'_>, pixels: impl FnOnce(&Frame) -> us
     let planes = if needs.splats { halves } else { 0 };
     let sums = (0..planes).map(|_| from.numbers(frame.pixels())).collect::<Result<_, _>>()?;
     let splats = Splats { sums, samples: from.number()? };
-    let film = Film { frame, needs, combine, kept, discarded, features, first_hits, costs, splats, rejected, record };
+    let film = Film {
+        frame,
+        needs,
+        combine,
+        kept,
+        discarded,
+        features,
+        first_hits,
+        costs,
+        splats,
+        rejected,
+        record,
+        radiance_only: 0,
+    };
     check(&film)?;
     Ok(film)
 }

@@ -4,6 +4,7 @@ mod common;
 mod conformance;
 mod driver;
 mod film;
+mod film_pushed;
 mod holdout;
 mod resume;
 mod rng;

@@ -113,7 +113,7 @@ fn pushed(size: [u32; 2], seed: u64, count: impl Fn(usize) -> usize, value: impl
     let mut noise = Noise::new(seed);
     for i in 0..film.frame().pixels() {
         for k in 0..count(i) {
-            film.push(i, k & 1, [value(i, noise.next()); 3]);
+            film.push_estimate(i, k & 1, &Estimate::new([value(i, noise.next()); 3]));
         }
     }
     film

@@ -1,6 +1,7 @@
 //! Integration tests in one program, so that shared code is linked and instantiated once.
 
 mod blurred;
+mod buffers;
 mod conformance;
 mod consistency;
 mod filters;

@@ -1,7 +1,7 @@
 //! Light that stays in its pixel: lamps seen directly, and outliers.
 
 use crate::support::Noise;
-use dapple_core::{Film, Filter, Frame, Needs};
+use dapple_core::{Estimate, Film, Filter, Frame, Needs};
 use dapple_denoise::{
     Bilateral, ClusterGaussian, ClusterRegression, ClusterRegressionOptions, Gaussian, NlMeans, NlMeansOptions, Passes,
 };
@@ -50,7 +50,7 @@ fn with_outlier(outlier: f32) -> Film {
         for sample in 0..2 * SAMPLES {
             let value = 0.5 + noise.next();
             let is_outlier = pixel == 10 * SIDE as usize + 11 && sample == 2;
-            film.push(pixel, sample % 2, [if is_outlier { outlier } else { value }; 3]);
+            film.push_estimate(pixel, sample % 2, &Estimate::new([if is_outlier { outlier } else { value }; 3]));
         }
     }
     film
@@ -90,9 +90,10 @@ fn lamp(emission: bool) -> (Film, Vec<usize>) {
             let wall = 0.06 * w;
             if (x + u - 12.3).hypot(y + v - 11.6) < 3.2 {
                 *seen += 1;
-                film.push_with_emission(pixel, sample % 2, [2000.0 + wall; 3], [2000.0; 3]);
+                let estimate = Estimate::new([2000.0 + wall; 3]).with_emission([2000.0; 3]);
+                film.push_estimate(pixel, sample % 2, &estimate);
             } else {
-                film.push(pixel, sample % 2, [wall; 3]);
+                film.push_estimate(pixel, sample % 2, &Estimate::new([wall; 3]));
             }
         }
     }

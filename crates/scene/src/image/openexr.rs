@@ -133,6 +133,26 @@ pub fn read_attributes(bytes: &[u8], file_name: &str) -> Result<Vec<(String, Str
     })
 }
 
+/// Reads the whole numbers (name, value) among the attributes in the header of an OpenEXR file's first part.
+///
+/// # Errors
+/// The errors of [`read_image`](super::read_image) for a faulty header.
+pub fn read_integers(bytes: &[u8], file_name: &str) -> Result<Vec<(String, i32)>, ImageError> {
+    let file = File { bytes, name: file_name };
+    with_reader(&file, |open| {
+        let reader = open()?;
+        let mut found: Vec<(String, i32)> = reader.headers()[0]
+            .all_named_attributes()
+            .filter_map(|(name, value)| match value {
+                AttributeValue::I32(value) => Some((String::from_utf8_lossy(name).into_owned(), value)),
+                _ => None,
+            })
+            .collect();
+        found.sort();
+        Ok(found)
+    })
+}
+
 pub(super) fn read(file: &File<'_>) -> Result<Image, ImageError> {
     with_reader(file, |open| {
         let reader = open()?;

@@ -38,11 +38,20 @@ fn foreign_exr() -> Vec<u8> {
         exr::Layer::new((5, 3), exr::LayerAttributes::named(exr::Text::from(name)), encoding, channels)
     };
     let layers = [layer("depth", depth), layer("color", exr::AnyChannels::sort(color.collect()))];
-    let attributes = exr::ImageAttributes::with_size((5, 3));
+    let mut attributes = exr::ImageAttributes::with_size((5, 3));
+    attributes.other.insert(exr::Text::from("samplesPerPixel"), exr::AttributeValue::I32(16));
     let mut bytes = std::io::Cursor::new(Vec::new());
     let image = exr::Image::from_layers(attributes, layers.into_iter().collect::<exr::SmallVec<[_; 2]>>());
     exr::WritableImage::write(&image).non_parallel().to_buffered(&mut bytes).unwrap();
     bytes.into_inner()
+}
+
+#[test]
+fn whole_numbers_of_a_header_are_read() {
+    let found = super::read_integers(&foreign_exr(), "a.exr").unwrap();
+    assert!(found.contains(&("samplesPerPixel".to_owned(), 16)), "{found:?}");
+    let ours = encode_exr([5, 3], &[Layer::of_image("", &image())], &[]).unwrap();
+    assert!(super::read_integers(&ours.bytes, "b.exr").unwrap().iter().all(|(name, _)| name != "samplesPerPixel"));
 }
 
 /// A name and a small file of every format.

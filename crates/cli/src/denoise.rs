@@ -1,0 +1,129 @@
+//! The subcommand `dapple denoise IN [IN2] -o OUT`.
+
+use crate::machine::start_threads;
+use crate::output::{tell, warn};
+use crate::{Failure, Outcome, Result};
+use dapple_job::denoise::{DenoiseError, DenoiseSpec, DenoisedImage, LayerKind, denoise_files};
+use dapple_job::registry::{RegistryError, check_filter};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// Denoise an image of any renderer: an OpenEXR file with its variance, or two renders with different seeds
+///
+/// Layers are found by the names that pbrt-v4, Cycles, Mitsuba, Arnold, RenderMan and Dapple give them: the image, its
+/// variance and sample counts, and as guides normal, albedo, position or depth of what each pixel shows. Two files need
+/// no variance.
+#[derive(clap::Args)]
+#[command(after_help = AFTER)]
+pub(crate) struct DenoiseArgs {
+    /// OpenEXR file to denoise; with a second one, two renders of the same image with different seeds
+    #[arg(value_name = "IN", num_args = 1..=2, required = true)]
+    inputs: Vec<PathBuf>,
+
+    /// Image file to write: .exr (with the estimated error), .pfm or .png; may be repeated. Inputs are never replaced
+    #[arg(short, long = "output", value_name = "OUT", required = true)]
+    outputs: Vec<PathBuf>,
+
+    /// Name of a layer in the files, such as normal=nn; may be repeated. Kinds: color, variance (of a sample),
+    /// variance-of-mean, second-moment, count, normal, albedo, position, depth, coverage, emission, id
+    #[arg(long = "layer", value_name = "KIND=NAME", value_parser = layer)]
+    layers: Vec<(LayerKind, String)>,
+
+    /// Samples per pixel of each file [default: by its layers or header]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    spp: Option<u32>,
+
+    /// The variance layer holds the variance of the pixel's mean, not of one sample
+    #[arg(long)]
+    variance_of_mean: bool,
+
+    /// Filter (the denoiser) [default: cluster-regression]; `dapple filters` lists all
+    #[arg(long, value_name = "NAME[:…]", value_parser = filter)]
+    filter: Option<String>,
+
+    /// Exposure of PNG files in stops; each doubles the brightness
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
+    exposure: f32,
+
+    /// Number of threads; 0 is one per core
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
+    threads: u16,
+
+    /// Print one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+const AFTER: &str = "\
+Examples:
+  dapple denoise in.exr -o out.exr -o out.png
+  dapple denoise seed-1.exr seed-2.exr -o out.exr
+  dapple denoise in.exr -o out.exr --layer normal=shading.n --layer variance=noise --spp 64";
+
+fn layer(argument: &str) -> std::result::Result<(LayerKind, String), String> {
+    let wrong = || format!("\"{argument}\" is not KIND=NAME, such as normal=nn");
+    let (kind, name) = argument.split_once('=').ok_or_else(wrong)?;
+    Ok((kind.parse()?, name.to_owned()))
+}
+
+fn filter(description: &str) -> std::result::Result<String, RegistryError> {
+    check_filter(description).map(|()| description.to_owned())
+}
+
+pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome> {
+    if !args.exposure.is_finite() {
+        Failure::usage("denoise", "--exposure: a finite number is required");
+    }
+    let spec = DenoiseSpec {
+        inputs: args.inputs.clone(),
+        layers: args.layers.clone(),
+        spp: args.spp,
+        variance_of_mean: args.variance_of_mean,
+        filter: args.filter.clone(),
+    };
+    start_threads(args.threads)?;
+    spec.check_outputs(&args.outputs).map_err(failure)?;
+    let image = denoise_files(&spec).map_err(failure)?;
+    image.notices.iter().for_each(warn);
+    let written = args.outputs.iter().map(|path| image.write(&spec, path, args.exposure));
+    let written = written.collect::<std::result::Result<Vec<_>, _>>().map_err(failure)?;
+    if args.json {
+        tell(line(&image, &args.outputs))?;
+    } else {
+        let found: Vec<String> = image.found.iter().map(|(kind, name)| format!("{} ({name})", kind.name())).collect();
+        tell(format!("read {}", found.join(", ")))?;
+        written.iter().try_for_each(tell)?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn failure(error: DenoiseError) -> Failure {
+    Failure::lines(&error)
+}
+
+/// The JSON line that is printed; its keys have the order of the fields.
+#[derive(Serialize)]
+struct Line<'a> {
+    outputs: &'a [PathBuf],
+    size: [u32; 2],
+    filter: &'a str,
+    layers: BTreeMap<&'static str, &'a str>,
+    notices: &'a [String],
+    read_seconds: f64,
+    filter_seconds: f64,
+}
+
+fn line(image: &DenoisedImage, outputs: &[PathBuf]) -> String {
+    let line = Line {
+        outputs,
+        size: image.filtered.size,
+        filter: &image.filter,
+        layers: image.found.iter().map(|(kind, name)| (kind.name(), name.as_str())).collect(),
+        notices: &image.notices,
+        read_seconds: image.seconds[0],
+        filter_seconds: image.seconds[1],
+    };
+    // Serialising plain values cannot fail.
+    serde_json::to_string(&line).unwrap_or_default()
+}

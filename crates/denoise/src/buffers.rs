@@ -1,0 +1,266 @@
+//! Denoising of image buffers from any renderer: slices in, an image and its error out.
+
+mod camera;
+mod checks;
+mod pixels;
+mod split;
+
+use crate::ClusterRegression;
+use dapple_core::{Error, Film, Filter, Filtered};
+use std::sync::Arc;
+
+/// The variance of each pixel, per channel or of one number: of a sample, or of the mean over all samples.
+///
+/// A sample's variance stays the same as samples are added. The variance of the mean is the sample's variance divided by
+/// the number of samples. Renderers write either one; mixing them up misleads filters by that factor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Variance<'a, T = [f32; 3]> {
+    /// The variance of one sample, as pbrt-v4's `Variance` layers hold it.
+    OfSamples(&'a [T]),
+    /// The variance of the pixel's mean: the squared standard error.
+    OfMean(&'a [T]),
+}
+
+/// The number of samples of each pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Counts<'a> {
+    /// The same number in all pixels.
+    All(u32),
+    /// One number per pixel. Pixels without samples are filled from their neighbours.
+    Each(&'a [u32]),
+}
+
+impl From<u32> for Counts<'_> {
+    fn from(count: u32) -> Self {
+        Self::All(count)
+    }
+}
+
+impl<'a> From<&'a [u32]> for Counts<'a> {
+    fn from(counts: &'a [u32]) -> Self {
+        Self::Each(counts)
+    }
+}
+
+impl<'a> From<&'a Vec<u32>> for Counts<'a> {
+    fn from(counts: &'a Vec<u32>) -> Self {
+        Self::Each(counts)
+    }
+}
+
+/// A set of samples of every pixel as buffers, row by row from the top: mean radiance, count, and variance if known.
+///
+/// Radiance is linear RGB. `buffer.as_chunks::<3>().0` turns a slice of floats into the slice of colours that is taken
+/// here.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SampleBuffers<'a> {
+    mean: &'a [[f32; 3]],
+    count: Counts<'a>,
+    variance: Option<Variance<'a>>,
+}
+
+impl<'a> SampleBuffers<'a> {
+    /// The mean radiance of each pixel, and the number of samples: a slice, or one number for all pixels.
+    ///
+    /// If the number is unknown, any will do, such as 16: only the ratios between pixels matter much.
+    pub fn new(mean: &'a [[f32; 3]], count: impl Into<Counts<'a>>) -> Self {
+        Self { mean, count: count.into(), variance: None }
+    }
+
+    /// Sets the variance per channel.
+    ///
+    /// Two halves may do without. One set of samples needs it.
+    #[must_use]
+    pub fn variance(self, variance: Variance<'a>) -> Self {
+        Self { variance: Some(variance), ..self }
+    }
+}
+
+/// The samples of an image: two independent halves, or all together.
+#[derive(Clone, Copy, Debug)]
+enum Samples<'a> {
+    Halves([SampleBuffers<'a>; 2]),
+    Whole(SampleBuffers<'a>),
+}
+
+/// A buffer of features (normal, albedo, …), and its variance if known.
+#[derive(Clone, Copy, Debug)]
+struct Feature<'a, T = [f32; 3]> {
+    mean: &'a [T],
+    variance: Option<Variance<'a, T>>,
+}
+
+/// Denoises an image given as buffers: two independent halves of its samples, such as two renders with different seeds.
+///
+/// `size` is width and height in pixels. Features are added by the methods of [`Denoise`]; [`Denoise::run`] returns the
+/// image and its estimated error.
+///
+/// ```
+/// use dapple_denoise::{SampleBuffers, denoise};
+///
+/// let size = [32, 16];
+/// # let noise = |i: usize, seed: usize| ((i * 7919 + seed * 104_729) % 1009) as f32 / 1009.0;
+/// # let [a, b] = [1, 2].map(|seed| (0..512).map(|i| [0.5 + noise(i, seed); 3]).collect::<Vec<_>>());
+/// # let (n, albedo, p) = (vec![[0.0, 1.0, 0.0]; 512], vec![[0.5; 3]; 512], vec![[1.0, 0.0, 2.0]; 512]);
+/// let (half_a, half_b) = (SampleBuffers::new(&a, 8), SampleBuffers::new(&b, 8));
+/// let image = denoise(size, &half_a, &half_b).normal(&n).albedo(&albedo).position(&p).run()?;
+/// assert_eq!(image.radiance.len(), 512);
+/// # let mse = |image: &[[f32; 3]]| image.iter().map(|c| (c[0] - 1.0).powi(2)).sum::<f32>();
+/// # assert!(mse(&image.radiance) < 0.2 * mse(&a) && image.error.is_some());
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
+pub fn denoise<'a>(size: [u32; 2], half_a: &SampleBuffers<'a>, half_b: &SampleBuffers<'a>) -> Denoise<'a> {
+    Denoise::new(size, Samples::Halves([*half_a, *half_b]))
+}
+
+/// Denoises an image given as buffers, for renderers that keep no halves: all samples together, with their variance.
+///
+/// The image `x` is split into two halves `x + s` and `x - s`, where `s` is the standard error of the pixel under a random
+/// sign [after Rasines and Young 2022; Leiner et al. 2023]. Their mean is `x`, so no light is lost. True halves leave less
+/// error; `docs/book/src/denoise-buffers.md` shows how much.
+///
+/// ```
+/// use dapple_denoise::{SampleBuffers, Variance, denoise_whole};
+///
+/// # let noise = |i: usize| ((i * 7919) % 1009) as f32 / 1009.0;
+/// # let (mean, variance): (Vec<_>, Vec<_>) = (0..512).map(|i| ([0.5 + noise(i); 3], [1.0 / 12.0; 3])).unzip();
+/// # let depth = vec![2.0; 512];
+/// let all = SampleBuffers::new(&mean, 16).variance(Variance::OfMean(&variance));
+/// let image = denoise_whole([32, 16], &all).depth(&depth).run()?;
+/// # assert_eq!(image.size, [32, 16]);
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
+pub fn denoise_whole<'a>(size: [u32; 2], all: &SampleBuffers<'a>) -> Denoise<'a> {
+    Denoise::new(size, Samples::Whole(*all))
+}
+
+/// An image to be denoised, given as buffers. [`denoise`] and [`denoise_whole`] make one.
+///
+/// Features are means over each pixel's samples, as for any denoiser. Each is optional, and more of them leave less error.
+/// A pixel is a miss if its normal and position are 0, and its depth is 0, at least 10^10 or infinite.
+#[derive(Clone)]
+#[must_use = "`run` denoises the image"]
+pub struct Denoise<'a> {
+    size: [u32; 2],
+    samples: Samples<'a>,
+    normal: Option<Feature<'a>>,
+    albedo: Option<Feature<'a>>,
+    position: Option<Feature<'a>>,
+    depth: Option<Feature<'a, f32>>,
+    coverage: Option<&'a [f32]>,
+    emission: Option<&'a [[f32; 3]]>,
+    ids: Option<&'a [u32]>,
+    filter: Option<&'a dyn Filter>,
+}
+
+impl<'a> Denoise<'a> {
+    fn new(size: [u32; 2], samples: Samples<'a>) -> Self {
+        Self {
+            size,
+            samples,
+            normal: None,
+            albedo: None,
+            position: None,
+            depth: None,
+            coverage: None,
+            emission: None,
+            ids: None,
+            filter: None,
+        }
+    }
+
+    /// Adds shading normals, of unit length or shorter where they vary within a pixel.
+    pub fn normal(self, mean: &'a [[f32; 3]]) -> Self {
+        Self { normal: Some(Feature { mean, variance: None }), ..self }
+    }
+
+    /// Adds shading normals that are noisy, with their variance.
+    pub fn noisy_normal(self, mean: &'a [[f32; 3]], variance: Variance<'a>) -> Self {
+        Self { normal: Some(Feature { mean, variance: Some(variance) }), ..self }
+    }
+
+    /// Adds the albedo, linear RGB in 0 to 1.
+    pub fn albedo(self, mean: &'a [[f32; 3]]) -> Self {
+        Self { albedo: Some(Feature { mean, variance: None }), ..self }
+    }
+
+    /// Adds an albedo that is noisy, with its variance.
+    pub fn noisy_albedo(self, mean: &'a [[f32; 3]], variance: Variance<'a>) -> Self {
+        Self { albedo: Some(Feature { mean, variance: Some(variance) }), ..self }
+    }
+
+    /// Adds positions, in any unit and any space.
+    pub fn position(self, mean: &'a [[f32; 3]]) -> Self {
+        Self { position: Some(Feature { mean, variance: None }), ..self }
+    }
+
+    /// Adds positions that are noisy, with their variance.
+    pub fn noisy_position(self, mean: &'a [[f32; 3]], variance: Variance<'a>) -> Self {
+        Self { position: Some(Feature { mean, variance: Some(variance) }), ..self }
+    }
+
+    /// Adds the depth: the distance from the camera, along the ray or along the view axis.
+    ///
+    /// Without positions, positions are made of pixel coordinates times depth, for a camera of any field of view. Without
+    /// depths, they are made of positions.
+    pub fn depth(self, mean: &'a [f32]) -> Self {
+        Self { depth: Some(Feature { mean, variance: None }), ..self }
+    }
+
+    /// Adds a depth that is noisy, with its variance.
+    pub fn noisy_depth(self, mean: &'a [f32], variance: Variance<'a, f32>) -> Self {
+        Self { depth: Some(Feature { mean, variance: Some(variance) }), ..self }
+    }
+
+    /// Adds the share of the samples that hit a surface, 0 to 1. Features are then means over these samples alone.
+    pub fn coverage(self, share: &'a [f32]) -> Self {
+        Self { coverage: Some(share), ..self }
+    }
+
+    /// Adds the mean emission of light sources seen directly. Bright lamps then stay in their pixels.
+    pub fn emission(self, mean: &'a [[f32; 3]]) -> Self {
+        Self { emission: Some(mean), ..self }
+    }
+
+    /// Adds an id of the object, material or group that each pixel shows. Pixels of another id weigh less.
+    pub fn ids(self, ids: &'a [u32]) -> Self {
+        Self { ids: Some(ids), ..self }
+    }
+
+    /// Sets the filter. The default is [`ClusterRegression`], with the ids as clusters.
+    pub fn filter(self, filter: &'a dyn Filter) -> Self {
+        Self { filter: Some(filter), ..self }
+    }
+
+    /// Makes a film (per-pixel statistics) of the buffers, for filters and maps that read films.
+    ///
+    /// Ids become the materials of first hits.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Denoise::run`].
+    pub fn film(&self) -> Result<Film, Error> {
+        pixels::film(self)
+    }
+
+    /// Denoises the image.
+    ///
+    /// # Errors
+    ///
+    /// * [`Error::EmptyFrame`] and [`Error::FrameTooLarge`] for the size.
+    /// * [`Error::BadBuffer`] for a buffer of another length, NaN and infinite numbers (but depths), negative variances,
+    ///   and pixels none of which has a sample; for halves that are the same buffer; for one set of samples without
+    ///   variance.
+    /// * Those of the filter.
+    pub fn run(&self) -> Result<Filtered, Error> {
+        let film = self.film()?;
+        if let Some(filter) = self.filter {
+            return filter.apply(&film);
+        }
+        let plain = ClusterRegression::new();
+        match self.ids {
+            Some(_) => plain.with_clusters(Arc::new(|hit| Some(hit.material)), "ids").apply(&film),
+            None => plain.apply(&film),
+        }
+    }
+}

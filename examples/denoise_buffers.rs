@@ -1,0 +1,174 @@
+//! The error of images that are denoised from buffers, by what the buffers hold: halves, variance and features.
+//!
+//! ```sh
+//! cargo run --release --example denoise_buffers -- --full
+//! ```
+//!
+//! Figures are sRGB MSE (0 to 255) against references, at 16 samples per pixel. Prints Markdown. Without `--full` a small
+//! form runs in seconds.
+
+#![expect(clippy::print_stdout, reason = "a program whose table is its result")]
+
+use dapple::core::samplers::Uniform;
+use dapple::core::{Film, Filter, Filtered, Frame, Limits, Needs, Render};
+use dapple::denoise::{ClusterRegression, Denoise, SampleBuffers, Variance, denoise, denoise_whole};
+use dapple::job::registry::{self, Setting};
+use dapple::metrics::{Pixels, compare};
+use dapple::renderer::{World, integrator};
+use dapple_scene::bundled;
+
+type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
+
+const SCENES: [&str; 8] = ["cornell", "teapot", "terrain", "lens", "glass", "room", "tea", "cabin"];
+const SPP: u64 = 16;
+
+/// A rendered image as buffers.
+struct Buffers {
+    size: [u32; 2],
+    halves: [Vec<[f32; 3]>; 2],
+    variances: [Vec<[f32; 3]>; 2],
+    counts: [Vec<u32>; 2],
+    mean: Vec<[f32; 3]>,
+    variance: Vec<[f32; 3]>,
+    count: Vec<u32>,
+    normal: Vec<[f32; 3]>,
+    albedo: Vec<[f32; 3]>,
+    position: Vec<[f32; 3]>,
+    depth: Vec<f32>,
+    coverage: Vec<f32>,
+    /// Sample variances of normal, albedo, position and depth.
+    spread: [Vec<[f32; 3]>; 3],
+    depth_spread: Vec<f32>,
+}
+
+impl Buffers {
+    fn of(film: &Film) -> Self {
+        let pixels = 0..film.frame().pixels();
+        let colours = |of: &dyn Fn(usize) -> [f64; 3]| pixels.clone().map(|i| of(i).map(|v| v as f32)).collect();
+        let half = |h: usize, i: usize| film.half(h, i).unwrap_or_default();
+        let features = |of: fn(dapple::core::Features) -> [f32; 3]| {
+            pixels.clone().map(|i| film.features(i).map_or([0.0; 3], of)).collect()
+        };
+        let scalar =
+            |of: fn(dapple::core::Features) -> f32| pixels.clone().map(|i| film.features(i).map_or(0.0, of)).collect();
+        let spread = |i: usize| film.features(i).and_then(|f| f.variance).unwrap_or_default();
+        let three = |k: usize| pixels.clone().map(|i| [0, 1, 2].map(|c| spread(i)[k + c])).collect();
+        Self {
+            size: film.frame().size(),
+            halves: [0, 1].map(|h| colours(&|i| half(h, i).mean)),
+            variances: [0, 1].map(|h| colours(&|i| half(h, i).variance().unwrap_or_default())),
+            counts: [0, 1].map(|h| pixels.clone().map(|i| half(h, i).count as u32).collect()),
+            mean: film.image(),
+            variance: colours(&|i| film.moments(i).variance().unwrap_or_default()),
+            count: film.counts().into_iter().map(|n| n as u32).collect(),
+            normal: features(|f| f.normal),
+            albedo: features(|f| f.albedo),
+            position: features(|f| f.position),
+            depth: scalar(|f| f.depth),
+            coverage: scalar(|f| f.hits as f32 / f.samples.max(1) as f32),
+            spread: [0, 3, 6].map(three),
+            depth_spread: pixels.clone().map(|i| spread(i)[9]).collect(),
+        }
+    }
+
+    fn halves(&self, variance: bool) -> Denoise<'_> {
+        let [a, b] = [0, 1].map(|h: usize| {
+            let half = SampleBuffers::new(&self.halves[h], &self.counts[h]);
+            if variance { half.variance(Variance::OfSamples(&self.variances[h])) } else { half }
+        });
+        denoise(self.size, &a, &b)
+    }
+
+    fn whole(&self) -> Denoise<'_> {
+        let all = SampleBuffers::new(&self.mean, &self.count).variance(Variance::OfSamples(&self.variance));
+        denoise_whole(self.size, &all)
+    }
+
+    fn surfaces<'a>(&'a self, image: Denoise<'a>) -> Denoise<'a> {
+        image.normal(&self.normal).albedo(&self.albedo).coverage(&self.coverage)
+    }
+
+    /// All features with their variances.
+    fn known<'a>(&'a self, image: Denoise<'a>) -> Denoise<'a> {
+        let [normal, albedo, position] = &self.spread;
+        image
+            .noisy_normal(&self.normal, Variance::OfSamples(normal))
+            .noisy_albedo(&self.albedo, Variance::OfSamples(albedo))
+            .noisy_position(&self.position, Variance::OfSamples(position))
+            .noisy_depth(&self.depth, Variance::OfSamples(&self.depth_spread))
+            .coverage(&self.coverage)
+    }
+
+    /// All features.
+    fn guided<'a>(&'a self, image: Denoise<'a>) -> Denoise<'a> {
+        self.surfaces(image).position(&self.position).depth(&self.depth)
+    }
+}
+
+const HEADS: [&str; 12] = [
+    "film",
+    "halves, feature variances",
+    "one image, feature variances",
+    "halves",
+    "halves, no variance",
+    "one image",
+    "halves, depth alone",
+    "halves, position alone",
+    "halves, no position, no depth",
+    "halves, no features",
+    "one image, depth alone",
+    "one image, no features",
+];
+
+fn images(film: &Film, b: &Buffers) -> Result<[Filtered; 12]> {
+    Ok([
+        ClusterRegression::new().apply(film)?,
+        b.known(b.halves(true)).run()?,
+        b.known(b.whole()).run()?,
+        b.guided(b.halves(true)).run()?,
+        b.guided(b.halves(false)).run()?,
+        b.guided(b.whole()).run()?,
+        b.surfaces(b.halves(true)).depth(&b.depth).run()?,
+        b.surfaces(b.halves(true)).position(&b.position).run()?,
+        b.surfaces(b.halves(true)).run()?,
+        b.halves(true).run()?,
+        b.surfaces(b.whole()).depth(&b.depth).run()?,
+        b.whole().run()?,
+    ])
+}
+
+fn main() -> Result<()> {
+    let full = std::env::args().any(|word| word == "--full");
+    let points = std::env::args().find(|word| word == "random").unwrap_or("sobol".to_owned());
+    let (scenes, side, reference_spp) = if full { (&SCENES[..], 160, 1024) } else { (&SCENES[..1], 32, 64) };
+    println!("{side}x{side} pixels, {SPP} spp, points {points}; references of {reference_spp} spp.\n");
+    println!("| scene | unfiltered | {} |", HEADS.join(" | "));
+    println!("|---|---|{}", "---|".repeat(HEADS.len()));
+    let mut logs = [0.0; HEADS.len() + 1];
+    for name in scenes {
+        let scene = bundled::files(name).ok_or("a bundled scene is missing")?.read()?;
+        let world = World::with_resolution(&scene, [side; 2])?;
+        let frame = Frame::new(side, side)?;
+        let film = |seed, spp: u64, needs| -> Result<Film> {
+            let points = registry::points(&points, Setting { seed, spp: None })?;
+            let limits = Limits::samples(spp * frame.pixels() as u64);
+            Ok(Render::new(frame, &limits).needs(needs).run(&mut *integrator(&world), &mut Uniform::new(points))?)
+        };
+        let reference = film(99, reference_spp, Needs::none())?.image();
+        let noisy = film(1, SPP, ClusterRegression::new().needs())?;
+        let buffers = Buffers::of(&noisy);
+        let error = |image: &[[f32; 3]]| -> Result<f64> {
+            Ok(compare(Pixels::new([side; 2], image)?, Pixels::new([side; 2], &reference)?)?.srgb8_mse)
+        };
+        let mut errors = vec![error(&noisy.image())?];
+        for image in images(&noisy, &buffers)? {
+            errors.push(error(&image.radiance)?);
+        }
+        logs.iter_mut().zip(&errors).for_each(|(sum, e)| *sum += (e / errors[0]).ln() / scenes.len() as f64);
+        let cells: Vec<String> = errors.iter().map(|e| format!("{e:.1}")).collect();
+        println!("| {name} | {} |", cells.join(" | "));
+    }
+    let cells: Vec<String> = logs.iter().map(|l| format!("{:.3}", l.exp())).collect();
+    println!("| of unfiltered, geometric mean | {} |", cells.join(" | "));
+    Ok(())
+}
