@@ -99,7 +99,10 @@ def render(name, spp, seed, kind="path"):
 
 def colour(path):
     """Red, green and blue of an EXR file."""
-    return np.array(mi.Bitmap(path).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
+    import OpenEXR
+
+    channels = OpenEXR.File(path, separate_channels=True).channels()
+    return np.stack([channels[c].pixels.astype(np.float32) for c in "RGB"], axis=-1)
 
 
 def srgb(x):
@@ -155,7 +158,7 @@ def main(dapple, folder, seeds):
             render(name, 16, 500 + seed, "moment").write(single)
             out = [f"{folder}/{name}-{seed}-{kind}.exr" for kind in ("halves", "variance")]
             ours(*halves, "--spp", "8", "-o", out[0])
-            ours(single, "--spp", "16", "-o", out[1])
+            ours(single, "--spp", "16", "--layer", "second-moment=img.m2_nested", "-o", out[1])
             split = [dict((key, np.array(value)) for key, value in bitmap.split()) for bitmap in bitmaps]
             mean = {key: (split[0][key].astype(np.float32) + split[1][key].astype(np.float32)) / 2 for key in split[0]}
             noisy = mean["<root>"][..., :3]

@@ -75,9 +75,6 @@ pub enum Error {
         what: &'static str,
     },
     /// A film with room for features or first hits, all of whose samples were pushed as radiance alone.
-    #[error(
-        "{who} reads {what}, but all samples of this film were pushed as radiance alone; push estimates with Film::push_estimate (one without a first hit is a miss), or use a filter that reads no features"
-    )]
     NoneReported {
         /// The name of the sampler or filter.
         who: String,
@@ -85,7 +82,6 @@ pub enum Error {
         what: &'static str,
     },
     /// A buffer of another program from which no film can be made.
-    #[error("buffer \"{buffer}\": {what}")]
     BadBuffer {
         /// The buffer's name, such as `normal`.
         buffer: &'static str,
@@ -200,6 +196,11 @@ impl fmt::Display for Error {
             Self::BadPlan { sampler, what } => {
                 write!(f, "sampler \"{sampler}\" made an invalid plan: {what}; this is a bug in the sampler")
             }
+            Self::NoneReported { who, what } => write!(
+                f,
+                "{who} reads {what}, but all samples of this film were pushed as radiance alone; push estimates with Film::push_estimate (one without a first hit is a miss), or use a filter that reads no features"
+            ),
+            Self::BadBuffer { buffer, what } => write!(f, "buffer \"{buffer}\": {what}"),
             Self::NotRecorded { who, what } => {
                 write!(f, "{who} reads {what}, which this film does not hold; pass its needs() to Render::needs")
             }
