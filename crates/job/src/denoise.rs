@@ -71,7 +71,7 @@ pub fn denoise_files(spec: &DenoiseSpec) -> Result<DenoisedImage, DenoiseError> 
 fn filter(description: &str) -> Result<Box<dyn dapple_core::Filter>, DenoiseError> {
     match registry::filter(description, &MethodInputs::default()) {
         Ok(made) => Ok(made.filter),
-        Err(RegistryError::NeedsWorld { of }) => Err(DenoiseError::NeedsScene { filter: of }),
+        Err(RegistryError::NeedsWorld { of, .. }) => Err(DenoiseError::NeedsScene { filter: of }),
         Err(error) => Err(error.into()),
     }
 }
