@@ -28,6 +28,7 @@
 //! * `job` (feature `job`): one render, from its description to its image; checkpoints and shards.
 //! * `study` (feature `study`): measurements of error against render time, with a report.
 //!
+//! `examples/plugs` has three renderers that keep their loop, each with under 25 lines for Dapple.
 //! `examples/foreign_renderer.rs` connects clusters, sampler and denoiser to a renderer that shares no code with
 //! Dapple.
 //!
@@ -68,8 +69,8 @@
 
 pub use dapple_core as core;
 pub use dapple_core::{
-    Draws, Error, Estimate, Film, Filtered, FirstHit, Frame, Integrator, Limits, Methods, Needs, Render, Rng, Round,
-    Session, Tile, Worker,
+    Block, Draws, Error, Estimate, Film, Filtered, FirstHit, Frame, HostNumbers, Integrator, Limits, Methods, Needs,
+    Render, Rng, Round, Session, Tile, Worker,
 };
 
 #[cfg(feature = "adaptive")]

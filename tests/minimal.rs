@@ -1,10 +1,10 @@
 //! `examples/minimal.rs` needs only core and points, has a hundred lines, and runs.
 
-use std::path::{Path, PathBuf};
-use std::process::Command;
+mod common;
+
+use std::path::Path;
 
 const TEXT: &str = include_str!("../examples/minimal.rs");
-const SOURCE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/minimal.rs");
 
 #[test]
 fn a_hundred_lines_on_core_and_points_alone() {
@@ -23,8 +23,7 @@ fn a_hundred_lines_on_core_and_points_alone() {
 #[test]
 fn it_draws_and_the_adaptive_image_is_better() {
     let folder = tempfile::tempdir().expect("a folder");
-    let mut command = built().map_or_else(run_by_cargo, Command::new);
-    let output = command.arg(folder.path()).output().expect("it starts");
+    let output = common::example("minimal", "minimal.rs").arg(folder.path()).output().expect("it starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let said = String::from_utf8(output.stdout).expect("UTF-8");
     let errors: Vec<f64> = said.split_whitespace().filter_map(|word| word.parse().ok()).collect();
@@ -36,23 +35,6 @@ fn it_draws_and_the_adaptive_image_is_better() {
         let span = pixels.iter().max().zip(pixels.iter().min()).map(|(high, low)| high - low);
         assert!(mean > 10.0 && span.is_some_and(|s| s > 200), "{name}: {mean} {span:?}");
     }
-}
-
-/// The example as `cargo test` has just built it beside this test; `None` if only this test was built.
-fn built() -> Option<PathBuf> {
-    let test = std::env::current_exe().ok()?;
-    let example = test.ancestors().nth(2)?.join("examples").join(format!("minimal{}", std::env::consts::EXE_SUFFIX));
-    let age = |path: &Path| path.metadata().and_then(|m| m.modified()).ok();
-    // An example older than its source is out of date.
-    (age(&example)? >= age(Path::new(SOURCE))?).then_some(example)
-}
-
-fn run_by_cargo() -> Command {
-    let profile = if cfg!(debug_assertions) { "dev" } else { "release" };
-    let mut command = Command::new(env!("CARGO"));
-    command.args(["run", "--quiet", "--offline", "--locked", "--profile", profile, "--example", "minimal", "--"]);
-    command.current_dir(env!("CARGO_MANIFEST_DIR"));
-    command
 }
 
 fn pixels(path: &Path) -> Vec<u8> {

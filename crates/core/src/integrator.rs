@@ -272,6 +272,14 @@ impl From<[f32; 3]> for Estimate {
     }
 }
 
+impl From<([f32; 3], Option<FirstHit>)> for Estimate {
+    /// An estimate with this radiance and this first hit.
+    #[inline]
+    fn from((radiance, hit): ([f32; 3], Option<FirstHit>)) -> Self {
+        Self::new(radiance).with_first_hit(hit)
+    }
+}
+
 /// An integrator: estimates the radiance of a pixel from one sample's random numbers, independent of the sampler.
 ///
 /// ```

@@ -100,7 +100,7 @@ impl Bank {
         }
     }
 
-    /// Merges pixel `i`'s channels into those of `other`, in which they get the weight `share` [Chan 1983].
+    /// Merges pixel `i`'s channels into those of `other`, in which they get the weight `share` [Chan, Golub and LeVeque 1979].
     fn give_channels(&mut self, other: &mut Self, i: usize, share: f32) {
         let each = self.channels.len() / self.counts.len().max(1);
         let before = self.counts[i] as f32 * (1.0 - share);

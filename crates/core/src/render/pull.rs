@@ -19,6 +19,7 @@ pub struct Round<'s> {
     frame: Frame,
     number: u32,
     total: u64,
+    side: u32,
     state: Mutex<Shared<'s>>,
 }
 
@@ -39,7 +40,8 @@ impl<'s> Round<'s> {
         let (frame, number) = (state.film.frame, state.round);
         let areas = areas(&frame, side).into_iter();
         let (points, sampler) = (sampler.points(), SavedSampler::of(sampler));
-        Self { points, sampler, limits, clock, frame, number, total, state: Mutex::new(Shared { state, areas }) }
+        let state = Mutex::new(Shared { state, areas });
+        Self { points, sampler, limits, clock, frame, number, total, side, state }
     }
 
     /// The round's number, from 0.
@@ -113,10 +115,8 @@ impl<'s> Round<'s> {
             return bad(what);
         }
         if tile.left() > 0 {
-            return bad(format!(
-                "{} of its samples have no result; add a result for each of Tile::samples",
-                tile.left()
-            ));
+            let missing = tile.missing();
+            return bad(format!("results of {missing} of its samples are missing; add one for each of Tile::samples"));
         }
         if let (InvalidSample::Fail, Some(rejected)) = (self.limits.invalid, tile.film.rejected.first()) {
             let (sample, points) = (rejected.sample, self.points.describe());
@@ -157,8 +157,7 @@ impl<'s> Round<'s> {
     ///
     /// The errors of [`Round::submit`].
     pub fn trace<E: Into<Estimate>>(&self, trace: impl Fn(&Draws<'_>) -> E + Sync) -> Result<(), Error> {
-        let side = 32;
-        areas(&self.frame, side).into_par_iter().with_max_len(1).try_for_each(|area| {
+        areas(&self.frame, self.side).into_par_iter().with_max_len(1).try_for_each(|area| {
             let mut tile = self.tile(area)?;
             for sample in tile.samples() {
                 let estimate = trace(&sample);

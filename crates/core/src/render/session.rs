@@ -134,7 +134,8 @@ pub(super) struct State {
 ///
 /// # Limits
 ///
-/// There are no training passes: a renderer that learns does so by itself.
+/// * There are no training passes: a renderer that learns does so by itself.
+/// * A sample without a first hit is a miss. A renderer that reports no hits gets an image filtered by colours alone.
 pub struct Session<'a> {
     pub(super) state: State,
     pub(super) limits: Limits,
@@ -211,13 +212,15 @@ impl<'a> Session<'a> {
     /// # Errors
     ///
     /// [`Error::NothingSubmitted`] if the last round was given out and nothing of it was submitted. For limits that the
-    /// sampler cannot meet, an invalid plan, and an exhausted point set. [`Error::NotRecorded`] after a round, if the filter
-    /// reads statistics that no sample carried.
+    /// sampler cannot meet, an invalid plan, and an exhausted point set.
     pub fn next_round(&mut self) -> Result<Option<Round<'_>>, Error> {
         if let Some(open) = &mut self.state.open {
             open.keep_rest(self.state.film.frame.size()[0] as usize);
             match open.plan.total() {
-                0 => self.finish_round()?,
+                0 => {
+                    self.given_out = None;
+                    self.close(Stopped::No)?;
+                }
                 left if self.given_out == Some(left) => return Err(Error::NothingSubmitted { left }),
                 _ => {}
             }
@@ -230,16 +233,6 @@ impl<'a> Session<'a> {
         let Self { state, limits, sampler, meter, clock, tile_side, .. } = self;
         let total = meter.left(&state.film).total;
         Ok(Some(Round::new(state, &**sampler, limits, clock, (total, *tile_side))))
-    }
-
-    /// Ends the open round, and checks that it recorded what the filter reads.
-    fn finish_round(&mut self) -> Result<(), Error> {
-        self.given_out = None;
-        self.close(Stopped::No)?;
-        match &self.filter {
-            Some(filter) => self.state.film.require(filter.name(), &filter.needs()),
-            None => Ok(()),
-        }
     }
 
     /// Sets the side, in pixels, of the square tiles that [`Round::next_tile`] hands out; 32 by default, at least 1.

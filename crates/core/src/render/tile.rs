@@ -193,6 +193,11 @@ impl<'r> Tile<'r> {
         self.left
     }
 
+    /// The number of samples without a result. Results that wait for earlier ones are there.
+    pub(super) fn missing(&self) -> u64 {
+        self.left - self.waiting.len() as u64
+    }
+
     /// Adds the result of one sample: an [`Estimate`], or linear RGB.
     ///
     /// A sample of another tile or round, or one that was added before, is a mistake that [`Round::submit`] reports.
@@ -238,7 +243,7 @@ impl<'r> Tile<'r> {
         }
         if added < samples.len() || estimates.next().is_some() {
             let more = added + estimates.count() + usize::from(added == samples.len());
-            let what = format!("a batch of {} samples got {more} results; give one for each", samples.len());
+            let what = format!("a batch has {} samples and {more} results; give one result for each", samples.len());
             self.fault.get_or_insert(what);
         }
     }

@@ -229,10 +229,10 @@ fn wrong_uses_of_tiles_are_refused_and_named() {
     let other = round.tile([4, 4, 8, 8]).unwrap();
     assert!(message(&|tile| tile.add(&first(&other), [1.0; 3])).contains("belongs to another tile"));
     let few = |tile: &mut Tile<'_>| tile.add_all(&[first(tile)], Vec::<[f32; 3]>::new());
-    assert!(message(&few).contains("a batch of 1 samples got 0 results"));
+    assert!(message(&few).contains("a batch has 1 samples and 0 results"));
 
     let unfinished = round.tile([0, 0, 4, 4]).unwrap();
-    assert!(round.submit(unfinished).unwrap_err().to_string().contains("32 of its samples have no result"));
+    assert!(round.submit(unfinished).unwrap_err().to_string().contains("results of 32 of its samples are missing"));
     let [mut once, mut again] = [0, 1].map(|_| round.tile([0, 0, 4, 4]).unwrap());
     for tile in [&mut once, &mut again] {
         tile.samples().for_each(|s| tile.add(&s, [1.0; 3]));
@@ -310,7 +310,7 @@ fn invalid_samples_are_listed_alike_or_fail() {
 }
 
 #[test]
-fn a_filter_that_lacks_features_is_told_after_the_first_round() {
+fn the_film_records_what_the_filter_needs() {
     struct Wants;
     impl dapple_core::Filter for Wants {
         fn name(&self) -> &str {

@@ -1,0 +1,243 @@
+//! Dapple in a renderer with a `Sampler` trait of its own, and a queue of image blocks for its worker threads.
+//!
+//! ```sh
+//! cargo run --release --example own_sampler
+//! ```
+//!
+//! It renders the scene with the host's own sampler and with Dapple, as many samples each, and prints the errors against
+//! a reference of many samples. Only the part between the marks of the plug knows Dapple.
+
+#![expect(clippy::print_stdout, reason = "the program prints its result")]
+
+use std::array::from_fn;
+use std::f32::consts::{PI, TAU};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+const SIZE: [u32; 2] = [96, 72];
+const SPP: u32 = 16;
+const REFERENCE_SPP: u32 = 1024;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let room = Room::new();
+    let reference = render(&room, REFERENCE_SPP, 1);
+    let error = |image: &[Rgb]| {
+        let pairs = image.as_flattened().iter().zip(reference.as_flattened());
+        pairs.map(|(x, r)| (x - r).powi(2) / (r * r + 0.01)).sum::<f32>() / (3 * SIZE[0] * SIZE[1]) as f32
+    };
+    let (plain, dapple) = (error(&render(&room, SPP, 2)), error(&render_with_dapple(&room, 2)?));
+    println!("relMSE {plain:.2e} by itself, {dapple:.2e} with Dapple: {:.3} of it", dapple / plain);
+    Ok(())
+}
+
+// --- plug
+use dapple::{Error, Estimate, FirstHit, Frame, Limits, Rng, Session};
+
+impl Sampler for Rng<'_> {
+    fn get_1d(&mut self) -> f32 {
+        self.next_f32()
+    }
+    fn get_2d(&mut self) -> [f32; 2] {
+        self.next_2d()
+    }
+}
+
+fn render_with_dapple(room: &Room, seed: u64) -> Result<Vec<Rgb>, Error> {
+    let mut session = Session::new(Frame::new(SIZE[0], SIZE[1])?, Limits::spp(SPP.into()), dapple::default_pair(seed))?;
+    while let Some(round) = session.next_round()? {
+        for_each_block(|block| {
+            let mut tile = round.tile(block)?;
+            for sample in tile.samples() {
+                let (light, hit) = room.radiance(sample.pixel(), &mut sample.rng());
+                let hit = hit.map(|h| FirstHit::new(h.at, h.normal, h.t).with_albedo(h.colour));
+                tile.add(&sample, Estimate::new(light).with_first_hit(hit));
+            }
+            round.submit(tile)
+        })?;
+    }
+    Ok(session.finish()?.radiance)
+}
+// --- end of plug
+
+/// The host's own loop: as many samples in each pixel of each block.
+fn render(room: &Room, spp: u32, seed: u64) -> Vec<Rgb> {
+    let image = Mutex::new(vec![[0.0; 3]; (SIZE[0] * SIZE[1]) as usize]);
+    let done = for_each_block(|[x0, y0, x1, y1]| {
+        let mut sampler = Independent { seed, state: 0 };
+        for (y, x) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (y, x))) {
+            let sum = (0..spp).fold([0.0; 3], |sum, index| {
+                sampler.start_pixel_sample([x, y], index);
+                add(sum, 1.0, room.radiance([x, y], &mut sampler).0)
+            });
+            image.lock().expect("no worker panics")[(y * SIZE[0] + x) as usize] = sum.map(|s| s / spp as f32);
+        }
+        Ok::<_, std::convert::Infallible>(())
+    });
+    let Ok(()) = done;
+    image.into_inner().expect("no worker panics")
+}
+
+/// Worker threads take blocks `[x0, y0, x1, y1]` of the image from a queue.
+fn for_each_block<E: Send>(work: impl Fn([u32; 4]) -> Result<(), E> + Sync) -> Result<(), E> {
+    let [columns, rows] = SIZE.map(|n| n.div_ceil(16));
+    let queue = AtomicU32::new(0);
+    let worker = || loop {
+        let n = queue.fetch_add(1, Ordering::Relaxed);
+        if n >= columns * rows {
+            return Ok(());
+        }
+        let [x, y] = [n % columns * 16, n / columns * 16];
+        work([x, y, SIZE[0].min(x + 16), SIZE[1].min(y + 16)])?;
+    };
+    std::thread::scope(|threads| {
+        let threads: Vec<_> = (0..4).map(|_| threads.spawn(worker)).collect();
+        threads.into_iter().try_for_each(|thread| thread.join().expect("no worker panics"))
+    })
+}
+
+/// The host's interface of random numbers.
+trait Sampler {
+    /// Goes to the numbers of a sample. A sampler that has numbers for one sample only leaves it as it is.
+    fn start_pixel_sample(&mut self, _pixel: [u32; 2], _index: u32) {}
+    fn get_1d(&mut self) -> f32;
+    fn get_2d(&mut self) -> [f32; 2];
+}
+
+/// The host's sampler: independent random numbers.
+struct Independent {
+    seed: u64,
+    state: u64,
+}
+
+impl Sampler for Independent {
+    fn start_pixel_sample(&mut self, [x, y]: [u32; 2], index: u32) {
+        self.state = self.seed;
+        for part in [x, y, index] {
+            self.state = mix(self.state ^ u64::from(part));
+        }
+    }
+
+    fn get_1d(&mut self) -> f32 {
+        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        (mix(self.state) >> 40) as f32 / (1 << 24) as f32
+    }
+
+    fn get_2d(&mut self) -> [f32; 2] {
+        from_fn(|_| self.get_1d())
+    }
+}
+
+fn mix(x: u64) -> u64 {
+    let x = (x ^ x >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ x >> 31
+}
+
+type V3 = [f32; 3];
+type Rgb = [f32; 3];
+
+fn add(a: V3, s: f32, b: V3) -> V3 {
+    from_fn(|i| a[i] + s * b[i])
+}
+
+fn dot(a: V3, b: V3) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: V3, b: V3) -> V3 {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn unit(a: V3) -> V3 {
+    a.map(|x| x / dot(a, a).sqrt())
+}
+
+/// A rectangle: a corner and two edges at right angles.
+struct Quad {
+    corner: V3,
+    edges: [V3; 2],
+    colour: Rgb,
+}
+
+struct Hit {
+    t: f32,
+    at: V3,
+    normal: V3,
+    colour: Rgb,
+}
+
+struct Room {
+    quads: Vec<Quad>,
+}
+
+/// A lamp below the ceiling that shines down: corner, sides and radiance.
+const LAMP: (V3, [f32; 2], Rgb) = ([0.35, 0.999, 0.4], [0.3, 0.3], [14.0, 11.0, 8.0]);
+
+impl Room {
+    fn new() -> Self {
+        let [x, y, z] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let [grey, red, green] = [[0.7; 3], [0.65, 0.1, 0.1], [0.15, 0.45, 0.15]];
+        let wall = |corner, a, b, colour| Quad { corner, edges: [a, b], colour };
+        let mut quads = vec![wall([0.0; 3], x, z, grey), wall(y, x, z, grey), wall(z, x, y, grey)];
+        quads.extend([wall([0.0; 3], y, z, red), wall(x, y, z, green)]);
+        // A block, turned a little.
+        let (corner, a, b) = ([0.3, 0.0, 0.35], [0.3, 0.0, 0.12], [-0.12, 0.0, 0.3]);
+        let up = [0.0, 0.45, 0.0];
+        quads.extend([wall(corner, a, up, grey), wall(corner, b, up, grey), wall(add(corner, 1.0, up), a, b, grey)]);
+        quads.extend([wall(add(corner, 1.0, b), a, up, grey), wall(add(corner, 1.0, a), b, up, grey)]);
+        Self { quads }
+    }
+
+    /// The nearest rectangle on a ray.
+    fn hit(&self, from: V3, to: V3) -> Option<Hit> {
+        let (mut nearest, mut found) = (f32::INFINITY, None);
+        for quad in &self.quads {
+            let normal = cross(quad.edges[0], quad.edges[1]);
+            let t = dot(add(quad.corner, -1.0, from), normal) / dot(to, normal);
+            let at = add(add(from, t, to), -1.0, quad.corner);
+            let inside = |edge: V3| (0.0..=dot(edge, edge)).contains(&dot(at, edge));
+            if t > 1e-4 && t < nearest && quad.edges.into_iter().all(inside) {
+                (nearest, found) = (t, Some((quad, normal)));
+            }
+        }
+        let (quad, normal) = found?;
+        let normal = unit(normal).map(|n| if dot(normal, to) > 0.0 { -n } else { n });
+        Some(Hit { t: nearest, at: add(from, nearest, to), normal, colour: quad.colour })
+    }
+
+    /// The radiance of one sample of a pixel, and its first hit.
+    fn radiance(&self, pixel: [u32; 2], sampler: &mut dyn Sampler) -> (Rgb, Option<Hit>) {
+        let place = sampler.get_2d();
+        let [x, y]: [f32; 2] = from_fn(|i| (pixel[i] as f32 + place[i] - 0.5 * SIZE[i] as f32) / SIZE[1] as f32);
+        let (mut from, mut to) = ([0.5, 0.5, -1.4], unit([x, -y, 1.4]));
+        let (mut light, mut weight, mut first) = ([0.0; 3], [1.0; 3], None);
+        for bounce in 0..4 {
+            let Some(hit) = self.hit(from, to) else { break };
+            let lamp = self.lamp(&hit, sampler.get_2d());
+            weight = from_fn(|c| weight[c] * hit.colour[c]);
+            light = from_fn(|c| light[c] + weight[c] * lamp * LAMP.2[c]);
+            let [u, v] = sampler.get_2d();
+            let (height, (sin, cos)) = (1.0 - 2.0 * u, (TAU * v).sin_cos());
+            let ring = (1.0 - height * height).sqrt();
+            (from, to) = (hit.at, unit(add([ring * cos, ring * sin, height], 1.0001, hit.normal)));
+            if bounce == 0 {
+                first = Some(hit);
+            } else if sampler.get_1d() < 0.3 {
+                break;
+            } else {
+                weight = weight.map(|w| w / 0.7);
+            }
+        }
+        (light, first)
+    }
+
+    /// The part of the lamp's radiance that a surface reflects, by a random point of the lamp.
+    fn lamp(&self, hit: &Hit, [u, v]: [f32; 2]) -> f32 {
+        let (corner, [width, depth], _) = LAMP;
+        let to = add(add(corner, 1.0, [u * width, 0.0, v * depth]), -1.0, hit.at);
+        let (distance, to) = (dot(to, to).sqrt(), unit(to));
+        let cosines = dot(hit.normal, to).max(0.0) * to[1].max(0.0);
+        let free = cosines > 0.0 && self.hit(hit.at, to).is_none_or(|other| other.t > distance - 1e-4);
+        if free { cosines * width * depth / (PI * distance * distance) } else { 0.0 }
+    }
+}
