@@ -74,7 +74,7 @@ pub enum Error {
         /// The missing statistics, as a noun phrase.
         what: &'static str,
     },
-    /// A film with room for features or first hits, all of whose samples were pushed as radiance alone.
+    /// A film or session with room for features or first hits, all of whose samples are radiance alone.
     NoneReported {
         /// The name of the sampler or filter.
         who: String,
@@ -198,7 +198,7 @@ impl fmt::Display for Error {
             }
             Self::NoneReported { who, what } => write!(
                 f,
-                "{who} reads {what}, but all samples of this film were pushed as radiance alone; push estimates with Film::push_estimate (one without a first hit is a miss), or use a filter that reads no features"
+                "{who} reads {what}, but all samples are radiance alone; give estimates with Estimate::with_first_hit (None for a miss), in Film::push_estimate or a session, or use a filter that reads no features"
             ),
             Self::BadBuffer { buffer, what } => write!(f, "buffer \"{buffer}\": {what}"),
             Self::NotRecorded { who, what } => {

@@ -222,20 +222,24 @@ pub struct Estimate {
     pub emission: [f32; 3],
     /// The cost of the sample: the number of rays traced.
     pub cost: u32,
+    /// True if [`Estimate::with_first_hit`] was called, with a hit or without one. A [`Session`](crate::Session) of which no
+    /// sample says so refuses filters that read features.
+    pub says_hit: bool,
 }
 
 impl Estimate {
     /// An estimate with this radiance and without a first hit; its cost is one ray.
     #[inline]
     pub const fn new(radiance: [f32; 3]) -> Self {
-        Self { radiance, first_hit: None, features: None, emission: [0.0; 3], cost: 1 }
+        Self { radiance, first_hit: None, features: None, emission: [0.0; 3], cost: 1, says_hit: false }
     }
 
-    /// Sets the first hit: a [`FirstHit`], or an `Option` of one.
+    /// Sets the first hit: a [`FirstHit`], or an `Option` of one; `None` says that the sample met no surface.
     #[inline]
     #[must_use]
     pub fn with_first_hit(mut self, hit: impl Into<Option<FirstHit>>) -> Self {
         self.first_hit = hit.into();
+        self.says_hit = true;
         self
     }
 

@@ -123,7 +123,7 @@ impl<'s> Round<'s> {
             return Err(Error::InvalidSample { sample, value: [f32::NAN; 3], points });
         }
         let mut shared = self.lock();
-        let State { film, open, .. } = &mut *shared.state;
+        let State { film, open, says_hit, .. } = &mut *shared.state;
         let Some(open) = open else { return bad("its round is over".into()) };
         let width = film.frame.size()[0] as usize;
         let first = (area[1] - film.frame.origin()[1]) as usize * width + (area[0] - film.frame.origin()[0]) as usize;
@@ -144,6 +144,7 @@ impl<'s> Round<'s> {
         open.submitted += all;
         let retention: Retention = tile.retention;
         film.put_back(tile.film, retention);
+        *says_hit |= tile.says_hit;
         film.add_splats(tile.splats);
         if retention == Retention::Keep {
             film.splats.count(tile.halves);
@@ -171,7 +172,7 @@ impl<'s> Round<'s> {
     /// far. Tiles that are still being traced will be traced again by the render that continues.
     pub fn snapshot(&self) -> Vec<u8> {
         let shared = self.lock();
-        let State { film, round, open, passes, holdout } = &*shared.state;
+        let State { film, round, open, passes, holdout, .. } = &*shared.state;
         let (seconds, holdout, open) = (self.clock.seconds(), holdout.as_ref(), open.as_ref());
         let (total, sampler, limits) = (self.total, Planner::Saved(&self.sampler), self.limits);
         View { film, round: *round, open, passes, holdout, total, seconds, sampler, limits }.write()

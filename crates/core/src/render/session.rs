@@ -81,6 +81,8 @@ pub(super) struct State {
     pub(super) passes: Vec<TrainingData>,
     /// The filtered image of the last prediction, if an error limit concerns a filtered image.
     pub(super) holdout: Option<Holdout>,
+    /// True if a sample of this session says what it hit, or that it hit nothing; also in a session that was resumed.
+    pub(super) says_hit: bool,
 }
 
 /// A render whose loop belongs to the caller: it asks for rounds, traces their samples where and how it likes, and gives
@@ -135,7 +137,6 @@ pub(super) struct State {
 /// # Limits
 ///
 /// * There are no training passes: a renderer that learns does so by itself.
-/// * A sample without a first hit is a miss. A renderer that reports no hits gets an image filtered by colours alone.
 pub struct Session<'a> {
     pub(super) state: State,
     pub(super) limits: Limits,
@@ -198,7 +199,7 @@ impl<'a> Session<'a> {
         let (state, seconds) = match snapshot {
             None => {
                 let film = Film::new(frame, needs);
-                (State { film, round: 0, open: None, passes: Vec::new(), holdout: None }, 0.0)
+                (State { film, round: 0, open: None, passes: Vec::new(), holdout: None, says_hit: false }, 0.0)
             }
             Some(snapshot) => continued(snapshot, &mut *sampler, &mut meter, (&needs, limits), &frame)?,
         };
@@ -212,15 +213,13 @@ impl<'a> Session<'a> {
     /// # Errors
     ///
     /// [`Error::NothingSubmitted`] if the last round was given out and nothing of it was submitted. For limits that the
-    /// sampler cannot meet, an invalid plan, and an exhausted point set.
+    /// sampler cannot meet, an invalid plan, and an exhausted point set. [`Error::NoneReported`] after a round of which no
+    /// sample says what it hit, or that it hit nothing, if the filter reads features.
     pub fn next_round(&mut self) -> Result<Option<Round<'_>>, Error> {
         if let Some(open) = &mut self.state.open {
             open.keep_rest(self.state.film.frame.size()[0] as usize);
             match open.plan.total() {
-                0 => {
-                    self.given_out = None;
-                    self.close(Stopped::No)?;
-                }
+                0 => self.finish_round()?,
                 left if self.given_out == Some(left) => return Err(Error::NothingSubmitted { left }),
                 _ => {}
             }
@@ -233,6 +232,17 @@ impl<'a> Session<'a> {
         let Self { state, limits, sampler, meter, clock, tile_side, .. } = self;
         let total = meter.left(&state.film).total;
         Ok(Some(Round::new(state, &**sampler, limits, clock, (total, *tile_side))))
+    }
+
+    /// Ends the open round. Refuses samples that say nothing of hits if the filter reads them.
+    fn finish_round(&mut self) -> Result<(), Error> {
+        self.given_out = None;
+        self.close(Stopped::No)?;
+        let reads = |filter: &Box<dyn Filter + 'a>| filter.needs().wants_first_hit() && !self.state.says_hit;
+        match self.filter.as_ref().filter(|filter| reads(filter)) {
+            Some(filter) => Err(Error::NoneReported { who: filter.name().to_owned(), what: "first-hit features" }),
+            None => Ok(()),
+        }
     }
 
     /// Sets the side, in pixels, of the square tiles that [`Round::next_tile`] hands out; 32 by default, at least 1.
@@ -284,7 +294,7 @@ impl<'a> Session<'a> {
 
     /// The content of a snapshot.
     fn view(&self, seconds: f64) -> View<'_> {
-        let State { film, round, open, passes, holdout } = &self.state;
+        let State { film, round, open, passes, holdout, .. } = &self.state;
         let (open, holdout) = (open.as_ref(), holdout.as_ref());
         let (total, sampler, limits) = (self.meter.left(film).total, Planner::Sampler(&*self.sampler), &self.limits);
         View { film, round: *round, open, passes, holdout, total, seconds, sampler, limits }
@@ -439,7 +449,7 @@ fn continued(
             check(&rest, &film, sampler, &meter.left(&film))?;
         }
     }
-    Ok((State { film, round, open, passes, holdout }, seconds))
+    Ok((State { film, round, open, passes, holdout, says_hit: true }, seconds))
 }
 
 /// Applies a plan's withdrawals and discarding to the film, and returns the round to trace.

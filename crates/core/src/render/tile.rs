@@ -120,6 +120,8 @@ pub struct Tile<'r> {
     pub(super) splats: Vec<(usize, [u32; 2], [f32; 3])>,
     /// The number of samples added in each half.
     pub(super) halves: [u64; 2],
+    /// True if a sample says what it hit, or that it hit nothing.
+    pub(super) says_hit: bool,
     /// The first wrong use of the tile.
     pub(super) fault: Option<String>,
 }
@@ -166,8 +168,19 @@ impl<'r> Tile<'r> {
         };
         let (taken, left) = (vec![0; frame.pixels()], planned.total());
         let (retention, waiting) = (open.plan.retention, BTreeMap::new());
-        let (splats, halves) = (Vec::new(), [0; 2]);
-        Self { planned: Arc::new(planned), retention, film: part, taken, left, waiting, splats, halves, fault: None }
+        let (splats, halves, says_hit) = (Vec::new(), [0; 2], false);
+        Self {
+            planned: Arc::new(planned),
+            retention,
+            film: part,
+            taken,
+            left,
+            waiting,
+            splats,
+            halves,
+            says_hit,
+            fault: None,
+        }
     }
 
     /// Columns and rows `[x0, y0, x1, y1]` of the tile in the full image; the last ones are excluded.
@@ -304,6 +317,7 @@ impl<'r> Tile<'r> {
         }
         let missing = channels.len() != usize::from(needs.channels);
         self.halves[half] += 1;
+        self.says_hit |= estimate.says_hit || estimate.features.is_some();
         record.samples += 1;
         record.rays += u64::from(estimate.cost);
         record.blocks += u64::from(blocks);

@@ -410,3 +410,32 @@ fn splats_add_their_mean_to_the_image() {
         assert!(image.iter().enumerate().all(|(i, rgb)| i == 1 || *rgb == [0.5; 3]));
     }
 }
+
+#[test]
+fn samples_that_say_nothing_of_hits_are_refused_by_name() {
+    struct Guided;
+    impl dapple_core::Filter for Guided {
+        fn name(&self) -> &str {
+            "guided"
+        }
+        fn needs(&self) -> Needs {
+            Needs::none().with_features()
+        }
+        fn apply(&self, film: &Film) -> Result<dapple_core::Filtered, Error> {
+            Unfiltered.apply(film)
+        }
+    }
+    let ends = |trace: &(dyn Fn(&Draws<'_>) -> Estimate + Sync)| {
+        let mut session = Session::new(frame(4, 4), Limits::spp(4.0), (uniform(), Guided)).unwrap();
+        session.next_round().unwrap().unwrap().trace(trace).unwrap();
+        session.next_round().map(|round| round.is_none())
+    };
+    let message = ends(&|_| [0.5; 3].into()).unwrap_err().to_string();
+    assert!(message.starts_with("guided reads first-hit features, but all samples are radiance alone"), "{message}");
+    // All misses, said once.
+    let sky = |s: &Draws<'_>| match s.pixel() {
+        [1, 2] => Estimate::new([0.5; 3]).with_first_hit(None),
+        _ => [0.5; 3].into(),
+    };
+    assert!(ends(&sky).unwrap());
+}
