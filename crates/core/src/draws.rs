@@ -138,6 +138,13 @@ impl<'a> Draws<'a> {
         Rng::new(self)
     }
 
+    /// A cursor that owns the sample, for renderers whose generator outlives the place where the sample was made. Clone the
+    /// sample before if its result is to be added.
+    #[inline]
+    pub fn into_rng(self) -> Rng<'a> {
+        Rng::owning(self)
+    }
+
     /// The number of the next block for a cursor, which then moves on.
     #[inline]
     pub(crate) fn next_block(&self) -> Block {

@@ -136,3 +136,21 @@ fn sample_numbers_run_on_over_halves() {
     assert_eq!(numbers(Needs::none()), [0, 1, 2, 3, 4, 5, 6]);
     assert_eq!(numbers(Needs::none().with_halves()), [0, 1, 2, 3, 4, 5, 6]);
 }
+
+#[test]
+fn a_cursor_that_owns_its_sample_outlives_it() {
+    struct Host<'a>(Option<Rng<'a>>);
+    let points = Independent::new(4);
+    let wanted: Vec<f32> = {
+        let sample = Draws::new(&points, SampleId::new([7, 7], 1, 3));
+        let mut rng = sample.rng();
+        (0..9).map(|_| rng.next_f32()).collect()
+    };
+    let mut host = Host(None);
+    {
+        let sample = Draws::new(&points, SampleId::new([7, 7], 1, 3));
+        host.0 = Some(sample.into_rng());
+    }
+    let mut rng = host.0.unwrap();
+    assert_eq!((0..9).map(|_| rng.next_f32()).collect::<Vec<_>>(), wanted);
+}
