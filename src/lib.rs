@@ -15,7 +15,7 @@
 //!   * [`clustering`] (feature `clustering`): groups neighbouring triangles with similar normals into clusters.
 //!   * [`cluster_adaptive`] (feature `cluster-adaptive`): a sampler with sample counts from the projected sizes of
 //!     clusters; a closure that traces first hits connects it to a renderer.
-//!   * [`denoise`] (feature `denoise`): filters (denoisers) that take unequal sample counts into account.
+//!   * [`denoise`](mod@denoise) (feature `denoise`): filters (denoisers) that take unequal sample counts into account.
 //!
 //! Off by default; the feature `full` has all of them but `oidn`:
 //!
