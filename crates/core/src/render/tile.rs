@@ -103,10 +103,10 @@ impl<'r> Planned<'r> {
     }
 }
 
-/// Some pixels of a [`Round`], with the samples to trace in them and the results so far.
+/// Some pixels of a [`Round`](crate::Round), with the samples to trace in them and the results so far.
 ///
 /// Samples may be added in any order: the film gets them in the order of [`Tile::samples`]. Results that come early wait
-/// in the tile. Nothing counts before [`Round::submit`] takes the tile back, complete.
+/// in the tile. Nothing counts before [`Round::submit`](crate::Round::submit) takes the tile back, complete.
 pub struct Tile<'r> {
     pub(super) planned: Arc<Planned<'r>>,
     pub(super) retention: Retention,
@@ -213,7 +213,8 @@ impl<'r> Tile<'r> {
 
     /// Adds the result of one sample: an [`Estimate`], or linear RGB.
     ///
-    /// A sample of another tile or round, or one that was added before, is a mistake that [`Round::submit`] reports.
+    /// A sample of another tile or round, or one that was added before, is a mistake that
+    /// [`Round::submit`](crate::Round::submit) reports.
     #[inline]
     pub fn add(&mut self, sample: &Draws<'_>, estimate: impl Into<Estimate>) {
         self.add_with_channels(sample, estimate, &[]);
@@ -221,7 +222,8 @@ impl<'r> Tile<'r> {
 
     /// Adds the result of one sample with its values beside the radiance, such as a spectrum or other outputs (AOVs).
     ///
-    /// A number of values other than [`Needs::channels`](crate::Needs::with_channels) is a mistake that [`Round::submit`](crate::Round::submit) reports.
+    /// A number of values other than [`Needs::channels`](crate::Needs::with_channels) is a mistake that
+    /// [`Round::submit`](crate::Round::submit) reports.
     #[inline]
     pub fn add_with_channels(&mut self, sample: &Draws<'_>, estimate: impl Into<Estimate>, channels: &[f32]) {
         let (id, turn) = (sample.id(), sample.turn());
@@ -246,7 +248,7 @@ impl<'r> Tile<'r> {
 
     /// Adds the results of a batch of samples, in the order of the samples.
     ///
-    /// Another number of results than samples is a mistake that [`Round::submit`] reports.
+    /// Another number of results than samples is a mistake that [`Round::submit`](crate::Round::submit) reports.
     pub fn add_all<E: Into<Estimate>>(&mut self, samples: &[Draws<'_>], estimates: impl IntoIterator<Item = E>) {
         let mut estimates = estimates.into_iter();
         let mut added = 0;
@@ -264,7 +266,7 @@ impl<'r> Tile<'r> {
     /// Adds the result of the pixel's next sample, for renderers with random numbers of their own. `pixel` is column and
     /// row in the full image.
     ///
-    /// More samples than [`Tile::counts`] asks for are a mistake that [`Round::submit`] reports.
+    /// More samples than [`Tile::counts`] asks for are a mistake that [`Round::submit`](crate::Round::submit) reports.
     #[inline]
     pub fn push(&mut self, pixel: [u32; 2], estimate: impl Into<Estimate>) {
         let local = self.planned.local(pixel);
