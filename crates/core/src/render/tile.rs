@@ -319,7 +319,7 @@ impl<'r> Tile<'r> {
         }
         let missing = channels.len() != usize::from(needs.channels);
         self.halves[half] += 1;
-        self.says_hit |= estimate.says_hit || estimate.features.is_some();
+        self.says_hit |= estimate.says_hit || estimate.first_hit.is_some() || estimate.features.is_some();
         record.samples += 1;
         record.rays += u64::from(estimate.cost);
         record.blocks += u64::from(blocks);
