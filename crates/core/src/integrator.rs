@@ -222,8 +222,8 @@ pub struct Estimate {
     pub emission: [f32; 3],
     /// The cost of the sample: the number of rays traced.
     pub cost: u32,
-    /// True if [`Estimate::with_first_hit`] was called, with a hit or without one. A [`Session`](crate::Session) of which no
-    /// sample says so refuses filters that read features.
+    /// True if [`Estimate::with_first_hit`] was called, with a hit or without one. If no sample of a
+    /// [`Session`](crate::Session) reports hits or misses, the session refuses filters that read features.
     pub says_hit: bool,
 }
 

@@ -1,11 +1,10 @@
-//! What one task of the render loop keeps between samples: scratch memory, splats, channels, training notes.
+//! Memory of one task of the render loop: scratch memory, splats, channels, training notes.
 
 use crate::TrainingSum;
 use std::any::Any;
 use std::fmt;
 
-/// What one task of the render loop keeps between samples, passed to
-/// [`Integrator::estimate`](crate::Integrator::estimate).
+/// The memory of one task of the render loop, passed to [`Integrator::estimate`](crate::Integrator::estimate).
 ///
 /// * [`Worker::scratch`]: memory of any type, reused by later samples of the same thread.
 /// * [`Worker::splat`]: light that this sample adds to other pixels.

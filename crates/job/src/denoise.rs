@@ -41,7 +41,7 @@ pub struct DenoisedImage {
     pub filter: String,
     /// The kinds of layers that were read, each with its name in the files.
     pub found: Vec<(LayerKind, String)>,
-    /// What the files lack, or what was assumed instead; one sentence each.
+    /// Notices about layers that the files lack, and about assumptions made instead; one sentence each.
     pub notices: Vec<String>,
     /// The seconds that reading and filtering took.
     pub seconds: [f64; 2],

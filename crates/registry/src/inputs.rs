@@ -62,7 +62,7 @@ impl ClusterInputError {
     }
 }
 
-/// What most methods with clusters lack without a scene.
+/// The part that most methods with clusters lack without a scene.
 pub(crate) const CLUSTERS: &str = "clusters of the scene's surfaces";
 
 /// Clusters, and the function that traces probes for the sampler `cluster-thesis`.

@@ -81,7 +81,7 @@ pub(super) struct State {
     pub(super) passes: Vec<TrainingData>,
     /// The filtered image of the last prediction, if an error limit concerns a filtered image.
     pub(super) holdout: Option<Holdout>,
-    /// True if a sample of this session says what it hit, or that it hit nothing; also in a session that was resumed.
+    /// True if a sample of this session reports a hit or a miss; also true in a session that was resumed.
     pub(super) says_hit: bool,
 }
 
@@ -213,8 +213,8 @@ impl<'a> Session<'a> {
     /// # Errors
     ///
     /// [`Error::NothingSubmitted`] if the last round was given out and nothing of it was submitted. For limits that the
-    /// sampler cannot meet, an invalid plan, and an exhausted point set. [`Error::NoneReported`] after a round of which no
-    /// sample says what it hit, or that it hit nothing, if the filter reads features.
+    /// sampler cannot meet, an invalid plan, and an exhausted point set. [`Error::NoneReported`] if the filter reads
+    /// features and no sample of the first round reports a hit or a miss.
     pub fn next_round(&mut self) -> Result<Option<Round<'_>>, Error> {
         if let Some(open) = &mut self.state.open {
             open.keep_rest(self.state.film.frame.size()[0] as usize);
@@ -234,14 +234,15 @@ impl<'a> Session<'a> {
         Ok(Some(Round::new(state, &**sampler, limits, clock, (total, *tile_side))))
     }
 
-    /// Ends the open round. Refuses samples that say nothing of hits if the filter reads them.
+    /// Ends the open round. Refuses samples that report neither hits nor misses if the filter reads hits.
     fn finish_round(&mut self) -> Result<(), Error> {
         self.given_out = None;
         self.close(Stopped::No)?;
-        let reads = |filter: &Box<dyn Filter + 'a>| filter.needs().wants_first_hit() && !self.state.says_hit;
-        match self.filter.as_ref().filter(|filter| reads(filter)) {
-            Some(filter) => Err(Error::NoneReported { who: filter.name().to_owned(), what: "first-hit features" }),
-            None => Ok(()),
+        match &self.filter {
+            Some(filter) if filter.needs().wants_first_hit() && !self.state.says_hit => {
+                Err(Error::NoneReported { who: filter.name().to_owned(), what: "first-hit features" })
+            }
+            _ => Ok(()),
         }
     }
 
@@ -346,7 +347,7 @@ impl<'a> Session<'a> {
         self.state.film.record.budgets.extend(shown);
     }
 
-    /// Opens a round to trace: the one that is open already, or the next; `false` if there is none.
+    /// Opens a round to trace: the one that is open already, or the next. Returns `false` at the end of the render.
     pub(super) fn open(&mut self) -> Result<bool, Error> {
         if self.state.open.is_none() {
             self.state.open = self.plan()?;

@@ -120,7 +120,7 @@ pub struct Tile<'r> {
     pub(super) splats: Vec<(usize, [u32; 2], [f32; 3])>,
     /// The number of samples added in each half.
     pub(super) halves: [u64; 2],
-    /// True if a sample says what it hit, or that it hit nothing.
+    /// True if a sample reports a hit or a miss.
     pub(super) says_hit: bool,
     /// The first wrong use of the tile.
     pub(super) fault: Option<String>,
