@@ -82,6 +82,12 @@ impl Worker {
         self.channels.resize(channels, 0.0);
     }
 
+    /// Returns `true` if the last sample has splats.
+    #[inline]
+    pub(crate) fn has_splats(&self) -> bool {
+        !self.splats.is_empty()
+    }
+
     /// Takes the splats of the last sample.
     #[inline]
     pub(crate) fn take_splats(&mut self) -> std::vec::Drain<'_, ([u32; 2], [f32; 3])> {

@@ -122,8 +122,10 @@ fn one_firefly_takes_no_more_than_its_cap_a12() {
                 let limits = Limits::samples(32 * 576);
                 let film = run(&mut Field(firefly), &mut sampler, size, &limits).unwrap();
                 let counts = film.counts();
-                // A discarded pilot is not in the image; then only the least count of the limits holds.
+                // A discarded pilot is not in the image: all of its samples are traced, and at least one more.
                 let least = if policy == PilotPolicy::Discard { 1 } else { 4 };
+                let traced = |i: usize| film.discarded(i).count + counts[i];
+                assert!((0..576).all(|i| traced(i) >= 4 + u64::from(policy == PilotPolicy::Discard)), "{policy:?}");
                 // The cap is 2 times the mean; halves may each be one sample above.
                 assert!(counts.iter().all(|n| (least..=2 * 32 + 2).contains(n)), "{policy:?}, {radius}: {counts:?}");
                 assert_eq!(film.record().samples, 32 * 576);

@@ -118,9 +118,8 @@ impl<'s> Round<'s> {
             let missing = tile.missing();
             return bad(format!("results of {missing} of its samples are missing; add one for each of Tile::samples"));
         }
-        if let (InvalidSample::Fail, Some(rejected)) = (self.limits.invalid, tile.film.rejected.first()) {
-            let (sample, points) = (rejected.sample, self.points.describe());
-            return Err(Error::InvalidSample { sample, value: [f32::NAN; 3], points });
+        if let (InvalidSample::Fail, Some((sample, value))) = (self.limits.invalid, tile.invalid) {
+            return Err(Error::InvalidSample { sample, value, points: self.points.describe() });
         }
         let mut shared = self.lock();
         let State { film, open, says_hit, .. } = &mut *shared.state;

@@ -69,9 +69,8 @@ struct Band<'a> {
 /// The totals of one task: samples, rays, rejected samples, training sums, and a panic if there was one.
 #[derive(Default)]
 struct Tally {
-    samples: u64,
     /// The number of samples in each half.
-    halves: [u64; 2],
+    samples: [u64; 2],
     rays: u64,
     blocks: u64,
     /// The number of rejected samples.
@@ -123,7 +122,7 @@ pub(super) fn trace(
         let range = Slice { samples: [cursor.start, cursor.end], rows };
         let tallies = slice(&*integrator, points, &open.plan, film, limits, range);
         if open.plan.retention == Retention::Keep {
-            tallies.iter().for_each(|tally| film.splats.count(tally.halves));
+            tallies.iter().for_each(|tally| film.splats.count(tally.samples));
         }
         let panicked = add_up(film, tallies, limits, points, &mut open.pending)?;
         if let Some((sample, message)) = panicked {
@@ -403,11 +402,10 @@ fn trace_sample(
     if channels > 0 {
         bank.add_channels(local, worker.channels());
     }
-    for (to, radiance) in worker.take_splats() {
-        tally.splat(round, id, (half, to, radiance));
+    if worker.has_splats() {
+        worker.take_splats().for_each(|(to, radiance)| tally.splat(round, id, (half, to, radiance)));
     }
-    tally.samples += 1;
-    tally.halves[half] += 1;
+    tally.samples[half] += 1;
     tally.rays += u64::from(estimate.cost);
     tally.blocks += u64::from(draws.blocks_requested());
     if round.needs.wants_first_hit() {
@@ -460,7 +458,7 @@ fn add_up(
 ) -> Result<Option<(SampleId, String)>, Error> {
     let mut panicked = None;
     for tally in tallies {
-        film.record.samples += tally.samples;
+        film.record.samples += tally.samples.iter().sum::<u64>();
         film.record.rays += tally.rays;
         film.record.blocks += tally.blocks;
         film.add_splats(tally.splats);

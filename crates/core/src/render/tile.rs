@@ -124,6 +124,8 @@ pub struct Tile<'r> {
     pub(super) says_hit: bool,
     /// The first wrong use of the tile.
     pub(super) fault: Option<String>,
+    /// The first rejected sample, with its radiance.
+    pub(super) invalid: Option<(SampleId, [f32; 3])>,
 }
 
 /// A result that came before an earlier one of its pixel, the blocks it took, and its values beside the radiance.
@@ -180,6 +182,7 @@ impl<'r> Tile<'r> {
             halves,
             says_hit,
             fault: None,
+            invalid: None,
         }
     }
 
@@ -241,7 +244,7 @@ impl<'r> Tile<'r> {
             return;
         }
         match Splats::reason_to_reject(radiance) {
-            Some(reason) => self.film.list_rejected(1, vec![Rejected { sample: id, reason }]),
+            Some(reason) => self.reject(Rejected { sample: id, reason }, radiance),
             None => self.splats.push((usize::from(id.stream != streams[0]), pixel, radiance)),
         }
     }
@@ -343,8 +346,15 @@ impl<'r> Tile<'r> {
         }
         if let Some(reason) = rejected {
             let sample = self.planned.id(local, turn);
-            self.film.list_rejected(1, vec![Rejected { sample, reason }]);
+            self.reject(Rejected { sample, reason }, estimate.radiance);
         }
+    }
+
+    /// Counts and lists a rejected sample, or a sample with a rejected splat.
+    #[cold]
+    fn reject(&mut self, rejected: Rejected, radiance: [f32; 3]) {
+        self.invalid.get_or_insert((rejected.sample, radiance));
+        self.film.list_rejected(1, vec![rejected]);
     }
 
     #[cold]

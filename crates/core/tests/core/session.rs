@@ -111,7 +111,7 @@ fn a_session_gives_the_bits_of_a_render_in_any_order() {
     }
     let traced = |round: &Round<'_>| round.trace(trace).unwrap();
     assert!(bits(&pulled(every_kind(), traced)) == whole);
-    // The order matters where it should: other numbers give another image.
+    // Another cost of each sample is seen.
     let other = |round: &Round<'_>| round.trace(|s| trace(&Draws::new(round.points(), s.id())).with_cost(9)).unwrap();
     assert!(bits(&pulled(every_kind(), other)) != whole);
 }
@@ -305,8 +305,9 @@ fn invalid_samples_are_listed_alike_or_fail() {
     let limits = Limits::spp(1.0).with_invalid(InvalidSample::Fail);
     let mut session = Session::new(frame(4, 4), limits, uniform()).unwrap();
     let round = session.next_round().unwrap().unwrap();
-    let failed = round.trace(|_| [f32::NAN; 3]);
-    assert!(matches!(failed, Err(Error::InvalidSample { .. })));
+    let failed = round.trace(|s| if s.pixel() == [2, 1] { [0.5, -3.0, 0.0] } else { [0.5; 3] });
+    let Err(Error::InvalidSample { sample, value, .. }) = failed else { panic!() };
+    assert_eq!((sample.pixel, value), ([2, 1], [0.5, -3.0, 0.0]));
 }
 
 #[test]

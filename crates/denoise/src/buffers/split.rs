@@ -27,7 +27,7 @@ impl Variance<'_> {
 /// The moments of both halves in pixel `i` of an image that is split by its own noise.
 ///
 /// For normal noise of known variance, `x + s z` and `x - s z` with a normal number `z` are independent [after Rasines and
-/// Young 2022; Leiner et al. 2023]. A random sign for `z` leaves up to 3 % less error here. As with true halves, one of the two
+/// Young 2022; Leiner et al. 2023]. A random sign for `z` leaves about as much error. As with true halves, one of the two
 /// then has all the light of a bright sample, so that the filter finds it.
 ///
 /// Of `n = p + q` samples, the halves get `p` and `q`, and steps of `s sqrt(q / p)` and `s sqrt(p / q)`. So each varies as the
