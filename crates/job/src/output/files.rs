@@ -1,7 +1,8 @@
 //! The image files of a render.
 
+use super::GrayMap;
 use super::header::attributes;
-use super::{self as output, GrayMap};
+use crate::output;
 use crate::{Job, JobError, RenderedImage, Warning};
 use dapple_core::{Frame, Needs};
 use dapple_scene::image::{Format, Image, ImageError, check_writable, write_file};
