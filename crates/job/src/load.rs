@@ -7,6 +7,7 @@ use dapple_core::{Budget, Error, Frame, Limits, PointSet};
 use dapple_renderer::World;
 use dapple_scene::bundled::{self, Bundle};
 use dapple_scene::files::{Disk, Files};
+use dapple_scene::model::ModelOptions;
 use dapple_scene::pbrt::ReadOptions;
 use dapple_scene::{AnyOptions, Effect, Effects, PixelFilter, Scene, read_any_from};
 use std::cell::RefCell;
@@ -23,12 +24,14 @@ pub struct LoadOptions {
     pub limit: MemoryLimit,
     /// If `true`, hashes every byte read. Checkpoints and shards need this digest.
     pub digest: bool,
+    /// Width over height of the image, which a bare model should fill; `None` is 4:3.
+    pub aspect: Option<f64>,
 }
 
 impl Default for LoadOptions {
     /// Options without a memory limit and with a digest.
     fn default() -> Self {
-        Self { limit: MemoryLimit::none(), digest: true }
+        Self { limit: MemoryLimit::none(), digest: true, aspect: None }
     }
 }
 
@@ -83,7 +86,9 @@ impl LoadedScene {
     pub fn read(spec: &RenderSpec, options: &LoadOptions) -> Result<Self, JobError> {
         spec.check()?;
         let clock = Instant::now();
-        let (scene, digest) = read_scene(&spec.scene, spec.allow_unsupported, options)?;
+        let aspect = spec.resolution.map(|[width, height]| f64::from(width) / f64::from(height.max(1)));
+        let options = LoadOptions { aspect: aspect.or(options.aspect), ..*options };
+        let (scene, digest) = read_scene(&spec.scene, spec.allow_unsupported, &options)?;
         let mut loaded = Self::from_scene(spec, scene)?;
         loaded.digest = digest;
         loaded.load_seconds = clock.elapsed().as_secs_f64();
@@ -278,7 +283,9 @@ pub fn read_scene(
     }
     let read_options = ReadOptions::default().with_allow_unsupported(allow_unsupported);
     let files = Recorder { limit: options.limit, read: options.digest.then(RefCell::default) };
-    let scene = read_any_from(&files, path, &AnyOptions::default().with_scene(read_options))?;
+    let mut model = ModelOptions::default();
+    model.aspect = options.aspect;
+    let scene = read_any_from(&files, path, &AnyOptions::default().with_scene(read_options).with_model(model))?;
     let digest = files.read.map(|read| {
         let mut digest = ContentHash::new();
         // Paths are hashed relative to the scene's folder, so that a moved scene has the same digest.

@@ -32,8 +32,8 @@ impl SceneReader for PlyReader {
     }
 
     fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
-        let up = options.model.up.unwrap_or(UpAxis::Y);
-        model_scene(files, path, up, |scene, bytes, source| {
+        let stage = options.model.stage(UpAxis::Y);
+        model_scene(files, path, stage, |scene, bytes, source| {
             let mesh = read_ply(&bytes).map_err(|e| ReadError::invalid(source.clone(), e.to_string()))?;
             add_mesh(scene, mesh.data, mesh.doubt.map(str::to_owned), source);
             Ok(())
