@@ -58,8 +58,8 @@ mod tests {
         let position: Vec<[f32; 3]> =
             (0..384).map(|i| [width(i) * ((i % 24) as f32 - 12.0 + 0.3 * noise(i)), 0.0, 4.0 * row(i)]).collect();
         let found = depths(size, &position, |_| true);
-        for i in 0..384 {
-            let relative = found[i] / (STEPS * width(i));
+        for (i, depth) in found.iter().enumerate() {
+            let relative = depth / (STEPS * width(i));
             assert!((0.8..1.1).contains(&relative), "pixel {i}: {relative}");
         }
     }
