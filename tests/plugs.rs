@@ -6,7 +6,7 @@ use dapple::core::samplers::Uniform;
 use dapple::core::{Draws, Frame, Limits, Session, Tile};
 
 /// The name of each example, its source, and the largest part of the plain image's error that Dapple's may have.
-/// Measured: 0.080, 0.067 and 0.143.
+/// Measured: 0.080, 0.083 and 0.142.
 const PLUGS: [(&str, &str, f64); 3] = [
     ("rng_everywhere", include_str!("../examples/plugs/rng_everywhere.rs"), 0.15),
     ("own_sampler", include_str!("../examples/plugs/own_sampler.rs"), 0.1),
@@ -30,7 +30,7 @@ fn each_plug_has_under_25_lines_and_the_host_does_not_know_dapple() {
         assert!(plug.lines().all(|line| line.chars().count() <= 120), "{name}: no line hides another");
         assert!(plug.contains("dapple::default_pair"), "{name}");
         assert!(![before, after].iter().any(|part| part.contains("dapple::")), "{name}: the host knows Dapple");
-        assert!(before.lines().count() + after.lines().count() < 250, "{name} is a small host");
+        assert!(before.lines().count() + after.lines().count() < 175, "{name} is a small host");
     }
 }
 

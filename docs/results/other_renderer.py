@@ -2,8 +2,9 @@
 """other_renderer.py DAPPLE [FOLDER [SEEDS]]: images of Mitsuba 3, denoised by `dapple denoise` and by Open Image Denoise, as CSV.
 
 Five scenes of our own, 128x128 pixels, 16 spp: two halves of 8 spp with other seeds, and AOVs (albedo, shading normal, position). Open Image
-Denoise gets the mean of both halves, and the same AOVs, prefiltered. "variance" is one file of 16 spp with second moments
-(Mitsuba's integrator `moment`). Error: sRGB MSE against 1,024 spp. Needs the Python packages mitsuba, pyoidn, OpenEXR and numpy.
+Denoise gets the mean of both halves, and the same AOVs, prefiltered. "variance" is one file of 16 spp with second moments of image and
+AOVs (Mitsuba's integrator `moment` around `aov`). Error: sRGB MSE against 1,024 spp. `against_oidn.py TABLE.csv` sums the table up.
+Needs the Python packages mitsuba, pyoidn, OpenEXR and numpy.
 """
 import math
 import os
@@ -12,6 +13,8 @@ import sys
 
 import mitsuba as mi
 import numpy as np
+
+from against_oidn import channels, error, oidn
 
 mi.set_variant("scalar_rgb")
 from mitsuba import ScalarTransform4f as T
@@ -90,54 +93,12 @@ def render(name, spp, seed, kind="path"):
     world, sensor = SCENES[name]
     film = {"type": "hdrfilm", "width": SIDE, "height": SIDE, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
     path = {"type": "path", "max_depth": 12}
-    inner = {"type": "moment", "nested": path} if kind == "moment" else path
-    integrator = path if kind == "plain" else {"type": "aov", "aovs": AOVS, "img": inner}
+    integrator = path if kind == "plain" else {"type": "aov", "aovs": AOVS, "img": path}
+    if kind == "moment":
+        integrator = {"type": "moment", "nested": integrator}
     scene = mi.load_dict({**world, "sensor": {**sensor, "film": film, "sampler": {"type": "independent", "sample_count": spp}}, "integrator": integrator})
     mi.render(scene, spp=spp, seed=seed)
     return scene.sensors()[0].film().bitmap()
-
-
-def colour(path):
-    """Red, green and blue of an EXR file."""
-    import OpenEXR
-
-    channels = OpenEXR.File(path, separate_channels=True).channels()
-    return np.stack([channels[c].pixels.astype(np.float32) for c in "RGB"], axis=-1)
-
-
-def srgb(x):
-    x = np.clip(np.nan_to_num(x), 0, 1)
-    return 255 * np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.power(np.maximum(x, 1e-9), 1 / 2.4) - 0.055)
-
-
-def error(image, truth):
-    return float(np.mean((srgb(image) - srgb(truth)) ** 2))
-
-
-def oidn(colour, albedo, normal):
-    """Open Image Denoise with prefiltered albedo and normal."""
-    import pyoidn
-
-    device = pyoidn.Device()
-    device.commit()
-    planes = [np.ascontiguousarray(plane, np.float32) for plane in (colour, np.clip(albedo, 0, 1), np.clip(normal, -1, 1))]
-    images = dict(zip((pyoidn.OIDN_IMAGE_COLOR, pyoidn.OIDN_IMAGE_ALBEDO, pyoidn.OIDN_IMAGE_NORMAL), planes))
-
-    def run(inputs, **flags):
-        output = np.zeros_like(colour, np.float32)
-        f = pyoidn.Filter(device)
-        for name, image in {**inputs, pyoidn.OIDN_IMAGE_OUTPUT: output}.items():
-            f.set_image(name, image, pyoidn.OIDN_FORMAT_FLOAT3)
-        for name, value in flags.items():
-            f.set_bool(name, value)
-        f.set_quality(pyoidn.OIDN_QUALITY_HIGH)
-        f.commit()
-        f.execute()
-        return output
-
-    for name in (pyoidn.OIDN_IMAGE_ALBEDO, pyoidn.OIDN_IMAGE_NORMAL):
-        images[name] = run({name: images[name]})
-    return run(images, hdr=True, cleanAux=True)
 
 
 def main(dapple, folder, seeds):
@@ -148,7 +109,7 @@ def main(dapple, folder, seeds):
         reference = f"{folder}/{name}-reference.exr"
         if not os.path.exists(reference):
             render(name, 1024, 1000, "plain").write(reference)
-        truth = colour(reference)
+        truth = channels(reference)
         for seed in range(seeds):
             halves = [f"{folder}/{name}-{seed}-{half}.exr" for half in "ab"]
             bitmaps = [render(name, 8, 2 * seed + half) for half in range(2)]
@@ -158,11 +119,11 @@ def main(dapple, folder, seeds):
             render(name, 16, 500 + seed, "moment").write(single)
             out = [f"{folder}/{name}-{seed}-{kind}.exr" for kind in ("halves", "variance")]
             ours(*halves, "--spp", "8", "-o", out[0])
-            ours(single, "--spp", "16", "--layer", "second-moment=img.m2_nested", "-o", out[1])
+            ours(single, "--spp", "16", "-o", out[1])
             split = [dict((key, np.array(value)) for key, value in bitmap.split()) for bitmap in bitmaps]
             mean = {key: (split[0][key].astype(np.float32) + split[1][key].astype(np.float32)) / 2 for key in split[0]}
             noisy = mean["<root>"][..., :3]
-            images = [noisy, colour(out[0]), colour(out[1]), oidn(noisy, mean["albedo"], mean["nn"])]
+            images = [noisy, channels(out[0]), channels(out[1]), oidn(noisy, mean["albedo"], mean["nn"])]
             print(",".join([name, str(seed), *(f"{error(image, truth):.3f}" for image in images)]), flush=True)
 
 

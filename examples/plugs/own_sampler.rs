@@ -9,6 +9,8 @@
 
 #![expect(clippy::print_stdout, reason = "the program prints its result")]
 
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
 use std::array::from_fn;
 use std::f32::consts::{PI, TAU};
 use std::sync::Mutex;
@@ -19,13 +21,12 @@ const SPP: u32 = 16;
 const REFERENCE_SPP: u32 = 1024;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let room = Room::new();
-    let reference = render(&room, REFERENCE_SPP, 1);
+    let reference = render(REFERENCE_SPP, 1);
     let error = |image: &[Rgb]| {
         let pairs = image.as_flattened().iter().zip(reference.as_flattened());
         pairs.map(|(x, r)| (x - r).powi(2) / (r * r + 0.01)).sum::<f32>() / (3 * SIZE[0] * SIZE[1]) as f32
     };
-    let (plain, dapple) = (error(&render(&room, SPP, 2)), error(&render_with_dapple(&room, 2)?));
+    let (plain, dapple) = (error(&render(SPP, 2)), error(&render_with_dapple(2)?));
     println!("relMSE {plain:.2e} by itself, {dapple:.2e} with Dapple: {:.3} of it", dapple / plain);
     Ok(())
 }
@@ -42,13 +43,13 @@ impl Sampler for Rng<'_> {
     }
 }
 
-fn render_with_dapple(room: &Room, seed: u64) -> Result<Vec<Rgb>, Error> {
+fn render_with_dapple(seed: u64) -> Result<Vec<Rgb>, Error> {
     let mut session = Session::new(Frame::new(SIZE[0], SIZE[1])?, Limits::spp(SPP.into()), dapple::default_pair(seed))?;
     while let Some(round) = session.next_round()? {
         for_each_block(|block| {
             let mut tile = round.tile(block)?;
             for sample in tile.samples() {
-                let (light, hit) = room.radiance(sample.pixel(), &mut sample.rng());
+                let (light, hit) = radiance(sample.pixel(), &mut sample.rng());
                 let hit = hit.map(|h| FirstHit::new(h.at, h.normal, h.t).with_albedo(h.colour));
                 tile.add(&sample, Estimate::new(light).with_first_hit(hit));
             }
@@ -60,20 +61,17 @@ fn render_with_dapple(room: &Room, seed: u64) -> Result<Vec<Rgb>, Error> {
 // --- end of plug
 
 /// The host's own loop: as many samples in each pixel of each block.
-fn render(room: &Room, spp: u32, seed: u64) -> Vec<Rgb> {
+fn render(spp: u32, seed: u64) -> Vec<Rgb> {
     let image = Mutex::new(vec![[0.0; 3]; (SIZE[0] * SIZE[1]) as usize]);
-    let done = for_each_block(|[x0, y0, x1, y1]| {
-        let mut sampler = Independent { seed, state: 0 };
+    let Ok(()) = for_each_block(|[x0, y0, x1, y1]| {
         for (y, x) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (y, x))) {
-            let sum = (0..spp).fold([0.0; 3], |sum, index| {
-                sampler.start_pixel_sample([x, y], index);
-                add(sum, 1.0, room.radiance([x, y], &mut sampler).0)
-            });
-            image.lock().expect("no worker panics")[(y * SIZE[0] + x) as usize] = sum.map(|s| s / spp as f32);
+            let i = y * SIZE[0] + x;
+            let mut sampler = Independent(Pcg64Mcg::seed_from_u64(seed << 32 | u64::from(i)));
+            let mean = (0..spp).fold([0.0; 3], |mean, _| add(mean, 1.0 / spp as f32, radiance([x, y], &mut sampler).0));
+            image.lock().expect("no worker panics")[i as usize] = mean;
         }
         Ok::<_, std::convert::Infallible>(())
     });
-    let Ok(()) = done;
     image.into_inner().expect("no worker panics")
 }
 
@@ -97,40 +95,21 @@ fn for_each_block<E: Send>(work: impl Fn([u32; 4]) -> Result<(), E> + Sync) -> R
 
 /// The host's interface of random numbers.
 trait Sampler {
-    /// Goes to the numbers of a sample. A sampler that has numbers for one sample only leaves it as it is.
-    fn start_pixel_sample(&mut self, _pixel: [u32; 2], _index: u32) {}
     fn get_1d(&mut self) -> f32;
     fn get_2d(&mut self) -> [f32; 2];
 }
 
 /// The host's sampler: independent random numbers.
-struct Independent {
-    seed: u64,
-    state: u64,
-}
+struct Independent(Pcg64Mcg);
 
 impl Sampler for Independent {
-    fn start_pixel_sample(&mut self, [x, y]: [u32; 2], index: u32) {
-        self.state = self.seed;
-        for part in [x, y, index] {
-            self.state = mix(self.state ^ u64::from(part));
-        }
-    }
-
     fn get_1d(&mut self) -> f32 {
-        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        (mix(self.state) >> 40) as f32 / (1 << 24) as f32
+        self.0.random()
     }
 
     fn get_2d(&mut self) -> [f32; 2] {
-        from_fn(|_| self.get_1d())
+        self.0.random()
     }
-}
-
-fn mix(x: u64) -> u64 {
-    let x = (x ^ x >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ x >> 31
 }
 
 type V3 = [f32; 3];
@@ -144,19 +123,8 @@ fn dot(a: V3, b: V3) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-fn cross(a: V3, b: V3) -> V3 {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
 fn unit(a: V3) -> V3 {
     a.map(|x| x / dot(a, a).sqrt())
-}
-
-/// A rectangle: a corner and two edges at right angles.
-struct Quad {
-    corner: V3,
-    edges: [V3; 2],
-    colour: Rgb,
 }
 
 struct Hit {
@@ -166,78 +134,61 @@ struct Hit {
     colour: Rgb,
 }
 
-struct Room {
-    quads: Vec<Quad>,
-}
-
+/// Boxes between two corners, with their colours. The first is the room, seen from within.
+const BOXES: [([V3; 2], Rgb); 3] = [
+    ([[0.0, 0.0, -2.0], [1.0; 3]], [0.7, 0.65, 0.6]),
+    ([[0.15, 0.0, 0.5], [0.4, 0.6, 0.75]], [0.65, 0.15, 0.1]),
+    ([[0.55, 0.0, 0.2], [0.85, 0.3, 0.5]], [0.15, 0.45, 0.2]),
+];
 /// A lamp below the ceiling that shines down: corner, sides and radiance.
 const LAMP: (V3, [f32; 2], Rgb) = ([0.35, 0.999, 0.4], [0.3, 0.3], [14.0, 11.0, 8.0]);
 
-impl Room {
-    fn new() -> Self {
-        let [x, y, z] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let [grey, red, green] = [[0.7; 3], [0.65, 0.1, 0.1], [0.15, 0.45, 0.15]];
-        let wall = |corner, a, b, colour| Quad { corner, edges: [a, b], colour };
-        let mut quads = vec![wall([0.0; 3], x, z, grey), wall(y, x, z, grey), wall(z, x, y, grey)];
-        quads.extend([wall([0.0; 3], y, z, red), wall(x, y, z, green)]);
-        // A block, turned a little.
-        let (corner, a, b) = ([0.3, 0.0, 0.35], [0.3, 0.0, 0.12], [-0.12, 0.0, 0.3]);
-        let up = [0.0, 0.45, 0.0];
-        quads.extend([wall(corner, a, up, grey), wall(corner, b, up, grey), wall(add(corner, 1.0, up), a, b, grey)]);
-        quads.extend([wall(add(corner, 1.0, b), a, up, grey), wall(add(corner, 1.0, a), b, up, grey)]);
-        Self { quads }
-    }
+/// The nearest wall on a ray.
+fn hit(from: V3, to: V3) -> Option<Hit> {
+    let walls = BOXES.iter().filter_map(|&([low, high], colour)| {
+        // The ray is in the box after it has entered on all axes, and before it leaves on one.
+        let [a, b]: [V3; 2] = [low, high].map(|side| from_fn(|i| (side[i] - from[i]) / to[i]));
+        let enter = (0..3).map(|i| (a[i].min(b[i]), i)).max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let leave = (0..3).map(|i| (a[i].max(b[i]), i)).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let (t, axis) = if enter.0 > 1e-4 { enter } else { leave };
+        let normal = from_fn(|i| if i == axis { -to[i].signum() } else { 0.0 });
+        (enter.0 < leave.0 && t > 1e-4).then(|| Hit { t, at: add(from, t, to), normal, colour })
+    });
+    walls.min_by(|a, b| a.t.total_cmp(&b.t))
+}
 
-    /// The nearest rectangle on a ray.
-    fn hit(&self, from: V3, to: V3) -> Option<Hit> {
-        let (mut nearest, mut found) = (f32::INFINITY, None);
-        for quad in &self.quads {
-            let normal = cross(quad.edges[0], quad.edges[1]);
-            let t = dot(add(quad.corner, -1.0, from), normal) / dot(to, normal);
-            let at = add(add(from, t, to), -1.0, quad.corner);
-            let inside = |edge: V3| (0.0..=dot(edge, edge)).contains(&dot(at, edge));
-            if t > 1e-4 && t < nearest && quad.edges.into_iter().all(inside) {
-                (nearest, found) = (t, Some((quad, normal)));
-            }
+/// The radiance of one sample of a pixel, and its first hit.
+fn radiance(pixel: [u32; 2], sampler: &mut dyn Sampler) -> (Rgb, Option<Hit>) {
+    let place = sampler.get_2d();
+    let [x, y]: [f32; 2] = from_fn(|i| (pixel[i] as f32 + place[i] - 0.5 * SIZE[i] as f32) / SIZE[1] as f32);
+    let (mut from, mut to) = ([0.5, 0.5, -1.4], unit([x, -y, 1.4]));
+    let (mut light, mut weight, mut first) = ([0.0; 3], [1.0; 3], None);
+    for bounce in 0..4 {
+        let Some(hit) = hit(from, to) else { break };
+        let lamp = reflected(&hit, sampler.get_2d());
+        weight = from_fn(|c| weight[c] * hit.colour[c]);
+        light = from_fn(|c| light[c] + weight[c] * lamp * LAMP.2[c]);
+        let [u, v] = sampler.get_2d();
+        let (height, (sin, cos)) = (1.0 - 2.0 * u, (TAU * v).sin_cos());
+        let ring = (1.0 - height * height).sqrt();
+        (from, to) = (hit.at, unit(add([ring * cos, ring * sin, height], 1.0001, hit.normal)));
+        if bounce == 0 {
+            first = Some(hit);
+        } else if sampler.get_1d() < 0.3 {
+            break;
+        } else {
+            weight = weight.map(|w| w / 0.7);
         }
-        let (quad, normal) = found?;
-        let normal = unit(normal).map(|n| if dot(normal, to) > 0.0 { -n } else { n });
-        Some(Hit { t: nearest, at: add(from, nearest, to), normal, colour: quad.colour })
     }
+    (light, first)
+}
 
-    /// The radiance of one sample of a pixel, and its first hit.
-    fn radiance(&self, pixel: [u32; 2], sampler: &mut dyn Sampler) -> (Rgb, Option<Hit>) {
-        let place = sampler.get_2d();
-        let [x, y]: [f32; 2] = from_fn(|i| (pixel[i] as f32 + place[i] - 0.5 * SIZE[i] as f32) / SIZE[1] as f32);
-        let (mut from, mut to) = ([0.5, 0.5, -1.4], unit([x, -y, 1.4]));
-        let (mut light, mut weight, mut first) = ([0.0; 3], [1.0; 3], None);
-        for bounce in 0..4 {
-            let Some(hit) = self.hit(from, to) else { break };
-            let lamp = self.lamp(&hit, sampler.get_2d());
-            weight = from_fn(|c| weight[c] * hit.colour[c]);
-            light = from_fn(|c| light[c] + weight[c] * lamp * LAMP.2[c]);
-            let [u, v] = sampler.get_2d();
-            let (height, (sin, cos)) = (1.0 - 2.0 * u, (TAU * v).sin_cos());
-            let ring = (1.0 - height * height).sqrt();
-            (from, to) = (hit.at, unit(add([ring * cos, ring * sin, height], 1.0001, hit.normal)));
-            if bounce == 0 {
-                first = Some(hit);
-            } else if sampler.get_1d() < 0.3 {
-                break;
-            } else {
-                weight = weight.map(|w| w / 0.7);
-            }
-        }
-        (light, first)
-    }
-
-    /// The part of the lamp's radiance that a surface reflects, by a random point of the lamp.
-    fn lamp(&self, hit: &Hit, [u, v]: [f32; 2]) -> f32 {
-        let (corner, [width, depth], _) = LAMP;
-        let to = add(add(corner, 1.0, [u * width, 0.0, v * depth]), -1.0, hit.at);
-        let (distance, to) = (dot(to, to).sqrt(), unit(to));
-        let cosines = dot(hit.normal, to).max(0.0) * to[1].max(0.0);
-        let free = cosines > 0.0 && self.hit(hit.at, to).is_none_or(|other| other.t > distance - 1e-4);
-        if free { cosines * width * depth / (PI * distance * distance) } else { 0.0 }
-    }
+/// The part of the lamp's radiance that a surface reflects, by a random point of the lamp.
+fn reflected(at: &Hit, [u, v]: [f32; 2]) -> f32 {
+    let (corner, [width, depth], _) = LAMP;
+    let to = add(add(corner, 1.0, [u * width, 0.0, v * depth]), -1.0, at.at);
+    let (distance, to) = (dot(to, to).sqrt(), unit(to));
+    let cosines = dot(at.normal, to).max(0.0) * to[1].max(0.0);
+    let free = cosines > 0.0 && hit(at.at, to).is_none_or(|other| other.t > distance - 1e-4);
+    if free { cosines * width * depth / (PI * distance * distance) } else { 0.0 }
 }

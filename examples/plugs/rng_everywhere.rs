@@ -12,7 +12,7 @@
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
-use std::ops::{Add, Mul, Sub};
+use std::array::from_fn;
 
 const WIDTH: u32 = 96;
 const HEIGHT: u32 = 72;
@@ -53,58 +53,31 @@ fn render_with_dapple(scene: &[Sphere], seed: u64) -> Result<Vec<[f32; 3]>, Erro
 fn render(scene: &[Sphere], spp: u32, seed: u64) -> Vec<[f32; 3]> {
     let pixel = |i: u32| {
         let mut rng = Pcg64Mcg::seed_from_u64(seed << 32 | u64::from(i));
-        let sum = (0..spp).fold(Vec3(0.0, 0.0, 0.0), |sum, _| {
+        let mean = (0..spp).fold([0.0; 3], |mean, _| {
             let ray = camera_ray([i % WIDTH, i / WIDTH], &mut rng);
-            sum + radiance(scene, &ray, 0, &mut rng)
+            add(mean, 1.0 / f64::from(spp), radiance(scene, &ray, 0, &mut rng))
         });
-        rgb(sum * (1.0 / f64::from(spp)))
+        rgb(mean)
     };
     (0..WIDTH * HEIGHT).into_par_iter().map(pixel).collect()
 }
 
-#[derive(Clone, Copy)]
-struct Vec3(f64, f64, f64);
+type Vec3 = [f64; 3];
 
-impl Add for Vec3 {
-    type Output = Self;
-    fn add(self, o: Self) -> Self {
-        Self(self.0 + o.0, self.1 + o.1, self.2 + o.2)
-    }
+fn add(a: Vec3, s: f64, b: Vec3) -> Vec3 {
+    from_fn(|i| a[i] + s * b[i])
 }
 
-impl Sub for Vec3 {
-    type Output = Self;
-    fn sub(self, o: Self) -> Self {
-        self + o * -1.0
-    }
+fn dot(a: Vec3, b: Vec3) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-impl Mul<f64> for Vec3 {
-    type Output = Self;
-    fn mul(self, s: f64) -> Self {
-        Self(self.0 * s, self.1 * s, self.2 * s)
-    }
-}
-
-impl Mul for Vec3 {
-    type Output = Self;
-    fn mul(self, o: Self) -> Self {
-        Self(self.0 * o.0, self.1 * o.1, self.2 * o.2)
-    }
-}
-
-impl Vec3 {
-    fn dot(self, o: Self) -> f64 {
-        self.0 * o.0 + self.1 * o.1 + self.2 * o.2
-    }
-
-    fn unit(self) -> Self {
-        self * self.dot(self).sqrt().recip()
-    }
+fn unit(a: Vec3) -> Vec3 {
+    a.map(|x| x / dot(a, a).sqrt())
 }
 
 fn rgb(v: Vec3) -> [f32; 3] {
-    [v.0 as f32, v.1 as f32, v.2 as f32]
+    v.map(|x| x as f32)
 }
 
 struct Ray {
@@ -112,19 +85,14 @@ struct Ray {
     to: Vec3,
 }
 
-enum Material {
-    Matte,
-    /// Reflects, spread by the given roughness.
-    Metal(f64),
-    /// Shines with the given strength.
-    Lamp(f64),
-}
-
 struct Sphere {
     centre: Vec3,
     radius: f64,
     colour: Vec3,
-    material: Material,
+    /// The spread of its reflections; `None` for a matte sphere.
+    rough: Option<f64>,
+    /// The strength with which it shines; 0 unless it is a lamp.
+    shine: f64,
 }
 
 struct Hit<'a> {
@@ -135,14 +103,13 @@ struct Hit<'a> {
 }
 
 fn scene() -> Vec<Sphere> {
-    use Material::{Lamp, Matte, Metal};
-    let sphere = |centre, radius, colour, material| Sphere { centre, radius, colour, material };
+    let sphere = |centre, radius, colour, rough, shine| Sphere { centre, radius, colour, rough, shine };
     vec![
-        sphere(Vec3(0.0, -100.0, 0.0), 100.0, Vec3(0.6, 0.6, 0.55), Matte),
-        sphere(Vec3(-1.5, 1.0, 0.8), 1.0, Vec3(0.8, 0.3, 0.2), Matte),
-        sphere(Vec3(0.8, 0.8, 0.9), 0.8, Vec3(0.8, 0.7, 0.5), Metal(0.2)),
-        sphere(Vec3(-0.2, 0.4, -0.9), 0.4, Vec3(0.3, 0.5, 0.8), Matte),
-        sphere(Vec3(1.6, 3.6, -0.6), 0.9, Vec3(1.0, 0.9, 0.8), Lamp(8.0)),
+        sphere([0.0, -100.0, 0.0], 100.0, [0.6, 0.6, 0.55], None, 0.0),
+        sphere([-1.5, 1.0, 0.8], 1.0, [0.8, 0.3, 0.2], None, 0.0),
+        sphere([0.8, 0.8, 0.9], 0.8, [0.8, 0.7, 0.5], Some(0.2), 0.0),
+        sphere([-0.2, 0.4, -0.9], 0.4, [0.3, 0.5, 0.8], None, 0.0),
+        sphere([1.6, 3.6, -0.6], 0.9, [1.0, 0.9, 0.8], None, 8.0),
     ]
 }
 
@@ -150,17 +117,16 @@ fn scene() -> Vec<Sphere> {
 fn camera_ray([column, row]: [u32; 2], rng: &mut impl Rng) -> Ray {
     let x = (f64::from(column) + rng.random::<f64>()) / f64::from(WIDTH) - 0.5;
     let y = (f64::from(row) + rng.random::<f64>()) / f64::from(WIDTH) - 0.35;
-    let lens = in_ball(rng) * 0.03;
-    let (eye, focus) = (Vec3(lens.0, 1.3 + lens.1, -6.0), Vec3(5.6 * x, 1.0 - 5.6 * y, 0.0));
-    Ray { from: eye, to: (focus - eye).unit() }
+    let [right, up, _] = in_ball(rng);
+    let eye = [0.03 * right, 1.3 + 0.03 * up, -6.0];
+    Ray { from: eye, to: unit(add([5.6 * x, 1.0 - 5.6 * y, 0.0], -1.0, eye)) }
 }
 
 /// A random point in the unit ball: the first of the random points in a cube that lies in it.
 fn in_ball(rng: &mut impl Rng) -> Vec3 {
     loop {
-        let mut side = || rng.random_range(-1.0..1.0);
-        let point = Vec3(side(), side(), side());
-        if point.dot(point) < 1.0 {
+        let point = from_fn(|_| rng.random_range(-1.0..1.0));
+        if dot(point, point) < 1.0 {
             return point;
         }
     }
@@ -169,29 +135,30 @@ fn in_ball(rng: &mut impl Rng) -> Vec3 {
 /// The nearest sphere on a ray.
 fn hit<'a>(scene: &'a [Sphere], ray: &Ray) -> Option<Hit<'a>> {
     let distance = |sphere: &Sphere| {
-        let to = sphere.centre - ray.from;
-        let (middle, r2) = (to.dot(ray.to), sphere.radius * sphere.radius);
-        let half = (r2 - (to.dot(to) - middle * middle)).sqrt(); // NaN beside the sphere
+        let to = add(sphere.centre, -1.0, ray.from);
+        let middle = dot(to, ray.to);
+        let half = (sphere.radius * sphere.radius - (dot(to, to) - middle * middle)).sqrt(); // NaN beside the sphere
         [middle - half, middle + half].into_iter().find(|&t| t > 1e-6)
     };
     let met = scene.iter().filter_map(|sphere| Some((distance(sphere)?, sphere)));
     let (t, sphere) = met.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let at = ray.from + ray.to * t;
-    Some(Hit { t, at, normal: (at - sphere.centre).unit(), sphere })
+    let at = add(ray.from, t, ray.to);
+    Some(Hit { t, at, normal: unit(add(at, -1.0, sphere.centre)), sphere })
 }
 
 /// The light that arrives along a ray.
 fn radiance(scene: &[Sphere], ray: &Ray, depth: u32, rng: &mut impl Rng) -> Vec3 {
-    let Some(hit) = hit(scene, ray) else { return Vec3(0.12, 0.16, 0.22) };
-    let colour = hit.sphere.colour;
-    let to = match hit.sphere.material {
-        Material::Lamp(strength) => return colour * strength,
-        Material::Matte => hit.normal + in_ball(rng).unit(),
-        Material::Metal(rough) => ray.to - hit.normal * (2.0 * ray.to.dot(hit.normal)) + in_ball(rng) * rough,
-    };
-    if depth == 6 || to.dot(hit.normal) <= 1e-9 {
-        return Vec3(0.0, 0.0, 0.0);
+    let Some(Hit { at, normal, sphere, .. }) = hit(scene, ray) else { return [0.12, 0.16, 0.22] };
+    if sphere.shine > 0.0 {
+        return sphere.colour.map(|c| c * sphere.shine);
     }
-    let next = Ray { from: hit.at + hit.normal * 1e-6, to: to.unit() };
-    colour * radiance(scene, &next, depth + 1, rng)
+    let to = match sphere.rough {
+        None => add(normal, 1.0, unit(in_ball(rng))),
+        Some(rough) => add(add(ray.to, -2.0 * dot(ray.to, normal), normal), rough, in_ball(rng)),
+    };
+    if depth == 6 || dot(to, normal) <= 1e-9 {
+        return [0.0; 3];
+    }
+    let light = radiance(scene, &Ray { from: add(at, 1e-6, normal), to: unit(to) }, depth + 1, rng);
+    from_fn(|c| sphere.colour[c] * light[c])
 }

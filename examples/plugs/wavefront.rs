@@ -9,6 +9,8 @@
 
 #![expect(clippy::print_stdout, reason = "the program prints its result")]
 
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 use std::array::from_fn;
 use std::f32::consts::{PI, TAU};
@@ -59,20 +61,14 @@ fn render(spp: u32, seed: u64) -> Vec<Rgb> {
     let mut image = vec![[0.0; 3]; pixels().count()];
     for sample in 0..spp {
         let random = |path: usize, stage: u32| {
-            let key = [sample, stage].into_iter().fold(mix(seed ^ mix(path as u64)), |x, y| mix(x ^ u64::from(y)));
-            from_fn(|k| (mix(key ^ k as u64) >> 40) as f32 / (1 << 24) as f32)
+            let number = u64::from(4 * sample + stage) << 32 | path as u64;
+            Pcg64Mcg::seed_from_u64(seed << 48 | number).random()
         };
         for (sum, path) in image.iter_mut().zip(trace(pixels(), random)) {
             *sum = add(*sum, 1.0 / spp as f32, path.radiance);
         }
     }
     image
-}
-
-fn mix(x: u64) -> u64 {
-    let x = (x ^ x >> 30).wrapping_add(0x9e37_79b9_7f4a_7c15).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ x >> 31
 }
 
 type V3 = [f32; 3];
@@ -151,8 +147,7 @@ fn meet(from: V3, to: V3) -> Option<Hit> {
     });
     let t = -from[1] / to[1];
     let at = add(from, t, to);
-    let tile = (at[0].floor() + at[2].floor()).rem_euclid(2.0);
-    let colour = [0.25 + 0.5 * tile; 3];
+    let colour = [0.25 + 0.5 * (at[0].floor() + at[2].floor()).rem_euclid(2.0); 3];
     let floor = (t > 1e-3 && t < 40.0).then_some(Hit { t, at, normal: [0.0, 1.0, 0.0], colour });
     balls.chain(floor).min_by(|a, b| a.t.total_cmp(&b.t))
 }

@@ -54,6 +54,15 @@ fn normal(i: usize, c: usize) -> f32 {
     if c == usize::from(i % 40 < 20) { 1.0 } else { 0.0 }
 }
 
+/// The mean and the second moment of a noisy normal, whose noise has this standard deviation.
+fn noisy_normal(deviation: f32) -> [Vec<[f32; 3]>; 2] {
+    let of =
+        |i: usize, c: usize, s: u32| normal(i, c) + deviation * (noise(i, 9 * s + c as u32, 77) - 0.5) * 12f32.sqrt();
+    let mean =
+        |i: usize, power: i32| [0, 1, 2].map(|c| (0..SPP).map(|s| of(i, c, s).powi(power)).sum::<f32>() / SPP as f32);
+    [1, 2].map(|power| (0..PIXELS).map(|i| mean(i, power)).collect())
+}
+
 fn save(folder: &Folder, name: &str, layers: &[Layer<'_>], attributes: &[(&str, &str)]) {
     let attributes: Vec<_> = attributes.iter().map(|&(k, v)| (k.to_owned(), v.to_owned())).collect();
     std::fs::write(folder.path(name), encode_exr(SIZE, layers, &attributes).expect("encoded").bytes).expect("written");
@@ -162,6 +171,77 @@ fn layers_of_other_renderers_are_found() {
         let [before, after] = ["in.exr", "out.exr"].map(|name| error(&folder, name));
         assert!(after < 0.15 * before, "{style}: {after} of {before}");
     }
+}
+
+/// Mitsuba's integrator `moment` around `aov`: second moments of the image and of its features, in both namings.
+#[test]
+fn second_moments_of_features_are_their_noise() {
+    let folder = Folder::new();
+    let ([mean, _, m2], [n, n2]) = (samples(1), noisy_normal(0.5));
+    for (style, image, squares) in [("own", "nested", "m2_nested"), ("within", "img.nested", "img.m2_nested")] {
+        let layers = |normals: &str, squares_of_normals: &str| {
+            let mut layers = vec![
+                three("", RGB, |i, _| mean[i]),
+                three(image, XYZ, |i, _| mean[i]),
+                three(squares, XYZ, |i, _| m2[i]),
+                three(normals, XYZ, |i, c| n[i][c]),
+            ];
+            if !squares_of_normals.is_empty() {
+                layers.push(three(squares_of_normals, XYZ, |i, c| n2[i][c]));
+            }
+            layers
+        };
+        save(&folder, "without.exr", &layers("nested.nn", ""), &[]);
+        save(&folder, "with.exr", &layers("nested.nn", "m2_nested.nn"), &[]);
+        let errors = ["without", "with"].map(|name| {
+            let said = folder.run(&format!("denoise {name}.exr -o out.exr --spp 8"));
+            let read = format!("read color (R, G, B), second-moment ({squares}), normal (nested.nn)\n");
+            assert!(said.status == Some(0) && said.out.starts_with(&read), "{style}: {} {}", said.out, said.err);
+            error(&folder, "out.exr")
+        });
+        assert!(errors[1] < 0.8 * errors[0], "{style}: {errors:?}");
+    }
+}
+
+/// The layers of a file as Blender 4.2 writes it (OpenEXR MultiLayer, 32 bits): Combined, Position, Normal, Depth, DiffCol,
+/// Denoising Data and Debug Sample Count. Passes of the first sample alone are noisy; misses lie at depth 1e10.
+fn blender(seed: u64) -> Vec<Layer<'static>> {
+    let [mean, ..] = samples(seed);
+    let miss = |i: usize| i / 40 < 4;
+    let one_of = move |i: usize, hit: f32, far: f32| if miss(i) { far } else { hit };
+    vec![
+        Layer {
+            name: "ViewLayer.Combined".into(),
+            channels: ["A", "B", "G", "R"]
+                .map(|c| (c, (0..PIXELS).map(|i| if c == "A" { 1.0 } else { mean[i] }).collect::<Vec<f32>>().into()))
+                .into(),
+        },
+        one("ViewLayer.Debug Sample Count", "X", |_| 1.0),
+        three("ViewLayer.Denoising Albedo", RGB, |i, _| one_of(i, truth(i), 0.0)),
+        one("ViewLayer.Denoising Depth", "Z", |i| one_of(i, 5.0, 0.0)),
+        three("ViewLayer.Denoising Normal", XYZ, |i, c| one_of(i, normal(i, c), 0.0)),
+        one("ViewLayer.Depth", "Z", |i| one_of(i, 5.0 + noise(i, 3, seed), 1e10)),
+        three("ViewLayer.DiffCol", RGB, |i, _| one_of(i, truth(i), 0.0)),
+        three("ViewLayer.Normal", XYZ, |i, c| one_of(i, normal(i, c), 0.0)),
+        three("ViewLayer.Position", XYZ, |i, c| {
+            one_of(i, [(i % 40) as f32 + noise(i, 4, seed), (i / 40) as f32, 5.0][c], 0.0)
+        }),
+    ]
+}
+
+#[test]
+fn files_as_blender_writes_them_need_no_options() {
+    let folder = Folder::new();
+    for seed in [1, 2] {
+        let header = [("BlenderMultiChannel", "Blender V2.55.1 and newer"), ("cycles.ViewLayer.samples", "8")];
+        save(&folder, &format!("{seed}.exr"), &blender(seed), &header);
+    }
+    let said = folder.run("denoise 1.exr 2.exr -o out.exr");
+    let read = "read color (ViewLayer.Combined), count (ViewLayer.Debug Sample Count), normal (ViewLayer.Denoising Normal), \
+                albedo (ViewLayer.Denoising Albedo), position (ViewLayer.Position), depth (ViewLayer.Denoising Depth)\n";
+    assert_eq!((said.status, said.err.as_str()), (Some(0), ""), "{}", said.out);
+    assert!(said.out.starts_with(read), "{}", said.out);
+    assert!(error(&folder, "out.exr") < 0.0015, "{}", error(&folder, "out.exr"));
 }
 
 /// Cycles: no variance, so two renders; counts are shares of the header's number of samples.

@@ -3,6 +3,7 @@
 use crate::sampler::{Scene, frame, on_threads};
 use dapple_core::{
     Error, Feedback, Film, Filter, Filtered, Frame, Limits, Needs, Plan, PointSet, Progress, Render, SampleId, Sampler,
+    mix,
 };
 
 /// Checks a filter that works on frames of any size, created by `make`.
@@ -115,13 +116,6 @@ impl Sampler for Hashed {
         }
         Ok(if seen.round == 0 { Progress::Trace } else { Progress::Done })
     }
-}
-
-/// The finaliser of SplitMix64, a bijective 64-bit hash.
-fn mix(x: u64) -> u64 {
-    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
 }
 
 fn film(mut scene: Scene, counts: Counts, needs: Needs, frame: Frame) -> Film {

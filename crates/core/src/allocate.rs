@@ -363,7 +363,9 @@ pub fn saturating_u32(n: u64) -> u32 {
 }
 
 /// A bijective 64-bit mix (the finaliser of SplitMix64, [Steele, Lea and Flood 2014]).
-pub(crate) fn mix(x: u64) -> u64 {
+#[doc(hidden)]
+#[inline]
+pub fn mix(x: u64) -> u64 {
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     x ^ (x >> 31)

@@ -4,17 +4,19 @@ mod bank;
 mod error;
 mod pixels;
 mod push;
+mod record;
 mod splats;
 mod window;
 
 pub use bank::luminance;
 pub(crate) use bank::{Bank, BankRows, first_hits_of, record_first_hit};
-use bank::{Range, add_emission, widen};
 pub use pixels::PixelStatistics;
-
-use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SampleId, SurfaceFeatures};
-use bank::join;
+pub(crate) use record::{REJECTED_LISTED, keep_first, reason_to_reject};
+pub use record::{Record, Rejected, RejectedReason, RoundRecord};
 pub(crate) use splats::Splats;
+
+use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SurfaceFeatures};
+use bank::{Range, join};
 
 /// Running means and sums of squared deviations of a pixel's features: shading normal, albedo, position, depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -64,83 +66,6 @@ pub struct Features {
     pub variance: Option<[f32; 10]>,
 }
 
-/// The reason why a sample is rejected.
-#[non_exhaustive]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RejectedReason {
-    /// A channel of the radiance was NaN or infinite.
-    NotFinite,
-    /// A channel of the radiance was negative.
-    Negative,
-}
-
-impl RejectedReason {
-    /// The reason why a film rejects this radiance; `None` for a valid one.
-    #[inline]
-    pub fn of(radiance: [f32; 3]) -> Option<Self> {
-        reason_to_reject(radiance)
-    }
-}
-
-/// A sample that was rejected as NaN, infinite or negative. It counts as black, and can be replayed with the point set.
-#[non_exhaustive]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Rejected {
-    /// The pixel, stream and index of the rejected sample.
-    pub sample: SampleId,
-    /// The reason for the rejection.
-    pub reason: RejectedReason,
-}
-
-/// The sample count and timings of one round: a batch of samples that are planned together.
-#[non_exhaustive]
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RoundRecord {
-    /// The number of samples traced in the round.
-    pub samples: u64,
-    /// `true` if the samples stayed in the image, `false` if they were discarded.
-    pub kept: bool,
-    /// The wall seconds that planning the round took.
-    pub plan_seconds: f64,
-    /// The wall seconds that tracing the round took.
-    pub trace_seconds: f64,
-}
-
-/// The budgets, rounds, totals and timings of a render.
-#[non_exhaustive]
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Record {
-    /// The total sample budget in force at each plan. [`Budget::Recorded`](crate::Budget::Recorded) replays it.
-    pub budgets: Vec<u64>,
-    /// The sample counts and timings of the rounds, in order.
-    pub rounds: Vec<RoundRecord>,
-    /// The number of samples traced, discarded ones included.
-    pub samples: u64,
-    /// The number of rays traced: the sum of [`Estimate::cost`](crate::Estimate::cost).
-    pub rays: u64,
-    /// The number of blocks of four random numbers that the integrator requested.
-    pub blocks: u64,
-    /// The number of samples rejected as NaN, infinite or negative.
-    pub rejected: u64,
-    /// The relMSE of the filtered image, as an error limit with [`Render::error_of`](crate::Render::error_of) last
-    /// predicted it.
-    pub filtered_relmse: Option<f64>,
-    /// `true` if a monitor stopped the render before its limits.
-    pub interrupted: bool,
-}
-
-impl Record {
-    /// Wall seconds of planning, summed over rounds.
-    pub fn plan_seconds(&self) -> f64 {
-        self.rounds.iter().map(|r| r.plan_seconds).sum()
-    }
-
-    /// Wall seconds of tracing, summed over rounds.
-    pub fn trace_seconds(&self) -> f64 {
-        self.rounds.iter().map(|r| r.trace_seconds).sum()
-    }
-}
-
 /// Per-pixel statistics of a render, row by row over its window, and its [`Record`].
 ///
 /// Samplers and filters read films. A renderer with a loop of its own fills one by [`Film::push_estimate`]. Tests can push
@@ -177,12 +102,9 @@ pub struct Film {
     pub(crate) splats: Splats,
     pub(crate) rejected: Vec<Rejected>,
     pub(crate) record: Record,
-    /// The number of samples pushed by radiance alone ([`Film::push`]), without a word on what they hit.
-    pub(crate) radiance_only: u64,
+    /// The number of samples that report neither a hit nor a miss. Only [`Film::require`] reads it.
+    pub(crate) unreported: u64,
 }
-
-/// The largest number of rejected samples that the film lists. [`Record::rejected`] counts all.
-pub(crate) const REJECTED_LISTED: usize = 1024;
 
 impl Film {
     /// An empty film of `frame` that records the statistics `needs`.
@@ -201,7 +123,7 @@ impl Film {
             splats: if needs.splats { Splats::new(pixels, halves) } else { Splats::default() },
             rejected: Vec::new(),
             record: Record::default(),
-            radiance_only: 0,
+            unreported: 0,
         }
     }
 
@@ -400,7 +322,7 @@ impl Film {
     /// # Errors
     ///
     /// [`Error::NotRecorded`], with the name `who` of the filter and the missing statistics.
-    /// [`Error::NoneReported`] if the film has room for features or first hits, but every sample came as radiance alone.
+    /// [`Error::NoneReported`] if the film has room for features or first hits, but no sample reports a hit or a miss.
     pub fn require(&self, who: &str, needs: &Needs) -> Result<(), Error> {
         let have = &self.needs;
         let missing = [
@@ -416,15 +338,11 @@ impl Film {
         if let Some((_, what)) = missing.iter().find(|m| m.0) {
             return Err(Error::NotRecorded { who: who.to_owned(), what });
         }
-        let samples = self.record.samples;
-        let unreported = [
-            (needs.features && samples > 0 && self.features.iter().all(|f| f.samples == 0), "first-hit features"),
-            (needs.first_hits > 0 && samples > 0 && self.radiance_only == samples, "first hits"),
-        ];
-        match unreported.iter().find(|u| u.0) {
-            Some((_, what)) => Err(Error::NoneReported { who: who.to_owned(), what }),
-            None => Ok(()),
+        if self.record.samples == 0 || self.unreported < self.record.samples || !needs.wants_first_hit() {
+            return Ok(());
         }
+        let what = if needs.features { "first-hit features" } else { "first hits" };
+        Err(Error::NoneReported { who: who.to_owned(), what })
     }
 
     /// Allocates planes for discarded samples, if there are none.
@@ -456,24 +374,6 @@ impl Film {
         self.rejected.extend(first);
         keep_first(&mut self.rejected);
     }
-}
-
-/// The reason why a film rejects this radiance; `None` for a valid one.
-#[inline]
-pub(crate) fn reason_to_reject([r, g, b]: [f32; 3]) -> Option<RejectedReason> {
-    if r >= 0.0 && g >= 0.0 && b >= 0.0 && r < f32::INFINITY && g < f32::INFINITY && b < f32::INFINITY {
-        None
-    } else if r.is_finite() && g.is_finite() && b.is_finite() {
-        Some(RejectedReason::Negative)
-    } else {
-        Some(RejectedReason::NotFinite)
-    }
-}
-
-/// Sorts rejected samples by pixel, stream and index, and keeps the first [`REJECTED_LISTED`].
-pub(crate) fn keep_first(rejected: &mut Vec<Rejected>) {
-    rejected.sort_by_key(|r| (r.sample.pixel[1], r.sample.pixel[0], r.sample.stream, r.sample.index));
-    rejected.truncate(REJECTED_LISTED);
 }
 
 fn colours(range: Range) -> [[f32; 3]; 2] {

@@ -234,6 +234,12 @@ impl Estimate {
         Self { radiance, first_hit: None, features: None, emission: [0.0; 3], cost: 1, says_hit: false }
     }
 
+    /// Returns true if the estimate reports a hit or a miss.
+    #[inline]
+    pub(crate) const fn reports_hit(&self) -> bool {
+        self.says_hit || self.first_hit.is_some() || self.features.is_some()
+    }
+
     /// Sets the first hit: a [`FirstHit`], or an `Option` of one; `None` says that the sample met no surface.
     #[inline]
     #[must_use]

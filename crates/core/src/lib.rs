@@ -77,9 +77,9 @@ mod shard;
 mod snapshot;
 mod worker;
 
-#[doc(hidden)]
-pub use allocate::saturating_u32;
 pub use allocate::{Allocation, Ladder, allocate, share};
+#[doc(hidden)]
+pub use allocate::{mix, saturating_u32};
 pub use draws::{Block, Draws};
 pub use error::Error;
 pub use film::{Features, Film, PixelStatistics, Record, Rejected, RejectedReason, RoundRecord, luminance};

@@ -151,41 +151,38 @@ impl rand_core_0_10::TryRng for Rng<'_> {
     }
 }
 
-#[cfg(feature = "rand_core_0_9")]
-impl rand_core_0_9::RngCore for Rng<'_> {
-    #[inline]
-    fn next_u32(&mut self) -> u32 {
-        Self::next_u32(self)
-    }
+/// Implements `RngCore` of an older version of `rand_core`, with the methods that this version has besides.
+#[cfg(any(feature = "rand_core_0_9", feature = "rand_core_0_6"))]
+macro_rules! rng_core {
+    ($version:ident, $($other:item)*) => {
+        impl $version::RngCore for Rng<'_> {
+            #[inline]
+            fn next_u32(&mut self) -> u32 {
+                Self::next_u32(self)
+            }
 
-    #[inline]
-    fn next_u64(&mut self) -> u64 {
-        Self::next_u64(self)
-    }
+            #[inline]
+            fn next_u64(&mut self) -> u64 {
+                Self::next_u64(self)
+            }
 
-    fn fill_bytes(&mut self, bytes: &mut [u8]) {
-        Self::fill_bytes(self, bytes);
-    }
+            fn fill_bytes(&mut self, bytes: &mut [u8]) {
+                Self::fill_bytes(self, bytes);
+            }
+
+            $($other)*
+        }
+    };
 }
 
+#[cfg(feature = "rand_core_0_9")]
+rng_core!(rand_core_0_9,);
+
 #[cfg(feature = "rand_core_0_6")]
-impl rand_core_0_6::RngCore for Rng<'_> {
-    #[inline]
-    fn next_u32(&mut self) -> u32 {
-        Self::next_u32(self)
-    }
-
-    #[inline]
-    fn next_u64(&mut self) -> u64 {
-        Self::next_u64(self)
-    }
-
-    fn fill_bytes(&mut self, bytes: &mut [u8]) {
-        Self::fill_bytes(self, bytes);
-    }
-
+rng_core!(
+    rand_core_0_6,
     fn try_fill_bytes(&mut self, bytes: &mut [u8]) -> Result<(), rand_core_0_6::Error> {
         Self::fill_bytes(self, bytes);
         Ok(())
     }
-}
+);

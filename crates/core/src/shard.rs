@@ -309,7 +309,7 @@ impl ShardFilm {
             splats: film.splats.clone(),
             rejected: film.rejected.clone(),
             record: film.record.clone(),
-            radiance_only: film.radiance_only,
+            unreported: film.unreported,
         };
         Ok(Self { shard, film })
     }
@@ -399,7 +399,7 @@ pub fn merge(parts: &[ShardFilm]) -> Result<Film, Error> {
         splats: Splats::sum(parts.iter().map(|film| &film.splats)),
         rejected,
         record: add_up(&parts)?,
-        radiance_only: 0,
+        unreported: 0,
     })
 }
 

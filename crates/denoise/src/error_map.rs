@@ -77,6 +77,9 @@ pub(crate) fn relative_weight(inputs: &Inputs, image: &Pair) -> Plane {
 /// So `E (F_A - B)^2` is the error of `F_A` plus the variance of `B`, and `E (A - B)^2` is the sum of both variances.
 /// Averaging `F_A` and `F_B` removes the square of half their difference.
 ///
+/// This holds if `F_A` does not depend on `B`. Weights and blends do depend on it, so the estimate is too low by the
+/// covariances of `F_A` with `B` and of `F_B` with `A`.
+///
 /// The sample variance in place of `(A - B)^2` would overrate the noise of low-discrepancy samples.
 pub(crate) fn raw_error(inputs: &Inputs, image: &Pair, weight: &[f32]) -> [Plane; 2] {
     let mut planes = [vec![0.0; inputs.pixels()], vec![0.0; inputs.pixels()]];
@@ -137,6 +140,9 @@ pub(crate) fn select(
 /// The error is the larger of two smoothed estimates: the whole error over 7x7 pixels and the variance over 5x5. It is
 /// at least 5 % of the image's mean error, both relative to the squared brightness of 3x3 pixels. It is infinite where
 /// no pixel in reach has samples in both halves.
+///
+/// Taking the larger estimate keeps the positive part of noise. On images with strong noise the sum is up to three times
+/// the true error.
 pub(crate) fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
     let weight = relative_weight(inputs, image);
     let [whole, variance] = raw_error(inputs, image, &weight);

@@ -5,6 +5,7 @@
 
 mod assemble;
 mod error;
+mod features;
 mod layers;
 mod output;
 

@@ -3,7 +3,7 @@
 use crate::Rates;
 use dapple_core::{
     BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, PilotPolicy, Plan, Progress, Retention, SamplerMemory,
-    Stopping, allocate, saturating_u32,
+    Stopping, allocate, mix, saturating_u32,
 };
 
 const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold the state of a sampler of two rates" };
@@ -332,11 +332,4 @@ impl<'a> Steps<'a> {
             target = target.saturating_add(step);
         }
     }
-}
-
-/// A bijective 64-bit mix (the finaliser of SplitMix64, [Steele, Lea and Flood 2014]).
-fn mix(x: u64) -> u64 {
-    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
 }

@@ -1,7 +1,7 @@
 //! Samples added to a film one by one, without the render loop.
 
-use super::{Film, Rejected, add_emission, reason_to_reject, record_first_hit, widen};
-use crate::{Estimate, SampleId, streams};
+use super::{BankRows, Film, Rejected, RejectedReason, first_hits_of, record_first_hit};
+use crate::{Estimate, Retention, SampleId, streams};
 
 impl Film {
     /// Adds a kept sample to pixel `pixel` with all that its estimate reports, as a render does: radiance, emission,
@@ -28,15 +28,9 @@ impl Film {
     ///
     /// If `pixel` is outside the window.
     pub fn push_estimate(&mut self, pixel: usize, half: usize, estimate: &Estimate) {
-        let seen: u64 = self.kept.iter().map(|bank| bank.next_index(pixel)).sum();
-        self.add(pixel, half, estimate);
-        let k = usize::from(self.needs.first_hits);
-        let places = &mut self.first_hits[pixel * k..(pixel + 1) * k];
-        record_first_hit(self.features.get_mut(pixel), places, seen, estimate);
-        self.record.rays += u64::from(estimate.cost);
-        if let Some(cost) = self.costs.get_mut(pixel) {
-            *cost += u64::from(estimate.cost);
-        }
+        let half = self.half_or_whole(half);
+        let rejected = self.add(Retention::Keep, half, pixel, estimate);
+        self.list_pushed(half, pixel, rejected);
     }
 
     /// Adds a kept sample as [`Film::push_estimate`] does, of which only the radiance is known.
@@ -57,35 +51,55 @@ impl Film {
     ///
     /// If `pixel` is outside the window.
     pub fn push_with_emission(&mut self, pixel: usize, half: usize, radiance: [f32; 3], emission: [f32; 3]) {
-        self.add(pixel, half, &Estimate::new(radiance).with_emission(emission));
-        self.radiance_only += 1;
+        let half = self.half_or_whole(half);
+        let rejected = self.kept[half].rows().add(pixel, &Estimate::new(radiance).with_emission(emission));
+        self.record.samples += 1;
+        self.unreported += 1;
+        self.list_pushed(half, pixel, rejected);
     }
 
-    /// Adds a sample's radiance and emission.
-    fn add(&mut self, pixel: usize, half: usize, estimate: &Estimate) {
-        let halves = self.kept.len() == 2;
-        let half = if halves { half & 1 } else { 0 };
-        let bank = &mut self.kept[half];
-        let index = bank.next_index(pixel);
-        let reason = reason_to_reject(estimate.radiance);
-        let radiance = if reason.is_some() { [0.0; 3] } else { estimate.radiance };
-        let mut moments = bank.moments(pixel);
-        moments.push(radiance);
-        bank.counts[pixel] = moments.count;
-        bank.means[pixel] = moments.mean;
-        if let Some(m2) = bank.m2.get_mut(pixel) {
-            *m2 = moments.m2;
-        }
-        if let Some(range) = bank.ranges.get_mut(pixel) {
-            widen(range, radiance);
-        }
-        if let Some(mean) = bank.emission.get_mut(pixel) {
-            add_emission(mean, moments.count, estimate.emission, radiance);
-        }
+    /// Adds a sample with all that its estimate reports. Returns the reason if its radiance is rejected; it then counts as
+    /// black, and the caller lists it.
+    #[inline]
+    pub(crate) fn add(
+        &mut self,
+        retention: Retention,
+        half: usize,
+        pixel: usize,
+        estimate: &Estimate,
+    ) -> Option<RejectedReason> {
+        let rejected = self.rows(retention, half).add(pixel, estimate);
         self.record.samples += 1;
-        if let Some(reason) = reason {
-            let stream = if halves { streams::HALVES[half] } else { streams::WHOLE };
-            let sample = SampleId { pixel: self.frame.pixel(pixel), stream, index };
+        self.record.rays += u64::from(estimate.cost);
+        if self.needs.wants_first_hit() {
+            let banks = if retention == Retention::Keep { &self.kept } else { &self.discarded };
+            let seen = banks.iter().map(|bank| bank.next_index(pixel)).sum::<u64>() - 1;
+            let places = first_hits_of(&mut self.first_hits, pixel, usize::from(self.needs.first_hits));
+            record_first_hit(self.features.get_mut(pixel), places, seen, estimate);
+        }
+        if let Some(cost) = self.costs.get_mut(pixel) {
+            *cost += u64::from(estimate.cost);
+        }
+        rejected
+    }
+
+    /// The statistics of a half, of kept or discarded samples.
+    #[inline]
+    pub(crate) fn rows(&mut self, retention: Retention, half: usize) -> BankRows<'_> {
+        let banks = if retention == Retention::Keep { &mut self.kept } else { &mut self.discarded };
+        banks[half].rows()
+    }
+
+    /// The half to which a pushed sample belongs: 0 in a film without halves.
+    fn half_or_whole(&self, half: usize) -> usize {
+        if self.kept.len() == 2 { half & 1 } else { 0 }
+    }
+
+    /// Lists the pixel's last sample if it was rejected.
+    fn list_pushed(&mut self, half: usize, pixel: usize, rejected: Option<RejectedReason>) {
+        if let Some(reason) = rejected {
+            let stream = if self.kept.len() == 2 { streams::HALVES[half] } else { streams::WHOLE };
+            let sample = SampleId::new(self.frame.pixel(pixel), stream, self.kept[half].next_index(pixel) - 1);
             self.list_rejected(1, vec![Rejected { sample, reason }]);
         }
     }

@@ -32,7 +32,7 @@ impl Film {
             splats: Splats::default(),
             rejected: Vec::new(),
             record: Record::default(),
-            radiance_only: 0,
+            unreported: 0,
         }
     }
 
@@ -59,6 +59,7 @@ impl Film {
         self.record.samples += part.record.samples;
         self.record.rays += part.record.rays;
         self.record.blocks += part.record.blocks;
+        self.unreported += part.unreported;
         if part.record.rejected > 0 {
             self.list_rejected(part.record.rejected, part.rejected);
         }

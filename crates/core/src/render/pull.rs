@@ -122,7 +122,7 @@ impl<'s> Round<'s> {
             return Err(Error::InvalidSample { sample, value, points: self.points.describe() });
         }
         let mut shared = self.lock();
-        let State { film, open, says_hit, .. } = &mut *shared.state;
+        let State { film, open, .. } = &mut *shared.state;
         let Some(open) = open else { return bad("its round is over".into()) };
         let width = film.frame.size()[0] as usize;
         let first = (area[1] - film.frame.origin()[1]) as usize * width + (area[0] - film.frame.origin()[0]) as usize;
@@ -143,7 +143,6 @@ impl<'s> Round<'s> {
         open.submitted += all;
         let retention: Retention = tile.retention;
         film.put_back(tile.film, retention);
-        *says_hit |= tile.says_hit;
         film.add_splats(tile.splats);
         if retention == Retention::Keep {
             film.splats.count(tile.halves);

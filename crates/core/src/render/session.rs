@@ -81,8 +81,6 @@ pub(super) struct State {
     pub(super) passes: Vec<TrainingData>,
     /// The filtered image of the last prediction, if an error limit concerns a filtered image.
     pub(super) holdout: Option<Holdout>,
-    /// True if a sample of this session reports a hit or a miss; also true in a session that was resumed.
-    pub(super) says_hit: bool,
 }
 
 /// A render whose loop belongs to the caller: it asks for rounds, traces their samples where and how it likes, and gives
@@ -199,7 +197,7 @@ impl<'a> Session<'a> {
         let (state, seconds) = match snapshot {
             None => {
                 let film = Film::new(frame, needs);
-                (State { film, round: 0, open: None, passes: Vec::new(), holdout: None, says_hit: false }, 0.0)
+                (State { film, round: 0, open: None, passes: Vec::new(), holdout: None }, 0.0)
             }
             Some(snapshot) => continued(snapshot, &mut *sampler, &mut meter, (&needs, limits), &frame)?,
         };
@@ -239,10 +237,8 @@ impl<'a> Session<'a> {
         self.given_out = None;
         self.close(Stopped::No)?;
         match &self.filter {
-            Some(filter) if filter.needs().wants_first_hit() && !self.state.says_hit => {
-                Err(Error::NoneReported { who: filter.name().to_owned(), what: "first-hit features" })
-            }
-            _ => Ok(()),
+            Some(filter) => self.state.film.require(filter.name(), &filter.needs()),
+            None => Ok(()),
         }
     }
 
@@ -450,7 +446,7 @@ fn continued(
             check(&rest, &film, sampler, &meter.left(&film))?;
         }
     }
-    Ok((State { film, round, open, passes, holdout, says_hit: true }, seconds))
+    Ok((State { film, round, open, passes, holdout }, seconds))
 }
 
 /// Applies a plan's withdrawals and discarding to the film, and returns the round to trace.

@@ -1,6 +1,6 @@
 //! Tiles of a round: the samples that one task traces, in any order.
 
-use crate::film::{Splats, first_hits_of, record_first_hit};
+use crate::film::Splats;
 use crate::snapshot::OpenRound;
 use crate::{Draws, Estimate, Film, Needs, PointSet, Rejected, Retention, SampleId, streams};
 use std::collections::BTreeMap;
@@ -120,8 +120,6 @@ pub struct Tile<'r> {
     pub(super) splats: Vec<(usize, [u32; 2], [f32; 3])>,
     /// The number of samples added in each half.
     pub(super) halves: [u64; 2],
-    /// True if a sample reports a hit or a miss.
-    pub(super) says_hit: bool,
     /// The first wrong use of the tile.
     pub(super) fault: Option<String>,
     /// The first rejected sample, with its radiance.
@@ -170,7 +168,7 @@ impl<'r> Tile<'r> {
         };
         let (taken, left) = (vec![0; frame.pixels()], planned.total());
         let (retention, waiting) = (open.plan.retention, BTreeMap::new());
-        let (splats, halves, says_hit) = (Vec::new(), [0; 2], false);
+        let (splats, halves) = (Vec::new(), [0; 2]);
         Self {
             planned: Arc::new(planned),
             retention,
@@ -180,7 +178,6 @@ impl<'r> Tile<'r> {
             waiting,
             splats,
             halves,
-            says_hit,
             fault: None,
             invalid: None,
         }
@@ -313,31 +310,17 @@ impl<'r> Tile<'r> {
     #[inline]
     fn record(&mut self, local: usize, turn: u32, estimate: &Estimate, blocks: u32, channels: &[f32]) {
         let (half, _) = self.planned.pixels[local].sample(self.planned.order, turn);
-        let Film { needs, kept, discarded, features, first_hits, costs, record, .. } = &mut self.film;
-        let banks = if self.retention == Retention::Keep { kept } else { discarded };
-        let mut bank = banks[half].rows();
-        let rejected = bank.add(local, estimate);
-        if needs.channels > 0 {
-            bank.add_channels(local, channels);
+        let rejected = self.film.add(self.retention, half, local, estimate);
+        let wanted = usize::from(self.planned.needs.channels);
+        if wanted > 0 {
+            self.film.rows(self.retention, half).add_channels(local, channels);
         }
-        let missing = channels.len() != usize::from(needs.channels);
+        self.film.unreported += u64::from(self.planned.needs.wants_first_hit() && !estimate.reports_hit());
+        self.film.record.blocks += u64::from(blocks);
         self.halves[half] += 1;
-        self.says_hit |= estimate.says_hit || estimate.first_hit.is_some() || estimate.features.is_some();
-        record.samples += 1;
-        record.rays += u64::from(estimate.cost);
-        record.blocks += u64::from(blocks);
-        if needs.wants_first_hit() {
-            let seen = banks.iter().map(|bank| bank.next_index(local)).sum::<u64>() - 1;
-            let places = first_hits_of(first_hits, local, usize::from(needs.first_hits));
-            record_first_hit(features.get_mut(local), places, seen, estimate);
-        }
-        if let Some(cost) = costs.get_mut(local) {
-            *cost += u64::from(estimate.cost);
-        }
         self.taken[local] += 1;
         self.left -= 1;
-        if missing {
-            let wanted = self.planned.needs.channels;
+        if channels.len() != wanted {
             let what = format!(
                 "a sample has {} values beside its radiance, and the film records {wanted}; give as many to Tile::add_with_channels",
                 channels.len()

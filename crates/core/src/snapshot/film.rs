@@ -71,7 +71,7 @@ pub(crate) fn take_film(from: &mut Reader<'_>, pixels: impl FnOnce(&Frame) -> us
         splats,
         rejected,
         record,
-        radiance_only: 0,
+        unreported: 0,
     };
     check(&film)?;
     Ok(film)

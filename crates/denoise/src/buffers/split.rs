@@ -2,7 +2,7 @@
 
 use super::{Counts, SampleBuffers, Variance};
 use crate::planes::box_mean;
-use dapple_core::RgbMoments;
+use dapple_core::{RgbMoments, mix};
 
 impl Counts<'_> {
     /// The number of samples of pixel `i`.
@@ -51,13 +51,6 @@ pub(super) fn split(all: &SampleBuffers<'_>, i: usize) -> [RgbMoments; 2] {
 /// A random sign for pixel `i`.
 fn sign(i: usize) -> f64 {
     if mix((i as u64).wrapping_add(0x9e37_79b9_7f4a_7c15)) & 1 == 0 { 1.0 } else { -1.0 }
-}
-
-/// The finaliser of SplitMix64, a bijective 64-bit hash.
-fn mix(x: u64) -> u64 {
-    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
 }
 
 /// The variance of one sample per pixel and channel, from the difference of two halves over 5x5 pixels.

@@ -188,7 +188,7 @@ fn a_firefly_does_not_spread_beyond_its_window() {
     }
 }
 
-/// The estimated mean squared error is 1 to 3 times the actual one, over 10 images (bundled scenes: 0.4 to 2, see
+/// The estimated mean squared error is 1 to 3 times the actual one, over 10 images (scenes: 0.5 to 2.9, see
 /// `docs/results/predicted-error.md`). The control, the error of the unfiltered image, is not.
 #[test]
 fn error_estimates_are_within_a_factor_of_three() {

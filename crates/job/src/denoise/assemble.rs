@@ -1,5 +1,6 @@
 //! The buffers of an image from the layers of one or two files.
 
+use super::features::Feature;
 use super::layers::{Found, Layers, floats};
 use super::{DenoiseError, DenoiseSpec, LayerKind};
 use dapple_denoise::{ClusterRegression, Denoise, SampleBuffers, Variance, denoise, denoise_whole};
@@ -12,10 +13,10 @@ const ASSUMED_SPP: u32 = 16;
 type Colours = Vec<[f32; 3]>;
 
 /// One file with its channels.
-struct Input {
+pub(super) struct Input {
     path: PathBuf,
-    file: Channels,
-    layers: Layers,
+    pub(super) file: Channels,
+    pub(super) layers: Layers,
     /// Samples per pixel by the header.
     spp: Option<u32>,
 }
@@ -28,9 +29,6 @@ struct Set {
     of_mean: bool,
     count: Vec<u32>,
 }
-
-/// The mean over the files, and the variance of that mean if there are two files.
-type Feature<T> = Option<(Vec<T>, Option<Vec<T>>)>;
 
 /// All buffers of an image.
 pub(super) struct Assembled {
@@ -63,12 +61,13 @@ impl Assembled {
         }
         let mut reader = Reader { spec, inputs: &inputs, found: Vec::new(), notices: Vec::new() };
         let sets = (0..inputs.len()).map(|k| reader.set(k)).collect::<Result<Vec<_>, _>>()?;
-        let normal = reader.feature(LayerKind::Normal)?;
-        let albedo = reader.feature(LayerKind::Albedo)?;
-        let position = reader.feature(LayerKind::Position)?;
-        let depth = reader.scalar(LayerKind::Depth)?;
-        let emission = reader.feature(LayerKind::Emission)?;
-        let coverage = reader.scalar(LayerKind::Coverage)?;
+        let counts: Vec<&[u32]> = sets.iter().map(|set| &set.count[..]).collect();
+        let normal = reader.feature(LayerKind::Normal, &counts)?;
+        let albedo = reader.feature(LayerKind::Albedo, &counts)?;
+        let position = reader.feature(LayerKind::Position, &counts)?;
+        let depth = reader.scalar(LayerKind::Depth, &counts)?;
+        let emission = reader.feature(LayerKind::Emission, &counts)?;
+        let coverage = reader.scalar(LayerKind::Coverage, &counts)?;
         let ids = reader.ids()?;
         reader.missing(&[
             (LayerKind::Normal, normal.is_some()),
@@ -162,27 +161,27 @@ impl Input {
         Ok(Self { path: path.to_owned(), file, layers, spp: spp.filter(|n| *n > 0) })
     }
 
-    fn three(&self, channels: &[usize]) -> Colours {
+    pub(super) fn three(&self, channels: &[usize]) -> Colours {
         let [x, y, z] = [0, 1, 2].map(|c| floats(&self.file.channels[channels[c]].1));
         x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z]).collect()
     }
 
-    fn one(&self, layer: &Found) -> Vec<f32> {
+    pub(super) fn one(&self, layer: &Found) -> Vec<f32> {
         floats(&self.file.channels[layer.channels[0]].1)
     }
 }
 
 /// The search for layers in all files.
-struct Reader<'a> {
+pub(super) struct Reader<'a> {
     spec: &'a DenoiseSpec,
-    inputs: &'a [Input],
-    found: Vec<(LayerKind, String)>,
+    pub(super) inputs: &'a [Input],
+    pub(super) found: Vec<(LayerKind, String)>,
     notices: Vec<String>,
 }
 
 impl Reader<'_> {
     /// Finds a layer of file `k`, by the caller's name or by known names, and notes it.
-    fn find(&mut self, k: usize, kind: LayerKind) -> Result<Option<Found>, DenoiseError> {
+    pub(super) fn find(&mut self, k: usize, kind: LayerKind) -> Result<Option<Found>, DenoiseError> {
         let input = &self.inputs[k];
         let given = self.spec.layers.iter().find(|(own, _)| *own == kind);
         let found = match given {
@@ -288,57 +287,6 @@ impl Reader<'_> {
         Ok(Some((variance, of_mean)))
     }
 
-    fn feature(&mut self, kind: LayerKind) -> Result<Feature<[f32; 3]>, DenoiseError> {
-        let mut each = Vec::new();
-        for (k, input) in self.inputs.iter().enumerate() {
-            let Some(layer) = self.find(k, kind)? else {
-                self.found.retain(|(found, _)| *found != kind);
-                return Ok(None);
-            };
-            each.push(input.three(&layer.channels));
-        }
-        let mut broken = 0;
-        for value in each.iter_mut().flatten().filter(|value| value.iter().any(|v| !v.is_finite())) {
-            *value = [0.0; 3];
-            broken += 1;
-        }
-        self.broken(kind, broken);
-        Ok(Some(averaged(each, |a, b, f| [0, 1, 2].map(|c| f(a[c], b[c])))))
-    }
-
-    fn scalar(&mut self, kind: LayerKind) -> Result<Feature<f32>, DenoiseError> {
-        let mut each = Vec::new();
-        for (k, input) in self.inputs.iter().enumerate() {
-            let Some(layer) = self.find(k, kind)? else {
-                self.found.retain(|(found, _)| *found != kind);
-                return Ok(None);
-            };
-            each.push(input.one(&layer));
-        }
-        if let [a, b] = &mut each[..] {
-            // A depth that only one file knows counts for both.
-            for (a, b) in a.iter_mut().zip(b) {
-                match (a.is_infinite(), b.is_infinite()) {
-                    (true, false) => *a = *b,
-                    (false, true) => *b = *a,
-                    _ => {}
-                }
-            }
-        }
-        let mut broken = 0;
-        // An infinite depth is a miss.
-        let wrong = |v: &&mut f32| v.is_nan() || (kind != LayerKind::Depth && v.is_infinite());
-        for value in each.iter_mut().flatten().filter(wrong) {
-            *value = 0.0;
-            broken += 1;
-        }
-        self.broken(kind, broken);
-        if kind == LayerKind::Coverage {
-            each.iter_mut().flatten().for_each(|share| *share = share.clamp(0.0, 1.0));
-        }
-        Ok(Some(averaged(each, |a, b, f| f(*a, *b))))
-    }
-
     /// The ids in the first file.
     fn ids(&mut self) -> Result<Option<Vec<u32>>, DenoiseError> {
         let layer = self.find(0, LayerKind::Id)?;
@@ -349,7 +297,7 @@ impl Reader<'_> {
         }))
     }
 
-    fn broken(&mut self, kind: LayerKind, count: usize) {
+    pub(super) fn broken(&mut self, kind: LayerKind, count: usize) {
         if count > 0 {
             self.note(format!("{count} values of the {} are NaN or infinite; 0 stands for them", kind.name()));
         }
@@ -369,24 +317,6 @@ impl Reader<'_> {
             self.notices.push(notice);
         }
     }
-}
-
-/// The mean of the values of one or two files. Of two it also gives the variance of that mean.
-fn averaged<T>(
-    mut each: Vec<Vec<T>>,
-    each_channel: impl Fn(&T, &T, fn(f32, f32) -> f32) -> T,
-) -> (Vec<T>, Option<Vec<T>>) {
-    if each.len() < 2 {
-        return (each.pop().unwrap_or_default(), None);
-    }
-    let (b, a) = (each.pop().unwrap_or_default(), each.pop().unwrap_or_default());
-    let of = |f: fn(f32, f32) -> f32| a.iter().zip(&b).map(|(a, b)| each_channel(a, b, f)).collect::<Vec<T>>();
-    let mean = of(|a, b| 0.5 * (a + b));
-    let variance = of(|a, b| {
-        let apart = a - b;
-        if apart.is_finite() { 0.25 * apart * apart } else { 0.0 }
-    });
-    (mean, Some(variance))
 }
 
 /// Sample variances from second moments. Those of X, Y and Z give the relative variance of Y to all channels.

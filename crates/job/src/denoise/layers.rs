@@ -157,9 +157,10 @@ impl Layers {
     pub(super) fn find(&self, kind: LayerKind) -> Option<Found> {
         let names = KNOWN_LAYERS.iter().find(|(known, _)| *known == kind)?.1;
         if kind == SecondMoment {
-            let group =
-                self.groups.iter().find(|(layer, _)| layer.starts_with("m2_") && self.named(&layer[3..]).is_some())?;
-            return found(kind, group);
+            let of_image = |(layer, _): &&Group| {
+                first_moment_of(layer).is_some_and(|first| self.named(&first).is_some() && !is_feature(&first))
+            };
+            return self.groups.iter().filter(of_image).find_map(|group| found(kind, group));
         }
         names.iter().find_map(|name| self.known(kind, name))
     }
@@ -167,7 +168,8 @@ impl Layers {
     fn known(&self, kind: LayerKind, name: &str) -> Option<Found> {
         let is = |layer: &str| {
             let layer = layer.to_lowercase();
-            !layer.starts_with("m2_") && (layer == name || (!name.is_empty() && layer.ends_with(&format!(".{name}"))))
+            first_moment_of(&layer).is_none()
+                && (layer == name || (!name.is_empty() && layer.ends_with(&format!(".{name}"))))
         };
         let groups = self.groups.iter().filter(|(layer, _)| is(layer));
         groups.filter_map(|group| found(kind, group)).next().or_else(|| self.lone(kind, name))
@@ -198,14 +200,33 @@ impl Layers {
 
     /// The channels of the mean to which a layer of second moments belongs: `path.X` for `m2_path.X`.
     pub(super) fn first_moment(&self, second: &Found) -> Option<Vec<usize>> {
-        let group = self.named(second.name.strip_prefix("m2_")?)?;
+        let group = self.named(&first_moment_of(&second.name)?)?;
         Some(found(SecondMoment, group)?.channels)
+    }
+
+    /// The layer of second moments that belongs to this layer.
+    pub(super) fn second_moment(&self, first: &Found) -> Option<Found> {
+        let is = |(layer, _): &&Group| first_moment_of(layer).is_some_and(|mean| mean == first.name);
+        found(first.kind, self.groups.iter().find(is)?).filter(|second| second.channels.len() == first.channels.len())
     }
 
     /// True if the layer holds X, Y and Z rather than R, G and B.
     pub(super) fn is_xyz(&self, layer: &Found) -> bool {
         self.named(&layer.name).is_some_and(|(_, channels)| channels.iter().any(|(letter, _)| letter == "x"))
     }
+}
+
+/// The name of the mean to a layer of second moments: `a.nested` for `m2_a.nested` or `a.m2_nested`.
+fn first_moment_of(layer: &str) -> Option<String> {
+    let within = layer.rsplit_once(".m2_").map(|(path, name)| format!("{path}.{name}"));
+    layer.strip_prefix("m2_").map(str::to_owned).or(within)
+}
+
+/// Returns true for the names of features, of which a file may hold second moments, too.
+fn is_feature(layer: &str) -> bool {
+    let name = layer.rsplit_once('.').map_or(layer, |(_, name)| name).to_lowercase();
+    let kinds = KNOWN_LAYERS.iter().filter(|(kind, _)| [Normal, Albedo, Position, Depth, Emission].contains(kind));
+    kinds.flat_map(|(_, names)| *names).any(|known| *known == name)
 }
 
 /// The layer of a channel without a dot: `N` for `Nx`, if `Ny` and `Nz` exist.
@@ -253,7 +274,7 @@ mod tests {
 
     #[test]
     fn layers_are_found_by_their_known_names_best_first() {
-        let cases: [(&[&str], LayerKind, Option<&str>); 14] = [
+        let cases: [(&[&str], LayerKind, Option<&str>); 17] = [
             (&["B", "G", "R"], Color, Some(":2,1,0")),
             (&["B", "G", "R", "unfiltered.B", "unfiltered.G", "unfiltered.R"], Color, Some("unfiltered:5,4,3")),
             (&["V.Combined.R", "V.Combined.G", "V.Combined.B"], Color, Some("V.Combined:0,1,2")),
@@ -267,6 +288,9 @@ mod tests {
             (&["Z"], Depth, Some("Z:0")),
             (&["A.Depth.Z", "A.Denoising Depth.Z"], Depth, Some("A.Denoising Depth:1")),
             (&["m2_a.X", "m2_a.Y", "m2_a.Z", "a.X", "a.Y", "a.Z"], SecondMoment, Some("m2_a:0,1,2")),
+            (&["i.m2_a.X", "i.m2_a.Y", "i.m2_a.Z", "i.a.X", "i.a.Y", "i.a.Z"], SecondMoment, Some("i.m2_a:0,1,2")),
+            (&["m2_nn.X", "m2_nn.Y", "m2_nn.Z", "nn.X", "nn.Y", "nn.Z"], SecondMoment, None),
+            (&["a.m2_nn.X", "a.m2_nn.Y", "a.m2_nn.Z", "nn.X", "nn.Y", "nn.Z"], Normal, Some("nn:3,4,5")),
             (&["m2_albedo.R", "m2_albedo.G", "m2_albedo.B"], Albedo, None),
         ];
         for (names, kind, expected) in cases {

@@ -1,0 +1,101 @@
+//! The record of a render: rounds, totals, and rejected samples.
+
+use crate::SampleId;
+
+/// The largest number of rejected samples that the film lists. [`Record::rejected`] counts all.
+pub(crate) const REJECTED_LISTED: usize = 1024;
+
+/// The reason why a sample is rejected.
+#[non_exhaustive]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RejectedReason {
+    /// A channel of the radiance was NaN or infinite.
+    NotFinite,
+    /// A channel of the radiance was negative.
+    Negative,
+}
+
+impl RejectedReason {
+    /// The reason why a film rejects this radiance; `None` for a valid one.
+    #[inline]
+    pub fn of(radiance: [f32; 3]) -> Option<Self> {
+        reason_to_reject(radiance)
+    }
+}
+
+/// A sample that was rejected as NaN, infinite or negative. It counts as black, and can be replayed with the point set.
+#[non_exhaustive]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rejected {
+    /// The pixel, stream and index of the rejected sample.
+    pub sample: SampleId,
+    /// The reason for the rejection.
+    pub reason: RejectedReason,
+}
+
+/// The sample count and timings of one round: a batch of samples that are planned together.
+#[non_exhaustive]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoundRecord {
+    /// The number of samples traced in the round.
+    pub samples: u64,
+    /// `true` if the samples stayed in the image, `false` if they were discarded.
+    pub kept: bool,
+    /// The wall seconds that planning the round took.
+    pub plan_seconds: f64,
+    /// The wall seconds that tracing the round took.
+    pub trace_seconds: f64,
+}
+
+/// The budgets, rounds, totals and timings of a render.
+#[non_exhaustive]
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Record {
+    /// The total sample budget in force at each plan. [`Budget::Recorded`](crate::Budget::Recorded) replays it.
+    pub budgets: Vec<u64>,
+    /// The sample counts and timings of the rounds, in order.
+    pub rounds: Vec<RoundRecord>,
+    /// The number of samples traced, discarded ones included.
+    pub samples: u64,
+    /// The number of rays traced: the sum of [`Estimate::cost`](crate::Estimate::cost).
+    pub rays: u64,
+    /// The number of blocks of four random numbers that the integrator requested.
+    pub blocks: u64,
+    /// The number of samples rejected as NaN, infinite or negative.
+    pub rejected: u64,
+    /// The relMSE of the filtered image, as an error limit with [`Render::error_of`](crate::Render::error_of) last
+    /// predicted it.
+    pub filtered_relmse: Option<f64>,
+    /// `true` if a monitor stopped the render before its limits.
+    pub interrupted: bool,
+}
+
+impl Record {
+    /// Wall seconds of planning, summed over rounds.
+    pub fn plan_seconds(&self) -> f64 {
+        self.rounds.iter().map(|r| r.plan_seconds).sum()
+    }
+
+    /// Wall seconds of tracing, summed over rounds.
+    pub fn trace_seconds(&self) -> f64 {
+        self.rounds.iter().map(|r| r.trace_seconds).sum()
+    }
+}
+
+/// The reason why a film rejects this radiance; `None` for a valid one.
+#[inline]
+pub(crate) fn reason_to_reject([r, g, b]: [f32; 3]) -> Option<RejectedReason> {
+    if r >= 0.0 && g >= 0.0 && b >= 0.0 && r < f32::INFINITY && g < f32::INFINITY && b < f32::INFINITY {
+        None
+    } else if r.is_finite() && g.is_finite() && b.is_finite() {
+        Some(RejectedReason::Negative)
+    } else {
+        Some(RejectedReason::NotFinite)
+    }
+}
+
+/// Sorts rejected samples by pixel, stream and index, and keeps the first [`REJECTED_LISTED`].
+pub(crate) fn keep_first(rejected: &mut Vec<Rejected>) {
+    rejected.sort_by_key(|r| (r.sample.pixel[1], r.sample.pixel[0], r.sample.stream, r.sample.index));
+    rejected.truncate(REJECTED_LISTED);
+}
