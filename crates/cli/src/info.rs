@@ -126,6 +126,7 @@ fn material(kind: &MaterialKind) -> &'static str {
         MaterialKind::Mirror { .. } => "mirror",
         MaterialKind::Plastic { .. } => "plastic",
         MaterialKind::Substrate { .. } => "substrate",
+        MaterialKind::Layered { .. } => "layered",
     }
 }
 

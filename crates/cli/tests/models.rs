@@ -23,7 +23,7 @@ fn what_cannot_be_shown_is_refused_with_its_place() {
     let folder = Folder::new();
     for (name, text, said) in [
         ("bad.obj", "v 0 0 0\nf 1 2 3\n", "error: bad.obj:2: a corner has number 3, but there are only 1 vertices\n"),
-        ("m.gltf", "{}", "error: m.gltf: glTF (.gltf) is not supported; export pbrt, OBJ, PLY or STL"),
+        ("m.gltf", "{}", "error: m.gltf:1: missing field `asset`"),
         ("m.stl", "", "error: m.stl: 0 bytes that do not begin with `solid` are no STL file"),
     ] {
         std::fs::write(folder.path(name), text).expect("written");

@@ -16,6 +16,7 @@ use crate::files::Files;
 use crate::model::{UpAxis, studio};
 use crate::readers::{AnyOptions, SceneReader, unreadable};
 use crate::{Notice, ReadError, Scene, Source};
+use ::gltf::json::validation::Checked;
 use ::gltf::{Document, json};
 use buffers::Buffers;
 use std::path::Path;
@@ -172,6 +173,7 @@ fn document(text: &[u8], scene: &mut Scene, source: &Source) -> Result<Document,
     }
     // What a file requires, the notice above has named.
     root.extensions_required.clear();
+    complete(&mut root)?;
     Document::from_json(root).map_err(|e| match e {
         ::gltf::Error::Validation(faults) => match faults.first() {
             Some((path, fault)) => format!("{}: {fault}; export the file again", path.as_str()).into(),
@@ -179,6 +181,21 @@ fn document(text: &[u8], scene: &mut Scene, source: &Source) -> Result<Document,
         },
         other => other.to_string().into(),
     })
+}
+
+/// Adds the bounds of positions that a file leaves out. Validation asks for them, and nothing here reads them.
+fn complete(root: &mut json::Root) -> Result<(), Fault> {
+    let primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    let positions = primitives.filter_map(|p| p.attributes.get(&Checked::Valid(json::mesh::Semantic::Positions)));
+    for index in positions {
+        let accessor = root.accessors.get_mut(index.value());
+        // Validation would panic at an index that is out of range.
+        let accessor = accessor.ok_or_else(|| format!("accessor {index} does not exist; export the file again"))?;
+        for bound in [&mut accessor.min, &mut accessor.max] {
+            bound.get_or_insert_with(|| serde_json::json!([0.0, 0.0, 0.0]));
+        }
+    }
+    Ok(())
 }
 
 /// A name for messages: the kind of thing, its index, and its name in the file.

@@ -6,8 +6,8 @@ use super::textures::{Images, Part, Use};
 use crate::files::Files;
 use crate::image::Image;
 use crate::{
-    Coating, Color, ConductorFresnel, Emission, Material, MaterialId, MaterialKind, Medium, MediumId, MediumInterface,
-    MeshData, Notice, Roughness, Scalar, Scene, Source,
+    ClearCoat, Color, ConductorFresnel, Emission, Material, MaterialId, MaterialKind, Medium, MediumId,
+    MediumInterface, MeshData, Notice, Roughness, Scalar, Scene, Source,
 };
 use ::gltf::Document;
 use ::gltf::material::{AlphaMode, Material as GltfMaterial};
@@ -93,7 +93,15 @@ impl<'a> Materials<'a> {
             self.images.image(scene, index, Part::Color)
         });
         let emission = shines.then_some(Emission { radiance, two_sided: material.double_sided() });
-        let alpha = self.alpha(scene, material);
+        let alpha = match emission {
+            None => self.alpha(scene, material),
+            Some(_) if material.alpha_mode() == AlphaMode::Opaque => None,
+            Some(_) => {
+                let message = format!("{}: shines, so that its opacity is left out", look.name);
+                scene.notices.push(Notice::warning(self.source.clone(), message));
+                None
+            }
+        };
         let media = self.medium(scene, material, &look.name);
         Ok(Surface { material: id, emission, alpha, media, uv_set, glow })
     }
@@ -135,53 +143,46 @@ impl<'a> Materials<'a> {
             let kind = self.specular_glossiness(scene, &old);
             return self.add(scene, look, kind);
         }
+        let opaque = self.opaque(scene, material, look);
+        let opaque = self.add(scene, look, opaque);
+        let Some(transmission) = material.transmission() else { return opaque };
+        let used = transmission.transmission_texture().map(|info| Use::of(&info));
+        let amount = self.images.number(scene, used, Part::Channel(0), share(transmission.transmission_factor()));
+        let glass = glass(look, material.volume().is_some());
+        let glass = self.add(scene, look, glass);
+        self.mix(scene, look, [opaque, glass], amount)
+    }
+
+    /// A surface that transmits no light: diffuse, glossy and metallic parts, and a clear coat.
+    fn opaque(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>, look: &Look) -> MaterialKind {
+        let coat = coat(material);
         let pbr = material.pbr_metallic_roughness();
         let used = pbr.metallic_roughness_texture().map(|info| Use::of(&info));
         let metallic = self.images.number(scene, used, Part::Channel(2), share(pbr.metallic_factor()));
-        let fresnel = ConductorFresnel::Reflectance(look.base);
-        let opaque = self.opaque(scene, material, look);
-        let opaque = self.add(scene, look, opaque);
-        let body = match material.transmission() {
-            Some(transmission) => {
-                let used = transmission.transmission_texture().map(|info| Use::of(&info));
-                let amount =
-                    self.images.number(scene, used, Part::Channel(0), share(transmission.transmission_factor()));
-                let glass = glass(look, material.volume().is_some());
-                let glass = self.add(scene, look, glass);
-                self.mix(scene, look, [opaque, glass], amount)
+        let (normal, grazing) = self.specular(scene, material, look);
+        let roughness = look.roughness;
+        let smooth = roughness.constants().is_some_and(crate::effectively_smooth);
+        match metallic {
+            Scalar::Constant(1.0) if smooth && coat.is_none() => {
+                MaterialKind::Conductor { fresnel: ConductorFresnel::Reflectance(look.base), roughness }
             }
-            None => opaque,
-        };
-        let metal = MaterialKind::Conductor { fresnel: fresnel.clone(), roughness: look.roughness };
-        let metal = self.add(scene, look, metal);
-        let bare = self.mix(scene, look, [body, metal], metallic);
-        let Some((amount, coat)) = self.coat(material) else { return bare };
-        let coated = [
-            MaterialKind::CoatedDiffuse { reflectance: look.base, coat },
-            MaterialKind::CoatedConductor { fresnel, roughness: look.roughness, coat },
-        ];
-        let coated = coated.map(|kind| self.add(scene, look, kind));
-        let coated = self.mix(scene, look, coated, metallic);
-        self.mix(scene, look, [bare, coated], Scalar::Constant(amount))
+            Scalar::Constant(0.0) if (grazing == 0.0 && coat.is_none()) || material.unlit() => {
+                MaterialKind::Diffuse { reflectance: look.base }
+            }
+            _ => MaterialKind::Layered { base: look.base, metallic, normal, grazing, roughness, coat },
+        }
     }
 
-    /// A diffuse surface under a dielectric one.
-    fn opaque(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>, look: &Look) -> MaterialKind {
+    /// The Fresnel reflectance of a dielectric material along the normal, and at grazing angles.
+    fn specular(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>, look: &Look) -> ([f32; 3], f32) {
         let ratio = (look.ior - 1.0) / (look.ior + 1.0);
-        let (mut strength, mut tint, mut textured) = (1.0, [1.0; 3], false);
-        if let Some(specular) = material.specular() {
-            (strength, tint) = (share(specular.specular_factor()), specular.specular_color_factor());
-            textured = specular.specular_texture().is_some() || specular.specular_color_texture().is_some();
-        }
-        if textured {
+        let Some(specular) = material.specular() else { return ([ratio * ratio; 3], 1.0) };
+        if specular.specular_texture().is_some() || specular.specular_color_texture().is_some() {
             let message = format!("{}: the textures of its specular reflection are left out", look.name);
             scene.notices.push(Notice::warning(self.source.clone(), message));
         }
-        let specular = tint.map(|c| share(ratio * ratio * c) * strength);
-        if specular == [0.0; 3] || material.unlit() {
-            return MaterialKind::Diffuse { reflectance: look.base };
-        }
-        MaterialKind::Substrate { diffuse: look.base, specular: Color::Constant(specular), roughness: look.roughness }
+        let strength = share(specular.specular_factor());
+        (specular.specular_color_factor().map(|c| share(ratio * ratio * c) * strength), strength)
     }
 
     fn specular_glossiness(
@@ -200,16 +201,8 @@ impl<'a> Materials<'a> {
                 Some(id) => Scalar::Texture(id),
                 None => Scalar::Constant((1.0 - gloss) * (1.0 - gloss)),
             };
-        MaterialKind::Substrate { diffuse, specular, roughness: Roughness { u: alpha, v: alpha, remap: false } }
-    }
-
-    /// The clear coat of a material, and its strength.
-    fn coat(&self, material: &GltfMaterial<'_>) -> Option<(f32, Coating)> {
-        let coat = material.extension_value("KHR_materials_clearcoat")?;
-        let number = |key: &str| share(coat.get(key).and_then(serde_json::Value::as_f64).unwrap_or(0.0) as f32);
-        let (amount, rough) = (number("clearcoatFactor"), number("clearcoatRoughnessFactor"));
-        let roughness = Roughness::constant(rough * rough, rough * rough, false);
-        (amount > 0.0).then(|| (amount, Coating { roughness, ..Coating::default() }))
+        let roughness = Roughness { u: alpha, v: alpha, remap: false };
+        MaterialKind::Substrate { diffuse, specular, roughness }
     }
 
     /// Adds a mix of two materials; only one of them if the amount is 0 or 1.
@@ -287,6 +280,14 @@ impl<'a> Materials<'a> {
         };
         groups.into_values().map(part).collect()
     }
+}
+
+/// The clear coat of a material.
+fn coat(material: &GltfMaterial<'_>) -> Option<ClearCoat> {
+    let coat = material.extension_value("KHR_materials_clearcoat")?;
+    let number = |key: &str| share(coat.get(key).and_then(serde_json::Value::as_f64).unwrap_or(0.0) as f32);
+    let (amount, rough) = (number("clearcoatFactor"), number("clearcoatRoughnessFactor"));
+    (amount > 0.0).then_some(ClearCoat { amount, alpha: rough * rough })
 }
 
 /// Glass: a solid body, or a pane if the file states no volume and the glass is clear and smooth.

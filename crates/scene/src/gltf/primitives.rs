@@ -251,9 +251,8 @@ fn triangles(mode: Mode, indices: impl Iterator<Item = u32>) -> Vec<[u32; 3]> {
         Mode::TriangleStrip => {
             windows().map(|(k, w)| if k % 2 == 0 { [w[0], w[1], w[2]] } else { [w[1], w[0], w[2]] }).collect()
         }
-        Mode::TriangleFan => {
-            windows().map(|(_, w)| [indices[0], w[1], w[2]]).filter(|t| t[0] != t[1] || t[1] != t[2]).skip(0).collect()
-        }
+        // The first window is the fan's first triangle.
+        Mode::TriangleFan => windows().map(|(_, w)| [indices[0], w[1], w[2]]).collect(),
         _ => indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
     }
 }
