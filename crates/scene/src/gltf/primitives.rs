@@ -132,7 +132,7 @@ impl<'a> Shapes<'a> {
                 continue;
             }
             if let Some(count) = data.mend_normals() {
-                let message = format!("{name}: {count} normals are not finite; its faces' normals instead");
+                let message = format!("{name}: {count} normals are not finite; the faces' own stand for them");
                 self.scene.notices.push(Notice::warning(self.source.clone(), message));
             }
             data.check().map_err(|e| format!("{name}: {e}"))?;
