@@ -3,6 +3,7 @@
 mod checkpoints;
 mod identity;
 mod shards;
+mod time;
 
 pub use checkpoints::{CheckpointOptions, Checkpoints};
 pub use identity::pixel_filter;
@@ -13,7 +14,7 @@ use crate::load::{LoadOptions, LoadedScene, PreparedScene, frame, limits, settin
 use crate::memory::MemoryEstimate;
 use crate::output::OutputFiles;
 use crate::registry::{self, MadeFilter, MadeSampler, MethodInputs};
-use crate::{ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
+use crate::{BudgetSpec, ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
 use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
@@ -307,7 +308,7 @@ impl Job {
         if let Some(snapshot) = &snapshot {
             monitor.resumed(snapshot.film().record().samples as f64 / self.frame.pixels() as f64);
         }
-        let mut watched = Watched::new(monitor, checkpoints, identity);
+        let mut watched = Watched::new(monitor, checkpoints, identity, self.limits.min_spp);
         let mut integrator = make_integrator(&self.spec.integrator, &self.prepared.world)?;
         let filtered = self.is_error_of_filtered();
         let mut sharded;
@@ -424,6 +425,10 @@ impl Job {
             filter: seconds,
             write: 0.0,
         };
+        if let BudgetSpec::Seconds(limit) = self.spec.budget {
+            let first = (film.record(), self.limits.min_spp);
+            warnings.extend(time::exceeded(limit, seconds.render(), seconds.filter, first));
+        }
         RenderedImage { film, filtered, filter, seconds, probe_rays: probes.rays, warnings }
     }
 

@@ -16,6 +16,8 @@ pub const SPEC_VERSION: u32 = 1;
 pub const DEFAULT_SPP: f64 = 64.0;
 /// The largest number of samples per pixel if the budget is [`BudgetSpec::Error`] and `max_spp` is not set.
 pub const ERROR_SPP: u32 = 16384;
+/// The longest time limit of a render in seconds: a year.
+pub const MOST_SECONDS: f64 = 31_557_600.0;
 /// The name of the default integrator.
 pub const DEFAULT_INTEGRATOR: &str = "path";
 
@@ -105,7 +107,8 @@ pub enum BudgetSpec {
     /// The render ends when the predicted relMSE of the image is at most this value; [`RenderSpec::error_of`] selects
     /// the filtered or the unfiltered image.
     Error(f64),
-    /// The render takes about this many seconds for clustering, planning and tracing together.
+    /// The render takes about this many seconds for clustering, planning, tracing and filtering together, at most
+    /// [`MOST_SECONDS`]. Each pixel gets its least number of samples, however long that takes.
     Seconds(f64),
 }
 
@@ -388,6 +391,9 @@ impl RenderSpec {
         match self.budget {
             BudgetSpec::Spp(x) | BudgetSpec::Error(x) | BudgetSpec::Seconds(x) if !(x.is_finite() && x > 0.0) => {
                 return wrong(field, format!("{x} is not a finite number above zero"));
+            }
+            BudgetSpec::Seconds(x) if x > MOST_SECONDS => {
+                return wrong(field, format!("{x} is above {MOST_SECONDS} (a year); give spp for a render without end"));
             }
             BudgetSpec::Samples(0) => return wrong(field, "0 samples make no image; give at least 1".into()),
             BudgetSpec::Spp(spp) if spp < f64::from(min) => {

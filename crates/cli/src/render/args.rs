@@ -4,7 +4,7 @@ use crate::{Failure, Result, failure};
 use clap::{Args, ValueEnum};
 use dapple_core::Shard;
 use dapple_job::registry;
-use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, DEFAULT_SPP, ErrorOf, PixelFilterSpec, RenderSpec};
+use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, DEFAULT_SPP, ErrorOf, MOST_SECONDS, PixelFilterSpec, RenderSpec};
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::Format;
 use dapple_scene::{Effect, bundled};
@@ -75,8 +75,11 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "IMAGE", default_value = "filtered", requires = "error", help_heading = "Bounds")]
     pub(crate) error_of: ErrorImage,
 
-    /// Render for about this many seconds; reading the scene, filtering and writing take extra time
-    #[arg(long, value_name = "SECONDS", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
+    /// Render for about this many seconds, filter included; reading the scene and writing files take extra time
+    ///
+    /// If one sample per pixel takes longer, a warning says so as soon as the first rows show it. The image has at least
+    /// that sample.
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) time: Option<f64>,
 
@@ -329,6 +332,13 @@ fn above_zero(word: &str) -> std::result::Result<f64, String> {
     match word.parse::<f64>() {
         Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
         _ => Err("a finite number above zero is required".into()),
+    }
+}
+
+fn seconds(word: &str) -> std::result::Result<f64, String> {
+    match above_zero(word)? {
+        x if x <= MOST_SECONDS => Ok(x),
+        _ => Err(format!("at most {MOST_SECONDS} (a year) is allowed")),
     }
 }
 

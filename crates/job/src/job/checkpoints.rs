@@ -2,6 +2,7 @@
 
 use super::JobMonitor;
 use super::identity::compared;
+use super::time::TimeWatch;
 use crate::checkpoint::{Contents, Error, Generation, Identity, Kind, Store};
 use crate::{JobError, Warning};
 use dapple_core::{Control, Film, Monitor, Snapshot, Status};
@@ -97,15 +98,24 @@ impl Checkpoints {
     }
 }
 
-/// A [`Monitor`] that passes calls to a job's monitor and writes checkpoints between slices (parts of a render).
+/// A [`Monitor`] that passes calls to a job's monitor. Between slices (parts of a render) it writes checkpoints, and warns
+/// about a time limit that cannot be met.
 pub(super) struct Watched<'m> {
     monitor: &'m mut dyn JobMonitor,
     writer: Option<Writer>,
+    time: TimeWatch,
+    min_spp: u32,
 }
 
 impl<'m> Watched<'m> {
-    pub(super) fn new(monitor: &'m mut dyn JobMonitor, checkpoints: Option<Checkpoints>, identity: Identity) -> Self {
-        Self { monitor, writer: checkpoints.map(|checkpoints| Writer::new(checkpoints, identity)) }
+    pub(super) fn new(
+        monitor: &'m mut dyn JobMonitor,
+        checkpoints: Option<Checkpoints>,
+        identity: Identity,
+        min_spp: u32,
+    ) -> Self {
+        let writer = checkpoints.map(|checkpoints| Writer::new(checkpoints, identity));
+        Self { monitor, writer, time: TimeWatch::default(), min_spp }
     }
 
     fn save_last(&mut self, status: &Status<'_>) {
@@ -126,6 +136,9 @@ impl<'m> Watched<'m> {
 
 impl Monitor for Watched<'_> {
     fn slice(&mut self, status: &Status<'_>) -> Control {
+        if let Some(warning) = self.time.look(status, self.min_spp) {
+            self.monitor.warn(warning);
+        }
         if self.monitor.slice(status) == Control::Stop {
             self.save_last(status);
             return Control::Stop;
