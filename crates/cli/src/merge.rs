@@ -37,8 +37,8 @@ pub(crate) struct MergeArgs {
     #[arg(long)]
     json: bool,
 
-    /// Show no summary; warnings are still printed
-    #[arg(short, long, conflicts_with = "json")]
+    /// Show no summary; warnings are still printed, and the line of --json
+    #[arg(short, long)]
     quiet: bool,
 }
 
@@ -61,6 +61,7 @@ pub(crate) fn run(args: &MergeArgs) -> Result<Outcome> {
         exposure: args.exposure,
         json: args.json,
         quiet: args.quiet,
+        progress_every: None,
     };
     render::merge(shards, &spec, &show, args.threads)
 }

@@ -21,15 +21,14 @@ fn a_time_limit_that_cannot_be_met_is_named_with_its_excess() {
     assert_eq!(folder.run("render cornell --resolution 80x60 --spp 1 --json -o a.pfm").err, "");
 }
 
-/// The filter of this image takes a large part of the limit, which tracing leaves to it.
+/// The filter of this image takes some 0.4 of the limit. Without room for it, tracing would take the whole limit.
 #[test]
 fn a_time_limit_includes_the_filter() {
     let folder = Folder::new();
-    let json = folder.json("cornell --resolution 320x240 --time 4 -o a.pfm");
-    let [filter, all] = [&json["seconds"]["filter"], &json["render_s"]].map(|s| s.as_f64().expect("seconds"));
+    let json = folder.json("cornell --resolution 640x480 --time 3 -o a.pfm");
+    let filter = json["seconds"]["filter"].as_f64().expect("seconds");
     let traced = json["seconds"]["trace"].as_f64().expect("seconds");
-    assert!(traced + 0.5 * filter < 4.0, "the filter's {filter} s are reserved: {json}");
-    assert!(all > 1.0, "{json}");
+    assert!(traced + 0.3 * filter < 3.0, "the filter's {filter} s are reserved: {json}");
 }
 
 #[test]

@@ -37,7 +37,7 @@ pub use job::{
 pub use load::{LoadOptions, LoadedScene, PreparedScene, read_scene};
 pub use output::OutputFiles;
 pub use spec::{
-    BudgetSpec, CropSpec, DEFAULT_INTEGRATOR, DEFAULT_SPP, ERROR_SPP, ErrorOf, MOST_SECONDS, PixelFilterSpec, RenderSpec,
-    SPEC_VERSION, SpecError, parse_shard,
+    BudgetSpec, CropSpec, DEFAULT_INTEGRATOR, DEFAULT_SPP, ERROR_SPP, ErrorOf, MOST_SECONDS, PixelFilterSpec,
+    RenderSpec, SPEC_VERSION, SpecError, parse_shard,
 };
 pub use warning::{Warning, can_be_replayed, found_by_chance};

@@ -10,7 +10,7 @@ use dapple_scene::files::{Disk, Files};
 use dapple_scene::pbrt::ReadOptions;
 use dapple_scene::{AnyOptions, Effect, Effects, PixelFilter, Scene, read_any_from};
 use std::cell::RefCell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -57,6 +57,7 @@ pub struct LoadedScene {
     warnings: Vec<Warning>,
     expected: MemoryEstimate,
     load_seconds: f64,
+    files: Vec<PathBuf>,
 }
 
 /// A scene with the world built from it, ready for tracing. Clones are cheap and share the world.
@@ -83,8 +84,9 @@ impl LoadedScene {
     pub fn read(spec: &RenderSpec, options: &LoadOptions) -> Result<Self, JobError> {
         spec.check()?;
         let clock = Instant::now();
-        let (scene, digest) = read_scene(&spec.scene, spec.allow_unsupported, options)?;
+        let (scene, digest, files) = read_with_files(&spec.scene, spec.allow_unsupported, options)?;
         let mut loaded = Self::from_scene(spec, scene)?;
+        loaded.files = files;
         loaded.digest = digest;
         loaded.load_seconds = clock.elapsed().as_secs_f64();
         Ok(loaded)
@@ -130,12 +132,18 @@ impl LoadedScene {
             warnings,
             expected,
             load_seconds: 0.0,
+            files: Vec::new(),
         })
     }
 
     /// The scene, changed as the description requires: depth limit, pixel filter and left-out effects.
     pub fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    /// The files that were read for the scene, each once: scene, meshes, textures. Empty for a bundled scene.
+    pub fn files(&self) -> &[PathBuf] {
+        &self.files
     }
 
     /// The image's resolution, and the window of it that is rendered.
@@ -264,6 +272,15 @@ pub fn read_scene(
     allow_unsupported: bool,
     options: &LoadOptions,
 ) -> Result<(Scene, Option<ContentHash>), JobError> {
+    read_with_files(name, allow_unsupported, options).map(|(scene, digest, _)| (scene, digest))
+}
+
+/// Reads a scene as [`read_scene`] does; also returns the files that were read.
+fn read_with_files(
+    name: &str,
+    allow_unsupported: bool,
+    options: &LoadOptions,
+) -> Result<(Scene, Option<ContentHash>, Vec<PathBuf>), JobError> {
     let path = Path::new(name);
     if let Some(bundle) = bundle(name) {
         let mut digest = ContentHash::new();
@@ -271,13 +288,14 @@ pub fn read_scene(
             digest.text(name);
             digest.add(bytes);
         }
-        return Ok((bundle.read()?, options.digest.then_some(digest)));
+        return Ok((bundle.read()?, options.digest.then_some(digest), Vec::new()));
     }
     if !path.exists() {
         return Err(JobError::NoScene { name: name.to_owned() });
     }
     let read_options = ReadOptions::default().with_allow_unsupported(allow_unsupported);
-    let files = Recorder { limit: options.limit, read: options.digest.then(RefCell::default) };
+    let files =
+        Recorder { limit: options.limit, read: options.digest.then(RefCell::default), seen: RefCell::default() };
     let scene = read_any_from(&files, path, &AnyOptions::default().with_scene(read_options))?;
     let digest = files.read.map(|read| {
         let mut digest = ContentHash::new();
@@ -289,12 +307,13 @@ pub fn read_scene(
         }
         digest
     });
-    Ok((scene, digest))
+    Ok((scene, digest, files.seen.into_inner().into_iter().collect()))
 }
 
-/// A file reader that limits the size of each file and hashes its bytes.
+/// A file reader that limits the size of each file, lists the files, and hashes their bytes.
 struct Recorder {
     limit: MemoryLimit,
+    seen: RefCell<BTreeSet<PathBuf>>,
     read: Option<RefCell<BTreeMap<PathBuf, String>>>,
 }
 
@@ -309,6 +328,7 @@ impl Files for Recorder {
             }
         }
         let bytes = Disk.read(path)?;
+        self.seen.borrow_mut().insert(path.to_owned());
         if let Some(read) = &self.read {
             read.borrow_mut().insert(path.to_owned(), ContentHash::of(&bytes).hex());
         }

@@ -3,11 +3,13 @@
 //!
 //! [`OutputFiles`] writes the files; [`image`](dapple_scene::image) encodes them.
 
+mod file_identity;
 mod files;
 mod header;
 mod layers;
 mod maps;
 
+pub use file_identity::FileIdentity;
 pub use files::OutputFiles;
 
 pub use layers::layers;

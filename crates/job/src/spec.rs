@@ -393,7 +393,10 @@ impl RenderSpec {
                 return wrong(field, format!("{x} is not a finite number above zero"));
             }
             BudgetSpec::Seconds(x) if x > MOST_SECONDS => {
-                return wrong(field, format!("{x} is above {MOST_SECONDS} (a year); give spp for a render without end"));
+                return wrong(
+                    field,
+                    format!("{x} is above {MOST_SECONDS} (a year); give spp for a render without end"),
+                );
             }
             BudgetSpec::Samples(0) => return wrong(field, "0 samples make no image; give at least 1".into()),
             BudgetSpec::Spp(spp) if spp < f64::from(min) => {

@@ -145,7 +145,7 @@ impl fmt::Display for Warning {
                 )
             }
             Self::TimeTooShort { limit, min_spp, needed } => {
-                let (samples, needed) = (least(*min_spp), rounded(*needed));
+                let (samples, needed, limit) = (least(*min_spp), rounded(*needed), rounded(*limit));
                 write!(
                     f,
                     "{samples} per pixel will take about {needed} s, and the time limit is {limit} s; rendering goes on until \
@@ -153,7 +153,7 @@ impl fmt::Display for Warning {
                 )
             }
             Self::TimeExceeded { limit, taken, first, filter } => {
-                let (over, taken, filter) = (rounded(taken - limit), rounded(*taken), rounded(*filter));
+                let [over, taken, filter, limit] = [taken - limit, *taken, *filter, *limit].map(rounded);
                 write!(f, "the render took {taken} s, {over} s more than the time limit of {limit} s: ")?;
                 match first {
                     Some((seconds, spp)) => {
@@ -177,14 +177,15 @@ fn least(samples: u32) -> String {
     if samples <= 1 { "one sample".into() } else { format!("{samples} samples") }
 }
 
-/// Seconds with two significant digits, or whole.
+/// Seconds rounded to two digits, or to whole seconds.
 fn rounded(seconds: f64) -> String {
-    match seconds {
-        s if s < 0.1 => format!("{s:.3}"),
-        s if s < 1.0 => format!("{s:.2}"),
-        s if s < 10.0 => format!("{s:.1}"),
-        s => format!("{s:.0}"),
-    }
+    let step = match seconds {
+        s if s < 0.1 => 1000.0,
+        s if s < 1.0 => 100.0,
+        s if s < 10.0 => 10.0,
+        _ => 1.0,
+    };
+    ((seconds * step).round() / step).to_string()
 }
 
 /// Describes in a sentence how a light that is found by chance only shows in the image: as specks.

@@ -1,10 +1,13 @@
 //! The arguments of `dapple render`.
 
+use super::live::{Address, LiveOptions};
 use crate::{Failure, Result, failure};
 use clap::{Args, ValueEnum};
 use dapple_core::Shard;
 use dapple_job::registry;
-use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, DEFAULT_SPP, ErrorOf, MOST_SECONDS, PixelFilterSpec, RenderSpec};
+use dapple_job::{
+    BudgetSpec, CheckpointOptions, CropSpec, DEFAULT_SPP, ErrorOf, MOST_SECONDS, PixelFilterSpec, RenderSpec,
+};
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::Format;
 use dapple_scene::{Effect, bundled};
@@ -134,6 +137,29 @@ pub(crate) struct RenderArgs {
     #[arg(long, help_heading = "Image")]
     pub(crate) features: bool,
 
+    /// Rewrite this PNG file with the image so far, every few seconds; the last one is the final image
+    ///
+    /// Samples are shown unfiltered until the end. The file is always complete: each image is written under a temporary
+    /// name, then renamed.
+    #[arg(long, value_name = "FILE.png", value_parser = preview, help_heading = "While it renders")]
+    pub(crate) preview: Option<PathBuf>,
+
+    /// Show the image so far in a viewer, with layers of samples per pixel (count) and predicted squared error (error)
+    ///
+    /// tev (https://github.com/Tom94/tev) must be running; without HOST and PORT it listens at 127.0.0.1:14158.
+    #[arg(long, value_name = "tev[:HOST[:PORT]]", help_heading = "While it renders")]
+    pub(crate) view: Option<Address>,
+
+    /// Seconds between two images of --preview and --view [default: 2]
+    #[arg(long, value_name = "SECONDS", value_parser = above_zero, help_heading = "While it renders")]
+    #[arg(allow_negative_numbers = true)]
+    pub(crate) preview_every: Option<f64>,
+
+    /// Print progress as plain lines at this interval [default: a bar on a terminal, elsewhere a line every 10 s]
+    #[arg(long, value_name = "SECONDS", value_parser = above_zero, help_heading = "While it renders")]
+    #[arg(allow_negative_numbers = true)]
+    pub(crate) progress_every: Option<f64>,
+
     /// Write checkpoints to this file, at intervals and at the end, for --resume FILE
     ///
     /// Each checkpoint is written to a temporary file, then renamed, so that a crash never destroys it. The previous
@@ -161,7 +187,7 @@ pub(crate) struct RenderArgs {
     /// Needs --spp and a sampler that plans without looking at samples (uniform, cluster-thesis), so that every machine
     /// makes the same plan.
     #[arg(long, value_name = "I/N", value_parser = dapple_job::parse_shard, help_heading = "Interruption")]
-    #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error"])]
+    #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view"])]
     pub(crate) shard: Option<Shard>,
 
     /// Read the description of the render from this JSON file; it replaces SCENE and the options of Method, Budget,
@@ -192,8 +218,8 @@ pub(crate) struct RenderArgs {
     #[arg(long)]
     pub(crate) json: bool,
 
-    /// Show no progress and no summary; warnings are still printed
-    #[arg(short, long, conflicts_with = "json")]
+    /// Show no progress and no summary; warnings are still printed, and the line of --json
+    #[arg(short, long)]
     pub(crate) quiet: bool,
 }
 
@@ -288,6 +314,16 @@ impl RenderArgs {
         spec
     }
 
+    /// The options of the live image.
+    pub(crate) fn live(&self) -> LiveOptions<'_> {
+        LiveOptions {
+            preview: self.preview.as_deref(),
+            view: self.view.as_ref(),
+            every: self.preview_every,
+            exposure: self.exposure,
+        }
+    }
+
     /// The options for the checkpoint files to write and to resume from.
     pub(crate) fn checkpoints(&self) -> CheckpointOptions {
         let mut options = CheckpointOptions::default();
@@ -301,6 +337,9 @@ impl RenderArgs {
     fn check(&self, spec: &RenderSpec) -> std::result::Result<(), String> {
         if self.checkpoint_every.is_some() && self.checkpoint.is_none() && self.resume.is_none() {
             return Err("--checkpoint-every needs --checkpoint FILE or --resume FILE".into());
+        }
+        if self.preview_every.is_some() && self.preview.is_none() && self.view.is_none() {
+            return Err("--preview-every needs --preview FILE.png or --view tev".into());
         }
         let shards = self.outputs.iter().filter(|path| is_shard(path)).count();
         if spec.shard.is_some() && (self.outputs.len() > 1 || shards < self.outputs.len()) {
@@ -371,6 +410,13 @@ pub(crate) fn output(word: &str) -> std::result::Result<PathBuf, String> {
         Format::from_path(&path).map_err(|e| e.to_string())?;
     }
     Ok(path)
+}
+
+fn preview(word: &str) -> std::result::Result<PathBuf, String> {
+    match Format::from_path(Path::new(word)) {
+        Ok(Format::Png) => Ok(word.into()),
+        _ => Err("a file name that ends in .png is required".into()),
+    }
 }
 
 fn is_shard(path: &Path) -> bool {

@@ -112,6 +112,11 @@ impl OutputFiles {
         Self { features: true, ..self }
     }
 
+    /// The paths of the files, in the order in which they are written.
+    pub fn paths(&self) -> impl Iterator<Item = &Path> {
+        self.files.iter().map(|(_, path)| path.as_path())
+    }
+
     /// Creates the folder of the maps, and checks that every file can be written.
     ///
     /// # Errors
