@@ -56,6 +56,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     warn_all(loaded.warnings(), args.spp.is_some());
     let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(Outcome::Interrupted) };
     let expected = job.memory(keeps).map_err(|e| failure::of_job(&e))?;
+    let expected = if args.live().is_on() { expected.with_live_image(job.frame()) } else { expected };
     expected.check(limit).map_err(|e| failure::of_job(&e))?;
     progress.begin(&job);
     let traced = job.run(checkpoints, &mut progress).map_err(|e| failure::of_job(&e))?;

@@ -30,6 +30,13 @@ pub(crate) struct LiveOptions<'a> {
     pub(crate) exposure: f32,
 }
 
+impl LiveOptions<'_> {
+    /// Returns `true` if a live image is shown anywhere.
+    pub(super) fn is_on(&self) -> bool {
+        self.preview.is_some() || self.view.is_some()
+    }
+}
+
 /// The planes of one image.
 pub(super) struct LiveImage {
     size: [u32; 2],
@@ -60,7 +67,7 @@ struct Places {
 impl Live {
     /// Connects to the viewer, if one is asked for.
     pub(super) fn open(options: &LiveOptions<'_>) -> Result<Self> {
-        if options.preview.is_none() && options.view.is_none() {
+        if !options.is_on() {
             return Ok(Self::default());
         }
         let viewer = options.view.map(Viewer::connect).transpose().map_err(Failure::new)?;
