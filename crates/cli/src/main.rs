@@ -6,9 +6,11 @@ mod compare;
 mod denoise;
 mod effects;
 mod failure;
+mod hints;
 mod info;
 mod lists;
 mod machine;
+mod manual;
 mod merge;
 mod output;
 mod render;
@@ -87,18 +89,21 @@ enum Command {
     /// Make one run of a study in a process of its own: reads a request as JSON, prints the run as JSON
     #[command(hide = true)]
     StudyRun,
-    /// List the samplers, which decide how many samples each pixel gets
-    Samplers,
-    /// List the point sets, which decide where samples lie
-    Points,
-    /// List the integrators, which compute the radiance of a sample
-    Integrators,
-    /// List the filters (denoisers), which make the image from the samples
-    Filters,
+    /// List the samplers, which decide how many samples each pixel gets, or describe one
+    Samplers(lists::ListArgs),
+    /// List the point sets, which decide where samples lie, or describe one
+    Points(lists::ListArgs),
+    /// List the integrators, which compute the radiance of a sample, or describe one
+    Integrators(lists::ListArgs),
+    /// List the filters (denoisers), which make the image from the samples, or describe one
+    Filters(lists::ListArgs),
+    Completions(manual::CompletionsArgs),
+    Man(manual::ManArgs),
 }
 
 fn main() -> ExitCode {
-    let outcome = match Arguments::parse().command {
+    let arguments = Arguments::try_parse().unwrap_or_else(|error| hints::add_to(error).exit());
+    let outcome = match arguments.command {
         Command::Render(args) => render::run(&args),
         Command::Merge(args) => merge::run(&args),
         Command::Compare(args) => compare::run(&args),
@@ -107,10 +112,12 @@ fn main() -> ExitCode {
         Command::Effects(args) => effects::run(&args),
         Command::Study(args) => study::run(&args),
         Command::StudyRun => study::run_one(),
-        Command::Samplers => lists::samplers(),
-        Command::Points => lists::points(),
-        Command::Integrators => lists::integrators(),
-        Command::Filters => lists::filters(),
+        Command::Samplers(args) => lists::samplers(&args),
+        Command::Points(args) => lists::points(&args),
+        Command::Integrators(args) => lists::integrators(&args),
+        Command::Filters(args) => lists::filters(&args),
+        Command::Completions(args) => manual::completions(&args),
+        Command::Man(args) => manual::man(&args),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -17,7 +17,7 @@ pub(crate) struct MergeArgs {
     shards: Vec<PathBuf>,
 
     /// Image file to write: .exr, .pfm or .png; may be repeated [default: as for dapple render]
-    #[arg(short, long = "output", value_name = "OUT", value_parser = render::args::output)]
+    #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", value_parser = render::values::output)]
     outputs: Vec<PathBuf>,
 
     /// Path of the scene, if it has moved
@@ -29,7 +29,8 @@ pub(crate) struct MergeArgs {
     exposure: f32,
 
     /// Number of threads; 0 is one per core
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
+    #[arg(short = 't', long, visible_alias = "nthreads", value_name = "N", default_value_t = 0)]
+    #[arg(value_parser = clap::value_parser!(u16).range(..=1024))]
     threads: u16,
 
     /// Print one line of JSON instead of the summary; values are totals over all machines, except "cpu", the CPU
@@ -58,6 +59,8 @@ pub(crate) fn run(args: &MergeArgs) -> Result<Outcome> {
         outputs: &args.outputs,
         maps: None,
         features: false,
+        half: false,
+        layers: None,
         exposure: args.exposure,
         json: args.json,
         quiet: args.quiet,

@@ -6,6 +6,7 @@ pub(crate) mod live;
 mod progress;
 mod report;
 mod roles;
+pub(crate) mod values;
 
 pub(crate) use args::RenderArgs;
 
@@ -23,6 +24,7 @@ use live::Live;
 use progress::Progress;
 use report::Report;
 use std::path::{Path, PathBuf};
+use values::EachLayer;
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     let spec = args.spec()?;
@@ -38,6 +40,8 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
         outputs: &args.outputs,
         maps: args.maps.as_deref(),
         features: args.features,
+        half: args.half,
+        layers: args.layers.as_deref(),
         exposure: args.exposure,
         json: args.json,
         quiet: args.quiet,
@@ -123,6 +127,10 @@ pub(crate) struct Show<'a> {
     pub(crate) outputs: &'a [PathBuf],
     pub(crate) maps: Option<&'a Path>,
     pub(crate) features: bool,
+    /// True stores colours in EXR files as 16-bit floats.
+    pub(crate) half: bool,
+    /// The layers of EXR files; `None` for all.
+    pub(crate) layers: Option<&'a [EachLayer]>,
     pub(crate) exposure: f32,
     pub(crate) json: bool,
     pub(crate) quiet: bool,
@@ -145,6 +153,11 @@ impl Show<'_> {
         };
         let files = self.maps.map_or(files.clone(), |folder| files.with_maps(folder)).with_exposure(self.exposure);
         let files = if self.features { files.with_features() } else { files };
+        let files = if self.half { files.with_half() } else { files };
+        let files = match self.layers {
+            Some(layers) => files.with_layers(layers.iter().filter_map(|layer| layer.0)),
+            None => files,
+        };
         files.prepare().map_err(|e| failure::of_job(&e))?;
         Ok(files)
     }

@@ -354,7 +354,9 @@ fn called_for(asked: &[Effect], scene: &Scene) -> Result<Vec<Effect>, JobError> 
 
 pub(crate) fn frame(spec: &RenderSpec, scene: &Scene) -> Result<Frame, JobError> {
     let full = scene.film.resolution;
-    let [w, h] = spec.resolution.unwrap_or(full);
+    // A side is at least one pixel; beyond 32 bits, it saturates and the frame is refused.
+    let scaled = |side: u32| spec.scale.map_or(side, |scale| (f64::from(side) * scale).round().max(1.0) as u32);
+    let [w, h] = spec.resolution.unwrap_or(full.map(scaled));
     let frame = Frame::new(w, h)?;
     let scaled = |[x0, y0, x1, y1]: [u32; 4]| {
         // At another resolution, the file's window covers the same part of the image, as in pbrt.

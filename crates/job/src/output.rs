@@ -12,5 +12,5 @@ mod maps;
 pub use file_identity::FileIdentity;
 pub use files::OutputFiles;
 
-pub use layers::layers;
+pub use layers::{LAYERS, layers};
 pub use maps::{GrayMap, albedo_map, cluster_ids, cluster_map, depth_map, error_map, normal_map, sample_map};

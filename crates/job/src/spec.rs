@@ -73,6 +73,9 @@ pub struct RenderSpec {
     /// Width and height of the full image in pixels; `None` takes the resolution in the scene.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolution: Option<[u32; 2]>,
+    /// A factor of the width and height in the scene, instead of `resolution`: 0.5 renders a quarter of the pixels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<f64>,
     /// The part of the image to render.
     #[serde(default)]
     pub crop: CropSpec,
@@ -217,6 +220,7 @@ impl RenderSpec {
             min_spp: 1,
             max_spp: None,
             resolution: None,
+            scale: None,
             crop: CropSpec::Scene,
             seed: names::seed(),
             max_depth: None,
@@ -279,6 +283,12 @@ impl RenderSpec {
     #[must_use]
     pub fn resolution(self, width: u32, height: u32) -> Self {
         Self { resolution: Some([width, height]), ..self }
+    }
+
+    /// Sets width and height of the full image to those in the scene times a factor.
+    #[must_use]
+    pub fn scale(self, scale: f64) -> Self {
+        Self { scale: Some(scale), ..self }
     }
 
     /// Sets the part of the image to render.
@@ -422,6 +432,15 @@ impl RenderSpec {
         {
             return wrong("resolution", e.to_string());
         }
+        match self.scale {
+            Some(_) if self.resolution.is_some() => {
+                return wrong("scale", "a resolution is given too; give one of the two".into());
+            }
+            Some(scale) if !(scale.is_finite() && scale > 0.0) => {
+                return wrong("scale", format!("{scale} is not a finite number above zero"));
+            }
+            _ => {}
+        }
         let named = [
             ("sampler", crate::registry::check_sampler(&self.sampler)),
             ("points", crate::registry::check_points(&self.points)),
@@ -461,6 +480,7 @@ impl RenderSpec {
             max_depth: spec.max_depth,
             pixel_filter: spec.pixel_filter,
             resolution: spec.resolution,
+            scale: spec.scale,
             without: spec.without.clone(),
             allow_unsupported: spec.allow_unsupported,
             ..Self::new(spec.scene.clone())

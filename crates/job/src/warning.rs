@@ -96,6 +96,13 @@ pub enum Warning {
         /// The number of clamped values.
         values: u64,
     },
+    /// A layer of an EXR file that was requested, and that this render does not have.
+    NoLayer {
+        /// The path of the EXR file.
+        path: std::path::PathBuf,
+        /// The name of the layer.
+        layer: String,
+    },
     /// A shard (every N-th row of an image) whose file is not written, because its render was stopped.
     ShardStopped(dapple_core::Shard),
 }
@@ -167,6 +174,14 @@ impl fmt::Display for Warning {
                 write!(f, "stopped: the image is not filtered, since {filter} would take too long")
             }
             Self::Clamped { path, values } => write!(f, "{}: {values} values were too large for it", path.display()),
+            Self::NoLayer { path, layer } => {
+                let path = path.display();
+                match layer.as_str() {
+                    "unfiltered" => write!(f, "{path}: no layer \"unfiltered\": the image itself is unfiltered"),
+                    "cluster" => write!(f, "{path}: no layer \"cluster\": neither sampler nor filter makes clusters"),
+                    _ => write!(f, "{path}: no layer \"{layer}\": this render does not record it"),
+                }
+            }
             Self::ShardStopped(shard) => write!(f, "shard {shard} was stopped, and is not written"),
         }
     }
