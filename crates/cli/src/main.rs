@@ -14,6 +14,7 @@ mod manual;
 mod merge;
 mod output;
 mod render;
+mod schemas;
 mod stop;
 mod study;
 
@@ -99,6 +100,7 @@ enum Command {
     Filters(lists::ListArgs),
     Completions(manual::CompletionsArgs),
     Man(manual::ManArgs),
+    Schemas(schemas::SchemasArgs),
 }
 
 fn main() -> ExitCode {
@@ -118,6 +120,7 @@ fn main() -> ExitCode {
         Command::Filters(args) => lists::filters(&args),
         Command::Completions(args) => manual::completions(&args),
         Command::Man(args) => manual::man(&args),
+        Command::Schemas(args) => schemas::run(&args),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
