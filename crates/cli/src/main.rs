@@ -28,6 +28,8 @@ enum Outcome {
     Done,
     /// A signal ended the program early; the samples taken so far are saved.
     Interrupted,
+    /// The render is done, but none of its checkpoints could be written.
+    NoCheckpoint,
 }
 
 /// An error, as lines that are printed to stderr.
@@ -76,7 +78,8 @@ Examples:
   dapple study teapot -o teapot-study              accuracy against time: runs.jsonl, report.html
 
 Results go to stdout, progress and warnings to stderr.
-Exit status: 0 done, 1 failed, 2 wrong arguments, 130 interrupted (the image so far is saved).";
+Exit status: 0 done, 1 failed, 2 wrong arguments, 3 done but no checkpoint could be written, 130 interrupted (the image
+so far is saved).";
 
 #[derive(Subcommand)]
 enum Command {
@@ -104,6 +107,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    machine::turn_file_limits_into_errors();
     let arguments = Arguments::try_parse().unwrap_or_else(|error| hints::add_to(error).exit());
     let outcome = match arguments.command {
         Command::Render(args) => render::run(&args),
@@ -125,6 +129,7 @@ fn main() -> ExitCode {
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Interrupted) => ExitCode::from(130),
+        Ok(Outcome::NoCheckpoint) => ExitCode::from(3),
         Err(Failure(lines)) => {
             lines.iter().for_each(|line| output::say("error", line));
             ExitCode::FAILURE

@@ -67,7 +67,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     match (&shard, &traced.failure) {
         (Some(path), None) => {
             write_shard(path, &job, &traced.film, args.quiet)?;
-            end(traced.film.record().interrupted, None, traced.checkpoint)
+            end(traced.film.record().interrupted, None, (traced.checkpoint, traced.checkpoints_written))
         }
         _ => show.deliver(&job, traced, (Some(&expected), cpu), progress),
     }
@@ -170,7 +170,7 @@ impl Show<'_> {
         (expected, cpu): Before<'_>,
         mut progress: Progress,
     ) -> Result<Outcome> {
-        let Traced { film, failure: panicked, checkpoint } = traced;
+        let Traced { film, failure: panicked, checkpoint, checkpoints_written } = traced;
         progress.phase("filter");
         let mut image = job.finish(film).map_err(|e| failure::of_job(&e))?;
         let cpu = cpu_seconds().zip(cpu).map(|(after, before)| after - before);
@@ -189,7 +189,7 @@ impl Show<'_> {
             drop(progress);
             self.report(&Report { job, image: &image, cpu, expected }, &written)?;
         }
-        end(interrupted, panicked, checkpoint)
+        end(interrupted, panicked, (checkpoint, checkpoints_written))
     }
 
     /// Prints the result: a line of JSON, or a summary and the files written.
@@ -230,12 +230,13 @@ fn write_shard(path: &Path, job: &Job, film: &Film, quiet: bool) -> Result<()> {
 }
 
 /// The outcome of the program, after all files are written. `checkpoint` is the written checkpoint file, or the error
-/// of writing it.
+/// of writing it, and the number of checkpoints written in all.
 fn end(
     interrupted: bool,
     panicked: Option<String>,
-    checkpoint: Option<std::result::Result<PathBuf, JobError>>,
+    (checkpoint, written): (Option<std::result::Result<PathBuf, JobError>>, u64),
 ) -> Result<Outcome> {
+    let has_none = matches!(checkpoint, Some(Err(_))) && written == 0;
     let resume = match checkpoint {
         Some(Err(trouble)) if interrupted => return Err(failure::of_job(&trouble)),
         Some(Err(trouble)) => {
@@ -254,6 +255,7 @@ fn end(
             }
             Ok(Outcome::Interrupted)
         }
+        None if has_none => Ok(Outcome::NoCheckpoint),
         None => Ok(Outcome::Done),
     }
 }

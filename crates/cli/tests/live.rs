@@ -169,7 +169,7 @@ fn plain_lines_name_the_phases_and_the_error() {
     let lines: Vec<&str> = said.err.lines().collect();
     assert!(lines.iter().all(|line| line.starts_with("progress: ")), "{}", said.err);
     let has = |what: &[&str]| lines.iter().any(|line| what.iter().all(|part| line.contains(part)));
-    assert!(has(&["%, round ", " spp, relMSE ", " unfiltered, ", " left"]), "{}", said.err);
+    assert!(has(&["%, round ", " of 3, ", " spp, relMSE ", " unfiltered, ", " left"]), "{}", said.err);
     assert!(has(&["filter, for "]), "{}", said.err);
     // Short renders print none by themselves, and silent ones never do.
     for words in ["", "--quiet --progress-every 0.001", "--json --progress-every 0.001"] {
@@ -202,4 +202,25 @@ fn outputs_replace_neither_inputs_nor_each_other() {
         assert!(said.err.contains(message), "{words}: {}", said.err);
         assert_eq!(folder.read("tiny.pbrt"), scene, "{words}");
     }
+}
+
+/// Files that never end and files that may not grow are errors, not hangs or signals.
+#[cfg(target_os = "linux")]
+#[test]
+fn endless_inputs_and_limited_outputs_are_errors() {
+    let folder = Folder::new();
+    for (words, message) in [
+        ("study --plan /dev/zero", "/dev/zero: cannot read the plan: it is longer than 16.0 MiB"),
+        ("render --spec /dev/zero", "/dev/zero: cannot read the file: it is longer than 1.0 MiB"),
+    ] {
+        let said = folder.run(words);
+        assert_eq!(said.status, Some(1), "{words}: {}", said.err);
+        assert!(said.err.contains(message), "{words}: {}", said.err);
+    }
+    let program = assert_cmd::cargo::cargo_bin!("dapple").display().to_string();
+    let script = format!("ulimit -f 4; exec {program} render tiny.pbrt --spp 1 --resolution 200x200 -o a.pfm -o a.png");
+    let output = std::process::Command::new("sh").args(["-c", &script]).current_dir(folder.path("")).output();
+    let said = common::Said::of(output.expect("a shell"));
+    assert_eq!(said.status, Some(1), "{}", said.err);
+    assert!(said.err.contains("a.pfm: cannot write the file: ") && said.err.contains("(ulimit -f)"), "{}", said.err);
 }

@@ -236,6 +236,22 @@ fn a_full_disk_is_tried_again_x08() {
     assert!(said.err.contains("full/c: cannot "), "{}", said.err);
     folder.done(&format!("{words} -o b.pfm"));
     folder.same("a.pfm", "b.pfm");
+    // If every try fails, the image is written, and the status tells scripts that nothing can be resumed.
+    std::fs::create_dir(folder.path("full/d.part")).unwrap();
+    let said = folder.run(&format!("{words} -o c.pfm --checkpoint full/d --checkpoint-every 0.01"));
+    assert_eq!(said.status, Some(3), "{}", said.err);
+    assert!(said.err.contains("full/d: cannot make a file beside it"), "{}", said.err);
+    folder.same("a.pfm", "c.pfm");
+}
+
+/// One file by two names is one checkpoint.
+#[test]
+fn a_checkpoint_is_known_by_its_file_not_its_name() {
+    let folder = Folder::new();
+    folder.done("render tiny.pbrt --sampler uniform --spp 4 -q -o a.pfm --checkpoint c");
+    folder.done("render tiny.pbrt --sampler uniform --spp 9 -q -o a.pfm --checkpoint ./c --resume c");
+    folder.done("render tiny.pbrt --sampler uniform --spp 9 -q -o b.pfm");
+    folder.same("a.pfm", "b.pfm");
 }
 
 #[test]

@@ -102,6 +102,8 @@ pub struct Traced {
     pub failure: Option<String>,
     /// The checkpoint file to resume from, or the error that kept it from being written; `None` without checkpoints.
     pub checkpoint: Option<Result<PathBuf, JobError>>,
+    /// The number of checkpoints written.
+    pub checkpoints_written: u64,
 }
 
 /// A finished image with the film it was made from.
@@ -258,6 +260,12 @@ impl Job {
         self.sampler.a_priori()
     }
 
+    /// The number of rounds in which the sampler spends the budget; `None` if it is unknown, as for a limit of time or
+    /// error.
+    pub fn rounds(&self) -> Option<u32> {
+        matches!(self.limits.budget, Budget::Samples(_)).then(|| self.sampler.rounds()).flatten()
+    }
+
     /// The scene and the world built from it.
     pub fn prepared(&self) -> &PreparedScene {
         &self.prepared
@@ -328,13 +336,15 @@ impl Job {
             None => render.run(&mut *integrator, sampler),
             Some(snapshot) => render.resume(snapshot, &mut *integrator, sampler),
         };
-        let checkpoint = watched.into_checkpoint();
+        let (checkpoint, checkpoints_written) = watched.into_checkpoint();
         match film {
-            Ok(film) => Ok(Traced { film, failure: None, checkpoint }),
+            Ok(film) => Ok(Traced { film, failure: None, checkpoint, checkpoints_written }),
             Err(error) => {
                 let message = error.to_string();
                 match error {
-                    Error::Panicked { film, .. } => Ok(Traced { film: *film, failure: Some(message), checkpoint }),
+                    Error::Panicked { film, .. } => {
+                        Ok(Traced { film: *film, failure: Some(message), checkpoint, checkpoints_written })
+                    }
                     other => Err(other.into()),
                 }
             }

@@ -24,6 +24,7 @@ pub mod memory;
 pub mod output;
 pub mod registry;
 mod spec;
+mod text_file;
 mod warning;
 
 pub use clusters::{WorldClusters, WorldTriangles};
@@ -40,4 +41,5 @@ pub use spec::{
     BudgetSpec, CropSpec, DEFAULT_INTEGRATOR, DEFAULT_SPP, ERROR_SPP, ErrorOf, MOST_SECONDS, PixelFilterSpec,
     RenderSpec, SPEC_VERSION, SpecError, parse_shard,
 };
+pub use text_file::read_text;
 pub use warning::{Warning, can_be_replayed, found_by_chance};

@@ -8,7 +8,9 @@ use super::values::{
 use crate::{Failure, Result, failure};
 use clap::{Args, ValueEnum};
 use dapple_core::Shard;
-use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, DEFAULT_SPP, ErrorOf, PixelFilterSpec, RenderSpec};
+use dapple_job::{
+    BudgetSpec, CheckpointOptions, CropSpec, DEFAULT_SPP, ErrorOf, PixelFilterSpec, RenderSpec, read_text,
+};
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::Format;
 use dapple_scene::{Effect, bundled};
@@ -241,6 +243,9 @@ pub(crate) struct RenderArgs {
     pub(crate) quiet: bool,
 }
 
+/// The largest size in bytes of a file for `--spec`.
+const LONGEST_SPEC: u64 = 1 << 20;
+
 const AFTER: &str = "\
 Examples:
   dapple render
@@ -296,7 +301,7 @@ impl RenderArgs {
         let spec = match &self.spec {
             Some(path) => {
                 let read = |e| Failure::new(format!("{}: cannot read the file: {e}", path.display()));
-                let json = std::fs::read_to_string(path).map_err(read)?;
+                let json = read_text(path, LONGEST_SPEC).map_err(read)?;
                 RenderSpec::from_json(&json).map_err(|e| Failure::new(format!("{}: {e}", path.display())))?
             }
             None => self.described(),

@@ -22,6 +22,8 @@ pub(super) struct Progress {
     shards: f64,
     /// True for a sampler that decides on counts by samples: its first round is a pilot.
     is_adaptive: bool,
+    /// The number of rounds, if it is known.
+    rounds: Option<u32>,
     goal: Option<f64>,
     predicted: Predicted,
 }
@@ -37,7 +39,7 @@ impl Progress {
     pub(super) fn new(show: &Show<'_>, stop: Stop, live: Live) -> Self {
         let display = Display::new(show);
         let predicted = Predicted { relmse: None, due: Instant::now() };
-        Self { display, live, stop, pixels: 1.0, shards: 1.0, is_adaptive: false, goal: None, predicted }
+        Self { display, live, stop, pixels: 1.0, shards: 1.0, is_adaptive: false, rounds: None, goal: None, predicted }
     }
 
     /// Shows the name of the present phase.
@@ -50,6 +52,7 @@ impl Progress {
         self.pixels = job.frame().pixels() as f64;
         self.shards = f64::from(job.spec().shard.map_or(1, |shard| shard.of()));
         self.is_adaptive = !job.is_a_priori();
+        self.rounds = job.rounds();
         self.goal = match job.limits().budget {
             Budget::Error { relmse, .. } => Some(relmse),
             _ => None,
@@ -69,10 +72,12 @@ impl Progress {
             None => status.samples as f64 * self.shards / status.expected.max(1) as f64,
         };
         let share = share.clamp(0.0, 1.0);
-        let mut message = match (status.round, self.is_adaptive) {
-            (0, true) => "pilot".to_owned(),
-            (round, true) => format!("round {}", round + 1),
-            (_, false) => "tracing".to_owned(),
+        let round = status.round + 1;
+        let mut message = match (round, self.rounds) {
+            (1, _) if self.is_adaptive => "pilot".to_owned(),
+            (_, Some(rounds)) if rounds > 1 => format!("round {round} of {}", rounds.max(round)),
+            (1, _) => "tracing".to_owned(),
+            _ => format!("round {round}"),
         };
         message += &format!(", {:.1} spp", status.samples as f64 / self.pixels);
         self.predicted.update(status);

@@ -163,7 +163,7 @@ impl OutputFiles {
             _ => false,
         };
         let named = |name: &&str| self.layers.is_some() && self.has_layer(name);
-        let features = self.features || ["albedo", "normal", "depth", "coverage"].iter().any(|name| named(&name));
+        let features = self.features || ["albedo", "normal", "depth", "coverage"].iter().any(named);
         if clusters && self.files.iter().any(shown) {
             needs = needs.with_first_hits(1);
         }
