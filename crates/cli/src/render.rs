@@ -57,6 +57,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     let files = show.files(&loaded)?;
     let shard = shard_file(args, &loaded)?;
     roles::check(args, &loaded, &files, shard.as_deref())?;
+    files.prepare().map_err(|e| failure::of_job(&e))?;
     warn_all(loaded.warnings(), args.spp.is_some());
     let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(Outcome::Interrupted) };
     let expected = job.memory(keeps).map_err(|e| failure::of_job(&e))?;
@@ -83,6 +84,7 @@ pub(crate) fn merge(shards: ShardSet, spec: &RenderSpec, show: &Show<'_>, thread
     let loaded = load(spec, &LoadOptions::default().with_limit(limit), limit)?;
     let files = show.files(&loaded)?;
     roles::check_inputs(&loaded, files.paths().map(|path| ("--output", path)))?;
+    files.prepare().map_err(|e| failure::of_job(&e))?;
     warn_all(loaded.warnings(), true);
     let Some((job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(Outcome::Interrupted) };
     let traced = job.merge(shards).map_err(|e| failure::of_job(&e))?;
@@ -142,7 +144,7 @@ pub(crate) struct Show<'a> {
 type Before<'a> = (Option<&'a dapple_job::memory::MemoryEstimate>, Option<f64>);
 
 impl Show<'_> {
-    /// Returns the image files to write, checked to be writable; an empty list for a shard.
+    /// Returns the image files to write; an empty list for a shard.
     fn files(&self, loaded: &LoadedScene) -> Result<OutputFiles> {
         if loaded.spec().shard.is_some() {
             return Ok(OutputFiles::none());
@@ -158,7 +160,6 @@ impl Show<'_> {
             Some(layers) => files.with_layers(layers.iter().filter_map(|layer| layer.0)),
             None => files,
         };
-        files.prepare().map_err(|e| failure::of_job(&e))?;
         Ok(files)
     }
 

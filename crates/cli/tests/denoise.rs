@@ -307,7 +307,7 @@ fn what_cannot_be_denoised_is_refused_with_advice() {
     std::fs::write(folder.path("small.exr"), encode_exr([3, 2], &[small], &[]).unwrap().bytes).unwrap();
     let before = folder.read("in.exr");
     std::fs::write(folder.path("a.png"), b"\x89PNG").unwrap();
-    let cases: [(&str, i32, &[&str]); 14] = [
+    let cases: [(&str, i32, &[&str]); 15] = [
         ("a.png -o out.exr", 1, &["a.png: it is no OpenEXR file", "save the image as OpenEXR"]),
         ("in.exr -o out.exr", 1, &["in.exr: layer \"Variance\"", "--spp N", "--variance-of-mean"]),
         (

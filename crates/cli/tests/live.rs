@@ -190,6 +190,7 @@ fn outputs_replace_neither_inputs_nor_each_other() {
         ("--preview p.png -o p.png", "--preview p.png: this is the file of --output p.png"),
         ("-o a.pfm -o ./a.pfm", "--output ./a.pfm: this is the file of --output a.pfm"),
         ("--maps maps -o a.pfm -o maps/../maps/albedo.png", "is the file of --output maps/../maps/albedo.png"),
+        ("--maps new.pfm -o new.pfm", "--maps new.pfm: this is the file of --output new.pfm; give each its own file"),
         ("--checkpoint a.pfm -o a.pfm", "--checkpoint a.pfm: this is the file of --output a.pfm"),
     ];
     if cfg!(unix) {
@@ -201,6 +202,7 @@ fn outputs_replace_neither_inputs_nor_each_other() {
         assert_eq!(said.status, Some(1), "{words}: {}", said.err);
         assert!(said.err.contains(message), "{words}: {}", said.err);
         assert_eq!(folder.read("tiny.pbrt"), scene, "{words}");
+        assert!(!folder.path("new.pfm").exists(), "{words}");
     }
 }
 

@@ -29,6 +29,8 @@ pub(super) fn check(args: &RenderArgs, loaded: &LoadedScene, files: &OutputFiles
     // A checkpoint may be resumed from and written to under one name. A file that is no checkpoint is never written to.
     let resumed = args.resume.as_deref().filter(|path| args.checkpoint.as_deref() != Some(path));
     written.extend(resumed.map(|path| ("--resume", path)));
+    // The folder of maps would take the name of a file.
+    written.extend(maps.map(|folder| ("--maps", folder)));
     let identities: Vec<FileIdentity> = written.iter().map(|(_, path)| FileIdentity::of(path)).collect();
     let mut wrong = Vec::new();
     for (i, (option, path)) in written.iter().enumerate() {
