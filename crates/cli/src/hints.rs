@@ -1,4 +1,4 @@
-//! Hints for users of other renderers: their words for what Dapple calls otherwise.
+//! Hints for users of other renderers: their names for what Dapple calls otherwise.
 
 use clap::builder::StyledStr;
 use clap::error::{ContextKind, ContextValue, ErrorKind};

@@ -36,17 +36,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     start_threads(args.threads)?;
     // The checkpoint file is locked first, so that a second process with the same file fails at once.
     let checkpoints = args.checkpoints().open().map_err(|e| failure::of_job(&e))?;
-    let show = Show {
-        outputs: &args.outputs,
-        maps: args.maps.as_deref(),
-        features: args.features,
-        half: args.half,
-        layers: args.layers.as_deref(),
-        exposure: args.exposure,
-        json: args.json,
-        quiet: args.quiet,
-        progress_every: args.progress_every,
-    };
+    let show = Show::from(args);
     let mut progress = Progress::new(&show, stop, Live::open(&args.live())?);
     let keeps = checkpoints.is_some();
     let limit = args.memory.map_or_else(MemoryLimit::of_machine, MemoryLimit::given);
@@ -67,6 +57,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     let traced = job.run(checkpoints, &mut progress).map_err(|e| failure::of_job(&e))?;
     match (&shard, &traced.failure) {
         (Some(path), None) => {
+            drop(progress);
             write_shard(path, &job, &traced.film, args.quiet)?;
             end(traced.film.record().interrupted, None, (traced.checkpoint, traced.checkpoints_written))
         }
@@ -142,6 +133,22 @@ pub(crate) struct Show<'a> {
 
 /// The estimated memory of a render, which is unknown for merged shards, and the processor seconds before it.
 type Before<'a> = (Option<&'a dapple_job::memory::MemoryEstimate>, Option<f64>);
+
+impl<'a> From<&'a RenderArgs> for Show<'a> {
+    fn from(args: &'a RenderArgs) -> Self {
+        Self {
+            outputs: &args.outputs,
+            maps: args.maps.as_deref(),
+            features: args.features,
+            half: args.half,
+            layers: args.layers.as_deref(),
+            exposure: args.exposure,
+            json: args.json,
+            quiet: args.quiet,
+            progress_every: args.progress_every,
+        }
+    }
+}
 
 impl Show<'_> {
     /// Returns the image files to write; an empty list for a shard.

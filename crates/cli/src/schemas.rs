@@ -25,11 +25,11 @@ const SCHEMAS: [(&str, &str, &str); 7] = [
 pub(crate) fn run(args: &SchemasArgs) -> Result<Outcome> {
     match &args.name {
         None => SCHEMAS.iter().try_for_each(|(name, what, _)| tell(format!("{name:<10}{what}")))?,
-        Some(asked) => match SCHEMAS.iter().find(|(name, ..)| name == asked) {
+        Some(requested) => match SCHEMAS.iter().find(|(name, ..)| name == requested) {
             Some((_, _, text)) => tell(text.trim_end())?,
             None => {
                 let known = SCHEMAS.map(|(name, ..)| name).join(", ");
-                return Err(Failure::new(format!("there is no schema \"{asked}\"; choose among {known}")));
+                return Err(Failure::new(format!("there is no schema \"{requested}\"; choose among {known}")));
             }
         },
     }

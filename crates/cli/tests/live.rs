@@ -7,7 +7,7 @@ use std::io::Read;
 use std::net::{TcpListener, TcpStream};
 use std::thread::JoinHandle;
 
-/// A picture that tev would show: its size, and the values of its channels by name.
+/// An image that tev would show: its size, and the values of its channels by name.
 #[derive(Default)]
 struct Shown {
     name: String,

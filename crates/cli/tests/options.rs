@@ -22,7 +22,7 @@ fn aliases_are_the_options_that_they_stand_for() {
 }
 
 #[test]
-fn words_of_other_renderers_are_answered_with_ours() {
+fn names_of_other_renderers_lead_to_ours() {
     let folder = Folder::new();
     for (words, message) in [
         ("--sampler sobol", "use --points sobol (--sampler decides how many samples each pixel gets)"),
@@ -82,7 +82,7 @@ fn layers_are_selected_and_stored_as_half_floats() {
     folder.done("render tiny.pbrt --spp 4 -o bare.exr --layers none");
     assert_eq!(names("some.exr"), ["B", "G", "R", "albedo.B", "albedo.G", "albedo.R", "count.Y"]);
     assert_eq!(names("bare.exr"), ["B", "G", "R"]);
-    // Without a filter, features are recorded only because a layer asks for them.
+    // Without a filter, features are recorded only because a layer requires them.
     folder.done("render tiny.pbrt --spp 4 --filter none --sampler uniform -o plain.exr --layers normal,depth");
     assert_eq!(names("plain.exr"), ["B", "G", "R", "depth.Y", "normal.X", "normal.Y", "normal.Z"]);
     // The same values, rounded to 16 bits where their range allows it.

@@ -85,7 +85,7 @@ pub(crate) struct RenderArgs {
 
     /// Render for about this many seconds, filter included; reading the scene and writing files take extra time
     ///
-    /// If one sample per pixel takes longer, a warning says so as soon as the first rows show it. The image has at least
+    /// If one sample per pixel takes longer, a warning states the time needed as soon as the first rows show it. The image has at least
     /// that sample.
     #[arg(long, value_name = "SECONDS", value_parser = seconds, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
@@ -210,7 +210,8 @@ pub(crate) struct RenderArgs {
     pub(crate) shard: Option<Shard>,
 
     /// Read the description of the render from this JSON file; it replaces SCENE and the options of Method, Budget,
-    /// Bounds and Image (except --exposure, --maps and --features)
+    /// Bounds and Image (except --exposure, --maps,
+    /// --features, --layers and --half)
     #[arg(long, value_name = "FILE", help_heading = "Description")]
     pub(crate) spec: Option<PathBuf>,
 
@@ -251,6 +252,7 @@ Examples:
   dapple render
   dapple render scene.pbrt -o scene.exr -o scene.png --spp 128
   dapple render scene.pbrt -o scene.exr --time 30 --maps maps
+  dapple render scene.pbrt -o scene.exr --preview so-far.png --view tev
   dapple render model.obj -o model.png
   dapple render terrain -o terrain.pfm --sampler variance:policy=cross --points random --seed 7
   dapple render cornell -o cornell.png --sampler uniform --spp 16 --resolution 128x128

@@ -23,7 +23,7 @@ pub(super) enum Display {
 }
 
 impl Display {
-    /// A bar if stderr is a terminal, otherwise plain lines; nothing if the user asked for silence.
+    /// A bar if stderr is a terminal, otherwise plain lines; nothing with `--quiet` or `--json`.
     pub(super) fn new(show: &Show<'_>) -> Self {
         if show.json || show.quiet {
             return Self::Silent;

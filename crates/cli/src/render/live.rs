@@ -65,7 +65,7 @@ struct Places {
 }
 
 impl Live {
-    /// Connects to the viewer, if one is asked for.
+    /// Connects to the viewer, if one is requested.
     pub(super) fn open(options: &LiveOptions<'_>) -> Result<Self> {
         if !options.is_on() {
             return Ok(Self::default());

@@ -13,29 +13,29 @@ pub(crate) fn light_selection(name: &str) -> Parsed<LightSelection> {
     name.parse().map_err(|e: dapple_renderer::light::UnknownLightSelection| e.to_string())
 }
 
-pub(crate) fn above_zero(word: &str) -> Parsed<f64> {
-    match word.parse::<f64>() {
+pub(crate) fn above_zero(text: &str) -> Parsed<f64> {
+    match text.parse::<f64>() {
         Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
         _ => Err("a finite number above zero is required".into()),
     }
 }
 
-pub(crate) fn seconds(word: &str) -> Parsed<f64> {
-    match above_zero(word)? {
+pub(crate) fn seconds(text: &str) -> Parsed<f64> {
+    match above_zero(text)? {
         x if x <= MOST_SECONDS => Ok(x),
         _ => Err(format!("at most {MOST_SECONDS} (a year) is allowed")),
     }
 }
 
-pub(crate) fn stops(word: &str) -> Parsed<f32> {
-    match word.parse::<f32>() {
+pub(crate) fn stops(text: &str) -> Parsed<f32> {
+    match text.parse::<f32>() {
         Ok(x) if x.is_finite() => Ok(x),
         _ => Err("a finite number is required, 0 to leave the image as it is".into()),
     }
 }
 
-pub(crate) fn resolution(word: &str) -> Parsed<[u32; 2]> {
-    let sides = word.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+pub(crate) fn resolution(text: &str) -> Parsed<[u32; 2]> {
+    let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     let sides: [u32; 2] = sides.ok_or("WIDTHxHEIGHT in pixels is required, such as 640x360")?;
     dapple_core::Frame::new(sides[0], sides[1]).map_err(|e| e.to_string())?;
     Ok(sides)
@@ -49,9 +49,9 @@ pub(crate) enum ImageSize {
     Scale(f64),
 }
 
-pub(crate) fn size_of_image(word: &str) -> Parsed<ImageSize> {
-    match word.strip_suffix('%') {
-        None => resolution(word).map(ImageSize::Pixels).map_err(|e| e.replace("640x360", "640x360 or 50%")),
+pub(crate) fn size_of_image(text: &str) -> Parsed<ImageSize> {
+    match text.strip_suffix('%') {
+        None => resolution(text).map(ImageSize::Pixels).map_err(|e| e.replace("640x360", "640x360 or 50%")),
         Some(percent) => match above_zero(percent.trim()) {
             Ok(percent) => Ok(ImageSize::Scale(percent / 100.0)),
             Err(_) => Err("a percentage above zero is required, such as 50%".into()),
@@ -63,17 +63,17 @@ pub(crate) fn size_of_image(word: &str) -> Parsed<ImageSize> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct EachLayer(pub(crate) Option<&'static str>);
 
-pub(crate) fn layer(word: &str) -> Parsed<EachLayer> {
-    let known = LAYERS.iter().copied().find(|name| *name == word.trim());
-    match (known, word.trim()) {
+pub(crate) fn layer(text: &str) -> Parsed<EachLayer> {
+    let known = LAYERS.iter().copied().find(|name| *name == text.trim());
+    match (known, text.trim()) {
         (Some(name), _) => Ok(EachLayer(Some(name))),
         (None, "none") => Ok(EachLayer(None)),
-        _ => Err(format!("there is no layer \"{word}\"; choose among {}, or none", LAYERS.join(", "))),
+        _ => Err(format!("there is no layer \"{text}\"; choose among {}, or none", LAYERS.join(", "))),
     }
 }
 
-pub(crate) fn crop(word: &str) -> Parsed<[u32; 4]> {
-    let sides: Option<Vec<u32>> = word.split(',').map(|side| side.trim().parse().ok()).collect();
+pub(crate) fn crop(text: &str) -> Parsed<[u32; 4]> {
+    let sides: Option<Vec<u32>> = text.split(',').map(|side| side.trim().parse().ok()).collect();
     match sides.as_deref() {
         Some(&[x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok([x0, y0, x1, y1]),
         Some([_, _, _, _]) => Err("the window is empty: X0 < X1 and Y0 < Y1 are required".into()),
@@ -81,17 +81,17 @@ pub(crate) fn crop(word: &str) -> Parsed<[u32; 4]> {
     }
 }
 
-pub(crate) fn output(word: &str) -> Parsed<PathBuf> {
-    let path = PathBuf::from(word);
+pub(crate) fn output(text: &str) -> Parsed<PathBuf> {
+    let path = PathBuf::from(text);
     if !is_shard(&path) {
         Format::from_path(&path).map_err(|e| e.to_string())?;
     }
     Ok(path)
 }
 
-pub(crate) fn preview(word: &str) -> Parsed<PathBuf> {
-    match Format::from_path(Path::new(word)) {
-        Ok(Format::Png) => Ok(word.into()),
+pub(crate) fn preview(text: &str) -> Parsed<PathBuf> {
+    match Format::from_path(Path::new(text)) {
+        Ok(Format::Png) => Ok(text.into()),
         _ => Err("a file name that ends in .png is required".into()),
     }
 }
@@ -101,9 +101,9 @@ pub(crate) fn is_shard(path: &Path) -> bool {
 }
 
 /// Parses a memory size: bytes, or a number with a unit such as K, M or G (powers of 1024).
-pub(crate) fn size(word: &str) -> Parsed<u64> {
-    let number = word.trim_end_matches(|c: char| c.is_ascii_alphabetic());
-    let unit = match word[number.len()..].to_ascii_uppercase().as_str() {
+pub(crate) fn size(text: &str) -> Parsed<u64> {
+    let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let unit = match text[number.len()..].to_ascii_uppercase().as_str() {
         "" | "B" => 1,
         "K" | "KB" | "KIB" => 1 << 10,
         "M" | "MB" | "MIB" => 1 << 20,
