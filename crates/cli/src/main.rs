@@ -4,6 +4,7 @@
 
 mod compare;
 mod denoise;
+mod display;
 mod effects;
 mod failure;
 mod hints;

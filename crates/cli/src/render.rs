@@ -1,7 +1,6 @@
 //! The subcommand `dapple render`.
 
 pub(crate) mod args;
-mod display;
 pub(crate) mod live;
 mod progress;
 mod report;

@@ -43,7 +43,7 @@ pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
     };
     let (before, runs) = (study.runs().len(), study.expected());
     if before > 0 && before < runs {
-        bar.say(&format!("resuming after {before} of {runs} runs"));
+        say("study", &format!("resuming after {before} of {runs} runs"));
     }
     let ended = study.run(&mut *runner, &mut bar).map_err(|e| failure_of(&e, &mut bar))?;
     bar.finish();

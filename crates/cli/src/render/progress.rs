@@ -1,8 +1,8 @@
 //! The progress of a render, its live image, and its stop on Ctrl-C.
 
 use super::Show;
-use super::display::Display;
 use super::live::Live;
+use crate::display::Display;
 use crate::output;
 use crate::stop::Stop;
 use dapple_core::{Budget, Control, Status};
@@ -37,7 +37,7 @@ struct Predicted {
 
 impl Progress {
     pub(super) fn new(show: &Show<'_>, stop: Stop, live: Live) -> Self {
-        let display = Display::new(show);
+        let display = Display::new(show.json || show.quiet, show.progress_every);
         let predicted = Predicted { relmse: None, due: Instant::now() };
         Self { display, live, stop, pixels: 1.0, shards: 1.0, is_adaptive: false, rounds: None, goal: None, predicted }
     }

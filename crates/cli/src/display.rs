@@ -1,6 +1,5 @@
 //! Display of progress: a bar on a terminal, otherwise a plain line now and then.
 
-use super::Show;
 use crate::output;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, stderr};
@@ -16,34 +15,34 @@ const TICK: Duration = Duration::from_millis(200);
 const LINES: f64 = 10.0;
 
 /// The place where progress is shown.
-pub(super) enum Display {
+pub(crate) enum Display {
     Silent,
     Bar(ProgressBar),
     Lines(Lines),
 }
 
 impl Display {
-    /// A bar if stderr is a terminal, otherwise plain lines; nothing with `--quiet` or `--json`.
-    pub(super) fn new(show: &Show<'_>) -> Self {
-        if show.json || show.quiet {
+    /// A bar if stderr is a terminal; otherwise, or if `every` sets their seconds, plain lines. Nothing if it is silent.
+    pub(crate) fn new(is_silent: bool, every: Option<f64>) -> Self {
+        if is_silent {
             return Self::Silent;
         }
-        if show.progress_every.is_none() && stderr().is_terminal() {
+        if every.is_none() && stderr().is_terminal() {
             // A bar hides itself on a terminal that cannot move its cursor.
             let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::stderr());
             output::print_above(Some(bar.clone()));
             return Self::Bar(bar);
         }
-        Lines::start(Duration::try_from_secs_f64(show.progress_every.unwrap_or(LINES)).unwrap_or(Duration::MAX))
+        Lines::start(Duration::try_from_secs_f64(every.unwrap_or(LINES)).unwrap_or(Duration::MAX))
             .map_or(Self::Silent, Self::Lines)
     }
 
-    pub(super) fn is_silent(&self) -> bool {
+    pub(crate) fn is_silent(&self) -> bool {
         matches!(self, Self::Silent)
     }
 
     /// Shows a phase of unknown length, with the seconds that it has taken.
-    pub(super) fn phase(&self, name: &'static str) {
+    pub(crate) fn phase(&self, name: &'static str) {
         match self {
             Self::Silent => {}
             Self::Bar(bar) => {
@@ -57,15 +56,15 @@ impl Display {
     }
 
     /// Begins to show tracing, a phase with a known end.
-    pub(super) fn begin(&self) {
+    pub(crate) fn begin(&self) {
         if let Self::Bar(bar) = self {
             bar.disable_steady_tick();
-            style(bar, "{bar:30} {percent:>3} %  {msg}");
+            style(bar, "{bar:30} {percent:>3} %  {wide_msg}");
         }
     }
 
     /// Shows the share of the work that is done, from 0 to 1, and a message.
-    pub(super) fn update(&self, share: f64, message: String) {
+    pub(crate) fn update(&self, share: f64, message: String) {
         match self {
             Self::Silent => {}
             Self::Bar(bar) => {
@@ -93,7 +92,7 @@ fn style(bar: &ProgressBar, template: &str) {
 }
 
 /// A thread that prints the latest message at intervals.
-pub(super) struct Lines {
+pub(crate) struct Lines {
     state: Arc<(Mutex<State>, Condvar)>,
     thread: Option<JoinHandle<()>>,
 }
@@ -109,7 +108,7 @@ struct State {
 impl Lines {
     /// Starts the thread; `None` if the system refuses one.
     fn start(every: Duration) -> Option<Self> {
-        let state = State { message: String::new(), is_phase: true, since: Instant::now(), is_over: false };
+        let state = State { message: "starting".into(), is_phase: true, since: Instant::now(), is_over: false };
         let state = Arc::new((Mutex::new(state), Condvar::new()));
         let shared = state.clone();
         let thread = std::thread::Builder::new().name("progress".into()).spawn(move || print(&shared, every)).ok()?;
