@@ -1,8 +1,9 @@
 //! The subcommand `dapple merge`.
 
 use crate::render::{self, Show};
-use crate::{Outcome, Result, failure};
+use crate::{Failure, Outcome, Result, failure};
 use dapple_job::ShardSet;
+use dapple_job::memory::{MemoryLimit, size};
 use std::path::PathBuf;
 
 /// Make an image from shards that several machines rendered
@@ -28,6 +29,10 @@ pub(crate) struct MergeArgs {
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
     exposure: f32,
 
+    /// Memory limit, such as 2G, 500M or a number of bytes; a larger merge is refused [default: the machine's memory]
+    #[arg(long, value_name = "SIZE", value_parser = render::values::size)]
+    memory: Option<u64>,
+
     /// Number of threads; 0 is one per core
     #[arg(short = 't', long, visible_alias = "nthreads", value_name = "N", default_value_t = 0)]
     #[arg(value_parser = clap::value_parser!(u16).range(..=1024))]
@@ -50,6 +55,8 @@ Example (docs/SHARDS.md has one for job arrays):
   dapple merge 1.shard 2.shard -o scene.exr";
 
 pub(crate) fn run(args: &MergeArgs) -> Result<Outcome> {
+    let limit = args.memory.map_or_else(MemoryLimit::of_machine, MemoryLimit::given);
+    check_fits(&args.shards, limit)?;
     let shards = ShardSet::read(&args.shards).map_err(|e| failure::of_job(&e))?;
     let mut spec = shards.spec().clone();
     if let Some(scene) = &args.scene {
@@ -66,5 +73,20 @@ pub(crate) fn run(args: &MergeArgs) -> Result<Outcome> {
         quiet: args.quiet,
         progress_every: None,
     };
-    render::merge(shards, &spec, &show, args.threads)
+    render::merge(shards, &spec, &show, (args.threads, limit))
+}
+
+/// Checks before reading that the films of all shards fit into memory: all parts, the whole, and the file being read. A
+/// file that cannot be looked at counts as empty; reading it reports the error.
+fn check_fits(shards: &[PathBuf], limit: MemoryLimit) -> Result<()> {
+    let lengths: Vec<u64> = shards.iter().map(|path| std::fs::metadata(path).map_or(0, |found| found.len())).collect();
+    let sum = lengths.iter().fold(0_u64, |sum, length| sum.saturating_add(*length));
+    let needed = sum.saturating_mul(2).saturating_add(lengths.iter().copied().max().unwrap_or(0));
+    match limit.bytes().filter(|limit| needed > *limit) {
+        None => Ok(()),
+        Some(limit) => {
+            let (needed, limit) = (size(needed), size(limit));
+            Err(Failure::new(format!("merging these shards takes {needed}, and {limit} is the limit; raise --memory")))
+        }
+    }
 }

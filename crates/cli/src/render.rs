@@ -14,7 +14,7 @@ use crate::output::{say, tell, warn};
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, failure};
 use dapple_core::Film;
-use dapple_job::memory::MemoryLimit;
+use dapple_job::memory::{MemoryLimit, size};
 use dapple_job::{
     Job, JobError, LoadOptions, LoadedScene, OutputFiles, RenderSpec, ShardSet, Traced, Warning, can_be_replayed,
 };
@@ -65,10 +65,14 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
 }
 
 /// Filters the merged film of shards and writes the image files.
-pub(crate) fn merge(shards: ShardSet, spec: &RenderSpec, show: &Show<'_>, threads: u16) -> Result<Outcome> {
+pub(crate) fn merge(
+    shards: ShardSet,
+    spec: &RenderSpec,
+    show: &Show<'_>,
+    (threads, limit): (u16, MemoryLimit),
+) -> Result<Outcome> {
     let stop = Stop::listen()?;
     start_threads(threads)?;
-    let limit = MemoryLimit::of_machine();
     let progress = Progress::new(show, stop, Live::default());
     progress.phase("reading");
     let loaded = load(spec, &LoadOptions::default().with_limit(limit), limit)?;
@@ -76,7 +80,13 @@ pub(crate) fn merge(shards: ShardSet, spec: &RenderSpec, show: &Show<'_>, thread
     roles::check_inputs(&loaded, files.paths().map(|path| ("--output", path)))?;
     files.prepare().map_err(|e| failure::of_job(&e))?;
     warn_all(loaded.warnings(), true);
-    let Some((job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(Outcome::Interrupted) };
+    let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(Outcome::Interrupted) };
+    let expected = job.memory(false).map_err(|e| failure::of_job(&e))?.with_film_in_memory();
+    if expected.check(limit).is_err() {
+        let limit = limit.bytes().map_or_else(String::new, size);
+        let wrong = format!("making the image takes {expected}, and {limit} is the limit; raise --memory");
+        return Err(Failure::new(wrong));
+    }
     let traced = job.merge(shards).map_err(|e| failure::of_job(&e))?;
     show.deliver(&job, traced, (None, cpu), progress)
 }

@@ -285,6 +285,34 @@ fn shards_make_the_image_of_one_machine_x07() {
     }
 }
 
+/// Shards that do not fit are refused before they are read, and a filter that does not fit before it runs.
+#[test]
+fn a_merge_that_does_not_fit_is_refused() {
+    let folder = Folder::new();
+    let words = "render tiny.pbrt --resolution 512x512 --sampler uniform --spp 1 -q";
+    for shard in ["1/2", "2/2"] {
+        folder.done(&format!("{words} --shard {shard}"));
+    }
+    let merge = "merge tiny-1-of-2.shard tiny-2-of-2.shard -o a.pfm";
+    let said = folder.run(&format!("{merge} --memory 64M"));
+    assert_eq!(said.status, Some(1), "{}", said.err);
+    assert!(
+        said.err.contains("merging these shards takes ") && said.err.contains("64.0 MiB is the limit"),
+        "{}",
+        said.err
+    );
+    let said = folder.run(&format!("{merge} --memory 200M"));
+    assert_eq!(said.status, Some(1), "{}", said.err);
+    assert!(
+        said.err.contains("making the image takes ") && said.err.contains("200.0 MiB is the limit"),
+        "{}",
+        said.err
+    );
+    assert!(!folder.names().contains(&"a.pfm".to_owned()));
+    folder.done(&format!("{merge} -q --memory 1G"));
+    assert!(folder.names().contains(&"a.pfm".to_owned()));
+}
+
 #[test]
 fn shards_that_make_no_image_x07() {
     let folder = Folder::new();

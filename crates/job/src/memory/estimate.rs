@@ -112,6 +112,12 @@ impl MemoryEstimate {
         self
     }
 
+    /// Counts the film only once if it is in memory already, as that of merged shards is.
+    #[must_use]
+    pub fn with_film_in_memory(self) -> Self {
+        Self { scene: self.scene.saturating_sub(self.film), ..self }
+    }
+
     /// Checks that a render fits into `limit`.
     ///
     /// # Errors
