@@ -5,7 +5,7 @@ mod table;
 
 use crate::machine::start_threads;
 use crate::output::{say, tell, warn};
-use crate::render::args::resolution;
+use crate::render::values::resolution;
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, failure};
 use dapple_core::Frame;

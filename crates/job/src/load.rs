@@ -11,7 +11,7 @@ use dapple_scene::model::ModelOptions;
 use dapple_scene::pbrt::ReadOptions;
 use dapple_scene::{AnyOptions, Effect, Effects, PixelFilter, Scene, read_any_from};
 use std::cell::RefCell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -60,6 +60,7 @@ pub struct LoadedScene {
     warnings: Vec<Warning>,
     expected: MemoryEstimate,
     load_seconds: f64,
+    files: Vec<PathBuf>,
 }
 
 /// A scene with the world built from it, ready for tracing. Clones are cheap and share the world.
@@ -88,8 +89,9 @@ impl LoadedScene {
         let clock = Instant::now();
         let aspect = spec.resolution.map(|[width, height]| f64::from(width) / f64::from(height.max(1)));
         let options = LoadOptions { aspect: aspect.or(options.aspect), ..*options };
-        let (scene, digest) = read_scene(&spec.scene, spec.allow_unsupported, &options)?;
+        let (scene, digest, files) = read_with_files(&spec.scene, spec.allow_unsupported, &options)?;
         let mut loaded = Self::from_scene(spec, scene)?;
+        loaded.files = files;
         loaded.digest = digest;
         loaded.load_seconds = clock.elapsed().as_secs_f64();
         Ok(loaded)
@@ -135,12 +137,18 @@ impl LoadedScene {
             warnings,
             expected,
             load_seconds: 0.0,
+            files: Vec::new(),
         })
     }
 
     /// The scene, changed as the description requires: depth limit, pixel filter and left-out effects.
     pub fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    /// The files that were read for the scene, each once: scene, meshes, textures. Empty for a bundled scene.
+    pub fn files(&self) -> &[PathBuf] {
+        &self.files
     }
 
     /// The image's resolution, and the window of it that is rendered.
@@ -269,6 +277,15 @@ pub fn read_scene(
     allow_unsupported: bool,
     options: &LoadOptions,
 ) -> Result<(Scene, Option<ContentHash>), JobError> {
+    read_with_files(name, allow_unsupported, options).map(|(scene, digest, _)| (scene, digest))
+}
+
+/// Reads a scene as [`read_scene`] does; also returns the files that were read.
+fn read_with_files(
+    name: &str,
+    allow_unsupported: bool,
+    options: &LoadOptions,
+) -> Result<(Scene, Option<ContentHash>, Vec<PathBuf>), JobError> {
     let path = Path::new(name);
     if let Some(bundle) = bundle(name) {
         let mut digest = ContentHash::new();
@@ -276,13 +293,14 @@ pub fn read_scene(
             digest.text(name);
             digest.add(bytes);
         }
-        return Ok((bundle.read()?, options.digest.then_some(digest)));
+        return Ok((bundle.read()?, options.digest.then_some(digest), Vec::new()));
     }
     if !path.exists() {
         return Err(JobError::NoScene { name: name.to_owned() });
     }
     let read_options = ReadOptions::default().with_allow_unsupported(allow_unsupported);
-    let files = Recorder { limit: options.limit, read: options.digest.then(RefCell::default) };
+    let files =
+        Recorder { limit: options.limit, read: options.digest.then(RefCell::default), seen: RefCell::default() };
     let mut model = ModelOptions::default();
     model.aspect = options.aspect;
     let scene = read_any_from(&files, path, &AnyOptions::default().with_scene(read_options).with_model(model))?;
@@ -296,12 +314,13 @@ pub fn read_scene(
         }
         digest
     });
-    Ok((scene, digest))
+    Ok((scene, digest, files.seen.into_inner().into_iter().collect()))
 }
 
-/// A file reader that limits the size of each file and hashes its bytes.
+/// A file reader that limits the size of each file, lists the files, and hashes their bytes.
 struct Recorder {
     limit: MemoryLimit,
+    seen: RefCell<BTreeSet<PathBuf>>,
     read: Option<RefCell<BTreeMap<PathBuf, String>>>,
 }
 
@@ -316,6 +335,7 @@ impl Files for Recorder {
             }
         }
         let bytes = Disk.read(path)?;
+        self.seen.borrow_mut().insert(path.to_owned());
         if let Some(read) = &self.read {
             read.borrow_mut().insert(path.to_owned(), ContentHash::of(&bytes).hex());
         }
@@ -341,7 +361,9 @@ fn called_for(asked: &[Effect], scene: &Scene) -> Result<Vec<Effect>, JobError> 
 
 pub(crate) fn frame(spec: &RenderSpec, scene: &Scene) -> Result<Frame, JobError> {
     let full = scene.film.resolution;
-    let [w, h] = spec.resolution.unwrap_or(full);
+    // A side is at least one pixel; beyond 32 bits, it saturates and the frame is refused.
+    let scaled = |side: u32| spec.scale.map_or(side, |scale| (f64::from(side) * scale).round().max(1.0) as u32);
+    let [w, h] = spec.resolution.unwrap_or(full.map(scaled));
     let frame = Frame::new(w, h)?;
     let scaled = |[x0, y0, x1, y1]: [u32; 4]| {
         // At another resolution, the file's window covers the same part of the image, as in pbrt.

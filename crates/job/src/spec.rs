@@ -16,6 +16,8 @@ pub const SPEC_VERSION: u32 = 1;
 pub const DEFAULT_SPP: f64 = 64.0;
 /// The largest number of samples per pixel if the budget is [`BudgetSpec::Error`] and `max_spp` is not set.
 pub const ERROR_SPP: u32 = 16384;
+/// The longest time limit of a render in seconds: a year.
+pub const MOST_SECONDS: f64 = 31_557_600.0;
 /// The name of the default integrator.
 pub const DEFAULT_INTEGRATOR: &str = "path";
 
@@ -71,6 +73,9 @@ pub struct RenderSpec {
     /// Width and height of the full image in pixels; `None` takes the resolution in the scene.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolution: Option<[u32; 2]>,
+    /// A factor of the width and height in the scene, instead of `resolution`: 0.5 renders a quarter of the pixels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<f64>,
     /// The part of the image to render.
     #[serde(default)]
     pub crop: CropSpec,
@@ -105,7 +110,8 @@ pub enum BudgetSpec {
     /// The render ends when the predicted relMSE of the image is at most this value; [`RenderSpec::error_of`] selects
     /// the filtered or the unfiltered image.
     Error(f64),
-    /// The render takes about this many seconds for clustering, planning and tracing together.
+    /// The render takes about this many seconds for clustering, planning, tracing and filtering together, at most
+    /// [`MOST_SECONDS`]. Each pixel gets its least number of samples, however long that takes.
     Seconds(f64),
 }
 
@@ -214,6 +220,7 @@ impl RenderSpec {
             min_spp: 1,
             max_spp: None,
             resolution: None,
+            scale: None,
             crop: CropSpec::Scene,
             seed: names::seed(),
             max_depth: None,
@@ -276,6 +283,12 @@ impl RenderSpec {
     #[must_use]
     pub fn resolution(self, width: u32, height: u32) -> Self {
         Self { resolution: Some([width, height]), ..self }
+    }
+
+    /// Sets width and height of the full image to those in the scene times a factor.
+    #[must_use]
+    pub fn scale(self, scale: f64) -> Self {
+        Self { scale: Some(scale), ..self }
     }
 
     /// Sets the part of the image to render.
@@ -389,6 +402,12 @@ impl RenderSpec {
             BudgetSpec::Spp(x) | BudgetSpec::Error(x) | BudgetSpec::Seconds(x) if !(x.is_finite() && x > 0.0) => {
                 return wrong(field, format!("{x} is not a finite number above zero"));
             }
+            BudgetSpec::Seconds(x) if x > MOST_SECONDS => {
+                return wrong(
+                    field,
+                    format!("{x} is above {MOST_SECONDS} (a year); give spp for a render without end"),
+                );
+            }
             BudgetSpec::Samples(0) => return wrong(field, "0 samples make no image; give at least 1".into()),
             BudgetSpec::Spp(spp) if spp < f64::from(min) => {
                 return wrong(
@@ -412,6 +431,15 @@ impl RenderSpec {
             && let Err(e) = dapple_core::Frame::new(w, h)
         {
             return wrong("resolution", e.to_string());
+        }
+        match self.scale {
+            Some(_) if self.resolution.is_some() => {
+                return wrong("scale", "a resolution is given too; give one of the two".into());
+            }
+            Some(scale) if !(scale.is_finite() && scale > 0.0) => {
+                return wrong("scale", format!("{scale} is not a finite number above zero"));
+            }
+            _ => {}
         }
         let named = [
             ("sampler", crate::registry::check_sampler(&self.sampler)),
@@ -452,6 +480,7 @@ impl RenderSpec {
             max_depth: spec.max_depth,
             pixel_filter: spec.pixel_filter,
             resolution: spec.resolution,
+            scale: spec.scale,
             without: spec.without.clone(),
             allow_unsupported: spec.allow_unsupported,
             ..Self::new(spec.scene.clone())
