@@ -18,6 +18,7 @@ use dapple_job::memory::{MemoryLimit, size};
 use dapple_job::{
     Job, JobError, LoadOptions, LoadedScene, OutputFiles, RenderSpec, ShardSet, Traced, Warning, can_be_replayed,
 };
+use dapple_scene::Scene;
 use dapple_scene::image::{check_writable, write_file};
 use live::Live;
 use progress::Progress;
@@ -47,7 +48,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     let shard = shard_file(args, &loaded)?;
     roles::check(args, &loaded, &files, shard.as_deref())?;
     files.prepare().map_err(|e| failure::of_job(&e))?;
-    warn_all(loaded.warnings(), args.spp.is_some());
+    warn_all(loaded.warnings());
     let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(Outcome::Interrupted) };
     let expected = job.memory(keeps).map_err(|e| failure::of_job(&e))?;
     let expected = if args.live().is_on() { expected.with_live_image(job.frame()) } else { expected };
@@ -79,7 +80,7 @@ pub(crate) fn merge(
     let files = show.files(&loaded)?;
     roles::check_inputs(&loaded, files.paths().map(|path| ("--output", path)))?;
     files.prepare().map_err(|e| failure::of_job(&e))?;
-    warn_all(loaded.warnings(), true);
+    warn_all(loaded.warnings());
     let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(Outcome::Interrupted) };
     let expected = job.memory(false).map_err(|e| failure::of_job(&e))?.with_film_in_memory();
     if expected.check(limit).is_err() {
@@ -103,7 +104,7 @@ fn prepare(loaded: LoadedScene, files: OutputFiles, progress: &Progress) -> Resu
     progress.phase("building");
     let (spec, warned) = (loaded.spec().clone(), loaded.warnings().len());
     let prepared = loaded.build().map_err(|e| failure::of_job(&e))?;
-    warn_all(&prepared.warnings()[warned..], true);
+    warn_all(&prepared.warnings()[warned..]);
     if progress.stop.asked() {
         warn(NOTHING);
         return Ok(None);
@@ -117,11 +118,9 @@ fn prepare(loaded: LoadedScene, files: OutputFiles, progress: &Progress) -> Resu
 
 const NOTHING: &str = "stopped before the first sample: nothing is saved";
 
-/// Prints warnings, to stderr. `has_spp` states that the user set samples per pixel; otherwise the number that the
-/// scene suggests is not mentioned.
-fn warn_all(warnings: &[Warning], has_spp: bool) {
-    let silent = |warning: &&Warning| !(has_spp && matches!(warning, Warning::SuggestedSpp { .. }));
-    warnings.iter().filter(silent).for_each(|warning| warn(failure::warning(warning)));
+/// Prints warnings, to stderr.
+fn warn_all(warnings: &[Warning]) {
+    warnings.iter().for_each(|warning| warn(failure::warning(warning)));
 }
 
 /// The options for an image's files and for its summary.
@@ -166,7 +165,7 @@ impl Show<'_> {
             return Ok(OutputFiles::none());
         }
         let files = match self.outputs {
-            [] => OutputFiles::defaults(&loaded.scene().name, &loaded.spec().sampler),
+            [] => OutputFiles::defaults(&name(loaded.scene()), &loaded.spec().sampler),
             outputs => OutputFiles::images(outputs).map_err(Failure::new)?,
         };
         let files = self.maps.map_or(files.clone(), |folder| files.with_maps(folder)).with_exposure(self.exposure);
@@ -202,7 +201,7 @@ impl Show<'_> {
             let clock = std::time::Instant::now();
             let (written, warnings) = job.outputs().write(job, &image, cpu).map_err(|e| failure::of_job(&e))?;
             image.seconds.write = clock.elapsed().as_secs_f64();
-            warn_all(&warnings, true);
+            warn_all(&warnings);
             drop(progress);
             self.report(&Report { job, image: &image, cpu, expected }, &written)?;
         }
@@ -222,10 +221,16 @@ impl Show<'_> {
     }
 }
 
+/// The name of output files: that of the scene file's own output, without folder and extension; else the scene's.
+fn name(scene: &Scene) -> String {
+    let given = scene.film.file_name.as_deref().and_then(|file| Path::new(file).file_stem());
+    given.map_or_else(|| scene.name.clone(), |stem| stem.to_string_lossy().into_owned())
+}
+
 /// Returns the path of the shard file to write, checked to be writable; `None` if the render is not a shard.
 fn shard_file(args: &RenderArgs, loaded: &LoadedScene) -> Result<Option<PathBuf>> {
     let Some(shard) = loaded.spec().shard else { return Ok(None) };
-    let named = || PathBuf::from(format!("{}-{}-of-{}.shard", loaded.scene().name, shard.index() + 1, shard.of()));
+    let named = || PathBuf::from(format!("{}-{}-of-{}.shard", name(loaded.scene()), shard.index() + 1, shard.of()));
     let path = args.outputs.first().cloned().unwrap_or_else(named);
     check_writable(&path).map_err(Failure::new)?;
     Ok(Some(path))

@@ -2,7 +2,9 @@
 
 use crate::memory::{MemoryEstimate, MemoryLimit};
 use crate::registry::{self, Setting};
-use crate::{BudgetSpec, ContentHash, CropSpec, ERROR_SPP, Job, JobError, PixelFilterSpec, RenderSpec, Warning};
+use crate::{
+    BudgetSpec, ContentHash, CropSpec, DEFAULT_SPP, ERROR_SPP, Job, JobError, PixelFilterSpec, RenderSpec, Warning,
+};
 use dapple_core::{Budget, Error, Frame, Limits, PointSet};
 use dapple_renderer::World;
 use dapple_scene::bundled::{self, Bundle};
@@ -105,6 +107,8 @@ impl LoadedScene {
     /// [`JobError`] if the description is invalid, or leaves out an effect that the scene does not use.
     pub fn from_scene(spec: &RenderSpec, mut scene: Scene) -> Result<Self, JobError> {
         spec.check()?;
+        let bounds = [spec.min_spp, spec.max_spp.unwrap_or(u32::MAX)];
+        let spec = &RenderSpec { budget: spec.budget.of_scene(scene.film.spp, bounds), ..spec.clone() };
         if let Some(depth) = spec.max_depth {
             scene.max_depth = Some(depth);
         }
@@ -246,18 +250,12 @@ impl PreparedScene {
     }
 }
 
-/// The warnings about directives of the scene file, and the one given if the file suggests another number of samples per
-/// pixel than the render takes.
+/// The warnings about directives of the scene file.
 fn notices(spec: &RenderSpec, scene: &Scene) -> Vec<Warning> {
     let mut warnings = Vec::new();
     // Notices of bundled scenes are about directives for other renderers, which do not concern the user.
     if bundle(&spec.scene).is_none() {
         warnings.extend(scene.notices.iter().cloned().map(Warning::Notice));
-    }
-    if let (Some(suggested), Some(spp)) = (scene.film.spp, spec.mean_spp())
-        && f64::from(suggested) != spp
-    {
-        warnings.push(Warning::SuggestedSpp { scene: spec.scene.clone(), suggested, spp });
     }
     warnings
 }
@@ -385,6 +383,7 @@ pub(crate) fn frame(spec: &RenderSpec, scene: &Scene) -> Result<Frame, JobError>
 /// The settings of a point set: the seed, and the mean samples per pixel (`None` for budgets of error or time).
 pub(crate) fn setting(spec: &RenderSpec, frame: Frame) -> Setting {
     let spp = match spec.budget {
+        BudgetSpec::Scene => Some(DEFAULT_SPP as u64),
         BudgetSpec::Spp(spp) => Some(spp.ceil() as u64),
         BudgetSpec::Samples(samples) => Some(samples.div_ceil(frame.pixels() as u64)),
         BudgetSpec::Error(_) | BudgetSpec::Seconds(_) => None,
@@ -395,9 +394,11 @@ pub(crate) fn setting(spec: &RenderSpec, frame: Frame) -> Setting {
 /// The budget in samples, error or seconds, and the bounds of samples per pixel, from a description.
 pub(crate) fn limits(spec: &RenderSpec, frame: Frame) -> Limits {
     let pixels = frame.pixels() as u64;
+    let per_pixel = |spp| Budget::Samples(Budget::PerPixel(spp).samples(&frame).unwrap_or(1));
     let budget = match spec.budget {
+        BudgetSpec::Scene => per_pixel(DEFAULT_SPP),
         // At least one sample in total; the bounds refuse a mean that is too small for one sample per pixel.
-        BudgetSpec::Spp(spp) => Budget::Samples(Budget::PerPixel(spp).samples(&frame).unwrap_or(1)),
+        BudgetSpec::Spp(spp) => per_pixel(spp),
         BudgetSpec::Samples(samples) => Budget::Samples(samples),
         BudgetSpec::Error(relmse) => {
             Budget::Error { relmse, at_most: pixels * u64::from(spec.max_spp.unwrap_or(ERROR_SPP)) }

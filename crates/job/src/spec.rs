@@ -103,6 +103,9 @@ pub struct RenderSpec {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BudgetSpec {
+    /// The render takes the scene file's number of samples per pixel, within the bounds of the description;
+    /// [`DEFAULT_SPP`] if the file states none. The loaded scene's description has the number.
+    Scene,
     /// The render takes exactly this mean number of samples per pixel.
     Spp(f64),
     /// The render takes exactly this number of samples in total.
@@ -136,9 +139,18 @@ impl ErrorOf {
 }
 
 impl BudgetSpec {
-    /// The budget's key in the JSON of a description: `spp`, `samples`, `error` or `seconds`.
+    /// The budget of a render of a scene whose file states `spp` samples per pixel.
+    pub(crate) fn of_scene(self, spp: Option<u32>, [min, max]: [u32; 2]) -> Self {
+        match self {
+            Self::Scene => Self::Spp(spp.map_or(DEFAULT_SPP, f64::from).max(f64::from(min)).min(f64::from(max))),
+            given => given,
+        }
+    }
+
+    /// The budget's key in the JSON of a description: `scene`, `spp`, `samples`, `error` or `seconds`.
     pub const fn field(self) -> &'static str {
         match self {
+            Self::Scene => "scene",
             Self::Spp(_) => "spp",
             Self::Samples(_) => "samples",
             Self::Error(_) => "error",

@@ -10,15 +10,6 @@ use std::fmt;
 pub enum Warning {
     /// A note about a directive of the scene file that was adjusted or ignored.
     Notice(Notice),
-    /// A scene file that suggests another number of samples per pixel than the render takes.
-    SuggestedSpp {
-        /// The name of the scene.
-        scene: String,
-        /// The samples per pixel that the scene file suggests.
-        suggested: u32,
-        /// The mean samples per pixel of the render.
-        spp: f64,
-    },
     /// An effect (a kind of light transport) that is left out of the image at the user's request.
     LeftOut {
         /// The effect that is left out.
@@ -111,9 +102,6 @@ impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Notice(notice) => write!(f, "{}: {}", notice.source, notice.message),
-            Self::SuggestedSpp { scene, suggested, spp } => {
-                write!(f, "{scene}: the file suggests {suggested} spp, and the render takes {spp}")
-            }
             Self::LeftOut { effect, by: Some(by) } => {
                 let left_out = effect.left_out();
                 write!(f, "without {effect}: {left_out}; {} calls for it ({})", by.source, by.because)

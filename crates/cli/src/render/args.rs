@@ -8,9 +8,7 @@ use super::values::{
 use crate::{Failure, Result, failure};
 use clap::{Args, ValueEnum};
 use dapple_core::Shard;
-use dapple_job::{
-    BudgetSpec, CheckpointOptions, CropSpec, DEFAULT_SPP, ErrorOf, PixelFilterSpec, RenderSpec, read_text,
-};
+use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, ErrorOf, PixelFilterSpec, RenderSpec, read_text};
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::Format;
 use dapple_scene::{Effect, bundled};
@@ -18,20 +16,20 @@ use std::path::PathBuf;
 
 /// Render an image with adaptive sampling: most samples go where the image needs them
 ///
-/// SCENE is a pbrt file (v4, v3 or v2), a model (.obj, .ply, .stl; Dapple adds a camera and a light), or the name of a
+/// SCENE is a pbrt file (v4, v3 or v2), a model (.gltf, .glb, .obj, .ply, .stl; Dapple adds a camera and a light), or the name of a
 /// bundled scene: teapot (the default), terrain, cornell, furnace, plates, lens, motion, glass, room, grass, door, tea,
 /// cabin. All settings are checked, and all outputs tested to be writable, before rendering begins.
 #[derive(Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct RenderArgs {
-    /// A pbrt file, a model (.obj, .ply, .stl), or a bundled scene
+    /// A pbrt file, a model (.gltf, .glb, .obj, .ply, .stl), or a bundled scene
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     pub(crate) scene: PathBuf,
 
     /// Image file to write: .exr (all layers, settings in the header), .pfm or .png; may be repeated
     ///
-    /// Without this option, SCENE.exr and SCENE.png are written to the current folder, and the sample map
-    /// SCENE-samples.png unless the sampler is uniform. Existing files are replaced.
+    /// Without this option, NAME.exr and NAME.png are written to the current folder, and the sample map
+    /// NAME-samples.png unless the sampler is uniform. NAME is that of the file's Film, else the scene's. Existing files are replaced.
     #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", value_parser = output)]
     pub(crate) outputs: Vec<PathBuf>,
 
@@ -66,7 +64,7 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Method")]
     pub(crate) seed: u64,
 
-    /// Take exactly this mean number of samples per pixel [default: 64; the scene file's number is ignored]
+    /// Take exactly this mean number of samples per pixel [default: the scene file's number, else 64]
     #[arg(short = 's', long, value_name = "MEAN", value_parser = above_zero, group = "budget")]
     #[arg(help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
@@ -317,7 +315,7 @@ impl RenderArgs {
         let budget = match (self.spp, self.error, self.time) {
             (_, Some(relmse), _) => BudgetSpec::Error(relmse),
             (_, _, Some(seconds)) => BudgetSpec::Seconds(seconds),
-            (spp, None, None) => BudgetSpec::Spp(spp.unwrap_or(DEFAULT_SPP)),
+            (spp, None, None) => spp.map_or(BudgetSpec::Scene, BudgetSpec::Spp),
         };
         let mut spec = RenderSpec::new(self.scene.to_string_lossy())
             .sampler(&self.sampler)

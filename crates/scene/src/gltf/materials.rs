@@ -41,6 +41,9 @@ pub(super) struct Materials<'a> {
     made: BTreeMap<Option<usize>, Surface>,
 }
 
+/// Triangles of nearly equal emission, and the sum of their means.
+type Alike = (Vec<[u32; 3]>, [f64; 3]);
+
 /// The parameters that all kinds of scattering share.
 struct Look {
     name: String,
@@ -263,7 +266,7 @@ impl<'a> Materials<'a> {
         if data.uvs.is_empty() {
             return vec![(data, surface)];
         }
-        let mut groups: BTreeMap<[i32; 3], (Vec<[u32; 3]>, [f64; 3])> = BTreeMap::new();
+        let mut groups: BTreeMap<[i32; 3], Alike> = BTreeMap::new();
         for triangle in &data.triangles {
             let mean = mean_over(image, triangle.map(|corner| data.uvs[corner as usize]));
             let key = mean.map(|c| if c > 1e-4 { (4.0 * libm::log2f(c)).round() as i32 } else { i32::MIN });
@@ -271,7 +274,7 @@ impl<'a> Materials<'a> {
             triangles.push(*triangle);
             (0..3).for_each(|c| sum[c] += f64::from(mean[c]));
         }
-        let part = |(triangles, sum): (Vec<[u32; 3]>, [f64; 3])| {
+        let part = |(triangles, sum): Alike| {
             let mean = sum.map(|c| (c / triangles.len() as f64) as f32);
             let radiance = std::array::from_fn(|c| emission.radiance[c] * mean[c]);
             let shines = mean.iter().any(|c| *c > 1e-4);
