@@ -8,6 +8,15 @@ pub(crate) fn start_threads(threads: u16) -> Result<()> {
     pool.build_global().map_err(|e| Failure::new(format!("cannot start {threads} threads: {e}")))
 }
 
+/// The command line of this process, with quotes around what holds spaces.
+pub(crate) fn command() -> String {
+    let quoted = |word: std::ffi::OsString| {
+        let word = word.to_string_lossy().into_owned();
+        if word.contains(char::is_whitespace) || word.is_empty() { format!("'{word}'") } else { word }
+    };
+    std::env::args_os().map(quoted).collect::<Vec<String>>().join(" ")
+}
+
 /// Makes a write beyond the largest file size (`ulimit -f`) an error instead of a signal that ends the process. Must be
 /// called before other threads start, which inherit the blocked signal.
 pub(crate) fn turn_file_limits_into_errors() {

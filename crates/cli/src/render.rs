@@ -169,6 +169,7 @@ impl Show<'_> {
             outputs => OutputFiles::images(outputs).map_err(Failure::new)?,
         };
         let files = self.maps.map_or(files.clone(), |folder| files.with_maps(folder)).with_exposure(self.exposure);
+        let files = files.with_command(crate::machine::command());
         let files = if self.features { files.with_features() } else { files };
         let files = if self.half { files.with_half() } else { files };
         let files = match self.layers {

@@ -78,9 +78,9 @@ fn layers_are_selected_and_stored_as_half_floats() {
     let channels = |name: &str| read_channels(&folder.read(name), name).expect("an image").channels;
     let names = |name: &str| channels(name).into_iter().map(|(name, _)| name).collect::<Vec<_>>();
     folder.done("render tiny.pbrt --spp 4 -o all.exr");
-    folder.done("render tiny.pbrt --spp 4 -o some.exr --layers albedo,count --half");
+    folder.done("render tiny.pbrt --spp 4 -o some.exr --layers Z,albedo,count --half");
     folder.done("render tiny.pbrt --spp 4 -o bare.exr --layers none");
-    assert_eq!(names("some.exr"), ["B", "G", "R", "albedo.B", "albedo.G", "albedo.R", "count.Y"]);
+    assert_eq!(names("some.exr"), ["B", "G", "R", "Z", "albedo.B", "albedo.G", "albedo.R", "count.Y"]);
     assert_eq!(names("bare.exr"), ["B", "G", "R"]);
     // Without a filter, features are recorded only because a layer requires them.
     folder.done("render tiny.pbrt --spp 4 --filter none --sampler uniform -o plain.exr --layers normal,depth");

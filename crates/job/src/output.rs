@@ -3,6 +3,7 @@
 //!
 //! [`OutputFiles`] writes the files; [`image`](dapple_scene::image) encodes them.
 
+mod camera;
 mod file_identity;
 mod files;
 mod header;

@@ -37,7 +37,7 @@ mod srgb;
 mod tests;
 
 pub use error::ImageError;
-pub use exr_write::{EncodedExr, Layer, encode_exr, rows_at_a_time};
+pub use exr_write::{EncodedExr, ExrHeader, Layer, encode_exr, encode_exr_with, rows_at_a_time};
 pub use file::{Format, check_writable, write_file};
 pub use openexr::{Channels, Plane, read_attributes, read_channels, read_integers};
 pub use pfm::encode_pfm;

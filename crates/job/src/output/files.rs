@@ -1,12 +1,13 @@
 //! The image files of a render.
 
 use super::GrayMap;
+use super::camera::View;
 use super::header::attributes;
 use crate::output;
 use crate::{Job, JobError, RenderedImage, Warning};
 use dapple_core::{Frame, Needs};
+use dapple_scene::image::{ExrHeader, encode_exr_with, encode_pfm, encode_png, rows_at_a_time};
 use dapple_scene::image::{Format, Image, ImageError, Layer, check_writable, write_file};
-use dapple_scene::image::{encode_exr, encode_pfm, encode_png, rows_at_a_time};
 use std::path::{Path, PathBuf};
 
 /// The kind of image in a file: the rendered image or one of the maps.
@@ -33,7 +34,7 @@ impl Contents {
             Self::Image(Format::Exr) => {
                 let rgb = 1 + usize::from(filtered) + usize::from(needs.variance) + 2 * usize::from(needs.features);
                 let one =
-                    1 + usize::from(needs.halves) + usize::from(needs.first_hits > 0) + 2 * usize::from(needs.features);
+                    1 + usize::from(needs.halves) + usize::from(needs.first_hits > 0) + 4 * usize::from(needs.features);
                 let layers = RGB * rgb + 4 * one;
                 // The larger of two peaks. While encoding: a copy of the image, all layers, the file and the rows being
                 // encoded. While making the variance layer: the layers so far, the pixel means and a copy of the
@@ -63,9 +64,17 @@ pub struct OutputFiles {
     half: bool,
     /// The layers of EXR files besides the image; `None` for all.
     layers: Option<Vec<String>>,
+    /// The command that makes the image, for the header.
+    command: Option<String>,
 }
 
 impl OutputFiles {
+    /// Sets the command that makes the image, which headers record.
+    #[must_use]
+    pub fn with_command(self, command: impl Into<String>) -> Self {
+        Self { command: Some(command.into()), ..self }
+    }
+
     /// Returns an empty list of files.
     pub fn none() -> Self {
         Self::default()
@@ -163,7 +172,7 @@ impl OutputFiles {
             _ => false,
         };
         let named = |name: &&str| self.layers.is_some() && self.has_layer(name);
-        let features = self.features || ["albedo", "normal", "depth", "coverage"].iter().any(named);
+        let features = self.features || ["A", "Z", "albedo", "normal", "depth", "coverage"].iter().any(named);
         if clusters && self.files.iter().any(shown) {
             needs = needs.with_first_hits(1);
         }
@@ -221,10 +230,14 @@ impl OutputFiles {
         path: &Path,
         warnings: &mut Vec<Warning>,
     ) -> Vec<Layer<'static>> {
-        for name in self.layers.iter().flatten().filter(|name| layers.iter().all(|layer| layer.name != **name)) {
+        let holds = |name: &str| {
+            layers.iter().any(|layer| layer.name == name) || layers[0].channels.iter().any(|channel| channel.0 == name)
+        };
+        for name in self.layers.iter().flatten().filter(|name| !holds(name)) {
             warnings.push(Warning::NoLayer { path: path.to_owned(), layer: name.clone() });
         }
         layers.retain(|layer| layer.name.is_empty() || self.has_layer(&layer.name));
+        layers[0].channels.retain(|(name, _)| !["A", "Z"].contains(name) || self.has_layer(name));
         if self.half {
             super::layers::halve(&mut layers);
         }
@@ -244,9 +257,21 @@ impl OutputFiles {
                 let image = Image::new(filtered.size, filtered.radiance.clone())?;
                 match format {
                     Format::Exr => {
-                        let layers = self.selected(output::layers(film, filtered, unit, ids()), path, warnings);
-                        let file =
-                            encode_exr(filtered.size, &layers, &attributes(report.job, report.image, report.cpu))?;
+                        let mut layers = output::layers(film, filtered, unit, ids());
+                        let view = View::new(&report.job.scene().camera, report.job.frame().resolution());
+                        layers[0].channels.extend(view.channels(film, unit));
+                        let layers = self.selected(layers, path, warnings);
+                        let mut attributes = attributes(report.job, report.image, report.cpu);
+                        attributes.extend(self.command.clone().map(|command| ("dapple:command".to_owned(), command)));
+                        let software = format!("dapple {}", env!("CARGO_PKG_VERSION"));
+                        let [world_to_camera, world_to_ndc] = view.matrices().map_or([None; 2], |m| m.map(Some));
+                        let header = ExrHeader {
+                            attributes: &attributes,
+                            software: Some(&software),
+                            world_to_camera,
+                            world_to_ndc,
+                        };
+                        let file = encode_exr_with(filtered.size, &layers, &header)?;
                         if file.clamped > 0 {
                             warnings.push(Warning::Clamped { path: path.to_owned(), values: file.clamped });
                         }

@@ -42,6 +42,8 @@ pub(super) fn attributes(job: &Job, image: &RenderedImage, cpu: Option<f64>) -> 
         ("predicted-relmse", film.predicted_relmse().map_or("unknown".into(), |e| e.to_string())),
         ("predicted-relmse-filtered", record.filtered_relmse.map_or("unknown".into(), |e| e.to_string())),
         ("bias", bias(job, image)),
+        // A checked description can be written.
+        ("spec", spec.to_json().unwrap_or_default()),
         ("interrupted", record.interrupted.to_string()),
         ("threads", rayon::current_num_threads().to_string()),
         // Serialising plain numbers cannot fail.

@@ -4,8 +4,8 @@ use dapple_core::{Features, Film, Filtered};
 use dapple_scene::image::{Layer, Plane};
 
 /// The names of the layers besides the image, in the order of [`layers`].
-pub const LAYERS: [&str; 9] =
-    ["unfiltered", "variance", "count", "error", "cluster", "albedo", "normal", "depth", "coverage"];
+pub const LAYERS: [&str; 11] =
+    ["A", "Z", "unfiltered", "variance", "count", "error", "cluster", "albedo", "normal", "depth", "coverage"];
 
 /// The layers whose values 16-bit floats hold with three digits, the image first. The range of the others is larger.
 const HALF: [&str; 5] = ["", "unfiltered", "albedo", "normal", "coverage"];
@@ -13,7 +13,8 @@ const HALF: [&str; 5] = ["", "unfiltered", "albedo", "normal", "coverage"];
 /// Stores colours, normals and coverage as 16-bit floats.
 pub(super) fn halve(layers: &mut [Layer<'_>]) {
     for layer in layers.iter_mut().filter(|layer| HALF.contains(&layer.name.as_str())) {
-        for (_, plane) in &mut layer.channels {
+        // Halves would be too coarse for distances along the axis.
+        for (_, plane) in layer.channels.iter_mut().filter(|(name, _)| *name != "Z" || !layer.name.is_empty()) {
             if let Plane::F32(values) = plane {
                 *plane = Plane::F16(std::mem::take(values));
             }
@@ -26,6 +27,8 @@ pub(super) fn halve(layers: &mut [Layer<'_>]) {
 /// | layer | channels | contents |
 /// |---|---|---|
 /// | (main) | R G B | the image, linear radiance |
+/// | (main, of files) | A | coverage as below, for compositing; R G B hold the background too |
+/// | (main, of files) | Z | distance along the camera's axis, as Blender writes it; 1e10 where nothing is hit |
 /// | `unfiltered` | R G B | the mean of each pixel's own samples, where a filter changed it |
 /// | `variance` | R G B | sample variance (of one sample, not of the mean); NaN below two samples |
 /// | `count` | Y, integers | samples per pixel |
@@ -95,7 +98,7 @@ pub(super) fn depth(features: &Features, unit: f64) -> f32 {
 }
 
 /// The share of a pixel's samples that hit a surface; 0 without samples.
-fn coverage(features: &Features) -> f32 {
+pub(super) fn coverage(features: &Features) -> f32 {
     features.hits as f32 / features.samples.max(1) as f32
 }
 

@@ -8,7 +8,7 @@ use ::gltf::khr_lights_punctual::Kind;
 use ::gltf::{Document, json};
 use glam::{DAffine3, DMat3, DVec3};
 
-/// Lumens per watt: the luminous efficacy of the candela's definition [BIPM 2019], by which Blender converts lights too.
+/// Lumens per watt: the luminous efficacy in the definition of the candela, by which Blender converts lights too.
 const LUMENS_PER_WATT: f32 = 683.0;
 /// Height in pixels of images by a camera of the file.
 const HEIGHT: f64 = 720.0;

@@ -29,6 +29,19 @@ impl Layer<'_> {
     }
 }
 
+/// What the header of an OpenEXR file says besides its size and channels.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ExrHeader<'a> {
+    /// Text attributes, name and value: a record of how the image was made.
+    pub attributes: &'a [(String, String)],
+    /// The program that made the image, as the standard attribute `software`.
+    pub software: Option<&'a str>,
+    /// The standard attribute `worldToCamera`: rows of the matrix for row vectors.
+    pub world_to_camera: Option<[f32; 16]>,
+    /// The standard attribute `worldToNDC`: rows of the matrix for row vectors.
+    pub world_to_ndc: Option<[f32; 16]>,
+}
+
 /// An encoded OpenEXR file in memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EncodedExr {
@@ -58,6 +71,15 @@ pub fn encode_exr(
     layers: &[Layer<'_>],
     attributes: &[(String, String)],
 ) -> Result<EncodedExr, ImageError> {
+    encode_exr_with(size, layers, &ExrHeader { attributes, ..ExrHeader::default() })
+}
+
+/// Encodes as [`encode_exr`] does, with standard attributes in the header.
+///
+/// # Errors
+/// Those of [`encode_exr`].
+pub fn encode_exr_with(size: [u32; 2], layers: &[Layer<'_>], given: &ExrHeader<'_>) -> Result<EncodedExr, ImageError> {
+    let attributes = given.attributes;
     let mut channels: Vec<(String, &Plane<'_>)> = Vec::new();
     for layer in layers {
         for (name, plane) in &layer.channels {
@@ -75,7 +97,7 @@ pub fn encode_exr(
     check_names("channel", channels.iter().map(|(name, _)| name.as_str()))?;
     check_names("attribute", attributes.iter().map(|(name, _)| name.as_str()))?;
     let planes: Vec<&Plane<'_>> = channels.iter().map(|&(_, plane)| plane).collect();
-    let bytes = encode(header(size, &channels, attributes), &planes)
+    let bytes = encode(header(size, &channels, given), &planes)
         .map_err(|e| refuse(format!("EXR: {e}; rename what it names, or write another format")))?;
     let bytes = sort_attributes(bytes);
     check_attributes(&bytes, attributes)?;
@@ -120,7 +142,7 @@ fn count_clamped(plane: &Plane<'_>) -> u64 {
     }
 }
 
-fn header(size: [u32; 2], channels: &[(String, &Plane<'_>)], attributes: &[(String, String)]) -> Header {
+fn header(size: [u32; 2], channels: &[(String, &Plane<'_>)], given: &ExrHeader<'_>) -> Header {
     let text = |s: &str| Text::from_slice_unchecked(s.as_bytes());
     let size = (size[0] as usize, size[1] as usize);
     let list = channels.iter().map(|(name, plane)| {
@@ -131,11 +153,17 @@ fn header(size: [u32; 2], channels: &[(String, &Plane<'_>)], attributes: &[(Stri
         };
         ChannelDescription::new(text(name), kind, false)
     });
-    let other = attributes.iter().map(|(name, value)| (text(name), AttributeValue::Text(text(value)))).collect();
+    let other = given.attributes.iter().map(|(name, value)| (text(name), AttributeValue::Text(text(value)))).collect();
     Header::new(text("main"), size, list.collect())
         .with_encoding(Compression::ZIP16, BlockDescription::ScanLines, LineOrder::Increasing)
         .with_shared_attributes(ImageAttributes::with_size(size))
-        .with_attributes(LayerAttributes { other, ..LayerAttributes::default() })
+        .with_attributes(LayerAttributes {
+            other,
+            software_name: given.software.map(text),
+            world_to_camera: given.world_to_camera,
+            world_to_normalized_device: given.world_to_ndc,
+            ..LayerAttributes::default()
+        })
 }
 
 /// Number of image rows per ZIP-compressed block, fixed by the OpenEXR format.
