@@ -221,7 +221,7 @@ impl ClusterRegression {
     /// The image of three passes and `scales` coarse scales.
     fn scaled(&self, inputs: &mut Inputs, scales: usize) -> Filtered {
         let coarse = scales::coarser(inputs);
-        let light = outliers::take_halves(inputs, scales::RATIO);
+        let light = outliers::take_halves(inputs, scales::ratio(scales));
         let mut image = self.smooth(inputs, CERTAIN);
         if let Some(light) = light {
             image.add(&light);

@@ -69,9 +69,16 @@ impl OptionValue for Scales {
     }
 }
 
-/// The ratio of an outlier to its surroundings. With 6, the ratio without scales, a room lit through a slit has 6 % more error
-/// at 1280x720: coarse scales spread light better than a blob does.
-pub(crate) const RATIO: f32 = 20.0;
+/// The ratio of an outlier to its surroundings, per scale. With 6 for three scales, a room lit through a slit has 6 % more
+/// error at 1280x720: coarse scales spread light better than a blob does. With 20 for one scale, a lit room has 2 % more
+/// at 160x120.
+const RATIO: f32 = 7.0;
+
+/// The ratio of an outlier to its surroundings if this many coarse scales follow, at least 1.
+pub(crate) fn ratio(scales: usize) -> f32 {
+    RATIO * scales as f32
+}
+
 /// The factor on the squared difference of normals in the step up.
 const TURNED: f32 = 20.0;
 /// The standard deviation of the log depth in the step up, in units of its slope between neighbouring pixels.
@@ -161,7 +168,7 @@ fn down_pair(fine: &Inputs, coarse: &Inputs, image: &Pair) -> Pair {
 /// out.
 pub(crate) fn correct(fine: &Inputs, mut coarse: Inputs, image: &mut Pair, scales: usize) {
     let next = (scales > 1 && coarse.pixels() > 1).then(|| coarser(&coarse));
-    let light = outliers::take_halves(&mut coarse, RATIO);
+    let light = outliers::take_halves(&mut coarse, ratio(scales));
     let before = down_pair(fine, &coarse, image);
     let mut smooth = wide(&coarse, &residual_guide(&coarse, &before), &before);
     if let Some(light) = light {
