@@ -95,6 +95,10 @@ dapple_core::options! {
 ///    Stein 1961].
 /// 7. With three passes, outliers are taken out of the halves before step 2: bright colours that the other half lacks.
 ///    Their light is spread over the surface around them after step 6.
+/// 8. With coarse `scales`, means of 2x2 pixels make an image of half the size, and so on [after Delbracio 2014; Boughida
+///    and Boubekeur 2017]. At each of them a regression over 41x41 of its pixels corrects the mean of the finer result.
+///    The change is added to the finer image where normal and depth are alike. This happens before the last blend of
+///    step 6, with the light of outliers in the image. Then more is needed to count as an outlier or as detail.
 ///
 /// # Guarantees
 ///
