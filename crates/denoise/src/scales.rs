@@ -196,8 +196,11 @@ fn add_up(fine: &Inputs, coarse: &Inputs, image: &mut Pair, [before, after]: [&P
         let [before, after] = [&before.0[half][c], &after.0[half][c]];
         before.iter().zip(after).enumerate().map(|(i, (b, a))| (a - b) / coarse.divisor(c, i)).collect()
     });
-    let near =
-        |x: usize, end: usize| [x / 2, if x % 2 == 0 { (x / 2).saturating_sub(1) } else { (x / 2 + 1).min(end - 1) }];
+    // The coarse pixel that holds a pixel, then the next one on the pixel's side.
+    let near = |x: usize, end: usize| {
+        let (own, left) = (x / 2, x.is_multiple_of(2));
+        [own, if left { own.saturating_sub(1) } else { (own + 1).min(end - 1) }]
+    };
     let of = |i: usize| -> [f32; 6] {
         let (xs, ys) = (near(i % width, columns), near(i / width, rows));
         let (f, g) = (&fine.features, &coarse.features);
