@@ -42,6 +42,15 @@ pub fn obj(data: &[u8]) {
     let _ = dapple_scene::read_any_from(files, "m.obj", &Default::default());
 }
 
+/// A glTF file, text or binary, whose image has the same bytes.
+pub fn gltf(data: &[u8]) {
+    let files: &[(&str, &[u8])] = &[("m.gltf", data), ("p.png", data)];
+    match dapple_scene::read_any_from(files, "m.gltf", &Default::default()) {
+        Ok(scene) => drop(Effects::of(&scene)),
+        Err(e) => assert!(!e.to_string().is_empty()),
+    }
+}
+
 /// An STL mesh.
 pub fn stl(data: &[u8]) {
     if let Ok(mesh) = read_stl(data) {

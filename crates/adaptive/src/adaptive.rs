@@ -95,6 +95,10 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         format!("adaptive:by={by},{}", self.options.describe())
     }
 
+    fn rounds(&self) -> Option<u32> {
+        Some(1 + self.options.rounds_after_pilot())
+    }
+
     fn needs(&self) -> Needs {
         let mut needs = Needs::none().with_variance();
         if self.options.policy == PilotPolicy::Cross {

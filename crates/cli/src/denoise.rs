@@ -22,7 +22,7 @@ pub(crate) struct DenoiseArgs {
     inputs: Vec<PathBuf>,
 
     /// Image file to write: .exr (with the estimated error), .pfm or .png; may be repeated. Inputs are never replaced
-    #[arg(short, long = "output", value_name = "OUT", required = true)]
+    #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", required = true)]
     outputs: Vec<PathBuf>,
 
     /// Name of a layer in the files, such as normal=nn; may be repeated. Kinds: color, variance (of a sample),
@@ -39,7 +39,7 @@ pub(crate) struct DenoiseArgs {
     variance_of_mean: bool,
 
     /// Filter (the denoiser) [default: cluster-regression]; `dapple filters` lists all
-    #[arg(long, value_name = "NAME[:…]", value_parser = filter)]
+    #[arg(long, visible_alias = "denoiser", value_name = "NAME[:…]", value_parser = filter)]
     filter: Option<String>,
 
     /// Exposure of PNG files in stops; each doubles the brightness
@@ -47,7 +47,8 @@ pub(crate) struct DenoiseArgs {
     exposure: f32,
 
     /// Number of threads; 0 is one per core
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
+    #[arg(short = 't', long, visible_alias = "nthreads", value_name = "N", default_value_t = 0)]
+    #[arg(value_parser = clap::value_parser!(u16).range(..=1024))]
     threads: u16,
 
     /// Print one line of JSON

@@ -5,7 +5,7 @@ mod table;
 
 use crate::machine::start_threads;
 use crate::output::{say, tell, warn};
-use crate::render::args::resolution;
+use crate::render::values::resolution;
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, failure};
 use dapple_core::Frame;
@@ -28,7 +28,7 @@ const LONGEST: u32 = 192;
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct EffectsArgs {
-    /// A scene file, a model (.obj, .ply, .stl), or a bundled scene: teapot, terrain, cornell, furnace, plates, lens, motion, glass, room, grass, door, tea, cabin
+    /// A scene file, a model (.gltf, .glb, .obj, .ply, .stl), or a bundled scene: teapot, terrain, cornell, furnace, plates, lens, motion, glass, room, grass, door, tea, cabin
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     scene: PathBuf,
 

@@ -75,7 +75,6 @@ fn option(error: &SpecError) -> String {
 /// The text of a warning, with advice that names command-line options.
 pub(crate) fn warning(warning: &Warning) -> String {
     match warning {
-        Warning::SuggestedSpp { suggested, .. } => format!("{warning}; --spp {suggested} follows the file"),
         Warning::ErrorNotReached { .. } => format!("{warning}; --max-spp raises the latter"),
         Warning::RejectedSamples { first, .. } => match render::replay(first) {
             Some(advice) => format!("{warning}; {advice}"),

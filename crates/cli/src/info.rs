@@ -13,7 +13,7 @@ use std::path::PathBuf;
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  dapple info scene.pbrt\n  dapple info model.obj\n  dapple info terrain")]
 pub(crate) struct InfoArgs {
-    /// A pbrt file (v4, v3 or v2), a model (.obj, .ply, .stl), or a bundled scene: teapot, terrain, cornell, furnace, plates, lens,
+    /// A pbrt file (v4, v3 or v2), a model (.gltf, .glb, .obj, .ply, .stl), or a bundled scene: teapot, terrain, cornell, furnace, plates, lens,
     /// motion, glass, room, grass, door, tea, cabin
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     scene: PathBuf,
@@ -126,6 +126,7 @@ fn material(kind: &MaterialKind) -> &'static str {
         MaterialKind::Mirror { .. } => "mirror",
         MaterialKind::Plastic { .. } => "plastic",
         MaterialKind::Substrate { .. } => "substrate",
+        MaterialKind::Layered { .. } => "layered",
     }
 }
 

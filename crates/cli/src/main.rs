@@ -4,14 +4,18 @@
 
 mod compare;
 mod denoise;
+mod display;
 mod effects;
 mod failure;
+mod hints;
 mod info;
 mod lists;
 mod machine;
+mod manual;
 mod merge;
 mod output;
 mod render;
+mod schemas;
 mod stop;
 mod study;
 
@@ -25,6 +29,8 @@ enum Outcome {
     Done,
     /// A signal ended the program early; the samples taken so far are saved.
     Interrupted,
+    /// The render is done, but none of its checkpoints could be written.
+    NoCheckpoint,
 }
 
 /// An error, as lines that are printed to stderr.
@@ -73,7 +79,8 @@ Examples:
   dapple study teapot -o teapot-study              accuracy against time: runs.jsonl, report.html
 
 Results go to stdout, progress and warnings to stderr.
-Exit status: 0 done, 1 failed, 2 wrong arguments, 130 interrupted (the image so far is saved).";
+Exit status: 0 done, 1 failed, 2 wrong arguments, 3 done but no checkpoint could be written, 130 interrupted (the image
+so far is saved).";
 
 #[derive(Subcommand)]
 enum Command {
@@ -87,18 +94,23 @@ enum Command {
     /// Make one run of a study in a process of its own: reads a request as JSON, prints the run as JSON
     #[command(hide = true)]
     StudyRun,
-    /// List the samplers, which decide how many samples each pixel gets
-    Samplers,
-    /// List the point sets, which decide where samples lie
-    Points,
-    /// List the integrators, which compute the radiance of a sample
-    Integrators,
-    /// List the filters (denoisers), which make the image from the samples
-    Filters,
+    /// List the samplers, which decide how many samples each pixel gets, or describe one
+    Samplers(lists::ListArgs),
+    /// List the point sets, which decide where samples lie, or describe one
+    Points(lists::ListArgs),
+    /// List the integrators, which compute the radiance of a sample, or describe one
+    Integrators(lists::ListArgs),
+    /// List the filters (denoisers), which make the image from the samples, or describe one
+    Filters(lists::ListArgs),
+    Completions(manual::CompletionsArgs),
+    Man(manual::ManArgs),
+    Schemas(schemas::SchemasArgs),
 }
 
 fn main() -> ExitCode {
-    let outcome = match Arguments::parse().command {
+    machine::turn_file_limits_into_errors();
+    let arguments = Arguments::try_parse().unwrap_or_else(|error| hints::add_to(error).exit());
+    let outcome = match arguments.command {
         Command::Render(args) => render::run(&args),
         Command::Merge(args) => merge::run(&args),
         Command::Compare(args) => compare::run(&args),
@@ -107,14 +119,18 @@ fn main() -> ExitCode {
         Command::Effects(args) => effects::run(&args),
         Command::Study(args) => study::run(&args),
         Command::StudyRun => study::run_one(),
-        Command::Samplers => lists::samplers(),
-        Command::Points => lists::points(),
-        Command::Integrators => lists::integrators(),
-        Command::Filters => lists::filters(),
+        Command::Samplers(args) => lists::samplers(&args),
+        Command::Points(args) => lists::points(&args),
+        Command::Integrators(args) => lists::integrators(&args),
+        Command::Filters(args) => lists::filters(&args),
+        Command::Completions(args) => manual::completions(&args),
+        Command::Man(args) => manual::man(&args),
+        Command::Schemas(args) => schemas::run(&args),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Interrupted) => ExitCode::from(130),
+        Ok(Outcome::NoCheckpoint) => ExitCode::from(3),
         Err(Failure(lines)) => {
             lines.iter().for_each(|line| output::say("error", line));
             ExitCode::FAILURE

@@ -1,8 +1,9 @@
 //! The subcommand `dapple merge`.
 
 use crate::render::{self, Show};
-use crate::{Outcome, Result, failure};
+use crate::{Failure, Outcome, Result, failure};
 use dapple_job::ShardSet;
+use dapple_job::memory::{MemoryLimit, size};
 use std::path::PathBuf;
 
 /// Make an image from shards that several machines rendered
@@ -17,7 +18,7 @@ pub(crate) struct MergeArgs {
     shards: Vec<PathBuf>,
 
     /// Image file to write: .exr, .pfm or .png; may be repeated [default: as for dapple render]
-    #[arg(short, long = "output", value_name = "OUT", value_parser = render::args::output)]
+    #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", value_parser = render::values::output)]
     outputs: Vec<PathBuf>,
 
     /// Path of the scene, if it has moved
@@ -28,8 +29,13 @@ pub(crate) struct MergeArgs {
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
     exposure: f32,
 
+    /// Memory limit, such as 2G, 500M or a number of bytes; a larger merge is refused [default: the machine's memory]
+    #[arg(long, value_name = "SIZE", value_parser = render::values::size)]
+    memory: Option<u64>,
+
     /// Number of threads; 0 is one per core
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
+    #[arg(short = 't', long, visible_alias = "nthreads", value_name = "N", default_value_t = 0)]
+    #[arg(value_parser = clap::value_parser!(u16).range(..=1024))]
     threads: u16,
 
     /// Print one line of JSON instead of the summary; values are totals over all machines, except "cpu", the CPU
@@ -37,8 +43,8 @@ pub(crate) struct MergeArgs {
     #[arg(long)]
     json: bool,
 
-    /// Show no summary; warnings are still printed
-    #[arg(short, long, conflicts_with = "json")]
+    /// Show no summary; warnings are still printed, and the line of --json
+    #[arg(short, long)]
     quiet: bool,
 }
 
@@ -49,6 +55,8 @@ Example (docs/SHARDS.md has one for job arrays):
   dapple merge 1.shard 2.shard -o scene.exr";
 
 pub(crate) fn run(args: &MergeArgs) -> Result<Outcome> {
+    let limit = args.memory.map_or_else(MemoryLimit::of_machine, MemoryLimit::given);
+    check_fits(&args.shards, limit)?;
     let shards = ShardSet::read(&args.shards).map_err(|e| failure::of_job(&e))?;
     let mut spec = shards.spec().clone();
     if let Some(scene) = &args.scene {
@@ -58,9 +66,27 @@ pub(crate) fn run(args: &MergeArgs) -> Result<Outcome> {
         outputs: &args.outputs,
         maps: None,
         features: false,
+        half: false,
+        layers: None,
         exposure: args.exposure,
         json: args.json,
         quiet: args.quiet,
+        progress_every: None,
     };
-    render::merge(shards, &spec, &show, args.threads)
+    render::merge(shards, &spec, &show, (args.threads, limit))
+}
+
+/// Checks before reading that the films of all shards fit into memory: all parts, the whole, and the file being read. A
+/// file that cannot be looked at counts as empty; reading it reports the error.
+fn check_fits(shards: &[PathBuf], limit: MemoryLimit) -> Result<()> {
+    let lengths: Vec<u64> = shards.iter().map(|path| std::fs::metadata(path).map_or(0, |found| found.len())).collect();
+    let sum = lengths.iter().fold(0_u64, |sum, length| sum.saturating_add(*length));
+    let needed = sum.saturating_mul(2).saturating_add(lengths.iter().copied().max().unwrap_or(0));
+    match limit.bytes().filter(|limit| needed > *limit) {
+        None => Ok(()),
+        Some(limit) => {
+            let (needed, limit) = (size(needed), size(limit));
+            Err(Failure::new(format!("merging these shards takes {needed}, and {limit} is the limit; raise --memory")))
+        }
+    }
 }

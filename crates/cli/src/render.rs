@@ -1,8 +1,11 @@
 //! The subcommand `dapple render`.
 
 pub(crate) mod args;
+pub(crate) mod live;
 mod progress;
 mod report;
+mod roles;
+pub(crate) mod values;
 
 pub(crate) use args::RenderArgs;
 
@@ -11,15 +14,17 @@ use crate::output::{say, tell, warn};
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, failure};
 use dapple_core::Film;
-use dapple_job::memory::MemoryLimit;
+use dapple_job::memory::{MemoryLimit, size};
 use dapple_job::{
-    Checkpoints, Job, JobError, LoadOptions, LoadedScene, OutputFiles, RenderSpec, RenderedImage, ShardSet, Traced,
-    Warning, can_be_replayed,
+    Job, JobError, LoadOptions, LoadedScene, OutputFiles, RenderSpec, ShardSet, Traced, Warning, can_be_replayed,
 };
+use dapple_scene::Scene;
 use dapple_scene::image::{check_writable, write_file};
+use live::Live;
 use progress::Progress;
 use report::Report;
 use std::path::{Path, PathBuf};
+use values::EachLayer;
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     let spec = args.spec()?;
@@ -31,46 +36,60 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     start_threads(args.threads)?;
     // The checkpoint file is locked first, so that a second process with the same file fails at once.
     let checkpoints = args.checkpoints().open().map_err(|e| failure::of_job(&e))?;
-    let show = Show {
-        outputs: &args.outputs,
-        maps: args.maps.as_deref(),
-        features: args.features,
-        exposure: args.exposure,
-        json: args.json,
-        quiet: args.quiet,
-    };
+    let show = Show::from(args);
+    let mut progress = Progress::new(&show, stop, Live::open(&args.live())?);
     let keeps = checkpoints.is_some();
     let limit = args.memory.map_or_else(MemoryLimit::of_machine, MemoryLimit::given);
     let options = LoadOptions::default().with_limit(limit);
     let options = if keeps || spec.shard.is_some() { options } else { options.without_digest() };
+    progress.phase("reading");
     let loaded = load(&spec, &options, limit)?;
     let files = show.files(&loaded)?;
     let shard = shard_file(args, &loaded)?;
-    warn_all(loaded.warnings(), args.spp.is_some());
-    let Some((mut job, cpu)) = prepare(loaded, files, &stop)? else { return Ok(Outcome::Interrupted) };
+    roles::check(args, &loaded, &files, shard.as_deref())?;
+    files.prepare().map_err(|e| failure::of_job(&e))?;
+    warn_all(loaded.warnings());
+    let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(Outcome::Interrupted) };
     let expected = job.memory(keeps).map_err(|e| failure::of_job(&e))?;
+    let expected = if args.live().is_on() { expected.with_live_image(job.frame()) } else { expected };
     expected.check(limit).map_err(|e| failure::of_job(&e))?;
-    let traced = trace(&mut job, checkpoints, Progress::new(&show, stop))?;
+    progress.begin(&job);
+    let traced = job.run(checkpoints, &mut progress).map_err(|e| failure::of_job(&e))?;
     match (&shard, &traced.failure) {
         (Some(path), None) => {
+            drop(progress);
             write_shard(path, &job, &traced.film, args.quiet)?;
-            end(traced.film.record().interrupted, None, traced.checkpoint)
+            end(traced.film.record().interrupted, None, (traced.checkpoint, traced.checkpoints_written))
         }
-        _ => show.deliver(&job, traced, Some(&expected), cpu),
+        _ => show.deliver(&job, traced, (Some(&expected), cpu), progress),
     }
 }
 
 /// Filters the merged film of shards and writes the image files.
-pub(crate) fn merge(shards: ShardSet, spec: &RenderSpec, show: &Show<'_>, threads: u16) -> Result<Outcome> {
+pub(crate) fn merge(
+    shards: ShardSet,
+    spec: &RenderSpec,
+    show: &Show<'_>,
+    (threads, limit): (u16, MemoryLimit),
+) -> Result<Outcome> {
     let stop = Stop::listen()?;
     start_threads(threads)?;
-    let limit = MemoryLimit::of_machine();
+    let progress = Progress::new(show, stop, Live::default());
+    progress.phase("reading");
     let loaded = load(spec, &LoadOptions::default().with_limit(limit), limit)?;
     let files = show.files(&loaded)?;
-    warn_all(loaded.warnings(), true);
-    let Some((job, cpu)) = prepare(loaded, files, &stop)? else { return Ok(Outcome::Interrupted) };
+    roles::check_inputs(&loaded, files.paths().map(|path| ("--output", path)))?;
+    files.prepare().map_err(|e| failure::of_job(&e))?;
+    warn_all(loaded.warnings());
+    let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(Outcome::Interrupted) };
+    let expected = job.memory(false).map_err(|e| failure::of_job(&e))?.with_film_in_memory();
+    if expected.check(limit).is_err() {
+        let limit = limit.bytes().map_or_else(String::new, size);
+        let wrong = format!("making the image takes {expected}, and {limit} is the limit; raise --memory");
+        return Err(Failure::new(wrong));
+    }
     let traced = job.merge(shards).map_err(|e| failure::of_job(&e))?;
-    show.deliver(&job, traced, None, cpu)
+    show.deliver(&job, traced, (None, cpu), progress)
 }
 
 fn load(spec: &RenderSpec, options: &LoadOptions, limit: MemoryLimit) -> Result<LoadedScene> {
@@ -81,15 +100,17 @@ fn load(spec: &RenderSpec, options: &LoadOptions, limit: MemoryLimit) -> Result<
 
 /// Prepares the job. Also returns the processor seconds used before clustering, if the system reports them. The result
 /// is `None` if the user stopped it.
-fn prepare(loaded: LoadedScene, files: OutputFiles, stop: &Stop) -> Result<Option<(Job, Option<f64>)>> {
+fn prepare(loaded: LoadedScene, files: OutputFiles, progress: &Progress) -> Result<Option<(Job, Option<f64>)>> {
+    progress.phase("building");
     let (spec, warned) = (loaded.spec().clone(), loaded.warnings().len());
     let prepared = loaded.build().map_err(|e| failure::of_job(&e))?;
-    warn_all(&prepared.warnings()[warned..], true);
-    if stop.asked() {
+    warn_all(&prepared.warnings()[warned..]);
+    if progress.stop.asked() {
         warn(NOTHING);
         return Ok(None);
     }
     let cpu = cpu_seconds();
+    progress.phase("preparing the methods");
     let mut job = prepared.job(&spec).map_err(|e| failure::of_job(&e))?;
     job.set_outputs(files);
     Ok(Some((job, cpu)))
@@ -97,18 +118,9 @@ fn prepare(loaded: LoadedScene, files: OutputFiles, stop: &Stop) -> Result<Optio
 
 const NOTHING: &str = "stopped before the first sample: nothing is saved";
 
-fn trace(job: &mut Job, checkpoints: Option<Checkpoints>, mut progress: Progress) -> Result<Traced> {
-    progress.begin(job);
-    let traced = job.run(checkpoints, &mut progress);
-    progress.finish();
-    traced.map_err(|e| failure::of_job(&e))
-}
-
-/// Prints warnings, to stderr. `has_spp` states that the user set samples per pixel; otherwise the number that the
-/// scene suggests is not mentioned.
-fn warn_all(warnings: &[Warning], has_spp: bool) {
-    let silent = |warning: &&Warning| !(has_spp && matches!(warning, Warning::SuggestedSpp { .. }));
-    warnings.iter().filter(silent).for_each(|warning| warn(failure::warning(warning)));
+/// Prints warnings, to stderr.
+fn warn_all(warnings: &[Warning]) {
+    warnings.iter().for_each(|warning| warn(failure::warning(warning)));
 }
 
 /// The options for an image's files and for its summary.
@@ -116,24 +128,53 @@ pub(crate) struct Show<'a> {
     pub(crate) outputs: &'a [PathBuf],
     pub(crate) maps: Option<&'a Path>,
     pub(crate) features: bool,
+    /// True stores colours in EXR files as 16-bit floats.
+    pub(crate) half: bool,
+    /// The layers of EXR files; `None` for all.
+    pub(crate) layers: Option<&'a [EachLayer]>,
     pub(crate) exposure: f32,
     pub(crate) json: bool,
     pub(crate) quiet: bool,
+    /// Seconds between plain lines of progress, instead of a bar.
+    pub(crate) progress_every: Option<f64>,
+}
+
+/// The estimated memory of a render, which is unknown for merged shards, and the processor seconds before it.
+type Before<'a> = (Option<&'a dapple_job::memory::MemoryEstimate>, Option<f64>);
+
+impl<'a> From<&'a RenderArgs> for Show<'a> {
+    fn from(args: &'a RenderArgs) -> Self {
+        Self {
+            outputs: &args.outputs,
+            maps: args.maps.as_deref(),
+            features: args.features,
+            half: args.half,
+            layers: args.layers.as_deref(),
+            exposure: args.exposure,
+            json: args.json,
+            quiet: args.quiet,
+            progress_every: args.progress_every,
+        }
+    }
 }
 
 impl Show<'_> {
-    /// Returns the image files to write, checked to be writable; an empty list for a shard.
+    /// Returns the image files to write; an empty list for a shard.
     fn files(&self, loaded: &LoadedScene) -> Result<OutputFiles> {
         if loaded.spec().shard.is_some() {
             return Ok(OutputFiles::none());
         }
         let files = match self.outputs {
-            [] => OutputFiles::defaults(&loaded.scene().name, &loaded.spec().sampler),
+            [] => OutputFiles::defaults(&name(loaded.scene()), &loaded.spec().sampler),
             outputs => OutputFiles::images(outputs).map_err(Failure::new)?,
         };
         let files = self.maps.map_or(files.clone(), |folder| files.with_maps(folder)).with_exposure(self.exposure);
         let files = if self.features { files.with_features() } else { files };
-        files.prepare().map_err(|e| failure::of_job(&e))?;
+        let files = if self.half { files.with_half() } else { files };
+        let files = match self.layers {
+            Some(layers) => files.with_layers(layers.iter().filter_map(|layer| layer.0)),
+            None => files,
+        };
         Ok(files)
     }
 
@@ -142,10 +183,11 @@ impl Show<'_> {
         &self,
         job: &Job,
         traced: Traced,
-        expected: Option<&dapple_job::memory::MemoryEstimate>,
-        cpu: Option<f64>,
+        (expected, cpu): Before<'_>,
+        mut progress: Progress,
     ) -> Result<Outcome> {
-        let Traced { film, failure: panicked, checkpoint } = traced;
+        let Traced { film, failure: panicked, checkpoint, checkpoints_written } = traced;
+        progress.phase("filter");
         let mut image = job.finish(film).map_err(|e| failure::of_job(&e))?;
         let cpu = cpu_seconds().zip(cpu).map(|(after, before)| after - before);
         let shown = |warning: &&Warning| panicked.is_none() || !matches!(warning, Warning::ErrorNotReached { .. });
@@ -154,23 +196,20 @@ impl Show<'_> {
         if image.film.record().samples == 0 {
             warn(NOTHING);
         } else {
-            self.write(job, &mut image, expected, cpu)?;
+            progress.phase("writing");
+            progress.finish(&image);
+            let clock = std::time::Instant::now();
+            let (written, warnings) = job.outputs().write(job, &image, cpu).map_err(|e| failure::of_job(&e))?;
+            image.seconds.write = clock.elapsed().as_secs_f64();
+            warn_all(&warnings);
+            drop(progress);
+            self.report(&Report { job, image: &image, cpu, expected }, &written)?;
         }
-        end(interrupted, panicked, checkpoint)
+        end(interrupted, panicked, (checkpoint, checkpoints_written))
     }
 
-    fn write(
-        &self,
-        job: &Job,
-        image: &mut RenderedImage,
-        expected: Option<&dapple_job::memory::MemoryEstimate>,
-        cpu: Option<f64>,
-    ) -> Result<()> {
-        let clock = std::time::Instant::now();
-        let (written, warnings) = job.outputs().write(job, image, cpu).map_err(|e| failure::of_job(&e))?;
-        warn_all(&warnings, true);
-        image.seconds.write = clock.elapsed().as_secs_f64();
-        let report = Report { job, image, cpu, expected };
+    /// Prints the result: a line of JSON, or a summary and the files written.
+    fn report(&self, report: &Report<'_>, written: &[String]) -> Result<()> {
         if self.json {
             return tell(report.json());
         }
@@ -182,10 +221,16 @@ impl Show<'_> {
     }
 }
 
+/// The name of output files: that of the scene file's own output, without folder and extension; else the scene's.
+fn name(scene: &Scene) -> String {
+    let given = scene.film.file_name.as_deref().and_then(|file| Path::new(file).file_stem());
+    given.map_or_else(|| scene.name.clone(), |stem| stem.to_string_lossy().into_owned())
+}
+
 /// Returns the path of the shard file to write, checked to be writable; `None` if the render is not a shard.
 fn shard_file(args: &RenderArgs, loaded: &LoadedScene) -> Result<Option<PathBuf>> {
     let Some(shard) = loaded.spec().shard else { return Ok(None) };
-    let named = || PathBuf::from(format!("{}-{}-of-{}.shard", loaded.scene().name, shard.index() + 1, shard.of()));
+    let named = || PathBuf::from(format!("{}-{}-of-{}.shard", name(loaded.scene()), shard.index() + 1, shard.of()));
     let path = args.outputs.first().cloned().unwrap_or_else(named);
     check_writable(&path).map_err(Failure::new)?;
     Ok(Some(path))
@@ -207,12 +252,13 @@ fn write_shard(path: &Path, job: &Job, film: &Film, quiet: bool) -> Result<()> {
 }
 
 /// The outcome of the program, after all files are written. `checkpoint` is the written checkpoint file, or the error
-/// of writing it.
+/// of writing it, and the number of checkpoints written in all.
 fn end(
     interrupted: bool,
     panicked: Option<String>,
-    checkpoint: Option<std::result::Result<PathBuf, JobError>>,
+    (checkpoint, written): (Option<std::result::Result<PathBuf, JobError>>, u64),
 ) -> Result<Outcome> {
+    let has_none = matches!(checkpoint, Some(Err(_))) && written == 0;
     let resume = match checkpoint {
         Some(Err(trouble)) if interrupted => return Err(failure::of_job(&trouble)),
         Some(Err(trouble)) => {
@@ -231,6 +277,7 @@ fn end(
             }
             Ok(Outcome::Interrupted)
         }
+        None if has_none => Ok(Outcome::NoCheckpoint),
         None => Ok(Outcome::Done),
     }
 }

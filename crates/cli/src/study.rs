@@ -9,6 +9,8 @@ use crate::machine::{cpu_seconds, start_threads};
 use crate::output::{say, tell};
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result};
+use dapple_job::JobError;
+use dapple_job::memory::size;
 use dapple_study::{
     InProcess, Processes, RunRequest, Runner, Study, StudyError, StudyOptions, StudyStatus, write_report,
 };
@@ -43,7 +45,7 @@ pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
     };
     let (before, runs) = (study.runs().len(), study.expected());
     if before > 0 && before < runs {
-        bar.say(&format!("resuming after {before} of {runs} runs"));
+        say("study", &format!("resuming after {before} of {runs} runs"));
     }
     let ended = study.run(&mut *runner, &mut bar).map_err(|e| failure_of(&e, &mut bar))?;
     bar.finish();
@@ -94,6 +96,10 @@ fn itself() -> Result<std::path::PathBuf> {
 fn failure_of(error: &StudyError, bar: &mut Bar) -> Failure {
     bar.finish();
     match error {
+        StudyError::Load(JobError::Memory { estimate, limit, .. }) => {
+            let limit = limit.bytes().map_or_else(String::new, size);
+            Failure::new(format!("a run takes at least {estimate}, and {limit} is all there is; lower --resolution"))
+        }
         StudyError::Load(error) => crate::failure::of_job(error),
         _ => Failure::lines(error),
     }

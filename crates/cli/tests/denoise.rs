@@ -307,7 +307,7 @@ fn what_cannot_be_denoised_is_refused_with_advice() {
     std::fs::write(folder.path("small.exr"), encode_exr([3, 2], &[small], &[]).unwrap().bytes).unwrap();
     let before = folder.read("in.exr");
     std::fs::write(folder.path("a.png"), b"\x89PNG").unwrap();
-    let cases: [(&str, i32, &[&str]); 14] = [
+    let cases: [(&str, i32, &[&str]); 15] = [
         ("a.png -o out.exr", 1, &["a.png: it is no OpenEXR file", "save the image as OpenEXR"]),
         ("in.exr -o out.exr", 1, &["in.exr: layer \"Variance\"", "--spp N", "--variance-of-mean"]),
         (
@@ -322,6 +322,7 @@ fn what_cannot_be_denoised_is_refused_with_advice() {
         ("in.exr small.exr -o out.exr", 1, &["small.exr: it has 3x2 pixels, and in.exr has 40x24"]),
         ("in.exr -o in.exr --spp 8", 1, &["in.exr: it is an input; choose another name"]),
         ("in.exr -o ./in.exr --spp 8", 1, &["it is an input"]),
+        ("in.exr -o a.png -o ./a.png --spp 8", 1, &["./a.png: this is the file of a.png; give each output"]),
         ("in.exr -o out.jpg --spp 8", 1, &["name the output .exr, .pfm or .png"]),
         ("nonesuch.exr -o out.exr", 1, &["nonesuch.exr: cannot read it", "check the name"]),
         ("in.exr -o out.exr --filter nonesuch", 2, &["there is no filter \"nonesuch\""]),

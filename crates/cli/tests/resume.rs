@@ -236,6 +236,22 @@ fn a_full_disk_is_tried_again_x08() {
     assert!(said.err.contains("full/c: cannot "), "{}", said.err);
     folder.done(&format!("{words} -o b.pfm"));
     folder.same("a.pfm", "b.pfm");
+    // If every try fails, the image is written, and the status tells scripts that nothing can be resumed.
+    std::fs::create_dir(folder.path("full/d.part")).unwrap();
+    let said = folder.run(&format!("{words} -o c.pfm --checkpoint full/d --checkpoint-every 0.01"));
+    assert_eq!(said.status, Some(3), "{}", said.err);
+    assert!(said.err.contains("full/d: cannot make a file beside it"), "{}", said.err);
+    folder.same("a.pfm", "c.pfm");
+}
+
+/// One file by two names is one checkpoint.
+#[test]
+fn a_checkpoint_is_known_by_its_file_not_its_name() {
+    let folder = Folder::new();
+    folder.done("render tiny.pbrt --sampler uniform --spp 4 -q -o a.pfm --checkpoint c");
+    folder.done("render tiny.pbrt --sampler uniform --spp 9 -q -o a.pfm --checkpoint ./c --resume c");
+    folder.done("render tiny.pbrt --sampler uniform --spp 9 -q -o b.pfm");
+    folder.same("a.pfm", "b.pfm");
 }
 
 #[test]
@@ -267,6 +283,34 @@ fn shards_make_the_image_of_one_machine_x07() {
             serde_json::from_str(&folder.done(&format!("{words} --json -o b.pfm"))).expect("JSON");
         assert_eq!((&json["samples"], &json["sampler"]), (&alone["samples"], &alone["sampler"]));
     }
+}
+
+/// Shards that do not fit are refused before they are read, and a filter that does not fit before it runs.
+#[test]
+fn a_merge_that_does_not_fit_is_refused() {
+    let folder = Folder::new();
+    let words = "render tiny.pbrt --resolution 512x512 --sampler uniform --spp 1 -q";
+    for shard in ["1/2", "2/2"] {
+        folder.done(&format!("{words} --shard {shard}"));
+    }
+    let merge = "merge tiny-1-of-2.shard tiny-2-of-2.shard -o a.pfm";
+    let said = folder.run(&format!("{merge} --memory 64M"));
+    assert_eq!(said.status, Some(1), "{}", said.err);
+    assert!(
+        said.err.contains("merging these shards takes ") && said.err.contains("64.0 MiB is the limit"),
+        "{}",
+        said.err
+    );
+    let said = folder.run(&format!("{merge} --memory 200M"));
+    assert_eq!(said.status, Some(1), "{}", said.err);
+    assert!(
+        said.err.contains("making the image takes ") && said.err.contains("200.0 MiB is the limit"),
+        "{}",
+        said.err
+    );
+    assert!(!folder.names().contains(&"a.pfm".to_owned()));
+    folder.done(&format!("{merge} -q --memory 1G"));
+    assert!(folder.names().contains(&"a.pfm".to_owned()));
 }
 
 #[test]

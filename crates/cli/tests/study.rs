@@ -193,3 +193,20 @@ fn ctrl_c_stops_between_runs_and_says_how_to_go_on() {
     let bytes = folder.read("s/runs.jsonl");
     assert_eq!(bytes.last(), Some(&b'\n'), "a whole last line");
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_study_that_does_not_fit_into_memory_is_refused() {
+    let folder = Folder::new();
+    let program = assert_cmd::cargo::cargo_bin!("dapple").display().to_string();
+    // The film takes 128 GiB. The limit makes the test fail, not the machine, should the check be missing.
+    let script = format!("ulimit -v 16000000; exec {program} study tiny.pbrt --resolution 65535x65535 --spp 1 -q");
+    let output = std::process::Command::new("sh").args(["-c", &script]).current_dir(folder.path("")).output();
+    let said = common::Said::of(output.expect("a shell"));
+    assert_eq!(said.status, Some(1), "{}", said.err);
+    assert!(
+        said.err.contains("error: a run takes at least ") && said.err.contains("lower --resolution"),
+        "{}",
+        said.err
+    );
+}

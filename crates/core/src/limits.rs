@@ -10,8 +10,9 @@ pub enum Budget {
     Samples(u64),
     /// A mean number of samples per pixel, above 0. The total is rounded to a whole number of samples, at least 1.
     PerPixel(f64),
-    /// A time for planning and tracing, in seconds, met approximately. Between rounds, the render loop converts the
-    /// time to sample budgets, which the film records. [`Budget::Recorded`] replays these budgets to the same bits.
+    /// A time for planning, tracing and the filter, in seconds, met approximately. Between rounds, the render loop converts
+    /// the time to sample budgets, which the film records. [`Budget::Recorded`] replays these budgets to the same bits.
+    /// Each pixel gets its least number of samples, however long that takes.
     Seconds(f64),
     /// The number of samples that an estimated relMSE of at most `relmse` needs, but at most `at_most`. The film then
     /// also splits each pixel's samples into two halves.

@@ -2,6 +2,7 @@
 
 mod budget;
 mod check;
+mod filter_time;
 pub(crate) mod holdout;
 mod pull;
 mod round;
@@ -31,6 +32,8 @@ pub struct Status<'a> {
     pub seconds: f64,
     /// The time limit in seconds, if there is one.
     pub seconds_limit: Option<f64>,
+    /// The seconds of the time limit that are reserved for the filter, once they are measured: after the first round.
+    pub filter_seconds: Option<f64>,
     view: View<'a>,
 }
 
@@ -160,8 +163,9 @@ impl<'a> Render<'a> {
         self
     }
 
-    /// Makes an error limit concern the image of this filter instead of the unfiltered one. The film records what the
-    /// filter needs. Without an error limit, nothing changes.
+    /// Makes an error limit concern the image of this filter instead of the unfiltered one. The film then records what the
+    /// filter needs. A time limit includes the filter's time, which is estimated after the first round. Without either
+    /// limit, nothing changes.
     ///
     /// At the end of each budget, the film is filtered. The next samples, which that image has not seen, then measure its
     /// error and correct the filter's own estimate, [`Filtered::error`](crate::Filtered::error).

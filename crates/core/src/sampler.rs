@@ -147,6 +147,12 @@ pub trait Sampler: Send {
         false
     }
 
+    /// The number of rounds in which the sampler spends a budget of samples, for progress reports; `None` if that depends
+    /// on the image. A render may take fewer.
+    fn rounds(&self) -> Option<u32> {
+        None
+    }
+
     /// The statistics that the sampler reads from the film.
     fn needs(&self) -> Needs {
         Needs::none()
@@ -199,6 +205,7 @@ forward!(Sampler for &mut T, Box<T>; {
     ref name() -> &str;
     ref describe() -> String;
     ref a_priori() -> bool;
+    ref rounds() -> Option<u32>;
     ref needs() -> Needs;
     ref memory(frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory;
     ref points() -> &dyn PointSet;

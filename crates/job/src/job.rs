@@ -3,6 +3,7 @@
 mod checkpoints;
 mod identity;
 mod shards;
+mod time;
 
 pub use checkpoints::{CheckpointOptions, Checkpoints};
 pub use identity::pixel_filter;
@@ -13,7 +14,7 @@ use crate::load::{LoadOptions, LoadedScene, PreparedScene, frame, limits, settin
 use crate::memory::MemoryEstimate;
 use crate::output::OutputFiles;
 use crate::registry::{self, MadeFilter, MadeSampler, MethodInputs};
-use crate::{ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
+use crate::{BudgetSpec, ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
 use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
@@ -101,6 +102,8 @@ pub struct Traced {
     pub failure: Option<String>,
     /// The checkpoint file to resume from, or the error that kept it from being written; `None` without checkpoints.
     pub checkpoint: Option<Result<PathBuf, JobError>>,
+    /// The number of checkpoints written.
+    pub checkpoints_written: u64,
 }
 
 /// A finished image with the film it was made from.
@@ -257,6 +260,12 @@ impl Job {
         self.sampler.a_priori()
     }
 
+    /// The number of rounds in which the sampler spends the budget; `None` if it is unknown, as for a limit of time or
+    /// error.
+    pub fn rounds(&self) -> Option<u32> {
+        matches!(self.limits.budget, Budget::Samples(_)).then(|| self.sampler.rounds()).flatten()
+    }
+
     /// The scene and the world built from it.
     pub fn prepared(&self) -> &PreparedScene {
         &self.prepared
@@ -307,7 +316,7 @@ impl Job {
         if let Some(snapshot) = &snapshot {
             monitor.resumed(snapshot.film().record().samples as f64 / self.frame.pixels() as f64);
         }
-        let mut watched = Watched::new(monitor, checkpoints, identity);
+        let mut watched = Watched::new(monitor, checkpoints, identity, self.limits.min_spp);
         let mut integrator = make_integrator(&self.spec.integrator, &self.prepared.world)?;
         let filtered = self.is_error_of_filtered();
         let mut sharded;
@@ -327,13 +336,15 @@ impl Job {
             None => render.run(&mut *integrator, sampler),
             Some(snapshot) => render.resume(snapshot, &mut *integrator, sampler),
         };
-        let checkpoint = watched.into_checkpoint();
+        let (checkpoint, checkpoints_written) = watched.into_checkpoint();
         match film {
-            Ok(film) => Ok(Traced { film, failure: None, checkpoint }),
+            Ok(film) => Ok(Traced { film, failure: None, checkpoint, checkpoints_written }),
             Err(error) => {
                 let message = error.to_string();
                 match error {
-                    Error::Panicked { film, .. } => Ok(Traced { film: *film, failure: Some(message), checkpoint }),
+                    Error::Panicked { film, .. } => {
+                        Ok(Traced { film: *film, failure: Some(message), checkpoint, checkpoints_written })
+                    }
                     other => Err(other.into()),
                 }
             }
@@ -424,6 +435,10 @@ impl Job {
             filter: seconds,
             write: 0.0,
         };
+        if let BudgetSpec::Seconds(limit) = self.spec.budget {
+            let first = (film.record(), self.limits.min_spp);
+            warnings.extend(time::exceeded(limit, seconds.render(), seconds.filter, first));
+        }
         RenderedImage { film, filtered, filter, seconds, probe_rays: probes.rays, warnings }
     }
 

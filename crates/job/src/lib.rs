@@ -24,6 +24,7 @@ pub mod memory;
 pub mod output;
 pub mod registry;
 mod spec;
+mod text_file;
 mod warning;
 
 pub use clusters::{WorldClusters, WorldTriangles};
@@ -37,7 +38,8 @@ pub use job::{
 pub use load::{LoadOptions, LoadedScene, PreparedScene, read_scene};
 pub use output::OutputFiles;
 pub use spec::{
-    BudgetSpec, CropSpec, DEFAULT_INTEGRATOR, DEFAULT_SPP, ERROR_SPP, ErrorOf, PixelFilterSpec, RenderSpec,
-    SPEC_VERSION, SpecError, parse_shard,
+    BudgetSpec, CropSpec, DEFAULT_INTEGRATOR, DEFAULT_SPP, ERROR_SPP, ErrorOf, MOST_SECONDS, PixelFilterSpec,
+    RenderSpec, SPEC_VERSION, SpecError, parse_shard,
 };
+pub use text_file::read_text;
 pub use warning::{Warning, can_be_replayed, found_by_chance};

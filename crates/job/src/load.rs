@@ -2,15 +2,18 @@
 
 use crate::memory::{MemoryEstimate, MemoryLimit};
 use crate::registry::{self, Setting};
-use crate::{BudgetSpec, ContentHash, CropSpec, ERROR_SPP, Job, JobError, PixelFilterSpec, RenderSpec, Warning};
+use crate::{
+    BudgetSpec, ContentHash, CropSpec, DEFAULT_SPP, ERROR_SPP, Job, JobError, PixelFilterSpec, RenderSpec, Warning,
+};
 use dapple_core::{Budget, Error, Frame, Limits, PointSet};
 use dapple_renderer::World;
 use dapple_scene::bundled::{self, Bundle};
 use dapple_scene::files::{Disk, Files};
+use dapple_scene::model::ModelOptions;
 use dapple_scene::pbrt::ReadOptions;
 use dapple_scene::{AnyOptions, Effect, Effects, PixelFilter, Scene, read_any_from};
 use std::cell::RefCell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -23,12 +26,14 @@ pub struct LoadOptions {
     pub limit: MemoryLimit,
     /// If `true`, hashes every byte read. Checkpoints and shards need this digest.
     pub digest: bool,
+    /// Width over height of the image, which a bare model should fill; `None` is 4:3.
+    pub aspect: Option<f64>,
 }
 
 impl Default for LoadOptions {
     /// Options without a memory limit and with a digest.
     fn default() -> Self {
-        Self { limit: MemoryLimit::none(), digest: true }
+        Self { limit: MemoryLimit::none(), digest: true, aspect: None }
     }
 }
 
@@ -57,6 +62,7 @@ pub struct LoadedScene {
     warnings: Vec<Warning>,
     expected: MemoryEstimate,
     load_seconds: f64,
+    files: Vec<PathBuf>,
 }
 
 /// A scene with the world built from it, ready for tracing. Clones are cheap and share the world.
@@ -83,8 +89,11 @@ impl LoadedScene {
     pub fn read(spec: &RenderSpec, options: &LoadOptions) -> Result<Self, JobError> {
         spec.check()?;
         let clock = Instant::now();
-        let (scene, digest) = read_scene(&spec.scene, spec.allow_unsupported, options)?;
+        let aspect = spec.resolution.map(|[width, height]| f64::from(width) / f64::from(height.max(1)));
+        let options = LoadOptions { aspect: aspect.or(options.aspect), ..*options };
+        let (scene, digest, files) = read_with_files(&spec.scene, spec.allow_unsupported, &options)?;
         let mut loaded = Self::from_scene(spec, scene)?;
+        loaded.files = files;
         loaded.digest = digest;
         loaded.load_seconds = clock.elapsed().as_secs_f64();
         Ok(loaded)
@@ -98,6 +107,8 @@ impl LoadedScene {
     /// [`JobError`] if the description is invalid, or leaves out an effect that the scene does not use.
     pub fn from_scene(spec: &RenderSpec, mut scene: Scene) -> Result<Self, JobError> {
         spec.check()?;
+        let bounds = [spec.min_spp, spec.max_spp.unwrap_or(u32::MAX)];
+        let spec = &RenderSpec { budget: spec.budget.of_scene(scene.film.spp, bounds), ..spec.clone() };
         if let Some(depth) = spec.max_depth {
             scene.max_depth = Some(depth);
         }
@@ -130,12 +141,18 @@ impl LoadedScene {
             warnings,
             expected,
             load_seconds: 0.0,
+            files: Vec::new(),
         })
     }
 
     /// The scene, changed as the description requires: depth limit, pixel filter and left-out effects.
     pub fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    /// The files that were read for the scene, each once: scene, meshes, textures. Empty for a bundled scene.
+    pub fn files(&self) -> &[PathBuf] {
+        &self.files
     }
 
     /// The image's resolution, and the window of it that is rendered.
@@ -233,18 +250,12 @@ impl PreparedScene {
     }
 }
 
-/// The warnings about directives of the scene file, and the one given if the file suggests another number of samples per
-/// pixel than the render takes.
+/// The warnings about directives of the scene file.
 fn notices(spec: &RenderSpec, scene: &Scene) -> Vec<Warning> {
     let mut warnings = Vec::new();
     // Notices of bundled scenes are about directives for other renderers, which do not concern the user.
     if bundle(&spec.scene).is_none() {
         warnings.extend(scene.notices.iter().cloned().map(Warning::Notice));
-    }
-    if let (Some(suggested), Some(spp)) = (scene.film.spp, spec.mean_spp())
-        && f64::from(suggested) != spp
-    {
-        warnings.push(Warning::SuggestedSpp { scene: spec.scene.clone(), suggested, spp });
     }
     warnings
 }
@@ -264,6 +275,15 @@ pub fn read_scene(
     allow_unsupported: bool,
     options: &LoadOptions,
 ) -> Result<(Scene, Option<ContentHash>), JobError> {
+    read_with_files(name, allow_unsupported, options).map(|(scene, digest, _)| (scene, digest))
+}
+
+/// Reads a scene as [`read_scene`] does; also returns the files that were read.
+fn read_with_files(
+    name: &str,
+    allow_unsupported: bool,
+    options: &LoadOptions,
+) -> Result<(Scene, Option<ContentHash>, Vec<PathBuf>), JobError> {
     let path = Path::new(name);
     if let Some(bundle) = bundle(name) {
         let mut digest = ContentHash::new();
@@ -271,14 +291,17 @@ pub fn read_scene(
             digest.text(name);
             digest.add(bytes);
         }
-        return Ok((bundle.read()?, options.digest.then_some(digest)));
+        return Ok((bundle.read()?, options.digest.then_some(digest), Vec::new()));
     }
     if !path.exists() {
         return Err(JobError::NoScene { name: name.to_owned() });
     }
     let read_options = ReadOptions::default().with_allow_unsupported(allow_unsupported);
-    let files = Recorder { limit: options.limit, read: options.digest.then(RefCell::default) };
-    let scene = read_any_from(&files, path, &AnyOptions::default().with_scene(read_options))?;
+    let files =
+        Recorder { limit: options.limit, read: options.digest.then(RefCell::default), seen: RefCell::default() };
+    let mut model = ModelOptions::default();
+    model.aspect = options.aspect;
+    let scene = read_any_from(&files, path, &AnyOptions::default().with_scene(read_options).with_model(model))?;
     let digest = files.read.map(|read| {
         let mut digest = ContentHash::new();
         // Paths are hashed relative to the scene's folder, so that a moved scene has the same digest.
@@ -289,12 +312,13 @@ pub fn read_scene(
         }
         digest
     });
-    Ok((scene, digest))
+    Ok((scene, digest, files.seen.into_inner().into_iter().collect()))
 }
 
-/// A file reader that limits the size of each file and hashes its bytes.
+/// A file reader that limits the size of each file, lists the files, and hashes their bytes.
 struct Recorder {
     limit: MemoryLimit,
+    seen: RefCell<BTreeSet<PathBuf>>,
     read: Option<RefCell<BTreeMap<PathBuf, String>>>,
 }
 
@@ -309,6 +333,7 @@ impl Files for Recorder {
             }
         }
         let bytes = Disk.read(path)?;
+        self.seen.borrow_mut().insert(path.to_owned());
         if let Some(read) = &self.read {
             read.borrow_mut().insert(path.to_owned(), ContentHash::of(&bytes).hex());
         }
@@ -334,7 +359,9 @@ fn called_for(asked: &[Effect], scene: &Scene) -> Result<Vec<Effect>, JobError> 
 
 pub(crate) fn frame(spec: &RenderSpec, scene: &Scene) -> Result<Frame, JobError> {
     let full = scene.film.resolution;
-    let [w, h] = spec.resolution.unwrap_or(full);
+    // A side is at least one pixel; beyond 32 bits, it saturates and the frame is refused.
+    let scaled = |side: u32| spec.scale.map_or(side, |scale| (f64::from(side) * scale).round().max(1.0) as u32);
+    let [w, h] = spec.resolution.unwrap_or(full.map(scaled));
     let frame = Frame::new(w, h)?;
     let scaled = |[x0, y0, x1, y1]: [u32; 4]| {
         // At another resolution, the file's window covers the same part of the image, as in pbrt.
@@ -356,6 +383,7 @@ pub(crate) fn frame(spec: &RenderSpec, scene: &Scene) -> Result<Frame, JobError>
 /// The settings of a point set: the seed, and the mean samples per pixel (`None` for budgets of error or time).
 pub(crate) fn setting(spec: &RenderSpec, frame: Frame) -> Setting {
     let spp = match spec.budget {
+        BudgetSpec::Scene => Some(DEFAULT_SPP as u64),
         BudgetSpec::Spp(spp) => Some(spp.ceil() as u64),
         BudgetSpec::Samples(samples) => Some(samples.div_ceil(frame.pixels() as u64)),
         BudgetSpec::Error(_) | BudgetSpec::Seconds(_) => None,
@@ -366,9 +394,11 @@ pub(crate) fn setting(spec: &RenderSpec, frame: Frame) -> Setting {
 /// The budget in samples, error or seconds, and the bounds of samples per pixel, from a description.
 pub(crate) fn limits(spec: &RenderSpec, frame: Frame) -> Limits {
     let pixels = frame.pixels() as u64;
+    let per_pixel = |spp| Budget::Samples(Budget::PerPixel(spp).samples(&frame).unwrap_or(1));
     let budget = match spec.budget {
+        BudgetSpec::Scene => per_pixel(DEFAULT_SPP),
         // At least one sample in total; the bounds refuse a mean that is too small for one sample per pixel.
-        BudgetSpec::Spp(spp) => Budget::Samples(Budget::PerPixel(spp).samples(&frame).unwrap_or(1)),
+        BudgetSpec::Spp(spp) => per_pixel(spp),
         BudgetSpec::Samples(samples) => Budget::Samples(samples),
         BudgetSpec::Error(relmse) => {
             Budget::Error { relmse, at_most: pixels * u64::from(spec.max_spp.unwrap_or(ERROR_SPP)) }

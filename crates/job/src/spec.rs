@@ -16,6 +16,8 @@ pub const SPEC_VERSION: u32 = 1;
 pub const DEFAULT_SPP: f64 = 64.0;
 /// The largest number of samples per pixel if the budget is [`BudgetSpec::Error`] and `max_spp` is not set.
 pub const ERROR_SPP: u32 = 16384;
+/// The longest time limit of a render in seconds: a year.
+pub const MOST_SECONDS: f64 = 31_557_600.0;
 /// The name of the default integrator.
 pub const DEFAULT_INTEGRATOR: &str = "path";
 
@@ -71,6 +73,9 @@ pub struct RenderSpec {
     /// Width and height of the full image in pixels; `None` takes the resolution in the scene.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolution: Option<[u32; 2]>,
+    /// A factor of the width and height in the scene, instead of `resolution`: 0.5 renders a quarter of the pixels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<f64>,
     /// The part of the image to render.
     #[serde(default)]
     pub crop: CropSpec,
@@ -98,6 +103,9 @@ pub struct RenderSpec {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BudgetSpec {
+    /// The render takes the scene file's number of samples per pixel, within the bounds of the description;
+    /// [`DEFAULT_SPP`] if the file states none. The loaded scene's description has the number.
+    Scene,
     /// The render takes exactly this mean number of samples per pixel.
     Spp(f64),
     /// The render takes exactly this number of samples in total.
@@ -105,7 +113,8 @@ pub enum BudgetSpec {
     /// The render ends when the predicted relMSE of the image is at most this value; [`RenderSpec::error_of`] selects
     /// the filtered or the unfiltered image.
     Error(f64),
-    /// The render takes about this many seconds for clustering, planning and tracing together.
+    /// The render takes about this many seconds for clustering, planning, tracing and filtering together, at most
+    /// [`MOST_SECONDS`]. Each pixel gets its least number of samples, however long that takes.
     Seconds(f64),
 }
 
@@ -130,9 +139,18 @@ impl ErrorOf {
 }
 
 impl BudgetSpec {
-    /// The budget's key in the JSON of a description: `spp`, `samples`, `error` or `seconds`.
+    /// The budget of a render of a scene whose file states `spp` samples per pixel.
+    pub(crate) fn of_scene(self, spp: Option<u32>, [min, max]: [u32; 2]) -> Self {
+        match self {
+            Self::Scene => Self::Spp(spp.map_or(DEFAULT_SPP, f64::from).max(f64::from(min)).min(f64::from(max))),
+            given => given,
+        }
+    }
+
+    /// The budget's key in the JSON of a description: `scene`, `spp`, `samples`, `error` or `seconds`.
     pub const fn field(self) -> &'static str {
         match self {
+            Self::Scene => "scene",
             Self::Spp(_) => "spp",
             Self::Samples(_) => "samples",
             Self::Error(_) => "error",
@@ -214,6 +232,7 @@ impl RenderSpec {
             min_spp: 1,
             max_spp: None,
             resolution: None,
+            scale: None,
             crop: CropSpec::Scene,
             seed: names::seed(),
             max_depth: None,
@@ -276,6 +295,12 @@ impl RenderSpec {
     #[must_use]
     pub fn resolution(self, width: u32, height: u32) -> Self {
         Self { resolution: Some([width, height]), ..self }
+    }
+
+    /// Sets width and height of the full image to those in the scene times a factor.
+    #[must_use]
+    pub fn scale(self, scale: f64) -> Self {
+        Self { scale: Some(scale), ..self }
     }
 
     /// Sets the part of the image to render.
@@ -389,6 +414,12 @@ impl RenderSpec {
             BudgetSpec::Spp(x) | BudgetSpec::Error(x) | BudgetSpec::Seconds(x) if !(x.is_finite() && x > 0.0) => {
                 return wrong(field, format!("{x} is not a finite number above zero"));
             }
+            BudgetSpec::Seconds(x) if x > MOST_SECONDS => {
+                return wrong(
+                    field,
+                    format!("{x} is above {MOST_SECONDS} (a year); give spp for a render without end"),
+                );
+            }
             BudgetSpec::Samples(0) => return wrong(field, "0 samples make no image; give at least 1".into()),
             BudgetSpec::Spp(spp) if spp < f64::from(min) => {
                 return wrong(
@@ -412,6 +443,15 @@ impl RenderSpec {
             && let Err(e) = dapple_core::Frame::new(w, h)
         {
             return wrong("resolution", e.to_string());
+        }
+        match self.scale {
+            Some(_) if self.resolution.is_some() => {
+                return wrong("scale", "a resolution is given too; give one of the two".into());
+            }
+            Some(scale) if !(scale.is_finite() && scale > 0.0) => {
+                return wrong("scale", format!("{scale} is not a finite number above zero"));
+            }
+            _ => {}
         }
         let named = [
             ("sampler", crate::registry::check_sampler(&self.sampler)),
@@ -452,6 +492,7 @@ impl RenderSpec {
             max_depth: spec.max_depth,
             pixel_filter: spec.pixel_filter,
             resolution: spec.resolution,
+            scale: spec.scale,
             without: spec.without.clone(),
             allow_unsupported: spec.allow_unsupported,
             ..Self::new(spec.scene.clone())

@@ -10,15 +10,6 @@ use std::fmt;
 pub enum Warning {
     /// A note about a directive of the scene file that was adjusted or ignored.
     Notice(Notice),
-    /// A scene file that suggests another number of samples per pixel than the render takes.
-    SuggestedSpp {
-        /// The name of the scene.
-        scene: String,
-        /// The samples per pixel that the scene file suggests.
-        suggested: u32,
-        /// The mean samples per pixel of the render.
-        spp: f64,
-    },
     /// An effect (a kind of light transport) that is left out of the image at the user's request.
     LeftOut {
         /// The effect that is left out.
@@ -64,6 +55,26 @@ pub enum Warning {
         /// The relMSE to reach.
         goal: f64,
     },
+    /// A time limit that the first samples of all pixels exceed, noticed while they are traced.
+    TimeTooShort {
+        /// The time limit in seconds.
+        limit: f64,
+        /// The least number of samples per pixel.
+        min_spp: u32,
+        /// The estimated seconds until every pixel has them.
+        needed: f64,
+    },
+    /// A render that took longer than its time limit.
+    TimeExceeded {
+        /// The time limit in seconds.
+        limit: f64,
+        /// The seconds from clustering to filtering.
+        taken: f64,
+        /// The seconds of the first round, and the least number of samples per pixel, if no other round was traced.
+        first: Option<(f64, u32)>,
+        /// The seconds of the filter.
+        filter: f64,
+    },
     /// A stopped render whose image is left unfiltered, because the filter would take too long.
     NotFiltered {
         /// The name of the filter that was not applied.
@@ -76,6 +87,13 @@ pub enum Warning {
         /// The number of clamped values.
         values: u64,
     },
+    /// A layer of an EXR file that was requested, and that this render does not have.
+    NoLayer {
+        /// The path of the EXR file.
+        path: std::path::PathBuf,
+        /// The name of the layer.
+        layer: String,
+    },
     /// A shard (every N-th row of an image) whose file is not written, because its render was stopped.
     ShardStopped(dapple_core::Shard),
 }
@@ -84,9 +102,6 @@ impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Notice(notice) => write!(f, "{}: {}", notice.source, notice.message),
-            Self::SuggestedSpp { scene, suggested, spp } => {
-                write!(f, "{scene}: the file suggests {suggested} spp, and the render takes {spp}")
-            }
             Self::LeftOut { effect, by: Some(by) } => {
                 let left_out = effect.left_out();
                 write!(f, "without {effect}: {left_out}; {} calls for it ({})", by.source, by.because)
@@ -124,13 +139,56 @@ impl fmt::Display for Warning {
                      of samples ended the render"
                 )
             }
+            Self::TimeTooShort { limit, min_spp, needed } => {
+                let (samples, needed, limit) = (least(*min_spp), rounded(*needed), rounded(*limit));
+                write!(
+                    f,
+                    "{samples} per pixel will take about {needed} s, and the time limit is {limit} s; rendering goes on until \
+                     then, since a pixel without samples is black"
+                )
+            }
+            Self::TimeExceeded { limit, taken, first, filter } => {
+                let [over, taken, filter, limit] = [taken - limit, *taken, *filter, *limit].map(rounded);
+                write!(f, "the render took {taken} s, {over} s more than the time limit of {limit} s: ")?;
+                match first {
+                    Some((seconds, spp)) => {
+                        let (samples, seconds) = (least(*spp), rounded(*seconds));
+                        write!(f, "{samples} per pixel took {seconds} s, the filter {filter} s; fewer pixels take less")
+                    }
+                    None => write!(f, "samples were slower than those of the first round; the filter took {filter} s"),
+                }
+            }
             Self::NotFiltered { filter } => {
                 write!(f, "stopped: the image is not filtered, since {filter} would take too long")
             }
             Self::Clamped { path, values } => write!(f, "{}: {values} values were too large for it", path.display()),
+            Self::NoLayer { path, layer } => {
+                let path = path.display();
+                match layer.as_str() {
+                    "unfiltered" => write!(f, "{path}: no layer \"unfiltered\": the image itself is unfiltered"),
+                    "cluster" => write!(f, "{path}: no layer \"cluster\": neither sampler nor filter makes clusters"),
+                    _ => write!(f, "{path}: no layer \"{layer}\": this render does not record it"),
+                }
+            }
             Self::ShardStopped(shard) => write!(f, "shard {shard} was stopped, and is not written"),
         }
     }
+}
+
+/// A number of samples as words.
+fn least(samples: u32) -> String {
+    if samples <= 1 { "one sample".into() } else { format!("{samples} samples") }
+}
+
+/// Seconds rounded to two digits, or to whole seconds.
+fn rounded(seconds: f64) -> String {
+    let step = match seconds {
+        s if s < 0.1 => 1000.0,
+        s if s < 1.0 => 100.0,
+        s if s < 10.0 => 10.0,
+        _ => 1.0,
+    };
+    ((seconds * step).round() / step).to_string()
 }
 
 /// Describes in a sentence how a light that is found by chance only shows in the image: as specks.

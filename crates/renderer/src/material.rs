@@ -8,13 +8,13 @@ pub(crate) use mix::{check_mixes, interface_share, resolve};
 
 use crate::shading::coat::{Coat, CoatOptions};
 use crate::shading::{
-    Bsdf, ComplexIor, DiffuseTransmission, MetalCoat, Plastic, RoughDielectric, SmoothDielectric, Substrate, Tint,
-    TrowbridgeReitz,
+    Bsdf, ComplexIor, DiffuseTransmission, Layered, Layers, MetalCoat, Plastic, RoughDielectric, SmoothDielectric,
+    Substrate, Tint, TrowbridgeReitz,
 };
 use crate::texture::Textures;
 use dapple_scene::{
-    Coating, Color, ConductorFresnel, Material, MaterialKind, Roughness, Scalar, Source, TextureId, effectively_smooth,
-    roughness_to_alpha,
+    ClearCoat, Coating, Color, ConductorFresnel, Material, MaterialKind, Roughness, Scalar, Source, TextureId,
+    effectively_smooth, roughness_to_alpha,
 };
 use glam::Vec3;
 
@@ -66,6 +66,7 @@ enum Kind {
     Mirror(Color),
     Plastic { diffuse: Color, specular: Color, widths: Widths },
     Substrate { diffuse: Color, specular: Color, widths: Widths },
+    Layered { base: Color, metallic: Scalar, widths: Widths, layers: Layers },
     Mix { materials: [u32; 2], amount: Scalar },
     Interface,
 }
@@ -160,6 +161,9 @@ impl Surface {
                 let (diffuse, specular, widths) = (share(diffuse)?, share(specular)?, Widths::new(roughness)?);
                 let scatters = Scatters { black: false, ..Scatters::colors(&[diffuse, specular]) };
                 (Kind::Substrate { diffuse, specular, widths }, scatters.rough(&widths).lobes())
+            }
+            MaterialKind::Layered { base, metallic, normal, grazing, roughness, coat } => {
+                layered(base, *metallic, (*normal, *grazing), roughness, coat.as_ref())?
             }
             MaterialKind::Mix { materials, amount } => {
                 if matches!(amount, Scalar::Constant(a) if !(0.0..=1.0).contains(a)) {
@@ -256,6 +260,11 @@ impl Surface {
                 let microfacets = widths.rough(textures, uv);
                 Bsdf::Substrate(Substrate { diffuse: color(diffuse), specular: color(specular), microfacets })
             }
+            Kind::Layered { base, metallic, widths, layers } => {
+                let (base, microfacets) = (color(base), widths.rough(textures, uv));
+                let metallic = textures.look_up_scalar(*metallic, uv).clamp(0.0, 1.0);
+                Bsdf::Layered(Layered { base, metallic, microfacets, layers })
+            }
             Kind::Mix { .. } | Kind::Interface => Bsdf::Diffuse { reflectance: Vec3::ZERO },
         }
     }
@@ -344,6 +353,37 @@ impl Widths {
 enum Metal {
     Known(ComplexIor),
     Tinted(Color),
+}
+
+fn layered(
+    base: &Color,
+    metallic: Scalar,
+    (normal, grazing): ([f32; 3], f32),
+    roughness: &Roughness,
+    coat: Option<&ClearCoat>,
+) -> Result<(Kind, Scatters), String> {
+    let part = |value: f32, what: &str| match (0.0..=1.0).contains(&value) {
+        true => Ok(value),
+        false => Err(format!("{what} of {value} is invalid; give a number from 0 to 1")),
+    };
+    let (base, widths) = (share(base)?, Widths::new(roughness)?);
+    for value in normal.into_iter().chain([grazing]) {
+        part(value, "a reflectance")?;
+    }
+    if let Scalar::Constant(metallic) = metallic {
+        part(metallic, "a share of metal")?;
+    }
+    let coat = match coat {
+        Some(coat) => {
+            let microfacets = TrowbridgeReitz::new([coat.alpha; 2]).map_err(|e| e.to_string())?;
+            Some((part(coat.amount, "an amount of clear coat")?, microfacets))
+        }
+        None => None,
+    };
+    let layers = Layers { normal: Vec3::from_array(normal), grazing, coat };
+    let textured = matches!(base, Color::Texture(_)) || matches!(metallic, Scalar::Texture(_));
+    let scatters = Scatters { textured, ..Scatters::default() }.rough(&widths).lobes();
+    Ok((Kind::Layered { base, metallic, widths, layers }, scatters))
 }
 
 fn coated_diffuse(reflectance: &Color, coat: &Coating) -> Result<(Kind, Scatters), String> {

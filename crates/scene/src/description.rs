@@ -16,8 +16,8 @@ mod without;
 pub use camera::{Camera, FilmSettings, PixelFilter, Projection};
 pub use light::{EnvironmentRadiance, Light, LightKind, SpotFalloff};
 pub use material::{
-    Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, SMOOTH_ALPHA, Scalar, Texture,
-    TextureId, TextureKind, Wrap, effectively_smooth, roughness_to_alpha,
+    ClearCoat, Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, SMOOTH_ALPHA, Scalar,
+    Texture, TextureId, TextureKind, Wrap, effectively_smooth, roughness_to_alpha,
 };
 pub use medium::{Medium, MediumId, MediumInterface};
 pub use shape::{Emission, Geometry, Instance, MeshData, MeshFault, Object, ObjectId, Shape};

@@ -12,6 +12,7 @@ pub mod bundled;
 mod description;
 mod effects;
 pub mod files;
+mod gltf;
 pub mod image;
 pub mod model;
 pub mod pbrt;
@@ -19,6 +20,7 @@ mod polygon;
 mod read_error;
 mod readers;
 
+pub use self::gltf::GltfReader;
 pub use description::*;
 pub use effects::{Called, Effect, Effects, UnknownEffect};
 pub use read_error::{Problem, ProblemKind, ReadError};

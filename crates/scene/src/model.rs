@@ -3,7 +3,8 @@
 //! [`read_any`](crate::read_any) returns a [`Scene`] that can be rendered without edits. It holds:
 //! * the meshes of the file in grey (or in an OBJ file's materials: `Kd` and `map_Kd`), smooth only if the file has
 //!   normals;
-//! * a camera that sees the whole model from the front, the right and above;
+//! * a camera that sees the whole model from the front, the right and above, or from its open side;
+//! * a ground on which the model stands;
 //! * an environment, brighter above than below, with a round lamp over the viewer's left shoulder.
 //!
 //! Unsupported parts of the file are listed in [`Scene::notices`].
@@ -16,7 +17,7 @@ mod obj;
 mod obj_materials;
 mod ply;
 mod stl;
-mod studio;
+pub(crate) mod studio;
 
 pub use obj::{ObjError, ObjMesh, ObjModel, ObjReader, read_obj};
 pub use ply::{PlyError, PlyMesh, PlyReader, read_ply};
@@ -41,7 +42,7 @@ pub enum UpAxis {
 
 impl UpAxis {
     /// Returns three directions: to the front, to the right of a viewer in front, and up.
-    fn axes(self) -> (DVec3, DVec3, DVec3) {
+    pub(crate) fn axes(self) -> (DVec3, DVec3, DVec3) {
         match self {
             Self::Y => (DVec3::Z, DVec3::X, DVec3::Y),
             Self::Z => (DVec3::NEG_Y, DVec3::X, DVec3::Z),
@@ -55,6 +56,8 @@ impl UpAxis {
 pub struct ModelOptions {
     /// The axis that points up; `None` is y for OBJ and PLY files and z for STL files.
     pub up: Option<UpAxis>,
+    /// Width over height of the image that the model should fill; `None` is 4:3.
+    pub aspect: Option<f64>,
 }
 
 impl ModelOptions {
@@ -63,6 +66,17 @@ impl ModelOptions {
         self.up = Some(up);
         self
     }
+
+    /// Sets [`aspect`](Self::aspect), the width over height of the image that the model should fill.
+    pub fn with_aspect(mut self, aspect: f64) -> Self {
+        self.aspect = Some(aspect);
+        self
+    }
+
+    /// The stage of a model whose format has `up` as its usual axis.
+    pub(crate) fn stage(&self, up: UpAxis) -> studio::Stage {
+        studio::Stage { up: self.up.unwrap_or(up), aspect: self.aspect }
+    }
 }
 
 /// Reads a model file as a scene with a default camera and light. `add` parses the file's bytes and adds the meshes to
@@ -70,7 +84,7 @@ impl ModelOptions {
 fn model_scene(
     files: &dyn Files,
     path: &Path,
-    up: UpAxis,
+    stage: studio::Stage,
     add: impl FnOnce(&mut Scene, Vec<u8>, &Source) -> Result<(), ReadError>,
 ) -> Result<Scene, ReadError> {
     let source = Source { file: Arc::new(path.to_owned()), line: 0 };
@@ -78,18 +92,9 @@ fn model_scene(
     let name = path.file_stem().map_or_else(|| "model".to_owned(), |stem| stem.to_string_lossy().into_owned());
     let mut scene = Scene { name, ..Scene::default() };
     add(&mut scene, bytes, &source)?;
-    let meshes: Vec<Arc<MeshData>> = scene.shapes.iter().filter_map(mesh_of).collect();
-    let corners =
-        meshes.iter().flat_map(|mesh| mesh.triangles.iter().flatten().map(|&corner| mesh.positions[corner as usize]));
-    studio::set(&mut scene, corners, up, &source).map_err(|what| ReadError::invalid(source, what))?;
+    let bare = studio::Wanted { camera: true, sky: true, ground: true };
+    studio::set(&mut scene, stage, bare, &source).map_err(|what| ReadError::invalid(source, what))?;
     Ok(scene)
-}
-
-fn mesh_of(shape: &Shape) -> Option<Arc<MeshData>> {
-    match &shape.geometry {
-        Geometry::Mesh(mesh) => Some(mesh.clone()),
-        _ => None,
-    }
 }
 
 /// Reflectance of surfaces without a material: 0.5.

@@ -105,6 +105,10 @@ impl SceneReader for PbrtReader {
         &["pbrt", ""]
     }
 
+    fn recognizes(&self, content: &[u8]) -> bool {
+        directive::begins_a_scene(content)
+    }
+
     fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
         read_scene_from(files, path, &options.scene)
     }

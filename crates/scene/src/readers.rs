@@ -1,9 +1,13 @@
 //! The readers of all scene and model formats, and the choice of a reader for a file.
 
+mod foreign;
+
 use crate::files::{Disk, Files};
+use crate::gltf::GltfReader;
 use crate::model::{ModelOptions, ObjReader, PlyReader, StlReader};
 use crate::pbrt::{PbrtReader, ReadOptions};
 use crate::{ReadError, Scene, Source};
+use std::cell::RefCell;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -32,7 +36,7 @@ pub trait SceneReader: Sync {
 }
 
 /// The readers of all supported formats.
-pub const READERS: [&dyn SceneReader; 4] = [&PbrtReader, &ObjReader, &PlyReader, &StlReader];
+pub const READERS: [&dyn SceneReader; 5] = [&PbrtReader, &GltfReader, &ObjReader, &PlyReader, &StlReader];
 
 /// Options of [`read_any`] for all formats.
 #[derive(Clone, Debug, Default)]
@@ -40,7 +44,7 @@ pub const READERS: [&dyn SceneReader; 4] = [&PbrtReader, &ObjReader, &PlyReader,
 pub struct AnyOptions {
     /// Options of the pbrt reader.
     pub scene: ReadOptions,
-    /// Options of the model readers (OBJ, PLY, STL).
+    /// Options of the model readers (glTF, OBJ, PLY, STL).
     pub model: ModelOptions,
 }
 
@@ -51,16 +55,17 @@ impl AnyOptions {
         self
     }
 
-    /// Replaces the options of the model readers (OBJ, PLY, STL).
+    /// Replaces the options of the model readers (glTF, OBJ, PLY, STL).
     pub fn with_model(mut self, model: ModelOptions) -> Self {
         self.model = model;
         self
     }
 }
 
-/// Reads a scene (`.pbrt`, or no extension) or a model (`.obj`, `.ply`, `.stl`) from disk.
+/// Reads a scene (pbrt, glTF) or a model (OBJ, PLY, STL) from disk.
 ///
-/// The extension, in upper or lower case, decides on the format. For an unknown extension the content decides.
+/// The content decides on the format, whatever the file is called. If it doesn't show the format, the extension decides, in
+/// upper or lower case.
 ///
 /// # Errors
 /// Returns all problems of the file, each with file and line, or the problem of an unknown format.
@@ -79,18 +84,42 @@ pub fn read_any_from(
 ) -> Result<Scene, ReadError> {
     let (files, path) = (&Unsized(files), path.as_ref());
     let source = || Source { file: Arc::new(path.to_owned()), line: 0 };
-    let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    if let Some(reader) = READERS.into_iter().find(|reader| reader.extensions().contains(&&*extension)) {
-        let outcome = reader.read(files, path, options);
-        // Compressed bytes cause many errors; one problem replaces them.
-        let compressed = || files.read(path).ok().and_then(|bytes| compression(&bytes));
-        return outcome.map_err(|e| compressed().map_or(e, |advice| ReadError::invalid(source(), advice)));
-    }
     let content = files.read(path).map_err(|e| unreadable(source(), &e))?;
-    match READERS.into_iter().find(|reader| reader.recognizes(&content)) {
-        Some(reader) => reader.read(files, path, options),
-        None => Err(ReadError::invalid(source(), unsupported(&extension, &content))),
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let by_content = READERS.into_iter().find(|reader| reader.recognizes(&content));
+    let refusal = || foreign::by_content(&content).map(|advice| ReadError::invalid(source(), advice));
+    let by_name = || READERS.into_iter().find(|reader| reader.extensions().contains(&&*extension));
+    let reader = match by_content {
+        Some(reader) => reader,
+        None => match refusal() {
+            Some(refusal) => return Err(refusal),
+            None => by_name().ok_or_else(|| ReadError::invalid(source(), foreign::by_extension(&extension)))?,
+        },
+    };
+    reader.read(&Opened { files, path, content: RefCell::new(Some(content)) }, path, options)
+}
+
+/// Files of which one has been read already.
+struct Opened<'f> {
+    files: &'f dyn Files,
+    path: &'f Path,
+    content: RefCell<Option<Vec<u8>>>,
+}
+
+impl Files for Opened<'_> {
+    fn read(&self, path: &Path) -> std::io::Result<Vec<u8>> {
+        let opened = if path == self.path { self.content.take() } else { None };
+        opened.map_or_else(|| self.files.read(path), Ok)
     }
+}
+
+/// The first word of a text, after empty lines and `#` comments. Only the first 64 KiB count.
+pub(crate) fn first_word(content: &[u8]) -> Option<&[u8]> {
+    let head = &content[..content.len().min(1 << 16)];
+    let head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
+    let mut lines = head.split(|byte| matches!(byte, b'\n' | b'\r')).map(<[u8]>::trim_ascii);
+    let first = lines.find(|line| !line.is_empty() && !line.starts_with(b"#"))?;
+    first.split(|byte| byte.is_ascii_whitespace() || matches!(byte, b'"' | b'[')).next()
 }
 
 /// A wrapper that makes a trait object of any [`Files`], sized or not.
@@ -106,47 +135,4 @@ impl<F: Files + ?Sized> Files for Unsized<'_, F> {
 pub(crate) fn unreadable(source: Source, e: &std::io::Error) -> ReadError {
     let message = format!("cannot read {}: {e}; check the name and that the file is there", source.file.display());
     ReadError::invalid(source, message)
-}
-
-/// Unsupported formats that users may expect: extension, and name of the format or program.
-const FOREIGN: [(&str, &str); 9] = [
-    ("3ds", "3ds Max"),
-    ("blend", "Blender"),
-    ("dae", "COLLADA"),
-    ("fbx", "FBX"),
-    ("glb", "glTF binary"),
-    ("gltf", "glTF"),
-    ("usd", "USD"),
-    ("usdz", "USD"),
-    ("xml", "Mitsuba XML"),
-];
-
-/// Returns the error message for a file that no reader accepts.
-fn unsupported(extension: &str, content: &[u8]) -> String {
-    if let Some(advice) = compression(content) {
-        return advice.into();
-    }
-    if ["gz", "zip", "zst", "bz2", "xz"].contains(&extension) {
-        return format!("files with extension \".{extension}\" are compressed; unpack the file first");
-    }
-    match FOREIGN.iter().find(|(known, _)| *known == extension) {
-        Some((_, name)) => format!("{name} (.{extension}) is not supported; export pbrt, OBJ, PLY or STL"),
-        None => format!(
-            "extension \".{extension}\" is unknown; export pbrt, OBJ, PLY or STL, or rename the file to one of .pbrt, .obj, .ply, .stl"
-        ),
-    }
-}
-
-/// Returns the error message for a compressed file; `None` if the bytes are not those of a known compression.
-fn compression(bytes: &[u8]) -> Option<&'static str> {
-    let starts = |magic: &[u8]| bytes.starts_with(magic);
-    if starts(&[0x1f, 0x8b]) {
-        Some("the file is compressed by gzip; unpack it first (gunzip)")
-    } else if starts(&[0x28, 0xb5, 0x2f, 0xfd]) {
-        Some("the file is compressed by zstd; unpack it first (unzstd)")
-    } else if starts(b"BZh") || starts(&[0xfd, b'7', b'z', b'X', b'Z', 0]) || starts(b"PK\x03\x04") {
-        Some("the file is compressed; unpack it first")
-    } else {
-        None
-    }
 }

@@ -19,10 +19,11 @@ use std::time::{Duration, Instant};
 /// Name and function.
 type Target = (&'static str, fn(&[u8]));
 
-const TARGETS: [Target; 6] = [
+const TARGETS: [Target; 7] = [
     ("scene", targets::scene),
     ("ply", targets::ply),
     ("obj", targets::obj),
+    ("gltf", targets::gltf),
     ("stl", targets::stl),
     ("image", targets::image),
     ("geometry", targets::geometry),
@@ -77,6 +78,9 @@ fn seeds() -> Vec<Seed> {
     add("obj", "plain", plain.into());
     let rich = "# ours\nmtllib m.mtl\nnewmtl a\nKd 1 0.5 0.25\nmap_Kd -s 1 1 1 m.pfm\no a\ng b\ns 1\nv 0 0 0 1\nv 3 0 0 1 1 1\nv 1 1 0\nv 0 3 0\nvt 0\nvt 1 0.5\nvn 0 0 1\nusemtl a\nf -4/1/1 -3/2/1 \\\n -2/1/1 -1/2/1\nusemtl b\nf 1//1 2//1 3//1\nl 1 2 3\nf 1/1 2/1 3/1 4/1\n";
     add("obj", "rich", rich.into());
+    let (text, binary) = gltf();
+    add("gltf", "text", text.into_bytes());
+    add("gltf", "binary", binary);
     let text = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1e0 -0.5\nendloop\nendfacet\nendsolid a\nsolid b\nendsolid b\n";
     add("stl", "text", text.into());
     for (name, word) in [("binary", b"ours ".as_slice()), ("solid", b"solid")] {
@@ -113,6 +117,43 @@ fn seeds() -> Vec<Seed> {
     add("image", "a.pfm", encode_pfm(&image).unwrap());
     add("image", "a.exr", encode_exr([5, 3], &[Layer::of_image("", &image)], &[]).unwrap().bytes);
     seeds
+}
+
+/// A triangle in glTF, as text with everything that our reader reads, and as a plain binary file.
+fn gltf() -> (String, Vec<u8>) {
+    use base64::Engine;
+    let corners = [[0.0_f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let buffer: Vec<u8> = corners.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect();
+    let coded = base64::engine::general_purpose::STANDARD.encode(&buffer);
+    let mesh = r#""bufferViews":[{"buffer":0,"byteLength":36}],"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}]"#;
+    let text = format!(
+        r#"{{"asset":{{"version":"2.0"}},"buffers":[{{"byteLength":36,"uri":"data:;base64,{coded}"}}],{mesh},
+"images":[{{"uri":"p.png"}},{{"bufferView":0,"mimeType":"image/png"}}],"textures":[{{"source":0}},{{"source":1}}],
+"materials":[{{"pbrMetallicRoughness":{{"baseColorFactor":[1,0.5,0.2,1],"baseColorTexture":{{"index":0}},"metallicFactor":0.5}},
+"normalTexture":{{"index":1,"scale":2}},"emissiveFactor":[1,1,0],"alphaMode":"MASK","alphaCutoff":0.4,
+"extensions":{{"KHR_materials_clearcoat":{{"clearcoatFactor":0.5}},"KHR_materials_transmission":{{"transmissionFactor":0.5}},
+"KHR_materials_volume":{{"thicknessFactor":1,"attenuationDistance":2,"attenuationColor":[1,0.5,0]}}}}}}],
+"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"NORMAL":0}},"material":0,"mode":5,"targets":[{{"POSITION":0}}]}}],"weights":[0.5]}},
+{{"primitives":[{{"attributes":{{"POSITION":0}},"mode":6}}]}}],
+"extensionsUsed":["KHR_lights_punctual"],
+"extensions":{{"KHR_lights_punctual":{{"lights":[{{"type":"spot","intensity":9,"spot":{{"outerConeAngle":0.5}}}}]}}}},
+"cameras":[{{"type":"perspective","perspective":{{"yfov":0.7,"znear":0.1}}}}],
+"nodes":[{{"mesh":0,"children":[1,2]}},{{"mesh":1,"rotation":[0,0,1,0],"scale":[2,1,1]}},{{"mesh":1}},{{"camera":0}},
+{{"extensions":{{"KHR_lights_punctual":{{"light":0}}}}}}],"scenes":[{{"nodes":[0,3,4]}}],"scene":0}}"#
+    );
+    let mut small = format!(
+        r#"{{"asset":{{"version":"2.0"}},"buffers":[{{"byteLength":36}}],{mesh},"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}}}}]}}],"nodes":[{{"mesh":0}}]}}"#
+    )
+    .into_bytes();
+    small.resize(small.len().next_multiple_of(4), b' ');
+    let length = |bytes: &[u8]| (bytes.len() as u32).to_le_bytes();
+    let mut binary = [b"glTF".as_slice(), &2_u32.to_le_bytes(), &[0; 4]].concat();
+    for (kind, chunk) in [(b"JSON", small), (b"BIN\0", buffer)] {
+        binary.extend([length(&chunk).as_slice(), kind, &chunk].concat());
+    }
+    let whole = length(&binary);
+    binary[8..12].copy_from_slice(&whole);
+    (text, binary)
 }
 
 #[test]

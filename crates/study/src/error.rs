@@ -81,7 +81,7 @@ impl StudyError {
     pub(crate) fn file(path: &Path, action: &'static str, source: std::io::Error) -> Self {
         let kept = match source.kind() {
             std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => "free some space and try again",
-            std::io::ErrorKind::NotFound => "check the name",
+            std::io::ErrorKind::NotFound | std::io::ErrorKind::FileTooLarge => "check the name",
             std::io::ErrorKind::PermissionDenied => "choose another path, or change the permissions",
             _ => "choose another path, or try again",
         };

@@ -2,6 +2,7 @@
 
 use crate::StudyError;
 use dapple_core::Frame;
+use dapple_job::memory::MemoryLimit;
 use dapple_job::{
     BudgetSpec, ContentHash, CropSpec, LoadOptions, LoadedScene, PixelFilterSpec, PreparedScene, RenderSpec, Warning,
 };
@@ -78,10 +79,12 @@ impl Subject {
     ///
     /// # Errors
     ///
-    /// [`StudyError::Load`], which lists every problem of the scene's files.
+    /// [`StudyError::Load`], which lists every problem of the scene's files, also for a scene that does not fit into memory.
     pub(crate) fn load(view: &View) -> Result<Self, StudyError> {
-        let loaded = LoadedScene::read(&view.spec(), &LoadOptions::default());
-        let prepared = loaded.and_then(LoadedScene::build)?;
+        let limit = MemoryLimit::of_machine();
+        let loaded = LoadedScene::read(&view.spec(), &LoadOptions::default().with_limit(limit))?;
+        loaded.memory().check(limit)?;
+        let prepared = loaded.build()?;
         let content = prepared.digest().cloned().unwrap_or_default();
         Ok(Self { view: view.clone(), scene: prepared.scene().clone(), content, prepared })
     }

@@ -1,32 +1,36 @@
 //! The arguments of `dapple render`.
 
+use super::live::{Address, LiveOptions};
+use super::values::{
+    EachLayer, ImageSize, above_zero, crop, filter, integrator, is_shard, layer, light_selection, output, points,
+    preview, sampler, seconds, size, size_of_image, stops,
+};
 use crate::{Failure, Result, failure};
 use clap::{Args, ValueEnum};
 use dapple_core::Shard;
-use dapple_job::registry;
-use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, DEFAULT_SPP, ErrorOf, PixelFilterSpec, RenderSpec};
+use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, ErrorOf, PixelFilterSpec, RenderSpec, read_text};
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::Format;
 use dapple_scene::{Effect, bundled};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Render an image with adaptive sampling: most samples go where the image needs them
 ///
-/// SCENE is a pbrt file (v4, v3 or v2), a model (.obj, .ply, .stl; Dapple adds a camera and a light), or the name of a
+/// SCENE is a pbrt file (v4, v3 or v2), a model (.gltf, .glb, .obj, .ply, .stl; Dapple adds a camera and a light), or the name of a
 /// bundled scene: teapot (the default), terrain, cornell, furnace, plates, lens, motion, glass, room, grass, door, tea,
 /// cabin. All settings are checked, and all outputs tested to be writable, before rendering begins.
 #[derive(Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct RenderArgs {
-    /// A pbrt file, a model (.obj, .ply, .stl), or a bundled scene
+    /// A pbrt file, a model (.gltf, .glb, .obj, .ply, .stl), or a bundled scene
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     pub(crate) scene: PathBuf,
 
     /// Image file to write: .exr (all layers, settings in the header), .pfm or .png; may be repeated
     ///
-    /// Without this option, SCENE.exr and SCENE.png are written to the current folder, and the sample map
-    /// SCENE-samples.png unless the sampler is uniform. Existing files are replaced.
-    #[arg(short, long = "output", value_name = "OUT", value_parser = output)]
+    /// Without this option, NAME.exr and NAME.png are written to the current folder, and the sample map
+    /// NAME-samples.png unless the sampler is uniform. NAME is that of the file's Film, else the scene's. Existing files are replaced.
+    #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", value_parser = output)]
     pub(crate) outputs: Vec<PathBuf>,
 
     /// Sampler (how many samples each pixel gets); `dapple samplers` lists all
@@ -43,12 +47,13 @@ pub(crate) struct RenderArgs {
     pub(crate) points: String,
 
     /// Filter (the denoiser); `none` makes each pixel the mean of its own samples. `dapple filters` lists all
-    #[arg(long, value_name = "NAME[:…]", default_value = dapple_job::DEFAULT_FILTER, value_parser = filter)]
-    #[arg(help_heading = "Method")]
+    #[arg(long, visible_alias = "denoiser", value_name = "NAME[:…]", value_parser = filter)]
+    #[arg(default_value = dapple_job::DEFAULT_FILTER, help_heading = "Method")]
     pub(crate) filter: String,
 
     /// Integrator (how the radiance of a sample is computed); `dapple integrators` lists all
-    #[arg(long, value_name = "NAME", default_value = dapple_job::DEFAULT_INTEGRATOR, help_heading = "Method")]
+    #[arg(long, value_name = "NAME", default_value = dapple_job::DEFAULT_INTEGRATOR, value_parser = integrator)]
+    #[arg(help_heading = "Method")]
     pub(crate) integrator: String,
 
     /// Pixel filter (pbrt's PixelFilter): that of the scene file, or a box one pixel wide
@@ -59,8 +64,9 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Method")]
     pub(crate) seed: u64,
 
-    /// Take exactly this mean number of samples per pixel [default: 64; the scene file's number is ignored]
-    #[arg(long, value_name = "MEAN", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
+    /// Take exactly this mean number of samples per pixel [default: the scene file's number, else 64]
+    #[arg(short = 's', long, value_name = "MEAN", value_parser = above_zero, group = "budget")]
+    #[arg(help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) spp: Option<f64>,
 
@@ -75,8 +81,11 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "IMAGE", default_value = "filtered", requires = "error", help_heading = "Bounds")]
     pub(crate) error_of: ErrorImage,
 
-    /// Render for about this many seconds; reading the scene, filtering and writing take extra time
-    #[arg(long, value_name = "SECONDS", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
+    /// Render for about this many seconds, filter included; reading the scene and writing files take extra time
+    ///
+    /// If one sample per pixel takes longer, a warning states the time needed as soon as the first rows show it. The image has at least
+    /// that sample.
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) time: Option<f64>,
 
@@ -104,9 +113,9 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "EFFECT", value_delimiter = ',', help_heading = "Image")]
     pub(crate) without: Vec<Effect>,
 
-    /// Width and height of the full image in pixels [default: the scene's]
-    #[arg(long, value_name = "WxH", value_parser = resolution, help_heading = "Image")]
-    pub(crate) resolution: Option<[u32; 2]>,
+    /// Width and height of the full image in pixels, or a percentage of the scene's [default: the scene's]
+    #[arg(long, value_name = "WxH or N%", value_parser = size_of_image, help_heading = "Image")]
+    pub(crate) resolution: Option<ImageSize>,
 
     /// Render only this window of the image, in pixels; X1 and Y1 are excluded [default: the scene's crop window]
     ///
@@ -130,6 +139,43 @@ pub(crate) struct RenderArgs {
     /// The default filter records them anyway. The image stays the same; other denoisers read these layers.
     #[arg(long, help_heading = "Image")]
     pub(crate) features: bool,
+
+    /// Rewrite this PNG file with the image so far, every few seconds; the last one is the final image
+    ///
+    /// Samples are shown unfiltered until the end. The file is always complete: each image is written under a temporary
+    /// name, then renamed.
+    #[arg(long, value_name = "FILE.png", value_parser = preview, help_heading = "While it renders")]
+    pub(crate) preview: Option<PathBuf>,
+
+    /// Show the image so far in a viewer, with layers of samples per pixel (count) and predicted squared error (error)
+    ///
+    /// tev (https://github.com/Tom94/tev) must be running; without HOST and PORT it listens at 127.0.0.1:14158.
+    #[arg(long, value_name = "tev[:HOST[:PORT]]", help_heading = "While it renders")]
+    pub(crate) view: Option<Address>,
+
+    /// Seconds between two images of --preview and --view [default: 2]
+    #[arg(long, value_name = "SECONDS", value_parser = above_zero, help_heading = "While it renders")]
+    #[arg(allow_negative_numbers = true)]
+    pub(crate) preview_every: Option<f64>,
+
+    /// Print progress as plain lines at this interval [default: a bar on a terminal, elsewhere a line every 10 s]
+    #[arg(long, value_name = "SECONDS", value_parser = above_zero, help_heading = "While it renders")]
+    #[arg(allow_negative_numbers = true)]
+    pub(crate) progress_every: Option<f64>,
+
+    /// Layers of EXR files besides the image, separated by commas, or none [default: all that the render has]
+    ///
+    /// unfiltered, variance, count, error, cluster, albedo, normal, depth, coverage. The last four are recorded if named,
+    /// as by --features.
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',', value_parser = layer, help_heading = "Image")]
+    #[arg(conflicts_with = "features")]
+    pub(crate) layers: Option<Vec<EachLayer>>,
+
+    /// Store image, unfiltered, albedo, normal and coverage in EXR files as 16-bit floats: half the size, 3 digits
+    ///
+    /// Variance, error and depth stay 32-bit floats, whose range they need.
+    #[arg(long, help_heading = "Image")]
+    pub(crate) half: bool,
 
     /// Write checkpoints to this file, at intervals and at the end, for --resume FILE
     ///
@@ -158,11 +204,12 @@ pub(crate) struct RenderArgs {
     /// Needs --spp and a sampler that plans without looking at samples (uniform, cluster-thesis), so that every machine
     /// makes the same plan.
     #[arg(long, value_name = "I/N", value_parser = dapple_job::parse_shard, help_heading = "Interruption")]
-    #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error"])]
+    #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view"])]
     pub(crate) shard: Option<Shard>,
 
     /// Read the description of the render from this JSON file; it replaces SCENE and the options of Method, Budget,
-    /// Bounds and Image (except --exposure, --maps and --features)
+    /// Bounds and Image (except --exposure, --maps,
+    /// --features, --layers and --half)
     #[arg(long, value_name = "FILE", help_heading = "Description")]
     pub(crate) spec: Option<PathBuf>,
 
@@ -178,7 +225,8 @@ pub(crate) struct RenderArgs {
     pub(crate) memory: Option<u64>,
 
     /// Number of threads; 0 is one per core
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
+    #[arg(short = 't', long, visible_alias = "nthreads", value_name = "N", default_value_t = 0)]
+    #[arg(value_parser = clap::value_parser!(u16).range(..=1024))]
     pub(crate) threads: u16,
 
     /// Render without unsupported features of the scene, with warnings, instead of refusing it
@@ -189,16 +237,20 @@ pub(crate) struct RenderArgs {
     #[arg(long)]
     pub(crate) json: bool,
 
-    /// Show no progress and no summary; warnings are still printed
-    #[arg(short, long, conflicts_with = "json")]
+    /// Show no progress and no summary; warnings are still printed, and the line of --json
+    #[arg(short, long)]
     pub(crate) quiet: bool,
 }
+
+/// The largest size in bytes of a file for `--spec`.
+const LONGEST_SPEC: u64 = 1 << 20;
 
 const AFTER: &str = "\
 Examples:
   dapple render
   dapple render scene.pbrt -o scene.exr -o scene.png --spp 128
   dapple render scene.pbrt -o scene.exr --time 30 --maps maps
+  dapple render scene.pbrt -o scene.exr --preview so-far.png --view tev
   dapple render model.obj -o model.png
   dapple render terrain -o terrain.pfm --sampler variance:policy=cross --points random --seed 7
   dapple render cornell -o cornell.png --sampler uniform --spp 16 --resolution 128x128
@@ -249,7 +301,7 @@ impl RenderArgs {
         let spec = match &self.spec {
             Some(path) => {
                 let read = |e| Failure::new(format!("{}: cannot read the file: {e}", path.display()));
-                let json = std::fs::read_to_string(path).map_err(read)?;
+                let json = read_text(path, LONGEST_SPEC).map_err(read)?;
                 RenderSpec::from_json(&json).map_err(|e| Failure::new(format!("{}: {e}", path.display())))?
             }
             None => self.described(),
@@ -263,7 +315,7 @@ impl RenderArgs {
         let budget = match (self.spp, self.error, self.time) {
             (_, Some(relmse), _) => BudgetSpec::Error(relmse),
             (_, _, Some(seconds)) => BudgetSpec::Seconds(seconds),
-            (spp, None, None) => BudgetSpec::Spp(spp.unwrap_or(DEFAULT_SPP)),
+            (spp, None, None) => spp.map_or(BudgetSpec::Scene, BudgetSpec::Spp),
         };
         let mut spec = RenderSpec::new(self.scene.to_string_lossy())
             .sampler(&self.sampler)
@@ -280,9 +332,23 @@ impl RenderArgs {
             .without(self.without.iter().copied())
             .allow_unsupported(self.allow_unsupported)
             .shard(self.shard);
-        spec.resolution = self.resolution;
+        match self.resolution {
+            Some(ImageSize::Pixels(resolution)) => spec.resolution = Some(resolution),
+            Some(ImageSize::Scale(scale)) => spec.scale = Some(scale),
+            None => {}
+        }
         spec.light_selection = self.light_selection;
         spec
+    }
+
+    /// The options of the live image.
+    pub(crate) fn live(&self) -> LiveOptions<'_> {
+        LiveOptions {
+            preview: self.preview.as_deref(),
+            view: self.view.as_ref(),
+            every: self.preview_every,
+            exposure: self.exposure,
+        }
     }
 
     /// The options for the checkpoint files to write and to resume from.
@@ -299,6 +365,9 @@ impl RenderArgs {
         if self.checkpoint_every.is_some() && self.checkpoint.is_none() && self.resume.is_none() {
             return Err("--checkpoint-every needs --checkpoint FILE or --resume FILE".into());
         }
+        if self.preview_every.is_some() && self.preview.is_none() && self.view.is_none() {
+            return Err("--preview-every needs --preview FILE.png or --view tev".into());
+        }
         let shards = self.outputs.iter().filter(|path| is_shard(path)).count();
         if spec.shard.is_some() && (self.outputs.len() > 1 || shards < self.outputs.len()) {
             return Err("--shard takes one --output, a .shard file; dapple merge makes images of all shards".into());
@@ -307,8 +376,12 @@ impl RenderArgs {
             return Err("--output: a .shard file needs --shard I/N".into());
         }
         let has_layers = |path: &PathBuf| matches!(Format::from_path(path), Ok(Format::Exr));
-        if self.features && !self.outputs.is_empty() && !self.outputs.iter().any(has_layers) {
-            return Err("--features writes layers, which only EXR files hold; add --output FILE.exr".into());
+        let concerns = [("--features", self.features), ("--layers", self.layers.is_some()), ("--half", self.half)];
+        if let Some((option, _)) = concerns.iter().find(|(_, given)| *given)
+            && !self.outputs.is_empty()
+            && !self.outputs.iter().any(has_layers)
+        {
+            return Err(format!("{option} is about the layers of EXR files; add --output FILE.exr"));
         }
         let mut seen: Vec<&PathBuf> = Vec::new();
         for output in &self.outputs {
@@ -319,83 +392,4 @@ impl RenderArgs {
         }
         Ok(())
     }
-}
-
-fn light_selection(name: &str) -> std::result::Result<LightSelection, String> {
-    name.parse().map_err(|e: dapple_renderer::light::UnknownLightSelection| e.to_string())
-}
-
-fn above_zero(word: &str) -> std::result::Result<f64, String> {
-    match word.parse::<f64>() {
-        Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
-        _ => Err("a finite number above zero is required".into()),
-    }
-}
-
-fn stops(word: &str) -> std::result::Result<f32, String> {
-    match word.parse::<f32>() {
-        Ok(x) if x.is_finite() => Ok(x),
-        _ => Err("a finite number is required, 0 to leave the image as it is".into()),
-    }
-}
-
-pub(crate) fn resolution(word: &str) -> std::result::Result<[u32; 2], String> {
-    let sides = word.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-    let sides: [u32; 2] = sides.ok_or("WIDTHxHEIGHT in pixels is required, such as 640x360")?;
-    dapple_core::Frame::new(sides[0], sides[1]).map_err(|e| e.to_string())?;
-    Ok(sides)
-}
-
-fn crop(word: &str) -> std::result::Result<[u32; 4], String> {
-    let sides: Option<Vec<u32>> = word.split(',').map(|side| side.trim().parse().ok()).collect();
-    match sides.as_deref() {
-        Some(&[x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok([x0, y0, x1, y1]),
-        Some([_, _, _, _]) => Err("the window is empty: X0 < X1 and Y0 < Y1 are required".into()),
-        _ => Err("X0,Y0,X1,Y1 in pixels are required, such as 0,0,64,32".into()),
-    }
-}
-
-pub(crate) fn output(word: &str) -> std::result::Result<PathBuf, String> {
-    let path = PathBuf::from(word);
-    if !is_shard(&path) {
-        Format::from_path(&path).map_err(|e| e.to_string())?;
-    }
-    Ok(path)
-}
-
-fn is_shard(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("shard"))
-}
-
-/// Parses a memory size: bytes, or a number with a unit such as K, M or G (powers of 1024).
-fn size(word: &str) -> std::result::Result<u64, String> {
-    let number = word.trim_end_matches(|c: char| c.is_ascii_alphabetic());
-    let unit = match word[number.len()..].to_ascii_uppercase().as_str() {
-        "" | "B" => 1,
-        "K" | "KB" | "KIB" => 1 << 10,
-        "M" | "MB" | "MIB" => 1 << 20,
-        "G" | "GB" | "GIB" => 1 << 30,
-        "T" | "TB" | "TIB" => 1u64 << 40,
-        _ => 0,
-    };
-    match number.parse::<f64>() {
-        Ok(x) if x.is_finite() && x > 0.0 && unit > 0 => Ok((x * unit as f64) as u64),
-        _ => Err("a size above zero is required, such as 2G, 500M or 1000000 (1024 bytes are a K)".into()),
-    }
-}
-
-/// Checks the name of a sampler by making one, so that a wrong name is reported before the scene is read.
-fn sampler(name: &str) -> std::result::Result<String, String> {
-    registry::check_sampler(name).map_err(|e| e.to_string())?;
-    Ok(name.to_owned())
-}
-
-fn points(name: &str) -> std::result::Result<String, String> {
-    registry::check_points(name).map_err(|e| e.to_string())?;
-    Ok(name.to_owned())
-}
-
-fn filter(name: &str) -> std::result::Result<String, String> {
-    registry::check_filter(name).map_err(|e| e.to_string())?;
-    Ok(name.to_owned())
 }

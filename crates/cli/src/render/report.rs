@@ -64,7 +64,8 @@ impl Report<'_> {
         serde_json::to_string(&line).unwrap_or_default()
     }
 
-    /// Formats the result of the render as a few lines of text.
+    /// Formats the result of the render as at most four lines of text. The settings are in the header of EXR files, and in
+    /// the line of JSON.
     pub(super) fn summary(&self) -> String {
         let (job, image, film) = (self.job, self.image, &self.image.film);
         let [w, h] = film.frame().size();
@@ -74,7 +75,6 @@ impl Report<'_> {
         let rate = film.record().rays as f64 / image.seconds.trace.max(1e-9) * 1e-6;
         let mut lines = vec![
             format!("{}, {w}x{h}: {:.2} spp ({least} to {most}) in {seconds:.2} s", job.scene().name, image.spp()),
-            format!("{}, {}, filter {}", job.sampler_described(), job.points_described(), image.filter),
             format!("{} samples, {} rays, {rate:.2} million rays per second", film.record().samples, image.rays()),
         ];
         if let Some(relmse) = film.predicted_relmse() {

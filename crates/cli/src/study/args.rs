@@ -1,6 +1,6 @@
 //! The arguments of `dapple study`.
 
-use crate::render::args::resolution;
+use crate::render::values::resolution;
 use crate::{Failure, Result};
 use dapple_study::{External, Method, Plan, PlanPatch, ScenePlan, StudyError, split_names};
 use std::path::PathBuf;

@@ -1,38 +1,28 @@
-//! The progress bar of a study, and the stop of the study on Ctrl-C.
+//! The progress of a study, and its stop on Ctrl-C.
 
+use crate::display::Display;
 use crate::output;
 use crate::stop::Stop;
 use dapple_core::Control;
 use dapple_study::{StudyMonitor, StudyProgress};
-use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::HumanDuration;
 use std::time::Duration;
 
-/// The number of steps of the progress bar.
-const STEPS: u64 = 1000;
-
 pub(super) struct Bar {
-    bar: ProgressBar,
+    display: Display,
     stop: Stop,
 }
 
 impl Bar {
     pub(super) fn new(quiet: bool, stop: Stop) -> Self {
-        // The bar hides itself if stderr is not a terminal.
-        let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
-        let bar = ProgressBar::with_draw_target(Some(STEPS), target);
-        if let Ok(style) = ProgressStyle::with_template("{bar:20} {percent:>3} %  {wide_msg}") {
-            bar.set_style(style);
-        }
-        Self { bar, stop }
+        let display = Display::new(quiet, None);
+        display.begin();
+        Self { display, stop }
     }
 
-    pub(super) fn finish(&self) {
-        self.bar.finish_and_clear();
-    }
-
-    /// Prints a line above the progress bar.
-    pub(super) fn say(&self, line: &str) {
-        self.bar.suspend(|| output::say("study", line));
+    /// Removes the bar.
+    pub(super) fn finish(&mut self) {
+        self.display = Display::Silent;
     }
 }
 
@@ -41,17 +31,16 @@ impl StudyMonitor for Bar {
         if self.stop.asked() {
             return Control::Stop;
         }
-        if !self.bar.is_hidden() {
+        if !self.display.is_silent() {
             let left = progress.left.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX));
             let left = left.map_or_else(String::new, |left| format!("{} left, ", HumanDuration(left)));
             let (done, runs) = (progress.done, progress.runs);
-            self.bar.set_message(format!("{left}{done} of {runs} runs; {}", progress.doing));
-            self.bar.set_position((progress.share * STEPS as f64) as u64);
+            self.display.update(progress.share, format!("{left}{done} of {runs} runs; {}", progress.doing));
         }
         Control::Continue
     }
 
     fn warning(&mut self, warning: &str) {
-        self.bar.suspend(|| output::warn(warning));
+        output::warn(warning);
     }
 }

@@ -12,6 +12,8 @@ pub(super) struct Meter {
     total: u64,
     /// The number of plans so far; it indexes the budgets of a replayed record.
     barrier: usize,
+    /// The seconds of a time limit that are reserved for the filter; `None` before they are measured.
+    filter_seconds: Option<f64>,
 }
 
 /// The fraction of the remaining time that the plan after the first round reserves for a last round, when the sampling
@@ -51,7 +53,7 @@ impl Meter {
         if total > most && matches!(limits.budget, Budget::Samples(_) | Budget::PerPixel(_)) {
             return Err(Error::BudgetTooLarge { budget: total, most, pixels: frame.pixels() });
         }
-        Ok(Self { budget: limits.budget.clone(), pixels, min_spp, max_spp, total, barrier: 0 })
+        Ok(Self { budget: limits.budget.clone(), pixels, min_spp, max_spp, total, barrier: 0, filter_seconds: None })
     }
 
     pub(super) fn needs(&self) -> Needs {
@@ -74,6 +76,16 @@ impl Meter {
             Budget::Seconds(s) => Some(s),
             _ => None,
         }
+    }
+
+    /// The seconds reserved for the filter, if they are measured.
+    pub(super) fn filter_seconds(&self) -> Option<f64> {
+        self.filter_seconds
+    }
+
+    /// Reserves time for a filter: a part of a time limit that samples do not get.
+    pub(super) fn reserve(&mut self, filter_seconds: f64) {
+        self.filter_seconds = Some(filter_seconds);
     }
 
     /// Restores the budget from a snapshot. A budget of time or error continues with the sample total at the snapshot.
@@ -103,13 +115,14 @@ impl Meter {
 
     /// Returns the budget for planning round `round`, after `seconds` of rendering.
     pub(super) fn show(&mut self, film: &Film, round: u32, seconds: f64) -> BudgetLeft {
+        let reserved = self.filter_seconds.unwrap_or(0.0);
         match &self.budget {
             Budget::Recorded(totals) => {
                 self.total = totals.get(self.barrier).copied().unwrap_or(self.total);
             }
             // The first round showed the cost of samples: plan the rest at once.
             Budget::Seconds(limit) if round == 1 => {
-                let left = (limit - seconds) * (1.0 - RESERVE);
+                let left = (limit - reserved - seconds) * (1.0 - RESERVE);
                 self.total = self.total.max(self.affordable(film, seconds, left));
             }
             _ => {}
@@ -127,7 +140,7 @@ impl Meter {
             Budget::Samples(_) | Budget::PerPixel(_) => return false,
             Budget::Recorded(totals) => return self.barrier < totals.len(),
             Budget::Seconds(limit) => {
-                let left = limit - seconds;
+                let left = limit - self.filter_seconds.unwrap_or(0.0) - seconds;
                 if left < ENOUGH * limit {
                     return false;
                 }
@@ -157,6 +170,6 @@ impl Meter {
     fn affordable(&self, film: &Film, seconds: f64, left: f64) -> u64 {
         let spent = film.record().samples;
         let rate = spent as f64 / seconds.max(1e-6);
-        (spent + (rate * left.max(0.0)) as u64).min(self.pixels * u64::from(self.max_spp))
+        spent.saturating_add((rate * left.max(0.0)) as u64).min(self.pixels * u64::from(self.max_spp))
     }
 }

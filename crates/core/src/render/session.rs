@@ -2,6 +2,7 @@
 
 use super::budget::Meter;
 use super::check::check;
+use super::filter_time;
 use super::holdout::{Holdout, Prediction};
 use super::pull::Round;
 use super::round::Stopped;
@@ -328,6 +329,7 @@ impl<'a> Session<'a> {
             expected: view.total,
             seconds,
             seconds_limit: self.meter.seconds(),
+            filter_seconds: self.meter.filter_seconds(),
             view,
         };
         let answer = show(monitor, &status);
@@ -374,6 +376,7 @@ impl<'a> Session<'a> {
             Stopped::Within => {}
             Stopped::AtEnd => {
                 let spent = film.record.samples >= self.meter.left(film).total;
+                self.reserve_for_filter();
                 let predicted = self.predict()?;
                 let more = self.meter.extend(&self.state.film, self.clock.seconds(), predicted);
                 self.over = spent && !more;
@@ -385,6 +388,7 @@ impl<'a> Session<'a> {
     /// Requests the plan of the next round from the sampler; `None` at the end of the render.
     fn plan(&mut self) -> Result<Option<OpenRound>, Error> {
         let planning = self.clock.seconds();
+        self.reserve_for_filter();
         loop {
             let State { film, round, .. } = &mut self.state;
             let budget = self.meter.show(film, *round, self.clock.seconds());
@@ -404,6 +408,15 @@ impl<'a> Session<'a> {
                 }
                 return Ok(None);
             }
+        }
+    }
+
+    /// Measures the filter after the first samples of a render with a time limit, so that the limit includes the filter.
+    fn reserve_for_filter(&mut self) {
+        let film = &self.state.film;
+        if self.meter.seconds().is_some() && self.meter.filter_seconds().is_none() && film.record.samples > 0 {
+            let seconds = self.filter.as_ref().map_or(0.0, |filter| filter_time::estimate(filter, film));
+            self.meter.reserve(seconds);
         }
     }
 

@@ -9,4 +9,5 @@ mod holdout;
 mod resume;
 mod rng;
 mod session;
+mod time;
 mod withdraw;

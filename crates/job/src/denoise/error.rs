@@ -95,6 +95,14 @@ pub enum DenoiseError {
         /// The output.
         path: PathBuf,
     },
+    /// Two outputs that are one file.
+    #[error("{}: this is the file of {}; give each output its own file", path.display(), first.display())]
+    SameOutput {
+        /// The later output.
+        path: PathBuf,
+        /// The first output with this file.
+        first: PathBuf,
+    },
     /// A filter that cannot be made.
     #[error(transparent)]
     Registry(#[from] RegistryError),

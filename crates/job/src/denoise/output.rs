@@ -1,20 +1,26 @@
 //! Files of denoised images.
 
 use super::{DenoiseError, DenoiseSpec, DenoisedImage};
+use crate::output::FileIdentity;
 use dapple_scene::image::{Format, Image, Layer, check_writable, encode_exr, encode_pfm, encode_png, write_file};
 use std::path::{Path, PathBuf};
 
 impl DenoiseSpec {
-    /// Checks before reading that every output can be written, and that none is an input.
+    /// Checks before reading that every output can be written, and that each is a file of its own and none is an input.
     ///
     /// # Errors
     ///
-    /// [`DenoiseError::Overwrites`], and [`DenoiseError::Image`] for an unknown extension or a file that cannot be written.
+    /// [`DenoiseError::Overwrites`], [`DenoiseError::SameOutput`], and [`DenoiseError::Image`] for an unknown extension or a file that cannot be written.
     pub fn check_outputs(&self, outputs: &[PathBuf]) -> Result<(), DenoiseError> {
-        for output in outputs {
+        let inputs: Vec<FileIdentity> = self.inputs.iter().map(|input| FileIdentity::of(input)).collect();
+        for (i, output) in outputs.iter().enumerate() {
             Format::from_path(output)?;
-            if self.inputs.iter().any(|input| same_file(input, output)) {
+            let identity = FileIdentity::of(output);
+            if inputs.iter().any(|input| input.is_same(&identity)) {
                 return Err(DenoiseError::Overwrites { path: output.clone() });
+            }
+            if let Some(first) = outputs[..i].iter().find(|first| FileIdentity::of(first).is_same(&identity)) {
+                return Err(DenoiseError::SameOutput { path: output.clone(), first: first.clone() });
             }
             check_writable(output)?;
         }
@@ -56,9 +62,4 @@ impl DenoisedImage {
         let attributes: Vec<(String, String)> = attributes.map(|(key, value)| (key.to_owned(), value)).into();
         Ok(encode_exr(image.size, &layers, &attributes)?.bytes)
     }
-}
-
-/// Returns true if both paths lead to one existing file.
-fn same_file(a: &Path, b: &Path) -> bool {
-    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }

@@ -2,7 +2,9 @@
 
 use super::JobMonitor;
 use super::identity::compared;
+use super::time::TimeWatch;
 use crate::checkpoint::{Contents, Error, Generation, Identity, Kind, Store};
+use crate::output::FileIdentity;
 use crate::{JobError, Warning};
 use dapple_core::{Control, Film, Monitor, Snapshot, Status};
 use std::path::PathBuf;
@@ -63,10 +65,12 @@ impl CheckpointOptions {
         let Some(path) = self.keep.as_ref().or(self.resume.as_ref()) else { return Ok(None) };
         let store = Store::lock(path)?;
         let exists = Store::exists(path);
-        if exists && self.resume.as_ref().is_none_or(|from| from != path) {
+        // One file may have two names, such as c and ./c.
+        let is_kept = |from: &PathBuf| FileIdentity::of(from).is_same(&FileIdentity::of(path));
+        if exists && !self.resume.as_ref().is_some_and(is_kept) {
             return Err(JobError::CheckpointExists { path: path.clone() });
         }
-        let begins = |from: &PathBuf| self.keep.as_ref() == Some(from) && !exists;
+        let begins = |from: &PathBuf| self.keep.is_some() && is_kept(from) && !exists;
         let resume = self.resume.as_ref().filter(|from| !begins(from)).cloned();
         Ok(Some(Checkpoints { store: Arc::new(store), every: self.every, resume }))
     }
@@ -97,15 +101,24 @@ impl Checkpoints {
     }
 }
 
-/// A [`Monitor`] that passes calls to a job's monitor and writes checkpoints between slices (parts of a render).
+/// A [`Monitor`] that passes calls to a job's monitor. Between slices (parts of a render) it writes checkpoints, and warns
+/// about a time limit that cannot be met.
 pub(super) struct Watched<'m> {
     monitor: &'m mut dyn JobMonitor,
     writer: Option<Writer>,
+    time: TimeWatch,
+    min_spp: u32,
 }
 
 impl<'m> Watched<'m> {
-    pub(super) fn new(monitor: &'m mut dyn JobMonitor, checkpoints: Option<Checkpoints>, identity: Identity) -> Self {
-        Self { monitor, writer: checkpoints.map(|checkpoints| Writer::new(checkpoints, identity)) }
+    pub(super) fn new(
+        monitor: &'m mut dyn JobMonitor,
+        checkpoints: Option<Checkpoints>,
+        identity: Identity,
+        min_spp: u32,
+    ) -> Self {
+        let writer = checkpoints.map(|checkpoints| Writer::new(checkpoints, identity));
+        Self { monitor, writer, time: TimeWatch::default(), min_spp }
     }
 
     fn save_last(&mut self, status: &Status<'_>) {
@@ -114,18 +127,21 @@ impl<'m> Watched<'m> {
         }
     }
 
-    /// Waits for the last write; returns the path of the checkpoint file, or the error of writing it. `None` without
-    /// checkpoints.
-    pub(super) fn into_checkpoint(self) -> Option<Result<PathBuf, JobError>> {
-        let mut writer = self.writer?;
+    /// Waits for the last write; returns the path of the checkpoint file, or the error of writing it, and the number of
+    /// checkpoints written. `None` without checkpoints.
+    pub(super) fn into_checkpoint(self) -> (Option<Result<PathBuf, JobError>>, u64) {
+        let Some(mut writer) = self.writer else { return (None, 0) };
         writer.wait(self.monitor);
         let path = writer.store.path().to_owned();
-        Some(writer.trouble.take().map_or(Ok(path), |trouble| Err(trouble.into())))
+        (Some(writer.trouble.take().map_or(Ok(path), |trouble| Err(trouble.into()))), writer.written)
     }
 }
 
 impl Monitor for Watched<'_> {
     fn slice(&mut self, status: &Status<'_>) -> Control {
+        if let Some(warning) = self.time.look(status, self.min_spp) {
+            self.monitor.warn(warning);
+        }
         if self.monitor.slice(status) == Control::Stop {
             self.save_last(status);
             return Control::Stop;
@@ -155,6 +171,8 @@ struct Writer {
     is_first: bool,
     writing: Option<JoinHandle<Result<(), Error>>>,
     warned: bool,
+    /// The number of checkpoints written.
+    written: u64,
     /// The error of writing the final checkpoint, if there was one.
     trouble: Option<Error>,
 }
@@ -162,7 +180,18 @@ struct Writer {
 impl Writer {
     fn new(Checkpoints { store, every, .. }: Checkpoints, identity: Identity) -> Self {
         let last = Instant::now();
-        Self { store, identity, every, last, cost: None, is_first: true, writing: None, warned: false, trouble: None }
+        Self {
+            store,
+            identity,
+            every,
+            last,
+            cost: None,
+            is_first: true,
+            writing: None,
+            warned: false,
+            written: 0,
+            trouble: None,
+        }
     }
 
     /// Starts writing a checkpoint if one is due and none is being written. After a disk error, the next due checkpoint
@@ -189,6 +218,7 @@ impl Writer {
         self.wait(monitor);
         let contents = self.contents(status);
         self.trouble = self.store.save(&contents).err();
+        self.written += u64::from(self.trouble.is_none());
     }
 
     fn is_due(&self, status: &Status<'_>) -> bool {
@@ -221,7 +251,8 @@ impl Writer {
 
     fn wait(&mut self, monitor: &mut dyn JobMonitor) {
         match self.writing.take().map(JoinHandle::join) {
-            None | Some(Ok(Ok(()))) => {}
+            None => {}
+            Some(Ok(Ok(()))) => self.written += 1,
             Some(Ok(Err(e))) => self.warn(&e, monitor),
             Some(Err(_)) => self.warn(&"the thread that writes it panicked", monitor),
         }

@@ -43,7 +43,7 @@ impl Job {
         if !differences.is_empty() {
             return Err(JobError::OtherRender { path: shards.first, differences });
         }
-        Ok(Traced { film: shards.film, failure: None, checkpoint: None })
+        Ok(Traced { film: shards.film, failure: None, checkpoint: None, checkpoints_written: 0 })
     }
 }
 

@@ -102,6 +102,22 @@ impl MemoryEstimate {
         Self { scene, film, sampler: memory.sampler, stages, before: before.before.max(most) }
     }
 
+    /// Adds the copy of the image of `frame` that is shown while the render goes on: radiance, counts and errors, and their
+    /// encoding.
+    #[must_use]
+    pub fn with_live_image(mut self, frame: &Frame) -> Self {
+        /// Bytes per pixel: 20 of planes, 8 of counts as they are copied, 12 of a packet or a PNG file.
+        const COPY: usize = 40;
+        self.stages.iter_mut().for_each(|(_, bytes)| *bytes = bytes.saturating_add(frame.bytes(COPY)));
+        self
+    }
+
+    /// Counts the film only once if it is in memory already, as that of merged shards is.
+    #[must_use]
+    pub fn with_film_in_memory(self) -> Self {
+        Self { scene: self.scene.saturating_sub(self.film), ..self }
+    }
+
     /// Checks that a render fits into `limit`.
     ///
     /// # Errors

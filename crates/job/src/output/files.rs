@@ -5,7 +5,7 @@ use super::header::attributes;
 use crate::output;
 use crate::{Job, JobError, RenderedImage, Warning};
 use dapple_core::{Frame, Needs};
-use dapple_scene::image::{Format, Image, ImageError, check_writable, write_file};
+use dapple_scene::image::{Format, Image, ImageError, Layer, check_writable, write_file};
 use dapple_scene::image::{encode_exr, encode_pfm, encode_png, rows_at_a_time};
 use std::path::{Path, PathBuf};
 
@@ -60,6 +60,9 @@ pub struct OutputFiles {
     maps: Option<PathBuf>,
     exposure: f32,
     features: bool,
+    half: bool,
+    /// The layers of EXR files besides the image; `None` for all.
+    layers: Option<Vec<String>>,
 }
 
 impl OutputFiles {
@@ -112,6 +115,29 @@ impl OutputFiles {
         Self { features: true, ..self }
     }
 
+    /// Stores image, unfiltered image, albedo, normal and coverage in EXR files as 16-bit floats.
+    #[must_use]
+    pub fn with_half(self) -> Self {
+        Self { half: true, ..self }
+    }
+
+    /// Selects the layers of EXR files besides the image, by their names in [`LAYERS`](super::LAYERS). The film records
+    /// what they need.
+    #[must_use]
+    pub fn with_layers(self, layers: impl IntoIterator<Item = impl Into<String>>) -> Self {
+        Self { layers: Some(layers.into_iter().map(Into::into).collect()), ..self }
+    }
+
+    /// Returns `true` if EXR files have this layer, as far as the film knows it.
+    fn has_layer(&self, name: &str) -> bool {
+        self.layers.as_ref().is_none_or(|layers| layers.iter().any(|layer| layer == name))
+    }
+
+    /// The paths of the files, in the order in which they are written.
+    pub fn paths(&self) -> impl Iterator<Item = &Path> {
+        self.files.iter().map(|(_, path)| path.as_path())
+    }
+
     /// Creates the folder of the maps, and checks that every file can be written.
     ///
     /// # Errors
@@ -131,14 +157,22 @@ impl OutputFiles {
     /// triangles into clusters.
     pub fn needs(&self, clusters: bool) -> Needs {
         let mut needs = Needs::none();
-        let shown = |(what, _): &(Contents, PathBuf)| matches!(what, Contents::Clusters | Contents::Image(Format::Exr));
+        let shown = |(what, _): &(Contents, PathBuf)| match what {
+            Contents::Clusters => true,
+            Contents::Image(Format::Exr) => self.has_layer("cluster"),
+            _ => false,
+        };
+        let named = |name: &&str| self.layers.is_some() && self.has_layer(name);
+        let features = self.features || ["albedo", "normal", "depth", "coverage"].iter().any(named);
         if clusters && self.files.iter().any(shown) {
             needs = needs.with_first_hits(1);
         }
         for (what, _) in &self.files {
             match what {
-                Contents::Image(Format::Exr) if self.features => needs = needs.with_variance().with_features(),
-                Contents::Image(Format::Exr) => needs = needs.with_variance(),
+                Contents::Image(Format::Exr) => {
+                    needs = if self.has_layer("variance") { needs.with_variance() } else { needs };
+                    needs = if features { needs.with_features() } else { needs };
+                }
                 Contents::Albedo | Contents::Normals | Contents::Depth => needs = needs.with_features(),
                 _ => {}
             }
@@ -180,6 +214,23 @@ impl OutputFiles {
         if troubles.is_empty() { Ok((lines, warnings)) } else { Err(JobError::Files(troubles)) }
     }
 
+    /// Keeps the selected layers, and warns about those that the render lacks.
+    fn selected(
+        &self,
+        mut layers: Vec<Layer<'static>>,
+        path: &Path,
+        warnings: &mut Vec<Warning>,
+    ) -> Vec<Layer<'static>> {
+        for name in self.layers.iter().flatten().filter(|name| layers.iter().all(|layer| layer.name != **name)) {
+            warnings.push(Warning::NoLayer { path: path.to_owned(), layer: name.clone() });
+        }
+        layers.retain(|layer| layer.name.is_empty() || self.has_layer(&layer.name));
+        if self.half {
+            super::layers::halve(&mut layers);
+        }
+        layers
+    }
+
     /// Encodes a file; returns its bytes and a phrase about its contents, or `None` if the film lacks the statistics
     /// for it.
     fn encode(&self, what: Contents, path: &Path, report: &Report<'_>, warnings: &mut Vec<Warning>) -> Encoded {
@@ -193,14 +244,18 @@ impl OutputFiles {
                 let image = Image::new(filtered.size, filtered.radiance.clone())?;
                 match format {
                     Format::Exr => {
-                        let layers = output::layers(film, filtered, unit, ids());
+                        let layers = self.selected(output::layers(film, filtered, unit, ids()), path, warnings);
                         let file =
                             encode_exr(filtered.size, &layers, &attributes(report.job, report.image, report.cpu))?;
                         if file.clamped > 0 {
                             warnings.push(Warning::Clamped { path: path.to_owned(), values: file.clamped });
                         }
                         let names: Vec<&str> = layers.iter().map(|l| l.name.as_str()).skip(1).collect();
-                        known(file.bytes, format!("the image, with layers {}", names.join(", ")))
+                        let about = match &names[..] {
+                            [] => "the image".into(),
+                            names => format!("the image, with layers {}", names.join(", ")),
+                        };
+                        known(file.bytes, about)
                     }
                     Format::Pfm => known(encode_pfm(&image)?, "the image".into()),
                     Format::Png => known(encode_png(&image, self.exposure)?, "the image, sRGB".into()),

@@ -62,6 +62,7 @@ fn budget(job: &Job) -> String {
             format!("relMSE {relmse} of the {} image, at most {most} spp", job.error_concerns())
         }
         BudgetSpec::Samples(samples) => format!("{samples} samples"),
+        BudgetSpec::Scene => "of the scene".into(),
         BudgetSpec::Spp(spp) => match job.limits().budget {
             dapple_core::Budget::Samples(samples) => format!("{spp} spp, {samples} samples"),
             _ => format!("{spp} spp"),

@@ -3,6 +3,24 @@
 use dapple_core::{Features, Film, Filtered};
 use dapple_scene::image::{Layer, Plane};
 
+/// The names of the layers besides the image, in the order of [`layers`].
+pub const LAYERS: [&str; 9] =
+    ["unfiltered", "variance", "count", "error", "cluster", "albedo", "normal", "depth", "coverage"];
+
+/// The layers whose values 16-bit floats hold with three digits, the image first. The range of the others is larger.
+const HALF: [&str; 5] = ["", "unfiltered", "albedo", "normal", "coverage"];
+
+/// Stores colours, normals and coverage as 16-bit floats.
+pub(super) fn halve(layers: &mut [Layer<'_>]) {
+    for layer in layers.iter_mut().filter(|layer| HALF.contains(&layer.name.as_str())) {
+        for (_, plane) in &mut layer.channels {
+            if let Plane::F32(values) = plane {
+                *plane = Plane::F16(std::mem::take(values));
+            }
+        }
+    }
+}
+
 /// Returns every EXR layer for which the film has statistics, the image first:
 ///
 /// | layer | channels | contents |

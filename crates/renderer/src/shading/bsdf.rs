@@ -4,6 +4,7 @@ use super::coat::Coat;
 use super::dielectric::{self, DiffuseTransmission, RoughDielectric, SmoothDielectric, Tint};
 use super::fresnel::{self, ComplexIor};
 use super::glossy::{Plastic, Substrate};
+use super::layered::Layered;
 use super::metal_coat::MetalCoat;
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
 use super::{ShadingFrame, warp};
@@ -82,6 +83,8 @@ pub enum Bsdf<'m> {
     Plastic(Plastic),
     /// Lambertian reflection below a glossy layer that reduces it [Ashikhmin and Shirley 2000].
     Substrate(Substrate),
+    /// Lambertian reflection below a glossy layer and a clear coat, as in glTF.
+    Layered(Layered<'m>),
 }
 
 /// A direction sampled from a [`Bsdf`].
@@ -268,6 +271,10 @@ impl<'m> Bsdf<'m> {
                 wi = glossy(&substrate.microfacets, chance);
                 substrate.evaluate_above(wo, wi, chance)
             }
+            Self::Layered(layered) => {
+                wi = layered.sample(wo, u, lobe);
+                layered.evaluate_above(wo, wi)
+            }
         };
         if wi.z > 0.0 { drawn(wi, found) } else { None }
     }
@@ -317,6 +324,7 @@ impl<'m> Bsdf<'m> {
             Self::DiffuseTransmission(sheet) => sheet.reflectance + sheet.transmittance,
             Self::Plastic(plastic) => plastic.albedo(),
             Self::Substrate(substrate) => substrate.albedo(),
+            Self::Layered(layered) => layered.albedo(),
         }
     }
 
@@ -330,6 +338,8 @@ impl<'m> Bsdf<'m> {
             | Self::DiffuseTransmission(_)
             | Self::Plastic(_)
             | Self::Substrate(_) => 1.0,
+            Self::Layered(layered) if layered.diffuse() == Vec3::ZERO => width(&layered.microfacets),
+            Self::Layered(_) => 1.0,
             Self::Conductor { microfacets, .. } => width(microfacets),
             Self::Dielectric(glass) => width(&glass.microfacets),
             Self::CoatedConductor { coat, .. } => coat.roughness(),
@@ -358,6 +368,7 @@ impl<'m> Bsdf<'m> {
             },
             Self::Plastic(plastic) => narrow(&plastic.microfacets) && lobe < plastic.chance(wo),
             Self::Substrate(substrate) => narrow(&substrate.microfacets) && lobe < substrate.chance(wo),
+            Self::Layered(layered) => layered.sampled(wo, lobe).is_some_and(narrow),
             _ => false,
         }
     }
@@ -392,6 +403,7 @@ impl<'m> Bsdf<'m> {
             Self::CoatedConductor { coat, ior, bright } => coat.evaluate_above(ior, *bright, wo, wi),
             Self::Plastic(plastic) => plastic.evaluate_above(wo, wi, plastic.chance(wo)),
             Self::Substrate(substrate) => substrate.evaluate_above(wo, wi, substrate.chance(wo)),
+            Self::Layered(layered) => layered.evaluate_above(wo, wi),
             Self::SmoothConductor { .. }
             | Self::Mirror { .. }
             | Self::Dielectric(_)

@@ -3,10 +3,13 @@
 
 use crate::scattering::{Below, Case, albedo, check_agreement, chi_square_of, outgoing};
 use crate::statistics::{FAMILY, Verdict, critical, sidak};
-use dapple_renderer::shading::{Bsdf, CoatOptions, ComplexIor, MetalCoat, Plastic, Substrate, TrowbridgeReitz};
+use dapple_renderer::shading::{
+    Bsdf, CoatOptions, ComplexIor, Layered, Layers, MetalCoat, Plastic, Substrate, TrowbridgeReitz,
+};
 use glam::{DVec3, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
+use std::sync::LazyLock;
 
 fn gold() -> ComplexIor {
     ComplexIor { eta: Vec3::new(0.2, 0.92, 1.1), k: Vec3::new(3.9, 2.45, 2.14) }
@@ -33,6 +36,13 @@ fn coats() -> Vec<(String, f32, MetalCoat)> {
         .into()
 }
 
+/// glTF's layers: without a coat, with half of a narrow coat, and with a whole rough one.
+static LAYERS: LazyLock<[(f32, Layers); 3]> = LazyLock::new(|| {
+    let coat = |amount, alpha| Some((amount, TrowbridgeReitz::new([alpha; 2]).unwrap()));
+    let layers = [(1.0, None), (0.05, coat(0.5, 0.05)), (0.4, coat(1.0, 0.4))];
+    layers.map(|(narrowest, coat)| (narrowest, Layers { normal: Vec3::new(0.04, 0.05, 0.06), grazing: 1.0, coat }))
+});
+
 fn cases(coats: &[(String, f32, MetalCoat)]) -> Vec<Case<'_>> {
     let mut list = Vec::new();
     for (name, narrowest, coat) in coats {
@@ -46,6 +56,16 @@ fn cases(coats: &[(String, f32, MetalCoat)]) -> Vec<Case<'_>> {
         let substrate = Bsdf::Substrate(Substrate { diffuse, specular: specular * 0.2, microfacets });
         for (name, bsdf) in [("plastic", plastic), ("substrate", substrate)] {
             list.push(Case { name: format!("{name} {alpha:?}"), bsdf, alpha, below: Below::Nothing });
+        }
+    }
+    for alpha in [[0.05; 2], [0.1; 2], [0.5; 2], [0.1, 0.4]] {
+        let microfacets = TrowbridgeReitz::new(alpha).unwrap();
+        for (narrowest, layers) in LAYERS.iter() {
+            let alpha = alpha.map(|a| a.min(*narrowest));
+            for (what, metallic) in [("plastic", 0.0), ("mixed", 0.4), ("metal", 1.0)] {
+                let bsdf = Bsdf::Layered(Layered { base: diffuse, metallic, microfacets, layers });
+                list.push(Case { name: format!("layered {what} {alpha:?}"), bsdf, alpha, below: Below::Nothing });
+            }
         }
     }
     list
@@ -104,6 +124,24 @@ fn mirrors_are_a_furnace_l11() {
         assert!((weight - 1.0).abs().max_element() < 1e-5, "{cos}: {weight}");
         // Each of gold's channels loses some light.
         assert!(gold.sample(wo, [0.5; 2], 0.5).unwrap().weight.cmplt(Vec3::splat(0.9999)).all());
+    }
+}
+
+/// White layers without a loss reflect all light, rough or smooth, but for the table's interpolation.
+#[test]
+fn white_layers_are_a_furnace_l11() {
+    for (i, alpha) in [0.01, 0.1, 0.4, 1.0].into_iter().enumerate() {
+        let microfacets = TrowbridgeReitz::new([alpha; 2]).unwrap();
+        for (k, (metallic, normal)) in [(0.0, 0.04), (0.0, 0.5), (1.0, 0.04), (0.5, 0.04)].into_iter().enumerate() {
+            let layers = Layers { normal: Vec3::splat(normal), grazing: 1.0, coat: None };
+            let bsdf = Bsdf::Layered(Layered { base: Vec3::ONE, metallic, microfacets, layers: &layers });
+            for (j, cos) in [0.1f32, 0.4, 0.9].into_iter().enumerate() {
+                let wo = Vec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
+                let seed = (100 * i + 10 * k + j) as u64;
+                let (verdict, mean) = albedo(&bsdf, wo, 1.0, seed, |m| m.equals(1.0, 0.012, 4.0));
+                assert_eq!(verdict, Verdict::Pass, "{alpha} {metallic} {normal} at {cos}: {mean:?}");
+            }
+        }
     }
 }
 

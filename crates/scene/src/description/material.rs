@@ -121,6 +121,30 @@ pub enum MaterialKind {
         /// Microfacet roughness of the coat.
         roughness: Roughness,
     },
+    /// The surface of glTF [Khronos 2021]: a share of metal, the rest diffuse below a glossy layer, and a clear coat above.
+    Layered {
+        /// The colour: of diffuse reflection, and of a metal's reflection along the normal.
+        base: Color,
+        /// The share of metal, 0 to 1.
+        metallic: Scalar,
+        /// Fresnel reflectance of the glossy layer along the normal, 0 to 1.
+        normal: [f32; 3],
+        /// Fresnel reflectance of the glossy layer at grazing angles, 0 to 1.
+        grazing: f32,
+        /// Microfacet roughness of the glossy layer and of the metal.
+        roughness: Roughness,
+        /// The clear coat.
+        coat: Option<ClearCoat>,
+    },
+}
+
+/// A clear coat of index of refraction 1.5, as in glTF.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClearCoat {
+    /// The share of the surface that is coated, 0 to 1.
+    pub amount: f32,
+    /// Microfacet width of the coat.
+    pub alpha: f32,
 }
 
 /// The Fresnel reflectance of a metal, by its index of refraction or by its colour.

@@ -123,6 +123,34 @@ impl MeshData {
         }
         if self.triangles.is_empty() { Err(MeshFault::Empty) } else { Ok(()) }
     }
+
+    /// Sets normals that are NaN or infinite to 0, so that the geometric normal stands for them. Returns their number,
+    /// `None` if there are none.
+    pub(crate) fn mend_normals(&mut self) -> Option<usize> {
+        let count = self.normals.iter().filter(|n| n.iter().any(|c| !c.is_finite())).count();
+        if count > 0 {
+            self.normals.iter_mut().filter(|n| n.iter().any(|c| !c.is_finite())).for_each(|n| *n = [0.0; 3]);
+        }
+        (count > 0).then_some(count)
+    }
+
+    /// The mesh of some of its triangles, with the vertices that these use.
+    pub(crate) fn part(&self, mut triangles: Vec<[u32; 3]>) -> Self {
+        let mut place = vec![u32::MAX; self.positions.len()];
+        let mut part = Self::default();
+        for corner in triangles.iter_mut().flatten() {
+            let old = *corner as usize;
+            if place[old] == u32::MAX {
+                place[old] = part.positions.len() as u32;
+                part.positions.push(self.positions[old]);
+                part.normals.extend(self.normals.get(old));
+                part.uvs.extend(self.uvs.get(old));
+            }
+            *corner = place[old];
+        }
+        part.triangles = triangles;
+        part
+    }
 }
 
 /// A fault of a mesh. Indices of vertices and triangles count from 0.

@@ -61,6 +61,10 @@ pub(super) fn lobes(kind: &MaterialKind) -> Vec<Lobe<'_>> {
             vec![reflecting("plastic", roughness)]
         }
         MaterialKind::Substrate { roughness, .. } => vec![reflecting("coated", roughness)],
+        MaterialKind::Layered { metallic: Scalar::Constant(1.0), roughness, .. } => {
+            vec![reflecting("a metal", roughness)]
+        }
+        MaterialKind::Layered { roughness, .. } => vec![reflecting("plastic", roughness)],
         MaterialKind::Mirror { .. }
         | MaterialKind::Plastic { .. }
         | MaterialKind::Diffuse { .. }
@@ -100,6 +104,7 @@ fn textures(material: &Material) -> Vec<(TextureId, &'static str)> {
             }
             color(&coat.albedo, "albedo of the coat");
         }
+        MaterialKind::Layered { base, .. } => color(base, "color"),
         MaterialKind::Plastic { diffuse, specular, .. } | MaterialKind::Substrate { diffuse, specular, .. } => {
             color(diffuse, "color");
             color(specular, "specular color");
@@ -119,6 +124,9 @@ fn textures(material: &Material) -> Vec<(TextureId, &'static str)> {
                 scalar(roughness.v, "roughness");
             }
         }
+    }
+    if let MaterialKind::Layered { metallic, .. } = &material.kind {
+        scalar(*metallic, "share of metal");
     }
     material.bump.into_iter().for_each(|bump| scalar(bump, "bump"));
     material.normal_map.into_iter().for_each(|id| found.push((id, "normals")));

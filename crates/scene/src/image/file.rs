@@ -116,6 +116,7 @@ impl Target {
                 "choose another path, or change the permissions"
             }
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "free some space, or choose a path on another disk",
+            ErrorKind::FileTooLarge => "raise the limit on the size of files (ulimit -f), or write a smaller image",
             ErrorKind::InvalidFilename => "choose a shorter or plainer file name",
             _ => "choose another path",
         };

@@ -7,7 +7,7 @@ use super::obj_materials::Materials;
 use super::{UpAxis, model_scene};
 use crate::files::Files;
 use crate::polygon;
-use crate::readers::{AnyOptions, SceneReader};
+use crate::readers::{AnyOptions, SceneReader, first_word};
 use crate::{Geometry, MeshData, MeshFault, Notice, ReadError, Scene, Shape, Source};
 use glam::{DAffine3, DVec3};
 use std::collections::{BTreeMap, HashMap};
@@ -27,9 +27,14 @@ impl SceneReader for ObjReader {
         &["obj"]
     }
 
+    fn recognizes(&self, content: &[u8]) -> bool {
+        const WORDS: [&[u8]; 10] = [b"v", b"vn", b"vt", b"vp", b"f", b"o", b"g", b"s", b"mtllib", b"usemtl"];
+        first_word(content).is_some_and(|word| WORDS.contains(&word))
+    }
+
     fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
-        let up = options.model.up.unwrap_or(UpAxis::Y);
-        model_scene(files, path, up, |scene, bytes, source| {
+        let stage = options.model.stage(UpAxis::Y);
+        model_scene(files, path, stage, |scene, bytes, source| {
             let model = read_obj(&bytes).map_err(|e| match e {
                 ObjError::Line { line, what } => ReadError::invalid(Source { line, ..source.clone() }, what),
                 other => ReadError::invalid(source.clone(), other.to_string()),

@@ -11,6 +11,7 @@ use ply_rs_bw::ply::{
     BeginList, DefaultElement, ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult,
     PropertyType, ScalarType,
 };
+use std::borrow::Cow;
 use std::io::BufRead;
 use std::path::Path;
 
@@ -32,10 +33,10 @@ impl SceneReader for PlyReader {
     }
 
     fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
-        let up = options.model.up.unwrap_or(UpAxis::Y);
-        model_scene(files, path, up, |scene, bytes, source| {
+        let stage = options.model.stage(UpAxis::Y);
+        model_scene(files, path, stage, |scene, bytes, source| {
             let mesh = read_ply(&bytes).map_err(|e| ReadError::invalid(source.clone(), e.to_string()))?;
-            add_mesh(scene, mesh.data, mesh.doubt.map(str::to_owned), source);
+            add_mesh(scene, mesh.data, mesh.doubt, source);
             Ok(())
         })
     }
@@ -47,7 +48,7 @@ pub struct PlyMesh {
     /// The mesh, with polygons cut into triangles.
     pub data: MeshData,
     /// A reason to suspect that the file is incomplete; `None` if there is none.
-    pub doubt: Option<&'static str>,
+    pub doubt: Option<String>,
 }
 
 /// The error of a PLY file. Indices of elements count from 0.
@@ -133,10 +134,14 @@ pub fn read_ply(bytes: &[u8]) -> Result<PlyMesh, PlyError> {
         return Err(MeshFault::Position { vertex }.into());
     }
     cut(&faces, &mut data)?;
+    let mended = data.mend_normals();
+    let mended = mended.map(|count| format!("{count} normals are not finite; the faces' own stand for them"));
     data.check()?;
     let cut_line = header.encoding == Encoding::Ascii && !bytes.ends_with(b"\n");
-    let doubt = cut_line.then_some("the last line has no line break; if the file was cut off, a number may be wrong");
-    Ok(PlyMesh { data, doubt })
+    let cut =
+        cut_line.then(|| "the last line has no line break; if the file was cut off, a number may be wrong".into());
+    let doubts = mended.into_iter().chain(cut).collect::<Vec<String>>().join("; ");
+    Ok(PlyMesh { data, doubt: (!doubts.is_empty()).then_some(doubts) })
 }
 
 /// Refuses a header that declares a name twice: the parser would keep one of the two and misread the data.
@@ -192,7 +197,7 @@ impl Payload<'_> {
             Encoding::Ascii => {
                 self.line.clear();
                 match self.left.read_line(&mut self.line) {
-                    Ok(_) => parser.read_ascii_element(&self.line, def),
+                    Ok(_) => parser.read_ascii_element(&spelled_out(&self.line), def),
                     Err(e) => Err(e.into()),
                 }
             }
@@ -200,6 +205,22 @@ impl Payload<'_> {
         let element = &def.name;
         result.map_err(|e| PlyError::Element { element: element.clone(), index, reason: one_line(&e) })
     }
+}
+
+/// A line of numbers in which `nan` and `inf`, which the parser doesn't know, are numbers too large for a float.
+fn spelled_out(line: &str) -> Cow<'_, str> {
+    let finite = |byte: u8| !matches!(byte, b'n' | b'N');
+    if line.bytes().all(finite) {
+        return Cow::Borrowed(line);
+    }
+    let plain = |word: &str| word.trim_start_matches(['-', '+']).to_ascii_lowercase();
+    let word = |word| match plain(word).as_str() {
+        "nan" | "inf" | "infinity" | "nan(ind)" => "1e999",
+        _ => word,
+    };
+    // The parser needs the line break.
+    let words: Vec<&str> = line.split_whitespace().map(word).collect();
+    Cow::Owned(words.join(" ") + "\n")
 }
 
 fn bytes_of(scalar: &ScalarType) -> usize {

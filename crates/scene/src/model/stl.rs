@@ -28,12 +28,14 @@ impl SceneReader for StlReader {
     }
 
     fn recognizes(&self, content: &[u8]) -> bool {
-        begins_with(&String::from_utf8_lossy(&content[..content.len().min(64)]), "solid")
+        let count = content.get(80..84).map(|b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
+        let binary = count.is_some_and(|count| count > 0 && content.len() as u64 == 84 + 50 * count);
+        binary || begins_with(&String::from_utf8_lossy(&content[..content.len().min(64)]), "solid")
     }
 
     fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
-        let up = options.model.up.unwrap_or(UpAxis::Z);
-        model_scene(files, path, up, |scene, bytes, source| {
+        let stage = options.model.stage(UpAxis::Z);
+        model_scene(files, path, stage, |scene, bytes, source| {
             let mesh = read_stl(&bytes).map_err(|e| match e {
                 StlError::Line { line, what } => ReadError::invalid(Source { line, ..source.clone() }, what),
                 other => ReadError::invalid(source.clone(), other.to_string()),

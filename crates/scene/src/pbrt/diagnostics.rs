@@ -1,6 +1,7 @@
 //! The problems and notices that the pbrt reader collects.
 
 use crate::{Notice, NoticeKind, Problem, ProblemKind, ReadError, Source};
+use std::collections::BTreeMap;
 
 /// The largest number of problems that an error lists; further problems are only counted.
 const LISTED_PROBLEMS: usize = 100;
@@ -13,6 +14,9 @@ pub(super) struct Log {
     problems: Vec<Problem>,
     more: usize,
     notices: Vec<Notice>,
+    /// The number of notices with the same message as each listed one, and the listed one's index by message.
+    repeats: Vec<usize>,
+    said: BTreeMap<String, usize>,
     more_notices: usize,
     allow_unsupported: bool,
 }
@@ -43,9 +47,14 @@ impl Log {
         self.push_notice(Notice { source: source.clone(), kind: NoticeKind::IgnoredSetting, message });
     }
 
+    /// Adds a notice. Of those with the same message only the first is listed, and the others are counted.
     fn push_notice(&mut self, notice: Notice) {
-        if self.notices.len() < LISTED_NOTICES {
+        if let Some(&first) = self.said.get(&notice.message) {
+            self.repeats[first] += 1;
+        } else if self.notices.len() < LISTED_NOTICES {
+            self.said.insert(notice.message.clone(), self.notices.len());
             self.notices.push(notice);
+            self.repeats.push(0);
         } else {
             self.more_notices += 1;
         }
@@ -67,6 +76,9 @@ impl Log {
     pub(super) fn finish(mut self) -> Result<Vec<Notice>, ReadError> {
         if self.has_problems() {
             return Err(ReadError { problems: self.problems, more: self.more });
+        }
+        for (notice, count) in self.notices.iter_mut().zip(&self.repeats).filter(|(_, count)| **count > 0) {
+            notice.message += &format!(" (and {count} more times)");
         }
         if let (Some(last), more @ 1..) = (self.notices.last(), self.more_notices) {
             let source = last.source.clone();

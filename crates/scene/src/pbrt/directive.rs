@@ -4,6 +4,7 @@ use super::diagnostics::Log;
 use super::params::{Param, read_param};
 use super::tokens::{Fault, Kind, Token, Tokens, number, shown, unescape};
 use crate::Source;
+use crate::readers::first_word;
 use dapple_core::nearest_name;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -72,6 +73,12 @@ const FORMS: &[(&str, Form)] = &[
     ("WorldBegin", Form::Bare),
     ("WorldEnd", Form::Bare),
 ];
+
+/// Returns true if the first word of a text is a directive.
+pub(super) fn begins_a_scene(content: &[u8]) -> bool {
+    let first = first_word(content).and_then(|word| std::str::from_utf8(word).ok());
+    first.is_some_and(|word| FORMS.iter().any(|(known, _)| *known == word))
+}
 
 /// One directive of a pbrt file: its name, arguments and place.
 #[derive(Debug)]

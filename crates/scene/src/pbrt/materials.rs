@@ -7,7 +7,9 @@ use super::spectra::{Gamut, metal};
 use super::state::MaterialRef;
 use super::textures::Textures;
 use super::tokens::shown;
-use crate::{Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, Scalar, Source};
+use crate::{
+    Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, Scalar, Source, TextureKind,
+};
 
 /// Supported material types of pbrt-v4.
 const MATERIALS: &[&str] = &[
@@ -90,7 +92,11 @@ impl Reader<'_> {
             params.problem(line, format!("{} has both displacement and normalmap; remove one", params.of()));
         }
         let (textures, old) = (&self.textures, self.version.is_old());
-        let made = if old { self.old_material(kind, &mut params) } else { new_material(kind, &mut params, textures) };
+        let made = match kind {
+            "diffusetransmission" if !old => Some(self.diffuse_transmission(&mut params, &source).into()),
+            _ if old => self.old_material(kind, &mut params),
+            _ => new_material(kind, &mut params, textures),
+        };
         let made = made.unwrap_or_else(|| {
             params.unsupported_type(line, "Material", kind, if old { OLD_MATERIALS } else { MATERIALS });
             default_kind().into()
@@ -100,13 +106,35 @@ impl Reader<'_> {
         self.awaited.mixes.extend(made.mixes.map(|names| (id, names)));
         id
     }
+
+    fn diffuse_transmission(&mut self, params: &mut Params, source: &Source) -> MaterialKind {
+        let given = ["reflectance", "transmittance"].map(|name| params.color(name, [0.25; 3], &self.textures));
+        let scale = params.float32("scale", 1.0, |v| v >= 0.0, "at least 0");
+        let [reflectance, transmittance] = given.map(|color| match color {
+            Color::Constant(c) => Color::Constant(c.map(|c| c * scale)),
+            color if scale == 1.0 => color,
+            color => {
+                let factors = [color, Color::Constant([scale; 3])];
+                self.add_texture("scaled", TextureKind::Product { factors }, params, source)
+            }
+        });
+        if let (Color::Constant(r), Color::Constant(t)) = (reflectance, transmittance) {
+            if r.iter().chain(&t).any(|&c| c > 1.0) {
+                let what = format!("{}: reflectance and transmittance, scaled, must not be above 1", params.of());
+                params.problem(params.line(), what);
+            } else if (0..3).any(|i| r[i] + t[i] > 1.0) {
+                let what = format!("{} gives back more light than it gets; the sum of both is above 1", params.of());
+                params.notice(params.line(), what);
+            }
+        }
+        MaterialKind::DiffuseTransmission { reflectance, transmittance }
+    }
 }
 
 /// Makes a material of the pbrt-v4 type `kind`; `None` for an unknown type.
 fn new_material(kind: &str, params: &mut Params, textures: &Textures) -> Option<Made> {
     let kind = match kind {
         "diffuse" => MaterialKind::Diffuse { reflectance: params.color("reflectance", [0.5; 3], textures) },
-        "diffusetransmission" => diffuse_transmission(params, textures),
         "conductor" => MaterialKind::Conductor {
             fresnel: fresnel(params, textures, ["reflectance", "eta", "k"]),
             roughness: roughness(params, textures),
@@ -131,36 +159,6 @@ fn new_material(kind: &str, params: &mut Params, textures: &Textures) -> Option<
         _ => return None,
     };
     Some(kind.into())
-}
-
-fn diffuse_transmission(params: &mut Params, textures: &Textures) -> MaterialKind {
-    let reflectance = params.color("reflectance", [0.25; 3], textures);
-    let transmittance = params.color("transmittance", [0.25; 3], textures);
-    let line = params.peek("scale").map_or(0, |p| p.line);
-    let scale = params.float32("scale", 1.0, |v| v >= 0.0, "at least 0");
-    let mut scaled = |color| match color {
-        Color::Constant(c) => Color::Constant(c.map(|c| c * scale)),
-        color if scale == 1.0 => color,
-        color => {
-            let of = params.of().to_owned();
-            params.unsupported(line, format!("a scale and a texture in {of} (scale the texture instead)"));
-            color
-        }
-    };
-    let kind =
-        MaterialKind::DiffuseTransmission { reflectance: scaled(reflectance), transmittance: scaled(transmittance) };
-    if let MaterialKind::DiffuseTransmission { reflectance: Color::Constant(r), transmittance: Color::Constant(t) } =
-        &kind
-    {
-        if r.iter().chain(t).any(|&c| c > 1.0) {
-            let what = format!("{}: reflectance and transmittance, scaled, must not be above 1", params.of());
-            params.problem(params.line(), what);
-        } else if (0..3).any(|i| r[i] + t[i] > 1.0) {
-            let what = format!("{} gives back more light than it gets; the sum of both is above 1", params.of());
-            params.notice(params.line(), what);
-        }
-    }
-    kind
 }
 
 fn coated_conductor(params: &mut Params, textures: &Textures) -> MaterialKind {

@@ -105,7 +105,6 @@ impl Reader<'_> {
 
     fn read_sampler(&mut self, source: &Source, mut params: Params) {
         self.meet("Sampler", source);
-        self.log.ignored_setting(source, format!("{} is ignored; choose sampler and point set yourself", params.of()));
         let spp = params.integer("pixelsamples", 1, i32::MAX);
         let strata = [params.integer("xsamples", 1, i32::MAX), params.integer("ysamples", 1, i32::MAX)];
         self.scene.film.spp = match (spp, strata) {

@@ -226,7 +226,8 @@ impl<'a> Reader<'a> {
             "Camera" | "Film" | "Sampler" | "Integrator" | "PixelFilter" if self.in_options(&d) => {
                 self.read_rendering_option(d);
             }
-            "Accelerator" => self.log.notice(&source, "Accelerator is advice that is not followed"),
+            // Advice on speed, which does not change the image.
+            "Accelerator" => {}
             "MakeNamedMaterial" => self.make_named_material(d),
             "NamedMaterial" if self.in_world(&d) => {
                 self.state.material = MaterialRef::Named(d.texts.swap_remove(0).into(), Rc::new(source));

@@ -3,6 +3,7 @@
 //! The test of memory and the corpus of the fuzz targets are programs of their own beside it.
 
 mod effects_found;
+mod gltf;
 mod models;
 mod reader_directives;
 mod reader_hard;

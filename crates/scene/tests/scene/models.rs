@@ -58,7 +58,7 @@ fn a_model_alone_is_a_lit_scene() {
     {
         let scene = read(&[(name, bytes)]).unwrap();
         assert!(scene.name.eq_ignore_ascii_case("model") || scene.name.eq_ignore_ascii_case("m"));
-        assert_eq!((scene.shapes.len(), scene.lights.len(), scene.notices.len()), (1, 1, 0), "{name}");
+        assert_eq!((scene.shapes.len(), scene.lights.len(), scene.notices.len()), (2, 1, 0), "{name}");
         assert!(mesh(&scene, 0).normals.is_empty());
     }
 }
@@ -235,7 +235,7 @@ fn models_with_false_headers_are_errors_i03() {
         ("a.obj", b"\x1f\x8b\x08\x00", "gzip"),
         ("a.ply", b"\x28\xb5\x2f\xfd", "zstd"),
         ("a.stl", b"PK\x03\x04", "compressed"),
-        ("a.gltf", b"{}", "glTF (.gltf) is not supported; export pbrt, OBJ, PLY or STL"),
+        ("a.gltf", b"{}", "missing field `asset`"),
     ] {
         let message = read(&[(name, bytes)]).unwrap_err().to_string();
         assert!(message.starts_with(name) && message.contains(what), "{message}");
@@ -260,8 +260,8 @@ fn extensions_decide_and_directories_are_refused_i10() {
     assert_eq!(read_any_from(&given, "scan.dat", &options).unwrap().name, "scan", "content decides");
     assert_eq!(read_any_from(&given, "plain", &options).unwrap().name, "plain", "no extension: a scene");
     for (name, what) in [
-        ("m.fbx", "FBX (.fbx) is not supported; export pbrt, OBJ, PLY or STL"),
-        ("m.foo", "extension \".foo\" is unknown; export pbrt, OBJ, PLY or STL, or rename the file to one of"),
+        ("m.fbx", "FBX files are not supported; open it in Blender and export glTF"),
+        ("m.foo", "its format is unknown, and so is extension \".foo\"; export pbrt, glTF, OBJ, PLY or STL"),
         ("m.obj.gz", "are compressed; unpack the file first"),
         ("z.pbrt", "compressed by gzip"),
         ("missing.stl", "cannot read missing.stl: no such file; check the name"),

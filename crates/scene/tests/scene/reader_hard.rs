@@ -299,3 +299,14 @@ proptest! {
         let _ = read_ply(&mesh);
     }
 }
+
+#[test]
+fn normals_that_are_not_finite_give_way_to_the_faces_own_i04() {
+    let normals = "property float nx\nproperty float ny\nproperty float nz\n";
+    let text = format!(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n{normals}element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 nan 0 1\n1 0 0 0 0 1\n0 1 0 inf 0 0\n3 0 1 2\n"
+    );
+    let mesh = read_ply(text.as_bytes()).unwrap();
+    assert_eq!(mesh.data.normals, [[0.0; 3], [0.0, 0.0, 1.0], [0.0; 3]]);
+    assert_eq!(mesh.doubt.unwrap(), "2 normals are not finite; the faces' own stand for them");
+}

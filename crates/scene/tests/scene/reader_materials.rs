@@ -37,6 +37,11 @@ fn materials_of_the_fourth_version() {
             transmittance: Color::Constant([0.125, 0.125, 0.125])
         }
     ));
+    let textured = "Texture \"t\" \"spectrum\" \"checkerboard\"\nMaterial \"diffusetransmission\" \"texture reflectance\" \"t\" \"float scale\" .5";
+    let scene = world(textured);
+    let scaled = scene.textures.iter().find(|texture| matches!(texture.kind, TextureKind::Product { .. }));
+    let TextureKind::Product { factors } = scaled.expect("a scaled texture").kind else { unreachable!() };
+    assert_eq!(factors[1], Color::Constant([0.5; 3]), "the scale goes into the texture");
     assert!(matches!(kind("Material \"interface\""), MaterialKind::Interface));
     for (text, expected) in [
         (

@@ -32,7 +32,9 @@ impl PlanPatch {
     /// [`StudyError`] for a file that cannot be read, text that is not TOML, an unknown key, a value of another type,
     /// or a value that [`PlanPatch::resolve`] refuses. The message names file, line and key.
     pub fn read(file: &Path) -> Result<Self, StudyError> {
-        let text = std::fs::read_to_string(file).map_err(|e| StudyError::file(file, "read the plan", e))?;
+        /// The largest size of a plan in bytes.
+        const LONGEST: u64 = 16 << 20;
+        let text = dapple_job::read_text(file, LONGEST).map_err(|e| StudyError::file(file, "read the plan", e))?;
         Ok(Self::parse(&text, file)?)
     }
 

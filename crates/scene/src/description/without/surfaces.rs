@@ -69,6 +69,7 @@ fn base(kind: &MaterialKind) -> Option<Color> {
         MaterialKind::CoatedDiffuse { reflectance: color, .. }
         | MaterialKind::Plastic { diffuse: color, .. }
         | MaterialKind::Substrate { diffuse: color, .. }
+        | MaterialKind::Layered { base: color, .. }
         | MaterialKind::Conductor { fresnel: ConductorFresnel::Reflectance(color), .. }
         | MaterialKind::CoatedConductor { fresnel: ConductorFresnel::Reflectance(color), .. } => Some(*color),
         _ => None,
@@ -133,6 +134,11 @@ impl Means<'_> {
                 color(&mut coat.albedo);
             }
             MaterialKind::Mix { amount, .. } => scalar(amount),
+            MaterialKind::Layered { base, metallic, roughness: r, .. } => {
+                color(base);
+                scalar(metallic);
+                roughness(r);
+            }
             MaterialKind::Plastic { diffuse, specular, roughness: r }
             | MaterialKind::Substrate { diffuse, specular, roughness: r } => {
                 color(diffuse);

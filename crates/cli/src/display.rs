@@ -1,0 +1,154 @@
+//! Display of progress: a bar on a terminal, otherwise a plain line now and then.
+
+use crate::output;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::{IsTerminal, stderr};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// The number of steps of the progress bar.
+const STEPS: u64 = 1000;
+/// The interval at which a phase of unknown length moves its sign of life.
+const TICK: Duration = Duration::from_millis(200);
+/// Default seconds between two plain lines.
+const LINES: f64 = 10.0;
+
+/// The place where progress is shown.
+pub(crate) enum Display {
+    Silent,
+    Bar(ProgressBar),
+    Lines(Lines),
+}
+
+impl Display {
+    /// A bar if stderr is a terminal; otherwise, or if `every` sets their seconds, plain lines. Nothing if it is silent.
+    pub(crate) fn new(is_silent: bool, every: Option<f64>) -> Self {
+        if is_silent {
+            return Self::Silent;
+        }
+        if every.is_none() && stderr().is_terminal() {
+            // A bar hides itself on a terminal that cannot move its cursor.
+            let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::stderr());
+            output::print_above(Some(bar.clone()));
+            return Self::Bar(bar);
+        }
+        Lines::start(Duration::try_from_secs_f64(every.unwrap_or(LINES)).unwrap_or(Duration::MAX))
+            .map_or(Self::Silent, Self::Lines)
+    }
+
+    pub(crate) fn is_silent(&self) -> bool {
+        matches!(self, Self::Silent)
+    }
+
+    /// Shows a phase of unknown length, with the seconds that it has taken.
+    pub(crate) fn phase(&self, name: &'static str) {
+        match self {
+            Self::Silent => {}
+            Self::Bar(bar) => {
+                style(bar, "{spinner} {msg}, {elapsed}");
+                bar.reset_elapsed();
+                bar.set_message(name);
+                bar.enable_steady_tick(TICK);
+            }
+            Self::Lines(lines) => lines.set(name.into(), true),
+        }
+    }
+
+    /// Begins to show tracing, a phase with a known end.
+    pub(crate) fn begin(&self) {
+        if let Self::Bar(bar) = self {
+            bar.disable_steady_tick();
+            style(bar, "{bar:30} {percent:>3} %  {wide_msg}");
+        }
+    }
+
+    /// Shows the share of the work that is done, from 0 to 1, and a message.
+    pub(crate) fn update(&self, share: f64, message: String) {
+        match self {
+            Self::Silent => {}
+            Self::Bar(bar) => {
+                bar.set_message(message);
+                bar.set_position((share * STEPS as f64) as u64);
+            }
+            Self::Lines(lines) => lines.set(format!("{:.0} %, {message}", 100.0 * share), false),
+        }
+    }
+}
+
+impl Drop for Display {
+    fn drop(&mut self) {
+        if let Self::Bar(bar) = self {
+            output::print_above(None);
+            bar.finish_and_clear();
+        }
+    }
+}
+
+fn style(bar: &ProgressBar, template: &str) {
+    if let Ok(style) = ProgressStyle::with_template(template) {
+        bar.set_style(style);
+    }
+}
+
+/// A thread that prints the latest message at intervals.
+pub(crate) struct Lines {
+    state: Arc<(Mutex<State>, Condvar)>,
+    thread: Option<JoinHandle<()>>,
+}
+
+struct State {
+    message: String,
+    /// True for a message that gets the seconds of its phase.
+    is_phase: bool,
+    since: Instant,
+    is_over: bool,
+}
+
+impl Lines {
+    /// Starts the thread; `None` if the system refuses one.
+    fn start(every: Duration) -> Option<Self> {
+        let state = State { message: "starting".into(), is_phase: true, since: Instant::now(), is_over: false };
+        let state = Arc::new((Mutex::new(state), Condvar::new()));
+        let shared = state.clone();
+        let thread = std::thread::Builder::new().name("progress".into()).spawn(move || print(&shared, every)).ok()?;
+        Some(Self { state, thread: Some(thread) })
+    }
+
+    fn set(&self, message: String, is_phase: bool) {
+        let mut state = self.state.0.lock().unwrap_or_else(PoisonError::into_inner);
+        (state.message, state.is_phase) = (message, is_phase);
+        if is_phase {
+            state.since = Instant::now();
+        }
+    }
+}
+
+fn print((state, changed): &(Mutex<State>, Condvar), every: Duration) {
+    let began = Instant::now();
+    let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
+    loop {
+        let due = Instant::now() + every;
+        while !state.is_over && Instant::now() < due {
+            let left = due.saturating_duration_since(Instant::now());
+            state = changed.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+        if state.is_over {
+            return;
+        }
+        let mut line = format!("{:.0} s: {}", began.elapsed().as_secs_f64(), state.message);
+        if state.is_phase {
+            line += &format!(", for {:.0} s", state.since.elapsed().as_secs_f64());
+        }
+        output::say("progress", &line);
+    }
+}
+
+impl Drop for Lines {
+    fn drop(&mut self) {
+        self.state.0.lock().unwrap_or_else(PoisonError::into_inner).is_over = true;
+        self.state.1.notify_all();
+        // The thread ends by itself; a panic in it only costs progress lines.
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}

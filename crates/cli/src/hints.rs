@@ -1,0 +1,156 @@
+//! Hints for users of other renderers: their names for what Dapple calls otherwise.
+
+use clap::builder::StyledStr;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use dapple_job::registry::{FILTERS, NOT_BUILT, POINTS, RegistryError, SAMPLERS};
+
+/// Options of pbrt, Mitsuba, Cycles and Blender that Dapple lacks, and what to use instead.
+const OPTIONS: &[(&[&str], &str)] = &[
+    (&["--samples", "--sample-count", "--cycles-samples", "--pixelsamples"], "use --spp N, the mean per pixel"),
+    (&["--cropwindow", "--pixelbounds", "--border"], "use --crop X0,Y0,X1,Y1, in pixels from the top left"),
+    (&["--width", "--height", "--size", "--film-size"], "use --resolution WIDTHxHEIGHT"),
+    (&["--scale", "--percentage", "--resolution-percentage"], "use --resolution 50%"),
+    (&["--display-server", "--interactive", "--gui"], "use --view tev, or --preview FILE.png"),
+    (&["--write-partial-images"], "use --preview FILE.png, or --checkpoint FILE"),
+    (&["--denoise", "--use-denoising", "--denoising"], "images are denoised by default; --filter NAME chooses how"),
+    (&["--no-denoise", "--no-denoising"], "use --filter none"),
+    (&["--maxdepth", "--max-bounces", "--bounces", "--rr-depth"], "use --max-depth N"),
+    (&["--adaptive-threshold", "--noise-threshold", "--error-threshold"], "use --error RELMSE"),
+    (&["--time-limit", "--timeout", "--render-time"], "use --time SECONDS"),
+    (&["--num-threads", "--thread-count", "--cores"], "use --threads N"),
+    (&["--render-output", "--out", "--file"], "use --output FILE"),
+    (&["--gpu", "--wavefront", "--device", "--cycles-device", "--optix", "--cuda"], "Dapple renders on the CPU only"),
+    (&["--mode", "--variant"], "Dapple has one mode: linear RGB in 32-bit floats"),
+    (&["--aov", "--aovs", "--passes"], "use --features, or --layers NAME,… for EXR files"),
+];
+
+/// pbrt's samplers that are point sets in Dapple, with the nearest of ours.
+const POINT_SETS: &[(&[&str], &str)] = &[
+    (&["zsobol", "paddedsobol", "owensobol", "pmj02bn", "02sequence", "ldsampler"], "sobol"),
+    (&["independent", "pcg"], "random"),
+    (&["multijitter", "orthogonal", "jittered"], "stratified"),
+];
+
+/// Adds a hint to an error about an option that another renderer has.
+pub(crate) fn add_to(mut error: clap::Error) -> clap::Error {
+    if error.kind() != ErrorKind::UnknownArgument {
+        return error;
+    }
+    let hint = match error.get(ContextKind::InvalidArg) {
+        Some(ContextValue::String(option)) => option_hint(option),
+        _ => None,
+    };
+    if let Some(hint) = hint {
+        // The option with the most similar letters would only mislead.
+        error.remove(ContextKind::SuggestedArg);
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![StyledStr::from(hint)]));
+    }
+    error
+}
+
+fn option_hint(option: &str) -> Option<&'static str> {
+    let name = option.split(['=', ' ']).next().unwrap_or(option);
+    OPTIONS.iter().find(|(names, _)| names.contains(&name)).map(|&(_, hint)| hint)
+}
+
+/// The message for a wrong sampler; a point set leads to `--points`.
+pub(crate) fn sampler(given: &str, error: &RegistryError) -> String {
+    let name = name(given);
+    let ours = POINTS.iter().find(|entry| entry.is_called(&name)).map(|entry| entry.name);
+    match ours.or_else(|| nearest(POINT_SETS, &name)) {
+        Some(points) if is_unknown(error) => format!(
+            "\"{name}\" places the samples, which Dapple's samplers do not; use --points {points} (--sampler decides how many \
+             samples each pixel gets)"
+        ),
+        _ => error.to_string(),
+    }
+}
+
+/// The message for a wrong point set; a sampler leads to `--sampler`, and other renderers' names to the nearest of ours.
+pub(crate) fn points(given: &str, error: &RegistryError) -> String {
+    let name = name(given);
+    if !is_unknown(error) {
+        return error.to_string();
+    }
+    if let Some(entry) = SAMPLERS.iter().find(|entry| entry.is_called(&name)) {
+        let sampler = entry.name;
+        return format!("\"{name}\" decides how many samples each pixel gets; use --sampler {sampler}");
+    }
+    match nearest(POINT_SETS, &name) {
+        Some(points) => format!("{error}; the nearest to \"{name}\" is {points}"),
+        None => error.to_string(),
+    }
+}
+
+/// The message for a wrong filter: pixel filters lead to `--pixel-filter`, names of denoisers to ours.
+pub(crate) fn filter(given: &str, error: &RegistryError) -> String {
+    let name = name(given);
+    match name.as_str() {
+        "box" | "triangle" | "mitchell" | "sinc" | "blackmanharris" | "blackman_harris" if is_unknown(error) => {
+            format!(
+                "\"{name}\" is a pixel filter (--pixel-filter takes the scene's, or box); --filter is the denoiser: {}",
+                FILTERS.iter().map(|entry| entry.name).collect::<Vec<_>>().join(", ")
+            )
+        }
+        "openimagedenoise" | "optix" | "nlmeans" if is_unknown(error) => {
+            let ours = if name == "nlmeans" { "nlm" } else { "oidn" };
+            match NOT_BUILT.iter().find(|(absent, _)| *absent == ours) {
+                Some((_, feature)) => {
+                    format!(
+                        "{error}; the nearest to \"{name}\" is {ours}, which needs a build with --features {feature}"
+                    )
+                }
+                None => format!("{error}; the nearest to \"{name}\" is {ours}"),
+            }
+        }
+        _ => error.to_string(),
+    }
+}
+
+/// The message for a wrong integrator, with what the path tracer has in common with it.
+pub(crate) fn integrator(given: &str, error: &str) -> String {
+    match name(given).as_str() {
+        "volpath" | "simplevolpath" | "simplepath" | "randomwalk" | "direct" | "directlighting" | "whitted"
+        | "cycles" | "prb" | "volpathmis" => {
+            format!("{error}; path follows media, glass and all lights that Dapple has: use --integrator path")
+        }
+        "bdpt" | "mlt" | "sppm" | "lightpath" | "ptracer" | "photonmap" | "pssmlt" => {
+            format!("{error}; Dapple follows paths from the camera only: use --integrator path")
+        }
+        "ao" | "ambientocclusion" => format!("{error}; use --integrator ambient-occlusion"),
+        _ => error.to_owned(),
+    }
+}
+
+fn name(given: &str) -> String {
+    given.split(':').next().unwrap_or_default().trim().to_ascii_lowercase()
+}
+
+fn nearest(table: &[(&[&str], &'static str)], name: &str) -> Option<&'static str> {
+    table.iter().find(|(names, _)| names.contains(&name)).map(|&(_, ours)| ours)
+}
+
+fn is_unknown(error: &RegistryError) -> bool {
+    matches!(error, RegistryError::Unknown { .. })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Each hint names options and methods that Dapple has.
+    #[test]
+    fn hints_name_what_exists() {
+        use clap::CommandFactory;
+        let command = crate::Arguments::command();
+        let render = command.find_subcommand("render").expect("it exists");
+        let options: Vec<&str> = render.get_arguments().filter_map(clap::Arg::get_long).collect();
+        for (theirs, hint) in OPTIONS {
+            for word in hint.split([' ', ',', ';']).filter_map(|word| word.strip_prefix("--")) {
+                assert!(options.contains(&word), "--{word}");
+            }
+            assert!(theirs.iter().all(|name| !options.contains(&name.trim_start_matches("--"))), "{theirs:?}");
+        }
+        assert!(POINT_SETS.iter().all(|(_, ours)| POINTS.iter().any(|entry| entry.name == *ours)));
+    }
+}

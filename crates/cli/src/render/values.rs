@@ -1,0 +1,139 @@
+//! Parsers of the values of options.
+
+use crate::hints;
+use dapple_job::output::LAYERS;
+use dapple_job::{MOST_SECONDS, registry};
+use dapple_renderer::light::LightSelection;
+use dapple_scene::image::Format;
+use std::path::{Path, PathBuf};
+
+type Parsed<T> = std::result::Result<T, String>;
+
+pub(crate) fn light_selection(name: &str) -> Parsed<LightSelection> {
+    name.parse().map_err(|e: dapple_renderer::light::UnknownLightSelection| e.to_string())
+}
+
+pub(crate) fn above_zero(text: &str) -> Parsed<f64> {
+    match text.parse::<f64>() {
+        Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
+        _ => Err("a finite number above zero is required".into()),
+    }
+}
+
+pub(crate) fn seconds(text: &str) -> Parsed<f64> {
+    match above_zero(text)? {
+        x if x <= MOST_SECONDS => Ok(x),
+        _ => Err(format!("at most {MOST_SECONDS} (a year) is allowed")),
+    }
+}
+
+pub(crate) fn stops(text: &str) -> Parsed<f32> {
+    match text.parse::<f32>() {
+        Ok(x) if x.is_finite() => Ok(x),
+        _ => Err("a finite number is required, 0 to leave the image as it is".into()),
+    }
+}
+
+pub(crate) fn resolution(text: &str) -> Parsed<[u32; 2]> {
+    let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    let sides: [u32; 2] = sides.ok_or("WIDTHxHEIGHT in pixels is required, such as 640x360")?;
+    dapple_core::Frame::new(sides[0], sides[1]).map_err(|e| e.to_string())?;
+    Ok(sides)
+}
+
+/// The size of the full image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum ImageSize {
+    Pixels([u32; 2]),
+    /// The scene's width and height times this factor.
+    Scale(f64),
+}
+
+pub(crate) fn size_of_image(text: &str) -> Parsed<ImageSize> {
+    match text.strip_suffix('%') {
+        None => resolution(text).map(ImageSize::Pixels).map_err(|e| e.replace("640x360", "640x360 or 50%")),
+        Some(percent) => match above_zero(percent.trim()) {
+            Ok(percent) => Ok(ImageSize::Scale(percent / 100.0)),
+            Err(_) => Err("a percentage above zero is required, such as 50%".into()),
+        },
+    }
+}
+
+/// A layer of EXR files by its name, or none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct EachLayer(pub(crate) Option<&'static str>);
+
+pub(crate) fn layer(text: &str) -> Parsed<EachLayer> {
+    let known = LAYERS.iter().copied().find(|name| *name == text.trim());
+    match (known, text.trim()) {
+        (Some(name), _) => Ok(EachLayer(Some(name))),
+        (None, "none") => Ok(EachLayer(None)),
+        _ => Err(format!("there is no layer \"{text}\"; choose among {}, or none", LAYERS.join(", "))),
+    }
+}
+
+pub(crate) fn crop(text: &str) -> Parsed<[u32; 4]> {
+    let sides: Option<Vec<u32>> = text.split(',').map(|side| side.trim().parse().ok()).collect();
+    match sides.as_deref() {
+        Some(&[x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok([x0, y0, x1, y1]),
+        Some([_, _, _, _]) => Err("the window is empty: X0 < X1 and Y0 < Y1 are required".into()),
+        _ => Err("X0,Y0,X1,Y1 in pixels are required, such as 0,0,64,32".into()),
+    }
+}
+
+pub(crate) fn output(text: &str) -> Parsed<PathBuf> {
+    let path = PathBuf::from(text);
+    if !is_shard(&path) {
+        Format::from_path(&path).map_err(|e| e.to_string())?;
+    }
+    Ok(path)
+}
+
+pub(crate) fn preview(text: &str) -> Parsed<PathBuf> {
+    match Format::from_path(Path::new(text)) {
+        Ok(Format::Png) => Ok(text.into()),
+        _ => Err("a file name that ends in .png is required".into()),
+    }
+}
+
+pub(crate) fn is_shard(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("shard"))
+}
+
+/// Parses a memory size: bytes, or a number with a unit such as K, M or G (powers of 1024).
+pub(crate) fn size(text: &str) -> Parsed<u64> {
+    let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let unit = match text[number.len()..].to_ascii_uppercase().as_str() {
+        "" | "B" => 1,
+        "K" | "KB" | "KIB" => 1 << 10,
+        "M" | "MB" | "MIB" => 1 << 20,
+        "G" | "GB" | "GIB" => 1 << 30,
+        "T" | "TB" | "TIB" => 1u64 << 40,
+        _ => 0,
+    };
+    match number.parse::<f64>() {
+        Ok(x) if x.is_finite() && x > 0.0 && unit > 0 => Ok((x * unit as f64) as u64),
+        _ => Err("a size above zero is required, such as 2G, 500M or 1000000 (1024 bytes are a K)".into()),
+    }
+}
+
+/// Checks the name of a sampler by making one, so that a wrong name is reported before the scene is read.
+pub(crate) fn sampler(name: &str) -> Parsed<String> {
+    registry::check_sampler(name).map_err(|e| hints::sampler(name, &e))?;
+    Ok(name.to_owned())
+}
+
+pub(crate) fn points(name: &str) -> Parsed<String> {
+    registry::check_points(name).map_err(|e| hints::points(name, &e))?;
+    Ok(name.to_owned())
+}
+
+pub(crate) fn filter(name: &str) -> Parsed<String> {
+    registry::check_filter(name).map_err(|e| hints::filter(name, &e))?;
+    Ok(name.to_owned())
+}
+
+pub(crate) fn integrator(name: &str) -> Parsed<String> {
+    dapple_renderer::check_integrator(name).map_err(|e| hints::integrator(name, &e.to_string()))?;
+    Ok(name.to_owned())
+}

@@ -1,0 +1,228 @@
+//! The live image and the progress of `dapple render`: `--preview`, `--view` and plain lines.
+
+mod common;
+
+use common::Folder;
+use std::io::Read;
+use std::net::{TcpListener, TcpStream};
+use std::thread::JoinHandle;
+
+/// An image that tev would show: its size, and the values of its channels by name.
+#[derive(Default)]
+struct Shown {
+    name: String,
+    size: [usize; 2],
+    channels: Vec<(String, Vec<f32>)>,
+    updates: usize,
+}
+
+/// A reader of the fields of one packet.
+struct Packet(Vec<u8>, usize);
+
+impl Packet {
+    fn receive(stream: &mut TcpStream) -> Option<Self> {
+        let mut length = [0; 4];
+        stream.read_exact(&mut length).ok()?;
+        let mut bytes = vec![0; u32::from_le_bytes(length) as usize - 4];
+        stream.read_exact(&mut bytes).expect("a whole packet");
+        Some(Self(bytes, 0))
+    }
+
+    fn take<const N: usize>(&mut self) -> [u8; N] {
+        self.1 += N;
+        self.0[self.1 - N..self.1].try_into().expect("N bytes")
+    }
+
+    fn number(&mut self) -> usize {
+        u32::from_le_bytes(self.take()) as usize
+    }
+
+    fn text(&mut self) -> String {
+        let length = self.0[self.1..].iter().position(|&byte| byte == 0).expect("a zero byte");
+        self.1 += length + 1;
+        String::from_utf8(self.0[self.1 - length - 1..self.1 - 1].to_vec()).expect("UTF-8")
+    }
+
+    fn is_over(&self) -> bool {
+        self.1 == self.0.len()
+    }
+}
+
+impl Shown {
+    /// Applies a packet: 4 creates an image, 6 updates a rectangle of some channels.
+    fn apply(&mut self, mut packet: Packet) {
+        let [kind, _focus] = packet.take();
+        let name = packet.text();
+        if kind == 4 {
+            assert!(self.channels.is_empty(), "one image is created");
+            (self.name, self.size) = (name, [packet.number(), packet.number()]);
+            let channels = packet.number();
+            let blank = vec![f32::NAN; self.size[0] * self.size[1]];
+            self.channels = (0..channels).map(|_| (packet.text(), blank.clone())).collect();
+            assert!(packet.is_over());
+            return;
+        }
+        assert_eq!((kind, &name), (6, &self.name), "an update of the image");
+        let names: Vec<String> = (0..packet.number()).map(|_| packet.text()).collect();
+        let [x, y, width, height] = [(); 4].map(|()| packet.number());
+        assert!(x == 0 && width == self.size[0] && y + height <= self.size[1]);
+        let offsets: Vec<u64> = names.iter().map(|_| u64::from_le_bytes(packet.take())).collect();
+        let strides: Vec<u64> = names.iter().map(|_| u64::from_le_bytes(packet.take())).collect();
+        let mut values = Vec::new();
+        while !packet.is_over() {
+            values.push(f32::from_le_bytes(packet.take()));
+        }
+        for (c, name) in names.iter().enumerate() {
+            let (_, plane) = self.channels.iter_mut().find(|(known, _)| known == name).expect("a created channel");
+            for i in 0..width * height {
+                plane[y * width + i] = values[offsets[c] as usize + i * strides[c] as usize];
+            }
+        }
+        self.updates += 1;
+    }
+
+    fn plane(&self, name: &str) -> &[f32] {
+        &self.channels.iter().find(|(known, _)| known == name).expect("the channel").1
+    }
+}
+
+/// Plays tev: listens, and shows what one connection sends until it closes.
+fn tev() -> (u16, JoinHandle<Shown>) {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let port = listener.local_addr().expect("an address").port();
+    let viewer = std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().expect("a connection");
+        let mut shown = Shown::default();
+        while let Some(packet) = Packet::receive(&mut stream) {
+            shown.apply(packet);
+        }
+        shown
+    });
+    (port, viewer)
+}
+
+#[test]
+fn tev_shows_image_counts_and_error_up_to_the_final_image() {
+    let folder = Folder::new();
+    let (port, viewer) = tev();
+    folder.done(&format!(
+        "render tiny.pbrt --spp 64 --view tev:127.0.0.1:{port} --preview-every 0.001 --preview p.png -o a.pfm -o a.png"
+    ));
+    let shown = viewer.join().expect("no packet is wrong");
+    assert_eq!((shown.name.as_str(), shown.size), ("tiny", [24, 16]));
+    let names: Vec<&str> = shown.channels.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names, ["R", "G", "B", "count.Y", "error.Y"]);
+    assert!(shown.updates >= 6, "an image on the way and the last one, three layers each: {}", shown.updates);
+    assert_eq!(shown.plane("count.Y").iter().sum::<f32>(), 64.0 * 24.0 * 16.0);
+    assert!(shown.plane("error.Y").iter().all(|e| e.is_finite() && *e >= 0.0));
+    // The last image is the one in the files; PFM stores rows from the bottom.
+    let pfm = folder.read("a.pfm");
+    let pixels: Vec<f32> = pfm[pfm.len() - 24 * 16 * 12..]
+        .chunks_exact(4)
+        .map(|four| f32::from_le_bytes(four.try_into().expect("four")))
+        .collect();
+    for (c, name) in ["R", "G", "B"].iter().enumerate() {
+        let plane = shown.plane(name);
+        assert!((0..24 * 16).all(|i| plane[i] == pixels[((15 - i / 24) * 24 + i % 24) * 3 + c]), "{name}");
+    }
+    assert_eq!(folder.read("p.png"), folder.read("a.png"), "the last preview is the image");
+    assert_eq!(folder.names(), ["a.pfm", "a.png", "p.png"], "no temporary file is left");
+}
+
+#[test]
+fn without_a_viewer_nothing_is_rendered() {
+    let folder = Folder::new();
+    // A port that was free a moment ago.
+    let port = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address").port();
+    let said = folder.run(&format!("render tiny.pbrt --view tev:127.0.0.1:{port}"));
+    assert_eq!(said.status, Some(1));
+    let expected = format!("error: --view: nothing listens as tev at 127.0.0.1:{port} (");
+    assert!(said.err.starts_with(&expected) && said.err.contains("start tev first"), "{}", said.err);
+    assert!(folder.names().is_empty());
+    let said = folder.run("render tiny.pbrt --view mpv");
+    assert_eq!(said.status, Some(2));
+    assert!(said.err.contains("there is no viewer \"mpv\"; give tev, tev:HOST or tev:HOST:PORT"), "{}", said.err);
+}
+
+/// A viewer that is closed early costs a warning.
+#[test]
+fn a_viewer_that_leaves_does_not_stop_the_render() {
+    let folder = Folder::new();
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let port = listener.local_addr().expect("an address").port();
+    let viewer = std::thread::spawn(move || drop(listener.accept()));
+    let said = folder.run(&format!(
+        "render cornell --resolution 200x150 --spp 32 --view tev:127.0.0.1:{port} --preview-every 0.01 -o a.pfm"
+    ));
+    viewer.join().expect("it listened");
+    assert_eq!(said.status, Some(0), "{}", said.err);
+    let lines: Vec<&str> = said.err.lines().filter(|line| line.starts_with("warning: --view: tev at ")).collect();
+    assert_eq!(lines.len(), 1, "{}", said.err);
+    assert!(lines[0].ends_with("rendering goes on") && folder.names() == ["a.pfm"]);
+}
+
+#[test]
+fn plain_lines_name_the_phases_and_the_error() {
+    let folder = Folder::new();
+    let said = folder.run("render cornell --resolution 240x180 --spp 48 --progress-every 0.03 -o a.pfm");
+    assert_eq!(said.status, Some(0), "{}", said.err);
+    let lines: Vec<&str> = said.err.lines().collect();
+    assert!(lines.iter().all(|line| line.starts_with("progress: ")), "{}", said.err);
+    let has = |what: &[&str]| lines.iter().any(|line| what.iter().all(|part| line.contains(part)));
+    assert!(has(&["%, round ", " of 3, ", " spp, relMSE ", " unfiltered, ", " left"]), "{}", said.err);
+    assert!(has(&["filter, for "]), "{}", said.err);
+    // Short renders print none by themselves, and silent ones never do.
+    for words in ["", "--quiet --progress-every 0.001", "--json --progress-every 0.001"] {
+        assert_eq!(folder.run(&format!("render tiny.pbrt --spp 8 -o a.pfm {words}")).err, "", "{words}");
+    }
+}
+
+#[test]
+fn outputs_replace_neither_inputs_nor_each_other() {
+    let folder = Folder::new();
+    std::fs::create_dir(folder.path("maps")).expect("a folder");
+    let scene = folder.read("tiny.pbrt");
+    #[cfg(unix)]
+    std::os::unix::fs::symlink("tiny.pbrt", folder.path("link.png")).expect("a link");
+    std::fs::write(folder.path("spec.json"), r#"{"version":1,"scene":"tiny.pbrt"}"#).expect("written");
+    std::fs::write(folder.path("grey.png"), b"no image").expect("written");
+    let mut cases = vec![
+        ("--preview p.png -o p.png", "--preview p.png: this is the file of --output p.png"),
+        ("-o a.pfm -o ./a.pfm", "--output ./a.pfm: this is the file of --output a.pfm"),
+        ("--maps maps -o a.pfm -o maps/../maps/albedo.png", "is the file of --output maps/../maps/albedo.png"),
+        ("--maps new.pfm -o new.pfm", "--maps new.pfm: this is the file of --output new.pfm; give each its own file"),
+        ("--checkpoint a.pfm -o a.pfm", "--checkpoint a.pfm: this is the file of --output a.pfm"),
+    ];
+    if cfg!(unix) {
+        cases.push(("-o link.png", "--output link.png: the scene reads this file (tiny.pbrt), which would be lost"));
+        cases.push(("-o a.png --preview link.png", "--preview link.png: the scene reads this file (tiny.pbrt)"));
+    }
+    for (words, message) in cases {
+        let said = folder.run(&format!("render tiny.pbrt --spp 1 {words}"));
+        assert_eq!(said.status, Some(1), "{words}: {}", said.err);
+        assert!(said.err.contains(message), "{words}: {}", said.err);
+        assert_eq!(folder.read("tiny.pbrt"), scene, "{words}");
+        assert!(!folder.path("new.pfm").exists(), "{words}");
+    }
+}
+
+/// Files that never end and files that may not grow are errors, not hangs or signals.
+#[cfg(target_os = "linux")]
+#[test]
+fn endless_inputs_and_limited_outputs_are_errors() {
+    let folder = Folder::new();
+    for (words, message) in [
+        ("study --plan /dev/zero", "/dev/zero: cannot read the plan: it is longer than 16.0 MiB"),
+        ("render --spec /dev/zero", "/dev/zero: cannot read the file: it is longer than 1.0 MiB"),
+    ] {
+        let said = folder.run(words);
+        assert_eq!(said.status, Some(1), "{words}: {}", said.err);
+        assert!(said.err.contains(message), "{words}: {}", said.err);
+    }
+    let program = assert_cmd::cargo::cargo_bin!("dapple").display().to_string();
+    let script = format!("ulimit -f 4; exec {program} render tiny.pbrt --spp 1 --resolution 200x200 -o a.pfm -o a.png");
+    let output = std::process::Command::new("sh").args(["-c", &script]).current_dir(folder.path("")).output();
+    let said = common::Said::of(output.expect("a shell"));
+    assert_eq!(said.status, Some(1), "{}", said.err);
+    assert!(said.err.contains("a.pfm: cannot write the file: ") && said.err.contains("(ulimit -f)"), "{}", said.err);
+}

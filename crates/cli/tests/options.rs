@@ -1,0 +1,176 @@
+//! Options by other renderers' names, sizes in percent, layers, and what the program prints about itself.
+
+mod common;
+
+use common::Folder;
+use dapple_scene::image::{Plane, read_channels};
+
+#[test]
+fn aliases_are_the_options_that_they_stand_for() {
+    let folder = Folder::new();
+    folder.done("render tiny.pbrt -q --spp 4 --filter gaussian --threads 1 --output a.pfm");
+    folder.done("render tiny.pbrt -q -s 4 --denoiser gaussian --nthreads 1 --outfile b.pfm");
+    let json = folder.json("tiny.pbrt -s 4 --denoiser gaussian -t 1 -o c.pfm");
+    assert!(folder.read("a.pfm") == folder.read("b.pfm") && folder.read("a.pfm") == folder.read("c.pfm"));
+    assert_eq!((&json["threads"], &json["spp"]), (&1.into(), &4.0.into()));
+    for (words, message) in
+        [("-s x", "'--spp <MEAN>'"), ("-t 9999", "0..=1024"), ("-s 4 --time 1", "cannot be used with")]
+    {
+        let said = folder.run(&format!("render tiny.pbrt {words}"));
+        assert!(said.status == Some(2) && said.err.contains(message), "{words}: {}", said.err);
+    }
+}
+
+#[test]
+fn names_of_other_renderers_lead_to_ours() {
+    let folder = Folder::new();
+    for (words, message) in [
+        ("--sampler sobol", "use --points sobol (--sampler decides how many samples each pixel gets)"),
+        ("--sampler zsobol:scramble=1", "use --points sobol"),
+        ("--sampler independent", "use --points random"),
+        ("--sampler halton", "use --points halton"),
+        ("--points pmj02bn", "the nearest to \"pmj02bn\" is sobol"),
+        ("--points uniform", "\"uniform\" decides how many samples each pixel gets; use --sampler uniform"),
+        ("--integrator volpath", "use --integrator path"),
+        ("--integrator bdpt", "Dapple follows paths from the camera only"),
+        ("--filter mitchell", "\"mitchell\" is a pixel filter"),
+        ("--denoiser OpenImageDenoise", "the nearest to \"openimagedenoise\" is oidn"),
+        ("--samples 64", "tip: use --spp N"),
+        ("--gpu", "tip: Dapple renders on the CPU only"),
+        ("--cropwindow=0,1,0,1", "tip: use --crop X0,Y0,X1,Y1"),
+        ("--display-server localhost:14158", "tip: use --view tev"),
+        ("--max-bounces 4", "tip: use --max-depth N"),
+    ] {
+        let said = folder.run(&format!("render tiny.pbrt {words}"));
+        assert_eq!(said.status, Some(2), "{words}: {}", said.err);
+        assert!(said.err.contains(message), "{words}: {}", said.err);
+    }
+    // A slip of the finger still leads to the nearest option.
+    let said = folder.run("render tiny.pbrt --filtr none");
+    assert!(said.err.contains("tip: a similar argument exists: '--filter'"), "{}", said.err);
+}
+
+#[test]
+fn resolutions_may_be_percentages_of_the_scenes() {
+    let folder = Folder::new();
+    for (percent, size) in [("50%", [12, 8]), ("200%", [48, 32]), ("12.5%", [3, 2]), ("0.1%", [1, 1])] {
+        let json = folder.json(&format!("tiny.pbrt --resolution {percent} --spp 1 -o a.pfm"));
+        assert_eq!(json["resolution"], serde_json::json!(size), "{percent}");
+    }
+    let spec = folder.done("render tiny.pbrt --resolution 50% --spp 1 --print-spec");
+    assert!(spec.contains("\"scale\": 0.5"), "{spec}");
+    std::fs::write(folder.path("spec.json"), &spec).expect("written");
+    assert_eq!(folder.json("--spec spec.json -o a.pfm")["resolution"], serde_json::json!([12, 8]));
+    std::fs::write(folder.path("both.json"), spec.replace("\"scale\"", "\"resolution\": [4, 4], \"scale\""))
+        .expect("written");
+    assert!(folder.run("render --spec both.json").err.contains("scale: a resolution is given too"));
+    for wrong in ["0%", "nan%", "inf%", "%"] {
+        let said = folder.run(&format!("render tiny.pbrt --resolution {wrong}"));
+        assert!(said.status == Some(2) && said.err.contains("such as 50%"), "{wrong}: {}", said.err);
+    }
+    let said = folder.run("render tiny.pbrt --resolution 99999999999%");
+    assert_eq!(said.status, Some(1), "{}", said.err);
+}
+
+#[test]
+fn layers_are_selected_and_stored_as_half_floats() {
+    let folder = Folder::new();
+    let channels = |name: &str| read_channels(&folder.read(name), name).expect("an image").channels;
+    let names = |name: &str| channels(name).into_iter().map(|(name, _)| name).collect::<Vec<_>>();
+    folder.done("render tiny.pbrt --spp 4 -o all.exr");
+    folder.done("render tiny.pbrt --spp 4 -o some.exr --layers albedo,count --half");
+    folder.done("render tiny.pbrt --spp 4 -o bare.exr --layers none");
+    assert_eq!(names("some.exr"), ["B", "G", "R", "albedo.B", "albedo.G", "albedo.R", "count.Y"]);
+    assert_eq!(names("bare.exr"), ["B", "G", "R"]);
+    // Without a filter, features are recorded only because a layer requires them.
+    folder.done("render tiny.pbrt --spp 4 --filter none --sampler uniform -o plain.exr --layers normal,depth");
+    assert_eq!(names("plain.exr"), ["B", "G", "R", "depth.Y", "normal.X", "normal.Y", "normal.Z"]);
+    // The same values, rounded to 16 bits where their range allows it.
+    let (all, some) = (channels("all.exr"), channels("some.exr"));
+    for (name, plane) in &some {
+        let (_, exact) = all.iter().find(|(known, _)| known == name).expect("the channel");
+        match (plane, exact) {
+            (Plane::F16(half), Plane::F32(exact)) => {
+                assert!(half.iter().zip(exact.iter()).all(|(h, e)| (h - e).abs() <= 1e-3 * e.abs() + 1e-7), "{name}");
+            }
+            (half, exact) => assert!(name == "count.Y" && half == exact, "{name}"),
+        }
+    }
+    assert!(folder.read("some.exr").len() < folder.read("all.exr").len() / 2);
+    for (words, status, message) in [
+        ("--layers albdo -o a.exr", 2, "there is no layer \"albdo\"; choose among unfiltered, variance, count, "),
+        ("--layers none -o a.pfm", 2, "--layers is about the layers of EXR files; add --output FILE.exr"),
+        ("--half -o a.pfm", 2, "--half is about the layers of EXR files"),
+        ("--layers count --features -o a.exr", 2, "cannot be used with"),
+        ("--filter none --layers unfiltered -o a.exr", 0, "no layer \"unfiltered\": the image itself is unfiltered"),
+        ("--filter none --sampler uniform --layers cluster -o a.exr", 0, "neither sampler nor filter makes clusters"),
+    ] {
+        let said = folder.run(&format!("render tiny.pbrt --spp 2 {words}"));
+        assert_eq!(said.status, Some(status), "{words}: {}", said.err);
+        assert!(said.err.contains(message), "{words}: {}", said.err);
+    }
+}
+
+#[test]
+fn a_method_is_described_by_name() {
+    let folder = Folder::new();
+    let out = folder.done("samplers mitchell");
+    assert!(out.starts_with("mitchell: contrast of a pilot"), "{out}");
+    for part in ["source: Mitchell, Generating Antialiased", "--sampler mitchell:initial=0", "\n  red=0.4 "] {
+        assert!(out.contains(part), "{part}: {out}");
+    }
+    assert!(folder.done("samplers cluster").contains("former names: cluster\n"));
+    assert!(folder.done("points random").contains("no parameters"));
+    assert!(folder.done("filters cluster-regression").contains("source: Dapple, after Moon"));
+    assert!(folder.done("integrators ambient-occlusion").contains("distance=inf"));
+    let said = folder.run("samplers sobol");
+    assert!(said.status == Some(1) && said.err.contains("use --points sobol"), "{}", said.err);
+    let said = folder.run("filters bilaterl");
+    assert!(said.status == Some(1) && said.err.contains("did you mean \"bilateral\"?"), "{}", said.err);
+    // Names and parameters never touch their explanations.
+    for list in ["samplers", "points", "filters", "integrators"] {
+        let out = folder.done(list);
+        assert!(
+            out.lines().all(|line| line.trim_start().split_once(' ').is_some_and(|(_, rest)| rest.len() > 5)),
+            "{out}"
+        );
+        assert!(!out.contains("neighboursUse"), "{out}");
+    }
+}
+
+#[test]
+fn completions_and_man_pages_follow_the_arguments() {
+    let folder = Folder::new();
+    for (shell, parts) in [
+        ("bash", ["complete -F _dapple", "--preview"]),
+        ("zsh", ["#compdef dapple", "--preview"]),
+        ("fish", ["complete -c dapple", "-l preview"]),
+    ] {
+        let script = folder.done(&format!("completions {shell}"));
+        assert!(parts.iter().all(|part| script.contains(part)), "{shell}");
+    }
+    assert!(folder.run("completions tcsh").err.contains("[possible values: bash"));
+    let page = folder.done("man render");
+    assert!(page.contains(".TH dapple-render 1") && page.contains("\\-\\-preview"), "{page}");
+    assert!(folder.done("man").contains(".TH dapple 1"));
+    folder.done("man -o man1");
+    let pages = common::names(&folder.path("man1"));
+    assert!(pages.contains(&"dapple.1".to_owned()) && pages.contains(&"dapple-study.1".to_owned()), "{pages:?}");
+    assert!(!pages.iter().any(|name| name.contains("study-run")), "{pages:?}");
+    assert!(folder.run("man rendr").err.contains("there is no command \"rendr\"; choose among render, "));
+}
+
+#[test]
+fn the_summary_has_four_lines_and_the_header_has_the_settings() {
+    let folder = Folder::new();
+    let out = folder.done("render tiny.pbrt --spp 4 -o a.exr");
+    let lines: Vec<&str> = out.lines().collect();
+    let [image, work, error, memory, file] = lines[..] else { panic!("four lines and the file: {out}") };
+    assert!(image.starts_with("tiny, 24x16: 4.00 spp (") && work.starts_with("1536 samples, "), "{out}");
+    assert!(error.starts_with("predicted relMSE ") && memory.starts_with("memory: "), "{out}");
+    assert!(file.starts_with("a.exr: the image, with layers ") && !out.contains("adaptive:"), "{out}");
+    // Silent, but for the line of JSON.
+    assert_eq!(folder.done("render tiny.pbrt --spp 4 -o a.exr -q"), "");
+    let line = folder.done("render tiny.pbrt --spp 4 -o a.exr -q --json");
+    assert!(line.lines().count() == 1 && serde_json::from_str::<serde_json::Value>(&line).is_ok(), "{line}");
+}

@@ -1,0 +1,63 @@
+//! Estimation of a filter's time before it is needed.
+
+use crate::{Film, Filter, Retention};
+use std::time::Instant;
+
+/// The part of an image, as a fraction of its rows, on which a filter is timed.
+const PART: u32 = 16;
+/// The least number of pixels on which a filter is timed; smaller images are filtered whole.
+const LEAST: u32 = 1 << 14;
+
+/// Estimates the wall seconds that a filter takes on a film: the time that it takes on some rows in the middle, in
+/// proportion to the pixels. 0 if the filter refuses them.
+///
+/// The filter runs twice, and the quicker run counts: the first may start threads or load a library.
+pub(super) fn estimate(filter: &dyn Filter, film: &Film) -> f64 {
+    let ([x, y], [width, height]) = (film.frame.origin(), film.frame.size());
+    let rows = (height / PART).max(LEAST.div_ceil(width)).min(height);
+    let top = y + (height - rows) / 2;
+    let [full_width, full_height] = film.frame.resolution();
+    let whole = crate::Frame::new(full_width, full_height);
+    let Ok(part) = whole.and_then(|whole| whole.crop(x, top, x + width, top + rows)) else { return 0.0 };
+    let part = film.part(part, Retention::Keep);
+    let seconds = || {
+        let clock = Instant::now();
+        filter.apply(&part).ok().map(|_| clock.elapsed().as_secs_f64())
+    };
+    let quicker = seconds().and_then(|first| Some(seconds()?.min(first))).unwrap_or(0.0);
+    quicker * f64::from(height) / f64::from(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Error, Filtered, Frame, Needs};
+    use std::time::Duration;
+
+    /// A filter that takes 50 ns per pixel, or refuses every film.
+    struct Slow(bool);
+
+    impl Filter for Slow {
+        fn name(&self) -> &str {
+            "slow"
+        }
+
+        fn apply(&self, film: &Film) -> Result<Filtered, Error> {
+            if self.0 {
+                return Err(Error::NotRecorded { who: "slow".into(), what: "anything" });
+            }
+            std::thread::sleep(Duration::from_nanos(50 * film.frame().pixels() as u64));
+            Ok(Filtered::new(film.frame().size(), film.image()))
+        }
+    }
+
+    #[test]
+    fn a_filter_is_timed_on_a_part_of_the_image() {
+        let frame = Frame::new(1024, 700).unwrap().crop(0, 100, 1024, 612).unwrap();
+        let film = Film::new(frame, Needs::none());
+        let whole = 50e-9 * 1024.0 * 512.0;
+        let estimated = estimate(&Slow(false), &film);
+        assert!((whole..5.0 * whole).contains(&estimated), "{estimated} for {whole}");
+        assert_eq!(estimate(&Slow(true), &film), 0.0);
+    }
+}

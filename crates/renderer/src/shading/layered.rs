@@ -1,0 +1,336 @@
+//! glTF's surface [Khronos 2021, app. B]: a share of metal, the rest Lambertian reflection below a glossy layer, and a clear
+//! coat above both.
+//!
+//! glTF's formulas reflect more light than arrives at grazing angles. Here each layer passes on only what the one above
+//! does not reflect, by its albedo `E` from a table, so that energy is conserved and both directions are alike:
+//!
+//! `f = (1 - m) b / pi * (1 - E(wo)) (1 - E(wi)) / (1 - mean E) + F D G / (4 cos cos) + f_more`
+//!
+//! * `b`: the base colour; `m`: the share of metal; `E`: the albedo of the glossy layer where it is no metal.
+//! * `F`: Schlick's Fresnel reflectance of the mixture, which is `b` along the normal for a metal; `D`, `G`: the microfacets'
+//!   terms.
+//! * `f_more`: the light that microfacets reflect more than once [Kulla and Conty 2017], which rough metals would lose.
+//! * A clear coat multiplies the diffuse part in the same way, and the glossy part by the smaller share that it passes
+//!   in either direction.
+//!
+//! All functions expect directions on the side `z > 0`.
+
+use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
+use glam::{Vec2, Vec3};
+use std::f32::consts::FRAC_1_PI;
+use std::sync::LazyLock;
+
+/// The number of intervals of the table along the cosine, and along the square root of the microfacet width.
+const CELLS: usize = 32;
+/// The number of microfacet normals per side of the square of random numbers, for one entry of the table.
+const NORMALS: usize = 24;
+/// Fresnel reflectance of a clear coat along the normal: an index of refraction of 1.5.
+const COAT_NORMAL: f32 = 0.04;
+
+/// A metal, or a diffuse surface below a glossy layer, or a mixture of both.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Layered<'m> {
+    /// The colour, 0 to 1 per channel: of diffuse reflection, and of a metal's reflection along the normal.
+    pub base: Vec3,
+    /// The share of metal, 0 to 1.
+    pub metallic: f32,
+    /// The microfacet distribution of the glossy layer and of the metal.
+    pub microfacets: TrowbridgeReitz,
+    /// What does not vary over the surface.
+    pub layers: &'m Layers,
+}
+
+/// The parts of a [`Layered`] surface that do not vary over it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Layers {
+    /// The Fresnel reflectance of the glossy layer along the normal, 0 to 1 per channel.
+    pub normal: Vec3,
+    /// The Fresnel reflectance of the glossy layer at grazing angles, 0 to 1.
+    pub grazing: f32,
+    /// The share of the surface under a clear coat, 0 to 1, and the coat's microfacets.
+    pub coat: Option<(f32, TrowbridgeReitz)>,
+}
+
+/// The values of a surface that depend only on `wo`.
+struct Seen {
+    /// The fraction that the glossy layer over the diffuse part reflects, per channel.
+    layer: Vec3,
+    /// The fraction that the coat reflects.
+    coat: f32,
+    /// The probabilities of sampling the coat, and of sampling the coat or the glossy layer.
+    chances: [f32; 2],
+}
+
+impl Layered<'_> {
+    /// Samples a direction: `lobe` selects the layer, `u` the direction in it.
+    #[inline]
+    pub(super) fn sample(&self, wo: Vec3, u: [f32; 2], lobe: f32) -> Vec3 {
+        let [coat, glossy] = self.seen(wo).chances;
+        match &self.layers.coat {
+            Some((_, microfacets)) if lobe < coat => super::bsdf::mirror(wo, microfacets.sample_visible(wo, u)),
+            _ if lobe < glossy => super::bsdf::mirror(wo, self.microfacets.sample_visible(wo, u)),
+            _ => super::warp::cosine_hemisphere(u),
+        }
+    }
+
+    /// Returns the microfacets of the layer that [`sample`](Self::sample) selects; `None` for the diffuse one.
+    pub(super) fn sampled(&self, wo: Vec3, lobe: f32) -> Option<&TrowbridgeReitz> {
+        let [coat, glossy] = self.seen(wo).chances;
+        match &self.layers.coat {
+            Some((_, microfacets)) if lobe < coat => Some(microfacets),
+            _ => (lobe < glossy).then_some(&self.microfacets),
+        }
+    }
+
+    /// Returns `f` and the density.
+    #[inline]
+    pub(super) fn evaluate_above(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+        let (seen, width) = (self.seen(wo), width(&self.microfacets));
+        let h = wo + wi;
+        let beyond = fifth_power(1.0 - half_angle_cosine(h).min(1.0));
+        let [there, back, mean] = [TABLE.at(wo.z, width), TABLE.at(wi.z, width), TABLE.mean(width)];
+        // Light after several reflections between microfacets.
+        let more = self.mixed(|fresnel| fresnel.repeated(mean))
+            * ((1.0 - there.sum()) * (1.0 - back.sum()) / (1.0 - mean.sum()).max(1e-6));
+        let layer = self.layer();
+        let passed = (Vec3::ONE - seen.layer) * (Vec3::ONE - layer.reflected(back, mean));
+        let passed = passed / (Vec3::ONE - layer.reflected(mean, mean)).max(Vec3::splat(1e-6));
+        let mut diffuse = (self.diffuse() * passed + more) * FRAC_1_PI;
+        let mut glossy = self.mixed(|fresnel| fresnel.at(beyond)) * self.microfacets.reflection(wo, wi, h);
+        let [first, second] = seen.chances;
+        let mut pdf = (second - first) * self.microfacets.reflection_pdf(wo, h) + (1.0 - second) * (wi.z * FRAC_1_PI);
+        if let Some((amount, coat)) = &self.layers.coat {
+            let width = self::width(coat);
+            let share = |at: Split| *amount * at.reflected(COAT_NORMAL, 1.0);
+            let (there, mean) = (share(TABLE.at(wi.z, width)), share(TABLE.mean(width)));
+            diffuse *= (1.0 - seen.coat) * (1.0 - there) / (1.0 - mean);
+            glossy *= 1.0 - seen.coat.max(there);
+            let fresnel = *amount * (COAT_NORMAL + beyond * (1.0 - COAT_NORMAL));
+            glossy += fresnel * coat.reflection(wo, wi, h);
+            pdf += first * coat.reflection_pdf(wo, h);
+        }
+        (diffuse + glossy, pdf)
+    }
+
+    /// Returns the approximate fraction of light reflected at normal incidence, per channel.
+    pub(super) fn albedo(&self) -> Vec3 {
+        let glossy = self.mixed(|fresnel| fresnel.normal);
+        let coat = self.layers.coat.map_or(0.0, |(amount, _)| amount * COAT_NORMAL);
+        (glossy + self.diffuse() * (Vec3::ONE - self.layers.normal)) * (1.0 - coat) + coat
+    }
+
+    /// Returns the diffuse reflectance below the glossy layer.
+    #[inline]
+    pub(super) fn diffuse(&self) -> Vec3 {
+        self.base * (1.0 - self.metallic)
+    }
+
+    #[inline]
+    fn seen(&self, wo: Vec3) -> Seen {
+        let width = width(&self.microfacets);
+        let (at, mean) = (TABLE.at(wo.z, width), TABLE.mean(width));
+        let layer = self.layer().reflected(at, mean);
+        let coat = self.layers.coat.as_ref().map_or(0.0, |(amount, microfacets)| {
+            *amount * TABLE.at(wo.z, self::width(microfacets)).reflected(COAT_NORMAL, 1.0)
+        });
+        let shares = [self.mixed(|fresnel| fresnel.reflected(at, mean)), self.diffuse() * (Vec3::ONE - layer)];
+        let shares = shares.map(|share| share.element_sum() * ((1.0 - coat) / 3.0));
+        let sum = coat + shares[0] + shares[1];
+        let chances = if sum > 0.0 { [coat / sum, (coat + shares[0]) / sum] } else { [0.0; 2] };
+        Seen { layer, coat, chances }
+    }
+
+    /// The Fresnel reflectance of the glossy layer over the diffuse part.
+    #[inline]
+    fn layer(&self) -> Schlick {
+        Schlick { normal: self.layers.normal, grazing: self.layers.grazing }
+    }
+
+    /// Returns `f` of the glossy layer's Fresnel reflectance and of the metal's, mixed by the share of metal.
+    #[inline]
+    fn mixed(&self, f: impl Fn(Schlick) -> Vec3) -> Vec3 {
+        let metal = Schlick { normal: self.base, grazing: 1.0 };
+        match self.metallic {
+            0.0 => f(self.layer()),
+            1.0 => f(metal),
+            share => f(self.layer()).lerp(f(metal), share),
+        }
+    }
+}
+
+/// Schlick's approximation of a Fresnel reflectance [Schlick 1994, eq. 15], by its values along the normal and at grazing
+/// angles.
+#[derive(Clone, Copy)]
+struct Schlick {
+    normal: Vec3,
+    grazing: f32,
+}
+
+impl Schlick {
+    /// Returns the reflectance where the fifth power of `1 - cos` is `beyond`.
+    #[inline]
+    fn at(self, beyond: f32) -> Vec3 {
+        self.normal + beyond * (self.at_grazing() - self.normal)
+    }
+
+    /// Returns the fraction that a layer reflects, given the table's values at a cosine and their mean.
+    #[inline]
+    fn reflected(self, at: Split, mean: Split) -> Vec3 {
+        let once = self.normal * at.normal + self.at_grazing() * at.grazing;
+        (once + self.repeated(mean) * (1.0 - at.sum())).min(Vec3::ONE)
+    }
+
+    /// Returns the factor of light after several reflections between microfacets [Kulla and Conty 2017], given the mean
+    /// values of the table.
+    #[inline]
+    fn repeated(self, mean: Split) -> Vec3 {
+        // The mean of Schlick's reflectance over cosine-weighted directions has a 21st of the grazing part.
+        let average = self.normal + (self.at_grazing() - self.normal) / 21.0;
+        average * average * mean.sum() / (Vec3::ONE - average * (1.0 - mean.sum())).max(Vec3::splat(1e-6))
+    }
+
+    #[inline]
+    fn at_grazing(self) -> Vec3 {
+        self.normal.max(Vec3::splat(self.grazing))
+    }
+}
+
+/// The two parts of a layer's albedo: the factors of its Fresnel reflectance along the normal and at grazing angles.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Split {
+    normal: f32,
+    grazing: f32,
+}
+
+impl Split {
+    fn sum(self) -> f32 {
+        self.normal + self.grazing
+    }
+
+    fn reflected(self, normal: f32, grazing: f32) -> f32 {
+        normal * self.normal + grazing * self.grazing
+    }
+
+    fn lerp(self, other: Self, t: f32) -> Self {
+        let [a, b] = [self, other].map(|s| Vec2::new(s.normal, s.grazing));
+        let Vec2 { x, y } = a.lerp(b, t);
+        Self { normal: x, grazing: y }
+    }
+}
+
+/// Albedos of microfacets by the cosine and the width, and their cosine-weighted means over the hemisphere.
+struct Table {
+    /// By width, then by cosine.
+    at: Box<[[Split; CELLS + 1]; CELLS + 1]>,
+    means: [Split; CELLS + 1],
+}
+
+/// The table of all widths, made at its first use in some 10 ms.
+static TABLE: LazyLock<Table> = LazyLock::new(Table::new);
+
+impl Table {
+    fn new() -> Self {
+        let mut table =
+            Self { at: Box::new([[Split::default(); CELLS + 1]; CELLS + 1]), means: [Split::default(); CELLS + 1] };
+        for (i, row) in table.at.iter_mut().enumerate() {
+            let root = i as f32 / CELLS as f32;
+            let microfacets = TrowbridgeReitz::nearest([root * root; 2]);
+            for (j, entry) in row.iter_mut().enumerate() {
+                // Cosines lie closer together near 0, where albedos change most.
+                let cosine = (j as f32 / CELLS as f32).powi(2).max(1e-4);
+                *entry = albedo(&microfacets, cosine);
+            }
+            // The integral of 2 mu over mu = x^2 is that of 4 x^3 over x; both ends of each interval are averaged.
+            let mut mean = Split::default();
+            for (j, pair) in row.windows(2).enumerate() {
+                let [a, b] = [j, j + 1].map(|k| (k as f32 / CELLS as f32).powi(4));
+                let middle = pair[0].lerp(pair[1], 0.5);
+                mean.normal += (b - a) * middle.normal;
+                mean.grazing += (b - a) * middle.grazing;
+            }
+            table.means[i] = mean;
+        }
+        table
+    }
+
+    #[inline]
+    fn at(&self, cosine: f32, width: (usize, f32)) -> Split {
+        let (j, t) = cell(cosine.sqrt());
+        let row = |i: usize| self.at[i][j].lerp(self.at[i][j + 1], t);
+        row(width.0).lerp(row(width.0 + 1), width.1)
+    }
+
+    #[inline]
+    fn mean(&self, width: (usize, f32)) -> Split {
+        self.means[width.0].lerp(self.means[width.0 + 1], width.1)
+    }
+}
+
+/// The row of the table for a microfacet distribution, and the share of the next row.
+#[inline]
+fn width(microfacets: &TrowbridgeReitz) -> (usize, f32) {
+    let [x, y] = microfacets.alpha();
+    cell((x * y).sqrt().sqrt())
+}
+
+/// The cell of a value in 0 to 1, and the place in it.
+#[inline]
+fn cell(value: f32) -> (usize, f32) {
+    let place = value.clamp(0.0, 1.0) * CELLS as f32;
+    let cell = (place as usize).min(CELLS - 1);
+    (cell, place - cell as f32)
+}
+
+/// Integrates the albedo of microfacets for one direction, over visible normals on a grid.
+fn albedo(microfacets: &TrowbridgeReitz, cosine: f32) -> Split {
+    let wo = Vec3::new((1.0 - cosine * cosine).max(0.0).sqrt(), 0.0, cosine);
+    let mut sum = [0.0f64; 2];
+    let middle = |i: usize| (i as f32 + 0.5) / NORMALS as f32;
+    for (i, j) in (0..NORMALS * NORMALS).map(|k| (k / NORMALS, k % NORMALS)) {
+        let wi = super::bsdf::mirror(wo, microfacets.sample_visible(wo, [middle(i), middle(j)]));
+        if wi.z > 0.0 {
+            let h = wo + wi;
+            let passed = microfacets.reflection(wo, wi, h) * wi.z / microfacets.reflection_pdf(wo, h);
+            let beyond = fifth_power(1.0 - half_angle_cosine(h).min(1.0));
+            sum[0] += f64::from(passed * (1.0 - beyond));
+            sum[1] += f64::from(passed * beyond);
+        }
+    }
+    let [normal, grazing] = sum.map(|s| (s / (NORMALS * NORMALS) as f64) as f32);
+    Split { normal, grazing }
+}
+
+#[inline]
+fn fifth_power(x: f32) -> f32 {
+    (x * x) * (x * x) * x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// White metal without loss reflects all light at every roughness and angle: the albedos of one and of several
+    /// reflections add up to 1.
+    #[test]
+    fn albedos_of_a_white_metal_are_one() {
+        let metal = Schlick { normal: Vec3::ONE, grazing: 1.0 };
+        for alpha in [0.0, 0.01, 0.1, 0.3, 0.6, 1.0] {
+            let width = width(&TrowbridgeReitz::nearest([alpha; 2]));
+            for cosine in [0.05, 0.3, 0.7, 1.0] {
+                let all = metal.reflected(TABLE.at(cosine, width), TABLE.mean(width)).x;
+                assert!((all - 1.0).abs() < 1e-5, "{alpha} {cosine}: {all}");
+            }
+        }
+    }
+
+    /// A smooth layer's albedo is Schlick's reflectance.
+    #[test]
+    fn a_smooth_layer_has_the_albedo_of_its_fresnel_term() {
+        for cosine in [0.1f32, 0.35, 0.8, 1.0] {
+            let at = TABLE.at(cosine, width(&TrowbridgeReitz::nearest([0.0; 2])));
+            let expected = 0.04 + 0.96 * fifth_power(1.0 - cosine);
+            let found = at.reflected(0.04, 1.0);
+            assert!((found - expected).abs() < 4e-3, "{cosine}: {found} {expected}");
+        }
+    }
+}

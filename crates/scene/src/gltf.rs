@@ -1,0 +1,211 @@
+//! Reader of glTF 2.0 files (`.gltf` and `.glb`) [Khronos 2021].
+//!
+//! Metal and roughness become a metal, a coated diffuse surface or a mix of both; transmission becomes glass. Lights of
+//! `KHR_lights_punctual` are in candela and lux: 683 lumens are 1 watt, as Blender reads them. Emission is radiance as it
+//! stands. A file without a camera gets the framing of a bare model, and a file without any light gets the same sky.
+//! Skins and morph targets are read in their pose of rest; animations are not read.
+
+mod buffers;
+mod lights;
+mod materials;
+mod nodes;
+mod primitives;
+mod textures;
+
+use crate::files::Files;
+use crate::model::{UpAxis, studio};
+use crate::readers::{AnyOptions, SceneReader, unreadable};
+use crate::{Notice, ReadError, Scene, Source};
+use ::gltf::json::validation::Checked;
+use ::gltf::{Document, json};
+use buffers::Buffers;
+use std::path::Path;
+use std::sync::Arc;
+
+/// The [`SceneReader`] of glTF 2.0 files.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct GltfReader;
+
+/// The largest number of scattering events on a path of a glTF scene, as in Cycles.
+const MAX_DEPTH: u32 = 12;
+/// The extensions that this reader knows. Validation refuses a file that requires any other.
+const KNOWN: [&str; 12] = [
+    "KHR_lights_punctual",
+    "KHR_materials_clearcoat",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_unlit",
+    "KHR_materials_volume",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "KHR_xmp_json_ld",
+];
+/// Extensions that compress data, and the command that removes each.
+const PACKED: [(&str, &str); 5] = [
+    ("KHR_draco_mesh_compression", "gltf-transform copy IN.glb OUT.glb"),
+    ("EXT_meshopt_compression", "gltf-transform copy IN.glb OUT.glb"),
+    ("KHR_texture_basisu", "gltf-transform png IN.glb OUT.glb"),
+    ("EXT_texture_webp", "gltf-transform png IN.glb OUT.glb"),
+    ("EXT_texture_avif", "gltf-transform png IN.glb OUT.glb"),
+];
+
+impl SceneReader for GltfReader {
+    fn name(&self) -> &'static str {
+        "glTF"
+    }
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["gltf", "glb"]
+    }
+
+    fn recognizes(&self, content: &[u8]) -> bool {
+        let start = content.trim_ascii_start();
+        let head = &start[..start.len().min(1 << 16)];
+        content.starts_with(b"glTF") || (head.starts_with(b"{") && find(head, b"\"asset\"").is_some())
+    }
+
+    fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
+        let source = Source { file: Arc::new(path.to_owned()), line: 0 };
+        let bytes = files.read(path).map_err(|e| unreadable(source.clone(), &e))?;
+        let name = path.file_stem().map_or_else(|| "model".to_owned(), |stem| stem.to_string_lossy().into_owned());
+        let mut scene = Scene { name, max_depth: Some(MAX_DEPTH), ..Scene::default() };
+        add_file(&mut scene, &bytes, files, options, &source)
+            .map_err(|fault| ReadError::invalid(Source { line: fault.line, ..source.clone() }, fault.what))?;
+        Ok(scene)
+    }
+}
+
+/// A fault of a file: its line, or 0, and what is wrong.
+pub(super) struct Fault {
+    line: u32,
+    what: String,
+}
+
+impl From<String> for Fault {
+    fn from(what: String) -> Self {
+        Self { line: 0, what }
+    }
+}
+
+impl From<&str> for Fault {
+    fn from(what: &str) -> Self {
+        what.to_owned().into()
+    }
+}
+
+/// Adds everything in a glTF file to a scene, and a camera and light of ours where it has none.
+fn add_file(
+    scene: &mut Scene,
+    bytes: &[u8],
+    files: &dyn Files,
+    options: &AnyOptions,
+    source: &Source,
+) -> Result<(), Fault> {
+    let (text, blob) = split(bytes)?;
+    let document = document(text, scene, source)?;
+    let buffers = Buffers::read(&document, blob, files, &source.file)?;
+    let placed = nodes::place(&document)?;
+    let mut reader = primitives::Shapes::new(scene, &document, &buffers, files, source);
+    reader.add(&placed)?;
+    lights::add(scene, &document, &placed, source);
+    let has_camera = lights::set_camera(scene, &document, &placed, source)?;
+    let emits = scene.shapes.iter().any(|shape| shape.emission.is_some());
+    let has_light = emits || !scene.lights.is_empty();
+    if scene.shapes.is_empty() && scene.instances.is_empty() {
+        return Err("the file has no triangles; export meshes".into());
+    }
+    let wanted = studio::Wanted { camera: !has_camera, sky: !has_light, ground: !has_camera && !has_light };
+    studio::set(scene, options.model.stage(UpAxis::Y), wanted, source).map_err(Fault::from)
+}
+
+/// Splits the bytes of a file into its JSON text and, for a binary file (GLB), its binary chunk.
+fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
+    let word = |at: usize| bytes.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+    if !bytes.starts_with(b"glTF") {
+        return Ok((bytes, None));
+    }
+    match word(4) {
+        Some(2) => {}
+        Some(version) => return Err(format!("the file has glTF version {version}; export version 2").into()),
+        None => return Err(truncated(bytes.len())),
+    }
+    let (mut at, mut text, mut blob) = (12, None, None);
+    let end = bytes.len().min(word(8).unwrap_or(0) as usize);
+    while let (Some(length), Some(kind)) = (word(at), word(at + 4)) {
+        if at + 8 > end {
+            break;
+        }
+        let chunk = bytes.get(at + 8..at + 8 + length as usize).ok_or_else(|| truncated(bytes.len()))?;
+        match kind {
+            // "JSON" and "BIN\0".
+            0x4e4f_534a => text = text.or(Some(chunk)),
+            0x004e_4942 => blob = blob.or(Some(chunk)),
+            _ => {}
+        }
+        at += 8 + length as usize;
+    }
+    text.map(|text| (text, blob)).ok_or_else(|| truncated(bytes.len()))
+}
+
+fn truncated(length: usize) -> Fault {
+    format!("the file ends after {length} bytes, within its contents; copy it again").into()
+}
+
+/// Parses and checks the JSON part of a file. Extensions that are left out become notices.
+fn document(text: &[u8], scene: &mut Scene, source: &Source) -> Result<Document, Fault> {
+    let mut root: json::Root = json::deserialize::from_slice(text)
+        .map_err(|e| Fault { line: e.line() as u32, what: format!("{e}; export the file again") })?;
+    if !root.asset.version.starts_with("2.") {
+        let version = &root.asset.version;
+        return Err(format!("the file has glTF version {version:?}; export version 2.0").into());
+    }
+    for name in &root.extensions_required {
+        if let Some((_, command)) = PACKED.iter().find(|(packed, _)| packed == name) {
+            return Err(format!("the file is compressed ({name}); unpack it: {command}").into());
+        }
+    }
+    for name in root.extensions_used.iter().filter(|name| !KNOWN.contains(&name.as_str())) {
+        let message = format!("extension {name:?} is left out");
+        scene.notices.push(Notice::warning(source.clone(), message));
+    }
+    // What a file requires, the notice above has named.
+    root.extensions_required.clear();
+    complete(&mut root)?;
+    Document::from_json(root).map_err(|e| match e {
+        ::gltf::Error::Validation(faults) => match faults.first() {
+            Some((path, fault)) => format!("{}: {fault}; export the file again", path.as_str()).into(),
+            None => "the file is invalid; export it again".into(),
+        },
+        other => other.to_string().into(),
+    })
+}
+
+/// Adds the bounds of positions that a file leaves out. Validation asks for them, and nothing here reads them.
+fn complete(root: &mut json::Root) -> Result<(), Fault> {
+    let primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    let positions = primitives.filter_map(|p| p.attributes.get(&Checked::Valid(json::mesh::Semantic::Positions)));
+    for index in positions {
+        let accessor = root.accessors.get_mut(index.value());
+        // Validation would panic at an index that is out of range.
+        let accessor = accessor.ok_or_else(|| format!("accessor {index} does not exist; export the file again"))?;
+        for bound in [&mut accessor.min, &mut accessor.max] {
+            bound.get_or_insert_with(|| serde_json::json!([0.0, 0.0, 0.0]));
+        }
+    }
+    Ok(())
+}
+
+/// A name for messages: the kind of thing, its index, and its name in the file.
+pub(super) fn named(kind: &str, index: usize, name: Option<&str>) -> String {
+    match name {
+        Some(name) => format!("{kind} {index} {name:?}"),
+        None => format!("{kind} {index}"),
+    }
+}
+
+fn find(text: &[u8], part: &[u8]) -> Option<usize> {
+    text.windows(part.len()).position(|window| window == part)
+}

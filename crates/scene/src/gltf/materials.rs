@@ -1,0 +1,326 @@
+//! The materials of a glTF file.
+
+use super::buffers::Buffers;
+use super::named;
+use super::textures::{Images, Part, Use};
+use crate::files::Files;
+use crate::image::Image;
+use crate::{
+    ClearCoat, Color, ConductorFresnel, Emission, Material, MaterialId, MaterialKind, Medium, MediumId,
+    MediumInterface, MeshData, Notice, Roughness, Scalar, Scene, Source,
+};
+use ::gltf::Document;
+use ::gltf::material::{AlphaMode, Material as GltfMaterial};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Reflectance of parts without a material, that of Blender's default surface.
+const BARE: [f32; 3] = [0.8; 3];
+/// Index of refraction of materials that state none.
+const IOR: f32 = 1.5;
+/// Points per side at which the emission of a triangle is averaged.
+const POINTS: usize = 8;
+
+/// A material of the scene, with what shapes hold beside it.
+#[derive(Clone)]
+pub(super) struct Surface {
+    pub(super) material: MaterialId,
+    pub(super) emission: Option<Emission>,
+    pub(super) alpha: Option<Scalar>,
+    pub(super) media: Option<MediumInterface>,
+    /// The set of texture coordinates that the material's textures use.
+    pub(super) uv_set: u32,
+    /// The image that multiplies the emission.
+    glow: Option<Arc<Image>>,
+}
+
+/// The materials that were read.
+pub(super) struct Materials<'a> {
+    images: Images<'a>,
+    source: &'a Source,
+    made: BTreeMap<Option<usize>, Surface>,
+}
+
+/// Triangles of nearly equal emission, and the sum of their means.
+type Alike = (Vec<[u32; 3]>, [f64; 3]);
+
+/// The parameters that all kinds of scattering share.
+struct Look {
+    name: String,
+    base: Color,
+    roughness: Roughness,
+    ior: f32,
+    normal_map: Option<crate::TextureId>,
+}
+
+impl<'a> Materials<'a> {
+    pub(super) fn new(
+        document: &'a Document,
+        buffers: &'a Buffers<'a>,
+        files: &'a dyn Files,
+        source: &'a Source,
+    ) -> Self {
+        Self { images: Images::new(document, buffers, files, source), source, made: BTreeMap::new() }
+    }
+
+    /// The scene's material for one of the file, added at its first use.
+    pub(super) fn of(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>) -> Result<Surface, String> {
+        if let Some(known) = self.made.get(&material.index()) {
+            return Ok(known.clone());
+        }
+        let surface = match material.index() {
+            None => {
+                let kind = MaterialKind::Diffuse { reflectance: Color::Constant(BARE) };
+                let id = self.push(scene, Material::new("bare", kind, self.source.clone()));
+                Surface { material: id, emission: None, alpha: None, media: None, uv_set: 0, glow: None }
+            }
+            Some(index) => self.surface(scene, material, named("material", index, material.name()))?,
+        };
+        self.made.insert(material.index(), surface.clone());
+        Ok(surface)
+    }
+
+    fn surface(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>, name: String) -> Result<Surface, String> {
+        let uv_set = self.uv_set(scene, material, &name);
+        let look = self.look(scene, material, name);
+        let id = self.kind(scene, material, &look);
+        let strength = material.emissive_strength().unwrap_or(1.0);
+        let radiance = material.emissive_factor().map(|c| c * strength);
+        if !radiance.iter().all(|c| c.is_finite() && *c >= 0.0) {
+            return Err(format!("{}: its emission is invalid; export the file again", look.name));
+        }
+        let shines = radiance.iter().any(|c| *c > 0.0);
+        let glow = material.emissive_texture().filter(|_| shines);
+        let glow = glow.and_then(|info| {
+            let index = info.texture().source().index();
+            self.images.image(scene, index, Part::Color)
+        });
+        let emission = shines.then_some(Emission { radiance, two_sided: material.double_sided() });
+        let alpha = match emission {
+            None => self.alpha(scene, material),
+            Some(_) if material.alpha_mode() == AlphaMode::Opaque => None,
+            Some(_) => {
+                let message = format!("{}: shines, so that its opacity is left out", look.name);
+                scene.notices.push(Notice::warning(self.source.clone(), message));
+                None
+            }
+        };
+        let media = self.medium(scene, material, &look.name);
+        Ok(Surface { material: id, emission, alpha, media, uv_set, glow })
+    }
+
+    /// The set of texture coordinates of a material; a notice if its textures use several.
+    fn uv_set(&self, scene: &mut Scene, material: &GltfMaterial<'_>, name: &str) -> u32 {
+        let pbr = material.pbr_metallic_roughness();
+        let infos = [pbr.base_color_texture(), pbr.metallic_roughness_texture(), material.emissive_texture()];
+        let mut sets: Vec<u32> = infos.iter().flatten().map(|info| Use::of(info).set).collect();
+        sets.extend(material.normal_texture().map(|normal| normal.tex_coord()));
+        let first = sets.first().copied().unwrap_or(0);
+        if sets.iter().any(|set| *set != first) {
+            let message = format!("{name}: all of its textures use set {first} of texture coordinates");
+            scene.notices.push(Notice::warning(self.source.clone(), message));
+        }
+        first
+    }
+
+    fn look(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>, name: String) -> Look {
+        let pbr = material.pbr_metallic_roughness();
+        let [r, g, b, _] = pbr.base_color_factor();
+        let base = pbr.base_color_texture().map(|info| Use::of(&info));
+        let base = self.images.color(scene, base, [r, g, b].map(share));
+        let rough = share(pbr.roughness_factor());
+        let used = pbr.metallic_roughness_texture().map(|info| Use::of(&info));
+        let alpha = self.images.number(scene, used, Part::Squared(1), rough * rough);
+        let roughness = Roughness { u: alpha, v: alpha, remap: false };
+        let normal_map = material.normal_texture().and_then(|normal| {
+            let info = Use::new(normal.texture(), normal.tex_coord(), None);
+            self.images.texture(scene, &info, Part::Normal(normal.scale().to_bits()), 1.0)
+        });
+        let ior = material.ior().filter(|ior| ior.is_finite() && *ior >= 1.0).unwrap_or(IOR);
+        Look { name, base, roughness, ior, normal_map }
+    }
+
+    /// Adds the scattering of a material, with all mixed materials.
+    fn kind(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>, look: &Look) -> MaterialId {
+        if let Some(old) = material.pbr_specular_glossiness() {
+            let kind = self.specular_glossiness(scene, &old);
+            return self.add(scene, look, kind);
+        }
+        let opaque = self.opaque(scene, material, look);
+        let opaque = self.add(scene, look, opaque);
+        let Some(transmission) = material.transmission() else { return opaque };
+        let used = transmission.transmission_texture().map(|info| Use::of(&info));
+        let amount = self.images.number(scene, used, Part::Channel(0), share(transmission.transmission_factor()));
+        let glass = glass(look, material.volume().is_some());
+        let glass = self.add(scene, look, glass);
+        self.mix(scene, look, [opaque, glass], amount)
+    }
+
+    /// A surface that transmits no light: diffuse, glossy and metallic parts, and a clear coat.
+    fn opaque(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>, look: &Look) -> MaterialKind {
+        let coat = coat(material);
+        let pbr = material.pbr_metallic_roughness();
+        let used = pbr.metallic_roughness_texture().map(|info| Use::of(&info));
+        let metallic = self.images.number(scene, used, Part::Channel(2), share(pbr.metallic_factor()));
+        let (normal, grazing) = self.specular(scene, material, look);
+        let roughness = look.roughness;
+        let smooth = roughness.constants().is_some_and(crate::effectively_smooth);
+        match metallic {
+            Scalar::Constant(1.0) if smooth && coat.is_none() => {
+                MaterialKind::Conductor { fresnel: ConductorFresnel::Reflectance(look.base), roughness }
+            }
+            Scalar::Constant(0.0) if (grazing == 0.0 && coat.is_none()) || material.unlit() => {
+                MaterialKind::Diffuse { reflectance: look.base }
+            }
+            _ => MaterialKind::Layered { base: look.base, metallic, normal, grazing, roughness, coat },
+        }
+    }
+
+    /// The Fresnel reflectance of a dielectric material along the normal, and at grazing angles.
+    fn specular(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>, look: &Look) -> ([f32; 3], f32) {
+        let ratio = (look.ior - 1.0) / (look.ior + 1.0);
+        let Some(specular) = material.specular() else { return ([ratio * ratio; 3], 1.0) };
+        if specular.specular_texture().is_some() || specular.specular_color_texture().is_some() {
+            let message = format!("{}: the textures of its specular reflection are left out", look.name);
+            scene.notices.push(Notice::warning(self.source.clone(), message));
+        }
+        let strength = share(specular.specular_factor());
+        (specular.specular_color_factor().map(|c| share(ratio * ratio * c) * strength), strength)
+    }
+
+    fn specular_glossiness(
+        &mut self,
+        scene: &mut Scene,
+        old: &::gltf::material::PbrSpecularGlossiness<'_>,
+    ) -> MaterialKind {
+        let [r, g, b, _] = old.diffuse_factor();
+        let diffuse = old.diffuse_texture().map(|info| Use::of(&info));
+        let diffuse = self.images.color(scene, diffuse, [r, g, b].map(share));
+        let gloss = share(old.glossiness_factor());
+        let used = || old.specular_glossiness_texture().map(|info| Use::of(&info));
+        let specular = self.images.color(scene, used(), old.specular_factor().map(share));
+        let alpha =
+            match used().and_then(|info| self.images.texture(scene, &info, Part::Glossiness(gloss.to_bits()), 1.0)) {
+                Some(id) => Scalar::Texture(id),
+                None => Scalar::Constant((1.0 - gloss) * (1.0 - gloss)),
+            };
+        let roughness = Roughness { u: alpha, v: alpha, remap: false };
+        MaterialKind::Substrate { diffuse, specular, roughness }
+    }
+
+    /// Adds a mix of two materials; only one of them if the amount is 0 or 1.
+    fn mix(&self, scene: &mut Scene, look: &Look, materials: [MaterialId; 2], amount: Scalar) -> MaterialId {
+        match amount {
+            Scalar::Constant(0.0) => materials[0],
+            Scalar::Constant(1.0) => materials[1],
+            _ => self.add(scene, look, MaterialKind::Mix { materials, amount }),
+        }
+    }
+
+    fn add(&self, scene: &mut Scene, look: &Look, kind: MaterialKind) -> MaterialId {
+        let material = Material::new(look.name.clone(), kind, self.source.clone());
+        self.push(scene, Material { normal_map: look.normal_map, ..material })
+    }
+
+    fn push(&self, scene: &mut Scene, material: Material) -> MaterialId {
+        scene.materials.push(material);
+        MaterialId(scene.materials.len() as u32 - 1)
+    }
+
+    fn alpha(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>) -> Option<Scalar> {
+        let pbr = material.pbr_metallic_roughness();
+        let factor = share(pbr.base_color_factor()[3]);
+        let used = pbr.base_color_texture().map(|info| Use::of(&info));
+        match material.alpha_mode() {
+            AlphaMode::Opaque => None,
+            AlphaMode::Mask => {
+                let cutoff = material.alpha_cutoff().unwrap_or(0.5);
+                let part = Part::Mask((cutoff / factor).to_bits());
+                let texture = used.and_then(|info| self.images.texture(scene, &info, part, 1.0));
+                let constant = Scalar::Constant(f32::from(factor >= cutoff));
+                Some(texture.map_or(constant, Scalar::Texture))
+            }
+            AlphaMode::Blend => Some(self.images.number(scene, used, Part::Alpha, factor)),
+        }
+    }
+
+    /// The medium inside a material with a volume, from the colour that light has left after the attenuation distance.
+    fn medium(&self, scene: &mut Scene, material: &GltfMaterial<'_>, name: &str) -> Option<MediumInterface> {
+        let volume = material.volume().filter(|volume| volume.thickness_factor() > 0.0)?;
+        let distance = volume.attenuation_distance();
+        let absorption = volume.attenuation_color().map(|c| -libm::logf(c.clamp(1e-6, 1.0)) / distance);
+        let absorbs = distance > 0.0 && distance.is_finite() && absorption.iter().any(|a| *a > 0.0);
+        absorbs.then(|| {
+            let id = MediumId(scene.media.len() as u32);
+            let source = self.source.clone();
+            scene.media.push(Medium { name: name.into(), absorption, scattering: [0.0; 3], g: 0.0, source });
+            MediumInterface { inside: Some(id), outside: None }
+        })
+    }
+
+    /// Splits a mesh whose emission is a texture into parts of nearly equal emission; any other mesh stays whole.
+    ///
+    /// A part's triangles emit the mean of the texture over each, rounded to quarters of a stop.
+    pub(super) fn lit_parts(&self, data: MeshData, surface: Surface) -> Vec<(MeshData, Surface)> {
+        let (Some(image), Some(emission)) = (&surface.glow, surface.emission) else { return vec![(data, surface)] };
+        if data.uvs.is_empty() {
+            return vec![(data, surface)];
+        }
+        let mut groups: BTreeMap<[i32; 3], Alike> = BTreeMap::new();
+        for triangle in &data.triangles {
+            let mean = mean_over(image, triangle.map(|corner| data.uvs[corner as usize]));
+            let key = mean.map(|c| if c > 1e-4 { (4.0 * libm::log2f(c)).round() as i32 } else { i32::MIN });
+            let (triangles, sum) = groups.entry(key).or_default();
+            triangles.push(*triangle);
+            (0..3).for_each(|c| sum[c] += f64::from(mean[c]));
+        }
+        let part = |(triangles, sum): Alike| {
+            let mean = sum.map(|c| (c / triangles.len() as f64) as f32);
+            let radiance = std::array::from_fn(|c| emission.radiance[c] * mean[c]);
+            let shines = mean.iter().any(|c| *c > 1e-4);
+            let emission = shines.then_some(Emission { radiance, ..emission });
+            (data.part(triangles), Surface { emission, ..surface.clone() })
+        };
+        groups.into_values().map(part).collect()
+    }
+}
+
+/// The clear coat of a material.
+fn coat(material: &GltfMaterial<'_>) -> Option<ClearCoat> {
+    let coat = material.extension_value("KHR_materials_clearcoat")?;
+    let number = |key: &str| share(coat.get(key).and_then(serde_json::Value::as_f64).unwrap_or(0.0) as f32);
+    let (amount, rough) = (number("clearcoatFactor"), number("clearcoatRoughnessFactor"));
+    (amount > 0.0).then_some(ClearCoat { amount, alpha: rough * rough })
+}
+
+/// Glass: a solid body, or a pane if the file states no volume and the glass is clear and smooth.
+fn glass(look: &Look, solid: bool) -> MaterialKind {
+    let clear = matches!(look.base, Color::Constant(rgb) if rgb.iter().all(|c| *c > 0.99));
+    let smooth = look.roughness.constants().is_some_and(|alpha| alpha[0] < crate::SMOOTH_ALPHA);
+    if clear && smooth && !solid {
+        return MaterialKind::ThinDielectric { eta: look.ior };
+    }
+    let reflectance = Color::Constant([1.0; 3]);
+    MaterialKind::Dielectric { eta: look.ior, roughness: look.roughness, reflectance, transmittance: look.base }
+}
+
+/// The value in 0 to 1 that is nearest; NaN becomes 0.
+fn share(value: f32) -> f32 {
+    if value > 0.0 { value.min(1.0) } else { 0.0 }
+}
+
+/// The mean of an image over a triangle with corners at these texture coordinates.
+fn mean_over(image: &Image, corners: [[f32; 2]; 3]) -> [f32; 3] {
+    let (mut sum, mut count) = ([0.0; 3], 0.0);
+    for i in 0..POINTS {
+        for j in 0..POINTS - i {
+            let [a, b] = [i, j].map(|k| (k as f32 + 1.0 / 3.0) / POINTS as f32);
+            let at = |c: usize| a * corners[0][c] + b * corners[1][c] + (1.0 - a - b) * corners[2][c];
+            let place = |share: f32, size: usize| ((share.rem_euclid(1.0) * size as f32) as usize).min(size - 1);
+            let pixel = image.pixel(place(at(0), image.width()), place(1.0 - at(1), image.height()));
+            (0..3).for_each(|c| sum[c] += pixel[c]);
+            count += 1.0;
+        }
+    }
+    sum.map(|c| c / count)
+}

@@ -1,0 +1,258 @@
+//! The meshes of a glTF file as shapes and instances.
+
+use super::buffers::Buffers;
+use super::materials::{Materials, Surface};
+use super::nodes::Placed;
+use super::{Fault, named};
+use crate::files::Files;
+use crate::{Geometry, Instance, MeshData, Notice, Object, ObjectId, Scene, Shape, Source};
+use ::gltf::mesh::{Mode, Primitive, Semantic};
+use ::gltf::{Accessor, Document, Mesh, Node};
+use glam::{DAffine3, DMat4, DVec3};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// A part of a mesh (primitive): triangles of one material.
+#[derive(Clone)]
+struct Part {
+    geometry: Arc<MeshData>,
+    surface: Surface,
+}
+
+/// Adds the shapes of a glTF file to a scene.
+pub(super) struct Shapes<'a> {
+    scene: &'a mut Scene,
+    buffers: &'a Buffers<'a>,
+    materials: Materials<'a>,
+    source: &'a Source,
+    /// Parts of meshes that were read, by the mesh's index.
+    meshes: BTreeMap<usize, Vec<Part>>,
+    objects: BTreeMap<usize, ObjectId>,
+}
+
+impl<'a> Shapes<'a> {
+    pub(super) fn new(
+        scene: &'a mut Scene,
+        document: &'a Document,
+        buffers: &'a Buffers<'a>,
+        files: &'a dyn Files,
+        source: &'a Source,
+    ) -> Self {
+        let materials = Materials::new(document, buffers, files, source);
+        Self { scene, buffers, materials, source, meshes: BTreeMap::new(), objects: BTreeMap::new() }
+    }
+
+    /// Adds the meshes of all nodes. A mesh that several nodes place becomes instances of one object, unless it shines.
+    pub(super) fn add(&mut self, placed: &[Placed<'_>]) -> Result<(), Fault> {
+        let mut uses: BTreeMap<usize, usize> = BTreeMap::new();
+        for mesh in placed.iter().filter_map(|p| p.node.mesh()) {
+            *uses.entry(mesh.index()).or_default() += 1;
+        }
+        for Placed { node, to_world } in placed {
+            let Some(mesh) = node.mesh() else { continue };
+            if node.skin().is_some() || morphs(node, &mesh) {
+                let joints = self.joints(node, placed)?;
+                let weights = node.weights().or(mesh.weights()).unwrap_or(&[]).to_vec();
+                let to_world = if joints.is_empty() { *to_world } else { DAffine3::IDENTITY };
+                let parts = self.parts(&mesh, &joints, &weights)?;
+                self.place(parts, to_world);
+                continue;
+            }
+            if to_world.matrix3.determinant() == 0.0 {
+                let message = format!("{} has no extent; left out", named("node", node.index(), node.name()));
+                self.scene.notices.push(Notice::warning(self.source.clone(), message));
+                continue;
+            }
+            if !self.meshes.contains_key(&mesh.index()) {
+                let parts = self.parts(&mesh, &[], &[])?;
+                self.meshes.insert(mesh.index(), parts);
+            }
+            let parts = self.meshes[&mesh.index()].clone();
+            if uses[&mesh.index()] > 1 && parts.iter().all(|part| part.surface.emission.is_none()) {
+                self.instance(&mesh, &parts, *to_world);
+            } else {
+                self.place(parts, *to_world);
+            }
+        }
+        Ok(())
+    }
+
+    fn place(&mut self, parts: Vec<Part>, to_world: DAffine3) {
+        let source = self.source;
+        self.scene.shapes.extend(parts.into_iter().map(|part| part.shape(to_world, source)));
+    }
+
+    fn instance(&mut self, mesh: &Mesh<'_>, parts: &[Part], to_world: DAffine3) {
+        if parts.is_empty() {
+            return;
+        }
+        let (scene, source) = (&mut *self.scene, self.source);
+        let object = *self.objects.entry(mesh.index()).or_insert_with(|| {
+            let shapes = parts.iter().cloned().map(|part| part.shape(DAffine3::IDENTITY, source)).collect();
+            scene.objects.push(Object {
+                name: named("mesh", mesh.index(), mesh.name()),
+                shapes,
+                source: source.clone(),
+            });
+            ObjectId(scene.objects.len() as u32 - 1)
+        });
+        scene.instances.push(Instance { object, to_world, moves_to: None, source: source.clone() });
+    }
+
+    /// The transforms of a skinned mesh's joints, from the mesh's space in its bind pose to world space; none without a
+    /// skin.
+    fn joints(&self, node: &Node<'_>, placed: &[Placed<'_>]) -> Result<Vec<DAffine3>, Fault> {
+        let Some(skin) = node.skin() else { return Ok(Vec::new()) };
+        let bind: Vec<DAffine3> = match skin.inverse_bind_matrices() {
+            Some(accessor) => self.buffers.floats::<16>(&accessor)?.into_iter().map(affine).collect(),
+            None => Vec::new(),
+        };
+        let world: BTreeMap<usize, DAffine3> = placed.iter().map(|p| (p.node.index(), p.to_world)).collect();
+        let joint = |(k, joint): (usize, Node<'_>)| {
+            let pose = world.get(&joint.index()).copied().unwrap_or(DAffine3::IDENTITY);
+            pose * bind.get(k).copied().unwrap_or(DAffine3::IDENTITY)
+        };
+        Ok(skin.joints().enumerate().map(joint).collect())
+    }
+
+    /// Reads the parts of a mesh, with `weights` of its morph targets and `joints` of its skin.
+    fn parts(&mut self, mesh: &Mesh<'_>, joints: &[DAffine3], weights: &[f32]) -> Result<Vec<Part>, Fault> {
+        let mut parts = Vec::new();
+        for primitive in mesh.primitives() {
+            let name = format!("{}, part {}", named("mesh", mesh.index(), mesh.name()), primitive.index());
+            if matches!(primitive.mode(), Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
+                let message = format!("{name} consists of points or lines; left out");
+                self.scene.notices.push(Notice::warning(self.source.clone(), message));
+                continue;
+            }
+            let surface = self.materials.of(self.scene, &primitive.material())?;
+            let mut data =
+                self.mesh(&primitive, joints, weights, surface.uv_set).map_err(|what| format!("{name}: {what}"))?;
+            if data.triangles.is_empty() {
+                continue;
+            }
+            if let Some(count) = data.mend_normals() {
+                let message = format!("{name}: {count} normals are not finite; the faces' own stand for them");
+                self.scene.notices.push(Notice::warning(self.source.clone(), message));
+            }
+            data.check().map_err(|e| format!("{name}: {e}"))?;
+            if primitive.get(&Semantic::Colors(0)).is_some() {
+                let message = format!("{name}: vertex colours are left out");
+                self.scene.notices.push(Notice::warning(self.source.clone(), message));
+            }
+            for (data, surface) in self.materials.lit_parts(data, surface) {
+                parts.push(Part { geometry: Arc::new(data), surface });
+            }
+        }
+        Ok(parts)
+    }
+
+    fn mesh(
+        &self,
+        primitive: &Primitive<'_>,
+        joints: &[DAffine3],
+        weights: &[f32],
+        uv_set: u32,
+    ) -> Result<MeshData, String> {
+        let Some(positions) = primitive.get(&Semantic::Positions) else { return Ok(MeshData::default()) };
+        let vectors = |accessor: &Accessor<'_>| -> Result<Vec<DVec3>, String> {
+            Ok(self.buffers.floats::<3>(accessor)?.into_iter().map(|v| DVec3::from_array(v.map(f64::from))).collect())
+        };
+        let mut positions = vectors(&positions)?;
+        let mut normals = match primitive.get(&Semantic::Normals) {
+            Some(accessor) => vectors(&accessor)?,
+            None => Vec::new(),
+        };
+        for (target, &weight) in primitive.morph_targets().zip(weights).filter(|(_, weight)| **weight != 0.0) {
+            for (values, moved) in [(&mut positions, target.positions()), (&mut normals, target.normals())] {
+                if let Some(accessor) = moved {
+                    values.iter_mut().zip(vectors(&accessor)?).for_each(|(v, by)| *v += f64::from(weight) * by);
+                }
+            }
+        }
+        if !joints.is_empty() {
+            self.bend(primitive, joints, &mut positions, &mut normals)?;
+        }
+        let uvs = match primitive.get(&Semantic::TexCoords(uv_set)) {
+            // glTF's v runs from the top edge of an image, ours from the bottom edge.
+            Some(accessor) => self.buffers.floats::<2>(&accessor)?.into_iter().map(|[u, v]| [u, 1.0 - v]).collect(),
+            None => Vec::new(),
+        };
+        let triangles = match primitive.indices() {
+            Some(accessor) => {
+                triangles(primitive.mode(), self.buffers.integers::<1>(&accessor)?.into_iter().map(|[i]| i))
+            }
+            None => triangles(primitive.mode(), 0..positions.len() as u32),
+        };
+        let normals = normals.into_iter().map(|n| n.as_vec3().to_array()).collect();
+        Ok(MeshData { positions, normals, uvs, triangles })
+    }
+
+    /// Applies a skin: each vertex moves with the weighted mean of its joints' transforms.
+    fn bend(
+        &self,
+        primitive: &Primitive<'_>,
+        joints: &[DAffine3],
+        positions: &mut [DVec3],
+        normals: &mut [DVec3],
+    ) -> Result<(), String> {
+        let (indices, weights) = (primitive.get(&Semantic::Joints(0)), primitive.get(&Semantic::Weights(0)));
+        let (Some(indices), Some(weights)) = (indices, weights) else { return Ok(()) };
+        let (indices, weights) = (self.buffers.integers::<4>(&indices)?, self.buffers.floats::<4>(&weights)?);
+        let bent = |k: usize| {
+            let (indices, weights) = (indices.get(k)?, weights.get(k)?);
+            let sum: f32 = weights.iter().sum();
+            let mut to_world = DAffine3::ZERO;
+            for (&joint, &weight) in indices.iter().zip(weights).filter(|(_, w)| **w > 0.0) {
+                let (share, joint) = (f64::from(weight / sum), joints.get(joint as usize)?);
+                to_world.matrix3 += joint.matrix3 * share;
+                to_world.translation += joint.translation * share;
+            }
+            (to_world != DAffine3::ZERO).then_some(to_world)
+        };
+        for (k, position) in positions.iter_mut().enumerate() {
+            let Some(to_world) = bent(k) else { return Err("a vertex has no joint; export the file again".into()) };
+            *position = to_world.transform_point3(*position);
+            if let Some(normal) = normals.get_mut(k) {
+                *normal = to_world.matrix3.inverse().transpose() * *normal;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Part {
+    fn shape(self, to_world: DAffine3, source: &Source) -> Shape {
+        let Self { geometry, surface } = self;
+        let (emission, alpha, media) = (surface.emission, surface.alpha, surface.media);
+        Shape {
+            emission,
+            alpha,
+            media,
+            ..Shape::new(Geometry::Mesh(geometry), to_world, surface.material, source.clone())
+        }
+    }
+}
+
+/// True if a morph target moves the mesh of a node.
+fn morphs(node: &Node<'_>, mesh: &Mesh<'_>) -> bool {
+    node.weights().or(mesh.weights()).is_some_and(|weights| weights.iter().any(|w| *w != 0.0))
+}
+
+fn affine(columns: [f32; 16]) -> DAffine3 {
+    DAffine3::from_mat4(DMat4::from_cols_array(&columns.map(f64::from)))
+}
+
+/// The triangles of a list, strip or fan.
+fn triangles(mode: Mode, indices: impl Iterator<Item = u32>) -> Vec<[u32; 3]> {
+    let indices: Vec<u32> = indices.collect();
+    let windows = || indices.windows(3).enumerate();
+    match mode {
+        Mode::TriangleStrip => {
+            windows().map(|(k, w)| if k % 2 == 0 { [w[0], w[1], w[2]] } else { [w[1], w[0], w[2]] }).collect()
+        }
+        // The first window is the fan's first triangle.
+        Mode::TriangleFan => windows().map(|(_, w)| [indices[0], w[1], w[2]]).collect(),
+        _ => indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
+    }
+}

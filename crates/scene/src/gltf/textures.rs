@@ -1,0 +1,205 @@
+//! Images and textures of a glTF file.
+
+use super::buffers::{Buffers, beside, read_uri};
+use super::named;
+use crate::files::Files;
+use crate::image::{Encoding, Image, read_image};
+use crate::{Color, Notice, Scalar, Scene, Source, Texture, TextureId, TextureKind, Wrap};
+use ::gltf::json::texture::WrappingMode;
+use ::gltf::texture::{Info, TextureTransform};
+use ::gltf::{Document, json};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// The part of an image that a parameter reads, and how. Floats are stored by their bits, so that this is a map key.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Part {
+    /// The colour, sRGB.
+    Color,
+    /// A tangent-space normal, whose x and y are scaled by this factor.
+    Normal(u32),
+    /// One channel (0 is red), linear.
+    Channel(usize),
+    /// The square of one channel, linear: alpha of a roughness.
+    Squared(usize),
+    /// Opacity.
+    Alpha,
+    /// Opacity: 1 where it is at least this, else 0.
+    Mask(u32),
+    /// The alpha of a roughness from a glossiness in the opacity, times this factor.
+    Glossiness(u32),
+}
+
+/// A use of a texture by a material: the texture, its set of coordinates and its transform.
+pub(super) struct Use<'a> {
+    pub(super) texture: ::gltf::Texture<'a>,
+    pub(super) set: u32,
+    /// Scale and offset of the coordinates, as in the file.
+    scale: [f32; 2],
+    offset: [f32; 2],
+    rotated: bool,
+}
+
+impl<'a> Use<'a> {
+    pub(super) fn new(texture: ::gltf::Texture<'a>, set: u32, transform: Option<TextureTransform<'a>>) -> Self {
+        let Some(moved) = transform else {
+            return Self { texture, set, scale: [1.0; 2], offset: [0.0; 2], rotated: false };
+        };
+        let set = moved.tex_coord().unwrap_or(set);
+        Self { texture, set, scale: moved.scale(), offset: moved.offset(), rotated: moved.rotation() != 0.0 }
+    }
+
+    pub(super) fn of(info: &Info<'a>) -> Self {
+        Self::new(info.texture(), info.tex_coord(), info.texture_transform())
+    }
+}
+
+/// The images of a file, each decoded once for every part that is read.
+pub(super) struct Images<'a> {
+    document: &'a Document,
+    buffers: &'a Buffers<'a>,
+    files: &'a dyn Files,
+    source: &'a Source,
+    read: BTreeMap<(usize, Part), Option<Arc<Image>>>,
+}
+
+impl<'a> Images<'a> {
+    pub(super) fn new(
+        document: &'a Document,
+        buffers: &'a Buffers<'a>,
+        files: &'a dyn Files,
+        source: &'a Source,
+    ) -> Self {
+        Self { document, buffers, files, source, read: BTreeMap::new() }
+    }
+
+    /// The colour `factor` times a texture; only the factor without one, or if its image cannot be read.
+    pub(super) fn color(&mut self, scene: &mut Scene, info: Option<Use<'_>>, factor: [f32; 3]) -> Color {
+        let even = factor[0] == factor[1] && factor[1] == factor[2];
+        let scale = if even { factor[0] } else { 1.0 };
+        match info.and_then(|info| self.texture(scene, &info, Part::Color, scale)) {
+            None => Color::Constant(factor),
+            Some(id) if even => Color::Texture(id),
+            Some(id) => {
+                let kind = TextureKind::Product { factors: [Color::Constant(factor), Color::Texture(id)] };
+                Color::Texture(self.push(scene, "product".into(), kind))
+            }
+        }
+    }
+
+    /// The number `factor` times a part of a texture; only the factor without one, or if its image cannot be read.
+    pub(super) fn number(&mut self, scene: &mut Scene, info: Option<Use<'_>>, part: Part, factor: f32) -> Scalar {
+        let id = info.and_then(|info| self.texture(scene, &info, part, factor));
+        id.map_or(Scalar::Constant(factor), Scalar::Texture)
+    }
+
+    /// A part of a texture times `factor`. `None`, with a notice, if the image cannot be read.
+    pub(super) fn texture(&mut self, scene: &mut Scene, info: &Use<'_>, part: Part, factor: f32) -> Option<TextureId> {
+        let index = self.document.as_json().textures[info.texture.index()].source.value();
+        let image = self.image(scene, index, part)?;
+        let name = named("texture", info.texture.index(), info.texture.name());
+        if info.rotated {
+            self.notice(scene, format!("{name}: the rotation of its coordinates is left out"));
+        }
+        let sampler = info.texture.sampler();
+        let wrap = [sampler.wrap_s(), sampler.wrap_t()];
+        if wrap.contains(&WrappingMode::MirroredRepeat) {
+            self.notice(scene, format!("{name}: it repeats without being mirrored"));
+        }
+        if wrap[0] != wrap[1] {
+            self.notice(scene, format!("{name}: wraps in the same way in both directions"));
+        }
+        let wrap = if wrap[0] == WrappingMode::ClampToEdge { Wrap::Clamp } else { Wrap::Repeat };
+        // glTF's v runs from the top edge; that of our meshes is 1 minus it.
+        let shift = [info.offset[0], 1.0 - info.offset[1] - info.scale[1]];
+        let kind = TextureKind::Image { image, scale: info.scale, shift, factor, invert: false, wrap };
+        Some(self.push(scene, name, kind))
+    }
+
+    fn push(&self, scene: &mut Scene, name: String, kind: TextureKind) -> TextureId {
+        scene.textures.push(Texture { name, kind, source: self.source.clone() });
+        TextureId(scene.textures.len() as u32 - 1)
+    }
+
+    fn notice(&self, scene: &mut Scene, message: String) {
+        let notice = Notice::warning(self.source.clone(), message);
+        if !scene.notices.contains(&notice) {
+            scene.notices.push(notice);
+        }
+    }
+
+    /// A part of an image. `None`, with a notice, if it cannot be read.
+    pub(super) fn image(&mut self, scene: &mut Scene, index: usize, part: Part) -> Option<Arc<Image>> {
+        if let Some(known) = self.read.get(&(index, part)) {
+            return known.clone();
+        }
+        let image = match self.decode(index, part) {
+            Ok(image) => Some(Arc::new(image)),
+            Err(what) => {
+                let name = self.document.images().nth(index).and_then(|image| image.name()).map(str::to_owned);
+                let name = named("image", index, name.as_deref());
+                self.notice(scene, format!("{name} cannot be read, a constant stands for it: {what}"));
+                None
+            }
+        };
+        self.read.insert((index, part), image.clone());
+        image
+    }
+
+    fn decode(&self, index: usize, part: Part) -> Result<Image, String> {
+        let json: &json::Image = self.document.as_json().images.get(index).ok_or("it does not exist")?;
+        let (bytes, name) = match (&json.uri, json.buffer_view) {
+            (Some(uri), _) => {
+                let bytes = read_uri(uri, self.files, &self.source.file)?;
+                let inline = uri.starts_with("data:");
+                let name = if inline {
+                    format!("image {index}")
+                } else {
+                    beside(uri, &self.source.file).display().to_string()
+                };
+                (bytes, name)
+            }
+            (None, Some(view)) => {
+                let view = self.document.views().nth(view.value()).ok_or("its buffer does not exist")?;
+                (self.buffers.view(&view).ok_or("it reaches beyond its buffer")?.to_vec(), format!("image {index}"))
+            }
+            (None, None) => return Err("it names no file".into()),
+        };
+        let encoding = if part == Part::Color { Encoding::Srgb } else { Encoding::Linear };
+        let image = read_image(&bytes, &name, encoding).and_then(|image| image.checked_finite(&name));
+        Ok(part.of(image.map_err(|e| e.to_string())?))
+    }
+}
+
+impl Part {
+    fn of(self, mut image: Image) -> Image {
+        let alpha = std::mem::take(&mut image.alpha);
+        let opacity = |i: usize| alpha.get(i).copied().unwrap_or(1.0);
+        for (i, pixel) in image.pixels.iter_mut().enumerate() {
+            *pixel = match self {
+                Self::Color => *pixel,
+                Self::Normal(scale) => scaled_normal(*pixel, f32::from_bits(scale)),
+                Self::Channel(c) => [pixel[c]; 3],
+                Self::Squared(c) => [pixel[c] * pixel[c]; 3],
+                Self::Alpha => [opacity(i); 3],
+                Self::Mask(cutoff) => [f32::from(opacity(i) >= f32::from_bits(cutoff)); 3],
+                Self::Glossiness(factor) => {
+                    let roughness = (1.0 - opacity(i) * f32::from_bits(factor)).clamp(0.0, 1.0);
+                    [roughness * roughness; 3]
+                }
+            };
+        }
+        image
+    }
+}
+
+/// The normal `2 rgb - 1` with x and y times `scale`, as an RGB value again.
+fn scaled_normal(rgb: [f32; 3], scale: f32) -> [f32; 3] {
+    if scale == 1.0 {
+        return rgb;
+    }
+    let [x, y, z] = rgb.map(|c| 2.0 * c - 1.0);
+    let [x, y] = [x * scale, y * scale];
+    let length = (x * x + y * y + z * z).sqrt().max(1e-6);
+    [x, y, z].map(|c| 0.5 + 0.5 * c / length)
+}
