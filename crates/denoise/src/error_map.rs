@@ -36,6 +36,13 @@ impl Pair {
         self.each(|c, i, value| value * inputs.divisor(c, i));
     }
 
+    /// Adds `light` to both halves.
+    pub(crate) fn add(&mut self, light: &[Colours; 2]) {
+        for (plane, light) in self.0.iter_mut().flatten().zip(light.iter().flatten()) {
+            plane.iter_mut().zip(light).for_each(|(value, light)| *value += light);
+        }
+    }
+
     fn each(&mut self, f: impl Fn(usize, usize, f32) -> f32) {
         for (c, plane) in self.0.iter_mut().flat_map(|half| half.iter_mut().enumerate()) {
             for (i, value) in plane.iter_mut().enumerate() {
@@ -111,18 +118,38 @@ pub(crate) fn raw_error(inputs: &Inputs, image: &Pair, weight: &[f32]) -> [Plane
 /// Selects per pixel the candidate with the least estimated error over `(2 radius + 1)^2` pixels, the first of equals.
 /// The selection is blurred over 5x5 pixels. The error of the unfiltered image, if that is a candidate, counts
 /// [`HANDICAP`] times.
+///
+/// The unfiltered image must also be better than each other candidate by `evidence` standard errors of that difference;
+/// 0 is no condition. One pixel whose two halves are bright by chance reaches 1 standard error.
 pub(crate) fn select(
     inputs: &Inputs,
     filtered: &[&Pair],
     unfiltered: Option<&Pair>,
     weight: &[f32],
     radius: usize,
+    evidence: f32,
 ) -> Pair {
     let candidates: Vec<&Pair> = filtered.iter().copied().chain(unfiltered).collect();
-    let mut errors: Vec<Plane> =
-        candidates.par_iter().map(|p| box_mean(&raw_error(inputs, p, weight)[0], inputs.size, radius)).collect();
+    let raw: Vec<Plane> = candidates
+        .par_iter()
+        .map(|pair| {
+            let [whole, _] = raw_error(inputs, pair, weight);
+            whole
+        })
+        .collect();
+    let mut errors: Vec<Plane> = raw.par_iter().map(|error| box_mean(error, inputs.size, radius)).collect();
     for error in &mut errors[filtered.len()..] {
         error.iter_mut().for_each(|e| *e *= HANDICAP);
+    }
+    if evidence > 0.0 && unfiltered.is_some() {
+        let (others, own) = errors.split_at_mut(filtered.len());
+        let doubtful: Vec<Vec<bool>> = (0..others.len())
+            .into_par_iter()
+            .map(|k| is_doubtful(inputs, [&raw[k], &raw[filtered.len()]], radius, evidence))
+            .collect();
+        for (i, error) in own[0].iter_mut().enumerate() {
+            *error = if doubtful.iter().any(|doubtful| doubtful[i]) { f32::INFINITY } else { *error };
+        }
     }
     let best =
         |i: usize| (1..errors.len()).fold(0, |best, k| if errors[k][i] < errors[best][i] { k } else { best }) as u8;
@@ -135,15 +162,29 @@ pub(crate) fn select(
     Pair::mixed(&candidates, &shares)
 }
 
+/// For each pixel, whether the mean of `other - own` over `(2 radius + 1)^2` pixels is at most `evidence` standard errors.
+fn is_doubtful(inputs: &Inputs, [other, own]: [&Plane; 2], radius: usize, evidence: f32) -> Vec<bool> {
+    let apart: Plane = other.iter().zip(own).map(|(other, own)| other - own).collect();
+    let squares: Plane = apart.iter().map(|d| d * d).collect();
+    let [mean, square] = [apart, squares].map(|plane| box_mean(&plane, inputs.size, radius));
+    let errors = evidence / (2 * radius + 1) as f32;
+    mean.iter().zip(&square).map(|(mean, square)| *mean <= errors * square.sqrt()).collect()
+}
+
+/// The filtered image in radiance, with the estimated squared error of each pixel ([`filtered_over`] 7x7 pixels).
+pub(crate) fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
+    filtered_over(inputs, image, 3)
+}
+
 /// The filtered image in radiance, with the estimated squared error of each pixel.
 ///
-/// The error is the larger of two smoothed estimates: the whole error over 7x7 pixels and the variance over 5x5. It is
+/// The error is the larger of two smoothed estimates: the whole error over this radius and the variance over 5x5. It is
 /// at least 5 % of the image's mean error, both relative to the squared brightness of 3x3 pixels. It is infinite where
 /// no pixel in reach has samples in both halves.
 ///
 /// Taking the larger estimate keeps the positive part of noise. On images with strong noise the sum is up to three times
-/// the true error.
-pub(crate) fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
+/// the true error, and less with a larger radius.
+pub(crate) fn filtered_over(inputs: &Inputs, image: &Pair, radius: usize) -> Filtered {
     let weight = relative_weight(inputs, image);
     let [whole, variance] = raw_error(inputs, image, &weight);
     let [a, b] = [0, 1].map(|h| &inputs.halves[h].count);
@@ -152,7 +193,7 @@ pub(crate) fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
         let (sums, counts) = (box_mean(plane, inputs.size, radius), box_mean(&known, inputs.size, radius));
         sums.iter().zip(counts).map(|(s, n)| if n > 0.0 { s / n } else { f32::INFINITY }).collect()
     };
-    let smooth: Plane = near(&whole, 3).iter().zip(near(&variance, 2)).map(|(w, v)| w.max(v).max(0.0)).collect();
+    let smooth: Plane = near(&whole, radius).iter().zip(near(&variance, 2)).map(|(w, v)| w.max(v).max(0.0)).collect();
     let finite = || smooth.iter().filter(|e| e.is_finite());
     let floor = 0.05 * finite().map(|e| f64::from(*e)).sum::<f64>() / finite().count().max(1) as f64;
     let square = inputs.level * inputs.level;

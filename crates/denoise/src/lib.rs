@@ -84,6 +84,7 @@ mod pixel_means;
 mod planes;
 mod prefilter;
 mod regression;
+mod scales;
 mod separable;
 mod shrink;
 mod tile;
@@ -97,6 +98,7 @@ pub use cluster_regression::{ClusterRegression, ClusterRegressionOptions, Passes
 pub use error_map::relative_errors;
 pub use gaussian::{Gaussian, GaussianOptions};
 pub use nl_means::{NlMeans, NlMeansOptions};
+pub use scales::Scales;
 
 /// Runs the README's example as a documentation test.
 #[cfg(doctest)]

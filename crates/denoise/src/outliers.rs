@@ -48,7 +48,7 @@ impl Outlier {
 /// A pixel of one half is an outlier if it exceeds [`RATIO`] times each of these: the other half in 3x3 pixels, and
 /// both halves' means over 7x7 pixels, without the pixel itself.
 pub(crate) fn take(inputs: &mut Inputs) -> Option<Colours> {
-    let found = find(inputs);
+    let found = find(inputs, RATIO);
     for outlier in &found {
         let share = share(inputs, outlier.half, outlier.pixel);
         for (plane, excess) in inputs.halves[outlier.half].colour.iter_mut().zip(outlier.excess) {
@@ -57,6 +57,27 @@ pub(crate) fn take(inputs: &mut Inputs) -> Option<Colours> {
     }
     if found.is_empty() { None } else { Some(spread(inputs, &found)) }
 }
+
+/// Takes outliers out of both halves as [`take`] does, with another ratio. Returns the light of each half by itself, in the
+/// units of that half.
+pub(crate) fn take_halves(inputs: &mut Inputs, ratio: f32) -> Option<[Colours; 2]> {
+    let mut found = find(inputs, ratio);
+    for outlier in &mut found {
+        let share = share(inputs, outlier.half, outlier.pixel);
+        for (plane, excess) in inputs.halves[outlier.half].colour.iter_mut().zip(&mut outlier.excess) {
+            *excess /= share;
+            plane[outlier.pixel] -= *excess;
+        }
+    }
+    if found.is_empty() {
+        return None;
+    }
+    let (first, second): (Vec<Outlier>, Vec<Outlier>) = found.into_iter().partition(|outlier| outlier.half == 0);
+    Some([spread(inputs, &first), spread(inputs, &second)])
+}
+
+/// The memory of [`take_halves`] per pixel beyond that of [`take`]: a second list and the light of the other half.
+pub(crate) const BYTES_OF_HALVES: usize = size_of::<Outlier>().div_ceil(3) + 12;
 
 /// The memory of [`take`] per pixel in bytes at most. At most a third of all pixels exceed [`RATIO`] times the mean around
 /// them.
@@ -67,7 +88,7 @@ fn share(inputs: &Inputs, half: usize, i: usize) -> f32 {
     if half == 0 { inputs.first_share(i) } else { 1.0 - inputs.first_share(i) }
 }
 
-fn find(inputs: &Inputs) -> Vec<Outlier> {
+fn find(inputs: &Inputs, ratio: f32) -> Vec<Outlier> {
     let [width, height] = inputs.size;
     let grey: [Plane; 2] = [0, 1].map(|h: usize| {
         let [r, g, b] = &inputs.halves[h].colour;
@@ -84,16 +105,16 @@ fn find(inputs: &Inputs) -> Vec<Outlier> {
         let repeated = (times(x, width) * times(y, height)) as f32;
         let without = (pixels * near[half][i] - repeated * own) / (pixels - repeated).max(1.0);
         let mut around = without.max(near[1 - half][i]).max(DARK);
-        if own <= RATIO * around || inputs.halves.iter().any(|half| half.count[i] == 0.0) {
+        if own <= ratio * around || inputs.halves.iter().any(|half| half.count[i] == 0.0) {
             return None;
         }
         for row in y.saturating_sub(1)..(y + 2).min(height) {
             let other = &grey[1 - half][row * width..][x.saturating_sub(1)..(x + 2).min(width)];
             around = other.iter().copied().fold(around, f32::max);
         }
-        let part = (1.0 - RATIO * around / own) * share(inputs, half, i);
+        let part = (1.0 - ratio * around / own) * share(inputs, half, i);
         let excess = std::array::from_fn(|c| part * inputs.halves[half].colour[c][i]);
-        let width = (AREA * (own / around - RATIO).max(0.0)).sqrt().clamp(WIDTHS[0], WIDTHS[1]);
+        let width = (AREA * (own / around - ratio).max(0.0)).sqrt().clamp(WIDTHS[0], WIDTHS[1]);
         (part > 0.0).then_some(Outlier { pixel: i, half, excess, width })
     };
     (0..inputs.pixels()).into_par_iter().with_min_len(1024).filter_map(of).collect()

@@ -97,6 +97,11 @@ impl Inputs {
         Self { size, level, bounds, halves, features: features(film, reads.features), labels }
     }
 
+    /// Planes of another size for the same image, without clusters.
+    pub(crate) fn with_planes(&self, size: [usize; 2], halves: [Half; 2], features: Features) -> Self {
+        Self { size, level: self.level, bounds: self.bounds, halves, features, labels: None }
+    }
+
     /// The number of bytes per pixel that these planes occupy, and the largest number while they are computed.
     pub(crate) const fn bytes_per_pixel(labels: bool) -> [usize; 2] {
         let (halves, labels) = (2 * 7, if labels { 1 } else { 0 });
@@ -111,6 +116,15 @@ impl Inputs {
     /// Adds the light that the filter did not get to the image that it made of this film.
     pub(crate) fn restored(&self, film: &Film, filtered: Filtered) -> Filtered {
         self.bounds.restore(film, filtered)
+    }
+
+    /// Adds `light` to the colours of both halves.
+    pub(crate) fn add(&mut self, light: &[Colours; 2]) {
+        for (half, light) in self.halves.iter_mut().zip(light) {
+            for (plane, light) in half.colour.iter_mut().zip(light) {
+                plane.iter_mut().zip(light).for_each(|(value, light)| *value += light);
+            }
+        }
     }
 
     /// The number of pixels.
@@ -344,7 +358,8 @@ fn pixel_angle(position: &Colours, all: &[Feature], [width, _]: [usize; 2]) -> f
     steps.select_nth_unstable_by(quarter, f32::total_cmp).1.clamp(1e-9, 1e9)
 }
 
-fn slopes(depth: &[f32], size: [usize; 2]) -> Plane {
+/// The smallest change of the log `depth` per pixel among 3x3 pixels.
+pub(crate) fn slopes(depth: &[f32], size: [usize; 2]) -> Plane {
     let [width, height] = size;
     let gradient = |i: usize| {
         let (x, y) = (i % width, i / width);

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 /// The number of standard errors by which a bias must exceed 0 to count. Without it, patches of specks remain up to 16 spp;
 /// with 2, 1.5 % more error at 32 spp.
-const EVIDENCE: f32 = 1.0;
+pub(crate) const EVIDENCE: f32 = 1.0;
 
 /// The radii over which a blend pools its two sums, in pixels.
 #[derive(Clone, Copy, Debug)]
@@ -21,11 +21,11 @@ pub(crate) struct Radii {
 ///
 /// With `D_A` and `D_B` the differences of the halves, `V` the mean of `(D_A - D_B)^2 / 4` over a window and `B` that of
 /// `D_A D_B`, the result is `narrow + a (smooth - narrow)` with `a = V / (V + max(0, B))`. The halves share no sample,
-/// so `D_A D_B` estimates the squared bias without noise. It counts as far as it exceeds [`EVIDENCE`] standard errors:
+/// so `D_A D_B` estimates the squared bias without noise. It counts as far as it exceeds `evidence` standard errors:
 /// otherwise chance would keep patches of noise. Squares are relative to the squared radiance of `smooth`, as
 /// in relMSE. A choice between the images by a threshold would keep dark pixels, which look free of noise, and replace
 /// bright ones, and so darken the image. Without any pixel that both halves have sampled, the result is `smooth`.
-pub(crate) fn shrink(inputs: &Inputs, narrow: &Pair, smooth: &Pair, radii: Radii) -> Pair {
+pub(crate) fn shrink(inputs: &Inputs, narrow: &Pair, smooth: &Pair, radii: Radii, evidence: f32) -> Pair {
     let weight = relative_weight(inputs, smooth);
     let [noise, bias] = differences(inputs, narrow, smooth, &weight);
     let noise = box_mean(&noise, inputs.size, radii.noise);
@@ -33,7 +33,7 @@ pub(crate) fn shrink(inputs: &Inputs, narrow: &Pair, smooth: &Pair, radii: Radii
     let squares = box_mean(&squares, inputs.size, radii.bias);
     let bias = box_mean(&bias, inputs.size, radii.bias);
     // The number of standard errors of a mean over the window, per root of the mean square.
-    let errors = EVIDENCE / (2 * radii.bias + 1) as f32;
+    let errors = evidence / (2 * radii.bias + 1) as f32;
     let certain = bias.iter().zip(&squares).map(|(bias, square)| (bias - errors * square.sqrt()).max(0.0));
     let share: Plane = noise.iter().zip(certain).map(|(v, b)| (v + 1e-12) / (v + b + 1e-12)).collect();
     let share = box_mean(&share, inputs.size, 2);

@@ -4,7 +4,7 @@ use dapple_conformance as conformance;
 use dapple_core::Frame;
 use dapple_denoise::{
     Bilateral, BilateralOptions, ClusterGaussian, ClusterGaussianOptions, ClusterLookup, ClusterRegression,
-    ClusterRegressionOptions, Gaussian, NlMeans, NlMeansOptions, Passes,
+    ClusterRegressionOptions, Gaussian, NlMeans, NlMeansOptions, Passes, Scales,
 };
 use std::sync::Arc;
 
@@ -66,4 +66,8 @@ fn cluster_regression_conforms() {
         conformance::filter(|| Box::new(plain.clone().with_clusters(label.clone(), "")));
     }
     conformance::filter(|| Box::new(ClusterRegression::new()));
+    for scales in [Scales::Fixed(0), Scales::Fixed(4)] {
+        let options = ClusterRegressionOptions::default().scales(scales);
+        conformance::filter(|| Box::new(ClusterRegression::with_options(options).unwrap()));
+    }
 }

@@ -8,5 +8,6 @@ mod filters;
 mod hard_cases;
 mod lobes_and_tiles;
 mod outside;
+mod scales;
 mod support;
 mod withheld;
