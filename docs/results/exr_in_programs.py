@@ -50,7 +50,6 @@ def in_blender(path, planes):
     import bpy
 
     image = bpy.data.images.load(str(path))
-    fine = check("Blender reads it as layers", image.type == "MULTILAYER")
     scene = bpy.context.scene
     scene.use_nodes = True
     tree = scene.node_tree
@@ -60,7 +59,7 @@ def in_blender(path, planes):
     names = {output.name for output in node.outputs}
     print("      Blender's passes:", ", ".join(sorted(names)))
     layers = {name.split(".")[0] for name in planes if "." in name}
-    fine &= check("Blender lists every layer, with alpha and depth", layers | {"Combined", "Alpha", "Depth"} <= names)
+    fine = check("Blender lists every layer, with alpha and depth", layers | {"Combined", "Alpha", "Depth"} <= names)
     return fine
 
 
