@@ -72,3 +72,16 @@ fn a_gltf_scene_is_rendered_by_its_own_camera() {
     let info = folder.done("info lamp.gltf");
     assert!(info.contains("triangles   1") && info.contains("1 area"), "{info}");
 }
+
+#[test]
+fn a_lamp_without_area_is_named() {
+    let folder = Folder::new();
+    let scene = "Camera \"perspective\"\nWorldBegin\nLightSource \"infinite\"\nAttributeBegin\nAreaLightSource \"diffuse\"\n\
+        Shape \"trianglemesh\" \"point3 P\" [0 0 3 0 0 3 0 1 3] \"integer indices\" [0 1 2]\nAttributeEnd\nShape \"sphere\"\n";
+    std::fs::write(folder.path("dark.pbrt"), scene).expect("written");
+    let said = folder.run("render dark.pbrt --spp 1 --resolution 8x8 -o a.png").err;
+    assert!(
+        said.contains("warning: dark.pbrt:6: this lamp has no area and gives off no light; make it larger"),
+        "{said}"
+    );
+}

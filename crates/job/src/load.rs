@@ -11,7 +11,7 @@ use dapple_scene::bundled::{self, Bundle};
 use dapple_scene::files::{Disk, Files};
 use dapple_scene::model::ModelOptions;
 use dapple_scene::pbrt::ReadOptions;
-use dapple_scene::{AnyOptions, Effect, Effects, PixelFilter, Scene, read_any_from};
+use dapple_scene::{AnyOptions, Effect, Effects, Geometry, PixelFilter, Scene, Shape, read_any_from};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -258,6 +258,17 @@ fn notices(spec: &RenderSpec, scene: &Scene) -> Vec<Warning> {
         warnings.extend(scene.notices.iter().cloned().map(Warning::Notice));
     }
     warnings
+        .extend(scene.shapes.iter().filter(|s| is_dark_lamp(s)).map(|s| Warning::LampWithoutArea(s.source.clone())));
+    warnings
+}
+
+/// Returns `true` for a shape that should shine, and has no triangle with an area.
+fn is_dark_lamp(shape: &Shape) -> bool {
+    let (Some(_), Geometry::Mesh(mesh)) = (&shape.emission, &shape.geometry) else { return false };
+    mesh.triangles.iter().all(|triangle| {
+        let [a, b, c] = triangle.map(|corner| shape.to_world.transform_point3(mesh.positions[corner as usize]));
+        (b - a).cross(c - a).length_squared() == 0.0
+    })
 }
 
 /// The bundled scene called `name`; `None` if there is none, or if a file has this name.

@@ -1,7 +1,7 @@
 //! Warnings of a render.
 
 use dapple_core::{Rejected, streams};
-use dapple_scene::{Called, Effect, Notice};
+use dapple_scene::{Called, Effect, Notice, Source};
 use std::fmt;
 
 /// A condition that a user should know about, but that does not stop the render.
@@ -19,6 +19,8 @@ pub enum Warning {
     },
     /// A light that a path tracer finds by chance only, such as a small lamp behind glass.
     FoundByChance(Called),
+    /// A lamp whose triangles have no area, so that it gives off no light.
+    LampWithoutArea(Source),
     /// Triangles without area, which are left out: their number.
     DroppedTriangles(usize),
     /// The newest version of a checkpoint is missing or damaged: the error of reading it. The render resumes from the
@@ -108,6 +110,9 @@ impl fmt::Display for Warning {
             }
             Self::LeftOut { effect, by: None } => write!(f, "without {effect}: {}", effect.left_out()),
             Self::FoundByChance(called) => write!(f, "{}: {}", called.source, found_by_chance(called)),
+            Self::LampWithoutArea(source) => {
+                write!(f, "{source}: this lamp has no area and gives off no light; make it larger, or remove it")
+            }
             Self::DroppedTriangles(dropped) => write!(f, "{dropped} triangles have no area and are left out"),
             Self::PreviousCheckpoint(trouble) => write!(f, "{trouble}; resuming from the checkpoint before it"),
             Self::NoCheckpoint(trouble) => {
