@@ -41,6 +41,7 @@ struct Readme;
 
 mod error;
 mod external;
+mod file_names;
 mod measured_image;
 mod plan;
 mod record;
@@ -58,7 +59,7 @@ pub use error::StudyError;
 pub use external::External;
 pub use plan::{
     DEFAULT_FILTERS, DEFAULT_REFERENCE_SPP, DEFAULT_SAMPLERS, DEFAULT_SCENES, DEFAULT_SEEDS, DEFAULT_SIDE, DEFAULT_SPP,
-    Plan, PlanError, PlanPatch, ScenePlan, split_names,
+    Plan, PlanError, PlanPatch, ScenePlan, default_lights, split_names,
 };
 pub use record::{ImageErrors, Machine, Manifest, Method, Phases, ReferenceRecord, Run, RunBudget, SceneRecord};
 pub use recorded_study::{FolderError, RecordedStudy};
