@@ -90,6 +90,39 @@ fn a_study_measures_what_dapple_render_does_by_default_first() {
 }
 
 #[test]
+fn files_beside_the_report_name_their_methods() {
+    let folder = Folder::new();
+    let words = "study tiny.pbrt --resolution 12x8 --spp 2,4 --seeds 2 --reference-spp 8 --filters none -o s";
+    let out = folder.done(words);
+    for file in ["report.html", "runs.csv", "latex", "notebook.ipynb", "viewer", "study.json"] {
+        assert!(out.contains(&format!("s/{file}: ")), "{file}: {out}");
+        assert!(folder.path("s").join(file).exists(), "{file}");
+    }
+    let runs = folder.study("s");
+    let images: Vec<&str> = runs.values().filter_map(|run| run["image"].as_str()).collect();
+    assert_eq!(images.len(), 2 * 3);
+    for image in ["adaptive-none-2spp", "adaptive-none-4spp", "uniform-none-time-of-2spp"] {
+        assert!(images.contains(&format!("images/tiny/{image}.exr").as_str()), "{image}: {images:?}");
+        folder.read(&format!("s/images/tiny/{image}.exr"));
+    }
+    for file in ["adaptive-none.exr", "uniform-none.exr", "reference.exr"] {
+        folder.read(&format!("s/viewer/tiny/{file}"));
+    }
+    let table = String::from_utf8(folder.read("s/runs.csv")).expect("UTF-8");
+    assert_eq!(table.lines().count(), 1 + runs.len());
+    // Written anew, without runs.
+    let (page, lines) = (folder.read("s/report.html"), folder.lines("s"));
+    for file in ["report.html", "runs.csv"] {
+        std::fs::remove_file(folder.path("s").join(file)).expect("a file");
+    }
+    folder.done("study --report-only -o s -q");
+    assert!(folder.read("s/report.html") == page && folder.lines("s") == lines);
+    let said = folder.run("study --report-only -o nowhere");
+    assert_eq!(said.status, Some(1));
+    assert!(said.err.contains("nowhere/study.json: cannot be read"), "{}", said.err);
+}
+
+#[test]
 fn a_process_for_each_run_makes_the_same_images() {
     let folder = Folder::new();
     let words = format!("study tiny.pbrt {SMALL} --samplers uniform,variance --filters none --time-of 0");

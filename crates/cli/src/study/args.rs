@@ -120,6 +120,10 @@ pub(crate) struct StudyArgs {
     #[arg(long)]
     allow_unsupported: bool,
 
+    /// Write the report and the other files of the study in the folder of --output anew, without runs
+    #[arg(long)]
+    pub(super) report_only: bool,
+
     /// Show no progress and no list of files; warnings are still printed
     #[arg(short, long)]
     pub(super) quiet: bool,
@@ -132,6 +136,7 @@ Examples:
   dapple study teapot cornell --samplers uniform,variance,mitchell:mode=budget,radius=2 --filters none,gaussian
   dapple study scene.pbrt --spp 8,16,32,64 --seeds 8 --reference reference.exr -o scene-study --fresh
   dapple study --plan study.toml -o results
+  dapple study --report-only -o results            the report anew, from runs.jsonl
 
 A plan, every key optional:
   scenes = [\"teapot\", { source = \"box.pbrt\", name = \"box\", reference = \"box.exr\" }]
@@ -144,6 +149,10 @@ A plan, every key optional:
   [[external]]
   name = \"oidn\"
   command = \"python3 oidn.py {input} {output}\"
+
+The folder holds the report (report.html), tables (summary.csv, runs.csv with a line per run), images named by method,
+latex/ (tables for booktabs, curves for pgfplots: `pdflatex study.tex`), notebook.ipynb (pandas), and viewer/ (images
+for tev and JERI).
 
 Ctrl-C stops after the current run; the same command resumes. `dapple samplers`, `points` and `filters`
 list what can be compared.";
