@@ -99,11 +99,11 @@ struct PointLine {
     note: String,
 }
 
-/// Makes the page, and the files that it shows: paths relative to the study's folder, and contents.
-pub(super) fn render(
-    recorded: &RecordedStudy,
-    summary: &Summary,
-) -> Result<(String, Vec<(String, Vec<u8>)>), askama::Error> {
+/// A picture beside the page: its path relative to the study's folder, and its contents.
+type PictureFile = (String, Vec<u8>);
+
+/// Makes the page, and the pictures that it shows: paths relative to the study's folder, and contents.
+pub(super) fn render(recorded: &RecordedStudy, summary: &Summary) -> Result<(String, Vec<PictureFile>), askama::Error> {
     let manifest = &recorded.manifest;
     let names = names(&manifest.methods);
     let styles = styles(&manifest.methods);

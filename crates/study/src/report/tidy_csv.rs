@@ -5,8 +5,11 @@ use crate::record::{ImageErrors, Run, RunBudget};
 use crate::recorded_study::RecordedStudy;
 use crate::summary::{PHASES, number};
 
+/// A function that returns one of a run's errors.
+type OfErrors = fn(&ImageErrors) -> f64;
+
 /// The name of each error and the function that returns it.
-const ERRORS: [(&str, fn(&ImageErrors) -> f64); 8] = [
+const ERRORS: [(&str, OfErrors); 8] = [
     ("mse", |e| e.mse),
     ("relmse", |e| e.relmse),
     ("relmse_trimmed", |e| e.relmse_trimmed),
