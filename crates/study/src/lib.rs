@@ -8,8 +8,8 @@
 //!    filter. It is timed without progress reports, and its image is compared with a reference.
 //! 3. Each finished run is a line of `runs.jsonl`, on the disk before the next run begins. A stopped study resumes when
 //!    it is opened again with the same plan.
-//! 4. [`write_report`] makes `summary.csv`, `summary.md`, `report.html` and plots, of a finished or an unfinished
-//!    study.
+//! 4. [`write_report`] makes `report.html`, tables, plots, and files for LaTeX, pandas and image viewers, of a finished or
+//!    an unfinished study.
 //!
 //! ```
 //! use dapple_study::{InProcess, PlanPatch, ScenePlan, Study, StudyOptions, write_report};

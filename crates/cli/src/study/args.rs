@@ -121,7 +121,7 @@ pub(crate) struct StudyArgs {
     allow_unsupported: bool,
 
     /// Write the report and the other files of the study in the folder of --output anew, without runs
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["scenes", "plan"])]
     pub(super) report_only: bool,
 
     /// Show no progress and no list of files; warnings are still printed

@@ -128,13 +128,27 @@ fn picture(builder: &Builder<'_>, scene: &SceneRecord) -> Option<String> {
         let _ = writeln!(text, "\\definecolor{{dapple{i}}}{{HTML}}{{{colour}}}");
     }
     let title = escape(&scene.name);
+    let ticks = round_ticks(curves.iter().flat_map(|(_, curve)| curve.points.iter().map(|point| point.0)));
+    let ticks = ticks.iter().map(|tick| number(*tick)).collect::<Vec<_>>().join(",");
     let _ = writeln!(
         text,
-        "\\begin{{loglogaxis}}[title={{{title}}}, xlabel={{seconds for an image}}, ylabel={{relMSE}}, width=0.8\\linewidth, \
-         legend style={{font=\\footnotesize}}, legend pos=outer north east, legend cell align=left]"
+        "\\begin{{loglogaxis}}[title={{{title}}}, xlabel={{seconds for an image}}, ylabel={{relMSE}}, width=\\linewidth, \
+         height=0.7\\linewidth,\n  xtick={{{ticks}}}, xticklabels={{{ticks}}}, legend columns=2, legend cell align=left,\n  \
+         legend style={{font=\\footnotesize, at={{(0.5,-0.18)}}, anchor=north}}]"
     );
     curves.iter().for_each(|(name, curve)| plot(&mut text, name, curve));
     Some(text + "\\end{loglogaxis}\n\\end{tikzpicture}\n")
+}
+
+/// The numbers 1, 2 and 5 times powers of ten within the range of `values`, and the nearest one on each side.
+fn round_ticks(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let [low, high] = values.fold([f64::INFINITY, 0.0_f64], |[low, high], v| [low.min(v), high.max(v)]);
+    let decades = libm::floor(libm::log10(low)) as i32..=libm::floor(libm::log10(high)) as i32 + 1;
+    let steps = |decade: i32| [1, 2, 5].map(|step| format!("{step}e{decade}").parse().unwrap_or(1.0));
+    let ticks: Vec<f64> = decades.flat_map(steps).collect();
+    let first = ticks.iter().rposition(|tick| *tick <= low).unwrap_or(0);
+    let last = ticks.iter().position(|tick| *tick >= high).unwrap_or(ticks.len() - 1);
+    ticks[first..=last].to_vec()
 }
 
 /// Adds a curve with its 95 % intervals as error bars.
