@@ -34,3 +34,41 @@ fn what_cannot_be_shown_is_refused_with_its_place() {
         }
     }
 }
+
+#[test]
+fn the_files_own_name_and_number_of_samples_are_used() {
+    let folder = Folder::new();
+    let scene = "Film \"rgb\" \"integer xresolution\" 8 \"integer yresolution\" 6 \"string filename\" \"there/night.png\"\n\
+        Sampler \"sobol\" \"integer pixelsamples\" 3\nCamera \"perspective\"\nWorldBegin\nLightSource \"infinite\"\n\
+        Translate 0 0 4\nShape \"sphere\"\n";
+    std::fs::write(folder.path("scene-v4.pbrt"), scene).expect("written");
+    let json = folder.json("scene-v4.pbrt");
+    assert_eq!(json["spp"], serde_json::json!(3.0));
+    for name in ["night.exr", "night.png", "night-samples.png"] {
+        assert!(!folder.read(name).is_empty(), "{name}");
+    }
+    // Options have the last word, and bounds hold.
+    assert_eq!(folder.json("scene-v4.pbrt --spp 2 -o a.png")["spp"], serde_json::json!(2.0));
+    assert_eq!(folder.json("scene-v4.pbrt --max-spp 1 -o b.png")["spp"], serde_json::json!(1.0));
+    assert!(!folder.read("a.png").is_empty());
+}
+
+/// A triangle in glTF with a camera and a lamp, as a data URI: positions of 3 corners, little endian.
+#[test]
+fn a_gltf_scene_is_rendered_by_its_own_camera() {
+    let folder = Folder::new();
+    let corners = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
+    let scene = format!(
+        r#"{{"asset":{{"version":"2.0"}},"buffers":[{{"byteLength":36,"uri":"data:;base64,{corners}"}}],
+"bufferViews":[{{"buffer":0,"byteLength":36}}],"accessors":[{{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}}],
+"materials":[{{"emissiveFactor":[1,1,1],"doubleSided":true}}],
+"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"material":0}}]}}],
+"cameras":[{{"type":"perspective","perspective":{{"yfov":0.8,"aspectRatio":1.5,"znear":0.1}}}}],
+"nodes":[{{"mesh":0}},{{"camera":0,"translation":[0.3,0.3,3]}}],"scenes":[{{"nodes":[0,1]}}],"scene":0}}"#
+    );
+    std::fs::write(folder.path("lamp.gltf"), scene).expect("written");
+    let json = folder.json("lamp.gltf --spp 4 --resolution 24x16 --filter none -o lamp.png");
+    assert_eq!(json["resolution"], serde_json::json!([24, 16]));
+    let info = folder.done("info lamp.gltf");
+    assert!(info.contains("triangles   1") && info.contains("1 area"), "{info}");
+}
