@@ -263,7 +263,7 @@ mod tests {
             ("samplers = [\"mitchell:nonesuch=2\"]", ":1: samplers: mitchell: there is no parameter \"nonesuch\""),
             ("methods = [\"uniform\",\n \"variance/nonesuch\"]", ":2: points: there is no point set"),
             ("methods = [\"a/b/c/d\"]", ":1: methods: \"a/b/c/d\" is not a method; write SAMPLER/POINTS/FILTER"),
-            ("samplers = [\"uniform\", \"uniform\"]", "\"uniform/sobol/none\" is given twice"),
+            ("samplers = [\"uniform\", \"uniform\"]", "\"uniform/sobol/cluster-regression\" is given twice"),
             ("seeds = \"x\"", ":1: seeds: "),
             ("seeds = [1, 1]", ":1: seeds: a seed is given twice"),
             ("seeds = 0", ":1: seeds: the list is empty"),
