@@ -5,6 +5,8 @@
 //! RAYON_NUM_THREADS=1 cargo bench --bench quality -- --baseline before
 //! ```
 //!
+//! The first method is that of `dapple render` without options; light selection is its default for all of them.
+//!
 //! Each iteration renders with its own seed. Criterion thus sees how errors scatter and reports only larger changes.
 //!
 //! `relMSE` is the squared error over the squared reference + 0.01, averaged over iterations. The reference has
@@ -12,17 +14,22 @@
 
 use criterion::measurement::{Measurement, ValueFormatter, WallTime};
 use criterion::{BenchmarkGroup, Criterion, SamplingMode, Throughput};
-use dapple::core::{Frame, Limits, Render};
-use dapple::job::registry::{self, MethodInputs, Setting};
+use dapple::job::{
+    BudgetSpec, DEFAULT_FILTER, DEFAULT_SAMPLER, LoadOptions, LoadedScene, PixelFilterSpec, PreparedScene, RenderSpec,
+};
 use dapple::metrics::{Pixels, compare};
-use dapple::renderer::{World, integrator};
-use dapple_scene::bundled;
 use std::cell::Cell;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 const SCENES: [&str; 2] = ["cornell", "teapot"];
-const SAMPLERS: [&str; 4] = ["uniform", "variance", "mitchell", "cluster-thesis"];
+/// The sampler and the filter of each method, that of `dapple render` first.
+const METHODS: [[&str; 2]; 5] = [
+    [DEFAULT_SAMPLER, DEFAULT_FILTER],
+    ["uniform", "none"],
+    ["variance", "none"],
+    ["mitchell", "none"],
+    ["cluster-thesis", "none"],
+];
 /// The seed of the reference. Those of the benches begin at 1.
 const REFERENCE_SEED: u64 = 1 << 32;
 
@@ -77,7 +84,8 @@ impl ValueFormatter for RelMse {
 
 /// A scene with its reference.
 struct Course {
-    world: Arc<World>,
+    scene: PreparedScene,
+    spec: RenderSpec,
     side: u32,
     reference: Vec<[f32; 3]>,
     /// The seed of the next render.
@@ -88,30 +96,28 @@ impl Course {
     fn new(name: &str) -> Self {
         // With `--test`, everything runs once and small.
         let (side, spp) = if std::env::args().any(|word| word == "--test") { (16, 64) } else { (64, 2048) };
-        let scene = bundled::files(name).and_then(|bundle| bundle.read().ok()).expect("a bundled scene");
-        let world = Arc::new(World::with_resolution(&scene, [side; 2]).expect("a sound scene"));
-        let mut course = Self { world, side, reference: Vec::new(), seed: Cell::new(REFERENCE_SEED) };
-        course.reference = course.render("uniform", "random", spp).0;
+        let spec = RenderSpec::new(name).resolution(side, side).pixel_filter(PixelFilterSpec::Box);
+        let scene = LoadedScene::read(&spec, &LoadOptions::default()).expect("a bundled scene");
+        let scene = scene.build().expect("a sound scene");
+        let mut course = Self { scene, spec, side, reference: Vec::new(), seed: Cell::new(REFERENCE_SEED) };
+        course.reference = course.render(["uniform", "none"], "random", spp).0;
         course.seed.set(1);
         course
     }
 
-    /// An image and its seconds, clusters and planning included.
-    fn render(&self, sampler: &str, points: &str, spp: u64) -> (Vec<[f32; 3]>, f64) {
+    /// An image and its seconds, clusters, planning and filter included.
+    fn render(&self, [sampler, filter]: [&str; 2], points: &str, spp: u64) -> (Vec<[f32; 3]>, f64) {
         let seed = self.seed.replace(self.seed.get() + 1);
         let clock = Instant::now();
-        let points = registry::points(points, Setting { seed, spp: Some(spp) }).expect("points");
-        let mut sampler =
-            registry::sampler(sampler, points, &MethodInputs::of(self.world.clone())).expect("a sampler").sampler;
-        let frame = Frame::new(self.side, self.side).expect("a frame");
-        let limits = Limits::samples(spp * frame.pixels() as u64);
-        let film = Render::new(frame, &limits).run(&mut *integrator(&self.world), &mut *sampler);
-        (film.expect("a film").image(), clock.elapsed().as_secs_f64())
+        let spec = self.spec.clone().sampler(sampler).points(points).filter(filter).seed(seed);
+        let spec = spec.budget(BudgetSpec::Samples(spp * u64::from(self.side * self.side)));
+        let image = self.scene.job(&spec).and_then(|mut job| job.render()).expect("an image");
+        (image.filtered.radiance, clock.elapsed().as_secs_f64())
     }
 
     /// The relMSE and the seconds.
-    fn run(&self, sampler: &str, spp: u64) -> [f64; 2] {
-        let (image, seconds) = self.render(sampler, "sobol", spp);
+    fn run(&self, method: [&str; 2], spp: u64) -> [f64; 2] {
+        let (image, seconds) = self.render(method, "sobol", spp);
         let pixels = |values| Pixels::new([self.side; 2], values).expect("pixels");
         let found = compare(pixels(&image), pixels(&self.reference)).expect("two images of a size");
         [found.rel_mse, seconds]
@@ -121,10 +127,10 @@ impl Course {
     ///
     /// Budgets are doubled until it does, up to 2^12 samples per pixel. Between the last two budgets, error and time
     /// are interpolated as powers of the budget.
-    fn seconds_to(&self, sampler: &str, target: f64) -> f64 {
+    fn seconds_to(&self, method: [&str; 2], target: f64) -> f64 {
         let mut last: Option<[f64; 2]> = None;
         for power in 2..=12 {
-            let [error, seconds] = self.run(sampler, 1 << power);
+            let [error, seconds] = self.run(method, 1 << power);
             if error <= target {
                 let Some([before, took]) = last else { return seconds };
                 let share = (before / target).ln() / (before / error).ln();
@@ -134,6 +140,11 @@ impl Course {
         }
         last.map_or(0.0, |[error, seconds]| seconds * error / target)
     }
+}
+
+/// The name of a method: its sampler, and its filter unless it is `none`.
+fn name_of([sampler, filter]: [&str; 2]) -> String {
+    if filter == "none" { sampler.to_owned() } else { format!("{sampler} + {filter}") }
 }
 
 /// Runs ten iterations, however long they take.
@@ -148,10 +159,10 @@ fn main() {
     for (name, course) in &courses {
         let mut group = criterion.benchmark_group(format!("error at 16 spp/{name}"));
         few(&mut group);
-        for sampler in SAMPLERS {
+        for method in METHODS {
             course.seed.set(1);
-            group.bench_function(sampler, |b| {
-                b.iter_custom(|times| (0..times).map(|_| course.run(sampler, 16)[0]).sum::<f64>());
+            group.bench_function(name_of(method), |b| {
+                b.iter_custom(|times| (0..times).map(|_| course.run(method, 16)[0]).sum::<f64>());
             });
         }
     }
@@ -161,14 +172,14 @@ fn main() {
     for (name, course) in &courses {
         // The error of uniform sampling with 16 samples per pixel.
         course.seed.set(1);
-        let target = (0..4).map(|_| course.run("uniform", 16)[0]).sum::<f64>() / 4.0;
+        let target = (0..4).map(|_| course.run(["uniform", "none"], 16)[0]).sum::<f64>() / 4.0;
         let mut group = criterion.benchmark_group(format!("time to uniform's error at 16 spp/{name}"));
         few(&mut group);
-        for sampler in SAMPLERS {
+        for method in METHODS {
             course.seed.set(1);
-            group.bench_function(sampler, |b| {
+            group.bench_function(name_of(method), |b| {
                 b.iter_custom(|times| {
-                    let seconds = (0..times).map(|_| course.seconds_to(sampler, target)).sum::<f64>();
+                    let seconds = (0..times).map(|_| course.seconds_to(method, target)).sum::<f64>();
                     Duration::from_secs_f64(seconds)
                 });
             });

@@ -22,6 +22,9 @@ use std::path::Path;
 const ONE: &str = "study-run";
 
 pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
+    if options.report_only {
+        return deliver(&options.output, options.quiet);
+    }
     let plan = match options.plan() {
         Ok(plan) => plan,
         Err(args::Wrong::Arguments(wrong)) => return Err(Failure::usage("study", wrong)),
@@ -68,6 +71,10 @@ fn deliver(folder: &Path, quiet: bool) -> Result<Outcome> {
         tell(format!("{}: all its figures", folder.join("summary.csv").display()))?;
         tell(format!("{}: its tables and plots, for other pages", folder.join("summary.md").display()))?;
         tell(format!("{}: every run, a line of JSON each", folder.join("runs.jsonl").display()))?;
+        tell(format!("{}: the same runs as a table", folder.join("runs.csv").display()))?;
+        tell(format!("{}: tables and curves for LaTeX", folder.join("latex").display()))?;
+        tell(format!("{}: a notebook that reads the runs", folder.join("notebook.ipynb").display()))?;
+        tell(format!("{}: images for tev and JERI", folder.join("viewer").display()))?;
         tell(format!("{}: the plan and the machine", folder.join("study.json").display()))?;
     }
     Ok(Outcome::Done)

@@ -59,9 +59,67 @@ fn a_study_is_made_with_one_command() {
     // Another study is refused.
     let said = folder.run(&format!("study tiny.pbrt {SMALL} --filters none -o s"));
     assert_eq!(said.status, Some(1));
-    assert!(said.err.contains("\nerror: methods: uniform/sobol/none uniform/sobol/cluster-regression"), "{}", said.err);
+    assert!(
+        said.err.contains("\nerror: methods: adaptive/sobol/cluster-regression adaptive/sobol/none"),
+        "{}",
+        said.err
+    );
     assert!(said.err.contains("the folder holds another study; choose another folder"), "{}", said.err);
     assert_eq!(folder.read("s/runs.jsonl"), before);
+}
+
+/// The defaults of both commands come from one place.
+#[test]
+fn a_study_measures_what_dapple_render_does_by_default_first() {
+    let folder = Folder::new();
+    folder.done("render tiny.pbrt --spp 1 -o a.exr");
+    let header = String::from_utf8_lossy(&folder.read("a.exr")).into_owned();
+    assert!(header.contains("dapple:light-selection\0string\0\u{7}\0\0\0learned"), "the render's light selection");
+    let spec: serde_json::Value = serde_json::from_str(&folder.done("render tiny.pbrt --print-spec")).expect("JSON");
+    folder.done("study tiny.pbrt --resolution 12x8 --spp 2 --seeds 1 --reference-spp 8 --time-of 0 -q -o s");
+    let manifest: serde_json::Value = serde_json::from_slice(&folder.read("s/study.json")).expect("JSON");
+    for part in ["sampler", "points", "filter"] {
+        assert_eq!(manifest["methods"][0][part], spec[part], "{part}");
+    }
+    assert_eq!(manifest["scenes"][0]["lights"], "learned");
+    // Another rule can be requested for all scenes.
+    folder
+        .done("study tiny.pbrt --light-selection power --resolution 12x8 --spp 2 --seeds 1 --reference-spp 8 -q -o p");
+    let manifest: serde_json::Value = serde_json::from_slice(&folder.read("p/study.json")).expect("JSON");
+    assert_eq!(manifest["scenes"][0]["lights"], "power");
+}
+
+#[test]
+fn files_beside_the_report_name_their_methods() {
+    let folder = Folder::new();
+    let words = "study tiny.pbrt --resolution 12x8 --spp 2,4 --seeds 2 --reference-spp 8 --filters none -o s";
+    let out = folder.done(words);
+    for file in ["report.html", "runs.csv", "latex", "notebook.ipynb", "viewer", "study.json"] {
+        assert!(out.contains(&format!("s/{file}: ")), "{file}: {out}");
+        assert!(folder.path("s").join(file).exists(), "{file}");
+    }
+    let runs = folder.study("s");
+    let images: Vec<&str> = runs.values().filter_map(|run| run["image"].as_str()).collect();
+    assert_eq!(images.len(), 2 * 3);
+    for image in ["adaptive-none-2spp", "adaptive-none-4spp", "uniform-none-time-of-2spp"] {
+        assert!(images.contains(&format!("images/tiny/{image}.exr").as_str()), "{image}: {images:?}");
+        folder.read(&format!("s/images/tiny/{image}.exr"));
+    }
+    for file in ["adaptive-none.exr", "uniform-none.exr", "reference.exr"] {
+        folder.read(&format!("s/viewer/tiny/{file}"));
+    }
+    let table = String::from_utf8(folder.read("s/runs.csv")).expect("UTF-8");
+    assert_eq!(table.lines().count(), 1 + runs.len());
+    // Written anew, without runs.
+    let (page, lines) = (folder.read("s/report.html"), folder.lines("s"));
+    for file in ["report.html", "runs.csv"] {
+        std::fs::remove_file(folder.path("s").join(file)).expect("a file");
+    }
+    folder.done("study --report-only -o s -q");
+    assert!(folder.read("s/report.html") == page && folder.lines("s") == lines);
+    let said = folder.run("study --report-only -o nowhere");
+    assert_eq!(said.status, Some(1));
+    assert!(said.err.contains("nowhere/study.json: cannot be read"), "{}", said.err);
 }
 
 #[test]

@@ -8,8 +8,8 @@
 //!    filter. It is timed without progress reports, and its image is compared with a reference.
 //! 3. Each finished run is a line of `runs.jsonl`, on the disk before the next run begins. A stopped study resumes when
 //!    it is opened again with the same plan.
-//! 4. [`write_report`] makes `summary.csv`, `summary.md`, `report.html` and plots, of a finished or an unfinished
-//!    study.
+//! 4. [`write_report`] makes `report.html`, tables, plots, and files for LaTeX, pandas and image viewers, of a finished or
+//!    an unfinished study.
 //!
 //! ```
 //! use dapple_study::{InProcess, PlanPatch, ScenePlan, Study, StudyOptions, write_report};
@@ -41,6 +41,7 @@ struct Readme;
 
 mod error;
 mod external;
+mod file_names;
 mod measured_image;
 mod plan;
 mod record;
@@ -58,7 +59,7 @@ pub use error::StudyError;
 pub use external::External;
 pub use plan::{
     DEFAULT_FILTERS, DEFAULT_REFERENCE_SPP, DEFAULT_SAMPLERS, DEFAULT_SCENES, DEFAULT_SEEDS, DEFAULT_SIDE, DEFAULT_SPP,
-    Plan, PlanError, PlanPatch, ScenePlan, split_names,
+    Plan, PlanError, PlanPatch, ScenePlan, default_lights, split_names,
 };
 pub use record::{ImageErrors, Machine, Manifest, Method, Phases, ReferenceRecord, Run, RunBudget, SceneRecord};
 pub use recorded_study::{FolderError, RecordedStudy};

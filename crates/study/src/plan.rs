@@ -57,8 +57,8 @@ pub struct ScenePlan {
     pub reference: Option<PathBuf>,
     /// Width and height of this scene's images in pixels; `None` takes the study's resolution.
     pub resolution: Option<[u32; 2]>,
-    /// The rule by which light sampling selects one of several lights.
-    pub lights: LightSelection,
+    /// The rule by which light sampling selects one of several lights; `None` takes the study's.
+    pub lights: Option<LightSelection>,
 }
 
 impl From<&str> for ScenePlan {
@@ -69,10 +69,10 @@ impl From<&str> for ScenePlan {
 
 /// The default scenes of a study, both bundled with Dapple.
 pub const DEFAULT_SCENES: [&str; 2] = ["teapot", "terrain"];
-/// The default samplers of a study.
-pub const DEFAULT_SAMPLERS: [&str; 2] = ["uniform", "adaptive"];
-/// The default filters of a study.
-pub const DEFAULT_FILTERS: [&str; 2] = ["none", "cluster-regression"];
+/// The default samplers of a study: that of `dapple render`, then uniform sampling.
+pub const DEFAULT_SAMPLERS: [&str; 2] = [dapple_job::DEFAULT_SAMPLER, "uniform"];
+/// The default filters of a study: that of `dapple render`, then none.
+pub const DEFAULT_FILTERS: [&str; 2] = [dapple_job::DEFAULT_FILTER, "none"];
 /// The default budgets of a study, in mean samples per pixel.
 pub const DEFAULT_SPP: [u64; 4] = [4, 8, 16, 32];
 /// The default number of seeds: enough for Student's t intervals of a useful width.
@@ -82,15 +82,25 @@ pub const DEFAULT_REFERENCE_SPP: u64 = 1024;
 /// The default width and height of images in pixels.
 pub const DEFAULT_SIDE: u32 = 128;
 
+/// The default light selection of a study: that of `dapple render`.
+pub fn default_lights() -> LightSelection {
+    dapple_job::RenderSpec::new("").selection()
+}
+
 impl PlanPatch {
     /// Returns this patch with its settings replaced by those that `other` sets. A resolution in `other` also replaces
-    /// the resolutions of single scenes.
+    /// the resolutions of single scenes, and a light selection theirs.
     #[must_use]
     pub fn merge(self, other: Self) -> Self {
-        let resized = other.resolution.is_some();
+        let (resized, relit) = (other.resolution.is_some(), other.lights.is_some());
         let mut merged = self.replaced_by(other);
-        if resized {
-            merged.scenes.iter_mut().flatten().for_each(|scene| scene.resolution = None);
+        for scene in merged.scenes.iter_mut().flatten() {
+            if resized {
+                scene.resolution = None;
+            }
+            if relit {
+                scene.lights = None;
+            }
         }
         merged
     }
@@ -145,7 +155,7 @@ impl PlanPatch {
         let mut methods = Vec::new();
         if self.samplers.is_some() || self.methods.is_none() {
             let samplers = names(&self.samplers, &DEFAULT_SAMPLERS);
-            let points = names(&self.points, &["sobol"]);
+            let points = names(&self.points, &[dapple_job::DEFAULT_POINTS]);
             let filters = names(&self.filters, &DEFAULT_FILTERS);
             for (key, list) in [("samplers", &samplers), ("points", &points), ("filters", &filters)] {
                 filled(key, list)?;
@@ -282,14 +292,14 @@ fn ascending(key: &str, mut spp: Vec<u64>) -> Result<Vec<u64>, PlanError> {
     }
 }
 
-/// Parses `SAMPLER[/POINTS[/FILTER]]`; the point set defaults to `sobol`, the filter to `none`.
+/// Parses `SAMPLER[/POINTS[/FILTER]]`; the point set defaults to that of `dapple render`, the filter to `none`.
 impl std::str::FromStr for Method {
     type Err = PlanError;
 
     fn from_str(text: &str) -> Result<Self, PlanError> {
         let parts: Vec<&str> = text.split('/').map(str::trim).collect();
         match parts[..] {
-            [sampler] => Ok(Self::new(sampler, "sobol", "none")),
+            [sampler] => Ok(Self::new(sampler, dapple_job::DEFAULT_POINTS, "none")),
             [sampler, points] => Ok(Self::new(sampler, points, "none")),
             [sampler, points, filter] => Ok(Self::new(sampler, points, filter)),
             _ => {

@@ -242,6 +242,9 @@ pub struct Machine {
     pub processor: Option<String>,
     /// The number of threads that render.
     pub threads: usize,
+    /// The number of cores; `None` if unknown.
+    #[serde(default)]
+    pub cores: Option<usize>,
     /// The operating system and the processor architecture.
     pub system: String,
 }

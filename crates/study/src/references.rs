@@ -1,5 +1,6 @@
 //! The reference images of a study: files given by the user, or images rendered once and kept.
 
+use crate::file_names::safe_file_name;
 use crate::measured_image::{Order, shoot};
 use crate::reference_image::{FileHeader, ReferenceImage};
 use crate::study_scene::name_of;
@@ -243,10 +244,4 @@ fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<Str
 /// The name in `NAME:key=value,…`, without its parameters.
 fn kind(words: &str) -> &str {
     words.split(':').next().unwrap_or(words).trim()
-}
-
-/// Replaces characters that are unsafe in a file name by `-`, and cuts `name` to 80 characters.
-pub(crate) fn safe_file_name(name: &str) -> String {
-    let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '-' };
-    name.chars().map(plain).take(80).collect()
 }

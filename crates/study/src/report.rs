@@ -1,13 +1,20 @@
 //! The report of a study: `report.html`, `summary.csv`, `summary.md` and `plots`.
 
+mod colour_scale;
 mod comparison_table;
 mod gallery;
 mod html;
+mod latex;
 mod log_log_chart;
 mod markdown;
 mod method_style;
+mod notebook;
 mod plots;
+mod provenance;
+mod scene_images;
 mod table_cell;
+mod tidy_csv;
+mod viewer_folder;
 
 use crate::recorded_study::{FolderError, RecordedStudy};
 use crate::summary::Summary;
@@ -22,7 +29,7 @@ pub enum ReportError {
     #[error(transparent)]
     Folder(#[from] FolderError),
     /// An error of the CSV writer.
-    #[error("summary.csv: {0}")]
+    #[error("summary.csv or runs.csv: {0}")]
     Csv(#[from] csv::Error),
     /// An error of the HTML template.
     #[error("report.html: {0}")]
@@ -40,6 +47,10 @@ pub enum ReportError {
 /// | `summary.csv` | every value of the report |
 /// | `summary.md` | the tables as Markdown |
 /// | `plots/SCENE.svg` | error against time |
+/// | `runs.csv` | every run as a line, with CPU seconds |
+/// | `notebook.ipynb` | a notebook that reads `runs.jsonl` and plots error against time |
+/// | `latex/` | tables (booktabs) and curves (pgfplots); `study.tex` has all of them |
+/// | `viewer/` | images named by method, with the reference, for tev and JERI |
 ///
 /// Each file is written completely or not at all. Equal records give equal bytes.
 ///
@@ -51,14 +62,26 @@ pub fn write_report(folder: &Path) -> Result<Summary, ReportError> {
     let summary = Summary::of(&recorded);
     let mut table = Vec::new();
     summary.write_csv(&mut table)?;
-    let page = html::render(&recorded, &summary)?;
+    let (page, pictures) = html::render(&recorded, &summary)?;
     write_file(&folder.join("summary.csv"), &table)?;
     write_file(&folder.join("report.html"), page.as_bytes())?;
     write_file(&folder.join("summary.md"), markdown::render(&recorded, &summary).as_bytes())?;
-    // If this fails, writing the first plot fails too, with a clear error.
-    let _ = std::fs::create_dir_all(folder.join("plots"));
-    for (name, plot) in plots::plots(&recorded, &summary) {
-        write_file(&folder.join("plots").join(name), plot.as_bytes())?;
-    }
+    write_file(&folder.join("runs.csv"), &tidy_csv::render(&recorded)?)?;
+    write_file(&folder.join("notebook.ipynb"), notebook::render(&recorded).as_bytes())?;
+    write_all(&folder.join("plots"), plots::plots(&recorded, &summary))?;
+    write_all(&folder.join("latex"), latex::render(&recorded, &summary))?;
+    write_all(folder, pictures)?;
+    viewer_folder::write(&recorded)?;
     Ok(summary)
+}
+
+/// Writes files into a folder, and makes the folders of their names.
+fn write_all(folder: &Path, files: Vec<(String, impl AsRef<[u8]>)>) -> Result<(), ImageError> {
+    for (name, contents) in files {
+        let file = folder.join(name);
+        // If this fails, writing the file fails too, with a clear error.
+        let _ = file.parent().map(std::fs::create_dir_all);
+        write_file(&file, contents.as_ref())?;
+    }
+    Ok(())
 }

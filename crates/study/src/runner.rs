@@ -2,7 +2,6 @@
 
 use crate::measured_image::{Order, shoot};
 use crate::reference_image::ReferenceImage;
-use crate::references::safe_file_name;
 use crate::study_scene::View;
 use crate::{External, Method, Run, RunBudget, StudyError, Subject};
 use dapple_core::NoMonitor;
@@ -217,13 +216,4 @@ impl Runner for Processes {
 /// The machine's load average over the last minute, if the system reports it.
 pub(crate) fn load_average() -> Option<f64> {
     std::fs::read_to_string("/proc/loadavg").ok()?.split_whitespace().next()?.parse().ok()
-}
-
-/// The path of a run's image without extension, relative to the study's folder. `number` is the index of the method.
-pub(crate) fn image_stem(scene: &str, budget: RunBudget, number: usize) -> String {
-    let budget = match budget {
-        RunBudget::Spp(n) => format!("spp-{n}"),
-        RunBudget::TimeOf(n) => format!("time-of-{n}"),
-    };
-    format!("images/{}/{budget}-{number:02}", safe_file_name(scene))
 }

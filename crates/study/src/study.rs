@@ -3,10 +3,11 @@
 mod equal_time;
 mod manifest;
 
+use crate::file_names::{image_stem, method_file_names, safe_file_name};
 use crate::reference_image::ReferenceImage;
-use crate::references::{ReferenceFolder, ReferenceSource, load_or_render, plan_reference, safe_file_name};
+use crate::references::{ReferenceFolder, ReferenceSource, load_or_render, plan_reference};
 use crate::run_log::{RunLog, RunStore};
-use crate::runner::{RunRequest, Runner, image_stem};
+use crate::runner::{RunRequest, Runner};
 use crate::study_scene::{Subject, View, name_of};
 use crate::{Manifest, Method, Plan, PlanError, Run, RunBudget, ScenePlan, SceneRecord, StudyError};
 use dapple_core::{Control, Status};
@@ -211,6 +212,7 @@ impl Study {
     fn request(&self, at: usize, method: &Method, budget: RunBudget, seed: u64, asked: u64) -> RunRequest {
         let view = &self.views[at];
         let number = self.plan.methods.iter().position(|m| m == method).unwrap_or(0);
+        let names = method_file_names(&self.plan.methods);
         let first = self.plan.seeds.first() == Some(&seed);
         RunRequest {
             view: view.clone(),
@@ -222,7 +224,7 @@ impl Study {
             reference: self.folder.join(&self.manifest.scenes[at].reference.file),
             threads: self.plan.threads,
             folder: self.folder.clone(),
-            image: first.then(|| image_stem(&view.name, budget, number)),
+            image: first.then(|| image_stem(&view.name, &names[number], budget)),
         }
     }
 
@@ -322,7 +324,7 @@ fn views(plan: &Plan) -> Result<Vec<View>, StudyError> {
             resolution: resolution(plan, scene)?,
             max_depth: plan.max_depth,
             allow_unsupported: plan.allow_unsupported,
-            lights: scene.lights,
+            lights: scene.lights.unwrap_or(plan.lights),
         });
     }
     Ok(views)

@@ -31,10 +31,10 @@ pub struct View {
 }
 
 impl View {
-    /// Returns this view with the default light selection, for rendering the reference: views that differ in light
+    /// Returns this view with lights selected by power, for rendering the reference: views that differ in light
     /// selection only thus share one reference.
     pub(crate) fn by_default(&self) -> Self {
-        Self { lights: LightSelection::default(), ..self.clone() }
+        Self { lights: LightSelection::Power, ..self.clone() }
     }
 }
 

@@ -1,7 +1,8 @@
 //! The arguments of `dapple study`.
 
-use crate::render::values::resolution;
+use crate::render::values::{light_selection, resolution};
 use crate::{Failure, Result};
+use dapple_renderer::light::LightSelection;
 use dapple_study::{External, Method, Plan, PlanPatch, ScenePlan, StudyError, split_names};
 use std::path::PathBuf;
 
@@ -11,6 +12,8 @@ use std::path::PathBuf;
 /// samples per pixel, and in the time that the baseline takes. Methods alternate run by run, so that a temporary
 /// slowdown of the machine affects all of them. Each finished run is a line of runs.jsonl in the folder DIR, beside report.html. The same command resumes a stopped
 /// or killed study.
+///
+/// The first method is that of `dapple render` without options: its sampler, points, filter and light selection.
 ///
 /// The pixel filter of all images is a box one pixel wide. References are rendered once, with a point set that no
 /// method uses, in two halves whose difference estimates the reference's own error.
@@ -29,7 +32,7 @@ pub(crate) struct StudyArgs {
     #[arg(short, long = "output", value_name = "DIR", default_value = "study")]
     pub(super) output: PathBuf,
 
-    /// Samplers, separated by commas or by repeating the option [default: uniform,adaptive]
+    /// Samplers, separated by commas or by repeating the option [default: adaptive,uniform]
     ///
     /// After a comma, key=value is a parameter of the preceding name: `mitchell:mode=budget,radius=2,variance` are two
     /// samplers.
@@ -40,7 +43,7 @@ pub(crate) struct StudyArgs {
     #[arg(long, value_name = "NAME[:…],…", help_heading = "Methods")]
     points: Vec<String>,
 
-    /// Filters (denoisers), each combined with every sampler and point set [default: none,cluster-regression]
+    /// Filters (denoisers), each combined with every sampler and point set [default: cluster-regression,none]
     #[arg(long, value_name = "NAME[:…],…", help_heading = "Methods")]
     filters: Vec<String>,
 
@@ -57,6 +60,10 @@ pub(crate) struct StudyArgs {
     /// line, its wall time counts.
     #[arg(long, value_name = "NAME=PROGRAM {input} {output}", help_heading = "Methods")]
     external: Vec<External>,
+
+    /// Rule by which light sampling selects one of several lights: power, uniform or learned [default: learned]
+    #[arg(long, value_name = "HOW", value_parser = light_selection, help_heading = "Methods")]
+    light_selection: Option<LightSelection>,
 
     /// Method with which the others are compared [default: uniform/sobol/none]
     #[arg(long, value_name = "SAMPLER[/POINTS[/FILTER]]", help_heading = "Methods")]
@@ -113,6 +120,10 @@ pub(crate) struct StudyArgs {
     #[arg(long)]
     allow_unsupported: bool,
 
+    /// Write the report and the other files of the study in the folder of --output anew, without runs
+    #[arg(long, conflicts_with_all = ["scenes", "plan"])]
+    pub(super) report_only: bool,
+
     /// Show no progress and no list of files; warnings are still printed
     #[arg(short, long)]
     pub(super) quiet: bool,
@@ -125,17 +136,23 @@ Examples:
   dapple study teapot cornell --samplers uniform,variance,mitchell:mode=budget,radius=2 --filters none,gaussian
   dapple study scene.pbrt --spp 8,16,32,64 --seeds 8 --reference reference.exr -o scene-study --fresh
   dapple study --plan study.toml -o results
+  dapple study --report-only -o results            the report anew, from runs.jsonl
 
 A plan, every key optional:
   scenes = [\"teapot\", { source = \"box.pbrt\", name = \"box\", reference = \"box.exr\" }]
   samplers = [\"uniform\", \"variance\", \"mitchell:mode=budget\"]
   methods = [\"uniform/halton\", { sampler = \"variance\", points = \"random\", filter = \"gaussian\" }]
+  lights = \"learned\"
   spp = [8, 16, 32, 64]
   seeds = 8
   resolution = [128, 128]
   [[external]]
   name = \"oidn\"
   command = \"python3 oidn.py {input} {output}\"
+
+The folder holds the report (report.html), tables (summary.csv, runs.csv with a line per run), images named by method,
+latex/ (tables for booktabs, curves for pgfplots: `pdflatex study.tex`), notebook.ipynb (pandas), and viewer/ (images
+for tev and JERI).
 
 Ctrl-C stops after the current run; the same command resumes. `dapple samplers`, `points` and `filters`
 list what can be compared.";
@@ -181,6 +198,7 @@ impl StudyArgs {
             .methods((!self.methods.is_empty()).then(|| self.methods.clone()))
             .external((!self.external.is_empty()).then(|| self.external.clone()))
             .baseline(self.baseline.clone())
+            .lights(self.light_selection)
             .spp((!self.spp.is_empty()).then(|| self.spp.clone()))
             .seeds(self.seeds.map(|count| (1..=count).collect()))
             .reference_spp(self.reference_spp)

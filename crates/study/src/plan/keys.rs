@@ -3,8 +3,9 @@
 //! From the declarations, a macro generates the fields, TOML keys, setters and merging of [`PlanPatch`], and the fields
 //! of [`Plan`].
 
-use super::{DEFAULT_REFERENCE_SPP, ScenePlan, toml_file};
+use super::{DEFAULT_REFERENCE_SPP, ScenePlan, default_lights, toml_file};
 use crate::{External, Method};
+use dapple_renderer::light::LightSelection;
 use serde::Deserialize;
 
 /// Makes [`PlanPatch`] and [`Plan`] from four lists. The first three hold settings: those that `PlanPatch::resolve`
@@ -136,6 +137,8 @@ settings! {
         /// Samples per pixel of rendered reference images, from 2 to 2^32, rounded up to an even number; default
         /// [`DEFAULT_REFERENCE_SPP`].
         reference_spp: u64 = DEFAULT_REFERENCE_SPP,
+        /// The rule by which light sampling selects one of several lights; default that of `dapple render`.
+        lights: LightSelection = default_lights(),
         /// The number of threads, at most 1024; default 0, which is one per core.
         threads: usize = 0,
         /// If true, each run has a process of its own; default false.

@@ -85,8 +85,8 @@ struct SceneTable {
     reference: Option<PathBuf>,
     #[serde(default, deserialize_with = "resolution")]
     resolution: Option<[u32; 2]>,
-    #[serde(default, alias = "light_choice")]
-    lights: LightSelection,
+    #[serde(alias = "light_choice")]
+    lights: Option<LightSelection>,
 }
 
 impl<'de> Deserialize<'de> for ScenePlan {
@@ -263,7 +263,7 @@ mod tests {
             ("samplers = [\"mitchell:nonesuch=2\"]", ":1: samplers: mitchell: there is no parameter \"nonesuch\""),
             ("methods = [\"uniform\",\n \"variance/nonesuch\"]", ":2: points: there is no point set"),
             ("methods = [\"a/b/c/d\"]", ":1: methods: \"a/b/c/d\" is not a method; write SAMPLER/POINTS/FILTER"),
-            ("samplers = [\"uniform\", \"uniform\"]", "\"uniform/sobol/none\" is given twice"),
+            ("samplers = [\"uniform\", \"uniform\"]", "\"uniform/sobol/cluster-regression\" is given twice"),
             ("seeds = \"x\"", ":1: seeds: "),
             ("seeds = [1, 1]", ":1: seeds: a seed is given twice"),
             ("seeds = 0", ":1: seeds: the list is empty"),
@@ -344,9 +344,15 @@ mod tests {
         let sized = "scenes = [{ source = \"teapot\", resolution = [5, 6], light_choice = \"cells\" }]";
         let sized = PlanPatch::parse(sized, Path::new("plan.toml")).unwrap();
         let scene = &sized.scenes.as_ref().unwrap()[0];
-        assert_eq!((scene.resolution, scene.lights), (Some([5, 6]), LightSelection::Learned));
+        assert_eq!((scene.resolution, scene.lights), (Some([5, 6]), Some(LightSelection::Learned)));
         let resized = sized.merge(PlanPatch::default().resolution([7, 8])).resolve().unwrap();
         assert_eq!((resized.scenes[0].resolution, resized.resolution), (None, Some([7, 8])));
+        let lit = PlanPatch::parse(
+            "lights = \"power\"\nscenes = [{ source = \"room\", lights = \"uniform\" }]",
+            Path::new("plan.toml"),
+        );
+        let lit = lit.unwrap().merge(PlanPatch::default().lights(LightSelection::Learned)).resolve().unwrap();
+        assert_eq!((lit.lights, lit.scenes[0].lights), (LightSelection::Learned, None));
         let plan = file.merge(later).resolve().unwrap();
         assert_eq!((plan.spp, plan.seeds, plan.time_of, plan.side), (vec![7], vec![1, 2, 3], Some(7), 64));
     }
@@ -354,7 +360,10 @@ mod tests {
     #[test]
     fn the_older_key_of_light_selection_still_reads() {
         let lights = |text: &str| PlanPatch::parse(text, Path::new("plan.toml")).unwrap().scenes.unwrap()[0].lights;
-        assert_eq!(lights("scenes = [{ source = \"teapot\", lights = \"uniform\" }]"), LightSelection::Uniform);
-        assert_eq!(lights("scenes = [{ source = \"teapot\", light_choice = \"uniform\" }]"), LightSelection::Uniform);
+        assert_eq!(lights("scenes = [{ source = \"teapot\", lights = \"uniform\" }]"), Some(LightSelection::Uniform));
+        assert_eq!(
+            lights("scenes = [{ source = \"teapot\", light_choice = \"uniform\" }]"),
+            Some(LightSelection::Uniform)
+        );
     }
 }

@@ -3,12 +3,12 @@
 use super::table_cell::TableCell;
 use crate::record::{Method, RunBudget};
 use crate::recorded_study::RecordedStudy;
-use crate::summary::{COMPARED, FactorialEffect, HOLDS, RatioVerdict, Row, Summary, UNFAIR};
+use crate::summary::{COMPARED, FactorialEffect, HOLDS, RatioVerdict, Row, Summary, TIME_TOLERANCE, UNFAIR};
 
 /// The comparisons of one method with the baseline, grouped by verdict.
 pub(super) struct MethodVerdicts {
     pub(super) method: String,
-    /// The scenes with a win, with a loss and with an undecided comparison.
+    /// The scenes with a win, with a loss, with an undecided comparison, and with a loss in FLIP.
     pub(super) groups: Vec<VerdictGroup>,
 }
 
@@ -29,8 +29,8 @@ pub(super) struct ComparisonLine {
     pub(super) verdict: String,
     /// True if the verdict also holds with intervals so wide that all comparisons together have 95 % confidence.
     pub(super) together: bool,
-    /// The reason why the verdict is undecided although the interval excludes 1: unequal times. Empty otherwise.
-    pub(super) unfair: String,
+    /// The reason why the verdict is undecided; empty for a win or a loss.
+    pub(super) why: String,
 }
 
 /// The budget of the report's first comparison: equal time if there are such runs, else the largest spp; `None` without
@@ -77,17 +77,29 @@ pub(super) fn method_verdicts(
             };
             (!scenes.is_empty()).then(|| VerdictGroup { class: verdict.words(), lead: lead.to_owned(), scenes })
         };
-        let groups: Vec<VerdictGroup> =
-            [RatioVerdict::Win, RatioVerdict::Loss, RatioVerdict::Undecided].into_iter().filter_map(group).collect();
+        let verdicts = [RatioVerdict::Win, RatioVerdict::Loss, RatioVerdict::Undecided];
+        let flip: Vec<(String, TableCell)> = manifest
+            .scenes
+            .iter()
+            .filter_map(|scene| Some((scene.name.clone(), summary.find(&scene.name, method, &words, "flip ratio")?)))
+            .filter(|(_, row)| RatioVerdict::of(row) == Some(RatioVerdict::Loss))
+            .map(|(scene, row)| (scene, TableCell::ratio(Some(row))))
+            .collect();
+        let flip = (!flip.is_empty()).then(|| VerdictGroup {
+            class: RatioVerdict::Loss.words(),
+            lead: "loses in FLIP on".into(),
+            scenes: flip,
+        });
+        let groups: Vec<VerdictGroup> = verdicts.into_iter().filter_map(group).chain(flip).collect();
         method_verdicts.push(MethodVerdicts { method: name.clone(), groups });
     }
     method_verdicts
 }
 
-/// Counts the wins, losses and undecided comparisons at one budget.
-pub(super) fn tally(summary: &Summary, budget: RunBudget) -> [usize; 3] {
+/// Counts the wins, losses and undecided comparisons of a metric at one budget.
+pub(super) fn tally(summary: &Summary, budget: RunBudget, metric: &str) -> [usize; 3] {
     let words = budget.to_string();
-    let rows = || summary.rows().iter().filter(|row| row.budget == words && row.metric == "relmse ratio");
+    let rows = || summary.rows().iter().filter(|row| row.budget == words && row.metric == metric);
     [RatioVerdict::Win, RatioVerdict::Loss, RatioVerdict::Undecided]
         .map(|verdict| rows().filter(|row| RatioVerdict::of(row) == Some(verdict)).count())
 }
@@ -119,12 +131,25 @@ pub(super) fn lines(
                     class: verdict.map_or("", RatioVerdict::words),
                     verdict: row.note.clone(),
                     together: row.note.contains(HOLDS),
-                    unfair: row.note.split("; ").find(|n| n.contains(UNFAIR)).unwrap_or_default().to_owned(),
+                    why: if verdict == Some(RatioVerdict::Undecided) { why_undecided(row) } else { String::new() },
                 });
             }
         }
     }
     lines
+}
+
+/// The reason why a comparison is undecided: unequal times, a missing interval, or an interval that contains 1.
+fn why_undecided(row: &Row) -> String {
+    let mut notes = row.note.split("; ").skip(1);
+    match row.interval() {
+        _ if row.note.contains(UNFAIR) => {
+            let note = notes.find(|note| note.contains(UNFAIR)).unwrap_or_default();
+            format!("{note}; equal is within {:.0} %", 100.0 * TIME_TOLERANCE)
+        }
+        Some(_) => "the interval contains 1".into(),
+        None => notes.next().unwrap_or("no interval").to_owned(),
+    }
 }
 
 /// A row of the factorial table, which separates the effects of a method's sampler and filter on relMSE.

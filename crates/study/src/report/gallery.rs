@@ -1,23 +1,20 @@
 //! Images of the report: crops of renders and references, error maps and sample maps. All are PNG files embedded in the
 //! page.
 
+use super::colour_scale::{error_colour, sample_colour};
+use crate::file_names::safe_file_name;
 use crate::record::{Run, RunBudget, SceneRecord};
 use crate::recorded_study::RecordedStudy;
 use base64::Engine;
 use dapple_metrics::{Pixels, downsample};
-use dapple_scene::image::{Encoding, Image, encode_png, encode_png_gray, encode_png_rgb, read_image};
+use dapple_scene::image::{Encoding, Image, encode_png, encode_png_rgb, read_image};
 use std::path::Path;
 
 /// The largest total size of all images in the page, in bytes.
 const ROOM: f64 = 3.5e6;
 
-/// The ends of the error map's colour scale: the exponents of powers of ten of the relative squared error.
-pub(super) const ERROR_DECADES: [f64; 2] = [-4.0, 0.0];
-
-/// The colour scale of error maps at 0, 1/4, 1/2, 3/4 and 1. Its lightness rises, so that it can be read in black and
-/// white and by the colour-blind [after van der Walt 2015, matplotlib's `inferno`].
-const ERROR_COLOURS: [[f64; 3]; 5] =
-    [[0.0, 0.0, 4.0], [87.0, 16.0, 110.0], [188.0, 55.0, 84.0], [249.0, 142.0, 9.0], [252.0, 255.0, 164.0]];
+/// The largest total size of the viewer's whole images in the page, in bytes.
+const WHOLE_ROOM: f64 = 1.1e6;
 
 /// A PNG image embedded in the page, as a data URI with its size in pixels.
 pub(super) struct Embedded {
@@ -36,8 +33,17 @@ pub(super) struct MethodImages {
     pub(super) crops: Vec<Embedded>,
     pub(super) error_map: Option<Embedded>,
     pub(super) sample_map: Option<Embedded>,
-    /// The samples per pixel that white represents in the sample map.
-    pub(super) white: Option<f64>,
+    /// The files of the image and of the sample map, relative to the study's folder.
+    pub(super) files: [Option<String>; 2],
+}
+
+/// A whole image of the viewer.
+pub(super) struct Whole {
+    /// The method's index in the manifest; `None` for the reference.
+    pub(super) method: Option<usize>,
+    pub(super) image: Embedded,
+    /// The file with the full resolution, relative to the study's folder; `None` if the embedded image has it.
+    pub(super) file: Option<String>,
 }
 
 /// The report's images of one scene.
@@ -50,6 +56,14 @@ pub(super) struct Gallery {
     pub(super) crops: Vec<Crop>,
     pub(super) reference_crops: Vec<Embedded>,
     pub(super) tiles: Vec<MethodImages>,
+    /// The whole images of the methods that have one, then the reference; empty without a method's image.
+    pub(super) whole: Vec<Whole>,
+    /// PNG files at full resolution for the viewer: paths relative to the study's folder, and contents.
+    pub(super) files: Vec<(String, Vec<u8>)>,
+    /// Width and height of the whole images in pixels.
+    pub(super) size: [u32; 2],
+    /// The largest number of samples per pixel over all sample maps of the scene; `None` without maps.
+    pub(super) most: Option<f64>,
     /// One message for each image that cannot be shown, with the reason.
     pub(super) problems: Vec<String>,
 }
@@ -92,6 +106,10 @@ pub(super) fn gallery(recorded: &RecordedStudy, scene: &SceneRecord) -> Gallery 
         crops: Vec::new(),
         reference_crops: Vec::new(),
         tiles: Vec::new(),
+        whole: Vec::new(),
+        files: Vec::new(),
+        size: reference.as_ref().map_or([0, 0], |r| r.size),
+        most: most_samples(&runs),
         problems: Vec::new(),
     };
     let mut errors: Vec<Option<Vec<f32>>> = vec![None; runs.len()];
@@ -102,17 +120,21 @@ pub(super) fn gallery(recorded: &RecordedStudy, scene: &SceneRecord) -> Gallery 
         gallery.overview =
             shrink(reference, 4 * side).and_then(|p| embed(encode_png(&p, gallery.exposure_stops), p.size));
         gallery.reference_crops = cut_all(reference, &gallery);
+        add_whole(&mut gallery, recorded, scene, &images, reference);
     }
     for (method, run) in runs.iter().enumerate() {
         let Some(run) = run else { continue };
-        let map = run.sample_map.as_deref().and_then(|file| sample_map(&recorded.folder, file, side, &mut problems));
+        let map = run.sample_map.as_deref().zip(run.white).zip(gallery.most);
+        let map = map.and_then(|((file, white), most)| {
+            sample_map(&load_map(&recorded.folder, file, &mut problems)?, [white, most], side)
+        });
         let size = reference.as_ref().map_or([0, 0], |r| r.size);
         gallery.tiles.push(MethodImages {
             method,
             crops: images[method].as_ref().map_or_else(Vec::new, |p| cut_all(p, &gallery)),
             error_map: errors[method].as_ref().and_then(|e| error_map(e, size, side)),
             sample_map: map,
-            white: run.white,
+            files: [run.image.clone(), run.sample_map.clone()],
         });
     }
     gallery.problems = problems;
@@ -121,7 +143,7 @@ pub(super) fn gallery(recorded: &RecordedStudy, scene: &SceneRecord) -> Gallery 
 
 /// The budget whose images are shown: equal time if it has images, else the largest spp with images; `None` without
 /// images.
-fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
+pub(super) fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
     let shown = || recorded.runs.iter().filter(|run| run.scene == scene.name && run.image.is_some());
     let spp = |run: &Run| if let RunBudget::Spp(spp) = run.budget { Some(spp) } else { None };
     let timed = shown().map(|run| run.budget).find(|b| matches!(b, RunBudget::TimeOf(_)));
@@ -130,7 +152,12 @@ fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
 
 /// The first run of a method at `budget` that has an image, else the first one that has a sample map. For the baseline
 /// at equal time, its run at that spp may replace it.
-fn run<'a>(recorded: &'a RecordedStudy, scene: &SceneRecord, method: usize, budget: RunBudget) -> Option<&'a Run> {
+pub(super) fn run<'a>(
+    recorded: &'a RecordedStudy,
+    scene: &SceneRecord,
+    method: usize,
+    budget: RunBudget,
+) -> Option<&'a Run> {
     let method = &recorded.manifest.methods[method];
     let find = |budget: RunBudget, has: fn(&Run) -> bool| {
         let fits = |run: &&Run| run.scene == scene.name && run.method == *method && run.budget == budget && has(run);
@@ -260,23 +287,61 @@ fn error_map(errors: &[f32], size: [u32; 2], side: u32) -> Option<Embedded> {
     embed(encode_png_rgb(small.size, &bytes), small.size)
 }
 
-fn error_colour(error: f64) -> [u8; 3] {
-    let [low, high] = ERROR_DECADES;
-    let last = ERROR_COLOURS.len() - 1;
-    let share = if error > 0.0 { ((libm::log10(error) - low) / (high - low)).clamp(0.0, 1.0) } else { 0.0 };
-    let place = share * last as f64;
-    let below = (place as usize).min(last - 1);
-    let t = place - below as f64;
-    std::array::from_fn(|c| {
-        let [a, b] = [ERROR_COLOURS[below][c], ERROR_COLOURS[below + 1][c]];
-        (a + t * (b - a)).round() as u8
-    })
+fn load_map(folder: &Path, file: &str, problems: &mut Vec<String>) -> Option<Image> {
+    let bytes = std::fs::read(folder.join(file)).map_err(|e| problems.push(format!("{file}: {e}"))).ok()?;
+    read_image(&bytes, file, Encoding::Linear).map_err(|e| problems.push(e.to_string())).ok()
 }
 
-fn sample_map(folder: &Path, file: &str, side: u32, problems: &mut Vec<String>) -> Option<Embedded> {
-    let bytes = std::fs::read(folder.join(file)).map_err(|e| problems.push(format!("{file}: {e}"))).ok()?;
-    let map = read_image(&bytes, file, Encoding::Linear).map_err(|e| problems.push(e.to_string())).ok()?;
-    let small = shrink(&map, side)?;
-    let values: Vec<u8> = small.pixels.iter().map(|p| (p[0] * 255.0).round() as u8).collect();
-    embed(encode_png_gray(small.size, &values), small.size)
+/// A sample map on the scene's colour scale, from 0 to `most` samples per pixel. `white` is the number that white
+/// represents in `map`.
+fn sample_map(map: &Image, [white, most]: [f64; 2], side: u32) -> Option<Embedded> {
+    let small = shrink(map, side)?;
+    let values: Vec<[u8; 3]> = small.pixels.iter().map(|p| sample_colour(f64::from(p[0]) * white, most)).collect();
+    embed(encode_png_rgb(small.size, &values), small.size)
+}
+
+/// The largest number of samples per pixel in the sample maps of `runs`.
+fn most_samples(runs: &[Option<&Run>]) -> Option<f64> {
+    let mapped = runs.iter().flatten().filter(|run| run.sample_map.is_some());
+    mapped.filter_map(|run| run.white).filter(|white| white.is_finite()).reduce(f64::max)
+}
+
+/// Adds the whole images of the methods and the reference for the viewer. Images that are too large for the page are
+/// embedded at a lower resolution, and their PNG files at full resolution are added to [`Gallery::files`].
+fn add_whole(
+    gallery: &mut Gallery,
+    recorded: &RecordedStudy,
+    scene: &SceneRecord,
+    images: &[Option<Image>],
+    reference: &Image,
+) {
+    if images.iter().all(Option::is_none) {
+        return;
+    }
+    let names = crate::file_names::method_file_names(&recorded.manifest.methods);
+    let side = whole_side(recorded, reference.size);
+    let methods = images.iter().enumerate().filter_map(|(i, image)| Some((Some(i), image.as_ref()?)));
+    for (method, image) in methods.chain([(None, reference)]) {
+        let stops = gallery.exposure_stops;
+        let Some(embedded) = shrink(image, side).and_then(|p| embed(encode_png(&p, stops), p.size)) else { continue };
+        let mut file = None;
+        if embedded.size != image.size
+            && let Ok(png) = encode_png(image, stops)
+        {
+            let name = method.map_or("reference", |method| &names[method]);
+            let path = format!("viewer/{}/{name}.png", safe_file_name(&scene.name));
+            gallery.files.push((path.clone(), png));
+            file = Some(path);
+        }
+        gallery.whole.push(Whole { method, image: embedded, file });
+    }
+}
+
+/// The longer side in pixels of the viewer's embedded images, chosen so that all of the page take about [`WHOLE_ROOM`]
+/// bytes: 4 per pixel, as 3 bytes hardly compress and base64 takes a third more.
+fn whole_side(recorded: &RecordedStudy, [width, height]: [u32; 2]) -> u32 {
+    let images = recorded.manifest.scenes.len() * (recorded.manifest.methods.len() + 1);
+    let pixels = WHOLE_ROOM / images.max(1) as f64 / 4.0;
+    let factor = (pixels / (f64::from(width) * f64::from(height)).max(1.0)).sqrt().min(1.0);
+    ((f64::from(width.max(height)) * factor) as u32).max(32)
 }

@@ -3,13 +3,16 @@
 use super::comparison_table::{
     ComparisonLine, FactorialLine, MethodVerdicts, factorial_lines, headline, lines, method_verdicts, tally,
 };
-use super::gallery::{ERROR_DECADES, Embedded, Gallery, gallery};
-use super::log_log_chart::{Axis, PlottedCurve, log_log, swatch, tick_words};
+use super::gallery::{Gallery, gallery};
+use super::log_log_chart::{Axis, PlottedCurve, log_log, swatch};
 use super::method_style::{MethodStyle, names, styles};
-use super::table_cell::{TableCell, short};
+use super::provenance::{busy, commit, made, reference, remarks};
+use super::scene_images::SceneImages;
+use super::table_cell::TableCell;
+use crate::file_names::safe_file_name;
 use crate::record::{RunBudget, SceneRecord};
 use crate::recorded_study::RecordedStudy;
-use crate::summary::{PHASES, Row, Summary, number};
+use crate::summary::{PHASES, Row, Summary};
 use askama::Template;
 
 #[derive(Template)]
@@ -31,8 +34,12 @@ struct ReportPage {
     legend: Vec<LegendEntry>,
     made: Vec<(&'static str, String)>,
     references: Vec<[String; 5]>,
-    /// The smallest and the largest error of the error maps' colour scale, as text.
-    error_scale: [String; 2],
+    version: String,
+    commit: String,
+    /// A warning that the machine was busy.
+    busy: Option<String>,
+    /// The files beside the report: link and description.
+    files: Vec<(String, String)>,
 }
 
 /// The comparison with the baseline at the top of the report.
@@ -41,6 +48,8 @@ struct Headline {
     budget: String,
     spp: u64,
     tally: [usize; 3],
+    /// The wins, losses and undecided comparisons in FLIP.
+    flip: [usize; 3],
     method_verdicts: Vec<MethodVerdicts>,
     lines: Vec<ComparisonLine>,
     factorial_lines: Vec<FactorialLine>,
@@ -90,37 +99,11 @@ struct PointLine {
     note: String,
 }
 
-/// The images of one scene, with captions, as the template needs them.
-struct SceneImages {
-    budget: String,
-    exposure: String,
-    overview: Option<Embedded>,
-    marks: Vec<CropMark>,
-    reference_crops: Vec<Embedded>,
-    tiles: Vec<MethodTile>,
-    problems: Vec<String>,
-}
+/// A picture beside the page: its path relative to the study's folder, and its contents.
+type PictureFile = (String, Vec<u8>);
 
-/// The rectangle of a crop in the overview image, as CSS percentages.
-struct CropMark {
-    label: &'static str,
-    place: String,
-}
-
-struct MethodTile {
-    method: String,
-    swatch: String,
-    ratio: Option<TableCell>,
-    baseline: bool,
-    crops: Vec<(Embedded, &'static str)>,
-    error_map: Option<Embedded>,
-    sample_map: Option<Embedded>,
-    white: Option<String>,
-}
-
-const CROP_LABELS: [&str; 2] = ["A: where methods differ most", "B: a typical part"];
-
-pub(super) fn render(recorded: &RecordedStudy, summary: &Summary) -> Result<String, askama::Error> {
+/// Makes the page, and the pictures that it shows: paths relative to the study's folder, and contents.
+pub(super) fn render(recorded: &RecordedStudy, summary: &Summary) -> Result<(String, Vec<PictureFile>), askama::Error> {
     let manifest = &recorded.manifest;
     let names = names(&manifest.methods);
     let styles = styles(&manifest.methods);
@@ -128,7 +111,14 @@ pub(super) fn render(recorded: &RecordedStudy, summary: &Summary) -> Result<Stri
     let base = manifest.methods.iter().position(|m| *m == manifest.baseline).unwrap_or(0);
     let spp: Vec<RunBudget> = manifest.spp.iter().map(|&spp| RunBudget::Spp(spp)).collect();
     let view = Builder { recorded, summary, names: &names, styles: &styles, budget };
-    ReportPage {
+    let mut pictures = Vec::new();
+    let mut scenes = Vec::new();
+    for (i, scene) in manifest.scenes.iter().enumerate() {
+        let mut gallery = gallery(recorded, scene);
+        pictures.append(&mut gallery.files);
+        scenes.push(view.scene(i, scene, gallery));
+    }
+    let page = ReportPage {
         style: concat!(include_str!("../../templates/palette.css"), include_str!("../../templates/report.css")),
         script: include_str!("../../templates/report.js"),
         scene_count: manifest.scenes.len(),
@@ -145,90 +135,54 @@ pub(super) fn render(recorded: &RecordedStudy, summary: &Summary) -> Result<Stri
             spp: match budget {
                 RunBudget::Spp(spp) | RunBudget::TimeOf(spp) => spp,
             },
-            tally: tally(summary, budget),
+            tally: tally(summary, budget, "relmse ratio"),
+            flip: tally(summary, budget, "flip ratio"),
             method_verdicts: method_verdicts(recorded, summary, &names, budget),
             lines: lines(recorded, summary, &names, &[budget]),
             factorial_lines: factorial_lines(recorded, summary, budget),
         }),
         equal_spp: lines(recorded, summary, &names, &spp),
-        scenes: manifest.scenes.iter().enumerate().map(|(i, scene)| view.scene(i, scene)).collect(),
+        scenes,
         legend: names.iter().zip(&styles).map(|(n, s)| LegendEntry { name: n.clone(), swatch: swatch(*s) }).collect(),
         made: made(recorded),
         references: manifest.scenes.iter().map(reference).collect(),
-        error_scale: ERROR_DECADES.map(|decade| tick_words(libm::pow(10.0, decade))),
-    }
-    .render()
+        version: manifest.version.clone(),
+        commit: commit(recorded),
+        busy: busy(recorded),
+        files: files(recorded),
+    };
+    Ok((page.render()?, pictures))
 }
 
-/// Sentences about unusual records: foreign, repeated or incomplete lines of `runs.jsonl`, and rejected samples.
-fn remarks(recorded: &RecordedStudy) -> Vec<String> {
-    let mut remarks = Vec::new();
-    let mut remark = |count: usize, words: &str| {
-        if count > 0 {
-            remarks.push(format!("{count} {words}"));
-        }
-    };
-    remark(
-        recorded.foreign,
-        "lines of runs.jsonl belong to no scene, method, budget or seed of this study and were left out.",
-    );
-    remark(recorded.repeated, "runs were made twice; the last one counts.");
-    remark(usize::from(recorded.torn), "line of runs.jsonl was cut off at its end and was left out.");
-    let rejected = recorded.runs.iter().filter(|run| run.rejected > 0).count();
-    remark(rejected, "runs had samples that were NaN, infinite or negative.");
-    remarks
+/// The files beside the report, with descriptions.
+fn files(recorded: &RecordedStudy) -> Vec<(String, String)> {
+    let about = |file: &str, what: &str| (link(file), what.to_owned());
+    let mut files = vec![
+        about("runs.csv", "every run of every seed as a line, with CPU seconds"),
+        about("runs.jsonl", "the same as JSON"),
+        about("summary.csv", "all figures of this page, exact"),
+        about("study.json", "settings and machine"),
+        about("notebook.ipynb", "a notebook that plots error against time from runs.jsonl"),
+        about("latex/tables.tex", "tables for LaTeX (booktabs)"),
+        about("latex/study.tex", "a LaTeX document with tables and curves (pgfplots)"),
+        about("viewer/index.html", "images for JERI, and for tev"),
+    ];
+    let plot = |scene: &SceneRecord| format!("plots/{}.svg", safe_file_name(&scene.name));
+    files.extend(recorded.manifest.scenes.iter().map(plot).map(|file| about(&file, "error against time")));
+    files
 }
 
-fn made(recorded: &RecordedStudy) -> Vec<(&'static str, String)> {
-    let m = &recorded.manifest;
-    let unknown = || "unknown".to_owned();
-    let loads: Vec<f64> = recorded.runs.iter().filter_map(|run| run.load).collect();
-    let load = if loads.is_empty() {
-        unknown()
-    } else {
-        let [low, high] =
-            [loads.iter().copied().fold(f64::INFINITY, f64::min), loads.iter().copied().fold(0.0, f64::max)];
-        format!("{low:.2} to {high:.2} (one-minute average before each run)")
+/// The path of a file beside the report as a link: characters with a meaning in URLs are escaped.
+pub(super) fn link(file: &str) -> String {
+    let escaped = |byte: u8| match byte {
+        b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' | b'/' => char::from(byte).to_string(),
+        _ => format!("%{byte:02X}"),
     };
-    let fresh = recorded.runs.iter().filter(|run| run.fresh).count();
-    let quote = |word: &String| {
-        let plain = !word.is_empty() && word.chars().all(|c| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c));
-        if plain { word.clone() } else { format!("'{}'", word.replace('\'', "'\\''")) }
-    };
-    vec![
-        ("Command", m.command.iter().map(quote).collect::<Vec<_>>().join(" ")),
-        ("Version", m.version.clone()),
-        ("Commit", m.commit.clone().unwrap_or_else(unknown)),
-        ("Began", m.began.clone()),
-        ("Processor", m.machine.processor.clone().unwrap_or_else(unknown)),
-        ("Threads", m.machine.threads.to_string()),
-        ("System", m.machine.system.clone()),
-        ("Load", load),
-        ("Depth", m.max_depth.map_or_else(|| "each scene's".into(), |depth| format!("at most {depth}"))),
-        ("Processes", format!("{fresh} of {} runs in a process of their own", recorded.runs.len())),
-        ("Seeds", m.seeds.iter().map(u64::to_string).collect::<Vec<_>>().join(", ")),
-        ("Runs", format!("{} of {}", recorded.runs.len(), recorded.expected())),
-    ]
-}
-
-fn reference(scene: &SceneRecord) -> [String; 5] {
-    let r = &scene.reference;
-    let unknown = || "unknown".to_owned();
-    let seeds = r.seeds.map(|s| format!(", seeds {} and {}", s[0], s[1])).unwrap_or_default();
-    let points = r.points.as_ref().map(|p| format!("{p}{seeds}"));
-    let spp = r.spp.map(|spp| spp.to_string());
-    let short_hash: String = r.hash.chars().take(16).collect();
-    [
-        r.file.clone(),
-        spp.unwrap_or_else(unknown),
-        points.unwrap_or_else(unknown),
-        r.relmse.map_or_else(unknown, short),
-        short_hash,
-    ]
+    file.bytes().map(escaped).collect()
 }
 
 /// Formats a budget for use in a sentence after "at", such as `16 spp`.
-fn phrase(budget: RunBudget) -> String {
+pub(super) fn phrase(budget: RunBudget) -> String {
     match budget {
         RunBudget::Spp(spp) => format!("{spp} spp"),
         RunBudget::TimeOf(spp) => format!("equal time (that of {spp} spp)"),
@@ -244,7 +198,7 @@ pub(super) struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    fn scene(&self, index: usize, scene: &SceneRecord) -> SceneSection {
+    fn scene(&self, index: usize, scene: &SceneRecord, gallery: Gallery) -> SceneSection {
         let manifest = &self.recorded.manifest;
         let levels = self.levels(scene);
         let ticks = manifest.spp.iter().map(|&spp| spp as f64).collect();
@@ -264,7 +218,7 @@ impl Builder<'_> {
             times: self.times(scene, times_budget),
             times_budget: phrase(times_budget),
             points: self.points(scene),
-            view: self.view(scene, gallery(self.recorded, scene)),
+            view: self.view(scene, gallery),
         }
     }
 
@@ -288,6 +242,11 @@ impl Builder<'_> {
     }
 
     fn curves(&self, scene: &SceneRecord, x: &str) -> Vec<PlottedCurve> {
+        self.named_curves(scene, x).into_iter().map(|(_, curve)| curve).collect()
+    }
+
+    /// The curves of error over `x`, with the names of their methods.
+    pub(super) fn named_curves(&self, scene: &SceneRecord, x: &str) -> Vec<(&str, PlottedCurve)> {
         let manifest = &self.recorded.manifest;
         let of = |(i, method): (usize, &crate::record::Method)| {
             let point = |&spp: &u64| {
@@ -298,9 +257,10 @@ impl Builder<'_> {
                 let drawn = x > 0.0 && y > 0.0;
                 drawn.then(|| (x, y, error.interval().filter(|ends| ends[0] > 0.0)))
             };
-            PlottedCurve { style: self.styles[i], points: manifest.spp.iter().filter_map(point).collect() }
+            let points = manifest.spp.iter().filter_map(point).collect();
+            (self.names[i].as_str(), PlottedCurve { style: self.styles[i], points })
         };
-        manifest.methods.iter().enumerate().map(of).filter(|curve| !curve.points.is_empty()).collect()
+        manifest.methods.iter().enumerate().map(of).filter(|(_, curve)| !curve.points.is_empty()).collect()
     }
 
     fn costs(&self, scene: &SceneRecord, levels: &[String]) -> Vec<Cost> {
@@ -364,42 +324,5 @@ impl Builder<'_> {
             }
         }
         lines
-    }
-
-    fn view(&self, scene: &SceneRecord, gallery: Gallery) -> SceneImages {
-        let manifest = &self.recorded.manifest;
-        let words = gallery.budget.map(|budget| budget.to_string()).unwrap_or_default();
-        let percent = |part: u32, whole: u32| 100.0 * f64::from(part) / f64::from(whole.max(1));
-        let mark = |(crop, label): (&[u32; 4], &&'static str)| {
-            let [w, h] = scene.resolution;
-            let [x, y, cw, ch] = [percent(crop[0], w), percent(crop[1], h), percent(crop[2], w), percent(crop[3], h)];
-            CropMark { label: &label[..1], place: format!("left:{x:.2}%;top:{y:.2}%;width:{cw:.2}%;height:{ch:.2}%") }
-        };
-        let tile = |tile: super::gallery::MethodImages| {
-            let method = &manifest.methods[tile.method];
-            let row = self.summary.find(&scene.name, method, &words, "relmse ratio");
-            MethodTile {
-                method: self.names[tile.method].clone(),
-                swatch: swatch(self.styles[tile.method]),
-                ratio: row.map(|row| TableCell::ratio(Some(row))),
-                baseline: *method == manifest.baseline,
-                crops: tile.crops.into_iter().zip(CROP_LABELS).collect(),
-                error_map: tile.error_map,
-                sample_map: tile.sample_map,
-                white: tile.white.map(|white| if white.fract() == 0.0 { number(white) } else { short(white) }),
-            }
-        };
-        SceneImages {
-            budget: gallery.budget.map(phrase).unwrap_or_default(),
-            exposure: match gallery.exposure_stops {
-                0.0 => "as rendered".into(),
-                stops => format!("{stops:+} stops").replace('-', "−"),
-            },
-            marks: gallery.crops.iter().zip(&CROP_LABELS).map(mark).collect(),
-            overview: gallery.overview,
-            reference_crops: gallery.reference_crops,
-            tiles: gallery.tiles.into_iter().map(tile).collect(),
-            problems: gallery.problems,
-        }
     }
 }

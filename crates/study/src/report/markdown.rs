@@ -23,7 +23,7 @@ pub(super) fn render(recorded: &RecordedStudy, summary: &Summary) -> String {
         recorded.expected()
     );
     if let Some(budget) = headline(recorded, summary) {
-        let [won, lost, open] = tally(summary, budget);
+        let [won, lost, open] = tally(summary, budget, "relmse ratio");
         let what = match budget {
             RunBudget::TimeOf(spp) => format!("At equal time, that of {base} with {spp} spp"),
             RunBudget::Spp(spp) => format!("At {spp} spp"),

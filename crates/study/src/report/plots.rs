@@ -3,8 +3,8 @@
 use super::html::Builder;
 use super::log_log_chart::{SIZE, swatch};
 use super::method_style::{names, styles};
+use crate::file_names::safe_file_name;
 use crate::recorded_study::RecordedStudy;
-use crate::references::safe_file_name;
 use crate::summary::Summary;
 
 /// Makes a file name and the text of an SVG for each scene. The SVG contains its own colours, for light and dark

@@ -1,6 +1,6 @@
 //! Rounded values for tables.
 
-use crate::summary::{Row, number};
+use crate::summary::{RatioVerdict, Row, number};
 
 /// A value in a table of the report: rounded for display, and exact as in `summary.csv`.
 #[derive(Clone, Debug, Default)]
@@ -16,6 +16,8 @@ pub(super) struct TableCell {
     /// The rounded 95 % interval; empty without an interval.
     pub(super) interval: String,
     pub(super) note: String,
+    /// The name of the value's verdict, if it is compared with the baseline; empty otherwise.
+    pub(super) class: &'static str,
     /// The sign of a footnote about the value; empty without a footnote.
     pub(super) mark: &'static str,
 }
@@ -45,6 +47,7 @@ impl TableCell {
                 .interval()
                 .map_or_else(String::new, |ends| format!("[{}, {}]", write(ends[0]), write(ends[1]))),
             note: row.note.clone(),
+            class: RatioVerdict::of(row).map_or("", RatioVerdict::words),
             mark: mark(&row.note),
         }
     }

@@ -6,15 +6,14 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// The git commit of the build: the value of the environment variable `DAPPLE_COMMIT` at compile time. Without this
-/// variable the commit is unknown: the repository around the current folder may be another one.
-const COMMIT: Option<&str> = option_env!("DAPPLE_COMMIT");
+/// The git commit of the build, found by the build script; empty if it is unknown.
+const COMMIT: &str = env!("DAPPLE_BUILD_COMMIT");
 
 /// Makes the manifest of a study that begins now.
 pub(super) fn new(plan: &Plan, scenes: Vec<SceneRecord>, command: &[String]) -> Manifest {
     Manifest {
         version: env!("CARGO_PKG_VERSION").to_owned(),
-        commit: COMMIT.filter(|commit| !commit.is_empty()).map(str::to_owned),
+        commit: (!COMMIT.is_empty()).then(|| COMMIT.to_owned()),
         command: command.to_vec(),
         began: utc(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs())),
         machine: machine(plan.threads),
@@ -39,6 +38,7 @@ fn machine(threads: usize) -> Machine {
     Machine {
         processor: cpuinfo.lines().find_map(named),
         threads: if threads == 0 { rayon::current_num_threads() } else { threads },
+        cores: std::thread::available_parallelism().ok().map(usize::from),
         system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
     }
 }
@@ -76,12 +76,15 @@ pub(super) fn bytes(manifest: &Manifest) -> Vec<u8> {
     bytes
 }
 
-/// Lists the settings that differ between two manifests, one line each. Start time, command line, and the references'
-/// paths and variance are ignored.
+/// Lists the settings that differ between two manifests, one line each. Start time, command line, number of cores, and
+/// the references' paths and variance are ignored, and a commit if one of the two is unknown.
 pub(super) fn differences(there: &Manifest, here: &Manifest) -> Vec<String> {
     let plain = |manifest: &Manifest| {
         let mut plain = manifest.clone();
-        (plain.command, plain.began) = (Vec::new(), String::new());
+        (plain.command, plain.began, plain.machine.cores) = (Vec::new(), String::new(), None);
+        if there.commit.is_none() || here.commit.is_none() {
+            plain.commit = None;
+        }
         plain.external.iter_mut().for_each(|external| external.folder = PathBuf::new());
         for scene in &mut plain.scenes {
             (scene.reference.file, scene.reference.relmse) = (String::new(), None);

@@ -57,6 +57,7 @@ fn look(folder: &Path, expected: &serde_json::Value) -> Result<(), String> {
 fn whole() -> serde_json::Value {
     serde_json::json!({
         "scenes": 2, "charts": 4, "curves": 24, "crops": 24, "maps": 24, "bars": 12,
+        "viewers": 2, "whole": 14,
         // Wins, equal spp, factorial, references; slopes, times, points of each scene.
         "tables": 10,
     })
@@ -87,6 +88,7 @@ fn an_unfinished_report_works_in_a_browser() {
     study.runs.retain(|run| run.scene == "a");
     let expected = serde_json::json!({
         "scenes": 2, "charts": 2, "curves": 4, "crops": 0, "maps": 0, "bars": 2, "tables": 5,
+        "viewers": 0, "whole": 0,
     });
     assert_eq!(open("report-unfinished", &mut study, false, &expected), Ok(()));
 }
@@ -110,6 +112,7 @@ fn a_real_study_works_in_a_browser() {
     // Four methods. Times to errors and comparisons depend on the clock; the numbers of tables and figures do not.
     let expected = serde_json::json!({
         "scenes": 2, "charts": 4, "curves": 16, "crops": 16, "maps": 16, "bars": 8, "tables": 10,
+        "viewers": 2, "whole": 10,
     });
     assert_eq!(look(&folder, &expected), Ok(()));
 }

@@ -77,11 +77,11 @@ fn two_seeds_differ_by_twice_the_variance() {
         mean(&mse(study.runs(), spp))
     };
     let variance = mean(&mse(&alone, spp));
-    let pairs = against("images/tiny/spp-16-00.exr");
+    let pairs = against("images/tiny/uniform-none-16spp.exr");
     // With 1200 values per image, 7 pairs give the ratio within about 4 %.
     assert!((pairs / (2.0 * variance) - 1.0).abs() < 0.12, "{pairs} and {variance}");
     // The control: an image of four times the samples adds only a quarter.
-    let other = against("images/tiny/spp-64-00.exr");
+    let other = against("images/tiny/uniform-none-64spp.exr");
     assert!((other / (2.0 * variance) - 0.625).abs() < 0.12, "{other} and {variance}");
 }
 

@@ -2,6 +2,7 @@
 
 mod browser;
 mod common;
+mod exports;
 mod external;
 mod known_answers;
 mod references;

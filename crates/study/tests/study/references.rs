@@ -181,7 +181,7 @@ fn light_selections_share_a_reference() {
         let mut draft = place.draft().samplers(vec!["uniform".into()]).time_of(0);
         let scene = &mut draft.scenes.as_mut().unwrap()[0];
         *scene = ScenePlan::from("room");
-        (scene.name, scene.lights) = (Some(name.into()), lights);
+        (scene.name, scene.lights) = (Some(name.into()), Some(lights));
         draft
     };
     let (power, rendered) = place.reference(with(LightSelection::Power, "power"), "a");

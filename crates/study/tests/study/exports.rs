@@ -1,0 +1,199 @@
+//! Files beside the report: CSV, LaTeX, the notebook and the folder of images; links and warnings of the page.
+#![allow(clippy::print_stderr)]
+
+use crate::synthesis::{Law, Study, example};
+use dapple_study::write_report;
+use std::path::Path;
+use std::process::Command;
+
+fn written(study: &mut Study, images: bool) -> (tempfile::TempDir, String) {
+    let folder = tempfile::tempdir().unwrap();
+    study.write(folder.path(), images);
+    let _ = write_report(folder.path()).unwrap();
+    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    (folder, page)
+}
+
+fn two() -> Study {
+    Study::new(&["a"], &[Law::new("uniform", "none"), Law::new("mitchell", "none")], &[4, 8], Some(8), 3)
+}
+
+/// Returns `true` if a program runs with these arguments; otherwise prints that the test is skipped.
+fn has(program: &str, arguments: &[&str]) -> bool {
+    let there = Command::new(program).args(arguments).output().is_ok_and(|output| output.status.success());
+    if !there {
+        eprintln!("skipped: no {program} {}", arguments.join(" "));
+    }
+    there
+}
+
+#[test]
+fn every_link_of_the_page_leads_to_a_file() {
+    let (folder, page) = written(&mut example(), true);
+    let links: Vec<&str> = page.split("href=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
+    let files: Vec<&&str> = links.iter().filter(|link| !link.starts_with('#') && !link.starts_with("data:")).collect();
+    let missing: Vec<_> = files.iter().filter(|file| !folder.path().join(file).is_file()).collect();
+    assert_eq!(missing, Vec::<&&&str>::new());
+    for file in ["runs.csv", "runs.jsonl", "study.json", "notebook.ipynb", "latex/tables.tex", "viewer/index.html"] {
+        assert!(files.iter().any(|link| **link == file), "{file}: {files:?}");
+    }
+    // The EXR image and the sample map of each method.
+    assert_eq!(files.iter().filter(|file| file.starts_with("images/")).count(), 2 * 2 * 6);
+}
+
+#[test]
+fn a_busy_machine_is_warned_of_at_the_top() {
+    let mut study = two();
+    study.manifest.machine.cores = Some(2);
+    let (_, page) = written(&mut study, false);
+    assert!(!page.contains("The machine was busy"));
+    for run in study.runs.iter_mut().take(3) {
+        run.load = Some(5.25);
+    }
+    let (_, page) = written(&mut study, false);
+    let warning = "the load was up to 5.2 on 2 cores, and above the cores before 3 of 18 runs";
+    assert!(page.find(warning).is_some_and(|at| at < page.find("<main>").unwrap()), "no warning");
+    // The study's own threads are no other program.
+    study.manifest.machine.cores = Some(6);
+    let (_, page) = written(&mut study, false);
+    assert!(!page.contains("The machine was busy"));
+}
+
+#[test]
+fn an_unknown_commit_is_named_with_the_version() {
+    let mut study = two();
+    assert!(written(&mut study, false).1.contains("Made by Dapple 0.1.0, commit 0123abc+."));
+    study.manifest.commit = None;
+    assert!(written(&mut study, false).1.contains("commit unknown (this build of version 0.1.0 came without git)"));
+}
+
+#[test]
+fn undecided_and_losses_in_flip_are_explained_where_they_stand() {
+    let mut study = two();
+    let (_, page) = written(&mut study, false);
+    let verdicts = page.split("id=\"verdicts\"").nth(1).unwrap();
+    assert!(verdicts.contains("<span class=\"why\">the interval contains 1</span>"), "no reason");
+    // A third of the error in relMSE, twice that in FLIP.
+    for run in study.runs.iter_mut().filter(|run| run.method.sampler == "mitchell") {
+        (run.errors.relmse, run.errors.flip) = (0.3 * run.errors.relmse, 2.0 * run.errors.flip);
+    }
+    let (_, page) = written(&mut study, false);
+    assert!(page.contains("loses in FLIP on") && page.contains("▼ 1 lost"), "no loss in FLIP");
+    let cell = page.split("<td class=\"num loss\">").nth(1).expect("a marked cell");
+    assert!(cell.contains("▼") && cell.contains("flip ratio"), "{cell:.200}");
+    study.manifest.seeds = vec![1];
+    let (_, page) = written(&mut study, false);
+    assert!(page.contains("<span class=\"why\">one seed: no interval</span>"), "no reason");
+}
+
+#[test]
+fn each_run_is_a_line_of_the_table_with_its_cpu_seconds() {
+    let mut study = two();
+    study.runs[0].cpu_s = Some(0.25);
+    let (folder, _) = written(&mut study, false);
+    let mut reader = csv::Reader::from_path(folder.path().join("runs.csv")).unwrap();
+    let head = reader.headers().unwrap().clone();
+    let column = |name: &str| head.iter().position(|h| h == name).unwrap_or_else(|| panic!("no {name}: {head:?}"));
+    let lines: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    assert_eq!(lines.len(), study.runs.len());
+    for (line, run) in lines.iter().zip(&study.runs) {
+        assert_eq!(line[column("relmse")].parse::<f64>().unwrap(), run.errors.relmse);
+        assert_eq!(
+            (&line[column("seed")], &line[column("sampler")]),
+            (run.seed.to_string().as_str(), run.method.sampler.as_str())
+        );
+    }
+    assert_eq!((&lines[0][column("cpu_seconds")], &lines[1][column("cpu_seconds")]), ("0.25", ""));
+    assert_eq!((&lines[0][column("budget")], &lines[0][column("budget_spp")]), ("spp", "4"));
+}
+
+#[test]
+fn latex_reads_the_tables_and_curves() {
+    let mut study = example();
+    study.manifest.scenes[0].name = "50%_of {a} & $b#~^\\ <x>".into();
+    let name = study.manifest.scenes[0].name.clone();
+    study.runs.iter_mut().filter(|run| run.scene == "cornell-box").for_each(|run| run.scene = name.clone());
+    let (folder, _) = written(&mut study, false);
+    let latex = folder.path().join("latex");
+    let tables = std::fs::read_to_string(latex.join("tables.tex")).unwrap();
+    for words in ["\\toprule", "\\midrule", "\\bottomrule", "50\\%\\_of \\{a\\} \\& \\$b\\#", "cluster-gaussian"] {
+        assert!(tables.contains(words), "{words}");
+    }
+    let curves = std::fs::read_to_string(latex.join("curves-2-teapot.tex")).unwrap();
+    assert_eq!(curves.matches("\\addplot").count(), study.manifest.methods.len());
+    if !has("pdflatex", &["--version"]) || !has("kpsewhich", &["pgfplots.sty"]) {
+        return;
+    }
+    let mut command = Command::new("pdflatex");
+    let output = command.args(["-interaction=nonstopmode", "-halt-on-error", "study.tex"]).current_dir(&latex).output();
+    let output = output.unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+    assert!(latex.join("study.pdf").metadata().unwrap().len() > 10_000);
+}
+
+/// The interpreter for the notebook: that of `DAPPLE_PYTHON`, else `python3`.
+fn python() -> String {
+    std::env::var("DAPPLE_PYTHON").unwrap_or_else(|_| "python3".into())
+}
+
+#[test]
+fn the_notebook_runs() {
+    let (folder, _) = written(&mut example(), false);
+    let text = std::fs::read_to_string(folder.path().join("notebook.ipynb")).unwrap();
+    let notebook: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!((notebook["nbformat"].as_u64(), notebook["nbformat_minor"].as_u64()), (Some(4), Some(5)));
+    let cells = notebook["cells"].as_array().unwrap();
+    let code = cells.iter().filter(|cell| cell["cell_type"] == "code");
+    let program: Vec<&str> = code.map(|cell| cell["source"].as_str().unwrap()).collect();
+    assert!(program.len() == 3 && program[0].contains("runs.jsonl"));
+    if !has(&python(), &["-c", "import pandas, matplotlib"]) {
+        return;
+    }
+    // Without a screen; and the last cell's table has 1 for the baseline.
+    let program = format!(
+        "import matplotlib\nmatplotlib.use('Agg')\n{}\nresult = np.exp(ratios.groupby(['scene', 'budget.spp']).mean())\n\
+         assert result.shape == (10, 6) and (result[base] == 1).all() and not result.isna().any().any()\n\
+         assert len(plt.get_fignums()) == 2 and all(len(plt.figure(n).axes[0].lines) == 6 for n in plt.get_fignums())\n",
+        program.join("\n")
+    );
+    let output = Command::new(python()).args(["-c", &program]).current_dir(folder.path()).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+fn viewers_get_a_folder_of_images_named_by_method() {
+    let (folder, _) = written(&mut example(), true);
+    let viewer = folder.path().join("viewer");
+    let read = |file: &str| std::fs::read_to_string(viewer.join(file)).unwrap();
+    let data: serde_json::Value = serde_json::from_str(&read("data.json")).unwrap();
+    let script = read("data.js");
+    let of_script = script.trim().trim_start_matches("const data = ").trim_end_matches(';');
+    assert_eq!(serde_json::from_str::<serde_json::Value>(of_script).unwrap(), data);
+    let scene = &data["children"][1];
+    let (images, errors) = (&scene["children"][0]["children"], &scene["children"][1]["children"]);
+    let images: Vec<&str> = images.as_array().unwrap().iter().map(|image| image["image"].as_str().unwrap()).collect();
+    assert_eq!((images.len(), errors.as_array().unwrap().len()), (7, 6));
+    assert!(images.contains(&"teapot/cluster-cluster-gaussian.exr") && images.last() == Some(&"teapot/reference.exr"));
+    let bytes = |file: &Path| std::fs::read(file).unwrap();
+    assert_eq!(bytes(&viewer.join("teapot/reference.exr")), bytes(&folder.path().join("references/teapot.exr")));
+    assert_eq!(errors[0]["lossMap"]["imageB"], "teapot/reference.exr");
+    // A report made anew replaces the images.
+    std::fs::remove_file(viewer.join("teapot/reference.exr")).unwrap();
+    std::fs::write(viewer.join("teapot/reference.exr"), "old").unwrap();
+    let _ = write_report(folder.path()).unwrap();
+    assert_eq!(bytes(&viewer.join("teapot/reference.exr")), bytes(&folder.path().join("references/teapot.exr")));
+}
+
+/// Images that are too large for the page are embedded smaller, and lie beside it at full resolution.
+#[test]
+fn large_images_lie_beside_the_page() {
+    let laws = [Law::new("uniform", "none"), Law::new("mitchell", "none")];
+    let mut study = Study::new(&["a"], &laws, &[4], None, 2).resized([1024, 640]);
+    let (folder, page) = written(&mut study, true);
+    for name in ["uniform-none", "mitchell-none", "reference"] {
+        assert!(page.contains(&format!("data-full=\"viewer/a/{name}.png\"")), "{name}");
+        let png = std::fs::read(folder.path().join(format!("viewer/a/{name}.png"))).unwrap();
+        assert_eq!((&png[16..20], &png[20..24]), (&1024_u32.to_be_bytes()[..], &640_u32.to_be_bytes()[..]), "{name}");
+    }
+    assert!(page.len() < 3_000_000, "{} bytes", page.len());
+}
