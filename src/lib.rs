@@ -7,8 +7,8 @@
 //!   enough.
 //! * [`points()`], [`sampler()`], [`filter()`] and [`default_pair`]: methods by name; [`registry`] (feature `registry`):
 //!   their tables, and clusters of a host. The default features are this one and those of the methods:
-//!   * [`low_discrepancy`] (feature `low-discrepancy`): Owen-scrambled Sobol', Halton, (0,2), stratified and
-//!     independent random point sets.
+//!   * [`low_discrepancy`] (feature `low-discrepancy`): Owen-scrambled Sobol', Halton, (0,2), stratified,
+//!     lattice and independent random point sets, and some that spread errors over pixels as blue noise.
 //!   * [`adaptive`] (feature `adaptive`): the default sampler, driven by estimated errors; its variance preset; Cycles'
 //!     stopping rule.
 //!   * [`mitchell`] (feature `mitchell`): Mitchell's contrast-adaptive sampler, and the variant in pbrt-v2.
@@ -19,6 +19,7 @@
 //!
 //! Off by default; the feature `full` has all of them but `oidn`:
 //!
+//! * `classics` (feature `classics`): published methods of adaptive sampling and reconstruction, for comparison.
 //! * `light_selection` (feature `light-selection`): learned probabilities of selecting each of several lights.
 //! * `metrics` (feature `metrics`): errors of images against references, and their statistics.
 //! * `oidn` (feature `oidn`): Intel Open Image Denoise as a filter; its library is found at run time.
@@ -75,6 +76,8 @@ pub use dapple_core::{
 
 #[cfg(feature = "adaptive")]
 pub use dapple_adaptive as adaptive;
+#[cfg(feature = "classics")]
+pub use dapple_classics as classics;
 #[cfg(feature = "cluster-adaptive")]
 pub use dapple_cluster_adaptive as cluster_adaptive;
 #[cfg(feature = "clustering")]

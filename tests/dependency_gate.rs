@@ -81,6 +81,7 @@ const RULES: &[Rule] = &[
     ("dapple-conformance", &["dapple-core", "dapple-metrics"], &["glam", "obvhs", "image", "exr"]),
     ("dapple-adaptive", &["dapple-core"], OF_A_SCENE),
     ("dapple-mitchell", &["dapple-core"], OF_A_SCENE),
+    ("dapple-classics", &["dapple-core", "dapple-denoise"], OF_A_SCENE),
     ("dapple-light-selection", &[], OF_A_SCENE),
     ("dapple-clustering", &[], OF_A_SCENE),
     ("dapple-cluster-adaptive", &["dapple-core", "dapple-clustering"], OF_A_SCENE),
@@ -108,6 +109,7 @@ const LAYERS: &[&str] = &[
     "dapple-clustering",
     "dapple-cluster-adaptive",
     "dapple-denoise",
+    "dapple-classics",
     "dapple-oidn",
     "dapple-registry",
     "dapple-metrics",
@@ -124,11 +126,12 @@ const REGISTRY: &[&str] = &[
     "dapple-clustering",
     "dapple-cluster-adaptive",
     "dapple-denoise",
+    "dapple-classics",
     "dapple-oidn",
 ];
 /// The renderer, and every method with a name.
-const JOB: &[&str] = LAYERS.split_at(13).0;
-const STUDY: &[&str] = LAYERS.split_at(15).0;
+const JOB: &[&str] = LAYERS.split_at(14).0;
+const STUDY: &[&str] = LAYERS.split_at(16).0;
 
 /// Crates for scenes, BVHs, vectors or image files.
 const OF_A_SCENE: &[&str] = &["glam", "obvhs", "image", "exr", "dapple-geometry", "dapple-scene", "dapple-renderer"];

@@ -12,7 +12,7 @@ import sys
 # A table's first columns, and the end of its file's name.
 KINDS = [
     (("scene", "method", "verdict"), "verdicts"),
-    (("scene", "counts", "filter", "counts alone"), "interplay"),
+    (("scene", "sampler", "filter", "sampler alone"), "interplay"),
     (("method", "slope over spp"), "slopes"),
     (("target",), "targets"),
     (("what", "8 spp", "seconds over"), "lights"),

@@ -15,6 +15,9 @@ use dapple_core::{
 /// variance and the map. A pixel's error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the
 /// sum of errors and lie on the ladder of well-stratified counts ([`Ladder`](dapple_core::Ladder)).
 ///
+/// With [`AdaptiveOptions::cost`], scores are divided by the rays per sample. Counts are then in proportion to the
+/// deviation over the root of the cost, as in efficiency-aware splitting at the camera [after Rath 2022].
+///
 /// # Guarantees
 ///
 /// * The budget is met exactly.
@@ -107,6 +110,9 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         if self.options.reads_hits() {
             needs = needs.with_first_hits(HITS);
         }
+        if self.options.cost == 1 {
+            needs = needs.with_cost();
+        }
         self.errors.as_ref().map_or(needs, |map| needs.and(map.needs))
     }
 
@@ -120,7 +126,9 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         // Counts and floors of both halves are held beside all of these.
         let across = if crosses { 12 } else { 0 };
         let plans = !self.pilot().is_all(frame, limits);
-        let always = size_of::<RgbMoments>() + across;
+        // Pooled costs, and scores divided by them.
+        let costs = if self.options.cost == 1 { 16 } else { 0 };
+        let always = size_of::<RgbMoments>() + across + costs;
         let memory = SamplerMemory::planning(frame, if plans { always } else { 0 });
         let mut memory = if crosses { memory.with_second_half(frame) } else { memory };
         if plans {

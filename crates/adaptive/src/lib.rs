@@ -2,6 +2,7 @@
 
 mod adaptive;
 mod cells;
+mod cost;
 mod cycles;
 mod disjoint;
 mod options;

@@ -48,6 +48,10 @@ dapple_core::options! {
         pub edge: f32 = 16.0 => "16", |edge| (1.0..=65536.0).contains(&edge), "1 to 65536 pixels";
         /// Largest angle between a cell's normals and their mean, in degrees.
         pub normals: f32 = 10.0 => "10", |degrees| degrees > 0.0 && degrees <= 90.0, "above 0 and at most 90 degrees";
+        /// Weight of costs: 1 divides scores by the rays per sample, so that counts minimise the error per ray; 0 does not.
+        ///
+        /// The budget is still a number of samples. Equal costs change nothing. Rays are pooled over the window.
+        pub cost: u32 = 0, |cost| cost <= 1, "0 or 1";
     }
 }
 
@@ -76,8 +80,9 @@ impl AdaptiveOptions {
     /// # Errors
     ///
     /// [`Error::OutOfRange`] for a value out of range, several rounds with [`PilotPolicy::Discard`] or
-    /// [`PilotPolicy::Cross`], or more than two with [`PilotPolicy::Neighbours`]. With [`PilotPolicy::Cross`] or [`PilotPolicy::Neighbours`], also for any use of first
-    /// hits. With the former, also for a pilot below 4; with the latter, for a window of radius 0.
+    /// [`PilotPolicy::Cross`], or more than two with [`PilotPolicy::Neighbours`]. With [`PilotPolicy::Cross`] or
+    /// [`PilotPolicy::Neighbours`], also for any use of first hits. With the former, also for a pilot below 4 and for
+    /// costs, which films do not record per half; with the latter, for a window of radius 0.
     pub fn check(&self) -> Result<(), Error> {
         self.check_ranges()?;
         let out = |name, value: String, allowed| Err(OutOfRange { name, value, allowed }.into());
@@ -95,6 +100,13 @@ impl AdaptiveOptions {
         if self.policy == PilotPolicy::Cross && self.reads_hits() {
             let allowed = "keep or discard beside cells: a half's hits would decide on itself";
             return out("policy", "cross".into(), allowed);
+        }
+        if self.policy == PilotPolicy::Cross && self.cost == 1 {
+            return out(
+                "policy",
+                "cross".into(),
+                "keep, neighbours or discard beside cost=1: costs belong to both halves",
+            );
         }
         if self.policy == PilotPolicy::Neighbours && (self.reads_hits() || self.radius == 0) {
             let allowed = "keep or discard beside cells or radius 0, as in policy=keep: own samples would decide there";

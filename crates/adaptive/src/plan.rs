@@ -1,5 +1,6 @@
 //! Planning of sample counts from a film's statistics, without side effects.
 
+use crate::cost::relative_costs;
 use crate::{Adaptive, Cells, Pooling, Sources, geometric_variance, relative_variance};
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Ladder, PilotPolicy, Plan, PointSet, RgbMoments, saturating_u32};
 use rayon::prelude::*;
@@ -14,15 +15,22 @@ const FLOOR: u64 = 4;
 /// The smallest score of a pixel, as a fraction of the mean score.
 const SCORE_FLOOR: f64 = 0.01;
 
+/// The estimates that decide counts, one per pixel.
+struct Scores {
+    /// The relative variance per sample.
+    errors: Vec<f64>,
+    /// The cost per sample, relative to the cheapest pixel; `None` if all samples count alike.
+    costs: Option<Vec<f64>>,
+}
+
 impl<P: PointSet> Adaptive<P> {
     /// The exponent with which errors fall: that of the options, at most 1 for independent samples.
     fn exponent(&self) -> f64 {
         if self.points.is_independent() { self.options.exponent.min(1.0) } else { self.options.exponent }
     }
 
-    /// Returns each pixel's score, an estimate of its relative variance per sample. `moments` returns a pixel's sample
-    /// statistics.
-    fn scores(&self, film: &Film, moments: impl Fn(usize) -> RgbMoments + Sync + Send) -> Result<Vec<f64>, Error> {
+    /// Returns each pixel's scores. `moments` returns a pixel's sample statistics.
+    fn scores(&self, film: &Film, moments: impl Fn(usize) -> RgbMoments + Sync + Send) -> Result<Scores, Error> {
         let o = &self.options;
         let pixels = (0..film.frame().pixels()).into_par_iter().with_min_len(4096);
         let known: Vec<RgbMoments> = pixels.map(moments).collect();
@@ -43,7 +51,8 @@ impl<P: PointSet> Adaptive<P> {
             }
             self.blend_errors(&errors, film, &mut scores);
         }
-        Ok(scores)
+        let costs = (o.cost == 1).then(|| relative_costs(film, radius, sources));
+        Ok(Scores { errors: scores, costs })
     }
 
     /// Returns the pixels whose samples count in a score, in the round that follows the samples of `film`.
@@ -96,15 +105,20 @@ impl<P: PointSet> Adaptive<P> {
         }
     }
 
-    /// Returns counts that minimise the error given by the scores, sum to `total` and are at least `floors`.
+    /// Returns counts that minimise the error given by the scores, sum to `total` and are at least `floors`. With costs,
+    /// they minimise the error of as many rays.
     fn counts(
         &self,
-        scores: &[f64],
+        scores: &Scores,
         floors: &[u32],
         total: u64,
         ceiling: u32,
         ladder: Ladder,
     ) -> Result<Vec<u32>, Error> {
+        let Scores { errors, costs } = scores;
+        let per_ray: Option<Vec<f64>> =
+            costs.as_ref().map(|costs| errors.iter().zip(costs).map(|(error, cost)| error / cost).collect());
+        let scores = per_ray.as_ref().unwrap_or(errors);
         let (mean, exponent) = (total as f64 / scores.len() as f64, self.exponent());
         let cap = (self.options.cap * mean).ceil().min(f64::from(ceiling)) as u32;
         let mut shared = ladder.allocate(scores, floors, cap, total, exponent)?;
@@ -116,10 +130,14 @@ impl<P: PointSet> Adaptive<P> {
         // Most images have more pixels than different counts: one power per count.
         let known: Vec<f64> = (0..=cap.min(TABLE)).map(|n| left(f64::from(n))).collect();
         let left_of = |&n: &u32| known.get(n as usize).copied().unwrap_or_else(|| left(f64::from(n)));
-        let promised: f64 = shared.counts.iter().map(left_of).zip(scores).map(|(left, s)| s * left).sum();
-        let uniform = scores.iter().sum::<f64>() * left(mean);
+        let promised: f64 = shared.counts.iter().map(left_of).zip(errors).map(|(left, s)| s * left).sum();
+        let same = match costs {
+            Some(costs) => rays(&shared.counts, costs) / costs.iter().sum::<f64>(),
+            None => mean,
+        };
+        let uniform = errors.iter().sum::<f64>() * left(same);
         if promised > self.options.gain * uniform {
-            let alike = vec![1.0; scores.len()];
+            let alike = vec![1.0; errors.len()];
             shared = ladder.allocate(&alike, floors, ceiling, total, exponent)?;
         }
         Ok(shared.counts)
@@ -182,6 +200,11 @@ impl<P: PointSet> Adaptive<P> {
         plan.second_half = Some(of(1, second)?);
         Ok(())
     }
+}
+
+/// The cost of these counts.
+fn rays(counts: &[u32], costs: &[f64]) -> f64 {
+    counts.iter().zip(costs).map(|(&n, cost)| f64::from(n) * cost).sum()
 }
 
 /// Raises every score to at least 1 % of the mean, because zero variance in few samples does not prove convergence.

@@ -275,6 +275,19 @@ fn over_windows(
     scores
 }
 
+/// The ratio of two sums over the window around each pixel, of `parts(i)[0]` and of `parts(i)[1]`; 0 if the latter is 0.
+pub(crate) fn ratios_over_windows(
+    size: [usize; 2],
+    window: (usize, Sources),
+    parts: impl Fn(usize) -> [f64; 2] + Sync,
+) -> Vec<f64> {
+    let terms = |i| {
+        let [a, b] = parts(i);
+        Terms([0.0, 0.0, 0.0, 0.0, 0.0, a, b, 0.0])
+    };
+    over_windows(size, window, terms, |_, _, sums| ratio(sums.means()[0], sums.means()[1]))
+}
+
 /// An estimate of each pixel's relative variance from the first hits alone. Not negative, without unit.
 ///
 /// The first of two terms measures texture and edges between materials: the variance of albedo over the pixel's probes,

@@ -24,6 +24,10 @@ dapple_core::options! {
         /// Use of pilot samples: keep (biased), neighbours, discard or cross (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, discard, cross, neighbours";
+        /// Weight of costs: 1 divides scores by the rays per sample, so that counts minimise the error per ray; 0 does not.
+        ///
+        /// See [`AdaptiveOptions::cost`].
+        pub cost: u32 = 0;
     }
 }
 
@@ -31,7 +35,7 @@ impl From<VarianceOptions> for AdaptiveOptions {
     /// Converts to options with one round, variances pooled over the window alone, and no comparison with uniform
     /// counts.
     fn from(o: VarianceOptions) -> Self {
-        let VarianceOptions { pilot, radius, exponent, epsilon, cap, policy } = o;
+        let VarianceOptions { pilot, radius, exponent, epsilon, cap, policy, cost } = o;
         Self {
             pilot,
             radius,
@@ -39,6 +43,7 @@ impl From<VarianceOptions> for AdaptiveOptions {
             epsilon,
             cap,
             policy,
+            cost,
             rounds: 1,
             prior: f64::INFINITY,
             power: 1.0,

@@ -28,7 +28,7 @@ const LONGEST: u32 = 192;
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct EffectsArgs {
-    /// A scene file, a model (.gltf, .glb, .obj, .ply, .stl), or a bundled scene: teapot, terrain, cornell, furnace, plates, lens, motion, glass, room, grass, door, tea, cabin
+    /// A scene file, a model (.gltf, .glb, .obj, .ply, .stl), or a bundled scene: teapot, terrain, cornell, furnace, plates, lens, motion, glass, room, grass, door, tea, cabin, many-lights, caustic, chess, zone-plate, penumbra
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     scene: PathBuf,
 

@@ -26,7 +26,8 @@ const OPTIONS: &[(&[&str], &str)] = &[
 
 /// pbrt's samplers that are point sets in Dapple, with the nearest of ours.
 const POINT_SETS: &[(&[&str], &str)] = &[
-    (&["zsobol", "paddedsobol", "owensobol", "pmj02bn", "02sequence", "ldsampler"], "sobol"),
+    (&["paddedsobol", "owensobol", "02sequence", "ldsampler"], "sobol"),
+    (&["pmj02bn"], "pmj02"),
     (&["independent", "pcg"], "random"),
     (&["multijitter", "orthogonal", "jittered"], "stratified"),
 ];

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:\n  dapple info scene.pbrt\n  dapple info model.obj\n  dapple info terrain")]
 pub(crate) struct InfoArgs {
     /// A pbrt file (v4, v3 or v2), a model (.gltf, .glb, .obj, .ply, .stl), or a bundled scene: teapot, terrain, cornell, furnace, plates, lens,
-    /// motion, glass, room, grass, door, tea, cabin
+    /// motion, glass, room, grass, door, tea, cabin, many-lights, caustic, chess, zone-plate, penumbra
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     scene: PathBuf,
     /// Print warnings about unsupported features of the scene instead of refusing it

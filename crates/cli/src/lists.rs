@@ -1,19 +1,31 @@
 //! The subcommands `dapple samplers`, `points`, `filters` and `integrators`, which list names and parameters, or describe
 //! one method.
 
-mod sources;
-
 use crate::output::tell;
 use crate::{Failure, Outcome, Result, hints};
 use dapple_core::Parameter;
-use dapple_job::registry::{Entry, FILTERS, NOT_BUILT, POINTS, SAMPLERS, check_filter, check_points, check_sampler};
-use sources::source;
+use dapple_job::registry::{
+    self, Entry, FILTERS, NOT_BUILT, POINTS, SAMPLERS, Setting, check_filter, check_points, check_sampler,
+};
+use dapple_study::{PointPlots, point_plots};
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub(crate) struct ListArgs {
-    /// Describe only this one: what it is, its parameters with their defaults, and its source
+    /// Describe only this one: what it is, its source, and its parameters with their defaults
     #[arg(value_name = "NAME")]
     name: Option<String>,
+}
+
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  dapple points zsobol\n  dapple points zsobol:count=4 --plot plots")]
+pub(crate) struct PointsArgs {
+    #[command(flatten)]
+    list: ListArgs,
+
+    /// Write plots into this folder, of one set or of all: points, power spectra and discrepancies, as SVG and CSV
+    #[arg(long, value_name = "DIR")]
+    plot: Option<PathBuf>,
 }
 
 /// A method of any kind, as it is described.
@@ -21,13 +33,17 @@ struct Described {
     name: &'static str,
     aliases: &'static [&'static str],
     about: &'static str,
+    source: &'static str,
+    weakness: &'static str,
+    verdict: &'static str,
     parameters: Vec<&'static Parameter>,
 }
 
 impl<Make> From<&Entry<Make>> for Described {
     fn from(entry: &Entry<Make>) -> Self {
         let parameters = entry.parameters().collect();
-        Self { name: entry.name, aliases: entry.aliases, about: entry.about, parameters }
+        let &Entry { name, aliases, about, source, weakness, verdict, .. } = entry;
+        Self { name, aliases, about, source, weakness, verdict, parameters }
     }
 }
 
@@ -36,10 +52,43 @@ pub(crate) fn samplers(args: &ListArgs) -> Result<Outcome> {
     list(args, "sampler", SAMPLERS.iter().map(Described::from).collect(), &check)
 }
 
-pub(crate) fn points(args: &ListArgs) -> Result<Outcome> {
+pub(crate) fn points(args: &PointsArgs) -> Result<Outcome> {
     let check = |name: &str| check_points(name).map_err(|e| hints::points(name, &e));
-    list(args, "points", POINTS.iter().map(Described::from).collect(), &check)
+    match &args.plot {
+        None => list(&args.list, "points", POINTS.iter().map(Described::from).collect(), &check),
+        Some(folder) => {
+            let all: Vec<&str> = match &args.list.name {
+                Some(name) => vec![name],
+                None => POINTS.iter().map(|entry| entry.name).collect(),
+            };
+            all.iter().try_for_each(|name| check(name).map_err(Failure::new))?;
+            plot(&all, folder)
+        }
+    }
 }
+
+/// Writes the plots of point sets into a folder, and prints two numbers of each.
+fn plot(all: &[&str], folder: &Path) -> Result<Outcome> {
+    let cannot = |path: &Path, what: &str, e: &dyn std::fmt::Display| {
+        Failure::new(format!("{}: cannot {what}: {e}; choose another folder", path.display()))
+    };
+    std::fs::create_dir_all(folder).map_err(|e| cannot(folder, "make the folder", &e))?;
+    tell(format!("{:<26}{:>20}{:>26}", "point set", "L2 discrepancy (256)", "low-frequency power"))?;
+    for name in all {
+        let make = |spp| registry::points(name, Setting { seed: PLOT_SEED, spp: Some(spp) });
+        let plots = point_plots(name, &make).map_err(|e| Failure::new(hints::points(name, &e)))?;
+        for (file, text) in &plots.files {
+            let path = folder.join(file);
+            std::fs::write(&path, text).map_err(|e| cannot(&path, "write", &e))?;
+        }
+        let PointPlots { low_frequency_power, l2_star_discrepancy, .. } = plots;
+        tell(format!("{name:<26}{l2_star_discrepancy:>20.5}{low_frequency_power:>26.3}"))?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// The seed of the plotted point sets.
+const PLOT_SEED: u64 = 1;
 
 pub(crate) fn filters(args: &ListArgs) -> Result<Outcome> {
     let check = |name: &str| check_filter(name).map_err(|e| hints::filter(name, &e));
@@ -55,6 +104,9 @@ pub(crate) fn integrators(args: &ListArgs) -> Result<Outcome> {
         name: entry.name,
         aliases: &[],
         about: entry.about,
+        source: entry.source,
+        weakness: "",
+        verdict: "",
         parameters: entry.parameters.iter().collect(),
     });
     let check =
@@ -89,7 +141,11 @@ fn describe(option: &str, method: &Described) -> Result<()> {
     if !method.aliases.is_empty() {
         tell(format!("former names: {}", method.aliases.join(", ")))?;
     }
-    tell(format!("source: {}", source(method.name)))?;
+    for (what, text) in [("source", method.source), ("weakness", method.weakness), ("result", method.verdict)] {
+        if !text.is_empty() {
+            tell(format!("{what}: {text}"))?;
+        }
+    }
     let example = match method.parameters.first() {
         Some(Parameter { name, default, .. }) => format!("{}:{name}={default}", method.name),
         None => method.name.to_owned(),
@@ -105,4 +161,37 @@ fn list_parameters(parameters: &[&Parameter]) -> Result<()> {
         tell(format!("  {given:<19}{}", parameter.help))?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_method_names_a_source_and_the_bibliography_lists_each() {
+        let sources = SAMPLERS.iter().map(|entry| entry.source).chain(POINTS.iter().map(|entry| entry.source));
+        let sources = sources.chain(FILTERS.iter().map(|entry| entry.source));
+        let sources: Vec<&str> =
+            sources.chain(dapple_renderer::integrators().iter().map(|entry| entry.source)).collect();
+        assert!(sources.iter().all(|source| !source.is_empty()));
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/references.bib");
+        let bibliography = std::fs::read_to_string(path).expect("the bibliography");
+        // A name followed by "et al.", a second name or a title, and later a year: "Lan, Title, 2016", "Neyman 1934".
+        let mut found = 0;
+        for source in sources {
+            for part in source.split(';').filter(|part| part.contains(char::is_numeric)) {
+                let lower = |text: &str| text.trim().starts_with(char::is_lowercase);
+                let part =
+                    part.split_once(": ").filter(|(label, _)| lower(label)).map_or(part, |(_, rest)| rest).trim();
+                let first = part.split([' ', ',']).next().unwrap_or_default();
+                let name: String = first.chars().filter(|c| c.is_alphabetic()).collect();
+                let year = part.split(|c: char| !c.is_ascii_digit()).find(|word| word.len() == 4);
+                let (Some(year), false) = (year, name.is_empty() || lower(&name) || name == "Dapple") else { continue };
+                let known = |entry: &str| entry.starts_with(&name) && entry[name.len()..].contains(year);
+                assert!(bibliography.split("{").any(known), "{source}: {name} {year}");
+                found += 1;
+            }
+        }
+        assert!(found > 12, "{found}");
+    }
 }

@@ -96,8 +96,8 @@ enum Command {
     StudyRun,
     /// List the samplers, which decide how many samples each pixel gets, or describe one
     Samplers(lists::ListArgs),
-    /// List the point sets, which decide where samples lie, or describe one
-    Points(lists::ListArgs),
+    /// List the point sets, which decide where samples lie, or describe or plot one
+    Points(lists::PointsArgs),
     /// List the integrators, which compute the radiance of a sample, or describe one
     Integrators(lists::ListArgs),
     /// List the filters (denoisers), which make the image from the samples, or describe one

@@ -26,10 +26,10 @@ fn names_of_other_renderers_lead_to_ours() {
     let folder = Folder::new();
     for (words, message) in [
         ("--sampler sobol", "use --points sobol (--sampler decides how many samples each pixel gets)"),
-        ("--sampler zsobol:scramble=1", "use --points sobol"),
+        ("--sampler zsobol:scramble=1", "use --points zsobol"),
         ("--sampler independent", "use --points random"),
         ("--sampler halton", "use --points halton"),
-        ("--points pmj02bn", "the nearest to \"pmj02bn\" is sobol"),
+        ("--points pmj02bn", "the nearest to \"pmj02bn\" is pmj02"),
         ("--points uniform", "\"uniform\" decides how many samples each pixel gets; use --sampler uniform"),
         ("--integrator volpath", "use --integrator path"),
         ("--integrator bdpt", "Dapple follows paths from the camera only"),
@@ -109,6 +109,25 @@ fn layers_are_selected_and_stored_as_half_floats() {
         assert_eq!(said.status, Some(status), "{words}: {}", said.err);
         assert!(said.err.contains(message), "{words}: {}", said.err);
     }
+}
+
+/// Twelve files of one set; the table tells blue noise from white.
+#[test]
+fn points_are_plotted() {
+    let folder = Folder::new();
+    let out = folder.done("points blue-noise:of=halton --plot plots");
+    let files: Vec<String> = std::fs::read_dir(folder.path("plots"))
+        .expect("a folder")
+        .map(|entry| entry.expect("an entry").file_name().into_string().expect("a name"))
+        .collect();
+    assert_eq!(files.len(), 12, "{files:?}");
+    let svg = std::fs::read_to_string(folder.path("plots/blue-noise-of-halton-points-256.svg")).expect("a plot");
+    assert!(svg.contains("<svg") && svg.matches("<circle").count() == 256);
+    let numbers: Vec<f64> =
+        out.lines().nth(1).expect("a row").split(' ').filter_map(|cell| cell.parse().ok()).collect();
+    assert!(numbers.len() == 2 && numbers[0] < 0.01 && numbers[1] < 0.5, "{out}");
+    let said = folder.run("points blue-noise:of=zsobol --plot plots");
+    assert!(said.status == Some(1) && said.err.contains("spreads errors over pixels already"), "{}", said.err);
 }
 
 #[test]

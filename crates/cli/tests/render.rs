@@ -157,7 +157,7 @@ fn an_exr_file_tells_how_it_was_made() {
     for (key, expected) in [
         ("version", env!("CARGO_PKG_VERSION")),
         ("scene", "tiny"),
-        ("sampler", "variance:pilot=0,radius=2,exponent=1.3,epsilon=0.01,cap=6,policy=keep"),
+        ("sampler", "variance:pilot=0,radius=2,exponent=1.3,epsilon=0.01,cap=6,policy=keep,cost=0"),
         ("points", "sobol:seed=5"),
         ("filter", "none"),
         ("seed", "5"),

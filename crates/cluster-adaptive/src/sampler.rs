@@ -29,23 +29,50 @@ pub struct ProbeSource {
     pub described: String,
 }
 
-/// A handle that shares a sampler's first-hit probes, also after the sampler is boxed: for their cost and for maps.
+/// A handle that shares a sampler's first-hit probes, also after the sampler is boxed: for their cost and for maps. The
+/// default is the handle of a sampler that traces none.
 #[derive(Clone, Debug, Default)]
-pub struct ProbesHandle(Arc<Mutex<Option<Arc<Probes>>>>);
+pub struct ProbesHandle(Vec<Arc<Mutex<Option<Arc<Probes>>>>>);
 
 impl ProbesHandle {
-    /// The first-hit probes that the sampler traced last; `None` before the first plan.
+    /// The handle of a sampler that traces probes.
+    fn of_one() -> Self {
+        Self(vec![Arc::default()])
+    }
+
+    /// The handle of a sampler that consists of others: this handle's sampler, then those of `others`.
+    #[must_use]
+    pub fn joined(mut self, others: Self) -> Self {
+        self.0.extend(others.0);
+        self
+    }
+
+    /// The first-hit probes that the sampler traced last; `None` before the first plan. If several samplers are
+    /// [joined](ProbesHandle::joined), those of the first one that has traced any.
     pub fn probes(&self) -> Option<Arc<Probes>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.each().next()
     }
 
-    /// The cost of the first-hit probes that the sampler traced last; `None` before the first plan.
+    /// The cost of the first-hit probes that the sampler traced last, summed over joined samplers; `None` before the
+    /// first plan.
     pub fn cost(&self) -> Option<ProbeCost> {
-        self.probes().map(|p| p.cost())
+        let add = |a: ProbeCost, b: ProbeCost| ProbeCost { rays: a.rays + b.rays, seconds: a.seconds + b.seconds };
+        self.each().map(|probes| probes.cost()).reduce(add)
     }
 
-    fn set(&self, probes: Arc<Probes>) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(probes);
+    /// The number of rejected probes, summed over joined samplers ([`Probes::rejected`]).
+    pub fn rejected(&self) -> u64 {
+        self.each().map(|probes| probes.rejected()).sum()
+    }
+
+    fn each(&self) -> impl Iterator<Item = Arc<Probes>> {
+        self.0.iter().filter_map(|slot| slot.lock().unwrap_or_else(PoisonError::into_inner).clone())
+    }
+
+    fn set(&self, probes: &Arc<Probes>) {
+        for slot in &self.0 {
+            *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(probes.clone());
+        }
     }
 }
 
@@ -137,7 +164,7 @@ impl<P: PointSet> ClusterThesis<P> {
         if !(1..=256).contains(&placement.per_pixel()) {
             return Err(Error::range("probes", placement, "centre, or at least 1 and at most 256 per pixel"));
         }
-        let handle = ProbesHandle::default();
+        let handle = ProbesHandle::of_one();
         Ok(Self { points, size, options, placement, probed: Some(probed), handle, prior: None })
     }
 
@@ -172,7 +199,7 @@ impl<P: PointSet> ClusterThesis<P> {
     fn prior_of(&self, frame: &Frame, probed: &ProbeSource) -> Result<Prior, Error> {
         let probes = probe(frame, probed.placement, &self.points, &probed.labels, &*probed.shoot)?;
         let importance = importance(&probes, &probed.clusters, &self.size, &self.options)?;
-        self.handle.set(Arc::new(probes));
+        self.handle.set(&Arc::new(probes));
         Ok(Prior::new(*frame, importance))
     }
 }

@@ -10,7 +10,8 @@ use rayon::prelude::*;
 /// * Uniformity: mean and variance of each coordinate over pixels are those of uniform numbers, and values come close
 ///   to both 0 and 1.
 /// * Independence: pixels at five lags, streams, and blocks up to number 4000 are uncorrelated, also in the order in
-///   which a pixel's samples run through the range.
+///   which a pixel's samples run through the range. Sets that couple neighbouring pixels
+///   ([`PointSet::couples_pixels`]) are tested on pixels 1009 columns and rows apart.
 /// * Distinctness: no two samples of a pixel are equal, at the start, past 2^31 and 2^32 and at the end.
 /// * `preferred_count` is at least `n`, never falls, and is its own preferred count.
 /// * `describe` is not empty and does not change.
@@ -47,6 +48,15 @@ const BLOCKS: [u32; 20] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15,
 
 fn id(pixel: [u32; 2], stream: u32, index: u64) -> SampleId {
     SampleId::new(pixel, stream, index)
+}
+
+/// The distance of pixels whose numbers must be uncorrelated: a prime, so that it is no multiple of a tile's side.
+const FAR: u32 = 1009;
+
+/// A sample of the pixel at this place among pixels that must be uncorrelated.
+fn far_id(points: &dyn PointSet, place: [u32; 2], stream: u32, index: u64) -> SampleId {
+    let spacing = if points.couples_pixels() { FAR } else { 1 };
+    id(place.map(|c| c * spacing), stream, index)
 }
 
 fn describes_itself(points: &dyn PointSet) {
@@ -201,7 +211,7 @@ fn uniform(points: &dyn PointSet) {
             let (mut sum, mut square) = ([0.0_f64; 4], [0.0_f64; 4]);
             let (mut least, mut most) = ([1.0_f32; 4], [0.0_f32; 4]);
             for p in 0..side * side {
-                let u = points.block(id([p % side, p / side], 0, index), block);
+                let u = points.block(far_id(points, [p % side, p / side], 0, index), block);
                 for k in 0..4 {
                     let x = f64::from(u[k]) - 0.5;
                     sum[k] += x;
@@ -251,7 +261,7 @@ fn pixels_are_independent(points: &dyn PointSet) {
     BLOCKS.par_iter().for_each(|&block| {
         for index in [0, 3].into_iter().filter(|i| *i < points.capacity()) {
             let wide = side + 64;
-            let row = |y: u32| (0..wide).map(move |x| points.block(id([x, y], 0, index), block));
+            let row = |y: u32| (0..wide).map(move |x| points.block(far_id(points, [x, y], 0, index), block));
             let image: Vec<Vec<[f32; 4]>> = (0..wide).map(|y| row(y).collect()).collect();
             for [dx, dy] in lags {
                 let mut correlations = [Correlation::default(); 4];
@@ -280,7 +290,7 @@ fn streams_are_independent(points: &dyn PointSet) {
         for block in [0, 1, 9] {
             let mut correlations = [Correlation::default(); 4];
             for p in 0..side * side {
-                let [a, b] = [s, t].map(|stream| points.block(id([p % side, p / side], stream, 0), block));
+                let [a, b] = [s, t].map(|stream| points.block(far_id(points, [p % side, p / side], stream, 0), block));
                 for k in 0..4 {
                     correlations[k].add(a[k], b[k]);
                 }
@@ -309,7 +319,7 @@ fn blocks_are_independent(points: &dyn PointSet) {
             // The order needs more samples, of fewer pixels.
             let samples = if p % 8 == 0 { n } else { 1 };
             for index in 0..samples {
-                let [a, b] = [s, t].map(|block| points.block(id([p % side, p / side], 0, index), block));
+                let [a, b] = [s, t].map(|block| points.block(far_id(points, [p % side, p / side], 0, index), block));
                 for (k, w) in within.iter_mut().enumerate() {
                     *w += 12.0 * (f64::from(a[k / 4]) - 0.5) * (f64::from(b[k % 4]) - 0.5);
                     if index == 0 {

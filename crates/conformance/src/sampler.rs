@@ -145,6 +145,18 @@ pub fn bits(film: &Film) -> Vec<u64> {
         // Floats print their shortest exact form, so equal text means equal bits.
         let rest = format!("{:?} {:?} {:?}", film.features(i), film.first_hits(i), film.cost(i));
         bits.extend(rest.bytes().map(u64::from));
+        if film.needs().feature_halves {
+            bits.extend(format!("{:?}", [0, 1].map(|half| film.half_features(half, i))).bytes().map(u64::from));
+        }
+        if !film.needs().sums.is_empty() {
+            let sums = [Some(film.sums(i)), film.half_sums(0, i), film.half_sums(1, i), Some(film.discarded_sums(i))];
+            bits.extend(format!("{sums:?}").bytes().map(u64::from));
+        }
+        for half in if film.needs().samples > 0 { 0..2 } else { 0..0 } {
+            let rows = [film.samples(i, half), film.discarded_samples(i, half)];
+            bits.extend(rows.map(|row| row.len() as u64));
+            bits.extend(rows.concat().iter().flatten().map(|v| u64::from(v.to_bits())));
+        }
     }
     bits.extend(format!("{:?}", film.rejected()).bytes().map(u64::from));
     bits

@@ -2,10 +2,13 @@
 
 mod bank;
 mod error;
+mod half;
 mod pixels;
 mod push;
 mod record;
+mod samples;
 mod splats;
+mod sums;
 mod window;
 
 pub use bank::luminance;
@@ -13,9 +16,12 @@ pub(crate) use bank::{Bank, BankRows, first_hits_of, record_first_hit};
 pub use pixels::PixelStatistics;
 pub(crate) use record::{REJECTED_LISTED, keep_first, reason_to_reject};
 pub use record::{Record, Rejected, RejectedReason, RoundRecord};
+pub(crate) use samples::{SamplePlane, SampleRows, reserve_samples};
 pub(crate) use splats::Splats;
+pub use sums::{SampleSums, ThirdMoments};
+pub(crate) use sums::{SumPlane, SumRows};
 
-use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SurfaceFeatures};
+use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, Sums, SurfaceFeatures};
 use bank::{Range, join};
 
 /// Running means and sums of squared deviations of a pixel's features: shading normal, albedo, position, depth.
@@ -66,6 +72,21 @@ pub struct Features {
     pub variance: Option<[f32; 10]>,
 }
 
+impl From<&FeatureMoments> for Features {
+    fn from(f: &FeatureMoments) -> Self {
+        let v = |k: usize| [f.mean[k], f.mean[k + 1], f.mean[k + 2]];
+        Self {
+            samples: f.samples,
+            hits: f.hits,
+            normal: v(0),
+            albedo: v(3),
+            position: v(6),
+            depth: f.mean[9],
+            variance: (f.hits >= 2).then(|| f.m2.map(|m| m / (f.hits - 1) as f32)),
+        }
+    }
+}
+
 /// Per-pixel statistics of a render, row by row over its window, and its [`Record`].
 ///
 /// Samplers and filters read films. A renderer with a loop of its own fills one by [`Film::push_estimate`]. Tests can push
@@ -97,6 +118,8 @@ pub struct Film {
     /// discarded.
     pub(crate) discarded: Vec<Bank>,
     pub(crate) features: Vec<FeatureMoments>,
+    /// The features of each half's samples: two per pixel, or none.
+    pub(crate) half_features: Vec<FeatureMoments>,
     pub(crate) first_hits: Vec<Option<FirstHit>>,
     pub(crate) costs: Vec<u64>,
     pub(crate) splats: Splats,
@@ -104,6 +127,8 @@ pub struct Film {
     pub(crate) record: Record,
     /// The number of samples that report neither a hit nor a miss. Only [`Film::require`] reads it.
     pub(crate) unreported: u64,
+    /// The half of another film that this film holds alone.
+    pub(crate) half_of: Option<usize>,
 }
 
 impl Film {
@@ -118,19 +143,23 @@ impl Film {
             kept: (0..halves).map(|_| Bank::new(pixels, &needs)).collect(),
             discarded: Vec::new(),
             features: if needs.features { vec![FeatureMoments::default(); pixels] } else { Vec::new() },
+            half_features: vec![FeatureMoments::default(); pixels * needs.feature_planes()],
             first_hits: vec![None; pixels * usize::from(needs.first_hits)],
             costs: if needs.cost { vec![0; pixels] } else { Vec::new() },
             splats: if needs.splats { Splats::new(pixels, halves) } else { Splats::default() },
             rejected: Vec::new(),
             record: Record::default(),
             unreported: 0,
+            half_of: None,
         }
     }
 
-    /// The bytes per pixel of a film that records `needs`, before any sample is discarded.
+    /// The bytes per pixel of a film that records `needs`, before any sample is discarded. Each sample stored one by one takes
+    /// 12 bytes more.
     pub fn bytes_per_pixel(needs: &Needs) -> usize {
         Self::bank_bytes_per_pixel(needs)
             + if needs.features { size_of::<FeatureMoments>() } else { 0 }
+            + needs.feature_planes() * size_of::<FeatureMoments>()
             + usize::from(needs.first_hits) * size_of::<Option<FirstHit>>()
             + if needs.cost { 8 } else { 0 }
             + if needs.splats { size_of::<[i128; 3]>() * if needs.halves { 2 } else { 1 } } else { 0 }
@@ -141,6 +170,8 @@ impl Film {
         let bank = 8 + 24 + if needs.variance { 24 } else { 0 } + if needs.extrema { 32 } else { 0 };
         let bank = bank + if needs.emission { 12 } else { 0 };
         let bank = bank + usize::from(needs.channels) * if needs.variance { 8 } else { 4 };
+        let bank = bank + needs.sums.values() * size_of::<[f64; 3]>();
+        let bank = bank + if needs.samples > 0 { size_of::<Vec<[f32; 3]>>() } else { 0 };
         bank * if needs.halves { 2 } else { 1 }
     }
 
@@ -227,7 +258,7 @@ impl Film {
     }
 
     /// A film whose radiance is three of the values beside the radiance, so that any filter can be applied to them: three
-    /// bands of a spectrum, for example. Features and counts stay; splats and emission are left out.
+    /// bands of a spectrum, for example. Features and counts stay; splats, emission, sums and single samples are left out.
     ///
     /// # Errors
     ///
@@ -237,7 +268,15 @@ impl Film {
             return Err(Error::NotRecorded { who: "with_channels_as_colour".into(), what: "so many channels" });
         }
         let mut film = self.clone();
-        film.needs = Needs { emission: false, splats: false, extrema: false, channels: 0, ..film.needs };
+        film.needs = Needs {
+            emission: false,
+            splats: false,
+            extrema: false,
+            channels: 0,
+            sums: Sums::NONE,
+            samples: 0,
+            ..film.needs
+        };
         film.splats = Splats::default();
         film.kept.iter_mut().chain(&mut film.discarded).for_each(|bank| bank.take_colour(channels.map(usize::from)));
         Ok(film)
@@ -282,17 +321,7 @@ impl Film {
     /// Mean and variance of normal, albedo, position and depth of pixel `i`'s samples; `None` without
     /// [`Needs::features`].
     pub fn features(&self, i: usize) -> Option<Features> {
-        let f = self.features.get(i)?;
-        let v = |k: usize| [f.mean[k], f.mean[k + 1], f.mean[k + 2]];
-        Some(Features {
-            samples: f.samples,
-            hits: f.hits,
-            normal: v(0),
-            albedo: v(3),
-            position: v(6),
-            depth: f.mean[9],
-            variance: (f.hits >= 2).then(|| f.m2.map(|m| m / (f.hits - 1) as f32)),
-        })
+        self.features.get(i).map(Into::into)
     }
 
     /// The first hits of the first samples of pixel `i`, as many as [`Needs::first_hits`]. An element is `None` if its
@@ -330,10 +359,13 @@ impl Film {
             (needs.extrema && !have.extrema, "the extrema"),
             (needs.halves && !have.halves, "independent halves"),
             (needs.features && !have.features, "first-hit features"),
+            (needs.feature_halves && have.feature_planes() == 0, "first-hit features per half"),
             (needs.first_hits > have.first_hits, "first hits"),
             (needs.cost && !have.cost, "costs"),
             (needs.splats && !have.splats, "splats"),
             (needs.channels > have.channels, "values beside the radiance"),
+            (!have.sums.contains(needs.sums), "sums of logarithms or roots"),
+            (needs.samples > have.samples, "samples one by one"),
         ];
         if let Some((_, what)) = missing.iter().find(|m| m.0) {
             return Err(Error::NotRecorded { who: who.to_owned(), what });

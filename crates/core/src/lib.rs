@@ -54,6 +54,7 @@
 //! * One estimate belongs to one pixel: pixel filters wider than a pixel are sampled by the integrator.
 
 mod allocate;
+mod domain;
 mod draws;
 mod error;
 mod film;
@@ -66,6 +67,7 @@ mod memory;
 mod moments;
 mod needs;
 mod options;
+mod placed_points;
 mod plan;
 mod point_set;
 mod policy;
@@ -80,17 +82,23 @@ mod worker;
 pub use allocate::{Allocation, Ladder, allocate, share};
 #[doc(hidden)]
 pub use allocate::{mix, saturating_u32};
+pub use domain::{Axis, Domain, Role};
 pub use draws::{Block, Draws};
 pub use error::Error;
-pub use film::{Features, Film, PixelStatistics, Record, Rejected, RejectedReason, RoundRecord, luminance};
+pub use film::{
+    Features, Film, PixelStatistics, Record, Rejected, RejectedReason, RoundRecord, SampleSums, ThirdMoments, luminance,
+};
 pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
 pub use integrator::{BACKGROUND, Estimate, FirstHit, Integrator, SurfaceFeatures, TrainingData, TrainingSum};
 pub use limits::{Budget, InvalidSample, Limits, Schedule};
 pub use memory::{FilterMemory, ImagePlanes, Memory, SamplerMemory};
 pub use moments::{Moments, RgbMoments};
-pub use needs::Needs;
-pub use options::{OptionError, OptionValue, Options, OutOfRange, Parameter, nearest_name, parse_pairs};
+pub use needs::{Needs, Sums};
+pub use options::{
+    OptionError, OptionValue, Options, OutOfRange, Parameter, nearest_name, nested, parse_pairs, unnested,
+};
+pub use placed_points::{FilmPoints, Placed, PlacedHandle};
 pub use plan::{Combine, Plan, Progress, Retention};
 pub use point_set::{HostNumbers, PointSet, SampleId, streams};
 pub use policy::{PilotPolicy, Stopping};

@@ -117,6 +117,9 @@ impl Budget {
     }
 }
 
+/// The samples per pixel that are assumed under a limit of time.
+const ASSUMED_SPP: u32 = 64;
+
 impl Limits {
     /// Limits of `spp` samples per pixel on average.
     pub fn spp(spp: f64) -> Self {
@@ -141,6 +144,16 @@ impl Limits {
     /// Limits of `budget`, with at least 1 and at most 2^32 - 1 samples per pixel.
     pub fn new(budget: Budget) -> Self {
         Self { budget, min_spp: 1, max_spp: u32::MAX, invalid: InvalidSample::Reject, schedule: Schedule::default() }
+    }
+
+    /// The largest number of samples in an image of this frame. A limit of time has no such number: 64 samples per pixel are
+    /// assumed, or [`Limits::max_spp`] if it is less.
+    pub fn expected_samples(&self, frame: &Frame) -> u64 {
+        match &self.budget {
+            Budget::Error { at_most, .. } => *at_most,
+            Budget::Recorded(budgets) => budgets.last().copied().unwrap_or(0),
+            budget => budget.samples(frame).unwrap_or(frame.pixels() as u64 * u64::from(self.max_spp.min(ASSUMED_SPP))),
+        }
     }
 
     /// Sets the least number of samples per pixel.

@@ -47,7 +47,7 @@ impl SamplerMemory {
     #[must_use]
     pub fn with_discarded(self, frame: &Frame, needs: &Needs, limits: &Limits) -> Self {
         let discarded = frame.bytes(Film::bank_bytes_per_pixel(needs));
-        let zeros = Needs { extrema: false, ..*needs };
+        let zeros = Needs { extrema: false, samples: 0, ..*needs };
         let known = limits.budget.samples(frame).is_some();
         let unwritten = if known { frame.bytes(Film::bank_bytes_per_pixel(&zeros)) } else { 0 };
         Self { discarded, planning: self.planning.saturating_sub(unwritten), ..self }
@@ -133,6 +133,14 @@ pub struct Memory {
     pub holdout: u64,
 }
 
+/// The bytes of the samples that a render stores one by one.
+fn samples(needs: &Needs, frame: &Frame, limits: &Limits) -> u64 {
+    let pixels = frame.pixels() as u64;
+    let halves = if needs.halves { 2 } else { 1 };
+    let kept = pixels.saturating_mul(halves).saturating_mul(u64::from(needs.samples));
+    kept.min(limits.expected_samples(frame)).saturating_mul(size_of::<[f32; 3]>() as u64)
+}
+
 impl Memory {
     /// Adds the memory of an error limit that concerns a filtered image
     /// ([`Render::error_of`](crate::Render::error_of)).
@@ -143,16 +151,23 @@ impl Memory {
 
     /// The memory of a [`Render`](crate::Render) with these arguments, and of `filter` applied to its film. `needs` are
     /// the statistics that the filter and other readers request; those of sampler and limits are added.
+    ///
+    /// Samples stored one by one take 12 bytes each: [`Needs::samples`] per pixel and half, but not more than the budget has
+    /// in the mean ([`Limits::expected_samples`]).
     pub fn of_render(sampler: &dyn Sampler, filter: &dyn Filter, needs: Needs, frame: &Frame, limits: &Limits) -> Self {
         let needs = needs.and(sampler.needs());
         let needs = if matches!(limits.budget, Budget::Error { .. }) { needs.with_halves() } else { needs };
         let SamplerMemory { discarded, state, planning, plan } = sampler.memory(frame, &needs, limits);
         // One sample per pixel goes to the first half. The other's zeros are never written, so they take no memory.
         let single = limits.budget.samples(frame).is_some_and(|total| total <= frame.pixels() as u64);
-        let unwritten = if needs.halves && single { Film::bank_bytes_per_pixel(&needs) / 2 } else { 0 };
+        let unwritten =
+            if needs.halves && single { Film::bank_bytes_per_pixel(&Needs { samples: 0, ..needs }) / 2 } else { 0 };
         Self {
             needs,
-            film: frame.bytes(Film::bytes_per_pixel(&needs) - unwritten).saturating_add(discarded),
+            film: frame
+                .bytes(Film::bytes_per_pixel(&needs) - unwritten)
+                .saturating_add(discarded)
+                .saturating_add(samples(&needs, frame, limits)),
             sampler: state,
             planning,
             tracing: plan,
@@ -209,6 +224,22 @@ mod tests {
         let halves = of(&Uniform::new(Points), &frame, Budget::Error { relmse: 0.1, at_most: 20_000 });
         assert_eq!((halves.film, halves.filter.image), (5000 * 64, 5000 * 16));
         assert_eq!(halves.snapshot(), halves.film + halves.tracing);
+    }
+
+    #[test]
+    fn samples_stored_one_by_one_count_as_far_as_the_budget_goes() {
+        let (frame, uniform) = (Frame::new(100, 50).unwrap(), Uniform::new(Points));
+        let film = |needs: Needs, limits: &Limits| Memory::of_render(&uniform, &Unfiltered, needs, &frame, limits).film;
+        let three = Needs::none().with_samples(3);
+        let all = Needs::none().with_halves().with_samples(u32::MAX);
+        assert_eq!(film(three, &Limits::spp(4.0)), 5000 * (32 + 24 + 12 * 3));
+        assert_eq!(film(three, &Limits::spp(2.0)), 5000 * (32 + 24 + 12 * 2));
+        assert_eq!(film(all, &Limits::spp(16.0)), 5000 * (2 * (32 + 24) + 12 * 16));
+        assert_eq!(film(all, &Limits::spp(1.0)), 5000 * (32 + 2 * 24 + 12));
+        assert_eq!(film(three.with_halves(), &Limits::spp(16.0)), 5000 * 2 * (32 + 24 + 12 * 3));
+        assert_eq!(film(all, &Limits::seconds(9.0)), 5000 * (2 * (32 + 24) + 12 * 64));
+        assert_eq!(film(all, &Limits::seconds(9.0).with_max_spp(8)), 5000 * (2 * (32 + 24) + 12 * 8));
+        assert_eq!(film(all, &Limits::error(0.1, 40_000)), 5000 * (2 * (32 + 24) + 12 * 8));
     }
 
     /// Sums beyond 64 bits saturate instead of wrapping.

@@ -1,5 +1,9 @@
 //! Statistics that a film records.
 
+mod sums;
+
+pub use sums::Sums;
+
 /// The per-pixel statistics that the film must record besides sample counts and means.
 ///
 /// A film stores nothing that no sampler, filter or limit requests.
@@ -39,6 +43,12 @@ pub struct Needs {
     pub splats: bool,
     /// The number of values beside the radiance whose means are recorded ([`Worker::channels`](crate::Worker::channels)).
     pub channels: u16,
+    /// Features of each half's samples alone, besides those of all samples.
+    pub feature_halves: bool,
+    /// Sums of functions of each sample, such as `x ln x`.
+    pub sums: Sums,
+    /// The number of samples per pixel and half, from the first on, whose radiance is stored one by one.
+    pub samples: u32,
 }
 
 impl Needs {
@@ -54,6 +64,9 @@ impl Needs {
             emission: false,
             splats: false,
             channels: 0,
+            feature_halves: false,
+            sums: Sums::NONE,
+            samples: 0,
         }
     }
 
@@ -124,6 +137,30 @@ impl Needs {
         self
     }
 
+    /// Adds halves, features, and features of each half's samples alone.
+    #[must_use]
+    pub const fn with_feature_halves(mut self) -> Self {
+        self.feature_halves = true;
+        self.with_halves().with_features()
+    }
+
+    /// Adds sums of functions of each sample.
+    #[must_use]
+    pub const fn with_sums(mut self, sums: Sums) -> Self {
+        self.sums = self.sums.and(sums);
+        self
+    }
+
+    /// Adds the radiance of at least the first `k` samples per pixel and half, stored one by one: 24 + 12 `k` bytes per
+    /// pixel and half. `u32::MAX` stores all samples.
+    #[must_use]
+    pub const fn with_samples(mut self, k: u32) -> Self {
+        if k > self.samples {
+            self.samples = k;
+        }
+        self
+    }
+
     /// The union: the statistics that `self` or `other` requests.
     #[must_use]
     pub const fn and(self, other: Self) -> Self {
@@ -137,11 +174,19 @@ impl Needs {
             emission: self.emission || other.emission,
             splats: self.splats || other.splats,
             channels: if self.channels > other.channels { self.channels } else { other.channels },
+            feature_halves: self.feature_halves || other.feature_halves,
+            sums: self.sums.and(other.sums),
+            samples: if self.samples > other.samples { self.samples } else { other.samples },
         }
+    }
+
+    /// The number of feature planes per half: 2, or 0 if the film does not record them.
+    pub(crate) const fn feature_planes(&self) -> usize {
+        if self.feature_halves && self.halves { 2 } else { 0 }
     }
 
     /// Returns `true` if any of these statistics reads first hits, so that the integrator must report them.
     pub const fn wants_first_hit(&self) -> bool {
-        self.features || self.first_hits > 0
+        self.features || self.feature_halves || self.first_hits > 0
     }
 }

@@ -1,7 +1,9 @@
 //! One declaration per parameter: the struct, its defaults, parsing, ranges, help and description.
 
+mod nested;
 mod value;
 
+pub use nested::{nested, unnested};
 pub use value::OptionValue;
 
 use std::fmt;

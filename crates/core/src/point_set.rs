@@ -110,6 +110,13 @@ pub trait PointSet: Send + Sync {
     fn is_independent(&self) -> bool {
         false
     }
+
+    /// Returns `true` if the numbers of neighbouring pixels are chosen together, so that their errors differ. The numbers
+    /// of pixels 1009 columns or rows apart must be uncorrelated all the same. `false` by default: all pixels are
+    /// independent.
+    fn couples_pixels(&self) -> bool {
+        false
+    }
 }
 
 forward!(PointSet for &T, Box<T>, Arc<T>; {
@@ -118,6 +125,7 @@ forward!(PointSet for &T, Box<T>, Arc<T>; {
     ref capacity() -> u64;
     ref preferred_count(n: u64) -> u64;
     ref is_independent() -> bool;
+    ref couples_pixels() -> bool;
 });
 
 /// The point set of a renderer that draws random numbers of its own, and asks Dapple for sample counts only.

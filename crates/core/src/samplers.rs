@@ -1,7 +1,9 @@
-//! The uniform sampler.
+//! The uniform sampler, and the sequence of two samplers.
 
+mod then;
 mod uniform;
 
+pub use then::Then;
 pub use uniform::Uniform;
 
 use crate::{Feedback, allocate, saturating_u32};

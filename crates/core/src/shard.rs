@@ -1,6 +1,6 @@
 //! Shards: parts of one image, rendered by machines that do not communicate.
 
-use crate::film::{Bank, Splats, keep_first};
+use crate::film::{Bank, SamplePlane, Splats, SumPlane, keep_first};
 use crate::snapshot::bytes::{Reader, Writer};
 use crate::snapshot::film::{put_film, size, take_film};
 use crate::snapshot::{Broken, check_head};
@@ -90,9 +90,9 @@ impl Shard {
     }
 
     /// Returns this shard's rows of a plane that has `width` values per row.
-    fn cut<T: Copy>(&self, plane: &[T], width: usize) -> Vec<T> {
+    fn cut<T: Clone>(&self, plane: &[T], width: usize) -> Vec<T> {
         let rows = plane.chunks(width.max(1)).enumerate().filter(|(row, _)| self.owns(*row));
-        rows.flat_map(|(_, values)| values).copied().collect()
+        rows.flat_map(|(_, values)| values).cloned().collect()
     }
 }
 
@@ -266,7 +266,7 @@ impl Sampler for Sharded<'_> {
 }
 
 const MAGIC: &[u8; 8] = b"dapple-p";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// The film of one shard: the statistics of its rows. For an example see [`Shard`].
 #[derive(Clone, Debug, PartialEq)]
@@ -295,6 +295,8 @@ impl ShardFilm {
             emission: shard.cut(&bank.emission, width),
             channels: shard.cut(&bank.channels, width * usize::from(film.needs.channels)),
             channels_m2: shard.cut(&bank.channels_m2, width * usize::from(film.needs.channels)),
+            sums: bank.sums.with(|values, each| shard.cut(values, width * each)),
+            samples: bank.samples.with(|values| shard.cut(values, width)),
             ahead: shard.cut(&bank.ahead, width),
         };
         let film = Film {
@@ -304,12 +306,14 @@ impl ShardFilm {
             kept: film.kept.iter().map(cut).collect(),
             discarded: film.discarded.iter().map(cut).collect(),
             features: shard.cut(&film.features, width),
+            half_features: shard.cut(&film.half_features, width * film.needs.feature_planes()),
             first_hits: shard.cut(&film.first_hits, width * usize::from(film.needs.first_hits)),
             costs: shard.cut(&film.costs, width),
             splats: film.splats.clone(),
             rejected: film.rejected.clone(),
             record: film.record.clone(),
             unreported: film.unreported,
+            half_of: film.half_of,
         };
         Ok(Self { shard, film })
     }
@@ -379,6 +383,14 @@ pub fn merge(parts: &[ShardFilm]) -> Result<Film, Error> {
                 emission: join(first, 1, banks.iter().map(|b| &b.emission[..]))?,
                 channels: join(first, each, banks.iter().map(|b| &b.channels[..]))?,
                 channels_m2: join(first, each, banks.iter().map(|b| &b.channels_m2[..]))?,
+                sums: SumPlane {
+                    kinds: first.needs.sums,
+                    values: join(first, first.needs.sums.values(), banks.iter().map(|b| &b.sums.values[..]))?,
+                },
+                samples: SamplePlane {
+                    limit: first.needs.samples,
+                    rows: join(first, 1, banks.iter().map(|b| &b.samples.rows[..]))?,
+                },
                 ahead: join(first, 1, banks.iter().map(|b| &b.ahead[..]))?,
             })
         };
@@ -394,12 +406,14 @@ pub fn merge(parts: &[ShardFilm]) -> Result<Film, Error> {
         kept: banks(&|film| &film.kept, halves)?,
         discarded: banks(&|film| &film.discarded, if discards { halves } else { 0 })?,
         features: join(first, 1, parts.iter().map(|film| &film.features[..]))?,
+        half_features: join(first, first.needs.feature_planes(), parts.iter().map(|film| &film.half_features[..]))?,
         first_hits: join(first, usize::from(first.needs.first_hits), parts.iter().map(|film| &film.first_hits[..]))?,
         costs: join(first, 1, parts.iter().map(|film| &film.costs[..]))?,
         splats: Splats::sum(parts.iter().map(|film| &film.splats)),
         rejected,
         record: add_up(&parts)?,
-        unreported: 0,
+        unreported: parts.iter().try_fold(0_u64, |sum, film| sum.checked_add(film.unreported)).ok_or_else(uneven)?,
+        half_of: None,
     })
 }
 
@@ -442,7 +456,7 @@ fn in_order(parts: &[ShardFilm]) -> Result<Vec<&Film>, Error> {
 
 /// Joins the shards' rows of a plane with `each` values per pixel to the plane of the whole image. Empty if the films
 /// do not record the plane.
-fn join<'p, T: Copy + 'p>(first: &Film, each: usize, planes: impl Iterator<Item = &'p [T]>) -> Result<Vec<T>, Error> {
+fn join<'p, T: Clone + 'p>(first: &Film, each: usize, planes: impl Iterator<Item = &'p [T]>) -> Result<Vec<T>, Error> {
     let planes: Vec<&[T]> = planes.collect();
     if planes.iter().all(|plane| plane.is_empty()) {
         return Ok(Vec::new());

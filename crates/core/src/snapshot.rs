@@ -106,7 +106,7 @@ impl SavedSampler {
 
 const MAGIC: &[u8; 8] = b"dapple-s";
 /// The version of the snapshot format. It changes with the layout and the contents.
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 
 impl View<'_> {
     pub(crate) fn write(&self) -> Vec<u8> {
@@ -241,14 +241,18 @@ impl Snapshot {
         &self.film
     }
 
-    /// Checks that the snapshot belongs to a render with this sampler, frame and limits, and records these `needs`.
-    pub(crate) fn check(
+    /// Restores the sampler's state, and checks that the snapshot belongs to a render with this sampler, frame and limits, and records these `needs`.
+    pub(crate) fn restore_sampler(
         &self,
-        sampler: &dyn Sampler,
+        sampler: &mut dyn Sampler,
         needs: &Needs,
         frame: &Frame,
         limits: &Limits,
     ) -> Result<(), Error> {
+        if self.sampler == sampler.describe() {
+            // First, since the point set may depend on the state.
+            sampler.restore(&self.sampler_state)?;
+        }
         let mut differ = Vec::new();
         let mut compare = |what: &str, was: &str, is: &str| {
             if was != is {

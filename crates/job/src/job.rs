@@ -18,8 +18,8 @@ use crate::{BudgetSpec, ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
 use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
-    Budget, Control, Error, Film, Filter, Filtered, Frame, Limits, Memory, Monitor, Needs, NoMonitor, PointSet, Render,
-    Sampler, Sharded, Status, Unfiltered,
+    Budget, Control, Error, Film, FilmPoints, Filter, Filtered, Frame, Limits, Memory, Monitor, Needs, NoMonitor,
+    PointSet, Render, Sampler, Sharded, Status, Unfiltered,
 };
 use dapple_renderer::{World, make_integrator};
 use dapple_scene::Scene;
@@ -169,8 +169,12 @@ impl Job {
         let points = registry::points(&spec.points, setting(spec, frame))?;
         let points_described = points.describe();
         let mut inputs = MethodInputs::of(prepared.world.clone());
-        let MadeSampler { sampler, clusters, probes } = registry::sampler(&spec.sampler, points, &inputs)?;
+        let MadeSampler { sampler, clusters, probes, placed } = registry::sampler(&spec.sampler, points, &inputs)?;
         inputs.clusters.clone_from(&clusters);
+        if let Some(domain) = prepared.world.domain() {
+            let points = Arc::from(registry::points(&spec.points, setting(spec, frame))?);
+            inputs.points = Some(FilmPoints::new(points, domain).with_placed(placed));
+        }
         let MadeFilter { filter, clusters: of_filter } = registry::filter(&spec.filter, &inputs)?;
         let is_shared = |made: &&Arc<_>| clusters.as_ref().is_some_and(|known| Arc::ptr_eq(known, made));
         let sets = clusters.iter().chain(of_filter.iter().filter(|made| !is_shared(made)));
@@ -450,7 +454,7 @@ impl Job {
             let (voxels, fullest, triangles) = (report.requested(), report.fullest, report.triangles);
             warnings.push(Warning::DegenerateClusters { voxels, fullest, triangles });
         }
-        let rejected = self.probes.probes().map_or(0, |probes| probes.rejected());
+        let rejected = self.probes.rejected();
         if rejected > 0 {
             warnings.push(Warning::RejectedProbes(rejected));
         }

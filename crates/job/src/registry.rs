@@ -10,7 +10,7 @@ pub use inputs::MethodInputs;
 
 use crate::WorldClusters;
 use dapple_cluster_adaptive::ProbesHandle;
-use dapple_core::{Filter, Sampler};
+use dapple_core::{Filter, PlacedHandle, Sampler};
 use inputs::OnWorld;
 use std::sync::Arc;
 
@@ -22,6 +22,8 @@ pub struct MadeSampler {
     pub clusters: Option<Arc<WorldClusters>>,
     /// The probes that the sampler traces for its first plan; stays empty if it traces none.
     pub probes: ProbesHandle,
+    /// The samples that the sampler places; `None` if it places none.
+    pub placed: Option<PlacedHandle>,
 }
 
 /// A filter, and the clusters that it uses.
@@ -40,8 +42,9 @@ pub struct MadeFilter {
 /// [`RegistryError::NeedsWorld`] if the sampler reads the world and `inputs` has none.
 pub fn sampler(description: &str, points: AnyPoints, inputs: &MethodInputs) -> Result<MadeSampler, RegistryError> {
     let inputs = OnWorld::new(inputs);
-    let dapple_registry::MadeSampler { sampler, probes } = dapple_registry::sampler(description, points, &inputs)?;
-    Ok(MadeSampler { sampler, clusters: inputs.into_used(), probes })
+    let dapple_registry::MadeSampler { sampler, probes, placed } =
+        dapple_registry::sampler(description, points, &inputs)?;
+    Ok(MadeSampler { sampler, clusters: inputs.into_used(), probes, placed })
 }
 
 /// Makes a filter (denoiser) from its description (`NAME` or `NAME:key=value,…`).

@@ -9,7 +9,7 @@ mod target;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Control, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, PointSet, Render, SampleId,
-    Sampler, Shard, ShardFilm, Sharded, Status, TrainingData, Worker,
+    Sampler, Shard, ShardFilm, Sharded, Status, Sums, TrainingData, Worker,
 };
 use dapple_job::checkpoint::{Contents, Identity, Kind};
 use std::path::Path;
@@ -82,10 +82,11 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
         .with_variance()
         .with_extrema()
         .with_halves()
-        .with_features()
+        .with_feature_halves()
         .with_first_hits(1)
         .with_cost()
-        .with_emission();
+        .with_emission()
+        .with_sums(Sums::LOG | Sums::ROOT_MOMENTS);
     let (_, snapshot) = rendered(&mut Uniform::new(Hashed), everything);
     let (_, plain) = rendered(&mut Uniform::new(Hashed), Needs::none());
     let identity = Identity::new([("scene", "teapot"), ("seed", "7")]);

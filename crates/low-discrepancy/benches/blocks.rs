@@ -5,7 +5,9 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_core::{Block, Draws, PointSet, SampleId};
-use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
+use dapple_low_discrepancy::{
+    BlueNoise, Diffused, Halton, Lattice, LowDiscrepancy, Mitchell1991, Pmj02, Random, Sobol, Stratified, ZSobol,
+};
 use std::hint::black_box;
 
 /// Blocks per iteration: 16 samples of 16 blocks.
@@ -27,12 +29,18 @@ fn read(points: &dyn PointSet, pixel: u32) -> f32 {
 fn blocks(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("block");
     group.throughput(Throughput::Elements(BLOCKS));
-    let sets: [Box<dyn PointSet>; 5] = [
+    let sets: [Box<dyn PointSet>; 11] = [
         Box::new(Random::new(1)),
         Box::new(Stratified::new(1, 4).unwrap()),
         Box::new(Halton::new(1)),
         Box::new(Sobol::new(1)),
         Box::new(LowDiscrepancy::new(1, 16).unwrap()),
+        Box::new(ZSobol::new(1, 16).unwrap()),
+        Box::new(BlueNoise::new(1, Sobol::new(1))),
+        Box::new(Pmj02::new(1)),
+        Box::new(Lattice::new(1)),
+        Box::new(Diffused::new(1)),
+        Box::new(Mitchell1991::new(1)),
     ];
     for points in &sets {
         let name = points.describe();

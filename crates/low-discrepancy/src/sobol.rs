@@ -116,7 +116,7 @@ impl NullaryFnOnce for Points {
 }
 
 #[inline(always)]
-fn pack(low: u32, high: u32) -> u64 {
+pub(crate) fn pack(low: u32, high: u32) -> u64 {
     u64::from(low) | u64::from(high) << 32
 }
 

@@ -11,6 +11,8 @@
 //! | [`difference`] | the difference of two images that are known by noisy renders only |
 //! | [`downsample`] | an image averaged to a smaller size |
 //! | [`mean_interval`], [`geometric_mean_interval`], [`ratio_interval`] | confidence intervals over seeds |
+//! | [`image_spectrum`], [`point_spectrum`] | radial power spectra of noise and of sample points |
+//! | [`star_discrepancy`], [`l2_star_discrepancy`] | how evenly points fill the unit square |
 //! | [`log_log_fit`], [`efficiency`], [`student_t_quantile`] | slopes, efficiency, quantiles |
 //!
 //! ```
@@ -34,8 +36,10 @@
 mod blocks;
 mod compare;
 mod difference;
+mod discrepancy;
 mod flip;
 mod noisy_reference;
+mod spectrum;
 mod srgb;
 mod statistics;
 mod sum;
@@ -48,8 +52,10 @@ struct Readme;
 pub use blocks::{BlockRatios, Blocks, block_means, block_ratios, downsample};
 pub use compare::{Comparison, RELATIVE_EPSILON, TRIMMED_SHARE, WORST_BLOCK_SIZE, WorstBlock, compare};
 pub use difference::{Difference, LEAST_RENDERS, Measured, difference};
+pub use discrepancy::{l2_star_discrepancy, star_discrepancy};
 pub use flip::{Flip, PIXELS_PER_DEGREE, flip};
 pub use noisy_reference::{Corrected, CorrectedError, NoisyReference, REFERENCE_LIMIT, compare_corrected};
+pub use spectrum::{SpectrumRing, image_spectrum, point_spectrum};
 pub use statistics::{
     BOOTSTRAP_MIN_COUNT, BOOTSTRAP_RESAMPLES, Interval, IntervalMethod, LogLogFit, StatisticsError, efficiency,
     geometric_mean_interval, log_log_fit, mean_interval, ratio_interval, student_t_quantile,

@@ -4,7 +4,7 @@
 //! where they differ most:
 //!
 //! * [`Mitchell`]: contrast `(max - min) / (max + min)` per channel over 3x3 pixels, after Mitchell 1987;
-//! * [`MitchellPbrt`]: deviation in luminance from the pixel's own mean, as in pbrt-v2.
+//! * [`MitchellPbrt`]: deviation in luminance from the pixel's own mean, or different shapes, as in pbrt-v2.
 //!
 //! ```
 //! use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Limits, Render, Worker};
@@ -49,7 +49,7 @@
 //!   4 samples. The result is then uniform sampling with a few pixels short.
 //! * A pilot that sees no light has no contrast: a light that 1 sample in 1000 sees is missed by 99.6 % of pilots of 4,
 //!   and in 96.5 % of windows of 3x3.
-//! * The staged filters of Mitchell's paper, and pbrt-v2's `shapeid` test, are not here.
+//! * The staged filters of Mitchell's paper are not here.
 
 mod contrast;
 mod mitchell;
@@ -61,7 +61,7 @@ pub use dapple_core::{PilotPolicy, Stopping};
 
 pub use contrast::{contrast, deviation};
 pub use mitchell::{Mitchell, MitchellOptions};
-pub use pbrt::{MitchellPbrt, MitchellPbrtOptions};
+pub use pbrt::{MitchellPbrt, MitchellPbrtOptions, PbrtTest};
 pub use rates::Rates;
 
 /// The README's example, run as a doctest.

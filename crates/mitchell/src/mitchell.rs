@@ -3,7 +3,7 @@
 use crate::Rates;
 use crate::contrast::{NOTHING, contrast, windowed};
 use crate::two_rates::{TwoRates, sampler_of_two_rates};
-use dapple_core::{Error, Film, Options as _, PilotPolicy, PointSet, Stopping};
+use dapple_core::{Error, Film, Needs, Options as _, PilotPolicy, PointSet, Stopping};
 
 dapple_core::options! {
     /// The parameters of [`Mitchell`], the contrast-adaptive sampler.
@@ -40,6 +40,10 @@ dapple_core::options! {
 }
 
 impl MitchellOptions {
+    fn needs(&self) -> Needs {
+        Needs::none().with_extrema()
+    }
+
     /// The least number of samples per pixel for which contrast is defined.
     fn least(&self) -> u32 {
         if self.radius == 0 { 2 } else { 1 }

@@ -3,7 +3,23 @@
 use crate::Rates;
 use crate::contrast::deviation;
 use crate::two_rates::{TwoRates, sampler_of_two_rates};
-use dapple_core::{Error, Film, Options as _, PilotPolicy, PointSet, Stopping, luminance};
+use dapple_core::{Error, Film, FirstHit, Needs, Options as _, PilotPolicy, PointSet, Stopping, luminance};
+
+/// The test by which [`MitchellPbrt`] refines a pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PbrtTest {
+    /// A sample's luminance deviates from the mean of the pilot samples, as pbrt-v2's `contrast`.
+    #[default]
+    Contrast,
+    /// Two consecutive pilot samples hit different shapes or primitives, or one of the two hits none, as pbrt-v2's
+    /// `shapeid`.
+    ShapeId,
+    /// Two consecutive pilot samples hit different shapes, or one of the two hits none. Unlike [`PbrtTest::ShapeId`],
+    /// edges within a mesh do not count.
+    Shape,
+}
+
+dapple_core::choices!(PbrtTest { Contrast = "contrast", ShapeId = "shapeid", Shape = "shape" });
 
 dapple_core::options! {
     /// The parameters of [`MitchellPbrt`], the `adaptive` sampler of pbrt-v2.
@@ -26,22 +42,30 @@ dapple_core::options! {
         /// Use of pilot samples: refined (published, biased), keep (biased) or discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Refined => "refined",
             |policy| !matches!(policy, PilotPolicy::Cross | PilotPolicy::Neighbours), "one of refined, keep, discard";
+        /// Test by which a pixel is refined: contrast (luminance), shapeid (shape or primitive), or shape.
+        ///
+        /// With shapeid and shape, the threshold has no effect, and pixels are ranked by their number of differing pairs.
+        pub test: PbrtTest = PbrtTest::Contrast => "contrast";
     }
 }
 
-/// The `adaptive` sampler of pbrt-v2 with its `contrast` test [pbrt-v2, `src/samplers/adaptive.cpp`].
+/// The `adaptive` sampler of pbrt-v2 with its tests `contrast` and `shapeid` [pbrt-v2, `src/samplers/adaptive.cpp`].
 ///
 /// Each pixel gets `min` pilot samples. If the luminance `Y` of one deviates far from their mean, `|Y - mean| / mean >
 /// 0.5`, `max` new samples replace the pilot samples. With [`Stopping::Threshold`] and [`PilotPolicy::Refined`] this is
 /// the published rule. [`Stopping::Budget`], the default, ranks pixels by that deviation until the budget is spent.
 /// With [`PilotPolicy::Keep`] the pilot samples stay in the image and count towards `max`.
 ///
+/// [`PbrtTest::ShapeId`] refines a pixel if two consecutive pilot samples hit different shapes or primitives. A pixel that
+/// two of them share in parts `a` and `1 - a` is refined with probability `1 - a^4 - (1 - a)^4`.
+///
 /// *Guarantees*: the budget is met exactly, or is an upper bound. If it allows `min` samples per pixel, no pixel has
 /// fewer.
 ///
 /// *Weaknesses*: the published rule is biased. If samples are 1 with probability `p`, else 0, and the pilot has two, a
 /// pixel's expected value is `3 p^2 - 2 p^3` (see [`PilotPolicy`]). A black pilot has no deviation and is never
-/// refined. Each pixel decides alone. The published form knows no budget. pbrt-v2's `shapeid` test is not included.
+/// refined. Each pixel decides alone. The published form knows no budget. `shapeid` refines every pixel of a mesh whose
+/// triangles are smaller than pixels, and no pixel for its shadows or reflections.
 pub struct MitchellPbrt<P> {
     points: P,
     options: MitchellPbrtOptions,
@@ -71,6 +95,9 @@ impl<P: PointSet> MitchellPbrt<P> {
         if max > 1 << 31 || min > 1 << 30 {
             return out("max", max.to_string(), "at most 2^31, and min at most 2^30");
         }
+        if options.test != PbrtTest::Contrast && min > MOST_HITS {
+            return out("min", min.to_string(), "at most 128 with test=shapeid or shape, which keep every first hit");
+        }
         let min = min.next_power_of_two();
         let max = max.next_power_of_two().max(2 * min);
         let options = MitchellPbrtOptions { min, max, ..options };
@@ -78,7 +105,17 @@ impl<P: PointSet> MitchellPbrt<P> {
     }
 }
 
+/// The largest pilot whose first hits a film keeps, a power of two.
+const MOST_HITS: u32 = 128;
+
 impl MitchellPbrtOptions {
+    fn needs(&self) -> Needs {
+        match self.test {
+            PbrtTest::Contrast => Needs::none().with_extrema(),
+            PbrtTest::ShapeId | PbrtTest::Shape => Needs::none().with_first_hits(self.min.min(MOST_HITS) as u8),
+        }
+    }
+
     /// The least number of samples of one pixel that have a deviation.
     fn least(&self) -> u32 {
         2
@@ -88,9 +125,37 @@ impl MitchellPbrtOptions {
         Rates { initial: self.min, additional: self.max - self.min }
     }
 
-    /// The largest relative deviation of a pixel's samples, divided by the threshold, per pixel. Pixels above 1 are
-    /// refined.
+    /// The score of each pixel. Those above 1 are refined.
     fn scores(&self, film: &Film) -> Vec<f64> {
+        match self.test {
+            PbrtTest::Contrast => self.deviations(film),
+            PbrtTest::ShapeId => self.changes(film, |hit| [hit.shape, hit.primitive]),
+            PbrtTest::Shape => self.changes(film, |hit| [hit.shape, 0]),
+        }
+    }
+
+    /// One more than the number of consecutive pilot samples whose first hits differ in `name`, per pixel; 0 if none
+    /// differ.
+    fn changes(&self, film: &Film, name: impl Fn(&FirstHit) -> [u32; 2]) -> Vec<f64> {
+        let score = |i| {
+            let taken = match self.policy {
+                PilotPolicy::Discard => film.discarded(i).count,
+                _ => film.count(i),
+            };
+            // Places of samples that were not traced hold no hit.
+            let hits = film.first_hits(i);
+            let taken = usize::try_from(taken).unwrap_or(usize::MAX).min(self.min as usize).min(hits.len());
+            let differ = |pair: &[Option<FirstHit>]| pair[0].as_ref().map(&name) != pair[1].as_ref().map(&name);
+            match hits[..taken].windows(2).filter(|pair| differ(pair)).count() {
+                0 => 0.0,
+                changes => 1.0 + changes as f64,
+            }
+        };
+        (0..film.frame().pixels()).map(score).collect()
+    }
+
+    /// The largest relative deviation of a pixel's samples, divided by the threshold, per pixel.
+    fn deviations(&self, film: &Film) -> Vec<f64> {
         let score = |i| {
             let (range, moments) = match self.policy {
                 PilotPolicy::Discard => (film.discarded_luminance_range(i), film.discarded(i)),

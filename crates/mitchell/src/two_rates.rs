@@ -8,8 +8,9 @@ use dapple_core::{
 
 const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold the state of a sampler of two rates" };
 
-/// Implements `Sampler` for a struct of points, options and [`TwoRates`]. The options return the scores, the rates for a
-/// mean budget, and the least number of samples that has a score. Scoring takes `$scoring` bytes per pixel.
+/// Implements `Sampler` for a struct of points, options and [`TwoRates`]. The options return the statistics
+/// that scores read, the scores, the rates for a mean budget, and the least number of samples that has a
+/// score. Scoring takes `$scoring` bytes per pixel.
 macro_rules! sampler_of_two_rates {
     ($Sampler:ident, $name:literal, $scoring:expr) => {
         impl<P: PointSet> dapple_core::Sampler for $Sampler<P> {
@@ -22,7 +23,7 @@ macro_rules! sampler_of_two_rates {
             }
 
             fn needs(&self) -> dapple_core::Needs {
-                dapple_core::Needs::none().with_extrema()
+                self.options.needs()
             }
 
             fn points(&self) -> &dyn PointSet {

@@ -38,6 +38,13 @@ pub enum RegistryError {
         /// The fault, and the remedy.
         why: String,
     },
+    /// A scene in which samples cannot be placed, or coordinates have no meaning.
+    Points {
+        /// The name of the entry.
+        of: &'static str,
+        /// The fault, and the remedy.
+        why: String,
+    },
     /// A filter that this program was built without.
     NotBuilt {
         /// The name of the filter.
@@ -63,13 +70,15 @@ impl fmt::Display for RegistryError {
                 write!(f, "there is no {kind} \"{name}\"; did you mean \"{nearest}\"? Choose among {known}")
             }
             Self::Unknown { kind, name, nearest: None, known } => {
-                write!(f, "there is no {kind} \"{name}\"; choose among {known}")
+                write!(f, "there is no {kind} \"{name}\"; choose among {known}")?;
+                f.write_str(if cfg!(feature = "classics") { "" } else { " (the feature \"classics\" adds more)" })
             }
             Self::Parameter { of, what } => write!(f, "{of}: {what}"),
             Self::NeedsWorld { of, what } => {
                 write!(f, "{of} needs {what}; give it a world, or cluster inputs that have this")
             }
             Self::Clusters { of, why } => write!(f, "{of}: clusters cannot be made: {why}"),
+            Self::Points { of, why } => write!(f, "{of}: samples cannot be placed: {why}"),
             Self::NotBuilt { of, feature } => write!(
                 f,
                 "the filter \"{of}\" is not in this program; build it with the feature \"{feature}\" (cargo … --features {feature})"

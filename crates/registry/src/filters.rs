@@ -1,7 +1,14 @@
 //! The filters.
 
+#[cfg(feature = "classics")]
+use crate::CLASSICS;
 use crate::inputs::CLUSTERS;
 use crate::{CLUSTERING, ClusterInputs, Entry, Parameters, RegistryError, clustering};
+#[cfg(feature = "classics")]
+use dapple_classics::{
+    GemFilter, GemFilterOptions, JamesStein, JamesSteinOptions, MdasBoxesOptions, Nfor, NforOptions, NlmLoopFilter,
+    NlmLoopFilterOptions, SureFilter, SureFilterOptions, TreeMeanOptions, Wavelet, WaveletOptions, Welch, WelchOptions,
+};
 use dapple_core::{Filter, Options as _, Unfiltered};
 use dapple_denoise::{
     Bilateral, BilateralOptions, ClusterGaussian, ClusterGaussianOptions, ClusterLookup, ClusterRegression,
@@ -16,37 +23,123 @@ pub type MakeFilter = fn(&Parameters, &dyn ClusterInputs) -> Result<Box<dyn Filt
 
 /// All filters of the registry.
 pub const FILTERS: &[Entry<MakeFilter>] = &[
-    Entry::new("none", "each pixel the mean of its own samples", &[], |_, _| Ok(Box::new(Unfiltered))),
-    Entry::new("gaussian", "a Gaussian over pixel means", &[GaussianOptions::PARAMETERS], |p, _| {
-        Ok(Box::new(Gaussian::with_options(p.options()?)?))
+    Entry::new("none", "each pixel the mean of its own samples", "none: the mean of the samples", &[], |_, _| {
+        Ok(Box::new(Unfiltered))
     }),
+    Entry::new(
+        "gaussian",
+        "a Gaussian over pixel means",
+        "none: a Gaussian over pixels, as in textbooks",
+        &[GaussianOptions::PARAMETERS],
+        |p, _| Ok(Box::new(Gaussian::with_options(p.options()?)?)),
+    ),
     Entry::new(
         "cluster-gaussian",
         "the Gaussian, in which pixels of other clusters weigh less (Lan 2016)",
+        "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016 (docs/THESIS.md)",
         &[GaussianOptions::PARAMETERS, ClusterGaussianOptions::PARAMETERS, CLUSTERING],
         cluster_gaussian,
     ),
-    Entry::new("nlm", "non-local means with two halves (Rousselle 2012)", &[NlMeansOptions::PARAMETERS], |p, _| {
-        Ok(Box::new(NlMeans::with_options(p.options()?)?))
-    }),
+    Entry::new(
+        "nlm",
+        "non-local means with two halves (Rousselle 2012)",
+        "Rousselle, Knaus and Zwicker, Adaptive Rendering with Non-Local Means Filtering, 2012",
+        &[NlMeansOptions::PARAMETERS],
+        |p, _| Ok(Box::new(NlMeans::with_options(p.options()?)?)),
+    ),
     Entry::new(
         "bilateral",
         "cross-bilateral: near, of a similar surface and colour, in the same cluster",
+        "Eisemann and Durand 2004; Petschnigg et al. 2004; with clusters by Dapple",
         &[BilateralOptions::PARAMETERS, CLUSTERING],
         bilateral,
     ),
     Entry::new(
         "cluster-regression",
         "regression on features and clusters, twice, and the best of it and others by estimated error (the default)",
+        "Dapple, after Moon et al. 2014 and Bitterli et al. 2016 (docs/results/filters.md)",
         &[ClusterRegressionOptions::PARAMETERS, CLUSTERING],
         cluster_regression,
     ),
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "assumes Gaussian noise: fireflies look exact; 41x41 windows are slow",
+        ..Entry::new(
+            "sure",
+            "a bank of cross non-local means, chosen per pixel by Stein's estimate of the error (Li 2012)",
+            "Li, Wu and Chuang, SURE-based Optimization for Adaptive Sampling and Reconstruction, 2012",
+            &[SureFilterOptions::PARAMETERS],
+            |p, _| Ok(Box::new(SureFilter::with_options(p.options()?)?)),
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "blurs by up to a pixel at few samples; the noise of paths outside the domain stays",
+        ..Entry::new(
+            "mdas-boxes",
+            "samples over image, lens, time and light in boxes, weighted by the boxes' volumes; for mdas",
+            "Meister and Hachisuka, multidimensional adaptive sampling on GPUs, JCGT 11(2), 2022",
+            &[MdasBoxesOptions::PARAMETERS],
+            crate::coordinates::mdas_boxes,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "the filter sees half of the samples; dark pixels beside bright noisy ones are shrunk too far",
+        ..Entry::new(
+            "james-stein",
+            "another filter's image, taken as far as its difference from the samples is noise (Gu 2022)",
+            "Gu, Iglesias-Guitian and Moon, Neural James-Stein Combiner, 2022, without the network",
+            &[OF, JamesSteinOptions::PARAMETERS],
+            james_stein,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "few samples cannot tell pixels apart, which are then joined; nets look noisier than they are",
+        ..Entry::new(
+            "welch",
+            "the mean of pixels that Welch's test cannot tell apart (after Sakai 2024)",
+            "Sakai et al., A Statistical Approach to Monte Carlo Denoising, 2024",
+            &[WelchOptions::PARAMETERS],
+            |p, _| Ok(Box::new(Welch::with_options(p.options()?)?)),
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "as slow as tens of samples per pixel; nets look noisier than they are, which widens the weights",
+        ..Entry::new(
+            "nfor",
+            "regression on features in windows weighted by colour, the better of two bandwidths, twice (Bitterli 2016)",
+            "Bitterli et al., Nonlinearly Weighted First-order Regression for Denoising Monte Carlo Renderings, 2016",
+            &[NforOptions::PARAMETERS],
+            |p, _| Ok(Box::new(Nfor::with_options(p.options()?)?)),
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "the plain mean is better for well-distributed points of equal counts",
+        ..Entry::new(
+            "tree-mean",
+            "parts of a pixel weighted by their area or volume; for subdivision and hierarchical",
+            "Kajiya, The Rendering Equation, 1986; Whitted, An Improved Illumination Model for Shaded Display, 1980",
+            &[TreeMeanOptions::PARAMETERS],
+            crate::coordinates::tree_mean,
+        )
+    },
     #[cfg(feature = "oidn")]
     Entry {
         feature: Some(OIDN),
         ..Entry::new(
             "oidn",
             "Intel Open Image Denoise, a neural network; its library is found at run time",
+            "Intel Open Image Denoise (openimagedenoise.org)",
             &[OidnOptions::PARAMETERS],
             |p, _| Ok(Box::new(oidn(p)?)),
         )
@@ -57,11 +150,62 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
         ..Entry::new(
             "both",
             "the mean of oidn and cluster-regression",
+            "Dapple; the mean with Intel Open Image Denoise (docs/results/oidn.md)",
             &[OidnOptions::PARAMETERS, ClusterRegressionOptions::PARAMETERS, CLUSTERING],
             both,
         )
     },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "round kernels that know no features: textures and edges of shadows blur at few samples",
+        ..Entry::new(
+            "gem",
+            "a Gaussian over pixel means, of the scale with the least estimated error (Rousselle 2011)",
+            "Rousselle, Knaus and Zwicker, Adaptive Sampling and Reconstruction using Greedy Error Minimization, 2011",
+            &[GemFilterOptions::PARAMETERS],
+            |p, _| Ok(Box::new(GemFilter::with_options(p.options()?)?)),
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "no features, and the time of tens of samples; nlm is faster",
+        ..Entry::new(
+            "nlm-loop",
+            "non-local means as in the authors' program: 21x21 pixels, pairs of opposite ones (Rousselle 2012)",
+            "Rousselle, Knaus and Zwicker, Adaptive Rendering with Non-Local Means Filtering, 2012",
+            &[NlmLoopFilterOptions::PARAMETERS],
+            |p, _| Ok(Box::new(NlmLoopFilter::with_options(p.options()?)?)),
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "ringing and blotches at few samples; texture of low contrast vanishes",
+        ..Entry::new(
+            "wavelet",
+            "wavelet coefficients, shrunk by their standard error (after Overbeck 2009)",
+            "after Overbeck, Donner and Ramamoorthi, Adaptive Wavelet Rendering, 2009",
+            &[WaveletOptions::PARAMETERS],
+            |p, _| Ok(Box::new(Wavelet::with_options(p.options()?)?)),
+        )
+    },
 ];
+
+#[cfg(feature = "classics")]
+const OF: &[crate::Parameter] = &[crate::Parameter::new(
+    "of",
+    "gaussian",
+    "The filter, with / for : and , (gaussian/alpha=2). It must not need halves.",
+)];
+
+#[cfg(feature = "classics")]
+fn james_stein(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
+    let of = p.nested("of", |inner| crate::filter(inner, inputs))?;
+    let filter = JamesStein::with_options(of, p.options()?).map_err(|e| p.refuse(e.to_string()))?;
+    Ok(Box::new(filter))
+}
 
 /// The feature of filters by Open Image Denoise.
 const OIDN: &str = "oidn";

@@ -1,16 +1,17 @@
-//! The clusters and probes for which samplers and filters are made.
+//! The clusters, probes and coordinates for which samplers and filters are made.
 
 use crate::RegistryError;
 use dapple_cluster_adaptive::{AreaVectors, ProbeHit, ProbeRay, TraceProbe};
 use dapple_clustering::{Cluster, ClusterParams};
-use dapple_core::FirstHit;
+use dapple_core::{Domain, FilmPoints, FirstHit};
 use dapple_denoise::ClusterLookup;
 use std::sync::Arc;
 
-/// Clusters of a scene, and first-hit probes, for the methods that use them.
+/// Clusters of a scene, first-hit probes, and the meaning of samples' coordinates, for the methods that use them.
 ///
 /// A renderer implements this on its scene, or fills [`HostClusters`]. Each part may be missing. `cluster-regression` and
-/// `bilateral` then do without clusters; `cluster-gaussian` and `cluster-thesis` are refused.
+/// `bilateral` then do without clusters. `cluster-gaussian` and `cluster-thesis` are refused, and so are methods that place
+/// samples or read their coordinates.
 pub trait ClusterInputs {
     /// The function from a first hit to its cluster, for clusters made with `params`; `None` without clusters.
     ///
@@ -40,15 +41,33 @@ pub trait ClusterInputs {
         let _ = clusters;
         Ok(None)
     }
+
+    /// The dimensions in which the renderer's samples have a meaning, for samplers that place samples; `None` by default.
+    ///
+    /// # Errors
+    ///
+    /// [`ClusterInputError`] if samples cannot be placed.
+    fn domain(&self) -> Result<Option<Domain>, ClusterInputError> {
+        Ok(None)
+    }
+
+    /// The points of the film's samples, for filters that read coordinates; `None` by default.
+    ///
+    /// # Errors
+    ///
+    /// [`ClusterInputError`] if the coordinates have no meaning.
+    fn film_points(&self) -> Result<Option<FilmPoints>, ClusterInputError> {
+        Ok(None)
+    }
 }
 
-/// The reason why a [`ClusterInputs`] has no clusters.
+/// The reason why a [`ClusterInputs`] has no clusters or no domain.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ClusterInputError {
     /// There is no scene yet: methods that use clusters are refused.
     NoScene,
-    /// Surfaces that cannot be clustered: the fault, and the remedy.
+    /// Surfaces that cannot be clustered, or samples that cannot be placed: the fault, and the remedy.
     Failed(String),
 }
 
@@ -115,6 +134,8 @@ pub struct HostClusters {
     labels: Option<ClusterLookup>,
     probes: Option<ClusterProbes>,
     world_to_clip: Option<[[f32; 4]; 4]>,
+    domain: Option<Domain>,
+    points: Option<FilmPoints>,
 }
 
 impl HostClusters {
@@ -140,6 +161,18 @@ impl HostClusters {
     pub fn with_world_to_clip(self, matrix: [[f32; 4]; 4]) -> Self {
         Self { world_to_clip: Some(matrix), ..self }
     }
+
+    /// Sets the dimensions in which samples have a meaning, for samplers that place samples.
+    #[must_use]
+    pub fn with_domain(self, domain: Domain) -> Self {
+        Self { domain: Some(domain), ..self }
+    }
+
+    /// Sets the points of the film's samples, for filters that read coordinates.
+    #[must_use]
+    pub fn with_film_points(self, points: FilmPoints) -> Self {
+        Self { points: Some(points), ..self }
+    }
 }
 
 impl ClusterInputs for HostClusters {
@@ -154,6 +187,14 @@ impl ClusterInputs for HostClusters {
     fn world_to_clip(&self) -> Option<[[f32; 4]; 4]> {
         self.world_to_clip
     }
+
+    fn domain(&self) -> Result<Option<Domain>, ClusterInputError> {
+        Ok(self.domain.clone())
+    }
+
+    fn film_points(&self) -> Result<Option<FilmPoints>, ClusterInputError> {
+        Ok(self.points.clone())
+    }
 }
 
 /// A scene that is not there yet: descriptions are checked as far as possible.
@@ -165,6 +206,14 @@ impl ClusterInputs for NoScene {
     }
 
     fn probes(&self, _: &ClusterParams) -> Result<Option<ClusterProbes>, ClusterInputError> {
+        Err(ClusterInputError::NoScene)
+    }
+
+    fn domain(&self) -> Result<Option<Domain>, ClusterInputError> {
+        Err(ClusterInputError::NoScene)
+    }
+
+    fn film_points(&self) -> Result<Option<FilmPoints>, ClusterInputError> {
         Err(ClusterInputError::NoScene)
     }
 }

@@ -1,5 +1,7 @@
 #![doc = include_str!("../README.md")]
 
+#[cfg(feature = "classics")]
+mod coordinates;
 mod defaults;
 mod error;
 mod filters;
@@ -21,6 +23,10 @@ pub use samplers::{MadeSampler, MakeSampler, SAMPLERS};
 use dapple_clustering::{ClusterParams, Grouping, Insertion, Order, Sides};
 use dapple_core::Filter;
 
+/// The feature of published methods for comparison.
+#[cfg(feature = "classics")]
+const CLASSICS: &str = "classics";
+
 /// An entry of the registry: the name, description, parameters and constructor of a sampler, point set or filter.
 pub struct Entry<Make> {
     /// The entry's name on the command line and in descriptions.
@@ -33,6 +39,12 @@ pub struct Entry<Make> {
     pub parameters: &'static [&'static [Parameter]],
     /// The Cargo feature without which programs lack the entry; `None` for entries that every program has.
     pub feature: Option<&'static str>,
+    /// The publication or program that the method comes from; `docs/references.bib` lists it in full.
+    pub source: &'static str,
+    /// The cases in which the method fails or loses; empty if they are stated elsewhere.
+    pub weakness: &'static str,
+    /// The method's result in the race of all methods; empty if it took no part.
+    pub verdict: &'static str,
     make: Make,
 }
 
@@ -40,10 +52,11 @@ impl<Make> Entry<Make> {
     const fn new(
         name: &'static str,
         about: &'static str,
+        source: &'static str,
         parameters: &'static [&'static [Parameter]],
         make: Make,
     ) -> Self {
-        Self { name, aliases: &[], about, parameters, feature: None, make }
+        Self { name, aliases: &[], about, parameters, feature: None, source, weakness: "", verdict: "", make }
     }
 
     /// Iterates over all parameters of the entry.

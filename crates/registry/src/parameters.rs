@@ -35,6 +35,27 @@ pub(crate) fn find<'a, Make>(
 }
 
 impl Parameters {
+    /// Makes the sampler or filter that the parameter `key` describes, with `/` in place of `:` and `,`:
+    /// `cluster-thesis/k=9/clamp=16`. A description inside that one has `//`, and so on. `make` gets the description as
+    /// the command line takes it.
+    pub(crate) fn nested<T>(
+        &self,
+        key: &str,
+        make: impl FnOnce(&str) -> Result<T, RegistryError>,
+    ) -> Result<T, RegistryError> {
+        let value = self.value(key);
+        if value.contains(':') {
+            let inner = dapple_core::nested(value);
+            return Err(self.refuse(format!("{key} = \"{value}\": write \"/\" for \":\" and \",\": {key}={inner}")));
+        }
+        make(&dapple_core::unnested(value)).map_err(|error| match error {
+            RegistryError::Unknown { .. } | RegistryError::Parameter { .. } => {
+                self.refuse(format!("{key} = \"{value}\": {error}"))
+            }
+            other => other,
+        })
+    }
+
     pub(crate) fn refuse(&self, what: String) -> RegistryError {
         RegistryError::Parameter { of: self.of, what }
     }

@@ -1,8 +1,10 @@
 //! The point sets.
 
-use crate::{Entry, Parameters, RegistryError, Setting};
+use crate::{Entry, Parameter, Parameters, RegistryError, Setting};
 use dapple_core::{Options as _, PointSet};
-use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
+use dapple_low_discrepancy::{
+    BlueNoise, Diffused, Halton, Lattice, LowDiscrepancy, Mitchell1991, Pmj02, Random, Sobol, Stratified, ZSobol,
+};
 
 /// A point set of any type.
 pub type AnyPoints = Box<dyn PointSet>;
@@ -12,21 +14,131 @@ pub type MakePoints = fn(&Parameters, Setting) -> Result<AnyPoints, RegistryErro
 
 /// All point sets of the registry.
 pub const POINTS: &[Entry<MakePoints>] = &[
-    Entry::new("sobol", "Owen-scrambled Sobol' pairs, any prefix is good (the default)", &[], |_, s| {
-        Ok(Box::new(Sobol::new(s.seed)))
-    }),
+    Entry::new(
+        "sobol",
+        "Owen-scrambled Sobol' pairs, any prefix is good (the default)",
+        "Sobol' 1967; directions: Joe and Kuo 2008; scrambling: Owen 1997, by hashing: Burley 2020",
+        &[],
+        |_, s| Ok(Box::new(Sobol::new(s.seed))),
+    ),
     Entry::new(
         "lowdiscrepancy",
         "pbrt-v2's scrambled and shuffled (0,2) points, made for a given count",
+        "Kollig and Keller, Efficient Multidimensional Sampling, 2002, as in pbrt, version 2",
         &[LowDiscrepancyOptions::PARAMETERS],
         low_discrepancy,
     ),
-    Entry::new("halton", "scrambled Halton points", &[], |_, s| Ok(Box::new(Halton::new(s.seed)))),
-    Entry::new("stratified", "jittered cells", &[StratifiedOptions::PARAMETERS], stratified),
-    Entry::new("random", "independent random numbers (PCG), the baseline", &[], |_, s| {
-        Ok(Box::new(Random::new(s.seed)))
-    }),
+    Entry::new(
+        "halton",
+        "scrambled Halton points",
+        "Halton, On the Efficiency of Certain Quasi-random Sequences of Points, 1960; scrambling: Owen 1997",
+        &[],
+        |_, s| Ok(Box::new(Halton::new(s.seed))),
+    ),
+    Entry::new(
+        "stratified",
+        "jittered cells",
+        "none: one jittered sample per cell, as in textbooks",
+        &[StratifiedOptions::PARAMETERS],
+        stratified,
+    ),
+    Entry::new(
+        "random",
+        "independent random numbers (PCG), the baseline",
+        "O'Neill, PCG: A Family of Simple Fast Space-Efficient Random Number Generators, 2014",
+        &[],
+        |_, s| Ok(Box::new(Random::new(s.seed))),
+    ),
+    Entry {
+        weakness: "counts must be known beforehand; with adaptive counts, pixels do not share errors",
+        ..Entry::new(
+            "zsobol",
+            "one Sobol' sequence dealt to the pixels along a Morton curve",
+            "Ahmed and Wonka, Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of \
+             Pixels, 2020, as in pbrt, version 4",
+            &[ZSobolOptions::PARAMETERS],
+            zsobol,
+        )
+    },
+    Entry {
+        weakness: "shifts break nets, so single pixels have more error than with sobol; nothing gained at many samples",
+        ..Entry::new(
+            "blue-noise",
+            "another set, shifted in each pixel so that errors are blue noise over the image",
+            "Georgiev and Fajardo, Blue-Noise Dithered Sampling, 2016; tile: Ulichney 1993; shifts: Cranley and Patterson 1976",
+            &[&[INNER]],
+            blue_noise,
+        )
+    },
+    Entry {
+        weakness: "shifts break nets, so single pixels have more error than with sobol; sequences end at 1024 samples",
+        ..Entry::new(
+            "pmj02",
+            "progressive multi-jittered (0,2) points, with blue noise across pixels",
+            "Christensen et al., Progressive Multi-Jittered Sample Sequences, 2018, as in pbrt, version 4",
+            &[Pmj02Options::PARAMETERS],
+            pmj02,
+        )
+    },
+    Entry {
+        weakness: "aliases on edges along the lattice's directions; gains on periodic functions only",
+        ..Entry::new(
+            "lattice",
+            "extensible rank-1 lattices with random shifts",
+            "Korobov 1959; extensible: Hickernell et al. 2000; the multiplier is our own search's",
+            &[],
+            |_, s| Ok(Box::new(Lattice::new(s.seed))),
+        )
+    },
+    Entry {
+        weakness: "gains at one to a few samples per pixel, and for the position in the pixel only",
+        ..Entry::new(
+            "diffused",
+            "positions spread over pixels, everything else as sobol",
+            "after Mitchell, Generating Antialiased Images at Low Sampling Densities, 1987",
+            &[],
+            |_, s| Ok(Box::new(Diffused::new(s.seed))),
+        )
+    },
+    Entry {
+        weakness: "a finite pattern: nothing gained at many samples, where sobol wins",
+        ..Entry::new(
+            "mitchell-1991",
+            "positions, lens points and times chosen together over pixels",
+            "after Mitchell, Spectrally Optimal Sampling for Distribution Ray Tracing, 1991",
+            &[],
+            |_, s| Ok(Box::new(Mitchell1991::new(s.seed))),
+        )
+    },
 ];
+
+dapple_core::options! {
+    /// The parameters of `zsobol`.
+    struct ZSobolOptions {
+        /// Samples per pixel, rounded up to a power of two; 0 takes the mean budget, else 16.
+        pub count: u64 = 0;
+    }
+}
+
+/// The relation of neighbouring pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pixels {
+    BlueNoise,
+    Independent,
+}
+
+dapple_core::choices!(Pixels { BlueNoise = "blue-noise", Independent = "independent" });
+
+dapple_core::options! {
+    /// The parameters of `pmj02`.
+    struct Pmj02Options {
+        /// Neighbouring pixels: blue-noise (their errors differ) or independent.
+        pub pixels: Pixels = Pixels::BlueNoise => "blue-noise";
+    }
+}
+
+const INNER: Parameter =
+    Parameter::new("of", "sobol", "The set that is shifted, without parameters or with one: stratified:strata=4.");
 
 dapple_core::options! {
     /// The parameters of `lowdiscrepancy`.
@@ -44,13 +156,38 @@ dapple_core::options! {
     }
 }
 
+/// The given count, or the mean budget for 0.
+fn count_of(given: u64, s: Setting) -> u32 {
+    let count = if given == 0 { s.spp.unwrap_or(16) } else { given };
+    u32::try_from(count.max(1)).unwrap_or(u32::MAX)
+}
+
 fn low_discrepancy(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
-    let count = match p.options::<LowDiscrepancyOptions>()?.count {
-        0 => s.spp.unwrap_or(16),
-        count => count,
-    };
-    let made = LowDiscrepancy::new(s.seed, u32::try_from(count.max(1)).unwrap_or(u32::MAX));
+    let made = LowDiscrepancy::new(s.seed, count_of(p.options::<LowDiscrepancyOptions>()?.count, s));
     Ok(Box::new(made.map_err(|e| p.refuse(e.to_string()))?))
+}
+
+fn zsobol(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
+    let made = ZSobol::new(s.seed, count_of(p.options::<ZSobolOptions>()?.count, s));
+    Ok(Box::new(made.map_err(|e| p.refuse(e.to_string()))?))
+}
+
+fn blue_noise(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
+    let inner = crate::points(p.value("of"), s)?;
+    if inner.couples_pixels() {
+        return Err(
+            p.refuse(format!("of = \"{}\" spreads errors over pixels already; use it by itself", p.value("of")))
+        );
+    }
+    Ok(Box::new(BlueNoise::new(s.seed, inner)))
+}
+
+fn pmj02(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
+    let points = Pmj02::new(s.seed);
+    Ok(match p.options::<Pmj02Options>()?.pixels {
+        Pixels::BlueNoise => Box::new(points),
+        Pixels::Independent => Box::new(points.with_independent_pixels()),
+    })
 }
 
 fn stratified(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {

@@ -1,14 +1,23 @@
 //! The samplers.
 
+#[cfg(feature = "classics")]
+use crate::CLASSICS;
 use crate::{
     AnyPoints, CLUSTERING, ClusterInputs, ClusterProbes, Entry, Parameter, Parameters, RegistryError, clustering,
 };
 use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, VarianceOptions};
+#[cfg(feature = "classics")]
+use dapple_classics::{
+    Awr, AwrOptions, Divergence, DivergenceOptions, Ears, EarsOptions, Gem, GemOptions, HierarchicalOptions,
+    MdasOptions, NlmLoop, NlmLoopOptions, Perceptual, PerceptualOptions, SubdivisionOptions, Sure, SureOptions,
+    UpperConfidence, UpperConfidenceOptions, VarianceThreshold, VarianceThresholdOptions,
+};
 use dapple_cluster_adaptive::{ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeSource, ProbesHandle};
-use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Options as _, Sampler};
+use dapple_core::samplers::{Then, Uniform};
+use dapple_core::{Film, Frame, Options as _, PlacedHandle, PointSet, Sampler};
 use dapple_denoise::relative_errors;
 use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions};
+use std::sync::Arc;
 
 /// The constructor of a sampler.
 pub type MakeSampler = fn(&Parameters, AnyPoints, &dyn ClusterInputs) -> Result<MadeSampler, RegistryError>;
@@ -19,11 +28,13 @@ pub struct MadeSampler {
     pub sampler: Box<dyn Sampler>,
     /// The probes that the sampler traces for its first plan; stays empty if it traces none.
     pub probes: ProbesHandle,
+    /// The samples that the sampler places; `None` if it places none.
+    pub placed: Option<PlacedHandle>,
 }
 
 impl<S: Sampler + 'static> From<S> for MadeSampler {
     fn from(sampler: S) -> Self {
-        Self { sampler: Box::new(sampler), probes: ProbesHandle::default() }
+        Self { sampler: Box::new(sampler), probes: ProbesHandle::default(), placed: None }
     }
 }
 
@@ -32,15 +43,19 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
     Entry::new(
         "variance",
         "pooled variance of a pilot, Neyman counts on a ladder",
+        "Dapple; counts in proportion to deviations: Neyman 1934",
         &[VarianceOptions::PARAMETERS],
         |p, points, _| Ok(Adaptive::variance_with_options(points, p.options()?)?.into()),
     ),
-    Entry::new("uniform", "the same count for every pixel", &[], |_, points, _| Ok(Uniform::new(points).into())),
+    Entry::new("uniform", "the same count for every pixel", "none: the baseline", &[], |_, points, _| {
+        Ok(Uniform::new(points).into())
+    }),
     Entry {
         aliases: &["cluster"],
         ..Entry::new(
             "adaptive",
             "counts by error: pooled variance of a pilot, or a filter's error map; cells at hit points (the default)",
+            "Dapple (docs/results/adaptive.md); counts: Neyman 1934; error maps of filters: Rousselle et al. 2012",
             &[BY, AdaptiveOptions::PARAMETERS],
             adaptive,
         )
@@ -48,29 +63,192 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
     Entry::new(
         "mitchell",
         "contrast of a pilot, two rates (Mitchell 1987)",
+        "Mitchell, Generating Antialiased Images at Low Sampling Densities, SIGGRAPH 1987",
         &[MitchellOptions::PARAMETERS],
         |p, points, _| Ok(Mitchell::with_options(points, p.options()?)?.into()),
     ),
     Entry::new(
         "mitchell-pbrt",
-        "pbrt-v2's variant: samples that deviate from the pixel's mean, two rates",
+        "pbrt-v2's variant: samples that deviate from the pixel's mean or hit different shapes, two rates",
+        "pbrt, version 2: src/samplers/adaptive.cpp, by Pharr and Humphreys, 2010",
         &[MitchellPbrtOptions::PARAMETERS],
         |p, points, _| Ok(MitchellPbrt::with_options(points, p.options()?)?.into()),
     ),
     Entry::new(
         "cycles",
         "the stopping rule of Blender's Cycles: pixels whose two halves differ go on",
+        "Blender's Cycles: kernel/film/adaptive_sampling.h",
         &[CyclesOptions::PARAMETERS],
         |p, points, _| Ok(Cycles::with_options(points, p.options()?)?.into()),
     ),
     Entry::new(
         "cluster-thesis",
         "few samples where large clusters are seen, many where small ones are (Lan 2016), unbiased",
+        "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016 (docs/THESIS.md)",
         &[PROBES, ClusterThesisOptions::PARAMETERS, A_PRIORI, CLUSTERING],
         cluster_thesis,
     ),
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "counts suit Gaussians; filters that know features leave other errors",
+        ..Entry::new(
+            "gem",
+            "samples for the pixels with the largest error under a Gaussian of selected scale (Rousselle 2011)",
+            "Rousselle, Knaus and Zwicker, Adaptive Sampling and Reconstruction using Greedy Error Minimization, 2011",
+            &[GemOptions::PARAMETERS],
+            |p, points, _| Ok(Gem::with_options(points, p.options()?)?.into()),
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "the filter runs once per round, and costs as much time as many samples of a simple scene",
+        ..Entry::new(
+            "nlm-loop",
+            "counts by the difference of two halves after non-local means (Rousselle 2012)",
+            "Rousselle, Knaus and Zwicker, Adaptive Rendering with Non-Local Means Filtering, 2012",
+            &[NlmLoopOptions::PARAMETERS],
+            |p, points, _| Ok(NlmLoop::with_options(points, p.options()?)?.into()),
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "counts suit wavelet shrinkage; filters that know features leave other errors",
+        ..Entry::new(
+            "awr",
+            "samples for blocks of pixels by the variance of their wavelets (after Overbeck 2009)",
+            "after Overbeck, Donner and Ramamoorthi, Adaptive Wavelet Rendering, 2009",
+            &[AwrOptions::PARAMETERS],
+            |p, points, _| Ok(Awr::with_options(points, p.options()?)?.into()),
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "few samples in busy texture and in the dark: loses by squared error; FLIP is its metric",
+        ..Entry::new(
+            "perceptual",
+            "samples where noise is visible: contrast sensitivity and masking (after Bolin and Meyer 1998)",
+            "after Bolin and Meyer, A Perceptually Based Adaptive Sampling Algorithm, SIGGRAPH 1998",
+            &[PerceptualOptions::PARAMETERS],
+            |p, points, _| Ok(Perceptual::with_options(points, p.options()?)?.into()),
+        )
+    },
+    Entry {
+        weakness: "a first stage that puts samples in the wrong place takes them from the second",
+        ..Entry::new(
+            "then",
+            "one sampler for the first samples, then another, which sees them as its pilot",
+            "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016, as future work (docs/THESIS.md)",
+            &[THEN],
+            then,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "pixels whose first samples agree stop for ever; variances are not pooled",
+        ..Entry::new(
+            "variance-threshold",
+            "samples until the confidence interval of the pixel's mean is narrow (after Kajiya 1986)",
+            "Kajiya, The Rendering Equation, SIGGRAPH 1986; interval and defaults: Mitsuba's adaptive integrator",
+            &[VarianceThresholdOptions::PARAMETERS],
+            |p, points, _| Ok(VarianceThreshold::with_options(points, p.options()?)?.into()),
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "noise of paths outside the domain looks like detail; a pilot of four samples per box misses what is small",
+        ..Entry::new(
+            "mdas",
+            "samples placed over image, lens, time and light where boxes of them differ; filter with mdas-boxes",
+            "Hachisuka et al., Multidimensional Adaptive Sampling and Reconstruction for Ray Tracing, 2008; boxes: Meister and Hachisuka 2022",
+            &[MdasOptions::PARAMETERS],
+            crate::coordinates::mdas,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "the bonus moves counts towards uniform ones; variances are not pooled",
+        ..Entry::new(
+            "ucb",
+            "counts by an upper bound of each pixel's deviation (after Carpentier and Munos 2011)",
+            "Carpentier and Munos, Finite Time Analysis of Stratified Sampling for Monte Carlo, NIPS 2011",
+            &[UpperConfidenceOptions::PARAMETERS],
+            |p, points, _| Ok(UpperConfidence::with_options(points, p.options()?)?.into()),
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "misses what four samples miss; noise keeps all parts of a pixel alive",
+        ..Entry::new(
+            "subdivision",
+            "parts of pixels split where samples contrast (after Whitted 1980); filter with tree-mean",
+            "Whitted, An Improved Illumination Model for Shaded Display, 1980",
+            &[SubdivisionOptions::PARAMETERS],
+            crate::coordinates::subdivision,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "rays are not time; the published gains come from later vertices of a path",
+        ..Entry::new(
+            "ears",
+            "counts by error per ray: the splitting factor at the camera (after Rath 2022)",
+            "Rath et al., EARS: Efficiency-Aware Russian Roulette and Splitting, 2022",
+            &[EarsOptions::PARAMETERS],
+            |p, points, _| Ok(Ears::with_options(points, p.options()?)?.into()),
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "assumes Gaussian noise: fireflies look exact; planning costs as much as filtering",
+        ..Entry::new(
+            "sure",
+            "samples where the best filter of a bank still errs, by Stein's estimate (Li 2012)",
+            "Li, Wu and Chuang, SURE-based Optimization for Adaptive Sampling and Reconstruction, 2012",
+            &[SureOptions::PARAMETERS],
+            |p, points, _| Ok(Sure::with_options(points, p.options()?)?.into()),
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "scores of single pixels are as noisy as their variances, which `variance` pools",
+        ..Entry::new(
+            "divergence",
+            "counts by f-divergences or entropies of each pixel's samples (after Rigau 2003)",
+            "Rigau, Feixas and Sbert, Refinement Criteria Based on f-Divergences, and Entropy-based Adaptive Sampling, 2003",
+            &[DivergenceOptions::PARAMETERS],
+            |p, points, _| Ok(Divergence::with_options(points, p.options()?)?.into()),
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "a well-distributed point set of known count beats it",
+        ..Entry::new(
+            "hierarchical",
+            "hierarchical integration of pixels (after Kajiya 1986); filter with tree-mean:tree=contrast",
+            "Kajiya, The Rendering Equation, 1986",
+            &[HierarchicalOptions::PARAMETERS],
+            crate::coordinates::hierarchical,
+        )
+    },
 ];
 
+const THEN: &[Parameter] = &[
+    Parameter::new("first", "uniform", "The first sampler, with / for : and , (cluster-thesis/k=9/clamp=16)."),
+    Parameter::new("spp", "4", "Samples per pixel that the first sampler spends at most, on average."),
+    Parameter::new("second", "adaptive", "The second sampler, with / for : and , (// in a sampler inside that one)."),
+];
 const BY: &[Parameter] = &[Parameter::new(
     "by",
     "variance",
@@ -93,6 +271,18 @@ fn adaptive(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Re
         Some(map) => sampler.with_error_map(map).map_err(|e| p.refuse(e.to_string()))?.into(),
         None => sampler.into(),
     })
+}
+
+/// Both samplers take their samples from the same points, as one sequence.
+fn then(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
+    let points: Arc<dyn PointSet> = Arc::from(points);
+    let of = |key: &str| p.nested(key, |inner| crate::sampler(inner, Box::new(points.clone()), inputs));
+    let spp = p.number("spp")?;
+    let (first, second) = (of("first")?, of("second")?);
+    let sampler = Then::new(first.sampler, spp, second.sampler).map_err(|e| p.refuse(e.to_string()))?;
+    // The last samples are the second sampler's.
+    let placed = second.placed.or(first.placed);
+    Ok(MadeSampler { sampler: Box::new(sampler), probes: first.probes.joined(second.probes), placed })
 }
 
 /// The error map that a sampler uses besides the pooled variance: the error that a filter with default parameters
@@ -153,5 +343,5 @@ fn cluster_thesis(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs)
     let ClusterProbes { labels, clusters, shoot } = probes;
     let source = ProbeSource { labels, clusters, shoot, placement, described: p.described(CLUSTERING) };
     let sampler = ClusterThesis::probing(points, source, size, options).map_err(|e| p.refuse(e.to_string()))?;
-    Ok(MadeSampler { probes: sampler.handle(), sampler: Box::new(sampler) })
+    Ok(MadeSampler { probes: sampler.handle(), sampler: Box::new(sampler), placed: None })
 }

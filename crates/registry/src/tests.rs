@@ -35,7 +35,11 @@ fn without_clusters_only_methods_that_cannot_do_without_are_refused() {
     };
     let filters = FILTERS.iter().map(|entry| (entry.name, refusal(filter(entry.name, &none)))).collect();
     let samplers = SAMPLERS.iter().map(|entry| (entry.name, refusal(sampler(entry.name, sobol(), &none)))).collect();
-    assert_eq!((refused(filters), refused(samplers)), (vec!["cluster-gaussian"], vec!["cluster-thesis"]));
+    let (mut filters, mut samplers) = (refused(filters), refused(samplers));
+    // These need the meaning of coordinates instead of clusters.
+    filters.retain(|name| !["mdas-boxes", "tree-mean"].contains(name));
+    samplers.retain(|name| !["mdas", "subdivision", "hierarchical"].contains(name));
+    assert_eq!((filters, samplers), (vec!["cluster-gaussian"], vec!["cluster-thesis"]));
     assert_eq!(filter("cluster-regression", &none).expect("a filter").needs().first_hits, 0);
     assert!(check_filter("cluster-gaussian").is_ok() && check_sampler("cluster-thesis").is_ok());
     let error = refusal(filter("cluster-gaussian", &none));
@@ -114,4 +118,85 @@ fn sizes_of_clusters_that_need_more_of_the_scene_name_it() {
     let identity = [0, 1, 2, 3].map(|i| [0, 1, 2, 3].map(|j| if i == j { 1.0 } else { 0.0 }));
     let clusters = clusters.with_world_to_clip(identity);
     assert_eq!(refusal(sampler("cluster-thesis:size=screen", sobol(), &clusters)), "");
+}
+
+#[test]
+fn a_sequence_of_samplers_is_made_of_nested_descriptions() {
+    let none = HostClusters::none();
+    let described = |words: &str| sampler(words, sobol(), &none).expect("a sampler").sampler.describe();
+    let of = |name: &str| dapple_core::nested(&described(name));
+    assert_eq!(described("then"), format!("then:first=uniform,spp=4,second={}", of("adaptive")));
+    let words = "then:first=cycles/min=3/step=5,spp=6,second=mitchell/policy=discard";
+    let [first, second] = [of("cycles:min=3,step=5"), of("mitchell:policy=discard")];
+    assert_eq!(described(words), format!("then:first={first},spp=6,second={second}"));
+    // Three stages: each separator of the inner sequence's own samplers is doubled.
+    let words = "then:first=then/first=uniform/spp=2/second=cycles//min=3,spp=9,second=uniform";
+    let inner = described("then:first=uniform,spp=2,second=cycles/min=3");
+    assert_eq!(described(words), format!("then:first={},spp=9,second=uniform", dapple_core::nested(&inner)));
+    assert_eq!(described(&described(words)), described(words));
+}
+
+#[test]
+fn faults_of_nested_descriptions_name_the_parameter_and_the_remedy() {
+    let refused = |words: &str| refusal(check_sampler(words).map(|()| 0));
+    let says = |words: &str, parts: [&str; 2]| {
+        let error = refused(words);
+        assert!(error.starts_with("then: ") && parts.iter().all(|part| error.contains(part)), "{words}: {error}");
+    };
+    says("then:first=unifrom", ["first = \"unifrom\": there is no sampler", "did you mean \"uniform\"?"]);
+    says(
+        "then:second=cycles/mim=3",
+        ["second = \"cycles/mim=3\": cycles: there is no parameter", "did you mean \"min\""],
+    );
+    says("then:second=cycles:min=3", ["write \"/\" for \":\" and \",\"", "second=cycles/min=3"]);
+    says("then:first=cycles/step=0", ["first = \"cycles/step=0\": cycles: ", "step"]);
+    says("then:spp=0", ["spp = 0 is out of range", "at least 1 sample per pixel"]);
+    says("then:spp=few", ["spp = \"few\"", "a number is required"]);
+    says("then:frist=uniform", ["there is no parameter \"frist\"", "did you mean \"first\"?"]);
+    assert!(check_sampler("then:first=cluster-thesis/k=3").is_ok(), "clusters are checked with the scene");
+    let error = refusal(sampler("then:first=cluster-thesis", sobol(), &HostClusters::none()));
+    assert!(error.starts_with("cluster-thesis needs clusters"), "{error}");
+}
+
+#[test]
+fn a_sequence_passes_on_the_probes_of_its_samplers() {
+    let clusters = HostClusters::none().with_probes(probes());
+    let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
+    let pixels = frame.pixels() as u64;
+    for (words, rays) in [
+        ("then:first=cluster-thesis,second=adaptive", pixels),
+        ("then:first=uniform,second=cluster-thesis/probes=2", 2 * pixels),
+        ("then:first=cluster-thesis,second=cluster-thesis/probes=2", 3 * pixels),
+        ("then:first=then/first=uniform/spp=2/second=cluster-thesis,spp=5,second=uniform", pixels),
+    ] {
+        let mut made = sampler(words, sobol(), &clusters).expect("a sampler");
+        assert!(made.probes.cost().is_none());
+        let film = Render::new(frame, &Limits::samples(16 * pixels + 7)).run(&mut Balls, &mut *made.sampler);
+        assert_eq!(film.expect("a film").record().samples, 16 * pixels + 7, "{words}");
+        assert_eq!((made.probes.cost().map(|cost| cost.rays), made.probes.rejected()), (Some(rays), 0), "{words}");
+    }
+}
+
+#[cfg(feature = "classics")]
+#[test]
+fn samples_are_placed_for_renderers_that_name_their_dimensions() {
+    use dapple_core::{Axis, Domain, FilmPoints, Role};
+    let place = [0, 1].map(|lane| Axis::new(Role::Place, 0, lane));
+    let domain = Domain::new(place).expect("a domain");
+    let host = HostClusters::none().with_domain(domain.clone());
+    let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
+    for (name, reconstruction) in
+        [("mdas", "mdas-boxes"), ("subdivision", "tree-mean"), ("hierarchical", "tree-mean:tree=contrast")]
+    {
+        let error = refusal(sampler(name, sobol(), &HostClusters::none()));
+        assert!(error.contains("the meaning of the samples' dimensions"), "{error}");
+        let made = sampler(name, sobol(), &host).expect("a sampler");
+        let film_points = FilmPoints::new(std::sync::Arc::from(sobol()), domain.clone()).with_placed(made.placed);
+        let filter = filter(reconstruction, &host.clone().with_film_points(film_points)).expect("a filter");
+        let mut sampler = made.sampler;
+        let film = Render::new(frame, &Limits::spp(8.0)).needs(filter.needs()).run(&mut Balls, &mut *sampler);
+        let image = filter.apply(&film.expect("a film")).expect("an image").radiance;
+        // The sky.
+        assert!((image[0][0] - 0.25).abs() < 1e-5, "{name}: {:?}", image[0]);
+    }
 }

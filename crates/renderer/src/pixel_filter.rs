@@ -44,6 +44,11 @@ impl FilterSampler {
         Self { kind }
     }
 
+    /// Returns true for a box of one pixel, in which the random numbers are the place in the pixel.
+    pub fn is_one_pixel(&self) -> bool {
+        matches!(self.kind, Kind::Box { width } if width == Vec2::ONE)
+    }
+
     /// Returns the offset from the pixel's centre, in pixels, that the random numbers `u` in `[0, 1)^2` select.
     #[inline]
     pub fn sample(&self, u: [f32; 2]) -> Vec2 {

@@ -2,6 +2,7 @@
 
 mod build;
 mod bump;
+mod domain;
 mod first_hit;
 #[cfg(test)]
 mod frame_tests;

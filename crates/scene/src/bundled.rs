@@ -20,6 +20,11 @@
 //! | `door` | a room lit through a door ajar, three pots on a table | nearly all light indirect, metal, glass |
 //! | `tea` | a glass of tea before tiles, a ball on a chessboard | detail in refraction and reflection, absorption |
 //! | `cabin` | an aeroplane's cabin at night | 68 small lamps, screens, dark and glossy surfaces |
+//! | `many-lights` | ten thousand small lamps over columns and blocks | many lights, each of local effect |
+//! | `caustic` | a glass ball over a floor, under a tiny lamp | light focused by glass |
+//! | `chess` | chess pieces near, in focus and far | depth of field, direct light only |
+//! | `zone-plate` | rings that become finer than pixels; the plate's mean is known | image texture, no noise but the pixel's |
+//! | `penumbra` | a floor half hidden from a lamp, whose exact image is known | soft shadow, direct light only |
 //!
 //! The files' bytes are the same on every machine: all arithmetic is `+ - * /` and `sqrt` on `f64`, which
 //! IEEE 754 rounds in one way, and Rust neither fuses nor reorders these operations.
@@ -39,6 +44,7 @@
 //! ```
 
 mod cabin;
+mod chess;
 mod cornell;
 pub(crate) mod directions;
 mod door;
@@ -46,6 +52,7 @@ mod glass;
 mod grass;
 mod images;
 mod lens;
+mod many_lights;
 mod mesh;
 mod motion;
 mod noise;
@@ -57,6 +64,7 @@ mod teapot;
 mod terrain;
 #[cfg(test)]
 mod tests;
+mod zone_plate;
 
 use crate::files::Files;
 use crate::pbrt::{ReadOptions, read_scene_from};
@@ -106,9 +114,25 @@ impl Files for Bundle {
 /// Name and bytes of each file of a bundled scene besides its scene file: meshes and images.
 type Assets = Vec<(String, Vec<u8>)>;
 
-const NAMES: [&str; 13] = [
-    "teapot", "terrain", "cornell", "furnace", "plates", "lens", "motion", "glass", "room", "grass", "door", "tea",
+const NAMES: [&str; 18] = [
+    "teapot",
+    "terrain",
+    "cornell",
+    "furnace",
+    "plates",
+    "lens",
+    "motion",
+    "glass",
+    "room",
+    "grass",
+    "door",
+    "tea",
     "cabin",
+    "many-lights",
+    "caustic",
+    "chess",
+    "zone-plate",
+    "penumbra",
 ];
 
 /// Returns the names of the bundled scenes, [`DEFAULT`] first.
@@ -132,6 +156,11 @@ pub fn files(name: &str) -> Option<Bundle> {
         "door" => (door::scene(), Assets::new()),
         "tea" => (tea::scene(), Assets::new()),
         "cabin" => (cabin::scene(), Assets::new()),
+        "many-lights" => (many_lights::scene(), Assets::new()),
+        "caustic" => (include_str!("bundled/caustic.pbrt").to_owned(), Assets::new()),
+        "chess" => (chess::scene(), Assets::new()),
+        "zone-plate" => zone_plate::scene(),
+        "penumbra" => (include_str!("bundled/penumbra.pbrt").to_owned(), Assets::new()),
         _ => glass::scene(),
     };
     let main = "scene.pbrt".to_owned();

@@ -36,7 +36,15 @@ pub trait SceneReader: Sync {
 }
 
 /// The readers of all supported formats.
-pub const READERS: [&dyn SceneReader; 5] = [&PbrtReader, &GltfReader, &ObjReader, &PlyReader, &StlReader];
+// One a line, so that a new one is a line of its own.
+#[rustfmt::skip]
+pub const READERS: &[&dyn SceneReader] = &[
+    &PbrtReader,
+    &GltfReader,
+    &ObjReader,
+    &PlyReader,
+    &StlReader,
+];
 
 /// Options of [`read_any`] for all formats.
 #[derive(Clone, Debug, Default)]
@@ -86,9 +94,9 @@ pub fn read_any_from(
     let source = || Source { file: Arc::new(path.to_owned()), line: 0 };
     let content = files.read(path).map_err(|e| unreadable(source(), &e))?;
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let by_content = READERS.into_iter().find(|reader| reader.recognizes(&content));
+    let by_content = READERS.iter().find(|reader| reader.recognizes(&content));
     let refusal = || foreign::by_content(&content).map(|advice| ReadError::invalid(source(), advice));
-    let by_name = || READERS.into_iter().find(|reader| reader.extensions().contains(&&*extension));
+    let by_name = || READERS.iter().find(|reader| reader.extensions().contains(&&*extension));
     let reader = match by_content {
         Some(reader) => reader,
         None => match refusal() {

@@ -44,6 +44,7 @@ mod external;
 mod file_names;
 mod measured_image;
 mod plan;
+mod point_plots;
 mod record;
 mod recorded_study;
 mod reference_image;
@@ -61,6 +62,7 @@ pub use plan::{
     DEFAULT_FILTERS, DEFAULT_REFERENCE_SPP, DEFAULT_SAMPLERS, DEFAULT_SCENES, DEFAULT_SEEDS, DEFAULT_SIDE, DEFAULT_SPP,
     Plan, PlanError, PlanPatch, ScenePlan, default_lights, split_names,
 };
+pub use point_plots::{PLOTTED_COUNTS, PointPlots, point_plots};
 pub use record::{ImageErrors, Machine, Manifest, Method, Phases, ReferenceRecord, Run, RunBudget, SceneRecord};
 pub use recorded_study::{FolderError, RecordedStudy};
 pub use report::{ReportError, write_report};

@@ -4,6 +4,7 @@ mod bias;
 mod cells;
 mod common;
 mod conformance;
+mod costs;
 mod decisions;
 mod memory;
 mod variance_bias;

@@ -18,7 +18,8 @@ use std::path::PathBuf;
 ///
 /// SCENE is a pbrt file (v4, v3 or v2), a model (.gltf, .glb, .obj, .ply, .stl; Dapple adds a camera and a light), or the name of a
 /// bundled scene: teapot (the default), terrain, cornell, furnace, plates, lens, motion, glass, room, grass, door, tea,
-/// cabin. All settings are checked, and all outputs tested to be writable, before rendering begins.
+/// cabin, many-lights, caustic, chess, zone-plate, penumbra. All settings are checked, and all outputs tested to be writable,
+/// before rendering begins.
 #[derive(Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct RenderArgs {

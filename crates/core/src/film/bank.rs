@@ -1,6 +1,6 @@
 //! A bank of a film: the statistics of kept or of discarded samples, of one half or of all.
 
-use super::{FeatureMoments, RejectedReason, reason_to_reject};
+use super::{FeatureMoments, RejectedReason, SamplePlane, SampleRows, SumPlane, SumRows, reason_to_reject};
 use crate::{Estimate, FirstHit, Needs, RgbMoments, SurfaceFeatures};
 
 /// The smallest and the largest value of red, green, blue and luminance among a set of samples.
@@ -27,6 +27,8 @@ pub(crate) struct Bank {
     /// The means of the values beside the radiance, pixel by pixel, and their sums of squared deviations.
     pub(crate) channels: Vec<f32>,
     pub(crate) channels_m2: Vec<f32>,
+    pub(crate) sums: SumPlane,
+    pub(crate) samples: SamplePlane,
     /// Per pixel, the difference between the next sample's index and the count, caused by withdrawn samples. Positive
     /// in the bank that gave samples away, negative in the bank that got them. Empty until samples are withdrawn.
     pub(crate) ahead: Vec<i64>,
@@ -42,6 +44,8 @@ impl Bank {
             emission: if needs.emission { vec![[0.0; 3]; pixels] } else { Vec::new() },
             channels: vec![0.0; pixels * usize::from(needs.channels)],
             channels_m2: if needs.variance { vec![0.0; pixels * usize::from(needs.channels)] } else { Vec::new() },
+            sums: SumPlane::new(pixels, needs.sums),
+            samples: SamplePlane::new(pixels, needs.samples),
             ahead: Vec::new(),
         }
     }
@@ -58,6 +62,7 @@ impl Bank {
         }
         (self.channels, self.channels_m2) = (Vec::new(), Vec::new());
         (self.ranges, self.emission) = (Vec::new(), Vec::new());
+        (self.sums, self.samples) = (SumPlane::default(), SamplePlane::default());
     }
 
     pub(super) fn moments(&self, i: usize) -> RgbMoments {
@@ -80,6 +85,8 @@ impl Bank {
             let mut moments = other.moments(i);
             let share = self.counts[i] as f32 / (self.counts[i] + moments.count).max(1) as f32;
             self.give_channels(other, i, share);
+            self.sums.give(&mut other.sums, i, (self.counts[i], moments.count));
+            self.samples.give(&mut other.samples, i);
             moments.merge(&self.moments(i));
             (other.counts[i], other.means[i]) = (moments.count, moments.mean);
             if let (Some(to), Some(from)) = (other.m2.get_mut(i), self.m2.get_mut(i)) {
@@ -157,6 +164,8 @@ pub(crate) struct BankRows<'a> {
     pub(crate) emission: &'a mut [[f32; 3]],
     pub(crate) channels: &'a mut [f32],
     pub(crate) channels_m2: &'a mut [f32],
+    pub(crate) sums: SumRows<'a>,
+    pub(crate) samples: SampleRows<'a>,
     /// Per pixel, the next sample's index minus the count ([`Bank::ahead`]); empty if no samples were withdrawn.
     pub(crate) ahead: &'a [i64],
 }
@@ -164,8 +173,9 @@ pub(crate) struct BankRows<'a> {
 impl Bank {
     /// All planes of the bank.
     pub(crate) fn rows(&mut self) -> BankRows<'_> {
-        let Self { counts, means, m2, ranges, emission, channels, channels_m2, ahead } = self;
-        BankRows { counts, means, m2, ranges, emission, channels, channels_m2, ahead }
+        let Self { counts, means, m2, ranges, emission, channels, channels_m2, sums, samples, ahead } = self;
+        let (sums, samples) = (sums.rows(), samples.rows());
+        BankRows { counts, means, m2, ranges, emission, channels, channels_m2, sums, samples, ahead }
     }
 }
 
@@ -221,6 +231,12 @@ impl BankRows<'_> {
         if let Some(range) = self.ranges.get_mut(local) {
             widen(range, radiance);
         }
+        if !self.sums.values.is_empty() {
+            self.sums.push(local, self.counts[local], radiance);
+        }
+        if !self.samples.rows.is_empty() {
+            self.samples.push(local, radiance);
+        }
     }
 }
 
@@ -230,18 +246,18 @@ pub(crate) fn first_hits_of(hits: &mut [Option<FirstHit>], local: usize, k: usiz
     &mut hits[local * k..(local + 1) * k]
 }
 
-/// Adds a sample to the pixel's features. Stores its first hit too if `seen`, the number of the pixel's samples before it,
+/// Adds a sample to the pixel's features, and to those of its half. Stores its first hit too if `seen`, the number of the pixel's samples before it,
 /// leaves a place. Outlined because most renders record no first hits.
 #[inline(never)]
 pub(crate) fn record_first_hit(
-    features: Option<&mut FeatureMoments>,
+    features: [Option<&mut FeatureMoments>; 2],
     places: &mut [Option<FirstHit>],
     seen: u64,
     estimate: &Estimate,
 ) {
     // A NaN would spread through every mean, so such a hit counts as a miss.
     let hit = estimate.first_hit.as_ref().filter(|h| h.is_finite());
-    if let Some(moments) = features {
+    for moments in features.into_iter().flatten() {
         let behind = estimate.features.filter(SurfaceFeatures::is_finite);
         moments.push(behind.or_else(|| hit.map(SurfaceFeatures::from)));
     }

@@ -75,7 +75,8 @@ impl Film {
             let banks = if retention == Retention::Keep { &self.kept } else { &self.discarded };
             let seen = banks.iter().map(|bank| bank.next_index(pixel)).sum::<u64>() - 1;
             let places = first_hits_of(&mut self.first_hits, pixel, usize::from(self.needs.first_hits));
-            record_first_hit(self.features.get_mut(pixel), places, seen, estimate);
+            let of_half = self.half_features.get_mut(2 * pixel + half);
+            record_first_hit([self.features.get_mut(pixel), of_half], places, seen, estimate);
         }
         if let Some(cost) = self.costs.get_mut(pixel) {
             *cost += u64::from(estimate.cost);

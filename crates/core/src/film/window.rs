@@ -16,6 +16,8 @@ impl Film {
             emission: rows.cut(&bank.emission, 1),
             channels: rows.cut(&bank.channels, each),
             channels_m2: rows.cut(&bank.channels_m2, each),
+            sums: bank.sums.with(|values, each| rows.cut(values, each)),
+            samples: bank.samples.with(|values| rows.cut(values, 1)),
             ahead: rows.cut(&bank.ahead, 1),
         };
         let banks = self.written(retention).iter().map(cut).collect();
@@ -27,21 +29,23 @@ impl Film {
             kept,
             discarded,
             features: rows.cut(&self.features, 1),
+            half_features: rows.cut(&self.half_features, self.needs.feature_planes()),
             first_hits: rows.cut(&self.first_hits, usize::from(self.needs.first_hits)),
             costs: rows.cut(&self.costs, 1),
             splats: Splats::default(),
             rejected: Vec::new(),
             record: Record::default(),
             unreported: 0,
+            half_of: self.half_of,
         }
     }
 
     /// Puts back a [`Film::part`] that has gained samples, and adds its record.
-    pub(crate) fn put_back(&mut self, part: Film, retention: Retention) {
+    pub(crate) fn put_back(&mut self, mut part: Film, retention: Retention) {
         let rows = Rows::new(&self.frame, &part.frame);
         let (to, from) = match retention {
-            Retention::Keep => (&mut self.kept, &part.kept),
-            Retention::Discard => (&mut self.discarded, &part.discarded),
+            Retention::Keep => (&mut self.kept, &mut part.kept),
+            Retention::Discard => (&mut self.discarded, &mut part.discarded),
         };
         let each = usize::from(self.needs.channels);
         for (to, from) in to.iter_mut().zip(from) {
@@ -52,8 +56,11 @@ impl Film {
             rows.paste(&mut to.emission, &from.emission, 1);
             rows.paste(&mut to.channels, &from.channels, each);
             rows.paste(&mut to.channels_m2, &from.channels_m2, each);
+            rows.paste(&mut to.sums.values, &from.sums.values, self.needs.sums.values());
+            rows.give(&mut to.samples.rows, &mut from.samples.rows);
         }
         rows.paste(&mut self.features, &part.features, 1);
+        rows.paste(&mut self.half_features, &part.half_features, self.needs.feature_planes());
         rows.paste(&mut self.first_hits, &part.first_hits, usize::from(self.needs.first_hits));
         rows.paste(&mut self.costs, &part.costs, 1);
         self.record.samples += part.record.samples;
@@ -95,6 +102,17 @@ impl Rows {
         let [stride, width] = self.strides;
         let row = |r: usize| (self.first + r * stride) * each;
         (0..self.rows).flat_map(|r| plane[row(r)..row(r) + width * each].iter().cloned()).collect()
+    }
+
+    /// Moves the rows of samples of the part into a plane.
+    fn give<T: Default>(&self, plane: &mut [T], part: &mut [T]) {
+        let [stride, width] = self.strides;
+        for (r, values) in part.chunks_exact_mut(width.max(1)).enumerate() {
+            plane[self.first + r * stride..][..width]
+                .iter_mut()
+                .zip(values)
+                .for_each(|(to, from)| *to = std::mem::take(from));
+        }
     }
 
     /// Copies the values of the part into a plane.

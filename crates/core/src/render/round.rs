@@ -3,7 +3,8 @@
 use super::{Monitor, Session};
 use crate::allocate::mix;
 use crate::film::{
-    Bank, BankRows, FeatureMoments, REJECTED_LISTED, Splats, first_hits_of, keep_first, record_first_hit,
+    Bank, BankRows, FeatureMoments, REJECTED_LISTED, SampleRows, Splats, SumRows, first_hits_of, keep_first,
+    record_first_hit, reserve_samples,
 };
 use crate::integrator::TrainingSum;
 use crate::snapshot::{Cursor, OpenRound};
@@ -62,6 +63,8 @@ struct Band<'a> {
     first: usize,
     banks: Vec<BankRows<'a>>,
     features: &'a mut [FeatureMoments],
+    /// Two per pixel, one for each half.
+    half_features: &'a mut [FeatureMoments],
     first_hits: &'a mut [Option<FirstHit>],
     costs: &'a mut [u64],
 }
@@ -245,17 +248,22 @@ fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>, size: usiz
     let banks = if retention == Retention::Keep { &mut film.kept } else { &mut film.discarded };
     let each = usize::from(film.needs.channels);
     let wide = pixels.start * each..pixels.end * each;
+    let kinds = film.needs.sums.values();
+    let wider = pixels.start * kinds..pixels.end * kinds;
     let mut banks: Vec<_> = banks
         .iter_mut()
-        .map(|Bank { counts, means, m2, ranges, emission, channels, channels_m2, ahead }| {
+        .map(|Bank { counts, means, m2, ranges, emission, channels, channels_m2, sums: plane, samples, ahead }| {
             let sums = (chunks(counts, &pixels, size), chunks(means, &pixels, size), chunks(m2, &pixels, size));
             let ahead = if ahead.is_empty() { &[][..] } else { &ahead[pixels.clone()] };
             let more = (chunks(ranges, &pixels, size), chunks(emission, &pixels, size));
             let beside = (chunks(channels, &wide, size * each.max(1)), chunks(channels_m2, &wide, size * each.max(1)));
-            (sums, more, beside, ahead.chunks(size))
+            let plane = (plane.kinds, chunks(&mut plane.values, &wider, size * kinds.max(1)));
+            let samples = (samples.limit, chunks(&mut samples.rows, &pixels, size));
+            (sums, more, beside, (plane, samples), ahead.chunks(size))
         })
         .collect();
     let mut features = chunks(&mut film.features, &pixels, size);
+    let mut half_features = chunks(&mut film.half_features, &(2 * pixels.start..2 * pixels.end), 2 * size);
     let mut first_hits = chunks(&mut film.first_hits, &(pixels.start * k..pixels.end * k), size * k.max(1));
     let mut costs = chunks(&mut film.costs, &pixels, size);
     pixels
@@ -264,18 +272,23 @@ fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>, size: usiz
             first,
             banks: banks
                 .iter_mut()
-                .map(|((counts, means, m2), (ranges, emission), (channels, channels_m2), ahead)| BankRows {
-                    counts: counts.next().unwrap_or_default(),
-                    means: means.next().unwrap_or_default(),
-                    m2: m2.next().unwrap_or_default(),
-                    ranges: ranges.next().unwrap_or_default(),
-                    emission: emission.next().unwrap_or_default(),
-                    channels: channels.next().unwrap_or_default(),
-                    channels_m2: channels_m2.next().unwrap_or_default(),
-                    ahead: ahead.next().unwrap_or_default(),
+                .map(|((counts, means, m2), (ranges, emission), (channels, channels_m2), (sums, samples), ahead)| {
+                    BankRows {
+                        counts: counts.next().unwrap_or_default(),
+                        means: means.next().unwrap_or_default(),
+                        m2: m2.next().unwrap_or_default(),
+                        ranges: ranges.next().unwrap_or_default(),
+                        emission: emission.next().unwrap_or_default(),
+                        channels: channels.next().unwrap_or_default(),
+                        channels_m2: channels_m2.next().unwrap_or_default(),
+                        sums: SumRows { kinds: sums.0, values: sums.1.next().unwrap_or_default() },
+                        samples: SampleRows { limit: samples.0, rows: samples.1.next().unwrap_or_default() },
+                        ahead: ahead.next().unwrap_or_default(),
+                    }
                 })
                 .collect(),
             features: features.next().unwrap_or_default(),
+            half_features: half_features.next().unwrap_or_default(),
             first_hits: first_hits.next().unwrap_or_default(),
             costs: costs.next().unwrap_or_default(),
         })
@@ -354,6 +367,10 @@ fn trace_pixel(
         return;
     }
     let pixel = [round.origin[0] + (i % round.width) as u32, round.origin[1] + (i / round.width) as u32];
+    if round.needs.samples > 0 {
+        let rest = round.plan.second_half.as_ref().map(|_| second.saturating_sub(start));
+        reserve_samples(&mut band.banks, local, (first.saturating_sub(start), rest));
+    }
     let alternate = band.banks.len() == 2 && round.plan.second_half.is_none();
     for step in start..last {
         if alternate {
@@ -409,12 +426,13 @@ fn trace_sample(
     tally.rays += u64::from(estimate.cost);
     tally.blocks += u64::from(draws.blocks_requested());
     if round.needs.wants_first_hit() {
-        let Band { banks, features, first_hits, .. } = band;
+        let Band { banks, features, half_features, first_hits, .. } = band;
         // Kept and discarded samples fill the places in the order of tracing. This bank's indices give the next place,
         // as long as all rounds have the same retention, which is usual.
         let seen = banks.iter().map(|b| b.next_index(local)).sum::<u64>() - 1;
         let hits = first_hits_of(first_hits, local, usize::from(round.needs.first_hits));
-        record_first_hit(features.get_mut(local), hits, seen, &estimate);
+        let features = [features.get_mut(local), half_features.get_mut(2 * local + half)];
+        record_first_hit(features, hits, seen, &estimate);
     }
     if let Some(cost) = band.costs.get_mut(local) {
         *cost += u64::from(estimate.cost);

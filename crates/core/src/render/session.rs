@@ -448,11 +448,10 @@ fn continued(
     (needs, limits): (&Needs, &Limits),
     frame: &Frame,
 ) -> Result<(State, f64), Error> {
-    snapshot.check(sampler, needs, frame, limits)?;
-    let Snapshot { film, round, open, passes, total, seconds, sampler_state, holdout, .. } = snapshot;
+    snapshot.restore_sampler(sampler, needs, frame, limits)?;
+    let Snapshot { film, round, open, passes, total, seconds, holdout, .. } = snapshot;
     let planned = open.as_ref().map_or(film.record.samples, |open| open.before + open.submitted + open.plan.total());
     meter.restore(&film, total, planned)?;
-    sampler.restore(&sampler_state)?;
     if let Some(open) = &open {
         let rest = open.rest(frame.size()[0] as usize);
         if rest.total() > 0 {

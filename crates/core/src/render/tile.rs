@@ -1,6 +1,6 @@
 //! Tiles of a round: the samples that one task traces, in any order.
 
-use crate::film::Splats;
+use crate::film::{Bank, Splats, reserve_samples};
 use crate::snapshot::OpenRound;
 use crate::{Draws, Estimate, Film, Needs, PointSet, Rejected, Retention, SampleId, streams};
 use std::collections::BTreeMap;
@@ -136,7 +136,7 @@ struct Waiting {
 impl<'r> Tile<'r> {
     /// Takes the part of the film that `frame` covers.
     pub(super) fn new(points: &'r dyn PointSet, film: &Film, open: &OpenRound, frame: crate::Frame) -> Self {
-        let part = film.part(frame, open.plan.retention);
+        let mut part = film.part(frame, open.plan.retention);
         let banks = if open.plan.retention == Retention::Keep { &part.kept } else { &part.discarded };
         let width = film.frame.size()[0] as usize;
         let [dx, dy] = [0, 1].map(|axis| (frame.origin()[axis] - film.frame.origin()[axis]) as usize);
@@ -166,6 +166,14 @@ impl<'r> Tile<'r> {
             },
             pixels: (0..frame.pixels()).map(pixel).collect(),
         };
+        if film.needs.samples > 0 {
+            let banks = if open.plan.retention == Retention::Keep { &mut part.kept } else { &mut part.discarded };
+            let mut rows: Vec<_> = banks.iter_mut().map(Bank::rows).collect();
+            for (local, pixel) in planned.pixels.iter().enumerate() {
+                let second = open.plan.second_half.as_ref().map(|_| pixel.counts[1]);
+                reserve_samples(&mut rows, local, (pixel.counts[0], second));
+            }
+        }
         let (taken, left) = (vec![0; frame.pixels()], planned.total());
         let (retention, waiting) = (open.plan.retention, BTreeMap::new());
         let (splats, halves) = (Vec::new(), [0; 2]);

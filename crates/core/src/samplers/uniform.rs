@@ -1,7 +1,8 @@
 //! Uniform sampling: the same number of samples for every pixel.
 
 use crate::{
-    Error, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Retention, Sampler, SamplerMemory, saturating_u32,
+    Error, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Retention, Sampler, SamplerMemory, allocate,
+    saturating_u32,
 };
 
 /// Uniform sampling: the same number of samples for every pixel.
@@ -73,11 +74,22 @@ impl<P: PointSet> Sampler for Uniform<P> {
         }
         plan.retention = Retention::Keep;
         // After a raised budget, counts may already differ by one: level them to the new total.
-        let wanted = super::level(seen, seen.budget.total)?;
-        for (i, (count, wanted)) in plan.counts.iter_mut().zip(wanted).enumerate() {
-            *count = wanted.saturating_sub(saturating_u32(seen.film.count(i)));
+        let mut wanted = super::level(seen, seen.budget.total)?;
+        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
+        let is_uneven = |wanted: &[u32]| wanted.iter().zip(&now).any(|(wanted, now)| wanted < now);
+        if seen.budget.spent != sum(&now) || is_uneven(&wanted) {
+            // After the rounds of another sampler: pixels that have more keep it, or samples of theirs are discarded.
+            let total = sum(&now) + seen.budget.left();
+            wanted = allocate(&vec![1.0; now.len()], &now, seen.budget.max_spp, total)?.counts;
+        }
+        for ((count, wanted), now) in plan.counts.iter_mut().zip(wanted).zip(now) {
+            *count = wanted - now;
         }
         // Nothing is left to add if every pixel is at its ceiling.
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
+}
+
+fn sum(counts: &[u32]) -> u64 {
+    counts.iter().map(|&n| u64::from(n)).sum()
 }

@@ -2,16 +2,16 @@
 
 use super::Broken;
 use super::bytes::{Reader, Writer};
-use crate::film::{Bank, FeatureMoments, REJECTED_LISTED, Splats};
+use crate::film::{Bank, FeatureMoments, REJECTED_LISTED, SamplePlane, Splats, SumPlane};
 use crate::{
-    Combine, Film, FirstHit, Frame, Needs, Record, Rejected, RejectedReason, RoundRecord, SampleId, TrainingSum,
+    Combine, Film, FirstHit, Frame, Needs, Record, Rejected, RejectedReason, RoundRecord, SampleId, Sums, TrainingSum,
 };
 
 /// The approximate number of bytes that encode a film.
 pub(crate) fn size(film: &Film) -> usize {
     let discarded = if film.discarded.is_empty() { 0 } else { Film::bytes_per_pixel(&film.needs) };
     let pixels = film.kept[0].counts.len();
-    pixels * (Film::bytes_per_pixel(&film.needs) + discarded) + 4096
+    pixels * (Film::bytes_per_pixel(&film.needs) + discarded) + 12 * film.samples_kept() + 4096
 }
 
 pub(crate) fn put_film(to: &mut Writer, film: &Film) {
@@ -29,7 +29,7 @@ pub(crate) fn put_film(to: &mut Writer, film: &Film) {
     film.kept.iter().for_each(|bank| put_bank(to, bank));
     to.flag(!film.discarded.is_empty());
     film.discarded.iter().for_each(|bank| put_bank(to, bank));
-    for f in &film.features {
+    for f in film.features.iter().chain(&film.half_features) {
         to.number([f.samples, f.hits]);
         to.number([f.mean, f.m2]);
     }
@@ -37,6 +37,7 @@ pub(crate) fn put_film(to: &mut Writer, film: &Film) {
     to.numbers(&film.costs);
     film.splats.sums.iter().for_each(|sums| to.numbers(sums));
     to.number(film.splats.samples);
+    to.number(film.unreported);
 }
 
 /// Reads a film whose planes have `pixels(frame)` pixels, fewer than the frame's for a shard.
@@ -54,11 +55,13 @@ pub(crate) fn take_film(from: &mut Reader<'_>, pixels: impl FnOnce(&Frame) -> us
         false => Vec::new(),
     };
     let features = if needs.features { take_features(from, pixels)? } else { Vec::new() };
+    let half_features = take_features(from, pixels.saturating_mul(needs.feature_planes()))?;
     let first_hits = take_hits(from, pixels.saturating_mul(usize::from(needs.first_hits)))?;
     let costs = if needs.cost { from.numbers(pixels)? } else { Vec::new() };
     let planes = if needs.splats { halves } else { 0 };
     let sums = (0..planes).map(|_| from.numbers(frame.pixels())).collect::<Result<_, _>>()?;
     let splats = Splats { sums, samples: from.number()? };
+    let unreported = from.number()?;
     let film = Film {
         frame,
         needs,
@@ -66,12 +69,14 @@ pub(crate) fn take_film(from: &mut Reader<'_>, pixels: impl FnOnce(&Frame) -> us
         kept,
         discarded,
         features,
+        half_features,
         first_hits,
         costs,
         splats,
         rejected,
         record,
-        unreported: 0,
+        unreported,
+        half_of: None,
     };
     check(&film)?;
     Ok(film)
@@ -88,11 +93,15 @@ fn check(film: &Film) -> Result<(), Broken> {
                 return Err(Broken("an index is out of range"));
             }
         }
-        let sums = bank.means.iter().chain(&bank.m2).flatten();
-        let mut single = bank.emission.iter().flatten().chain(&bank.channels).chain(&bank.channels_m2);
+        let sums = bank.means.iter().chain(&bank.m2).chain(&bank.sums.values).flatten();
+        let single = bank.emission.iter().chain(bank.samples.rows.iter().flatten()).flatten();
+        let mut single = single.chain(&bank.channels).chain(&bank.channels_m2);
         if !(sums.into_iter().all(|v| v.is_finite()) && single.all(|v| v.is_finite())) {
             return Err(Broken("a mean is NaN or infinite"));
         }
+    }
+    if film.unreported > samples {
+        return Err(Broken("more samples report no hits than there are"));
     }
     if samples != film.record.samples {
         return Err(Broken("counts do not add up to the samples traced"));
@@ -113,22 +122,49 @@ fn take_frame(from: &mut Reader<'_>) -> Result<Frame, Broken> {
 }
 
 fn put_needs(to: &mut Writer, needs: &Needs) {
-    let Needs { variance, extrema, halves, features, first_hits, cost, emission, splats, channels } = *needs;
-    [variance, extrema, halves, features, cost, emission, splats].into_iter().for_each(|need| to.flag(need));
+    let Needs {
+        variance,
+        extrema,
+        halves,
+        features,
+        first_hits,
+        cost,
+        emission,
+        splats,
+        channels,
+        sums,
+        feature_halves,
+        samples,
+    } = *needs;
+    [variance, extrema, halves, features, cost, emission, splats, feature_halves]
+        .into_iter()
+        .for_each(|need| to.flag(need));
     to.number(first_hits);
     to.number(channels);
+    to.number(sums.bits() | if samples > 0 { SAMPLES } else { 0 });
+    if samples > 0 {
+        to.number(samples);
+    }
 }
 
 fn take_needs(from: &mut Reader<'_>) -> Result<Needs, Broken> {
     let mut needs = Needs::none();
-    let Needs { variance, extrema, halves, features, cost, emission, splats, .. } = &mut needs;
-    for need in [variance, extrema, halves, features, cost, emission, splats] {
+    let Needs { variance, extrema, halves, features, cost, emission, splats, feature_halves, .. } = &mut needs;
+    for need in [variance, extrema, halves, features, cost, emission, splats, feature_halves] {
         *need = from.flag()?;
     }
     needs.first_hits = from.number()?;
     needs.channels = from.number()?;
+    let bits: u8 = from.number()?;
+    needs.sums = Sums::from_bits(bits & !SAMPLES).ok_or(Broken("a kind of sums is unknown"))?;
+    if bits & SAMPLES > 0 {
+        needs.samples = from.number()?;
+    }
     Ok(needs)
 }
+
+/// The flag, in the byte that names the kinds of sums, of a film that keeps samples one by one.
+const SAMPLES: u8 = 0x80;
 
 pub(crate) fn put_combine(to: &mut Writer, combine: Combine) {
     let (kind, weight) = match combine {
@@ -192,7 +228,7 @@ fn take_rejected(from: &mut Reader<'_>) -> Result<Vec<Rejected>, Broken> {
 }
 
 fn put_bank(to: &mut Writer, bank: &Bank) {
-    let Bank { counts, means, m2, ranges, emission, channels, channels_m2, ahead } = bank;
+    let Bank { counts, means, m2, ranges, emission, channels, channels_m2, sums, samples, ahead } = bank;
     to.numbers(counts);
     to.numbers(means);
     to.numbers(m2);
@@ -200,25 +236,37 @@ fn put_bank(to: &mut Writer, bank: &Bank) {
     to.numbers(emission);
     to.numbers(channels);
     to.numbers(channels_m2);
+    to.numbers(&sums.values);
+    samples.rows.iter().for_each(|row| to.numbers(row));
     to.flag(!ahead.is_empty());
     to.numbers(ahead);
 }
 
 fn take_bank(from: &mut Reader<'_>, pixels: usize, needs: &Needs) -> Result<Bank, Broken> {
     let channels = pixels.saturating_mul(usize::from(needs.channels));
+    let counts: Vec<u64> = from.numbers(pixels)?;
     Ok(Bank {
-        counts: from.numbers(pixels)?,
         means: from.numbers(pixels)?,
         m2: from.numbers(if needs.variance { pixels } else { 0 })?,
         ranges: from.numbers(if needs.extrema { pixels } else { 0 })?,
         emission: from.numbers(if needs.emission { pixels } else { 0 })?,
         channels: from.numbers(channels)?,
         channels_m2: from.numbers(if needs.variance { channels } else { 0 })?,
+        sums: SumPlane { kinds: needs.sums, values: from.numbers(pixels.saturating_mul(needs.sums.values()))? },
+        samples: take_samples(from, &counts, needs.samples)?,
+        counts,
         ahead: match from.flag()? {
             true => from.numbers(pixels)?,
             false => Vec::new(),
         },
     })
+}
+
+/// Reads as many samples of each pixel as its count, but at most `limit`.
+fn take_samples(from: &mut Reader<'_>, counts: &[u64], limit: u32) -> Result<SamplePlane, Broken> {
+    let counts = if limit > 0 { counts } else { &[] };
+    let row = |&count: &u64| from.numbers(count.min(u64::from(limit)) as usize);
+    Ok(SamplePlane { limit, rows: counts.iter().map(row).collect::<Result<_, _>>()? })
 }
 
 fn take_features(from: &mut Reader<'_>, pixels: usize) -> Result<Vec<FeatureMoments>, Broken> {

@@ -4,6 +4,7 @@ use crate::WorldClusters;
 use crate::clusters::{WorldTriangles, shoot};
 use dapple_cluster_adaptive::AreaVectors;
 use dapple_clustering::ClusterParams;
+use dapple_core::{Domain, FilmPoints};
 use dapple_denoise::ClusterLookup;
 use dapple_registry::{ClusterInputError, ClusterInputs, ClusterProbes};
 use dapple_renderer::World;
@@ -18,12 +19,14 @@ pub struct MethodInputs {
     pub world: Option<Arc<World>>,
     /// Clusters of the world, for a method with the same parameters of clustering. Another method makes its own.
     pub clusters: Option<Arc<WorldClusters>>,
+    /// The points of the samples, for a filter that reads their coordinates.
+    pub points: Option<FilmPoints>,
 }
 
 impl MethodInputs {
     /// The inputs of a method on `world`, without clusters.
     pub fn of(world: Arc<World>) -> Self {
-        Self { world: Some(world), clusters: None }
+        Self { world: Some(world), ..Self::default() }
     }
 }
 
@@ -87,5 +90,14 @@ impl ClusterInputs for OnWorld<'_> {
         // Spheres and disks come after the triangles.
         let labels = clusters.labels.get(..triangles.indices.len()).unwrap_or(&clusters.labels);
         AreaVectors::new(&triangles.as_slices(), labels, clusters.clusters.len()).map(Some)
+    }
+
+    fn domain(&self) -> Result<Option<Domain>, ClusterInputError> {
+        let why = "the pixel filter is not a box one pixel wide; render with that box (--pixel-filter box)";
+        self.world()?.domain().map(Some).ok_or_else(|| ClusterInputError::Failed(why.to_owned()))
+    }
+
+    fn film_points(&self) -> Result<Option<FilmPoints>, ClusterInputError> {
+        self.domain().map(|_| self.inputs.points.clone())
     }
 }

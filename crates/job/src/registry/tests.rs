@@ -1,16 +1,22 @@
 #![allow(clippy::print_stderr, reason = "tests say when they skip")]
 
 use super::*;
-use dapple_core::{PointSet as _, SampleId};
+use dapple_core::{FilmPoints, PointSet as _, SampleId};
 use dapple_renderer::World;
-use dapple_scene::bundled;
+use dapple_scene::{Effect, bundled};
 use std::sync::Arc;
 
 const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
 
+/// A scene in which all methods can be made: light scatters once, from a point light.
 fn inputs() -> MethodInputs {
-    let scene = bundled::files("furnace").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
-    MethodInputs::of(Arc::new(World::new(&scene).unwrap_or_else(|e| panic!("{e}"))))
+    let mut scene = bundled::files("furnace").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+    scene.max_depth = Some(1);
+    let scene = dapple_renderer::without(&scene, Effect::SoftShadows).unwrap_or_else(|e| panic!("{e}"));
+    let world = Arc::new(World::new(&scene).unwrap_or_else(|e| panic!("{e}")));
+    let points = Arc::from(points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}")));
+    let points = FilmPoints::new(points, world.domain().expect("a box filter"));
+    MethodInputs { points: Some(points), ..MethodInputs::of(world) }
 }
 
 /// The filter, or `None` with a message if its shared library is missing.
@@ -42,7 +48,7 @@ fn every_entry_is_made_by_its_name() {
         let points = points("random", SETTING).unwrap_or_else(|e| panic!("{e}"));
         let sampler = sampler(entry.name, points, &inputs).unwrap_or_else(|e| panic!("{e}")).sampler;
         assert_eq!(sampler.name(), entry.name);
-        assert!(sampler.points().describe().starts_with("random"));
+        assert!(sampler.points().describe().contains("random"));
     }
     for entry in FILTERS {
         let Some(filter) = available(entry.name, &inputs) else { continue };
@@ -264,14 +270,14 @@ fn descriptions_stay_as_files_hold_them() {
         ("nlm", "nlm:window=7,patch=3,k=0.45,features=none"),
         ("nlm:features=0.60,window=3", "nlm:window=3,patch=3,k=0.45,features=0.6"),
         ("uniform", "uniform"),
-        ("variance", "variance:pilot=0,radius=2,exponent=1.3,epsilon=0.01,cap=6,policy=keep"),
+        ("variance", "variance:pilot=0,radius=2,exponent=1.3,epsilon=0.01,cap=6,policy=keep,cost=0"),
         (
             "adaptive",
             "adaptive:by=variance,pilot=0,rounds=0,pool=window,radius=2,prior=12,power=2,geometry=0,exponent=1.15,\
-             epsilon=0.3,cap=6,mix=0.5,gain=0.98,policy=neighbours,edge=16,normals=10",
+             epsilon=0.3,cap=6,mix=0.5,gain=0.98,policy=neighbours,edge=16,normals=10,cost=0",
         ),
         ("mitchell", "mitchell:initial=0,additional=0,red=0.4,green=0.3,blue=0.6,radius=1,mode=budget,policy=keep"),
-        ("mitchell-pbrt", "mitchell-pbrt:min=4,max=32,threshold=0.5,mode=budget,policy=refined"),
+        ("mitchell-pbrt", "mitchell-pbrt:min=4,max=32,threshold=0.5,mode=budget,policy=refined,test=contrast"),
         ("cycles", "cycles:threshold=0,min=0,step=16,mode=budget,policy=keep"),
     ] {
         assert_eq!(described(words), expected);
@@ -294,4 +300,25 @@ fn descriptions_stay_as_files_hold_them() {
     ] {
         assert_eq!(described(words), format!("{expected},{CLUSTERS}"));
     }
+}
+
+#[test]
+fn scenes_with_random_numbers_outside_the_domain_are_refused_by_mdas_unless_forced() {
+    let scene = bundled::files("cornell").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+    let inputs = MethodInputs::of(Arc::new(World::new(&scene).unwrap_or_else(|e| panic!("{e}"))));
+    let made = |words: &str| sampler(words, points("random", SETTING).expect("points"), &inputs);
+    let error = refusal(made("mdas"));
+    assert!(error.contains("light that scatters more than once") && error.contains("force=1"), "{error}");
+    assert!(made("mdas:force=1").is_ok() && made("hierarchical").is_ok());
+    assert!(made("mdas:force=1").is_ok_and(|made| made.placed.is_some()));
+}
+
+#[test]
+fn samples_are_not_placed_in_scenes_with_other_pixel_filters() {
+    let mut scene = bundled::files("cornell").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+    scene.film.pixel_filter = dapple_scene::PixelFilter::Triangle { radius: [1.0, 1.0] };
+    let inputs = MethodInputs::of(Arc::new(World::new(&scene).unwrap_or_else(|e| panic!("{e}"))));
+    let error = refusal(sampler("subdivision", points("random", SETTING).expect("points"), &inputs));
+    assert!(error.contains("not a box one pixel wide"), "{error}");
+    assert!(refusal(filter("tree-mean", &inputs)).contains("not a box one pixel wide"));
 }

@@ -2,13 +2,15 @@
 #![allow(dead_code, reason = "each test takes a part")]
 
 use dapple_core::{PointSet, SampleId};
-use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
+use dapple_low_discrepancy::{
+    BlueNoise, Diffused, Halton, Lattice, LowDiscrepancy, Mitchell1991, Pmj02, Random, Sobol, Stratified, ZSobol,
+};
 
 pub(crate) fn id(pixel: [u32; 2], stream: u32, index: u64) -> SampleId {
     SampleId::new(pixel, stream, index)
 }
 
-/// One of each set, with grids and nets of 64 samples.
+/// One of each set whose pixels are independent, with grids and nets of 64 samples.
 pub(crate) fn all_sets(seed: u64) -> Vec<Box<dyn PointSet>> {
     vec![
         Box::new(Random::new(seed)),
@@ -16,7 +18,25 @@ pub(crate) fn all_sets(seed: u64) -> Vec<Box<dyn PointSet>> {
         Box::new(Halton::new(seed)),
         Box::new(Sobol::new(seed)),
         Box::new(LowDiscrepancy::new(seed, 64).unwrap()),
+        Box::new(Lattice::new(seed)),
+        Box::new(Pmj02::new(seed).with_independent_pixels()),
     ]
+}
+
+/// One of each set that couples pixels.
+pub(crate) fn coupled_sets(seed: u64) -> Vec<Box<dyn PointSet>> {
+    vec![
+        Box::new(ZSobol::new(seed, 64).unwrap()),
+        Box::new(BlueNoise::new(seed, Sobol::new(seed))),
+        Box::new(Pmj02::new(seed)),
+        Box::new(Diffused::new(seed)),
+        Box::new(Mitchell1991::new(seed)),
+    ]
+}
+
+/// One of each set.
+pub(crate) fn every_set(seed: u64) -> Vec<Box<dyn PointSet>> {
+    all_sets(seed).into_iter().chain(coupled_sets(seed)).collect()
 }
 
 /// A function on the unit square with its exact mean and variance.

@@ -5,7 +5,7 @@
 
 use crate::common::{Integrand, estimate, id, integrands, log_slope, pair, rms};
 use dapple_core::{PointSet, streams};
-use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
+use dapple_low_discrepancy::{BlueNoise, Halton, Lattice, LowDiscrepancy, Pmj02, Random, Sobol, Stratified, ZSobol};
 
 /// The root mean square error over `scrambles` pixels.
 fn rmse(points: &dyn PointSet, g: &Integrand, n: u64, scrambles: u32) -> f64 {
@@ -100,6 +100,38 @@ fn errors_of_halton_converge() {
         eprintln!("halton on {}: RMSE slope {found:.3}", g.name);
         assert!(found < at_most, "halton on {}: {found:.3}", g.name);
     }
+}
+
+/// Pixels 128 columns or rows apart, so that sets that couple pixels have independent errors there.
+fn rmse_of_far_pixels(points: &dyn PointSet, g: &Integrand, n: u64) -> f64 {
+    rms((0..600).map(|p: u32| estimate(points, g.f, [p % 64 * 128, p / 64 * 128], 0, n) - g.mean))
+}
+
+/// A shift makes a step at the border. So on `x y` shifted lattices converge like jittering, `n^-1`, and shifted nets like
+/// `sqrt(log n) / n`, which has a slope of -0.87 from 8 to 512 samples. `zsobol` keeps its nets, and so has the slope of
+/// Sobol' points. On an edge all have the slope of jittering.
+#[test]
+fn errors_of_lattices_and_coupled_pixels_converge() {
+    type Make = fn(u32) -> Box<dyn PointSet>;
+    let sets: [(Make, f64, f64); 4] = [
+        (|_| Box::new(Lattice::new(0)), -0.93, -0.68),
+        (|_| Box::new(Pmj02::new(0)), -0.80, -0.68),
+        (|_| Box::new(BlueNoise::new(0, Sobol::new(0))), -0.80, -0.68),
+        (|n| Box::new(ZSobol::new(0, n).unwrap()), -1.33, -0.68),
+    ];
+    let [product, disk, ..] = integrands();
+    for (make, on_product, on_disk) in sets {
+        for (g, at_most) in [(&product, on_product), (&disk, on_disk)] {
+            let error = |k: u32| (f64::from(1_u32 << k), rmse_of_far_pixels(&*make(1 << k), g, 1_u64 << k));
+            let found = log_slope(&(3..=9).map(error).collect::<Vec<_>>());
+            eprintln!("{} on {}: RMSE slope {found:.3}", make(8).describe(), g.name);
+            assert!(found < at_most, "{} on {}: {found:.3}", make(8).describe(), g.name);
+        }
+    }
+    // Negative control: the bounds refuse independent numbers.
+    assert!(
+        rmse_of_far_pixels(&Random::new(0), &product, 512) > 0.1 * rmse_of_far_pixels(&Random::new(0), &product, 8)
+    );
 }
 
 /// Nets scrambled by `sobol_burley` are as good as ours. A ratio of two RMSEs over 2000 scrambles has a standard error

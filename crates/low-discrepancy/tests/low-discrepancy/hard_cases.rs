@@ -1,15 +1,15 @@
 //! Hard cases for every point set. Test names end with their catalogue ids.
 
-use crate::common::{all_sets, id};
+use crate::common::{all_sets, coupled_sets, every_set, id};
 use dapple_conformance::statistics::{Mean, sidak};
 use dapple_core::{PointSet, streams};
-use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
+use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified, ZSobol};
 
 const BELOW_ONE: f32 = 1.0 - 1.0 / 16_777_216.0;
 
 /// Coordinates of each set, `draws` of them, over pixels, streams, blocks and indices.
 fn half_open_interval(draws: u64) {
-    for points in all_sets(3) {
+    for points in every_set(3) {
         let (mut least, mut most) = (1.0_f32, 0.0_f32);
         for d in 0..draws / 4 {
             let name = id([(d % 641) as u32, (d % 479) as u32], (d % 7) as u32, d >> 6);
@@ -42,7 +42,7 @@ fn a_thousand_million_coordinates_lie_in_the_half_open_interval_s01() {
 
 #[test]
 fn any_sample_can_be_computed_alone_s03() {
-    for points in all_sets(11) {
+    for points in every_set(11) {
         let names: Vec<_> =
             (0..1000_u64).map(|k| (id([(k % 13) as u32, 5], (k % 3) as u32, k * k % 301), (k % 17) as u32)).collect();
         let read = |k: usize| points.block(names[k].0, names[k].1).map(f32::to_bits);
@@ -51,7 +51,7 @@ fn any_sample_can_be_computed_alone_s03() {
             assert_eq!(read(k), forward[k], "{}: {:?}", points.describe(), names[k]);
         }
         // A second set with the same seed is the same set.
-        let twin = all_sets(11).into_iter().find(|p| p.describe() == points.describe()).unwrap();
+        let twin = every_set(11).into_iter().find(|p| p.describe() == points.describe()).unwrap();
         for k in 0..1000 {
             assert_eq!(twin.block(names[k].0, names[k].1).map(f32::to_bits), forward[k]);
         }
@@ -116,7 +116,7 @@ fn a_thousand_bounces_are_uncorrelated_s04() {
 /// stay in range and do not repeat the first ones.
 #[test]
 fn indices_up_to_32_bits_are_distinct_s05() {
-    for points in all_sets(7) {
+    for points in every_set(7) {
         for (block, k) in [(0, 0), (0, 2), (1, 0), (1, 2)] {
             let mut seen = Vec::new();
             for centre in [1 << 14, 1_u64 << 31, (1 << 32) - (1 << 14), 1 << 53] {
@@ -142,7 +142,7 @@ fn indices_up_to_32_bits_are_distinct_s05() {
 /// The counters of a 4K image at 1024 samples.
 #[test]
 fn counters_of_a_large_image_do_not_overflow_s05() {
-    for points in all_sets(7) {
+    for points in every_set(7) {
         let corner = |x, y, i| points.block(id([x, y], 0, i), 3).map(f32::to_bits);
         let corners = [
             corner(0, 0, 0),
@@ -162,7 +162,7 @@ fn counters_of_a_large_image_do_not_overflow_s05() {
 
 #[test]
 fn batches_equal_one_go_s07() {
-    for points in all_sets(2) {
+    for points in every_set(2) {
         let whole: Vec<_> = (0..64).map(|i| points.block(id([9, 9], 0, i), 2).map(f32::to_bits)).collect();
         for sizes in [vec![64], vec![4; 16], vec![1; 64], vec![13, 51]] {
             let mut drawn = Vec::new();
@@ -259,8 +259,13 @@ fn constructors_refuse_parameters_out_of_range() {
     assert!(LowDiscrepancy::new(0, 0).unwrap_err().to_string().contains("give 1 to 16777216"));
     assert!(LowDiscrepancy::new(0, (1 << 24) + 1).is_err() && LowDiscrepancy::new(0, 1 << 24).is_ok());
     assert_eq!(LowDiscrepancy::new(0, 33).unwrap().count(), 64);
-    let largest: [Box<dyn PointSet>; 2] =
-        [Box::new(Stratified::new(0, 4096).unwrap()), Box::new(LowDiscrepancy::new(0, 1 << 24).unwrap())];
+    assert!(ZSobol::new(0, 0).unwrap_err().to_string().contains("give 1 to 16777216"));
+    assert!(ZSobol::new(0, (1 << 24) + 1).is_err() && ZSobol::new(0, 1 << 24).is_ok());
+    let largest: [Box<dyn PointSet>; 3] = [
+        Box::new(Stratified::new(0, 4096).unwrap()),
+        Box::new(LowDiscrepancy::new(0, 1 << 24).unwrap()),
+        Box::new(ZSobol::new(0, 1 << 24).unwrap()),
+    ];
     for points in largest {
         for index in [0, 1 << 23, (1 << 24) - 1, u64::MAX - 1] {
             assert!(points.block(id([0, 0], 0, index), 0).iter().all(|u| (0.0..1.0).contains(u)));
@@ -270,13 +275,20 @@ fn constructors_refuse_parameters_out_of_range() {
 
 #[test]
 fn descriptions_match_the_command_line() {
-    let names: Vec<String> = all_sets(7).iter().map(|p| p.describe()).collect();
+    let names: Vec<String> = every_set(7).iter().map(|p| p.describe()).collect();
     let expected = [
         "random:seed=7",
         "stratified:seed=7,strata=8",
         "halton:seed=7",
         "sobol:seed=7",
         "lowdiscrepancy:seed=7,count=64",
+        "lattice:seed=7",
+        "pmj02:seed=7,pixels=independent",
+        "zsobol:seed=7,count=64",
+        "blue-noise:seed=7,of=sobol:seed=7",
+        "pmj02:seed=7,pixels=blue-noise",
+        "diffused:seed=7",
+        "mitchell-1991:seed=7",
     ];
     assert_eq!(names, expected);
 }
@@ -286,19 +298,28 @@ fn descriptions_match_the_command_line() {
 fn values_never_change() {
     let bits = |points: &dyn PointSet| points.block(id([12, 34], 1, 56), 7).map(|u| (u * 16_777_216.0) as u32);
     let found: Vec<[u32; 4]> = all_sets(2024).iter().map(|p| bits(&**p)).collect();
+    let first = |points: &dyn PointSet| points.block(id([12, 34], 1, 9), 0).map(|u| (u * 16_777_216.0) as u32);
+    let coupled: Vec<[u32; 4]> = coupled_sets(2024).iter().map(|p| first(&**p)).collect();
     let block0 = Halton::new(2024).block(id([12, 34], 1, 56), 0).map(|u| (u * 16_777_216.0) as u32);
     let beyond = Sobol::new(2024).block(id([12, 34], 1, 1 << 31), 0).map(|u| (u * 16_777_216.0) as u32);
     let large = Random::new(u64::MAX).block(id([u32::MAX; 2], u32::MAX, u64::MAX), u32::MAX);
     let large = large.map(|u| (u * 16_777_216.0) as u32);
-    let expected: [[u32; 4]; 8] = [
+    let expected: Vec<[u32; 4]> = vec![
         [4926152, 1666802, 11545447, 9775277],
         [12573813, 12959923, 2872919, 4382899],
         [12645504, 6256060, 9494692, 15916248],
         [3070731, 7606415, 9940855, 5678590],
         [5689589, 1114270, 4469692, 14307097],
+        [6427770, 1981591, 15930179, 15353998],
+        [694658, 16162091, 8319651, 4933027],
         [5008581, 2827985, 6641881, 9769976],
         [15141595, 10948197, 6629996, 6195494],
         [2709818, 8624507, 5174487, 10292395],
+        [8435322, 4289778, 6246603, 12230786],
+        [13257994, 4624117, 10750997, 2588812],
+        [10164110, 859248, 14793099, 7843088],
+        [2989488, 9841215, 11717364, 9507724],
+        [2989488, 9841215, 2102728, 16397896],
     ];
-    assert_eq!([&found[..], &[block0, beyond, large]].concat(), expected);
+    assert_eq!([&found[..], &[block0, beyond, large], &coupled].concat(), expected);
 }

@@ -1,8 +1,9 @@
 //! Both samplers conform.
 
 use dapple_conformance as conformance;
+use dapple_core::samplers::{Then, Uniform};
 use dapple_low_discrepancy::{Random, Sobol};
-use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PilotPolicy, Stopping};
+use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PbrtTest, PilotPolicy, Stopping};
 
 const POLICIES: [PilotPolicy; 3] = [PilotPolicy::Keep, PilotPolicy::Refined, PilotPolicy::Discard];
 
@@ -42,5 +43,30 @@ fn pbrt_conforms_in_either_mode_under_every_policy() {
             let options = options.mode(Stopping::Threshold);
             conformance::threshold_sampler(|| Box::new(pbrt(options)));
         }
+    }
+}
+
+#[test]
+fn pbrt_conforms_with_tests_of_shapes() {
+    for policy in POLICIES {
+        for test in [PbrtTest::ShapeId, PbrtTest::Shape] {
+            let options = MitchellPbrtOptions::default().policy(policy).test(test);
+            conformance::sampler(|| Box::new(pbrt(options)));
+            let options = options.mode(Stopping::Threshold);
+            conformance::threshold_sampler(|| Box::new(pbrt(options)));
+        }
+    }
+}
+
+/// After another sampler's rounds, whose counts are not those of a pilot.
+#[test]
+fn mitchell_conforms_as_the_second_of_two_samplers() {
+    let refining = || mitchell(MitchellOptions::default().policy(PilotPolicy::Refined));
+    for policy in POLICIES {
+        let options = MitchellOptions::default().policy(policy);
+        conformance::sampler(|| Box::new(Then::new(Uniform::new(Random::new(1)), 3, mitchell(options)).unwrap()));
+        conformance::sampler(|| Box::new(Then::new(refining(), 5, mitchell(options)).unwrap()));
+        let options = MitchellPbrtOptions::default().policy(policy);
+        conformance::sampler(|| Box::new(Then::new(refining(), 5, pbrt(options)).unwrap()));
     }
 }

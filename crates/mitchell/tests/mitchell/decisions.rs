@@ -210,7 +210,7 @@ fn descriptions_name_every_parameter() {
         "mitchell:initial=0,additional=0,red=0.4,green=0.3,blue=0.6,radius=1,mode=budget,policy=keep"
     );
     let described = MitchellPbrt::new(Random::new(1)).describe();
-    assert_eq!(described, "mitchell-pbrt:min=4,max=32,threshold=0.5,mode=budget,policy=refined");
+    assert_eq!(described, "mitchell-pbrt:min=4,max=32,threshold=0.5,mode=budget,policy=refined,test=contrast");
     // Rates are rounded up to powers of two, and kept apart.
     let rounded = |min, max| pbrt(pbrt_options(min, max, Stopping::Threshold, PilotPolicy::Keep), 1).describe();
     assert!(rounded(3, 17).starts_with("mitchell-pbrt:min=4,max=32,"));

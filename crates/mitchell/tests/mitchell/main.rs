@@ -6,3 +6,4 @@ mod common;
 mod conformance;
 mod decisions;
 mod noise;
+mod shapes;

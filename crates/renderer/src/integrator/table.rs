@@ -8,12 +8,14 @@ use dapple_core::{Integrator, OptionError, Options, Parameter, nearest_name, par
 const INTEGRATORS: &[IntegratorEntry] = &[
     IntegratorEntry {
         name: "path",
+        source: "Kajiya, The Rendering Equation, 1986; multiple importance sampling: Veach and Guibas 1995",
         about: "path tracing with next-event estimation and multiple importance sampling (the default)",
         parameters: &[],
         make: |_, world| Ok(integrator(world)),
     },
     IntegratorEntry {
         name: "ambient-occlusion",
+        source: "none: the open share of the hemisphere, as in textbooks",
         about: "the open share of the hemisphere above each surface, without lights and materials",
         parameters: AmbientOcclusionOptions::PARAMETERS,
         make: AmbientOcclusion::parse,
@@ -31,6 +33,8 @@ pub struct IntegratorEntry {
     pub name: &'static str,
     /// A description of the integrator in one line, for help texts.
     pub about: &'static str,
+    /// The publication that the integrator comes from; `docs/references.bib` lists it in full.
+    pub source: &'static str,
     /// The integrator's parameters, with their defaults.
     pub parameters: &'static [Parameter],
     make: MakeIntegrator,

@@ -3,7 +3,7 @@
 use crate::support::*;
 use dapple_core::{Draws, Frame, Limits, Needs, PointSet, Render, SampleId, Schedule, Worker, streams};
 use dapple_job::registry::{self, MethodInputs, POINTS, SAMPLERS, Setting};
-use dapple_low_discrepancy::Sobol;
+use dapple_low_discrepancy::{Mitchell1991, Sobol};
 use dapple_renderer::{World, blocks, integrator};
 use dapple_scene::bundled;
 use dapple_scene::{Geometry, Scene};
@@ -49,10 +49,11 @@ fn plates() -> World {
 fn threads_and_tiles_change_no_bit_d01() {
     let worlds = [("room", world(&room(SIZE))), ("plates", plates())];
     for sampler in SAMPLERS {
+        let words = if sampler.name == "mdas" { "mdas:force=1" } else { sampler.name };
         for points in POINTS {
             for (scene, world) in &worlds {
                 let what = format!("{scene}, {}, {}", sampler.name, points.name);
-                let run = |s, threads| rendered(world, sampler.name, points.name, s, threads);
+                let run = |s, threads| rendered(world, words, points.name, s, threads);
                 let expected = run(schedule(1, 0, 0), 1);
                 for threads in [2, 3, 7] {
                     assert_eq!(run(schedule(1, 0, 0), threads), expected, "{what}, {threads} threads");
@@ -188,8 +189,9 @@ impl PointSet for &Recorded {
 }
 
 /// The sets whose pairs are nets in base 2. The others promise something else.
-const NETS: [&str; 2] = ["sobol", "lowdiscrepancy"];
-const NO_NETS: [&str; 3] = ["random", "stratified", "halton"];
+const NETS: [&str; 3] = ["sobol", "lowdiscrepancy", "zsobol"];
+const NO_NETS: [&str; 8] =
+    ["random", "stratified", "halton", "blue-noise", "pmj02", "lattice", "diffused", "mitchell-1991"];
 
 /// Every pair of every block that the integrator really requests is a net, with every set of base 2.
 #[test]
@@ -219,6 +221,7 @@ fn the_integrators_pairs_are_nets_s02() {
             }
         }
     }
+    assert_eq!(blocks::TIME.number(), Mitchell1991::TIME_BLOCK);
     // Negative control: independent numbers are no net.
     assert!(!is_net(&drawn("random", 1, 8, [3, 4], 1), 0, 8));
 }

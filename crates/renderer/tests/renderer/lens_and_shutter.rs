@@ -193,6 +193,10 @@ fn bundled_scenes_render() {
         ("motion", &[Effect::MotionBlur]),
         ("tea", &[Effect::Refraction, Effect::Glossy, Effect::AbsorbingMedia]),
         ("cabin", &[Effect::SeveralLights, Effect::Glossy]),
+        ("many-lights", &[Effect::SeveralLights, Effect::Glossy]),
+        ("caustic", &[Effect::Refraction, Effect::SeveralLights]),
+        ("chess", &[Effect::DepthOfField, Effect::SoftShadows]),
+        ("penumbra", &[Effect::SoftShadows]),
         (
             "glass",
             &[

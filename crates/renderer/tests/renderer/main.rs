@@ -2,6 +2,7 @@
 //!
 //! Tests of time or memory, and the corpus of the fuzz targets, are separate programs.
 
+mod bundled_closed_forms;
 mod camera_rays;
 mod determinism;
 mod effects_called;

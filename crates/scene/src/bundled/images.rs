@@ -37,11 +37,19 @@ pub(super) fn tga_with_alpha(width: u16, height: u16, color: impl Fn(u16, u16) -
     })
 }
 
+/// Encodes an uncompressed 8-bit grey TGA image. `value` returns the byte of the pixel at a column and a row, counted
+/// from the top left.
+pub(super) fn tga_grey(width: u16, height: u16, value: impl Fn(u16, u16) -> u8) -> Vec<u8> {
+    tga_of([width, height], [8, 0x20], |column, row| [value(column, row)])
+}
+
 /// Encodes an uncompressed TGA image. `format` holds the bits per pixel and the descriptor byte. `pixel` returns the
 /// bytes of the pixel at a column and a row, in the file's order.
 fn tga_of<const N: usize>([width, height]: [u16; 2], format: [u8; 2], pixel: impl Fn(u16, u16) -> [u8; N]) -> Vec<u8> {
-    // Field by field: no id, no palette, true colour, palette and origin all 0, size, format.
-    let mut bytes = vec![0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+    // True colour, or grey.
+    let kind = if N == 1 { 3 } else { 2 };
+    // Field by field: no id, no palette, the kind, palette and origin all 0, size, format.
+    let mut bytes = vec![0, 0, kind, 0, 0, 0, 0, 0, 0, 0, 0, 0];
     bytes.extend(width.to_le_bytes());
     bytes.extend(height.to_le_bytes());
     bytes.extend(format);

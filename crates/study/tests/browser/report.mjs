@@ -161,12 +161,17 @@ try {
 
   // Wide and narrow, light and dark.
   const inks = {};
+  // The page's own handler of the new size has run after two frames.
+  const resized = async (width, height) => {
+    await page.setViewportSize({ width, height });
+    await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+  };
   const clipped = async (width) => {
     const tables = await page.evaluate(() => [...document.querySelectorAll('.scroll')].filter((box) => box.scrollWidth > box.clientWidth).map((box) => box.getAttribute('aria-label')));
     equal(tables, [], `tables clipped at ${width} pixels`);
   };
   for (const [width, height] of [[1280, 900], [800, 900], [390, 844]]) {
-    await page.setViewportSize({ width, height });
+    await resized(width, height);
     for (const colorScheme of ['light', 'dark']) {
       await page.emulateMedia({ colorScheme });
       const [scroll, client] = await page.evaluate(() => [document.documentElement.scrollWidth, document.documentElement.clientWidth]);
@@ -188,7 +193,7 @@ try {
   const [scroll, client] = await page.evaluate(() => [document.documentElement.scrollWidth, document.documentElement.clientWidth]);
   check(scroll <= client, `opened, at 390 pixels the page is ${scroll} wide`);
   for (const width of [390, 500, 640, 800, 1000, 1400]) {
-    await page.setViewportSize({ width, height: 900 });
+    await resized(width, 900);
     await clipped(width);
   }
 } finally {

@@ -3,7 +3,7 @@
 
 use dapple_core::{
     Block, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet, Progress, Render,
-    Retention, SampleId, Sampler, Worker,
+    Retention, SampleId, Sampler, Sums, Worker,
 };
 use rand::{RngExt, SeedableRng};
 
@@ -129,10 +129,12 @@ pub fn everything() -> Needs {
         .with_variance()
         .with_extrema()
         .with_halves()
-        .with_features()
+        .with_feature_halves()
         .with_first_hits(3)
         .with_cost()
         .with_emission()
+        .with_sums(Sums::LOG | Sums::ROOT | Sums::ROOT_MOMENTS)
+        .with_samples(5)
 }
 
 pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {

@@ -1,0 +1,226 @@
+//! Divergences from streaming sums.
+
+use dapple_core::{Film, Needs, Sums};
+
+/// The score by which [`Divergence`](super::Divergence) ranks pixels.
+///
+/// `p_i = x_i / sum x` are the shares of the `n` samples of one channel, and `mean` is their mean. The first three scores
+/// are `mean D / n` [after Rigau 2003; the factor is recalled]. Those by entropy are `C mean` with a contrast `C` in `[0,
+/// 1]`. Channels are weighted by 0.213, 0.715 and 0.072.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DivergenceScore {
+    /// The Kullback-Leibler divergence `D = sum p ln(p n) = ln n - H(p)`.
+    Kl,
+    /// The chi-square divergence `D = n sum p^2 - 1`, the population variance over the squared mean.
+    Chi2,
+    /// The root of the Hellinger divergence `1 - sum sqrt(p / n)`.
+    #[default]
+    Hellinger,
+    /// The contrast `C = 1 - H(p) / ln n` of Shannon's entropy [Rigau 2003, GI].
+    Entropy,
+    /// The contrast of the entropy of the pilot's first hits, without the factor `mean`.
+    ///
+    /// Shares are in proportion to `cos(theta) / d^2`, with the distance `d` of the surface and the angle `theta` at which
+    /// it is seen.
+    Geometric,
+    /// The contrast of the Tsallis entropy `(1 - sum p^q) / (q - 1)`, relative to its largest value.
+    Tsallis,
+}
+
+dapple_core::choices!(DivergenceScore {
+    Kl = "kl",
+    Chi2 = "chi2",
+    Hellinger = "hellinger",
+    Entropy = "entropy",
+    Geometric = "geometric",
+    Tsallis = "tsallis",
+});
+
+/// The weights of the channels in the pixel's score [Rigau 2003, GI].
+const WEIGHTS: [f64; 3] = [0.213, 0.715, 0.072];
+
+/// The divergence that counts as 0: rounding of equal samples.
+const ROUNDING: f64 = 1e-12;
+
+/// The statistics that a score reads, for a pilot of `pilot` samples per pixel.
+pub(super) fn needs(by: DivergenceScore, q: f64, pilot: u8) -> Needs {
+    match by {
+        DivergenceScore::Kl | DivergenceScore::Entropy => Needs::none().with_sums(Sums::LOG),
+        DivergenceScore::Hellinger => Needs::none().with_sums(Sums::ROOT),
+        DivergenceScore::Chi2 => Needs::none().with_variance(),
+        DivergenceScore::Geometric => Needs::none().with_first_hits(pilot),
+        DivergenceScore::Tsallis if q == 1.0 => Needs::none().with_sums(Sums::LOG),
+        DivergenceScore::Tsallis if q < 1.0 => Needs::none().with_sums(Sums::ROOT),
+        DivergenceScore::Tsallis => Needs::none().with_variance(),
+    }
+}
+
+/// Sums over the samples of one channel.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ChannelSums {
+    pub(super) count: f64,
+    pub(super) mean: f64,
+    /// The sum of squared deviations from the mean.
+    pub(super) deviations: f64,
+    /// The sum of `x ln x`.
+    pub(super) log: f64,
+    /// The sum of `sqrt x`.
+    pub(super) root: f64,
+}
+
+impl ChannelSums {
+    fn sum(&self) -> f64 {
+        self.count * self.mean
+    }
+
+    pub(super) fn kl(&self) -> f64 {
+        positive(self.log / self.sum() - libm::log(self.mean))
+    }
+
+    pub(super) fn chi2(&self) -> f64 {
+        positive(self.deviations / self.count / self.mean / self.mean)
+    }
+
+    pub(super) fn hellinger(&self) -> f64 {
+        positive(1.0 - self.root / (self.count * self.mean.sqrt()))
+    }
+
+    /// The contrast `1 - H / ln n` of Shannon's entropy.
+    pub(super) fn entropy(&self) -> f64 {
+        positive(self.kl() / libm::log(self.count))
+    }
+
+    /// The contrast of the Tsallis entropy with index 0.5, 1 or 2.
+    pub(super) fn tsallis(&self, q: f64) -> f64 {
+        if q == 1.0 {
+            self.entropy()
+        } else if q < 1.0 {
+            // The sum of sqrt p, from 1 to sqrt n.
+            let roots = self.root / self.sum().sqrt();
+            positive(1.0 - (roots - 1.0) / (self.count.sqrt() - 1.0))
+        } else {
+            // The sum of p^2 is (1 + chi2) / n.
+            let squares = (1.0 + self.chi2()) / self.count;
+            positive(1.0 - (1.0 - squares) / (1.0 - 1.0 / self.count))
+        }
+    }
+}
+
+/// 0 for what is negative by rounding, and for NaN.
+fn positive(divergence: f64) -> f64 {
+    if divergence > ROUNDING { divergence } else { 0.0 }
+}
+
+/// The score of pixel `i`. 0 for pixels without light or with fewer than two samples.
+pub(super) fn score(by: DivergenceScore, q: f64, film: &Film, i: usize) -> f64 {
+    let (moments, sums) = (film.moments(i), film.sums(i));
+    let each = (0..3).map(|c| {
+        let channel = ChannelSums {
+            count: moments.count as f64,
+            mean: moments.mean[c],
+            deviations: moments.m2[c],
+            log: sums.log.map_or(0.0, |log| log[c]),
+            root: sums.root.map_or(0.0, |root| root[c]),
+        };
+        WEIGHTS[c] * of_channel(by, q, &channel)
+    });
+    each.sum::<f64>() / WEIGHTS.iter().sum::<f64>()
+}
+
+fn of_channel(by: DivergenceScore, q: f64, sums: &ChannelSums) -> f64 {
+    if sums.count < 2.0 || sums.mean <= 0.0 {
+        return 0.0;
+    }
+    let share = sums.mean / sums.count;
+    match by {
+        DivergenceScore::Kl => share * sums.kl(),
+        DivergenceScore::Chi2 => share * sums.chi2(),
+        DivergenceScore::Hellinger => share * sums.hellinger().sqrt(),
+        DivergenceScore::Entropy => sums.mean * sums.entropy(),
+        DivergenceScore::Tsallis => sums.mean * sums.tsallis(q),
+        DivergenceScore::Geometric => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dapple_core::Frame;
+
+    fn sums(samples: &[f64]) -> ChannelSums {
+        let needs = Needs::none().with_variance().with_sums(Sums::LOG | Sums::ROOT);
+        let mut film = Film::new(Frame::new(1, 1).unwrap(), needs);
+        samples.iter().for_each(|&x| film.push(0, 0, [x as f32; 3]));
+        let (moments, sums) = (film.moments(0), film.sums(0));
+        let (log, root) = (sums.log.unwrap()[0], sums.root.unwrap()[0]);
+        ChannelSums { count: samples.len() as f64, mean: moments.mean[0], deviations: moments.m2[0], log, root }
+    }
+
+    #[track_caller]
+    fn close(found: f64, expected: f64) {
+        assert!((found - expected).abs() < 1e-9 * (1.0 + expected.abs()), "{found}, not {expected}");
+    }
+
+    #[test]
+    fn streaming_sums_give_the_divergences_of_their_definitions() {
+        for samples in [&[0.25, 1.5, 0.0, 3.0, 0.75][..], &[2.0, 2.5], &[1.0, 0.0, 0.0, 8.0]] {
+            let (n, sum) = (samples.len() as f64, samples.iter().sum::<f64>());
+            let over = |f: &dyn Fn(f64) -> f64| samples.iter().map(|x| f(x / sum)).sum::<f64>();
+            let entropy = -over(&|p| if p > 0.0 { p * p.ln() } else { 0.0 });
+            let found = sums(samples);
+            close(found.kl(), n.ln() - entropy);
+            close(found.chi2(), over(&|p| (p - 1.0 / n).powi(2) * n));
+            close(found.hellinger(), over(&|p| (p.sqrt() - (1.0 / n).sqrt()).powi(2) / 2.0));
+            close(found.entropy(), 1.0 - entropy / n.ln());
+            for q in [0.5, 2.0] {
+                let tsallis = (1.0 - over(&|p| p.powf(q))) / (q - 1.0);
+                close(found.tsallis(q), 1.0 - tsallis / ((1.0 - n.powf(1.0 - q)) / (q - 1.0)));
+            }
+            close(found.tsallis(1.0), found.entropy());
+        }
+    }
+
+    #[test]
+    fn one_sample_with_light_is_farthest_from_equal_shares() {
+        for n in [2usize, 8, 100] {
+            let mut samples = vec![0.0; n];
+            samples[n / 2] = 0.5;
+            let (found, n) = (sums(&samples), n as f64);
+            close(found.kl(), n.ln());
+            close(found.chi2(), n - 1.0);
+            close(found.hellinger(), 1.0 - 1.0 / n.sqrt());
+            close(found.entropy(), 1.0);
+            [0.5, 1.0, 2.0].into_iter().for_each(|q| close(found.tsallis(q), 1.0));
+        }
+    }
+
+    #[test]
+    fn equal_samples_have_none_and_scale_changes_none() {
+        let all = |s: &ChannelSums| [s.kl(), s.chi2(), s.hellinger(), s.entropy(), s.tsallis(0.5), s.tsallis(2.0)];
+        assert_eq!(all(&sums(&[0.7; 9])), [0.0; 6]);
+        let (once, scaled) = (sums(&[0.25, 1.5, 0.0, 3.0]), sums(&[16.0, 96.0, 0.0, 192.0]));
+        all(&once).into_iter().zip(all(&scaled)).for_each(|(a, b)| close(a, b));
+        assert!(all(&once).iter().all(|&d| d > 0.1), "{once:?}");
+    }
+
+    #[test]
+    fn divergences_of_small_deviations_are_shares_of_the_squared_variation() {
+        let found = sums(&[0.99, 1.01, 0.99, 1.01]);
+        let square = 1e-4;
+        assert!((found.kl() / (square / 2.0) - 1.0).abs() < 1e-3 && (found.chi2() / square - 1.0).abs() < 1e-3);
+        assert!((found.hellinger() / (square / 8.0) - 1.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn scores_are_weighted_by_channels_and_black_pixels_have_none() {
+        let needs = Needs::none().with_variance();
+        let mut film = Film::new(Frame::new(2, 1).unwrap(), needs);
+        for x in [1.0, 3.0] {
+            film.push(0, 0, [0.0, x, 0.0]);
+            film.push(1, 0, [0.0; 3]);
+        }
+        // Green: mean 2, population variance 1, n = 2.
+        close(score(DivergenceScore::Chi2, 2.0, &film, 0), 0.715 * 0.25 * 2.0 / 2.0);
+        assert_eq!(score(DivergenceScore::Chi2, 2.0, &film, 1), 0.0);
+    }
+}

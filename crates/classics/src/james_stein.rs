@@ -1,0 +1,295 @@
+//! Shrinkage of noisy pixels towards a filtered image.
+
+use crate::window_sums::window_sums;
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _, nested};
+use rayon::prelude::*;
+
+/// The estimate of a pixel's noise that [`JamesStein`] shrinks by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum NoiseEstimate {
+    /// The squared difference between the two halves of the samples, for any set of points.
+    #[default]
+    Halves,
+    /// The sample variance over the count, as published. Too large for low-discrepancy points, which then shrink too much.
+    Samples,
+}
+
+dapple_core::choices!(NoiseEstimate { Halves = "halves", Samples = "samples" });
+
+dapple_core::options! {
+    /// The parameters of [`JamesStein`].
+    pub struct JamesSteinOptions {
+        /// Width of the window in pixels over which the shrinkage is estimated, an odd number from 3 to 63.
+        pub window: usize = 15, |w| w % 2 == 1 && (3..=63).contains(&w), "an odd number from 3 to 63";
+        /// Estimate of the noise, pooled over the window: halves (their difference), or samples (their variance).
+        pub noise: NoiseEstimate = NoiseEstimate::Halves => "halves";
+    }
+}
+
+/// Shrinkage towards the image of another filter, as far as their difference is noise [Gu 2022, without the network].
+///
+/// Let `y` be the pixels of one half of the samples with variance `s^2`, and `z` the filtered image of the other half. In
+/// each channel, over a window of `K^2` pixels,
+///
+/// `rho = max(0, 1 - (K^2 - 2) s^2 / max(sum (y - z)^2, 1e-5))`
+///
+/// is the positive-part factor of [James and Stein 1961]. It is averaged over the same window, and `z + rho (y - z)` is the
+/// result of that half. The image is the mean of both halves, weighted by their counts.
+///
+/// *Guarantee*: the squared error of a window is below that of `y`, whatever the filter does, before factors are averaged.
+/// That takes an independent `z` and a known `s^2` that is the same over the window. So a biased filter no longer flattens
+/// images of many samples. The guarantee is that of each half. The mean of both can have a few percent more error than all
+/// samples, where few samples meet a filter that is far off.
+///
+/// # Differences from the paper
+///
+/// * `z` is any filter's image. There, a regression makes it.
+/// * `s^2` is the mean over the window. There, a network weighs it.
+///
+/// # Weaknesses
+///
+/// `z` sees half of the samples. One factor serves a window of 15x15 pixels: a fine detail in a smooth surround is
+/// shrunk, and so are dark pixels beside bright noisy ones. A texture of noise in proportion to its brightness can end
+/// with 8 % more error than the samples. Filters that need halves themselves are refused.
+///
+/// # Result
+///
+/// Pixels without samples in one half take the mean of the other half; without samples in either, the mean of both
+/// filtered images. The error is not estimated.
+pub struct JamesStein<F> {
+    of: F,
+    options: JamesSteinOptions,
+}
+
+impl<F: Filter> JamesStein<F> {
+    /// Shrinks towards the images of the filter `of`, with the default parameters.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] for a filter that needs halves.
+    pub fn new(of: F) -> Result<Self, Error> {
+        Self::with_options(of, JamesSteinOptions::default())
+    }
+
+    /// Shrinks towards the images of the filter `of`, with these parameters.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] for the first parameter out of range, and for a filter that needs halves.
+    pub fn with_options(of: F, options: JamesSteinOptions) -> Result<Self, Error> {
+        options.check_ranges()?;
+        if of.needs().halves {
+            let allowed = "a filter that needs no halves, such as gaussian: it gets one half of the samples";
+            return Err(Error::OutOfRange { name: "of", value: of.name().to_owned(), allowed });
+        }
+        Ok(Self { of, options })
+    }
+
+    /// The shrunk image of `half`: that half's pixels, moved towards the filtered image `z` of the other half.
+    fn shrunk(&self, film: &Film, half: usize, z: &[[f32; 3]]) -> Vec<[f64; 3]> {
+        let size = film.frame().size().map(|n| n as usize);
+        let radius = self.options.window / 2;
+        let noise = |i: usize| noise(film, half, i, self.options.noise);
+        let difference = |i: usize| {
+            let y = film.half(half, i).unwrap_or_default().mean;
+            std::array::from_fn::<f64, 3, _>(|c| y[c] - f64::from(z[i][c]))
+        };
+        // Per pixel: a 1 if both halves have samples, squared differences, a 1 if the noise is known, and the noise.
+        let sums = window_sums(size, radius, |i| {
+            let mut sums = [0.0; 8];
+            if [0, 1].iter().all(|&h| film.half(h, i).unwrap_or_default().count > 0) {
+                sums[0] = 1.0;
+                (0..3).for_each(|c| sums[1 + c] = difference(i)[c] * difference(i)[c]);
+            }
+            if let Some(noise) = noise(i) {
+                sums[4] = 1.0;
+                (0..3).for_each(|c| sums[5 + c] = noise[c]);
+            }
+            sums
+        });
+        let factors = |i: usize| {
+            let sums = &sums[i];
+            std::array::from_fn::<f64, 3, _>(|c| factor(sums[0], sums[5 + c] / sums[4].max(1.0), sums[1 + c]))
+        };
+        let smooth = window_sums(size, radius, |i| {
+            let [r, g, b] = factors(i);
+            [1.0, r, g, b]
+        });
+        let pixel = |i: usize| {
+            let difference = difference(i);
+            std::array::from_fn(|c| f64::from(z[i][c]) + smooth[i][1 + c] / smooth[i][0] * difference[c])
+        };
+        (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(pixel).collect()
+    }
+}
+
+/// The variance of the mean of pixel `i` in `half`; `None` if it is unknown.
+fn noise(film: &Film, half: usize, i: usize, estimate: NoiseEstimate) -> Option<[f64; 3]> {
+    let [own, other] = [half, 1 - half].map(|half| film.half(half, i).unwrap_or_default());
+    match estimate {
+        NoiseEstimate::Samples => Some(own.variance()?.map(|v| v / own.count as f64)),
+        NoiseEstimate::Halves => {
+            // Both means together vary by 1 / own + 1 / other samples.
+            let share = other.count as f64 / (own.count + other.count).max(1) as f64;
+            let both = own.count > 0 && other.count > 0;
+            both.then(|| std::array::from_fn(|c| (own.mean[c] - other.mean[c]).powi(2) * share))
+        }
+    }
+}
+
+/// The share, in `[0, 1]`, of the difference between pixels and filtered image that is kept.
+///
+/// The window has `count` pixels, with this variance and sum of squared differences.
+fn factor(count: f64, variance: f64, squares: f64) -> f64 {
+    // Fewer than 3 pixels cannot be shrunk.
+    let excess = (count - 2.0).max(0.0) * variance / squares.max(1e-5);
+    if excess.is_finite() { (1.0 - excess).max(0.0) } else { 0.0 }
+}
+
+impl<F: Filter> Filter for JamesStein<F> {
+    fn name(&self) -> &str {
+        "james-stein"
+    }
+
+    fn describe(&self) -> String {
+        format!("james-stein:of={},{}", nested(&self.of.describe()), self.options.describe())
+    }
+
+    fn needs(&self) -> Needs {
+        let needs = self.of.needs();
+        let needs = if needs.features { needs.with_feature_halves() } else { needs };
+        needs.and(Needs::none().with_halves().with_variance())
+    }
+
+    fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
+        // One half's film and image beside the filter's planes; then both images, sums of rows and of windows, factors.
+        let mut alone = *needs;
+        (alone.halves, alone.feature_halves) = (false, false);
+        let half = Film::bytes_per_pixel(&alone) + 12;
+        let filtering = self.of.memory(frame, &alone).applying.saturating_add(frame.bytes(half));
+        let own = FilterMemory::new(frame, 2 * 12 + 2 * 64 + 2 * 32 + 24, ImagePlanes::Radiance);
+        own.at_least(filtering)
+    }
+
+    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
+        film.require(self.name(), &self.needs())?;
+        let of_half = |half| -> Result<Vec<[f32; 3]>, Error> { Ok(self.of.apply(&film.half_film(half)?)?.radiance) };
+        let filtered = [of_half(0)?, of_half(1)?];
+        let shrunk = [0, 1].map(|half: usize| self.shrunk(film, half, &filtered[1 - half]));
+        let pixel = |i: usize| -> [f32; 3] {
+            let [a, b] = [0, 1].map(|half| film.half(half, i).unwrap_or_default().count as f64);
+            std::array::from_fn(|c| {
+                let mean = match (a > 0.0, b > 0.0) {
+                    (true, true) => (a * shrunk[0][i][c] + b * shrunk[1][i][c]) / (a + b),
+                    (false, false) => 0.5 * (f64::from(filtered[0][i][c]) + f64::from(filtered[1][i][c])),
+                    _ => film.mean(i)[c],
+                };
+                mean.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32
+            })
+        };
+        let radiance = (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(pixel).collect();
+        Ok(Filtered::new(film.frame().size(), radiance))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_scenes::{Field, frame, near_normal};
+    use dapple_conformance::statistics::Mean;
+    use dapple_core::samplers::Uniform;
+    use dapple_core::{Limits, Render, Unfiltered};
+    use dapple_denoise::{Gaussian, NlMeans};
+    use dapple_low_discrepancy::Random;
+
+    #[test]
+    fn shrinkage_conforms() {
+        for noise in [NoiseEstimate::Halves, NoiseEstimate::Samples] {
+            let options = JamesSteinOptions::default().noise(noise);
+            dapple_conformance::filter(|| Box::new(JamesStein::with_options(Gaussian::default(), options).unwrap()));
+        }
+        let options = JamesSteinOptions::default().window(3);
+        let of = || crate::SureFilter::with_options(crate::SureFilterOptions::default().fast(true)).unwrap();
+        dapple_conformance::filter(|| Box::new(JamesStein::with_options(of(), options).unwrap()));
+    }
+
+    /// The squared error of 25 shrunk pixels of variance 1, for a filtered image that differs from the truth by `bias`.
+    fn risk(draw: u64, bias: f64) -> f64 {
+        let noise: Vec<f64> = (0..25).map(|k| near_normal(draw, k)).collect();
+        let squares: f64 = noise.iter().map(|z| (z - bias).powi(2)).sum();
+        let rho = factor(25.0, 1.0, squares);
+        noise.iter().map(|z| (bias + rho * (z - bias)).powi(2)).sum()
+    }
+
+    /// With a known variance, 20000 draws per bias.
+    #[test]
+    fn the_squared_error_is_below_that_of_the_noise_for_any_bias() {
+        for (bias, expected) in [(0.0, None), (0.5, Some(6.2)), (1.0, None), (3.0, None), (30.0, None)] {
+            let risks: Mean = (0..20_000).map(|draw| risk(draw, bias)).collect();
+            // The noise's own error is 25; at a bias of 30 it is nearly reached.
+            assert!(risks.mean < 25.0 + 3.0 * risks.standard_error(), "{bias}: {risks:?}");
+            if bias == 0.0 {
+                assert!(risks.mean < 2.0, "{risks:?}");
+            }
+            if let Some(expected) = expected {
+                assert!((risks.mean - expected).abs() < 0.1, "{risks:?}");
+            }
+        }
+        // The control: without shrinkage it is 25, and with all of it 25 times the squared bias.
+        let plain: Mean = (0..20_000).map(|d| (0..25).map(|k| near_normal(d, k).powi(2)).sum::<f64>()).collect();
+        assert!((plain.mean - 25.0).abs() < 0.3, "{plain:?}");
+    }
+
+    fn render(spp: f64, seed: u64) -> Film {
+        // A texture finer than the filter's kernel, under noise that is the same everywhere.
+        let mut field = Field(|[x, y]: [u32; 2], u: [f32; 4]| {
+            [if (x / 2 + y / 2).is_multiple_of(2) { 0.2 } else { 0.8 } + 0.4 * (u[0] - 0.5); 3]
+        });
+        let needs = Needs::none().with_variance().with_halves();
+        let limits = Limits::spp(spp);
+        Render::new(frame(48, 48), &limits).needs(needs).run(&mut field, &mut Uniform::new(Random::new(seed))).unwrap()
+    }
+
+    fn squared_error(red: impl Iterator<Item = f64>) -> f64 {
+        let truth = |i: usize| if (i % 48 / 2 + i / 48 / 2).is_multiple_of(2) { 0.2 } else { 0.8 };
+        red.enumerate().map(|(i, red)| (red - truth(i)).powi(2)).sum::<f64>() / 2304.0
+    }
+
+    fn of_image(filter: &dyn Filter, film: &Film) -> f64 {
+        squared_error(filter.apply(film).unwrap().radiance.iter().map(|c| f64::from(c[0])))
+    }
+
+    #[test]
+    fn biased_filters_no_longer_flatten_images_of_many_samples() {
+        for noise in [NoiseEstimate::Halves, NoiseEstimate::Samples] {
+            let blur = Gaussian::default();
+            let filter = JamesStein::with_options(blur.clone(), JamesSteinOptions::default().noise(noise)).unwrap();
+            for spp in [4.0, 16.0, 64.0] {
+                let gain = |(seed, half): (u64, usize)| {
+                    let film = render(spp, seed);
+                    let other = blur.apply(&film.half_film(1 - half).unwrap()).unwrap().radiance;
+                    let shrunk = squared_error(filter.shrunk(&film, half, &other).iter().map(|c| c[0]));
+                    squared_error((0..2304).map(|i| film.half(half, i).unwrap().mean[0])) - shrunk
+                };
+                // Six comparisons beyond 3 standard errors; chance passes one with probability 1e-3.
+                let gains: Mean = (0..16).flat_map(|seed| [(seed, 0), (seed, 1)]).map(gain).collect();
+                assert!(gains.deviation(0.0) > 3.0, "{noise:?}, {spp}: {gains:?}");
+            }
+            let film = render(512.0, 99);
+            let [shrunk, plain, blurred] = [&filter as &dyn Filter, &Unfiltered, &blur].map(|f| of_image(f, &film));
+            // The control: the blur does not improve with more samples.
+            assert!(shrunk < 1.01 * plain && blurred > 0.04, "{shrunk} {plain} {blurred}");
+        }
+    }
+
+    #[test]
+    fn filters_that_need_halves_and_small_windows_are_refused() {
+        assert!(matches!(JamesStein::new(NlMeans::default()), Err(Error::OutOfRange { name: "of", .. })));
+        for window in [1, 2, 14, 65] {
+            let options = JamesSteinOptions::default().window(window);
+            assert!(JamesStein::with_options(Gaussian::default(), options).is_err(), "{window}");
+        }
+        let described = JamesStein::new(Gaussian::default()).unwrap().describe();
+        assert_eq!(described, "james-stein:of=gaussian/alpha=0.5/radius=4,window=15,noise=halves");
+    }
+}

@@ -1,0 +1,60 @@
+//! Published methods of adaptive sampling and reconstruction.
+//!
+//! Each method is a file of its own: its options, the method, and the tests that prove it. A method whose core is recalled
+//! rather than read in its source is named "after" its authors.
+
+mod awr;
+mod convolution;
+mod divergence;
+mod ears;
+mod gem;
+mod hierarchical;
+mod james_stein;
+mod kept_pilot;
+mod mdas;
+mod nfor;
+mod nlm_loop;
+mod patch_means;
+mod perceptual;
+mod rounds_and_variances;
+mod scale_selection;
+mod student;
+mod subdivision;
+mod sure;
+#[cfg(test)]
+mod test_films;
+#[cfg(test)]
+mod test_scenes;
+mod tree;
+mod tree_mean;
+mod upper_confidence;
+mod variance_threshold;
+mod wavelet_filter;
+mod wavelets;
+mod welch;
+mod window_sums;
+mod worst_first;
+
+pub use awr::{Awr, AwrOptions, BlockPriority, SpreadStatistic};
+pub use divergence::{Divergence, DivergenceOptions, DivergenceScore};
+pub use ears::{Ears, EarsOptions};
+pub use gem::{Gem, GemFilter, GemFilterOptions, GemOptions};
+pub use hierarchical::{Hierarchical, HierarchicalOptions};
+pub use james_stein::{JamesStein, JamesSteinOptions, NoiseEstimate};
+pub use mdas::{Mdas, MdasBoxes, MdasBoxesOptions, MdasOptions};
+pub use nfor::{Nfor, NforOptions};
+pub use nlm_loop::{HalfVariance, NlmLoop, NlmLoopFilter, NlmLoopFilterOptions, NlmLoopOptions};
+pub use perceptual::{Perceptual, PerceptualOptions};
+pub use subdivision::{Subdivision, SubdivisionOptions};
+pub use sure::{Sure, SureFilter, SureFilterOptions, SureOptions};
+pub use tree_mean::{PartRule, TreeMean, TreeMeanOptions};
+pub use upper_confidence::{UpperConfidence, UpperConfidenceOptions};
+pub use variance_threshold::{VarianceThreshold, VarianceThresholdOptions};
+pub use wavelet_filter::{Wavelet, WaveletOptions};
+pub use wavelets::Basis;
+pub use welch::{TestDegrees, Welch, WelchOptions};
+
+/// The README's example, run as a doctest.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct ReadmeExample;

@@ -1,0 +1,356 @@
+//! A bank of cross non-local means filters, with Stein's estimate of each one's error.
+
+use super::planes::Planes;
+use dapple_core::luminance;
+use rayon::prelude::*;
+
+/// The number of filters that smooth. One more, the first of the bank, leaves the image as it is.
+pub(super) const FILTERS: usize = 8;
+/// The filters of the bank.
+pub(super) const BANK: usize = 1 + FILTERS;
+/// The largest standard deviation of differences between patches; each other one is half of the one before.
+const WIDEST: f64 = 0.64;
+/// The radius of a patch in pixels, as published.
+const PATCH: isize = 2;
+/// The number of values that a patch compares: pixels times channels.
+const COMPARED: f64 = 3.0 * ((2 * PATCH + 1) * (2 * PATCH + 1)) as f64;
+/// The sum of feature terms below which a pixel has no weight.
+const UNLIKE: f64 = -40.0;
+/// The width and the height of a tile in pixels.
+const TILE: [usize; 2] = [32, 8];
+/// The number that is added to the squared luminance in priorities, as published.
+const DARK: f64 = 1e-2;
+
+/// What the bank returns for one pixel.
+#[derive(Clone, Copy, Default)]
+pub(super) struct OfPixel {
+    /// The filtered pixel, from the widest filter to the narrowest.
+    pub(super) filtered: [[f32; 3]; FILTERS],
+    /// The estimated squared error of each filter of the bank, unfiltered first. May be negative.
+    pub(super) error: [f64; BANK],
+    /// The relative error that more samples would reduce, of each filter of the bank. May be negative.
+    pub(super) priority: [f64; BANK],
+}
+
+/// Weighted sums of one filter at one pixel: the weight, and per channel of values, of squares, and of the two terms by
+/// which the pixel's own value moves the patches around it.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    weight: f64,
+    value: [f64; 3],
+    square: [f64; 3],
+    /// The sum of `w a` with `a` the difference between the pixel and the opposite one.
+    own: [f64; 3],
+    /// The sum of `w a y`.
+    moved: [f64; 3],
+}
+
+/// A filtered pixel, and the derivative of each channel by the pixel's own value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Estimate {
+    pub(super) value: [f64; 3],
+    pub(super) derivative: [f64; 3],
+}
+
+/// `sigma^2` of the filter with this number, the widest first.
+fn squared_sigma(filter: usize) -> f64 {
+    let sigma = WIDEST / f64::from(1u32 << filter);
+    sigma * sigma
+}
+
+impl Sums {
+    /// The filtered pixel and its derivatives; `None` without weight.
+    fn estimate(&self, filter: usize) -> Option<Estimate> {
+        if self.weight <= 0.0 {
+            return None;
+        }
+        let share = 1.0 / self.weight;
+        let value = self.value.map(|v| v * share);
+        let derivative = |c: usize| {
+            let spread = self.square[c] * share - value[c] * value[c];
+            let moved = (self.own[c] * value[c] - self.moved[c]) * share;
+            share + (spread + moved) / (squared_sigma(filter) * COMPARED)
+        };
+        Some(Estimate { value, derivative: std::array::from_fn(derivative) })
+    }
+}
+
+/// Applies the bank with windows of `2 radius + 1` pixels.
+pub(super) fn apply(planes: &Planes, radius: usize) -> Vec<OfPixel> {
+    let [width, height] = planes.size;
+    let mut all = vec![OfPixel::default(); width * height];
+    all.par_chunks_mut(width * TILE[1]).enumerate().for_each(|(band, pixels)| {
+        let rows = pixels.len() / width;
+        for left in (0..width).step_by(TILE[0]) {
+            let tile = Tile { left, top: band * TILE[1], size: [TILE[0].min(width - left), rows] };
+            let sums = tile.sums(planes, radius as isize);
+            for (k, sums) in sums.iter().enumerate() {
+                let (x, y) = (k % tile.size[0], k / tile.size[0]);
+                let i = (tile.top + y) * width + left + x;
+                pixels[y * width + left + x] = of_pixel(planes, i, sums);
+            }
+        }
+    });
+    all
+}
+
+/// The errors of the bank at pixel `i`: `(F - y)^2 + 2 v dF/dy - v` for a mean `y` of variance `v`, averaged over the
+/// channels [after Stein 1981].
+fn of_pixel(planes: &Planes, i: usize, sums: &[Sums; FILTERS]) -> OfPixel {
+    let (y, v) = (planes.colour[i], planes.variance[i]);
+    let mean = |values: [f64; 3]| (values[0] + values[1] + values[2]) / 3.0;
+    let priority = |error: f64, value: [f64; 3]| {
+        let level = luminance(value);
+        (error + mean(v)) / (level * level + DARK)
+    };
+    let mut result = OfPixel::default();
+    // The published error of the unfiltered image is twice its variance, in favour of filters.
+    (result.error[0], result.priority[0]) = (2.0 * mean(v), priority(mean(v), y));
+    for (filter, sums) in sums.iter().enumerate() {
+        let Some(Estimate { value, derivative }) = sums.estimate(filter) else {
+            result.filtered[filter] = y.map(|y| y as f32);
+            continue;
+        };
+        let error = |c: usize| (value[c] - y[c]).powi(2) + 2.0 * v[c] * derivative[c] - v[c];
+        let error = mean([error(0), error(1), error(2)]);
+        result.filtered[filter] = value.map(|v| v as f32);
+        (result.error[1 + filter], result.priority[1 + filter]) = (error, priority(error, value));
+    }
+    result
+}
+
+/// A rectangle of pixels whose sums are taken together.
+struct Tile {
+    left: usize,
+    top: usize,
+    size: [usize; 2],
+}
+
+impl Tile {
+    fn sums(&self, planes: &Planes, radius: isize) -> Vec<[Sums; FILTERS]> {
+        let [w, h] = self.size;
+        let mut sums = vec![[Sums::default(); FILTERS]; w * h];
+        let mut patches = Patches::new(self.size);
+        for dy in -radius..=radius {
+            for dx in -radius..=radius {
+                patches.compare(planes, self, [dx, dy]);
+                for (k, sums) in sums.iter_mut().enumerate() {
+                    let (x, y) = ((self.left + k % w) as isize, (self.top + k / w) as isize);
+                    let Some(j) = planes.at(x + dx, y + dy).filter(|&j| planes.known[j]) else { continue };
+                    let i = y as usize * planes.size[0] + x as usize;
+                    let like = planes.likeness(i, j);
+                    if like < UNLIKE {
+                        continue;
+                    }
+                    let near = dx.abs() <= PATCH && dy.abs() <= PATCH;
+                    let opposite = if near { planes.at(x - dx, y - dy) } else { None };
+                    let pair = Pair { distance: patches.sums[k], like, y: planes.colour[i], other: planes.colour[j] };
+                    pair.add_to(sums, opposite.map(|o| planes.colour[o]));
+                }
+            }
+        }
+        sums
+    }
+}
+
+/// A pixel and a neighbour.
+struct Pair {
+    /// The sum of squared differences between the patches around both.
+    distance: f64,
+    /// The logarithm of the weight by features.
+    like: f64,
+    y: [f64; 3],
+    other: [f64; 3],
+}
+
+impl Pair {
+    /// Adds the neighbour to the sums of the pixel. `opposite` is the colour of the pixel on the other side, for
+    /// neighbours whose patch contains the pixel.
+    fn add_to(&self, sums: &mut [Sums; FILTERS], opposite: Option<[f64; 3]>) {
+        let features = libm::exp(self.like);
+        // The sigmas halve, so that each next weight of colours is the fourth power of the one before.
+        let mut colours = libm::exp(-0.5 * self.distance / (COMPARED * squared_sigma(0)));
+        for sums in sums {
+            let weight = features * colours;
+            sums.weight += weight;
+            for c in 0..3 {
+                let weighted = weight * self.other[c];
+                sums.value[c] += weighted;
+                sums.square[c] += weighted * self.other[c];
+            }
+            if let Some(opposite) = opposite {
+                for (c, opposite) in opposite.into_iter().enumerate() {
+                    let own = weight * (self.y[c] - opposite);
+                    sums.own[c] += own;
+                    sums.moved[c] += own * self.other[c];
+                }
+            }
+            let squared = colours * colours;
+            colours = squared * squared;
+        }
+    }
+}
+
+/// Squared differences between an image and its shifted copy, summed over patches.
+struct Patches {
+    /// One per pixel of the tile.
+    sums: Vec<f64>,
+    /// Sums over the rows of a patch, for the rows of the tile and of its margins.
+    across: Vec<f64>,
+    row: Vec<f64>,
+}
+
+impl Patches {
+    fn new([w, h]: [usize; 2]) -> Self {
+        let margin = 2 * PATCH as usize;
+        Self { sums: vec![0.0; w * h], across: vec![0.0; w * (h + margin)], row: vec![0.0; w + margin] }
+    }
+
+    /// Computes the sums for the shift `offset`. Pixels outside the image add nothing.
+    fn compare(&mut self, planes: &Planes, tile: &Tile, [dx, dy]: [isize; 2]) {
+        let w = tile.size[0];
+        let patch = 2 * PATCH as usize + 1;
+        for (k, across) in self.across.chunks_mut(w).enumerate() {
+            let y = (tile.top + k) as isize - PATCH;
+            for (k, value) in self.row.iter_mut().enumerate() {
+                let x = (tile.left + k) as isize - PATCH;
+                let both = planes.at(x, y).zip(planes.at(x + dx, y + dy));
+                *value = both.map_or(0.0, |(i, j)| {
+                    let d: [f64; 3] = std::array::from_fn(|c| planes.colour[i][c] - planes.colour[j][c]);
+                    d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+                });
+            }
+            for (sum, window) in across.iter_mut().zip(self.row.windows(patch)) {
+                *sum = window.iter().sum();
+            }
+        }
+        for (y, sums) in self.sums.chunks_mut(w).enumerate() {
+            sums.fill(0.0);
+            for row in y..y + patch {
+                sums.iter_mut().zip(&self.across[row * w..]).for_each(|(sum, value)| *sum += value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::planes::FEATURES;
+    use super::*;
+    use dapple_conformance::statistics::Mean;
+    use dapple_core::{PointSet, SampleId};
+    use dapple_low_discrepancy::Random;
+
+    const SIDE: usize = 24;
+
+    /// An image without features, whose pixels have this colour and variance.
+    fn planes(colour: impl Fn(usize) -> [f64; 3], variance: f64) -> Planes {
+        let pixels = SIDE * SIDE;
+        Planes {
+            size: [SIDE; 2],
+            colour: (0..pixels).map(colour).collect(),
+            variance: vec![[variance; 3]; pixels],
+            features: vec![[[0.0; FEATURES]; 2]; pixels],
+            known: vec![true; pixels],
+        }
+    }
+
+    /// Three nearly normal numbers of variance 1 for each pixel.
+    fn noise(seed: u64, i: usize) -> [f64; 3] {
+        let points = Random::new(seed);
+        [0, 1, 2].map(|c| {
+            let sum = |b: u32| points.block(SampleId::new([i as u32, 0], 0, c), b).map(|u| f64::from(u) - 0.5);
+            sum(0).into_iter().chain(sum(1)).chain(sum(2)).sum::<f64>()
+        })
+    }
+
+    fn all_estimates(planes: &Planes, i: usize, radius: isize) -> Vec<Estimate> {
+        let tile = Tile { left: i % SIDE, top: i / SIDE, size: [1, 1] };
+        let sums = tile.sums(planes, radius);
+        (0..FILTERS).map(|filter| sums[0][filter].estimate(filter).unwrap()).collect()
+    }
+
+    #[test]
+    fn derivatives_are_those_of_finite_differences() {
+        let colour = |i: usize| noise(1, i).map(|z| 0.5 + 0.1 * z + 0.01 * (i % SIDE) as f64);
+        // In the middle, near a border, and in a corner.
+        for (i, radius) in [(12 * SIDE + 11, 4), (SIDE + 12, 3), (0, 5)] {
+            let estimates = all_estimates(&planes(colour, 0.01), i, radius);
+            for channel in 0..3 {
+                let step = 1e-6;
+                let moved = |sign: f64| {
+                    let planes = planes(
+                        |k| {
+                            let mut colour = colour(k);
+                            colour[channel] += if k == i { sign * step } else { 0.0 };
+                            colour
+                        },
+                        0.01,
+                    );
+                    all_estimates(&planes, i, radius)
+                };
+                let (up, down) = (moved(1.0), moved(-1.0));
+                for filter in 0..FILTERS {
+                    let slope = (up[filter].value[channel] - down[filter].value[channel]) / (2.0 * step);
+                    let found = estimates[filter].derivative[channel];
+                    assert!(
+                        (found - slope).abs() < 1e-3 * slope.abs().max(1e-3),
+                        "{i}, {filter}: {found}, not {slope}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_identity_has_the_error_of_its_pixel() {
+        for pixel in apply(&planes(|i| noise(2, i), 0.7), 0) {
+            // In channels and filters alike.
+            assert!(pixel.error[1..].iter().all(|e| (e - 0.7).abs() < 1e-12), "{:?}", pixel.error);
+            assert!((pixel.error[0] - 1.4).abs() < 1e-12);
+        }
+    }
+
+    /// Stein's estimate minus the squared error, averaged over an image with an edge; `slope` scales the derivative.
+    fn excess(seed: u64, filter: usize, slope: f64) -> f64 {
+        let deviation: f64 = 0.1;
+        let truth = |i: usize| if i % SIDE < SIDE / 2 { 0.2 } else { 0.3 };
+        let planes = planes(|i| noise(seed, i).map(|z| truth(i) + deviation * z), deviation * deviation);
+        let excess = |(i, sums): (usize, [Sums; FILTERS])| {
+            let Estimate { value, derivative } = sums[filter].estimate(filter).unwrap();
+            let v = deviation * deviation;
+            let each = (0..3).map(|c| {
+                let stein = (value[c] - planes.colour[i][c]).powi(2) + slope * 2.0 * v * derivative[c] - v;
+                stein - (value[c] - truth(i)).powi(2)
+            });
+            each.sum::<f64>() / 3.0
+        };
+        let tile = Tile { left: 0, top: 0, size: [SIDE; 2] };
+        tile.sums(&planes, 3).into_iter().enumerate().map(excess).sum::<f64>() / (SIDE * SIDE) as f64
+    }
+
+    /// 8 tests within 5 standard errors of 128 replicates fail by chance with probability 2e-5.
+    #[test]
+    fn steins_estimate_is_the_squared_error_on_average() {
+        // The widest filter is nearly a box; the fourth follows the noise.
+        for filter in [0, 1, 2, 3] {
+            let excesses: Mean = (0..128).map(|seed| excess(10 + seed, filter, 1.0)).collect();
+            assert!(excesses.deviation(0.0).abs() < 5.0, "{filter}: {excesses:?}");
+            // The control: without the derivative it is far too low.
+            let without: Mean = (0..128).map(|seed| excess(10 + seed, filter, 0.0)).collect();
+            assert!(without.deviation(0.0) < -10.0, "{filter}: {without:?}");
+        }
+    }
+
+    #[test]
+    fn a_box_of_equal_pixels_has_its_known_error() {
+        // Noise far below the narrowest sigma: all 49 pixels weigh alike, and the error is v / 49.
+        let variance = 1e-12;
+        let errors = |seed: u64| {
+            let all = apply(&planes(|i| noise(seed, i).map(|z| 0.5 + 1e-6 * z), variance), 3);
+            all[12 * SIDE + 12].error[1] / variance
+        };
+        let errors: Mean = (0..2000).map(errors).collect();
+        assert!(errors.deviation(1.0 / 49.0).abs() < 5.0, "{errors:?}");
+    }
+}

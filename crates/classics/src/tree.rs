@@ -1,0 +1,224 @@
+//! Boxes over the samples of a few pixels, in the dimensions that a scene names.
+//!
+//! A cell is a square of pixels; its box spans these pixels and the whole range of all other axes. A [`Division`] cuts the
+//! box until it returns no more cuts. Nothing is kept from round to round: the boxes follow from the samples alone.
+
+mod planner;
+#[cfg(test)]
+pub(crate) mod test_scenes;
+
+pub(crate) use planner::{Refinement, TreePlanner};
+
+use dapple_core::{Domain, Film, Filtered, Frame, PointSet, mix};
+use rayon::prelude::*;
+
+/// The coordinates of a sample: the place in pixels from the cell's corner, then the other axes in `[0, 1)`.
+pub(crate) type At = [f32; Domain::MOST];
+
+/// The numbers of some samples of a cell.
+pub(crate) type Items = [u32];
+
+/// The samples of a cell.
+#[derive(Default)]
+pub(crate) struct Cell {
+    pub(crate) at: Vec<At>,
+    pub(crate) values: Vec<[f32; 3]>,
+    /// Columns and rows of pixels.
+    pub(crate) size: [u32; 2],
+    /// Column and row of the cell's first pixel in the window.
+    pub(crate) corner: [u32; 2],
+    /// The number of axes.
+    pub(crate) axes: usize,
+}
+
+/// The cells of a window, of `side` pixels each; those at the right and at the bottom may be smaller.
+#[derive(Clone, Copy)]
+pub(crate) struct Cells {
+    pub(crate) side: u32,
+    window: [u32; 2],
+}
+
+impl Cells {
+    pub(crate) fn new(frame: &Frame, side: u32) -> Self {
+        Self { side, window: frame.size() }
+    }
+
+    pub(crate) fn count(&self) -> usize {
+        self.window.map(|n| n.div_ceil(self.side) as usize).iter().product()
+    }
+
+    /// The first pixel of cell `number`, and its columns and rows.
+    fn area(&self, number: usize) -> ([u32; 2], [u32; 2]) {
+        let columns = self.window[0].div_ceil(self.side) as usize;
+        let corner = [(number % columns) as u32 * self.side, (number / columns) as u32 * self.side];
+        (corner, [0, 1].map(|axis| self.side.min(self.window[axis] - corner[axis])))
+    }
+
+    /// The pixels of cell `number`, by their index in the window.
+    pub(crate) fn pixels(&self, number: usize) -> impl Iterator<Item = usize> + use<> {
+        let ([x0, y0], [columns, rows]) = self.area(number);
+        let width = self.window[0] as usize;
+        (0..rows).flat_map(move |y| (0..columns).map(move |x| (y0 + y) as usize * width + (x0 + x) as usize))
+    }
+
+    /// The samples of cell `number`, pixel by pixel, in `cell`.
+    pub(crate) fn read(&self, number: usize, film: &Film, points: &dyn PointSet, domain: &Domain, cell: &mut Cell) {
+        let (corner, size) = self.area(number);
+        (cell.corner, cell.size, cell.axes) = (corner, size, domain.axes().len());
+        cell.at.clear();
+        cell.values.clear();
+        let halves = if film.needs().halves { 2 } else { 1 };
+        for (y, x) in (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (y, x))) {
+            let i = (corner[1] + y) as usize * self.window[0] as usize + (corner[0] + x) as usize;
+            for half in 0..halves {
+                for (number, &value) in film.samples(i, half).iter().enumerate() {
+                    let mut at = At::default();
+                    domain.read(points, film.sample_id(i, half, number), &mut at);
+                    at[0] = beside(x, at[0]);
+                    at[1] = beside(y, at[1]);
+                    cell.at.push(at);
+                    cell.values.push(value);
+                }
+            }
+        }
+    }
+}
+
+impl Cells {
+    /// The image of which `of_cell` makes the pixels of each cell, row by row.
+    pub(crate) fn image(
+        &self,
+        film: &Film,
+        points: &dyn PointSet,
+        domain: &Domain,
+        of_cell: impl Fn(&Cell, &mut [[f32; 3]]) + Sync,
+    ) -> Filtered {
+        let [width, height] = self.window.map(|n| n as usize);
+        let columns = width.div_ceil(self.side as usize);
+        let mut radiance = vec![[0.0; 3]; width * height];
+        let bands = radiance.par_chunks_mut(width * self.side as usize).enumerate();
+        bands.for_each_init(Default::default, |(cell, made): &mut (Cell, Vec<_>), (band, rows)| {
+            for number in band * columns..(band + 1) * columns {
+                self.read(number, film, points, domain, cell);
+                let [columns, lines] = cell.size.map(|n| n as usize);
+                made.clear();
+                made.resize(columns * lines, [0.0; 3]);
+                of_cell(cell, made);
+                for (y, made) in made.chunks(columns).enumerate() {
+                    rows[y * width + cell.corner[0] as usize..][..columns].copy_from_slice(made);
+                }
+            }
+        });
+        Filtered::new(self.window, radiance)
+    }
+}
+
+/// The coordinate `u` in `[0, 1)` behind the pixel's edge, still within the pixel.
+fn beside(pixel: u32, u: f32) -> f32 {
+    (pixel as f32 + u).min(((pixel + 1) as f32).next_down())
+}
+
+/// A box: its range along each axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Bounds {
+    pub(crate) low: At,
+    pub(crate) high: At,
+}
+
+impl Bounds {
+    /// The extent along an axis: pixels for the place, a share of the range for others.
+    pub(crate) fn extent(&self, axis: usize) -> f64 {
+        f64::from(self.high[axis]) - f64::from(self.low[axis])
+    }
+
+    pub(crate) fn volume(&self, axes: usize) -> f64 {
+        (0..axes).map(|axis| self.extent(axis)).product()
+    }
+
+    /// The area in the pixel whose corner is `pixel`, times the extents along all other axes.
+    pub(crate) fn volume_in_pixel(&self, pixel: [u32; 2], axes: usize) -> f64 {
+        let within = |axis: usize| {
+            let (low, high) = (f64::from(pixel[axis]), f64::from(pixel[axis] + 1));
+            (f64::from(self.high[axis]).min(high) - f64::from(self.low[axis]).max(low)).max(0.0)
+        };
+        within(0) * within(1) * (2..axes).map(|axis| self.extent(axis)).product::<f64>()
+    }
+
+    /// The box's point at these shares of its extents, each in `[0, 1)`.
+    pub(crate) fn point(&self, axes: usize, share: impl Fn(usize) -> f32) -> At {
+        let mut at = At::default();
+        for (axis, x) in at[..axes].iter_mut().enumerate() {
+            let (low, high) = (self.low[axis], self.high[axis]);
+            *x = (low + share(axis) * (high - low)).clamp(low, high.next_down().max(low));
+        }
+        at
+    }
+}
+
+/// A box that is not cut, with its samples.
+#[derive(Clone, Copy)]
+pub(crate) struct Leaf<'a> {
+    pub(crate) bounds: &'a Bounds,
+    pub(crate) items: &'a Items,
+    pub(crate) depth: u32,
+}
+
+/// A rule by which boxes are cut.
+pub(crate) trait Division: Sync {
+    /// The axis and the coordinate at which a box is cut, after `depth` cuts; `None` to leave it whole. The order of `items`
+    /// may change.
+    fn cut(&self, cell: &Cell, items: &mut Items, bounds: &Bounds, depth: u32) -> Option<(usize, f32)>;
+}
+
+/// The largest number of cuts on the way to a box.
+const DEEPEST: u32 = 48;
+
+/// Visits the boxes of a cell in the order of cuts, the lower side first.
+pub(crate) fn leaves(rule: &dyn Division, cell: &Cell, visit: &mut dyn FnMut(&Leaf<'_>)) {
+    let mut items: Vec<u32> = (0..cell.at.len() as u32).collect();
+    let mut high = [1.0; Domain::MOST];
+    (high[0], high[1]) = (cell.size[0] as f32, cell.size[1] as f32);
+    divide(rule, cell, (&mut items, Bounds { low: At::default(), high }, 0), visit);
+}
+
+fn divide(
+    rule: &dyn Division,
+    cell: &Cell,
+    (items, bounds, depth): (&mut Items, Bounds, u32),
+    visit: &mut dyn FnMut(&Leaf<'_>),
+) {
+    let cut = if depth < DEEPEST { rule.cut(cell, items, &bounds, depth) } else { None };
+    let Some((axis, at)) = cut else {
+        // Means are summed in this order.
+        items.sort_unstable();
+        return visit(&Leaf { bounds: &bounds, items, depth });
+    };
+    let mut lower = 0;
+    for next in 0..items.len() {
+        if cell.at[items[next] as usize][axis] < at {
+            items.swap(lower, next);
+            lower += 1;
+        }
+    }
+    let (below, above) = items.split_at_mut(lower);
+    let (mut first, mut second) = (bounds, bounds);
+    (first.high[axis], second.low[axis]) = (at, at);
+    divide(rule, cell, (below, first, depth + 1), visit);
+    divide(rule, cell, (above, second, depth + 1), visit);
+}
+
+/// The mean radiance of samples; 0 without any.
+pub(crate) fn mean(cell: &Cell, items: &Items) -> [f64; 3] {
+    let share = 1.0 / items.len().max(1) as f64;
+    let mut sum = [0.0; 3];
+    for &item in items {
+        let value = cell.values[item as usize];
+        (0..3).for_each(|c| sum[c] += f64::from(value[c]));
+    }
+    sum.map(|x| x * share)
+}
+
+/// A number in `[0, 1)` from a hash.
+pub(crate) fn unit(hash: u64) -> f32 {
+    (mix(hash) >> 40) as f32 / (1 << 24) as f32
+}

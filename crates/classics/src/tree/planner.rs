@@ -1,0 +1,347 @@
+//! Rounds of samples placed in the boxes with the largest scores.
+
+use super::{At, Cell, Cells, Division, Leaf, leaves};
+use dapple_core::{
+    Domain, Error, Feedback, Frame, Limits, Needs, Placed, PlacedHandle, Plan, PointSet, Progress, SampleId,
+    SamplerMemory, allocate, mix, streams,
+};
+use rayon::prelude::*;
+
+/// A rule by which boxes are scored and get samples.
+pub(crate) trait Refinement: Division {
+    /// The samples per pixel of the pilot.
+    fn pilot(&self) -> u32;
+
+    /// The coordinates of the pilot's sample `number` in a pixel; `None` leaves them to the point set. `seed` belongs to the
+    /// pixel.
+    fn pilot_sample(&self, number: u32, seed: u64) -> Option<At> {
+        let _ = (number, seed);
+        None
+    }
+
+    /// The score of a box. Boxes without a score above 0 get no samples.
+    fn score(&self, cell: &Cell, leaf: &Leaf<'_>) -> f64;
+
+    /// The number of samples for a box with `samples` samples and this score, so that no box has a score above `level`
+    /// afterwards, as far as known. Falls with `level`.
+    fn wanted(&self, score: f64, samples: u32, level: f64) -> u32;
+
+    /// The share of the largest score down to which boxes are served in a round, if they take enough samples.
+    fn least_share(&self) -> f64 {
+        0.25
+    }
+
+    /// Adds at most `count` new samples of a box to `to`. `seed` belongs to the box and the number of its samples.
+    fn place(&self, cell: &Cell, leaf: &Leaf<'_>, count: u32, seed: u64, to: &mut Vec<At>);
+}
+
+/// The samples of a round: the larger of these fractions of the pixels and of the samples so far. Ours: the published methods
+/// refine box by box.
+const OF_PIXELS: u64 = 2;
+const OF_SAMPLES: u64 = 4;
+/// The least samples of a round, as a fraction of the pixels and of the samples so far.
+const LEAST: u64 = 16;
+
+/// A sampler's points, and its rounds.
+pub(crate) struct TreePlanner<P> {
+    points: Placed<P>,
+    /// The side of a cell in pixels.
+    side: u32,
+    /// The boxes of each cell, as far as they are known.
+    known: Vec<Known>,
+}
+
+/// The boxes of a cell that may get samples. They follow from its samples, so they hold until their number changes.
+#[derive(Clone, Default)]
+struct Known {
+    samples: Option<u64>,
+    boxes: Vec<Candidate>,
+}
+
+/// A box that may get samples: its score, and its place among all boxes.
+#[derive(Clone, Copy)]
+struct Candidate {
+    score: f64,
+    cell: u32,
+    leaf: u32,
+    /// The number of the box's samples.
+    samples: u32,
+    /// The number of samples that it gets.
+    count: u32,
+}
+
+impl<P: PointSet> TreePlanner<P> {
+    pub(crate) fn new(points: P, domain: Domain, side: u32) -> Self {
+        Self { points: Placed::new(points, domain), side, known: Vec::new() }
+    }
+
+    pub(crate) fn points(&self) -> &dyn PointSet {
+        &self.points
+    }
+
+    pub(crate) fn handle(&self) -> PlacedHandle {
+        self.points.handle()
+    }
+
+    pub(crate) fn save(&self) -> Vec<u8> {
+        self.points.save()
+    }
+
+    pub(crate) fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        self.known.clear();
+        self.points.restore(saved)
+    }
+
+    /// The placed samples and a box for every second sample; and while a round is planned: the boxes again, the places chosen,
+    /// counts.
+    pub(crate) fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
+        let samples = limits.expected_samples(frame);
+        let planned = samples / OF_SAMPLES * (size_of::<At>() + 8) as u64;
+        let boxes = samples / 2 * size_of::<Candidate>() as u64;
+        let mut memory = SamplerMemory::planning(frame, 64);
+        let cells = Cells::new(frame, self.side).count() * size_of::<Known>();
+        memory.state = self.points.domain().placed_bytes(frame, needs, limits).saturating_add(boxes + cells as u64);
+        memory.planning = memory.planning.saturating_add(planned).saturating_add(boxes);
+        memory
+    }
+
+    /// Plans the pilot, and then rounds of samples in the boxes with the largest scores. Boxes with a score of at most
+    /// `threshold` get none; what then remains of the budget is spread evenly if `is_exact`.
+    pub(crate) fn next_round(
+        &mut self,
+        rule: &dyn Refinement,
+        (threshold, is_exact): (f64, bool),
+        seen: &Feedback<'_>,
+        plan: &mut Plan,
+    ) -> Result<Progress, Error> {
+        if seen.round == 0 {
+            self.points.clear();
+            self.known.clear();
+        }
+        if seen.budget.left() == 0 {
+            return Ok(Progress::Done);
+        }
+        let mut round = Round::new(seen, self.points.block(SampleId::new([0; 2], streams::PROBE, 0), 0));
+        self.plan_pilot(rule, seen, &mut round)?;
+        if round.total == 0 {
+            self.plan_boxes(rule, threshold, seen, &mut round)?;
+            if is_exact {
+                round.fill(seen)?;
+            }
+        }
+        self.points.publish();
+        plan.counts = round.counts;
+        Ok(if round.total == 0 { Progress::Done } else { Progress::Trace })
+    }
+
+    /// Plans what pixels lack of the pilot.
+    fn plan_pilot(&mut self, rule: &dyn Refinement, seen: &Feedback<'_>, round: &mut Round) -> Result<(), Error> {
+        let pilot = rule.pilot().max(seen.budget.min_spp).min(seen.budget.max_spp);
+        let least = seen.budget.min_spp;
+        let lacking: u64 = round.now.iter().map(|&now| u64::from(pilot.saturating_sub(now))).sum();
+        if lacking == 0 {
+            return Ok(());
+        }
+        let kept: u64 = round.now.iter().copied().map(u64::from).sum();
+        let floors: Vec<u32> = round.now.iter().map(|&now| now.max(least)).collect();
+        let scores: Vec<f64> = round.now.iter().map(|&now| f64::from(u8::from(now < pilot))).collect();
+        let total = kept + lacking.min(seen.budget.left());
+        let wanted = allocate(&scores, &floors, pilot.max(floors.iter().copied().max().unwrap_or(0)), total)?.counts;
+        for (i, &wanted) in wanted.iter().enumerate() {
+            for number in round.now[i]..wanted {
+                let seed = mix(round.seed ^ mix(i as u64));
+                match rule.pilot_sample(number, seed) {
+                    Some(at) => self.add(seen.frame(), round, i, &at)?,
+                    None => round.take(i),
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Places samples in the boxes with the largest scores.
+    fn plan_boxes(
+        &mut self,
+        rule: &dyn Refinement,
+        threshold: f64,
+        seen: &Feedback<'_>,
+        round: &mut Round,
+    ) -> Result<(), Error> {
+        let cells = Cells::new(seen.frame(), self.side);
+        let chosen = self.choose(rule, threshold, seen, cells);
+        let of_cell: Vec<&[Candidate]> = chosen.chunk_by(|a, b| a.cell == b.cell).collect();
+        let seed = round.seed;
+        let placed: Vec<Vec<At>> = of_cell
+            .par_iter()
+            .map_init(Cell::default, |cell, chosen| {
+                let mut places = Vec::new();
+                let number = chosen[0].cell as usize;
+                cells.read(number, seen.film, &self.points, self.points.domain(), cell);
+                let (cell, mut leaf, mut next) = (&*cell, 0, 0);
+                leaves(rule, cell, &mut |at| {
+                    if let Some(&Candidate { count, .. }) = chosen.get(next).filter(|c| c.leaf == leaf) {
+                        let name = mix(seed ^ mix(number as u64 ^ u64::from(leaf) << 32)) ^ mix(cell.at.len() as u64);
+                        rule.place(cell, at, count, name, &mut places);
+                        next += 1;
+                    }
+                    leaf += 1;
+                });
+                let corner = cell.corner.map(|x| x as f32);
+                places.iter_mut().for_each(|at| (0..2).for_each(|axis| at[axis] += corner[axis]));
+                places
+            })
+            .collect();
+        let width = seen.frame().size()[0] as usize;
+        for at in placed.iter().flatten() {
+            let [x, y] = [at[0], at[1]].map(|x| x as u32);
+            let i = y as usize * width + x as usize;
+            if round.total < seen.budget.left() && round.now[i] + round.counts[i] < seen.budget.max_spp {
+                let mut inside = *at;
+                (inside[0], inside[1]) = (at[0] - x as f32, at[1] - y as f32);
+                self.add(seen.frame(), round, i, &inside)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The boxes that get samples in this round, by cell and place.
+    fn choose(&mut self, rule: &dyn Refinement, threshold: f64, seen: &Feedback<'_>, cells: Cells) -> Vec<Candidate> {
+        let budget = seen.budget;
+        if self.known.len() != cells.count() {
+            self.known = vec![Known::default(); cells.count()];
+        }
+        let (points, domain) = (&self.points, self.points.domain());
+        self.known.par_iter_mut().enumerate().for_each_init(Cell::default, |cell, (number, known)| {
+            let samples = cells.pixels(number).map(|i| seen.film.count(i)).sum();
+            if known.samples == Some(samples) {
+                return;
+            }
+            *known = Known { samples: Some(samples), boxes: Vec::new() };
+            cells.read(number, seen.film, points, domain, cell);
+            let mut leaf = 0;
+            leaves(rule, cell, &mut |at| {
+                let (score, samples) = (rule.score(cell, at), at.items.len() as u32);
+                if score > threshold {
+                    known.boxes.push(Candidate { score, cell: number as u32, leaf, samples, count: 0 });
+                }
+                leaf += 1;
+            });
+        });
+        let is_open = |cell: usize| cells.pixels(cell).any(|i| seen.film.count(i) < u64::from(budget.max_spp));
+        let open = self.known.iter().enumerate().filter(|(cell, _)| is_open(*cell));
+        let mut all: Vec<Candidate> = open.flat_map(|(_, known)| &known.boxes).copied().collect();
+        let step = (seen.pixels() as u64 / OF_PIXELS).max(budget.spent / OF_SAMPLES).max(1).min(budget.left());
+        let least = (seen.pixels() as u64).max(budget.spent).div_ceil(LEAST).min(step);
+        let level = rule.least_share() * all.iter().map(|c| c.score).fold(0.0, f64::max);
+        let high: u64 = all.par_iter().map(|c| u64::from(rule.wanted(c.score, c.samples, level))).sum();
+        hand_out(rule, &mut all, high.clamp(least, step));
+        all.retain(|candidate| candidate.count > 0);
+        all
+    }
+
+    /// Places the next sample of pixel `i`.
+    fn add(&mut self, frame: &Frame, round: &mut Round, i: usize, at: &At) -> Result<(), Error> {
+        let id = round.next_id(frame, i);
+        round.take(i);
+        self.points.add(frame, id, &at[..self.points.domain().axes().len()])
+    }
+}
+
+/// Hands out `step` samples so that the largest score afterwards is as small as possible, as far as rules know it. This is what
+/// refining the box with the largest score, one by one, comes to. Boxes that share the last samples get them by their order.
+fn hand_out(rule: &dyn Refinement, all: &mut [Candidate], step: u64) {
+    let wanted = |c: &Candidate, level: u64| rule.wanted(c.score, c.samples, f64::from_bits(level));
+    let total = |level: u64| all.par_iter().map(|c| u64::from(wanted(c, level))).sum::<u64>();
+    // The bits of positive numbers are in their order. At `high` too few samples are wanted, or as many as there are.
+    let (mut low, mut high) = (0, f64::MAX.to_bits());
+    if total(1) > step {
+        while high - low > 1 {
+            let middle = low + (high - low) / 2;
+            if total(middle) > step { low = middle } else { high = middle }
+        }
+    } else {
+        (low, high) = (1, 1);
+    }
+    let mut left = step;
+    for candidate in &mut *all {
+        candidate.count = wanted(candidate, high);
+        left -= u64::from(candidate.count);
+    }
+    for candidate in all {
+        let more = u64::from(wanted(candidate, low) - candidate.count).min(left);
+        candidate.count += more as u32;
+        left -= more;
+    }
+}
+
+/// The samples of a round while it is planned.
+struct Round {
+    seed: u64,
+    /// The kept samples of each pixel before the round, and those that the round adds.
+    now: Vec<u32>,
+    counts: Vec<u32>,
+    total: u64,
+    /// The index of the next sample in each half, and the number of samples there.
+    next: Vec<[(u64, u64); 2]>,
+    halves: bool,
+}
+
+impl Round {
+    /// `coordinates` belong to the seed of the point set.
+    fn new(seen: &Feedback<'_>, coordinates: [f32; 4]) -> Self {
+        let (film, pixels) = (seen.film, seen.pixels());
+        let halves = film.needs().halves;
+        let next = |i: usize| {
+            [0, 1].map(|half| {
+                let count = film.samples(i, half).len();
+                (film.sample_id(i, half, count).index, count as u64)
+            })
+        };
+        Self {
+            seed: coordinates.iter().fold(1, |seed, x| mix(seed ^ u64::from(x.to_bits()))),
+            now: (0..pixels).map(|i| u32::try_from(film.count(i)).unwrap_or(u32::MAX)).collect(),
+            counts: vec![0; pixels],
+            total: 0,
+            next: (0..pixels).map(next).collect(),
+            halves,
+        }
+    }
+
+    /// The half of pixel `i`'s next sample: the one with fewer, as in the render loop.
+    fn half(&self, i: usize) -> usize {
+        usize::from(self.halves && self.next[i][1].1 < self.next[i][0].1)
+    }
+
+    fn next_id(&self, frame: &Frame, i: usize) -> SampleId {
+        let half = self.half(i);
+        let stream = if self.halves { streams::HALVES[half] } else { streams::WHOLE };
+        SampleId::new(frame.pixel(i), stream, self.next[i][half].0)
+    }
+
+    /// Adds a sample to pixel `i`.
+    fn take(&mut self, i: usize) {
+        let half = self.half(i);
+        let (index, count) = &mut self.next[i][half];
+        (*index, *count) = (*index + 1, *count + 1);
+        self.counts[i] += 1;
+        self.total += 1;
+    }
+
+    /// Spreads what the boxes leave over of a small round: all that is left of the budget if they took nothing, else what
+    /// pixels at their ceiling lost.
+    fn fill(&mut self, seen: &Feedback<'_>) -> Result<(), Error> {
+        let left = seen.budget.left();
+        let step = (seen.pixels() as u64 / OF_PIXELS).min(left);
+        let target = if self.total == 0 { left } else { step };
+        if seen.budget.max_spp == u32::MAX && self.total > 0 || self.total >= target {
+            return Ok(());
+        }
+        let floors: Vec<u32> = self.now.iter().zip(&self.counts).map(|(now, more)| now + more).collect();
+        let kept: u64 = self.now.iter().copied().map(u64::from).sum();
+        let wanted = allocate(&vec![1.0; floors.len()], &floors, seen.budget.max_spp, kept + target)?.counts;
+        for (i, wanted) in wanted.into_iter().enumerate() {
+            (floors[i]..wanted).for_each(|_| self.take(i));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,278 @@
+//! Wavelet transforms of images by lifting, and the variances of their coefficients.
+
+use rayon::prelude::*;
+
+/// A biorthogonal wavelet basis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Basis {
+    /// The 9/7 filters of Cohen, Daubechies and Feauveau.
+    Cdf97,
+    /// The 5/3 filters of Cohen, Daubechies and Feauveau.
+    Cdf53,
+    /// Means and differences of pairs.
+    Haar,
+}
+
+dapple_core::choices!(Basis { Cdf97 = "cdf97", Cdf53 = "cdf53", Haar = "haar" });
+
+/// Lifting steps of the 9/7 filters [Daubechies and Sweldens 1998].
+const CDF97: [f64; 4] = [-1.586_134_342_059_924, -0.052_980_118_572_961, 0.882_911_075_530_934, 0.443_506_852_043_971];
+/// Lifting steps of the 5/3 filters.
+const CDF53: [f64; 2] = [-0.5, 0.25];
+
+impl Basis {
+    /// The lifting steps: the odd samples change by the even ones next to them, then the even ones by the odd, and so on.
+    fn steps(self) -> &'static [f64] {
+        match self {
+            Self::Cdf97 => &CDF97,
+            Self::Cdf53 => &CDF53,
+            Self::Haar => &[],
+        }
+    }
+
+    /// The factors by which lifting raises the mean in the low band, and the highest frequency in the high band.
+    fn gains(self) -> [f64; 2] {
+        let (mut constant, mut alternating) = ([1.0, 1.0], [1.0, -1.0]);
+        for (k, step) in self.steps().iter().enumerate() {
+            for pair in [&mut constant, &mut alternating] {
+                pair[1 - k % 2] += 2.0 * step * pair[k % 2];
+            }
+        }
+        [constant[0], alternating[1]]
+    }
+
+    /// Transforms a line in place: the low band, then the high band. Constants have their value in the low band.
+    fn forward<const N: usize>(self, line: &mut [[f64; N]], scratch: &mut Vec<[f64; N]>) {
+        if line.len() < 2 {
+            return;
+        }
+        let evens = line.len().div_ceil(2);
+        scratch.clear();
+        scratch.extend(line.iter().step_by(2).chain(line.iter().skip(1).step_by(2)));
+        line.copy_from_slice(scratch);
+        let (low, high) = line.split_at_mut(evens);
+        if self == Self::Haar {
+            for (a, b) in low.iter_mut().zip(high) {
+                for c in 0..N {
+                    (a[c], b[c]) = (0.5 * (a[c] + b[c]), 0.5 * (b[c] - a[c]));
+                }
+            }
+            return;
+        }
+        for (k, step) in self.steps().iter().enumerate() {
+            lift(low, high, k, *step);
+        }
+        let [of_low, of_high] = self.gains();
+        scale(low, 1.0 / of_low);
+        scale(high, 1.0 / of_high);
+    }
+
+    /// The inverse of [`Basis::forward`].
+    fn inverse<const N: usize>(self, line: &mut [[f64; N]], scratch: &mut Vec<[f64; N]>) {
+        if line.len() < 2 {
+            return;
+        }
+        let evens = line.len().div_ceil(2);
+        let (low, high) = line.split_at_mut(evens);
+        if self == Self::Haar {
+            for (a, b) in low.iter_mut().zip(high) {
+                for c in 0..N {
+                    (a[c], b[c]) = (a[c] - b[c], a[c] + b[c]);
+                }
+            }
+        } else {
+            let [of_low, of_high] = self.gains();
+            scale(low, of_low);
+            scale(high, of_high);
+            for (k, step) in self.steps().iter().enumerate().rev() {
+                lift(low, high, k, -step);
+            }
+        }
+        scratch.clear();
+        scratch.extend((0..line.len()).map(|i| if i % 2 == 0 { line[i / 2] } else { line[evens + i / 2] }));
+        line.copy_from_slice(scratch);
+    }
+
+    /// The filters of one level, as weights at whole offsets from the even sample: low band and high band.
+    fn filters(self) -> [Taps; 2] {
+        const LENGTH: usize = 32;
+        let mut scratch = Vec::new();
+        let mut filters = [0, 1].map(|_| Taps { first: -(LENGTH as i64 / 2), weights: vec![0.0; LENGTH] });
+        for at in 0..LENGTH {
+            let mut line = [[0.0]; LENGTH];
+            line[at] = [1.0];
+            self.forward(&mut line, &mut scratch);
+            // The coefficients at the even sample in the middle.
+            filters[0].weights[at] = line[LENGTH / 4][0];
+            filters[1].weights[at] = line[LENGTH / 2 + LENGTH / 4][0];
+        }
+        filters.map(Taps::trimmed)
+    }
+
+    /// The filters from pixels to the coefficients of level 1, 2 and so on: low band and high band.
+    pub(crate) fn cascade(self, levels: usize) -> Vec<[Taps; 2]> {
+        let [low, high] = self.filters();
+        let mut finer = Taps { first: 0, weights: vec![1.0] };
+        let cascade = |level: usize| {
+            let both = [&low, &high].map(|taps| finer.then(taps, 1 << level));
+            finer = both[0].clone();
+            both
+        };
+        (0..levels).map(cascade).collect()
+    }
+}
+
+/// Adds to the odd (even) samples, for an even (odd) number `k` of the step, the sum of both neighbours times `step`. At its
+/// ends the line is mirrored.
+fn lift<const N: usize>(low: &mut [[f64; N]], high: &mut [[f64; N]], k: usize, step: f64) {
+    let (evens, odds) = (low.len(), high.len());
+    if k.is_multiple_of(2) {
+        for (i, odd) in high.iter_mut().enumerate() {
+            let (left, right) = (low[i], low[(i + 1).min(evens - 1)]);
+            (0..N).for_each(|c| odd[c] += step * (left[c] + right[c]));
+        }
+    } else {
+        for (i, even) in low.iter_mut().enumerate() {
+            let (left, right) = (high[i.saturating_sub(1)], high[i.min(odds - 1)]);
+            (0..N).for_each(|c| even[c] += step * (left[c] + right[c]));
+        }
+    }
+}
+
+fn scale<const N: usize>(line: &mut [[f64; N]], factor: f64) {
+    line.iter_mut().flatten().for_each(|value| *value *= factor);
+}
+
+/// A filter: weights at the offsets `first`, `first + 1` and so on.
+#[derive(Clone, Debug)]
+pub(crate) struct Taps {
+    pub(crate) first: i64,
+    pub(crate) weights: Vec<f64>,
+}
+
+impl Taps {
+    /// The filter without zeros at its ends.
+    fn trimmed(mut self) -> Self {
+        let is_zero = |w: &f64| w.abs() < 1e-15;
+        let zeros = self.weights.iter().take_while(|w| is_zero(w)).count();
+        self.weights.drain(..zeros);
+        self.first += zeros as i64;
+        while self.weights.last().is_some_and(is_zero) {
+            self.weights.pop();
+        }
+        self
+    }
+
+    /// The filter that is `self`, taken every `spacing` samples, followed by `next`.
+    fn then(&self, next: &Self, spacing: usize) -> Self {
+        let mut weights = vec![0.0; (next.weights.len() - 1) * spacing + self.weights.len()];
+        for (k, outer) in next.weights.iter().enumerate() {
+            let to = &mut weights[k * spacing..];
+            to.iter_mut().zip(&self.weights).for_each(|(sum, inner)| *sum += outer * inner);
+        }
+        Self { first: self.first + next.first * spacing as i64, weights }
+    }
+
+    /// The sums of `values`, a row, through the squared filter at every `spacing`-th place.
+    fn squared_sums(&self, values: &[f64], spacing: usize, sums: &mut [f64]) {
+        for (j, sum) in sums.iter_mut().enumerate() {
+            let from = (j * spacing) as i64 + self.first;
+            let inside = from >= 0 && from + self.weights.len() as i64 <= values.len() as i64;
+            *sum = if inside {
+                self.weights.iter().zip(&values[from as usize..]).map(|(w, v)| w * w * v).sum()
+            } else {
+                let at = |k: usize| values[mirrored(from + k as i64, values.len())];
+                self.weights.iter().enumerate().map(|(k, w)| w * w * at(k)).sum()
+            };
+        }
+    }
+}
+
+/// The index of a line that is mirrored at its ends, which are not repeated.
+fn mirrored(at: i64, length: usize) -> usize {
+    let period = 2 * (length as i64 - 1).max(1);
+    let at = at.rem_euclid(period);
+    (if at < length as i64 { at } else { period - at }).min(length as i64 - 1) as usize
+}
+
+/// The size of the low band after each level, beginning with the image itself: halves, rounded up.
+pub(crate) fn sizes(size: [usize; 2], levels: usize) -> Vec<[usize; 2]> {
+    (0..=levels).map(|level| size.map(|n| n.div_ceil(1 << level))).collect()
+}
+
+/// Transforms an image in place: the levels `levels`, counted from 0. The low band of each level lies in the upper left
+/// corner of the finer one's.
+pub(crate) fn transform<const N: usize>(
+    basis: Basis,
+    size: [usize; 2],
+    levels: std::ops::Range<usize>,
+    image: &mut Vec<[f64; N]>,
+) {
+    for level in levels {
+        along_both(size, sizes(size, level)[level], image, |line, scratch| basis.forward(line, scratch));
+    }
+}
+
+/// The inverse of [`transform`] for the first `levels` levels.
+pub(crate) fn restore<const N: usize>(basis: Basis, size: [usize; 2], levels: usize, image: &mut Vec<[f64; N]>) {
+    for level in (0..levels).rev() {
+        along_both(size, sizes(size, level)[level], image, |line, scratch| basis.inverse(line, scratch));
+    }
+}
+
+/// Changes the lines of the upper left corner of size `region` along both axes.
+fn along_both<const N: usize>(
+    [width, height]: [usize; 2],
+    region: [usize; 2],
+    image: &mut Vec<[f64; N]>,
+    change: impl Fn(&mut [[f64; N]], &mut Vec<[f64; N]>) + Sync,
+) {
+    for ([width, height], [columns, rows]) in [([width, height], region), ([height, width], [region[1], region[0]])] {
+        image
+            .par_chunks_mut(width)
+            .take(rows)
+            .for_each_init(Vec::new, |scratch, row| change(&mut row[..columns], scratch));
+        *image = transposed([width, height], image);
+    }
+}
+
+fn transposed<T: Copy + Send + Sync>([width, height]: [usize; 2], values: &[T]) -> Vec<T> {
+    let mut all = values.to_vec();
+    all.par_chunks_mut(height).enumerate().for_each(|(x, column)| {
+        column.iter_mut().enumerate().for_each(|(y, value)| *value = values[y * width + x]);
+    });
+    all
+}
+
+/// The variances of the coefficients of a level, row by row over its low band: low, and the three high bands (high in x,
+/// high in y, high in both). Pixels of the given `variances` are independent.
+pub(crate) fn coefficient_variances(
+    [low, high]: &[Taps; 2],
+    level: usize,
+    [width, height]: [usize; 2],
+    variances: &[f64],
+) -> [Vec<f64>; 4] {
+    let [columns, rows] = [width, height].map(|n| n.div_ceil(1 << level));
+    let along = |taps: &Taps, [width, out]: [usize; 2], values: &[f64]| -> Vec<f64> {
+        let mut sums = vec![0.0; values.len() / width * out];
+        let lines = sums.par_chunks_mut(out).zip(values.par_chunks(width));
+        lines.for_each(|(sums, row)| taps.squared_sums(row, 1 << level, sums));
+        sums
+    };
+    let [across_low, across_high] =
+        [low, high].map(|taps| transposed([columns, height], &along(taps, [width, columns], variances)));
+    let down = |taps: &Taps, values: &[f64]| transposed([rows, columns], &along(taps, [height, rows], values));
+    [down(low, &across_low), down(low, &across_high), down(high, &across_low), down(high, &across_high)]
+}
+
+/// Visits the coefficients of a level's three high bands: high in x, high in y, high in both. Bands may be a row or a column
+/// shorter than the low band.
+pub(crate) fn high_band(size: [usize; 2], level: usize, band: usize) -> [std::ops::Range<usize>; 2] {
+    let sizes = sizes(size, level);
+    let (fine, coarse) = (sizes[level - 1], sizes[level]);
+    let is_high = [band != 1, band != 0];
+    [0, 1].map(|axis| if is_high[axis] { coarse[axis]..fine[axis] } else { 0..coarse[axis] })
+}
+
+#[cfg(test)]
+mod tests;

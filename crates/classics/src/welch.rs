@@ -1,0 +1,369 @@
+//! Means over the pixels that a statistical test cannot tell apart.
+
+use crate::student::two_sided_critical;
+use dapple_core::{
+    Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _, RgbMoments, Sums,
+};
+use rayon::prelude::*;
+
+/// The degrees of freedom of [`Welch`]'s test.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TestDegrees {
+    /// Those of Welch and Satterthwaite, for unequal variances and counts.
+    #[default]
+    Welch,
+    /// The sum of both counts minus 2, as published for equal counts.
+    Counts,
+}
+
+dapple_core::choices!(TestDegrees { Welch = "welch", Counts = "counts" });
+
+dapple_core::options! {
+    /// The parameters of [`Welch`]. Defaults are those of the authors' code.
+    pub struct WelchOptions {
+        /// Radius of the circle of pixels that may join, in pixels.
+        pub radius: u32 = 20, |radius| radius <= 32, "at most 32 pixels";
+        /// Standard deviation of the weight by distance, in pixels.
+        pub sigma: f64 = 10.0 => "10", |sigma| sigma > 0.0 && sigma.is_finite(), "above 0 pixels";
+        /// Standard deviation of the weight by albedo.
+        pub albedo: f64 = 0.02, |sigma| sigma > 0.0 && sigma.is_finite(), "above 0";
+        /// Standard deviation of the weight by normals.
+        pub normal: f64 = 0.1, |sigma| sigma > 0.0 && sigma.is_finite(), "above 0";
+        /// Probability with which a channel's test separates pixels of equal expectation.
+        pub level: f64 = 0.005, |level| (1e-6..=0.5).contains(&level), "a probability from 1e-6 to 0.5";
+        /// Degrees of freedom of the test: welch (unequal variances), or counts (both counts minus 2, as published).
+        pub df: TestDegrees = TestDegrees::Welch => "welch";
+        /// Factor on variances of means; below 1 for low-discrepancy points, whose means vary less than their samples show.
+        pub shrink: f64 = 1.0 => "1", |shrink| shrink > 0.0 && shrink <= 1.0, "above 0 and at most 1";
+    }
+}
+
+/// The mean over all pixels around that a test cannot tell apart from the pixel [after Sakai 2024].
+///
+/// Samples are transformed to `y = 2 (sqrt x - 1)`, which brings their distribution nearer to a normal one [Box and Cox
+/// 1964]. Their mean is corrected for skewness, `m = mean + M3 / (6 s^2 n^2)` [Johnson 1978], and its variance is `v = s^2
+/// / n`. Two pixels are joined unless `(m_i - m_j)^2 > t^2 (v_i + v_j)` in some channel. Here `t` is the two-sided
+/// critical value of Student's distribution [Welch 1947].
+///
+/// The weight of a joined pixel is its number of samples times Gaussian weights of distance, albedo and normal. The mean is
+/// taken over `x`, not `y`. No halves are needed, so that one low-discrepancy net serves each pixel.
+///
+/// # Differences from the authors' code
+///
+/// * Pixels weigh by their counts, and degrees of freedom are those of unequal variances. There, counts are equal.
+/// * The circle is symmetric. There, it lacks its last row and column.
+///
+/// # Weaknesses
+///
+/// A pixel of few samples joins neighbours of different brightness, since the test cannot separate them: a bias that falls
+/// with the count. Sample variances are too large for low-discrepancy points, so the test joins more; `shrink` corrects
+/// for it. Pixels of one sample have no variance and join nobody.
+///
+/// # Result
+///
+/// Pixels without samples are filled with the weighted mean of the circle, or black. [`Filtered::error`] is the variance of
+/// the weighted mean, without the bias; it is infinite for pixels of fewer than two samples.
+#[derive(Clone, Debug)]
+pub struct Welch {
+    options: WelchOptions,
+    criticals: Criticals,
+}
+
+impl Default for Welch {
+    fn default() -> Self {
+        let options = WelchOptions::default();
+        Self { options, criticals: Criticals::new(options.level) }
+    }
+}
+
+impl Welch {
+    /// The filter with these parameters.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] for the first parameter out of range.
+    pub fn with_options(options: WelchOptions) -> Result<Self, Error> {
+        options.check_ranges()?;
+        Ok(Self { options, criticals: Criticals::new(options.level) })
+    }
+
+    /// The offsets of the circle, row by row, and the logarithm of each one's weight.
+    fn circle(&self) -> Vec<([isize; 2], f32)> {
+        let WelchOptions { radius, sigma, .. } = self.options;
+        let r = radius as isize;
+        let all = (-r..=r).flat_map(|dy| (-r..=r).map(move |dx| [dx, dy]));
+        let inside = all.filter(|[dx, dy]| dx * dx + dy * dy <= r * r);
+        inside.map(|[dx, dy]| ([dx, dy], (-0.5 * (dx * dx + dy * dy) as f64 / (sigma * sigma)) as f32)).collect()
+    }
+
+    /// The filtered pixel `i` and its error.
+    fn pixel(&self, planes: &[WelchPixel], size: [usize; 2], i: usize, circle: &[([isize; 2], f32)]) -> [f64; 4] {
+        let own = &planes[i];
+        let scale = [self.options.albedo, self.options.normal].map(|sigma| (-0.5 / (sigma * sigma)) as f32);
+        let (x, y) = ((i % size[0]) as isize, (i / size[0]) as isize);
+        let (mut weight, mut sums, mut error) = (0.0, [0.0; 3], 0.0);
+        for ([dx, dy], near) in circle {
+            let (x, y) = (x + dx, y + dy);
+            if x < 0 || y < 0 || x >= size[0] as isize || y >= size[1] as isize {
+                continue;
+            }
+            let j = y as usize * size[0] + x as usize;
+            let other = &planes[j];
+            // Pixels without samples take whatever is there.
+            if other.count == 0.0 || (i != j && own.count > 0.0 && !self.criticals.join(own, other, self.options.df)) {
+                continue;
+            }
+            let log =
+                near + scale[0] * squared(own.albedo, other.albedo) + scale[1] * squared(own.normal, other.normal);
+            if log < UNLIKE && own.count > 0.0 {
+                continue;
+            }
+            let w = f64::from(other.count) * if own.count > 0.0 { f64::from(libm::expf(log)) } else { 1.0 };
+            weight += w;
+            (0..3).for_each(|c| sums[c] += w * f64::from(other.colour[c]));
+            error += w * w * f64::from(other.error);
+        }
+        if weight == 0.0 {
+            return [0.0, 0.0, 0.0, f64::INFINITY];
+        }
+        let error = if own.count < 2.0 { f64::INFINITY } else { error / (weight * weight) };
+        [sums[0] / weight, sums[1] / weight, sums[2] / weight, error]
+    }
+}
+
+/// The logarithm of a weight that counts as none.
+const UNLIKE: f32 = -20.0;
+
+fn squared(a: [f32; 3], b: [f32; 3]) -> f32 {
+    let [x, y, z] = std::array::from_fn(|c| (a[c] - b[c]) * (a[c] - b[c]));
+    x + y + z
+}
+
+/// What the filter reads of one pixel.
+#[derive(Clone, Copy, Debug, Default)]
+struct WelchPixel {
+    count: f32,
+    colour: [f32; 3],
+    /// The corrected mean of the transformed samples, and the variance of that mean.
+    mean: [f32; 3],
+    variance: [f32; 3],
+    albedo: [f32; 3],
+    normal: [f32; 3],
+    /// The variance of the mean radiance, averaged over the channels.
+    error: f32,
+}
+
+impl WelchPixel {
+    fn new(film: &Film, i: usize, shrink: f64) -> Self {
+        let (count, sums) = (film.count(i), film.sums(i).root_moments.unwrap_or_default());
+        let (n, mut pixel) = (count as f64, Self::default());
+        pixel.count = n as f32;
+        pixel.colour = film.mean(i).map(|x| x as f32);
+        for c in 0..3 {
+            let [mean, variance] = corrected(n, sums.mean[c], sums.m2[c], sums.m3[c]);
+            (pixel.mean[c], pixel.variance[c]) = (mean as f32, (shrink * variance) as f32);
+        }
+        if let Some(f) = film.features(i).filter(|f| f.hits > 0) {
+            let share = f.hits as f32 / f.samples as f32;
+            pixel.albedo = f.albedo.map(|a| (share * a).clamp(-1e9, 1e9));
+            pixel.normal = f.normal.map(|n| (share * n).clamp(-1e9, 1e9));
+        }
+        let of_mean = |moments: RgbMoments| Some(moments.variance()?.iter().sum::<f64>() / 3.0 / n);
+        pixel.error = of_mean(film.moments(i)).unwrap_or(0.0).min(f64::from(f32::MAX)) as f32;
+        pixel
+    }
+}
+
+/// The mean of `n` values corrected for skewness, and the variance of the mean; 0 for fewer than two values.
+fn corrected(n: f64, mean: f64, m2: f64, m3: f64) -> [f64; 2] {
+    if n < 2.0 {
+        return [mean, 0.0];
+    }
+    let variance = m2 / (n - 1.0);
+    let skew = if variance > LEAST_VARIANCE { m3 / (6.0 * variance * n * n) } else { 0.0 };
+    [mean + skew, variance / n]
+}
+
+/// The sample variance up to which means are not corrected.
+const LEAST_VARIANCE: f64 = 1e-12;
+
+/// Squared critical values of Student's distribution by whole degrees of freedom.
+#[derive(Clone, Debug)]
+struct Criticals(Vec<f32>);
+
+/// The most degrees of freedom in the table. With more, the critical value is 0.3 % smaller at most.
+const MOST_DEGREES: usize = 1024;
+
+impl Criticals {
+    fn new(level: f64) -> Self {
+        Self((1..=MOST_DEGREES).map(|n| two_sided_critical(level, n as f64).powi(2) as f32).collect())
+    }
+
+    /// The squared critical value for at least these degrees of freedom, rounded down.
+    fn squared(&self, freedom: f32) -> f32 {
+        self.0[(freedom as usize).clamp(1, MOST_DEGREES) - 1]
+    }
+
+    /// Returns `true` if no channel tells the two pixels apart. Pixels of fewer than two samples join nobody.
+    fn join(&self, a: &WelchPixel, b: &WelchPixel, degrees: TestDegrees) -> bool {
+        if a.count < 2.0 || b.count < 2.0 {
+            return false;
+        }
+        // Degrees of freedom lie between these, so that most channels need no division.
+        let most = self.squared(a.count + b.count - 2.0);
+        let least = self.squared(a.count.min(b.count) - 1.0);
+        (0..3).all(|c| {
+            let (d, v) = (a.mean[c] - b.mean[c], a.variance[c] + b.variance[c]);
+            let square = d * d;
+            if square <= most * v {
+                return true;
+            }
+            if degrees == TestDegrees::Counts || square > least * v || v <= 0.0 {
+                return false;
+            }
+            let share = a.variance[c] / v;
+            let rest = 1.0 - share;
+            square <= v * self.squared(1.0 / (share * share / (a.count - 1.0) + rest * rest / (b.count - 1.0)))
+        })
+    }
+}
+
+impl Filter for Welch {
+    fn name(&self) -> &str {
+        "welch"
+    }
+
+    fn describe(&self) -> String {
+        format!("welch:{}", self.options.describe())
+    }
+
+    fn needs(&self) -> Needs {
+        Needs::none().with_variance().with_features().with_sums(Sums::ROOT_MOMENTS)
+    }
+
+    fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
+        FilterMemory::new(frame, size_of::<WelchPixel>() + 32 + 16, ImagePlanes::RadianceAndError)
+    }
+
+    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
+        film.require(self.name(), &self.needs())?;
+        let size = film.frame().size().map(|n| n as usize);
+        let pixels = || (0..film.frame().pixels()).into_par_iter();
+        let shrink = self.options.shrink;
+        let planes: Vec<WelchPixel> = pixels().with_min_len(1024).map(|i| WelchPixel::new(film, i, shrink)).collect();
+        let circle = self.circle();
+        let all: Vec<[f64; 4]> = pixels().with_min_len(64).map(|i| self.pixel(&planes, size, i, &circle)).collect();
+        let radiance = all.iter().map(|&[r, g, b, _]| [r as f32, g as f32, b as f32]).collect();
+        let error: Vec<f32> = all.iter().map(|p| p[3] as f32).collect();
+        Ok(Filtered::new(film.frame().size(), radiance).with_error(error))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_scenes::{Field, frame, near_normal};
+    use dapple_core::samplers::Uniform;
+    use dapple_core::{Limits, Render, Unfiltered};
+    use dapple_low_discrepancy::Random;
+
+    #[test]
+    fn the_filter_conforms() {
+        dapple_conformance::filter(|| Box::new(Welch::default()));
+        let options = WelchOptions::default().radius(3).df(TestDegrees::Counts).level(0.1).shrink(0.5);
+        dapple_conformance::filter(|| Box::new(Welch::with_options(options).unwrap()));
+    }
+
+    /// A pixel of `n` transformed samples with these values.
+    fn pixel_of(values: &[f64]) -> WelchPixel {
+        let n = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        let power = |k: i32| values.iter().map(|x| (x - mean).powi(k)).sum::<f64>();
+        let [mean, variance] = corrected(n, mean, power(2), power(3));
+        let (mean, variance) = ([mean as f32; 3], [variance as f32; 3]);
+        WelchPixel { count: n as f32, mean, variance, ..WelchPixel::default() }
+    }
+
+    fn normals(seed: u64, n: u64, shift: f64) -> WelchPixel {
+        pixel_of(&(0..n).map(|k| near_normal(seed, k) + shift).collect::<Vec<_>>())
+    }
+
+    const DRAWS: u64 = 40_000;
+
+    /// The share of pairs of 16 normal samples that are told apart, the second shifted by `shift`.
+    fn told_apart(degrees: TestDegrees, shift: f64) -> f64 {
+        let criticals = Criticals::new(0.005);
+        let apart =
+            |seed: &u64| !criticals.join(&normals(2 * seed, 16, 0.0), &normals(2 * seed + 1, 16, shift), degrees);
+        (0..DRAWS).filter(apart).count() as f64 / DRAWS as f64
+    }
+
+    /// Shares lie within 5 standard errors of those of an exact t-test, or of the figures in its place.
+    #[test]
+    fn pixels_of_equal_expectation_are_told_apart_at_the_level() {
+        let found = told_apart(TestDegrees::Counts, 0.0);
+        // Near-normal samples and the correction for skewness add a tenth to the level of 0.005.
+        assert!((found - 0.0055).abs() < 5.0 * (0.0055f64 / DRAWS as f64).sqrt(), "{found}");
+        let welch = told_apart(TestDegrees::Welch, 0.0);
+        assert!(welch <= found && welch > 0.003, "{welch}");
+    }
+
+    #[test]
+    fn shifts_of_several_standard_errors_are_told_apart() {
+        let difference = (2.0f64 / 16.0).sqrt();
+        for (errors, expected) in [(5.0, 0.967), (5.5, 0.990), (6.0, 0.997)] {
+            let found = told_apart(TestDegrees::Counts, errors * difference);
+            assert!((found - expected).abs() < 0.005, "{errors}: {found}");
+        }
+        // Five standard errors of one mean are only 3.5 of the difference.
+        let found = told_apart(TestDegrees::Counts, 5.0 / 4.0);
+        assert!((found - 0.69).abs() < 0.02, "{found}");
+    }
+
+    #[test]
+    fn the_correction_reduces_the_skewness_of_the_statistic() {
+        // Exponential samples have skewness 2: their t-statistic is low on average, by 1 / sqrt n.
+        let exponential = |seed: u64, k: u64| {
+            let z = [near_normal(seed, 2 * k), near_normal(seed, 2 * k + 1)];
+            0.5 * (z[0] * z[0] + z[1] * z[1])
+        };
+        let (mut plain, mut adjusted) = (0.0, 0.0);
+        for seed in 0..DRAWS / 4 {
+            let values: Vec<f64> = (0..16).map(|k| exponential(seed, k)).collect();
+            let pixel = pixel_of(&values);
+            let (mean, error) = (values.iter().sum::<f64>() / 16.0, f64::from(pixel.variance[0]).sqrt());
+            plain += (mean - 1.0) / error;
+            adjusted += (f64::from(pixel.mean[0]) - 1.0) / error;
+        }
+        let [plain, adjusted] = [plain, adjusted].map(|sum| sum / (DRAWS / 4) as f64);
+        // The correction adds a sixth of the samples' skewness over 4, which is about 1.07 for 16 of them.
+        assert!(plain < -0.25 && (adjusted - plain - 0.0446).abs() < 0.005, "{plain} {adjusted}");
+    }
+
+    #[test]
+    fn pixels_of_one_sample_join_nobody() {
+        let criticals = Criticals::new(0.005);
+        let (one, many) = (pixel_of(&[1.0]), pixel_of(&[1.0, 1.0, 1.0]));
+        assert!(!criticals.join(&one, &many, TestDegrees::Welch) && !criticals.join(&one, &one, TestDegrees::Welch));
+        assert!(criticals.join(&many, &many, TestDegrees::Welch), "the control: equal pixels join");
+    }
+
+    #[test]
+    fn noise_is_removed_and_an_edge_without_features_stays() {
+        let truth = |i: usize| if i % 48 < 24 { 0.3f32 } else { 0.9 };
+        let mut field = Field(|[x, _]: [u32; 2], u: [f32; 4]| [if x < 24 { 0.3 } else { 0.9 } * (0.5 + u[0]); 3]);
+        let filter = Welch::default();
+        let limits = Limits::spp(32.0);
+        let film = Render::new(frame(48, 48), &limits).needs(filter.needs());
+        let film = film.run(&mut field, &mut Uniform::new(Random::new(3))).unwrap();
+        let error = |image: &Filtered| {
+            image.radiance.iter().enumerate().map(|(i, c)| (c[0] - truth(i)).powi(2)).sum::<f32>() / 2304.0
+        };
+        let filtered = filter.apply(&film).unwrap();
+        let (after, before) = (error(&filtered), error(&Unfiltered.apply(&film).unwrap()));
+        assert!(after < 0.02 * before, "{after} of {before}");
+        // The reported variance is that of the result, but for pixels that noise has told apart.
+        let reported = filtered.error.unwrap().iter().sum::<f32>() / 2304.0;
+        assert!(reported < after && reported > 0.2 * after, "{reported} for {after}");
+    }
+}

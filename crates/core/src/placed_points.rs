@@ -1,0 +1,281 @@
+//! Point sets in which a sampler decides where samples lie.
+
+use crate::snapshot::bytes::{Reader, Writer};
+use crate::{Domain, Error, Frame, Limits, Needs, PointSet, SampleId, streams};
+use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The largest coordinate below 1.
+const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
+
+/// A point set over another one, with samples whose coordinates in a [`Domain`] a sampler has placed.
+///
+/// All other coordinates, and those of samples that were not placed, are the inner set's. The sampler owns the set and adds
+/// samples in [`Sampler::next_round`](crate::Sampler::next_round). Coordinates never change once they are set, so that
+/// traced samples can be replayed. A sampler saves them with [`Placed::save`].
+///
+/// ```
+/// use dapple_core::{Axis, Domain, Frame, HostNumbers, Placed, PointSet, Role, SampleId, streams};
+///
+/// let domain = Domain::new([Axis::new(Role::Place, 0, 0), Axis::new(Role::Place, 0, 1)])?;
+/// let mut points = Placed::new(HostNumbers, domain);
+/// points.add(&Frame::new(4, 4)?, SampleId::new([2, 1], streams::WHOLE, 0), &[0.25, 0.75])?;
+/// let [u, v, ..] = points.block(SampleId::new([2, 1], streams::WHOLE, 0), 0);
+/// assert_eq!([u, v], [0.25, 0.75]);
+/// let next = SampleId::new([2, 1], streams::WHOLE, 1);
+/// assert_eq!(points.block(next, 0), HostNumbers.block(next, 0));
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
+pub struct Placed<P> {
+    inner: P,
+    domain: Domain,
+    table: Arc<Table>,
+    handle: PlacedHandle,
+}
+
+/// The coordinates of the samples of some pixels.
+#[derive(Clone, Debug, Default)]
+struct Table {
+    frame: Option<Frame>,
+    /// For each stream of the image's samples and each pixel: the coordinates of its first samples, sample by sample.
+    rows: [Vec<Vec<f32>>; STREAMS],
+}
+
+/// The streams of the image's samples have the numbers below this one.
+const STREAMS: usize = 3;
+const _: () = assert!(streams::WHOLE < 3 && streams::HALVES[0] < 3 && streams::HALVES[1] < 3);
+
+impl Table {
+    /// The index, in the window, of the sample's pixel; `None` outside.
+    fn pixel(&self, id: SampleId) -> Option<usize> {
+        let frame = self.frame.as_ref()?;
+        let ([x0, y0], [width, height]) = (frame.origin(), frame.size());
+        let (x, y) = (id.pixel[0].checked_sub(x0)?, id.pixel[1].checked_sub(y0)?);
+        (x < width && y < height).then(|| y as usize * width as usize + x as usize)
+    }
+
+    /// The sample's coordinates, `axes` many; `None` if it was not placed.
+    #[inline]
+    fn row(&self, id: SampleId, axes: usize) -> Option<&[f32]> {
+        let row = self.rows.get(id.stream as usize)?.get(self.pixel(id)?)?;
+        let first = usize::try_from(id.index).ok()?.checked_mul(axes)?;
+        row.get(first..first.checked_add(axes)?)
+    }
+}
+
+impl Domain {
+    /// The bytes of a [`Placed`] in which a render within these limits places all its samples.
+    pub fn placed_bytes(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> u64 {
+        let rows = frame.bytes(size_of::<Vec<f32>>() * if needs.halves { 2 } else { 1 });
+        // Rows grow by a quarter.
+        rows.saturating_add(limits.expected_samples(frame).saturating_mul(5 * self.axes().len() as u64))
+    }
+}
+
+impl<P: PointSet> Placed<P> {
+    /// The points of `inner`, without placed samples.
+    pub fn new(inner: P, domain: Domain) -> Self {
+        let handle = PlacedHandle { domain: domain.clone(), table: Arc::default() };
+        Self { inner, domain, table: Arc::default(), handle }
+    }
+
+    /// The dimensions in which samples are placed.
+    pub fn domain(&self) -> &Domain {
+        &self.domain
+    }
+
+    /// A handle through which filters read the coordinates of samples that are placed later.
+    pub fn handle(&self) -> PlacedHandle {
+        self.handle.clone()
+    }
+
+    /// Forgets all placed samples.
+    pub fn clear(&mut self) {
+        self.handle.set(None);
+        self.table = Arc::default();
+    }
+
+    /// Places a sample of a render of `frame`: sets its coordinates, in the order of the domain's axes. Coordinates are clamped
+    /// to `[0, 1)`; NaN becomes 0. Samples of the pixel that were left out before it keep the inner set's coordinates.
+    ///
+    /// Call [`Placed::publish`] after the last sample of a round.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] for a sample that is placed already or precedes one, outside the frame, or of another stream than
+    /// those of the image; also for a wrong number of coordinates.
+    pub fn add(&mut self, frame: &Frame, id: SampleId, coordinates: &[f32]) -> Result<(), Error> {
+        self.handle.set(None);
+        let (axes, table) = (self.domain.axes().len(), Arc::make_mut(&mut self.table));
+        if table.frame != Some(*frame) {
+            *table = Table { frame: Some(*frame), rows: Default::default() };
+        }
+        let refuse = |allowed| Err(Error::OutOfRange { name: "placed sample", value: format!("{id:?}"), allowed });
+        let (Some(pixel), stream) = (table.pixel(id), id.stream as usize) else {
+            return refuse("a pixel of the frame");
+        };
+        let Some(rows) = table.rows.get_mut(stream) else { return refuse("a stream of the image's samples") };
+        if coordinates.len() != axes {
+            return refuse("one coordinate per axis of the domain");
+        }
+        rows.resize(frame.pixels(), Vec::new());
+        let row = &mut rows[pixel];
+        let there = (row.len() / axes) as u64;
+        if id.index < there {
+            return refuse("samples in the order of their indices, each once");
+        }
+        let more = usize::try_from(id.index - there).unwrap_or(usize::MAX).saturating_add(1).saturating_mul(axes);
+        if row.capacity() - row.len() < more {
+            row.reserve_exact(more.max(row.len() / 4));
+        }
+        for index in there..id.index {
+            let start = row.len();
+            row.resize(start + axes, 0.0);
+            self.domain.read(&self.inner, SampleId { index, ..id }, &mut row[start..]);
+        }
+        row.extend(coordinates.iter().map(|&x| if x > 0.0 { x.min(BELOW_ONE) } else { 0.0 }));
+        Ok(())
+    }
+
+    /// Shows the samples placed so far to the holders of a [`Placed::handle`].
+    pub fn publish(&mut self) {
+        self.handle.set(Some(self.table.clone()));
+    }
+
+    /// The placed samples as bytes for [`Placed::restore`].
+    pub fn save(&self) -> Vec<u8> {
+        let table = &*self.table;
+        let Some(frame) = table.frame else { return Vec::new() };
+        let mut to = Writer::with_capacity(0);
+        to.number([frame.resolution(), frame.origin(), frame.size()]);
+        for rows in &table.rows {
+            to.flag(!rows.is_empty());
+            rows.iter().for_each(|row| to.list(row));
+        }
+        to.finish()
+    }
+
+    /// Restores what [`Placed::save`] of such a set returned.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadSnapshot`] for other bytes.
+    pub fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        self.clear();
+        if saved.is_empty() {
+            return Ok(());
+        }
+        let (what, axes) = ("they are not placed samples", self.domain.axes().len());
+        let broken = || Error::BadSnapshot { what };
+        let mut from = Reader::new(saved);
+        let [[w, h], [x, y], [cw, ch]] = from.number::<[[u32; 2]; 3]>()?;
+        let (x1, y1) = (x.checked_add(cw).ok_or_else(broken)?, y.checked_add(ch).ok_or_else(broken)?);
+        let frame = Frame::new(w, h).and_then(|full| full.crop(x, y, x1, y1)).map_err(|_| broken())?;
+        let mut table = Table { frame: Some(frame), rows: Default::default() };
+        for rows in &mut table.rows {
+            for _ in 0..if from.flag()? { frame.pixels() } else { 0 } {
+                let row = from.list::<f32>()?;
+                if row.len() % axes != 0 || !row.iter().all(|x| (0.0..1.0).contains(x)) {
+                    return Err(broken());
+                }
+                rows.push(row);
+            }
+        }
+        if !from.is_empty() {
+            return Err(broken());
+        }
+        self.table = Arc::new(table);
+        self.publish();
+        Ok(())
+    }
+}
+
+impl<P: PointSet> PointSet for Placed<P> {
+    fn describe(&self) -> String {
+        format!("placed({})", self.inner.describe())
+    }
+
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        let mut lanes = self.inner.block(id, block);
+        if self.domain.has_block(block)
+            && let Some(row) = self.table.row(id, self.domain.axes().len())
+        {
+            for (axis, &x) in self.domain.axes().iter().zip(row).filter(|(axis, _)| axis.block == block) {
+                lanes[usize::from(axis.lane)] = x;
+            }
+        }
+        lanes
+    }
+
+    fn capacity(&self) -> u64 {
+        self.inner.capacity()
+    }
+
+    fn preferred_count(&self, n: u64) -> u64 {
+        self.inner.preferred_count(n)
+    }
+}
+
+/// The samples that a sampler has placed, for filters: those of its last published round.
+#[derive(Clone)]
+pub struct PlacedHandle {
+    domain: Domain,
+    table: Arc<Mutex<Option<Arc<Table>>>>,
+}
+
+impl PlacedHandle {
+    fn set(&self, table: Option<Arc<Table>>) {
+        *self.table.lock().unwrap_or_else(PoisonError::into_inner) = table;
+    }
+
+    fn table(&self) -> Arc<Table> {
+        self.table.lock().unwrap_or_else(PoisonError::into_inner).clone().unwrap_or_default()
+    }
+}
+
+impl fmt::Debug for PlacedHandle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("PlacedHandle")
+    }
+}
+
+/// The points of a film's samples, for filters that read coordinates: a point set, a domain, and the samples that a sampler
+/// has placed.
+#[derive(Clone)]
+pub struct FilmPoints {
+    points: Arc<dyn PointSet>,
+    domain: Domain,
+    placed: Option<PlacedHandle>,
+}
+
+impl FilmPoints {
+    /// The points of a film that was rendered with `points`.
+    pub fn new(points: Arc<dyn PointSet>, domain: Domain) -> Self {
+        Self { points, domain, placed: None }
+    }
+
+    /// Adds the samples that a sampler has placed ([`Placed::handle`]).
+    #[must_use]
+    pub fn with_placed(self, placed: Option<PlacedHandle>) -> Self {
+        Self { placed, ..self }
+    }
+
+    /// The dimensions in which samples have a meaning.
+    pub fn domain(&self) -> &Domain {
+        &self.domain
+    }
+
+    /// The points of all samples traced so far.
+    pub fn now(&self) -> Placed<Arc<dyn PointSet>> {
+        let domain = self.placed.as_ref().map_or(&self.domain, |placed| &placed.domain);
+        let mut points = Placed::new(self.points.clone(), domain.clone());
+        points.table = self.placed.as_ref().map_or_else(Arc::default, PlacedHandle::table);
+        points
+    }
+}
+
+impl fmt::Debug for FilmPoints {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("FilmPoints").field("points", &self.points.describe()).field("domain", &self.domain).finish()
+    }
+}

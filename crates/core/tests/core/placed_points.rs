@@ -1,0 +1,190 @@
+//! Samples that a sampler places: the placed coordinates, all others the inner set's, through snapshots and for filters.
+
+use crate::common::{Independent, frame, mix};
+use dapple_core::{
+    Axis, Block, Domain, Error, Feedback, FilmPoints, Frame, Needs, Placed, PlacedHandle, Plan, PointSet, Progress,
+    Role, SampleId, Sampler, allocate, streams,
+};
+use std::sync::Arc;
+
+fn domain() -> Domain {
+    let axes = [(Role::Place, 0, 0), (Role::Place, 0, 1), (Role::Lens, 0, 3), (Role::Time, 9, 2)];
+    Domain::new(axes.map(|(role, block, lane)| Axis::new(role, block, lane))).unwrap()
+}
+
+/// Equal counts in three rounds; each sample lies where a hash says.
+struct Placing {
+    points: Placed<Independent>,
+    needs: Needs,
+}
+
+impl Placing {
+    fn new(needs: Needs) -> Self {
+        Self { points: Placed::new(Independent::new(3), domain()), needs: needs.with_samples(u32::MAX) }
+    }
+}
+
+/// The coordinates of a sample that is placed.
+fn hashed(id: SampleId) -> [f32; 4] {
+    let name = u64::from(id.pixel[0]) | u64::from(id.pixel[1]) << 20 | id.index << 40 | u64::from(id.stream) << 60;
+    [0, 1, 2, 3].map(|axis| (mix(mix(name) ^ axis) >> 40) as f32 / (1 << 24) as f32)
+}
+
+impl Sampler for Placing {
+    fn name(&self) -> &str {
+        "placing"
+    }
+
+    fn needs(&self) -> Needs {
+        self.needs
+    }
+
+    fn points(&self) -> &dyn PointSet {
+        &self.points
+    }
+
+    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
+        if seen.round == 0 {
+            self.points.clear();
+        }
+        if seen.budget.left() == 0 {
+            return Ok(Progress::Done);
+        }
+        let pixels = seen.pixels();
+        let part = if seen.round < 2 { seen.budget.left().div_ceil(2).max(pixels as u64) } else { seen.budget.left() };
+        let now: Vec<u32> = (0..pixels).map(|i| seen.film.count(i) as u32).collect();
+        let least = pixels as u64 * u64::from(seen.budget.min_spp);
+        let total = (seen.budget.spent + part).max(least).min(seen.budget.total);
+        let floors: Vec<u32> = now.iter().map(|&n| n.max(seen.budget.min_spp)).collect();
+        let counts = allocate(&vec![1.0; pixels], &floors, seen.budget.max_spp, total)?.counts;
+        for i in 0..pixels {
+            plan.counts[i] = counts[i] - now[i];
+            let mut taken = [0, 1].map(|half| seen.film.samples(i, half).len());
+            for _ in now[i]..counts[i] {
+                let half = usize::from(seen.film.needs().halves && taken[1] < taken[0]);
+                let id = seen.film.sample_id(i, half, taken[half]);
+                taken[half] += 1;
+                // One sample in five keeps the inner coordinates.
+                if !mix(id.index ^ u64::from(id.pixel[0])).is_multiple_of(5) {
+                    self.points.add(seen.frame(), id, &hashed(id))?;
+                }
+            }
+        }
+        self.points.publish();
+        Ok(Progress::Trace)
+    }
+
+    fn save(&self) -> Vec<u8> {
+        self.points.save()
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        self.points.restore(saved)
+    }
+}
+
+#[test]
+fn a_sampler_that_places_samples_conforms() {
+    dapple_conformance::sampler(|| Box::new(Placing::new(Needs::none())));
+    dapple_conformance::sampler(|| Box::new(Placing::new(Needs::none().with_halves())));
+}
+
+/// All samples of the first three rounds of a sampler, with the filters' view of them.
+fn placed(frame: &Frame) -> (Placed<Independent>, PlacedHandle) {
+    let mut points = Placed::new(Independent::new(3), domain());
+    let handle = points.handle();
+    for (x, y, index) in (0..4).flat_map(|x| (0..3).flat_map(move |y| [0, 2, 3].map(|index| (x, y, index)))) {
+        let id = SampleId::new([x + 7, y + 1], streams::HALVES[0], index);
+        points.add(frame, id, &hashed(id)).unwrap();
+    }
+    (points, handle)
+}
+
+#[test]
+fn only_the_placed_lanes_of_placed_samples_differ_from_the_inner_set() {
+    let window = frame(20, 10).crop(7, 1, 11, 4).unwrap();
+    let (mut points, handle) = placed(&window);
+    points.publish();
+    let inner = Independent::new(3);
+    let film = FilmPoints::new(Arc::new(inner), domain()).with_placed(Some(handle)).now();
+    let mut changed = 0;
+    for (x, y, stream) in (5..13).flat_map(|x| (0..6).flat_map(move |y| (0..6).map(move |s| (x, y, s)))) {
+        for (index, block) in (0..6).flat_map(|index| [0, 1, 8, 9, 10].map(|block| (index, block))) {
+            let id = SampleId::new([x, y], stream, index);
+            let (found, plain) = (points.block(id, block), inner.block(id, block));
+            assert!(found.iter().all(|u| (0.0..1.0).contains(u)), "{id:?}: {found:?}");
+            assert_eq!(film.block(id, block), found, "a filter sees other points");
+            let inside = (7..11).contains(&x) && (1..4).contains(&y) && stream == streams::HALVES[0];
+            let expected = match (inside && [0, 2, 3].contains(&index), block) {
+                (true, 0) => [hashed(id)[0], hashed(id)[1], plain[2], hashed(id)[2]],
+                (true, 9) => [plain[0], plain[1], hashed(id)[3], plain[3]],
+                _ => plain,
+            };
+            assert_eq!(found.map(f32::to_bits), expected.map(f32::to_bits), "{id:?}, block {block}");
+            changed += u32::from(found != plain);
+        }
+    }
+    assert_eq!(changed, 4 * 3 * 3 * 2);
+    assert_eq!(points.describe(), "placed(independent:seed=3)");
+}
+
+#[test]
+fn coordinates_are_clamped_below_one() {
+    let (frame, mut points) = (frame(1, 1), Placed::new(Independent::new(1), domain()));
+    let id = SampleId::new([0, 0], streams::WHOLE, 0);
+    points.add(&frame, id, &[1.0, -0.5, f32::NAN, 7.0]).unwrap();
+    let [u, v, _, lens] = points.block(id, 0);
+    assert_eq!([u, v, lens], [1.0 - f32::EPSILON / 2.0, 0.0, 0.0]);
+    assert!(points.block(id, 9)[2] < 1.0);
+}
+
+#[test]
+fn samples_are_placed_once_in_order_and_within_the_frame() {
+    let (frame, mut points) = (frame(2, 2), Placed::new(Independent::new(1), domain()));
+    let mut add = |pixel, stream, index, axes: usize| {
+        points.add(&frame, SampleId::new(pixel, stream, index), &[0.5; 8][..axes]).map_err(|e| e.to_string())
+    };
+    assert!(add([1, 1], streams::WHOLE, 3, 4).is_ok());
+    for (pixel, stream, index, axes, allowed) in [
+        ([1, 1], streams::WHOLE, 3, 4, "samples in the order"),
+        ([1, 1], streams::WHOLE, 0, 4, "samples in the order"),
+        ([2, 1], streams::WHOLE, 0, 4, "a pixel of the frame"),
+        ([0, 0], streams::DISCARDED, 0, 4, "a stream of the image"),
+        ([0, 0], streams::WHOLE, 0, 3, "one coordinate per axis"),
+    ] {
+        assert!(add(pixel, stream, index, axes).is_err_and(|e| e.contains(allowed)), "{allowed}");
+    }
+    assert!(add([1, 1], streams::WHOLE, 4, 4).is_ok());
+}
+
+#[test]
+fn saved_samples_are_restored_and_damaged_bytes_refused() {
+    let window = frame(20, 10).crop(7, 1, 11, 4).unwrap();
+    let (points, _) = placed(&window);
+    let mut other = Placed::new(Independent::new(3), domain());
+    let saved = points.save();
+    other.restore(&saved).unwrap();
+    let id = SampleId::new([8, 2], streams::HALVES[0], 2);
+    assert_eq!((other.block(id, 0), other.save()), (points.block(id, 0), saved.clone()));
+    for end in 1..saved.len() {
+        assert!(matches!(other.restore(&saved[..end]), Err(Error::BadSnapshot { .. })), "{end} bytes");
+    }
+    let mut damaged = saved;
+    damaged.push(0);
+    assert!(matches!(other.restore(&damaged), Err(Error::BadSnapshot { .. })));
+    other.restore(&[]).unwrap();
+    assert_eq!(other.block(id, 0), Independent::new(3).block(id, 0));
+}
+
+#[test]
+fn domains_have_two_coordinates_of_the_place_first_and_no_lane_twice() {
+    let axis = |role, block: Block, lane| Axis::new(role, block.number(), lane);
+    let [u, v] = [0, 1].map(|lane| axis(Role::Place, Block::new(0), lane));
+    let lens = axis(Role::Lens, Block::new(0), 2);
+    assert!(Domain::new([u, v]).is_ok() && Domain::new([u, v, lens]).is_ok());
+    for wrong in [vec![], vec![u], vec![u, lens], vec![lens, u, v], vec![u, v, lens, lens], vec![u, v, v]] {
+        assert!(Domain::new(wrong.clone()).is_err(), "{wrong:?}");
+    }
+    assert!(Domain::new([u, v, axis(Role::Time, Block::new(0), 4)]).is_err());
+    assert_eq!(Domain::new([u, v]).unwrap().with_outside("glossy paths").outside(), Some("glossy paths"));
+}

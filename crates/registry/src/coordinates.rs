@@ -1,0 +1,75 @@
+//! Methods that place samples or read their coordinates.
+
+use crate::{AnyPoints, ClusterInputError, ClusterInputs, MadeSampler, Parameters, RegistryError};
+use dapple_classics::{Hierarchical, Mdas, MdasBoxes, MdasOptions, Subdivision, TreeMean};
+use dapple_core::{Domain, FilmPoints, Filter};
+
+/// The part that methods which place samples lack without a scene.
+const DIMENSIONS: &str = "the meaning of the samples' dimensions";
+
+fn refused(error: ClusterInputError, of: &'static str) -> RegistryError {
+    match error {
+        ClusterInputError::NoScene => RegistryError::NeedsWorld { of, what: DIMENSIONS },
+        ClusterInputError::Failed(why) => RegistryError::Points { of, why },
+    }
+}
+
+/// The dimensions in which a sampler places samples.
+fn domain(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Domain, RegistryError> {
+    let domain = inputs.domain().map_err(|e| refused(e, p.of()))?;
+    domain.ok_or(RegistryError::NeedsWorld { of: p.of(), what: DIMENSIONS })
+}
+
+/// The points of the samples that a filter reads.
+fn film_points(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<FilmPoints, RegistryError> {
+    let points = inputs.film_points().map_err(|e| refused(e, p.of()))?;
+    points.ok_or(RegistryError::NeedsWorld { of: p.of(), what: "the coordinates of the film's samples" })
+}
+
+pub(crate) fn mdas(
+    p: &Parameters,
+    points: AnyPoints,
+    inputs: &dyn ClusterInputs,
+) -> Result<MadeSampler, RegistryError> {
+    let options: MdasOptions = p.options()?;
+    let domain = domain(p, inputs)?;
+    if let Some(what) = domain.outside().filter(|_| options.force == 0) {
+        let why = format!(
+            "samples depend on {what}, and its noise looks like detail; force=1 samples the scene all the same"
+        );
+        return Err(RegistryError::Points { of: p.of(), why });
+    }
+    let sampler = Mdas::new(points, domain, options)?;
+    let placed = Some(sampler.placed());
+    Ok(MadeSampler { placed, ..sampler.into() })
+}
+
+pub(crate) fn subdivision(
+    p: &Parameters,
+    points: AnyPoints,
+    inputs: &dyn ClusterInputs,
+) -> Result<MadeSampler, RegistryError> {
+    let sampler = Subdivision::new(points, &domain(p, inputs)?, p.options()?)?;
+    let placed = Some(sampler.placed());
+    Ok(MadeSampler { placed, ..sampler.into() })
+}
+
+pub(crate) fn hierarchical(
+    p: &Parameters,
+    points: AnyPoints,
+    inputs: &dyn ClusterInputs,
+) -> Result<MadeSampler, RegistryError> {
+    let sampler = Hierarchical::new(points, domain(p, inputs)?, p.options()?)?;
+    let placed = Some(sampler.placed());
+    Ok(MadeSampler { placed, ..sampler.into() })
+}
+
+pub(crate) fn mdas_boxes(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
+    let options = p.options()?;
+    Ok(Box::new(MdasBoxes::new(film_points(p, inputs)?, options)?))
+}
+
+pub(crate) fn tree_mean(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
+    let options = p.options()?;
+    Ok(Box::new(TreeMean::new(film_points(p, inputs)?, options)?))
+}
