@@ -4,6 +4,7 @@
 mod binary;
 mod wide;
 
+use self::binary::MortonCells;
 use crate::shape::Quadric;
 use crate::traverse::{LIMIT, Node8, Tree, key};
 use crate::{Error, Mesh, MovingMesh, Shape};
@@ -138,11 +139,23 @@ impl<'a> Items<'a> {
     /// Builds the tree over all items. Returns it with the box around all items, `None` if there are no items.
     fn tree(&self, preset: Preset) -> (Tree, Option<Bounds>) {
         let Some(bounds) = self.total() else { return (Tree::default(), None) };
-        let tree = wide::collapse(&binary::by_area(self.leaves(bounds), preset.params()), self)
+        let tree = wide::collapse(&self.binary_tree(bounds, preset), self)
             .or_else(|| wide::collapse(&binary::by_median(self.leaves(bounds)), self))
             .unwrap_or_default();
         let around = tree.nodes.first().map(Node8::around);
         (tree, around)
+    }
+
+    /// Builds the binary tree over all items. Of few items, two are built, and the one with the lower expected cost is
+    /// returned: some small scenes suit obvhs's own cells better than cubes.
+    fn binary_tree(&self, bounds: Bounds, preset: Preset) -> Vec<Bvh2Node> {
+        let tree = |cells| binary::by_area(self.leaves(bounds), preset.params(), cells);
+        let cubes = tree(MortonCells::Cubes);
+        if self.keys.len() > FEW {
+            return cubes;
+        }
+        let of_scene = tree(MortonCells::OfScene);
+        if wide::cost(&cubes, self) < wide::cost(&of_scene, self) { cubes } else { of_scene }
     }
 
     /// Returns a box around all items, unpadded for triangles; `None` without items.
@@ -169,6 +182,8 @@ impl<'a> Items<'a> {
     }
 }
 
+/// The largest number of items over which two trees are built: twice the work for at most two milliseconds.
+const FEW: usize = 1 << 12;
 /// The padding of a triangle's box, as a fraction of the triangle's extent. The f32 weights of a triangle seen nearly
 /// edge-on (see `triangle::THIN`) can be off by 2^-17 per corner, and a corner can be two extents from the ray.
 const GROWTH: f32 = 1.0 / (1u64 << 14) as f32;

@@ -19,17 +19,26 @@ const CELLS: f32 = (1u32 << 20) as f32;
 /// medians here.
 const CROWD: usize = 8;
 
+/// The shape of the cells of Morton codes, by which obvhs sorts boxes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum MortonCells {
+    /// One scale for all axes, so that neighbours in the order are near each other in flat scenes too.
+    Cubes,
+    /// A scale for each axis by itself, as in obvhs.
+    OfScene,
+}
+
 /// Returns a binary tree of small expected cost. obvhs's PLOC and reinsertion join boxes with different centres;
 /// median splits divide groups of boxes that share one.
 ///
 /// Item `n` is the leaf at index `n` of `leaves`, whose boxes are in the unit cube. Children may come before their
 /// parent.
-pub(super) fn by_area(leaves: Vec<Bvh2Node>, params: BvhBuildParams) -> Vec<Bvh2Node> {
+pub(super) fn by_area(leaves: Vec<Bvh2Node>, params: BvhBuildParams, cells: MortonCells) -> Vec<Bvh2Node> {
     match Groups::new(&leaves) {
-        None => obvhs_tree(leaves, params),
+        None => obvhs_tree(leaves, params, cells),
         Some(groups) if groups.len() == 1 => by_median(leaves),
         Some(mut groups) => {
-            let mut nodes = obvhs_tree(groups.leaves(&leaves), params);
+            let mut nodes = obvhs_tree(groups.leaves(&leaves), params, cells);
             for number in 0..nodes.len() {
                 if nodes[number].is_leaf() {
                     let members = groups.members(nodes[number].first_index);
@@ -130,8 +139,11 @@ fn is_crowded(cells: impl Iterator<Item = u64> + Clone, count: usize) -> bool {
 }
 
 /// Builds obvhs's tree (PLOC, then reinsertion) over these leaves.
-fn obvhs_tree(leaves: Vec<Bvh2Node>, params: BvhBuildParams) -> Vec<Bvh2Node> {
-    let Some(all) = leaves.iter().map(|leaf| *leaf.aabb()).reduce(|a, b| a.union(&b)) else { return leaves };
+fn obvhs_tree(leaves: Vec<Bvh2Node>, params: BvhBuildParams, cells: MortonCells) -> Vec<Bvh2Node> {
+    let Some(mut all) = leaves.iter().map(|leaf| *leaf.aabb()).reduce(|a, b| a.union(&b)) else { return leaves };
+    if cells == MortonCells::Cubes {
+        all.max = all.min + (all.max - all.min).max_element();
+    }
     let mut tree = Bvh2::zeroed(leaves.len());
     // The leaves are moved into the builder, since `PlocBuilder::build` would copy them.
     let mut builder = PlocBuilder::with_capacity(leaves.len());
