@@ -9,7 +9,7 @@ use std::process::Command;
 /// The resolved graph of normal dependencies: each package with its direct dependencies.
 fn graph() -> (BTreeMap<String, BTreeSet<String>>, Value) {
     let output = Command::new(env!("CARGO"))
-        .args(["metadata", "--format-version", "1", "--locked", "--offline"])
+        .args(["metadata", "--format-version", "1", "--locked"])
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()
         .expect("cargo metadata runs");
@@ -50,7 +50,7 @@ fn tree(of: &[&str]) -> BTreeSet<String> {
     let output = Command::new(env!("CARGO"))
         .arg("tree")
         .args(of)
-        .args(["--edges", "normal", "--prefix", "none", "--locked", "--offline"])
+        .args(["--edges", "normal", "--prefix", "none", "--locked"])
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()
         .expect("cargo tree runs");

@@ -10,7 +10,6 @@ mod ears;
 mod gem;
 mod hierarchical;
 mod james_stein;
-mod kept_pilot;
 mod mdas;
 mod nfor;
 mod nlm_loop;
