@@ -9,6 +9,7 @@ mod inputs;
 mod parameters;
 mod points;
 mod samplers;
+mod verdicts;
 
 pub use dapple_cluster_adaptive::ProbesHandle;
 pub use dapple_core::Parameter;
@@ -19,6 +20,7 @@ pub use inputs::{ClusterInputError, ClusterInputs, ClusterProbes, HostClusters};
 pub use parameters::Parameters;
 pub use points::{AnyPoints, MakePoints, POINTS};
 pub use samplers::{MadeSampler, MakeSampler, SAMPLERS};
+pub use verdicts::verdicts;
 
 use dapple_clustering::{ClusterParams, Grouping, Insertion, Order, Sides};
 use dapple_core::Filter;
@@ -43,8 +45,6 @@ pub struct Entry<Make> {
     pub source: &'static str,
     /// The cases in which the method fails or loses; empty if they are stated elsewhere.
     pub weakness: &'static str,
-    /// The method's result in the race of all methods; empty if it took no part.
-    pub verdict: &'static str,
     make: Make,
 }
 
@@ -56,7 +56,7 @@ impl<Make> Entry<Make> {
         parameters: &'static [&'static [Parameter]],
         make: Make,
     ) -> Self {
-        Self { name, aliases: &[], about, parameters, feature: None, source, weakness: "", verdict: "", make }
+        Self { name, aliases: &[], about, parameters, feature: None, source, weakness: "", make }
     }
 
     /// Iterates over all parameters of the entry.
