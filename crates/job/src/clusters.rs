@@ -3,6 +3,7 @@
 use dapple_cluster_adaptive::{ProbeHit, ProbeRay, TraceProbe};
 use dapple_clustering::{Cluster, ClusterParams, ClusterReport, Clusters, Triangles, cluster};
 use dapple_core::FirstHit;
+use dapple_registry::LensProbes;
 use dapple_renderer::World;
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
@@ -171,4 +172,22 @@ pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> TracePro
             footprint: world.camera().footprint(distance),
         })
     })
+}
+
+/// First hits of the world through the centres of pixels and lens when the shutter opens.
+pub(crate) fn lens_probes(world: Arc<World>) -> LensProbes {
+    let has_lens = world.camera().has_lens();
+    let trace = move |pixel: [u32; 2]| {
+        let time = world.time(0.0);
+        let camera = world.camera();
+        let ray = camera.ray_at(camera.place(pixel, Vec2::ZERO), [0.5; 2], time);
+        match world.closest_hit(&ray, time) {
+            Some(at) => {
+                let blur = camera.circle_of_confusion(Some(at.point().position), time);
+                (Some(world.first_hit(&ray, &at, 0.5)), blur)
+            }
+            None => (None, camera.circle_of_confusion(None, time)),
+        }
+    };
+    LensProbes { trace: Arc::new(trace), has_lens }
 }

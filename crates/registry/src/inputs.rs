@@ -42,6 +42,16 @@ pub trait ClusterInputs {
         Ok(None)
     }
 
+    /// First hits through the centre of the lens, and the lens' blur there, for methods that know the lens before they sample;
+    /// `None` by default.
+    ///
+    /// # Errors
+    ///
+    /// [`ClusterInputError`] if there is no scene.
+    fn lens_probes(&self) -> Result<Option<LensProbes>, ClusterInputError> {
+        Ok(None)
+    }
+
     /// The dimensions in which the renderer's samples have a meaning, for samplers that place samples; `None` by default.
     ///
     /// # Errors
@@ -116,6 +126,18 @@ impl ClusterProbes {
     }
 }
 
+/// First hits through the centre of the lens, for the sampler `fourier-dof` and the filter `splat`.
+#[derive(Clone)]
+pub struct LensProbes {
+    /// The function that traces the ray through the centres of a pixel and of the lens, for a pixel of the full image.
+    ///
+    /// It returns the first hit, and the radius in pixels of the circle of confusion there: negative in front of the plane in
+    /// focus, 0 without a lens. It must be pure.
+    pub trace: Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync>,
+    /// `true` if the camera has a lens.
+    pub has_lens: bool,
+}
+
 /// Clusters that a renderer makes itself, from any number that its first hits have.
 ///
 /// The parameters of clustering (`k`, `clamp`, …) have no effect on them.
@@ -134,6 +156,7 @@ pub struct HostClusters {
     labels: Option<ClusterLookup>,
     probes: Option<ClusterProbes>,
     world_to_clip: Option<[[f32; 4]; 4]>,
+    lens_probes: Option<LensProbes>,
     domain: Option<Domain>,
     points: Option<FilmPoints>,
 }
@@ -162,6 +185,12 @@ impl HostClusters {
         Self { world_to_clip: Some(matrix), ..self }
     }
 
+    /// Sets the function that traces first hits through the centre of the lens, for `fourier-dof` and `splat`.
+    #[must_use]
+    pub fn with_lens_probes(self, probes: LensProbes) -> Self {
+        Self { lens_probes: Some(probes), ..self }
+    }
+
     /// Sets the dimensions in which samples have a meaning, for samplers that place samples.
     #[must_use]
     pub fn with_domain(self, domain: Domain) -> Self {
@@ -188,6 +217,10 @@ impl ClusterInputs for HostClusters {
         self.world_to_clip
     }
 
+    fn lens_probes(&self) -> Result<Option<LensProbes>, ClusterInputError> {
+        Ok(self.lens_probes.clone())
+    }
+
     fn domain(&self) -> Result<Option<Domain>, ClusterInputError> {
         Ok(self.domain.clone())
     }
@@ -206,6 +239,10 @@ impl ClusterInputs for NoScene {
     }
 
     fn probes(&self, _: &ClusterParams) -> Result<Option<ClusterProbes>, ClusterInputError> {
+        Err(ClusterInputError::NoScene)
+    }
+
+    fn lens_probes(&self) -> Result<Option<LensProbes>, ClusterInputError> {
         Err(ClusterInputError::NoScene)
     }
 

@@ -8,10 +8,11 @@ use std::sync::Arc;
 
 const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
 
-/// A scene in which all methods can be made: light scatters once, from a point light.
+/// A scene in which all methods can be made: light scatters once, from a point light, and the camera has a lens.
 fn inputs() -> MethodInputs {
     let mut scene = bundled::files("furnace").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
     scene.max_depth = Some(1);
+    (scene.camera.lens_radius, scene.camera.focal_distance) = (0.05, 1.0);
     let scene = dapple_renderer::without(&scene, Effect::SoftShadows).unwrap_or_else(|e| panic!("{e}"));
     let world = Arc::new(World::new(&scene).unwrap_or_else(|e| panic!("{e}")));
     let points = Arc::from(points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}")));
@@ -321,4 +322,40 @@ fn samples_are_not_placed_in_scenes_with_other_pixel_filters() {
     let error = refusal(sampler("subdivision", points("random", SETTING).expect("points"), &inputs));
     assert!(error.contains("not a box one pixel wide"), "{error}");
     assert!(refusal(filter("tree-mean", &inputs)).contains("not a box one pixel wide"));
+}
+
+#[test]
+fn fourier_dof_refuses_scenes_without_a_lens_unless_forced() {
+    let of = |name: &str| {
+        let scene = bundled::files(name).expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+        MethodInputs::of(Arc::new(World::with_resolution(&scene, [48, 32]).unwrap_or_else(|e| panic!("{e}"))))
+    };
+    let made = |words: &str, inputs: &MethodInputs| sampler(words, points("random", SETTING).expect("points"), inputs);
+    let cornell = of("cornell");
+    let error = refusal(made("fourier-dof", &cornell));
+    assert!(error.contains("the camera has no lens") && error.contains("force=1"), "{error}");
+    assert!(made("fourier-dof:force=1", &cornell).is_ok() && filter("splat", &cornell).is_ok());
+    assert!(made("fourier-dof", &of("chess")).is_ok());
+    assert!(check_sampler("fourier-dof").is_ok() && check_filter("splat").is_ok());
+    assert!(refusal(check_filter("splat:zero=0")).contains("zero"));
+}
+
+/// Few pixels have samples, the budget is exact, and the filter fills the others.
+#[test]
+fn fourier_dof_and_splat_render_a_scene_with_a_lens() {
+    let scene = bundled::files("chess").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+    let world = Arc::new(World::with_resolution(&scene, [96, 64]).unwrap_or_else(|e| panic!("{e}")));
+    let inputs = MethodInputs::of(world.clone());
+    let frame = dapple_core::Frame::new(96, 64).expect("not empty");
+    let mut limits = dapple_core::Limits::spp(8.0);
+    limits.min_spp = 0;
+    let points = points("sobol", SETTING).expect("points");
+    let mut made = sampler("fourier-dof", points, &inputs).unwrap_or_else(|e| panic!("{e}")).sampler;
+    let film = dapple_core::Render::new(frame, &limits).run(&mut *dapple_renderer::integrator(&world), &mut *made);
+    let film = film.expect("a film");
+    assert_eq!(film.record().samples, 8 * frame.pixels() as u64);
+    let empty = film.counts().iter().filter(|&&n| n == 0).count();
+    assert!(empty > frame.pixels() / 10, "{empty}");
+    let image = filter("splat", &inputs).unwrap_or_else(|e| panic!("{e}")).filter.apply(&film).expect("an image");
+    assert!(image.radiance.iter().all(|pixel| pixel.iter().sum::<f32>() > 0.0));
 }

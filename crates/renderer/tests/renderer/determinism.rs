@@ -49,7 +49,11 @@ fn plates() -> World {
 fn threads_and_tiles_change_no_bit_d01() {
     let worlds = [("room", world(&room(SIZE))), ("plates", plates())];
     for sampler in SAMPLERS {
-        let words = if sampler.name == "mdas" { "mdas:force=1" } else { sampler.name };
+        let words = match sampler.name {
+            "mdas" => "mdas:force=1",
+            "fourier-dof" => "fourier-dof:force=1",
+            name => name,
+        };
         for points in POINTS {
             for (scene, world) in &worlds {
                 let what = format!("{scene}, {}, {}", sampler.name, points.name);
