@@ -32,7 +32,7 @@ dapple_core::options! {
         /// Least standard deviation over the lens that counts assume; the default is ours.
         ///
         /// It stands for all noise that is not the lens'.
-        pub floor: f64 = 0.1, |floor| floor > 0.0 && floor <= 1.0, "above 0 and at most 1";
+        pub floor: f64 = 0.3, |floor| floor > 0.0 && floor <= 1.0, "above 0 and at most 1";
         /// 1 also samples scenes without a lens, by the bandwidth of their surfaces alone.
         pub force: u8 = 0, |force| force <= 1, "0 or 1";
     }

@@ -22,6 +22,9 @@ dapple_core::options! {
 /// standard deviation `1 / (4 W)` pixels. The image is the mean of these, weighted by the Gaussians. Where the bandwidth is 1/2
 /// a pixel keeps its own mean.
 ///
+/// A pixel of `n` samples has the weight `n / (n + m)`, for a mean of `m` samples per pixel: pixels at the floor of counts hardly
+/// matter, and many samples never count for more than 1.
+///
 /// Each pixel's Gaussian costs its area: films with samples in all pixels of a smooth image take longer than those of the
 /// sampler. Pixels out of reach of all samples are black. There is no error estimate.
 ///
@@ -52,6 +55,8 @@ impl Splat {
 struct Kernel {
     /// `exp(-falloff d^2)` is the weight at distance `d`.
     falloff: f64,
+    /// The weight by the number of samples.
+    trust: f64,
     /// The largest distance along a row or column; `None` for a pixel without samples.
     reach: Option<u32>,
 }
@@ -74,10 +79,12 @@ impl Filter for Splat {
         let frame = film.frame();
         let width = frame.size()[0] as usize;
         let bandwidth = LensBandwidth::of(frame, &*self.probes, &self.bandwidth, None).bandwidth;
+        let mean = (0..frame.pixels()).map(|i| film.count(i)).sum::<u64>() as f64 / frame.pixels() as f64;
         let kernel = |(i, &bandwidth): (usize, &f64)| {
             let deviation = self.options.width / bandwidth;
             let reach = (film.count(i) > 0).then(|| (self.options.reach / bandwidth) as u32);
-            Kernel { falloff: 0.5 / (deviation * deviation), reach }
+            let count = film.count(i) as f64;
+            Kernel { falloff: 0.5 / (deviation * deviation), trust: count / (count + mean), reach }
         };
         let kernels: Vec<Kernel> = bandwidth.iter().enumerate().map(kernel).collect();
         let rows: Vec<u32> =
@@ -112,7 +119,7 @@ fn splat_row(sums: &mut [[f64; 4]], film: &Film, kernels: &[Kernel], [from, to]:
             sums[x].iter_mut().zip([r, g, b, 1.0]).for_each(|(sum, value)| *sum += weight * value);
         };
         // The weights at growing distances: each is the last one times a factor, which itself falls by a constant factor.
-        let mut weight = libm::exp(-kernel.falloff * (down * down) as f64);
+        let mut weight = kernel.trust * libm::exp(-kernel.falloff * (down * down) as f64);
         let mut factor = libm::exp(-kernel.falloff);
         let fall = factor * factor;
         add(x, weight);
