@@ -1,7 +1,7 @@
 //! The clusters, probes and coordinates for which samplers and filters are made.
 
 use crate::RegistryError;
-use dapple_cluster_adaptive::{AreaVectors, ProbeHit, ProbeRay, TraceProbe};
+use dapple_cluster_adaptive::{AreaVectors, ProbeHit, ProbeRay, TraceProbe, TraceVisibility};
 use dapple_clustering::{Cluster, ClusterParams};
 use dapple_core::{Domain, FilmPoints, FirstHit};
 use dapple_denoise::ClusterLookup;
@@ -39,6 +39,15 @@ pub trait ClusterInputs {
     /// [`dapple_cluster_adaptive::Error`] for labels that do not fit the triangles.
     fn area_vectors(&self, clusters: &ClusterProbes) -> Result<Option<AreaVectors>, dapple_cluster_adaptive::Error> {
         let _ = clusters;
+        Ok(None)
+    }
+
+    /// The function that traces shadow rays from the hits of probes, for clusters that know the lights; `None` by default.
+    ///
+    /// # Errors
+    ///
+    /// [`ClusterInputError`] if there is no scene.
+    fn visibility(&self) -> Result<Option<TraceVisibility>, ClusterInputError> {
         Ok(None)
     }
 
@@ -156,6 +165,7 @@ pub struct HostClusters {
     labels: Option<ClusterLookup>,
     probes: Option<ClusterProbes>,
     world_to_clip: Option<[[f32; 4]; 4]>,
+    visibility: Option<TraceVisibility>,
     lens_probes: Option<LensProbes>,
     domain: Option<Domain>,
     points: Option<FilmPoints>,
@@ -183,6 +193,12 @@ impl HostClusters {
     #[must_use]
     pub fn with_world_to_clip(self, matrix: [[f32; 4]; 4]) -> Self {
         Self { world_to_clip: Some(matrix), ..self }
+    }
+
+    /// Sets the function that traces shadow rays from the hits of probes, for `cluster-thesis:lights=16`.
+    #[must_use]
+    pub fn with_visibility(self, visible: TraceVisibility) -> Self {
+        Self { visibility: Some(visible), ..self }
     }
 
     /// Sets the function that traces first hits through the centre of the lens, for `fourier-dof` and `splat`.
@@ -215,6 +231,10 @@ impl ClusterInputs for HostClusters {
 
     fn world_to_clip(&self) -> Option<[[f32; 4]; 4]> {
         self.world_to_clip
+    }
+
+    fn visibility(&self) -> Result<Option<TraceVisibility>, ClusterInputError> {
+        Ok(self.visibility.clone())
     }
 
     fn lens_probes(&self) -> Result<Option<LensProbes>, ClusterInputError> {

@@ -356,5 +356,12 @@ fn cluster_thesis(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs)
     let ClusterProbes { labels, clusters, shoot } = probes;
     let source = ProbeSource { labels, clusters, shoot, placement, described: p.described(CLUSTERING) };
     let sampler = ClusterThesis::probing(points, source, size, options).map_err(|e| p.refuse(e.to_string()))?;
+    let sampler = match options.lights {
+        0 => sampler,
+        _ => {
+            let visible = inputs.visibility().map_err(|e| e.of(p.of()))?;
+            sampler.with_visibility(visible.ok_or(lacks("shadow rays to the scene's lights (lights=0 needs none)"))?)
+        }
+    };
     Ok(MadeSampler { probes: sampler.handle(), sampler: Box::new(sampler), placed: None })
 }

@@ -115,6 +115,10 @@ fn sizes_of_clusters_that_need_more_of_the_scene_name_it() {
         let error = refusal(sampler(&format!("cluster-thesis:{words}"), sobol(), &clusters));
         assert!(error.contains(lacks), "{error}");
     }
+    let error = refusal(sampler("cluster-thesis:lights=16", sobol(), &clusters));
+    assert!(error.contains("shadow rays to the scene's lights"), "{error}");
+    let seen = clusters.clone().with_visibility(std::sync::Arc::new(|_, _| true));
+    assert_eq!(refusal(sampler("cluster-thesis:lights=16", sobol(), &seen)), "");
     let identity = [0, 1, 2, 3].map(|i| [0, 1, 2, 3].map(|j| if i == j { 1.0 } else { 0.0 }));
     let clusters = clusters.with_world_to_clip(identity);
     assert_eq!(refusal(sampler("cluster-thesis:size=screen", sobol(), &clusters)), "");
