@@ -6,8 +6,9 @@ use crate::inputs::CLUSTERS;
 use crate::{CLUSTERING, ClusterInputs, Entry, Parameters, RegistryError, clustering};
 #[cfg(feature = "classics")]
 use dapple_classics::{
-    GemFilter, GemFilterOptions, JamesStein, JamesSteinOptions, MdasBoxesOptions, Nfor, NforOptions, NlmLoopFilter,
-    NlmLoopFilterOptions, SureFilter, SureFilterOptions, TreeMeanOptions, Wavelet, WaveletOptions, Welch, WelchOptions,
+    GemFilter, GemFilterOptions, JamesStein, JamesSteinOptions, LensBandwidthOptions, MdasBoxesOptions, Nfor,
+    NforOptions, NlmLoopFilter, NlmLoopFilterOptions, SplatOptions, SureFilter, SureFilterOptions, TreeMeanOptions,
+    Wavelet, WaveletOptions, Welch, WelchOptions,
 };
 use dapple_core::{Filter, Options as _, Unfiltered};
 use dapple_denoise::{
@@ -83,6 +84,18 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
             "Meister and Hachisuka, multidimensional adaptive sampling on GPUs, JCGT 11(2), 2022",
             &[MdasBoxesOptions::PARAMETERS],
             crate::coordinates::mdas_boxes,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "blurs shadows and reflections on smooth surfaces; slow if all pixels of a smooth image have samples",
+        ..Entry::new(
+            "splat",
+            "Gaussians as wide as lens and surfaces allow, over pixels with samples; for fourier-dof (after Soler 2009)",
+            "after Soler et al., Fourier Depth of Field, 2009",
+            &[SplatOptions::PARAMETERS, LensBandwidthOptions::PARAMETERS],
+            crate::lens::splat,
         )
     },
     #[cfg(feature = "classics")]

@@ -237,6 +237,27 @@ impl CameraView {
         if self.orthographic { self.pixel_width() * self.axes.x_axis.length() } else { distance * self.pixel_width() }
     }
 
+    /// Returns the radius in pixels of the circle of confusion of a point in the renderer's space, at a time in `[0, 1]`.
+    /// `None` is a point at infinity.
+    ///
+    /// The radius is negative in front of the plane in focus, and 0 without a lens. At infinity, it is infinite for an
+    /// orthographic camera.
+    pub fn circle_of_confusion(&self, point: Option<Vec3>, time: f32) -> f32 {
+        if !self.has_lens() {
+            return 0.0;
+        }
+        let depth = point.map_or(f32::INFINITY, |point| {
+            let (origin, axes) = self.pose(time);
+            (axes.inverse() * (point - origin)).z.max(f32::MIN_POSITIVE)
+        });
+        let shift = if self.orthographic {
+            depth / self.focal_distance - 1.0
+        } else {
+            self.focal_distance.recip() - depth.recip()
+        };
+        self.lens_radius * shift / self.pixel_width()
+    }
+
     /// Returns true if the lens has a radius above 0.
     pub fn has_lens(&self) -> bool {
         self.lens_radius > 0.0

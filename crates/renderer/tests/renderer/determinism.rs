@@ -54,7 +54,11 @@ fn threads_and_tiles_change_no_bit_d01() {
     let points = POINTS.iter().flat_map(|points| [("uniform", points.name), ("variance", points.name)]);
     let pairs: BTreeSet<_> = samplers.chain(points).collect();
     for (sampler, points) in pairs {
-        let words = if sampler == "mdas" { "mdas:force=1" } else { sampler };
+        let words = match sampler {
+            "mdas" => "mdas:force=1",
+            "fourier-dof" => "fourier-dof:force=1",
+            name => name,
+        };
         for (scene, world) in &worlds {
             let what = format!("{scene}, {sampler}, {points}");
             let run = |s, threads| rendered(world, words, points, s, threads);
