@@ -322,3 +322,37 @@ fn samples_are_not_placed_in_scenes_with_other_pixel_filters() {
     assert!(error.contains("not a box one pixel wide"), "{error}");
     assert!(refusal(filter("tree-mean", &inputs)).contains("not a box one pixel wide"));
 }
+
+/// The renderer's depths, motions and lens agree with each other: samples are moved to where the renderer sees them.
+#[test]
+fn tlfr_removes_most_of_the_noise_of_defocus_and_motion() {
+    use dapple_core::{Film, Frame, Limits, Needs, Render, samplers::Uniform};
+    const SIZE: [u32; 2] = [48, 32];
+    for (name, blur) in [("lens", 4.0), ("motion", 1.0)] {
+        let mut scene = bundled::files(name).expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+        scene.film.pixel_filter = dapple_scene::PixelFilter::default();
+        scene.camera.lens_radius *= blur;
+        scene.max_depth = Some(1);
+        let world = Arc::new(World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{e}")));
+        let sobol = |seed| points("sobol", Setting { seed, spp: Some(16) }).unwrap_or_else(|e| panic!("{e}"));
+        let render = |seed, spp, needs: Needs| -> Film {
+            let frame = Frame::new(SIZE[0], SIZE[1]).unwrap_or_else(|e| panic!("{e}"));
+            let mut tracer = dapple_renderer::integrator(&world);
+            let film = Render::new(frame, &Limits::spp(spp)).needs(needs);
+            film.run(&mut *tracer, &mut Uniform::new(sobol(seed))).unwrap_or_else(|e| panic!("{e}"))
+        };
+        let film_points = FilmPoints::new(Arc::from(sobol(1)), world.domain().expect("a box filter"));
+        let film_points = film_points.with_defocus(world.camera().defocus());
+        let inputs = MethodInputs { points: Some(film_points), ..MethodInputs::of(world.clone()) };
+        let tlfr = filter("tlfr", &inputs).unwrap_or_else(|e| panic!("{e}")).filter;
+        let (reference, film) = (render(2, 512.0, Needs::none()).image(), render(1, 8.0, tlfr.needs()));
+        let error = |image: &[[f32; 3]]| -> f64 {
+            let square = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
+            image.iter().zip(&reference).map(square).sum::<f64>()
+        };
+        let filtered = tlfr.apply(&film).unwrap_or_else(|e| panic!("{e}")).radiance;
+        let share = error(&filtered) / error(&film.image());
+        println!("{name}: {share}");
+        assert!(share < 0.5, "{name}: {share} of the error is left");
+    }
+}
