@@ -6,6 +6,11 @@ use dapple_core::{Defocus, Domain, Film, FilmPoints, PointSet, Role, SampleId, T
 /// camera are taken as being at rest.
 const NEAREST: f32 = 1e-3;
 
+/// The largest distance from the image, in pixels, at which a sample may lie. Faster motions are taken as rest.
+const FARTHEST: f32 = 1e9;
+/// The largest inverse depth.
+const CLOSEST: f32 = 1e30;
+
 /// A point of the light field: the place in the image in pixels, the point on the unit disk of the lens, and the time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct At {
@@ -45,14 +50,20 @@ pub(super) fn radius(defocus: &Defocus, inverse_depth: f64) -> [f64; 2] {
 impl Sample {
     /// The sample that lies at `at` and has this trajectory.
     pub(super) fn new(at: &At, trajectory: &Trajectory, defocus: &Defocus, radiance: [f32; 3]) -> Self {
-        let blur = radius(defocus, f64::from(trajectory.inverse_depth));
-        let place = |axis: usize| (at.place[axis] - blur[axis] * at.lens[axis]) as f32;
+        let inverse_depth = trajectory.inverse_depth.min(CLOSEST);
+        let blur = radius(defocus, f64::from(inverse_depth));
+        let place = |axis: usize| {
+            let place = (at.place[axis] - blur[axis] * at.lens[axis]) as f32;
+            place.clamp(-FARTHEST, FARTHEST)
+        };
         let (x, y, time) = (place(0), place(1), at.time as f32);
         let back = |motion: [f32; 3]| [x - time * motion[0], y - time * motion[1], 1.0 - time * motion[2]];
         let start = back(trajectory.motion);
-        let is_sound = start[2].min(start[2] + trajectory.motion[2]) > NEAREST && start.iter().all(|x| x.is_finite());
+        let numbers = start.iter().chain(&trajectory.motion);
+        let is_sound =
+            start[2].min(start[2] + trajectory.motion[2]) > NEAREST && numbers.into_iter().all(|x| x.abs() < FARTHEST);
         let motion = if is_sound { trajectory.motion } else { [0.0; 3] };
-        Self { start: back(motion), motion, inverse_depth: trajectory.inverse_depth, radiance }
+        Self { start: back(motion), motion, inverse_depth, radiance }
     }
 
     /// The depth at a time, relative to the sample's own.

@@ -111,7 +111,7 @@ fn noise([x, y]: [f64; 2]) -> Option<[f32; 3]> {
 #[test]
 fn tlfr_conforms() {
     for roles in [&[][..], &ALL] {
-        dapple_conformance::filter(|| Box::new(tlfr(roles, Defocus::new([3.0, -3.0], [1.0, -1.0]), 8)));
+        dapple_conformance::filter(|| Box::new(tlfr(roles, Defocus::new([3.0, -3.0], [1.0, -1.0]), 2)));
     }
 }
 
@@ -278,6 +278,25 @@ fn a_light_field_of_one_surface_mixes_planes() {
     let mixing = HalfPlane { field: LightField { widths: [0.0; 2], ..planes.field }, ..planes };
     let [truth, found, mixed] = mixing.red(MIDDLE + 2, 4, 128);
     assert!(mixed > 0.2 && (found - truth).abs() > 0.02, "{truth} {found} {mixed}");
+}
+
+#[test]
+fn senseless_trajectories_spoil_no_other_samples() {
+    for path in [
+        Trajectory::new(f32::MAX, [0.0; 3]),
+        Trajectory::new(1.0, [f32::MAX, 0.0, 0.0]),
+        Trajectory::new(1.0, [0.0, -1e30, f32::MAX]),
+        Trajectory::new(f32::MIN_POSITIVE, [0.0, 0.0, -f32::MAX]),
+        Trajectory::new(f32::NAN, [0.0; 3]),
+    ] {
+        let mut film = Film::new(Frame::new(4, 4).unwrap(), Needs::none().with_samples(u32::MAX).with_trajectories());
+        for (i, k) in (0..16).flat_map(|i| (0..4).map(move |k| (i, k))) {
+            let path = if (i + k) % 3 == 0 { path } else { Trajectory::new(0.5, [1.0, 0.0, 0.0]) };
+            film.push_estimate(i, 0, &Estimate::new([0.5; 3]).with_trajectory(path));
+        }
+        let image = tlfr(&ALL, Defocus::new([2.0, -2.0], [4.0, -4.0]), 16).apply(&film).unwrap().radiance;
+        assert!(image.iter().flatten().all(|x| (x - 0.5).abs() < 1e-5), "{path:?}: {image:?}");
+    }
 }
 
 #[test]

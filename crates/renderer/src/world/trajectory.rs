@@ -7,9 +7,9 @@ use glam::DVec3;
 
 impl World {
     /// Returns the trajectory of a camera ray's first hit: its depth, and its motion across the image while the shutter is
-    /// open. The object and the camera move; light behind mirrors and glass does not.
+    /// open, with the object and the camera. Reflections, and what is behind glass, are taken to move with the surface hit.
     ///
-    /// Returns `None` for a hit in the plane of the lens, and for a motion that starts or ends beyond the range of `f32`.
+    /// Returns `None` for a hit in the plane of the lens, and for a motion beyond the range of `f32`.
     pub fn trajectory(&self, at: &Interaction<'_>) -> Option<Trajectory> {
         let now = at.point.position.as_dvec3();
         let ends = match self.geometry.to_world(at.hit.shape, at.time).filter(|_| self.moves) {
