@@ -25,6 +25,7 @@ mod sure;
 mod test_films;
 #[cfg(test)]
 mod test_scenes;
+mod tlfr;
 mod tree;
 mod tree_mean;
 mod upper_confidence;
@@ -48,6 +49,7 @@ pub use nlm_loop::{HalfVariance, NlmLoop, NlmLoopFilter, NlmLoopFilterOptions, N
 pub use perceptual::{Perceptual, PerceptualOptions};
 pub use subdivision::{Subdivision, SubdivisionOptions};
 pub use sure::{Sure, SureFilter, SureFilterOptions, SureOptions};
+pub use tlfr::{Tlfr, TlfrOptions};
 pub use tree_mean::{PartRule, TreeMean, TreeMeanOptions};
 pub use upper_confidence::{UpperConfidence, UpperConfidenceOptions};
 pub use variance_threshold::{VarianceThreshold, VarianceThresholdOptions};

@@ -7,8 +7,8 @@ use crate::{CLUSTERING, ClusterInputs, Entry, Parameters, RegistryError, cluster
 #[cfg(feature = "classics")]
 use dapple_classics::{
     GemFilter, GemFilterOptions, JamesStein, JamesSteinOptions, LensBandwidthOptions, MdasBoxesOptions, Nfor,
-    NforOptions, NlmLoopFilter, NlmLoopFilterOptions, SplatOptions, SureFilter, SureFilterOptions, TreeMeanOptions,
-    Wavelet, WaveletOptions, Welch, WelchOptions,
+    NforOptions, NlmLoopFilter, NlmLoopFilterOptions, SplatOptions, SureFilter, SureFilterOptions, TlfrOptions,
+    TreeMeanOptions, Wavelet, WaveletOptions, Welch, WelchOptions,
 };
 use dapple_core::{Filter, Options as _, Unfiltered};
 use dapple_denoise::{
@@ -96,6 +96,18 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
             "after Soler et al., Fourier Depth of Field, 2009",
             &[SplatOptions::PARAMETERS, LensBandwidthOptions::PARAMETERS],
             crate::lens::splat,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "reflections do not move with their surface; noise from outside lens and time stays; as slow as tens of samples",
+        ..Entry::new(
+            "tlfr",
+            "samples moved over lens and time, for defocus and motion blur (Lehtinen 2011)",
+            "Lehtinen et al., Temporal Light Field Reconstruction for Rendering Distribution Effects, 2011",
+            &[TlfrOptions::PARAMETERS],
+            crate::coordinates::tlfr,
         )
     },
     #[cfg(feature = "classics")]

@@ -4,8 +4,9 @@ use crate::common::{Field, Independent, Planned, everything, frame, mix, noise, 
 use dapple_conformance::bits;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Error, Feedback, Film, Limits, Methods, Needs, Plan, PointSet, Progress, Render, Retention, SampleId, Schedule,
-    Session, Shard, ShardFilm, Sharded, Snapshot, merge, streams,
+    Block, Draws, Error, Estimate, Feedback, Film, Integrator, Limits, Methods, Needs, Plan, PointSet, Progress,
+    Render, Retention, SampleId, Schedule, Session, Shard, ShardFilm, Sharded, Snapshot, Trajectory, Worker, merge,
+    streams,
 };
 
 const ALL: u32 = u32::MAX;
@@ -111,7 +112,7 @@ fn withdrawn_samples_move_behind_the_discarded_ones() {
 #[test]
 fn samples_change_no_other_bit_and_depend_on_no_threads_tiles_or_cuts() {
     let (frame, mut plain) = (frame(19, 17), everything());
-    plain.samples = 0;
+    (plain.samples, plain.trajectories) = (0, false);
     let render = |needs: Needs, threads: usize, schedule: Schedule| {
         let limits = Limits::samples(9 * 19 * 17 + 5).with_schedule(schedule);
         let mut sampler = Uniform::new(Independent::new(4));
@@ -234,4 +235,140 @@ fn a_film_of_channels_has_no_samples_of_the_radiance() {
     assert_eq!(film.samples(1, 0).len(), 3);
     let bands = film.with_channels_as_colour([2, 1, 0]).unwrap();
     assert!(bands.needs().samples == 0 && bands.samples(1, 0).is_empty());
+}
+
+/// Noise with a trajectory, which is NaN in one sample of eight.
+struct Moving;
+
+fn trajectory(u: [f32; 4]) -> Trajectory {
+    Trajectory::new(if u[3] < 0.125 { f32::NAN } else { u[0] }, [u[1], -u[2], u[3]])
+}
+
+impl Integrator for Moving {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
+        let u = draws.block(Block::new(0));
+        assert!(draws.wants_first_hit() || !draws.wants_trajectory());
+        Estimate::new(faulty(draws.pixel(), u)).with_trajectory(draws.wants_trajectory().then(|| trajectory(u)))
+    }
+}
+
+fn paths(film: &Film) -> Vec<Vec<Trajectory>> {
+    let of = |i| (0..2).map(move |half| film.trajectories(i, half).to_vec());
+    (0..film.frame().pixels()).flat_map(of).collect()
+}
+
+#[test]
+fn trajectories_are_those_of_the_samples_in_either_half() {
+    for (halves, limit) in [(false, ALL), (true, ALL), (true, 3)] {
+        let needs = Needs::none().with_samples(limit).with_trajectories();
+        let needs = if halves { needs.with_halves() } else { needs };
+        let film = run(&mut Moving, &mut uneven(needs), needs, frame(8, 5), &Limits::samples(9999)).unwrap();
+        for (i, half) in (0..film.frame().pixels()).flat_map(|i| [(i, 0), (i, 1)]) {
+            assert_eq!(film.trajectories(i, half).len(), film.samples(i, half).len());
+            for (number, found) in film.trajectories(i, half).iter().enumerate() {
+                let id = film.sample_id(i, half, number);
+                let expected = trajectory(Independent::new(3).block(id, 0));
+                // Those that are not finite are left out.
+                let expected = if expected.inverse_depth.is_nan() { Trajectory::default() } else { expected };
+                assert_eq!(*found, expected, "{id:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn trajectories_change_no_other_bit_and_depend_on_no_threads_tiles_or_cuts() {
+    let (frame, mut plain) = (frame(19, 17), everything());
+    plain.trajectories = false;
+    let render = |needs: Needs, threads: usize, schedule: Schedule| {
+        let limits = Limits::samples(9 * 19 * 17 + 5).with_schedule(schedule);
+        let mut sampler = Uniform::new(Independent::new(4));
+        on_threads(threads, || run(&mut Moving, &mut sampler, needs, frame, &limits)).unwrap()
+    };
+    for needs in [plain, Needs::none().with_samples(3)] {
+        let whole = render(needs.with_trajectories(), 1, Schedule::default());
+        let without = render(needs, 1, Schedule::default());
+        assert!(paths(&without).iter().all(Vec::is_empty) && paths(&whole).iter().any(|row| row.len() > 2));
+        assert!(bits(&whole) == bits(&without) && rows(&whole) == rows(&without));
+        for (threads, band, slice, shuffle) in [(2, 1, 0, 0), (3, 7, 1, 5), (7, 16, 2, 9)] {
+            let schedule = Schedule::default().with_tile_rows(band).with_slice_spp(slice).with_shuffle(shuffle);
+            let film = render(needs.with_trajectories(), threads, schedule);
+            assert!(bits(&film) == bits(&whole) && paths(&film) == paths(&whole));
+        }
+    }
+    // Without samples stored one by one there are no trajectories.
+    let none = render(Needs::none().with_trajectories(), 1, Schedule::default());
+    assert!(paths(&none).iter().all(Vec::is_empty));
+}
+
+#[test]
+fn trajectories_survive_sessions_snapshots_and_shards() {
+    let (frame, limits) = (frame(7, 5), Limits::spp(6.0));
+    let needs = Needs::none().with_halves().with_samples(2).with_trajectories();
+    let uniform = || Uniform::new(Independent::new(8));
+    let whole = run(&mut Moving, &mut uniform(), needs, frame, &limits).unwrap();
+    let methods = || Methods::from(uniform()).with_needs(needs);
+    let mut session = Session::new(frame, limits.clone(), methods()).unwrap().with_tile_side(3);
+    while let Some(round) = session.next_round().unwrap() {
+        let Some(mut tile) = round.next_tile() else { break };
+        let samples: Vec<_> = tile.samples().collect();
+        samples.iter().rev().for_each(|sample| tile.add(sample, Moving.estimate(sample, &mut Worker::default())));
+        round.submit(tile).unwrap();
+        let snapshot = Snapshot::from_bytes(&session.snapshot()).unwrap();
+        session = Session::resume(frame, limits.clone(), methods(), snapshot).unwrap().with_tile_side(3);
+    }
+    assert!(paths(&session.into_film()) == paths(&whole));
+    let part = |index| {
+        let (shard, mut inner) = (Shard::new(index, 3).unwrap(), uniform());
+        let mut sharded = Sharded::new(&mut inner, shard, &limits).unwrap();
+        let film = run(&mut Moving, &mut sharded, needs, frame, &limits).unwrap();
+        ShardFilm::from_bytes(&ShardFilm::new(shard, &film).unwrap().to_bytes()).unwrap()
+    };
+    assert!(paths(&merge(&[part(2), part(0), part(1)]).unwrap()) == paths(&whole));
+}
+
+#[test]
+fn withdrawn_samples_take_their_trajectories_along() {
+    // Keeps 2, then withdraws these of pixel 1 and keeps 3.
+    let plan = |seen: &Feedback<'_>, plan: &mut Plan| {
+        plan.counts.fill([2, 3, 0][seen.round.min(2) as usize]);
+        plan.withdraw = (seen.round == 1).then(|| vec![false, true]);
+        if seen.round < 2 { Progress::Trace } else { Progress::Done }
+    };
+    let needs = Needs::none().with_samples(ALL).with_trajectories();
+    let mut sampler = Planned { points: Independent::new(5), needs, plan };
+    let film = run(&mut Moving, &mut sampler, needs, frame(2, 1), &Limits::samples(100)).unwrap();
+    assert_eq!([film.trajectories(0, 0).len(), film.trajectories(1, 0).len()], [5, 3]);
+    let first = Independent::new(5).block(film.sample_id(1, 0, 0), 0);
+    assert_eq!(film.trajectories(1, 0)[0].motion[0], if first[3] < 0.125 { 0.0 } else { first[1] });
+}
+
+#[test]
+fn snapshots_with_trajectories_grow_by_16_bytes_for_each_sample() {
+    let size = |needs: Needs| {
+        let mut bytes = 0;
+        let mut note = |status: &dapple_core::Status<'_>| {
+            bytes = status.snapshot().len();
+            dapple_core::Control::Continue
+        };
+        let (mut sampler, limits) = (Uniform::new(Independent::new(1)), Limits::spp(5.0));
+        Render::new(frame(6, 4), &limits).needs(needs).monitor(&mut note).run(&mut Moving, &mut sampler).unwrap();
+        bytes
+    };
+    let needs = Needs::none().with_samples(3);
+    assert_eq!(size(needs.with_trajectories()), size(needs) + 3 * 16 * 24);
+    assert_eq!(size(Needs::none().with_trajectories()), size(Needs::none()));
+}
+
+#[test]
+fn readers_of_trajectories_refuse_films_without_them() {
+    let reads = Needs::none().with_samples(1).with_trajectories();
+    let bare = Film::new(frame(1, 1), Needs::none().with_samples(1));
+    assert!(matches!(bare.require("reader", &reads), Err(Error::NotRecorded { .. })));
+    let mut film = Film::new(frame(1, 1), reads);
+    assert!(film.require("reader", &reads).is_ok());
+    film.push(0, 0, [1.0; 3]);
+    assert!(matches!(film.require("reader", &reads), Err(Error::NoneReported { .. })));
+    film.push_estimate(0, 0, &Estimate::new([1.0; 3]).with_trajectory(Trajectory::default()));
+    assert!(film.require("reader", &reads).is_ok());
 }

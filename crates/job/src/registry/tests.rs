@@ -407,3 +407,67 @@ fn clusters_in_a_penumbra_get_more_samples_with_shadow_rays() {
     assert!(penumbra > 1.1 * light && penumbra > 1.1 * shadow, "{with:?} {without:?}");
     assert!((light / shadow - 1.0).abs() < 0.02, "{with:?} {without:?}");
 }
+
+/// Traces paths, and reports their trajectories only if asked.
+struct Tracer<'w>(Box<dyn dapple_core::Integrator + 'w>, bool);
+
+impl dapple_core::Integrator for Tracer<'_> {
+    fn estimate(&self, draws: &dapple_core::Draws<'_>, log: &mut dapple_core::Worker) -> dapple_core::Estimate {
+        let estimate = self.0.estimate(draws, log);
+        let trajectory = estimate.trajectory.filter(|_| self.1);
+        estimate.with_trajectory(trajectory)
+    }
+}
+
+/// The scene `lens` with a wide lens, or a moving camera; lit by one point light.
+fn blurred(moves: bool) -> dapple_scene::Scene {
+    let mut scene = bundled::files("lens").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+    scene.film.pixel_filter = dapple_scene::PixelFilter::default();
+    scene.max_depth = Some(1);
+    for effect in [Effect::Environment, Effect::SoftShadows, Effect::SeveralLights] {
+        if dapple_scene::Effects::of(&scene).has(effect) {
+            scene = dapple_renderer::without(&scene, effect).unwrap_or_else(|e| panic!("{e}"));
+        }
+    }
+    let mut end = scene.camera.to_world;
+    end.translation += 0.1 * end.matrix3.x_axis * scene.camera.focal_distance;
+    scene.camera.moves_to = moves.then_some(end);
+    scene.camera.lens_radius *= if moves { 0.0 } else { 2.0 };
+    scene
+}
+
+/// The renderer's depths, motions and lens agree with each other: samples are moved to where the renderer sees them. The
+/// negative control has no trajectories.
+#[test]
+fn tlfr_moves_samples_to_where_the_renderer_sees_them() {
+    use dapple_core::{Film, Frame, Limits, Needs, Render, samplers::Uniform};
+    const SIZE: [u32; 2] = [60, 40];
+    for moves in [false, true] {
+        let world = World::with_resolution(&blurred(moves), SIZE).unwrap_or_else(|e| panic!("{e}"));
+        let world = Arc::new(world);
+        let sobol = |seed| points("sobol", Setting { seed, spp: Some(16) }).unwrap_or_else(|e| panic!("{e}"));
+        let render = |seed, spp, needs: Needs, reports: bool| -> Film {
+            let frame = Frame::new(SIZE[0], SIZE[1]).unwrap_or_else(|e| panic!("{e}"));
+            let (limits, mut tracer) = (Limits::spp(spp), Tracer(dapple_renderer::integrator(&world), reports));
+            let render = Render::new(frame, &limits).needs(needs);
+            render.run(&mut tracer, &mut Uniform::new(sobol(seed))).unwrap_or_else(|e| panic!("{e}"))
+        };
+        let film_points = FilmPoints::new(Arc::from(sobol(1)), world.domain().expect("a box filter"));
+        let film_points = film_points.with_defocus(world.camera().defocus());
+        let inputs = MethodInputs { points: Some(film_points), ..MethodInputs::of(world.clone()) };
+        let tlfr = filter("tlfr", &inputs).unwrap_or_else(|e| panic!("{e}")).filter;
+        let reference = render(2, 256.0, Needs::none(), false).image();
+        let error = |image: &[[f32; 3]]| -> f64 {
+            let square = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
+            image.iter().zip(&reference).map(square).sum::<f64>()
+        };
+        let [share, control] = [true, false].map(|reports| {
+            let film = render(1, 8.0, tlfr.needs(), reports);
+            error(&tlfr.apply(&film).unwrap_or_else(|e| panic!("{e}")).radiance) / error(&film.image())
+        });
+        assert!(
+            share < 0.8 && control > 2.0 * share,
+            "{moves}: {share} of the error is left, {control} in the control"
+        );
+    }
+}
