@@ -17,6 +17,7 @@ fn inputs() -> MethodInputs {
     let world = Arc::new(World::new(&scene).unwrap_or_else(|e| panic!("{e}")));
     let points = Arc::from(points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}")));
     let points = FilmPoints::new(points, world.domain().expect("a box filter"));
+    let points = points.with_defocus(world.camera().defocus());
     MethodInputs { points: Some(points), ..MethodInputs::of(world) }
 }
 
