@@ -60,7 +60,7 @@ fn splat(probes: &TraceLensProbe) -> Splat {
 fn mixed() -> TraceLensProbe {
     Arc::new(|pixel| {
         let [x, y] = pixel;
-        let albedo = if x % 5 == 0 { 0.9 } else { 0.2 };
+        let albedo = if x.is_multiple_of(5) { 0.9 } else { 0.2 };
         let broken = if y == 3 { f32::NAN } else { 1.0 };
         let hit = (y % 7 != 2).then(|| hit(pixel, broken).with_shape(x / 9).with_roughness(0.5 * (y % 3) as f32));
         let confusion = [0.0, -2.5, f32::INFINITY, f32::NAN, 4.0][(x / 4 + y / 4) as usize % 5];
