@@ -213,10 +213,10 @@ fn splat_fills_a_smooth_image_from_few_pixels_and_leaves_sharp_pixels_alone() {
     let (film, image) = render(&smooth);
     let empty = (0..image.len()).filter(|&i| film.count(i) == 0).count();
     assert!(empty * 20 > image.len() * 19, "{empty} pixels without samples");
-    for i in 0..image.len() {
+    for (i, value) in image.iter().enumerate() {
         let pixel = film.frame().pixel(i);
         let inside = (24..72).contains(&pixel[0]) && (24..40).contains(&pixel[1]);
-        let off = image[i].iter().zip(ramp(pixel)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let off = value.iter().zip(ramp(pixel)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         // The largest difference within one standard deviation of a Gaussian, 16 pixels.
         assert!(off < if inside { 0.02 } else { 0.08 }, "{pixel:?}: {off}");
     }
