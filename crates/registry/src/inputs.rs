@@ -135,14 +135,17 @@ impl ClusterProbes {
     }
 }
 
+/// The function that traces the ray through the centres of a pixel and of the lens, for a pixel of the full image.
+///
+/// It returns the first hit, and the radius in pixels of the circle of confusion there: negative in front of the plane in focus,
+/// 0 without a lens. It must be pure.
+pub type TraceLensProbe = Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync>;
+
 /// First hits through the centre of the lens, for the sampler `fourier-dof` and the filter `splat`.
 #[derive(Clone)]
 pub struct LensProbes {
-    /// The function that traces the ray through the centres of a pixel and of the lens, for a pixel of the full image.
-    ///
-    /// It returns the first hit, and the radius in pixels of the circle of confusion there: negative in front of the plane in
-    /// focus, 0 without a lens. It must be pure.
-    pub trace: Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync>,
+    /// The function that traces the first hits.
+    pub trace: TraceLensProbe,
     /// `true` if the camera has a lens.
     pub has_lens: bool,
 }

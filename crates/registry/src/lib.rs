@@ -18,7 +18,7 @@ pub use dapple_core::Parameter;
 pub use defaults::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER, default_pair, default_pair_with};
 pub use error::RegistryError;
 pub use filters::{FILTERS, MakeFilter, NOT_BUILT};
-pub use inputs::{ClusterInputError, ClusterInputs, ClusterProbes, HostClusters, LensProbes};
+pub use inputs::{ClusterInputError, ClusterInputs, ClusterProbes, HostClusters, LensProbes, TraceLensProbe};
 pub use parameters::Parameters;
 pub use points::{AnyPoints, MakePoints, POINTS};
 pub use samplers::{MadeSampler, MakeSampler, SAMPLERS};

@@ -57,7 +57,8 @@ mod tests {
     fn growth_matches_brute_force_over_paths() {
         for (size, slope) in [([13, 9], 1.0), ([1, 7], 0.5), ([8, 1], 2.0), ([1, 1], 1.0)] {
             let [width, height] = size;
-            let pick = |i: u64| if mix(i) % 7 == 0 { (mix(i ^ 99) % 50) as f32 * 0.1 - 3.0 } else { f32::INFINITY };
+            let pick =
+                |i: u64| if mix(i).is_multiple_of(7) { (mix(i ^ 99) % 50) as f32 * 0.1 - 3.0 } else { f32::INFINITY };
             let values: Vec<f32> = (0..(width * height) as u64).map(pick).collect();
             let found = least_grown(size, values.clone(), slope);
             for (i, &(value, source)) in found.iter().enumerate() {

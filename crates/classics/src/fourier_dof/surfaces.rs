@@ -69,7 +69,8 @@ impl Breaks {
         let (sine, cosine) = (libm::sin(options.angle.to_radians()), libm::cos(options.angle.to_radians()));
         let limits = [sine as f32, cosine as f32, options.contrast as f32];
         let bits = |(i, here): (usize, &Surface)| {
-            let right = if (i + 1) % width > 0 { u8::from(is_break(here, &surfaces[i + 1], limits)) } else { 4 };
+            let right =
+                if !(i + 1).is_multiple_of(width) { u8::from(is_break(here, &surfaces[i + 1], limits)) } else { 4 };
             right | surfaces.get(i + width).map_or(8, |below| u8::from(is_break(here, below, limits)) << 1)
         };
         Self { width, bits: surfaces.par_iter().enumerate().with_min_len(1024).map(bits).collect() }
@@ -86,7 +87,7 @@ impl Breaks {
     /// The pixels beside pixel `i`, of four, across a break.
     pub(super) fn across(&self, i: usize) -> impl Iterator<Item = usize> + use<> {
         let (width, bits) = (self.width, self.bits[i]);
-        let left = i % width > 0 && self.bits[i - 1] & 1 > 0;
+        let left = !i.is_multiple_of(width) && self.bits[i - 1] & 1 > 0;
         let above = i >= width && self.bits[i - width] & 2 > 0;
         let [left, above] = [left.then(|| i - 1), above.then(|| i - width)];
         let [right, below] = [(bits & 1 > 0).then_some(i + 1), (bits & 2 > 0).then_some(i + width)];

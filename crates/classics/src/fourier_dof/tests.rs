@@ -60,7 +60,7 @@ fn splat(probes: &TraceLensProbe) -> Splat {
 fn mixed() -> TraceLensProbe {
     Arc::new(|pixel| {
         let [x, y] = pixel;
-        let albedo = if x % 5 == 0 { 0.9 } else { 0.2 };
+        let albedo = if x.is_multiple_of(5) { 0.9 } else { 0.2 };
         let broken = if y == 3 { f32::NAN } else { 1.0 };
         let hit = (y % 7 != 2).then(|| hit(pixel, broken).with_shape(x / 9).with_roughness(0.5 * (y % 3) as f32));
         let confusion = [0.0, -2.5, f32::INFINITY, f32::NAN, 4.0][(x / 4 + y / 4) as usize % 5];
@@ -213,10 +213,10 @@ fn splat_fills_a_smooth_image_from_few_pixels_and_leaves_sharp_pixels_alone() {
     let (film, image) = render(&smooth);
     let empty = (0..image.len()).filter(|&i| film.count(i) == 0).count();
     assert!(empty * 20 > image.len() * 19, "{empty} pixels without samples");
-    for i in 0..image.len() {
+    for (i, value) in image.iter().enumerate() {
         let pixel = film.frame().pixel(i);
         let inside = (24..72).contains(&pixel[0]) && (24..40).contains(&pixel[1]);
-        let off = image[i].iter().zip(ramp(pixel)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let off = value.iter().zip(ramp(pixel)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         // The largest difference within one standard deviation of a Gaussian, 16 pixels.
         assert!(off < if inside { 0.02 } else { 0.08 }, "{pixel:?}: {off}");
     }
