@@ -81,7 +81,7 @@ const RULES: &[Rule] = &[
     ("dapple-conformance", &["dapple-core", "dapple-metrics"], &["glam", "obvhs", "image", "exr"]),
     ("dapple-adaptive", &["dapple-core"], OF_A_SCENE),
     ("dapple-mitchell", &["dapple-core"], OF_A_SCENE),
-    ("dapple-classics", &["dapple-core", "dapple-denoise"], OF_A_SCENE),
+    ("dapple-classics", &["dapple-core", "dapple-denoise", "dapple-low-discrepancy"], OF_A_SCENE),
     ("dapple-light-selection", &[], OF_A_SCENE),
     ("dapple-clustering", &[], OF_A_SCENE),
     ("dapple-cluster-adaptive", &["dapple-core", "dapple-clustering"], OF_A_SCENE),

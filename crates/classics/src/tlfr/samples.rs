@@ -146,10 +146,10 @@ pub(super) fn read(film: &Film, points: &FilmPoints, defocus: &Defocus) -> Vec<S
     let (axes, halves) = (Axes::of(domain), if film.needs().halves { 2 } else { 1 });
     let mut samples = Vec::with_capacity(film.counts().iter().sum::<u64>() as usize);
     for (i, half) in (0..film.frame().pixels()).flat_map(|i| (0..halves).map(move |half| (i, half))) {
-        let trajectories = film.trajectories(i, half);
-        for (number, (&radiance, path)) in film.samples(i, half).iter().zip(trajectories).enumerate() {
+        let trajectories = film.trajectories(half, i);
+        for (number, (&radiance, path)) in film.samples(half, i).iter().zip(trajectories).enumerate() {
             let mut coordinates = [0.0; Domain::MOST];
-            let id: SampleId = film.sample_id(i, half, number);
+            let id: SampleId = film.sample_id(half, i, number);
             domain.read(&placed as &dyn PointSet, id, &mut coordinates);
             let path = if axes.time.is_some() { *path } else { Trajectory::new(path.inverse_depth, [0.0; 3]) };
             samples.push(Sample::new(&axes.point(id.pixel, &coordinates), &path, defocus, radiance));

@@ -86,7 +86,7 @@ fn field(filter: &Tlfr, film: &Film) -> LightField {
 fn all_samples(film: &Film) -> Vec<(At, [f32; 3])> {
     let of = |id: SampleId| at(id.pixel, Sobol::new(3).block(id, 0), Sobol::new(3).block(id, 1));
     let pixel = |i: usize| {
-        film.samples(i, 0).iter().enumerate().map(move |(k, radiance)| (of(film.sample_id(i, 0, k)), *radiance))
+        film.samples(0, i).iter().enumerate().map(move |(k, radiance)| (of(film.sample_id(0, i, k)), *radiance))
     };
     (0..film.frame().pixels()).flat_map(pixel).collect()
 }

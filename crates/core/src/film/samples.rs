@@ -129,7 +129,7 @@ impl Film {
     /// assert_eq!(film.samples(0, 0), [[1.0; 3], [0.0; 3]]);
     /// # Ok::<(), dapple_core::Error>(())
     /// ```
-    pub fn samples(&self, i: usize, half: usize) -> &[[f32; 3]] {
+    pub fn samples(&self, half: usize, i: usize) -> &[[f32; 3]] {
         self.kept[half % self.kept.len()].samples.of(i)
     }
 
@@ -146,12 +146,12 @@ impl Film {
     /// assert_eq!(film.trajectories(0, 0), [moving, Trajectory::default()]);
     /// # Ok::<(), dapple_core::Error>(())
     /// ```
-    pub fn trajectories(&self, i: usize, half: usize) -> &[Trajectory] {
+    pub fn trajectories(&self, half: usize, i: usize) -> &[Trajectory] {
         self.kept[half % self.kept.len()].samples.trajectories.get(i).map_or(&[], |row| row)
     }
 
     /// The identity of sample `number` in [`Film::samples`]. The point set of the render returns its coordinates.
-    pub fn sample_id(&self, i: usize, half: usize, number: usize) -> SampleId {
+    pub fn sample_id(&self, half: usize, i: usize, number: usize) -> SampleId {
         let half = half % self.kept.len();
         let stream = match (self.kept.len(), self.half_of) {
             (1, None) => streams::WHOLE,
@@ -164,7 +164,7 @@ impl Film {
 
     /// The radiance of the first discarded samples of pixel `i` in half 0 or 1, as [`Film::samples`] returns those of kept
     /// ones. Withdrawn samples follow those that were discarded before them.
-    pub fn discarded_samples(&self, i: usize, half: usize) -> &[[f32; 3]] {
+    pub fn discarded_samples(&self, half: usize, i: usize) -> &[[f32; 3]] {
         let bank: Option<&Bank> = self.discarded.get(half % self.kept.len());
         bank.map_or(&[], |bank| bank.samples.of(i))
     }

@@ -37,7 +37,7 @@ fn uneven(needs: Needs) -> Planned<impl FnMut(&Feedback<'_>, &mut Plan) -> Progr
 }
 
 fn rows(film: &Film) -> Vec<Vec<[u32; 3]>> {
-    let of = |i| (0..2).map(move |half| film.samples(i, half).iter().map(|x| x.map(f32::to_bits)).collect());
+    let of = |i| (0..2).map(move |half| film.samples(half, i).iter().map(|x| x.map(f32::to_bits)).collect());
     (0..film.frame().pixels()).flat_map(of).collect()
 }
 
@@ -48,14 +48,14 @@ fn the_mean_of_a_pixels_samples_is_the_films_to_the_bit() {
     let film = run(&mut Field(faulty), &mut uneven(needs), needs, frame(17, 9), &limits).unwrap();
     assert!(film.record().rejected > 50, "{} rejected samples", film.record().rejected);
     for i in 0..film.frame().pixels() {
-        assert_eq!(film.samples(i, 0).len() as u64, film.count(i));
-        assert_eq!(mean(film.samples(i, 0)), film.mean(i), "pixel {i}");
+        assert_eq!(film.samples(0, i).len() as u64, film.count(i));
+        assert_eq!(mean(film.samples(0, i)), film.mean(i), "pixel {i}");
     }
     let halves = needs.with_halves();
     let film = run(&mut Field(faulty), &mut uneven(halves), halves, frame(17, 9), &limits).unwrap();
     for (i, half) in (0..film.frame().pixels()).flat_map(|i| [(i, 0), (i, 1)]) {
         let moments = film.half(half, i).unwrap();
-        assert_eq!((film.samples(i, half).len() as u64, mean(film.samples(i, half))), (moments.count, moments.mean));
+        assert_eq!((film.samples(half, i).len() as u64, mean(film.samples(half, i))), (moments.count, moments.mean));
     }
 }
 
@@ -66,14 +66,14 @@ fn a_samples_identity_returns_its_coordinates_in_either_half() {
         let needs = if halves { needs.with_halves() } else { needs };
         let film = run(&mut Field(noise), &mut uneven(needs), needs, frame(8, 5), &Limits::samples(9999)).unwrap();
         let replayed = |film: &Film, i: usize, half: usize| {
-            for (number, sample) in film.samples(i, half).iter().enumerate() {
-                let id = film.sample_id(i, half, number);
+            for (number, sample) in film.samples(half, i).iter().enumerate() {
+                let id = film.sample_id(half, i, number);
                 assert_eq!(noise(id.pixel, Independent::new(3).block(id, 0)), *sample, "{id:?}");
             }
         };
         for (i, half) in (0..film.frame().pixels()).flat_map(|i| [(i, 0), (i, 1)]) {
             let count = film.half(half, i).map_or(film.count(i), |m| m.count);
-            assert_eq!(film.samples(i, half).len() as u64, count.min(4));
+            assert_eq!(film.samples(half, i).len() as u64, count.min(4));
             replayed(&film, i, half);
             if halves {
                 replayed(&film.half_film(half).unwrap(), i, 0);
@@ -102,10 +102,10 @@ fn withdrawn_samples_move_behind_the_discarded_ones() {
         let film = run(&mut Field(noise), &mut sampler, needs, frame(2, 1), &Limits::samples(100)).unwrap();
         assert_eq!(film.samples(0, 0), first(of(0, streams::WHOLE, 0..10)));
         assert_eq!(film.discarded_samples(0, 0), first(of(0, streams::DISCARDED, 0..2)));
-        assert_eq!(film.samples(1, 0), first(of(1, streams::WHOLE, 4..10)));
-        assert_eq!(film.sample_id(1, 0, 1), SampleId::new([1, 0], streams::WHOLE, 5));
+        assert_eq!(film.samples(0, 1), first(of(1, streams::WHOLE, 4..10)));
+        assert_eq!(film.sample_id(0, 1, 1), SampleId::new([1, 0], streams::WHOLE, 5));
         let thrown = [of(1, streams::DISCARDED, 0..2), of(1, streams::WHOLE, 0..4)].concat();
-        assert_eq!(film.discarded_samples(1, 0), first(thrown));
+        assert_eq!(film.discarded_samples(0, 1), first(thrown));
     }
 }
 
@@ -121,7 +121,7 @@ fn samples_change_no_other_bit_and_depend_on_no_threads_tiles_or_cuts() {
     for needs in [plain, Needs::none()] {
         let whole = render(needs.with_samples(3), 1, Schedule::default());
         let without = render(needs, 1, Schedule::default());
-        assert!((0..frame.pixels()).all(|i| without.samples(i, 0).is_empty()));
+        assert!((0..frame.pixels()).all(|i| without.samples(0, i).is_empty()));
         assert!(whole.image() == without.image() && whole.counts() == without.counts());
         for i in 0..frame.pixels() {
             assert_eq!(format!("{:?}", whole.moments(i)), format!("{:?}", without.moments(i)));
@@ -174,7 +174,7 @@ fn merged_shards_have_the_samples_of_the_whole_image() {
     };
     let merged = merge(&[part(2), part(0), part(1)]).unwrap();
     let whole = run(&mut Field(noise), &mut uniform(), needs, frame, &limits).unwrap();
-    assert!(self::rows(&merged) == self::rows(&whole) && merged.samples(3, 1).len() == 2);
+    assert!(self::rows(&merged) == self::rows(&whole) && merged.samples(1, 3).len() == 2);
 }
 
 #[test]
@@ -232,9 +232,9 @@ fn a_film_of_channels_has_no_samples_of_the_radiance() {
     let needs = Needs::none().with_channels(3).with_samples(ALL);
     let mut sampler = Uniform::new(Independent::new(1));
     let film = run(&mut Field(noise), &mut sampler, needs, frame(2, 2), &Limits::spp(3.0)).unwrap();
-    assert_eq!(film.samples(1, 0).len(), 3);
+    assert_eq!(film.samples(0, 1).len(), 3);
     let bands = film.with_channels_as_colour([2, 1, 0]).unwrap();
-    assert!(bands.needs().samples == 0 && bands.samples(1, 0).is_empty());
+    assert!(bands.needs().samples == 0 && bands.samples(0, 1).is_empty());
 }
 
 /// Noise with a trajectory, which is NaN in one sample of eight.
@@ -253,7 +253,7 @@ impl Integrator for Moving {
 }
 
 fn paths(film: &Film) -> Vec<Vec<Trajectory>> {
-    let of = |i| (0..2).map(move |half| film.trajectories(i, half).to_vec());
+    let of = |i| (0..2).map(move |half| film.trajectories(half, i).to_vec());
     (0..film.frame().pixels()).flat_map(of).collect()
 }
 
@@ -264,9 +264,9 @@ fn trajectories_are_those_of_the_samples_in_either_half() {
         let needs = if halves { needs.with_halves() } else { needs };
         let film = run(&mut Moving, &mut uneven(needs), needs, frame(8, 5), &Limits::samples(9999)).unwrap();
         for (i, half) in (0..film.frame().pixels()).flat_map(|i| [(i, 0), (i, 1)]) {
-            assert_eq!(film.trajectories(i, half).len(), film.samples(i, half).len());
-            for (number, found) in film.trajectories(i, half).iter().enumerate() {
-                let id = film.sample_id(i, half, number);
+            assert_eq!(film.trajectories(half, i).len(), film.samples(half, i).len());
+            for (number, found) in film.trajectories(half, i).iter().enumerate() {
+                let id = film.sample_id(half, i, number);
                 let expected = trajectory(Independent::new(3).block(id, 0));
                 // Those that are not finite are left out.
                 let expected = if expected.inverse_depth.is_nan() { Trajectory::default() } else { expected };
@@ -338,9 +338,9 @@ fn withdrawn_samples_take_their_trajectories_along() {
     let needs = Needs::none().with_samples(ALL).with_trajectories();
     let mut sampler = Planned { points: Independent::new(5), needs, plan };
     let film = run(&mut Moving, &mut sampler, needs, frame(2, 1), &Limits::samples(100)).unwrap();
-    assert_eq!([film.trajectories(0, 0).len(), film.trajectories(1, 0).len()], [5, 3]);
-    let first = Independent::new(5).block(film.sample_id(1, 0, 0), 0);
-    assert_eq!(film.trajectories(1, 0)[0].motion[0], if first[3] < 0.125 { 0.0 } else { first[1] });
+    assert_eq!([film.trajectories(0, 0).len(), film.trajectories(0, 1).len()], [5, 3]);
+    let first = Independent::new(5).block(film.sample_id(0, 1, 0), 0);
+    assert_eq!(film.trajectories(0, 1)[0].motion[0], if first[3] < 0.125 { 0.0 } else { first[1] });
 }
 
 #[test]
