@@ -311,7 +311,7 @@ impl CameraView {
         [across, down, row(z), row(z)]
     }
 
-    /// Returns the blur of the lens by depth, with depths in camera space as [`Self::project`] returns them. Returns `None`
+    /// Returns the blur of the lens by depth, with depths in camera space as `project` returns them. Returns `None`
     /// without a lens, and for an orthographic camera, whose blur is not linear in the inverse depth.
     pub fn defocus(&self) -> Option<Defocus> {
         let usable = self.has_lens() && !self.orthographic;
