@@ -12,6 +12,7 @@ use glam::{DVec3, Vec3, Vec3A};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::node::Bvh2Node;
+use rayon::prelude::*;
 
 /// The effort spent on building the bounding volume hierarchy. It affects speed only, not images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -164,7 +165,7 @@ impl<'a> Items<'a> {
             (key, Item::Triangle(mesh)) => enclose(mesh.corners(key as u32)),
             _ => self.bounds(number),
         };
-        (0..self.keys.len() as u32).map(loose).reduce(union)
+        (0..self.keys.len() as u32).into_par_iter().with_min_len(FEW).map(loose).reduce_with(union)
     }
 
     /// Returns the items as leaves of a binary tree. Boxes are scaled to the unit cube: areas then neither overflow
@@ -178,11 +179,12 @@ impl<'a> Items<'a> {
             let [low, high] = self.bounds(number);
             Bvh2Node::new(Aabb::new(scaled(low), scaled(high)), 1, number)
         };
-        (0..self.keys.len() as u32).map(leaf).collect()
+        (0..self.keys.len() as u32).into_par_iter().with_min_len(FEW).map(leaf).collect()
     }
 }
 
-/// The largest number of items over which two trees are built: twice the work for at most two milliseconds.
+/// The largest number of items over which two trees are built: twice the work for at most two milliseconds. Also the
+/// least number that is worth a thread.
 const FEW: usize = 1 << 12;
 /// The padding of a triangle's box, as a fraction of the triangle's extent. The f32 weights of a triangle seen nearly
 /// edge-on (see `triangle::THIN`) can be off by 2^-17 per corner, and a corner can be two extents from the ray.

@@ -10,6 +10,8 @@ use crate::traverse::{Child, DEEPEST, Keys, Node8, Tree, WalkKind};
 use crate::triangle::Triangles8;
 use glam::Vec3;
 use obvhs::bvh2::node::Bvh2Node;
+use rayon::iter::repeat_n;
+use rayon::prelude::*;
 
 /// The expected time of testing eight boxes. It is the unit of all costs here.
 const NODE_COST: f32 = 1.0;
@@ -295,49 +297,59 @@ impl Wide<'_> {
 
     /// Packs the queued leaves of triangles in their order and sets their boxes.
     fn pack(&mut self, loose: &[Loose]) {
-        self.tree.triangles.reserve_exact(loose.len());
-        self.tree.triangle_keys.reserve_exact(loose.len());
-        let (mut open, mut next) = (Vec::new(), Vec::new());
-        for (batch, leaves) in loose.chunks(BATCH).enumerate() {
-            let mut members: [UpToEight<u32>; BATCH] = std::array::from_fn(|_| UpToEight { all: [0; WIDTH], count: 0 });
-            open.extend((0..).zip(leaves).map(|(leaf, &Loose { binary, .. })| (leaf, binary)));
-            while !open.is_empty() {
-                // Nodes are counted first, without branches, so that all memory is requested before any of it is
-                // needed.
-                let inner = open.iter().filter(|&&(_, number)| !self.nodes[number as usize].is_leaf()).count();
-                next.reserve(2 * inner);
-                for &(leaf, number) in &open {
-                    let node = &self.nodes[number as usize];
-                    if node.is_leaf() {
-                        members[leaf as usize].push(node.first_index);
-                    } else {
-                        next.extend([(leaf, node.first_index), (leaf, node.first_index + 1)]);
-                    }
-                }
-                std::mem::swap(&mut open, &mut next);
-                next.clear();
-            }
-            for (leaf, (&Loose { wide, lane, .. }, members)) in leaves.iter().zip(&members).enumerate() {
-                let bounds = self.leaf(&members.all[..members.count]);
-                let number = (batch * BATCH + leaf) as u32;
-                self.tree.nodes[wide as usize].put(lane, Child::Triangles(number), bounds);
-            }
+        let mut corners: Vec<Triangles8> = repeat_n(Triangles8::default(), loose.len()).collect();
+        let mut moved = if self.moves { corners.clone() } else { Vec::new() };
+        let mut keys: Vec<Keys> = repeat_n(Keys::new([0; WIDTH]), loose.len()).collect();
+        let mut ends: Vec<Option<&mut [Triangles8]>> = moved.chunks_mut(BATCH).map(Some).collect();
+        ends.resize_with(loose.len().div_ceil(BATCH), || None);
+        let batches = loose.par_chunks(BATCH).zip(corners.par_chunks_mut(BATCH)).zip(keys.par_chunks_mut(BATCH));
+        let bounds = batches.zip(ends).map_init(Default::default, |open, (((leaves, corners), keys), ends)| {
+            self.pack_batch(leaves, open, Leaves { corners, ends, keys })
+        });
+        let bounds: Vec<[Bounds; BATCH]> = bounds.collect();
+        for (number, (&Loose { wide, lane, .. }, &bounds)) in (0..).zip(loose.iter().zip(bounds.as_flattened())) {
+            self.tree.nodes[wide as usize].put(lane, Child::Triangles(number), bounds);
         }
+        (self.tree.triangles, self.tree.moved, self.tree.triangle_keys) = (corners, moved, keys);
     }
 
-    /// Packs a leaf of 1 to 8 triangles and returns its box.
-    fn leaf(&mut self, items: &[u32]) -> Bounds {
+    /// Packs up to [`BATCH`] leaves and returns their boxes. `open` is memory to work in.
+    fn pack_batch(&self, leaves: &[Loose], open: &mut OpenNodes, mut to: Leaves<'_>) -> [Bounds; BATCH] {
+        let [open, next] = open;
+        let mut members: [UpToEight<u32>; BATCH] = std::array::from_fn(|_| UpToEight { all: [0; WIDTH], count: 0 });
+        open.extend((0..).zip(leaves).map(|(leaf, &Loose { binary, .. })| (leaf, binary)));
+        while !open.is_empty() {
+            // Nodes are counted first, without branches, so that all memory is requested before any of it is needed.
+            let inner = open.iter().filter(|&&(_, number)| !self.nodes[number as usize].is_leaf()).count();
+            next.reserve(2 * inner);
+            for &(leaf, number) in &*open {
+                let node = &self.nodes[number as usize];
+                if node.is_leaf() {
+                    members[leaf as usize].push(node.first_index);
+                } else {
+                    next.extend([(leaf, node.first_index), (leaf, node.first_index + 1)]);
+                }
+            }
+            std::mem::swap(open, next);
+            next.clear();
+        }
+        let mut bounds = [NOTHING; BATCH];
+        for (leaf, members) in members[..leaves.len()].iter().enumerate() {
+            bounds[leaf] = self.pack_leaf(&members.all[..members.count], leaf, &mut to);
+        }
+        bounds
+    }
+
+    /// Packs a leaf of 1 to 8 triangles at an index, and returns its box.
+    fn pack_leaf(&self, items: &[u32], leaf: usize, to: &mut Leaves<'_>) -> Bounds {
         let mut bounds = NOTHING;
         let mut keys = [0; WIDTH];
-        let mut corners = Triangles8::default();
-        // The corners at time 1.
-        let mut ends = Triangles8::default();
         for lane in 0..WIDTH {
             // Unused lanes repeat the first triangle.
             let number = items[if lane < items.len() { lane } else { 0 }];
             let (key, item) = self.items.item(number);
             keys[lane] = key;
-            let (from, to) = match item {
+            let (from, end) = match item {
                 Item::Triangle(mesh) => {
                     let corners = mesh.corners(key as u32);
                     (corners, corners)
@@ -346,23 +358,30 @@ impl Wide<'_> {
                 // Leaves with several items hold triangles only.
                 Item::Quadric(_) | Item::Box(_) => continue,
             };
-            corners.put(lane, from);
+            to.corners[leaf].put(lane, from);
             if lane < items.len() {
                 bounds = union(bounds, self.items.around(from));
             }
-            if self.moves {
-                ends.put(lane, to);
-                bounds = if lane < items.len() { union(bounds, self.items.around(to)) } else { bounds };
+            if let Some(ends) = &mut to.ends {
+                ends[leaf].put(lane, end);
+                bounds = if lane < items.len() { union(bounds, self.items.around(end)) } else { bounds };
             }
         }
-        self.tree.triangles.push(corners);
-        if self.moves {
-            self.tree.moved.push(ends);
-        }
-        self.tree.triangle_keys.push(Keys::new(keys));
+        to.keys[leaf] = Keys::new(keys);
         bounds
     }
 }
+
+/// The leaves of triangles that are packed, in a part of the tree's.
+struct Leaves<'a> {
+    corners: &'a mut [Triangles8],
+    /// The corners at time 1, if vertices move.
+    ends: Option<&'a mut [Triangles8]>,
+    keys: &'a mut [Keys],
+}
+
+/// Binary nodes to visit, with the leaf that they belong to: now, and next.
+type OpenNodes = [Vec<(u32, u32)>; 2];
 
 /// The empty box.
 const NOTHING: Bounds = [Vec3::INFINITY, Vec3::NEG_INFINITY];
