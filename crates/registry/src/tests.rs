@@ -204,3 +204,15 @@ fn samples_are_placed_for_renderers_that_name_their_dimensions() {
         assert!((image[0][0] - 0.25).abs() < 1e-5, "{name}: {:?}", image[0]);
     }
 }
+
+/// The shifts stay the default, also in the point set's description.
+#[test]
+fn keys_of_blue_noise_are_shifts_unless_optimised_ones_are_requested() {
+    let described = |name: &str| points(name, SETTING).map(|points| points.describe());
+    assert_eq!(described("blue-noise").unwrap(), "blue-noise:seed=5,of=sobol:seed=5");
+    assert_eq!(described("blue-noise:keys=shifts").unwrap(), "blue-noise:seed=5,of=sobol:seed=5");
+    assert_eq!(described("blue-noise:keys=optimised").unwrap(), "blue-noise:seed=5,keys=optimised,of=sobol");
+    let refused = refusal(described("blue-noise:of=halton,keys=optimised"));
+    assert!(refused.contains("for sobol only; use keys=shifts"), "{refused}");
+    assert!(refusal(described("blue-noise:keys=best")).contains("shifts, optimised"));
+}
