@@ -58,10 +58,17 @@ use dapple_core::{PointSet, SampleId};
 /// * The first of these point sets in a process takes about half a second.
 ///
 /// Name: `blue-noise` with `keys=optimised`. Parameters: `seed`.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct BlueNoiseKeys {
     seed: Seed,
     keys: &'static [u16],
+}
+
+/// Without the keys.
+impl std::fmt::Debug for BlueNoiseKeys {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("BlueNoiseKeys").field("seed", &self.seed).finish_non_exhaustive()
+    }
 }
 
 impl BlueNoiseKeys {
