@@ -5,6 +5,7 @@
 
 mod awr;
 mod convolution;
+mod dct;
 mod divergence;
 mod ears;
 mod gem;
@@ -36,6 +37,7 @@ mod window_sums;
 mod worst_first;
 
 pub use awr::{Awr, AwrOptions, BlockPriority, SpreadStatistic};
+pub use dct::{CosineScale, Dct, DctFilter, DctFilterOptions, DctOptions};
 pub use divergence::{Divergence, DivergenceOptions, DivergenceScore};
 pub use ears::{Ears, EarsOptions};
 pub use gem::{Gem, GemFilter, GemFilterOptions, GemOptions};
