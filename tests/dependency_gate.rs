@@ -9,7 +9,7 @@ use std::process::Command;
 /// The resolved graph of normal dependencies: each package with its direct dependencies.
 fn graph() -> (BTreeMap<String, BTreeSet<String>>, Value) {
     let output = Command::new(env!("CARGO"))
-        .args(["metadata", "--format-version", "1", "--locked", "--offline"])
+        .args(["metadata", "--format-version", "1", "--locked"])
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()
         .expect("cargo metadata runs");
@@ -50,7 +50,7 @@ fn tree(of: &[&str]) -> BTreeSet<String> {
     let output = Command::new(env!("CARGO"))
         .arg("tree")
         .args(of)
-        .args(["--edges", "normal", "--prefix", "none", "--locked", "--offline"])
+        .args(["--edges", "normal", "--prefix", "none", "--locked"])
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()
         .expect("cargo tree runs");
@@ -81,7 +81,7 @@ const RULES: &[Rule] = &[
     ("dapple-conformance", &["dapple-core", "dapple-metrics"], &["glam", "obvhs", "image", "exr"]),
     ("dapple-adaptive", &["dapple-core"], OF_A_SCENE),
     ("dapple-mitchell", &["dapple-core"], OF_A_SCENE),
-    ("dapple-classics", &["dapple-core", "dapple-denoise"], OF_A_SCENE),
+    ("dapple-classics", &["dapple-core", "dapple-denoise", "dapple-low-discrepancy"], OF_A_SCENE),
     ("dapple-light-selection", &[], OF_A_SCENE),
     ("dapple-clustering", &[], OF_A_SCENE),
     ("dapple-cluster-adaptive", &["dapple-core", "dapple-clustering"], OF_A_SCENE),

@@ -372,11 +372,56 @@ fn the_guides_compile_and_their_tests_pass_when_followed_to_the_letter() {
                 .env("CARGO_TARGET_DIR", root().join("target/docs/target"))
                 .env("CARGO_NET_OFFLINE", "true")
                 // Compiling takes longer than these tests.
-                .env("CARGO_PROFILE_DEV_OPT_LEVEL", "1")
+                .env("CARGO_PROFILE_DEV_OPT_LEVEL", "0")
                 .current_dir(&workspace)
                 .output()
                 .expect("a shell");
             assert!(output.status.success(), "{name}:{}: {}", block.line, String::from_utf8_lossy(&output.stderr));
+        }
+    }
+}
+
+/// The three numbers of `0.93 [0.91, 0.95]`, wherever a text has such.
+fn intervals(text: &str) -> Vec<[f64; 3]> {
+    let number = |s: &str| s.trim().rsplit(' ').next().and_then(|s| s.parse::<f64>().ok());
+    let mut found = Vec::new();
+    let mut rest = text;
+    while let Some((before, after)) = rest.split_once(" [") {
+        let Some((inside, behind)) = after.split_once(']') else { break };
+        if let (Some(value), Some((low, high))) = (number(before), inside.split_once(", ")) {
+            found.extend(number(low).zip(number(high)).map(|(low, high)| [value, low, high]));
+        }
+        rest = behind;
+    }
+    found
+}
+
+/// `dapple samplers NAME` prints figures of the committed table, each rounded to three digits.
+#[test]
+fn results_of_methods_are_those_of_the_table() {
+    let read = |path: &str| std::fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"));
+    let table = read("docs/results/tables/methods.csv");
+    let column = table.lines().next().expect("a head").matches(',').count();
+    assert!(column > 10, "{table}");
+    // Descriptions hold commas, and are quoted then.
+    let rows: Vec<(String, Vec<f64>)> = table
+        .lines()
+        .filter(|line| line.starts_with("all,"))
+        .map(|line| {
+            let figures: Vec<f64> = line.rsplit(',').take(14).filter_map(|cell| cell.parse().ok()).collect();
+            (line.to_owned(), figures)
+        })
+        .collect();
+    let verdicts = read("crates/registry/src/verdicts.tsv");
+    assert!(verdicts.lines().count() > 30, "{verdicts}");
+    for line in verdicts.lines() {
+        let description = line.split('\t').nth(1).expect("a description");
+        for interval in intervals(line) {
+            let is_there = |(row, figures): &(String, Vec<f64>)| {
+                let near = |x: f64| figures.iter().any(|figure| (figure - x).abs() <= 0.006 * x.abs());
+                row.contains(description) && interval.into_iter().all(near)
+            };
+            assert!(rows.iter().any(is_there), "{description}: {interval:?} is not in docs/results/tables/methods.csv");
         }
     }
 }

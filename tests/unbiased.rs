@@ -13,7 +13,7 @@ use std::sync::Arc;
 const SIDE: u32 = 24;
 const REPLICATES: u64 = 48;
 /// Every unbiased mode of every sampler but `uniform`, the reference of the comparison.
-const UNBIASED: [&str; 8] = [
+const UNBIASED: [&str; 9] = [
     "variance:policy=discard",
     "variance:policy=cross",
     "adaptive:epsilon=0.01,policy=discard",
@@ -21,6 +21,7 @@ const UNBIASED: [&str; 8] = [
     "mitchell:policy=discard",
     "mitchell-pbrt:policy=discard",
     "cluster-thesis",
+    "fourier-dof:force=1",
     "then:first=cluster-thesis,spp=2,second=adaptive/epsilon=0.01/policy=discard",
 ];
 
@@ -117,7 +118,11 @@ fn every_sampler_names_its_policy() {
     let inputs = MethodInputs::of(world("cornell"));
     for entry in SAMPLERS {
         let points = registry::points("sobol", Setting { seed: 1, spp: Some(8) }).expect("points");
-        let words = if entry.name == "mdas" { "mdas:force=1" } else { entry.name };
+        let words = match entry.name {
+            "mdas" => "mdas:force=1",
+            "fourier-dof" => "fourier-dof:force=1",
+            name => name,
+        };
         let sampler = registry::sampler(words, points, &inputs).expect("a sampler").sampler;
         let policies = entry.parameters.iter().flat_map(|p| p.iter()).filter(|p| p.name == "policy").count();
         let says = sampler.describe().contains("policy=");

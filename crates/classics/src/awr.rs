@@ -1,10 +1,10 @@
 //! Adaptive wavelet rendering: samples for blocks of pixels by the variance of their wavelets.
 
-use crate::rounds_and_variances::{around, filled_means, first_samples, next_step, per_pixel, plan_first};
+use crate::rounds_and_variances::{around, filled_means, first_samples, next_step, per_pixel, plan_first, with_extra};
 use crate::wavelets::{Basis, Taps, coefficient_variances, high_band, sizes, transform};
 use dapple_core::{
     Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
-    SamplerMemory, allocate, mix, saturating_u32,
+    SamplerMemory, mix, saturating_u32,
 };
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -131,22 +131,10 @@ impl<P: PointSet> Sampler for Awr<P> {
             let mut queue = Queue::new(seen, &self.options);
             let left = queue.hand_out(next_step(seen, first, self.options.rounds));
             let counts: Vec<u32> = queue.pixels.iter().map(|pixel| pixel.added).collect();
-            plan.counts = with_rest(seen, counts, left)?;
+            plan.counts = with_extra(seen, counts, left)?;
         }
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
-}
-
-/// Adds the samples that are left to the planned counts, as evenly as pixels' ceilings allow.
-fn with_rest(seen: &Feedback<'_>, counts: Vec<u32>, left: u64) -> Result<Vec<u32>, Error> {
-    if left == 0 {
-        return Ok(counts);
-    }
-    let now = |i: usize| saturating_u32(seen.film.count(i));
-    let floors: Vec<u32> = counts.iter().enumerate().map(|(i, count)| now(i) + count).collect();
-    let total = floors.iter().map(|&n| u64::from(n)).sum::<u64>() + left;
-    let counts = allocate(&vec![1.0; floors.len()], &floors, seen.budget.max_spp, total)?.counts;
-    Ok(counts.iter().enumerate().map(|(i, count)| count - now(i)).collect())
 }
 
 /// A block of a level.

@@ -5,13 +5,14 @@ mod scores;
 
 pub use scores::DivergenceScore;
 
-use crate::kept_pilot::plan_pilot;
-use crate::worst_first::{WorstFirst, spread_evenly};
+use crate::rounds_and_variances::{plan_pilot, with_extra};
+use crate::worst_first::WorstFirst;
 use dapple_core::{
     Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
     SamplerMemory, Stopping, allocate, saturating_u32,
 };
 use scores::score;
+use std::mem;
 
 dapple_core::options! {
     /// The parameters of [`Divergence`]. All defaults are Dapple's.
@@ -163,7 +164,9 @@ impl<P: PointSet> Sampler for Divergence<P> {
             let scores = self.scores(seen.film);
             match self.options.mode {
                 Stopping::Threshold => self.plan_threshold(seen, scores, plan)?,
-                Stopping::Budget if scores.iter().all(|&s| s == 0.0) => spread_evenly(seen, plan)?,
+                Stopping::Budget if scores.iter().all(|&s| s == 0.0) => {
+                    plan.counts = with_extra(seen, mem::take(&mut plan.counts), seen.budget.left())?;
+                }
                 Stopping::Budget => self.plan_budget(seen, &scores, plan)?,
             }
         }

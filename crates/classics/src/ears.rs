@@ -1,6 +1,6 @@
 //! Efficiency-aware splitting at the camera.
 
-use crate::kept_pilot::plan_pilot;
+use crate::rounds_and_variances::plan_pilot;
 use crate::window_sums::window_sums;
 use dapple_core::{
     Error, Feedback, Film, Filter as _, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress,

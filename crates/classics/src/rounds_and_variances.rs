@@ -89,6 +89,11 @@ pub(crate) fn first_samples(seen: &Feedback<'_>, wanted: u32) -> u32 {
     wanted.max(seen.budget.min_spp).min(seen.budget.max_spp).min(mean)
 }
 
+/// Plans the samples that pixels lack of a uniform pilot, as [`plan_first`] does with [`first_samples`].
+pub(crate) fn plan_pilot(seen: &Feedback<'_>, wanted: u32, plan: &mut Plan) -> bool {
+    plan_first(seen, first_samples(seen, wanted), plan)
+}
+
 /// Requests the samples that pixels lack of the first `samples` per pixel. Returns `true` if any are missing and the budget
 /// suffices; otherwise the counts of `plan` stay 0.
 pub(crate) fn plan_first(seen: &Feedback<'_>, samples: u32, plan: &mut Plan) -> bool {
@@ -122,11 +127,17 @@ pub(crate) fn within_ceiling(seen: &Feedback<'_>, mut planned: Vec<u32>) -> Resu
         beyond += u64::from(count.saturating_sub(room));
         *count = (*count).min(room);
     }
-    if beyond == 0 {
+    with_extra(seen, planned, beyond)
+}
+
+/// Adds `extra` samples to the planned counts, such that all pixels' counts become as equal as their ceilings allow.
+pub(crate) fn with_extra(seen: &Feedback<'_>, planned: Vec<u32>, extra: u64) -> Result<Vec<u32>, Error> {
+    if extra == 0 {
         return Ok(planned);
     }
+    let now = |i: usize| saturating_u32(seen.film.count(i));
     let floors: Vec<u32> = planned.iter().enumerate().map(|(i, count)| now(i) + count).collect();
-    let total = floors.iter().map(|&n| u64::from(n)).sum::<u64>() + beyond;
-    let counts = allocate(&vec![1.0; floors.len()], &floors, most, total)?.counts;
+    let total = floors.iter().map(|&n| u64::from(n)).sum::<u64>() + extra;
+    let counts = allocate(&vec![1.0; floors.len()], &floors, seen.budget.max_spp, total)?.counts;
     Ok(counts.iter().enumerate().map(|(i, count)| count - now(i)).collect())
 }

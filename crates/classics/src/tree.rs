@@ -71,9 +71,9 @@ impl Cells {
         for (y, x) in (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (y, x))) {
             let i = (corner[1] + y) as usize * self.window[0] as usize + (corner[0] + x) as usize;
             for half in 0..halves {
-                for (number, &value) in film.samples(i, half).iter().enumerate() {
+                for (number, &value) in film.samples(half, i).iter().enumerate() {
                     let mut at = At::default();
-                    domain.read(points, film.sample_id(i, half, number), &mut at);
+                    domain.read(points, film.sample_id(half, i, number), &mut at);
                     at[0] = beside(x, at[0]);
                     at[1] = beside(y, at[1]);
                     cell.at.push(at);

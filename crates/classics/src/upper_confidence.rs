@@ -1,6 +1,6 @@
 //! Optimistic counts: samples where the upper confidence bound of the deviation is largest.
 
-use crate::kept_pilot::plan_pilot;
+use crate::rounds_and_variances::plan_pilot;
 use dapple_core::{
     Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
     SamplerMemory, allocate, saturating_u32,

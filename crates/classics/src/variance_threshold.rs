@@ -1,6 +1,6 @@
 //! A threshold on the confidence interval of each pixel's mean.
 
-use crate::kept_pilot::plan_pilot;
+use crate::rounds_and_variances::plan_pilot;
 use crate::student::two_sided_critical;
 use crate::worst_first::WorstFirst;
 use dapple_core::{

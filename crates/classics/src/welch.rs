@@ -139,7 +139,7 @@ fn squared(a: [f32; 3], b: [f32; 3]) -> f32 {
     x + y + z
 }
 
-/// What the filter reads of one pixel.
+/// The filter's inputs of one pixel.
 #[derive(Clone, Copy, Debug, Default)]
 struct WelchPixel {
     count: f32,

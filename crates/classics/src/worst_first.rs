@@ -1,7 +1,9 @@
 //! Rounds that add a few samples to the pixels with the largest errors.
 
-use dapple_core::{Error, Feedback, Plan, Stopping, allocate, mix, saturating_u32};
+use crate::rounds_and_variances::with_extra;
+use dapple_core::{Error, Feedback, Plan, Stopping, mix, saturating_u32};
 use std::cmp::Ordering;
+use std::mem;
 
 /// The rule by which a round's samples go to the pixels with the largest scores.
 ///
@@ -55,19 +57,10 @@ impl WorstFirst {
             left -= u64::from(plan.counts[i]);
         }
         if plan.total() == 0 && self.mode == Stopping::Budget {
-            spread_evenly(seen, plan)?;
+            plan.counts = with_extra(seen, mem::take(&mut plan.counts), budget.left())?;
         }
         Ok(())
     }
-}
-
-/// Plans the rest of the budget so that all pixels' counts become as equal as possible.
-pub(crate) fn spread_evenly(seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
-    let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
-    let total = now.iter().map(|&n| u64::from(n)).sum::<u64>() + seen.budget.left();
-    plan.counts = allocate(&vec![1.0; now.len()], &now, seen.budget.max_spp, total)?.counts;
-    plan.counts.iter_mut().zip(&now).for_each(|(count, now)| *count -= now);
-    Ok(())
 }
 
 /// Orders pixels by falling score, then by a hash of their index.

@@ -35,15 +35,14 @@ struct Described {
     about: &'static str,
     source: &'static str,
     weakness: &'static str,
-    verdict: &'static str,
     parameters: Vec<&'static Parameter>,
 }
 
 impl<Make> From<&Entry<Make>> for Described {
     fn from(entry: &Entry<Make>) -> Self {
         let parameters = entry.parameters().collect();
-        let &Entry { name, aliases, about, source, weakness, verdict, .. } = entry;
-        Self { name, aliases, about, source, weakness, verdict, parameters }
+        let &Entry { name, aliases, about, source, weakness, .. } = entry;
+        Self { name, aliases, about, source, weakness, parameters }
     }
 }
 
@@ -106,7 +105,6 @@ pub(crate) fn integrators(args: &ListArgs) -> Result<Outcome> {
         about: entry.about,
         source: entry.source,
         weakness: "",
-        verdict: "",
         parameters: entry.parameters.iter().collect(),
     });
     let check =
@@ -141,10 +139,13 @@ fn describe(option: &str, method: &Described) -> Result<()> {
     if !method.aliases.is_empty() {
         tell(format!("former names: {}", method.aliases.join(", ")))?;
     }
-    for (what, text) in [("source", method.source), ("weakness", method.weakness), ("result", method.verdict)] {
+    for (what, text) in [("source", method.source), ("weakness", method.weakness)] {
         if !text.is_empty() {
             tell(format!("{what}: {text}"))?;
         }
+    }
+    for (description, result) in registry::verdicts(option, method.name) {
+        tell(format!("result of {description}: {result}"))?;
     }
     let example = match method.parameters.first() {
         Some(Parameter { name, default, .. }) => format!("{}:{name}={default}", method.name),

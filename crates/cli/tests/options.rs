@@ -135,7 +135,12 @@ fn a_method_is_described_by_name() {
     let folder = Folder::new();
     let out = folder.done("samplers mitchell");
     assert!(out.starts_with("mitchell: contrast of a pilot"), "{out}");
-    for part in ["source: Mitchell, Generating Antialiased", "--sampler mitchell:initial=0", "\n  red=0.4 "] {
+    for part in [
+        "source: Mitchell, Generating Antialiased",
+        "result of mitchell: sRGB MSE over ",
+        "--sampler mitchell:initial=0",
+        "\n  red=0.4 ",
+    ] {
         assert!(out.contains(part), "{part}: {out}");
     }
     assert!(folder.done("samplers cluster").contains("former names: cluster\n"));

@@ -8,6 +8,7 @@ mod probe;
 mod sampler;
 mod screen;
 mod size;
+mod visibility;
 
 pub use area_vectors::AreaVectors;
 pub use error::Error;
@@ -17,3 +18,4 @@ pub use probe::{BACKGROUND, Placement, Probe, ProbeCost, ProbeHit, ProbeRay, Pro
 pub use sampler::{ClusterThesis, ProbeSource, ProbesHandle, TraceProbe};
 pub use screen::projected_box_area;
 pub use size::{ClusterSize, PixelArea, Rates, rates};
+pub use visibility::{TraceVisibility, visibility_variances};

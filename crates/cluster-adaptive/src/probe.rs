@@ -182,7 +182,7 @@ pub fn probe(
     Ok(Probes { frame: *frame, placement, probes, rejected, cost })
 }
 
-fn ray(pixel: [u32; 2], index: u64, placement: Placement, points: &dyn PointSet) -> ProbeRay {
+pub(crate) fn ray(pixel: [u32; 2], index: u64, placement: Placement, points: &dyn PointSet) -> ProbeRay {
     let sample = SampleId::new(pixel, streams::PROBE, index);
     let u = match placement {
         Placement::Centre => [0.5; 4],
@@ -202,6 +202,12 @@ impl Probes {
     /// The placement of each pixel's probes.
     pub fn placement(&self) -> Placement {
         self.placement
+    }
+
+    /// Adds shadow rays and their seconds to the cost.
+    pub(crate) fn add_cost(&mut self, rays: u64, seconds: f64) {
+        self.cost.rays += rays;
+        self.cost.seconds += seconds;
     }
 
     /// All probes, pixel by pixel and row by row, with [`Placement::per_pixel`] probes per pixel.

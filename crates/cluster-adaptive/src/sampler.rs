@@ -2,13 +2,15 @@
 
 use crate::{
     ClusterSize, ClusterThesisOptions, Error, Importance, Placement, Probe, ProbeCost, ProbeHit, ProbeRay, Probes,
+    TraceVisibility,
 };
-use crate::{importance, probe};
+use crate::{importance, probe, visibility_variances};
 use dapple_clustering::Cluster;
 use dapple_core::{
     Feedback, Frame, Limits, Needs, Options as _, Plan, PointSet, Progress, Sampler, SamplerMemory, share,
 };
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 /// The caller's function that traces a probe ray and returns its first hit, if any. It must be pure.
 pub type TraceProbe = Arc<dyn Fn(ProbeRay) -> Option<ProbeHit> + Send + Sync>;
@@ -111,6 +113,7 @@ pub struct ClusterThesis<P> {
     options: ClusterThesisOptions,
     placement: Placement,
     probed: Option<ProbeSource>,
+    visible: Option<TraceVisibility>,
     handle: ProbesHandle,
     prior: Option<Prior>,
 }
@@ -132,7 +135,7 @@ impl<P: PointSet> ClusterThesis<P> {
     /// # Errors
     ///
     /// [`Error::NoCluster`] if a probe has a cluster that is not in the list; [`Error::OutOfRange`] for a weight below
-    /// 0 or a maximum below the minimum.
+    /// 0, a maximum below the minimum, or shadow rays, which need [`ClusterThesis::probing`].
     pub fn with_options(
         points: P,
         probes: &Probes,
@@ -140,10 +143,13 @@ impl<P: PointSet> ClusterThesis<P> {
         size: ClusterSize,
         options: ClusterThesisOptions,
     ) -> Result<Self, Error> {
+        if options.lights > 0 {
+            return Err(Error::range("lights", options.lights, "0 for probes traced beforehand"));
+        }
         let importance = importance(probes, clusters, &size, &options)?;
         let prior = Some(Prior::new(*probes.frame(), importance));
         let (placement, handle) = (probes.placement(), ProbesHandle::default());
-        Ok(Self { points, size, options, placement, probed: None, handle, prior })
+        Ok(Self { points, size, options, placement, probed: None, visible: None, handle, prior })
     }
 
     /// Makes the sampler with any size measure and parameters. It traces its probes at the first plan for a frame,
@@ -165,7 +171,13 @@ impl<P: PointSet> ClusterThesis<P> {
             return Err(Error::range("probes", placement, "centre, or at least 1 and at most 256 per pixel"));
         }
         let handle = ProbesHandle::of_one();
-        Ok(Self { points, size, options, placement, probed: Some(probed), handle, prior: None })
+        Ok(Self { points, size, options, placement, probed: Some(probed), visible: None, handle, prior: None })
+    }
+
+    /// Sets the function that traces shadow rays, for [`ClusterThesisOptions::lights`].
+    #[must_use]
+    pub fn with_visibility(self, visible: TraceVisibility) -> Self {
+        Self { visible: Some(visible), ..self }
     }
 
     /// A handle to the probes that the sampler traces, now or later. It stays empty if the probes were given.
@@ -197,8 +209,18 @@ impl<P: PointSet> ClusterThesis<P> {
     }
 
     fn prior_of(&self, frame: &Frame, probed: &ProbeSource) -> Result<Prior, Error> {
-        let probes = probe(frame, probed.placement, &self.points, &probed.labels, &*probed.shoot)?;
-        let importance = importance(&probes, &probed.clusters, &self.size, &self.options)?;
+        let mut probes = probe(frame, probed.placement, &self.points, &probed.labels, &*probed.shoot)?;
+        let mut importance = importance(&probes, &probed.clusters, &self.size, &self.options)?;
+        let (rays, began) = (self.options.lights, Instant::now());
+        if rays > 0 {
+            let lacks = || Error::range("lights", rays, "0 without a function that traces shadow rays");
+            let visible = self.visible.as_ref().ok_or_else(lacks)?;
+            let clusters = probed.clusters.len();
+            importance.raise(&probes, &visibility_variances(&probes, clusters, &self.points, rays, &**visible)?);
+            // A probe's ray and a shadow ray each.
+            let seen = probes.class_counts(clusters)?[..clusters].iter().filter(|&&n| n > 0).count() as u64;
+            probes.add_cost(2 * u64::from(rays) * seen, began.elapsed().as_secs_f64());
+        }
         self.handle.set(&Arc::new(probes));
         Ok(Prior::new(*frame, importance))
     }
@@ -225,7 +247,8 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
         // The first plan, with rates and terms of importance, is made before anything is written to the film, whose
         // counts and means take 32 bytes. Later plans hold counts, floors, and the allocation's weights, shares and
         // counts.
-        let first = (8 * k + 24 + 8).saturating_sub(32);
+        let sorted = if self.options.lights > 0 { 4 * k } else { 0 };
+        let first = (8 * k + 24 + 8).max(4 + sorted).saturating_sub(32);
         let later = 4 + 4 + 8 + 8 + 4;
         SamplerMemory::planning(frame, first.max(later)).with_state(frame, size_of::<Probe>() * k + 8)
     }

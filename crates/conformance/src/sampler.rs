@@ -153,7 +153,7 @@ pub fn bits(film: &Film) -> Vec<u64> {
             bits.extend(format!("{sums:?}").bytes().map(u64::from));
         }
         for half in if film.needs().samples > 0 { 0..2 } else { 0..0 } {
-            let rows = [film.samples(i, half), film.discarded_samples(i, half)];
+            let rows = [film.samples(half, i), film.discarded_samples(half, i)];
             bits.extend(rows.map(|row| row.len() as u64));
             bits.extend(rows.concat().iter().flatten().map(|v| u64::from(v.to_bits())));
         }

@@ -35,6 +35,41 @@ impl Axis {
     }
 }
 
+/// The blur of a thin lens: how far a point appears from its place in the image, by its depth and the point on the lens.
+///
+/// The two lens coordinates of a sample become a point `(u, v)` of the unit disk by the concentric map
+/// [Shirley and Chiu 1997]. A point at depth `w` then appears `radius(1 / w)` times `(u, v)` pixels from its place through the
+/// lens' centre. Depth is measured along the view direction, in any unit.
+///
+/// ```
+/// use dapple_core::Defocus;
+///
+/// // In focus at depth 2.
+/// let defocus = Defocus::new([8.0, 8.0], [-16.0, -16.0]);
+/// assert_eq!(defocus.radius(0.5), [0.0; 2]);
+/// ```
+#[non_exhaustive]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Defocus {
+    /// The signed radius at infinite depth, in pixels along columns and rows.
+    pub at_infinity: [f32; 2],
+    /// The change of the radius with the inverse depth.
+    pub by_inverse_depth: [f32; 2],
+}
+
+impl Defocus {
+    /// The blur with this radius at infinite depth, and this change with the inverse depth.
+    pub const fn new(at_infinity: [f32; 2], by_inverse_depth: [f32; 2]) -> Self {
+        Self { at_infinity, by_inverse_depth }
+    }
+
+    /// The signed radius, in pixels, at an inverse depth.
+    #[inline]
+    pub fn radius(&self, inverse_depth: f32) -> [f32; 2] {
+        [0, 1].map(|axis| self.at_infinity[axis] + self.by_inverse_depth[axis] * inverse_depth)
+    }
+}
+
 /// The dimensions in which a renderer's samples have a meaning: two of the place in the pixel first, then lens, time and
 /// light as far as the image depends on them.
 ///

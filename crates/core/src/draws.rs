@@ -69,6 +69,7 @@ pub struct Draws<'a> {
     first_hit: bool,
     features: bool,
     emission: bool,
+    trajectory: bool,
     requested: Cell<u32>,
     /// The number of the next block for a cursor.
     cursor: Cell<u32>,
@@ -102,12 +103,19 @@ impl<'a> Draws<'a> {
         Self { emission: true, ..self }
     }
 
+    /// Requests the first hit and its trajectory from the integrator.
+    #[inline]
+    #[must_use]
+    pub fn with_trajectory(self) -> Self {
+        Self { first_hit: true, trajectory: true, ..self }
+    }
+
     /// The random numbers of sample `id` in a render, with requests for what the film records.
     #[inline]
     pub(crate) fn of_round(points: &'a dyn PointSet, id: SampleId, needs: &Needs) -> Self {
-        let Needs { features, emission, .. } = *needs;
+        let Needs { features, emission, trajectories: trajectory, .. } = *needs;
         let (first_hit, requested, cursor) = (needs.wants_first_hit(), Cell::new(0), Cell::new(0));
-        Self { points, id, turn: 0, first_hit, features, emission, requested, cursor }
+        Self { points, id, turn: 0, first_hit, features, emission, trajectory, requested, cursor }
     }
 
     /// Sets the sample's place among those of its pixel in this round.
@@ -206,6 +214,13 @@ impl<'a> Draws<'a> {
     #[inline]
     pub fn wants_emission(&self) -> bool {
         self.emission
+    }
+
+    /// Returns `true` if the film records trajectories. Then [`Draws::wants_first_hit`] returns `true` as well. If not, leave
+    /// [`Estimate::trajectory`](crate::Estimate::trajectory) at `None`.
+    #[inline]
+    pub fn wants_trajectory(&self) -> bool {
+        self.trajectory
     }
 
     /// The number of calls of [`Draws::block`] so far. An effect that is off requests no block.

@@ -155,7 +155,7 @@ impl Film {
     }
 
     /// The bytes per pixel of a film that records `needs`, before any sample is discarded. Each sample stored one by one takes
-    /// 12 bytes more.
+    /// 12 bytes more, and 28 with its trajectory.
     pub fn bytes_per_pixel(needs: &Needs) -> usize {
         Self::bank_bytes_per_pixel(needs)
             + if needs.features { size_of::<FeatureMoments>() } else { 0 }
@@ -171,7 +171,8 @@ impl Film {
         let bank = bank + if needs.emission { 12 } else { 0 };
         let bank = bank + usize::from(needs.channels) * if needs.variance { 8 } else { 4 };
         let bank = bank + needs.sums.values() * size_of::<[f64; 3]>();
-        let bank = bank + if needs.samples > 0 { size_of::<Vec<[f32; 3]>>() } else { 0 };
+        let rows = usize::from(needs.samples > 0) + usize::from(needs.samples > 0 && needs.trajectories);
+        let bank = bank + rows * size_of::<Vec<[f32; 3]>>();
         bank * if needs.halves { 2 } else { 1 }
     }
 
@@ -275,6 +276,7 @@ impl Film {
             channels: 0,
             sums: Sums::NONE,
             samples: 0,
+            trajectories: false,
             ..film.needs
         };
         film.splats = Splats::default();
@@ -366,6 +368,7 @@ impl Film {
             (needs.channels > have.channels, "values beside the radiance"),
             (!have.sums.contains(needs.sums), "sums of logarithms or roots"),
             (needs.samples > have.samples, "samples one by one"),
+            (needs.trajectories && !have.trajectories, "the trajectories of samples"),
         ];
         if let Some((_, what)) = missing.iter().find(|m| m.0) {
             return Err(Error::NotRecorded { who: who.to_owned(), what });
@@ -373,7 +376,11 @@ impl Film {
         if self.record.samples == 0 || self.unreported < self.record.samples || !needs.wants_first_hit() {
             return Ok(());
         }
-        let what = if needs.features { "first-hit features" } else { "first hits" };
+        let what = match needs {
+            Needs { features: true, .. } => "first-hit features",
+            Needs { trajectories: true, .. } => "the trajectories of first hits",
+            _ => "first hits",
+        };
         Err(Error::NoneReported { who: who.to_owned(), what })
     }
 

@@ -194,6 +194,43 @@ impl From<&FirstHit> for SurfaceFeatures {
     }
 }
 
+/// The path of a sample's first hit across the image while the shutter is open, for filters that move samples over lens and
+/// time.
+///
+/// With the hit's depth `w` along the view direction, and its position `(x, y)` in the image through the centre of the lens,
+/// `(x w, y w, w)` is linear in time for a constant velocity. The image is in pixels, from the top left corner.
+///
+/// ```
+/// use dapple_core::Trajectory;
+///
+/// // A point 4 units away at column 10 and row 20 that moves 3 pixels to the right.
+/// let moving = Trajectory::new(0.25, [3.0, 0.0, 0.0]);
+/// # assert_eq!(moving.inverse_depth, 0.25);
+/// ```
+#[non_exhaustive]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Trajectory {
+    /// The inverse of the depth along the view direction at the sample's time, in units of the camera's
+    /// [`Defocus`](crate::Defocus). 0 for the background.
+    pub inverse_depth: f32,
+    /// The change of `(x w, y w, w)` from the time when the shutter opens to the time when it closes, divided by the depth at
+    /// the sample's time.
+    pub motion: [f32; 3],
+}
+
+impl Trajectory {
+    /// The trajectory of a point with this inverse depth and this relative motion.
+    #[inline]
+    pub const fn new(inverse_depth: f32, motion: [f32; 3]) -> Self {
+        Self { inverse_depth, motion }
+    }
+
+    /// Returns `true` if no number is NaN or infinite and the depth is not negative.
+    pub(crate) fn is_sound(&self) -> bool {
+        self.inverse_depth >= 0.0 && self.inverse_depth.is_finite() && self.motion.iter().all(|v| v.is_finite())
+    }
+}
+
 /// An integrator's result for one sample: radiance, first hit, features and cost.
 ///
 /// ```
@@ -215,6 +252,9 @@ pub struct Estimate {
     /// The features, if [`Draws::wants_features`] requests them and they are not those of the first hit. The film records
     /// the first hit's features if this is `None`, or has a NaN or an infinity.
     pub features: Option<SurfaceFeatures>,
+    /// The trajectory of the first hit, if [`Draws::wants_trajectory`] requests it. `None`, or one with a NaN or an infinity,
+    /// counts as a background at rest.
+    pub trajectory: Option<Trajectory>,
     /// The part of the radiance that light sources emit towards the camera, if [`Draws::wants_emission`] requests it: seen
     /// by the camera ray itself, through mirrors, or through glass that shows them in almost every sample; else 0.
     ///
@@ -231,13 +271,21 @@ impl Estimate {
     /// An estimate with this radiance and without a first hit; its cost is one ray.
     #[inline]
     pub const fn new(radiance: [f32; 3]) -> Self {
-        Self { radiance, first_hit: None, features: None, emission: [0.0; 3], cost: 1, says_hit: false }
+        Self {
+            radiance,
+            first_hit: None,
+            features: None,
+            trajectory: None,
+            emission: [0.0; 3],
+            cost: 1,
+            says_hit: false,
+        }
     }
 
     /// Returns true if the estimate reports a hit or a miss.
     #[inline]
     pub(crate) const fn reports_hit(&self) -> bool {
-        self.says_hit || self.first_hit.is_some() || self.features.is_some()
+        self.says_hit || self.first_hit.is_some() || self.features.is_some() || self.trajectory.is_some()
     }
 
     /// Sets the first hit: a [`FirstHit`], or an `Option` of one; `None` says that the sample met no surface.
@@ -254,6 +302,14 @@ impl Estimate {
     #[must_use]
     pub fn with_features(mut self, features: impl Into<Option<SurfaceFeatures>>) -> Self {
         self.features = features.into();
+        self
+    }
+
+    /// Sets the trajectory of the first hit: a [`Trajectory`], or an `Option` of one.
+    #[inline]
+    #[must_use]
+    pub fn with_trajectory(mut self, trajectory: impl Into<Option<Trajectory>>) -> Self {
+        self.trajectory = trajectory.into();
         self
     }
 

@@ -82,7 +82,7 @@ mod worker;
 pub use allocate::{Allocation, Ladder, allocate, share};
 #[doc(hidden)]
 pub use allocate::{mix, saturating_u32};
-pub use domain::{Axis, Domain, Role};
+pub use domain::{Axis, Defocus, Domain, Role};
 pub use draws::{Block, Draws};
 pub use error::Error;
 pub use film::{
@@ -90,7 +90,9 @@ pub use film::{
 };
 pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
-pub use integrator::{BACKGROUND, Estimate, FirstHit, Integrator, SurfaceFeatures, TrainingData, TrainingSum};
+pub use integrator::{
+    BACKGROUND, Estimate, FirstHit, Integrator, SurfaceFeatures, TrainingData, TrainingSum, Trajectory,
+};
 pub use limits::{Budget, InvalidSample, Limits, Schedule};
 pub use memory::{FilterMemory, ImagePlanes, Memory, SamplerMemory};
 pub use moments::{Moments, RgbMoments};

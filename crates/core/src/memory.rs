@@ -1,7 +1,7 @@
 //! The memory of a render, forecast before it starts.
 
 use crate::render::holdout::Holdout;
-use crate::{Budget, Film, Filter, Frame, Limits, Needs, Sampler};
+use crate::{Budget, Film, Filter, Frame, Limits, Needs, Sampler, Trajectory, saturating_u32};
 
 /// The bytes that a sampler takes besides the film; 0 by default. Counts only memory that grows with the number of
 /// pixels.
@@ -133,12 +133,17 @@ pub struct Memory {
     pub holdout: u64,
 }
 
-/// The bytes of the samples that a render stores one by one.
+/// The number of samples that a render stores one by one.
 fn samples(needs: &Needs, frame: &Frame, limits: &Limits) -> u64 {
     let pixels = frame.pixels() as u64;
     let halves = if needs.halves { 2 } else { 1 };
     let kept = pixels.saturating_mul(halves).saturating_mul(u64::from(needs.samples));
-    kept.min(limits.expected_samples(frame)).saturating_mul(size_of::<[f32; 3]>() as u64)
+    kept.min(limits.expected_samples(frame))
+}
+
+/// The bytes of a sample that is stored one by one.
+fn sample_bytes(needs: &Needs) -> u64 {
+    (size_of::<[f32; 3]>() + if needs.trajectories { size_of::<Trajectory>() } else { 0 }) as u64
 }
 
 impl Memory {
@@ -152,8 +157,8 @@ impl Memory {
     /// The memory of a [`Render`](crate::Render) with these arguments, and of `filter` applied to its film. `needs` are
     /// the statistics that the filter and other readers request; those of sampler and limits are added.
     ///
-    /// Samples stored one by one take 12 bytes each: [`Needs::samples`] per pixel and half, but not more than the budget has
-    /// in the mean ([`Limits::expected_samples`]).
+    /// Samples stored one by one take 12 bytes each, or 28 with [`Needs::trajectories`]. They are [`Needs::samples`] per pixel and
+    /// half, but not more than the budget has in the mean ([`Limits::expected_samples`]).
     pub fn of_render(sampler: &dyn Sampler, filter: &dyn Filter, needs: Needs, frame: &Frame, limits: &Limits) -> Self {
         let needs = needs.and(sampler.needs());
         let needs = if matches!(limits.budget, Budget::Error { .. }) { needs.with_halves() } else { needs };
@@ -162,16 +167,18 @@ impl Memory {
         let single = limits.budget.samples(frame).is_some_and(|total| total <= frame.pixels() as u64);
         let unwritten =
             if needs.halves && single { Film::bank_bytes_per_pixel(&Needs { samples: 0, ..needs }) / 2 } else { 0 };
+        let stored = samples(&needs, frame, limits);
+        let each = saturating_u32(stored.div_ceil(frame.pixels().max(1) as u64));
         Self {
             needs,
             film: frame
                 .bytes(Film::bytes_per_pixel(&needs) - unwritten)
                 .saturating_add(discarded)
-                .saturating_add(samples(&needs, frame, limits)),
+                .saturating_add(stored.saturating_mul(sample_bytes(&needs))),
             sampler: state,
             planning,
             tracing: plan,
-            filter: filter.memory(frame, &needs),
+            filter: filter.memory(frame, &Needs { samples: each, ..needs }),
             holdout: 0,
         }
     }
@@ -240,6 +247,17 @@ mod tests {
         assert_eq!(film(all, &Limits::seconds(9.0)), 5000 * (2 * (32 + 24) + 12 * 64));
         assert_eq!(film(all, &Limits::seconds(9.0).with_max_spp(8)), 5000 * (2 * (32 + 24) + 12 * 8));
         assert_eq!(film(all, &Limits::error(0.1, 40_000)), 5000 * (2 * (32 + 24) + 12 * 8));
+    }
+
+    #[test]
+    fn trajectories_count_only_with_samples_stored_one_by_one() {
+        let (frame, uniform) = (Frame::new(100, 50).unwrap(), Uniform::new(Points));
+        let film = |needs: Needs| Memory::of_render(&uniform, &Unfiltered, needs, &frame, &Limits::spp(4.0)).film;
+        assert_eq!(film(Needs::none().with_trajectories()), 5000 * 32);
+        let three = Needs::none().with_samples(3).with_trajectories();
+        assert_eq!(film(three), 5000 * (32 + 2 * 24 + 3 * (12 + 16)));
+        let all = Needs::none().with_halves().with_samples(u32::MAX).with_trajectories();
+        assert_eq!(film(all), 5000 * (2 * (32 + 2 * 24) + 4 * (12 + 16)));
     }
 
     /// Sums beyond 64 bits saturate instead of wrapping.

@@ -49,6 +49,8 @@ pub struct Needs {
     pub sums: Sums,
     /// The number of samples per pixel and half, from the first on, whose radiance is stored one by one.
     pub samples: u32,
+    /// The [`Trajectory`](crate::Trajectory) of each sample that is stored one by one.
+    pub trajectories: bool,
 }
 
 impl Needs {
@@ -67,6 +69,7 @@ impl Needs {
             feature_halves: false,
             sums: Sums::NONE,
             samples: 0,
+            trajectories: false,
         }
     }
 
@@ -161,6 +164,14 @@ impl Needs {
         self
     }
 
+    /// Adds the trajectories of the samples that are stored one by one: 24 bytes per pixel and half, and 16 per sample. Without
+    /// [`Needs::with_samples`] there are none.
+    #[must_use]
+    pub const fn with_trajectories(mut self) -> Self {
+        self.trajectories = true;
+        self
+    }
+
     /// The union: the statistics that `self` or `other` requests.
     #[must_use]
     pub const fn and(self, other: Self) -> Self {
@@ -177,6 +188,7 @@ impl Needs {
             feature_halves: self.feature_halves || other.feature_halves,
             sums: self.sums.and(other.sums),
             samples: if self.samples > other.samples { self.samples } else { other.samples },
+            trajectories: self.trajectories || other.trajectories,
         }
     }
 
@@ -187,6 +199,6 @@ impl Needs {
 
     /// Returns `true` if any of these statistics reads first hits, so that the integrator must report them.
     pub const fn wants_first_hit(&self) -> bool {
-        self.features || self.feature_halves || self.first_hits > 0
+        self.features || self.feature_halves || self.first_hits > 0 || self.trajectories
     }
 }

@@ -1,7 +1,7 @@
 //! Point sets in which a sampler decides where samples lie.
 
 use crate::snapshot::bytes::{Reader, Writer};
-use crate::{Domain, Error, Frame, Limits, Needs, PointSet, SampleId, streams};
+use crate::{Defocus, Domain, Error, Frame, Limits, Needs, PointSet, SampleId, streams};
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -246,18 +246,30 @@ pub struct FilmPoints {
     points: Arc<dyn PointSet>,
     domain: Domain,
     placed: Option<PlacedHandle>,
+    defocus: Option<Defocus>,
 }
 
 impl FilmPoints {
     /// The points of a film that was rendered with `points`.
     pub fn new(points: Arc<dyn PointSet>, domain: Domain) -> Self {
-        Self { points, domain, placed: None }
+        Self { points, domain, placed: None, defocus: None }
     }
 
     /// Adds the samples that a sampler has placed ([`Placed::handle`]).
     #[must_use]
     pub fn with_placed(self, placed: Option<PlacedHandle>) -> Self {
         Self { placed, ..self }
+    }
+
+    /// Adds the blur of the camera's lens, for filters that move samples over the lens.
+    #[must_use]
+    pub fn with_defocus(self, defocus: Option<Defocus>) -> Self {
+        Self { defocus, ..self }
+    }
+
+    /// The blur of the camera's lens; `None` if there is none or it is unknown.
+    pub fn defocus(&self) -> Option<Defocus> {
+        self.defocus
     }
 
     /// The dimensions in which samples have a meaning.

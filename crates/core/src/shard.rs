@@ -296,7 +296,7 @@ impl ShardFilm {
             channels: shard.cut(&bank.channels, width * usize::from(film.needs.channels)),
             channels_m2: shard.cut(&bank.channels_m2, width * usize::from(film.needs.channels)),
             sums: bank.sums.with(|values, each| shard.cut(values, width * each)),
-            samples: bank.samples.with(|values| shard.cut(values, width)),
+            samples: bank.samples.with(|rows| shard.cut(rows, width), |paths| shard.cut(paths, width)),
             ahead: shard.cut(&bank.ahead, width),
         };
         let film = Film {
@@ -369,12 +369,13 @@ impl ShardFilm {
 pub fn merge(parts: &[ShardFilm]) -> Result<Film, Error> {
     let parts = in_order(parts)?;
     let first = parts[0];
-    let each = usize::from(first.needs.channels);
+    let (each, kinds) = (usize::from(first.needs.channels), first.needs.sums);
     let discards = parts.iter().any(|film| !film.discarded.is_empty());
     let banks = |of: &dyn Fn(&Film) -> &[Bank], count: usize| -> Result<Vec<Bank>, Error> {
         let bank = |half: usize| -> Result<Bank, Error> {
             let of = |film| of(film).get(half).ok_or_else(uneven);
             let banks = parts.iter().map(|film| of(film)).collect::<Result<Vec<_>, _>>()?;
+            let values = join(first, kinds.values(), banks.iter().map(|b| &b.sums.values[..]))?;
             Ok(Bank {
                 counts: join(first, 1, banks.iter().map(|b| &b.counts[..]))?,
                 means: join(first, 1, banks.iter().map(|b| &b.means[..]))?,
@@ -383,13 +384,11 @@ pub fn merge(parts: &[ShardFilm]) -> Result<Film, Error> {
                 emission: join(first, 1, banks.iter().map(|b| &b.emission[..]))?,
                 channels: join(first, each, banks.iter().map(|b| &b.channels[..]))?,
                 channels_m2: join(first, each, banks.iter().map(|b| &b.channels_m2[..]))?,
-                sums: SumPlane {
-                    kinds: first.needs.sums,
-                    values: join(first, first.needs.sums.values(), banks.iter().map(|b| &b.sums.values[..]))?,
-                },
+                sums: SumPlane { kinds, values },
                 samples: SamplePlane {
                     limit: first.needs.samples,
                     rows: join(first, 1, banks.iter().map(|b| &b.samples.rows[..]))?,
+                    trajectories: join(first, 1, banks.iter().map(|b| &b.samples.trajectories[..]))?,
                 },
                 ahead: join(first, 1, banks.iter().map(|b| &b.ahead[..]))?,
             })

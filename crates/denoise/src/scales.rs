@@ -188,7 +188,7 @@ pub(crate) fn correct(fine: &Inputs, mut coarse: Inputs, image: &mut Pair, scale
 /// Adds the change of a coarse image from `before` to `after` to a fine one.
 ///
 /// A pixel takes the change of the four nearest coarse pixels, weighted by distance and by likeness of normal and depth.
-/// Where none is alike, its change is small.
+/// Its change is small if none is alike.
 fn add_up(fine: &Inputs, coarse: &Inputs, image: &mut Pair, [before, after]: [&Pair; 2]) {
     let ([width, _], [columns, rows]) = (fine.size, coarse.size);
     let change: [Plane; 6] = std::array::from_fn(|k| {

@@ -1,9 +1,10 @@
 //! Clusters of a world's surfaces, and the data of a world that samplers and filters use.
 
-use dapple_cluster_adaptive::{ProbeHit, ProbeRay, TraceProbe};
+use dapple_cluster_adaptive::{ProbeHit, ProbeRay, TraceProbe, TraceVisibility};
 use dapple_clustering::{Cluster, ClusterParams, ClusterReport, Clusters, Triangles, cluster};
 use dapple_core::FirstHit;
-use dapple_renderer::World;
+use dapple_registry::LensProbes;
+use dapple_renderer::{Interaction, World};
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
 use std::time::Instant;
@@ -156,19 +157,51 @@ fn whole([low, high]: [Vec3; 2], material: u32, group: u32) -> Cluster {
 /// A function that traces probes: it returns the first hits of rays in the world.
 pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> TraceProbe {
     Arc::new(move |probe: ProbeRay| {
-        let [x, y] = probe.pixel.map(|n| n as f32 + 0.5);
-        let offset = Vec2::new(probe.film[0] - x, probe.film[1] - y);
-        let time = world.time(0.0);
-        let ray = world.camera().ray_at(world.camera().place(probe.pixel, offset), probe.lens, time);
-        let at = world.closest_hit(&ray, time)?;
+        let ([origin, direction], at) = probe_hit(&world, &probe)?;
         let (hit, point) = (at.hit(), at.point());
-        let distance = (point.position - ray.origin).length();
+        let distance = (point.position - origin).length();
         Some(ProbeHit {
             primitive: clusters.primitive(hit.shape, hit.primitive),
-            direction: ray.direction.to_array(),
+            direction: direction.to_array(),
             distance,
             normal: point.normal.to_array(),
             footprint: world.camera().footprint(distance),
         })
     })
+}
+
+/// The origin and direction of a probe's ray, and its first hit when the shutter opens.
+fn probe_hit<'w>(world: &'w World, probe: &ProbeRay) -> Option<([Vec3; 2], Interaction<'w>)> {
+    let [x, y] = probe.pixel.map(|n| n as f32 + 0.5);
+    let offset = Vec2::new(probe.film[0] - x, probe.film[1] - y);
+    let time = world.time(0.0);
+    let ray = world.camera().ray_at(world.camera().place(probe.pixel, offset), probe.lens, time);
+    Some(([ray.origin, ray.direction], world.closest_hit(&ray, time)?))
+}
+
+/// A function that traces shadow rays from the first hits of probes to points of the world's lights.
+pub(crate) fn visibility(world: Arc<World>) -> TraceVisibility {
+    Arc::new(move |probe: ProbeRay, [choice, u, v]: [f32; 3]| {
+        let Some((_, at)) = probe_hit(&world, &probe) else { return false };
+        let light = world.lights().sample(at.point().position, choice, [u, v]);
+        light.is_some_and(|light| !world.occluded(&light.shadow_ray(at.point()), world.time(0.0)))
+    })
+}
+
+/// First hits of the world through the centres of pixels and lens when the shutter opens.
+pub(crate) fn lens_probes(world: Arc<World>) -> LensProbes {
+    let has_lens = world.camera().has_lens();
+    let trace = move |pixel: [u32; 2]| {
+        let time = world.time(0.0);
+        let camera = world.camera();
+        let ray = camera.ray_at(camera.place(pixel, Vec2::ZERO), [0.5; 2], time);
+        match world.closest_hit(&ray, time) {
+            Some(at) => {
+                let blur = camera.circle_of_confusion(Some(at.point().position), time);
+                (Some(world.first_hit(&ray, &at, 0.5)), blur)
+            }
+            None => (None, camera.circle_of_confusion(None, time)),
+        }
+    };
+    LensProbes { trace: Arc::new(trace), has_lens }
 }

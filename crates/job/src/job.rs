@@ -173,7 +173,8 @@ impl Job {
         inputs.clusters.clone_from(&clusters);
         if let Some(domain) = prepared.world.domain() {
             let points = Arc::from(registry::points(&spec.points, setting(spec, frame))?);
-            inputs.points = Some(FilmPoints::new(points, domain).with_placed(placed));
+            let points = FilmPoints::new(points, domain).with_placed(placed);
+            inputs.points = Some(points.with_defocus(prepared.world.camera().defocus()));
         }
         let MadeFilter { filter, clusters: of_filter } = registry::filter(&spec.filter, &inputs)?;
         let is_shared = |made: &&Arc<_>| clusters.as_ref().is_some_and(|known| Arc::ptr_eq(known, made));

@@ -4,7 +4,7 @@ mod inputs;
 
 pub use dapple_registry::{
     AnyPoints, Entry, FILTERS, MakeFilter, MakePoints, MakeSampler, NOT_BUILT, POINTS, Parameter, Parameters,
-    RegistryError, SAMPLERS, Setting, check_filter, check_points, check_sampler, points,
+    RegistryError, SAMPLERS, Setting, check_filter, check_points, check_sampler, points, verdicts,
 };
 pub use inputs::MethodInputs;
 

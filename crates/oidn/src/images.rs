@@ -162,7 +162,7 @@ mod tests {
         assert!(Inputs::new(&film(&[0.0; 4], 2)).is_none(), "black has no level");
     }
 
-    /// What OIDN does not see stays in its pixel: with an output equal to the input, the image is the film's.
+    /// Light that OIDN does not see stays in its pixel: with an output equal to the input, the image is the film's.
     #[test]
     fn light_above_the_bound_stays_in_its_pixel() {
         let mut values = [0.5_f32; 64];

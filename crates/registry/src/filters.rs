@@ -6,8 +6,9 @@ use crate::inputs::CLUSTERS;
 use crate::{CLUSTERING, ClusterInputs, Entry, Parameters, RegistryError, clustering};
 #[cfg(feature = "classics")]
 use dapple_classics::{
-    GemFilter, GemFilterOptions, JamesStein, JamesSteinOptions, MdasBoxesOptions, Nfor, NforOptions, NlmLoopFilter,
-    NlmLoopFilterOptions, SureFilter, SureFilterOptions, TreeMeanOptions, Wavelet, WaveletOptions, Welch, WelchOptions,
+    GemFilter, GemFilterOptions, JamesStein, JamesSteinOptions, LensBandwidthOptions, MdasBoxesOptions, Nfor,
+    NforOptions, NlmLoopFilter, NlmLoopFilterOptions, SplatOptions, SureFilter, SureFilterOptions, TlfrOptions,
+    TreeMeanOptions, Wavelet, WaveletOptions, Welch, WelchOptions,
 };
 use dapple_core::{Filter, Options as _, Unfiltered};
 use dapple_denoise::{
@@ -83,6 +84,30 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
             "Meister and Hachisuka, multidimensional adaptive sampling on GPUs, JCGT 11(2), 2022",
             &[MdasBoxesOptions::PARAMETERS],
             crate::coordinates::mdas_boxes,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "blurs shadows and reflections on smooth surfaces; slow if all pixels of a smooth image have samples",
+        ..Entry::new(
+            "splat",
+            "Gaussians as wide as lens and surfaces allow, over pixels with samples; for fourier-dof (after Soler 2009)",
+            "after Soler et al., Fourier Depth of Field, 2009",
+            &[SplatOptions::PARAMETERS, LensBandwidthOptions::PARAMETERS],
+            crate::lens::splat,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "reflections do not move with their surface; noise from outside lens and time stays; as slow as tens of samples",
+        ..Entry::new(
+            "tlfr",
+            "samples moved over lens and time, for defocus and motion blur (Lehtinen 2011)",
+            "Lehtinen et al., Temporal Light Field Reconstruction for Rendering Distribution Effects, 2011",
+            &[TlfrOptions::PARAMETERS],
+            crate::coordinates::tlfr,
         )
     },
     #[cfg(feature = "classics")]

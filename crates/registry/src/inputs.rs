@@ -1,7 +1,7 @@
 //! The clusters, probes and coordinates for which samplers and filters are made.
 
 use crate::RegistryError;
-use dapple_cluster_adaptive::{AreaVectors, ProbeHit, ProbeRay, TraceProbe};
+use dapple_cluster_adaptive::{AreaVectors, ProbeHit, ProbeRay, TraceProbe, TraceVisibility};
 use dapple_clustering::{Cluster, ClusterParams};
 use dapple_core::{Domain, FilmPoints, FirstHit};
 use dapple_denoise::ClusterLookup;
@@ -39,6 +39,25 @@ pub trait ClusterInputs {
     /// [`dapple_cluster_adaptive::Error`] for labels that do not fit the triangles.
     fn area_vectors(&self, clusters: &ClusterProbes) -> Result<Option<AreaVectors>, dapple_cluster_adaptive::Error> {
         let _ = clusters;
+        Ok(None)
+    }
+
+    /// The function that traces shadow rays from the hits of probes, for clusters that know the lights; `None` by default.
+    ///
+    /// # Errors
+    ///
+    /// [`ClusterInputError`] if there is no scene.
+    fn visibility(&self) -> Result<Option<TraceVisibility>, ClusterInputError> {
+        Ok(None)
+    }
+
+    /// First hits through the centre of the lens, and the lens' blur there, for methods that know the lens before they sample;
+    /// `None` by default.
+    ///
+    /// # Errors
+    ///
+    /// [`ClusterInputError`] if there is no scene.
+    fn lens_probes(&self) -> Result<Option<LensProbes>, ClusterInputError> {
         Ok(None)
     }
 
@@ -116,6 +135,21 @@ impl ClusterProbes {
     }
 }
 
+/// The function that traces the ray through the centres of a pixel and of the lens, for a pixel of the full image.
+///
+/// It returns the first hit, and the radius in pixels of the circle of confusion there: negative in front of the plane in focus,
+/// 0 without a lens. It must be pure.
+pub type TraceLensProbe = Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync>;
+
+/// First hits through the centre of the lens, for the sampler `fourier-dof` and the filter `splat`.
+#[derive(Clone)]
+pub struct LensProbes {
+    /// The function that traces the first hits.
+    pub trace: TraceLensProbe,
+    /// `true` if the camera has a lens.
+    pub has_lens: bool,
+}
+
 /// Clusters that a renderer makes itself, from any number that its first hits have.
 ///
 /// The parameters of clustering (`k`, `clamp`, …) have no effect on them.
@@ -134,6 +168,8 @@ pub struct HostClusters {
     labels: Option<ClusterLookup>,
     probes: Option<ClusterProbes>,
     world_to_clip: Option<[[f32; 4]; 4]>,
+    visibility: Option<TraceVisibility>,
+    lens_probes: Option<LensProbes>,
     domain: Option<Domain>,
     points: Option<FilmPoints>,
 }
@@ -162,6 +198,18 @@ impl HostClusters {
         Self { world_to_clip: Some(matrix), ..self }
     }
 
+    /// Sets the function that traces shadow rays from the hits of probes, for `cluster-thesis:lights=16`.
+    #[must_use]
+    pub fn with_visibility(self, visible: TraceVisibility) -> Self {
+        Self { visibility: Some(visible), ..self }
+    }
+
+    /// Sets the function that traces first hits through the centre of the lens, for `fourier-dof` and `splat`.
+    #[must_use]
+    pub fn with_lens_probes(self, probes: LensProbes) -> Self {
+        Self { lens_probes: Some(probes), ..self }
+    }
+
     /// Sets the dimensions in which samples have a meaning, for samplers that place samples.
     #[must_use]
     pub fn with_domain(self, domain: Domain) -> Self {
@@ -188,6 +236,14 @@ impl ClusterInputs for HostClusters {
         self.world_to_clip
     }
 
+    fn visibility(&self) -> Result<Option<TraceVisibility>, ClusterInputError> {
+        Ok(self.visibility.clone())
+    }
+
+    fn lens_probes(&self) -> Result<Option<LensProbes>, ClusterInputError> {
+        Ok(self.lens_probes.clone())
+    }
+
     fn domain(&self) -> Result<Option<Domain>, ClusterInputError> {
         Ok(self.domain.clone())
     }
@@ -206,6 +262,10 @@ impl ClusterInputs for NoScene {
     }
 
     fn probes(&self, _: &ClusterParams) -> Result<Option<ClusterProbes>, ClusterInputError> {
+        Err(ClusterInputError::NoScene)
+    }
+
+    fn lens_probes(&self) -> Result<Option<LensProbes>, ClusterInputError> {
         Err(ClusterInputError::NoScene)
     }
 

@@ -6,19 +6,23 @@ mod defaults;
 mod error;
 mod filters;
 mod inputs;
+#[cfg(feature = "classics")]
+mod lens;
 mod parameters;
 mod points;
 mod samplers;
+mod verdicts;
 
 pub use dapple_cluster_adaptive::ProbesHandle;
 pub use dapple_core::Parameter;
 pub use defaults::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER, default_pair, default_pair_with};
 pub use error::RegistryError;
 pub use filters::{FILTERS, MakeFilter, NOT_BUILT};
-pub use inputs::{ClusterInputError, ClusterInputs, ClusterProbes, HostClusters};
+pub use inputs::{ClusterInputError, ClusterInputs, ClusterProbes, HostClusters, LensProbes, TraceLensProbe};
 pub use parameters::Parameters;
 pub use points::{AnyPoints, MakePoints, POINTS};
 pub use samplers::{MadeSampler, MakeSampler, SAMPLERS};
+pub use verdicts::verdicts;
 
 use dapple_clustering::{ClusterParams, Grouping, Insertion, Order, Sides};
 use dapple_core::Filter;
@@ -43,8 +47,6 @@ pub struct Entry<Make> {
     pub source: &'static str,
     /// The cases in which the method fails or loses; empty if they are stated elsewhere.
     pub weakness: &'static str,
-    /// The method's result in the race of all methods; empty if it took no part.
-    pub verdict: &'static str,
     make: Make,
 }
 
@@ -56,7 +58,7 @@ impl<Make> Entry<Make> {
         parameters: &'static [&'static [Parameter]],
         make: Make,
     ) -> Self {
-        Self { name, aliases: &[], about, parameters, feature: None, source, weakness: "", verdict: "", make }
+        Self { name, aliases: &[], about, parameters, feature: None, source, weakness: "", make }
     }
 
     /// Iterates over all parameters of the entry.

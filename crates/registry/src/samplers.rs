@@ -8,9 +8,10 @@ use crate::{
 use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, VarianceOptions};
 #[cfg(feature = "classics")]
 use dapple_classics::{
-    Awr, AwrOptions, Divergence, DivergenceOptions, Ears, EarsOptions, Gem, GemOptions, HierarchicalOptions,
-    MdasOptions, NlmLoop, NlmLoopOptions, Perceptual, PerceptualOptions, SubdivisionOptions, Sure, SureOptions,
-    UpperConfidence, UpperConfidenceOptions, VarianceThreshold, VarianceThresholdOptions,
+    Awr, AwrOptions, Divergence, DivergenceOptions, Ears, EarsOptions, FourierDofOptions, Gem, GemOptions,
+    HierarchicalOptions, LensBandwidthOptions, MdasOptions, NlmLoop, NlmLoopOptions, Perceptual, PerceptualOptions,
+    SubdivisionOptions, Sure, SureOptions, UpperConfidence, UpperConfidenceOptions, VarianceThreshold,
+    VarianceThresholdOptions,
 };
 use dapple_cluster_adaptive::{ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeSource, ProbesHandle};
 use dapple_core::samplers::{Then, Uniform};
@@ -168,6 +169,18 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
             "Hachisuka et al., Multidimensional Adaptive Sampling and Reconstruction for Ray Tracing, 2008; boxes: Meister and Hachisuka 2022",
             &[MdasOptions::PARAMETERS],
             crate::coordinates::mdas,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "knows no effect but the lens; shadows and noise of lights have no part in its counts",
+        ..Entry::new(
+            "fourier-dof",
+            "few pixels where the lens blurs, many samples where its light varies (after Soler 2009); filter with splat",
+            "after Soler et al., Fourier Depth of Field, 2009",
+            &[FourierDofOptions::PARAMETERS, LensBandwidthOptions::PARAMETERS],
+            crate::lens::fourier_dof,
         )
     },
     #[cfg(feature = "classics")]
@@ -343,5 +356,12 @@ fn cluster_thesis(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs)
     let ClusterProbes { labels, clusters, shoot } = probes;
     let source = ProbeSource { labels, clusters, shoot, placement, described: p.described(CLUSTERING) };
     let sampler = ClusterThesis::probing(points, source, size, options).map_err(|e| p.refuse(e.to_string()))?;
+    let sampler = match options.lights {
+        0 => sampler,
+        _ => {
+            let visible = inputs.visibility().map_err(|e| e.of(p.of()))?;
+            sampler.with_visibility(visible.ok_or(lacks("shadow rays to the scene's lights (lights=0 needs none)"))?)
+        }
+    };
     Ok(MadeSampler { probes: sampler.handle(), sampler: Box::new(sampler), placed: None })
 }

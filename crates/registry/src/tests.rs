@@ -36,9 +36,9 @@ fn without_clusters_only_methods_that_cannot_do_without_are_refused() {
     let filters = FILTERS.iter().map(|entry| (entry.name, refusal(filter(entry.name, &none)))).collect();
     let samplers = SAMPLERS.iter().map(|entry| (entry.name, refusal(sampler(entry.name, sobol(), &none)))).collect();
     let (mut filters, mut samplers) = (refused(filters), refused(samplers));
-    // These need the meaning of coordinates instead of clusters.
-    filters.retain(|name| !["mdas-boxes", "tree-mean"].contains(name));
-    samplers.retain(|name| !["mdas", "subdivision", "hierarchical"].contains(name));
+    // These need the meaning of coordinates or the lens instead of clusters.
+    filters.retain(|name| !["mdas-boxes", "tlfr", "tree-mean", "splat"].contains(name));
+    samplers.retain(|name| !["mdas", "subdivision", "hierarchical", "fourier-dof"].contains(name));
     assert_eq!((filters, samplers), (vec!["cluster-gaussian"], vec!["cluster-thesis"]));
     assert_eq!(filter("cluster-regression", &none).expect("a filter").needs().first_hits, 0);
     assert!(check_filter("cluster-gaussian").is_ok() && check_sampler("cluster-thesis").is_ok());
@@ -115,6 +115,10 @@ fn sizes_of_clusters_that_need_more_of_the_scene_name_it() {
         let error = refusal(sampler(&format!("cluster-thesis:{words}"), sobol(), &clusters));
         assert!(error.contains(lacks), "{error}");
     }
+    let error = refusal(sampler("cluster-thesis:lights=16", sobol(), &clusters));
+    assert!(error.contains("shadow rays to the scene's lights"), "{error}");
+    let seen = clusters.clone().with_visibility(std::sync::Arc::new(|_, _| true));
+    assert_eq!(refusal(sampler("cluster-thesis:lights=16", sobol(), &seen)), "");
     let identity = [0, 1, 2, 3].map(|i| [0, 1, 2, 3].map(|j| if i == j { 1.0 } else { 0.0 }));
     let clusters = clusters.with_world_to_clip(identity);
     assert_eq!(refusal(sampler("cluster-thesis:size=screen", sobol(), &clusters)), "");

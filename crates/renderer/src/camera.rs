@@ -2,9 +2,10 @@
 
 use crate::shading::warp::concentric_disk;
 use crate::space::Space;
+use dapple_core::Defocus;
 use dapple_geometry::{Motion, Ray};
 use dapple_scene::{Camera, Projection, Source};
-use glam::{DAffine3, DMat3, Mat3, Vec2, Vec3};
+use glam::{DAffine3, DMat3, DVec3, Mat3, Vec2, Vec3};
 
 /// The reason why [`CameraView::new`] refused a camera.
 #[non_exhaustive]
@@ -237,6 +238,27 @@ impl CameraView {
         if self.orthographic { self.pixel_width() * self.axes.x_axis.length() } else { distance * self.pixel_width() }
     }
 
+    /// Returns the radius in pixels of the circle of confusion of a point in the renderer's space, at a time in `[0, 1]`.
+    /// `None` is a point at infinity.
+    ///
+    /// The radius is negative in front of the plane in focus, and 0 without a lens. At infinity, it is infinite for an
+    /// orthographic camera.
+    pub fn circle_of_confusion(&self, point: Option<Vec3>, time: f32) -> f32 {
+        if !self.has_lens() {
+            return 0.0;
+        }
+        let depth = point.map_or(f32::INFINITY, |point| {
+            let (origin, axes) = self.pose(time);
+            (axes.inverse() * (point - origin)).z.max(f32::MIN_POSITIVE)
+        });
+        let shift = if self.orthographic {
+            depth / self.focal_distance - 1.0
+        } else {
+            self.focal_distance.recip() - depth.recip()
+        };
+        self.lens_radius * shift / self.pixel_width()
+    }
+
     /// Returns true if the lens has a radius above 0.
     pub fn has_lens(&self) -> bool {
         self.lens_radius > 0.0
@@ -287,6 +309,37 @@ impl CameraView {
         let across = row((x - z * self.shift.x) / wide);
         let down = row((z * self.shift.y - y) / high);
         [across, down, row(z), row(z)]
+    }
+
+    /// Returns the blur of the lens by depth, with depths in camera space as `project` returns them. Returns `None`
+    /// without a lens, and for an orthographic camera, whose blur is not linear in the inverse depth.
+    pub fn defocus(&self) -> Option<Defocus> {
+        let usable = self.has_lens() && !self.orthographic;
+        // A row further down has a smaller y in camera space.
+        let radius = Vec2::new(self.lens_radius, -self.lens_radius) / self.step;
+        usable.then(|| Defocus::new((radius / self.focal_distance).to_array(), (-radius).to_array()))
+    }
+
+    /// Returns the place of a point in the image, at a time in `[0, 1]` within the motion, and its depth along the view
+    /// direction in camera space. The place `(x, y)` is in pixels from the top left corner, as seen through the lens' centre,
+    /// and is returned as `(x w, y w, w)`. For an orthographic camera, `w` is 1.
+    pub(crate) fn project(&self, time: f32, point: DVec3) -> (DVec3, f64) {
+        let (origin, axes) = self.pose(time);
+        let inner = axes.as_dmat3().inverse() * (point - origin.as_dvec3());
+        (self.homogeneous(inner, if self.orthographic { 1.0 } else { inner.z }), inner.z)
+    }
+
+    /// Returns the place of an infinitely far point as [`Self::project`] does; `None` behind the camera, and for an
+    /// orthographic one.
+    pub(crate) fn project_direction(&self, time: f32, direction: DVec3) -> Option<DVec3> {
+        let inner = self.pose(time).1.as_dmat3().inverse() * direction;
+        (inner.z > 0.0 && !self.orthographic).then(|| self.homogeneous(inner, inner.z))
+    }
+
+    fn homogeneous(&self, inner: DVec3, w: f64) -> DVec3 {
+        let (step, shift, half) = (self.step.as_dvec2(), self.shift.as_dvec2(), self.half.as_dvec2());
+        let (x, y) = ((inner.x - shift.x * w) / step.x, (shift.y * w - inner.y) / step.y);
+        DVec3::new(x + half.x * w, y + half.y * w, w)
     }
 
     /// Returns the direction to a position on the image in camera space, with z = 1 forward. For an orthographic

@@ -10,6 +10,7 @@ mod instances;
 mod shutter;
 #[cfg(test)]
 mod tests;
+mod trajectory;
 
 pub use build::WorldError;
 

@@ -21,7 +21,7 @@ const TILE: [usize; 2] = [32, 8];
 /// The number that is added to the squared luminance in priorities, as published.
 const DARK: f64 = 1e-2;
 
-/// What the bank returns for one pixel.
+/// The bank's result for one pixel.
 #[derive(Clone, Copy, Default)]
 pub(super) struct OfPixel {
     /// The filtered pixel, from the widest filter to the narrowest.

@@ -2,10 +2,10 @@
 
 use super::choice::{self, choose};
 use super::planes::NEEDS;
-use crate::kept_pilot::plan_pilot;
+use crate::rounds_and_variances::{plan_pilot, with_extra};
 use dapple_core::{
     Error, Feedback, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory,
-    allocate, saturating_u32, share,
+    saturating_u32, share,
 };
 
 dapple_core::options! {
@@ -62,7 +62,6 @@ impl<P: PointSet> Sure<P> {
     fn refine(&self, seen: &Feedback<'_>, pilot: u32, plan: &mut Plan) -> Result<(), Error> {
         let (budget, pixels) = (seen.budget, seen.pixels() as u64);
         let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
-        let kept: u64 = now.iter().map(|&n| u64::from(n)).sum();
         let floors: Vec<u32> = now.iter().map(|&n| budget.min_spp.saturating_sub(n)).collect();
         let needed: u64 = floors.iter().map(|&n| u64::from(n)).sum();
         let after = budget.total.saturating_sub(u64::from(pilot) * pixels);
@@ -76,9 +75,10 @@ impl<P: PointSet> Sure<P> {
         let cap = self.options.cap.max(budget.min_spp).min(budget.max_spp);
         let wanted: Vec<u32> =
             more.iter().zip(&now).map(|(more, &n)| n.saturating_add(*more).min(cap).max(n)).collect();
+        let counts: Vec<u32> = wanted.iter().zip(&now).map(|(n, now)| n - now).collect();
         // What exceeds the cap goes to the pixels with the fewest samples.
-        let counts = allocate(&vec![1.0; now.len()], &wanted, budget.max_spp, kept + step)?.counts;
-        plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
+        let planned = counts.iter().map(|&n| u64::from(n)).sum::<u64>();
+        plan.counts = with_extra(seen, counts, step - planned)?;
         Ok(())
     }
 }

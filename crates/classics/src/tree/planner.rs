@@ -171,7 +171,7 @@ impl<P: PointSet> TreePlanner<P> {
         let chosen = self.choose(rule, threshold, seen, cells);
         let of_cell: Vec<&[Candidate]> = chosen.chunk_by(|a, b| a.cell == b.cell).collect();
         let seed = round.seed;
-        let placed: Vec<Vec<At>> = of_cell
+        let placed: Vec<([u32; 2], Vec<At>)> = of_cell
             .par_iter()
             .map_init(Cell::default, |cell, chosen| {
                 let mut places = Vec::new();
@@ -186,18 +186,14 @@ impl<P: PointSet> TreePlanner<P> {
                     }
                     leaf += 1;
                 });
-                let corner = cell.corner.map(|x| x as f32);
-                places.iter_mut().for_each(|at| (0..2).for_each(|axis| at[axis] += corner[axis]));
-                places
+                (cell.corner, places)
             })
             .collect();
-        let width = seen.frame().size()[0] as usize;
-        for at in placed.iter().flatten() {
-            let [x, y] = [at[0], at[1]].map(|x| x as u32);
-            let i = y as usize * width + x as usize;
+        let size = seen.frame().size();
+        for (corner, at) in placed.iter().flat_map(|(corner, places)| places.iter().map(move |at| (*corner, at))) {
+            let (pixel, inside) = pixel_of(size, corner, at);
+            let i = pixel[1] as usize * size[0] as usize + pixel[0] as usize;
             if round.total < seen.budget.left() && round.now[i] + round.counts[i] < seen.budget.max_spp {
-                let mut inside = *at;
-                (inside[0], inside[1]) = (at[0] - x as f32, at[1] - y as f32);
                 self.add(seen.frame(), round, i, &inside)?;
             }
         }
@@ -247,6 +243,17 @@ impl<P: PointSet> TreePlanner<P> {
     }
 }
 
+/// The pixel of a place in a cell, and the place in that pixel. A place that rounding has put on the far side of the cell
+/// stays in the last pixel.
+fn pixel_of(size: [u32; 2], corner: [u32; 2], at: &At) -> ([u32; 2], At) {
+    let (mut pixel, mut inside) = ([0; 2], *at);
+    for axis in 0..2 {
+        pixel[axis] = (corner[axis] + at[axis] as u32).min(size[axis] - 1);
+        inside[axis] = (at[axis] - (pixel[axis] - corner[axis]) as f32).min(1.0_f32.next_down());
+    }
+    (pixel, inside)
+}
+
 /// Hands out `step` samples so that the largest score afterwards is as small as possible, as far as rules know it. This is what
 /// refining the box with the largest score, one by one, comes to. Boxes that share the last samples get them by their order.
 fn hand_out(rule: &dyn Refinement, all: &mut [Candidate], step: u64) {
@@ -293,8 +300,8 @@ impl Round {
         let halves = film.needs().halves;
         let next = |i: usize| {
             [0, 1].map(|half| {
-                let count = film.samples(i, half).len();
-                (film.sample_id(i, half, count).index, count as u64)
+                let count = film.samples(half, i).len();
+                (film.sample_id(half, i, count).index, count as u64)
             })
         };
         Self {
@@ -343,5 +350,21 @@ impl Round {
             (floors[i]..wanted).for_each(|_| self.take(i));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_on_the_far_side_of_a_cell_stay_in_the_image() {
+        let mut at = At::default();
+        (at[0], at[1]) = (8.0, 8.0_f32.next_down());
+        let (pixel, inside) = pixel_of([72, 48], [64, 40], &at);
+        assert_eq!(pixel, [71, 47]);
+        assert!(inside[..2].iter().all(|x| (0.999..1.0).contains(x)), "{inside:?}");
+        // In the middle of the image, the next pixel begins there.
+        assert_eq!(pixel_of([72, 48], [8, 8], &at).0, [16, 15]);
     }
 }

@@ -47,8 +47,7 @@ fn other_combinations_conform() {
 fn the_description_has_all_parameters() {
     let sampler = probing(1, Placement::Jittered(4), ClusterSize::Hits, ClusterThesisOptions::default());
     let said = dapple_core::Sampler::describe(&sampler);
-    let wanted =
-        "cluster-thesis:probes=4,size=hits,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0,policy=a-priori";
+    let wanted = "cluster-thesis:probes=4,size=hits,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0,lights=0,policy=a-priori";
     assert_eq!(said, wanted);
 }
 

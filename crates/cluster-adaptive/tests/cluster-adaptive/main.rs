@@ -5,3 +5,4 @@ mod common;
 mod conformance;
 mod hard_cases;
 mod thesis;
+mod visibility;

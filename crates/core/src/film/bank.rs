@@ -45,7 +45,7 @@ impl Bank {
             channels: vec![0.0; pixels * usize::from(needs.channels)],
             channels_m2: if needs.variance { vec![0.0; pixels * usize::from(needs.channels)] } else { Vec::new() },
             sums: SumPlane::new(pixels, needs.sums),
-            samples: SamplePlane::new(pixels, needs.samples),
+            samples: SamplePlane::new(pixels, needs),
             ahead: Vec::new(),
         }
     }
@@ -192,6 +192,9 @@ impl BankRows<'_> {
         let reason = reason_to_reject(estimate.radiance);
         let radiance = if reason.is_some() { [0.0; 3] } else { estimate.radiance };
         self.push(local, radiance);
+        if !self.samples.rows.is_empty() {
+            self.samples.push(local, radiance, estimate.trajectory.as_ref());
+        }
         if let Some(mean) = self.emission.get_mut(local) {
             add_emission(mean, self.counts[local], estimate.emission, radiance);
         }
@@ -233,9 +236,6 @@ impl BankRows<'_> {
         }
         if !self.sums.values.is_empty() {
             self.sums.push(local, self.counts[local], radiance);
-        }
-        if !self.samples.rows.is_empty() {
-            self.samples.push(local, radiance);
         }
     }
 }

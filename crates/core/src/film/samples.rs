@@ -1,7 +1,8 @@
 //! Samples kept one by one.
 
 use super::{Bank, BankRows, Film};
-use crate::{SampleId, streams};
+use crate::{Needs, SampleId, Trajectory, streams};
+use std::slice::ChunksMut;
 
 /// The radiance of each pixel's first samples in a bank.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -11,29 +12,34 @@ pub(crate) struct SamplePlane {
     /// The samples of each pixel in the order of tracing, as many as the pixel's count but at most `limit`. Empty if the
     /// film keeps no samples.
     pub(crate) rows: Vec<Vec<[f32; 3]>>,
+    /// The trajectories of these samples. Empty if the film keeps none.
+    pub(crate) trajectories: Vec<Vec<Trajectory>>,
 }
 
 impl SamplePlane {
-    pub(super) fn new(pixels: usize, limit: u32) -> Self {
-        Self { limit, rows: vec![Vec::new(); if limit > 0 { pixels } else { 0 }] }
+    pub(super) fn new(pixels: usize, needs: &Needs) -> Self {
+        let rows = if needs.samples > 0 { pixels } else { 0 };
+        let trajectories = if needs.trajectories { rows } else { 0 };
+        Self { limit: needs.samples, rows: vec![Vec::new(); rows], trajectories: vec![Vec::new(); trajectories] }
     }
 
-    /// A plane of other pixels, made by `change` from this plane's rows.
-    pub(crate) fn with(&self, change: impl FnOnce(&[Vec<[f32; 3]>]) -> Vec<Vec<[f32; 3]>>) -> Self {
-        Self { limit: self.limit, rows: change(&self.rows) }
+    /// A plane of other pixels, made from this plane's samples and their trajectories.
+    pub(crate) fn with(
+        &self,
+        rows: impl FnOnce(&[Vec<[f32; 3]>]) -> Vec<Vec<[f32; 3]>>,
+        trajectories: impl FnOnce(&[Vec<Trajectory>]) -> Vec<Vec<Trajectory>>,
+    ) -> Self {
+        Self { limit: self.limit, rows: rows(&self.rows), trajectories: trajectories(&self.trajectories) }
     }
 
     /// Moves the samples of pixel `i` to the end of those in `other`, as far as its limit allows.
     pub(super) fn give(&mut self, other: &mut Self, i: usize) {
-        if let (Some(from), Some(to)) = (self.rows.get_mut(i), other.rows.get_mut(i)) {
-            let mut row = std::mem::take(from);
-            row.truncate((other.limit as usize).saturating_sub(to.len()));
-            if to.is_empty() { *to = row } else { to.append(&mut row) }
-        }
+        move_row(&mut self.rows, &mut other.rows, i, other.limit);
+        move_row(&mut self.trajectories, &mut other.trajectories, i, other.limit);
     }
 
     pub(crate) fn rows(&mut self) -> SampleRows<'_> {
-        SampleRows { limit: self.limit, rows: &mut self.rows }
+        SampleRows { limit: self.limit, rows: &mut self.rows, trajectories: &mut self.trajectories }
     }
 
     fn of(&self, i: usize) -> &[[f32; 3]] {
@@ -41,26 +47,53 @@ impl SamplePlane {
     }
 }
 
+/// Moves the row of pixel `i` to the end of that in `to`, which has at most `limit` values.
+fn move_row<T>(from: &mut [Vec<T>], to: &mut [Vec<T>], i: usize, limit: u32) {
+    if let (Some(from), Some(to)) = (from.get_mut(i), to.get_mut(i)) {
+        let mut row = std::mem::take(from);
+        row.truncate((limit as usize).saturating_sub(to.len()));
+        if to.is_empty() { *to = row } else { to.append(&mut row) }
+    }
+}
+
 /// The samples of some pixels, which one task writes.
 pub(crate) struct SampleRows<'a> {
     pub(crate) limit: u32,
     pub(crate) rows: &'a mut [Vec<[f32; 3]>],
+    pub(crate) trajectories: &'a mut [Vec<Trajectory>],
 }
 
-impl SampleRows<'_> {
-    /// Adds a sample. Outlined because most films keep no samples.
+impl<'a> SampleRows<'a> {
+    /// The next rows of both planes.
+    pub(crate) fn next(
+        limit: u32,
+        rows: &mut ChunksMut<'a, Vec<[f32; 3]>>,
+        trajectories: &mut ChunksMut<'a, Vec<Trajectory>>,
+    ) -> Self {
+        let (rows, trajectories) = (rows.next().unwrap_or_default(), trajectories.next().unwrap_or_default());
+        Self { limit, rows, trajectories }
+    }
+
+    /// Adds a sample with its trajectory. Outlined because most films keep no samples.
     #[inline(never)]
-    pub(super) fn push(&mut self, local: usize, radiance: [f32; 3]) {
+    pub(super) fn push(&mut self, local: usize, radiance: [f32; 3], trajectory: Option<&Trajectory>) {
         let row = &mut self.rows[local];
         if row.len() < self.limit as usize {
             row.push(radiance);
+            if let Some(row) = self.trajectories.get_mut(local) {
+                row.push(trajectory.filter(|t| t.is_sound()).copied().unwrap_or_default());
+            }
         }
     }
 
     fn reserve(&mut self, local: usize, more: u64) {
         if let Some(row) = self.rows.get_mut(local) {
             let room = (self.limit as usize).saturating_sub(row.len());
-            row.reserve_exact(room.min(usize::try_from(more).unwrap_or(usize::MAX)));
+            let more = room.min(usize::try_from(more).unwrap_or(usize::MAX));
+            row.reserve_exact(more);
+            if let Some(row) = self.trajectories.get_mut(local) {
+                row.reserve_exact(more);
+            }
         }
     }
 }
@@ -96,12 +129,29 @@ impl Film {
     /// assert_eq!(film.samples(0, 0), [[1.0; 3], [0.0; 3]]);
     /// # Ok::<(), dapple_core::Error>(())
     /// ```
-    pub fn samples(&self, i: usize, half: usize) -> &[[f32; 3]] {
+    pub fn samples(&self, half: usize, i: usize) -> &[[f32; 3]] {
         self.kept[half % self.kept.len()].samples.of(i)
     }
 
+    /// The trajectories of the samples in [`Film::samples`], in the same order; none without
+    /// [`Needs::trajectories`](crate::Needs::trajectories). Samples without one have inverse depth 0 and no motion.
+    ///
+    /// ```
+    /// use dapple_core::{Estimate, Film, Frame, Needs, Trajectory};
+    ///
+    /// let mut film = Film::new(Frame::new(1, 1)?, Needs::none().with_samples(2).with_trajectories());
+    /// let moving = Trajectory::new(0.5, [1.0, 0.0, 0.0]);
+    /// film.push_estimate(0, 0, &Estimate::new([1.0; 3]).with_trajectory(moving));
+    /// film.push_estimate(0, 0, &Estimate::new([0.0; 3]));
+    /// assert_eq!(film.trajectories(0, 0), [moving, Trajectory::default()]);
+    /// # Ok::<(), dapple_core::Error>(())
+    /// ```
+    pub fn trajectories(&self, half: usize, i: usize) -> &[Trajectory] {
+        self.kept[half % self.kept.len()].samples.trajectories.get(i).map_or(&[], |row| row)
+    }
+
     /// The identity of sample `number` in [`Film::samples`]. The point set of the render returns its coordinates.
-    pub fn sample_id(&self, i: usize, half: usize, number: usize) -> SampleId {
+    pub fn sample_id(&self, half: usize, i: usize, number: usize) -> SampleId {
         let half = half % self.kept.len();
         let stream = match (self.kept.len(), self.half_of) {
             (1, None) => streams::WHOLE,
@@ -114,7 +164,7 @@ impl Film {
 
     /// The radiance of the first discarded samples of pixel `i` in half 0 or 1, as [`Film::samples`] returns those of kept
     /// ones. Withdrawn samples follow those that were discarded before them.
-    pub fn discarded_samples(&self, i: usize, half: usize) -> &[[f32; 3]] {
+    pub fn discarded_samples(&self, half: usize, i: usize) -> &[[f32; 3]] {
         let bank: Option<&Bank> = self.discarded.get(half % self.kept.len());
         bank.map_or(&[], |bank| bank.samples.of(i))
     }

@@ -17,7 +17,7 @@ impl Film {
             channels: rows.cut(&bank.channels, each),
             channels_m2: rows.cut(&bank.channels_m2, each),
             sums: bank.sums.with(|values, each| rows.cut(values, each)),
-            samples: bank.samples.with(|values| rows.cut(values, 1)),
+            samples: bank.samples.with(|values| rows.cut(values, 1), |paths| rows.cut(paths, 1)),
             ahead: rows.cut(&bank.ahead, 1),
         };
         let banks = self.written(retention).iter().map(cut).collect();
@@ -58,6 +58,7 @@ impl Film {
             rows.paste(&mut to.channels_m2, &from.channels_m2, each);
             rows.paste(&mut to.sums.values, &from.sums.values, self.needs.sums.values());
             rows.give(&mut to.samples.rows, &mut from.samples.rows);
+            rows.give(&mut to.samples.trajectories, &mut from.samples.trajectories);
         }
         rows.paste(&mut self.features, &part.features, 1);
         rows.paste(&mut self.half_features, &part.half_features, self.needs.feature_planes());

@@ -258,7 +258,8 @@ fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>, size: usiz
             let more = (chunks(ranges, &pixels, size), chunks(emission, &pixels, size));
             let beside = (chunks(channels, &wide, size * each.max(1)), chunks(channels_m2, &wide, size * each.max(1)));
             let plane = (plane.kinds, chunks(&mut plane.values, &wider, size * kinds.max(1)));
-            let samples = (samples.limit, chunks(&mut samples.rows, &pixels, size));
+            let paths = chunks(&mut samples.trajectories, &pixels, size);
+            let samples = (samples.limit, chunks(&mut samples.rows, &pixels, size), paths);
             (sums, more, beside, (plane, samples), ahead.chunks(size))
         })
         .collect();
@@ -282,7 +283,7 @@ fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>, size: usiz
                         channels: channels.next().unwrap_or_default(),
                         channels_m2: channels_m2.next().unwrap_or_default(),
                         sums: SumRows { kinds: sums.0, values: sums.1.next().unwrap_or_default() },
-                        samples: SampleRows { limit: samples.0, rows: samples.1.next().unwrap_or_default() },
+                        samples: SampleRows::next(samples.0, &mut samples.1, &mut samples.2),
                         ahead: ahead.next().unwrap_or_default(),
                     }
                 })

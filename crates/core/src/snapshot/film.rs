@@ -5,13 +5,16 @@ use super::bytes::{Reader, Writer};
 use crate::film::{Bank, FeatureMoments, REJECTED_LISTED, SamplePlane, Splats, SumPlane};
 use crate::{
     Combine, Film, FirstHit, Frame, Needs, Record, Rejected, RejectedReason, RoundRecord, SampleId, Sums, TrainingSum,
+    Trajectory,
 };
 
 /// The approximate number of bytes that encode a film.
 pub(crate) fn size(film: &Film) -> usize {
     let discarded = if film.discarded.is_empty() { 0 } else { Film::bytes_per_pixel(&film.needs) };
     let pixels = film.kept[0].counts.len();
-    pixels * (Film::bytes_per_pixel(&film.needs) + discarded) + 12 * film.samples_kept() + 4096
+    pixels * (Film::bytes_per_pixel(&film.needs) + discarded)
+        + if film.needs.trajectories { 28 } else { 12 } * film.samples_kept()
+        + 4096
 }
 
 pub(crate) fn put_film(to: &mut Writer, film: &Film) {
@@ -99,6 +102,9 @@ fn check(film: &Film) -> Result<(), Broken> {
         if !(sums.into_iter().all(|v| v.is_finite()) && single.all(|v| v.is_finite())) {
             return Err(Broken("a mean is NaN or infinite"));
         }
+        if !bank.samples.trajectories.iter().flatten().all(Trajectory::is_sound) {
+            return Err(Broken("a trajectory is NaN, infinite or behind the camera"));
+        }
     }
     if film.unreported > samples {
         return Err(Broken("more samples report no hits than there are"));
@@ -135,13 +141,15 @@ fn put_needs(to: &mut Writer, needs: &Needs) {
         sums,
         feature_halves,
         samples,
+        trajectories,
     } = *needs;
     [variance, extrema, halves, features, cost, emission, splats, feature_halves]
         .into_iter()
         .for_each(|need| to.flag(need));
     to.number(first_hits);
     to.number(channels);
-    to.number(sums.bits() | if samples > 0 { SAMPLES } else { 0 });
+    let kept = if samples > 0 { SAMPLES } else { 0 } | if trajectories { TRAJECTORIES } else { 0 };
+    to.number(sums.bits() | kept);
     if samples > 0 {
         to.number(samples);
     }
@@ -156,7 +164,8 @@ fn take_needs(from: &mut Reader<'_>) -> Result<Needs, Broken> {
     needs.first_hits = from.number()?;
     needs.channels = from.number()?;
     let bits: u8 = from.number()?;
-    needs.sums = Sums::from_bits(bits & !SAMPLES).ok_or(Broken("a kind of sums is unknown"))?;
+    needs.sums = Sums::from_bits(bits & !(SAMPLES | TRAJECTORIES)).ok_or(Broken("a kind of sums is unknown"))?;
+    needs.trajectories = bits & TRAJECTORIES > 0;
     if bits & SAMPLES > 0 {
         needs.samples = from.number()?;
     }
@@ -165,6 +174,8 @@ fn take_needs(from: &mut Reader<'_>) -> Result<Needs, Broken> {
 
 /// The flag, in the byte that names the kinds of sums, of a film that keeps samples one by one.
 const SAMPLES: u8 = 0x80;
+/// The flag, in the same byte, of a film that keeps trajectories.
+const TRAJECTORIES: u8 = 0x40;
 
 pub(crate) fn put_combine(to: &mut Writer, combine: Combine) {
     let (kind, weight) = match combine {
@@ -238,6 +249,7 @@ fn put_bank(to: &mut Writer, bank: &Bank) {
     to.numbers(channels_m2);
     to.numbers(&sums.values);
     samples.rows.iter().for_each(|row| to.numbers(row));
+    samples.trajectories.iter().flatten().for_each(|path| to.number(path_numbers(path)));
     to.flag(!ahead.is_empty());
     to.numbers(ahead);
 }
@@ -253,7 +265,7 @@ fn take_bank(from: &mut Reader<'_>, pixels: usize, needs: &Needs) -> Result<Bank
         channels: from.numbers(channels)?,
         channels_m2: from.numbers(if needs.variance { channels } else { 0 })?,
         sums: SumPlane { kinds: needs.sums, values: from.numbers(pixels.saturating_mul(needs.sums.values()))? },
-        samples: take_samples(from, &counts, needs.samples)?,
+        samples: take_samples(from, &counts, needs)?,
         counts,
         ahead: match from.flag()? {
             true => from.numbers(pixels)?,
@@ -262,11 +274,20 @@ fn take_bank(from: &mut Reader<'_>, pixels: usize, needs: &Needs) -> Result<Bank
     })
 }
 
-/// Reads as many samples of each pixel as its count, but at most `limit`.
-fn take_samples(from: &mut Reader<'_>, counts: &[u64], limit: u32) -> Result<SamplePlane, Broken> {
+fn path_numbers(Trajectory { inverse_depth, motion: [x, y, z] }: &Trajectory) -> [f32; 4] {
+    [*inverse_depth, *x, *y, *z]
+}
+
+/// Reads as many samples of each pixel as its count, but at most as many as there can be, and their trajectories.
+fn take_samples(from: &mut Reader<'_>, counts: &[u64], needs: &Needs) -> Result<SamplePlane, Broken> {
+    let limit = needs.samples;
     let counts = if limit > 0 { counts } else { &[] };
-    let row = |&count: &u64| from.numbers(count.min(u64::from(limit)) as usize);
-    Ok(SamplePlane { limit, rows: counts.iter().map(row).collect::<Result<_, _>>()? })
+    let length = |count: &u64| (*count).min(u64::from(limit)) as usize;
+    let rows = counts.iter().map(|count| from.numbers(length(count))).collect::<Result<_, _>>()?;
+    let path = |[inverse_depth, x, y, z]: [f32; 4]| Trajectory::new(inverse_depth, [x, y, z]);
+    let mut paths = |count| Ok(from.numbers(length(count))?.into_iter().map(path).collect());
+    let counts = if needs.trajectories { counts } else { &[] };
+    Ok(SamplePlane { limit, rows, trajectories: counts.iter().map(&mut paths).collect::<Result<_, _>>()? })
 }
 
 fn take_features(from: &mut Reader<'_>, pixels: usize) -> Result<Vec<FeatureMoments>, Broken> {

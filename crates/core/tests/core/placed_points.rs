@@ -59,10 +59,10 @@ impl Sampler for Placing {
         let counts = allocate(&vec![1.0; pixels], &floors, seen.budget.max_spp, total)?.counts;
         for i in 0..pixels {
             plan.counts[i] = counts[i] - now[i];
-            let mut taken = [0, 1].map(|half| seen.film.samples(i, half).len());
+            let mut taken = [0, 1].map(|half| seen.film.samples(half, i).len());
             for _ in now[i]..counts[i] {
                 let half = usize::from(seen.film.needs().halves && taken[1] < taken[0]);
-                let id = seen.film.sample_id(i, half, taken[half]);
+                let id = seen.film.sample_id(half, i, taken[half]);
                 taken[half] += 1;
                 // One sample in five keeps the inner coordinates.
                 if !mix(id.index ^ u64::from(id.pixel[0])).is_multiple_of(5) {

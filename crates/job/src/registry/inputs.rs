@@ -1,12 +1,12 @@
 //! The world for which samplers and filters are made.
 
 use crate::WorldClusters;
-use crate::clusters::{WorldTriangles, shoot};
-use dapple_cluster_adaptive::AreaVectors;
+use crate::clusters::{WorldTriangles, lens_probes, shoot, visibility};
+use dapple_cluster_adaptive::{AreaVectors, TraceVisibility};
 use dapple_clustering::ClusterParams;
 use dapple_core::{Domain, FilmPoints};
 use dapple_denoise::ClusterLookup;
-use dapple_registry::{ClusterInputError, ClusterInputs, ClusterProbes};
+use dapple_registry::{ClusterInputError, ClusterInputs, ClusterProbes, LensProbes};
 use dapple_renderer::World;
 use std::cell::RefCell;
 use std::sync::Arc;
@@ -90,6 +90,14 @@ impl ClusterInputs for OnWorld<'_> {
         // Spheres and disks come after the triangles.
         let labels = clusters.labels.get(..triangles.indices.len()).unwrap_or(&clusters.labels);
         AreaVectors::new(&triangles.as_slices(), labels, clusters.clusters.len()).map(Some)
+    }
+
+    fn visibility(&self) -> Result<Option<TraceVisibility>, ClusterInputError> {
+        Ok(Some(visibility(self.world()?.clone())))
+    }
+
+    fn lens_probes(&self) -> Result<Option<LensProbes>, ClusterInputError> {
+        Ok(Some(lens_probes(self.world()?.clone())))
     }
 
     fn domain(&self) -> Result<Option<Domain>, ClusterInputError> {

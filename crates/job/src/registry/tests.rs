@@ -8,14 +8,16 @@ use std::sync::Arc;
 
 const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
 
-/// A scene in which all methods can be made: light scatters once, from a point light.
+/// A scene in which all methods can be made: light scatters once, from a point light, and the camera has a lens.
 fn inputs() -> MethodInputs {
     let mut scene = bundled::files("furnace").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
     scene.max_depth = Some(1);
+    (scene.camera.lens_radius, scene.camera.focal_distance) = (0.05, 1.0);
     let scene = dapple_renderer::without(&scene, Effect::SoftShadows).unwrap_or_else(|e| panic!("{e}"));
     let world = Arc::new(World::new(&scene).unwrap_or_else(|e| panic!("{e}")));
     let points = Arc::from(points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}")));
     let points = FilmPoints::new(points, world.domain().expect("a box filter"));
+    let points = points.with_defocus(world.camera().defocus());
     MethodInputs { points: Some(points), ..MethodInputs::of(world) }
 }
 
@@ -188,6 +190,8 @@ fn wrong_cluster_words_are_refused_without_a_world() {
         "normals=-1",
         "sides=3",
         "policy=keep",
+        "lights=1",
+        "lights=1025",
     ] {
         assert_ne!(refusal(check_sampler(&format!("cluster-thesis:{words}"))), "", "{words}");
     }
@@ -295,7 +299,7 @@ fn descriptions_stay_as_files_hold_them() {
         (
             "cluster-thesis",
             "cluster-thesis:probes=centre,size=box,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0,\
-             policy=a-priori",
+             lights=0,policy=a-priori",
         ),
     ] {
         assert_eq!(described(words), format!("{expected},{CLUSTERS}"));
@@ -321,4 +325,150 @@ fn samples_are_not_placed_in_scenes_with_other_pixel_filters() {
     let error = refusal(sampler("subdivision", points("random", SETTING).expect("points"), &inputs));
     assert!(error.contains("not a box one pixel wide"), "{error}");
     assert!(refusal(filter("tree-mean", &inputs)).contains("not a box one pixel wide"));
+}
+
+#[test]
+fn fourier_dof_refuses_scenes_without_a_lens_unless_forced() {
+    let of = |name: &str| {
+        let scene = bundled::files(name).expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+        MethodInputs::of(Arc::new(World::with_resolution(&scene, [48, 32]).unwrap_or_else(|e| panic!("{e}"))))
+    };
+    let made = |words: &str, inputs: &MethodInputs| sampler(words, points("random", SETTING).expect("points"), inputs);
+    let cornell = of("cornell");
+    let error = refusal(made("fourier-dof", &cornell));
+    assert!(error.contains("the camera has no lens") && error.contains("force=1"), "{error}");
+    assert!(made("fourier-dof:force=1", &cornell).is_ok() && filter("splat", &cornell).is_ok());
+    assert!(made("fourier-dof", &of("chess")).is_ok());
+    assert!(check_sampler("fourier-dof").is_ok() && check_filter("splat").is_ok());
+    assert!(refusal(check_filter("splat:zero=0")).contains("zero"));
+}
+
+/// Few pixels have samples, the budget is exact, and the filter fills the others.
+#[test]
+fn fourier_dof_and_splat_render_a_scene_with_a_lens() {
+    let scene = bundled::files("chess").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+    let world = Arc::new(World::with_resolution(&scene, [96, 64]).unwrap_or_else(|e| panic!("{e}")));
+    let inputs = MethodInputs::of(world.clone());
+    let frame = dapple_core::Frame::new(96, 64).expect("not empty");
+    let mut limits = dapple_core::Limits::spp(8.0);
+    limits.min_spp = 0;
+    let points = points("sobol", SETTING).expect("points");
+    let mut made = sampler("fourier-dof", points, &inputs).unwrap_or_else(|e| panic!("{e}")).sampler;
+    let film = dapple_core::Render::new(frame, &limits).run(&mut *dapple_renderer::integrator(&world), &mut *made);
+    let film = film.expect("a film");
+    assert_eq!(film.record().samples, 8 * frame.pixels() as u64);
+    let empty = film.counts().iter().filter(|&&n| n == 0).count();
+    assert!(empty > frame.pixels() / 10, "{empty}");
+    let image = filter("splat", &inputs).unwrap_or_else(|e| panic!("{e}")).filter.apply(&film).expect("an image");
+    assert!(image.radiance.iter().all(|pixel| pixel.iter().sum::<f32>() > 0.0));
+}
+
+/// The bundled scene `penumbra`, its floor a grid of 32 x 32 squares.
+fn tessellated_penumbra() -> MethodInputs {
+    let mut bundle = bundled::files("penumbra").expect("bundled");
+    let main = bundle.main.clone();
+    let text = String::from_utf8(bundle.file(&main).expect("the scene file").to_vec()).expect("text");
+    let corners =
+        (0..33 * 33).map(|i| format!("{} {} 0 ", f64::from(i % 33) * 0.25 - 4.0, f64::from(i / 33) * 0.25 - 4.0));
+    let squares = (0..32 * 32).map(|i| {
+        let a = i / 32 * 33 + i % 32;
+        format!("{a} {} {} {a} {} {} ", a + 1, a + 34, a + 34, a + 33)
+    });
+    let (corners, squares) = (corners.collect::<String>(), squares.collect::<String>());
+    let one = "\"point3 P\" [ -4 -4 0  4 -4 0  4 4 0  -4 4 0 ]\n  \"integer indices\" [ 0 1 2  0 2 3 ]";
+    assert!(text.contains(one));
+    let text = text.replace(one, &format!("\"point3 P\" [ {corners}] \"integer indices\" [ {squares}]"));
+    bundle.files.iter_mut().filter(|(name, _)| *name == main).for_each(|(_, bytes)| *bytes = text.clone().into_bytes());
+    let scene = bundle.read().unwrap_or_else(|e| panic!("{e}"));
+    MethodInputs::of(Arc::new(World::with_resolution(&scene, [64, 64]).unwrap_or_else(|e| panic!("{e}"))))
+}
+
+#[test]
+fn clusters_in_a_penumbra_get_more_samples_with_shadow_rays() {
+    let inputs = tessellated_penumbra();
+    let counts = |lights: u32| {
+        let words = format!("cluster-thesis:size=hits,angle=0,distance=0,min=1,max=1000,sides=2,lights={lights}");
+        let points = points("sobol", SETTING).expect("points");
+        let mut made = sampler(&words, points, &inputs).unwrap_or_else(|e| panic!("{e}"));
+        let frame = dapple_core::Frame::new(64, 64).expect("not empty");
+        let film = dapple_core::Film::new(frame, made.sampler.needs());
+        let budget = dapple_core::BudgetLeft::new(64 * frame.pixels() as u64);
+        let mut plan = dapple_core::Plan::empty(frame.pixels());
+        made.sampler.next_round(&dapple_core::Feedback::new(0, &film, budget), &mut plan).expect("a plan");
+        let mean = |columns: std::ops::Range<usize>| {
+            let all = columns.clone().flat_map(|x| (0..64).map(move |y| y * 64 + x));
+            all.map(|i| f64::from(plan.counts[i])).sum::<f64>() / (64 * columns.len()) as f64
+        };
+        // Full light and full shadow at the sides, the penumbra in the middle.
+        [mean(0..18), mean(28..36), mean(46..64)]
+    };
+    // Clusters have sizes of their own, so that counts differ without shadow rays too.
+    let (with, without) = (counts(64), counts(0));
+    let [light, penumbra, shadow] = [0, 1, 2].map(|k| with[k] / without[k]);
+    assert!(penumbra > 1.1 * light && penumbra > 1.1 * shadow, "{with:?} {without:?}");
+    assert!((light / shadow - 1.0).abs() < 0.02, "{with:?} {without:?}");
+}
+
+/// Traces paths, and reports their trajectories only if asked.
+struct Tracer<'w>(Box<dyn dapple_core::Integrator + 'w>, bool);
+
+impl dapple_core::Integrator for Tracer<'_> {
+    fn estimate(&self, draws: &dapple_core::Draws<'_>, log: &mut dapple_core::Worker) -> dapple_core::Estimate {
+        let estimate = self.0.estimate(draws, log);
+        let trajectory = estimate.trajectory.filter(|_| self.1);
+        estimate.with_trajectory(trajectory)
+    }
+}
+
+/// The scene `lens` with a wide lens, or a moving camera; lit by one point light.
+fn blurred(moves: bool) -> dapple_scene::Scene {
+    let mut scene = bundled::files("lens").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+    scene.film.pixel_filter = dapple_scene::PixelFilter::default();
+    scene.max_depth = Some(1);
+    for effect in [Effect::Environment, Effect::SoftShadows, Effect::SeveralLights] {
+        if dapple_scene::Effects::of(&scene).has(effect) {
+            scene = dapple_renderer::without(&scene, effect).unwrap_or_else(|e| panic!("{e}"));
+        }
+    }
+    let mut end = scene.camera.to_world;
+    end.translation += 0.1 * end.matrix3.x_axis * scene.camera.focal_distance;
+    scene.camera.moves_to = moves.then_some(end);
+    scene.camera.lens_radius *= if moves { 0.0 } else { 2.0 };
+    scene
+}
+
+/// The renderer's depths, motions and lens agree with each other: samples are moved to where the renderer sees them. The
+/// negative control has no trajectories.
+#[test]
+fn tlfr_moves_samples_to_where_the_renderer_sees_them() {
+    use dapple_core::{Film, Frame, Limits, Needs, Render, samplers::Uniform};
+    const SIZE: [u32; 2] = [60, 40];
+    for moves in [false, true] {
+        let world = World::with_resolution(&blurred(moves), SIZE).unwrap_or_else(|e| panic!("{e}"));
+        let world = Arc::new(world);
+        let sobol = |seed| points("sobol", Setting { seed, spp: Some(16) }).unwrap_or_else(|e| panic!("{e}"));
+        let render = |seed, spp, needs: Needs, reports: bool| -> Film {
+            let frame = Frame::new(SIZE[0], SIZE[1]).unwrap_or_else(|e| panic!("{e}"));
+            let (limits, mut tracer) = (Limits::spp(spp), Tracer(dapple_renderer::integrator(&world), reports));
+            let render = Render::new(frame, &limits).needs(needs);
+            render.run(&mut tracer, &mut Uniform::new(sobol(seed))).unwrap_or_else(|e| panic!("{e}"))
+        };
+        let film_points = FilmPoints::new(Arc::from(sobol(1)), world.domain().expect("a box filter"));
+        let film_points = film_points.with_defocus(world.camera().defocus());
+        let inputs = MethodInputs { points: Some(film_points), ..MethodInputs::of(world.clone()) };
+        let tlfr = filter("tlfr", &inputs).unwrap_or_else(|e| panic!("{e}")).filter;
+        let reference = render(2, 256.0, Needs::none(), false).image();
+        let error = |image: &[[f32; 3]]| -> f64 {
+            let square = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
+            image.iter().zip(&reference).map(square).sum::<f64>()
+        };
+        let [share, control] = [true, false].map(|reports| {
+            let film = render(1, 8.0, tlfr.needs(), reports);
+            error(&tlfr.apply(&film).unwrap_or_else(|e| panic!("{e}")).radiance) / error(&film.image())
+        });
+        assert!(
+            share < 0.8 && control > 2.0 * share,
+            "{moves}: {share} of the error is left, {control} in the control"
+        );
+    }
 }

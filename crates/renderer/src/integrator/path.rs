@@ -339,6 +339,9 @@ impl<L: Lens, S: LightSelector, const E: u32> Integrator for PathTracer<'_, L, S
                 }
             }
             let Some(at) = hit else {
+                if Self::HAS_RARE_EFFECTS && path.depth == 0 && draws.wants_trajectory() {
+                    estimate.trajectory = self.world.background_trajectory(&ray, path.time);
+                }
                 if Self::HAS_VARIED_SURFACES && path.is_smooth && path.depth > 0 {
                     estimate.features = features::of_background(&estimate, Self::tint(&path), path.is_rare);
                 }
@@ -366,6 +369,9 @@ impl<L: Lens, S: LightSelector, const E: u32> Integrator for PathTracer<'_, L, S
             }
             if path.depth == 0 && draws.wants_first_hit() {
                 estimate.first_hit = Some(self.world.first_hit_of(ray, at, surface));
+                if draws.wants_trajectory() {
+                    estimate.trajectory = self.world.trajectory(&at);
+                }
             } else if Self::HAS_VARIED_SURFACES && path.is_smooth {
                 let (tint, length) = (Self::tint(&path), features::length(&estimate));
                 let features = self.world.features_of(ray, at, surface, tint, length);

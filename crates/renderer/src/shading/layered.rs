@@ -36,7 +36,7 @@ pub struct Layered<'m> {
     pub metallic: f32,
     /// The microfacet distribution of the glossy layer and of the metal.
     pub microfacets: TrowbridgeReitz,
-    /// What does not vary over the surface.
+    /// The parameters that do not vary over the surface.
     pub layers: &'m Layers,
 }
 

@@ -263,6 +263,46 @@ fn lens_rays_meet_in_focus_r07() {
 }
 
 /// The general camera makes the same rays, bit for bit, as either of the two special ones.
+/// A ray from the lens' edge leaves the one through its centre by the circle of confusion, in pixels of the image.
+#[test]
+fn circles_of_confusion_are_the_distances_of_lens_rays_in_pixels() {
+    let to_world = DAffine3::from_mat3_translation(DMat3::from_rotation_y(0.7) * 1.5, DVec3::new(3.0, -2.0, 5.0));
+    for projection in [Projection::Perspective { fov: 40.0 }, Projection::Orthographic] {
+        let of = |lens_radius: f64| {
+            let camera = Camera { to_world, projection, lens_radius, focal_distance: 2.0, ..Camera::default() };
+            view(&camera, [60, 60]).expect("a sound camera")
+        };
+        let (small, large, none) = (of(0.1), of(0.2), of(0.0));
+        let rows = small.world_to_clip();
+        let depth = |p: Vec3| rows[2][0] * p.x + rows[2][1] * p.y + rows[2][2] * p.z + rows[2][3];
+        let across = |p: Vec3| {
+            let of = |r: [f32; 4]| r[0] * p.x + r[1] * p.y + r[2] * p.z + r[3];
+            of(rows[0]) / of(rows[3]) * 30.0
+        };
+        let [middle, edge] = [[0.5, 0.5], [1.0, 0.5]].map(|lens| small.ray([17, 30], Vec2::ZERO, lens));
+        for share in [0.25, 0.5, 1.0, 2.0, 8.0] {
+            // Where rays meet is the plane in focus.
+            let focus = 2.0 * 1.5;
+            let near = small.circle_of_confusion(Some(middle.at(1e-3)), 0.0);
+            assert!(near < 0.0);
+            let at = |ray: &dapple_geometry::Ray| {
+                let (a, b) = (depth(ray.at(0.0)), depth(ray.at(1.0)));
+                let unit = depth(middle.at(focus)) - depth(middle.at(0.0));
+                ray.at((share * unit + depth(middle.at(0.0)) - a) / (b - a))
+            };
+            let (p, q) = (at(&middle), at(&edge));
+            let found = small.circle_of_confusion(Some(p), 0.0);
+            let expected = across(p) - across(q);
+            assert!((found - expected).abs() < 1e-3 * expected.abs().max(1.0), "{share}: {found} {expected}");
+            assert!((large.circle_of_confusion(Some(p), 0.0) - 2.0 * found).abs() < 1e-3 * found.abs().max(1.0));
+            assert_eq!(none.circle_of_confusion(Some(p), 0.0), 0.0);
+        }
+        let far = small.circle_of_confusion(None, 0.0);
+        let is_limit = (far / small.circle_of_confusion(Some(middle.at(1e6)), 0.0) - 1.0).abs() < 1e-3;
+        assert!(if projection == Projection::Orthographic { far == f32::INFINITY } else { is_limit }, "{far}");
+    }
+}
+
 #[test]
 fn the_general_camera_agrees_with_the_special_ones_r07() {
     let to_world = DAffine3::from_mat3_translation(DMat3::from_rotation_x(0.4) * 0.7, DVec3::new(1.0, 2.0, -3.0));

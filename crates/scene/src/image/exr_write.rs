@@ -29,7 +29,7 @@ impl Layer<'_> {
     }
 }
 
-/// What the header of an OpenEXR file says besides its size and channels.
+/// The attributes of an OpenEXR file's header besides its size and channels.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ExrHeader<'a> {
     /// Text attributes, name and value: a record of how the image was made.

@@ -30,7 +30,7 @@ const GROUND_RADIUS: f64 = 300.0;
 /// would lie in it.
 const GAP: f64 = 1e-4;
 
-/// What a file lacks.
+/// The parts that a file lacks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Wanted {
     pub(crate) camera: bool,

@@ -55,7 +55,7 @@ pub(super) struct Viewer {
     client: TevClient,
     address: Address,
     name: String,
-    /// Whether the image in tev has a layer of errors; `None` before it is created.
+    /// `true` if the image in tev has a layer of errors; `None` before it is created.
     has_error: Option<bool>,
 }
 

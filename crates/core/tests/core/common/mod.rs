@@ -135,6 +135,7 @@ pub fn everything() -> Needs {
         .with_emission()
         .with_sums(Sums::LOG | Sums::ROOT | Sums::ROOT_MOMENTS)
         .with_samples(5)
+        .with_trajectories()
 }
 
 pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {

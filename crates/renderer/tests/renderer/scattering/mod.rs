@@ -10,6 +10,7 @@ use dapple_renderer::shading::{Bsdf, BsdfSample};
 use glam::{DVec3, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
+use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 /// The scattering below a surface.
@@ -232,18 +233,16 @@ pub fn resolved(case: &Case<'_>, wo: Vec3, samples: u32) -> bool {
 /// Fails if samples and density disagree, for the directions that f32 resolves, or for those it does not.
 pub fn check_agreement(cases: &[Case<'_>], outgoing: &[Vec3], samples: u32, resolvable: bool) {
     let level = sidak(FAMILY, cases.len() * outgoing.len());
-    let mut failures = Vec::new();
-    for (i, case) in cases.iter().enumerate() {
-        for (j, &wo) in outgoing.iter().enumerate() {
-            if resolved(case, wo, samples) != resolvable {
-                continue;
-            }
-            let p = chi_square_of(case, wo, samples, |_| 1.0, (1000 * i + j) as u64);
-            if p < level {
-                failures.push(format!("{} at {wo}: p = {p:e}", case.name));
-            }
+    let failure = |(i, j): (usize, usize)| {
+        let (case, wo) = (&cases[i], outgoing[j]);
+        if resolved(case, wo, samples) != resolvable {
+            return None;
         }
-    }
+        let p = chi_square_of(case, wo, samples, |_| 1.0, (1000 * i + j) as u64);
+        (p < level).then(|| format!("{} at {wo}: p = {p:e}", case.name))
+    };
+    let pairs: Vec<_> = (0..cases.len()).flat_map(|i| (0..outgoing.len()).map(move |j| (i, j))).collect();
+    let failures: Vec<String> = pairs.into_par_iter().filter_map(failure).collect();
     assert!(failures.is_empty(), "{failures:#?}");
 }
 

@@ -1,0 +1,179 @@
+//! Fourier depth of field: sample counts from the lens and the surfaces that the camera sees.
+
+mod bandwidth;
+mod growth;
+mod splat;
+mod surfaces;
+
+pub use bandwidth::LensBandwidthOptions;
+pub use splat::{Splat, SplatOptions};
+
+use bandwidth::LensBandwidth;
+use dapple_core::{
+    Error, Feedback, FirstHit, Frame, Limits, Needs, Options as _, Plan, PointSet, Progress, SampleId, Sampler,
+    SamplerMemory, saturating_u32, share, streams,
+};
+use dapple_low_discrepancy::BlueNoise;
+use std::sync::Arc;
+
+/// The function that traces the ray through the centres of a pixel and of the lens, for a pixel of the full image.
+///
+/// It returns the first hit, and the radius in pixels of the circle of confusion there, negative in front of the plane in
+/// focus. It must be pure.
+pub type TraceLensProbe = Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync>;
+
+dapple_core::options! {
+    /// The parameters of [`FourierDof`].
+    pub struct FourierDofOptions {
+        /// Least share of pixels with samples where the image is smooth; the default is ours.
+        pub density: f64 = 0.015625, |density| density > 0.0 && density <= 1.0, "above 0 and at most 1";
+        /// Weight of normals beside the albedo in the contrast over the lens; the default is ours.
+        pub normals: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
+        /// Least standard deviation over the lens that counts assume; the default is ours.
+        ///
+        /// It stands for all noise that is not the lens'.
+        pub floor: f64 = 0.3, |floor| floor > 0.0 && floor <= 1.0, "above 0 and at most 1";
+        /// 1 also samples scenes without a lens, by the bandwidth of their surfaces alone.
+        pub force: u8 = 0, |force| force <= 1, "0 or 1";
+    }
+}
+
+/// Fourier depth of field [after Soler et al. 2009]: few pixels where the lens blurs the image, many samples where their
+/// radiance varies over the lens.
+///
+/// One ray per pixel, through the centres of pixel and lens, finds surface and circle of confusion. From them follows the
+/// image's bandwidth `W`, in cycles per pixel ([`LensBandwidthOptions`]). A pixel gets samples with density `(2 W)^2`; a tile of
+/// blue noise picks the pixels. Their counts follow the standard deviation over the lens of a sinusoid of the surface's own
+/// bandwidth. The contrast of albedo and normals within the circle of confusion stands for its amplitude.
+///
+/// The floor of samples per pixel holds for all pixels: pass a floor of 0 (`--min-spp 0`), so that pixels may have none. The
+/// filter [`Splat`] fills these.
+///
+/// The published method propagates spectra through the scene, and was read in abstract and slides only. Bandwidth and
+/// contrast are simpler stand-ins of ours.
+///
+/// *Guarantees*: spends the budget exactly. Counts never depend on samples, so each pixel with samples is unbiased.
+/// *Weaknesses*: knows no effect but the lens. The edges of shadows and of reflections, and the noise of lights, are no part of
+/// the bandwidth. The rays of its first plan count as planning time.
+pub struct FourierDof<P> {
+    points: P,
+    probes: TraceLensProbe,
+    options: FourierDofOptions,
+    bandwidth: LensBandwidthOptions,
+    prior: Option<(Frame, Vec<f64>)>,
+}
+
+impl<P: PointSet> FourierDof<P> {
+    /// Makes a sampler that traces these probes before its first plan.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] for the first parameter out of range.
+    pub fn new(
+        points: P,
+        probes: TraceLensProbe,
+        options: FourierDofOptions,
+        bandwidth: LensBandwidthOptions,
+    ) -> Result<Self, Error> {
+        options.check_ranges()?;
+        bandwidth.check_ranges()?;
+        Ok(Self { points, probes, options, bandwidth, prior: None })
+    }
+
+    /// The proportions of the counts; 0 for pixels that need no samples.
+    fn weights(&mut self, frame: &Frame) -> &[f64] {
+        let fresh = self.prior.take().filter(|(of, _)| of == frame);
+        let (_, weights) = self.prior.insert(fresh.unwrap_or_else(|| {
+            let map = LensBandwidth::of(frame, &*self.probes, &self.bandwidth, Some(self.options.normals));
+            let tile = BlueNoise::new(0, Origin);
+            let weight = |i: usize| {
+                let density = (2.0 * map.bandwidth[i]).powi(2).max(self.options.density);
+                let is_chosen = threshold(&tile, frame.pixel(i)) < density;
+                if is_chosen { map.deviation[i].max(self.options.floor) } else { 0.0 }
+            };
+            (*frame, (0..frame.pixels()).map(weight).collect())
+        }));
+        weights
+    }
+}
+
+/// The point set whose coordinates are all 0: blue noise over it is the tile of blue noise itself.
+struct Origin;
+
+impl PointSet for Origin {
+    fn describe(&self) -> String {
+        "origin".to_owned()
+    }
+
+    fn block(&self, _: SampleId, _: u32) -> [f32; 4] {
+        [0.0; 4]
+    }
+
+    fn capacity(&self) -> u64 {
+        u64::MAX
+    }
+}
+
+/// The value of the blue noise at a pixel, in `[0, 1)`. The pixels below any threshold are evenly spread.
+fn threshold(tile: &BlueNoise<Origin>, pixel: [u32; 2]) -> f64 {
+    /// The side of the tile: one tile is repeated, which leaves no seams.
+    const SIDE: u32 = 128;
+    f64::from(tile.block(SampleId::new(pixel.map(|c| c % SIDE), streams::PROBE, 0), 0)[0])
+}
+
+/// The variance over the lens of a sinusoid of amplitude 1, averaged over its phase. `x` is the sinusoid's angular frequency
+/// times the radius of the circle of confusion.
+fn variance_over_lens(x: f64) -> f64 {
+    let kept = if x > 0.0 { 2.0 * libm::j1(x) / x } else { 1.0 };
+    0.5 * (1.0 - kept * kept).max(0.0)
+}
+
+impl<P: PointSet> Sampler for FourierDof<P> {
+    fn name(&self) -> &str {
+        "fourier-dof"
+    }
+
+    fn describe(&self) -> String {
+        format!("{}:{},{}", self.name(), self.options.describe(), self.bandwidth.describe())
+    }
+
+    fn a_priori(&self) -> bool {
+        true
+    }
+
+    fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
+        // Before the first plan nothing is written to the film, whose counts and means take 32 bytes. Later plans hold counts,
+        // floors, and the allocation's weights, shares and counts.
+        let first = LensBandwidth::BYTES.saturating_sub(32);
+        SamplerMemory::planning(frame, first.max(28)).with_state(frame, 8)
+    }
+
+    fn points(&self) -> &dyn PointSet {
+        &self.points
+    }
+
+    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
+        let budget = seen.budget;
+        if budget.left() == 0 {
+            return Ok(Progress::Done);
+        }
+        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
+        let total = now.iter().map(|&n| u64::from(n)).sum::<u64>() + budget.left();
+        let weights = self.weights(seen.frame());
+        // Each chosen pixel gets a sample, as far as the budget suffices.
+        let floors = |chosen: u32| -> Vec<u32> {
+            let least = |weight: f64| if weight > 0.0 { budget.min_spp.max(chosen) } else { budget.min_spp };
+            now.iter().zip(weights).map(|(&now, &weight)| now.max(least(weight).min(budget.max_spp))).collect()
+        };
+        let mut least = floors(1);
+        if least.iter().map(|&n| u64::from(n)).sum::<u64>() > total {
+            least = floors(0);
+        }
+        let wanted = share(weights, 0, &least, budget.max_spp, total)?.counts;
+        plan.counts.iter_mut().zip(wanted).zip(now).for_each(|((count, wanted), now)| *count = wanted - now);
+        Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,209 @@
+//! The bandwidth of the image through a lens, and the deviation of samples over the lens.
+
+use super::growth::least_grown;
+use super::surfaces::{Breaks, Surface, surfaces};
+use super::variance_over_lens;
+use crate::window_sums::window_sums;
+use dapple_core::{FirstHit, Frame};
+use rayon::prelude::*;
+use std::f64::consts::{PI, TAU};
+
+dapple_core::options! {
+    /// The parameters of the image's bandwidth, for [`FourierDof`](super::FourierDof) and [`Splat`](super::Splat).
+    ///
+    /// A surface's own bandwidth is 1/2 cycle per pixel where its circle of confusion holds a break: another shape, a step, a
+    /// turn of the normal, a step of the albedo. Elsewhere it follows from the second and first differences of the albedo, or
+    /// is `sqrt(k max(g, k))` for curvature `k` in radians per pixel and gloss `g`, if that is more. The lens limits it to
+    /// 0.61 over the radius of the circle of confusion, the first zero of the disk's transfer function. A break in front of the
+    /// plane in focus has the bandwidth of its own circle on all pixels in that circle.
+    pub struct LensBandwidthOptions {
+        /// Degrees of a turn of the normal, or of a step out of the tangent plane, that is a break; ours.
+        pub angle: f64 = 10.0 => "10", |angle| angle > 0.0 && angle < 90.0, "above 0 and below 90 degrees";
+        /// Step of the albedo between neighbouring pixels that is a break; ours.
+        pub contrast: f64 = 0.1, |contrast| contrast > 0.0 && contrast <= 1.0, "above 0 and at most 1";
+        /// Roughness below which reflections are breaks everywhere; ours.
+        pub mirror: f64 = 0.1, |mirror| (0.0..=1.0).contains(&mirror), "0 to 1";
+        /// Pixels around each pixel over which differences are averaged; ours.
+        pub window: u32 = 8, |window| (1..=64).contains(&window), "1 to 64 pixels";
+        /// Bandwidth through a circle of confusion of one pixel; the first zero of the disk's transfer.
+        pub zero: f64 = 0.61, |zero| zero > 0.0 && zero <= 4.0, "above 0 and at most 4";
+        /// Least bandwidth in cycles per pixel; ours.
+        pub least: f64 = 0.015625, |least| (0.001..=0.5).contains(&least), "0.001 to 0.5 cycles per pixel";
+        /// Growth per pixel of the inverse bandwidth, which keeps reconstruction from reaching across edges; ours.
+        pub growth: f64 = 1.0 => "1", |growth| growth > 0.0 && growth <= 64.0, "above 0 and at most 64";
+    }
+}
+
+/// Squared differences of the albedo that are rounding.
+const ROUNDING: f64 = 1e-8;
+
+/// The largest bandwidth, that of the pixels: half a cycle.
+pub(super) const NYQUIST: f64 = 0.5;
+
+/// The bandwidth of a frame's pixels, and the deviation of their samples over the lens.
+pub(super) struct LensBandwidth {
+    /// Cycles per pixel, up to 1/2.
+    pub(super) bandwidth: Vec<f64>,
+    /// The standard deviation over the lens in units of the albedo; empty if it was not requested.
+    pub(super) deviation: Vec<f64>,
+}
+
+/// A pixel's bandwidth, and the sinusoid that stands for its texture.
+#[derive(Clone, Copy)]
+struct Blur {
+    bandwidth: f64,
+    /// The radius of the largest circle of confusion on the pixel.
+    radius: f64,
+    /// The bandwidth of the surface without the lens.
+    sharp: f64,
+}
+
+impl LensBandwidth {
+    /// The peak in bytes per pixel while the bandwidth is found.
+    pub(super) const BYTES: usize = size_of::<Surface>() + 1 + 2 * 32 + 8 + 4 + 8 + size_of::<Blur>();
+
+    /// The bandwidth of the surfaces that the probes hit. `normals` is their weight in the deviation; `None` leaves it out.
+    pub(super) fn of(
+        frame: &Frame,
+        trace: &(dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync),
+        options: &LensBandwidthOptions,
+        normals: Option<f64>,
+    ) -> Self {
+        let size = frame.size().map(|n| n as usize);
+        let surfaces = surfaces(frame, trace);
+        let breaks = Breaks::new(size[0], &surfaces, options);
+        let sharp = detail(size, &surfaces, &breaks, options.window as usize);
+        let blurs = blurs(size, &surfaces, &breaks, &sharp, options);
+        let inverse = blurs.iter().map(|blur| (1.0 / blur.bandwidth) as f32).collect();
+        let grown = least_grown(size, inverse, options.growth as f32);
+        let bandwidth = grown.iter().map(|&(inverse, _)| (1.0 / f64::from(inverse)).min(NYQUIST)).collect();
+        let deviation = normals.map(|normals| deviations(size, &surfaces, &blurs, normals)).unwrap_or_default();
+        Self { bandwidth, deviation }
+    }
+}
+
+/// The bandwidth of each pixel's surface as its texture and its shading let expect, without breaks.
+///
+/// The second differences of a sinusoid are its first ones times `4 sin^2` of half its angular frequency.
+fn detail(size: [usize; 2], surfaces: &[Surface], breaks: &Breaks, window: usize) -> Vec<f64> {
+    let sums = window_sums(size, window, |i| {
+        let mut sums = [0.0; 4];
+        for [before, after] in [0, 1].into_iter().filter_map(|axis| breaks.unbroken(i, axis)) {
+            let [before, here, after] = [before, i, after].map(|i| &surfaces[i]);
+            for c in 0..3 {
+                let [a, b, d] = [before, here, after].map(|s| f64::from(s.albedo[c]));
+                sums[0] += (a - 2.0 * b + d).powi(2);
+                sums[1] += (d - b).powi(2);
+                sums[2] += f64::from(after.normal[c] - here.normal[c]).powi(2);
+            }
+            sums[3] += 1.0;
+        }
+        sums
+    });
+    let of = |(&[second, first, turn, count], surface): (&[f64; 4], &Surface)| {
+        if count == 0.0 {
+            return 0.0;
+        }
+        let texture = libm::asin((second / (first + ROUNDING * count)).sqrt().min(2.0) * 0.5) / PI;
+        let (curvature, gloss) = ((turn / count).sqrt(), 1.0 - f64::from(surface.roughness).clamp(0.0, 1.0));
+        texture.max((curvature * gloss.max(curvature)).sqrt()).min(NYQUIST)
+    };
+    sums.par_iter().zip(surfaces).with_min_len(1024).map(of).collect()
+}
+
+/// The least radius of the circles of confusion of the breaks at a pixel: of the nearer side each, which hides the other, or of
+/// the surface itself if it mirrors. Infinite at other pixels.
+fn edge(i: usize, surfaces: &[Surface], breaks: &Breaks, mirror: f64) -> f32 {
+    let here = &surfaces[i];
+    let reflection = (here.is_hit && f64::from(here.roughness) < mirror).then(|| here.confusion.abs());
+    let nearer = |j: usize| here.confusion.min(surfaces[j].confusion).abs();
+    breaks.across(i).map(nearer).chain(reflection).fold(f32::INFINITY, f32::min)
+}
+
+/// The blur of each pixel: that of its own surface, or of a break before the plane in focus whose circle covers it.
+fn blurs(
+    size: [usize; 2],
+    surfaces: &[Surface],
+    breaks: &Breaks,
+    detail: &[f64],
+    options: &LensBandwidthOptions,
+) -> Vec<Blur> {
+    let edges: Vec<f32> = (0..surfaces.len()).map(|i| edge(i, surfaces, breaks, options.mirror)).collect();
+    let is_edge = |i: usize| edges[i].is_finite();
+    let among = |value: &dyn Fn(usize) -> Option<f32>| -> Vec<(f32, u32)> {
+        least_grown(size, (0..surfaces.len()).map(|i| value(i).unwrap_or(f32::INFINITY)).collect(), 1.0)
+    };
+    let distance = among(&|i| is_edge(i).then_some(0.0));
+    // Negative inside the circle of a break.
+    let before = among(&|i| (surfaces[i].confusion < 0.0 && is_edge(i)).then_some(surfaces[i].confusion));
+    let limit = |sharp: f64, radius: f64| if radius > 0.0 { sharp.min(options.zero / radius) } else { sharp };
+    let of = |i: usize| {
+        let own = f64::from(surfaces[i].confusion.abs());
+        let is_crossed = own > 0.0 && f64::from(distance[i].0) <= own;
+        let sharp = if is_crossed { NYQUIST } else { detail[i].max(options.least) };
+        let at_edge = if is_edge(i) { limit(NYQUIST, f64::from(edges[i])) } else { 0.0 };
+        let bandwidth = limit(sharp, own).max(at_edge);
+        let (margin, source) = before[i];
+        let radius = if margin < 0.0 { f64::from(surfaces[source as usize].confusion.abs()) } else { 0.0 };
+        let blur = if radius > own {
+            Blur { bandwidth: bandwidth.max(limit(NYQUIST, radius)), radius, sharp: NYQUIST }
+        } else {
+            Blur { bandwidth, radius: own, sharp }
+        };
+        Blur { bandwidth: blur.bandwidth.clamp(options.least, NYQUIST), ..blur }
+    };
+    (0..surfaces.len()).into_par_iter().with_min_len(1024).map(of).collect()
+}
+
+/// The standard deviation over the lens: of a sinusoid with the surface's bandwidth, whose variance over the image is that of
+/// albedo, normals and coverage in the square around the circle of confusion.
+fn deviations(size: [usize; 2], surfaces: &[Surface], blurs: &[Blur], normals: f64) -> Vec<f64> {
+    let table = Prefix::new(size, |i| {
+        let (surface, grey) = (&surfaces[i], surfaces[i].grey());
+        let [x, y, z] = surface.normal.map(|n| f64::from(n) * normals.sqrt());
+        let hit = f64::from(u8::from(surface.is_hit));
+        [grey, x, y, z, hit, grey * grey + x * x + y * y + z * z + hit]
+    });
+    let of = |(i, blur): (usize, &Blur)| {
+        if blur.radius == 0.0 {
+            return 0.0;
+        }
+        let (count, sums) = table.around(i, (blur.radius.round() as usize).max(1));
+        let squares = sums[..5].iter().map(|sum| sum * sum).sum::<f64>();
+        let variance = ((sums[5] - squares / count) / count).max(0.0);
+        (2.0 * variance * variance_over_lens(TAU * blur.sharp * blur.radius)).sqrt()
+    };
+    blurs.par_iter().enumerate().with_min_len(1024).map(of).collect()
+}
+
+/// The sums of values over all pixels above and to the left of each pixel, from which those of any rectangle follow.
+struct Prefix {
+    size: [usize; 2],
+    /// One row and one column more than the image; the first ones are 0.
+    sums: Vec<[f64; 6]>,
+}
+
+impl Prefix {
+    fn new(size: [usize; 2], read: impl Fn(usize) -> [f64; 6]) -> Self {
+        let [width, height] = size;
+        let mut sums = vec![[0.0; 6]; (width + 1) * (height + 1)];
+        for y in 0..height {
+            let mut row = [0.0; 6];
+            for x in 0..width {
+                row.iter_mut().zip(read(y * width + x)).for_each(|(sum, value)| *sum += value);
+                let above = sums[y * (width + 1) + x + 1];
+                sums[(y + 1) * (width + 1) + x + 1] = std::array::from_fn(|k| above[k] + row[k]);
+            }
+        }
+        Self { size, sums }
+    }
+
+    /// The number of pixels at most `radius` columns and rows from pixel `i`, and the sums over them.
+    fn around(&self, i: usize, radius: usize) -> (f64, [f64; 6]) {
+        let [width, height] = self.size;
+        let range = |at: usize, end: usize| [at.saturating_sub(radius), (at + radius + 1).min(end)];
+        let ([x0, x1], [y0, y1]) = (range(i % width, width), range(i / width, height));
+        let [a, b, c, d] = [[x0, y0], [x1, y0], [x0, y1], [x1, y1]].map(|[x, y]| &self.sums[y * (width + 1) + x]);
+        (((x1 - x0) * (y1 - y0)) as f64, std::array::from_fn(|k| d[k] - b[k] - c[k] + a[k]))
+    }
+}

@@ -1,0 +1,323 @@
+use super::samples::{Sample, on_disk, radius};
+use super::*;
+use crate::tree::test_scenes::domain;
+use crate::tree::unit;
+use dapple_core::samplers::Uniform;
+use dapple_core::{
+    Block, Draws, Estimate, Integrator, Limits, PointSet as _, Render, Role, SampleId, Trajectory, Worker,
+};
+use dapple_low_discrepancy::Sobol;
+use std::sync::Arc;
+
+/// A plane parallel to the image. Its points are named by their place in the image at the opening of the shutter, seen
+/// through the lens' centre. The depth is then 1.
+struct Plane {
+    inverse_depth: f64,
+    /// The change of `(x w, y w, w)` over the exposure, in units of the plane's depth at the opening.
+    motion: [f64; 3],
+    colour: fn([f64; 2]) -> Option<[f32; 3]>,
+}
+
+impl Plane {
+    /// The plane's point seen at `at`, and its inverse depth at that time.
+    fn point(&self, at: &At, defocus: &Defocus) -> ([f64; 2], f64) {
+        let depth = 1.0 + at.time * self.motion[2];
+        let blur = radius(defocus, self.inverse_depth / depth);
+        let of = |axis: usize| (at.place[axis] - blur[axis] * at.lens[axis]) * depth - at.time * self.motion[axis];
+        ([of(0), of(1)], self.inverse_depth / depth)
+    }
+}
+
+/// Planes from front to back, before a black background at rest.
+struct Planes {
+    planes: Vec<Plane>,
+    defocus: Defocus,
+}
+
+impl Planes {
+    fn seen(&self, at: &At) -> ([f32; 3], Option<Trajectory>) {
+        for plane in &self.planes {
+            let (point, inverse_depth) = plane.point(at, &self.defocus);
+            if let Some(colour) = (plane.colour)(point) {
+                let motion = plane.motion.map(|x| (x / (1.0 + at.time * plane.motion[2])) as f32);
+                return (colour, Some(Trajectory::new(inverse_depth as f32, motion)));
+            }
+        }
+        ([0.0; 3], None)
+    }
+}
+
+/// The point of the light field of a sample with these random numbers.
+fn at(pixel: [u32; 2], place: [f32; 4], rest: [f32; 4]) -> At {
+    let of = |axis: usize| f64::from(pixel[axis]) + f64::from(place[axis]);
+    let [u, v, time, _] = rest.map(f64::from);
+    At { place: [of(0), of(1)], lens: on_disk([u, v]), time }
+}
+
+impl Integrator for Planes {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
+        let (colour, path) = self.seen(&at(draws.pixel(), draws.block(Block::new(0)), draws.block(Block::new(1))));
+        Estimate::new(colour).with_first_hit(None).with_trajectory(path)
+    }
+}
+
+const ALL: [Role; 3] = [Role::Lens, Role::Lens, Role::Time];
+
+fn tlfr(roles: &[Role], defocus: Defocus, points: u32) -> Tlfr {
+    let sobol = FilmPoints::new(Arc::new(Sobol::new(3)), domain(roles)).with_defocus(Some(defocus));
+    Tlfr::new(sobol, TlfrOptions::default().points(points)).unwrap()
+}
+
+fn film(planes: &mut Planes, [width, height]: [u32; 2], spp: f64) -> Film {
+    let needs = Needs::none().with_samples(u32::MAX).with_trajectories();
+    let frame = Frame::new(width, height).unwrap();
+    Render::new(frame, &Limits::spp(spp)).needs(needs).run(planes, &mut Uniform::new(Sobol::new(3))).unwrap()
+}
+
+/// The light field of a film, as the filter makes it.
+fn field(filter: &Tlfr, film: &Film) -> LightField {
+    let samples: Vec<Sample> = samples::read(film, &filter.points, &filter.defocus);
+    let radius = dispersion(samples.len() as f64 / film.frame().pixels() as f64);
+    let width = f64::from(filter.options.points).sqrt().recip();
+    LightField { tree: Tree::new(samples, filter.defocus), radius, widths: [width, 0.5 * width] }
+}
+
+/// All samples of a film of `spp` samples per pixel: their points of the light field, and their radiance.
+fn all_samples(film: &Film) -> Vec<(At, [f32; 3])> {
+    let of = |id: SampleId| at(id.pixel, Sobol::new(3).block(id, 0), Sobol::new(3).block(id, 1));
+    let pixel = |i: usize| {
+        film.samples(0, i).iter().enumerate().map(move |(k, radiance)| (of(film.sample_id(0, i, k)), *radiance))
+    };
+    (0..film.frame().pixels()).flat_map(pixel).collect()
+}
+
+/// The mean of values at places, weighted by a tent around `centre`.
+fn tent(values: &[([f64; 2], [f32; 3])], centre: [f64; 2], radius: f64) -> [f64; 3] {
+    let (mut sum, mut weights) = ([0.0; 3], 0.0);
+    for (place, value) in values {
+        let distance = (place[0] - centre[0]).hypot(place[1] - centre[1]);
+        let weight = (1.0 - distance / radius).max(0.0);
+        weights += weight;
+        (0..3).for_each(|c| sum[c] += weight * f64::from(value[c]));
+    }
+    sum.map(|x| x / weights)
+}
+
+fn noise([x, y]: [f64; 2]) -> Option<[f32; 3]> {
+    let key = (x * 1e4) as u64 ^ ((y * 1e4) as u64) << 20;
+    Some([unit(key), unit(key ^ 1 << 50), 4.0 * unit(key ^ 1 << 51)])
+}
+
+#[test]
+fn tlfr_conforms() {
+    for roles in [&[][..], &ALL] {
+        dapple_conformance::filter(|| Box::new(tlfr(roles, Defocus::new([3.0, -3.0], [1.0, -1.0]), 2)));
+    }
+}
+
+#[test]
+fn a_static_image_in_focus_is_the_input_filtered_by_a_tent() {
+    let still = |inverse_depth| Plane { inverse_depth, motion: [0.0; 3], colour: noise };
+    let defocus = Defocus::new([20.0, -20.0], [-10.0, 10.0]);
+    for (roles, spp) in [(&[][..], 4.0), (&[Role::Time], 16.0), (&ALL, 16.0)] {
+        let film = film(&mut Planes { planes: vec![still(2.0)], defocus }, [6, 5], spp);
+        let filter = tlfr(roles, defocus, 32);
+        let image = filter.apply(&film).unwrap().radiance;
+        let values: Vec<_> = all_samples(&film).iter().map(|(at, value)| (at.place, *value)).collect();
+        let axes = Axes::of(filter.points.domain());
+        for (i, found) in image.iter().enumerate() {
+            let points = (0..32).map(|k| axes.output(film.frame().pixel(i), k));
+            let colours: Vec<_> = points.map(|at| tent(&values, at.place, dispersion(spp))).collect();
+            for c in 0..3 {
+                let expected = colours.iter().map(|colour| colour[c]).sum::<f64>() / 32.0;
+                assert!((f64::from(found[c]) - expected).abs() < 1e-5, "pixel {i}: {found:?} and {expected}");
+            }
+        }
+    }
+}
+
+/// Without axes of lens and time, depths and motions have no effect.
+#[test]
+fn a_domain_of_the_place_alone_is_filtered_by_a_tent_whatever_moves() {
+    let plane = |motion| Plane { inverse_depth: 2.0, motion, colour: noise };
+    let none = Defocus::new([0.0; 2], [0.0; 2]);
+    let images = [[0.0; 3], [9.0, -3.0, 0.5]].map(|motion| {
+        // The integrator's own time is 0, so that colours are the same.
+        struct AtOpening(Planes);
+        impl Integrator for AtOpening {
+            fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
+                let (colour, path) = self.0.seen(&at(draws.pixel(), draws.block(Block::new(0)), [0.5, 0.5, 0.0, 0.0]));
+                Estimate::new(colour).with_trajectory(path)
+            }
+        }
+        let needs = Needs::none().with_samples(u32::MAX).with_trajectories();
+        let mut scene = AtOpening(Planes { planes: vec![plane(motion)], defocus: none });
+        let limits = Limits::spp(4.0);
+        let render = Render::new(Frame::new(5, 4).unwrap(), &limits).needs(needs);
+        let film = render.run(&mut scene, &mut Uniform::new(Sobol::new(3))).unwrap();
+        tlfr(&[], none, 16).apply(&film).unwrap().radiance
+    });
+    assert_eq!(images[0], images[1]);
+}
+
+#[test]
+fn a_moving_plane_out_of_focus_is_filtered_by_a_tent_on_the_plane() {
+    let defocus = Defocus::new([9.0, -8.0], [-2.0, 1.5]);
+    for motion in [[5.0, -3.0, 0.0], [4.0, 2.0, 0.25]] {
+        let plane = || Plane { inverse_depth: 1.5, motion, colour: noise };
+        let film = film(&mut Planes { planes: vec![plane()], defocus }, [24, 20], 16.0);
+        let filter = tlfr(&ALL, defocus, 128);
+        let (field, axes) = (field(&filter, &film), Axes::of(filter.points.domain()));
+        let samples = all_samples(&film);
+        let mut checked = 0;
+        for k in 0..60 {
+            let at = axes.output([8 + k % 8, 6 + k / 8], k);
+            // Through the lens' centre at the time of the output point.
+            let ([x, y], _) = plane().point(&at, &defocus);
+            let (depth, time) = (1.0 + at.time * motion[2], at.time);
+            let seen = |[x, y]: [f64; 2]| [(x + time * motion[0]) / depth, (y + time * motion[1]) / depth];
+            let values: Vec<_> =
+                samples.iter().map(|(at, value)| (seen(plane().point(at, &defocus).0), *value)).collect();
+            let expected = tent(&values, seen([x, y]), dispersion(16.0));
+            let found = field.colour(&at, &mut Scratch::default());
+            if !expected[0].is_finite() {
+                continue;
+            }
+            let found = found.unwrap_or_default();
+            assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 2e-4), "{at:?}: {found:?} and {expected:?}");
+            checked += 1;
+        }
+        assert!(checked > 40, "{checked}");
+    }
+}
+
+/// A film of a red half plane before a blue plane, and the points of some pixels far from the image's edges.
+struct HalfPlane {
+    scene: Planes,
+    field: LightField,
+    axes: Axes,
+}
+
+const MIDDLE: u32 = 36;
+
+impl HalfPlane {
+    fn new(blur: f32, motion: [f64; 3], spp: f64) -> Self {
+        let defocus = Defocus::new([0.0; 2], [blur, -blur]);
+        let front = Plane { inverse_depth: 1.0, motion, colour: left };
+        let back = Plane { inverse_depth: 0.0, motion: motion.map(|x| -0.5 * x), colour: blue };
+        let mut scene = Planes { planes: vec![front, back], defocus };
+        let film = film(&mut scene, [2 * MIDDLE, MIDDLE], spp);
+        let filter = tlfr(&ALL, defocus, 128);
+        Self { scene, field: field(&filter, &film), axes: Axes::of(filter.points.domain()) }
+    }
+
+    /// The share of red in some pixels of a column, by `points` points in each: of the true colours, of the reconstructed
+    /// ones, and of mixtures.
+    fn red(&self, column: u32, rows: u32, points: u32) -> [f64; 3] {
+        let (mut sums, mut scratch) = ([0.0; 3], Scratch::default());
+        let rows_of = MIDDLE / 2 - rows / 2..MIDDLE / 2 + rows / 2;
+        for (y, k) in rows_of.flat_map(|y| (0..points).map(move |k| (y, k))) {
+            let at = self.axes.output([column, y], k);
+            let found = self.field.colour(&at, &mut scratch).unwrap_or_default();
+            sums[0] += f64::from(self.scene.seen(&at).0[0]);
+            sums[1] += found[0];
+            sums[2] += f64::from(u8::from(found[0] > 1e-9 && found[2] > 1e-9));
+        }
+        sums.map(|sum| sum / f64::from(rows * points))
+    }
+}
+
+/// Red to the left of the middle, nothing to its right.
+fn left([x, _]: [f64; 2]) -> Option<[f32; 3]> {
+    (x < f64::from(MIDDLE)).then_some([1.0, 0.0, 0.0])
+}
+
+fn blue(_: [f64; 2]) -> Option<[f32; 3]> {
+    Some([0.0, 0.0, 1.0])
+}
+
+#[test]
+fn two_planes_that_cross_hardly_mix_and_never_with_many_samples() {
+    for (blur, motion, spp) in
+        [(8.0, [8.0, 4.0, 0.0], 32.0), (8.0, [0.0; 3], 32.0), (-8.0, [0.0, 6.0, 0.0], 32.0), (8.0, [0.0; 3], 128.0)]
+    {
+        let planes = HalfPlane::new(blur, motion, spp);
+        let columns: Vec<_> = (MIDDLE - 12..MIDDLE + 16).step_by(2).map(|x| planes.red(x, 4, 128)).collect();
+        let mixed = columns.iter().map(|red| red[2]).sum::<f64>() / columns.len() as f64;
+        // Surfaces of less than four samples join the one behind.
+        assert!(mixed <= if spp > 100.0 { 0.0 } else { 0.001 }, "{motion:?}: {mixed} of the points");
+        let apart = columns.iter().map(|red| (red[1] - red[0]).abs());
+        let (worst, mean) = (apart.clone().fold(0.0, f64::max), apart.sum::<f64>() / columns.len() as f64);
+        assert!(worst < 0.03 && mean < 0.005, "{motion:?}: off by {mean}, at most {worst}");
+        // In between, both are seen.
+        assert!(columns.iter().filter(|red| red[0] > 0.05 && red[0] < 0.95).count() >= 5);
+    }
+}
+
+#[test]
+fn a_half_plane_out_of_focus_covers_the_segment_of_a_circle() {
+    for blur in [8.0, 12.0] {
+        let planes = HalfPlane::new(blur, [0.0; 3], 64.0);
+        for x in (MIDDLE - 11..MIDDLE + 12).step_by(3) {
+            let segment = |x: f64| {
+                let h = ((x - f64::from(MIDDLE)) / f64::from(blur)).clamp(-1.0, 1.0);
+                (libm::acos(h) - h * (1.0 - h * h).sqrt()) / std::f64::consts::PI
+            };
+            // The mean over the pixel.
+            let expected = (0..100).map(|k| segment(f64::from(x) + 0.005 + 0.01 * f64::from(k))).sum::<f64>() / 100.0;
+            let [_, found, _] = planes.red(x, 2, 1024);
+            assert!((found - expected).abs() < 0.01, "column {x}, blur {blur}: {found}, and {expected} in closed form");
+        }
+    }
+}
+
+/// Negative control of the two tests before: without surfaces, the planes mix.
+#[test]
+fn a_light_field_of_one_surface_mixes_planes() {
+    let planes = HalfPlane::new(8.0, [0.0; 3], 32.0);
+    let mixing = HalfPlane { field: LightField { widths: [0.0; 2], ..planes.field }, ..planes };
+    let [truth, found, mixed] = mixing.red(MIDDLE + 2, 4, 128);
+    assert!(mixed > 0.2 && (found - truth).abs() > 0.02, "{truth} {found} {mixed}");
+}
+
+#[test]
+fn senseless_trajectories_spoil_no_other_samples() {
+    for path in [
+        Trajectory::new(f32::MAX, [0.0; 3]),
+        Trajectory::new(1.0, [f32::MAX, 0.0, 0.0]),
+        Trajectory::new(1.0, [0.0, -1e30, f32::MAX]),
+        Trajectory::new(f32::MIN_POSITIVE, [0.0, 0.0, -f32::MAX]),
+        Trajectory::new(f32::NAN, [0.0; 3]),
+    ] {
+        let mut film = Film::new(Frame::new(4, 4).unwrap(), Needs::none().with_samples(u32::MAX).with_trajectories());
+        for (i, k) in (0..16).flat_map(|i| (0..4).map(move |k| (i, k))) {
+            let path = if (i + k) % 3 == 0 { path } else { Trajectory::new(0.5, [1.0, 0.0, 0.0]) };
+            film.push_estimate(i, 0, &Estimate::new([0.5; 3]).with_trajectory(path));
+        }
+        let image = tlfr(&ALL, Defocus::new([2.0, -2.0], [4.0, -4.0]), 16).apply(&film).unwrap().radiance;
+        assert!(image.iter().flatten().all(|x| (x - 0.5).abs() < 1e-5), "{path:?}: {image:?}");
+    }
+}
+
+#[test]
+fn the_radius_is_that_of_the_table_and_falls_with_the_samples() {
+    for (k, expected) in DISPERSION.into_iter().enumerate() {
+        assert!((dispersion((1 << k) as f64) - expected).abs() < 1e-12);
+    }
+    let radii: Vec<f64> = (1..2000).map(|k| dispersion(0.25 * f64::from(k))).collect();
+    assert!(radii.windows(2).all(|pair| pair[1] < pair[0]), "{radii:?}");
+    assert!((dispersion(1024.0) - 0.07).abs() < 1e-12 && (dispersion(0.25) - 4.0).abs() < 1e-12);
+}
+
+#[test]
+fn lenses_of_unknown_blur_and_films_without_trajectories_are_refused() {
+    let points = |roles: &[Role]| FilmPoints::new(Arc::new(Sobol::new(3)), domain(roles));
+    let error = Tlfr::new(points(&ALL), TlfrOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("unknown blur"), "{error}");
+    assert!(Tlfr::new(points(&[Role::Time]), TlfrOptions::default()).is_ok());
+    assert!(Tlfr::new(points(&[]), TlfrOptions::default().points(0)).is_err());
+    let mut film = Film::new(Frame::new(1, 1).unwrap(), Needs::none().with_samples(u32::MAX).with_trajectories());
+    film.push(0, 0, [1.0; 3]);
+    let refused = tlfr(&[], Defocus::new([0.0; 2], [0.0; 2]), 4).apply(&film);
+    assert!(matches!(refused, Err(Error::NoneReported { .. })), "{refused:?}");
+}
