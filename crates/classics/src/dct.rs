@@ -4,11 +4,11 @@ mod cosines;
 mod filter;
 mod sensitivity;
 
-pub use cosines::CosineScale;
-pub use filter::{DctFilter, DctFilterOptions};
+pub use cosines::{CosineOptions, CosineScale};
+pub use filter::DctFilter;
 
 use crate::tree::{Cell, Cells};
-use cosines::{Fit, Fitting, SIDE};
+use cosines::{Fit, SIDE};
 use dapple_core::{
     Domain, Error, Feedback, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, SampleId,
     Sampler, SamplerMemory, allocate, mix, saturating_u32, streams,
@@ -19,14 +19,8 @@ use sensitivity::{masking, weight};
 dapple_core::options! {
     /// The parameters of [`Dct`].
     pub struct DctOptions {
-        /// Samples per 2x2 pixels of the pilot, where the render asks for no more. All defaults but share are ours.
+        /// Pilot samples in each 2x2 pixels, more if pixels have a floor; the defaults here are ours.
         pub pilot: u32 = 1, |n| (1..=1024).contains(&n), "1 to 1024 samples";
-        /// Cosines per sample of a block, at most one per pixel: a half.
-        pub share: f64 = 0.5, |share| share > 0.0 && share <= 1.0, "above 0 and at most 1";
-        /// Weight of squared frequencies times squared coefficients in the fit.
-        pub lambda: f64 = 1e-3 => "0.001", |l| (1e-6..=1e6).contains(&l), "1e-6 to 1e6";
-        /// Scale on which cosines are fitted: linear, or log of 1 + x.
-        pub scale: CosineScale = CosineScale::Linear => "linear";
         /// Growth of a block's number of samples after which its cosines are fitted anew.
         pub growth: f64 = 0.5, |growth| (0.01..=4.0).contains(&growth), "0.01 to 4";
         /// 1 weighs errors by the eye's sensitivity to their frequency, in JPEG's tables; 0 weighs all alike.
@@ -42,45 +36,57 @@ dapple_core::options! {
 /// The side of a cell in pixels: samples are planned by cells.
 const CELL: u32 = 2;
 
-/// The least score of a cell, as a share of the mean.
+/// The least error of a cell, as a share of the mean.
 const LEAST: f64 = 0.01;
+
+/// The largest error of a cell, so that sums and scores stay finite.
+const HIGHEST: f64 = 1e200;
 
 /// The share of a block's squared luminance below which deviations are rounding.
 const ROUNDING: f64 = 1e-12;
 
 /// Samples where cosines that are fitted to blocks leave the largest visible error [after Bolin and Meyer 1995].
 ///
-/// Blocks of 8x8 pixels start with a sample in each cell of 2x2 pixels, or with the least count that the render asks for.
-/// Luminance and two colour differences of each block are fitted by cosines, half as many as there are samples, from the
-/// lowest frequency on. A cell's error is the mean squared deviation of its samples from the fit, and the energy expected in
-/// the first frequencies that the fit lacks, if energies fall with the squared frequency. Errors are weighted by the eye's
+/// Blocks of 8x8 pixels start with a sample in each cell of 2x2 pixels, if pixels have no floor (`--min-spp 0`). Luminance and
+/// two colour differences of each block are fitted by cosines, half as many as there are samples, from the lowest frequency
+/// on. A cell's error is the mean squared deviation of its samples from the fit. The energy is added that is expected in the
+/// first frequencies that the fit lacks, if energies fall with the squared frequency. Errors are weighted by the eye's
 /// sensitivity to these frequencies, and masked by the block's luminance. The cell with the largest error per sample gets
 /// the next sample. A block whose samples have grown by half waits until it is fitted anew.
 ///
 /// Half the cosines, and refinement by frequencies, are the authors'. Opponent space, penalty, JPEG's tables as sensitivity,
-/// masking, and the pooling of a cell's deviations with one sample of its block are ours. A round has at most half of the
-/// samples that blocks may take.
+/// masking, and the pooling of a cell's deviations with one sample of its block are ours. So are rounds, of at most half of
+/// the samples that blocks may take.
 ///
 /// The image is made by [`DctFilter`].
 ///
-/// *Guarantees*: spends the budget exactly. Every cell's score is at least 1 % of the mean. *Bias*: samples decide where
+/// *Guarantees*: spends the budget exactly. A cell's error counts as at least 1 % of the mean. *Bias*: samples decide where
 /// others lie, and stay [Kirk and Arvo 1991]. *Weaknesses*: to the fit, noise is detail. Sensitivity and masking leave busy
 /// and bright parts coarse, which squared errors do not forgive.
 pub struct Dct<P> {
     points: P,
     domain: Domain,
     options: DctOptions,
-    /// The scores of each block, as far as they are known.
+    cosines: CosineOptions,
+    /// The errors of each block, as far as they are known.
     known: Vec<Known>,
 }
 
-/// A block's scores. They follow from its samples, so they hold until their number changes.
+/// A block's errors. They follow from its samples, so they hold until their number changes.
 #[derive(Clone, Debug, Default)]
 struct Known {
     samples: Option<u64>,
     luminance: f64,
-    /// The number of each cell, and its score before masking.
+    /// The number of each cell, and its squared error before masking.
     cells: Vec<(u32, f64)>,
+}
+
+impl Known {
+    /// The masked error of each cell, in an image of this mean luminance.
+    fn errors(&self, mean: f64, exponent: f64) -> impl Iterator<Item = f64> {
+        let mask = masking(self.luminance, mean, exponent);
+        self.cells.iter().map(move |&(_, error)| (mask * error).min(HIGHEST))
+    }
 }
 
 /// A sample that a cell may get: the error that it takes away, and the cell.
@@ -92,9 +98,10 @@ impl<P: PointSet> Dct<P> {
     /// # Errors
     ///
     /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn new(points: P, domain: &Domain, options: DctOptions) -> Result<Self, Error> {
+    pub fn new(points: P, domain: &Domain, options: DctOptions, cosines: CosineOptions) -> Result<Self, Error> {
         options.check_ranges()?;
-        Ok(Self { points, domain: domain.place(), options, known: Vec::new() })
+        cosines.check_ranges()?;
+        Ok(Self { points, domain: domain.place(), options, cosines, known: Vec::new() })
     }
 
     /// Plans what cells lack of the pilot, and pixels of their floor.
@@ -130,41 +137,43 @@ impl<P: PointSet> Dct<P> {
         if self.known.len() != blocks.count() {
             self.known = vec![Known::default(); blocks.count()];
         }
-        let (points, domain, options, film) = (&self.points, &self.domain, &self.options, seen.film);
         let columns = seen.frame().size()[0].div_ceil(CELL);
+        let (points, domain, film) = (&self.points, &self.domain, seen.film);
+        let visible = self.options.visible == 1;
         self.known.par_iter_mut().enumerate().for_each_init(Cell::default, |block, (number, known)| {
             let samples = blocks.pixels(number).map(|i| film.count(i)).sum();
             if known.samples != Some(samples) {
                 blocks.read(number, film, points, domain, block);
-                *known = Known { samples: Some(samples), ..scored(block, columns, options) };
+                *known = Known { samples: Some(samples), ..errors(block, columns, &self.cosines, visible) };
             }
         });
     }
 
     /// The samples that each block may get until it is fitted anew, with the error that each takes away.
     fn gains(&self, seen: &Feedback<'_>, now: &[u32]) -> Vec<Gain> {
-        let cells = Cells::new(seen.frame(), CELL);
-        let known = || self.known.iter();
-        let mean = known().map(|known| known.luminance).sum::<f64>() / self.known.len() as f64;
-        let mask = |known: &Known| masking(known.luminance, mean, self.options.masking);
-        let scores = known().flat_map(|known| known.cells.iter().map(move |cell| (known, cell.1)));
-        let sum: f64 = scores.map(|(known, score)| (mask(known) * score).min(HIGHEST)).sum();
-        let least = LEAST * sum / cells.count() as f64;
-        let of_block = |known: &Known| -> Vec<Gain> {
-            let count = known.samples.unwrap_or(0);
-            let quota = libm::ceil(self.options.growth * count as f64).max(1.0) as u64;
-            let open = known.cells.iter().map(|&(number, score)| {
-                let (mut samples, mut room) = (0u32, 0u64);
-                for i in cells.pixels(number as usize) {
-                    samples = samples.saturating_add(now[i]);
-                    room += u64::from(seen.budget.max_spp.saturating_sub(now[i]));
-                }
-                let score = if sum > 0.0 { (mask(known) * score).min(HIGHEST).max(least) } else { 1.0 };
-                Open { number, score, samples, room }
-            });
-            greedy(&mut open.collect::<Vec<_>>(), quota)
+        let (cells, exponent) = (Cells::new(seen.frame(), CELL), self.options.masking);
+        let mean = self.known.iter().map(|known| known.luminance).sum::<f64>() / self.known.len() as f64;
+        let sum: f64 = self.known.iter().flat_map(|known| known.errors(mean, exponent)).sum();
+        // Without errors, all pixels are alike.
+        let least = if sum > 0.0 { LEAST * sum / cells.count() as f64 } else { 1.0 };
+        let gains = |known: &Known| {
+            let open = known.cells.iter().zip(known.errors(mean, exponent));
+            let mut open: Vec<Open> = open
+                .map(|(&(number, _), error)| {
+                    let (mut pixels, mut samples, mut room) = (0, 0u32, 0);
+                    for i in cells.pixels(number as usize) {
+                        pixels += 1;
+                        samples = samples.saturating_add(now[i]);
+                        room += u64::from(seen.budget.max_spp.saturating_sub(now[i]));
+                    }
+                    // With n samples, the squared errors of the cell's pixels sum to pixels^2 * error / n.
+                    Open { number, score: f64::from(pixels * pixels) * error.max(least), samples, room }
+                })
+                .collect();
+            let quota = libm::ceil(self.options.growth * known.samples.unwrap_or(0) as f64);
+            greedy(&mut open, quota.max(1.0) as u64)
         };
-        self.known.par_iter().flat_map_iter(of_block).collect()
+        self.known.par_iter().flat_map_iter(gains).collect()
     }
 
     /// Plans a round of the samples that take away the most.
@@ -189,47 +198,42 @@ impl<P: PointSet> Dct<P> {
     }
 }
 
-/// The largest score, so that sums and weighted scores stay finite.
-const HIGHEST: f64 = 1e200;
+/// The squared deviations of a cell's samples from the fit, summed for each channel, and the number of samples.
+#[derive(Clone, Copy, Default)]
+struct Deviations {
+    squares: [f64; 3],
+    samples: f64,
+}
 
-/// The scores of a block's cells; `columns` is the number of cells in a row of the image.
-fn scored(block: &Cell, columns: u32, options: &DctOptions) -> Known {
-    let &DctOptions { share, lambda, scale, visible, .. } = options;
-    let fitting = Fitting { share, lambda, scale };
-    let [width, height] = block.size.map(|n| n.div_ceil(CELL) as usize);
-    let fit = Fit::new(block, &fitting);
-    let luminance = fit.as_ref().map_or(0.0, |fit| fit.coefficients[0][0].max(0.0));
-    // For each channel: squared deviations by cell, and of all samples.
-    let (mut deviations, mut counts, mut all) = (vec![[0.0; 3]; width * height], vec![0.0; width * height], [0.0; 3]);
+/// The errors of a block's cells; `columns` is the number of cells in a row of the image.
+fn errors(block: &Cell, columns: u32, cosines: &CosineOptions, visible: bool) -> Known {
+    let [width, height] = block.size.map(|n| n.div_ceil(CELL));
+    let number = |i: u32| (block.corner[1] / CELL + i / width) * columns + block.corner[0] / CELL + i % width;
+    let Some(fit) = Fit::new(block, cosines) else {
+        return Known { cells: (0..width * height).map(|i| (number(i), 0.0)).collect(), ..Known::default() };
+    };
+    let mut cells = vec![Deviations::default(); (width * height) as usize];
     for (at, &value) in block.at.iter().zip(&block.values) {
-        let Some(fit) = &fit else { break };
-        let (fitted, colour) = (fit.at(at), fitting.opponent(value));
-        let [x, y] = [at[0], at[1]].map(|x| x as usize / CELL as usize);
-        let cell = y * width + x;
-        counts[cell] += 1.0;
-        for c in 0..3 {
-            let square = (colour[c] - fitted[c]).powi(2);
-            deviations[cell][c] += square;
-            all[c] += square;
+        let (fitted, colour) = (fit.at(at), cosines.scale.opponent(value));
+        let [x, y] = [at[0], at[1]].map(|x| x as u32 / CELL);
+        let cell = &mut cells[(y * width + x) as usize];
+        cell.samples += 1.0;
+        (0..3).for_each(|c| cell.squares[c] += (colour[c] - fitted[c]).powi(2));
+    }
+    let luminance = fit.coefficients[0][0].max(0.0);
+    let mut errors = vec![0.0; cells.len()];
+    for c in 0..3 {
+        let samples = block.at.len() as f64;
+        let mean = cells.iter().map(|cell| cell.squares[c]).sum::<f64>() / samples;
+        // Coefficients take up a part of the deviations.
+        let taken_up = samples / (samples - fit.coefficients[c].len() as f64).max(1.0);
+        let (expected, weight) = (fit.expected_energy(c), if visible { weight(&fit, c) } else { 1.0 });
+        for (error, cell) in errors.iter_mut().zip(&cells) {
+            let square = (cell.squares[c] + mean) / (cell.samples + 1.0) * taken_up + expected;
+            *error += if square > ROUNDING * luminance * luminance { weight * square } else { 0.0 };
         }
     }
-    let samples = block.at.len() as f64;
-    let of_channel = |fit: &Fit, c: usize, cell: usize| {
-        let pooled = (deviations[cell][c] + all[c] / samples) / (counts[cell] + 1.0);
-        // Coefficients take up a part of the deviations.
-        let free = (samples - fit.coefficients[c].len() as f64).max(1.0);
-        let error = pooled * samples / free + fit.expected_energy(c);
-        let error = if error > ROUNDING * luminance * luminance { error } else { 0.0 };
-        error * if visible == 1 { weight(fit, c) } else { 1.0 }
-    };
-    let cell = |cell: usize| {
-        let (x, y) = ((cell % width) as u32, (cell / width) as u32);
-        let pixels: u32 = [x, y].iter().zip(block.size).map(|(at, size)| CELL.min(size - at * CELL)).product();
-        let error: f64 = fit.as_ref().map_or(0.0, |fit| (0..3).map(|c| of_channel(fit, c, cell)).sum());
-        let number = (block.corner[1] / CELL + y) * columns + block.corner[0] / CELL + x;
-        (number, f64::from(pixels * pixels) * error)
-    };
-    Known { samples: None, luminance, cells: (0..width * height).map(cell).collect() }
+    Known { samples: None, luminance, cells: (0..).map(number).zip(errors).collect() }
 }
 
 /// A cell that may get samples, and the number that its pixels can still take.
@@ -298,7 +302,7 @@ impl<P: PointSet> Sampler for Dct<P> {
     }
 
     fn describe(&self) -> String {
-        format!("{}:{}", self.name(), self.options.describe())
+        format!("{}:{},{}", self.name(), self.options.describe(), self.cosines.describe())
     }
 
     fn needs(&self) -> Needs {

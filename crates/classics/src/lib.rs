@@ -38,7 +38,7 @@ mod window_sums;
 mod worst_first;
 
 pub use awr::{Awr, AwrOptions, BlockPriority, SpreadStatistic};
-pub use dct::{CosineScale, Dct, DctFilter, DctFilterOptions, DctOptions};
+pub use dct::{CosineOptions, CosineScale, Dct, DctFilter, DctOptions};
 pub use divergence::{Divergence, DivergenceOptions, DivergenceScore};
 pub use ears::{Ears, EarsOptions};
 pub use fourier_dof::{FourierDof, FourierDofOptions, LensBandwidthOptions, Splat, SplatOptions, TraceLensProbe};

@@ -20,37 +20,38 @@ pub enum CosineScale {
 
 dapple_core::choices!(CosineScale { Linear = "linear", Log = "log" });
 
-/// The parameters of a fit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Fitting {
-    /// Cosines per sample.
-    pub(super) share: f64,
-    /// The weight of squared frequencies times squared coefficients.
-    pub(super) lambda: f64,
-    pub(super) scale: CosineScale,
+dapple_core::options! {
+    /// The parameters of the cosines that [`Dct`](crate::Dct) and [`DctFilter`](crate::DctFilter) fit to blocks.
+    pub struct CosineOptions {
+        /// Cosines per sample of a block, at most one per pixel; a half as published.
+        pub share: f64 = 0.5, |share| share > 0.0 && share <= 1.0, "above 0 and at most 1";
+        /// Weight of squared frequencies times squared coefficients in the fit; the default is ours.
+        pub lambda: f64 = 1e-3 => "0.001", |l| (1e-6..=1e6).contains(&l), "1e-6 to 1e6";
+        /// Scale on which cosines are fitted: linear, or log of 1 + x (less ringing; too dark in noise).
+        pub scale: CosineScale = CosineScale::Linear => "linear";
+    }
 }
 
-impl Fitting {
+impl CosineScale {
     /// A sample's luminance, and the differences of red and of blue from it.
-    pub(super) fn opponent(&self, rgb: [f32; 3]) -> [f64; 3] {
-        let [r, g, b] = rgb.map(|x| match self.scale {
-            CosineScale::Linear => f64::from(x),
-            CosineScale::Log => libm::log1p(f64::from(x)),
+    pub(super) fn opponent(self, rgb: [f32; 3]) -> [f64; 3] {
+        let [r, g, b] = rgb.map(|x| match self {
+            Self::Linear => f64::from(x),
+            Self::Log => libm::log1p(f64::from(x)),
         });
         let y = RED * r + GREEN * g + BLUE * b;
         [y, r - y, b - y]
     }
 
-    /// The radiance of a colour in opponent space; 0 where it would be negative.
-    pub(super) fn radiance(&self, [y, red, blue]: [f64; 3]) -> [f32; 3] {
+    /// The radiance of a colour in opponent space; 0 where it would be negative or NaN.
+    pub(super) fn radiance(self, [y, red, blue]: [f64; 3]) -> [f32; 3] {
         let (r, b) = (y + red, y + blue);
         let g = (y - RED * r - BLUE * b) / GREEN;
         [r, g, b].map(|x| {
-            let x = match self.scale {
-                CosineScale::Linear => x,
-                CosineScale::Log => libm::expm1(x),
+            let x = match self {
+                Self::Linear => x,
+                Self::Log => libm::expm1(x),
             };
-            // NaN becomes 0 too.
             if x > 0.0 { x.min(f64::from(f32::MAX)) as f32 } else { 0.0 }
         })
     }
@@ -77,12 +78,12 @@ fn norm(frequency: usize) -> f64 {
 
 /// The cosines of all multiples of an angle.
 fn multiples(angle: f64) -> [f64; FREQUENCIES] {
-    let once = libm::cos(angle);
-    let mut all = [1.0, once].repeat(FREQUENCIES / 2);
+    let mut all = [1.0; FREQUENCIES];
+    all[1] = libm::cos(angle);
     for k in 2..FREQUENCIES {
-        all[k] = 2.0 * once * all[k - 1] - all[k - 2];
+        all[k] = 2.0 * all[1] * all[k - 1] - all[k - 2];
     }
-    std::array::from_fn(|k| all[k])
+    all
 }
 
 /// The cosines along both axes at a place of a block.
@@ -134,23 +135,22 @@ pub(super) struct Fit {
 impl Fit {
     /// The fit with the least sum of squared deviations and, times `lambda`, of squared coefficients times squared
     /// frequencies; `None` without samples. Chroma has half as many coefficients as luminance.
-    pub(super) fn new(cell: &Cell, fitting: &Fitting) -> Option<Self> {
-        let (size, count) = (cell.size.map(|n| n as usize), cell.at.len());
+    pub(super) fn new(block: &Cell, options: &CosineOptions) -> Option<Self> {
+        if block.at.is_empty() {
+            return None;
+        }
+        let size = block.size.map(|n| n as usize);
         let frequencies = frequencies(size);
-        let luminances = ((fitting.share * count as f64) as usize).clamp(1, frequencies.len());
+        let luminances = ((options.share * block.at.len() as f64) as usize).clamp(1, frequencies.len());
         let fitted = &frequencies[..luminances];
-        let (products, sides) = sums(cell, fitting, fitted)?;
+        let (products, sides) = sums(block, options.scale, fitted);
         let factor = cholesky(luminances, |j, k| {
-            let penalty = if j == k { fitting.lambda * squared(fitted[j], size) } else { 0.0 };
+            let penalty = if j == k { options.lambda * squared(fitted[j], size) } else { 0.0 };
             products.of(fitted[j], fitted[k]) + penalty
         });
-        let chroma = (luminances / 2).max(1);
-        let coefficients = [luminances, chroma, chroma];
-        let mut channel = 0;
-        let coefficients = coefficients.map(|number| {
-            let side = sides.iter().take(number).map(|side| side[channel]).collect();
-            channel += 1;
-            solve(&factor, side)
+        let coefficients = [0, 1, 2].map(|channel| {
+            let number = if channel == 0 { luminances } else { (luminances / 2).max(1) };
+            solve(&factor, sides[..number].iter().map(|side| side[channel]).collect())
         });
         Some(Self { size, frequencies, coefficients })
     }
@@ -198,26 +198,23 @@ fn squared([u, v]: [usize; 2], [width, height]: [usize; 2]) -> f64 {
 }
 
 /// The sums of products of cosines, and the sums of each function times the samples' colours.
-fn sums(cell: &Cell, fitting: &Fitting, fitted: &[[usize; 2]]) -> Option<(Box<Products>, Vec<[f64; 3]>)> {
-    if cell.at.is_empty() {
-        return None;
-    }
+fn sums(block: &Cell, scale: CosineScale, fitted: &[[usize; 2]]) -> (Box<Products>, Vec<[f64; 3]>) {
     let highest = |axis: usize| fitted.iter().map(|f| 2 * f[axis]).max().unwrap_or(0);
     let (columns, rows) = (highest(0) + 1, highest(1) + 1);
     let mut products = Box::new(Products([[0.0; FREQUENCIES]; FREQUENCIES]));
     let mut sides = vec![[0.0; 3]; fitted.len()];
-    for (at, &value) in cell.at.iter().zip(&cell.values) {
-        let waves = Waves::at(at, cell.size.map(|n| n as usize));
+    for (at, &value) in block.at.iter().zip(&block.values) {
+        let waves = Waves::at(at, block.size.map(|n| n as usize));
         for (row, y) in products.0.iter_mut().zip(&waves.0[1]).take(rows) {
             row.iter_mut().zip(&waves.0[0]).take(columns).for_each(|(sum, x)| *sum += x * y);
         }
-        let colour = fitting.opponent(value);
+        let colour = scale.opponent(value);
         for (side, &frequency) in sides.iter_mut().zip(fitted) {
             let wave = waves.of(frequency);
             (0..3).for_each(|c| side[c] += wave * colour[c]);
         }
     }
-    Some((products, sides))
+    (products, sides)
 }
 
 /// The rows of the lower triangle whose product with its transpose is the matrix, by Cholesky's method. Its upper left
@@ -259,7 +256,8 @@ mod tests {
     use crate::test_films::normal;
     use crate::tree::unit;
 
-    const FITTING: Fitting = Fitting { share: 0.5, lambda: 1e-9, scale: CosineScale::Linear };
+    /// A fit that is nearly a projection.
+    const PLAIN: CosineOptions = CosineOptions { share: 0.5, lambda: 1e-9, scale: CosineScale::Linear };
 
     /// A block with samples at random places.
     fn block(size: [u32; 2], count: u64, seed: u64, value: impl Fn(&At, u64) -> f64) -> Cell {
@@ -289,7 +287,7 @@ mod tests {
             for k in 0..(count as usize / 2).min(sizes[0] * sizes[1]) {
                 let frequency = frequencies(sizes)[k];
                 let wave = |at: &At, _| 2.0 + Waves::at(at, sizes).of(frequency);
-                let exact = Fitting { lambda: 1e-12, ..FITTING };
+                let exact = CosineOptions { lambda: 1e-12, ..PLAIN };
                 let fit = Fit::new(&block(size, count, 3, wave), &exact).unwrap();
                 for (j, found) in fit.coefficients[0].iter().enumerate() {
                     let expected = f64::from(u8::from(j == k)) + if j == 0 { 2.0 } else { 0.0 };
@@ -303,21 +301,22 @@ mod tests {
     #[test]
     fn a_constant_has_no_cosines_whatever_the_penalty() {
         for lambda in [1e-9, 1e-3, 10.0] {
-            let fit = Fit::new(&block([8, 8], 50, 7, |_, _| 0.75), &Fitting { lambda, ..FITTING }).unwrap();
+            let fit = Fit::new(&block([8, 8], 50, 7, |_, _| 0.75), &CosineOptions { lambda, ..PLAIN }).unwrap();
             assert!((fit.coefficients[0][0] - 0.75).abs() < 1e-13);
             assert!(fit.coefficients[0][1..].iter().all(|a| a.abs() < 1e-12), "{:?}", fit.coefficients[0]);
         }
     }
 
-    /// The projection of white noise on K of n dimensions keeps K/n of its energy. Over 200 blocks of 64 samples the share
-    /// has a deviation of 0.0044 for K = 32: a false alarm at 5 deviations has a probability of 6e-7.
+    /// The projection of white noise on K of n dimensions keeps K/n of its energy. In a block of 64 samples the share follows
+    /// the beta distribution of K/2 and (64 - K)/2. Over 200 blocks its mean has a deviation of 0.0062 for K = 32, and 0.0053
+    /// for 16. A false alarm at 5 deviations has a probability of 6e-7.
     #[test]
     fn a_fit_keeps_the_share_of_noise_that_has_as_many_dimensions() {
         let kept = |share: f64| {
             let (mut fitted, mut all) = (0.0, 0.0);
             for seed in 0..200 {
                 let cell = block([8, 8], 64, seed, |_, k| normal(seed * 64 + k));
-                let fit = Fit::new(&cell, &Fitting { share, ..FITTING }).unwrap();
+                let fit = Fit::new(&cell, &CosineOptions { share, ..PLAIN }).unwrap();
                 for (at, value) in cell.at.iter().zip(&cell.values) {
                     fitted += fit.at(at)[0].powi(2);
                     all += f64::from(value[0]).powi(2);
@@ -326,14 +325,14 @@ mod tests {
             fitted / all
         };
         let (half, quarter) = (kept(0.5), kept(0.25));
-        assert!((half - 0.5).abs() < 0.022, "{half}");
+        assert!((half - 0.5).abs() < 0.031, "{half}");
         // The negative control: half as many functions keep half as much.
-        assert!((quarter - 0.25).abs() < 0.022, "{quarter}");
+        assert!((quarter - 0.25).abs() < 0.027, "{quarter}");
     }
 
     #[test]
     fn pixels_are_means_over_their_area() {
-        let fit = Fit::new(&block([8, 5], 60, 1, |at, _| f64::from(at[0] * at[1]).sin()), &FITTING).unwrap();
+        let fit = Fit::new(&block([8, 5], 60, 1, |at, _| f64::from(at[0] * at[1]).sin()), &PLAIN).unwrap();
         for pixel in [[0, 0], [7, 4], [3, 2]] {
             let (mut sum, parts) = ([0.0; 3], 200);
             for k in 0..parts * parts {
@@ -361,13 +360,12 @@ mod tests {
     #[test]
     fn colours_survive_opponent_space_on_both_scales() {
         for scale in [CosineScale::Linear, CosineScale::Log] {
-            let fitting = Fitting { scale, ..FITTING };
             for rgb in [[0.0f32; 3], [0.3, 2.0, 7.0], [1e20, 0.0, 5.0]] {
-                let found = fitting.radiance(fitting.opponent(rgb));
-                let scale = rgb.iter().copied().fold(1.0, f32::max);
-                assert!((0..3).all(|c| (found[c] - rgb[c]).abs() <= 1e-6 * scale), "{rgb:?}: {found:?}");
+                let found = scale.radiance(scale.opponent(rgb));
+                let largest = rgb.iter().copied().fold(1.0, f32::max);
+                assert!((0..3).all(|c| (found[c] - rgb[c]).abs() <= 1e-6 * largest), "{rgb:?}: {found:?}");
             }
-            assert_eq!(fitting.radiance([f64::NAN; 3]), [0.0; 3]);
+            assert_eq!((scale.radiance([f64::NAN; 3]), scale.radiance([-1.0, 0.0, 0.0])), ([0.0; 3], [0.0; 3]));
         }
     }
 }

@@ -1,22 +1,10 @@
 //! Pixels from cosines fitted to the samples of blocks.
 
-use super::cosines::{CosineScale, Fit, Fitting, SIDE};
+use super::cosines::{CosineOptions, Fit, SIDE};
 use crate::tree::Cells;
 use dapple_core::{
     Domain, Error, Film, FilmPoints, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _,
 };
-
-dapple_core::options! {
-    /// The parameters of [`DctFilter`].
-    pub struct DctFilterOptions {
-        /// Cosines per sample of a block, at most one per pixel; a half as in the sampler dct.
-        pub share: f64 = 0.5, |share| share > 0.0 && share <= 1.0, "above 0 and at most 1";
-        /// Weight of squared frequencies times squared coefficients in the fit; the default is ours.
-        pub lambda: f64 = 1e-3 => "0.001", |l| (1e-6..=1e6).contains(&l), "1e-6 to 1e6";
-        /// Scale on which cosines are fitted: linear, or log of 1 + x (less ringing; too dark in noise).
-        pub scale: CosineScale = CosineScale::Linear => "linear";
-    }
-}
 
 /// Cosines fitted to the samples of each block of 8x8 pixels [after Bolin and Meyer 1995].
 ///
@@ -33,7 +21,7 @@ dapple_core::options! {
 pub struct DctFilter {
     points: FilmPoints,
     domain: Domain,
-    options: DctFilterOptions,
+    options: CosineOptions,
 }
 
 impl DctFilter {
@@ -42,7 +30,7 @@ impl DctFilter {
     /// # Errors
     ///
     /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn new(points: FilmPoints, options: DctFilterOptions) -> Result<Self, Error> {
+    pub fn new(points: FilmPoints, options: CosineOptions) -> Result<Self, Error> {
         options.check_ranges()?;
         let domain = points.domain().place();
         Ok(Self { points, domain, options })
@@ -68,14 +56,12 @@ impl Filter for DctFilter {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        let DctFilterOptions { share, lambda, scale } = self.options;
-        let fitting = Fitting { share, lambda, scale };
         let (points, blocks) = (self.points.now(), Cells::new(film.frame(), SIDE));
         Ok(blocks.image(film, &points, &self.domain, |block, image| {
-            let Some(fit) = Fit::new(block, &fitting) else { return };
+            let Some(fit) = Fit::new(block, &self.options) else { return };
             let width = block.size[0] as usize;
             for (i, pixel) in image.iter_mut().enumerate() {
-                *pixel = fitting.radiance(fit.over_pixel([i % width, i / width]));
+                *pixel = self.options.scale.radiance(fit.over_pixel([i % width, i / width]));
             }
         }))
     }
