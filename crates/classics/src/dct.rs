@@ -7,11 +7,11 @@ mod sensitivity;
 pub use cosines::{CosineOptions, CosineScale};
 pub use filter::DctFilter;
 
-use crate::tree::{Cell, Cells};
+use crate::tree::{Cell, Cells, seed_of};
 use cosines::{Fit, SIDE};
 use dapple_core::{
-    Domain, Error, Feedback, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, SampleId,
-    Sampler, SamplerMemory, allocate, mix, saturating_u32, streams,
+    Domain, Error, Feedback, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
+    SamplerMemory, allocate, mix, saturating_u32,
 };
 use rayon::prelude::*;
 use sensitivity::{masking, weight};
@@ -272,10 +272,8 @@ struct Round {
 }
 
 impl Round {
-    /// `coordinates` belong to the seed of the point set.
-    fn new(seen: &Feedback<'_>, coordinates: [f32; 4]) -> Self {
+    fn new(seen: &Feedback<'_>, seed: u64) -> Self {
         let now = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
-        let seed = coordinates.iter().fold(1, |seed, x| mix(seed ^ u64::from(x.to_bits())));
         Self { seed, now, counts: vec![0; seen.pixels()] }
     }
 
@@ -331,7 +329,7 @@ impl<P: PointSet> Sampler for Dct<P> {
         if seen.budget.left() == 0 {
             return Ok(Progress::Done);
         }
-        let mut round = Round::new(seen, self.points.block(SampleId::new([0; 2], streams::PROBE, 0), 0));
+        let mut round = Round::new(seen, seed_of(&self.points));
         self.plan_pilot(seen, &mut round)?;
         if round.counts.iter().all(|&count| count == 0) {
             self.plan_round(seen, &mut round);

@@ -222,16 +222,21 @@ fn sums(block: &Cell, scale: CosineScale, fitted: &[[usize; 2]]) -> (Box<Product
 fn cholesky(order: usize, matrix: impl Fn(usize, usize) -> f64) -> Vec<Vec<f64>> {
     let mut rows: Vec<Vec<f64>> = Vec::with_capacity(order);
     for j in 0..order {
-        let mut row = vec![0.0; j + 1];
-        for k in 0..=j {
-            let before: f64 = (0..k).map(|i| row[i] * if k < j { rows[k][i] } else { row[i] }).sum();
-            let rest = matrix(j, k) - before;
-            // Rounding may leave nothing of a diagonal that the penalty keeps above 0.
-            row[k] = if k < j { rest / rows[k][k] } else { rest.max(LEAST * matrix(j, j)).sqrt() };
+        let mut row = Vec::with_capacity(j + 1);
+        for (k, before) in rows.iter().enumerate() {
+            row.push((matrix(j, k) - dot(&row, before)) / before[k]);
         }
+        // Rounding may leave nothing of a diagonal that the penalty keeps above 0.
+        let rest = (matrix(j, j) - dot(&row, &row)).max(LEAST * matrix(j, j));
+        row.push(rest.sqrt());
         rows.push(row);
     }
     rows
+}
+
+/// The product of two vectors, over the length of the shorter.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// The least share of a diagonal that remains.
@@ -239,9 +244,8 @@ const LEAST: f64 = 1e-14;
 
 /// The solution of the equations whose matrix has this Cholesky factor; as many as `side` has.
 fn solve(factor: &[Vec<f64>], mut side: Vec<f64>) -> Vec<f64> {
-    for j in 0..side.len() {
-        let before: f64 = (0..j).map(|k| factor[j][k] * side[k]).sum();
-        side[j] = (side[j] - before) / factor[j][j];
+    for (j, row) in factor.iter().enumerate().take(side.len()) {
+        side[j] = (side[j] - dot(&side[..j], row)) / row[j];
     }
     for j in (0..side.len()).rev() {
         let after: f64 = (j + 1..side.len()).map(|k| factor[k][j] * side[k]).sum();
