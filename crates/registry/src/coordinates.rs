@@ -1,9 +1,7 @@
 //! Methods that place samples or read their coordinates.
 
 use crate::{AnyPoints, ClusterInputError, ClusterInputs, MadeSampler, Parameters, RegistryError};
-use dapple_classics::{
-    Dct, DctFilter, Hierarchical, Mdas, MdasBoxes, MdasOptions, Subdivision, Tlfr, TreeMean,
-};
+use dapple_classics::{Dct, DctFilter, Hierarchical, Mdas, MdasBoxes, MdasOptions, Subdivision, Tlfr, TreeMean};
 use dapple_core::{Domain, FilmPoints, Filter};
 
 /// The part that methods which place samples lack without a scene.
@@ -66,11 +64,7 @@ pub(crate) fn hierarchical(
     Ok(MadeSampler { placed, ..sampler.into() })
 }
 
-pub(crate) fn dct(
-    p: &Parameters,
-    points: AnyPoints,
-    inputs: &dyn ClusterInputs,
-) -> Result<MadeSampler, RegistryError> {
+pub(crate) fn dct(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
     Ok(Dct::new(points, &domain(p, inputs)?, p.options()?, p.options()?)?.into())
 }
 

@@ -6,8 +6,8 @@ use crate::inputs::CLUSTERS;
 use crate::{CLUSTERING, ClusterInputs, Entry, Parameters, RegistryError, clustering};
 #[cfg(feature = "classics")]
 use dapple_classics::{
-    CosineOptions, GemFilter, GemFilterOptions, JamesStein, JamesSteinOptions, LensBandwidthOptions, MdasBoxesOptions, Nfor,
-    NforOptions, NlmLoopFilter, NlmLoopFilterOptions, SplatOptions, SureFilter, SureFilterOptions, TlfrOptions,
+    CosineOptions, GemFilter, GemFilterOptions, JamesStein, JamesSteinOptions, LensBandwidthOptions, MdasBoxesOptions,
+    Nfor, NforOptions, NlmLoopFilter, NlmLoopFilterOptions, SplatOptions, SureFilter, SureFilterOptions, TlfrOptions,
     TreeMeanOptions, Wavelet, WaveletOptions, Welch, WelchOptions,
 };
 use dapple_core::{Filter, Options as _, Unfiltered};

@@ -8,10 +8,10 @@ use crate::{
 use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, VarianceOptions};
 #[cfg(feature = "classics")]
 use dapple_classics::{
-    Awr, AwrOptions, CosineOptions, DctOptions, Divergence, DivergenceOptions, Ears, EarsOptions, FourierDofOptions, Gem, GemOptions,
-    HierarchicalOptions, LensBandwidthOptions, MdasOptions, NlmLoop, NlmLoopOptions, Perceptual, PerceptualOptions,
-    SubdivisionOptions, Sure, SureOptions, UpperConfidence, UpperConfidenceOptions, VarianceThreshold,
-    VarianceThresholdOptions,
+    Awr, AwrOptions, CosineOptions, DctOptions, Divergence, DivergenceOptions, Ears, EarsOptions, FourierDofOptions,
+    Gem, GemOptions, HierarchicalOptions, LensBandwidthOptions, MdasOptions, NlmLoop, NlmLoopOptions, Perceptual,
+    PerceptualOptions, SubdivisionOptions, Sure, SureOptions, UpperConfidence, UpperConfidenceOptions,
+    VarianceThreshold, VarianceThresholdOptions,
 };
 use dapple_cluster_adaptive::{ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeSource, ProbesHandle};
 use dapple_core::samplers::{Then, Uniform};

@@ -15,9 +15,13 @@ fn filter(seed: u64, options: CosineOptions) -> DctFilter {
 #[test]
 fn dct_conforms() {
     dapple_conformance::sampler(|| Box::new(dct(7, DctOptions::default())));
-    let other = DctOptions::default().pilot(9).growth(1.0).visible(0).masking(0.0);
-    let log = CosineOptions::default().share(1.0).scale(CosineScale::Log);
-    dapple_conformance::sampler(|| Box::new(Dct::new(Random::new(7), &domain(&[]), other, log).unwrap()));
+}
+
+#[test]
+fn dct_conforms_with_as_many_cosines_as_samples_on_a_logarithmic_scale() {
+    let options = DctOptions::default().pilot(9).growth(1.0).visible(0).masking(0.0);
+    let cosines = CosineOptions::default().share(1.0).scale(CosineScale::Log);
+    dapple_conformance::sampler(|| Box::new(Dct::new(Random::new(7), &domain(&[]), options, cosines).unwrap()));
 }
 
 #[test]
@@ -33,7 +37,8 @@ fn constant_and_black_images_get_equal_counts() {
     for value in [0.0, 0.7] {
         for size in [[16, 16], [19, 11]] {
             let mut constant = Field(|_: [u32; 2], _: [f32; 4]| [value, 0.5 * value, 0.25 * value]);
-            let film = run(&mut constant, &mut dct(2, DctOptions::default()), frame(size[0], size[1]), &Limits::spp(8.0));
+            let mut sampler = dct(2, DctOptions::default());
+            let film = run(&mut constant, &mut sampler, frame(size[0], size[1]), &Limits::spp(8.0));
             let (low, high) = film.counts().iter().fold((u64::MAX, 0), |(low, high), &n| (low.min(n), high.max(n)));
             // Counts of cells of one and two pixels are rounded.
             let spread = if size == [16, 16] { 0 } else { 2 };
@@ -100,7 +105,8 @@ fn the_filter_recovers_smooth_images_and_its_error_falls_with_the_count() {
         assert!(found[0] < 0.5 * found[1], "{spp} samples: {found:?}");
         found[0]
     });
-    assert!(errors[1] < 0.5 * errors[0], "{errors:?}");
+    // Both fits have all 64 cosines. To them, higher frequencies are noise: four times the samples halve the error, about.
+    assert!(errors[1] < 0.6 * errors[0], "{errors:?}");
 }
 
 #[test]
