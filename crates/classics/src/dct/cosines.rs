@@ -268,7 +268,7 @@ mod tests {
         let mut cell = Cell { size, axes: 2, ..Cell::default() };
         for k in 0..count {
             let mut at = At::default();
-            (0..2).for_each(|axis| at[axis] = unit(seed << 32 | 2 * k | axis as u64) * size[axis] as f32);
+            (0..2).for_each(|axis| at[axis] = unit((seed << 32) | (2 * k) | axis as u64) * size[axis] as f32);
             cell.values.push([value(&at, k) as f32; 3]);
             cell.at.push(at);
         }
