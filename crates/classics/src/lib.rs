@@ -5,6 +5,7 @@
 
 mod awr;
 mod convolution;
+mod dct;
 mod divergence;
 mod ears;
 mod fourier_dof;
@@ -37,6 +38,7 @@ mod window_sums;
 mod worst_first;
 
 pub use awr::{Awr, AwrOptions, BlockPriority, SpreadStatistic};
+pub use dct::{CosineOptions, CosineScale, Dct, DctFilter, DctOptions};
 pub use divergence::{Divergence, DivergenceOptions, DivergenceScore};
 pub use ears::{Ears, EarsOptions};
 pub use fourier_dof::{FourierDof, FourierDofOptions, LensBandwidthOptions, Splat, SplatOptions, TraceLensProbe};

@@ -6,8 +6,8 @@ use crate::inputs::CLUSTERS;
 use crate::{CLUSTERING, ClusterInputs, Entry, Parameters, RegistryError, clustering};
 #[cfg(feature = "classics")]
 use dapple_classics::{
-    GemFilter, GemFilterOptions, JamesStein, JamesSteinOptions, LensBandwidthOptions, MdasBoxesOptions, Nfor,
-    NforOptions, NlmLoopFilter, NlmLoopFilterOptions, SplatOptions, SureFilter, SureFilterOptions, TlfrOptions,
+    CosineOptions, GemFilter, GemFilterOptions, JamesStein, JamesSteinOptions, LensBandwidthOptions, MdasBoxesOptions,
+    Nfor, NforOptions, NlmLoopFilter, NlmLoopFilterOptions, SplatOptions, SureFilter, SureFilterOptions, TlfrOptions,
     TreeMeanOptions, Wavelet, WaveletOptions, Welch, WelchOptions,
 };
 use dapple_core::{Filter, Options as _, Unfiltered};
@@ -156,6 +156,18 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
             "Kajiya, The Rendering Equation, 1986; Whitted, An Improved Illumination Model for Shaded Display, 1980",
             &[TreeMeanOptions::PARAMETERS],
             crate::coordinates::tree_mean,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "blocks show, and cosines ring at edges and around lamps",
+        ..Entry::new(
+            "dct",
+            "cosines fitted to the samples of 8x8 pixels, half as many as samples (after Bolin and Meyer 1995)",
+            "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995",
+            &[CosineOptions::PARAMETERS],
+            crate::coordinates::dct_filter,
         )
     },
     #[cfg(feature = "oidn")]

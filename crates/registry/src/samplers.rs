@@ -8,10 +8,10 @@ use crate::{
 use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, VarianceOptions};
 #[cfg(feature = "classics")]
 use dapple_classics::{
-    Awr, AwrOptions, Divergence, DivergenceOptions, Ears, EarsOptions, FourierDofOptions, Gem, GemOptions,
-    HierarchicalOptions, LensBandwidthOptions, MdasOptions, NlmLoop, NlmLoopOptions, Perceptual, PerceptualOptions,
-    SubdivisionOptions, Sure, SureOptions, UpperConfidence, UpperConfidenceOptions, VarianceThreshold,
-    VarianceThresholdOptions,
+    Awr, AwrOptions, CosineOptions, DctOptions, Divergence, DivergenceOptions, Ears, EarsOptions, FourierDofOptions,
+    Gem, GemOptions, HierarchicalOptions, LensBandwidthOptions, MdasOptions, NlmLoop, NlmLoopOptions, Perceptual,
+    PerceptualOptions, SubdivisionOptions, Sure, SureOptions, UpperConfidence, UpperConfidenceOptions,
+    VarianceThreshold, VarianceThresholdOptions,
 };
 use dapple_cluster_adaptive::{ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeSource, ProbesHandle};
 use dapple_core::samplers::{Then, Uniform};
@@ -181,6 +181,18 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
             "after Soler et al., Fourier Depth of Field, 2009",
             &[FourierDofOptions::PARAMETERS, LensBandwidthOptions::PARAMETERS],
             crate::lens::fourier_dof,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "noise looks like detail; counts suit cosines, and filters that know features leave other errors",
+        ..Entry::new(
+            "dct",
+            "samples where cosines fitted to blocks leave visible errors (after Bolin and Meyer 1995); filter with dct",
+            "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995",
+            &[DctOptions::PARAMETERS, CosineOptions::PARAMETERS],
+            crate::coordinates::dct,
         )
     },
     #[cfg(feature = "classics")]

@@ -37,8 +37,8 @@ fn without_clusters_only_methods_that_cannot_do_without_are_refused() {
     let samplers = SAMPLERS.iter().map(|entry| (entry.name, refusal(sampler(entry.name, sobol(), &none)))).collect();
     let (mut filters, mut samplers) = (refused(filters), refused(samplers));
     // These need the meaning of coordinates or the lens instead of clusters.
-    filters.retain(|name| !["mdas-boxes", "tlfr", "tree-mean", "splat"].contains(name));
-    samplers.retain(|name| !["mdas", "subdivision", "hierarchical", "fourier-dof"].contains(name));
+    filters.retain(|name| !["mdas-boxes", "tlfr", "tree-mean", "splat", "dct"].contains(name));
+    samplers.retain(|name| !["mdas", "subdivision", "hierarchical", "fourier-dof", "dct"].contains(name));
     assert_eq!((filters, samplers), (vec!["cluster-gaussian"], vec!["cluster-thesis"]));
     assert_eq!(filter("cluster-regression", &none).expect("a filter").needs().first_hits, 0);
     assert!(check_filter("cluster-gaussian").is_ok() && check_sampler("cluster-thesis").is_ok());
