@@ -32,6 +32,11 @@ pub enum DivergenceScore {
     /// `-m log2 m - (1 - m) log2 (1 - m)` [De Luca and Termini 1972]. The text of Xu et al. could not be read: memberships
     /// and factor are ours.
     Fuzzy,
+    /// A generalised Hellinger divergence `D` of the pilot's samples, as `mean D^a / n` [after Cui 2009].
+    ///
+    /// `D = sum |p^a - (1/n)^a|^(1/a) / 2`: with `a = 1/2` that of Hellinger, with `a = 1` the total variation. The text of
+    /// Cui could not be read: the formula is ours, and a guess.
+    Gh,
 }
 
 dapple_core::choices!(DivergenceScore {
@@ -42,6 +47,7 @@ dapple_core::choices!(DivergenceScore {
     Geometric = "geometric",
     Tsallis = "tsallis",
     Fuzzy = "fuzzy",
+    Gh = "gh",
 });
 
 /// The weights of the channels in the pixel's score [Rigau 2003, GI].
@@ -60,7 +66,7 @@ pub(super) fn needs(by: DivergenceScore, q: f64, pilot: u8) -> Needs {
         DivergenceScore::Tsallis if q == 1.0 => Needs::none().with_sums(Sums::LOG),
         DivergenceScore::Tsallis if q < 1.0 => Needs::none().with_sums(Sums::ROOT),
         DivergenceScore::Tsallis => Needs::none().with_variance(),
-        DivergenceScore::Fuzzy => stored::needs(pilot.into()),
+        DivergenceScore::Fuzzy | DivergenceScore::Gh => stored::needs(pilot.into()),
     }
 }
 
@@ -151,7 +157,7 @@ fn of_channel(by: DivergenceScore, q: f64, sums: &ChannelSums) -> f64 {
         DivergenceScore::Hellinger => share * sums.hellinger().sqrt(),
         DivergenceScore::Entropy => sums.mean * sums.entropy(),
         DivergenceScore::Tsallis => sums.mean * sums.tsallis(q),
-        DivergenceScore::Geometric | DivergenceScore::Fuzzy => 0.0,
+        DivergenceScore::Geometric | DivergenceScore::Fuzzy | DivergenceScore::Gh => 0.0,
     }
 }
 
@@ -166,7 +172,9 @@ mod tests {
         let streaming = [DivergenceScore::Kl, DivergenceScore::Chi2, DivergenceScore::Hellinger];
         let others = [DivergenceScore::Entropy, DivergenceScore::Geometric, DivergenceScore::Tsallis];
         assert!(streaming.into_iter().chain(others).all(|by| stored(by) == 0));
-        assert_eq!(needs(DivergenceScore::Fuzzy, 2.0, 20), Needs::none().with_samples(8));
+        for by in [DivergenceScore::Fuzzy, DivergenceScore::Gh] {
+            assert_eq!(needs(by, 2.0, 20), Needs::none().with_samples(8));
+        }
     }
 
     fn sums(samples: &[f64]) -> ChannelSums {

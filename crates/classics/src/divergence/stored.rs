@@ -59,6 +59,25 @@ fn fuzzy_entropy(memberships: impl Iterator<Item = f64>) -> f64 {
     sum / (count * LN_2)
 }
 
+/// The mean over the number of samples, times `D^a` of the generalised Hellinger divergence `D` with the exponent `a`.
+pub(super) fn generalised_hellinger(samples: &[f64], a: f64) -> f64 {
+    mean(samples).map_or(0.0, |mean| mean / samples.len() as f64 * power_of_divergence(samples, a))
+}
+
+/// `D^a` of the divergence `D = sum |p^a - (1/n)^a|^(1/a) / 2` between the samples' shares `p` in their sum and equal ones.
+///
+/// The largest difference is taken out of the sum, so that no power underflows.
+fn power_of_divergence(samples: &[f64], a: f64) -> f64 {
+    let (sum, equal) = (samples.iter().sum::<f64>(), libm::pow(1.0 / samples.len() as f64, a));
+    let differences = samples.iter().map(|x| (libm::pow(x / sum, a) - equal).abs());
+    let largest = positive(differences.clone().fold(0.0, f64::max));
+    if largest == 0.0 {
+        return 0.0;
+    }
+    let relative: f64 = differences.map(|d| libm::pow(d / largest, 1.0 / a)).sum();
+    largest * libm::pow(0.5 * relative, a)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -100,6 +119,53 @@ mod tests {
         }
         for samples in [&[f64::from(f32::MAX), 0.0][..], &[1e-45, 0.0, 0.0]] {
             assert!([0.001, 1.0, 1000.0].into_iter().all(|k| (0.0..1e39).contains(&fuzzy(samples, k))));
+        }
+    }
+
+    const EXPONENTS: [f64; 6] = [1e-9, 0.01, 0.25, 0.5, 0.75, 1.0];
+
+    #[test]
+    fn an_exponent_of_one_half_is_hellinger_and_one_is_total_variation() {
+        for samples in [&[0.25, 1.5, 0.0, 3.0, 0.75][..], &[2.0, 2.5], &[1.0, 0.0, 0.0, 8.0]] {
+            let (n, sum) = (samples.len() as f64, samples.iter().sum::<f64>());
+            let roots: f64 = samples.iter().map(|x| x.sqrt()).sum();
+            let hellinger = 1.0 - roots / (n * sum).sqrt();
+            close(power_of_divergence(samples, 0.5).powi(2), hellinger);
+            close(generalised_hellinger(samples, 0.5), sum / (n * n) * hellinger.sqrt());
+            let variation = samples.iter().map(|x| (x / sum - 1.0 / n).abs()).sum::<f64>() / 2.0;
+            close(power_of_divergence(samples, 1.0), variation);
+            close(power_of_divergence(samples, 0.25).powi(4), divergence(samples, 0.25));
+            close(power_of_divergence(samples, 0.75).powf(4.0 / 3.0), divergence(samples, 0.75));
+        }
+    }
+
+    /// The definition.
+    fn divergence(samples: &[f64], a: f64) -> f64 {
+        let (n, sum) = (samples.len() as f64, samples.iter().sum::<f64>());
+        let term = |x: &f64| ((x / sum).powf(a) - (1.0 / n).powf(a)).abs().powf(1.0 / a);
+        samples.iter().map(term).sum::<f64>() / 2.0
+    }
+
+    /// One share is 1, the others are 0.
+    #[test]
+    fn one_sample_with_light_has_the_divergence_of_the_closed_form() {
+        for (n, a) in [2usize, 3, 8].into_iter().flat_map(|n| EXPONENTS.map(|a| (n, a))).filter(|(_, a)| *a >= 0.25) {
+            let mut samples = vec![0.0; n];
+            samples[n / 2] = 0.5;
+            let n = n as f64;
+            let expected = ((1.0 - n.powf(-a)).powf(1.0 / a) + (n - 1.0) / n) / 2.0;
+            close(power_of_divergence(&samples, a).powf(1.0 / a), expected);
+        }
+    }
+
+    #[test]
+    fn constant_black_and_single_samples_have_a_generalised_divergence_of_zero() {
+        for samples in without_contrast() {
+            EXPONENTS.into_iter().for_each(|a| assert_eq!(generalised_hellinger(&samples, a), 0.0, "{samples:?}, {a}"));
+        }
+        // Powers that underflow without their common factor.
+        for samples in [&[1.0, 2.0][..], &[f64::from(f32::MAX), 0.0], &[1e-45, 0.0, 0.0]] {
+            assert!(EXPONENTS.into_iter().all(|a| (1e-12..=1.0).contains(&power_of_divergence(samples, a))));
         }
     }
 
