@@ -7,8 +7,8 @@ use crate::{CLUSTERING, ClusterInputs, Entry, Parameters, RegistryError, cluster
 #[cfg(feature = "classics")]
 use dapple_classics::{
     GemFilter, GemFilterOptions, JamesStein, JamesSteinOptions, LensBandwidthOptions, MdasBoxesOptions, Nfor,
-    NforOptions, NlmLoopFilter, NlmLoopFilterOptions, SplatOptions, SureFilter, SureFilterOptions, TlfrOptions,
-    TreeMeanOptions, Wavelet, WaveletOptions, Welch, WelchOptions,
+    NforOptions, NlmLoopFilter, NlmLoopFilterOptions, SplatOptions, StagedOptions, SureFilter, SureFilterOptions,
+    TlfrOptions, TreeMeanOptions, Wavelet, WaveletOptions, Welch, WelchOptions,
 };
 use dapple_core::{Filter, Options as _, Unfiltered};
 use dapple_denoise::{
@@ -156,6 +156,18 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
             "Kajiya, The Rendering Equation, 1986; Whitted, An Improved Illumination Model for Shaded Display, 1980",
             &[TreeMeanOptions::PARAMETERS],
             crate::coordinates::tree_mean,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "the plain mean is better for well-distributed points of equal counts; wider boxes blur",
+        ..Entry::new(
+            "staged",
+            "means over cells of 1/8, 1/4 and 1/2 pixel, so that clumps of samples count little (after Mitchell 1987)",
+            "after Mitchell, Generating Antialiased Images at Low Sampling Densities, 1987",
+            &[StagedOptions::PARAMETERS],
+            crate::coordinates::staged,
         )
     },
     #[cfg(feature = "oidn")]
