@@ -1,7 +1,9 @@
 //! Methods that place samples or read their coordinates.
 
 use crate::{AnyPoints, ClusterInputError, ClusterInputs, MadeSampler, Parameters, RegistryError};
-use dapple_classics::{Dct, DctFilter, Hierarchical, Mdas, MdasBoxes, MdasOptions, Subdivision, Tlfr, TreeMean};
+use dapple_classics::{
+    Dct, DctFilter, Hierarchical, Mdas, MdasBoxes, MdasOptions, Staged, Subdivision, Tlfr, TreeMean,
+};
 use dapple_core::{Domain, FilmPoints, Filter};
 
 /// The part that methods which place samples lack without a scene.
@@ -81,6 +83,11 @@ pub(crate) fn mdas_boxes(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<B
 pub(crate) fn tlfr(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
     let options = p.options()?;
     Ok(Box::new(Tlfr::new(film_points(p, inputs)?, options)?))
+}
+
+pub(crate) fn staged(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
+    let options = p.options()?;
+    Ok(Box::new(Staged::new(film_points(p, inputs)?, options)?))
 }
 
 pub(crate) fn tree_mean(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {

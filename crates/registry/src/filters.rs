@@ -7,8 +7,8 @@ use crate::{CLUSTERING, ClusterInputs, Entry, Parameters, RegistryError, cluster
 #[cfg(feature = "classics")]
 use dapple_classics::{
     CosineOptions, GemFilter, GemFilterOptions, JamesStein, JamesSteinOptions, LensBandwidthOptions, MdasBoxesOptions,
-    Nfor, NforOptions, NlmLoopFilter, NlmLoopFilterOptions, SplatOptions, SureFilter, SureFilterOptions, TlfrOptions,
-    TreeMeanOptions, Wavelet, WaveletOptions, Welch, WelchOptions,
+    Nfor, NforOptions, NlmLoopFilter, NlmLoopFilterOptions, SplatOptions, StagedOptions, SureFilter, SureFilterOptions,
+    TlfrOptions, TreeMeanOptions, Wavelet, WaveletOptions, Welch, WelchOptions,
 };
 use dapple_core::{Filter, Options as _, Unfiltered};
 use dapple_denoise::{
@@ -168,6 +168,18 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
             "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995",
             &[CosineOptions::PARAMETERS],
             crate::coordinates::dct_filter,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "the plain mean is better for well-distributed points of equal counts; wider boxes blur",
+        ..Entry::new(
+            "staged",
+            "means over cells of 1/8, 1/4 and 1/2 pixel, so that clumps of samples count little (after Mitchell 1987)",
+            "after Mitchell, Generating Antialiased Images at Low Sampling Densities, 1987",
+            &[StagedOptions::PARAMETERS],
+            crate::coordinates::staged,
         )
     },
     #[cfg(feature = "oidn")]

@@ -250,7 +250,8 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         ..Entry::new(
             "divergence",
             "counts by f-divergences or entropies of each pixel's samples (after Rigau 2003)",
-            "Rigau, Feixas and Sbert, Refinement Criteria Based on f-Divergences, and Entropy-based Adaptive Sampling, 2003",
+            "Rigau, Feixas and Sbert, Refinement Criteria Based on f-Divergences, and Entropy-based Adaptive Sampling, 2003; \
+             fuzzy: Xu et al. 2008, not read; gh: Cui 2009, not read",
             &[DivergenceOptions::PARAMETERS],
             |p, points, _| Ok(Divergence::with_options(points, p.options()?)?.into()),
         )
