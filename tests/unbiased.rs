@@ -27,7 +27,7 @@ const UNBIASED: [&str; 9] = [
 
 /// Samplers without an unbiased mode, as published. In Cycles the difference between the two halves of the image decides; others
 /// place samples by those that stay.
-const BIASED: [&str; 13] = [
+const BIASED: [&str; 14] = [
     "cycles",
     "variance-threshold",
     "ucb",
@@ -41,6 +41,7 @@ const BIASED: [&str; 13] = [
     "mdas",
     "subdivision",
     "hierarchical",
+    "dct",
 ];
 
 fn world(scene: &str) -> Arc<World> {

@@ -12,6 +12,7 @@ figure, and counted. One row per scene and method, then geometric means over sce
 import csv
 import json
 import math
+import os
 import random
 import sys
 
@@ -21,12 +22,28 @@ BASE = "uniform/sobol/none"
 
 
 def read(paths):
+    """All runs by scene, method and budget: (errors, time, samples per pixel) by seed.
+
+    Studies whose folders are in one folder are one race. Times are over that of uniform sampling with the largest budget, in the
+    same race and scene, so that methods may be raced later than others. Of several races of a method, the first with the most
+    seeds counts.
+    """
+    races = {}
+    for path in paths:
+        folder = os.path.dirname(os.path.dirname(os.path.abspath(path)))
+        races.setdefault(folder, []).extend(json.loads(line) for line in open(path))
     runs = {}
-    for line in (line for path in paths for line in open(path)):
-        run = json.loads(line)
-        method = "/".join(run["method"][part] for part in ("sampler", "points", "filter"))
-        key = run["scene"], method, run["budget"]["spp"]
-        runs.setdefault(key, {})[run["seed"]] = (run["errors"], run["cpu_s"], run["spp"])
+    for race in races.values():
+        found = {}
+        for run in race:
+            method = "/".join(run["method"][part] for part in ("sampler", "points", "filter"))
+            key = run["scene"], method, run["budget"]["spp"]
+            found.setdefault(key, {})[run["seed"]] = (run["errors"], run["cpu_s"], run["spp"])
+        many = max(spp for _, _, spp in found)
+        for key, seeds in found.items():
+            unit = median([cpu for _, cpu, _ in found[key[0], BASE, many].values()])
+            if len(seeds) > len(runs.get(key, ())):
+                runs[key] = {seed: (errors, cpu / unit, spp) for seed, (errors, cpu, spp) in seeds.items()}
     return runs
 
 

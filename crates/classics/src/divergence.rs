@@ -2,6 +2,7 @@
 
 mod geometric;
 mod scores;
+mod stored;
 
 pub use scores::DivergenceScore;
 
@@ -17,10 +18,14 @@ use std::mem;
 dapple_core::options! {
     /// The parameters of [`Divergence`]. All defaults are Dapple's.
     pub struct DivergenceOptions {
-        /// Score of a pixel: kl, chi2, hellinger (Rigau 2003), entropy, geometric (Rigau 2003), or tsallis.
+        /// Score: kl, chi2, hellinger, geometric (Rigau 2003), entropy, tsallis, fuzzy (after Xu 2008) or gh (after Cui 2009).
         pub by: DivergenceScore = DivergenceScore::Hellinger => "hellinger";
         /// Index of the Tsallis entropy for by=tsallis: 0.5, 1 or 2.
         pub q: f64 = 2.0 => "2", |q| [0.5, 1.0, 2.0].contains(&q), "0.5, 1 or 2, whose sums a film records";
+        /// Deviation at which a sample's membership is one half, in means, for by=fuzzy.
+        pub k: f64 = 1.0 => "1", |k| (0.001..=1000.0).contains(&k), "0.001 to 1000";
+        /// Exponent of the divergence for by=gh; 0.5 gives Hellinger's, 1 the total variation.
+        pub a: f64 = 1.0 => "1", |a| a > 0.0 && a <= 1.0, "above 0 and at most 1";
         /// Samples per pixel before counts adapt, 2 to 128; with mode=budget at most half of the mean.
         pub pilot: u32 = 8, |pilot| (2..=128).contains(&pilot), "2 to 128 samples";
         /// Additional samples per round of each pixel above the threshold, for mode=threshold.
@@ -42,7 +47,8 @@ dapple_core::options! {
 /// Counts by how much the shares of a pixel's samples in their sum differ from equal shares [after Rigau 2003].
 ///
 /// The samples `x_i` of one channel have the shares `p_i = x_i / sum x`. Equal ones are `1 / n`. The scores are
-/// [`DivergenceScore`]; all but `geometric` are functions of streaming sums, so no sample is kept.
+/// [`DivergenceScore`]. Most are functions of streaming sums, so that no sample is stored. `geometric` reads the first hits
+/// of the pilot. `fuzzy` and `gh` read a pixel's first samples: as many as the pilot has, but at most 8.
 ///
 /// With [`Stopping::Threshold`], each pixel gets `step` more samples while its score exceeds the threshold, as published.
 /// [`Stopping::Budget`], the default, plans all counts at once from the pilot's scores `s`, so that the sum of `s^2 n` over
@@ -53,8 +59,9 @@ dapple_core::options! {
 ///
 /// *Weaknesses*: a score of few samples is as noisy as their variance, and is not pooled over neighbours. Near convergence
 /// all divergences rank pixels alike: with `c` the coefficient of variation, `kl` is about `c^2 / 2` and `hellinger` `c^2 /
-/// 8`. `hellinger` reacts least to fireflies. The factor of the published score is recalled, and refinement there
-/// descends a tree over the image, which this sampler does not have.
+/// 8`. `hellinger` reacts least to fireflies. Later samples do not change `geometric`, `fuzzy` and `gh`: with
+/// [`Stopping::Threshold`], a pixel whose pilot exceeds the threshold is refined up to the cap. The factor of the published
+/// score is recalled, and refinement there descends a tree over the image, which this sampler does not have.
 pub struct Divergence<P> {
     points: P,
     options: DivergenceOptions,
@@ -87,9 +94,11 @@ impl<P: PointSet> Divergence<P> {
 
     /// The score of each pixel, 0 or above.
     fn scores(&self, film: &Film) -> Vec<f64> {
-        let DivergenceOptions { by, q, .. } = self.options;
+        let DivergenceOptions { by, q, k, a, pilot, .. } = self.options;
         match by {
             DivergenceScore::Geometric => geometric::scores(film),
+            DivergenceScore::Fuzzy => stored::scores(film, pilot, |samples| stored::fuzzy(samples, k)),
+            DivergenceScore::Gh => stored::scores(film, pilot, |samples| stored::generalised_hellinger(samples, a)),
             _ => (0..film.frame().pixels()).map(|i| score(by, q, film, i)).collect(),
         }
     }
@@ -193,6 +202,7 @@ mod tests {
     use super::*;
     use crate::test_scenes::{Field, frame, run};
     use dapple_conformance::{sampler, threshold_sampler};
+    use dapple_core::Render;
     use dapple_low_discrepancy::{Random, Sobol};
 
     fn with(options: DivergenceOptions, seed: u64) -> Divergence<Random> {
@@ -213,6 +223,28 @@ mod tests {
         }
     }
 
+    #[test]
+    fn scores_of_single_samples_conform() {
+        let fuzzy = DivergenceOptions::default().by(DivergenceScore::Fuzzy);
+        sampler(|| Box::new(with(fuzzy, 1)));
+        threshold_sampler(|| Box::new(with(fuzzy.pilot(3).mode(Stopping::Threshold), 1)));
+        sampler(|| Box::new(with(DivergenceOptions::default().by(DivergenceScore::Gh), 1)));
+    }
+
+    #[test]
+    fn samples_that_others_store_do_not_change_the_counts() {
+        let counts = |by, needs| {
+            let mut sampler = with(DivergenceOptions::default().by(by), 4);
+            let render =
+                Render::new(frame(16, 16), &Limits::spp(20.0)).needs(needs).run(&mut half_noise(), &mut sampler);
+            render.unwrap().counts()
+        };
+        let all = Needs::none().with_samples(u32::MAX);
+        for by in [DivergenceScore::Fuzzy, DivergenceScore::Gh] {
+            assert_eq!(counts(by, Needs::none()), counts(by, all));
+        }
+    }
+
     /// Flat on the left, noise on the right.
     fn half_noise() -> impl dapple_core::Integrator {
         Field(|[x, _]: [u32; 2], u: [f32; 4]| [if x < 16 { 0.5 } else { u[0] }; 3])
@@ -226,6 +258,8 @@ mod tests {
             DivergenceScore::Hellinger,
             DivergenceScore::Entropy,
             DivergenceScore::Tsallis,
+            DivergenceScore::Fuzzy,
+            DivergenceScore::Gh,
         ] {
             let film = run(
                 &mut half_noise(),

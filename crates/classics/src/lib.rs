@@ -5,6 +5,7 @@
 
 mod awr;
 mod convolution;
+mod dct;
 mod divergence;
 mod ears;
 mod fourier_dof;
@@ -18,6 +19,7 @@ mod patch_means;
 mod perceptual;
 mod rounds_and_variances;
 mod scale_selection;
+mod staged;
 mod student;
 mod subdivision;
 mod sure;
@@ -37,6 +39,7 @@ mod window_sums;
 mod worst_first;
 
 pub use awr::{Awr, AwrOptions, BlockPriority, SpreadStatistic};
+pub use dct::{CosineOptions, CosineScale, Dct, DctFilter, DctOptions};
 pub use divergence::{Divergence, DivergenceOptions, DivergenceScore};
 pub use ears::{Ears, EarsOptions};
 pub use fourier_dof::{FourierDof, FourierDofOptions, LensBandwidthOptions, Splat, SplatOptions, TraceLensProbe};
@@ -47,6 +50,7 @@ pub use mdas::{Mdas, MdasBoxes, MdasBoxesOptions, MdasOptions};
 pub use nfor::{Nfor, NforOptions};
 pub use nlm_loop::{HalfVariance, NlmLoop, NlmLoopFilter, NlmLoopFilterOptions, NlmLoopOptions};
 pub use perceptual::{Perceptual, PerceptualOptions};
+pub use staged::{Staged, StagedOptions};
 pub use subdivision::{Subdivision, SubdivisionOptions};
 pub use sure::{Sure, SureFilter, SureFilterOptions, SureOptions};
 pub use tlfr::{Tlfr, TlfrOptions};

@@ -9,7 +9,7 @@ pub(crate) mod test_scenes;
 
 pub(crate) use planner::{Refinement, TreePlanner};
 
-use dapple_core::{Domain, Film, Filtered, Frame, PointSet, mix};
+use dapple_core::{Domain, Film, Filtered, Frame, PointSet, SampleId, mix, streams};
 use rayon::prelude::*;
 
 /// The coordinates of a sample: the place in pixels from the cell's corner, then the other axes in `[0, 1)`.
@@ -216,6 +216,12 @@ pub(crate) fn mean(cell: &Cell, items: &Items) -> [f64; 3] {
         (0..3).for_each(|c| sum[c] += f64::from(value[c]));
     }
     sum.map(|x| x * share)
+}
+
+/// A hash that belongs to the seed of a point set.
+pub(crate) fn seed_of(points: &dyn PointSet) -> u64 {
+    let coordinates = points.block(SampleId::new([0; 2], streams::PROBE, 0), 0);
+    coordinates.iter().fold(1, |seed, x| mix(seed ^ u64::from(x.to_bits())))
 }
 
 /// A number in `[0, 1)` from a hash.

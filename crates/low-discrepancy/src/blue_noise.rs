@@ -30,7 +30,7 @@ use dapple_core::{PointSet, SampleId};
 /// * The gain falls with the number of samples, and with the number of coordinates that matter.
 /// * Adaptive counts differ between pixels, and pixels of different counts do not share their errors.
 /// * The tiles' borders are seams: pixels on either side are independent.
-/// * The optimised keys of Heitz and Belcour 2019, which keep nets whole, are not part of it.
+/// * Scrambling keys keep nets whole: see [`BlueNoiseKeys`](crate::BlueNoiseKeys).
 ///
 /// Name: `blue-noise`. Parameters: `seed`, `of` (the inner point set).
 #[derive(Clone, Copy, Debug)]

@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod blue_noise;
+mod blue_noise_keys;
 mod diffused;
 mod error;
 mod halton;
@@ -8,6 +9,7 @@ mod keys;
 mod lattice;
 mod low_discrepancy;
 mod mitchell_1991;
+mod optimised_keys;
 mod pixel_pattern;
 mod pmj02;
 mod random;
@@ -17,6 +19,7 @@ mod void_and_cluster;
 mod zsobol;
 
 pub use blue_noise::BlueNoise;
+pub use blue_noise_keys::BlueNoiseKeys;
 pub use diffused::Diffused;
 pub use error::Error;
 pub use halton::Halton;

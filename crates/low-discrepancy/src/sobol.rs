@@ -74,11 +74,16 @@ impl PointSet for Sobol {
     /// Returns the next of 1, 2, 3, 4, 6, 8, 12, 16, 24, … from `n` on. A power of two is a net. One and a half times a
     /// power of two is two nets; each interval of the smaller one holds three points.
     fn preferred_count(&self, n: u64) -> u64 {
-        let Some(power) = n.max(1).checked_next_power_of_two() else {
-            return n;
-        };
-        if power >= 4 && n <= power / 4 * 3 { power / 4 * 3 } else { power }
+        preferred_count(n)
     }
+}
+
+/// The next of 1, 2, 3, 4, 6, 8, 12, 16, 24, … from `n` on.
+pub(crate) fn preferred_count(n: u64) -> u64 {
+    let Some(power) = n.max(1).checked_next_power_of_two() else {
+        return n;
+    };
+    if power >= 4 && n <= power / 4 * 3 { power / 4 * 3 } else { power }
 }
 
 /// The computation of one block, compiled for each set of vector instructions that the machine may have.

@@ -1,7 +1,9 @@
 //! Methods that place samples or read their coordinates.
 
 use crate::{AnyPoints, ClusterInputError, ClusterInputs, MadeSampler, Parameters, RegistryError};
-use dapple_classics::{Hierarchical, Mdas, MdasBoxes, MdasOptions, Subdivision, Tlfr, TreeMean};
+use dapple_classics::{
+    Dct, DctFilter, Hierarchical, Mdas, MdasBoxes, MdasOptions, Staged, Subdivision, Tlfr, TreeMean,
+};
 use dapple_core::{Domain, FilmPoints, Filter};
 
 /// The part that methods which place samples lack without a scene.
@@ -14,7 +16,7 @@ fn refused(error: ClusterInputError, of: &'static str) -> RegistryError {
     }
 }
 
-/// The dimensions in which a sampler places samples.
+/// The dimensions in which a sampler places or reads samples.
 fn domain(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Domain, RegistryError> {
     let domain = inputs.domain().map_err(|e| refused(e, p.of()))?;
     domain.ok_or(RegistryError::NeedsWorld { of: p.of(), what: DIMENSIONS })
@@ -64,6 +66,15 @@ pub(crate) fn hierarchical(
     Ok(MadeSampler { placed, ..sampler.into() })
 }
 
+pub(crate) fn dct(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
+    Ok(Dct::new(points, &domain(p, inputs)?, p.options()?, p.options()?)?.into())
+}
+
+pub(crate) fn dct_filter(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
+    let options = p.options()?;
+    Ok(Box::new(DctFilter::new(film_points(p, inputs)?, options)?))
+}
+
 pub(crate) fn mdas_boxes(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
     let options = p.options()?;
     Ok(Box::new(MdasBoxes::new(film_points(p, inputs)?, options)?))
@@ -72,6 +83,11 @@ pub(crate) fn mdas_boxes(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<B
 pub(crate) fn tlfr(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
     let options = p.options()?;
     Ok(Box::new(Tlfr::new(film_points(p, inputs)?, options)?))
+}
+
+pub(crate) fn staged(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
+    let options = p.options()?;
+    Ok(Box::new(Staged::new(film_points(p, inputs)?, options)?))
 }
 
 pub(crate) fn tree_mean(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {

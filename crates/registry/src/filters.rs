@@ -6,9 +6,9 @@ use crate::inputs::CLUSTERS;
 use crate::{CLUSTERING, ClusterInputs, Entry, Parameters, RegistryError, clustering};
 #[cfg(feature = "classics")]
 use dapple_classics::{
-    GemFilter, GemFilterOptions, JamesStein, JamesSteinOptions, LensBandwidthOptions, MdasBoxesOptions, Nfor,
-    NforOptions, NlmLoopFilter, NlmLoopFilterOptions, SplatOptions, SureFilter, SureFilterOptions, TlfrOptions,
-    TreeMeanOptions, Wavelet, WaveletOptions, Welch, WelchOptions,
+    CosineOptions, GemFilter, GemFilterOptions, JamesStein, JamesSteinOptions, LensBandwidthOptions, MdasBoxesOptions,
+    Nfor, NforOptions, NlmLoopFilter, NlmLoopFilterOptions, SplatOptions, StagedOptions, SureFilter, SureFilterOptions,
+    TlfrOptions, TreeMeanOptions, Wavelet, WaveletOptions, Welch, WelchOptions,
 };
 use dapple_core::{Filter, Options as _, Unfiltered};
 use dapple_denoise::{
@@ -156,6 +156,30 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
             "Kajiya, The Rendering Equation, 1986; Whitted, An Improved Illumination Model for Shaded Display, 1980",
             &[TreeMeanOptions::PARAMETERS],
             crate::coordinates::tree_mean,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "blocks show, and cosines ring at edges and around lamps",
+        ..Entry::new(
+            "dct",
+            "cosines fitted to the samples of 8x8 pixels, half as many as samples (after Bolin and Meyer 1995)",
+            "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995",
+            &[CosineOptions::PARAMETERS],
+            crate::coordinates::dct_filter,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
+        weakness: "the plain mean is better for well-distributed points of equal counts; wider boxes blur",
+        ..Entry::new(
+            "staged",
+            "means over cells of 1/8, 1/4 and 1/2 pixel, so that clumps of samples count little (after Mitchell 1987)",
+            "after Mitchell, Generating Antialiased Images at Low Sampling Densities, 1987",
+            &[StagedOptions::PARAMETERS],
+            crate::coordinates::staged,
         )
     },
     #[cfg(feature = "oidn")]

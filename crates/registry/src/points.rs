@@ -3,7 +3,8 @@
 use crate::{Entry, Parameter, Parameters, RegistryError, Setting};
 use dapple_core::{Options as _, PointSet};
 use dapple_low_discrepancy::{
-    BlueNoise, Diffused, Halton, Lattice, LowDiscrepancy, Mitchell1991, Pmj02, Random, Sobol, Stratified, ZSobol,
+    BlueNoise, BlueNoiseKeys, Diffused, Halton, Lattice, LowDiscrepancy, Mitchell1991, Pmj02, Random, Sobol,
+    Stratified, ZSobol,
 };
 
 /// A point set of any type.
@@ -61,12 +62,15 @@ pub const POINTS: &[Entry<MakePoints>] = &[
         )
     },
     Entry {
-        weakness: "shifts break nets, so single pixels have more error than with sobol; nothing gained at many samples",
+        weakness: "shifts break nets, so single pixels have more error than with sobol (not with keys=optimised); \
+                   nothing gained at many samples",
         ..Entry::new(
             "blue-noise",
             "another set, shifted in each pixel so that errors are blue noise over the image",
-            "Georgiev and Fajardo, Blue-Noise Dithered Sampling, 2016; tile: Ulichney 1993; shifts: Cranley and Patterson 1976",
-            &[&[INNER]],
+            "Georgiev and Fajardo, Blue-Noise Dithered Sampling, 2016; tile: Ulichney 1993; shifts: Cranley and Patterson 1976; \
+             optimised keys: after Heitz et al., A Low-Discrepancy Sampler that Distributes Monte Carlo Errors as a Blue Noise \
+             in Screen Space, 2019",
+            &[&[INNER], BlueNoiseOptions::PARAMETERS],
             blue_noise,
         )
     },
@@ -137,6 +141,23 @@ dapple_core::options! {
     }
 }
 
+/// The numbers that tell the pixels of a tile apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Keys {
+    Shifts,
+    Optimised,
+}
+
+dapple_core::choices!(Keys { Shifts = "shifts", Optimised = "optimised" });
+
+dapple_core::options! {
+    /// The parameters of `blue-noise`.
+    struct BlueNoiseOptions {
+        /// Each pixel's keys: shifts modulo 1, or optimised XOR keys that keep the nets of sobol.
+        pub keys: Keys = Keys::Shifts => "shifts";
+    }
+}
+
 const INNER: Parameter =
     Parameter::new("of", "sobol", "The set that is shifted, without parameters or with one: stratified:strata=4.");
 
@@ -173,6 +194,12 @@ fn zsobol(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
 }
 
 fn blue_noise(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
+    if p.options::<BlueNoiseOptions>()?.keys == Keys::Optimised {
+        return match p.value("of") {
+            "sobol" => Ok(Box::new(BlueNoiseKeys::new(s.seed))),
+            of => Err(p.refuse(format!("of = \"{of}\": optimised keys are made for sobol only; use keys=shifts"))),
+        };
+    }
     let inner = crate::points(p.value("of"), s)?;
     if inner.couples_pixels() {
         return Err(

@@ -8,10 +8,10 @@ use crate::{
 use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, VarianceOptions};
 #[cfg(feature = "classics")]
 use dapple_classics::{
-    Awr, AwrOptions, Divergence, DivergenceOptions, Ears, EarsOptions, FourierDofOptions, Gem, GemOptions,
-    HierarchicalOptions, LensBandwidthOptions, MdasOptions, NlmLoop, NlmLoopOptions, Perceptual, PerceptualOptions,
-    SubdivisionOptions, Sure, SureOptions, UpperConfidence, UpperConfidenceOptions, VarianceThreshold,
-    VarianceThresholdOptions,
+    Awr, AwrOptions, CosineOptions, DctOptions, Divergence, DivergenceOptions, Ears, EarsOptions, FourierDofOptions,
+    Gem, GemOptions, HierarchicalOptions, LensBandwidthOptions, MdasOptions, NlmLoop, NlmLoopOptions, Perceptual,
+    PerceptualOptions, SubdivisionOptions, Sure, SureOptions, UpperConfidence, UpperConfidenceOptions,
+    VarianceThreshold, VarianceThresholdOptions,
 };
 use dapple_cluster_adaptive::{ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeSource, ProbesHandle};
 use dapple_core::samplers::{Then, Uniform};
@@ -186,6 +186,18 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
     #[cfg(feature = "classics")]
     Entry {
         feature: Some(CLASSICS),
+        weakness: "noise looks like detail; counts suit cosines, and filters that know features leave other errors",
+        ..Entry::new(
+            "dct",
+            "samples where cosines fitted to blocks leave visible errors (after Bolin and Meyer 1995); filter with dct",
+            "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995",
+            &[DctOptions::PARAMETERS, CosineOptions::PARAMETERS],
+            crate::coordinates::dct,
+        )
+    },
+    #[cfg(feature = "classics")]
+    Entry {
+        feature: Some(CLASSICS),
         weakness: "the bonus moves counts towards uniform ones; variances are not pooled",
         ..Entry::new(
             "ucb",
@@ -238,7 +250,8 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         ..Entry::new(
             "divergence",
             "counts by f-divergences or entropies of each pixel's samples (after Rigau 2003)",
-            "Rigau, Feixas and Sbert, Refinement Criteria Based on f-Divergences, and Entropy-based Adaptive Sampling, 2003",
+            "Rigau, Feixas and Sbert, Refinement Criteria Based on f-Divergences, and Entropy-based Adaptive Sampling, 2003; \
+             fuzzy: Xu et al. 2008, not read; gh: Cui 2009, not read",
             &[DivergenceOptions::PARAMETERS],
             |p, points, _| Ok(Divergence::with_options(points, p.options()?)?.into()),
         )

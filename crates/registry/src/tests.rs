@@ -37,8 +37,8 @@ fn without_clusters_only_methods_that_cannot_do_without_are_refused() {
     let samplers = SAMPLERS.iter().map(|entry| (entry.name, refusal(sampler(entry.name, sobol(), &none)))).collect();
     let (mut filters, mut samplers) = (refused(filters), refused(samplers));
     // These need the meaning of coordinates or the lens instead of clusters.
-    filters.retain(|name| !["mdas-boxes", "tlfr", "tree-mean", "splat"].contains(name));
-    samplers.retain(|name| !["mdas", "subdivision", "hierarchical", "fourier-dof"].contains(name));
+    filters.retain(|name| !["mdas-boxes", "tlfr", "tree-mean", "staged", "splat", "dct"].contains(name));
+    samplers.retain(|name| !["mdas", "subdivision", "hierarchical", "fourier-dof", "dct"].contains(name));
     assert_eq!((filters, samplers), (vec!["cluster-gaussian"], vec!["cluster-thesis"]));
     assert_eq!(filter("cluster-regression", &none).expect("a filter").needs().first_hits, 0);
     assert!(check_filter("cluster-gaussian").is_ok() && check_sampler("cluster-thesis").is_ok());
@@ -189,9 +189,12 @@ fn samples_are_placed_for_renderers_that_name_their_dimensions() {
     let domain = Domain::new(place).expect("a domain");
     let host = HostClusters::none().with_domain(domain.clone());
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
-    for (name, reconstruction) in
-        [("mdas", "mdas-boxes"), ("subdivision", "tree-mean"), ("hierarchical", "tree-mean:tree=contrast")]
-    {
+    for (name, reconstruction) in [
+        ("mdas", "mdas-boxes"),
+        ("subdivision", "tree-mean"),
+        ("subdivision", "staged"),
+        ("hierarchical", "tree-mean:tree=contrast"),
+    ] {
         let error = refusal(sampler(name, sobol(), &HostClusters::none()));
         assert!(error.contains("the meaning of the samples' dimensions"), "{error}");
         let made = sampler(name, sobol(), &host).expect("a sampler");
@@ -203,4 +206,16 @@ fn samples_are_placed_for_renderers_that_name_their_dimensions() {
         // The sky.
         assert!((image[0][0] - 0.25).abs() < 1e-5, "{name}: {:?}", image[0]);
     }
+}
+
+/// The shifts stay the default, also in the point set's description.
+#[test]
+fn keys_of_blue_noise_are_shifts_unless_optimised_ones_are_requested() {
+    let described = |name: &str| points(name, SETTING).map(|points| points.describe());
+    assert_eq!(described("blue-noise").unwrap(), "blue-noise:seed=5,of=sobol:seed=5");
+    assert_eq!(described("blue-noise:keys=shifts").unwrap(), "blue-noise:seed=5,of=sobol:seed=5");
+    assert_eq!(described("blue-noise:keys=optimised").unwrap(), "blue-noise:seed=5,keys=optimised,of=sobol");
+    let refused = refusal(described("blue-noise:of=halton,keys=optimised"));
+    assert!(refused.contains("for sobol only; use keys=shifts"), "{refused}");
+    assert!(refusal(described("blue-noise:keys=best")).contains("shifts, optimised"));
 }

@@ -1,5 +1,6 @@
 //! Divergences from streaming sums.
 
+use super::stored;
 use dapple_core::{Film, Needs, Sums};
 
 /// The score by which [`Divergence`](super::Divergence) ranks pixels.
@@ -25,6 +26,17 @@ pub enum DivergenceScore {
     Geometric,
     /// The contrast of the Tsallis entropy `(1 - sum p^q) / (q - 1)`, relative to its largest value.
     Tsallis,
+    /// The fuzzy entropy `H` of the pilot's samples, times their standard deviation [after Xu 2008].
+    ///
+    /// A sample's membership in the mean is `m = 1 / (1 + |x - mean| / (k mean))`. `H` is the mean over the samples of
+    /// `-m log2 m - (1 - m) log2 (1 - m)` [De Luca and Termini 1972]. The text of Xu et al. could not be read: memberships
+    /// and factor are ours.
+    Fuzzy,
+    /// A generalised Hellinger divergence `D` of the pilot's samples, as `mean D^a / n` [after Cui 2009].
+    ///
+    /// `D = sum |p^a - (1/n)^a|^(1/a) / 2`: with `a = 1/2` that of Hellinger, with `a = 1` the total variation. The text of
+    /// Cui could not be read: the formula is ours, and a guess.
+    Gh,
 }
 
 dapple_core::choices!(DivergenceScore {
@@ -34,6 +46,8 @@ dapple_core::choices!(DivergenceScore {
     Entropy = "entropy",
     Geometric = "geometric",
     Tsallis = "tsallis",
+    Fuzzy = "fuzzy",
+    Gh = "gh",
 });
 
 /// The weights of the channels in the pixel's score [Rigau 2003, GI].
@@ -52,6 +66,7 @@ pub(super) fn needs(by: DivergenceScore, q: f64, pilot: u8) -> Needs {
         DivergenceScore::Tsallis if q == 1.0 => Needs::none().with_sums(Sums::LOG),
         DivergenceScore::Tsallis if q < 1.0 => Needs::none().with_sums(Sums::ROOT),
         DivergenceScore::Tsallis => Needs::none().with_variance(),
+        DivergenceScore::Fuzzy | DivergenceScore::Gh => stored::needs(pilot.into()),
     }
 }
 
@@ -107,14 +122,14 @@ impl ChannelSums {
 }
 
 /// 0 for what is negative by rounding, and for NaN.
-fn positive(divergence: f64) -> f64 {
+pub(super) fn positive(divergence: f64) -> f64 {
     if divergence > ROUNDING { divergence } else { 0.0 }
 }
 
 /// The score of pixel `i`. 0 for pixels without light or with fewer than two samples.
 pub(super) fn score(by: DivergenceScore, q: f64, film: &Film, i: usize) -> f64 {
     let (moments, sums) = (film.moments(i), film.sums(i));
-    let each = (0..3).map(|c| {
+    weighted(|c| {
         let channel = ChannelSums {
             count: moments.count as f64,
             mean: moments.mean[c],
@@ -122,9 +137,13 @@ pub(super) fn score(by: DivergenceScore, q: f64, film: &Film, i: usize) -> f64 {
             log: sums.log.map_or(0.0, |log| log[c]),
             root: sums.root.map_or(0.0, |root| root[c]),
         };
-        WEIGHTS[c] * of_channel(by, q, &channel)
-    });
-    each.sum::<f64>() / WEIGHTS.iter().sum::<f64>()
+        of_channel(by, q, &channel)
+    })
+}
+
+/// The mean of the channels' scores by their weights.
+pub(super) fn weighted(mut of_channel: impl FnMut(usize) -> f64) -> f64 {
+    (0..3).map(|c| WEIGHTS[c] * of_channel(c)).sum::<f64>() / WEIGHTS.iter().sum::<f64>()
 }
 
 fn of_channel(by: DivergenceScore, q: f64, sums: &ChannelSums) -> f64 {
@@ -138,7 +157,7 @@ fn of_channel(by: DivergenceScore, q: f64, sums: &ChannelSums) -> f64 {
         DivergenceScore::Hellinger => share * sums.hellinger().sqrt(),
         DivergenceScore::Entropy => sums.mean * sums.entropy(),
         DivergenceScore::Tsallis => sums.mean * sums.tsallis(q),
-        DivergenceScore::Geometric => 0.0,
+        DivergenceScore::Geometric | DivergenceScore::Fuzzy | DivergenceScore::Gh => 0.0,
     }
 }
 
@@ -146,6 +165,17 @@ fn of_channel(by: DivergenceScore, q: f64, sums: &ChannelSums) -> f64 {
 mod tests {
     use super::*;
     use dapple_core::Frame;
+
+    #[test]
+    fn only_scores_of_single_samples_store_any() {
+        let stored = |by| needs(by, 2.0, 20).samples;
+        let streaming = [DivergenceScore::Kl, DivergenceScore::Chi2, DivergenceScore::Hellinger];
+        let others = [DivergenceScore::Entropy, DivergenceScore::Geometric, DivergenceScore::Tsallis];
+        assert!(streaming.into_iter().chain(others).all(|by| stored(by) == 0));
+        for by in [DivergenceScore::Fuzzy, DivergenceScore::Gh] {
+            assert_eq!(needs(by, 2.0, 20), Needs::none().with_samples(8));
+        }
+    }
 
     fn sums(samples: &[f64]) -> ChannelSums {
         let needs = Needs::none().with_variance().with_sums(Sums::LOG | Sums::ROOT);

@@ -1,6 +1,6 @@
 //! Rounds of samples placed in the boxes with the largest scores.
 
-use super::{At, Cell, Cells, Division, Leaf, leaves};
+use super::{At, Cell, Cells, Division, Leaf, leaves, seed_of};
 use dapple_core::{
     Domain, Error, Feedback, Frame, Limits, Needs, Placed, PlacedHandle, Plan, PointSet, Progress, SampleId,
     SamplerMemory, allocate, mix, streams,
@@ -121,7 +121,7 @@ impl<P: PointSet> TreePlanner<P> {
         if seen.budget.left() == 0 {
             return Ok(Progress::Done);
         }
-        let mut round = Round::new(seen, self.points.block(SampleId::new([0; 2], streams::PROBE, 0), 0));
+        let mut round = Round::new(seen, seed_of(&self.points));
         self.plan_pilot(rule, seen, &mut round)?;
         if round.total == 0 {
             self.plan_boxes(rule, threshold, seen, &mut round)?;
@@ -294,8 +294,7 @@ struct Round {
 }
 
 impl Round {
-    /// `coordinates` belong to the seed of the point set.
-    fn new(seen: &Feedback<'_>, coordinates: [f32; 4]) -> Self {
+    fn new(seen: &Feedback<'_>, seed: u64) -> Self {
         let (film, pixels) = (seen.film, seen.pixels());
         let halves = film.needs().halves;
         let next = |i: usize| {
@@ -305,7 +304,7 @@ impl Round {
             })
         };
         Self {
-            seed: coordinates.iter().fold(1, |seed, x| mix(seed ^ u64::from(x.to_bits()))),
+            seed,
             now: (0..pixels).map(|i| u32::try_from(film.count(i)).unwrap_or(u32::MAX)).collect(),
             counts: vec![0; pixels],
             total: 0,

@@ -3,7 +3,8 @@
 
 use dapple_core::{PointSet, SampleId};
 use dapple_low_discrepancy::{
-    BlueNoise, Diffused, Halton, Lattice, LowDiscrepancy, Mitchell1991, Pmj02, Random, Sobol, Stratified, ZSobol,
+    BlueNoise, BlueNoiseKeys, Diffused, Halton, Lattice, LowDiscrepancy, Mitchell1991, Pmj02, Random, Sobol,
+    Stratified, ZSobol,
 };
 
 pub(crate) fn id(pixel: [u32; 2], stream: u32, index: u64) -> SampleId {
@@ -31,6 +32,7 @@ pub(crate) fn coupled_sets(seed: u64) -> Vec<Box<dyn PointSet>> {
         Box::new(Pmj02::new(seed)),
         Box::new(Diffused::new(seed)),
         Box::new(Mitchell1991::new(seed)),
+        Box::new(BlueNoiseKeys::new(seed)),
     ]
 }
 

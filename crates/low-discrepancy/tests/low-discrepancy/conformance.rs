@@ -2,7 +2,8 @@
 
 use dapple_conformance::point_set;
 use dapple_low_discrepancy::{
-    BlueNoise, Diffused, Halton, Lattice, LowDiscrepancy, Mitchell1991, Pmj02, Random, Sobol, Stratified, ZSobol,
+    BlueNoise, BlueNoiseKeys, Diffused, Halton, Lattice, LowDiscrepancy, Mitchell1991, Pmj02, Random, Sobol,
+    Stratified, ZSobol,
 };
 
 #[test]
@@ -47,6 +48,12 @@ fn blue_noise_conforms() {
     point_set(&BlueNoise::new(0, Sobol::new(0)));
     point_set(&BlueNoise::new(1, Halton::new(1)));
     point_set(&BlueNoise::new(2, Stratified::new(2, 4).unwrap()));
+}
+
+#[test]
+fn blue_noise_keys_conform() {
+    point_set(&BlueNoiseKeys::new(0));
+    point_set(&BlueNoiseKeys::new(u64::MAX));
 }
 
 #[test]

@@ -289,6 +289,7 @@ fn descriptions_match_the_command_line() {
         "pmj02:seed=7,pixels=blue-noise",
         "diffused:seed=7",
         "mitchell-1991:seed=7",
+        "blue-noise:seed=7,keys=optimised,of=sobol",
     ];
     assert_eq!(names, expected);
 }
@@ -320,6 +321,7 @@ fn values_never_change() {
         [10164110, 859248, 14793099, 7843088],
         [2989488, 9841215, 11717364, 9507724],
         [2989488, 9841215, 2102728, 16397896],
+        [5476565, 6664836, 7863446, 4941828],
     ];
     assert_eq!([&found[..], &[block0, beyond, large], &coupled].concat(), expected);
 }

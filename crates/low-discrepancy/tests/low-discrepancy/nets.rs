@@ -2,7 +2,7 @@
 
 use crate::common::id;
 use dapple_core::PointSet;
-use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol};
+use dapple_low_discrepancy::{BlueNoise, BlueNoiseKeys, Halton, LowDiscrepancy, Random, Sobol};
 
 /// The first shape of elementary intervals (the logarithm of its columns) in which the `2^k` samples from `start` on do
 /// not fall into one box each.
@@ -86,6 +86,21 @@ fn elementary_intervals_of_lowdiscrepancy_hold_one_point_each_s02() {
     }
     check_nets(&LowDiscrepancy::new(2, 512).unwrap(), 9, 0, 100);
     check_nets(&LowDiscrepancy::new(2, 1024).unwrap(), 10, 0, 100);
+}
+
+/// Scrambling keys keep nets whole in every pixel. Shifts, the negative control, do not.
+#[test]
+fn elementary_intervals_under_scrambling_keys_hold_one_point_each_s02() {
+    for seed in [0, 1, 0xdead_beef_0bad_cafe] {
+        let points = BlueNoiseKeys::new(seed);
+        for k in 1..=10 {
+            check_nets(&points, k, 0, 100);
+            check_nets(&points, k, 5 << k, 10);
+            check_nets(&points, k, (1 << 31) - (1 << k), 2);
+        }
+    }
+    let shifted = BlueNoise::new(0, Sobol::new(0));
+    assert!((0..8).any(|p| uneven_shape(&shifted, [p, 0], 0, 0, 0, 4).is_some()));
 }
 
 /// Negative controls: random points are not a net, and neither is a net whose index is off by one.

@@ -63,12 +63,13 @@ fn threads_and_tiles_change_no_bit_d01() {
             let what = format!("{scene}, {sampler}, {points}");
             let run = |s, threads| rendered(world, words, points, s, threads);
             let expected = run(schedule(1, 0, 0), 1);
-            for threads in [2, 3, 7] {
-                assert_eq!(run(schedule(1, 0, 0), threads), expected, "{what}, {threads} threads");
-            }
-            for (rows, slice, shuffle) in [(7, 0, 5), (16, 1, 0), (64, 5, 9), (1, 3, 77)] {
-                let found = run(schedule(rows, slice, shuffle), 2);
-                assert_eq!(found, expected, "{what}, {rows} rows, slices of {slice}, shuffle {shuffle}");
+            let schedules = [(1, 0, 0, 7), (7, 0, 5, 2), (16, 1, 0, 3), (64, 5, 9, 2), (1, 3, 77, 3)];
+            for (rows, slice, shuffle, threads) in schedules {
+                let found = run(schedule(rows, slice, shuffle), threads);
+                assert_eq!(
+                    found, expected,
+                    "{what}, {threads} threads, {rows} rows, slices of {slice}, shuffle {shuffle}"
+                );
             }
         }
     }

@@ -18,7 +18,7 @@ use std::sync::Arc;
 /// The largest number of chi-square tests in this file.
 const TESTS: usize = 128;
 /// Few enough samples to keep the file within seconds.
-const SAMPLES: u64 = 400_000;
+const SAMPLES: u64 = 200_000;
 
 fn image_of(size: [u32; 2], value: impl Fn(u32, u32) -> f32) -> Arc<Image> {
     let pixels = (0..size[0] * size[1]).map(|i| [value(i % size[0], i / size[0]); 3]).collect();

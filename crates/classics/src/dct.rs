@@ -1,0 +1,351 @@
+//! Samples where cosines fitted to blocks of pixels leave the most: a frequency-based sampler, and its filter.
+
+mod cosines;
+mod filter;
+mod sensitivity;
+
+pub use cosines::{CosineOptions, CosineScale};
+pub use filter::DctFilter;
+
+use crate::tree::{Cell, Cells, seed_of};
+use cosines::{Fit, SIDE};
+use dapple_core::{
+    Domain, Error, Feedback, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
+    SamplerMemory, allocate, mix, saturating_u32,
+};
+use rayon::prelude::*;
+use sensitivity::{masking, weight};
+
+dapple_core::options! {
+    /// The parameters of [`Dct`].
+    pub struct DctOptions {
+        /// Pilot samples in each 2x2 pixels, more if pixels have a floor; the defaults here are ours.
+        pub pilot: u32 = 1, |n| (1..=1024).contains(&n), "1 to 1024 samples";
+        /// Growth of a block's number of samples after which its cosines are fitted anew.
+        pub growth: f64 = 0.5, |growth| (0.01..=4.0).contains(&growth), "0.01 to 4";
+        /// 1 weighs errors by the eye's sensitivity to their frequency, in JPEG's tables; 0 weighs all alike.
+        pub visible: u8 = 1, |visible| visible <= 1, "0 or 1";
+        /// Exponent by which luminance masks errors; 0 masks none.
+        pub masking: f64 = 0.65, |exponent| (0.0..=4.0).contains(&exponent), "0 to 4";
+        /// Use in the image of the samples that decide where others lie: keep (biased, as published), the only one.
+        pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
+            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+    }
+}
+
+/// The side of a cell in pixels: samples are planned by cells.
+const CELL: u32 = 2;
+
+/// The least error of a cell, as a share of the mean.
+const LEAST: f64 = 0.01;
+
+/// The largest error of a cell, so that sums and scores stay finite.
+const HIGHEST: f64 = 1e200;
+
+/// The share of a block's squared luminance below which deviations are rounding.
+const ROUNDING: f64 = 1e-12;
+
+/// Samples where cosines that are fitted to blocks leave the largest visible error [after Bolin and Meyer 1995].
+///
+/// Blocks of 8x8 pixels start with a sample in each cell of 2x2 pixels, if pixels have no floor (`--min-spp 0`). Luminance and
+/// two colour differences of each block are fitted by cosines, half as many as there are samples, from the lowest frequency
+/// on. A cell's error is the mean squared deviation of its samples from the fit. The energy is added that is expected in the
+/// first frequencies that the fit lacks, if energies fall with the squared frequency. Errors are weighted by the eye's
+/// sensitivity to these frequencies, and masked by the block's luminance. The cell with the largest error per sample gets
+/// the next sample. A block whose samples have grown by half waits until it is fitted anew.
+///
+/// Half the cosines, and refinement by frequencies, are the authors'. Opponent space, penalty, JPEG's tables as sensitivity,
+/// masking, and the pooling of a cell's deviations with one sample of its block are ours. So are rounds, of at most half of
+/// the samples that blocks may take.
+///
+/// The image is made by [`DctFilter`].
+///
+/// *Guarantees*: spends the budget exactly. A cell's error counts as at least 1 % of the mean. *Bias*: samples decide where
+/// others lie, and stay [Kirk and Arvo 1991]. *Weaknesses*: to the fit, noise is detail. Sensitivity and masking leave busy
+/// and bright parts coarse, which squared errors do not forgive.
+pub struct Dct<P> {
+    points: P,
+    domain: Domain,
+    options: DctOptions,
+    cosines: CosineOptions,
+    /// The errors of each block, as far as they are known.
+    known: Vec<Known>,
+}
+
+/// A block's errors. They follow from its samples, so they hold until their number changes.
+#[derive(Clone, Debug, Default)]
+struct Known {
+    samples: Option<u64>,
+    luminance: f64,
+    /// The number of each cell, and its squared error before masking.
+    cells: Vec<(u32, f64)>,
+}
+
+impl Known {
+    /// The masked error of each cell, in an image of this mean luminance.
+    fn errors(&self, mean: f64, exponent: f64) -> impl Iterator<Item = f64> {
+        let mask = masking(self.luminance, mean, exponent);
+        self.cells.iter().map(move |&(_, error)| (mask * error).min(HIGHEST))
+    }
+}
+
+/// A sample that a cell may get: the error that it takes away, and the cell.
+type Gain = (f64, u32);
+
+impl<P: PointSet> Dct<P> {
+    /// Makes a sampler that takes its samples from this point set, whose dimensions `domain` names.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] for the first parameter out of range.
+    pub fn new(points: P, domain: &Domain, options: DctOptions, cosines: CosineOptions) -> Result<Self, Error> {
+        options.check_ranges()?;
+        cosines.check_ranges()?;
+        Ok(Self { points, domain: domain.place(), options, cosines, known: Vec::new() })
+    }
+
+    /// Plans what cells lack of the pilot, and pixels of their floor.
+    fn plan_pilot(&self, seen: &Feedback<'_>, round: &mut Round) -> Result<(), Error> {
+        let cells = Cells::new(seen.frame(), CELL);
+        let (least, most) = (seen.budget.min_spp, seen.budget.max_spp);
+        let (mut floors, mut scores, mut total) = (Vec::new(), Vec::new(), round.kept());
+        for number in 0..cells.count() {
+            let (mut now, mut floor, mut room) = (0u32, 0u32, 0u32);
+            for i in cells.pixels(number) {
+                now = now.saturating_add(round.now[i]);
+                floor = floor.saturating_add(round.now[i].max(least));
+                room = room.saturating_add(most);
+            }
+            let wanted = self.options.pilot.min(room).max(floor);
+            total += u64::from(wanted - now);
+            scores.push(f64::from(u8::from(floor < wanted)));
+            floors.push(floor);
+        }
+        let total = total.min(round.kept() + seen.budget.left());
+        let ceiling = floors.iter().copied().fold(self.options.pilot, u32::max);
+        let counts = allocate(&scores, &floors, ceiling, total)?.counts;
+        for (number, count) in counts.into_iter().enumerate() {
+            let more = cells.pixels(number).fold(count, |more, i| more.saturating_sub(round.now[i]));
+            round.give(|| cells.pixels(number), more, seen);
+        }
+        Ok(())
+    }
+
+    /// Fits the blocks whose samples have changed.
+    fn fit(&mut self, seen: &Feedback<'_>) {
+        let blocks = Cells::new(seen.frame(), SIDE);
+        if self.known.len() != blocks.count() {
+            self.known = vec![Known::default(); blocks.count()];
+        }
+        let columns = seen.frame().size()[0].div_ceil(CELL);
+        let (points, domain, film) = (&self.points, &self.domain, seen.film);
+        let visible = self.options.visible == 1;
+        self.known.par_iter_mut().enumerate().for_each_init(Cell::default, |block, (number, known)| {
+            let samples = blocks.pixels(number).map(|i| film.count(i)).sum();
+            if known.samples != Some(samples) {
+                blocks.read(number, film, points, domain, block);
+                *known = Known { samples: Some(samples), ..errors(block, columns, &self.cosines, visible) };
+            }
+        });
+    }
+
+    /// The samples that each block may get until it is fitted anew, with the error that each takes away.
+    fn gains(&self, seen: &Feedback<'_>, now: &[u32]) -> Vec<Gain> {
+        let (cells, exponent) = (Cells::new(seen.frame(), CELL), self.options.masking);
+        let mean = self.known.iter().map(|known| known.luminance).sum::<f64>() / self.known.len() as f64;
+        let sum: f64 = self.known.iter().flat_map(|known| known.errors(mean, exponent)).sum();
+        // Without errors, all pixels are alike.
+        let least = if sum > 0.0 { LEAST * sum / cells.count() as f64 } else { 1.0 };
+        let gains = |known: &Known| {
+            let open = known.cells.iter().zip(known.errors(mean, exponent));
+            let mut open: Vec<Open> = open
+                .map(|(&(number, _), error)| {
+                    let (mut pixels, mut samples, mut room) = (0, 0u32, 0);
+                    for i in cells.pixels(number as usize) {
+                        pixels += 1;
+                        samples = samples.saturating_add(now[i]);
+                        room += u64::from(seen.budget.max_spp.saturating_sub(now[i]));
+                    }
+                    // With n samples, the squared errors of the cell's pixels sum to pixels^2 * error / n.
+                    Open { number, score: f64::from(pixels * pixels) * error.max(least), samples, room }
+                })
+                .collect();
+            let quota = libm::ceil(self.options.growth * known.samples.unwrap_or(0) as f64);
+            greedy(&mut open, quota.max(1.0) as u64)
+        };
+        self.known.par_iter().flat_map_iter(gains).collect()
+    }
+
+    /// Plans a round of the samples that take away the most.
+    fn plan_round(&mut self, seen: &Feedback<'_>, round: &mut Round) {
+        self.fit(seen);
+        let mut gains = self.gains(seen, &round.now);
+        let step = (0.5 * self.options.growth * round.kept() as f64) as u64;
+        let step = step.max(self.known.len() as u64).min(seen.budget.left());
+        let step = usize::try_from(step).unwrap_or(usize::MAX);
+        if step < gains.len() {
+            let tie = |cell: u32| mix(round.seed ^ u64::from(cell));
+            let order = |a: &Gain, b: &Gain| b.0.total_cmp(&a.0).then_with(|| tie(a.1).cmp(&tie(b.1)));
+            gains.select_nth_unstable_by(step, order);
+            gains.truncate(step);
+        }
+        let cells = Cells::new(seen.frame(), CELL);
+        let mut counts = vec![0; cells.count()];
+        gains.iter().for_each(|&(_, cell)| counts[cell as usize] += 1);
+        for (number, count) in counts.into_iter().enumerate() {
+            round.give(|| cells.pixels(number), count, seen);
+        }
+    }
+}
+
+/// The squared deviations of a cell's samples from the fit, summed for each channel, and the number of samples.
+#[derive(Clone, Copy, Default)]
+struct Deviations {
+    squares: [f64; 3],
+    samples: f64,
+}
+
+/// The errors of a block's cells; `columns` is the number of cells in a row of the image.
+fn errors(block: &Cell, columns: u32, cosines: &CosineOptions, visible: bool) -> Known {
+    let [width, height] = block.size.map(|n| n.div_ceil(CELL));
+    let number = |i: u32| (block.corner[1] / CELL + i / width) * columns + block.corner[0] / CELL + i % width;
+    let Some(fit) = Fit::new(block, cosines) else {
+        return Known { cells: (0..width * height).map(|i| (number(i), 0.0)).collect(), ..Known::default() };
+    };
+    let mut cells = vec![Deviations::default(); (width * height) as usize];
+    for (at, &value) in block.at.iter().zip(&block.values) {
+        let (fitted, colour) = (fit.at(at), cosines.scale.opponent(value));
+        let [x, y] = [at[0], at[1]].map(|x| x as u32 / CELL);
+        let cell = &mut cells[(y * width + x) as usize];
+        cell.samples += 1.0;
+        (0..3).for_each(|c| cell.squares[c] += (colour[c] - fitted[c]).powi(2));
+    }
+    let luminance = fit.coefficients[0][0].max(0.0);
+    let mut errors = vec![0.0; cells.len()];
+    for c in 0..3 {
+        let samples = block.at.len() as f64;
+        let mean = cells.iter().map(|cell| cell.squares[c]).sum::<f64>() / samples;
+        // Coefficients take up a part of the deviations.
+        let taken_up = samples / (samples - fit.coefficients[c].len() as f64).max(1.0);
+        let (expected, weight) = (fit.expected_energy(c), if visible { weight(&fit, c) } else { 1.0 });
+        for (error, cell) in errors.iter_mut().zip(&cells) {
+            let square = (cell.squares[c] + mean) / (cell.samples + 1.0) * taken_up + expected;
+            *error += if square > ROUNDING * luminance * luminance { weight * square } else { 0.0 };
+        }
+    }
+    Known { samples: None, luminance, cells: (0..).map(number).zip(errors).collect() }
+}
+
+/// A cell that may get samples, and the number that its pixels can still take.
+struct Open {
+    number: u32,
+    score: f64,
+    samples: u32,
+    room: u64,
+}
+
+/// The next `quota` samples of a block: each goes to the cell whose error `score / samples` falls most.
+fn greedy(cells: &mut [Open], quota: u64) -> Vec<Gain> {
+    let gain = |cell: &Open| {
+        let n = f64::from(cell.samples);
+        if cell.samples == 0 { f64::MAX } else { cell.score / (n * (n + 1.0)) }
+    };
+    let mut gains = Vec::new();
+    for _ in 0..quota {
+        let open = cells.iter_mut().filter(|cell| cell.room > 0);
+        // Of equal cells, the first.
+        let best = open.reduce(|best, cell| if gain(cell) > gain(best) { cell } else { best });
+        let Some(best) = best else { break };
+        gains.push((gain(best), best.number));
+        best.samples = best.samples.saturating_add(1);
+        best.room -= 1;
+    }
+    gains
+}
+
+/// The samples of a round while it is planned.
+struct Round {
+    seed: u64,
+    /// The samples of each pixel before the round, and those that the round adds.
+    now: Vec<u32>,
+    counts: Vec<u32>,
+}
+
+impl Round {
+    fn new(seen: &Feedback<'_>, seed: u64) -> Self {
+        let now = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
+        Self { seed, now, counts: vec![0; seen.pixels()] }
+    }
+
+    /// The number of samples before the round.
+    fn kept(&self) -> u64 {
+        self.now.iter().map(|&n| u64::from(n)).sum()
+    }
+
+    /// Adds samples to a cell: each to a pixel with the fewest so far, below the ceiling. Equal pixels take turns at random.
+    fn give<I: Iterator<Item = usize>>(&mut self, pixels: impl Fn() -> I, count: u32, seen: &Feedback<'_>) {
+        for _ in 0..count {
+            let samples = |i: usize| self.now[i].saturating_add(self.counts[i]);
+            let turn = |i: usize| mix(self.seed ^ mix(i as u64) ^ u64::from(samples(i)) << 40);
+            let open = pixels().filter(|&i| samples(i) < seen.budget.max_spp);
+            let Some(i) = open.min_by_key(|&i| (samples(i), turn(i))) else { return };
+            self.counts[i] += 1;
+        }
+    }
+}
+
+impl<P: PointSet> Sampler for Dct<P> {
+    fn name(&self) -> &str {
+        "dct"
+    }
+
+    fn describe(&self) -> String {
+        format!("{}:{},{}", self.name(), self.options.describe(), self.cosines.describe())
+    }
+
+    fn needs(&self) -> Needs {
+        Needs::none().with_samples(u32::MAX)
+    }
+
+    fn memory(&self, frame: &Frame, _: &Needs, limits: &Limits) -> SamplerMemory {
+        let cells = Cells::new(frame, CELL).count() * size_of::<(u32, f64)>();
+        let blocks = Cells::new(frame, SIDE).count() * size_of::<Known>();
+        let gains = limits.expected_samples(frame) as f64 * self.options.growth * size_of::<Gain>() as f64;
+        let mut memory = SamplerMemory::planning(frame, 16);
+        memory.state = (cells + blocks) as u64;
+        memory.planning = memory.planning.saturating_add(gains as u64);
+        memory
+    }
+
+    fn points(&self) -> &dyn PointSet {
+        &self.points
+    }
+
+    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
+        seen.film.require(self.name(), &self.needs())?;
+        if seen.round == 0 {
+            self.known.clear();
+        }
+        if seen.budget.left() == 0 {
+            return Ok(Progress::Done);
+        }
+        let mut round = Round::new(seen, seed_of(&self.points));
+        self.plan_pilot(seen, &mut round)?;
+        if round.counts.iter().all(|&count| count == 0) {
+            self.plan_round(seen, &mut round);
+        }
+        plan.counts = round.counts;
+        Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        self.known.clear();
+        match saved {
+            [] => Ok(()),
+            _ => Err(Error::BadSnapshot { what: "the sampler dct keeps no state between rounds" }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
