@@ -89,7 +89,7 @@ const RULES: &[Rule] = &[
     ("dapple-oidn", &["dapple-core"], OF_A_SCENE),
     ("dapple-registry", REGISTRY, OF_A_SCENE),
     ("dapple-metrics", &[], &["glam", "obvhs", "image", "exr", "rayon"]),
-    ("dapple-geometry", &[], &["image", "exr", "rayon", "clap"]),
+    ("dapple-geometry", &[], &["image", "exr", "clap"]),
     ("dapple-scene", &["dapple-core"], &["obvhs", "clap", "indicatif"]),
     ("dapple-renderer", RENDERER, &["clap", "indicatif"]),
     ("dapple-job", JOB, &["clap", "indicatif", "ctrlc"]),

@@ -12,7 +12,7 @@
 #[path = "../benches/scenes/mod.rs"]
 mod scenes;
 
-use dapple_geometry::{Geometry, Preset, Ray};
+use dapple_geometry::{Geometry, Preset, Ray, Shape};
 use scenes::{Scene, Soup, rays, scenes, shapes};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -50,9 +50,9 @@ fn main() -> Result<()> {
         builds.push(measure(scene, &folder.0, embree.as_deref(), rounds, repeats)?);
     }
     println!(
-        "\nBuilding, one thread:\n\n| scene | triangles | ours, M triangles a second | Embree robust | bytes a triangle |"
+        "\nBuilding, M triangles a second:\n\n| scene | triangles | ours, one thread | ours, two threads | Embree robust, one thread | bytes a triangle |"
     );
-    println!("|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|");
     builds.iter().for_each(|line| println!("{line}"));
     Ok(())
 }
@@ -61,16 +61,7 @@ fn main() -> Result<()> {
 fn measure(scene: &Scene, folder: &Path, embree: Option<&Path>, rounds: usize, repeats: usize) -> Result<String> {
     let soup = folder.join("soup");
     write_soup(&soup, &scene.soups)?;
-    let mut built = Vec::new();
-    let shapes = shapes(&scene.soups);
-    let geometry = (0..rounds).map(|_| {
-        let shapes = shapes.clone();
-        let start = Instant::now();
-        let geometry = Geometry::build(shapes, Preset::default());
-        built.push(start.elapsed().as_secs_f64());
-        geometry
-    });
-    let geometry = geometry.last().ok_or("no rounds")??;
+    let (geometry, built) = build(&shapes(&scene.soups), rounds)?;
     let mut theirs_built = Vec::new();
     for (kind, rays) in ["primary", "bounce", "shadow"].iter().zip(rays(&geometry, scene.views)) {
         let any = *kind == "shadow";
@@ -115,7 +106,25 @@ fn measure(scene: &Scene, folder: &Path, embree: Option<&Path>, rounds: usize, r
         })
     };
     let bytes = geometry.memory_bytes() as f64 / count;
-    Ok(format!("| {} | {count} | {} | {} | {bytes:.0} |", scene.name, rate(built), rate(theirs_built)))
+    let [alone, both] = built.map(rate);
+    Ok(format!("| {} | {count} | {alone} | {both} | {} | {bytes:.0} |", scene.name, rate(theirs_built)))
+}
+
+/// Builds a scene by one thread and by two, in turns. Returns the last tree and the seconds of each build.
+fn build(shapes: &[Shape], rounds: usize) -> Result<(Geometry, [Vec<f64>; 2])> {
+    let pools = [1, 2].map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build());
+    let mut seconds = [const { Vec::new() }; 2];
+    let mut last = None;
+    for _ in 0..rounds {
+        for (pool, seconds) in pools.iter().zip(&mut seconds) {
+            let pool = pool.as_ref().map_err(ToString::to_string)?;
+            let shapes = shapes.to_vec();
+            let start = Instant::now();
+            last = Some(pool.install(|| Geometry::build(shapes, Preset::default()))?);
+            seconds.push(start.elapsed().as_secs_f64());
+        }
+    }
+    Ok((last.ok_or("no rounds")?, seconds))
 }
 
 fn trace(scene: &Geometry, rays: &[Ray], any: bool, repeats: usize) -> Run {

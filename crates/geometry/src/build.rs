@@ -2,11 +2,14 @@
 //! and its conversion to eight-wide nodes.
 
 mod binary;
+mod leaves;
+mod plans;
 mod wide;
 
 use self::binary::MortonCells;
+use crate::lanes::WIDTH;
 use crate::shape::Quadric;
-use crate::traverse::{LIMIT, Node8, Tree, key};
+use crate::tree::{LIMIT, Node8, Tree, key};
 use crate::{Error, Mesh, MovingMesh, Shape};
 use glam::{DVec3, Vec3, Vec3A};
 use obvhs::BvhBuildParams;
@@ -183,6 +186,22 @@ impl<'a> Items<'a> {
     }
 }
 
+/// A list of up to eight values, without heap allocation.
+#[derive(Clone, Copy)]
+struct UpToEight<T> {
+    all: [T; WIDTH],
+    count: usize,
+}
+
+impl<T: Copy> UpToEight<T> {
+    fn push(&mut self, one: T) {
+        self.all[self.count] = one;
+        self.count += 1;
+    }
+}
+
+/// The empty box.
+const NOTHING: Bounds = [Vec3::INFINITY, Vec3::NEG_INFINITY];
 /// The largest number of items over which two trees are built: twice the work for at most two milliseconds. Also the
 /// least number that is worth a thread.
 const FEW: usize = 1 << 12;
@@ -243,4 +262,37 @@ fn grow([low, high]: Bounds, by: f32) -> Bounds {
 
 pub(crate) fn union(a: Bounds, b: Bounds) -> Bounds {
     [a[0].min(b[0]), a[1].max(b[1])]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A binary tree that is a chain needs seven entries on the stack per level.
+    #[test]
+    fn a_tree_that_is_too_deep_is_refused_and_median_splits_are_not() {
+        const COUNT: u32 = 8000;
+        let corner = |n: u32, i: u32| [(n + i % 2) as f32, (i / 2) as f32, n as f32];
+        let mesh = Mesh::new(
+            (0..COUNT).flat_map(|n| (0..3).map(move |i| corner(n, i))).collect(),
+            (0..COUNT).map(|n| [3 * n, 3 * n + 1, 3 * n + 2]).collect(),
+        );
+        let shapes = [Shape::from(mesh.expect("valid"))];
+        let items = Items::of_shapes(&shapes, true).expect("it fits");
+        let leaves = items.leaves(items.total().expect("some"));
+        // Node 2 n + 1 is item n, and node 2 n + 2 holds the items after it.
+        let mut boxes: Vec<Aabb> = leaves.iter().rev().map(|leaf| *leaf.aabb()).collect();
+        for n in 1..boxes.len() {
+            boxes[n] = boxes[n].union(&boxes[n - 1]);
+        }
+        let mut chain = vec![Bvh2Node::new(boxes[COUNT as usize - 1], 0, 1)];
+        for n in 0..COUNT - 1 {
+            let rest = COUNT as usize - 2 - n as usize;
+            chain.push(leaves[n as usize]);
+            chain.push(if rest == 0 { leaves[COUNT as usize - 1] } else { Bvh2Node::new(boxes[rest], 0, 2 * n + 3) });
+        }
+        assert!(wide::collapse(&chain, &items).is_none());
+        let tree = wide::collapse(&binary::by_median(leaves), &items).expect("it is shallow");
+        assert!(tree.stack < 64, "{}", tree.stack);
+    }
 }

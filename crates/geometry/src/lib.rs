@@ -14,6 +14,7 @@ pub mod safeguards;
 mod shape;
 mod surface;
 mod traverse;
+mod tree;
 mod triangle;
 
 #[cfg(test)]

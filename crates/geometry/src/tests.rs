@@ -2,7 +2,7 @@
 
 use crate::lanes::{Pair, WIDTH};
 use crate::prepared_ray::PreparedRay;
-use crate::traverse::{Keys, key};
+use crate::tree::{Keys, key};
 use crate::triangle::Triangles8;
 use crate::{Geometry, Hit, Mesh, Preset, Ray};
 use glam::{DVec3, Vec3};
@@ -217,7 +217,7 @@ fn hash_of(geometry: &Geometry) -> u64 {
     nodes.chain(keys).fold(0xcbf2_9ce4_8422_2325, |hash, word| (hash ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// Trees are the same node by node, built alone or many at once.
+/// Trees are the same node by node, built alone or many at once, by one thread or several.
 #[test]
 fn parallel_builds_make_equal_trees_d05() {
     let all = [Preset::Fastest, Preset::Fast, Preset::Medium, Preset::VerySlow];
@@ -227,7 +227,7 @@ fn parallel_builds_make_equal_trees_d05() {
     built_side_by_side(600_000, &all[..2], &[4]);
 }
 
-/// The tree of so many triangles for each preset, equal whether built alone or many times at once.
+/// The tree of so many triangles for each preset, equal whether one thread builds it, five, or many builders at once.
 fn built_side_by_side(count: u32, presets: &[Preset], builders: &[usize]) -> Vec<u64> {
     let mut rng = Pcg64Mcg::seed_from_u64(5);
     let mut point = || [0; 3].map(|_| rng.random_range(-10.0_f32..10.0));
@@ -240,7 +240,11 @@ fn built_side_by_side(count: u32, presets: &[Preset], builders: &[usize]) -> Vec
     let triangles = (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
     let mesh = Mesh::new(positions, triangles).expect("sound");
     let of = |&preset: &Preset| {
-        let alone = hash_of(&geometry(&mesh, preset));
+        let [alone, by_five] = [1, 5].map(|threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            pool.install(|| hash_of(&geometry(&mesh, preset)))
+        });
+        assert_eq!(by_five, alone, "{preset:?}, by five threads, {count}");
         for &builders in builders {
             std::thread::scope(|scope| {
                 let all: Vec<_> = (0..builders).map(|_| scope.spawn(|| hash_of(&geometry(&mesh, preset)))).collect();

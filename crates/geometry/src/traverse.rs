@@ -1,22 +1,16 @@
-//! The bounding volume hierarchy, and the traversal of rays through it.
+//! The traversal of rays through the bounding volume hierarchy.
 
 use crate::instance::Placements;
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::Whole;
-use crate::lanes::{Eight, Lanes, Pair, Vectors, WIDTH, Words};
+use crate::lanes::{Lanes, Pair, Vectors};
 use crate::prepared_ray::PreparedRay;
 use crate::safeguards::{All, Safeguards};
-use crate::shape::Quadric;
+use crate::tree::{Node8, QUADRIC, TRIANGLES, Tree};
 use crate::triangle::{Triangles8, lowest};
 use pulp::NullaryFnOnce;
 use std::marker::PhantomData;
 
-/// The bit that marks a child's code as a leaf of triangles. The other bits are the leaf's index in `Tree::triangles`.
-const TRIANGLES: u32 = 1 << 31;
-/// The bit that marks a child's code as a sphere, a disk or the box of an instance. The other bits are its index.
-const QUADRIC: u32 = 1 << 30;
-/// The limit of node indices: a child's code below it is the index of a node.
-pub(crate) const LIMIT: usize = QUADRIC as usize;
 /// The largest allowed number of entries on the traversal stack. A tree that needs more is rebuilt by median splits.
 pub(crate) const DEEPEST: usize = 256;
 
@@ -27,19 +21,7 @@ const fn far_side<S: Safeguards>() -> f32 {
     if S::PADDING { 1.0 + 1.0 / (1u64 << 18) as f32 } else { 1.0 }
 }
 
-/// A node with up to eight children. Unused children have empty boxes, which no ray hits.
-#[derive(Clone, Copy, Debug)]
-#[repr(align(64))]
-pub(crate) struct Node8 {
-    /// The children's lower and upper bounds, per axis.
-    pub(crate) bounds: [[Eight; 2]; 3],
-    pub(crate) children: [u32; WIDTH],
-}
-
 impl Node8 {
-    pub(crate) const EMPTY: Self =
-        Self { bounds: [[Eight([f32::INFINITY; WIDTH]), Eight([f32::NEG_INFINITY; WIDTH])]; 3], children: [0; WIDTH] };
-
     /// Returns the ray parameters at which the children's slabs along an axis are entered and left. `near` is the side
     /// that the ray meets first.
     #[inline(always)]
@@ -52,71 +34,6 @@ impl Node8 {
             (L::load(token, &bounds[near & 1 ^ 1]) - origin) * inverse,
         ]
     }
-}
-
-/// A child of a node, with its index in the list of nodes, of triangle leaves or of quadrics.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Child {
-    Node(u32),
-    Triangles(u32),
-    Quadric(u32),
-    /// The index of an instance's box, in the tree over instances.
-    Box(u32),
-}
-
-impl Child {
-    pub(crate) fn code(self) -> u32 {
-        match self {
-            Self::Node(number) => number,
-            Self::Triangles(number) => number | TRIANGLES,
-            Self::Quadric(number) | Self::Box(number) => number | QUADRIC,
-        }
-    }
-}
-
-/// The shape and primitive numbers of the eight triangles in a leaf.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Keys {
-    pub(crate) shapes: Words,
-    pub(crate) primitives: Words,
-}
-
-impl Keys {
-    pub(crate) fn new(keys: [u64; WIDTH]) -> Self {
-        Self { shapes: Words(keys.map(|key| (key >> 32) as u32)), primitives: Words(keys.map(|key| key as u32)) }
-    }
-
-    #[inline(always)]
-    fn key(&self, lane: usize) -> u64 {
-        key(self.shapes.0[lane], self.primitives.0[lane])
-    }
-
-    /// Returns the mask of the lanes whose triangle has this key.
-    #[inline(always)]
-    pub(crate) fn equal<L: Lanes>(&self, token: L::Token, key: u64) -> u32 {
-        L::equal(token, &self.shapes, (key >> 32) as u32) & L::equal(token, &self.primitives, key as u32)
-    }
-}
-
-/// Returns the shape and primitive number as one integer. Of hits at the same distance, the smallest key wins.
-#[inline(always)]
-pub(crate) fn key(shape: u32, primitive: u32) -> u64 {
-    u64::from(shape) << 32 | u64::from(primitive)
-}
-
-/// The bounding volume hierarchy: nodes, leaves, and the shape and primitive numbers in the leaves.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Tree {
-    pub(crate) nodes: Vec<Node8>,
-    pub(crate) triangles: Vec<Triangles8>,
-    /// The leaves of `triangles` at time 1; empty if no vertex moves.
-    pub(crate) moved: Vec<Triangles8>,
-    pub(crate) triangle_keys: Vec<Keys>,
-    pub(crate) quadrics: Vec<Quadric>,
-    pub(crate) quadric_keys: Vec<u64>,
-    /// The largest number of entries on the stack during traversal.
-    pub(crate) stack: usize,
-    pub(crate) way: WalkKind,
 }
 
 /// The traversal that suits a tree. A single branch selects it, so scenes without instances do not pay for them.

@@ -16,7 +16,7 @@ use crate::lanes::{Eight, Lanes, WIDTH};
 use crate::moving_mesh::between;
 use crate::prepared_ray::PreparedRay;
 use crate::safeguards::Safeguards;
-use crate::traverse::Keys;
+use crate::tree::Keys;
 use glam::Vec3;
 
 /// The fraction of a triangle's squared extent below which its sheared area counts as thin. Thin triangles are

@@ -3,6 +3,7 @@
 //! obvhs takes quadratic time and makes long chains if many boxes share a centre; [`by_area`] avoids this. Its other
 //! requirements are met: boxes are finite and of moderate size, and there is at least one.
 
+use super::FEW;
 use glam::Vec3A;
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
@@ -10,7 +11,10 @@ use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance};
+use rayon::prelude::*;
 use std::cmp::Ordering;
+use std::sync::atomic::AtomicU8;
+use std::sync::atomic::Ordering::Relaxed;
 
 /// The number of cells along the longest axis of the scene. Boxes whose centres share a cell count as sharing a
 /// centre.
@@ -76,11 +80,11 @@ impl Groups {
             let [x, y, z] = (centre(leaf) * CELLS).as_uvec3().to_array().map(u64::from);
             x << 42 | y << 21 | z
         };
-        if !is_crowded(leaves.iter().map(cell), leaves.len()) {
+        if !is_crowded(leaves.par_iter().with_min_len(FEW).map(cell)) {
             return None;
         }
         let mut cells: Vec<(u64, u32)> = leaves.iter().map(cell).zip(0..).collect();
-        cells.sort_unstable();
+        cells.par_sort_unstable();
         let mut starts = Vec::with_capacity(leaves.len() + 1);
         let mut start = 0;
         for crowd in cells.chunk_by(|a, b| a.0 == b.0) {
@@ -114,8 +118,8 @@ impl Groups {
 
 /// Returns true if a value occurs more than [`CROWD`] times in `cells`. Only values whose hash occurs that often are
 /// sorted, since sorting all would take longer than the rest of this module.
-fn is_crowded(cells: impl Iterator<Item = u64> + Clone, count: usize) -> bool {
-    let bits = (2 * count).next_power_of_two().trailing_zeros().max(1);
+fn is_crowded(cells: impl IndexedParallelIterator<Item = u64> + Clone) -> bool {
+    let bits = (2 * cells.len()).next_power_of_two().trailing_zeros().max(1);
     // The finalizer of SplitMix64 [Steele, Lea and Flood 2014, figure 16]. With less mixing, cells of regular grids
     // would collide.
     let slot = |cell: u64| {
@@ -123,24 +127,25 @@ fn is_crowded(cells: impl Iterator<Item = u64> + Clone, count: usize) -> bool {
         let mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
         (mixed >> (64 - bits)) as usize
     };
-    let mut counts = vec![0_u8; 1 << bits];
-    let mut suspect = false;
-    for cell in cells.clone() {
-        let count = &mut counts[slot(cell)];
-        *count = count.saturating_add(1);
-        suspect |= usize::from(*count) > CROWD;
-    }
-    if !suspect {
+    // The number of cells with each hash, up to one more than a crowd's limit.
+    let counts: Vec<AtomicU8> = std::iter::repeat_with(AtomicU8::default).take(1 << bits).collect();
+    let exceeds = |cell: u64| {
+        let more = |count: u8| (usize::from(count) <= CROWD).then_some(count + 1);
+        counts[slot(cell)].fetch_update(Relaxed, Relaxed, more).map_or(true, |count| usize::from(count) == CROWD)
+    };
+    if !cells.clone().fold(|| false, |any, cell| any | exceeds(cell)).reduce(|| false, |a, b| a | b) {
         return false;
     }
-    let mut suspects: Vec<u64> = cells.filter(|&cell| usize::from(counts[slot(cell)]) > CROWD).collect();
-    suspects.sort_unstable();
+    let suspect = |&cell: &u64| usize::from(counts[slot(cell)].load(Relaxed)) > CROWD;
+    let mut suspects: Vec<u64> = cells.filter(suspect).collect();
+    suspects.par_sort_unstable();
     suspects.chunk_by(|a, b| a == b).any(|equal| equal.len() > CROWD)
 }
 
 /// Builds obvhs's tree (PLOC, then reinsertion) over these leaves.
 fn obvhs_tree(leaves: Vec<Bvh2Node>, params: BvhBuildParams, cells: MortonCells) -> Vec<Bvh2Node> {
-    let Some(mut all) = leaves.iter().map(|leaf| *leaf.aabb()).reduce(|a, b| a.union(&b)) else { return leaves };
+    let boxes = leaves.par_iter().with_min_len(FEW).map(|leaf| *leaf.aabb());
+    let Some(mut all) = boxes.reduce_with(|a, b| a.union(&b)) else { return leaves };
     if cells == MortonCells::Cubes {
         all.max = all.min + (all.max - all.min).max_element();
     }
@@ -217,8 +222,9 @@ mod tests {
     #[test]
     fn only_crowded_cells_are_detected() {
         let grid = (0..512_u64).flat_map(|x| (0..512_u64).flat_map(move |z| [x << 53 | z << 11; 2]));
-        assert!(!is_crowded(grid.clone(), 2 << 18));
-        let nine = grid.chain([5 << 53 | 7 << 11; CROWD - 1]);
-        assert!(is_crowded(nine, (2 << 18) + CROWD - 1));
+        let crowded = |cells: Vec<u64>| is_crowded(cells.into_par_iter());
+        assert!(!crowded(grid.clone().collect()));
+        assert!(!crowded(grid.clone().chain([5 << 53 | 7 << 11; CROWD - 2]).collect()));
+        assert!(crowded(grid.chain([5 << 53 | 7 << 11; CROWD - 1]).collect()));
     }
 }

@@ -1,0 +1,195 @@
+//! The best form of each binary subtree in the eight-wide tree, by expected cost.
+//!
+//! Dynamic programming over the surface-area cost decides each subtree's form: a node, a leaf, or several children of
+//! its parent [after Ylitie, Karras and Laine 2017, section 3.1].
+
+use super::{FEW, Item, Items};
+use crate::lanes::WIDTH;
+use obvhs::bvh2::node::Bvh2Node;
+use rayon::iter::repeat_n;
+use rayon::prelude::*;
+
+/// The expected time of testing eight boxes. It is the unit of all costs here.
+const NODE_COST: f32 = 1.0;
+/// The expected time of testing a leaf of eight triangles. Of 0.6, 1.2 and 2, the value 0.6 gave the fastest rays and
+/// the smallest tree in each scene of benches/rays.rs, by 1 to 5 %.
+const TRIANGLES_COST: f32 = 0.6;
+/// The expected time of testing one sphere or disk.
+const QUADRIC_COST: f32 = 2.5;
+/// The expected time of testing an instance: an estimate for transforming a ray and testing a few nodes of the object.
+const BOX_COST: f32 = 10.0;
+
+/// The combined costs of two siblings. It takes 32 bytes, since there is one for each primitive.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pair {
+    /// The least total cost of both siblings if they become at most 2, 3, … 8 children of a node.
+    cost: [f32; WIDTH - 1],
+    /// The number of triangles below both siblings, or [`MANY`] if a leaf cannot hold them or other items are among
+    /// them. 0 marks a pair whose costs are not computed yet.
+    triangles: u32,
+}
+
+const MANY: u32 = WIDTH as u32 + 1;
+
+/// The least costs of a subtree of the binary tree, and its best form.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SubtreePlan {
+    /// The least cost of the subtree if it becomes at most 1, 2, … 7 children of a node.
+    pub(super) cost: [f32; WIDTH - 1],
+    /// The number of triangles in the subtree, or [`MANY`] if a leaf cannot hold its items; see [`Pair::triangles`].
+    pub(super) triangles: u32,
+    /// True if a leaf costs less than a node for the subtree as a single child.
+    pub(super) leaf: bool,
+}
+
+/// The best forms of all subtrees of a binary tree.
+pub(super) struct SubtreePlans<'a> {
+    tree: Binary<'a>,
+    /// The pairs of siblings in reverse order of their nodes: the first pair is the last two nodes.
+    pairs: Vec<Pair>,
+}
+
+impl<'a> SubtreePlans<'a> {
+    /// Computes the costs of all pairs, from the leaves up, in blocks. Almost all children come after their parent in
+    /// the list, and most of them in an earlier block. The few that obvhs puts elsewhere, and their ancestors, wait
+    /// until the rest is done.
+    pub(super) fn new(nodes: &'a [Bvh2Node], items: &'a Items<'a>) -> Self {
+        let tree = Binary::new(nodes, items);
+        let count = nodes.len() / 2;
+        let mut pairs: Vec<Pair> = repeat_n(Pair::default(), count).with_min_len(FEW).collect();
+        let mut waiting = Vec::new();
+        let mut start = 0;
+        while start < count {
+            let end = count.min(start + ((count - start) / BLOCK).max(FEW));
+            let (done, open) = pairs.split_at_mut(start);
+            let block = (start..end).into_par_iter().with_min_len(FEW).zip(&mut open[..end - start]);
+            block.for_each(|(number, pair)| *pair = tree.pair(done, number).unwrap_or_default());
+            for number in start..end {
+                if pairs[number].triangles == 0 {
+                    match tree.pair(&pairs, number) {
+                        Some(pair) => pairs[number] = pair,
+                        None => waiting.push(number),
+                    }
+                }
+            }
+            start = end;
+        }
+        while let Some(number) = waiting.pop() {
+            if pairs[number].triangles > 0 {
+                continue;
+            }
+            match tree.pair(&pairs, number) {
+                Some(pair) => pairs[number] = pair,
+                None => {
+                    waiting.push(number);
+                    let first = nodes.len() - 2 * (number + 1);
+                    let below = nodes[first..first + 2].iter().filter(|child| !child.is_leaf());
+                    waiting.extend(below.map(|child| tree.pair_of(child)));
+                }
+            }
+        }
+        Self { tree, pairs }
+    }
+
+    /// Returns the best form of the subtree at a node.
+    #[inline(always)]
+    pub(super) fn plan(&self, node: usize) -> SubtreePlan {
+        self.tree.plan(&self.pairs, node)
+    }
+
+    /// Returns the expected time of a ray through the whole tree, up to a factor.
+    pub(super) fn cost(&self) -> f32 {
+        if self.tree.nodes.is_empty() { 0.0 } else { self.plan(0).cost[0] }
+    }
+}
+
+/// A block of pairs is this part of those that are left.
+const BLOCK: usize = 4;
+
+/// A binary tree, with the kinds of its items.
+struct Binary<'a> {
+    nodes: &'a [Bvh2Node],
+    items: &'a Items<'a>,
+    /// True if all items are triangles, so that their kind need not be looked up.
+    triangles: bool,
+}
+
+impl<'a> Binary<'a> {
+    fn new(nodes: &'a [Bvh2Node], items: &'a Items<'a>) -> Self {
+        let triangles = items.boxes.is_empty() && items.shapes.iter().all(|shape| shape.mesh().is_some());
+        Self { nodes, items, triangles }
+    }
+
+    /// Computes the costs of a pair from those that are known; `None` while the costs of a pair below it are not.
+    #[inline(always)]
+    fn pair(&self, known: &[Pair], number: usize) -> Option<Pair> {
+        let first = self.nodes.len() - 2 * (number + 1);
+        let (left, right) = (self.plan(known, first), self.plan(known, first + 1));
+        if left.triangles == 0 || right.triangles == 0 {
+            return None;
+        }
+        let triangles = (left.triangles + right.triangles).min(MANY);
+        Some(Pair { cost: shares(&left, &right), triangles })
+    }
+
+    #[inline(always)]
+    fn plan(&self, known: &[Pair], number: usize) -> SubtreePlan {
+        let node = &self.nodes[number];
+        let area = node.aabb().half_area();
+        if node.is_leaf() {
+            let (cost, triangles) = if self.triangles {
+                (TRIANGLES_COST, 1)
+            } else {
+                match self.items.item(node.first_index).1 {
+                    Item::Triangle(_) | Item::Moving(_) => (TRIANGLES_COST, 1),
+                    Item::Quadric(_) => (QUADRIC_COST, MANY),
+                    Item::Box(_) => (BOX_COST, MANY),
+                }
+            };
+            return SubtreePlan { cost: [area * cost; WIDTH - 1], triangles, leaf: true };
+        }
+        let Pair { cost: below, triangles } = known.get(self.pair_of(node)).copied().unwrap_or_default();
+        let as_node = area * NODE_COST + below[WIDTH - 2];
+        let as_leaf = if triangles == MANY { f32::INFINITY } else { area * TRIANGLES_COST };
+        let mut cost = [as_node.min(as_leaf); WIDTH - 1];
+        for slots in 2..WIDTH {
+            cost[slots - 1] = cost[slots - 2].min(below[slots - 2]);
+        }
+        SubtreePlan { cost, triangles, leaf: as_leaf <= as_node }
+    }
+
+    /// Returns the index of the pair that holds the children of an inner node.
+    #[inline(always)]
+    fn pair_of(&self, node: &Bvh2Node) -> usize {
+        (self.nodes.len() - 1 - node.first_index as usize) / 2
+    }
+}
+
+/// Returns the least costs of two siblings with 2, 3, … 8 children in total, over all distributions. All are computed
+/// in one loop, so that compilers vectorise it.
+#[inline(always)]
+fn shares(left: &SubtreePlan, right: &SubtreePlan) -> [f32; WIDTH - 1] {
+    // The right side's costs, preceded by infinite costs for fewer than one child.
+    let mut rights = [f32::INFINITY; 2 * WIDTH];
+    rights[WIDTH..2 * WIDTH - 1].copy_from_slice(&right.cost);
+    let mut least = [f32::INFINITY; WIDTH];
+    for lefts in 0..WIDTH - 1 {
+        for slots in 0..WIDTH {
+            let cost = left.cost[lefts] + rights[WIDTH - lefts + slots];
+            least[slots] = if cost < least[slots] { cost } else { least[slots] };
+        }
+    }
+    std::array::from_fn(|slots| least[slots])
+}
+
+/// Returns how many of `slots` children go to the left side in the cheapest distribution.
+pub(super) fn share(left: &SubtreePlan, right: &SubtreePlan, slots: usize) -> usize {
+    let mut best = (1, f32::INFINITY);
+    for i in 1..slots {
+        let cost = left.cost[i - 1] + right.cost[slots - i - 1];
+        if cost < best.1 {
+            best = (i, cost);
+        }
+    }
+    best.0
+}
