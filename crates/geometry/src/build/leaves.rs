@@ -73,10 +73,9 @@ fn pack_leaf(members: &Members, items: &Items<'_>) -> (Triangles8, Keys, Bounds)
     let mut corners = Triangles8::default();
     let mut keys = [0; WIDTH];
     let mut bounds = NOTHING;
-    for lane in 0..WIDTH {
-        let number = members.in_lane(lane);
-        let (key, item) = items.item(number);
-        keys[lane] = key;
+    for (lane, slot) in keys.iter_mut().enumerate() {
+        let (key, item) = items.item(members.in_lane(lane));
+        *slot = key;
         let triangle = match item {
             Item::Triangle(mesh) => mesh.corners(key as u32),
             Item::Moving(mesh) => {
