@@ -150,16 +150,19 @@ impl<'a> Items<'a> {
         (tree, around)
     }
 
-    /// Builds the binary tree over all items. Of few items, two are built, and the one with the lower expected cost is
-    /// returned: some small scenes suit obvhs's own cells better than cubes.
+    /// Builds the binary tree over all items. Cubic cells suit flat scenes. In others they are neither better nor worse
+    /// than cells of the scene's shape: costs vary by a few percent with the place of the cells alone
+    /// (docs/results/rays.md). Of few items, both trees are built, and the one with the lower expected cost is returned.
     fn binary_tree(&self, bounds: Bounds, preset: Preset) -> Vec<Bvh2Node> {
         let tree = |cells| binary::by_area(self.leaves(bounds), preset.params(), cells);
-        let cubes = tree(MortonCells::Cubes);
+        let size = bounds[1] - bounds[0];
+        let flat = size.min_element() < FLAT * size.max_element();
+        let chosen = tree(if flat { MortonCells::Cubes } else { MortonCells::OfScene });
         if self.keys.len() > FEW {
-            return cubes;
+            return chosen;
         }
-        let of_scene = tree(MortonCells::OfScene);
-        if wide::cost(&cubes, self) < wide::cost(&of_scene, self) { cubes } else { of_scene }
+        let other = tree(if flat { MortonCells::OfScene } else { MortonCells::Cubes });
+        if wide::cost(&other, self) < wide::cost(&chosen, self) { other } else { chosen }
     }
 
     /// Returns a box around all items, unpadded for triangles; `None` without items.
@@ -202,6 +205,8 @@ impl<T: Copy> UpToEight<T> {
 
 /// The empty box.
 const NOTHING: Bounds = [Vec3::INFINITY, Vec3::NEG_INFINITY];
+/// The ratio of a flat scene's shortest to its longest side, at most.
+const FLAT: f32 = 0.25;
 /// The largest number of items over which two trees are built: twice the work for at most two milliseconds. Also the
 /// least number that is worth a thread.
 const FEW: usize = 1 << 12;

@@ -26,7 +26,7 @@ const CROWD: usize = 8;
 /// The shape of the cells of Morton codes, by which obvhs sorts boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum MortonCells {
-    /// One scale for all axes, so that neighbours in the order are near each other in flat scenes too.
+    /// One scale for all axes: neighbours in the order are near each other in flat scenes too.
     Cubes,
     /// A scale for each axis by itself, as in obvhs.
     OfScene,
