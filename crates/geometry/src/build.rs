@@ -6,7 +6,6 @@ mod leaves;
 mod plans;
 mod wide;
 
-use self::binary::MortonCells;
 use crate::lanes::WIDTH;
 use crate::shape::Quadric;
 use crate::tree::{LIMIT, Node8, Tree, key};
@@ -154,14 +153,15 @@ impl<'a> Items<'a> {
     /// than cells of the scene's shape: costs vary by a few percent with the place of the cells alone
     /// (docs/results/rays.md). Of few items, both trees are built, and the one with the lower expected cost is returned.
     fn binary_tree(&self, bounds: Bounds, preset: Preset) -> Vec<Bvh2Node> {
-        let tree = |cells| binary::by_area(self.leaves(bounds), preset.params(), cells);
-        let size = bounds[1] - bounds[0];
-        let flat = size.min_element() < FLAT * size.max_element();
-        let chosen = tree(if flat { MortonCells::Cubes } else { MortonCells::OfScene });
+        let tree = |size| binary::by_area(self.leaves(bounds), preset.params(), size);
+        let size = Vec3A::from((bounds[1].as_dvec3() - bounds[0].as_dvec3()).as_vec3());
+        let of_scene = (size / size.max_element().max(f32::MIN_POSITIVE)).max(Vec3A::splat(f32::EPSILON));
+        let flat = of_scene.min_element() < FLAT;
+        let chosen = tree(if flat { Vec3A::ONE } else { of_scene });
         if self.keys.len() > FEW {
             return chosen;
         }
-        let other = tree(if flat { MortonCells::OfScene } else { MortonCells::Cubes });
+        let other = tree(if flat { of_scene } else { Vec3A::ONE });
         if wide::cost(&other, self) < wide::cost(&chosen, self) { other } else { chosen }
     }
 

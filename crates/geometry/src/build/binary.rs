@@ -10,48 +10,65 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
+use obvhs::ploc::morton::morton_encode_u64_unorm;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance};
 use rayon::prelude::*;
 use std::cmp::Ordering;
-use std::sync::atomic::AtomicU8;
-use std::sync::atomic::Ordering::Relaxed;
 
-/// The number of cells along the longest axis of the scene. Boxes whose centres share a cell count as sharing a
-/// centre.
-const CELLS: f32 = (1u32 << 20) as f32;
 /// The largest number of boxes with their centre in one cell that obvhs gets. More boxes in a cell are split at
 /// medians here.
 const CROWD: usize = 8;
 
-/// The shape of the cells of Morton codes, by which obvhs sorts boxes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum MortonCells {
-    /// One scale for all axes: neighbours in the order are near each other in flat scenes too.
-    Cubes,
-    /// A scale for each axis by itself, as in obvhs.
-    OfScene,
+/// The Morton code of an item's centre, and the item's index.
+type Place = (u64, u32);
+
+/// Returns the cell of a Morton code, with 20 bits per axis. Boxes whose centres share it count as sharing a centre.
+fn cell((code, _): Place) -> u64 {
+    code >> 3
 }
 
 /// Returns a binary tree of small expected cost. obvhs's PLOC and reinsertion join boxes with different centres;
 /// median splits divide groups of boxes that share one.
 ///
-/// Item `n` is the leaf at index `n` of `leaves`, whose boxes are in the unit cube. Children may come before their
-/// parent.
-pub(super) fn by_area(leaves: Vec<Bvh2Node>, params: BvhBuildParams, cells: MortonCells) -> Vec<Bvh2Node> {
-    match Groups::new(&leaves) {
-        None => obvhs_tree(leaves, params, cells),
-        Some(groups) if groups.len() == 1 => by_median(leaves),
-        Some(mut groups) => {
-            let mut nodes = obvhs_tree(groups.leaves(&leaves), params, cells);
-            for number in 0..nodes.len() {
-                if nodes[number].is_leaf() {
-                    let members = groups.members(nodes[number].first_index);
-                    split_by_median(&leaves, members, &mut nodes, number);
-                }
-            }
-            nodes
+/// Item `n` is the leaf at index `n` of `leaves`, whose boxes are between 0 and 1 on each axis. The cells of Morton
+/// codes divide the box from 0 to `size`. Children may come before their parent.
+pub(super) fn by_area(leaves: Vec<Bvh2Node>, params: BvhBuildParams, size: Vec3A) -> Vec<Bvh2Node> {
+    let order = morton_order(&leaves, size);
+    let crowded = |places: &[Place]| cell(places[0]) == cell(places[CROWD]);
+    if !order.par_windows(CROWD + 1).with_min_len(FEW).any(crowded) {
+        // obvhs sorts leaves too. Sorted ones cost it little.
+        let sorted = order.par_iter().with_min_len(FEW).map(|&(_, number)| leaves[number as usize]).collect();
+        drop((leaves, order));
+        return obvhs_tree(sorted, params, size);
+    }
+    let mut groups = Groups::new(order);
+    if groups.len() == 1 {
+        return by_median(leaves);
+    }
+    let mut nodes = obvhs_tree(groups.leaves(&leaves), params, size);
+    for number in 0..nodes.len() {
+        if nodes[number].is_leaf() {
+            let members = groups.members(nodes[number].first_index);
+            split_by_median(&leaves, members, &mut nodes, number);
         }
     }
+    nodes
+}
+
+/// Returns the items by Morton code, then by index.
+fn morton_order(leaves: &[Bvh2Node], size: Vec3A) -> Vec<Place> {
+    let scale = 1.0 / size.as_dvec3();
+    let code = |leaf: &Bvh2Node| morton_encode_u64_unorm(leaf.aabb().center().as_dvec3() * scale);
+    let numbers = (0..leaves.len() as u32).into_par_iter();
+    let places = leaves.par_iter().with_min_len(FEW).zip(numbers).map(|(leaf, number)| (code(leaf), number));
+    let mut order: Vec<Place> = places.collect();
+    // No two places are equal, so both sorts give the same order. On one thread, the first takes half of the time.
+    if rayon::current_num_threads() == 1 {
+        order.sort_unstable();
+    } else {
+        order.par_sort_unstable();
+    }
+    order
 }
 
 /// Returns a balanced binary tree. Each node is split at the median along the axis on which the centres differ most.
@@ -73,21 +90,10 @@ struct Groups {
 }
 
 impl Groups {
-    /// Partitions the items; `None` if no cell is crowded.
-    fn new(leaves: &[Bvh2Node]) -> Option<Self> {
-        // The cell of a centre, with 21 bits per axis.
-        let cell = |leaf: &Bvh2Node| {
-            let [x, y, z] = (centre(leaf) * CELLS).as_uvec3().to_array().map(u64::from);
-            x << 42 | y << 21 | z
-        };
-        if !is_crowded(leaves.par_iter().with_min_len(FEW).map(cell)) {
-            return None;
-        }
-        let mut cells: Vec<(u64, u32)> = leaves.iter().map(cell).zip(0..).collect();
-        cells.par_sort_unstable();
-        let mut starts = Vec::with_capacity(leaves.len() + 1);
+    fn new(order: Vec<Place>) -> Self {
+        let mut starts = Vec::with_capacity(order.len() + 1);
         let mut start = 0;
-        for crowd in cells.chunk_by(|a, b| a.0 == b.0) {
+        for crowd in order.chunk_by(|&a, &b| cell(a) == cell(b)) {
             let count = crowd.len() as u32;
             if count as usize > CROWD {
                 starts.push(start);
@@ -97,7 +103,7 @@ impl Groups {
             start += count;
         }
         starts.push(start);
-        Some(Self { members: cells.into_iter().map(|(_, number)| number).collect(), starts })
+        Self { members: order.into_iter().map(|(_, number)| number).collect(), starts }
     }
 
     fn len(&self) -> usize {
@@ -116,39 +122,9 @@ impl Groups {
     }
 }
 
-/// Returns true if a value occurs more than [`CROWD`] times in `cells`. Only values whose hash occurs that often are
-/// sorted, since sorting all would take longer than the rest of this module.
-fn is_crowded(cells: impl IndexedParallelIterator<Item = u64> + Clone) -> bool {
-    let bits = (2 * cells.len()).next_power_of_two().trailing_zeros().max(1);
-    // The finalizer of SplitMix64 [Steele, Lea and Flood 2014, figure 16]. With less mixing, cells of regular grids
-    // would collide.
-    let slot = |cell: u64| {
-        let mixed = (cell ^ cell >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (mixed >> (64 - bits)) as usize
-    };
-    // The number of cells with each hash, up to one more than a crowd's limit.
-    let counts: Vec<AtomicU8> = std::iter::repeat_with(AtomicU8::default).take(1 << bits).collect();
-    let exceeds = |cell: u64| {
-        let more = |count: u8| (usize::from(count) <= CROWD).then_some(count + 1);
-        counts[slot(cell)].fetch_update(Relaxed, Relaxed, more).map_or(true, |count| usize::from(count) == CROWD)
-    };
-    if !cells.clone().fold(|| false, |any, cell| any | exceeds(cell)).reduce(|| false, |a, b| a | b) {
-        return false;
-    }
-    let suspect = |&cell: &u64| usize::from(counts[slot(cell)].load(Relaxed)) > CROWD;
-    let mut suspects: Vec<u64> = cells.filter(suspect).collect();
-    suspects.par_sort_unstable();
-    suspects.chunk_by(|a, b| a == b).any(|equal| equal.len() > CROWD)
-}
-
 /// Builds obvhs's tree (PLOC, then reinsertion) over these leaves.
-fn obvhs_tree(leaves: Vec<Bvh2Node>, params: BvhBuildParams, cells: MortonCells) -> Vec<Bvh2Node> {
-    let boxes = leaves.par_iter().with_min_len(FEW).map(|leaf| *leaf.aabb());
-    let Some(mut all) = boxes.reduce_with(|a, b| a.union(&b)) else { return leaves };
-    if cells == MortonCells::Cubes {
-        all.max = all.min + (all.max - all.min).max_element();
-    }
+fn obvhs_tree(leaves: Vec<Bvh2Node>, params: BvhBuildParams, size: Vec3A) -> Vec<Bvh2Node> {
+    let all = Aabb::new(Vec3A::ZERO, size);
     let mut tree = Bvh2::zeroed(leaves.len());
     // The leaves are moved into the builder, since `PlocBuilder::build` would copy them.
     let mut builder = PlocBuilder::with_capacity(leaves.len());
@@ -212,19 +188,4 @@ fn centre(leaf: &Bvh2Node) -> Vec3A {
 fn around(leaves: &[Bvh2Node], numbers: &[u32]) -> Aabb {
     let first = *leaves[numbers[0] as usize].aabb();
     numbers[1..].iter().fold(first, |sum, &number| sum.union(leaves[number as usize].aabb()))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Two triangles of each square share a cell: no crowd, though weaker hashes would report one.
-    #[test]
-    fn only_crowded_cells_are_detected() {
-        let grid = (0..512_u64).flat_map(|x| (0..512_u64).flat_map(move |z| [x << 53 | z << 11; 2]));
-        let crowded = |cells: Vec<u64>| is_crowded(cells.into_par_iter());
-        assert!(!crowded(grid.clone().collect()));
-        assert!(!crowded(grid.clone().chain([5 << 53 | 7 << 11; CROWD - 2]).collect()));
-        assert!(crowded(grid.chain([5 << 53 | 7 << 11; CROWD - 1]).collect()));
-    }
 }
