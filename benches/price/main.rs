@@ -2,7 +2,7 @@
 //!
 //! `cargo bench --bench price` takes two or three minutes, on a machine that does nothing else. Arguments after `--`:
 //!
-//! * `--quick`: takes seconds; failures are exact, prices are rough;
+//! * `--quick` or `--test`: takes seconds; failures are exact, prices are rough;
 //! * `--json`: one line of JSON rather than a table;
 //! * `--overflow-checks WITH WITHOUT`: two builds of `dapple`, with overflow checks and without; adds their price.
 
@@ -35,8 +35,8 @@ fn main() -> ExitCode {
 fn run(arguments: &[String]) -> Result<String, Error> {
     let clock = Instant::now();
     let has = |name: &str| arguments.iter().any(|argument| argument == name);
-    // `cargo test --benches` runs each bench once, without `--bench`.
-    let quick = has("--quick") || !has("--bench");
+    // `cargo test --benches` runs each bench once, without `--bench`; `cargo bench -- --test` asks for the same.
+    let quick = has("--quick") || has("--test") || !has("--bench");
     let effort = if quick { Effort::Quick } else { Effort::Full };
     let mut onlooker = |name: &str| eprintln!("measuring: {name}");
     let programs = arguments.iter().position(|argument| argument == "--overflow-checks");
