@@ -17,7 +17,7 @@ pub enum JobError {
     #[error(transparent)]
     Spec(#[from] SpecError),
     /// A scene name that is neither the path of a file nor the name of a bundled scene.
-    #[error("{name}: there is no such file, and no such bundled scene; the bundled scenes are {}", bundled::names().join(", "))]
+    #[error("{name}: there is no such file, and no such bundled scene; {} bundled scenes are {}", meant(name), bundled::names().join(", "))]
     NoScene {
         /// The name of the scene.
         name: String,
@@ -114,6 +114,12 @@ pub enum JobError {
     /// Image files that cannot be written: one message per file.
     #[error("{}", .0.join("\n"))]
     Files(Vec<String>),
+}
+
+/// The suggestion of a bundled scene for a name, up to the list of all.
+fn meant(name: &str) -> String {
+    let nearest = dapple_core::nearest_name(name, bundled::names().iter().copied());
+    nearest.map_or_else(|| "the".to_owned(), |known| format!("did you mean \"{known}\"? The"))
 }
 
 fn list(effects: &[Effect]) -> String {
