@@ -158,7 +158,7 @@ impl<'a> Materials<'a> {
 
     /// A surface that transmits no light: diffuse, glossy and metallic parts, and a clear coat.
     fn opaque(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>, look: &Look) -> MaterialKind {
-        let coat = coat(material);
+        let coat = self.coat(scene, material, look);
         let pbr = material.pbr_metallic_roughness();
         let used = pbr.metallic_roughness_texture().map(|info| Use::of(&info));
         let metallic = self.images.number(scene, used, Part::Channel(2), share(pbr.metallic_factor()));
@@ -174,6 +174,22 @@ impl<'a> Materials<'a> {
             }
             _ => MaterialKind::Layered { base: look.base, metallic, normal, grazing, roughness, coat },
         }
+    }
+
+    /// The clear coat of a material. Its textures are left out, with a notice.
+    fn coat(&self, scene: &mut Scene, material: &GltfMaterial<'_>, look: &Look) -> Option<ClearCoat> {
+        let coat = material.extension_value("KHR_materials_clearcoat")?;
+        let number = |key: &str| share(coat.get(key).and_then(serde_json::Value::as_f64).unwrap_or(0.0) as f32);
+        let (amount, rough) = (number("clearcoatFactor"), number("clearcoatRoughnessFactor"));
+        if amount == 0.0 {
+            return None;
+        }
+        let textures = ["clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture"];
+        if textures.iter().any(|key| coat.get(key).is_some()) {
+            let message = format!("{}: the textures of its clear coat are left out", look.name);
+            scene.notices.push(Notice::warning(self.source.clone(), message));
+        }
+        Some(ClearCoat { amount, alpha: rough * rough })
     }
 
     /// The Fresnel reflectance of a dielectric material along the normal, and at grazing angles.
@@ -247,6 +263,10 @@ impl<'a> Materials<'a> {
     /// The medium inside a material with a volume, from the colour that light has left after the attenuation distance.
     fn medium(&self, scene: &mut Scene, material: &GltfMaterial<'_>, name: &str) -> Option<MediumInterface> {
         let volume = material.volume().filter(|volume| volume.thickness_factor() > 0.0)?;
+        if volume.thickness_texture().is_some() {
+            let message = format!("{name}: its texture of thickness is left out; light goes through the mesh as it is");
+            scene.notices.push(Notice::warning(self.source.clone(), message));
+        }
         let distance = volume.attenuation_distance();
         let absorption = volume.attenuation_color().map(|c| -libm::logf(c.clamp(1e-6, 1.0)) / distance);
         let absorbs = distance > 0.0 && distance.is_finite() && absorption.iter().any(|a| *a > 0.0);
@@ -283,14 +303,6 @@ impl<'a> Materials<'a> {
         };
         groups.into_values().map(part).collect()
     }
-}
-
-/// The clear coat of a material.
-fn coat(material: &GltfMaterial<'_>) -> Option<ClearCoat> {
-    let coat = material.extension_value("KHR_materials_clearcoat")?;
-    let number = |key: &str| share(coat.get(key).and_then(serde_json::Value::as_f64).unwrap_or(0.0) as f32);
-    let (amount, rough) = (number("clearcoatFactor"), number("clearcoatRoughnessFactor"));
-    (amount > 0.0).then_some(ClearCoat { amount, alpha: rough * rough })
 }
 
 /// Glass: a solid body, or a pane if the file states no volume and the glass is clear and smooth.

@@ -1,5 +1,7 @@
 //! glTF files: the scenes that they make, and the errors of broken ones.
 
+#![allow(clippy::print_stderr, reason = "tests say when they skip")]
+
 use base64::Engine;
 use dapple_scene::{
     AnyOptions, ClearCoat, Color, Geometry, LightKind, Material, MaterialKind, Projection, ReadError, Scalar, Scene,
@@ -250,6 +252,122 @@ fn what_is_left_out_is_named_once() {
     let count = |what: &str| said.iter().filter(|notice| notice.contains(what)).count();
     for what in ["\"KHR_materials_sheen\" is left out", "missing.png", "vertex colours are left out"] {
         assert_eq!(count(what), 1, "{what}: {said:?}");
+    }
+}
+
+#[test]
+fn textures_of_coats_and_of_thickness_are_left_out_by_name() {
+    let material = |with_textures: bool| {
+        let mut coat = json!({"clearcoatFactor": 0.5});
+        let mut volume = json!({"thicknessFactor": 1, "attenuationDistance": 2, "attenuationColor": [1, 0.5, 1]});
+        if with_textures {
+            coat["clearcoatRoughnessTexture"] = json!({"index": 0});
+            volume["thicknessTexture"] = json!({"index": 0});
+        }
+        let document = json!({"name": "car", "pbrMetallicRoughness": {"metallicFactor": 0},
+            "extensions": {"KHR_materials_clearcoat": coat, "KHR_materials_volume": volume,
+                "KHR_materials_transmission": {"transmissionFactor": 0.5}}});
+        notices(&read(&with_material(document)).unwrap())
+    };
+    let said = material(true);
+    assert_eq!(said.len(), 2, "{said:?}");
+    for what in
+        ["material 0 \"car\": the textures of its clear coat are", "material 0 \"car\": its texture of thickness is"]
+    {
+        assert!(said.iter().any(|notice| notice.starts_with(what)), "{what}: {said:?}");
+    }
+    assert!(material(false).is_empty());
+}
+
+#[test]
+fn blended_opacity_is_the_textures_times_the_factor() {
+    let scene = read(&with_material(json!({"alphaMode": "BLEND",
+        "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.5], "baseColorTexture": {"index": 0}}})))
+    .unwrap();
+    assert!(scene.notices.is_empty(), "{:?}", notices(&scene));
+    let Some(Scalar::Texture(id)) = scene.shapes[0].alpha else { panic!("{:?}", scene.shapes[0].alpha) };
+    let TextureKind::Image { image, factor, .. } = &scene.textures[id.0 as usize].kind else { panic!("an image") };
+    assert_eq!((image.pixels[0][0], *factor), (1.0, 0.5));
+    assert!((image.pixels[1][0] - 64.0 / 255.0).abs() < 1e-6, "the alpha of the second pixel");
+    let even = |mode: &str| {
+        let material = json!({"alphaMode": mode, "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.25]}});
+        read(&with_material(material)).unwrap().shapes[0].alpha
+    };
+    assert_eq!(even("BLEND"), Some(Scalar::Constant(0.25)));
+    assert_eq!(even("OPAQUE"), None);
+}
+
+#[test]
+fn unlit_surfaces_are_matte() {
+    let scene = read(&with_material(json!({"extensions": {"KHR_materials_unlit": {}},
+        "pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.25, 0.125, 1], "metallicFactor": 0}})))
+    .unwrap();
+    let color = Color::Constant([0.5, 0.25, 0.125]);
+    assert!(matches!(material(&scene).kind, MaterialKind::Diffuse { reflectance } if reflectance == color));
+}
+
+#[test]
+fn specular_and_glossiness_become_a_coated_surface() {
+    let read_old = |old: Value| {
+        let document = json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": old}});
+        let scene = read(&with_material(document)).unwrap();
+        assert!(scene.notices.is_empty(), "{:?}", notices(&scene));
+        scene
+    };
+    let scene = read_old(json!({"diffuseFactor": [0.5, 0.25, 0.125, 1], "specularFactor": [0.25, 0.125, 0.0625],
+        "glossinessFactor": 0.75}));
+    let MaterialKind::Substrate { diffuse, specular, roughness } = material(&scene).kind else {
+        panic!("{:?}", material(&scene).kind)
+    };
+    assert_eq!(diffuse, Color::Constant([0.5, 0.25, 0.125]));
+    assert_eq!(specular, Color::Constant([0.25, 0.125, 0.0625]));
+    assert_eq!(roughness.constants(), Some([0.0625; 2]), "alpha is the square of 1 minus the glossiness");
+    let scene = read_old(json!({"glossinessFactor": 0.5, "specularGlossinessTexture": {"index": 0}}));
+    let MaterialKind::Substrate { roughness, .. } = material(&scene).kind else { panic!("as above") };
+    let Scalar::Texture(id) = roughness.u else { panic!("{roughness:?}") };
+    let TextureKind::Image { image, .. } = &scene.textures[id.0 as usize].kind else { panic!("an image") };
+    assert_eq!(image.pixels[0][0], 0.25, "an alpha of 1 times 0.5 is the glossiness");
+}
+
+#[test]
+fn orthographic_cameras_show_their_magnification() {
+    let mut document = bare();
+    document["cameras"] =
+        json!([{"type": "orthographic", "orthographic": {"xmag": 3, "ymag": 1.5, "znear": 0, "zfar": 9}}]);
+    document["nodes"] = json!([{"mesh": 0}, {"camera": 0, "translation": [0, 0, 5]}]);
+    document["scenes"] = json!([{"nodes": [0, 1]}]);
+    let scene = read(&document).unwrap();
+    assert!(matches!(scene.camera.projection, Projection::Orthographic), "{:?}", scene.camera.projection);
+    // pbrt's order: least x, largest x, least y, largest y. The magnifications are half of the width and of the height.
+    assert_eq!(scene.camera.screen_window, Some([-3.0, 3.0, -1.5, 1.5]));
+    assert_eq!(scene.film.resolution, [1440, 720]);
+    document["cameras"][0]["orthographic"]["xmag"] = json!(0);
+    let message = read(&document).map(|_| ()).unwrap_err().to_string();
+    assert!(message.contains("camera 0: its angle of view is invalid"), "{message}");
+}
+
+/// Files of Khronos and Bevy: their triangles, lamps and materials, and the names of what is left out.
+#[test]
+fn shared_files_are_read() {
+    let beside = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/scenes"));
+    let folder = std::env::var_os("DAPPLE_SCENES").map_or(beside, PathBuf::from).join("gltf");
+    // A file's name, and its numbers of triangles, of shining shapes, and of textures.
+    for (name, expected, left_out) in [
+        ("BoxTextured/glTF-Binary/BoxTextured.glb", [12, 0, 1], vec![]),
+        ("Suzanne/glTF/Suzanne.gltf", [3936, 0, 3], vec![]),
+        ("bevy/CornellBox/CornellBox.glb", [36, 1, 0], vec!["mesh 0 \"Light\", part 0: vertex colours are left out"]),
+    ] {
+        let path = folder.join(name);
+        if !path.exists() {
+            eprintln!("skipped: {} is not there", path.display());
+            continue;
+        }
+        let scene = dapple_scene::read_any(&path, &AnyOptions::default()).unwrap();
+        let count = |geometry: &Geometry| if let Geometry::Mesh(mesh) = geometry { mesh.triangles.len() } else { 0 };
+        let triangles = scene.shapes.iter().map(|shape| count(&shape.geometry)).sum();
+        let shining = scene.shapes.iter().filter(|shape| shape.emission.is_some()).count();
+        assert_eq!([triangles, shining, scene.textures.len()], expected, "{name}");
+        assert_eq!(notices(&scene), left_out, "{name}");
     }
 }
 
