@@ -28,19 +28,23 @@ pub(crate) fn say(kind: &str, line: &str) {
     }
 }
 
-/// The terminal's code for the colour of a kind of line. `None` without a terminal, in a terminal without colours, and
-/// if the environment variable `NO_COLOR` is set (<https://no-color.org>).
+/// The terminal's code for the colour of a kind of line. `None` without a terminal, and in a terminal without colours.
+///
+/// The environment variable `NO_COLOR` refuses colours (<https://no-color.org>), `CLICOLOR_FORCE` demands them
+/// (<https://bixense.com/clicolors>), as clap has it for errors in arguments.
 fn colour(kind: &str) -> Option<u8> {
     let code = match kind {
         "error" => 31,
         "warning" => 33,
         _ => return None,
     };
-    let refused = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty())
-        || std::env::var_os("TERM").is_some_and(|term| term == "dumb")
+    let is_set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty() && value != "0");
+    let is_capable = std::env::var_os("TERM").is_none_or(|term| term != "dumb")
         // Older consoles of Windows print the codes as they are.
-        || cfg!(windows);
-    (!refused && io::stderr().is_terminal()).then_some(code)
+        && !cfg!(windows)
+        && io::stderr().is_terminal();
+    let refused = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+    (!refused && (is_capable || is_set("CLICOLOR_FORCE"))).then_some(code)
 }
 
 /// Writes a warning to stderr.

@@ -1,4 +1,6 @@
-//! Messages for wrong arguments and broken scenes, word for word, and the time until they appear.
+//! Messages for wrong arguments and broken scenes, word for word, the time until they appear, and their colours.
+
+#![allow(clippy::print_stderr, reason = "tests say when they skip")]
 
 mod common;
 
@@ -131,6 +133,9 @@ fn scenes_that_cannot_be_rendered_say_why() {
         ("missing.pbrt", missing.as_str()),
         (".", "error: .: cannot read .: not a regular file; check the name and that the file is there\n"),
     ];
+    // A name with a slip leads to the nearest scene.
+    let said = folder.run("render teapto");
+    assert!(said.err.contains("; did you mean \"teapot\"? The bundled scenes are teapot, "), "{}", said.err);
     for command in ["render", "info"] {
         for (scene, expected) in golden {
             let said = folder.run(&format!("{command} {scene}"));
@@ -207,4 +212,56 @@ fn lists_and_info_are_for_reading() {
     }
     let help = folder.done("render --help");
     assert!(help.contains("Examples:\n  dapple render\n"), "{help}");
+}
+
+/// The line of a kind, and the codes that colour it.
+const COLOURS: [(&str, &str); 2] =
+    [("error: ", "\x1b[1;31merror:\x1b[0m "), ("warning: ", "\x1b[1;33mwarning:\x1b[0m ")];
+
+#[test]
+fn errors_and_warnings_are_coloured_on_request() {
+    let folder = Folder::new();
+    std::fs::write(folder.path("odd.pbrt"), TINY.to_owned() + "Shape \"cone\"\n").expect("written");
+    let said = |words: &str, environment: &[(&str, &str)]| {
+        let mut command = folder.command(words);
+        ["NO_COLOR", "CLICOLOR_FORCE"].iter().for_each(|name| drop(command.env_remove(name)));
+        let output = command.envs(environment.iter().copied()).output().expect("the program starts");
+        String::from_utf8(output.stderr).expect("UTF-8")
+    };
+    let cases = ["render odd.pbrt --spp 1", "render odd.pbrt --spp 1 --allow-unsupported -o odd.pfm"];
+    for ((plain, coloured), words) in COLOURS.into_iter().zip(cases) {
+        let forced = said(words, &[("CLICOLOR_FORCE", "1")]);
+        assert!(forced.starts_with(coloured), "{forced:?}");
+        for environment in
+            [&[][..], &[("CLICOLOR_FORCE", "0")], &[("CLICOLOR_FORCE", "1"), ("NO_COLOR", "1")], &[("NO_COLOR", "1")]]
+        {
+            let err = said(words, environment);
+            assert!(err.starts_with(plain) && !err.contains('\x1b'), "{environment:?}: {err:?}");
+        }
+    }
+}
+
+/// A terminal of util-linux's `script`, whose bytes come back as output.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_terminal_gets_colours_and_a_bar() {
+    let folder = Folder::new();
+    std::fs::write(folder.path("odd.pbrt"), TINY.to_owned() + "Shape \"cone\"\n").expect("written");
+    let program = env!("CARGO_BIN_EXE_dapple");
+    let on_terminal = |words: &str, terminal: &str| {
+        let line = format!("stty cols 100 rows 30; exec {program} {words}");
+        let mut command = std::process::Command::new("script");
+        command.args(["-q", "-e", "-c", &line, "/dev/null"]).current_dir(folder.path(""));
+        ["NO_COLOR", "CLICOLOR_FORCE"].iter().for_each(|name| drop(command.env_remove(name)));
+        let run = command.env("TERM", terminal).stdin(std::process::Stdio::null()).output();
+        run.map(|output| String::from_utf8_lossy(&output.stdout).into_owned())
+    };
+    let words = "render odd.pbrt --spp 512 --resolution 200x150 --allow-unsupported -o odd.pfm";
+    let Ok(shown) = on_terminal(words, "xterm-256color") else {
+        eprintln!("skipped: util-linux's script is not installed");
+        return;
+    };
+    assert!(shown.contains(COLOURS[1].1) && shown.contains(" spp, "), "{shown:?}");
+    let bare = on_terminal(words, "dumb").expect("as before");
+    assert!(bare.contains("warning: ") && !bare.contains(COLOURS[1].1), "{bare:?}");
 }
