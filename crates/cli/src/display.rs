@@ -91,14 +91,20 @@ fn style(bar: &ProgressBar, template: &str) {
     }
 }
 
-/// A thread that prints the latest message at intervals.
+/// A thread that prints the latest message at intervals. A message that stands for longer than the interval is printed at
+/// least once.
 pub(crate) struct Lines {
     state: Arc<(Mutex<State>, Condvar)>,
+    every: Duration,
+    began: Instant,
     thread: Option<JoinHandle<()>>,
 }
 
 struct State {
     message: String,
+    /// The time at which the message was set.
+    set: Instant,
+    is_printed: bool,
     /// True for a message that gets the seconds of its phase.
     is_phase: bool,
     since: Instant,
@@ -108,24 +114,45 @@ struct State {
 impl Lines {
     /// Starts the thread; `None` if the system refuses one.
     fn start(every: Duration) -> Option<Self> {
-        let state = State { message: "starting".into(), is_phase: true, since: Instant::now(), is_over: false };
+        let began = Instant::now();
+        let message = "starting".into();
+        let state = State { message, set: began, is_printed: false, is_phase: true, since: began, is_over: false };
         let state = Arc::new((Mutex::new(state), Condvar::new()));
         let shared = state.clone();
-        let thread = std::thread::Builder::new().name("progress".into()).spawn(move || print(&shared, every)).ok()?;
-        Some(Self { state, thread: Some(thread) })
+        let thread = std::thread::Builder::new().name("progress".into());
+        let thread = thread.spawn(move || print(&shared, every, began)).ok()?;
+        Some(Self { state, every, began, thread: Some(thread) })
     }
 
     fn set(&self, message: String, is_phase: bool) {
         let mut state = self.state.0.lock().unwrap_or_else(PoisonError::into_inner);
-        (state.message, state.is_phase) = (message, is_phase);
+        self.print_if_due(&mut state);
+        (state.message, state.set, state.is_printed, state.is_phase) = (message, Instant::now(), false, is_phase);
         if is_phase {
-            state.since = Instant::now();
+            state.since = state.set;
+        }
+    }
+
+    /// Prints a message that has stood for the interval while the thread was late.
+    fn print_if_due(&self, state: &mut State) {
+        if !state.is_printed && state.set.elapsed() >= self.every {
+            state.print(self.began);
         }
     }
 }
 
-fn print((state, changed): &(Mutex<State>, Condvar), every: Duration) {
-    let began = Instant::now();
+impl State {
+    fn print(&mut self, began: Instant) {
+        let mut line = format!("{:.0} s: {}", began.elapsed().as_secs_f64(), self.message);
+        if self.is_phase {
+            line += &format!(", for {:.0} s", self.since.elapsed().as_secs_f64());
+        }
+        output::say("progress", &line);
+        self.is_printed = true;
+    }
+}
+
+fn print((state, changed): &(Mutex<State>, Condvar), every: Duration, began: Instant) {
     let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
     loop {
         let due = Instant::now() + every;
@@ -136,17 +163,16 @@ fn print((state, changed): &(Mutex<State>, Condvar), every: Duration) {
         if state.is_over {
             return;
         }
-        let mut line = format!("{:.0} s: {}", began.elapsed().as_secs_f64(), state.message);
-        if state.is_phase {
-            line += &format!(", for {:.0} s", state.since.elapsed().as_secs_f64());
-        }
-        output::say("progress", &line);
+        state.print(began);
     }
 }
 
 impl Drop for Lines {
     fn drop(&mut self) {
-        self.state.0.lock().unwrap_or_else(PoisonError::into_inner).is_over = true;
+        let mut state = self.state.0.lock().unwrap_or_else(PoisonError::into_inner);
+        self.print_if_due(&mut state);
+        state.is_over = true;
+        drop(state);
         self.state.1.notify_all();
         // The thread ends by itself; a panic in it only costs progress lines.
         let _ = self.thread.take().map(JoinHandle::join);
