@@ -177,6 +177,50 @@ fn plain_lines_name_the_phases_and_the_error() {
     }
 }
 
+/// Each phase is named, in this order. Every message that stands for longer than a nanosecond is printed.
+#[test]
+fn plain_lines_name_every_phase_in_order() {
+    let folder = Folder::new();
+    let said =
+        folder.run("render tiny.pbrt --spp 32 --resolution 96x64 --progress-every 1e-6 --sampler adaptive -o a.pfm");
+    assert_eq!(said.status, Some(0), "{}", said.err);
+    let phases = [
+        "reading, for ",
+        "building, for ",
+        "preparing the methods, for ",
+        "%, pilot, ",
+        "%, round ",
+        "filter, for ",
+        "writing, for ",
+    ];
+    let mut lines = said.err.lines();
+    for phase in phases {
+        assert!(lines.any(|line| line.starts_with("progress: ") && line.contains(phase)), "{phase}: {}", said.err);
+    }
+}
+
+/// A file that is rewritten while the render goes on, complete at each moment.
+#[test]
+fn a_preview_changes_while_rendering() {
+    let folder = Folder::new();
+    let words = "render cornell --resolution 160x120 --time 3 --preview p.png --preview-every 0.05 -o a.png -q";
+    let mut child = folder.command(words).spawn().expect("it starts");
+    let mut seen: Vec<Vec<u8>> = Vec::new();
+    while child.try_wait().expect("a status").is_none() {
+        if let Ok(bytes) = std::fs::read(folder.path("p.png"))
+            && seen.last() != Some(&bytes)
+        {
+            assert!(bytes.starts_with(b"\x89PNG\r\n\x1a\n") && bytes.ends_with(b"IEND\xaeB`\x82"), "{}", bytes.len());
+            seen.push(bytes);
+        }
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    assert!(child.wait().expect("a status").success());
+    assert!(seen.len() >= 3, "{} images of a render of 3 s", seen.len());
+    let last = folder.read("a.png");
+    assert!(folder.read("p.png") == last && seen[0] != last, "the last preview is the image, the first is not");
+}
+
 #[test]
 fn outputs_replace_neither_inputs_nor_each_other() {
     let folder = Folder::new();
@@ -204,6 +248,48 @@ fn outputs_replace_neither_inputs_nor_each_other() {
         assert_eq!(folder.read("tiny.pbrt"), scene, "{words}");
         assert!(!folder.path("new.pfm").exists(), "{words}");
     }
+}
+
+/// Whatever a scene reads is kept: its texture, its mesh, the description, and files under another name.
+#[test]
+fn textures_meshes_and_specs_are_never_written_over() {
+    let folder = Folder::new();
+    folder.done("render tiny.pbrt --spp 1 --filter none -o texture.exr -o texture.png -o texture.pfm");
+    let mesh = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    std::fs::write(folder.path("mesh.png"), mesh).expect("written");
+    let more = ["png", "pfm", "exr"].map(|kind| {
+        format!("Texture \"{kind}\" \"spectrum\" \"imagemap\" \"string filename\" \"texture.{kind}\"\nMaterial \"diffuse\" \"texture reflectance\" \"{kind}\"\nShape \"sphere\"\n")
+    });
+    let scene = common::TINY.to_owned() + &more.concat() + "Shape \"plymesh\" \"string filename\" \"mesh.png\"\n";
+    std::fs::write(folder.path("all.pbrt"), scene).expect("written");
+    std::fs::write(folder.path("spec.png"), r#"{"version":1,"scene":"all.pbrt"}"#).expect("written");
+    std::fs::create_dir(folder.path("maps")).expect("a folder");
+    for (new, old) in [("hard.png", "texture.png"), ("scene.png", "all.pbrt"), ("maps/albedo.png", "mesh.png")] {
+        std::fs::hard_link(folder.path(old), folder.path(new)).expect("a link");
+    }
+    let before: Vec<_> = folder.names().into_iter().filter(|n| n != "maps").map(|n| (folder.read(&n), n)).collect();
+    let cases = [
+        ("all.pbrt -o texture.exr", "--output texture.exr: the scene reads this file (texture.exr)"),
+        ("all.pbrt -o ./texture.pfm", "--output ./texture.pfm: the scene reads this file (texture.pfm)"),
+        ("all.pbrt -o mesh.png", "--output mesh.png: the scene reads this file (mesh.png)"),
+        ("all.pbrt -o hard.png", "--output hard.png: the scene reads this file (texture.png)"),
+        ("all.pbrt -o scene.png", "--output scene.png: the scene reads this file (all.pbrt)"),
+        ("all.pbrt -o a.png --preview hard.png", "--preview hard.png: the scene reads this file (texture.png)"),
+        ("all.pbrt -o a.png --checkpoint mesh.png", "mesh.png"),
+        ("all.pbrt -o a.pfm --maps maps", "--maps maps/albedo.png: the scene reads this file (mesh.png)"),
+        ("--spec spec.png -o spec.png", "--output spec.png: --spec reads this file (spec.png)"),
+        ("--spec spec.png -o texture.png", "--output texture.png: the scene reads this file (texture.png)"),
+    ];
+    for (words, message) in cases {
+        let said = folder.run(&format!("render {words}"));
+        assert_eq!(said.status, Some(1), "{words}: {}", said.err);
+        assert!(said.err.contains(message), "{words}: {}", said.err);
+        assert!(before.iter().all(|(bytes, name)| *bytes == folder.read(name)), "{words}");
+        assert!(!folder.path("a.png").exists() && !folder.path("a.pfm").exists(), "{words}");
+    }
+    // The control: beside them, everything is written.
+    folder.done("render all.pbrt --spp 1 -o a.png");
 }
 
 /// Files that never end and files that may not grow are errors, not hangs or signals.
