@@ -85,3 +85,30 @@ fn a_lamp_without_area_is_named() {
         "{said}"
     );
 }
+
+/// Formats of others are known by their content, under any name, and lead to a converter.
+#[test]
+fn other_formats_are_refused_with_what_converts_them() {
+    let folder = Folder::new();
+    for (name, text, message) in [
+        (
+            "a.usda",
+            "#usda 1.0\ndef Xform \"a\" {}\n",
+            "USD files are not supported; open it in Blender and export glTF",
+        ),
+        ("b.pbrt", "PXR-USDC\0\0", "USD files are not supported; open it in Blender and export glTF"),
+        ("c.xml", "<scene version=\"3.0.0\"></scene>\n", "Mitsuba XML files are not supported; import it into Blender"),
+        (
+            "d.obj",
+            "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+            "OFF files are not supported; convert it by `assimp export",
+        ),
+    ] {
+        std::fs::write(folder.path(name), text).expect("written");
+        for command in ["info", "render"] {
+            let run = folder.run(&format!("{command} {name}"));
+            assert_eq!(run.status, Some(1), "{name}: {}", run.err);
+            assert!(run.err.starts_with(&format!("error: {name}: {message}")), "{}", run.err);
+        }
+    }
+}
