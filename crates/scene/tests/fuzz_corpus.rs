@@ -213,3 +213,78 @@ fn readers_survive_seeds_and_damaged_seeds_i01() {
     eprintln!("slowest input: {slowest:?} (at most {MOST:?} is asked for)");
     assert!(slowest < 10 * MOST, "{slowest:?}");
 }
+
+/// Ten minutes of damaged glTF files, those of the scenes of others included, without a panic or a slow file.
+///
+/// A stand-in for cargo-fuzz, without its guidance by coverage: each input that was read goes on to be damaged further.
+#[test]
+#[ignore = "ten minutes: cargo test -p dapple-scene --test fuzz_corpus -- --ignored --nocapture"]
+fn gltf_survives_ten_minutes_of_damage() {
+    let mut pool: Vec<Vec<u8>> = seeds().into_iter().filter(|seed| seed.0 == "gltf").map(|seed| seed.2).collect();
+    let beside = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/scenes"));
+    let scenes = std::env::var_os("DAPPLE_SCENES").map_or(beside, PathBuf::from).join("gltf");
+    let shared = ["BoxTextured/glTF-Binary/BoxTextured.glb", "bevy/CornellBox/CornellBox.glb"];
+    for path in shared.map(|name| scenes.join(name)) {
+        match std::fs::read(&path) {
+            Ok(bytes) => pool.push(bytes),
+            Err(_) => eprintln!("skipped: {} is not there", path.display()),
+        }
+    }
+    let first = pool.len();
+    let mut random = rand_pcg::Pcg64::seed_from_u64(600);
+    let (began, mut slowest, mut inputs, mut read) = (Instant::now(), Duration::ZERO, 0_u64, 0_u64);
+    while began.elapsed() < Duration::from_secs(600) {
+        let mut bytes = pool[random.random_range(0..pool.len())].clone();
+        let other = pool[random.random_range(0..pool.len())].clone();
+        (0..random.random_range(1..4)).for_each(|_| damage(&mut bytes, &other, &mut random));
+        let start = Instant::now();
+        targets::gltf(&bytes);
+        slowest = slowest.max(start.elapsed());
+        inputs += 1;
+        let files: &[(&str, &[u8])] = &[("m.gltf", &bytes), ("p.png", &bytes)];
+        if inputs % 8 == 0 && dapple_scene::read_any_from(files, "m.gltf", &Default::default()).is_ok() {
+            read += 1;
+            // What is read replaces an earlier descendant, so that damage adds up, and the first files stay.
+            if pool.len() < 256 {
+                pool.push(bytes);
+            } else {
+                let at = random.random_range(first..pool.len());
+                pool[at] = bytes;
+            }
+        }
+    }
+    eprintln!("{inputs} inputs in 600 s, slowest {slowest:?}; of every eighth, {read} could be read");
+    assert!(read > inputs / 8 / 20, "too few files are read for their contents to be tried: {read}");
+    assert!(slowest < Duration::from_secs(10), "{slowest:?}");
+}
+
+/// One damage: a bit, a byte, a number, a lost or doubled piece, or a piece of another file.
+fn damage(bytes: &mut Vec<u8>, other: &[u8], random: &mut rand_pcg::Pcg64) {
+    const NUMBERS: [&str; 12] =
+        ["0", "-1", "1", "2", "3", "1e39", "-1e-30", "0.5", "255", "65536", "4294967295", "18446744073709551615"];
+    if bytes.is_empty() || other.is_empty() {
+        return;
+    }
+    let at = random.random_range(0..bytes.len());
+    let end = (at + random.random_range(1..32)).min(bytes.len());
+    match random.random_range(0..8) {
+        0 => bytes[at] ^= 1 << random.random_range(0..8),
+        1 => bytes[at] = random.random(),
+        2 => drop(bytes.drain(at..end)),
+        3 => {
+            let piece = bytes[at..end].to_vec();
+            bytes.splice(at..at, piece);
+        }
+        4 => {
+            let from = random.random_range(0..other.len());
+            let to = (from + random.random_range(1..64)).min(other.len());
+            bytes.splice(at..end, other[from..to].iter().copied());
+        }
+        _ => {
+            let digit = |b: &u8| b.is_ascii_digit() || b".-".contains(b);
+            let Some(from) = bytes[at..].iter().position(digit).map(|n| at + n) else { return };
+            let to = bytes[from..].iter().position(|b| !digit(b)).map_or(bytes.len(), |n| from + n);
+            bytes.splice(from..to, NUMBERS[random.random_range(0..NUMBERS.len())].bytes());
+        }
+    }
+}
