@@ -2,9 +2,11 @@
 
     python gltf_cycles.py DAPPLE DIR [FILE...]      needs bpy 4.2 (PyPI), numpy and OpenEXR
 
-Without a camera or a light of its own, a file gets one here, so that both programs read them from the same file. A row of
-spheres of ten materials is made here and is compared as well. For each file, a line per block of 16x16 pixels whose means
-differ by more than 3 %, and the share of blocks that agree.
+Ten spheres of ten materials are made here. They are rendered under three lamps, under the same lamps with Cycles' single
+scattering between microfacets, and inside a white shell, where a surface shows the share of light that it reflects. Each
+FILE is rendered as it is, and with all of its materials made matte. A file without a camera or a light gets one here, so
+that both programs read them from the same file. Prints ratios, Dapple's mean over Cycles': of each sphere, and of blocks
+of 16x16 pixels.
 """
 
 import base64
@@ -17,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-SIZE = (384, 256)
+SIZE = (192, 128)
 BLOCK = 16
-SAMPLES = 512
+SAMPLES = 256
 
 
 def read(path):
@@ -129,11 +131,12 @@ SPHERES = {
 }
 
 
-def spheres():
-    document = {"asset": {"version": "2.0"}, "materials": list(SPHERES.values())}
-    used = {name for m in SPHERES.values() for name in m.get("extensions", {})}
-    document["extensionsUsed"] = sorted(used)
-    rings, around = 48, 96
+EYE, AT, YFOV = np.array([0, 7, 11]), np.array([0, 0.6, 0]), 0.62
+CENTRES = np.array([[2.3 * (k % 5 - 2), 1.0, 2.6 * (k // 5) - 1.0] for k in range(len(SPHERES))])
+
+
+def sphere(rings, around):
+    """Corners and triangles of a sphere of radius 1."""
     angles = [(math.pi * i / rings, 2 * math.pi * j / around) for i in range(rings + 1) for j in range(around + 1)]
     points = [(math.sin(a) * math.cos(b), math.cos(a), math.sin(a) * math.sin(b)) for a, b in angles]
     faces = []
@@ -142,13 +145,46 @@ def spheres():
             a = i * (around + 1) + j
             b = a + around + 1
             faces += [[a, a + 1, b + 1]] * (i > 0) + [[a, b + 1, b]] * (i < rings - 1)
-    for k in range(len(SPHERES)):
+    return points, faces
+
+
+def spheres(in_shell):
+    """Ten spheres on a ground under lamps, or inside a shell that shines evenly."""
+    document = {"asset": {"version": "2.0"}, "materials": list(SPHERES.values())}
+    used = {name for m in SPHERES.values() for name in m.get("extensions", {})}
+    document["extensionsUsed"] = sorted(used)
+    points, faces = sphere(48, 96)
+    for k, centre in enumerate(CENTRES):
         mesh = add_mesh(document, points, points, faces, k)
-        add_node(document, {"mesh": mesh, "translation": [2.3 * (k % 5 - 2), 1.0, 2.6 * (k // 5) - 1.0]})
-    ground(document, 0, 30)
-    add_camera(document, [0, 7, 11], [0, 0.6, 0], 0.62)
-    lit(document, 6)
+        add_node(document, {"mesh": mesh, "translation": centre.tolist()})
+    if in_shell:
+        shining = {"KHR_materials_specular": {"specularFactor": 0.0}}
+        document["materials"].append(material([0, 0, 0], 0, 1, emissiveFactor=[0.5] * 3, doubleSided=True, extensions=shining))
+        points, faces = sphere(8, 16)
+        mesh = add_mesh(document, 60 * np.array(points), None, faces, len(document["materials"]) - 1)
+        add_node(document, {"mesh": mesh})
+    else:
+        ground(document, 0, 30)
+        lit(document, 6)
+    add_camera(document, EYE.tolist(), AT.tolist(), YFOV)
     return document
+
+
+def sphere_of_pixels():
+    """The number of the sphere that each pixel shows; -1 elsewhere and near the edges of spheres."""
+    back = (EYE - AT) / np.linalg.norm(EYE - AT)
+    right = np.cross([0, 1, 0], back)
+    right /= np.linalg.norm(right)
+    up, (width, height) = np.cross(back, right), SIZE
+    x = (2 * (np.arange(width) + 0.5) / width - 1) * math.tan(YFOV / 2) * width / height
+    y = (1 - 2 * (np.arange(height) + 0.5) / height) * math.tan(YFOV / 2)
+    rays = x[None, :, None] * right + y[:, None, None] * up - back
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    along = rays @ (CENTRES - EYE).T
+    beside = np.sqrt(np.maximum(0, ((CENTRES - EYE) ** 2).sum(-1) - along**2))
+    nearest = np.where(beside < 1, along, np.inf).argmin(-1)
+    inside = np.take_along_axis(beside, nearest[..., None], -1)[..., 0] < 0.93
+    return np.where(inside, nearest, -1)
 
 
 def lit(document, size):
@@ -174,7 +210,19 @@ def staged(path):
     return document
 
 
-def by_cycles(file, out):
+def made_matte(document):
+    """The same file with materials that only reflect diffusely, in the same colours."""
+    document = json.loads(json.dumps(document))
+    for thing in document.get("materials", []):
+        pbr = thing.setdefault("pbrMetallicRoughness", {})
+        pbr.pop("metallicRoughnessTexture", None)
+        pbr |= {"metallicFactor": 0, "roughnessFactor": 1}
+        thing["extensions"] = {**thing.get("extensions", {}), "KHR_materials_specular": {"specularFactor": 0.0}}
+    document["extensionsUsed"] = sorted({*document.get("extensionsUsed", []), "KHR_materials_specular"})
+    return document
+
+
+def by_cycles(file, out, distribution="MULTI_GGX"):
     import bpy
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -186,6 +234,9 @@ def by_cycles(file, out):
             lamp.angle = 0
         else:
             lamp.shadow_soft_size = 0  # Blender gives lights of the file a radius.
+    for node in (n for m in bpy.data.materials if m.use_nodes for n in m.node_tree.nodes):
+        if node.type == "BSDF_PRINCIPLED":
+            node.distribution = distribution
     scene.render.engine = "CYCLES"
     cycles = scene.cycles
     cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = SAMPLES, False, False
@@ -208,33 +259,48 @@ def pixels(path):
         return np.stack([np.float64(names[c].pixels) for c in "RGB"], -1)
 
 
-def compare(ours, theirs):
+def compare(name, ours, theirs):
     h, w = (n // BLOCK for n in ours.shape[:2])
     blocks = [i[: h * BLOCK, : w * BLOCK].reshape(h, BLOCK, w, BLOCK, 3).mean((1, 3, 4)) for i in (ours, theirs)]
     dark = 0.01 * blocks[1].mean()
     ratio = (blocks[0] + dark) / (blocks[1] + dark)
-    print(f"  means {ours.mean():.5f} {theirs.mean():.5f}, ratio {ours.mean() / theirs.mean():.4f}")
-    agree = (np.abs(ratio - 1) <= 0.03).mean()
-    print(f"  blocks within 3 %: {100 * agree:.1f} %, ratio: least {ratio.min():.3f}, median {np.median(ratio):.4f}, largest {ratio.max():.3f}")
+    agree = 100 * (np.abs(ratio - 1) <= 0.03).mean()
+    print(f"{name}: mean {ours.mean() / theirs.mean():.4f}; blocks within 3 %: {agree:.1f}, least {ratio.min():.3f}, "
+          f"median {np.median(ratio):.4f}, largest {ratio.max():.3f}", flush=True)  # fmt: skip
     return ratio
+
+
+def by_both(dapple, directory, name, document, distribution="MULTI_GGX"):
+    """Both images of a scene; prints the ratio of blocks."""
+    file = directory / f"{name}.gltf"
+    file.write_text(json.dumps(document))
+    ours, theirs = directory / f"{name}-dapple.exr", directory / f"{name}-cycles.exr"
+    subprocess.run([dapple, "render", str(file), "-o", str(ours), "--resolution", f"{SIZE[0]}x{SIZE[1]}", "--spp", str(SAMPLES),
+                    "--filter", "none", "--sampler", "uniform", "-q"], check=True)  # fmt: skip
+    by_cycles(file, theirs, distribution)
+    ours, theirs = pixels(ours), pixels(theirs)
+    np.savetxt(directory / f"{name}-ratio.txt", compare(name, ours, theirs), fmt="%.3f")
+    return ours, theirs
 
 
 def main():
     dapple, directory, *files = sys.argv[1:]
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    documents = {"spheres": spheres(), **{Path(f).stem: staged(Path(f)) for f in files}}
-    for name, document in documents.items():
-        file = directory / f"{name}.gltf"
-        file.write_text(json.dumps(document))
-        ours, theirs = directory / f"{name}-dapple.exr", directory / f"{name}-cycles.exr"
-        size = f"{SIZE[0]}x{SIZE[1]}"
-        subprocess.run([dapple, "render", str(file), "-o", str(ours), "--resolution", size, "--spp", str(SAMPLES),
-                        "--filter", "none", "--sampler", "uniform", "-q"], check=True)  # fmt: skip
-        by_cycles(file, theirs)
-        print(name)
-        ratio = compare(pixels(ours), pixels(theirs))
-        np.savetxt(directory / f"{name}-ratio.txt", ratio, fmt="%.3f")
+    shown = sphere_of_pixels()
+    for name, in_shell, distribution in [
+        ("lamps", False, "MULTI_GGX"),
+        ("lamps-single-scattering", False, "GGX"),
+        ("shell", True, "MULTI_GGX"),
+    ]:
+        ours, theirs = by_both(dapple, directory, name, spheres(in_shell), distribution)
+        for k, what in enumerate(SPHERES):
+            mask = shown == k
+            print(f"{name}, {what}: {ours[mask].mean() / theirs[mask].mean():.4f}", flush=True)
+    for file in map(Path, files):
+        document = staged(file)
+        by_both(dapple, directory, f"{file.stem}-matte", made_matte(document))
+        by_both(dapple, directory, file.stem, document)
 
 
 if __name__ == "__main__":
