@@ -224,7 +224,7 @@ fn errors_and_warnings_are_coloured_on_request() {
     std::fs::write(folder.path("odd.pbrt"), TINY.to_owned() + "Shape \"cone\"\n").expect("written");
     let said = |words: &str, environment: &[(&str, &str)]| {
         let mut command = folder.command(words);
-        ["NO_COLOR", "CLICOLOR_FORCE"].iter().for_each(|name| drop(command.env_remove(name)));
+        command.env_remove("NO_COLOR").env_remove("CLICOLOR_FORCE");
         let output = command.envs(environment.iter().copied()).output().expect("the program starts");
         String::from_utf8(output.stderr).expect("UTF-8")
     };
@@ -252,11 +252,11 @@ fn a_terminal_gets_colours_and_a_bar() {
         let line = format!("stty cols 100 rows 30; exec {program} {words}");
         let mut command = std::process::Command::new("script");
         command.args(["-q", "-e", "-c", &line, "/dev/null"]).current_dir(folder.path(""));
-        ["NO_COLOR", "CLICOLOR_FORCE"].iter().for_each(|name| drop(command.env_remove(name)));
+        command.env_remove("NO_COLOR").env_remove("CLICOLOR_FORCE");
         let run = command.env("TERM", terminal).stdin(std::process::Stdio::null()).output();
         run.map(|output| String::from_utf8_lossy(&output.stdout).into_owned())
     };
-    let words = "render odd.pbrt --spp 512 --resolution 200x150 --allow-unsupported -o odd.pfm";
+    let words = "render odd.pbrt --time 1 --filter none --resolution 96x64 --allow-unsupported -o odd.pfm";
     let Ok(shown) = on_terminal(words, "xterm-256color") else {
         eprintln!("skipped: util-linux's script is not installed");
         return;

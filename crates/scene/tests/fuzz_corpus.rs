@@ -219,7 +219,7 @@ fn readers_survive_seeds_and_damaged_seeds_i01() {
 /// A stand-in for cargo-fuzz, without its guidance by coverage: each input that was read goes on to be damaged further.
 #[test]
 #[ignore = "ten minutes: cargo test -p dapple-scene --test fuzz_corpus -- --ignored --nocapture"]
-fn gltf_survives_ten_minutes_of_damage() {
+fn gltf_survives_ten_minutes_of_damage_i01() {
     let mut pool: Vec<Vec<u8>> = seeds().into_iter().filter(|seed| seed.0 == "gltf").map(|seed| seed.2).collect();
     let beside = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/scenes"));
     let scenes = std::env::var_os("DAPPLE_SCENES").map_or(beside, PathBuf::from).join("gltf");
