@@ -30,8 +30,8 @@ pub(super) struct Surface {
     pub(super) media: Option<MediumInterface>,
     /// The set of texture coordinates that the material's textures use.
     pub(super) uv_set: u32,
-    /// The image that multiplies the emission.
-    glow: Option<Arc<Image>>,
+    /// The image that multiplies the emission, with the scale and the shift of its coordinates.
+    glow: Option<(Arc<Image>, [[f32; 2]; 2])>,
 }
 
 /// The materials that were read.
@@ -92,8 +92,10 @@ impl<'a> Materials<'a> {
         let shines = radiance.iter().any(|c| *c > 0.0);
         let glow = material.emissive_texture().filter(|_| shines);
         let glow = glow.and_then(|info| {
-            let index = info.texture().source().index();
-            self.images.image(scene, index, Part::Color)
+            let used = Use::of(&info);
+            let image = self.images.image(scene, info.texture().source().index(), Part::Color)?;
+            self.images.check_rotation(scene, &used);
+            Some((image, used.transform()))
         });
         let emission = shines.then_some(Emission { radiance, two_sided: material.double_sided() });
         let alpha = match emission {
@@ -114,7 +116,7 @@ impl<'a> Materials<'a> {
         let pbr = material.pbr_metallic_roughness();
         let infos = [pbr.base_color_texture(), pbr.metallic_roughness_texture(), material.emissive_texture()];
         let mut sets: Vec<u32> = infos.iter().flatten().map(|info| Use::of(info).set).collect();
-        sets.extend(material.normal_texture().map(|normal| normal.tex_coord()));
+        sets.extend(material.normal_texture().map(|normal| Use::of_normals(&normal).set));
         let first = sets.first().copied().unwrap_or(0);
         if sets.iter().any(|set| *set != first) {
             let message = format!("{name}: all of its textures use set {first} of texture coordinates");
@@ -133,7 +135,7 @@ impl<'a> Materials<'a> {
         let alpha = self.images.number(scene, used, Part::Squared(1), rough * rough);
         let roughness = Roughness { u: alpha, v: alpha, remap: false };
         let normal_map = material.normal_texture().and_then(|normal| {
-            let info = Use::new(normal.texture(), normal.tex_coord(), None);
+            let info = Use::of_normals(&normal);
             self.images.texture(scene, &info, Part::Normal(normal.scale().to_bits()), 1.0)
         });
         let ior = material.ior().filter(|ior| ior.is_finite() && *ior >= 1.0).unwrap_or(IOR);
@@ -282,13 +284,16 @@ impl<'a> Materials<'a> {
     ///
     /// A part's triangles emit the mean of the texture over each, rounded to quarters of a stop.
     pub(super) fn lit_parts(&self, data: MeshData, surface: Surface) -> Vec<(MeshData, Surface)> {
-        let (Some(image), Some(emission)) = (&surface.glow, surface.emission) else { return vec![(data, surface)] };
+        let (Some((image, [scale, shift])), Some(emission)) = (&surface.glow, surface.emission) else {
+            return vec![(data, surface)];
+        };
         if data.uvs.is_empty() {
             return vec![(data, surface)];
         }
         let mut groups: BTreeMap<[i32; 3], Alike> = BTreeMap::new();
         for triangle in &data.triangles {
-            let mean = mean_over(image, triangle.map(|corner| data.uvs[corner as usize]));
+            let moved = |uv: [f32; 2]| [0, 1].map(|i| uv[i] * scale[i] + shift[i]);
+            let mean = mean_over(image, triangle.map(|corner| moved(data.uvs[corner as usize])));
             let key = mean.map(|c| if c > 1e-4 { (4.0 * libm::log2f(c)).round() as i32 } else { i32::MIN });
             let (triangles, sum) = groups.entry(key).or_default();
             triangles.push(*triangle);

@@ -6,8 +6,10 @@ use crate::files::Files;
 use crate::image::{Encoding, Image, read_image};
 use crate::{Color, Notice, Scalar, Scene, Source, Texture, TextureId, TextureKind, Wrap};
 use ::gltf::json::texture::WrappingMode;
+use ::gltf::material::NormalTexture;
 use ::gltf::texture::{Info, TextureTransform};
 use ::gltf::{Document, json};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -51,6 +53,29 @@ impl<'a> Use<'a> {
 
     pub(super) fn of(info: &Info<'a>) -> Self {
         Self::new(info.texture(), info.tex_coord(), info.texture_transform())
+    }
+
+    /// The use of a normal map, whose transform the crate `gltf` leaves in JSON.
+    pub(super) fn of_normals(map: &NormalTexture<'a>) -> Self {
+        let plain = Self::new(map.texture(), map.tex_coord(), None);
+        let Some(moved) = map.extension_value("KHR_texture_transform") else { return plain };
+        let number = |value: Option<&Value>| value.and_then(Value::as_f64).map(|v| v as f32).filter(|v| v.is_finite());
+        let pair = |key: &str, default: f32| {
+            [0, 1].map(|i| number(moved.get(key).and_then(|pair| pair.get(i))).unwrap_or(default))
+        };
+        let set = moved.get("texCoord").and_then(Value::as_u64).and_then(|set| set.try_into().ok());
+        Self {
+            set: set.unwrap_or(plain.set),
+            scale: pair("scale", 1.0),
+            offset: pair("offset", 0.0),
+            rotated: number(moved.get("rotation")).is_some_and(|angle| angle != 0.0),
+            ..plain
+        }
+    }
+
+    /// The scale and the shift of our texture coordinates, whose v is 1 minus that of glTF.
+    pub(super) fn transform(&self) -> [[f32; 2]; 2] {
+        [self.scale, [self.offset[0], 1.0 - self.offset[1] - self.scale[1]]]
     }
 }
 
@@ -98,9 +123,7 @@ impl<'a> Images<'a> {
         let index = self.document.as_json().textures[info.texture.index()].source.value();
         let image = self.image(scene, index, part)?;
         let name = named("texture", info.texture.index(), info.texture.name());
-        if info.rotated {
-            self.notice(scene, format!("{name}: the rotation of its coordinates is left out"));
-        }
+        self.check_rotation(scene, info);
         let sampler = info.texture.sampler();
         let wrap = [sampler.wrap_s(), sampler.wrap_t()];
         if wrap.contains(&WrappingMode::MirroredRepeat) {
@@ -110,10 +133,17 @@ impl<'a> Images<'a> {
             self.notice(scene, format!("{name}: wraps in the same way in both directions"));
         }
         let wrap = if wrap[0] == WrappingMode::ClampToEdge { Wrap::Clamp } else { Wrap::Repeat };
-        // glTF's v runs from the top edge; that of our meshes is 1 minus it.
-        let shift = [info.offset[0], 1.0 - info.offset[1] - info.scale[1]];
-        let kind = TextureKind::Image { image, scale: info.scale, shift, factor, invert: false, wrap };
+        let [scale, shift] = info.transform();
+        let kind = TextureKind::Image { image, scale, shift, factor, invert: false, wrap };
         Some(self.push(scene, name, kind))
+    }
+
+    /// Adds a notice if the coordinates of a use are rotated.
+    pub(super) fn check_rotation(&self, scene: &mut Scene, info: &Use<'_>) {
+        if info.rotated {
+            let name = named("texture", info.texture.index(), info.texture.name());
+            self.notice(scene, format!("{name}: the rotation of its coordinates is left out"));
+        }
     }
 
     fn push(&self, scene: &mut Scene, name: String, kind: TextureKind) -> TextureId {

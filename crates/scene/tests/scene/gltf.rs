@@ -224,6 +224,26 @@ fn an_emissive_texture_lights_by_triangle() {
 }
 
 #[test]
+fn transforms_move_normal_maps_and_emission_too() {
+    let transform = json!({"KHR_texture_transform": {"offset": [0.25, 0.5], "scale": [2, 3]}});
+    let mut document = with_material(json!({"normalTexture": {"index": 0, "extensions": transform}}));
+    document["extensionsUsed"] = json!(["KHR_texture_transform"]);
+    let scene = read(&document).unwrap();
+    let map = material(&scene).normal_map.unwrap();
+    let TextureKind::Image { scale, shift, .. } = scene.textures[map.0 as usize].kind else { panic!("an image") };
+    assert_eq!((scale, shift), ([2.0, 3.0], [0.25, -2.5]), "v runs upwards here");
+    document["materials"][0]["normalTexture"]["extensions"]["KHR_texture_transform"]["rotation"] = json!(1);
+    assert_eq!(notices(&read(&document).unwrap()), ["texture 0: the rotation of its coordinates is left out"]);
+    // Half of the image's width, so that both triangles see only its first pixel, which is orange.
+    let narrow = json!({"KHR_texture_transform": {"scale": [0.499, 1]}});
+    let lamp = json!({"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0, "extensions": narrow}});
+    let scene = read(&with_material(lamp)).unwrap();
+    let radiance: Vec<[f32; 3]> = scene.shapes.iter().filter_map(|s| s.emission).map(|e| e.radiance).collect();
+    assert_eq!(radiance.len(), 1, "one part, which shines evenly");
+    assert!((radiance[0][0] - 1.0).abs() < 1e-5 && radiance[0][2] == 0.0, "{radiance:?}");
+}
+
+#[test]
 fn meshes_used_twice_become_instances_and_skins_rest() {
     let mut document = bare();
     document["nodes"] =
