@@ -55,6 +55,13 @@ fn what_does_not_fit_is_refused_before_it_starts_z03() {
     std::fs::write(folder.path("long.pbrt"), vec![b' '; 3 << 20]).expect("a file");
     let said = folder.run("render long.pbrt --memory 2M");
     assert!(said.status == Some(1) && said.err.contains("it is 3.0 MiB long"), "{}", said.err);
+    // A subdivision surface is refused before it is made: a pyramid of 2^22 triangles would take some 300 MiB.
+    let pyramid = "Shape \"loopsubdiv\" \"integer levels\" [ 10 ] \"integer indices\" [ 0 1 2 0 2 3 0 3 1 1 3 2 ]\n\
+        \"point3 P\" [ 0 0 1 1 0 0 -1 1 0 -1 -1 0 ]\n";
+    std::fs::write(folder.path("fine.pbrt"), common::TINY.to_owned() + pyramid).expect("a file");
+    let said = folder.run("render fine.pbrt --memory 100M -o a.pfm");
+    assert!(said.err.contains("fine.pbrt:13: Shape \"loopsubdiv\" would make 4194304 triangles"), "{}", said.err);
+    assert!(said.status == Some(1) && said.err.contains("may be made in all, for lack of memory"), "{}", said.err);
     // The tree of a scene is known before it is built.
     let said = folder.run("render terrain --memory 40M --resolution 8x8");
     assert!(said.status == Some(1) && said.err.contains("the scene alone does not fit"), "{}", said.err);

@@ -1,6 +1,6 @@
 //! Reading of scenes, and building of worlds (scenes ready for tracing).
 
-use crate::memory::{MemoryEstimate, MemoryLimit};
+use crate::memory::{MemoryEstimate, MemoryLimit, resident};
 use crate::registry::{self, Setting};
 use crate::{
     BudgetSpec, ContentHash, CropSpec, DEFAULT_SPP, ERROR_SPP, Job, JobError, PixelFilterSpec, RenderSpec, Warning,
@@ -307,7 +307,8 @@ fn read_with_files(
     if !path.exists() {
         return Err(JobError::NoScene { name: name.to_owned() });
     }
-    let read_options = ReadOptions::default().with_allow_unsupported(allow_unsupported);
+    let memory = options.limit.bytes().map(|limit| limit.saturating_sub(resident().map_or(0, |[now, _]| now)));
+    let read_options = ReadOptions::default().with_allow_unsupported(allow_unsupported).with_memory(memory);
     let files =
         Recorder { limit: options.limit, read: options.digest.then(RefCell::default), seen: RefCell::default() };
     let mut model = ModelOptions::default();

@@ -61,9 +61,17 @@ pub struct ReadOptions {
     /// True to leave unsupported features out with a notice, false to report an error. An unknown material becomes
     /// diffuse, an unknown texture grey; other objects are dropped.
     pub allow_unsupported: bool,
+    /// The memory in bytes that subdivision surfaces may take; `None` for some 300 MB. More is an error, before it is taken.
+    pub memory: Option<u64>,
 }
 
 impl ReadOptions {
+    /// Sets [`memory`](Self::memory), the bytes that subdivision surfaces may take.
+    pub fn with_memory(mut self, bytes: Option<u64>) -> Self {
+        self.memory = bytes;
+        self
+    }
+
     /// Sets [`allow_unsupported`](Self::allow_unsupported), which leaves unsupported features out with a notice.
     pub fn with_allow_unsupported(mut self, allow: bool) -> Self {
         self.allow_unsupported = allow;

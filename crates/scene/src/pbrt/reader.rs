@@ -71,6 +71,8 @@ pub(super) struct Reader<'a> {
     pub(super) images: Images,
     /// Number of triangles made so far from shapes that are not triangle meshes.
     pub(super) triangles_made: usize,
+    /// The memory in bytes for subdivision surfaces, if it is limited.
+    pub(super) memory: Option<u64>,
     pub(super) once: Once,
     including: Vec<PathBuf>,
     included: usize,
@@ -106,6 +108,7 @@ impl<'a> Reader<'a> {
             meshes: BTreeMap::new(),
             images: Images::default(),
             triangles_made: 0,
+            memory: options.memory,
             once: Once::default(),
             including: Vec::new(),
             included: 0,

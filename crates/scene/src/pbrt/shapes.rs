@@ -13,6 +13,8 @@ use std::sync::Arc;
 
 /// The largest number of triangles in a scene made from shapes that are not triangle meshes: about 300 MB.
 const MOST_MADE: usize = 1 << 22;
+/// Bytes of memory for each triangle of a subdivision surface while it is made.
+const MADE_BYTES: u64 = 75;
 
 const SHAPES: [&str; 7] = ["trianglemesh", "plymesh", "sphere", "disk", "cylinder", "bilinearmesh", "loopsubdiv"];
 
@@ -164,7 +166,7 @@ impl Reader<'_> {
 
     fn round(&mut self, shape: Round, params: &mut Params, line: u32) -> Option<Geometry> {
         // A sphere has the most triangles of the round shapes.
-        self.make_room(1 << 16, params, line)?;
+        self.make_room(1 << 16, MOST_MADE, params, line)?;
         let mesh = shape.mesh();
         let what = format!("{} is made of {} triangles with smooth normals", params.of(), mesh.triangles.len());
         params.notice(line, what);
@@ -185,7 +187,8 @@ impl Reader<'_> {
         let whole = MeshData { positions, normals, uvs, triangles: vec![[0; 3]] };
         check(&whole, params, line)?;
         let MeshData { positions, normals, uvs, .. } = whole;
-        self.make_room(corners.len().saturating_mul(8).saturating_add(1 << 19), params, line)?;
+        let most = corners.len().saturating_mul(8).saturating_add(1 << 19);
+        self.make_room(most, MOST_MADE, params, line)?;
         let (mesh, curved) = Patches { positions, normals, uvs, corners }.mesh();
         if curved > 0 {
             let what = format!("{} has {curved} curved patches; made of triangles with smooth normals", params.of());
@@ -204,7 +207,8 @@ impl Reader<'_> {
         };
         let faces = corners::<3>(params, "triangle", &numbers, line, positions.len())?;
         let made = 1usize.checked_shl(2 * levels).and_then(|n| faces.len().checked_mul(n)).unwrap_or(usize::MAX);
-        self.make_room(made, params, line)?;
+        let room = self.memory.map(|bytes| usize::try_from(bytes / MADE_BYTES).unwrap_or(usize::MAX));
+        self.make_room(made, room.map_or(MOST_MADE, |room| room.min(MOST_MADE)), params, line)?;
         match subdivide(positions, faces, levels) {
             Ok(mesh) => self.made(mesh, params, line),
             Err(unfit) => {
@@ -214,13 +218,14 @@ impl Reader<'_> {
         }
     }
 
-    /// Returns `Some` if `more` triangles may be made; otherwise reports a problem and returns `None`.
-    fn make_room(&self, more: usize, params: &mut Params, line: u32) -> Option<()> {
-        if self.triangles_made.saturating_add(more) <= MOST_MADE {
+    /// Returns `Some` if `more` triangles may be made, `most` in all; otherwise reports a problem and returns `None`.
+    fn make_room(&self, more: usize, most: usize, params: &mut Params, line: u32) -> Option<()> {
+        if self.triangles_made.saturating_add(more) <= most {
             return Some(());
         }
+        let why = if most < MOST_MADE { ", for lack of memory" } else { "" };
         let what = format!(
-            "{} would make {more} triangles, after {} made of others; at most {MOST_MADE} may be made in all",
+            "{} would make {more} triangles, after {} made of others; at most {most} may be made in all{why}",
             params.of(),
             self.triangles_made
         );
