@@ -211,6 +211,14 @@ fn lists_and_info_are_for_reading() {
         assert!(help.contains(&scenes), "{help}");
     }
     let help = folder.done("render --help");
+    // Help names every layer that the error lists.
+    let wrong = folder.run("render tiny.pbrt --layers nonesuch").err;
+    let layers =
+        wrong.split_once("choose among ").and_then(|(_, rest)| rest.split_once(", or none")).expect("layers").0;
+    let described =
+        help.split_once("--layers <").and_then(|(_, rest)| rest.split_once("\n\n      --")).expect("--layers").0;
+    let named: Vec<&str> = described.split(|c: char| !c.is_alphanumeric()).collect();
+    assert!(layers.split(", ").all(|layer| named.contains(&layer)), "{layers}: {described}");
     assert!(help.contains("Examples:\n  dapple render\n"), "{help}");
 }
 

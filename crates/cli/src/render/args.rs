@@ -166,10 +166,8 @@ pub(crate) struct RenderArgs {
 
     /// Layers of EXR files besides the image, separated by commas, or none [default: all that the render has]
     ///
-    /// The image is R, G and B, with A (coverage) and Z (depth along the view) where the render has them.
-    /// Layers are any of
-    /// unfiltered, variance, count, error, cluster, albedo, normal, depth, coverage. The last four are recorded if named,
-    /// as by --features.
+    /// A (coverage, as alpha), Z (distance along the camera's axis), unfiltered, variance, count, error, cluster, albedo,
+    /// normal, depth, coverage. A, Z and the last four are recorded if named, as by --features.
     #[arg(long, value_name = "NAME,…", value_delimiter = ',', value_parser = layer, help_heading = "Image")]
     #[arg(conflicts_with = "features")]
     pub(crate) layers: Option<Vec<EachLayer>>,
