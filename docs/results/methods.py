@@ -1,5 +1,9 @@
 #!/usr/bin/env python3
-"""methods.py TABLES VERDICTS RUNS.JSONL...: the errors of every method over those of uniform sampling, from the runs of its studies.
+"""methods.py [--add] TABLES VERDICTS RUNS.JSONL...: the errors of every method over those of uniform sampling, from the runs of its studies.
+
+With --add, the runs are of methods that the committed TABLES/methods.csv lacks, and its rows stay. The runs must hold the baselines
+of their methods, on the same scenes, with the same budgets, seeds and resolutions; methods.toml has them. Baselines that the table
+has already are compared with it, and not written again.
 
 Writes TABLES/methods.csv and VERDICTS (crates/registry/src/verdicts.tsv), and prints the tables of methods.md.
 
@@ -111,7 +115,7 @@ def kind_of(method):
     """The part of a method that is not uniform sampling's, and the other two parts: (kind, description, rest)."""
     sampler, points, filter = method.split("/")
     if sampler != "uniform":
-        return "sampler", sampler, filter
+        return "sampler", sampler if points == "sobol" else f"{sampler} on {points}", filter
     if points != "sobol":
         return "points", points, filter
     return "filter", filter, "none"
@@ -145,6 +149,20 @@ class Row:
         self.time = math.exp(mean([math.log(v) for v in over]))
         self.too_slow = sum(race.samples_in_time(scene, method) is None for scene in group)
 
+    @classmethod
+    def of_line(cls, line, budgets):
+        """A row of a table that was written before."""
+        row = cls.__new__(cls)
+        _, row.method, row.base, scenes, *figures, time, too_slow = line
+        row.scenes, row.time, row.too_slow = int(scenes), float(time), int(too_slow)
+        numbers = [float(v) if v else None for v in figures]
+        row.figures = {what: tuple(numbers[4 * i : 4 * i + 4]) for i, what in enumerate(budgets)}
+        return row
+
+    def line(self, label):
+        figures = [f"{v:.4f}" if v is not None else "" for of in self.figures.values() for v in of]
+        return [label, self.method, self.base, str(self.scenes), *figures, f"{self.time:.3f}", str(self.too_slow)]
+
     def verdict(self):
         value, low, high, _ = self.figures["time"]
         if self.too_slow > 0:
@@ -159,8 +177,11 @@ class Row:
         return f"{value:.3g} [{low:.3g}, {high:.3g}]{few}"
 
 
-def verdicts(rows, path):
-    """One line per method: its error over uniform sampling's at equal time."""
+def verdicts(rows, path, new):
+    """One line per method: its error over uniform sampling's at equal time. Lines that no new row concerns stay as they are."""
+    concerned = {kind_of(method)[:2] for method in new}
+    with open(path) as file:
+        kept = {tuple(line.split("\t")[:2]): line for line in file}
     texts = {}
     for row in rows.values():
         kind, description, filter = kind_of(row.method)
@@ -173,7 +194,8 @@ def verdicts(rows, path):
     with open(path, "w") as out:
         for (kind, description), parts in texts.items():
             base = {"sampler": "uniform sampling's", "points": "sobol's", "filter": "the unfiltered image's"}[kind]
-            out.write(f"{kind}\t{description}\tsRGB MSE over {base} at equal time: {'; '.join(parts)}\n")
+            line = f"{kind}\t{description}\tsRGB MSE over {base} at equal time: {'; '.join(parts)}\n"
+            out.write(line if (kind, description) in concerned else kept.get((kind, description), line))
 
 
 def cell(row, what):
@@ -202,7 +224,7 @@ def sampler_table(rows, many):
         print(line)
 
 
-def table(rows, kind, few, many):
+def table_of(rows, kind, few, many):
     print(f"\n| {kind} | {few} spp | {many} spp | equal time | FLIP, equal time | time at {many} spp |\n|---|---|---|---|---|---|")
     chosen = [row for row in rows.values() if kind_of(row.method)[0] == kind and row.method != BASE]
     for row in sorted(chosen, key=lambda r: r.figures["time"][0] or r.figures[many][0] + 1e3):
@@ -211,33 +233,90 @@ def table(rows, kind, few, many):
         print(f"| `{kind_of(row.method)[1]}` | {cell(row, few)} | {cell(row, many)} | {cell(row, 'time')} | {flip} | {row.time:.2f} |")
 
 
-def main(tables, verdict_file, paths):
+def check(race):
+    """Refuses runs from which a row would be missing without a word."""
+    for method in dict.fromkeys([BASE, *race.methods]):
+        base = base_of(method)
+        if base not in race.methods:
+            sys.exit(f"{method} is compared with {base}, of which there are no runs; race it too (methods.toml)")
+        for scene in race.scenes:
+            if race.has(scene, method) and not race.has(scene, base):
+                sys.exit(f"{method} is compared with {base}, which lacks runs on {scene}; let its study run to the end")
+            if not race.has(scene, method):
+                print(f"{method}: not all of {race.seeds} seeds and both budgets on {scene}, which is left out", file=sys.stderr)
+
+
+def head_of(race):
+    head = ["scene", "method", "over", "scenes"]
+    for what in (f"{race.few} spp", f"{race.many} spp", "equal time"):
+        head += [f"srgb_mse, {what}", "low", "high", f"flip, {what}"]
+    return head + [f"time over uniform, {race.many} spp", "scenes without a figure at equal time"]
+
+
+def raced(race, method, seeds, draws):
+    """The rows of a method: one per scene, then one per group of scenes."""
+    known = [scene for scene in race.scenes if race.has(scene, method)]
+    if not known:
+        sys.exit(f"{method}: no scene has all of its runs; let its study run to the end")
+    groups = {"all": known, "tuned": [s for s in known if s in TUNED], "held out": [s for s in known if s not in TUNED]}
+    groups = {scene: [scene] for scene in known} | {label: group for label, group in groups.items() if group}
+    return {label: Row(race, method, group, seeds, draws) for label, group in groups.items()}
+
+
+def committed(path, race):
+    """The rows of a table that was written before, by method and label. It must be of the same race."""
+    with open(path, newline="") as file:
+        head, *lines = csv.reader(file)
+    if head != head_of(race):
+        sys.exit(f"{path}: its budgets are not those of the runs; race with the scenes, budgets and seeds of methods.toml")
+    budgets = (race.few, race.many, "time")
+    table = {}
+    for line in lines:
+        table.setdefault(line[1], {})[line[0]] = Row.of_line(line, budgets)
+    scenes = [label for label in table[BASE] if label not in ("all", "tuned", "held out")]
+    if sorted(scenes) != sorted(race.scenes):
+        sys.exit(f"{path}: its scenes are {', '.join(scenes)}; the runs have {', '.join(race.scenes)}")
+    return table
+
+
+def beside_committed(method, before, now, many):
+    """Reports how a baseline that was raced again compares with the table."""
+    old, new = before["all"], now["all"]
+    print(f"{method}, raced again: {new.text(many)} at {many} spp, {new.time:.2f} of the time; the table has {old.text(many)}, {old.time:.2f}", file=sys.stderr)
+    value, low, high, _ = old.figures[many]
+    if not 0.98 * low <= new.figures[many][0] <= 1.02 * high:
+        sys.exit(f"{method}: its error at {many} spp is not that of the table; the renderer has changed too much, so race all methods again")
+
+
+def main(add, tables, verdict_file, paths):
     race = Race(read(paths))
+    check(race)
     seeds = sorted(max(race.runs.values(), key=len))
     chance = random.Random(1)
     draws = [[chance.choice(seeds) for _ in seeds] for _ in range(200)]
-    rows = {}
-    with open(f"{tables}/methods.csv", "w", newline="") as file:
+    path = f"{tables}/methods.csv"
+    table = committed(path, race) if add else {}
+    new = [method for method in race.methods if method not in table]
+    for method in race.methods:
+        of = raced(race, method, seeds, draws)
+        if method in table:
+            beside_committed(method, table[method], of, race.many)
+        else:
+            table[method] = of
+    with open(f"{path}.new", "w", newline="") as file:
         out = csv.writer(file, lineterminator="\n")
-        head = ["scene", "method", "over", "scenes"]
-        for what in (f"{race.few} spp", f"{race.many} spp", "equal time"):
-            head += [f"srgb_mse, {what}", "low", "high", f"flip, {what}"]
-        out.writerow(head + [f"time over uniform, {race.many} spp", "scenes without a figure at equal time"])
-        for method in race.methods:
-            known = [scene for scene in race.scenes if race.has(scene, method) and race.has(scene, base_of(method))]
-            groups = {"all": known, "tuned": [s for s in known if s in TUNED], "held out": [s for s in known if s not in TUNED]}
-            groups = {scene: [scene] for scene in known} | {label: group for label, group in groups.items() if group}
-            for label, group in groups.items():
-                row = Row(race, method, group, seeds, draws)
-                if label == "all":
-                    rows[method] = row
-                figures = [f"{v:.4f}" if v is not None else "" for what in (race.few, race.many, "time") for v in row.figures[what]]
-                out.writerow([label, method, row.base, row.scenes, *figures, f"{row.time:.3f}", row.too_slow])
-    verdicts(rows, verdict_file)
+        out.writerow(head_of(race))
+        for of in table.values():
+            out.writerows(row.line(label) for label, row in of.items())
+    os.replace(f"{path}.new", path)
+    rows = {method: of["all"] for method, of in table.items()}
+    verdicts(rows, verdict_file, new)
     sampler_table(rows, race.many)
     for kind in ("filter", "points"):
-        table(rows, kind, race.few, race.many)
+        table_of(rows, kind, race.few, race.many)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], sys.argv[3:])
+    arguments = sys.argv[1:]
+    add = arguments[:1] == ["--add"]
+    main(add, *arguments[add : add + 2], arguments[add + 2 :])

@@ -5,7 +5,7 @@ use crate::optimised_keys::{BITS, SIDE, sequence, tile};
 use crate::sobol::owen_reversed;
 use dapple_core::{PointSet, SampleId};
 
-/// Sobol' points whose errors differ between neighbouring pixels, by optimised scrambling keys [after Heitz 2019].
+/// Sobol' points whose errors differ between neighbouring pixels, by optimised scrambling keys [after Heitz et al. 2019].
 ///
 /// All pixels of a tile of 64 x 64 pixels share one Owen-scrambled Sobol' pair sequence. Each pixel has its own key for
 /// each coordinate, and takes the exclusive or of both. That keeps every net whole.
@@ -48,6 +48,9 @@ use dapple_core::{PointSet, SampleId};
 /// * There are no ranking keys, exclusive ors of the sample index. Chosen to suit the scrambling keys, they would make a
 ///   pixel's first samples uneven. All counts are optimised together instead.
 /// * Two coordinates are optimised, and all pairs use the same tile.
+///
+/// A second paper of that year permutes the pixels' seeds between frames [Heitz and Belcour 2019]. It has a frame that the
+/// seeds made before; a still image has none, so it is not built.
 ///
 /// # Limits
 ///

@@ -24,44 +24,63 @@ pub type MakeFilter = fn(&Parameters, &dyn ClusterInputs) -> Result<Box<dyn Filt
 
 /// All filters of the registry.
 pub const FILTERS: &[Entry<MakeFilter>] = &[
-    Entry::new("none", "each pixel the mean of its own samples", "none: the mean of the samples", &[], |_, _| {
-        Ok(Box::new(Unfiltered))
-    }),
-    Entry::new(
-        "gaussian",
-        "a Gaussian over pixel means",
-        "none: a Gaussian over pixels, as in textbooks",
-        &[GaussianOptions::PARAMETERS],
-        |p, _| Ok(Box::new(Gaussian::with_options(p.options()?)?)),
-    ),
-    Entry::new(
-        "cluster-gaussian",
-        "the Gaussian, in which pixels of other clusters weigh less (Lan 2016)",
-        "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016 (docs/THESIS.md)",
-        &[GaussianOptions::PARAMETERS, ClusterGaussianOptions::PARAMETERS, CLUSTERING],
-        cluster_gaussian,
-    ),
-    Entry::new(
-        "nlm",
-        "non-local means with two halves (Rousselle 2012)",
-        "Rousselle, Knaus and Zwicker, Adaptive Rendering with Non-Local Means Filtering, 2012",
-        &[NlMeansOptions::PARAMETERS],
-        |p, _| Ok(Box::new(NlMeans::with_options(p.options()?)?)),
-    ),
-    Entry::new(
-        "bilateral",
-        "cross-bilateral: near, of a similar surface and colour, in the same cluster",
-        "Eisemann and Durand 2004; Petschnigg et al. 2004; with clusters by Dapple",
-        &[BilateralOptions::PARAMETERS, CLUSTERING],
-        bilateral,
-    ),
-    Entry::new(
-        "cluster-regression",
-        "regression on features and clusters, twice, and the best of it and others by estimated error (the default)",
-        "Dapple, after Moon et al. 2014 and Bitterli et al. 2016 (docs/results/filters.md)",
-        &[ClusterRegressionOptions::PARAMETERS, CLUSTERING],
-        cluster_regression,
-    ),
+    Entry {
+        weakness: "all noise stays",
+        ..Entry::new("none", "each pixel the mean of its own samples", "none: the mean of the samples", &[], |_, _| {
+            Ok(Box::new(Unfiltered))
+        })
+    },
+    Entry {
+        weakness: "blurs edges, textures and shadows alike; its bias stays with any number of samples",
+        ..Entry::new(
+            "gaussian",
+            "a Gaussian over pixel means",
+            "none: a Gaussian over pixels, as in textbooks",
+            &[GaussianOptions::PARAMETERS],
+            |p, _| Ok(Box::new(Gaussian::with_options(p.options()?)?)),
+        )
+    },
+    Entry {
+        weakness: "blurs textures and shadows within a cluster; its bias stays with any number of samples",
+        ..Entry::new(
+            "cluster-gaussian",
+            "the Gaussian, in which pixels of other clusters weigh less (Lan 2016)",
+            "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016 (docs/THESIS.md)",
+            &[GaussianOptions::PARAMETERS, ClusterGaussianOptions::PARAMETERS, CLUSTERING],
+            cluster_gaussian,
+        )
+    },
+    Entry {
+        weakness: "noise of few samples hides which pixels are alike; needs two halves of the samples, each less even than both",
+        ..Entry::new(
+            "nlm",
+            "non-local means with two halves (Rousselle 2012)",
+            "Rousselle, Knaus and Zwicker, Adaptive Rendering with Non-Local Means Filtering, 2012",
+            &[NlMeansOptions::PARAMETERS],
+            |p, _| Ok(Box::new(NlMeans::with_options(p.options()?)?)),
+        )
+    },
+    Entry {
+        weakness: "one width for all pixels: blurs soft shadows and reflections where normals, albedo and depth are alike",
+        ..Entry::new(
+            "bilateral",
+            "cross-bilateral: near, of a similar surface and colour, in the same cluster",
+            "Eisemann and Durand 2004; Petschnigg et al. 2004; with clusters by Dapple",
+            &[BilateralOptions::PARAMETERS, CLUSTERING],
+            bilateral,
+        )
+    },
+    Entry {
+        weakness: "takes as long as tens of samples of a simple scene; detail that no feature shows blurs; blotches on smooth walls at \
+                       few samples",
+        ..Entry::new(
+            "cluster-regression",
+            "regression on features and clusters, twice, and the best of it and others by estimated error (the default)",
+            "Dapple, after Moon et al. 2014 and Bitterli et al. 2016 (docs/results/filters.md)",
+            &[ClusterRegressionOptions::PARAMETERS, CLUSTERING],
+            cluster_regression,
+        )
+    },
     #[cfg(feature = "classics")]
     Entry {
         feature: Some(CLASSICS),
@@ -185,6 +204,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
     #[cfg(feature = "oidn")]
     Entry {
         feature: Some(OIDN),
+        weakness: "no estimate of its error; single bright pixels lose their light; other versions and processors give other bits",
         ..Entry::new(
             "oidn",
             "Intel Open Image Denoise, a neural network; its library is found at run time",
@@ -196,6 +216,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
     #[cfg(feature = "oidn")]
     Entry {
         feature: Some(OIDN),
+        weakness: "no estimate of its error; the default filter alone may be better at many samples",
         ..Entry::new(
             "both",
             "the mean of oidn and cluster-regression",

@@ -45,7 +45,7 @@ pub struct Entry<Make> {
     pub feature: Option<&'static str>,
     /// The publication or program that the method comes from; `docs/references.bib` lists it in full.
     pub source: &'static str,
-    /// The cases in which the method fails or loses; empty if they are stated elsewhere.
+    /// The cases in which the method fails or loses; a test demands them of each entry.
     pub weakness: &'static str,
     make: Make,
 }

@@ -15,41 +15,56 @@ pub type MakePoints = fn(&Parameters, Setting) -> Result<AnyPoints, RegistryErro
 
 /// All point sets of the registry.
 pub const POINTS: &[Entry<MakePoints>] = &[
-    Entry::new(
-        "sobol",
-        "Owen-scrambled Sobol' pairs, any prefix is good (the default)",
-        "Sobol' 1967; directions: Joe and Kuo 2008; scrambling: Owen 1997, by hashing: Burley 2020",
-        &[],
-        |_, s| Ok(Box::new(Sobol::new(s.seed))),
-    ),
-    Entry::new(
-        "lowdiscrepancy",
-        "pbrt-v2's scrambled and shuffled (0,2) points, made for a given count",
-        "Kollig and Keller, Efficient Multidimensional Sampling, 2002, as in pbrt, version 2",
-        &[LowDiscrepancyOptions::PARAMETERS],
-        low_discrepancy,
-    ),
-    Entry::new(
-        "halton",
-        "scrambled Halton points",
-        "Halton, On the Efficiency of Certain Quasi-random Sequences of Points, 1960; scrambling: Owen 1997",
-        &[],
-        |_, s| Ok(Box::new(Halton::new(s.seed))),
-    ),
-    Entry::new(
-        "stratified",
-        "jittered cells",
-        "none: one jittered sample per cell, as in textbooks",
-        &[StratifiedOptions::PARAMETERS],
-        stratified,
-    ),
-    Entry::new(
-        "random",
-        "independent random numbers (PCG), the baseline",
-        "O'Neill, PCG: A Family of Simple Fast Space-Efficient Random Number Generators, 2014",
-        &[],
-        |_, s| Ok(Box::new(Random::new(s.seed))),
-    ),
+    Entry {
+        weakness: "errors of neighbouring pixels are independent, so noise has all frequencies; counts between powers of two are less even",
+        ..Entry::new(
+            "sobol",
+            "Owen-scrambled Sobol' pairs, any prefix is good (the default)",
+            "Sobol' 1967; directions: Joe and Kuo 2008; scrambling: Owen 1997, by hashing: Burley 2020",
+            &[],
+            |_, s| Ok(Box::new(Sobol::new(s.seed))),
+        )
+    },
+    Entry {
+        weakness: "the count must be known beforehand: fewer samples are as good as random ones, more begin a new net",
+        ..Entry::new(
+            "lowdiscrepancy",
+            "pbrt-v2's scrambled and shuffled (0,2) points, made for a given count",
+            "Kollig and Keller, Efficient Multidimensional Sampling, 2002, as in pbrt, version 2",
+            &[LowDiscrepancyOptions::PARAMETERS],
+            low_discrepancy,
+        )
+    },
+    Entry {
+        weakness: "points take 9.5 times as long as those of sobol; coordinates of large bases are uneven at few samples",
+        ..Entry::new(
+            "halton",
+            "scrambled Halton points",
+            "Halton, On the Efficiency of Certain Quasi-random Sequences of Points, 1960; scrambling: Owen 1997",
+            &[],
+            |_, s| Ok(Box::new(Halton::new(s.seed))),
+        )
+    },
+    Entry {
+        weakness: "the count must be known beforehand; error falls more slowly than that of nets",
+        ..Entry::new(
+            "stratified",
+            "jittered cells",
+            "none: one jittered sample per cell, as in textbooks",
+            &[StratifiedOptions::PARAMETERS],
+            stratified,
+        )
+    },
+    Entry {
+        weakness: "nothing keeps samples apart, so error falls slowest of all sets",
+        ..Entry::new(
+            "random",
+            "independent random numbers (PCG), the baseline",
+            "O'Neill, PCG: A Family of Simple Fast Space-Efficient Random Number Generators, 2014",
+            &[],
+            |_, s| Ok(Box::new(Random::new(s.seed))),
+        )
+    },
     Entry {
         weakness: "counts must be known beforehand; with adaptive counts, pixels do not share errors",
         ..Entry::new(

@@ -41,18 +41,25 @@ impl<S: Sampler + 'static> From<S> for MadeSampler {
 
 /// All samplers of the registry.
 pub const SAMPLERS: &[Entry<MakeSampler>] = &[
-    Entry::new(
-        "variance",
-        "pooled variance of a pilot, Neyman counts on a ladder",
-        "Dapple; counts in proportion to deviations: Neyman 1934",
-        &[VarianceOptions::PARAMETERS],
-        |p, points, _| Ok(Adaptive::variance_with_options(points, p.options()?)?.into()),
-    ),
-    Entry::new("uniform", "the same count for every pixel", "none: the baseline", &[], |_, points, _| {
-        Ok(Uniform::new(points).into())
-    }),
+    Entry {
+        weakness: "light that the pilot misses gets few samples; gains no more than the unevenness of noise allows",
+        ..Entry::new(
+            "variance",
+            "pooled variance of a pilot, Neyman counts on a ladder",
+            "Dapple; counts in proportion to deviations: Neyman 1934",
+            &[VarianceOptions::PARAMETERS],
+            |p, points, _| Ok(Adaptive::variance_with_options(points, p.options()?)?.into()),
+        )
+    },
+    Entry {
+        weakness: "as many samples where there is no noise as where all of it is",
+        ..Entry::new("uniform", "the same count for every pixel", "none: the baseline", &[], |_, points, _| {
+            Ok(Uniform::new(points).into())
+        })
+    },
     Entry {
         aliases: &["cluster"],
+        weakness: "settings suit the default filter: without a filter, `variance` leaves less error",
         ..Entry::new(
             "adaptive",
             "counts by error: pooled variance of a pilot, or a filter's error map; cells at hit points (the default)",
@@ -61,34 +68,47 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
             adaptive,
         )
     },
-    Entry::new(
-        "mitchell",
-        "contrast of a pilot, two rates (Mitchell 1987)",
-        "Mitchell, Generating Antialiased Images at Low Sampling Densities, SIGGRAPH 1987",
-        &[MitchellOptions::PARAMETERS],
-        |p, points, _| Ok(Mitchell::with_options(points, p.options()?)?.into()),
-    ),
-    Entry::new(
-        "mitchell-pbrt",
-        "pbrt-v2's variant: samples that deviate from the pixel's mean or hit different shapes, two rates",
-        "pbrt, version 2: src/samplers/adaptive.cpp, by Pharr and Humphreys, 2010",
-        &[MitchellPbrtOptions::PARAMETERS],
-        |p, points, _| Ok(MitchellPbrt::with_options(points, p.options()?)?.into()),
-    ),
-    Entry::new(
-        "cycles",
-        "the stopping rule of Blender's Cycles: pixels whose two halves differ go on",
-        "Blender's Cycles: kernel/film/adaptive_sampling.h",
-        &[CyclesOptions::PARAMETERS],
-        |p, points, _| Ok(Cycles::with_options(points, p.options()?)?.into()),
-    ),
-    Entry::new(
-        "cluster-thesis",
-        "few samples where large clusters are seen, many where small ones are (Lan 2016), unbiased",
-        "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016 (docs/THESIS.md)",
-        &[PROBES, ClusterThesisOptions::PARAMETERS, A_PRIORI, CLUSTERING],
-        cluster_thesis,
-    ),
+    Entry {
+        weakness: "contrast takes edges and textures for noise; two rates cannot follow how large noise is",
+        ..Entry::new(
+            "mitchell",
+            "contrast of a pilot, two rates (Mitchell 1987)",
+            "Mitchell, Generating Antialiased Images at Low Sampling Densities, SIGGRAPH 1987",
+            &[MitchellOptions::PARAMETERS],
+            |p, points, _| Ok(Mitchell::with_options(points, p.options()?)?.into()),
+        )
+    },
+    Entry {
+        weakness: "pixels that are refined lose their first samples; noise in four samples refines pixels at random",
+        ..Entry::new(
+            "mitchell-pbrt",
+            "pbrt-v2's variant: samples that deviate from the pixel's mean or hit different shapes, two rates",
+            "pbrt, version 2: src/samplers/adaptive.cpp, by Pharr and Humphreys, 2010",
+            &[MitchellPbrtOptions::PARAMETERS],
+            |p, points, _| Ok(MitchellPbrt::with_options(points, p.options()?)?.into()),
+        )
+    },
+    Entry {
+        weakness: "pixels whose two halves agree by chance stop for ever, which biases them",
+        ..Entry::new(
+            "cycles",
+            "the stopping rule of Blender's Cycles: pixels whose two halves differ go on",
+            "Blender's Cycles: kernel/film/adaptive_sampling.h",
+            &[CyclesOptions::PARAMETERS],
+            |p, points, _| Ok(Cycles::with_options(points, p.options()?)?.into()),
+        )
+    },
+    Entry {
+        weakness: "geometry alone makes the counts: textures, materials and caustics have no part; clusters and probes cost as much as \
+                   tens of samples of a simple scene",
+        ..Entry::new(
+            "cluster-thesis",
+            "few samples where large clusters are seen, many where small ones are (Lan 2016), unbiased",
+            "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016 (docs/THESIS.md)",
+            &[PROBES, ClusterThesisOptions::PARAMETERS, A_PRIORI, CLUSTERING],
+            cluster_thesis,
+        )
+    },
     #[cfg(feature = "classics")]
     Entry {
         feature: Some(CLASSICS),

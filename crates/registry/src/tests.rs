@@ -28,6 +28,16 @@ fn the_default_pair_is_made_of_the_defaults_by_name() {
 }
 
 #[test]
+fn every_method_states_where_it_fails() {
+    let samplers = SAMPLERS.iter().map(|entry| (entry.name, entry.weakness));
+    let points = POINTS.iter().map(|entry| (entry.name, entry.weakness));
+    let filters = FILTERS.iter().map(|entry| (entry.name, entry.weakness));
+    for (name, weakness) in samplers.chain(points).chain(filters) {
+        assert!(!weakness.trim().is_empty(), "{name}: write its weakness into its entry");
+    }
+}
+
+#[test]
 fn without_clusters_only_methods_that_cannot_do_without_are_refused() {
     let none = HostClusters::none();
     let refused = |entries: Vec<(&'static str, String)>| -> Vec<&'static str> {

@@ -17,7 +17,7 @@ pub fn verdicts<'a>(kind: &'a str, name: &'a str) -> impl Iterator<Item = (&'sta
         let (description, result) = rest.split_once('\t')?;
         Some((of, description, result))
     });
-    let is_meant = move |of: &str, description: &str| of == kind && description.split(':').next() == Some(name);
+    let is_meant = move |of: &str, description: &str| of == kind && description.split([':', ' ']).next() == Some(name);
     rows.filter(move |(of, description, _)| is_meant(of, description))
         .map(|(_, description, result)| (description, result))
 }
