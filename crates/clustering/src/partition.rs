@@ -121,7 +121,6 @@ fn partition_with<E: Entry>(
     let parts: Vec<Sorted<E>> = (0..mesh.indices.len().div_ceil(CHUNK))
         .into_par_iter()
         .map_init(Vec::new, |entries, chunk| {
-            entries.clear();
             match params.insertion {
                 Insertion::Centroid => Arch::new().dispatch(InsertCentroids { mesh, grid, chunk, entries }),
                 Insertion::BoundingBox => insert_boxes(mesh, grid, chunk, entries),
@@ -176,6 +175,7 @@ impl<E: Entry> NullaryFnOnce for InsertCentroids<'_, '_, E> {
 }
 
 fn insert_boxes<E: Entry>(mesh: &Mesh<'_>, grid: Grid, chunk: usize, entries: &mut Vec<E>) {
+    entries.clear();
     for triangle in numbers(mesh, chunk) {
         let [first, last] = grid.overlapped(Bounds::of(mesh.corners(triangle)));
         for z in first[2]..=last[2] {

@@ -62,7 +62,7 @@ impl SmallGroups {
     ) -> bool {
         let count = group.triangles.len();
         let Some(axes) = group.normals.first::<N>() else { return false };
-        if (0..count).fold(false, |any, i| any | group.normals.is_flat(i)) {
+        if group.normals.flat[..count].iter().fold(false, |any, &flat| any | (flat != 0.0)) {
             return false;
         }
         let mut class = [0; N];
@@ -97,7 +97,7 @@ impl SmallGroups {
             for (surface, &class) in group.surfaces.iter().zip(class) {
                 let part = &mut self.parts[class as usize];
                 part.triangles += 1;
-                part.sum.add(surface);
+                part.sum = part.sum.and(*surface);
             }
             return;
         }
@@ -107,7 +107,7 @@ impl SmallGroups {
                 part.lead = group.normals.of(i);
             }
             part.triangles += 1;
-            part.sum.add(&surface.turned(group.normals.dot(i, part.lead) < 0.0));
+            part.sum = part.sum.and(surface.turned(group.normals.dot(i, part.lead) < 0.0));
         }
     }
 
