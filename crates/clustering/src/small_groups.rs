@@ -66,13 +66,21 @@ impl SmallGroups {
             return false;
         }
         let mut class = [0; N];
-        let classes = if rule.two_sided {
+        let classes = if count == 1 {
+            1
+        } else if rule.two_sided {
             classify::<N, true>(axes, count, rule.cosine, &mut class)
         } else {
             classify::<N, false>(axes, count, rule.cosine, &mut class)
         };
         if classes > MAX_CLASSES {
             return false;
+        }
+        if classes == 1 {
+            batch.members.extend_from_slice(group.triangles);
+            batch.clusters.push(one_class(rule, group, axes, common));
+            batch.groups += 1;
+            return true;
         }
         self.parts.clear();
         self.parts.resize(classes, Part::NOTHING);
@@ -133,6 +141,31 @@ impl SmallGroups {
     }
 }
 
+/// Computes the cluster of a group whose triangles are all of one class.
+#[inline(always)]
+fn one_class<const N: usize>(
+    rule: FirstFit,
+    group: Members<'_>,
+    [x, y, z]: [&[f32; N]; 3],
+    common: Cluster,
+) -> Cluster {
+    let count = group.surfaces.len().min(N);
+    let lowest = z[..count].iter().fold(f32::INFINITY, |low, &z| if z < low { z } else { low });
+    let (lead, mut sum) = ([x[0], y[0], z[0]], Surface::NOTHING);
+    for i in 0..count {
+        let turned = lowest < rule.steep && x[i] * lead[0] + y[i] * lead[1] + z[i] * lead[2] < 0.0;
+        sum = sum.and(group.surfaces[i].turned(turned));
+    }
+    let (normal, mut cone) = (sum.normal(), 1.0);
+    for i in 0..count {
+        let dot = x[i] * normal[0] + y[i] * normal[1] + z[i] * normal[2];
+        let cosine = if rule.two_sided { dot.abs() } else { dot };
+        cone = if cosine < cone { cosine } else { cone };
+    }
+    let cone = if normal == [0.0; 3] { -1.0 } else { cone.max(-1.0) };
+    Cluster { triangles: count as u32, normal, cone, ..sum.cluster(common) }
+}
+
 /// Computes first fit in canonical order, and writes the class of each of the first `count` triangles to `class`.
 /// Returns the number of classes, or `usize::MAX` if there are more than [`MAX_CLASSES`].
 #[inline(always)]
@@ -153,13 +186,14 @@ fn classify<const N: usize, const TWO_SIDED: bool>(
     }
     let mut classes = 0;
     while top != DONE && (classes as usize) < MAX_CLASSES {
-        let (mut at, mut ties) = (i32::MAX, 0);
-        for (i, &key) in (0..).zip(&keys) {
-            at = at.min(if key == top { i } else { i32::MAX });
-            ties += i32::from(key == top);
+        // Sums and ranges with overflow checks would not become vectors.
+        let (mut first, mut last) = (i32::MAX, -1);
+        for i in 0..N {
+            first = first.min(if keys[i] == top { i as i32 } else { i32::MAX });
+            last = last.max(if keys[i] == top { i as i32 } else { -1 });
         }
-        let mut at = at as usize % N;
-        if ties > 1 {
+        let mut at = first as usize % N;
+        if first != last {
             for i in at + 1..N {
                 if keys[i] == top && (y[i] > y[at] || (y[i] == y[at] && x[i] > x[at])) {
                     at = i;
