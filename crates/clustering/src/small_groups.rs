@@ -186,12 +186,7 @@ fn classify<const N: usize, const TWO_SIDED: bool>(
     }
     let mut classes = 0;
     while top != DONE && (classes as usize) < MAX_CLASSES {
-        // Sums and ranges with overflow checks would not become vectors.
-        let (mut first, mut last) = (i32::MAX, -1);
-        for i in 0..N {
-            first = first.min(if keys[i] == top { i as i32 } else { i32::MAX });
-            last = last.max(if keys[i] == top { i as i32 } else { -1 });
-        }
+        let [first, last] = span(&keys, top);
         let mut at = first as usize % N;
         if first != last {
             for i in at + 1..N {
@@ -213,6 +208,25 @@ fn classify<const N: usize, const TWO_SIDED: bool>(
         classes += 1;
     }
     if top == DONE { classes as usize } else { usize::MAX }
+}
+
+/// Returns the first and the last index of `top` in `keys`, whose number is a multiple of eight. Sums and ranges would
+/// have overflow checks, with which the loop becomes no vectors.
+#[inline(always)]
+fn span(keys: &[i32], top: i32) -> [i32; 2] {
+    const LANES: usize = 8;
+    const STEP: [i32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7];
+    let (mut first, mut last, mut start) = ([i32::MAX; LANES], [-1; LANES], STEP);
+    for keys in keys.as_chunks::<LANES>().0 {
+        for lane in 0..LANES {
+            let here = keys[lane] == top;
+            let [low, high] = if here { [start[lane]; 2] } else { [i32::MAX, -1] };
+            first[lane] = if low < first[lane] { low } else { first[lane] };
+            last[lane] = if high > last[lane] { high } else { last[lane] };
+            start[lane] = start[lane].wrapping_add(LANES as i32);
+        }
+    }
+    [first.into_iter().fold(i32::MAX, i32::min), last.into_iter().fold(-1, i32::max)]
 }
 
 /// Maps a float to an integer of the same order. 0.0 and -0.0 map to the same integer.
