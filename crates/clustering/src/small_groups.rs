@@ -186,9 +186,9 @@ fn classify<const N: usize, const TWO_SIDED: bool>(
     }
     let mut classes = 0;
     while top != DONE && (classes as usize) < MAX_CLASSES {
-        let [first, last] = span(&keys, top);
-        let mut at = first as usize % N;
-        if first != last {
+        let (first, ties) = find(&keys, top);
+        let mut at = first % N;
+        if ties > 1 {
             for i in at + 1..N {
                 if keys[i] == top && (y[i] > y[at] || (y[i] == y[at] && x[i] > x[at])) {
                     at = i;
@@ -210,23 +210,19 @@ fn classify<const N: usize, const TWO_SIDED: bool>(
     if top == DONE { classes as usize } else { usize::MAX }
 }
 
-/// Returns the first and the last index of `top` in `keys`, whose number is a multiple of eight. Sums and ranges would
-/// have overflow checks, with which the loop becomes no vectors.
+/// Returns the first index of `top` in `keys`, whose number is a multiple of eight, and how many there are. Sums and
+/// ranges with overflow checks would not become vectors.
 #[inline(always)]
-fn span(keys: &[i32], top: i32) -> [i32; 2] {
+fn find(keys: &[i32], top: i32) -> (usize, i32) {
     const LANES: usize = 8;
-    const STEP: [i32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7];
-    let (mut first, mut last, mut start) = ([i32::MAX; LANES], [-1; LANES], STEP);
+    let (mut first, mut ties, mut number) = ([i32::MAX; LANES], [0_i32; LANES], [0, 1, 2, 3, 4, 5, 6, 7]);
     for keys in keys.as_chunks::<LANES>().0 {
-        for lane in 0..LANES {
-            let here = keys[lane] == top;
-            let [low, high] = if here { [start[lane]; 2] } else { [i32::MAX, -1] };
-            first[lane] = if low < first[lane] { low } else { first[lane] };
-            last[lane] = if high > last[lane] { high } else { last[lane] };
-            start[lane] = start[lane].wrapping_add(LANES as i32);
-        }
+        let places: [i32; LANES] = std::array::from_fn(|i| if keys[i] == top { number[i] } else { i32::MAX });
+        first = std::array::from_fn(|i| if places[i] < first[i] { places[i] } else { first[i] });
+        ties = std::array::from_fn(|i| ties[i].wrapping_add(i32::from(keys[i] == top)));
+        number = number.map(|number: i32| number.wrapping_add(LANES as i32));
     }
-    [first.into_iter().fold(i32::MAX, i32::min), last.into_iter().fold(-1, i32::max)]
+    (first.into_iter().fold(i32::MAX, i32::min) as usize, ties.into_iter().fold(0, i32::wrapping_add))
 }
 
 /// Maps a float to an integer of the same order. 0.0 and -0.0 map to the same integer.
