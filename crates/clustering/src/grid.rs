@@ -4,6 +4,7 @@
 //! changes no digit.
 
 use crate::{Error, Triangles};
+use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
 /// The number of triangles per parallel task. It is fixed, so that the number of threads has no effect.
@@ -31,13 +32,13 @@ impl Bounds {
     pub(crate) const NOTHING: Self = Self { low: [f32::INFINITY; 4], high: [f32::NEG_INFINITY; 4] };
 
     /// Widens the box to contain a point.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn hold(&mut self, place: [f32; 4]) {
         self.unite(Self { low: place, high: place });
     }
 
     /// Widens the box to contain another box.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn unite(&mut self, other: Self) {
         for lane in 0..4 {
             self.low[lane] = if other.low[lane] < self.low[lane] { other.low[lane] } else { self.low[lane] };
@@ -46,7 +47,7 @@ impl Bounds {
     }
 
     /// The bounding box of three points.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn of([a, b, c]: [[f32; 4]; 3]) -> Self {
         let mut bounds = Self { low: a, high: a };
         bounds.hold(b);
@@ -92,7 +93,7 @@ impl<'a> Mesh<'a> {
     }
 
     /// The positions of a triangle's corners, with an unused fourth coordinate.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn corners(&self, triangle: u32) -> [[f32; 4]; 3] {
         self.indices[triangle as usize].map(|vertex| padded(self.positions[vertex as usize]))
     }
@@ -103,12 +104,13 @@ impl<'a> Mesh<'a> {
     }
 }
 
-#[inline]
+#[inline(always)]
 fn padded([x, y, z]: [f32; 3]) -> [f32; 4] {
     [x, y, z, 0.0]
 }
 
 /// The bounding box of some points, or `None` if one of them is not finite.
+#[inline(always)]
 fn finite_bounds(places: impl Iterator<Item = [f32; 4]>) -> Option<Bounds> {
     let mut bounds = Bounds::NOTHING;
     // Zero times a finite number is zero, times anything else NaN. So one sum checks all numbers.
@@ -122,23 +124,85 @@ fn finite_bounds(places: impl Iterator<Item = [f32; 4]>) -> Option<Bounds> {
     (zero == [0.0; 4]).then_some(bounds)
 }
 
-/// The largest index, and for each of six vertices a flag that is true if some triangle uses the vertex.
-fn look_up(indices: &[[u32; 3]], vertices: [u32; 6]) -> (u32, [bool; 6]) {
-    let (mut largest, mut found) = (0, [0_u32; 6]);
-    for &index in indices.as_flattened() {
-        largest = largest.max(index);
-        for (found, &vertex) in found.iter_mut().zip(&vertices) {
-            *found |= u32::from(index == vertex);
+/// The number of floats in eight points: the axes of lanes then repeat from one group of eight to the next.
+const GROUP: usize = 24;
+
+/// The bounding box of all points of a chunk, or `None` if one of them is not finite.
+#[inline(always)]
+fn bounds_of_points(points: &[[f32; 3]]) -> Option<Bounds> {
+    let (groups, rest) = points.as_flattened().as_chunks::<GROUP>();
+    let (mut low, mut high, mut zero) = ([f32::INFINITY; GROUP], [f32::NEG_INFINITY; GROUP], [0.0_f32; GROUP]);
+    for group in groups {
+        for lane in 0..GROUP {
+            let x = group[lane];
+            low[lane] = if x < low[lane] { x } else { low[lane] };
+            high[lane] = if x > high[lane] { x } else { high[lane] };
+            zero[lane] += x * 0.0;
         }
     }
-    (largest, found.map(|found| found != 0))
+    let mut bounds = finite_bounds(rest.as_chunks::<3>().0.iter().map(|&place| padded(place)))?;
+    for lane in (0..GROUP).step_by(3) {
+        let corner = |of: &[f32; GROUP]| padded([of[lane], of[lane + 1], of[lane + 2]]);
+        bounds.unite(Bounds { low: corner(&low), high: corner(&high) });
+    }
+    (zero == [0.0; GROUP]).then_some(bounds)
+}
+
+/// The largest index, and for each of six vertices a flag that is true if some triangle uses the vertex.
+#[inline(always)]
+fn look_up(indices: &[[u32; 3]], vertices: [u32; 6]) -> (u32, [bool; 6]) {
+    const LANES: usize = 8;
+    let (groups, rest) = indices.as_flattened().as_chunks::<LANES>();
+    let (mut largest, mut found) = ([0; LANES], [[0_u32; LANES]; 6]);
+    let mut see = |lane: usize, index: u32| {
+        largest[lane] = if index > largest[lane] { index } else { largest[lane] };
+        for (found, &vertex) in found.iter_mut().zip(&vertices) {
+            found[lane] |= u32::from(index == vertex);
+        }
+    };
+    for group in groups {
+        for lane in 0..LANES {
+            see(lane, group[lane]);
+        }
+    }
+    rest.iter().for_each(|&index| see(0, index));
+    (largest.into_iter().fold(0, u32::max), found.map(|found| found != [0; LANES]))
+}
+
+/// A call of [`bounds_of_points`] that pulp compiles for each width of vector registers.
+struct PointBounds<'a> {
+    points: &'a [[f32; 3]],
+}
+
+impl NullaryFnOnce for PointBounds<'_> {
+    type Output = Option<Bounds>;
+
+    #[inline(always)]
+    fn call(self) -> Option<Bounds> {
+        bounds_of_points(self.points)
+    }
+}
+
+/// A call of [`look_up`] that pulp compiles for each width of vector registers.
+struct LookUp<'a> {
+    indices: &'a [[u32; 3]],
+    vertices: [u32; 6],
+}
+
+impl NullaryFnOnce for LookUp<'_> {
+    type Output = (u32, [bool; 6]);
+
+    #[inline(always)]
+    fn call(self) -> (u32, [bool; 6]) {
+        look_up(self.indices, self.vertices)
+    }
 }
 
 impl Triangles<'_> {
     /// The bounding box of all vertices, if triangles use the vertices on its faces. `None` if not, or if an index or a
     /// position is invalid. This is faster than visiting the corners of each triangle.
     fn bounds_of_vertices(&self) -> Option<Bounds> {
-        let chunk_bounds = |places: &[[f32; 3]]| finite_bounds(places.iter().map(|&place| padded(place)));
+        let chunk_bounds = |points| Arch::new().dispatch(PointBounds { points });
         let unite = |mut a: Bounds, b| {
             a.unite(b);
             Some(a)
@@ -155,7 +219,7 @@ impl Triangles<'_> {
         let (largest, found) = self
             .indices
             .par_chunks(CHUNK)
-            .map(|chunk| look_up(chunk, extremes))
+            .map(|indices| Arch::new().dispatch(LookUp { indices, vertices: extremes }))
             .reduce(|| (0, [false; 6]), |a, b| (a.0.max(b.0), std::array::from_fn(|i| a.1[i] | b.1[i])));
         ((largest as usize) < self.positions.len() && found == [true; 6]).then_some(bounds)
     }
@@ -252,14 +316,14 @@ impl Grid {
     }
 
     /// The index of a voxel in the grid: x runs fastest, z slowest.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn number(&self, [x, y, z]: [u32; 3]) -> u64 {
         let [nx, ny, _] = self.resolution.map(u64::from);
         (u64::from(z) * ny + u64::from(y)) * nx + u64::from(x)
     }
 
     /// The voxel that contains a point, along each axis. Points on a face belong to the voxel above.
-    #[inline]
+    #[inline(always)]
     fn voxel(&self, place: [f64; 4], scale: &Scale) -> [u32; 3] {
         // Next to 2^32 the last digit of an f64 is 2^-20, and the digits below the leading one are those of the addend.
         // This casts in two instructions. Places up to 2^-21 of a voxel below a face count as on it.
@@ -270,7 +334,7 @@ impl Grid {
     }
 
     /// The index of the voxel that contains a triangle's centroid.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn centroid_voxel(&self, [a, b, c]: [[f32; 4]; 3]) -> u64 {
         let sum = std::array::from_fn(|lane| f64::from(a[lane]) + f64::from(b[lane]) + f64::from(c[lane]));
         self.number(self.voxel(sum, &self.thirds))

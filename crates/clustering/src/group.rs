@@ -181,11 +181,11 @@ fn measure(group: Members<'_>, members: &[u32], steep: f32, common: Cluster) -> 
     let lead = numbers().find(|&i| !group.normals.is_flat(i)).map_or([0.0, 0.0, 1.0], |i| group.normals.of(i));
     if lead[2] >= steep {
         for i in numbers() {
-            sum.add(&group.surfaces[i]);
+            sum = sum.and(group.surfaces[i]);
         }
     } else {
         for i in numbers() {
-            sum.add(&group.surfaces[i].turned(group.normals.dot(i, lead) < 0.0));
+            sum = sum.and(group.surfaces[i].turned(group.normals.dot(i, lead) < 0.0));
         }
     }
     let normal = sum.normal();

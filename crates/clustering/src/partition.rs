@@ -121,9 +121,8 @@ fn partition_with<E: Entry>(
     let parts: Vec<Sorted<E>> = (0..mesh.indices.len().div_ceil(CHUNK))
         .into_par_iter()
         .map_init(Vec::new, |entries, chunk| {
-            entries.clear();
             match params.insertion {
-                Insertion::Centroid => insert_centroids(mesh, grid, chunk, entries),
+                Insertion::Centroid => Arch::new().dispatch(InsertCentroids { mesh, grid, chunk, entries }),
                 Insertion::BoundingBox => insert_boxes(mesh, grid, chunk, entries),
             }
             Sorted::new(entries, ranges)
@@ -149,11 +148,34 @@ fn numbers(mesh: &Mesh<'_>, chunk: usize) -> std::ops::Range<u32> {
     (chunk * CHUNK) as u32..end as u32
 }
 
+#[inline(always)]
 fn insert_centroids<E: Entry>(mesh: &Mesh<'_>, grid: Grid, chunk: usize, entries: &mut Vec<E>) {
-    entries.extend(numbers(mesh, chunk).map(|i| E::new(grid.centroid_voxel(mesh.corners(i)), i)));
+    let numbers = numbers(mesh, chunk);
+    entries.resize(numbers.len(), E::default());
+    for (entry, i) in entries.iter_mut().zip(numbers) {
+        *entry = E::new(grid.centroid_voxel(mesh.corners(i)), i);
+    }
+}
+
+/// A call of [`insert_centroids`] that pulp compiles for each width of vector registers.
+struct InsertCentroids<'a, 'm, E> {
+    mesh: &'a Mesh<'m>,
+    grid: Grid,
+    chunk: usize,
+    entries: &'a mut Vec<E>,
+}
+
+impl<E: Entry> NullaryFnOnce for InsertCentroids<'_, '_, E> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        insert_centroids(self.mesh, self.grid, self.chunk, self.entries);
+    }
 }
 
 fn insert_boxes<E: Entry>(mesh: &Mesh<'_>, grid: Grid, chunk: usize, entries: &mut Vec<E>) {
+    entries.clear();
     for triangle in numbers(mesh, chunk) {
         let [first, last] = grid.overlapped(Bounds::of(mesh.corners(triangle)));
         for z in first[2]..=last[2] {
@@ -300,11 +322,34 @@ fn join(batches: Vec<Batch>, report: ClusterReport) -> Clusters {
         }
         members.extend_from_slice(&batch.members);
     }
-    let groups = batches.iter().scan(0, |groups, batch| Some(std::mem::replace(groups, *groups + batch.groups)));
-    let mut all = batches.iter().zip(groups).flat_map(|(batch, groups)| {
-        batch.clusters.iter().map(move |&cluster| Cluster { group: groups + cluster.group, ..cluster })
-    });
+    let mut all = Renumbered { batches: batches.iter(), rest: [].iter(), groups: 0, next: 0 };
     // By number, so that their count is known in advance.
     let clusters = (0..count).map(|_| all.next().unwrap_or(Cluster::NONE)).collect();
     Clusters { labels, clusters, members, starts, report }
+}
+
+/// The clusters of all batches, with groups numbered on from batch to batch.
+struct Renumbered<'a> {
+    batches: std::slice::Iter<'a, Batch>,
+    rest: std::slice::Iter<'a, Cluster>,
+    /// The number of groups before those of `rest`, and before those of the next batch.
+    groups: u32,
+    next: u32,
+}
+
+impl Iterator for Renumbered<'_> {
+    type Item = Cluster;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<Cluster> {
+        loop {
+            if let Some(&cluster) = self.rest.next() {
+                return Some(Cluster { group: self.groups + cluster.group, ..cluster });
+            }
+            let batch = self.batches.next()?;
+            self.rest = batch.clusters.iter();
+            self.groups = self.next;
+            self.next += batch.groups;
+        }
+    }
 }

@@ -62,17 +62,25 @@ impl SmallGroups {
     ) -> bool {
         let count = group.triangles.len();
         let Some(axes) = group.normals.first::<N>() else { return false };
-        if (0..count).fold(false, |any, i| any | group.normals.is_flat(i)) {
+        if group.normals.flat[..count].iter().fold(false, |any, &flat| any | (flat != 0.0)) {
             return false;
         }
         let mut class = [0; N];
-        let classes = if rule.two_sided {
+        let classes = if count == 1 {
+            1
+        } else if rule.two_sided {
             classify::<N, true>(axes, count, rule.cosine, &mut class)
         } else {
             classify::<N, false>(axes, count, rule.cosine, &mut class)
         };
         if classes > MAX_CLASSES {
             return false;
+        }
+        if classes == 1 {
+            batch.members.extend_from_slice(group.triangles);
+            batch.clusters.push(one_class(rule, group, axes, common));
+            batch.groups += 1;
+            return true;
         }
         self.parts.clear();
         self.parts.resize(classes, Part::NOTHING);
@@ -97,7 +105,7 @@ impl SmallGroups {
             for (surface, &class) in group.surfaces.iter().zip(class) {
                 let part = &mut self.parts[class as usize];
                 part.triangles += 1;
-                part.sum.add(surface);
+                part.sum = part.sum.and(*surface);
             }
             return;
         }
@@ -107,7 +115,7 @@ impl SmallGroups {
                 part.lead = group.normals.of(i);
             }
             part.triangles += 1;
-            part.sum.add(&surface.turned(group.normals.dot(i, part.lead) < 0.0));
+            part.sum = part.sum.and(surface.turned(group.normals.dot(i, part.lead) < 0.0));
         }
     }
 
@@ -133,6 +141,31 @@ impl SmallGroups {
     }
 }
 
+/// Computes the cluster of a group whose triangles are all of one class.
+#[inline(always)]
+fn one_class<const N: usize>(
+    rule: FirstFit,
+    group: Members<'_>,
+    [x, y, z]: [&[f32; N]; 3],
+    common: Cluster,
+) -> Cluster {
+    let count = group.surfaces.len().min(N);
+    let lowest = z[..count].iter().fold(f32::INFINITY, |low, &z| if z < low { z } else { low });
+    let (lead, mut sum) = ([x[0], y[0], z[0]], Surface::NOTHING);
+    for i in 0..count {
+        let turned = lowest < rule.steep && x[i] * lead[0] + y[i] * lead[1] + z[i] * lead[2] < 0.0;
+        sum = sum.and(group.surfaces[i].turned(turned));
+    }
+    let (normal, mut cone) = (sum.normal(), 1.0);
+    for i in 0..count {
+        let dot = x[i] * normal[0] + y[i] * normal[1] + z[i] * normal[2];
+        let cosine = if rule.two_sided { dot.abs() } else { dot };
+        cone = if cosine < cone { cosine } else { cone };
+    }
+    let cone = if normal == [0.0; 3] { -1.0 } else { cone.max(-1.0) };
+    Cluster { triangles: count as u32, normal, cone, ..sum.cluster(common) }
+}
+
 /// Computes first fit in canonical order, and writes the class of each of the first `count` triangles to `class`.
 /// Returns the number of classes, or `usize::MAX` if there are more than [`MAX_CLASSES`].
 #[inline(always)]
@@ -153,12 +186,8 @@ fn classify<const N: usize, const TWO_SIDED: bool>(
     }
     let mut classes = 0;
     while top != DONE && (classes as usize) < MAX_CLASSES {
-        let (mut at, mut ties) = (i32::MAX, 0);
-        for (i, &key) in (0..).zip(&keys) {
-            at = at.min(if key == top { i } else { i32::MAX });
-            ties += i32::from(key == top);
-        }
-        let mut at = at as usize % N;
+        let (first, ties) = find(&keys, top);
+        let mut at = first % N;
         if ties > 1 {
             for i in at + 1..N {
                 if keys[i] == top && (y[i] > y[at] || (y[i] == y[at] && x[i] > x[at])) {
@@ -179,6 +208,21 @@ fn classify<const N: usize, const TWO_SIDED: bool>(
         classes += 1;
     }
     if top == DONE { classes as usize } else { usize::MAX }
+}
+
+/// Returns the first index of `top` in `keys`, whose number is a multiple of eight, and how many there are. Sums and
+/// ranges with overflow checks would not become vectors.
+#[inline(always)]
+fn find(keys: &[i32], top: i32) -> (usize, i32) {
+    const LANES: usize = 8;
+    let (mut first, mut ties, mut number) = ([i32::MAX; LANES], [0_i32; LANES], [0, 1, 2, 3, 4, 5, 6, 7]);
+    for keys in keys.as_chunks::<LANES>().0 {
+        let places: [i32; LANES] = std::array::from_fn(|i| if keys[i] == top { number[i] } else { i32::MAX });
+        first = std::array::from_fn(|i| if places[i] < first[i] { places[i] } else { first[i] });
+        ties = std::array::from_fn(|i| ties[i].wrapping_add(i32::from(keys[i] == top)));
+        number = number.map(|number: i32| number.wrapping_add(LANES as i32));
+    }
+    (first.into_iter().fold(i32::MAX, i32::min) as usize, ties.into_iter().fold(0, i32::wrapping_add))
 }
 
 /// Maps a float to an integer of the same order. 0.0 and -0.0 map to the same integer.

@@ -29,13 +29,15 @@ impl Surface {
     /// The sum over no triangles.
     pub(crate) const NOTHING: Self = Self { weighted: [0.0; 4], bounds: Bounds::NOTHING };
 
-    /// Adds a triangle. Its normal must already be turned to the side of the sum.
+    /// The sum with a triangle. Its normal must already be turned to the side of the sum. By value: the compiler then
+    /// knows that the two do not overlap.
     #[inline(always)]
-    pub(crate) fn add(&mut self, other: &Self) {
+    pub(crate) fn and(mut self, other: Self) -> Self {
         for lane in 0..4 {
             self.weighted[lane] += other.weighted[lane];
         }
         self.bounds.unite(other.bounds);
+        self
     }
 
     /// Returns the surface, with its normal negated if `turned`.
@@ -67,25 +69,24 @@ impl Surface {
     }
 }
 
-/// The unit normals of consecutive triangles, one array per axis. A flat triangle has normal zero and `flat` 1; others
-/// have `flat` 0.
+/// The unit normals of consecutive triangles, one slice per axis. A flat triangle has normal zero and `flat` 1; others
+/// have `flat` 0. The last ones may belong to other groups or be unused.
 #[derive(Clone, Copy)]
 pub(crate) struct Normals<'a> {
     axes: [&'a [f32]; 3],
-    flat: &'a [f32],
-    start: usize,
+    pub(crate) flat: &'a [f32],
 }
 
 impl<'a> Normals<'a> {
     #[inline(always)]
     pub(crate) fn of(&self, i: usize) -> [f32; 3] {
-        self.axes.map(|axis| axis[self.start + i])
+        self.axes.map(|axis| axis[i])
     }
 
     /// Tests if a triangle has no normal.
     #[inline(always)]
     pub(crate) fn is_flat(&self, i: usize) -> bool {
-        self.flat[self.start + i] != 0.0
+        self.flat[i] != 0.0
     }
 
     /// The cosine between a triangle's normal and a unit vector; 0 without a normal.
@@ -98,13 +99,13 @@ impl<'a> Normals<'a> {
     /// The cosine between a triangle's normal and a unit vector; 1 without a normal, which cannot deviate.
     #[inline(always)]
     pub(crate) fn cosine(&self, i: usize, other: [f32; 3]) -> f32 {
-        self.dot(i, other) + self.flat[self.start + i]
+        self.dot(i, other) + self.flat[i]
     }
 
-    /// The x, y and z of the first N normals; `None` if fewer are stored. The last ones may belong to other groups or
-    /// be unused.
+    /// The x, y and z of the first N normals; `None` if fewer are stored.
+    #[inline(always)]
     pub(crate) fn first<const N: usize>(&self) -> Option<[&'a [f32; N]; 3]> {
-        let [x, y, z] = self.axes.map(|axis| axis[self.start..].first_chunk());
+        let [x, y, z] = self.axes.map(<[f32]>::first_chunk);
         Some([x?, y?, z?])
     }
 }
@@ -120,8 +121,7 @@ pub(crate) struct Surfaces {
 impl Surfaces {
     /// The normals of the triangles from index `start` on.
     pub(crate) fn normals(&self, start: usize) -> Normals<'_> {
-        let [x, y, z] = &self.axes;
-        Normals { axes: [x, y, z], flat: &self.flat, start }
+        Normals { axes: self.axes.each_ref().map(|axis| &axis[start..]), flat: &self.flat[start..] }
     }
 
     /// Replaces the contents by the surfaces and normals of `triangles`. If `two_sided`, normals are turned upwards.
@@ -133,16 +133,18 @@ impl Surfaces {
         for lanes in self.axes.iter_mut().chain([&mut self.flat]) {
             lanes.resize(room, 0.0);
         }
-        let mut edges = Edges::default();
+        let mut corners = Corners::default();
         let mut bounds = [Bounds::NOTHING; BLOCK];
         for (number, block) in triangles.chunks(BLOCK).enumerate() {
-            for (lane, &triangle) in block.iter().enumerate() {
-                let corners = mesh.corners(triangle);
-                bounds[lane] = Bounds::of(corners);
-                edges.put(lane, corners);
+            // Not above the length of the arrays, so that the compiler leaves out checks.
+            let count = block.len().min(BLOCK);
+            for lane in 0..count {
+                let own = mesh.corners(block[lane]);
+                bounds[lane] = Bounds::of(own);
+                corners.put(lane, own);
             }
-            let found = Crosses::of(&edges, two_sided);
-            self.surfaces.extend((0..block.len()).map(|lane| Surface {
+            let found = Crosses::of(&corners, two_sided);
+            self.surfaces.extend((0..count).map(|lane| Surface {
                 weighted: [found.cross[0][lane], found.cross[1][lane], found.cross[2][lane], found.doubled[lane]],
                 bounds: bounds[lane],
             }));
@@ -155,20 +157,19 @@ impl Surfaces {
     }
 }
 
-/// The two edges from the first corner of each triangle of a block, by axis.
+/// The corners of the triangles of a block, by corner and axis.
 #[derive(Default)]
-struct Edges {
-    u: [Lanes<f64>; 3],
-    v: [Lanes<f64>; 3],
+struct Corners {
+    corners: [[Lanes<f32>; 3]; 3],
 }
 
-impl Edges {
+impl Corners {
     #[inline(always)]
     fn put(&mut self, lane: usize, corners: [[f32; 4]; 3]) {
-        let [a, b, c] = corners.map(|corner| corner.map(f64::from));
-        for axis in 0..3 {
-            self.u[axis][lane] = b[axis] - a[axis];
-            self.v[axis][lane] = c[axis] - a[axis];
+        for (lanes, corner) in self.corners.iter_mut().zip(corners) {
+            for axis in 0..3 {
+                lanes[axis][lane] = corner[axis];
+            }
         }
     }
 }
@@ -184,12 +185,15 @@ struct Crosses {
 
 impl Crosses {
     #[inline(always)]
-    fn of(edges: &Edges, two_sided: bool) -> Self {
+    fn of(corners: &Corners, two_sided: bool) -> Self {
         let mut found =
             Self { cross: [[0.0; BLOCK]; 3], doubled: [0.0; BLOCK], unit: [[0.0; BLOCK]; 3], flat: [0.0; BLOCK] };
         for lane in 0..BLOCK {
-            let u = [edges.u[0][lane], edges.u[1][lane], edges.u[2][lane]];
-            let v = [edges.v[0][lane], edges.v[1][lane], edges.v[2][lane]];
+            let [a, b, c] = corners.corners.each_ref().map(|corner| {
+                [f64::from(corner[0][lane]), f64::from(corner[1][lane]), f64::from(corner[2][lane])]
+            });
+            let u = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
+            let v = [c[0] - a[0], c[1] - a[1], c[2] - a[2]];
             let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
             let square = |a: [f64; 3]| a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
             let squared = square(n);

@@ -148,22 +148,25 @@ impl<E: Entry> Buffers<E> {
             return sort(&mut self.entries, &mut self.spare, bits);
         }
         // A counter per voxel sorts straight from the parts in one pass.
-        let voxel = |entry: E| entry.voxel() as usize & ((1 << bits) - 1);
+        let last = (1 << bits) - 1;
+        let voxel = |entry: E| entry.voxel() as usize & last;
         self.next.clear();
-        self.next.resize(1 << bits, 0);
+        self.next.resize(last + 1, 0);
+        // The compiler sees that no index is past its end.
+        let next = &mut self.next[..last + 1];
         for part in parts() {
             for &entry in part {
-                self.next[voxel(entry)] += 1;
+                next[voxel(entry)] += 1;
             }
         }
         let mut sum = 0;
-        for slot in &mut self.next {
+        for slot in next.iter_mut() {
             sum += std::mem::replace(slot, sum);
         }
         self.entries.resize(count, E::default());
         for part in parts() {
             for &entry in part {
-                let slot = &mut self.next[voxel(entry)];
+                let slot = &mut next[voxel(entry)];
                 self.entries[*slot as usize] = entry;
                 *slot += 1;
             }

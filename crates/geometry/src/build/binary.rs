@@ -144,8 +144,33 @@ fn obvhs_tree(leaves: Vec<Bvh2Node>, params: BvhBuildParams, size: Vec3A) -> Vec
         PlocSearchDistance::VeryHigh => build!(32),
     }
     drop(builder);
-    ReinsertionOptimizer::default().run(&mut tree, params.reinsertion_batch_ratio, None);
+    reinsert(&mut tree, params.reinsertion_batch_ratio);
     tree.nodes
+}
+
+/// Moves subtrees to cheaper places, as `ReinsertionOptimizer::run` does: in rounds of fewer and fewer candidates, the
+/// largest of the first nodes. That sorts millions of candidates of equal area differently by each number of threads.
+/// Here the node's number decides.
+fn reinsert(tree: &mut Bvh2, ratio: f32) {
+    let nodes = tree.nodes.len();
+    if nodes < 2 || ratio <= 0.0 {
+        return;
+    }
+    let mut optimizer = ReinsertionOptimizer::default();
+    for part in (1..32).step_by(2) {
+        let count = (((nodes as f32 * ratio) * (1.0 / part as f32)) as usize).clamp(1, nodes - 1);
+        let numbered = (1..).zip(&tree.nodes[1..nodes.min(2 * count + 2)]);
+        // Areas are not negative, so their bits have their order.
+        let by_area = numbered.map(|(number, node)| (!node.aabb().half_area().to_bits(), number));
+        let mut order: Vec<(u32, u32)> = by_area.collect();
+        if count < order.len() {
+            order.select_nth_unstable(count);
+            order.truncate(count);
+        }
+        order.par_sort_unstable();
+        let candidates: Vec<u32> = order.into_iter().map(|(_, number)| number).collect();
+        optimizer.run_with_candidates(tree, &candidates, 1);
+    }
 }
 
 /// Builds a subtree by median splits at the node `root` over the items `numbers`, of which there is at least one.
