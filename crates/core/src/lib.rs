@@ -57,6 +57,7 @@ mod allocate;
 mod domain;
 mod draws;
 mod error;
+mod exchange;
 mod film;
 mod filter;
 mod forward;
@@ -85,10 +86,11 @@ pub use allocate::{mix, saturating_u32};
 pub use domain::{Axis, Defocus, Domain, Role};
 pub use draws::{Block, Draws};
 pub use error::Error;
+pub use exchange::Exchange;
 pub use film::{
     Features, Film, PixelStatistics, Record, Rejected, RejectedReason, RoundRecord, SampleSums, ThirdMoments, luminance,
 };
-pub use filter::{Filter, Filtered, Unfiltered};
+pub use filter::{Band, Filter, Filtered, Unfiltered, apply_together};
 pub use frame::Frame;
 pub use integrator::{
     BACKGROUND, Estimate, FirstHit, Integrator, SurfaceFeatures, TrainingData, TrainingSum, Trajectory,
