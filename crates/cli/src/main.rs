@@ -7,6 +7,7 @@ mod denoise;
 mod display;
 mod effects;
 mod failure;
+mod farm;
 mod hints;
 mod info;
 mod lists;
@@ -91,6 +92,7 @@ enum Command {
     Info(info::InfoArgs),
     Effects(effects::EffectsArgs),
     Study(Box<study::StudyArgs>),
+    Farm(Box<farm::FarmArgs>),
     /// Make one run of a study in a process of its own: reads a request as JSON, prints the run as JSON
     #[command(hide = true)]
     StudyRun,
@@ -118,6 +120,7 @@ fn main() -> ExitCode {
         Command::Info(args) => info::run(&args),
         Command::Effects(args) => effects::run(&args),
         Command::Study(args) => study::run(&args),
+        Command::Farm(args) => farm::run(&args),
         Command::StudyRun => study::run_one(),
         Command::Samplers(args) => lists::samplers(&args),
         Command::Points(args) => lists::points(&args),

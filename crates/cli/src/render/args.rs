@@ -303,7 +303,8 @@ impl RenderArgs {
             Some(path) => {
                 let read = |e| Failure::new(format!("{}: cannot read the file: {e}", path.display()));
                 let json = read_text(path, LONGEST_SPEC).map_err(read)?;
-                RenderSpec::from_json(&json).map_err(|e| Failure::new(format!("{}: {e}", path.display())))?
+                let spec = RenderSpec::from_json(&json).map_err(|e| Failure::new(format!("{}: {e}", path.display())))?;
+                if self.shard.is_some() { spec.shard(self.shard) } else { spec }
             }
             None => self.described(),
         };
