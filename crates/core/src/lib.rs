@@ -57,6 +57,7 @@ mod allocate;
 mod domain;
 mod draws;
 mod error;
+pub mod exchange;
 mod film;
 mod filter;
 mod forward;
@@ -85,6 +86,7 @@ pub use allocate::{mix, saturating_u32};
 pub use domain::{Axis, Defocus, Domain, Role};
 pub use draws::{Block, Draws};
 pub use error::Error;
+pub use exchange::Exchange;
 pub use film::{
     Features, Film, PixelStatistics, Record, Rejected, RejectedReason, RoundRecord, SampleSums, ThirdMoments, luminance,
 };

@@ -14,7 +14,7 @@ pub use session::{Methods, Session};
 pub use tile::{Samples, Tile};
 
 use crate::snapshot::View;
-use crate::{Error, Film, Filter, Frame, Integrator, Limits, Needs, Sampler, Snapshot};
+use crate::{Error, Exchange, Film, Filter, Frame, Integrator, Limits, Needs, Sampler, Snapshot};
 
 /// The state of a render between two slices of tracing (about 0.2 seconds each), passed to a [`Monitor`].
 #[non_exhaustive]
@@ -143,12 +143,13 @@ pub struct Render<'a> {
     needs: Needs,
     monitor: Option<&'a mut dyn Monitor>,
     filter: Option<&'a dyn Filter>,
+    exchange: Option<&'a mut dyn Exchange>,
 }
 
 impl<'a> Render<'a> {
     /// A render of `frame` within `limits`, without a monitor.
     pub fn new(frame: Frame, limits: &'a Limits) -> Self {
-        Self { frame, limits, needs: Needs::none(), monitor: None, filter: None }
+        Self { frame, limits, needs: Needs::none(), monitor: None, filter: None, exchange: None }
     }
 
     /// Adds statistics that the film must record besides counts and means.
@@ -160,6 +161,13 @@ impl<'a> Render<'a> {
     /// Sets the monitor that is called between slices of tracing (about 0.2 seconds each).
     pub fn monitor(mut self, monitor: &'a mut dyn Monitor) -> Self {
         self.monitor = Some(monitor);
+        self
+    }
+
+    /// Renders together with the other processes of this exchange. Each must have the same frame, limits, needs, sampler
+    /// and integrator. The film of each has the bits of a render in one process.
+    pub fn exchange(mut self, exchange: &'a mut dyn Exchange) -> Self {
+        self.exchange = Some(exchange);
         self
     }
 
