@@ -3,6 +3,7 @@
 mod common;
 mod conformance;
 mod driver;
+mod exchange;
 mod film;
 mod film_pushed;
 mod half_films;
