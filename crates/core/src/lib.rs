@@ -107,7 +107,7 @@ pub use placed_points::{FilmPoints, Placed, PlacedHandle};
 pub use plan::{Combine, Plan, Progress, Retention};
 pub use point_set::{HostNumbers, PointSet, SampleId, streams};
 pub use policy::{PilotPolicy, Stopping};
-pub use render::{Control, Methods, Monitor, NoMonitor, Render, Round, Samples, Session, Status, Tile};
+pub use render::{Control, Methods, Monitor, NoMonitor, Render, Round, Samples, Session, Stage, Status, Tile};
 pub use rng::Rng;
 pub use sampler::{BudgetLeft, Feedback, Sampler};
 pub use shard::{Shard, ShardFilm, Sharded, merge};

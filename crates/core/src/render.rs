@@ -8,11 +8,13 @@ pub(crate) mod holdout;
 mod pull;
 mod round;
 mod session;
+mod stage;
 mod team;
 mod tile;
 
 pub use pull::Round;
 pub use session::{Methods, Session};
+pub use stage::Stage;
 pub use tile::{Samples, Tile};
 use team::Team;
 

@@ -148,6 +148,10 @@ pub(super) fn trace(
             }
         }
         let more = open.cursor.start < longest;
+        if wants_training && open.cursor.row == 0 && team.as_ref().is_some_and(|team| team.is_staged()) {
+            // The next pass is a stage of its own.
+            return Ok(if more { Stopped::Within } else { Stopped::No });
+        }
         let seconds = session.seconds();
         session.set_traced(seconds - began);
         session.everyones = team.as_ref().map(|team| team.estimate(session.state.film.record.samples));

@@ -7,6 +7,7 @@ use crate::exchange::message::{Found, Kind, Message, Standing, Step, unreadable}
 use crate::film::{Picked, Splats, keep_first};
 use crate::snapshot::{Broken, OpenRound};
 use crate::{Error, Film, Plan, Record, Rejected, TrainingSum};
+use std::time::Instant;
 
 /// Training sums by row of blocks.
 pub(super) type Sums = Vec<(usize, Vec<TrainingSum>)>;
@@ -25,8 +26,8 @@ pub(crate) struct Team<'a> {
     taken: Vec<u64>,
     /// The samples of the round that each pixel had when films were last gathered.
     since: u32,
-    /// The film's record and lists of that time. They are empty in the film meanwhile, so that it shows what is new.
-    before: Before,
+    /// The film's record and lists of that time. The lists are empty in the film meanwhile, so that it shows what is new.
+    before: Option<Before>,
     /// This process' samples of the open round, and everyone's.
     planned: [u64; 2],
     standing: Standing,
@@ -34,9 +35,12 @@ pub(crate) struct Team<'a> {
     messages: u32,
     /// The seconds of tracing that each process took for the last round.
     times: Vec<f64>,
+    /// The start of tracing after the last gathering of films.
+    began: Instant,
+    /// The seconds of tracing the round in earlier stages.
+    traced: f64,
 }
 
-#[derive(Default)]
 struct Before {
     record: Record,
     unreported: u64,
@@ -66,12 +70,41 @@ impl<'a> Team<'a> {
             measured: vec![BandCost::default(); bands(rows)],
             taken: vec![0; bands(rows)],
             since: 0,
-            before: Before::default(),
+            before: None,
             planned: [1; 2],
             standing: Standing::Going,
             messages: 0,
             times: Vec::new(),
+            began: Instant::now(),
+            traced: 0.0,
         }
+    }
+
+    /// The part `me` of a render in stages, after `number` of them; `traced` are the seconds of the open round.
+    pub(super) fn at_stage(self, number: u32, (costs, traced): (&[BandCost], f64), me: u32) -> Self {
+        let measured = if costs.len() == self.measured.len() { costs.to_vec() } else { self.measured };
+        Self { staged: true, messages: number, me, measured, traced, ..self }
+    }
+
+    /// Puts back what was taken aside, and ends the stage.
+    pub(super) fn end(&mut self, film: &mut Film) {
+        if let Some(before) = self.before.take() {
+            (film.rejected, film.splats) = (before.rejected, before.splats);
+        }
+    }
+
+    /// The measured cost of each band, and the seconds of tracing the open round.
+    pub(super) fn into_costs(self) -> (Vec<BandCost>, f64) {
+        (self.measured, self.traced)
+    }
+
+    /// True if training passes and rounds are stages of their own.
+    pub(super) fn is_staged(&self) -> bool {
+        self.staged
+    }
+
+    pub(super) fn standing(&self) -> &Standing {
+        &self.standing
     }
 
     /// Deals the bands of an opened round by the cost of the rounds before, and notes the state of the film.
@@ -86,13 +119,14 @@ impl<'a> Team<'a> {
 
     /// Takes the film's record and lists aside.
     fn note(&mut self, film: &mut Film) {
+        self.began = Instant::now();
         let empty = Splats::like(&film.splats);
-        self.before = Before {
+        self.before = Some(Before {
             record: film.record.clone(),
             unreported: film.unreported,
             rejected: std::mem::take(&mut film.rejected),
             splats: std::mem::replace(&mut film.splats, empty),
-        };
+        });
     }
 
     /// Returns true if this process traces a row of pixels.
@@ -117,7 +151,8 @@ impl<'a> Team<'a> {
 
     /// Everyone's samples so far, estimated from those of this process.
     pub(super) fn estimate(&self, samples: u64) -> u64 {
-        let (before, [mine, all]) = (self.before.record.samples, self.planned);
+        let before = self.before.as_ref().map_or(samples, |before| before.record.samples);
+        let [mine, all] = self.planned;
         let own = samples.saturating_sub(before);
         before + (u128::from(own) * u128::from(all) / u128::from(mine.max(1))) as u64
     }
@@ -126,7 +161,8 @@ impl<'a> Team<'a> {
     pub(super) fn pass(&mut self, film: &mut Film, (round, open): (u32, &OpenRound), own: Sums) -> Result<Option<Sums>, Error> {
         let whole = self.standing == Standing::Going;
         let found = self.staged.then(|| self.found(film, open));
-        let message = self.message(Kind::Pass, (round, &open.plan), whole, [0.0; 5]);
+        let seconds = [0.0, 0.0, self.began.elapsed().as_secs_f64(), 0.0, 0.0];
+        let message = self.message(Kind::Pass, (round, &open.plan), whole, seconds);
         let mut all = self.gather(Message { training: own, found, ..message }, film, Some(open))?;
         if all.iter().any(|one| one.standing != Standing::Going) {
             return Ok(None);
@@ -135,6 +171,7 @@ impl<'a> Team<'a> {
             self.place(film, open, &mut all);
             self.since = open.cursor.start;
             self.note(film);
+            self.traced += slowest(&all);
         }
         Ok(Some(all.into_iter().flat_map(|one| one.training).collect()))
     }
@@ -148,13 +185,23 @@ impl<'a> Team<'a> {
         whole: bool,
         [clock, plan, trace]: [f64; 3],
     ) -> Result<Gathered, Error> {
+        if self.staged && !(0..open.plan.counts.len()).any(|i| longest(&open.plan, i) > self.since) {
+            // The round ended with a training pass.
+            self.end(film);
+            let seconds = [clock, plan, std::mem::take(&mut self.traced)];
+            return Ok(Gathered { whole, seconds, standing: Standing::Going });
+        }
         let found = Some(self.found(film, open));
+        let trace = if self.staged { self.began.elapsed().as_secs_f64() } else { trace };
         let message = self.message(Kind::Round, (round, &open.plan), whole, [clock, plan, trace, 0.0, 0.0]);
         let mut all = self.gather(Message { found, ..message }, film, Some(open))?;
         self.place(film, open, &mut all);
         self.times = all.iter().map(|one| one.seconds[2]).collect();
         self.threads = if self.staged { vec![1; all.len()] } else { all.iter().map(|one| one.threads).collect() };
-        let [clock, plan, trace, ..] = all[0].seconds;
+        let [clock, plan, mut trace, ..] = all[0].seconds;
+        if self.staged {
+            trace = std::mem::take(&mut self.traced) + slowest(&all);
+        }
         let whole = all.iter().all(|one| one.whole);
         // A failure of one process comes before a stop of another.
         let rank = |standing: &Standing| match standing {
@@ -190,10 +237,10 @@ impl<'a> Team<'a> {
     /// What this process found since films were last gathered.
     fn found(&self, film: &Film, open: &OpenRound) -> Found {
         let mut found = Found::of(film, &self.numbers(film, open, self.me), open.plan.retention);
-        let (record, before) = (&film.record, &self.before.record);
-        let now = [record.samples, record.rays, record.blocks, record.rejected, film.unreported];
-        let then = [before.samples, before.rays, before.blocks, before.rejected, self.before.unreported];
-        found.totals = std::array::from_fn(|k| now[k] - then[k]);
+        if let Some(Before { record, unreported, .. }) = &self.before {
+            let then = [record.samples, record.rays, record.blocks, record.rejected, *unreported];
+            found.totals.iter_mut().zip(then).for_each(|(now, then)| *now -= then);
+        }
         let cost = |band| BandCost { nanoseconds: self.taken[band], samples: self.traced(film, open, band) };
         found.costs = self.deal.of(self.me).map(cost).collect();
         found
@@ -241,8 +288,9 @@ impl<'a> Team<'a> {
 
     /// Puts what all processes found into the film.
     fn place(&mut self, film: &mut Film, open: &OpenRound, all: &mut [Message]) {
-        let Before { record, unreported, rejected, splats } = std::mem::take(&mut self.before);
-        (film.record, film.unreported, film.rejected, film.splats) = (record, unreported, rejected, splats);
+        if let Some(Before { record, unreported, rejected, splats }) = self.before.take() {
+            (film.record, film.unreported, film.rejected, film.splats) = (record, unreported, rejected, splats);
+        }
         for (rank, found) in all.iter_mut().enumerate().filter_map(|(rank, one)| Some((rank, one.found.take()?))) {
             let [samples, rays, blocks, rejections, misses] = found.totals;
             film.record.samples += samples;
@@ -264,6 +312,11 @@ impl<'a> Team<'a> {
         keep_first(&mut film.rejected);
         self.taken.fill(0);
     }
+}
+
+/// The seconds of tracing of the slowest process.
+fn slowest(all: &[Message]) -> f64 {
+    all.iter().map(|one| one.seconds[2]).fold(0.0, f64::max)
 }
 
 /// The samples of a band that a plan has left after the first `since` of each pixel.

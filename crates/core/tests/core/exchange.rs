@@ -15,7 +15,7 @@ use rand::RngExt;
 use std::time::Duration;
 
 /// The numbers of processes that all tests of equal bits try. The frames have fewer bands of 16 rows than the last.
-const RANKS: [u32; 4] = [1, 2, 3, 7];
+pub(crate) const RANKS: [u32; 4] = [1, 2, 3, 7];
 
 /// Runs one thread per process, each with its end of an exchange in memory. Returns their results, by number.
 fn together<T: Send>(of: u32, process: impl Fn(InMemory) -> T + Sync) -> Vec<T> {
@@ -27,7 +27,7 @@ fn together<T: Send>(of: u32, process: impl Fn(InMemory) -> T + Sync) -> Vec<T> 
 }
 
 /// All statistics of a film as bits, seconds left out.
-fn all(film: &Film) -> Vec<u64> {
+pub(crate) fn all(film: &Film) -> Vec<u64> {
     let mut all = bits(film);
     let halves = if film.needs().halves { 2 } else { 1 };
     for (half, i) in (0..halves).flat_map(|half| (0..film.frame().pixels()).map(move |i| (half, i))) {
@@ -39,7 +39,7 @@ fn all(film: &Film) -> Vec<u64> {
 
 /// Everything, and splats, channels and emission.
 #[derive(Default)]
-struct More(Everything);
+pub(crate) struct More(Everything);
 
 impl Integrator for More {
     fn estimate(&self, draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
@@ -59,11 +59,11 @@ impl Integrator for More {
     }
 }
 
-fn adaptive(policy: PilotPolicy) -> Adaptive<Independent> {
+pub(crate) fn adaptive(policy: PilotPolicy) -> Adaptive<Independent> {
     Adaptive::with_options(Independent::new(5), AdaptiveOptions::default().policy(policy)).unwrap()
 }
 
-fn needs() -> Needs {
+pub(crate) fn needs() -> Needs {
     everything().with_splats().with_channels(2)
 }
 

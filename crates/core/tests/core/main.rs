@@ -13,6 +13,7 @@ mod resume;
 mod rng;
 mod samples;
 mod session;
+mod stage;
 mod sums;
 mod then;
 mod time;
