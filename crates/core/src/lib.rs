@@ -54,10 +54,11 @@
 //! * One estimate belongs to one pixel: pixel filters wider than a pixel are sampled by the integrator.
 
 mod allocate;
+mod bands;
 mod domain;
 mod draws;
 mod error;
-mod exchange;
+pub mod exchange;
 mod film;
 mod filter;
 mod forward;
@@ -106,7 +107,7 @@ pub use placed_points::{FilmPoints, Placed, PlacedHandle};
 pub use plan::{Combine, Plan, Progress, Retention};
 pub use point_set::{HostNumbers, PointSet, SampleId, streams};
 pub use policy::{PilotPolicy, Stopping};
-pub use render::{Control, Methods, Monitor, NoMonitor, Render, Round, Samples, Session, Status, Tile};
+pub use render::{Control, Methods, Monitor, NoMonitor, Render, Round, Samples, Session, Stage, Status, Tile};
 pub use rng::Rng;
 pub use sampler::{BudgetLeft, Feedback, Sampler};
 pub use shard::{Shard, ShardFilm, Sharded, merge};

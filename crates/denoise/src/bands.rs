@@ -5,42 +5,18 @@ use crate::cluster_regression::{ClusterRegression, ClusterRegressionOptions, Pas
 use crate::scales::Scales;
 use crate::{Bilateral, Gaussian, NlMeans, NlMeansOptions};
 use dapple_core::{
-    Band, Error, Estimate, Exchange, Film, Filter, Filtered, FirstHit, Frame, Needs, Shard, SurfaceFeatures,
+    Band, Estimate, Exchange, Film, Filter, Filtered, FirstHit, Frame, Needs, SurfaceFeatures, exchange,
 };
-use std::sync::{Arc, Barrier, Mutex};
-
-/// Processes that are threads.
-struct Threads {
-    share: Shard,
-    all: Arc<(Barrier, Mutex<Vec<Vec<u8>>>)>,
-}
-
-impl Exchange for Threads {
-    fn share(&self) -> Shard {
-        self.share
-    }
-
-    fn all_gather(&mut self, mine: Vec<u8>) -> Result<Vec<Vec<u8>>, Error> {
-        let (barrier, slots) = &*self.all;
-        slots.lock().unwrap()[self.share.index() as usize] = mine;
-        barrier.wait();
-        let all = slots.lock().unwrap().clone();
-        barrier.wait();
-        Ok(all)
-    }
-}
+use std::sync::Arc;
 
 /// Runs `task` on a thread per band.
 fn together<T: Send>(bands: &[Band], task: impl Fn(&Band, &mut dyn Exchange) -> T + Sync) -> Vec<T> {
-    let of = bands.len();
-    let all = Arc::new((Barrier::new(of), Mutex::new(vec![Vec::new(); of])));
     std::thread::scope(|scope| {
-        let start = |(index, band)| {
-            let share = Shard::new(index as u32, of as u32).unwrap();
-            let (mut exchange, task) = (Threads { share, all: all.clone() }, &task);
+        let start = |(band, mut exchange)| {
+            let task = &task;
             scope.spawn(move || task(band, &mut exchange))
         };
-        let threads: Vec<_> = bands.iter().enumerate().map(start).collect();
+        let threads: Vec<_> = bands.iter().zip(exchange::in_memory(bands.len() as u32)).map(start).collect();
         threads.into_iter().map(|thread| thread.join().unwrap()).collect()
     })
 }

@@ -183,7 +183,7 @@ impl Study {
 
     /// The number of runs in the whole study or in this shard of it, finished or not.
     pub fn expected(&self) -> usize {
-        (0..self.plan.runs()).filter(|run| self.shard.is_none_or(|shard| shard.owns(*run))).count()
+        (0..self.plan.runs()).filter(|run| self.owns(*run)).count()
     }
 
     /// Replaces the file of finished runs by another store, for tests of a full disk.
@@ -208,7 +208,7 @@ impl Study {
                 for spp in self.plan.spp.clone() {
                     for method in self.plan.methods.clone() {
                         let request = self.request(at, &method, RunBudget::Spp(spp), seed, spp * pixels);
-                        let own = self.shard.is_none_or(|shard| shard.owns(number));
+                        let own = self.owns(number);
                         number += 1;
                         if !own || self.find(&request).is_some() {
                             continue;
@@ -226,6 +226,11 @@ impl Study {
             }
         }
         Ok(StudyStatus::Done)
+    }
+
+    /// Whether a run, counted from 0, belongs to the shard of this session.
+    fn owns(&self, run: usize) -> bool {
+        self.shard.is_none_or(|shard| run % shard.of() as usize == shard.index() as usize)
     }
 
     fn request(&self, at: usize, method: &Method, budget: RunBudget, seed: u64, asked: u64) -> RunRequest {
