@@ -44,6 +44,12 @@ pub(crate) struct FarmOptions {
     #[arg(value_parser = clap::value_parser!(u32).range(1..=100))]
     tries: u32,
 
+    /// Largest number of stages of a render whose sampler or light selection learns from samples (openjd, opencue); stages
+    /// that are not needed do nothing [default: by --spp]
+    #[arg(long, value_name = "N", help_heading = "Job")]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=1000))]
+    stages: Option<u32>,
+
     /// Container image of the pods (k8s), with `dapple` in its PATH
     #[arg(long, value_name = "NAME", default_value = "dapple", help_heading = "Job")]
     container: String,
@@ -132,10 +138,10 @@ impl FromArgMatches for FarmArgs {
 
 const AFTER: &str = "\
 Examples (docs/CLUSTER.md):
-  dapple farm slurm scene.pbrt --sampler uniform --spp 1024 --parts 64 -o job && sh job/submit.sh
-  dapple farm openjd scene.pbrt --sampler uniform --spp 1024 -o job       openjd run job/job.template.json
-  dapple farm opencue scene.pbrt --sampler uniform --spp 1024 -o job      pycuerun job/job.xml, or opencue.api.launchSpec
-  dapple farm k8s scene.pbrt --sampler uniform --spp 1024 -o job          kubectl apply -f job/job.json";
+  dapple farm slurm scene.pbrt --spp 1024 --parts 64 -o job && sh job/submit.sh
+  dapple farm openjd scene.pbrt --spp 1024 -o job          then submit job/job.template.json
+  dapple farm opencue scene.pbrt --spp 1024 -o job         then launch job/job.xml
+  dapple farm k8s scene.pbrt --spp 1024 -o job && kubectl apply -f job/job.json";
 
 pub(crate) fn run(args: &FarmArgs) -> Result<Outcome> {
     let FarmArgs { options, render, refused } = args;
@@ -195,7 +201,7 @@ impl<'a> Job<'a> {
             [] => vec!["image.exr".to_owned()],
             images => images.iter().map(|path| text(path)).collect::<Result<_>>()?,
         };
-        let stages = Stages::of(&spec)?;
+        let stages = Stages::of(&spec, options);
         let folder = text(&std::path::absolute(folder).map_err(Failure::new)?)?;
         Ok(Self { options, spec, folder, name, images, threads: render.threads, memory: render.memory, stages })
     }
@@ -208,7 +214,11 @@ impl<'a> Job<'a> {
     }
 
     fn summary(&self) -> String {
-        format!("a job of {} parts", self.options.parts)
+        let parts = self.options.parts;
+        match self.stages {
+            Stages::One => format!("a job of {parts} parts"),
+            Stages::Several { .. } => format!("a job of {parts} parts in several stages"),
+        }
     }
 }
 

@@ -7,7 +7,8 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};
 
-const RENDER: &str = "tiny.pbrt --sampler uniform --spp 4 --parts 3 --image image.pfm --image image.png";
+const RENDER: &str =
+    "tiny.pbrt --sampler uniform --light-selection power --spp 4 --parts 3 --image image.pfm --image image.png";
 
 /// A folder with the job of a system.
 fn farm(system: &str, more: &str) -> Folder {
@@ -217,8 +218,8 @@ fn jobs_that_cannot_run_are_refused() {
         assert!(said.status != Some(0) && said.err.contains(wrong), "{words}: {}", said.err);
     }
     assert!(folder.names().is_empty(), "{:?}", folder.names());
-    folder.done("farm slurm tiny.pbrt --sampler uniform --spp 4 -o job");
-    folder.done("farm slurm tiny.pbrt --sampler uniform --spp 4 --parts 5 -o job");
-    let said = folder.run("farm slurm tiny.pbrt --sampler uniform --spp 8 -o job");
+    folder.done("farm slurm tiny.pbrt --spp 4 -o job");
+    folder.done("farm slurm tiny.pbrt --spp 4 --parts 5 -o job");
+    let said = folder.run("farm slurm tiny.pbrt --spp 8 -o job");
     assert!(said.err.contains("another render"), "{}", said.err);
 }

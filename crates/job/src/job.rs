@@ -18,8 +18,9 @@ use crate::{BudgetSpec, ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
 use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
-    Budget, Control, Error, Film, FilmPoints, Filter, Filtered, Frame, Limits, Memory, Monitor, Needs, NoMonitor,
+    Budget, Control, Error, Exchange, Film, FilmPoints, Filter, Filtered, Frame, Limits, Memory, Monitor, Needs, NoMonitor,
     PointSet, Render, Sampler, Sharded, Status, Unfiltered,
+    apply_together,
 };
 use dapple_renderer::{World, make_integrator};
 use dapple_scene::Scene;
@@ -374,17 +375,36 @@ impl Job {
     ///
     /// [`JobError::Core`] if the film lacks statistics that the filter needs.
     pub fn finish(&self, film: Film) -> Result<RenderedImage, JobError> {
+        self.filtered(film, None)
+    }
+
+    /// Filters a film that all processes have, each some of its rows, and returns the image on all of them. It has the
+    /// bits of [`Job::finish`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Job::finish`], and if a process is gone.
+    pub fn finish_together(&self, film: Film, exchange: &mut dyn Exchange) -> Result<RenderedImage, JobError> {
+        self.filtered(film, Some(exchange))
+    }
+
+    fn filtered(&self, film: Film, exchange: Option<&mut dyn Exchange>) -> Result<RenderedImage, JobError> {
         /// Pixels per second and thread of the default filter.
         const FILTERED_A_SECOND: usize = 125_000;
         let mut warnings = self.clusters_warnings();
         let mut filter: &dyn Filter = &*self.filter;
-        let patience = FILTERED_A_SECOND * rayon::current_num_threads();
+        // Processes decide alike, whatever their threads.
+        let threads = if exchange.is_some() { 1 } else { rayon::current_num_threads() };
+        let patience = FILTERED_A_SECOND * threads;
         if film.record().interrupted && filter.name() != Unfiltered.name() && film.frame().pixels() > patience {
             warnings.push(Warning::NotFiltered { filter: filter.name().to_owned() });
             filter = &Unfiltered;
         }
         let clock = Instant::now();
-        let filtered = filter.apply(&film)?;
+        let filtered = match exchange {
+            Some(exchange) => apply_together(filter, &film, exchange)?,
+            None => filter.apply(&film)?,
+        };
         let seconds = clock.elapsed().as_secs_f64();
         let described = filter.describe();
         Ok(self.image(film, filtered, described, seconds, warnings))
