@@ -3,11 +3,14 @@
 mod checkpoints;
 mod identity;
 mod shards;
+mod stages;
 mod time;
+mod together;
 
 pub use checkpoints::{CheckpointOptions, Checkpoints};
 pub use identity::pixel_filter;
 pub use shards::ShardSet;
+pub use stages::PlanFile;
 
 use crate::checkpoint::Identity;
 use crate::load::{LoadOptions, LoadedScene, PreparedScene, frame, limits, setting};
@@ -18,9 +21,8 @@ use crate::{BudgetSpec, ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
 use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
-    Budget, Control, Error, Exchange, Film, FilmPoints, Filter, Filtered, Frame, Limits, Memory, Monitor, Needs, NoMonitor,
-    PointSet, Render, Sampler, Sharded, Status, Unfiltered,
-    apply_together,
+    Budget, Control, Error, Exchange, Film, FilmPoints, Filter, Filtered, Frame, Limits, Memory, Monitor, Needs,
+    NoMonitor, PointSet, Render, Sampler, Sharded, Snapshot, Status, Unfiltered, apply_together,
 };
 use dapple_renderer::{World, make_integrator};
 use dapple_scene::Scene;
@@ -318,11 +320,23 @@ impl Job {
             Some(_) => self.identity()?,
             None => Identity::default(),
         };
-        let snapshot = checkpoints.as_ref().map(|c| c.snapshot(&identity, monitor)).transpose()?.flatten();
+        let bytes = checkpoints.as_ref().map(|c| c.snapshot(&identity, monitor)).transpose()?.flatten();
+        let snapshot = checkpoints.as_ref().zip(bytes).map(|(c, bytes)| c.decode(&bytes)).transpose()?;
+        self.trace((snapshot, identity), checkpoints, monitor, None)
+    }
+
+    /// Traces the render, from a snapshot if there is one, alone or with other processes.
+    fn trace(
+        &mut self,
+        (snapshot, identity): (Option<Snapshot>, Identity),
+        checkpoints: Option<Checkpoints>,
+        monitor: &mut dyn JobMonitor,
+        exchange: Option<&mut dyn Exchange>,
+    ) -> Result<Traced, JobError> {
         if let Some(snapshot) = &snapshot {
             monitor.resumed(snapshot.film().record().samples as f64 / self.frame.pixels() as f64);
         }
-        let mut watched = Watched::new(monitor, checkpoints, identity, self.limits.min_spp);
+        let mut watched = Watched::new(monitor, checkpoints, identity, self.limits.min_spp, exchange.is_some());
         let mut integrator = make_integrator(&self.spec.integrator, &self.prepared.world)?;
         let filtered = self.is_error_of_filtered();
         let mut sharded;
@@ -337,6 +351,9 @@ impl Job {
         let mut render = Render::new(self.frame, &self.limits).needs(self.needs).monitor(&mut watched);
         if filtered {
             render = render.error_of(&*self.filter);
+        }
+        if let Some(exchange) = exchange {
+            render = render.exchange(exchange);
         }
         let film = match snapshot {
             None => render.run(&mut *integrator, sampler),
