@@ -90,9 +90,9 @@ impl Exchange for Processes {
         for from in (0..longest).step_by(piece) {
             let counts: Vec<usize> = lengths.iter().map(|n| n.saturating_sub(from).min(piece)).collect();
             let (sizes, starts) = partition(&counts);
-            let mut got = vec![0_u8; counts.iter().sum()];
-            let own = &mine[from.min(mine.len())..(from + piece).min(mine.len())];
-            self.world.all_gather_varcount_into(own, &mut PartitionMut::new(&mut got[..], sizes, &starts[..]));
+            let mut got = buffer(vec![0_u8; counts.iter().sum()]);
+            let own = buffer(mine[from.min(mine.len())..(from + piece).min(mine.len())].to_vec());
+            self.world.all_gather_varcount_into(&own[..], &mut PartitionMut::new(&mut got[..], sizes, &starts[..]));
             append(&mut all, &got, &counts);
         }
         Ok(all)
@@ -109,11 +109,11 @@ impl Exchange for Processes {
         let longest = self.most(own.iter().copied().max().unwrap_or(0)) as usize;
         for from in (0..longest).step_by(piece) {
             let part = |bytes: &Vec<u8>| from.min(bytes.len())..(from + piece).min(bytes.len());
-            let sent: Vec<u8> = to_each.iter().flat_map(|bytes| &bytes[part(bytes)]).copied().collect();
+            let sent = buffer(to_each.iter().flat_map(|bytes| &bytes[part(bytes)]).copied().collect());
             let (sizes, starts) = partition(&to_each.iter().map(|bytes| part(bytes).len()).collect::<Vec<_>>());
             let counts: Vec<usize> = theirs.iter().map(|n| n.saturating_sub(from).min(piece)).collect();
             let (got_sizes, got_starts) = partition(&counts);
-            let mut got = vec![0_u8; counts.iter().sum()];
+            let mut got = buffer(vec![0_u8; counts.iter().sum()]);
             self.world.all_to_all_varcount_into(
                 &Partition::new(&sent[..], sizes, &starts[..]),
                 &mut PartitionMut::new(&mut got[..], got_sizes, &got_starts[..]),
@@ -122,6 +122,13 @@ impl Exchange for Processes {
         }
         Ok(all)
     }
+}
+
+/// Bytes at an address of their own even if there are none. Rust gives an empty vector the address 1, which is
+/// `MPI_IN_PLACE` in Open MPI.
+fn buffer(mut bytes: Vec<u8>) -> Vec<u8> {
+    bytes.reserve(1);
+    bytes
 }
 
 /// The sizes of consecutive pieces and where each begins, as MPI takes them.
