@@ -12,7 +12,7 @@ pub(super) fn write(job: &Job<'_>, files: &mut Files) -> Result<String> {
     let layers: Vec<(String, &str, String)> = match job.stages {
         Stages::One => vec![("render".into(), &parts, "render #IFRAME#".into()), ("merge".into(), "1-1", "merge".into())],
         Stages::Several { .. } => {
-            let mut layers = Vec::new();
+            let mut layers = vec![("start".to_owned(), "1-1", "current".to_owned())];
             for number in 0..job.stages.most()? {
                 layers.push((format!("render_{number}"), &*parts, format!("render #IFRAME# {number}")));
                 layers.push((format!("plan_{number}"), "1-1", format!("plan {number}")));

@@ -29,7 +29,8 @@ pub(super) fn write(job: &Job<'_>, files: &mut Files) -> Result<String> {
         ],
         Stages::Several { .. } => {
             let mut steps = Vec::new();
-            let mut before = None;
+            steps.push(step("Start", None, &[stage, "current"]));
+            let mut before = Some("Start".to_owned());
             for number in 0..job.stages.most()? {
                 let (render, plan) = (format!("Render{number}"), format!("Plan{number}"));
                 let number = number.to_string();

@@ -146,7 +146,7 @@ const SEVERAL: &str = r#"# stage.sh render I [K]    renders part I, from 1 to @P
 # stage.sh plan [K]        makes the next plan of all parts of stage K
 # stage.sh merge           makes the image after the last stage
 # stage.sh is-done         succeeds after the last stage
-# stage.sh current         prints the number of the current stage
+# stage.sh current         prints the number of the current stage, after making the plan of stage 0
 # stage.sh work I          renders part I of every stage and waits for the others; part 1 plans and merges
 # Stages count from 0; K.plan is the plan of stage K, and stage-K has its parts.
 stages=stages-@PARTS@
@@ -175,7 +175,7 @@ render() {
         echo "part $1 of stage $stage is there already" >&2
         return 0
     fi
-    "$dapple" render --spec render.json --shard "$1/@PARTS@" --from "$stages/$stage.plan" -o "$folder/$1.part" --quiet@LIMITS@
+    "$dapple" render --from "$stages/$stage.plan" --shard "$1/@PARTS@" -o "$folder/$1.part" --quiet@LIMITS@
 }
 
 plan() {
@@ -184,9 +184,9 @@ plan() {
     if [ -e "$stages/$((stage + 1)).plan" ]; then return 0; fi
     folder=$stages/stage-$stage
     complete "$folder" part || return 1
-    said=$("$dapple" plan "$folder"/*.part -o "$stages/$((stage + 1)).plan"@LIMITS@) || return 1
+    said=$("$dapple" plan "$folder"/*.part --from "$stages/$stage.plan" -o "$stages/$((stage + 1)).plan"@LIMITS@) || return 1
     echo "$said"
-    case $said in *done*) : >"$stages/done" ;; esac
+    case $said in *": done after "*) : >"$stages/done" ;; esac
     rm -rf "$folder"
 }
 
@@ -199,6 +199,9 @@ merge() {
 }
 
 work() {
+    if [ "$1" -ne 1 ]; then
+        while [ ! -e "$stages/0.plan" ]; do sleep 1; done
+    fi
     while ! is_done; do
         now=$(current) || return 1
         try render "$1" "$now" || return 1
@@ -217,7 +220,7 @@ case ${1:-} in
     plan) try plan ${2:+"$2"} ;;
     merge) try merge ;;
     is-done) is_done ;;
-    current) current ;;
+    current) try current ;;
     work) work "$2" ;;
 "#;
 
