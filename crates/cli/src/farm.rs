@@ -98,6 +98,7 @@ const REFUSED: &[(&str, &str)] = &[
     ("checkpoint_every", "--checkpoint-every"),
     ("resume", "--resume"),
     ("shard", "--shard"),
+    ("from", "--from"),
     ("print_spec", "--print-spec"),
     ("json", "--json"),
     ("exposure", "--exposure"),

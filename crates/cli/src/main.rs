@@ -15,6 +15,7 @@ mod machine;
 mod manual;
 mod merge;
 mod output;
+mod plan;
 mod render;
 mod schemas;
 mod stop;
@@ -87,6 +88,7 @@ so far is saved).";
 enum Command {
     Render(Box<render::RenderArgs>),
     Merge(merge::MergeArgs),
+    Plan(plan::PlanArgs),
     Compare(compare::CompareArgs),
     Denoise(denoise::DenoiseArgs),
     Info(info::InfoArgs),
@@ -115,6 +117,7 @@ fn main() -> ExitCode {
     let outcome = match arguments.command {
         Command::Render(args) => render::run(&args),
         Command::Merge(args) => merge::run(&args),
+        Command::Plan(args) => plan::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Denoise(args) => denoise::run(&args),
         Command::Info(args) => info::run(&args),

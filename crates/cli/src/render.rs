@@ -5,10 +5,11 @@ pub(crate) mod live;
 mod progress;
 mod report;
 mod roles;
+pub(crate) mod stages;
 mod together;
 pub(crate) mod values;
 
-pub(crate) use args::RenderArgs;
+pub(crate) use args::{RenderArgs, described_in};
 
 use crate::machine::{cpu_seconds, start_threads};
 use crate::output::{say, tell, warn};
@@ -17,7 +18,7 @@ use crate::{Failure, Outcome, Result, failure};
 use dapple_core::{Exchange, Film};
 use dapple_job::memory::{MemoryLimit, size};
 use dapple_job::{
-    Job, JobError, LoadOptions, LoadedScene, OutputFiles, RenderSpec, ShardSet, Traced, Warning, can_be_replayed,
+    Job, JobError, LoadOptions, LoadedScene, OutputFiles, RenderSpec, Traced, Warning, can_be_replayed,
 };
 use dapple_scene::Scene;
 use dapple_scene::image::{check_writable, write_file};
@@ -28,10 +29,16 @@ use std::path::{Path, PathBuf};
 use values::EachLayer;
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
+    if let Some(plan) = &args.from {
+        return stages::part(args, plan);
+    }
     let spec = args.spec()?;
     if args.print_spec {
         tell(spec.to_json_pretty().map_err(Failure::new)?)?;
         return Ok(Outcome::Done);
+    }
+    if let Some(plan) = args.outputs.iter().find(|path| values::has_extension(path, "plan")) {
+        return stages::first(&spec, plan, &stages::Limits::from(args));
     }
     if spec.shard.is_none()
         && let Some(processes) = together::start()?
@@ -71,9 +78,9 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     }
 }
 
-/// Filters the merged film of shards and writes the image files.
+/// Filters the merged film of shards, or of a plan whose samples are all traced, and writes the image files.
 pub(crate) fn merge(
-    shards: ShardSet,
+    film: impl FnOnce(&mut Job) -> std::result::Result<Traced, JobError>,
     spec: &RenderSpec,
     show: &Show<'_>,
     (threads, limit): (u16, MemoryLimit),
@@ -94,7 +101,7 @@ pub(crate) fn merge(
         let wrong = format!("making the image takes {expected}, and {limit} is the limit; raise --memory");
         return Err(Failure::new(wrong));
     }
-    let traced = job.merge(shards).map_err(|e| failure::of_job(&e))?;
+    let traced = film(&mut job).map_err(|e| failure::of_job(&e))?;
     show.deliver(&job, traced, (None, cpu), progress, None)
 }
 

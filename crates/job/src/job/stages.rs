@@ -5,7 +5,7 @@ use super::identity::{PLAN, SPEC, compared};
 use super::{Job, JobMonitor, Traced};
 use crate::checkpoint::{Contents, Identity, Kind};
 use crate::{JobError, RenderSpec};
-use dapple_core::{Integrator, Render, Sampler, Shard, Stage};
+use dapple_core::{Integrator, NoMonitor, Render, Sampler, Shard, Stage};
 use dapple_renderer::make_integrator;
 use std::path::{Path, PathBuf};
 
@@ -72,6 +72,9 @@ impl Job {
             return Err(JobError::NoTogether);
         }
         let identity = self.identity()?;
+        // All that any image of the render may need, as for shards.
+        let hits = u8::from(self.clusters().is_some());
+        self.needs = self.needs.with_variance().with_first_hits(hits);
         let (render, mut integrator, sampler) = self.staged()?;
         let stage = render.first_stage(&mut *integrator, sampler)?;
         plan_bytes(identity, &stage)
@@ -142,12 +145,12 @@ impl Job {
     /// # Errors
     ///
     /// [`JobError::NotDone`] for a plan with samples to trace, [`JobError::OtherRender`] for one of another render.
-    pub fn finish_plan(&mut self, plan: &PlanFile, monitor: &mut dyn JobMonitor) -> Result<Traced, JobError> {
+    pub fn finish_plan(&mut self, plan: &PlanFile) -> Result<Traced, JobError> {
         if !plan.is_done() {
             return Err(JobError::NotDone { path: plan.path.clone() });
         }
         let identity = self.identity_of(plan)?;
-        self.trace((Some(plan.stage.snapshot()?), identity), None, monitor, None)
+        self.trace((Some(plan.stage.snapshot()?), identity), None, &mut NoMonitor, None)
     }
 
     /// The identity of this job, which must be that of a plan.
