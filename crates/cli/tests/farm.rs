@@ -10,10 +10,20 @@ use std::process::{Command, Output};
 const RENDER: &str =
     "tiny.pbrt --sampler uniform --light-selection power --spp 4 --parts 3 --image image.pfm --image image.png";
 
+/// The default sampler and light selection, which learn from samples of the whole image.
+const LEARNED: &str = "tiny.pbrt --spp 8 --parts 3 --image image.pfm";
+
 /// A folder with the job of a system.
 fn farm(system: &str, more: &str) -> Folder {
     let folder = Folder::new();
     folder.done(&format!("farm {system} {RENDER} -o job {more}"));
+    folder
+}
+
+/// A folder with a job in several stages.
+fn farm_in_stages(system: &str) -> Folder {
+    let folder = Folder::new();
+    folder.done(&format!("farm {system} {LEARNED} -o job"));
     folder
 }
 
@@ -42,6 +52,12 @@ fn assert_same_image(folder: &Folder) {
     assert!(folder.read("one.pfm") == folder.read("job/image.pfm"), "the job's image has other bits");
 }
 
+/// The image of one machine with the default settings.
+fn assert_same_learned_image(folder: &Folder) {
+    folder.done("render tiny.pbrt --spp 8 -o one.pfm -q");
+    assert!(folder.read("one.pfm") == folder.read("job/image.pfm"), "the job's image has other bits");
+}
+
 fn is_shell(path: &Path) -> bool {
     Command::new("bash").arg("-n").arg(path).status().expect("bash").success()
 }
@@ -53,7 +69,13 @@ set -u
 jobs="$(dirname "$0")/jobs"
 mkdir -p "$jobs"
 number=$(($(ls "$jobs" | wc -l) + 1))
+script=
+arguments=
 for word in "$@"; do
+    if [ -n "$script" ]; then
+        arguments="$arguments $word"
+        continue
+    fi
     case $word in
         --dependency=afterok:*) [ "$(cat "$jobs/${word#--dependency=afterok:}")" = ok ] || exit 1 ;;
         --*) ;;
@@ -65,7 +87,7 @@ array=$(sed -n 's/^#SBATCH --array=1-\([0-9]*\)$/\1/p' "$script")
 result=ok
 task=1
 while [ "$task" -le "${array:-1}" ]; do
-    SLURM_ARRAY_TASK_ID=$task sh "$script" >> "$jobs/../log" 2>&1 || result=failed
+    SLURM_ARRAY_TASK_ID=$task sh "$script" $arguments >> "$jobs/../log" 2>&1 || result=failed
     task=$((task + 1))
 done
 echo "$result" > "$jobs/$number"
@@ -104,6 +126,47 @@ fn the_scripts_for_slurm_make_the_bits_of_one_machine_and_go_on_after_a_failure(
 }
 
 #[test]
+fn the_scripts_for_slurm_render_stage_by_stage_to_the_bits_of_one_machine() {
+    let folder = farm_in_stages("slurm");
+    with_sbatch(&folder);
+    for script in ["stage.sh", "submit.sh", "render.sbatch", "plan.sbatch"] {
+        assert!(is_shell(&folder.path("job").join(script)), "{script}");
+    }
+    done(&folder, &["job/submit.sh", "--partition=all"]);
+    let log = String::from_utf8(folder.read("bin/log")).expect("UTF-8");
+    assert!(log.contains("the plan of stage 1") && log.contains(": done after "), "{log}");
+    assert_same_learned_image(&folder);
+    // Again, all is there: only the image is made.
+    std::fs::remove_file(folder.path("job/image.pfm")).expect("the image");
+    std::fs::remove_file(folder.path("bin/log")).expect("the log");
+    done(&folder, &["job/submit.sh"]);
+    assert!(!folder.path("bin/log").exists(), "something was submitted");
+    assert_same_learned_image(&folder);
+}
+
+#[test]
+fn a_job_in_stages_goes_on_where_it_failed() {
+    let folder = farm_in_stages("slurm");
+    with_sbatch(&folder);
+    done(&folder, &["job/stage.sh", "current"]);
+    for part in ["1", "2", "3"] {
+        done(&folder, &["job/stage.sh", "render", part]);
+    }
+    done(&folder, &["job/stage.sh", "plan"]);
+    done(&folder, &["job/stage.sh", "render", "2"]);
+    let early = shell(&folder, &["job/stage.sh", "plan"]);
+    let err = String::from_utf8_lossy(&early.stderr).into_owned();
+    assert!(!early.status.success() && err.contains("missing parts in stages-3/stage-1: 1 3;"), "{err}");
+    let early = shell(&folder, &["job/stage.sh", "merge"]);
+    assert!(!early.status.success() && !folder.path("job/image.pfm").exists());
+    let out = done(&folder, &["job/submit.sh"]);
+    assert!(out.contains("stage 1"), "{out}");
+    let log = String::from_utf8(folder.read("bin/log")).expect("UTF-8");
+    assert!(log.contains("part 2 of stage 1 is there already"), "{log}");
+    assert_same_learned_image(&folder);
+}
+
+#[test]
 fn a_part_that_cannot_be_rendered_is_tried_again_and_nothing_is_merged() {
     let folder = farm("slurm", "--tries 2");
     with_sbatch(&folder);
@@ -139,6 +202,36 @@ fn templates_of_open_job_description_have_its_form_and_commands_that_run() {
     ["3", "1", "2"].iter().for_each(|part| run(render, part));
     run(merge, "");
     assert_same_image(&folder);
+}
+
+/// Stages beyond the last one do nothing.
+#[test]
+fn templates_with_stages_have_commands_that_run() {
+    let folder = farm_in_stages("openjd");
+    let template = json(&folder, "job/job.template.json");
+    let steps = template["steps"].as_array().expect("steps");
+    for pair in steps.windows(2) {
+        assert_eq!(pair[1]["dependencies"][0]["dependsOn"], pair[0]["name"], "stages follow each other");
+    }
+    let at = folder.path("job");
+    for step in steps {
+        let tasks = if step["parameterSpace"].is_null() { 1 } else { 3 };
+        for part in 1..=tasks {
+            let word = |word: &Value| {
+                let text = word.as_str().expect("text").replace("{{Param.Folder}}", at.to_str().expect("a path"));
+                text.replace("{{Task.Param.Part}}", &part.to_string())
+            };
+            let args = step["script"]["actions"]["onRun"]["args"].as_array().expect("arguments");
+            let words: Vec<String> = args.iter().map(word).collect();
+            done(&folder, &words.iter().map(String::as_str).collect::<Vec<_>>());
+        }
+    }
+    assert_same_learned_image(&folder);
+    // As many layers in OpenCue, each with a dependency on the one before.
+    let other = farm_in_stages("opencue");
+    let text = String::from_utf8(other.read("job/job.xml")).expect("UTF-8");
+    assert_eq!(text.matches("<layer name=").count(), steps.len());
+    assert_eq!(text.matches("<depend type=").count(), steps.len() - 1);
 }
 
 #[test]
@@ -203,6 +296,27 @@ fn jobs_of_kubernetes_have_its_form_and_commands_that_run() {
     assert_same_image(&folder);
 }
 
+/// The pods of all parts run at once, and wait for each other's files.
+#[test]
+fn pods_of_a_job_in_stages_render_together() {
+    let folder = farm_in_stages("k8s");
+    let list = json(&folder, "job/job.json");
+    let [job] = &list["items"].as_array().expect("items")[..] else { panic!("one job") };
+    assert_eq!(job["spec"]["parallelism"], 3);
+    let command = &job["spec"]["template"]["spec"]["containers"][0]["command"];
+    let start = |index: u32| {
+        let words = command.as_array().expect("a command").iter().skip(1).map(|word| word.as_str().expect("text"));
+        let mut shell = Command::new("sh");
+        shell.args(words).env("DAPPLE", assert_cmd::cargo::cargo_bin!("dapple")).env("FOLDER", folder.path("job"));
+        shell.env("JOB_COMPLETION_INDEX", index.to_string()).spawn().expect("a shell")
+    };
+    let pods: Vec<_> = (0..3).map(start).collect();
+    for mut pod in pods {
+        assert!(pod.wait().expect("it ends").success());
+    }
+    assert_same_learned_image(&folder);
+}
+
 #[test]
 fn jobs_that_cannot_run_are_refused() {
     let folder = Folder::new();
@@ -218,6 +332,8 @@ fn jobs_that_cannot_run_are_refused() {
         assert!(said.status != Some(0) && said.err.contains(wrong), "{words}: {}", said.err);
     }
     assert!(folder.names().is_empty(), "{:?}", folder.names());
+    let said = folder.run("farm openjd tiny.pbrt -o job");
+    assert!(said.err.contains("--stages"), "{}", said.err);
     folder.done("farm slurm tiny.pbrt --spp 4 -o job");
     folder.done("farm slurm tiny.pbrt --spp 4 --parts 5 -o job");
     let said = folder.run("farm slurm tiny.pbrt --spp 8 -o job");

@@ -193,22 +193,27 @@ impl<'e> Among<'e> {
     /// Of `n` positive values of all processes, the one with `rank(n)` smaller or equal ones before it in order; `None`
     /// of no values.
     ///
-    /// It is found by counts of the values' upper and then of their lower 16 bits: positive numbers have the order of
-    /// their bits.
+    /// It is found digit by digit, by counts of the values with each digit: positive numbers have the order of their bits.
     pub(crate) fn in_order(&mut self, own: &[f32], rank: impl Fn(u64) -> u64) -> Result<Option<f32>, Error> {
-        let mut upper = vec![0; 1 << 16];
-        own.iter().for_each(|value| upper[(value.to_bits() >> 16) as usize] += 1);
-        let upper = self.count(upper)?;
-        let n = upper.iter().sum();
-        if n == 0 {
-            return Ok(None);
+        /// The number of bits below each digit, and of its own: few enough that messages stay small.
+        const DIGITS: [[u32; 2]; 3] = [[21, 11], [10, 11], [0, 10]];
+        let (mut found, mut place) = (0_u64, None);
+        for [below, width] in DIGITS {
+            let mut counts = vec![0; 1 << width];
+            for bits in own.iter().map(|value| u64::from(value.to_bits())) {
+                if bits >> (below + width) == found >> (below + width) {
+                    counts[(bits >> below) as usize % (1 << width)] += 1;
+                }
+            }
+            let counts = self.count(counts)?;
+            let n = counts.iter().sum();
+            if n == 0 {
+                return Ok(None);
+            }
+            let (digit, rest) = bucket(&counts, place.unwrap_or_else(|| rank(n)));
+            (found, place) = (found | (digit as u64) << below, Some(rest));
         }
-        let (first, rest) = bucket(&upper, rank(n));
-        let mut lower = vec![0; 1 << 16];
-        let in_bucket = own.iter().map(|value| value.to_bits()).filter(|bits| bits >> 16 == first as u32);
-        in_bucket.for_each(|bits| lower[(bits & 0xffff) as usize] += 1);
-        let (second, _) = bucket(&self.count(lower)?, rest);
-        Ok(Some(f32::from_bits((first << 16 | second) as u32)))
+        Ok(Some(f32::from_bits(found as u32)))
     }
 
     /// Brings own rows of planes to the processes that read them. `planes` begin with row `top` of `place.scale` and hold
@@ -303,4 +308,25 @@ fn numbers<const N: usize>(bytes: &[u8]) -> Option<[u32; N]> {
     let (chunks, []) = bytes.as_chunks::<4>() else { return None };
     let values: &[[u8; 4]; N] = chunks.try_into().ok()?;
     Some(values.map(u32::from_le_bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn order_statistics_are_those_of_sorted_values() {
+        let value = |k: u32| f32::from_bits(k.wrapping_mul(2_654_435_769) % 0x7f80_0000);
+        for n in [1, 2, 5, 1000] {
+            let values: Vec<f32> = (1..=n).map(|k| value(k % 700)).collect();
+            let mut sorted = values.clone();
+            sorted.sort_by(f32::total_cmp);
+            for rank in [0, n / 4, n / 2, n - 1] {
+                let found = Among::alone(1).in_order(&values, |_| u64::from(rank)).unwrap();
+                assert_eq!(found, Some(sorted[rank as usize]), "{rank} of {n}");
+            }
+        }
+        assert_eq!(Among::alone(1).in_order(&[], |n| n / 2).unwrap(), None);
+        assert_eq!(Among::alone(1).in_order(&[f32::INFINITY], |_| 0).unwrap(), Some(f32::INFINITY));
+    }
 }
