@@ -15,6 +15,7 @@ use clap::{ArgMatches, Args, Command, FromArgMatches, ValueEnum};
 use dapple_job::registry;
 use dapple_job::{BudgetSpec, RenderSpec};
 use dapple_scene::bundled;
+use dapple_scene::image::Format;
 use files::Files;
 use stages::Stages;
 use std::path::{Path, PathBuf};
@@ -36,7 +37,7 @@ pub(crate) struct FarmOptions {
     parts: u32,
 
     /// Image file to make at the end: .exr, .pfm or .png, in DIR unless absolute; may be repeated [default: image.exr]
-    #[arg(long = "image", value_name = "FILE", value_parser = crate::render::values::output, help_heading = "Job")]
+    #[arg(long = "image", value_name = "FILE", value_parser = image, help_heading = "Job")]
     images: Vec<PathBuf>,
 
     /// Number of times that a task is tried
@@ -110,12 +111,23 @@ impl Args for FarmArgs {
         let (short, long) = (about.get_about().cloned(), about.get_long_about().cloned());
         let command = RenderArgs::augment_args(FarmOptions::augment_args(command));
         let command = command.mut_arg("outputs", |output| {
-            let help = "Folder for the job's files; it may exist, and files of an earlier job with the same arguments stay";
-            output.value_parser(clap::value_parser!(PathBuf)).value_name("DIR").required(true).help(help).long_help(help)
+            let help =
+                "Folder for the job's files; it may exist, and files of an earlier job with the same arguments stay";
+            output
+                .value_parser(clap::value_parser!(PathBuf))
+                .value_name("DIR")
+                .required(true)
+                .help(help)
+                .long_help(help)
         });
-        let hide = |command: Command, (id, _): &(&'static str, _)| command.mut_arg(id, |argument| argument.hide(true));
-        let command = REFUSED.iter().fold(command, hide);
-        command.about(short.unwrap_or_default()).long_about(long).after_help(AFTER)
+        let mut command = command.after_help(AFTER);
+        for (id, _) in REFUSED {
+            command = command.mut_arg(id, |argument| argument.hide(true));
+        }
+        match (short, long) {
+            (Some(short), Some(long)) => command.about(short).long_about(long),
+            _ => command,
+        }
     }
 
     fn augment_args_for_update(command: Command) -> Command {
@@ -147,7 +159,10 @@ Examples (docs/CLUSTER.md):
 pub(crate) fn run(args: &FarmArgs) -> Result<Outcome> {
     let FarmArgs { options, render, refused } = args;
     if let Some(option) = refused {
-        return Err(Failure::usage("farm", format!("{option} concerns one process, and has no effect in a job; leave it out")));
+        return Err(Failure::usage(
+            "farm",
+            format!("{option} concerns one process, and has no effect in a job; leave it out"),
+        ));
     }
     let [folder] = &render.outputs[..] else {
         return Err(Failure::usage("farm", "--output is the one folder of the job's files"));
@@ -187,10 +202,12 @@ impl<'a> Job<'a> {
     fn new(options: &'a FarmOptions, render: &RenderArgs, folder: &Path) -> Result<Self> {
         let mut spec = render.spec()?;
         if matches!(spec.budget, BudgetSpec::Seconds(_) | BudgetSpec::Error(_)) {
-            let wrong = "a job of separate tasks needs a number of samples; give --spp (mpirun takes --time and --error)";
+            let wrong =
+                "a job of separate tasks needs a number of samples; give --spp (mpirun takes --time and --error)";
             return Err(Failure::usage("farm", wrong));
         }
-        let name = Path::new(&spec.scene).file_stem().map_or("render".into(), |stem| stem.to_string_lossy().into_owned());
+        let name =
+            Path::new(&spec.scene).file_stem().map_or("render".into(), |stem| stem.to_string_lossy().into_owned());
         if !bundled::names().contains(&spec.scene.as_str()) {
             let scene = std::path::absolute(&spec.scene).map_err(Failure::new)?;
             if !scene.exists() {
@@ -229,6 +246,12 @@ fn text(path: &Path) -> Result<String> {
     text.map(str::to_owned).ok_or_else(|| {
         Failure::new(format!("{}: the path is not UTF-8 or has line breaks; rename the file", path.display()))
     })
+}
+
+/// The name of an image file.
+fn image(text: &str) -> std::result::Result<PathBuf, String> {
+    Format::from_path(Path::new(text)).map_err(|e| e.to_string())?;
+    Ok(text.into())
 }
 
 /// A word of letters, digits and underscores.

@@ -12,8 +12,7 @@ use crate::{Failure, Outcome, Result};
 use dapple_job::JobError;
 use dapple_job::memory::size;
 use dapple_study::{
-    InProcess, Processes, RunRequest, Runner, Study, StudyError, StudyOptions, StudyStatus, merge_studies,
-    write_report,
+    InProcess, Processes, RunRequest, Runner, Study, StudyError, StudyOptions, StudyStatus, merge_studies, write_report,
 };
 use progress::Bar;
 use std::io::Read;
@@ -89,7 +88,9 @@ fn merge(options: &StudyArgs) -> Result<Outcome> {
     shards.sort();
     if shards.is_empty() {
         let at = folder.display();
-        return Err(Failure::new(format!("{at}: no shards of a study; make them by dapple study … --shard I/N -o {at}")));
+        return Err(Failure::new(format!(
+            "{at}: no shards of a study; make them by dapple study … --shard I/N -o {at}"
+        )));
     }
     let runs = merge_studies(&shards, folder).map_err(|e| Failure::lines(&e))?;
     if !options.quiet {

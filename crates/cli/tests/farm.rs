@@ -193,7 +193,10 @@ fn templates_of_open_job_description_have_its_form_and_commands_that_run() {
         let action = &step["script"]["actions"]["onRun"];
         assert_eq!(action["command"], "sh");
         let word = |word: &Value| {
-            let text = word.as_str().expect("text").replace("{{Param.Folder}}", parameter["default"].as_str().expect("a path"));
+            let text = word
+                .as_str()
+                .expect("text")
+                .replace("{{Param.Folder}}", parameter["default"].as_str().expect("a path"));
             text.replace("{{Task.Param.Part}}", part)
         };
         let words: Vec<String> = action["args"].as_array().expect("arguments").iter().map(word).collect();
@@ -284,7 +287,8 @@ fn jobs_of_kubernetes_have_its_form_and_commands_that_run() {
     assert_eq!(container(render)["resources"]["requests"]["cpu"], "2");
     let run = |job: &Value, index: u32| {
         let (container, mut command) = (container(job), Command::new("sh"));
-        let words = container["command"].as_array().expect("a command").iter().skip(1).map(|word| word.as_str().expect("text"));
+        let words =
+            container["command"].as_array().expect("a command").iter().skip(1).map(|word| word.as_str().expect("text"));
         let environment = &container["env"][0];
         command.args(words).env("DAPPLE", assert_cmd::cargo::cargo_bin!("dapple"));
         command.env(environment["name"].as_str().expect("a name"), environment["value"].as_str().expect("a value"));

@@ -295,13 +295,17 @@ fn shards_of_a_study_are_the_runs_of_one_machine() {
     folder.done("study --merge -o all -q");
     assert_eq!(lines("all/runs.jsonl"), 8);
     let manifest = folder.path("all/shard-2-of-3/study.json");
-    let mut other: serde_json::Value = serde_json::from_slice(&std::fs::read(&manifest).expect("a file")).expect("JSON");
+    let mut other: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(&manifest).expect("a file")).expect("JSON");
     other["machine"]["processor"] = "Another 9000".into();
     std::fs::write(&manifest, other.to_string()).expect("a file");
-    ["all/runs.jsonl", "all/study.json"].iter().for_each(|name| std::fs::remove_file(folder.path(name)).expect("a file"));
+    ["all/runs.jsonl", "all/study.json"]
+        .iter()
+        .for_each(|name| std::fs::remove_file(folder.path(name)).expect("a file"));
     folder.done("study --merge -o all -q");
     let marked = folder.study("all");
-    let of_other = |run: &&serde_json::Value| run["machine"].as_str().is_some_and(|name| name.starts_with("Another 9000"));
+    let of_other =
+        |run: &&serde_json::Value| run["machine"].as_str().is_some_and(|name| name.starts_with("Another 9000"));
     assert_eq!(marked.values().filter(of_other).count(), 3);
     assert!(String::from_utf8_lossy(&folder.read("all/report.html")).contains("machines of 2 kinds"));
 

@@ -1,5 +1,7 @@
 //! Messages between processes that mpirun starts. Where it is missing, the tests report that they are skipped.
 
+#![expect(clippy::print_stderr, reason = "tests report what they skip")]
+
 use std::path::PathBuf;
 use std::process::{Command, Output};
 

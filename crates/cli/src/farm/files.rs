@@ -14,7 +14,8 @@ impl Files {
     /// Files for this folder, which is created.
     pub(super) fn new(folder: &Path) -> Result<Self> {
         let make = |folder: &Path| {
-            std::fs::create_dir_all(folder).map_err(|e| Failure::new(format!("{}: cannot make the folder: {e}", folder.display())))
+            std::fs::create_dir_all(folder)
+                .map_err(|e| Failure::new(format!("{}: cannot make the folder: {e}", folder.display())))
         };
         make(folder)?;
         make(&folder.join("log"))?;

@@ -33,9 +33,7 @@ pub(super) fn write(job: &Job<'_>, files: &mut Files) -> Result<String> {
             },
         })
     };
-    let item = |what: &str, spec: Value| {
-        json!({ "apiVersion": "batch/v1", "kind": "Job", "metadata": { "name": format!("{name}-{what}") }, "spec": spec })
-    };
+    let item = |what: &str, spec: Value| json!({ "apiVersion": "batch/v1", "kind": "Job", "metadata": { "name": format!("{name}-{what}") }, "spec": spec });
     let indexed = |verb: &str| {
         json!({
             "completionMode": "Indexed",

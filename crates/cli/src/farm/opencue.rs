@@ -10,7 +10,9 @@ pub(super) fn write(job: &Job<'_>, files: &mut Files) -> Result<String> {
     let parts = format!("1-{}", job.options.parts);
     // Layers in their order, each with its frames and the arguments of stage.sh.
     let layers: Vec<(String, &str, String)> = match job.stages {
-        Stages::One => vec![("render".into(), &parts, "render #IFRAME#".into()), ("merge".into(), "1-1", "merge".into())],
+        Stages::One => {
+            vec![("render".into(), &parts, "render #IFRAME#".into()), ("merge".into(), "1-1", "merge".into())]
+        }
         Stages::Several { .. } => {
             let mut layers = vec![("start".to_owned(), "1-1", "current".to_owned())];
             for number in 0..job.stages.most()? {
@@ -21,7 +23,8 @@ pub(super) fn write(job: &Job<'_>, files: &mut Files) -> Result<String> {
             layers
         }
     };
-    let described: String = layers.iter().map(|(layer, range, arguments)| layer_of(job, layer, range, arguments)).collect();
+    let described: String =
+        layers.iter().map(|(layer, range, arguments)| layer_of(job, layer, range, arguments)).collect();
     let depends: String = layers.windows(2).map(|pair| depend(&name, &pair[1].0, &pair[0].0)).collect();
     let (show, retries) = (&job.options.show, job.options.tries - 1);
     let text = format!(

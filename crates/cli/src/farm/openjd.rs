@@ -15,7 +15,8 @@ pub(super) fn write(job: &Job<'_>, files: &mut Files) -> Result<String> {
         });
         if args.contains(&PART) {
             let range = format!("1-{}", job.options.parts);
-            step["parameterSpace"] = json!({ "taskParameterDefinitions": [{ "name": "Part", "type": "INT", "range": range }] });
+            step["parameterSpace"] =
+                json!({ "taskParameterDefinitions": [{ "name": "Part", "type": "INT", "range": range }] });
         }
         if let Some(after) = after {
             step["dependencies"] = json!([{ "dependsOn": after }]);
@@ -23,10 +24,9 @@ pub(super) fn write(job: &Job<'_>, files: &mut Files) -> Result<String> {
         step
     };
     let steps: Vec<Value> = match job.stages {
-        Stages::One => vec![
-            step("Render", None, &[stage, "render", PART]),
-            step("Merge", Some("Render"), &[stage, "merge"]),
-        ],
+        Stages::One => {
+            vec![step("Render", None, &[stage, "render", PART]), step("Merge", Some("Render"), &[stage, "merge"])]
+        }
         Stages::Several { .. } => {
             let mut steps = Vec::new();
             steps.push(step("Start", None, &[stage, "current"]));

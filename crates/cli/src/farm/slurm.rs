@@ -17,7 +17,8 @@ pub(super) fn write(job: &Job<'_>, files: &mut Files) -> Result<String> {
     };
     // A part that Slurm stops gets SIGTERM in time for a checkpoint.
     let array = format!("#SBATCH --array=1-{parts}\n#SBATCH --signal=TERM@60\n#SBATCH --output=log/%A-%a.txt\n");
-    let render = head("render", &array) + &format!("exec sh {folder}/stage.sh render \"$SLURM_ARRAY_TASK_ID\" \"$@\"\n");
+    let render =
+        head("render", &array) + &format!("exec sh {folder}/stage.sh render \"$SLURM_ARRAY_TASK_ID\" \"$@\"\n");
     files.add_script("render.sbatch", &render)?;
     let one = head("merge", "#SBATCH --output=log/merge-%j.txt\n");
     let (after, last) = match job.stages {

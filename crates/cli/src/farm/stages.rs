@@ -13,9 +13,7 @@ pub(super) enum Stages {
     One,
     /// Parts are rendered stage by stage, each by the plan that was made of the parts before. `most` bounds the number of
     /// stages; `None` if it is unknown.
-    Several {
-        most: Option<u32>,
-    },
+    Several { most: Option<u32> },
 }
 
 impl Stages {
