@@ -92,6 +92,7 @@ const RULES: &[Rule] = &[
     ("dapple-geometry", &[], &["image", "exr", "clap"]),
     ("dapple-scene", &["dapple-core"], &["obvhs", "clap", "indicatif"]),
     ("dapple-renderer", RENDERER, &["clap", "indicatif"]),
+    ("dapple-mpi", &["dapple-core"], OF_A_SCENE),
     ("dapple-job", JOB, &["clap", "indicatif", "ctrlc"]),
     ("dapple-study", STUDY, &["clap", "indicatif", "ctrlc"]),
     ("dapple-cli", LAYERS, &[]),
@@ -115,6 +116,7 @@ const LAYERS: &[&str] = &[
     "dapple-metrics",
     "dapple-job",
     "dapple-study",
+    "dapple-mpi",
 ];
 const RENDERER: &[&str] = LAYERS.split_at(5).0;
 /// Every method with a name, and clusters; no scene.
@@ -147,7 +149,9 @@ fn crates_depend_only_on_allowed_crates() {
         for other in reached.iter().filter(|n| n.starts_with("dapple")) {
             assert!(allowed.contains(&other.as_str()), "{name} must not know {other}");
         }
-        let built = built_with(name);
+        // No member of the workspace has a tree of its own, if no default feature asks for it.
+        let with_itself = || reached.iter().cloned().chain([(*name).to_owned()]).collect();
+        let built = if *name == "dapple-mpi" { with_itself() } else { built_with(name) };
         assert!(built.contains(*name), "cargo tree shows nothing of {name}");
         for outsider in *forbidden {
             assert!(!built.contains(*outsider), "{name} must not reach {outsider}");
@@ -172,6 +176,12 @@ fn no_program_is_built_with_libloading_unless_asked() {
         tree(&["--package", "dapple-cli", "--features", "oidn"]).contains("libloading"),
         "the feature adds nothing"
     );
+}
+
+#[test]
+fn no_program_is_built_with_mpi_unless_asked() {
+    assert!(!built_with("dapple-cli").contains("mpi"), "the default program needs MPI");
+    assert!(tree(&["--package", "dapple-cli", "--features", "mpi"]).contains("dapple-mpi"), "the feature adds nothing");
 }
 
 #[test]

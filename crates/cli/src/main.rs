@@ -7,6 +7,7 @@ mod denoise;
 mod display;
 mod effects;
 mod failure;
+mod farm;
 mod hints;
 mod info;
 mod lists;
@@ -14,6 +15,7 @@ mod machine;
 mod manual;
 mod merge;
 mod output;
+mod plan;
 mod render;
 mod schemas;
 mod stop;
@@ -86,11 +88,13 @@ so far is saved).";
 enum Command {
     Render(Box<render::RenderArgs>),
     Merge(merge::MergeArgs),
+    Plan(plan::PlanArgs),
     Compare(compare::CompareArgs),
     Denoise(denoise::DenoiseArgs),
     Info(info::InfoArgs),
     Effects(effects::EffectsArgs),
     Study(Box<study::StudyArgs>),
+    Farm(Box<farm::FarmArgs>),
     /// Make one run of a study in a process of its own: reads a request as JSON, prints the run as JSON
     #[command(hide = true)]
     StudyRun,
@@ -113,11 +117,13 @@ fn main() -> ExitCode {
     let outcome = match arguments.command {
         Command::Render(args) => render::run(&args),
         Command::Merge(args) => merge::run(&args),
+        Command::Plan(args) => plan::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Denoise(args) => denoise::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Effects(args) => effects::run(&args),
         Command::Study(args) => study::run(&args),
+        Command::Farm(args) => farm::run(&args),
         Command::StudyRun => study::run_one(),
         Command::Samplers(args) => lists::samplers(&args),
         Command::Points(args) => lists::points(&args),

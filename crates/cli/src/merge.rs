@@ -1,24 +1,27 @@
 //! The subcommand `dapple merge`.
 
-use crate::render::{self, Show};
+use crate::render::{self, Show, values};
 use crate::{Failure, Outcome, Result, failure};
-use dapple_job::ShardSet;
+use dapple_job::{Job, JobError, PlanFile, RenderSpec, ShardSet, Traced};
 use dapple_job::memory::{MemoryLimit, size};
 use std::path::PathBuf;
 
-/// Make an image from shards that several machines rendered
+/// The function that takes over the film of shards or of a plan.
+type Film = Box<dyn FnOnce(&mut Job) -> std::result::Result<Traced, JobError>>;
+
+/// Make an image from shards that several machines rendered, or from the last plan of a render in stages
 ///
 /// The image has the same bits as a render on one machine with the same arguments and --light-selection power. The
 /// scene is read again, from the path in the shards or from --scene. It must be the scene that was rendered.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct MergeArgs {
-    /// The files of all shards, in any order
+    /// The files of all shards, in any order; or one .plan file, when `dapple plan` has reported that it is done
     #[arg(value_name = "SHARD", required = true)]
     shards: Vec<PathBuf>,
 
     /// Image file to write: .exr, .pfm or .png; may be repeated [default: as for dapple render]
-    #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", value_parser = render::values::output)]
+    #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", value_parser = values::output)]
     outputs: Vec<PathBuf>,
 
     /// Path of the scene, if it has moved
@@ -30,7 +33,7 @@ pub(crate) struct MergeArgs {
     exposure: f32,
 
     /// Memory limit, such as 2G, 500M or a number of bytes; a larger merge is refused [default: the machine's memory]
-    #[arg(long, value_name = "SIZE", value_parser = render::values::size)]
+    #[arg(long, value_name = "SIZE", value_parser = values::size)]
     memory: Option<u64>,
 
     /// Number of threads; 0 is one per core
@@ -57,8 +60,20 @@ Example (docs/SHARDS.md has one for job arrays):
 pub(crate) fn run(args: &MergeArgs) -> Result<Outcome> {
     let limit = args.memory.map_or_else(MemoryLimit::of_machine, MemoryLimit::given);
     check_fits(&args.shards, limit)?;
-    let shards = ShardSet::read(&args.shards).map_err(|e| failure::of_job(&e))?;
-    let mut spec = shards.spec().clone();
+    let plan = args.shards.iter().find(|path| values::has_extension(path, "plan"));
+    let (film, mut spec): (Film, RenderSpec) = match (plan, args.shards.len()) {
+        (Some(path), 1) => {
+            let plan = PlanFile::read(path).map_err(|e| failure::of_job(&e))?;
+            let spec = plan.spec().clone();
+            (Box::new(move |job| job.finish_plan(&plan)), spec)
+        }
+        (Some(_), _) => return Err(Failure::usage("merge", "a .plan is the whole image; give it alone")),
+        (None, _) => {
+            let shards = ShardSet::read(&args.shards).map_err(|e| failure::of_job(&e))?;
+            let spec = shards.spec().clone();
+            (Box::new(move |job| job.merge(shards)), spec)
+        }
+    };
     if let Some(scene) = &args.scene {
         spec.scene = scene.to_string_lossy().into_owned();
     }
@@ -73,7 +88,7 @@ pub(crate) fn run(args: &MergeArgs) -> Result<Outcome> {
         quiet: args.quiet,
         progress_every: None,
     };
-    render::merge(shards, &spec, &show, (args.threads, limit))
+    render::merge(film, &spec, &show, (args.threads, limit))
 }
 
 /// Checks before reading that the films of all shards fit into memory: all parts, the whole, and the file being read. A

@@ -5,18 +5,20 @@ pub(crate) mod live;
 mod progress;
 mod report;
 mod roles;
+pub(crate) mod stages;
+mod together;
 pub(crate) mod values;
 
-pub(crate) use args::RenderArgs;
+pub(crate) use args::{RenderArgs, described_in};
 
 use crate::machine::{cpu_seconds, start_threads};
 use crate::output::{say, tell, warn};
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, failure};
-use dapple_core::Film;
+use dapple_core::{Exchange, Film};
 use dapple_job::memory::{MemoryLimit, size};
 use dapple_job::{
-    Job, JobError, LoadOptions, LoadedScene, OutputFiles, RenderSpec, ShardSet, Traced, Warning, can_be_replayed,
+    Job, JobError, LoadOptions, LoadedScene, OutputFiles, RenderSpec, Traced, Warning, can_be_replayed,
 };
 use dapple_scene::Scene;
 use dapple_scene::image::{check_writable, write_file};
@@ -27,10 +29,21 @@ use std::path::{Path, PathBuf};
 use values::EachLayer;
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
+    if let Some(plan) = &args.from {
+        return stages::part(args, plan);
+    }
     let spec = args.spec()?;
     if args.print_spec {
         tell(spec.to_json_pretty().map_err(Failure::new)?)?;
         return Ok(Outcome::Done);
+    }
+    if let Some(plan) = args.outputs.iter().find(|path| values::has_extension(path, "plan")) {
+        return stages::first(&spec, plan, &stages::Limits::from(args));
+    }
+    if spec.shard.is_none()
+        && let Some(processes) = together::start()?
+    {
+        return together::run(args, &spec, processes);
     }
     let stop = Stop::listen()?;
     start_threads(args.threads)?;
@@ -61,13 +74,13 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
             write_shard(path, &job, &traced.film, args.quiet)?;
             end(traced.film.record().interrupted, None, (traced.checkpoint, traced.checkpoints_written))
         }
-        _ => show.deliver(&job, traced, (Some(&expected), cpu), progress),
+        _ => show.deliver(&job, traced, (Some(&expected), cpu), progress, None),
     }
 }
 
-/// Filters the merged film of shards and writes the image files.
+/// Filters the merged film of shards, or of a plan whose samples are all traced, and writes the image files.
 pub(crate) fn merge(
-    shards: ShardSet,
+    film: impl FnOnce(&mut Job) -> std::result::Result<Traced, JobError>,
     spec: &RenderSpec,
     show: &Show<'_>,
     (threads, limit): (u16, MemoryLimit),
@@ -88,8 +101,8 @@ pub(crate) fn merge(
         let wrong = format!("making the image takes {expected}, and {limit} is the limit; raise --memory");
         return Err(Failure::new(wrong));
     }
-    let traced = job.merge(shards).map_err(|e| failure::of_job(&e))?;
-    show.deliver(&job, traced, (None, cpu), progress)
+    let traced = film(&mut job).map_err(|e| failure::of_job(&e))?;
+    show.deliver(&job, traced, (None, cpu), progress, None)
 }
 
 fn load(spec: &RenderSpec, options: &LoadOptions, limit: MemoryLimit) -> Result<LoadedScene> {
@@ -179,17 +192,22 @@ impl Show<'_> {
         Ok(files)
     }
 
-    /// Filters the film, writes the image files and prints the summary.
+    /// Filters the film, together with other processes if they have it too, writes the image files and prints the summary.
     fn deliver(
         &self,
         job: &Job,
         traced: Traced,
         (expected, cpu): Before<'_>,
         mut progress: Progress,
+        exchange: Option<&mut dyn Exchange>,
     ) -> Result<Outcome> {
         let Traced { film, failure: panicked, checkpoint, checkpoints_written } = traced;
         progress.phase("filter");
-        let mut image = job.finish(film).map_err(|e| failure::of_job(&e))?;
+        let image = match exchange {
+            Some(exchange) => job.finish_together(film, exchange),
+            None => job.finish(film),
+        };
+        let mut image = image.map_err(|e| failure::of_job(&e))?;
         let cpu = cpu_seconds().zip(cpu).map(|(after, before)| after - before);
         let shown = |warning: &&Warning| panicked.is_none() || !matches!(warning, Warning::ErrorNotReached { .. });
         image.warnings.iter().filter(shown).for_each(|warning| warn(failure::warning(warning)));

@@ -12,7 +12,7 @@ use crate::{Failure, Outcome, Result};
 use dapple_job::JobError;
 use dapple_job::memory::size;
 use dapple_study::{
-    InProcess, Processes, RunRequest, Runner, Study, StudyError, StudyOptions, StudyStatus, write_report,
+    InProcess, Processes, RunRequest, Runner, Study, StudyError, StudyOptions, StudyStatus, merge_studies, write_report,
 };
 use progress::Bar;
 use std::io::Read;
@@ -24,6 +24,9 @@ const ONE: &str = "study-run";
 pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
     if options.report_only {
         return deliver(&options.output, options.quiet);
+    }
+    if options.merge {
+        return merge(options);
     }
     let plan = match options.plan() {
         Ok(plan) => plan,
@@ -37,9 +40,14 @@ pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
         false => Box::new(InProcess::new(cpu_seconds)),
         true => Box::new(Processes::new(&itself()?, &[ONE])),
     };
-    let session = StudyOptions::default().with_references(options.references.clone()).with_command(std::env::args());
+    let folder = &match options.shard {
+        Some(shard) => options.output.join(format!("{SHARD}{}-of-{}", shard.index() + 1, shard.of())),
+        None => options.output.clone(),
+    };
+    let shared = options.shard.map(|_| options.output.join("references"));
+    let session = StudyOptions::default().with_references(options.references.clone().or(shared));
+    let session = session.with_command(std::env::args()).with_shard(options.shard);
     let mut bar = Bar::new(options.quiet, stop);
-    let folder = &options.output;
     let opened = Study::open(plan, folder, &session, &mut bar);
     let Some(mut study) = opened.map_err(|e| failure_of(&e, &mut bar))? else {
         bar.finish();
@@ -59,6 +67,34 @@ pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
             deliver(folder, options.quiet)?;
         }
         return Ok(Outcome::Interrupted);
+    }
+    deliver(folder, options.quiet)
+}
+
+/// The beginning of the names of folders of shards.
+const SHARD: &str = "shard-";
+
+/// Merges the shards in the folder of the study, and writes the report.
+fn merge(options: &StudyArgs) -> Result<Outcome> {
+    let folder = &options.output;
+    let wrong = |e| Failure::new(format!("{}: cannot list the folder: {e}", folder.display()));
+    let mut shards = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(wrong)? {
+        let entry = entry.map_err(wrong)?;
+        if entry.file_name().to_string_lossy().starts_with(SHARD) && entry.path().join("study.json").exists() {
+            shards.push(entry.path());
+        }
+    }
+    shards.sort();
+    if shards.is_empty() {
+        let at = folder.display();
+        return Err(Failure::new(format!(
+            "{at}: no shards of a study; make them by dapple study … --shard I/N -o {at}"
+        )));
+    }
+    let runs = merge_studies(&shards, folder).map_err(|e| Failure::lines(&e))?;
+    if !options.quiet {
+        tell(format!("{runs} runs of {} shards", shards.len()))?;
     }
     deliver(folder, options.quiet)
 }

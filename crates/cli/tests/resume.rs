@@ -133,7 +133,7 @@ fn another_render_is_refused_x04() {
         let said = folder.run(&format!("{words} {other} --resume c"));
         assert_eq!(said.status, Some(1), "{other}: {}", said.err);
         assert!(
-            said.err.contains("error: c: the checkpoint is of another render; give the arguments"),
+            said.err.contains("error: c: the file is of another render; give the arguments"),
             "{other}: {}",
             said.err
         );

@@ -268,3 +268,52 @@ fn a_study_that_does_not_fit_into_memory_is_refused() {
         said.err
     );
 }
+
+#[test]
+fn shards_of_a_study_are_the_runs_of_one_machine() {
+    let folder = Folder::new();
+    let words = "study tiny.pbrt --resolution 12x8 --spp 2,4 --seeds 2 --reference-spp 8 --samplers uniform,variance \
+                 --filters none -q";
+    folder.done(&format!("{words} --time-of 0 -o one"));
+    (1..=3).for_each(|shard| folder.done(&format!("{words} -o all --shard {shard}/3")).clear());
+    let out = folder.done("study --merge -o all");
+    assert!(out.contains("8 runs of 3 shards"), "{out}");
+    let (one, all) = (folder.study("one"), folder.study("all"));
+    assert_eq!(one.keys().collect::<Vec<_>>(), all.keys().collect::<Vec<_>>());
+    for (one, all) in one.values().zip(all.values()) {
+        assert_eq!((&one["errors"], &one["rays"], &one["image"]), (&all["errors"], &all["rays"], &all["image"]));
+        assert!(all.get("machine").is_none(), "machines of one kind are not marked");
+        if let Some(image) = all["image"].as_str() {
+            assert!(folder.path("all").join(image).exists(), "{image}");
+        }
+    }
+    let lines = |name: &str| String::from_utf8(folder.read(name)).expect("UTF-8").lines().count();
+    let own: Vec<usize> = (1..=3).map(|shard| lines(&format!("all/shard-{shard}-of-3/runs.jsonl"))).collect();
+    assert_eq!(own, [3, 3, 2], "every run is made once");
+
+    // Merging again adds nothing. A machine of another kind is marked.
+    folder.done("study --merge -o all -q");
+    assert_eq!(lines("all/runs.jsonl"), 8);
+    let manifest = folder.path("all/shard-2-of-3/study.json");
+    let mut other: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(&manifest).expect("a file")).expect("JSON");
+    other["machine"]["processor"] = "Another 9000".into();
+    std::fs::write(&manifest, other.to_string()).expect("a file");
+    ["all/runs.jsonl", "all/study.json"]
+        .iter()
+        .for_each(|name| std::fs::remove_file(folder.path(name)).expect("a file"));
+    folder.done("study --merge -o all -q");
+    let marked = folder.study("all");
+    let of_other =
+        |run: &&serde_json::Value| run["machine"].as_str().is_some_and(|name| name.starts_with("Another 9000"));
+    assert_eq!(marked.values().filter(of_other).count(), 3);
+    assert!(String::from_utf8_lossy(&folder.read("all/report.html")).contains("machines of 2 kinds"));
+
+    // Other settings are refused.
+    other["spp"] = vec![2, 8].into();
+    std::fs::write(&manifest, other.to_string()).expect("a file");
+    let said = folder.run("study --merge -o all");
+    assert!(said.status == Some(1) && said.err.contains("spp"), "{}", said.err);
+    let said = folder.run(&format!("{words} --time-of 2 -o all --shard 1/3"));
+    assert!(said.status != Some(0) && said.err.contains("one machine"), "{}", said.err);
+}

@@ -3,6 +3,7 @@
 mod bank;
 mod error;
 mod half;
+mod pick;
 mod pixels;
 mod push;
 mod record;
@@ -13,6 +14,7 @@ mod window;
 
 pub use bank::luminance;
 pub(crate) use bank::{Bank, BankRows, first_hits_of, record_first_hit};
+pub(crate) use pick::Picked;
 pub use pixels::PixelStatistics;
 pub(crate) use record::{REJECTED_LISTED, keep_first, reason_to_reject};
 pub use record::{Record, Rejected, RejectedReason, RoundRecord};
@@ -147,6 +149,26 @@ impl Film {
             first_hits: vec![None; pixels * usize::from(needs.first_hits)],
             costs: if needs.cost { vec![0; pixels] } else { Vec::new() },
             splats: if needs.splats { Splats::new(pixels, halves) } else { Splats::default() },
+            rejected: Vec::new(),
+            record: Record::default(),
+            unreported: 0,
+            half_of: None,
+        }
+    }
+
+    /// A film without a pixel in any plane, for code that fills the planes.
+    pub(crate) fn without_planes(frame: Frame, needs: Needs) -> Self {
+        Self {
+            frame,
+            needs,
+            combine: Combine::ByCount,
+            kept: Vec::new(),
+            discarded: Vec::new(),
+            features: Vec::new(),
+            half_features: Vec::new(),
+            first_hits: Vec::new(),
+            costs: Vec::new(),
+            splats: Splats::default(),
             rejected: Vec::new(),
             record: Record::default(),
             unreported: 0,

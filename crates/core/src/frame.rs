@@ -49,6 +49,20 @@ impl Frame {
         Ok(Self { origin: [x0, y0], size: [x1 - x0, y1 - y0], ..self })
     }
 
+    /// Makes the frame of some rows of this window.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadCrop`] for no rows or rows beyond the window.
+    pub fn rows(self, rows: std::ops::Range<u32>) -> Result<Self, Error> {
+        let ([x, y], [width, height]) = (self.origin, self.size);
+        let [first, end] = [rows.start, rows.end].map(|row| y.saturating_add(row));
+        if rows.end > height {
+            return Err(Error::BadCrop { crop: [x, first, x + width, end], resolution: self.resolution });
+        }
+        self.crop(x, first, x + width, end)
+    }
+
     /// Width and height of the full image.
     pub const fn resolution(&self) -> [u32; 2] {
         self.resolution

@@ -54,9 +54,11 @@
 //! * One estimate belongs to one pixel: pixel filters wider than a pixel are sampled by the integrator.
 
 mod allocate;
+mod bands;
 mod domain;
 mod draws;
 mod error;
+pub mod exchange;
 mod film;
 mod filter;
 mod forward;
@@ -85,10 +87,11 @@ pub use allocate::{mix, saturating_u32};
 pub use domain::{Axis, Defocus, Domain, Role};
 pub use draws::{Block, Draws};
 pub use error::Error;
+pub use exchange::Exchange;
 pub use film::{
     Features, Film, PixelStatistics, Record, Rejected, RejectedReason, RoundRecord, SampleSums, ThirdMoments, luminance,
 };
-pub use filter::{Filter, Filtered, Unfiltered};
+pub use filter::{Band, Filter, Filtered, Unfiltered, apply_together};
 pub use frame::Frame;
 pub use integrator::{
     BACKGROUND, Estimate, FirstHit, Integrator, SurfaceFeatures, TrainingData, TrainingSum, Trajectory,
@@ -104,7 +107,7 @@ pub use placed_points::{FilmPoints, Placed, PlacedHandle};
 pub use plan::{Combine, Plan, Progress, Retention};
 pub use point_set::{HostNumbers, PointSet, SampleId, streams};
 pub use policy::{PilotPolicy, Stopping};
-pub use render::{Control, Methods, Monitor, NoMonitor, Render, Round, Samples, Session, Status, Tile};
+pub use render::{Control, Methods, Monitor, NoMonitor, Render, Round, Samples, Session, Stage, Status, Tile};
 pub use rng::Rng;
 pub use sampler::{BudgetLeft, Feedback, Sampler};
 pub use shard::{Shard, ShardFilm, Sharded, merge};

@@ -1,5 +1,6 @@
 //! The render loop: plan a round, trace it, plan the next.
 
+mod band;
 mod budget;
 mod check;
 mod filter_time;
@@ -7,14 +8,18 @@ pub(crate) mod holdout;
 mod pull;
 mod round;
 mod session;
+mod stage;
+mod team;
 mod tile;
 
 pub use pull::Round;
 pub use session::{Methods, Session};
+pub use stage::Stage;
 pub use tile::{Samples, Tile};
+use team::Team;
 
 use crate::snapshot::View;
-use crate::{Error, Film, Filter, Frame, Integrator, Limits, Needs, Sampler, Snapshot};
+use crate::{Error, Exchange, exchange, Film, Filter, Frame, Integrator, Limits, Needs, Sampler, Snapshot};
 
 /// The state of a render between two slices of tracing (about 0.2 seconds each), passed to a [`Monitor`].
 #[non_exhaustive]
@@ -40,6 +45,9 @@ pub struct Status<'a> {
 impl Status<'_> {
     /// The state of the render as bytes for [`Snapshot::from_bytes`], about as many as the film takes in memory. A
     /// render resumed from them ends with the same bits as this one.
+    ///
+    /// In a render by several processes, only [`Monitor::barrier`] and [`Monitor::end`] get the state of all; between two
+    /// slices it lacks the other processes' pixels.
     pub fn snapshot(&self) -> Vec<u8> {
         self.view.write()
     }
@@ -74,6 +82,12 @@ pub enum Control {
 pub trait Monitor {
     /// Called after each slice of tracing (about 0.2 seconds). The returned value decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
+
+    /// Called at the end of each round of a render by several processes ([`Render::exchange`]), with the seconds that each
+    /// process took to trace it. A render resumed from a snapshot taken here may have any number of processes.
+    fn barrier(&mut self, status: &Status<'_>, seconds: &[f64]) {
+        let _ = (status, seconds);
+    }
 
     /// Called once at the end, unless the render was stopped. A render resumed from a snapshot taken here may have
     /// larger limits.
@@ -143,12 +157,13 @@ pub struct Render<'a> {
     needs: Needs,
     monitor: Option<&'a mut dyn Monitor>,
     filter: Option<&'a dyn Filter>,
+    exchange: Option<&'a mut dyn Exchange>,
 }
 
 impl<'a> Render<'a> {
     /// A render of `frame` within `limits`, without a monitor.
     pub fn new(frame: Frame, limits: &'a Limits) -> Self {
-        Self { frame, limits, needs: Needs::none(), monitor: None, filter: None }
+        Self { frame, limits, needs: Needs::none(), monitor: None, filter: None, exchange: None }
     }
 
     /// Adds statistics that the film must record besides counts and means.
@@ -160,6 +175,13 @@ impl<'a> Render<'a> {
     /// Sets the monitor that is called between slices of tracing (about 0.2 seconds each).
     pub fn monitor(mut self, monitor: &'a mut dyn Monitor) -> Self {
         self.monitor = Some(monitor);
+        self
+    }
+
+    /// Renders together with the other processes of this exchange. Each must have the same frame, limits, needs, sampler
+    /// and integrator. The film of each has the bits of a render in one process.
+    pub fn exchange(mut self, exchange: &'a mut dyn Exchange) -> Self {
+        self.exchange = Some(exchange);
         self
     }
 
@@ -190,7 +212,7 @@ impl<'a> Render<'a> {
     /// [`Error::Panicked`] carries the samples finished before.
     pub fn run(self, integrator: &mut dyn Integrator, sampler: &mut dyn Sampler) -> Result<Film, Error> {
         let mut session = self.session(sampler, None)?;
-        drive(&mut session, integrator, self.monitor)?;
+        drive(&mut session, integrator, self.monitor, self.exchange)?;
         Ok(session.into_film())
     }
 
@@ -214,7 +236,7 @@ impl<'a> Render<'a> {
     ) -> Result<Film, Error> {
         let mut session = self.session(sampler, Some(snapshot))?;
         session.state.passes.iter().for_each(|pass| integrator.learn(pass));
-        drive(&mut session, integrator, self.monitor)?;
+        drive(&mut session, integrator, self.monitor, self.exchange)?;
         Ok(session.into_film())
     }
 
@@ -232,20 +254,28 @@ impl<'a> Render<'a> {
     }
 }
 
-/// Traces all rounds of a session.
+/// Traces all rounds of a session, alone or with other processes.
 fn drive(
     session: &mut Session<'_>,
     integrator: &mut dyn Integrator,
     monitor: Option<&mut dyn Monitor>,
+    exchange: Option<&mut dyn Exchange>,
 ) -> Result<(), Error> {
     let mut unwatched = NoMonitor;
     let monitor: &mut dyn Monitor = match monitor {
         Some(monitor) => monitor,
         None => &mut unwatched,
     };
-    while session.open()? {
-        let stopped = round::trace(integrator, session, monitor)?;
-        if session.close(stopped)? {
+    let mut team = match exchange {
+        Some(exchange) => {
+            exchange::compare(exchange, &session.settings())?;
+            Some(Team::new(exchange, session.state.film.frame.size()[1] as usize))
+        }
+        None => None,
+    };
+    while session.open(team.as_mut())? {
+        let stopped = round::trace(integrator, session, monitor, team.as_mut())?;
+        if session.close(stopped, monitor, team.as_mut())? {
             return Ok(());
         }
     }

@@ -1,6 +1,6 @@
 //! Shards: parts of one image, rendered by machines that do not communicate.
 
-use crate::film::{Bank, SamplePlane, Splats, SumPlane, keep_first};
+use crate::film::{Picked, Splats, keep_first};
 use crate::snapshot::bytes::{Reader, Writer};
 use crate::snapshot::film::{put_film, size, take_film};
 use crate::snapshot::{Broken, check_head};
@@ -89,10 +89,10 @@ impl Shard {
         width as usize * height.saturating_sub(self.index).div_ceil(self.of) as usize
     }
 
-    /// Returns this shard's rows of a plane that has `width` values per row.
-    fn cut<T: Clone>(&self, plane: &[T], width: usize) -> Vec<T> {
-        let rows = plane.chunks(width.max(1)).enumerate().filter(|(row, _)| self.owns(*row));
-        rows.flat_map(|(_, values)| values).cloned().collect()
+    /// The numbers of the shard's pixels.
+    fn numbers(&self, frame: &Frame) -> Vec<u32> {
+        let width = frame.size()[0];
+        (0..frame.size()[1]).filter(|&row| self.owns(row as usize)).flat_map(|row| row * width..(row + 1) * width).collect()
     }
 }
 
@@ -286,34 +286,12 @@ impl ShardFilm {
         if film.record.interrupted {
             return Err(Error::BadShards { what: format!("shard {shard} was interrupted; resume it first") });
         }
-        let width = film.frame.size()[0] as usize;
-        let cut = |bank: &Bank| Bank {
-            counts: shard.cut(&bank.counts, width),
-            means: shard.cut(&bank.means, width),
-            m2: shard.cut(&bank.m2, width),
-            ranges: shard.cut(&bank.ranges, width),
-            emission: shard.cut(&bank.emission, width),
-            channels: shard.cut(&bank.channels, width * usize::from(film.needs.channels)),
-            channels_m2: shard.cut(&bank.channels_m2, width * usize::from(film.needs.channels)),
-            sums: bank.sums.with(|values, each| shard.cut(values, width * each)),
-            samples: bank.samples.with(|rows| shard.cut(rows, width), |paths| shard.cut(paths, width)),
-            ahead: shard.cut(&bank.ahead, width),
-        };
         let film = Film {
-            frame: film.frame,
-            needs: film.needs,
-            combine: film.combine,
-            kept: film.kept.iter().map(cut).collect(),
-            discarded: film.discarded.iter().map(cut).collect(),
-            features: shard.cut(&film.features, width),
-            half_features: shard.cut(&film.half_features, width * film.needs.feature_planes()),
-            first_hits: shard.cut(&film.first_hits, width * usize::from(film.needs.first_hits)),
-            costs: shard.cut(&film.costs, width),
             splats: film.splats.clone(),
             rejected: film.rejected.clone(),
             record: film.record.clone(),
             unreported: film.unreported,
-            half_of: film.half_of,
+            ..film.pick(Picked(&shard.numbers(&film.frame)), None)
         };
         Ok(Self { shard, film })
     }
@@ -368,60 +346,29 @@ impl ShardFilm {
 /// window, budget or set of statistics. The caller must ensure that all shards have the same scene and settings.
 pub fn merge(parts: &[ShardFilm]) -> Result<Film, Error> {
     let parts = in_order(parts)?;
-    let first = parts[0];
-    let (each, kinds) = (usize::from(first.needs.channels), first.needs.sums);
-    let discards = parts.iter().any(|film| !film.discarded.is_empty());
-    let banks = |of: &dyn Fn(&Film) -> &[Bank], count: usize| -> Result<Vec<Bank>, Error> {
-        let bank = |half: usize| -> Result<Bank, Error> {
-            let of = |film| of(film).get(half).ok_or_else(uneven);
-            let banks = parts.iter().map(|film| of(film)).collect::<Result<Vec<_>, _>>()?;
-            let values = join(first, kinds.values(), banks.iter().map(|b| &b.sums.values[..]))?;
-            Ok(Bank {
-                counts: join(first, 1, banks.iter().map(|b| &b.counts[..]))?,
-                means: join(first, 1, banks.iter().map(|b| &b.means[..]))?,
-                m2: join(first, 1, banks.iter().map(|b| &b.m2[..]))?,
-                ranges: join(first, 1, banks.iter().map(|b| &b.ranges[..]))?,
-                emission: join(first, 1, banks.iter().map(|b| &b.emission[..]))?,
-                channels: join(first, each, banks.iter().map(|b| &b.channels[..]))?,
-                channels_m2: join(first, each, banks.iter().map(|b| &b.channels_m2[..]))?,
-                sums: SumPlane { kinds, values },
-                samples: SamplePlane {
-                    limit: first.needs.samples,
-                    rows: join(first, 1, banks.iter().map(|b| &b.samples.rows[..]))?,
-                    trajectories: join(first, 1, banks.iter().map(|b| &b.samples.trajectories[..]))?,
-                },
-                ahead: join(first, 1, banks.iter().map(|b| &b.ahead[..]))?,
-            })
-        };
-        (0..count).map(bank).collect()
-    };
-    let halves = first.kept.len();
-    let mut rejected = parts.iter().flat_map(|film| &film.rejected).copied().collect();
-    keep_first(&mut rejected);
-    Ok(Film {
-        frame: first.frame,
-        needs: first.needs,
-        combine: first.combine,
-        kept: banks(&|film| &film.kept, halves)?,
-        discarded: banks(&|film| &film.discarded, if discards { halves } else { 0 })?,
-        features: join(first, 1, parts.iter().map(|film| &film.features[..]))?,
-        half_features: join(first, first.needs.feature_planes(), parts.iter().map(|film| &film.half_features[..]))?,
-        first_hits: join(first, usize::from(first.needs.first_hits), parts.iter().map(|film| &film.first_hits[..]))?,
-        costs: join(first, 1, parts.iter().map(|film| &film.costs[..]))?,
-        splats: Splats::sum(parts.iter().map(|film| &film.splats)),
-        rejected,
-        record: add_up(&parts)?,
-        unreported: parts.iter().try_fold(0_u64, |sum, film| sum.checked_add(film.unreported)).ok_or_else(uneven)?,
-        half_of: None,
-    })
+    let first = &parts[0].film;
+    let films: Vec<&Film> = parts.iter().map(|part| &part.film).collect();
+    let mut whole = Film::new(first.frame, first.needs);
+    for part in &parts {
+        if !whole.place(Picked(&part.shard.numbers(&first.frame)), part.film.clone()) {
+            return Err(uneven());
+        }
+    }
+    whole.combine = first.combine;
+    whole.splats = Splats::sum(films.iter().map(|film| &film.splats));
+    whole.rejected = films.iter().flat_map(|film| &film.rejected).copied().collect();
+    keep_first(&mut whole.rejected);
+    whole.record = add_up(&films)?;
+    whole.unreported = films.iter().try_fold(0_u64, |sum, film| sum.checked_add(film.unreported)).ok_or_else(uneven)?;
+    Ok(whole)
 }
 
 fn uneven() -> Error {
     Error::BadShards { what: "they do not hold the same statistics".into() }
 }
 
-/// Returns the films sorted by shard number, after checking that each shard occurs exactly once.
-fn in_order(parts: &[ShardFilm]) -> Result<Vec<&Film>, Error> {
+/// Returns the shards sorted by number, after checking that each shard occurs exactly once.
+fn in_order(parts: &[ShardFilm]) -> Result<Vec<&ShardFilm>, Error> {
     let refuse = |what: String| Err(Error::BadShards { what });
     let Some(first) = parts.first() else { return refuse("the list is empty".into()) };
     for part in parts {
@@ -447,27 +394,10 @@ fn in_order(parts: &[ShardFilm]) -> Result<Vec<&Film>, Error> {
     let missing: Vec<String> =
         (0..of).filter(|index| !is_there(index)).take(10).map(|index| Shard { index, of }.to_string()).collect();
     match missing.len() {
-        0 => Ok(sorted.into_iter().map(|part| &part.film).collect()),
+        0 => Ok(sorted),
         10 => refuse(format!("missing shards: {}, and maybe more", missing.join(", "))),
         _ => refuse(format!("missing shards: {}", missing.join(", "))),
     }
-}
-
-/// Joins the shards' rows of a plane with `each` values per pixel to the plane of the whole image. Empty if the films
-/// do not record the plane.
-fn join<'p, T: Clone + 'p>(first: &Film, each: usize, planes: impl Iterator<Item = &'p [T]>) -> Result<Vec<T>, Error> {
-    let planes: Vec<&[T]> = planes.collect();
-    if planes.iter().all(|plane| plane.is_empty()) {
-        return Ok(Vec::new());
-    }
-    let [width, height] = first.frame.size().map(|n| n as usize);
-    let mut whole = Vec::with_capacity(width * height * each);
-    for row in 0..height {
-        let start = row / planes.len() * width * each;
-        let values = planes[row % planes.len()].get(start..start + width * each).ok_or_else(uneven)?;
-        whole.extend_from_slice(values);
-    }
-    Ok(whole)
 }
 
 fn add_up(parts: &[&Film]) -> Result<Record, Error> {

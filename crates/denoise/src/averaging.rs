@@ -22,6 +22,13 @@ pub(crate) struct Window {
     pub(crate) falloff: f32,
 }
 
+impl Window {
+    /// The rows that an average over this window reads above and below its own, if patches of this radius are compared.
+    pub(crate) const fn rows(&self, patch: usize) -> usize {
+        self.radius + patch
+    }
+}
+
 /// The weight below which a pixel is left out. It would vanish in a sum, but its products are slow subnormal numbers.
 /// Leaving such pixels out saves a third of the time of `cluster-regression` (docs/results/filters.md).
 pub(crate) const VANISHING: f32 = 1e-20;

@@ -1,13 +1,15 @@
 //! The cross-bilateral filter over distance, features, colours and clusters.
 
+use crate::among::{Among, rows_around};
 use crate::averaging::{VANISHING, Window, average, guide, memory};
 use crate::cluster_gaussian::ClusterLookup;
-use crate::error_map::{Pair, filtered};
+use crate::error_map::{ERROR_ROWS, Pair, filtered};
 use crate::parameters::{describe, featureless, recorded};
-use crate::planes::{Inputs, Reads};
-use crate::tile::{FeatureScales, Likeness, REACH};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
+use crate::planes::{self, Inputs, Reads};
+use crate::tile::{FeatureScales, HEIGHT, Likeness, REACH};
+use dapple_core::{Band, Error, Exchange, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
 use std::fmt;
+use std::ops::Range;
 
 dapple_core::options! {
     /// The parameters of [`Bilateral`].
@@ -26,6 +28,9 @@ dapple_core::options! {
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
     }
 }
+
+/// The radius of the compared patches in pixels.
+const PATCH: usize = 1;
 
 /// The cross-bilateral filter [after Eisemann and Durand 2004; Petschnigg 2004], with features and clusters.
 ///
@@ -120,10 +125,20 @@ impl Bilateral {
         pair
     }
 
+    /// The rows of the planes that [`Bilateral::pair`] reads above and below its own.
+    pub(crate) const fn rows(&self) -> usize {
+        self.options.window + PATCH
+    }
+
+    fn run(&self, film: &Film, top: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
+        let inputs = Inputs::new(film, self.reads(), top, among)?;
+        Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs), among)?))
+    }
+
     fn likeness(&self) -> Likeness {
         let BilateralOptions { colour, features, outside, .. } = self.options;
         let features = FeatureScales { bandwidth: features as f32, floors: [1e-2, 2e-2], slope: 3.0 };
-        Likeness { patch: 1, colour: colour as f32, features: Some(features), outside: outside as f32 }
+        Likeness { patch: PATCH, colour: colour as f32, features: Some(features), outside: outside as f32 }
     }
 }
 
@@ -153,7 +168,15 @@ impl Filter for Bilateral {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        let inputs = Inputs::new(film, self.reads());
-        Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs))))
+        self.run(film, 0, &mut Among::alone(film.frame().size()[1] as usize))
+    }
+
+    fn rows_read(&self, frame: &Frame, rows: Range<u32>) -> Option<Range<u32>> {
+        Some(rows_around(frame, rows, planes::ROWS_READ + self.rows() + ERROR_ROWS, HEIGHT))
+    }
+
+    fn apply_to_rows(&self, film: &Film, band: &Band, exchange: &mut dyn Exchange) -> Result<Filtered, Error> {
+        let (mut among, top) = Among::new(self, film, band, exchange)?;
+        self.run(film, top, &mut among)
     }
 }

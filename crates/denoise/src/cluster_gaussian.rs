@@ -1,6 +1,7 @@
 //! The Gaussian filter that favours pixels of the same cluster.
 
 use crate::Gaussian;
+use crate::among::Among;
 use crate::membership::{BACKGROUND, MOST_VOTES, Membership, Votes};
 use crate::parameters::describe;
 use crate::pixel_means::{emission, mean_and_presence, normalised, squared_error, variances};
@@ -143,11 +144,11 @@ impl ClusterGaussian {
         Self { described: described.into(), ..self }
     }
 
-    fn blend<M: Membership>(&self, film: &Film, members: &[M]) -> Filtered {
+    fn blend<M: Membership>(&self, film: &Film, members: &[M]) -> Result<Filtered, Error> {
         let size = film.frame().size();
         let width = size[0] as usize;
         let pixels = film.frame().pixels();
-        let emission = emission(film);
+        let emission = emission(film, 0, &mut Among::alone(size[1] as usize))?;
         let emission = emission.as_deref();
         let mean = |i| mean_and_presence(film, emission, i);
         let means = (0..pixels).into_par_iter().with_min_len(1024).map(mean).collect();
@@ -168,7 +169,7 @@ impl ClusterGaussian {
             Some(error) => rows.zip(error.par_chunks_mut(width)).for_each(|((y, r), e)| row(y, r, e)),
             None => rows.for_each(|(y, r)| row(y, r, &mut [])),
         }
-        Filtered::new(size, radiance).with_error(error)
+        Ok(Filtered::new(size, radiance).with_error(error))
     }
 
     /// The weighted sums over the kernel around pixel (x, y): of means and presence, and of variances. Clusters are
@@ -274,7 +275,7 @@ impl Filter for ClusterGaussian {
                     );
                     return Err(Error::Mismatch { who: self.name().to_owned(), what });
                 }
-                Ok(self.blend(film, clusters))
+                self.blend(film, clusters)
             }
             Clusters::Hits(label) => {
                 let votes = |i| {
@@ -284,7 +285,7 @@ impl Filter for ClusterGaussian {
                 };
                 let pixels = film.frame().pixels();
                 let members: Vec<Votes> = (0..pixels).into_par_iter().with_min_len(256).map(votes).collect();
-                Ok(self.blend(film, &members))
+                self.blend(film, &members)
             }
         }
     }

@@ -1,21 +1,25 @@
 //! First-order regression on features and clusters, in two passes with a choice by estimated error and a wide third.
 
+use crate::among::{Among, rows_around};
 use crate::averaging::guide;
 use crate::bilateral::Bilateral;
 use crate::cluster_gaussian::ClusterLookup;
-use crate::error_map::{Pair, filtered, filtered_over, relative_weight, select};
+use crate::error_map::{ERROR_ROWS, Pair, filtered, filtered_over, relative_weight, select, select_rows};
 use crate::outliers;
 use crate::parameters::{describe, featureless, recorded};
-use crate::planes::{Inputs, Plane, Reads, box_mean};
-use crate::prefilter::prefilter;
-use crate::regression::{bytes, regress};
+use crate::planes::{self, Inputs, Plane, Reads, box_mean};
+use crate::prefilter::{self, prefilter};
+use crate::regression::{self, bytes, regress};
 use crate::scales::{self, Scales};
-use crate::shrink::{EVIDENCE, Radii, shrink};
-use crate::tile::{FeatureScales, Guide, Likeness};
+use crate::shrink::{EVIDENCE, LAST, shrink};
+use crate::tile::{FeatureScales, Guide, HEIGHT, Likeness};
 use crate::wide::{self, wide};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
+use dapple_core::{
+    Band, Error, Exchange, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _,
+};
 use rayon::prelude::*;
 use std::fmt;
+use std::ops::Range;
 
 /// The weight of the image that is averaged with the predictions of a regression; a window's centre has the weight 1.
 /// Weights from 0.1 to 2 gave equal errors.
@@ -187,9 +191,9 @@ impl ClusterRegression {
         }
         let unfiltered = Pair::unfiltered(inputs);
         let weight = relative_weight(inputs, &first);
-        let chosen = select(inputs, &[&first, &averaged], Some(&unfiltered), &weight, 2, 0.0);
+        let chosen = select(inputs, &[&first, &averaged], Some(&unfiltered), &weight, FIRST_CHOICE, 0.0);
         let second = self.second(inputs, &chosen);
-        select(inputs, &[&first, &averaged, &second], Some(&unfiltered), &weight, 3, 0.0)
+        select(inputs, &[&first, &averaged, &second], Some(&unfiltered), &weight, SECOND_CHOICE, 0.0)
     }
 
     /// The image of three passes before its blend with the unfiltered image. The unfiltered image guides the second pass
@@ -199,43 +203,96 @@ impl ClusterRegression {
         let first = self.first(inputs, &averaged);
         let weight = relative_weight(inputs, &first);
         let unfiltered = Pair::unfiltered(inputs);
-        let chosen = select(inputs, &[&first, &averaged], Some(&unfiltered), &weight, 2, evidence);
+        let chosen = select(inputs, &[&first, &averaged], Some(&unfiltered), &weight, FIRST_CHOICE, evidence);
         drop(unfiltered);
         let second = self.second(inputs, &chosen);
-        let base = select(inputs, &[&first, &averaged, &second], None, &weight, 3, 0.0);
+        let base = select(inputs, &[&first, &averaged, &second], None, &weight, SECOND_CHOICE, 0.0);
         drop((first, averaged, second, chosen));
         let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
-        shrink(inputs, &base, &smooth, Radii { bias: 8, noise: 20 }, EVIDENCE)
+        shrink(inputs, &base, &smooth, scales::BLEND, EVIDENCE)
     }
 
     /// The image of three passes without coarse scales.
-    fn unscaled(&self, inputs: &mut Inputs) -> Filtered {
+    fn unscaled(&self, inputs: &mut Inputs, among: &mut Among<'_>) -> Result<Filtered, Error> {
         let light = outliers::take(inputs);
         let smooth = self.smooth(inputs, 0.0);
-        let mut image = filtered(inputs, &blended(inputs, &smooth, EVIDENCE));
+        let mut image = filtered(inputs, &blended(inputs, &smooth, EVIDENCE), among)?;
         if let Some(light) = light {
             let add = |(i, colour): (usize, &mut [f32; 3])| {
                 (0..3).for_each(|c| colour[c] = (colour[c] + light[c][i] * inputs.level).min(f32::MAX));
             };
             image.radiance.iter_mut().enumerate().for_each(add);
         }
-        image
+        Ok(image)
     }
 
     /// The image of three passes and `scales` coarse scales.
-    fn scaled(&self, inputs: &mut Inputs, scales: usize) -> Filtered {
-        let coarse = scales::coarser(inputs);
+    fn scaled(&self, inputs: &mut Inputs, scales: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
+        let coarse = scales::coarser(inputs, scales, among)?;
         let light = outliers::take_halves(inputs, scales::ratio(scales));
         let mut image = self.smooth(inputs, CERTAIN);
         if let Some(light) = light {
             image.add(&light);
             inputs.add(&light);
         }
-        scales::correct(inputs, coarse, &mut image, scales);
+        scales::correct(inputs, coarse, &mut image, scales, among)?;
         // More pixels show less detail each, so that more of what looks like detail is noise.
         let evidence = 0.5 * EVIDENCE * (1 + scales) as f32;
-        filtered_over(inputs, &blended(inputs, &image, evidence), 3 * scales)
+        filtered_over(inputs, &blended(inputs, &image, evidence), 3 * scales, among)
     }
+
+    /// The parameters.
+    #[cfg(test)]
+    pub(crate) fn options(&self) -> ClusterRegressionOptions {
+        self.options
+    }
+
+    /// Filters the rows of a film that begin with row `top` of the whole image.
+    pub(crate) fn run(&self, film: &Film, top: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
+        let mut inputs = Inputs::new(film, self.reads(), top, among)?;
+        prefilter(&mut inputs);
+        if self.options.passes != Passes::Three {
+            return Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs), among)?));
+        }
+        let image = match self.options.scales.of([inputs.size[0], inputs.place.height]) {
+            0 => self.unscaled(&mut inputs, among)?,
+            scales => self.scaled(&mut inputs, scales, among)?,
+        };
+        Ok(inputs.restored(film, image))
+    }
+}
+
+/// The radius over which errors are compared for the guide of the second pass, and for its result.
+const FIRST_CHOICE: usize = 2;
+const SECOND_CHOICE: usize = 3;
+
+/// The rows of a film that a filter with these options reads above and below its own, for an image of this size. Grids of
+/// windows and tiles add to them ([`rows_around`]).
+///
+/// Each pass reads the image before it in a window. Of coarse scales only the planes of the finest image count here; the
+/// rest travels through the exchange.
+pub(crate) fn reach(options: &ClusterRegressionOptions, size: [usize; 2]) -> usize {
+    let first = if regression::ROWS_READ > BILATERAL_ROWS { regression::ROWS_READ } else { BILATERAL_ROWS };
+    // The weights of errors take the mean of 3x3 pixels.
+    let guide = first + 1 + select_rows(FIRST_CHOICE) + GUIDE_ROWS;
+    let second = guide + regression::ROWS_READ + select_rows(SECOND_CHOICE);
+    let smooth = second + GUIDE_ROWS + wide::ROWS_READ + scales::BLEND.rows() + outliers::FOUND_ROWS;
+    let image = match (options.passes, options.scales.of(size)) {
+        (Passes::One, _) => first + ERROR_ROWS,
+        (Passes::Two, _) => second + ERROR_ROWS,
+        (Passes::Three, 0) => outliers::SPREAD_ROWS.max(smooth + LAST.rows() + ERROR_ROWS),
+        (Passes::Three, scales) => scales::rows_read(outliers::SPREAD_ROWS.max(smooth), scales),
+    };
+    image + prefilter::ROWS_READ + planes::ROWS_READ
+}
+
+/// The rows that the bilateral image reads above and below its own.
+const BILATERAL_ROWS: usize = 5;
+
+/// The least number of rows between the first rows of bands of planes in which tiles and windows are those of the whole.
+fn alignment(passes: Passes) -> usize {
+    let both = |a: usize, b: usize| (1..=b).map(|k| k * a).find(|n| n.is_multiple_of(b)).unwrap_or(a * b);
+    if passes == Passes::Three { both(wide::ALIGNED, HEIGHT) } else { HEIGHT }
 }
 
 /// The number of standard errors by which the unfiltered image must be better than a filtered one to guide the second pass.
@@ -244,8 +301,11 @@ const CERTAIN: f32 = 1.01;
 
 /// The unfiltered image, moved towards `smooth` as far as their difference is noise.
 fn blended(inputs: &Inputs, smooth: &Pair, evidence: f32) -> Pair {
-    shrink(inputs, &Pair::unfiltered(inputs), smooth, Radii { bias: 5, noise: 10 }, evidence)
+    shrink(inputs, &Pair::unfiltered(inputs), smooth, LAST, evidence)
 }
+
+/// The radius over which the noise of a guide is averaged, and the rows that it reads above and below its own.
+pub(crate) const GUIDE_ROWS: usize = 2;
 
 /// The guide of the second pass: the filtered image without its albedo, and its remaining noise from the difference of
 /// the halves over 5x5 pixels.
@@ -262,7 +322,7 @@ pub(crate) fn residual_guide(inputs: &Inputs, image: &Pair) -> Guide {
     let all: Plane = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(difference).collect();
     // The floor under the variance, as in the first pass: it is not 0 and keeps the filter consistent.
     let floor = |i: usize| 3.0 * 4e-4 / (inputs.halves[0].count[i] + inputs.halves[1].count[i]).max(1.0);
-    let noise = box_mean(&all, inputs.size, 2);
+    let noise = box_mean(&all, inputs.size, GUIDE_ROWS);
     let variance: Plane = noise.iter().enumerate().map(|(i, v)| v + floor(i)).collect();
     let colour = std::array::from_fn(|c| {
         let mean = |i: usize| image.combined(inputs, c, i) / inputs.divisor(c, i);
@@ -322,15 +382,16 @@ impl Filter for ClusterRegression {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        let mut inputs = Inputs::new(film, self.reads());
-        prefilter(&mut inputs);
-        if self.options.passes != Passes::Three {
-            return Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs))));
-        }
-        let image = match self.options.scales.of(inputs.size) {
-            0 => self.unscaled(&mut inputs),
-            scales => self.scaled(&mut inputs, scales),
-        };
-        Ok(inputs.restored(film, image))
+        self.run(film, 0, &mut Among::alone(film.frame().size()[1] as usize))
+    }
+
+    fn rows_read(&self, frame: &Frame, rows: Range<u32>) -> Option<Range<u32>> {
+        let reach = reach(&self.options, frame.size().map(|n| n as usize));
+        Some(rows_around(frame, rows, reach, alignment(self.options.passes)))
+    }
+
+    fn apply_to_rows(&self, film: &Film, band: &Band, exchange: &mut dyn Exchange) -> Result<Filtered, Error> {
+        let (mut among, top) = Among::new(self, film, band, exchange)?;
+        self.run(film, top, &mut among)
     }
 }

@@ -1,5 +1,6 @@
 //! Error estimates of filtered images from two halves, for choosing between filters and planning counts.
 
+use crate::among::Among;
 use crate::planes::{Colours, Inputs, Plane, box_mean};
 use dapple_core::{Error, Filtered};
 use rayon::prelude::*;
@@ -172,8 +173,8 @@ fn is_doubtful(inputs: &Inputs, [other, own]: [&Plane; 2], radius: usize, eviden
 }
 
 /// The filtered image in radiance, with the estimated squared error of each pixel ([`filtered_over`] 7x7 pixels).
-pub(crate) fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
-    filtered_over(inputs, image, 3)
+pub(crate) fn filtered(inputs: &Inputs, image: &Pair, among: &mut Among<'_>) -> Result<Filtered, Error> {
+    filtered_over(inputs, image, ERROR, among)
 }
 
 /// The filtered image in radiance, with the estimated squared error of each pixel.
@@ -184,7 +185,12 @@ pub(crate) fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
 ///
 /// Taking the larger estimate keeps the positive part of noise. On images with strong noise the sum is up to three times
 /// the true error, and less with a larger radius.
-pub(crate) fn filtered_over(inputs: &Inputs, image: &Pair, radius: usize) -> Filtered {
+pub(crate) fn filtered_over(
+    inputs: &Inputs,
+    image: &Pair,
+    radius: usize,
+    among: &mut Among<'_>,
+) -> Result<Filtered, Error> {
     let weight = relative_weight(inputs, image);
     let [whole, variance] = raw_error(inputs, image, &weight);
     let [a, b] = [0, 1].map(|h| &inputs.halves[h].count);
@@ -194,14 +200,31 @@ pub(crate) fn filtered_over(inputs: &Inputs, image: &Pair, radius: usize) -> Fil
         sums.iter().zip(counts).map(|(s, n)| if n > 0.0 { s / n } else { f32::INFINITY }).collect()
     };
     let smooth: Plane = near(&whole, radius).iter().zip(near(&variance, 2)).map(|(w, v)| w.max(v).max(0.0)).collect();
-    let finite = || smooth.iter().filter(|e| e.is_finite());
-    let floor = 0.05 * finite().map(|e| f64::from(*e)).sum::<f64>() / finite().count().max(1) as f64;
+    let finite = |i: usize| if smooth[i].is_finite() { [f64::from(smooth[i]), 1.0] } else { [0.0; 2] };
+    let [sum, count] = among.sum_pixels(&inputs.place, inputs.size[0], finite)?;
+    let floor = 0.05 * sum / count.max(1.0);
     let square = inputs.level * inputs.level;
     let error: Vec<f32> = smooth.iter().zip(&weight).map(|(e, w)| e.max(floor as f32) / w * square).collect();
     let of = |c: usize, i: usize| (image.combined(inputs, c, i) * inputs.level).min(f32::MAX);
     let colour = |i: usize| [of(0, i), of(1, i), of(2, i)];
     let radiance = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(colour).collect();
-    Filtered::new(inputs.size.map(|n| n as u32), radiance).with_error(error)
+    Ok(Filtered::new(inputs.size.map(|n| n as u32), radiance).with_error(error))
+}
+
+/// The radius of [`filtered`] in pixels.
+const ERROR: usize = 3;
+
+/// The rows that a smoothed error of this radius reads above and below its own: those of the relative weights too.
+pub(crate) const fn error_rows(radius: usize) -> usize {
+    if radius > 2 { radius + 1 } else { 3 }
+}
+
+/// The rows that the error of [`filtered`] reads above and below its own.
+pub(crate) const ERROR_ROWS: usize = error_rows(ERROR);
+
+/// The rows that [`select`] reads of its candidates above and below its own: the errors, and the blurred selection.
+pub(crate) const fn select_rows(radius: usize) -> usize {
+    radius + 2
 }
 
 /// The estimated squared error of each filtered pixel relative to `mean^2 + epsilon`, row by row.

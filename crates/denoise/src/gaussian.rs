@@ -3,11 +3,13 @@
 mod weights;
 
 use self::weights::gaussian_weights;
+use crate::among::{Among, rows_around};
 use crate::parameters::describe;
 use crate::pixel_means::{emission, mean_and_presence, normalised, squared_error, variances};
 use crate::separable::separable;
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
+use dapple_core::{Band, Error, Exchange, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
 use rayon::prelude::*;
+use std::ops::Range;
 
 dapple_core::options! {
     /// The parameters of [`Gaussian`].
@@ -147,9 +149,24 @@ impl Filter for Gaussian {
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
+        self.run(film, 0, &mut Among::alone(film.frame().size()[1] as usize))
+    }
+
+    fn rows_read(&self, frame: &Frame, rows: Range<u32>) -> Option<Range<u32>> {
+        Some(rows_around(frame, rows, self.weights.len() / 2, 1))
+    }
+
+    fn apply_to_rows(&self, film: &Film, band: &Band, exchange: &mut dyn Exchange) -> Result<Filtered, Error> {
+        let (mut among, top) = Among::new(self, film, band, exchange)?;
+        self.run(film, top, &mut among)
+    }
+}
+
+impl Gaussian {
+    fn run(&self, film: &Film, top: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
         let size = film.frame().size();
         let plane = size.map(|n| n as usize);
-        let emission = emission(film);
+        let emission = emission(film, top, among)?;
         let emission = emission.as_deref();
         let sums = separable(plane, &self.weights, |i| mean_and_presence(film, emission, i), |_, sum| sum);
         let error = variances(film).map(|variances| {
@@ -159,6 +176,6 @@ impl Filter for Gaussian {
         let own = |i| emission.map_or([0.0; 3], |emission| emission[i]);
         let finish = |(i, sum)| normalised(sum, own(i));
         let radiance = sums.into_par_iter().enumerate().with_min_len(1024).map(finish).collect();
-        Ok(Filtered::new(size, radiance).with_error(error))
+        Ok(among.place(0, top).own_rows(Filtered::new(size, radiance).with_error(error)))
     }
 }

@@ -1,17 +1,26 @@
 //! Properties of fits and error estimates that images alone hardly show.
 
+use crate::among::Among;
 use crate::averaging::{VANISHING, Window, average, guide};
-use crate::error_map::{Pair, filtered, raw_error, select};
+use crate::error_map::{self, Pair, raw_error, select};
 use crate::parameters::{NEEDS, RECORDED};
 use crate::planes::{Colours, Inputs, Plane, Reads};
 use crate::regression::{Fit, Sums, regress, solve};
 use crate::tile::{Guide, Likeness};
-use dapple_core::{Film, Frame};
+use dapple_core::{Film, Filtered, Frame};
 use pulp::Scalar;
 
 const SIDE: usize = 24;
 const PIXELS: usize = SIDE * SIDE;
 const READS: Reads<'_> = Reads { features: true, label: None };
+
+fn whole(film: &Film) -> Inputs {
+    Inputs::new(film, READS, 0, &mut Among::alone(film.frame().size()[1] as usize)).unwrap()
+}
+
+fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
+    error_map::filtered(inputs, image, &mut Among::alone(inputs.size[1])).unwrap()
+}
 
 /// The planes of a film with one sample per half: `value(pixel, half)`. Their level is divided out.
 fn inputs(value: impl Fn(usize, usize) -> f32) -> Inputs {
@@ -19,7 +28,7 @@ fn inputs(value: impl Fn(usize, usize) -> f32) -> Inputs {
     for pixel in 0..PIXELS {
         (0..2).for_each(|half| film.push(pixel, half, [value(pixel, half); 3]));
     }
-    Inputs::new(&film, READS)
+    whole(&film)
 }
 
 /// A noisy image with the mean 1.
@@ -176,7 +185,7 @@ fn errors_are_unknown_only_where_no_pixel_in_reach_has_both_halves() {
         let halves = if pixel / SIDE < 8 { 1 } else { 2 };
         (0..halves).for_each(|half| film.push(pixel, half, [unfiltered(half); 3]));
     }
-    let inputs = Inputs::new(&film, READS);
+    let inputs = whole(&film);
     let error = filtered(&inputs, &Pair::unfiltered(&inputs)).error.unwrap();
     let unknown: Plane = error.iter().map(|e| f32::from(u8::from(e.is_infinite()))).collect();
     let rows: Vec<f32> = unknown.chunks(SIDE).map(|row| row.iter().sum::<f32>() / SIDE as f32).collect();
@@ -195,7 +204,7 @@ fn variances_at_edges_of_lamps_are_those_of_the_light_that_filters_get() {
             film.push_with_emission(pixel, sample % 2, [wall + lamp; 3], [lamp; 3]);
         }
     }
-    let inputs = Inputs::new(&film, READS);
+    let inputs = whole(&film);
     for half in &inputs.halves {
         let (colour, largest) = (half.colour[0][300], half.variance[0].iter().copied().fold(0.0f32, f32::max));
         assert!(colour > 10.0 && colour < 100.0, "{colour}: most of the lamp is withheld");

@@ -66,7 +66,10 @@
 //! The other three filters need two halves of the samples.
 //! The difference between the halves shows the whole error, bias included. That estimate is smoothed over 7x7 pixels.
 
+mod among;
 mod averaging;
+#[cfg(test)]
+mod bands;
 mod bilateral;
 mod buffers;
 mod cluster_gaussian;

@@ -1,11 +1,13 @@
 //! Non-local means over two halves of the samples.
 
+use crate::among::{Among, rows_around};
 use crate::averaging::{Window, average, guide, memory};
-use crate::error_map::{Pair, filtered};
+use crate::error_map::{ERROR_ROWS, Pair, filtered};
 use crate::parameters::{RECORDED, describe};
-use crate::planes::{Inputs, Reads};
-use crate::tile::{FeatureScales, Likeness, REACH};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
+use crate::planes::{self, Inputs, Reads};
+use crate::tile::{FeatureScales, HEIGHT, Likeness, REACH};
+use dapple_core::{Band, Error, Exchange, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
+use std::ops::Range;
 
 dapple_core::options! {
     /// The parameters of [`NlMeans`]: `k` and patches as published, and smaller windows.
@@ -84,6 +86,12 @@ impl NlMeans {
         Ok(Self { options })
     }
 
+    fn run(&self, film: &Film, top: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
+        let reads = Reads { features: self.options.features.is_some(), label: None };
+        let inputs = Inputs::new(film, reads, top, among)?;
+        Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs), among)?))
+    }
+
     fn likeness(&self) -> Likeness {
         let scales = |k: f64| FeatureScales { bandwidth: k as f32, floors: [1e-2, 2e-2], slope: 3.0 };
         let NlMeansOptions { patch, k, features, .. } = self.options;
@@ -127,7 +135,16 @@ impl Filter for NlMeans {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        let inputs = Inputs::new(film, Reads { features: self.options.features.is_some(), label: None });
-        Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs))))
+        self.run(film, 0, &mut Among::alone(film.frame().size()[1] as usize))
+    }
+
+    fn rows_read(&self, frame: &Frame, rows: Range<u32>) -> Option<Range<u32>> {
+        let windows = self.options.window + self.options.patch;
+        Some(rows_around(frame, rows, planes::ROWS_READ + windows + ERROR_ROWS, HEIGHT))
+    }
+
+    fn apply_to_rows(&self, film: &Film, band: &Band, exchange: &mut dyn Exchange) -> Result<Filtered, Error> {
+        let (mut among, top) = Among::new(self, film, band, exchange)?;
+        self.run(film, top, &mut among)
     }
 }

@@ -26,6 +26,12 @@ const AREA: f32 = 80.0;
 /// The brightness below which nothing is an outlier, in units of the image's level.
 const DARK: f32 = 1e-3;
 
+/// The rows around a pixel by which it is found to be an outlier.
+pub(crate) const FOUND_ROWS: usize = NEAR;
+/// The rows of the planes that the light of outliers in a row comes from: they lie in its window, and each takes its weights
+/// from a window of its own. That is more than by which they are found.
+pub(crate) const SPREAD_ROWS: usize = 2 * REACH;
+
 /// The part of a pixel's colour in one half that exceeds its surroundings, times the half's share in the pixel's
 /// samples.
 struct Outlier {

@@ -1,15 +1,22 @@
 //! Pixel means and their variances, as `Gaussian` and `ClusterGaussian` read them.
 
+use crate::among::Among;
 use crate::planes::level;
 use crate::withheld::Bounds;
-use dapple_core::Film;
+use dapple_core::{Error, Film};
 use rayon::prelude::*;
 
-/// The emission that blurs leave in each pixel; `None` if the film recorded none.
-pub(crate) fn emission(film: &Film) -> Option<Vec<[f64; 3]>> {
-    let bounds = film.needs().emission.then(|| Bounds::new(film, level(film)))?;
+/// The emission that blurs leave in each pixel; `None` if the film recorded none. The film's rows begin with row `top` of
+/// the whole image.
+pub(crate) fn emission(film: &Film, top: usize, among: &mut Among<'_>) -> Result<Option<Vec<[f64; 3]>>, Error> {
+    if !film.needs().emission {
+        return Ok(None);
+    }
+    let place = among.place(0, top);
+    let level = level(film, &place, among)?;
+    let bounds = Bounds::new(film, level, &place, among)?;
     let withheld = |i| bounds.withheld_emission(film, i);
-    Some((0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(withheld).collect())
+    Ok(Some((0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(withheld).collect()))
 }
 
 /// The mean of pixel `i` without the `emission` that stays there, followed by 1, or zeros if the pixel has no samples. Weighted sums of these are the numerator

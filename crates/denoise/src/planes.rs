@@ -1,10 +1,12 @@
 //! A film's halves and features as planes (one value per pixel), in the form that the filters read.
 
+use crate::among::{Among, Place};
 use crate::cluster_gaussian::ClusterLookup;
 use crate::membership::BACKGROUND;
 use crate::withheld::Bounds;
-use dapple_core::{Film, Filtered};
+use dapple_core::{Error, Film, Filtered};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// One value per pixel, row by row.
 pub(crate) type Plane = Vec<f32>;
@@ -31,6 +33,10 @@ pub(crate) const LEAST_ALBEDO: f32 = 0.02;
 /// The weight, in degrees of freedom, of the variance over 5x5 pixels. A pixel's own variance of `n` samples has the
 /// weight `n - 1`.
 const POOLED: f32 = 6.0;
+
+/// The rows of a film that [`Inputs::new`] reads above and below its own: features that neighbours fill in, and slopes over
+/// 3x3 of their steps. Variances are pooled over fewer.
+pub(crate) const ROWS_READ: usize = 4;
 
 /// One half of a film's samples.
 pub(crate) struct Half {
@@ -71,7 +77,10 @@ pub(crate) struct Reads<'a> {
 
 /// A film's halves, features and clusters as planes, which the filters read.
 pub(crate) struct Inputs {
+    /// Width and height of the planes: the own rows and their halo.
     pub(crate) size: [usize; 2],
+    /// The rows of the planes in the whole image.
+    pub(crate) place: Place,
     /// The image's level: the radiance (near the mean of the image) that is scaled to 1 in these planes.
     pub(crate) level: f32,
     /// The largest light in these planes; the rest is withheld ([`Inputs::restored`]).
@@ -83,23 +92,28 @@ pub(crate) struct Inputs {
 }
 
 impl Inputs {
-    /// Reads the halves and the sample variance of a film, and what else `reads` lists.
-    pub(crate) fn new(film: &Film, reads: Reads<'_>) -> Self {
+    /// Reads the halves and the sample variance of a film, and what else `reads` lists. The film's rows begin with row
+    /// `top` of the whole image.
+    pub(crate) fn new(film: &Film, reads: Reads<'_>, top: usize, among: &mut Among<'_>) -> Result<Self, Error> {
         let size = film.frame().size().map(|n| n as usize);
-        let level = level(film);
-        let bounds = Bounds::new(film, level);
+        let place = among.place(0, top);
+        let level = level(film, &place, among)?;
+        let bounds = Bounds::new(film, level, &place, among)?;
         let sample_variance = pooled_variance(film, level, bounds);
         let halves = [0, 1].map(|h| half(film, h, level, bounds, &sample_variance));
         let labels = reads.label.filter(|_| film.needs().first_hits > 0).map(|label| {
             let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(|hit| label(hit));
             per_pixel(film, |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
         });
-        Self { size, level, bounds, halves, features: features(film, reads.features), labels }
+        let features = features(film, reads.features, &place, among)?;
+        Ok(Self { size, place, level, bounds, halves, features, labels })
     }
 
-    /// Planes of another size for the same image, without clusters.
-    pub(crate) fn with_planes(&self, size: [usize; 2], halves: [Half; 2], features: Features) -> Self {
-        Self { size, level: self.level, bounds: self.bounds, halves, features, labels: None }
+    /// Planes of another scale for the same image, without clusters. Their number of rows follows from their length.
+    pub(crate) fn with_planes(&self, place: Place, halves: [Half; 2], features: Features) -> Self {
+        let width = self.size[0].div_ceil(2);
+        let size = [width, features.scale.len() / width];
+        Self { size, place, level: self.level, bounds: self.bounds, halves, features, labels: None }
     }
 
     /// The number of bytes per pixel that these planes occupy, and the largest number while they are computed.
@@ -113,9 +127,9 @@ impl Inputs {
         [4 * kept, 4 * (kept + 3) + known]
     }
 
-    /// Adds the light that the filter did not get to the image that it made of this film.
+    /// Adds the light that the filter did not get to the image that it made of this film. Returns the own rows.
     pub(crate) fn restored(&self, film: &Film, filtered: Filtered) -> Filtered {
-        self.bounds.restore(film, filtered)
+        self.place.own_rows(self.bounds.restore(film, filtered))
     }
 
     /// Adds `light` to the colours of both halves.
@@ -151,17 +165,15 @@ pub(crate) fn per_pixel<T: Send>(film: &Film, f: impl Fn(usize) -> T + Sync + Se
 
 /// The image's level: the mean brightness of its pixels, each capped at eight times the median of pixels that are not
 /// black. It is 1 for a black image.
-pub(crate) fn level(film: &Film) -> f32 {
+pub(crate) fn level(film: &Film, place: &Place, among: &mut Among<'_>) -> Result<f32, Error> {
+    let width = film.frame().size()[0] as usize;
     let grey = per_pixel(film, |i| (film.mean(i).iter().sum::<f64>() / 3.0) as f32);
-    let mut lit: Vec<f32> = grey.iter().copied().filter(|g| *g > 0.0).collect();
-    if lit.is_empty() {
-        return 1.0;
-    }
-    let middle = lit.len() / 2;
-    let cap = 8.0 * *lit.select_nth_unstable_by(middle, f32::total_cmp).1;
-    let mean = grey.iter().map(|g| f64::from(g.min(cap))).sum::<f64>() / grey.len() as f64;
+    let lit: Vec<f32> = grey[place.own_pixels(width)].iter().copied().filter(|g| *g > 0.0).collect();
+    let Some(median) = among.in_order(&lit, |n| n / 2)? else { return Ok(1.0) };
+    let cap = 8.0 * median;
+    let [sum] = among.sum_pixels(place, width, |i| [f64::from(grey[i].min(cap))])?;
     // Not so small that a division by it overflows.
-    (mean as f32).clamp(1e-18, 1e18)
+    Ok(((sum / (width * place.height) as f64) as f32).clamp(1e-18, 1e18))
 }
 
 /// The variance of one sample in each pixel, shrunk towards the variance over 5x5 pixels, in squared levels.
@@ -242,11 +254,12 @@ impl Feature {
     }
 }
 
-fn features(film: &Film, read: bool) -> Features {
+fn features(film: &Film, read: bool, place: &Place, among: &mut Among<'_>) -> Result<Features, Error> {
     let size = film.frame().size().map(|n| n as usize);
+    let own = place.own_pixels(size[0]);
     let depths = per_pixel(film, |i| film.features(i).filter(|f| f.hits > 0).map(|f| f.depth.clamp(1e-18, 1e18)));
-    let far = 2.0 * depths.iter().flatten().copied().fold(0.5, f32::max);
-    let middle = centre(film);
+    let far = 2.0 * among.largest(depths[own.clone()].iter().flatten().copied().fold(0.5, f32::max))?;
+    let middle = centre(film, place, among)?;
     let miss = (!read || !film.needs().features).then(|| Feature::miss(far));
     let of = |i: usize| miss.or_else(|| feature(film, i, far, middle));
     let known = per_pixel(film, of);
@@ -254,27 +267,30 @@ fn features(film: &Film, read: bool) -> Features {
     let all = per_pixel(film, filled);
     let mean: [Plane; FEATURES] = std::array::from_fn(|k| all.iter().map(|f| f.mean[k]).collect());
     let position: Colours = std::array::from_fn(|k| all.iter().map(|f| f.mean[7 + k]).collect());
-    let unit = 24.0 * pixel_angle(&position, &all, size);
+    let unit = 24.0 * pixel_angle(&position, &all, own, size[0], among)?;
     let scale = all.iter().map(|f| 1.0 / (unit * f.depth.max(1e-18))).collect();
     let slope = slopes(&mean[6], size);
-    Features {
+    Ok(Features {
         variance: std::array::from_fn(|k| all.iter().map(|f| f.variance[k]).collect()),
         scatter: all.iter().map(|f| f.scatter).collect(),
         mean,
         slope,
         position,
         scale,
-    }
+    })
 }
 
 /// The mean of all positions, in f64 because they may lie far from the origin.
-fn centre(film: &Film) -> [f64; 3] {
-    let (mut sum, mut count) = ([0.0; 3], 0.0);
-    for feature in (0..film.frame().pixels()).filter_map(|i| film.features(i)).filter(|f| f.hits > 0) {
-        (0..3).for_each(|k| sum[k] += f64::from(feature.position[k]));
-        count += 1.0;
-    }
-    sum.map(|s| s / f64::max(count, 1.0))
+fn centre(film: &Film, place: &Place, among: &mut Among<'_>) -> Result<[f64; 3], Error> {
+    let of = |i: usize| match film.features(i).filter(|f| f.hits > 0) {
+        Some(feature) => {
+            let [x, y, z] = feature.position.map(f64::from);
+            [x, y, z, 1.0]
+        }
+        None => [0.0; 4],
+    };
+    let [x, y, z, count] = among.sum_pixels(place, film.frame().size()[0] as usize, of)?;
+    Ok([x, y, z].map(|sum| sum / f64::max(count, 1.0)))
 }
 
 /// The features of pixel `i` with its misses blended in at the depth `far`, and positions relative to `middle`; `None`
@@ -345,17 +361,19 @@ fn from_neighbours(known: &[Option<Feature>], [width, height]: [usize; 2], i: us
 }
 
 /// The approximate width of a pixel at distance 1: the lower quartile of the steps between neighbouring positions.
-fn pixel_angle(position: &Colours, all: &[Feature], [width, _]: [usize; 2]) -> f32 {
+fn pixel_angle(
+    position: &Colours,
+    all: &[Feature],
+    own: Range<usize>,
+    width: usize,
+    among: &mut Among<'_>,
+) -> Result<f32, Error> {
     let step = |i: usize| {
         let apart = position.iter().map(|p| (p[i + 1] - p[i]).powi(2)).sum::<f32>().sqrt();
-        (apart > 0.0 && !(i + 1).is_multiple_of(width)).then(|| apart / all[i].depth)
+        (apart > 0.0).then(|| apart / all[i].depth)
     };
-    let mut steps: Vec<f32> = (0..all.len().saturating_sub(1)).filter_map(step).collect();
-    if steps.is_empty() {
-        return 1e-3;
-    }
-    let quarter = steps.len() / 4;
-    steps.select_nth_unstable_by(quarter, f32::total_cmp).1.clamp(1e-9, 1e9)
+    let steps: Vec<f32> = own.filter(|i| !(i + 1).is_multiple_of(width)).filter_map(step).collect();
+    Ok(among.in_order(&steps, |n| n / 4)?.map_or(1e-3, |quarter| quarter.clamp(1e-9, 1e9)))
 }
 
 /// The smallest change of the log `depth` per pixel among 3x3 pixels.

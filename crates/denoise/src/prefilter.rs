@@ -13,6 +13,11 @@ const WINDOW: Window = Window { radius: 4, cut: VANISHING, falloff: 0.0 };
 /// The variance of a mean normal, albedo or log depth up to which the feature counts as free of noise.
 const QUIET: f32 = 1e-5;
 
+/// The rows that [`prefilter`] reads above and below its own: noise anywhere in a tile has all of it averaged. Windows,
+/// patches and pooled variances reach less far.
+pub(crate) const ROWS_READ: usize = HEIGHT - 1;
+const _: () = assert!(WINDOW.rows(LIKE.patch) < ROWS_READ);
+
 /// Averages normal and albedo, then position and depth, over pixels whose patches differ by no more than their noise.
 ///
 /// The weights come from the features themselves [after Rousselle 2013], but with the variance of each pixel's samples

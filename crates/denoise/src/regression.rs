@@ -37,6 +37,9 @@ const PIVOT: f32 = 1e-5;
 /// Width and height in pixels of a tile with the surroundings that its windows predict.
 const HALO: [usize; 2] = [WIDTH + 2 * REACH, HEIGHT + 2 * REACH];
 
+/// The rows that [`regress`] reads above and below its own: windows around the pixel predict it, and read patches.
+pub(crate) const ROWS_READ: usize = 2 * REACH + PATCH;
+
 /// Filters both halves of the samples by regression. The weights of each half come from the other half's guide, or from
 /// a single guide for both.
 ///

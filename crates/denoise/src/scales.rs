@@ -7,14 +7,15 @@
 //! The two papers filter each scale by itself. Here a coarse scale starts from the finer result, and moves as far from
 //! it as their difference is noise ([`shrink`]). The published step up has no features; across edges it leaves halos.
 
-use crate::cluster_regression::residual_guide;
-use crate::error_map::Pair;
+use crate::among::Among;
+use crate::cluster_regression::{GUIDE_ROWS, residual_guide};
+use crate::error_map::{Pair, error_rows};
 use crate::outliers;
 use crate::planes::{Colours, Features, Half, Inputs, Plane, slopes};
-use crate::shrink::{EVIDENCE, Radii, shrink};
+use crate::shrink::{EVIDENCE, LAST, Radii, shrink};
 use crate::tile::exp_minus;
-use crate::wide::wide;
-use dapple_core::OptionValue;
+use crate::wide::{self, wide};
+use dapple_core::{Error, OptionValue};
 use rayon::prelude::*;
 
 /// The number of coarse scales of a [`ClusterRegression`](crate::ClusterRegression) in three passes. Each has half the
@@ -110,11 +111,48 @@ fn mean(of: impl Fn(usize) -> f32) -> impl Fn([usize; 4]) -> f32 {
     move |[a, b, c, d]| 0.25 * ((of(a) + of(b)) + (of(c) + of(d)))
 }
 
+/// The radii of the blend of a scale's image with that of the wide pass.
+pub(crate) const BLEND: Radii = Radii { bias: 8, noise: 20 };
+
+/// The rows of a coarse scale's planes that its correction reads above and below its own: the light of outliers, or the
+/// wide pass and its guide, and then the blend.
+const ROWS: usize = {
+    let (light, smooth) = (outliers::SPREAD_ROWS, wide::ROWS_READ + GUIDE_ROWS + outliers::FOUND_ROWS);
+    BLEND.rows() + if light > smooth { light } else { smooth }
+};
+
+/// The rows of the finest image that must be right, above and below a band, so that its own rows are: those of the last
+/// blend and of the error.
+const fn rows_after(scales: usize) -> usize {
+    LAST.rows() + error_rows(3 * scales)
+}
+
+/// The rows of the finest planes that a filter with these coarse scales reads above and below its own, if the image
+/// before the correction reads `before` rows.
+pub(crate) const fn rows_read(before: usize, scales: usize) -> usize {
+    rows_after(scales) + before
+}
+
+/// The rows of scale `scale` of `scales` that a process reads. The corrected image is right in the rows of the band and
+/// of those after it, and in one more of each scale for the step up.
+fn rows_of_process(among: &Among<'_>, process: usize, scale: usize, scales: usize) -> [usize; 2] {
+    let ([mut first, mut end], mut height) = (among.band(process), among.height());
+    (first, end) = (first.saturating_sub(rows_after(scales)), (end + rows_after(scales)).min(height));
+    for _ in 0..scale {
+        height = height.div_ceil(2);
+        (first, end) = ((first / 2).saturating_sub(1), ((end - 1) / 2 + 2).min(height));
+    }
+    let first = first.saturating_sub(ROWS);
+    [first - first % wide::ALIGNED, (end + ROWS).min(height)]
+}
+
 /// The planes of the next coarser scale. Colours are averaged without their albedo.
 ///
 /// All pixels with samples have the same count there. Counts follow the brightness that a pilot met, so weights by counts
 /// over wide windows add light: 0.6 % of a room lit through a slit.
-pub(crate) fn coarser(fine: &Inputs) -> Inputs {
+///
+/// `scales` is the number of coarse scales in all.
+pub(crate) fn coarser(fine: &Inputs, scales: usize, among: &mut Among<'_>) -> Result<Inputs, Error> {
     let size = fine.size.map(|n| n.div_ceil(2));
     let (f, plane) = (&fine.features, |plane: &Plane| down(fine.size, mean(|i| plane[i])));
     let quarter = |plane: &Plane| down(fine.size, mean(|i| 0.25 * plane[i]));
@@ -122,6 +160,9 @@ pub(crate) fn coarser(fine: &Inputs) -> Inputs {
         3..6 => down(fine.size, mean(|i| fine.divisor(k - 3, i))),
         _ => plane(&f.mean[k]),
     });
+    let samples = |i: usize| fine.halves.each_ref().map(|half| f64::from(half.count[i]));
+    let pixels = (fine.size[0] * fine.place.height) as f64;
+    let counts = among.sum_pixels(&fine.place, fine.size[0], samples)?.map(|sum| 4.0 * (sum / pixels) as f32);
     let halves = [0, 1].map(|h: usize| {
         let own = &fine.halves[h];
         let colour: Colours = std::array::from_fn(|c| {
@@ -129,9 +170,7 @@ pub(crate) fn coarser(fine: &Inputs) -> Inputs {
             colour.iter_mut().zip(&features[3 + c]).for_each(|(value, albedo)| *value *= albedo);
             colour
         });
-        let total = own.count.iter().map(|n| f64::from(*n)).sum::<f64>() / own.count.len() as f64;
-        let count = 4.0 * total as f32;
-        let of = |four: [usize; 4]| if four.iter().any(|i| own.count[*i] > 0.0) { count } else { 0.0 };
+        let of = |four: [usize; 4]| if four.iter().any(|i| own.count[*i] > 0.0) { counts[h] } else { 0.0 };
         Half { colour, variance: std::array::from_fn(|c| quarter(&own.variance[c])), count: down(fine.size, of) }
     });
     let features = Features {
@@ -142,7 +181,55 @@ pub(crate) fn coarser(fine: &Inputs) -> Inputs {
         position: std::array::from_fn(|k| plane(&f.position[k])),
         scale: down(fine.size, mean(|i| 0.5 * f.scale[i])),
     };
-    fine.with_planes(size, halves, features)
+    fetched(fine, halves, features, scales, among)
+}
+
+/// The rows of the planes of a coarse scale that this process reads, from those that each process made of its rows.
+fn fetched(
+    fine: &Inputs,
+    halves: [Half; 2],
+    features: Features,
+    scales: usize,
+    among: &mut Among<'_>,
+) -> Result<Inputs, Error> {
+    let mut planes = Vec::new();
+    for Half { colour, variance, count } in halves {
+        planes.extend(colour.into_iter().chain(variance).chain([count]));
+    }
+    let Features { mean, variance, scatter, slope, position, scale } = features;
+    planes.extend(mean.into_iter().chain(variance).chain([scatter, slope]).chain(position).chain([scale]));
+    let (planes, top) = rows_fetched(fine, planes, scales, among)?;
+    let mut planes = planes.into_iter();
+    let mut next = || planes.next().unwrap_or_default();
+    let halves = [0, 1].map(|_| Half {
+        colour: std::array::from_fn(|_| next()),
+        variance: std::array::from_fn(|_| next()),
+        count: next(),
+    });
+    let features = Features {
+        mean: std::array::from_fn(|_| next()),
+        variance: std::array::from_fn(|_| next()),
+        scatter: next(),
+        slope: next(),
+        position: std::array::from_fn(|_| next()),
+        scale: next(),
+    };
+    Ok(fine.with_planes(among.place(fine.place.scale + 1, top), halves, features))
+}
+
+/// Planes of the scale above `fine` in the rows that this process reads, and the first of these rows. `planes` are made of
+/// the rows of `fine`.
+fn rows_fetched(
+    fine: &Inputs,
+    planes: Vec<Plane>,
+    scales: usize,
+    among: &mut Among<'_>,
+) -> Result<(Vec<Plane>, usize), Error> {
+    let scale = fine.place.scale + 1;
+    let reads = |among: &Among<'_>, process| rows_of_process(among, process, scale, scales);
+    let top = among.top(|among, me| reads(among, me)[0]);
+    let place = among.place(scale, fine.place.top / 2);
+    Ok((among.fetch(&place, planes, fine.size[0].div_ceil(2), reads)?, top))
 }
 
 /// The mean over the pixels with samples, or over all if none has any.
@@ -157,32 +244,50 @@ fn sampled(count: &[f32], of: impl Fn(usize) -> f32) -> impl Fn([usize; 4]) -> f
 }
 
 /// An image at the next coarser scale.
-fn down_pair(fine: &Inputs, coarse: &Inputs, image: &Pair) -> Pair {
-    Pair([0, 1].map(|h: usize| {
+fn down_pair(
+    fine: &Inputs,
+    coarse: &Inputs,
+    image: &Pair,
+    scales: usize,
+    among: &mut Among<'_>,
+) -> Result<Pair, Error> {
+    let planes = (0..6).map(|k| down(fine.size, mean(|i| image.0[k / 3][k % 3][i] / fine.divisor(k % 3, i)))).collect();
+    let (planes, _) = rows_fetched(fine, planes, scales, among)?;
+    let mut planes = planes.into_iter();
+    Ok(Pair([0, 1].map(|_| {
         std::array::from_fn(|c| {
-            let mut plane = down(fine.size, mean(|i| image.0[h][c][i] / fine.divisor(c, i)));
+            let mut plane = planes.next().unwrap_or_default();
             plane.iter_mut().enumerate().for_each(|(i, value)| *value *= coarse.divisor(c, i));
             plane
         })
-    }))
+    })))
 }
 
 /// Corrects `image`, made from the planes `fine`, by `scales` scales. `coarse` is the first of them, its outliers not taken
 /// out.
-pub(crate) fn correct(fine: &Inputs, mut coarse: Inputs, image: &mut Pair, scales: usize) {
-    let next = (scales > 1 && coarse.pixels() > 1).then(|| coarser(&coarse));
+pub(crate) fn correct(
+    fine: &Inputs,
+    mut coarse: Inputs,
+    image: &mut Pair,
+    scales: usize,
+    among: &mut Among<'_>,
+) -> Result<(), Error> {
+    let all = fine.place.scale + scales;
+    let more = scales > 1 && coarse.size[0] * coarse.place.height > 1;
+    let next = if more { Some(coarser(&coarse, all, among)?) } else { None };
     let light = outliers::take_halves(&mut coarse, COARSER * ratio(scales));
-    let before = down_pair(fine, &coarse, image);
+    let before = down_pair(fine, &coarse, image, all, among)?;
     let mut smooth = wide(&coarse, &residual_guide(&coarse, &before), &before);
     if let Some(light) = light {
         smooth.add(&light);
     }
-    let mut after = shrink(&coarse, &before, &smooth, Radii { bias: 8, noise: 20 }, EVIDENCE);
+    let mut after = shrink(&coarse, &before, &smooth, BLEND, EVIDENCE);
     drop(smooth);
     if let Some(next) = next {
-        correct(&coarse, next, &mut after, scales - 1);
+        correct(&coarse, next, &mut after, scales - 1, among)?;
     }
     add_up(fine, &coarse, image, [&before, &after]);
+    Ok(())
 }
 
 /// Adds the change of a coarse image from `before` to `after` to a fine one.
@@ -191,6 +296,7 @@ pub(crate) fn correct(fine: &Inputs, mut coarse: Inputs, image: &mut Pair, scale
 /// Its change is small if none is alike.
 fn add_up(fine: &Inputs, coarse: &Inputs, image: &mut Pair, [before, after]: [&Pair; 2]) {
     let ([width, _], [columns, rows]) = (fine.size, coarse.size);
+    let [top, coarse_top] = [fine.place.top, coarse.place.top];
     let change: [Plane; 6] = std::array::from_fn(|k| {
         let (half, c) = (k / 3, k % 3);
         let [before, after] = [&before.0[half][c], &after.0[half][c]];
@@ -202,7 +308,9 @@ fn add_up(fine: &Inputs, coarse: &Inputs, image: &mut Pair, [before, after]: [&P
         [own, if left { own.saturating_sub(1) } else { (own + 1).min(end - 1) }]
     };
     let of = |i: usize| -> [f32; 6] {
-        let (xs, ys) = (near(i % width, columns), near(i / width, rows));
+        let xs = near(i % width, columns);
+        // Rows that the coarse planes lack lie beyond those that must be right.
+        let ys = near(top + i / width, coarse.place.height).map(|y| y.saturating_sub(coarse_top).min(rows - 1));
         let (f, g) = (&fine.features, &coarse.features);
         let depth = SLOPE * f.slope[i];
         let (mut sums, mut total) = ([0.0; 6], NONE);

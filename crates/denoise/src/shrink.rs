@@ -17,6 +17,20 @@ pub(crate) struct Radii {
     pub(crate) noise: usize,
 }
 
+/// The radii of the last blend of a filter, with the unfiltered image.
+pub(crate) const LAST: Radii = Radii { bias: 5, noise: 10 };
+
+/// The radius over which the share of the smooth image is averaged.
+const SHARE: usize = 2;
+
+impl Radii {
+    /// The rows that [`shrink`] reads above and below its own: the larger sum, the average of the shares, and the relative
+    /// weights.
+    pub(crate) const fn rows(self) -> usize {
+        SHARE + 1 + if self.bias > self.noise { self.bias } else { self.noise }
+    }
+}
+
 /// Moves the image `narrow` towards `smooth` as far as their difference is noise.
 ///
 /// With `D_A` and `D_B` the differences of the halves, `V` the mean of `(D_A - D_B)^2 / 4` over a window and `B` that of
@@ -36,7 +50,7 @@ pub(crate) fn shrink(inputs: &Inputs, narrow: &Pair, smooth: &Pair, radii: Radii
     let errors = evidence / (2 * radii.bias + 1) as f32;
     let certain = bias.iter().zip(&squares).map(|(bias, square)| (bias - errors * square.sqrt()).max(0.0));
     let share: Plane = noise.iter().zip(certain).map(|(v, b)| (v + 1e-12) / (v + b + 1e-12)).collect();
-    let share = box_mean(&share, inputs.size, 2);
+    let share = box_mean(&share, inputs.size, SHARE);
     let rest: Plane = share.iter().map(|share| 1.0 - share).collect();
     Pair::mixed(&[narrow, smooth], &[rest, share])
 }

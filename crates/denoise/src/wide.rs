@@ -57,19 +57,26 @@ const PATCH: usize = 1;
 /// The weight of the image beside the predictions, relative to 1 for a window's centre.
 const BESIDE: f32 = 0.5;
 
+/// The rows that [`wide`] reads above and below its own: windows around the pixel predict it, and read patches.
+pub(crate) const ROWS_READ: usize = 2 * REACH + PATCH;
+/// Planes of part of an image begin with a multiple of this number of rows, so that window centres are those of the whole.
+pub(crate) const ALIGNED: usize = STEP;
+
 /// Filters both halves with windows of 41x41 pixels, compared by `guide`: the image `beside` without its albedo, and
 /// its remaining noise.
 pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
     let [width, height] = inputs.size;
     let stacks = stacks(inputs, guide);
-    let [bands, tiles] = [height.div_ceil(BAND), stacks.len()];
+    // Rows count from the first one of the whole image's task that the first row belongs to.
+    let skipped = inputs.place.top % BAND;
+    let [bands, tiles] = [(skipped + height).div_ceil(BAND), stacks.len()];
     let sums: Vec<Vec<f32>> = (0..bands * tiles)
         .into_par_iter()
         .map(|task| {
             let (band, tile) = (task / tiles, task % tiles);
             let columns = width.div_ceil(STEP) - tile * CENTRES;
             let (stack, size) = (&stacks[tile], [columns.min(CENTRES), height]);
-            dispatch(BandTask { stack, size, first: band * BAND })
+            dispatch(BandTask { stack, size, first: band * BAND, skipped })
         })
         .collect();
     let row = |y: usize| -> Vec<f32> {
@@ -83,6 +90,7 @@ pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
             }
             row[(4 * half + 3) * width..][..width].fill(BESIDE);
         }
+        let y = skipped + y;
         let first = y.saturating_sub(REACH + BAND - 1).div_ceil(BAND);
         for band in first..bands {
             let Some(local) = (y + REACH).checked_sub(band * BAND) else { break };
@@ -131,11 +139,13 @@ pub(crate) fn bytes(frame: &Frame) -> u64 {
 }
 
 /// The windows whose centres lie in [`BAND`] rows from row `first`. Its result is the sums of weighted predictions and
-/// of weights, from [`REACH`] rows above. `size` is the number of columns of centres and of rows of pixels.
+/// of weights, from [`REACH`] rows above. `size` is the number of columns of centres and of rows of pixels, which begin
+/// with row `skipped`.
 struct BandTask<'a> {
     stack: &'a Stack,
     size: [usize; 2],
     first: usize,
+    skipped: usize,
 }
 
 impl WithSimd for BandTask<'_> {
@@ -151,12 +161,13 @@ impl WithSimd for BandTask<'_> {
             seen.push(Seen::<S>::new(simd));
         }
         let mut windows = Vec::with_capacity(blocks);
-        for y in (self.first..(self.first + BAND).min(height)).step_by(STEP) {
+        let end = (self.first + BAND).min(self.skipped + height) - self.skipped;
+        for y in (self.first.saturating_sub(self.skipped)..end).step_by(STEP) {
             for group in (0..columns).step_by(GROUP) {
                 windows.clear();
                 for (block, k) in (group..columns.min(group + GROUP)).step_by(S::F32_LANES).enumerate() {
                     let centre = Centre::new(simd, self.stack, [y, k], self.size);
-                    weigh(simd, &centre, self.first, &mut seen[block]);
+                    weigh(simd, &centre, [self.first, self.skipped], &mut seen[block]);
                     let fits = fit(simd, &centre, &seen[block]);
                     windows.push((centre, fits));
                 }
@@ -234,9 +245,10 @@ impl<S: Simd> Seen<S> {
     }
 }
 
-/// Lists the pixels of the windows with their weights. The sums of the band begin [`REACH`] rows above row `first`.
+/// Lists the pixels of the windows with their weights. The sums of the band begin [`REACH`] rows above row `first`; the
+/// planes begin with row `skipped`.
 #[inline(always)]
-fn weigh<S: Simd>(simd: S, centre: &Centre<'_, S>, first: usize, seen: &mut Seen<S>) {
+fn weigh<S: Simd>(simd: S, centre: &Centre<'_, S>, [first, skipped]: [usize; 2], seen: &mut Seen<S>) {
     let (stack, zero) = (centre.stack, simd.splat_f32s(0.0));
     let mut patch = [[zero; 4]; 9];
     let near = centre.rows_near(centre.y);
@@ -255,7 +267,7 @@ fn weigh<S: Simd>(simd: S, centre: &Centre<'_, S>, first: usize, seen: &mut Seen
     let mut count = 0;
     for y in centre.y.saturating_sub(REACH)..(centre.y + REACH + 1).min(centre.height) {
         let near = centre.rows_near(y);
-        let row_of_sums = (y + REACH - first) * STEP * 8 * COLUMNS + centre.k;
+        let row_of_sums = (skipped + y + REACH - first) * STEP * 8 * COLUMNS + centre.k;
         for dx in FARTHEST - REACH..=FARTHEST + REACH {
             let index = near[PATCH] + IN_STACK[dx];
             let distance = feature_distance(simd, &features, stack.at::<S>(index));

@@ -105,6 +105,15 @@ pub enum JobError {
         /// The reason why the image cannot be sharded.
         why: String,
     },
+    /// A shard that was to be rendered by several processes, or in stages.
+    #[error("a render of several processes, or in stages, is that of the whole image; leave out the shard")]
+    NoTogether,
+    /// A plan from which an image was to be made while samples are left to trace.
+    #[error("{}: samples are left to trace; render its parts, and make the next plan of them", path.display())]
+    NotDone {
+        /// The plan file.
+        path: PathBuf,
+    },
     /// A description that needs another world (scene built for tracing) than the prepared one.
     #[error("the description asks for another scene, image or light selection than was prepared; prepare it anew")]
     OtherWorld,
@@ -142,7 +151,7 @@ fn refusal(estimate: &MemoryEstimate, limit: MemoryLimit, advice: MemoryAdvice) 
 fn other_render(path: &std::path::Path, differences: &[String]) -> String {
     let path = path.display();
     let mut lines = vec![format!(
-        "{path}: the checkpoint is of another render; give the arguments that it was made with, or another file:"
+        "{path}: the file is of another render; give the arguments that it was made with, or another file:"
     )];
     lines.extend(differences.iter().map(|line| format!("{path}: {line}")));
     lines.join("\n")

@@ -3,11 +3,14 @@
 mod checkpoints;
 mod identity;
 mod shards;
+mod stages;
 mod time;
+mod together;
 
 pub use checkpoints::{CheckpointOptions, Checkpoints};
 pub use identity::pixel_filter;
 pub use shards::ShardSet;
+pub use stages::PlanFile;
 
 use crate::checkpoint::Identity;
 use crate::load::{LoadOptions, LoadedScene, PreparedScene, frame, limits, setting};
@@ -18,8 +21,8 @@ use crate::{BudgetSpec, ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
 use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
-    Budget, Control, Error, Film, FilmPoints, Filter, Filtered, Frame, Limits, Memory, Monitor, Needs, NoMonitor,
-    PointSet, Render, Sampler, Sharded, Status, Unfiltered,
+    Budget, Control, Error, Exchange, Film, FilmPoints, Filter, Filtered, Frame, Limits, Memory, Monitor, Needs,
+    NoMonitor, PointSet, Render, Sampler, Sharded, Snapshot, Status, Unfiltered, apply_together,
 };
 use dapple_renderer::{World, make_integrator};
 use dapple_scene::Scene;
@@ -317,11 +320,23 @@ impl Job {
             Some(_) => self.identity()?,
             None => Identity::default(),
         };
-        let snapshot = checkpoints.as_ref().map(|c| c.snapshot(&identity, monitor)).transpose()?.flatten();
+        let bytes = checkpoints.as_ref().map(|c| c.snapshot(&identity, monitor)).transpose()?.flatten();
+        let snapshot = checkpoints.as_ref().zip(bytes).map(|(c, bytes)| c.decode(&bytes)).transpose()?;
+        self.trace((snapshot, identity), checkpoints, monitor, None)
+    }
+
+    /// Traces the render, from a snapshot if there is one, alone or with other processes.
+    fn trace(
+        &mut self,
+        (snapshot, identity): (Option<Snapshot>, Identity),
+        checkpoints: Option<Checkpoints>,
+        monitor: &mut dyn JobMonitor,
+        exchange: Option<&mut dyn Exchange>,
+    ) -> Result<Traced, JobError> {
         if let Some(snapshot) = &snapshot {
             monitor.resumed(snapshot.film().record().samples as f64 / self.frame.pixels() as f64);
         }
-        let mut watched = Watched::new(monitor, checkpoints, identity, self.limits.min_spp);
+        let mut watched = Watched::new(monitor, checkpoints, identity, self.limits.min_spp, exchange.is_some());
         let mut integrator = make_integrator(&self.spec.integrator, &self.prepared.world)?;
         let filtered = self.is_error_of_filtered();
         let mut sharded;
@@ -336,6 +351,9 @@ impl Job {
         let mut render = Render::new(self.frame, &self.limits).needs(self.needs).monitor(&mut watched);
         if filtered {
             render = render.error_of(&*self.filter);
+        }
+        if let Some(exchange) = exchange {
+            render = render.exchange(exchange);
         }
         let film = match snapshot {
             None => render.run(&mut *integrator, sampler),
@@ -374,17 +392,36 @@ impl Job {
     ///
     /// [`JobError::Core`] if the film lacks statistics that the filter needs.
     pub fn finish(&self, film: Film) -> Result<RenderedImage, JobError> {
+        self.filtered(film, None)
+    }
+
+    /// Filters a film that all processes have, each some of its rows, and returns the image on all of them. It has the
+    /// bits of [`Job::finish`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Job::finish`], and if a process is gone.
+    pub fn finish_together(&self, film: Film, exchange: &mut dyn Exchange) -> Result<RenderedImage, JobError> {
+        self.filtered(film, Some(exchange))
+    }
+
+    fn filtered(&self, film: Film, exchange: Option<&mut dyn Exchange>) -> Result<RenderedImage, JobError> {
         /// Pixels per second and thread of the default filter.
         const FILTERED_A_SECOND: usize = 125_000;
         let mut warnings = self.clusters_warnings();
         let mut filter: &dyn Filter = &*self.filter;
-        let patience = FILTERED_A_SECOND * rayon::current_num_threads();
+        // Processes decide alike, whatever their threads.
+        let threads = if exchange.is_some() { 1 } else { rayon::current_num_threads() };
+        let patience = FILTERED_A_SECOND * threads;
         if film.record().interrupted && filter.name() != Unfiltered.name() && film.frame().pixels() > patience {
             warnings.push(Warning::NotFiltered { filter: filter.name().to_owned() });
             filter = &Unfiltered;
         }
         let clock = Instant::now();
-        let filtered = filter.apply(&film)?;
+        let filtered = match exchange {
+            Some(exchange) => apply_together(filter, &film, exchange)?,
+            None => filter.apply(&film)?,
+        };
         let seconds = clock.elapsed().as_secs_f64();
         let described = filter.describe();
         Ok(self.image(film, filtered, described, seconds, warnings))

@@ -32,7 +32,7 @@ pub use content_hash::ContentHash;
 pub use dapple_registry::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER};
 pub use error::JobError;
 pub use job::{
-    CheckpointOptions, Checkpoints, Job, JobMonitor, PhaseSeconds, RenderMonitor, RenderedImage, ShardSet, Traced,
+    CheckpointOptions, Checkpoints, Job, JobMonitor, PhaseSeconds, PlanFile, RenderMonitor, RenderedImage, ShardSet, Traced,
     pixel_filter,
 };
 pub use load::{LoadOptions, LoadedScene, PreparedScene, read_scene};

@@ -68,7 +68,7 @@ pub use recorded_study::{FolderError, RecordedStudy};
 pub use report::{ReportError, write_report};
 pub use run_log::RunStore;
 pub use runner::{InProcess, Processes, RunRequest, Runner};
-pub use study::{Study, StudyMonitor, StudyOptions, StudyProgress, StudyStatus};
+pub use study::{Study, StudyMonitor, StudyOptions, StudyProgress, StudyStatus, merge_studies};
 pub(crate) use study_scene::Subject;
 pub use study_scene::View;
 pub use summary::Summary;

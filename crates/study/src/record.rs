@@ -173,6 +173,9 @@ pub struct Run {
     pub load: Option<f64>,
     /// True if the run had a process of its own.
     pub fresh: bool,
+    /// The machine that made the run, in a study of several machines; `None` for that of `study.json`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub machine: Option<String>,
     /// The path of the EXR image, relative to the study's folder; `None` for all seeds but the first.
     pub image: Option<String>,
     /// The path of the sample map (PNG of sample counts per pixel, white is the largest), relative to the study's

@@ -2,6 +2,9 @@
 
 mod equal_time;
 mod manifest;
+mod shards;
+
+pub use shards::merge_studies;
 
 use crate::file_names::{image_stem, method_file_names, safe_file_name};
 use crate::reference_image::ReferenceImage;
@@ -10,7 +13,7 @@ use crate::run_log::{RunLog, RunStore};
 use crate::runner::{RunRequest, Runner};
 use crate::study_scene::{Subject, View, name_of};
 use crate::{Manifest, Method, Plan, PlanError, Run, RunBudget, ScenePlan, SceneRecord, StudyError};
-use dapple_core::{Control, Status};
+use dapple_core::{Control, Shard, Status};
 use dapple_scene::image::write_file;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -78,6 +81,8 @@ pub struct StudyOptions {
     pub references: Option<PathBuf>,
     /// The command line to record in `study.json`, argument by argument.
     pub command: Vec<String>,
+    /// The shard of the study: run number k of all belongs to shard k modulo the number of shards. `None` makes all runs.
+    pub shard: Option<Shard>,
 }
 
 impl StudyOptions {
@@ -92,6 +97,12 @@ impl StudyOptions {
     pub fn with_command(self, arguments: impl IntoIterator<Item = String>) -> Self {
         Self { command: arguments.into_iter().collect(), ..self }
     }
+
+    /// Sets the shard of the study whose runs are made; [`merge_studies`] joins the folders of all.
+    #[must_use]
+    pub fn with_shard(self, shard: impl Into<Option<Shard>>) -> Self {
+        Self { shard: shard.into(), ..self }
+    }
 }
 
 /// A study in its folder, opened for making runs. An example is on the [front page](crate).
@@ -102,6 +113,7 @@ pub struct Study {
     views: Vec<View>,
     log: RunLog,
     meter: WorkMeter,
+    shard: Option<Shard>,
 }
 
 impl Study {
@@ -111,13 +123,17 @@ impl Study {
     /// # Errors
     ///
     /// [`StudyError::AnotherStudy`] if the settings differ from the recorded ones; other errors for an unusable scene
-    /// or reference, and for the disk.
+    /// or reference, for equal-time runs in a shard, and for the disk.
     pub fn open(
         plan: Plan,
         folder: &Path,
         options: &StudyOptions,
         monitor: &mut dyn StudyMonitor,
     ) -> Result<Option<Self>, StudyError> {
+        if options.shard.is_some() && plan.time_of.is_some() {
+            let what = "equal-time runs compare times of one machine, and a shard has only some runs; set it to 0";
+            return Err(PlanError::new("time_of", what.to_owned()).into());
+        }
         std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "make the folder", e))?;
         let file = folder.join("study.json");
         let earlier = manifest::read(&file)?;
@@ -152,7 +168,7 @@ impl Study {
             manifest = Manifest { began: earlier.began, command: earlier.command, ..manifest };
         }
         write_file(&file, &manifest::bytes(&manifest))?;
-        Ok(Some(Self { plan, folder: folder.to_owned(), manifest, views, log, meter }))
+        Ok(Some(Self { plan, folder: folder.to_owned(), manifest, views, log, meter, shard: options.shard }))
     }
 
     /// The settings and circumstances of the study, as in `study.json`.
@@ -165,9 +181,9 @@ impl Study {
         self.log.runs()
     }
 
-    /// The number of runs in the whole study, finished or not.
+    /// The number of runs in the whole study or in this shard of it, finished or not.
     pub fn expected(&self) -> usize {
-        self.plan.runs()
+        (0..self.plan.runs()).filter(|run| self.owns(*run)).count()
     }
 
     /// Replaces the file of finished runs by another store, for tests of a full disk.
@@ -185,13 +201,16 @@ impl Study {
     ///
     /// [`StudyError`] of a run or of the disk. Finished runs are kept.
     pub fn run(&mut self, runner: &mut dyn Runner, monitor: &mut dyn StudyMonitor) -> Result<StudyStatus, StudyError> {
+        let mut number = 0;
         for at in 0..self.views.len() {
             let pixels = pixels(&self.views[at]);
             for seed in self.plan.seeds.clone() {
                 for spp in self.plan.spp.clone() {
                     for method in self.plan.methods.clone() {
                         let request = self.request(at, &method, RunBudget::Spp(spp), seed, spp * pixels);
-                        if self.find(&request).is_some() {
+                        let own = self.owns(number);
+                        number += 1;
+                        if !own || self.find(&request).is_some() {
                             continue;
                         }
                         if self.announce(&request, monitor) == Control::Stop {
@@ -207,6 +226,11 @@ impl Study {
             }
         }
         Ok(StudyStatus::Done)
+    }
+
+    /// Whether a run, counted from 0, belongs to the shard of this session.
+    fn owns(&self, run: usize) -> bool {
+        self.shard.is_none_or(|shard| run % shard.of() as usize == shard.index() as usize)
     }
 
     fn request(&self, at: usize, method: &Method, budget: RunBudget, seed: u64, asked: u64) -> RunRequest {

@@ -2,7 +2,7 @@
 
 use super::live::{Address, LiveOptions};
 use super::values::{
-    EachLayer, ImageSize, above_zero, crop, filter, integrator, is_shard, layer, light_selection, output, points,
+    EachLayer, ImageSize, above_zero, crop, filter, has_extension, integrator, layer, light_selection, output, points,
     preview, sampler, seconds, size, size_of_image, stops,
 };
 use crate::{Failure, Result, failure};
@@ -12,7 +12,7 @@ use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, ErrorOf, PixelFilterSp
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::Format;
 use dapple_scene::{Effect, bundled};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Render an image with adaptive sampling: most samples go where the image needs them
 ///
@@ -28,6 +28,8 @@ pub(crate) struct RenderArgs {
     pub(crate) scene: PathBuf,
 
     /// Image file to write: .exr (all layers, settings in the header), .pfm or .png; may be repeated
+    ///
+    /// A .plan file plans the first stage of a render on many machines, and traces nothing; `dapple plan --help` tells more.
     ///
     /// Without this option, NAME.exr and NAME.png are written to the current folder, and the sample map
     /// NAME-samples.png unless the sampler is uniform. NAME is that of the file's Film, else the scene's. Existing files are replaced.
@@ -203,10 +205,18 @@ pub(crate) struct RenderArgs {
     /// Render shard I of N (from 1): every N-th row of the image, for `dapple merge`; -o names a .shard file
     ///
     /// Needs --spp and a sampler that plans without looking at samples (uniform, cluster-thesis), so that every machine
-    /// makes the same plan.
+    /// makes the same plan. With --from, any sampler.
     #[arg(long, value_name = "I/N", value_parser = dapple_job::parse_shard, help_heading = "Interruption")]
     #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view"])]
     pub(crate) shard: Option<Shard>,
+
+    /// Trace part --shard I/N of this plan, with the plan's settings; -o names a .part file, for `dapple plan`
+    ///
+    /// It works with every sampler and with learned light selection. Parts are bands of 16 rows. SCENE and the options of
+    /// Method, Budget, Bounds and Image are those of the plan.
+    #[arg(long, value_name = "PLAN", requires = "shard", help_heading = "Interruption")]
+    #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view", "checkpoint", "resume"])]
+    pub(crate) from: Option<PathBuf>,
 
     /// Read the description of the render from this JSON file; it replaces SCENE and the options of Method, Budget,
     /// Bounds and Image (except --exposure, --maps,
@@ -241,6 +251,13 @@ pub(crate) struct RenderArgs {
     /// Show no progress and no summary; warnings are still printed, and the line of --json
     #[arg(short, long)]
     pub(crate) quiet: bool,
+}
+
+/// Reads the description of a render from a JSON file.
+pub(crate) fn described_in(path: &Path) -> Result<RenderSpec> {
+    let read = |e| Failure::new(format!("{}: cannot read the file: {e}", path.display()));
+    let json = read_text(path, LONGEST_SPEC).map_err(read)?;
+    RenderSpec::from_json(&json).map_err(|e| Failure::new(format!("{}: {e}", path.display())))
 }
 
 /// The largest size in bytes of a file for `--spec`.
@@ -300,11 +317,8 @@ impl RenderArgs {
     /// Makes the description of the render, from `--spec` or from the other options.
     pub(crate) fn spec(&self) -> Result<RenderSpec> {
         let spec = match &self.spec {
-            Some(path) => {
-                let read = |e| Failure::new(format!("{}: cannot read the file: {e}", path.display()));
-                let json = read_text(path, LONGEST_SPEC).map_err(read)?;
-                RenderSpec::from_json(&json).map_err(|e| Failure::new(format!("{}: {e}", path.display())))?
-            }
+            Some(path) if self.shard.is_some() && self.from.is_none() => described_in(path)?.shard(self.shard),
+            Some(path) => described_in(path)?,
             None => self.described(),
         };
         spec.check().map_err(|e| failure::of_spec(&e))?;
@@ -369,7 +383,17 @@ impl RenderArgs {
         if self.preview_every.is_some() && self.preview.is_none() && self.view.is_none() {
             return Err("--preview-every needs --preview FILE.png or --view tev".into());
         }
-        let shards = self.outputs.iter().filter(|path| is_shard(path)).count();
+        if self.from.is_some() {
+            return Ok(());
+        }
+        let are = |extension| self.outputs.iter().filter(|path| has_extension(path, extension)).count();
+        let shards = are("shard");
+        if are("part") > 0 {
+            return Err("--output: a .part file needs --from PLAN and --shard I/N".into());
+        }
+        if are("plan") > 0 && (self.outputs.len() > 1 || spec.shard.is_some()) {
+            return Err("--output: a .plan file is the only output, of the whole image; leave out the others, and --shard".into());
+        }
         if spec.shard.is_some() && (self.outputs.len() > 1 || shards < self.outputs.len()) {
             return Err("--shard takes one --output, a .shard file; dapple merge makes images of all shards".into());
         }

@@ -83,7 +83,8 @@ pub(crate) fn crop(text: &str) -> Parsed<[u32; 4]> {
 
 pub(crate) fn output(text: &str) -> Parsed<PathBuf> {
     let path = PathBuf::from(text);
-    if !is_shard(&path) {
+    // Parts of images, and plans of them.
+    if !["shard", "plan", "part"].iter().any(|kind| has_extension(&path, kind)) {
         Format::from_path(&path).map_err(|e| e.to_string())?;
     }
     Ok(path)
@@ -96,8 +97,9 @@ pub(crate) fn preview(text: &str) -> Parsed<PathBuf> {
     }
 }
 
-pub(crate) fn is_shard(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("shard"))
+/// Returns `true` for a file name with this extension, in lower or upper case.
+pub(crate) fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension))
 }
 
 /// Parses a memory size: bytes, or a number with a unit such as K, M or G (powers of 1024).

@@ -2,6 +2,7 @@
 
 use crate::render::values::{light_selection, resolution};
 use crate::{Failure, Result};
+use dapple_core::Shard;
 use dapple_renderer::light::LightSelection;
 use dapple_study::{External, Method, Plan, PlanPatch, ScenePlan, StudyError, split_names};
 use std::path::PathBuf;
@@ -124,6 +125,19 @@ pub(crate) struct StudyArgs {
     #[arg(long, conflicts_with_all = ["scenes", "plan"])]
     pub(super) report_only: bool,
 
+    /// Make only runs I, I + N and so on, in a folder shard-I-of-N of --output, for --merge; without equal-time runs
+    ///
+    /// Every machine of a job array makes a shard. References are shared in the folder `references` of --output, unless
+    /// --references names another: let one shard end before the others begin, or each renders its own.
+    #[arg(long, value_name = "I/N", value_parser = dapple_job::parse_shard, conflicts_with = "report_only")]
+    pub(super) shard: Option<Shard>,
+
+    /// Merge the finished runs of all shards in the folder of --output, and write the report
+    ///
+    /// Seconds measured on machines of different kinds are marked in runs.jsonl and in the report.
+    #[arg(long, conflicts_with_all = ["scenes", "plan", "shard", "report_only"])]
+    pub(super) merge: bool,
+
     /// Show no progress and no list of files; warnings are still printed
     #[arg(short, long)]
     pub(super) quiet: bool,
@@ -137,6 +151,8 @@ Examples:
   dapple study scene.pbrt --spp 8,16,32,64 --seeds 8 --reference reference.exr -o scene-study --fresh
   dapple study --plan study.toml -o results
   dapple study --report-only -o results            the report anew, from runs.jsonl
+  dapple study --plan study.toml -o results --shard 3/8     one of eight machines
+  dapple study --merge -o results                  the study of all shards
 
 A plan, every key optional:
   scenes = [\"teapot\", { source = \"box.pbrt\", name = \"box\", reference = \"box.exr\" }]
@@ -205,7 +221,7 @@ impl StudyArgs {
             .resolution(self.resolution)
             .max_depth(self.max_depth)
             .threads(self.threads.map(usize::from))
-            .time_of(self.time_of)
+            .time_of(self.time_of.or(self.shard.map(|_| 0)))
             .fresh(said(self.fresh))
             .allow_unsupported(said(self.allow_unsupported))
             .quick(said(self.quick)))

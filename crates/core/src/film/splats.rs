@@ -23,6 +23,20 @@ impl Splats {
         Self { sums: vec![vec![[0; 3]; pixels]; halves], samples: [0; 2] }
     }
 
+    /// Empty planes of the size of `other`'s.
+    pub(crate) fn like(other: &Self) -> Self {
+        Self { sums: other.sums.iter().map(|plane| vec![[0; 3]; plane.len()]).collect(), samples: [0; 2] }
+    }
+
+    /// Adds sums of splats (half, pixel and sum) and the samples that could splat.
+    pub(crate) fn add_sums(&mut self, sums: &[(u32, u32, [i128; 3])], samples: [u64; 2]) {
+        for &(half, pixel, more) in sums {
+            let sum = &mut self.sums[half as usize][pixel as usize];
+            (0..3).for_each(|c| sum[c] = sum[c].saturating_add(more[c]));
+        }
+        (0..2).for_each(|half| self.samples[half] += samples[half]);
+    }
+
     /// Counts samples that could splat, by half.
     pub(crate) fn count(&mut self, samples: [u64; 2]) {
         if !self.sums.is_empty() {

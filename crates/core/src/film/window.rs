@@ -1,9 +1,30 @@
 //! Parts of films: the statistics of some pixels, taken out and put back.
 
 use super::{Bank, Film, Splats};
-use crate::{Frame, Record, Retention};
+use crate::{Error, Frame, Record, Retention};
+use std::ops::Range;
 
 impl Film {
+    /// A film of some rows of this film's window, with its record. Discarded rounds are left out.
+    ///
+    /// ```
+    /// use dapple_core::{Film, Frame, Needs};
+    ///
+    /// let mut film = Film::new(Frame::new(2, 4)?, Needs::none());
+    /// film.push(5, 0, [0.5; 3]);
+    /// let rows = film.of_rows(2..4)?;
+    /// assert_eq!((rows.frame().size(), rows.count(3)), ([2, 2], 1));
+    /// # Ok::<(), dapple_core::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadCrop`] for no rows or rows beyond the window.
+    pub fn of_rows(&self, rows: Range<u32>) -> Result<Film, Error> {
+        let part = self.part(self.frame.rows(rows)?, Retention::Keep);
+        Ok(Film { record: self.record.clone(), unreported: self.unreported, ..part })
+    }
+
     /// A film of the part `frame` of this film's window, with the statistics that a round of this retention writes.
     pub(crate) fn part(&self, frame: Frame, retention: Retention) -> Film {
         let rows = Rows::new(&self.frame, &frame);

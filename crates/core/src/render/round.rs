@@ -1,26 +1,27 @@
 //! Tracing one round: slices of bands of rows.
 
+use super::band::{Band, bands};
+use super::session::State;
+use super::team::Team;
 use super::{Monitor, Session};
 use crate::allocate::mix;
-use crate::film::{
-    Bank, BankRows, FeatureMoments, REJECTED_LISTED, SampleRows, Splats, SumRows, first_hits_of, keep_first,
-    record_first_hit, reserve_samples,
-};
+use crate::bands::BAND;
+use crate::exchange::message::Standing;
+use crate::film::{REJECTED_LISTED, Splats, first_hits_of, keep_first, record_first_hit, reserve_samples};
 use crate::integrator::TrainingSum;
 use crate::snapshot::{Cursor, OpenRound};
 use crate::{
-    Control, Draws, Error, Film, FirstHit, Integrator, InvalidSample, Limits, Needs, Plan, PointSet, Rejected,
+    Control, Draws, Error, Film, Integrator, InvalidSample, Limits, Needs, Plan, PointSet, Rejected,
     Retention, SampleId, TrainingData, Worker, streams,
 };
 use rayon::prelude::*;
 use std::cell::Cell;
-use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::slice::ChunksMut;
 use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
 
 /// The side, in pixels, of the blocks in which training data is summed.
-const BLOCK: usize = 16;
+const BLOCK: usize = BAND;
 /// The target duration in seconds of a slice, the work between two calls of the monitor. A single row of pixels may
 /// take longer.
 const SLICE_SECONDS: f64 = 0.2;
@@ -57,18 +58,6 @@ impl Inputs<'_> {
     }
 }
 
-/// A band of rows: the pixels that one task writes.
-struct Band<'a> {
-    /// The index, in the window, of the band's first pixel.
-    first: usize,
-    banks: Vec<BankRows<'a>>,
-    features: &'a mut [FeatureMoments],
-    /// Two per pixel, one for each half.
-    half_features: &'a mut [FeatureMoments],
-    first_hits: &'a mut [Option<FirstHit>],
-    costs: &'a mut [u64],
-}
-
 /// The totals of one task: samples, rays, rejected samples, training sums, and a panic if there was one.
 #[derive(Default)]
 struct Tally {
@@ -86,6 +75,8 @@ struct Tally {
     /// Half, pixel and radiance of splats.
     splats: Vec<(usize, [u32; 2], [f32; 3])>,
     panicked: Option<(SampleId, String)>,
+    /// The time that it took; 0 unless several processes share the image.
+    nanoseconds: u64,
 }
 
 /// The result of tracing a round: stopped by a monitor, and where, or not stopped.
@@ -98,11 +89,12 @@ pub(super) enum Stopped {
     AtEnd,
 }
 
-/// Traces the rest of the open round into the film.
+/// Traces the rest of the open round into the film: all of it, or the bands of this process.
 pub(super) fn trace(
     integrator: &mut dyn Integrator,
     session: &mut Session<'_>,
     monitor: &mut dyn Monitor,
+    mut team: Option<&mut Team<'_>>,
 ) -> Result<Stopped, Error> {
     let began = session.began();
     let height = session.state.film.frame.size()[1];
@@ -116,27 +108,38 @@ pub(super) fn trace(
         }
         let wants_training = integrator.wants_training();
         let film = &mut state.film;
-        let (length, rows) = next_slice(open, film, wants_training, seconds, limits);
+        let (length, rows) = next_slice(open, film, wants_training, seconds, (limits, team.as_deref()));
         let cursor = &mut open.cursor;
         if cursor.row == 0 {
             cursor.end = cursor.start.saturating_add(length).min(longest);
         }
         let rows = [cursor.row, cursor.row.saturating_add(rows).min(height)];
         let range = Slice { samples: [cursor.start, cursor.end], rows };
-        let tallies = slice(&*integrator, points, &open.plan, film, limits, range);
+        let tallies = slice(&*integrator, points, &open.plan, film, (limits, team.as_deref_mut()), range);
         if open.plan.retention == Retention::Keep {
             tallies.iter().for_each(|tally| film.splats.count(tally.samples));
         }
-        let panicked = add_up(film, tallies, limits, points, &mut open.pending)?;
-        if let Some((sample, message)) = panicked {
-            let film = Box::new(std::mem::replace(film, Film::new(*film.frame(), crate::Needs::none())));
-            return Err(Error::Panicked { sample, message, points: points.describe(), film });
+        let trouble = add_up(film, tallies, limits, &mut open.pending);
+        if let Some(trouble) = trouble {
+            let Some(team) = team else { return Err(failed(trouble, film, points)) };
+            team.set_standing(trouble);
+            if wants_training {
+                team.pass(film, (state.round, open), Vec::new())?;
+            }
+            return Ok(Stopped::Within);
         }
         cursor.row = rows[1] % height;
         if cursor.row == 0 {
             cursor.start = cursor.end;
             let mut pending = std::mem::take(&mut open.pending);
             if wants_training {
+                if let Some(team) = &mut team {
+                    match team.pass(film, (state.round, open), pending)? {
+                        Some(of_all) => pending = of_all,
+                        // Another process stopped or failed.
+                        None => return Ok(Stopped::Within),
+                    }
+                }
                 pending.sort_by_key(|(row, _)| *row);
                 let rows: Vec<_> = pending.into_iter().map(|(_, sums)| sums).collect();
                 let pass = TrainingData::merge(&rows);
@@ -145,11 +148,36 @@ pub(super) fn trace(
             }
         }
         let more = open.cursor.start < longest;
+        if wants_training && open.cursor.row == 0 && team.as_ref().is_some_and(|team| team.is_staged()) {
+            // The next pass is a stage of its own.
+            return Ok(if more { Stopped::Within } else { Stopped::No });
+        }
         let seconds = session.seconds();
         session.set_traced(seconds - began);
+        session.everyones = team.as_ref().map(|team| team.estimate(session.state.film.record.samples));
         if session.show(monitor, |monitor, status| monitor.slice(status)) == Control::Stop {
+            let State { film, round, open, .. } = &mut session.state;
+            if let (Some(team), Some(open)) = (team, open) {
+                team.set_standing(Standing::Stopped);
+                // The others' next message is that of a pass, unless none is to come in this round.
+                if more && integrator.wants_training() {
+                    team.pass(film, (*round, open), Vec::new())?;
+                }
+            }
             return Ok(if more { Stopped::Within } else { Stopped::AtEnd });
         }
+    }
+}
+
+/// The error for a panic or an invalid sample. A panic's carries the film.
+pub(super) fn failed(trouble: Standing, film: &mut Film, points: &dyn PointSet) -> Error {
+    match trouble {
+        Standing::Invalid(sample, value) => Error::InvalidSample { sample, value, points: points.describe() },
+        Standing::Panicked(sample, message) => {
+            let film = Box::new(std::mem::replace(film, Film::new(*film.frame(), crate::Needs::none())));
+            Error::Panicked { sample, message, points: points.describe(), film }
+        }
+        Standing::Going | Standing::Stopped => Error::Gone { what: "it stopped".into() },
     }
 }
 
@@ -163,21 +191,31 @@ fn longest_pixel(plan: &Plan) -> u32 {
 /// Both follow from the sampling rate of this round, which took `seconds` so far. If one sample in every pixel takes
 /// longer than a slice should, the slice covers only some rows. The samples per pixel then belong to the whole pass
 /// over the rows.
-fn next_slice(open: &OpenRound, film: &Film, wants_training: bool, seconds: f64, limits: &Limits) -> (u32, u32) {
-    let height = film.frame.size()[1];
+fn next_slice(
+    open: &OpenRound,
+    film: &Film,
+    wants_training: bool,
+    seconds: f64,
+    (limits, team): (&Limits, Option<&Team<'_>>),
+) -> (u32, u32) {
+    let [width, height] = film.frame.size();
     let fixed = limits.schedule.slice_spp;
     if fixed > 0 {
-        return (if wants_training { pass_length(film) } else { fixed }, height);
+        return (if wants_training { pass_length(open) } else { fixed }, height);
     }
     let Cursor { start, end, row } = open.cursor;
-    let second = open.plan.second_half.iter().flatten();
-    let active = open.plan.counts.iter().chain(second).filter(|&&n| n > start).count() as f64;
+    let rows = |counts: &[u32]| {
+        let rows = counts.chunks(width as usize).enumerate();
+        let own = rows.filter(|(row, _)| team.is_none_or(|team| team.owns(*row)));
+        own.flat_map(|(_, counts)| counts).filter(|&&n| n > start).count()
+    };
+    let active = (rows(&open.plan.counts) + open.plan.second_half.as_deref().map_or(0, rows)) as f64;
     let traced = (film.record.samples - open.before) as f64;
     // The first rows may be the quickest, so the length grows step by step.
     let promised = (traced / seconds.max(1e-3) * SLICE_SECONDS).min(GROWTH * traced);
     let samples = promised.max(FIRST_SLICE);
     let length = match wants_training {
-        true => pass_length(film),
+        true => pass_length(open),
         false => (samples / active).clamp(1.0, 65536.0) as u32,
     };
     let slices = f64::from(if row == 0 { length } else { end - start }) * active / samples;
@@ -185,13 +223,15 @@ fn next_slice(open: &OpenRound, film: &Film, wants_training: bool, seconds: f64,
         return (length, height);
     }
     let rows = (f64::from(height) / slices).clamp(1.0, f64::from(height)).round() as u32;
-    (length, if wants_training { rows.next_multiple_of(BLOCK as u32) } else { rows })
+    (length, if wants_training || team.is_some() { rows.next_multiple_of(BLOCK as u32) } else { rows })
 }
 
 /// Samples per pixel of the next training pass: the mean number of all samples before, so that passes double in length.
-/// Depends on the plans only, not on time.
-fn pass_length(film: &Film) -> u32 {
-    let mean = film.record.samples / film.frame.pixels() as u64;
+/// Depends on the plans only: not on time, nor on the process that traced the samples.
+fn pass_length(open: &OpenRound) -> u32 {
+    let second = open.plan.second_half.iter().flatten();
+    let traced = open.plan.counts.iter().chain(second).map(|&n| u64::from(n.min(open.cursor.start))).sum::<u64>();
+    let mean = (open.before + open.submitted + traced) / open.plan.counts.len() as u64;
     u32::try_from(mean).unwrap_or(u32::MAX).max(1)
 }
 
@@ -207,7 +247,7 @@ fn slice(
     points: &dyn PointSet,
     plan: &Plan,
     film: &mut Film,
-    limits: &Limits,
+    (limits, mut team): (&Limits, Option<&mut Team<'_>>),
     Slice { samples: part, rows }: Slice,
 ) -> Vec<Tally> {
     let [width, _] = film.frame.size().map(|n| n as usize);
@@ -230,76 +270,32 @@ fn slice(
         workers: Mutex::default(),
     };
     let tile = limits.schedule.tile_rows.max(1) as usize;
-    let tile = if round.wants_training { tile.next_multiple_of(BLOCK) } else { tile };
+    let tile = match &team {
+        Some(_) if tile >= BLOCK || round.wants_training => BLOCK,
+        Some(_) => 1,
+        None if round.wants_training => tile.next_multiple_of(BLOCK),
+        None => tile,
+    };
     let [top, bottom] = rows.map(|row| row as usize * width);
     let mut bands = bands(film, plan.retention, top..bottom, tile * width);
+    if let Some(team) = &team {
+        bands.retain(|band| team.owns(band.first / width));
+    }
     if limits.schedule.shuffle != 0 {
         bands.sort_by_key(|b| mix(b.first as u64 ^ limits.schedule.shuffle));
     }
-    let mut tallies: Vec<(usize, Tally)> =
-        bands.into_par_iter().with_max_len(1).map(|band| (band.first, trace_band(&round, band))).collect();
+    let is_timed = team.is_some();
+    let timed = |band: Band<'_>| {
+        let (first, clock) = (band.first, is_timed.then(Instant::now));
+        let tally = trace_band(&round, band);
+        (first, Tally { nanoseconds: clock.map_or(0, |clock| clock.elapsed().as_nanos() as u64), ..tally })
+    };
+    let mut tallies: Vec<(usize, Tally)> = bands.into_par_iter().with_max_len(1).map(timed).collect();
     tallies.sort_by_key(|(first, _)| *first);
+    if let Some(team) = &mut team {
+        tallies.iter().for_each(|(first, tally)| team.add_time(first / width, tally.nanoseconds));
+    }
     tallies.into_iter().map(|(_, tally)| tally).collect()
-}
-
-/// Splits the given pixels of the film into bands of `size` pixels each.
-fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>, size: usize) -> Vec<Band<'_>> {
-    let k = usize::from(film.needs.first_hits);
-    let banks = if retention == Retention::Keep { &mut film.kept } else { &mut film.discarded };
-    let each = usize::from(film.needs.channels);
-    let wide = pixels.start * each..pixels.end * each;
-    let kinds = film.needs.sums.values();
-    let wider = pixels.start * kinds..pixels.end * kinds;
-    let mut banks: Vec<_> = banks
-        .iter_mut()
-        .map(|Bank { counts, means, m2, ranges, emission, channels, channels_m2, sums: plane, samples, ahead }| {
-            let sums = (chunks(counts, &pixels, size), chunks(means, &pixels, size), chunks(m2, &pixels, size));
-            let ahead = if ahead.is_empty() { &[][..] } else { &ahead[pixels.clone()] };
-            let more = (chunks(ranges, &pixels, size), chunks(emission, &pixels, size));
-            let beside = (chunks(channels, &wide, size * each.max(1)), chunks(channels_m2, &wide, size * each.max(1)));
-            let plane = (plane.kinds, chunks(&mut plane.values, &wider, size * kinds.max(1)));
-            let paths = chunks(&mut samples.trajectories, &pixels, size);
-            let samples = (samples.limit, chunks(&mut samples.rows, &pixels, size), paths);
-            (sums, more, beside, (plane, samples), ahead.chunks(size))
-        })
-        .collect();
-    let mut features = chunks(&mut film.features, &pixels, size);
-    let mut half_features = chunks(&mut film.half_features, &(2 * pixels.start..2 * pixels.end), 2 * size);
-    let mut first_hits = chunks(&mut film.first_hits, &(pixels.start * k..pixels.end * k), size * k.max(1));
-    let mut costs = chunks(&mut film.costs, &pixels, size);
-    pixels
-        .step_by(size)
-        .map(|first| Band {
-            first,
-            banks: banks
-                .iter_mut()
-                .map(|((counts, means, m2), (ranges, emission), (channels, channels_m2), (sums, samples), ahead)| {
-                    BankRows {
-                        counts: counts.next().unwrap_or_default(),
-                        means: means.next().unwrap_or_default(),
-                        m2: m2.next().unwrap_or_default(),
-                        ranges: ranges.next().unwrap_or_default(),
-                        emission: emission.next().unwrap_or_default(),
-                        channels: channels.next().unwrap_or_default(),
-                        channels_m2: channels_m2.next().unwrap_or_default(),
-                        sums: SumRows { kinds: sums.0, values: sums.1.next().unwrap_or_default() },
-                        samples: SampleRows::next(samples.0, &mut samples.1, &mut samples.2),
-                        ahead: ahead.next().unwrap_or_default(),
-                    }
-                })
-                .collect(),
-            features: features.next().unwrap_or_default(),
-            half_features: half_features.next().unwrap_or_default(),
-            first_hits: first_hits.next().unwrap_or_default(),
-            costs: costs.next().unwrap_or_default(),
-        })
-        .collect()
-}
-
-/// Splits the given pixels of a plane into chunks of `size`; no chunks if the film does not record the plane.
-fn chunks<'a, T>(plane: &'a mut [T], pixels: &Range<usize>, size: usize) -> ChunksMut<'a, T> {
-    let share = if plane.is_empty() { plane } else { &mut plane[pixels.clone()] };
-    share.chunks_mut(size)
 }
 
 fn trace_band(round: &Inputs<'_>, mut band: Band<'_>) -> Tally {
@@ -466,15 +462,14 @@ impl Tally {
     }
 }
 
-/// Adds the results of tasks to the film, in the order of the bands. Returns the sample and message of the first panic,
-/// if there was one.
+/// Adds the results of tasks to the film, in the order of the bands. Returns the first panic or, if invalid samples are
+/// refused, the first invalid sample.
 fn add_up(
     film: &mut Film,
     tallies: Vec<Tally>,
     limits: &Limits,
-    points: &dyn PointSet,
     pending: &mut Vec<(usize, Vec<TrainingSum>)>,
-) -> Result<Option<(SampleId, String)>, Error> {
+) -> Option<Standing> {
     let mut panicked = None;
     for tally in tallies {
         film.record.samples += tally.samples.iter().sum::<u64>();
@@ -484,7 +479,7 @@ fn add_up(
         if limits.invalid == InvalidSample::Fail
             && let Some((sample, value)) = tally.first_rejected
         {
-            return Err(Error::InvalidSample { sample, value, points: points.describe() });
+            return Some(Standing::Invalid(sample, value));
         }
         if tally.rejections > 0 {
             film.list_rejected(tally.rejections, tally.rejected);
@@ -492,5 +487,5 @@ fn add_up(
         pending.extend(tally.training);
         panicked = panicked.or(tally.panicked);
     }
-    Ok(panicked)
+    panicked.map(|(sample, message)| Standing::Panicked(sample, message))
 }

@@ -5,11 +5,13 @@ use super::check::check;
 use super::filter_time;
 use super::holdout::{Holdout, Prediction};
 use super::pull::Round;
-use super::round::Stopped;
-use super::{Monitor, Status};
+use super::round::{Stopped, failed};
+use super::team::Team;
+use super::{Monitor, NoMonitor, Status};
+use crate::exchange::message::Standing;
 use crate::snapshot::{Cursor, OpenRound, Planner, View};
 use crate::{
-    Error, Feedback, Film, Filter, Filtered, Frame, Limits, Needs, Plan, Progress, Retention, RoundRecord, Sampler,
+    Budget, Error, Feedback, Film, Filter, Filtered, Frame, Limits, Needs, Plan, Progress, Retention, RoundRecord, Sampler,
     Snapshot, TrainingData, Unfiltered,
 };
 use std::time::Instant;
@@ -151,6 +153,8 @@ pub struct Session<'a> {
     over: bool,
     /// The samples that were left in the open round when it was last given out.
     given_out: Option<u64>,
+    /// The samples of all processes of the render, estimated while they trace a round.
+    pub(super) everyones: Option<u64>,
     tile_side: u32,
 }
 
@@ -204,7 +208,8 @@ impl<'a> Session<'a> {
         };
         let (clock, limits) = (Clock::start(seconds), limits.clone());
         let (began, over, given_out, tile_side) = (0.0, false, None, 32);
-        Ok(Self { state, limits, sampler, filter, judged, meter, clock, began, over, given_out, tile_side })
+        let everyones = None;
+        Ok(Self { state, limits, sampler, filter, judged, meter, clock, began, over, given_out, everyones, tile_side })
     }
 
     /// Plans the next round, or returns the open one if only a part of it was submitted; `None` when the limits are met.
@@ -223,7 +228,7 @@ impl<'a> Session<'a> {
                 _ => {}
             }
         }
-        if self.over || !self.open()? {
+        if self.over || !self.open(None)? {
             self.over = true;
             return Ok(None);
         }
@@ -236,7 +241,7 @@ impl<'a> Session<'a> {
     /// Ends the open round. Refuses samples that report neither hits nor misses if the filter reads hits.
     fn finish_round(&mut self) -> Result<(), Error> {
         self.given_out = None;
-        self.close(Stopped::No)?;
+        self.close(Stopped::No, &mut NoMonitor, None)?;
         match &self.filter {
             Some(filter) => self.state.film.require(filter.name(), &filter.needs()),
             None => Ok(()),
@@ -298,6 +303,30 @@ impl<'a> Session<'a> {
         View { film, round: *round, open, passes, holdout, total, seconds, sampler, limits }
     }
 
+    /// The settings that all processes of a render must share, as pairs of name and value.
+    pub(super) fn settings(&self) -> Vec<(String, String)> {
+        let State { film, round, passes, .. } = &self.state;
+        let ([x, y], [w, h], [full_w, full_h]) = (film.frame.origin(), film.frame.size(), film.frame.resolution());
+        // Processes may have spent different times before; the first one's limit counts.
+        let budget = match &self.limits.budget {
+            Budget::Seconds(_) => "a time".into(),
+            given => format!("{given:?}"),
+        };
+        let pairs = [
+            ("version of dapple-core", env!("CARGO_PKG_VERSION").into()),
+            ("window", format!("{w}x{h} pixels at {x},{y} of {full_w}x{full_h}")),
+            ("sampler", self.sampler.describe()),
+            ("point set", self.sampler.points().describe()),
+            ("filter of an error limit", self.filter.as_ref().map_or("none".into(), |filter| filter.describe())),
+            ("statistics", format!("{:?}", film.needs)),
+            ("budget", budget),
+            ("samples per pixel", format!("{} to {}", self.limits.min_spp, self.limits.max_spp)),
+            ("invalid samples", format!("{:?}", self.limits.invalid)),
+            ("samples before", format!("{} in {round} rounds and {} training passes", film.record.samples, passes.len())),
+        ];
+        pairs.map(|(name, value): (&str, String)| (name.to_owned(), value)).into()
+    }
+
     pub(super) fn seconds(&self) -> f64 {
         self.clock.seconds()
     }
@@ -325,7 +354,7 @@ impl<'a> Session<'a> {
         let status = Status {
             film: view.film,
             round: view.round,
-            samples: view.film.record.samples,
+            samples: self.everyones.unwrap_or(view.film.record.samples),
             expected: view.total,
             seconds,
             seconds_limit: self.meter.seconds(),
@@ -346,11 +375,15 @@ impl<'a> Session<'a> {
     }
 
     /// Opens a round to trace: the one that is open already, or the next. Returns `false` at the end of the render.
-    pub(super) fn open(&mut self) -> Result<bool, Error> {
+    pub(super) fn open(&mut self, mut team: Option<&mut Team<'_>>) -> Result<bool, Error> {
         if self.state.open.is_none() {
-            self.state.open = self.plan()?;
+            self.state.open = self.plan(team.as_deref_mut())?;
         }
-        let Some(open) = &self.state.open else {
+        let State { film, open, .. } = &mut self.state;
+        if let (Some(team), Some(open)) = (team, &open) {
+            team.begin(film, open);
+        }
+        let Some(open) = open else {
             self.over = true;
             return Ok(false);
         };
@@ -358,40 +391,76 @@ impl<'a> Session<'a> {
         Ok(true)
     }
 
-    /// Closes the round that was traced, or stopped. Returns `true` if the render ends here because it was stopped.
-    pub(super) fn close(&mut self, stopped: Stopped) -> Result<bool, Error> {
+    /// Closes the round that was traced, or stopped: by this process or another one of the team. Returns `true` if the
+    /// render ends here because it was stopped.
+    pub(super) fn close(
+        &mut self,
+        stopped: Stopped,
+        monitor: &mut dyn Monitor,
+        mut team: Option<&mut Team<'_>>,
+    ) -> Result<bool, Error> {
+        let (stopped, plan_seconds, trace_seconds) = self.gather(stopped, team.as_deref_mut())?;
         let Some(open) = self.state.open.take() else { return Ok(true) };
         let film = &mut self.state.film;
-        film.record.rounds.push(RoundRecord {
-            samples: film.record.samples - open.before,
-            kept: open.plan.retention == Retention::Keep,
-            plan_seconds: open.plan_seconds,
-            trace_seconds: self.clock.seconds() - self.began,
-        });
-        match stopped {
-            Stopped::No => {
-                self.state.round += 1;
-                return Ok(false);
-            }
-            Stopped::Within => {}
-            Stopped::AtEnd => {
-                let spent = film.record.samples >= self.meter.left(film).total;
-                self.reserve_for_filter();
-                let predicted = self.predict()?;
-                let more = self.meter.extend(&self.state.film, self.clock.seconds(), predicted);
-                self.over = spent && !more;
-            }
+        let (samples, kept) = (film.record.samples - open.before, open.plan.retention == Retention::Keep);
+        film.record.rounds.push(RoundRecord { samples, kept, plan_seconds, trace_seconds });
+        if stopped == Stopped::Within {
+            return Ok(true);
         }
-        Ok(true)
+        self.state.round += 1;
+        if let Some(team) = &team {
+            self.show(monitor, |monitor, status| monitor.barrier(status, team.times()));
+        }
+        if stopped == Stopped::AtEnd {
+            let spent = self.state.film.record.samples >= self.meter.left(&self.state.film).total;
+            self.reserve_for_filter();
+            let predicted = self.predict()?;
+            let seconds = self.agreed_seconds(team)?;
+            let more = self.meter.extend(&self.state.film, seconds, predicted);
+            self.over = spent && !more;
+        }
+        Ok(stopped == Stopped::AtEnd)
+    }
+
+    /// Gathers the pixels of the round from all processes. Returns where the round was stopped, and the seconds of
+    /// planning and tracing it.
+    fn gather(&mut self, stopped: Stopped, team: Option<&mut Team<'_>>) -> Result<(Stopped, f64, f64), Error> {
+        let seconds = self.clock.seconds();
+        let State { film, round, open: Some(open), .. } = &mut self.state else { return Ok((stopped, 0.0, 0.0)) };
+        let mut times = [seconds, open.plan_seconds, seconds - self.began];
+        let mut stopped = stopped;
+        if let Some(team) = team {
+            let gathered = team.round(film, (*round, open), stopped != Stopped::Within, times)?;
+            (self.everyones, times) = (None, gathered.seconds);
+            stopped = match gathered.standing {
+                Standing::Going => Stopped::No,
+                Standing::Stopped if gathered.whole => Stopped::AtEnd,
+                Standing::Stopped => Stopped::Within,
+                trouble => return Err(failed(trouble, film, self.sampler.points())),
+            };
+        }
+        Ok((stopped, times[1], times[2]))
+    }
+
+    /// The reading of the clock by which a budget of time is spent: the first process' if there are several.
+    fn agreed_seconds(&mut self, team: Option<&mut Team<'_>>) -> Result<f64, Error> {
+        let seconds = self.clock.seconds();
+        let (Some(team), Some(limit)) = (team, self.meter.seconds()) else { return Ok(seconds) };
+        let reserved = self.meter.filter_seconds();
+        // No reserve is written as a negative number.
+        let read = team.clock(&self.state.film, self.state.round, [seconds, reserved.unwrap_or(-1.0), limit])?;
+        self.meter.follow(read[2], Some(read[1]).filter(|seconds| *seconds >= 0.0));
+        Ok(read[0])
     }
 
     /// Requests the plan of the next round from the sampler; `None` at the end of the render.
-    fn plan(&mut self) -> Result<Option<OpenRound>, Error> {
+    fn plan(&mut self, mut team: Option<&mut Team<'_>>) -> Result<Option<OpenRound>, Error> {
         let planning = self.clock.seconds();
         self.reserve_for_filter();
         loop {
+            let seconds = self.agreed_seconds(team.as_deref_mut())?;
             let State { film, round, .. } = &mut self.state;
-            let budget = self.meter.show(film, *round, self.clock.seconds());
+            let budget = self.meter.show(film, *round, seconds);
             film.record.budgets.push(budget.total);
             let mut plan = Plan::empty(film.frame.pixels());
             let progress = self.sampler.next_round(&Feedback { round: *round, film, budget }, &mut plan)?;
@@ -401,7 +470,8 @@ impl<'a> Session<'a> {
                 return Ok(Some(begin(plan, film, plan_seconds)));
             }
             let predicted = self.predict()?;
-            if !self.meter.extend(&self.state.film, self.clock.seconds(), predicted) {
+            let seconds = self.agreed_seconds(team.as_deref_mut())?;
+            if !self.meter.extend(&self.state.film, seconds, predicted) {
                 // The time of the last prediction belongs to the last round.
                 if let Some(last) = self.state.film.record.rounds.last_mut() {
                     last.plan_seconds += self.clock.seconds() - planning;

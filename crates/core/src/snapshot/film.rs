@@ -22,25 +22,34 @@ pub(crate) fn put_film(to: &mut Writer, film: &Film) {
     put_needs(to, &film.needs);
     put_combine(to, film.combine);
     put_record(to, &film.record);
-    to.number(film.rejected.len() as u64);
-    for Rejected { sample, reason } in &film.rejected {
-        to.number(sample.pixel);
-        to.number(sample.stream);
-        to.number(sample.index);
-        to.flag(*reason == RejectedReason::Negative);
-    }
+    put_rejected(to, &film.rejected);
     film.kept.iter().for_each(|bank| put_bank(to, bank));
     to.flag(!film.discarded.is_empty());
     film.discarded.iter().for_each(|bank| put_bank(to, bank));
+    put_beside(to, film);
+    film.splats.sums.iter().for_each(|sums| to.numbers(sums));
+    to.number(film.splats.samples);
+    to.number(film.unreported);
+}
+
+/// Writes the planes beside the banks.
+pub(crate) fn put_beside(to: &mut Writer, film: &Film) {
     for f in film.features.iter().chain(&film.half_features) {
         to.number([f.samples, f.hits]);
         to.number([f.mean, f.m2]);
     }
     film.first_hits.iter().for_each(|hit| put_hit(to, hit.as_ref()));
     to.numbers(&film.costs);
-    film.splats.sums.iter().for_each(|sums| to.numbers(sums));
-    to.number(film.splats.samples);
-    to.number(film.unreported);
+}
+
+/// Reads the planes beside the banks into a film of `pixels` pixels.
+pub(crate) fn take_beside(from: &mut Reader<'_>, film: &mut Film, pixels: usize) -> Result<(), Broken> {
+    let needs = film.needs;
+    film.features = if needs.features { take_features(from, pixels)? } else { Vec::new() };
+    film.half_features = take_features(from, pixels.saturating_mul(needs.feature_planes()))?;
+    film.first_hits = take_hits(from, pixels.saturating_mul(usize::from(needs.first_hits)))?;
+    film.costs = if needs.cost { from.numbers(pixels)? } else { Vec::new() };
+    Ok(())
 }
 
 /// Reads a film whose planes have `pixels(frame)` pixels, fewer than the frame's for a shard.
@@ -57,55 +66,20 @@ pub(crate) fn take_film(from: &mut Reader<'_>, pixels: impl FnOnce(&Frame) -> us
         true => (0..halves).map(|_| take_bank(from, pixels, &needs)).collect::<Result<_, _>>()?,
         false => Vec::new(),
     };
-    let features = if needs.features { take_features(from, pixels)? } else { Vec::new() };
-    let half_features = take_features(from, pixels.saturating_mul(needs.feature_planes()))?;
-    let first_hits = take_hits(from, pixels.saturating_mul(usize::from(needs.first_hits)))?;
-    let costs = if needs.cost { from.numbers(pixels)? } else { Vec::new() };
+    let mut film = Film { kept, discarded, combine, record, rejected, ..Film::without_planes(frame, needs) };
+    take_beside(from, &mut film, pixels)?;
     let planes = if needs.splats { halves } else { 0 };
     let sums = (0..planes).map(|_| from.numbers(frame.pixels())).collect::<Result<_, _>>()?;
-    let splats = Splats { sums, samples: from.number()? };
-    let unreported = from.number()?;
-    let film = Film {
-        frame,
-        needs,
-        combine,
-        kept,
-        discarded,
-        features,
-        half_features,
-        first_hits,
-        costs,
-        splats,
-        rejected,
-        record,
-        unreported,
-        half_of: None,
-    };
+    film.splats = Splats { sums, samples: from.number()? };
+    film.unreported = from.number()?;
     check(&film)?;
     Ok(film)
 }
 
 /// Checks the invariants that readers of a film rely on, such as finite means.
 fn check(film: &Film) -> Result<(), Broken> {
-    let mut samples = 0_u64;
-    for bank in film.kept.iter().chain(&film.discarded) {
-        for (i, &count) in bank.counts.iter().enumerate() {
-            samples = samples.checked_add(count).ok_or(Broken("counts overflow"))?;
-            let ahead = bank.ahead.get(i).copied().unwrap_or(0);
-            if count.checked_add_signed(ahead).is_none() || ahead.unsigned_abs() > film.record.samples {
-                return Err(Broken("an index is out of range"));
-            }
-        }
-        let sums = bank.means.iter().chain(&bank.m2).chain(&bank.sums.values).flatten();
-        let single = bank.emission.iter().chain(bank.samples.rows.iter().flatten()).flatten();
-        let mut single = single.chain(&bank.channels).chain(&bank.channels_m2);
-        if !(sums.into_iter().all(|v| v.is_finite()) && single.all(|v| v.is_finite())) {
-            return Err(Broken("a mean is NaN or infinite"));
-        }
-        if !bank.samples.trajectories.iter().flatten().all(Trajectory::is_sound) {
-            return Err(Broken("a trajectory is NaN, infinite or behind the camera"));
-        }
-    }
+    let mut samples = film.kept.iter().chain(&film.discarded).map(|bank| check_bank(bank, film.record.samples));
+    let samples = samples.try_fold(0_u64, |sum, more| sum.checked_add(more?).ok_or(Broken("counts overflow")))?;
     if film.unreported > samples {
         return Err(Broken("more samples report no hits than there are"));
     }
@@ -113,6 +87,28 @@ fn check(film: &Film) -> Result<(), Broken> {
         return Err(Broken("counts do not add up to the samples traced"));
     }
     Ok(())
+}
+
+/// Checks the invariants of a bank in a film of `all` samples; returns the sum of its counts.
+pub(crate) fn check_bank(bank: &Bank, all: u64) -> Result<u64, Broken> {
+    let mut samples = 0_u64;
+    for (i, &count) in bank.counts.iter().enumerate() {
+        samples = samples.checked_add(count).ok_or(Broken("counts overflow"))?;
+        let ahead = bank.ahead.get(i).copied().unwrap_or(0);
+        if count.checked_add_signed(ahead).is_none() || ahead.unsigned_abs() > all {
+            return Err(Broken("an index is out of range"));
+        }
+    }
+    let sums = bank.means.iter().chain(&bank.m2).chain(&bank.sums.values).flatten();
+    let single = bank.emission.iter().chain(bank.samples.rows.iter().flatten()).flatten();
+    let mut single = single.chain(&bank.channels).chain(&bank.channels_m2);
+    if !(sums.into_iter().all(|v| v.is_finite()) && single.all(|v| v.is_finite())) {
+        return Err(Broken("a mean is NaN or infinite"));
+    }
+    if !bank.samples.trajectories.iter().flatten().all(Trajectory::is_sound) {
+        return Err(Broken("a trajectory is NaN, infinite or behind the camera"));
+    }
+    Ok(samples)
 }
 
 fn put_frame(to: &mut Writer, frame: &Frame) {
@@ -225,20 +221,38 @@ fn take_record(from: &mut Reader<'_>) -> Result<Record, Broken> {
     Ok(Record { budgets, rounds, samples, rays, blocks, rejected, filtered_relmse: None, interrupted: false })
 }
 
-fn take_rejected(from: &mut Reader<'_>) -> Result<Vec<Rejected>, Broken> {
+pub(crate) fn put_rejected(to: &mut Writer, rejected: &[Rejected]) {
+    to.number(rejected.len() as u64);
+    for Rejected { sample, reason } in rejected {
+        put_sample(to, sample);
+        to.flag(*reason == RejectedReason::Negative);
+    }
+}
+
+pub(crate) fn put_sample(to: &mut Writer, sample: &SampleId) {
+    to.number(sample.pixel);
+    to.number(sample.stream);
+    to.number(sample.index);
+}
+
+pub(crate) fn take_sample(from: &mut Reader<'_>) -> Result<SampleId, Broken> {
+    Ok(SampleId { pixel: from.number()?, stream: from.number()?, index: from.number()? })
+}
+
+pub(crate) fn take_rejected(from: &mut Reader<'_>) -> Result<Vec<Rejected>, Broken> {
     let count = from.count(21)?;
     if count > REJECTED_LISTED {
         return Err(Broken("the list of rejected samples is too long"));
     }
     let one = |from: &mut Reader<'_>| {
-        let sample = SampleId { pixel: from.number()?, stream: from.number()?, index: from.number()? };
+        let sample = take_sample(from)?;
         let reason = if from.flag()? { RejectedReason::Negative } else { RejectedReason::NotFinite };
         Ok(Rejected { sample, reason })
     };
     (0..count).map(|_| one(from)).collect()
 }
 
-fn put_bank(to: &mut Writer, bank: &Bank) {
+pub(crate) fn put_bank(to: &mut Writer, bank: &Bank) {
     let Bank { counts, means, m2, ranges, emission, channels, channels_m2, sums, samples, ahead } = bank;
     to.numbers(counts);
     to.numbers(means);
@@ -254,7 +268,7 @@ fn put_bank(to: &mut Writer, bank: &Bank) {
     to.numbers(ahead);
 }
 
-fn take_bank(from: &mut Reader<'_>, pixels: usize, needs: &Needs) -> Result<Bank, Broken> {
+pub(crate) fn take_bank(from: &mut Reader<'_>, pixels: usize, needs: &Needs) -> Result<Bank, Broken> {
     let channels = pixels.saturating_mul(usize::from(needs.channels));
     let counts: Vec<u64> = from.numbers(pixels)?;
     Ok(Bank {

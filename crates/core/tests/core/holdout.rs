@@ -9,8 +9,8 @@ const SIZE: u32 = 48;
 const GOAL: f64 = 0.0004;
 
 /// Means over 3x3 pixels. It claims `claim` times its true error, a ninth of the unfiltered one; `None` claims nothing.
-struct Blur {
-    claim: Option<f32>,
+pub(crate) struct Blur {
+    pub(crate) claim: Option<f32>,
 }
 
 impl Filter for Blur {
@@ -41,7 +41,7 @@ impl Filter for Blur {
     }
 }
 
-fn field(_: [u32; 2], u: [f32; 4]) -> [f32; 3] {
+pub(crate) fn field(_: [u32; 2], u: [f32; 4]) -> [f32; 3] {
     [0.5 + u[0], 2.0 * u[1], 0.1 + u[2] * u[2]]
 }
 

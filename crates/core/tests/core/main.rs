@@ -3,6 +3,7 @@
 mod common;
 mod conformance;
 mod driver;
+mod exchange;
 mod film;
 mod film_pushed;
 mod half_films;
@@ -12,6 +13,7 @@ mod resume;
 mod rng;
 mod samples;
 mod session;
+mod stage;
 mod sums;
 mod then;
 mod time;

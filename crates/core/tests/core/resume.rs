@@ -12,8 +12,8 @@ use std::time::{Duration, Instant};
 
 /// Learns while it wants_training, reports first hits, and now and then gives a bad sample.
 #[derive(Default)]
-struct Everything {
-    learned: Vec<TrainingData>,
+pub(crate) struct Everything {
+    pub(crate) learned: Vec<TrainingData>,
 }
 
 impl Integrator for Everything {

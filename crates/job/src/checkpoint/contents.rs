@@ -1,4 +1,4 @@
-//! The contents of a checkpoint or shard file, and the binary format.
+//! The contents of a checkpoint, shard, plan or part file, and the binary format.
 //!
 //! A file consists of: eight magic bytes; the version, the kind and the number of pairs in the identity (4 bytes each);
 //! the pairs, each text after its length in 4 bytes; the length of the body in 8 bytes; the body; the CRC-32 (IEEE
@@ -12,13 +12,17 @@ const VERSION: u32 = 2;
 /// The largest length in bytes of a name or value in an identity.
 const LONGEST: usize = 1 << 20;
 
-/// The kind of a file: a checkpoint of a render, or a shard of an image.
+/// The kind of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// The state of an unfinished or finished render, from which it can be resumed.
     Checkpoint,
     /// The film of one shard (every N-th row) of an image.
     Shard,
+    /// The state of a render between two stages, with the plan of the next one.
+    Plan,
+    /// One machine's part of a stage.
+    Part,
 }
 
 impl Kind {
@@ -26,14 +30,18 @@ impl Kind {
         match self {
             Self::Checkpoint => 1,
             Self::Shard => 2,
+            Self::Plan => 3,
+            Self::Part => 4,
         }
     }
 
-    /// The kind's name in messages: `checkpoint` or `shard`.
+    /// The kind's name in messages: `checkpoint`, `shard`, `plan` or `part`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Checkpoint => "checkpoint",
             Self::Shard => "shard",
+            Self::Plan => "plan",
+            Self::Part => "part",
         }
     }
 }
@@ -76,14 +84,14 @@ impl Identity {
     }
 }
 
-/// The contents of a checkpoint or shard file.
+/// The contents of a checkpoint, shard, plan or part file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Contents {
-    /// The kind of the file: checkpoint or shard.
+    /// The kind of the file.
     pub kind: Kind,
     /// The settings that the body depends on, as pairs of name and value.
     pub identity: Identity,
-    /// The stored bytes: an encoded snapshot of a film, or an encoded shard.
+    /// The stored bytes: an encoded snapshot, shard, stage or part of a stage.
     pub body: Vec<u8>,
 }
 
@@ -112,7 +120,7 @@ impl std::fmt::Display for Damage {
             Self::Version => "another version of Dapple wrote it",
             Self::Checksum => "it is damaged (its checksum is wrong)",
             Self::Nonsense => "its contents make no sense",
-            Self::Kind => "it is of another kind: a checkpoint is not a shard",
+            Self::Kind => "it is of another kind: checkpoints, shards, plans and parts are not the same",
         })
     }
 }
@@ -238,7 +246,8 @@ impl<'a> Reader<'a> {
     /// Decodes the kind, the identity and the length of the body; the remaining bytes are the body.
     fn head(&mut self) -> Result<(Kind, Identity, u64), Damage> {
         let number = self.number()?;
-        let kind = [Kind::Checkpoint, Kind::Shard].into_iter().find(|kind| kind.number() == number);
+        let kinds = [Kind::Checkpoint, Kind::Shard, Kind::Plan, Kind::Part];
+        let kind = kinds.into_iter().find(|kind| kind.number() == number);
         let count = self.number()?;
         let mut pairs = Vec::new();
         for _ in 0..count {

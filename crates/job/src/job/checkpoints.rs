@@ -84,9 +84,9 @@ pub struct Checkpoints {
 }
 
 impl Checkpoints {
-    /// Reads the snapshot of the film to resume from; `None` if the render starts afresh. `here` is the identity of
+    /// Reads the encoded snapshot of the film to resume from; `None` if the render starts afresh. `here` is the identity of
     /// this job.
-    pub(super) fn snapshot(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<Snapshot>, JobError> {
+    pub(super) fn snapshot(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<Vec<u8>>, JobError> {
         let Some(path) = &self.resume else { return Ok(None) };
         let found = Store::read(path, Kind::Checkpoint)?;
         if let (Generation::Previous, Some(trouble)) = (found.generation, &found.trouble) {
@@ -96,8 +96,13 @@ impl Checkpoints {
         if !differences.is_empty() {
             return Err(JobError::OtherRender { path: path.clone(), differences });
         }
-        let snapshot = Snapshot::from_bytes(&found.contents.body);
-        snapshot.map(Some).map_err(|source| JobError::Snapshot { path: path.clone(), source })
+        Ok(Some(found.contents.body))
+    }
+
+    /// Decodes a snapshot that [`Checkpoints::snapshot`] read.
+    pub(super) fn decode(&self, bytes: &[u8]) -> Result<Snapshot, JobError> {
+        let path = || self.resume.as_deref().unwrap_or_else(|| self.store.path()).to_owned();
+        Snapshot::from_bytes(bytes).map_err(|source| JobError::Snapshot { path: path(), source })
     }
 }
 
@@ -108,6 +113,10 @@ pub(super) struct Watched<'m> {
     writer: Option<Writer>,
     time: TimeWatch,
     min_spp: u32,
+    /// True if several processes render. Only at barriers does this one have everyone's pixels.
+    together: bool,
+    /// The processes that were reported as slow.
+    slow: Vec<usize>,
 }
 
 impl<'m> Watched<'m> {
@@ -116,9 +125,10 @@ impl<'m> Watched<'m> {
         checkpoints: Option<Checkpoints>,
         identity: Identity,
         min_spp: u32,
+        together: bool,
     ) -> Self {
         let writer = checkpoints.map(|checkpoints| Writer::new(checkpoints, identity));
-        Self { monitor, writer, time: TimeWatch::default(), min_spp }
+        Self { monitor, writer, time: TimeWatch::default(), min_spp, together, slow: Vec::new() }
     }
 
     fn save_last(&mut self, status: &Status<'_>) {
@@ -132,6 +142,10 @@ impl<'m> Watched<'m> {
     pub(super) fn into_checkpoint(self) -> (Option<Result<PathBuf, JobError>>, u64) {
         let Some(mut writer) = self.writer else { return (None, 0) };
         writer.wait(self.monitor);
+        if self.together && writer.written == 0 && writer.trouble.is_none() && !writer.resumed {
+            // Stopped before the first barrier.
+            return (None, 0);
+        }
         let path = writer.store.path().to_owned();
         (Some(writer.trouble.take().map_or(Ok(path), |trouble| Err(trouble.into()))), writer.written)
     }
@@ -143,13 +157,25 @@ impl Monitor for Watched<'_> {
             self.monitor.warn(warning);
         }
         if self.monitor.slice(status) == Control::Stop {
-            self.save_last(status);
+            if !self.together {
+                self.save_last(status);
+            }
             return Control::Stop;
         }
-        if let Some(writer) = &mut self.writer {
+        if let Some(writer) = self.writer.as_mut().filter(|_| !self.together) {
             writer.slice(status, self.monitor);
         }
         Control::Continue
+    }
+
+    fn barrier(&mut self, status: &Status<'_>, seconds: &[f64]) {
+        for warning in slow(seconds, &mut self.slow) {
+            self.monitor.warn(warning);
+        }
+        if let Some(writer) = &mut self.writer {
+            writer.wait(self.monitor);
+            writer.begin(status, self.monitor);
+        }
     }
 
     fn end(&mut self, status: &Status<'_>) {
@@ -169,6 +195,8 @@ struct Writer {
     /// first.
     cost: Option<f64>,
     is_first: bool,
+    /// True if the render goes on from a checkpoint.
+    resumed: bool,
     writing: Option<JoinHandle<Result<(), Error>>>,
     warned: bool,
     /// The number of checkpoints written.
@@ -178,7 +206,7 @@ struct Writer {
 }
 
 impl Writer {
-    fn new(Checkpoints { store, every, .. }: Checkpoints, identity: Identity) -> Self {
+    fn new(Checkpoints { store, every, resume }: Checkpoints, identity: Identity) -> Self {
         let last = Instant::now();
         Self {
             store,
@@ -187,6 +215,7 @@ impl Writer {
             last,
             cost: None,
             is_first: true,
+            resumed: resume.is_some(),
             writing: None,
             warned: false,
             written: 0,
@@ -197,9 +226,13 @@ impl Writer {
     /// Starts writing a checkpoint if one is due and none is being written. After a disk error, the next due checkpoint
     /// tries again.
     fn slice(&mut self, status: &Status<'_>, monitor: &mut dyn JobMonitor) {
-        if !self.is_due(status) || !self.is_idle(monitor) {
-            return;
+        if self.is_due(status) && self.is_idle(monitor) {
+            self.begin(status, monitor);
         }
+    }
+
+    /// Starts writing a checkpoint. None is being written.
+    fn begin(&mut self, status: &Status<'_>, monitor: &mut dyn JobMonitor) {
         let began = Instant::now();
         let contents = self.contents(status);
         // The writing thread needs about the same time again for the checksum and for copying the bytes to the system.
@@ -263,5 +296,38 @@ impl Writer {
         if !std::mem::replace(&mut self.warned, true) {
             monitor.warn(Warning::NoCheckpoint(trouble.to_string()));
         }
+    }
+}
+
+/// The excess over the median of all processes' seconds at which one counts as slow: as a factor, and in seconds.
+const SLOW: (f64, f64) = (1.5, 1.0);
+
+/// Warnings about processes that took much longer for a round than the others, once for each.
+fn slow(seconds: &[f64], known: &mut Vec<usize>) -> Vec<Warning> {
+    let mut sorted = seconds.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let Some(&median) = sorted.get(sorted.len().saturating_sub(1) / 2) else { return Vec::new() };
+    let is_slow = |&(rank, took): &(usize, f64)| {
+        took > median * SLOW.0 && took > median + SLOW.1 && !known.contains(&rank)
+    };
+    let found: Vec<(usize, f64)> = seconds.iter().copied().enumerate().filter(is_slow).collect();
+    known.extend(found.iter().map(|(rank, _)| *rank));
+    found.into_iter().map(|(rank, seconds)| Warning::SlowProcess { rank, seconds, median }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slow_process_is_reported_once() {
+        let mut known = Vec::new();
+        assert!(slow(&[2.0, 2.5, 2.1, 2.9], &mut known).is_empty(), "within bounds");
+        assert!(slow(&[0.1, 0.9, 0.1], &mut known).is_empty(), "below a second");
+        let found = slow(&[2.0, 2.0, 7.0], &mut known);
+        assert!(found[0].to_string().starts_with("rank 2 is slow: it took 7.0 s"), "{found:?}");
+        assert!(slow(&[2.0, 2.0, 7.0], &mut known).is_empty());
+        // One of two is slow too.
+        assert_eq!(slow(&[9.0, 2.0], &mut known).len(), 1);
     }
 }

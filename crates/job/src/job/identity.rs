@@ -13,6 +13,9 @@ pub(super) const FILTER: &str = "filter";
 /// The name of the identity pair that holds the render's description as JSON; it is never compared.
 pub(super) const SPEC: &str = "spec";
 
+/// The name of the identity pair that holds the path of a part's plan; it is never compared.
+pub(super) const PLAN: &str = "plan";
+
 /// The identity of a job: all settings that its samples depend on. The budget, which may be raised, and the number of
 /// threads, which does not change the samples, are not compared.
 pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
@@ -46,7 +49,7 @@ pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
 
 /// The pairs of an identity that must be equal for a checkpoint to be resumed.
 pub(super) fn compared(identity: &Identity) -> Identity {
-    without(identity, &[SPEC])
+    without(identity, &[SPEC, PLAN])
 }
 
 /// The pairs of an identity that must be equal in all shards of one image.

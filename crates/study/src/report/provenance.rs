@@ -56,6 +56,17 @@ pub(super) fn remarks(recorded: &RecordedStudy) -> Vec<String> {
     remark(usize::from(recorded.torn), "line of runs.jsonl was cut off at its end and was left out.");
     let rejected = recorded.runs.iter().filter(|run| run.rejected > 0).count();
     remark(rejected, "runs had samples that were NaN, infinite or negative.");
+    let mut machines: Vec<&str> = recorded.runs.iter().filter_map(|run| run.machine.as_deref()).collect();
+    machines.sort_unstable();
+    machines.dedup();
+    if machines.len() > 1 {
+        remarks.push(format!(
+            "The runs were made on machines of {} kinds ({}), so that seconds of different runs cannot be compared; errors \
+             can.",
+            machines.len(),
+            machines.join("; ")
+        ));
+    }
     remarks
 }
 

@@ -1,0 +1,267 @@
+//! The subcommand `dapple farm`: files of a job for a scheduler or a render farm.
+
+mod files;
+mod kubernetes;
+mod opencue;
+mod openjd;
+mod slurm;
+mod stages;
+
+use crate::output::tell;
+use crate::render::RenderArgs;
+use crate::{Failure, Outcome, Result};
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Args, Command, FromArgMatches, ValueEnum};
+use dapple_job::registry;
+use dapple_job::{BudgetSpec, RenderSpec};
+use dapple_scene::bundled;
+use dapple_scene::image::Format;
+use files::Files;
+use stages::Stages;
+use std::path::{Path, PathBuf};
+
+/// Write a job that renders an image on many machines: scripts for Slurm, or a template for OpenJD, OpenCue or Kubernetes
+///
+/// Nothing is started. DIR gets render.json (the description of the render), stage.sh (the commands of every task), and
+/// the scheduler's own files. All machines need DIR and the scene at the same path, and `dapple` in their PATH or its
+/// path in the variable DAPPLE. Tasks that are done are skipped, so that a job which failed is submitted again as it is.
+#[derive(Args)]
+pub(crate) struct FarmOptions {
+    /// Scheduler or render farm
+    #[arg(value_name = "SYSTEM")]
+    system: System,
+
+    /// Number of parts, each rendered by a task of its own
+    #[arg(long, value_name = "N", default_value_t = 16, help_heading = "Job")]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    parts: u32,
+
+    /// Image file to make at the end: .exr, .pfm or .png, in DIR unless absolute; may be repeated [default: image.exr]
+    #[arg(long = "image", value_name = "FILE", value_parser = image, help_heading = "Job")]
+    images: Vec<PathBuf>,
+
+    /// Number of times that a task is tried
+    #[arg(long, value_name = "N", default_value_t = 3, help_heading = "Job")]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=100))]
+    tries: u32,
+
+    /// Largest number of stages of a render whose sampler or light selection learns from samples (openjd, opencue); stages
+    /// that are not needed do nothing [default: by --spp]
+    #[arg(long, value_name = "N", help_heading = "Job")]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=1000))]
+    stages: Option<u32>,
+
+    /// Container image of the pods (k8s), with `dapple` in its PATH
+    #[arg(long, value_name = "NAME", default_value = "dapple", help_heading = "Job")]
+    container: String,
+
+    /// Persistent volume claim of the pods (k8s), mounted at DIR
+    #[arg(long, value_name = "NAME", default_value = "dapple", help_heading = "Job")]
+    claim: String,
+
+    /// Show of the job (opencue)
+    #[arg(long, value_name = "NAME", default_value = "testing", value_parser = word, help_heading = "Job")]
+    show: String,
+}
+
+/// The systems for which jobs are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum System {
+    /// Slurm: job arrays with dependencies
+    Slurm,
+    /// Open Job Description: a template, for AWS Deadline Cloud and others
+    Openjd,
+    /// OpenCue: a job specification
+    Opencue,
+    /// Kubernetes: an Indexed Job
+    K8s,
+}
+
+/// The options of the job and of the render. `-o` is the folder.
+pub(crate) struct FarmArgs {
+    options: FarmOptions,
+    render: RenderArgs,
+    /// An option of `dapple render` that has no place in a job.
+    refused: Option<&'static str>,
+}
+
+/// Options of `dapple render` that concern one process.
+const REFUSED: &[(&str, &str)] = &[
+    ("maps", "--maps"),
+    ("features", "--features"),
+    ("preview", "--preview"),
+    ("view", "--view"),
+    ("preview_every", "--preview-every"),
+    ("progress_every", "--progress-every"),
+    ("layers", "--layers"),
+    ("half", "--half"),
+    ("checkpoint", "--checkpoint"),
+    ("checkpoint_every", "--checkpoint-every"),
+    ("resume", "--resume"),
+    ("shard", "--shard"),
+    ("from", "--from"),
+    ("print_spec", "--print-spec"),
+    ("json", "--json"),
+    ("exposure", "--exposure"),
+];
+
+impl Args for FarmArgs {
+    fn augment_args(command: Command) -> Command {
+        let about = FarmOptions::augment_args(Command::new("farm"));
+        let (short, long) = (about.get_about().cloned(), about.get_long_about().cloned());
+        let command = RenderArgs::augment_args(FarmOptions::augment_args(command));
+        let command = command.mut_arg("outputs", |output| {
+            let help =
+                "Folder for the job's files; it may exist, and files of an earlier job with the same arguments stay";
+            output
+                .value_parser(clap::value_parser!(PathBuf))
+                .value_name("DIR")
+                .required(true)
+                .help(help)
+                .long_help(help)
+        });
+        let mut command = command.after_help(AFTER);
+        for (id, _) in REFUSED {
+            command = command.mut_arg(id, |argument| argument.hide(true));
+        }
+        match (short, long) {
+            (Some(short), Some(long)) => command.about(short).long_about(long),
+            _ => command,
+        }
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl FromArgMatches for FarmArgs {
+    fn from_arg_matches(matches: &ArgMatches) -> std::result::Result<Self, clap::Error> {
+        let given = |id: &str| matches.value_source(id) == Some(ValueSource::CommandLine);
+        let refused = REFUSED.iter().find(|(id, _)| given(id)).map(|(_, option)| *option);
+        let (options, render) = (FarmOptions::from_arg_matches(matches)?, RenderArgs::from_arg_matches(matches)?);
+        Ok(Self { options, render, refused })
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> std::result::Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+const AFTER: &str = "\
+Examples (docs/CLUSTER.md):
+  dapple farm slurm scene.pbrt --spp 1024 --parts 64 -o job && sh job/submit.sh
+  dapple farm openjd scene.pbrt --spp 1024 -o job          then submit job/job.template.json
+  dapple farm opencue scene.pbrt --spp 1024 -o job         then launch job/job.xml
+  dapple farm k8s scene.pbrt --spp 1024 -o job && kubectl apply -f job/job.json";
+
+pub(crate) fn run(args: &FarmArgs) -> Result<Outcome> {
+    let FarmArgs { options, render, refused } = args;
+    if let Some(option) = refused {
+        return Err(Failure::usage(
+            "farm",
+            format!("{option} concerns one process, and has no effect in a job; leave it out"),
+        ));
+    }
+    let [folder] = &render.outputs[..] else {
+        return Err(Failure::usage("farm", "--output is the one folder of the job's files"));
+    };
+    let job = Job::new(options, render, folder)?;
+    let mut files = Files::new(folder)?;
+    files.add("render.json", &job.spec.to_json_pretty().map_err(Failure::new)?)?;
+    files.add_script("stage.sh", &stages::script(&job))?;
+    let next = match options.system {
+        System::Slurm => slurm::write(&job, &mut files)?,
+        System::Openjd => openjd::write(&job, &mut files)?,
+        System::Opencue => opencue::write(&job, &mut files)?,
+        System::K8s => kubernetes::write(&job, &mut files)?,
+    };
+    files.finish()?;
+    if !render.quiet {
+        tell(format!("{}: {}", folder.display(), job.summary()))?;
+        tell(format!("next: {next}"))?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// A render in parts, as the files of all systems describe it.
+struct Job<'a> {
+    options: &'a FarmOptions,
+    spec: RenderSpec,
+    /// The absolute path of the job's folder.
+    folder: String,
+    name: String,
+    images: Vec<String>,
+    threads: u16,
+    memory: Option<u64>,
+    stages: Stages,
+}
+
+impl<'a> Job<'a> {
+    fn new(options: &'a FarmOptions, render: &RenderArgs, folder: &Path) -> Result<Self> {
+        let mut spec = render.spec()?;
+        if matches!(spec.budget, BudgetSpec::Seconds(_) | BudgetSpec::Error(_)) {
+            let wrong =
+                "a job of separate tasks needs a number of samples; give --spp (mpirun takes --time and --error)";
+            return Err(Failure::usage("farm", wrong));
+        }
+        let name =
+            Path::new(&spec.scene).file_stem().map_or("render".into(), |stem| stem.to_string_lossy().into_owned());
+        if !bundled::names().contains(&spec.scene.as_str()) {
+            let scene = std::path::absolute(&spec.scene).map_err(Failure::new)?;
+            if !scene.exists() {
+                return Err(Failure::new(format!("{}: no such file; give the path of a scene", scene.display())));
+            }
+            spec.scene = text(&scene)?;
+        }
+        let images = match &options.images[..] {
+            [] => vec!["image.exr".to_owned()],
+            images => images.iter().map(|path| text(path)).collect::<Result<_>>()?,
+        };
+        let stages = Stages::of(&spec, options);
+        let folder = text(&std::path::absolute(folder).map_err(Failure::new)?)?;
+        Ok(Self { options, spec, folder, name, images, threads: render.threads, memory: render.memory, stages })
+    }
+
+    /// The name with letters, digits and dashes alone, in lower case.
+    fn plain_name(&self) -> String {
+        let plain = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
+        let name: String = self.name.chars().map(plain).take(40).collect();
+        format!("dapple-{}", name.trim_matches('-'))
+    }
+
+    fn summary(&self) -> String {
+        let parts = self.options.parts;
+        match self.stages {
+            Stages::One => format!("a job of {parts} parts"),
+            Stages::Several { .. } => format!("a job of {parts} parts in several stages"),
+        }
+    }
+}
+
+/// A path as text, which files of jobs can hold.
+fn text(path: &Path) -> Result<String> {
+    let text = path.to_str().filter(|text| !text.contains(['\n', '\0']));
+    text.map(str::to_owned).ok_or_else(|| {
+        Failure::new(format!("{}: the path is not UTF-8 or has line breaks; rename the file", path.display()))
+    })
+}
+
+/// The name of an image file.
+fn image(text: &str) -> std::result::Result<PathBuf, String> {
+    Format::from_path(Path::new(text)).map_err(|e| e.to_string())?;
+    Ok(text.into())
+}
+
+/// A word of letters, digits and underscores.
+fn word(text: &str) -> std::result::Result<String, String> {
+    let plain = !text.is_empty() && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    if plain { Ok(text.to_owned()) } else { Err("letters, digits and underscores only".into()) }
+}
+
+/// Whether a sampler plans without looking at samples, so that shards need no stages.
+fn plans_a_priori(sampler: &str) -> bool {
+    let name = sampler.split(':').next().unwrap_or(sampler);
+    registry::SAMPLERS.iter().any(|entry| entry.is_called(name) && ["uniform", "cluster-thesis"].contains(&entry.name))
+}

@@ -1,0 +1,345 @@
+//! Jobs that `dapple farm` writes: their form, and what their commands make.
+
+mod common;
+
+use common::Folder;
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output};
+
+const RENDER: &str =
+    "tiny.pbrt --sampler uniform --light-selection power --spp 4 --parts 3 --image image.pfm --image image.png";
+
+/// The default sampler and light selection, which learn from samples of the whole image.
+const LEARNED: &str = "tiny.pbrt --spp 8 --parts 3 --image image.pfm";
+
+/// A folder with the job of a system.
+fn farm(system: &str, more: &str) -> Folder {
+    let folder = Folder::new();
+    folder.done(&format!("farm {system} {RENDER} -o job {more}"));
+    folder
+}
+
+/// A folder with a job in several stages.
+fn farm_in_stages(system: &str) -> Folder {
+    let folder = Folder::new();
+    folder.done(&format!("farm {system} {LEARNED} -o job"));
+    folder
+}
+
+fn json(folder: &Folder, name: &str) -> Value {
+    serde_json::from_slice(&folder.read(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+}
+
+/// Runs a shell with this program in the variable DAPPLE, and `bin` first in the path.
+fn shell(folder: &Folder, words: &[&str]) -> Output {
+    let path = std::env::var("PATH").unwrap_or_default();
+    let mut command = Command::new("sh");
+    command.args(words).current_dir(folder.path("")).env("DAPPLE", assert_cmd::cargo::cargo_bin!("dapple"));
+    command.env("PATH", format!("{}:{path}", folder.path("bin").display())).output().expect("a shell")
+}
+
+fn done(folder: &Folder, words: &[&str]) -> String {
+    let output = shell(folder, words);
+    let err = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{words:?}: {err}");
+    String::from_utf8(output.stdout).expect("UTF-8") + &err
+}
+
+/// The image of one machine, with the light selection of shards.
+fn assert_same_image(folder: &Folder) {
+    folder.done("render tiny.pbrt --sampler uniform --spp 4 --light-selection power -o one.pfm -q");
+    assert!(folder.read("one.pfm") == folder.read("job/image.pfm"), "the job's image has other bits");
+}
+
+/// The image of one machine with the default settings.
+fn assert_same_learned_image(folder: &Folder) {
+    folder.done("render tiny.pbrt --spp 8 -o one.pfm -q");
+    assert!(folder.read("one.pfm") == folder.read("job/image.pfm"), "the job's image has other bits");
+}
+
+fn is_shell(path: &Path) -> bool {
+    Command::new("bash").arg("-n").arg(path).status().expect("bash").success()
+}
+
+/// An `sbatch` that runs what it is given at once, every task of an array in turn, and prints the number of the job.
+/// It refuses a dependency on a job that failed or is not known.
+const SBATCH: &str = r#"#!/bin/sh
+set -u
+jobs="$(dirname "$0")/jobs"
+mkdir -p "$jobs"
+number=$(($(ls "$jobs" | wc -l) + 1))
+script=
+arguments=
+for word in "$@"; do
+    if [ -n "$script" ]; then
+        arguments="$arguments $word"
+        continue
+    fi
+    case $word in
+        --dependency=afterok:*) [ "$(cat "$jobs/${word#--dependency=afterok:}")" = ok ] || exit 1 ;;
+        --*) ;;
+        *) script=$word ;;
+    esac
+done
+echo running > "$jobs/$number"
+array=$(sed -n 's/^#SBATCH --array=1-\([0-9]*\)$/\1/p' "$script")
+result=ok
+task=1
+while [ "$task" -le "${array:-1}" ]; do
+    SLURM_ARRAY_TASK_ID=$task sh "$script" $arguments >> "$jobs/../log" 2>&1 || result=failed
+    task=$((task + 1))
+done
+echo "$result" > "$jobs/$number"
+echo "$number"
+"#;
+
+fn with_sbatch(folder: &Folder) {
+    std::fs::create_dir(folder.path("bin")).expect("a folder");
+    std::fs::write(folder.path("bin/sbatch"), SBATCH).expect("a script");
+    done(folder, &["-c", "chmod +x bin/sbatch"]);
+}
+
+#[test]
+fn the_scripts_for_slurm_make_the_bits_of_one_machine_and_go_on_after_a_failure() {
+    let folder = farm("slurm", "");
+    with_sbatch(&folder);
+    for script in ["stage.sh", "submit.sh", "render.sbatch", "merge.sbatch"] {
+        assert!(is_shell(&folder.path("job").join(script)), "{script}");
+    }
+    let out = done(&folder, &["job/submit.sh"]);
+    assert!(out.contains("array 1 of 3 parts, then merge 2"), "{out}");
+    assert_same_image(&folder);
+
+    // A lost part is rendered again, alone.
+    std::fs::remove_file(folder.path("job/parts-3/2.shard")).expect("the part");
+    std::fs::remove_file(folder.path("job/image.pfm")).expect("the image");
+    let missing = shell(&folder, &["job/stage.sh", "merge"]);
+    let err = String::from_utf8_lossy(&missing.stderr).into_owned();
+    assert!(!missing.status.success() && err.contains("missing parts: 2;"), "{err}");
+    std::fs::remove_file(folder.path("bin/log")).expect("the log");
+    done(&folder, &["job/submit.sh"]);
+    let log = String::from_utf8(folder.read("bin/log")).expect("UTF-8");
+    assert!(log.contains("part 1 is there already") && log.contains("part 3 is there already"), "{log}");
+    assert!(!log.contains("part 2 is there already"), "{log}");
+    assert_same_image(&folder);
+}
+
+#[test]
+fn the_scripts_for_slurm_render_stage_by_stage_to_the_bits_of_one_machine() {
+    let folder = farm_in_stages("slurm");
+    with_sbatch(&folder);
+    for script in ["stage.sh", "submit.sh", "render.sbatch", "plan.sbatch"] {
+        assert!(is_shell(&folder.path("job").join(script)), "{script}");
+    }
+    done(&folder, &["job/submit.sh", "--partition=all"]);
+    let log = String::from_utf8(folder.read("bin/log")).expect("UTF-8");
+    assert!(log.contains("the plan of stage 1") && log.contains(": done after "), "{log}");
+    assert_same_learned_image(&folder);
+    // Again, all is there: only the image is made.
+    std::fs::remove_file(folder.path("job/image.pfm")).expect("the image");
+    std::fs::remove_file(folder.path("bin/log")).expect("the log");
+    done(&folder, &["job/submit.sh"]);
+    assert!(!folder.path("bin/log").exists(), "something was submitted");
+    assert_same_learned_image(&folder);
+}
+
+#[test]
+fn a_job_in_stages_goes_on_where_it_failed() {
+    let folder = farm_in_stages("slurm");
+    with_sbatch(&folder);
+    done(&folder, &["job/stage.sh", "current"]);
+    for part in ["1", "2", "3"] {
+        done(&folder, &["job/stage.sh", "render", part]);
+    }
+    done(&folder, &["job/stage.sh", "plan"]);
+    done(&folder, &["job/stage.sh", "render", "2"]);
+    let early = shell(&folder, &["job/stage.sh", "plan"]);
+    let err = String::from_utf8_lossy(&early.stderr).into_owned();
+    assert!(!early.status.success() && err.contains("missing parts in stages-3/stage-1: 1 3;"), "{err}");
+    let early = shell(&folder, &["job/stage.sh", "merge"]);
+    assert!(!early.status.success() && !folder.path("job/image.pfm").exists());
+    let out = done(&folder, &["job/submit.sh"]);
+    assert!(out.contains("stage 1"), "{out}");
+    let log = String::from_utf8(folder.read("bin/log")).expect("UTF-8");
+    assert!(log.contains("part 2 of stage 1 is there already"), "{log}");
+    assert_same_learned_image(&folder);
+}
+
+#[test]
+fn a_part_that_cannot_be_rendered_is_tried_again_and_nothing_is_merged() {
+    let folder = farm("slurm", "--tries 2");
+    with_sbatch(&folder);
+    std::fs::remove_file(folder.path("tiny.pbrt")).expect("the scene");
+    let output = shell(&folder, &["job/submit.sh"]);
+    let log = String::from_utf8(folder.read("bin/log")).expect("UTF-8");
+    assert!(!output.status.success(), "the merge was submitted after parts had failed");
+    assert!(log.contains("failed 2 times: render 1") && log.contains("tiny.pbrt"), "{log}");
+    assert!(!folder.path("job/image.pfm").exists());
+}
+
+#[test]
+fn templates_of_open_job_description_have_its_form_and_commands_that_run() {
+    let folder = farm("openjd", "");
+    let template = json(&folder, "job/job.template.json");
+    assert_eq!(template["specificationVersion"], "jobtemplate-2023-09");
+    let parameter = &template["parameterDefinitions"][0];
+    assert_eq!((&parameter["name"], &parameter["type"]), (&Value::from("Folder"), &Value::from("PATH")));
+    assert_eq!(parameter["default"].as_str(), folder.path("job").to_str());
+    let [render, merge] = &template["steps"].as_array().expect("steps")[..] else { panic!("two steps") };
+    assert_eq!(render["parameterSpace"]["taskParameterDefinitions"][0]["range"], "1-3");
+    assert_eq!(merge["dependencies"][0]["dependsOn"], render["name"]);
+    let run = |step: &Value, part: &str| {
+        let action = &step["script"]["actions"]["onRun"];
+        assert_eq!(action["command"], "sh");
+        let word = |word: &Value| {
+            let text = word
+                .as_str()
+                .expect("text")
+                .replace("{{Param.Folder}}", parameter["default"].as_str().expect("a path"));
+            text.replace("{{Task.Param.Part}}", part)
+        };
+        let words: Vec<String> = action["args"].as_array().expect("arguments").iter().map(word).collect();
+        done(&folder, &words.iter().map(String::as_str).collect::<Vec<_>>());
+    };
+    ["3", "1", "2"].iter().for_each(|part| run(render, part));
+    run(merge, "");
+    assert_same_image(&folder);
+}
+
+/// Stages beyond the last one do nothing.
+#[test]
+fn templates_with_stages_have_commands_that_run() {
+    let folder = farm_in_stages("openjd");
+    let template = json(&folder, "job/job.template.json");
+    let steps = template["steps"].as_array().expect("steps");
+    for pair in steps.windows(2) {
+        assert_eq!(pair[1]["dependencies"][0]["dependsOn"], pair[0]["name"], "stages follow each other");
+    }
+    let at = folder.path("job");
+    for step in steps {
+        let tasks = if step["parameterSpace"].is_null() { 1 } else { 3 };
+        for part in 1..=tasks {
+            let word = |word: &Value| {
+                let text = word.as_str().expect("text").replace("{{Param.Folder}}", at.to_str().expect("a path"));
+                text.replace("{{Task.Param.Part}}", &part.to_string())
+            };
+            let args = step["script"]["actions"]["onRun"]["args"].as_array().expect("arguments");
+            let words: Vec<String> = args.iter().map(word).collect();
+            done(&folder, &words.iter().map(String::as_str).collect::<Vec<_>>());
+        }
+    }
+    assert_same_learned_image(&folder);
+    // As many layers in OpenCue, each with a dependency on the one before.
+    let other = farm_in_stages("opencue");
+    let text = String::from_utf8(other.read("job/job.xml")).expect("UTF-8");
+    assert_eq!(text.matches("<layer name=").count(), steps.len());
+    assert_eq!(text.matches("<depend type=").count(), steps.len() - 1);
+}
+
+#[test]
+fn specifications_of_opencue_have_its_form_and_commands_that_run() {
+    let folder = farm("opencue", "--show film_1");
+    let text = String::from_utf8(folder.read("job/job.xml")).expect("UTF-8");
+    let options = roxmltree::ParsingOptions { allow_dtd: true, ..Default::default() };
+    let document = roxmltree::Document::parse_with_options(&text, options).expect("XML");
+    let names = |node: roxmltree::Node<'_, '_>| -> Vec<String> {
+        node.children().filter(|child| child.is_element()).map(|child| child.tag_name().name().to_owned()).collect()
+    };
+    let find = |name: &str| -> Vec<roxmltree::Node<'_, '_>> {
+        document.descendants().filter(|node| node.has_tag_name(name)).collect()
+    };
+    // The order of elements is that of the document type.
+    assert_eq!(names(document.root_element()), ["facility", "show", "shot", "user", "job", "depends"]);
+    assert_eq!(names(find("job")[0]), ["paused", "maxretries", "autoeat", "layers"]);
+    assert_eq!(names(find("depend")[0]), ["depjob", "deplayer", "onjob", "onlayer"]);
+    let [render, merge] = &find("layer")[..] else { panic!("two layers") };
+    for layer in [render, merge] {
+        assert_eq!(names(*layer), ["cmd", "range", "chunk", "services"]);
+        assert!(["Render", "Util", "Post"].contains(&layer.attribute("type").expect("a type")));
+    }
+    assert_eq!(find("deplayer")[0].text(), merge.attribute("name"));
+    assert_eq!(find("onlayer")[0].text(), render.attribute("name"));
+    let [first, second] = [0, 1].map(|k| find("cmd")[k].text().expect("a command").to_owned());
+    assert_eq!(find("range")[0].text(), Some("1-3"));
+    for part in ["1", "2", "3"] {
+        done(&folder, &["-c", &first.replace("#IFRAME#", part)]);
+    }
+    done(&folder, &["-c", &second]);
+    assert_same_image(&folder);
+}
+
+#[test]
+fn jobs_of_kubernetes_have_its_form_and_commands_that_run() {
+    let folder = farm("k8s", "--container registry.example/dapple:1 --claim films --threads 2 --memory 1G");
+    let list = json(&folder, "job/job.json");
+    assert_eq!((&list["kind"], &list["apiVersion"]), (&Value::from("List"), &Value::from("v1")));
+    let [render, merge] = &list["items"].as_array().expect("items")[..] else { panic!("two jobs") };
+    let spec = &render["spec"];
+    assert_eq!((&spec["completionMode"], &spec["completions"]), (&Value::from("Indexed"), &Value::from(3)));
+    assert_eq!(spec["backoffLimitPerIndex"], 2);
+    let container = |job: &Value| {
+        let pod = &job["spec"]["template"]["spec"];
+        assert_eq!(pod["restartPolicy"], "Never", "limits per index need it");
+        assert_eq!(pod["volumes"][0]["persistentVolumeClaim"]["claimName"], "films");
+        pod["containers"][0].clone()
+    };
+    assert_eq!(container(render)["resources"]["requests"]["cpu"], "2");
+    let run = |job: &Value, index: u32| {
+        let (container, mut command) = (container(job), Command::new("sh"));
+        let words =
+            container["command"].as_array().expect("a command").iter().skip(1).map(|word| word.as_str().expect("text"));
+        let environment = &container["env"][0];
+        command.args(words).env("DAPPLE", assert_cmd::cargo::cargo_bin!("dapple"));
+        command.env(environment["name"].as_str().expect("a name"), environment["value"].as_str().expect("a value"));
+        let output = command.env("JOB_COMPLETION_INDEX", index.to_string()).output().expect("a shell");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    };
+    (0..3).for_each(|index| run(render, index));
+    run(merge, 0);
+    assert_same_image(&folder);
+}
+
+/// The pods of all parts run at once, and wait for each other's files.
+#[test]
+fn pods_of_a_job_in_stages_render_together() {
+    let folder = farm_in_stages("k8s");
+    let list = json(&folder, "job/job.json");
+    let [job] = &list["items"].as_array().expect("items")[..] else { panic!("one job") };
+    assert_eq!(job["spec"]["parallelism"], 3);
+    let command = &job["spec"]["template"]["spec"]["containers"][0]["command"];
+    let start = |index: u32| {
+        let words = command.as_array().expect("a command").iter().skip(1).map(|word| word.as_str().expect("text"));
+        let mut shell = Command::new("sh");
+        shell.args(words).env("DAPPLE", assert_cmd::cargo::cargo_bin!("dapple")).env("FOLDER", folder.path("job"));
+        shell.env("JOB_COMPLETION_INDEX", index.to_string()).spawn().expect("a shell")
+    };
+    let pods: Vec<_> = (0..3).map(start).collect();
+    for mut pod in pods {
+        assert!(pod.wait().expect("it ends").success());
+    }
+    assert_same_learned_image(&folder);
+}
+
+#[test]
+fn jobs_that_cannot_run_are_refused() {
+    let folder = Folder::new();
+    for (words, wrong) in [
+        ("slurm tiny.pbrt --sampler uniform --time 5 -o job", "--spp"),
+        ("slurm tiny.pbrt --sampler uniform --spp 4 --preview p.png -o job", "--preview"),
+        ("slurm missing.pbrt --sampler uniform --spp 4 -o job", "no such file"),
+        ("slurm tiny.pbrt --sampler uniform --spp 4", "--output"),
+        ("cron tiny.pbrt --sampler uniform --spp 4 -o job", "slurm"),
+        ("opencue tiny.pbrt --sampler uniform --spp 4 -o job --show a/b", "letters"),
+    ] {
+        let said = folder.run(&format!("farm {words}"));
+        assert!(said.status != Some(0) && said.err.contains(wrong), "{words}: {}", said.err);
+    }
+    assert!(folder.names().is_empty(), "{:?}", folder.names());
+    let said = folder.run("farm openjd tiny.pbrt -o job");
+    assert!(said.err.contains("--stages"), "{}", said.err);
+    folder.done("farm slurm tiny.pbrt --spp 4 -o job");
+    folder.done("farm slurm tiny.pbrt --spp 4 --parts 5 -o job");
+    let said = folder.run("farm slurm tiny.pbrt --spp 8 -o job");
+    assert!(said.err.contains("another render"), "{}", said.err);
+}

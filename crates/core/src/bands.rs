@@ -1,0 +1,105 @@
+//! Bands of rows, and their division among processes.
+
+/// Rows of a band: the side of the blocks in which training data is summed, so that no sum crosses two bands.
+pub(crate) const BAND: usize = 16;
+
+/// The measured cost of a band: nanoseconds of one thread, and the samples that took them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct BandCost {
+    pub(crate) nanoseconds: u64,
+    pub(crate) samples: u64,
+}
+
+/// The owner of each band of 16 rows. It decides who traces a pixel, and no bit of the image.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Deal {
+    owners: Vec<u32>,
+}
+
+impl Deal {
+    /// Deals the bands of `rows` rows in turn.
+    pub(crate) fn in_turn(rows: usize, of: u32) -> Self {
+        Self { owners: (0..bands(rows) as u32).map(|band| band % of.max(1)).collect() }
+    }
+
+    /// Deals bands by cost to processes with these numbers of threads: the dearest first, each to the process that
+    /// would end it first [Graham 1969]. Equal costs are dealt in turn.
+    pub(crate) fn by_cost(costs: &[u64], threads: &[u32]) -> Self {
+        let mut order: Vec<usize> = (0..costs.len()).collect();
+        order.sort_by_key(|&band| std::cmp::Reverse(costs[band]));
+        let mut loads = vec![0_u128; threads.len()];
+        let mut owners = vec![0; costs.len()];
+        for band in order {
+            // A band without a measured cost counts as a little work, so that such bands are spread as well.
+            let cost = u128::from(costs[band].max(1));
+            let end = |who: &usize| (loads[*who] + cost) * 1024 / u128::from(threads[*who].max(1));
+            let who = (0..threads.len()).min_by_key(end).unwrap_or(0);
+            loads[who] += cost;
+            owners[band] = who as u32;
+        }
+        Self { owners }
+    }
+
+    /// The owner of a row of pixels.
+    pub(crate) fn owner(&self, row: usize) -> u32 {
+        self.owners.get(row / BAND).copied().unwrap_or(0)
+    }
+
+    /// The numbers of the bands of `who`.
+    pub(crate) fn of(&self, who: u32) -> impl Iterator<Item = usize> + '_ {
+        self.owners.iter().enumerate().filter(move |(_, owner)| **owner == who).map(|(band, _)| band)
+    }
+}
+
+/// The number of bands of `rows` rows.
+pub(crate) fn bands(rows: usize) -> usize {
+    rows.div_ceil(BAND)
+}
+
+/// The expected cost of each band, from the cost of its samples so far and the number to come. Bands without a measured
+/// sample cost as much as the mean.
+pub(crate) fn expected(measured: &[BandCost], to_come: &[u64]) -> Vec<u64> {
+    let sum = |of: fn(&BandCost) -> u64| measured.iter().map(|cost| u128::from(of(cost))).sum::<u128>();
+    let mean = (sum(|cost| cost.nanoseconds), sum(|cost| cost.samples));
+    let one = |(cost, &samples): (&BandCost, &u64)| {
+        let (nanoseconds, of) = match cost.samples {
+            0 => mean,
+            n => (u128::from(cost.nanoseconds), u128::from(n)),
+        };
+        (nanoseconds * u128::from(samples) / of.max(1)).min(u128::from(u64::MAX)) as u64
+    };
+    measured.iter().zip(to_come).map(one).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bands_are_dealt_in_turn_without_costs_and_evenly_with_them() {
+        let turn = Deal::in_turn(100, 3);
+        assert_eq!((0..100).step_by(16).map(|row| turn.owner(row)).collect::<Vec<_>>(), [0, 1, 2, 0, 1, 2, 0]);
+        assert_eq!(Deal::by_cost(&[0; 7], &[1; 3]), turn);
+        // One band costs as much as all others: its owner gets nothing else.
+        let deal = Deal::by_cost(&[1, 1, 6, 1, 1, 1, 1], &[1, 1]);
+        assert_eq!(deal.of(deal.owner(2 * BAND)).collect::<Vec<_>>(), [2]);
+        // A process with three times the threads gets three times the work.
+        let deal = Deal::by_cost(&[5; 8], &[3, 1]);
+        assert_eq!(deal.of(0).count(), 6);
+    }
+
+    #[test]
+    fn more_processes_than_bands_leave_some_without_work() {
+        let deal = Deal::by_cost(&[3, 2], &[1; 7]);
+        assert_eq!((0..7).map(|who| deal.of(who).count()).sum::<usize>(), 2);
+        assert!((0..7).all(|who| deal.of(who).count() <= 1));
+    }
+
+    #[test]
+    fn expected_costs_follow_the_samples_to_come() {
+        let cost = |nanoseconds, samples| BandCost { nanoseconds, samples };
+        let measured = [cost(100, 10), cost(300, 10), cost(0, 0)];
+        assert_eq!(expected(&measured, &[20, 5, 2]), [200, 150, 40]);
+        assert_eq!(expected(&[cost(0, 0); 2], &[20, 5]), [0, 0]);
+    }
+}

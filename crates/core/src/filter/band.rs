@@ -1,0 +1,99 @@
+//! Filters across processes: each makes the rows of a band.
+
+use crate::{Error, Exchange, Filter, Filtered, Film, Frame};
+use std::ops::Range;
+
+/// Rows are given to bands in groups of this number, those of the blocks of training data.
+const GROUP: u32 = 16;
+
+/// Some rows of an image whose other rows are with other processes.
+///
+/// ```
+/// use dapple_core::{Band, Frame};
+///
+/// let frame = Frame::new(640, 100)?;
+/// let rows = (0..3).filter_map(|k| Band::of(frame, k, 3)).map(|band| band.rows());
+/// assert_eq!(rows.collect::<Vec<_>>(), [0..32, 32..64, 64..100]);
+/// assert!(Band::of(frame, 0, 8).is_none(), "too many for groups of 16 rows");
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Band {
+    frame: Frame,
+    rows: Range<u32>,
+}
+
+impl Band {
+    /// The rows `rows` of the window of `frame`, the frame of the whole image.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadCrop`] for no rows or rows beyond the window.
+    pub fn new(frame: Frame, rows: Range<u32>) -> Result<Self, Error> {
+        frame.rows(rows.clone())?;
+        Ok(Self { frame, rows })
+    }
+
+    /// Band `index` of `of` bands of about equal height, from the top. `None` if there are too few rows for so many bands.
+    pub fn of(frame: Frame, index: u32, of: u32) -> Option<Self> {
+        let height = frame.size()[1];
+        let groups = u64::from(height.div_ceil(GROUP));
+        if index >= of || u64::from(of) > groups {
+            return None;
+        }
+        let cut = |k: u32| (groups * u64::from(k) / u64::from(of) * u64::from(GROUP)).min(u64::from(height)) as u32;
+        Some(Self { frame, rows: cut(index)..cut(index + 1) })
+    }
+
+    /// The frame of the whole image.
+    pub fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    /// The band's rows in the window, from 0.
+    pub fn rows(&self) -> Range<u32> {
+        self.rows.clone()
+    }
+}
+
+/// Filters a film that every process has: each makes a band of rows, and all return the whole image.
+///
+/// The image has the bits of [`Filter::apply`]. A filter that reads whole films runs on every process, as does any filter
+/// if there are more processes than groups of 16 rows.
+///
+/// # Errors
+///
+/// As [`Filter::apply_to_rows`] and [`Exchange::all_gather`].
+pub fn apply_together(filter: &dyn Filter, film: &Film, exchange: &mut dyn Exchange) -> Result<Filtered, Error> {
+    let (share, frame) = (exchange.share(), *film.frame());
+    let band = Band::of(frame, share.index(), share.of()).filter(|_| share.of() > 1);
+    let read = band.as_ref().and_then(|band| filter.rows_read(&frame, band.rows()));
+    let (Some(band), Some(read)) = (band, read) else { return filter.apply(film) };
+    let own = filter.apply_to_rows(&film.of_rows(read)?, &band, exchange)?;
+    joined(frame.size(), exchange.all_gather(to_bytes(&own))?)
+}
+
+/// An image as bytes: pixels, then errors if there are any.
+fn to_bytes(image: &Filtered) -> Vec<u8> {
+    let values = image.radiance.iter().flatten().chain(image.error.iter().flatten());
+    values.flat_map(|value| value.to_le_bytes()).collect()
+}
+
+/// The image of all bands from the top, of which each is bytes by [`to_bytes`].
+fn joined(size: [u32; 2], bands: Vec<Vec<u8>>) -> Result<Filtered, Error> {
+    let [width, height] = size.map(|n| n as usize);
+    let (mut radiance, mut error) = (Vec::with_capacity(width * height), Vec::new());
+    let of = bands.len() as u32;
+    let frame = Frame::new(size[0], size[1])?;
+    for (index, bytes) in bands.iter().enumerate() {
+        let pixels = Band::of(frame, index as u32, of).map_or(0, |band| band.rows.len()) * width;
+        let mut values = bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b));
+        radiance.extend((0..pixels).filter_map(|_| Some([values.next()?, values.next()?, values.next()?])));
+        error.extend(values);
+    }
+    if radiance.len() != width * height || (!error.is_empty() && error.len() != width * height) {
+        let what = "a process sent a band of another size; start all with the same program";
+        return Err(Error::Mismatch { who: "the filtered image".into(), what: what.into() });
+    }
+    Ok(Filtered::new(size, radiance).with_error((!error.is_empty()).then_some(error)))
+}

@@ -1,0 +1,350 @@
+//! One process among several that render an image together.
+
+use crate::allocate::mix;
+use crate::bands::{BAND, BandCost, Deal, bands, expected};
+use crate::exchange::Exchange;
+use crate::exchange::message::{Found, Kind, Message, Standing, Step, unreadable};
+use crate::film::{Picked, Splats, keep_first};
+use crate::snapshot::{Broken, OpenRound};
+use crate::{Error, Film, Plan, Record, Rejected, TrainingSum};
+use std::time::Instant;
+
+/// Training sums by row of blocks.
+pub(super) type Sums = Vec<(usize, Vec<TrainingSum>)>;
+
+/// This process' part of a render by several processes.
+pub(crate) struct Team<'a> {
+    exchange: &'a mut dyn Exchange,
+    me: u32,
+    threads: Vec<u32>,
+    /// True if the film is gathered after each training pass too, since processes keep nothing from pass to pass.
+    staged: bool,
+    deal: Deal,
+    /// The measured cost of each band.
+    measured: Vec<BandCost>,
+    /// The nanoseconds that this process took for each band since the last gathering of films.
+    taken: Vec<u64>,
+    /// The samples of the round that each pixel had when films were last gathered.
+    since: u32,
+    /// The film's record and lists of that time. The lists are empty in the film meanwhile, so that it shows what is new.
+    before: Option<Before>,
+    /// This process' samples of the open round, and everyone's.
+    planned: [u64; 2],
+    standing: Standing,
+    /// The number of messages so far.
+    messages: u32,
+    /// The seconds of tracing that each process took for the last round.
+    times: Vec<f64>,
+    /// The start of tracing after the last gathering of films.
+    began: Instant,
+    /// The seconds of tracing the round in earlier stages.
+    traced: f64,
+}
+
+struct Before {
+    record: Record,
+    unreported: u64,
+    rejected: Vec<Rejected>,
+    splats: Splats,
+}
+
+/// The result of gathering films.
+pub(super) struct Gathered {
+    /// True if all samples up to this step are traced.
+    pub(super) whole: bool,
+    /// The first process' readings in seconds: clock, planning, tracing.
+    pub(super) seconds: [f64; 3],
+    /// The first process' trouble or stop; [`Standing::Going`] without one.
+    pub(super) standing: Standing,
+}
+
+impl<'a> Team<'a> {
+    pub(super) fn new(exchange: &'a mut dyn Exchange, rows: usize) -> Self {
+        let share = exchange.share();
+        Self {
+            me: share.index(),
+            threads: vec![1; share.of() as usize],
+            exchange,
+            staged: false,
+            deal: Deal::in_turn(rows, share.of()),
+            measured: vec![BandCost::default(); bands(rows)],
+            taken: vec![0; bands(rows)],
+            since: 0,
+            before: None,
+            planned: [1; 2],
+            standing: Standing::Going,
+            messages: 0,
+            times: Vec::new(),
+            began: Instant::now(),
+            traced: 0.0,
+        }
+    }
+
+    /// The part `me` of a render in stages, after `number` of them; `traced` are the seconds of the open round.
+    pub(super) fn at_stage(self, number: u32, (costs, traced): (&[BandCost], f64), me: u32) -> Self {
+        let measured = if costs.len() == self.measured.len() { costs.to_vec() } else { self.measured };
+        Self { staged: true, messages: number, me, measured, traced, ..self }
+    }
+
+    /// Puts back what was taken aside, and ends the stage.
+    pub(super) fn end(&mut self, film: &mut Film) {
+        if let Some(before) = self.before.take() {
+            (film.rejected, film.splats) = (before.rejected, before.splats);
+        }
+    }
+
+    /// The measured cost of each band, and the seconds of tracing the open round.
+    pub(super) fn into_costs(self) -> (Vec<BandCost>, f64) {
+        (self.measured, self.traced)
+    }
+
+    /// True if training passes and rounds are stages of their own.
+    pub(super) fn is_staged(&self) -> bool {
+        self.staged
+    }
+
+    pub(super) fn standing(&self) -> &Standing {
+        &self.standing
+    }
+
+    /// Deals the bands of an opened round by the cost of the rounds before, and notes the state of the film.
+    pub(super) fn begin(&mut self, film: &mut Film, open: &OpenRound) {
+        let width = film.frame.size()[0] as usize;
+        self.since = open.cursor.start;
+        let to_come: Vec<u64> = (0..self.measured.len()).map(|band| planned(&open.plan, band, width, self.since)).collect();
+        self.deal = Deal::by_cost(&expected(&self.measured, &to_come), &self.threads);
+        self.planned = [self.deal.of(self.me).map(|band| to_come[band]).sum(), to_come.iter().sum()];
+        self.note(film);
+    }
+
+    /// Takes the film's record and lists aside.
+    fn note(&mut self, film: &mut Film) {
+        self.began = Instant::now();
+        let empty = Splats::like(&film.splats);
+        self.before = Some(Before {
+            record: film.record.clone(),
+            unreported: film.unreported,
+            rejected: std::mem::take(&mut film.rejected),
+            splats: std::mem::replace(&mut film.splats, empty),
+        });
+    }
+
+    /// Returns true if this process traces a row of pixels.
+    pub(super) fn owns(&self, row: usize) -> bool {
+        self.deal.owner(row) == self.me
+    }
+
+    /// Adds the time that a task took for rows of one band.
+    pub(super) fn add_time(&mut self, row: usize, nanoseconds: u64) {
+        self.taken[row / BAND] += nanoseconds;
+    }
+
+    /// Sets the state that the next message reports.
+    pub(super) fn set_standing(&mut self, standing: Standing) {
+        self.standing = standing;
+    }
+
+    /// The seconds of tracing that each process took for the last round.
+    pub(super) fn times(&self) -> &[f64] {
+        &self.times
+    }
+
+    /// Everyone's samples so far, estimated from those of this process.
+    pub(super) fn estimate(&self, samples: u64) -> u64 {
+        let before = self.before.as_ref().map_or(samples, |before| before.record.samples);
+        let [mine, all] = self.planned;
+        let own = samples.saturating_sub(before);
+        before + (u128::from(own) * u128::from(all) / u128::from(mine.max(1))) as u64
+    }
+
+    /// Exchanges the sums of a training pass. Returns everyone's; `None` if a process stopped or failed.
+    pub(super) fn pass(&mut self, film: &mut Film, (round, open): (u32, &OpenRound), own: Sums) -> Result<Option<Sums>, Error> {
+        let whole = self.standing == Standing::Going;
+        let found = self.staged.then(|| self.found(film, open));
+        let seconds = [0.0, 0.0, self.began.elapsed().as_secs_f64(), 0.0, 0.0];
+        let message = self.message(Kind::Pass, (round, &open.plan), whole, seconds);
+        let mut all = self.gather(Message { training: own, found, ..message }, film, Some(open))?;
+        if all.iter().any(|one| one.standing != Standing::Going) {
+            return Ok(None);
+        }
+        if self.staged {
+            self.place(film, open, &mut all);
+            self.since = open.cursor.start;
+            self.note(film);
+            self.traced += slowest(&all);
+        }
+        Ok(Some(all.into_iter().flat_map(|one| one.training).collect()))
+    }
+
+    /// Exchanges the pixels of a round. `whole` is true if this process has traced all of its samples, `seconds` are the
+    /// clock and the time of planning and tracing.
+    pub(super) fn round(
+        &mut self,
+        film: &mut Film,
+        (round, open): (u32, &OpenRound),
+        whole: bool,
+        [clock, plan, trace]: [f64; 3],
+    ) -> Result<Gathered, Error> {
+        if self.staged && !(0..open.plan.counts.len()).any(|i| longest(&open.plan, i) > self.since) {
+            // The round ended with a training pass.
+            self.end(film);
+            let seconds = [clock, plan, std::mem::take(&mut self.traced)];
+            return Ok(Gathered { whole, seconds, standing: Standing::Going });
+        }
+        let found = Some(self.found(film, open));
+        let trace = if self.staged { self.began.elapsed().as_secs_f64() } else { trace };
+        let message = self.message(Kind::Round, (round, &open.plan), whole, [clock, plan, trace, 0.0, 0.0]);
+        let mut all = self.gather(Message { found, ..message }, film, Some(open))?;
+        self.place(film, open, &mut all);
+        self.times = all.iter().map(|one| one.seconds[2]).collect();
+        self.threads = if self.staged { vec![1; all.len()] } else { all.iter().map(|one| one.threads).collect() };
+        let [clock, plan, mut trace, ..] = all[0].seconds;
+        if self.staged {
+            trace = std::mem::take(&mut self.traced) + slowest(&all);
+        }
+        let whole = all.iter().all(|one| one.whole);
+        // A failure of one process comes before a stop of another.
+        let rank = |standing: &Standing| match standing {
+            Standing::Going => 2,
+            Standing::Stopped => 1,
+            _ => 0,
+        };
+        let standing = all.into_iter().map(|one| one.standing).min_by_key(rank).unwrap_or(Standing::Going);
+        Ok(Gathered { whole, seconds: [clock, plan, trace], standing })
+    }
+
+    /// Exchanges readings of the clock; returns those of the first process: clock, reserve for the filter, time limit.
+    pub(super) fn clock(&mut self, film: &Film, round: u32, [clock, filter, limit]: [f64; 3]) -> Result<[f64; 3], Error> {
+        let message = self.message(Kind::Clock, (round, &Plan::empty(0)), true, [clock, 0.0, 0.0, filter, limit]);
+        let all = self.gather(message, film, None)?;
+        let [clock, _, _, filter, limit] = all[0].seconds;
+        Ok([clock, filter, limit])
+    }
+
+    fn message(&self, kind: Kind, (round, plan): (u32, &Plan), whole: bool, seconds: [f64; 5]) -> Message {
+        Message {
+            step: Step { kind, number: self.messages, round, since: self.since, plan: digest(plan) },
+            share: [self.me, self.threads.len() as u32],
+            standing: self.standing.clone(),
+            whole,
+            seconds,
+            threads: rayon::current_num_threads() as u32,
+            training: Vec::new(),
+            found: None,
+        }
+    }
+
+    /// What this process found since films were last gathered.
+    fn found(&self, film: &Film, open: &OpenRound) -> Found {
+        let mut found = Found::of(film, &self.numbers(film, open, self.me), open.plan.retention);
+        if let Some(Before { record, unreported, .. }) = &self.before {
+            let then = [record.samples, record.rays, record.blocks, record.rejected, *unreported];
+            found.totals.iter_mut().zip(then).for_each(|(now, then)| *now -= then);
+        }
+        let cost = |band| BandCost { nanoseconds: self.taken[band], samples: self.traced(film, open, band) };
+        found.costs = self.deal.of(self.me).map(cost).collect();
+        found
+    }
+
+    /// The samples of a band since films were last gathered, if all are traced.
+    fn traced(&self, film: &Film, open: &OpenRound, band: usize) -> u64 {
+        let width = film.frame.size()[0] as usize;
+        let to_come = |since| planned(&open.plan, band, width, since);
+        to_come(self.since) - to_come(open.cursor.start)
+    }
+
+    /// The pixels of a process that the plan gives samples since films were last gathered.
+    fn numbers(&self, film: &Film, open: &OpenRound, who: u32) -> Vec<u32> {
+        let width = film.frame.size()[0] as usize;
+        let pixels = |band: usize| band_pixels(band, width, open.plan.counts.len());
+        let gets = |i: &usize| longest(&open.plan, *i) > self.since;
+        self.deal.of(who).flat_map(pixels).filter(gets).map(|i| i as u32).collect()
+    }
+
+    /// Sends a message to all processes and returns everyone's, in order.
+    fn gather(&mut self, mine: Message, film: &Film, open: Option<&OpenRound>) -> Result<Vec<Message>, Error> {
+        let (step, of, mine_has_pixels) = (mine.step, mine.share[1], mine.found.is_some());
+        self.messages += 1;
+        let gathered = self.exchange.all_gather(mine.write())?;
+        drop(mine);
+        let mut all = Vec::with_capacity(gathered.len());
+        for (rank, bytes) in gathered.into_iter().enumerate() {
+            let (mut message, rest) = Message::read(&bytes).map_err(|e| unreadable(rank, &e))?;
+            if message.share != [rank as u32, of] || message.step != step {
+                return Err(Error::Exchange { what: out_of_step(rank, &message.step, &step) });
+            }
+            if rest.is_some() != mine_has_pixels {
+                return Err(unreadable(rank, &Broken("its pixels are missing")));
+            }
+            if let (Some(mut from), Some(open)) = (rest, open) {
+                let pixels = self.numbers(film, open, rank as u32).len();
+                let found = Found::take(&mut from, film, pixels, open.plan.retention);
+                message.found = Some(found.map_err(|e| unreadable(rank, &e))?);
+            }
+            all.push(message);
+        }
+        if all.len() == of as usize { Ok(all) } else { Err(unreadable(all.len(), &Broken("it is missing"))) }
+    }
+
+    /// Puts what all processes found into the film.
+    fn place(&mut self, film: &mut Film, open: &OpenRound, all: &mut [Message]) {
+        if let Some(Before { record, unreported, rejected, splats }) = self.before.take() {
+            (film.record, film.unreported, film.rejected, film.splats) = (record, unreported, rejected, splats);
+        }
+        for (rank, found) in all.iter_mut().enumerate().filter_map(|(rank, one)| Some((rank, one.found.take()?))) {
+            let [samples, rays, blocks, rejections, misses] = found.totals;
+            film.record.samples += samples;
+            film.record.rays += rays;
+            film.record.blocks += blocks;
+            film.record.rejected += rejections;
+            film.unreported += misses;
+            film.rejected.extend(found.rejected);
+            film.splats.add_sums(&found.splats, found.splatting);
+            let numbers = self.numbers(film, open, rank as u32);
+            // The planes were read for these numbers, so they fit.
+            film.place(Picked(&numbers), found.planes);
+            for (band, cost) in self.deal.of(rank as u32).zip(found.costs) {
+                if cost.samples > 0 {
+                    self.measured[band] = cost;
+                }
+            }
+        }
+        keep_first(&mut film.rejected);
+        self.taken.fill(0);
+    }
+}
+
+/// The seconds of tracing of the slowest process.
+fn slowest(all: &[Message]) -> f64 {
+    all.iter().map(|one| one.seconds[2]).fold(0.0, f64::max)
+}
+
+/// The samples of a band that a plan has left after the first `since` of each pixel.
+fn planned(plan: &Plan, band: usize, width: usize, since: u32) -> u64 {
+    let left = |counts: &[u32]| -> u64 {
+        counts[band_pixels(band, width, counts.len())].iter().map(|n| u64::from(n.saturating_sub(since))).sum()
+    };
+    left(&plan.counts) + plan.second_half.as_deref().map_or(0, left)
+}
+
+fn band_pixels(band: usize, width: usize, pixels: usize) -> std::ops::Range<usize> {
+    (band * BAND * width).min(pixels)..((band + 1) * BAND * width).min(pixels)
+}
+
+fn longest(plan: &Plan, i: usize) -> u32 {
+    plan.counts[i].max(plan.second_half.as_ref().map_or(0, |second| second[i]))
+}
+
+/// A digest of a plan's counts, by which processes that planned differently are found.
+fn digest(plan: &Plan) -> u64 {
+    plan.counts.iter().chain(plan.second_half.iter().flatten()).fold(0, |sum, &n| mix(sum ^ u64::from(n)))
+}
+
+fn out_of_step(rank: usize, there: &Step, here: &Step) -> String {
+    let what = match (there.plan == here.plan, there.round == here.round) {
+        (_, false) => format!("it is at round {}, not {}", there.round, here.round),
+        (false, true) => "it has another plan".into(),
+        (true, true) => "it is at another step of the round".into(),
+    };
+    format!("rank {rank}: {what}")
+}

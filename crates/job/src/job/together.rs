@@ -1,0 +1,64 @@
+//! A job that several processes run together.
+
+use super::identity::compared;
+use super::{Checkpoints, Job, JobMonitor, Traced};
+use crate::JobError;
+use dapple_core::exchange::{agree, compare};
+use dapple_core::{Exchange, Snapshot};
+
+impl Job {
+    /// Traces the render together with other processes, each with a job of the same description and outputs.
+    ///
+    /// Program version, scene files and settings are compared first. All get the same film, with the bits of
+    /// [`Job::run`] in one process. Process 0 alone reads the checkpoint to resume from, and writes one at each barrier
+    /// between rounds; others pass `None`. A render whose processes died goes on from the last barrier, with any number
+    /// of processes.
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`Job::run`]; [`JobError::NoTogether`] for a shard; [`JobError::Core`] with a list of differences, or
+    /// if another process failed or is gone.
+    pub fn run_together(
+        &mut self,
+        checkpoints: Option<Checkpoints>,
+        monitor: &mut dyn JobMonitor,
+        exchange: &mut dyn Exchange,
+    ) -> Result<Traced, JobError> {
+        let prepared = self.prepare_together(checkpoints.as_ref(), monitor);
+        let mine = prepared.as_ref().map(|(_, snapshot)| snapshot.clone()).map_err(ToString::to_string);
+        // All hear of a failure. The process that failed reports its own error.
+        let all = agree(exchange, mine);
+        let (identity, _) = prepared?;
+        let all = all?;
+        let mut pairs = compared(&identity).pairs().to_vec();
+        pairs.push(("budget".into(), format!("{:?}", self.spec.budget)));
+        pairs.push(("filter".into(), self.filter.describe()));
+        compare(exchange, &pairs)?;
+        let snapshot = match &all[0][..] {
+            [] => None,
+            bytes => Some(Snapshot::from_bytes(bytes)?),
+        };
+        drop(all);
+        self.trace((snapshot, identity), checkpoints, monitor, Some(exchange))
+    }
+
+    /// The identity of the job, and the encoded snapshot to resume from, empty without one.
+    fn prepare_together(
+        &self,
+        checkpoints: Option<&Checkpoints>,
+        monitor: &mut dyn JobMonitor,
+    ) -> Result<(crate::checkpoint::Identity, Vec<u8>), JobError> {
+        if self.spec.shard.is_some() {
+            return Err(JobError::NoTogether);
+        }
+        let identity = self.identity()?;
+        let snapshot = match checkpoints {
+            Some(checkpoints) => checkpoints.snapshot(&identity, monitor)?,
+            None => None,
+        };
+        if let (Some(checkpoints), Some(bytes)) = (checkpoints, &snapshot) {
+            checkpoints.decode(bytes)?;
+        }
+        Ok((identity, snapshot.unwrap_or_default()))
+    }
+}

@@ -1,0 +1,257 @@
+//! The efficiency of a render on many machines, simulated from measured costs of rows.
+//!
+//! ```sh
+//! cargo run --release --example cluster_simulation -- measure > docs/results/cluster-rows.csv
+//! cargo run --release --example cluster_simulation -- docs/results/cluster-rows.csv > table.md
+//! ```
+//!
+//! `measure` renders bundled scenes and prints the rays of each row of pixels, in the pilot and in the rounds after it.
+//! Rays are counted, not timed, so that a busy machine does not matter. The second command simulates the barriers of the
+//! default render: passes of 1, 1, 2, 4, … samples per pixel, each dealt in bands of 16 rows. The assumptions are the
+//! constants below; `docs/results/cluster.md` discusses them.
+
+#![expect(clippy::print_stdout, reason = "a program whose table is its result")]
+
+use dapple::core::{Frame, Limits, Needs, Render};
+use dapple::job::registry::{self, MethodInputs, Setting};
+use dapple::renderer::{World, integrator};
+use dapple_scene::bundled;
+use std::sync::Arc;
+
+type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
+
+/// Scenes with their rays per second and thread, from docs/results/speed.md: a box, and scenes of models.
+const SCENES: [(&str, f64); 3] = [("cornell", 5.5e6), ("teapot", 3.0e6), ("cabin", 2.0e6)];
+/// Width and height of the measured images.
+const MEASURED: [u32; 2] = [320, 180];
+/// Samples per pixel of the pilot and of the whole measured render.
+const PILOT: u64 = 4;
+const SPP: u64 = 32;
+
+/// Rows of pixels in a band.
+const BAND: usize = 16;
+/// Samples per pixel of each simulated pass; the first three are the pilot.
+const PASSES: [f64; 9] = [1.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0];
+const PILOT_PASSES: usize = 3;
+/// Threads of a machine; each pass divides its bands among them without loss.
+const THREADS: f64 = 64.0;
+/// The network: bytes per second that a machine receives, and seconds of a message through all machines.
+const BANDWIDTH: f64 = 100e9 / 8.0;
+const LATENCY: f64 = 1e-3;
+/// Bytes per pixel that all machines get at the end of a round, and bytes of training data per pass.
+const FILM_BYTES: f64 = 56.0;
+const TRAINING_BYTES: f64 = 8e6;
+/// Seconds per pixel and thread of planning a round (every machine plans all) and of the filter (bands).
+const PLAN_SECONDS: f64 = 0.1e-6;
+const FILTER_SECONDS: f64 = 12e-6;
+/// Rows that the filter reads above and below a band at the finest scale (`Filter::rows_read`), grids included.
+const FILTER_ROWS: f64 = 190.0;
+/// The standard deviation of a machine's speed, and of a pass on it.
+const SPEED: f64 = 0.03;
+const JITTER: f64 = 0.01;
+/// The share of stragglers, and their speed.
+const STRAGGLERS: f64 = 0.01;
+const STRAGGLER_SPEED: f64 = 0.5;
+/// Mean hours between failures of a machine, and seconds until a failed job runs again.
+const HOURS_TO_FAILURE: f64 = 2000.0;
+const RESTART_SECONDS: f64 = 60.0;
+/// Simulated renders of each case.
+const TRIALS: u64 = 20;
+
+fn main() -> Result<()> {
+    let argument = std::env::args().nth(1).ok_or("give `measure`, or the file that it printed")?;
+    if argument == "measure" {
+        println!("scene,row,pilot,later");
+        return SCENES.iter().try_for_each(|(name, _)| measure(name));
+    }
+    let text = std::fs::read_to_string(&argument).map_err(|e| format!("{argument}: {e}"))?;
+    println!("| scene | image | machines | interleaved | by cost | and stragglers | and failures | minutes |");
+    println!("|---|---|---|---|---|---|---|---|");
+    for (name, rays_per_second) in SCENES {
+        let rows = Rows::read(&text, name)?;
+        for [width, height] in [[3840, 2160], [15360, 8640]] {
+            for machines in [16, 64, 256, 1024] {
+                println!("{}", row(name, &rows, rays_per_second, [width, height], machines));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Prints the rays of each row of a scene.
+fn measure(name: &str) -> Result<()> {
+    let scene = bundled::files(name).ok_or("unknown scene")?.read()?;
+    let world = Arc::new(World::new(&scene)?);
+    let frame = Frame::new(MEASURED[0], MEASURED[1])?;
+    let rays = |sampler: &str, spp: u64| -> Result<Vec<u64>> {
+        let points = registry::points("sobol", Setting { seed: 1, spp: None })?;
+        let mut sampler = registry::sampler(sampler, points, &MethodInputs::of(world.clone()))?.sampler;
+        let limits = Limits::samples(spp * frame.pixels() as u64);
+        let render = Render::new(frame, &limits).needs(Needs::none().with_cost());
+        let film = render.run(&mut *integrator(&world), &mut *sampler)?;
+        let row = |y: usize| (0..MEASURED[0] as usize).filter_map(|x| film.cost(y * MEASURED[0] as usize + x)).sum();
+        Ok((0..MEASURED[1] as usize).map(row).collect())
+    };
+    let (pilot, all) = (rays("uniform", PILOT)?, rays("adaptive", SPP)?);
+    for (row, (pilot, all)) in pilot.iter().zip(&all).enumerate() {
+        println!("{name},{row},{pilot},{}", all.saturating_sub(*pilot));
+    }
+    Ok(())
+}
+
+/// Rays per sample of the mean pixel of each measured row, in the pilot and later: the share that the sampler gives the row
+/// is part of the latter.
+struct Rows {
+    pilot: Vec<f64>,
+    later: Vec<f64>,
+}
+
+impl Rows {
+    fn read(text: &str, scene: &str) -> Result<Self> {
+        let mut rows = Self { pilot: Vec::new(), later: Vec::new() };
+        for line in text.lines().filter(|line| line.split(',').next() == Some(scene)) {
+            let values: Vec<f64> = line.split(',').skip(2).map(str::parse).collect::<std::result::Result<_, _>>()?;
+            let [pilot, later] = values[..] else { return Err(format!("\"{line}\" has no two numbers").into()) };
+            let pixels = f64::from(MEASURED[0]);
+            rows.pilot.push(pilot / (pixels * PILOT as f64));
+            rows.later.push(later / (pixels * (SPP - PILOT) as f64));
+        }
+        if rows.pilot.is_empty() { Err(format!("the file has no rows of {scene}").into()) } else { Ok(rows) }
+    }
+
+    /// The rays of each band of an image of this size, per sample of a pixel on average.
+    fn bands(&self, pass: usize, [width, height]: [usize; 2]) -> Vec<f64> {
+        let rows = if pass < PILOT_PASSES { &self.pilot } else { &self.later };
+        let of_row = |y: usize| width as f64 * interpolated(rows, (y as f64 + 0.5) / height as f64);
+        (0..height).step_by(BAND).map(|top| (top..(top + BAND).min(height)).map(of_row).sum()).collect()
+    }
+}
+
+/// The value at a place from 0 to 1 among values at the centres of equal intervals.
+fn interpolated(values: &[f64], place: f64) -> f64 {
+    let at = (place * values.len() as f64 - 0.5).clamp(0.0, (values.len() - 1) as f64);
+    let (first, share) = (at as usize, at.fract());
+    values[first] + share * (values[(first + 1).min(values.len() - 1)] - values[first])
+}
+
+/// Random numbers by SplitMix64, so that the table is the same everywhere.
+struct Numbers(u64);
+
+impl Numbers {
+    /// The next number in 0 .. 1.
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let x = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// A normal number, as the sum of twelve uniform ones.
+    fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
+    }
+}
+
+/// What a simulation includes.
+#[derive(Clone, Copy)]
+struct With {
+    /// Bands are dealt by the last pass' measured seconds, not in turns.
+    by_cost: bool,
+    stragglers: bool,
+    failures: bool,
+}
+
+fn row(name: &str, rows: &Rows, rays_per_second: f64, size: [usize; 2], machines: usize) -> String {
+    let none = With { by_cost: false, stragglers: false, failures: false };
+    let cases = [
+        none,
+        With { by_cost: true, ..none },
+        With { by_cost: true, stragglers: true, failures: false },
+        With { by_cost: true, stragglers: true, failures: true },
+    ];
+    let alone = work(rows, rays_per_second, size);
+    let mean = |with: With| {
+        let seconds = |trial| render(rows, rays_per_second, size, machines, with, &mut Numbers(trial));
+        (1..=TRIALS).map(seconds).sum::<f64>() / TRIALS as f64
+    };
+    let seconds = cases.map(mean);
+    let [a, b, c, d] = seconds.map(|seconds| format!("{:.2}", alone / (machines as f64 * seconds)));
+    let [width, height] = size;
+    format!("| {name} | {width}x{height} | {machines} | {a} | {b} | {c} | {d} | {:.1} |", seconds[3] / 60.0)
+}
+
+/// The seconds of one machine without any loss: tracing, planning and the filter.
+fn work(rows: &Rows, rays_per_second: f64, size: [usize; 2]) -> f64 {
+    let pixels = (size[0] * size[1]) as f64;
+    let rays: f64 = (0..PASSES.len()).map(|pass| PASSES[pass] * rows.bands(pass, size).iter().sum::<f64>()).sum();
+    (rays / rays_per_second + pixels * (FILTER_SECONDS + PLAN_SECONDS * rounds())) / THREADS
+}
+
+/// Rounds of the default sampler: the pilot, and two after it.
+fn rounds() -> f64 {
+    3.0
+}
+
+/// The seconds of a render on several machines.
+fn render(
+    rows: &Rows,
+    rays_per_second: f64,
+    size: [usize; 2],
+    machines: usize,
+    with: With,
+    numbers: &mut Numbers,
+) -> f64 {
+    let speeds: Vec<f64> = (0..machines)
+        .map(|_| {
+            let speed = (1.0 + SPEED * numbers.normal()).max(0.5);
+            if with.stragglers && numbers.uniform() < STRAGGLERS { speed * STRAGGLER_SPEED } else { speed }
+        })
+        .collect();
+    let pixels = (size[0] * size[1]) as f64;
+    let mut total = 0.0;
+    // Bands by machine, at first in turns.
+    let count = size[1].div_ceil(BAND);
+    let mut owner: Vec<usize> = (0..count).map(|band| band % machines).collect();
+    for pass in 0..PASSES.len() {
+        let costs = rows.bands(pass, size);
+        let mut seconds = vec![0.0; machines];
+        for (band, cost) in costs.iter().enumerate() {
+            seconds[owner[band]] += PASSES[pass] * cost / (rays_per_second * THREADS);
+        }
+        let slowest = (0..machines)
+            .map(|machine| seconds[machine] / speeds[machine] * (1.0 + JITTER * numbers.normal().abs()))
+            .fold(0.0, f64::max);
+        let mut took = slowest + TRAINING_BYTES / BANDWIDTH + LATENCY;
+        // A round ends after the pilot, in the middle of the rest, and at the end.
+        if [PILOT_PASSES - 1, PASSES.len() - 2, PASSES.len() - 1].contains(&pass) {
+            took += pixels * (FILM_BYTES / BANDWIDTH + PLAN_SECONDS / THREADS);
+        }
+        if with.failures && numbers.uniform() < machines as f64 * took / (HOURS_TO_FAILURE * 3600.0) {
+            took += numbers.uniform() * took + RESTART_SECONDS;
+        }
+        total += took;
+        if with.by_cost {
+            owner = dealt(&costs, &speeds);
+        }
+    }
+    let own = size[1] as f64 / machines as f64;
+    let read = (own + 2.0 * FILTER_ROWS).min(size[1] as f64);
+    let slowest = speeds.iter().copied().fold(f64::INFINITY, f64::min);
+    total + read * size[0] as f64 * FILTER_SECONDS / (THREADS * slowest)
+}
+
+/// The owner of each band such that machines end at about the same time: the most expensive bands first, each to the
+/// machine that would end first.
+fn dealt(costs: &[f64], speeds: &[f64]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..costs.len()).collect();
+    order.sort_by(|a, b| costs[*b].total_cmp(&costs[*a]));
+    let mut load = vec![0.0; speeds.len()];
+    let mut owner = vec![0; costs.len()];
+    for band in order {
+        let ends = |machine: &usize| (load[*machine] + costs[band]) / speeds[*machine];
+        let best = (0..speeds.len()).min_by(|a, b| ends(a).total_cmp(&ends(b))).unwrap_or(0);
+        load[best] += costs[band];
+        owner[band] = best;
+    }
+    owner
+}
