@@ -92,6 +92,7 @@ const RULES: &[Rule] = &[
     ("dapple-geometry", &[], &["image", "exr", "clap"]),
     ("dapple-scene", &["dapple-core"], &["obvhs", "clap", "indicatif"]),
     ("dapple-renderer", RENDERER, &["clap", "indicatif"]),
+    ("dapple-transport", TRANSPORT, &["clap", "indicatif"]),
     ("dapple-job", JOB, &["clap", "indicatif", "ctrlc"]),
     ("dapple-study", STUDY, &["clap", "indicatif", "ctrlc"]),
     ("dapple-cli", LAYERS, &[]),
@@ -112,11 +113,22 @@ const LAYERS: &[&str] = &[
     "dapple-classics",
     "dapple-oidn",
     "dapple-registry",
+    "dapple-transport",
     "dapple-metrics",
     "dapple-job",
     "dapple-study",
 ];
 const RENDERER: &[&str] = LAYERS.split_at(5).0;
+/// The renderer and below, and the clusters of the thesis.
+const TRANSPORT: &[&str] = &[
+    "dapple-core",
+    "dapple-scene",
+    "dapple-geometry",
+    "dapple-low-discrepancy",
+    "dapple-light-selection",
+    "dapple-renderer",
+    "dapple-clustering",
+];
 /// Every method with a name, and clusters; no scene.
 const REGISTRY: &[&str] = &[
     "dapple-core",
@@ -130,8 +142,8 @@ const REGISTRY: &[&str] = &[
     "dapple-oidn",
 ];
 /// The renderer, and every method with a name.
-const JOB: &[&str] = LAYERS.split_at(14).0;
-const STUDY: &[&str] = LAYERS.split_at(16).0;
+const JOB: &[&str] = LAYERS.split_at(15).0;
+const STUDY: &[&str] = LAYERS.split_at(17).0;
 
 /// Crates for scenes, BVHs, vectors or image files.
 const OF_A_SCENE: &[&str] = &["glam", "obvhs", "image", "exr", "dapple-geometry", "dapple-scene", "dapple-renderer"];

@@ -21,8 +21,9 @@ use dapple_core::{
     Budget, Control, Error, Film, FilmPoints, Filter, Filtered, Frame, Limits, Memory, Monitor, Needs, NoMonitor,
     PointSet, Render, Sampler, Sharded, Status, Unfiltered,
 };
-use dapple_renderer::{World, make_integrator};
+use dapple_renderer::World;
 use dapple_scene::Scene;
+use dapple_transport::make_integrator;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -11,7 +11,9 @@ mod tests;
 pub use ambient_occlusion::{AmbientOcclusion, AmbientOcclusionOptions};
 pub use light_selector::{FixedSelector, LearnedSelector, LightSelector};
 pub use path::PathTracer;
-pub use table::{IntegratorEntry, IntegratorError, check, integrators, make};
+pub use table::{
+    IntegratorEntry, IntegratorError, MakeError, MakeIntegrator, check, check_among, integrators, make, make_among,
+};
 
 use crate::World;
 use crate::camera::{General, Pinhole, ThinLens};

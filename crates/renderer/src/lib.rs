@@ -24,8 +24,9 @@ mod world;
 
 pub use integrator::{
     AmbientOcclusion, AmbientOcclusionOptions, FixedSelector, IntegratorEntry, IntegratorError, LearnedSelector,
-    LightSelector, PathTracer, check as check_integrator, code, integrator, integrator_with, integrators,
-    make as make_integrator,
+    LightSelector, MakeError, MakeIntegrator, PathTracer, check as check_integrator,
+    check_among as check_integrator_among, code, integrator, integrator_with, integrators, make as make_integrator,
+    make_among as make_integrator_among,
 };
 pub use material::{MaterialError, Surface};
 pub use space::Space;

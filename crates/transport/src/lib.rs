@@ -1,0 +1,8 @@
+//! Integrators whose light starts at the lights: a crate beside the example renderer, on its public queries.
+//!
+//! [`integrators`] is the table of all integrators by name: the renderer's own, then [`ENTRIES`]. [`make_integrator`]
+//! makes one.
+
+mod table;
+
+pub use table::{ENTRIES, check_integrator, integrators, make_integrator};
