@@ -3,6 +3,8 @@
 //! [`integrators`] is the table of all integrators by name: the renderer's own, then [`ENTRIES`]. [`make_integrator`]
 //! makes one.
 
+mod bdpt;
 mod table;
 
+pub use bdpt::{Bdpt, BdptOptions};
 pub use table::{ENTRIES, check_integrator, integrators, make_integrator};

@@ -1,11 +1,20 @@
 //! The table of all integrators, by name.
 
-use dapple_core::Integrator;
+use crate::{Bdpt, BdptOptions};
+use dapple_core::{Integrator, Options as _};
 use dapple_renderer::{IntegratorEntry, IntegratorError, World, check_integrator_among, make_integrator_among};
 use std::sync::LazyLock;
 
 /// The integrators of this crate. A new integrator is a file in `src/`, and an entry here.
-pub const ENTRIES: &[IntegratorEntry] = &[];
+pub const ENTRIES: &[IntegratorEntry] = &[IntegratorEntry::new(
+    [
+        "bdpt",
+        "bidirectional path tracing: paths from the camera and from a light, connected in all ways",
+        "Lafortune and Willems 1993; Veach and Guibas 1994; weights: Veach and Guibas 1995",
+    ],
+    BdptOptions::PARAMETERS,
+    Bdpt::parse,
+)];
 
 /// Returns the table of all integrators: those of [`dapple_renderer::integrators`], the default first, then
 /// [`ENTRIES`].
