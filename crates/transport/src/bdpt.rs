@@ -153,14 +153,14 @@ pub(crate) fn refuse(world: &World) -> Result<(), String> {
     use dapple_scene::Effect;
     let lacking = [Effect::AbsorbingMedia, Effect::ScatteringMedia, Effect::Transparency];
     let called = world.effects().called().iter().find(|called| lacking.contains(&called.effect));
-    if world.has_interfaces() {
-        return Err("the scene has interfaces between media, which paths from the lights do not support; use path".into());
-    }
     match called {
         Some(called) => Err(format!(
             "{}: the scene has {} ({}), which paths from the lights do not support; use path, or leave the effect out by --without {}",
             called.source, called.effect, called.because, called.effect
         )),
+        None if world.has_interfaces() => {
+            Err("the scene has interfaces between media, which paths from the lights do not support; use path".into())
+        }
         None => Ok(()),
     }
 }
