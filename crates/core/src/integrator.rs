@@ -1,7 +1,7 @@
 //! Radiance estimates, first hits and training data of integrators.
 
 use crate::forward::forward;
-use crate::{Draws, Worker};
+use crate::{Draws, Needs, Worker};
 use rayon::prelude::*;
 
 /// The cluster label of a camera ray that meets no surface; other rays have the label of the cluster they hit.
@@ -370,6 +370,14 @@ pub trait Integrator: Sync {
     /// what [`Integrator::learn`] has learned so far.
     fn estimate(&self, draws: &Draws<'_>, log: &mut Worker) -> Estimate;
 
+    /// The statistics that the film must record for this integrator: [splats](Needs::with_splats), for example. [`Render`]
+    /// requests them; the host of a [`Session`](crate::Session) does so itself.
+    ///
+    /// [`Render`]: crate::Render
+    fn needs(&self) -> Needs {
+        Needs::none()
+    }
+
     /// Returns `true` if this integrator writes to [`Worker`] and expects [`Integrator::learn`]. Called before
     /// each training pass: an integrator that has learned enough returns `false` to skip the pass.
     fn wants_training(&self) -> bool {
@@ -391,6 +399,7 @@ pub trait Integrator: Sync {
 
 forward!(Integrator for &mut T, Box<T>; {
     ref estimate(draws: &Draws<'_>, log: &mut Worker) -> Estimate;
+    ref needs() -> Needs;
     ref wants_training() -> bool;
     mut learn(pass: &TrainingData);
 });

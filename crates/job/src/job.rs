@@ -186,7 +186,10 @@ impl Job {
             // Keeps at least 1 ms, so that clustering cannot use up the whole limit.
             *seconds = (*seconds - cluster_seconds).max(1e-3);
         }
-        drop(make_integrator(&spec.integrator, &prepared.world)?);
+        let of_integrator = make_integrator(&spec.integrator, &prepared.world)?.needs();
+        if of_integrator.splats && matches!(limits.budget, Budget::Error { .. }) {
+            return Err(JobError::SplatsWithoutError { integrator: spec.integrator.clone() });
+        }
         let mut job = Self {
             spec: spec.clone(),
             prepared,
@@ -194,7 +197,7 @@ impl Job {
             limits,
             points: points_described,
             described: sampler.describe(),
-            needs: filter.needs(),
+            needs: filter.needs().and(of_integrator),
             sampler,
             filter,
             clusters: clusters.or(of_filter),

@@ -9,7 +9,7 @@ mod vertex;
 mod walk;
 mod weights;
 
-use dapple_core::{Draws, Estimate, Integrator, Options as _, Worker};
+use dapple_core::{Draws, Estimate, Integrator, Needs, Options as _, Worker};
 use dapple_renderer::{MakeError, World};
 use glam::{Vec2, Vec3};
 use strategies::Contribution;
@@ -31,8 +31,8 @@ dapple_core::options! {
 /// Unbiased: its expectation is the path tracer's. A sample costs several times as many rays. It pays where light is
 /// hard to find from the camera: lamps behind shades, light through smooth glass onto rough surfaces.
 ///
-/// Connections of light paths with the camera are splats ([`Worker::splat`]): the film must record them
-/// ([`Needs::splats`](dapple_core::Needs::splats)). Variances and halves of pixels do not include their noise.
+/// Connections of light paths with the camera are splats ([`Worker::splat`]). A pixel's variance does not include their
+/// noise, and an adaptive sampler cannot direct them.
 ///
 /// Motion and lenses are supported. Worlds with media or transparency are refused.
 #[derive(Debug)]
@@ -188,5 +188,9 @@ impl Integrator for Bdpt<'_> {
         let mut estimate = self.trace(draws, &mut sink);
         estimate.radiance = sink.radiance.to_array();
         estimate
+    }
+
+    fn needs(&self) -> Needs {
+        if self.splats { Needs::none().with_splats() } else { Needs::none() }
     }
 }
