@@ -38,6 +38,8 @@ dapple_core::options! {
 #[derive(Debug)]
 pub struct Bdpt<'w> {
     world: &'w World,
+    /// The smallest number of scattering events of the light that is returned.
+    least: usize,
     /// The largest number of scattering events.
     depth: u32,
     /// True if light paths are connected with the camera.
@@ -66,6 +68,7 @@ impl<'w> Bdpt<'w> {
         let depth = if options.depth == 0 { world.max_depth() } else { options.depth };
         Ok(Self {
             world,
+            least: 0,
             depth,
             splats: options.splat == 1,
             #[cfg(test)]
@@ -76,6 +79,11 @@ impl<'w> Bdpt<'w> {
     /// Makes the integrator from the text of its parameters, for the table of integrators.
     pub(crate) fn parse<'a>(parameters: &str, world: &'a World) -> Result<Box<dyn Integrator + 'a>, MakeError> {
         Ok(Box::new(Bdpt::new(world, &BdptOptions::parse(parameters)?)?))
+    }
+
+    /// Returns only light that is scattered `least` times or more, and `most` times at most.
+    pub(crate) fn with_events(self, [least, most]: [u32; 2]) -> Self {
+        Self { least: least as usize, depth: most, ..self }
     }
 
     /// Returns true if samples add light to other pixels.
@@ -116,20 +124,25 @@ impl<'w> Bdpt<'w> {
     ) -> Vec3 {
         let (t, last) = (camera.len(), &camera[camera.len() - 1]);
         let mut emission = Vec3::ZERO;
-        if let Some(found) = self.found(camera) {
+        // The number of scattering events of s + t vertices is s + t - 2.
+        if t >= self.least + 2
+            && let Some(found) = self.found(camera)
+        {
             emission = self.weighted(&[], camera, &found);
             sink.add(emission);
         }
-        // The number of scattering events of s + t vertices is s + t - 2.
+        let least = (self.least + 2).saturating_sub(t);
         let most = (self.depth as usize + 2).saturating_sub(t);
         if most == 0 || !last.connects() || self.world.lights().is_empty() {
             return emission;
         }
-        let (choice, u) = Self::light_numbers(draws, t);
-        if let Some((found, start)) = self.sampled(camera, choice, u, (time, rays)) {
-            sink.add(self.weighted(&[start], camera, &found));
+        if least <= 1 {
+            let (choice, u) = Self::light_numbers(draws, t);
+            if let Some((found, start)) = self.sampled(camera, choice, u, (time, rays)) {
+                sink.add(self.weighted(&[start], camera, &found));
+            }
         }
-        for s in 2..=most.min(light.len()) {
+        for s in least.max(2)..=most.min(light.len()) {
             if light[s - 1].connects()
                 && let Some(found) = self.connected(&light[..s], camera, (time, rays))
             {

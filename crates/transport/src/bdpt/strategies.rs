@@ -143,7 +143,7 @@ impl Bdpt<'_> {
         mut add: impl FnMut(Vec2, usize, Contribution),
     ) {
         let camera = self.world.camera();
-        for s in 2..=light.len() {
+        for s in (self.least + 1).max(2)..=light.len() {
             let (lit, before) = (&light[s - 1], &light[s - 2]);
             if !lit.connects() {
                 continue;
