@@ -3,6 +3,9 @@
 //! [`integrators`] is the table of all integrators by name: the renderer's own, then [`ENTRIES`]. [`make_integrator`]
 //! makes one.
 
+mod photons;
 mod table;
+mod walk;
 
+pub use photons::{PhotonOptions, What};
 pub use table::{ENTRIES, check_integrator, integrators, make_integrator};

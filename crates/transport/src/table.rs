@@ -1,11 +1,20 @@
 //! The table of all integrators, by name.
 
-use dapple_core::Integrator;
+use crate::photons::{self, PhotonOptions};
+use dapple_core::{Integrator, Options as _};
 use dapple_renderer::{IntegratorEntry, IntegratorError, World, check_integrator_among, make_integrator_among};
 use std::sync::LazyLock;
 
 /// The integrators of this crate. A new integrator is a file in `src/`, and an entry here.
-pub const ENTRIES: &[IntegratorEntry] = &[];
+pub const ENTRIES: &[IntegratorEntry] = &[IntegratorEntry::new(
+    [
+        "photons",
+        "path tracing beside photons, which find light of small lamps through glass and mirrors",
+        "Jensen 1996; passes after Knaus and Zwicker 2011",
+    ],
+    PhotonOptions::PARAMETERS,
+    photons::make,
+)];
 
 /// Returns the table of all integrators: those of [`dapple_renderer::integrators`], the default first, then
 /// [`ENTRIES`].
