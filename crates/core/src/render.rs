@@ -4,6 +4,7 @@ mod budget;
 mod check;
 mod filter_time;
 pub(crate) mod holdout;
+mod prepare;
 mod pull;
 mod round;
 mod session;

@@ -7,12 +7,14 @@ mod first_hit;
 #[cfg(test)]
 mod frame_tests;
 mod instances;
+mod passage;
 mod shutter;
 #[cfg(test)]
 mod tests;
 mod trajectory;
 
 pub use build::WorldError;
+pub(crate) use passage::MOST_PASSED;
 
 use crate::blocks;
 use crate::camera::CameraView;

@@ -4,7 +4,12 @@
 //! makes one.
 
 mod bdpt;
+mod metropolis;
+mod photons;
 mod table;
+mod walk;
 
 pub use bdpt::{Bdpt, BdptOptions};
+pub use metropolis::{Metropolis, MetropolisOptions};
+pub use photons::{PhotonOptions, What};
 pub use table::{ENTRIES, check_integrator, integrators, make_integrator};

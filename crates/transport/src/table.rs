@@ -1,20 +1,41 @@
 //! The table of all integrators, by name.
 
-use crate::{Bdpt, BdptOptions};
+use crate::photons::{self, PhotonOptions};
+use crate::{Bdpt, BdptOptions, Metropolis, MetropolisOptions};
 use dapple_core::{Integrator, Options as _};
 use dapple_renderer::{IntegratorEntry, IntegratorError, World, check_integrator_among, make_integrator_among};
 use std::sync::LazyLock;
 
 /// The integrators of this crate. A new integrator is a file in `src/`, and an entry here.
-pub const ENTRIES: &[IntegratorEntry] = &[IntegratorEntry::new(
-    [
-        "bdpt",
-        "bidirectional path tracing: paths from the camera and from a light, connected in all ways",
-        "Lafortune and Willems 1993; Veach and Guibas 1994; weights: Veach and Guibas 1995",
-    ],
-    BdptOptions::PARAMETERS,
-    Bdpt::parse,
-)];
+pub const ENTRIES: &[IntegratorEntry] = &[
+    IntegratorEntry::new(
+        [
+            "photons",
+            "path tracing beside photons, which find light of small lamps through glass and mirrors",
+            "Jensen 1996; passes after Knaus and Zwicker 2011",
+        ],
+        PhotonOptions::PARAMETERS,
+        photons::make,
+    ),
+    IntegratorEntry::new(
+        [
+            "bdpt",
+            "bidirectional path tracing: paths from the camera and from a light, connected in all ways",
+            "Lafortune and Willems 1993; Veach and Guibas 1994; weights: Veach and Guibas 1995",
+        ],
+        BdptOptions::PARAMETERS,
+        Bdpt::parse,
+    ),
+    IntegratorEntry::new(
+        [
+            "metropolis",
+            "Markov chains over bidirectional paths, beside direct light",
+            "Veach and Guibas 1997; Kelemen et al. 2002",
+        ],
+        MetropolisOptions::PARAMETERS,
+        Metropolis::parse,
+    ),
+];
 
 /// Returns the table of all integrators: those of [`dapple_renderer::integrators`], the default first, then
 /// [`ENTRIES`].

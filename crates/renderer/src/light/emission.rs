@@ -1,10 +1,11 @@
 //! Light that leaves the lights: rays for photons, virtual lights and bidirectional paths, with their densities.
 
-use super::{LightSource, Lights, Target};
+use super::{Expectation, LightSource, Lights, SelectedLight, Target};
 use crate::shading::{ShadingFrame, warp};
 use dapple_geometry::{Ray, SurfacePoint, spawn_ray};
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
+use std::f64::consts::PI;
 
 /// The largest random number below 1.
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
@@ -131,7 +132,16 @@ impl Lights {
     /// scene, across its direction. Directions follow the cosine of a surface, the texels of an environment, and the
     /// cone of a spot. Returns `None` if no light leaves there.
     pub fn sample_emission(&self, choice: f32, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
-        let selected = self.select(choice)?;
+        self.sample_emission_of(self.select(choice)?, place, towards)
+    }
+
+    /// Samples a ray that leaves a selected light, as [`Lights::sample_emission`] does.
+    pub fn sample_emission_of(
+        &self,
+        selected: SelectedLight,
+        place: [f32; 2],
+        towards: [f32; 2],
+    ) -> Option<EmittedLight> {
         let light = &self.lights[selected.index as usize];
         let mut emitted = light.emit(&self.scene, place, towards)?;
         (emitted.light, emitted.pmf) = (selected.index, selected.pmf);
@@ -153,6 +163,25 @@ impl Lights {
     pub fn environment_emission_pdf(&self, w: Vec3) -> f32 {
         let density = |(_, pdf, light): (Vec3, f32, u32)| pdf * self.pmf(light);
         self.environments.iter().map(|environment| density(environment.find(w))).sum()
+    }
+
+    /// Returns the luminance of a light's radiant power. An environment or a distant light counts with the power that enters
+    /// the sphere around the scene.
+    pub fn power(&self, light: u32) -> f64 {
+        PI * self.lights[light as usize].power(f64::from(self.scene.radius))
+    }
+
+    /// Returns true if a light has no extent: a point, a spot or a distant light.
+    pub fn is_delta(&self, light: u32) -> bool {
+        self.lights[light as usize].is_delta()
+    }
+
+    /// Returns the centre and the radius of a sphere around a light; `None` for light from infinity.
+    pub fn light_sphere(&self, light: u32) -> Option<(Vec3, f32)> {
+        match self.lights[light as usize].expectation() {
+            Expectation::Near { middle, radius, .. } => Some((middle, radius)),
+            Expectation::Far { .. } => None,
+        }
     }
 
     /// Returns the centre and the radius of the sphere around the scene.

@@ -96,7 +96,7 @@ fn emitted_rays_carry_the_power_of_lights_without_shape() {
     let disk = 2.0 * PI;
     let sky = |[width, height]: [u32; 2], equal| {
         let pixels: Vec<_> = (0..width * height).map(|i| [((i * 7) % 5) as f32; 3]).collect();
-        let image = Arc::new(Image { size: [width, height], pixels });
+        let image = Arc::new(Image { size: [width, height], pixels, alpha: Vec::new() });
         match equal {
             true => EnvironmentRadiance::EqualArea { image, scale: 0.5 },
             false => EnvironmentRadiance::LatLong { image, scale: 0.5 },
@@ -133,7 +133,10 @@ fn several_lights_emit_their_sum_and_report_their_densities() {
         let mut scene = with_lamp(Geometry::Sphere { radius: 0.5 }, true);
         scene.lights = room([4, 4]).lights;
         let pixels: Vec<_> = (0..64).map(|i| [((i * 7) % 5) as f32; 3]).collect();
-        let radiance = EnvironmentRadiance::EqualArea { image: Arc::new(Image { size: [8, 8], pixels }), scale: 0.5 };
+        let radiance = EnvironmentRadiance::EqualArea {
+            image: Arc::new(Image { size: [8, 8], pixels, alpha: Vec::new() }),
+            scale: 0.5,
+        };
         let kind = LightKind::Infinite { radiance };
         scene.lights.push(Light { kind, to_world: DAffine3::IDENTITY, source: line(201) });
         let mut world = world(&scene);
