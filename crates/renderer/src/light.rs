@@ -402,11 +402,6 @@ impl Lights {
         !self.environments.is_empty()
     }
 
-    /// Returns true if the light of this index has no extent, so that no ray can hit it.
-    pub fn is_delta(&self, light: u32) -> bool {
-        self.lights[light as usize].is_delta()
-    }
-
     /// Returns true if a light has no extent: a point, a spot or a distant light.
     #[inline]
     pub fn has_delta(&self) -> bool {
