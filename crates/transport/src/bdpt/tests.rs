@@ -224,7 +224,7 @@ fn media_and_transparency_are_refused_with_their_object() {
     let scene = bundled::files("glass").expect("bundled").read().expect("it reads");
     let world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{e}"));
     let refused = Bdpt::new(&world, &BdptOptions::default()).err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(refused.contains("glass.pbrt:") && refused.contains("--without"), "{refused}");
+    assert!(refused.contains("scene.pbrt:") && refused.contains("--without"), "{refused}");
 }
 
 /// `depth=` cuts paths as the scene's own limit does, and nothing shines in the dark.
