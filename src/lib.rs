@@ -26,6 +26,7 @@
 //! * `geometry` (feature `geometry`): ray tracing of triangles and other shapes, watertight at shared edges.
 //! * `scene` (feature `scene`): scene descriptions, readers of pbrt and model files, image files, bundled scenes.
 //! * `renderer` (feature `renderer`): lights, materials, integrators.
+//! * `transport` (feature `transport`): integrators whose light starts at the lights.
 //! * `job` (feature `job`): one render, from its description to its image; checkpoints and shards.
 //! * `study` (feature `study`): measurements of error against render time, with a report.
 //!
@@ -108,6 +109,8 @@ pub use dapple_renderer as renderer;
 pub use dapple_scene as scene;
 #[cfg(feature = "study")]
 pub use dapple_study as study;
+#[cfg(feature = "transport")]
+pub use dapple_transport as transport;
 
 #[cfg(feature = "registry")]
 mod methods;

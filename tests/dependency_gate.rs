@@ -93,6 +93,7 @@ const RULES: &[Rule] = &[
     ("dapple-scene", &["dapple-core"], &["obvhs", "clap", "indicatif"]),
     ("dapple-renderer", RENDERER, &["clap", "indicatif"]),
     ("dapple-mpi", &["dapple-core"], OF_A_SCENE),
+    ("dapple-transport", TRANSPORT, &["clap", "indicatif"]),
     ("dapple-job", JOB, &["clap", "indicatif", "ctrlc"]),
     ("dapple-study", STUDY, &["clap", "indicatif", "ctrlc"]),
     ("dapple-cli", LAYERS, &[]),
@@ -113,12 +114,23 @@ const LAYERS: &[&str] = &[
     "dapple-classics",
     "dapple-oidn",
     "dapple-registry",
+    "dapple-transport",
     "dapple-metrics",
     "dapple-job",
     "dapple-study",
     "dapple-mpi",
 ];
 const RENDERER: &[&str] = LAYERS.split_at(5).0;
+/// The renderer and below, and the clusters of the thesis.
+const TRANSPORT: &[&str] = &[
+    "dapple-core",
+    "dapple-scene",
+    "dapple-geometry",
+    "dapple-low-discrepancy",
+    "dapple-light-selection",
+    "dapple-renderer",
+    "dapple-clustering",
+];
 /// Every method with a name, and clusters; no scene.
 const REGISTRY: &[&str] = &[
     "dapple-core",
@@ -132,8 +144,8 @@ const REGISTRY: &[&str] = &[
     "dapple-oidn",
 ];
 /// The renderer, and every method with a name.
-const JOB: &[&str] = LAYERS.split_at(14).0;
-const STUDY: &[&str] = LAYERS.split_at(16).0;
+const JOB: &[&str] = LAYERS.split_at(15).0;
+const STUDY: &[&str] = LAYERS.split_at(17).0;
 
 /// Crates for scenes, BVHs, vectors or image files.
 const OF_A_SCENE: &[&str] = &["glam", "obvhs", "image", "exr", "dapple-geometry", "dapple-scene", "dapple-renderer"];

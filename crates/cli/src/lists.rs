@@ -99,7 +99,7 @@ pub(crate) fn filters(args: &ListArgs) -> Result<Outcome> {
 }
 
 pub(crate) fn integrators(args: &ListArgs) -> Result<Outcome> {
-    let described = dapple_renderer::integrators().iter().map(|entry| Described {
+    let described = dapple_transport::integrators().iter().map(|entry| Described {
         name: entry.name,
         aliases: &[],
         about: entry.about,
@@ -108,7 +108,7 @@ pub(crate) fn integrators(args: &ListArgs) -> Result<Outcome> {
         parameters: entry.parameters.iter().collect(),
     });
     let check =
-        |name: &str| dapple_renderer::check_integrator(name).map_err(|e| hints::integrator(name, &e.to_string()));
+        |name: &str| dapple_transport::check_integrator(name).map_err(|e| hints::integrator(name, &e.to_string()));
     list(args, "integrator", described.collect(), &check)
 }
 
@@ -173,7 +173,7 @@ mod tests {
         let sources = SAMPLERS.iter().map(|entry| entry.source).chain(POINTS.iter().map(|entry| entry.source));
         let sources = sources.chain(FILTERS.iter().map(|entry| entry.source));
         let sources: Vec<&str> =
-            sources.chain(dapple_renderer::integrators().iter().map(|entry| entry.source)).collect();
+            sources.chain(dapple_transport::integrators().iter().map(|entry| entry.source)).collect();
         assert!(sources.iter().all(|source| !source.is_empty()));
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/references.bib");
         let bibliography = std::fs::read_to_string(path).expect("the bibliography");

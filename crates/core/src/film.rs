@@ -233,7 +233,7 @@ impl Film {
     pub fn mean(&self, i: usize) -> [f64; 3] {
         let [a, b] = match &self.kept[..] {
             [a, b] => [a, b],
-            banks => return plus(banks[0].means[i], self.splats.mean(0, i)),
+            banks => return plus(banks[0].means[i], self.splats.mean(&self.frame, 0, i)),
         };
         let w = self.first_half_weight(i);
         let own = std::array::from_fn(|c| w * a.means[i][c] + (1.0 - w) * b.means[i][c]);
@@ -242,7 +242,7 @@ impl Film {
 
     /// The mean radiance that splats add to pixel `i`, if the first half has weight `w`.
     fn splatted(&self, w: f64, i: usize) -> [f64; 3] {
-        let [a, b] = [0, 1].map(|half| self.splats.mean(half, i));
+        let [a, b] = [0, 1].map(|half| self.splats.mean(&self.frame, half, i));
         std::array::from_fn(|c| w * a[c] + (1.0 - w) * b[c])
     }
 
@@ -269,7 +269,7 @@ impl Film {
     pub fn half(&self, half: usize, i: usize) -> Option<RgbMoments> {
         (self.kept.len() == 2).then(|| {
             let moments = self.kept[half & 1].moments(i);
-            RgbMoments { mean: plus(moments.mean, self.splats.mean(half & 1, i)), ..moments }
+            RgbMoments { mean: plus(moments.mean, self.splats.mean(&self.frame, half & 1, i)), ..moments }
         })
     }
 

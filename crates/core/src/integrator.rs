@@ -1,8 +1,12 @@
 //! Radiance estimates, first hits and training data of integrators.
 
 use crate::forward::forward;
-use crate::{Draws, Worker};
+use crate::{Draws, Needs, Worker};
 use rayon::prelude::*;
+
+mod pass;
+
+pub use pass::{Pass, Prepared, Prepares};
 
 /// The cluster label of a camera ray that meets no surface; other rays have the label of the cluster they hit.
 pub const BACKGROUND: u32 = u32::MAX;
@@ -370,6 +374,14 @@ pub trait Integrator: Sync {
     /// what [`Integrator::learn`] has learned so far.
     fn estimate(&self, draws: &Draws<'_>, log: &mut Worker) -> Estimate;
 
+    /// The statistics that the film must record for this integrator: [splats](Needs::with_splats), for example. [`Render`]
+    /// requests them; the host of a [`Session`](crate::Session) does so itself.
+    ///
+    /// [`Render`]: crate::Render
+    fn needs(&self) -> Needs {
+        Needs::none()
+    }
+
     /// Returns `true` if this integrator writes to [`Worker`] and expects [`Integrator::learn`]. Called before
     /// each training pass: an integrator that has learned enough returns `false` to skip the pass.
     fn wants_training(&self) -> bool {
@@ -387,12 +399,31 @@ pub trait Integrator: Sync {
     fn learn(&mut self, pass: &TrainingData) {
         let _ = pass;
     }
+
+    /// The times at which this integrator prepares itself for samples, [`Prepares::Never`] by default. Called before
+    /// each pass.
+    fn prepares(&self) -> Prepares {
+        Prepares::Never
+    }
+
+    /// Prepares for the samples of a pass, before they are traced: follows light from the lamps, for example, and stores
+    /// it for [`Integrator::estimate`].
+    ///
+    /// The stored state must follow from `pass` and from the training passes so far alone, with sums in a fixed order.
+    /// A resumed render prepares for its current pass again, so nothing is saved.
+    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+        let _ = pass;
+        Prepared::default()
+    }
 }
 
 forward!(Integrator for &mut T, Box<T>; {
     ref estimate(draws: &Draws<'_>, log: &mut Worker) -> Estimate;
+    ref needs() -> Needs;
     ref wants_training() -> bool;
+    ref prepares() -> Prepares;
     mut learn(pass: &TrainingData);
+    mut prepare(pass: &Pass<'_>) -> Prepared;
 });
 
 /// The sums of all values noted under one key in one training pass.

@@ -94,7 +94,8 @@ pub use film::{
 pub use filter::{Band, Filter, Filtered, Unfiltered, apply_together};
 pub use frame::Frame;
 pub use integrator::{
-    BACKGROUND, Estimate, FirstHit, Integrator, SurfaceFeatures, TrainingData, TrainingSum, Trajectory,
+    BACKGROUND, Estimate, FirstHit, Integrator, Pass, Prepared, Prepares, SurfaceFeatures, TrainingData, TrainingSum,
+    Trajectory,
 };
 pub use limits::{Budget, InvalidSample, Limits, Schedule};
 pub use memory::{FilterMemory, ImagePlanes, Memory, SamplerMemory};

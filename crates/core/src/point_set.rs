@@ -45,6 +45,9 @@ pub mod streams {
     pub const DISCARDED_HALVES: [u32; 2] = [4, 5];
     /// The stream of first-hit probes, which samplers that plan from geometry trace before a render.
     pub const PROBE: u32 = 6;
+    /// The stream of paths from the lights, which an integrator traces to prepare for samples; see
+    /// [`Pass::draws`](crate::Pass::draws).
+    pub const LIGHT: u32 = 7;
 }
 
 /// A pure function from (seed, pixel, stream, index, block) to four coordinates.

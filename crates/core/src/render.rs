@@ -5,6 +5,7 @@ mod budget;
 mod check;
 mod filter_time;
 pub(crate) mod holdout;
+mod prepare;
 mod pull;
 mod round;
 mod session;
@@ -114,7 +115,8 @@ impl<F: FnMut(&Status<'_>) -> Control> Monitor for F {
 
 /// A render to run or resume: the frame, the limits, the statistics to record and a monitor.
 ///
-/// The film records the statistics that the sampler needs and those of [`Render::needs`]. An error limit adds halves.
+/// The film records the statistics that the sampler and the integrator need and those of [`Render::needs`]. An error limit
+/// adds halves.
 /// Tracing uses the current rayon thread pool.
 ///
 /// ```
@@ -211,8 +213,9 @@ impl<'a> Render<'a> {
     /// for an invalid sample under [`InvalidSample::Fail`](crate::InvalidSample), and a panic of the integrator;
     /// [`Error::Panicked`] carries the samples finished before.
     pub fn run(self, integrator: &mut dyn Integrator, sampler: &mut dyn Sampler) -> Result<Film, Error> {
-        let mut session = self.session(sampler, None)?;
-        drive(&mut session, integrator, self.monitor, self.exchange)?;
+        let render = self.needs(integrator.needs());
+        let mut session = render.session(sampler, None)?;
+        drive(&mut session, integrator, render.monitor, render.exchange)?;
         Ok(session.into_film())
     }
 
@@ -234,9 +237,10 @@ impl<'a> Render<'a> {
         integrator: &mut dyn Integrator,
         sampler: &mut dyn Sampler,
     ) -> Result<Film, Error> {
-        let mut session = self.session(sampler, Some(snapshot))?;
+        let render = self.needs(integrator.needs());
+        let mut session = render.session(sampler, Some(snapshot))?;
         session.state.passes.iter().for_each(|pass| integrator.learn(pass));
-        drive(&mut session, integrator, self.monitor, self.exchange)?;
+        drive(&mut session, integrator, render.monitor, render.exchange)?;
         Ok(session.into_film())
     }
 

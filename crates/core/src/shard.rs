@@ -266,7 +266,7 @@ impl Sampler for Sharded<'_> {
 }
 
 const MAGIC: &[u8; 8] = b"dapple-p";
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// The film of one shard: the statistics of its rows. For an example see [`Shard`].
 #[derive(Clone, Debug, PartialEq)]
@@ -407,11 +407,15 @@ fn add_up(parts: &[&Film]) -> Result<Record, Error> {
             (&mut sum.samples, record.samples),
             (&mut sum.rays, record.rays),
             (&mut sum.blocks, record.blocks),
+            (&mut sum.prepare_rays, record.prepare_rays),
             (&mut sum.rejected, record.rejected),
         ];
         for (sum, more) in numbers {
             *sum = sum.checked_add(more).ok_or_else(uneven)?;
         }
+        // Each machine prepares by itself.
+        sum.passes = sum.passes.max(record.passes);
+        sum.prepare_seconds += record.prepare_seconds;
         for (i, round) in record.rounds.iter().enumerate() {
             match sum.rounds.get_mut(i) {
                 None => sum.rounds.push(*round),

@@ -49,7 +49,8 @@ impl Worker {
     /// for example.
     ///
     /// The image gets the sum of all splats divided by the mean number of samples per pixel, beside the mean of the pixel's
-    /// own samples. Splats outside the frame's window are dropped. Those that are NaN, infinite, negative or above 9e17 are
+    /// own samples. Splats outside the frame's window are dropped. Samples of a window count as if they were shared among all
+    /// pixels of the image, since their light may land anywhere in it. Those that are NaN, infinite, negative or above 9e17 are
     /// rejected, and the sample is listed. Without [`Needs::splats`](crate::Needs::with_splats), splats are ignored.
     #[inline]
     pub fn splat(&mut self, pixel: [u32; 2], radiance: [f32; 3]) {

@@ -34,6 +34,15 @@ pub enum JobError {
     /// An integrator that cannot be made.
     #[error(transparent)]
     Integrator(#[from] IntegratorError),
+    /// A limit of error in a render whose integrator adds light to other pixels. Its noise is not in the error of a pixel's
+    /// samples.
+    #[error(
+        "{integrator} lights other pixels than a sample's own, whose error is not estimated; give samples or a time, or turn this light off (splat=0)"
+    )]
+    SplatsWithoutError {
+        /// The integrator, as requested.
+        integrator: String,
+    },
     /// An error from `dapple_core`, which plans and takes the samples.
     #[error(transparent)]
     Core(#[from] dapple_core::Error),

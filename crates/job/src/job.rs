@@ -24,8 +24,9 @@ use dapple_core::{
     Budget, Control, Error, Exchange, Film, FilmPoints, Filter, Filtered, Frame, Limits, Memory, Monitor, Needs,
     NoMonitor, PointSet, Render, Sampler, Sharded, Snapshot, Status, Unfiltered, apply_together,
 };
-use dapple_renderer::{World, make_integrator};
+use dapple_renderer::World;
 use dapple_scene::Scene;
+use dapple_transport::make_integrator;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -188,7 +189,10 @@ impl Job {
             // Keeps at least 1 ms, so that clustering cannot use up the whole limit.
             *seconds = (*seconds - cluster_seconds).max(1e-3);
         }
-        drop(make_integrator(&spec.integrator, &prepared.world)?);
+        let of_integrator = make_integrator(&spec.integrator, &prepared.world)?.needs();
+        if of_integrator.splats && matches!(limits.budget, Budget::Error { .. }) {
+            return Err(JobError::SplatsWithoutError { integrator: spec.integrator.clone() });
+        }
         let mut job = Self {
             spec: spec.clone(),
             prepared,
@@ -196,7 +200,7 @@ impl Job {
             limits,
             points: points_described,
             described: sampler.describe(),
-            needs: filter.needs(),
+            needs: filter.needs().and(of_integrator),
             sampler,
             filter,
             clusters: clusters.or(of_filter),

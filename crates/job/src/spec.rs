@@ -5,9 +5,9 @@ mod names;
 pub use names::parse_shard;
 
 use dapple_core::Shard;
-use dapple_renderer::check_integrator;
 use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
+use dapple_transport::check_integrator;
 use serde::{Deserialize, Serialize};
 
 /// The version of the JSON format that [`RenderSpec::to_json`] writes.

@@ -1,5 +1,9 @@
 //! Cameras, which turn a position on the image into a ray.
 
+mod importance;
+
+pub use importance::CameraConnection;
+
 use crate::shading::warp::concentric_disk;
 use crate::space::Space;
 use dapple_core::Defocus;
@@ -257,6 +261,11 @@ impl CameraView {
             self.focal_distance.recip() - depth.recip()
         };
         self.lens_radius * shift / self.pixel_width()
+    }
+
+    /// Returns the width and the height of the image in pixels.
+    pub(crate) fn resolution(&self) -> Vec2 {
+        self.half * 2.0
     }
 
     /// Returns true if the lens has a radius above 0.

@@ -10,8 +10,10 @@ mod tests;
 
 pub use ambient_occlusion::{AmbientOcclusion, AmbientOcclusionOptions};
 pub use light_selector::{FixedSelector, LearnedSelector, LightSelector};
-pub use path::PathTracer;
-pub use table::{IntegratorEntry, IntegratorError, check, integrators, make};
+pub use path::{GatherPoint, NoVertexLight, PathTracer, VertexLight};
+pub use table::{
+    IntegratorEntry, IntegratorError, MakeError, MakeIntegrator, check, check_among, integrators, make, make_among,
+};
 
 use crate::World;
 use crate::camera::{General, Pinhole, ThinLens};
@@ -33,7 +35,7 @@ pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
     let wanted = code::needed(world) | idle;
     macro_rules! form {
         ($lens:ty, $selector:ty, $code:expr) => {
-            Box::new(PathTracer::<$lens, $selector, { $code }>::new(world)) as Box<dyn Integrator + '_>
+            Box::new(PathTracer::<$lens, $selector, { $code }>::new(world, NoVertexLight)) as Box<dyn Integrator + '_>
         };
     }
     // Each form takes seconds to compile, so there is one only where leaving code out was measured to pay:
@@ -68,4 +70,14 @@ pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
             _ => form!(Pinhole, FixedSelector, SEVERAL_LIGHTS | ROULETTE),
         },
     }
+}
+
+/// Returns the path tracer with another source of light at the vertices of its paths. It has code for all effects.
+pub fn path_tracer_with<'w, G: VertexLight + 'w>(world: &'w World, light: G) -> Box<dyn Integrator + 'w> {
+    use code::{ENVIRONMENT, RARE, ROULETTE, SEVERAL_LIGHTS, TRANSMISSION, VARIED};
+    const ALL: u32 = SEVERAL_LIGHTS | ROULETTE | VARIED | ENVIRONMENT | TRANSMISSION | RARE;
+    if world.lights().is_selection_learned() {
+        return Box::new(PathTracer::<General, LearnedSelector, ALL, G>::new(world, light));
+    }
+    Box::new(PathTracer::<General, FixedSelector, ALL, G>::new(world, light))
 }

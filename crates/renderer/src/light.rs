@@ -8,6 +8,7 @@
 
 mod disk;
 mod distant;
+mod emission;
 mod environment;
 mod expectation;
 mod mesh;
@@ -21,6 +22,8 @@ mod spot;
 
 pub(crate) use disk::DiskLight;
 pub(crate) use distant::DistantLight;
+pub(crate) use emission::SceneSphere;
+pub use emission::{EmissionPdf, EmittedLight};
 pub use environment::{Environment, EnvironmentError};
 use environment::{Tile, Tiles};
 pub(crate) use expectation::Expectation;
@@ -66,6 +69,12 @@ pub(crate) trait LightSource {
         false
     }
 
+    /// Samples a ray that leaves the light, as [`Lights::sample_emission`] does. `light` and `pmf` are left to the caller.
+    fn emit(&self, scene: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight>;
+
+    /// Returns the densities of [`Self::emit`]; see [`Lights::emission_pdf`].
+    fn emission_pdf(&self, scene: &SceneSphere, normal: Vec3, direction: Vec3) -> EmissionPdf;
+
     /// Returns the luminance of the light's radiant power, divided by pi. An environment or distant light counts with
     /// the power that enters the scene's bounding sphere. `scene_radius` is the sphere's radius.
     fn power(&self, scene_radius: f64) -> f64;
@@ -101,6 +110,14 @@ macro_rules! lights {
 
             fn is_delta(&self) -> bool {
                 match self { $(Self::$name(light) => light.is_delta(),)* }
+            }
+
+            fn emit(&self, scene: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
+                match self { $(Self::$name(light) => light.emit(scene, place, towards),)* }
+            }
+
+            fn emission_pdf(&self, scene: &SceneSphere, normal: Vec3, direction: Vec3) -> EmissionPdf {
+                match self { $(Self::$name(light) => light.emission_pdf(scene, normal, direction),)* }
             }
 
             fn power(&self, scene_radius: f64) -> f64 {
@@ -268,7 +285,7 @@ pub struct Lights {
     whole: usize,
     has_delta: bool,
     is_learned: bool,
-    scene_radius: f32,
+    scene: SceneSphere,
 }
 
 /// An environment with the indices of its lights.
@@ -302,7 +319,7 @@ impl SelectableEnvironment {
 
 impl Lights {
     /// Makes the set of lights, selected in proportion to their power. Every light must emit something.
-    pub(crate) fn new(lights: Vec<Light>, scene_radius: f32) -> Self {
+    pub(crate) fn new(lights: Vec<Light>, scene: SceneSphere) -> Self {
         let environment = |(light, of): (usize, &Light)| match of {
             Light::Environment(whole) => {
                 Some(SelectableEnvironment { whole: whole.clone(), light: light as u32, tiles: None })
@@ -317,7 +334,7 @@ impl Lights {
             distribution: selection::by_power(&[]),
             pmf: Vec::new(),
             is_learned: false,
-            scene_radius,
+            scene,
         };
         lights.set_selection(LightSelection::default());
         lights
@@ -331,7 +348,7 @@ impl Lights {
             self.cut_into_tiles();
         }
         let weight = |light: &Light| match selection {
-            LightSelection::Power | LightSelection::Learned => light.power(f64::from(self.scene_radius)),
+            LightSelection::Power | LightSelection::Learned => light.power(f64::from(self.scene.radius)),
             LightSelection::Uniform => 1.0,
         };
         self.distribution = selection::by_power(&self.lights.iter().map(weight).collect::<Vec<_>>());

@@ -58,6 +58,41 @@ impl FilterSampler {
             Kind::Table { axes } => Vec2::new(look_up(&axes[0], u[0]), look_up(&axes[1], u[1])),
         }
     }
+
+    /// Returns the largest offset from a pixel's centre that is sampled, in pixels along each axis.
+    pub fn radius(&self) -> Vec2 {
+        match &self.kind {
+            Kind::Box { width } => *width * 0.5,
+            Kind::Triangle { radius } => *radius,
+            Kind::Table { axes: [x, y] } => Vec2::new(x[STEPS].max(-x[0]), y[STEPS].max(-y[0])),
+        }
+    }
+
+    /// Returns the density with which [`sample`](Self::sample) samples an offset, per pixel of area.
+    ///
+    /// Light that reaches the image at this offset from a pixel's centre enters the pixel with this weight.
+    pub fn density(&self, offset: Vec2) -> f32 {
+        match &self.kind {
+            Kind::Box { width } => {
+                let inside = |x: f32, width: f32| -0.5 * width <= x && x < 0.5 * width;
+                if inside(offset.x, width.x) && inside(offset.y, width.y) { (width.x * width.y).recip() } else { 0.0 }
+            }
+            Kind::Triangle { radius } => {
+                let relative = (Vec2::ONE - (offset / *radius).abs()).max(Vec2::ZERO) / *radius;
+                relative.x * relative.y
+            }
+            Kind::Table { axes: [x, y] } => density_in(x, offset.x) * density_in(y, offset.y),
+        }
+    }
+}
+
+/// Returns the density of the linear interpolation of an inverse distribution at `x`; 0 outside its range.
+fn density_in(table: &[f32], x: f32) -> f32 {
+    let above = table.partition_point(|&edge| edge <= x);
+    if above == 0 || above == table.len() {
+        return 0.0;
+    }
+    (STEPS as f32 * (table[above] - table[above - 1])).recip()
 }
 
 /// Returns the inverse cumulative distribution of the tent (triangle) filter on [-1, 1] at `u`.
@@ -166,6 +201,30 @@ mod tests {
             PixelFilter::Gaussian { radius: [f64::INFINITY, 1.0], sigma: 1.0 },
         ] {
             assert_eq!(FilterSampler::new(&filter).sample([0.25, 0.875]), expected, "{filter:?}");
+        }
+    }
+
+    #[test]
+    fn densities_are_those_of_the_samples() {
+        let radius = [1.5, 1.0];
+        for filter in [
+            PixelFilter::Box { radius },
+            PixelFilter::Triangle { radius },
+            PixelFilter::Gaussian { radius, sigma: 0.5 },
+        ] {
+            let sampler = FilterSampler::new(&filter);
+            assert!((sampler.radius() - Vec2::new(1.5, 1.0)).abs().max_element() < 2e-3, "{filter:?}");
+            // The share of samples in a rectangle is the integral of the density over it.
+            let (low, high, cells) = (Vec2::new(-0.9, -0.3), Vec2::new(0.4, 0.7), 400);
+            let grid = |n: usize| (0..n * n).map(move |i| Vec2::new((i % n) as f32, (i / n) as f32) + 0.5);
+            let samples = grid(cells).map(|at| sampler.sample((at / cells as f32).to_array()));
+            let inside = samples.filter(|p| p.cmpge(low).all() && p.cmplt(high).all()).count();
+            let share = inside as f64 / (cells * cells) as f64;
+            let points = grid(cells).map(|at| low + (high - low) * at / cells as f32);
+            let mean = points.map(|p| f64::from(sampler.density(p))).sum::<f64>() / (cells * cells) as f64;
+            let integral = mean * f64::from((high - low).x * (high - low).y);
+            assert!((share - integral).abs() < 2e-3, "{filter:?}: {share} {integral}");
+            assert_eq!(sampler.density(Vec2::new(1.6, 0.0)) + sampler.density(Vec2::new(0.0, -1.1)), 0.0);
         }
     }
 }

@@ -7,12 +7,14 @@ mod first_hit;
 #[cfg(test)]
 mod frame_tests;
 mod instances;
+mod passage;
 mod shutter;
 #[cfg(test)]
 mod tests;
 mod trajectory;
 
 pub use build::WorldError;
+pub(crate) use passage::MOST_PASSED;
 
 use crate::blocks;
 use crate::camera::CameraView;
@@ -27,7 +29,7 @@ use dapple_core::Draws;
 use dapple_geometry::{Geometry, Hit, Ray, Shape, SurfacePoint};
 use dapple_scene::Effects;
 use dapple_scene::{MediumInterface, Scalar, Scene};
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 /// A scene prepared for ray tracing: geometry with a bounding volume hierarchy, lights with selection probabilities,
 /// materials with tables, and the camera.
@@ -289,6 +291,34 @@ impl World {
         (self.camera.ray_at(place, [u[2], u[3]], time), time)
     }
 
+    /// Returns true if light at a place of the image belongs to any pixel. The place is in pixels from the top left corner.
+    pub fn is_in_image(&self, place: Vec2) -> bool {
+        let (radius, size) = (self.filter.radius() - 0.5, self.camera.resolution());
+        place.cmpge(-radius).all() && place.cmple(size + radius).all()
+    }
+
+    /// Calls `add` for each pixel to which light at a place of the image belongs, with column, row and weight. The place is
+    /// in pixels from the top left corner.
+    ///
+    /// The weight is the pixel filter's density, so that light from places that are uniform over the image has the mean of
+    /// the samples of [`camera_ray`](Self::camera_ray).
+    pub fn splat_at(&self, place: Vec2, mut add: impl FnMut([u32; 2], f32)) {
+        let (radius, size) = (self.filter.radius(), self.camera.resolution());
+        let first = (place - radius - 0.5).ceil().max(Vec2::ZERO);
+        let last = (place + radius - 0.5).floor().min(size - 1.0);
+        if !(first.x <= last.x && first.y <= last.y) {
+            return;
+        }
+        for row in first.y as u32..=last.y as u32 {
+            for column in first.x as u32..=last.x as u32 {
+                let weight = self.filter.density(place - Vec2::new(column as f32, row as f32) - 0.5);
+                if weight > 0.0 {
+                    add([column, row], weight);
+                }
+            }
+        }
+    }
+
     /// Returns the closest hit of a ray; `None` if it hits nothing. `time` is the time returned by
     /// [`camera_ray`](Self::camera_ray), which is 0 without motion.
     ///
@@ -385,6 +415,11 @@ impl World {
     /// Returns true if a surface may let rays pass without scattering; see [`Part::passable`].
     pub(crate) fn has_passable_surfaces(&self) -> bool {
         self.has_passable_surfaces
+    }
+
+    /// Returns true if a material is an interface between media, which rays pass without scattering.
+    pub fn has_interfaces(&self) -> bool {
+        self.surfaces.iter().any(|surface| surface.interface)
     }
 
     /// Returns the opacity at a hit, in `[0, 1]`. NaN counts as 0.

@@ -8,7 +8,7 @@ impl Film {
     ///
     /// The estimate comes from the difference of the means A and B of the two halves, which are scrambled
     /// independently: `E (A - B)^2 = var A + var B`. That sum is split by sample counts, for a pixel mean of `w A + (1
-    /// - w) B`. Each pixel has one degree of freedom, so average over pixels before use.
+    /// - w) B`. Each pixel has one degree of freedom, so average over pixels before use. The error of splats is not in it.
     pub fn squared_error(&self, i: usize) -> Option<[f64; 3]> {
         let [a, b] = &self.kept[..] else { return None };
         let (na, nb) = (a.counts[i] as f64, b.counts[i] as f64);

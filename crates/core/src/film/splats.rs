@@ -81,10 +81,13 @@ impl Splats {
     }
 
     /// The mean radiance that splats add to pixel `i` in one half: their sum over the samples per pixel.
-    pub(super) fn mean(&self, half: usize, i: usize) -> [f64; 3] {
+    ///
+    /// Samples of a window throw light at the whole image, so they are shared among all its pixels.
+    pub(super) fn mean(&self, frame: &Frame, half: usize, i: usize) -> [f64; 3] {
         match self.sums.get(half) {
             Some(sums) if self.samples[half] > 0 => {
-                let share = sums.len() as f64 / self.samples[half] as f64 / UNIT;
+                let [width, height] = frame.resolution().map(f64::from);
+                let share = width * height / self.samples[half] as f64 / UNIT;
                 sums[i].map(|sum| sum as f64 * share)
             }
             _ => [0.0; 3],

@@ -3,7 +3,7 @@
 use super::band::{Band, bands};
 use super::session::State;
 use super::team::Team;
-use super::{Monitor, Session};
+use super::{Monitor, Session, prepare};
 use crate::allocate::mix;
 use crate::bands::BAND;
 use crate::exchange::message::Standing;
@@ -11,10 +11,11 @@ use crate::film::{REJECTED_LISTED, Splats, first_hits_of, keep_first, record_fir
 use crate::integrator::TrainingSum;
 use crate::snapshot::{Cursor, OpenRound};
 use crate::{
-    Control, Draws, Error, Film, Integrator, InvalidSample, Limits, Needs, Plan, PointSet, Rejected,
+    Control, Draws, Error, Film, Integrator, InvalidSample, Limits, Needs, Plan, PointSet, Prepares, Rejected,
     Retention, SampleId, TrainingData, Worker, streams,
 };
 use rayon::prelude::*;
+use std::any::Any;
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Mutex, PoisonError};
@@ -107,12 +108,19 @@ pub(super) fn trace(
             return Ok(Stopped::No);
         }
         let wants_training = integrator.wants_training();
-        let film = &mut state.film;
-        let (length, rows) = next_slice(open, film, wants_training, seconds, (limits, team.as_deref()));
-        let cursor = &mut open.cursor;
-        if cursor.row == 0 {
-            cursor.end = cursor.start.saturating_add(length).min(longest);
+        let pass = match (wants_training, integrator.prepares()) {
+            (true, _) => Some(pass_length(open)),
+            (false, Prepares::EveryPass) => Some(prepare::pass_length(open, state.film.frame.pixels())),
+            _ => None,
+        };
+        let (length, rows) = next_slice(open, &state.film, (pass, wants_training), seconds, (limits, team.as_deref()));
+        let begins = open.cursor.row == 0;
+        if begins {
+            open.cursor.end = open.cursor.start.saturating_add(length).min(longest);
         }
+        prepare::prepare(&mut *integrator, points, (&mut *state, team.as_deref_mut()), begins)?;
+        let State { film, open: Some(open), passes, .. } = state else { return Ok(Stopped::AtEnd) };
+        let cursor = &mut open.cursor;
         let rows = [cursor.row, cursor.row.saturating_add(rows).min(height)];
         let range = Slice { samples: [cursor.start, cursor.end], rows };
         let tallies = slice(&*integrator, points, &open.plan, film, (limits, team.as_deref_mut()), range);
@@ -144,7 +152,7 @@ pub(super) fn trace(
                 let rows: Vec<_> = pending.into_iter().map(|(_, sums)| sums).collect();
                 let pass = TrainingData::merge(&rows);
                 integrator.learn(&pass);
-                state.passes.push(pass);
+                passes.push(pass);
             }
         }
         let more = open.cursor.start < longest;
@@ -191,17 +199,18 @@ fn longest_pixel(plan: &Plan) -> u32 {
 /// Both follow from the sampling rate of this round, which took `seconds` so far. If one sample in every pixel takes
 /// longer than a slice should, the slice covers only some rows. The samples per pixel then belong to the whole pass
 /// over the rows.
+/// `pass` are the samples per pixel of a training pass or of an integrator's pass, if there is one.
 fn next_slice(
     open: &OpenRound,
     film: &Film,
-    wants_training: bool,
+    (pass, wants_training): (Option<u32>, bool),
     seconds: f64,
     (limits, team): (&Limits, Option<&Team<'_>>),
 ) -> (u32, u32) {
     let [width, height] = film.frame.size();
     let fixed = limits.schedule.slice_spp;
     if fixed > 0 {
-        return (if wants_training { pass_length(open) } else { fixed }, height);
+        return (pass.unwrap_or(fixed), height);
     }
     let Cursor { start, end, row } = open.cursor;
     let rows = |counts: &[u32]| {
@@ -214,10 +223,7 @@ fn next_slice(
     // The first rows may be the quickest, so the length grows step by step.
     let promised = (traced / seconds.max(1e-3) * SLICE_SECONDS).min(GROWTH * traced);
     let samples = promised.max(FIRST_SLICE);
-    let length = match wants_training {
-        true => pass_length(open),
-        false => (samples / active).clamp(1.0, 65536.0) as u32,
-    };
+    let length = pass.unwrap_or((samples / active).clamp(1.0, 65536.0) as u32);
     let slices = f64::from(if row == 0 { length } else { end - start }) * active / samples;
     if slices < 2.0 && row == 0 {
         return (length, height);
@@ -313,13 +319,18 @@ fn trace_band(round: &Inputs<'_>, mut band: Band<'_>) -> Tally {
         }
     }));
     if let Err(payload) = caught {
-        let message = (payload.downcast_ref::<String>().cloned())
-            .or_else(|| payload.downcast_ref::<&str>().map(|s| (*s).to_owned()))
-            .unwrap_or_else(|| "no message".into());
+        let message = panic_message(&*payload);
         let nowhere = SampleId::new([0; 2], 0, 0);
         tally.panicked = Some((current.get().unwrap_or(nowhere), message));
     }
     tally
+}
+
+/// The message of a panic.
+pub(super) fn panic_message(payload: &(dyn Any + Send)) -> String {
+    (payload.downcast_ref::<String>().cloned())
+        .or_else(|| payload.downcast_ref::<&str>().map(|s| (*s).to_owned()))
+        .unwrap_or_else(|| "no message".into())
 }
 
 /// Traces the band in blocks of 16x16 pixels. Training notes are summed per block, then per row of blocks, so that only

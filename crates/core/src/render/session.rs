@@ -84,6 +84,8 @@ pub(super) struct State {
     pub(super) passes: Vec<TrainingData>,
     /// The filtered image of the last prediction, if an error limit concerns a filtered image.
     pub(super) holdout: Option<Holdout>,
+    /// The number of the pass that the integrator is prepared for; `None` before the first and after a resumption.
+    pub(super) prepared: Option<u32>,
 }
 
 /// A render whose loop belongs to the caller: it asks for rounds, traces their samples where and how it likes, and gives
@@ -202,7 +204,7 @@ impl<'a> Session<'a> {
         let (state, seconds) = match snapshot {
             None => {
                 let film = Film::new(frame, needs);
-                (State { film, round: 0, open: None, passes: Vec::new(), holdout: None }, 0.0)
+                (State { film, round: 0, open: None, passes: Vec::new(), holdout: None, prepared: None }, 0.0)
             }
             Some(snapshot) => continued(snapshot, &mut *sampler, &mut meter, (&needs, limits), &frame)?,
         };
@@ -528,7 +530,7 @@ fn continued(
             check(&rest, &film, sampler, &meter.left(&film))?;
         }
     }
-    Ok((State { film, round, open, passes, holdout }, seconds))
+    Ok((State { film, round, open, passes, holdout, prepared: None }, seconds))
 }
 
 /// Applies a plan's withdrawals and discarding to the film, and returns the round to trace.

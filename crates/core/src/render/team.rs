@@ -129,6 +129,11 @@ impl<'a> Team<'a> {
         });
     }
 
+    /// The record from which this process' samples are counted.
+    pub(super) fn record_before(&mut self) -> Option<&mut Record> {
+        self.before.as_mut().map(|before| &mut before.record)
+    }
+
     /// Returns true if this process traces a row of pixels.
     pub(super) fn owns(&self, row: usize) -> bool {
         self.deal.owner(row) == self.me

@@ -194,7 +194,7 @@ pub(crate) fn take_combine(from: &mut Reader<'_>) -> Result<Combine, Broken> {
 }
 
 fn put_record(to: &mut Writer, record: &Record) {
-    let Record { budgets, rounds, samples, rays, blocks, rejected, filtered_relmse: _, interrupted: _ } = record;
+    let Record { budgets, rounds, samples, rays, blocks, passes, prepare_rays, prepare_seconds, rejected, .. } = record;
     to.list(budgets);
     to.number(rounds.len() as u64);
     for r in rounds {
@@ -203,6 +203,9 @@ fn put_record(to: &mut Writer, record: &Record) {
         to.number([r.plan_seconds, r.trace_seconds]);
     }
     to.number([*samples, *rays, *blocks, *rejected]);
+    to.number(*passes);
+    to.number(*prepare_rays);
+    to.number(*prepare_seconds);
 }
 
 fn take_record(from: &mut Reader<'_>) -> Result<Record, Broken> {
@@ -218,7 +221,12 @@ fn take_record(from: &mut Reader<'_>) -> Result<Record, Broken> {
         rounds.push(RoundRecord { samples, kept, plan_seconds, trace_seconds });
     }
     let [samples, rays, blocks, rejected] = from.number()?;
-    Ok(Record { budgets, rounds, samples, rays, blocks, rejected, filtered_relmse: None, interrupted: false })
+    let (passes, prepare_rays, prepare_seconds) = (from.number()?, from.number()?, from.number::<f64>()?);
+    if !prepare_seconds.is_finite() {
+        return Err(Broken("a time is not a number of seconds"));
+    }
+    let record = Record { budgets, rounds, samples, rays, blocks, rejected, ..Record::default() };
+    Ok(Record { passes, prepare_rays, prepare_seconds, ..record })
 }
 
 pub(crate) fn put_rejected(to: &mut Writer, rejected: &[Rejected]) {

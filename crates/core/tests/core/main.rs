@@ -9,6 +9,7 @@ mod film_pushed;
 mod half_films;
 mod holdout;
 mod placed_points;
+mod prepare;
 mod resume;
 mod rng;
 mod samples;

@@ -410,6 +410,11 @@ fn splats_add_their_mean_to_the_image() {
         assert!((image[1][0] - (0.5 + 3.0 * 12.0)).abs() < 1e-4 && (image[1][2] - (0.5 + 0.25 * 12.0)).abs() < 1e-5);
         assert!(image.iter().enumerate().all(|(i, rgb)| i == 1 || *rgb == [0.5; 3]));
     }
+    // In a window, the pixel shows the same.
+    let window = frame(4, 3).crop(1, 0, 3, 2).unwrap();
+    let film = Render::new(window, &Limits::samples(40)).needs(Needs::none().with_splats());
+    let film = film.run(&mut Lamp, &mut Uniform::new(Independent::new(1))).unwrap();
+    assert!((film.image()[0][0] - (0.5 + 3.0 * 12.0)).abs() < 1e-4);
 }
 
 #[test]

@@ -1,10 +1,11 @@
 //! Ambient occlusion: the cosine-weighted fraction of the hemisphere above a surface that is not blocked by other
 //! surfaces.
 
+use super::MakeError;
 use crate::World;
 use crate::blocks;
 use crate::shading::{ShadingFrame, warp};
-use dapple_core::{Draws, Estimate, Integrator, OptionError, Options as _, Worker};
+use dapple_core::{Draws, Estimate, Integrator, Options as _, Worker};
 use dapple_geometry::spawn_ray;
 
 dapple_core::options! {
@@ -35,7 +36,7 @@ impl<'w> AmbientOcclusion<'w> {
     }
 
     /// Makes the integrator from the text of its parameters, for the table of integrators.
-    pub(super) fn parse<'a>(parameters: &str, world: &'a World) -> Result<Box<dyn Integrator + 'a>, OptionError> {
+    pub(super) fn parse<'a>(parameters: &str, world: &'a World) -> Result<Box<dyn Integrator + 'a>, MakeError> {
         let options = AmbientOcclusionOptions::parse(parameters)?;
         Ok(Box::new(AmbientOcclusion::new(world, options.distance)))
     }

@@ -5,6 +5,9 @@
 
 mod features;
 mod transmission;
+mod vertex_light;
+
+pub use vertex_light::{GatherPoint, NoVertexLight, VertexLight};
 
 use super::code;
 use super::light_selector::LightSelector;
@@ -15,7 +18,7 @@ use crate::light::LightSample;
 use crate::material::Surface;
 use crate::shading::{Bsdf, ShadingFrame, power_heuristic, power_heuristic_over_pdf};
 use crate::world::{Interaction, NO_LIGHT, NO_MEDIUM};
-use dapple_core::{Draws, Estimate, Integrator, TrainingData, Worker};
+use dapple_core::{Draws, Estimate, Integrator, Pass, Prepared, Prepares, TrainingData, Worker};
 use dapple_geometry::{Ray, spawn_ray};
 use glam::Vec3;
 use std::marker::PhantomData;
@@ -42,14 +45,15 @@ const CERTAIN: f32 = 0.9;
 /// A path tracer for a camera of kind `L` and light selection `S`. `E` is a combination of bits of
 /// [`code`](super::code): the effects it has code for.
 #[derive(Debug)]
-pub struct PathTracer<'w, L, S, const E: u32> {
+pub struct PathTracer<'w, L, S, const E: u32, G = NoVertexLight> {
     world: &'w World,
     pub(super) selector: S,
+    vertex_light: G,
     lens: PhantomData<fn() -> L>,
 }
 
 /// The state of a path while it is traced.
-struct Path<P> {
+struct Path<P, G> {
     ray: Ray,
     throughput: Vec3,
     radiance: Vec3,
@@ -80,6 +84,8 @@ struct Path<P> {
     /// True while the emission of light sources seen directly is wanted, and all scattering so far was specular with a
     /// probability of at least [`CERTAIN`].
     is_direct: bool,
+    /// The state of the light at vertices.
+    gathered: G,
 }
 
 /// A scattering event at which a light was sampled too.
@@ -114,7 +120,7 @@ impl Vertex<'_> {
     }
 }
 
-impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
+impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w, L, S, E, G> {
     const HAS_SEVERAL_LIGHTS: bool = E & code::SEVERAL_LIGHTS != 0;
     const HAS_ENVIRONMENT: bool = E & code::ENVIRONMENT != 0;
     const HAS_ROULETTE: bool = E & code::ROULETTE != 0;
@@ -122,13 +128,13 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
     const HAS_RARE_EFFECTS: bool = E & code::RARE != 0;
     const HAS_VARIED_SURFACES: bool = E & code::VARIED != 0;
 
-    pub(super) fn new(world: &'w World) -> Self {
-        Self { world, selector: S::of(world), lens: PhantomData }
+    pub(super) fn new(world: &'w World, vertex_light: G) -> Self {
+        Self { world, selector: S::of(world), vertex_light, lens: PhantomData }
     }
 
     /// Starts a path at the camera.
     #[inline(always)]
-    fn begin(&self, draws: &Draws<'_>) -> Path<S::Place> {
+    fn begin(&self, draws: &Draws<'_>) -> Path<S::Place, G::State> {
         let world = self.world;
         let u = draws.block(blocks::CAMERA);
         let offset = world.filter.sample([u[0], u[1]]);
@@ -150,6 +156,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
             is_smooth: draws.wants_features(),
             is_rare: false,
             is_direct: draws.wants_emission(),
+            gathered: G::State::default(),
         }
     }
 
@@ -166,12 +173,13 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
     /// Returns the radiance of all environments along the path's ray, with the multiple-importance weight of BSDF
     /// sampling.
     #[inline(always)]
-    fn environment(&self, path: &Path<S::Place>) -> Vec3 {
+    fn environment(&self, path: &Path<S::Place, G::State>) -> Vec3 {
         let (lights, direction) = (&self.world.lights, path.ray.direction);
         match path.last {
             Some(LastScatter { place, pdf, .. }) => {
                 lights.environment_weighted(direction, pdf, |light| self.selector.pmf(lights, place, light))
             }
+            None if self.vertex_light.replaces(&path.gathered, NO_LIGHT) => Vec3::ZERO,
             None => lights.environment(direction),
         }
     }
@@ -179,7 +187,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
     /// Returns the radiance that a hit area light emits along the path's ray, with the multiple-importance weight of
     /// BSDF sampling.
     #[inline(always)]
-    fn emitted(&self, path: &Path<S::Place>, at: &Interaction<'_>) -> Vec3 {
+    fn emitted(&self, path: &Path<S::Place, G::State>, at: &Interaction<'_>) -> Vec3 {
         let (lights, light) = (&self.world.lights, at.part.light);
         let Some(lamp) = lights.lamp(light) else { return Vec3::ZERO };
         let radiance = lamp.radiance(-at.point.normal.dot(path.ray.direction));
@@ -189,6 +197,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
                     lights.direction_pdf(light, position, &at.point) * self.selector.pmf(lights, place, light);
                 radiance * power_heuristic(pdf, light_pdf)
             }
+            None if self.vertex_light.replaces(&path.gathered, light) => Vec3::ZERO,
             _ => radiance,
         }
     }
@@ -200,7 +209,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         &self,
         draws: &Draws<'_>,
         training: &mut Worker,
-        path: &mut Path<S::Place>,
+        path: &mut Path<S::Place, G::State>,
         at: &Interaction<'w>,
         surface: &Surface,
     ) -> bool {
@@ -223,6 +232,11 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
             let direct = self.direct(training, path, &vertex, place, [choices[0], u[0], u[1]]);
             path.radiance += path.throughput * direct;
         }
+        if G::ACTIVE && !bsdf.is_specular() {
+            let (back, depth) = (-path.ray.direction, path.depth);
+            let point = GatherPoint { at, bsdf: &bsdf, frame: &frame, wo, back, depth };
+            path.radiance += path.throughput * self.vertex_light.gather(&mut path.gathered, &point, draws);
+        }
         let Some(sample) = bsdf.sample(wo, [u[2], u[3]], choices[1]) else { return false };
         let wi = frame.to_world(sample.wi);
         let reflected = !Self::HAS_TRANSMISSION || sample.wi.z * wo.z > 0.0;
@@ -235,6 +249,9 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
             path.is_rare |= Self::HAS_TRANSMISSION && sample.specular && sample.pdf < RARE && bsdf.transmits();
         }
         path.is_direct &= sample.specular && sample.pdf >= CERTAIN;
+        if G::ACTIVE && !bsdf.is_specular() {
+            self.vertex_light.scattered(&mut path.gathered, sample.specular);
+        }
         if Self::HAS_TRANSMISSION {
             path.eta_squared *= sample.eta * sample.eta;
         }
@@ -258,7 +275,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
     fn direct(
         &self,
         training: &mut Worker,
-        path: &mut Path<S::Place>,
+        path: &mut Path<S::Place, G::State>,
         vertex: &Vertex<'_>,
         place: S::Place,
         u: [f32; 3],
@@ -276,7 +293,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
     /// Returns the light of a sample that is scattered back along the path at a vertex, with the multiple-importance
     /// weight of light sampling.
     #[inline(always)]
-    fn scattered(&self, path: &mut Path<S::Place>, vertex: &Vertex<'_>, light: &LightSample) -> Vec3 {
+    fn scattered(&self, path: &mut Path<S::Place, G::State>, vertex: &Vertex<'_>, light: &LightSample) -> Vec3 {
         let Vertex { at, bsdf, wo, .. } = vertex;
         // Light may not pass through the geometric surface, even if the shading normal would allow it.
         let same_side = vertex.is_same_side(light.wi);
@@ -301,7 +318,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
     /// Plays Russian roulette with a random number `u` in `[0, 1)`. Returns false if the path ends; otherwise divides
     /// the throughput by the survival probability.
     #[inline(always)]
-    fn survives(&self, path: &mut Path<S::Place>, u: f32) -> bool {
+    fn survives(&self, path: &mut Path<S::Place, G::State>, u: f32) -> bool {
         let eta_squared = if Self::HAS_TRANSMISSION { path.eta_squared } else { 1.0 };
         let survival = (path.throughput.max_element() * eta_squared).min(SURVIVAL);
         if !(u < survival) {
@@ -313,7 +330,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
     }
 }
 
-impl<L: Lens, S: LightSelector, const E: u32> Integrator for PathTracer<'_, L, S, E> {
+impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> Integrator for PathTracer<'_, L, S, E, G> {
     fn estimate(&self, draws: &Draws<'_>, training: &mut Worker) -> Estimate {
         let mut path = self.begin(draws);
         // The estimate is filled in where it is returned, since moving a first hit takes more instructions than
@@ -377,7 +394,8 @@ impl<L: Lens, S: LightSelector, const E: u32> Integrator for PathTracer<'_, L, S
                 let features = self.world.features_of(ray, at, surface, tint, length);
                 estimate.features = Some(features.with_rare(path.is_rare));
             }
-            if path.depth >= self.world.max_depth || !self.scatter(draws, training, &mut path, &at, surface) {
+            let ends = path.depth >= self.world.max_depth || self.vertex_light.ends(&path.gathered);
+            if ends || !self.scatter(draws, training, &mut path, &at, surface) {
                 break;
             }
             path.depth += 1;
@@ -393,5 +411,13 @@ impl<L: Lens, S: LightSelector, const E: u32> Integrator for PathTracer<'_, L, S
 
     fn learn(&mut self, pass: &TrainingData) {
         self.selector.learn(pass);
+    }
+
+    fn prepares(&self) -> Prepares {
+        self.vertex_light.prepares()
+    }
+
+    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+        self.vertex_light.prepare(pass)
     }
 }

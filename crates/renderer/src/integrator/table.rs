@@ -23,7 +23,19 @@ const INTEGRATORS: &[IntegratorEntry] = &[
 ];
 
 /// A function that makes an integrator for a world from the text of its parameters, `key=value,…`.
-type MakeIntegrator = for<'w> fn(&str, &'w World) -> Result<Box<dyn Integrator + 'w>, OptionError>;
+pub type MakeIntegrator = for<'w> fn(&str, &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError>;
+
+/// The reason why an integrator could not be made from the text of its parameters.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum MakeError {
+    /// A parameter is unknown, repeated, or has an invalid value.
+    #[error(transparent)]
+    Parameter(#[from] OptionError),
+    /// The scene has an effect that the integrator cannot simulate.
+    #[error("{0}")]
+    Scene(String),
+}
 
 /// An entry of the table of integrators.
 #[derive(Clone, Copy, Debug)]
@@ -38,6 +50,17 @@ pub struct IntegratorEntry {
     /// The integrator's parameters, with their defaults.
     pub parameters: &'static [Parameter],
     make: MakeIntegrator,
+}
+
+impl IntegratorEntry {
+    /// Makes an entry for a table in another crate.
+    pub const fn new(
+        [name, about, source]: [&'static str; 3],
+        parameters: &'static [Parameter],
+        make: MakeIntegrator,
+    ) -> Self {
+        Self { name, about, source, parameters, make }
+    }
 }
 
 /// The reason why a request for an integrator, `NAME` or `NAME:key=value,…`, was refused.
@@ -61,6 +84,14 @@ pub enum IntegratorError {
         integrator: &'static str,
         /// The error of the parameter.
         source: OptionError,
+    },
+    /// The scene has an effect that the integrator cannot simulate.
+    #[error("{integrator}: {reason}")]
+    Scene {
+        /// The name of the integrator.
+        integrator: &'static str,
+        /// The effect, and advice.
+        reason: String,
     },
 }
 
@@ -91,8 +122,25 @@ pub fn integrators() -> &'static [IntegratorEntry] {
 /// # }
 /// ```
 pub fn make<'w>(request: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, IntegratorError> {
-    let (entry, parameters) = find(request)?;
-    (entry.make)(parameters, world).map_err(|source| IntegratorError::Parameter { integrator: entry.name, source })
+    make_among(INTEGRATORS, request, world)
+}
+
+/// Makes an integrator as [`make`] does, from a table that may have entries of other crates.
+///
+/// # Errors
+///
+/// The errors of [`make`].
+pub fn make_among<'w>(
+    entries: &'static [IntegratorEntry],
+    request: &str,
+    world: &'w World,
+) -> Result<Box<dyn Integrator + 'w>, IntegratorError> {
+    let (entry, parameters) = find(entries, request)?;
+    let integrator = entry.name;
+    (entry.make)(parameters, world).map_err(|error| match error {
+        MakeError::Parameter(source) => IntegratorError::Parameter { integrator, source },
+        MakeError::Scene(reason) => IntegratorError::Scene { integrator, reason },
+    })
 }
 
 /// Checks a request without a world. The integrator's name and the names of its parameters must be known; values are
@@ -102,14 +150,26 @@ pub fn make<'w>(request: &str, world: &'w World) -> Result<Box<dyn Integrator + 
 ///
 /// [`IntegratorError`] if the integrator or a parameter is unknown.
 pub fn check(request: &str) -> Result<(), IntegratorError> {
-    find(request).map(|_| ())
+    check_among(INTEGRATORS, request)
+}
+
+/// Checks a request as [`check`] does, against a table that may have entries of other crates.
+///
+/// # Errors
+///
+/// The errors of [`check`].
+pub fn check_among(entries: &'static [IntegratorEntry], request: &str) -> Result<(), IntegratorError> {
+    find(entries, request).map(|_| ())
 }
 
 /// Returns the table entry of a request and the text of its parameters, after checking the names of both.
-fn find(request: &str) -> Result<(&'static IntegratorEntry, &str), IntegratorError> {
+fn find<'r>(
+    entries: &'static [IntegratorEntry],
+    request: &'r str,
+) -> Result<(&'static IntegratorEntry, &'r str), IntegratorError> {
     let (name, parameters) = request.split_once(':').unwrap_or((request, ""));
-    let names = || INTEGRATORS.iter().map(|entry| entry.name);
-    let entry = INTEGRATORS.iter().find(|entry| entry.name == name.trim()).ok_or_else(|| {
+    let names = || entries.iter().map(|entry| entry.name);
+    let entry = entries.iter().find(|entry| entry.name == name.trim()).ok_or_else(|| {
         let (nearest, known) = (nearest_name(name, names()), names().collect::<Vec<_>>().join(", "));
         IntegratorError::Unknown { name: name.trim().to_owned(), nearest, known }
     })?;
@@ -125,7 +185,7 @@ mod tests {
 
     fn refused(request: &str) -> String {
         let options = |text: &str| AmbientOcclusionOptions::parse(text).map_err(|e| e.to_string());
-        match find(request) {
+        match find(INTEGRATORS, request) {
             Err(error) => error.to_string(),
             Ok((entry, text)) => options(text).map_or_else(|e| e, |o| format!("{} {}", entry.name, o.distance)),
         }

@@ -1,7 +1,7 @@
 //! Roulette and learned light selection change no mean.
 
 use super::code::{ENVIRONMENT, ROULETTE, SEVERAL_LIGHTS};
-use super::{FixedSelector, LearnedSelector, LightSelector, PathTracer};
+use super::{FixedSelector, LearnedSelector, LightSelector, NoVertexLight, PathTracer};
 use crate::World;
 use crate::camera::Pinhole;
 use crate::light::LightSelection;
@@ -77,13 +77,13 @@ fn deviation(a: [[f64; 2]; 2], b: [[f64; 2]; 2]) -> f64 {
 fn roulette_changes_no_mean_l13() {
     const CRITICAL: f64 = 8.0;
     let world = closed(24);
-    let (with, few) = rendered(PathTracer::<Pinhole, FixedSelector, ROULETTE>::new(&world));
-    let (without, many) = rendered(PathTracer::<Pinhole, FixedSelector, 0>::new(&world));
+    let (with, few) = rendered(PathTracer::<Pinhole, FixedSelector, ROULETTE>::new(&world, NoVertexLight));
+    let (without, many) = rendered(PathTracer::<Pinhole, FixedSelector, 0>::new(&world, NoVertexLight));
     assert!(few < 0.8 * many, "roulette ends paths: {few} and {many} rays a sample");
     let found = deviation(with, without);
     assert!(found < CRITICAL, "{found} standard errors: {with:?}, {without:?}");
     // Negative control: what paths of more than 12 events find is missed where they are cut, 7 % by then.
-    let (cut, _) = rendered(PathTracer::<Pinhole, FixedSelector, 0>::new(&closed(12)));
+    let (cut, _) = rendered(PathTracer::<Pinhole, FixedSelector, 0>::new(&closed(12), NoVertexLight));
     let found = deviation(cut, with);
     assert!(found > CRITICAL, "{found} standard errors: {cut:?}, {with:?}");
 }
@@ -151,8 +151,8 @@ fn learned_selection_of_an_environment_maps_tiles_changes_no_mean() {
 
 fn changes_no_mean<const CODE: u32>(world: &World) {
     const CRITICAL: f64 = 8.0;
-    let (by_power, _) = rendered(PathTracer::<Pinhole, FixedSelector, CODE>::new(world));
-    let learning = || PathTracer::<Pinhole, LearnedSelector, CODE>::new(world);
+    let (by_power, _) = rendered(PathTracer::<Pinhole, FixedSelector, CODE>::new(world, NoVertexLight));
+    let learning = || PathTracer::<Pinhole, LearnedSelector, CODE>::new(world, NoVertexLight);
     assert!(learning().selector.wants_training());
     let (learned, _) = rendered(learning());
     let found = deviation(by_power, learned);

@@ -1,6 +1,8 @@
 //! Disks and rings that emit light.
 
-use super::{Expectation, Lamp, LightSample, LightSource, area_to_solid_angle, sample_on};
+use super::{
+    EmissionPdf, EmittedLight, Expectation, Lamp, LightSample, LightSource, SceneSphere, area_to_solid_angle, sample_on,
+};
 use crate::shading::{ShadingFrame, warp};
 use dapple_geometry::{PrimitiveId, SurfacePoint};
 use glam::Vec3;
@@ -25,12 +27,11 @@ impl DiskLight {
         let [outer, inner] = [self.radius, self.inner_radius].map(f64::from);
         std::f64::consts::PI * (outer - inner) * (outer + inner)
     }
-}
 
-impl LightSource for DiskLight {
-    /// Samples the area uniformly, by an area-preserving map from the disk to the ring.
+    /// Returns the point of the area that belongs to `u` in `[0, 1)^2`, by an area-preserving map from the disk to the
+    /// ring.
     #[inline]
-    fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
+    fn point(&self, u: [f32; 2]) -> SurfacePoint {
         let disk = warp::concentric_disk(u);
         let hole = self.inner_radius / self.radius;
         let r2 = disk.length_squared();
@@ -38,8 +39,14 @@ impl LightSource for DiskLight {
         let on = if hole > 0.0 && r2 > 0.0 { disk * (wanted / r2.sqrt()) } else { disk };
         let position = self.centre + (self.frame.tangent * on.x + self.frame.bitangent * on.y) * self.radius;
         let error = (self.centre.abs() + Vec3::splat(self.radius)) * (4.0 * f32::EPSILON);
-        let point = SurfacePoint { position, error, normal: self.frame.normal, primitive: PrimitiveId::NONE };
-        sample_on(&self.lamp, from, point, 1.0, self.area() as f32)
+        SurfacePoint { position, error, normal: self.frame.normal, primitive: PrimitiveId::NONE }
+    }
+}
+
+impl LightSource for DiskLight {
+    #[inline]
+    fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        sample_on(&self.lamp, from, self.point(u), 1.0, self.area() as f32)
     }
 
     #[inline]
@@ -50,6 +57,14 @@ impl LightSource for DiskLight {
     #[inline]
     fn lamp(&self) -> Option<&Lamp> {
         Some(&self.lamp)
+    }
+
+    fn emit(&self, _: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
+        EmittedLight::from_surface(&self.lamp, self.point(place), towards, self.area() as f32)
+    }
+
+    fn emission_pdf(&self, _: &SceneSphere, normal: Vec3, direction: Vec3) -> EmissionPdf {
+        self.lamp.emission_pdf(normal.dot(direction), self.area() as f32)
     }
 
     fn power(&self, _: f64) -> f64 {

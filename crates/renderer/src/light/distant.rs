@@ -1,7 +1,9 @@
 //! Distant lights: parallel light from infinity.
 
 use super::punctual::checked;
-use super::{Expectation, LightSample, LightSource, PunctualError, Target, luminance};
+use super::{
+    EmissionPdf, EmittedLight, Expectation, LightSample, LightSource, PunctualError, SceneSphere, Target, luminance,
+};
 use dapple_scene::Source;
 use glam::{DAffine3, DVec3, Vec3};
 
@@ -37,6 +39,14 @@ impl LightSource for DistantLight {
 
     /// Returns the luminance of the irradiance times the cross section `pi r^2` of the scene's bounding sphere,
     /// divided by pi.
+    fn emit(&self, scene: &SceneSphere, place: [f32; 2], _: [f32; 2]) -> Option<EmittedLight> {
+        Some(scene.parallel(-self.towards, self.irradiance, 1.0, place))
+    }
+
+    fn emission_pdf(&self, scene: &SceneSphere, _: Vec3, _: Vec3) -> EmissionPdf {
+        scene.parallel_pdf(1.0)
+    }
+
     fn power(&self, scene_radius: f64) -> f64 {
         luminance(self.irradiance) * scene_radius * scene_radius
     }

@@ -4,7 +4,9 @@ mod tiles;
 
 pub(crate) use tiles::{Tile, Tiles};
 
-use super::{Expectation, LightSample, LightSource, Target, luminance, octahedral};
+use super::{
+    EmissionPdf, EmittedLight, Expectation, LightSample, LightSource, SceneSphere, Target, luminance, octahedral,
+};
 use crate::shading::discrete::PiecewiseConstant2d;
 use crate::shading::trigonometry::{sin_cos_turn, turn_of};
 use crate::shading::warp;
@@ -202,6 +204,15 @@ impl LightSource for Environment {
 
     /// Returns the mean luminance times 4 pi, times the cross section `pi r^2` of the scene's bounding sphere, divided
     /// by pi.
+    fn emit(&self, scene: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
+        let sample = self.sample(Vec3::ZERO, towards)?;
+        Some(scene.parallel(-sample.wi, sample.radiance, sample.pdf, place))
+    }
+
+    fn emission_pdf(&self, scene: &SceneSphere, _: Vec3, direction: Vec3) -> EmissionPdf {
+        scene.parallel_pdf(self.direction_pdf(-direction))
+    }
+
     fn power(&self, scene_radius: f64) -> f64 {
         4.0 * std::f64::consts::PI * scene_radius * scene_radius * self.average_luminance()
     }

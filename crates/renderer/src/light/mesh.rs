@@ -1,7 +1,10 @@
 //! Meshes that emit light.
 
 use super::spherical::SphericalTriangle;
-use super::{Expectation, Lamp, LightSample, LightSource, Target, area_to_solid_angle, sample_on};
+use super::{
+    EmissionPdf, EmittedLight, Expectation, Lamp, LightSample, LightSource, SceneSphere, Target, area_to_solid_angle,
+    sample_on,
+};
 use crate::shading::discrete::Discrete;
 use crate::shading::warp;
 use dapple_geometry::{Geometry, PrimitiveId, Shape, SurfacePoint};
@@ -204,6 +207,20 @@ impl LightSource for MeshLight {
     #[inline]
     fn lamp(&self) -> Option<&Lamp> {
         Some(&self.lamp)
+    }
+
+    fn emit(&self, _: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
+        let (index, within) = self.choose(place[0])?;
+        let facet = &self.facets[index];
+        let [_, b1, b2] = warp::uniform_triangle([within, place[1]]);
+        let position = facet.corner + facet.edges[0] * b1 + facet.edges[1] * b2;
+        let (normal, primitive) = (facet.normal * facet.side, facet.primitive);
+        let point = SurfacePoint { position, error: facet.error, normal, primitive };
+        EmittedLight::from_surface(&self.lamp, point, towards, self.area as f32)
+    }
+
+    fn emission_pdf(&self, _: &SceneSphere, normal: Vec3, direction: Vec3) -> EmissionPdf {
+        self.lamp.emission_pdf(normal.dot(direction), self.area as f32)
     }
 
     fn power(&self, _: f64) -> f64 {

@@ -1,7 +1,10 @@
 //! Point lights: light of the same intensity in all directions from a single point.
 
 use super::punctual::checked;
-use super::{Expectation, LightSample, LightSource, PunctualError, Target, luminance};
+use super::{
+    EmissionPdf, EmittedLight, Expectation, LightSample, LightSource, PunctualError, SceneSphere, Target, luminance,
+};
+use crate::shading::warp;
 use crate::space::Space;
 use dapple_scene::Source;
 use glam::{DAffine3, Vec3};
@@ -54,6 +57,10 @@ impl PointLight {
         arrives.then_some(LightSample { wi, radiance, pdf: 1.0, target: Target::Point(self.position), delta: true })
     }
 
+    pub(super) fn position(&self) -> Vec3 {
+        self.position
+    }
+
     pub(super) fn intensity(&self) -> Vec3 {
         self.intensity
     }
@@ -75,6 +82,15 @@ impl LightSource for PointLight {
     }
 
     /// Returns the luminance of the intensity times 4 pi, divided by pi.
+    fn emit(&self, _: &SceneSphere, _: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
+        let direction = warp::uniform_sphere(towards);
+        Some(EmittedLight::from_point(self.position, direction, self.intensity, warp::uniform_sphere_pdf()))
+    }
+
+    fn emission_pdf(&self, _: &SceneSphere, _: Vec3, _: Vec3) -> EmissionPdf {
+        EmissionPdf { position: 1.0, direction: warp::uniform_sphere_pdf() }
+    }
+
     fn power(&self, _: f64) -> f64 {
         4.0 * luminance(self.intensity)
     }

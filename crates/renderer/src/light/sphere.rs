@@ -1,6 +1,9 @@
 //! Spheres that emit light.
 
-use super::{Expectation, Lamp, LightSample, LightSource, Target, area_to_solid_angle, sample_on};
+use super::{
+    EmissionPdf, EmittedLight, Expectation, Lamp, LightSample, LightSource, SceneSphere, Target, area_to_solid_angle,
+    sample_on,
+};
 use crate::shading::{ShadingFrame, warp};
 use dapple_geometry::{PrimitiveId, SurfacePoint};
 use glam::Vec3;
@@ -90,6 +93,16 @@ impl LightSource for SphereLight {
     #[inline]
     fn lamp(&self) -> Option<&Lamp> {
         Some(&self.lamp)
+    }
+
+    fn emit(&self, _: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
+        let mut point = self.point(warp::uniform_sphere(place));
+        point.normal *= self.flip;
+        EmittedLight::from_surface(&self.lamp, point, towards, self.area() as f32)
+    }
+
+    fn emission_pdf(&self, _: &SceneSphere, normal: Vec3, direction: Vec3) -> EmissionPdf {
+        self.lamp.emission_pdf(normal.dot(direction), self.area() as f32)
     }
 
     fn power(&self, _: f64) -> f64 {

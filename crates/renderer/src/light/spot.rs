@@ -1,6 +1,9 @@
 //! Spot lights: light from a single point into a cone.
 
-use super::{Expectation, LightSample, LightSource, PointLight, PunctualError, luminance};
+use super::{
+    EmissionPdf, EmittedLight, Expectation, LightSample, LightSource, PointLight, PunctualError, SceneSphere, luminance,
+};
+use crate::shading::{ShadingFrame, warp};
 use crate::space::{Space, even_scale};
 use dapple_scene::{Source, SpotFalloff};
 use glam::{DAffine3, DVec3, Vec3};
@@ -82,6 +85,18 @@ impl LightSource for SpotLight {
     }
 
     /// Returns the luminance of the axis intensity times 4 pi times the relative power, divided by pi.
+    fn emit(&self, _: &SceneSphere, _: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
+        let local = warp::uniform_cone(towards, self.edge);
+        let direction = ShadingFrame::from_normal(self.axis).to_world(local).normalize();
+        let intensity = self.point.intensity() * self.share(1.0 - local.z);
+        Some(EmittedLight::from_point(self.point.position(), direction, intensity, warp::uniform_cone_pdf(self.edge)))
+    }
+
+    fn emission_pdf(&self, _: &SceneSphere, _: Vec3, direction: Vec3) -> EmissionPdf {
+        let inside = 0.5 * (direction - self.axis).length_squared() <= self.edge;
+        EmissionPdf { position: 1.0, direction: if inside { warp::uniform_cone_pdf(self.edge) } else { 0.0 } }
+    }
+
     fn power(&self, _: f64) -> f64 {
         4.0 * luminance(self.point.intensity()) * self.share_of_sphere()
     }

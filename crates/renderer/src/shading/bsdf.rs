@@ -353,7 +353,7 @@ impl<'m> Bsdf<'m> {
     /// Returns true if [`sample`](Self::sample) with this `lobe` samples a rough lobe so narrow that reflections and
     /// refractions in it have detail. It serves the features of denoisers, not light transport.
     #[inline(never)]
-    pub(crate) fn samples_narrow_lobe(&self, wo: Vec3, lobe: f32) -> bool {
+    pub fn samples_narrow_lobe(&self, wo: Vec3, lobe: f32) -> bool {
         let narrow = |m: &TrowbridgeReitz| m.alpha()[0].max(m.alpha()[1]) <= NARROW;
         let wo = Vec3::new(wo.x, wo.y, wo.z.abs());
         match self {

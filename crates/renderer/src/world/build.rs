@@ -4,7 +4,7 @@ use super::instances::{Placements, empty_mesh};
 use super::shutter::Shutter;
 use super::{NO_LIGHT, NO_MEDIUM, Part, World};
 use crate::camera::{CameraError, CameraView};
-use crate::light::{DiskLight, Lamp, Light, Lights, MeshLight, SphereLight};
+use crate::light::{DiskLight, Lamp, Light, Lights, MeshLight, SceneSphere, SphereLight};
 use crate::material::{Surface, check_mixes};
 use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
@@ -205,8 +205,9 @@ fn lights(
         }
     }
     lights.extend(without_shape);
-    let radius = geometry.bounds().map_or(1.0, |[low, high]| (high - low).length() * 0.5);
-    Lights::new(lights, radius)
+    let [low, high] = geometry.bounds().unwrap_or([Vec3::ZERO; 2]);
+    let radius = if geometry.bounds().is_some() { (high - low).length() * 0.5 } else { 1.0 };
+    Lights::new(lights, SceneSphere { centre: low + (high - low) * 0.5, radius })
 }
 
 /// Returns the emission of an area light; `None` if it is black. Fails with a message if a number is invalid.

@@ -34,6 +34,21 @@ impl World {
             .with_primitive(at.hit.primitive)
     }
 
+    /// Returns the features of a surface that a path meets behind mirrors, glass or smooth coats.
+    ///
+    /// `u` in `[0, 1)` selects one material if the surface is a mix. `tint` is the share of light that the surfaces before
+    /// pass on, and `length` the path's length up to the last of them.
+    pub fn surface_features(
+        &self,
+        ray: &Ray,
+        at: &Interaction<'_>,
+        u: f32,
+        tint: Vec3,
+        length: f32,
+    ) -> SurfaceFeatures {
+        self.features_of(*ray, *at, self.surface(at, u), tint, length)
+    }
+
     /// Returns the features of a surface that a path meets behind mirrors, glass or smooth coats, as filters use them.
     ///
     /// `tint` is the share of light that these pass on, and `length` the path's length up to the last of them. Not

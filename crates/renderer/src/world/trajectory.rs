@@ -27,7 +27,7 @@ impl World {
 
     /// Returns the trajectory of the background along a camera ray that hits nothing; `None` if the camera is at rest or
     /// orthographic.
-    pub(crate) fn background_trajectory(&self, ray: &Ray, time: f32) -> Option<Trajectory> {
+    pub fn background_trajectory(&self, ray: &Ray, time: f32) -> Option<Trajectory> {
         let direction = ray.direction.as_dvec3();
         let here = self.camera.project_direction(time, direction).filter(|_| self.camera.moves())?;
         let at = |time, _| self.camera.project_direction(time, direction).unwrap_or(here);

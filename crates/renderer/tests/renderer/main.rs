@@ -15,6 +15,7 @@ mod lights_cells;
 mod lights_chi_square;
 mod lights_choice;
 mod lights_closed;
+mod lights_emission;
 mod lights_punctual;
 mod lights_sides;
 mod medium;

@@ -3,15 +3,15 @@
 //! They ride along with the path: no rays and no random numbers of their own. Where a surface both reflects and
 //! refracts, or shows its base through a coat, they follow the lobe that the path samples.
 
-use super::{LightSelector, Path, PathTracer};
+use super::{LightSelector, Path, PathTracer, VertexLight};
 use crate::camera::Lens;
 use dapple_core::{Estimate, SurfaceFeatures};
 use glam::Vec3;
 
-impl<L: Lens, S: LightSelector, const E: u32> PathTracer<'_, L, S, E> {
+impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'_, L, S, E, G> {
     /// Returns the share of light that the surfaces and media of the path so far pass on to the camera.
     #[inline(always)]
-    pub(super) fn tint(path: &Path<S::Place>) -> Vec3 {
+    pub(super) fn tint(path: &Path<S::Place, G::State>) -> Vec3 {
         // The radiance scaling of refraction and the weights of roulette are taken out again.
         let scale = if Self::HAS_TRANSMISSION { path.eta_squared * path.survival } else { path.survival };
         path.throughput * scale

@@ -1,20 +1,16 @@
 //! Transmission of rays through media, alpha-masked surfaces and interfaces between media.
 
-use super::{LastScatter, LightSelector, Path, PathTracer, ROULETTE_FROM};
+use super::{LastScatter, LightSelector, Path, PathTracer, ROULETTE_FROM, VertexLight};
 use crate::blocks;
 use crate::camera::Lens;
 use crate::light::{LightSample, Target};
 use crate::material::{self, Surface};
 use crate::medium::{HenyeyGreenstein, MediumEvent};
 use crate::shading::power_heuristic_over_pdf;
-use crate::world::{Interaction, NO_MEDIUM};
+use crate::world::{Interaction, MOST_PASSED, NO_MEDIUM};
 use dapple_core::Draws;
 use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray};
 use glam::Vec3;
-
-/// The largest number of surfaces that a ray passes before it is dropped. Even nested interfaces and foliage rarely
-/// reach 100.
-const MOST_PASSED: u32 = 10_000;
 
 /// The outcome of tracing a path segment through a medium.
 pub(super) enum MediumEnd {
@@ -26,14 +22,14 @@ pub(super) enum MediumEnd {
     Absorbed,
 }
 
-impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
+impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w, L, S, E, G> {
     /// Returns the material of the surface at a hit. Returns `None` if the ray passes the surface; the path then
     /// continues behind it.
     #[inline(always)]
     pub(super) fn surface_at(
         &self,
         draws: &Draws<'_>,
-        path: &mut Path<S::Place>,
+        path: &mut Path<S::Place, G::State>,
         at: &Interaction<'w>,
     ) -> Option<&'w Surface> {
         if Self::HAS_RARE_EFFECTS && at.part.passable {
@@ -46,7 +42,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
     fn passable_surface_at(
         &self,
         draws: &Draws<'_>,
-        path: &mut Path<S::Place>,
+        path: &mut Path<S::Place, G::State>,
         at: &Interaction<'w>,
     ) -> Option<&'w Surface> {
         let world = self.world;
@@ -70,7 +66,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
     }
 
     /// Continues the path behind a hit in the same direction. Zeroes the throughput if the path has too many segments.
-    fn pass(&self, path: &mut Path<S::Place>, at: &Interaction<'_>) {
+    fn pass(&self, path: &mut Path<S::Place, G::State>, at: &Interaction<'_>) {
         path.ray = spawn_ray(&at.point, path.ray.direction);
         if path.segments > MOST_PASSED {
             path.throughput = Vec3::ZERO;
@@ -84,12 +80,13 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         &self,
         ray: Ray,
         target: &Target,
-        path: &mut Path<S::Place>,
+        path: &mut Path<S::Place, G::State>,
         medium: u32,
     ) -> Option<Vec3> {
         let world = self.world;
         if Self::HAS_RARE_EFFECTS && world.has_passable_surfaces() {
-            let share = self.transmittance_past_surfaces(ray, target, path, medium);
+            let (share, rays) = world.transmittance_past_surfaces(ray, target, path.time, medium);
+            path.rays += rays;
             return (share != Vec3::ZERO).then_some(share);
         }
         path.rays += 1;
@@ -105,49 +102,14 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         Some(world.media.medium(medium).transmittance(ray.tmax * ray.direction.length()))
     }
 
-    /// Returns the transmittance along a shadow ray in scenes with passable surfaces; 0 if the ray is occluded.
-    #[inline(never)]
-    fn transmittance_past_surfaces(
-        &self,
-        mut ray: Ray,
-        target: &Target,
-        path: &mut Path<S::Place>,
-        mut medium: u32,
-    ) -> Vec3 {
-        let world = self.world;
-        let mut share = Vec3::ONE;
-        for _ in 0..MOST_PASSED {
-            path.rays += 1;
-            let hit = world.closest_hit(&ray, path.time);
-            let end = hit.as_ref().map_or(ray.tmax, |at| at.hit.t);
-            if medium != NO_MEDIUM {
-                share *= world.media.medium(medium).transmittance(end * ray.direction.length());
-            }
-            let Some(at) = hit else { return share };
-            let part = at.part;
-            if !part.passable {
-                return Vec3::ZERO;
-            }
-            let surface = &world.surfaces[part.material as usize];
-            let alpha = world.alpha(&at);
-            // A mixed material lets through the fraction of its interfaces.
-            let empty = material::interface_share(&world.surfaces, part.material, &world.textures, || world.uv(&at));
-            let through = 1.0 - alpha + alpha * empty;
-            share *= through;
-            if share == Vec3::ZERO {
-                return share;
-            }
-            if surface.interface {
-                medium = at.medium_beyond(ray.direction, medium);
-            }
-            ray = target.ray_from(&at.point, ray.direction);
-        }
-        Vec3::ZERO
-    }
-
     /// Moves the path through its medium towards a surface at `distance` (infinity for none). Returns the outcome.
     #[inline(never)]
-    pub(super) fn cross_medium(&self, draws: &Draws<'_>, path: &mut Path<S::Place>, distance: f32) -> MediumEnd {
+    pub(super) fn cross_medium(
+        &self,
+        draws: &Draws<'_>,
+        path: &mut Path<S::Place, G::State>,
+        distance: f32,
+    ) -> MediumEnd {
         let world = self.world;
         let medium = world.media.medium(path.medium);
         if !medium.scatters() {
@@ -170,7 +132,13 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         }
     }
 
-    fn scatter_in_medium(&self, draws: &Draws<'_>, path: &mut Path<S::Place>, t: f32, u: [f32; 2]) -> MediumEnd {
+    fn scatter_in_medium(
+        &self,
+        draws: &Draws<'_>,
+        path: &mut Path<S::Place, G::State>,
+        t: f32,
+        u: [f32; 2],
+    ) -> MediumEnd {
         let (world, lights) = (self.world, &self.world.lights);
         let position = path.ray.at(t);
         let phase = world.media.medium(path.medium).phase();
@@ -188,6 +156,9 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
             return MediumEnd::Absorbed;
         }
         let sample = phase.sample(path.ray.direction, u);
+        if G::ACTIVE {
+            self.vertex_light.scattered_in_medium(&mut path.gathered);
+        }
         path.last = Some(LastScatter { position, place: S::NOWHERE, pdf: sample.pdf });
         path.ray = Ray::new(position, sample.wi);
         path.depth += 1;
@@ -196,7 +167,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
 
     fn direct_in_medium(
         &self,
-        path: &mut Path<S::Place>,
+        path: &mut Path<S::Place, G::State>,
         position: Vec3,
         phase: &HenyeyGreenstein,
         light: &LightSample,

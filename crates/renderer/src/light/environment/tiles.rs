@@ -2,7 +2,7 @@
 //! the sky.
 
 use super::{Environment, Kind};
-use crate::light::{Expectation, LightSample, LightSource, Target};
+use crate::light::{EmissionPdf, EmittedLight, Expectation, LightSample, LightSource, SceneSphere, Target};
 use crate::shading::discrete::Window;
 use glam::Vec3;
 use std::f32::consts::PI;
@@ -54,6 +54,16 @@ impl LightSource for Tile {
     #[inline]
     fn sample(&self, _: Vec3, u: [f32; 2]) -> Option<LightSample> {
         self.tiles.sample(self.number, u)
+    }
+
+    fn emit(&self, scene: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
+        let sample = self.tiles.sample(self.number, towards)?;
+        Some(scene.parallel(-sample.wi, sample.radiance, sample.pdf, place))
+    }
+
+    fn emission_pdf(&self, scene: &SceneSphere, _: Vec3, direction: Vec3) -> EmissionPdf {
+        let (_, pdf, tile) = self.tiles.find(-direction);
+        scene.parallel_pdf(if tile == self.number { pdf } else { 0.0 })
     }
 
     fn power(&self, scene_radius: f64) -> f64 {

@@ -1,0 +1,95 @@
+//! Light that reaches the vertices of a path by other means than the path itself, such as photons.
+
+use crate::shading::{Bsdf, ShadingFrame};
+use crate::world::Interaction;
+use dapple_core::{Draws, Pass, Prepared, Prepares};
+use glam::Vec3;
+
+/// A source of light at the vertices of a path tracer's paths. It takes the place of a part of what paths find.
+///
+/// It is a type parameter of [`PathTracer`](super::PathTracer), so that path tracers without one have no code for it.
+pub trait VertexLight: Sync {
+    /// True if paths have code for this light.
+    const ACTIVE: bool;
+    /// The state of a path, in which the light notes what it has added.
+    type State: Copy + Default;
+
+    /// Returns the radiance that this light adds towards the previous vertex, at a surface that is not a mirror or clear
+    /// glass.
+    fn gather(&self, state: &mut Self::State, vertex: &GatherPoint<'_>, draws: &Draws<'_>) -> Vec3;
+
+    /// Notes that the path goes on from the vertex last gathered at, by a specular lobe or another one.
+    fn scattered(&self, state: &mut Self::State, specular: bool);
+
+    /// Notes that the path was scattered by a medium.
+    fn scattered_in_medium(&self, state: &mut Self::State);
+
+    /// Returns true if this light stands for the emission of light number `light` that a path hits after a specular
+    /// scattering event. The path then does not count it. `u32::MAX` is the environment.
+    fn replaces(&self, state: &Self::State, light: u32) -> bool;
+
+    /// Returns true if the path ends at the next surface, after its emission.
+    fn ends(&self, state: &Self::State) -> bool;
+
+    /// As [`Integrator::prepares`](dapple_core::Integrator::prepares).
+    fn prepares(&self) -> Prepares;
+
+    /// As [`Integrator::prepare`](dapple_core::Integrator::prepare).
+    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared;
+}
+
+/// A vertex of a path at which a [`VertexLight`] adds light.
+#[derive(Clone, Copy, Debug)]
+pub struct GatherPoint<'a> {
+    /// The surface point.
+    pub at: &'a Interaction<'a>,
+    /// The surface's scattering.
+    pub bsdf: &'a Bsdf<'a>,
+    /// The shading frame of the scattering.
+    pub frame: &'a ShadingFrame,
+    /// The unit direction towards the previous vertex, in the shading frame.
+    pub wo: Vec3,
+    /// The unit direction towards the previous vertex, in the renderer's space.
+    pub back: Vec3,
+    /// The number of scattering events before this one.
+    pub depth: u32,
+}
+
+/// No light at vertices: a path tracer by itself.
+#[derive(Clone, Copy, Debug)]
+pub struct NoVertexLight;
+
+impl VertexLight for NoVertexLight {
+    const ACTIVE: bool = false;
+    type State = ();
+
+    #[inline(always)]
+    fn gather(&self, _: &mut (), _: &GatherPoint<'_>, _: &Draws<'_>) -> Vec3 {
+        Vec3::ZERO
+    }
+
+    #[inline(always)]
+    fn scattered(&self, _: &mut (), _: bool) {}
+
+    #[inline(always)]
+    fn scattered_in_medium(&self, _: &mut ()) {}
+
+    #[inline(always)]
+    fn replaces(&self, _: &(), _: u32) -> bool {
+        false
+    }
+
+    #[inline(always)]
+    fn ends(&self, _: &()) -> bool {
+        false
+    }
+
+    #[inline(always)]
+    fn prepares(&self) -> Prepares {
+        Prepares::Never
+    }
+
+    fn prepare(&mut self, _: &Pass<'_>) -> Prepared {
+        Prepared::default()
+    }
+}

@@ -1,0 +1,102 @@
+//! Rays that pass surfaces without scattering, and media: queries for integrators.
+
+use super::{Interaction, NO_MEDIUM, World};
+use crate::light::Target;
+use crate::material;
+use crate::shading::{Bsdf, ShadingFrame};
+use dapple_geometry::Ray;
+use glam::Vec3;
+
+/// The largest number of surfaces that a ray passes before it is dropped. Even nested interfaces and foliage rarely
+/// reach 100.
+pub(crate) const MOST_PASSED: u32 = 10_000;
+
+impl World {
+    /// Returns the scattering at a hit and its shading frame. Returns `None` if the ray passes the surface: through a
+    /// hole, or because the surface only separates media. `u` returns random numbers in `[0, 1)` for the opacity and for
+    /// the selection of a mixed material; it is called where one is needed.
+    pub fn scattering(&self, at: &Interaction<'_>, u: impl FnOnce() -> [f32; 2]) -> Option<(Bsdf<'_>, ShadingFrame)> {
+        let mut surface = &self.surfaces[at.part.material as usize];
+        if at.part.passable {
+            let alpha = self.alpha(at);
+            let partial = alpha > 0.0 && alpha < 1.0;
+            let u = if partial || surface.mixes { u() } else { [0.0; 2] };
+            if u[0] >= alpha {
+                return None;
+            }
+            if surface.mixes {
+                surface = material::resolve(&self.surfaces, at.part.material, &self.textures, self.uv(at), u[1]).0;
+            }
+            if surface.interface {
+                return None;
+            }
+        }
+        Some((self.bsdf_of(at, surface), self.frame_of(at, surface)))
+    }
+
+    /// Returns the index of the medium around the camera.
+    pub fn camera_medium(&self) -> u32 {
+        self.camera_medium
+    }
+
+    /// Returns the index of the medium that a ray enters if it leaves a hit along `direction`. `medium` is the medium
+    /// through which it arrived.
+    pub fn medium_beyond(&self, at: &Interaction<'_>, direction: Vec3, medium: u32) -> u32 {
+        at.medium_beyond(direction, medium)
+    }
+
+    /// Returns the share of light per channel that a medium passes on over a distance. It is 1 for vacuum.
+    pub fn medium_transmittance(&self, medium: u32, distance: f32) -> Vec3 {
+        if medium == NO_MEDIUM { Vec3::ONE } else { self.media.medium(medium).transmittance(distance) }
+    }
+
+    /// Returns the share of light per channel that arrives along a shadow ray to `target`, and the number of rays traced.
+    /// The ray starts in `medium`.
+    pub fn transmittance(&self, ray: Ray, target: &Target, time: f32, medium: u32) -> (Vec3, u32) {
+        if self.has_passable_surfaces() {
+            return self.transmittance_past_surfaces(ray, target, time, medium);
+        }
+        let share = match self.occluded(&ray, time) {
+            true => Vec3::ZERO,
+            false => self.medium_transmittance(medium, ray.tmax * ray.direction.length()),
+        };
+        (share, 1)
+    }
+
+    /// Returns what [`Self::transmittance`] does, in scenes with passable surfaces.
+    #[inline(never)]
+    pub(crate) fn transmittance_past_surfaces(
+        &self,
+        mut ray: Ray,
+        target: &Target,
+        time: f32,
+        mut medium: u32,
+    ) -> (Vec3, u32) {
+        let mut share = Vec3::ONE;
+        for rays in 1..=MOST_PASSED {
+            let hit = self.closest_hit(&ray, time);
+            let end = hit.as_ref().map_or(ray.tmax, |at| at.hit.t);
+            if medium != NO_MEDIUM {
+                share *= self.media.medium(medium).transmittance(end * ray.direction.length());
+            }
+            let Some(at) = hit else { return (share, rays) };
+            let part = at.part;
+            if !part.passable {
+                return (Vec3::ZERO, rays);
+            }
+            let surface = &self.surfaces[part.material as usize];
+            let alpha = self.alpha(&at);
+            // A mixed material lets through the fraction of its interfaces.
+            let empty = material::interface_share(&self.surfaces, part.material, &self.textures, || self.uv(&at));
+            share *= 1.0 - alpha + alpha * empty;
+            if share == Vec3::ZERO {
+                return (share, rays);
+            }
+            if surface.interface {
+                medium = at.medium_beyond(ray.direction, medium);
+            }
+            ray = target.ray_from(&at.point, ray.direction);
+        }
+        (Vec3::ZERO, MOST_PASSED)
+    }
+}

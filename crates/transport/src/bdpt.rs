@@ -1,0 +1,209 @@
+//! Bidirectional path tracing: paths from the camera and from a light, joined in all ways [Lafortune and Willems 1993;
+//! Veach and Guibas 1994], with weights by the power heuristic [Veach and Guibas 1995].
+
+mod features;
+mod strategies;
+#[cfg(test)]
+mod tests;
+mod vertex;
+mod walk;
+mod weights;
+
+use dapple_core::{Draws, Estimate, Integrator, Needs, Options as _, Worker};
+use dapple_renderer::{MakeError, World};
+use glam::{Vec2, Vec3};
+use strategies::Contribution;
+use vertex::Vertex;
+
+dapple_core::options! {
+    /// The parameters of [`Bdpt`].
+    pub struct BdptOptions {
+        /// The largest number of scattering events on a path; 0 for the scene's own.
+        pub depth: u32 = 0;
+        /// Also connect light paths with the camera (0 or 1). They find caustics, but light other pixels than the sample's own.
+        pub splat: u32 = 1, |splat| splat <= 1, "0 or 1";
+    }
+}
+
+/// An integrator that traces one path from the camera and one from a light per sample, and connects each vertex of one
+/// with each vertex of the other.
+///
+/// Unbiased: its expectation is the path tracer's. A sample costs several times as many rays. It pays where light is
+/// hard to find from the camera: lamps behind shades, light through smooth glass onto rough surfaces.
+///
+/// Connections of light paths with the camera are splats ([`Worker::splat`]). A pixel's variance does not include their
+/// noise, and an adaptive sampler cannot direct them.
+///
+/// Motion and lenses are supported. Worlds with media or transparency are refused.
+#[derive(Debug)]
+pub struct Bdpt<'w> {
+    world: &'w World,
+    /// The smallest number of scattering events of the light that is returned.
+    least: usize,
+    /// The largest number of scattering events.
+    depth: u32,
+    /// True if light paths are connected with the camera.
+    splats: bool,
+    #[cfg(test)]
+    fault: tests::Fault,
+}
+
+/// Light that a sample finds: its own pixel's, and the light for other places.
+pub(crate) trait Sink {
+    /// Adds light to the sample's own pixel.
+    fn add(&mut self, radiance: Vec3);
+
+    /// Adds light to another place of the image, in pixels from the top left corner.
+    fn splat(&mut self, place: Vec2, radiance: Vec3);
+}
+
+impl<'w> Bdpt<'w> {
+    /// Makes the integrator for a world.
+    ///
+    /// # Errors
+    ///
+    /// [`MakeError::Scene`] with the effect, if the world has media or partly transparent surfaces.
+    pub fn new(world: &'w World, options: &BdptOptions) -> Result<Self, MakeError> {
+        refuse(world).map_err(MakeError::Scene)?;
+        let depth = if options.depth == 0 { world.max_depth() } else { options.depth };
+        Ok(Self {
+            world,
+            least: 0,
+            depth,
+            splats: options.splat == 1,
+            #[cfg(test)]
+            fault: tests::Fault::None,
+        })
+    }
+
+    /// Makes the integrator from the text of its parameters, for the table of integrators.
+    pub(crate) fn parse<'a>(parameters: &str, world: &'a World) -> Result<Box<dyn Integrator + 'a>, MakeError> {
+        Ok(Box::new(Bdpt::new(world, &BdptOptions::parse(parameters)?)?))
+    }
+
+    /// Returns only light that is scattered `least` times or more, and `most` times at most.
+    pub(crate) fn with_events(self, [least, most]: [u32; 2]) -> Self {
+        Self { least: least as usize, depth: most, ..self }
+    }
+
+    /// Returns true if samples add light to other pixels.
+    pub fn splats(&self) -> bool {
+        self.splats
+    }
+
+    /// Traces both paths of a sample and joins them. Returns the estimate without its radiance, which goes to `sink`.
+    pub(crate) fn trace(&self, draws: &Draws<'_>, sink: &mut impl Sink) -> Estimate {
+        let mut estimate = Estimate::new([0.0; 3]).with_cost(0);
+        let (mut camera, mut light) = (Vec::with_capacity(8), Vec::with_capacity(8));
+        let (time, direct) = self.camera_path(draws, &mut camera, &mut estimate);
+        let mut rays = 0;
+        self.light_path(draws, time, &mut light, &mut rays);
+        for t in 2..=camera.len() {
+            let emission = self.of_camera(draws, &camera[..t], &light, (time, &mut rays), sink);
+            if t <= direct {
+                estimate.emission = (Vec3::from(estimate.emission) + emission).to_array();
+            }
+        }
+        if self.splats {
+            self.seen(draws, &light, (time, &mut rays), |place, s, found| {
+                sink.splat(place, self.weighted(&light[..s], &camera[..1], &found));
+            });
+        }
+        estimate.cost += rays;
+        estimate
+    }
+
+    /// Adds the light of all strategies that use a camera path as a whole. Returns the emission that it meets itself.
+    fn of_camera(
+        &self,
+        draws: &Draws<'_>,
+        camera: &[Vertex<'w>],
+        light: &[Vertex<'w>],
+        (time, rays): (f32, &mut u32),
+        sink: &mut impl Sink,
+    ) -> Vec3 {
+        let (t, last) = (camera.len(), &camera[camera.len() - 1]);
+        let mut emission = Vec3::ZERO;
+        // The number of scattering events of s + t vertices is s + t - 2.
+        if t >= self.least + 2
+            && let Some(found) = self.found(camera)
+        {
+            emission = self.weighted(&[], camera, &found);
+            sink.add(emission);
+        }
+        let least = (self.least + 2).saturating_sub(t);
+        let most = (self.depth as usize + 2).saturating_sub(t);
+        if most == 0 || !last.connects() || self.world.lights().is_empty() {
+            return emission;
+        }
+        if least <= 1 {
+            let (choice, u) = Self::light_numbers(draws, t);
+            if let Some((found, start)) = self.sampled(camera, choice, u, (time, rays)) {
+                sink.add(self.weighted(&[start], camera, &found));
+            }
+        }
+        for s in least.max(2)..=most.min(light.len()) {
+            if light[s - 1].connects()
+                && let Some(found) = self.connected(&light[..s], camera, (time, rays))
+            {
+                sink.add(self.weighted(&light[..s], camera, &found));
+            }
+        }
+        emission
+    }
+
+    /// Returns the contribution of a strategy times its weight.
+    fn weighted(&self, light: &[Vertex<'_>], camera: &[Vertex<'_>], found: &Contribution) -> Vec3 {
+        let weight = self.weight(light, camera, &found.ends);
+        #[cfg(test)]
+        let weight = self.fault.applied(weight, light.len(), camera.len());
+        found.radiance * weight
+    }
+}
+
+/// Refuses worlds with effects that light paths lack.
+pub(crate) fn refuse(world: &World) -> Result<(), String> {
+    use dapple_scene::Effect;
+    let lacking = [Effect::AbsorbingMedia, Effect::ScatteringMedia, Effect::Transparency];
+    let called = world.effects().called().iter().find(|called| lacking.contains(&called.effect));
+    match called {
+        Some(called) => Err(format!(
+            "{}: the scene has {} ({}), which paths from the lights do not support; use path, or leave the effect out by --without {}",
+            called.source, called.effect, called.because, called.effect
+        )),
+        None if world.has_interfaces() => {
+            Err("the scene has interfaces between media, which paths from the lights do not support; use path".into())
+        }
+        None => Ok(()),
+    }
+}
+
+/// The light of one sample as the film gets it.
+struct OfSample<'a, 'w> {
+    world: &'w World,
+    worker: &'a mut Worker,
+    radiance: Vec3,
+}
+
+impl Sink for OfSample<'_, '_> {
+    fn add(&mut self, radiance: Vec3) {
+        self.radiance += radiance;
+    }
+
+    fn splat(&mut self, place: Vec2, radiance: Vec3) {
+        self.world.splat_at(place, |pixel, weight| self.worker.splat(pixel, (radiance * weight).to_array()));
+    }
+}
+
+impl Integrator for Bdpt<'_> {
+    fn estimate(&self, draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
+        let mut sink = OfSample { world: self.world, worker, radiance: Vec3::ZERO };
+        let mut estimate = self.trace(draws, &mut sink);
+        estimate.radiance = sink.radiance.to_array();
+        estimate
+    }
+
+    fn needs(&self) -> Needs {
+        if self.splats { Needs::none().with_splats() } else { Needs::none() }
+    }
+}

@@ -1,0 +1,245 @@
+//! Each strategy alone, and all together, find the path tracer's light.
+
+use super::{Bdpt, BdptOptions};
+use dapple_conformance::statistics::{FAMILY, Mean, critical, images, sidak};
+use dapple_core::samplers::Uniform;
+use dapple_core::{Film, Frame, Integrator, Limits, Needs, Options as _, Render};
+use dapple_low_discrepancy::Sobol;
+use dapple_renderer::{World, integrator};
+use dapple_scene::{
+    Camera, Color, Emission, Geometry, Light, LightKind, Material, MaterialId, MaterialKind, Projection, Roughness,
+    Scalar, Scene, Shape, Source, bundled,
+};
+use glam::{DAffine3, DMat3, DVec3};
+
+/// A change of weights, for tests of single strategies and as an injected error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Fault {
+    None,
+    /// Only the strategy with these numbers of vertices, unweighted.
+    Only { s: usize, t: usize },
+    /// Weights of light sampling (s = 1) are too large by this share.
+    Sampled(f32),
+}
+
+impl Fault {
+    pub(super) fn applied(self, weight: f32, s: usize, t: usize) -> f32 {
+        match self {
+            Self::None => weight,
+            Self::Only { s: only_s, t: only_t } => f32::from(u8::from(s == only_s && t == only_t)),
+            Self::Sampled(share) => weight * if s == 1 { 1.0 + share } else { 1.0 },
+        }
+    }
+}
+
+fn bdpt<'w>(world: &'w World, options: &str) -> Bdpt<'w> {
+    let options = BdptOptions::parse(options).unwrap_or_else(|e| panic!("{e}"));
+    Bdpt::new(world, &options).unwrap_or_else(|e| panic!("{e}"))
+}
+
+fn film(integrator: &mut dyn Integrator, [width, height]: [u32; 2], spp: u64, seed: u64) -> Film {
+    let frame = Frame::new(width, height).expect("not empty");
+    let limits = Limits::samples(spp * frame.pixels() as u64);
+    let render = Render::new(frame, &limits).needs(Needs::none().with_splats());
+    let film = render.run(integrator, &mut Uniform::new(Sobol::new(seed))).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(film.record().rejected, 0);
+    film
+}
+
+fn pixels(film: &Film) -> Vec<[f64; 3]> {
+    (0..film.frame().pixels()).map(|i| film.mean(i)).collect()
+}
+
+/// The image's mean in green, over replicates with a seed each.
+fn means(integrator: &mut dyn Integrator, size: [u32; 2], spp: u64, seeds: std::ops::Range<u64>) -> Mean {
+    let mean = |seed| {
+        let film = film(integrator, size, spp, seed);
+        pixels(&film).iter().map(|p| p[1]).sum::<f64>() / film.frame().pixels() as f64
+    };
+    seeds.map(mean).collect()
+}
+
+fn diffuse(rho: f32) -> MaterialKind {
+    MaterialKind::Diffuse { reflectance: Color::Constant([rho; 3]) }
+}
+
+fn ball(radius: f64, at: DVec3, material: usize) -> Shape {
+    let to_world = DAffine3::from_translation(at);
+    Shape::new(Geometry::Sphere { radius }, to_world, MaterialId(material as u32), Source::default())
+}
+
+/// A room, the inside of a ball, that `camera` looks into, with a ball of the third material.
+fn room(camera: Camera, middle: MaterialKind, lamp: Option<f64>) -> Scene {
+    let mut scene = Scene { max_depth: Some(3), camera, ..Scene::default() };
+    scene.film.resolution = [8; 2];
+    for (name, kind) in [("wall", diffuse(0.6)), ("bulb", diffuse(0.2)), ("middle", middle)] {
+        scene.materials.push(Material::new(name, kind, Source::default()));
+    }
+    scene.shapes.push(ball(3.0, DVec3::ZERO, 0));
+    scene.shapes.push(ball(0.5, DVec3::new(-0.4, -0.3, 1.4), 2));
+    if let Some(radius) = lamp {
+        let emission = Some(Emission { radiance: [10.0; 3], two_sided: false });
+        scene.shapes.push(Shape { emission, ..ball(radius, DVec3::new(0.9, 0.8, 0.9), 1) });
+    }
+    scene
+}
+
+fn cameras() -> [(&'static str, Camera); 3] {
+    let to_world = DAffine3::from_mat3_translation(DMat3::from_rotation_y(0.1), DVec3::new(0.1, 0.0, -1.5));
+    let pinhole = Camera { to_world, projection: Projection::Perspective { fov: 60.0 }, ..Camera::default() };
+    let lens = Camera { lens_radius: 0.3, focal_distance: 2.0, ..pinhole.clone() };
+    let to_world = DAffine3::from_scale_rotation_translation(DVec3::splat(0.8), glam::DQuat::IDENTITY, DVec3::Z * -1.0);
+    let orthographic = Camera { to_world, projection: Projection::Orthographic, ..Camera::default() };
+    [("pinhole", pinhole), ("lens", lens), ("orthographic", orthographic)]
+}
+
+/// Asserts that single strategies have the same mean, for each number of scattering events. The false-alarm rate of 64
+/// comparisons is 1e-6. Strategies with fewer than `fewest` vertices from the light cannot make such paths.
+fn strategies_agree(name: &str, scene: &Scene, fewest: usize, spp: u64) {
+    let world = World::new(scene).unwrap_or_else(|e| panic!("{name}: {e}"));
+    for events in 1..=2_usize {
+        let n = events + 2;
+        let found: Vec<(usize, Mean)> = (fewest..n)
+            .map(|s| {
+                let mut single = bdpt(&world, "");
+                single.fault = Fault::Only { s, t: n - s };
+                (s, means(&mut single, [8; 2], spp, 0..12))
+            })
+            .collect();
+        let (reference, others) = found.split_first().expect("a strategy");
+        for (s, mean) in others {
+            let test = mean.against_estimate(&reference.1);
+            let told = format!("{name}, {events} events, s = {s}: {mean:?}; s = {}: {:?}", reference.0, reference.1);
+            assert!(test.standard_error < 0.1 * reference.1.mean, "too noisy a test: {told}");
+            assert!(test.p() > sidak(FAMILY, 64), "{told}");
+        }
+    }
+}
+
+#[test]
+fn every_strategy_alone_finds_the_same_light() {
+    for (name, camera) in cameras() {
+        strategies_agree(name, &room(camera, diffuse(0.7), Some(0.6)), 0, 64);
+    }
+    let [(_, camera), ..] = cameras();
+    // Rough glass scales radiance and importance differently.
+    let (eta, white) = (1.5, Color::Constant([1.0; 3]));
+    let roughness = Roughness { u: Scalar::Constant(0.5), v: Scalar::Constant(0.5), remap: false };
+    let glass = MaterialKind::Dielectric { eta, roughness, reflectance: white, transmittance: white };
+    strategies_agree("rough glass", &room(camera.clone(), glass, Some(0.6)), 0, 64);
+    // No ray can hit a point; an environment shines through a hole.
+    let mut scene = room(camera, diffuse(0.7), None);
+    let (to_world, source) = (DAffine3::from_translation(DVec3::new(0.5, 0.6, 0.3)), Source::default());
+    scene.lights.push(Light { kind: LightKind::Point { intensity: [5.0; 3] }, to_world, source });
+    strategies_agree("point", &scene, 1, 64);
+}
+
+/// A ball before two disks, in the light of the sky and of the sun.
+#[test]
+fn every_strategy_alone_finds_the_same_light_from_infinity() {
+    let [(_, camera), ..] = cameras();
+    let mut scene = room(camera, diffuse(0.7), None);
+    scene.shapes.remove(0);
+    // Two disks that face each other at an angle.
+    for (turn, x) in [(-0.9, -0.8), (0.9, 0.8)] {
+        let disk = Geometry::Disk { height: 0.0, radius: 1.5, inner_radius: 0.0 };
+        let to_world = DAffine3::from_mat3_translation(DMat3::from_rotation_y(turn), DVec3::new(x, 0.0, 1.8));
+        scene.shapes.push(Shape::new(disk, to_world, MaterialId(0), Source::default()));
+    }
+    let light = |kind| Light { kind, to_world: DAffine3::from_rotation_x(2.0), source: Source::default() };
+    let sun = LightKind::Distant { irradiance: [2.0; 3] };
+    let radiance = dapple_scene::EnvironmentRadiance::Constant([0.7; 3]);
+    scene.lights.push(light(LightKind::Infinite { radiance }));
+    strategies_agree("sky", &scene, 0, 256);
+    scene.lights[0] = light(sun);
+    strategies_agree("sun", &scene, 1, 256);
+}
+
+/// Replicates of an image by an integrator.
+fn replicates(integrator: &mut dyn Integrator, size: [u32; 2], spp: u64, seed: u64) -> Vec<Vec<[f64; 3]>> {
+    (0..16).map(|i| pixels(&film(integrator, size, spp, seed + i))).collect()
+}
+
+const SIZE: [u32; 2] = [24, 16];
+
+/// The p-value of equal expectations, and the largest deviation of the image's mean in standard errors of the difference.
+fn compared(a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]) -> (f64, f64) {
+    let mean = |set: &[Vec<[f64; 3]>], c: usize| -> Mean {
+        set.iter().map(|image| image.iter().map(|p| p[c]).sum::<f64>() / image.len() as f64).collect()
+    };
+    let z = (0..3).map(|c| mean(a, c).against_estimate(&mean(b, c)).z().abs()).fold(0.0, f64::max);
+    (images(SIZE[0] as usize, a, b).p(), z)
+}
+
+/// On six scenes: images by 1e-6 over all, and means within 3 standard errors of the difference. That alone gives a false
+/// alarm with probability 0.03 for six scenes of three channels with other seeds.
+#[test]
+fn means_are_the_path_tracers_on_six_scenes() {
+    for name in ["cornell", "teapot", "lens", "motion", "room", "plates"] {
+        let scene = bundled::files(name).expect("bundled").read().expect("it reads");
+        let mut world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{name}: {e}"));
+        world.set_max_depth(world.max_depth().min(6));
+        let by_path = replicates(&mut *integrator(&world), SIZE, 16, 100);
+        for options in ["splat=0", "splat=1"] {
+            let found = replicates(&mut bdpt(&world, options), SIZE, 8, 200);
+            let (p, z) = compared(&found, &by_path);
+            eprintln!("{name}, {options}: p {p:.2e}, {z:.2} standard errors");
+            assert!(p > sidak(FAMILY, 12) && z < 3.0, "{name}, {options}: p {p:e}, {z} standard errors");
+        }
+        if name == "cornell" {
+            // Negative control: light sampling counts 20 % too much.
+            let mut wrong = bdpt(&world, "");
+            wrong.fault = Fault::Sampled(0.2);
+            let (p, _) = compared(&replicates(&mut wrong, SIZE, 8, 200), &by_path);
+            assert!(p < sidak(FAMILY, 12), "the test sees nothing: p {p:e}");
+        }
+    }
+}
+
+/// The inside of a ball of albedo `rho` that emits 1: the geometric series, whatever the strategies.
+#[test]
+fn furnaces_have_their_closed_form() {
+    for (depth, rho) in [(0, 0.5), (1, 0.5), (2, 0.8), (5, 0.8), (u32::MAX, 0.5)] {
+        let [(_, camera), ..] = cameras();
+        let mut scene = room(camera, diffuse(0.0), None);
+        scene.shapes.truncate(1);
+        scene.shapes[0].emission = Some(Emission { radiance: [1.0; 3], two_sided: false });
+        scene.shapes[0].reversed = true;
+        scene.materials[0] = Material::new("wall", diffuse(rho), Source::default());
+        scene.max_depth = Some(depth);
+        let world = World::new(&scene).unwrap_or_else(|e| panic!("{e}"));
+        let rho = f64::from(rho);
+        let exact = (1.0 - if depth == u32::MAX { 0.0 } else { rho.powi(depth as i32 + 1) }) / (1.0 - rho);
+        for options in ["splat=0", "splat=1"] {
+            let mean = means(&mut bdpt(&world, options), [8; 2], 64, 0..16);
+            let z = (mean.mean - exact) / mean.standard_error().max(1e-6 * exact);
+            assert!(mean.standard_error() < 0.02 * exact, "depth {depth}, {options}: {mean:?} is too noisy a test");
+            assert!(z.abs() < critical(sidak(FAMILY, 10)) * 2.0, "depth {depth}, {options}: {mean:?}, not {exact}");
+        }
+    }
+}
+
+#[test]
+fn media_and_transparency_are_refused_with_their_object() {
+    let scene = bundled::files("glass").expect("bundled").read().expect("it reads");
+    let world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{e}"));
+    let refused = Bdpt::new(&world, &BdptOptions::default()).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(refused.contains("scene.pbrt:") && refused.contains("--without"), "{refused}");
+}
+
+/// `depth=` cuts paths as the scene's own limit does, and nothing shines in the dark.
+#[test]
+fn depth_limits_paths_and_a_dark_scene_is_black() {
+    let [(_, camera), ..] = cameras();
+    let scene = room(camera, diffuse(0.7), Some(0.6));
+    let mut world = World::new(&scene).unwrap_or_else(|e| panic!("{e}"));
+    let limited = pixels(&film(&mut bdpt(&world, "depth=2"), [8; 2], 4, 1));
+    world.set_max_depth(2);
+    assert_eq!(limited, pixels(&film(&mut bdpt(&world, ""), [8; 2], 4, 1)));
+    world.set_max_depth(3);
+    assert_ne!(limited, pixels(&film(&mut bdpt(&world, ""), [8; 2], 4, 1)));
+    let mut dark = scene;
+    dark.shapes.pop();
+    let world = World::new(&dark).unwrap_or_else(|e| panic!("{e}"));
+    assert!(pixels(&film(&mut bdpt(&world, ""), [8; 2], 4, 1)).iter().all(|p| *p == [0.0; 3]));
+}

@@ -1,0 +1,196 @@
+//! Vertices of camera and light paths: scattering in both directions, and densities per area.
+
+use dapple_geometry::SurfacePoint;
+use dapple_renderer::World;
+use dapple_renderer::shading::{Bsdf, ShadingFrame};
+use glam::Vec3;
+
+/// A vertex of a path, counted from the camera or from the light.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Vertex<'w> {
+    pub(crate) kind: Kind<'w>,
+    /// The position, with the geometric normal of a surface. Points in space have the normal 0.
+    pub(crate) point: SurfacePoint,
+    /// The unit direction towards the previous vertex. For a vertex at infinity, the direction in which it lies.
+    pub(crate) wo: Vec3,
+    /// The light or importance that arrives from the previous vertices, over the densities of the vertices so far.
+    pub(crate) throughput: Vec3,
+    /// True if the next vertex was sampled by a specular lobe, so that nothing can be connected here.
+    pub(crate) specular: bool,
+    /// The density with which its own path samples this vertex, per area; per solid angle at infinity.
+    pub(crate) forward: f32,
+    /// The density with which a path in the other direction samples this vertex. Known once the next but one vertex is.
+    pub(crate) backward: f32,
+}
+
+/// The place of a vertex.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Kind<'w> {
+    /// The eye, or a point on the lens or on the screen.
+    Camera,
+    /// A surface that scatters. `light` is the index of its area light.
+    Surface { bsdf: Bsdf<'w>, frame: ShadingFrame, light: Option<u32> },
+    /// A point of an area light that starts a path.
+    Lamp { light: u32 },
+    /// A light that no ray can hit: a point or a spot. Parallel light has the flag `parallel`.
+    Delta { parallel: bool },
+    /// A direction of the environment.
+    Sky,
+}
+
+/// The direction of transport: the end from which a path is traced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum From {
+    /// A camera path, which carries importance.
+    Camera,
+    /// A light path, which carries radiance.
+    Light,
+}
+
+/// A scattered direction, sampled at a vertex.
+pub(crate) struct Scattered {
+    /// The unit direction to the next vertex.
+    pub(crate) direction: Vec3,
+    /// The factor of the throughput.
+    pub(crate) weight: Vec3,
+    /// The density of the direction per solid angle; for a specular lobe, the probability of the lobe.
+    pub(crate) forward: f32,
+    /// The density with which the opposite path samples the direction to the previous vertex, in the same measure.
+    pub(crate) backward: f32,
+    /// True for a specular lobe.
+    pub(crate) specular: bool,
+    /// The relative index of refraction crossed; see [`dapple_renderer::shading::BsdfSample::eta`].
+    pub(crate) eta: f32,
+}
+
+/// Scattering from one given direction into another: its value and the densities of sampling either direction.
+pub(crate) struct Connected {
+    /// The factor of the throughput of a path that arrives along one direction and leaves along the other.
+    pub(crate) factor: Vec3,
+    /// The solid-angle density of the leaving direction.
+    pub(crate) forward: f32,
+    /// The solid-angle density of the direction to the previous vertex, for a path in the opposite direction.
+    pub(crate) backward: f32,
+}
+
+impl<'w> Vertex<'w> {
+    /// Returns true if the vertex lies infinitely far away.
+    pub(crate) fn is_far(&self) -> bool {
+        matches!(self.kind, Kind::Sky | Kind::Delta { parallel: true, .. })
+    }
+
+    /// Returns true if a path from the other end can be connected here. Vertices on smooth surfaces cannot.
+    pub(crate) fn connects(&self) -> bool {
+        matches!(&self.kind, Kind::Surface { bsdf, .. } if !bsdf.is_specular())
+    }
+
+    /// Returns the index of the area light on which the vertex lies.
+    pub(crate) fn lamp(&self) -> Option<u32> {
+        match self.kind {
+            Kind::Surface { light, .. } => light,
+            Kind::Lamp { light } => Some(light),
+            _ => None,
+        }
+    }
+
+    /// Returns the cosine between a unit direction and the geometric normal; 1 for a point in space.
+    pub(crate) fn cosine(&self, direction: Vec3) -> f32 {
+        match self.kind {
+            Kind::Surface { .. } | Kind::Lamp { .. } => self.point.normal.dot(direction).abs(),
+            _ => 1.0,
+        }
+    }
+
+    /// Returns the density per area at this vertex of a direction that was sampled at `from` with a density per solid
+    /// angle. A vertex at infinity keeps the density per solid angle.
+    pub(crate) fn density_from(&self, from: Vec3, solid_angle: f32) -> f32 {
+        if self.is_far() {
+            return solid_angle;
+        }
+        let to = self.point.position - from;
+        let squared = to.length_squared();
+        let density = solid_angle * self.cosine(to / squared.sqrt()) / squared;
+        if density.is_finite() { density } else { 0.0 }
+    }
+
+    /// Returns the geometric normal, turned to the side of a direction.
+    pub(crate) fn facing(&self, direction: Vec3) -> Vec3 {
+        let normal = self.point.normal;
+        if normal.dot(direction) < 0.0 { -normal } else { normal }
+    }
+
+    /// Returns the radiance that the vertex's area light emits in a unit direction.
+    pub(crate) fn emitted(&self, world: &World, direction: Vec3) -> Vec3 {
+        let lamp = self.lamp().and_then(|light| world.lights().lamp(light));
+        lamp.map_or(Vec3::ZERO, |lamp| lamp.radiance(self.point.normal.dot(direction)))
+    }
+
+    /// Samples the direction to the next vertex of a path from the camera or from a light. `u` in `[0, 1)^2` selects the
+    /// direction, and `lobe` in `[0, 1)` the lobe. Returns `None` if the path ends here.
+    pub(crate) fn scatter(&self, from: From, u: [f32; 2], lobe: f32) -> Option<Scattered> {
+        let Kind::Surface { bsdf, frame, .. } = &self.kind else { return None };
+        let wo = frame.to_local(self.wo);
+        let sample = bsdf.sample(wo, u, lobe)?;
+        let direction = frame.to_world(sample.wi);
+        let [arriving, leaving] = [self.wo, direction].map(|w| self.point.normal.dot(w));
+        // Light may not pass through the geometric surface, even if the shading normal would allow it.
+        if (arriving * leaving > 0.0) != (wo.z * sample.wi.z > 0.0) {
+            return None;
+        }
+        let (specular, forward, eta) = (sample.specular, sample.pdf, sample.eta);
+        let (mut weight, mut backward) = (sample.weight, forward);
+        if specular {
+            // The opposite lobe has the same probability, in the measure of the directions before refraction.
+            backward *= wo.z.abs() / (eta * eta * sample.wi.z.abs());
+        }
+        match (from, specular) {
+            (From::Camera, true) => {}
+            (From::Camera, false) => backward = bsdf.pdf(sample.wi, wo),
+            // Radiance is scaled by the squared index on refraction; importance is not.
+            (From::Light, true) => weight *= eta * eta * adjoint([wo.z, sample.wi.z], [arriving, leaving]),
+            (From::Light, false) => {
+                let (f, pdf) = bsdf.evaluate_and_pdf(sample.wi, wo);
+                let adjoint = adjoint([wo.z, sample.wi.z], [arriving, leaving]);
+                (weight, backward) = (f * (sample.wi.z.abs() * adjoint / forward), pdf);
+            }
+        }
+        let sound = weight.is_finite() && forward > 0.0;
+        sound.then_some(Scattered { direction, weight, forward, backward, specular, eta })
+    }
+
+    /// Returns the scattering of a path from the camera or from a light into the unit `direction`. Returns `None` if
+    /// nothing is scattered there.
+    pub(crate) fn connect(&self, from: From, direction: Vec3) -> Option<Connected> {
+        let Kind::Surface { bsdf, frame, .. } = &self.kind else { return None };
+        let [wo, wi] = [self.wo, direction].map(|w| frame.to_local(w));
+        let [arriving, leaving] = [self.wo, direction].map(|w| self.point.normal.dot(w));
+        if (arriving * leaving > 0.0) != (wo.z * wi.z > 0.0) {
+            return None;
+        }
+        let factor;
+        let (forward, backward);
+        match from {
+            From::Camera => {
+                let (f, pdf) = bsdf.evaluate_and_pdf(wo, wi);
+                factor = f * wi.z.abs();
+                (forward, backward) = (pdf, bsdf.pdf(wi, wo));
+            }
+            From::Light => {
+                let (f, pdf) = bsdf.evaluate_and_pdf(wi, wo);
+                factor = f * (wi.z.abs() * adjoint([wo.z, wi.z], [arriving, leaving]));
+                (forward, backward) = (bsdf.pdf(wo, wi), pdf);
+            }
+        }
+        (factor != Vec3::ZERO && factor.is_finite()).then_some(Connected { factor, forward, backward })
+    }
+}
+
+/// Returns the factor by which shading normals make the scattering of light differ from that of importance [Veach 1997,
+/// sec. 5.3.2]. The cosines are those of the arriving and the leaving direction, with the shading normal and with the
+/// geometric one.
+fn adjoint(shading: [f32; 2], geometric: [f32; 2]) -> f32 {
+    if shading == geometric {
+        return 1.0;
+    }
+    ((shading[0] * geometric[1]) / (geometric[0] * shading[1])).abs()
+}

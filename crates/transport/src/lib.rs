@@ -1,0 +1,15 @@
+//! Integrators whose light starts at the lights: a crate beside the example renderer, on its public queries.
+//!
+//! [`integrators`] is the table of all integrators by name: the renderer's own, then [`ENTRIES`]. [`make_integrator`]
+//! makes one.
+
+mod bdpt;
+mod metropolis;
+mod photons;
+mod table;
+mod walk;
+
+pub use bdpt::{Bdpt, BdptOptions};
+pub use metropolis::{Metropolis, MetropolisOptions};
+pub use photons::{PhotonOptions, What};
+pub use table::{ENTRIES, check_integrator, integrators, make_integrator};

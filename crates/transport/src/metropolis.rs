@@ -1,0 +1,238 @@
+//! Metropolis light transport on the random numbers of bidirectional paths [Veach and Guibas 1997; Kelemen et al. 2002].
+
+mod chain;
+#[cfg(test)]
+mod tests;
+
+use crate::bdpt::{Bdpt, BdptOptions, Sink};
+use chain::{Chains, Deposit, Target};
+use dapple_core::{
+    Block, Draws, Estimate, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker, mix, streams,
+};
+use dapple_renderer::{MakeError, World};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+dapple_core::options! {
+    /// The parameters of [`Metropolis`].
+    pub struct MetropolisOptions {
+        /// The largest number of scattering events on a path; 0 for the scene's own.
+        pub depth: u32 = 0;
+        /// The number of mutations of a chain.
+        pub length: u32 = 256, |length| length >= 1, "at least 1";
+        /// Independent samples from which chains start, per mutation.
+        pub seeds: f64 = 0.25, |seeds| seeds > 0.0 && seeds <= 16.0, "above 0, at most 16";
+        /// The probability of a large step, which replaces all random numbers.
+        pub large: f64 = 0.3, |large| large > 0.0 && large <= 1.0, "above 0, at most 1";
+    }
+}
+
+/// The number of images of a pass: one for each half of the film.
+const IMAGES: usize = 2;
+/// The number of chains whose light is held before it is added up.
+const TOGETHER: u64 = 256;
+
+/// An integrator that distributes light scattered twice or more by Markov chains, and traces direct light by itself.
+///
+/// Each pass makes two images, each with as many mutations as the image has pixels, and with chains and seeds of its own.
+/// Passes are independent of each other. Each is unbiased: a chain starts at an independent sample, chosen in proportion
+/// to its brightness, and is weighted by the mean brightness of all candidates [Veach 1997, sec. 11.3.1]. Samples of a
+/// pixel in a pass take the value of these images there. Their noise is correlated between pixels, which filters do not
+/// expect.
+///
+/// Adaptive counts direct only the direct light. Worlds with media or transparency are refused.
+#[derive(Debug)]
+pub struct Metropolis<'w> {
+    world: &'w World,
+    options: MetropolisOptions,
+    /// The largest number of scattering events.
+    depth: u32,
+    direct: Bdpt<'w>,
+    indirect: Bdpt<'w>,
+    frame: Option<Frame>,
+    /// The indirect light of each pixel of the frame's window, linear RGB.
+    images: [Vec<[f32; 3]>; IMAGES],
+}
+
+/// One image of indirect light.
+pub(crate) struct ChainImage {
+    /// The light of each pixel of the window.
+    pub(crate) light: Vec<[f64; 3]>,
+    pub(crate) rays: u64,
+    /// The mean brightness of the candidates, by which the chains are weighted.
+    #[cfg_attr(not(test), expect(dead_code, reason = "for tests"))]
+    pub(crate) brightness: f64,
+}
+
+impl<'w> Metropolis<'w> {
+    /// Makes the integrator for a world.
+    ///
+    /// # Errors
+    ///
+    /// [`MakeError::Scene`] with the effect, if the world has media or partly transparent surfaces.
+    pub fn new(world: &'w World, options: &MetropolisOptions) -> Result<Self, MakeError> {
+        let depth = if options.depth == 0 { world.max_depth() } else { options.depth };
+        let direct = BdptOptions::default().depth(depth.min(1)).splat(0);
+        let indirect = BdptOptions::default().depth(depth);
+        let direct = Bdpt::new(world, &direct)?.with_events([0, depth.min(1)]);
+        let indirect = Bdpt::new(world, &indirect)?.with_events([2, depth]);
+        Ok(Self { world, options: *options, depth, direct, indirect, frame: None, images: Default::default() })
+    }
+
+    /// Makes the integrator from the text of its parameters, for the table of integrators.
+    pub(crate) fn parse<'a>(parameters: &str, world: &'a World) -> Result<Box<dyn Integrator + 'a>, MakeError> {
+        Ok(Box::new(Metropolis::new(world, &MetropolisOptions::parse(parameters)?)?))
+    }
+}
+
+/// Runs all chains of one image, with as many mutations as the window has pixels.
+fn image_of(target: &dyn Target, frame: &Frame, key: u64, options: &MetropolisOptions) -> ChainImage {
+    let (pixels, length) = (frame.pixels() as u64, u64::from(options.length));
+    let chains = Chains { target, frame, key, large: options.large as f32 };
+    let count = pixels.div_ceil(length);
+    let seeds = ((pixels as f64 * options.seeds).ceil() as u64).max(64);
+    let found: Vec<(f64, u64)> = (0..seeds)
+        .into_par_iter()
+        .map(|i| {
+            let mut rays = 0;
+            (chains.seed(i, &mut rays), rays)
+        })
+        .collect();
+    let mut rays = found.iter().map(|(_, rays)| rays).sum();
+    let total: f64 = found.iter().map(|(brightness, _)| brightness).sum();
+    let mut light = vec![[0.0; 3]; frame.pixels()];
+    let brightness = total / seeds as f64;
+    if total == 0.0 {
+        return ChainImage { light, rays, brightness };
+    }
+    let starts = starts(found.iter().map(|(brightness, _)| *brightness), total, count, key);
+    // The mean over mutations, times the number of pixels: each sample is one of all pixels'.
+    let scale = brightness / (count * length) as f64;
+    let starts: Vec<(u64, u64)> = (0..).zip(starts).collect();
+    for some in starts.chunks(TOGETHER as usize) {
+        let found: Vec<(Vec<Deposit>, u64)> = some
+            .par_iter()
+            .map(|&(chain, start)| {
+                let (mut found, mut rays) = (Vec::new(), 0);
+                chains.run(chain, start, length, &mut rays, |pixel, light| found.push((pixel, light)));
+                (found, rays)
+            })
+            .collect();
+        for (found, more) in found {
+            rays += more;
+            for (pixel, deposit) in found {
+                let sum = &mut light[pixel as usize];
+                (0..3).for_each(|c| sum[c] += f64::from(deposit[c]) * scale);
+            }
+        }
+    }
+    ChainImage { light, rays, brightness }
+}
+
+/// Returns the sample that each of `count` chains starts from, in proportion to brightness, by systematic resampling.
+fn starts(brightness: impl Iterator<Item = f64>, total: f64, count: u64, key: u64) -> Vec<u64> {
+    let offset = (mix(key ^ 0x57a2_7f00_d5e1_ec75) >> 11) as f64 / (1_u64 << 53) as f64;
+    let (mut starts, mut sum, mut last) = (Vec::with_capacity(count as usize), 0.0, 0);
+    for (i, brightness) in (0..).zip(brightness) {
+        sum += brightness;
+        if brightness > 0.0 {
+            last = i;
+        }
+        while (starts.len() as u64) < count && (starts.len() as f64 + offset) * total < sum * count as f64 {
+            starts.push(i);
+        }
+    }
+    // Rounding may leave the last place open.
+    starts.resize(count as usize, last);
+    starts
+}
+
+/// The indirect light of a world, for chains.
+struct Indirect<'a, 'w> {
+    world: &'w World,
+    paths: &'a Bdpt<'w>,
+    frame: Frame,
+}
+
+/// The light of one sample: the own pixel's, and splats.
+struct Found<'a, 'w> {
+    world: &'w World,
+    frame: Frame,
+    radiance: Vec3,
+    splats: &'a mut Vec<Deposit>,
+}
+
+/// Returns the index of a pixel in the window; `None` outside.
+fn index_of(frame: &Frame, [column, row]: [u32; 2]) -> Option<u32> {
+    let ([x, y], [width, height]) = (frame.origin(), frame.size());
+    let (x, y) = (column.checked_sub(x)?, row.checked_sub(y)?);
+    (x < width && y < height).then(|| y * width + x)
+}
+
+impl Sink for Found<'_, '_> {
+    fn add(&mut self, radiance: Vec3) {
+        self.radiance += radiance;
+    }
+
+    fn splat(&mut self, place: Vec2, radiance: Vec3) {
+        let [width, height] = self.frame.resolution().map(|n| n as f32);
+        let (world, frame, splats) = (self.world, self.frame, &mut *self.splats);
+        world.splat_at(place, |pixel, weight| {
+            if let Some(pixel) = index_of(&frame, pixel) {
+                splats.push((pixel, radiance * (weight * width * height)));
+            }
+        });
+    }
+}
+
+impl Target for Indirect<'_, '_> {
+    fn evaluate(&self, draws: &Draws<'_>, found: &mut Vec<Deposit>) -> u32 {
+        let mut sink = Found { world: self.world, frame: self.frame, radiance: Vec3::ZERO, splats: found };
+        let estimate = self.paths.trace(draws, &mut sink);
+        let radiance = sink.radiance;
+        if let Some(pixel) = index_of(&self.frame, draws.pixel())
+            && radiance != Vec3::ZERO
+        {
+            found.push((pixel, radiance * self.frame.pixels() as f32));
+        }
+        if found.iter().any(|(_, light)| !light.is_finite()) {
+            found.clear();
+        }
+        estimate.cost
+    }
+}
+
+impl Integrator for Metropolis<'_> {
+    fn estimate(&self, draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
+        let mut estimate = self.direct.estimate(draws, worker);
+        let id = draws.id();
+        let image = match id.stream {
+            first if first == streams::HALVES[0] => 0,
+            second if second == streams::HALVES[1] => 1,
+            _ => (id.index % 2) as usize,
+        };
+        let pixel = self.frame.as_ref().and_then(|frame| index_of(frame, id.pixel));
+        if let Some(light) = pixel.and_then(|pixel| self.images[image].get(pixel as usize)) {
+            estimate.radiance = (Vec3::from(estimate.radiance) + Vec3::from(*light)).to_array();
+        }
+        estimate
+    }
+
+    fn prepares(&self) -> Prepares {
+        if self.depth < 2 { Prepares::Never } else { Prepares::EveryPass }
+    }
+
+    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+        let numbers = pass.draws(0).block(Block::new(0));
+        let key = numbers.iter().fold(u64::from(pass.number), |key, x| mix(key ^ u64::from(x.to_bits())));
+        let target = Indirect { world: self.world, paths: &self.indirect, frame: pass.frame };
+        let mut prepared = Prepared::default();
+        self.images = [0, 1].map(|number| {
+            let found = image_of(&target, &pass.frame, mix(key ^ (number + 1)), &self.options);
+            prepared.rays += found.rays;
+            found.light.iter().map(|light| light.map(|x| x as f32)).collect()
+        });
+        self.frame = Some(pass.frame);
+        prepared
+    }
+}

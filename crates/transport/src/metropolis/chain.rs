@@ -1,0 +1,195 @@
+//! Markov chains over the random numbers of samples [Kelemen et al. 2002].
+//!
+//! A state is the coordinates that one sample requested. A small step moves each of them a little, a large step replaces
+//! all. Numbers that a longer path requests for the first time are new ones, and those that a shorter path no longer
+//! requests are forgotten: such moves between states of different length keep the balance, since the density of new
+//! coordinates is 1 [Green 1995].
+
+use dapple_core::{Draws, Frame, PointSet, SampleId, mix, streams};
+use dapple_renderer::blocks;
+use glam::Vec3;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// The smallest and the largest move of a coordinate by a small step. Moves are log-uniform between them.
+const MOVES: [f32; 2] = [1.0 / 1024.0, 1.0 / 64.0];
+/// The largest coordinate below 1.
+const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
+
+/// Light that a sample adds to a pixel of the window, such that its mean over all samples is the image's.
+pub(super) type Deposit = (u32, Vec3);
+
+/// The function over random numbers whose light the chains distribute.
+pub(super) trait Target: Sync {
+    /// Adds the light of a sample to `found`, and returns the number of rays traced.
+    fn evaluate(&self, draws: &Draws<'_>, found: &mut Vec<Deposit>) -> u32;
+}
+
+/// The groups of random numbers that a sample requested: of the camera path, of the light path, and others.
+#[derive(Clone, Debug, Default)]
+struct State {
+    blocks: [Vec<[f32; 4]>; 3],
+}
+
+/// Returns the list of [`State::blocks`] with a group, and its place there.
+fn place_of(block: u32) -> (usize, u32) {
+    const LIGHT: u32 = 1 << 27;
+    const OTHERS: u32 = 1 << 28;
+    match block {
+        0..LIGHT => (0, block),
+        LIGHT..OTHERS => (1, block - LIGHT),
+        // The time is the only one of them.
+        _ => (2, block & 0xff),
+    }
+}
+
+/// The random numbers of a proposed sample: a pure function of the current state and a key.
+struct Proposal<'a> {
+    current: &'a State,
+    is_large: bool,
+    key: u64,
+    frame: &'a Frame,
+    /// The number of groups requested, for each list of the state.
+    used: [AtomicU32; 3],
+}
+
+/// Returns a number in `[0, 1)` for a key.
+fn uniform(key: u64) -> f32 {
+    (key >> 40) as f32 / (1 << 24) as f32
+}
+
+/// Moves a coordinate by a small step, around the unit interval.
+fn moved(x: f32, u: f32) -> f32 {
+    let (sign, u) = if u < 0.5 { (-1.0, 2.0 * u) } else { (1.0, 2.0 * u - 1.0) };
+    let length = MOVES[1] * libm::expf(u * libm::logf(MOVES[0] / MOVES[1]));
+    let x = x + sign * length;
+    (x - x.floor()).clamp(0.0, BELOW_ONE)
+}
+
+impl<'a> Proposal<'a> {
+    fn new(current: &'a State, is_large: bool, key: u64, frame: &'a Frame) -> Self {
+        Self { current, is_large, key, frame, used: Default::default() }
+    }
+
+    fn coordinates(&self, list: usize, index: u32) -> [f32; 4] {
+        let key = mix(self.key ^ (list as u64) << 60 ^ u64::from(index) << 2);
+        let numbers = [0, 1, 2, 3].map(|lane| uniform(mix(key.wrapping_add(lane))));
+        match self.current.blocks[list].get(index as usize) {
+            Some(current) if !self.is_large => std::array::from_fn(|lane| moved(current[lane], numbers[lane])),
+            _ => numbers,
+        }
+    }
+
+    /// Returns the pixel of the sample, and the place in it.
+    fn pixel(&self) -> ([u32; 2], [f32; 2]) {
+        let [x, y, ..] = self.coordinates(0, blocks::CAMERA.number());
+        let (origin, size) = (self.frame.origin(), self.frame.size());
+        let along = |u: f32, axis: usize| {
+            let place = u * size[axis] as f32;
+            let pixel = (place as u32).min(size[axis] - 1);
+            (origin[axis] + pixel, (place - pixel as f32).clamp(0.0, BELOW_ONE))
+        };
+        let [(column, u), (row, v)] = [along(x, 0), along(y, 1)];
+        ([column, row], [u, v])
+    }
+
+    /// Returns the coordinates that were requested, as a state.
+    fn into_state(self) -> State {
+        let blocks = std::array::from_fn(|list| {
+            let used = self.used[list].load(Ordering::Relaxed);
+            (0..used).map(|index| self.coordinates(list, index)).collect()
+        });
+        State { blocks }
+    }
+}
+
+impl PointSet for Proposal<'_> {
+    fn describe(&self) -> String {
+        "metropolis".into()
+    }
+
+    fn block(&self, _: SampleId, block: u32) -> [f32; 4] {
+        let (list, index) = place_of(block);
+        self.used[list].fetch_max(index + 1, Ordering::Relaxed);
+        let found = self.coordinates(list, index);
+        if block != blocks::CAMERA.number() {
+            return found;
+        }
+        let (_, [u, v]) = self.pixel();
+        [u, v, found[2], found[3]]
+    }
+
+    fn capacity(&self) -> u64 {
+        u64::MAX
+    }
+}
+
+/// A sample with its light.
+#[derive(Default)]
+struct Sample {
+    state: State,
+    light: Vec<Deposit>,
+    /// The summed luminance of the light, the chains' target.
+    brightness: f64,
+}
+
+/// The inputs of the chains of one image.
+pub(super) struct Chains<'a> {
+    pub(super) target: &'a dyn Target,
+    pub(super) frame: &'a Frame,
+    /// The key of all random numbers.
+    pub(super) key: u64,
+    /// The probability of a large step.
+    pub(super) large: f32,
+}
+
+impl Chains<'_> {
+    fn sample(&self, current: &State, is_large: bool, key: u64, rays: &mut u64) -> Sample {
+        let proposal = Proposal::new(current, is_large, key, self.frame);
+        let id = SampleId::new(proposal.pixel().0, streams::WHOLE, 0);
+        let mut light = Vec::new();
+        *rays += u64::from(self.target.evaluate(&Draws::new(&proposal, id), &mut light));
+        let sum = light.iter().fold(Vec3::ZERO, |sum, (_, light)| sum + *light);
+        let brightness = dapple_core::luminance(sum.to_array().map(f64::from));
+        let brightness = if brightness.is_finite() && brightness > 0.0 { brightness } else { 0.0 };
+        // The place in the image belongs to the state, whether the camera ray was requested or not.
+        proposal.used[0].fetch_max(1, Ordering::Relaxed);
+        Sample { state: proposal.into_state(), light, brightness }
+    }
+
+    /// Returns the brightness of independent sample number `i`, from which a chain may start.
+    pub(super) fn seed(&self, i: u64, rays: &mut u64) -> f64 {
+        self.sample(&State::default(), true, self.seed_key(i), rays).brightness
+    }
+
+    fn seed_key(&self, i: u64) -> u64 {
+        mix(self.key ^ mix(2 * i))
+    }
+
+    /// Runs chain number `chain` of `length` mutations from independent sample number `start`. Calls `add` with the light
+    /// of each state, divided by its brightness and weighted by its expected stay.
+    pub(super) fn run(&self, chain: u64, start: u64, length: u64, rays: &mut u64, mut add: impl FnMut(u32, Vec3)) {
+        let mut current = self.sample(&State::default(), true, self.seed_key(start), rays);
+        let mut stay = 0.0;
+        let mut deposit = |sample: &Sample, weight: f64| {
+            let scale = (weight / sample.brightness) as f32;
+            if weight > 0.0 && scale.is_finite() {
+                sample.light.iter().for_each(|(pixel, light)| add(*pixel, *light * scale));
+            }
+        };
+        let key = mix(self.key ^ mix(2 * chain + 1));
+        for step in 0..length {
+            let key = mix(key ^ mix(step));
+            let [choice, accepted] = [1, 2].map(|salt| uniform(mix(key.wrapping_add(salt << 32))));
+            let next = self.sample(&current.state, choice < self.large, key, rays);
+            let acceptance = (next.brightness / current.brightness).min(1.0);
+            stay += 1.0 - acceptance;
+            if f64::from(accepted) < acceptance {
+                deposit(&current, stay);
+                (current, stay) = (next, acceptance);
+            } else {
+                deposit(&next, acceptance);
+            }
+        }
+        deposit(&current, stay);
+    }
+}

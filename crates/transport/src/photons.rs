@@ -1,0 +1,316 @@
+//! Photon mapping [Jensen 1996] in passes of one radius each [Knaus and Zwicker 2011].
+//!
+//! Each pass traces photons from the lights and stores those that arrive at rough surfaces. The path tracer adds their
+//! density at the vertices of its paths. The radius shrinks from pass to pass, so that the mean over passes converges
+//! to the true image: bias and variance both fall to 0.
+
+mod map;
+
+use crate::walk::{Arrival, Onwards, Sources, walk};
+use dapple_core::{
+    Draws, HostNumbers, Integrator, OptionValue, Options as _, Pass, Prepared, Prepares, SampleId, streams,
+};
+use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
+use dapple_scene::Effect;
+use glam::Vec3;
+use map::{Photon, PhotonMap};
+use rayon::prelude::*;
+
+/// The light that photons carry. The rest is left to path tracing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum What {
+    /// Light of small lamps that reaches rough surfaces by mirrors and clear glass only.
+    Caustics,
+    /// All indirect light at the first rough surface of a path.
+    All,
+}
+
+impl OptionValue for What {
+    fn from_text(text: &str) -> Option<Self> {
+        match text {
+            "caustics" => Some(Self::Caustics),
+            "all" => Some(Self::All),
+            _ => None,
+        }
+    }
+
+    fn text(&self) -> String {
+        match self {
+            Self::Caustics => "caustics".into(),
+            Self::All => "all".into(),
+        }
+    }
+
+    fn wanted(_: Option<&str>) -> String {
+        "\"caustics\" or \"all\"".into()
+    }
+}
+
+dapple_core::options! {
+    /// The parameters of the integrator `photons`.
+    pub struct PhotonOptions {
+        /// The light that photons carry: caustics (of small lamps), or all indirect light.
+        pub what: What = What::Caustics => "caustics";
+        /// Photons per pass and half of the samples; 0 takes one per pixel.
+        pub photons: u32 = 0, |photons| photons <= 1 << 24, "0 to 16777216";
+        /// The radius of the first pass, in units of the scene file; 0 takes four pixels at the median first hit.
+        pub radius: f64 = 0.0, |radius| radius >= 0.0 && radius.is_finite(), "0 or above";
+        /// The speed at which radii stay large, from 0 (fast, noisy) to 1 (no shrinking, biased).
+        pub alpha: f64 = 0.667, |alpha| (0.0..=1.0).contains(&alpha), "0 to 1";
+        /// With what=caustics: the largest solid angle of a small lamp in sr, from the distance of the scene's radius.
+        pub small: f64 = 0.05, |small| small >= 0.0, "0 or above";
+        /// With what=all: rough surfaces that a path leaves before photons end it.
+        pub gather: u32 = 0, |gather| gather <= 1, "0 or 1";
+    }
+}
+
+/// Makes the integrator from the text of its parameters, for the table of integrators.
+pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError> {
+    let options = PhotonOptions::parse(parameters)?;
+    let has = |effect| world.effects().has(effect);
+    if has(Effect::MotionBlur) {
+        let advice = "photons have no time; use \"path\", or render without motion-blur";
+        return Err(MakeError::Scene(format!("the scene has motion blur, and {advice}")));
+    }
+    if options.what == What::All && has(Effect::ScatteringMedia) {
+        let advice = "photons are stored on surfaces only; use \"path\" or what=caustics";
+        return Err(MakeError::Scene(format!("the scene has a medium that scatters light, and {advice}")));
+    }
+    Ok(path_tracer_with(world, PhotonLight::new(world, options)))
+}
+
+/// The least microfacet width of a surface that stores photons. Narrower lobes are left to the path tracer.
+const ROUGH: f32 = 0.3;
+/// The least cosine between the normals of two points of the same surface.
+const SAME_NORMAL: f32 = 0.9;
+/// The height of the look-up's cylinder to each side, in radii.
+const THICKNESS: f32 = 0.5;
+/// The width of the first look-up's radius in pixels at the median first hit.
+const PIXELS: f32 = 4.0;
+/// Photons that one task traces.
+const CHUNK: u32 = 4096;
+
+/// The photons of the current pass, one map for each half of the samples.
+struct PhotonLight<'w> {
+    world: &'w World,
+    options: PhotonOptions,
+    /// The lights that emit photons.
+    sources: Sources,
+    /// For each light, true if photons stand for its light through mirrors and glass.
+    replaced: Vec<bool>,
+    /// The radius of the first pass, in the renderer's units; `None` before it is measured.
+    radius: Option<f32>,
+    maps: [PhotonMap; 2],
+    is_guided: bool,
+}
+
+/// The state of a path among photons.
+#[derive(Clone, Copy, Default)]
+struct Gathered {
+    now: Next,
+    /// The state after a scattering event that is not specular.
+    next: Next,
+    /// The number of rough surfaces at which the path gathered.
+    vertices: u32,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Next {
+    /// True if the last rough surface had the light of specular chains from its photons.
+    has_chains: bool,
+    /// True if photons were all indirect light of that surface.
+    ends: bool,
+}
+
+impl<'w> PhotonLight<'w> {
+    fn new(world: &'w World, options: PhotonOptions) -> Self {
+        let lights = world.lights();
+        let is_small = |light| match lights.light_sphere(light) {
+            _ if options.what == What::All => true,
+            _ if lights.is_delta(light) => true,
+            Some((_, radius)) => {
+                let distance = f64::from(lights.scene_sphere().1);
+                std::f64::consts::PI * (f64::from(radius) / distance).powi(2) < options.small
+            }
+            None => false,
+        };
+        let replaced: Vec<bool> = (0..lights.len() as u32).map(is_small).collect();
+        let sources = Sources::new(world, |light| replaced[light as usize]);
+        let radius = (options.radius > 0.0).then(|| (options.radius * world.space().scale()) as f32);
+        Self { world, options, sources, replaced, radius, maps: Default::default(), is_guided: false }
+    }
+
+    /// The radius of a pass: `r(i+1)^2 = r(i)^2 (i + alpha) / (i + 1)` [Knaus and Zwicker 2011].
+    fn radius_of(&mut self, pass: &Pass<'_>) -> f32 {
+        let first = *self.radius.get_or_insert_with(|| PIXELS * footprint(self.world, pass.frame.resolution()));
+        first * shrunk(self.options.alpha, pass.number).sqrt() as f32
+    }
+
+    /// Learns which rays of the lamps become caustics: the few that meet glass or mirrors.
+    fn guide(&mut self) -> u64 {
+        self.is_guided = true;
+        if self.options.what == What::All {
+            return 0;
+        }
+        let mut sources = self.sources.clone();
+        let rays = sources.guide(self.world, |emitted, draws| {
+            let mut photons = Vec::new();
+            let rays = walk(self.world, emitted, draws, |arrival| self.arrive(arrival, &mut photons));
+            (photons.iter().map(|photon| photon.flux.element_sum()).sum(), rays)
+        });
+        self.sources = sources;
+        rays
+    }
+
+    /// Traces the photons of one map, in the order of their numbers.
+    fn trace(&self, pass: &Pass<'_>, half: u64, emitted: u32) -> (Vec<Photon>, u64) {
+        let chunks: Vec<(Vec<Photon>, u64)> = (0..emitted.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let (mut photons, mut rays) = (Vec::new(), 0);
+                for number in chunk * CHUNK..((chunk + 1) * CHUNK).min(emitted) {
+                    let draws = pass.draws(half * u64::from(emitted) + u64::from(number));
+                    let Some(emitted) = self.sources.emit(self.world, &draws) else { continue };
+                    rays += walk(self.world, &emitted, &draws, |arrival| self.arrive(arrival, &mut photons));
+                }
+                (photons, rays)
+            })
+            .collect();
+        let rays = chunks.iter().map(|(_, rays)| rays).sum();
+        (chunks.into_iter().flat_map(|(photons, _)| photons).collect(), rays)
+    }
+
+    /// Stores a photon that arrives, if it is not direct light, and returns how its path continues.
+    fn arrive(&self, arrival: &Arrival<'_>, photons: &mut Vec<Photon>) -> Onwards {
+        let caustics = self.options.what == What::Caustics;
+        if caustics && !arrival.is_specular {
+            return Onwards::Stop;
+        }
+        if arrival.bounces > 0 && arrival.bsdf.roughness() >= ROUGH {
+            let &Arrival { from, flux, bounces, is_specular: is_caustic, .. } = arrival;
+            let point = arrival.at.point();
+            let (position, normal) = (point.position, point.normal);
+            photons.push(Photon { position, from, normal, flux, bounces, is_caustic });
+        }
+        if caustics { Onwards::Specular } else { Onwards::Scatter }
+    }
+
+    /// The radiance that the photons around a vertex make; caustics alone, or all.
+    fn density(&self, vertex: &GatherPoint<'_>, map: &PhotonMap, caustics: bool) -> Vec3 {
+        let point = vertex.at.point();
+        let (normal, shading) = (point.normal, vertex.frame.normal);
+        let bumped = shading != normal;
+        let outside = normal.dot(vertex.back);
+        let most = self.world.max_depth().saturating_sub(vertex.depth + 1);
+        let mut sum = Vec3::ZERO;
+        map.near(point.position, |photon| {
+            let height = (photon.position - point.position).dot(normal).abs();
+            // The same surface may be stored with its normal on the other side.
+            let same = photon.normal.dot(normal).abs() > SAME_NORMAL && height <= THICKNESS * map.radius();
+            if !same || photon.bounces > most || (caustics && !photon.is_caustic) {
+                return;
+            }
+            let wi = vertex.frame.to_local(photon.from);
+            let inside = normal.dot(photon.from);
+            if (inside * outside > 0.0) != (wi.z * vertex.wo.z > 0.0) {
+                return;
+            }
+            // Flux is measured on the geometric surface, and scattered by the shading normal.
+            let turn = if bumped { (wi.z / inside).abs().min(10.0) } else { 1.0 };
+            sum += vertex.bsdf.evaluate(vertex.wo, wi) * photon.flux * turn;
+        });
+        sum * map.density()
+    }
+}
+
+impl VertexLight for PhotonLight<'_> {
+    const ACTIVE: bool = true;
+    type State = Gathered;
+
+    fn gather(&self, state: &mut Gathered, vertex: &GatherPoint<'_>, draws: &Draws<'_>) -> Vec3 {
+        state.next = Next::default();
+        if vertex.bsdf.roughness() < ROUGH || self.sources.is_empty() {
+            return Vec3::ZERO;
+        }
+        let all = self.options.what == What::All && state.vertices >= self.options.gather;
+        state.next = Next { has_chains: true, ends: all };
+        self.density(vertex, &self.maps[(draws.sample_number() & 1) as usize], !all)
+    }
+
+    fn scattered(&self, state: &mut Gathered, specular: bool) {
+        if !specular {
+            state.now = state.next;
+            state.vertices += u32::from(state.now.has_chains);
+        }
+    }
+
+    fn scattered_in_medium(&self, state: &mut Gathered) {
+        state.now = Next::default();
+    }
+
+    fn replaces(&self, state: &Gathered, light: u32) -> bool {
+        let all = self.options.what == What::All;
+        state.now.has_chains && self.replaced.get(light as usize).copied().unwrap_or(all)
+    }
+
+    fn ends(&self, state: &Gathered) -> bool {
+        state.now.ends
+    }
+
+    fn prepares(&self) -> Prepares {
+        if self.sources.is_empty() { Prepares::Never } else { Prepares::EveryPass }
+    }
+
+    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+        let pixels = u32::try_from(pass.frame.pixels()).unwrap_or(u32::MAX);
+        let emitted = if self.options.photons == 0 { pixels.clamp(1000, 1 << 22) } else { self.options.photons };
+        let radius = self.radius_of(pass);
+        let mut prepared = Prepared::default();
+        if !self.is_guided {
+            let rays = self.guide();
+            // A resumed render guides again, which was counted before.
+            prepared.rays += if pass.number == 0 { rays } else { 0 };
+        }
+        for half in 0..2 {
+            let (photons, rays) = self.trace(pass, half, emitted);
+            self.maps[half as usize] = PhotonMap::new(&photons, emitted, radius);
+            prepared.rays += rays;
+        }
+        prepared
+    }
+}
+
+/// The squared radius of a pass, over that of the first.
+fn shrunk(alpha: f64, pass: u32) -> f64 {
+    (1..=pass).map(f64::from).fold(1.0, |square, i| square * (i + alpha) / (i + 1.0))
+}
+
+/// The median width of a pixel on the first surface that camera rays meet, in the renderer's units. Where they meet
+/// none, it is a hundredth of the scene's radius.
+fn footprint(world: &World, [width, height]: [u32; 2]) -> f32 {
+    const SIDE: u32 = 32;
+    let mut widths: Vec<f32> = (0..SIDE * SIDE)
+        .filter_map(|i| {
+            let pixel = [i % SIDE * width / SIDE, i / SIDE * height / SIDE];
+            let draws = Draws::new(&HostNumbers, SampleId::new(pixel, streams::PROBE, 0));
+            let (ray, time) = world.camera_ray(&draws);
+            let at = world.closest_hit(&ray, time)?;
+            Some(world.camera().footprint(at.distance())).filter(|width| *width > 0.0 && width.is_finite())
+        })
+        .collect();
+    widths.sort_by(f32::total_cmp);
+    widths.get(widths.len() / 2).copied().unwrap_or(0.01 * world.lights().scene_sphere().1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::shrunk;
+
+    #[test]
+    fn radii_shrink_as_published() {
+        // r_N^2 is about N^(alpha - 1) / Gamma(1 + alpha): with alpha = 2/3 it is 0.1108 of the first after 1000 passes.
+        assert!((shrunk(2.0 / 3.0, 999) - 0.1108).abs() < 5e-5, "{}", shrunk(2.0 / 3.0, 999));
+        assert_eq!(shrunk(1.0, 1000), 1.0);
+        assert!((shrunk(0.0, 999) - 1e-3).abs() < 1e-12, "without alpha the area falls as 1/N");
+    }
+}

@@ -1,0 +1,250 @@
+//! Paths from the lights: emission, specular and rough scattering, passage through media.
+
+use dapple_core::{Block, Draws, HostNumbers, SampleId, streams};
+use dapple_geometry::spawn_ray;
+use dapple_renderer::light::{EmittedLight, SelectedLight};
+use dapple_renderer::shading::{Bsdf, Discrete, ShadingFrame};
+use dapple_renderer::{Interaction, World};
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// The group for the light (dimension 0) and the place on it (2 and 3).
+const LIGHT: Block = Block::new(0);
+/// The group for the emitted direction (dimensions 0 and 1).
+const TOWARDS: Block = Block::new(1);
+/// The first group for a scattering event: direction (dimensions 0 and 1), lobe (2), roulette (3).
+const SCATTER: Block = Block::new(2);
+/// The first group for a hit that may be a hole or a mixed material: opacity (dimension 0) and selection (1).
+const SURFACE: Block = Block::new(3);
+/// The distance between the groups of successive hits.
+const STRIDE: u32 = 2;
+/// The largest number of hits of a path, passed surfaces included.
+const MOST_HITS: u32 = 10_000;
+
+/// Some lights of a world, and how their rays are selected: each light's rays are divided into a grid of cells.
+#[derive(Clone, Debug)]
+pub(crate) struct Sources {
+    lights: Vec<SourceLight>,
+    /// Cells along each side of a light's grid.
+    side: u32,
+    /// The selection among the cells of all lights; `None` without lights.
+    choice: Option<Discrete>,
+}
+
+/// A light that emits paths.
+#[derive(Clone, Copy, Debug)]
+struct SourceLight {
+    index: u32,
+    power: f32,
+    /// True if the grid divides the places that rays leave from, as for light from infinity; else their directions.
+    by_place: bool,
+}
+
+/// The number of pilot paths in all.
+const PILOTS: u32 = 1 << 17;
+/// The least number of pilot paths in each cell.
+const PILOTS_IN_CELL: u32 = 8;
+/// The largest number of cells along a side.
+const MOST_SIDE: u32 = 64;
+/// The fraction of paths that are selected by power alone, so that no light is missed for long.
+const BLIND: f64 = 0.2;
+
+impl Sources {
+    /// The lights for which `includes` returns true, selected in proportion to their power.
+    pub(crate) fn new(world: &World, includes: impl Fn(u32) -> bool) -> Self {
+        let all = world.lights();
+        let light = |index: u32| {
+            let power = (all.power(index) as f32).min(f32::MAX);
+            SourceLight { index, power, by_place: all.light_sphere(index).is_none() }
+        };
+        let lights: Vec<SourceLight> = (0..all.len() as u32).filter(|light| includes(*light)).map(light).collect();
+        let choice = select(lights.iter().map(|light| light.power));
+        Self { lights, side: 1, choice }
+    }
+
+    /// Learns by pilot paths in which cells the paths begin that `is_useful` counts: it receives a function that traces
+    /// one path. Returns the number of rays.
+    ///
+    /// Paths are then selected by the light that pilots of their cell and its neighbours carried, and a fifth of them by
+    /// power. Their flux makes up for it, so that no mean changes.
+    pub(crate) fn guide(
+        &mut self,
+        world: &World,
+        carried: impl Fn(&EmittedLight, &Draws<'_>) -> (f32, u64) + Sync,
+    ) -> u64 {
+        let count = self.lights.len() as u32;
+        if count == 0 || count > PILOTS {
+            return 0;
+        }
+        let side = (f64::from(PILOTS / PILOTS_IN_CELL / count)).sqrt().clamp(1.0, f64::from(MOST_SIDE)) as u32;
+        let cells = side * side;
+        let each = (PILOTS / (count * cells)).clamp(1, PILOTS_IN_CELL);
+        let found: Vec<(f32, u64)> = (0..count * cells)
+            .into_par_iter()
+            .map(|number| {
+                let (light, cell) = (&self.lights[(number / cells) as usize], number % cells);
+                (0..each).fold((0.0, 0), |(sum, rays), pilot| {
+                    let id = SampleId::new([number, pilot], streams::PROBE, 0);
+                    let draws = Draws::new(&HostNumbers, id);
+                    let Some(emitted) = emit(world, light, &draws, (side, cell), 1.0) else { return (sum, rays) };
+                    let (carried, traced) = carried(&emitted, &draws);
+                    (sum + carried.min(f32::MAX / 64.0), rays + traced)
+                })
+            })
+            .collect();
+        let rays = found.iter().map(|(_, rays)| rays).sum();
+        let near = |number: u32| -> f64 {
+            let (light, cell) = (number / cells * cells, number % cells);
+            let [x, y] = [cell % side, cell / side];
+            let around = |k: u32| k.saturating_sub(1)..=(k + 1).min(side - 1);
+            around(y)
+                .flat_map(|y| around(x).map(move |x| found[(light + y * side + x) as usize].0))
+                .map(f64::from)
+                .sum()
+        };
+        let guided: Vec<f64> = (0..count * cells).map(near).collect();
+        let total: f64 = guided.iter().sum();
+        let power: f64 = self.lights.iter().map(|light| f64::from(light.power)).sum();
+        if !(total > 0.0 && total.is_finite()) {
+            return rays;
+        }
+        let weight = |number: u32| {
+            let blind = f64::from(self.lights[(number / cells) as usize].power) / power / f64::from(cells);
+            (BLIND * blind + (1.0 - BLIND) * guided[number as usize] / total) as f32
+        };
+        self.choice = select((0..count * cells).map(weight));
+        self.side = side;
+        rays
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.choice.is_none()
+    }
+
+    /// Samples a ray that leaves one of the lights.
+    pub(crate) fn emit(&self, world: &World, draws: &Draws<'_>) -> Option<EmittedLight> {
+        let cells = (self.side * self.side) as usize;
+        let chosen = self.choice.as_ref()?.sample(draws.block(LIGHT)[0])?;
+        let (light, cell) = (&self.lights[chosen.index / cells], (chosen.index % cells) as u32);
+        emit(world, light, draws, (self.side, cell), chosen.pmf)
+    }
+}
+
+/// A distribution by weights; `None` if all are 0.
+fn select(weights: impl Iterator<Item = f32>) -> Option<Discrete> {
+    Discrete::new(&weights.collect::<Vec<_>>()).ok().filter(|choice| !choice.is_empty())
+}
+
+/// Samples a ray of one cell, which was selected with probability `pmf`.
+fn emit(
+    world: &World,
+    light: &SourceLight,
+    draws: &Draws<'_>,
+    (side, cell): (u32, u32),
+    pmf: f32,
+) -> Option<EmittedLight> {
+    let ([_, _, place @ ..], [u, v, ..]) = (draws.block(LIGHT), draws.block(TOWARDS));
+    let within = |[u, v]: [f32; 2]| {
+        let at = |k: u32, u: f32| ((k as f32 + u) / side as f32).min(BELOW_ONE);
+        [at(cell % side, u), at(cell / side, v)]
+    };
+    let (place, towards) = if light.by_place { (within(place), [u, v]) } else { (place, within([u, v])) };
+    // A cell is 1 of `side^2` equal parts of the unit square.
+    let selected = SelectedLight { index: light.index, pmf: pmf * (side * side) as f32 };
+    world.lights().sample_emission_of(selected, place, towards)
+}
+
+/// The largest random number below 1.
+const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
+
+/// Light that arrives at a surface that is not a mirror or clear glass.
+pub(crate) struct Arrival<'a> {
+    pub(crate) at: &'a Interaction<'a>,
+    pub(crate) bsdf: &'a Bsdf<'a>,
+    pub(crate) frame: &'a ShadingFrame,
+    /// The unit direction that the light came from, in the renderer's space.
+    pub(crate) from: Vec3,
+    /// The flux that arrives.
+    pub(crate) flux: Vec3,
+    /// The number of scattering events on the way.
+    pub(crate) bounces: u32,
+    /// True if all of them were by mirrors, clear glass and smooth coats.
+    pub(crate) is_specular: bool,
+}
+
+/// The continuation of a path after an arrival.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Onwards {
+    /// In any direction that the surface scatters to.
+    Scatter,
+    /// By a specular lobe only, such as a smooth coat.
+    Specular,
+    /// Not at all.
+    Stop,
+}
+
+/// Traces a path from a ray that leaves a light. Calls `arrive` at each surface that is not a mirror or clear glass.
+/// Returns the number of rays.
+pub(crate) fn walk(
+    world: &World,
+    emitted: &EmittedLight,
+    draws: &Draws<'_>,
+    mut arrive: impl FnMut(&Arrival<'_>) -> Onwards,
+) -> u64 {
+    let (mut ray, mut flux) = (emitted.ray(), emitted.flux());
+    let (mut bounces, mut is_specular, mut medium) = (0, true, world.camera_medium());
+    for hit in 0..MOST_HITS {
+        let rays = u64::from(hit) + 1;
+        let Some(at) = world.closest_hit(&ray, 0.0) else { return rays };
+        flux *= world.medium_transmittance(medium, at.distance());
+        let Some((bsdf, frame)) = world.scattering(&at, || {
+            let [alpha, mix, ..] = draws.block(SURFACE.at(hit, STRIDE));
+            [alpha, mix]
+        }) else {
+            medium = world.medium_beyond(&at, ray.direction, medium);
+            ray = spawn_ray(at.point(), ray.direction);
+            continue;
+        };
+        let from = -ray.direction;
+        let onwards = match bsdf.is_specular() {
+            true => Onwards::Specular,
+            false => arrive(&Arrival { at: &at, bsdf: &bsdf, frame: &frame, from, flux, bounces, is_specular }),
+        };
+        if onwards == Onwards::Stop || bounces + 1 >= world.max_depth() {
+            return rays;
+        }
+        let [u, v, lobe, roulette] = draws.block(SCATTER.at(hit, STRIDE));
+        let wo = frame.to_local(from);
+        let Some(sample) = bsdf.sample(wo, [u, v], lobe) else { return rays };
+        if onwards == Onwards::Specular && !sample.specular {
+            return rays;
+        }
+        let wi = frame.to_world(sample.wi);
+        let Some(adjoint) = adjoint(&at, &frame, from, wi) else { return rays };
+        let leaks = (at.point().normal.dot(from) * at.point().normal.dot(wi) > 0.0) != (wo.z * sample.wi.z > 0.0);
+        // Flux, unlike radiance, does not change with the density of the medium.
+        let next = flux * sample.weight * (sample.eta * sample.eta * adjoint);
+        // Photons of equal flux [Jensen 1996].
+        let survival = (next.max_element() / flux.max_element()).min(1.0);
+        if leaks || !(roulette < survival) {
+            return rays;
+        }
+        flux = next / survival;
+        is_specular &= sample.specular;
+        bounces += 1;
+        medium = world.medium_beyond(&at, wi, medium);
+        ray = spawn_ray(at.point(), wi);
+    }
+    u64::from(MOST_HITS)
+}
+
+/// Returns the factor by which shading normals change the scattering of light against that of importance
+/// [Veach 1997, sec. 5.3.2]; `None` for directions along the surface.
+pub(crate) fn adjoint(at: &Interaction<'_>, frame: &ShadingFrame, from: Vec3, to: Vec3) -> Option<f32> {
+    let (shading, geometric) = (frame.normal, at.point().normal);
+    if shading == geometric {
+        return Some(1.0);
+    }
+    let factor = (from.dot(shading) * to.dot(geometric)).abs() / (from.dot(geometric) * to.dot(shading)).abs();
+    (factor.is_finite()).then_some(factor)
+}

@@ -1,0 +1,169 @@
+//! Photons: closed forms, agreement with the path tracer, the same bits everywhere.
+
+use crate::support::*;
+use dapple_conformance::bits;
+use dapple_core::samplers::Uniform;
+use dapple_core::{Control, Frame, Limits, Monitor, Render, Snapshot, Status};
+use dapple_low_discrepancy::Sobol;
+use dapple_renderer::World;
+use dapple_scene::{Light, LightKind, Scene, SpotFalloff};
+use dapple_transport::make_integrator;
+use glam::{DAffine3, DVec3};
+
+/// The largest deviation in standard errors that all tests of this file together exceed once in 10^6 runs.
+const LIMIT: f64 = 5.5;
+
+/// A floor seen from above under a light at height 2, behind a pane of index 1 if `pane`: the pane changes no light, but
+/// hides the light from light sampling.
+fn floor(kind: Option<LightKind>, pane: bool) -> Scene {
+    let mut scene = scene([16, 16], 30.0, DVec3::new(0.0, -2.0, 1.2), DVec3::ZERO);
+    let grey = add_material(&mut scene, diffuse(0.5));
+    add(&mut scene, rectangle(DVec3::ZERO, 3.0 * DVec3::X, 3.0 * DVec3::Y), DAffine3::IDENTITY, grey, None);
+    if pane {
+        let clear = add_material(&mut scene, glass(1.0));
+        let height = DVec3::new(0.0, 0.0, 1.8);
+        add(&mut scene, rectangle(height, 3.0 * DVec3::X, 3.0 * DVec3::Y), DAffine3::IDENTITY, clear, None);
+    }
+    match kind {
+        Some(kind) => {
+            // Lights shine along +z, a distant one comes from there.
+            let turn = if matches!(kind, LightKind::Spot { .. }) { std::f64::consts::PI } else { 0.1 };
+            let to_world = DAffine3::from_translation(DVec3::new(0.0, 0.0, 2.0)) * DAffine3::from_rotation_x(turn);
+            scene.lights.push(Light { kind, to_world, source: line(200) });
+        }
+        None => add_sphere(&mut scene, DVec3::new(0.0, 0.0, 2.0), 0.05, grey, 100.0),
+    }
+    scene
+}
+
+#[test]
+fn light_through_clear_panes_is_that_without_them() {
+    let falloff = SpotFalloff::Smoothstep;
+    let spot = LightKind::Spot { intensity: [3.0; 3], cone: 50.0, falloff_start: 40.0, falloff };
+    let kinds = [
+        None,
+        Some(LightKind::Point { intensity: [3.0; 3] }),
+        Some(spot),
+        Some(LightKind::Distant { irradiance: [2.0; 3] }),
+    ];
+    for (i, kind) in kinds.into_iter().enumerate() {
+        let expected = means(&floor(kind.clone(), false), "path", 64, 0..8);
+        let photons = "photons:photons=4000,radius=0.1,small=0.1";
+        let found = means(&floor(kind.clone(), true), photons, 16, 0..16);
+        let z = found.against_estimate(&expected).z();
+        // A radius of 5 % of the height blurs less than a thousandth.
+        assert!(z.abs() < LIMIT, "light {i}: {} instead of {}, {z} standard errors", found.mean, expected.mean);
+        let error = found.standard_error() / expected.mean;
+        assert!(error < 0.01, "light {i}: the test sees no 6 %, {error}");
+        if i == 1 {
+            let dark = means(&floor(kind, true), "path", 16, 0..2).mean;
+            assert_eq!(dark, 0.0, "a path tracer cannot find a point through glass");
+        }
+    }
+}
+
+/// A ball of glass over a floor under a lamp of radius 0.5, which paths can find.
+fn ball() -> Scene {
+    let mut scene = scene([16, 16], 30.0, DVec3::new(0.0, -5.0, 4.0), DVec3::new(0.0, 0.0, 0.3));
+    let grey = add_material(&mut scene, diffuse(0.5));
+    let clear = add_material(&mut scene, glass(1.5));
+    add(&mut scene, rectangle(DVec3::ZERO, 3.0 * DVec3::X, 3.0 * DVec3::Y), DAffine3::IDENTITY, grey, None);
+    add_sphere(&mut scene, DVec3::new(0.0, 0.0, 1.0), 0.7, clear, 0.0);
+    add_sphere(&mut scene, DVec3::new(1.0, 0.0, 3.5), 0.5, grey, 10.0);
+    scene
+}
+
+#[test]
+fn caustics_of_a_glass_ball_are_those_of_path_tracing() {
+    let scene = ball();
+    let expected = means(&scene, "path", 1024, 0..4);
+    for request in ["photons:photons=4000,radius=0.05,small=10", "photons:photons=4000,radius=0.05,what=all"] {
+        let found = means(&scene, request, 32, 10..18);
+        let bias = found.mean / expected.mean - 1.0;
+        let error = (found.standard_error().hypot(expected.standard_error())) / expected.mean;
+        assert!(bias.abs() < 0.005 + LIMIT * error, "{request}: {bias:+.4} +- {error:.4}");
+        assert!(error < 0.004, "{request}: the test sees no 3 %, {error}");
+    }
+    // Negative control: without the caustic, the floor is darker.
+    let without = means(&scene, "photons:photons=1,radius=0.001,small=10", 64, 0..4).mean / expected.mean;
+    assert!(without < 0.95, "the caustic is {without} of the light");
+}
+
+/// The inside of a sphere that reflects `rho` and emits 1.
+fn furnace(rho: f32, depth: Option<u32>) -> Scene {
+    let mut scene = scene([8, 8], 70.0, DVec3::new(0.2, 0.3, -0.1), DVec3::new(-0.9, 0.5, 0.4));
+    let wall = add_material(&mut scene, diffuse(rho));
+    add_sphere(&mut scene, DVec3::ZERO, 1.0, wall, 1.0);
+    scene.shapes[0].reversed = true;
+    scene.max_depth = depth;
+    scene
+}
+
+#[test]
+fn a_furnace_has_its_radiance() {
+    // A ball of radius r around a point of a sphere covers pi r^2 of it, so density estimation has no bias.
+    for (rho, depth) in [(0.5f32, None), (0.8, None), (0.8, Some(1)), (0.8, Some(3))] {
+        for request in ["what=all", "what=all,gather=1", "what=caustics"] {
+            let found = means(&furnace(rho, depth), &format!("photons:photons=2000,radius=0.3,{request}"), 16, 0..8);
+            let lost = depth.map_or(0.0, |d| f64::from(rho).powi(d as i32 + 1));
+            let expected = (1.0 - lost) / (1.0 - f64::from(rho));
+            let z = found.deviation(expected);
+            let error = found.standard_error() / expected;
+            assert!(z.abs() < LIMIT, "{request}, albedo {rho}, depth {depth:?}: {} of {expected}, {z}", found.mean);
+            assert!(error < 0.01, "{request}: {error}");
+        }
+    }
+}
+
+/// Keeps a snapshot of every slice.
+#[derive(Default)]
+struct Keeper(Vec<Vec<u8>>);
+
+impl Monitor for Keeper {
+    fn slice(&mut self, status: &Status<'_>) -> Control {
+        self.0.push(status.snapshot());
+        Control::Continue
+    }
+}
+
+#[test]
+fn photons_have_the_same_bits_on_any_threads_and_resumed_within_a_pass() {
+    let world = World::with_resolution(&ball(), [48, 40]).expect("a world");
+    let frame = Frame::new(48, 40).expect("a frame");
+    let limits = Limits::samples(5 * 48 * 40);
+    for request in ["photons:small=10", "photons:what=all"] {
+        let integrator = || make_integrator(request, &world).expect("an integrator");
+        let mut keeper = Keeper::default();
+        let whole = Render::new(frame, &limits)
+            .monitor(&mut keeper)
+            .run(&mut *integrator(), &mut Uniform::new(Sobol::new(3)))
+            .expect("a film");
+        assert_eq!(whole.record().passes, 3);
+        assert!(whole.record().prepare_rays > 5000);
+        let snapshots: Vec<_> = keeper.0.iter().map(|bytes| Snapshot::from_bytes(bytes).expect("a snapshot")).collect();
+        let within = |snapshot: &Snapshot| snapshot.film().record().samples % (48 * 40) != 0;
+        assert!(snapshots.iter().any(within), "a slice ends within a pass");
+        for (i, snapshot) in snapshots.into_iter().enumerate() {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(1 + i % 3).build().expect("threads");
+            let film = pool.install(|| {
+                Render::new(frame, &limits)
+                    .resume(snapshot, &mut *integrator(), &mut Uniform::new(Sobol::new(3)))
+                    .expect("a film")
+            });
+            assert!(bits(&film) == bits(&whole), "{request}, slice {i}");
+        }
+    }
+}
+
+#[test]
+fn scenes_that_photons_lack_are_refused() {
+    let mut moving = ball();
+    moving.shapes[1].moves_to = Some(DAffine3::from_translation(DVec3::Z));
+    moving.camera.shutter = [0.0, 1.0];
+    let world = World::new(&moving).expect("a world");
+    let error = make_integrator("photons", &world).err().expect("refused").to_string();
+    assert!(error.starts_with("photons: the scene has motion blur, and photons have no time; use \"path\""), "{error}");
+    let world = World::new(&ball()).expect("a world");
+    let error = make_integrator("photons:what=nothing", &world).err().expect("refused").to_string();
+    assert_eq!(error, "photons: what = \"nothing\"; give \"caustics\" or \"all\"");
+}
