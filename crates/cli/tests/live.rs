@@ -199,14 +199,18 @@ fn plain_lines_name_every_phase_in_order() {
     }
 }
 
-/// A file that is rewritten while the render goes on, complete at each moment.
+/// A file that is rewritten while the render goes on, complete at each moment. Ctrl-C ends the render once three images
+/// were seen.
+#[cfg(unix)]
 #[test]
 fn a_preview_changes_while_rendering() {
     let folder = Folder::new();
-    let words = "render cornell --resolution 160x120 --time 3 --preview p.png --preview-every 0.05 -o a.png -q";
-    let mut child = folder.command(words).spawn().expect("it starts");
-    let mut seen: Vec<Vec<u8>> = Vec::new();
-    while child.try_wait().expect("a status").is_none() {
+    let words = "render cornell --resolution 160x120 --spp 60000 --preview p.png --preview-every 0.05 -o a.png -q";
+    let mut child = folder.command(words).stderr(std::process::Stdio::null()).spawn().expect("it starts");
+    let (start, mut seen) = (std::time::Instant::now(), Vec::<Vec<u8>>::new());
+    while seen.len() < 3 {
+        let is_running = child.try_wait().expect("a status").is_none();
+        assert!(is_running && start.elapsed().as_secs() < 120, "{} images until then", seen.len());
         if let Ok(bytes) = std::fs::read(folder.path("p.png"))
             && seen.last() != Some(&bytes)
         {
@@ -215,8 +219,9 @@ fn a_preview_changes_while_rendering() {
         }
         std::thread::sleep(std::time::Duration::from_millis(10));
     }
-    assert!(child.wait().expect("a status").success());
-    assert!(seen.len() >= 3, "{} images of a render of 3 s", seen.len());
+    let sent = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+    assert!(sent.expect("kill").success());
+    assert_eq!(child.wait().expect("a status").code(), Some(130));
     let last = folder.read("a.png");
     assert!(folder.read("p.png") == last && seen[0] != last, "the last preview is the image, the first is not");
 }

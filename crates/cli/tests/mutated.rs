@@ -114,7 +114,7 @@ fn damaged_scenes_end_in_an_image_or_an_error_within_time_and_memory_i01() {
 }
 
 #[test]
-#[ignore = "three minutes"]
+#[ignore = "five minutes"]
 fn ten_times_as_many_damaged_scenes_end_in_an_image_or_an_error_i01() {
     render_damaged(3000);
 }
