@@ -142,4 +142,15 @@ mod tests {
         assert_eq!(scores[2], 0.0);
         assert!(scores[3..].iter().all(|&s| s < 1e-3), "{scores:?}");
     }
+
+    #[test]
+    fn the_order_of_hits_changes_no_score() {
+        let place = |k: u32| [3.0 + 0.1 * k as f32, -2.0 + (k * k % 3) as f32, [0.0, -1.0, 2.0, -4.0][k as usize]];
+        let seen = |order: [u32; 4]| scores(&film(|_, k| Some(hit(place(order[k as usize]), [0.0, 0.0, 1.0]))))[0];
+        let once = seen([0, 1, 2, 3]);
+        assert!(once > 0.01, "{once}");
+        for order in [[3, 2, 1, 0], [1, 0, 3, 2], [2, 3, 0, 1], [1, 2, 3, 0]] {
+            assert!((seen(order) - once).abs() < 1e-6 * once, "{order:?}: {} and {once}", seen(order));
+        }
+    }
 }

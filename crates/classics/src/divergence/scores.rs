@@ -233,6 +233,36 @@ mod tests {
         assert!(all(&once).iter().all(|&d| d > 0.1), "{once:?}");
     }
 
+    /// All orders of six samples give the same score up to rounding, and other samples another one.
+    #[test]
+    fn the_order_of_samples_changes_no_score() {
+        let samples = [0.25, 1.5, 0.0, 3.0, 0.75, 11.0];
+        let all = |x: &[f64]| {
+            let s = sums(x);
+            let streaming =
+                [s.kl(), s.chi2(), s.hellinger(), s.entropy(), s.tsallis(0.5), s.tsallis(1.0), s.tsallis(2.0)];
+            let stored =
+                [stored::fuzzy(x, 1.0), stored::generalised_hellinger(x, 0.25), stored::generalised_hellinger(x, 1.0)];
+            streaming.into_iter().chain(stored).collect::<Vec<_>>()
+        };
+        let once = all(&samples);
+        let mut order = samples;
+        // The orders by Heap's algorithm, without recursion.
+        let (mut counters, mut k, mut orders) = ([0; 6], 1, 1);
+        while k < order.len() {
+            if counters[k] < k {
+                order.swap(if k % 2 == 0 { 0 } else { counters[k] }, k);
+                all(&order).into_iter().zip(&once).for_each(|(found, &expected)| close(found, expected));
+                (counters[k], k, orders) = (counters[k] + 1, 1, orders + 1);
+            } else {
+                (counters[k], k) = (0, k + 1);
+            }
+        }
+        assert_eq!(orders, 720);
+        let other = all(&[0.25, 1.5, 0.0, 3.0, 0.75, 11.5]);
+        assert!(other.iter().zip(&once).all(|(a, b)| (a - b).abs() > 1e-4), "{other:?} and {once:?}");
+    }
+
     #[test]
     fn divergences_of_small_deviations_are_shares_of_the_squared_variation() {
         let found = sums(&[0.99, 1.01, 0.99, 1.01]);
