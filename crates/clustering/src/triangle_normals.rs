@@ -189,9 +189,10 @@ impl Crosses {
         let mut found =
             Self { cross: [[0.0; BLOCK]; 3], doubled: [0.0; BLOCK], unit: [[0.0; BLOCK]; 3], flat: [0.0; BLOCK] };
         for lane in 0..BLOCK {
-            let [a, b, c] = corners.corners.each_ref().map(|corner| {
-                [f64::from(corner[0][lane]), f64::from(corner[1][lane]), f64::from(corner[2][lane])]
-            });
+            let [a, b, c] = corners
+                .corners
+                .each_ref()
+                .map(|corner| [f64::from(corner[0][lane]), f64::from(corner[1][lane]), f64::from(corner[2][lane])]);
             let u = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
             let v = [c[0] - a[0], c[1] - a[1], c[2] - a[2]];
             let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];

@@ -46,7 +46,7 @@ fn main() -> Result<()> {
     );
     println!("|---|---|---|---|---|---|---|---|");
     let mut builds = Vec::new();
-    for scene in scenes().iter().take(if full { 3 } else { 1 }) {
+    for scene in scenes().iter().take(if full { 4 } else { 1 }) {
         builds.push(measure(scene, &folder.0, embree.as_deref(), rounds, repeats)?);
     }
     println!(

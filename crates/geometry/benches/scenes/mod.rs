@@ -81,8 +81,9 @@ fn ripples(p: DVec3, octaves: i32) -> f64 {
         .sum()
 }
 
-fn displaced_sphere() -> Soup {
-    grid(264, 132, |u, v| {
+/// A displaced sphere of `4 n^2` triangles.
+fn displaced_sphere(n: u32) -> Soup {
+    grid(2 * n, n, |u, v| {
         let (phi, theta) = (u * std::f64::consts::TAU, v * std::f64::consts::PI);
         let p = DVec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
         p * (1.0 + 0.1 * ripples(p, 6))
@@ -156,13 +157,14 @@ pub(crate) struct Scene {
 }
 
 /// The names of all scenes.
-pub(crate) fn scenes() -> [Scene; 3] {
+pub(crate) fn scenes() -> [Scene; 4] {
     let box_views = [Vec3::new(2.75, 2.75, -8.0), Vec3::new(2.75, 2.75, 0.0), Vec3::new(2.75, 5.4, 2.8)];
     let views = [Vec3::new(1.0, 1.6, -3.2), Vec3::ZERO, Vec3::new(1.0, 3.5, -1.0)];
     let far_views = [Vec3::new(0.3, 0.7, -1.3), Vec3::ZERO, Vec3::new(1.0, 2.5, 0.0)];
     [
         Scene { name: "cornell 36", soups: cornell(), views: box_views },
-        Scene { name: "sphere 70k", soups: enclosed(displaced_sphere()), views },
+        Scene { name: "sphere 70k", soups: enclosed(displaced_sphere(132)), views },
+        Scene { name: "sphere 270k", soups: enclosed(displaced_sphere(260)), views },
         Scene { name: "terrain 1M", soups: vec![terrain()], views: far_views },
     ]
 }

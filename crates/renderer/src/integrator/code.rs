@@ -17,7 +17,6 @@ pub const ROULETTE: u32 = 4;
 pub const TRANSMISSION: u32 = 8;
 /// The bit for effects that few scenes have: media, alpha, interfaces between media, mixed materials and motion.
 /// At run time, one predictable branch per effect decides if a scene has it.
-/// At run time, one predictable branch per effect decides if a scene has it.
 pub const RARE: u32 = 16;
 /// The bit for vertex normals, instances and all surfaces other than diffuse ones of constant color.
 pub const VARIED: u32 = 32;
