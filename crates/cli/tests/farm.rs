@@ -116,7 +116,7 @@ fn the_scripts_for_slurm_make_the_bits_of_one_machine_and_go_on_after_a_failure(
     std::fs::remove_file(folder.path("job/image.pfm")).expect("the image");
     let missing = shell(&folder, &["job/stage.sh", "merge"]);
     let err = String::from_utf8_lossy(&missing.stderr).into_owned();
-    assert!(!missing.status.success() && err.contains("missing parts: 2;"), "{err}");
+    assert!(!missing.status.success() && err.contains("missing parts in parts-3: 2;"), "{err}");
     std::fs::remove_file(folder.path("bin/log")).expect("the log");
     done(&folder, &["job/submit.sh"]);
     let log = String::from_utf8(folder.read("bin/log")).expect("UTF-8");
