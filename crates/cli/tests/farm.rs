@@ -185,7 +185,8 @@ fn templates_of_open_job_description_have_its_form_and_commands_that_run() {
     assert_eq!(template["specificationVersion"], "jobtemplate-2023-09");
     let parameter = &template["parameterDefinitions"][0];
     assert_eq!((&parameter["name"], &parameter["type"]), (&Value::from("Folder"), &Value::from("PATH")));
-    assert_eq!(parameter["default"].as_str(), folder.path("job").to_str());
+    assert_eq!(parameter["default"], ".", "relative to the template's folder");
+    let at = folder.path("job");
     let [render, merge] = &template["steps"].as_array().expect("steps")[..] else { panic!("two steps") };
     assert_eq!(render["parameterSpace"]["taskParameterDefinitions"][0]["range"], "1-3");
     assert_eq!(merge["dependencies"][0]["dependsOn"], render["name"]);
@@ -193,10 +194,7 @@ fn templates_of_open_job_description_have_its_form_and_commands_that_run() {
         let action = &step["script"]["actions"]["onRun"];
         assert_eq!(action["command"], "sh");
         let word = |word: &Value| {
-            let text = word
-                .as_str()
-                .expect("text")
-                .replace("{{Param.Folder}}", parameter["default"].as_str().expect("a path"));
+            let text = word.as_str().expect("text").replace("{{Param.Folder}}", at.to_str().expect("a path"));
             text.replace("{{Task.Param.Part}}", part)
         };
         let words: Vec<String> = action["args"].as_array().expect("arguments").iter().map(word).collect();
