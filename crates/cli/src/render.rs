@@ -16,9 +16,7 @@ use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, failure};
 use dapple_core::Film;
 use dapple_job::memory::{MemoryLimit, size};
-use dapple_job::{
-    Job, JobError, LoadOptions, LoadedScene, OutputFiles, RenderSpec, Traced, Warning, can_be_replayed,
-};
+use dapple_job::{Job, JobError, LoadOptions, LoadedScene, OutputFiles, RenderSpec, Traced, Warning, can_be_replayed};
 use dapple_scene::Scene;
 use dapple_scene::image::{check_writable, write_file};
 use live::Live;

@@ -111,7 +111,12 @@ pub(super) fn part(args: &RenderArgs, from: &Path) -> Result<Outcome> {
     let output = match &args.outputs[..] {
         [] => part_name(&spec, &plan, shard),
         [one] if values::has_extension(one, "part") => one.clone(),
-        _ => return Err(Failure::usage("render", "--from takes one --output, a .part file; dapple plan reads all parts")),
+        _ => {
+            return Err(Failure::usage(
+                "render",
+                "--from takes one --output, a .part file; dapple plan reads all parts",
+            ));
+        }
     };
     keep(&output, std::iter::once(("--from", from)))?;
     let mut progress = limits.progress()?;
@@ -124,7 +129,11 @@ pub(super) fn part(args: &RenderArgs, from: &Path) -> Result<Outcome> {
     write_file(&output, &bytes).map_err(Failure::new)?;
     drop(progress);
     if !args.quiet {
-        tell(format!("{}: part {shard} of stage {}; dapple plan makes the next plan of all parts", output.display(), plan.stage()))?;
+        tell(format!(
+            "{}: part {shard} of stage {}; dapple plan makes the next plan of all parts",
+            output.display(),
+            plan.stage()
+        ))?;
     }
     Ok(Outcome::Done)
 }

@@ -72,14 +72,16 @@ fn every_process_has_the_film_of_a_render_alone() {
     let frame = frame(17, 70);
     let limits = Limits::samples(17 * 70 * 17 + 5);
     for policy in [PilotPolicy::Keep, PilotPolicy::Neighbours, PilotPolicy::Discard, PilotPolicy::Cross] {
-        let alone = Render::new(frame, &limits).needs(needs()).run(&mut More::default(), &mut adaptive(policy)).unwrap();
+        let alone =
+            Render::new(frame, &limits).needs(needs()).run(&mut More::default(), &mut adaptive(policy)).unwrap();
         assert!(alone.record().rejected > 50 && alone.record().rounds.len() > 1);
         let wanted = all(&alone);
         for of in RANKS {
             let films = together(of, |mut end| {
                 // Schedules differ from process to process.
                 let index = end.share().index();
-                let schedule = Schedule::default().with_tile_rows(1 + 7 * index).with_slice_spp(index % 3).with_shuffle(3);
+                let schedule =
+                    Schedule::default().with_tile_rows(1 + 7 * index).with_slice_spp(index % 3).with_shuffle(3);
                 let limits = limits.clone().with_schedule(schedule);
                 let mut integrator = More::default();
                 let render = Render::new(frame, &limits).needs(needs()).exchange(&mut end);
@@ -184,7 +186,8 @@ fn a_limit_of_error_of_the_filtered_image_ends_all_after_the_same_samples() {
     let alone = render!().run(&mut Field(field), &mut uniform()).unwrap();
     assert!(alone.record().rounds.len() > 2 && alone.record().filtered_relmse.is_some());
     for of in RANKS {
-        let films = together(of, |mut end| render!().exchange(&mut end).run(&mut Field(field), &mut uniform()).unwrap());
+        let films =
+            together(of, |mut end| render!().exchange(&mut end).run(&mut Field(field), &mut uniform()).unwrap());
         assert!(films.iter().all(|film| all(film) == all(&alone)));
         assert!(films.iter().all(|film| film.record().filtered_relmse == alone.record().filtered_relmse));
     }
@@ -288,7 +291,8 @@ fn processes_with_different_settings_list_the_differences() {
     });
     for error in errors {
         let message = error.to_string();
-        let wanted = ["point set: independent:seed=6 at rank 1, not independent:seed=5", "budget: Samples(4000) at rank 2"];
+        let wanted =
+            ["point set: independent:seed=6 at rank 1, not independent:seed=5", "budget: Samples(4000) at rank 2"];
         assert!(wanted.iter().all(|wanted| message.contains(wanted)), "{message}");
     }
 }
