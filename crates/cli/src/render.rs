@@ -2,10 +2,10 @@
 
 pub(crate) mod args;
 pub(crate) mod live;
+pub(crate) mod parts;
 mod progress;
 mod report;
 mod roles;
-pub(crate) mod stages;
 pub(crate) mod values;
 
 pub(crate) use args::{RenderArgs, described_in};
@@ -27,7 +27,7 @@ use values::EachLayer;
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     if let Some(plan) = &args.from {
-        return stages::part(args, plan);
+        return parts::part(args, plan);
     }
     let spec = args.spec()?;
     if args.print_spec {
@@ -35,7 +35,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
         return Ok(Outcome::Done);
     }
     if let Some(plan) = args.outputs.iter().find(|path| values::has_extension(path, "plan")) {
-        return stages::first(&spec, plan, &stages::Limits::from(args));
+        return parts::first(&spec, plan, &parts::StageOptions::from(args));
     }
     let stop = Stop::listen()?;
     start_threads(args.threads)?;
