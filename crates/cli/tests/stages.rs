@@ -87,3 +87,21 @@ fn wrong_plans_and_parts_are_refused() {
     let said = folder.run("render --from 1.plan --shard 1/2 -o 3.part");
     assert!(said.err.contains("all samples are traced"), "{}", said.err);
 }
+
+#[test]
+fn a_full_disk_leaves_no_half_part_and_no_half_plan() {
+    let folder = Folder::new();
+    folder.done("render tiny.pbrt --max-depth 4 --resolution 96x64 --sampler uniform --spp 1 -o 0.plan");
+    folder.done("render --from 0.plan --shard 1/1 -o 1.part");
+    for (words, file) in [("render --from 0.plan --shard 1/1 -o 2.part", "2.part"), ("plan 1.part -o 1.plan", "1.plan")]
+    {
+        // A limit on the size of files stands in for a full disk.
+        let program = assert_cmd::cargo::cargo_bin!("dapple");
+        let script = format!("ulimit -f 4; exec {} {words}", program.display());
+        let mut shell = std::process::Command::new("sh");
+        let output = shell.args(["-c", &script]).current_dir(folder.path("")).output().expect("a shell");
+        let err = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && err.contains(&format!("{file}: cannot write the file: ")), "{err}");
+    }
+    assert_eq!(folder.names(), ["0.plan", "1.part"]);
+}

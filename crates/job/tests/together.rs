@@ -3,7 +3,7 @@
 use dapple_core::exchange::{Exchange, InMemory, in_memory};
 use dapple_core::{Control, NoMonitor, Shard, Status};
 use dapple_job::{
-    BudgetSpec, CheckpointOptions, ErrorOf, Job, JobError, JobMonitor, LoadOptions, LoadedScene, OutputFiles, PlanFile,
+    BudgetSpec, CheckpointOptions, Job, JobError, JobMonitor, LoadOptions, LoadedScene, OutputFiles, PlanFile,
     PreparedScene, RenderSpec, RenderedImage, Traced,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -76,7 +76,7 @@ fn processes_render_the_default_image_of_six_scenes_with_the_bits_of_one() {
 
 #[test]
 fn a_limit_of_error_is_that_of_one_process() {
-    let spec = RenderSpec { error_of: ErrorOf::Filtered, ..spec("cornell").budget(BudgetSpec::Error(0.02)) };
+    let spec = spec("cornell").budget(BudgetSpec::Error(0.02));
     let prepared = prepared(&spec);
     let wanted = alone(&prepared, &spec);
     let images = together(2, |mut end| {

@@ -326,10 +326,10 @@ impl<'a> Session<'a> {
             self.state.open = self.plan(team.as_deref_mut())?;
         }
         let State { film, open, .. } = &mut self.state;
-        if let (Some(team), Some(open)) = (team, &open) {
+        if let (Some(team), Some(open)) = (team, open.as_mut()) {
             team.begin(film, open);
         }
-        let Some(open) = open else {
+        let Some(open) = &self.state.open else {
             self.over = true;
             return Ok(false);
         };

@@ -108,7 +108,11 @@ impl<'a> Team<'a> {
     }
 
     /// Deals the bands of an opened round by the cost of the rounds before, and notes the state of the film.
-    pub(super) fn begin(&mut self, film: &mut Film, open: &OpenRound) {
+    pub(super) fn begin(&mut self, film: &mut Film, open: &mut OpenRound) {
+        if self.me > 0 {
+            // The sums of a pass that was interrupted are everyone's; one of them reports them.
+            open.pending.clear();
+        }
         let width = film.frame.size()[0] as usize;
         self.since = open.cursor.start;
         let to_come: Vec<u64> =

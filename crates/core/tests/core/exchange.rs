@@ -175,6 +175,33 @@ fn a_render_resumed_at_a_barrier_by_any_number_of_processes_is_the_same() {
 }
 
 #[test]
+fn a_render_interrupted_in_a_training_pass_is_resumed_by_several_processes() {
+    let (frame, limits) = (frame(90, 70), Limits::samples(90 * 70 * 9));
+    let mut states = Vec::new();
+    let mut keep = |status: &Status<'_>| {
+        states.push(status.snapshot());
+        Control::Continue
+    };
+    let render = Render::new(frame, &limits).needs(Needs::none().with_variance()).monitor(&mut keep);
+    let alone = all(&render.run(&mut Everything::default(), &mut uniform()).unwrap());
+    // Not at the end of a pass: passes end with whole multiples of a sample per pixel.
+    let within = |state: &&Vec<u8>| {
+        let samples = Snapshot::from_bytes(state).unwrap().film().record().samples;
+        !samples.is_multiple_of(90 * 70) && samples < 8 * 90 * 70
+    };
+    let within: Vec<_> = states.iter().filter(within).collect();
+    assert!(within.len() > 1);
+    for state in [within[0], within[within.len() - 1]] {
+        let films = together(2, |mut end| {
+            let snapshot = Snapshot::from_bytes(state).unwrap();
+            let render = Render::new(frame, &limits).needs(Needs::none().with_variance()).exchange(&mut end);
+            render.resume(snapshot, &mut Everything::default(), &mut uniform()).unwrap()
+        });
+        assert!(films.iter().all(|film| all(film) == alone));
+    }
+}
+
+#[test]
 fn a_limit_of_error_of_the_filtered_image_ends_all_after_the_same_samples() {
     let limits = Limits::error(0.0004, 1 << 22);
     let filter = Blur { claim: Some(0.7) };
