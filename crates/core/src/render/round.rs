@@ -11,8 +11,8 @@ use crate::film::{REJECTED_LISTED, Splats, first_hits_of, keep_first, record_fir
 use crate::integrator::TrainingSum;
 use crate::snapshot::{Cursor, OpenRound};
 use crate::{
-    Control, Draws, Error, Film, Integrator, InvalidSample, Limits, Needs, Plan, PointSet, Rejected,
-    Retention, SampleId, TrainingData, Worker, streams,
+    Control, Draws, Error, Film, Integrator, InvalidSample, Limits, Needs, Plan, PointSet, Rejected, Retention,
+    SampleId, TrainingData, Worker, streams,
 };
 use rayon::prelude::*;
 use std::cell::Cell;
