@@ -201,9 +201,8 @@ struct Job<'a> {
 impl<'a> Job<'a> {
     fn new(options: &'a FarmOptions, render: &RenderArgs, folder: &Path) -> Result<Self> {
         let mut spec = render.spec()?;
-        if matches!(spec.budget, BudgetSpec::Seconds(_) | BudgetSpec::Error(_)) {
-            let wrong =
-                "a job of separate tasks needs a number of samples; give --spp (mpirun takes --time and --error)";
+        if matches!(spec.budget, BudgetSpec::Seconds(_)) {
+            let wrong = "tasks of a job do not share a clock; give --spp or --error (mpirun takes --time)";
             return Err(Failure::usage("farm", wrong));
         }
         let name =

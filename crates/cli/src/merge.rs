@@ -2,8 +2,8 @@
 
 use crate::render::{self, Show, values};
 use crate::{Failure, Outcome, Result, failure};
-use dapple_job::{Job, JobError, PlanFile, RenderSpec, ShardSet, Traced};
 use dapple_job::memory::{MemoryLimit, size};
+use dapple_job::{Job, JobError, PlanFile, RenderSpec, ShardSet, Traced};
 use std::path::PathBuf;
 
 /// The function that takes over the film of shards or of a plan.

@@ -1,6 +1,6 @@
 //! The subcommand `dapple plan`.
 
-use crate::render::stages::{self, Limits};
+use crate::render::parts::{self, StageOptions};
 use crate::render::{described_in, values};
 use crate::{Failure, Outcome, Result};
 use std::path::PathBuf;
@@ -57,9 +57,9 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Outcome> {
         return Err(Failure::usage("plan", "--output: a file name that ends in .plan is required"));
     }
     let PlanArgs { threads, memory, quiet, .. } = *args;
-    let limits = Limits { threads, memory, quiet, progress_every: None };
+    let options = StageOptions { threads, memory, quiet, progress_every: None };
     match &args.spec {
-        Some(spec) => stages::first(&described_in(spec)?, &args.output, &limits),
-        None => stages::next(&args.parts, args.from.as_deref(), &args.output, &limits),
+        Some(spec) => parts::first(&described_in(spec)?, &args.output, &options),
+        None => parts::next(&args.parts, args.from.as_deref(), &args.output, &options),
     }
 }

@@ -2,10 +2,10 @@
 
 pub(crate) mod args;
 pub(crate) mod live;
+pub(crate) mod parts;
 mod progress;
 mod report;
 mod roles;
-pub(crate) mod stages;
 mod together;
 pub(crate) mod values;
 
@@ -17,9 +17,7 @@ use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, failure};
 use dapple_core::{Exchange, Film};
 use dapple_job::memory::{MemoryLimit, size};
-use dapple_job::{
-    Job, JobError, LoadOptions, LoadedScene, OutputFiles, RenderSpec, Traced, Warning, can_be_replayed,
-};
+use dapple_job::{Job, JobError, LoadOptions, LoadedScene, OutputFiles, RenderSpec, Traced, Warning, can_be_replayed};
 use dapple_scene::Scene;
 use dapple_scene::image::{check_writable, write_file};
 use live::Live;
@@ -30,7 +28,7 @@ use values::EachLayer;
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     if let Some(plan) = &args.from {
-        return stages::part(args, plan);
+        return parts::part(args, plan);
     }
     let spec = args.spec()?;
     if args.print_spec {
@@ -38,7 +36,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
         return Ok(Outcome::Done);
     }
     if let Some(plan) = args.outputs.iter().find(|path| values::has_extension(path, "plan")) {
-        return stages::first(&spec, plan, &stages::Limits::from(args));
+        return parts::first(&spec, plan, &parts::StageOptions::from(args));
     }
     if spec.shard.is_none()
         && let Some(processes) = together::start()?

@@ -3,8 +3,10 @@
 mod band;
 mod budget;
 mod check;
+mod clock;
 mod filter_time;
 pub(crate) mod holdout;
+mod methods;
 mod prepare;
 mod pull;
 mod round;
@@ -13,14 +15,15 @@ mod stage;
 mod team;
 mod tile;
 
+pub use methods::Methods;
 pub use pull::Round;
-pub use session::{Methods, Session};
+pub use session::Session;
 pub use stage::Stage;
-pub use tile::{Samples, Tile};
 use team::Team;
+pub use tile::{Samples, Tile};
 
 use crate::snapshot::View;
-use crate::{Error, Exchange, exchange, Film, Filter, Frame, Integrator, Limits, Needs, Sampler, Snapshot};
+use crate::{Error, Exchange, Film, Filter, Frame, Integrator, Limits, Needs, Sampler, Snapshot, exchange};
 
 /// The state of a render between two slices of tracing (about 0.2 seconds each), passed to a [`Monitor`].
 #[non_exhaustive]

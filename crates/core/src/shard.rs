@@ -92,7 +92,10 @@ impl Shard {
     /// The numbers of the shard's pixels.
     fn numbers(&self, frame: &Frame) -> Vec<u32> {
         let width = frame.size()[0];
-        (0..frame.size()[1]).filter(|&row| self.owns(row as usize)).flat_map(|row| row * width..(row + 1) * width).collect()
+        (0..frame.size()[1])
+            .filter(|&row| self.owns(row as usize))
+            .flat_map(|row| row * width..(row + 1) * width)
+            .collect()
     }
 }
 

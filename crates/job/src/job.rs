@@ -2,15 +2,15 @@
 
 mod checkpoints;
 mod identity;
+mod plan_file;
 mod shards;
-mod stages;
 mod time;
 mod together;
 
 pub use checkpoints::{CheckpointOptions, Checkpoints};
 pub use identity::pixel_filter;
+pub use plan_file::PlanFile;
 pub use shards::ShardSet;
-pub use stages::PlanFile;
 
 use crate::checkpoint::Identity;
 use crate::load::{LoadOptions, LoadedScene, PreparedScene, frame, limits, setting};

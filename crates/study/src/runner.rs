@@ -151,6 +151,7 @@ impl Runner for InProcess {
             rejected: record.rejected,
             load,
             fresh,
+            machine: None,
             image: named("exr"),
             sample_map: named("png"),
             white: request.image.is_some().then_some(map.white),

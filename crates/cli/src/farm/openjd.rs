@@ -51,8 +51,9 @@ pub(super) fn write(job: &Job<'_>, files: &mut Files) -> Result<String> {
             "type": "PATH",
             "objectType": "DIRECTORY",
             "dataFlow": "INOUT",
-            "default": job.folder,
-            "description": "The job's folder, with stage.sh and render.json, on all machines.",
+            // Relative to the template's folder: absolute defaults are not allowed.
+            "default": ".",
+            "description": "The job's folder, with stage.sh and render.json, at the same path on all machines.",
         }],
         "steps": steps,
     });

@@ -15,8 +15,8 @@ pub(super) fn write(job: &Job<'_>, files: &mut Files) -> Result<String> {
             "#!/bin/sh\n#SBATCH --job-name={name}-{what}\n#SBATCH --requeue\n#SBATCH --open-mode=append\n{cores}{memory}{more}"
         )
     };
-    // A part that Slurm stops gets SIGTERM in time for a checkpoint.
-    let array = format!("#SBATCH --array=1-{parts}\n#SBATCH --signal=TERM@60\n#SBATCH --output=log/%A-%a.txt\n");
+    // At the time limit and before a requeue, Slurm sends SIGTERM to all processes of a task: time for a checkpoint.
+    let array = format!("#SBATCH --array=1-{parts}\n#SBATCH --output=log/%A-%a.txt\n");
     let render =
         head("render", &array) + &format!("exec sh {folder}/stage.sh render \"$SLURM_ARRAY_TASK_ID\" \"$@\"\n");
     files.add_script("render.sbatch", &render)?;

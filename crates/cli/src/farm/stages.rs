@@ -19,7 +19,11 @@ pub(super) enum Stages {
 impl Stages {
     pub(super) fn of(spec: &RenderSpec, options: &FarmOptions) -> Self {
         // Learned light selection, the default, learns from the whole image.
-        if plans_a_priori(&spec.sampler) && spec.light_selection.is_some_and(|how| how != LightSelection::Learned) {
+        let is_counted = matches!(spec.budget, BudgetSpec::Scene | BudgetSpec::Spp(_) | BudgetSpec::Samples(_));
+        if is_counted
+            && plans_a_priori(&spec.sampler)
+            && spec.light_selection.is_some_and(|how| how != LightSelection::Learned)
+        {
             return Self::One;
         }
         let most = match spec.budget {
@@ -35,7 +39,7 @@ impl Stages {
             Self::One => Ok(1),
             Self::Several { most: Some(most) } => Ok(most),
             Self::Several { most: None } => Err(Failure::new(
-                "the number of stages depends on the scene's samples; give --spp, or --stages N (later stages do nothing)",
+                "the number of stages is not known beforehand; give --spp, or --stages N (later stages do nothing)",
             )),
         }
     }

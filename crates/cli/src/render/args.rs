@@ -392,7 +392,10 @@ impl RenderArgs {
             return Err("--output: a .part file needs --from PLAN and --shard I/N".into());
         }
         if are("plan") > 0 && (self.outputs.len() > 1 || spec.shard.is_some()) {
-            return Err("--output: a .plan file is the only output, of the whole image; leave out the others, and --shard".into());
+            return Err(
+                "--output: a .plan file is the only output, of the whole image; leave out the others, and --shard"
+                    .into(),
+            );
         }
         if spec.shard.is_some() && (self.outputs.len() > 1 || shards < self.outputs.len()) {
             return Err("--shard takes one --output, a .shard file; dapple merge makes images of all shards".into());

@@ -119,7 +119,7 @@ fn ready(args: &RenderArgs, spec: &RenderSpec, show: &Show<'_>, is_first: bool) 
         files.prepare().map_err(|e| failure::of_job(&e))?;
         warn_all(loaded.warnings());
     }
-    let Some((job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(None) };
+    let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(None) };
     let expected = job.memory(checkpoints.is_some()).map_err(|e| failure::of_job(&e))?;
     let expected = if is_first && args.live().is_on() { expected.with_live_image(job.frame()) } else { expected };
     expected.check(limit).map_err(|e| failure::of_job(&e))?;

@@ -1,6 +1,6 @@
 //! The statistics of single pixels, taken out of a film and put into another.
 
-use super::{Bank, Film, FeatureMoments, SamplePlane};
+use super::{Bank, FeatureMoments, Film, SamplePlane};
 use crate::{Record, Retention};
 
 /// Some pixels of a film, by their numbers in ascending order.

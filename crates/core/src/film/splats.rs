@@ -34,7 +34,7 @@ impl Splats {
             let sum = &mut self.sums[half as usize][pixel as usize];
             (0..3).for_each(|c| sum[c] = sum[c].saturating_add(more[c]));
         }
-        (0..2).for_each(|half| self.samples[half] += samples[half]);
+        (0..2).for_each(|half| self.samples[half] = self.samples[half].saturating_add(samples[half]));
     }
 
     /// Counts samples that could splat, by half.

@@ -1,6 +1,7 @@
 //! Rounds of a session, cut into tiles.
 
-use super::session::{Clock, State};
+use super::clock::Clock;
+use super::session::State;
 use super::tile::{Tile, area};
 use crate::snapshot::{Planner, SavedSampler, View};
 use crate::{Draws, Error, Estimate, Frame, InvalidSample, Limits, PointSet, Retention, Sampler};

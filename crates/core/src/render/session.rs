@@ -2,8 +2,10 @@
 
 use super::budget::Meter;
 use super::check::check;
+use super::clock::Clock;
 use super::filter_time;
 use super::holdout::{Holdout, Prediction};
+use super::methods::Methods;
 use super::pull::Round;
 use super::round::{Stopped, failed};
 use super::team::Team;
@@ -11,68 +13,9 @@ use super::{Monitor, NoMonitor, Status};
 use crate::exchange::message::Standing;
 use crate::snapshot::{Cursor, OpenRound, Planner, View};
 use crate::{
-    Budget, Error, Feedback, Film, Filter, Filtered, Frame, Limits, Needs, Plan, Progress, Retention, RoundRecord, Sampler,
-    Snapshot, TrainingData, Unfiltered,
+    Budget, Error, Feedback, Film, Filter, Filtered, Frame, Limits, Needs, Plan, Progress, Retention, RoundRecord,
+    Sampler, Snapshot, TrainingData, Unfiltered,
 };
-use std::time::Instant;
-
-/// A sampler and a filter that work together: what a [`Session`] needs besides a frame and limits.
-///
-/// ```
-/// # use dapple_core::{PointSet, SampleId};
-/// # struct Centre;
-/// # impl PointSet for Centre {
-/// #     fn describe(&self) -> String { "centre".into() }
-/// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
-/// #     fn capacity(&self) -> u64 { u64::MAX }
-/// # }
-/// use dapple_core::samplers::Uniform;
-/// use dapple_core::{Methods, Unfiltered};
-///
-/// let unfiltered = Methods::from(Uniform::new(Centre));
-/// let methods = Methods::from((Uniform::new(Centre), Unfiltered));
-/// # assert!(unfiltered.filter.is_none() && methods.filter.is_some());
-/// ```
-pub struct Methods<'a> {
-    /// The sampler, which holds its point set.
-    pub sampler: Box<dyn Sampler + 'a>,
-    /// The filter; `None` leaves each pixel the mean of its own samples.
-    pub filter: Option<Box<dyn Filter + 'a>>,
-    /// The statistics that the film records besides those that sampler and filter need.
-    pub needs: Needs,
-}
-
-impl<'a> Methods<'a> {
-    /// Sets the filter.
-    #[must_use]
-    pub fn with_filter(self, filter: impl Filter + 'a) -> Self {
-        Self { filter: Some(Box::new(filter)), ..self }
-    }
-
-    /// Adds the statistics that the filter needs.
-    fn with_filter_needs(self) -> Self {
-        let needs = self.filter.as_ref().map_or(Needs::none(), |filter| filter.needs());
-        self.with_needs(needs)
-    }
-
-    /// Adds statistics that the film must record besides those that sampler and filter need.
-    #[must_use]
-    pub fn with_needs(self, needs: Needs) -> Self {
-        Self { needs: self.needs.and(needs), ..self }
-    }
-}
-
-impl<'a, S: Sampler + 'a> From<S> for Methods<'a> {
-    fn from(sampler: S) -> Self {
-        Self { sampler: Box::new(sampler), filter: None, needs: Needs::none() }
-    }
-}
-
-impl<'a, S: Sampler + 'a, F: Filter + 'a> From<(S, F)> for Methods<'a> {
-    fn from((sampler, filter): (S, F)) -> Self {
-        Methods::from(sampler).with_filter(filter)
-    }
-}
 
 /// The state of a render between slices.
 pub(super) struct State {
@@ -324,7 +267,10 @@ impl<'a> Session<'a> {
             ("budget", budget),
             ("samples per pixel", format!("{} to {}", self.limits.min_spp, self.limits.max_spp)),
             ("invalid samples", format!("{:?}", self.limits.invalid)),
-            ("samples before", format!("{} in {round} rounds and {} training passes", film.record.samples, passes.len())),
+            (
+                "samples before",
+                format!("{} in {round} rounds and {} training passes", film.record.samples, passes.len()),
+            ),
         ];
         pairs.map(|(name, value): (&str, String)| (name.to_owned(), value)).into()
     }
@@ -382,10 +328,10 @@ impl<'a> Session<'a> {
             self.state.open = self.plan(team.as_deref_mut())?;
         }
         let State { film, open, .. } = &mut self.state;
-        if let (Some(team), Some(open)) = (team, &open) {
+        if let (Some(team), Some(open)) = (team, open.as_mut()) {
             team.begin(film, open);
         }
-        let Some(open) = open else {
+        let Some(open) = &self.state.open else {
             self.over = true;
             return Ok(false);
         };
@@ -544,26 +490,4 @@ fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {
     film.combine = plan.combine;
     let (cursor, before) = (Cursor::default(), film.record.samples);
     OpenRound { plan, cursor, pending: Vec::new(), before, submitted: 0, plan_seconds, traced_seconds: 0.0 }
-}
-
-/// A stopwatch for wall time that leaves out the time in the monitor.
-pub(super) struct Clock {
-    start: Instant,
-    away: f64,
-}
-
-impl Clock {
-    /// Starts a stopwatch that shows `seconds` now.
-    fn start(seconds: f64) -> Self {
-        Self { start: Instant::now(), away: -seconds }
-    }
-
-    pub(super) fn seconds(&self) -> f64 {
-        self.start.elapsed().as_secs_f64() - self.away
-    }
-
-    /// Takes back the time since the stopwatch showed `seconds`.
-    fn leave_out_since(&mut self, seconds: f64) {
-        self.away += self.seconds() - seconds;
-    }
 }

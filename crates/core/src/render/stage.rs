@@ -157,7 +157,8 @@ impl Render<'_> {
         session.state.passes.iter().for_each(|pass| integrator.learn(pass));
         let rows = session.state.film.frame.size()[1] as usize;
         let mut recorder = Recorder { shard, message: None };
-        let mut team = Team::new(&mut recorder, rows).at_stage(stage.number, (&stage.costs, stage.traced), shard.index());
+        let mut team =
+            Team::new(&mut recorder, rows).at_stage(stage.number, (&stage.costs, stage.traced), shard.index());
         session.open(Some(&mut team))?;
         let traced = round::trace(integrator, &mut session, monitor, Some(&mut team));
         let outcome = match (team.standing().clone(), traced) {
@@ -244,7 +245,9 @@ fn in_order(parts: &[Vec<u8>], number: u32) -> Result<Vec<Vec<u8>>, Error> {
         let there = message.step.number;
         if there != number {
             let age = if there < number { "an older" } else { "a newer" };
-            troubles.push(format!("{name} is of {age} plan, stage {there}, and this one is at stage {number}; trace it again"));
+            troubles.push(format!(
+                "{name} is of {age} plan, stage {there}, and this one is at stage {number}; trace it again"
+            ));
         } else if of.is_some_and(|of| of != all) {
             troubles.push(format!("{name} is of another number of parts than the first one"));
         } else if found.iter().any(|(other, _)| *other == index) {

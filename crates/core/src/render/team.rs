@@ -108,10 +108,15 @@ impl<'a> Team<'a> {
     }
 
     /// Deals the bands of an opened round by the cost of the rounds before, and notes the state of the film.
-    pub(super) fn begin(&mut self, film: &mut Film, open: &OpenRound) {
+    pub(super) fn begin(&mut self, film: &mut Film, open: &mut OpenRound) {
+        if self.me > 0 {
+            // The sums of a pass that was interrupted are everyone's; one of them reports them.
+            open.pending.clear();
+        }
         let width = film.frame.size()[0] as usize;
         self.since = open.cursor.start;
-        let to_come: Vec<u64> = (0..self.measured.len()).map(|band| planned(&open.plan, band, width, self.since)).collect();
+        let to_come: Vec<u64> =
+            (0..self.measured.len()).map(|band| planned(&open.plan, band, width, self.since)).collect();
         self.deal = Deal::by_cost(&expected(&self.measured, &to_come), &self.threads);
         self.planned = [self.deal.of(self.me).map(|band| to_come[band]).sum(), to_come.iter().sum()];
         self.note(film);
@@ -163,7 +168,12 @@ impl<'a> Team<'a> {
     }
 
     /// Exchanges the sums of a training pass. Returns everyone's; `None` if a process stopped or failed.
-    pub(super) fn pass(&mut self, film: &mut Film, (round, open): (u32, &OpenRound), own: Sums) -> Result<Option<Sums>, Error> {
+    pub(super) fn pass(
+        &mut self,
+        film: &mut Film,
+        (round, open): (u32, &OpenRound),
+        own: Sums,
+    ) -> Result<Option<Sums>, Error> {
         let whole = self.standing == Standing::Going;
         let found = self.staged.then(|| self.found(film, open));
         let seconds = [0.0, 0.0, self.began.elapsed().as_secs_f64(), 0.0, 0.0];
@@ -219,7 +229,12 @@ impl<'a> Team<'a> {
     }
 
     /// Exchanges readings of the clock; returns those of the first process: clock, reserve for the filter, time limit.
-    pub(super) fn clock(&mut self, film: &Film, round: u32, [clock, filter, limit]: [f64; 3]) -> Result<[f64; 3], Error> {
+    pub(super) fn clock(
+        &mut self,
+        film: &Film,
+        round: u32,
+        [clock, filter, limit]: [f64; 3],
+    ) -> Result<[f64; 3], Error> {
         let message = self.message(Kind::Clock, (round, &Plan::empty(0)), true, [clock, 0.0, 0.0, filter, limit]);
         let all = self.gather(message, film, None)?;
         let [clock, _, _, filter, limit] = all[0].seconds;
@@ -297,12 +312,9 @@ impl<'a> Team<'a> {
             (film.record, film.unreported, film.rejected, film.splats) = (record, unreported, rejected, splats);
         }
         for (rank, found) in all.iter_mut().enumerate().filter_map(|(rank, one)| Some((rank, one.found.take()?))) {
-            let [samples, rays, blocks, rejections, misses] = found.totals;
-            film.record.samples += samples;
-            film.record.rays += rays;
-            film.record.blocks += blocks;
-            film.record.rejected += rejections;
-            film.unreported += misses;
+            let Record { samples: all_samples, rays: all_rays, blocks: all_blocks, rejected, .. } = &mut film.record;
+            let sums = [all_samples, all_rays, all_blocks, rejected, &mut film.unreported];
+            sums.into_iter().zip(found.totals).for_each(|(sum, more)| *sum = sum.saturating_add(more));
             film.rejected.extend(found.rejected);
             film.splats.add_sums(&found.splats, found.splatting);
             let numbers = self.numbers(film, open, rank as u32);

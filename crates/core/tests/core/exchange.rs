@@ -72,14 +72,16 @@ fn every_process_has_the_film_of_a_render_alone() {
     let frame = frame(17, 70);
     let limits = Limits::samples(17 * 70 * 17 + 5);
     for policy in [PilotPolicy::Keep, PilotPolicy::Neighbours, PilotPolicy::Discard, PilotPolicy::Cross] {
-        let alone = Render::new(frame, &limits).needs(needs()).run(&mut More::default(), &mut adaptive(policy)).unwrap();
+        let alone =
+            Render::new(frame, &limits).needs(needs()).run(&mut More::default(), &mut adaptive(policy)).unwrap();
         assert!(alone.record().rejected > 50 && alone.record().rounds.len() > 1);
         let wanted = all(&alone);
         for of in RANKS {
             let films = together(of, |mut end| {
                 // Schedules differ from process to process.
                 let index = end.share().index();
-                let schedule = Schedule::default().with_tile_rows(1 + 7 * index).with_slice_spp(index % 3).with_shuffle(3);
+                let schedule =
+                    Schedule::default().with_tile_rows(1 + 7 * index).with_slice_spp(index % 3).with_shuffle(3);
                 let limits = limits.clone().with_schedule(schedule);
                 let mut integrator = More::default();
                 let render = Render::new(frame, &limits).needs(needs()).exchange(&mut end);
@@ -173,6 +175,33 @@ fn a_render_resumed_at_a_barrier_by_any_number_of_processes_is_the_same() {
 }
 
 #[test]
+fn a_render_interrupted_in_a_training_pass_is_resumed_by_several_processes() {
+    let (frame, limits) = (frame(90, 70), Limits::samples(90 * 70 * 9));
+    let mut states = Vec::new();
+    let mut keep = |status: &Status<'_>| {
+        states.push(status.snapshot());
+        Control::Continue
+    };
+    let render = Render::new(frame, &limits).needs(Needs::none().with_variance()).monitor(&mut keep);
+    let alone = all(&render.run(&mut Everything::default(), &mut uniform()).unwrap());
+    // Not at the end of a pass: passes end with whole multiples of a sample per pixel.
+    let within = |state: &&Vec<u8>| {
+        let samples = Snapshot::from_bytes(state).unwrap().film().record().samples;
+        !samples.is_multiple_of(90 * 70) && samples < 8 * 90 * 70
+    };
+    let within: Vec<_> = states.iter().filter(within).collect();
+    assert!(within.len() > 1);
+    for state in [within[0], within[within.len() - 1]] {
+        let films = together(2, |mut end| {
+            let snapshot = Snapshot::from_bytes(state).unwrap();
+            let render = Render::new(frame, &limits).needs(Needs::none().with_variance()).exchange(&mut end);
+            render.resume(snapshot, &mut Everything::default(), &mut uniform()).unwrap()
+        });
+        assert!(films.iter().all(|film| all(film) == alone));
+    }
+}
+
+#[test]
 fn a_limit_of_error_of_the_filtered_image_ends_all_after_the_same_samples() {
     let limits = Limits::error(0.0004, 1 << 22);
     let filter = Blur { claim: Some(0.7) };
@@ -184,7 +213,8 @@ fn a_limit_of_error_of_the_filtered_image_ends_all_after_the_same_samples() {
     let alone = render!().run(&mut Field(field), &mut uniform()).unwrap();
     assert!(alone.record().rounds.len() > 2 && alone.record().filtered_relmse.is_some());
     for of in RANKS {
-        let films = together(of, |mut end| render!().exchange(&mut end).run(&mut Field(field), &mut uniform()).unwrap());
+        let films =
+            together(of, |mut end| render!().exchange(&mut end).run(&mut Field(field), &mut uniform()).unwrap());
         assert!(films.iter().all(|film| all(film) == all(&alone)));
         assert!(films.iter().all(|film| film.record().filtered_relmse == alone.record().filtered_relmse));
     }
@@ -288,7 +318,8 @@ fn processes_with_different_settings_list_the_differences() {
     });
     for error in errors {
         let message = error.to_string();
-        let wanted = ["point set: independent:seed=6 at rank 1, not independent:seed=5", "budget: Samples(4000) at rank 2"];
+        let wanted =
+            ["point set: independent:seed=6 at rank 1, not independent:seed=5", "budget: Samples(4000) at rank 2"];
         assert!(wanted.iter().all(|wanted| message.contains(wanted)), "{message}");
     }
 }

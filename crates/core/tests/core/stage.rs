@@ -115,8 +115,14 @@ fn parts_that_do_not_make_a_stage_are_refused_with_a_list() {
         (vec![part(2)], &["missing parts: 1/3, 2/3"]),
         (vec![part(0), part(1), part(2), part(1)], &["part 2/3 is given twice"]),
         (vec![part(0), cut, part(2)], &["they end too early"]),
-        (vec![part(0), project.part(&first, 1, 2), part(2)], &["part 2/2 is of another number of parts", "missing parts: 2/3"]),
-        (vec![part(0), project.part(&second, 1, 3), part(2)], &["part 2/3 is of a newer plan, stage 1", "missing parts: 2/3"]),
+        (
+            vec![part(0), project.part(&first, 1, 2), part(2)],
+            &["part 2/2 is of another number of parts", "missing parts: 2/3"],
+        ),
+        (
+            vec![part(0), project.part(&second, 1, 3), part(2)],
+            &["part 2/3 is of a newer plan, stage 1", "missing parts: 2/3"],
+        ),
         (vec![b"nonsense".to_vec()], &["part 1 of the list cannot be read"]),
     ];
     for (parts, expected) in cases {

@@ -307,9 +307,8 @@ fn slow(seconds: &[f64], known: &mut Vec<usize>) -> Vec<Warning> {
     let mut sorted = seconds.to_vec();
     sorted.sort_by(f64::total_cmp);
     let Some(&median) = sorted.get(sorted.len().saturating_sub(1) / 2) else { return Vec::new() };
-    let is_slow = |&(rank, took): &(usize, f64)| {
-        took > median * SLOW.0 && took > median + SLOW.1 && !known.contains(&rank)
-    };
+    let is_slow =
+        |&(rank, took): &(usize, f64)| took > median * SLOW.0 && took > median + SLOW.1 && !known.contains(&rank);
     let found: Vec<(usize, f64)> = seconds.iter().copied().enumerate().filter(is_slow).collect();
     known.extend(found.iter().map(|(rank, _)| *rank));
     found.into_iter().map(|(rank, seconds)| Warning::SlowProcess { rank, seconds, median }).collect()

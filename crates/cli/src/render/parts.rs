@@ -14,21 +14,21 @@ use dapple_scene::image::{check_writable, write_file};
 use std::path::{Path, PathBuf};
 
 /// Options of a process that plans or traces a part.
-pub(crate) struct Limits {
+pub(crate) struct StageOptions {
     pub(crate) threads: u16,
     pub(crate) memory: Option<u64>,
     pub(crate) quiet: bool,
     pub(crate) progress_every: Option<f64>,
 }
 
-impl From<&RenderArgs> for Limits {
+impl From<&RenderArgs> for StageOptions {
     fn from(args: &RenderArgs) -> Self {
         let RenderArgs { threads, memory, quiet, progress_every, .. } = *args;
         Self { threads, memory, quiet, progress_every }
     }
 }
 
-impl Limits {
+impl StageOptions {
     fn memory(&self) -> MemoryLimit {
         self.memory.map_or_else(MemoryLimit::of_machine, MemoryLimit::given)
     }
@@ -67,32 +67,32 @@ impl Limits {
 }
 
 /// Plans the first stage of a render, and traces nothing.
-pub(crate) fn first(spec: &RenderSpec, output: &Path, limits: &Limits) -> Result<Outcome> {
-    let progress = limits.progress()?;
-    let Some(mut job) = limits.job(spec, output, &progress)? else { return Ok(Outcome::Interrupted) };
+pub(crate) fn first(spec: &RenderSpec, output: &Path, options: &StageOptions) -> Result<Outcome> {
+    let progress = options.progress()?;
+    let Some(mut job) = options.job(spec, output, &progress)? else { return Ok(Outcome::Interrupted) };
     progress.phase("planning");
     let bytes = job.first_plan().map_err(|e| failure::of_job(&e))?;
     write_file(output, &bytes).map_err(Failure::new)?;
     drop(progress);
-    if !limits.quiet {
+    if !options.quiet {
         tell(format!("{}: the plan of stage 0; render its parts with --from and --shard I/N", output.display()))?;
     }
     Ok(Outcome::Done)
 }
 
 /// Makes the next plan of all parts of one.
-pub(crate) fn next(parts: &[PathBuf], from: Option<&Path>, output: &Path, limits: &Limits) -> Result<Outcome> {
+pub(crate) fn next(parts: &[PathBuf], from: Option<&Path>, output: &Path, options: &StageOptions) -> Result<Outcome> {
     let named = || PlanFile::of_part(&parts[0]).map_err(|e| failure::of_job(&e));
     let from = from.map_or_else(named, |from| Ok(from.to_owned()))?;
     keep(output, parts.iter().map(|part| ("a part", part.as_path())).chain([("--from", from.as_path())]))?;
     let plan = PlanFile::read(&from).map_err(|e| failure::of_job(&e))?;
-    let progress = limits.progress()?;
-    let Some(mut job) = limits.job(plan.spec(), output, &progress)? else { return Ok(Outcome::Interrupted) };
+    let progress = options.progress()?;
+    let Some(mut job) = options.job(plan.spec(), output, &progress)? else { return Ok(Outcome::Interrupted) };
     progress.phase("planning");
     let (bytes, done) = job.next_plan(&plan, parts).map_err(|e| failure::of_job(&e))?;
     write_file(output, &bytes).map_err(Failure::new)?;
     drop(progress);
-    if !limits.quiet {
+    if !options.quiet {
         let (path, stage) = (output.display(), plan.stage() + 1);
         tell(match done {
             true => format!("{path}: done after {stage} stages; dapple merge makes the image"),
@@ -107,15 +107,20 @@ pub(super) fn part(args: &RenderArgs, from: &Path) -> Result<Outcome> {
     let shard = args.shard.ok_or_else(|| Failure::usage("render", "--from needs --shard I/N, the part to trace"))?;
     let plan = PlanFile::read(from).map_err(|e| failure::of_job(&e))?;
     let spec = if args.spec.is_some() { args.spec()? } else { plan.spec().clone() };
-    let limits = Limits::from(args);
+    let options = StageOptions::from(args);
     let output = match &args.outputs[..] {
         [] => part_name(&spec, &plan, shard),
         [one] if values::has_extension(one, "part") => one.clone(),
-        _ => return Err(Failure::usage("render", "--from takes one --output, a .part file; dapple plan reads all parts")),
+        _ => {
+            return Err(Failure::usage(
+                "render",
+                "--from takes one --output, a .part file; dapple plan reads all parts",
+            ));
+        }
     };
     keep(&output, std::iter::once(("--from", from)))?;
-    let mut progress = limits.progress()?;
-    let Some(mut job) = limits.job(&spec, &output, &progress)? else { return Ok(Outcome::Interrupted) };
+    let mut progress = options.progress()?;
+    let Some(mut job) = options.job(&spec, &output, &progress)? else { return Ok(Outcome::Interrupted) };
     progress.begin(&job);
     let Some(bytes) = job.part(&plan, shard, &mut progress).map_err(|e| failure::of_job(&e))? else {
         warn(failure::warning(&Warning::ShardStopped(shard)));
@@ -124,7 +129,11 @@ pub(super) fn part(args: &RenderArgs, from: &Path) -> Result<Outcome> {
     write_file(&output, &bytes).map_err(Failure::new)?;
     drop(progress);
     if !args.quiet {
-        tell(format!("{}: part {shard} of stage {}; dapple plan makes the next plan of all parts", output.display(), plan.stage()))?;
+        tell(format!(
+            "{}: part {shard} of stage {}; dapple plan makes the next plan of all parts",
+            output.display(),
+            plan.stage()
+        ))?;
     }
     Ok(Outcome::Done)
 }

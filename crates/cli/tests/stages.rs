@@ -1,0 +1,107 @@
+//! Renders in stages, as their user meets them.
+
+mod common;
+
+use common::Folder;
+
+/// Renders in stages of `of` parts; returns the number of stages.
+fn staged(folder: &Folder, words: &str, of: u32) -> u32 {
+    let said = folder.done(&format!("{words} -o 0.plan"));
+    assert!(said.contains("0.plan: the plan of stage 0"), "{said}");
+    for stage in 0..30 {
+        let parts: Vec<String> = (1..=of).rev().map(|part| format!("{stage}-{part}.part")).collect();
+        for (i, part) in parts.iter().enumerate() {
+            let threads = 1 + i % 2;
+            folder.done(&format!(
+                "render --from {stage}.plan --shard {}/{of} --threads {threads} -o {part}",
+                of - i as u32
+            ));
+        }
+        // Without --from, the plan is the one that the parts name.
+        let said = folder.done(&format!("plan {} -o {}.plan", parts.join(" "), stage + 1));
+        if said.contains("done") {
+            return stage + 1;
+        }
+    }
+    panic!("it has no end");
+}
+
+#[test]
+fn stages_make_the_default_image_of_one_machine() {
+    let folder = Folder::new();
+    for (words, of) in [
+        ("render many-lights --resolution 40x50 --spp 17", 3),
+        ("render tiny.pbrt --max-depth 4 --sampler uniform --light-selection power --spp 5", 2),
+        ("render tiny.pbrt --max-depth 4 --error 0.05 --max-spp 64", 2),
+    ] {
+        folder.done(&format!("{words} -q -o whole.exr -o whole.pfm"));
+        let stages = staged(&folder, words, of);
+        println!("{words}: {stages} stages");
+        folder.done(&format!("merge {stages}.plan -o all.exr -o all.pfm"));
+        assert!(folder.read("all.pfm") == folder.read("whole.pfm"), "{words}");
+        let channels = |name: &str| {
+            let channels = dapple_scene::image::read_channels(&folder.read(name), name).expect("a whole file");
+            format!("{:?} {:?}", channels.size, channels.channels)
+        };
+        assert!(channels("all.exr") == channels("whole.exr"), "{words}");
+    }
+}
+
+#[test]
+fn wrong_plans_and_parts_are_refused() {
+    let folder = Folder::new();
+    let words = "render tiny.pbrt --max-depth 4 --sampler uniform --spp 2";
+    folder.done(&format!("{words} -o 0.plan"));
+    folder.done(&format!("{words} --seed 9 -o other.plan"));
+    folder.done("render --from 0.plan --shard 1/2 -o 1.part");
+    folder.done("render --from other.plan --shard 2/2 -o foreign.part");
+    folder.done("render --from 0.plan --shard 2/2 -o 2.part");
+    std::fs::write(folder.path("cut.part"), &folder.read("2.part")[..200]).unwrap();
+    let before = folder.read("0.plan");
+    for (words, expected) in [
+        ("plan 1.part -o 1.plan", "0.plan: missing parts: 2/2"),
+        ("plan 1.part 1.part 2.part -o 1.plan", "part 1/2 is given twice"),
+        ("plan 1.part foreign.part -o 1.plan", "foreign.part: it is of another render: seed: 9, not 1"),
+        ("plan 1.part cut.part -o 1.plan", "cut.part: it is "),
+        ("plan 1.part nowhere.part -o 1.plan", "nowhere.part: there is no such file; check the name of the part"),
+        ("plan 1.part 2.part -o 0.plan", "this is --from (0.plan), which would be lost"),
+        ("plan 1.part 2.part -o 1.part", "a file name that ends in .plan is required"),
+        ("plan 0.plan -o 1.plan", "of another kind"),
+        ("merge 0.plan -o a.png", "0.plan: samples are left to trace"),
+        ("render --from 1.part --shard 1/2 -o 3.part", "of another kind"),
+        ("render --from 0.plan -o 3.part", "--shard"),
+        ("render --from 0.plan --shard 1/2 -o a.png", "a .part file"),
+        ("render tiny.pbrt -o 3.part", "a .part file needs --from"),
+        ("render tiny.pbrt --time 3 -o 3.plan", "no common clock"),
+        ("render tiny.pbrt --sampler uniform --shard 1/2 -o 3.plan", "a .plan file is the only output"),
+        ("plan -o 1.plan", "required"),
+    ] {
+        let said = folder.run(words);
+        assert!(said.status != Some(0) && said.err.contains(expected), "{words}: {}", said.err);
+    }
+    assert!(folder.read("0.plan") == before && !folder.path("1.plan").exists() && !folder.path("3.part").exists());
+    // A plan that is newer than the parts.
+    folder.done("plan 1.part 2.part -o 1.plan");
+    let said = folder.run("plan --from 1.plan 1.part 2.part -o 2.plan");
+    assert!(said.err.contains("part 1/2 is of an older plan, stage 0, and this one is at stage 1"), "{}", said.err);
+    let said = folder.run("render --from 1.plan --shard 1/2 -o 3.part");
+    assert!(said.err.contains("all samples are traced"), "{}", said.err);
+}
+
+#[test]
+fn a_full_disk_leaves_no_half_part_and_no_half_plan() {
+    let folder = Folder::new();
+    folder.done("render tiny.pbrt --max-depth 4 --resolution 96x64 --sampler uniform --spp 1 -o 0.plan");
+    folder.done("render --from 0.plan --shard 1/1 -o 1.part");
+    for (words, file) in [("render --from 0.plan --shard 1/1 -o 2.part", "2.part"), ("plan 1.part -o 1.plan", "1.plan")]
+    {
+        // A limit on the size of files stands in for a full disk.
+        let program = assert_cmd::cargo::cargo_bin!("dapple");
+        let script = format!("ulimit -f 4; exec {} {words}", program.display());
+        let mut shell = std::process::Command::new("sh");
+        let output = shell.args(["-c", &script]).current_dir(folder.path("")).output().expect("a shell");
+        let err = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && err.contains(&format!("{file}: cannot write the file: ")), "{err}");
+    }
+    assert_eq!(folder.names(), ["0.plan", "1.part"]);
+}

@@ -1,0 +1,306 @@
+//! Jobs of several processes, and in stages: the bits of one process for the default sampler, light selection and filter.
+
+use dapple_core::exchange::{Exchange, InMemory, in_memory};
+use dapple_core::{Control, NoMonitor, Shard, Status};
+use dapple_job::{
+    BudgetSpec, CheckpointOptions, Job, JobError, JobMonitor, LoadOptions, LoadedScene, OutputFiles, PlanFile,
+    PreparedScene, RenderSpec, RenderedImage, Traced,
+};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+/// Five bands of 16 rows: fewer than the largest number of processes.
+const RANKS: [u32; 4] = [1, 2, 3, 7];
+
+fn spec(scene: &str) -> RenderSpec {
+    RenderSpec::new(scene).resolution(48, 72).budget(BudgetSpec::Spp(17.0))
+}
+
+fn prepared(spec: &RenderSpec) -> PreparedScene {
+    LoadedScene::read(spec, &LoadOptions::default()).and_then(LoadedScene::build).unwrap_or_else(|e| panic!("{e}"))
+}
+
+fn job(prepared: &PreparedScene, spec: &RenderSpec) -> Job {
+    let mut job = prepared.clone().job(spec).unwrap_or_else(|e| panic!("{e}"));
+    job.set_outputs(OutputFiles::images(&["a.exr".into()]).unwrap_or_else(|e| panic!("{e}")));
+    job
+}
+
+/// Everything that an image shows, as bits.
+fn bits(image: &RenderedImage) -> Vec<u64> {
+    let film = &image.film;
+    let record = film.record();
+    let mut bits = vec![record.samples, record.rays, record.blocks, record.rejected];
+    bits.extend(&record.budgets);
+    let floats = image.filtered.radiance.iter().flatten().chain(image.filtered.error.iter().flatten());
+    bits.extend(floats.map(|v| u64::from(v.to_bits())));
+    for i in 0..film.frame().pixels() {
+        bits.push(film.count(i));
+        bits.extend(film.mean(i).iter().chain(&film.moments(i).m2).map(|v| v.to_bits()));
+        bits.extend(format!("{:?}", film.features(i)).bytes().map(u64::from));
+    }
+    bits
+}
+
+fn alone(prepared: &PreparedScene, spec: &RenderSpec) -> Vec<u64> {
+    bits(&job(prepared, spec).render().unwrap_or_else(|e| panic!("{e}")))
+}
+
+/// Runs one thread per process, each with its end of an exchange in memory.
+fn together<T: Send>(of: u32, process: impl Fn(InMemory) -> T + Sync) -> Vec<T> {
+    std::thread::scope(|threads| {
+        let process = &process;
+        let running: Vec<_> = in_memory(of).into_iter().map(|end| threads.spawn(move || process(end))).collect();
+        running.into_iter().map(|one| one.join().expect("no process panics")).collect()
+    })
+}
+
+#[test]
+fn processes_render_the_default_image_of_six_scenes_with_the_bits_of_one() {
+    for scene in ["cornell", "teapot", "many-lights", "glass", "motion", "caustic"] {
+        let spec = spec(scene);
+        let prepared = prepared(&spec);
+        let wanted = alone(&prepared, &spec);
+        for of in RANKS {
+            let images = together(of, |mut end| {
+                let mut job = job(&prepared, &spec);
+                let traced = job.run_together(None, &mut NoMonitor, &mut end).unwrap_or_else(|e| panic!("{e}"));
+                // One image tells as much as all; the films are compared in core.
+                (end.share().index() + 1 == of)
+                    .then(|| bits(&job.finish(traced.film).unwrap_or_else(|e| panic!("{e}"))))
+            });
+            assert!(images.into_iter().flatten().all(|image| image == wanted), "{scene}, {of} processes");
+        }
+    }
+}
+
+#[test]
+fn a_limit_of_error_is_that_of_one_process() {
+    let spec = spec("cornell").budget(BudgetSpec::Error(0.02));
+    let prepared = prepared(&spec);
+    let wanted = alone(&prepared, &spec);
+    let images = together(2, |mut end| {
+        let mut job = job(&prepared, &spec);
+        let traced = job.run_together(None, &mut NoMonitor, &mut end).unwrap_or_else(|e| panic!("{e}"));
+        bits(&job.finish(traced.film).unwrap_or_else(|e| panic!("{e}")))
+    });
+    assert!(images.iter().all(|image| *image == wanted));
+}
+
+#[test]
+fn processes_with_other_scenes_or_settings_list_the_differences() {
+    let (first, other) = (spec("cornell"), spec("cornell").seed(9).budget(BudgetSpec::Spp(18.0)));
+    let prepared = prepared(&first);
+    let errors = together(2, |mut end| {
+        let spec = if end.share().index() == 0 { &first } else { &other };
+        job(&prepared, spec).run_together(None, &mut NoMonitor, &mut end).err().expect("it is refused").to_string()
+    });
+    for error in errors {
+        for wanted in ["seed: 9 at rank 1, not 1", "budget: Spp(18.0) at rank 1, not Spp(17.0)"] {
+            assert!(error.contains(wanted), "{error}");
+        }
+    }
+    // One that cannot even take part ends all.
+    let without = LoadedScene::read(&first, &LoadOptions::default().without_digest()).and_then(LoadedScene::build);
+    let without = without.unwrap_or_else(|e| panic!("{e}"));
+    let errors = together(2, |mut end| {
+        let prepared = if end.share().index() == 0 { &prepared } else { &without };
+        job(prepared, &first).run_together(None, &mut NoMonitor, &mut end).err().expect("it is refused").to_string()
+    });
+    assert!(errors[0].contains("rank 1: checkpoints and shards need a digest"), "{}", errors[0]);
+    assert!(errors[1].starts_with("checkpoints and shards need a digest"), "{}", errors[1]);
+}
+
+/// Dies in the middle of a round.
+struct Dies {
+    in_round: u32,
+}
+
+impl JobMonitor for Dies {
+    fn slice(&mut self, status: &Status<'_>) -> Control {
+        assert!(status.round < self.in_round, "killed");
+        Control::Continue
+    }
+}
+
+/// Notes the number of samples from which the render goes on.
+#[derive(Default)]
+struct Resumes {
+    spp: Option<f64>,
+}
+
+impl JobMonitor for Resumes {
+    fn slice(&mut self, _: &Status<'_>) -> Control {
+        Control::Continue
+    }
+
+    fn resumed(&mut self, spp: f64) {
+        self.spp = Some(spp);
+    }
+}
+
+#[test]
+fn a_render_whose_process_died_goes_on_from_the_last_barrier_with_any_number_of_processes() {
+    let spec = spec("many-lights");
+    let prepared = prepared(&spec);
+    let wanted = alone(&prepared, &spec);
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("checkpoint");
+    let options = || CheckpointOptions::default().keep(&path).resume(&path);
+    // The second of three dies in the second round, then one of seven in the third.
+    let mut before = 0.0;
+    for (of, in_round) in [(3, 1), (7, 2)] {
+        let ends = together(of, |mut end| {
+            let index = end.share().index();
+            let checkpoints = if index == 0 { options().open().unwrap_or_else(|e| panic!("{e}")) } else { None };
+            let mut resumes = Resumes::default();
+            let mut dies = Dies { in_round };
+            let outcome = catch_unwind(AssertUnwindSafe(|| {
+                let monitor: &mut dyn JobMonitor = if index == 1 { &mut dies } else { &mut resumes };
+                let ran = job(&prepared, &spec).run_together(checkpoints, monitor, &mut end).map(|_| ());
+                drop(end);
+                ran
+            }));
+            (outcome, resumes.spp)
+        });
+        for (index, (outcome, resumed)) in ends.into_iter().enumerate() {
+            match outcome {
+                Err(_) => assert_eq!(index, 1),
+                Ok(ran) => {
+                    assert!(ran.err().expect("one is gone").to_string().contains("a process of this render is gone"))
+                }
+            }
+            if index != 1 && in_round > 1 {
+                // The first round was not repeated.
+                let spp = resumed.expect("it goes on");
+                assert!(spp > before);
+                before = if index == 0 { spp - 1e-9 } else { before };
+            }
+        }
+    }
+    // All rounds but the one that was cut are kept: two processes end it, and an ordinary render does.
+    let images = together(2, |mut end| {
+        let checkpoints = if end.share().index() == 0 {
+            std::fs::copy(&path, folder.path().join("copy")).expect("a copy");
+            let copy = folder.path().join("copy");
+            CheckpointOptions::default().resume(copy).open().unwrap_or_else(|e| panic!("{e}"))
+        } else {
+            None
+        };
+        let mut job = job(&prepared, &spec);
+        let mut resumes = Resumes::default();
+        let traced = job.run_together(checkpoints, &mut resumes, &mut end).unwrap_or_else(|e| panic!("{e}"));
+        assert!(resumes.spp.expect("it goes on") > before);
+        bits(&job.finish(traced.film).unwrap_or_else(|e| panic!("{e}")))
+    });
+    assert!(images.iter().all(|image| *image == wanted));
+    let mut one = job(&prepared, &spec);
+    let checkpoints = options().open().unwrap_or_else(|e| panic!("{e}"));
+    let traced = one.run(checkpoints, &mut NoMonitor).unwrap_or_else(|e| panic!("{e}"));
+    assert!(bits(&one.finish(traced.film).unwrap_or_else(|e| panic!("{e}"))) == wanted);
+}
+
+/// Stops in the middle of a round.
+struct Stops;
+
+impl JobMonitor for Stops {
+    fn slice(&mut self, _: &Status<'_>) -> Control {
+        Control::Stop
+    }
+}
+
+#[test]
+fn a_stop_of_one_process_ends_all_and_leaves_no_checkpoint_of_half_a_round() {
+    let spec = spec("cornell").budget(BudgetSpec::Spp(400.0));
+    let prepared = prepared(&spec);
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("checkpoint");
+    let traced: Vec<Traced> = together(2, |mut end| {
+        let index = end.share().index();
+        let options = CheckpointOptions::default().keep(&path);
+        let checkpoints = if index == 0 { options.open().unwrap_or_else(|e| panic!("{e}")) } else { None };
+        let monitor: &mut dyn JobMonitor = if index == 1 { &mut Stops } else { &mut NoMonitor };
+        job(&prepared, &spec).run_together(checkpoints, monitor, &mut end).unwrap_or_else(|e| panic!("{e}"))
+    });
+    assert!(traced.iter().all(|traced| traced.film.record().interrupted));
+    assert!(traced[0].checkpoint.is_none() && !path.exists());
+}
+
+fn written(folder: &Path, name: &str, bytes: &[u8]) -> std::path::PathBuf {
+    let path = folder.join(name);
+    std::fs::write(&path, bytes).expect("written");
+    path
+}
+
+#[test]
+fn a_job_in_stages_has_the_bits_of_one_process() {
+    for (scene, of) in [("many-lights", 2), ("teapot", 3), ("cornell", 7)] {
+        let spec = spec(scene);
+        let prepared = prepared(&spec);
+        let folder = tempfile::tempdir().expect("a folder");
+        let first = job(&prepared, &spec).first_plan().unwrap_or_else(|e| panic!("{e}"));
+        let mut plan = PlanFile::read(&written(folder.path(), "0.plan", &first)).unwrap_or_else(|e| panic!("{e}"));
+        while !plan.is_done() {
+            let part = |index| {
+                let shard = Shard::new(index, of).expect("a part");
+                let bytes = job(&prepared, &spec).part(&plan, shard, &mut NoMonitor).unwrap_or_else(|e| panic!("{e}"));
+                written(folder.path(), &format!("{index}.part"), &bytes.expect("nothing stops it"))
+            };
+            let parts: Vec<_> = (0..of).map(part).collect();
+            assert_eq!(PlanFile::of_part(&parts[0]).unwrap(), folder.path().join(format!("{}.plan", plan.stage())));
+            let (bytes, done) = job(&prepared, &spec).next_plan(&plan, &parts).unwrap_or_else(|e| panic!("{e}"));
+            let next = written(folder.path(), &format!("{}.plan", plan.stage() + 1), &bytes);
+            plan = PlanFile::read(&next).unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!(plan.is_done(), done);
+        }
+        println!("{scene}: {} stages", plan.stage());
+        let mut last = job(&prepared, plan.spec());
+        let traced = last.finish_plan(&plan).unwrap_or_else(|e| panic!("{e}"));
+        assert!(
+            bits(&last.finish(traced.film).unwrap_or_else(|e| panic!("{e}"))) == alone(&prepared, &spec),
+            "{scene}"
+        );
+    }
+}
+
+#[test]
+fn plans_and_parts_of_another_render_are_refused_with_a_list() {
+    let (here, other) = (spec("cornell").sampler("uniform"), spec("cornell").sampler("uniform").seed(9));
+    let prepared = prepared(&here);
+    let folder = tempfile::tempdir().expect("a folder");
+    let plan = |name: &str, spec: &RenderSpec| {
+        let bytes = job(&prepared, spec).first_plan().unwrap_or_else(|e| panic!("{e}"));
+        PlanFile::read(&written(folder.path(), name, &bytes)).unwrap_or_else(|e| panic!("{e}"))
+    };
+    let (mine, theirs) = (plan("a.plan", &here), plan("b.plan", &other));
+    let part = |plan: &PlanFile, spec: &RenderSpec, index| {
+        let shard = Shard::new(index, 2).expect("a part");
+        job(&prepared, spec).part(plan, shard, &mut NoMonitor).map(|bytes| bytes.expect("nothing stops it"))
+    };
+    let error = part(&theirs, &here, 0).err().expect("another render").to_string();
+    assert!(error.contains("b.plan: the file is of another render") && error.contains("seed: 9, not 1"), "{error}");
+    let first = written(folder.path(), "1.part", &part(&mine, &here, 0).unwrap());
+    let second = written(folder.path(), "2.part", &part(&theirs, &other, 1).unwrap());
+    let cut = written(folder.path(), "cut.part", &part(&mine, &here, 1).unwrap()[..300]);
+    let nowhere = folder.path().join("nowhere.part");
+    let refused = |parts: &[std::path::PathBuf]| match job(&prepared, &here).next_plan(&mine, parts) {
+        Err(JobError::Shards(lines)) => lines.join("\n"),
+        other => panic!("{:?}", other.map(|_| ()).map_err(|e| e.to_string())),
+    };
+    let message = refused(&[first.clone(), second, cut, nowhere]);
+    for wanted in
+        ["2.part: it is of another render: seed: 9, not 1", "cut.part: it is ", "nowhere.part: there is no such file"]
+    {
+        assert!(message.contains(wanted), "{message}");
+    }
+    assert!(refused(&[first.clone()]).contains("a.plan: missing parts: 2/2"));
+    assert!(refused(&[first.clone(), first]).contains("part 1/2 is given twice"));
+    assert!(
+        job(&prepared, &here)
+            .finish_plan(&mine)
+            .err()
+            .expect("samples are left")
+            .to_string()
+            .contains("samples are left")
+    );
+}
