@@ -1,6 +1,6 @@
 //! Camera rays seen from the scene: where a point appears in the image, and how densely camera rays reach it.
 //!
-//! Light paths that end at the camera need both [Veach 1997, sec. 8.3.2; Pharr et al. 2016, sec. 16.1]. The importance of
+//! Light paths that end at the camera need both [after Veach 1997, ch. 8]. The importance of
 //! a pixel times the cosine at the camera equals the density of its rays, so that neither appears alone here.
 
 use super::CameraView;
