@@ -228,6 +228,35 @@ fn media_and_transparency_are_refused_with_their_object() {
     assert!(refused.contains("scene.pbrt:") && refused.contains("--without"), "{refused}");
 }
 
+/// A window of the image shows the light that the whole image has there, splats included.
+#[test]
+fn a_window_shows_the_light_of_the_whole_image() {
+    let scene = bundled::files("caustic").expect("bundled").read().expect("it reads");
+    let size = [32, 24];
+    let world = World::with_resolution(&scene, size).unwrap_or_else(|e| panic!("{e}"));
+    let whole = Frame::new(size[0], size[1]).expect("not empty");
+    let window = whole.crop(15, 12, 23, 20).expect("inside");
+    for request in ["bdpt", "metropolis:length=64"] {
+        let mean = |frame: Frame, spp: u64| -> Mean {
+            let limits = Limits::samples(spp * frame.pixels() as u64);
+            let of = |seed| {
+                let mut integrator = make_integrator(request, &world).unwrap_or_else(|e| panic!("{e}"));
+                let film = Render::new(frame, &limits).run(&mut *integrator, &mut Uniform::new(Sobol::new(seed)));
+                let image = pixels(&film.unwrap_or_else(|e| panic!("{e}")));
+                let [x, y] = [0, 1].map(|axis| (window.origin()[axis] - frame.origin()[axis]) as usize);
+                let row = |row: usize| &image[(y + row) * frame.size()[0] as usize + x..][..8];
+                (0..8).flat_map(|i| row(i).iter()).map(|p| p[1]).sum::<f64>() / 64.0
+            };
+            (0..16).map(of).collect()
+        };
+        // About as many light paths in either.
+        let (expected, found) = (mean(whole, 8), mean(window, 96));
+        let test = found.against_estimate(&expected);
+        assert!(test.standard_error < 0.1 * expected.mean, "{request}: too noisy a test: {found:?}, {expected:?}");
+        assert!(test.p() > sidak(FAMILY, 2), "{request}: {found:?} in the window, {expected:?} in the image");
+    }
+}
+
 /// Films of splats have the same bits for any threads, and when resumed.
 #[test]
 fn bits_do_not_depend_on_threads_or_interruptions() {
