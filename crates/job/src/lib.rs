@@ -14,6 +14,7 @@
 struct Readme;
 
 pub mod checkpoint;
+mod chosen;
 mod clusters;
 mod content_hash;
 pub mod denoise;

@@ -3,9 +3,13 @@
 //! [`integrators`] is the table of all integrators by name: the renderer's own, then [`ENTRIES`]. [`make_integrator`]
 //! makes one.
 
+mod instant;
+mod lightcuts;
 mod photons;
 mod table;
 mod walk;
 
+pub use instant::InstantOptions;
+pub use lightcuts::LightcutOptions;
 pub use photons::{PhotonOptions, What};
 pub use table::{ENTRIES, check_integrator, integrators, make_integrator};

@@ -1,20 +1,38 @@
 //! The table of all integrators, by name.
 
+use crate::instant::{self, InstantOptions};
+use crate::lightcuts::{self, LightcutOptions};
 use crate::photons::{self, PhotonOptions};
 use dapple_core::{Integrator, Options as _};
 use dapple_renderer::{IntegratorEntry, IntegratorError, World, check_integrator_among, make_integrator_among};
 use std::sync::LazyLock;
 
 /// The integrators of this crate. A new integrator is a file in `src/`, and an entry here.
-pub const ENTRIES: &[IntegratorEntry] = &[IntegratorEntry::new(
-    [
-        "photons",
-        "path tracing beside photons, which find light of small lamps through glass and mirrors",
-        "Jensen 1996; passes after Knaus and Zwicker 2011",
-    ],
-    PhotonOptions::PARAMETERS,
-    photons::make,
-)];
+pub const ENTRIES: &[IntegratorEntry] = &[
+    IntegratorEntry::new(
+        [
+            "photons",
+            "path tracing beside photons, which find light of small lamps through glass and mirrors",
+            "Jensen 1996; passes after Knaus and Zwicker 2011",
+        ],
+        PhotonOptions::PARAMETERS,
+        photons::make,
+    ),
+    IntegratorEntry::new(
+        [
+            "lightcuts",
+            "direct light of many lights by cuts through trees of them, then path tracing",
+            "Walter et al. 2005",
+        ],
+        LightcutOptions::PARAMETERS,
+        lightcuts::make,
+    ),
+    IntegratorEntry::new(
+        ["instant", "indirect light from virtual lights, which paths from the lamps leave behind", "Keller 1997"],
+        InstantOptions::PARAMETERS,
+        instant::make,
+    ),
+];
 
 /// Returns the table of all integrators: those of [`dapple_renderer::integrators`], the default first, then
 /// [`ENTRIES`].
