@@ -1,7 +1,17 @@
 //! The integrator of a render: the one that its description names, or the one that its scene calls for.
 
 use crate::{DEFAULT_INTEGRATOR, RenderSpec};
+use dapple_renderer::IntegratorError;
 use dapple_scene::{Called, Effect, Effects, Scene};
+
+/// Checks a request for an integrator: `auto`, or its name and the names of its parameters.
+///
+/// # Errors
+///
+/// [`IntegratorError`] if the integrator or a parameter is unknown.
+pub fn check_integrator(request: &str) -> Result<(), IntegratorError> {
+    if request == DEFAULT_INTEGRATOR { Ok(()) } else { dapple_transport::check_integrator(request) }
+}
 
 /// The integrator of a render, `NAME` or `NAME:key=value,…`, and the caustics that call for photons, if they do.
 ///

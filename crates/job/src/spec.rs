@@ -4,10 +4,10 @@ mod names;
 
 pub use names::parse_shard;
 
+use crate::check_integrator;
 use dapple_core::Shard;
 use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
-use dapple_transport::check_integrator;
 use serde::{Deserialize, Serialize};
 
 /// The version of the JSON format that [`RenderSpec::to_json`] writes.
@@ -463,9 +463,7 @@ impl RenderSpec {
                 return wrong(field, e.to_string());
             }
         }
-        if self.integrator != DEFAULT_INTEGRATOR
-            && let Err(e) = check_integrator(&self.integrator)
-        {
+        if let Err(e) = check_integrator(&self.integrator) {
             return wrong("integrator", e.to_string());
         }
         if self.shard.is_some() && self.selection() == LightSelection::Learned {
