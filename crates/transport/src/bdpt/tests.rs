@@ -1,9 +1,9 @@
 //! Each strategy alone, and all together, find the path tracer's light.
 
 use super::{Bdpt, BdptOptions};
+use crate::make_integrator;
 use dapple_conformance::statistics::{FAMILY, Mean, critical, images, sidak};
 use dapple_core::samplers::Uniform;
-use crate::make_integrator;
 use dapple_core::{Control, Film, Frame, Integrator, Limits, Needs, Options as _, Render, Snapshot, Status};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::{World, integrator};
@@ -18,7 +18,10 @@ use glam::{DAffine3, DMat3, DVec3};
 pub(super) enum Fault {
     None,
     /// Only the strategy with these numbers of vertices, unweighted.
-    Only { s: usize, t: usize },
+    Only {
+        s: usize,
+        t: usize,
+    },
     /// Weights of light sampling (s = 1) are too large by this share.
     Sampled(f32),
 }
