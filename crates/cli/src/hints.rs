@@ -115,9 +115,9 @@ pub(crate) fn integrator(given: &str, error: &str) -> String {
         | "cycles" | "prb" | "volpathmis" => {
             format!("{error}; path follows media, glass and all lights that Dapple has: use --integrator path")
         }
-        "bdpt" | "mlt" | "sppm" | "lightpath" | "ptracer" | "photonmap" | "pssmlt" => {
-            format!("{error}; Dapple follows paths from the camera only: use --integrator path")
-        }
+        "sppm" | "photonmap" | "ptracer" | "lightpath" => format!("{error}; use --integrator photons"),
+        "mlt" | "pssmlt" => format!("{error}; use --integrator metropolis"),
+        "igi" | "vpl" => format!("{error}; use --integrator instant"),
         "ao" | "ambientocclusion" => format!("{error}; use --integrator ambient-occlusion"),
         _ => error.to_owned(),
     }

@@ -32,7 +32,7 @@ fn names_of_other_renderers_lead_to_ours() {
         ("--points pmj02bn", "the nearest to \"pmj02bn\" is pmj02"),
         ("--points uniform", "\"uniform\" decides how many samples each pixel gets; use --sampler uniform"),
         ("--integrator volpath", "use --integrator path"),
-        ("--integrator bdpt", "Dapple follows paths from the camera only"),
+        ("--integrator mlt", "use --integrator metropolis"),
         ("--filter mitchell", "\"mitchell\" is a pixel filter"),
         ("--denoiser OpenImageDenoise", "the nearest to \"openimagedenoise\" is oidn"),
         ("--samples 64", "tip: use --spp N"),

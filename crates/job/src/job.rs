@@ -13,6 +13,7 @@ pub use plan_file::PlanFile;
 pub use shards::ShardSet;
 
 use crate::checkpoint::Identity;
+use crate::chosen;
 use crate::load::{LoadOptions, LoadedScene, PreparedScene, frame, limits, setting};
 use crate::memory::MemoryEstimate;
 use crate::output::OutputFiles;
@@ -22,7 +23,7 @@ use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
     Budget, Control, Error, Exchange, Film, FilmPoints, Filter, Filtered, Frame, Limits, Memory, Monitor, Needs,
-    NoMonitor, PointSet, Render, Sampler, Sharded, Snapshot, Status, Unfiltered, apply_together,
+    NoMonitor, PointSet, Prepares, Render, Sampler, Sharded, Snapshot, Status, Unfiltered, apply_together,
 };
 use dapple_renderer::World;
 use dapple_scene::Scene;
@@ -48,6 +49,7 @@ pub struct Job {
     frame: Frame,
     limits: Limits,
     points: String,
+    integrator: String,
     described: String,
     sampler: Box<dyn Sampler>,
     filter: Box<dyn Filter>,
@@ -189,9 +191,17 @@ impl Job {
             // Keeps at least 1 ms, so that clustering cannot use up the whole limit.
             *seconds = (*seconds - cluster_seconds).max(1e-3);
         }
-        let of_integrator = make_integrator(&spec.integrator, &prepared.world)?.needs();
+        let (integrator, _) = chosen::integrator(spec, &prepared.scene);
+        let made = make_integrator(&integrator, &prepared.world)?;
+        let (prepares, of_integrator) = (made.prepares(), made.needs());
+        drop(made);
         if of_integrator.splats && matches!(limits.budget, Budget::Error { .. }) {
-            return Err(JobError::SplatsWithoutError { integrator: spec.integrator.clone() });
+            return Err(JobError::SplatsWithoutError { integrator });
+        }
+        if let Some(shard) = spec.shard.filter(|_| prepares == Prepares::EveryPass) {
+            let why =
+                format!("integrator \"{integrator}\" traces light for the whole image in each pass; use \"path\"");
+            return Err(JobError::NoShard { shard, why });
         }
         let mut job = Self {
             spec: spec.clone(),
@@ -199,6 +209,7 @@ impl Job {
             frame,
             limits,
             points: points_described,
+            integrator,
             described: sampler.describe(),
             needs: filter.needs().and(of_integrator),
             sampler,
@@ -260,6 +271,11 @@ impl Job {
     /// The name and all parameters of the sampler.
     pub fn sampler_described(&self) -> &str {
         &self.described
+    }
+
+    /// The integrator, `NAME` or `NAME:key=value,…`: the one in the description, or the one that the scene calls for.
+    pub fn integrator(&self) -> &str {
+        &self.integrator
     }
 
     /// The name and all parameters of the point set.
@@ -341,7 +357,7 @@ impl Job {
             monitor.resumed(snapshot.film().record().samples as f64 / self.frame.pixels() as f64);
         }
         let mut watched = Watched::new(monitor, checkpoints, identity, self.limits.min_spp, exchange.is_some());
-        let mut integrator = make_integrator(&self.spec.integrator, &self.prepared.world)?;
+        let mut integrator = make_integrator(&self.integrator, &self.prepared.world)?;
         let filtered = self.is_error_of_filtered();
         let mut sharded;
         let sampler: &mut dyn Sampler = match self.spec.shard {

@@ -14,6 +14,7 @@
 struct Readme;
 
 pub mod checkpoint;
+mod chosen;
 mod clusters;
 mod content_hash;
 pub mod denoise;
@@ -27,6 +28,7 @@ mod spec;
 mod text_file;
 mod warning;
 
+pub use chosen::check_integrator;
 pub use clusters::{WorldClusters, WorldTriangles};
 pub use content_hash::ContentHash;
 pub use dapple_registry::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER};

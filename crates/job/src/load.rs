@@ -1,5 +1,6 @@
 //! Reading of scenes, and building of worlds (scenes ready for tracing).
 
+use crate::chosen;
 use crate::memory::{MemoryEstimate, MemoryLimit, resident};
 use crate::registry::{self, Setting};
 use crate::{
@@ -131,7 +132,12 @@ impl LoadedScene {
             let by = called.called().iter().find(|called| called.effect == effect).cloned();
             warnings.push(Warning::LeftOut { effect, by });
         }
-        warnings.extend(Effects::found_by_chance(&scene).map(Warning::FoundByChance));
+        let (name, because) = chosen::integrator(spec, &scene);
+        warnings.extend(match because {
+            Some(called) => Some(Warning::Photons(called)),
+            None if chosen::finds_caustics(&name) => None,
+            None => Effects::found_by_chance(&scene).map(Warning::FoundByChance),
+        });
         Ok(Self {
             spec: spec.clone(),
             scene: Arc::new(scene),

@@ -4,10 +4,10 @@ mod names;
 
 pub use names::parse_shard;
 
+use crate::check_integrator;
 use dapple_core::Shard;
 use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
-use dapple_transport::check_integrator;
 use serde::{Deserialize, Serialize};
 
 /// The version of the JSON format that [`RenderSpec::to_json`] writes.
@@ -18,8 +18,8 @@ pub const DEFAULT_SPP: f64 = 64.0;
 pub const ERROR_SPP: u32 = 16384;
 /// The longest time limit of a render in seconds: a year.
 pub const MOST_SECONDS: f64 = 31_557_600.0;
-/// The name of the default integrator.
-pub const DEFAULT_INTEGRATOR: &str = "path";
+/// The name of the default integrator: `photons` for scenes whose caustics a path tracer finds by chance only, else `path`.
+pub const DEFAULT_INTEGRATOR: &str = "auto";
 
 /// A description of a render: all settings that decide the pixels of an image.
 ///
@@ -50,7 +50,7 @@ pub struct RenderSpec {
     /// The filter (denoiser), `NAME` or `NAME:key=value,…`; `none` leaves each pixel the mean of its samples.
     #[serde(default = "names::filter")]
     pub filter: String,
-    /// The integrator, `NAME` or `NAME:key=value,…`.
+    /// The integrator, `NAME` or `NAME:key=value,…`. `auto` takes `photons` if the scene calls for it, else `path`.
     #[serde(default = "names::integrator")]
     pub integrator: String,
     /// The rule by which light sampling selects one of several lights. `None` stands for the default that

@@ -19,6 +19,9 @@ pub enum Warning {
     },
     /// A light that a path tracer finds by chance only, such as a small lamp behind glass.
     FoundByChance(Called),
+    /// A light that a path tracer finds by chance only, and that photons carry instead: the default integrator is
+    /// `photons`.
+    Photons(Called),
     /// A lamp whose triangles have no area, so that it gives off no light.
     LampWithoutArea(Source),
     /// Triangles without area, which are left out: their number.
@@ -119,6 +122,9 @@ impl fmt::Display for Warning {
             }
             Self::LeftOut { effect, by: None } => write!(f, "without {effect}: {}", effect.left_out()),
             Self::FoundByChance(called) => write!(f, "{}: {}", called.source, found_by_chance(called)),
+            Self::Photons(called) => {
+                write!(f, "{}: {}; photons carry it (--integrator path leaves specks)", called.source, called.because)
+            }
             Self::LampWithoutArea(source) => {
                 write!(f, "{source}: this lamp has no area and gives off no light; make it larger, or remove it")
             }

@@ -193,6 +193,12 @@ impl Interaction<'_> {
         self.hit.t
     }
 
+    /// Returns the time of the hit within the motion, in `[0, 1]`.
+    #[inline]
+    pub fn time(&self) -> f32 {
+        self.time
+    }
+
     /// Returns the index of the surface's light, for [`Lights::pdf`]; `None` if the surface emits nothing.
     #[inline]
     pub fn light(&self) -> Option<u32> {

@@ -59,6 +59,9 @@ pub struct ScenePlan {
     pub resolution: Option<[u32; 2]>,
     /// The rule by which light sampling selects one of several lights; `None` takes the study's.
     pub lights: Option<LightSelection>,
+    /// The integrator, `NAME` or `NAME:key=value,…`; `None` takes the one that the scene calls for. References are always
+    /// rendered with that one.
+    pub integrator: Option<String>,
 }
 
 impl From<&str> for ScenePlan {

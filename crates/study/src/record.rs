@@ -235,6 +235,9 @@ pub struct SceneRecord {
     /// The rule by which light sampling selects one of several lights.
     #[serde(default)]
     pub lights: LightSelection,
+    /// The integrator; `auto` is the one that the scene calls for.
+    #[serde(default = "crate::study_scene::auto", skip_serializing_if = "crate::study_scene::is_auto")]
+    pub integrator: String,
 }
 
 /// The machine on which a study ran.

@@ -151,6 +151,7 @@ impl Study {
             resolution: view.resolution,
             reference: source.record().clone(),
             lights: view.lights,
+            integrator: view.integrator.clone(),
         });
         let mut manifest = manifest::new(&plan, scenes.collect(), &options.command);
         if let Some(earlier) = &earlier {
@@ -349,6 +350,7 @@ fn views(plan: &Plan) -> Result<Vec<View>, StudyError> {
             max_depth: plan.max_depth,
             allow_unsupported: plan.allow_unsupported,
             lights: scene.lights.unwrap_or(plan.lights),
+            integrator: scene.integrator.clone().unwrap_or_else(crate::study_scene::auto),
         });
     }
     Ok(views)

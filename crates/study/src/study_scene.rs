@@ -28,13 +28,24 @@ pub struct View {
     /// The rule by which light sampling selects one of several lights.
     #[serde(default)]
     pub lights: LightSelection,
+    /// The integrator, `NAME` or `NAME:key=value,…`; `auto` is the one that the scene calls for.
+    #[serde(default = "auto", skip_serializing_if = "is_auto")]
+    pub integrator: String,
+}
+
+pub(crate) fn auto() -> String {
+    dapple_job::DEFAULT_INTEGRATOR.to_owned()
+}
+
+pub(crate) fn is_auto(integrator: &str) -> bool {
+    integrator == dapple_job::DEFAULT_INTEGRATOR
 }
 
 impl View {
-    /// Returns this view with lights selected by power, for rendering the reference: views that differ in light
-    /// selection only thus share one reference.
+    /// Returns this view with lights selected by power and the scene's own integrator, for rendering the reference: views
+    /// that differ in these only thus share one reference.
     pub(crate) fn by_default(&self) -> Self {
-        Self { lights: LightSelection::Power, ..self.clone() }
+        Self { lights: LightSelection::Power, integrator: auto(), ..self.clone() }
     }
 }
 
@@ -71,6 +82,7 @@ impl View {
             .max_depth(self.max_depth)
             .allow_unsupported(self.allow_unsupported)
             .light_selection(self.lights)
+            .integrator(self.integrator.clone())
     }
 }
 

@@ -4,12 +4,16 @@
 //! makes one.
 
 mod bdpt;
+mod instant;
+mod lightcuts;
 mod metropolis;
 mod photons;
 mod table;
 mod walk;
 
 pub use bdpt::{Bdpt, BdptOptions};
+pub use instant::InstantOptions;
+pub use lightcuts::LightcutOptions;
 pub use metropolis::{Metropolis, MetropolisOptions};
 pub use photons::{PhotonOptions, What};
 pub use table::{ENTRIES, check_integrator, integrators, make_integrator};

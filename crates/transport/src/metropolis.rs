@@ -36,7 +36,7 @@ const TOGETHER: u64 = 256;
 ///
 /// Each pass makes two images, each with as many mutations as the image has pixels, and with chains and seeds of its own.
 /// Passes are independent of each other. Each is unbiased: a chain starts at an independent sample, chosen in proportion
-/// to its brightness, and is weighted by the mean brightness of all candidates [Veach 1997, sec. 11.3.1]. Samples of a
+/// to its brightness, and is weighted by the mean brightness of all candidates [after Veach 1997, ch. 11]. Samples of a
 /// pixel in a pass take the value of these images there. Their noise is correlated between pixels, which filters do not
 /// expect.
 ///

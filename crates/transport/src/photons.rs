@@ -6,10 +6,8 @@
 
 mod map;
 
-use crate::walk::{Arrival, Onwards, Sources, walk};
-use dapple_core::{
-    Draws, HostNumbers, Integrator, OptionValue, Options as _, Pass, Prepared, Prepares, SampleId, streams,
-};
+use crate::walk::{Arrival, Onwards, Sources, probe, walk};
+use dapple_core::{Draws, Integrator, OptionValue, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
 use dapple_scene::Effect;
 use glam::Vec3;
@@ -53,7 +51,7 @@ dapple_core::options! {
         pub what: What = What::Caustics => "caustics";
         /// Photons per pass and half of the samples; 0 takes one per pixel.
         pub photons: u32 = 0, |photons| photons <= 1 << 24, "0 to 16777216";
-        /// The radius of the first pass, in units of the scene file; 0 takes four pixels at the median first hit.
+        /// The radius of the first pass, in units of the scene file; 0 takes a pixel at the median first hit.
         pub radius: f64 = 0.0, |radius| radius >= 0.0 && radius.is_finite(), "0 or above";
         /// The speed at which radii stay large, from 0 (fast, noisy) to 1 (no shrinking, biased).
         pub alpha: f64 = 0.667, |alpha| (0.0..=1.0).contains(&alpha), "0 to 1";
@@ -85,8 +83,8 @@ const ROUGH: f32 = 0.3;
 const SAME_NORMAL: f32 = 0.9;
 /// The height of the look-up's cylinder to each side, in radii.
 const THICKNESS: f32 = 0.5;
-/// The width of the first look-up's radius in pixels at the median first hit.
-const PIXELS: f32 = 4.0;
+/// The radius of the first look-up in pixels at the median first hit.
+const PIXELS: f32 = 1.0;
 /// Photons that one task traces.
 const CHUNK: u32 = 4096;
 
@@ -227,14 +225,18 @@ impl VertexLight for PhotonLight<'_> {
     const ACTIVE: bool = true;
     type State = Gathered;
 
-    fn gather(&self, state: &mut Gathered, vertex: &GatherPoint<'_>, draws: &Draws<'_>) -> Vec3 {
+    fn gather(&self, state: &mut Gathered, vertex: &GatherPoint<'_>, draws: &Draws<'_>, _: &mut Worker) -> (Vec3, u32) {
         state.next = Next::default();
         if vertex.bsdf.roughness() < ROUGH || self.sources.is_empty() {
-            return Vec3::ZERO;
+            return (Vec3::ZERO, 0);
         }
         let all = self.options.what == What::All && state.vertices >= self.options.gather;
         state.next = Next { has_chains: true, ends: all };
-        self.density(vertex, &self.maps[(draws.sample_number() & 1) as usize], !all)
+        (self.density(vertex, &self.maps[(draws.sample_number() & 1) as usize], !all), 0)
+    }
+
+    fn samples_lights(&self, _: &Gathered, _: &GatherPoint<'_>) -> bool {
+        true
     }
 
     fn scattered(&self, state: &mut Gathered, specular: bool) {
@@ -248,12 +250,12 @@ impl VertexLight for PhotonLight<'_> {
         state.now = Next::default();
     }
 
-    fn replaces(&self, state: &Gathered, light: u32) -> bool {
+    fn replaces(&self, state: &Gathered, light: u32, specular: bool) -> bool {
         let all = self.options.what == What::All;
-        state.now.has_chains && self.replaced.get(light as usize).copied().unwrap_or(all)
+        specular && state.now.has_chains && self.replaced.get(light as usize).copied().unwrap_or(all)
     }
 
-    fn ends(&self, state: &Gathered) -> bool {
+    fn ends(&self, state: &Gathered, _: bool) -> bool {
         state.now.ends
     }
 
@@ -292,7 +294,7 @@ fn footprint(world: &World, [width, height]: [u32; 2]) -> f32 {
     let mut widths: Vec<f32> = (0..SIDE * SIDE)
         .filter_map(|i| {
             let pixel = [i % SIDE * width / SIDE, i / SIDE * height / SIDE];
-            let draws = Draws::new(&HostNumbers, SampleId::new(pixel, streams::PROBE, 0));
+            let draws = probe(pixel);
             let (ray, time) = world.camera_ray(&draws);
             let at = world.closest_hit(&ray, time)?;
             Some(world.camera().footprint(at.distance())).filter(|width| *width > 0.0 && width.is_finite())

@@ -1,5 +1,7 @@
 //! The table of all integrators, by name.
 
+use crate::instant::{self, InstantOptions};
+use crate::lightcuts::{self, LightcutOptions};
 use crate::photons::{self, PhotonOptions};
 use crate::{Bdpt, BdptOptions, Metropolis, MetropolisOptions};
 use dapple_core::{Integrator, Options as _};
@@ -16,6 +18,20 @@ pub const ENTRIES: &[IntegratorEntry] = &[
         ],
         PhotonOptions::PARAMETERS,
         photons::make,
+    ),
+    IntegratorEntry::new(
+        [
+            "lightcuts",
+            "direct light of many lights by cuts through trees of them, then path tracing",
+            "Walter et al. 2005",
+        ],
+        LightcutOptions::PARAMETERS,
+        lightcuts::make,
+    ),
+    IntegratorEntry::new(
+        ["instant", "indirect light from virtual lights, which paths from the lamps leave behind", "Keller 1997"],
+        InstantOptions::PARAMETERS,
+        instant::make,
     ),
     IntegratorEntry::new(
         [

@@ -9,9 +9,9 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 /// The group for the light (dimension 0) and the place on it (2 and 3).
-const LIGHT: Block = Block::new(0);
+pub(crate) const LIGHT: Block = Block::new(0);
 /// The group for the emitted direction (dimensions 0 and 1).
-const TOWARDS: Block = Block::new(1);
+pub(crate) const TOWARDS: Block = Block::new(1);
 /// The first group for a scattering event: direction (dimensions 0 and 1), lobe (2), roulette (3).
 const SCATTER: Block = Block::new(2);
 /// The first group for a hit that may be a hole or a mixed material: opacity (dimension 0) and selection (1).
@@ -20,6 +20,11 @@ const SURFACE: Block = Block::new(3);
 const STRIDE: u32 = 2;
 /// The largest number of hits of a path, passed surfaces included.
 const MOST_HITS: u32 = 10_000;
+
+/// The random numbers of a camera ray that only probes the scene.
+pub(crate) fn probe(pixel: [u32; 2]) -> Draws<'static> {
+    Draws::new(&HostNumbers, SampleId::new(pixel, streams::PROBE, 0))
+}
 
 /// Some lights of a world, and how their rays are selected: each light's rays are divided into a grid of cells.
 #[derive(Clone, Debug)]
@@ -93,6 +98,7 @@ impl Sources {
             })
             .collect();
         let rays = found.iter().map(|(_, rays)| rays).sum();
+        let found = &found[..];
         let near = |number: u32| -> f64 {
             let (light, cell) = (number / cells * cells, number % cells);
             let [x, y] = [cell % side, cell / side];
@@ -161,7 +167,6 @@ const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 pub(crate) struct Arrival<'a> {
     pub(crate) at: &'a Interaction<'a>,
     pub(crate) bsdf: &'a Bsdf<'a>,
-    pub(crate) frame: &'a ShadingFrame,
     /// The unit direction that the light came from, in the renderer's space.
     pub(crate) from: Vec3,
     /// The flux that arrives.
@@ -208,7 +213,7 @@ pub(crate) fn walk(
         let from = -ray.direction;
         let onwards = match bsdf.is_specular() {
             true => Onwards::Specular,
-            false => arrive(&Arrival { at: &at, bsdf: &bsdf, frame: &frame, from, flux, bounces, is_specular }),
+            false => arrive(&Arrival { at: &at, bsdf: &bsdf, from, flux, bounces, is_specular }),
         };
         if onwards == Onwards::Stop || bounces + 1 >= world.max_depth() {
             return rays;

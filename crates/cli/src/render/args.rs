@@ -54,7 +54,7 @@ pub(crate) struct RenderArgs {
     #[arg(default_value = dapple_job::DEFAULT_FILTER, help_heading = "Method")]
     pub(crate) filter: String,
 
-    /// Integrator (how the radiance of a sample is computed); `dapple integrators` lists all
+    /// Integrator (how the radiance of a sample is computed); `dapple integrators` lists all. auto is photons if the scene has caustics that path tracing finds by chance only, else path
     #[arg(long, value_name = "NAME", default_value = dapple_job::DEFAULT_INTEGRATOR, value_parser = integrator)]
     #[arg(help_heading = "Method")]
     pub(crate) integrator: String,

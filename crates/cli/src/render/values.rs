@@ -136,6 +136,6 @@ pub(crate) fn filter(name: &str) -> Parsed<String> {
 }
 
 pub(crate) fn integrator(name: &str) -> Parsed<String> {
-    dapple_transport::check_integrator(name).map_err(|e| hints::integrator(name, &e.to_string()))?;
+    dapple_job::check_integrator(name).map_err(|e| hints::integrator(name, &e.to_string()))?;
     Ok(name.to_owned())
 }

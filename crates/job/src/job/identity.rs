@@ -29,7 +29,7 @@ pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
         ("scene files", digest.hex()),
         ("sampler", job.described.clone()),
         ("points", job.points.clone()),
-        ("integrator", spec.integrator.clone()),
+        ("integrator", job.integrator.clone()),
         ("seed", spec.seed.to_string()),
         ("light selection", spec.selection().name().to_owned()),
         ("pixel filter", pixel_filter(&scene.film.pixel_filter)),

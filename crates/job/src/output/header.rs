@@ -20,7 +20,7 @@ pub(super) fn attributes(job: &Job, image: &RenderedImage, cpu: Option<f64>) -> 
         ("sampler", job.sampler_described().to_owned()),
         ("points", job.points_described().to_owned()),
         ("filter", image.filter.clone()),
-        ("integrator", spec.integrator.clone()),
+        ("integrator", job.integrator().to_owned()),
         ("pixel-filter", pixel_filter(&scene.film.pixel_filter)),
         ("seed", spec.seed.to_string()),
         ("budget", budget(job)),

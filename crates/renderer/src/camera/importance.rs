@@ -1,6 +1,6 @@
 //! Camera rays seen from the scene: where a point appears in the image, and how densely camera rays reach it.
 //!
-//! Light paths that end at the camera need both [Veach 1997, sec. 8.3.2; Pharr et al. 2016, sec. 16.1]. The importance of
+//! Light paths that end at the camera need both [after Veach 1997, ch. 8]. The importance of
 //! a pixel times the cosine at the camera equals the density of its rays, so that neither appears alone here.
 
 use super::CameraView;
@@ -85,7 +85,8 @@ mod tests {
         let turn = DMat3::from_rotation_y(0.7) * DMat3::from_rotation_x(-0.4);
         let to_world = DAffine3::from_mat3_translation(turn * shear, DVec3::new(0.3, -0.2, 0.5));
         let (perspective, window) = (Projection::Perspective { fov: 70.0 }, Some([-0.5, 1.0, -0.2, 0.9]));
-        let cases = [(perspective, 0.0), (perspective, 0.2), (Projection::Orthographic, 0.0), (Projection::Orthographic, 0.2)];
+        let cases =
+            [(perspective, 0.0), (perspective, 0.2), (Projection::Orthographic, 0.0), (Projection::Orthographic, 0.2)];
         let view = |(projection, lens_radius)| {
             let screen_window = window;
             let camera =
@@ -104,7 +105,10 @@ mod tests {
                     let found = view.connect(ray.at(t), u, 0.0).unwrap_or_else(|| panic!("case {case}"));
                     let expected = Vec2::new(pixel[0] as f32 + 0.8, pixel[1] as f32 + 0.3);
                     assert!((found.place - expected).length() < 2e-3, "case {case} at {t}: {found:?}, {expected}");
-                    assert!((found.position - ray.origin).length() < 1e-4 * t.max(1.0), "case {case} at {t}: {found:?}");
+                    assert!(
+                        (found.position - ray.origin).length() < 1e-4 * t.max(1.0),
+                        "case {case} at {t}: {found:?}"
+                    );
                     assert!((found.direction - ray.direction).length() < 1e-4, "case {case} at {t}: {found:?}");
                     assert!((found.distance - t).abs() < 1e-4 * t.max(1.0), "case {case} at {t}: {found:?}");
                 }

@@ -175,11 +175,13 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
     #[inline(always)]
     fn environment(&self, path: &Path<S::Place, G::State>) -> Vec3 {
         let (lights, direction) = (&self.world.lights, path.ray.direction);
+        if self.vertex_light.replaces(&path.gathered, NO_LIGHT, path.last.is_none()) {
+            return Vec3::ZERO;
+        }
         match path.last {
             Some(LastScatter { place, pdf, .. }) => {
                 lights.environment_weighted(direction, pdf, |light| self.selector.pmf(lights, place, light))
             }
-            None if self.vertex_light.replaces(&path.gathered, NO_LIGHT) => Vec3::ZERO,
             None => lights.environment(direction),
         }
     }
@@ -191,13 +193,15 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         let (lights, light) = (&self.world.lights, at.part.light);
         let Some(lamp) = lights.lamp(light) else { return Vec3::ZERO };
         let radiance = lamp.radiance(-at.point.normal.dot(path.ray.direction));
+        if self.vertex_light.replaces(&path.gathered, light, path.last.is_none()) {
+            return Vec3::ZERO;
+        }
         match path.last {
             Some(LastScatter { position, place, pdf }) if radiance != Vec3::ZERO => {
                 let light_pdf =
                     lights.direction_pdf(light, position, &at.point) * self.selector.pmf(lights, place, light);
                 radiance * power_heuristic(pdf, light_pdf)
             }
-            None if self.vertex_light.replaces(&path.gathered, light) => Vec3::ZERO,
             _ => radiance,
         }
     }
@@ -218,6 +222,9 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
             return false;
         }
         let bsdf = if varied { world.bsdf_of(at, surface) } else { surface.plain() };
+        if self.vertex_light.ends(&path.gathered, bsdf.is_specular()) {
+            return false;
+        }
         let frame = if varied { world.frame_of(at, surface) } else { ShadingFrame::from_normal(at.point.normal) };
         let wo = bsdf.local(&frame, -path.ray.direction);
         let vertex = Vertex { at, bsdf: &bsdf, frame: &frame, wo, outside: -at.point.normal.dot(path.ray.direction) };
@@ -227,15 +234,17 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         let choices = if chooses { draws.block(blocks::choose(path.depth)) } else { [0.0; 4] };
         let u = draws.block(blocks::scatter(path.depth));
         let mut place = S::NOWHERE;
-        if !bsdf.is_specular() && !world.lights.is_empty() {
+        let point = GatherPoint { at, bsdf: &bsdf, frame: &frame, wo, back: -path.ray.direction, depth: path.depth };
+        let samples_lights = self.vertex_light.samples_lights(&path.gathered, &point);
+        if !bsdf.is_specular() && !world.lights.is_empty() && samples_lights {
             place = self.selector.place(at.point.position, at.point.normal * vertex.outside);
             let direct = self.direct(training, path, &vertex, place, [choices[0], u[0], u[1]]);
             path.radiance += path.throughput * direct;
         }
         if G::ACTIVE && !bsdf.is_specular() {
-            let (back, depth) = (-path.ray.direction, path.depth);
-            let point = GatherPoint { at, bsdf: &bsdf, frame: &frame, wo, back, depth };
-            path.radiance += path.throughput * self.vertex_light.gather(&mut path.gathered, &point, draws);
+            let (light, rays) = self.vertex_light.gather(&mut path.gathered, &point, draws, training);
+            path.radiance += path.throughput * light;
+            path.rays += rays;
         }
         let Some(sample) = bsdf.sample(wo, [u[2], u[3]], choices[1]) else { return false };
         let wi = frame.to_world(sample.wi);
@@ -249,7 +258,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
             path.is_rare |= Self::HAS_TRANSMISSION && sample.specular && sample.pdf < RARE && bsdf.transmits();
         }
         path.is_direct &= sample.specular && sample.pdf >= CERTAIN;
-        if G::ACTIVE && !bsdf.is_specular() {
+        if G::ACTIVE {
             self.vertex_light.scattered(&mut path.gathered, sample.specular);
         }
         if Self::HAS_TRANSMISSION {
@@ -394,8 +403,7 @@ impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> Integrator for Pat
                 let features = self.world.features_of(ray, at, surface, tint, length);
                 estimate.features = Some(features.with_rare(path.is_rare));
             }
-            let ends = path.depth >= self.world.max_depth || self.vertex_light.ends(&path.gathered);
-            if ends || !self.scatter(draws, training, &mut path, &at, surface) {
+            if path.depth >= self.world.max_depth || !self.scatter(draws, training, &mut path, &at, surface) {
                 break;
             }
             path.depth += 1;

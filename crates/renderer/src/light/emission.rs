@@ -1,6 +1,6 @@
 //! Light that leaves the lights: rays for photons, virtual lights and bidirectional paths, with their densities.
 
-use super::{Expectation, LightSource, Lights, SelectedLight, Target};
+use super::{Expectation, Light, LightSource, Lights, SelectedLight, Target};
 use crate::shading::{ShadingFrame, warp};
 use dapple_geometry::{Ray, SurfacePoint, spawn_ray};
 use glam::Vec3;
@@ -181,6 +181,23 @@ impl Lights {
         match self.lights[light as usize].expectation() {
             Expectation::Near { middle, radius, .. } => Some((middle, radius)),
             Expectation::Far { .. } => None,
+        }
+    }
+
+    /// Returns the centre, the radius and the radiance of a light that is a ball shining outwards; `None` for others.
+    pub fn ball(&self, light: u32) -> Option<(Vec3, f32, Vec3)> {
+        match &self.lights[light as usize] {
+            Light::Sphere(sphere) => sphere.seen_from_outside(),
+            _ => None,
+        }
+    }
+
+    /// Returns the largest radiant intensity of a point or spot light; `None` for others.
+    pub fn intensity(&self, light: u32) -> Option<Vec3> {
+        match &self.lights[light as usize] {
+            Light::Point(point) => Some(point.intensity()),
+            Light::Spot(spot) => Some(spot.intensity()),
+            _ => None,
         }
     }
 

@@ -28,6 +28,12 @@ impl SphereLight {
         Self { lamp, centre, radius, reach: radius + error, flip }
     }
 
+    /// Returns the centre, the radius and the radiance; `None` if it shines inwards only.
+    pub(super) fn seen_from_outside(&self) -> Option<(Vec3, f32, Vec3)> {
+        let radiance = self.lamp.radiance(self.flip);
+        (radiance != Vec3::ZERO).then_some((self.centre, self.radius, radiance))
+    }
+
     fn area(&self) -> f64 {
         4.0 * std::f64::consts::PI * f64::from(self.radius) * f64::from(self.radius)
     }

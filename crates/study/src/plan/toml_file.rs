@@ -70,7 +70,7 @@ impl PlanPatch {
 #[derive(Deserialize)]
 #[serde(
     untagged,
-    expecting = "a scene: \"NAME or path\", or { source = \"…\" } with name, reference, resolution, lights (power, uniform, learned)"
+    expecting = "a scene: \"NAME or path\", or { source = \"…\" } with name, reference, resolution, lights (power, uniform, learned), integrator"
 )]
 enum SceneForm {
     Source(String),
@@ -87,14 +87,18 @@ struct SceneTable {
     resolution: Option<[u32; 2]>,
     #[serde(alias = "light_choice")]
     lights: Option<LightSelection>,
+    integrator: Option<String>,
 }
 
 impl<'de> Deserialize<'de> for ScenePlan {
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
         Ok(match SceneForm::deserialize(from)? {
             SceneForm::Source(source) => Self { source, ..Self::default() },
-            SceneForm::Table(SceneTable { source, name, reference, resolution, lights }) => {
-                Self { source, name, reference, resolution, lights }
+            SceneForm::Table(SceneTable { source, name, reference, resolution, lights, integrator }) => {
+                if let Some(Err(e)) = integrator.as_deref().map(dapple_job::check_integrator) {
+                    return Err(D::Error::custom(format!("integrator: {e}")));
+                }
+                Self { source, name, reference, resolution, lights, integrator }
             }
         })
     }

@@ -59,9 +59,7 @@ impl Bdpt<'_> {
         let (kind, point) = match sample.target {
             Target::Surface(point) => (Kind::Lamp { light }, point),
             Target::Point(position) => (Kind::Delta { parallel: false }, point_in_space(position)),
-            Target::Far if sample.delta => {
-                (Kind::Delta { parallel: true }, point_in_space(last.point.position))
-            }
+            Target::Far if sample.delta => (Kind::Delta { parallel: true }, point_in_space(last.point.position)),
             Target::Far => {
                 // All environments together are one light.
                 sample.radiance = lights.environment(sample.wi);
@@ -165,10 +163,7 @@ impl Bdpt<'_> {
             if self.world.occluded(&spawn_ray_to_point(&lit.point, found.position), time) {
                 continue;
             }
-            let light = [
-                density * lit.cosine(found.direction),
-                before.density_from(lit.point.position, backward),
-            ];
+            let light = [density * lit.cosine(found.direction), before.density_from(lit.point.position, backward)];
             add(found.place, s, Contribution { radiance, ends: Ends { light, ..Ends::default() } });
         }
     }

@@ -1,9 +1,10 @@
 //! Each strategy alone, and all together, find the path tracer's light.
 
 use super::{Bdpt, BdptOptions};
+use crate::make_integrator;
 use dapple_conformance::statistics::{FAMILY, Mean, critical, images, sidak};
 use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Integrator, Limits, Needs, Options as _, Render};
+use dapple_core::{Control, Film, Frame, Integrator, Limits, Needs, Options as _, Render, Snapshot, Status};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::{World, integrator};
 use dapple_scene::{
@@ -17,7 +18,10 @@ use glam::{DAffine3, DMat3, DVec3};
 pub(super) enum Fault {
     None,
     /// Only the strategy with these numbers of vertices, unweighted.
-    Only { s: usize, t: usize },
+    Only {
+        s: usize,
+        t: usize,
+    },
     /// Weights of light sampling (s = 1) are too large by this share.
     Sampled(f32),
 }
@@ -225,6 +229,115 @@ fn media_and_transparency_are_refused_with_their_object() {
     let world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{e}"));
     let refused = Bdpt::new(&world, &BdptOptions::default()).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(refused.contains("scene.pbrt:") && refused.contains("--without"), "{refused}");
+}
+
+/// A window of the image shows the light that the whole image has there, splats included.
+#[test]
+fn a_window_shows_the_light_of_the_whole_image() {
+    let scene = bundled::files("caustic").expect("bundled").read().expect("it reads");
+    let size = [32, 24];
+    let world = World::with_resolution(&scene, size).unwrap_or_else(|e| panic!("{e}"));
+    let whole = Frame::new(size[0], size[1]).expect("not empty");
+    let window = whole.crop(15, 12, 23, 20).expect("inside");
+    for request in ["bdpt", "metropolis:length=64"] {
+        let mean = |frame: Frame, spp: u64| -> Mean {
+            let limits = Limits::samples(spp * frame.pixels() as u64);
+            let of = |seed| {
+                let mut integrator = make_integrator(request, &world).unwrap_or_else(|e| panic!("{e}"));
+                let film = Render::new(frame, &limits).run(&mut *integrator, &mut Uniform::new(Sobol::new(seed)));
+                let image = pixels(&film.unwrap_or_else(|e| panic!("{e}")));
+                let [x, y] = [0, 1].map(|axis| (window.origin()[axis] - frame.origin()[axis]) as usize);
+                let row = |row: usize| &image[(y + row) * frame.size()[0] as usize + x..][..8];
+                (0..8).flat_map(|i| row(i).iter()).map(|p| p[1]).sum::<f64>() / 64.0
+            };
+            (0..16).map(of).collect()
+        };
+        // About as many light paths in either.
+        let (expected, found) = (mean(whole, 8), mean(window, 96));
+        let test = found.against_estimate(&expected);
+        assert!(test.standard_error < 0.1 * expected.mean, "{request}: too noisy a test: {found:?}, {expected:?}");
+        assert!(test.p() > sidak(FAMILY, 2), "{request}: {found:?} in the window, {expected:?} in the image");
+    }
+}
+
+/// Films of splats have the same bits for any threads, and when resumed.
+#[test]
+fn bits_do_not_depend_on_threads_or_interruptions() {
+    let scene = bundled::files("cornell").expect("bundled").read().expect("it reads");
+    let world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{e}"));
+    let limits = Limits::samples(8 * u64::from(SIZE[0] * SIZE[1]));
+    let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
+    for request in ["bdpt", "metropolis:length=16"] {
+        let make = || make_integrator(request, &world).unwrap_or_else(|e| panic!("{e}"));
+        let whole = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            let run = || Render::new(frame, &limits).run(&mut *make(), &mut Uniform::new(Sobol::new(3)));
+            pixels(&pool.install(run).unwrap_or_else(|e| panic!("{e}")))
+        };
+        let expected = whole(1);
+        assert!(expected.iter().all(|p| p[1] >= 0.0) && expected.iter().any(|p| p[1] > 0.0));
+        assert!(expected == whole(3), "{request}: threads");
+        let mut snapshot = None;
+        let mut stop = |status: &Status<'_>| {
+            snapshot = Some(status.snapshot());
+            Control::Stop
+        };
+        let mut short = limits.clone();
+        short.schedule.slice_spp = 1;
+        let stopped = Render::new(frame, &short).monitor(&mut stop).run(&mut *make(), &mut Uniform::new(Sobol::new(3)));
+        assert!(stopped.unwrap_or_else(|e| panic!("{e}")).record().samples < 8 * frame.pixels() as u64);
+        let snapshot = Snapshot::from_bytes(&snapshot.expect("a snapshot")).unwrap_or_else(|e| panic!("{e}"));
+        let sampler = &mut Uniform::new(Sobol::new(3));
+        let resumed = Render::new(frame, &limits).resume(snapshot, &mut *make(), sampler);
+        assert!(expected == pixels(&resumed.unwrap_or_else(|e| panic!("{e}"))), "{request}: resumed");
+    }
+}
+
+/// Light of a lamp of a hundredth of a ball's radius through the ball of glass. Two methods that share no weights of strategies
+/// with the path tracer agree on the focus, of which it finds nothing.
+#[test]
+fn splats_and_chains_find_the_light_of_a_tiny_lamp_through_glass() {
+    let scene = bundled::files("caustic").expect("bundled").read().expect("it reads");
+    let size = [32, 24];
+    let world = World::with_resolution(&scene, size).unwrap_or_else(|e| panic!("{e}"));
+    let focus = |request: &str| -> Mean {
+        let mean = |seed| {
+            let mut integrator = make_integrator(request, &world).unwrap_or_else(|e| panic!("{e}"));
+            let image = pixels(&film(&mut *integrator, size, 16, seed));
+            (14..17).flat_map(|y| (17..21).map(move |x| y * 32 + x)).map(|i: usize| image[i][1]).sum::<f64>() / 12.0
+        };
+        (0..16).map(mean).collect()
+    };
+    let [path, bdpt, chains] = ["path", "bdpt", "metropolis"].map(focus);
+    let test = bdpt.against_estimate(&chains);
+    eprintln!("path {path:?}, bdpt {bdpt:?}, metropolis {chains:?}");
+    assert!(test.p() > FAMILY && test.standard_error < 0.1 * chains.mean, "bdpt {bdpt:?}, metropolis {chains:?}");
+    assert!(path.mean < 0.2 * chains.mean, "path {path:?}, metropolis {chains:?}");
+}
+
+/// Errors of the caustic's image at equal samples; see docs/results/transport-bidirectional.md.
+#[test]
+#[ignore = "minutes: cargo test --release -p dapple-transport --lib errors_of_the_caustic -- --ignored --nocapture"]
+fn errors_of_the_caustic() {
+    let scene = bundled::files("caustic").expect("bundled").read().expect("it reads");
+    let size = [48, 36];
+    let world = World::with_resolution(&scene, size).unwrap_or_else(|e| panic!("{e}"));
+    let image = |request: &str, spp, seed| {
+        let mut integrator = make_integrator(request, &world).unwrap_or_else(|e| panic!("{e}"));
+        let film = film(&mut *integrator, size, spp, seed);
+        (pixels(&film), film.record().rays as f64 / film.record().samples as f64)
+    };
+    let [(chains, _), (bdpt, _)] = ["metropolis", "bdpt"].map(|request| image(request, 4096, 99));
+    for (name, reference) in [("metropolis", &chains), ("bdpt", &bdpt)] {
+        for spp in [16, 256] {
+            for request in ["path", "bdpt:splat=0", "bdpt", "metropolis"] {
+                let (found, rays) = image(request, spp, 1);
+                let squared = |(a, b): (&[f64; 3], &[f64; 3])| (a[1] - b[1]).powi(2) / (b[1] * b[1] + 0.01);
+                let error = found.iter().zip(reference).map(squared).sum::<f64>() / found.len() as f64;
+                eprintln!("beside {name}, {spp} spp, {request}: relMSE {error:.5}, {rays:.1} rays a sample");
+            }
+        }
+    }
 }
 
 /// `depth=` cuts paths as the scene's own limit does, and nothing shines in the dark.

@@ -185,8 +185,8 @@ impl<'w> Vertex<'w> {
     }
 }
 
-/// Returns the factor by which shading normals make the scattering of light differ from that of importance [Veach 1997,
-/// sec. 5.3.2]. The cosines are those of the arriving and the leaving direction, with the shading normal and with the
+/// Returns the factor by which shading normals make the scattering of light differ from that of importance [after Veach
+/// 1997, ch. 5]. The cosines are those of the arriving and the leaving direction, with the shading normal and with the
 /// geometric one.
 fn adjoint(shading: [f32; 2], geometric: [f32; 2]) -> f32 {
     if shading == geometric {

@@ -1,8 +1,8 @@
 //! Random walks: the vertices of camera and light paths.
 
-use super::vertex::{From, Kind, Vertex};
 use super::Bdpt;
 use super::features::Seen;
+use super::vertex::{From, Kind, Vertex};
 use dapple_core::{Block, Draws, Estimate};
 use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray};
 use dapple_renderer::light::Target;
@@ -74,7 +74,12 @@ impl<'w> Bdpt<'w> {
 
     /// Traces the camera path of a sample into `path`, from the camera on. Fills in the features of the estimate, and
     /// counts rays in its cost. Returns the time of the sample, and the number of vertices whose emission is seen directly.
-    pub(super) fn camera_path(&self, draws: &Draws<'_>, path: &mut Vec<Vertex<'w>>, estimate: &mut Estimate) -> (f32, usize) {
+    pub(super) fn camera_path(
+        &self,
+        draws: &Draws<'_>,
+        path: &mut Vec<Vertex<'w>>,
+        estimate: &mut Estimate,
+    ) -> (f32, usize) {
         let (world, most) = (self.world, self.depth);
         let (ray, time) = world.camera_ray(draws);
         let mut walk = Walk { ray, throughput: Vec3::ONE, density: 0.0, eta_squared: 1.0, unit: 1.0, survival: 1.0 };
@@ -204,7 +209,8 @@ impl<'w> Bdpt<'w> {
         }
         if event >= ROULETTE_FROM {
             let survival = (walk.throughput.max_element() * walk.eta_squared / walk.unit).min(SURVIVAL);
-            if !(u[3] < survival) {
+            let survives = u[3] < survival;
+            if !survives {
                 return false;
             }
             walk.throughput /= survival;
@@ -215,4 +221,3 @@ impl<'w> Bdpt<'w> {
         walk.throughput.max_element() > 0.0 && walk.throughput.is_finite()
     }
 }
-

@@ -1,4 +1,4 @@
-//! Weights of strategies by the power heuristic [Veach 1997, sec. 10.2], from ratios of densities.
+//! Weights of strategies by the power heuristic [after Veach 1997, ch. 10], from ratios of densities.
 //!
 //! A path of n vertices v0 (on the light) to v(n-1) (the camera) can be made by several strategies: one for each number
 //! s of vertices that the light path contributes. With the densities L(i) and C(i) of vertex i, sampled from the light's

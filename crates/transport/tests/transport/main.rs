@@ -1,4 +1,7 @@
 //! The crate's integration tests: one program.
 
+mod instant;
+mod lightcuts;
 mod photons;
+mod references;
 mod support;

@@ -2,7 +2,7 @@
 
 use crate::shading::{Bsdf, ShadingFrame};
 use crate::world::Interaction;
-use dapple_core::{Draws, Pass, Prepared, Prepares};
+use dapple_core::{Draws, Pass, Prepared, Prepares, Worker};
 use glam::Vec3;
 
 /// A source of light at the vertices of a path tracer's paths. It takes the place of a part of what paths find.
@@ -15,21 +15,31 @@ pub trait VertexLight: Sync {
     type State: Copy + Default;
 
     /// Returns the radiance that this light adds towards the previous vertex, at a surface that is not a mirror or clear
-    /// glass.
-    fn gather(&self, state: &mut Self::State, vertex: &GatherPoint<'_>, draws: &Draws<'_>) -> Vec3;
+    /// glass, and the number of rays traced.
+    fn gather(
+        &self,
+        state: &mut Self::State,
+        vertex: &GatherPoint<'_>,
+        draws: &Draws<'_>,
+        worker: &mut Worker,
+    ) -> (Vec3, u32);
 
-    /// Notes that the path goes on from the vertex last gathered at, by a specular lobe or another one.
+    /// Returns true if the path samples a light at the vertex at which this light is gathered next.
+    fn samples_lights(&self, state: &Self::State, vertex: &GatherPoint<'_>) -> bool;
+
+    /// Notes that the path goes on from a surface, by a specular lobe or another one.
     fn scattered(&self, state: &mut Self::State, specular: bool);
 
     /// Notes that the path was scattered by a medium.
     fn scattered_in_medium(&self, state: &mut Self::State);
 
-    /// Returns true if this light stands for the emission of light number `light` that a path hits after a specular
-    /// scattering event. The path then does not count it. `u32::MAX` is the environment.
-    fn replaces(&self, state: &Self::State, light: u32) -> bool;
+    /// Returns true if this light stands for the emission of light number `light` that a path hits. The path then does not
+    /// count it. `u32::MAX` is the environment. `specular` is true if the last scattering event was specular.
+    fn replaces(&self, state: &Self::State, light: u32, specular: bool) -> bool;
 
-    /// Returns true if the path ends at the next surface, after its emission.
-    fn ends(&self, state: &Self::State) -> bool;
+    /// Returns true if the path ends at the surface that it hits, after its emission. `specular` is true for a mirror and
+    /// clear glass.
+    fn ends(&self, state: &Self::State, specular: bool) -> bool;
 
     /// As [`Integrator::prepares`](dapple_core::Integrator::prepares).
     fn prepares(&self) -> Prepares;
@@ -64,8 +74,13 @@ impl VertexLight for NoVertexLight {
     type State = ();
 
     #[inline(always)]
-    fn gather(&self, _: &mut (), _: &GatherPoint<'_>, _: &Draws<'_>) -> Vec3 {
-        Vec3::ZERO
+    fn gather(&self, _: &mut (), _: &GatherPoint<'_>, _: &Draws<'_>, _: &mut Worker) -> (Vec3, u32) {
+        (Vec3::ZERO, 0)
+    }
+
+    #[inline(always)]
+    fn samples_lights(&self, _: &(), _: &GatherPoint<'_>) -> bool {
+        true
     }
 
     #[inline(always)]
@@ -75,12 +90,12 @@ impl VertexLight for NoVertexLight {
     fn scattered_in_medium(&self, _: &mut ()) {}
 
     #[inline(always)]
-    fn replaces(&self, _: &(), _: u32) -> bool {
+    fn replaces(&self, _: &(), _: u32, _: bool) -> bool {
         false
     }
 
     #[inline(always)]
-    fn ends(&self, _: &()) -> bool {
+    fn ends(&self, _: &(), _: bool) -> bool {
         false
     }
 

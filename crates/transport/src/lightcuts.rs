@@ -1,0 +1,341 @@
+//! Lightcuts [Walter et al. 2005]: direct light of many lights at the cost of a few groups of them.
+//!
+//! Lights become points in binary trees. At the first rough surface of a path, a cut through the trees is refined until no
+//! group's error bound exceeds a share of the estimate. Later surfaces sample lights as the path tracer does.
+
+mod tree;
+
+use dapple_core::{Draws, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
+use dapple_renderer::light::{LightSample, SelectedLight, Target};
+use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
+use dapple_scene::Effect;
+use glam::Vec3;
+use std::collections::BinaryHeap;
+use std::f32::consts::{FRAC_1_PI, PI};
+use tree::{LightTree, PointLight, SETS, luminance};
+
+dapple_core::options! {
+    /// The parameters of the integrator `lightcuts`.
+    pub struct LightcutOptions {
+        /// The largest error bound of a group, as a share of the estimate.
+        pub error: f32 = 0.02, |error| error >= 0.0 && error.is_finite(), "0 or above";
+        /// The largest number of groups in a cut.
+        pub cut: u32 = 1000, |cut| cut >= 1, "1 or above";
+        /// Points of all area lights together; each has at least one.
+        pub points: u32 = 1024, |points| (1..=1 << 24).contains(&points), "1 to 16777216";
+        /// Directions of each environment.
+        pub sky: u32 = 4096, |sky| (1..=1 << 24).contains(&sky), "1 to 16777216";
+    }
+}
+
+/// Makes the integrator from the text of its parameters, for the table of integrators.
+pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError> {
+    let options = LightcutOptions::parse(parameters)?;
+    if world.effects().has(Effect::ScatteringMedia) {
+        let reason = "the scene has a medium that scatters light, and cuts are made on surfaces only; use \"path\"";
+        return Err(MakeError::Scene(reason.into()));
+    }
+    Ok(path_tracer_with(world, CutLight { world, options, trees: Vec::new(), floor: 0.0 }))
+}
+
+/// The least microfacet width of a surface whose light comes from a cut. Narrower lobes would show single points.
+const ROUGH: f32 = 0.3;
+/// The share of the image's mean below which errors do not count.
+const FLOOR: f32 = 1e-3;
+
+/// The trees of all lights, built before the first sample.
+struct CutLight<'w> {
+    world: &'w World,
+    options: LightcutOptions,
+    trees: Vec<LightTree>,
+    /// The luminance below which errors do not count.
+    floor: f32,
+}
+
+/// A group of lights in a cut.
+#[derive(Clone, Copy, Debug)]
+struct Member {
+    /// An upper bound of the group's error, in luminance.
+    bound: f32,
+    tree: u32,
+    node: u32,
+    /// What the light that stands for the group contributes for each unit of intensity.
+    unit: Vec3,
+}
+
+impl PartialEq for Member {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Member {}
+
+impl PartialOrd for Member {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Member {
+    /// By bound; equal ones by number, so that the order is always the same.
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.bound.total_cmp(&other.bound).then((other.tree, other.node).cmp(&(self.tree, self.node)))
+    }
+}
+
+/// A surface point that is lit by a cut.
+struct Lit<'a> {
+    vertex: &'a GatherPoint<'a>,
+    /// The unit normal on the side of the previous vertex.
+    normal: Vec3,
+    /// The largest value of the surface's scattering, in luminance.
+    material: f32,
+    set: usize,
+}
+
+impl<'a> Lit<'a> {
+    fn new(vertex: &'a GatherPoint<'a>, set: usize) -> Self {
+        let side = if vertex.frame.normal.dot(vertex.back) < 0.0 { -1.0 } else { 1.0 };
+        let mirrored = Vec3::new(-vertex.wo.x, -vertex.wo.y, vertex.wo.z);
+        // The peak of a rough lobe is close to the mirror direction.
+        let peak = luminance(vertex.bsdf.evaluate(vertex.wo, mirrored));
+        let material = (luminance(vertex.bsdf.albedo()) * FRAC_1_PI).max(1.1 * peak);
+        Self { vertex, normal: vertex.frame.normal * side, material, set }
+    }
+}
+
+impl CutLight<'_> {
+    /// Makes points of all lights.
+    fn trees(&self, pass: &Pass<'_>) -> Vec<LightTree> {
+        let lights = self.world.lights();
+        let areas: f64 = (0..lights.len() as u32).filter(|l| self.is_area(*l)).map(|l| lights.power(l)).sum();
+        let (mut omni, mut oriented, mut far) = (Vec::new(), Vec::new(), Vec::new());
+        let mut path = 0;
+        for light in 0..lights.len() as u32 {
+            if let Some(point) = self.single_point(light) {
+                omni.push(point);
+                continue;
+            }
+            let count = match lights.light_sphere(light) {
+                Some(_) => ((f64::from(self.options.points) * lights.power(light) / areas) as u32).max(1),
+                None if lights.is_delta(light) => 1,
+                None => self.options.sky,
+            };
+            for _ in 0..count {
+                let draws = pass.draws(path);
+                path += 1;
+                let ([.., u, v], [x, y, ..]) = (draws.block(crate::walk::LIGHT), draws.block(crate::walk::TOWARDS));
+                let selected = SelectedLight { index: light, pmf: 1.0 };
+                let Some(ray) = lights.sample_emission_of(selected, [u, v], [x, y]) else { continue };
+                let share = (count as f32).recip();
+                match ray.source {
+                    Target::Surface(point) => {
+                        // Two-sided lamps emit half of the points on each side.
+                        let sides = ray.cosine * FRAC_1_PI / ray.pdf.direction;
+                        let intensity = ray.radiance * (share * sides / ray.pdf.position);
+                        let target = Target::Surface(point);
+                        oriented.push(PointLight::new(ray.position, point.normal, intensity, target));
+                    }
+                    Target::Point(_) => {}
+                    Target::Far => {
+                        let irradiance = ray.radiance * (share / ray.pdf.direction);
+                        far.push(PointLight::new(-ray.direction, Vec3::ZERO, irradiance, Target::Far));
+                    }
+                }
+            }
+        }
+        let radius = lights.scene_sphere().1;
+        let trees = [(omni, false), (oriented, false), (far, true)];
+        let trees = trees.map(|(lights, far)| LightTree::new(lights, far, radius));
+        trees.into_iter().filter(|tree| !tree.nodes.is_empty()).collect()
+    }
+
+    fn is_area(&self, light: u32) -> bool {
+        let lights = self.world.lights();
+        lights.light_sphere(light).is_some() && !lights.is_delta(light) && lights.ball(light).is_none()
+    }
+
+    /// A ball, a point or a spot as one point.
+    fn single_point(&self, light: u32) -> Option<PointLight> {
+        let lights = self.world.lights();
+        if let Some((centre, radius, radiance)) = lights.ball(light) {
+            // A ball above the horizon makes the irradiance of a point [e.g. Pharr et al. 2023, sec. 4.1].
+            let point = PointLight::new(centre, Vec3::ZERO, radiance * (PI * radius * radius), Target::Point(centre));
+            return Some(PointLight { radius, ..point });
+        }
+        let (centre, _) = lights.light_sphere(light).filter(|_| lights.is_delta(light))?;
+        let intensity = lights.intensity(light)?;
+        let point = PointLight::new(centre, Vec3::ZERO, intensity, Target::Point(centre));
+        Some(PointLight { delta: light, ..point })
+    }
+
+    /// What a light contributes at a point for each unit of its intensity, and the number of rays traced.
+    fn unit(&self, lit: &Lit<'_>, light: &PointLight, far: bool) -> (Vec3, u32) {
+        let GatherPoint { at, bsdf, frame, wo, back, .. } = *lit.vertex;
+        let from = at.point();
+        let to = light.position - from.position;
+        let distance = to.length();
+        let wi = if far { light.position } else { to / distance };
+        let mut geometry = if far { 1.0 } else { 1.0 / (distance * distance) };
+        if light.facing != Vec3::ZERO {
+            geometry *= (-light.facing.dot(wi)).max(0.0);
+        }
+        if light.delta != u32::MAX {
+            let selected = SelectedLight { index: light.delta, pmf: 1.0 };
+            let sample = self.world.lights().sample_selected(selected, from.position, [0.5; 2]);
+            let Some(sample) = sample else { return (Vec3::ZERO, 0) };
+            geometry = luminance(sample.radiance) / luminance(light.intensity);
+        }
+        let local = frame.to_local(wi);
+        let same_side = from.normal.dot(wi) * from.normal.dot(back) > 0.0;
+        if !(geometry > 0.0 && geometry.is_finite()) || same_side != (local.z * wo.z > 0.0) {
+            return (Vec3::ZERO, 0);
+        }
+        let unit = bsdf.evaluate(wo, local) * (local.z.abs() * geometry);
+        if unit == Vec3::ZERO {
+            return (Vec3::ZERO, 0);
+        }
+        let target = match light.target {
+            // Just above the ball's surface.
+            Target::Point(centre) if light.radius > 0.0 => {
+                let above = (light.radius * (1.0 + 1e-3)).min(0.5 * distance);
+                Target::Point(centre - wi * above)
+            }
+            target => target,
+        };
+        let ray = LightSample { wi, radiance: Vec3::ONE, pdf: 1.0, target, delta: true }.shadow_ray(from);
+        let medium = self.world.medium_beyond(at, wi, self.world.camera_medium());
+        let (share, rays) = self.world.transmittance(ray, &target, at.time(), medium);
+        (unit * share, rays)
+    }
+
+    /// The light of all lights at a point, by a cut; with the number of rays traced.
+    fn cut(&self, lit: &Lit<'_>, heap: &mut BinaryHeap<Member>) -> (Vec3, u32) {
+        heap.clear();
+        let (mut total, mut traced) = (Vec3::ZERO, 0);
+        let add = |tree: u32, node: u32, unit: Option<Vec3>, heap: &mut BinaryHeap<Member>| -> (Vec3, u32) {
+            let of = &self.trees[tree as usize];
+            let group = &of.nodes[node as usize];
+            let bound = group.bound(of.far, lit.vertex.at.point().position, lit.normal) * lit.material;
+            let bound = if group.children.is_some() { bound } else { 0.0 };
+            let (unit, rays) = match unit {
+                Some(unit) => (unit, 0),
+                None => self.unit(lit, &of.lights[group.lights[lit.set] as usize], of.far),
+            };
+            heap.push(Member { bound, tree, node, unit });
+            (unit * group.intensity, rays)
+        };
+        for tree in 0..self.trees.len() as u32 {
+            let (light, rays) = add(tree, 0, None, heap);
+            (total, traced) = (total + light, traced + rays);
+        }
+        while let Some(&Member { bound, tree, node, unit }) = heap.peek() {
+            let enough = self.options.error * luminance(total).max(self.floor);
+            if bound <= enough || heap.len() as u32 >= self.options.cut {
+                break;
+            }
+            heap.pop();
+            let of = &self.trees[tree as usize];
+            let parent = &of.nodes[node as usize];
+            let Some(children) = parent.children else { break };
+            total -= unit * parent.intensity;
+            for child in children {
+                let same = of.nodes[child as usize].lights[lit.set] == parent.lights[lit.set];
+                let (light, rays) = add(tree, child, same.then_some(unit), heap);
+                (total, traced) = (total + light, traced + rays);
+            }
+        }
+        // Subtractions leave rounding, so the sum is made anew, in an order that the cut determines.
+        let sum = heap.iter().map(|m| m.unit * self.trees[m.tree as usize].nodes[m.node as usize].intensity).sum();
+        (sum, traced)
+    }
+}
+
+/// The state of a path.
+#[derive(Clone, Copy, Default)]
+struct Cut {
+    /// True once a cut was made.
+    is_made: bool,
+    /// True if the last vertex had its direct light from a cut; and the vertex in progress.
+    has_direct: bool,
+    next: bool,
+}
+
+impl VertexLight for CutLight<'_> {
+    const ACTIVE: bool = true;
+    type State = Cut;
+
+    fn gather(&self, state: &mut Cut, vertex: &GatherPoint<'_>, draws: &Draws<'_>, worker: &mut Worker) -> (Vec3, u32) {
+        state.next = false;
+        if state.is_made || !cuts_at(vertex) {
+            return (Vec3::ZERO, 0);
+        }
+        (state.is_made, state.next) = (true, true);
+        let set = (draws.sample_number() % SETS as u64) as usize;
+        self.cut(&Lit::new(vertex, set), worker.scratch())
+    }
+
+    fn samples_lights(&self, state: &Cut, vertex: &GatherPoint<'_>) -> bool {
+        state.is_made || !cuts_at(vertex)
+    }
+
+    fn scattered(&self, state: &mut Cut, specular: bool) {
+        state.has_direct = !specular && state.next;
+        state.next = false;
+    }
+
+    fn scattered_in_medium(&self, state: &mut Cut) {
+        (state.has_direct, state.next) = (false, false);
+    }
+
+    fn replaces(&self, state: &Cut, _: u32, specular: bool) -> bool {
+        !specular && state.has_direct
+    }
+
+    fn ends(&self, _: &Cut, _: bool) -> bool {
+        false
+    }
+
+    fn prepares(&self) -> Prepares {
+        Prepares::Once
+    }
+
+    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+        self.trees = self.trees(pass);
+        let (floor, rays) = self.mean(pass);
+        self.floor = FLOOR * floor;
+        let mut prepared = Prepared::default();
+        prepared.rays = rays;
+        prepared
+    }
+}
+
+impl CutLight<'_> {
+    /// The mean luminance of the cuts at a grid of first hits, and the number of rays.
+    fn mean(&self, pass: &Pass<'_>) -> (f32, u64) {
+        const SIDE: u32 = 16;
+        let [width, height] = pass.frame.resolution();
+        let (mut sum, mut rays, mut heap) = (0.0, 0, BinaryHeap::new());
+        for i in 0..SIDE * SIDE {
+            let pixel = [i % SIDE * width / SIDE, i / SIDE * height / SIDE];
+            let draws = crate::walk::probe(pixel);
+            let (ray, time) = self.world.camera_ray(&draws);
+            rays += 1;
+            let Some(at) = self.world.closest_hit(&ray, time) else { continue };
+            let Some((bsdf, frame)) = self.world.scattering(&at, || [0.5; 2]) else { continue };
+            let back = -ray.direction;
+            let vertex = GatherPoint { at: &at, bsdf: &bsdf, frame: &frame, wo: frame.to_local(back), back, depth: 0 };
+            if cuts_at(&vertex) {
+                let (light, traced) = self.cut(&Lit::new(&vertex, 0), &mut heap);
+                (sum, rays) = (sum + luminance(light), rays + u64::from(traced));
+            }
+        }
+        (sum / (SIDE * SIDE) as f32, rays)
+    }
+}
+
+/// Returns true for a surface whose direct light comes from a cut.
+fn cuts_at(vertex: &GatherPoint<'_>) -> bool {
+    vertex.bsdf.roughness() >= ROUGH
+}

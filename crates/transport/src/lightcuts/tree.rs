@@ -1,0 +1,290 @@
+//! Trees of point-like lights, and bounds of what their nodes contribute.
+
+use dapple_renderer::light::Target;
+use glam::Vec3;
+
+/// The number of sets of representatives. Their errors average out over samples.
+pub(super) const SETS: usize = 4;
+
+/// A light reduced to a point, or to a direction.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PointLight {
+    /// The place at which shadow rays end.
+    pub(super) target: Target,
+    /// The position. For light from infinity, the unit direction towards it.
+    pub(super) position: Vec3,
+    /// The unit normal of a flat emitter, whose light falls off with the cosine; zero if it emits to all sides.
+    pub(super) facing: Vec3,
+    /// The largest linear RGB radiant intensity. For light from infinity, the irradiance.
+    pub(super) intensity: Vec3,
+    /// The radius of a sphere that shines around the position; shadow rays end there.
+    pub(super) radius: f32,
+    /// The index of a light without extent, whose intensity depends on the direction; `u32::MAX` for other lights.
+    pub(super) delta: u32,
+}
+
+impl PointLight {
+    /// A point on a surface, in space, or infinitely far away.
+    pub(super) fn new(position: Vec3, facing: Vec3, intensity: Vec3, target: Target) -> Self {
+        Self { target, position, facing, intensity, radius: 0.0, delta: u32::MAX }
+    }
+}
+
+/// A node of a tree: a group of lights.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Node {
+    /// The corners of the box around the positions.
+    pub(super) low: Vec3,
+    pub(super) high: Vec3,
+    /// The axis of the cone around the normals, and the cosine and sine of its half-angle. The cosine is -1 for lights
+    /// that emit to all sides.
+    pub(super) axis: Vec3,
+    pub(super) cone: [f32; 2],
+    /// The sum of the intensities, and its luminance.
+    pub(super) intensity: Vec3,
+    pub(super) strength: f32,
+    /// The two children; `None` for a leaf.
+    pub(super) children: Option<[u32; 2]>,
+    /// The light that stands for the group, in each set.
+    pub(super) lights: [u32; SETS],
+}
+
+/// A tree over some lights of one kind. Node 0 is the root.
+#[derive(Clone, Debug, Default)]
+pub(super) struct LightTree {
+    pub(super) lights: Vec<PointLight>,
+    pub(super) nodes: Vec<Node>,
+    /// True if positions are directions towards light from infinity.
+    pub(super) far: bool,
+}
+
+impl LightTree {
+    /// Builds a tree by halving groups at the median of the box's longest side. Normals count as further coordinates, as
+    /// long as the scene: neighbours that face apart are separated.
+    pub(super) fn new(lights: Vec<PointLight>, far: bool, scene_radius: f32) -> Self {
+        let mut tree = Self { nodes: Vec::with_capacity(2 * lights.len()), lights, far };
+        if !tree.lights.is_empty() {
+            let mut order: Vec<u32> = (0..tree.lights.len() as u32).collect();
+            tree.build(&mut order, scene_radius);
+        }
+        tree
+    }
+
+    fn build(&mut self, group: &mut [u32], scene_radius: f32) -> u32 {
+        let number = self.nodes.len() as u32;
+        if let [light] = *group {
+            self.nodes.push(self.leaf(light));
+            return number;
+        }
+        let coordinate = |light: u32, axis: usize| {
+            let PointLight { position, facing, .. } = self.lights[light as usize];
+            if axis < 3 { position[axis] } else { facing[axis - 3] * scene_radius }
+        };
+        let width = |axis: usize| {
+            let values = group.iter().map(|&light| coordinate(light, axis));
+            values.clone().fold(f32::MIN, f32::max) - values.fold(f32::MAX, f32::min)
+        };
+        let longest = (0..6).map(|axis| (width(axis), axis)).fold((-1.0, 0), |a, b| if b.0 > a.0 { b } else { a }).1;
+        let middle = group.len() / 2;
+        let key = |light: &u32| (coordinate(*light, longest), *light);
+        group.select_nth_unstable_by(middle, |a, b| {
+            let (a, b) = (key(a), key(b));
+            a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
+        });
+        let placeholder = self.leaf(group[0]);
+        self.nodes.push(placeholder);
+        let (first, second) = group.split_at_mut(middle);
+        let children = [self.build(first, scene_radius), self.build(second, scene_radius)];
+        self.nodes[number as usize] = self.parent(number, children);
+        number
+    }
+
+    fn leaf(&self, light: u32) -> Node {
+        let PointLight { position, facing, intensity, .. } = self.lights[light as usize];
+        let cone = if facing == Vec3::ZERO { [-1.0, 0.0] } else { [1.0, 0.0] };
+        let strength = luminance(intensity);
+        let (low, high, axis) = (position, position, facing);
+        Node { low, high, axis, cone, intensity, strength, children: None, lights: [light; SETS] }
+    }
+
+    fn parent(&self, number: u32, children: [u32; 2]) -> Node {
+        let [a, b] = children.map(|child| self.nodes[child as usize]);
+        let strength = a.strength + b.strength;
+        let (axis, cone) = join([(a.axis, a.cone), (b.axis, b.cone)]);
+        // One child's light stands for both, by chance in proportion to intensity.
+        let lights = std::array::from_fn(|set| {
+            let u = hash(number, set as u32);
+            if u * strength < a.strength { a.lights[set] } else { b.lights[set] }
+        });
+        let (low, high, intensity) = (a.low.min(b.low), a.high.max(b.high), a.intensity + b.intensity);
+        Node { low, high, axis, cone, intensity, strength, children: Some(children), lights }
+    }
+}
+
+/// The smallest cone around two cones with equal treatment of both: an axis between them, and a half-angle that holds
+/// both.
+fn join([(a, of_a), (b, of_b)]: [(Vec3, [f32; 2]); 2]) -> (Vec3, [f32; 2]) {
+    const ALL: (Vec3, [f32; 2]) = (Vec3::ZERO, [-1.0, 0.0]);
+    if of_a[0] <= -1.0 || of_b[0] <= -1.0 {
+        return ALL;
+    }
+    let Some(axis) = (a + b).try_normalize() else { return ALL };
+    // The cosine of the sum of two angles; beyond a half turn the cone is the whole sphere.
+    let beyond = |to: Vec3, cone: [f32; 2]| {
+        let cosine = axis.dot(to).clamp(-1.0, 1.0);
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        let sum = cosine * cone[0] - sine * cone[1];
+        if sine * cone[0] + cosine * cone[1] < 0.0 { -1.0 } else { sum }
+    };
+    // Rounding must not make the cone too narrow.
+    let cosine = beyond(a, of_a).min(beyond(b, of_b)) - 1e-5;
+    if cosine <= -1.0 { ALL } else { (axis, [cosine, (1.0 - cosine * cosine).max(0.0).sqrt()]) }
+}
+
+/// A hash of a node and a set, in `[0, 1)`.
+fn hash(node: u32, set: u32) -> f32 {
+    let mut x = node.wrapping_mul(0x9e37_79b9) ^ set.wrapping_mul(0x85eb_ca6b) ^ 0x5bd1_e995;
+    x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
+    x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);
+    (x >> 8) as f32 / (1 << 24) as f32
+}
+
+pub(super) fn luminance(rgb: Vec3) -> f32 {
+    dapple_core::luminance(rgb.to_array().map(f64::from)) as f32
+}
+
+impl Node {
+    /// An upper bound of the irradiance that the group's lights make at a point, in luminance; the point's unit normal
+    /// faces the lit side.
+    ///
+    /// It is the strength times the largest cosine at the surface, times the largest at the lights, over the least squared
+    /// distance: each over the whole box and cone [Walter et al. 2005].
+    pub(super) fn bound(&self, far: bool, position: Vec3, normal: Vec3) -> f32 {
+        if far {
+            // Directions towards the lights within the box around them.
+            let most = self.low.max(self.high);
+            let best = (normal * self.low).max(normal * most);
+            return self.strength * (best.x + best.y + best.z).clamp(0.0, 1.0);
+        }
+        let nearest = position.clamp(self.low, self.high);
+        let squared = nearest.distance_squared(position);
+        let at_surface = largest_cosine(self.low - position, self.high - position, normal);
+        if at_surface <= 0.0 || self.strength == 0.0 {
+            return 0.0;
+        }
+        let at_lights = match self.cone[0] <= -1.0 {
+            true => 1.0,
+            false => {
+                let cosine = largest_cosine(position - self.high, position - self.low, self.axis);
+                widened(cosine, self.cone)
+            }
+        };
+        if at_lights <= 0.0 { 0.0 } else { self.strength * at_surface * at_lights / squared.max(f32::MIN_POSITIVE) }
+    }
+}
+
+/// The largest cosine between a unit axis and the vectors to the points of a box, at most 1.
+fn largest_cosine(low: Vec3, high: Vec3, axis: Vec3) -> f32 {
+    let best = (axis * low).max(axis * high);
+    let along = best.x + best.y + best.z;
+    if along <= 0.0 {
+        return 0.0;
+    }
+    // The least squared length across the axis that a point of the box may have: that of the box's least distance from
+    // the origin, if nothing better is known.
+    let nearest = Vec3::ZERO.clamp(low, high);
+    let middle = (low + high) * 0.5;
+    let reach = (high - low).length() * 0.5;
+    let across = ((middle - axis * middle.dot(axis)).length() - reach).max(0.0);
+    let length = (along * along + across * across).sqrt().max(nearest.length());
+    (along / length).min(1.0)
+}
+
+/// The largest cosine after turning by at most the half-angle of a cone.
+fn widened(cosine: f32, [cone_cosine, cone_sine]: [f32; 2]) -> f32 {
+    if cosine >= cone_cosine {
+        return 1.0;
+    }
+    let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+    (cosine * cone_cosine + sine * cone_sine).clamp(0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A Weyl sequence in `[0, 1)^6`.
+    fn numbers(i: u32) -> [f32; 6] {
+        [0.754_877, 0.569_840, 0.321_927, 0.245_122, 0.138_996, 0.618_034]
+            .map(|a: f64| (f64::from(i + 1) * a).fract() as f32)
+    }
+
+    fn lights(count: u32, oriented: bool) -> Vec<PointLight> {
+        let light = |i| {
+            let [x, y, z, u, v, w] = numbers(i);
+            let facing = Vec3::new(u - 0.5, v - 0.5, -0.8 + 0.2 * w).normalize();
+            let facing = if oriented { facing } else { Vec3::ZERO };
+            let intensity = Vec3::new(0.1 + u, 0.1 + v, 0.1 + w * w);
+            PointLight::new(Vec3::new(x, y, 1.0 + 0.3 * z), facing, intensity, Target::Far)
+        };
+        (0..count).map(light).collect()
+    }
+
+    fn irradiance(light: &PointLight, position: Vec3, normal: Vec3) -> f32 {
+        let to = light.position - position;
+        let squared = to.length_squared();
+        let wi = to / squared.sqrt();
+        let at_light = if light.facing == Vec3::ZERO { 1.0 } else { (-light.facing.dot(wi)).max(0.0) };
+        luminance(light.intensity) * normal.dot(wi).max(0.0) * at_light / squared
+    }
+
+    #[test]
+    fn no_node_contributes_more_than_its_bound() {
+        for oriented in [false, true] {
+            let tree = LightTree::new(lights(200, oriented), false, 1.0);
+            // The lights of each node, from the leaves up.
+            let mut below: Vec<Vec<u32>> = vec![Vec::new(); tree.nodes.len()];
+            for number in (0..tree.nodes.len()).rev() {
+                let node = tree.nodes[number];
+                below[number] = match node.children {
+                    None => vec![node.lights[0]],
+                    Some([a, b]) => [below[a as usize].clone(), below[b as usize].clone()].concat(),
+                };
+                let sum: f32 = below[number].iter().map(|l| luminance(tree.lights[*l as usize].intensity)).sum();
+                assert!((node.strength / sum - 1.0).abs() < 1e-4, "a node has the sum of its lights");
+            }
+            let mut tight = 0;
+            for i in 0..300 {
+                let [x, y, z, u, v, _] = numbers(1000 + i);
+                let position = Vec3::new(2.0 * x - 0.5, 2.0 * y - 0.5, 1.5 * z);
+                let normal = Vec3::new(u - 0.5, v - 0.5, 0.3).normalize();
+                for (node, below) in tree.nodes.iter().zip(&below) {
+                    let bound = node.bound(false, position, normal);
+                    let all: f32 = below.iter().map(|l| irradiance(&tree.lights[*l as usize], position, normal)).sum();
+                    assert!(all <= 1.0001 * bound + 1e-6, "{all} of at most {bound}");
+                    // What stands for the node is within the bound as well.
+                    let light = &tree.lights[node.lights[1] as usize];
+                    let stands = irradiance(light, position, normal) * node.strength / luminance(light.intensity);
+                    assert!(stands <= 1.0001 * bound + 1e-6);
+                    tight += usize::from(all > 0.3 * bound && node.children.is_some());
+                }
+            }
+            assert!(tight > 10_000, "bounds are not infinite: {tight}");
+        }
+    }
+
+    #[test]
+    fn directions_have_bounds_too() {
+        let directions: Vec<PointLight> = lights(100, false)
+            .into_iter()
+            .map(|light| PointLight { position: (light.position - Vec3::splat(0.5)).normalize(), ..light })
+            .collect();
+        let tree = LightTree::new(directions, true, 1.0);
+        for i in 0..200 {
+            let [x, y, z, ..] = numbers(i);
+            let normal = (Vec3::new(x, y, z) - Vec3::splat(0.5)).normalize();
+            let all = tree.lights.iter().map(|l| luminance(l.intensity) * normal.dot(l.position).max(0.0)).sum::<f32>();
+            assert!(all <= 1.0001 * tree.nodes[0].bound(true, Vec3::ZERO, normal));
+        }
+    }
+}

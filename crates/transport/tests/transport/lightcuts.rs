@@ -1,0 +1,105 @@
+//! Lightcuts: exact with a bound of 0, within the bound otherwise, the same bits everywhere.
+
+use crate::support::*;
+use dapple_conformance::bits;
+use dapple_core::Film;
+use dapple_renderer::World;
+use dapple_scene::{Light, LightKind, Scene};
+use glam::{DAffine3, DVec3};
+
+const SIZE: [u32; 2] = [24, 18];
+
+/// A floor with two columns under 300 points, 100 small lamps and a distant light; light scatters once.
+fn many(shadows: bool) -> Scene {
+    let mut scene = scene(SIZE, 40.0, DVec3::new(0.0, -5.0, 3.0), DVec3::ZERO);
+    scene.max_depth = Some(1);
+    let grey = add_material(&mut scene, diffuse(0.5));
+    let black = add_material(&mut scene, diffuse(0.0));
+    add(&mut scene, rectangle(DVec3::ZERO, 4.0 * DVec3::X, 4.0 * DVec3::Y), DAffine3::IDENTITY, grey, None);
+    if shadows {
+        let column = |x: f64| {
+            DAffine3::from_translation(DVec3::new(x, 0.5, 0.5)) * DAffine3::from_scale(DVec3::new(0.1, 0.1, 0.5))
+        };
+        let cube = || dapple_scene::Geometry::Mesh(std::sync::Arc::new(cube()));
+        add(&mut scene, cube(), column(-0.7), grey, None);
+        add(&mut scene, cube(), column(0.8), grey, None);
+    }
+    let place = |i: u32| {
+        let unit = |a: f64| (f64::from(i) * a).fract();
+        DVec3::new(6.0 * unit(0.754_877) - 3.0, 6.0 * unit(0.569_840) - 3.0, 1.5 + unit(0.321_927))
+    };
+    for i in 0..300 {
+        let kind = LightKind::Point { intensity: [0.01 + 0.02 * f32::from(i as u8 % 5); 3] };
+        scene.lights.push(Light { kind, to_world: DAffine3::from_translation(place(i)), source: line(200 + i) });
+    }
+    (300..400).for_each(|i| add_sphere(&mut scene, place(i), 0.01, black, 30.0));
+    let kind = LightKind::Distant { irradiance: [0.2; 3] };
+    scene.lights.push(Light { kind, to_world: DAffine3::from_rotation_x(0.4), source: line(199) });
+    scene
+}
+
+fn image(scene: &Scene, integrator: &str, spp: u64) -> Film {
+    film(&World::new(scene).expect("a world"), integrator, SIZE, spp, 5)
+}
+
+/// The largest relative difference of two films' pixels, and the mean one.
+fn differences(a: &Film, b: &Film) -> [f64; 2] {
+    let relative = |i: usize| (a.mean(i)[1] / b.mean(i)[1] - 1.0).abs();
+    let all: Vec<f64> = (0..a.frame().pixels()).filter(|i| b.mean(*i)[1] > 0.0).map(relative).collect();
+    assert!(all.len() > 200, "most pixels are lit");
+    [all.iter().copied().fold(0.0, f64::max), all.iter().sum::<f64>() / all.len() as f64]
+}
+
+#[test]
+fn the_error_is_within_its_bound_and_rays_fall_with_it() {
+    let scene = many(false);
+    let exact = image(&scene, "lightcuts:error=0,cut=100000", 4);
+    let mut before = exact.record().rays;
+    for error in [0.002, 0.02, 0.2] {
+        let cut = image(&scene, &format!("lightcuts:error={error},cut=100000"), 4);
+        // Bounds are of single groups; their errors have both signs.
+        let [largest, mean] = differences(&cut, &exact);
+        assert!(largest <= 2.0 * error && mean <= error, "{largest}, {mean} with a bound of {error}");
+        assert!(cut.record().rays < before, "{} rays with a bound of {error}", cut.record().rays);
+        before = cut.record().rays;
+    }
+    let rough = image(&scene, "lightcuts:error=0.2,cut=1", 4);
+    assert!(differences(&rough, &exact)[0] > 0.02, "one group for each tree is no image");
+}
+
+#[test]
+fn all_lights_one_by_one_make_the_path_tracers_mean() {
+    let scene = many(true);
+    let exact = image(&scene, "lightcuts:error=0,cut=100000", 16);
+    let expected = means(&scene, "path", 256, 0..8);
+    let z = (mean_of(&exact) - expected.mean) / expected.standard_error();
+    // The camera's own noise at 16 spp is small beside that of light sampling, and counts as 1e-3 here.
+    let bias = mean_of(&exact) / expected.mean - 1.0;
+    assert!(bias.abs() < 1e-3 + 5.0 * expected.standard_error() / expected.mean, "{bias:+.5}, {z} standard errors");
+    assert!(expected.standard_error() / expected.mean < 2e-3, "the test sees no 1 %");
+    let cut = image(&scene, "lightcuts", 16);
+    assert!((mean_of(&cut) / mean_of(&exact) - 1.0).abs() < 0.01);
+    assert!(cut.record().rays < exact.record().rays / 2, "{} of {}", cut.record().rays, exact.record().rays);
+}
+
+#[test]
+fn environments_and_flat_lamps_have_the_path_tracers_mean() {
+    let mut scene = room([12, 12]);
+    scene.max_depth = Some(3);
+    let expected = means(&scene, "path", 256, 0..8);
+    let found = means(&scene, "lightcuts:sky=1024,points=512", 16, 0..4);
+    let bias = found.mean / expected.mean - 1.0;
+    let error = found.standard_error().hypot(expected.standard_error()) / expected.mean;
+    assert!(bias.abs() < 0.02 + 5.0 * error, "{bias:+.4} +- {error:.4}");
+    assert!(error < 0.01, "{error}");
+}
+
+#[test]
+fn cuts_have_the_same_bits_on_any_threads() {
+    let scene = many(true);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        bits(&pool.install(|| image(&scene, "lightcuts", 3)))
+    };
+    assert!(on(1) == on(3));
+}
