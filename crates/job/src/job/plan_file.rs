@@ -166,7 +166,7 @@ impl Job {
     /// The render of a stage, with integrator and sampler.
     fn staged(&mut self) -> Result<Staged<'_>, JobError> {
         let filtered = self.is_error_of_filtered();
-        let integrator = make_integrator(&self.spec.integrator, &self.prepared.world)?;
+        let integrator = make_integrator(&self.integrator, &self.prepared.world)?;
         let render = Render::new(self.frame, &self.limits).needs(self.needs);
         let render = if filtered { render.error_of(&*self.filter) } else { render };
         Ok((render, integrator, &mut *self.sampler))
