@@ -412,8 +412,9 @@ fn splats_add_their_mean_to_the_image() {
     }
     // In a window, the pixel shows the same.
     let window = frame(4, 3).crop(1, 0, 3, 2).unwrap();
-    let film = Render::new(window, &Limits::samples(40)).needs(Needs::none().with_splats());
-    let film = film.run(&mut Lamp, &mut Uniform::new(Independent::new(1))).unwrap();
+    let limits = Limits::samples(40);
+    let render = Render::new(window, &limits).needs(Needs::none().with_splats());
+    let film = render.run(&mut Lamp, &mut Uniform::new(Independent::new(1))).unwrap();
     assert!((film.image()[0][0] - (0.5 + 3.0 * 12.0)).abs() < 1e-4);
 }
 
