@@ -47,7 +47,9 @@ dapple_core::options! {
 /// 0.71 pixels is therefore left out. Variances are exact at the image's border, and pixels without samples have no weight.
 ///
 /// *Error*: the variance, plus the losses less their share of noise. These are averaged by a Gaussian of 8 pixels, and only
-/// positive means count. On white noise the error is overrated. *Bias*: scales follow the samples that they blur.
+/// positive means count. On white noise the error is overrated. On six bundled scenes at 16 independent samples per pixel,
+/// its sum is 0.54 to 0.84 of the real one; on lens, where most pixels' samples miss the light, 0.18.
+/// *Bias*: scales follow the samples that they blur.
 /// *Weaknesses*: kernels are round and know no features, so textures and edges of shadows blur at few samples, and blotches
 /// appear where flags change.
 #[derive(Clone, Debug, Default, PartialEq)]
