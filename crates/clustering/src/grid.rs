@@ -161,9 +161,7 @@ fn look_up(indices: &[[u32; 3]], vertices: [u32; 6]) -> (u32, [bool; 6]) {
         }
     };
     for group in groups {
-        for lane in 0..LANES {
-            see(lane, group[lane]);
-        }
+        group.iter().enumerate().for_each(|(lane, &index)| see(lane, index));
     }
     rest.iter().for_each(|&index| see(0, index));
     (largest.into_iter().fold(0, u32::max), found.map(|found| found != [0; LANES]))
