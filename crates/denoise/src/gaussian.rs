@@ -7,7 +7,9 @@ use crate::among::{Among, rows_around};
 use crate::parameters::describe;
 use crate::pixel_means::{emission, mean_and_presence, normalised, squared_error, variances};
 use crate::separable::separable;
-use dapple_core::{Band, Error, Exchange, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
+use dapple_core::{
+    Band, Error, Exchange, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _,
+};
 use rayon::prelude::*;
 use std::ops::Range;
 

@@ -1,6 +1,6 @@
 //! Filters across processes: each makes the rows of a band.
 
-use crate::{Error, Exchange, Filter, Filtered, Film, Frame};
+use crate::{Error, Exchange, Film, Filter, Filtered, Frame};
 use std::ops::Range;
 
 /// Rows are given to bands in groups of this number, those of the blocks of training data.
