@@ -86,7 +86,6 @@ fn a_round_of_the_default_render_moves_the_bytes_of_its_statistics() {
     });
     // Three messages agree and compare; the next one ends the pilot, in which every pixel gets samples.
     let (bytes, pixels) = (sent.iter().map(|(sent, _)| sent[3]).sum::<usize>(), 48 * 72);
-    println!("{bytes} bytes for {pixels} pixels");
     assert_eq!(sent[0].1, 224);
     assert!(bytes >= 224 * pixels && bytes < 224 * pixels + 3 * 512, "{bytes}");
     // Later rounds send the pixels that they give samples.
@@ -253,7 +252,7 @@ fn written(folder: &Path, name: &str, bytes: &[u8]) -> std::path::PathBuf {
 
 #[test]
 fn a_job_in_stages_has_the_bits_of_one_process() {
-    for (scene, of) in [("many-lights", 2), ("teapot", 3), ("cornell", 7)] {
+    for (scene, of, stages) in [("many-lights", 2, 6), ("teapot", 3, 6), ("cornell", 7, 3)] {
         let spec = spec(scene);
         let prepared = prepared(&spec);
         let folder = tempfile::tempdir().expect("a folder");
@@ -272,7 +271,7 @@ fn a_job_in_stages_has_the_bits_of_one_process() {
             plan = PlanFile::read(&next).unwrap_or_else(|e| panic!("{e}"));
             assert_eq!(plan.is_done(), done);
         }
-        println!("{scene}: {} stages", plan.stage());
+        assert_eq!(plan.stage(), stages, "{scene}");
         let mut last = job(&prepared, plan.spec());
         let traced = last.finish_plan(&plan).unwrap_or_else(|e| panic!("{e}"));
         assert!(
