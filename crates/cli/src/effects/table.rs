@@ -186,7 +186,7 @@ impl<'a> Told<'a> {
         }
         if let Some(called) = self.by_chance {
             lines.push(String::new());
-            lines.push(format!("{}: {}", called.source, found_by_chance(called)));
+            lines.push(format!("{}: {}; by default, photons carry it", called.source, found_by_chance(called)));
         }
         lines.join("\n")
     }

@@ -64,7 +64,7 @@ impl Report<'_> {
         serde_json::to_string(&line).unwrap_or_default()
     }
 
-    /// Formats the result of the render as at most four lines of text. The settings are in the header of EXR files, and in
+    /// Formats the result of the render as at most five lines of text. The settings are in the header of EXR files, and in
     /// the line of JSON.
     pub(super) fn summary(&self) -> String {
         let (job, image, film) = (self.job, self.image, &self.image.film);
@@ -77,6 +77,12 @@ impl Report<'_> {
             format!("{}, {w}x{h}: {:.2} spp ({least} to {most}) in {seconds:.2} s", job.scene().name, image.spp()),
             format!("{} samples, {} rays, {rate:.2} million rays per second", film.record().samples, image.rays()),
         ];
+        let record = film.record();
+        if record.passes > 0 {
+            let (passes, rays, seconds) = (record.passes, record.prepare_rays, record.prepare_seconds);
+            let name = job.integrator();
+            lines.push(format!("{name}: {passes} passes from the lights, {rays} rays in {seconds:.2} s of these"));
+        }
         if let Some(relmse) = film.predicted_relmse() {
             let filtered = film.record().filtered_relmse;
             let filtered = filtered.map_or_else(String::new, |filtered| format!(", filtered {filtered:.3e}"));

@@ -175,7 +175,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
     #[inline(always)]
     fn environment(&self, path: &Path<S::Place, G::State>) -> Vec3 {
         let (lights, direction) = (&self.world.lights, path.ray.direction);
-        if self.vertex_light.replaces(&path.gathered, NO_LIGHT, path.last.is_none()) {
+        if G::ACTIVE && self.vertex_light.replaces(&path.gathered, NO_LIGHT, path.last.is_none()) {
             return Vec3::ZERO;
         }
         match path.last {
@@ -193,7 +193,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         let (lights, light) = (&self.world.lights, at.part.light);
         let Some(lamp) = lights.lamp(light) else { return Vec3::ZERO };
         let radiance = lamp.radiance(-at.point.normal.dot(path.ray.direction));
-        if self.vertex_light.replaces(&path.gathered, light, path.last.is_none()) {
+        if G::ACTIVE && self.vertex_light.replaces(&path.gathered, light, path.last.is_none()) {
             return Vec3::ZERO;
         }
         match path.last {
@@ -222,27 +222,28 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
             return false;
         }
         let bsdf = if varied { world.bsdf_of(at, surface) } else { surface.plain() };
-        if self.vertex_light.ends(&path.gathered, bsdf.is_specular()) {
+        if G::ACTIVE && self.vertex_light.ends(&path.gathered, bsdf.is_specular()) {
             return false;
         }
         let frame = if varied { world.frame_of(at, surface) } else { ShadingFrame::from_normal(at.point.normal) };
         let wo = bsdf.local(&frame, -path.ray.direction);
         let vertex = Vertex { at, bsdf: &bsdf, frame: &frame, wo, outside: -at.point.normal.dot(path.ray.direction) };
+        let (back, depth) = (-path.ray.direction, path.depth);
+        let gather_point = || GatherPoint { at, bsdf: &bsdf, frame: &frame, wo, back, depth };
         let roulette = Self::HAS_ROULETTE && path.depth >= ROULETTE_FROM;
         let several_lights = Self::HAS_SEVERAL_LIGHTS && world.lights.len() > 1;
         let chooses = several_lights || varied && surface.several_lobes || roulette;
         let choices = if chooses { draws.block(blocks::choose(path.depth)) } else { [0.0; 4] };
         let u = draws.block(blocks::scatter(path.depth));
         let mut place = S::NOWHERE;
-        let point = GatherPoint { at, bsdf: &bsdf, frame: &frame, wo, back: -path.ray.direction, depth: path.depth };
-        let samples_lights = self.vertex_light.samples_lights(&path.gathered, &point);
+        let samples_lights = !G::ACTIVE || self.vertex_light.samples_lights(&path.gathered, &gather_point());
         if !bsdf.is_specular() && !world.lights.is_empty() && samples_lights {
             place = self.selector.place(at.point.position, at.point.normal * vertex.outside);
             let direct = self.direct(training, path, &vertex, place, [choices[0], u[0], u[1]]);
             path.radiance += path.throughput * direct;
         }
         if G::ACTIVE && !bsdf.is_specular() {
-            let (light, rays) = self.vertex_light.gather(&mut path.gathered, &point, draws, training);
+            let (light, rays) = self.vertex_light.gather(&mut path.gathered, &gather_point(), draws, training);
             path.radiance += path.throughput * light;
             path.rays += rays;
         }

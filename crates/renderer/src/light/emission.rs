@@ -102,10 +102,17 @@ impl EmittedLight {
         }
         let local = warp::cosine_hemisphere(u);
         let direction = ShadingFrame::from_normal(point.normal).to_world(local).normalize();
-        let pdf = lamp.emission_pdf(local.z, area);
-        let (position, source) = (point.position, Target::Surface(point));
-        let (radiance, cosine) = (lamp.radiance, local.z);
-        (area > 0.0).then_some(EmittedLight { light: 0, pmf: 1.0, source, position, direction, radiance, cosine, pdf })
+        Self::leaving(lamp, point, direction, area)
+    }
+
+    /// Returns the emission of a point on an area light in a direction. Both were sampled with the densities of
+    /// [`Self::from_surface`].
+    pub(super) fn leaving(lamp: &super::Lamp, point: SurfacePoint, direction: Vec3, area: f32) -> Option<EmittedLight> {
+        let cosine = point.normal.dot(direction);
+        let pdf = lamp.emission_pdf(cosine, area);
+        let (position, source, radiance) = (point.position, Target::Surface(point), lamp.radiance);
+        let emitted = EmittedLight { light: 0, pmf: 1.0, source, position, direction, radiance, cosine, pdf };
+        (area > 0.0 && cosine > 0.0).then_some(emitted)
     }
 
     /// Returns the emission of a point without extent, in a direction sampled with density `pdf`.

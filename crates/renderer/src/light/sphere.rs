@@ -102,9 +102,18 @@ impl LightSource for SphereLight {
     }
 
     fn emit(&self, _: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
-        let mut point = self.point(warp::uniform_sphere(place));
-        point.normal *= self.flip;
-        EmittedLight::from_surface(&self.lamp, point, towards, self.area() as f32)
+        if self.lamp.two_sided || self.flip < 0.0 {
+            let mut point = self.point(warp::uniform_sphere(place));
+            point.normal *= self.flip;
+            return EmittedLight::from_surface(&self.lamp, point, towards, self.area() as f32);
+        }
+        // The direction first, so that `towards` alone decides it; then a place on the disk that the ball shows. Together
+        // their density is the same.
+        let direction = warp::uniform_sphere(towards);
+        let (disk, frame) = (warp::concentric_disk(place), ShadingFrame::from_normal(direction));
+        let cosine = (1.0 - disk.length_squared()).max(0.0).sqrt();
+        let normal = (frame.tangent * disk.x + frame.bitangent * disk.y + direction * cosine).normalize();
+        EmittedLight::leaving(&self.lamp, self.point(normal), direction, self.area() as f32)
     }
 
     fn emission_pdf(&self, _: &SceneSphere, normal: Vec3, direction: Vec3) -> EmissionPdf {

@@ -5,3 +5,4 @@ mod lightcuts;
 mod photons;
 mod references;
 mod support;
+mod veach_bidir;

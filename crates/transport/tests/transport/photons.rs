@@ -62,9 +62,10 @@ fn light_through_clear_panes_is_that_without_them() {
     }
 }
 
-/// A ball of glass over a floor under a lamp of radius 0.5, which paths can find.
+/// A ball of glass over a floor under a lamp of radius 0.5, which paths can find. The camera sees the caustic alone: the
+/// lamp's reflection in the ball would be noise.
 fn ball() -> Scene {
-    let mut scene = scene([16, 16], 30.0, DVec3::new(0.0, -5.0, 4.0), DVec3::new(0.0, 0.0, 0.3));
+    let mut scene = scene([16, 16], 12.0, DVec3::new(-2.5, -1.0, 1.2), DVec3::new(-0.4, 0.0, 0.0));
     let grey = add_material(&mut scene, diffuse(0.5));
     let clear = add_material(&mut scene, glass(1.5));
     add(&mut scene, rectangle(DVec3::ZERO, 3.0 * DVec3::X, 3.0 * DVec3::Y), DAffine3::IDENTITY, grey, None);
@@ -76,13 +77,13 @@ fn ball() -> Scene {
 #[test]
 fn caustics_of_a_glass_ball_are_those_of_path_tracing() {
     let scene = ball();
-    let expected = means(&scene, "path", 1024, 0..4);
-    for request in ["photons:photons=4000,radius=0.05,small=10", "photons:photons=4000,radius=0.05,what=all"] {
+    let expected = means(&scene, "path", 1024, 0..8);
+    for request in ["photons:photons=4000,radius=0.05,small=10", "photons:photons=20000,radius=0.05,what=all"] {
         let found = means(&scene, request, 32, 10..18);
         let bias = found.mean / expected.mean - 1.0;
         let error = (found.standard_error().hypot(expected.standard_error())) / expected.mean;
         assert!(bias.abs() < 0.005 + LIMIT * error, "{request}: {bias:+.4} +- {error:.4}");
-        assert!(error < 0.004, "{request}: the test sees no 3 %, {error}");
+        assert!(error < 0.005, "{request}: the test sees no 4 %, {error}");
     }
     // Negative control: without the caustic, the floor is darker.
     let without = means(&scene, "photons:photons=1,radius=0.001,small=10", 64, 0..4).mean / expected.mean;
@@ -107,8 +108,9 @@ fn a_furnace_has_its_radiance() {
             let found = means(&furnace(rho, depth), &format!("photons:photons=2000,radius=0.3,{request}"), 16, 0..8);
             let lost = depth.map_or(0.0, |d| f64::from(rho).powi(d as i32 + 1));
             let expected = (1.0 - lost) / (1.0 - f64::from(rho));
-            let z = found.deviation(expected);
             let error = found.standard_error() / expected;
+            // Without photons nothing but rounding is left.
+            let z = (found.mean / expected - 1.0) / error.max(1e-6);
             assert!(z.abs() < LIMIT, "{request}, albedo {rho}, depth {depth:?}: {} of {expected}, {z}", found.mean);
             assert!(error < 0.01, "{request}: {error}");
         }
@@ -158,7 +160,7 @@ fn photons_have_the_same_bits_on_any_threads_and_resumed_within_a_pass() {
 #[test]
 fn scenes_that_photons_lack_are_refused() {
     let mut moving = ball();
-    moving.shapes[1].moves_to = Some(DAffine3::from_translation(DVec3::Z));
+    moving.shapes[1].moves_to = Some(DAffine3::from_translation(2.0 * DVec3::Z));
     moving.camera.shutter = [0.0, 1.0];
     let world = World::new(&moving).expect("a world");
     let error = make_integrator("photons", &world).err().expect("refused").to_string();

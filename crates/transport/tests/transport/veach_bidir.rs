@@ -33,7 +33,7 @@ fn case() -> Option<(Scene, [f64; 3])> {
 
 /// The reference is spectral; its own mean is known to 0.2 %, and plain RGB differs by 1 % at most.
 #[test]
-#[ignore = "minutes: cargo test --release -p dapple-transport --test veach_bidir -- --ignored --nocapture"]
+#[ignore = "minutes: cargo test --release -p dapple-transport --test transport veach_bidir -- --ignored --nocapture"]
 fn the_mean_is_the_references() {
     let Some((scene, expected)) = case() else { return };
     let size = scene.film.resolution;
