@@ -37,8 +37,6 @@ impl LightSource for DistantLight {
         true
     }
 
-    /// Returns the luminance of the irradiance times the cross section `pi r^2` of the scene's bounding sphere,
-    /// divided by pi.
     fn emit(&self, scene: &SceneSphere, place: [f32; 2], _: [f32; 2]) -> Option<EmittedLight> {
         Some(scene.parallel(-self.towards, self.irradiance, 1.0, place))
     }
@@ -47,6 +45,8 @@ impl LightSource for DistantLight {
         scene.parallel_pdf(1.0)
     }
 
+    /// Returns the luminance of the irradiance times the cross section `pi r^2` of the scene's bounding sphere,
+    /// divided by pi.
     fn power(&self, scene_radius: f64) -> f64 {
         luminance(self.irradiance) * scene_radius * scene_radius
     }

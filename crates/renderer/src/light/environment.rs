@@ -202,8 +202,6 @@ impl LightSource for Environment {
         shines.then_some(LightSample { wi, radiance, pdf, target: Target::Far, delta: false })
     }
 
-    /// Returns the mean luminance times 4 pi, times the cross section `pi r^2` of the scene's bounding sphere, divided
-    /// by pi.
     fn emit(&self, scene: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
         let sample = self.sample(Vec3::ZERO, towards)?;
         Some(scene.parallel(-sample.wi, sample.radiance, sample.pdf, place))
@@ -213,6 +211,8 @@ impl LightSource for Environment {
         scene.parallel_pdf(self.direction_pdf(-direction))
     }
 
+    /// Returns the mean luminance times 4 pi, times the cross section `pi r^2` of the scene's bounding sphere, divided
+    /// by pi.
     fn power(&self, scene_radius: f64) -> f64 {
         4.0 * std::f64::consts::PI * scene_radius * scene_radius * self.average_luminance()
     }

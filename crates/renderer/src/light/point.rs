@@ -81,7 +81,6 @@ impl LightSource for PointLight {
         true
     }
 
-    /// Returns the luminance of the intensity times 4 pi, divided by pi.
     fn emit(&self, _: &SceneSphere, _: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
         let direction = warp::uniform_sphere(towards);
         Some(EmittedLight::from_point(self.position, direction, self.intensity, warp::uniform_sphere_pdf()))
@@ -91,6 +90,7 @@ impl LightSource for PointLight {
         EmissionPdf { position: 1.0, direction: warp::uniform_sphere_pdf() }
     }
 
+    /// Returns the luminance of the intensity times 4 pi, divided by pi.
     fn power(&self, _: f64) -> f64 {
         4.0 * luminance(self.intensity)
     }

@@ -89,7 +89,6 @@ impl LightSource for SpotLight {
         true
     }
 
-    /// Returns the luminance of the axis intensity times 4 pi times the relative power, divided by pi.
     fn emit(&self, _: &SceneSphere, _: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
         let local = warp::uniform_cone(towards, self.edge);
         let direction = ShadingFrame::from_normal(self.axis).to_world(local).normalize();
@@ -102,6 +101,7 @@ impl LightSource for SpotLight {
         EmissionPdf { position: 1.0, direction: if inside { warp::uniform_cone_pdf(self.edge) } else { 0.0 } }
     }
 
+    /// Returns the luminance of the axis intensity times 4 pi times the relative power, divided by pi.
     fn power(&self, _: f64) -> f64 {
         4.0 * luminance(self.point.intensity()) * self.share_of_sphere()
     }
