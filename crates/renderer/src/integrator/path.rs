@@ -228,22 +228,27 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         let frame = if varied { world.frame_of(at, surface) } else { ShadingFrame::from_normal(at.point.normal) };
         let wo = bsdf.local(&frame, -path.ray.direction);
         let vertex = Vertex { at, bsdf: &bsdf, frame: &frame, wo, outside: -at.point.normal.dot(path.ray.direction) };
-        let (back, depth) = (-path.ray.direction, path.depth);
-        let gather_point = || GatherPoint { at, bsdf: &bsdf, frame: &frame, wo, back, depth };
         let roulette = Self::HAS_ROULETTE && path.depth >= ROULETTE_FROM;
         let several_lights = Self::HAS_SEVERAL_LIGHTS && world.lights.len() > 1;
         let chooses = several_lights || varied && surface.several_lobes || roulette;
         let choices = if chooses { draws.block(blocks::choose(path.depth)) } else { [0.0; 4] };
         let u = draws.block(blocks::scatter(path.depth));
         let mut place = S::NOWHERE;
-        let samples_lights = !G::ACTIVE || self.vertex_light.samples_lights(&path.gathered, &gather_point());
+        let mut samples_lights = true;
+        if G::ACTIVE {
+            let (back, depth) = (-path.ray.direction, path.depth);
+            let point = GatherPoint { at, bsdf: &bsdf, frame: &frame, wo, back, depth };
+            samples_lights = self.vertex_light.samples_lights(&path.gathered, &point);
+        }
         if !bsdf.is_specular() && !world.lights.is_empty() && samples_lights {
             place = self.selector.place(at.point.position, at.point.normal * vertex.outside);
             let direct = self.direct(training, path, &vertex, place, [choices[0], u[0], u[1]]);
             path.radiance += path.throughput * direct;
         }
         if G::ACTIVE && !bsdf.is_specular() {
-            let (light, rays) = self.vertex_light.gather(&mut path.gathered, &gather_point(), draws, training);
+            let (back, depth) = (-path.ray.direction, path.depth);
+            let point = GatherPoint { at, bsdf: &bsdf, frame: &frame, wo, back, depth };
+            let (light, rays) = self.vertex_light.gather(&mut path.gathered, &point, draws, training);
             path.radiance += path.throughput * light;
             path.rays += rays;
         }
