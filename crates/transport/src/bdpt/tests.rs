@@ -1,4 +1,5 @@
 //! Each strategy alone, and all together, find the path tracer's light.
+#![allow(clippy::print_stderr, reason = "figures of tests")]
 
 use super::{Bdpt, BdptOptions};
 use crate::make_integrator;

@@ -1,4 +1,5 @@
 //! Chains have the distribution of their target, and images the path tracer's mean.
+#![allow(clippy::print_stderr, reason = "figures of tests")]
 
 use super::chain::{Deposit, Target};
 use super::*;
