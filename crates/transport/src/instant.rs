@@ -109,7 +109,7 @@ impl VertexLight for VirtualLights<'_> {
             let at_light = -light.point.normal.dot(wi);
             let local = frame.to_local(wi);
             let same_side = from.normal.dot(wi) * from.normal.dot(back) > 0.0;
-            if light.bounces > most || !(at_light > 0.0) || same_side != (local.z * wo.z > 0.0) {
+            if light.bounces > most || at_light <= 0.0 || same_side != (local.z * wo.z > 0.0) {
                 continue;
             }
             let geometry = (local.z.abs() * at_light / squared).min(self.largest);

@@ -305,9 +305,7 @@ impl VertexLight for CutLight<'_> {
         self.trees = self.trees(pass);
         let (floor, rays) = self.mean(pass);
         self.floor = FLOOR * floor;
-        let mut prepared = Prepared::default();
-        prepared.rays = rays;
-        prepared
+        Prepared { rays }
     }
 }
 

@@ -231,7 +231,7 @@ pub(crate) fn walk(
         let next = flux * sample.weight * (sample.eta * sample.eta * adjoint);
         // Photons of equal flux [Jensen 1996].
         let survival = (next.max_element() / flux.max_element()).min(1.0);
-        if leaks || !(roulette < survival) {
+        if leaks || survival.is_nan() || roulette >= survival {
             return rays;
         }
         flux = next / survival;

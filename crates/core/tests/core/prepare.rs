@@ -38,9 +38,7 @@ impl Integrator for PassNumber {
         let sum: f32 = (0..10).map(|path| pass.draws(path).block(Block::new(0))[0]).sum();
         self.state = Some((pass.number, sum));
         self.numbers.push(pass.number);
-        let mut prepared = Prepared::default();
-        prepared.rays = 10;
-        prepared
+        Prepared { rays: 10 }
     }
 }
 
