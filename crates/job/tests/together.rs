@@ -186,7 +186,7 @@ fn a_render_whose_process_died_goes_on_from_the_last_barrier_with_any_number_of_
             match outcome {
                 Err(_) => assert_eq!(index, 1),
                 Ok(ran) => {
-                    assert!(ran.err().expect("one is gone").to_string().contains("a process of this render is gone"))
+                    assert!(ran.expect_err("one is gone").to_string().contains("a process of this render is gone"))
                 }
             }
             if index != 1 && in_round > 1 {
@@ -296,7 +296,7 @@ fn plans_and_parts_of_another_render_are_refused_with_a_list() {
         let shard = Shard::new(index, 2).expect("a part");
         job(&prepared, spec).part(plan, shard, &mut NoMonitor).map(|bytes| bytes.expect("nothing stops it"))
     };
-    let error = part(&theirs, &here, 0).err().expect("another render").to_string();
+    let error = part(&theirs, &here, 0).expect_err("another render").to_string();
     assert!(error.contains("b.plan: the file is of another render") && error.contains("seed: 9, not 1"), "{error}");
     let first = written(folder.path(), "1.part", &part(&mine, &here, 0).unwrap());
     let second = written(folder.path(), "2.part", &part(&theirs, &other, 1).unwrap());
@@ -312,7 +312,7 @@ fn plans_and_parts_of_another_render_are_refused_with_a_list() {
     {
         assert!(message.contains(wanted), "{message}");
     }
-    assert!(refused(&[first.clone()]).contains("a.plan: missing parts: 2/2"));
+    assert!(refused(std::slice::from_ref(&first)).contains("a.plan: missing parts: 2/2"));
     assert!(refused(&[first.clone(), first]).contains("part 1/2 is given twice"));
     assert!(
         job(&prepared, &here)
