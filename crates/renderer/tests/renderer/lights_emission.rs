@@ -92,8 +92,9 @@ fn emitted_rays_carry_the_power_of_lights_without_shape() {
     let cap = |degrees: f64| 2.0 * PI * (1.0 - degrees.to_radians().cos());
     // The mean of both falloffs over the cosine between the two cones is 1/2 and 1/5.
     let of_spot = |mean: f64, start: f64| 3.0 * (cap(start) + mean * (cap(40.0) - cap(start)));
-    // The disk has the radius of the scene's sphere, sqrt(2).
-    let disk = 2.0 * PI;
+    // The disk has the radius of the scene's sphere, sqrt(2) and the padding of its box.
+    let disk = PI * f64::from(world(&floor()).lights().scene_sphere().1).powi(2);
+    assert!((disk / (2.0 * PI) - 1.0).abs() < 1e-3, "{disk}");
     let sky = |[width, height]: [u32; 2], equal| {
         let pixels: Vec<_> = (0..width * height).map(|i| [((i * 7) % 5) as f32; 3]).collect();
         let image = Arc::new(Image { size: [width, height], pixels, alpha: Vec::new() });

@@ -143,7 +143,7 @@ fn photons_have_the_same_bits_on_any_threads_and_resumed_within_a_pass() {
         assert_eq!(whole.record().passes, 3);
         assert!(whole.record().prepare_rays > 5000);
         let snapshots: Vec<_> = keeper.0.iter().map(|bytes| Snapshot::from_bytes(bytes).expect("a snapshot")).collect();
-        let within = |snapshot: &Snapshot| snapshot.film().record().samples % (48 * 40) != 0;
+        let within = |snapshot: &Snapshot| !snapshot.film().record().samples.is_multiple_of(48 * 40);
         assert!(snapshots.iter().any(within), "a slice ends within a pass");
         for (i, snapshot) in snapshots.into_iter().enumerate() {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(1 + i % 3).build().expect("threads");
