@@ -29,14 +29,14 @@ fn staged(folder: &Folder, words: &str, of: u32) -> u32 {
 #[test]
 fn stages_make_the_default_image_of_one_machine() {
     let folder = Folder::new();
-    for (words, of) in [
-        ("render many-lights --resolution 40x50 --spp 17", 3),
-        ("render tiny.pbrt --max-depth 4 --sampler uniform --light-selection power --spp 5", 2),
-        ("render tiny.pbrt --max-depth 4 --error 0.05 --max-spp 64", 2),
+    for (words, of, expected) in [
+        ("render many-lights --resolution 40x50 --spp 17", 3, 6),
+        ("render tiny.pbrt --max-depth 4 --sampler uniform --light-selection power --spp 5", 2, 1),
+        ("render tiny.pbrt --max-depth 4 --error 0.05 --max-spp 64", 2, 3),
     ] {
         folder.done(&format!("{words} -q -o whole.exr -o whole.pfm"));
         let stages = staged(&folder, words, of);
-        println!("{words}: {stages} stages");
+        assert_eq!(stages, expected, "{words}");
         folder.done(&format!("merge {stages}.plan -o all.exr -o all.pfm"));
         assert!(folder.read("all.pfm") == folder.read("whole.pfm"), "{words}");
         let channels = |name: &str| {

@@ -467,7 +467,8 @@ impl RenderSpec {
             return wrong("integrator", e.to_string());
         }
         if self.shard.is_some() && self.selection() == LightSelection::Learned {
-            let what = "learned light selection needs samples of the whole image, and cannot be sharded; use power";
+            let what = "learned light selection needs samples of the whole image, and cannot be sharded; use power, or render \
+                        in stages";
             return wrong("light_selection", what.into());
         }
         if self.shard.is_some() && matches!(self.budget, BudgetSpec::Error(_) | BudgetSpec::Seconds(_)) {

@@ -1,7 +1,7 @@
 //! Jobs of several processes, and in stages: the bits of one process for the default sampler, light selection and filter.
 
 use dapple_core::exchange::{Exchange, InMemory, in_memory};
-use dapple_core::{Control, NoMonitor, Shard, Status};
+use dapple_core::{Control, Film, NoMonitor, Shard, Status};
 use dapple_job::{
     BudgetSpec, CheckpointOptions, Job, JobError, JobMonitor, LoadOptions, LoadedScene, OutputFiles, PlanFile,
     PreparedScene, RenderSpec, RenderedImage, Traced,
@@ -72,6 +72,25 @@ fn processes_render_the_default_image_of_six_scenes_with_the_bits_of_one() {
             assert!(images.into_iter().flatten().all(|image| image == wanted), "{scene}, {of} processes");
         }
     }
+}
+
+/// The figure of docs/SHARDS.md: 297 bytes for each pixel that gets samples. Two halves with emission take 2 * (56 + 12),
+/// features 88, and a first hit 73; in memory it takes three more.
+#[test]
+fn a_round_of_the_default_render_moves_the_bytes_of_its_statistics() {
+    let spec = spec("cornell");
+    let prepared = prepared(&spec);
+    let sent = together(3, |mut end| {
+        let mut job = prepared.clone().job(&spec).unwrap_or_else(|e| panic!("{e}"));
+        let traced = job.run_together(None, &mut NoMonitor, &mut end).unwrap_or_else(|e| panic!("{e}"));
+        (end.sent().to_vec(), Film::bytes_per_pixel(traced.film.needs()))
+    });
+    // Three messages agree and compare; the next one ends the pilot, in which every pixel gets samples.
+    let (bytes, pixels) = (sent.iter().map(|(sent, _)| sent[3]).sum::<usize>(), 48 * 72);
+    assert_eq!(sent[0].1, 300);
+    assert!(bytes >= 297 * pixels && bytes < 297 * pixels + 3 * 512, "{bytes}");
+    // Later rounds send the pixels that they give samples.
+    assert!(sent.iter().all(|(sent, _)| sent.len() == 6));
 }
 
 #[test]
@@ -167,7 +186,7 @@ fn a_render_whose_process_died_goes_on_from_the_last_barrier_with_any_number_of_
             match outcome {
                 Err(_) => assert_eq!(index, 1),
                 Ok(ran) => {
-                    assert!(ran.err().expect("one is gone").to_string().contains("a process of this render is gone"))
+                    assert!(ran.expect_err("one is gone").to_string().contains("a process of this render is gone"))
                 }
             }
             if index != 1 && in_round > 1 {
@@ -234,7 +253,7 @@ fn written(folder: &Path, name: &str, bytes: &[u8]) -> std::path::PathBuf {
 
 #[test]
 fn a_job_in_stages_has_the_bits_of_one_process() {
-    for (scene, of) in [("many-lights", 2), ("teapot", 3), ("cornell", 7)] {
+    for (scene, of, stages) in [("many-lights", 2, 6), ("teapot", 3, 6), ("cornell", 7, 3)] {
         let spec = spec(scene);
         let prepared = prepared(&spec);
         let folder = tempfile::tempdir().expect("a folder");
@@ -253,7 +272,7 @@ fn a_job_in_stages_has_the_bits_of_one_process() {
             plan = PlanFile::read(&next).unwrap_or_else(|e| panic!("{e}"));
             assert_eq!(plan.is_done(), done);
         }
-        println!("{scene}: {} stages", plan.stage());
+        assert_eq!(plan.stage(), stages, "{scene}");
         let mut last = job(&prepared, plan.spec());
         let traced = last.finish_plan(&plan).unwrap_or_else(|e| panic!("{e}"));
         assert!(
@@ -277,7 +296,7 @@ fn plans_and_parts_of_another_render_are_refused_with_a_list() {
         let shard = Shard::new(index, 2).expect("a part");
         job(&prepared, spec).part(plan, shard, &mut NoMonitor).map(|bytes| bytes.expect("nothing stops it"))
     };
-    let error = part(&theirs, &here, 0).err().expect("another render").to_string();
+    let error = part(&theirs, &here, 0).expect_err("another render").to_string();
     assert!(error.contains("b.plan: the file is of another render") && error.contains("seed: 9, not 1"), "{error}");
     let first = written(folder.path(), "1.part", &part(&mine, &here, 0).unwrap());
     let second = written(folder.path(), "2.part", &part(&theirs, &other, 1).unwrap());
@@ -293,7 +312,7 @@ fn plans_and_parts_of_another_render_are_refused_with_a_list() {
     {
         assert!(message.contains(wanted), "{message}");
     }
-    assert!(refused(&[first.clone()]).contains("a.plan: missing parts: 2/2"));
+    assert!(refused(std::slice::from_ref(&first)).contains("a.plan: missing parts: 2/2"));
     assert!(refused(&[first.clone(), first]).contains("part 1/2 is given twice"));
     assert!(
         job(&prepared, &here)

@@ -2,7 +2,7 @@
 
 use crate::{Filter, Needs, Sampler};
 
-/// A sampler and a filter that work together: what a [`Session`] needs besides a frame and limits.
+/// A sampler and a filter that work together: what a [`Session`](crate::Session) needs besides a frame and limits.
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId};

@@ -190,7 +190,7 @@ fn a_render_interrupted_in_a_training_pass_is_resumed_by_several_processes() {
         !samples.is_multiple_of(90 * 70) && samples < 8 * 90 * 70
     };
     let within: Vec<_> = states.iter().filter(within).collect();
-    assert!(within.len() > 1);
+    assert!(!within.is_empty(), "the first slice of a round has some rows only");
     for state in [within[0], within[within.len() - 1]] {
         let films = together(2, |mut end| {
             let snapshot = Snapshot::from_bytes(state).unwrap();

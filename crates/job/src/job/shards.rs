@@ -17,7 +17,7 @@ pub struct ShardSet {
 
 /// The error for a sampler or limit that cannot be sharded.
 pub(super) fn refused(shard: Shard, why: &Error) -> JobError {
-    JobError::NoShard { shard, why: format!("{why} (uniform or cluster-thesis)") }
+    JobError::NoShard { shard, why: format!("{why} (uniform or cluster-thesis), or render in stages") }
 }
 
 impl Job {
