@@ -212,11 +212,11 @@ fn render(
     // Bands by machine, at first in turns.
     let count = size[1].div_ceil(BAND);
     let mut owner: Vec<usize> = (0..count).map(|band| band % machines).collect();
-    for pass in 0..PASSES.len() {
+    for (pass, spp) in PASSES.into_iter().enumerate() {
         let costs = rows.bands(pass, size);
         let mut seconds = vec![0.0; machines];
         for (band, cost) in costs.iter().enumerate() {
-            seconds[owner[band]] += PASSES[pass] * cost / (rays_per_second * THREADS);
+            seconds[owner[band]] += spp * cost / (rays_per_second * THREADS);
         }
         let slowest = (0..machines)
             .map(|machine| seconds[machine] / speeds[machine] * (1.0 + JITTER * numbers.normal().abs()))

@@ -1,5 +1,7 @@
 //! Renders by several processes that a launcher starts.
 
+#![expect(clippy::print_stderr, reason = "tests report what they skip")]
+
 mod common;
 
 use common::{Folder, Said};

@@ -71,12 +71,15 @@ struct Ready {
     progress: Progress,
 }
 
-/// Renders together with the other processes.
+/// Renders together with the other processes. The first one reports the errors of all, and its status is that of the job:
+/// launchers end all processes when one fails, before the first has printed.
 pub(super) fn run(args: &RenderArgs, spec: &RenderSpec, mut exchange: Box<dyn Exchange>) -> Result<Outcome> {
-    let exchange = &mut *exchange;
     let is_first = exchange.share().index() == 0;
-    // The first process reports the errors of all.
-    let own = |failure: Failure| if is_first { failure } else { Failure(Vec::new()) };
+    let outcome = run_one(args, spec, &mut *exchange, is_first);
+    if is_first { outcome } else { Ok(Outcome::Done) }
+}
+
+fn run_one(args: &RenderArgs, spec: &RenderSpec, exchange: &mut dyn Exchange, is_first: bool) -> Result<Outcome> {
     let show = if is_first { Show::from(args) } else { Show { json: false, quiet: true, ..Show::from(args) } };
     let ready = ready(args, spec, &show, is_first);
     let mine = match &ready {
@@ -85,18 +88,18 @@ pub(super) fn run(args: &RenderArgs, spec: &RenderSpec, mut exchange: Box<dyn Ex
         Err(Failure(lines)) => Err(lines.join("; ")),
     };
     let agreed = agree(exchange, mine);
-    let Some(ready) = ready.map_err(own)? else { return Ok(Outcome::Interrupted) };
-    agreed.map_err(|e| own(Failure::lines(&e)))?;
+    let Some(ready) = ready? else { return Ok(Outcome::Interrupted) };
+    agreed.map_err(|e| Failure::lines(&e))?;
     let Ready { mut job, cpu, expected, checkpoints, mut progress } = ready;
     if is_first && !args.quiet && !args.json {
         say("together", &format!("{} processes", exchange.share().of()));
     }
     progress.begin(&job);
-    let traced = job.run_together(checkpoints, &mut progress, exchange).map_err(|e| own(failure::of_job(&e)))?;
+    let traced = job.run_together(checkpoints, &mut progress, exchange).map_err(|e| failure::of_job(&e))?;
     if is_first {
         return show.deliver(&job, traced, (Some(&expected), cpu), progress, Some(exchange));
     }
-    job.finish_together(traced.film, exchange).map_err(|e| own(failure::of_job(&e)))?;
+    job.finish_together(traced.film, exchange).map_err(|e| failure::of_job(&e))?;
     Ok(Outcome::Done)
 }
 
