@@ -54,7 +54,9 @@ impl World {
     /// The ray starts in `medium`.
     pub fn transmittance(&self, ray: Ray, target: &Target, time: f32, medium: u32) -> (Vec3, u32) {
         if self.has_passable_surfaces() {
-            return self.transmittance_past_surfaces(ray, target, time, medium);
+            let mut rays = 0;
+            let share = self.transmittance_past_surfaces(ray, target, time, medium, &mut rays);
+            return (share, rays);
         }
         let share = match self.occluded(&ray, time) {
             true => Vec3::ZERO,
@@ -63,40 +65,43 @@ impl World {
         (share, 1)
     }
 
-    /// Returns what [`Self::transmittance`] does, in scenes with passable surfaces.
-    #[inline(never)]
+    /// Returns the share of [`Self::transmittance`] in scenes with passable surfaces, and adds to the number of rays.
+    #[inline(always)]
     pub(crate) fn transmittance_past_surfaces(
         &self,
         mut ray: Ray,
         target: &Target,
         time: f32,
         mut medium: u32,
-    ) -> (Vec3, u32) {
+        rays: &mut u32,
+    ) -> Vec3 {
         let mut share = Vec3::ONE;
-        for rays in 1..=MOST_PASSED {
+        for _ in 0..MOST_PASSED {
+            *rays += 1;
             let hit = self.closest_hit(&ray, time);
             let end = hit.as_ref().map_or(ray.tmax, |at| at.hit.t);
             if medium != NO_MEDIUM {
                 share *= self.media.medium(medium).transmittance(end * ray.direction.length());
             }
-            let Some(at) = hit else { return (share, rays) };
+            let Some(at) = hit else { return share };
             let part = at.part;
             if !part.passable {
-                return (Vec3::ZERO, rays);
+                return Vec3::ZERO;
             }
             let surface = &self.surfaces[part.material as usize];
             let alpha = self.alpha(&at);
             // A mixed material lets through the fraction of its interfaces.
             let empty = material::interface_share(&self.surfaces, part.material, &self.textures, || self.uv(&at));
-            share *= 1.0 - alpha + alpha * empty;
+            let through = 1.0 - alpha + alpha * empty;
+            share *= through;
             if share == Vec3::ZERO {
-                return (share, rays);
+                return share;
             }
             if surface.interface {
                 medium = at.medium_beyond(ray.direction, medium);
             }
             ray = target.ray_from(&at.point, ray.direction);
         }
-        (Vec3::ZERO, MOST_PASSED)
+        Vec3::ZERO
     }
 }

@@ -85,8 +85,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
     ) -> Option<Vec3> {
         let world = self.world;
         if Self::HAS_RARE_EFFECTS && world.has_passable_surfaces() {
-            let (share, rays) = world.transmittance_past_surfaces(ray, target, path.time, medium);
-            path.rays += rays;
+            let share = self.transmittance_past_surfaces(ray, target, path, medium);
             return (share != Vec3::ZERO).then_some(share);
         }
         path.rays += 1;
@@ -100,6 +99,18 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         }
         // The whole ray is in one medium: media change only at surfaces, and there is none in between.
         Some(world.media.medium(medium).transmittance(ray.tmax * ray.direction.length()))
+    }
+
+    /// Returns the transmittance along a shadow ray in scenes with passable surfaces; 0 if the ray is occluded.
+    #[inline(never)]
+    fn transmittance_past_surfaces(
+        &self,
+        ray: Ray,
+        target: &Target,
+        path: &mut Path<S::Place, G::State>,
+        medium: u32,
+    ) -> Vec3 {
+        self.world.transmittance_past_surfaces(ray, target, path.time, medium, &mut path.rays)
     }
 
     /// Moves the path through its medium towards a surface at `distance` (infinity for none). Returns the outcome.
