@@ -63,8 +63,8 @@ fn unknown_fields_and_wrong_values_are_named() {
         (r#"{"version": 1, "scene": "teapot", "shard": "3/2"}"#, "\"3/2\" is not a shard"),
         (r#"{"version": 1, "scene": "teapot", "sampler": "nonesuch"}"#, "sampler: there is no sampler \"nonesuch\""),
         (
-            r#"{"version": 1, "scene": "teapot", "integrator": "bdpt"}"#,
-            "there is no integrator \"bdpt\"; choose among path, ambient-occlusion",
+            r#"{"version": 1, "scene": "teapot", "integrator": "nonesuch"}"#,
+            "there is no integrator \"nonesuch\"; choose among path, ambient-occlusion",
         ),
         (r#"{"version": 1, "scene": "teapot", "min_spp": 5, "max_spp": 2}"#, "min_spp: 5 is above"),
         (r#"{"version": 1, "scene": "teapot", "budget": {"spp": -1.0}}"#, "spp: -1 is not a finite number above zero"),

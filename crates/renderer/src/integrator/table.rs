@@ -9,7 +9,7 @@ const INTEGRATORS: &[IntegratorEntry] = &[
     IntegratorEntry {
         name: "path",
         source: "Kajiya, The Rendering Equation, 1986; multiple importance sampling: Veach and Guibas 1995",
-        about: "path tracing with next-event estimation and multiple importance sampling (the default)",
+        about: "path tracing with next-event estimation and multiple importance sampling (the default, unless caustics call for photons)",
         parameters: &[],
         make: |_, world| Ok(integrator(world)),
     },
