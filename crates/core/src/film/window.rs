@@ -13,7 +13,7 @@ impl Film {
     /// let mut film = Film::new(Frame::new(2, 4)?, Needs::none());
     /// film.push(5, 0, [0.5; 3]);
     /// let rows = film.of_rows(2..4)?;
-    /// assert_eq!((rows.frame().size(), rows.count(3)), ([2, 2], 1));
+    /// assert_eq!((rows.frame().size(), rows.count(1)), ([2, 2], 1));
     /// # Ok::<(), dapple_core::Error>(())
     /// ```
     ///
