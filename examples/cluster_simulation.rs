@@ -152,7 +152,7 @@ impl Numbers {
     }
 }
 
-/// What a simulation includes.
+/// The effects that a simulation includes.
 #[derive(Clone, Copy)]
 struct With {
     /// Bands are dealt by the last pass' measured seconds, not in turns.

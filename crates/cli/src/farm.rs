@@ -259,7 +259,7 @@ fn word(text: &str) -> std::result::Result<String, String> {
     if plain { Ok(text.to_owned()) } else { Err("letters, digits and underscores only".into()) }
 }
 
-/// Whether a sampler plans without looking at samples, so that shards need no stages.
+/// Returns true if a sampler plans without looking at samples, so that shards need no stages.
 fn plans_a_priori(sampler: &str) -> bool {
     let name = sampler.split(':').next().unwrap_or(sampler);
     registry::SAMPLERS.iter().any(|entry| entry.is_called(name) && ["uniform", "cluster-thesis"].contains(&entry.name))

@@ -136,7 +136,7 @@ pub enum Error {
     },
     /// Processes that cannot render one image together.
     Exchange {
-        /// What each of them reports, one line for each.
+        /// The reports of the processes, one line for each.
         what: String,
     },
     /// A sample that is NaN, infinite or negative, under [`InvalidSample::Fail`](crate::InvalidSample).

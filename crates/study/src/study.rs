@@ -229,7 +229,7 @@ impl Study {
         Ok(StudyStatus::Done)
     }
 
-    /// Whether a run, counted from 0, belongs to the shard of this session.
+    /// Returns true if a run, counted from 0, belongs to the shard of this session.
     fn owns(&self, run: usize) -> bool {
         self.shard.is_none_or(|shard| run % shard.of() as usize == shard.index() as usize)
     }

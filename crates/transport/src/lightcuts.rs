@@ -59,7 +59,7 @@ struct Member {
     bound: f32,
     tree: u32,
     node: u32,
-    /// What the light that stands for the group contributes for each unit of intensity.
+    /// The contribution of the light that stands for the group, per unit of intensity.
     unit: Vec3,
 }
 
@@ -170,7 +170,7 @@ impl CutLight<'_> {
         Some(PointLight { delta: light, ..point })
     }
 
-    /// What a light contributes at a point for each unit of its intensity, and the number of rays traced.
+    /// The contribution of a light at a point per unit of its intensity, and the number of rays traced.
     fn unit(&self, lit: &Lit<'_>, light: &PointLight, far: bool) -> (Vec3, u32) {
         let GatherPoint { at, bsdf, frame, wo, back, .. } = *lit.vertex;
         let from = at.point();

@@ -49,7 +49,7 @@ pub(crate) enum Standing {
     Invalid(SampleId, [f32; 3]),
 }
 
-/// What a process found in its bands.
+/// The results of a process in its bands.
 pub(crate) struct Found {
     /// Numbers of samples, rays, blocks, rejected samples, and samples without a hit or miss.
     pub(crate) totals: [u64; 5],
@@ -132,7 +132,7 @@ impl Message {
 }
 
 impl Found {
-    /// What a process found: the pixels `numbers` of its film. A round of retention `of` writes only one kind of banks.
+    /// The results of a process: the pixels `numbers` of its film. A round of retention `of` writes only one kind of banks.
     pub(crate) fn of(film: &Film, numbers: &[u32], retention: Retention) -> Self {
         let mut splats = Vec::new();
         for (half, sums) in film.splats.sums.iter().enumerate() {

@@ -254,7 +254,7 @@ impl<'a> Team<'a> {
         }
     }
 
-    /// What this process found since films were last gathered.
+    /// The results of this process since films were last gathered.
     fn found(&self, film: &Film, open: &OpenRound) -> Found {
         let mut found = Found::of(film, &self.numbers(film, open, self.me), open.plan.retention);
         if let Some(Before { record, unreported, .. }) = &self.before {

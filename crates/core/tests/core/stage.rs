@@ -159,7 +159,7 @@ fn a_stage_needs_samples_to_trace_and_a_limit_without_a_clock() {
     let shard = Shard::new(0, 1).unwrap();
     let refused = project.render().stage_part(&done, shard, &mut integrator, &mut sampler).unwrap_err();
     assert!(refused.to_string().contains("all samples are traced"), "{refused}");
-    // A stopped part is none.
+    // A part that was stopped returns nothing.
     let mut stop = |_: &Status<'_>| Control::Stop;
     let part = project.render().monitor(&mut stop).stage_part(&first, shard, &mut integrator, &mut sampler).unwrap();
     assert!(part.is_none());
