@@ -7,28 +7,13 @@ use crate::{Record, Retention};
 #[derive(Clone, Copy)]
 pub(crate) struct Picked<'a>(pub(crate) &'a [u32]);
 
-impl Picked<'_> {
+/// A selection of a film's pixels, which can be copied out of its planes.
+pub(super) trait Selection {
     /// Copies the pixels out of a plane with `each` values per pixel; nothing if the film does not record the plane.
-    fn pick<T: Clone>(self, plane: &[T], each: usize) -> Vec<T> {
-        if plane.is_empty() || each == 0 {
-            return Vec::new();
-        }
-        self.0.iter().flat_map(|&i| &plane[i as usize * each..(i as usize + 1) * each]).cloned().collect()
-    }
-
-    /// Puts values of the pixels into a plane. Returns `false` if there are too few or too many.
-    fn place<T>(self, plane: &mut [T], values: Vec<T>, each: usize) -> bool {
-        if plane.is_empty() || each == 0 {
-            return values.is_empty();
-        }
-        let whole = values.len() == self.0.len() * each;
-        let places = self.0.iter().flat_map(|&i| i as usize * each..(i as usize + 1) * each);
-        places.zip(values).for_each(|(place, value)| plane[place] = value);
-        whole
-    }
+    fn pick<T: Clone>(&self, plane: &[T], each: usize) -> Vec<T>;
 
     /// The pixels of a bank whose film has `channels` values beside the radiance.
-    fn bank(self, bank: &Bank, channels: usize) -> Bank {
+    fn bank(&self, bank: &Bank, channels: usize) -> Bank {
         Bank {
             counts: self.pick(&bank.counts, 1),
             means: self.pick(&bank.means, 1),
@@ -41,6 +26,28 @@ impl Picked<'_> {
             samples: bank.samples.with(|rows| self.pick(rows, 1), |paths| self.pick(paths, 1)),
             ahead: self.pick(&bank.ahead, 1),
         }
+    }
+}
+
+impl Selection for Picked<'_> {
+    fn pick<T: Clone>(&self, plane: &[T], each: usize) -> Vec<T> {
+        if plane.is_empty() || each == 0 {
+            return Vec::new();
+        }
+        self.0.iter().flat_map(|&i| &plane[i as usize * each..(i as usize + 1) * each]).cloned().collect()
+    }
+}
+
+impl Picked<'_> {
+    /// Puts values of the pixels into a plane. Returns `false` if there are too few or too many.
+    fn place<T>(self, plane: &mut [T], values: Vec<T>, each: usize) -> bool {
+        if plane.is_empty() || each == 0 {
+            return values.is_empty();
+        }
+        let whole = values.len() == self.0.len() * each;
+        let places = self.0.iter().flat_map(|&i| i as usize * each..(i as usize + 1) * each);
+        places.zip(values).for_each(|(place, value)| plane[place] = value);
+        whole
     }
 
     fn place_bank(self, to: &mut Bank, from: Bank, channels: usize) -> bool {

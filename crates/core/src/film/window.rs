@@ -1,5 +1,6 @@
 //! Parts of films: the statistics of some pixels, taken out and put back.
 
+use super::pick::Selection;
 use super::{Bank, Film, Splats};
 use crate::{Error, Frame, Record, Retention};
 use std::ops::Range;
@@ -28,20 +29,8 @@ impl Film {
     /// A film of the part `frame` of this film's window, with the statistics that a round of this retention writes.
     pub(crate) fn part(&self, frame: Frame, retention: Retention) -> Film {
         let rows = Rows::new(&self.frame, &frame);
-        let each = usize::from(self.needs.channels);
-        let cut = |bank: &Bank| Bank {
-            counts: rows.cut(&bank.counts, 1),
-            means: rows.cut(&bank.means, 1),
-            m2: rows.cut(&bank.m2, 1),
-            ranges: rows.cut(&bank.ranges, 1),
-            emission: rows.cut(&bank.emission, 1),
-            channels: rows.cut(&bank.channels, each),
-            channels_m2: rows.cut(&bank.channels_m2, each),
-            sums: bank.sums.with(|values, each| rows.cut(values, each)),
-            samples: bank.samples.with(|values| rows.cut(values, 1), |paths| rows.cut(paths, 1)),
-            ahead: rows.cut(&bank.ahead, 1),
-        };
-        let banks = self.written(retention).iter().map(cut).collect();
+        let channels = usize::from(self.needs.channels);
+        let banks = self.written(retention).iter().map(|bank| rows.bank(bank, channels)).collect();
         let (kept, discarded) = if retention == Retention::Keep { (banks, Vec::new()) } else { (Vec::new(), banks) };
         Film {
             frame,
@@ -49,10 +38,10 @@ impl Film {
             combine: self.combine,
             kept,
             discarded,
-            features: rows.cut(&self.features, 1),
-            half_features: rows.cut(&self.half_features, self.needs.feature_planes()),
-            first_hits: rows.cut(&self.first_hits, usize::from(self.needs.first_hits)),
-            costs: rows.cut(&self.costs, 1),
+            features: rows.pick(&self.features, 1),
+            half_features: rows.pick(&self.half_features, self.needs.feature_planes()),
+            first_hits: rows.pick(&self.first_hits, usize::from(self.needs.first_hits)),
+            costs: rows.pick(&self.costs, 1),
             splats: Splats::default(),
             rejected: Vec::new(),
             record: Record::default(),
@@ -109,21 +98,22 @@ struct Rows {
     rows: usize,
 }
 
-impl Rows {
-    fn new(whole: &Frame, part: &Frame) -> Self {
-        let [dx, dy] = [0, 1].map(|axis| (part.origin()[axis] - whole.origin()[axis]) as usize);
-        let stride = whole.size()[0] as usize;
-        Self { first: dy * stride + dx, strides: [stride, part.size()[0] as usize], rows: part.size()[1] as usize }
-    }
-
-    /// Copies the part of a plane with `each` values per pixel; nothing if the film does not record the plane.
-    fn cut<T: Clone>(&self, plane: &[T], each: usize) -> Vec<T> {
+impl Selection for Rows {
+    fn pick<T: Clone>(&self, plane: &[T], each: usize) -> Vec<T> {
         if plane.is_empty() || each == 0 {
             return Vec::new();
         }
         let [stride, width] = self.strides;
         let row = |r: usize| (self.first + r * stride) * each;
         (0..self.rows).flat_map(|r| plane[row(r)..row(r) + width * each].iter().cloned()).collect()
+    }
+}
+
+impl Rows {
+    fn new(whole: &Frame, part: &Frame) -> Self {
+        let [dx, dy] = [0, 1].map(|axis| (part.origin()[axis] - whole.origin()[axis]) as usize);
+        let stride = whole.size()[0] as usize;
+        Self { first: dy * stride + dx, strides: [stride, part.size()[0] as usize], rows: part.size()[1] as usize }
     }
 
     /// Moves the rows of samples of the part into a plane.
