@@ -24,6 +24,8 @@ type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 const SCENES: [(&str, f64); 3] = [("cornell", 5.5e6), ("teapot", 3.0e6), ("cabin", 2.0e6)];
 /// Width and height of the measured images.
 const MEASURED: [u32; 2] = [320, 180];
+/// Width and height in CI.
+const SMALL: [u32; 2] = [32, 18];
 /// Samples per pixel of the pilot and of the whole measured render.
 const PILOT: u64 = 4;
 const SPP: u64 = 32;
@@ -61,14 +63,18 @@ const TRIALS: u64 = 5;
 fn main() -> Result<()> {
     let argument = std::env::args().nth(1).ok_or("give `measure`, or the file that it printed")?;
     if argument == "measure" {
-        println!("scene,row,pilot,later");
-        return SCENES.iter().try_for_each(|(name, _)| measure(name));
+        print!("{}", measured(MEASURED)?);
+        return Ok(());
     }
-    let text = std::fs::read_to_string(&argument).map_err(|e| format!("{argument}: {e}"))?;
+    // CI gives a folder: both commands with a small image.
+    let (text, measured) = match std::path::Path::new(&argument).is_dir() {
+        true => (measured(SMALL)?, SMALL),
+        false => (std::fs::read_to_string(&argument).map_err(|e| format!("{argument}: {e}"))?, MEASURED),
+    };
     println!("| scene | image | machines | interleaved | by cost | and stragglers | and failures | minutes |");
     println!("|---|---|---|---|---|---|---|---|");
     for (name, rays_per_second) in SCENES {
-        let rows = Rows::read(&text, name)?;
+        let rows = Rows::read(&text, name, measured[0])?;
         for [width, height] in [[3840, 2160], [15360, 8640]] {
             for machines in [64, 256, 1024] {
                 println!("{}", row(name, &rows, rays_per_second, [width, height], machines));
@@ -78,25 +84,29 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Prints the rays of each row of a scene.
-fn measure(name: &str) -> Result<()> {
+/// The rays of each row of each scene, as lines of text below their heads.
+fn measured(size: [u32; 2]) -> Result<String> {
+    let lines: Vec<String> = SCENES.iter().map(|(name, _)| measured_scene(name, size)).collect::<Result<_>>()?;
+    Ok(format!("scene,row,pilot,later\n{}", lines.concat()))
+}
+
+fn measured_scene(name: &str, [width, height]: [u32; 2]) -> Result<String> {
     let scene = bundled::files(name).ok_or("unknown scene")?.read()?;
     let world = Arc::new(World::new(&scene)?);
-    let frame = Frame::new(MEASURED[0], MEASURED[1])?;
+    let frame = Frame::new(width, height)?;
     let rays = |sampler: &str, spp: u64| -> Result<Vec<u64>> {
         let points = registry::points("sobol", Setting { seed: 1, spp: None })?;
         let mut sampler = registry::sampler(sampler, points, &MethodInputs::of(world.clone()))?.sampler;
         let limits = Limits::samples(spp * frame.pixels() as u64);
         let render = Render::new(frame, &limits).needs(Needs::none().with_cost());
         let film = render.run(&mut *integrator(&world), &mut *sampler)?;
-        let row = |y: usize| (0..MEASURED[0] as usize).filter_map(|x| film.cost(y * MEASURED[0] as usize + x)).sum();
-        Ok((0..MEASURED[1] as usize).map(row).collect())
+        let row = |y: usize| (0..width as usize).filter_map(|x| film.cost(y * width as usize + x)).sum();
+        Ok((0..height as usize).map(row).collect())
     };
     let (pilot, all) = (rays("uniform", PILOT)?, rays("adaptive", SPP)?);
-    for (row, (pilot, all)) in pilot.iter().zip(&all).enumerate() {
-        println!("{name},{row},{pilot},{}", all.saturating_sub(*pilot));
-    }
-    Ok(())
+    let line =
+        |(row, (pilot, all)): (usize, (&u64, &u64))| format!("{name},{row},{pilot},{}\n", all.saturating_sub(*pilot));
+    Ok(pilot.iter().zip(&all).enumerate().map(line).collect())
 }
 
 /// Rays per sample of the mean pixel of each measured row, in the pilot and later: the share that the sampler gives the row
@@ -107,12 +117,12 @@ struct Rows {
 }
 
 impl Rows {
-    fn read(text: &str, scene: &str) -> Result<Self> {
+    fn read(text: &str, scene: &str, width: u32) -> Result<Self> {
         let mut rows = Self { pilot: Vec::new(), later: Vec::new() };
         for line in text.lines().filter(|line| line.split(',').next() == Some(scene)) {
             let values: Vec<f64> = line.split(',').skip(2).map(str::parse).collect::<std::result::Result<_, _>>()?;
             let [pilot, later] = values[..] else { return Err(format!("\"{line}\" has no two numbers").into()) };
-            let pixels = f64::from(MEASURED[0]);
+            let pixels = f64::from(width);
             rows.pilot.push(pilot / (pixels * PILOT as f64));
             rows.later.push(later / (pixels * (SPP - PILOT) as f64));
         }
