@@ -6,7 +6,8 @@ use rayon::prelude::*;
 /// Checks every required property of a [`PointSet`] on fixed inputs.
 ///
 /// * Range: every coordinate is in `[0, 1)`, also at the last index, the last block and far pixels.
-/// * Purity: the same bits in forward, backward and interleaved order, on several threads, and in batches of any size.
+/// * Purity: the same bits in forward, backward and interleaved order, on several threads, in pairs of blocks, and in
+///   batches of any size.
 /// * Uniformity: mean and variance of each coordinate over pixels are those of uniform numbers, and values come close
 ///   to both 0 and 1.
 /// * Independence: pixels at five lags, streams, and blocks up to number 4000 are uncorrelated, also in the order in
@@ -33,6 +34,7 @@ pub fn point_set(points: &dyn PointSet) {
     range(points);
     distinct(points);
     purity(points);
+    pairs(points);
     batches(points);
     uniform(points);
     pixels_are_independent(points);
@@ -177,6 +179,27 @@ fn purity(points: &dyn PointSet) {
     ] {
         for ((name, a), b) in names.iter().zip(&forward).zip(&values) {
             assert_eq!(a, b, "{}: {name:?} read {order} differs from reading forward", points.describe());
+        }
+    }
+}
+
+/// Checks that two blocks read together are those read one by one.
+fn pairs(points: &dyn PointSet) {
+    let bits = |block: [f32; 4]| block.map(f32::to_bits);
+    for index in critical_indices(points) {
+        for (pixel, stream) in [([0, 0], 0), ([3, 5], 1), ([u32::MAX, 65_536], u32::MAX)] {
+            let id = id(pixel, stream, index);
+            for first in BLOCKS {
+                for second in [0, first, first + 1, u32::MAX] {
+                    let together = points.two_blocks(id, [first, second]).map(bits);
+                    let alone = [first, second].map(|block| bits(points.block(id, block)));
+                    let name = points.describe();
+                    assert_eq!(
+                        together, alone,
+                        "{name}: blocks {first} and {second} of {id:?} differ when read together"
+                    );
+                }
+            }
         }
     }
 }

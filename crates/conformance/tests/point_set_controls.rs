@@ -55,6 +55,29 @@ fn a_sound_set_is_accepted() {
     dapple_conformance::point_set(&Faulty(sound));
 }
 
+/// A point set whose second block of two is the next one.
+struct Mispaired;
+
+impl PointSet for Mispaired {
+    fn describe(&self) -> String {
+        "mispaired".into()
+    }
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        sound(id, block)
+    }
+    fn two_blocks(&self, id: SampleId, [first, second]: [u32; 2]) -> [[f32; 4]; 2] {
+        [sound(id, first), sound(id, second.wrapping_add(1))]
+    }
+    fn capacity(&self) -> u64 {
+        u64::MAX
+    }
+}
+
+#[test]
+fn blocks_that_differ_when_read_together_are_rejected() {
+    rejected(&Mispaired, "differ when read together");
+}
+
 #[test]
 fn a_coordinate_of_1_is_rejected() {
     // Rounding to nearest reaches 1.0 once in 2^25 numbers; here at one index, so that the check meets it.

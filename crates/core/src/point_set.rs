@@ -99,6 +99,13 @@ pub trait PointSet: Send + Sync {
     /// `index < capacity()`.
     fn block(&self, id: SampleId, block: u32) -> [f32; 4];
 
+    /// Two blocks of one sample, each with the bits that [`block`](Self::block) returns. Point sets that compute two
+    /// together in less time override this.
+    #[inline]
+    fn two_blocks(&self, id: SampleId, blocks: [u32; 2]) -> [[f32; 4]; 2] {
+        blocks.map(|block| self.block(id, block))
+    }
+
     /// The number of samples per pixel and stream before the points repeat. The render loop refuses a longer round with
     /// [`Error::SequenceExhausted`](crate::Error::SequenceExhausted).
     fn capacity(&self) -> u64;
@@ -125,6 +132,7 @@ pub trait PointSet: Send + Sync {
 forward!(PointSet for &T, Box<T>, Arc<T>; {
     ref describe() -> String;
     ref block(id: SampleId, block: u32) -> [f32; 4];
+    ref two_blocks(id: SampleId, blocks: [u32; 2]) -> [[f32; 4]; 2];
     ref capacity() -> u64;
     ref preferred_count(n: u64) -> u64;
     ref is_independent() -> bool;

@@ -59,7 +59,13 @@ impl PointSet for Sobol {
 
     #[inline]
     fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
-        self.arch.dispatch(Points { seed: self.seed, id, block })
+        let [coordinates] = self.arch.dispatch(Points { seed: self.seed, id, blocks: [block] });
+        coordinates
+    }
+
+    #[inline]
+    fn two_blocks(&self, id: SampleId, blocks: [u32; 2]) -> [[f32; 4]; 2] {
+        self.arch.dispatch(Points { seed: self.seed, id, blocks })
     }
 
     /// Returns `2^32`. Until then all samples of a pair lie in different elementary intervals of `2^-16 x 2^-16`, so no
@@ -86,37 +92,42 @@ pub(crate) fn preferred_count(n: u64) -> u64 {
     if power >= 4 && n <= power / 4 * 3 { power / 4 * 3 } else { power }
 }
 
-/// The computation of one block, compiled for each set of vector instructions that the machine may have.
-struct Points {
+/// The computation of N blocks of one sample, compiled for each set of vector instructions that the machine may have.
+struct Points<const N: usize> {
     seed: Seed,
     id: SampleId,
-    block: u32,
+    blocks: [u32; N],
 }
 
-impl NullaryFnOnce for Points {
-    type Output = [f32; 4];
+impl<const N: usize> NullaryFnOnce for Points<N> {
+    type Output = [[f32; 4]; N];
 
     #[inline(always)]
-    fn call(self) -> [f32; 4] {
-        let Self { seed, id, block } = self;
-        let key = seed.key(&id, block, id.index >> 32);
-        let [shuffle0, shuffle1] = halves(key);
-        let [scramble_x0, scramble_y0] = halves(nth_key(key, 0));
-        let [scramble_x1, scramble_y1] = halves(nth_key(key, 1));
-
-        // Two 32-bit values share one u64, so that one reversal serves both. It also swaps them.
+    fn call(self) -> [[f32; 4]; N] {
+        let Self { seed, id, blocks } = self;
+        let keys = blocks.map(|block| seed.key(&id, block, id.index >> 32));
         let reversed = (id.index as u32).reverse_bits();
-        let shuffled0 = owen_reversed(reversed, shuffle0);
-        let shuffled1 = owen_reversed(reversed, shuffle1);
-        let index = pack(shuffled1, shuffled0).reverse_bits();
+        let coordinates = keys.map(|key| {
+            let [shuffle0, shuffle1] = halves(key);
+            // Two 32-bit values share one u64, so that one reversal serves both. It also swaps them.
+            let shuffled0 = owen_reversed(reversed, shuffle0);
+            let shuffled1 = owen_reversed(reversed, shuffle1);
+            let index = pack(shuffled1, shuffled0).reverse_bits();
 
-        // The reversed bits of the first Sobol' coordinate are the index itself.
-        let [x0, x1] = halves(index);
-        let [y0, y1] = halves(sobol1_reversed(index));
-        let coordinates = [x0, y0, x1, y1];
-        let keys = [scramble_x0, scramble_y0, scramble_x1, scramble_y1];
-        // All four at once, so that compilers can vectorise them.
-        std::array::from_fn(|k| unit(owen_reversed(coordinates[k], keys[k]).reverse_bits()))
+            // The reversed bits of the first Sobol' coordinate are the index itself.
+            let [x0, x1] = halves(index);
+            let [y0, y1] = halves(sobol1_reversed(index));
+            [x0, y0, x1, y1]
+        });
+        let keys = keys.map(|key| {
+            let [scramble_x0, scramble_y0] = halves(nth_key(key, 0));
+            let [scramble_x1, scramble_y1] = halves(nth_key(key, 1));
+            [scramble_x0, scramble_y0, scramble_x1, scramble_y1]
+        });
+        // All lanes at once, so that compilers can vectorise them.
+        std::array::from_fn(|n| {
+            std::array::from_fn(|k| unit(owen_reversed(coordinates[n][k], keys[n][k]).reverse_bits()))
+        })
     }
 }
 

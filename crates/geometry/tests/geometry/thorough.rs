@@ -120,7 +120,12 @@ fn building_takes_linear_time_and_memory_up_to_fifty_million_triangles_z02() {
             let seconds = |_| built(field(rows, columns, rough));
             (0..2).map(seconds).fold(f64::INFINITY, f64::min)
         });
-        println!("{name}: {half:.1} s, twice as many triangles {whole:.1} s, {:.2} times", whole / half);
+        let [_, (rows, columns)] = sizes;
+        let triangles = f64::from(2 * rows * columns);
+        println!(
+            "{name} of {triangles:.1e}: {half:.1} s, twice as many triangles {whole:.1} s, {:.2} times",
+            whole / half
+        );
         if whole > 2.3 * half {
             slow.push(format!("{name} takes {half} s, twice as many triangles {whole} s"));
         }

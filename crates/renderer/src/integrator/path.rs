@@ -231,8 +231,11 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         let roulette = Self::HAS_ROULETTE && path.depth >= ROULETTE_FROM;
         let several_lights = Self::HAS_SEVERAL_LIGHTS && world.lights.len() > 1;
         let chooses = several_lights || varied && surface.several_lobes || roulette;
-        let choices = if chooses { draws.block(blocks::choose(path.depth)) } else { [0.0; 4] };
-        let u = draws.block(blocks::scatter(path.depth));
+        let scatter = blocks::scatter(path.depth);
+        let [u, choices] = match chooses {
+            true => draws.two_blocks([scatter, blocks::choose(path.depth)]),
+            false => [draws.block(scatter), [0.0; 4]],
+        };
         let mut place = S::NOWHERE;
         let mut samples_lights = true;
         if G::ACTIVE {
