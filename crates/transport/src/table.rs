@@ -24,7 +24,7 @@ pub const ENTRIES: &[IntegratorEntry] = &[
         [
             "lightcuts",
             "direct light of many lights by cuts through trees of them, then path tracing",
-            "Walter et al. 2005",
+            "Walter et al. 2005; clusters after Wang et al. 2011",
         ],
         LightcutOptions::PARAMETERS,
         lightcuts::make,
