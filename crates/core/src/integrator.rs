@@ -1,7 +1,7 @@
 //! Radiance estimates, first hits and training data of integrators.
 
 use crate::forward::forward;
-use crate::{Draws, Needs, Worker};
+use crate::{Draws, Frame, Needs, Worker};
 use rayon::prelude::*;
 
 mod pass;
@@ -415,6 +415,13 @@ pub trait Integrator: Sync {
         let _ = pass;
         Prepared::default()
     }
+
+    /// The bytes that this integrator takes for what it prepares for an image, 0 by default. An estimate, made before it
+    /// prepares.
+    fn memory(&self, frame: &Frame) -> u64 {
+        let _ = frame;
+        0
+    }
 }
 
 forward!(Integrator for &mut T, Box<T>; {
@@ -422,6 +429,7 @@ forward!(Integrator for &mut T, Box<T>; {
     ref needs() -> Needs;
     ref wants_training() -> bool;
     ref prepares() -> Prepares;
+    ref memory(frame: &Frame) -> u64;
     mut learn(pass: &TrainingData);
     mut prepare(pass: &Pass<'_>) -> Prepared;
 });

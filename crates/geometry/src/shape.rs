@@ -142,6 +142,18 @@ impl Sphere {
         [longitude(p), (1.0 - (p.z / p.length()).clamp(-1.0, 1.0).acos() / PI) as f32]
     }
 
+    /// The map from the sphere's own space, in which its centre is the origin, to world space.
+    #[must_use]
+    pub fn to_world(&self) -> DAffine3 {
+        self.space.to_world
+    }
+
+    /// The radius in the sphere's own space.
+    #[must_use]
+    pub fn radius(&self) -> f64 {
+        self.radius
+    }
+
     /// Returns the derivatives of a point's world-space position with respect to `u` and `v` of
     /// [`Geometry::parametric`](crate::Geometry::parametric). At the poles, both derivatives are zero.
     #[must_use]
@@ -228,6 +240,18 @@ impl Disk {
         let p = self.space.point_to_object(point);
         let v = (self.radius - p.truncate().length()) / (self.radius - self.inner_radius);
         [longitude(p), v.clamp(0.0, 1.0) as f32]
+    }
+
+    /// The map from the disk's own space, in which it lies around the z axis, to world space.
+    #[must_use]
+    pub fn to_world(&self) -> DAffine3 {
+        self.space.to_world
+    }
+
+    /// The height along the z axis, the radius and the inner radius in the disk's own space.
+    #[must_use]
+    pub fn extent(&self) -> [f64; 3] {
+        [self.height, self.radius, self.inner_radius]
     }
 
     /// Returns the derivatives of a point's world-space position with respect to `u` and `v` of

@@ -50,6 +50,8 @@ pub struct Job {
     limits: Limits,
     points: String,
     integrator: String,
+    /// The bytes of light that the integrator prepares.
+    integrator_bytes: u64,
     described: String,
     sampler: Box<dyn Sampler>,
     filter: Box<dyn Filter>,
@@ -193,7 +195,7 @@ impl Job {
         }
         let (integrator, _) = chosen::integrator(spec, &prepared.scene);
         let made = make_integrator(&integrator, &prepared.world)?;
-        let (prepares, of_integrator) = (made.prepares(), made.needs());
+        let (prepares, of_integrator, integrator_bytes) = (made.prepares(), made.needs(), made.memory(&frame));
         drop(made);
         if of_integrator.splats && matches!(limits.budget, Budget::Error { .. }) {
             return Err(JobError::SplatsWithoutError { integrator });
@@ -210,6 +212,7 @@ impl Job {
             limits,
             points: points_described,
             integrator,
+            integrator_bytes,
             described: sampler.describe(),
             needs: filter.needs().and(of_integrator),
             sampler,
@@ -327,7 +330,9 @@ impl Job {
         let limited = matches!(limits.budget, Budget::Error { .. }) && self.is_error_of_filtered();
         let memory = if limited { memory.with_error_of(frame) } else { memory };
         let files = self.outputs.memory(frame, &memory.needs, self.filter.name() != Unfiltered.name());
-        Ok(MemoryEstimate::of_render(&self.prepared.expected, &memory, files, keeps || self.spec.shard.is_some()))
+        let estimate =
+            MemoryEstimate::of_render(&self.prepared.expected, &memory, files, keeps || self.spec.shard.is_some());
+        Ok(estimate.with_integrator(self.integrator_bytes))
     }
 
     /// Traces the render, from the beginning or from the checkpoint file in `checkpoints`.

@@ -4,7 +4,7 @@
 //! rough surface of a camera path is lit by all virtual lights of its set, and ends the path unless a mirror follows.
 
 use crate::walk::{Arrival, Onwards, Sources, walk};
-use dapple_core::{Draws, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
+use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_geometry::SurfacePoint;
 use dapple_renderer::light::{LightSample, Target};
 use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
@@ -165,5 +165,11 @@ impl VertexLight for VirtualLights<'_> {
             self.sets[half as usize] = set;
         }
         prepared
+    }
+
+    fn memory(&self, _: &Frame) -> u64 {
+        /// Virtual lights of a path, and the reserve of a growing list.
+        const OF_A_PATH: u64 = 8;
+        2 * OF_A_PATH * size_of::<VirtualLight>() as u64 * u64::from(self.options.paths)
     }
 }

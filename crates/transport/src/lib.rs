@@ -7,7 +7,9 @@ mod bdpt;
 mod instant;
 mod lightcuts;
 mod metropolis;
+mod patches;
 mod photons;
+mod radiosity;
 mod table;
 mod walk;
 
@@ -16,4 +18,5 @@ pub use instant::InstantOptions;
 pub use lightcuts::LightcutOptions;
 pub use metropolis::{Metropolis, MetropolisOptions};
 pub use photons::{PhotonOptions, What};
+pub use radiosity::RadiosityOptions;
 pub use table::{ENTRIES, check_integrator, integrators, make_integrator};

@@ -3,16 +3,21 @@
 //! Lights become points in binary trees. At the first rough surface of a path, a cut through the trees is refined until no
 //! group's error bound exceeds a share of the estimate. Later surfaces sample lights as the path tracer does.
 
+mod common;
+#[cfg(test)]
+mod tests;
 mod tree;
 
-use dapple_core::{Draws, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
+use crate::patches::Patches;
+use common::{CommonCuts, grid};
+use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_renderer::light::{LightSample, SelectedLight, Target};
 use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
 use dapple_scene::Effect;
 use glam::Vec3;
 use std::collections::BinaryHeap;
 use std::f32::consts::{FRAC_1_PI, PI};
-use tree::{LightTree, PointLight, SETS, luminance};
+use tree::{LightTree, Node, PointLight, SETS, luminance};
 
 dapple_core::options! {
     /// The parameters of the integrator `lightcuts`.
@@ -25,6 +30,8 @@ dapple_core::options! {
         pub points: u32 = 1024, |points| (1..=1 << 24).contains(&points), "1 to 16777216";
         /// Directions of each environment.
         pub sky: u32 = 4096, |sky| (1..=1 << 24).contains(&sky), "1 to 16777216";
+        /// The desired number of clusters of surfaces whose points share the start of their cuts; 0 starts from all lights.
+        pub clusters: u32 = 0, |clusters| clusters <= 1 << 16, "0 to 65536";
     }
 }
 
@@ -35,7 +42,11 @@ pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Int
         let reason = "the scene has a medium that scatters light, and cuts are made on surfaces only; use \"path\"";
         return Err(MakeError::Scene(reason.into()));
     }
-    Ok(path_tracer_with(world, CutLight { world, options, trees: Vec::new(), floor: 0.0 }))
+    let patches = match options.clusters {
+        0 => None,
+        clusters => Some(Patches::new(world, clusters).map_err(MakeError::Scene)?),
+    };
+    Ok(path_tracer_with(world, CutLight::new(world, options, patches)))
 }
 
 /// The least microfacet width of a surface whose light comes from a cut. Narrower lobes would show single points.
@@ -50,6 +61,27 @@ struct CutLight<'w> {
     trees: Vec<LightTree>,
     /// The luminance below which errors do not count.
     floor: f32,
+    /// The clusters of which common cuts are to be made.
+    patches: Option<Patches>,
+    common: Option<CommonCuts>,
+}
+
+/// A node of one of the trees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct NodeId {
+    tree: u32,
+    node: u32,
+}
+
+/// The light of a cut.
+#[derive(Clone, Copy, Debug)]
+struct CutSum {
+    light: Vec3,
+    /// The number of rays traced.
+    rays: u32,
+    /// The number of nodes whose bounds were computed.
+    #[cfg_attr(not(test), expect(dead_code, reason = "for tests"))]
+    visited: u32,
 }
 
 /// A group of lights in a cut.
@@ -57,8 +89,7 @@ struct CutLight<'w> {
 struct Member {
     /// An upper bound of the group's error, in luminance.
     bound: f32,
-    tree: u32,
-    node: u32,
+    id: NodeId,
     /// The contribution of the light that stands for the group, per unit of intensity.
     unit: Vec3,
 }
@@ -80,7 +111,7 @@ impl PartialOrd for Member {
 impl Ord for Member {
     /// By bound; equal ones by number, so that the order is always the same.
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.bound.total_cmp(&other.bound).then((other.tree, other.node).cmp(&(self.tree, self.node)))
+        self.bound.total_cmp(&other.bound).then(other.id.cmp(&self.id))
     }
 }
 
@@ -105,7 +136,11 @@ impl<'a> Lit<'a> {
     }
 }
 
-impl CutLight<'_> {
+impl<'w> CutLight<'w> {
+    fn new(world: &'w World, options: LightcutOptions, patches: Option<Patches>) -> Self {
+        Self { world, options, trees: Vec::new(), floor: 0.0, patches, common: None }
+    }
+
     /// Makes points of all lights.
     fn trees(&self, pass: &Pass<'_>) -> Vec<LightTree> {
         let lights = self.world.lights();
@@ -210,45 +245,53 @@ impl CutLight<'_> {
         (unit * share, rays)
     }
 
-    /// The light of all lights at a point, by a cut; with the number of rays traced.
-    fn cut(&self, lit: &Lit<'_>, heap: &mut BinaryHeap<Member>) -> (Vec3, u32) {
+    /// The roots of all trees.
+    fn roots(&self) -> impl Iterator<Item = NodeId> {
+        (0..self.trees.len() as u32).map(|tree| NodeId { tree, node: 0 })
+    }
+
+    /// The light of all lights at a point, by a cut that `heap` holds afterwards. It is refined from the nodes of
+    /// `start`, or from the roots if there are none.
+    fn cut(&self, lit: &Lit<'_>, start: &[NodeId], heap: &mut BinaryHeap<Member>) -> CutSum {
         heap.clear();
-        let (mut total, mut traced) = (Vec3::ZERO, 0);
-        let add = |tree: u32, node: u32, unit: Option<Vec3>, heap: &mut BinaryHeap<Member>| -> (Vec3, u32) {
-            let of = &self.trees[tree as usize];
-            let group = &of.nodes[node as usize];
-            let bound = group.bound(of.far, lit.vertex.at.point().position, lit.normal) * lit.material;
-            let bound = if group.children.is_some() { bound } else { 0.0 };
-            let (unit, rays) = match unit {
+        let (mut total, mut rays, mut visited) = (Vec3::ZERO, 0, 0);
+        let mut add = |id: NodeId, unit: Option<Vec3>, heap: &mut BinaryHeap<Member>| -> Vec3 {
+            let of = &self.trees[id.tree as usize];
+            let group = &of.nodes[id.node as usize];
+            let bound = match group.children {
+                Some(_) => group.bound(of.far, lit.vertex.at.point().position, lit.normal) * lit.material,
+                None => 0.0,
+            };
+            let (unit, traced) = match unit {
                 Some(unit) => (unit, 0),
                 None => self.unit(lit, &of.lights[group.lights[lit.set] as usize], of.far),
             };
-            heap.push(Member { bound, tree, node, unit });
-            (unit * group.intensity, rays)
+            (rays, visited) = (rays + traced, visited + 1);
+            heap.push(Member { bound, id, unit });
+            unit * group.intensity
         };
-        for tree in 0..self.trees.len() as u32 {
-            let (light, rays) = add(tree, 0, None, heap);
-            (total, traced) = (total + light, traced + rays);
+        match start {
+            [] => self.roots().for_each(|id| total += add(id, None, heap)),
+            start => start.iter().for_each(|id| total += add(*id, None, heap)),
         }
-        while let Some(&Member { bound, tree, node, unit }) = heap.peek() {
+        while let Some(&Member { bound, id, unit }) = heap.peek() {
             let enough = self.options.error * luminance(total).max(self.floor);
             if bound <= enough || heap.len() as u32 >= self.options.cut {
                 break;
             }
             heap.pop();
-            let of = &self.trees[tree as usize];
-            let parent = &of.nodes[node as usize];
+            let of = &self.trees[id.tree as usize];
+            let parent = &of.nodes[id.node as usize];
             let Some(children) = parent.children else { break };
             total -= unit * parent.intensity;
-            for child in children {
-                let same = of.nodes[child as usize].lights[lit.set] == parent.lights[lit.set];
-                let (light, rays) = add(tree, child, same.then_some(unit), heap);
-                (total, traced) = (total + light, traced + rays);
+            for node in children {
+                let same = of.nodes[node as usize].lights[lit.set] == parent.lights[lit.set];
+                total += add(NodeId { node, ..id }, same.then_some(unit), heap);
             }
         }
         // Subtractions leave rounding, so the sum is made anew, in an order that the cut determines.
-        let sum = heap.iter().map(|m| m.unit * self.trees[m.tree as usize].nodes[m.node as usize].intensity).sum();
-        (sum, traced)
+        let light = |m: &Member| m.unit * self.trees[m.id.tree as usize].nodes[m.id.node as usize].intensity;
+        CutSum { light: heap.iter().map(light).sum(), rays, visited }
     }
 }
 
@@ -273,7 +316,9 @@ impl VertexLight for CutLight<'_> {
         }
         (state.is_made, state.next) = (true, true);
         let set = (draws.sample_number() % SETS as u64) as usize;
-        self.cut(&Lit::new(vertex, set), worker.scratch())
+        let start = self.common.as_ref().map_or(&[][..], |common| common.at(self.world, vertex));
+        let sum = self.cut(&Lit::new(vertex, set), start, worker.scratch());
+        (sum.light, sum.rays)
     }
 
     fn samples_lights(&self, state: &Cut, vertex: &GatherPoint<'_>) -> bool {
@@ -303,33 +348,50 @@ impl VertexLight for CutLight<'_> {
 
     fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
         self.trees = self.trees(pass);
-        let (floor, rays) = self.mean(pass);
+        let (floor, mut rays) = self.mean(&pass.frame);
         self.floor = FLOOR * floor;
+        if let Some(patches) = self.patches.take() {
+            let (common, more) = self.common_cuts(patches, &pass.frame);
+            (self.common, rays) = (Some(common), rays + more);
+        }
         Prepared { rays }
+    }
+
+    fn memory(&self, _: &Frame) -> u64 {
+        let lights = self.world.lights();
+        let skies = (0..lights.len() as u32).filter(|l| !lights.is_delta(*l) && lights.light_sphere(*l).is_none());
+        let points = u64::from(self.options.points) + lights.len() as u64;
+        let all = points + skies.count() as u64 * u64::from(self.options.sky);
+        let of_trees = all * (size_of::<PointLight>() + 2 * size_of::<Node>()) as u64;
+        let patches = self.patches.as_ref().map_or(0, Patches::bytes);
+        let cuts = 2 * u64::from(self.options.clusters) * all.min(u64::from(self.options.cut));
+        of_trees + patches + self.common.as_ref().map_or(cuts * size_of::<NodeId>() as u64, CommonCuts::bytes)
     }
 }
 
 impl CutLight<'_> {
     /// The mean luminance of the cuts at a grid of first hits, and the number of rays.
-    fn mean(&self, pass: &Pass<'_>) -> (f32, u64) {
+    fn mean(&self, frame: &Frame) -> (f32, u64) {
         const SIDE: u32 = 16;
-        let [width, height] = pass.frame.resolution();
-        let (mut sum, mut rays, mut heap) = (0.0, 0, BinaryHeap::new());
-        for i in 0..SIDE * SIDE {
-            let pixel = [i % SIDE * width / SIDE, i / SIDE * height / SIDE];
-            let draws = crate::walk::probe(pixel);
-            let (ray, time) = self.world.camera_ray(&draws);
-            rays += 1;
-            let Some(at) = self.world.closest_hit(&ray, time) else { continue };
-            let Some((bsdf, frame)) = self.world.scattering(&at, || [0.5; 2]) else { continue };
-            let back = -ray.direction;
-            let vertex = GatherPoint { at: &at, bsdf: &bsdf, frame: &frame, wo: frame.to_local(back), back, depth: 0 };
-            if cuts_at(&vertex) {
-                let (light, traced) = self.cut(&Lit::new(&vertex, 0), &mut heap);
+        let (mut sum, mut rays, mut heap) = (0.0, u64::from(SIDE * SIDE), BinaryHeap::new());
+        for pixel in grid(frame, SIDE) {
+            let cut = self.at_first_hit(pixel, |vertex| self.cut(&Lit::new(vertex, 0), &[], &mut heap));
+            if let Some(CutSum { light, rays: traced, .. }) = cut {
                 (sum, rays) = (sum + luminance(light), rays + u64::from(traced));
             }
         }
         (sum / (SIDE * SIDE) as f32, rays)
+    }
+
+    /// The value of a function at the first hit of a camera ray through a pixel, if its light would come from a cut.
+    fn at_first_hit<T>(&self, pixel: [u32; 2], at: impl FnOnce(&GatherPoint<'_>) -> T) -> Option<T> {
+        let draws = crate::walk::probe(pixel);
+        let (ray, time) = self.world.camera_ray(&draws);
+        let hit = self.world.closest_hit(&ray, time)?;
+        let (bsdf, frame) = self.world.scattering(&hit, || [0.5; 2])?;
+        let back = -ray.direction;
+        let vertex = GatherPoint { at: &hit, bsdf: &bsdf, frame: &frame, wo: frame.to_local(back), back, depth: 0 };
+        cuts_at(&vertex).then(|| at(&vertex))
     }
 }
 

@@ -235,4 +235,14 @@ impl Integrator for Metropolis<'_> {
         self.frame = Some(pass.frame);
         prepared
     }
+
+    fn memory(&self, frame: &Frame) -> u64 {
+        /// Light that a mutation adds to pixels: its own and a few splats of two states.
+        const DEPOSITS: u64 = 8;
+        let pixels = frame.pixels() as u64;
+        let images = (IMAGES * size_of::<[f32; 3]>() + size_of::<[f64; 3]>()) as u64 * pixels;
+        let seeds = (pixels as f64 * self.options.seeds) as u64 * size_of::<(f64, u64)>() as u64;
+        let mutations = pixels.min(TOGETHER * u64::from(self.options.length));
+        images + seeds + mutations * DEPOSITS * size_of::<Deposit>() as u64
+    }
 }

@@ -3,6 +3,7 @@
 use crate::instant::{self, InstantOptions};
 use crate::lightcuts::{self, LightcutOptions};
 use crate::photons::{self, PhotonOptions};
+use crate::radiosity::{self, RadiosityOptions};
 use crate::{Bdpt, BdptOptions, Metropolis, MetropolisOptions};
 use dapple_core::{Integrator, Options as _};
 use dapple_renderer::{IntegratorEntry, IntegratorError, World, check_integrator_among, make_integrator_among};
@@ -23,7 +24,7 @@ pub const ENTRIES: &[IntegratorEntry] = &[
         [
             "lightcuts",
             "direct light of many lights by cuts through trees of them, then path tracing",
-            "Walter et al. 2005",
+            "Walter et al. 2005; clusters after Wang et al. 2011",
         ],
         LightcutOptions::PARAMETERS,
         lightcuts::make,
@@ -32,6 +33,15 @@ pub const ENTRIES: &[IntegratorEntry] = &[
         ["instant", "indirect light from virtual lights, which paths from the lamps leave behind", "Keller 1997"],
         InstantOptions::PARAMETERS,
         instant::make,
+    ),
+    IntegratorEntry::new(
+        [
+            "radiosity",
+            "indirect light of diffuse surfaces from patches: clusters of their triangles, lit by paths from the lamps",
+            "Goral et al. 1984; particles after Pattanaik and Mudur 1992; clusters of Lan 2016",
+        ],
+        RadiosityOptions::PARAMETERS,
+        radiosity::make,
     ),
     IntegratorEntry::new(
         [

@@ -1,6 +1,6 @@
 //! Paths from the lights: emission, specular and rough scattering, passage through media.
 
-use dapple_core::{Block, Draws, HostNumbers, SampleId, streams};
+use dapple_core::{Block, Draws, Frame, HostNumbers, SampleId, streams};
 use dapple_geometry::spawn_ray;
 use dapple_renderer::light::{EmittedLight, SelectedLight};
 use dapple_renderer::shading::{Bsdf, Discrete, ShadingFrame};
@@ -24,6 +24,12 @@ const MOST_HITS: u32 = 10_000;
 /// The random numbers of a camera ray that only probes the scene.
 pub(crate) fn probe(pixel: [u32; 2]) -> Draws<'static> {
     Draws::new(&HostNumbers, SampleId::new(pixel, streams::PROBE, 0))
+}
+
+/// The paths to emit per pass and half of the samples: as many as requested, or one per pixel for 0.
+pub(crate) fn emitted(requested: u32, frame: &Frame) -> u32 {
+    let pixels = u32::try_from(frame.pixels()).unwrap_or(u32::MAX);
+    if requested == 0 { pixels.clamp(1000, 1 << 22) } else { requested }
 }
 
 /// Some lights of a world, and how their rays are selected: each light's rays are divided into a grid of cells.
@@ -163,10 +169,11 @@ fn emit(
 /// The largest random number below 1.
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
-/// Light that arrives at a surface that is not a mirror or clear glass.
+/// Light that arrives at a surface.
 pub(crate) struct Arrival<'a> {
     pub(crate) at: &'a Interaction<'a>,
     pub(crate) bsdf: &'a Bsdf<'a>,
+    pub(crate) frame: &'a ShadingFrame,
     /// The unit direction that the light came from, in the renderer's space.
     pub(crate) from: Vec3,
     /// The flux that arrives.
@@ -177,7 +184,7 @@ pub(crate) struct Arrival<'a> {
     pub(crate) is_specular: bool,
 }
 
-/// The continuation of a path after an arrival.
+/// The continuation of a path after an arrival. At a mirror and clear glass, it continues specularly in any case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Onwards {
     /// In any direction that the surface scatters to.
@@ -188,8 +195,8 @@ pub(crate) enum Onwards {
     Stop,
 }
 
-/// Traces a path from a ray that leaves a light. Calls `arrive` at each surface that is not a mirror or clear glass.
-/// Returns the number of rays.
+/// Traces a path from a ray that leaves a light. Calls `arrive` at each surface. Returns the number of
+/// rays.
 pub(crate) fn walk(
     world: &World,
     emitted: &EmittedLight,
@@ -211,10 +218,8 @@ pub(crate) fn walk(
             continue;
         };
         let from = -ray.direction;
-        let onwards = match bsdf.is_specular() {
-            true => Onwards::Specular,
-            false => arrive(&Arrival { at: &at, bsdf: &bsdf, from, flux, bounces, is_specular }),
-        };
+        let arrived = arrive(&Arrival { at: &at, bsdf: &bsdf, frame: &frame, from, flux, bounces, is_specular });
+        let onwards = if bsdf.is_specular() { Onwards::Specular } else { arrived };
         if onwards == Onwards::Stop || bounces + 1 >= world.max_depth() {
             return rays;
         }

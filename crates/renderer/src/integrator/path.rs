@@ -18,7 +18,7 @@ use crate::light::LightSample;
 use crate::material::Surface;
 use crate::shading::{Bsdf, ShadingFrame, power_heuristic, power_heuristic_over_pdf};
 use crate::world::{Interaction, NO_LIGHT, NO_MEDIUM};
-use dapple_core::{Draws, Estimate, Integrator, Pass, Prepared, Prepares, TrainingData, Worker};
+use dapple_core::{Draws, Estimate, Frame, Integrator, Pass, Prepared, Prepares, TrainingData, Worker};
 use dapple_geometry::{Ray, spawn_ray};
 use glam::Vec3;
 use std::marker::PhantomData;
@@ -436,5 +436,9 @@ impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> Integrator for Pat
 
     fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
         self.vertex_light.prepare(pass)
+    }
+
+    fn memory(&self, frame: &Frame) -> u64 {
+        self.vertex_light.memory(frame)
     }
 }

@@ -121,7 +121,7 @@ impl Reader<'_> {
     fn read_integrator(&mut self, kind: &str, source: &Source, mut params: Params) {
         self.meet("Integrator", source);
         if kind != "path" {
-            let what = format!("Integrator {} is ignored; light is transported by path tracing", shown(kind));
+            let what = format!("Integrator {} is ignored; {}", shown(kind), transport(kind));
             self.log.ignored_setting(source, what);
         }
         // pbrt-v4's default is 5.
@@ -136,9 +136,9 @@ impl Reader<'_> {
     /// Executes `Renderer`, `SurfaceIntegrator` or `VolumeIntegrator`, pbrt-v2's directives in place of `Integrator`.
     pub(super) fn read_old_transport(&mut self, mut d: Directive<'_>) {
         let mut params = self.params(&mut d, "");
-        let what = format!("{} (of pbrt-v2) is ignored; light is transported by path tracing", params.of());
-        self.log.ignored_setting(&d.source, what);
         let kind = d.texts[0].as_str();
+        let what = format!("{} (of pbrt-v2) is ignored; {}", params.of(), transport(kind));
+        self.log.ignored_setting(&d.source, what);
         let depth = match d.word {
             "SurfaceIntegrator" => {
                 let depth = params.integer("maxdepth", 0, i32::MAX).unwrap_or(5) as u32;
@@ -195,6 +195,19 @@ impl Reader<'_> {
             self.log.notice(whole, what);
         }
     }
+}
+
+/// Returns the integrator that takes the place of pbrt's by default, and how to request one like it if there is one.
+fn transport(kind: &str) -> String {
+    let (ours, method) = match kind {
+        "bdpt" => ("bdpt", "bidirectional path tracing"),
+        "mlt" | "metropolis" => ("metropolis", "Metropolis sampling"),
+        "sppm" | "photonmap" => ("photons", "photon mapping"),
+        "igi" => ("instant", "virtual lights"),
+        "ambientocclusion" => ("ambient-occlusion", "ambient occlusion"),
+        _ => return "light is transported by path tracing".into(),
+    };
+    format!("by default, the scene's effects decide how light is transported; for {method}, use --integrator {ours}")
 }
 
 /// Returns the crop window in pixels: x0, y0, x1, y1; `None` if the file sets none or an empty one. `cropwindow` takes

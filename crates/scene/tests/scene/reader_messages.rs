@@ -385,9 +385,12 @@ fn deviations_from_the_file_are_listed_i06() {
     let said: Vec<&str> = scene.notices.iter().map(|n| n.message.as_str()).collect();
     assert_eq!(
         said,
-        ["Integrator \"bdpt\" is ignored; light is transported by path tracing"],
+        ["Integrator \"bdpt\" is ignored; by default, the scene's effects decide how light is transported; for \
+             bidirectional path tracing, use --integrator bdpt"],
         "samplers are chosen here"
     );
+    let volumes = read(&format!("Integrator \"volpath\"\n{HEAD}{TAIL}")).unwrap().notices;
+    assert_eq!(volumes[0].message, "Integrator \"volpath\" is ignored; light is transported by path tracing");
     assert_eq!((scene.max_depth, scene.film.spp), (Some(9), None));
     assert_eq!(world("").max_depth, Some(5));
 }

@@ -37,7 +37,7 @@ impl Fault {
     }
 }
 
-fn bdpt<'w>(world: &'w World, options: &str) -> Bdpt<'w> {
+pub(super) fn bdpt<'w>(world: &'w World, options: &str) -> Bdpt<'w> {
     let options = BdptOptions::parse(options).unwrap_or_else(|e| panic!("{e}"));
     Bdpt::new(world, &options).unwrap_or_else(|e| panic!("{e}"))
 }
@@ -64,7 +64,7 @@ fn means(integrator: &mut dyn Integrator, size: [u32; 2], spp: u64, seeds: std::
     seeds.map(mean).collect()
 }
 
-fn diffuse(rho: f32) -> MaterialKind {
+pub(super) fn diffuse(rho: f32) -> MaterialKind {
     MaterialKind::Diffuse { reflectance: Color::Constant([rho; 3]) }
 }
 
@@ -74,7 +74,7 @@ fn ball(radius: f64, at: DVec3, material: usize) -> Shape {
 }
 
 /// A room, the inside of a ball, that `camera` looks into, with a ball of the third material.
-fn room(camera: Camera, middle: MaterialKind, lamp: Option<f64>) -> Scene {
+pub(super) fn room(camera: Camera, middle: MaterialKind, lamp: Option<f64>) -> Scene {
     let mut scene = Scene { max_depth: Some(3), camera, ..Scene::default() };
     scene.film.resolution = [8; 2];
     for (name, kind) in [("wall", diffuse(0.6)), ("bulb", diffuse(0.2)), ("middle", middle)] {
@@ -89,7 +89,7 @@ fn room(camera: Camera, middle: MaterialKind, lamp: Option<f64>) -> Scene {
     scene
 }
 
-fn cameras() -> [(&'static str, Camera); 3] {
+pub(super) fn cameras() -> [(&'static str, Camera); 3] {
     let to_world = DAffine3::from_mat3_translation(DMat3::from_rotation_y(0.1), DVec3::new(0.1, 0.0, -1.5));
     let pinhole = Camera { to_world, projection: Projection::Perspective { fov: 60.0 }, ..Camera::default() };
     let lens = Camera { lens_radius: 0.3, focal_distance: 2.0, ..pinhole.clone() };

@@ -3,6 +3,7 @@
 mod instant;
 mod lightcuts;
 mod photons;
+mod radiosity;
 mod references;
 mod support;
 mod veach_bidir;

@@ -2,7 +2,7 @@
 
 use crate::shading::{Bsdf, ShadingFrame};
 use crate::world::Interaction;
-use dapple_core::{Draws, Pass, Prepared, Prepares, Worker};
+use dapple_core::{Draws, Frame, Pass, Prepared, Prepares, Worker};
 use glam::Vec3;
 
 /// A source of light at the vertices of a path tracer's paths. It takes the place of a part of what paths find.
@@ -46,6 +46,9 @@ pub trait VertexLight: Sync {
 
     /// As [`Integrator::prepare`](dapple_core::Integrator::prepare).
     fn prepare(&mut self, pass: &Pass<'_>) -> Prepared;
+
+    /// As [`Integrator::memory`](dapple_core::Integrator::memory).
+    fn memory(&self, frame: &Frame) -> u64;
 }
 
 /// A vertex of a path at which a [`VertexLight`] adds light.
@@ -106,5 +109,9 @@ impl VertexLight for NoVertexLight {
 
     fn prepare(&mut self, _: &Pass<'_>) -> Prepared {
         Prepared::default()
+    }
+
+    fn memory(&self, _: &Frame) -> u64 {
+        0
     }
 }

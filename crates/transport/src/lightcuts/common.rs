@@ -1,0 +1,103 @@
+//! Common cuts of clusters [after Wang et al. 2011]: points near each other start from the same cut, and refine it.
+//!
+//! Clusters are the patches of radiosity. Some points that the camera sees have their cuts made before the first sample.
+//! The common cut of a cluster holds the groups that no such point of it divides. Groups above are never visited again.
+
+use super::{CutLight, Lit, Member, NodeId};
+use crate::patches::Patches;
+use dapple_core::Frame;
+use dapple_renderer::{GatherPoint, World};
+use rayon::prelude::*;
+use std::collections::{BTreeMap, BinaryHeap};
+
+/// Probes for each cluster, on average over those that the camera sees.
+const PROBES: u32 = 4;
+
+/// The common cuts of clusters, one for each side of each.
+#[derive(Clone, Debug)]
+pub(super) struct CommonCuts {
+    patches: Patches,
+    /// Where the cut of each side begins in `nodes`; empty for sides that no probe met.
+    starts: Vec<u32>,
+    nodes: Vec<NodeId>,
+}
+
+impl CommonCuts {
+    /// The common cut at a surface point; empty if there is none.
+    pub(super) fn at(&self, world: &World, vertex: &GatherPoint<'_>) -> &[NodeId] {
+        let key = side_of(&self.patches, world, vertex);
+        &self.nodes[self.starts[key] as usize..self.starts[key + 1] as usize]
+    }
+
+    /// The bytes of all fields.
+    pub(super) fn bytes(&self) -> u64 {
+        self.patches.bytes() + (size_of_val(&*self.starts) + size_of_val(&*self.nodes)) as u64
+    }
+}
+
+/// The number of the side of a cluster that a point lies on.
+fn side_of(patches: &Patches, world: &World, vertex: &GatherPoint<'_>) -> usize {
+    let patch = patches.at(world, vertex.at);
+    2 * patch as usize + patches.side(patch, vertex.at, vertex.back)
+}
+
+impl CutLight<'_> {
+    /// Makes the common cuts of clusters from the cuts of probes. Returns them with the number of rays.
+    pub(super) fn common_cuts(&self, patches: Patches, frame: &Frame) -> (CommonCuts, u64) {
+        let side = f64::from(PROBES * self.options.clusters).sqrt().ceil() as u32;
+        let mut probes: BTreeMap<usize, Vec<[u32; 2]>> = BTreeMap::new();
+        for pixel in grid(frame, side) {
+            if let Some(key) = self.at_first_hit(pixel, |vertex| side_of(&patches, self.world, vertex)) {
+                probes.entry(key).or_default().push(pixel);
+            }
+        }
+        let probes: Vec<(usize, Vec<[u32; 2]>)> = probes.into_iter().collect();
+        let cuts: Vec<(Vec<NodeId>, u64)> = probes.par_iter().map(|(_, pixels)| self.common_cut(pixels)).collect();
+        let (mut starts, mut nodes, mut rays) = (vec![0], Vec::new(), u64::from(side * side));
+        for ((key, _), (cut, more)) in probes.iter().zip(cuts) {
+            starts.resize(key + 1, nodes.len() as u32);
+            nodes.extend(cut);
+            rays += more;
+        }
+        starts.resize(2 * patches.len() + 1, nodes.len() as u32);
+        (CommonCuts { patches, starts, nodes }, rays)
+    }
+
+    /// The groups that none of the points behind these pixels divides.
+    fn common_cut(&self, pixels: &[[u32; 2]]) -> (Vec<NodeId>, u64) {
+        let (mut common, mut rays, mut heap): (Option<Vec<NodeId>>, u64, _) = (None, 0, BinaryHeap::new());
+        for pixel in pixels {
+            let traced = self.at_first_hit(*pixel, |vertex| self.cut(&Lit::new(vertex, 0), &[], &mut heap).rays);
+            rays += 1 + u64::from(traced.unwrap_or_default());
+            let mut cut: Vec<NodeId> = heap.iter().map(|member: &Member| member.id).collect();
+            cut.sort_unstable();
+            common = Some(match common {
+                None => cut,
+                Some(before) => self.upper([&before, &cut]),
+            });
+        }
+        (common.unwrap_or_default(), rays)
+    }
+
+    /// The cut that takes the upper node of two sorted cuts everywhere, sorted.
+    fn upper(&self, cuts: [&[NodeId]; 2]) -> Vec<NodeId> {
+        let (mut waiting, mut found): (Vec<NodeId>, _) = (self.roots().collect(), Vec::new());
+        while let Some(id) = waiting.pop() {
+            match self.trees[id.tree as usize].nodes[id.node as usize].children {
+                Some(children) if cuts.iter().all(|cut| cut.binary_search(&id).is_err()) => {
+                    waiting.extend(children.map(|node| NodeId { node, ..id }));
+                }
+                _ => found.push(id),
+            }
+        }
+        found.sort_unstable();
+        found
+    }
+}
+
+/// Pixels on a regular grid over an image, row by row.
+pub(super) fn grid(frame: &Frame, side: u32) -> impl Iterator<Item = [u32; 2]> {
+    let [width, height] = frame.resolution().map(u64::from);
+    let at = move |k: u32, length: u64| (u64::from(k) * length / u64::from(side)) as u32;
+    (0..side * side).map(move |i| [at(i % side, width), at(i / side, height)])
+}

@@ -1,0 +1,80 @@
+//! Common cuts of clusters: the same light from fewer visited nodes.
+
+use super::common::grid;
+use super::{CutLight, CutSum, LightcutOptions, Lit, luminance};
+use crate::patches::Patches;
+use dapple_core::samplers::Uniform;
+use dapple_core::{Draws, Estimate, Frame, Integrator, Limits, Options as _, Pass, Prepared, Prepares, Render, Worker};
+use dapple_low_discrepancy::Sobol;
+use dapple_renderer::{VertexLight, World};
+use dapple_scene::bundled;
+use std::collections::BinaryHeap;
+
+/// Calls a function with the first pass of a render.
+struct InPass<F>(F);
+
+impl<F: FnMut(&Pass<'_>) + Sync> Integrator for InPass<F> {
+    fn estimate(&self, _: &Draws<'_>, _: &mut Worker) -> Estimate {
+        Estimate::new([0.0; 3])
+    }
+
+    fn prepares(&self) -> Prepares {
+        Prepares::Once
+    }
+
+    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+        (self.0)(pass);
+        Prepared::default()
+    }
+}
+
+fn prepared<'w>(world: &'w World, options: &str, pass: &Pass<'_>) -> CutLight<'w> {
+    let options = LightcutOptions::parse(options).expect("options");
+    let patches = (options.clusters > 0).then(|| Patches::new(world, options.clusters).expect("patches"));
+    let mut light = CutLight::new(world, options, patches);
+    light.prepare(pass);
+    light
+}
+
+/// The cuts at points that no probe met.
+fn cuts(light: &CutLight<'_>, frame: &Frame) -> Vec<CutSum> {
+    let mut heap = BinaryHeap::new();
+    let cut = |pixel| {
+        light.at_first_hit(pixel, |vertex| {
+            let start = light.common.as_ref().map_or(&[][..], |common| common.at(light.world, vertex));
+            light.cut(&Lit::new(vertex, 0), start, &mut heap)
+        })
+    };
+    grid(frame, 23).filter_map(cut).collect()
+}
+
+#[test]
+fn common_cuts_leave_the_light_and_visit_fewer_nodes() {
+    let scene = bundled::files("many-lights").expect("bundled").read().expect("it reads");
+    let world = World::with_resolution(&scene, [96, 72]).expect("a world");
+    let frame = Frame::new(96, 72).expect("a frame");
+    let limits = Limits::samples(frame.pixels() as u64);
+    let mut compare = InPass(|pass: &Pass<'_>| compare(&world, pass));
+    Render::new(frame, &limits).run(&mut compare, &mut Uniform::new(Sobol::new(1))).expect("a film");
+}
+
+fn compare(world: &World, pass: &Pass<'_>) {
+    let frame = pass.frame;
+    let plain = prepared(world, "cut=400", pass);
+    let common = prepared(world, "cut=400,clusters=200", pass);
+    let (one, other) = (cuts(&plain, &frame), cuts(&common, &frame));
+    assert!(one.len() == other.len() && one.len() > 300, "{} points", one.len());
+    let sum = |cuts: &[CutSum], of: fn(&CutSum) -> u32| cuts.iter().map(|cut| f64::from(of(cut))).sum::<f64>();
+    let [visited, rays] =
+        [|cut: &CutSum| cut.visited, |cut: &CutSum| cut.rays].map(|of| sum(&other, of) / sum(&one, of));
+    let difference = |others: &[CutSum]| {
+        let pairs = one.iter().zip(others).map(|(a, b)| (luminance(b.light) / luminance(a.light) - 1.0).abs());
+        pairs.filter(|d| d.is_finite()).map(f64::from).sum::<f64>() / one.len() as f64
+    };
+    assert!(visited < 0.9, "{visited} of the nodes");
+    assert!((0.9..1.1).contains(&rays), "{rays} of the rays");
+    assert!(difference(&other) < 0.02, "a mean difference of {}", difference(&other));
+    // Negative control: cuts of one group.
+    let coarse = cuts(&prepared(world, "cut=1", pass), &frame);
+    assert!(difference(&coarse) > 0.05, "the test sees nothing: {}", difference(&coarse));
+}

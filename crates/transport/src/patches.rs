@@ -1,0 +1,263 @@
+//! Patches: clusters of small pieces of all surfaces.
+//!
+//! Triangles are divided into equal parts until none is larger than a share of a patch, spheres and disks into cells of
+//! their parameters. Pieces near each other, of one material and with similar normals, are a patch.
+
+use dapple_clustering::{ClusterParams, Triangles, cluster};
+use dapple_geometry::{Mesh, Shape};
+use dapple_renderer::{Interaction, World};
+use glam::{DAffine3, DVec3, Vec3};
+use std::f64::consts::{PI, TAU};
+
+/// Pieces in an average patch.
+const PIECES: f64 = 6.0;
+/// The largest number of parts along an edge of a triangle, or of cells along a parameter.
+const MOST_PARTS: f64 = 1024.0;
+/// The largest number of pieces of all shapes together; each takes some 70 bytes.
+const MOST_PIECES: u32 = 1 << 24;
+/// The least number of cells from pole to pole, or from rim to centre.
+const LEAST_CELLS: f64 = 4.0;
+
+/// The patches of a world's surfaces.
+#[derive(Clone, Debug)]
+pub(crate) struct Patches {
+    /// For each shape, where its pieces lie.
+    shapes: Vec<Pieces>,
+    /// The first piece of each triangle, and the parts along its edges.
+    triangles: Vec<[u32; 2]>,
+    /// The patch of each piece.
+    labels: Vec<u32>,
+    /// The area of each patch, in the renderer's units.
+    areas: Vec<f64>,
+    /// The mean normal of each patch; zero if there is none.
+    normals: Vec<Vec3>,
+}
+
+/// The pieces of a shape.
+#[derive(Clone, Copy, Debug)]
+enum Pieces {
+    /// A mesh, by the number of its first triangle.
+    Mesh { first: u32 },
+    /// A sphere or a disk, by its first piece and the number of cells along `u` and `v`.
+    Cells { first: u32, cells: [u32; 2] },
+}
+
+/// Pieces as triangles for clustering.
+#[derive(Default)]
+struct Soup {
+    positions: Vec<[f32; 3]>,
+    materials: Vec<u32>,
+    areas: Vec<f64>,
+}
+
+impl Soup {
+    fn add(&mut self, corners: [DVec3; 3], area: f64, material: u32) {
+        self.positions.extend(corners.map(|corner| corner.as_vec3().to_array()));
+        self.materials.push(material);
+        self.areas.push(area);
+    }
+
+    fn len(&self) -> u32 {
+        self.areas.len() as u32
+    }
+}
+
+impl Patches {
+    /// Divides the surfaces of a world into about `count` patches, as they stand when the shutter opens.
+    ///
+    /// # Errors
+    ///
+    /// The reason, if there are too many triangles, or as clustering gives it.
+    pub(crate) fn new(world: &World, count: u32) -> Result<Self, String> {
+        let geometry = world.geometry();
+        let area: f64 = (0..geometry.shape_count()).map(|shape| area_of(world, shape)).sum();
+        let largest = (area / (f64::from(count) * PIECES)).max(f64::MIN_POSITIVE);
+        let (mut soup, mut shapes, mut triangles) = (Soup::default(), Vec::new(), Vec::new());
+        for shape in 0..geometry.shape_count() {
+            let (to_world, material) = (to_world(world, shape), world.shape_material(shape));
+            match geometry.shape(shape).mesh() {
+                Some(mesh) => {
+                    shapes.push(Pieces::Mesh { first: triangles.len() as u32 });
+                    for number in 0..mesh.triangles().len() as u32 {
+                        let corners = corners_of(mesh, number, to_world);
+                        let parts = (triangle_area(corners) / largest).sqrt().ceil().clamp(1.0, MOST_PARTS) as u32;
+                        triangles.push([soup.len(), parts]);
+                        divide(corners, parts, |part| soup.add(part, triangle_area(part), material));
+                    }
+                }
+                None => {
+                    let across = (area_of(world, shape) / largest / 2.0).sqrt().ceil().clamp(LEAST_CELLS, MOST_PARTS);
+                    let cells = [2 * across as u32, across as u32];
+                    shapes.push(Pieces::Cells { first: soup.len(), cells });
+                    let quadric = geometry.shape(shape);
+                    cells_of(quadric, cells, to_world, |part, area| soup.add(part, area, material));
+                }
+            }
+            if soup.len() > MOST_PIECES {
+                return Err(format!("the scene has more than {MOST_PIECES} triangles for patches; use \"path\""));
+            }
+        }
+        let indices: Vec<[u32; 3]> = (0..soup.len()).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let pieces = Triangles::new(&soup.positions, &indices).with_materials(&soup.materials);
+        let (mut labels, mut areas, mut normals) = (Vec::new(), Vec::new(), Vec::new());
+        if !indices.is_empty() {
+            let found = cluster(&pieces, &ClusterParams::for_count(count)).map_err(|error| error.to_string())?;
+            areas.resize(found.len(), 0.0);
+            labels = found.labels().to_vec();
+            labels.iter().zip(&soup.areas).for_each(|(label, area)| areas[*label as usize] += area);
+            normals = found.clusters().iter().map(|cluster| Vec3::from(cluster.normal)).collect();
+        }
+        Ok(Self { shapes, triangles, labels, areas, normals })
+    }
+
+    /// The number of patches.
+    pub(crate) fn len(&self) -> usize {
+        self.areas.len()
+    }
+
+    /// The bytes of all fields.
+    pub(crate) fn bytes(&self) -> u64 {
+        let of_patches = size_of_val(&*self.areas) + size_of_val(&*self.normals);
+        let of_pieces = size_of_val(&*self.shapes) + size_of_val(&*self.triangles) + size_of_val(&*self.labels);
+        (of_patches + of_pieces) as u64
+    }
+
+    /// The area of each patch, in the renderer's units.
+    pub(crate) fn areas(&self) -> &[f64] {
+        &self.areas
+    }
+
+    /// The patch at a hit.
+    pub(crate) fn at(&self, world: &World, at: &Interaction<'_>) -> u32 {
+        let (hit, position) = (at.hit(), at.point().position);
+        let piece = match self.shapes[hit.shape as usize] {
+            Pieces::Mesh { first } => {
+                let [piece, parts] = self.triangles[(first + hit.primitive) as usize];
+                piece + part_at(hit.barycentrics, parts)
+            }
+            Pieces::Cells { first, cells } => {
+                let uv = world.geometry().parametric_at(hit, position, at.time());
+                let [u, v] = [0, 1].map(|k| ((uv[k] * cells[k] as f32) as u32).min(cells[k] - 1));
+                first + v * cells[0] + u
+            }
+        };
+        self.labels[piece as usize]
+    }
+
+    /// The side of a patch from which a direction arrives at a hit: 0 or 1, the same for all of the patch.
+    pub(crate) fn side(&self, patch: u32, at: &Interaction<'_>, direction: Vec3) -> usize {
+        let (normal, mean) = (at.point().normal, self.normals[patch as usize]);
+        let turned = mean.dot(normal) < 0.0;
+        usize::from((normal.dot(direction) < 0.0) != turned)
+    }
+}
+
+/// The map from a shape's space to the world's.
+fn to_world(world: &World, shape: u32) -> DAffine3 {
+    world.geometry().to_world(shape, world.time(0.0)).unwrap_or(DAffine3::IDENTITY)
+}
+
+fn corners_of(mesh: &Mesh, triangle: u32, to_world: DAffine3) -> [DVec3; 3] {
+    mesh.corners(triangle).map(|corner| to_world.transform_point3(corner.as_dvec3()))
+}
+
+fn triangle_area([a, b, c]: [DVec3; 3]) -> f64 {
+    0.5 * (b - a).cross(c - a).length()
+}
+
+/// The area of a shape; of spheres and disks by their cells.
+fn area_of(world: &World, shape: u32) -> f64 {
+    let to_world = to_world(world, shape);
+    let shape = world.geometry().shape(shape);
+    match shape.mesh() {
+        Some(mesh) => {
+            (0..mesh.triangles().len() as u32).map(|number| triangle_area(corners_of(mesh, number, to_world))).sum()
+        }
+        None => {
+            let mut sum = 0.0;
+            cells_of(shape, [16, 8], to_world, |_, area| sum += area);
+            sum
+        }
+    }
+}
+
+/// Divides a triangle into `parts * parts` equal ones, row by row of the first corner's weight downwards.
+fn divide([a, b, c]: [DVec3; 3], parts: u32, mut add: impl FnMut([DVec3; 3])) {
+    let point = |i: u32, j: u32| a + ((b - a) * f64::from(i) + (c - a) * f64::from(j)) / f64::from(parts);
+    for i in 0..parts {
+        for j in 0..parts - i {
+            add([point(i, j), point(i + 1, j), point(i, j + 1)]);
+            if i + j + 1 < parts {
+                add([point(i + 1, j + 1), point(i, j + 1), point(i + 1, j)]);
+            }
+        }
+    }
+}
+
+/// The number that [`divide`] gives to the part at the weights of the second and third corner.
+fn part_at([v, w]: [f32; 2], parts: u32) -> u32 {
+    let scaled = [v, w].map(|weight| weight * parts as f32);
+    let i = (scaled[0] as u32).min(parts - 1);
+    let j = (scaled[1] as u32).min(parts - 1 - i);
+    let beyond = scaled[0] - i as f32 + (scaled[1] - j as f32) > 1.0;
+    // Row i has 2 (parts - i) - 1 parts.
+    2 * parts * i - i * i + 2 * j + u32::from(beyond && i + j + 1 < parts)
+}
+
+/// Divides a sphere or disk into cells of its parameters. Each is a triangle around its middle, with the cell's area.
+fn cells_of(shape: &Shape, cells: [u32; 2], to_world: DAffine3, mut add: impl FnMut([DVec3; 3], f64)) {
+    for v in 0..cells[1] {
+        for u in 0..cells[0] {
+            let [u, v] = [(u, 0), (v, 1)].map(|(i, k)| (f64::from(i) + 0.5) / f64::from(cells[k]));
+            let (sine, cosine) = libm::sincos(u * TAU);
+            let (point, along) = match shape {
+                Shape::Sphere(sphere) => {
+                    let (height, across) = libm::sincos((v - 0.5) * PI);
+                    let point = DVec3::new(cosine * across, sine * across, height) * sphere.radius();
+                    let point = sphere.to_world().transform_point3(point);
+                    (point, sphere.derivatives(point.as_vec3()))
+                }
+                Shape::Disk(disk) => {
+                    let [height, outer, inner] = disk.extent();
+                    let across = outer + (inner - outer) * v;
+                    let point = DVec3::new(cosine * across, sine * across, height);
+                    let point = disk.to_world().transform_point3(point);
+                    (point, disk.derivatives(point.as_vec3()))
+                }
+                Shape::Mesh(_) | Shape::Moving(_) => return,
+            };
+            let middle = to_world.transform_point3(point);
+            let [a, b] = [0, 1].map(|k| to_world.matrix3 * along[k].as_dvec3() / f64::from(cells[k]));
+            let [x, y] = [a / 3.0, b / 3.0];
+            add([middle + x, middle + y, middle - x - y], a.cross(b).length());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_of_a_triangle_are_found_by_their_weights() {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        for parts in [1, 2, 3, 7, 64] {
+            let mut number = 0;
+            divide(corners, parts, |part| {
+                // Its middle and points near its corners.
+                let middle = (part[0] + part[1] + part[2]) / 3.0;
+                for point in part.map(|corner| corner.lerp(middle, 0.05)).into_iter().chain([middle]) {
+                    assert_eq!(part_at([point.x as f32, point.y as f32], parts), number, "{parts} parts, {point}");
+                }
+                let share = triangle_area(part) * 2.0 * f64::from(parts * parts);
+                assert!((share - 1.0).abs() < 1e-9);
+                number += 1;
+            });
+            assert_eq!(number, parts * parts);
+            // Weights that rounding puts outside lie in a part.
+            for weights in [[1.0, 0.0], [0.0, 1.0], [0.5, 0.500_001], [1.0, 1.0]] {
+                assert!(part_at(weights, parts) < parts * parts);
+            }
+        }
+    }
+}

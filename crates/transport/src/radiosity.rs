@@ -1,0 +1,224 @@
+//! Radiosity [Goral et al. 1984] on clusters of triangles as patches.
+//!
+//! Each pass traces particles from the lights and sums the light that arrives at each patch [after Pattanaik and Mudur
+//! 1992]. Patches are the clusters of \[Lan 2016\]. Paths read the indirect light of diffuse surfaces there, and end.
+
+use crate::patches::Patches;
+use crate::walk::{Arrival, Onwards, Sources, emitted, walk};
+use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
+use dapple_renderer::shading::Bsdf;
+use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
+use dapple_scene::Effect;
+use glam::{DVec3, Vec3};
+
+use rayon::prelude::*;
+
+dapple_core::options! {
+    /// The parameters of the integrator `radiosity`.
+    pub struct RadiosityOptions {
+        /// The desired number of patches. More make less bias, and need more particles.
+        pub patches: u32 = 4096, |patches| (1..=1 << 20).contains(&patches), "1 to 1048576";
+        /// Particles per pass and half of the samples; 0 takes one per pixel.
+        pub particles: u32 = 0, |particles| particles <= 1 << 24, "0 to 16777216";
+        /// Diffuse surfaces that a path leaves before patches end it: 0 shows patches, 1 gathers their light.
+        pub gather: u32 = 1, |gather| gather <= 1, "0 or 1";
+    }
+}
+
+/// Makes the integrator from the text of its parameters, for the table of integrators.
+pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError> {
+    let options = RadiosityOptions::parse(parameters)?;
+    let refused = [
+        (Effect::MotionBlur, "patches stand still"),
+        (Effect::ScatteringMedia, "patches lie on surfaces only"),
+        (Effect::Transparency, "patches have no holes"),
+    ];
+    for (effect, because) in refused {
+        if world.effects().has(effect) {
+            return Err(MakeError::Scene(format!("the scene has {effect}, and {because}; use \"path\"")));
+        }
+    }
+    let patches = Patches::new(world, options.patches).map_err(MakeError::Scene)?;
+    Ok(path_tracer_with(world, PatchLight::new(world, options, patches)))
+}
+
+/// The largest number of scattering events that are told apart; later ones count as the last.
+const LAYERS: u32 = 16;
+/// Particles that one task traces.
+const CHUNK: u32 = 1024;
+/// Tasks whose light is held before it is added up.
+const TOGETHER: u32 = 64;
+
+/// The light that arrives at the patches, one solution for each half of the samples.
+struct PatchLight<'w> {
+    world: &'w World,
+    options: RadiosityOptions,
+    sources: Sources,
+    patches: Patches,
+    /// The numbers of scattering events that are told apart.
+    layers: u32,
+    /// The indirect irradiance of each side of each patch, by light with at most so many scattering events.
+    irradiance: [Vec<Vec3>; 2],
+}
+
+/// The state of a path among patches.
+#[derive(Clone, Copy, Default)]
+struct Gathered {
+    /// True if patches were all indirect light of the last diffuse surface; and of the vertex in progress.
+    ends: bool,
+    next: bool,
+    /// The number of diffuse surfaces that the path left.
+    vertices: u32,
+    is_diffuse: bool,
+}
+
+impl<'w> PatchLight<'w> {
+    fn new(world: &'w World, options: RadiosityOptions, patches: Patches) -> Self {
+        let layers = world.max_depth().saturating_sub(1).clamp(1, LAYERS);
+        let sources = Sources::new(world, |_| true);
+        Self { world, options, sources, patches, layers, irradiance: Default::default() }
+    }
+
+    /// The place of a side of a patch among the sums.
+    fn place(&self, patch: u32, side: usize) -> usize {
+        (2 * patch as usize + side) * self.layers as usize
+    }
+
+    /// Notes the light that arrives at a patch, if it is not direct light.
+    fn arrive(&self, arrival: &Arrival<'_>, found: &mut Vec<(u32, Vec3)>) -> Onwards {
+        if arrival.bounces > 0 {
+            let patch = self.patches.at(self.world, arrival.at);
+            let layer = arrival.bounces.min(self.layers) - 1;
+            let place = self.place(patch, self.patches.side(patch, arrival.at, arrival.from)) + layer as usize;
+            // Irradiance is that of the shading normal.
+            let [shading, geometric] = [arrival.frame.normal, arrival.at.point().normal].map(|n| n.dot(arrival.from));
+            let turn = if shading == geometric { 1.0 } else { (shading / geometric).abs().min(10.0) };
+            if shading * geometric > 0.0 {
+                found.push((place as u32, arrival.flux * turn));
+            }
+        }
+        Onwards::Scatter
+    }
+
+    /// Traces the particles of one solution, and returns the flux that arrives in each place, with the rays.
+    fn trace(&self, pass: &Pass<'_>, half: u64, emitted: u32) -> (Vec<DVec3>, u64) {
+        let mut sums = vec![DVec3::ZERO; self.place(self.patches.len() as u32, 0)];
+        let (chunks, mut rays) = (emitted.div_ceil(CHUNK), 0);
+        for first in (0..chunks).step_by(TOGETHER as usize) {
+            let found: Vec<_> = (first..(first + TOGETHER).min(chunks))
+                .into_par_iter()
+                .map(|chunk| {
+                    let (mut found, mut rays) = (Vec::new(), 0);
+                    for number in chunk * CHUNK..((chunk + 1) * CHUNK).min(emitted) {
+                        let draws = pass.draws(half * u64::from(emitted) + u64::from(number));
+                        let Some(emitted) = self.sources.emit(self.world, &draws) else { continue };
+                        rays += walk(self.world, &emitted, &draws, |arrival| self.arrive(arrival, &mut found));
+                    }
+                    (found, rays)
+                })
+                .collect();
+            for (found, more) in found {
+                rays += more;
+                found.into_iter().for_each(|(place, flux)| sums[place as usize] += flux.as_dvec3());
+            }
+        }
+        (sums, rays)
+    }
+
+    /// The irradiance in each place: the flux per area of each patch, summed over scattering events.
+    fn solution(&self, flux: &[DVec3], emitted: u32) -> Vec<Vec3> {
+        let layers = self.layers as usize;
+        let density = |patch: usize| match self.patches.areas()[patch] {
+            area if area > 0.0 => (area * f64::from(emitted)).recip(),
+            _ => 0.0,
+        };
+        let sides = flux.chunks(layers).enumerate();
+        sides
+            .flat_map(|(side, flux)| {
+                let density = density(side / 2);
+                flux.iter().scan(DVec3::ZERO, move |sum, flux| {
+                    *sum += *flux * density;
+                    Some(sum.as_vec3())
+                })
+            })
+            .collect()
+    }
+
+    /// The radiance of a diffuse surface by the light that arrives at its patch.
+    fn radiance(&self, vertex: &GatherPoint<'_>, irradiance: &[Vec3]) -> Vec3 {
+        let most = self.world.max_depth().saturating_sub(vertex.depth + 1).min(self.layers);
+        if most == 0 {
+            return Vec3::ZERO;
+        }
+        let patch = self.patches.at(self.world, vertex.at);
+        let side = self.patches.side(patch, vertex.at, vertex.back);
+        let from = |side: usize, wi: Vec3| {
+            vertex.bsdf.evaluate(vertex.wo, wi) * irradiance[self.place(patch, side) + most as usize - 1]
+        };
+        // A diffuse surface scatters the same in all directions of a side.
+        let up = Vec3::Z * vertex.wo.z.signum();
+        match vertex.bsdf.transmits() {
+            true => from(side, up) + from(1 - side, -up),
+            false => from(side, up),
+        }
+    }
+}
+
+impl VertexLight for PatchLight<'_> {
+    const ACTIVE: bool = true;
+    type State = Gathered;
+
+    fn gather(&self, state: &mut Gathered, vertex: &GatherPoint<'_>, draws: &Draws<'_>, _: &mut Worker) -> (Vec3, u32) {
+        state.is_diffuse = matches!(vertex.bsdf, Bsdf::Diffuse { .. } | Bsdf::DiffuseTransmission(_));
+        state.next = state.is_diffuse && state.vertices >= self.options.gather && !self.sources.is_empty();
+        if !state.next {
+            return (Vec3::ZERO, 0);
+        }
+        (self.radiance(vertex, &self.irradiance[(draws.sample_number() & 1) as usize]), 0)
+    }
+
+    fn samples_lights(&self, _: &Gathered, _: &GatherPoint<'_>) -> bool {
+        true
+    }
+
+    fn scattered(&self, state: &mut Gathered, specular: bool) {
+        if !specular {
+            state.ends = state.next;
+            state.vertices += u32::from(state.is_diffuse);
+        }
+        (state.next, state.is_diffuse) = (false, false);
+    }
+
+    fn scattered_in_medium(&self, state: &mut Gathered) {
+        *state = Gathered::default();
+    }
+
+    fn replaces(&self, _: &Gathered, _: u32, _: bool) -> bool {
+        false
+    }
+
+    fn ends(&self, state: &Gathered, _: bool) -> bool {
+        state.ends
+    }
+
+    fn prepares(&self) -> Prepares {
+        if self.sources.is_empty() { Prepares::Never } else { Prepares::EveryPass }
+    }
+
+    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+        let emitted = emitted(self.options.particles, &pass.frame);
+        let mut prepared = Prepared::default();
+        for half in 0..2 {
+            let (flux, rays) = self.trace(pass, half, emitted);
+            self.irradiance[half as usize] = self.solution(&flux, emitted);
+            prepared.rays += rays;
+        }
+        prepared
+    }
+
+    fn memory(&self, _: &Frame) -> u64 {
+        // The sums of one solution in double precision, then both solutions.
+        let places = self.place(self.patches.len() as u32, 0) as u64;
+        places * (2 * size_of::<Vec3>() + size_of::<DVec3>()) as u64 + self.patches.bytes()
+    }
+}

@@ -1,0 +1,164 @@
+//! Radiosity: closed forms, the path tracer's image up to a bias that falls with smaller patches, the same bits.
+#![allow(clippy::print_stderr, reason = "figures of a test")]
+
+use crate::support::*;
+use dapple_conformance::bits;
+use dapple_core::samplers::Uniform;
+use dapple_core::{Control, Frame, Limits, Monitor, Render, Snapshot, Status};
+use dapple_low_discrepancy::Sobol;
+use dapple_renderer::World;
+use dapple_scene::{MaterialKind, Scene};
+use dapple_transport::make_integrator;
+use glam::{DAffine3, DVec3};
+
+/// The largest deviation in standard errors that all tests of this file together exceed once in 10^6 runs.
+const LIMIT: f64 = 5.5;
+
+/// A diffuse room with a lamp below its ceiling, a ball on the floor, and a wall of this material.
+fn chamber(wall: MaterialKind) -> Scene {
+    let mut scene = scene([12, 12], 60.0, DVec3::new(0.0, -0.9, 0.2), DVec3::new(0.0, 0.5, -0.2));
+    let grey = add_material(&mut scene, diffuse(0.6));
+    let other = add_material(&mut scene, wall);
+    scene.max_depth = Some(6);
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    for (centre, u, v) in [(-z, x, y), (z, y, x), (y, x, z), (-y, z, x), (-x, y, z), (x, z, y)] {
+        let material = if centre == x { other } else { grey };
+        add(&mut scene, rectangle(centre, u, v), DAffine3::IDENTITY, material, None);
+    }
+    add(&mut scene, rectangle(0.98 * z, 0.3 * y, 0.3 * x), DAffine3::IDENTITY, grey, Some(10.0));
+    add_sphere(&mut scene, DVec3::new(-0.3, 0.4, -0.6), 0.4, grey, 0.0);
+    scene
+}
+
+/// The root of the mean square of relative differences from `expected`, pixel by pixel in green.
+fn difference(scene: &Scene, integrator: &str, spp: u64, expected: &[f64]) -> f64 {
+    let world = World::new(scene).expect("a world");
+    let found = film(&world, integrator, scene.film.resolution, spp, 40);
+    let square = |(i, x): (usize, &f64)| (found.mean(i)[1] / x - 1.0).powi(2);
+    (expected.iter().enumerate().map(square).sum::<f64>() / expected.len() as f64).sqrt()
+}
+
+#[test]
+fn the_bias_falls_with_smaller_patches() {
+    let scene = chamber(diffuse(0.6));
+    let world = World::new(&scene).expect("a world");
+    let reference = film(&world, "path", [12, 12], 4096, 3);
+    let expected: Vec<f64> = (0..144).map(|i| reference.mean(i)[1]).collect();
+    let at = |patches: u32, gather: u32| {
+        let request = format!("radiosity:patches={patches},gather={gather},particles=20000");
+        difference(&scene, &request, 32, &expected)
+    };
+    let shown = [8, 64, 256].map(|patches| at(patches, 0));
+    let gathered = [8, 256].map(|patches| at(patches, 1));
+    // The noise of 32 spp, with that of the reference, is part of all these.
+    let noise = difference(&scene, "path", 32, &expected);
+    eprintln!("differences: {shown:.4?} shown, {gathered:.4?} gathered, {noise:.4} by path");
+    assert!(shown[0] > 2.0 * shown[1] && shown[1] > 1.3 * shown[2], "shown {shown:.4?}");
+    assert!(shown[2] < 0.03 && gathered[1] < 1.2 * noise, "{shown:.4?}, {gathered:.4?}, {noise:.4}");
+    // Negative control: patches as large as walls are no image.
+    assert!(shown[0] > 0.1 && gathered[0] > 2.0 * gathered[1], "{shown:.4?}, {gathered:.4?}");
+}
+
+#[test]
+fn means_are_the_path_tracers() {
+    // Glossy walls, mirrors and sheets that light passes have no bias of their own.
+    let sheet = MaterialKind::DiffuseTransmission {
+        reflectance: dapple_scene::Color::Constant([0.4; 3]),
+        transmittance: dapple_scene::Color::Constant([0.3; 3]),
+    };
+    for (name, wall) in [("diffuse", diffuse(0.3)), ("mirror", metal(0.0)), ("glossy", metal(0.3)), ("sheet", sheet)] {
+        let scene = chamber(wall);
+        let expected = means(&scene, "path", 512, 0..8);
+        for gather in [0, 1] {
+            let request = format!("radiosity:particles=20000,gather={gather}");
+            let found = means(&scene, &request, 32, 10..18);
+            let bias = found.mean / expected.mean - 1.0;
+            let error = found.standard_error().hypot(expected.standard_error()) / expected.mean;
+            assert!(bias.abs() < 0.005 + LIMIT * error, "{name}, gather {gather}: {bias:+.4} +- {error:.4}");
+            assert!(error < 0.008, "{name}, gather {gather}: the test sees no 5 %, {error}");
+        }
+    }
+    let direct = Scene { max_depth: Some(1), ..chamber(diffuse(0.3)) };
+    let less = means(&direct, "path", 64, 0..4).mean / means(&chamber(diffuse(0.3)), "path", 64, 0..4).mean;
+    assert!(less < 0.9, "negative control: indirect light is {} of all", 1.0 - less);
+}
+
+/// The inside of a sphere, or of a cube, that reflects `rho` and emits 1.
+fn furnace(rho: f32, depth: u32, cubic: bool) -> Scene {
+    let mut scene = scene([8, 8], 70.0, DVec3::new(0.2, 0.3, -0.1), DVec3::new(-0.9, 0.5, 0.4));
+    let wall = add_material(&mut scene, diffuse(rho));
+    scene.max_depth = Some(depth);
+    if cubic {
+        let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+        for (centre, u, v) in [(-z, x, y), (z, y, x), (y, x, z), (-y, z, x), (-x, y, z), (x, z, y)] {
+            add(&mut scene, rectangle(centre, u, v), DAffine3::IDENTITY, wall, Some(1.0));
+        }
+    } else {
+        add_sphere(&mut scene, DVec3::ZERO, 1.0, wall, 1.0);
+        scene.shapes[0].reversed = true;
+    }
+    scene
+}
+
+#[test]
+fn a_furnace_has_its_radiance_and_keeps_its_energy() {
+    for (rho, depth, cubic) in [(0.5f32, 20, false), (0.8, 5, false), (0.8, 1, true), (0.8, 5, true), (0.8, 30, true)] {
+        for gather in [0, 1] {
+            let request = format!("radiosity:patches=300,particles=4000,gather={gather}");
+            let found = means(&furnace(rho, depth, cubic), &request, 16, 0..8);
+            let expected = (1.0 - f64::from(rho).powi(depth as i32 + 1)) / (1.0 - f64::from(rho));
+            let error = found.standard_error() / expected;
+            // Cells of a sphere have its area to 2e-3.
+            let off = (found.mean / expected - 1.0).abs() - if cubic { 1e-6 } else { 2e-3 };
+            assert!(off < LIMIT * error, "albedo {rho}, depth {depth}: {} of {expected}", found.mean);
+            assert!(error < 0.01, "{error}");
+        }
+    }
+}
+
+/// Keeps a snapshot of every slice.
+#[derive(Default)]
+struct Keeper(Vec<Vec<u8>>);
+
+impl Monitor for Keeper {
+    fn slice(&mut self, status: &Status<'_>) -> Control {
+        self.0.push(status.snapshot());
+        Control::Continue
+    }
+}
+
+#[test]
+fn patches_have_the_same_bits_on_any_threads_and_resumed() {
+    let scene = chamber(metal(0.3));
+    let world = World::with_resolution(&scene, [48, 40]).expect("a world");
+    let (frame, limits) = (Frame::new(48, 40).expect("a frame"), Limits::samples(5 * 48 * 40));
+    let integrator = || make_integrator("radiosity:patches=500", &world).expect("an integrator");
+    let mut keeper = Keeper::default();
+    let sampler = || Uniform::new(Sobol::new(3));
+    let whole = Render::new(frame, &limits).monitor(&mut keeper).run(&mut *integrator(), &mut sampler());
+    let whole = whole.expect("a film");
+    assert!(whole.record().prepare_rays > 5000 && !keeper.0.is_empty());
+    for (i, bytes) in keeper.0.iter().enumerate() {
+        let snapshot = Snapshot::from_bytes(bytes).expect("a snapshot");
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1 + i % 3).build().expect("threads");
+        let resumed = || Render::new(frame, &limits).resume(snapshot, &mut *integrator(), &mut sampler());
+        let film = pool.install(resumed).expect("a film");
+        assert!(bits(&film) == bits(&whole), "slice {i}");
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().expect("threads");
+    let again = pool.install(|| Render::new(frame, &limits).run(&mut *integrator(), &mut sampler()));
+    assert!(bits(&again.expect("a film")) == bits(&whole));
+}
+
+#[test]
+fn scenes_that_patches_lack_are_refused() {
+    let mut moving = chamber(diffuse(0.3));
+    moving.shapes[1].moves_to = Some(DAffine3::from_translation(2.0 * DVec3::Z));
+    moving.camera.shutter = [0.0, 1.0];
+    let world = World::new(&moving).expect("a world");
+    let error = make_integrator("radiosity", &world).err().expect("refused").to_string();
+    assert_eq!(error, "radiosity: the scene has motion-blur, and patches stand still; use \"path\"");
+    let world = World::new(&chamber(diffuse(0.3))).expect("a world");
+    let error = make_integrator("radiosity:patches=0", &world).err().expect("refused").to_string();
+    assert_eq!(error, "radiosity: patches = 0 is out of range: 1 to 1048576");
+}
