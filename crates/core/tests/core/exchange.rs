@@ -18,7 +18,7 @@ use std::time::Duration;
 pub(crate) const RANKS: [u32; 4] = [1, 2, 3, 7];
 
 /// Runs one thread per process, each with its end of an exchange in memory. Returns their results, by number.
-fn together<T: Send>(of: u32, process: impl Fn(InMemory) -> T + Sync) -> Vec<T> {
+pub(crate) fn together<T: Send>(of: u32, process: impl Fn(InMemory) -> T + Sync) -> Vec<T> {
     std::thread::scope(|threads| {
         let process = &process;
         let running: Vec<_> = in_memory(of).into_iter().map(|end| threads.spawn(move || process(end))).collect();
@@ -144,10 +144,15 @@ impl Monitor for Barriers {
 
 #[test]
 fn a_render_resumed_at_a_barrier_by_any_number_of_processes_is_the_same() {
+    resumed_at_barriers(needs());
+    resumed_at_barriers(everything().with_channels(2));
+}
+
+fn resumed_at_barriers(needs: Needs) {
     let (frame, limits) = (frame(17, 70), Limits::samples(17 * 70 * 17 + 5));
     macro_rules! render {
         () => {
-            Render::new(frame, &limits).needs(needs())
+            Render::new(frame, &limits).needs(needs)
         };
     }
     let policy = PilotPolicy::Keep;
