@@ -158,7 +158,7 @@ fn share_out_clean(
         let each = scores.par_iter().zip(floors).with_min_len(SERIAL);
         each.map(|(&g, &floor)| u64::from(reach(g, floor, threshold))).sum()
     };
-    let start = threshold_of_some(demand, &reach, steps, part)?;
+    let start = threshold_of_some(demand, reach, steps, part)?;
     let close = (part.all() / 64).max(256) as u64;
     let bracket = match part.is_alone() && scores.len() >= 2 * SERIAL {
         // The search sums over all pixels several times. Called from outside the pool, each sum would wait for a thread
@@ -181,7 +181,7 @@ fn share_out_clean(
         if threshold == 0.0 {
             break;
         }
-        // Every step of the ladder and below the ceiling has a gain above the least.
+        // Lowered in growing steps. Below the least threshold all steps are listed: those from the last rung to the ceiling.
         lower *= 2.0;
         threshold = if threshold > LEAST { threshold * (1.0 - lower).max(1e-9) } else { 0.0 };
     }

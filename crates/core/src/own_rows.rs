@@ -41,7 +41,8 @@ impl OwnRows<'static> {
     }
 
     fn alone(width: usize, height: usize) -> Self {
-        Self { width, runs: vec![0..height], before: vec![0, width * height], all: width * height, exchange: None }
+        let runs = std::iter::once(0..height).collect();
+        Self { width, runs, before: vec![0, width * height], all: width * height, exchange: None }
     }
 }
 

@@ -30,8 +30,8 @@ impl Session<'_> {
             let budget = self.meter.show(film, *round, seconds);
             film.record.budgets.push(budget.total);
             let mut plan = Plan::empty(film.frame.pixels());
-            let mut team = team.as_deref_mut().filter(|team| team.plans_own_rows());
-            let (progress, total) = match &mut team {
+            let mut planner = team.as_deref_mut().filter(|team| team.plans_own_rows());
+            let (progress, total) = match &mut planner {
                 Some(team) => team.plan(film, &mut *self.sampler, (*round, budget), &mut plan)?,
                 None => {
                     let progress = self.sampler.next_round(&Feedback { round: *round, film, budget }, &mut plan)?;
@@ -40,7 +40,7 @@ impl Session<'_> {
             };
             if progress == Progress::Trace {
                 let checked = check((&plan, total), film, &*self.sampler, &budget);
-                let of_all = team.map(|team| team.agree_on(&checked, &plan)).transpose();
+                let of_all = planner.map(|team| team.agree_on(&checked, &plan)).transpose();
                 checked?;
                 let open = begin(plan, film, self.clock.seconds() - planning);
                 return Ok(Some(OpenRound { of_all: of_all?, ..open }));

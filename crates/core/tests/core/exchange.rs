@@ -237,17 +237,23 @@ fn a_limit_of_time_is_that_of_the_first_process() {
             Estimate::new(noise(draws.pixel(), draws.block(dapple_core::Block::new(0))))
         }
     }
-    let films = together(3, |mut end| {
-        let index = end.share().index();
-        // Only the first one's limit counts.
-        let limits = Limits::seconds(if index == 0 { 0.3 } else { 77.0 });
-        let render = Render::new(frame(20, 70), &limits).exchange(&mut end);
-        render.run(&mut Slow(50 + 100 * u64::from(index)), &mut adaptive(PilotPolicy::Keep)).unwrap()
-    });
-    assert!(films[1..].iter().all(|film| all(film) == all(&films[0])));
-    let limits = Limits::new(Budget::Recorded(films[0].record().budgets.clone()));
-    let again = Render::new(frame(20, 70), &limits).run(&mut Slow(0), &mut adaptive(PilotPolicy::Keep)).unwrap();
-    assert!(all(&again) == all(&films[0]));
+    // With splats, every process plans the whole image.
+    for needs in [Needs::none(), Needs::none().with_splats()] {
+        let films = together(3, |mut end| {
+            let index = end.share().index();
+            // Only the first one's limit counts.
+            let limits = Limits::seconds(if index == 0 { 0.3 } else { 77.0 });
+            let render = Render::new(frame(20, 70), &limits).needs(needs).exchange(&mut end);
+            render.run(&mut Slow(50 + 100 * u64::from(index)), &mut adaptive(PilotPolicy::Keep)).unwrap()
+        });
+        assert!(films[1..].iter().all(|film| all(film) == all(&films[0])));
+        let limits = Limits::new(Budget::Recorded(films[0].record().budgets.clone()));
+        let again = Render::new(frame(20, 70), &limits)
+            .needs(needs)
+            .run(&mut Slow(0), &mut adaptive(PilotPolicy::Keep))
+            .unwrap();
+        assert!(all(&again) == all(&films[0]));
+    }
 }
 
 #[test]
