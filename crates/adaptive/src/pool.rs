@@ -79,6 +79,19 @@ pub fn relative_variance(
     if moments.len() != w * h {
         return Err(out_of_range("moments", moments.len(), "one for each pixel of the image"));
     }
+    relative_variance_of_rows(moments, [w, h], 0..h, pooling, cells)
+}
+
+/// The relative variance of the pixels of some rows of an image of `w` x `h` pixels. `moments` are those of the rows and
+/// of [`near`] rows; of all rows unless the pool is a window.
+pub(crate) fn relative_variance_of_rows(
+    moments: &[RgbMoments],
+    [w, h]: [usize; 2],
+    rows: Range<usize>,
+    pooling: &Pooling,
+    cells: Option<&Cells>,
+) -> Result<Vec<f64>, Error> {
+    let before = w * rows.start.saturating_sub(pooling.radius as usize);
     if pooling.sources != Sources::All && pooling.pool != PoolShape::Window {
         return Err(out_of_range("pool", pooling.pool.text(), "window, where a pixel's own samples are left out"));
     }
@@ -118,7 +131,7 @@ pub fn relative_variance(
         relative.fold(0.0, |sum, x| sum + x)
     };
     let window = (pooling.radius as usize, pooling.sources);
-    Ok(over_windows([w, h], window, |i| Terms::of(&moments[i], pooling.power), score))
+    Ok(over_windows([w, h], rows, window, |i| Terms::of(&moments[i - before], pooling.power), score))
 }
 
 /// The terms of a pixel that are summed over its pool: degrees of freedom (1), a 1 if there are samples (1), powers of
@@ -212,7 +225,7 @@ fn inside(terms: &[Terms], first: &[u32], i: usize, [w, h]: [usize; 2], radius: 
 }
 
 /// The indices of `0..end` that are at most `radius` away from `at`.
-fn near(at: usize, radius: usize, end: usize) -> Range<usize> {
+pub(crate) fn near(at: usize, radius: usize, end: usize) -> Range<usize> {
     at.saturating_sub(radius)..(at + radius + 1).min(end)
 }
 
@@ -230,21 +243,23 @@ pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize
     task.saturating_mul(threads.min(h.div_ceil(own)))
 }
 
-/// The score of each pixel, from its own terms and the sums of `sources` in a window. The window is `2 radius + 1`
+/// The score of each pixel of the rows `own`, from its own terms and the sums of `sources` in a window. The window is `2 radius + 1`
 /// pixels wide and high, cut off at the borders.
 ///
 /// Terms are added in the order of rows and columns. A running sum would keep the rounding error of a firefly, and so
 /// would a difference.
 fn over_windows(
     [w, h]: [usize; 2],
+    own: Range<usize>,
     (radius, sources): (usize, Sources),
     terms: impl Fn(usize) -> Terms + Sync,
     score: impl Fn(usize, &Terms, &Terms) -> f64 + Sync,
 ) -> Vec<f64> {
-    let mut scores = vec![0.0; w * h];
+    let mut scores = vec![0.0; w * own.len()];
     let rows = rows_of_task(w, radius);
     scores.par_chunks_mut(rows * w.max(1)).enumerate().for_each(|(task, scores)| {
-        let (first, last) = (task * rows, task * rows + scores.len() / w - 1);
+        let first = own.start + task * rows;
+        let last = first + scores.len() / w - 1;
         let around = near(first, radius, h).start..near(last, radius, h).end;
         let all: Vec<Terms> = (around.start * w..around.end * w).map(&terms).collect();
         let row = |y: usize| &all[(y - around.start) * w..][..w];
@@ -285,7 +300,7 @@ pub(crate) fn ratios_over_windows(
         let [a, b] = parts(i);
         Terms([0.0, 0.0, 0.0, 0.0, 0.0, a, b, 0.0])
     };
-    over_windows(size, window, terms, |_, _, sums| ratio(sums.means()[0], sums.means()[1]))
+    over_windows(size, 0..size[1], window, terms, |_, _, sums| ratio(sums.means()[0], sums.means()[1]))
 }
 
 /// An estimate of each pixel's relative variance from the first hits alone. Not negative, without unit.

@@ -6,19 +6,24 @@
 //!
 //! The objective is separable and convex, so handing out samples in the order of their marginal gain (decrease of the
 //! objective) is exactly optimal [Fox 1966]. Most samples are handed out at once, down to a common threshold of the
-//! gain, the rest one by one. Ties go to the smaller count and then by a hash of the pixel's index, so that no part of
-//! the image is preferred.
+//! gain, the rest step by step in that order. Ties go to the smaller count and then by a hash of the pixel's index, so
+//! that no part of the image is preferred.
+//!
+//! Pixels may be divided among processes ([`OwnRows`]). They combine whole numbers only, and so find the same threshold and
+//! the same last step as one process.
 
 mod ladder;
+mod order;
 mod share;
 
 pub use ladder::Ladder;
 pub use share::share;
 
-use crate::Error;
+use crate::own_rows::unreadable;
+use crate::snapshot::bytes::{Reader, Writer};
+use crate::{Error, OwnRows};
+use order::{Waiting, hand_out, steps_above};
 use rayon::prelude::*;
-use std::cmp::Ordering;
-use std::collections::BinaryHeap;
 
 /// The result of an allocation: one sample count per pixel.
 #[non_exhaustive]
@@ -79,136 +84,238 @@ impl Steps for EveryCount {
 ///
 /// If `scores` and `floors` differ in length, or have more than 2^32 - 1 elements.
 pub fn allocate(scores: &[f64], floors: &[u32], ceiling: u32, total: u64) -> Result<Allocation, Error> {
-    share_out(scores, floors, ceiling, total, &EveryCount)
+    let demand = Demand::new(scores, floors, ceiling, total);
+    share_out(&demand, ceiling, &EveryCount, &mut OwnRows::list(scores.len()))
 }
 
-fn share_out(
-    scores: &[f64],
-    floors: &[u32],
+/// A budget, and the pixels of a [`OwnRows`] that want it.
+#[derive(Clone, Copy, Debug)]
+pub struct Demand<'a> {
+    scores: &'a [f64],
+    floors: &'a [u32],
     ceiling: u32,
     total: u64,
-    steps: &impl Steps,
-) -> Result<Allocation, Error> {
-    assert_eq!(scores.len(), floors.len(), "one floor per score");
-    assert!(u32::try_from(scores.len()).is_ok(), "pixels are numbered with 32 bits");
-    let needed: u64 = floors.iter().map(|&n| u64::from(n)).sum();
-    if needed > total {
-        return Err(Error::BudgetTooSmall { budget: total, needed, pixels: floors.len() });
+}
+
+impl<'a> Demand<'a> {
+    /// A budget of `total` samples for the pixels of all processes. `scores` and `floors` are those of the own pixels, at
+    /// whose counts `ceiling` is the upper bound.
+    ///
+    /// # Panics
+    ///
+    /// If `scores` and `floors` differ in length, or have more than 2^32 - 1 elements.
+    pub fn new(scores: &'a [f64], floors: &'a [u32], ceiling: u32, total: u64) -> Self {
+        assert_eq!(scores.len(), floors.len(), "one floor per score");
+        assert!(u32::try_from(scores.len()).is_ok(), "pixels are numbered with 32 bits");
+        Self { scores, floors, ceiling, total }
     }
-    let (scores, replaced) = clean(scores);
-    let most: u64 = floors.iter().map(|&n| u64::from(n.max(ceiling))).sum();
+
+    /// The sum of the counts if each pixel gets `n`, but at least its floor.
+    fn at(&self, n: u32) -> u64 {
+        self.floors.iter().map(|&floor| u64::from(floor.max(n))).sum()
+    }
+}
+
+/// Allocates everyone's budget; returns the counts of the own pixels. `rung` is the ceiling unless scores are equal or
+/// the budget does not fit below it.
+fn share_out(demand: &Demand<'_>, rung: u32, steps: &impl Steps, part: &mut OwnRows<'_>) -> Result<Allocation, Error> {
+    let Demand { scores, floors, ceiling, total } = *demand;
+    let (range, replaced) = Range::of(scores);
+    let sums = [demand.at(0), demand.at(ceiling), demand.at(rung), replaced as u64];
+    let [needed, most, room, replaced] = part.sums(sums)?;
+    let replaced = replaced as usize;
+    if needed > total {
+        return Err(Error::BudgetTooSmall { budget: total, needed, pixels: part.all() });
+    }
     if most <= total {
         let counts = floors.iter().map(|&n| n.max(ceiling)).collect();
         return Ok(Allocation { counts, unspent: total - most, replaced });
     }
-    if all_equal(&scores) {
-        return Ok(Allocation { counts: level(floors, ceiling, total), unspent: 0, replaced });
+    let range = range.of_all(part)?;
+    if range.is_point() {
+        return Ok(Allocation { counts: level(floors, ceiling, total, part)?, unspent: 0, replaced });
     }
-    let share_out = || share_out_clean(&scores, floors, ceiling, total, steps);
-    // The search sums over all pixels a dozen times. Called from outside the pool, each sum would wait for a thread to
-    // wake up, which took longer than the sum.
-    let counts = if scores.len() < 2 * SERIAL { share_out() } else { rayon::scope(|_| share_out()) };
-    Ok(Allocation { counts, unspent: 0, replaced })
+    let scores = range.clean(scores);
+    let ceiling = if room >= total { rung } else { ceiling };
+    let demand = Demand { scores: &scores, ceiling, ..*demand };
+    Ok(Allocation { counts: share_out_clean(&demand, needed, steps, part)?, unspent: 0, replaced })
 }
 
 /// The least number of pixels that one thread's task handles.
 const SERIAL: usize = 4096;
 
 /// Returns the counts that minimise the total error and sum to `total`. Requires scores above 0, not all equal, and a
-/// total within floors and ceiling.
-fn share_out_clean(scores: &[f64], floors: &[u32], ceiling: u32, total: u64, steps: &impl Steps) -> Vec<u32> {
+/// total within floors, which sum to `needed`, and ceiling.
+fn share_out_clean(
+    demand: &Demand<'_>,
+    needed: u64,
+    steps: &impl Steps,
+    part: &mut OwnRows<'_>,
+) -> Result<Vec<u32>, Error> {
+    let Demand { scores, floors, ceiling, total } = *demand;
     let reach = |g: f64, floor: u32, threshold: f64| steps.reach(threshold / g).min(ceiling).max(floor);
     let spend = |threshold: f64| -> u64 {
         let each = scores.par_iter().zip(floors).with_min_len(SERIAL);
         each.map(|(&g, &floor)| u64::from(reach(g, floor, threshold))).sum()
     };
-    let mean = u32::try_from(total / scores.len() as u64).unwrap_or(u32::MAX - 1).max(1);
-    let start = steps.gain(mean, steps.next(mean)) * scores.iter().sum::<f64>() / scores.len() as f64;
-    let start = threshold_of_some(start, scores, floors, total, reach);
-    let bracket = find_threshold(start, total, (scores.len() / 64).max(256) as u64, spend);
-    let mut counts: Vec<u32> = match bracket.within {
-        Some(t) => scores.iter().zip(floors).map(|(&g, &floor)| reach(g, floor, t)).collect(),
-        None => floors.to_vec(),
+    let start = threshold_of_some(demand, reach, steps, part)?;
+    let close = (part.all() / 64).max(256) as u64;
+    let bracket = match part.is_alone() && scores.len() >= 2 * SERIAL {
+        // The search sums over all pixels several times. Called from outside the pool, each sum would wait for a thread
+        // to wake up, which took longer than the sum.
+        true => rayon::scope(|_| find_threshold(start, total, close, |threshold| Ok(spend(threshold))))?,
+        false => find_threshold(start, total, close, |threshold| Ok(part.sums([spend(threshold)])?[0]))?,
     };
-    let mut left = total - counts.iter().map(|&n| u64::from(n)).sum::<u64>();
-    hand_out_above(bracket.beyond, &mut counts, scores, ceiling, &mut left, steps);
-    hand_out(&mut counts, scores, ceiling, left, steps);
-    counts
+    let (mut counts, spent): (Vec<u32>, u64) = match bracket.within {
+        Some((t, spent)) => (scores.iter().zip(floors).map(|(&g, &floor)| reach(g, floor, t)).collect(), spent),
+        None => (floors.to_vec(), needed),
+    };
+    let mut left = total - spent;
+    let within = bracket.within.map_or(0.0, |(threshold, _)| threshold);
+    let mut threshold = if bracket.beyond > 0.0 { bracket.beyond } else { within * (1.0 - LOWER) };
+    let mut lower = LOWER;
+    while left > 0 {
+        let waiting = steps_above(threshold, &counts, demand, steps, part);
+        let end = |count| steps.next(count).min(ceiling);
+        left = hand_out(waiting, &mut counts, left, end, part)?;
+        if threshold == 0.0 {
+            break;
+        }
+        // Lowered in growing steps. Below the least threshold all steps are listed: those from the last rung to the ceiling.
+        lower *= 2.0;
+        threshold = if threshold > LEAST { threshold * (1.0 - lower).max(1e-9) } else { 0.0 };
+    }
+    Ok(counts)
 }
 
-fn all_equal(scores: &[f64]) -> bool {
-    scores.windows(2).all(|w| w[0] == w[1])
-}
+/// The share by which the threshold is first lowered, if samples are left over.
+const LOWER: f64 = 1e-3;
+/// A threshold that every step from a count on the ladder to the next one reaches: steps gain between 1 (scores are
+/// relative to the largest) and 1e-60 (the smallest score) times 2^-128 (the last rung, at the steepest exponent).
+const LEAST: f64 = 1e-120;
 
 /// Returns counts that sum to `total` and are as equal as floors and ceiling allow. A hash of the pixel's index picks
 /// the pixels that get one of the remaining samples. Requires a `total` that fits under the ceiling.
-fn level(floors: &[u32], ceiling: u32, total: u64) -> Vec<u32> {
+fn level(floors: &[u32], ceiling: u32, total: u64, part: &mut OwnRows<'_>) -> Result<Vec<u32>, Error> {
     let at = |level: u32, floor: u32| level.min(ceiling).max(floor);
     let spend = |level: u32| floors.iter().map(|&floor| u64::from(at(level, floor))).sum::<u64>();
     // The highest level that fits. Level 0 does, since the floors do.
     let (mut low, mut high) = (0, ceiling);
     while low < high {
         let middle = low + (high - low).div_ceil(2);
-        if spend(middle) <= total { low = middle } else { high = middle - 1 }
+        if part.sums([spend(middle)])?[0] <= total { low = middle } else { high = middle - 1 }
     }
     let mut counts: Vec<u32> = floors.iter().map(|&floor| at(low, floor)).collect();
-    let left = (total - spend(low)) as usize;
+    let left = total - part.sums([spend(low)])?[0];
     if left > 0 {
-        let open = counts.iter().enumerate().filter(|(_, n)| **n == low);
-        let mut open: Vec<(u64, usize)> = open.map(|(pixel, _)| (mix(pixel as u64), pixel)).collect();
         // Fewer samples are left than pixels are open, or the next level would have fitted.
-        open.select_nth_unstable(left);
-        open[..left].iter().for_each(|&(_, pixel)| counts[pixel] += 1);
+        let open = counts.iter().enumerate().filter(|(_, n)| **n == low);
+        let open = open.map(|(k, &count)| Waiting { gain: 1.0, count, pixel: part.pixel(k) as u32 }).collect();
+        hand_out(open, &mut counts, left, |count| count + 1, part)?;
     }
-    counts
+    Ok(counts)
 }
 
-/// Returns the scores, divided by the largest and clamped to `[1e-60, 1]`, and the number of NaN, negative and infinite
-/// scores. A score of 0 becomes 1e-60: such pixels wait until all others are at the ceiling, and then get equal shares.
-fn clean(scores: &[f64]) -> (Vec<f64>, usize) {
-    let largest = scores.iter().copied().filter(|g| g.is_finite()).fold(0.0, f64::max);
-    let largest = if largest > 0.0 { largest } else { 1.0 };
-    let mut replaced = 0;
-    let cleaned = scores
-        .iter()
-        .map(|&g| {
+/// The range of scores, of which NaN and negative ones count as 0.
+#[derive(Clone, Copy)]
+struct Range {
+    /// The smallest score.
+    least: f64,
+    /// The largest finite score; 1 if it is 0.
+    most: f64,
+    /// The largest score.
+    top: f64,
+}
+
+impl Range {
+    /// The range of the own scores, and the number of scores to be replaced.
+    fn of(scores: &[f64]) -> (Self, usize) {
+        let mut range = Self { least: f64::INFINITY, most: 0.0, top: 0.0 };
+        let mut replaced = 0;
+        for &g in scores {
             if g.is_nan() || g < 0.0 || g == f64::INFINITY {
                 replaced += 1;
             }
-            // Relative to the largest, so that scores of 1e300 do not overflow.
-            let g = if g.is_nan() || g < 0.0 { 0.0 } else { g.min(largest) };
-            (g / largest).max(1e-60)
-        })
-        .collect();
-    (cleaned, replaced)
+            // `max` turns NaN into 0.
+            let g = g.max(0.0);
+            range.least = range.least.min(g);
+            range.top = range.top.max(g);
+            if g < f64::INFINITY {
+                range.most = range.most.max(g);
+            }
+        }
+        (range, replaced)
+    }
+
+    /// The range of everyone's scores.
+    fn of_all(self, part: &mut OwnRows<'_>) -> Result<Self, Error> {
+        // The bits of floats that are not negative have the floats' order.
+        let bits = |g: f64| g.abs().to_bits();
+        let [most, top, least] = part.largest([bits(self.most), bits(self.top), !bits(self.least)])?;
+        let [most, top, least] = [most, top, !least].map(f64::from_bits);
+        Ok(Self { least, most: if most > 0.0 { most } else { 1.0 }, top })
+    }
+
+    /// True if all scores are equal.
+    fn is_point(&self) -> bool {
+        self.clean_one(self.least) == self.clean_one(self.top)
+    }
+
+    /// The score, divided by the largest and clamped to `[1e-60, 1]`. NaN and negative scores count as 0, infinite ones as
+    /// the largest finite score. A score of 0 becomes 1e-60: such pixels wait until all others are at the ceiling, and
+    /// then get equal shares.
+    fn clean_one(&self, g: f64) -> f64 {
+        // Relative to the largest, so that scores of 1e300 do not overflow.
+        let g = if g.is_nan() || g < 0.0 { 0.0 } else { g.min(self.most) };
+        (g / self.most).max(1e-60)
+    }
+
+    fn clean(&self, scores: &[f64]) -> Vec<f64> {
+        scores.iter().map(|&g| self.clean_one(g)).collect()
+    }
 }
 
 /// Two close thresholds of the gain (error decrease) per sample, between which the budget runs out.
 struct Bracket {
-    /// A threshold within the budget: all steps with at least this gain fit. `None` if only the floors fit.
-    within: Option<f64>,
+    /// A threshold within the budget, and the samples spent there: all steps with at least this gain fit. `None` if only
+    /// the floors fit.
+    within: Option<(f64, u64)>,
     /// A threshold beyond the budget: all steps with at least this gain exceed it. 0 if the search met none.
     beyond: f64,
 }
 
-/// Estimates, from a subset of pixels, the gain (error decrease) per sample at which the budget runs out. The search
-/// over all pixels starts there, which saves most of its dozen steps.
+/// Estimates, from some of everyone's pixels, the gain (error decrease) per sample at which the budget runs out. The
+/// search over all pixels starts there, which saves most of its dozen steps.
 fn threshold_of_some(
-    start: f64,
-    scores: &[f64],
-    floors: &[u32],
-    total: u64,
+    demand: &Demand<'_>,
     reach: impl Fn(f64, u32, f64) -> u32,
-) -> f64 {
-    let stride = scores.len() / SOME;
-    if stride < 2 {
-        return start;
+    steps: &impl Steps,
+    part: &mut OwnRows<'_>,
+) -> Result<f64, Error> {
+    let Demand { scores, floors, total, .. } = *demand;
+    let stride = (part.all() / SOME).max(1);
+    let mut to = Writer::with_capacity(32 * SOME);
+    for (k, pixel) in part.pixels().enumerate().filter(|(_, pixel)| pixel.is_multiple_of(stride)) {
+        to.number([pixel as u32, floors[k]]);
+        to.number(scores[k]);
     }
-    let some = || scores.iter().zip(floors).step_by(stride);
-    let share = some().count() as f64 / scores.len() as f64;
-    let spend = |threshold: f64| some().map(|(&g, &floor)| u64::from(reach(g, floor, threshold))).sum();
-    let bracket = find_threshold(start, (total as f64 * share) as u64, SOME as u64 / 64, spend);
-    bracket.within.unwrap_or(start)
+    let mut some = Vec::with_capacity(2 * SOME);
+    for (rank, bytes) in part.gather(to.finish())?.iter().enumerate() {
+        let mut from = Reader::new(bytes);
+        while !from.is_empty() {
+            let take = |from: &mut Reader<'_>| Ok((from.number()?, from.number()?));
+            some.push(take(&mut from).map_err(|e| unreadable(rank, &e))?);
+        }
+    }
+    some.sort_unstable_by_key(|([pixel, _], _): &([u32; 2], f64)| *pixel);
+    let share = some.len() as f64 / part.all() as f64;
+    let spend = |threshold: f64| some.iter().map(|&([_, floor], g)| u64::from(reach(g, floor, threshold))).sum();
+    let mean = u32::try_from(total / part.all() as u64).unwrap_or(u32::MAX - 1).max(1);
+    let score = some.iter().map(|(_, g)| g).sum::<f64>() / some.len() as f64;
+    let start = steps.gain(mean, steps.next(mean)) * score;
+    let of_some = (total as f64 * share) as u64;
+    let bracket = find_threshold(start, of_some, SOME as u64 / 64, |threshold| Ok(spend(threshold)))?;
+    Ok(bracket.within.map_or(start, |(threshold, _)| threshold))
 }
 
 /// The approximate number of pixels from which [`threshold_of_some`] estimates.
@@ -218,21 +325,24 @@ const SOME: usize = 2048;
 ///
 /// The search starts at `start`. It stops when at most `close` samples are left over, or only steps of nearly equal
 /// gain remain. `spend` returns the number of samples spent at a threshold, and falls as the threshold rises.
-fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64) -> Bracket {
-    // Gains of steps beyond the first lie between 1 (scores are relative to the largest) and 1e-60 (the smallest score)
-    // times 2^-128 (the last rung, at the steepest exponent).
-    let (least, most) = (1e-120_f64.ln(), 2.0_f64.ln());
+fn find_threshold(
+    start: f64,
+    total: u64,
+    close: u64,
+    mut spend: impl FnMut(f64) -> Result<u64, Error>,
+) -> Result<Bracket, Error> {
+    let (least, most) = (LEAST.ln(), 2.0_f64.ln());
     let excess = |spent: u64| (spent.max(1) as f64).ln() - (total as f64).ln();
     let mut bracket = Bracket { within: None, beyond: 0.0 };
     let (mut low, mut high) = ((least, f64::NAN), (most, f64::NAN));
     let mut guess = start.ln().clamp(least, most);
     // The bracket is halved at least every other step, so the search ends earlier.
     for step in 0..120 {
-        let spent = spend(guess.exp());
+        let spent = spend(guess.exp())?;
         if spent > total {
             (low, bracket.beyond) = ((guess, excess(spent)), guess.exp());
         } else {
-            (high, bracket.within) = ((guess, excess(spent)), Some(guess.exp()));
+            (high, bracket.within) = ((guess, excess(spent)), Some((guess.exp(), spent)));
             if total - spent <= close {
                 break;
             }
@@ -250,109 +360,7 @@ fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64
             _ => low.0 + (high.0 - low.0) * (low.1 / (low.1 - high.1)).clamp(0.02, 0.98),
         };
     }
-    bracket
-}
-
-/// A pixel queued for its next samples, ordered by their gain: the error decrease per sample.
-struct Waiting {
-    gain: f64,
-    count: u32,
-    // 32 bits keep the struct at 16 bytes: if many scores are equal, many pixels wait.
-    pixel: u32,
-}
-
-impl Ord for Waiting {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.gain
-            .total_cmp(&other.gain)
-            .then_with(|| other.count.cmp(&self.count))
-            // The hash is a bijection.
-            .then_with(|| mix(other.pixel.into()).cmp(&mix(self.pixel.into())))
-    }
-}
-
-impl PartialOrd for Waiting {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl PartialEq for Waiting {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for Waiting {}
-
-/// Raises pixels by all steps whose error decrease per sample is at least `threshold`, largest decrease first. Stops
-/// early if none of the `left` samples remains.
-fn hand_out_above(
-    threshold: f64,
-    counts: &mut [u32],
-    scores: &[f64],
-    ceiling: u32,
-    left: &mut u64,
-    steps: &impl Steps,
-) {
-    // Without a threshold beyond the budget, this would list every step.
-    if threshold == 0.0 || *left == 0 {
-        return;
-    }
-    let mut waiting = Vec::new();
-    for (pixel, (&n, &score)) in counts.iter().zip(scores).enumerate() {
-        if steps.reach(threshold / score) <= n {
-            continue;
-        }
-        let mut count = n;
-        while count < ceiling {
-            let next = steps.next(count);
-            let gain = score * steps.gain(count, next);
-            if gain < threshold {
-                break;
-            }
-            waiting.push(Waiting { gain, count, pixel: pixel as u32 });
-            count = next;
-        }
-    }
-    // A step is at least one sample.
-    let most = usize::try_from(*left).unwrap_or(usize::MAX);
-    if waiting.len() > most {
-        waiting.select_nth_unstable_by(most, |a, b| b.cmp(a));
-        waiting.truncate(most);
-    }
-    waiting.sort_unstable_by(|a, b| b.cmp(a));
-    for Waiting { pixel, count, .. } in waiting {
-        let width = u64::from(steps.next(count).min(ceiling) - count).min(*left);
-        counts[pixel as usize] = count + width as u32;
-        *left -= width;
-        if *left == 0 {
-            return;
-        }
-    }
-}
-
-/// Hands out the `left` samples one step at a time, each time to the pixel with the largest error decrease per sample.
-fn hand_out(counts: &mut [u32], scores: &[f64], ceiling: u32, mut left: u64, steps: &impl Steps) {
-    if left == 0 {
-        return;
-    }
-    let waiting = |pixel: usize, count: u32| {
-        let gain = scores[pixel] * steps.gain(count, steps.next(count));
-        Waiting { gain, count, pixel: pixel as u32 }
-    };
-    let open = counts.iter().enumerate().filter(|(_, n)| **n < ceiling);
-    let mut heap: BinaryHeap<Waiting> = open.map(|(pixel, &n)| waiting(pixel, n)).collect();
-    while left > 0 {
-        let Some(Waiting { pixel, count, .. }) = heap.pop() else { return };
-        let width = u64::from(steps.next(count).min(ceiling) - count).min(left);
-        let pixel = pixel as usize;
-        counts[pixel] = count + width as u32;
-        left -= width;
-        if counts[pixel] < ceiling {
-            heap.push(waiting(pixel, counts[pixel]));
-        }
-    }
+    Ok(bracket)
 }
 
 /// Converts `n` to 32 bits. Larger numbers become `u32::MAX`.

@@ -1,5 +1,7 @@
 //! Bands of rows, and their division among processes.
 
+use std::ops::Range;
+
 /// Rows of a band: the side of the blocks in which training data is summed, so that no sum crosses two bands.
 pub(crate) const BAND: usize = 16;
 
@@ -38,6 +40,56 @@ impl Deal {
             owners[band] = who as u32;
         }
         Self { owners }
+    }
+
+    /// Moves bands from the process that would end last to the one that would end first, while the last end comes at least
+    /// 2 % earlier by it. Other bands keep their owners, whose rows need not be sent.
+    pub(crate) fn rebalanced(mut self, costs: &[u64], threads: &[u32]) -> Self {
+        let cost = |band: usize| u128::from(costs[band].max(1)) * 1024;
+        let end = |load: u128, who: usize| load / u128::from(threads[who].max(1));
+        let mut loads = vec![0_u128; threads.len()];
+        self.owners.iter().enumerate().for_each(|(band, &owner)| loads[owner as usize] += cost(band));
+        for _ in 0..costs.len() {
+            let ends = || (0..threads.len()).map(|who| end(loads[who], who)).zip(0..);
+            let (Some((late, last)), Some((_, first))) = (ends().max(), ends().min()) else { break };
+            let after = |band: usize| end(loads[last] - cost(band), last).max(end(loads[first] + cost(band), first));
+            let Some(band) = self.of(last as u32).min_by_key(|&band| after(band)) else { break };
+            if after(band) * 50 > late * 49 {
+                break;
+            }
+            loads[last] -= cost(band);
+            loads[first] += cost(band);
+            self.owners[band] = first as u32;
+        }
+        self
+    }
+
+    /// The owner of each band.
+    pub(crate) fn owners(&self) -> &[u32] {
+        &self.owners
+    }
+
+    /// The runs of rows of `who` among `rows` rows, from the top.
+    pub(crate) fn runs(&self, who: u32, rows: usize) -> Vec<Range<usize>> {
+        let mut runs: Vec<Range<usize>> = Vec::new();
+        for band in self.of(who) {
+            let of_band = band * BAND..((band + 1) * BAND).min(rows);
+            match runs.last_mut() {
+                Some(run) if run.end == of_band.start => run.end = of_band.end,
+                _ => runs.push(of_band),
+            }
+        }
+        runs
+    }
+
+    /// The rows of others that lie at most `halo` rows from those of `who`, from the top.
+    pub(crate) fn halo(&self, who: u32, rows: usize, halo: usize) -> Vec<usize> {
+        let near = |run: Range<usize>| run.start.saturating_sub(halo)..(run.end + halo).min(rows);
+        let mut around: Vec<usize> = self.runs(who, rows).into_iter().flat_map(near).collect();
+        around.retain(|&row| self.owner(row) != who);
+        around.sort_unstable();
+        around.dedup();
+        around
     }
 
     /// The owner of a row of pixels.
@@ -86,6 +138,30 @@ mod tests {
         // A process with three times the threads gets three times the work.
         let deal = Deal::by_cost(&[5; 8], &[3, 1]);
         assert_eq!(deal.of(0).count(), 6);
+    }
+
+    #[test]
+    fn rebalancing_moves_few_bands() {
+        let turn = Deal::in_turn(160, 2);
+        assert_eq!(turn.clone().rebalanced(&[7; 10], &[1; 2]), turn);
+        // The first band costs as much as all of the others of its owner.
+        let costs = [10, 2, 2, 2, 2, 2, 2, 2, 2, 2];
+        let moved = turn.clone().rebalanced(&costs, &[1; 2]);
+        let load = |who| moved.of(who).map(|band| costs[band]).sum::<u64>();
+        assert_eq!([load(0), load(1)], [14, 14]);
+        assert_eq!(moved.owners().iter().zip(turn.owners()).filter(|(a, b)| a != b).count(), 2);
+    }
+
+    #[test]
+    fn halos_are_the_rows_of_others_around_the_own_ones() {
+        let deal = Deal::in_turn(70, 3);
+        assert_eq!(deal.runs(0, 70), [0..16, 48..64]);
+        assert_eq!(deal.halo(0, 70, 2), [16, 17, 46, 47, 64, 65]);
+        assert_eq!(deal.runs(1, 70), [16..32, 64..70]);
+        assert_eq!(deal.halo(1, 70, 2), [14, 15, 32, 33, 62, 63]);
+        // Halos of two bands meet.
+        assert_eq!(deal.halo(0, 70, 40), (16..48).chain(64..70).collect::<Vec<_>>());
+        assert_eq!(Deal::in_turn(70, 1).halo(0, 70, 2), [0; 0]);
     }
 
     #[test]

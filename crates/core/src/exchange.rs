@@ -1,8 +1,12 @@
 //! Processes that render one image together.
 //!
-//! [`Render::exchange`](crate::Render::exchange) takes an [`Exchange`]. Each process plans every round and holds the whole
-//! film, and traces its bands of 16 rows. At the end of each training pass all get everyone's training data, at the end
-//! of each round everyone's pixels.
+//! [`Render::exchange`](crate::Render::exchange) takes an [`Exchange`]. Each process traces its bands of 16 rows. At the end of
+//! each training pass all get everyone's training data.
+//!
+//! A sampler that plans by rows ([`Sampler::halo`](crate::Sampler::halo)) plans the own rows only. Before a round, a process
+//! gets the rows around its own ones, and bands that it takes over. The pixels of all are gathered at the end, and where a
+//! monitor reads them ([`Monitor::reads_barriers`](crate::Monitor::reads_barriers)). Other samplers plan the whole image on every
+//! process, as do renders with splats or an error limit. They gather everyone's pixels at the end of each round.
 //!
 //! ```
 //! # use dapple_core::{PointSet, SampleId};

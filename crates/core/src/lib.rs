@@ -69,6 +69,7 @@ mod memory;
 mod moments;
 mod needs;
 mod options;
+mod own_rows;
 mod placed_points;
 mod plan;
 mod point_set;
@@ -81,7 +82,7 @@ mod shard;
 mod snapshot;
 mod worker;
 
-pub use allocate::{Allocation, Ladder, allocate, share};
+pub use allocate::{Allocation, Demand, Ladder, allocate, share};
 #[doc(hidden)]
 pub use allocate::{mix, saturating_u32};
 pub use domain::{Axis, Defocus, Domain, Role};
@@ -104,6 +105,7 @@ pub use needs::{Needs, Sums};
 pub use options::{
     OptionError, OptionValue, Options, OutOfRange, Parameter, nearest_name, nested, parse_pairs, unnested,
 };
+pub use own_rows::OwnRows;
 pub use placed_points::{FilmPoints, Placed, PlacedHandle};
 pub use plan::{Combine, Plan, Progress, Retention};
 pub use point_set::{HostNumbers, PointSet, SampleId, streams};

@@ -5,8 +5,10 @@ mod budget;
 mod check;
 mod clock;
 mod filter_time;
+mod halos;
 pub(crate) mod holdout;
 mod methods;
+mod planning;
 mod prepare;
 mod pull;
 mod round;
@@ -50,8 +52,8 @@ impl Status<'_> {
     /// The state of the render as bytes for [`Snapshot::from_bytes`], about as many as the film takes in memory. A
     /// render resumed from them ends with the same bits as this one.
     ///
-    /// In a render by several processes, only [`Monitor::barrier`] and [`Monitor::end`] get the state of all; between two
-    /// slices it lacks the other processes' pixels.
+    /// In a render by several processes, only [`Monitor::barrier`] (see [`Monitor::reads_barriers`]) and [`Monitor::end`] get
+    /// the state of all. Between two slices it lacks the other processes' pixels and plans.
     pub fn snapshot(&self) -> Vec<u8> {
         self.view.write()
     }
@@ -87,6 +89,12 @@ pub trait Monitor {
     /// Called after each slice of tracing (about 0.2 seconds). The returned value decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
+    /// Returns `false` if the monitor does not read the film at the next [`Monitor::barrier`]. The film may then lack the other
+    /// processes' pixels there, which need not be sent. The default is `true`.
+    fn reads_barriers(&self) -> bool {
+        true
+    }
+
     /// Called at the end of each round of a render by several processes ([`Render::exchange`]), with the seconds that each
     /// process took to trace it. A render resumed from a snapshot taken here may have any number of processes.
     fn barrier(&mut self, status: &Status<'_>, seconds: &[f64]) {
@@ -108,11 +116,19 @@ impl Monitor for NoMonitor {
     fn slice(&mut self, _: &Status<'_>) -> Control {
         Control::Continue
     }
+
+    fn reads_barriers(&self) -> bool {
+        false
+    }
 }
 
 impl<F: FnMut(&Status<'_>) -> Control> Monitor for F {
     fn slice(&mut self, status: &Status<'_>) -> Control {
         self(status)
+    }
+
+    fn reads_barriers(&self) -> bool {
+        false
     }
 }
 
@@ -276,7 +292,8 @@ fn drive(
     let mut team = match exchange {
         Some(exchange) => {
             exchange::compare(exchange, &session.settings())?;
-            Some(Team::new(exchange, session.state.film.frame.size()[1] as usize))
+            let rows = session.state.film.frame.size()[1] as usize;
+            Some(Team::new(exchange, rows).planning_own_rows(session.halo()))
         }
         None => None,
     };

@@ -41,9 +41,40 @@ pub(crate) struct OpenRound {
     pub(crate) plan_seconds: f64,
     /// Seconds of tracing this round before the snapshot.
     pub(crate) traced_seconds: f64,
+    /// The counts of everyone's pixels, each with the number of pixels, if `plan` holds those of the own rows only.
+    pub(crate) of_all: Option<Vec<(u32, u64)>>,
 }
 
 impl OpenRound {
+    /// The largest number of samples of a pixel, of all processes.
+    pub(crate) fn longest(&self) -> u32 {
+        match &self.of_all {
+            Some(of_all) => of_all.iter().map(|(count, _)| *count).max().unwrap_or(0),
+            None => self.counts().max().unwrap_or(0),
+        }
+    }
+
+    /// The samples of all processes among the first `start` of each pixel.
+    pub(crate) fn before(&self, start: u32) -> u64 {
+        match &self.of_all {
+            Some(of_all) => of_all.iter().map(|&(count, pixels)| u64::from(count.min(start)) * pixels).sum(),
+            None => self.counts().map(|count| u64::from(count.min(start))).sum(),
+        }
+    }
+
+    /// The number of pixels of all processes with more than `start` samples; those of both halves count twice.
+    pub(crate) fn above(&self, start: u32) -> u64 {
+        match &self.of_all {
+            Some(of_all) => of_all.iter().filter(|(count, _)| *count > start).map(|(_, pixels)| pixels).sum(),
+            None => self.counts().filter(|count| *count > start).count() as u64,
+        }
+    }
+
+    /// The counts in the plan, of both halves.
+    fn counts(&self) -> impl Iterator<Item = u32> + '_ {
+        self.plan.counts.iter().chain(self.plan.second_half.iter().flatten()).copied()
+    }
+
     /// The number of this round's samples already traced in each pixel of `row`.
     pub(crate) fn done(&self, row: usize) -> u32 {
         if row < self.cursor.row as usize { self.cursor.end } else { self.cursor.start }
@@ -323,7 +354,8 @@ fn take_round(from: &mut Reader<'_>, film: &Film) -> Result<OpenRound, Broken> {
         pending.push((block, take_training(from)?));
     }
     let cursor = Cursor { start, end, row };
-    let open = OpenRound { plan, cursor, pending, before, submitted, plan_seconds, traced_seconds };
+    let of_all = None;
+    let open = OpenRound { plan, cursor, pending, before, submitted, plan_seconds, traced_seconds, of_all };
     if end < start || row as usize >= height || !(plan_seconds.is_finite() && traced_seconds.is_finite()) {
         return Err(Broken("the place within a round is out of range"));
     }

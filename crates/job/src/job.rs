@@ -67,6 +67,12 @@ pub trait JobMonitor {
     /// Called between two slices. The returned value decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
+    /// Returns `false` if the monitor never reads the film before the end. Of several processes, each may then see its own rows
+    /// only, and less is sent. The default is `true`.
+    fn reads_film(&self) -> bool {
+        true
+    }
+
     /// Called when all samples are traced, unless the render was stopped.
     fn end(&mut self, status: &Status<'_>) {
         let _ = status;
@@ -87,6 +93,10 @@ impl JobMonitor for NoMonitor {
     fn slice(&mut self, _: &Status<'_>) -> Control {
         Control::Continue
     }
+
+    fn reads_film(&self) -> bool {
+        false
+    }
 }
 
 /// Adapts a render's [`Monitor`] to a [`JobMonitor`] that ignores warnings.
@@ -95,6 +105,10 @@ pub struct RenderMonitor<'m>(pub &'m mut dyn Monitor);
 impl JobMonitor for RenderMonitor<'_> {
     fn slice(&mut self, status: &Status<'_>) -> Control {
         self.0.slice(status)
+    }
+
+    fn reads_film(&self) -> bool {
+        self.0.reads_barriers()
     }
 
     fn end(&mut self, status: &Status<'_>) {

@@ -77,6 +77,11 @@ impl Live {
         Ok(Self { places: Some(places), every, ..Self::default() })
     }
 
+    /// Returns `true` if images are shown.
+    pub(super) fn is_on(&self) -> bool {
+        self.worker.is_some()
+    }
+
     /// Starts the thread that shows the images of this job.
     pub(super) fn begin(&mut self, job: &Job) {
         let Some(mut places) = self.places.take() else { return };

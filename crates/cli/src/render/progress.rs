@@ -121,6 +121,10 @@ impl JobMonitor for Progress {
         Control::Continue
     }
 
+    fn reads_film(&self) -> bool {
+        self.live.is_on()
+    }
+
     fn warn(&mut self, warning: Warning) {
         output::warn(warning.to_string());
     }

@@ -275,3 +275,123 @@ fn threads_change_no_count() {
     let one = run(1);
     assert!([2, 3, 7].into_iter().all(|threads| run(threads) == one));
 }
+
+/// Random rows for each of `of` processes; some may get none.
+fn divided(rng: &mut Pcg64, height: usize, of: usize) -> Vec<Vec<std::ops::Range<usize>>> {
+    let mut runs = vec![Vec::new(); of];
+    let mut row = 0;
+    while row < height {
+        let end = (row + rng.random_range(1..5)).min(height);
+        runs[rng.random_range(0..of)].push(row..end);
+        row = end;
+    }
+    runs
+}
+
+/// The counts of a frame's pixels that processes allocate together, and the largest number of bytes that one sent.
+fn allocated_by_parts(
+    frame: &crate::Frame,
+    runs: Vec<Vec<std::ops::Range<usize>>>,
+    allocate: impl Fn(&[usize], &mut OwnRows<'_>) -> Result<Allocation, Error> + Sync,
+) -> (Result<Vec<u32>, Error>, usize) {
+    let one = |(mut end, runs): (crate::exchange::InMemory, Vec<std::ops::Range<usize>>)| {
+        let mut part = OwnRows::of(frame, runs, &mut end);
+        let pixels: Vec<usize> = part.pixels().collect();
+        let counts = allocate(&pixels, &mut part).map(|got| got.counts);
+        drop(part);
+        (pixels, counts, end.sent().iter().sum::<usize>())
+    };
+    let ends: Vec<_> = crate::exchange::in_memory(runs.len() as u32).into_iter().zip(runs).collect();
+    let all: Vec<_> = std::thread::scope(|threads| {
+        let one = &one;
+        let running: Vec<_> = ends.into_iter().map(|end| threads.spawn(move || one(end))).collect();
+        running.into_iter().map(|one| one.join().unwrap()).collect()
+    });
+    let mut counts = vec![0; frame.pixels()];
+    let mut bytes = 0;
+    for (pixels, own, sent) in all {
+        bytes = bytes.max(sent);
+        match own {
+            Ok(own) => pixels.iter().zip(own).for_each(|(&pixel, n)| counts[pixel] = n),
+            Err(error) => return (Err(error), bytes),
+        }
+    }
+    (Ok(counts), bytes)
+}
+
+#[test]
+fn processes_with_parts_of_the_pixels_find_the_counts_of_one() {
+    let mut rng = Pcg64::seed_from_u64(9);
+    for case in 0..cases(240) {
+        let frame = crate::Frame::new(rng.random_range(1..90), rng.random_range(1..90)).unwrap();
+        let pixels = frame.pixels();
+        // Ties in two cases of three: few different scores, or all equal.
+        let kinds = [1, 3, 1 << 30][case % 3];
+        let (wild, _) = wild(&mut rng, pixels);
+        let scores: Vec<f64> = match case % 4 {
+            0 => wild,
+            _ => (0..pixels).map(|_| 1.1f64.powi(rng.random_range(0..kinds).min(400))).collect(),
+        };
+        let floors: Vec<u32> = (0..pixels).map(|_| rng.random_range(0..5)).collect();
+        let ceiling = [u32::MAX, 61, 200][rng.random_range(0..3)];
+        let most = floors.iter().map(|&n| u64::from(n.max(ceiling))).sum::<u64>();
+        let least = sum(&floors);
+        let total = match case % 8 {
+            0 => most.saturating_add(3),
+            1 => most - 1,
+            2 => least,
+            _ => rng.random_range(least..=(least + 40 * pixels as u64).min(most)),
+        };
+        let exponent = [1.0, 1.15, 3.0][rng.random_range(0..3)];
+        let run = |scores: &[f64], floors: &[u32], part: &mut OwnRows<'_>| match case % 2 {
+            0 => share_out(&Demand::new(scores, floors, ceiling, total), ceiling, &EveryCount, part),
+            _ => Ladder::Whole.allocate_together(&Demand::new(scores, floors, ceiling, total), exponent, part),
+        };
+        let alone = run(&scores, &floors, &mut OwnRows::whole(&frame)).unwrap();
+        assert_eq!(sum(&alone.counts) + alone.unspent, total, "case {case}");
+        for of in [1, 2, 3, 7] {
+            let runs = divided(&mut rng, frame.size()[1] as usize, of);
+            let of = |all: &[f64], pixels: &[usize]| -> Vec<f64> { pixels.iter().map(|&i| all[i]).collect() };
+            let (counts, _) = allocated_by_parts(&frame, runs, |pixels, part| {
+                let floors: Vec<u32> = pixels.iter().map(|&i| floors[i]).collect();
+                let got = run(&of(&scores, pixels), &floors, part)?;
+                assert_eq!((got.unspent, got.replaced), (alone.unspent, alone.replaced));
+                Ok(got)
+            });
+            assert!(counts.unwrap() == alone.counts, "case {case}");
+        }
+    }
+}
+
+#[test]
+fn processes_refuse_a_budget_below_the_floors_of_all() {
+    let frame = crate::Frame::new(4, 6).unwrap();
+    // The floors of each process alone would fit.
+    let (counts, _) = allocated_by_parts(&frame, vec![vec![0..3], vec![3..6]], |pixels, part| {
+        let floors = vec![3; pixels.len()];
+        Ladder::Whole.allocate_together(&Demand::new(&vec![1.0; pixels.len()], &floors, 9, 71), 1.3, part)
+    });
+    assert!(matches!(counts, Err(Error::BudgetTooSmall { budget: 71, needed: 72, pixels: 24 })), "{counts:?}");
+}
+
+/// Few bytes travel, however many pixels there are and however many of them have equal scores.
+#[test]
+fn allocation_by_parts_sends_less_than_a_megabyte_per_process() {
+    let mut rng = Pcg64::seed_from_u64(10);
+    let frame = crate::Frame::new(512, if cfg!(miri) { 16 } else { 512 }).unwrap();
+    let random: Vec<f64> = (0..frame.pixels()).map(|_| 10f64.powf(rng.random_range(-3.0..3.0))).collect();
+    let few: Vec<f64> = random.iter().map(|g| if *g < 1.0 { 1.0 } else { 2.0 }).collect();
+    let equal = vec![1.0; frame.pixels()];
+    for scores in [random, few, equal] {
+        let total = 32 * frame.pixels() as u64 + 77_777;
+        let alone = Ladder::Whole.allocate(&scores, &vec![4; frame.pixels()], 200, total, 1.15).unwrap();
+        let runs = divided(&mut rng, frame.size()[1] as usize, 3);
+        let (counts, bytes) = allocated_by_parts(&frame, runs, |pixels, part| {
+            let own: Vec<f64> = pixels.iter().map(|&i| scores[i]).collect();
+            let floors = vec![4; own.len()];
+            Ladder::Whole.allocate_together(&Demand::new(&own, &floors, 200, total), 1.15, part)
+        });
+        assert!(counts.unwrap() == alone.counts);
+        assert!(bytes < 1 << 20, "{bytes}");
+    }
+}

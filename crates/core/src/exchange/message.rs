@@ -11,7 +11,7 @@ use crate::snapshot::film::{
 use crate::{Error, Film, Rejected, Retention, SampleId, TrainingSum};
 
 /// The version of the messages. It changes with their layout and contents.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// The place in the render at which a message is sent. All messages of one gathering have the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,6 +72,8 @@ pub(crate) struct Message {
     pub(crate) standing: Standing,
     /// True if all its samples up to this step are traced.
     pub(crate) whole: bool,
+    /// True if it reads everyone's pixels at this step.
+    pub(crate) reads_film: bool,
     /// Readings in seconds: clock, planning the round, tracing it, reserve for the filter, and time limit.
     pub(crate) seconds: [f64; 5],
     pub(crate) threads: u32,
@@ -90,6 +92,7 @@ impl Message {
         to.number(self.share);
         put_standing(&mut to, &self.standing);
         to.flag(self.whole);
+        to.flag(self.reads_film);
         to.number(self.seconds);
         to.number(self.threads);
         to.number(self.training.len() as u64);
@@ -116,7 +119,8 @@ impl Message {
         let step = Step { kind, number, round, since, plan: from.number()? };
         let share = from.number()?;
         let standing = take_standing(&mut from)?;
-        let (whole, seconds, threads) = (from.flag()?, from.number::<[f64; 5]>()?, from.number()?);
+        let (whole, reads_film) = (from.flag()?, from.flag()?);
+        let (seconds, threads) = (from.number::<[f64; 5]>()?, from.number()?);
         if !seconds.iter().all(|s| s.is_finite()) {
             return Err(Broken("a time is not a number of seconds"));
         }
@@ -127,7 +131,7 @@ impl Message {
             training.push((row, take_training(&mut from)?));
         }
         let rest = from.flag()?.then_some(from);
-        Ok((Self { step, share, standing, whole, seconds, threads, training, found: None }, rest))
+        Ok((Self { step, share, standing, whole, reads_film, seconds, threads, training, found: None }, rest))
     }
 }
 
@@ -196,6 +200,27 @@ impl Found {
             false => Err(Broken("there are bytes after the end")),
         }
     }
+}
+
+/// Writes all planes of some pixels of a film.
+pub(crate) fn put_pixels(to: &mut Writer, film: &Film, pixels: Picked<'_>) {
+    let part = film.pick(pixels, None);
+    part.kept.iter().chain(&part.discarded).for_each(|bank| put_bank(to, bank));
+    put_beside(to, &part);
+}
+
+/// Reads all planes of some pixels into a film.
+pub(crate) fn take_pixels(from: &mut Reader<'_>, film: &mut Film, pixels: Picked<'_>) -> Result<(), Broken> {
+    let mut part = Film::without_planes(film.frame, film.needs);
+    for kept in (0..film.kept.len()).map(|_| true).chain((0..film.discarded.len()).map(|_| false)) {
+        let bank: Bank = take_bank(from, pixels.0.len(), &film.needs)?;
+        check_bank(&bank, u64::MAX >> 1)?;
+        if kept { part.kept.push(bank) } else { part.discarded.push(bank) }
+    }
+    take_beside(from, &mut part, pixels.0.len())?;
+    // The planes were read for these numbers, so they fit.
+    film.place(pixels, part);
+    Ok(())
 }
 
 fn put_standing(to: &mut Writer, standing: &Standing) {

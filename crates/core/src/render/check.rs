@@ -3,8 +3,13 @@
 use crate::film::Bank;
 use crate::{BudgetLeft, Error, Film, Plan, Retention, Sampler};
 
-/// Checks that a plan is valid, and that the point set has enough samples.
-pub(super) fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &BudgetLeft) -> Result<(), Error> {
+/// Checks that a plan is valid, and that the point set has enough samples. `total` are the samples of all processes.
+pub(super) fn check(
+    (plan, total): (&Plan, u64),
+    film: &Film,
+    sampler: &dyn Sampler,
+    budget: &BudgetLeft,
+) -> Result<(), Error> {
     let bad = |what: String| Err(Error::BadPlan { sampler: sampler.describe(), what });
     let pixels = film.frame.pixels();
     let second = plan.second_half.as_deref();
@@ -14,7 +19,7 @@ pub(super) fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &Bu
     if second.is_some() && film.kept.len() != 2 {
         return bad("it has a second half, but needs() has no halves".into());
     }
-    match plan.total() {
+    match total {
         0 => return bad("it has no samples".into()),
         total if total > budget.left() => {
             return bad(format!("it has {total} samples, but {} are left", budget.left()));

@@ -13,9 +13,7 @@ const SAMPLES: usize = 2;
 /// Samples per pixel of the next pass: about [`SAMPLES`] for each pixel of the image, handed to the pixels that still have
 /// samples in the round. Follows from the plan alone, not from time.
 pub(super) fn pass_length(open: &OpenRound, pixels: usize) -> u32 {
-    let start = open.cursor.start;
-    let second = open.plan.second_half.iter().flatten();
-    let active = open.plan.counts.iter().chain(second).filter(|&&n| n > start).count();
+    let active = open.above(open.cursor.start) as usize;
     // With counts for each half, a step traces a sample of both.
     let least = if open.plan.second_half.is_some() { 1 } else { SAMPLES };
     u32::try_from((SAMPLES * pixels / active.max(1)).max(least)).unwrap_or(u32::MAX)

@@ -103,7 +103,7 @@ pub(super) fn trace(
         let seconds = session.seconds() - began;
         let Session { state, sampler, limits, .. } = &mut *session;
         let Some(open) = &mut state.open else { return Ok(Stopped::AtEnd) };
-        let (points, longest) = (sampler.points(), longest_pixel(&open.plan));
+        let (points, longest) = (sampler.points(), open.longest());
         if open.cursor.start >= longest {
             return Ok(Stopped::No);
         }
@@ -189,11 +189,6 @@ pub(super) fn failed(trouble: Standing, film: &mut Film, points: &dyn PointSet) 
     }
 }
 
-fn longest_pixel(plan: &Plan) -> u32 {
-    let second = plan.second_half.iter().flatten();
-    plan.counts.iter().chain(second).copied().max().unwrap_or(0)
-}
-
 /// The size of the next slice: samples per pixel, and rows of pixels.
 ///
 /// Both follow from the sampling rate of this round, which took `seconds` so far. If one sample in every pixel takes
@@ -235,8 +230,7 @@ fn next_slice(
 /// Samples per pixel of the next training pass: the mean number of all samples before, so that passes double in length.
 /// Depends on the plans only: not on time, nor on the process that traced the samples.
 fn pass_length(open: &OpenRound) -> u32 {
-    let second = open.plan.second_half.iter().flatten();
-    let traced = open.plan.counts.iter().chain(second).map(|&n| u64::from(n.min(open.cursor.start))).sum::<u64>();
+    let traced = open.before(open.cursor.start);
     let mean = (open.before + open.submitted + traced) / open.plan.counts.len() as u64;
     u32::try_from(mean).unwrap_or(u32::MAX).max(1)
 }

@@ -3,18 +3,17 @@
 use super::budget::Meter;
 use super::check::check;
 use super::clock::Clock;
-use super::filter_time;
-use super::holdout::{Holdout, Prediction};
+use super::holdout::Holdout;
 use super::methods::Methods;
 use super::pull::Round;
 use super::round::{Stopped, failed};
 use super::team::Team;
 use super::{Monitor, NoMonitor, Status};
 use crate::exchange::message::Standing;
-use crate::snapshot::{Cursor, OpenRound, Planner, View};
+use crate::snapshot::{OpenRound, Planner, View};
 use crate::{
-    Budget, Error, Feedback, Film, Filter, Filtered, Frame, Limits, Needs, Plan, Progress, Retention, RoundRecord,
-    Sampler, Snapshot, TrainingData, Unfiltered,
+    Budget, Error, Film, Filter, Filtered, Frame, Limits, Needs, Retention, RoundRecord, Sampler, Snapshot,
+    TrainingData, Unfiltered,
 };
 
 /// The state of a render between slices.
@@ -87,11 +86,11 @@ pub struct Session<'a> {
     pub(super) state: State,
     pub(super) limits: Limits,
     pub(super) sampler: Box<dyn Sampler + 'a>,
-    filter: Option<Box<dyn Filter + 'a>>,
+    pub(super) filter: Option<Box<dyn Filter + 'a>>,
     /// True while an error limit concerns the image of `filter`.
-    judged: bool,
-    meter: Meter,
-    clock: Clock,
+    pub(super) judged: bool,
+    pub(super) meter: Meter,
+    pub(super) clock: Clock,
     /// The reading of the clock at which the open round would have begun without interruption.
     began: f64,
     /// True when no round is left.
@@ -275,6 +274,14 @@ impl<'a> Session<'a> {
         pairs.map(|(name, value): (&str, String)| (name.to_owned(), value)).into()
     }
 
+    /// The rows beyond its own ones that a process reads to plan them; `None` if every process plans the whole image.
+    ///
+    /// The error of a filtered image concerns the whole film, and splats of one process fall on all pixels.
+    pub(super) fn halo(&self) -> Option<u32> {
+        let reads_all = self.meter.goal().is_some() || self.state.film.needs.splats;
+        self.sampler.halo().filter(|_| !reads_all)
+    }
+
     pub(super) fn seconds(&self) -> f64 {
         self.clock.seconds()
     }
@@ -328,8 +335,10 @@ impl<'a> Session<'a> {
             self.state.open = self.plan(team.as_deref_mut())?;
         }
         let State { film, open, .. } = &mut self.state;
-        if let (Some(team), Some(open)) = (team, open.as_mut()) {
-            team.begin(film, open);
+        match (team, open.as_mut()) {
+            (Some(team), Some(open)) => team.begin(film, open)?,
+            (Some(team), None) => team.complete(film)?,
+            (None, _) => {}
         }
         let Some(open) = &self.state.open else {
             self.over = true;
@@ -347,7 +356,9 @@ impl<'a> Session<'a> {
         monitor: &mut dyn Monitor,
         mut team: Option<&mut Team<'_>>,
     ) -> Result<bool, Error> {
-        let (stopped, plan_seconds, trace_seconds) = self.gather(stopped, team.as_deref_mut())?;
+        let reads_film =
+            monitor.reads_barriers() || self.meter.seconds().is_some() && self.meter.filter_seconds().is_none();
+        let (stopped, plan_seconds, trace_seconds) = self.gather(stopped, reads_film, team.as_deref_mut())?;
         let Some(open) = self.state.open.take() else { return Ok(true) };
         let film = &mut self.state.film;
         let (samples, kept) = (film.record.samples - open.before, open.plan.retention == Retention::Keep);
@@ -370,15 +381,20 @@ impl<'a> Session<'a> {
         Ok(stopped == Stopped::AtEnd)
     }
 
-    /// Gathers the pixels of the round from all processes. Returns where the round was stopped, and the seconds of
-    /// planning and tracing it.
-    fn gather(&mut self, stopped: Stopped, team: Option<&mut Team<'_>>) -> Result<(Stopped, f64, f64), Error> {
+    /// Gathers the results of the round from all processes, with the pixels if `reads_film` holds for one. Returns where
+    /// the round was stopped, and the seconds of planning and tracing it.
+    fn gather(
+        &mut self,
+        stopped: Stopped,
+        reads_film: bool,
+        team: Option<&mut Team<'_>>,
+    ) -> Result<(Stopped, f64, f64), Error> {
         let seconds = self.clock.seconds();
         let State { film, round, open: Some(open), .. } = &mut self.state else { return Ok((stopped, 0.0, 0.0)) };
         let mut times = [seconds, open.plan_seconds, seconds - self.began];
         let mut stopped = stopped;
         if let Some(team) = team {
-            let gathered = team.round(film, (*round, open), stopped != Stopped::Within, times)?;
+            let gathered = team.round(film, (*round, open), [stopped != Stopped::Within, reads_film], times)?;
             (self.everyones, times) = (None, gathered.seconds);
             stopped = match gathered.standing {
                 Standing::Going => Stopped::No,
@@ -388,73 +404,6 @@ impl<'a> Session<'a> {
             };
         }
         Ok((stopped, times[1], times[2]))
-    }
-
-    /// The reading of the clock by which a budget of time is spent: the first process' if there are several.
-    fn agreed_seconds(&mut self, team: Option<&mut Team<'_>>) -> Result<f64, Error> {
-        let seconds = self.clock.seconds();
-        let (Some(team), Some(limit)) = (team, self.meter.seconds()) else { return Ok(seconds) };
-        let reserved = self.meter.filter_seconds();
-        // No reserve is written as a negative number.
-        let read = team.clock(&self.state.film, self.state.round, [seconds, reserved.unwrap_or(-1.0), limit])?;
-        self.meter.follow(read[2], Some(read[1]).filter(|seconds| *seconds >= 0.0));
-        Ok(read[0])
-    }
-
-    /// Requests the plan of the next round from the sampler; `None` at the end of the render.
-    fn plan(&mut self, mut team: Option<&mut Team<'_>>) -> Result<Option<OpenRound>, Error> {
-        let planning = self.clock.seconds();
-        self.reserve_for_filter();
-        loop {
-            let seconds = self.agreed_seconds(team.as_deref_mut())?;
-            let State { film, round, .. } = &mut self.state;
-            let budget = self.meter.show(film, *round, seconds);
-            film.record.budgets.push(budget.total);
-            let mut plan = Plan::empty(film.frame.pixels());
-            let progress = self.sampler.next_round(&Feedback { round: *round, film, budget }, &mut plan)?;
-            let plan_seconds = self.clock.seconds() - planning;
-            if progress == Progress::Trace {
-                check(&plan, film, &*self.sampler, &budget)?;
-                return Ok(Some(begin(plan, film, plan_seconds)));
-            }
-            let predicted = self.predict()?;
-            let seconds = self.agreed_seconds(team.as_deref_mut())?;
-            if !self.meter.extend(&self.state.film, seconds, predicted) {
-                // The time of the last prediction belongs to the last round.
-                if let Some(last) = self.state.film.record.rounds.last_mut() {
-                    last.plan_seconds += self.clock.seconds() - planning;
-                }
-                return Ok(None);
-            }
-        }
-    }
-
-    /// Measures the filter after the first samples of a render with a time limit, so that the limit includes the filter.
-    fn reserve_for_filter(&mut self) {
-        let film = &self.state.film;
-        if self.meter.seconds().is_some() && self.meter.filter_seconds().is_none() && film.record.samples > 0 {
-            let seconds = self.filter.as_ref().map_or(0.0, |filter| filter_time::estimate(filter, film));
-            self.meter.reserve(seconds);
-        }
-    }
-
-    /// Predicts the error that an error limit concerns; `None` without such a limit. A filter without an estimate leaves the
-    /// limit with the unfiltered image.
-    fn predict(&mut self) -> Result<Option<Prediction>, Error> {
-        if self.meter.goal().is_none() {
-            return Ok(None);
-        }
-        let State { film, holdout, .. } = &mut self.state;
-        if let Some(filter) = self.filter.as_ref().filter(|_| self.judged) {
-            *holdout = Holdout::next(holdout.take(), film, filter)?;
-            if let Some(holdout) = holdout {
-                let prediction = holdout.prediction();
-                film.record.filtered_relmse = Some(prediction.relmse);
-                return Ok(Some(prediction));
-            }
-            self.judged = false;
-        }
-        Ok(Some(Prediction::unfiltered(film)))
     }
 }
 
@@ -473,21 +422,8 @@ fn continued(
     if let Some(open) = &open {
         let rest = open.rest(frame.size()[0] as usize);
         if rest.total() > 0 {
-            check(&rest, &film, sampler, &meter.left(&film))?;
+            check((&rest, rest.total()), &film, sampler, &meter.left(&film))?;
         }
     }
     Ok((State { film, round, open, passes, holdout, prepared: None }, seconds))
-}
-
-/// Applies a plan's withdrawals and discarding to the film, and returns the round to trace.
-fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {
-    if plan.retention == Retention::Discard {
-        film.open_discarded();
-    }
-    if let Some(withdrawn) = &plan.withdraw {
-        film.withdraw(withdrawn);
-    }
-    film.combine = plan.combine;
-    let (cursor, before) = (Cursor::default(), film.record.samples);
-    OpenRound { plan, cursor, pending: Vec::new(), before, submitted: 0, plan_seconds, traced_seconds: 0.0 }
 }

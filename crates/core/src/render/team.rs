@@ -14,12 +14,12 @@ pub(super) type Sums = Vec<(usize, Vec<TrainingSum>)>;
 
 /// This process' part of a render by several processes.
 pub(crate) struct Team<'a> {
-    exchange: &'a mut dyn Exchange,
-    me: u32,
+    pub(super) exchange: &'a mut dyn Exchange,
+    pub(super) me: u32,
     threads: Vec<u32>,
     /// True if the film is gathered after each training pass too, since processes keep nothing from pass to pass.
     staged: bool,
-    deal: Deal,
+    pub(super) deal: Deal,
     /// The measured cost of each band.
     measured: Vec<BandCost>,
     /// The nanoseconds that this process took for each band since the last gathering of films.
@@ -30,6 +30,10 @@ pub(crate) struct Team<'a> {
     before: Option<Before>,
     /// This process' samples of the open round, and everyone's.
     planned: [u64; 2],
+    /// The rows beyond its own ones that each process reads to plan these; `None` if each plans the whole image.
+    pub(super) halo: Option<u32>,
+    /// True while the film has everyone's pixels.
+    pub(super) is_complete: bool,
     standing: Standing,
     /// The number of messages so far.
     messages: u32,
@@ -72,6 +76,8 @@ impl<'a> Team<'a> {
             since: 0,
             before: None,
             planned: [1; 2],
+            halo: None,
+            is_complete: true,
             standing: Standing::Going,
             messages: 0,
             times: Vec::new(),
@@ -107,19 +113,34 @@ impl<'a> Team<'a> {
         &self.standing
     }
 
+    /// Makes each process plan its own rows, with `halo` rows around them. `None` leaves the whole image to each.
+    pub(super) fn planning_own_rows(self, halo: Option<u32>) -> Self {
+        Self { halo: halo.filter(|_| self.threads.len() > 1), ..self }
+    }
+
     /// Deals the bands of an opened round by the cost of the rounds before, and notes the state of the film.
-    pub(super) fn begin(&mut self, film: &mut Film, open: &mut OpenRound) {
+    pub(super) fn begin(&mut self, film: &mut Film, open: &mut OpenRound) -> Result<(), Error> {
         if self.me > 0 {
             // The sums of a pass that was interrupted are everyone's; one of them reports them.
             open.pending.clear();
         }
         let width = film.frame.size()[0] as usize;
         self.since = open.cursor.start;
-        let to_come: Vec<u64> =
+        let mut to_come: Vec<u64> =
             (0..self.measured.len()).map(|band| planned(&open.plan, band, width, self.since)).collect();
-        self.deal = Deal::by_cost(&expected(&self.measured, &to_come), &self.threads);
+        if open.of_all.is_some() {
+            self.part(&film.frame).add(&mut to_come)?;
+        }
+        let costs = expected(&self.measured, &to_come);
+        let deal = match self.is_complete {
+            true => Deal::by_cost(&costs, &self.threads),
+            false => self.deal.clone().rebalanced(&costs, &self.threads),
+        };
+        let before = std::mem::replace(&mut self.deal, deal);
+        self.move_rows(film, open, &before)?;
         self.planned = [self.deal.of(self.me).map(|band| to_come[band]).sum(), to_come.iter().sum()];
         self.note(film);
+        Ok(())
     }
 
     /// Takes the film's record and lists aside.
@@ -191,13 +212,14 @@ impl<'a> Team<'a> {
         Ok(Some(all.into_iter().flat_map(|one| one.training).collect()))
     }
 
-    /// Exchanges the pixels of a round. `whole` is true if this process has traced all of its samples, `seconds` are the
-    /// clock and the time of planning and tracing.
+    /// Exchanges the results of a round: with pixels unless processes plan their own rows, no process stopped or failed, and
+    /// none reads the film. `whole` is true if this process has traced all of its samples, `seconds` are the clock and the
+    /// time of planning and tracing.
     pub(super) fn round(
         &mut self,
         film: &mut Film,
         (round, open): (u32, &OpenRound),
-        whole: bool,
+        [whole, reads_film]: [bool; 2],
         [clock, plan, trace]: [f64; 3],
     ) -> Result<Gathered, Error> {
         if self.staged && !(0..open.plan.counts.len()).any(|i| longest(&open.plan, i) > self.since) {
@@ -209,8 +231,12 @@ impl<'a> Team<'a> {
         let found = Some(self.found(film, open));
         let trace = if self.staged { self.began.elapsed().as_secs_f64() } else { trace };
         let message = self.message(Kind::Round, (round, &open.plan), whole, [clock, plan, trace, 0.0, 0.0]);
-        let mut all = self.gather(Message { found, ..message }, film, Some(open))?;
+        let mut all = self.gather(Message { found, reads_film, ..message }, film, Some(open))?;
         self.place(film, open, &mut all);
+        self.is_complete = self.halo.is_none();
+        if all.iter().any(|one| one.reads_film || one.standing != Standing::Going) {
+            self.complete(film)?;
+        }
         self.times = all.iter().map(|one| one.seconds[2]).collect();
         self.threads = if self.staged { vec![1; all.len()] } else { all.iter().map(|one| one.threads).collect() };
         let [clock, plan, mut trace, ..] = all[0].seconds;
@@ -241,12 +267,19 @@ impl<'a> Team<'a> {
         Ok([clock, filter, limit])
     }
 
+    /// A digest of a plan, by which processes that planned differently are found. Of own rows, it is the number of samples of
+    /// all.
+    fn digest(&self, plan: &Plan) -> u64 {
+        if self.halo.is_some() { mix(self.planned[1]) } else { digest(plan) }
+    }
+
     fn message(&self, kind: Kind, (round, plan): (u32, &Plan), whole: bool, seconds: [f64; 5]) -> Message {
         Message {
-            step: Step { kind, number: self.messages, round, since: self.since, plan: digest(plan) },
+            step: Step { kind, number: self.messages, round, since: self.since, plan: self.digest(plan) },
             share: [self.me, self.threads.len() as u32],
             standing: self.standing.clone(),
             whole,
+            reads_film: false,
             seconds,
             threads: rayon::current_num_threads() as u32,
             training: Vec::new(),
@@ -273,8 +306,12 @@ impl<'a> Team<'a> {
         to_come(self.since) - to_come(open.cursor.start)
     }
 
-    /// The pixels of a process that the plan gives samples since films were last gathered.
+    /// The pixels of a process that the plan gives samples since films were last gathered; none if processes plan their own
+    /// rows.
     fn numbers(&self, film: &Film, open: &OpenRound, who: u32) -> Vec<u32> {
+        if self.halo.is_some() {
+            return Vec::new();
+        }
         let width = film.frame.size()[0] as usize;
         let pixels = |band: usize| band_pixels(band, width, open.plan.counts.len());
         let gets = |i: &usize| longest(&open.plan, *i) > self.since;
@@ -344,7 +381,7 @@ fn planned(plan: &Plan, band: usize, width: usize, since: u32) -> u64 {
     left(&plan.counts) + plan.second_half.as_deref().map_or(0, left)
 }
 
-fn band_pixels(band: usize, width: usize, pixels: usize) -> std::ops::Range<usize> {
+pub(super) fn band_pixels(band: usize, width: usize, pixels: usize) -> std::ops::Range<usize> {
     (band * BAND * width).min(pixels)..((band + 1) * BAND * width).min(pixels)
 }
 

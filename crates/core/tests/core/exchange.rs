@@ -18,7 +18,7 @@ use std::time::Duration;
 pub(crate) const RANKS: [u32; 4] = [1, 2, 3, 7];
 
 /// Runs one thread per process, each with its end of an exchange in memory. Returns their results, by number.
-fn together<T: Send>(of: u32, process: impl Fn(InMemory) -> T + Sync) -> Vec<T> {
+pub(crate) fn together<T: Send>(of: u32, process: impl Fn(InMemory) -> T + Sync) -> Vec<T> {
     std::thread::scope(|threads| {
         let process = &process;
         let running: Vec<_> = in_memory(of).into_iter().map(|end| threads.spawn(move || process(end))).collect();
@@ -144,10 +144,15 @@ impl Monitor for Barriers {
 
 #[test]
 fn a_render_resumed_at_a_barrier_by_any_number_of_processes_is_the_same() {
+    resumed_at_barriers(needs());
+    resumed_at_barriers(everything().with_channels(2));
+}
+
+fn resumed_at_barriers(needs: Needs) {
     let (frame, limits) = (frame(17, 70), Limits::samples(17 * 70 * 17 + 5));
     macro_rules! render {
         () => {
-            Render::new(frame, &limits).needs(needs())
+            Render::new(frame, &limits).needs(needs)
         };
     }
     let policy = PilotPolicy::Keep;
@@ -232,17 +237,23 @@ fn a_limit_of_time_is_that_of_the_first_process() {
             Estimate::new(noise(draws.pixel(), draws.block(dapple_core::Block::new(0))))
         }
     }
-    let films = together(3, |mut end| {
-        let index = end.share().index();
-        // Only the first one's limit counts.
-        let limits = Limits::seconds(if index == 0 { 0.3 } else { 77.0 });
-        let render = Render::new(frame(20, 70), &limits).exchange(&mut end);
-        render.run(&mut Slow(50 + 100 * u64::from(index)), &mut adaptive(PilotPolicy::Keep)).unwrap()
-    });
-    assert!(films[1..].iter().all(|film| all(film) == all(&films[0])));
-    let limits = Limits::new(Budget::Recorded(films[0].record().budgets.clone()));
-    let again = Render::new(frame(20, 70), &limits).run(&mut Slow(0), &mut adaptive(PilotPolicy::Keep)).unwrap();
-    assert!(all(&again) == all(&films[0]));
+    // With splats, every process plans the whole image.
+    for needs in [Needs::none(), Needs::none().with_splats()] {
+        let films = together(3, |mut end| {
+            let index = end.share().index();
+            // Only the first one's limit counts.
+            let limits = Limits::seconds(if index == 0 { 0.3 } else { 77.0 });
+            let render = Render::new(frame(20, 70), &limits).needs(needs).exchange(&mut end);
+            render.run(&mut Slow(50 + 100 * u64::from(index)), &mut adaptive(PilotPolicy::Keep)).unwrap()
+        });
+        assert!(films[1..].iter().all(|film| all(film) == all(&films[0])));
+        let limits = Limits::new(Budget::Recorded(films[0].record().budgets.clone()));
+        let again = Render::new(frame(20, 70), &limits)
+            .needs(needs)
+            .run(&mut Slow(0), &mut adaptive(PilotPolicy::Keep))
+            .unwrap();
+        assert!(all(&again) == all(&films[0]));
+    }
 }
 
 #[test]

@@ -8,6 +8,7 @@ mod film;
 mod film_pushed;
 mod half_films;
 mod holdout;
+mod own_rows;
 mod placed_points;
 mod prepare;
 mod resume;

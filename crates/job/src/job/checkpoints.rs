@@ -168,6 +168,10 @@ impl Monitor for Watched<'_> {
         Control::Continue
     }
 
+    fn reads_barriers(&self) -> bool {
+        self.writer.is_some() || self.monitor.reads_film()
+    }
+
     fn barrier(&mut self, status: &Status<'_>, seconds: &[f64]) {
         for warning in slow(seconds, &mut self.slow) {
             self.monitor.warn(warning);
