@@ -282,13 +282,21 @@ impl<'a> Team<'a> {
     }
 
     /// Sends a message to all processes and returns everyone's, in order.
-    fn gather(&mut self, mine: Message, film: &Film, open: Option<&OpenRound>) -> Result<Vec<Message>, Error> {
+    fn gather(&mut self, mut mine: Message, film: &Film, open: Option<&OpenRound>) -> Result<Vec<Message>, Error> {
         let (step, of, mine_has_pixels) = (mine.step, mine.share[1], mine.found.is_some());
         self.messages += 1;
         let gathered = self.exchange.all_gather(mine.write())?;
-        drop(mine);
+        if let Some(found) = &mut mine.found {
+            // The film has them.
+            found.planes = Film::without_planes(film.frame, film.needs);
+        }
+        let mut mine = Some(mine);
         let mut all = Vec::with_capacity(gathered.len());
         for (rank, bytes) in gathered.into_iter().enumerate() {
+            if let Some(mine) = mine.take_if(|_| rank == self.me as usize) {
+                all.push(mine);
+                continue;
+            }
             let (mut message, rest) = Message::read(&bytes).map_err(|e| unreadable(rank, &e))?;
             if message.share != [rank as u32, of] || message.step != step {
                 return Err(Error::Exchange { what: out_of_step(rank, &message.step, &step) });
@@ -317,9 +325,11 @@ impl<'a> Team<'a> {
             sums.into_iter().zip(found.totals).for_each(|(sum, more)| *sum = sum.saturating_add(more));
             film.rejected.extend(found.rejected);
             film.splats.add_sums(&found.splats, found.splatting);
-            let numbers = self.numbers(film, open, rank as u32);
-            // The planes were read for these numbers, so they fit.
-            film.place(Picked(&numbers), found.planes);
+            if rank != self.me as usize {
+                let numbers = self.numbers(film, open, rank as u32);
+                // The planes were read for these numbers, so they fit.
+                film.place(Picked(&numbers), found.planes);
+            }
             for (band, cost) in self.deal.of(rank as u32).zip(found.costs) {
                 if cost.samples > 0 {
                     self.measured[band] = cost;
