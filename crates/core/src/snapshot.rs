@@ -4,7 +4,7 @@ pub(crate) mod bytes;
 pub(crate) mod film;
 
 use crate::render::holdout::Holdout;
-use crate::{Error, Film, Frame, Limits, Needs, Plan, Sampler, TrainingData, TrainingSum};
+use crate::{Error, Film, Frame, Integrator, Limits, Needs, Plan, Sampler, TrainingData, TrainingSum};
 use bytes::{Reader, Writer};
 use film::{put_combine, put_film, put_training, take_combine, take_film, take_training};
 
@@ -239,6 +239,11 @@ impl Snapshot {
     /// The film (per-pixel statistics) at the time of the snapshot, with valid statistics in every pixel.
     pub fn film(&self) -> &Film {
         &self.film
+    }
+
+    /// Makes an integrator learn the training passes so far.
+    pub fn teach(&self, integrator: &mut dyn Integrator) {
+        self.passes.iter().for_each(|pass| integrator.learn(pass));
     }
 
     /// Restores the sampler's state, and checks that the snapshot belongs to a render with this sampler, frame and limits, and records these `needs`.

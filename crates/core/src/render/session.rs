@@ -100,6 +100,8 @@ pub struct Session<'a> {
     given_out: Option<u64>,
     /// The samples of all processes of the render, estimated while they trace a round.
     pub(super) everyones: Option<u64>,
+    /// Training passes to learn from instead of this render's own.
+    pub(super) training: Vec<TrainingData>,
     tile_side: u32,
 }
 
@@ -153,8 +155,22 @@ impl<'a> Session<'a> {
         };
         let (clock, limits) = (Clock::start(seconds), limits.clone());
         let (began, over, given_out, tile_side) = (0.0, false, None, 32);
-        let everyones = None;
-        Ok(Self { state, limits, sampler, filter, judged, meter, clock, began, over, given_out, everyones, tile_side })
+        let (everyones, training) = (None, Vec::new());
+        Ok(Self {
+            state,
+            limits,
+            sampler,
+            filter,
+            judged,
+            meter,
+            clock,
+            began,
+            over,
+            given_out,
+            everyones,
+            training,
+            tile_side,
+        })
     }
 
     /// Plans the next round, or returns the open one if only a part of it was submitted; `None` when the limits are met.

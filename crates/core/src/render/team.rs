@@ -115,9 +115,8 @@ impl<'a> Team<'a> {
         }
         let width = film.frame.size()[0] as usize;
         self.since = open.cursor.start;
-        let to_come: Vec<u64> =
-            (0..self.measured.len()).map(|band| planned(&open.plan, band, width, self.since)).collect();
-        self.deal = Deal::by_cost(&expected(&self.measured, &to_come), &self.threads);
+        let to_come;
+        (self.deal, to_come) = deal(open, &self.measured, width, &self.threads);
         self.planned = [self.deal.of(self.me).map(|band| to_come[band]).sum(), to_come.iter().sum()];
         self.note(film);
     }
@@ -293,16 +292,16 @@ impl<'a> Team<'a> {
         let mut mine = Some(mine);
         let mut all = Vec::with_capacity(gathered.len());
         for (rank, bytes) in gathered.into_iter().enumerate() {
-            if let Some(mine) = mine.take_if(|_| rank == self.me as usize) {
-                all.push(mine);
-                continue;
-            }
             let (mut message, rest) = Message::read(&bytes).map_err(|e| unreadable(rank, &e))?;
             if message.share != [rank as u32, of] || message.step != step {
                 return Err(Error::Exchange { what: out_of_step(rank, &message.step, &step) });
             }
             if rest.is_some() != mine_has_pixels {
                 return Err(unreadable(rank, &Broken("its pixels are missing")));
+            }
+            if let Some(mine) = mine.take_if(|_| rank == self.me as usize) {
+                all.push(mine);
+                continue;
             }
             if let (Some(mut from), Some(open)) = (rest, open) {
                 let pixels = self.numbers(film, open, rank as u32).len();
@@ -339,6 +338,13 @@ impl<'a> Team<'a> {
         keep_first(&mut film.rejected);
         self.taken.fill(0);
     }
+}
+
+/// The deal of an open round to processes with these numbers of threads, and the samples to come of each band.
+pub(super) fn deal(open: &OpenRound, measured: &[BandCost], width: usize, threads: &[u32]) -> (Deal, Vec<u64>) {
+    let to_come: Vec<u64> =
+        (0..measured.len()).map(|band| planned(&open.plan, band, width, open.cursor.start)).collect();
+    (Deal::by_cost(&expected(measured, &to_come), threads), to_come)
 }
 
 /// The seconds of tracing of the slowest process.

@@ -4,6 +4,7 @@ use super::checkpoints::Watched;
 use super::identity::{PLAN, SPEC, compared};
 use super::{Job, JobMonitor, Traced};
 use crate::checkpoint::{Contents, Identity, Kind};
+use crate::memory::MemoryEstimate;
 use crate::{JobError, RenderSpec};
 use dapple_core::{Integrator, NoMonitor, Render, Sampler, Shard, Stage};
 use dapple_renderer::make_integrator;
@@ -61,7 +62,41 @@ impl PlanFile {
     }
 }
 
+/// What a process does in a render in stages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum StageTask {
+    /// It plans the first stage.
+    First,
+    /// It traces a part.
+    Part,
+    /// It makes the next plan of all parts.
+    Next,
+}
+
 impl Job {
+    /// The estimated memory of a process of a render in stages. It holds files beside the film.
+    ///
+    /// # Errors
+    ///
+    /// As [`Job::memory`].
+    pub fn memory_in_stages(&mut self, task: StageTask) -> Result<MemoryEstimate, JobError> {
+        // All parts together are as long as the film, and so is a plan. The next plan is made while they are held.
+        let copies = match task {
+            StageTask::First | StageTask::Part => 3,
+            StageTask::Next => 5,
+        };
+        self.need_any_image();
+        let (estimate, bytes) = self.forecast(false)?;
+        Ok(estimate.with_copies(copies, bytes))
+    }
+
+    /// Records all that any image of the render may need, as for shards.
+    fn need_any_image(&mut self) {
+        let hits = u8::from(self.clusters().is_some());
+        self.needs = self.needs.with_variance().with_first_hits(hits);
+    }
+
     /// Plans the first stage of a render. Returns the bytes of a plan file.
     ///
     /// # Errors
@@ -72,9 +107,7 @@ impl Job {
             return Err(JobError::NoTogether);
         }
         let identity = self.identity()?;
-        // All that any image of the render may need, as for shards.
-        let hits = u8::from(self.clusters().is_some());
-        self.needs = self.needs.with_variance().with_first_hits(hits);
+        self.need_any_image();
         let (render, mut integrator, sampler) = self.staged()?;
         let stage = render.first_stage(&mut *integrator, sampler)?;
         plan_bytes(identity, &stage)
@@ -165,6 +198,10 @@ impl Job {
 
     /// The render of a stage, with integrator and sampler.
     fn staged(&mut self) -> Result<Staged<'_>, JobError> {
+        if super::exact_crop::whole(&self.spec, &self.frame).is_some() {
+            let why = "its stages would trace the training passes of the whole image on each machine; use one machine";
+            return Err(JobError::NoExactCrop { why: why.into() });
+        }
         let filtered = self.is_error_of_filtered();
         let integrator = make_integrator(&self.integrator, &self.prepared.world)?;
         let render = Render::new(self.frame, &self.limits).needs(self.needs);
