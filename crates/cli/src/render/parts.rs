@@ -109,7 +109,7 @@ pub(crate) fn next(parts: &[PathBuf], from: Option<&Path>, output: &Path, option
 /// Traces one part of a plan.
 pub(super) fn part(args: &RenderArgs, from: &Path) -> Result<Outcome> {
     let shard = args.shard.ok_or_else(|| Failure::usage("render", "--from needs --shard I/N, the part to trace"))?;
-    let plan = PlanFile::read(from).map_err(|e| failure::of_job(&e))?;
+    let plan = PlanFile::read_part(from, shard).map_err(|e| failure::of_job(&e))?;
     let spec = if args.spec.is_some() { args.spec()? } else { plan.spec().clone() };
     let options = StageOptions::from(args);
     let output = match &args.outputs[..] {

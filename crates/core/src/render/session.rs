@@ -11,6 +11,7 @@ use super::round::{Stopped, failed};
 use super::team::Team;
 use super::{Monitor, NoMonitor, Status};
 use crate::exchange::message::Standing;
+use crate::snapshot::film::put_bands;
 use crate::snapshot::{Cursor, OpenRound, Planner, View};
 use crate::{
     Budget, Error, Feedback, Film, Filter, Filtered, Frame, Limits, Needs, Plan, Progress, Retention, RoundRecord,
@@ -254,6 +255,15 @@ impl<'a> Session<'a> {
         let bytes = self.view(self.clock.seconds()).write();
         self.state.film.record.budgets.extend(shown);
         bytes
+    }
+
+    /// The state of the session as bytes, without the planes of pixels, and these planes for each band of 16 rows.
+    pub(super) fn snapshot_in_bands(&mut self) -> (Vec<u8>, Vec<Vec<u8>>) {
+        let shown = if self.over { self.state.film.record.budgets.pop() } else { None };
+        let film = self.state.film.without_pixels();
+        let bytes = View { film: &film, ..self.view(self.clock.seconds()) }.write();
+        self.state.film.record.budgets.extend(shown);
+        (bytes, put_bands(&self.state.film))
     }
 
     /// The content of a snapshot.
