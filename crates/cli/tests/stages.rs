@@ -57,6 +57,8 @@ fn wrong_plans_and_parts_are_refused() {
     folder.done("render --from other.plan --shard 2/2 -o foreign.part");
     folder.done("render --from 0.plan --shard 2/2 -o 2.part");
     std::fs::write(folder.path("cut.part"), &folder.read("2.part")[..200]).unwrap();
+    let long = folder.read("0.plan").len();
+    std::fs::write(folder.path("cut.plan"), &folder.read("0.plan")[..long - 9]).unwrap();
     let before = folder.read("0.plan");
     for (words, expected) in [
         ("plan 1.part -o 1.plan", "0.plan: missing parts: 2/2"),
@@ -67,6 +69,8 @@ fn wrong_plans_and_parts_are_refused() {
         ("plan 1.part 2.part -o 0.plan", "this is --from (0.plan), which would be lost"),
         ("plan 1.part 2.part -o 1.part", "a file name that ends in .plan is required"),
         ("plan 0.plan -o 1.plan", "of another kind"),
+        ("render --from cut.plan --shard 1/2 -o 3.part", "cut.plan: it is cut short"),
+        ("render tiny.pbrt -o a.png --checkpoint c --resume 0.plan", "of another kind"),
         ("merge 0.plan -o a.png", "0.plan: samples are left to trace"),
         ("render --from 1.part --shard 1/2 -o 3.part", "of another kind"),
         ("render --from 0.plan -o 3.part", "--shard"),

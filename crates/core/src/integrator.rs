@@ -400,6 +400,13 @@ pub trait Integrator: Sync {
         let _ = pass;
     }
 
+    /// The most bytes that this integrator takes by learning in a render of `pixels` pixels, with the training data that the
+    /// render keeps. The default is 0.
+    fn training_memory(&self, pixels: u64) -> u64 {
+        let _ = pixels;
+        0
+    }
+
     /// The times at which this integrator prepares itself for samples, [`Prepares::Never`] by default. Called before
     /// each pass.
     fn prepares(&self) -> Prepares {
@@ -428,6 +435,7 @@ forward!(Integrator for &mut T, Box<T>; {
     ref estimate(draws: &Draws<'_>, log: &mut Worker) -> Estimate;
     ref needs() -> Needs;
     ref wants_training() -> bool;
+    ref training_memory(pixels: u64) -> u64;
     ref prepares() -> Prepares;
     ref memory(frame: &Frame) -> u64;
     mut learn(pass: &TrainingData);

@@ -16,6 +16,7 @@ mod session;
 mod stage;
 mod team;
 mod tile;
+mod training;
 
 pub use methods::Methods;
 pub use pull::Round;
@@ -25,7 +26,9 @@ use team::Team;
 pub use tile::{Samples, Tile};
 
 use crate::snapshot::View;
-use crate::{Error, Exchange, Film, Filter, Frame, Integrator, Limits, Needs, Sampler, Snapshot, exchange};
+use crate::{
+    Error, Exchange, Film, Filter, Frame, Integrator, Limits, Needs, Sampler, Snapshot, TrainingData, exchange,
+};
 
 /// The state of a render between two slices of tracing (about 0.2 seconds each), passed to a [`Monitor`].
 #[non_exhaustive]
@@ -179,12 +182,13 @@ pub struct Render<'a> {
     monitor: Option<&'a mut dyn Monitor>,
     filter: Option<&'a dyn Filter>,
     exchange: Option<&'a mut dyn Exchange>,
+    training: Vec<TrainingData>,
 }
 
 impl<'a> Render<'a> {
     /// A render of `frame` within `limits`, without a monitor.
     pub fn new(frame: Frame, limits: &'a Limits) -> Self {
-        Self { frame, limits, needs: Needs::none(), monitor: None, filter: None, exchange: None }
+        Self { frame, limits, needs: Needs::none(), monitor: None, filter: None, exchange: None, training: Vec::new() }
     }
 
     /// Adds statistics that the film must record besides counts and means.
@@ -203,6 +207,16 @@ impl<'a> Render<'a> {
     /// and integrator. The film of each has the bits of a render in one process.
     pub fn exchange(mut self, exchange: &'a mut dyn Exchange) -> Self {
         self.exchange = Some(exchange);
+        self
+    }
+
+    /// Makes the integrator learn from these training passes, in order, instead of this render's own. Passes beyond them are
+    /// its own.
+    ///
+    /// With the passes of the whole image ([`Render::train`]), a crop has the whole image's bits where its counts are the
+    /// same.
+    pub fn learn_from(mut self, training: Vec<TrainingData>) -> Self {
+        self.training = training;
         self
     }
 
@@ -234,6 +248,7 @@ impl<'a> Render<'a> {
     pub fn run(self, integrator: &mut dyn Integrator, sampler: &mut dyn Sampler) -> Result<Film, Error> {
         let render = self.needs(integrator.needs());
         let mut session = render.session(sampler, None)?;
+        session.training = render.training;
         drive(&mut session, integrator, render.monitor, render.exchange)?;
         Ok(session.into_film())
     }
@@ -258,6 +273,7 @@ impl<'a> Render<'a> {
     ) -> Result<Film, Error> {
         let render = self.needs(integrator.needs());
         let mut session = render.session(sampler, Some(snapshot))?;
+        session.training = render.training;
         session.state.passes.iter().for_each(|pass| integrator.learn(pass));
         drive(&mut session, integrator, render.monitor, render.exchange)?;
         Ok(session.into_film())

@@ -4,9 +4,9 @@ pub(crate) mod bytes;
 pub(crate) mod film;
 
 use crate::render::holdout::Holdout;
-use crate::{Error, Film, Frame, Limits, Needs, Plan, Sampler, TrainingData, TrainingSum};
+use crate::{Error, Film, Frame, Integrator, Limits, Needs, Plan, Sampler, TrainingData, TrainingSum};
 use bytes::{Reader, Writer};
-use film::{put_combine, put_film, put_training, take_combine, take_film, take_training};
+use film::{put_combine, put_film, put_training, take_combine, take_film, take_in_bands, take_training};
 
 /// The reason why bytes are not a snapshot, as the end of a sentence.
 #[derive(Debug)]
@@ -243,6 +243,15 @@ impl Snapshot {
     }
 
     fn read(bytes: &[u8]) -> Result<Self, Broken> {
+        Self::read_with(bytes, |from| take_film(from, Frame::pixels))
+    }
+
+    /// Reads a snapshot without planes, and the planes of some bands of 16 rows. Other pixels have no samples.
+    pub(crate) fn read_in_bands(bytes: &[u8], bands: &[(usize, Vec<u8>)]) -> Result<Self, Broken> {
+        Self::read_with(bytes, |from| take_in_bands(from, bands))
+    }
+
+    fn read_with(bytes: &[u8], film: impl FnOnce(&mut Reader<'_>) -> Result<Film, Broken>) -> Result<Self, Broken> {
         let mut from = Reader::new(bytes);
         check_head(&mut from, MAGIC, VERSION)?;
         let (sampler, points) = (from.text()?, from.text()?);
@@ -251,7 +260,7 @@ impl Snapshot {
         if !(seconds.is_finite() && seconds >= 0.0) {
             return Err(Broken("a time is not a number of seconds"));
         }
-        let film = take_film(&mut from, Frame::pixels)?;
+        let film = film(&mut from)?;
         let sampler_state = from.list()?;
         let count = from.count(8)?;
         let mut passes = Vec::new();
@@ -270,6 +279,11 @@ impl Snapshot {
     /// The film (per-pixel statistics) at the time of the snapshot, with valid statistics in every pixel.
     pub fn film(&self) -> &Film {
         &self.film
+    }
+
+    /// Makes an integrator learn the training passes so far.
+    pub fn teach(&self, integrator: &mut dyn Integrator) {
+        self.passes.iter().for_each(|pass| integrator.learn(pass));
     }
 
     /// Restores the sampler's state, and checks that the snapshot belongs to a render with this sampler, frame and limits, and records these `needs`.

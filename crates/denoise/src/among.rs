@@ -3,7 +3,8 @@
 //! A process has the planes of its own rows and of a halo around them. Values of the whole image are combined from all
 //! own rows, in the order of the rows: the bits do not depend on the division.
 
-use crate::planes::Plane;
+use crate::error_map::Pair;
+use crate::planes::{Inputs, Plane};
 use crate::tile::HEIGHT;
 use dapple_core::{Band, Error, Exchange, Film, Filter, Filtered, Frame};
 use std::ops::Range;
@@ -22,6 +23,12 @@ pub(crate) struct Place {
 }
 
 impl Place {
+    /// Returns true if rows `first..end` of the planes, of which the first ones may lie before them, hold an own row.
+    pub(crate) fn has_own(&self, first: isize, end: isize) -> bool {
+        let own = self.own.map(|row| row as isize - self.top as isize);
+        first < own[1] && own[0] < end
+    }
+
     /// The indices of the own pixels in planes of this width.
     pub(crate) fn own_pixels(&self, width: usize) -> std::ops::Range<usize> {
         (self.own[0] - self.top) * width..(self.own[1] - self.top) * width
@@ -45,6 +52,8 @@ pub(crate) struct Among<'e> {
     exchange: Option<&'e mut dyn Exchange>,
     /// The own rows of each process, from the top.
     bands: Vec<[usize; 2]>,
+    /// The rows that each process has of the finest planes.
+    rows: Vec<[usize; 2]>,
     me: usize,
     height: usize,
 }
@@ -55,7 +64,7 @@ const FAILED: &[u8] = b"failed";
 impl<'e> Among<'e> {
     /// The only process, for an image of this height.
     pub(crate) fn alone(height: usize) -> Self {
-        Self { exchange: None, bands: vec![[0, height]], me: 0, height }
+        Self { exchange: None, bands: vec![[0, height]], rows: vec![[0, height]], me: 0, height }
     }
 
     /// This process with the band of `filter`'s image that it makes of `film`, among all processes of `exchange`. Returns
@@ -113,7 +122,33 @@ impl<'e> Among<'e> {
             let what = "the bands leave out rows or overlap; give each process the next band from the top";
             return Err(refused(who, what));
         }
-        Ok(Self { exchange: Some(exchange), bands, me, height })
+        Ok(Self { exchange: Some(exchange), rows: bands.clone(), bands, me, height })
+    }
+
+    /// Learns which rows of the finest planes each process has; `own` are those of this one.
+    pub(crate) fn share_rows(&mut self, own: [usize; 2]) -> Result<(), Error> {
+        let Some(exchange) = &mut self.exchange else { return Ok(()) };
+        let all = exchange.all_gather(own.iter().flat_map(|row| (*row as u32).to_le_bytes()).collect())?;
+        self.rows = all.iter().map(|bytes| numbers(bytes).unwrap_or([0; 2]).map(|row| row as usize)).collect();
+        Ok(())
+    }
+
+    /// The rows that a process has of the finest planes.
+    pub(crate) fn rows(&self, process: usize) -> [usize; 2] {
+        self.rows[process]
+    }
+
+    /// Replaces the rows of an image that are not own ones by those of their owners. `reads` returns the rows that a process
+    /// has of the image.
+    pub(crate) fn complete(
+        &mut self,
+        inputs: &Inputs,
+        Pair(image): Pair,
+        reads: impl Fn(&Self, usize) -> [usize; 2],
+    ) -> Result<Pair, Error> {
+        let planes = image.into_iter().flatten().collect();
+        let mut planes = self.fetch(&inputs.place, planes, inputs.size[0], reads)?.into_iter();
+        Ok(Pair([0, 1].map(|_| std::array::from_fn(|_| planes.next().unwrap_or_default()))))
     }
 
     /// The number of rows of the whole image.

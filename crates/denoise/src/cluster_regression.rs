@@ -183,39 +183,40 @@ impl ClusterRegression {
     }
 
     /// The image of one or two passes.
-    fn pair(&self, inputs: &Inputs) -> Pair {
+    fn pair(&self, inputs: &Inputs, among: &mut Among<'_>) -> Result<Pair, Error> {
         let averaged = Bilateral::candidate().pair(inputs);
-        let first = self.first(inputs, &averaged);
+        let first = among.complete(inputs, self.first(inputs, &averaged), Among::rows)?;
         if self.options.passes == Passes::One {
-            return first;
+            return Ok(first);
         }
         let unfiltered = Pair::unfiltered(inputs);
         let weight = relative_weight(inputs, &first);
         let chosen = select(inputs, &[&first, &averaged], Some(&unfiltered), &weight, FIRST_CHOICE, 0.0);
-        let second = self.second(inputs, &chosen);
-        select(inputs, &[&first, &averaged, &second], Some(&unfiltered), &weight, SECOND_CHOICE, 0.0)
+        let second = among.complete(inputs, self.second(inputs, &chosen), Among::rows)?;
+        Ok(select(inputs, &[&first, &averaged, &second], Some(&unfiltered), &weight, SECOND_CHOICE, 0.0))
     }
 
     /// The image of three passes before its blend with the unfiltered image. The unfiltered image guides the second pass
     /// where its error is less by `evidence` standard errors.
-    fn smooth(&self, inputs: &Inputs, evidence: f32) -> Pair {
+    fn smooth(&self, inputs: &Inputs, evidence: f32, among: &mut Among<'_>) -> Result<Pair, Error> {
         let averaged = Bilateral::candidate().pair(inputs);
-        let first = self.first(inputs, &averaged);
+        let first = among.complete(inputs, self.first(inputs, &averaged), Among::rows)?;
         let weight = relative_weight(inputs, &first);
         let unfiltered = Pair::unfiltered(inputs);
         let chosen = select(inputs, &[&first, &averaged], Some(&unfiltered), &weight, FIRST_CHOICE, evidence);
         drop(unfiltered);
-        let second = self.second(inputs, &chosen);
+        let second = among.complete(inputs, self.second(inputs, &chosen), Among::rows)?;
         let base = select(inputs, &[&first, &averaged, &second], None, &weight, SECOND_CHOICE, 0.0);
         drop((first, averaged, second, chosen));
         let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
-        shrink(inputs, &base, &smooth, scales::BLEND, EVIDENCE)
+        let smooth = among.complete(inputs, smooth, Among::rows)?;
+        Ok(shrink(inputs, &base, &smooth, scales::BLEND, EVIDENCE))
     }
 
     /// The image of three passes without coarse scales.
     fn unscaled(&self, inputs: &mut Inputs, among: &mut Among<'_>) -> Result<Filtered, Error> {
         let light = outliers::take(inputs);
-        let smooth = self.smooth(inputs, 0.0);
+        let smooth = self.smooth(inputs, 0.0, among)?;
         let mut image = filtered(inputs, &blended(inputs, &smooth, EVIDENCE), among)?;
         if let Some(light) = light {
             let add = |(i, colour): (usize, &mut [f32; 3])| {
@@ -230,7 +231,7 @@ impl ClusterRegression {
     fn scaled(&self, inputs: &mut Inputs, scales: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
         let coarse = scales::coarser(inputs, scales, among)?;
         let light = outliers::take_halves(inputs, scales::ratio(scales));
-        let mut image = self.smooth(inputs, CERTAIN);
+        let mut image = self.smooth(inputs, CERTAIN, among)?;
         if let Some(light) = light {
             image.add(&light);
             inputs.add(&light);
@@ -250,9 +251,11 @@ impl ClusterRegression {
     /// Filters the rows of a film that begin with row `top` of the whole image.
     pub(crate) fn run(&self, film: &Film, top: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
         let mut inputs = Inputs::new(film, self.reads(), top, among)?;
+        among.share_rows([top, top + inputs.size[1]])?;
         prefilter(&mut inputs);
         if self.options.passes != Passes::Three {
-            return Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs), among)?));
+            let image = self.pair(&inputs, among)?;
+            return Ok(inputs.restored(film, filtered(&inputs, &image, among)?));
         }
         let image = match self.options.scales.of([inputs.size[0], inputs.place.height]) {
             0 => self.unscaled(&mut inputs, among)?,
@@ -269,19 +272,24 @@ const SECOND_CHOICE: usize = 3;
 /// The rows of a film that a filter with these options reads above and below its own, for an image of this size. Grids of
 /// windows and tiles add to them ([`rows_around`]).
 ///
-/// Each pass reads the image before it in a window. Of coarse scales only the planes of the finest image count here; the
-/// rest travels through the exchange.
+/// Each process makes the images of the three regressions in its own rows, and gets the others' rows of them. So the windows
+/// of one regression add up with the cheap steps before it, not with another regression. Of coarse scales only the planes of
+/// the finest image count here; the rest travels through the exchange.
 pub(crate) fn reach(options: &ClusterRegressionOptions, size: [usize; 2]) -> usize {
-    let first = if regression::ROWS_READ > BILATERAL_ROWS { regression::ROWS_READ } else { BILATERAL_ROWS };
-    // The weights of errors take the mean of 3x3 pixels.
-    let guide = first + 1 + select_rows(FIRST_CHOICE) + GUIDE_ROWS;
-    let second = guide + regression::ROWS_READ + select_rows(SECOND_CHOICE);
-    let smooth = second + GUIDE_ROWS + wide::ROWS_READ + scales::BLEND.rows() + outliers::FOUND_ROWS;
+    // The weights of errors take the mean of 3x3 pixels, and compare with the bilateral image.
+    let errors = 1 + BILATERAL_ROWS;
+    let first = regression::ROWS_READ.max(BILATERAL_ROWS);
+    let second = regression::ROWS_READ + GUIDE_ROWS + select_rows(FIRST_CHOICE) + errors;
+    let chosen = select_rows(SECOND_CHOICE) + errors;
+    let wide = wide::ROWS_READ + GUIDE_ROWS + chosen;
     let image = match (options.passes, options.scales.of(size)) {
-        (Passes::One, _) => first + ERROR_ROWS,
-        (Passes::Two, _) => second + ERROR_ROWS,
-        (Passes::Three, 0) => outliers::SPREAD_ROWS.max(smooth + LAST.rows() + ERROR_ROWS),
-        (Passes::Three, scales) => scales::rows_read(outliers::SPREAD_ROWS.max(smooth), scales),
+        (Passes::One, _) => first.max(ERROR_ROWS),
+        (Passes::Two, _) => second.max(ERROR_ROWS + chosen),
+        (Passes::Three, scales) => {
+            let after = if scales == 0 { LAST.rows() + ERROR_ROWS } else { scales::rows_after(scales) };
+            let passes = first.max(second).max(wide).max(after + scales::BLEND.rows() + chosen);
+            (passes + outliers::FOUND_ROWS).max(after + outliers::SPREAD_ROWS)
+        }
     };
     image + prefilter::ROWS_READ + planes::ROWS_READ
 }

@@ -45,6 +45,8 @@ pub(crate) const ROWS_READ: usize = 2 * REACH + PATCH;
 ///
 /// The image `beside` is averaged with the predictions of the windows. It has the weight `share`, while a window's
 /// centre has 1. So it replaces pixels that resemble no window's centre.
+///
+/// Only own rows are right. The others lack windows that no own row reads.
 pub(crate) fn regress<const G: usize>(
     inputs: &Inputs,
     guides: &[Guide; G],
@@ -66,7 +68,13 @@ pub(crate) fn regress<const G: usize>(
     let origins = origins(inputs.size);
     let tiles: Vec<Vec<f32>> = origins
         .par_iter()
-        .map(|&origin| dispatch(TileTask { inputs, guides, like, sharp, reference: &reference, origin }))
+        .map(|&origin| {
+            let [first, end] = [origin[1] as isize - REACH as isize, (origin[1] + HEIGHT + REACH) as isize];
+            match inputs.place.has_own(first, end) {
+                true => dispatch(TileTask { inputs, guides, like, sharp, reference: &reference, origin }),
+                false => Vec::new(),
+            }
+        })
         .collect();
     merge(inputs.size, &tiles, beside, share)
 }
@@ -490,6 +498,9 @@ fn merge([width, height]: [usize; 2], tiles: &[Vec<f32>], beside: &Pair, share: 
             let local_y = y + REACH - tile_row * HEIGHT;
             for column in 0..columns {
                 let tile = &tiles[tile_row * columns + column];
+                if tile.is_empty() {
+                    continue;
+                }
                 let start = (column * WIDTH).saturating_sub(REACH);
                 let end = (column * WIDTH + WIDTH + REACH).min(width);
                 let skip = start + REACH - column * WIDTH;

@@ -123,14 +123,8 @@ const ROWS: usize = {
 
 /// The rows of the finest image that must be right, above and below a band, so that its own rows are: those of the last
 /// blend and of the error.
-const fn rows_after(scales: usize) -> usize {
+pub(crate) const fn rows_after(scales: usize) -> usize {
     LAST.rows() + error_rows(3 * scales)
-}
-
-/// The rows of the finest planes that a filter with these coarse scales reads above and below its own, if the image
-/// before the correction reads `before` rows.
-pub(crate) const fn rows_read(before: usize, scales: usize) -> usize {
-    rows_after(scales) + before
 }
 
 /// The rows of scale `scale` of `scales` that a process reads. The corrected image is right in the rows of the band and
@@ -277,7 +271,9 @@ pub(crate) fn correct(
     let next = if more { Some(coarser(&coarse, all, among)?) } else { None };
     let light = outliers::take_halves(&mut coarse, COARSER * ratio(scales));
     let before = down_pair(fine, &coarse, image, all, among)?;
-    let mut smooth = wide(&coarse, &residual_guide(&coarse, &before), &before);
+    let smooth = wide(&coarse, &residual_guide(&coarse, &before), &before);
+    let reads = |among: &Among<'_>, process| rows_of_process(among, process, coarse.place.scale, all);
+    let mut smooth = among.complete(&coarse, smooth, reads)?;
     if let Some(light) = light {
         smooth.add(&light);
     }

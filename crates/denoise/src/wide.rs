@@ -64,6 +64,8 @@ pub(crate) const ALIGNED: usize = STEP;
 
 /// Filters both halves with windows of 41x41 pixels, compared by `guide`: the image `beside` without its albedo, and
 /// its remaining noise.
+///
+/// Only own rows are right. The others lack windows that no own row reads.
 pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
     let [width, height] = inputs.size;
     let stacks = stacks(inputs, guide);
@@ -75,6 +77,10 @@ pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
         .map(|task| {
             let (band, tile) = (task / tiles, task % tiles);
             let columns = width.div_ceil(STEP) - tile * CENTRES;
+            let first = (band * BAND) as isize - (skipped + REACH) as isize;
+            if !inputs.place.has_own(first, first + ROWS as isize) {
+                return Vec::new();
+            }
             let (stack, size) = (&stacks[tile], [columns.min(CENTRES), height]);
             dispatch(BandTask { stack, size, first: band * BAND, skipped })
         })
@@ -96,6 +102,7 @@ pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
             let Some(local) = (y + REACH).checked_sub(band * BAND) else { break };
             if local < ROWS {
                 let tiles = sums[band * tiles..][..tiles].iter().enumerate();
+                let tiles = tiles.filter(|(_, sums)| !sums.is_empty());
                 tiles.for_each(|(tile, sums)| add_tile(&mut row, width, tile, &sums[local * STEP * 8 * COLUMNS..]));
             }
         }

@@ -114,6 +114,15 @@ pub enum JobError {
         /// The reason why the image cannot be sharded.
         why: String,
     },
+    /// A crop that cannot have the bits of the whole image without tracing all of it.
+    #[error("a crop cannot have the whole image's bits: {why}, or render the whole image")]
+    NoExactCrop {
+        /// The reason, and what to use.
+        why: String,
+    },
+    /// A stop before the training passes of the whole image, which a crop learns from, were traced.
+    #[error("stopped in the training passes of the whole image; nothing of the crop is traced")]
+    StoppedTraining,
     /// A shard that was to be rendered by several processes, or in stages.
     #[error("a render of several processes, or in stages, is that of the whole image; leave out the shard")]
     NoTogether,

@@ -1,6 +1,7 @@
 //! A render as a job: prepared, estimated, run or resumed, and finished.
 
 mod checkpoints;
+mod exact_crop;
 mod identity;
 mod plan_file;
 mod shards;
@@ -9,7 +10,7 @@ mod together;
 
 pub use checkpoints::{CheckpointOptions, Checkpoints};
 pub use identity::pixel_filter;
-pub use plan_file::PlanFile;
+pub use plan_file::{PlanFile, StageTask};
 pub use shards::ShardSet;
 
 use crate::checkpoint::Identity;
@@ -59,6 +60,8 @@ pub struct Job {
     cluster_seconds: f64,
     probes: ProbesHandle,
     needs: Needs,
+    /// The most bytes that the integrator takes by learning.
+    training_bytes: u64,
     outputs: OutputFiles,
 }
 
@@ -76,6 +79,13 @@ pub trait JobMonitor {
     /// Called when all samples are traced, unless the render was stopped.
     fn end(&mut self, status: &Status<'_>) {
         let _ = status;
+    }
+
+    /// Called between two slices of the training passes of the whole image, which precede a crop with its bits
+    /// ([`RenderSpec::crop_exact`]).
+    fn training(&mut self, status: &Status<'_>) -> Control {
+        let _ = status;
+        Control::Continue
     }
 
     /// Receives a warning during the run.
@@ -210,6 +220,8 @@ impl Job {
         let (integrator, _) = chosen::integrator(spec, &prepared.scene);
         let made = make_integrator(&integrator, &prepared.world)?;
         let (prepares, of_integrator, integrator_bytes) = (made.prepares(), made.needs(), made.memory(&frame));
+        let trained = exact_crop::whole(spec, &frame).unwrap_or(frame);
+        let training_bytes = made.training_memory(trained.pixels() as u64);
         drop(made);
         if of_integrator.splats && matches!(limits.budget, Budget::Error { .. }) {
             return Err(JobError::SplatsWithoutError { integrator });
@@ -219,6 +231,7 @@ impl Job {
                 format!("integrator \"{integrator}\" traces light for the whole image in each pass; use \"path\"");
             return Err(JobError::NoShard { shard, why });
         }
+        exact_crop::check((spec, &frame), (&*sampler, &*filter), (&integrator, prepares, of_integrator))?;
         let mut job = Self {
             spec: spec.clone(),
             prepared,
@@ -234,6 +247,7 @@ impl Job {
             clusters: clusters.or(of_filter),
             cluster_seconds,
             probes,
+            training_bytes,
             outputs: OutputFiles::none(),
         };
         if spec.shard.is_some() {
@@ -332,6 +346,11 @@ impl Job {
     ///
     /// [`JobError::NoShard`] for a sampler that cannot be sharded.
     pub fn memory(&mut self, keeps: bool) -> Result<MemoryEstimate, JobError> {
+        Ok(self.forecast(keeps)?.0)
+    }
+
+    /// The estimated memory, and the bytes of the render's state in a file.
+    fn forecast(&mut self, keeps: bool) -> Result<(MemoryEstimate, u64), JobError> {
         let (frame, limits, needs) = (&self.frame, &self.limits, self.needs);
         let memory = match self.spec.shard {
             None => Memory::of_render(&*self.sampler, &*self.filter, needs, frame, limits),
@@ -344,9 +363,11 @@ impl Job {
         let limited = matches!(limits.budget, Budget::Error { .. }) && self.is_error_of_filtered();
         let memory = if limited { memory.with_error_of(frame) } else { memory };
         let files = self.outputs.memory(frame, &memory.needs, self.filter.name() != Unfiltered.name());
-        let estimate =
-            MemoryEstimate::of_render(&self.prepared.expected, &memory, files, keeps || self.spec.shard.is_some());
-        Ok(estimate.with_integrator(self.integrator_bytes))
+        let keeps = keeps || self.spec.shard.is_some();
+        let estimate = MemoryEstimate::of_render(&self.prepared.expected, &memory, files, keeps)
+            .with_integrator(self.integrator_bytes)
+            .with_training(self.training_bytes, self.memory_of_training());
+        Ok((estimate, memory.snapshot()))
     }
 
     /// Traces the render, from the beginning or from the checkpoint file in `checkpoints`.
@@ -375,6 +396,7 @@ impl Job {
         if let Some(snapshot) = &snapshot {
             monitor.resumed(snapshot.film().record().samples as f64 / self.frame.pixels() as f64);
         }
+        let training = self.training_of_whole(snapshot.as_ref(), monitor)?;
         let mut watched = Watched::new(monitor, checkpoints, identity, self.limits.min_spp, exchange.is_some());
         let mut integrator = make_integrator(&self.integrator, &self.prepared.world)?;
         let filtered = self.is_error_of_filtered();
@@ -387,7 +409,8 @@ impl Job {
                 &mut sharded
             }
         };
-        let mut render = Render::new(self.frame, &self.limits).needs(self.needs).monitor(&mut watched);
+        let mut render =
+            Render::new(self.frame, &self.limits).needs(self.needs).monitor(&mut watched).learn_from(training);
         if filtered {
             render = render.error_of(&*self.filter);
         }

@@ -35,7 +35,7 @@ pub use dapple_registry::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER};
 pub use error::JobError;
 pub use job::{
     CheckpointOptions, Checkpoints, Job, JobMonitor, PhaseSeconds, PlanFile, RenderMonitor, RenderedImage, ShardSet,
-    Traced, pixel_filter,
+    StageTask, Traced, pixel_filter,
 };
 pub use load::{LoadOptions, LoadedScene, PreparedScene, read_scene};
 pub use output::OutputFiles;

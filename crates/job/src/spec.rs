@@ -79,6 +79,10 @@ pub struct RenderSpec {
     /// The part of the image to render.
     #[serde(default)]
     pub crop: CropSpec,
+    /// If `true`, a crop has the bits of the whole image. Learned light selection then traces its training passes in the whole
+    /// image, 8 samples per pixel at most.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub crop_exact: bool,
     /// Seed of all random numbers.
     #[serde(default = "names::seed")]
     pub seed: u64,
@@ -97,6 +101,11 @@ pub struct RenderSpec {
     /// The shard (every N-th row of the image) to render; `None` renders the whole image.
     #[serde(default, with = "names::shard", skip_serializing_if = "Option::is_none")]
     pub shard: Option<Shard>,
+}
+
+/// Returns `true` for `false`, so that it is left out of the JSON.
+fn is_false(value: &bool) -> bool {
+    !value
 }
 
 /// The condition that ends a render.
@@ -234,6 +243,7 @@ impl RenderSpec {
             resolution: None,
             scale: None,
             crop: CropSpec::Scene,
+            crop_exact: false,
             seed: names::seed(),
             max_depth: None,
             pixel_filter: PixelFilterSpec::Scene,
@@ -307,6 +317,12 @@ impl RenderSpec {
     #[must_use]
     pub fn crop(self, crop: CropSpec) -> Self {
         Self { crop, ..self }
+    }
+
+    /// Makes a crop have the bits of the whole image, or refuses it if that would take tracing the whole image.
+    #[must_use]
+    pub fn crop_exact(self, crop_exact: bool) -> Self {
+        Self { crop_exact, ..self }
     }
 
     /// Sets the seed of all random numbers.

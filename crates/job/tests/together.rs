@@ -323,3 +323,53 @@ fn plans_and_parts_of_another_render_are_refused_with_a_list() {
             .contains("samples are left")
     );
 }
+
+/// A task reads the beginning of a plan file and its own bands. Bands that it doesn't read may be damaged; its own may not.
+#[test]
+fn a_part_reads_its_own_bands_of_a_plan_only() {
+    let spec = RenderSpec::new("cornell").resolution(40, 160).budget(BudgetSpec::Spp(4.0));
+    let prepared = prepared(&spec);
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("0.plan");
+    let bytes = job(&prepared, &spec).first_plan().unwrap_or_else(|e| panic!("{e}"));
+    std::fs::write(&path, &bytes).expect("a plan");
+    let read = |of: u32| -> Vec<u64> {
+        let one =
+            |index| PlanFile::read_part(&path, Shard::new(index, of)?).map_err(Box::<dyn std::error::Error>::from);
+        (0..of).map(|index| one(index).unwrap_or_else(|e| panic!("{e}")).bytes_read()).collect()
+    };
+    let all = PlanFile::read(&path).unwrap_or_else(|e| panic!("{e}")).bytes_read();
+    assert_eq!((all, read(1)), (bytes.len() as u64, vec![all]));
+    // Ten bands of 16 rows: every part reads the beginning, and all of them read each band once.
+    let [five, ten] = [read(5), read(10)];
+    let start = (five.iter().sum::<u64>() - all) / 4;
+    assert_eq!(ten.iter().sum::<u64>(), all + 9 * start);
+    assert!(ten.iter().all(|part| *part == start + (all - start) / 10), "{ten:?}");
+    // The counts of the plan are 4 bytes per pixel, and few bytes more.
+    assert!(start > 4 * 40 * 160 && start < 4 * 40 * 160 + 8192 && all > 40 * start / 10, "{start} of {all}");
+
+    let message = |bytes: &[u8], index: Option<u32>| -> Option<String> {
+        std::fs::write(&path, bytes).expect("a plan");
+        let read = match index {
+            Some(index) => PlanFile::read_part(&path, Shard::new(index, 10).expect("a shard")),
+            None => PlanFile::read(&path),
+        };
+        read.err().map(|e| e.to_string())
+    };
+    // The last bytes belong to the last band.
+    let mut damaged = bytes.clone();
+    *damaged.last_mut().expect("bytes") ^= 1;
+    let hit: Vec<u32> = (0..10).filter(|index| message(&damaged, Some(*index)).is_some()).collect();
+    assert_eq!(hit.len(), 1, "{hit:?}");
+    let said = [message(&damaged, Some(hit[0])), message(&damaged, None)].map(|said| said.unwrap_or_default());
+    assert!(said.iter().all(|said| said.contains("0.plan") && said.contains("checksum")), "{said:?}");
+    for cut in [10, start as usize - 1, start as usize, bytes.len() - 1] {
+        for index in [Some(0), None] {
+            let said = message(&bytes[..cut], index).unwrap_or_default();
+            assert!(said.contains("0.plan: it is cut short"), "{cut}: {said}");
+        }
+    }
+    damaged = [&bytes[..], b"more"].concat();
+    assert!(message(&damaged, Some(0)).is_some_and(|said| said.contains("make no sense")));
+    assert_eq!(message(&bytes, Some(0)), None);
+}

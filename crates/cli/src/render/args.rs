@@ -122,10 +122,16 @@ pub(crate) struct RenderArgs {
 
     /// Render only this window of the image, in pixels; X1 and Y1 are excluded [default: the scene's crop window]
     ///
-    /// With --sampler uniform --filter none --light-selection power, its pixels are the same bits as in a render of the
-    /// whole image. With other settings they may differ.
+    /// A crop is planned, lit and filtered from its own samples. For the bits of the whole image, add --crop-exact.
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop, help_heading = "Image")]
     pub(crate) crop: Option<[u32; 4]>,
+
+    /// Give the crop the bits of the whole image
+    ///
+    /// Needs --sampler uniform --filter none, since adaptive samplers and filters read other pixels. Learned light selection
+    /// first traces its training passes in the whole image: up to 8 samples per pixel.
+    #[arg(long, help_heading = "Image")]
+    pub(crate) crop_exact: bool,
 
     /// Exposure of PNG images in stops; each stop doubles the brightness
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, value_parser = stops, help_heading = "Image")]
@@ -341,6 +347,7 @@ impl RenderArgs {
             .error_of(self.error_of.into())
             .bounds(self.min_spp, self.max_spp)
             .crop(self.crop.map_or(CropSpec::Scene, CropSpec::Window))
+            .crop_exact(self.crop_exact)
             .seed(self.seed)
             .max_depth(self.max_depth)
             .pixel_filter(self.pixel_filter.into())

@@ -9,7 +9,7 @@ use crate::{Failure, Outcome, Result, failure};
 use dapple_core::Shard;
 use dapple_job::memory::MemoryLimit;
 use dapple_job::output::FileIdentity;
-use dapple_job::{Job, LoadOptions, OutputFiles, PlanFile, RenderSpec, Warning};
+use dapple_job::{Job, LoadOptions, OutputFiles, PlanFile, RenderSpec, StageTask, Warning};
 use dapple_scene::image::{check_writable, write_file};
 use std::path::{Path, PathBuf};
 
@@ -52,7 +52,7 @@ impl StageOptions {
 
     /// The job of a render whose image nobody writes yet; `None` if the user stopped it. `output` may be none of the files
     /// that the scene reads.
-    fn job(&self, spec: &RenderSpec, output: &Path, progress: &Progress) -> Result<Option<Job>> {
+    fn job(&self, (spec, task): (&RenderSpec, StageTask), output: &Path, progress: &Progress) -> Result<Option<Job>> {
         progress.phase("reading");
         let limit = self.memory();
         let loaded = load(spec, &LoadOptions::default().with_limit(limit), limit)?;
@@ -60,7 +60,7 @@ impl StageOptions {
         check_writable(output).map_err(Failure::new)?;
         warn_all(loaded.warnings());
         let Some((mut job, _)) = prepare(loaded, OutputFiles::none(), progress)? else { return Ok(None) };
-        let expected = job.memory(true).map_err(|e| failure::of_job(&e))?;
+        let expected = job.memory_in_stages(task).map_err(|e| failure::of_job(&e))?;
         expected.check(limit).map_err(|e| failure::of_job(&e))?;
         Ok(Some(job))
     }
@@ -69,7 +69,9 @@ impl StageOptions {
 /// Plans the first stage of a render, and traces nothing.
 pub(crate) fn first(spec: &RenderSpec, output: &Path, options: &StageOptions) -> Result<Outcome> {
     let progress = options.progress()?;
-    let Some(mut job) = options.job(spec, output, &progress)? else { return Ok(Outcome::Interrupted) };
+    let Some(mut job) = options.job((spec, StageTask::First), output, &progress)? else {
+        return Ok(Outcome::Interrupted);
+    };
     progress.phase("planning");
     let bytes = job.first_plan().map_err(|e| failure::of_job(&e))?;
     write_file(output, &bytes).map_err(Failure::new)?;
@@ -87,7 +89,9 @@ pub(crate) fn next(parts: &[PathBuf], from: Option<&Path>, output: &Path, option
     keep(output, parts.iter().map(|part| ("a part", part.as_path())).chain([("--from", from.as_path())]))?;
     let plan = PlanFile::read(&from).map_err(|e| failure::of_job(&e))?;
     let progress = options.progress()?;
-    let Some(mut job) = options.job(plan.spec(), output, &progress)? else { return Ok(Outcome::Interrupted) };
+    let Some(mut job) = options.job((plan.spec(), StageTask::Next), output, &progress)? else {
+        return Ok(Outcome::Interrupted);
+    };
     progress.phase("planning");
     let (bytes, done) = job.next_plan(&plan, parts).map_err(|e| failure::of_job(&e))?;
     write_file(output, &bytes).map_err(Failure::new)?;
@@ -105,7 +109,7 @@ pub(crate) fn next(parts: &[PathBuf], from: Option<&Path>, output: &Path, option
 /// Traces one part of a plan.
 pub(super) fn part(args: &RenderArgs, from: &Path) -> Result<Outcome> {
     let shard = args.shard.ok_or_else(|| Failure::usage("render", "--from needs --shard I/N, the part to trace"))?;
-    let plan = PlanFile::read(from).map_err(|e| failure::of_job(&e))?;
+    let plan = PlanFile::read_part(from, shard).map_err(|e| failure::of_job(&e))?;
     let spec = if args.spec.is_some() { args.spec()? } else { plan.spec().clone() };
     let options = StageOptions::from(args);
     let output = match &args.outputs[..] {
@@ -120,7 +124,9 @@ pub(super) fn part(args: &RenderArgs, from: &Path) -> Result<Outcome> {
     };
     keep(&output, std::iter::once(("--from", from)))?;
     let mut progress = options.progress()?;
-    let Some(mut job) = options.job(&spec, &output, &progress)? else { return Ok(Outcome::Interrupted) };
+    let Some(mut job) = options.job((&spec, StageTask::Part), &output, &progress)? else {
+        return Ok(Outcome::Interrupted);
+    };
     progress.begin(&job);
     let Some(bytes) = job.part(&plan, shard, &mut progress).map_err(|e| failure::of_job(&e))? else {
         warn(failure::warning(&Warning::ShardStopped(shard)));

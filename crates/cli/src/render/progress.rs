@@ -125,6 +125,11 @@ impl JobMonitor for Progress {
         self.live.is_on()
     }
 
+    fn training(&mut self, _: &Status<'_>) -> Control {
+        self.display.phase("training on the whole image");
+        if self.stop.asked() { Control::Stop } else { Control::Continue }
+    }
+
     fn warn(&mut self, warning: Warning) {
         output::warn(warning.to_string());
     }

@@ -97,6 +97,17 @@ impl Film {
         }
     }
 
+    /// A copy of this film without the planes of its pixels.
+    pub(crate) fn without_pixels(&self) -> Self {
+        Self {
+            record: self.record.clone(),
+            rejected: self.rejected.clone(),
+            splats: self.splats.clone(),
+            unreported: self.unreported,
+            ..self.pick(Picked(&[]), None)
+        }
+    }
+
     /// Puts the pixels of a [`Film::pick`] into this film. Returns `false` if its planes are of another size.
     pub(crate) fn place(&mut self, pixels: Picked<'_>, part: Self) -> bool {
         let channels = usize::from(self.needs.channels);

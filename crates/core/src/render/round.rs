@@ -101,7 +101,7 @@ pub(super) fn trace(
     let height = session.state.film.frame.size()[1];
     loop {
         let seconds = session.seconds() - began;
-        let Session { state, sampler, limits, .. } = &mut *session;
+        let Session { state, sampler, limits, training, .. } = &mut *session;
         let Some(open) = &mut state.open else { return Ok(Stopped::AtEnd) };
         let (points, longest) = (sampler.points(), open.longest());
         if open.cursor.start >= longest {
@@ -150,7 +150,7 @@ pub(super) fn trace(
                 }
                 pending.sort_by_key(|(row, _)| *row);
                 let rows: Vec<_> = pending.into_iter().map(|(_, sums)| sums).collect();
-                let pass = TrainingData::merge(&rows);
+                let pass = training.get(passes.len()).cloned().unwrap_or_else(|| TrainingData::merge(&rows));
                 integrator.learn(&pass);
                 passes.push(pass);
             }

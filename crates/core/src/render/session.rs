@@ -10,6 +10,7 @@ use super::round::{Stopped, failed};
 use super::team::Team;
 use super::{Monitor, NoMonitor, Status};
 use crate::exchange::message::Standing;
+use crate::snapshot::film::put_bands;
 use crate::snapshot::{OpenRound, Planner, View};
 use crate::{
     Budget, Error, Film, Filter, Filtered, Frame, Limits, Needs, Retention, RoundRecord, Sampler, Snapshot,
@@ -99,6 +100,8 @@ pub struct Session<'a> {
     given_out: Option<u64>,
     /// The samples of all processes of the render, estimated while they trace a round.
     pub(super) everyones: Option<u64>,
+    /// Training passes to learn from instead of this render's own.
+    pub(super) training: Vec<TrainingData>,
     tile_side: u32,
 }
 
@@ -152,8 +155,22 @@ impl<'a> Session<'a> {
         };
         let (clock, limits) = (Clock::start(seconds), limits.clone());
         let (began, over, given_out, tile_side) = (0.0, false, None, 32);
-        let everyones = None;
-        Ok(Self { state, limits, sampler, filter, judged, meter, clock, began, over, given_out, everyones, tile_side })
+        let (everyones, training) = (None, Vec::new());
+        Ok(Self {
+            state,
+            limits,
+            sampler,
+            filter,
+            judged,
+            meter,
+            clock,
+            began,
+            over,
+            given_out,
+            everyones,
+            training,
+            tile_side,
+        })
     }
 
     /// Plans the next round, or returns the open one if only a part of it was submitted; `None` when the limits are met.
@@ -237,6 +254,15 @@ impl<'a> Session<'a> {
         let bytes = self.view(self.clock.seconds()).write();
         self.state.film.record.budgets.extend(shown);
         bytes
+    }
+
+    /// The state of the session as bytes, without the planes of pixels, and these planes for each band of 16 rows.
+    pub(super) fn snapshot_in_bands(&mut self) -> (Vec<u8>, Vec<Vec<u8>>) {
+        let shown = if self.over { self.state.film.record.budgets.pop() } else { None };
+        let film = self.state.film.without_pixels();
+        let bytes = View { film: &film, ..self.view(self.clock.seconds()) }.write();
+        self.state.film.record.budgets.extend(shown);
+        (bytes, put_bands(&self.state.film))
     }
 
     /// The content of a snapshot.

@@ -1,9 +1,9 @@
 //! Renders in stages: processes that exchange files, and need not run at the same time.
 
 use super::round::{self, Stopped, failed};
-use super::team::Team;
+use super::team::{Team, deal};
 use super::{Monitor, NoMonitor, Render};
-use crate::bands::BandCost;
+use crate::bands::{BandCost, bands};
 use crate::exchange::Exchange;
 use crate::exchange::message::{Message, Standing};
 use crate::snapshot::bytes::{Reader, Writer};
@@ -11,7 +11,7 @@ use crate::snapshot::{Broken, check_head};
 use crate::{Budget, Error, Integrator, Sampler, Shard, Snapshot};
 
 const MAGIC: &[u8; 8] = b"dapple-q";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// The state of a render between two stages, with the plan of the next one.
 ///
@@ -61,7 +61,10 @@ pub struct Stage {
     /// The seconds of tracing the open round in earlier stages.
     traced: f64,
     costs: Vec<BandCost>,
-    snapshot: Vec<u8>,
+    /// The state without the planes of pixels.
+    state: Vec<u8>,
+    /// The planes of each band of 16 rows; some of them in a process that traces a part.
+    bands: Vec<(usize, Vec<u8>)>,
 }
 
 impl Stage {
@@ -79,21 +82,73 @@ impl Stage {
     ///
     /// # Errors
     ///
-    /// The errors of [`Snapshot::from_bytes`].
+    /// The errors of [`Snapshot::from_bytes`], and [`Error::BadSnapshot`] for a stage that has only some bands.
     pub fn snapshot(&self) -> Result<Snapshot, Error> {
-        Snapshot::from_bytes(&self.snapshot)
+        let snapshot = self.some_bands()?;
+        let all = bands(snapshot.film().frame().size()[1] as usize);
+        if self.bands.len() == all { Ok(snapshot) } else { Err(Broken("bands of the film are missing").into()) }
+    }
+
+    /// The state of the render in the bands that this stage has.
+    fn some_bands(&self) -> Result<Snapshot, Error> {
+        Ok(Snapshot::read_in_bands(&self.state, &self.bands)?)
+    }
+
+    /// The numbers of the bands of 16 rows that a part traces; all bands of a stage that is done.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadSnapshot`] for an inconsistent stage.
+    pub fn bands_of(&self, shard: Shard) -> Result<Vec<usize>, Error> {
+        let snapshot = Snapshot::read_in_bands(&self.state, &[])?;
+        let [width, height] = snapshot.film().frame().size().map(|n| n as usize);
+        let Some(open) = &snapshot.open else { return Ok((0..bands(height)).collect()) };
+        let unknown = vec![BandCost::default(); bands(height)];
+        let costs = if self.costs.len() == unknown.len() { &self.costs } else { &unknown };
+        Ok(deal(open, costs, width, &vec![1; shard.of() as usize]).of(shard.index()).collect())
+    }
+
+    /// The bands that this stage has: their numbers, and the planes of their pixels as bytes.
+    pub fn bands(&self) -> &[(usize, Vec<u8>)] {
+        &self.bands
+    }
+
+    /// This stage with these bands instead of its own, for one that was read by [`Stage::from_head`].
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadSnapshot`] for bands that are truncated, inconsistent or those of another stage.
+    pub fn with_bands(self, bands: Vec<(usize, Vec<u8>)>) -> Result<Self, Error> {
+        let stage = Self { bands, ..self };
+        match stage.some_bands()?.open.is_some() == stage.done {
+            true => Err(Broken("the plan of a stage is missing").into()),
+            false => Ok(stage),
+        }
     }
 
     /// The stage as bytes for [`Stage::from_bytes`], about as many as its film takes in memory.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let mut to = Writer::with_capacity(self.snapshot.len() + 16 * self.costs.len() + 64);
+        let mut to = Writer::with_capacity(self.bands.iter().map(|(_, bytes)| bytes.len() + 16).sum());
+        to.list(&self.head());
+        to.number(self.bands.len() as u64);
+        for (band, bytes) in &self.bands {
+            to.number(*band as u64);
+            to.list(bytes);
+        }
+        to.finish()
+    }
+
+    /// The stage without its bands as bytes for [`Stage::from_head`]: costs, sums of training passes, and the counts of the
+    /// plan, four or eight bytes per pixel.
+    pub fn head(&self) -> Vec<u8> {
+        let mut to = Writer::with_capacity(self.state.len() + 16 * self.costs.len() + 64);
         to.raw(MAGIC);
         to.number(VERSION);
         to.number(self.number);
         to.flag(self.done);
         to.number(self.traced);
         to.list(&self.costs.iter().map(|cost| [cost.nanoseconds, cost.samples]).collect::<Vec<_>>());
-        to.list(&self.snapshot);
+        to.list(&self.state);
         to.finish()
     }
 
@@ -104,18 +159,39 @@ impl Stage {
     /// [`Error::BadSnapshot`] for bytes of another kind or version, truncated or inconsistent.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
         let mut from = Reader::new(bytes);
+        let stage = Self::from_head(&from.list::<u8>()?)?;
+        let count = from.count(16)?;
+        let mut bands = Vec::with_capacity(count);
+        for place in 0..count {
+            if from.number::<u64>()? != place as u64 {
+                return Err(Broken("bands of the film are missing").into());
+            }
+            bands.push((place, from.list()?));
+        }
+        if !from.is_empty() {
+            return Err(Broken("there are bytes after the end").into());
+        }
+        let stage = stage.with_bands(bands)?;
+        stage.snapshot()?;
+        Ok(stage)
+    }
+
+    /// Reads the bytes of [`Stage::head`]. The stage has no bands yet ([`Stage::with_bands`]).
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadSnapshot`] for bytes of another kind or version, truncated or inconsistent.
+    pub fn from_head(bytes: &[u8]) -> Result<Self, Error> {
+        let mut from = Reader::new(bytes);
         check_head(&mut from, MAGIC, VERSION)?;
         let (number, done, traced) = (from.number()?, from.flag()?, from.number::<f64>()?);
         let cost = |[nanoseconds, samples]: [u64; 2]| BandCost { nanoseconds, samples };
         let costs = from.list::<[u64; 2]>()?.into_iter().map(cost).collect();
-        let stage = Self { number, done, traced, costs, snapshot: from.list()? };
+        let stage = Self { number, done, traced, costs, state: from.list()?, bands: Vec::new() };
         if !from.is_empty() || !traced.is_finite() {
             return Err(Broken("there are bytes after the end").into());
         }
-        match stage.snapshot()?.open.is_some() == done {
-            true => Err(Broken("the plan of a stage is missing").into()),
-            false => Ok(stage),
-        }
+        Ok(stage)
     }
 }
 
@@ -153,7 +229,11 @@ impl Render<'_> {
             Some(monitor) => monitor,
             None => &mut unwatched,
         };
-        let mut session = self.session(sampler, Some(stage.snapshot()?))?;
+        let wanted = stage.bands_of(shard)?;
+        if wanted.iter().any(|band| stage.bands.iter().all(|(given, _)| given != band)) {
+            return Err(Broken("the bands of this part are missing").into());
+        }
+        let mut session = self.session(sampler, Some(stage.some_bands()?))?;
         session.state.passes.iter().for_each(|pass| integrator.learn(pass));
         let rows = session.state.film.frame.size()[1] as usize;
         let mut recorder = Recorder { shard, message: None };
@@ -223,7 +303,9 @@ impl Render<'_> {
         team.end(&mut session.state.film);
         let (costs, traced) = team.into_costs();
         let number = if stage.is_some() { number + 1 } else { 0 };
-        Ok(Stage { number, done: !goes_on, traced, costs, snapshot: session.snapshot() })
+        let (state, bands) = session.snapshot_in_bands();
+        let bands = bands.into_iter().enumerate().collect();
+        Ok(Stage { number, done: !goes_on, traced, costs, state, bands })
     }
 }
 

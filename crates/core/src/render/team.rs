@@ -126,8 +126,7 @@ impl<'a> Team<'a> {
         }
         let width = film.frame.size()[0] as usize;
         self.since = open.cursor.start;
-        let mut to_come: Vec<u64> =
-            (0..self.measured.len()).map(|band| planned(&open.plan, band, width, self.since)).collect();
+        let mut to_come = to_come(open, self.measured.len(), width);
         if open.of_all.is_some() {
             self.part(&film.frame).add(&mut to_come)?;
         }
@@ -319,11 +318,15 @@ impl<'a> Team<'a> {
     }
 
     /// Sends a message to all processes and returns everyone's, in order.
-    fn gather(&mut self, mine: Message, film: &Film, open: Option<&OpenRound>) -> Result<Vec<Message>, Error> {
+    fn gather(&mut self, mut mine: Message, film: &Film, open: Option<&OpenRound>) -> Result<Vec<Message>, Error> {
         let (step, of, mine_has_pixels) = (mine.step, mine.share[1], mine.found.is_some());
         self.messages += 1;
         let gathered = self.exchange.all_gather(mine.write())?;
-        drop(mine);
+        if let Some(found) = &mut mine.found {
+            // The film has them.
+            found.planes = Film::without_planes(film.frame, film.needs);
+        }
+        let mut mine = Some(mine);
         let mut all = Vec::with_capacity(gathered.len());
         for (rank, bytes) in gathered.into_iter().enumerate() {
             let (mut message, rest) = Message::read(&bytes).map_err(|e| unreadable(rank, &e))?;
@@ -332,6 +335,10 @@ impl<'a> Team<'a> {
             }
             if rest.is_some() != mine_has_pixels {
                 return Err(unreadable(rank, &Broken("its pixels are missing")));
+            }
+            if let Some(mine) = mine.take_if(|_| rank == self.me as usize) {
+                all.push(mine);
+                continue;
             }
             if let (Some(mut from), Some(open)) = (rest, open) {
                 let pixels = self.numbers(film, open, rank as u32).len();
@@ -354,9 +361,11 @@ impl<'a> Team<'a> {
             sums.into_iter().zip(found.totals).for_each(|(sum, more)| *sum = sum.saturating_add(more));
             film.rejected.extend(found.rejected);
             film.splats.add_sums(&found.splats, found.splatting);
-            let numbers = self.numbers(film, open, rank as u32);
-            // The planes were read for these numbers, so they fit.
-            film.place(Picked(&numbers), found.planes);
+            if rank != self.me as usize {
+                let numbers = self.numbers(film, open, rank as u32);
+                // The planes were read for these numbers, so they fit.
+                film.place(Picked(&numbers), found.planes);
+            }
             for (band, cost) in self.deal.of(rank as u32).zip(found.costs) {
                 if cost.samples > 0 {
                     self.measured[band] = cost;
@@ -366,6 +375,16 @@ impl<'a> Team<'a> {
         keep_first(&mut film.rejected);
         self.taken.fill(0);
     }
+}
+
+/// The deal of an open round to processes that have everyone's pixels, by their numbers of threads.
+pub(super) fn deal(open: &OpenRound, measured: &[BandCost], width: usize, threads: &[u32]) -> Deal {
+    Deal::by_cost(&expected(measured, &to_come(open, measured.len(), width)), threads)
+}
+
+/// The samples to come of each band.
+fn to_come(open: &OpenRound, bands: usize, width: usize) -> Vec<u64> {
+    (0..bands).map(|band| planned(&open.plan, band, width, open.cursor.start)).collect()
 }
 
 /// The seconds of tracing of the slowest process.

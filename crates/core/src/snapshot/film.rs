@@ -2,7 +2,8 @@
 
 use super::Broken;
 use super::bytes::{Reader, Writer};
-use crate::film::{Bank, FeatureMoments, REJECTED_LISTED, SamplePlane, Splats, SumPlane};
+use crate::bands::{BAND, bands};
+use crate::film::{Bank, FeatureMoments, Picked, REJECTED_LISTED, SamplePlane, Splats, SumPlane};
 use crate::{
     Combine, Film, FirstHit, Frame, Needs, Record, Rejected, RejectedReason, RoundRecord, SampleId, Sums, TrainingSum,
     Trajectory,
@@ -54,6 +55,65 @@ pub(crate) fn take_beside(from: &mut Reader<'_>, film: &mut Film, pixels: usize)
 
 /// Reads a film whose planes have `pixels(frame)` pixels, fewer than the frame's for a shard.
 pub(crate) fn take_film(from: &mut Reader<'_>, pixels: impl FnOnce(&Frame) -> usize) -> Result<Film, Broken> {
+    let film = take_unchecked(from, pixels)?;
+    check(&film)?;
+    Ok(film)
+}
+
+/// The planes of each band of 16 rows as bytes.
+pub(crate) fn put_bands(film: &Film) -> Vec<Vec<u8>> {
+    let planes = |band| {
+        let part = film.pick(Picked(&numbers_of(&film.frame, band)), None);
+        let mut to = Writer::with_capacity(size(&part));
+        part.kept.iter().chain(&part.discarded).for_each(|bank| put_bank(&mut to, bank));
+        put_beside(&mut to, &part);
+        to.finish()
+    };
+    (0..bands(film.frame.size()[1] as usize)).map(planes).collect()
+}
+
+/// Reads a film without planes, and puts the planes of some bands into it. Pixels of other bands have no samples.
+pub(crate) fn take_in_bands(from: &mut Reader<'_>, given: &[(usize, Vec<u8>)]) -> Result<Film, Broken> {
+    let hollow = take_unchecked(from, |_| 0)?;
+    let (needs, frame, all) = (hollow.needs, hollow.frame, hollow.record.samples);
+    let mut film = Film::new(frame, needs);
+    if !hollow.discarded.is_empty() {
+        film.open_discarded();
+    }
+    let (kept, discarded) = (hollow.kept.len(), hollow.discarded.len());
+    (film.combine, film.record, film.rejected) = (hollow.combine, hollow.record, hollow.rejected);
+    (film.splats, film.unreported) = (hollow.splats, hollow.unreported);
+    let mut samples = 0_u64;
+    for (band, bytes) in given {
+        let numbers = numbers_of(&frame, *band);
+        let mut from = Reader::new(bytes);
+        let mut part = Film::without_planes(frame, needs);
+        let mut banks = |count: usize| -> Result<Vec<Bank>, Broken> {
+            (0..count).map(|_| take_bank(&mut from, numbers.len(), &needs)).collect()
+        };
+        (part.kept, part.discarded) = (banks(kept)?, banks(discarded)?);
+        for bank in part.kept.iter().chain(&part.discarded) {
+            samples = samples.checked_add(check_bank(bank, all)?).ok_or(Broken("counts overflow"))?;
+        }
+        take_beside(&mut from, &mut part, numbers.len())?;
+        if !from.is_empty() || !film.place(Picked(&numbers), part) {
+            return Err(Broken("a band is of another size"));
+        }
+    }
+    let is_whole = given.len() == bands(frame.size()[1] as usize);
+    if samples > all || is_whole && samples != all || film.unreported > all {
+        return Err(Broken("counts do not add up to the samples traced"));
+    }
+    Ok(film)
+}
+
+/// The numbers of the pixels of a band of 16 rows.
+fn numbers_of(frame: &Frame, band: usize) -> Vec<u32> {
+    let (width, pixels) = (frame.size()[0] as usize, frame.pixels());
+    ((band * BAND * width).min(pixels)..((band + 1) * BAND * width).min(pixels)).map(|i| i as u32).collect()
+}
+
+fn take_unchecked(from: &mut Reader<'_>, pixels: impl FnOnce(&Frame) -> usize) -> Result<Film, Broken> {
     let frame = take_frame(from)?;
     let pixels = pixels(&frame);
     let needs = take_needs(from)?;
@@ -72,7 +132,6 @@ pub(crate) fn take_film(from: &mut Reader<'_>, pixels: impl FnOnce(&Frame) -> us
     let sums = (0..planes).map(|_| from.numbers(frame.pixels())).collect::<Result<_, _>>()?;
     film.splats = Splats { sums, samples: from.number()? };
     film.unreported = from.number()?;
-    check(&film)?;
     Ok(film)
 }
 

@@ -345,3 +345,38 @@ fn a_slow_image_is_stopped_within_a_pass_x08() {
     assert!(film.record().interrupted && film.record().samples > 200);
     assert!(longest < Duration::from_secs(2), "{longest:?}");
 }
+
+/// A crop that learns from the training passes of the whole image has the whole image's bits.
+#[test]
+fn a_crop_learns_from_the_whole_images_training_passes() {
+    let whole = frame(40, 35);
+    let window = whole.crop(7, 18, 29, 33).unwrap();
+    for (spp, passes) in [(3, 3), (13, 4)] {
+        let limits = Limits::spp(f64::from(spp));
+        let film = Render::new(whole, &limits).run(&mut Everything::default(), &mut Uniform::new(Independent::new(3)));
+        let film = film.unwrap();
+        let train = |limits: &Limits| {
+            Render::new(whole, limits)
+                .train(&mut Everything::default(), &mut Uniform::new(Independent::new(3)))
+                .unwrap()
+        };
+        let training = train(&limits).expect("no monitor stops it");
+        assert_eq!(training.len(), passes);
+        let crop = |training: Vec<TrainingData>| {
+            let mut sampler = Uniform::new(Independent::new(3));
+            Render::new(window, &limits).learn_from(training).run(&mut Everything::default(), &mut sampler).unwrap()
+        };
+        let cut = |film: &Film| -> Vec<[f32; 3]> {
+            let row = |y: usize| film.image()[y * 40 + 7..y * 40 + 29].to_vec();
+            (18..33).flat_map(row).collect()
+        };
+        assert_eq!(crop(training).image(), cut(&film), "{spp}");
+        assert_ne!(crop(Vec::new()).image(), cut(&film), "a crop learns something else by itself");
+    }
+    // A stop leaves no passes.
+    let mut stop = |_: &Status<'_>| Control::Stop;
+    let limits = Limits::spp(4.0);
+    let render = Render::new(whole, &limits).monitor(&mut stop);
+    let stopped = render.train(&mut Everything::default(), &mut Uniform::new(Independent::new(3)));
+    assert_eq!(stopped.unwrap(), None);
+}

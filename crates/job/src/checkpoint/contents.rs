@@ -3,8 +3,12 @@
 //! A file consists of: eight magic bytes; the version, the kind and the number of pairs in the identity (4 bytes each);
 //! the pairs, each text after its length in 4 bytes; the length of the body in 8 bytes; the body; the CRC-32 (IEEE
 //! 802.3) of all bytes before it. All numbers are little-endian.
+//!
+//! In a plan file, bands of the film follow. The body lists their lengths and checksums, so that a task reads its own only.
 
 use super::Error;
+use std::fs::File;
+use std::io::{self, Read};
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"dapple-c";
@@ -178,13 +182,54 @@ impl Contents {
             true => std::fs::read(path),
             false => Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, "not a regular file")),
         });
-        let bytes = bytes.map_err(|source| match source.kind() {
-            std::io::ErrorKind::NotFound => Error::Missing { path: path.to_owned(), kind: kind.name() },
-            _ => Error::Read { path: path.to_owned(), source },
-        })?;
+        let bytes = bytes.map_err(|source| unread(path, kind, source))?;
         let damaged = |damage| Error::Damaged { path: path.to_owned(), damage };
+        // The checksum of a plan ends before its bands.
+        let is_followed = length(&bytes).is_some_and(|all| all < bytes.len() as u64);
+        if kind != Kind::Plan && is_followed && Self::read_start(path).is_ok() {
+            return Err(damaged(Damage::Kind));
+        }
         let contents = Contents::from_bytes(bytes).map_err(damaged)?;
         if contents.kind == kind { Ok(contents) } else { Err(damaged(Damage::Kind)) }
+    }
+
+    /// Reads the beginning of a plan file, without the bands that follow. Returns the open file and the length of what was
+    /// read.
+    ///
+    /// # Errors
+    ///
+    /// As [`Contents::read`].
+    pub fn read_start(path: &Path) -> Result<(Self, File, u64), Error> {
+        let kind = Kind::Plan;
+        let open = || -> io::Result<(Vec<u8>, File)> {
+            if !std::fs::metadata(path)?.is_file() {
+                return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file"));
+            }
+            let mut file = File::open(path)?;
+            let mut bytes = Vec::new();
+            let mut wanted = 1 << 16;
+            loop {
+                let more = (&mut file).take(wanted - bytes.len() as u64).read_to_end(&mut bytes)?;
+                match length(&bytes) {
+                    Some(all) if all <= bytes.len() as u64 => bytes.truncate(all as usize),
+                    Some(all) if more > 0 => {
+                        wanted = all;
+                        continue;
+                    }
+                    None if more > 0 => {
+                        wanted *= 2;
+                        continue;
+                    }
+                    _ => {}
+                }
+                return Ok((bytes, file));
+            }
+        };
+        let (bytes, file) = open().map_err(|source| unread(path, kind, source))?;
+        let end = bytes.len() as u64;
+        let damaged = |damage| Error::Damaged { path: path.to_owned(), damage };
+        let contents = Contents::from_bytes(bytes).map_err(damaged)?;
+        if contents.kind == kind { Ok((contents, file, end)) } else { Err(damaged(Damage::Kind)) }
     }
 
     /// Decodes bytes that [`Contents::to_bytes`] encoded. Uses at most twice the memory of the bytes, even if they are
@@ -219,6 +264,21 @@ impl Contents {
         bytes.truncate(bytes.len() - 4);
         bytes.drain(..start);
         Ok(Self { kind, identity, body: bytes })
+    }
+}
+
+/// The length of the contents that these bytes begin with; `None` for bytes that are too short or of another format.
+fn length(bytes: &[u8]) -> Option<u64> {
+    let mut reader = Reader(bytes.strip_prefix(MAGIC)?);
+    let version = reader.number().ok()?;
+    let (_, _, body) = reader.head().ok().filter(|_| version == VERSION)?;
+    body.checked_add((bytes.len() - reader.0.len() + 4) as u64)
+}
+
+fn unread(path: &Path, kind: Kind, source: io::Error) -> Error {
+    match source.kind() {
+        io::ErrorKind::NotFound => Error::Missing { path: path.to_owned(), kind: kind.name() },
+        _ => Error::Read { path: path.to_owned(), source },
     }
 }
 

@@ -40,6 +40,9 @@ pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
         ("samples per pixel", format!("{} to {}", job.limits.min_spp, job.limits.max_spp)),
         (SPEC, spec.to_json()?),
     ];
+    if spec.crop_exact {
+        pairs.push(("crop", "as the whole image".to_owned()));
+    }
     if let Some(shard) = spec.shard {
         pairs.push((FILTER, job.filter.describe()));
         pairs.push((SHARD, shard.to_string()));

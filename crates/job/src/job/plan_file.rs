@@ -3,10 +3,13 @@
 use super::checkpoints::Watched;
 use super::identity::{PLAN, SPEC, compared};
 use super::{Job, JobMonitor, Traced};
-use crate::checkpoint::{Contents, Identity, Kind};
+use crate::checkpoint::{self, Contents, Damage, Identity, Kind};
+use crate::memory::MemoryEstimate;
 use crate::{JobError, RenderSpec};
 use dapple_core::{Integrator, NoMonitor, Render, Sampler, Shard, Stage};
 use dapple_renderer::make_integrator;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 type Staged<'j> = (Render<'j>, Box<dyn Integrator + 'j>, &'j mut dyn Sampler);
@@ -17,6 +20,7 @@ pub struct PlanFile {
     spec: RenderSpec,
     identity: Identity,
     stage: Stage,
+    bytes_read: u64,
 }
 
 impl PlanFile {
@@ -27,12 +31,56 @@ impl PlanFile {
     /// [`JobError::Checkpoint`] for a file that is missing or damaged; [`JobError::Snapshot`] for an inconsistent one;
     /// [`JobError::Spec`] for a description of another version.
     pub fn read(path: &Path) -> Result<Self, JobError> {
-        let contents = Contents::read(path, Kind::Plan)?;
-        let path = path.to_owned();
-        let stage = Stage::from_bytes(&contents.body);
-        let stage = stage.map_err(|source| JobError::Snapshot { path: path.clone(), source })?;
+        Self::read_bands(path, None)
+    }
+
+    /// Reads what a task that traces part `shard` needs: the beginning of the file, and its own bands of the film.
+    ///
+    /// # Errors
+    ///
+    /// As [`PlanFile::read`].
+    pub fn read_part(path: &Path, shard: Shard) -> Result<Self, JobError> {
+        Self::read_bands(path, Some(shard))
+    }
+
+    fn read_bands(path: &Path, shard: Option<Shard>) -> Result<Self, JobError> {
+        let (contents, mut file, end) = Contents::read_start(path)?;
+        let inconsistent = |source| JobError::Snapshot { path: path.to_owned(), source };
+        let damaged = |damage| checkpoint::Error::Damaged { path: path.to_owned(), damage };
+        let (places, head) = places(&contents.body, end).ok_or_else(|| damaged(Damage::Nonsense))?;
+        let length = file.metadata().map_err(|source| checkpoint::Error::Read { path: path.to_owned(), source })?.len();
+        let wanted_length = places.last().map_or(end, |last| last.start + last.length);
+        if length != wanted_length {
+            let damage = if length < wanted_length { Damage::Short } else { Damage::Nonsense };
+            return Err(damaged(damage).into());
+        }
+        let stage = Stage::from_head(head).map_err(inconsistent)?;
+        let wanted = match shard {
+            Some(shard) => stage.bands_of(shard).map_err(inconsistent)?,
+            None => (0..places.len()).collect(),
+        };
+        let (mut bands, mut bytes_read) = (Vec::with_capacity(wanted.len()), end);
+        for band in wanted {
+            let place = places.get(band).ok_or_else(|| damaged(Damage::Nonsense))?;
+            let bytes =
+                place.read(&mut file).map_err(|source| checkpoint::Error::Read { path: path.to_owned(), source })?;
+            if bytes.len() as u64 != place.length || crc32fast::hash(&bytes) != place.checksum {
+                return Err(damaged(Damage::Checksum).into());
+            }
+            bytes_read += place.length;
+            bands.push((band, bytes));
+        }
+        let stage = stage.with_bands(bands).map_err(inconsistent)?;
+        if shard.is_none() {
+            stage.snapshot().map_err(inconsistent)?;
+        }
         let spec = RenderSpec::from_json(contents.identity.value(SPEC).unwrap_or_default())?;
-        Ok(Self { path, spec, identity: contents.identity, stage })
+        Ok(Self { path: path.to_owned(), spec, identity: contents.identity, stage, bytes_read })
+    }
+
+    /// The bytes of the file that were read.
+    pub fn bytes_read(&self) -> u64 {
+        self.bytes_read
     }
 
     /// The path of the plan that a part was traced from, as it was given then.
@@ -61,7 +109,41 @@ impl PlanFile {
     }
 }
 
+/// What a process does in a render in stages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum StageTask {
+    /// It plans the first stage.
+    First,
+    /// It traces a part.
+    Part,
+    /// It makes the next plan of all parts.
+    Next,
+}
+
 impl Job {
+    /// The estimated memory of a process of a render in stages. It holds files beside the film.
+    ///
+    /// # Errors
+    ///
+    /// As [`Job::memory`].
+    pub fn memory_in_stages(&mut self, task: StageTask) -> Result<MemoryEstimate, JobError> {
+        // All parts together are as long as the film, and so is a plan. The next plan is made while they are held.
+        let copies = match task {
+            StageTask::First | StageTask::Part => 3,
+            StageTask::Next => 5,
+        };
+        self.need_any_image();
+        let (estimate, bytes) = self.forecast(false)?;
+        Ok(estimate.with_copies(copies, bytes))
+    }
+
+    /// Records all that any image of the render may need, as for shards.
+    fn need_any_image(&mut self) {
+        let hits = u8::from(self.clusters().is_some());
+        self.needs = self.needs.with_variance().with_first_hits(hits);
+    }
+
     /// Plans the first stage of a render. Returns the bytes of a plan file.
     ///
     /// # Errors
@@ -72,9 +154,7 @@ impl Job {
             return Err(JobError::NoTogether);
         }
         let identity = self.identity()?;
-        // All that any image of the render may need, as for shards.
-        let hits = u8::from(self.clusters().is_some());
-        self.needs = self.needs.with_variance().with_first_hits(hits);
+        self.need_any_image();
         let (render, mut integrator, sampler) = self.staged()?;
         let stage = render.first_stage(&mut *integrator, sampler)?;
         plan_bytes(identity, &stage)
@@ -165,6 +245,10 @@ impl Job {
 
     /// The render of a stage, with integrator and sampler.
     fn staged(&mut self) -> Result<Staged<'_>, JobError> {
+        if super::exact_crop::whole(&self.spec, &self.frame).is_some() {
+            let why = "its stages would trace the training passes of the whole image on each machine; use one machine";
+            return Err(JobError::NoExactCrop { why: why.into() });
+        }
         let filtered = self.is_error_of_filtered();
         let integrator = make_integrator(&self.integrator, &self.prepared.world)?;
         let render = Render::new(self.frame, &self.limits).needs(self.needs);
@@ -173,6 +257,47 @@ impl Job {
     }
 }
 
+/// The bytes of a plan file: contents whose body is the number of bands, the length and checksum of each, and the head of
+/// the stage; then the bands.
 fn plan_bytes(identity: Identity, stage: &Stage) -> Result<Vec<u8>, JobError> {
-    Ok(Contents { kind: Kind::Plan, identity, body: stage.to_bytes() }.to_bytes()?)
+    let mut body = (stage.bands().len() as u64).to_le_bytes().to_vec();
+    for (_, bytes) in stage.bands() {
+        body.extend((bytes.len() as u64).to_le_bytes());
+        body.extend(crc32fast::hash(bytes).to_le_bytes());
+    }
+    body.extend(stage.head());
+    let mut file = Contents { kind: Kind::Plan, identity, body }.to_bytes()?;
+    file.reserve_exact(stage.bands().iter().map(|(_, bytes)| bytes.len()).sum());
+    stage.bands().iter().for_each(|(_, bytes)| file.extend(bytes));
+    Ok(file)
+}
+
+/// The place of a band in a plan file.
+struct BandPlace {
+    start: u64,
+    length: u64,
+    checksum: u32,
+}
+
+impl BandPlace {
+    fn read(&self, file: &mut File) -> io::Result<Vec<u8>> {
+        file.seek(SeekFrom::Start(self.start))?;
+        let mut bytes = Vec::new();
+        file.take(self.length).read_to_end(&mut bytes)?;
+        Ok(bytes)
+    }
+}
+
+/// The places of the bands that the body of a plan lists, the first of them at `start`, and the head of the stage.
+fn places(body: &[u8], mut start: u64) -> Option<(Vec<BandPlace>, &[u8])> {
+    let (count, mut rest) = body.split_first_chunk::<8>()?;
+    let mut places = Vec::new();
+    for _ in 0..u64::from_le_bytes(*count) {
+        let (length, more) = rest.split_first_chunk::<8>()?;
+        let (checksum, more) = more.split_first_chunk::<4>()?;
+        let (length, checksum) = (u64::from_le_bytes(*length), u32::from_le_bytes(*checksum));
+        places.push(BandPlace { start, length, checksum });
+        (start, rest) = (start.checked_add(length)?, more);
+    }
+    Some((places, rest))
 }

@@ -72,6 +72,8 @@ pub struct MemoryEstimate {
     sampler: u64,
     /// Bytes of light that the integrator prepares.
     integrator: u64,
+    /// Bytes of learned light selection, at most.
+    training: u64,
     /// The name of each stage of the render, and its bytes; only one stage at a time is in memory.
     stages: Vec<(&'static str, u64)>,
     /// Peak memory in bytes until the film is allocated.
@@ -84,7 +86,15 @@ impl MemoryEstimate {
         let WorldMemory { built, building } = of_world(scene);
         let now = resident().map_or_else(|| PROGRAM + of_scene(scene), |[now, _]| now);
         let film = frame.bytes(Film::bytes_per_pixel(&Needs::none()));
-        Self { scene: now + built, film, sampler: 0, integrator: 0, stages: Vec::new(), before: now + building }
+        Self {
+            scene: now + built,
+            film,
+            sampler: 0,
+            integrator: 0,
+            training: 0,
+            stages: Vec::new(),
+            before: now + building,
+        }
     }
 
     /// The memory of a prepared render. `before` is the estimate from its scene. `files` is the peak in bytes for
@@ -101,7 +111,15 @@ impl MemoryEstimate {
         ];
         let scene = now + THREAD * rayon::current_num_threads() as u64;
         let film = memory.film.saturating_add(memory.holdout);
-        Self { scene, film, sampler: memory.sampler, integrator: 0, stages, before: before.before.max(most) }
+        Self {
+            scene,
+            film,
+            sampler: memory.sampler,
+            integrator: 0,
+            training: 0,
+            stages,
+            before: before.before.max(most),
+        }
     }
 
     /// Adds the light that the integrator prepares ([`Integrator::memory`](dapple_core::Integrator::memory)).
@@ -116,6 +134,23 @@ impl MemoryEstimate {
         /// Bytes per pixel: 20 of planes, 8 of counts as they are copied, 12 of a packet or a PNG file.
         const COPY: usize = 40;
         self.stages.iter_mut().for_each(|(_, bytes)| *bytes = bytes.saturating_add(frame.bytes(COPY)));
+        self
+    }
+
+    /// Adds the most that learning takes, and a stage of `bytes` before the render: training passes of the whole image.
+    #[must_use]
+    pub(crate) fn with_training(mut self, training: u64, bytes: u64) -> Self {
+        self.training = training;
+        if bytes > 0 {
+            self.stages.push(("training", bytes));
+        }
+        self
+    }
+
+    /// Adds a stage that holds `copies` of the render's state of `bytes` as bytes: files of a render in stages.
+    #[must_use]
+    pub(crate) fn with_copies(mut self, copies: u64, bytes: u64) -> Self {
+        self.stages.push(("plan and parts", bytes.saturating_mul(copies)));
         self
     }
 
@@ -147,7 +182,8 @@ impl MemoryEstimate {
 
     /// The peak memory of the whole render in bytes.
     pub fn peak(&self) -> u64 {
-        let lasting = self.scene.saturating_add(self.film).saturating_add(self.sampler).saturating_add(self.integrator);
+        let lasting = [self.film, self.sampler, self.integrator, self.training];
+        let lasting = lasting.into_iter().fold(self.scene, u64::saturating_add);
         lasting.saturating_add(self.largest_stage().map_or(0, |(_, bytes)| bytes)).max(self.before)
     }
 
@@ -169,6 +205,9 @@ impl fmt::Display for MemoryEstimate {
         }
         if self.integrator > 0 {
             write!(f, ", light {}", size(self.integrator))?;
+        }
+        if self.training > 0 {
+            write!(f, ", light selection at most {}", size(self.training))?;
         }
         if let Some((name, bytes)) = self.largest_stage() {
             write!(f, ", {name} {}", size(bytes))?;

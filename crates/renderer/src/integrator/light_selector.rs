@@ -2,7 +2,7 @@
 
 use crate::World;
 use crate::light::{Expectation, Lights, SelectedLight};
-use dapple_core::{TrainingData, Worker};
+use dapple_core::{TrainingData, TrainingSum, Worker};
 use dapple_light_selection::{LightCellOptions, LightCells};
 use glam::Vec3;
 
@@ -39,6 +39,13 @@ pub trait LightSelector: Sync {
     /// [`Integrator::wants_training`](dapple_core::Integrator::wants_training).
     fn wants_training(&self) -> bool {
         false
+    }
+
+    /// The most bytes that learning takes, with the training data, if each of `pixels` pixels notes at most `notes` lights per
+    /// sample.
+    fn training_memory(&self, pixels: u64, notes: u64) -> u64 {
+        let _ = (pixels, notes);
+        0
     }
 
     /// Learns from the contributions recorded in one training pass; see
@@ -156,6 +163,16 @@ impl LightSelector for LearnedSelector {
 
     fn wants_training(&self) -> bool {
         self.passes_left > 0
+    }
+
+    fn training_memory(&self, pixels: u64, notes: u64) -> u64 {
+        let Some(cells) = &self.cells else { return 0 };
+        let keys = (cells.cells() * cells.lights()) as u64;
+        // Passes take 1, 1, 2, 4 samples per pixel.
+        let in_pass = |pass: u32| pixels.saturating_mul(notes).saturating_mul(1 << pass.saturating_sub(1));
+        let data = (0..TRAINING_PASSES).map(|pass| in_pass(pass).min(keys) * size_of::<TrainingSum>() as u64);
+        let all = pixels.saturating_mul(notes).saturating_mul(1 << (TRAINING_PASSES - 1));
+        data.sum::<u64>() + cells.memory(all)
     }
 
     fn learn(&mut self, pass: &TrainingData) {

@@ -426,6 +426,10 @@ impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> Integrator for Pat
         self.selector.wants_training()
     }
 
+    fn training_memory(&self, pixels: u64) -> u64 {
+        self.selector.training_memory(pixels, u64::from(self.world.max_depth()) + 1)
+    }
+
     fn learn(&mut self, pass: &TrainingData) {
         self.selector.learn(pass);
     }
