@@ -211,7 +211,7 @@ mod tests {
         let whole = OwnRows::whole(&frame).sum(|k| values[k]).unwrap();
         for cut in 0..=12 {
             let sums = std::thread::scope(|threads| {
-                let ends: Vec<_> = in_memory(2).into_iter().zip([vec![0..cut], vec![cut..12]]).collect();
+                let ends: Vec<_> = in_memory(2).into_iter().zip([0..cut, cut..12].map(|run| vec![run])).collect();
                 let process = |(mut end, runs): (_, Vec<Range<usize>>)| {
                     let own = values[runs[0].start * 7..runs[0].end * 7].to_vec();
                     threads.spawn(move || OwnRows::of(&frame, runs, &mut end).sum(|k| own[k]).unwrap())

@@ -367,7 +367,7 @@ fn processes_with_parts_of_the_pixels_find_the_counts_of_one() {
 fn processes_refuse_a_budget_below_the_floors_of_all() {
     let frame = crate::Frame::new(4, 6).unwrap();
     // The floors of each process alone would fit.
-    let (counts, _) = allocated_by_parts(&frame, vec![vec![0..3], vec![3..6]], |pixels, part| {
+    let (counts, _) = allocated_by_parts(&frame, [0..3, 3..6].map(|run| vec![run]).to_vec(), |pixels, part| {
         let floors = vec![3; pixels.len()];
         Ladder::Whole.allocate_together(&Demand::new(&vec![1.0; pixels.len()], &floors, 9, 71), 1.3, part)
     });
