@@ -114,7 +114,7 @@ fn weights_of_one_path_sum_to_one() {
     let [(_, pinhole), _, (_, orthographic)] = cameras();
     let white = Color::Constant([1.0; 3]);
     let roughness = Roughness { u: Scalar::Constant(0.5), v: Scalar::Constant(0.5), remap: false };
-    let glass = MaterialKind::Dielectric { eta: 1.5, roughness, reflectance: white.clone(), transmittance: white };
+    let glass = MaterialKind::Dielectric { eta: 1.5, roughness, reflectance: white, transmittance: white };
     for (camera, middle) in [(pinhole.clone(), diffuse(0.7)), (pinhole, glass), (orthographic, diffuse(0.7))] {
         let world = World::new(&room(camera, middle, Some(0.6))).expect("a world");
         for options in ["", "splat=0"] {
