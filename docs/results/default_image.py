@@ -2,7 +2,7 @@
 """default_image.py RUNS.JSONL...: a table of docs/results/default-image.md as CSV, from the runs of its studies.
 
 Runs at equal time are labelled "time of N": the time that N spp of the baseline take. One row per scene, number of samples and method, then geometric means over scenes, named "all", "tuned" and "held out". Ratios are of means over
-seeds; their 95 % intervals come from 2,000 resamplings of the seeds, the same seeds for both methods and all scenes.
+seeds; columns over OIDN are empty if it has no runs. Their 95 % intervals come from 2,000 resamplings of the seeds, the same seeds for both methods and all scenes.
 """
 import csv
 import json
@@ -69,9 +69,12 @@ def main(paths):
             for method in methods:
                 row = [label, spp, method]
                 for base in (UNIFORM, OIDN):
+                    if base not in methods:
+                        row += [""] * 3
+                        continue
                     draws = [ratio(group, spp, method, base, "srgb8_mse", chosen) for chosen in samples[: 2000 if len(group) == 1 else 300]]
                     row += [f"{v:.4f}" for v in (ratio(group, spp, method, base, "srgb8_mse", seeds), *interval(draws))]
-                row.append(f"{ratio(group, spp, method, OIDN, 'flip', seeds):.4f}")
+                row.append(f"{ratio(group, spp, method, OIDN, 'flip', seeds):.4f}" if OIDN in methods else "")
                 if len(group) == 1:
                     of = [runs[label, spp, method][seed]["mean_ratio"] for seed in seeds]
                     error = math.sqrt(sum((v - mean(of)) ** 2 for v in of) / (len(of) - 1) / len(of))

@@ -3,6 +3,7 @@
 mod checkpoints;
 mod exact_crop;
 mod identity;
+mod monitor;
 mod plan_file;
 mod shards;
 mod time;
@@ -10,6 +11,7 @@ mod together;
 
 pub use checkpoints::{CheckpointOptions, Checkpoints};
 pub use identity::pixel_filter;
+pub use monitor::{JobMonitor, RenderMonitor};
 pub use plan_file::{PlanFile, StageTask};
 pub use shards::ShardSet;
 
@@ -23,8 +25,8 @@ use crate::{BudgetSpec, ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
 use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
-    Budget, Control, Error, Exchange, Film, FilmPoints, Filter, Filtered, Frame, Limits, Memory, Monitor, Needs,
-    NoMonitor, PointSet, Prepares, Render, Sampler, Sharded, Snapshot, Status, Unfiltered, apply_together,
+    Budget, Error, Exchange, Film, FilmPoints, Filter, Filtered, Frame, Limits, Memory, Needs, NoMonitor, PointSet,
+    Prepares, Render, Sampler, Sharded, Snapshot, Unfiltered, apply_together,
 };
 use dapple_renderer::World;
 use dapple_scene::Scene;
@@ -63,67 +65,6 @@ pub struct Job {
     /// The most bytes that the integrator takes by learning.
     training_bytes: u64,
     outputs: OutputFiles,
-}
-
-/// An observer of a job's run.
-pub trait JobMonitor {
-    /// Called between two slices. The returned value decides whether the render continues.
-    fn slice(&mut self, status: &Status<'_>) -> Control;
-
-    /// Returns `false` if the monitor never reads the film before the end. Of several processes, each may then see its own rows
-    /// only, and less is sent. The default is `true`.
-    fn reads_film(&self) -> bool {
-        true
-    }
-
-    /// Called when all samples are traced, unless the render was stopped.
-    fn end(&mut self, status: &Status<'_>) {
-        let _ = status;
-    }
-
-    /// Called between two slices of the training passes of the whole image, which precede a crop with its bits
-    /// ([`RenderSpec::crop_exact`]).
-    fn training(&mut self, status: &Status<'_>) -> Control {
-        let _ = status;
-        Control::Continue
-    }
-
-    /// Receives a warning during the run.
-    fn warn(&mut self, warning: Warning) {
-        let _ = warning;
-    }
-
-    /// Called on resuming, with the mean samples per pixel of the checkpoint.
-    fn resumed(&mut self, spp: f64) {
-        let _ = spp;
-    }
-}
-
-impl JobMonitor for NoMonitor {
-    fn slice(&mut self, _: &Status<'_>) -> Control {
-        Control::Continue
-    }
-
-    fn reads_film(&self) -> bool {
-        false
-    }
-}
-
-/// Adapts a render's [`Monitor`] to a [`JobMonitor`] that ignores warnings.
-pub struct RenderMonitor<'m>(pub &'m mut dyn Monitor);
-
-impl JobMonitor for RenderMonitor<'_> {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
-        self.0.slice(status)
-    }
-
-    fn reads_film(&self) -> bool {
-        self.0.reads_barriers()
-    }
-
-    fn end(&mut self, status: &Status<'_>) {
-        self.0.end(status);
-    }
 }
 
 /// The result of tracing.

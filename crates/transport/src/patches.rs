@@ -29,7 +29,7 @@ pub(crate) struct Patches {
     labels: Vec<u32>,
     /// The area of each patch, in the renderer's units.
     areas: Vec<f64>,
-    /// The mean normal of each patch; zero if there is none.
+    /// The mean normal of each patch, zero where its normals cancel.
     normals: Vec<Vec3>,
 }
 

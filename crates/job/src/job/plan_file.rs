@@ -109,7 +109,7 @@ impl PlanFile {
     }
 }
 
-/// What a process does in a render in stages.
+/// A task of a render in stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum StageTask {

@@ -17,13 +17,13 @@ const PROBES: u32 = 4;
 #[derive(Clone, Debug)]
 pub(super) struct CommonCuts {
     patches: Patches,
-    /// Where the cut of each side begins in `nodes`; empty for sides that no probe met.
+    /// The place in `nodes` where the cut of each side begins. Sides that no probe met have an empty cut.
     starts: Vec<u32>,
     nodes: Vec<NodeId>,
 }
 
 impl CommonCuts {
-    /// The common cut at a surface point; empty if there is none.
+    /// The common cut at a surface point, empty where no probe lay.
     pub(super) fn at(&self, world: &World, vertex: &GatherPoint<'_>) -> &[NodeId] {
         let key = side_of(&self.patches, world, vertex);
         &self.nodes[self.starts[key] as usize..self.starts[key + 1] as usize]

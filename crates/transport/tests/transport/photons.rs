@@ -1,10 +1,6 @@
 //! Photons: closed forms, agreement with the path tracer, the same bits everywhere.
 
 use crate::support::*;
-use dapple_conformance::bits;
-use dapple_core::samplers::Uniform;
-use dapple_core::{Control, Frame, Limits, Monitor, Render, Snapshot, Status};
-use dapple_low_discrepancy::Sobol;
 use dapple_renderer::World;
 use dapple_scene::{Light, LightKind, Scene, SpotFalloff};
 use dapple_transport::make_integrator;
@@ -117,43 +113,10 @@ fn a_furnace_has_its_radiance() {
     }
 }
 
-/// Keeps a snapshot of every slice.
-#[derive(Default)]
-struct Keeper(Vec<Vec<u8>>);
-
-impl Monitor for Keeper {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
-        self.0.push(status.snapshot());
-        Control::Continue
-    }
-}
-
 #[test]
 fn photons_have_the_same_bits_on_any_threads_and_resumed_within_a_pass() {
-    let world = World::with_resolution(&ball(), [48, 40]).expect("a world");
-    let frame = Frame::new(48, 40).expect("a frame");
-    let limits = Limits::samples(5 * 48 * 40);
     for request in ["photons:small=10", "photons:what=all"] {
-        let integrator = || make_integrator(request, &world).expect("an integrator");
-        let mut keeper = Keeper::default();
-        let whole = Render::new(frame, &limits)
-            .monitor(&mut keeper)
-            .run(&mut *integrator(), &mut Uniform::new(Sobol::new(3)))
-            .expect("a film");
-        assert_eq!(whole.record().passes, 3);
-        assert!(whole.record().prepare_rays > 5000);
-        let snapshots: Vec<_> = keeper.0.iter().map(|bytes| Snapshot::from_bytes(bytes).expect("a snapshot")).collect();
-        let within = |snapshot: &Snapshot| !snapshot.film().record().samples.is_multiple_of(48 * 40);
-        assert!(snapshots.iter().any(within), "a slice ends within a pass");
-        for (i, snapshot) in snapshots.into_iter().enumerate() {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(1 + i % 3).build().expect("threads");
-            let film = pool.install(|| {
-                Render::new(frame, &limits)
-                    .resume(snapshot, &mut *integrator(), &mut Uniform::new(Sobol::new(3)))
-                    .expect("a film")
-            });
-            assert!(bits(&film) == bits(&whole), "{request}, slice {i}");
-        }
+        assert_eq!(with_the_same_bits_on_any_threads_and_resumed(&ball(), request).record().passes, 3);
     }
 }
 

@@ -2,10 +2,6 @@
 #![allow(clippy::print_stderr, reason = "figures of a test")]
 
 use crate::support::*;
-use dapple_conformance::bits;
-use dapple_core::samplers::Uniform;
-use dapple_core::{Control, Frame, Limits, Monitor, Render, Snapshot, Status};
-use dapple_low_discrepancy::Sobol;
 use dapple_renderer::World;
 use dapple_scene::{MaterialKind, Scene};
 use dapple_transport::make_integrator;
@@ -68,7 +64,7 @@ fn means_are_the_path_tracers() {
         let scene = chamber(wall);
         let expected = means(&scene, "path", 512, 0..8);
         for gather in [0, 1] {
-            let request = format!("radiosity:particles=20000,gather={gather}");
+            let request = format!("radiosity:particles=4000,gather={gather}");
             let found = means(&scene, &request, 32, 10..18);
             let bias = found.mean / expected.mean - 1.0;
             let error = found.standard_error().hypot(expected.standard_error()) / expected.mean;
@@ -114,38 +110,9 @@ fn a_furnace_has_its_radiance_and_keeps_its_energy() {
     }
 }
 
-/// Keeps a snapshot of every slice.
-#[derive(Default)]
-struct Keeper(Vec<Vec<u8>>);
-
-impl Monitor for Keeper {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
-        self.0.push(status.snapshot());
-        Control::Continue
-    }
-}
-
 #[test]
 fn patches_have_the_same_bits_on_any_threads_and_resumed() {
-    let scene = chamber(metal(0.3));
-    let world = World::with_resolution(&scene, [48, 40]).expect("a world");
-    let (frame, limits) = (Frame::new(48, 40).expect("a frame"), Limits::samples(5 * 48 * 40));
-    let integrator = || make_integrator("radiosity:patches=500", &world).expect("an integrator");
-    let mut keeper = Keeper::default();
-    let sampler = || Uniform::new(Sobol::new(3));
-    let whole = Render::new(frame, &limits).monitor(&mut keeper).run(&mut *integrator(), &mut sampler());
-    let whole = whole.expect("a film");
-    assert!(whole.record().prepare_rays > 5000 && !keeper.0.is_empty());
-    for (i, bytes) in keeper.0.iter().enumerate() {
-        let snapshot = Snapshot::from_bytes(bytes).expect("a snapshot");
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1 + i % 3).build().expect("threads");
-        let resumed = || Render::new(frame, &limits).resume(snapshot, &mut *integrator(), &mut sampler());
-        let film = pool.install(resumed).expect("a film");
-        assert!(bits(&film) == bits(&whole), "slice {i}");
-    }
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().expect("threads");
-    let again = pool.install(|| Render::new(frame, &limits).run(&mut *integrator(), &mut sampler()));
-    assert!(bits(&again.expect("a film")) == bits(&whole));
+    with_the_same_bits_on_any_threads_and_resumed(&chamber(metal(0.3)), "radiosity:patches=500");
 }
 
 #[test]
