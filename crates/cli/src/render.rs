@@ -203,9 +203,10 @@ impl Show<'_> {
         progress.phase("filter");
         let image = match exchange {
             Some(exchange) => job.finish_together(film, exchange),
-            None => job.finish(film),
+            None => job.finish(film).map(Some),
         };
-        let mut image = image.map_err(|e| failure::of_job(&e))?;
+        // Of several processes, the first one has the image.
+        let Some(mut image) = image.map_err(|e| failure::of_job(&e))? else { return Ok(Outcome::Done) };
         let cpu = cpu_seconds().zip(cpu).map(|(after, before)| after - before);
         let shown = |warning: &&Warning| panicked.is_none() || !matches!(warning, Warning::ErrorNotReached { .. });
         image.warnings.iter().filter(shown).for_each(|warning| warn(failure::warning(warning)));

@@ -3,9 +3,10 @@
 //! [`Render::exchange`](crate::Render::exchange) takes an [`Exchange`]. Each process traces its bands of 16 rows. At the end of
 //! each training pass all get everyone's training data.
 //!
-//! A sampler that plans by rows ([`Sampler::halo`](crate::Sampler::halo)) plans the own rows only. Before a round, a process
-//! gets the rows around its own ones, and bands that it takes over. The pixels of all are gathered at the end, and where a
-//! monitor reads them ([`Monitor::reads_barriers`](crate::Monitor::reads_barriers)). Other samplers plan the whole image on every
+//! A sampler that plans by rows ([`Sampler::halo`](crate::Sampler::halo)) plans the own rows only, and the film holds these and
+//! the rows around them. Before a round, a process gets the rows around its own ones, and bands that it takes over. The pixels
+//! of all are gathered at the end, unless the render stays [in bands](crate::Render::in_bands), and where a monitor reads them
+//! ([`Monitor::reads_barriers`](crate::Monitor::reads_barriers)). Other samplers plan the whole image on every
 //! process, as do renders with splats or an error limit. They gather everyone's pixels at the end of each round.
 //!
 //! ```
@@ -64,7 +65,8 @@ pub trait Exchange {
     /// [`Error::Gone`] when a process is gone. The render ends then, since no message can reach all.
     fn all_gather(&mut self, mine: Vec<u8>) -> Result<Vec<Vec<u8>>, Error>;
 
-    /// Sends the bytes `to_each[k]` to process `k`; returns what each process sent to this one, by number.
+    /// Sends the bytes `to_each[k]` to process `k`; returns what each process sent to this one, by number. Processes beyond the
+    /// list get nothing.
     ///
     /// The default sends everything to all. An exchange over a network sends each process its own.
     ///

@@ -2,7 +2,9 @@
 
 mod bank;
 mod error;
+mod gather;
 mod half;
+mod held;
 mod pick;
 mod pixels;
 mod push;
@@ -14,6 +16,7 @@ mod window;
 
 pub use bank::luminance;
 pub(crate) use bank::{Bank, BankRows, first_hits_of, record_first_hit};
+pub(crate) use held::HeldRows;
 pub(crate) use pick::Picked;
 pub use pixels::PixelStatistics;
 pub(crate) use record::{REJECTED_LISTED, keep_first, reason_to_reject};
@@ -91,6 +94,8 @@ impl From<&FeatureMoments> for Features {
 
 /// Per-pixel statistics of a render, row by row over its window, and its [`Record`].
 ///
+/// A process of several may hold its rows only ([`Film::is_whole`]). Reading another pixel panics, as one outside the window does.
+///
 /// Samplers and filters read films. A renderer with a loop of its own fills one by [`Film::push_estimate`]. Tests can push
 /// radiance alone:
 ///
@@ -131,12 +136,18 @@ pub struct Film {
     pub(crate) unreported: u64,
     /// The half of another film that this film holds alone.
     pub(crate) half_of: Option<usize>,
+    pub(crate) held: HeldRows,
 }
 
 impl Film {
     /// An empty film of `frame` that records the statistics `needs`.
     pub fn new(frame: Frame, needs: Needs) -> Self {
-        let pixels = frame.pixels();
+        Self::of_held(frame, needs, HeldRows::default())
+    }
+
+    /// An empty film that holds some rows of the window.
+    pub(crate) fn of_held(frame: Frame, needs: Needs, held: HeldRows) -> Self {
+        let pixels = held.pixels(&frame);
         let halves = if needs.halves { 2 } else { 1 };
         Self {
             frame,
@@ -153,6 +164,7 @@ impl Film {
             record: Record::default(),
             unreported: 0,
             half_of: None,
+            held,
         }
     }
 
@@ -173,6 +185,7 @@ impl Film {
             record: Record::default(),
             unreported: 0,
             half_of: None,
+            held: HeldRows::default(),
         }
     }
 
@@ -225,12 +238,14 @@ impl Film {
 
     /// The number of kept samples of pixel `i`, both halves together.
     pub fn count(&self, i: usize) -> u64 {
+        let i = self.held.at(i);
         self.kept.iter().map(|b| b.counts[i]).sum()
     }
 
     /// The mean radiance of pixel `i`'s kept samples, linear RGB. Halves are combined by [`Film::combine`]; without
     /// samples it is black.
     pub fn mean(&self, i: usize) -> [f64; 3] {
+        let i = self.held.at(i);
         let [a, b] = match &self.kept[..] {
             [a, b] => [a, b],
             banks => return plus(banks[0].means[i], self.splats.mean(&self.frame, 0, i)),
@@ -240,13 +255,13 @@ impl Film {
         if self.splats.sums.is_empty() { own } else { plus(own, self.splatted(w, i)) }
     }
 
-    /// The mean radiance that splats add to pixel `i`, if the first half has weight `w`.
+    /// The mean radiance that splats add at place `i`, if the first half has weight `w`.
     fn splatted(&self, w: f64, i: usize) -> [f64; 3] {
         let [a, b] = [0, 1].map(|half| self.splats.mean(&self.frame, half, i));
         std::array::from_fn(|c| w * a[c] + (1.0 - w) * b[c])
     }
 
-    /// The weight, in `[0, 1]`, of the first half in pixel `i`'s mean. A half without samples has weight 0.
+    /// The weight, in `[0, 1]`, of the first half in the mean at place `i`. A half without samples has weight 0.
     fn first_half_weight(&self, i: usize) -> f64 {
         let (a, b) = (self.kept[0].counts[i] as f64, self.kept[1].counts[i] as f64);
         match self.combine {
@@ -261,13 +276,14 @@ impl Film {
     /// Count, mean and sum of squared deviations of all kept samples of pixel `i`, both halves together. Without
     /// [`Needs::variance`] the deviations are NaN. The mean is without splats.
     pub fn moments(&self, i: usize) -> RgbMoments {
-        merged(&self.kept, i)
+        merged(&self.kept, self.held.at(i))
     }
 
     /// Count, mean and sum of squared deviations of pixel `i`'s kept samples in half 0 or 1; `None` in a film without
     /// halves.
     pub fn half(&self, half: usize, i: usize) -> Option<RgbMoments> {
         (self.kept.len() == 2).then(|| {
+            let i = self.held.at(i);
             let moments = self.kept[half & 1].moments(i);
             RgbMoments { mean: plus(moments.mean, self.splats.mean(&self.frame, half & 1, i)), ..moments }
         })
@@ -276,7 +292,7 @@ impl Film {
     /// The means of the values beside the radiance over pixel `i`'s kept samples: of half 0 or 1, or of all samples in a
     /// film without halves. As many as [`Needs::channels`].
     pub fn channels(&self, half: usize, i: usize) -> &[f32] {
-        let each = usize::from(self.needs.channels);
+        let (i, each) = (self.held.at(i), usize::from(self.needs.channels));
         &self.kept[half % self.kept.len()].channels[i * each..(i + 1) * each]
     }
 
@@ -309,55 +325,55 @@ impl Film {
     /// The mean emission of light sources that pixel `i`'s kept samples saw directly: of half 0 or 1, or of all samples in
     /// a film without halves. `None` without [`Needs::emission`].
     pub fn emission(&self, half: usize, i: usize) -> Option<[f32; 3]> {
-        self.kept[half % self.kept.len()].emission.get(i).copied()
+        self.kept[half % self.kept.len()].emission.get(self.held.at(i)).copied()
     }
 
     /// Count, mean and sum of squared deviations of pixel `i`'s discarded samples, withdrawn ones included; zero if
     /// there are none.
     pub fn discarded(&self, i: usize) -> RgbMoments {
-        if self.discarded.is_empty() { RgbMoments::default() } else { merged(&self.discarded, i) }
+        if self.discarded.is_empty() { RgbMoments::default() } else { merged(&self.discarded, self.held.at(i)) }
     }
 
     /// The smallest and the largest value per channel of pixel `i`'s kept samples. `None` without samples or without
     /// [`Needs::extrema`].
     pub fn range(&self, i: usize) -> Option<[[f32; 3]; 2]> {
-        joined(&self.kept, i).map(colours)
+        joined(&self.kept, self.held.at(i)).map(colours)
     }
 
     /// The smallest and the largest [`luminance`] of pixel `i`'s kept samples. `None` without samples or without
     /// [`Needs::extrema`].
     pub fn luminance_range(&self, i: usize) -> Option<[f32; 2]> {
-        joined(&self.kept, i).map(|range| range.map(|v| v[3]))
+        joined(&self.kept, self.held.at(i)).map(|range| range.map(|v| v[3]))
     }
 
     /// The smallest and the largest value per channel of pixel `i`'s discarded samples. `None` without such samples or
     /// without [`Needs::extrema`].
     pub fn discarded_range(&self, i: usize) -> Option<[[f32; 3]; 2]> {
-        joined(&self.discarded, i).map(colours)
+        joined(&self.discarded, self.held.at(i)).map(colours)
     }
 
     /// The smallest and the largest [`luminance`] of pixel `i`'s discarded samples. `None` without such samples or
     /// without [`Needs::extrema`].
     pub fn discarded_luminance_range(&self, i: usize) -> Option<[f32; 2]> {
-        joined(&self.discarded, i).map(|range| range.map(|v| v[3]))
+        joined(&self.discarded, self.held.at(i)).map(|range| range.map(|v| v[3]))
     }
 
     /// Mean and variance of normal, albedo, position and depth of pixel `i`'s samples; `None` without
     /// [`Needs::features`].
     pub fn features(&self, i: usize) -> Option<Features> {
-        self.features.get(i).map(Into::into)
+        self.features.get(self.held.at(i)).map(Into::into)
     }
 
     /// The first hits of the first samples of pixel `i`, as many as [`Needs::first_hits`]. An element is `None` if its
     /// sample missed or was not traced.
     pub fn first_hits(&self, i: usize) -> &[Option<FirstHit>] {
-        let k = usize::from(self.needs.first_hits);
+        let (i, k) = (self.held.at(i), usize::from(self.needs.first_hits));
         &self.first_hits[i * k..(i + 1) * k]
     }
 
     /// The number of rays traced for pixel `i`; `None` without [`Needs::cost`].
     pub fn cost(&self, i: usize) -> Option<u64> {
-        self.costs.get(i).copied()
+        self.costs.get(self.held.at(i)).copied()
     }
 
     /// The unfiltered image, linear RGB row by row: each pixel is the mean of its own samples.
@@ -409,7 +425,7 @@ impl Film {
     /// Allocates planes for discarded samples, if there are none.
     pub(crate) fn open_discarded(&mut self) {
         if self.discarded.is_empty() {
-            let pixels = self.frame.pixels();
+            let pixels = self.held.pixels(&self.frame);
             self.discarded = self.kept.iter().map(|_| Bank::new(pixels, &self.needs)).collect();
         }
     }
@@ -417,8 +433,10 @@ impl Film {
     /// Moves the kept samples of the marked pixels to the statistics of the discarded samples.
     pub(crate) fn withdraw(&mut self, withdrawn: &[bool]) {
         self.open_discarded();
+        let marked = withdrawn.iter().enumerate().filter(|(_, marked)| **marked);
+        let places: Vec<usize> = marked.map(|(i, _)| self.held.at(i)).collect();
         for (kept, discarded) in self.kept.iter_mut().zip(&mut self.discarded) {
-            kept.withdraw_into(discarded, withdrawn);
+            kept.withdraw_into(discarded, &places);
         }
     }
 

@@ -34,7 +34,8 @@ use crate::{
 #[non_exhaustive]
 #[derive(Clone, Copy)]
 pub struct Status<'a> {
-    /// The film so far, with valid statistics in every pixel.
+    /// The film so far, with valid statistics in every pixel. That of one process among several may hold its own rows only
+    /// ([`Film::is_whole`]).
     pub film: &'a Film,
     /// The number of the round being traced, from 0.
     pub round: u32,
@@ -92,8 +93,8 @@ pub trait Monitor {
     /// Called after each slice of tracing (about 0.2 seconds). The returned value decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
-    /// Returns `false` if the monitor does not read the film at the next [`Monitor::barrier`]. The film may then lack the other
-    /// processes' pixels there, which need not be sent. The default is `true`.
+    /// Returns `false` if the monitor does not read the film at the next [`Monitor::barrier`], nor at [`Monitor::end`]. The film
+    /// may then lack the other processes' rows ([`Film::is_whole`]), which need not be sent. The default is `true`.
     fn reads_barriers(&self) -> bool {
         true
     }
@@ -182,13 +183,15 @@ pub struct Render<'a> {
     monitor: Option<&'a mut dyn Monitor>,
     filter: Option<&'a dyn Filter>,
     exchange: Option<&'a mut dyn Exchange>,
+    in_bands: bool,
     training: Vec<TrainingData>,
 }
 
 impl<'a> Render<'a> {
     /// A render of `frame` within `limits`, without a monitor.
     pub fn new(frame: Frame, limits: &'a Limits) -> Self {
-        Self { frame, limits, needs: Needs::none(), monitor: None, filter: None, exchange: None, training: Vec::new() }
+        let (needs, in_bands, training) = (Needs::none(), false, Vec::new());
+        Self { frame, limits, needs, monitor: None, filter: None, exchange: None, in_bands, training }
     }
 
     /// Adds statistics that the film must record besides counts and means.
@@ -208,6 +211,13 @@ impl<'a> Render<'a> {
     pub fn exchange(mut self, exchange: &'a mut dyn Exchange) -> Self {
         self.exchange = Some(exchange);
         self
+    }
+
+    /// Leaves each of several processes its own rows at the end, where the sampler plans by rows
+    /// ([`Sampler::halo`]), so that none holds the whole film. [`apply_together`](crate::apply_together) filters such films, and
+    /// [`Film::gather`] returns rows of others. Films are [whole](Film::is_whole) where every process plans the whole image.
+    pub fn in_bands(self) -> Self {
+        Self { in_bands: true, ..self }
     }
 
     /// Makes the integrator learn from these training passes, in order, instead of this render's own. Passes beyond them are
@@ -249,7 +259,7 @@ impl<'a> Render<'a> {
         let render = self.needs(integrator.needs());
         let mut session = render.session(sampler, None)?;
         session.training = render.training;
-        drive(&mut session, integrator, render.monitor, render.exchange)?;
+        drive(&mut session, integrator, render.monitor, (render.exchange, render.in_bands))?;
         Ok(session.into_film())
     }
 
@@ -275,7 +285,7 @@ impl<'a> Render<'a> {
         let mut session = render.session(sampler, Some(snapshot))?;
         session.training = render.training;
         session.state.passes.iter().for_each(|pass| integrator.learn(pass));
-        drive(&mut session, integrator, render.monitor, render.exchange)?;
+        drive(&mut session, integrator, render.monitor, (render.exchange, render.in_bands))?;
         Ok(session.into_film())
     }
 
@@ -289,7 +299,8 @@ impl<'a> Render<'a> {
             Some(filter) => methods.with_filter(filter),
             None => methods,
         };
-        Session::of_render(self.frame, self.limits, methods, snapshot)
+        let share = self.exchange.as_ref().map(|exchange| exchange.share());
+        Session::of_render(self.frame, self.limits, methods, snapshot, share)
     }
 }
 
@@ -298,7 +309,7 @@ fn drive(
     session: &mut Session<'_>,
     integrator: &mut dyn Integrator,
     monitor: Option<&mut dyn Monitor>,
-    exchange: Option<&mut dyn Exchange>,
+    (exchange, in_bands): (Option<&mut dyn Exchange>, bool),
 ) -> Result<(), Error> {
     let mut unwatched = NoMonitor;
     let monitor: &mut dyn Monitor = match monitor {
@@ -309,7 +320,7 @@ fn drive(
         Some(exchange) => {
             exchange::compare(exchange, &session.settings())?;
             let rows = session.state.film.frame.size()[1] as usize;
-            Some(Team::new(exchange, rows).planning_own_rows(session.halo()))
+            Some(Team::new(exchange, rows).planning_own_rows(session.halo(), in_bands))
         }
         None => None,
     };
@@ -319,6 +330,5 @@ fn drive(
             return Ok(());
         }
     }
-    session.show_end(monitor);
-    Ok(())
+    session.show_end(monitor, team.as_mut())
 }

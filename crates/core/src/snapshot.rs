@@ -246,7 +246,7 @@ impl Snapshot {
         Self::read_with(bytes, |from| take_film(from, Frame::pixels))
     }
 
-    /// Reads a snapshot without planes, and the planes of some bands of 16 rows. Other pixels have no samples.
+    /// Reads a snapshot without planes, and the planes of some bands of 16 rows. The film does not hold other bands.
     pub(crate) fn read_in_bands(bytes: &[u8], bands: &[(usize, Vec<u8>)]) -> Result<Self, Broken> {
         Self::read_with(bytes, |from| take_in_bands(from, bands))
     }

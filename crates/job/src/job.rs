@@ -356,7 +356,7 @@ impl Job {
             render = render.error_of(&*self.filter);
         }
         if let Some(exchange) = exchange {
-            render = render.exchange(exchange);
+            render = render.exchange(exchange).in_bands();
         }
         let film = match snapshot {
             None => render.run(&mut *integrator, sampler),
@@ -395,20 +395,22 @@ impl Job {
     ///
     /// [`JobError::Core`] if the film lacks statistics that the filter needs.
     pub fn finish(&self, film: Film) -> Result<RenderedImage, JobError> {
-        self.filtered(film, None)
+        let image = self.filtered(film, None)?;
+        image.ok_or_else(|| Error::Gone { what: "it has no image".into() }.into())
     }
 
-    /// Filters a film that all processes have, each some of its rows, and returns the image on all of them. It has the
-    /// bits of [`Job::finish`].
+    /// Filters the film of [`Job::run_together`], each process some of its rows. Returns the image on process 0, and `None` on
+    /// the others. It has the bits of [`Job::finish`]; its film has the statistics that the outputs show.
     ///
     /// # Errors
     ///
     /// As [`Job::finish`], and if a process is gone.
-    pub fn finish_together(&self, film: Film, exchange: &mut dyn Exchange) -> Result<RenderedImage, JobError> {
+    pub fn finish_together(&self, film: Film, exchange: &mut dyn Exchange) -> Result<Option<RenderedImage>, JobError> {
         self.filtered(film, Some(exchange))
     }
 
-    fn filtered(&self, film: Film, exchange: Option<&mut dyn Exchange>) -> Result<RenderedImage, JobError> {
+    /// The filtered image; `None` on processes that do not write it.
+    fn filtered(&self, film: Film, exchange: Option<&mut dyn Exchange>) -> Result<Option<RenderedImage>, JobError> {
         /// Pixels per second and thread of the default filter.
         const FILTERED_A_SECOND: usize = 125_000;
         let mut warnings = self.clusters_warnings();
@@ -421,13 +423,23 @@ impl Job {
             filter = &Unfiltered;
         }
         let clock = Instant::now();
-        let filtered = match exchange {
-            Some(exchange) => apply_together(filter, &film, exchange)?,
-            None => filter.apply(&film)?,
+        let (film, filtered) = match exchange {
+            Some(exchange) => match apply_together(filter, film, &self.outputs.shown(), exchange)? {
+                Some(both) => both,
+                None => return Ok(None),
+            },
+            None if !film.is_whole() => {
+                let what = "it holds the rows of one process; make the image by finish_together";
+                return Err(Error::Mismatch { who: "the film".into(), what: what.into() }.into());
+            }
+            None => {
+                let filtered = filter.apply(&film)?;
+                (film, filtered)
+            }
         };
         let seconds = clock.elapsed().as_secs_f64();
         let described = filter.describe();
-        Ok(self.image(film, filtered, described, seconds, warnings))
+        Ok(Some(self.image(film, filtered, described, seconds, warnings)))
     }
 
     /// Combines a film of this render with an image that another filter made in `seconds`; `filter` describes the

@@ -26,6 +26,18 @@ fn job(prepared: &PreparedScene, spec: &RenderSpec) -> Job {
     job
 }
 
+/// Traces and filters together; returns the bits of the image on process 0.
+fn image_together(job: &mut Job, end: &mut InMemory) -> Option<Vec<u64>> {
+    let traced = job.run_together(None, &mut NoMonitor, end).unwrap_or_else(|e| panic!("{e}"));
+    finished_together(job, traced, end)
+}
+
+fn finished_together(job: &Job, traced: Traced, end: &mut InMemory) -> Option<Vec<u64>> {
+    let image = job.finish_together(traced.film, end).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(image.is_some(), end.share().index() == 0);
+    image.as_ref().map(bits)
+}
+
 /// Everything that an image shows, as bits.
 fn bits(image: &RenderedImage) -> Vec<u64> {
     let film = &image.film;
@@ -62,35 +74,56 @@ fn processes_render_the_default_image_of_six_scenes_with_the_bits_of_one() {
         let prepared = prepared(&spec);
         let wanted = alone(&prepared, &spec);
         for of in RANKS {
-            let images = together(of, |mut end| {
-                let mut job = job(&prepared, &spec);
-                let traced = job.run_together(None, &mut NoMonitor, &mut end).unwrap_or_else(|e| panic!("{e}"));
-                // One image tells as much as all; the films are compared in core.
-                (end.share().index() + 1 == of)
-                    .then(|| bits(&job.finish(traced.film).unwrap_or_else(|e| panic!("{e}"))))
-            });
+            let images = together(of, |mut end| image_together(&mut job(&prepared, &spec), &mut end));
             assert!(images.into_iter().flatten().all(|image| image == wanted), "{scene}, {of} processes");
         }
     }
 }
 
-/// The figure of docs/SHARDS.md: 297 bytes for each pixel. Two halves with emission take 2 * (56 + 12),
-/// features 88, and a first hit 73; in memory it takes three more.
+/// Two halves of counts and means take 2 * 32 bytes per pixel, deviations 2 * 24, features 88, a first hit 76, and emission
+/// 2 * 12. An EXR file shows all but emission, a PNG file only counts and means.
 #[test]
-fn the_end_of_the_default_render_moves_the_bytes_of_its_statistics() {
+fn the_writing_process_gets_the_statistics_that_its_files_show() {
+    let spec = spec("cornell");
+    let prepared = prepared(&spec);
+    for (output, bytes) in [("a.exr", 64 + 48 + 88 + 76), ("a.png", 64)] {
+        together(3, |mut end| {
+            let mut job = job(&prepared, &spec);
+            job.set_outputs(OutputFiles::images(&[output.into()]).unwrap_or_else(|e| panic!("{e}")));
+            let traced = job.run_together(None, &mut NoMonitor, &mut end).unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!(Film::bytes_per_pixel(traced.film.needs()), 64 + 48 + 88 + 76 + 24);
+            let image = job.finish_together(traced.film, &mut end).unwrap_or_else(|e| panic!("{e}"));
+            if let Some(image) = image {
+                assert_eq!(image.film.bytes(), bytes * 48 * 72, "{output}");
+            }
+        });
+    }
+}
+
+/// The negative control: a film of some rows has no image.
+#[test]
+fn the_rows_of_one_process_are_refused_as_an_image() {
+    let spec = spec("cornell");
+    let prepared = prepared(&spec);
+    let errors = together(2, |mut end| {
+        let mut job = job(&prepared, &spec);
+        let traced = job.run_together(None, &mut NoMonitor, &mut end).unwrap_or_else(|e| panic!("{e}"));
+        job.finish(traced.film).err().expect("it is refused").to_string()
+    });
+    assert!(errors.iter().all(|error| error.contains("make the image by finish_together")), "{errors:?}");
+}
+
+/// Three messages agree and compare; the next ones plan the pilot and end it. Nobody reads its pixels.
+#[test]
+fn a_pilot_moves_few_bytes() {
     let spec = spec("cornell");
     let prepared = prepared(&spec);
     let sent = together(3, |mut end| {
-        let mut job = prepared.clone().job(&spec).unwrap_or_else(|e| panic!("{e}"));
-        let traced = job.run_together(None, &mut NoMonitor, &mut end).unwrap_or_else(|e| panic!("{e}"));
-        (end.sent().to_vec(), Film::bytes_per_pixel(traced.film.needs()))
+        job(&prepared, &spec).run_together(None, &mut NoMonitor, &mut end).unwrap_or_else(|e| panic!("{e}"));
+        end.sent()[3..20].iter().sum::<usize>()
     });
-    let (bytes, pixels) = (sent.iter().filter_map(|(sent, _)| sent.last()).sum::<usize>(), 48 * 72);
-    assert_eq!(sent[0].1, 300);
-    assert!(bytes >= 297 * pixels && bytes < 297 * pixels + 3 * 512, "{bytes}");
-    // Three messages agree and compare; the next ones plan the pilot and end it. Nobody reads its pixels.
-    let pilot = sent.iter().map(|(sent, _)| sent[3..20].iter().sum::<usize>()).max().unwrap_or(0);
-    assert!(pilot < 100 * pixels, "{pilot}");
+    let pilot = sent.into_iter().max().unwrap_or(0);
+    assert!(pilot < 100 * 48 * 72, "{pilot}");
 }
 
 #[test]
@@ -98,12 +131,8 @@ fn a_limit_of_error_is_that_of_one_process() {
     let spec = spec("cornell").budget(BudgetSpec::Error(0.02));
     let prepared = prepared(&spec);
     let wanted = alone(&prepared, &spec);
-    let images = together(2, |mut end| {
-        let mut job = job(&prepared, &spec);
-        let traced = job.run_together(None, &mut NoMonitor, &mut end).unwrap_or_else(|e| panic!("{e}"));
-        bits(&job.finish(traced.film).unwrap_or_else(|e| panic!("{e}")))
-    });
-    assert!(images.iter().all(|image| *image == wanted));
+    let images = together(2, |mut end| image_together(&mut job(&prepared, &spec), &mut end));
+    assert_eq!(images, [Some(wanted), None]);
 }
 
 #[test]
@@ -210,9 +239,9 @@ fn a_render_whose_process_died_goes_on_from_the_last_barrier_with_any_number_of_
         let mut resumes = Resumes::default();
         let traced = job.run_together(checkpoints, &mut resumes, &mut end).unwrap_or_else(|e| panic!("{e}"));
         assert!(resumes.spp.expect("it goes on") > before);
-        bits(&job.finish(traced.film).unwrap_or_else(|e| panic!("{e}")))
+        finished_together(&job, traced, &mut end)
     });
-    assert!(images.iter().all(|image| *image == wanted));
+    assert!(images[0].as_ref() == Some(&wanted));
     let mut one = job(&prepared, &spec);
     let checkpoints = options().open().unwrap_or_else(|e| panic!("{e}"));
     let traced = one.run(checkpoints, &mut NoMonitor).unwrap_or_else(|e| panic!("{e}"));

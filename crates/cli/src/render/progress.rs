@@ -117,8 +117,15 @@ impl JobMonitor for Progress {
         if !self.display.is_silent() {
             self.show(status);
         }
-        self.live.show(status.film);
+        // Of several processes, none has everyone's pixels between barriers.
+        if status.film.is_whole() {
+            self.live.show(status.film);
+        }
         Control::Continue
+    }
+
+    fn barrier(&mut self, status: &Status<'_>) {
+        self.live.show(status.film);
     }
 
     fn reads_film(&self) -> bool {

@@ -11,7 +11,7 @@ use crate::snapshot::film::{
 use crate::{Error, Film, Rejected, Retention, SampleId, TrainingSum};
 
 /// The version of the messages. It changes with their layout and contents.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// The place in the render at which a message is sent. All messages of one gathering have the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,8 +72,6 @@ pub(crate) struct Message {
     pub(crate) standing: Standing,
     /// True if all its samples up to this step are traced.
     pub(crate) whole: bool,
-    /// True if it reads everyone's pixels at this step.
-    pub(crate) reads_film: bool,
     /// Readings in seconds: clock, planning the round, tracing it, reserve for the filter, and time limit.
     pub(crate) seconds: [f64; 5],
     pub(crate) threads: u32,
@@ -92,7 +90,6 @@ impl Message {
         to.number(self.share);
         put_standing(&mut to, &self.standing);
         to.flag(self.whole);
-        to.flag(self.reads_film);
         to.number(self.seconds);
         to.number(self.threads);
         to.number(self.training.len() as u64);
@@ -119,7 +116,7 @@ impl Message {
         let step = Step { kind, number, round, since, plan: from.number()? };
         let share = from.number()?;
         let standing = take_standing(&mut from)?;
-        let (whole, reads_film) = (from.flag()?, from.flag()?);
+        let whole = from.flag()?;
         let (seconds, threads) = (from.number::<[f64; 5]>()?, from.number()?);
         if !seconds.iter().all(|s| s.is_finite()) {
             return Err(Broken("a time is not a number of seconds"));
@@ -131,7 +128,7 @@ impl Message {
             training.push((row, take_training(&mut from)?));
         }
         let rest = from.flag()?.then_some(from);
-        Ok((Self { step, share, standing, whole, reads_film, seconds, threads, training, found: None }, rest))
+        Ok((Self { step, share, standing, whole, seconds, threads, training, found: None }, rest))
     }
 }
 

@@ -74,14 +74,14 @@ impl Bank {
         index(self.counts[i], self.ahead.get(i))
     }
 
-    /// Moves the samples of the pixels marked in `withdrawn` from this bank's statistics to those of `other`. Neither
-    /// bank reuses a sample index later.
-    pub(super) fn withdraw_into(&mut self, other: &mut Self, withdrawn: &[bool]) {
+    /// Moves the samples at these places from this bank's statistics to those of `other`. Neither bank reuses a sample
+    /// index later.
+    pub(super) fn withdraw_into(&mut self, other: &mut Self, places: &[usize]) {
         let pixels = self.counts.len();
         for bank in [&mut *self, &mut *other] {
             bank.ahead.resize(pixels, 0);
         }
-        for i in (0..pixels).filter(|&i| withdrawn[i]) {
+        for &i in places {
             let mut moments = other.moments(i);
             let share = self.counts[i] as f32 / (self.counts[i] + moments.count).max(1) as f32;
             self.give_channels(other, i, share);

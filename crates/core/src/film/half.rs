@@ -7,7 +7,7 @@ impl Film {
     /// Mean and variance of the features of pixel `i`'s samples in half 0 or 1; `None` without
     /// [`Needs::feature_halves`].
     pub fn half_features(&self, half: usize, i: usize) -> Option<Features> {
-        self.half_features.get(2 * i + (half & 1)).map(Into::into)
+        self.half_features.get(2 * self.held.at(i) + (half & 1)).map(Into::into)
     }
 
     /// The samples of half 0 or 1 as a film without halves, so that a filter can be applied to one half alone.
@@ -71,6 +71,7 @@ impl Film {
             record,
             unreported,
             half_of: Some(half),
+            held: self.held.clone(),
         })
     }
 }

@@ -2,6 +2,7 @@
 
 use super::{Bank, FeatureMoments, Film, SamplePlane};
 use crate::{Record, Retention};
+use std::borrow::Cow;
 
 /// Some pixels of a film, by their numbers in ascending order.
 #[derive(Clone, Copy)]
@@ -78,6 +79,8 @@ impl Film {
     /// A film whose planes hold only these pixels: all banks, or only those that a round of one retention writes. It has
     /// no splats, no list of rejected samples and no record.
     pub(crate) fn pick(&self, pixels: Picked<'_>, of: Option<Retention>) -> Self {
+        let places = self.places(pixels);
+        let pixels = Picked(&places);
         let channels = usize::from(self.needs.channels);
         let banks = |banks: &[Bank], retention| match of {
             Some(of) if of != retention => Vec::new(),
@@ -97,6 +100,11 @@ impl Film {
         }
     }
 
+    /// The places of pixels in the planes.
+    fn places<'p>(&self, Picked(numbers): Picked<'p>) -> Cow<'p, [u32]> {
+        if self.held.is_all() { numbers.into() } else { self.held.places(numbers).into() }
+    }
+
     /// A copy of this film without the planes of its pixels.
     pub(crate) fn without_pixels(&self) -> Self {
         Self {
@@ -110,6 +118,8 @@ impl Film {
 
     /// Puts the pixels of a [`Film::pick`] into this film. Returns `false` if its planes are of another size.
     pub(crate) fn place(&mut self, pixels: Picked<'_>, part: Self) -> bool {
+        let places = self.places(pixels);
+        let pixels = Picked(&places);
         let channels = usize::from(self.needs.channels);
         if !part.discarded.is_empty() {
             self.open_discarded();

@@ -29,7 +29,7 @@ impl Film {
     /// If `pixel` is outside the window.
     pub fn push_estimate(&mut self, pixel: usize, half: usize, estimate: &Estimate) {
         let half = self.half_or_whole(half);
-        let rejected = self.add(Retention::Keep, half, pixel, estimate);
+        let rejected = self.add(Retention::Keep, half, self.held.at(pixel), estimate);
         self.list_pushed(half, pixel, rejected);
     }
 
@@ -52,13 +52,14 @@ impl Film {
     /// If `pixel` is outside the window.
     pub fn push_with_emission(&mut self, pixel: usize, half: usize, radiance: [f32; 3], emission: [f32; 3]) {
         let half = self.half_or_whole(half);
-        let rejected = self.kept[half].rows().add(pixel, &Estimate::new(radiance).with_emission(emission));
+        let place = self.held.at(pixel);
+        let rejected = self.kept[half].rows().add(place, &Estimate::new(radiance).with_emission(emission));
         self.record.samples += 1;
         self.unreported += 1;
         self.list_pushed(half, pixel, rejected);
     }
 
-    /// Adds a sample with all that its estimate reports. Returns the reason if its radiance is rejected; it then counts as
+    /// Adds a sample at a place of the planes, with all that its estimate reports. Returns the reason if its radiance is rejected; it then counts as
     /// black, and the caller lists it.
     #[inline]
     pub(crate) fn add(
@@ -100,7 +101,8 @@ impl Film {
     fn list_pushed(&mut self, half: usize, pixel: usize, rejected: Option<RejectedReason>) {
         if let Some(reason) = rejected {
             let stream = if self.kept.len() == 2 { streams::HALVES[half] } else { streams::WHOLE };
-            let sample = SampleId::new(self.frame.pixel(pixel), stream, self.kept[half].next_index(pixel) - 1);
+            let sample =
+                SampleId::new(self.frame.pixel(pixel), stream, self.kept[half].next_index(self.held.at(pixel)) - 1);
             self.list_rejected(1, vec![Rejected { sample, reason }]);
         }
     }

@@ -130,7 +130,7 @@ impl Film {
     /// # Ok::<(), dapple_core::Error>(())
     /// ```
     pub fn samples(&self, half: usize, i: usize) -> &[[f32; 3]] {
-        self.kept[half % self.kept.len()].samples.of(i)
+        self.kept[half % self.kept.len()].samples.of(self.held.at(i))
     }
 
     /// The trajectories of the samples in [`Film::samples`], in the same order; none without
@@ -147,7 +147,7 @@ impl Film {
     /// # Ok::<(), dapple_core::Error>(())
     /// ```
     pub fn trajectories(&self, half: usize, i: usize) -> &[Trajectory] {
-        self.kept[half % self.kept.len()].samples.trajectories.get(i).map_or(&[], |row| row)
+        self.kept[half % self.kept.len()].samples.trajectories.get(self.held.at(i)).map_or(&[], |row| row)
     }
 
     /// The identity of sample `number` in [`Film::samples`]. The point set of the render returns its coordinates.
@@ -158,7 +158,7 @@ impl Film {
             (1, Some(half)) => streams::HALVES[half & 1],
             _ => streams::HALVES[half],
         };
-        let withdrawn = super::bank::index(0, self.kept[half].ahead.get(i));
+        let withdrawn = super::bank::index(0, self.kept[half].ahead.get(self.held.at(i)));
         SampleId::new(self.frame.pixel(i), stream, withdrawn + number as u64)
     }
 
@@ -166,7 +166,7 @@ impl Film {
     /// ones. Withdrawn samples follow those that were discarded before them.
     pub fn discarded_samples(&self, half: usize, i: usize) -> &[[f32; 3]] {
         let bank: Option<&Bank> = self.discarded.get(half % self.kept.len());
-        bank.map_or(&[], |bank| bank.samples.of(i))
+        bank.map_or(&[], |bank| bank.samples.of(self.held.at(i)))
     }
 
     /// The number of samples that the film keeps one by one.

@@ -171,12 +171,12 @@ fn x_ln_x(x: f64) -> f64 {
 impl Film {
     /// The sums over all kept samples of pixel `i`, both halves together. Splats are not in them.
     pub fn sums(&self, i: usize) -> SampleSums {
-        sums_of(&self.kept, i)
+        sums_of(&self.kept, self.held.at(i))
     }
 
     /// The sums over pixel `i`'s kept samples in half 0 or 1; `None` in a film without halves.
     pub fn half_sums(&self, half: usize, i: usize) -> Option<SampleSums> {
-        (self.kept.len() == 2).then(|| sums_of(&self.kept[half & 1..=(half & 1)], i))
+        (self.kept.len() == 2).then(|| sums_of(&self.kept[half & 1..=(half & 1)], self.held.at(i)))
     }
 
     /// The sums over pixel `i`'s discarded samples, withdrawn ones included; zero if there are none.
@@ -185,7 +185,7 @@ impl Film {
             let pixel = SumPlane::new(1, self.needs.sums);
             return pixel.of(0, 0);
         }
-        sums_of(&self.discarded, i)
+        sums_of(&self.discarded, self.held.at(i))
     }
 }
 

@@ -1,12 +1,12 @@
 //! Parts of films: the statistics of some pixels, taken out and put back.
 
 use super::pick::Selection;
-use super::{Bank, Film, Splats};
+use super::{Bank, Film, HeldRows, Rejected, Splats};
 use crate::{Error, Frame, Record, Retention};
 use std::ops::Range;
 
 impl Film {
-    /// A film of some rows of this film's window, with its record. Discarded rounds are left out.
+    /// A film of some rows of this film's window, with its record and their rejected samples. Discarded rounds are left out.
     ///
     /// ```
     /// use dapple_core::{Film, Frame, Needs};
@@ -23,7 +23,15 @@ impl Film {
     /// [`Error::BadCrop`] for no rows or rows beyond the window.
     pub fn of_rows(&self, rows: Range<u32>) -> Result<Film, Error> {
         let part = self.part(self.frame.rows(rows)?, Retention::Keep);
-        Ok(Film { record: self.record.clone(), unreported: self.unreported, ..part })
+        let rejected = self.rejected_in(&part.frame);
+        Ok(Film { record: self.record.clone(), unreported: self.unreported, rejected, ..part })
+    }
+
+    /// The rejected samples of some rows.
+    pub(super) fn rejected_in(&self, rows: &Frame) -> Vec<Rejected> {
+        let (first, height) = (rows.origin()[1], rows.size()[1]);
+        let rejected = self.rejected.iter().filter(|r| (first..first + height).contains(&r.sample.pixel[1]));
+        rejected.copied().collect()
     }
 
     /// A film of the part `frame` of this film's window, with the statistics that a round of this retention writes.
@@ -47,6 +55,7 @@ impl Film {
             record: Record::default(),
             unreported: 0,
             half_of: self.half_of,
+            held: HeldRows::default(),
         }
     }
 

@@ -1,6 +1,6 @@
 //! Filters across processes: each makes the rows of a band.
 
-use crate::{Error, Exchange, Film, Filter, Filtered, Frame};
+use crate::{Error, Exchange, Film, Filter, Filtered, Frame, Needs};
 use std::ops::Range;
 
 /// Rows are given to bands in groups of this number, those of the blocks of training data.
@@ -56,21 +56,44 @@ impl Band {
     }
 }
 
-/// Filters a film that every process has: each makes a band of rows, and all return the whole image.
+/// Filters the film of a render by several processes: each makes a band of rows. Returns film and image on process 0, `None`
+/// on the others.
 ///
-/// The image has the bits of [`Filter::apply`]. A filter that reads whole films runs on every process, as does any filter
-/// if there are more processes than groups of 16 rows.
+/// `film` is what [`Render`](crate::Render) returned, whole or [in bands](crate::Render::in_bands). Of a film in bands, each
+/// process reads the rows of its band and those around it from their owners, and process 0 gets a film of the statistics
+/// `shown` of those recorded. The image has the bits of [`Filter::apply`]. Process 0 alone runs a filter that reads whole films,
+/// as any filter if there are more processes than groups of 16 rows.
 ///
 /// # Errors
 ///
 /// As [`Filter::apply_to_rows`] and [`Exchange::all_gather`].
-pub fn apply_together(filter: &dyn Filter, film: &Film, exchange: &mut dyn Exchange) -> Result<Filtered, Error> {
+pub fn apply_together(
+    filter: &dyn Filter,
+    film: Film,
+    shown: &Needs,
+    exchange: &mut dyn Exchange,
+) -> Result<Option<(Film, Filtered)>, Error> {
     let (share, frame) = (exchange.share(), *film.frame());
+    let (is_first, rows) = (share.index() == 0, 0..frame.size()[1]);
     let band = Band::of(frame, share.index(), share.of()).filter(|_| share.of() > 1);
     let read = band.as_ref().and_then(|band| filter.rows_read(&frame, band.rows()));
-    let (Some(band), Some(read)) = (band, read) else { return filter.apply(film) };
-    let own = filter.apply_to_rows(&film.of_rows(read)?, &band, exchange)?;
-    joined(frame.size(), exchange.all_gather(to_bytes(&own))?)
+    let (Some(band), Some(read)) = (band, read) else {
+        let film = if film.is_whole() {
+            Some(film).filter(|_| is_first)
+        } else {
+            film.gather(is_first.then_some(rows), film.needs(), exchange)?
+        };
+        return film.map(|film| filter.apply(&film).map(|image| (film, image))).transpose();
+    };
+    let part =
+        if film.is_whole() { Some(film.of_rows(read)?) } else { film.gather(Some(read), film.needs(), exchange)? };
+    let Some(part) = part else { return Ok(None) };
+    let own = to_bytes(&filter.apply_to_rows(&part, &band, exchange)?);
+    drop(part);
+    let bands = exchange.all_to_all(vec![own])?;
+    let image = if is_first { Some(joined(frame.size(), bands)?) } else { None };
+    let film = if film.is_whole() { Some(film) } else { film.gather(is_first.then_some(rows), shown, exchange)? };
+    Ok(film.zip(image))
 }
 
 /// An image as bytes: pixels, then errors if there are any.

@@ -17,8 +17,10 @@ pub(super) struct Band<'a> {
     pub(super) costs: &'a mut [u64],
 }
 
-/// Splits the given pixels of the film into bands of `size` pixels each.
+/// Splits the given pixels of the film into bands of `size` pixels each: whole rows, of which it holds all or the own ones of
+/// a process.
 pub(super) fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>, size: usize) -> Vec<Band<'_>> {
+    let (held, pixels) = (&film.held, film.held.own_places(&pixels));
     let k = usize::from(film.needs.first_hits);
     let banks = if retention == Retention::Keep { &mut film.kept } else { &mut film.discarded };
     let each = usize::from(film.needs.channels);
@@ -44,8 +46,8 @@ pub(super) fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>,
     let mut costs = chunks(&mut film.costs, &pixels, size);
     pixels
         .step_by(size)
-        .map(|first| Band {
-            first,
+        .map(|place| Band {
+            first: held.pixel(place),
             banks: banks
                 .iter_mut()
                 .map(|((counts, means, m2), (ranges, emission), (channels, channels_m2), (sums, samples), ahead)| {

@@ -33,7 +33,8 @@ pub(super) fn check(
     }
     let banks = if kept { &film.kept } else { &film.discarded };
     let mut deepest = 0;
-    for i in 0..pixels {
+    // Other processes check their rows.
+    for i in (0..pixels).filter(|&i| film.held.has(i)) {
         let (first, others) = (u64::from(plan.counts[i]), second.map(|s| u64::from(s[i])));
         let more = first + others.unwrap_or(0);
         let withdrawn = withdraw.is_some_and(|w| w[i]);
@@ -49,7 +50,7 @@ pub(super) fn check(
             None if film.kept.len() == 2 => Planned::Alternating(first),
             None => Planned::Whole(first),
         };
-        deepest = deepest.max(used_after(banks, i, more, withdrawn));
+        deepest = deepest.max(used_after(banks, film.held.at(i), more, withdrawn));
     }
     let points = sampler.points();
     if deepest > points.capacity() {
@@ -66,7 +67,7 @@ enum Planned {
     Halves(u64, u64),
 }
 
-/// The number of points that pixel `i` will have used after `more` samples beyond those in `banks`: the larger number
+/// The number of points that the pixel at place `i` will have used after `more` samples beyond those in `banks`: the larger number
 /// of its two streams (point sequences).
 fn used_after(banks: &[Bank], i: usize, more: Planned, withdrawn: bool) -> u64 {
     let used = |half: usize| banks.get(half).map_or(0, |b| b.next_index(i));

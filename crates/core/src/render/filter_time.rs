@@ -1,6 +1,7 @@
 //! Estimation of a filter's time before it is needed.
 
-use crate::{Film, Filter, Retention};
+use crate::{Film, Filter, Frame};
+use std::ops::Range;
 use std::time::Instant;
 
 /// The part of an image, as a fraction of its rows, on which a filter is timed.
@@ -8,30 +9,31 @@ const PART: u32 = 16;
 /// The least number of pixels on which a filter is timed; smaller images are filtered whole.
 const LEAST: u32 = 1 << 14;
 
-/// Estimates the wall seconds that a filter takes on a film: the time that it takes on some rows in the middle, in
+/// The rows of the window, in the middle of the image, on which a filter is timed.
+pub(super) fn rows(frame: &Frame) -> Range<u32> {
+    let [width, height] = frame.size();
+    let rows = (height / PART).max(LEAST.div_ceil(width)).min(height);
+    let top = (height - rows) / 2;
+    top..top + rows
+}
+
+/// Estimates the wall seconds that a filter takes on an image of some height: the time that it takes on some rows, in
 /// proportion to the pixels. 0 if the filter refuses them.
 ///
 /// The filter runs twice, and the quicker run counts: the first may start threads or load a library.
-pub(super) fn estimate(filter: &dyn Filter, film: &Film) -> f64 {
-    let ([x, y], [width, height]) = (film.frame.origin(), film.frame.size());
-    let rows = (height / PART).max(LEAST.div_ceil(width)).min(height);
-    let top = y + (height - rows) / 2;
-    let [full_width, full_height] = film.frame.resolution();
-    let whole = crate::Frame::new(full_width, full_height);
-    let Ok(part) = whole.and_then(|whole| whole.crop(x, top, x + width, top + rows)) else { return 0.0 };
-    let part = film.part(part, Retention::Keep);
+pub(super) fn estimate(filter: &dyn Filter, part: &Film, height: u32) -> f64 {
     let seconds = || {
         let clock = Instant::now();
-        filter.apply(&part).ok().map(|_| clock.elapsed().as_secs_f64())
+        filter.apply(part).ok().map(|_| clock.elapsed().as_secs_f64())
     };
     let quicker = seconds().and_then(|first| Some(seconds()?.min(first))).unwrap_or(0.0);
-    quicker * f64::from(height) / f64::from(rows)
+    quicker * f64::from(height) / f64::from(part.frame.size()[1])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Error, Filtered, Frame, Needs};
+    use crate::{Error, Filtered, Needs};
     use std::time::Duration;
 
     /// A filter that takes 50 ns per pixel, or refuses every film.
@@ -55,9 +57,10 @@ mod tests {
     fn a_filter_is_timed_on_a_part_of_the_image() {
         let frame = Frame::new(1024, 700).unwrap().crop(0, 100, 1024, 612).unwrap();
         let film = Film::new(frame, Needs::none());
+        let part = film.of_rows(rows(&frame)).unwrap();
         let whole = 50e-9 * 1024.0 * 512.0;
-        let estimated = estimate(&Slow(false), &film);
+        let estimated = estimate(&Slow(false), &part, 512);
         assert!((whole..5.0 * whole).contains(&estimated), "{estimated} for {whole}");
-        assert_eq!(estimate(&Slow(true), &film), 0.0);
+        assert_eq!(estimate(&Slow(true), &part, 512), 0.0);
     }
 }

@@ -1,18 +1,31 @@
 //! Processes that plan their own rows: what they send each other instead of the pixels of each round.
 //!
-//! Before a plan, each sends the statistics of the rows that others read around theirs. A band that gets another owner moves
-//! with its pixels and its plan. The film is completed when somebody reads it: at the end, and at barriers for a checkpoint or
-//! a preview.
+//! The film of each holds its own rows and those that it reads around them. Before a plan, each sends the statistics of the rows
+//! that others read around theirs. A band that gets another owner moves with its pixels and its plan. A process gets a whole
+//! film when it reads one: at the end, and at barriers for a checkpoint or a preview.
 
 use super::team::{Team, band_pixels};
+use crate::bands::Deal;
 use crate::exchange::agree;
 use crate::exchange::message::{put_pixels, take_pixels};
-use crate::film::{Bank, Picked};
+use crate::film::{Bank, HeldRows, Picked};
 use crate::own_rows::unreadable;
 use crate::snapshot::bytes::{Reader, Writer};
 use crate::snapshot::{Broken, OpenRound};
-use crate::{BudgetLeft, Error, Feedback, Film, Frame, OwnRows, Plan, Progress, Sampler};
+use crate::{BudgetLeft, Error, Feedback, Film, Frame, OwnRows, Plan, Progress, Sampler, Shard};
 use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// The rows of a frame that the film of a process holds before the first deal by cost: its bands, and `halo` rows around them.
+pub(super) fn held_at_first(frame: &Frame, share: Shard, halo: u32) -> HeldRows {
+    held(&Deal::in_turn(frame.size()[1] as usize, share.of()), frame, share.index(), halo)
+}
+
+/// The own rows of process `me`, and `halo` rows around them.
+fn held(deal: &Deal, frame: &Frame, me: u32, halo: u32) -> HeldRows {
+    let rows = frame.size()[1] as usize;
+    HeldRows::some(frame, &deal.runs(me, rows), &deal.halo(me, rows, halo as usize))
+}
 
 impl Team<'_> {
     /// True if each process plans its own rows.
@@ -69,7 +82,8 @@ impl Team<'_> {
 
     /// Sends the rows that others read around theirs, and puts theirs into the film: counts, means and squared deviations.
     fn send_halos(&mut self, film: &mut Film) -> Result<(), Error> {
-        let Some(halo) = self.halo.filter(|_| !self.is_complete) else { return Ok(()) };
+        // At first no pixel has samples.
+        let Some(halo) = self.halo.filter(|_| film.record.samples > 0) else { return Ok(()) };
         let [width, height] = film.frame.size().map(|n| n as usize);
         let mut to_each = Vec::new();
         for who in 0..self.processes() {
@@ -91,16 +105,9 @@ impl Team<'_> {
         Ok(())
     }
 
-    /// Moves the rows of bands that got another owner: their pixels unless all processes have them, and their plan.
-    pub(super) fn move_rows(
-        &mut self,
-        film: &mut Film,
-        open: &mut OpenRound,
-        before: &crate::bands::Deal,
-    ) -> Result<(), Error> {
-        if open.of_all.is_none() || before == &self.deal {
-            return Ok(());
-        }
+    /// Moves the rows of bands that got another owner: their pixels and their plan.
+    pub(super) fn move_rows(&mut self, film: &mut Film, open: &mut OpenRound, before: &Deal) -> Result<(), Error> {
+        let Some(halo) = self.halo.filter(|_| before != &self.deal) else { return Ok(()) };
         let (width, pixels) = (film.frame.size()[0] as usize, film.frame.pixels());
         let moved = |from: u32, to: u32| -> Vec<u32> {
             let owners = before.owners().iter().zip(self.deal.owners()).enumerate();
@@ -111,7 +118,7 @@ impl Team<'_> {
         for who in 0..self.processes() {
             let numbers = moved(self.me, who);
             let mut to = Writer::with_capacity(0);
-            if !self.is_complete && !numbers.is_empty() {
+            if !numbers.is_empty() {
                 put_pixels(&mut to, film, Picked(&numbers));
             }
             for counts in [Some(&mut open.plan.counts), open.plan.second_half.as_mut()].into_iter().flatten() {
@@ -119,11 +126,13 @@ impl Team<'_> {
             }
             to_each.push(to.finish());
         }
+        let sent = self.exchange.all_to_all(to_each)?;
+        film.hold(held(&self.deal, &film.frame, self.me, halo));
         let gained: Vec<Vec<u32>> = (0..self.processes()).map(|who| moved(who, self.me)).collect();
-        for (who, (bytes, numbers)) in self.exchange.all_to_all(to_each)?.iter().zip(gained).enumerate() {
+        for (who, (bytes, numbers)) in sent.iter().zip(gained).enumerate() {
             let mut from = Reader::new(bytes);
             let mut take = || -> Result<(), Broken> {
-                if !self.is_complete && !numbers.is_empty() {
+                if !numbers.is_empty() {
                     take_pixels(&mut from, film, Picked(&numbers))?;
                 }
                 for counts in [Some(&mut open.plan.counts), open.plan.second_half.as_mut()].into_iter().flatten() {
@@ -139,27 +148,32 @@ impl Team<'_> {
 
     /// Gathers everyone's pixels, unless the film has them.
     pub(super) fn complete(&mut self, film: &mut Film) -> Result<(), Error> {
-        if std::mem::replace(&mut self.is_complete, true) {
-            return Ok(());
-        }
-        let (width, pixels) = (film.frame.size()[0] as usize, film.frame.pixels());
-        let numbers = |who: u32| -> Vec<u32> {
-            self.deal.of(who).flat_map(|band| band_pixels(band, width, pixels)).map(|i| i as u32).collect()
-        };
-        let mut to = Writer::with_capacity(1024);
-        put_pixels(&mut to, film, Picked(&numbers(self.me)));
-        for (who, bytes) in self.exchange.all_gather(to.finish())?.iter().enumerate() {
-            if who != self.me as usize {
-                take_pixels(&mut Reader::new(bytes), film, Picked(&numbers(who as u32)))
-                    .map_err(|e| unreadable(who, &e))?;
-            }
+        if let Some(whole) = self.whole(film, true)? {
+            *film = whole;
         }
         Ok(())
+    }
+
+    /// The film with everyone's pixels if this process reads them; `None` if it does not, or if its film has them.
+    pub(super) fn whole(&mut self, film: &Film, reads: bool) -> Result<Option<Film>, Error> {
+        match self.halo {
+            Some(_) => {
+                let rows = reads.then(|| 0..film.frame.size()[1]);
+                film.gather_banks(rows, (&film.needs, true), &mut *self.exchange)
+            }
+            None => Ok(None),
+        }
     }
 
     fn processes(&self) -> u32 {
         self.exchange.share().of()
     }
+}
+
+/// The places of a row of pixels in the planes.
+fn places(film: &Film, row: &Range<usize>) -> Range<usize> {
+    let first = film.held.at(row.start);
+    first..first + row.len()
 }
 
 /// The banks whose statistics samplers read.
@@ -168,7 +182,8 @@ fn banks(film: &mut Film) -> impl Iterator<Item = &mut Bank> {
 }
 
 /// Writes counts, means and squared deviations of a row of pixels.
-fn put_row(to: &mut Writer, film: &Film, row: std::ops::Range<usize>) {
+fn put_row(to: &mut Writer, film: &Film, row: Range<usize>) {
+    let row = places(film, &row);
     for bank in film.kept.iter().chain(&film.discarded) {
         to.numbers(&bank.counts[row.clone()]);
         to.numbers(&bank.means[row.clone()]);
@@ -177,7 +192,8 @@ fn put_row(to: &mut Writer, film: &Film, row: std::ops::Range<usize>) {
 }
 
 /// Reads counts, means and squared deviations of a row of pixels.
-fn take_row(from: &mut Reader<'_>, film: &mut Film, row: std::ops::Range<usize>) -> Result<(), Broken> {
+fn take_row(from: &mut Reader<'_>, film: &mut Film, row: Range<usize>) -> Result<(), Broken> {
+    let row = places(film, &row);
     for bank in banks(film) {
         bank.counts[row.clone()].copy_from_slice(&from.numbers::<u64>(row.len())?);
         bank.means[row.clone()].copy_from_slice(&from.numbers::<[f64; 3]>(row.len())?);

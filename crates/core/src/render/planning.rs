@@ -23,7 +23,7 @@ impl Session<'_> {
     /// Requests the plan of the next round from the sampler; `None` at the end of the render.
     pub(super) fn plan(&mut self, mut team: Option<&mut Team<'_>>) -> Result<Option<OpenRound>, Error> {
         let planning = self.clock.seconds();
-        self.reserve_for_filter();
+        self.reserve_for_filter(team.as_deref_mut())?;
         loop {
             let seconds = self.agreed_seconds(team.as_deref_mut())?;
             let State { film, round, .. } = &mut self.state;
@@ -57,13 +57,24 @@ impl Session<'_> {
         }
     }
 
-    /// Measures the filter after the first samples of a render with a time limit, so that the limit includes the filter.
-    pub(super) fn reserve_for_filter(&mut self) {
+    /// Measures the filter after the first samples of a render with a time limit, so that the limit includes the filter. The
+    /// first of several processes measures it.
+    pub(super) fn reserve_for_filter(&mut self, team: Option<&mut Team<'_>>) -> Result<(), Error> {
         let film = &self.state.film;
-        if self.meter.seconds().is_some() && self.meter.filter_seconds().is_none() && film.record.samples > 0 {
-            let seconds = self.filter.as_ref().map_or(0.0, |filter| filter_time::estimate(filter, film));
-            self.meter.reserve(seconds);
+        if self.meter.seconds().is_none() || self.meter.filter_seconds().is_some() || film.record.samples == 0 {
+            return Ok(());
         }
+        let mut seconds = 0.0;
+        if let Some(filter) = &self.filter {
+            let rows = filter_time::rows(&film.frame);
+            let part = match team.filter(|team| team.plans_own_rows()) {
+                Some(team) => film.gather(Some(rows).filter(|_| team.me == 0), &film.needs, &mut *team.exchange)?,
+                None => Some(film.of_rows(rows)?),
+            };
+            seconds = part.map_or(0.0, |part| filter_time::estimate(filter, &part, film.frame.size()[1]));
+        }
+        self.meter.reserve(seconds);
+        Ok(())
     }
 
     /// Predicts the error that an error limit concerns; `None` without such a limit. A filter without an estimate leaves the

@@ -3,6 +3,7 @@
 use super::budget::Meter;
 use super::check::check;
 use super::clock::Clock;
+use super::halos::held_at_first;
 use super::holdout::Holdout;
 use super::methods::Methods;
 use super::pull::Round;
@@ -13,7 +14,7 @@ use crate::exchange::message::Standing;
 use crate::snapshot::film::put_bands;
 use crate::snapshot::{OpenRound, Planner, View};
 use crate::{
-    Budget, Error, Film, Filter, Filtered, Frame, Limits, Needs, Retention, RoundRecord, Sampler, Snapshot,
+    Budget, Error, Film, Filter, Filtered, Frame, Limits, Needs, Retention, RoundRecord, Sampler, Shard, Snapshot,
     TrainingData, Unfiltered,
 };
 
@@ -115,7 +116,7 @@ impl<'a> Session<'a> {
     /// For invalid limits.
     pub fn new(frame: Frame, limits: Limits, methods: impl Into<Methods<'a>>) -> Result<Self, Error> {
         let methods = methods.into().with_filter_needs();
-        Self::of_render(frame, &limits, methods, None)
+        Self::of_render(frame, &limits, methods, None, None)
     }
 
     /// Continues a session or a [`Render`](crate::Render) from its snapshot, under the conditions of
@@ -131,28 +132,36 @@ impl<'a> Session<'a> {
         snapshot: Snapshot,
     ) -> Result<Self, Error> {
         let methods = methods.into().with_filter_needs();
-        Self::of_render(frame, &limits, methods, Some(snapshot))
+        Self::of_render(frame, &limits, methods, Some(snapshot), None)
     }
 
     /// The session of a render. It records what the methods ask for, and what sampler, limits and an error limit's filter need.
+    /// If a process of several plans its rows, the film holds these and the rows around them.
     pub(super) fn of_render(
         frame: Frame,
         limits: &Limits,
         methods: Methods<'a>,
         snapshot: Option<Snapshot>,
+        share: Option<Shard>,
     ) -> Result<Self, Error> {
         let Methods { mut sampler, filter, needs } = methods;
         let mut meter = Meter::new(limits, &frame)?;
         let judged = filter.is_some() && meter.goal().is_some();
         let judge = filter.as_ref().filter(|_| judged).map_or(Needs::none(), |f| f.needs());
         let needs = needs.and(sampler.needs()).and(meter.needs()).and(judge);
-        let (state, seconds) = match snapshot {
+        let halo = halo(&*sampler, &meter, &needs);
+        let held =
+            share.filter(|share| share.of() > 1).zip(halo).map(|(share, halo)| held_at_first(&frame, share, halo));
+        let (mut state, seconds) = match snapshot {
             None => {
-                let film = Film::new(frame, needs);
+                let film = Film::of_held(frame, needs, held.clone().unwrap_or_default());
                 (State { film, round: 0, open: None, passes: Vec::new(), holdout: None, prepared: None }, 0.0)
             }
             Some(snapshot) => continued(snapshot, &mut *sampler, &mut meter, (&needs, limits), &frame)?,
         };
+        if let Some(held) = held.filter(|held| *held != state.film.held) {
+            state.film.hold(held);
+        }
         let (clock, limits) = (Clock::start(seconds), limits.clone());
         let (began, over, given_out, tile_side) = (0.0, false, None, 32);
         let (everyones, training) = (None, Vec::new());
@@ -301,11 +310,8 @@ impl<'a> Session<'a> {
     }
 
     /// The rows beyond its own ones that a process reads to plan them; `None` if every process plans the whole image.
-    ///
-    /// The error of a filtered image concerns the whole film, and splats of one process fall on all pixels.
     pub(super) fn halo(&self) -> Option<u32> {
-        let reads_all = self.meter.goal().is_some() || self.state.film.needs.splats;
-        self.sampler.halo().filter(|_| !reads_all)
+        halo(&*self.sampler, &self.meter, &self.state.film.needs)
     }
 
     pub(super) fn seconds(&self) -> f64 {
@@ -347,12 +353,32 @@ impl<'a> Session<'a> {
         answer
     }
 
+    /// Calls the monitor of each process, with everyone's pixels if it reads them ([`Monitor::reads_barriers`]).
+    fn show_whole(
+        &mut self,
+        monitor: &mut dyn Monitor,
+        team: &mut Team<'_>,
+        show: impl FnOnce(&mut dyn Monitor, &Status<'_>),
+    ) -> Result<(), Error> {
+        let whole = team.whole(&self.state.film, monitor.reads_barriers())?;
+        let own = whole.map(|whole| std::mem::replace(&mut self.state.film, whole));
+        self.show(monitor, show);
+        if let Some(own) = own {
+            self.state.film = own;
+        }
+        Ok(())
+    }
+
     /// Shows the end of the render to the monitor. A resumed render plans the last round again, so the snapshot has no
     /// budget for it.
-    pub(super) fn show_end(&mut self, monitor: &mut dyn Monitor) {
+    pub(super) fn show_end(&mut self, monitor: &mut dyn Monitor, team: Option<&mut Team<'_>>) -> Result<(), Error> {
         let shown = self.state.film.record.budgets.pop();
-        self.show(monitor, |monitor, status| monitor.end(status));
+        match team.filter(|team| team.keeps_bands) {
+            Some(team) => self.show_whole(monitor, team, |monitor, status| monitor.end(status))?,
+            None => self.show(monitor, |monitor, status| monitor.end(status)),
+        }
         self.state.film.record.budgets.extend(shown);
+        Ok(())
     }
 
     /// Opens a round to trace: the one that is open already, or the next. Returns `false` at the end of the render.
@@ -363,8 +389,8 @@ impl<'a> Session<'a> {
         let State { film, open, .. } = &mut self.state;
         match (team, open.as_mut()) {
             (Some(team), Some(open)) => team.begin(film, open)?,
-            (Some(team), None) => team.complete(film)?,
-            (None, _) => {}
+            (Some(team), None) if !team.keeps_bands => team.complete(film)?,
+            _ => {}
         }
         let Some(open) = &self.state.open else {
             self.over = true;
@@ -382,9 +408,7 @@ impl<'a> Session<'a> {
         monitor: &mut dyn Monitor,
         mut team: Option<&mut Team<'_>>,
     ) -> Result<bool, Error> {
-        let reads_film =
-            monitor.reads_barriers() || self.meter.seconds().is_some() && self.meter.filter_seconds().is_none();
-        let (stopped, plan_seconds, trace_seconds) = self.gather(stopped, reads_film, team.as_deref_mut())?;
+        let (stopped, plan_seconds, trace_seconds) = self.gather(stopped, team.as_deref_mut())?;
         let Some(open) = self.state.open.take() else { return Ok(true) };
         let film = &mut self.state.film;
         let (samples, kept) = (film.record.samples - open.before, open.plan.retention == Retention::Keep);
@@ -393,12 +417,13 @@ impl<'a> Session<'a> {
             return Ok(true);
         }
         self.state.round += 1;
-        if let Some(team) = &team {
-            self.show(monitor, |monitor, status| monitor.barrier(status, team.times()));
+        if let Some(team) = team.as_deref_mut() {
+            let times = team.times().to_vec();
+            self.show_whole(monitor, team, |monitor, status| monitor.barrier(status, &times))?;
         }
         if stopped == Stopped::AtEnd {
             let spent = self.state.film.record.samples >= self.meter.left(&self.state.film).total;
-            self.reserve_for_filter();
+            self.reserve_for_filter(team.as_deref_mut())?;
             let predicted = self.predict()?;
             let seconds = self.agreed_seconds(team)?;
             let more = self.meter.extend(&self.state.film, seconds, predicted);
@@ -407,20 +432,15 @@ impl<'a> Session<'a> {
         Ok(stopped == Stopped::AtEnd)
     }
 
-    /// Gathers the results of the round from all processes, with the pixels if `reads_film` holds for one. Returns where
-    /// the round was stopped, and the seconds of planning and tracing it.
-    fn gather(
-        &mut self,
-        stopped: Stopped,
-        reads_film: bool,
-        team: Option<&mut Team<'_>>,
-    ) -> Result<(Stopped, f64, f64), Error> {
+    /// Gathers the results of the round from all processes. Returns where the round was stopped, and the seconds of planning
+    /// and tracing it.
+    fn gather(&mut self, stopped: Stopped, team: Option<&mut Team<'_>>) -> Result<(Stopped, f64, f64), Error> {
         let seconds = self.clock.seconds();
         let State { film, round, open: Some(open), .. } = &mut self.state else { return Ok((stopped, 0.0, 0.0)) };
         let mut times = [seconds, open.plan_seconds, seconds - self.began];
         let mut stopped = stopped;
         if let Some(team) = team {
-            let gathered = team.round(film, (*round, open), [stopped != Stopped::Within, reads_film], times)?;
+            let gathered = team.round(film, (*round, open), stopped != Stopped::Within, times)?;
             (self.everyones, times) = (None, gathered.seconds);
             stopped = match gathered.standing {
                 Standing::Going => Stopped::No,
@@ -431,6 +451,14 @@ impl<'a> Session<'a> {
         }
         Ok((stopped, times[1], times[2]))
     }
+}
+
+/// The rows beyond its own ones that a process reads to plan them; `None` if every process plans the whole image.
+///
+/// The error of a filtered image concerns the whole film, and splats of one process fall on all pixels.
+fn halo(sampler: &dyn Sampler, meter: &Meter, needs: &Needs) -> Option<u32> {
+    let reads_all = meter.goal().is_some() || needs.splats;
+    sampler.halo().filter(|_| !reads_all)
 }
 
 /// The state of a snapshot, checked against the render that continues it, and the seconds that it took.

@@ -32,8 +32,8 @@ pub(crate) struct Team<'a> {
     planned: [u64; 2],
     /// The rows beyond its own ones that each process reads to plan these; `None` if each plans the whole image.
     pub(super) halo: Option<u32>,
-    /// True while the film has everyone's pixels.
-    pub(super) is_complete: bool,
+    /// True if the film is to hold the own rows only, at the end too.
+    pub(super) keeps_bands: bool,
     standing: Standing,
     /// The number of messages so far.
     messages: u32,
@@ -77,7 +77,7 @@ impl<'a> Team<'a> {
             before: None,
             planned: [1; 2],
             halo: None,
-            is_complete: true,
+            keeps_bands: false,
             standing: Standing::Going,
             messages: 0,
             times: Vec::new(),
@@ -113,9 +113,10 @@ impl<'a> Team<'a> {
         &self.standing
     }
 
-    /// Makes each process plan its own rows, with `halo` rows around them. `None` leaves the whole image to each.
-    pub(super) fn planning_own_rows(self, halo: Option<u32>) -> Self {
-        Self { halo: halo.filter(|_| self.threads.len() > 1), ..self }
+    /// Makes each process plan its own rows, with `halo` rows around them. `None` leaves the whole image to each. With
+    /// `keeps_bands`, films are not gathered at the end.
+    pub(super) fn planning_own_rows(self, halo: Option<u32>, keeps_bands: bool) -> Self {
+        Self { halo: halo.filter(|_| self.threads.len() > 1), keeps_bands, ..self }
     }
 
     /// Deals the bands of an opened round by the cost of the rounds before, and notes the state of the film.
@@ -131,9 +132,11 @@ impl<'a> Team<'a> {
             self.part(&film.frame).add(&mut to_come)?;
         }
         let costs = expected(&self.measured, &to_come);
-        let deal = match self.is_complete {
-            true => Deal::by_cost(&costs, &self.threads),
-            false => self.deal.clone().rebalanced(&costs, &self.threads),
+        let deal = match (self.halo, &open.of_all) {
+            (None, _) => Deal::by_cost(&costs, &self.threads),
+            (Some(_), Some(_)) => self.deal.clone().rebalanced(&costs, &self.threads),
+            // The rest of a round that others had begun: everyone has its plan.
+            (Some(_), None) => self.deal.clone(),
         };
         let before = std::mem::replace(&mut self.deal, deal);
         self.move_rows(film, open, &before)?;
@@ -211,14 +214,14 @@ impl<'a> Team<'a> {
         Ok(Some(all.into_iter().flat_map(|one| one.training).collect()))
     }
 
-    /// Exchanges the results of a round: with pixels unless processes plan their own rows, no process stopped or failed, and
-    /// none reads the film. `whole` is true if this process has traced all of its samples, `seconds` are the clock and the
-    /// time of planning and tracing.
+    /// Exchanges the results of a round: with pixels unless processes plan their own rows, and no process stopped or failed.
+    /// `whole` is true if this process has traced all of its samples, `seconds` are the clock and the time of planning and
+    /// tracing.
     pub(super) fn round(
         &mut self,
         film: &mut Film,
         (round, open): (u32, &OpenRound),
-        [whole, reads_film]: [bool; 2],
+        whole: bool,
         [clock, plan, trace]: [f64; 3],
     ) -> Result<Gathered, Error> {
         if self.staged && !(0..open.plan.counts.len()).any(|i| longest(&open.plan, i) > self.since) {
@@ -230,10 +233,9 @@ impl<'a> Team<'a> {
         let found = Some(self.found(film, open));
         let trace = if self.staged { self.began.elapsed().as_secs_f64() } else { trace };
         let message = self.message(Kind::Round, (round, &open.plan), whole, [clock, plan, trace, 0.0, 0.0]);
-        let mut all = self.gather(Message { found, reads_film, ..message }, film, Some(open))?;
+        let mut all = self.gather(Message { found, ..message }, film, Some(open))?;
         self.place(film, open, &mut all);
-        self.is_complete = self.halo.is_none();
-        if all.iter().any(|one| one.reads_film || one.standing != Standing::Going) {
+        if !self.keeps_bands && all.iter().any(|one| one.standing != Standing::Going) {
             self.complete(film)?;
         }
         self.times = all.iter().map(|one| one.seconds[2]).collect();
@@ -278,7 +280,6 @@ impl<'a> Team<'a> {
             share: [self.me, self.threads.len() as u32],
             standing: self.standing.clone(),
             whole,
-            reads_film: false,
             seconds,
             threads: rayon::current_num_threads() as u32,
             training: Vec::new(),

@@ -3,7 +3,7 @@
 use super::Broken;
 use super::bytes::{Reader, Writer};
 use crate::bands::{BAND, bands};
-use crate::film::{Bank, FeatureMoments, Picked, REJECTED_LISTED, SamplePlane, Splats, SumPlane};
+use crate::film::{Bank, FeatureMoments, HeldRows, Picked, REJECTED_LISTED, SamplePlane, Splats, SumPlane};
 use crate::{
     Combine, Film, FirstHit, Frame, Needs, Record, Rejected, RejectedReason, RoundRecord, SampleId, Sums, TrainingSum,
     Trajectory,
@@ -72,11 +72,13 @@ pub(crate) fn put_bands(film: &Film) -> Vec<Vec<u8>> {
     (0..bands(film.frame.size()[1] as usize)).map(planes).collect()
 }
 
-/// Reads a film without planes, and puts the planes of some bands into it. Pixels of other bands have no samples.
+/// Reads a film without planes, and puts the planes of some bands into it. It does not hold other bands.
 pub(crate) fn take_in_bands(from: &mut Reader<'_>, given: &[(usize, Vec<u8>)]) -> Result<Film, Broken> {
     let hollow = take_unchecked(from, |_| 0)?;
     let (needs, frame, all) = (hollow.needs, hollow.frame, hollow.record.samples);
-    let mut film = Film::new(frame, needs);
+    let is_whole = given.len() == bands(frame.size()[1] as usize);
+    let held = if is_whole { HeldRows::default() } else { held(&frame, given)? };
+    let mut film = Film::of_held(frame, needs, held);
     if !hollow.discarded.is_empty() {
         film.open_discarded();
     }
@@ -100,11 +102,20 @@ pub(crate) fn take_in_bands(from: &mut Reader<'_>, given: &[(usize, Vec<u8>)]) -
             return Err(Broken("a band is of another size"));
         }
     }
-    let is_whole = given.len() == bands(frame.size()[1] as usize);
     if samples > all || is_whole && samples != all || film.unreported > all {
         return Err(Broken("counts do not add up to the samples traced"));
     }
     Ok(film)
+}
+
+/// The rows of the bands of a list.
+fn held(frame: &Frame, given: &[(usize, Vec<u8>)]) -> Result<HeldRows, Broken> {
+    let height = frame.size()[1] as usize;
+    if given.windows(2).any(|two| two[0].0 >= two[1].0) || given.iter().any(|(band, _)| *band >= bands(height)) {
+        return Err(Broken("bands of the film are out of order"));
+    }
+    let runs: Vec<_> = given.iter().map(|(band, _)| band * BAND..((band + 1) * BAND).min(height)).collect();
+    Ok(HeldRows::some(frame, &runs, &[]))
 }
 
 /// The numbers of the pixels of a band of 16 rows.

@@ -180,6 +180,7 @@ impl Monitor for Watched<'_> {
             writer.wait(self.monitor);
             writer.begin(status, self.monitor);
         }
+        self.monitor.barrier(status);
     }
 
     fn end(&mut self, status: &Status<'_>) {

@@ -8,8 +8,15 @@ pub trait JobMonitor {
     /// Called between two slices. The returned value decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
-    /// Returns `false` if the monitor never reads the film before the end. Of several processes, each may then see its own rows
-    /// only, and less is sent. The default is `true`.
+    /// Called at the end of each round of a render by several processes, with everyone's pixels if the monitor
+    /// [reads the film](JobMonitor::reads_film).
+    fn barrier(&mut self, status: &Status<'_>) {
+        let _ = status;
+    }
+
+    /// Returns `false` if the monitor does not read the film of a render by several processes at [`JobMonitor::barrier`] and
+    /// [`JobMonitor::end`]. It then holds the rows of its process only, as it does between them, and less is sent. The default
+    /// is `true`.
     fn reads_film(&self) -> bool {
         true
     }

@@ -9,8 +9,8 @@ use dapple_core::{Exchange, Snapshot};
 impl Job {
     /// Traces the render together with other processes, each with a job of the same description and outputs.
     ///
-    /// Program version, scene files and settings are compared first. All get the same film, with the bits of
-    /// [`Job::run`] in one process. Process 0 alone reads the checkpoint to resume from, and writes one at each barrier
+    /// Program version, scene files and settings are compared first. Each gets its rows of the film of [`Job::run`] in one
+    /// process ([`Film::is_whole`](dapple_core::Film::is_whole)), and [`Job::finish_together`] makes the image of them. Process 0 alone reads the checkpoint to resume from, and writes one at each barrier
     /// between rounds; others pass `None`. A render whose processes died goes on from the last barrier, with any number
     /// of processes.
     ///
