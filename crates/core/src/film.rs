@@ -54,6 +54,21 @@ impl FeatureMoments {
             *m2 += delta * (x - *mean);
         }
     }
+
+    /// Returns `true` if samples of features alone would help: there are few, or they vary and there are not many.
+    pub(crate) fn wants_more(&self) -> bool {
+        /// The number of samples after which equal features count as those of the whole pixel.
+        const FEW: u32 = 8;
+        /// The number of samples at which features count as known.
+        const MANY: u32 = 16;
+        /// The variances of normal and albedo, summed over channels, below which they count as equal.
+        const EQUAL: [f32; 2] = [1e-3, 1e-4];
+        let sum = |k: usize| self.m2[k] + self.m2[k + 1] + self.m2[k + 2];
+        let hits = self.hits as f32;
+        let varies =
+            self.hits > 0 && (self.hits < self.samples || sum(0) > EQUAL[0] * hits || sum(3) > EQUAL[1] * hits);
+        self.samples < FEW || self.samples < MANY && varies
+    }
 }
 
 /// Mean and sample variance of one pixel's [`SurfaceFeatures`], or of its first hits for samples that have none. Means are

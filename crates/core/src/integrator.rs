@@ -374,6 +374,16 @@ pub trait Integrator: Sync {
     /// what [`Integrator::learn`] has learned so far.
     fn estimate(&self, draws: &Draws<'_>, log: &mut Worker) -> Estimate;
 
+    /// The first hit and the features of one sample without its light, and their cost in rays; `None` if they cannot be had
+    /// for less than a whole sample, which is the default. A pure function of the random numbers.
+    ///
+    /// At few samples per pixel, edges are noisy in the features too. So [`Render`](crate::Render) asks for up to 16 samples of
+    /// features in pixels where they vary, and filters follow the edges better.
+    fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
+        let _ = draws;
+        None
+    }
+
     /// The statistics that the film must record for this integrator: [splats](Needs::with_splats), for example. [`Render`]
     /// requests them; the host of a [`Session`](crate::Session) does so itself.
     ///
@@ -433,6 +443,7 @@ pub trait Integrator: Sync {
 
 forward!(Integrator for &mut T, Box<T>; {
     ref estimate(draws: &Draws<'_>, log: &mut Worker) -> Estimate;
+    ref features_alone(draws: &Draws<'_>) -> Option<Estimate>;
     ref needs() -> Needs;
     ref wants_training() -> bool;
     ref training_memory(pixels: u64) -> u64;

@@ -48,6 +48,8 @@ pub mod streams {
     /// The stream of paths from the lights, which an integrator traces to prepare for samples; see
     /// [`Pass::draws`](crate::Pass::draws).
     pub const LIGHT: u32 = 7;
+    /// The stream of samples that give features alone; see [`Integrator::features_alone`](crate::Integrator::features_alone).
+    pub const FEATURES: u32 = 8;
 }
 
 /// A pure function from (seed, pixel, stream, index, block) to four coordinates.

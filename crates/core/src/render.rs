@@ -4,6 +4,7 @@ mod band;
 mod budget;
 mod check;
 mod clock;
+mod feature_samples;
 mod filter_time;
 mod halos;
 pub(crate) mod holdout;

@@ -74,8 +74,7 @@ pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
 
 /// Returns the path tracer with another source of light at the vertices of its paths. It has code for all effects.
 pub fn path_tracer_with<'w, G: VertexLight + 'w>(world: &'w World, light: G) -> Box<dyn Integrator + 'w> {
-    use code::{ENVIRONMENT, RARE, ROULETTE, SEVERAL_LIGHTS, TRANSMISSION, VARIED};
-    const ALL: u32 = SEVERAL_LIGHTS | ROULETTE | VARIED | ENVIRONMENT | TRANSMISSION | RARE;
+    use code::ALL;
     if world.lights().is_selection_learned() {
         return Box::new(PathTracer::<General, LearnedSelector, ALL, G>::new(world, light));
     }

@@ -1,6 +1,7 @@
 //! Tracing one round: slices of bands of rows.
 
 use super::band::{Band, bands};
+use super::feature_samples;
 use super::session::State;
 use super::team::Team;
 use super::{Monitor, Session, prepare};
@@ -33,14 +34,14 @@ const FIRST_SLICE: f64 = 1024.0;
 const GROWTH: f64 = 8.0;
 
 /// The inputs that all tasks of a slice share: integrator, points, plan and flags.
-struct Inputs<'a> {
-    integrator: &'a dyn Integrator,
-    points: &'a dyn PointSet,
-    plan: &'a Plan,
+pub(super) struct Inputs<'a> {
+    pub(super) integrator: &'a dyn Integrator,
+    pub(super) points: &'a dyn PointSet,
+    pub(super) plan: &'a Plan,
     width: usize,
     origin: [u32; 2],
     streams: [u32; 2],
-    needs: Needs,
+    pub(super) needs: Needs,
     wants_training: bool,
     /// The samples that this slice traces in each pixel: first index and end, counted from the start of the round.
     part: [u32; 2],
@@ -61,11 +62,11 @@ impl Inputs<'_> {
 
 /// The totals of one task: samples, rays, rejected samples, training sums, and a panic if there was one.
 #[derive(Default)]
-struct Tally {
+pub(super) struct Tally {
     /// The number of samples in each half.
     samples: [u64; 2],
-    rays: u64,
-    blocks: u64,
+    pub(super) rays: u64,
+    pub(super) blocks: u64,
     /// The number of rejected samples.
     rejections: u64,
     /// The first rejected samples in order of pixel, stream and index; fewer than twice as many as the film lists.
@@ -387,6 +388,7 @@ fn trace_pixel(
             }
         }
     }
+    feature_samples::add(round, band, local, pixel, tally, current);
 }
 
 /// A pixel's index in the band, its coordinates in the full image, and the half of the current sample.

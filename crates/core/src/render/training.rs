@@ -63,6 +63,10 @@ impl Integrator for Trainee<'_> {
         self.integrator.estimate(draws, log)
     }
 
+    fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
+        self.integrator.features_alone(draws)
+    }
+
     fn wants_training(&self) -> bool {
         self.integrator.wants_training()
     }

@@ -24,6 +24,9 @@ pub const VARIED: u32 = 32;
 /// of the path tracer does not contain it.
 pub const LEARNED_SELECTION: u32 = 64;
 
+/// The bits for all effects.
+pub const ALL: u32 = SEVERAL_LIGHTS | ENVIRONMENT | ROULETTE | TRANSMISSION | RARE | VARIED;
+
 /// Returns the bits that a world needs, from the [effects](World::effects) of its scene and from its surfaces.
 ///
 /// Surfaces are inspected too, since diffuse transmission, interfaces, mixes, vertex normals and instances are not

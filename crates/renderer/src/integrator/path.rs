@@ -422,6 +422,10 @@ impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> Integrator for Pat
         estimate
     }
 
+    fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
+        Some(features::features_alone(self.world, draws))
+    }
+
     fn wants_training(&self) -> bool {
         self.selector.wants_training()
     }

@@ -3,10 +3,103 @@
 //! They ride along with the path: no rays and no random numbers of their own. Where a surface both reflects and
 //! refracts, or shows its base through a coat, they follow the lobe that the path samples.
 
-use super::{LightSelector, Path, PathTracer, VertexLight};
-use crate::camera::Lens;
-use dapple_core::{Estimate, SurfaceFeatures};
+use super::transmission::MediumEnd;
+use super::{LightSelector, NoVertexLight, Path, PathTracer, RARE, VertexLight, code};
+use crate::World;
+use crate::blocks;
+use crate::camera::{General, Lens};
+use crate::integrator::FixedSelector;
+use crate::material::Surface;
+use crate::world::{Interaction, NO_MEDIUM};
+use dapple_core::{Draws, Estimate, SurfaceFeatures};
+use dapple_geometry::spawn_ray;
 use glam::Vec3;
+
+/// The path tracer with code for all effects, which follows paths for their features alone.
+type AnyPath<'w> = PathTracer<'w, General, FixedSelector, { code::ALL }>;
+
+/// Returns the first hit and the features of a sample without its light. They have the distribution of those of
+/// [`Integrator::estimate`](dapple_core::Integrator::estimate).
+#[inline(never)]
+pub(super) fn features_alone(world: &World, draws: &Draws<'_>) -> Estimate {
+    AnyPath::new(world, NoVertexLight).follow(draws)
+}
+
+impl<'w> AnyPath<'w> {
+    /// Follows a path through mirrors, glass and smooth coats to the first rough surface.
+    fn follow(&self, draws: &Draws<'_>) -> Estimate {
+        let mut path = self.begin(draws);
+        let mut estimate = Estimate::new([0.0; 3]);
+        loop {
+            path.rays += 1;
+            path.segments += 1;
+            let ray = path.ray;
+            let hit = self.closest_hit(&ray, path.time);
+            if path.medium != NO_MEDIUM {
+                let distance = hit.as_ref().map_or(f32::INFINITY, |at| at.hit.t);
+                if !matches!(self.cross_medium(draws, &mut path, distance), MediumEnd::Crossed) {
+                    break;
+                }
+            }
+            let Some(at) = hit else {
+                if path.depth > 0 {
+                    estimate.features = of_background(&estimate, Self::tint(&path), path.is_rare);
+                }
+                break;
+            };
+            let Some(surface) = self.surface_at(draws, &mut path, &at) else {
+                if path.throughput == Vec3::ZERO {
+                    break;
+                }
+                continue;
+            };
+            if path.depth == 0 {
+                estimate.first_hit = Some(self.world.first_hit_of(ray, at, surface));
+            } else {
+                let features = self.world.features_of(ray, at, surface, Self::tint(&path), length(&estimate));
+                estimate.features = Some(features.with_rare(path.is_rare));
+            }
+            if path.depth >= self.world.max_depth || !self.passes_on(draws, &mut path, &at, surface) {
+                break;
+            }
+            path.depth += 1;
+        }
+        estimate.cost = path.rays;
+        estimate
+    }
+
+    /// Samples the next ray as a whole sample does. Returns false if the path ends at this surface, or its scattering is
+    /// rough.
+    fn passes_on(&self, draws: &Draws<'_>, path: &mut Path<(), ()>, at: &Interaction<'w>, surface: &Surface) -> bool {
+        let world = self.world;
+        if surface.black {
+            return false;
+        }
+        let bsdf = world.bsdf_of(at, surface);
+        let frame = world.frame_of(at, surface);
+        let wo = bsdf.local(&frame, -path.ray.direction);
+        let [u, choices] = draws.two_blocks([blocks::scatter(path.depth), blocks::choose(path.depth)]);
+        let smooth = bsdf.is_specular() || bsdf.samples_narrow_lobe(wo, choices[1]);
+        if !smooth && !surface.several_lobes {
+            return false;
+        }
+        let Some(sample) = bsdf.sample(wo, [u[2], u[3]], choices[1]) else { return false };
+        if !sample.specular && !smooth {
+            return false;
+        }
+        let wi = frame.to_world(sample.wi);
+        let (normal, outside) = (at.point.normal, -at.point.normal.dot(path.ray.direction));
+        if (normal.dot(wi) * outside > 0.0) != (sample.wi.z * wo.z > 0.0) {
+            return false;
+        }
+        path.throughput *= sample.weight;
+        path.is_rare |= sample.specular && sample.pdf < RARE && bsdf.transmits();
+        path.eta_squared *= sample.eta * sample.eta;
+        path.ray = spawn_ray(&at.point, wi);
+        path.medium = at.medium_beyond(wi, path.medium);
+        path.throughput.max_element() > 0.0
+    }
+}
 
 impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'_, L, S, E, G> {
     /// Returns the share of light that the surfaces and media of the path so far pass on to the camera.
