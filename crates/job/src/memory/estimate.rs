@@ -104,6 +104,8 @@ impl MemoryEstimate {
         let [now, most] = resident().unwrap_or([before.scene, 0]);
         // Of several processes, the first one gathers the film of all.
         let gathered = memory.whole.saturating_sub(memory.film);
+        // It gives its own rows back before it writes.
+        let files = if memory.delivered > 0 { files.saturating_sub(memory.film) } else { files };
         let snapshot = if keeps { memory.snapshot().saturating_add(gathered) } else { 0 };
         let stages = vec![
             ("planning", memory.planning),
