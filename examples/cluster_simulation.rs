@@ -40,14 +40,19 @@ const THREADS: f64 = 64.0;
 /// The network: bytes per second that a machine receives, and seconds of a message through all machines.
 const BANDWIDTH: f64 = 100e9 / 8.0;
 const LATENCY: f64 = 1e-3;
-/// Bytes per pixel that all machines get at the end of a round, and bytes of training data per pass.
-const FILM_BYTES: f64 = 56.0;
+/// Rows around a band that a machine reads to plan it, bytes per pixel of them, and bytes of training data per pass.
+const HALO_ROWS: f64 = 4.0;
+const HALO_BYTES: f64 = 56.0;
 const TRAINING_BYTES: f64 = 8e6;
-/// Seconds per pixel and thread of planning a round (every machine plans all) and of the filter (bands).
+/// Seconds per pixel and thread of planning a round and of the filter; every machine plans and filters its own rows.
 const PLAN_SECONDS: f64 = 0.1e-6;
 const FILTER_SECONDS: f64 = 12e-6;
-/// Rows that the filter reads above and below a band at the finest scale (`Filter::rows_read`), grids included.
-const FILTER_ROWS: f64 = 190.0;
+/// Rows that the filter reads above and below its own at the finest scale (`Filter::rows_read`), grids included, and bytes per
+/// pixel that it reads.
+const FILTER_ROWS: f64 = 116.0;
+const FILTER_BYTES: f64 = 300.0;
+/// Bytes per pixel that the first machine gets at the end: the image with its errors, and the statistics that an EXR file shows.
+const DELIVERED_BYTES: f64 = 16.0 + 276.0;
 /// The standard deviation of a machine's speed, and of a pass on it.
 const SPEED: f64 = 0.03;
 const JITTER: f64 = 0.01;
@@ -234,7 +239,8 @@ fn render(
         let mut took = slowest + TRAINING_BYTES / BANDWIDTH + LATENCY;
         // A round ends after the pilot, in the middle of the rest, and at the end.
         if [PILOT_PASSES - 1, PASSES.len() - 2, PASSES.len() - 1].contains(&pass) {
-            took += pixels * (FILM_BYTES / BANDWIDTH + PLAN_SECONDS / THREADS);
+            let most = (count.div_ceil(machines) * BAND * size[0]) as f64;
+            took += most * (HALO_BYTES * HALO_ROWS / BAND as f64 / BANDWIDTH + PLAN_SECONDS / THREADS);
         }
         if with.failures && numbers.uniform() < machines as f64 * took / (HOURS_TO_FAILURE * 3600.0) {
             took += numbers.uniform() * took + RESTART_SECONDS;
@@ -247,7 +253,8 @@ fn render(
     let own = size[1] as f64 / machines as f64;
     let read = (own + 2.0 * FILTER_ROWS).min(size[1] as f64);
     let slowest = speeds.iter().copied().fold(f64::INFINITY, f64::min);
-    total + read * size[0] as f64 * FILTER_SECONDS / (THREADS * slowest)
+    let filter = read * size[0] as f64 * (FILTER_SECONDS / (THREADS * slowest) + FILTER_BYTES / BANDWIDTH);
+    total + filter + pixels * DELIVERED_BYTES / BANDWIDTH
 }
 
 /// The owner of each band such that machines end at about the same time: the most expensive bands first, each to the

@@ -16,6 +16,7 @@ mod window;
 
 pub use bank::luminance;
 pub(crate) use bank::{Bank, BankRows, first_hits_of, record_first_hit};
+pub(crate) use gather::both;
 pub(crate) use held::HeldRows;
 pub(crate) use pick::Picked;
 pub use pixels::PixelStatistics;

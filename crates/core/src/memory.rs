@@ -1,7 +1,9 @@
 //! The memory of a render, forecast before it starts.
 
+use crate::bands::{BAND, bands};
+use crate::film::both;
 use crate::render::holdout::Holdout;
-use crate::{Budget, Film, Filter, Frame, Limits, Needs, Sampler, Trajectory, saturating_u32};
+use crate::{Band, Budget, Film, Filter, Frame, Limits, Needs, Sampler, Shard, Trajectory, saturating_u32};
 
 /// The bytes that a sampler takes besides the film; 0 by default. Counts only memory that grows with the number of
 /// pixels.
@@ -119,8 +121,12 @@ impl FilterMemory {
 pub struct Memory {
     /// The statistics that the film records.
     pub needs: Needs,
-    /// The bytes of the film, discarded samples included.
+    /// The bytes of the film, discarded samples included. One process among several has some rows of it.
     pub film: u64,
+    /// The bytes of the film of all processes.
+    pub whole: u64,
+    /// The bytes of the film that process 0 among several gets for its files.
+    pub delivered: u64,
     /// The bytes of state that the sampler keeps between rounds.
     pub sampler: u64,
     /// The peak in bytes while a round is planned, besides the film and the sampler's state.
@@ -169,12 +175,15 @@ impl Memory {
             if needs.halves && single { Film::bank_bytes_per_pixel(&Needs { samples: 0, ..needs }) / 2 } else { 0 };
         let stored = samples(&needs, frame, limits);
         let each = saturating_u32(stored.div_ceil(frame.pixels().max(1) as u64));
+        let film = frame
+            .bytes(Film::bytes_per_pixel(&needs) - unwritten)
+            .saturating_add(discarded)
+            .saturating_add(stored.saturating_mul(sample_bytes(&needs)));
         Self {
             needs,
-            film: frame
-                .bytes(Film::bytes_per_pixel(&needs) - unwritten)
-                .saturating_add(discarded)
-                .saturating_add(stored.saturating_mul(sample_bytes(&needs))),
+            film,
+            whole: film,
+            delivered: 0,
             sampler: state,
             planning,
             tracing: plan,
@@ -183,16 +192,59 @@ impl Memory {
         }
     }
 
+    /// The memory of one process among several that render together [in bands](crate::Render::in_bands): its rows of the
+    /// film and those around them, and the rows that its filter reads. Process 0 gets the film of the statistics `shown` and
+    /// the whole image. Unchanged if every process plans the whole image.
+    ///
+    /// Bands are dealt by cost; the figures hold if all take the same time.
+    #[must_use]
+    pub fn in_bands(
+        self,
+        (sampler, filter): (&dyn Sampler, &dyn Filter),
+        shown: &Needs,
+        frame: &Frame,
+        limits: &Limits,
+        share: Shard,
+    ) -> Self {
+        let reads_all = matches!(limits.budget, Budget::Error { .. }) || self.needs.splats;
+        let halo = sampler.halo().filter(|_| !reads_all && share.of() > 1);
+        let Some(halo) = halo else { return self };
+        let height = u64::from(frame.size()[1]);
+        let part =
+            |bytes: u64, rows: u64| (u128::from(bytes) * u128::from(rows.min(height)) / u128::from(height)) as u64;
+        let own = (bands(height as usize) as u64).div_ceil(u64::from(share.of())) * BAND as u64;
+        let held = own + own / BAND as u64 * 2 * u64::from(halo);
+        let band = Band::of(*frame, share.index(), share.of());
+        let read = band.and_then(|band| filter.rows_read(frame, band.rows()));
+        let is_first = share.index() == 0;
+        let delivered = frame.bytes(Film::bytes_per_pixel(&both(&self.needs, shown)));
+        let FilterMemory { applying, image } = self.filter;
+        let (filter, delivered) = match (read, is_first) {
+            (Some(rows), _) => {
+                let rows = u64::from(rows.end - rows.start);
+                let applying = part(self.film, rows).saturating_add(part(applying, rows));
+                let image = if is_first { image } else { part(image, own) };
+                (FilterMemory { applying: applying.max(image), image }, if is_first { delivered } else { 0 })
+            }
+            // It filters the whole film.
+            (None, true) => (FilterMemory { applying: self.film.saturating_add(applying), image }, self.film),
+            (None, false) => (FilterMemory::default(), 0),
+        };
+        let planning = self.tracing.saturating_add(part(self.planning.saturating_sub(self.tracing), own));
+        Self { film: part(self.film, held), planning, filter, delivered, ..self }
+    }
+
     /// The bytes of a snapshot taken during the render ([`Status::snapshot`](crate::Status::snapshot)). A resumed
     /// render holds the same number of bytes besides the film at first.
     pub fn snapshot(&self) -> u64 {
-        self.film.saturating_add(self.tracing).saturating_add(self.holdout)
+        self.whole.saturating_add(self.tracing).saturating_add(self.holdout)
     }
 
     /// The peak of the whole render in bytes, without snapshots.
     pub fn peak(&self) -> u64 {
         let lasting = self.film.saturating_add(self.sampler).saturating_add(self.holdout);
-        lasting.saturating_add(self.planning.max(self.tracing).max(self.filter.applying))
+        let files = self.filter.image.saturating_add(self.delivered);
+        lasting.saturating_add(self.planning.max(self.tracing).max(self.filter.applying).max(files))
     }
 }
 
@@ -260,6 +312,70 @@ mod tests {
         assert_eq!(film(all), 5000 * (2 * (32 + 2 * 24) + 4 * (12 + 16)));
     }
 
+    /// Filters a band with one row above and below, in as many bytes as an image.
+    struct Near;
+
+    impl Filter for Near {
+        fn name(&self) -> &str {
+            "near"
+        }
+
+        fn apply(&self, film: &Film) -> Result<crate::Filtered, crate::Error> {
+            Unfiltered.apply(film)
+        }
+
+        fn rows_read(&self, frame: &Frame, rows: std::ops::Range<u32>) -> Option<std::ops::Range<u32>> {
+            Some(rows.start.saturating_sub(1)..(rows.end + 1).min(frame.size()[1]))
+        }
+    }
+
+    /// A sampler that plans by rows.
+    struct ByRows(Uniform<Points>);
+
+    impl Sampler for ByRows {
+        fn name(&self) -> &str {
+            "rows"
+        }
+
+        fn points(&self) -> &dyn PointSet {
+            self.0.points()
+        }
+
+        fn halo(&self) -> Option<u32> {
+            Some(2)
+        }
+
+        fn next_round(
+            &mut self,
+            seen: &crate::Feedback<'_>,
+            plan: &mut crate::Plan,
+        ) -> Result<crate::Progress, crate::Error> {
+            self.0.next_round(seen, plan)
+        }
+    }
+
+    #[test]
+    fn one_process_among_several_takes_its_rows() {
+        let (frame, limits) = (Frame::new(100, 160).unwrap(), Limits::new(Budget::Samples(64_000)));
+        let sampler = ByRows(Uniform::new(Points));
+        let memory = Memory::of_render(&sampler, &Near, Needs::none().with_features(), &frame, &limits);
+        let (image, film) = (16 * 16_000, (32 + 88) * 16_000);
+        assert_eq!((memory.film, memory.filter.applying), (film, image));
+        let of = |index, of| {
+            let share = Shard::new(index, of).unwrap();
+            memory.in_bands((&sampler, &Near), &Needs::none(), &frame, &limits, share)
+        };
+        assert_eq!(of(0, 1), memory);
+        // Two bands of 16 rows, each with four more.
+        assert_eq!((of(1, 5).film, of(1, 5).delivered), (film / 160 * 40, 0));
+        assert_eq!(of(1, 5).filter, FilterMemory { applying: (film + image) / 160 * 34, image: image / 160 * 32 });
+        // Process 0 gets counts, means and the image.
+        assert_eq!((of(0, 5).delivered, of(0, 5).filter.image), (32 * 16_000, image));
+        assert_eq!((of(0, 5).peak(), of(1, 5).snapshot()), (film / 4 + image + 32 * 16_000, memory.snapshot()));
+        // A process for each row is too many for bands: process 0 filters the whole film.
+        assert_eq!((of(0, 160).filter.applying, of(9, 160).filter.applying), (film + image, 0));
+    }
+
     /// Sums beyond 64 bits saturate instead of wrapping.
     #[test]
     fn the_largest_image_does_not_wrap_z03() {
@@ -270,7 +386,7 @@ mod tests {
         let film = 32 * u64::from(u32::MAX);
         assert_eq!(largest.peak(), film + 12 * u64::from(u32::MAX), "the image stands beside the film");
         assert_eq!(frame.bytes(usize::MAX), u64::MAX);
-        let full = Memory { film: u64::MAX, ..largest };
+        let full = Memory { film: u64::MAX, whole: u64::MAX, ..largest };
         assert_eq!((full.peak(), full.snapshot()), (u64::MAX, u64::MAX));
     }
 }

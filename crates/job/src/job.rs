@@ -287,11 +287,15 @@ impl Job {
     ///
     /// [`JobError::NoShard`] for a sampler that cannot be sharded.
     pub fn memory(&mut self, keeps: bool) -> Result<MemoryEstimate, JobError> {
-        Ok(self.forecast(keeps)?.0)
+        Ok(self.forecast(keeps, None)?.0)
     }
 
     /// The estimated memory, and the bytes of the render's state in a file.
-    fn forecast(&mut self, keeps: bool) -> Result<(MemoryEstimate, u64), JobError> {
+    fn forecast(
+        &mut self,
+        keeps: bool,
+        together: Option<dapple_core::Shard>,
+    ) -> Result<(MemoryEstimate, u64), JobError> {
         let (frame, limits, needs) = (&self.frame, &self.limits, self.needs);
         let memory = match self.spec.shard {
             None => Memory::of_render(&*self.sampler, &*self.filter, needs, frame, limits),
@@ -300,6 +304,13 @@ impl Job {
                     Sharded::new(&mut *self.sampler, shard, limits).map_err(|e| shards::refused(shard, &e))?;
                 Memory::of_render(&sharded, &*self.filter, needs, frame, limits)
             }
+        };
+        let memory = match together {
+            Some(share) => {
+                let methods = (&*self.sampler as &dyn Sampler, &*self.filter as &dyn Filter);
+                memory.in_bands(methods, &self.outputs.shown(), frame, limits, share)
+            }
+            None => memory,
         };
         let limited = matches!(limits.budget, Budget::Error { .. }) && self.is_error_of_filtered();
         let memory = if limited { memory.with_error_of(frame) } else { memory };
@@ -397,16 +408,6 @@ impl Job {
     pub fn finish(&self, film: Film) -> Result<RenderedImage, JobError> {
         let image = self.filtered(film, None)?;
         image.ok_or_else(|| Error::Gone { what: "it has no image".into() }.into())
-    }
-
-    /// Filters the film of [`Job::run_together`], each process some of its rows. Returns the image on process 0, and `None` on
-    /// the others. It has the bits of [`Job::finish`]; its film has the statistics that the outputs show.
-    ///
-    /// # Errors
-    ///
-    /// As [`Job::finish`], and if a process is gone.
-    pub fn finish_together(&self, film: Film, exchange: &mut dyn Exchange) -> Result<Option<RenderedImage>, JobError> {
-        self.filtered(film, Some(exchange))
     }
 
     /// The filtered image; `None` on processes that do not write it.

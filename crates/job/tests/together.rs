@@ -402,3 +402,41 @@ fn a_part_reads_its_own_bands_of_a_plan_only() {
     assert!(message(&damaged, Some(0)).is_some_and(|said| said.contains("make no sense")));
     assert_eq!(message(&bytes, Some(0)), None);
 }
+
+/// A band of another render's plan fits by its length, and its checksum tells it apart.
+#[test]
+fn a_plan_with_a_band_of_another_plan_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // The plans after one stage, whose bands have samples.
+    let plan = |seed: u64| {
+        let spec = RenderSpec::new("cornell").resolution(40, 160).budget(BudgetSpec::Spp(17.0)).seed(seed);
+        let prepared = prepared(&spec);
+        let first = job(&prepared, &spec).first_plan().unwrap_or_else(|e| panic!("{e}"));
+        let plan = PlanFile::read(&written(folder.path(), "0.plan", &first)).unwrap_or_else(|e| panic!("{e}"));
+        let part = job(&prepared, &spec).part(&plan, Shard::new(0, 1).expect("a shard"), &mut NoMonitor);
+        let part = written(folder.path(), "0.part", &part.unwrap_or_else(|e| panic!("{e}")).expect("nothing stops it"));
+        job(&prepared, &spec).next_plan(&plan, &[part]).unwrap_or_else(|e| panic!("{e}")).0
+    };
+    let (mine, theirs) = (plan(3), plan(9));
+    // Ten bands: all parts together read the beginning ten times, and each band once.
+    let path = written(folder.path(), "1.plan", &mine);
+    let part = |index| PlanFile::read_part(&path, Shard::new(index, 10).expect("a shard"));
+    let read: u64 = (0..10).map(|index| part(index).unwrap_or_else(|e| panic!("{e}")).bytes_read()).sum();
+    let all = mine.len() as u64;
+    let band = ((all - (read - all) / 9) / 10) as usize;
+    // The sixth band shows the scene; those at the edges are black.
+    let (from, to) = (mine.len() - 5 * band, mine.len() - 4 * band);
+    let shifted = |at: usize| at + theirs.len() - mine.len();
+    let swapped = &theirs[shifted(from)..shifted(to)];
+    let message = |bytes: &[u8]| {
+        let path = written(folder.path(), "1.plan", bytes);
+        let parts = (0..10).map(|index| PlanFile::read_part(&path, Shard::new(index, 10).expect("a shard")).err());
+        let refused: Vec<_> = std::iter::once(PlanFile::read(&path).err()).chain(parts).flatten().collect();
+        refused.iter().map(ToString::to_string).collect::<Vec<_>>()
+    };
+    // The negative control: with its own band, all read it.
+    assert!(message(&mine).is_empty());
+    let refused = message(&[&mine[..from], swapped, &mine[to..]].concat());
+    assert_eq!(refused.len(), 2, "the whole plan and one part: {refused:?}");
+    assert!(refused.iter().all(|error| error.contains("1.plan") && error.contains("checksum")), "{refused:?}");
+}

@@ -5,8 +5,8 @@ use crate::machine::start_threads;
 use crate::output::say;
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, failure};
-use dapple_core::Exchange;
 use dapple_core::exchange::agree;
+use dapple_core::{Exchange, Shard};
 use dapple_job::memory::MemoryLimit;
 use dapple_job::{Checkpoints, Job, LoadOptions, RenderSpec};
 
@@ -81,7 +81,7 @@ pub(super) fn run(args: &RenderArgs, spec: &RenderSpec, mut exchange: Box<dyn Ex
 
 fn run_one(args: &RenderArgs, spec: &RenderSpec, exchange: &mut dyn Exchange, is_first: bool) -> Result<Outcome> {
     let show = if is_first { Show::from(args) } else { Show { json: false, quiet: true, ..Show::from(args) } };
-    let ready = ready(args, spec, &show, is_first);
+    let ready = ready(args, spec, &show, exchange.share());
     let mine = match &ready {
         Ok(Some(_)) => Ok(Vec::new()),
         Ok(None) => Err("it was stopped".to_owned()),
@@ -104,7 +104,8 @@ fn run_one(args: &RenderArgs, spec: &RenderSpec, exchange: &mut dyn Exchange, is
 }
 
 /// Reads the scene and prepares the job. The first process also tests outputs, opens checkpoints and shows progress.
-fn ready(args: &RenderArgs, spec: &RenderSpec, show: &Show<'_>, is_first: bool) -> Result<Option<Ready>> {
+fn ready(args: &RenderArgs, spec: &RenderSpec, show: &Show<'_>, share: Shard) -> Result<Option<Ready>> {
+    let is_first = share.index() == 0;
     let stop = Stop::listen()?;
     start_threads(args.threads)?;
     let checkpoints = match is_first {
@@ -123,8 +124,9 @@ fn ready(args: &RenderArgs, spec: &RenderSpec, show: &Show<'_>, is_first: bool) 
         warn_all(loaded.warnings());
     }
     let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(None) };
-    let expected = job.memory(checkpoints.is_some()).map_err(|e| failure::of_job(&e))?;
-    let expected = if is_first && args.live().is_on() { expected.with_live_image(job.frame()) } else { expected };
+    let shows = is_first && args.live().is_on();
+    let expected = job.memory_together(share, shows || checkpoints.is_some()).map_err(|e| failure::of_job(&e))?;
+    let expected = if shows { expected.with_live_image(job.frame()) } else { expected };
     expected.check(limit).map_err(|e| failure::of_job(&e))?;
     Ok(Some(Ready { job, cpu, expected, checkpoints, progress }))
 }

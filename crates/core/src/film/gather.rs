@@ -172,7 +172,7 @@ impl Film {
 }
 
 /// The recorded statistics that are needed. Counts of first hits, channels and samples are those recorded; halves stay.
-fn both(recorded: &Needs, needed: &Needs) -> Needs {
+pub(crate) fn both(recorded: &Needs, needed: &Needs) -> Needs {
     Needs {
         variance: recorded.variance && needed.variance,
         extrema: recorded.extrema && needed.extrema,

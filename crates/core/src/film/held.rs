@@ -105,7 +105,9 @@ impl Film {
     /// The bytes of the planes, without the samples that are kept one by one.
     pub fn bytes(&self) -> usize {
         let discarded = if self.discarded.is_empty() { 0 } else { Self::bank_bytes_per_pixel(&self.needs) };
-        self.held.pixels(&self.frame) * (Self::bytes_per_pixel(&self.needs) + discarded)
+        let splats: usize = self.splats.sums.iter().map(|plane| size_of_val(&plane[..])).sum();
+        let each = Self::bytes_per_pixel(&Needs { splats: false, ..self.needs }) + discarded;
+        self.held.pixels(&self.frame) * each + splats
     }
 
     /// Holds other rows of the window. Rows that are new have no samples.

@@ -84,6 +84,44 @@ fn a_render_in_stages_has_the_bits_of_one_process() {
     assert!(all(&film) == alone);
 }
 
+/// The plans of these stages hold the rows of each band apart, so that a part makes room for its own only.
+#[test]
+fn a_part_has_planes_for_its_bands_only() {
+    let limits = Limits::samples(17 * 70 * 17);
+    let integrator = || Box::new(Field(noise)) as Box<dyn Integrator>;
+    let project = Project { needs: Needs::none().with_variance(), integrator: &integrator, ..learning(&limits) };
+    let stage = project.next(&project.first(), &[project.part(&project.first(), 0, 1)]).unwrap();
+    let mut rows = 0;
+    for index in 0..3 {
+        let (shard, mut most) = (Shard::new(index, 3).unwrap(), 0);
+        let mut watch = |status: &Status<'_>| {
+            most = most.max(status.film.bytes());
+            Control::Continue
+        };
+        let own = stage.bands_of(shard).unwrap();
+        let given = stage.bands().iter().filter(|(band, _)| own.contains(band)).cloned().collect();
+        let given = Stage::from_head(&stage.head()).unwrap().with_bands(given).unwrap();
+        let render = project.render().monitor(&mut watch);
+        render.stage_part(&given, shard, &mut (project.integrator)(), &mut (project.sampler)()).unwrap();
+        let needs = Needs::none().with_variance().and((project.sampler)().needs());
+        let of_row = 17 * Film::bytes_per_pixel(&needs);
+        let of_part = own.iter().map(|band| 16.min(70 - 16 * band)).sum::<usize>();
+        assert_eq!(most, of_part * of_row, "part {index}");
+        rows += of_part;
+    }
+    assert_eq!(rows, 70);
+    // The negative control: a stage with all bands takes room for all.
+    let mut most = 0;
+    let mut watch = |status: &Status<'_>| {
+        most = status.film.bytes();
+        Control::Continue
+    };
+    let render = project.render().monitor(&mut watch);
+    let shard = Shard::new(0, 3).unwrap();
+    render.stage_part(&stage, shard, &mut (project.integrator)(), &mut (project.sampler)()).unwrap();
+    assert_eq!(most, 17 * 70 * 56);
+}
+
 #[test]
 fn a_limit_of_error_ends_stages_as_it_ends_one_process() {
     let limits = Limits::error(0.0004, 1 << 22);

@@ -134,7 +134,7 @@ impl Job {
             StageTask::Next => 5,
         };
         self.need_any_image();
-        let (estimate, bytes) = self.forecast(false)?;
+        let (estimate, bytes) = self.forecast(false, None)?;
         Ok(estimate.with_copies(copies, bytes))
     }
 

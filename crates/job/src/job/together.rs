@@ -1,16 +1,17 @@
 //! A job that several processes run together.
 
 use super::identity::compared;
-use super::{Checkpoints, Job, JobMonitor, Traced};
+use super::{Checkpoints, Job, JobMonitor, RenderedImage, Traced};
 use crate::JobError;
+use crate::memory::MemoryEstimate;
 use dapple_core::exchange::{agree, compare};
-use dapple_core::{Exchange, Snapshot};
+use dapple_core::{Exchange, Film, Shard, Snapshot};
 
 impl Job {
     /// Traces the render together with other processes, each with a job of the same description and outputs.
     ///
     /// Program version, scene files and settings are compared first. Each gets its rows of the film of [`Job::run`] in one
-    /// process ([`Film::is_whole`](dapple_core::Film::is_whole)), and [`Job::finish_together`] makes the image of them. Process 0 alone reads the checkpoint to resume from, and writes one at each barrier
+    /// process ([`Film::is_whole`]), and [`Job::finish_together`] makes the image of them. Process 0 alone reads the checkpoint to resume from, and writes one at each barrier
     /// between rounds; others pass `None`. A render whose processes died goes on from the last barrier, with any number
     /// of processes.
     ///
@@ -40,6 +41,26 @@ impl Job {
         };
         drop(all);
         self.trace((snapshot, identity), checkpoints, monitor, Some(exchange))
+    }
+
+    /// The estimated memory of process `share` among several that render together ([`Job::run_together`]), if their rows take
+    /// the same time. `keeps` adds the film of all and its bytes, for a checkpoint or a live image.
+    ///
+    /// # Errors
+    ///
+    /// As [`Job::memory`].
+    pub fn memory_together(&mut self, share: Shard, keeps: bool) -> Result<MemoryEstimate, JobError> {
+        Ok(self.forecast(keeps, Some(share))?.0)
+    }
+
+    /// Filters the film of [`Job::run_together`], each process some of its rows. Returns the image on process 0, and `None` on
+    /// the others. It has the bits of [`Job::finish`]; its film has the statistics that the outputs show.
+    ///
+    /// # Errors
+    ///
+    /// As [`Job::finish`], and if a process is gone.
+    pub fn finish_together(&self, film: Film, exchange: &mut dyn Exchange) -> Result<Option<RenderedImage>, JobError> {
+        self.filtered(film, Some(exchange))
     }
 
     /// The identity of the job, and the encoded snapshot to resume from, empty without one.

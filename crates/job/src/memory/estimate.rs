@@ -99,15 +99,19 @@ impl MemoryEstimate {
 
     /// The memory of a prepared render. `before` is the estimate from its scene. `files` is the peak in bytes for
     /// writing a file, besides film and image. `keeps` states that the film is also encoded as bytes, for a checkpoint
-    /// or shard.
+    /// or shard: of one process among several, the film of all.
     pub(crate) fn of_render(before: &Self, memory: &Memory, files: u64, keeps: bool) -> Self {
         let [now, most] = resident().unwrap_or([before.scene, 0]);
-        let snapshot = if keeps { memory.snapshot() } else { 0 };
+        // Of several processes, the first one gathers the film of all.
+        let gathered = memory.whole.saturating_sub(memory.film);
+        // It gives its own rows back before it writes.
+        let files = if memory.delivered > 0 { files.saturating_sub(memory.film) } else { files };
+        let snapshot = if keeps { memory.snapshot().saturating_add(gathered) } else { 0 };
         let stages = vec![
             ("planning", memory.planning),
             (if keeps { "checkpoint" } else { "plan" }, memory.tracing.saturating_add(snapshot)),
             ("filter", memory.filter.applying),
-            ("files", memory.filter.image.saturating_add(files)),
+            ("files", memory.filter.image.saturating_add(memory.delivered).saturating_add(files)),
         ];
         let scene = now + THREAD * rayon::current_num_threads() as u64;
         let film = memory.film.saturating_add(memory.holdout);
