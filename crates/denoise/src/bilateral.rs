@@ -111,7 +111,7 @@ impl Bilateral {
     /// The bilateral filter that makes the first image of `ClusterRegression`. It serves there as well as the default,
     /// at a third of the cost.
     pub(crate) fn candidate() -> Self {
-        let options = BilateralOptions::default().window(4).falloff(0.06).colour(0.75).features(1.25);
+        let options = BilateralOptions::default().window(4).falloff(0.25).colour(0.75).features(4.0);
         Self { options, ..Self::default() }
     }
 

@@ -21,9 +21,9 @@ use rayon::prelude::*;
 use std::fmt;
 use std::ops::Range;
 
-/// The weight of the image that is averaged with the predictions of a regression; a window's centre has the weight 1.
-/// Weights from 0.1 to 2 gave equal errors.
-const BESIDE: f32 = 0.5;
+/// The weight of the image that is averaged with the predictions of the first and of the second regression; a window's
+/// centre has the weight 1.
+const BESIDE: [f32; 2] = [0.5, 0.2];
 
 /// The number of passes of a [`ClusterRegression`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -92,7 +92,7 @@ dapple_core::options! {
 /// 4. The two images and the unfiltered image are compared in each pixel by their estimated error over 5x5 pixels.
 ///    The blend of the best ones guides a second pass, without albedo. The halves give its remaining noise.
 ///    Both halves share this guide, and so their weights and normal equations.
-/// 5. The result is the choice among all four images by estimated error over 7x7 pixels.
+/// 5. The result is the choice among all four images by estimated error over 3x3 pixels.
 /// 6. With three passes, the unfiltered image is no candidate in that choice. The choice guides a regression over 41x41
 ///    pixels around every sixth pixel of every sixth row, without albedo. The choice is moved towards its image, and the
 ///    unfiltered image towards the result, each as far as their difference is noise by the halves [after James and
@@ -167,9 +167,9 @@ impl ClusterRegression {
     /// Runs the first pass on both halves of the samples. `beside` is the bilateral image.
     fn first(&self, inputs: &Inputs, beside: &Pair) -> Pair {
         let guides = [0, 1].map(|half| guide(inputs, half, true, false));
-        let features = FeatureScales { bandwidth: 1.5, floors: [1e-2, 2e-3], slope: 3.0 };
+        let features = FeatureScales { bandwidth: 2.4, floors: [1e-2, 2e-3], slope: 1.2 };
         let like = Likeness { patch: 1, colour: 2.0, features: Some(features), outside: self.outside() as f32 };
-        Pair(regress(inputs, &guides, &like, beside, BESIDE))
+        Pair(regress(inputs, &guides, &like, beside, BESIDE[0]))
     }
 
     /// Runs the second pass on both halves of the samples. `guide` is an image with less noise, by which pixels are
@@ -177,9 +177,9 @@ impl ClusterRegression {
     fn second(&self, inputs: &Inputs, guide: &Pair) -> Pair {
         let features = FeatureScales { bandwidth: 5.0, floors: [1e-2, 2e-2], slope: 3.0 };
         // The first pass has used most of the information in the clusters.
-        let outside = self.outside().max(0.5) as f32;
+        let outside = self.outside().max(0.7) as f32;
         let like = Likeness { patch: 1, colour: 1.5, features: Some(features), outside };
-        Pair(regress(inputs, &[residual_guide(inputs, guide)], &like, guide, BESIDE))
+        Pair(regress(inputs, &[residual_guide(inputs, guide)], &like, guide, BESIDE[1]))
     }
 
     /// The image of one or two passes.
@@ -267,7 +267,7 @@ impl ClusterRegression {
 
 /// The radius over which errors are compared for the guide of the second pass, and for its result.
 const FIRST_CHOICE: usize = 2;
-const SECOND_CHOICE: usize = 3;
+const SECOND_CHOICE: usize = 1;
 
 /// The rows of a film that a filter with these options reads above and below its own, for an image of this size. Grids of
 /// windows and tiles add to them ([`rows_around`]).
@@ -313,10 +313,10 @@ fn blended(inputs: &Inputs, smooth: &Pair, evidence: f32) -> Pair {
 }
 
 /// The radius over which the noise of a guide is averaged, and the rows that it reads above and below its own.
-pub(crate) const GUIDE_ROWS: usize = 2;
+pub(crate) const GUIDE_ROWS: usize = 3;
 
 /// The guide of the second pass: the filtered image without its albedo, and its remaining noise from the difference of
-/// the halves over 5x5 pixels.
+/// the halves over 7x7 pixels.
 ///
 /// The variance is that of one half, `(a - b)^2 / 2`. The variance of the whole image, `(a - b)^2 / 4`, left more
 /// error. One guide serves both halves. It keeps little of their noise and costs half as much as two guides.

@@ -30,7 +30,7 @@ const CENTRES: usize = HEIGHT / 2;
 /// The amount that is subtracted from each weight; smaller weights become 0.
 pub(crate) const NEGLIGIBLE: f32 = 1e-3;
 /// The share of the total weight that is added to the diagonal of the normal equations.
-const RIDGE: f32 = 1e-3;
+const RIDGE: f32 = 2e-4;
 /// The least pivot of the normal equations, relative to its diagonal entry. Smaller pivots are lost to rounding and are
 /// raised to it.
 const PIVOT: f32 = 1e-5;
