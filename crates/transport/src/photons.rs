@@ -181,7 +181,7 @@ impl<'w> PhotonLight<'w> {
     }
 
     /// Stores a photon that arrives, if it is not direct light, and returns how its path continues.
-    fn arrive(&self, arrival: &Arrival<'_>, photons: &mut Vec<Photon>) -> Onwards {
+    fn arrive(&self, arrival: &Arrival<'_, '_>, photons: &mut Vec<Photon>) -> Onwards {
         let caustics = self.options.what == What::Caustics;
         if caustics && !arrival.is_specular {
             return Onwards::Stop;

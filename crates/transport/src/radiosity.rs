@@ -85,7 +85,7 @@ impl<'w> PatchLight<'w> {
     }
 
     /// Notes the light that arrives at a patch, if it is not direct light.
-    fn arrive(&self, arrival: &Arrival<'_>, found: &mut Vec<(u32, Vec3)>) -> Onwards {
+    fn arrive(&self, arrival: &Arrival<'_, '_>, found: &mut Vec<(u32, Vec3)>) -> Onwards {
         if arrival.bounces > 0 {
             let patch = self.patches.at(self.world, arrival.at);
             let layer = arrival.bounces.min(self.layers) - 1;
