@@ -8,7 +8,7 @@ mod common;
 mod tests;
 mod tree;
 
-use crate::patches::Patches;
+use crate::patches::{Division, Patches};
 use common::{CommonCuts, grid};
 use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_renderer::light::{LightSample, SelectedLight, Target};
@@ -42,11 +42,11 @@ pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Int
         let reason = "the scene has a medium that scatters light, and cuts are made on surfaces only; use \"path\"";
         return Err(MakeError::Scene(reason.into()));
     }
-    let patches = match options.clusters {
+    let division = match options.clusters {
         0 => None,
-        clusters => Some(Patches::new(world, clusters).map_err(MakeError::Scene)?),
+        clusters => Some(Division::new(world, clusters).map_err(MakeError::Scene)?),
     };
-    Ok(path_tracer_with(world, CutLight::new(world, options, patches)))
+    Ok(path_tracer_with(world, CutLight::new(world, options, division)))
 }
 
 /// The least microfacet width of a surface whose light comes from a cut. Narrower lobes would show single points.
@@ -61,8 +61,8 @@ struct CutLight<'w> {
     trees: Vec<LightTree>,
     /// The luminance below which errors do not count.
     floor: f32,
-    /// The clusters of which common cuts are to be made.
-    patches: Option<Patches>,
+    /// The division of surfaces into clusters, until their common cuts are made.
+    division: Option<Division>,
     common: Option<CommonCuts>,
 }
 
@@ -137,8 +137,8 @@ impl<'a> Lit<'a> {
 }
 
 impl<'w> CutLight<'w> {
-    fn new(world: &'w World, options: LightcutOptions, patches: Option<Patches>) -> Self {
-        Self { world, options, trees: Vec::new(), floor: 0.0, patches, common: None }
+    fn new(world: &'w World, options: LightcutOptions, division: Option<Division>) -> Self {
+        Self { world, options, trees: Vec::new(), floor: 0.0, division, common: None }
     }
 
     /// Makes points of all lights.
@@ -350,8 +350,8 @@ impl VertexLight for CutLight<'_> {
         self.trees = self.trees(pass);
         let (floor, mut rays) = self.mean(&pass.frame);
         self.floor = FLOOR * floor;
-        if let Some(patches) = self.patches.take() {
-            let (common, more) = self.common_cuts(patches, &pass.frame);
+        if let Some(division) = self.division.take() {
+            let (common, more) = self.common_cuts(Patches::new(self.world, &division), &pass.frame);
             (self.common, rays) = (Some(common), rays + more);
         }
         Prepared { rays }
@@ -363,7 +363,7 @@ impl VertexLight for CutLight<'_> {
         let points = u64::from(self.options.points) + lights.len() as u64;
         let all = points + skies.count() as u64 * u64::from(self.options.sky);
         let of_trees = all * (size_of::<PointLight>() + 2 * size_of::<Node>()) as u64;
-        let patches = self.patches.as_ref().map_or(0, Patches::bytes);
+        let patches = self.division.as_ref().map_or(0, Division::bytes);
         let cuts = 2 * u64::from(self.options.clusters) * all.min(u64::from(self.options.cut));
         of_trees + patches + self.common.as_ref().map_or(cuts * size_of::<NodeId>() as u64, CommonCuts::bytes)
     }

@@ -2,7 +2,7 @@
 
 use super::common::grid;
 use super::{CutLight, CutSum, LightcutOptions, Lit, luminance};
-use crate::patches::Patches;
+use crate::patches::Division;
 use dapple_core::samplers::Uniform;
 use dapple_core::{Draws, Estimate, Frame, Integrator, Limits, Options as _, Pass, Prepared, Prepares, Render, Worker};
 use dapple_low_discrepancy::Sobol;
@@ -30,8 +30,8 @@ impl<F: FnMut(&Pass<'_>) + Sync> Integrator for InPass<F> {
 
 fn prepared<'w>(world: &'w World, options: &str, pass: &Pass<'_>) -> CutLight<'w> {
     let options = LightcutOptions::parse(options).expect("options");
-    let patches = (options.clusters > 0).then(|| Patches::new(world, options.clusters).expect("patches"));
-    let mut light = CutLight::new(world, options, patches);
+    let division = (options.clusters > 0).then(|| Division::new(world, options.clusters).expect("pieces"));
+    let mut light = CutLight::new(world, options, division);
     light.prepare(pass);
     light
 }
