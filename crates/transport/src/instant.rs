@@ -23,7 +23,7 @@ dapple_core::options! {
         pub paths: u32 = 64, |paths| (1..=1 << 20).contains(&paths), "1 to 1048576";
         /// The largest factor between virtual light and surface, cosines over squared distance, in units of the scene's
         /// radius; paths trace on what is above. With inf there is no bound.
-        pub clamp: f64 = 100.0, |clamp| clamp > 0.0, "above 0";
+        pub clamp: f64 = 10.0, |clamp| clamp > 0.0, "above 0";
     }
 }
 
