@@ -162,11 +162,9 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
             (false, false) => [[0.0; 4], draws.block(scatter)],
             (false, true) => [[0.0; 4]; 2],
         };
-        if !lights.is_empty() {
-            if let Some(light) = lights.sample(position, choices[0], [on_light[0], on_light[1]]) {
-                let direct = self.direct_in_medium(path, position, phase, &light);
-                path.radiance += path.throughput * direct;
-            }
+        if let Some(light) = lights.sample(position, choices[0], [on_light[0], on_light[1]]) {
+            let direct = self.direct_in_medium(path, position, phase, &light);
+            path.radiance += path.throughput * direct;
         }
         if roulette && !self.survives(path, choices[2]) {
             return MediumEnd::Absorbed;
