@@ -155,16 +155,13 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         let phase = world.media.medium(path.medium).phase();
         let roulette = path.depth >= ROULETTE_FROM;
         let chooses = lights.len() > 1 || roulette;
-        let [choose, scatter] = [blocks::choose(path.depth), blocks::scatter(path.depth)];
-        let [choices, on_light] = match (chooses, lights.is_empty()) {
-            (true, false) => draws.two_blocks([choose, scatter]),
-            (true, true) => [draws.block(choose), [0.0; 4]],
-            (false, false) => [[0.0; 4], draws.block(scatter)],
-            (false, true) => [[0.0; 4]; 2],
-        };
-        if let Some(light) = lights.sample(position, choices[0], [on_light[0], on_light[1]]) {
-            let direct = self.direct_in_medium(path, position, phase, &light);
-            path.radiance += path.throughput * direct;
+        let choices = if chooses { draws.block(blocks::choose(path.depth)) } else { [0.0; 4] };
+        if !lights.is_empty() {
+            let on_light = draws.block(blocks::scatter(path.depth));
+            if let Some(light) = lights.sample(position, choices[0], [on_light[0], on_light[1]]) {
+                let direct = self.direct_in_medium(path, position, phase, &light);
+                path.radiance += path.throughput * direct;
+            }
         }
         if roulette && !self.survives(path, choices[2]) {
             return MediumEnd::Absorbed;
