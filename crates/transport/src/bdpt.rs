@@ -101,7 +101,7 @@ impl<'w> Bdpt<'w> {
         let mut rays = 0;
         self.light_path(draws, time, &mut light, &mut rays);
         for t in 2..=camera.len() {
-            let emission = self.of_camera(draws, &camera[..t], &light, (time, &mut rays), sink);
+            let emission = self.of_camera(&camera[..t], &light, (time, &mut rays), sink);
             if t <= direct {
                 estimate.emission = (Vec3::from(estimate.emission) + emission).to_array();
             }
@@ -118,7 +118,6 @@ impl<'w> Bdpt<'w> {
     /// Adds the light of all strategies that use a camera path as a whole. Returns the emission that it meets itself.
     fn of_camera(
         &self,
-        draws: &Draws<'_>,
         camera: &[Vertex<'w>],
         light: &[Vertex<'w>],
         (time, rays): (f32, &mut u32),
@@ -138,11 +137,10 @@ impl<'w> Bdpt<'w> {
         if most == 0 || !last.connects() || self.world.lights().is_empty() {
             return emission;
         }
-        if least <= 1 {
-            let (choice, u) = Self::light_numbers(draws, t);
-            if let Some((found, start)) = self.sampled(camera, choice, u, (time, rays)) {
-                sink.add(self.weighted(&[start], camera, &found));
-            }
+        if least <= 1
+            && let Some((found, start)) = self.sampled(camera, (time, rays))
+        {
+            sink.add(self.weighted(&[start], camera, &found));
         }
         for s in least.max(2)..=most.min(light.len()) {
             if light[s - 1].connects()

@@ -1,16 +1,20 @@
 //! Instant radiosity [Keller 1997]: indirect light from virtual lights.
 //!
-//! Each pass traces a few paths from the lights and leaves a virtual light at each rough surface that they meet. The first
-//! rough surface of a camera path is lit by all virtual lights of its set, and ends the path unless a mirror follows.
+//! Each pass traces a few paths from the lights and leaves a virtual light at each rough surface that they meet. A rough
+//! surface of a camera path is lit by all virtual lights of its set. The geometric factor of each is bounded; the path
+//! traces on what the bound took [after Kollig and Keller 2004], so that no light is lost.
+
+#[cfg(test)]
+mod tests;
 
 use crate::walk::{Arrival, Onwards, Sources, walk};
 use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_geometry::SurfacePoint;
 use dapple_renderer::light::{LightSample, Target};
+use dapple_renderer::shading::{Bsdf, ShadingFrame};
 use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
 use dapple_scene::Effect;
 use glam::Vec3;
-use std::f32::consts::FRAC_1_PI;
 
 dapple_core::options! {
     /// The parameters of the integrator `instant`.
@@ -18,8 +22,8 @@ dapple_core::options! {
         /// Paths from the lights per pass and half of the samples.
         pub paths: u32 = 64, |paths| (1..=1 << 20).contains(&paths), "1 to 1048576";
         /// The largest factor between virtual light and surface, cosines over squared distance, in units of the scene's
-        /// radius; inf clamps nothing.
-        pub clamp: f64 = 100.0, |clamp| clamp > 0.0, "above 0";
+        /// radius; paths trace on what is above. With inf there is no bound.
+        pub clamp: f64 = 10.0, |clamp| clamp > 0.0, "above 0";
     }
 }
 
@@ -38,15 +42,31 @@ pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Int
 /// The least microfacet width of a surface that is lit by virtual lights, and holds them.
 const ROUGH: f32 = 0.3;
 
-/// A point that reflects light as a diffuse surface does.
+/// A surface point that light from a lamp reached.
 #[derive(Clone, Copy, Debug)]
-struct VirtualLight {
-    /// The point, with its normal on the lit side.
+struct VirtualLight<'w> {
     point: SurfacePoint,
-    /// The radiance times area that leaves it.
-    intensity: Vec3,
+    bsdf: Bsdf<'w>,
+    frame: ShadingFrame,
+    /// The unit direction that its light came from, in the renderer's space and in the shading frame.
+    from: Vec3,
+    wi: Vec3,
+    /// The flux that arrives, as the shading normal sees it.
+    flux: Vec3,
     /// The number of scattering events of its light, its own included.
     bounces: u32,
+}
+
+impl VirtualLight<'_> {
+    /// The radiance times area that it scatters into a unit direction.
+    fn towards(&self, direction: Vec3) -> Vec3 {
+        let wo = self.frame.to_local(direction);
+        let same_side = self.point.normal.dot(self.from) * self.point.normal.dot(direction) > 0.0;
+        if same_side != (self.wi.z * wo.z > 0.0) {
+            return Vec3::ZERO;
+        }
+        self.bsdf.evaluate(wo, self.wi) * self.flux
+    }
 }
 
 /// The virtual lights of the current pass, one set for each half of the samples.
@@ -56,37 +76,54 @@ struct VirtualLights<'w> {
     sources: Sources,
     /// The largest geometric factor, in the renderer's units.
     largest: f32,
-    sets: [Vec<VirtualLight>; 2],
+    /// False if paths do not trace on what the bound took: a fault, for tests.
+    compensates: bool,
+    sets: [Vec<VirtualLight<'w>>; 2],
 }
 
 /// The state of a path.
 #[derive(Clone, Copy, Default)]
 struct Gathered {
-    /// True if virtual lights were all indirect light of the last rough surface; and of the vertex in progress.
-    ends: bool,
-    next: bool,
+    /// The last rough surface, if virtual lights lit it; and the vertex in progress.
+    last: Option<LitPoint>,
+    next: Option<LitPoint>,
+}
+
+/// The position and unit shading normal of a surface point.
+#[derive(Clone, Copy)]
+struct LitPoint {
+    position: Vec3,
+    normal: Vec3,
 }
 
 impl<'w> VirtualLights<'w> {
     fn new(world: &'w World, options: InstantOptions) -> Self {
         let radius = f64::from(world.lights().scene_sphere().1);
         let largest = (options.clamp / (radius * radius)) as f32;
-        Self { world, options, sources: Sources::new(world, |_| true), largest, sets: Default::default() }
+        let sources = Sources::new(world, |_| true);
+        Self { world, options, sources, largest, compensates: true, sets: Default::default() }
     }
 
-    fn arrive(&self, arrival: &Arrival<'_>, set: &mut Vec<VirtualLight>) -> Onwards {
-        if arrival.bsdf.roughness() >= ROUGH {
-            let mut point = *arrival.at.point();
-            if point.normal.dot(arrival.from) < 0.0 {
-                point.normal = -point.normal;
+    fn arrive(&self, arrival: &Arrival<'_, 'w>, set: &mut Vec<VirtualLight<'w>>) -> Onwards {
+        if is_lit(arrival.bsdf) {
+            let &Arrival { from, frame, .. } = arrival;
+            let (point, wi) = (*arrival.at.point(), frame.to_local(from));
+            // Flux is measured on the geometric surface, and scattered by the shading normal.
+            let [shading, geometric] = [frame.normal, point.normal].map(|normal| normal.dot(from));
+            let turn = if shading == geometric { 1.0 } else { (shading / geometric).abs() };
+            let flux = arrival.flux * (turn / self.options.paths as f32);
+            if flux.is_finite() {
+                let (bsdf, frame, bounces) = (*arrival.bsdf, *frame, arrival.bounces + 1);
+                set.push(VirtualLight { point, bsdf, frame, from, wi, flux, bounces });
             }
-            // All of the surface counts as diffuse.
-            let share = FRAC_1_PI / self.options.paths as f32;
-            let intensity = arrival.flux * arrival.bsdf.albedo() * share;
-            set.push(VirtualLight { point, intensity, bounces: arrival.bounces + 1 });
         }
         Onwards::Scatter
     }
+}
+
+/// Returns true for a surface that virtual lights light, and that holds them.
+fn is_lit(bsdf: &Bsdf<'_>) -> bool {
+    bsdf.roughness() >= ROUGH
 }
 
 impl VertexLight for VirtualLights<'_> {
@@ -94,26 +131,26 @@ impl VertexLight for VirtualLights<'_> {
     type State = Gathered;
 
     fn gather(&self, state: &mut Gathered, vertex: &GatherPoint<'_>, draws: &Draws<'_>, _: &mut Worker) -> (Vec3, u32) {
-        state.next = vertex.bsdf.roughness() >= ROUGH;
-        if !state.next {
+        state.next = None;
+        if !is_lit(vertex.bsdf) {
             return (Vec3::ZERO, 0);
         }
         let GatherPoint { at, bsdf, frame, wo, back, depth } = *vertex;
         let from = at.point();
+        state.next = Some(LitPoint { position: from.position, normal: frame.normal });
         let most = self.world.max_depth().saturating_sub(depth + 1);
         let (mut sum, mut traced) = (Vec3::ZERO, 0);
         for light in &self.sets[(draws.sample_number() & 1) as usize] {
             let to = light.point.position - from.position;
             let squared = to.length_squared();
             let wi = to / squared.sqrt();
-            let at_light = -light.point.normal.dot(wi);
             let local = frame.to_local(wi);
             let same_side = from.normal.dot(wi) * from.normal.dot(back) > 0.0;
-            if light.bounces > most || at_light <= 0.0 || same_side != (local.z * wo.z > 0.0) {
+            if light.bounces > most || same_side != (local.z * wo.z > 0.0) {
                 continue;
             }
-            let geometry = (local.z.abs() * at_light / squared).min(self.largest);
-            let light_of_it = bsdf.evaluate(wo, local) * light.intensity * geometry;
+            let geometry = geometry(local.z, light.point.normal.dot(wi), squared).min(self.largest);
+            let light_of_it = bsdf.evaluate(wo, local) * light.towards(-wi) * geometry;
             if light_of_it == Vec3::ZERO || !light_of_it.is_finite() {
                 continue;
             }
@@ -131,10 +168,19 @@ impl VertexLight for VirtualLights<'_> {
         true
     }
 
+    fn share(&self, state: &Gathered, vertex: &GatherPoint<'_>) -> f32 {
+        let Some(LitPoint { position, normal }) = state.last.filter(|_| is_lit(vertex.bsdf)) else { return 1.0 };
+        let (point, back) = (vertex.at.point(), vertex.back);
+        let squared = point.position.distance_squared(position);
+        let geometry = geometry(normal.dot(back), point.normal.dot(back), squared);
+        // Virtual lights bring `largest` of `geometry`.
+        if geometry > self.largest && self.compensates { 1.0 - self.largest / geometry } else { 0.0 }
+    }
+
     fn scattered(&self, state: &mut Gathered, specular: bool) {
         // What follows a mirror is not lit by virtual lights in front of it.
-        state.ends = !specular && state.next;
-        state.next = false;
+        state.last = state.next.filter(|_| !specular);
+        state.next = None;
     }
 
     fn scattered_in_medium(&self, state: &mut Gathered) {
@@ -145,8 +191,8 @@ impl VertexLight for VirtualLights<'_> {
         false
     }
 
-    fn ends(&self, state: &Gathered, specular: bool) -> bool {
-        state.ends && !specular
+    fn ends(&self, _: &Gathered, _: bool) -> bool {
+        false
     }
 
     fn prepares(&self) -> Prepares {
@@ -172,4 +218,9 @@ impl VertexLight for VirtualLights<'_> {
         const OF_A_PATH: u64 = 8;
         2 * OF_A_PATH * size_of::<VirtualLight>() as u64 * u64::from(self.options.paths)
     }
+}
+
+/// The factor between two surface points: the cosines at both over the squared distance.
+fn geometry(at_one: f32, at_other: f32, squared: f32) -> f32 {
+    (at_one * at_other).abs() / squared
 }

@@ -8,7 +8,7 @@ mod common;
 mod tests;
 mod tree;
 
-use crate::patches::Patches;
+use crate::patches::{Division, Patches};
 use common::{CommonCuts, grid};
 use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_renderer::light::{LightSample, SelectedLight, Target};
@@ -42,11 +42,11 @@ pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Int
         let reason = "the scene has a medium that scatters light, and cuts are made on surfaces only; use \"path\"";
         return Err(MakeError::Scene(reason.into()));
     }
-    let patches = match options.clusters {
+    let division = match options.clusters {
         0 => None,
-        clusters => Some(Patches::new(world, clusters).map_err(MakeError::Scene)?),
+        clusters => Some(Division::new(world, clusters).map_err(MakeError::Scene)?),
     };
-    Ok(path_tracer_with(world, CutLight::new(world, options, patches)))
+    Ok(path_tracer_with(world, CutLight::new(world, options, division)))
 }
 
 /// The least microfacet width of a surface whose light comes from a cut. Narrower lobes would show single points.
@@ -61,8 +61,8 @@ struct CutLight<'w> {
     trees: Vec<LightTree>,
     /// The luminance below which errors do not count.
     floor: f32,
-    /// The clusters of which common cuts are to be made.
-    patches: Option<Patches>,
+    /// The division of surfaces into clusters, until their common cuts are made.
+    division: Option<Division>,
     common: Option<CommonCuts>,
 }
 
@@ -79,9 +79,11 @@ struct CutSum {
     light: Vec3,
     /// The number of rays traced.
     rays: u32,
-    /// The number of nodes whose bounds were computed.
-    #[cfg_attr(not(test), expect(dead_code, reason = "for tests"))]
+    /// The number of nodes that were members of the cut.
     visited: u32,
+    /// The number of nodes that stayed.
+    #[cfg_attr(not(test), expect(dead_code, reason = "for tests"))]
+    size: u32,
 }
 
 /// A group of lights in a cut.
@@ -94,24 +96,28 @@ struct Member {
     unit: Vec3,
 }
 
-impl PartialEq for Member {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other).is_eq()
-    }
+/// A cut while it is made.
+#[derive(Debug, Default)]
+struct Refinement {
+    members: Vec<Member>,
+    /// The bounds (upper half) and inverted numbers of the members that are too coarse, the coarsest first. Bounds are not
+    /// negative, so that their bits have their order.
+    coarse: BinaryHeap<u64>,
 }
 
-impl Eq for Member {}
-
-impl PartialOrd for Member {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
+impl Refinement {
+    /// Notes that a member is too coarse, if its bound is above `enough`.
+    fn note(&mut self, number: usize, enough: f32) {
+        let bound = self.members[number].bound;
+        if bound > enough {
+            self.coarse.push(u64::from(bound.to_bits()) << 32 | u64::from(!(number as u32)));
+        }
     }
-}
 
-impl Ord for Member {
-    /// By bound; equal ones by number, so that the order is always the same.
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.bound.total_cmp(&other.bound).then(other.id.cmp(&self.id))
+    /// Takes the coarsest member: its number and bound.
+    fn coarsest(&mut self) -> Option<(usize, f32)> {
+        let key = self.coarse.pop()?;
+        Some((!(key as u32) as usize, f32::from_bits((key >> 32) as u32)))
     }
 }
 
@@ -137,8 +143,8 @@ impl<'a> Lit<'a> {
 }
 
 impl<'w> CutLight<'w> {
-    fn new(world: &'w World, options: LightcutOptions, patches: Option<Patches>) -> Self {
-        Self { world, options, trees: Vec::new(), floor: 0.0, patches, common: None }
+    fn new(world: &'w World, options: LightcutOptions, division: Option<Division>) -> Self {
+        Self { world, options, trees: Vec::new(), floor: 0.0, division, common: None }
     }
 
     /// Makes points of all lights.
@@ -250,48 +256,75 @@ impl<'w> CutLight<'w> {
         (0..self.trees.len() as u32).map(|tree| NodeId { tree, node: 0 })
     }
 
-    /// The light of all lights at a point, by a cut that `heap` holds afterwards. It is refined from the nodes of
-    /// `start`, or from the roots if there are none.
-    fn cut(&self, lit: &Lit<'_>, start: &[NodeId], heap: &mut BinaryHeap<Member>) -> CutSum {
-        heap.clear();
-        let (mut total, mut rays, mut visited) = (Vec3::ZERO, 0, 0);
-        let mut add = |id: NodeId, unit: Option<Vec3>, heap: &mut BinaryHeap<Member>| -> Vec3 {
-            let of = &self.trees[id.tree as usize];
-            let group = &of.nodes[id.node as usize];
-            let bound = match group.children {
-                Some(_) => group.bound(of.far, lit.vertex.at.point().position, lit.normal) * lit.material,
-                None => 0.0,
-            };
-            let (unit, traced) = match unit {
-                Some(unit) => (unit, 0),
-                None => self.unit(lit, &of.lights[group.lights[lit.set] as usize], of.far),
-            };
-            (rays, visited) = (rays + traced, visited + 1);
-            heap.push(Member { bound, id, unit });
-            unit * group.intensity
-        };
+    /// The light of all lights at a point, by a cut that `cut` holds afterwards. It is refined from the nodes of `start`,
+    /// or from the roots if there are none.
+    fn cut(&self, lit: &Lit<'_>, start: &[NodeId], cut: &mut Refinement) -> CutSum {
+        cut.members.clear();
+        cut.coarse.clear();
+        let mut sum = CutSum { light: Vec3::ZERO, rays: 0, visited: 0, size: 0 };
         match start {
-            [] => self.roots().for_each(|id| total += add(id, None, heap)),
-            start => start.iter().for_each(|id| total += add(*id, None, heap)),
+            [] => self.roots().for_each(|id| cut.members.push(self.member(lit, id, None, 0.0, &mut sum))),
+            start => cut.members.extend(start.iter().map(|id| self.member(lit, *id, None, 0.0, &mut sum))),
         }
-        while let Some(&Member { bound, id, unit }) = heap.peek() {
-            let enough = self.options.error * luminance(total).max(self.floor);
-            if bound <= enough || heap.len() as u32 >= self.options.cut {
-                break;
+        while (cut.members.len() as u32) < self.options.cut {
+            let enough = self.enough(&sum);
+            let Some((number, bound)) = cut.coarsest() else {
+                // All members, since the sum may be smaller than when they were made.
+                (0..cut.members.len()).for_each(|number| cut.note(number, enough));
+                if cut.coarse.is_empty() {
+                    break;
+                }
+                continue;
+            };
+            if bound <= enough {
+                cut.coarse.clear();
+                continue;
             }
-            heap.pop();
+            let Member { id, unit, .. } = cut.members[number];
             let of = &self.trees[id.tree as usize];
             let parent = &of.nodes[id.node as usize];
             let Some(children) = parent.children else { break };
-            total -= unit * parent.intensity;
-            for node in children {
+            sum.light -= unit * parent.intensity;
+            let [one, other] = children.map(|node| {
                 let same = of.nodes[node as usize].lights[lit.set] == parent.lights[lit.set];
-                total += add(NodeId { node, ..id }, same.then_some(unit), heap);
-            }
+                self.member(lit, NodeId { node, ..id }, same.then_some(unit), enough, &mut sum)
+            });
+            cut.members[number] = one;
+            cut.members.push(other);
+            let enough = self.enough(&sum);
+            cut.note(number, enough);
+            cut.note(cut.members.len() - 1, enough);
         }
-        // Subtractions leave rounding, so the sum is made anew, in an order that the cut determines.
+        // Subtractions leave rounding, so the sum is made anew.
         let light = |m: &Member| m.unit * self.trees[m.id.tree as usize].nodes[m.id.node as usize].intensity;
-        CutSum { light: heap.iter().map(light).sum(), rays, visited }
+        CutSum { light: cut.members.iter().map(light).sum(), size: cut.members.len() as u32, ..sum }
+    }
+
+    /// The bound that a group need not go below.
+    fn enough(&self, sum: &CutSum) -> f32 {
+        self.options.error * luminance(sum.light).max(self.floor)
+    }
+
+    /// A node as a member of a cut, whose light is added to `sum`. `unit` is known if the light that stands for the node is
+    /// that of its parent.
+    fn member(&self, lit: &Lit<'_>, id: NodeId, unit: Option<Vec3>, enough: f32, sum: &mut CutSum) -> Member {
+        let of = &self.trees[id.tree as usize];
+        let group = &of.nodes[id.node as usize];
+        let bound = match group.children {
+            Some(_) => {
+                let enough = enough / lit.material;
+                group.bound(of.far, lit.vertex.at.point().position, lit.normal, enough) * lit.material
+            }
+            None => 0.0,
+        };
+        let (unit, rays) = match unit {
+            Some(unit) => (unit, 0),
+            None => self.unit(lit, &of.lights[group.lights[lit.set] as usize], of.far),
+        };
+        sum.light += unit * group.intensity;
+        sum.rays += rays;
+        sum.visited += 1;
+        Member { bound, id, unit }
     }
 }
 
@@ -350,8 +383,8 @@ impl VertexLight for CutLight<'_> {
         self.trees = self.trees(pass);
         let (floor, mut rays) = self.mean(&pass.frame);
         self.floor = FLOOR * floor;
-        if let Some(patches) = self.patches.take() {
-            let (common, more) = self.common_cuts(patches, &pass.frame);
+        if let Some(division) = self.division.take() {
+            let (common, more) = self.common_cuts(Patches::new(self.world, &division), &pass.frame);
             (self.common, rays) = (Some(common), rays + more);
         }
         Prepared { rays }
@@ -363,7 +396,7 @@ impl VertexLight for CutLight<'_> {
         let points = u64::from(self.options.points) + lights.len() as u64;
         let all = points + skies.count() as u64 * u64::from(self.options.sky);
         let of_trees = all * (size_of::<PointLight>() + 2 * size_of::<Node>()) as u64;
-        let patches = self.patches.as_ref().map_or(0, Patches::bytes);
+        let patches = self.division.as_ref().map_or(0, Division::bytes);
         let cuts = 2 * u64::from(self.options.clusters) * all.min(u64::from(self.options.cut));
         of_trees + patches + self.common.as_ref().map_or(cuts * size_of::<NodeId>() as u64, CommonCuts::bytes)
     }
@@ -373,9 +406,9 @@ impl CutLight<'_> {
     /// The mean luminance of the cuts at a grid of first hits, and the number of rays.
     fn mean(&self, frame: &Frame) -> (f32, u64) {
         const SIDE: u32 = 16;
-        let (mut sum, mut rays, mut heap) = (0.0, u64::from(SIDE * SIDE), BinaryHeap::new());
+        let (mut sum, mut rays, mut made) = (0.0, u64::from(SIDE * SIDE), Refinement::default());
         for pixel in grid(frame, SIDE) {
-            let cut = self.at_first_hit(pixel, |vertex| self.cut(&Lit::new(vertex, 0), &[], &mut heap));
+            let cut = self.at_first_hit(pixel, |vertex| self.cut(&Lit::new(vertex, 0), &[], &mut made));
             if let Some(CutSum { light, rays: traced, .. }) = cut {
                 (sum, rays) = (sum + luminance(light), rays + u64::from(traced));
             }

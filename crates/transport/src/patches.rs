@@ -13,13 +13,77 @@ use std::f64::consts::{PI, TAU};
 const PIECES: f64 = 6.0;
 /// The largest number of parts along an edge of a triangle, or of cells along a parameter.
 const MOST_PARTS: f64 = 1024.0;
-/// The largest number of pieces of all shapes together; each takes some 70 bytes.
-const MOST_PIECES: u32 = 1 << 24;
+/// The largest number of pieces of all shapes together.
+const MOST_PIECES: u64 = 1 << 24;
+/// The bytes that each takes while patches are made.
+const OF_A_PIECE: u64 = 70;
 /// The least number of cells from pole to pole, or from rim to centre.
 const LEAST_CELLS: f64 = 4.0;
 
+/// The division of a world's surfaces into pieces, before patches are made of them.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Division {
+    /// The desired number of patches.
+    count: u32,
+    /// The area of the largest piece.
+    largest: f64,
+    /// The number of pieces.
+    pieces: u64,
+}
+
+impl Division {
+    /// Sizes pieces for about `count` patches.
+    ///
+    /// # Errors
+    ///
+    /// The reason, if there are too many triangles, or if areas are beyond numbers.
+    pub(crate) fn new(world: &World, count: u32) -> Result<Self, String> {
+        let geometry = world.geometry();
+        let shapes = || 0..geometry.shape_count();
+        let area: f64 = shapes().map(|shape| area_of(world, shape)).sum();
+        if !area.is_finite() {
+            return Err("the scene's surfaces are too large for patches; use \"path\"".into());
+        }
+        let largest = (area / (f64::from(count) * PIECES)).max(f64::MIN_POSITIVE);
+        let of_shape = |shape: u32| -> u64 {
+            let Some(mesh) = geometry.shape(shape).mesh() else {
+                return cells_across(world, shape, largest).map(u64::from).iter().product();
+            };
+            let to_world = to_world(world, shape);
+            let parts = |number| u64::from(parts_along(corners_of(mesh, number, to_world), largest));
+            (0..mesh.triangles().len() as u32).map(|number| parts(number).pow(2)).sum()
+        };
+        let pieces = shapes().map(of_shape).sum();
+        if pieces > MOST_PIECES {
+            return Err(format!("the scene has more than {MOST_PIECES} triangles for patches; use \"path\""));
+        }
+        Ok(Self { count, largest, pieces })
+    }
+
+    /// The expected number of patches.
+    pub(crate) fn patches(&self) -> u64 {
+        self.pieces.min(u64::from(self.count))
+    }
+
+    /// The bytes that making the patches takes.
+    pub(crate) fn bytes(&self) -> u64 {
+        OF_A_PIECE * self.pieces
+    }
+}
+
+/// The parts along the edges of a triangle, none larger than `largest`.
+fn parts_along(corners: [DVec3; 3], largest: f64) -> u32 {
+    (triangle_area(corners) / largest).sqrt().ceil().clamp(1.0, MOST_PARTS) as u32
+}
+
+/// The cells of a sphere or disk along `u` and `v`, none much larger than `largest`.
+fn cells_across(world: &World, shape: u32, largest: f64) -> [u32; 2] {
+    let across = (area_of(world, shape) / largest / 2.0).sqrt().ceil().clamp(LEAST_CELLS, MOST_PARTS) as u32;
+    [2 * across, across]
+}
+
 /// The patches of a world's surfaces.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Patches {
     /// For each shape, where its pieces lie.
     shapes: Vec<Pieces>,
@@ -63,15 +127,9 @@ impl Soup {
 }
 
 impl Patches {
-    /// Divides the surfaces of a world into about `count` patches, as they stand when the shutter opens.
-    ///
-    /// # Errors
-    ///
-    /// The reason, if there are too many triangles, or as clustering gives it.
-    pub(crate) fn new(world: &World, count: u32) -> Result<Self, String> {
-        let geometry = world.geometry();
-        let area: f64 = (0..geometry.shape_count()).map(|shape| area_of(world, shape)).sum();
-        let largest = (area / (f64::from(count) * PIECES)).max(f64::MIN_POSITIVE);
+    /// Makes patches of a world's surfaces, as they stand when the shutter opens.
+    pub(crate) fn new(world: &World, division: &Division) -> Self {
+        let (geometry, largest) = (world.geometry(), division.largest);
         let (mut soup, mut shapes, mut triangles) = (Soup::default(), Vec::new(), Vec::new());
         for shape in 0..geometry.shape_count() {
             let (to_world, material) = (to_world(world, shape), world.shape_material(shape));
@@ -80,34 +138,32 @@ impl Patches {
                     shapes.push(Pieces::Mesh { first: triangles.len() as u32 });
                     for number in 0..mesh.triangles().len() as u32 {
                         let corners = corners_of(mesh, number, to_world);
-                        let parts = (triangle_area(corners) / largest).sqrt().ceil().clamp(1.0, MOST_PARTS) as u32;
+                        let parts = parts_along(corners, largest);
                         triangles.push([soup.len(), parts]);
                         divide(corners, parts, |part| soup.add(part, triangle_area(part), material));
                     }
                 }
                 None => {
-                    let across = (area_of(world, shape) / largest / 2.0).sqrt().ceil().clamp(LEAST_CELLS, MOST_PARTS);
-                    let cells = [2 * across as u32, across as u32];
+                    let cells = cells_across(world, shape, largest);
                     shapes.push(Pieces::Cells { first: soup.len(), cells });
                     let quadric = geometry.shape(shape);
                     cells_of(quadric, cells, to_world, |part, area| soup.add(part, area, material));
                 }
             }
-            if soup.len() > MOST_PIECES {
-                return Err(format!("the scene has more than {MOST_PIECES} triangles for patches; use \"path\""));
-            }
         }
         let indices: Vec<[u32; 3]> = (0..soup.len()).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         let pieces = Triangles::new(&soup.positions, &indices).with_materials(&soup.materials);
-        let (mut labels, mut areas, mut normals) = (Vec::new(), Vec::new(), Vec::new());
-        if !indices.is_empty() {
-            let found = cluster(&pieces, &ClusterParams::for_count(count)).map_err(|error| error.to_string())?;
-            areas.resize(found.len(), 0.0);
-            labels = found.labels().to_vec();
-            labels.iter().zip(&soup.areas).for_each(|(label, area)| areas[*label as usize] += area);
-            normals = found.clusters().iter().map(|cluster| Vec3::from(cluster.normal)).collect();
-        }
-        Ok(Self { shapes, triangles, labels, areas, normals })
+        // Pieces are finite, and there are some, so that clustering finds nothing wrong. Without clusters each were a patch.
+        let (labels, normals) = match cluster(&pieces, &ClusterParams::for_count(division.count)) {
+            Ok(found) => {
+                let normals = found.clusters().iter().map(|cluster| Vec3::from(cluster.normal)).collect();
+                (found.labels().to_vec(), normals)
+            }
+            Err(_) => ((0..soup.len()).collect(), vec![Vec3::ZERO; soup.areas.len()]),
+        };
+        let mut areas = vec![0.0; normals.len()];
+        labels.iter().zip(&soup.areas).for_each(|(label, area)| areas[*label as usize] += area);
+        Self { shapes, triangles, labels, areas, normals }
     }
 
     /// The number of patches.

@@ -3,7 +3,7 @@
 //! Each pass traces particles from the lights and sums the light that arrives at each patch [after Pattanaik and Mudur
 //! 1992]. Patches are the clusters of \[Lan 2016\]. Paths read the indirect light of diffuse surfaces there, and end.
 
-use crate::patches::Patches;
+use crate::patches::{Division, Patches};
 use crate::walk::{Arrival, Onwards, Sources, emitted, walk};
 use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_renderer::shading::Bsdf;
@@ -38,8 +38,8 @@ pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Int
             return Err(MakeError::Scene(format!("the scene has {effect}, and {because}; use \"path\"")));
         }
     }
-    let patches = Patches::new(world, options.patches).map_err(MakeError::Scene)?;
-    Ok(path_tracer_with(world, PatchLight::new(world, options, patches)))
+    let division = Division::new(world, options.patches).map_err(MakeError::Scene)?;
+    Ok(path_tracer_with(world, PatchLight::new(world, options, division)))
 }
 
 /// The largest number of scattering events that are told apart; later ones count as the last.
@@ -54,6 +54,8 @@ struct PatchLight<'w> {
     world: &'w World,
     options: RadiosityOptions,
     sources: Sources,
+    /// The division of surfaces, until patches are made.
+    division: Option<Division>,
     patches: Patches,
     /// The numbers of scattering events that are told apart.
     layers: u32,
@@ -73,10 +75,11 @@ struct Gathered {
 }
 
 impl<'w> PatchLight<'w> {
-    fn new(world: &'w World, options: RadiosityOptions, patches: Patches) -> Self {
+    fn new(world: &'w World, options: RadiosityOptions, division: Division) -> Self {
         let layers = world.max_depth().saturating_sub(1).clamp(1, LAYERS);
         let sources = Sources::new(world, |_| true);
-        Self { world, options, sources, patches, layers, irradiance: Default::default() }
+        let (patches, irradiance) = Default::default();
+        Self { world, options, sources, division: Some(division), patches, layers, irradiance }
     }
 
     /// The place of a side of a patch among the sums.
@@ -85,7 +88,7 @@ impl<'w> PatchLight<'w> {
     }
 
     /// Notes the light that arrives at a patch, if it is not direct light.
-    fn arrive(&self, arrival: &Arrival<'_>, found: &mut Vec<(u32, Vec3)>) -> Onwards {
+    fn arrive(&self, arrival: &Arrival<'_, '_>, found: &mut Vec<(u32, Vec3)>) -> Onwards {
         if arrival.bounces > 0 {
             let patch = self.patches.at(self.world, arrival.at);
             let layer = arrival.bounces.min(self.layers) - 1;
@@ -206,6 +209,9 @@ impl VertexLight for PatchLight<'_> {
     }
 
     fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+        if let Some(division) = self.division.take() {
+            self.patches = Patches::new(self.world, &division);
+        }
         let emitted = emitted(self.options.particles, &pass.frame);
         let mut prepared = Prepared::default();
         for half in 0..2 {
@@ -217,8 +223,12 @@ impl VertexLight for PatchLight<'_> {
     }
 
     fn memory(&self, _: &Frame) -> u64 {
+        let (patches, bytes) = match &self.division {
+            Some(division) => (division.patches(), division.bytes()),
+            None => (self.patches.len() as u64, self.patches.bytes()),
+        };
         // The sums of one solution in double precision, then both solutions.
-        let places = self.place(self.patches.len() as u32, 0) as u64;
-        places * (2 * size_of::<Vec3>() + size_of::<DVec3>()) as u64 + self.patches.bytes()
+        let places = 2 * patches * u64::from(self.layers);
+        places * (2 * size_of::<Vec3>() + size_of::<DVec3>()) as u64 + bytes
     }
 }

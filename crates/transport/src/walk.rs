@@ -170,9 +170,9 @@ fn emit(
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
 /// Light that arrives at a surface.
-pub(crate) struct Arrival<'a> {
-    pub(crate) at: &'a Interaction<'a>,
-    pub(crate) bsdf: &'a Bsdf<'a>,
+pub(crate) struct Arrival<'a, 'w> {
+    pub(crate) at: &'a Interaction<'w>,
+    pub(crate) bsdf: &'a Bsdf<'w>,
     pub(crate) frame: &'a ShadingFrame,
     /// The unit direction that the light came from, in the renderer's space.
     pub(crate) from: Vec3,
@@ -197,11 +197,11 @@ pub(crate) enum Onwards {
 
 /// Traces a path from a ray that leaves a light. Calls `arrive` at each surface. Returns the number of
 /// rays.
-pub(crate) fn walk(
-    world: &World,
+pub(crate) fn walk<'w>(
+    world: &'w World,
     emitted: &EmittedLight,
     draws: &Draws<'_>,
-    mut arrive: impl FnMut(&Arrival<'_>) -> Onwards,
+    mut arrive: impl FnMut(&Arrival<'_, 'w>) -> Onwards,
 ) -> u64 {
     let (mut ray, mut flux) = (emitted.ray(), emitted.flux());
     let (mut bounces, mut is_specular, mut medium) = (0, true, world.camera_medium());

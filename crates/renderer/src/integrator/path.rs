@@ -237,22 +237,23 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
             false => [draws.block(scatter), [0.0; 4]],
         };
         let mut place = S::NOWHERE;
-        let mut samples_lights = true;
+        let (mut samples_lights, mut share) = (true, 1.0);
         if G::ACTIVE {
             let (back, depth) = (-path.ray.direction, path.depth);
             let point = GatherPoint { at, bsdf: &bsdf, frame: &frame, wo, back, depth };
-            samples_lights = self.vertex_light.samples_lights(&path.gathered, &point);
+            share = self.vertex_light.share(&path.gathered, &point);
+            samples_lights = share > 0.0 && self.vertex_light.samples_lights(&path.gathered, &point);
         }
         if !bsdf.is_specular() && !world.lights.is_empty() && samples_lights {
             place = self.selector.place(at.point.position, at.point.normal * vertex.outside);
             let direct = self.direct(training, path, &vertex, place, [choices[0], u[0], u[1]]);
-            path.radiance += path.throughput * direct;
+            path.radiance += path.throughput * if G::ACTIVE { direct * share } else { direct };
         }
-        if G::ACTIVE && !bsdf.is_specular() {
+        if G::ACTIVE && !bsdf.is_specular() && share > 0.0 {
             let (back, depth) = (-path.ray.direction, path.depth);
             let point = GatherPoint { at, bsdf: &bsdf, frame: &frame, wo, back, depth };
             let (light, rays) = self.vertex_light.gather(&mut path.gathered, &point, draws, training);
-            path.radiance += path.throughput * light;
+            path.radiance += path.throughput * (light * share);
             path.rays += rays;
         }
         let Some(sample) = bsdf.sample(wo, [u[2], u[3]], choices[1]) else { return false };
@@ -269,6 +270,9 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         path.is_direct &= sample.specular && sample.pdf >= CERTAIN;
         if G::ACTIVE {
             self.vertex_light.scattered(&mut path.gathered, sample.specular);
+            if !sample.specular {
+                path.throughput *= share;
+            }
         }
         if Self::HAS_TRANSMISSION {
             path.eta_squared *= sample.eta * sample.eta;

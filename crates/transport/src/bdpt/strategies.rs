@@ -6,7 +6,6 @@ use super::walk::{light_scatter, point_in_space};
 use super::weights::{Ends, Path};
 use dapple_core::Draws;
 use dapple_geometry::{spawn_ray_to, spawn_ray_to_point};
-use dapple_renderer::blocks;
 use dapple_renderer::light::Target;
 use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
@@ -42,18 +41,17 @@ impl Bdpt<'_> {
     }
 
     /// Returns the light from a point sampled on a light for the last vertex of a camera path (s = 1), and the vertex on
-    /// the light. `choice` in `[0, 1)` selects the light, and `u` in `[0, 1)^2` the point.
+    /// the light.
     pub(super) fn sampled<'w>(
         &self,
         camera: &[Vertex<'w>],
-        choice: f32,
-        u: [f32; 2],
         (time, rays): (f32, &mut u32),
     ) -> Option<(Contribution, Vertex<'w>)> {
         let lights = self.world.lights();
         let (last, before) = (&camera[camera.len() - 1], &camera[camera.len() - 2]);
+        let [choice, u, v] = last.to_light;
         let selected = lights.select(choice)?;
-        let mut sample = lights.sample_selected(selected, last.point.position, u)?;
+        let mut sample = lights.sample_selected(selected, last.point.position, [u, v])?;
         let connected = last.connect(From::Camera, sample.wi)?;
         let light = selected.index;
         let (kind, point) = match sample.target {
@@ -76,8 +74,8 @@ impl Bdpt<'_> {
             return None;
         }
         let throughput = Vec3::ONE;
-        let mut vertex =
-            Vertex { kind, point, wo: sample.wi, throughput, specular: false, forward: 0.0, backward: 0.0 };
+        let (specular, to_light, [forward, backward]) = (false, [0.0; 3], [0.0; 2]);
+        let mut vertex = Vertex { kind, point, wo: sample.wi, throughput, specular, forward, backward, to_light };
         let pdf = lights.emission_pdf(light, vertex.facing(-sample.wi), -sample.wi);
         let towards = if vertex.is_far() {
             pdf.position * last.cosine(sample.wi)
@@ -166,13 +164,6 @@ impl Bdpt<'_> {
             let light = [density * lit.cosine(found.direction), before.density_from(lit.point.position, backward)];
             add(found.place, s, Contribution { radiance, ends: Ends { light, ..Ends::default() } });
         }
-    }
-
-    /// Returns the numbers that select a light (first) and a point on it, for a vertex of the camera path.
-    pub(super) fn light_numbers(draws: &Draws<'_>, t: usize) -> (f32, [f32; 2]) {
-        let event = t as u32 - 2;
-        let ([choice, ..], [u, v, ..]) = (draws.block(blocks::choose(event)), draws.block(blocks::scatter(event)));
-        (choice, [u, v])
     }
 
     /// Returns the weight of the strategy that joined these paths. `light` is empty for s = 0, and `camera` has the

@@ -21,6 +21,8 @@ pub(crate) struct Vertex<'w> {
     pub(crate) forward: f32,
     /// The density with which a path in the other direction samples this vertex. Known once the next but one vertex is.
     pub(crate) backward: f32,
+    /// The random numbers for a light that is sampled at a vertex of a camera path: the light, and the point on it.
+    pub(crate) to_light: [f32; 3],
 }
 
 /// The place of a vertex.

@@ -52,6 +52,11 @@ impl Walk {
     }
 }
 
+/// Returns two blocks of random numbers, the second one only if the path `goes_on`.
+fn numbers(draws: &Draws<'_>, [first, second]: [Block; 2], goes_on: bool) -> [[f32; 4]; 2] {
+    if goes_on { draws.two_blocks([first, second]) } else { [draws.block(first), [0.0; 4]] }
+}
+
 /// Returns a point in space, without a surface.
 pub(super) fn point_in_space(position: Vec3) -> SurfacePoint {
     SurfacePoint { position, error: Vec3::ZERO, normal: Vec3::ZERO, primitive: PrimitiveId::NONE }
@@ -69,6 +74,7 @@ impl<'w> Bdpt<'w> {
             specular: false,
             forward: 0.0,
             backward: 0.0,
+            to_light: [0.0; 3],
         }
     }
 
@@ -91,6 +97,7 @@ impl<'w> Bdpt<'w> {
             specular: false,
             forward: 1.0,
             backward: 0.0,
+            to_light: [0.0; 3],
         });
         let mut seen = Seen::new(draws);
         for event in 0.. {
@@ -106,13 +113,15 @@ impl<'w> Bdpt<'w> {
                         specular: false,
                         forward: walk.density,
                         backward: 0.0,
+                        to_light: [0.0; 3],
                     });
                 }
                 break;
             };
-            let choices = draws.block(blocks::choose(event));
+            let [choices, scatter] = numbers(draws, [blocks::choose(event), blocks::scatter(event)], event < most);
             seen.surface(world, (&walk.ray, &at, choices[3]), walk.tint(), estimate);
             let mut vertex = self.surface(&at, &walk, choices[3]);
+            vertex.to_light = [choices[0], scatter[0], scatter[1]];
             vertex.forward = match event {
                 0 => {
                     let density = world.camera().density(ray.direction, at.distance(), time);
@@ -121,7 +130,7 @@ impl<'w> Bdpt<'w> {
                 _ => vertex.density_from(path[path.len() - 1].point.position, walk.density),
             };
             path.push(vertex);
-            let [.., u, v] = draws.block(blocks::scatter(event));
+            let [.., u, v] = scatter;
             if event >= most || !self.step(From::Camera, path, &mut walk, [u, v, choices[1], choices[2]], event) {
                 break;
             }
@@ -138,8 +147,7 @@ impl<'w> Bdpt<'w> {
         if most == 0 {
             return;
         }
-        let [choice, _, place @ ..] = draws.block(LIGHT_START);
-        let [towards @ .., _, _] = draws.block(LIGHT_DIRECTION);
+        let [[choice, _, place @ ..], [towards @ .., _, _]] = draws.two_blocks([LIGHT_START, LIGHT_DIRECTION]);
         let lights = world.lights();
         let Some(mut emitted) = lights.sample_emission(choice, place, towards) else { return };
         let (mut start, light) = (emitted.pmf * emitted.pdf.position, emitted.light);
@@ -172,6 +180,7 @@ impl<'w> Bdpt<'w> {
             specular: false,
             forward: start,
             backward: 0.0,
+            to_light: [0.0; 3],
         });
         let density = if far { emitted.pdf.position } else { emitted.pdf.direction };
         let unit = flux.max_element();
@@ -179,7 +188,9 @@ impl<'w> Bdpt<'w> {
         for event in 0.. {
             *rays += 1;
             let Some(at) = world.closest_hit(&walk.ray, time) else { break };
-            let choices = draws.block(light_choose(event));
+            // The vertex behind needs one event more to reach the camera.
+            let goes_on = event + 1 < most;
+            let [choices, scatter] = numbers(draws, [light_choose(event), light_scatter(event)], goes_on);
             let mut vertex = self.surface(&at, &walk, choices[0]);
             vertex.forward = match event {
                 // Parallel light has the density of its disk, seen at an angle.
@@ -187,9 +198,8 @@ impl<'w> Bdpt<'w> {
                 _ => vertex.density_from(path[path.len() - 1].point.position, walk.density),
             };
             path.push(vertex);
-            let [.., u, v] = draws.block(light_scatter(event));
-            // The vertex behind needs one event more to reach the camera.
-            if event + 1 >= most || !self.step(From::Light, path, &mut walk, [u, v, choices[1], choices[2]], event) {
+            let [.., u, v] = scatter;
+            if !goes_on || !self.step(From::Light, path, &mut walk, [u, v, choices[1], choices[2]], event) {
                 break;
             }
         }

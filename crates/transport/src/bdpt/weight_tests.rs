@@ -151,11 +151,10 @@ fn light_sampling_has_the_weight_of_its_path() {
     let (bdpt, mut compared) = (bdpt(&world, ""), 0);
     camera_paths(&bdpt, |draws, camera| {
         for t in 2..=camera.len() {
-            let (choice, u) = Bdpt::light_numbers(draws, t);
             if !camera[t - 1].connects() {
                 continue;
             }
-            let Some((found, start)) = bdpt.sampled(&camera[..t], choice, u, (0.0, &mut 0)) else { continue };
+            let Some((found, start)) = bdpt.sampled(&camera[..t], (0.0, &mut 0)) else { continue };
             let mut path = [&camera[..t], &[start]].concat();
             if complete(&mut path).is_none() {
                 continue;

@@ -3,12 +3,12 @@
 //! Clusters are the patches of radiosity. Some points that the camera sees have their cuts made before the first sample.
 //! The common cut of a cluster holds the groups that no such point of it divides. Groups above are never visited again.
 
-use super::{CutLight, Lit, Member, NodeId};
+use super::{CutLight, Lit, Member, NodeId, Refinement};
 use crate::patches::Patches;
 use dapple_core::Frame;
 use dapple_renderer::{GatherPoint, World};
 use rayon::prelude::*;
-use std::collections::{BTreeMap, BinaryHeap};
+use std::collections::BTreeMap;
 
 /// Probes for each cluster, on average over those that the camera sees.
 const PROBES: u32 = 4;
@@ -65,11 +65,11 @@ impl CutLight<'_> {
 
     /// The groups that none of the points behind these pixels divides.
     fn common_cut(&self, pixels: &[[u32; 2]]) -> (Vec<NodeId>, u64) {
-        let (mut common, mut rays, mut heap): (Option<Vec<NodeId>>, u64, _) = (None, 0, BinaryHeap::new());
+        let (mut common, mut rays, mut made): (Option<Vec<NodeId>>, u64, _) = (None, 0, Refinement::default());
         for pixel in pixels {
-            let traced = self.at_first_hit(*pixel, |vertex| self.cut(&Lit::new(vertex, 0), &[], &mut heap).rays);
+            let traced = self.at_first_hit(*pixel, |vertex| self.cut(&Lit::new(vertex, 0), &[], &mut made).rays);
             rays += 1 + u64::from(traced.unwrap_or_default());
-            let mut cut: Vec<NodeId> = heap.iter().map(|member: &Member| member.id).collect();
+            let mut cut: Vec<NodeId> = made.members.iter().map(|member: &Member| member.id).collect();
             cut.sort_unstable();
             common = Some(match common {
                 None => cut,

@@ -1,14 +1,14 @@
 //! Common cuts of clusters: the same light from fewer visited nodes.
+#![allow(clippy::print_stderr, reason = "figures of a slow test")]
 
 use super::common::grid;
-use super::{CutLight, CutSum, LightcutOptions, Lit, luminance};
-use crate::patches::Patches;
+use super::{CutLight, CutSum, LightcutOptions, Lit, Refinement, luminance};
+use crate::patches::Division;
 use dapple_core::samplers::Uniform;
 use dapple_core::{Draws, Estimate, Frame, Integrator, Limits, Options as _, Pass, Prepared, Prepares, Render, Worker};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::{VertexLight, World};
 use dapple_scene::bundled;
-use std::collections::BinaryHeap;
 
 /// Calls a function with the first pass of a render.
 struct InPass<F>(F);
@@ -30,19 +30,19 @@ impl<F: FnMut(&Pass<'_>) + Sync> Integrator for InPass<F> {
 
 fn prepared<'w>(world: &'w World, options: &str, pass: &Pass<'_>) -> CutLight<'w> {
     let options = LightcutOptions::parse(options).expect("options");
-    let patches = (options.clusters > 0).then(|| Patches::new(world, options.clusters).expect("patches"));
-    let mut light = CutLight::new(world, options, patches);
+    let division = (options.clusters > 0).then(|| Division::new(world, options.clusters).expect("pieces"));
+    let mut light = CutLight::new(world, options, division);
     light.prepare(pass);
     light
 }
 
 /// The cuts at points that no probe met.
 fn cuts(light: &CutLight<'_>, frame: &Frame) -> Vec<CutSum> {
-    let mut heap = BinaryHeap::new();
+    let mut made = Refinement::default();
     let cut = |pixel| {
         light.at_first_hit(pixel, |vertex| {
             let start = light.common.as_ref().map_or(&[][..], |common| common.at(light.world, vertex));
-            light.cut(&Lit::new(vertex, 0), start, &mut heap)
+            light.cut(&Lit::new(vertex, 0), start, &mut made)
         })
     };
     grid(frame, 23).filter_map(cut).collect()
@@ -50,12 +50,40 @@ fn cuts(light: &CutLight<'_>, frame: &Frame) -> Vec<CutSum> {
 
 #[test]
 fn common_cuts_leave_the_light_and_visit_fewer_nodes() {
+    in_pass(compare);
+}
+
+/// Calls a function with the scene `many-lights` and the first pass of a render.
+fn in_pass(call: fn(&World, &Pass<'_>)) {
     let scene = bundled::files("many-lights").expect("bundled").read().expect("it reads");
     let world = World::with_resolution(&scene, [96, 72]).expect("a world");
     let frame = Frame::new(96, 72).expect("a frame");
     let limits = Limits::samples(frame.pixels() as u64);
-    let mut compare = InPass(|pass: &Pass<'_>| compare(&world, pass));
-    Render::new(frame, &limits).run(&mut compare, &mut Uniform::new(Sobol::new(1))).expect("a film");
+    let mut integrator = InPass(|pass: &Pass<'_>| call(&world, pass));
+    Render::new(frame, &limits).run(&mut integrator, &mut Uniform::new(Sobol::new(1))).expect("a film");
+}
+
+/// The mean sizes of cuts and their errors on 10,000 emitters; see docs/results/transport.md.
+#[test]
+#[ignore = "a minute: cargo test --release -p dapple-transport --lib sizes_of_cuts -- --ignored --nocapture"]
+fn sizes_of_cuts() {
+    in_pass(|world, pass| {
+        let exact = cuts(&prepared(world, "error=0,cut=100000", pass), &pass.frame);
+        for options in ["error=0.02,cut=100000", "error=0.02", "error=0.05", "error=0.1", "error=0.02,clusters=1000"] {
+            let light = prepared(world, options, pass);
+            let found = cuts(&light, &pass.frame);
+            let of = |value: fn(&CutSum) -> f64| found.iter().map(value).sum::<f64>() / found.len() as f64;
+            let [sizes, rays, visited] =
+                [|c: &CutSum| f64::from(c.size), |c: &CutSum| f64::from(c.rays), |c: &CutSum| f64::from(c.visited)]
+                    .map(of);
+            let errors =
+                found.iter().zip(&exact).map(|(a, b)| f64::from(luminance(a.light) / luminance(b.light) - 1.0).powi(2));
+            let error = (errors.filter(|e| e.is_finite()).sum::<f64>() / found.len() as f64).sqrt();
+            eprintln!(
+                "{options}: {sizes:.0} groups, {rays:.0} rays, {visited:.0} nodes, {error:.4} of the light (rms)"
+            );
+        }
+    });
 }
 
 fn compare(world: &World, pass: &Pass<'_>) {

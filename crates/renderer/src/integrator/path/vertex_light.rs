@@ -27,6 +27,12 @@ pub trait VertexLight: Sync {
     /// Returns true if the path samples a light at the vertex at which this light is gathered next.
     fn samples_lights(&self, state: &Self::State, vertex: &GatherPoint<'_>) -> bool;
 
+    /// Returns the share of light that the path carries on from a surface by its lobes that are not specular, 0 to 1. The rest
+    /// was added at earlier vertices. Emission of the surface counts in full.
+    fn share(&self, _state: &Self::State, _vertex: &GatherPoint<'_>) -> f32 {
+        1.0
+    }
+
     /// Notes that the path goes on from a surface, by a specular lobe or another one.
     fn scattered(&self, state: &mut Self::State, specular: bool);
 
