@@ -49,13 +49,13 @@ const SEGMENT: usize = 14;
 /// The largest distance that is not negligible: `exp(-8)` is below [`NEGLIGIBLE`].
 const FAR: f32 = 8.0;
 /// The bandwidth of colour differences in standard deviations.
-const COLOUR: f32 = 1.1;
+const COLOUR: f32 = 1.5;
 /// The scales of feature differences.
-const FEATURES: FeatureScales = FeatureScales { bandwidth: 10.0, floors: [1e-2, 5e-2], slope: 15.0 };
+const FEATURES: FeatureScales = FeatureScales { bandwidth: 7.0, floors: [1e-2, 5e-2], slope: 15.0 };
 /// The radius of the compared patches.
 const PATCH: usize = 1;
 /// The weight of the image beside the predictions, relative to 1 for a window's centre.
-const BESIDE: f32 = 2.0;
+const BESIDE: f32 = 0.5;
 
 /// The rows that [`wide`] reads above and below its own: windows around the pixel predict it, and read patches.
 pub(crate) const ROWS_READ: usize = 2 * REACH + PATCH;
