@@ -4,6 +4,7 @@ mod common;
 mod conformance;
 mod driver;
 mod exchange;
+mod feature_samples;
 mod film;
 mod film_pushed;
 mod half_films;

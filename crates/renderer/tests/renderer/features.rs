@@ -2,11 +2,11 @@
 
 use crate::support::*;
 use dapple_core::samplers::Uniform;
-use dapple_core::{Features, Film, Frame, Limits, Needs, Render};
+use dapple_core::{Draws, Features, Film, Frame, Limits, Needs, Render, SampleId, Worker, streams};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::integrator;
 use dapple_renderer::shading::{Bsdf, Coat, CoatOptions};
-use dapple_scene::{Color, MaterialKind, Scene};
+use dapple_renderer::{World, integrator};
+use dapple_scene::{Color, MaterialKind, Scene, bundled};
 use glam::{DAffine3, DVec3, Vec3};
 
 const WALL: [f32; 3] = [0.5, 0.1, 0.2];
@@ -190,4 +190,29 @@ fn emission_changes_no_radiance() {
     let seen = |i| recorded.emission(0, i).expect("recorded");
     let above = |i: &usize| (0..3).any(|c| f64::from(seen(*i)[c]) > recorded.mean(*i)[c] * (1.0 + 1e-6));
     assert_eq!((0..12 * 9).find(above), None, "emission is a part of the radiance");
+}
+
+/// The same random numbers give the same first hit and features with and without light. Paths end before roulette, which
+/// features alone do not play.
+#[test]
+fn features_without_light_are_those_of_whole_samples() {
+    let points = Sobol::new(3);
+    for name in ["cornell", "glass", "tea", "room", "grass"] {
+        let mut scene = bundled::files(name).expect("it is bundled").read().expect("it reads");
+        scene.max_depth = Some(4);
+        let world = World::with_resolution(&scene, [40, 30]).expect("it builds");
+        let integrator = integrator(&world);
+        let (mut behind, mut worker) = (0, Worker::default());
+        for i in 0..4 * 40 * 30 {
+            let id = SampleId::new([i % 40, i / 40 % 30], streams::WHOLE, u64::from(i / 1200));
+            let draws = Draws::new(&points, id).with_first_hit().with_features();
+            let whole = integrator.estimate(&draws, &mut worker);
+            let alone = integrator.features_alone(&draws).expect("paths have features");
+            assert_eq!((alone.first_hit, alone.features), (whole.first_hit, whole.features), "{name}, {id:?}");
+            assert!(alone.cost <= whole.cost && alone.radiance == [0.0; 3], "{name}, {id:?}");
+            behind += u32::from(alone.features.is_some());
+        }
+        let smooth = name == "glass" || name == "tea";
+        assert!(!smooth || behind > 400, "{name}: {behind} samples see something behind glass or in a mirror");
+    }
 }
