@@ -33,6 +33,7 @@ fn trace(integrator: &dyn Integrator, round: &Round<'_>, order: usize, at_most: 
     let mut worker = Worker::default();
     let count = tiles.len().min(at_most);
     for mut tile in tiles.into_iter().take(count) {
+        tile.sample_features(|draws| integrator.features_alone(draws));
         let mut samples: Vec<_> = tile.samples().collect();
         match order {
             0 => {}

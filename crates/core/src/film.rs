@@ -59,9 +59,9 @@ impl FeatureMoments {
     /// Returns `true` if samples of features alone would help: there are few, or they vary and there are not many.
     pub(crate) fn wants_more(&self) -> bool {
         /// The number of samples after which equal features count as those of the whole pixel.
-        const FEW: u32 = 8;
+        const FEW: u32 = 4;
         /// The number of samples at which features count as known.
-        const MANY: u32 = 16;
+        const MANY: u32 = 12;
         /// The variances of normal and albedo, summed over channels, below which they count as equal.
         const EQUAL: [f32; 2] = [1e-3, 1e-4];
         let sum = |k: usize| self.m2[k] + self.m2[k + 1] + self.m2[k + 2];

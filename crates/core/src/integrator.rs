@@ -377,8 +377,8 @@ pub trait Integrator: Sync {
     /// The first hit and the features of one sample without its light, and their cost in rays; `None` if they cannot be had
     /// for less than a whole sample, which is the default. A pure function of the random numbers.
     ///
-    /// At few samples per pixel, edges are noisy in the features too. So [`Render`](crate::Render) asks for up to 16 samples of
-    /// features in pixels where they vary, and filters follow the edges better.
+    /// At few samples per pixel, edges are noisy in the features too. So [`Render`](crate::Render) requests features alone before
+    /// a pixel's first sample: 4 times, and up to 12 times where they vary. Filters then follow edges better.
     fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
         let _ = draws;
         None

@@ -1,50 +1,48 @@
-//! Samples of features alone, in pixels with few samples.
+//! Samples of features alone, before the first sample of each pixel.
 //!
 //! The features of a pixel at an edge are as noisy as its colour, and with the same noise: filters then keep it. A sample of
 //! features costs one ray, or a few behind glass, where a sample of light takes several.
 
-use super::band::Band;
-use super::round::{Inputs, Tally};
-use crate::film::record_first_hit;
-use crate::{Draws, Needs, Retention, SampleId, streams};
-use std::cell::Cell;
+use crate::film::{FeatureMoments, record_first_hit};
+use crate::{Draws, Estimate, Needs, PointSet, Retention, SampleId, streams};
 
 /// The largest number of samples of features alone in a pixel.
 const MOST: u64 = 16;
 
-/// Adds samples of features alone to a pixel whose first kept samples have just been traced.
+/// The rays of samples of features alone, and the blocks of random numbers that they took.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Cost {
+    pub(super) rays: u64,
+    pub(super) blocks: u64,
+}
+
+/// Returns `true` if a film that records this gets samples of features alone. Features that are recorded by half stay those
+/// of the samples.
+pub(super) fn are_wanted(needs: &Needs, retention: Retention) -> bool {
+    needs.features && !needs.feature_halves && retention == Retention::Keep
+}
+
+/// Adds samples of features alone to the features of a pixel that has no kept sample yet.
 ///
-/// Their number follows from the features that the pixel has then, so that it depends on nothing but the plan. Features
-/// that are recorded by half stay those of the samples.
+/// Their number follows from themselves, so that it depends on no plan, and a render with a larger budget goes on from one
+/// with a smaller one.
 pub(super) fn add(
-    round: &Inputs<'_>,
-    band: &mut Band<'_>,
-    local: usize,
+    moments: &mut FeatureMoments,
+    points: &dyn PointSet,
     pixel: [u32; 2],
-    tally: &mut Tally,
-    current: &Cell<Option<SampleId>>,
-) {
-    let Needs { features, feature_halves, .. } = round.needs;
-    if !features || feature_halves || round.plan.retention != Retention::Keep {
-        return;
-    }
-    let i = band.first + local;
-    let planned =
-        round.plan.counts[i] as u64 + round.plan.second_half.as_ref().map_or(0, |second| u64::from(second[i]));
-    if band.banks.iter().map(|bank| bank.counts[local]).sum::<u64>() != planned {
-        return;
-    }
-    let Some(moments) = band.features.get_mut(local) else { return };
-    for index in 0..MOST.min(round.points.capacity()) {
+    mut sample: impl FnMut(&Draws<'_>) -> Option<Estimate>,
+) -> Cost {
+    let mut cost = Cost::default();
+    for index in 0..MOST.min(points.capacity()) {
         if !moments.wants_more() {
             break;
         }
         let id = SampleId::new(pixel, streams::FEATURES, index);
-        current.set(Some(id));
-        let draws = Draws::of_round(round.points, id, &Needs::none().with_features());
-        let Some(estimate) = round.integrator.features_alone(&draws) else { break };
+        let draws = Draws::of_round(points, id, &Needs::none().with_features());
+        let Some(estimate) = sample(&draws) else { break };
         record_first_hit([Some(moments), None], &mut [], u64::MAX, &estimate);
-        tally.rays += u64::from(estimate.cost);
-        tally.blocks += u64::from(draws.blocks_requested());
+        cost.rays += u64::from(estimate.cost);
+        cost.blocks += u64::from(draws.blocks_requested());
     }
+    cost
 }

@@ -34,14 +34,14 @@ const FIRST_SLICE: f64 = 1024.0;
 const GROWTH: f64 = 8.0;
 
 /// The inputs that all tasks of a slice share: integrator, points, plan and flags.
-pub(super) struct Inputs<'a> {
-    pub(super) integrator: &'a dyn Integrator,
-    pub(super) points: &'a dyn PointSet,
-    pub(super) plan: &'a Plan,
+struct Inputs<'a> {
+    integrator: &'a dyn Integrator,
+    points: &'a dyn PointSet,
+    plan: &'a Plan,
     width: usize,
     origin: [u32; 2],
     streams: [u32; 2],
-    pub(super) needs: Needs,
+    needs: Needs,
     wants_training: bool,
     /// The samples that this slice traces in each pixel: first index and end, counted from the start of the round.
     part: [u32; 2],
@@ -62,11 +62,11 @@ impl Inputs<'_> {
 
 /// The totals of one task: samples, rays, rejected samples, training sums, and a panic if there was one.
 #[derive(Default)]
-pub(super) struct Tally {
+struct Tally {
     /// The number of samples in each half.
     samples: [u64; 2],
-    pub(super) rays: u64,
-    pub(super) blocks: u64,
+    rays: u64,
+    blocks: u64,
     /// The number of rejected samples.
     rejections: u64,
     /// The first rejected samples in order of pixel, stream and index; fewer than twice as many as the film lists.
@@ -374,6 +374,16 @@ fn trace_pixel(
         let rest = round.plan.second_half.as_ref().map(|_| second.saturating_sub(start));
         reserve_samples(&mut band.banks, local, (first.saturating_sub(start), rest));
     }
+    if feature_samples::are_wanted(&round.needs, round.plan.retention)
+        && band.banks.iter().all(|bank| bank.counts[local] == 0)
+    {
+        let cost = feature_samples::add(&mut band.features[local], round.points, pixel, |draws| {
+            current.set(Some(draws.id()));
+            round.integrator.features_alone(draws)
+        });
+        tally.rays += cost.rays;
+        tally.blocks += cost.blocks;
+    }
     let alternate = band.banks.len() == 2 && round.plan.second_half.is_none();
     for step in start..last {
         if alternate {
@@ -388,7 +398,6 @@ fn trace_pixel(
             }
         }
     }
-    feature_samples::add(round, band, local, pixel, tally, current);
 }
 
 /// A pixel's index in the band, its coordinates in the full image, and the half of the current sample.

@@ -1,5 +1,6 @@
 //! Tiles of a round: the samples that one task traces, in any order.
 
+use super::feature_samples;
 use crate::film::{Bank, Splats, reserve_samples};
 use crate::snapshot::OpenRound;
 use crate::{Draws, Estimate, Film, Needs, PointSet, Rejected, Retention, SampleId, streams};
@@ -239,6 +240,30 @@ impl<'r> Tile<'r> {
         match local.filter(|&local| turn < self.planned.pixels[local].total() && self.planned.id(local, turn) == id) {
             Some(local) => self.place(local, turn, &estimate.into(), sample.blocks_requested(), channels),
             None => self.wrong(id, "belongs to another tile or round; add each sample to the tile that it came from"),
+        }
+    }
+
+    /// Samples features without light in the pixels that have no kept sample yet, as [`Render`](crate::Render) does with
+    /// [`Integrator::features_alone`](crate::Integrator::features_alone). `sample` returns a first hit and features, or `None` to
+    /// end those of the pixel.
+    ///
+    /// Call it once, before samples are added. It may be left out: filters then keep more noise at edges.
+    pub fn sample_features(&mut self, mut sample: impl FnMut(&Draws<'_>) -> Option<Estimate>) {
+        let planned = self.planned.clone();
+        if self.left < planned.total() {
+            let what = "features were sampled after samples of the tile were added; sample features first";
+            self.fault.get_or_insert(what.into());
+        }
+        if self.fault.is_some() || !feature_samples::are_wanted(&planned.needs, self.retention) {
+            return;
+        }
+        for (local, pixel) in planned.pixels.iter().enumerate() {
+            if pixel.total() > 0 && self.film.kept.iter().all(|bank| bank.counts[local] == 0) {
+                let moments = &mut self.film.features[local];
+                let cost = feature_samples::add(moments, planned.points, planned.pixel(local), &mut sample);
+                self.film.record.rays += cost.rays;
+                self.film.record.blocks += cost.blocks;
+            }
         }
     }
 
