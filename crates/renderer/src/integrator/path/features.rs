@@ -10,6 +10,7 @@ use crate::blocks;
 use crate::camera::{General, Lens};
 use crate::integrator::FixedSelector;
 use crate::material::Surface;
+use crate::shading::Bsdf;
 use crate::world::{Interaction, NO_MEDIUM};
 use dapple_core::{Draws, Estimate, SurfaceFeatures};
 use dapple_geometry::spawn_ray;
@@ -76,6 +77,9 @@ impl<'w> AnyPath<'w> {
             return false;
         }
         let bsdf = world.bsdf_of(at, surface);
+        if matches!(bsdf, Bsdf::Diffuse { .. }) {
+            return false;
+        }
         let frame = world.frame_of(at, surface);
         let wo = bsdf.local(&frame, -path.ray.direction);
         let [u, choices] = draws.two_blocks([blocks::scatter(path.depth), blocks::choose(path.depth)]);
