@@ -149,12 +149,14 @@ fn features_change_no_bit_l14() {
     let full = dapple_core::Render::new(frame, &limits).needs(needs).run(&mut *integrator, &mut sampler);
     let full = full.expect("it renders");
     assert_eq!(hash(&plain), hash(&full));
-    // Nothing is smooth here: features alone take one ray and one block.
+    // Features alone take one ray and one block, and more only behind what is smooth.
     let features: u64 = (0..frame.pixels()).map(|i| u64::from(full.features(i).expect("recorded").samples)).sum();
     let alone = features - SAMPLES;
     assert!(alone >= 4 * frame.pixels() as u64);
-    assert_eq!(plain.record().rays + alone, full.record().rays);
-    assert_eq!(plain.record().blocks + alone, full.record().blocks);
+    let more = full.record().rays - plain.record().rays;
+    assert!(more >= alone && more < alone + alone / 10, "{more} rays for {alone} samples of features");
+    let more = full.record().blocks - plain.record().blocks;
+    assert!(more >= alone && more < 2 * alone, "{more} blocks for {alone} samples of features");
 }
 
 /// Lights that emit nothing, have no area, or are invalid.
