@@ -92,7 +92,7 @@ dapple_core::options! {
 /// 4. The two images and the unfiltered image are compared in each pixel by their estimated error over 5x5 pixels.
 ///    The blend of the best ones guides a second pass, without albedo. The halves give its remaining noise.
 ///    Both halves share this guide, and so their weights and normal equations.
-/// 5. The result is the choice among all four images by estimated error over 5x5 pixels.
+/// 5. The result is the choice among all four images by estimated error over 7x7 pixels.
 /// 6. With three passes, the unfiltered image is no candidate in that choice. The choice guides a regression over 41x41
 ///    pixels around every sixth pixel of every sixth row, without albedo. The choice is moved towards its image, and the
 ///    unfiltered image towards the result, each as far as their difference is noise by the halves [after James and
@@ -267,7 +267,7 @@ impl ClusterRegression {
 
 /// The radius over which errors are compared for the guide of the second pass, and for its result.
 const FIRST_CHOICE: usize = 2;
-const SECOND_CHOICE: usize = 2;
+const SECOND_CHOICE: usize = 3;
 
 /// The rows of a film that a filter with these options reads above and below its own, for an image of this size. Grids of
 /// windows and tiles add to them ([`rows_around`]).

@@ -32,7 +32,7 @@ pub(crate) const LEAST_ALBEDO: f32 = 0.02;
 
 /// The weight, in degrees of freedom, of the variance over 5x5 pixels. A pixel's own variance of `n` samples has the
 /// weight `n - 1`.
-const POOLED: f32 = 1.0;
+const POOLED: f32 = 6.0;
 
 /// The rows of a film that [`Inputs::new`] reads above and below its own: features that neighbours fill in, and slopes over
 /// 3x3 of their steps. Variances are pooled over fewer.

@@ -112,7 +112,7 @@ fn mean(of: impl Fn(usize) -> f32) -> impl Fn([usize; 4]) -> f32 {
 }
 
 /// The radii of the blend of a scale's image with that of the wide pass.
-pub(crate) const BLEND: Radii = Radii { bias: 8, noise: 8 };
+pub(crate) const BLEND: Radii = Radii { bias: 8, noise: 20 };
 
 /// The rows of a coarse scale's planes that its correction reads above and below its own: the light of outliers, or the
 /// wide pass and its guide, and then the blend.
