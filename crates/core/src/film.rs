@@ -77,7 +77,8 @@ impl FeatureMoments {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {
-    /// The number of samples of the pixel, without those whose features are left out as [rare](SurfaceFeatures::rare).
+    /// The number of samples of the pixel, with those of [features alone](crate::Integrator::features_alone) and without those
+    /// whose features are left out as [rare](SurfaceFeatures::rare).
     pub samples: u32,
     /// The number of samples that hit a surface.
     pub hits: u32,

@@ -108,8 +108,8 @@ impl Bilateral {
         Reads { features: !self.without_features, label: self.label.as_ref() }
     }
 
-    /// The bilateral filter that makes the first image of `ClusterRegression`. It serves there as well as the default,
-    /// at a third of the cost.
+    /// The bilateral filter that makes the first image of `ClusterRegression`. Its weights fall faster with distance than those
+    /// of the default, and slower with features.
     pub(crate) fn candidate() -> Self {
         let options = BilateralOptions::default().window(4).falloff(0.25).colour(0.75).features(4.0);
         Self { options, ..Self::default() }

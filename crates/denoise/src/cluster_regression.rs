@@ -110,8 +110,8 @@ dapple_core::options! {
 /// Without clusters, `outside` is 1. Where features are missing, only colours count.
 ///
 /// [`Filtered::error`] estimates the whole squared error from the halves, bias included.
-/// Its mean over an image was 0.5 to 2.9 times the true error on twelve scenes at 8 to 64 samples per pixel. It is too high
-/// under strong noise, and too low where guides and blends follow the noise.
+/// With earlier constants, its mean over an image was 0.5 to 2.9 times the true error on twelve scenes at 8 to 64 samples per
+/// pixel. It is too high under strong noise, and too low where guides and blends follow the noise.
 /// [`relative_errors`](crate::relative_errors) turns it into scores for a sampler.
 #[derive(Clone, Default)]
 pub struct ClusterRegression {

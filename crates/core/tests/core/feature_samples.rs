@@ -3,8 +3,8 @@
 use crate::common::{Independent, Planned, frame};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Estimate, Feedback, Film, FirstHit, Integrator, Limits, Needs, Plan, Progress, Render, Worker,
-    streams,
+    Block, Draws, Estimate, Feedback, Film, FirstHit, Integrator, Limits, Methods, Needs, Plan, Progress, Render,
+    Sampler, Session, Worker, streams,
 };
 
 const PLACE: Block = Block::new(0);
@@ -85,4 +85,18 @@ fn a_later_round_samples_no_features_alone() {
         let samples = film.features(i).unwrap().samples;
         assert!(samples == 16 || samples == 24 && i % 2 == 1, "{i}: {samples}");
     }
+}
+
+#[test]
+fn a_tile_refuses_features_after_samples() {
+    let (mut sampler, walls) = (Uniform::new(Independent::new(5)), Walls { alone: true });
+    let methods = Methods::from(&mut sampler as &mut dyn Sampler).with_needs(Needs::none().with_features());
+    let mut session = Session::new(frame(2, 1), Limits::spp(1.0), methods).unwrap();
+    let round = session.next_round().unwrap().unwrap();
+    let mut tile = round.next_tile().unwrap();
+    let samples: Vec<_> = tile.samples().collect();
+    samples.iter().for_each(|draws| tile.add(draws, walls.estimate(draws, &mut Worker::default())));
+    tile.sample_features(|draws| walls.features_alone(draws));
+    let error = round.submit(tile).unwrap_err().to_string();
+    assert!(error.contains("sample features first"), "{error}");
 }
