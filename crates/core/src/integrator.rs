@@ -379,6 +379,7 @@ pub trait Integrator: Sync {
     ///
     /// At few samples per pixel, edges are noisy in the features too. So [`Render`](crate::Render) requests features alone before
     /// a pixel's first sample: 4 times, and up to 12 times where they vary. Filters then follow edges better.
+    /// With a time limit, it does so before the second round, if that round has 4 samples per pixel at least.
     fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
         let _ = draws;
         None

@@ -22,7 +22,8 @@ pub enum Budget {
         /// The largest number of samples, spent if the goal is not reached.
         at_most: u64,
     },
-    /// The sample budgets that an earlier render recorded, one per plan. To get the earlier bits, also pass the earlier
+    /// The sample budgets that an earlier render recorded, one per plan. If the first one is the least that a time limit plans,
+    /// all count as those of a time limit. To get the earlier bits, also pass the earlier
     /// film's [`needs`](crate::Film::needs), since renders with halves use other points.
     Recorded(Vec<u64>),
 }

@@ -1,5 +1,6 @@
 //! Conversion of budgets of time and error into numbers of samples.
 
+use super::feature_samples::Turn;
 use super::holdout::Prediction;
 use crate::{Budget, BudgetLeft, Error, Film, Frame, Limits, Needs};
 
@@ -21,6 +22,12 @@ pub(super) struct Meter {
 const RESERVE: f64 = 0.1;
 /// The least remaining time for which another round is planned, as a fraction of the time limit.
 const ENOUGH: f64 = 0.03;
+
+/// The least samples per pixel that a time limit must leave beside samples of features alone. With fewer, samples of light
+/// gain more.
+const BESIDE_FEATURES: u64 = 4;
+/// The rays that samples of features alone take per pixel, by which a time limit reserves their time.
+const FEATURE_RAYS: u64 = 8;
 
 impl Meter {
     pub(super) fn new(limits: &Limits, frame: &Frame) -> Result<Self, Error> {
@@ -78,6 +85,22 @@ impl Meter {
         }
     }
 
+    /// Returns when features are sampled alone. A time limit sees the cost of samples first: the second round begins with
+    /// features if it allows enough samples.
+    pub(super) fn features(&self, round: u32) -> Turn {
+        let first = self.pixels * u64::from(self.min_spp.max(1));
+        let is_timed = match &self.budget {
+            Budget::Seconds(_) => true,
+            Budget::Recorded(totals) => totals.first() == Some(&first),
+            _ => false,
+        };
+        match round {
+            _ if !is_timed => Turn::First,
+            1 if self.total >= BESIDE_FEATURES * self.pixels => Turn::Now,
+            _ => Turn::Never,
+        }
+    }
+
     /// The seconds reserved for the filter, if they are measured.
     pub(super) fn filter_seconds(&self) -> Option<f64> {
         self.filter_seconds
@@ -129,7 +152,12 @@ impl Meter {
             // The first round showed the cost of samples: plan the rest at once.
             Budget::Seconds(limit) if round == 1 => {
                 let left = (limit - reserved - seconds) * (1.0 - RESERVE);
-                self.total = self.total.max(self.affordable(film, seconds, left));
+                let all = self.affordable(film, left);
+                let features = self.samples_for_features(film);
+                let enough = all >= features.saturating_add(BESIDE_FEATURES * self.pixels);
+                let most = BESIDE_FEATURES * self.pixels - 1;
+                let all = if enough { all - features } else { all.min(most) };
+                self.total = self.total.max(all.min(self.pixels * u64::from(self.max_spp)));
             }
             _ => {}
         }
@@ -150,7 +178,7 @@ impl Meter {
                 if left < ENOUGH * limit {
                     return false;
                 }
-                self.total = self.affordable(film, seconds, left);
+                self.total = self.affordable(film, left);
                 // A few samples are not worth another round.
                 if self.total < spent + self.pixels.div_ceil(8) {
                     return false;
@@ -172,10 +200,20 @@ impl Meter {
         spent >= before && self.total > spent
     }
 
-    /// The total number of samples that `left` more seconds allow, at the mean rate of the `seconds` so far.
-    fn affordable(&self, film: &Film, seconds: f64, left: f64) -> u64 {
+    /// The number of samples that take as long as samples of features alone in all pixels, by their rays; 0 if the film
+    /// records no features.
+    fn samples_for_features(&self, film: &Film) -> u64 {
+        let record = film.record();
+        let rays = if film.needs().features { FEATURE_RAYS * self.pixels } else { 0 };
+        (rays as f64 * record.samples as f64 / record.rays.max(1) as f64) as u64
+    }
+
+    /// The total number of samples that `left` more seconds allow, at the mean rate of the rounds so far. The time that
+    /// timing the filter took is none of theirs.
+    fn affordable(&self, film: &Film, left: f64) -> u64 {
         let spent = film.record().samples;
+        let seconds: f64 = film.record().rounds.iter().map(|round| round.plan_seconds + round.trace_seconds).sum();
         let rate = spent as f64 / seconds.max(1e-6);
-        spent.saturating_add((rate * left.max(0.0)) as u64).min(self.pixels * u64::from(self.max_spp))
+        spent.saturating_add((rate * left.max(0.0)) as u64)
     }
 }

@@ -1,4 +1,4 @@
-//! Samples of features alone, before the first sample of each pixel.
+//! Samples of features alone, before samples of each pixel.
 //!
 //! The features of a pixel at an edge are as noisy as its colour, and with the same noise: filters then keep it. A sample of
 //! features costs one ray, or a few behind glass, where a sample of light takes several.
@@ -16,13 +16,37 @@ pub(super) struct Cost {
     pub(super) blocks: u64,
 }
 
-/// Returns `true` if a film that records this gets samples of features alone. Features that are recorded by half stay those
-/// of the samples.
-pub(super) fn are_wanted(needs: &Needs, retention: Retention) -> bool {
-    needs.features && !needs.feature_halves && retention == Retention::Keep
+/// The place of samples of features alone in a render.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Turn {
+    /// Before a pixel's first kept sample, in whatever round.
+    First,
+    /// Before a pixel's samples of this round.
+    Now,
+    /// Not in this round.
+    Never,
 }
 
-/// Adds samples of features alone to the features of a pixel that has no kept sample yet.
+impl Turn {
+    /// This turn, or never if a film that records this gets no samples of features alone. Features that are recorded by half
+    /// stay those of the samples.
+    pub(super) fn of_film(self, needs: &Needs, retention: Retention) -> Self {
+        let wanted = needs.features && !needs.feature_halves && retention == Retention::Keep;
+        if wanted { self } else { Self::Never }
+    }
+
+    /// Returns `true` if it is the turn of a pixel with these features and this number of kept samples, at the begin of its
+    /// samples of a round or later. A pixel gets samples of features alone once.
+    pub(super) fn is_now(self, moments: &FeatureMoments, kept: u64, begins: bool) -> bool {
+        match self {
+            Self::First => kept == 0,
+            Self::Now => begins && u64::from(moments.samples) <= kept,
+            Self::Never => false,
+        }
+    }
+}
+
+/// Adds samples of features alone to the features of a pixel.
 ///
 /// Their number follows from themselves, so that it depends on no plan, and a render with a larger budget goes on from one
 /// with a smaller one.

@@ -6,8 +6,9 @@ use std::time::Instant;
 
 /// The part of an image, as a fraction of its rows, on which a filter is timed.
 const PART: u32 = 16;
-/// The least number of pixels on which a filter is timed; smaller images are filtered whole.
-const LEAST: u32 = 1 << 14;
+/// The least number of pixels on which a filter is timed; smaller images are filtered whole. More would take a large part
+/// of a short limit: the filter runs twice.
+const LEAST: u32 = 1 << 12;
 
 /// The rows of the window, in the middle of the image, on which a filter is timed.
 pub(super) fn rows(frame: &Frame) -> Range<u32> {

@@ -22,8 +22,8 @@ impl Session<'_> {
 
     /// Requests the plan of the next round from the sampler; `None` at the end of the render.
     pub(super) fn plan(&mut self, mut team: Option<&mut Team<'_>>) -> Result<Option<OpenRound>, Error> {
-        let planning = self.clock.seconds();
         self.reserve_for_filter(team.as_deref_mut())?;
+        let planning = self.clock.seconds();
         loop {
             let seconds = self.agreed_seconds(team.as_deref_mut())?;
             let State { film, round, .. } = &mut self.state;

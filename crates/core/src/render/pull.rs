@@ -1,6 +1,7 @@
 //! Rounds of a session, cut into tiles.
 
 use super::clock::Clock;
+use super::feature_samples::Turn;
 use super::session::State;
 use super::tile::{Tile, area};
 use crate::snapshot::{Planner, SavedSampler, View};
@@ -21,6 +22,7 @@ pub struct Round<'s> {
     number: u32,
     total: u64,
     side: u32,
+    features: Turn,
     state: Mutex<Shared<'s>>,
 }
 
@@ -36,13 +38,13 @@ impl<'s> Round<'s> {
         sampler: &'s dyn Sampler,
         limits: &'s Limits,
         clock: &'s Clock,
-        (total, side): (u64, u32),
+        (total, side, features): (u64, u32, Turn),
     ) -> Self {
         let (frame, number) = (state.film.frame, state.round);
         let areas = areas(&frame, side).into_iter();
         let (points, sampler) = (sampler.points(), SavedSampler::of(sampler));
         let state = Mutex::new(Shared { state, areas });
-        Self { points, sampler, limits, clock, frame, number, total, side, state }
+        Self { points, sampler, limits, clock, frame, number, total, side, features, state }
     }
 
     /// The round's number, from 0.
@@ -69,7 +71,12 @@ impl<'s> Round<'s> {
         loop {
             let [x0, y0, x1, y1] = shared.areas.next()?;
             let open = shared.state.open.as_ref()?;
-            let tile = Tile::new(self.points, &shared.state.film, open, self.frame.crop(x0, y0, x1, y1).ok()?);
+            let tile = Tile::new(
+                self.points,
+                &shared.state.film,
+                (open, self.features),
+                self.frame.crop(x0, y0, x1, y1).ok()?,
+            );
             if tile.left() > 0 {
                 return Some(tile);
             }
@@ -87,7 +94,9 @@ impl<'s> Round<'s> {
         let inside = x0 >= window[0] && y0 >= window[1] && x1 <= window[2] && y1 <= window[3];
         let shared = self.lock();
         match (self.frame.crop(x0, y0, x1, y1), &shared.state.open) {
-            (Ok(frame), Some(open)) if inside => Ok(Tile::new(self.points, &shared.state.film, open, frame)),
+            (Ok(frame), Some(open)) if inside => {
+                Ok(Tile::new(self.points, &shared.state.film, (open, self.features), frame))
+            }
             _ => {
                 let [left, top, right, bottom] = window;
                 let what = format!("it is empty or reaches outside columns {left}..{right} and rows {top}..{bottom}");
@@ -100,7 +109,7 @@ impl<'s> Round<'s> {
     pub fn whole(&self) -> Tile<'s> {
         let shared = self.lock();
         let open = shared.state.open.as_ref().expect("a round is open as long as it is borrowed");
-        Tile::new(self.points, &shared.state.film, open, self.frame)
+        Tile::new(self.points, &shared.state.film, (open, self.features), self.frame)
     }
 
     /// Takes the results of a tile, all of them.

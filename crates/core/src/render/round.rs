@@ -1,7 +1,7 @@
 //! Tracing one round: slices of bands of rows.
 
 use super::band::{Band, bands};
-use super::feature_samples;
+use super::feature_samples::{self, Turn};
 use super::session::State;
 use super::team::Team;
 use super::{Monitor, Session, prepare};
@@ -42,6 +42,7 @@ struct Inputs<'a> {
     origin: [u32; 2],
     streams: [u32; 2],
     needs: Needs,
+    features: Turn,
     wants_training: bool,
     /// The samples that this slice traces in each pixel: first index and end, counted from the start of the round.
     part: [u32; 2],
@@ -102,7 +103,8 @@ pub(super) fn trace(
     let height = session.state.film.frame.size()[1];
     loop {
         let seconds = session.seconds() - began;
-        let Session { state, sampler, limits, training, .. } = &mut *session;
+        let Session { state, sampler, limits, training, meter, .. } = &mut *session;
+        let features = meter.features(state.round);
         let Some(open) = &mut state.open else { return Ok(Stopped::AtEnd) };
         let (points, longest) = (sampler.points(), open.longest());
         if open.cursor.start >= longest {
@@ -124,7 +126,7 @@ pub(super) fn trace(
         let cursor = &mut open.cursor;
         let rows = [cursor.row, cursor.row.saturating_add(rows).min(height)];
         let range = Slice { samples: [cursor.start, cursor.end], rows };
-        let tallies = slice(&*integrator, points, &open.plan, film, (limits, team.as_deref_mut()), range);
+        let tallies = slice(&*integrator, points, &open.plan, film, (limits, team.as_deref_mut()), (range, features));
         if open.plan.retention == Retention::Keep {
             tallies.iter().for_each(|tally| film.splats.count(tally.samples));
         }
@@ -249,7 +251,7 @@ fn slice(
     plan: &Plan,
     film: &mut Film,
     (limits, mut team): (&Limits, Option<&mut Team<'_>>),
-    Slice { samples: part, rows }: Slice,
+    (Slice { samples: part, rows }, features): (Slice, Turn),
 ) -> Vec<Tally> {
     let [width, _] = film.frame.size().map(|n| n as usize);
     let halves = film.kept.len() == 2;
@@ -266,6 +268,7 @@ fn slice(
             (Retention::Discard, true) => streams::DISCARDED_HALVES,
         },
         needs: film.needs,
+        features: features.of_film(&film.needs, plan.retention),
         wants_training: integrator.wants_training(),
         part,
         workers: Mutex::default(),
@@ -374,8 +377,12 @@ fn trace_pixel(
         let rest = round.plan.second_half.as_ref().map(|_| second.saturating_sub(start));
         reserve_samples(&mut band.banks, local, (first.saturating_sub(start), rest));
     }
-    if feature_samples::are_wanted(&round.needs, round.plan.retention)
-        && band.banks.iter().all(|bank| bank.counts[local] == 0)
+    if round.features != Turn::Never
+        && round.features.is_now(
+            &band.features[local],
+            band.banks.iter().map(|bank| bank.counts[local]).sum(),
+            start == 0,
+        )
     {
         let cost = feature_samples::add(&mut band.features[local], round.points, pixel, |draws| {
             current.set(Some(draws.id()));

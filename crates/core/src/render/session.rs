@@ -204,8 +204,8 @@ impl<'a> Session<'a> {
         }
         self.given_out = self.state.open.as_ref().map(|open| open.plan.total());
         let Self { state, limits, sampler, meter, clock, tile_side, .. } = self;
-        let total = meter.left(&state.film).total;
-        Ok(Some(Round::new(state, &**sampler, limits, clock, (total, *tile_side))))
+        let (total, features) = (meter.left(&state.film).total, meter.features(state.round));
+        Ok(Some(Round::new(state, &**sampler, limits, clock, (total, *tile_side, features))))
     }
 
     /// Ends the open round. Refuses samples that report neither hits nor misses if the filter reads hits.

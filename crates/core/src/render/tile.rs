@@ -1,6 +1,6 @@
 //! Tiles of a round: the samples that one task traces, in any order.
 
-use super::feature_samples;
+use super::feature_samples::{self, Turn};
 use crate::film::{Bank, Splats, reserve_samples};
 use crate::snapshot::OpenRound;
 use crate::{Draws, Estimate, Film, Needs, PointSet, Rejected, Retention, SampleId, streams};
@@ -11,6 +11,7 @@ use std::sync::Arc;
 pub(super) struct Planned<'r> {
     points: &'r dyn PointSet,
     needs: Needs,
+    features: Turn,
     pub(super) area: [u32; 4],
     streams: [u32; 2],
     order: Order,
@@ -136,7 +137,12 @@ struct Waiting {
 
 impl<'r> Tile<'r> {
     /// Takes the part of the film that `frame` covers.
-    pub(super) fn new(points: &'r dyn PointSet, film: &Film, open: &OpenRound, frame: crate::Frame) -> Self {
+    pub(super) fn new(
+        points: &'r dyn PointSet,
+        film: &Film,
+        (open, features): (&OpenRound, Turn),
+        frame: crate::Frame,
+    ) -> Self {
         let mut part = film.part(frame, open.plan.retention);
         let banks = if open.plan.retention == Retention::Keep { &part.kept } else { &part.discarded };
         let width = film.frame.size()[0] as usize;
@@ -153,6 +159,7 @@ impl<'r> Tile<'r> {
         let planned = Planned {
             points,
             needs: film.needs,
+            features: features.of_film(&film.needs, open.plan.retention),
             area: area(&frame),
             streams: match (open.plan.retention, halves) {
                 (Retention::Keep, false) => [streams::WHOLE; 2],
@@ -243,9 +250,12 @@ impl<'r> Tile<'r> {
         }
     }
 
-    /// Samples features without light in the pixels that have no kept sample yet, as [`Render`](crate::Render) does with
+    /// Samples features without light where it is their turn, as [`Render`](crate::Render) does with
     /// [`Integrator::features_alone`](crate::Integrator::features_alone). `sample` returns a first hit and features, or `None` to
     /// end those of the pixel.
+    ///
+    /// It is the turn of pixels that have no kept sample yet; with a time limit, of all pixels of the second round, if the
+    /// limit allows enough samples.
     ///
     /// Call it once, before samples are added. It may be left out: filters then keep more noise at edges.
     pub fn sample_features(&mut self, mut sample: impl FnMut(&Draws<'_>) -> Option<Estimate>) {
@@ -254,12 +264,13 @@ impl<'r> Tile<'r> {
             let what = "features were sampled after samples of the tile were added; sample features first";
             self.fault.get_or_insert(what.into());
         }
-        if self.fault.is_some() || !feature_samples::are_wanted(&planned.needs, self.retention) {
+        if self.fault.is_some() || planned.features == Turn::Never {
             return;
         }
         for (local, pixel) in planned.pixels.iter().enumerate() {
-            if pixel.total() > 0 && self.film.kept.iter().all(|bank| bank.counts[local] == 0) {
-                let moments = &mut self.film.features[local];
+            let kept = self.film.kept.iter().map(|bank| bank.counts[local]).sum();
+            let moments = &mut self.film.features[local];
+            if pixel.total() > 0 && planned.features.is_now(moments, kept, true) {
                 let cost = feature_samples::add(moments, planned.points, planned.pixel(local), &mut sample);
                 self.film.record.rays += cost.rays;
                 self.film.record.blocks += cost.blocks;

@@ -3,8 +3,8 @@
 use crate::common::{Independent, Planned, frame};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Estimate, Feedback, Film, FirstHit, Integrator, Limits, Methods, Needs, Plan, Progress, Render,
-    Sampler, Session, Worker, streams,
+    Block, Budget, Draws, Estimate, Feedback, Film, FirstHit, Integrator, Limits, Methods, Needs, Plan, Progress,
+    Render, Sampler, Session, Worker, streams,
 };
 
 const PLACE: Block = Block::new(0);
@@ -99,4 +99,45 @@ fn a_tile_refuses_features_after_samples() {
     tile.sample_features(|draws| walls.features_alone(draws));
     let error = round.submit(tile).unwrap_err().to_string();
     assert!(error.contains("sample features first"), "{error}");
+}
+
+/// Budgets that begin with one sample per pixel are those of a time limit.
+#[test]
+fn a_time_limit_samples_features_in_the_second_round_if_it_leaves_enough_samples() {
+    let film = |budgets: &[u64]| {
+        let limits = Limits::new(Budget::Recorded(budgets.iter().map(|spp| 24 * spp).collect()));
+        let render = Render::new(frame(6, 4), &limits).needs(Needs::none().with_features());
+        render.run(&mut Walls { alone: true }, &mut Uniform::new(Independent::new(5))).unwrap()
+    };
+    let sampled_alone = |budgets: &[u64]| {
+        let film = film(budgets);
+        samples(&film)
+            .iter()
+            .zip(film.counts())
+            .map(|(samples, count)| u64::from(*samples) - count)
+            .collect::<Vec<u64>>()
+    };
+    assert_eq!(sampled_alone(&[1, 3, 12]), [0; 24]);
+    for budgets in [&[1, 4][..], &[1, 4, 12]] {
+        let alone = sampled_alone(budgets);
+        // One sample of light is there already.
+        assert!(alone.iter().enumerate().all(|(i, n)| *n == 3 || i % 2 == 1 && *n == 11), "{alone:?}");
+        assert!(alone.contains(&11), "{alone:?}");
+    }
+    assert!(sampled_alone(&[2, 4]).iter().all(|n| *n >= 4));
+}
+
+#[test]
+fn the_recorded_budgets_of_a_time_limit_replay_its_features() {
+    let draw = |budget: Budget| {
+        let limits = Limits::new(budget).with_max_spp(6);
+        let render = Render::new(frame(64, 48), &limits).needs(Needs::none().with_features());
+        render.run(&mut Walls { alone: true }, &mut Uniform::new(Independent::new(5))).unwrap()
+    };
+    let timed = draw(Budget::Seconds(60.0));
+    let replayed = draw(Budget::Recorded(timed.record().budgets.clone()));
+    assert_eq!(timed.record().samples, 6 * 64 * 48);
+    assert_eq!(timed.record().rays, replayed.record().rays);
+    assert!(timed.record().rays > 3 * 6 * 64 * 48, "no features alone");
+    assert!((0..64 * 48).all(|i| timed.features(i) == replayed.features(i)));
 }
