@@ -16,6 +16,7 @@ use dapple_renderer::{MakeError, World};
 use glam::{Vec2, Vec3};
 use strategies::Contribution;
 use vertex::Vertex;
+pub(crate) use walk::OF_LIGHT;
 
 dapple_core::options! {
     /// The parameters of [`Bdpt`].

@@ -6,7 +6,7 @@
 
 mod map;
 
-use crate::walk::{Arrival, Onwards, Sources, emitted, probe, walk};
+use crate::walk::{Arrival, MOST_TURNED, Onwards, Sources, emitted, is_rough, probe, walk};
 use dapple_core::{Draws, Frame, Integrator, OptionValue, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
 use dapple_scene::Effect;
@@ -77,8 +77,6 @@ pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Int
     Ok(path_tracer_with(world, PhotonLight::new(world, options)))
 }
 
-/// The least microfacet width of a surface that stores photons. Narrower lobes are left to the path tracer.
-const ROUGH: f32 = 0.3;
 /// The least cosine between the normals of two points of the same surface.
 const SAME_NORMAL: f32 = 0.9;
 /// The height of the look-up's cylinder to each side, in radii.
@@ -205,7 +203,7 @@ impl<'w> PhotonLight<'w> {
         if caustics && !arrival.is_specular {
             return Onwards::Stop;
         }
-        if arrival.bounces > 0 && arrival.bsdf.roughness() >= ROUGH {
+        if arrival.bounces > 0 && is_rough(arrival.bsdf) {
             let &Arrival { from, flux, bounces, is_specular: is_caustic, .. } = arrival;
             let point = arrival.at.point();
             let (position, normal) = (point.position, point.normal);
@@ -235,7 +233,7 @@ impl<'w> PhotonLight<'w> {
                 return;
             }
             // Flux is measured on the geometric surface, and scattered by the shading normal.
-            let turn = if bumped { (wi.z / inside).abs().min(10.0) } else { 1.0 };
+            let turn = if bumped { (wi.z / inside).abs().min(MOST_TURNED) } else { 1.0 };
             sum += vertex.bsdf.evaluate(vertex.wo, wi) * photon.flux * turn;
         });
         sum * map.density()
@@ -248,7 +246,7 @@ impl VertexLight for PhotonLight<'_> {
 
     fn gather(&self, state: &mut Gathered, vertex: &GatherPoint<'_>, draws: &Draws<'_>, _: &mut Worker) -> (Vec3, u32) {
         state.next = Next::default();
-        if vertex.bsdf.roughness() < ROUGH || self.sources.is_empty() {
+        if !is_rough(vertex.bsdf) || self.sources.is_empty() {
             return (Vec3::ZERO, 0);
         }
         let all = self.options.what == What::All && state.vertices >= self.options.gather;
