@@ -74,11 +74,15 @@ pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Int
         let advice = "photons are stored on surfaces only; use \"path\" or what=caustics";
         return Err(MakeError::Scene(format!("the scene has a medium that scatters light, and {advice}")));
     }
-    Ok(path_tracer_with(world, PhotonLight::new(world, options)))
+    let light = PhotonLight::new(world, options);
+    light.check_radius()?;
+    Ok(path_tracer_with(world, light))
 }
 
 /// The least cosine between the normals of two points of the same surface.
 const SAME_NORMAL: f32 = 0.9;
+/// The smallest and the largest radius of a look-up, in radii of the scene. Positions are no more exact than the smallest.
+const RADII: [f32; 2] = [1e-6, 2.0];
 /// The height of the look-up's cylinder to each side, in radii.
 const THICKNESS: f32 = 0.5;
 /// The radius of the first look-up in pixels at the median first hit.
@@ -138,6 +142,18 @@ impl<'w> PhotonLight<'w> {
         let sources = Sources::new(world, |light| replaced[light as usize]);
         let radius = (options.radius > 0.0).then(|| (options.radius * world.space().scale()) as f32);
         Self { world, options, sources, replaced, radius, maps: Default::default(), is_guided: false }
+    }
+
+    /// Refuses a radius that finds no photons, or all of them.
+    fn check_radius(&self) -> Result<(), MakeError> {
+        let scene = self.world.lights().scene_sphere().1;
+        let [least, most] = RADII.map(|of_scene| of_scene * scene);
+        if self.radius.is_none_or(|radius| (least..=most).contains(&radius)) {
+            return Ok(());
+        }
+        let [least, most] = [least, most].map(|radius| f64::from(radius) / self.world.space().scale());
+        let radius = self.options.radius;
+        Err(MakeError::Scene(format!("radius={radius:?} does not fit the scene; use {least:.3e} to {most:.3e}, or 0")))
     }
 
     /// The radius of a pass: `r(i+1)^2 = r(i)^2 (i + alpha) / (i + 1)` [Knaus and Zwicker 2011].

@@ -33,6 +33,19 @@ fn floor(kind: Option<LightKind>, pane: bool) -> Scene {
 }
 
 #[test]
+fn a_radius_that_does_not_fit_the_scene_is_refused() {
+    let world = World::new(&floor(None, true)).expect("a world");
+    let make = |radius: &str| make_integrator(&format!("photons:radius={radius}"), &world).map(|_| ());
+    for radius in ["1e-30", "1e-9", "100", "1e30"] {
+        let error = make(radius).expect_err("no look-up has this radius").to_string();
+        assert!(error.contains("does not fit the scene"), "{radius}: {error}");
+    }
+    for radius in ["0", "1e-3", "1"] {
+        make(radius).expect("a radius");
+    }
+}
+
+#[test]
 fn light_through_clear_panes_is_that_without_them() {
     let falloff = SpotFalloff::Smoothstep;
     let spot = LightKind::Spot { intensity: [3.0; 3], cone: 50.0, falloff_start: 40.0, falloff };
