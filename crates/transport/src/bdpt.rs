@@ -204,6 +204,10 @@ impl Integrator for Bdpt<'_> {
         estimate
     }
 
+    fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
+        Some(self.world.features_alone(draws, self.depth))
+    }
+
     fn needs(&self) -> Needs {
         if self.splats { Needs::none().with_splats() } else { Needs::none() }
     }

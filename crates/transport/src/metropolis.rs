@@ -211,6 +211,10 @@ impl Integrator for Metropolis<'_> {
         estimate
     }
 
+    fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
+        self.direct.features_alone(draws)
+    }
+
     fn prepares(&self) -> Prepares {
         if self.depth < 2 { Prepares::Never } else { Prepares::EveryPass }
     }

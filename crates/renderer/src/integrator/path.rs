@@ -427,7 +427,7 @@ impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> Integrator for Pat
     }
 
     fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
-        Some(features::features_alone(self.world, draws))
+        Some(self.world.features_alone(draws, self.world.max_depth))
     }
 
     fn wants_training(&self) -> bool {
