@@ -230,6 +230,10 @@ pub(crate) fn walk<'w>(
     for hit in 0..MOST_HITS {
         let rays = u64::from(hit) + 1;
         let Some(at) = world.closest_hit(&ray, 0.0) else { return rays };
+        if hit == 0 {
+            // A light may lie in another medium than the camera: the one in front of the first border.
+            medium = world.medium_beyond(&at, -ray.direction, medium);
+        }
         flux *= world.medium_transmittance(medium, at.distance());
         let Some((bsdf, frame)) = world.scattering(&at, || {
             let [alpha, mix, ..] = draws.block(SURFACE.at(hit, STRIDE));
