@@ -4,7 +4,7 @@
 //! refracts, or shows its base through a coat, they follow the lobe that the path samples.
 
 use super::transmission::MediumEnd;
-use super::{LightSelector, NoVertexLight, Path, PathTracer, RARE, VertexLight, code};
+use super::{LightSelector, NoVertexLight, Path, PathTracer, RARE_LOBE, VertexLight, code};
 use crate::World;
 use crate::blocks;
 use crate::camera::{General, Lens};
@@ -99,7 +99,7 @@ impl<'w> AnyPath<'w> {
             return false;
         }
         path.throughput *= sample.weight;
-        path.is_rare |= sample.specular && sample.pdf < RARE && bsdf.transmits();
+        path.is_rare |= sample.specular && sample.pdf < RARE_LOBE && bsdf.transmits();
         path.eta_squared *= sample.eta * sample.eta;
         path.ray = spawn_ray(&at.point, wi);
         path.medium = at.medium_beyond(wi, path.medium);
