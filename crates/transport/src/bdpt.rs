@@ -16,6 +16,7 @@ use dapple_renderer::{MakeError, World};
 use glam::{Vec2, Vec3};
 use strategies::Contribution;
 use vertex::Vertex;
+pub(crate) use walk::OF_LIGHT;
 
 dapple_core::options! {
     /// The parameters of [`Bdpt`].
@@ -201,6 +202,10 @@ impl Integrator for Bdpt<'_> {
         let mut estimate = self.trace(draws, &mut sink);
         estimate.radiance = sink.radiance.to_array();
         estimate
+    }
+
+    fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
+        Some(self.world.features_alone(draws, self.depth))
     }
 
     fn needs(&self) -> Needs {

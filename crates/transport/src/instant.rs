@@ -7,7 +7,7 @@
 #[cfg(test)]
 mod tests;
 
-use crate::walk::{Arrival, Onwards, Sources, walk};
+use crate::walk::{Arrival, Onwards, Sources, is_rough, turned, walk};
 use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_geometry::SurfacePoint;
 use dapple_renderer::light::{LightSample, Target};
@@ -38,9 +38,6 @@ pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Int
     }
     Ok(path_tracer_with(world, VirtualLights::new(world, options)))
 }
-
-/// The least microfacet width of a surface that is lit by virtual lights, and holds them.
-const ROUGH: f32 = 0.3;
 
 /// A surface point that light from a lamp reached.
 #[derive(Clone, Copy, Debug)]
@@ -105,13 +102,11 @@ impl<'w> VirtualLights<'w> {
     }
 
     fn arrive(&self, arrival: &Arrival<'_, 'w>, set: &mut Vec<VirtualLight<'w>>) -> Onwards {
-        if is_lit(arrival.bsdf) {
+        if is_rough(arrival.bsdf) {
             let &Arrival { from, frame, .. } = arrival;
             let (point, wi) = (*arrival.at.point(), frame.to_local(from));
-            // Flux is measured on the geometric surface, and scattered by the shading normal.
-            let [shading, geometric] = [frame.normal, point.normal].map(|normal| normal.dot(from));
-            let turn = if shading == geometric { 1.0 } else { (shading / geometric).abs() };
-            let flux = arrival.flux * (turn / self.options.paths as f32);
+            let turned = turned(frame.normal.dot(from), point.normal.dot(from));
+            let flux = arrival.flux * (turned / self.options.paths as f32);
             if flux.is_finite() {
                 let (bsdf, frame, bounces) = (*arrival.bsdf, *frame, arrival.bounces + 1);
                 set.push(VirtualLight { point, bsdf, frame, from, wi, flux, bounces });
@@ -121,18 +116,13 @@ impl<'w> VirtualLights<'w> {
     }
 }
 
-/// Returns true for a surface that virtual lights light, and that holds them.
-fn is_lit(bsdf: &Bsdf<'_>) -> bool {
-    bsdf.roughness() >= ROUGH
-}
-
 impl VertexLight for VirtualLights<'_> {
     const ACTIVE: bool = true;
     type State = Gathered;
 
     fn gather(&self, state: &mut Gathered, vertex: &GatherPoint<'_>, draws: &Draws<'_>, _: &mut Worker) -> (Vec3, u32) {
         state.next = None;
-        if !is_lit(vertex.bsdf) {
+        if !is_rough(vertex.bsdf) {
             return (Vec3::ZERO, 0);
         }
         let GatherPoint { at, bsdf, frame, wo, back, depth } = *vertex;
@@ -169,7 +159,7 @@ impl VertexLight for VirtualLights<'_> {
     }
 
     fn share(&self, state: &Gathered, vertex: &GatherPoint<'_>) -> f32 {
-        let Some(LitPoint { position, normal }) = state.last.filter(|_| is_lit(vertex.bsdf)) else { return 1.0 };
+        let Some(LitPoint { position, normal }) = state.last.filter(|_| is_rough(vertex.bsdf)) else { return 1.0 };
         let (point, back) = (vertex.at.point(), vertex.back);
         let squared = point.position.distance_squared(position);
         let geometry = geometry(normal.dot(back), point.normal.dot(back), squared);

@@ -9,6 +9,7 @@ mod tests;
 mod tree;
 
 use crate::patches::{Division, Patches};
+use crate::walk::{LIGHT, TOWARDS, is_rough, probe};
 use common::{CommonCuts, grid};
 use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_renderer::light::{LightSample, SelectedLight, Target};
@@ -49,8 +50,6 @@ pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Int
     Ok(path_tracer_with(world, CutLight::new(world, options, division)))
 }
 
-/// The least microfacet width of a surface whose light comes from a cut. Narrower lobes would show single points.
-const ROUGH: f32 = 0.3;
 /// The share of the image's mean below which errors do not count.
 const FLOOR: f32 = 1e-3;
 
@@ -81,9 +80,6 @@ struct CutSum {
     rays: u32,
     /// The number of nodes that were members of the cut.
     visited: u32,
-    /// The number of nodes that stayed.
-    #[cfg_attr(not(test), expect(dead_code, reason = "for tests"))]
-    size: u32,
 }
 
 /// A group of lights in a cut.
@@ -135,7 +131,7 @@ impl<'a> Lit<'a> {
     fn new(vertex: &'a GatherPoint<'a>, set: usize) -> Self {
         let side = if vertex.frame.normal.dot(vertex.back) < 0.0 { -1.0 } else { 1.0 };
         let mirrored = Vec3::new(-vertex.wo.x, -vertex.wo.y, vertex.wo.z);
-        // The peak of a rough lobe is close to the mirror direction.
+        // The peak of a rough lobe is close to the mirror direction, and hardly higher than there.
         let peak = luminance(vertex.bsdf.evaluate(vertex.wo, mirrored));
         let material = (luminance(vertex.bsdf.albedo()) * FRAC_1_PI).max(1.1 * peak);
         Self { vertex, normal: vertex.frame.normal * side, material, set }
@@ -166,7 +162,7 @@ impl<'w> CutLight<'w> {
             for _ in 0..count {
                 let draws = pass.draws(path);
                 path += 1;
-                let ([.., u, v], [x, y, ..]) = (draws.block(crate::walk::LIGHT), draws.block(crate::walk::TOWARDS));
+                let ([.., u, v], [x, y, ..]) = (draws.block(LIGHT), draws.block(TOWARDS));
                 let selected = SelectedLight { index: light, pmf: 1.0 };
                 let Some(ray) = lights.sample_emission_of(selected, [u, v], [x, y]) else { continue };
                 let share = (count as f32).recip();
@@ -178,6 +174,7 @@ impl<'w> CutLight<'w> {
                         let target = Target::Surface(point);
                         oriented.push(PointLight::new(ray.position, point.normal, intensity, target));
                     }
+                    // Lights without extent are single points.
                     Target::Point(_) => {}
                     Target::Far => {
                         let irradiance = ray.radiance * (share / ray.pdf.direction);
@@ -192,6 +189,7 @@ impl<'w> CutLight<'w> {
         trees.into_iter().filter(|tree| !tree.nodes.is_empty()).collect()
     }
 
+    /// Returns true for a light that becomes points of its surface.
     fn is_area(&self, light: u32) -> bool {
         let lights = self.world.lights();
         lights.light_sphere(light).is_some() && !lights.is_delta(light) && lights.ball(light).is_none()
@@ -261,7 +259,7 @@ impl<'w> CutLight<'w> {
     fn cut(&self, lit: &Lit<'_>, start: &[NodeId], cut: &mut Refinement) -> CutSum {
         cut.members.clear();
         cut.coarse.clear();
-        let mut sum = CutSum { light: Vec3::ZERO, rays: 0, visited: 0, size: 0 };
+        let mut sum = CutSum { light: Vec3::ZERO, rays: 0, visited: 0 };
         match start {
             [] => self.roots().for_each(|id| cut.members.push(self.member(lit, id, None, 0.0, &mut sum))),
             start => cut.members.extend(start.iter().map(|id| self.member(lit, *id, None, 0.0, &mut sum))),
@@ -297,7 +295,7 @@ impl<'w> CutLight<'w> {
         }
         // Subtractions leave rounding, so the sum is made anew.
         let light = |m: &Member| m.unit * self.trees[m.id.tree as usize].nodes[m.id.node as usize].intensity;
-        CutSum { light: cut.members.iter().map(light).sum(), size: cut.members.len() as u32, ..sum }
+        CutSum { light: cut.members.iter().map(light).sum(), ..sum }
     }
 
     /// The bound that a group need not go below.
@@ -418,7 +416,7 @@ impl CutLight<'_> {
 
     /// The value of a function at the first hit of a camera ray through a pixel, if its light would come from a cut.
     fn at_first_hit<T>(&self, pixel: [u32; 2], at: impl FnOnce(&GatherPoint<'_>) -> T) -> Option<T> {
-        let draws = crate::walk::probe(pixel);
+        let draws = probe(pixel);
         let (ray, time) = self.world.camera_ray(&draws);
         let hit = self.world.closest_hit(&ray, time)?;
         let (bsdf, frame) = self.world.scattering(&hit, || [0.5; 2])?;
@@ -430,5 +428,5 @@ impl CutLight<'_> {
 
 /// Returns true for a surface whose direct light comes from a cut.
 fn cuts_at(vertex: &GatherPoint<'_>) -> bool {
-    vertex.bsdf.roughness() >= ROUGH
+    is_rough(vertex.bsdf)
 }

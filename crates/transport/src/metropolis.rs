@@ -6,9 +6,7 @@ mod tests;
 
 use crate::bdpt::{Bdpt, BdptOptions, Sink};
 use chain::{Chains, Deposit, Target};
-use dapple_core::{
-    Block, Draws, Estimate, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker, mix, streams,
-};
+use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker, mix};
 use dapple_renderer::{MakeError, World};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -205,17 +203,16 @@ impl Target for Indirect<'_, '_> {
 impl Integrator for Metropolis<'_> {
     fn estimate(&self, draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
         let mut estimate = self.direct.estimate(draws, worker);
-        let id = draws.id();
-        let image = match id.stream {
-            first if first == streams::HALVES[0] => 0,
-            second if second == streams::HALVES[1] => 1,
-            _ => (id.index % 2) as usize,
-        };
-        let pixel = self.frame.as_ref().and_then(|frame| index_of(frame, id.pixel));
-        if let Some(light) = pixel.and_then(|pixel| self.images[image].get(pixel as usize)) {
+        let image = &self.images[(draws.sample_number() & 1) as usize];
+        let pixel = self.frame.as_ref().and_then(|frame| index_of(frame, draws.pixel()));
+        if let Some(light) = pixel.and_then(|pixel| image.get(pixel as usize)) {
             estimate.radiance = (Vec3::from(estimate.radiance) + Vec3::from(*light)).to_array();
         }
         estimate
+    }
+
+    fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
+        self.direct.features_alone(draws)
     }
 
     fn prepares(&self) -> Prepares {

@@ -6,7 +6,7 @@
 
 mod map;
 
-use crate::walk::{Arrival, Onwards, Sources, emitted, probe, walk};
+use crate::walk::{Arrival, MOST_TURNED, Onwards, Sources, emitted, is_rough, probe, walk};
 use dapple_core::{Draws, Frame, Integrator, OptionValue, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
 use dapple_scene::Effect;
@@ -74,13 +74,15 @@ pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Int
         let advice = "photons are stored on surfaces only; use \"path\" or what=caustics";
         return Err(MakeError::Scene(format!("the scene has a medium that scatters light, and {advice}")));
     }
-    Ok(path_tracer_with(world, PhotonLight::new(world, options)))
+    let light = PhotonLight::new(world, options);
+    light.check_radius()?;
+    Ok(path_tracer_with(world, light))
 }
 
-/// The least microfacet width of a surface that stores photons. Narrower lobes are left to the path tracer.
-const ROUGH: f32 = 0.3;
 /// The least cosine between the normals of two points of the same surface.
 const SAME_NORMAL: f32 = 0.9;
+/// The smallest and the largest radius of a look-up, in radii of the scene. Positions are no more exact than the smallest.
+const RADII: [f32; 2] = [1e-6, 2.0];
 /// The height of the look-up's cylinder to each side, in radii.
 const THICKNESS: f32 = 0.5;
 /// The radius of the first look-up in pixels at the median first hit.
@@ -140,6 +142,18 @@ impl<'w> PhotonLight<'w> {
         let sources = Sources::new(world, |light| replaced[light as usize]);
         let radius = (options.radius > 0.0).then(|| (options.radius * world.space().scale()) as f32);
         Self { world, options, sources, replaced, radius, maps: Default::default(), is_guided: false }
+    }
+
+    /// Refuses a radius that finds no photons, or all of them.
+    fn check_radius(&self) -> Result<(), MakeError> {
+        let scene = self.world.lights().scene_sphere().1;
+        let [least, most] = RADII.map(|of_scene| of_scene * scene);
+        if self.radius.is_none_or(|radius| (least..=most).contains(&radius)) {
+            return Ok(());
+        }
+        let [least, most] = [least, most].map(|radius| f64::from(radius) / self.world.space().scale());
+        let radius = self.options.radius;
+        Err(MakeError::Scene(format!("radius={radius:?} does not fit the scene; use {least:.3e} to {most:.3e}, or 0")))
     }
 
     /// The radius of a pass: `r(i+1)^2 = r(i)^2 (i + alpha) / (i + 1)` [Knaus and Zwicker 2011].
@@ -205,7 +219,7 @@ impl<'w> PhotonLight<'w> {
         if caustics && !arrival.is_specular {
             return Onwards::Stop;
         }
-        if arrival.bounces > 0 && arrival.bsdf.roughness() >= ROUGH {
+        if arrival.bounces > 0 && is_rough(arrival.bsdf) {
             let &Arrival { from, flux, bounces, is_specular: is_caustic, .. } = arrival;
             let point = arrival.at.point();
             let (position, normal) = (point.position, point.normal);
@@ -235,7 +249,7 @@ impl<'w> PhotonLight<'w> {
                 return;
             }
             // Flux is measured on the geometric surface, and scattered by the shading normal.
-            let turn = if bumped { (wi.z / inside).abs().min(10.0) } else { 1.0 };
+            let turn = if bumped { (wi.z / inside).abs().min(MOST_TURNED) } else { 1.0 };
             sum += vertex.bsdf.evaluate(vertex.wo, wi) * photon.flux * turn;
         });
         sum * map.density()
@@ -248,7 +262,7 @@ impl VertexLight for PhotonLight<'_> {
 
     fn gather(&self, state: &mut Gathered, vertex: &GatherPoint<'_>, draws: &Draws<'_>, _: &mut Worker) -> (Vec3, u32) {
         state.next = Next::default();
-        if vertex.bsdf.roughness() < ROUGH || self.sources.is_empty() {
+        if !is_rough(vertex.bsdf) || self.sources.is_empty() {
             return (Vec3::ZERO, 0);
         }
         let all = self.options.what == What::All && state.vertices >= self.options.gather;

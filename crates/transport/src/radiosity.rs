@@ -4,13 +4,12 @@
 //! 1992]. Patches are the clusters of \[Lan 2016\]. Paths read the indirect light of diffuse surfaces there, and end.
 
 use crate::patches::{Division, Patches};
-use crate::walk::{Arrival, Onwards, Sources, emitted, walk};
+use crate::walk::{Arrival, MOST_TURNED, Onwards, Sources, emitted, turned, walk};
 use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_renderer::shading::Bsdf;
 use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
 use dapple_scene::Effect;
 use glam::{DVec3, Vec3};
-
 use rayon::prelude::*;
 
 dapple_core::options! {
@@ -95,9 +94,8 @@ impl<'w> PatchLight<'w> {
             let place = self.place(patch, self.patches.side(patch, arrival.at, arrival.from)) + layer as usize;
             // Irradiance is that of the shading normal.
             let [shading, geometric] = [arrival.frame.normal, arrival.at.point().normal].map(|n| n.dot(arrival.from));
-            let turn = if shading == geometric { 1.0 } else { (shading / geometric).abs().min(10.0) };
             if shading * geometric > 0.0 {
-                found.push((place as u32, arrival.flux * turn));
+                found.push((place as u32, arrival.flux * turned(shading, geometric).min(MOST_TURNED)));
             }
         }
         Onwards::Scatter

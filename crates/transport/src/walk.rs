@@ -26,11 +26,33 @@ pub(crate) fn probe(pixel: [u32; 2]) -> Draws<'static> {
     Draws::new(&HostNumbers, SampleId::new(pixel, streams::PROBE, 0))
 }
 
-/// The paths to emit per pass and half of the samples: as many as requested, or one per pixel for 0.
+/// The fewest and the most paths per pass and half, where none are requested: a small image needs some, a large one does
+/// not fill the memory.
+const EMITTED: [u32; 2] = [1000, 1 << 22];
+
+/// The paths to emit per pass and half of the samples: as many as requested; for 0 one per pixel, within [`EMITTED`].
 pub(crate) fn emitted(requested: u32, frame: &Frame) -> u32 {
     let pixels = u32::try_from(frame.pixels()).unwrap_or(u32::MAX);
-    if requested == 0 { pixels.clamp(1000, 1 << 22) } else { requested }
+    if requested == 0 { pixels.clamp(EMITTED[0], EMITTED[1]) } else { requested }
 }
+
+/// Returns true for a surface rough enough for light from single points: photons, virtual lights and cuts. Narrower lobes
+/// would show the points, and are left to paths.
+pub(crate) fn is_rough(bsdf: &Bsdf<'_>) -> bool {
+    /// The least microfacet width.
+    const ROUGH: f32 = 0.3;
+    bsdf.roughness() >= ROUGH
+}
+
+/// Returns the factor of flux from a direction, which is measured on the geometric surface, where the shading normal
+/// scatters it. Receives the cosines of the direction with both normals.
+pub(crate) fn turned(shading: f32, geometric: f32) -> f32 {
+    if shading == geometric { 1.0 } else { (shading / geometric).abs() }
+}
+
+/// The largest [`turned`] factor of a particle in density estimates: one along the surface would outshine all others.
+/// This darkens light from below 6 degrees above a surface whose shading normal is bent.
+pub(crate) const MOST_TURNED: f32 = 10.0;
 
 /// Some lights of a world, and how their rays are selected: each light's rays are divided into a grid of cells.
 #[derive(Clone, Debug)]
@@ -73,11 +95,11 @@ impl Sources {
         Self { lights, side: 1, choice }
     }
 
-    /// Learns by pilot paths in which cells the paths begin that `is_useful` counts: it receives a function that traces
-    /// one path. Returns the number of rays.
+    /// Learns by pilot paths from which cells useful light comes. `carried` traces the path of an emitted ray, and returns
+    /// its useful light and its rays. Returns the number of all rays.
     ///
-    /// Paths are then selected by the light that pilots of their cell and its neighbours carried, and a fifth of them by
-    /// power. Their flux makes up for it, so that no mean changes.
+    /// Paths are then selected by the light that pilots of their cell and its neighbours carried, and a share of
+    /// [`BLIND`] by power. Their flux makes up for it, so that no mean changes.
     pub(crate) fn guide(
         &mut self,
         world: &World,
@@ -167,7 +189,7 @@ fn emit(
 }
 
 /// The largest random number below 1.
-const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
+pub(crate) const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
 /// Light that arrives at a surface.
 pub(crate) struct Arrival<'a, 'w> {
@@ -208,6 +230,10 @@ pub(crate) fn walk<'w>(
     for hit in 0..MOST_HITS {
         let rays = u64::from(hit) + 1;
         let Some(at) = world.closest_hit(&ray, 0.0) else { return rays };
+        if hit == 0 {
+            // A light may lie in another medium than the camera: the one in front of the first border.
+            medium = world.medium_beyond(&at, -ray.direction, medium);
+        }
         flux *= world.medium_transmittance(medium, at.distance());
         let Some((bsdf, frame)) = world.scattering(&at, || {
             let [alpha, mix, ..] = draws.block(SURFACE.at(hit, STRIDE));
@@ -230,13 +256,14 @@ pub(crate) fn walk<'w>(
             return rays;
         }
         let wi = frame.to_world(sample.wi);
-        let Some(adjoint) = adjoint(&at, &frame, from, wi) else { return rays };
-        let leaks = (at.point().normal.dot(from) * at.point().normal.dot(wi) > 0.0) != (wo.z * sample.wi.z > 0.0);
+        let [shading, geometric] = [frame.normal, at.point().normal].map(|normal| [from, wi].map(|w| w.dot(normal)));
+        let adjoint = adjoint(shading, geometric);
+        let leaks = (geometric[0] * geometric[1] > 0.0) != (wo.z * sample.wi.z > 0.0);
         // Flux, unlike radiance, does not change with the density of the medium.
         let next = flux * sample.weight * (sample.eta * sample.eta * adjoint);
         // Photons of equal flux [Jensen 1996].
         let survival = (next.max_element() / flux.max_element()).min(1.0);
-        if leaks || survival.is_nan() || roulette >= survival {
+        if leaks || !adjoint.is_finite() || survival.is_nan() || roulette >= survival {
             return rays;
         }
         flux = next / survival;
@@ -249,12 +276,11 @@ pub(crate) fn walk<'w>(
 }
 
 /// Returns the factor by which shading normals change the scattering of light against that of importance
-/// [Veach 1997, sec. 5.3.2]; `None` for directions along the surface.
-pub(crate) fn adjoint(at: &Interaction<'_>, frame: &ShadingFrame, from: Vec3, to: Vec3) -> Option<f32> {
-    let (shading, geometric) = (frame.normal, at.point().normal);
+/// [Veach 1997, sec. 5.3.2]. Receives the cosines of the arriving and the leaving direction, with the shading normal and
+/// with the geometric one. Not finite for directions along the surface.
+pub(crate) fn adjoint(shading: [f32; 2], geometric: [f32; 2]) -> f32 {
     if shading == geometric {
-        return Some(1.0);
+        return 1.0;
     }
-    let factor = (from.dot(shading) * to.dot(geometric)).abs() / (from.dot(geometric) * to.dot(shading)).abs();
-    (factor.is_finite()).then_some(factor)
+    ((shading[0] * geometric[1]) / (geometric[0] * shading[1])).abs()
 }

@@ -10,6 +10,9 @@ use dapple_scene::image::{ExrHeader, encode_exr_with, encode_pfm, encode_png, ro
 use dapple_scene::image::{Format, Image, ImageError, Layer, check_writable, write_file};
 use std::path::{Path, PathBuf};
 
+/// The layers that show features.
+const OF_FEATURES: [&str; 6] = ["A", "Z", "albedo", "normal", "depth", "coverage"];
+
 /// The kind of image in a file: the rendered image or one of the maps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Contents {
@@ -172,7 +175,7 @@ impl OutputFiles {
             _ => false,
         };
         let named = |name: &&str| self.layers.is_some() && self.has_layer(name);
-        let features = self.features || ["A", "Z", "albedo", "normal", "depth", "coverage"].iter().any(named);
+        let features = self.features || OF_FEATURES.iter().any(named);
         if clusters && self.files.iter().any(shown) {
             needs = needs.with_first_hits(1);
         }
@@ -191,7 +194,7 @@ impl OutputFiles {
 
     /// The recorded statistics that the files show, besides counts and means: those without which a file would lack a layer.
     pub(crate) fn shown(&self) -> Needs {
-        let layers = ["A", "Z", "albedo", "normal", "depth", "coverage"].iter().any(|name| self.has_layer(name));
+        let layers = OF_FEATURES.iter().any(|name| self.has_layer(name));
         let one = |(what, _): &(Contents, PathBuf)| match what {
             Contents::Image(Format::Exr) => {
                 let needs = if self.has_layer("variance") { Needs::none().with_variance() } else { Needs::none() };

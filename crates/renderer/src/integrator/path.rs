@@ -36,11 +36,11 @@ const SURVIVAL: f32 = 0.99;
 ///
 /// Features are then those of what glass shows best. With all lobes, four scenes with glass keep 3 % more error at 8 spp
 /// and 1 % more at 32.
-const RARE: f32 = 0.1;
+pub const RARE_LOBE: f32 = 0.1;
 
 /// The least probability of a smooth lobe through which light sources count as seen directly. Their emission is then
 /// almost free of noise within a pixel.
-const CERTAIN: f32 = 0.9;
+pub const CERTAIN_LOBE: f32 = 0.9;
 
 /// A path tracer for a camera of kind `L` and light selection `S`. `E` is a combination of bits of
 /// [`code`](super::code): the effects it has code for.
@@ -79,10 +79,10 @@ struct Path<P, G> {
     survival: f32,
     /// True while features are wanted and all scattering so far was by mirrors, glass and smooth coats.
     is_smooth: bool,
-    /// True if glass reflected or refracted the path in a lobe of less than [`RARE`] of the light.
+    /// True if glass reflected or refracted the path in a lobe of less than [`RARE_LOBE`] of the light.
     is_rare: bool,
     /// True while the emission of light sources seen directly is wanted, and all scattering so far was specular with a
-    /// probability of at least [`CERTAIN`].
+    /// probability of at least [`CERTAIN_LOBE`].
     is_direct: bool,
     /// The state of the light at vertices.
     gathered: G,
@@ -265,9 +265,9 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         path.throughput *= sample.weight;
         if varied && path.is_smooth {
             path.is_smooth = sample.specular || bsdf.samples_narrow_lobe(wo, choices[1]);
-            path.is_rare |= Self::HAS_TRANSMISSION && sample.specular && sample.pdf < RARE && bsdf.transmits();
+            path.is_rare |= Self::HAS_TRANSMISSION && sample.specular && sample.pdf < RARE_LOBE && bsdf.transmits();
         }
-        path.is_direct &= sample.specular && sample.pdf >= CERTAIN;
+        path.is_direct &= sample.specular && sample.pdf >= CERTAIN_LOBE;
         if G::ACTIVE {
             self.vertex_light.scattered(&mut path.gathered, sample.specular);
             if !sample.specular {
@@ -427,7 +427,7 @@ impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> Integrator for Pat
     }
 
     fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
-        Some(features::features_alone(self.world, draws))
+        Some(self.world.features_alone(draws, self.world.max_depth))
     }
 
     fn wants_training(&self) -> bool {

@@ -58,12 +58,12 @@ impl SpotLight {
         }
     }
 
-    /// Returns the light's power relative to a point light with the axis intensity in all directions, 0 to 1.
     /// Returns the intensity along the axis.
     pub(super) fn intensity(&self) -> Vec3 {
         self.point.intensity()
     }
 
+    /// Returns the light's power relative to a point light with the axis intensity in all directions, 0 to 1.
     fn share_of_sphere(&self) -> f64 {
         let [edge, core] = [self.edge, self.core].map(f64::from);
         // The means of the two falloff functions over x from 0 to 1.

@@ -3,13 +3,8 @@
 use super::vertex::{Kind, Vertex};
 use dapple_core::{Draws, Estimate, SurfaceFeatures};
 use dapple_geometry::Ray;
-use dapple_renderer::{Interaction, World};
+use dapple_renderer::{CERTAIN_LOBE, Interaction, RARE_LOBE, World};
 use glam::Vec3;
-
-/// The probability below which a smooth lobe of glass is left out of features; see the path tracer.
-const RARE: f32 = 0.1;
-/// The least probability of a smooth lobe through which light sources count as seen directly.
-const CERTAIN: f32 = 0.9;
 
 /// The part of a camera path that mirrors, glass and smooth coats show.
 pub(super) struct Seen {
@@ -19,9 +14,9 @@ pub(super) struct Seen {
     surfaces: u32,
     /// True while features are wanted and all scattering so far was smooth.
     is_smooth: bool,
-    /// True if glass scattered the path by a lobe of less than [`RARE`] of the light.
+    /// True if glass scattered the path by a lobe of less than [`RARE_LOBE`] of the light.
     is_rare: bool,
-    /// True while all scattering so far was specular with a probability of at least [`CERTAIN`].
+    /// True while all scattering so far was specular with a probability of at least [`CERTAIN_LOBE`].
     is_direct: bool,
     /// The number of vertices, the camera included, whose emission is seen directly.
     pub(super) direct: usize,
@@ -83,9 +78,9 @@ impl Seen {
         let Kind::Surface { bsdf, frame, .. } = &vertex.kind else { return };
         if self.is_smooth {
             self.is_smooth = vertex.specular || bsdf.samples_narrow_lobe(frame.to_local(vertex.wo), lobe);
-            self.is_rare |= vertex.specular && density < RARE && bsdf.transmits();
+            self.is_rare |= vertex.specular && density < RARE_LOBE && bsdf.transmits();
         }
-        self.is_direct &= vertex.specular && density >= CERTAIN;
+        self.is_direct &= vertex.specular && density >= CERTAIN_LOBE;
         self.direct += usize::from(self.is_direct);
     }
 }

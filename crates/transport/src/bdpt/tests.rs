@@ -5,7 +5,10 @@ use super::{Bdpt, BdptOptions};
 use crate::make_integrator;
 use dapple_conformance::statistics::{FAMILY, Mean, critical, images, sidak};
 use dapple_core::samplers::Uniform;
-use dapple_core::{Control, Film, Frame, Integrator, Limits, Needs, Options as _, Render, Snapshot, Status};
+use dapple_core::{
+    Control, Draws, Film, Frame, Integrator, Limits, Needs, Options as _, Render, SampleId, Snapshot, Status, Worker,
+    streams,
+};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::{World, integrator};
 use dapple_scene::{
@@ -356,4 +359,32 @@ fn depth_limits_paths_and_a_dark_scene_is_black() {
     dark.shapes.pop();
     let world = World::new(&dark).unwrap_or_else(|e| panic!("{e}"));
     assert!(pixels(&film(&mut bdpt(&world, ""), [8; 2], 4, 1)).iter().all(|p| *p == [0.0; 3]));
+}
+
+/// The same random numbers give the same first hit and features with and without light. Paths end before roulette, which
+/// features alone do not play.
+#[test]
+fn features_without_light_are_those_of_whole_samples() {
+    const SIZE: [u32; 2] = [40, 30];
+    let points = Sobol::new(3);
+    for (name, fewest) in [("cornell", 0), ("caustic", 400)] {
+        let scene = bundled::files(name).expect("bundled").read().expect("it reads");
+        let mut world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{name}: {e}"));
+        world.set_max_depth(4);
+        for request in ["bdpt", "bdpt:depth=1", "metropolis"] {
+            let integrator = make_integrator(request, &world).unwrap_or_else(|e| panic!("{name}: {e}"));
+            let (mut behind, mut worker) = (0, Worker::default());
+            for i in 0..4 * SIZE[0] * SIZE[1] {
+                let id = SampleId::new([i % 40, i / 40 % 30], streams::WHOLE, u64::from(i / 1200));
+                let draws = Draws::new(&points, id).with_first_hit().with_features();
+                let whole = integrator.estimate(&draws, &mut worker);
+                let alone = integrator.features_alone(&draws).expect("paths have features");
+                let told = || format!("{name}, {request}, {id:?}");
+                assert_eq!((alone.first_hit, alone.features), (whole.first_hit, whole.features), "{}", told());
+                assert!(alone.cost <= whole.cost && alone.radiance == [0.0; 3], "{}", told());
+                behind += u32::from(alone.features.is_some());
+            }
+            assert!(behind >= fewest, "{name}, {request}: {behind} samples see something behind glass or in a mirror");
+        }
+    }
 }

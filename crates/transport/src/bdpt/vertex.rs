@@ -1,5 +1,6 @@
 //! Vertices of camera and light paths: scattering in both directions, and densities per area.
 
+use crate::walk::adjoint;
 use dapple_geometry::SurfacePoint;
 use dapple_renderer::World;
 use dapple_renderer::shading::{Bsdf, ShadingFrame};
@@ -185,14 +186,4 @@ impl<'w> Vertex<'w> {
         }
         (factor != Vec3::ZERO && factor.is_finite()).then_some(Connected { factor, forward, backward })
     }
-}
-
-/// Returns the factor by which shading normals make the scattering of light differ from that of importance [after Veach
-/// 1997, ch. 5]. The cosines are those of the arriving and the leaving direction, with the shading normal and with the
-/// geometric one.
-fn adjoint(shading: [f32; 2], geometric: [f32; 2]) -> f32 {
-    if shading == geometric {
-        return 1.0;
-    }
-    ((shading[0] * geometric[1]) / (geometric[0] * shading[1])).abs()
 }

@@ -14,21 +14,24 @@ const ROULETTE_FROM: u32 = 4;
 /// The largest survival probability of Russian roulette, so that every path ends.
 const SURVIVAL: f32 = 0.99;
 
+/// The number of the light path's first group. Those of the camera path are below; those of media, which are refused, and
+/// of the time above ([`blocks`]).
+pub(crate) const OF_LIGHT: u32 = 1 << 27;
 /// The group for the start of the light path: the light (dimension 0) and the place on it (2 and 3).
-pub(crate) const LIGHT_START: Block = Block::new(1 << 27);
+const LIGHT_START: Block = Block::new(OF_LIGHT);
 /// The group for the first direction of the light path (dimensions 0 and 1).
-pub(crate) const LIGHT_DIRECTION: Block = Block::new((1 << 27) + 1);
+const LIGHT_DIRECTION: Block = Block::new(OF_LIGHT + 1);
 
 /// Returns the group for the point on the lens (dimensions 0 and 1) and the scattered direction (2 and 3) at a vertex of
 /// the light path. `vertex` counts its scattering events from 0.
 pub(crate) const fn light_scatter(vertex: u32) -> Block {
-    Block::new((1 << 27) + 2).at(vertex, 2)
+    Block::new(OF_LIGHT + 2).at(vertex, 2)
 }
 
 /// Returns the group for the choices at a vertex of the light path: the material (dimension 0), the lobe (1) and Russian
 /// roulette (2). `vertex` counts its scattering events from 0.
 pub(crate) const fn light_choose(vertex: u32) -> Block {
-    Block::new((1 << 27) + 3).at(vertex, 2)
+    Block::new(OF_LIGHT + 3).at(vertex, 2)
 }
 
 /// The state of a random walk between two vertices.

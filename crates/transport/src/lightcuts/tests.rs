@@ -36,16 +36,21 @@ fn prepared<'w>(world: &'w World, options: &str, pass: &Pass<'_>) -> CutLight<'w
     light
 }
 
-/// The cuts at points that no probe met.
-fn cuts(light: &CutLight<'_>, frame: &Frame) -> Vec<CutSum> {
+/// The cuts at points that no probe met, with their numbers of groups.
+fn sized_cuts(light: &CutLight<'_>, frame: &Frame) -> Vec<(CutSum, usize)> {
     let mut made = Refinement::default();
     let cut = |pixel| {
         light.at_first_hit(pixel, |vertex| {
             let start = light.common.as_ref().map_or(&[][..], |common| common.at(light.world, vertex));
-            light.cut(&Lit::new(vertex, 0), start, &mut made)
+            let cut = light.cut(&Lit::new(vertex, 0), start, &mut made);
+            (cut, made.members.len())
         })
     };
     grid(frame, 23).filter_map(cut).collect()
+}
+
+fn cuts(light: &CutLight<'_>, frame: &Frame) -> Vec<CutSum> {
+    sized_cuts(light, frame).into_iter().map(|(cut, _)| cut).collect()
 }
 
 #[test]
@@ -71,13 +76,14 @@ fn sizes_of_cuts() {
         let exact = cuts(&prepared(world, "error=0,cut=100000", pass), &pass.frame);
         for options in ["error=0.02,cut=100000", "error=0.02", "error=0.05", "error=0.1", "error=0.02,clusters=1000"] {
             let light = prepared(world, options, pass);
-            let found = cuts(&light, &pass.frame);
-            let of = |value: fn(&CutSum) -> f64| found.iter().map(value).sum::<f64>() / found.len() as f64;
-            let [sizes, rays, visited] =
-                [|c: &CutSum| f64::from(c.size), |c: &CutSum| f64::from(c.rays), |c: &CutSum| f64::from(c.visited)]
-                    .map(of);
-            let errors =
-                found.iter().zip(&exact).map(|(a, b)| f64::from(luminance(a.light) / luminance(b.light) - 1.0).powi(2));
+            let found = sized_cuts(&light, &pass.frame);
+            let of = |value: fn(&(CutSum, usize)) -> f64| found.iter().map(value).sum::<f64>() / found.len() as f64;
+            let sizes = of(|(_, size)| *size as f64);
+            let [rays, visited] = [of(|(cut, _)| f64::from(cut.rays)), of(|(cut, _)| f64::from(cut.visited))];
+            let errors = found
+                .iter()
+                .zip(&exact)
+                .map(|((a, _), b)| f64::from(luminance(a.light) / luminance(b.light) - 1.0).powi(2));
             let error = (errors.filter(|e| e.is_finite()).sum::<f64>() / found.len() as f64).sqrt();
             eprintln!(
                 "{options}: {sizes:.0} groups, {rays:.0} rays, {visited:.0} nodes, {error:.4} of the light (rms)"

@@ -5,6 +5,8 @@
 //! requests are forgotten: such moves between states of different length keep the balance, since the density of new
 //! coordinates is 1 [Green 1995].
 
+use crate::bdpt::OF_LIGHT;
+use crate::walk::BELOW_ONE;
 use dapple_core::{Draws, Frame, PointSet, SampleId, mix, streams};
 use dapple_renderer::blocks;
 use glam::Vec3;
@@ -12,8 +14,6 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 /// The smallest and the largest move of a coordinate by a small step. Moves are log-uniform between them.
 const MOVES: [f32; 2] = [1.0 / 1024.0, 1.0 / 64.0];
-/// The largest coordinate below 1.
-const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
 /// Light that a sample adds to a pixel of the window, such that its mean over all samples is the image's.
 pub(super) type Deposit = (u32, Vec3);
@@ -32,11 +32,10 @@ struct State {
 
 /// Returns the list of [`State::blocks`] with a group, and its place there.
 fn place_of(block: u32) -> (usize, u32) {
-    const LIGHT: u32 = 1 << 27;
-    const OTHERS: u32 = 1 << 28;
+    const OTHERS: u32 = 2 * OF_LIGHT;
     match block {
-        0..LIGHT => (0, block),
-        LIGHT..OTHERS => (1, block - LIGHT),
+        0..OF_LIGHT => (0, block),
+        OF_LIGHT..OTHERS => (1, block - OF_LIGHT),
         // The time is the only one of them.
         _ => (2, block & 0xff),
     }

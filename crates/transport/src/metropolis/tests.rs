@@ -5,7 +5,7 @@ use super::chain::{Deposit, Target};
 use super::*;
 use dapple_conformance::statistics::{FAMILY, Mean, images, sidak};
 use dapple_core::samplers::Uniform;
-use dapple_core::{Limits, Render};
+use dapple_core::{Limits, Render, SampleId, streams};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::{blocks, integrator};
 use dapple_scene::bundled;
@@ -87,6 +87,26 @@ fn film(integrator: &mut dyn Integrator, spp: u64, seed: u64) -> Vec<[f64; 3]> {
     let film = film.unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(film.record().rejected, 0);
     (0..frame.pixels()).map(|i| film.mean(i)).collect()
+}
+
+/// Discarded samples too, so that the halves of the film stay independent.
+#[test]
+fn samples_of_a_half_take_the_image_of_that_half() {
+    let scene = bundled::files("cornell").expect("bundled").read().expect("it reads");
+    let world = World::with_resolution(&scene, SIZE).expect("a world");
+    let mut metropolis = Metropolis::new(&world, &MetropolisOptions::default()).expect("no media");
+    let frame = frame(SIZE[0], SIZE[1]);
+    metropolis.images = [1.0, 3.0].map(|light| vec![[light; 3]; frame.pixels()]);
+    metropolis.frame = Some(frame);
+    for (half, expected) in [1.0, 3.0].into_iter().enumerate() {
+        for (stream, index) in [(streams::HALVES, 0), (streams::HALVES, 1), (streams::DISCARDED_HALVES, 0)] {
+            let points = Sobol::new(1);
+            let draws = Draws::new(&points, SampleId::new([3, 2], stream[half], index));
+            let direct = metropolis.direct.estimate(&draws, &mut Worker::default()).radiance[1];
+            let indirect = metropolis.estimate(&draws, &mut Worker::default()).radiance[1] - direct;
+            assert!((indirect - expected).abs() < 1e-4, "half {half}, stream {}: {indirect}", stream[half]);
+        }
+    }
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use crate::support::*;
 use dapple_renderer::World;
-use dapple_scene::{Light, LightKind, Scene, SpotFalloff};
+use dapple_scene::{Light, LightKind, MaterialKind, Medium, MediumId, MediumInterface, Scene, SpotFalloff};
 use dapple_transport::make_integrator;
 use glam::{DAffine3, DVec3};
 
@@ -30,6 +30,19 @@ fn floor(kind: Option<LightKind>, pane: bool) -> Scene {
         None => add_sphere(&mut scene, DVec3::new(0.0, 0.0, 2.0), 0.05, grey, 100.0),
     }
     scene
+}
+
+#[test]
+fn a_radius_that_does_not_fit_the_scene_is_refused() {
+    let world = World::new(&floor(None, true)).expect("a world");
+    let make = |radius: &str| make_integrator(&format!("photons:radius={radius}"), &world).map(|_| ());
+    for radius in ["1e-30", "1e-9", "100", "1e30"] {
+        let error = make(radius).expect_err("no look-up has this radius").to_string();
+        assert!(error.contains("does not fit the scene"), "{radius}: {error}");
+    }
+    for radius in ["0", "1e-3", "1"] {
+        make(radius).expect("a radius");
+    }
 }
 
 #[test]
@@ -84,6 +97,26 @@ fn caustics_of_a_glass_ball_are_those_of_path_tracing() {
     // Negative control: without the caustic, the floor is darker.
     let without = means(&scene, "photons:photons=1,radius=0.001,small=10", 64, 0..4).mean / expected.mean;
     assert!(without < 0.95, "the caustic is {without} of the light");
+}
+
+/// The lamp alone lies in ink, which the camera is not in.
+#[test]
+fn photons_of_a_lamp_in_a_medium_are_absorbed_there() {
+    let mut scene = ball();
+    let ink = Medium { name: "ink".into(), absorption: [5.0; 3], scattering: [0.0; 3], g: 0.0, source: line(500) };
+    scene.media.push(ink);
+    let border = add_material(&mut scene, MaterialKind::Interface);
+    add_sphere(&mut scene, DVec3::new(1.0, 0.0, 3.5), 0.7, border, 0.0);
+    let media = MediumInterface { inside: Some(MediumId(0)), outside: None };
+    scene.shapes.last_mut().expect("the border").media = Some(media);
+    let expected = means(&scene, "path", 1024, 0..4);
+    let found = means(&scene, "photons:photons=4000,radius=0.05,small=10", 32, 10..18);
+    let bias = found.mean / expected.mean - 1.0;
+    let error = (found.standard_error().hypot(expected.standard_error())) / expected.mean;
+    assert!(bias.abs() < 0.005 + LIMIT * error && error < 0.02, "{bias:+.4} +- {error:.4}");
+    // Negative control: light that the ink does not absorb.
+    let bright = means(&ball(), "path", 64, 0..2).mean / expected.mean;
+    assert!(bright > 1.5, "ink takes light: {bright}");
 }
 
 /// The inside of a sphere that reflects `rho` and emits 1.

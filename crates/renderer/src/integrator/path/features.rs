@@ -4,7 +4,7 @@
 //! refracts, or shows its base through a coat, they follow the lobe that the path samples.
 
 use super::transmission::MediumEnd;
-use super::{LightSelector, NoVertexLight, Path, PathTracer, RARE, VertexLight, code};
+use super::{LightSelector, NoVertexLight, Path, PathTracer, RARE_LOBE, VertexLight, code};
 use crate::World;
 use crate::blocks;
 use crate::camera::{General, Lens};
@@ -19,16 +19,18 @@ use glam::Vec3;
 /// The path tracer with code for all effects, which follows paths for their features alone.
 type AnyPath<'w> = PathTracer<'w, General, FixedSelector, { code::ALL }>;
 
-/// Returns the first hit and the features of a sample without its light. They have the distribution of those of
-/// [`Integrator::estimate`](dapple_core::Integrator::estimate).
-#[inline(never)]
-pub(super) fn features_alone(world: &World, draws: &Draws<'_>) -> Estimate {
-    AnyPath::new(world, NoVertexLight).follow(draws)
+impl World {
+    /// Returns the first hit and the features of a sample without its light, and their cost in rays. They have the
+    /// distribution of those of a path tracer with at most `depth` scattering events.
+    #[inline(never)]
+    pub fn features_alone(&self, draws: &Draws<'_>, depth: u32) -> Estimate {
+        AnyPath::new(self, NoVertexLight).follow(draws, depth)
+    }
 }
 
 impl<'w> AnyPath<'w> {
-    /// Follows a path through mirrors, glass and smooth coats to the first rough surface.
-    fn follow(&self, draws: &Draws<'_>) -> Estimate {
+    /// Follows a path through mirrors, glass and smooth coats to the first rough surface, `depth` of them at most.
+    fn follow(&self, draws: &Draws<'_>, depth: u32) -> Estimate {
         let mut path = self.begin(draws);
         let mut estimate = Estimate::new([0.0; 3]);
         loop {
@@ -60,7 +62,7 @@ impl<'w> AnyPath<'w> {
                 let features = self.world.features_of(ray, at, surface, Self::tint(&path), length(&estimate));
                 estimate.features = Some(features.with_rare(path.is_rare));
             }
-            if path.depth >= self.world.max_depth || !self.passes_on(draws, &mut path, &at, surface) {
+            if path.depth >= depth || !self.passes_on(draws, &mut path, &at, surface) {
                 break;
             }
             path.depth += 1;
@@ -97,7 +99,7 @@ impl<'w> AnyPath<'w> {
             return false;
         }
         path.throughput *= sample.weight;
-        path.is_rare |= sample.specular && sample.pdf < RARE && bsdf.transmits();
+        path.is_rare |= sample.specular && sample.pdf < RARE_LOBE && bsdf.transmits();
         path.eta_squared *= sample.eta * sample.eta;
         path.ray = spawn_ray(&at.point, wi);
         path.medium = at.medium_beyond(wi, path.medium);
