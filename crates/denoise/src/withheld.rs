@@ -31,6 +31,9 @@ impl Bounds {
     /// withheld, blurred lamps of a thin lens have three times the error at 8 samples per pixel. Leaks of brighter lamps
     /// are worse, and more samples leave less noise. So the bound falls with the largest emission and with the number
     /// of samples. On nine scenes, at 8 to 32 samples, it never costs more than noise, and takes up to 16 % off.
+    ///
+    /// Below two samples per pixel most pixels have no known variance, and their colours separate nothing: then all emission
+    /// is withheld.
     pub(crate) fn new(film: &Film, level: f32, place: &Place, among: &mut Among<'_>) -> Result<Self, Error> {
         let (width, level) = (film.frame().size()[0] as usize, f64::from(level));
         let own = place.own_pixels(width);
@@ -39,6 +42,7 @@ impl Bounds {
         let emission = |i| [0, 1].into_iter().filter_map(move |half| film.emission(half, i)).flatten();
         let brightest = f64::from(among.largest(own.flat_map(emission).fold(0.0, f32::max))?) / level;
         let bound = (EMISSION / (samples * brightest).max(1e-3)).clamp(LEAST, f64::from(BRIGHTEST));
+        let bound = if samples < 2.0 { 0.0 } else { bound };
         Ok(Self { emission: bound * level, other: f64::from(BRIGHTEST) * level })
     }
 
