@@ -2,6 +2,7 @@
 //! and its conversion to eight-wide nodes.
 
 mod binary;
+mod joining;
 mod leaves;
 mod plans;
 mod wide;

@@ -4,6 +4,7 @@
 //! requirements are met: boxes are finite and of moderate size, and there is at least one.
 
 use super::FEW;
+use super::joining::{self, Cluster};
 use glam::Vec3A;
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
@@ -11,7 +12,7 @@ use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::morton::morton_encode_u64_unorm;
-use obvhs::ploc::{PlocBuilder, PlocSearchDistance};
+use obvhs::ploc::PlocSearchDistance;
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
@@ -36,16 +37,16 @@ pub(super) fn by_area(leaves: Vec<Bvh2Node>, params: BvhBuildParams, size: Vec3A
     let order = morton_order(&leaves, size);
     let crowded = |places: &[Place]| cell(places[0]) == cell(places[CROWD]);
     if !order.par_windows(CROWD + 1).with_min_len(FEW).any(crowded) {
-        // obvhs sorts leaves too. Sorted ones cost it little.
-        let sorted = order.par_iter().with_min_len(FEW).map(|&(_, number)| leaves[number as usize]).collect();
+        let sorted = order.par_iter().with_min_len(FEW).map(|&(_, number)| Cluster::from(&leaves[number as usize]));
+        let sorted = sorted.collect();
         drop((leaves, order));
-        return obvhs_tree(sorted, params, size);
+        return joined(sorted, params);
     }
     let mut groups = Groups::new(order);
     if groups.len() == 1 {
         return by_median(leaves);
     }
-    let mut nodes = obvhs_tree(groups.leaves(&leaves), params, size);
+    let mut nodes = joined(groups.leaves(&leaves), params);
     for number in 0..nodes.len() {
         if nodes[number].is_leaf() {
             let members = groups.members(nodes[number].first_index);
@@ -116,34 +117,26 @@ impl Groups {
     }
 
     /// Returns one leaf per group.
-    fn leaves(&mut self, leaves: &[Bvh2Node]) -> Vec<Bvh2Node> {
+    fn leaves(&mut self, leaves: &[Bvh2Node]) -> Vec<Cluster> {
         let groups = 0..self.len() as u32;
-        groups.map(|group| Bvh2Node::new(around(leaves, self.members(group)), 1, group)).collect()
+        groups.map(|group| Cluster::from(&Bvh2Node::new(around(leaves, self.members(group)), 1, group))).collect()
     }
 }
 
-/// Builds obvhs's tree (PLOC, then reinsertion) over these leaves.
-fn obvhs_tree(leaves: Vec<Bvh2Node>, params: BvhBuildParams, size: Vec3A) -> Vec<Bvh2Node> {
-    let all = Aabb::new(Vec3A::ZERO, size);
-    let mut tree = Bvh2::zeroed(leaves.len());
-    // The leaves are moved into the builder, since `PlocBuilder::build` would copy them.
-    let mut builder = PlocBuilder::with_capacity(leaves.len());
-    builder.current_nodes = leaves;
-    let (precision, threshold) = (params.sort_precision, params.search_depth_threshold);
-    macro_rules! build {
-        ($distance: literal) => {
-            builder.build_ploc_from_leaves::<$distance, false>(&mut tree, all, precision, threshold)
-        };
-    }
-    match params.ploc_search_distance {
-        PlocSearchDistance::Minimum => build!(1),
-        PlocSearchDistance::VeryLow => build!(2),
-        PlocSearchDistance::Low => build!(6),
-        PlocSearchDistance::Medium => build!(14),
-        PlocSearchDistance::High => build!(24),
-        PlocSearchDistance::VeryHigh => build!(32),
-    }
-    drop(builder);
+/// Builds obvhs's tree (PLOC, then reinsertion) over leaves in the order of their Morton codes.
+fn joined(leaves: Vec<Cluster>, params: BvhBuildParams) -> Vec<Bvh2Node> {
+    let distance = match params.ploc_search_distance {
+        PlocSearchDistance::Minimum => 1,
+        PlocSearchDistance::VeryLow => 2,
+        PlocSearchDistance::Low => 6,
+        PlocSearchDistance::Medium => 14,
+        PlocSearchDistance::High => 24,
+        PlocSearchDistance::VeryHigh => 32,
+    };
+    let (nodes, rounds) = joining::join(leaves, distance, params.search_depth_threshold);
+    let mut tree = Bvh2 { nodes, ..Bvh2::default() };
+    // Reinsertion takes it as the size of its stack.
+    tree.max_depth = tree.max_depth.max(rounds + 1);
     reinsert(&mut tree, params.reinsertion_batch_ratio);
     tree.nodes
 }
