@@ -347,19 +347,19 @@ impl Tree {
         let first = lowest(met);
         met &= met - 1;
         if met == 0 {
-            return Some(node.children[first]);
+            return Some(node.children.0[first]);
         }
         if ANY {
             // Any hit ends the traversal, so sorting does not pay.
             while met != 0 {
-                stack[*height] = (0.0, node.children[lowest(met)]);
+                stack[*height] = (0.0, node.children.0[lowest(met)]);
                 met &= met - 1;
                 *height += 1;
             }
-            return Some(node.children[first]);
+            return Some(node.children.0[first]);
         }
         let entry = entry.to_array();
-        let aside = |lane: usize| (entry[lane], node.children[lane]);
+        let aside = |lane: usize| (entry[lane], node.children.0[lane]);
         let mut near = aside(first);
         let base = *height;
         while met != 0 {

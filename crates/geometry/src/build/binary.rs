@@ -5,14 +5,15 @@
 
 use super::FEW;
 use super::joining::{self, Cluster};
+use crate::pages::Pages;
 use glam::Vec3A;
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::ploc::morton::morton_encode_u64_unorm;
 use obvhs::ploc::PlocSearchDistance;
+use obvhs::ploc::morton::morton_encode_u64_unorm;
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
@@ -33,12 +34,13 @@ fn cell((code, _): Place) -> u64 {
 ///
 /// Item `n` is the leaf at index `n` of `leaves`, whose boxes are between 0 and 1 on each axis. The cells of Morton
 /// codes divide the box from 0 to `size`. Children may come before their parent.
-pub(super) fn by_area(leaves: Vec<Bvh2Node>, params: BvhBuildParams, size: Vec3A) -> Vec<Bvh2Node> {
+pub(super) fn by_area(leaves: Pages<Cluster>, params: BvhBuildParams, size: Vec3A) -> Vec<Bvh2Node> {
     let order = morton_order(&leaves, size);
     let crowded = |places: &[Place]| cell(places[0]) == cell(places[CROWD]);
     if !order.par_windows(CROWD + 1).with_min_len(FEW).any(crowded) {
-        let sorted = order.par_iter().with_min_len(FEW).map(|&(_, number)| Cluster::from(&leaves[number as usize]));
-        let sorted = sorted.collect();
+        let mut sorted = Pages::zeroed(order.len());
+        let places = sorted.par_iter_mut().with_min_len(FEW).zip(&order);
+        places.for_each(|(leaf, &(_, number))| *leaf = leaves[number as usize]);
         drop((leaves, order));
         return joined(sorted, params);
     }
@@ -57,9 +59,9 @@ pub(super) fn by_area(leaves: Vec<Bvh2Node>, params: BvhBuildParams, size: Vec3A
 }
 
 /// Returns the items by Morton code, then by index.
-fn morton_order(leaves: &[Bvh2Node], size: Vec3A) -> Vec<Place> {
+fn morton_order(leaves: &[Cluster], size: Vec3A) -> Vec<Place> {
     let scale = 1.0 / size.as_dvec3();
-    let code = |leaf: &Bvh2Node| morton_encode_u64_unorm(leaf.aabb().center().as_dvec3() * scale);
+    let code = |leaf: &Cluster| morton_encode_u64_unorm(leaf.aabb().center().as_dvec3() * scale);
     let numbers = (0..leaves.len() as u32).into_par_iter();
     let places = leaves.par_iter().with_min_len(FEW).zip(numbers).map(|(leaf, number)| (code(leaf), number));
     let mut order: Vec<Place> = places.collect();
@@ -73,11 +75,11 @@ fn morton_order(leaves: &[Bvh2Node], size: Vec3A) -> Vec<Place> {
 }
 
 /// Returns a balanced binary tree. Each node is split at the median along the axis on which the centres differ most.
-pub(super) fn by_median(leaves: Vec<Bvh2Node>) -> Vec<Bvh2Node> {
+pub(super) fn by_median(leaves: Pages<Cluster>) -> Vec<Bvh2Node> {
     let mut nodes = Vec::with_capacity(2 * leaves.len());
     let mut numbers: Vec<u32> = (0..leaves.len() as u32).collect();
     if !leaves.is_empty() {
-        nodes.push(leaves[0]);
+        nodes.push(leaves[0].node());
         split_by_median(&leaves, &mut numbers, &mut nodes, 0);
     }
     nodes
@@ -117,14 +119,18 @@ impl Groups {
     }
 
     /// Returns one leaf per group.
-    fn leaves(&mut self, leaves: &[Bvh2Node]) -> Vec<Cluster> {
-        let groups = 0..self.len() as u32;
-        groups.map(|group| Cluster::from(&Bvh2Node::new(around(leaves, self.members(group)), 1, group))).collect()
+    fn leaves(&mut self, leaves: &[Cluster]) -> Pages<Cluster> {
+        let mut clusters = Pages::zeroed(self.len());
+        for (group, cluster) in (0..).zip(clusters.iter_mut()) {
+            let Aabb { min, max } = around(leaves, self.members(group));
+            *cluster = Cluster::leaf([min.to_array(), max.to_array()], group);
+        }
+        clusters
     }
 }
 
 /// Builds obvhs's tree (PLOC, then reinsertion) over leaves in the order of their Morton codes.
-fn joined(leaves: Vec<Cluster>, params: BvhBuildParams) -> Vec<Bvh2Node> {
+fn joined(leaves: Pages<Cluster>, params: BvhBuildParams) -> Vec<Bvh2Node> {
     let distance = match params.ploc_search_distance {
         PlocSearchDistance::Minimum => 1,
         PlocSearchDistance::VeryLow => 2,
@@ -167,11 +173,11 @@ fn reinsert(tree: &mut Bvh2, ratio: f32) {
 }
 
 /// Builds a subtree by median splits at the node `root` over the items `numbers`, of which there is at least one.
-fn split_by_median(leaves: &[Bvh2Node], numbers: &mut [u32], nodes: &mut Vec<Bvh2Node>, root: usize) {
+fn split_by_median(leaves: &[Cluster], numbers: &mut [u32], nodes: &mut Vec<Bvh2Node>, root: usize) {
     let mut open = vec![(root, 0, numbers.len())];
     while let Some((node, start, end)) = open.pop() {
         if end - start == 1 {
-            nodes[node] = leaves[numbers[start] as usize];
+            nodes[node] = leaves[numbers[start] as usize].node();
             continue;
         }
         let part = &mut numbers[start..end];
@@ -186,7 +192,7 @@ fn split_by_median(leaves: &[Bvh2Node], numbers: &mut [u32], nodes: &mut Vec<Bvh
 }
 
 /// Returns the order of items by centre along the axis on which centres differ most, then by area, then by index.
-fn median_order<'a>(leaves: &'a [Bvh2Node], numbers: &[u32]) -> impl Fn(&u32, &u32) -> Ordering + use<'a> {
+fn median_order<'a>(leaves: &'a [Cluster], numbers: &[u32]) -> impl Fn(&u32, &u32) -> Ordering + use<'a> {
     let centre_of = |number: u32| centre(&leaves[number as usize]);
     let start = centre_of(numbers[0]);
     let fold = |[low, high]: [Vec3A; 2], &number: &u32| [low.min(centre_of(number)), high.max(centre_of(number))];
@@ -199,11 +205,11 @@ fn median_order<'a>(leaves: &'a [Bvh2Node], numbers: &[u32]) -> impl Fn(&u32, &u
     }
 }
 
-fn centre(leaf: &Bvh2Node) -> Vec3A {
+fn centre(leaf: &Cluster) -> Vec3A {
     (leaf.aabb().min + leaf.aabb().max) * 0.5
 }
 
-fn around(leaves: &[Bvh2Node], numbers: &[u32]) -> Aabb {
-    let first = *leaves[numbers[0] as usize].aabb();
-    numbers[1..].iter().fold(first, |sum, &number| sum.union(leaves[number as usize].aabb()))
+fn around(leaves: &[Cluster], numbers: &[u32]) -> Aabb {
+    let first = leaves[numbers[0] as usize].aabb();
+    numbers[1..].iter().fold(first, |sum, &number| sum.union(&leaves[number as usize].aabb()))
 }

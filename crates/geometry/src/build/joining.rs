@@ -3,9 +3,11 @@
 //!
 //! In each round every cluster looks for the neighbour along the Morton curve with which it shares the smallest box.
 //! Two clusters that choose each other become one. The tree is the one that obvhs builds, node by node. obvhs joins on
-//! one thread, sorts the leaves again, and takes half more memory.
+//! one thread, after it sorts the leaves again.
 
 use crate::lanes::Vectors;
+use crate::pages::Pages;
+use bytemuck::{Pod, Zeroable};
 use glam::Vec3A;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::node::Bvh2Node;
@@ -14,7 +16,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// A subtree without a parent yet. Leaves and inner nodes differ as in [`Bvh2Node`].
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(32))]
 pub(super) struct Cluster {
     low: [f32; 3],
@@ -23,39 +25,43 @@ pub(super) struct Cluster {
     prim_count: u32,
 }
 
-impl From<&Bvh2Node> for Cluster {
-    #[inline(always)]
-    fn from(node: &Bvh2Node) -> Self {
-        let Aabb { min, max } = *node.aabb();
-        let (low, high) = (min.to_array(), max.to_array());
-        Self { low, first_index: node.first_index, high, prim_count: node.prim_count }
-    }
-}
-
 impl Cluster {
+    /// Returns the leaf of an item.
     #[inline(always)]
-    fn node(&self) -> Bvh2Node {
-        let bounds = Aabb::new(Vec3A::from_array(self.low), Vec3A::from_array(self.high));
-        Bvh2Node::new(bounds, self.prim_count, self.first_index)
+    pub(super) fn leaf([low, high]: [[f32; 3]; 2], item: u32) -> Self {
+        Self { low, first_index: item, high, prim_count: 1 }
+    }
+
+    #[inline(always)]
+    pub(super) fn aabb(&self) -> Aabb {
+        Aabb::new(Vec3A::from_array(self.low), Vec3A::from_array(self.high))
+    }
+
+    #[inline(always)]
+    pub(super) fn node(&self) -> Bvh2Node {
+        Bvh2Node::new(self.aabb(), self.prim_count, self.first_index)
     }
 
     /// Returns the parent of two clusters whose nodes are at `first_index` and after it.
     #[inline(always)]
     fn parent(&self, other: &Self, first_index: u32) -> Self {
-        let low = std::array::from_fn(|axis| lesser(self.low[axis], other.low[axis]));
-        let high = std::array::from_fn(|axis| greater(self.high[axis], other.high[axis]));
+        let (mut low, mut high) = (self.low, self.high);
+        for axis in 0..3 {
+            low[axis] = lesser(low[axis], other.low[axis]);
+            high[axis] = greater(high[axis], other.high[axis]);
+        }
         Self { low, first_index, high, prim_count: 0 }
     }
 }
 
 /// The lesser of two numbers, in one instruction, since neither is NaN.
 #[inline(always)]
-fn lesser(a: f32, b: f32) -> f32 {
+pub(super) fn lesser(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
 #[inline(always)]
-fn greater(a: f32, b: f32) -> f32 {
+pub(super) fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
@@ -72,11 +78,12 @@ const WINDOW: usize = BLOCK + 2 * FARTHEST;
 /// it with the number of rounds.
 ///
 /// Clusters look at `distance` neighbours on each side, from 1 to 32, but at one in the first `short` rounds.
-pub(super) fn join(mut clusters: Vec<Cluster>, distance: usize, short: usize) -> (Vec<Bvh2Node>, usize) {
+pub(super) fn join(mut clusters: Pages<Cluster>, distance: usize, short: usize) -> (Vec<Bvh2Node>, usize) {
     let distance = distance.clamp(1, FARTHEST);
-    let mut nodes = vec![Bvh2Node::default(); (2 * clusters.len()).saturating_sub(1)];
-    let mut partners = vec![0; clusters.len()];
-    let mut joined = vec![Cluster::default(); clusters.len()];
+    // Zeros cost no time until they are written, by many threads.
+    let mut nodes: Vec<Bvh2Node> = bytemuck::zeroed_vec((2 * clusters.len()).saturating_sub(1));
+    let mut partners: Vec<i8> = bytemuck::zeroed_vec(clusters.len());
+    let mut joined = Pages::zeroed(clusters.len());
     let (mut count, mut free, mut rounds) = (clusters.len(), nodes.len(), 0);
     while count > 1 {
         let now = &clusters[..count];
@@ -159,7 +166,8 @@ fn search_block(clusters: &[Cluster], start: usize, partners: &mut [i8], distanc
             *area = (x + y) * z + x * y;
         }
         let offset = away as i32;
-        for (((least, best), &back), &front) in least.iter_mut().zip(&mut best).zip(&areas[..BLOCK]).zip(&areas[away..]) {
+        for (((least, best), &back), &front) in least.iter_mut().zip(&mut best).zip(&areas[..BLOCK]).zip(&areas[away..])
+        {
             let (area, choice) = if back < *least { (back, -offset) } else { (*least, *best) };
             let closer = front <= area;
             *least = if closer { front } else { area };
@@ -270,11 +278,18 @@ mod tests {
                 Bvh2Node::new(Aabb::new(low, low + Vec3A::from_array([0; 3].map(|_| number() * 0.1))), 1, i)
             })
             .collect();
-        let code = |leaf: &Bvh2Node| {
-            obvhs::ploc::morton::morton_encode_u64_unorm(leaf.aabb().center().as_dvec3())
-        };
+        let code = |leaf: &Bvh2Node| obvhs::ploc::morton::morton_encode_u64_unorm(leaf.aabb().center().as_dvec3());
         leaves.sort_by_key(code);
         leaves
+    }
+
+    fn clusters(leaves: &[Bvh2Node]) -> Pages<Cluster> {
+        let mut clusters = Pages::zeroed(leaves.len());
+        for (cluster, leaf) in clusters.iter_mut().zip(leaves) {
+            let Aabb { min, max } = *leaf.aabb();
+            *cluster = Cluster::leaf([min.to_array(), max.to_array()], leaf.first_index);
+        }
+        clusters
     }
 
     #[test]
@@ -289,7 +304,7 @@ mod tests {
                             let mut builder = PlocBuilder { current_nodes: leaves.clone(), ..PlocBuilder::default() };
                             let all = Aabb::new(Vec3A::ZERO, Vec3A::ONE);
                             builder.build_ploc_from_leaves::<$distance, false>(&mut theirs, all, SortPrecision::U64, short);
-                            let (ours, rounds) = join(leaves.iter().map(Cluster::from).collect(), $distance, short);
+                            let (ours, rounds) = join(clusters(&leaves), $distance, short);
                             let text = |nodes: &[Bvh2Node]| nodes.iter().map(|node| format!("{node:?}")).collect::<Vec<_>>();
                             assert_eq!(text(&ours), text(&theirs.nodes), "{count} {rough} {} {short}", $distance);
                             assert!(theirs.max_depth == 96.max(rounds + 1));
