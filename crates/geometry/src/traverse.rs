@@ -6,7 +6,7 @@ use crate::lanes::Whole;
 use crate::lanes::{Lanes, Pair, Vectors};
 use crate::prepared_ray::PreparedRay;
 use crate::safeguards::{All, Safeguards};
-use crate::tree::{Keys, Node8, QUADRIC, TRIANGLES, Tree};
+use crate::tree::{Keys, Leaf, Node8, QUADRIC, TRIANGLES, Tree};
 use crate::triangle::{Triangles8, lowest};
 use pulp::NullaryFnOnce;
 use std::marker::PhantomData;
@@ -134,12 +134,12 @@ impl<const MOVING: bool> Leaves for Primitives<MOVING> {
             return view.tree.test_quadric::<S, ANY>((code & !QUADRIC) as usize, prepared, best);
         }
         let block = (code & !TRIANGLES) as usize;
-        let triangles = &view.triangles[block];
+        let leaf = &view.leaves[block];
         if MOVING {
-            let now = triangles.toward(&view.tree.moved[block], self.time);
-            return view.test_triangles::<S, L, ANY>(token, &now, block, prepared, best);
+            let now = leaf.triangles.toward(&view.tree.moved[block], self.time);
+            return test_triangles::<S, L, ANY>(token, &now, &leaf.keys, prepared, best);
         }
-        view.test_triangles::<S, L, ANY>(token, triangles, block, prepared, best)
+        test_triangles::<S, L, ANY>(token, &leaf.triangles, &leaf.keys, prepared, best)
     }
 }
 
@@ -288,7 +288,7 @@ impl Tree {
         best: &mut Best,
         leaves: &mut V,
     ) -> bool {
-        let view = View { tree: self, nodes: &self.nodes, triangles: &self.triangles, keys: &self.triangle_keys };
+        let view = View { tree: self, nodes: &self.nodes, leaves: &self.leaves };
         if view.nodes.is_empty() {
             return false;
         }
@@ -336,9 +336,8 @@ impl Tree {
 
     pub(crate) fn memory_bytes(&self) -> usize {
         size_of_val(&*self.nodes)
-            + size_of_val(&*self.triangles)
+            + size_of_val(&*self.leaves)
             + size_of_val(&*self.moved)
-            + size_of_val(&*self.triangle_keys)
             + size_of_val(&*self.quadrics)
             + size_of_val(&*self.quadric_keys)
     }
@@ -348,8 +347,7 @@ impl Tree {
 struct View<'a> {
     tree: &'a Tree,
     nodes: &'a [Node8],
-    triangles: &'a [Triangles8],
-    keys: &'a [Keys],
+    leaves: &'a [Leaf],
 }
 
 impl View<'_> {
@@ -413,27 +411,26 @@ impl View<'_> {
         }
         Some(near.1)
     }
+}
 
-    #[inline(always)]
-    fn test_triangles<S: Safeguards, L: Lanes, const ANY: bool>(
-        &self,
-        token: L::Token,
-        triangles: &Triangles8,
-        block: usize,
-        prepared: &PreparedRay,
-        best: &mut Best,
-    ) -> bool {
-        let keys = &self.keys[block];
-        let Some(hits) = triangles.intersect::<S, L>(token, prepared, best.t, keys) else { return false };
-        if ANY {
-            return true;
-        }
-        let mut mask = hits.mask;
-        while mask != 0 {
-            let lane = lowest(mask);
-            mask &= mask - 1;
-            best.offer::<S>(hits.t[lane], keys.key(lane), hits.weights.map(|weights| weights[lane]));
-        }
-        false
+/// Offers the hits of a ray with a leaf's triangles. With `ANY`, it returns true if there is one.
+#[inline(always)]
+fn test_triangles<S: Safeguards, L: Lanes, const ANY: bool>(
+    token: L::Token,
+    triangles: &Triangles8,
+    keys: &Keys,
+    prepared: &PreparedRay,
+    best: &mut Best,
+) -> bool {
+    let Some(hits) = triangles.intersect::<S, L>(token, prepared, best.t, keys) else { return false };
+    if ANY {
+        return true;
     }
+    let mut mask = hits.mask;
+    while mask != 0 {
+        let lane = lowest(mask);
+        mask &= mask - 1;
+        best.offer::<S>(hits.t[lane], keys.key(lane), hits.weights.map(|weights| weights[lane]));
+    }
+    false
 }

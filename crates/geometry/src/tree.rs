@@ -7,7 +7,7 @@ use crate::traverse::WalkKind;
 use crate::triangle::Triangles8;
 use bytemuck::{Pod, Zeroable};
 
-/// The bit that marks a child's code as a leaf of triangles. The other bits are the leaf's index in `Tree::triangles`.
+/// The bit that marks a child's code as a leaf of triangles. The other bits are the leaf's index in `Tree::leaves`.
 pub(crate) const TRIANGLES: u32 = 1 << 31;
 /// The bit that marks a child's code as a sphere, a disk or the box of an instance. The other bits are its index.
 pub(crate) const QUADRIC: u32 = 1 << 30;
@@ -96,14 +96,21 @@ pub(crate) fn key(shape: u32, primitive: u32) -> u64 {
     u64::from(shape) << 32 | u64::from(primitive)
 }
 
+/// A leaf of triangles. The keys lie next to the corners: a ray that meets a triangle waits for memory once.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Leaf {
+    pub(crate) triangles: Triangles8,
+    pub(crate) keys: Keys,
+}
+
 /// The bounding volume hierarchy: nodes, leaves, and the shape and primitive numbers in the leaves.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tree {
     pub(crate) nodes: Pages<Node8>,
-    pub(crate) triangles: Pages<Triangles8>,
-    /// The leaves of `triangles` at time 1; empty if no vertex moves.
+    pub(crate) leaves: Pages<Leaf>,
+    /// The triangles of the leaves at time 1; empty if no vertex moves.
     pub(crate) moved: Pages<Triangles8>,
-    pub(crate) triangle_keys: Pages<Keys>,
     pub(crate) quadrics: Vec<Quadric>,
     pub(crate) quadric_keys: Vec<u64>,
     /// The largest number of entries on the stack during traversal.

@@ -8,7 +8,7 @@ use crate::Shape;
 use crate::lanes::Whole;
 use crate::lanes::{Lanes, Pair, Vectors, WIDTH};
 use crate::pages::Pages;
-use crate::tree::{Child, Keys, Tree};
+use crate::tree::{Child, Keys, Leaf, Tree};
 use crate::triangle::Triangles8;
 use obvhs::bvh2::node::Bvh2Node;
 use pulp::NullaryFnOnce;
@@ -37,12 +37,11 @@ pub(super) fn pack(loose: &[Loose], nodes: &[Bvh2Node], items: &Items<'_>, tree:
         loose.par_chunks(BATCH).map_init(Default::default, |open, leaves| members(leaves, nodes, open)).collect();
     let leaves = &batches.as_flattened()[..loose.len()];
     let mut boxes = vec![NOTHING; leaves.len()];
-    tree.triangles = Pages::zeroed(leaves.len());
-    tree.triangle_keys = Pages::zeroed(leaves.len());
-    fill(leaves, items, false, (&mut tree.triangles, &mut tree.triangle_keys, &mut boxes));
+    tree.leaves = Pages::zeroed(leaves.len());
+    fill(leaves, items, &mut *tree.leaves, &mut boxes);
     if items.shapes.iter().any(|shape| matches!(shape, Shape::Moving(_))) {
         tree.moved = Pages::zeroed(leaves.len());
-        fill(leaves, items, true, (&mut tree.moved, &mut tree.triangle_keys, &mut boxes));
+        fill(leaves, items, &mut *tree.moved, &mut boxes);
     }
     for (number, (&Loose { wide, lane, .. }, &bounds)) in (0..).zip(loose.iter().zip(&boxes)) {
         tree.nodes[wide as usize].put(lane, Child::Triangles(number), bounds);
@@ -72,48 +71,74 @@ fn members(leaves: &[Loose], nodes: &[Bvh2Node], [open, next]: &mut [Vec<(u32, u
     members
 }
 
-/// Writes leaves of triangles and their keys, and adds them to the boxes of the leaves. If `ends`, the triangles are
-/// those at time 1.
-fn fill(
-    leaves: &[Members],
-    items: &Items<'_>,
-    ends: bool,
-    (triangles, keys, boxes): (&mut [Triangles8], &mut [Keys], &mut [Bounds]),
-) {
+/// The place of a leaf's triangles at one time.
+trait Slot: Send {
+    /// True if the triangles are those at time 1.
+    const ENDS: bool;
+
+    fn triangles(&mut self) -> &mut Triangles8;
+    fn label(&mut self, keys: [u64; WIDTH]);
+}
+
+impl Slot for Leaf {
+    const ENDS: bool = false;
+
+    #[inline(always)]
+    fn triangles(&mut self) -> &mut Triangles8 {
+        &mut self.triangles
+    }
+
+    #[inline(always)]
+    fn label(&mut self, keys: [u64; WIDTH]) {
+        self.keys = Keys::new(keys);
+    }
+}
+
+impl Slot for Triangles8 {
+    const ENDS: bool = true;
+
+    #[inline(always)]
+    fn triangles(&mut self) -> &mut Triangles8 {
+        self
+    }
+
+    #[inline(always)]
+    fn label(&mut self, _: [u64; WIDTH]) {}
+}
+
+/// Writes the triangles of leaves, and adds them to the boxes of the leaves.
+fn fill<T: Slot>(leaves: &[Members], items: &Items<'_>, slots: &mut [T], boxes: &mut [Bounds]) {
     let vectors = Vectors::default();
-    let parts = leaves.par_chunks(BATCH).zip(triangles.par_chunks_mut(BATCH));
-    let parts = parts.zip(keys.par_chunks_mut(BATCH)).zip(boxes.par_chunks_mut(BATCH));
-    parts.for_each(|(((leaves, triangles), keys), boxes)| match vectors {
+    let parts = leaves.par_chunks(BATCH).zip(slots.par_chunks_mut(BATCH)).zip(boxes.par_chunks_mut(BATCH));
+    parts.for_each(|((leaves, slots), boxes)| match vectors {
         #[cfg(target_arch = "x86_64")]
         Vectors::Whole(token) => {
             let lanes = PhantomData::<Whole>;
-            token.vectorize(Fill { token, leaves, items, ends, triangles, keys, boxes, lanes });
+            token.vectorize(Fill { token, leaves, items, slots, boxes, lanes });
         }
         Vectors::Pair => {
-            Fill { token: (), leaves, items, ends, triangles, keys, boxes, lanes: PhantomData::<Pair> }.call();
+            Fill { token: (), leaves, items, slots, boxes, lanes: PhantomData::<Pair> }.call();
         }
     });
 }
 
 /// The filling of some leaves, compiled for each kind of vectors.
-struct Fill<'a, L: Lanes> {
+struct Fill<'a, T, L: Lanes> {
     token: L::Token,
     leaves: &'a [Members],
     items: &'a Items<'a>,
-    ends: bool,
-    triangles: &'a mut [Triangles8],
-    keys: &'a mut [Keys],
+    slots: &'a mut [T],
     boxes: &'a mut [Bounds],
     lanes: PhantomData<L>,
 }
 
-impl<L: Lanes> NullaryFnOnce for Fill<'_, L> {
+impl<T: Slot, L: Lanes> NullaryFnOnce for Fill<'_, T, L> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        let leaves = self.leaves.iter().zip(self.triangles).zip(self.keys).zip(self.boxes);
-        for (((members, triangles), keys), bounds) in leaves {
+        for ((members, slot), bounds) in self.leaves.iter().zip(self.slots).zip(self.boxes) {
+            let triangles = slot.triangles();
             let mut found = [0; WIDTH];
             for (lane, (slot, &number)) in found.iter_mut().zip(&members.all).enumerate().take(members.count) {
                 let (key, item) = self.items.item(number);
@@ -122,7 +147,7 @@ impl<L: Lanes> NullaryFnOnce for Fill<'_, L> {
                     lane,
                     match item {
                         Item::Triangle(mesh) => mesh.corners(key as u32),
-                        Item::Moving(mesh) if self.ends => mesh.ends_of(key as u32),
+                        Item::Moving(mesh) if T::ENDS => mesh.ends_of(key as u32),
                         Item::Moving(mesh) => mesh.corners(key as u32, 0.0),
                         // Leaves with several items hold triangles only.
                         Item::Quadric(_) | Item::Box(_) => continue,
@@ -130,10 +155,10 @@ impl<L: Lanes> NullaryFnOnce for Fill<'_, L> {
                 );
             }
             triangles.repeat_from(members.count);
+            let sides = boxes::<L>(self.token, triangles, self.items.padded);
             let first = found[0];
             found.iter_mut().skip(members.count).for_each(|key| *key = first);
-            *keys = Keys::new(found);
-            let sides = boxes::<L>(self.token, triangles, self.items.padded);
+            slot.label(found);
             for axis in 0..3 {
                 let [low, high] = &sides[axis];
                 for lane in 0..WIDTH {
