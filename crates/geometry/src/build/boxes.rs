@@ -74,11 +74,10 @@ impl<L: Lanes> NullaryFnOnce for Leaves<'_, L> {
     fn call(self) {
         for (first, leaves) in (self.first..).step_by(WIDTH).zip(self.leaves.chunks_mut(WIDTH)) {
             let mut bounds = self.items.boxes_from::<L>(self.token, first, leaves.len());
-            for axis in 0..3 {
-                for side in 0..2 {
-                    for value in &mut bounds[axis][side].0 {
-                        let scaled = ((f64::from(*value) - self.origin[axis]) * self.scale) as f32;
-                        *value = scaled.clamp(0.0, 1.0);
+            for (axis, origin) in bounds.iter_mut().zip(self.origin) {
+                for side in axis {
+                    for value in &mut side.0 {
+                        *value = (((f64::from(*value) - origin) * self.scale) as f32).clamp(0.0, 1.0);
                     }
                 }
             }

@@ -38,10 +38,10 @@ pub(super) fn pack(loose: &[Loose], nodes: &[Bvh2Node], items: &Items<'_>, tree:
     let leaves = &batches.as_flattened()[..loose.len()];
     let mut boxes = vec![NOTHING; leaves.len()];
     tree.leaves = Pages::zeroed(leaves.len());
-    fill(leaves, items, &mut *tree.leaves, &mut boxes);
+    fill(leaves, items, &mut tree.leaves, &mut boxes);
     if items.shapes.iter().any(|shape| matches!(shape, Shape::Moving(_))) {
         tree.moved = Pages::zeroed(leaves.len());
-        fill(leaves, items, &mut *tree.moved, &mut boxes);
+        fill(leaves, items, &mut tree.moved, &mut boxes);
     }
     for (number, (&Loose { wide, lane, .. }, &bounds)) in (0..).zip(loose.iter().zip(&boxes)) {
         tree.nodes[wide as usize].put(lane, Child::Triangles(number), bounds);
