@@ -1,4 +1,4 @@
-//! Construction of the bounding volume hierarchy: boxes of primitives, a binary tree (by obvhs where that is safe),
+//! Construction of the bounding volume hierarchy: boxes of primitives, a binary tree (by PLOC where that is safe),
 //! and its conversion to eight-wide nodes.
 
 mod binary;

@@ -1,7 +1,7 @@
 //! Binary trees whose leaves hold one item each, stored as obvhs's nodes: siblings are adjacent and the root is first.
 //!
-//! obvhs takes quadratic time and makes long chains if many boxes share a centre; [`by_area`] avoids this. Its other
-//! requirements are met: boxes are finite and of moderate size, and there is at least one.
+//! PLOC takes quadratic time and makes long chains if many boxes share a centre; [`by_area`] avoids this. The other
+//! requirements of [`joining`] and obvhs are met: boxes are finite and of moderate size, and there is at least one.
 
 use super::FEW;
 use super::joining::{self, Cluster};
@@ -17,7 +17,7 @@ use obvhs::ploc::morton::morton_encode_u64_unorm;
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
-/// The largest number of boxes with their centre in one cell that obvhs gets. More boxes in a cell are split at
+/// The largest number of boxes with their centre in one cell that are joined by area. More boxes in a cell are split at
 /// medians here.
 const CROWD: usize = 8;
 
@@ -29,7 +29,7 @@ fn cell((code, _): Place) -> u64 {
     code >> 3
 }
 
-/// Returns a binary tree of small expected cost. obvhs's PLOC and reinsertion join boxes with different centres;
+/// Returns a binary tree of small expected cost. PLOC and obvhs's reinsertion join boxes with different centres;
 /// median splits divide groups of boxes that share one.
 ///
 /// Item `n` is the leaf at index `n` of `leaves`, whose boxes are between 0 and 1 on each axis. The cells of Morton
@@ -129,7 +129,7 @@ impl Groups {
     }
 }
 
-/// Builds obvhs's tree (PLOC, then reinsertion) over leaves in the order of their Morton codes.
+/// Builds a tree (PLOC, then obvhs's reinsertion) over leaves in the order of their Morton codes.
 fn joined(leaves: Pages<Cluster>, params: BvhBuildParams) -> Vec<Bvh2Node> {
     let distance = match params.ploc_search_distance {
         PlocSearchDistance::Minimum => 1,
