@@ -1,18 +1,21 @@
-//! Construction of the bounding volume hierarchy: boxes of primitives, a binary tree (by obvhs where that is safe),
+//! Construction of the bounding volume hierarchy: boxes of primitives, a binary tree (by PLOC where that is safe),
 //! and its conversion to eight-wide nodes.
 
 mod binary;
+mod boxes;
+mod joining;
 mod leaves;
 mod plans;
 mod wide;
 
 use crate::lanes::WIDTH;
+use crate::pages::Pages;
 use crate::shape::Quadric;
 use crate::tree::{LIMIT, Node8, Tree, key};
 use crate::{Error, Mesh, MovingMesh, Shape};
 use glam::{DVec3, Vec3, Vec3A};
+use joining::Cluster;
 use obvhs::BvhBuildParams;
-use obvhs::aabb::Aabb;
 use obvhs::bvh2::node::Bvh2Node;
 use rayon::prelude::*;
 
@@ -61,6 +64,8 @@ struct Items<'a> {
     /// One key per item: the shape's number in the upper and the primitive's in the lower 32 bits, or the index of an
     /// instance.
     keys: Vec<u64>,
+    /// True if all items are triangles at rest.
+    still: bool,
     /// True if boxes are padded for rounding. Only measurements set it to false (see `safeguards`).
     padded: bool,
 }
@@ -95,7 +100,8 @@ impl<'a> Items<'a> {
                 Shape::Mesh(_) | Shape::Moving(_) | Shape::Sphere(_) | Shape::Disk(_) => keys.extend(all),
             }
         }
-        Ok(Self { shapes, boxes: &[], keys, padded })
+        let still = shapes.iter().all(|shape| matches!(shape, Shape::Mesh(_)));
+        Ok(Self { shapes, boxes: &[], keys, still, padded })
     }
 
     /// Returns an item by its index, with its key.
@@ -165,27 +171,24 @@ impl<'a> Items<'a> {
         if wide::cost(&other, self) < wide::cost(&chosen, self) { other } else { chosen }
     }
 
-    /// Returns a box around all items, unpadded for triangles; `None` without items.
+    /// Returns a box around all items, unpadded for triangles at rest; `None` without items.
     fn total(&self) -> Option<Bounds> {
-        let loose = |number: u32| match self.item(number) {
-            (key, Item::Triangle(mesh)) => enclose(mesh.corners(key as u32)),
-            _ => self.bounds(number),
-        };
-        (0..self.keys.len() as u32).into_par_iter().with_min_len(FEW).map(loose).reduce_with(union)
+        if self.keys.is_empty() {
+            return None;
+        }
+        if self.still {
+            return self.shapes.iter().filter_map(|shape| shape.mesh().map(Mesh::around)).reduce(union);
+        }
+        let items = (0..self.keys.len() as u32).into_par_iter().with_min_len(FEW);
+        items.map(|number| self.bounds(number)).reduce_with(union)
     }
 
     /// Returns the items as leaves of a binary tree. Boxes are scaled to the unit cube: areas then neither overflow
     /// nor vanish, and the tree does not depend on the scene's scale. Rounding and clamping affect only speed.
-    fn leaves(&self, bounds: Bounds) -> Vec<Bvh2Node> {
+    fn leaves(&self, bounds: Bounds) -> Pages<Cluster> {
         let origin = bounds[0].as_dvec3();
         let per_extent = 1.0 / (bounds[1].as_dvec3() - origin).max_element().max(f64::MIN_POSITIVE);
-        let scaled =
-            |p: Vec3| Vec3A::from(((p.as_dvec3() - origin) * per_extent).as_vec3()).clamp(Vec3A::ZERO, Vec3A::ONE);
-        let leaf = |number: u32| {
-            let [low, high] = self.bounds(number);
-            Bvh2Node::new(Aabb::new(scaled(low), scaled(high)), 1, number)
-        };
-        (0..self.keys.len() as u32).into_par_iter().with_min_len(FEW).map(leaf).collect()
+        boxes::leaves(self, origin.to_array(), per_extent)
     }
 }
 
@@ -248,7 +251,7 @@ pub(crate) fn build_top(boxes: &[(u32, [DVec3; 2])], preset: Preset) -> Result<(
         })
         .collect();
     let keys = boxes.iter().map(|&(number, _)| number.into()).collect();
-    let items = Items { shapes: &[], boxes: &grown, keys, padded: true };
+    let items = Items { shapes: &[], boxes: &grown, keys, still: false, padded: true };
     Ok(items.tree(preset))
 }
 
@@ -286,15 +289,19 @@ mod tests {
         let items = Items::of_shapes(&shapes, true).expect("it fits");
         let leaves = items.leaves(items.total().expect("some"));
         // Node 2 n + 1 is item n, and node 2 n + 2 holds the items after it.
-        let mut boxes: Vec<Aabb> = leaves.iter().rev().map(|leaf| *leaf.aabb()).collect();
+        let mut boxes: Vec<_> = leaves.iter().rev().map(Cluster::aabb).collect();
         for n in 1..boxes.len() {
             boxes[n] = boxes[n].union(&boxes[n - 1]);
         }
         let mut chain = vec![Bvh2Node::new(boxes[COUNT as usize - 1], 0, 1)];
         for n in 0..COUNT - 1 {
             let rest = COUNT as usize - 2 - n as usize;
-            chain.push(leaves[n as usize]);
-            chain.push(if rest == 0 { leaves[COUNT as usize - 1] } else { Bvh2Node::new(boxes[rest], 0, 2 * n + 3) });
+            chain.push(leaves[n as usize].node());
+            chain.push(if rest == 0 {
+                leaves[COUNT as usize - 1].node()
+            } else {
+                Bvh2Node::new(boxes[rest], 0, 2 * n + 3)
+            });
         }
         assert!(wide::collapse(&chain, &items).is_none());
         let tree = wide::collapse(&binary::by_median(leaves), &items).expect("it is shallow");

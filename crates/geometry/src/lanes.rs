@@ -1,5 +1,6 @@
 //! Vectors of eight f32 in the widest registers of the machine. Results have the same bits on every machine.
 
+use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 use std::ops::{Add, Div, Mul, Sub};
 
@@ -7,13 +8,13 @@ use std::ops::{Add, Div, Mul, Sub};
 pub(crate) const WIDTH: usize = 8;
 
 /// Eight f32 in memory, aligned so that a vector can be loaded from them.
-#[derive(Clone, Copy, Debug, Default)]
-#[repr(align(32))]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C, align(32))]
 pub(crate) struct Eight(pub(crate) [f32; WIDTH]);
 
 /// Eight u32 in memory, aligned so that a vector can be loaded from them.
-#[derive(Clone, Copy, Debug)]
-#[repr(align(32))]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C, align(32))]
 pub(crate) struct Words(pub(crate) [u32; WIDTH]);
 
 /// A vector of eight `f32` with lane-wise operations. Comparisons return a mask with one bit per lane. `min` and `max`

@@ -8,6 +8,7 @@ mod lanes;
 mod mesh;
 mod motion;
 mod moving_mesh;
+mod pages;
 mod prepared_ray;
 mod ray;
 pub mod safeguards;

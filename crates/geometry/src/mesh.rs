@@ -31,6 +31,8 @@ pub struct Mesh {
     /// The unit normal of each triangle; the zero vector for a triangle without area.
     normals: Vec<Vec3>,
     degenerate: usize,
+    /// The box around all triangles, degenerate ones included; empty without any.
+    around: [Vec3; 2],
     /// A bound on the rounding error of a point computed in f64 from three corners, in scene units, for the mesh's
     /// largest coordinate.
     lost: f32,
@@ -51,23 +53,28 @@ impl Mesh {
         if triangles.len() >= limit {
             return Err(Error::TooMany { what: "triangles of a mesh", count: triangles.len(), limit });
         }
-        let mut largest = 0.0_f32;
+        let [mut low, mut high] = [Vec3::INFINITY, Vec3::NEG_INFINITY];
         for (number, corners) in triangles.iter().enumerate() {
             for &vertex in corners {
-                largest = largest.max(magnitude(&positions, number as u32, vertex)?);
+                let corner = checked(&positions, number as u32, vertex)?;
+                (low, high) = (low.min(corner), high.max(corner));
             }
         }
+        let largest = low.abs().max(high.abs()).max_element();
+        let largest = if triangles.is_empty() { 0.0 } else { largest };
         if largest > LARGEST || (largest > 0.0 && largest < SMALLEST) {
             return Err(Error::ScaleOutOfRange { what: "a mesh's largest coordinate", value: largest.into() });
         }
-        let mut mesh = Self { positions, triangles, normals: Vec::new(), degenerate: 0, lost: 0.0 };
+        let mut mesh =
+            Self { positions, triangles, normals: Vec::new(), degenerate: 0, around: [low, high], lost: 0.0 };
         mesh.lost = (3.0 * f64::from(largest) * LOST_IN_F64) as f32;
         let normal = |number: usize| {
-            let [a, b, c] = mesh.corners(number as u32).map(Vec3::as_dvec3);
-            unit_normal(a, b, c)
+            let corners = mesh.corners(number as u32);
+            let [a, b, c] = corners.map(Vec3::as_dvec3);
+            if has_no_area(corners) { Vec3::ZERO } else { unit_normal(a, b, c) }
         };
         mesh.normals = (0..mesh.triangles.len()).map(normal).collect();
-        mesh.degenerate = (0..mesh.triangles.len()).filter(|&number| mesh.is_degenerate(number as u32)).count();
+        mesh.degenerate = mesh.normals.iter().filter(|&&normal| normal == Vec3::ZERO).count();
         Ok(mesh)
     }
 
@@ -92,14 +99,26 @@ impl Mesh {
     /// Returns true if the triangle has no area. The index must be below `triangles().len()`.
     #[must_use]
     pub fn is_degenerate(&self, triangle: u32) -> bool {
-        has_no_area(self.corners(triangle))
+        self.normals[triangle as usize] == Vec3::ZERO
+    }
+
+    /// Returns the box around all triangles, degenerate ones included; an empty one without any.
+    pub(crate) fn around(&self) -> [Vec3; 2] {
+        self.around
     }
 
     /// Returns the positions of a triangle's three corners. The index must be below `triangles().len()`.
     #[inline]
     #[must_use]
     pub fn corners(&self, triangle: u32) -> [Vec3; 3] {
-        self.triangles[triangle as usize].map(|vertex| Vec3::from_array(self.positions[vertex as usize]))
+        // Written out: compilers don't inline `map` everywhere.
+        let [a, b, c] = self.triangles[triangle as usize];
+        [self.position(a), self.position(b), self.position(c)]
+    }
+
+    #[inline(always)]
+    fn position(&self, vertex: u32) -> Vec3 {
+        Vec3::from_array(self.positions[vertex as usize])
     }
 
     /// Returns a point of a triangle, a bound on the point's distance from the exact triangle per axis, and the unit
@@ -133,15 +152,12 @@ pub(crate) fn has_no_area(corners: [Vec3; 3]) -> bool {
     area <= SINE_OF_NOTHING * ab.length() * ac.length() || a == b || a == c || b == c
 }
 
-/// Returns the largest magnitude among the coordinates of a triangle's vertex. Fails if the vertex is missing or not
-/// finite.
-fn magnitude(positions: &[[f32; 3]], triangle: u32, vertex: u32) -> Result<f32, Error> {
+/// Returns the position of a triangle's vertex. Fails if the vertex is missing or not finite.
+fn checked(positions: &[[f32; 3]], triangle: u32, vertex: u32) -> Result<Vec3, Error> {
     let vertices = positions.len();
-    let position = positions.get(vertex as usize).ok_or(Error::IndexOutOfRange { triangle, vertex, vertices })?;
-    if position.iter().any(|x| !x.is_finite()) {
-        return Err(Error::NonFinite { triangle, vertex });
-    }
-    Ok(position.iter().fold(0.0, |largest, x| largest.max(x.abs())))
+    let &position = positions.get(vertex as usize).ok_or(Error::IndexOutOfRange { triangle, vertex, vertices })?;
+    let position = Vec3::from_array(position);
+    if position.is_finite() { Ok(position) } else { Err(Error::NonFinite { triangle, vertex }) }
 }
 
 /// Returns the unit normal on the side from which `a`, `b`, `c` run counter-clockwise; the zero vector if there is

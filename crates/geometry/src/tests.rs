@@ -211,9 +211,9 @@ fn hash_of(geometry: &Geometry) -> u64 {
     let tree = geometry.tree();
     let nodes = tree.nodes.iter().flat_map(|node| {
         let bounds = node.bounds.as_flattened().iter().flat_map(|bounds| bounds.0.map(f32::to_bits));
-        bounds.chain(node.children)
+        bounds.chain(node.children.0)
     });
-    let keys = tree.triangle_keys.iter().flat_map(|keys| keys.primitives.0);
+    let keys = tree.leaves.iter().flat_map(|leaf| leaf.keys.primitives.0);
     nodes.chain(keys).fold(0xcbf2_9ce4_8422_2325, |hash, word| (hash ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3))
 }
 

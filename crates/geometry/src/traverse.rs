@@ -6,7 +6,7 @@ use crate::lanes::Whole;
 use crate::lanes::{Lanes, Pair, Vectors};
 use crate::prepared_ray::PreparedRay;
 use crate::safeguards::{All, Safeguards};
-use crate::tree::{Node8, QUADRIC, TRIANGLES, Tree};
+use crate::tree::{Keys, Leaf, Node8, QUADRIC, TRIANGLES, Tree};
 use crate::triangle::{Triangles8, lowest};
 use pulp::NullaryFnOnce;
 use std::marker::PhantomData;
@@ -107,7 +107,7 @@ impl<S: Safeguards, L: Lanes, V: Leaves, const ANY: bool> NullaryFnOnce for Walk
 trait Leaves {
     fn test<S: Safeguards, L: Lanes, const ANY: bool>(
         &mut self,
-        tree: &Tree,
+        view: &View<'_>,
         token: L::Token,
         code: u32,
         prepared: &PreparedRay,
@@ -124,22 +124,22 @@ impl<const MOVING: bool> Leaves for Primitives<MOVING> {
     #[inline(always)]
     fn test<S: Safeguards, L: Lanes, const ANY: bool>(
         &mut self,
-        tree: &Tree,
+        view: &View<'_>,
         token: L::Token,
         code: u32,
         prepared: &PreparedRay,
         best: &mut Best,
     ) -> bool {
         if code & TRIANGLES == 0 {
-            return tree.test_quadric::<S, ANY>((code & !QUADRIC) as usize, prepared, best);
+            return view.tree.test_quadric::<S, ANY>((code & !QUADRIC) as usize, prepared, best);
         }
         let block = (code & !TRIANGLES) as usize;
-        let triangles = &tree.triangles[block];
+        let leaf = &view.leaves[block];
         if MOVING {
-            let now = triangles.toward(&tree.moved[block], self.time);
-            return tree.test_triangles::<S, L, ANY>(token, &now, block, prepared, best);
+            let now = leaf.triangles.toward(&view.tree.moved[block], self.time);
+            return test_triangles::<S, L, ANY>(token, &now, &leaf.keys, prepared, best);
         }
-        tree.test_triangles::<S, L, ANY>(token, triangles, block, prepared, best)
+        test_triangles::<S, L, ANY>(token, &leaf.triangles, &leaf.keys, prepared, best)
     }
 }
 
@@ -153,7 +153,7 @@ impl<F: FnMut(u32, &mut Best) -> bool> Leaves for Boxes<F> {
     #[inline(always)]
     fn test<S: Safeguards, L: Lanes, const ANY: bool>(
         &mut self,
-        _: &Tree,
+        _: &View<'_>,
         _: L::Token,
         code: u32,
         _: &PreparedRay,
@@ -288,7 +288,8 @@ impl Tree {
         best: &mut Best,
         leaves: &mut V,
     ) -> bool {
-        if self.nodes.is_empty() {
+        let view = View { tree: self, nodes: &self.nodes, leaves: &self.leaves };
+        if view.nodes.is_empty() {
             return false;
         }
         let mut stack: [Aside; STACK] = [(0.0, 0); STACK];
@@ -296,9 +297,9 @@ impl Tree {
         let mut code = 0;
         loop {
             let met = if code < QUADRIC {
-                self.enter::<S, L, ANY, STACK>(token, code, prepared, best.t, &mut stack, &mut height)
+                view.enter::<S, L, ANY, STACK>(token, code, prepared, best.t, &mut stack, &mut height)
             } else {
-                if leaves.test::<S, L, ANY>(self, token, code, prepared, best) {
+                if leaves.test::<S, L, ANY>(&view, token, code, prepared, best) {
                     return true;
                 }
                 None
@@ -319,6 +320,37 @@ impl Tree {
         }
     }
 
+    #[inline(never)]
+    fn test_quadric<S: Safeguards, const ANY: bool>(
+        &self,
+        number: usize,
+        prepared: &PreparedRay,
+        best: &mut Best,
+    ) -> bool {
+        let Some(t) = self.quadrics[number].intersect(&prepared.ray) else { return false };
+        if !ANY {
+            best.offer::<S>(t, self.quadric_keys[number], [0.0; 2]);
+        }
+        ANY
+    }
+
+    pub(crate) fn memory_bytes(&self) -> usize {
+        size_of_val(&*self.nodes)
+            + size_of_val(&*self.leaves)
+            + size_of_val(&*self.moved)
+            + size_of_val(&*self.quadrics)
+            + size_of_val(&*self.quadric_keys)
+    }
+}
+
+/// The arrays of a tree, looked up once for each ray.
+struct View<'a> {
+    tree: &'a Tree,
+    nodes: &'a [Node8],
+    leaves: &'a [Leaf],
+}
+
+impl View<'_> {
     /// Tests a node's children and returns the code of the nearest one met. The others go on the stack, farthest
     /// first. With `ANY` they are not sorted.
     #[inline(always)]
@@ -347,19 +379,19 @@ impl Tree {
         let first = lowest(met);
         met &= met - 1;
         if met == 0 {
-            return Some(node.children[first]);
+            return Some(node.children.0[first]);
         }
         if ANY {
             // Any hit ends the traversal, so sorting does not pay.
             while met != 0 {
-                stack[*height] = (0.0, node.children[lowest(met)]);
+                stack[*height] = (0.0, node.children.0[lowest(met)]);
                 met &= met - 1;
                 *height += 1;
             }
-            return Some(node.children[first]);
+            return Some(node.children.0[first]);
         }
         let entry = entry.to_array();
-        let aside = |lane: usize| (entry[lane], node.children[lane]);
+        let aside = |lane: usize| (entry[lane], node.children.0[lane]);
         let mut near = aside(first);
         let base = *height;
         while met != 0 {
@@ -379,50 +411,26 @@ impl Tree {
         }
         Some(near.1)
     }
+}
 
-    #[inline(always)]
-    fn test_triangles<S: Safeguards, L: Lanes, const ANY: bool>(
-        &self,
-        token: L::Token,
-        triangles: &Triangles8,
-        block: usize,
-        prepared: &PreparedRay,
-        best: &mut Best,
-    ) -> bool {
-        let keys = &self.triangle_keys[block];
-        let Some(hits) = triangles.intersect::<S, L>(token, prepared, best.t, keys) else { return false };
-        if ANY {
-            return true;
-        }
-        let mut mask = hits.mask;
-        while mask != 0 {
-            let lane = lowest(mask);
-            mask &= mask - 1;
-            best.offer::<S>(hits.t[lane], keys.key(lane), hits.weights.map(|weights| weights[lane]));
-        }
-        false
+/// Offers the hits of a ray with a leaf's triangles. With `ANY`, it returns true if there is one.
+#[inline(always)]
+fn test_triangles<S: Safeguards, L: Lanes, const ANY: bool>(
+    token: L::Token,
+    triangles: &Triangles8,
+    keys: &Keys,
+    prepared: &PreparedRay,
+    best: &mut Best,
+) -> bool {
+    let Some(hits) = triangles.intersect::<S, L>(token, prepared, best.t, keys) else { return false };
+    if ANY {
+        return true;
     }
-
-    #[inline(never)]
-    fn test_quadric<S: Safeguards, const ANY: bool>(
-        &self,
-        number: usize,
-        prepared: &PreparedRay,
-        best: &mut Best,
-    ) -> bool {
-        let Some(t) = self.quadrics[number].intersect(&prepared.ray) else { return false };
-        if !ANY {
-            best.offer::<S>(t, self.quadric_keys[number], [0.0; 2]);
-        }
-        ANY
+    let mut mask = hits.mask;
+    while mask != 0 {
+        let lane = lowest(mask);
+        mask &= mask - 1;
+        best.offer::<S>(hits.t[lane], keys.key(lane), hits.weights.map(|weights| weights[lane]));
     }
-
-    pub(crate) fn memory_bytes(&self) -> usize {
-        size_of_val(&*self.nodes)
-            + size_of_val(&*self.triangles)
-            + size_of_val(&*self.moved)
-            + size_of_val(&*self.triangle_keys)
-            + size_of_val(&*self.quadrics)
-            + size_of_val(&*self.quadric_keys)
-    }
+    false
 }

@@ -1,11 +1,13 @@
 //! The bounding volume hierarchy as it lies in memory: eight-wide nodes, leaves, and their keys.
 
 use crate::lanes::{Eight, Lanes, WIDTH, Words};
+use crate::pages::Pages;
 use crate::shape::Quadric;
 use crate::traverse::WalkKind;
 use crate::triangle::Triangles8;
+use bytemuck::{Pod, Zeroable};
 
-/// The bit that marks a child's code as a leaf of triangles. The other bits are the leaf's index in `Tree::triangles`.
+/// The bit that marks a child's code as a leaf of triangles. The other bits are the leaf's index in `Tree::leaves`.
 pub(crate) const TRIANGLES: u32 = 1 << 31;
 /// The bit that marks a child's code as a sphere, a disk or the box of an instance. The other bits are its index.
 pub(crate) const QUADRIC: u32 = 1 << 30;
@@ -13,21 +15,25 @@ pub(crate) const QUADRIC: u32 = 1 << 30;
 pub(crate) const LIMIT: usize = QUADRIC as usize;
 
 /// A node with up to eight children. Unused children have empty boxes, which no ray hits.
-#[derive(Clone, Copy, Debug)]
-#[repr(align(64))]
+///
+/// Its 224 bytes touch four lines of a cache wherever an array of nodes starts.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C, align(32))]
 pub(crate) struct Node8 {
     /// The children's lower and upper bounds, per axis.
     pub(crate) bounds: [[Eight; 2]; 3],
-    pub(crate) children: [u32; WIDTH],
+    pub(crate) children: Words,
 }
 
 impl Node8 {
-    pub(crate) const EMPTY: Self =
-        Self { bounds: [[Eight([f32::INFINITY; WIDTH]), Eight([f32::NEG_INFINITY; WIDTH])]; 3], children: [0; WIDTH] };
+    pub(crate) const EMPTY: Self = Self {
+        bounds: [[Eight([f32::INFINITY; WIDTH]), Eight([f32::NEG_INFINITY; WIDTH])]; 3],
+        children: Words([0; WIDTH]),
+    };
 
     /// Adds to the indices of the children: one number for nodes, one for leaves of triangles, one for quadrics.
     pub(crate) fn shift(&mut self, [nodes, leaves, quadrics]: [u32; 3]) {
-        for code in &mut self.children {
+        for code in &mut self.children.0 {
             *code += match *code {
                 // The root is nobody's child, so this lane is unused.
                 0 => 0,
@@ -60,7 +66,8 @@ impl Child {
 }
 
 /// The shape and primitive numbers of the eight triangles in a leaf.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
 pub(crate) struct Keys {
     pub(crate) shapes: Words,
     pub(crate) primitives: Words,
@@ -89,14 +96,21 @@ pub(crate) fn key(shape: u32, primitive: u32) -> u64 {
     u64::from(shape) << 32 | u64::from(primitive)
 }
 
+/// A leaf of triangles. The keys lie next to the corners: a ray that meets a triangle waits for memory once.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Leaf {
+    pub(crate) triangles: Triangles8,
+    pub(crate) keys: Keys,
+}
+
 /// The bounding volume hierarchy: nodes, leaves, and the shape and primitive numbers in the leaves.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tree {
-    pub(crate) nodes: Vec<Node8>,
-    pub(crate) triangles: Vec<Triangles8>,
-    /// The leaves of `triangles` at time 1; empty if no vertex moves.
-    pub(crate) moved: Vec<Triangles8>,
-    pub(crate) triangle_keys: Vec<Keys>,
+    pub(crate) nodes: Pages<Node8>,
+    pub(crate) leaves: Pages<Leaf>,
+    /// The triangles of the leaves at time 1; empty if no vertex moves.
+    pub(crate) moved: Pages<Triangles8>,
     pub(crate) quadrics: Vec<Quadric>,
     pub(crate) quadric_keys: Vec<u64>,
     /// The largest number of entries on the stack during traversal.

@@ -17,6 +17,7 @@ use crate::moving_mesh::between;
 use crate::prepared_ray::PreparedRay;
 use crate::safeguards::Safeguards;
 use crate::tree::Keys;
+use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 /// The fraction of a triangle's squared extent below which its sheared area counts as thin. Thin triangles are
@@ -41,7 +42,8 @@ pub(crate) fn lowest(mask: u32) -> usize {
 }
 
 /// One to eight triangles, stored corner by corner and axis by axis. Unused lanes repeat the first triangle.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
 pub(crate) struct Triangles8 {
     corners: [[Eight; 3]; 3],
 }
@@ -80,6 +82,27 @@ impl Triangles8 {
                 packed[axis].0[lane] = corner[axis];
             }
         }
+    }
+
+    /// Lets the lanes from `count` on repeat the first triangle.
+    #[inline(always)]
+    pub(crate) fn repeat_from(&mut self, count: usize) {
+        for values in self.corners.as_flattened_mut() {
+            let first = values.0[0];
+            values
+                .0
+                .iter_mut()
+                .enumerate()
+                .for_each(|(lane, value)| *value = if lane < count { *value } else { first });
+        }
+    }
+
+    /// Returns the lower and the upper bounds of the triangles along an axis.
+    #[inline(always)]
+    pub(crate) fn bounds<L: Lanes>(&self, token: L::Token, axis: usize) -> [L; 2] {
+        let [a, b, c] = &self.corners;
+        let (a, b, c) = (L::load(token, &a[axis]), L::load(token, &b[axis]), L::load(token, &c[axis]));
+        [a.min(b).min(c), a.max(b).max(c)]
     }
 
     /// Returns the triangles at a time in `[0, 1]`, interpolated linearly between `self` (time 0) and `end` (time 1).

@@ -1,21 +1,23 @@
 //! Binary trees whose leaves hold one item each, stored as obvhs's nodes: siblings are adjacent and the root is first.
 //!
-//! obvhs takes quadratic time and makes long chains if many boxes share a centre; [`by_area`] avoids this. Its other
-//! requirements are met: boxes are finite and of moderate size, and there is at least one.
+//! PLOC takes quadratic time and makes long chains if many boxes share a centre; [`by_area`] avoids this. The other
+//! requirements of [`joining`] and obvhs are met: boxes are finite and of moderate size, and there is at least one.
 
 use super::FEW;
+use super::joining::{self, Cluster};
+use crate::pages::Pages;
 use glam::Vec3A;
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
+use obvhs::ploc::PlocSearchDistance;
 use obvhs::ploc::morton::morton_encode_u64_unorm;
-use obvhs::ploc::{PlocBuilder, PlocSearchDistance};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
-/// The largest number of boxes with their centre in one cell that obvhs gets. More boxes in a cell are split at
+/// The largest number of boxes with their centre in one cell that are joined by area. More boxes in a cell are split at
 /// medians here.
 const CROWD: usize = 8;
 
@@ -27,25 +29,26 @@ fn cell((code, _): Place) -> u64 {
     code >> 3
 }
 
-/// Returns a binary tree of small expected cost. obvhs's PLOC and reinsertion join boxes with different centres;
+/// Returns a binary tree of small expected cost. PLOC and obvhs's reinsertion join boxes with different centres;
 /// median splits divide groups of boxes that share one.
 ///
 /// Item `n` is the leaf at index `n` of `leaves`, whose boxes are between 0 and 1 on each axis. The cells of Morton
 /// codes divide the box from 0 to `size`. Children may come before their parent.
-pub(super) fn by_area(leaves: Vec<Bvh2Node>, params: BvhBuildParams, size: Vec3A) -> Vec<Bvh2Node> {
+pub(super) fn by_area(leaves: Pages<Cluster>, params: BvhBuildParams, size: Vec3A) -> Vec<Bvh2Node> {
     let order = morton_order(&leaves, size);
     let crowded = |places: &[Place]| cell(places[0]) == cell(places[CROWD]);
     if !order.par_windows(CROWD + 1).with_min_len(FEW).any(crowded) {
-        // obvhs sorts leaves too. Sorted ones cost it little.
-        let sorted = order.par_iter().with_min_len(FEW).map(|&(_, number)| leaves[number as usize]).collect();
+        let mut sorted = Pages::zeroed(order.len());
+        let places = sorted.par_iter_mut().with_min_len(FEW).zip(&order);
+        places.for_each(|(leaf, &(_, number))| *leaf = leaves[number as usize]);
         drop((leaves, order));
-        return obvhs_tree(sorted, params, size);
+        return joined(sorted, params);
     }
     let mut groups = Groups::new(order);
     if groups.len() == 1 {
         return by_median(leaves);
     }
-    let mut nodes = obvhs_tree(groups.leaves(&leaves), params, size);
+    let mut nodes = joined(groups.leaves(&leaves), params);
     for number in 0..nodes.len() {
         if nodes[number].is_leaf() {
             let members = groups.members(nodes[number].first_index);
@@ -56,9 +59,9 @@ pub(super) fn by_area(leaves: Vec<Bvh2Node>, params: BvhBuildParams, size: Vec3A
 }
 
 /// Returns the items by Morton code, then by index.
-fn morton_order(leaves: &[Bvh2Node], size: Vec3A) -> Vec<Place> {
+fn morton_order(leaves: &[Cluster], size: Vec3A) -> Vec<Place> {
     let scale = 1.0 / size.as_dvec3();
-    let code = |leaf: &Bvh2Node| morton_encode_u64_unorm(leaf.aabb().center().as_dvec3() * scale);
+    let code = |leaf: &Cluster| morton_encode_u64_unorm(leaf.aabb().center().as_dvec3() * scale);
     let numbers = (0..leaves.len() as u32).into_par_iter();
     let places = leaves.par_iter().with_min_len(FEW).zip(numbers).map(|(leaf, number)| (code(leaf), number));
     let mut order: Vec<Place> = places.collect();
@@ -72,11 +75,11 @@ fn morton_order(leaves: &[Bvh2Node], size: Vec3A) -> Vec<Place> {
 }
 
 /// Returns a balanced binary tree. Each node is split at the median along the axis on which the centres differ most.
-pub(super) fn by_median(leaves: Vec<Bvh2Node>) -> Vec<Bvh2Node> {
+pub(super) fn by_median(leaves: Pages<Cluster>) -> Vec<Bvh2Node> {
     let mut nodes = Vec::with_capacity(2 * leaves.len());
     let mut numbers: Vec<u32> = (0..leaves.len() as u32).collect();
     if !leaves.is_empty() {
-        nodes.push(leaves[0]);
+        nodes.push(leaves[0].node());
         split_by_median(&leaves, &mut numbers, &mut nodes, 0);
     }
     nodes
@@ -116,34 +119,30 @@ impl Groups {
     }
 
     /// Returns one leaf per group.
-    fn leaves(&mut self, leaves: &[Bvh2Node]) -> Vec<Bvh2Node> {
-        let groups = 0..self.len() as u32;
-        groups.map(|group| Bvh2Node::new(around(leaves, self.members(group)), 1, group)).collect()
+    fn leaves(&mut self, leaves: &[Cluster]) -> Pages<Cluster> {
+        let mut clusters = Pages::zeroed(self.len());
+        for (group, cluster) in (0..).zip(clusters.iter_mut()) {
+            let Aabb { min, max } = around(leaves, self.members(group));
+            *cluster = Cluster::leaf([min.to_array(), max.to_array()], group);
+        }
+        clusters
     }
 }
 
-/// Builds obvhs's tree (PLOC, then reinsertion) over these leaves.
-fn obvhs_tree(leaves: Vec<Bvh2Node>, params: BvhBuildParams, size: Vec3A) -> Vec<Bvh2Node> {
-    let all = Aabb::new(Vec3A::ZERO, size);
-    let mut tree = Bvh2::zeroed(leaves.len());
-    // The leaves are moved into the builder, since `PlocBuilder::build` would copy them.
-    let mut builder = PlocBuilder::with_capacity(leaves.len());
-    builder.current_nodes = leaves;
-    let (precision, threshold) = (params.sort_precision, params.search_depth_threshold);
-    macro_rules! build {
-        ($distance: literal) => {
-            builder.build_ploc_from_leaves::<$distance, false>(&mut tree, all, precision, threshold)
-        };
-    }
-    match params.ploc_search_distance {
-        PlocSearchDistance::Minimum => build!(1),
-        PlocSearchDistance::VeryLow => build!(2),
-        PlocSearchDistance::Low => build!(6),
-        PlocSearchDistance::Medium => build!(14),
-        PlocSearchDistance::High => build!(24),
-        PlocSearchDistance::VeryHigh => build!(32),
-    }
-    drop(builder);
+/// Builds a tree (PLOC, then obvhs's reinsertion) over leaves in the order of their Morton codes.
+fn joined(leaves: Pages<Cluster>, params: BvhBuildParams) -> Vec<Bvh2Node> {
+    let distance = match params.ploc_search_distance {
+        PlocSearchDistance::Minimum => 1,
+        PlocSearchDistance::VeryLow => 2,
+        PlocSearchDistance::Low => 6,
+        PlocSearchDistance::Medium => 14,
+        PlocSearchDistance::High => 24,
+        PlocSearchDistance::VeryHigh => 32,
+    };
+    let (nodes, rounds) = joining::join(leaves, distance, params.search_depth_threshold);
+    let mut tree = Bvh2 { nodes, ..Bvh2::default() };
+    // Reinsertion takes it as the size of its stack.
+    tree.max_depth = tree.max_depth.max(rounds + 1);
     reinsert(&mut tree, params.reinsertion_batch_ratio);
     tree.nodes
 }
@@ -174,11 +173,11 @@ fn reinsert(tree: &mut Bvh2, ratio: f32) {
 }
 
 /// Builds a subtree by median splits at the node `root` over the items `numbers`, of which there is at least one.
-fn split_by_median(leaves: &[Bvh2Node], numbers: &mut [u32], nodes: &mut Vec<Bvh2Node>, root: usize) {
+fn split_by_median(leaves: &[Cluster], numbers: &mut [u32], nodes: &mut Vec<Bvh2Node>, root: usize) {
     let mut open = vec![(root, 0, numbers.len())];
     while let Some((node, start, end)) = open.pop() {
         if end - start == 1 {
-            nodes[node] = leaves[numbers[start] as usize];
+            nodes[node] = leaves[numbers[start] as usize].node();
             continue;
         }
         let part = &mut numbers[start..end];
@@ -193,7 +192,7 @@ fn split_by_median(leaves: &[Bvh2Node], numbers: &mut [u32], nodes: &mut Vec<Bvh
 }
 
 /// Returns the order of items by centre along the axis on which centres differ most, then by area, then by index.
-fn median_order<'a>(leaves: &'a [Bvh2Node], numbers: &[u32]) -> impl Fn(&u32, &u32) -> Ordering + use<'a> {
+fn median_order<'a>(leaves: &'a [Cluster], numbers: &[u32]) -> impl Fn(&u32, &u32) -> Ordering + use<'a> {
     let centre_of = |number: u32| centre(&leaves[number as usize]);
     let start = centre_of(numbers[0]);
     let fold = |[low, high]: [Vec3A; 2], &number: &u32| [low.min(centre_of(number)), high.max(centre_of(number))];
@@ -206,11 +205,11 @@ fn median_order<'a>(leaves: &'a [Bvh2Node], numbers: &[u32]) -> impl Fn(&u32, &u
     }
 }
 
-fn centre(leaf: &Bvh2Node) -> Vec3A {
+fn centre(leaf: &Cluster) -> Vec3A {
     (leaf.aabb().min + leaf.aabb().max) * 0.5
 }
 
-fn around(leaves: &[Bvh2Node], numbers: &[u32]) -> Aabb {
-    let first = *leaves[numbers[0] as usize].aabb();
-    numbers[1..].iter().fold(first, |sum, &number| sum.union(leaves[number as usize].aabb()))
+fn around(leaves: &[Cluster], numbers: &[u32]) -> Aabb {
+    let first = leaves[numbers[0] as usize].aabb();
+    numbers[1..].iter().fold(first, |sum, &number| sum.union(&leaves[number as usize].aabb()))
 }

@@ -1,12 +1,19 @@
 //! Leaves of up to eight triangles.
 
-use super::{Bounds, Item, Items, NOTHING, UpToEight, union};
+use super::boxes::boxes;
+use super::joining::{greater, lesser};
+use super::{Bounds, Item, Items, NOTHING, UpToEight};
 use crate::Shape;
-use crate::lanes::WIDTH;
-use crate::tree::{Child, Keys, Tree};
+#[cfg(target_arch = "x86_64")]
+use crate::lanes::Whole;
+use crate::lanes::{Lanes, Pair, Vectors, WIDTH};
+use crate::pages::Pages;
+use crate::tree::{Child, Keys, Leaf, Tree};
 use crate::triangle::Triangles8;
 use obvhs::bvh2::node::Bvh2Node;
+use pulp::NullaryFnOnce;
 use rayon::prelude::*;
+use std::marker::PhantomData;
 
 /// A leaf of triangles that is not packed yet: the root of its binary subtree, and its place (node and lane) in a wide
 /// node.
@@ -29,18 +36,14 @@ pub(super) fn pack(loose: &[Loose], nodes: &[Bvh2Node], items: &Items<'_>, tree:
     let batches: Vec<[Members; BATCH]> =
         loose.par_chunks(BATCH).map_init(Default::default, |open, leaves| members(leaves, nodes, open)).collect();
     let leaves = &batches.as_flattened()[..loose.len()];
-    let mut labels: Vec<(Keys, Bounds)> = Vec::new();
-    let packed = leaves.par_iter().with_min_len(BATCH).map(|members| {
-        let (triangles, keys, bounds) = pack_leaf(members, items);
-        (triangles, (keys, bounds))
-    });
-    packed.unzip_into_vecs(&mut tree.triangles, &mut labels);
+    let mut boxes = vec![NOTHING; leaves.len()];
+    tree.leaves = Pages::zeroed(leaves.len());
+    fill(leaves, items, &mut tree.leaves, &mut boxes);
     if items.shapes.iter().any(|shape| matches!(shape, Shape::Moving(_))) {
-        let ends = leaves.par_iter().with_min_len(BATCH).map(|members| ends(members, items));
-        ends.collect_into_vec(&mut tree.moved);
+        tree.moved = Pages::zeroed(leaves.len());
+        fill(leaves, items, &mut tree.moved, &mut boxes);
     }
-    labels.par_iter().with_min_len(BATCH).map(|(keys, _)| *keys).collect_into_vec(&mut tree.triangle_keys);
-    for (number, (&Loose { wide, lane, .. }, &(_, bounds))) in (0..).zip(loose.iter().zip(&labels)) {
+    for (number, (&Loose { wide, lane, .. }, &bounds)) in (0..).zip(loose.iter().zip(&boxes)) {
         tree.nodes[wide as usize].put(lane, Child::Triangles(number), bounds);
     }
 }
@@ -68,47 +71,101 @@ fn members(leaves: &[Loose], nodes: &[Bvh2Node], [open, next]: &mut [Vec<(u32, u
     members
 }
 
-/// Returns the corners of a leaf's triangles (those at time 0, if they move), their keys and their box.
-fn pack_leaf(members: &Members, items: &Items<'_>) -> (Triangles8, Keys, Bounds) {
-    let mut corners = Triangles8::default();
-    let mut keys = [0; WIDTH];
-    let mut bounds = NOTHING;
-    for (lane, slot) in keys.iter_mut().enumerate() {
-        let (key, item) = items.item(members.in_lane(lane));
-        *slot = key;
-        let triangle = match item {
-            Item::Triangle(mesh) => mesh.corners(key as u32),
-            Item::Moving(mesh) => {
-                bounds = union(bounds, items.around(mesh.ends_of(key as u32)));
-                mesh.corners(key as u32, 0.0)
-            }
-            // Leaves with several items hold triangles only.
-            Item::Quadric(_) | Item::Box(_) => continue,
-        };
-        corners.put(lane, triangle);
-        bounds = union(bounds, items.around(triangle));
-    }
-    (corners, Keys::new(keys), bounds)
+/// The place of a leaf's triangles at one time.
+trait Slot: Send {
+    /// True if the triangles are those at time 1.
+    const ENDS: bool;
+
+    fn triangles(&mut self) -> &mut Triangles8;
+    fn label(&mut self, keys: [u64; WIDTH]);
 }
 
-/// Returns the corners of a leaf's triangles at time 1.
-fn ends(members: &Members, items: &Items<'_>) -> Triangles8 {
-    let mut ends = Triangles8::default();
-    for lane in 0..WIDTH {
-        let (key, item) = items.item(members.in_lane(lane));
-        match item {
-            Item::Triangle(mesh) => ends.put(lane, mesh.corners(key as u32)),
-            Item::Moving(mesh) => ends.put(lane, mesh.ends_of(key as u32)),
-            Item::Quadric(_) | Item::Box(_) => {}
-        }
-    }
-    ends
-}
+impl Slot for Leaf {
+    const ENDS: bool = false;
 
-impl Members {
-    /// Returns the item in a lane. Unused lanes repeat the first.
     #[inline(always)]
-    fn in_lane(&self, lane: usize) -> u32 {
-        self.all[if lane < self.count { lane } else { 0 }]
+    fn triangles(&mut self) -> &mut Triangles8 {
+        &mut self.triangles
+    }
+
+    #[inline(always)]
+    fn label(&mut self, keys: [u64; WIDTH]) {
+        self.keys = Keys::new(keys);
+    }
+}
+
+impl Slot for Triangles8 {
+    const ENDS: bool = true;
+
+    #[inline(always)]
+    fn triangles(&mut self) -> &mut Triangles8 {
+        self
+    }
+
+    #[inline(always)]
+    fn label(&mut self, _: [u64; WIDTH]) {}
+}
+
+/// Writes the triangles of leaves, and adds them to the boxes of the leaves.
+fn fill<T: Slot>(leaves: &[Members], items: &Items<'_>, slots: &mut [T], boxes: &mut [Bounds]) {
+    let vectors = Vectors::default();
+    let parts = leaves.par_chunks(BATCH).zip(slots.par_chunks_mut(BATCH)).zip(boxes.par_chunks_mut(BATCH));
+    parts.for_each(|((leaves, slots), boxes)| match vectors {
+        #[cfg(target_arch = "x86_64")]
+        Vectors::Whole(token) => {
+            let lanes = PhantomData::<Whole>;
+            token.vectorize(Fill { token, leaves, items, slots, boxes, lanes });
+        }
+        Vectors::Pair => {
+            Fill { token: (), leaves, items, slots, boxes, lanes: PhantomData::<Pair> }.call();
+        }
+    });
+}
+
+/// The filling of some leaves, compiled for each kind of vectors.
+struct Fill<'a, T, L: Lanes> {
+    token: L::Token,
+    leaves: &'a [Members],
+    items: &'a Items<'a>,
+    slots: &'a mut [T],
+    boxes: &'a mut [Bounds],
+    lanes: PhantomData<L>,
+}
+
+impl<T: Slot, L: Lanes> NullaryFnOnce for Fill<'_, T, L> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for ((members, slot), bounds) in self.leaves.iter().zip(self.slots).zip(self.boxes) {
+            let triangles = slot.triangles();
+            let mut found = [0; WIDTH];
+            for (lane, (slot, &number)) in found.iter_mut().zip(&members.all).enumerate().take(members.count) {
+                let (key, item) = self.items.item(number);
+                *slot = key;
+                triangles.put(
+                    lane,
+                    match item {
+                        Item::Triangle(mesh) => mesh.corners(key as u32),
+                        Item::Moving(mesh) if T::ENDS => mesh.ends_of(key as u32),
+                        Item::Moving(mesh) => mesh.corners(key as u32, 0.0),
+                        // Leaves with several items hold triangles only.
+                        Item::Quadric(_) | Item::Box(_) => continue,
+                    },
+                );
+            }
+            triangles.repeat_from(members.count);
+            let sides = boxes::<L>(self.token, triangles, self.items.padded);
+            let first = found[0];
+            found.iter_mut().skip(members.count).for_each(|key| *key = first);
+            slot.label(found);
+            for axis in 0..3 {
+                let [low, high] = &sides[axis];
+                for lane in 0..WIDTH {
+                    bounds[0][axis] = lesser(bounds[0][axis], low.0[lane]);
+                    bounds[1][axis] = greater(bounds[1][axis], high.0[lane]);
+                }
+            }
+        }
     }
 }

@@ -5,8 +5,9 @@
 
 use super::{FEW, Item, Items};
 use crate::lanes::WIDTH;
+use crate::pages::Pages;
+use bytemuck::{Pod, Zeroable};
 use obvhs::bvh2::node::Bvh2Node;
-use rayon::iter::repeat_n;
 use rayon::prelude::*;
 
 /// The expected time of testing eight boxes. It is the unit of all costs here.
@@ -20,7 +21,8 @@ const QUADRIC_COST: f32 = 2.5;
 const BOX_COST: f32 = 10.0;
 
 /// The combined costs of two siblings. It takes 32 bytes, since there is one for each primitive.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
 struct Pair {
     /// The least total cost of both siblings if they become at most 2, 3, … 8 children of a node.
     cost: [f32; WIDTH - 1],
@@ -46,7 +48,7 @@ pub(super) struct SubtreePlan {
 pub(super) struct SubtreePlans<'a> {
     tree: Binary<'a>,
     /// The pairs of siblings in reverse order of their nodes: the first pair is the last two nodes.
-    pairs: Vec<Pair>,
+    pairs: Pages<Pair>,
 }
 
 impl<'a> SubtreePlans<'a> {
@@ -56,7 +58,7 @@ impl<'a> SubtreePlans<'a> {
     pub(super) fn new(nodes: &'a [Bvh2Node], items: &'a Items<'a>) -> Self {
         let tree = Binary::new(nodes, items);
         let count = nodes.len() / 2;
-        let mut pairs: Vec<Pair> = repeat_n(Pair::default(), count).with_min_len(FEW).collect();
+        let mut pairs = Pages::<Pair>::zeroed(count);
         let mut waiting = Vec::new();
         let mut start = 0;
         while start < count {

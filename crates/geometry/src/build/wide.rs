@@ -7,6 +7,7 @@ use super::leaves::{self, Loose};
 use super::plans::{SubtreePlans, share};
 use super::{Bounds, Item, Items, NOTHING, UpToEight};
 use crate::lanes::WIDTH;
+use crate::pages::Pages;
 use crate::shape::Quadric;
 use crate::traverse::{DEEPEST, WalkKind};
 use crate::tree::{Child, Node8, Tree};
@@ -20,10 +21,9 @@ pub(super) fn collapse(binary: &[Bvh2Node], items: &Items<'_>) -> Option<Tree> {
     if binary.is_empty() {
         return None;
     }
-    let wide = Wide { nodes: binary, items, plans: SubtreePlans::new(binary, items) }.emit();
-    let mut tree =
-        Tree { nodes: wide.nodes, quadrics: wide.quadrics, quadric_keys: wide.quadric_keys, ..Tree::default() };
-    leaves::pack(&wide.loose, binary, items, &mut tree);
+    let (nodes, rest) = Wide { nodes: binary, items, plans: SubtreePlans::new(binary, items) }.emit();
+    let mut tree = Tree { nodes, quadrics: rest.quadrics, quadric_keys: rest.quadric_keys, ..Tree::default() };
+    leaves::pack(&rest.loose, binary, items, &mut tree);
     if !tree.moved.is_empty() {
         tree.way = WalkKind::moving();
     }
@@ -74,7 +74,8 @@ struct Open {
 const SUBTREE: usize = 1 << 15;
 
 impl Wide<'_> {
-    fn emit(self) -> Part {
+    /// Returns the nodes of the whole tree, and what else it consists of.
+    fn emit(self) -> (Pages<Node8>, Part) {
         let plan = self.plans.plan(0);
         let mut top = Part { nodes: vec![Node8::EMPTY], ..Part::default() };
         let mut open = Vec::new();
@@ -90,11 +91,14 @@ impl Wide<'_> {
             filled += 1;
         }
         let parts: Vec<Part> = open[filled..].par_iter().map(|root| self.subtree(root.below)).collect();
-        top.nodes.reserve_exact(parts.iter().map(|part| part.nodes.len()).sum());
+        // The root of each part has its place in the top.
+        let mut nodes = Pages::zeroed(top.nodes.len() + parts.iter().map(|part| part.nodes.len() - 1).sum::<usize>());
+        let mut filled_nodes = top.nodes.len();
+        nodes[..filled_nodes].copy_from_slice(&top.nodes);
         for (root, part) in open[filled..].iter().zip(parts) {
-            top.join(part, root.wide);
+            filled_nodes = top.join(part, root.wide, &mut nodes, filled_nodes);
         }
-        top
+        (nodes, top)
     }
 
     /// Converts the subtree below two siblings.
@@ -162,26 +166,29 @@ impl Wide<'_> {
 }
 
 impl Part {
-    /// Appends a part whose root takes the place of the node `root`.
-    fn join(&mut self, mut part: Self, root: u32) {
+    /// Appends a part whose root takes the place of the node `root`: its other nodes to the first `filled` of all.
+    /// Returns how many are filled then.
+    fn join(&mut self, mut part: Self, root: u32, nodes: &mut [Node8], filled: usize) -> usize {
         // The part's root isn't appended, so its second node is the first that is.
-        let nodes = self.nodes.len() as u32 - 1;
-        let offsets = [nodes, self.loose.len() as u32, self.quadrics.len() as u32];
+        let before = filled as u32 - 1;
+        let offsets = [before, self.loose.len() as u32, self.quadrics.len() as u32];
         part.nodes.iter_mut().for_each(|node| node.shift(offsets));
-        self.nodes[root as usize] = part.nodes[0];
-        self.nodes.extend_from_slice(&part.nodes[1..]);
+        nodes[root as usize] = part.nodes[0];
+        let end = filled + part.nodes.len() - 1;
+        nodes[filled..end].copy_from_slice(&part.nodes[1..]);
         self.loose.extend(part.loose.iter().map(|leaf| {
-            let wide = if leaf.wide == 0 { root } else { leaf.wide + nodes };
+            let wide = if leaf.wide == 0 { root } else { leaf.wide + before };
             Loose { wide, ..*leaf }
         }));
         self.quadrics.append(&mut part.quadrics);
         self.quadric_keys.append(&mut part.quadric_keys);
+        end
     }
 }
 
 impl Node8 {
     pub(super) fn put(&mut self, lane: usize, child: Child, [low, high]: Bounds) {
-        self.children[lane] = child.code();
+        self.children.0[lane] = child.code();
         for axis in 0..3 {
             self.bounds[axis][0].0[lane] = low[axis];
             self.bounds[axis][1].0[lane] = high[axis];
@@ -205,7 +212,7 @@ fn enclose(nodes: &mut [Node8]) -> usize {
         let mut most = None;
         let mut used = 0;
         for lane in 0..WIDTH {
-            let code = nodes[number].children[lane];
+            let code = nodes[number].children.0[lane];
             let open = nodes[number].bounds[0][0].0[lane] > nodes[number].bounds[0][1].0[lane];
             if open && code != 0 {
                 let bounds = nodes[code as usize].around();
