@@ -125,7 +125,7 @@ fn ready(args: &RenderArgs, spec: &RenderSpec, show: &Show<'_>, share: Shard) ->
     }
     let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(None) };
     let shows = is_first && args.live().is_on();
-    let expected = job.memory_together(share, shows || checkpoints.is_some()).map_err(|e| failure::of_job(&e))?;
+    let expected = job.memory_together(share, checkpoints.is_some()).map_err(|e| failure::of_job(&e))?;
     let expected = if shows { expected.with_live_image(job.frame()) } else { expected };
     expected.check(limit).map_err(|e| failure::of_job(&e))?;
     Ok(Some(Ready { job, cpu, expected, checkpoints, progress }))

@@ -183,7 +183,7 @@ pub(super) fn failed(trouble: Standing, film: &mut Film, points: &dyn PointSet) 
     match trouble {
         Standing::Invalid(sample, value) => Error::InvalidSample { sample, value, points: points.describe() },
         Standing::Panicked(sample, message) => {
-            let film = Box::new(std::mem::replace(film, Film::new(*film.frame(), crate::Needs::none())));
+            let film = Box::new(std::mem::replace(film, Film::without_planes(film.frame, Needs::none())));
             Error::Panicked { sample, message, points: points.describe(), film }
         }
         Standing::Going | Standing::Stopped => Error::Gone { what: "it stopped".into() },

@@ -44,7 +44,7 @@ impl Job {
     }
 
     /// The estimated memory of process `share` among several that render together ([`Job::run_together`]), if their rows take
-    /// the same time. `keeps` adds the film of all and its bytes, for a checkpoint or a live image.
+    /// the same time. `keeps` adds the pieces of a checkpoint, or its bytes where every process plans the whole image.
     ///
     /// # Errors
     ///
