@@ -14,6 +14,7 @@ mod prepare;
 mod pull;
 mod round;
 mod session;
+mod slicing;
 mod stage;
 mod team;
 mod tile;
