@@ -156,10 +156,11 @@ impl MemoryEstimate {
         self
     }
 
-    /// Adds a stage that holds `copies` of the render's state of `bytes` as bytes: files of a render in stages.
+    /// Adds a stage that holds `copies` of the render's state of `bytes`: files of a render in stages, or a checkpoint to resume
+    /// from.
     #[must_use]
-    pub(crate) fn with_copies(mut self, copies: u64, bytes: u64) -> Self {
-        self.stages.push(("plan and parts", bytes.saturating_mul(copies)));
+    pub(crate) fn with_copies(mut self, name: &'static str, copies: u64, bytes: u64) -> Self {
+        self.stages.push((name, bytes.saturating_mul(copies)));
         self
     }
 
