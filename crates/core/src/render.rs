@@ -14,6 +14,7 @@ mod prepare;
 mod pull;
 mod round;
 mod session;
+mod slicing;
 mod stage;
 mod team;
 mod tile;
@@ -57,8 +58,8 @@ impl Status<'_> {
     /// The state of the render as bytes for [`Snapshot::from_bytes`], about as many as the film takes in memory. A
     /// render resumed from them ends with the same bits as this one.
     ///
-    /// In a render by several processes, only [`Monitor::barrier`] (see [`Monitor::reads_barriers`]) and [`Monitor::end`] get
-    /// the state of all. Between two slices it lacks the other processes' pixels and plans.
+    /// In a render by several processes, it may lack the other processes' pixels and plans. [`Monitor::saved`] gets the state
+    /// of all.
     pub fn snapshot(&self) -> Vec<u8> {
         self.view.write()
     }
@@ -94,16 +95,36 @@ pub trait Monitor {
     /// Called after each slice of tracing (about 0.2 seconds). The returned value decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
-    /// Returns `false` if the monitor does not read the film at the next [`Monitor::barrier`], nor at [`Monitor::end`]. The film
-    /// may then lack the other processes' rows ([`Film::is_whole`]), which need not be sent. The default is `true`.
-    fn reads_barriers(&self) -> bool {
-        true
-    }
-
     /// Called at the end of each round of a render by several processes ([`Render::exchange`]), with the seconds that each
-    /// process took to trace it. A render resumed from a snapshot taken here may have any number of processes.
+    /// process took to trace it. The film may hold the rows of this process only.
     fn barrier(&mut self, status: &Status<'_>, seconds: &[f64]) {
         let _ = (status, seconds);
+    }
+
+    /// Returns `true` if the monitor takes the state of all processes after a [`Monitor::barrier`], and after [`Monitor::end`].
+    /// The default is `false`.
+    fn saves(&self) -> bool {
+        false
+    }
+
+    /// Takes the next bytes of the state of all, of `length` bytes altogether: those of [`Status::snapshot`] in one process. A
+    /// render resumed from them may have any number of processes.
+    ///
+    /// A piece has some rows of one statistic, so that no process holds the film of all. All processes wait until the last
+    /// piece is taken.
+    fn saved(&mut self, bytes: &[u8], length: u64) {
+        let _ = (bytes, length);
+    }
+
+    /// Returns `true` if the monitor takes everyone's rows by [`Monitor::rows`] after a [`Monitor::barrier`]. The default is
+    /// `false`.
+    fn reads_rows(&self) -> bool {
+        false
+    }
+
+    /// Takes the next rows of the window, from the top, with counts, means and variances.
+    fn rows(&mut self, rows: &Film) {
+        let _ = rows;
     }
 
     /// Called once at the end, unless the render was stopped. A render resumed from a snapshot taken here may have
@@ -121,19 +142,11 @@ impl Monitor for NoMonitor {
     fn slice(&mut self, _: &Status<'_>) -> Control {
         Control::Continue
     }
-
-    fn reads_barriers(&self) -> bool {
-        false
-    }
 }
 
 impl<F: FnMut(&Status<'_>) -> Control> Monitor for F {
     fn slice(&mut self, status: &Status<'_>) -> Control {
         self(status)
-    }
-
-    fn reads_barriers(&self) -> bool {
-        false
     }
 }
 

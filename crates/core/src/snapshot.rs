@@ -2,11 +2,16 @@
 
 pub(crate) mod bytes;
 pub(crate) mod film;
+pub(crate) mod planes;
+pub(crate) mod stream;
 
 use crate::render::holdout::Holdout;
 use crate::{Error, Film, Frame, Integrator, Limits, Needs, Plan, Sampler, TrainingData, TrainingSum};
 use bytes::{Reader, Writer};
-use film::{put_combine, put_film, put_training, take_combine, take_film, take_in_bands, take_training};
+use film::{
+    put_combine, put_film, put_film_end, put_film_head, put_training, take_combine, take_film, take_in_bands,
+    take_training,
+};
 
 /// The reason why bytes are not a snapshot, as the end of a sentence.
 #[derive(Debug)]
@@ -141,6 +146,26 @@ const VERSION: u32 = 7;
 
 impl View<'_> {
     pub(crate) fn write(&self) -> Vec<u8> {
+        let plans = self.open.map_or(0, |open| 8 * open.plan.counts.len());
+        let mut to = Writer::with_capacity(film::size(self.film) + plans);
+        let state = self.put_head(&mut to);
+        put_film(&mut to, self.film);
+        self.put_end(&mut to, &state);
+        to.finish()
+    }
+
+    /// The bytes before the planes of the film, and those after them.
+    fn around(&self) -> [Vec<u8>; 2] {
+        let [mut head, mut end] = [4096, 4096].map(Writer::with_capacity);
+        let state = self.put_head(&mut head);
+        put_film_head(&mut head, self.film);
+        put_film_end(&mut end, self.film);
+        self.put_end(&mut end, &state);
+        [head.finish(), end.finish()]
+    }
+
+    /// Writes what precedes the film. Returns the sampler's state, which follows it.
+    fn put_head(&self, to: &mut Writer) -> Vec<u8> {
         let saved;
         let SavedSampler { sampler, points, state } = match self.sampler {
             Planner::Saved(saved) => saved,
@@ -149,8 +174,6 @@ impl View<'_> {
                 &saved
             }
         };
-        let plans = self.open.map_or(0, |open| 8 * open.plan.counts.len());
-        let mut to = Writer::with_capacity(film::size(self.film) + plans);
         to.raw(MAGIC);
         to.number(VERSION);
         to.text(sampler);
@@ -159,19 +182,22 @@ impl View<'_> {
         to.number(self.round);
         to.number(self.total);
         to.number(self.seconds);
-        put_film(&mut to, self.film);
+        state.clone()
+    }
+
+    /// Writes what follows the film.
+    fn put_end(&self, to: &mut Writer, state: &[u8]) {
         to.list(state);
         to.number(self.passes.len() as u64);
-        self.passes.iter().for_each(|pass| put_training(&mut to, pass.entries()));
+        self.passes.iter().for_each(|pass| put_training(to, pass.entries()));
         to.flag(self.open.is_some());
         if let Some(open) = self.open {
-            put_round(&mut to, open);
+            put_round(to, open);
         }
         to.flag(self.holdout.is_some());
         if let Some(holdout) = self.holdout {
-            holdout.put(&mut to);
+            holdout.put(to);
         }
-        to.finish()
     }
 }
 

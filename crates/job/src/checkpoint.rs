@@ -15,4 +15,4 @@ mod store;
 pub use contents::{Contents, Damage, Identity, Kind};
 pub use error::Error;
 pub use file_system::{Disk, FileSystem};
-pub use store::{Found, Generation, Store};
+pub use store::{Found, Generation, Saving, Store};

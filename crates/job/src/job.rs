@@ -2,6 +2,7 @@
 
 mod checkpoints;
 mod exact_crop;
+mod finish;
 mod identity;
 mod monitor;
 mod plan_file;
@@ -10,6 +11,7 @@ mod time;
 mod together;
 
 pub use checkpoints::{CheckpointOptions, Checkpoints};
+pub use finish::{PhaseSeconds, RenderedImage};
 pub use identity::pixel_filter;
 pub use monitor::{JobMonitor, RenderMonitor};
 pub use plan_file::{PlanFile, StageTask};
@@ -21,20 +23,18 @@ use crate::load::{LoadOptions, LoadedScene, PreparedScene, frame, limits, settin
 use crate::memory::MemoryEstimate;
 use crate::output::OutputFiles;
 use crate::registry::{self, MadeFilter, MadeSampler, MethodInputs};
-use crate::{BudgetSpec, ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
+use crate::{ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
 use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
-    Budget, Error, Exchange, Film, FilmPoints, Filter, Filtered, Frame, Limits, Memory, Needs, NoMonitor, PointSet,
-    Prepares, Render, Sampler, Sharded, Snapshot, Unfiltered, apply_together,
+    Budget, Error, Exchange, Film, FilmPoints, Filter, Frame, Limits, Memory, Needs, NoMonitor, PointSet, Prepares,
+    Render, Sampler, Sharded, Snapshot, Unfiltered,
 };
 use dapple_renderer::World;
 use dapple_scene::Scene;
 use dapple_transport::make_integrator;
-use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
 
 /// A prepared render: the world, the sampler and the filter exist, and nothing is traced yet.
 ///
@@ -77,50 +77,6 @@ pub struct Traced {
     pub checkpoint: Option<Result<PathBuf, JobError>>,
     /// The number of checkpoints written.
     pub checkpoints_written: u64,
-}
-
-/// A finished image with the film it was made from.
-pub struct RenderedImage {
-    /// The film.
-    pub film: Film,
-    /// The filtered image.
-    pub filtered: Filtered,
-    /// The name and parameters of the filter.
-    pub filter: String,
-    /// Wall seconds of each phase.
-    pub seconds: PhaseSeconds,
-    /// The number of rays traced as probes, not included in the film's.
-    pub probe_rays: u64,
-    /// Warnings about the samples, the clusters and the filter.
-    pub warnings: Vec<Warning>,
-}
-
-/// Wall seconds of each phase; 0 for phases that a render does not have.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct PhaseSeconds {
-    /// Reading the scene.
-    pub load: f64,
-    /// Building the world.
-    pub bvh: f64,
-    /// Clustering.
-    pub cluster: f64,
-    /// Tracing probes.
-    pub probe: f64,
-    /// Planning, without probes.
-    pub plan: f64,
-    /// Tracing.
-    pub trace: f64,
-    /// Filtering.
-    pub filter: f64,
-    /// Writing files.
-    pub write: f64,
-}
-
-impl PhaseSeconds {
-    /// Wall seconds from clustering to filtering, without reading the scene, building the world and writing files.
-    pub fn render(&self) -> f64 {
-        self.cluster + self.probe + self.plan + self.trace + self.filter
-    }
 }
 
 impl Job {
@@ -398,57 +354,6 @@ impl Job {
         if self.is_error_of_filtered() { "filtered" } else { "unfiltered" }
     }
 
-    /// Filters a film of this render and returns the image.
-    ///
-    /// For a stopped render, the image stays unfiltered if the filter would take a second or more.
-    ///
-    /// # Errors
-    ///
-    /// [`JobError::Core`] if the film lacks statistics that the filter needs.
-    pub fn finish(&self, film: Film) -> Result<RenderedImage, JobError> {
-        let image = self.filtered(film, None)?;
-        image.ok_or_else(|| Error::Gone { what: "it has no image".into() }.into())
-    }
-
-    /// The filtered image; `None` on processes that do not write it.
-    fn filtered(&self, film: Film, exchange: Option<&mut dyn Exchange>) -> Result<Option<RenderedImage>, JobError> {
-        /// Pixels per second and thread of the default filter.
-        const FILTERED_A_SECOND: usize = 125_000;
-        let mut warnings = self.clusters_warnings();
-        let mut filter: &dyn Filter = &*self.filter;
-        // Processes decide alike, whatever their threads.
-        let threads = if exchange.is_some() { 1 } else { rayon::current_num_threads() };
-        let patience = FILTERED_A_SECOND * threads;
-        if film.record().interrupted && filter.name() != Unfiltered.name() && film.frame().pixels() > patience {
-            warnings.push(Warning::NotFiltered { filter: filter.name().to_owned() });
-            filter = &Unfiltered;
-        }
-        let clock = Instant::now();
-        let (film, filtered) = match exchange {
-            Some(exchange) => match apply_together(filter, film, &self.outputs.shown(), exchange)? {
-                Some(both) => both,
-                None => return Ok(None),
-            },
-            None if !film.is_whole() => {
-                let what = "it holds the rows of one process; make the image by finish_together";
-                return Err(Error::Mismatch { who: "the film".into(), what: what.into() }.into());
-            }
-            None => {
-                let filtered = filter.apply(&film)?;
-                (film, filtered)
-            }
-        };
-        let seconds = clock.elapsed().as_secs_f64();
-        let described = filter.describe();
-        Ok(Some(self.image(film, filtered, described, seconds, warnings)))
-    }
-
-    /// Combines a film of this render with an image that another filter made in `seconds`; `filter` describes the
-    /// filter.
-    pub fn finished(&self, film: Film, filtered: Filtered, filter: String, seconds: f64) -> RenderedImage {
-        self.image(film, filtered, filter, seconds, self.clusters_warnings())
-    }
-
     /// Traces and filters the render, without a monitor, and returns the image.
     ///
     /// # Errors
@@ -462,73 +367,8 @@ impl Job {
         }
     }
 
-    fn image(
-        &self,
-        film: Film,
-        filtered: Filtered,
-        filter: String,
-        seconds: f64,
-        mut warnings: Vec<Warning>,
-    ) -> RenderedImage {
-        let record = film.record();
-        if let Some(&first) = film.rejected().first() {
-            let (rejected, samples, points) = (record.rejected, record.samples, self.points.clone());
-            warnings.push(Warning::RejectedSamples { rejected, samples, first, points });
-        }
-        if let Budget::Error { relmse: goal, .. } = self.limits.budget {
-            let predicted = record.filtered_relmse.or_else(|| film.predicted_relmse());
-            if !record.interrupted && predicted.is_none_or(|predicted| predicted > goal) {
-                warnings.push(Warning::ErrorNotReached { predicted, goal });
-            }
-        }
-        let probes = self.probes.cost().unwrap_or_default();
-        let seconds = PhaseSeconds {
-            load: self.prepared.load_seconds,
-            bvh: self.prepared.build_seconds,
-            cluster: self.cluster_seconds,
-            probe: probes.seconds,
-            // Probes are traced when the first round is planned.
-            plan: (record.plan_seconds() - probes.seconds).max(0.0),
-            trace: record.trace_seconds(),
-            filter: seconds,
-            write: 0.0,
-        };
-        if let BudgetSpec::Seconds(limit) = self.spec.budget {
-            let first = (film.record(), self.limits.min_spp);
-            warnings.extend(time::exceeded(limit, seconds.render(), seconds.filter, first));
-        }
-        RenderedImage { film, filtered, filter, seconds, probe_rays: probes.rays, warnings }
-    }
-
-    /// Warnings about a clustering grid without effect, and about probes that were NaN.
-    fn clusters_warnings(&self) -> Vec<Warning> {
-        let mut warnings = Vec::new();
-        let report = self.clusters().and_then(|clusters| clusters.report());
-        if let Some(report) = report.filter(|report| report.is_degenerate()) {
-            let (voxels, fullest, triangles) = (report.requested(), report.fullest, report.triangles);
-            warnings.push(Warning::DegenerateClusters { voxels, fullest, triangles });
-        }
-        let rejected = self.probes.rejected();
-        if rejected > 0 {
-            warnings.push(Warning::RejectedProbes(rejected));
-        }
-        warnings
-    }
-
     /// The settings of this render on which the samples depend.
     pub(crate) fn identity(&self) -> Result<Identity, JobError> {
         identity::identity(self)
-    }
-}
-
-impl RenderedImage {
-    /// Mean samples per pixel traced.
-    pub fn spp(&self) -> f64 {
-        self.film.record().samples as f64 / self.film.frame().pixels() as f64
-    }
-
-    /// The number of rays traced, probes included.
-    pub fn rays(&self) -> u64 {
-        self.film.record().rays + self.probe_rays
     }
 }

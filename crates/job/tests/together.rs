@@ -2,10 +2,12 @@
 
 use dapple_core::exchange::{Exchange, InMemory, in_memory};
 use dapple_core::{Control, Film, NoMonitor, Shard, Status};
+use dapple_job::checkpoint::{Disk, FileSystem, Store};
 use dapple_job::{
-    BudgetSpec, CheckpointOptions, Job, JobError, JobMonitor, LoadOptions, LoadedScene, OutputFiles, PlanFile,
-    PreparedScene, RenderSpec, RenderedImage, Traced,
+    BudgetSpec, CheckpointOptions, Checkpoints, Job, JobError, JobMonitor, LoadOptions, LoadedScene, OutputFiles,
+    PlanFile, PreparedScene, RenderSpec, RenderedImage, Traced, Warning,
 };
+use std::fs::File;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
@@ -246,6 +248,70 @@ fn a_render_whose_process_died_goes_on_from_the_last_barrier_with_any_number_of_
     let checkpoints = options().open().unwrap_or_else(|e| panic!("{e}"));
     let traced = one.run(checkpoints, &mut NoMonitor).unwrap_or_else(|e| panic!("{e}"));
     assert!(bits(&one.finish(traced.film).unwrap_or_else(|e| panic!("{e}"))) == wanted);
+}
+
+/// A disk that is full after some bytes of each file.
+struct Full {
+    most: u64,
+}
+
+impl FileSystem for Full {
+    fn write(&self, file: &mut File, bytes: &[u8]) -> std::io::Result<()> {
+        match file.metadata()?.len() + bytes.len() as u64 > self.most {
+            true => Err(std::io::ErrorKind::StorageFull.into()),
+            false => Disk.write(file, bytes),
+        }
+    }
+}
+
+/// Keeps the warnings.
+#[derive(Default)]
+struct Warned(Vec<String>);
+
+impl JobMonitor for Warned {
+    fn slice(&mut self, _: &Status<'_>) -> Control {
+        Control::Continue
+    }
+
+    fn warn(&mut self, warning: Warning) {
+        self.0.push(warning.to_string());
+    }
+}
+
+/// The checkpoint before stays, all processes end, and the image has all samples.
+#[test]
+fn a_full_disk_costs_only_the_checkpoint() {
+    let spec = spec("cornell");
+    let prepared = prepared(&spec);
+    let wanted = alone(&prepared, &spec);
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("checkpoint");
+    // Full in the middle of a plane, between two planes, and at once; the last has room enough: the control.
+    for most in [100_000, 48 * 72 * 8, 10, u64::MAX] {
+        let before = b"the checkpoint before".as_slice();
+        std::fs::write(&path, before).expect("written");
+        let ends = together(3, |mut end| {
+            let disk = || Store::lock_on(&path, Box::new(Full { most })).unwrap_or_else(|e| panic!("{e}"));
+            let checkpoints = (end.share().index() == 0).then(|| Checkpoints::on(disk()));
+            let (mut job, mut warned) = (job(&prepared, &spec), Warned::default());
+            let traced = job.run_together(checkpoints, &mut warned, &mut end).unwrap_or_else(|e| panic!("{e}"));
+            let outcome = traced.checkpoint.as_ref().map(|outcome| outcome.as_ref().err().map(ToString::to_string));
+            let written = traced.checkpoints_written;
+            (finished_together(&job, traced, &mut end), outcome, written, warned.0)
+        });
+        assert!(ends[0].0.as_ref() == Some(&wanted));
+        let (_, outcome, written, warned) = &ends[0];
+        let there = std::fs::read(&path).expect("it is there");
+        if most < u64::MAX {
+            let error = outcome.clone().flatten().expect("the last one failed too");
+            assert!(error.contains("cannot write it") && error.contains("an existing file is unchanged"), "{error}");
+            assert!(warned.len() == 1 && warned[0].contains("cannot write it") && *written == 0, "{warned:?}");
+            assert!(there == before && !folder.path().join("checkpoint.part").exists());
+        } else {
+            assert!(outcome == &Some(None) && *written > 2 && warned.is_empty() && there.len() > 100_000);
+        }
+        assert!(ends[1..].iter().all(|end| end.1.is_none() && end.3.is_empty()));
+    }
 }
 
 /// Stops in the middle of a round.

@@ -55,6 +55,10 @@ pub(super) struct Live {
     is_busy: Arc<AtomicBool>,
     every: Duration,
     due: Option<Instant>,
+    /// The number of rows of an image.
+    height: u32,
+    /// The rows so far of an image that comes in pieces.
+    begun: Option<LiveImage>,
 }
 
 /// The places where images are shown.
@@ -77,9 +81,10 @@ impl Live {
         Ok(Self { places: Some(places), every, ..Self::default() })
     }
 
-    /// Returns `true` if images are shown.
-    pub(super) fn is_on(&self) -> bool {
-        self.worker.is_some()
+    /// Returns `true` if an image is due and the previous one is through.
+    pub(super) fn is_due(&self) -> bool {
+        let is_due = self.due.is_some_and(|due| Instant::now() >= due);
+        self.worker.is_some() && is_due && !self.is_busy.load(Ordering::Acquire)
     }
 
     /// Starts the thread that shows the images of this job.
@@ -95,17 +100,29 @@ impl Live {
             Ok(worker) => self.worker = Some((sender, worker)),
             Err(e) => output::warn(format!("no live image: {e}")),
         }
-        self.due = Some(Instant::now());
+        (self.due, self.height) = (Some(Instant::now()), job.frame().size()[1]);
     }
 
     /// Shows the image of a film, if an image is due and the previous one is through.
     pub(super) fn show(&mut self, film: &Film) {
-        let now = Instant::now();
-        if self.worker.is_none() || self.due.is_none_or(|due| now < due) || self.is_busy.load(Ordering::Acquire) {
-            return;
+        if self.is_due() {
+            self.add(film);
         }
-        let image = LiveImage::of(film, film.image(), film.squared_errors());
-        self.send(image);
+    }
+
+    /// Adds the next rows of an image, from the top. Shows it when it has all.
+    pub(super) fn add(&mut self, rows: &Film) {
+        let now = Instant::now();
+        let image = LiveImage::of(rows, rows.image(), rows.squared_errors());
+        let image = match self.begun.take() {
+            Some(begun) => begun.with(image),
+            None => image,
+        };
+        if image.size[1] < self.height {
+            self.begun = Some(image);
+        } else {
+            self.send(image);
+        }
         self.due = now.checked_add(self.every.max(now.elapsed().div_f64(COPYING)));
     }
 
@@ -136,6 +153,15 @@ impl LiveImage {
     fn of(film: &Film, radiance: Vec<[f32; 3]>, error: Option<Vec<f32>>) -> Self {
         let counts = film.counts().into_iter().map(|n| n as f32).collect();
         Self { size: film.frame().size(), radiance, counts, error }
+    }
+
+    /// This image with the rows of another below it.
+    fn with(mut self, below: Self) -> Self {
+        self.size[1] += below.size[1];
+        self.radiance.extend(below.radiance);
+        self.counts.extend(below.counts);
+        self.error = self.error.zip(below.error).map(|(above, below)| [above, below].concat());
+        self
     }
 }
 

@@ -5,7 +5,7 @@ use super::live::Live;
 use crate::display::Display;
 use crate::output;
 use crate::stop::Stop;
-use dapple_core::{Budget, Control, Status};
+use dapple_core::{Budget, Control, Film, Status};
 use dapple_job::{Job, JobMonitor, RenderedImage, Warning};
 use indicatif::HumanDuration;
 use std::time::{Duration, Instant};
@@ -124,12 +124,12 @@ impl JobMonitor for Progress {
         Control::Continue
     }
 
-    fn barrier(&mut self, status: &Status<'_>) {
-        self.live.show(status.film);
+    fn reads_rows(&self) -> bool {
+        self.live.is_due()
     }
 
-    fn reads_film(&self) -> bool {
-        self.live.is_on()
+    fn rows(&mut self, rows: &Film) {
+        self.live.add(rows);
     }
 
     fn training(&mut self, _: &Status<'_>) -> Control {

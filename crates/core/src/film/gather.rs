@@ -4,7 +4,8 @@ use super::{Bank, Film, Picked, SamplePlane, SumPlane};
 use crate::exchange::message::unreadable;
 use crate::snapshot::Broken;
 use crate::snapshot::bytes::{Reader, Writer};
-use crate::snapshot::film::{check_bank, put_bank, put_beside, take_bank, take_beside};
+use crate::snapshot::film::{check_bank, take_bank, take_beside};
+use crate::snapshot::planes::{put_bank, put_beside};
 use crate::{Error, Exchange, Needs, Sums};
 use std::ops::Range;
 

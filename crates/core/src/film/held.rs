@@ -69,7 +69,7 @@ impl HeldRows {
     }
 
     /// The own rows, from the top.
-    pub(super) fn own(&self) -> &[u32] {
+    pub(crate) fn own(&self) -> &[u32] {
         &self.rows[..self.own]
     }
 

@@ -1,18 +1,20 @@
 //! Processes that plan their own rows: what they send each other instead of the pixels of each round.
 //!
 //! The film of each holds its own rows and those that it reads around them. Before a plan, each sends the statistics of the rows
-//! that others read around theirs. A band that gets another owner moves with its pixels and its plan. A process gets a whole
-//! film when it reads one: at the end, and at barriers for a checkpoint or a preview.
+//! that others read around theirs. A band that gets another owner moves with its pixels and its plan. Films
+//! are whole at the end only, unless the render stays in bands.
 
+use super::Monitor;
 use super::team::{Team, band_pixels};
 use crate::bands::Deal;
 use crate::exchange::agree;
 use crate::exchange::message::{put_pixels, take_pixels};
-use crate::film::{Bank, HeldRows, Picked};
+use crate::film::{Bank, HeldRows, Picked, both};
 use crate::own_rows::unreadable;
 use crate::snapshot::bytes::{Reader, Writer};
+use crate::snapshot::stream::AT_ONCE;
 use crate::snapshot::{Broken, OpenRound};
-use crate::{BudgetLeft, Error, Feedback, Film, Frame, OwnRows, Plan, Progress, Sampler, Shard};
+use crate::{BudgetLeft, Error, Feedback, Film, Frame, Needs, OwnRows, Plan, Progress, Sampler, Shard};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -148,21 +150,38 @@ impl Team<'_> {
 
     /// Gathers everyone's pixels, unless the film has them.
     pub(super) fn complete(&mut self, film: &mut Film) -> Result<(), Error> {
-        if let Some(whole) = self.whole(film, true)? {
-            *film = whole;
+        if self.halo.is_some() {
+            let rows = Some(0..film.frame.size()[1]);
+            if let Some(whole) = film.gather_banks(rows, (&film.needs, true), &mut *self.exchange)? {
+                *film = whole;
+            }
         }
         Ok(())
     }
 
-    /// The film with everyone's pixels if this process reads them; `None` if it does not, or if its film has them.
-    pub(super) fn whole(&mut self, film: &Film, reads: bool) -> Result<Option<Film>, Error> {
-        match self.halo {
-            Some(_) => {
-                let rows = reads.then(|| 0..film.frame.size()[1]);
-                film.gather_banks(rows, (&film.needs, true), &mut *self.exchange)
+    /// Shows everyone's rows to the monitors that read them, some at a time.
+    pub(super) fn show_rows(&mut self, film: &Film, monitor: &mut dyn Monitor) -> Result<(), Error> {
+        let reads = monitor.reads_rows();
+        if film.is_whole() {
+            if reads {
+                monitor.rows(film);
             }
-            None => Ok(None),
+            return Ok(());
         }
+        let readers = self.exchange.all_gather(vec![u8::from(reads)])?;
+        if readers.iter().all(|reads| reads != &[1]) {
+            return Ok(());
+        }
+        let ([width, height], needs) = (film.frame.size(), Needs::none().with_variance());
+        let bytes = width as usize * Film::bytes_per_pixel(&both(&film.needs, &needs));
+        let step = (AT_ONCE / bytes.max(1)).max(1) as u32;
+        for top in (0..height).step_by(step as usize) {
+            let rows = top..(top + step).min(height);
+            if let Some(rows) = film.gather(reads.then_some(rows), &needs, &mut *self.exchange)? {
+                monitor.rows(&rows);
+            }
+        }
+        Ok(())
     }
 
     fn processes(&self) -> u32 {

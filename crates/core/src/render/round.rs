@@ -3,6 +3,7 @@
 use super::band::{Band, bands};
 use super::feature_samples::{self, Turn};
 use super::session::State;
+use super::slicing::{next_slice, pass_length};
 use super::team::Team;
 use super::{Monitor, Session, prepare};
 use crate::allocate::mix;
@@ -10,7 +11,6 @@ use crate::bands::BAND;
 use crate::exchange::message::Standing;
 use crate::film::{REJECTED_LISTED, Splats, first_hits_of, keep_first, record_first_hit, reserve_samples};
 use crate::integrator::TrainingSum;
-use crate::snapshot::{Cursor, OpenRound};
 use crate::{
     Control, Draws, Error, Film, Integrator, InvalidSample, Limits, Needs, Plan, PointSet, Prepares, Rejected,
     Retention, SampleId, TrainingData, Worker, streams,
@@ -23,16 +23,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// The side, in pixels, of the blocks in which training data is summed.
-const BLOCK: usize = BAND;
-/// The target duration in seconds of a slice, the work between two calls of the monitor. A single row of pixels may
-/// take longer.
-const SLICE_SECONDS: f64 = 0.2;
-/// The number of samples in a round's first slice. It takes a millisecond at 1 us per sample, and a second at 1 ms per
-/// sample.
-const FIRST_SLICE: f64 = 1024.0;
-/// The largest number of samples in a slice, as a multiple of the samples already traced in the round.
-const GROWTH: f64 = 8.0;
-
+pub(super) const BLOCK: usize = BAND;
 /// The inputs that all tasks of a slice share: integrator, points, plan and flags.
 struct Inputs<'a> {
     integrator: &'a dyn Integrator,
@@ -185,57 +176,11 @@ pub(super) fn failed(trouble: Standing, film: &mut Film, points: &dyn PointSet) 
     match trouble {
         Standing::Invalid(sample, value) => Error::InvalidSample { sample, value, points: points.describe() },
         Standing::Panicked(sample, message) => {
-            let film = Box::new(std::mem::replace(film, Film::new(*film.frame(), crate::Needs::none())));
+            let film = Box::new(std::mem::replace(film, Film::without_planes(film.frame, Needs::none())));
             Error::Panicked { sample, message, points: points.describe(), film }
         }
         Standing::Going | Standing::Stopped => Error::Gone { what: "it stopped".into() },
     }
-}
-
-/// The size of the next slice: samples per pixel, and rows of pixels.
-///
-/// Both follow from the sampling rate of this round, which took `seconds` so far. If one sample in every pixel takes
-/// longer than a slice should, the slice covers only some rows. The samples per pixel then belong to the whole pass
-/// over the rows.
-/// `pass` are the samples per pixel of a training pass or of an integrator's pass, if there is one.
-fn next_slice(
-    open: &OpenRound,
-    film: &Film,
-    (pass, wants_training): (Option<u32>, bool),
-    seconds: f64,
-    (limits, team): (&Limits, Option<&Team<'_>>),
-) -> (u32, u32) {
-    let [width, height] = film.frame.size();
-    let fixed = limits.schedule.slice_spp;
-    if fixed > 0 {
-        return (pass.unwrap_or(fixed), height);
-    }
-    let Cursor { start, end, row } = open.cursor;
-    let rows = |counts: &[u32]| {
-        let rows = counts.chunks(width as usize).enumerate();
-        let own = rows.filter(|(row, _)| team.is_none_or(|team| team.owns(*row)));
-        own.flat_map(|(_, counts)| counts).filter(|&&n| n > start).count()
-    };
-    let active = (rows(&open.plan.counts) + open.plan.second_half.as_deref().map_or(0, rows)) as f64;
-    let traced = (film.record.samples - open.before) as f64;
-    // The first rows may be the quickest, so the length grows step by step.
-    let promised = (traced / seconds.max(1e-3) * SLICE_SECONDS).min(GROWTH * traced);
-    let samples = promised.max(FIRST_SLICE);
-    let length = pass.unwrap_or((samples / active).clamp(1.0, 65536.0) as u32);
-    let slices = f64::from(if row == 0 { length } else { end - start }) * active / samples;
-    if slices < 2.0 && row == 0 {
-        return (length, height);
-    }
-    let rows = (f64::from(height) / slices).clamp(1.0, f64::from(height)).round() as u32;
-    (length, if wants_training || team.is_some() { rows.next_multiple_of(BLOCK as u32) } else { rows })
-}
-
-/// Samples per pixel of the next training pass: the mean number of all samples before, so that passes double in length.
-/// Depends on the plans only: not on time, nor on the process that traced the samples.
-fn pass_length(open: &OpenRound) -> u32 {
-    let traced = open.before(open.cursor.start);
-    let mean = (open.before + open.submitted + traced) / open.plan.counts.len() as u64;
-    u32::try_from(mean).unwrap_or(u32::MAX).max(1)
 }
 
 /// The range of samples of each pixel, and the range of pixel rows, that are traced between two calls of the monitor.
@@ -511,4 +456,39 @@ fn add_up(
         panicked = panicked.or(tally.panicked);
     }
     panicked.map(|(sample, message)| Standing::Panicked(sample, message))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Frame;
+
+    struct Points;
+
+    impl PointSet for Points {
+        fn describe(&self) -> String {
+            "none".into()
+        }
+
+        fn block(&self, _: SampleId, _: u32) -> [f32; 4] {
+            [0.5; 4]
+        }
+
+        fn capacity(&self) -> u64 {
+            u64::MAX
+        }
+    }
+
+    /// The error takes the film; a second one of its size would double the memory of a render that failed.
+    #[test]
+    fn a_panic_takes_the_film_and_leaves_none_in_its_place() {
+        let mut film = Film::new(Frame::new(64, 48).unwrap(), Needs::none());
+        let all = film.bytes();
+        let panicked = Standing::Panicked(SampleId::new([0; 2], 0, 0), "broken".into());
+        match failed(panicked, &mut film, &Points) {
+            Error::Panicked { film: taken, .. } => assert_eq!(taken.bytes(), all),
+            other => panic!("{other}"),
+        }
+        assert!(film.kept.is_empty() && film.features.is_empty());
+    }
 }

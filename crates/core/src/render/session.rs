@@ -353,19 +353,17 @@ impl<'a> Session<'a> {
         answer
     }
 
-    /// Calls the monitor of each process, with everyone's pixels if it reads them ([`Monitor::reads_barriers`]).
-    fn show_whole(
-        &mut self,
-        monitor: &mut dyn Monitor,
-        team: &mut Team<'_>,
-        show: impl FnOnce(&mut dyn Monitor, &Status<'_>),
-    ) -> Result<(), Error> {
-        let whole = team.whole(&self.state.film, monitor.reads_barriers())?;
-        let own = whole.map(|whole| std::mem::replace(&mut self.state.film, whole));
-        self.show(monitor, show);
-        if let Some(own) = own {
-            self.state.film = own;
+    /// Gives the state of all to the monitors that save it, and everyone's rows to those that read them.
+    fn share(&mut self, monitor: &mut dyn Monitor, team: &mut Team<'_>, ends: bool) -> Result<(), Error> {
+        let seconds = self.clock.seconds();
+        let view = self.view(seconds);
+        let saves = monitor.saves();
+        let mut take = |bytes: &[u8], length: u64| monitor.saved(bytes, length);
+        view.stream(&mut *team.exchange, if saves { Some(&mut take) } else { None })?;
+        if !ends {
+            team.show_rows(&self.state.film, monitor)?;
         }
+        self.clock.leave_out_since(seconds);
         Ok(())
     }
 
@@ -373,12 +371,10 @@ impl<'a> Session<'a> {
     /// budget for it.
     pub(super) fn show_end(&mut self, monitor: &mut dyn Monitor, team: Option<&mut Team<'_>>) -> Result<(), Error> {
         let shown = self.state.film.record.budgets.pop();
-        match team.filter(|team| team.keeps_bands) {
-            Some(team) => self.show_whole(monitor, team, |monitor, status| monitor.end(status))?,
-            None => self.show(monitor, |monitor, status| monitor.end(status)),
-        }
+        self.show(monitor, |monitor, status| monitor.end(status));
+        let shared = team.map_or(Ok(()), |team| self.share(monitor, team, true));
         self.state.film.record.budgets.extend(shown);
-        Ok(())
+        shared
     }
 
     /// Opens a round to trace: the one that is open already, or the next. Returns `false` at the end of the render.
@@ -419,7 +415,8 @@ impl<'a> Session<'a> {
         self.state.round += 1;
         if let Some(team) = team.as_deref_mut() {
             let times = team.times().to_vec();
-            self.show_whole(monitor, team, |monitor, status| monitor.barrier(status, &times))?;
+            self.show(monitor, |monitor, status| monitor.barrier(status, &times));
+            self.share(monitor, team, false)?;
         }
         if stopped == Stopped::AtEnd {
             let spent = self.state.film.record.samples >= self.meter.left(&self.state.film).total;

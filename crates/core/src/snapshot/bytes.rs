@@ -61,6 +61,11 @@ impl Writer {
         self.bytes
     }
 
+    /// The number of bytes so far.
+    pub(crate) fn length(&self) -> usize {
+        self.bytes.len()
+    }
+
     pub(crate) fn raw(&mut self, bytes: &[u8]) {
         self.bytes.extend_from_slice(bytes);
     }

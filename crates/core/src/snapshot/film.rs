@@ -2,6 +2,7 @@
 
 use super::Broken;
 use super::bytes::{Reader, Writer};
+use super::planes::{FIRST_HIT, put_bank, put_beside};
 use crate::bands::{BAND, bands};
 use crate::film::{Bank, FeatureMoments, HeldRows, Picked, REJECTED_LISTED, SamplePlane, Splats, SumPlane};
 use crate::{
@@ -19,28 +20,28 @@ pub(crate) fn size(film: &Film) -> usize {
 }
 
 pub(crate) fn put_film(to: &mut Writer, film: &Film) {
+    put_film_head(to, film);
+    film.kept.iter().for_each(|bank| put_bank(to, bank));
+    to.flag(!film.discarded.is_empty());
+    film.discarded.iter().for_each(|bank| put_bank(to, bank));
+    put_beside(to, film);
+    put_film_end(to, film);
+}
+
+/// Writes what precedes the planes.
+pub(super) fn put_film_head(to: &mut Writer, film: &Film) {
     put_frame(to, &film.frame);
     put_needs(to, &film.needs);
     put_combine(to, film.combine);
     put_record(to, &film.record);
     put_rejected(to, &film.rejected);
-    film.kept.iter().for_each(|bank| put_bank(to, bank));
-    to.flag(!film.discarded.is_empty());
-    film.discarded.iter().for_each(|bank| put_bank(to, bank));
-    put_beside(to, film);
+}
+
+/// Writes what follows the planes.
+pub(super) fn put_film_end(to: &mut Writer, film: &Film) {
     film.splats.sums.iter().for_each(|sums| to.numbers(sums));
     to.number(film.splats.samples);
     to.number(film.unreported);
-}
-
-/// Writes the planes beside the banks.
-pub(crate) fn put_beside(to: &mut Writer, film: &Film) {
-    for f in film.features.iter().chain(&film.half_features) {
-        to.number([f.samples, f.hits]);
-        to.number([f.mean, f.m2]);
-    }
-    film.first_hits.iter().for_each(|hit| put_hit(to, hit.as_ref()));
-    to.numbers(&film.costs);
 }
 
 /// Reads the planes beside the banks into a film of `pixels` pixels.
@@ -330,22 +331,6 @@ pub(crate) fn take_rejected(from: &mut Reader<'_>) -> Result<Vec<Rejected>, Brok
     (0..count).map(|_| one(from)).collect()
 }
 
-pub(crate) fn put_bank(to: &mut Writer, bank: &Bank) {
-    let Bank { counts, means, m2, ranges, emission, channels, channels_m2, sums, samples, ahead } = bank;
-    to.numbers(counts);
-    to.numbers(means);
-    to.numbers(m2);
-    to.numbers(ranges);
-    to.numbers(emission);
-    to.numbers(channels);
-    to.numbers(channels_m2);
-    to.numbers(&sums.values);
-    samples.rows.iter().for_each(|row| to.numbers(row));
-    samples.trajectories.iter().flatten().for_each(|path| to.number(path_numbers(path)));
-    to.flag(!ahead.is_empty());
-    to.numbers(ahead);
-}
-
 pub(crate) fn take_bank(from: &mut Reader<'_>, pixels: usize, needs: &Needs) -> Result<Bank, Broken> {
     let channels = pixels.saturating_mul(usize::from(needs.channels));
     let counts: Vec<u64> = from.numbers(pixels)?;
@@ -364,10 +349,6 @@ pub(crate) fn take_bank(from: &mut Reader<'_>, pixels: usize, needs: &Needs) -> 
             false => Vec::new(),
         },
     })
-}
-
-fn path_numbers(Trajectory { inverse_depth, motion: [x, y, z] }: &Trajectory) -> [f32; 4] {
-    [*inverse_depth, *x, *y, *z]
 }
 
 /// Reads as many samples of each pixel as its count, but at most as many as there can be, and their trajectories.
@@ -392,20 +373,8 @@ fn take_features(from: &mut Reader<'_>, pixels: usize) -> Result<Vec<FeatureMome
     (0..pixels).map(|_| one()).collect()
 }
 
-/// Writes a first hit as a flag and 18 numbers, for hits and misses alike, so that every record has the same size.
-fn put_hit(to: &mut Writer, hit: Option<&FirstHit>) {
-    to.flag(hit.is_some());
-    let Some(h) = hit else {
-        to.number([0_u8; 72]);
-        return;
-    };
-    to.number([h.position, h.geometric_normal, h.shading_normal, h.albedo]);
-    to.number([h.depth, h.footprint, h.roughness]);
-    to.number([h.material, h.shape, h.primitive]);
-}
-
 fn take_hits(from: &mut Reader<'_>, count: usize) -> Result<Vec<Option<FirstHit>>, Broken> {
-    let mut from = from.part(count, 73)?;
+    let mut from = from.part(count, FIRST_HIT)?;
     let mut hits = Vec::with_capacity(count);
     for _ in 0..count {
         let there = from.flag()?;

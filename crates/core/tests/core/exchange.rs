@@ -8,8 +8,8 @@ use dapple_conformance::bits;
 use dapple_core::exchange::{self, Exchange, InMemory, in_memory};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Budget, Control, Draws, Error, Estimate, Film, Frame, Integrator, InvalidSample, Limits, Monitor, Needs,
-    PilotPolicy, Render, Sampler, Schedule, Shard, Snapshot, Status, TrainingData, Worker,
+    Budget, Control, Draws, Error, Estimate, Film, Frame, Integrator, InvalidSample, Limits, Needs, PilotPolicy,
+    Render, Schedule, Shard, Snapshot, Status, TrainingData, Worker,
 };
 use rand::RngExt;
 use std::time::Duration;
@@ -122,61 +122,6 @@ fn messages_of_another_step_are_refused_by_all() {
 
 fn uniform() -> Uniform<Independent> {
     Uniform::new(Independent::new(5))
-}
-
-/// Keeps the state at each barrier, and the processes' seconds there.
-#[derive(Default)]
-struct Barriers {
-    states: Vec<Vec<u8>>,
-    seconds: Vec<Vec<f64>>,
-}
-
-impl Monitor for Barriers {
-    fn slice(&mut self, _: &Status<'_>) -> Control {
-        Control::Continue
-    }
-
-    fn barrier(&mut self, status: &Status<'_>, seconds: &[f64]) {
-        self.states.push(status.snapshot());
-        self.seconds.push(seconds.to_vec());
-    }
-}
-
-#[test]
-fn a_render_resumed_at_a_barrier_by_any_number_of_processes_is_the_same() {
-    resumed_at_barriers(needs());
-    resumed_at_barriers(everything().with_channels(2));
-}
-
-fn resumed_at_barriers(needs: Needs) {
-    let (frame, limits) = (frame(17, 70), Limits::samples(17 * 70 * 17 + 5));
-    macro_rules! render {
-        () => {
-            Render::new(frame, &limits).needs(needs)
-        };
-    }
-    let policy = PilotPolicy::Keep;
-    let alone = all(&render!().run(&mut More::default(), &mut adaptive(policy)).unwrap());
-    let states = together(3, |mut end| {
-        let mut barriers = Barriers::default();
-        let render = render!().exchange(&mut end).monitor(&mut barriers);
-        render.run(&mut More::default(), &mut adaptive(policy)).unwrap();
-        assert!(barriers.seconds.iter().all(|seconds| seconds.len() == 3));
-        barriers.states
-    });
-    assert_eq!(states[0].len(), 4);
-    for (state, of) in states[0].iter().zip([7, 1, 2, 3]) {
-        let films = together(of, |mut end| {
-            let snapshot = Snapshot::from_bytes(state).unwrap();
-            let render = render!().exchange(&mut end);
-            render.resume(snapshot, &mut More::default(), &mut adaptive(policy)).unwrap()
-        });
-        assert!(films.iter().all(|film| all(film) == alone));
-    }
-    // One process goes on without an exchange, too.
-    let snapshot = Snapshot::from_bytes(&states[1][1]).unwrap();
-    let film = render!().resume(snapshot, &mut More::default(), &mut adaptive(policy)).unwrap();
-    assert!(all(&film) == alone);
 }
 
 #[test]
@@ -360,44 +305,6 @@ fn nobody_waits_for_a_process_that_failed_or_is_gone() {
         let Ok(Err(error)) = end else { panic!("it must report the other's end") };
         assert!(error.to_string().contains("rank 2 has ended"), "{error}");
     }
-}
-
-#[test]
-fn bands_are_dealt_anew_by_cost_without_a_change_of_bits() {
-    /// The upper half of the image takes almost all of the time.
-    struct Uneven;
-    impl Integrator for Uneven {
-        fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
-            let [x, y] = draws.pixel();
-            if y < 64 && x % 8 == 0 {
-                std::thread::sleep(Duration::from_micros(20));
-            }
-            Estimate::new(noise([x, y], draws.block(dapple_core::Block::new(0))))
-        }
-    }
-    /// Four rounds of two samples per pixel.
-    fn rounds() -> impl Sampler {
-        let plan = |seen: &dapple_core::Feedback<'_>, plan: &mut dapple_core::Plan| {
-            plan.counts.fill(2);
-            if seen.round < 4 { dapple_core::Progress::Trace } else { dapple_core::Progress::Done }
-        };
-        crate::common::Planned { points: Independent::new(3), needs: Needs::none(), plan }
-    }
-    let limits = Limits::samples(16 * 256 * 8);
-    macro_rules! render {
-        () => {
-            Render::new(frame(16, 256), &limits)
-        };
-    }
-    let alone = all(&render!().run(&mut Uneven, &mut rounds()).unwrap());
-    let barriers = together(3, |mut end| {
-        let mut barriers = Barriers::default();
-        let film = render!().exchange(&mut end).monitor(&mut barriers).run(&mut Uneven, &mut rounds()).unwrap();
-        assert!(all(&film) == alone);
-        barriers.seconds
-    });
-    // Everyone hears the same seconds.
-    assert!(barriers.iter().all(|seconds| seconds == &barriers[0] && seconds.len() == 4));
 }
 
 /// The arithmetic of a round's message: counts, means and squared deviations of each pixel that the plan gives samples.

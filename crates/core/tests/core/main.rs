@@ -1,5 +1,6 @@
 //! The tests of the crate from outside: one program, which links and instantiates once what all of them use.
 
+mod barriers;
 mod common;
 mod conformance;
 mod driver;

@@ -141,31 +141,13 @@ impl Damage {
 }
 
 impl Contents {
-    /// Encodes all bytes of the file before the body.
-    pub(crate) fn head(&self) -> Result<Vec<u8>, Error> {
-        let mut head = MAGIC.to_vec();
-        let pairs = &self.identity.pairs;
-        for number in [VERSION, self.kind.number(), pairs.len() as u32] {
-            head.extend(number.to_le_bytes());
-        }
-        for text in pairs.iter().flat_map(|(name, value)| [name, value]) {
-            if text.len() > LONGEST {
-                return Err(Error::LongText { bytes: text.len(), most: LONGEST });
-            }
-            head.extend((text.len() as u32).to_le_bytes());
-            head.extend(text.as_bytes());
-        }
-        head.extend((self.body.len() as u64).to_le_bytes());
-        Ok(head)
-    }
-
     /// Encodes the contents as the bytes of a file.
     ///
     /// # Errors
     ///
     /// [`Error::LongText`] if a name or value in the identity is longer than 1 MiB.
     pub fn to_bytes(&self) -> Result<Vec<u8>, Error> {
-        let mut bytes = self.head()?;
+        let mut bytes = head(self.kind, &self.identity, self.body.len() as u64)?;
         bytes.extend(&self.body);
         bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
         Ok(bytes)
@@ -265,6 +247,23 @@ impl Contents {
         bytes.drain(..start);
         Ok(Self { kind, identity, body: bytes })
     }
+}
+
+/// Encodes all bytes of a file before its body of `length` bytes.
+pub(super) fn head(kind: Kind, Identity { pairs }: &Identity, length: u64) -> Result<Vec<u8>, Error> {
+    let mut head = MAGIC.to_vec();
+    for number in [VERSION, kind.number(), pairs.len() as u32] {
+        head.extend(number.to_le_bytes());
+    }
+    for text in pairs.iter().flat_map(|(name, value)| [name, value]) {
+        if text.len() > LONGEST {
+            return Err(Error::LongText { bytes: text.len(), most: LONGEST });
+        }
+        head.extend((text.len() as u32).to_le_bytes());
+        head.extend(text.as_bytes());
+    }
+    head.extend(length.to_le_bytes());
+    Ok(head)
 }
 
 /// The length of the contents that these bytes begin with; `None` for bytes that are too short or of another format.

@@ -5,8 +5,9 @@
 //! processes hold the lock.
 
 use super::Error;
+use super::contents::head;
 use super::file_system::{Disk, FileSystem};
-use super::{Contents, Kind};
+use super::{Contents, Identity, Kind};
 use std::ffi::OsString;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
@@ -37,6 +38,15 @@ pub struct Found {
     pub generation: Generation,
     /// The error of reading the newest version, if the contents come from the previous one.
     pub trouble: Option<Error>,
+}
+
+/// A file that is being written: [`Store::begin`].
+#[derive(Debug)]
+pub struct Saving {
+    file: File,
+    sum: crc32fast::Hasher,
+    /// The bytes of the body that are missing.
+    left: u64,
 }
 
 /// The number of bytes per write, so that a full disk is noticed early.
@@ -86,25 +96,70 @@ impl Store {
     ///
     /// [`Error::Write`] with the step that failed. An existing file is unchanged, and the call may be repeated.
     pub fn save(&self, contents: &Contents) -> Result<(), Error> {
-        let part = beside(&self.path, "part");
-        let outcome = self.write(&part, contents).and_then(|()| self.put_in_place(&part));
-        if outcome.is_err() {
-            // The incomplete file only takes space; an error of removing it is ignored.
-            let _ = self.system.remove(&part);
-        }
-        outcome
+        let mut saving = self.begin(contents.kind, &contents.identity, contents.body.len() as u64)?;
+        self.add(&mut saving, &contents.body)?;
+        self.end(saving)
     }
 
-    fn write(&self, part: &Path, contents: &Contents) -> Result<(), Error> {
-        let head = contents.head()?;
-        let mut sum = crc32fast::Hasher::new();
-        let mut file = self.system.create(part).map_err(|e| self.trouble("make a file beside it", e))?;
-        for piece in head.chunks(PIECE).chain(contents.body.chunks(PIECE)) {
-            sum.update(piece);
-            self.system.write(&mut file, piece).map_err(|e| self.trouble("write it", e))?;
+    /// Begins a file whose body of `length` bytes comes in pieces: [`Store::add`], then [`Store::end`]. Until then, the newest
+    /// version is unchanged.
+    ///
+    /// # Errors
+    ///
+    /// As [`Store::save`].
+    pub fn begin(&self, kind: Kind, identity: &Identity, length: u64) -> Result<Saving, Error> {
+        let head = head(kind, identity, length)?;
+        let part = beside(&self.path, "part");
+        let file = self.system.create(&part).map_err(|e| self.trouble("make a file beside it", e));
+        let mut saving =
+            self.or_removed(file.map(|file| Saving { file, sum: crc32fast::Hasher::new(), left: length }))?;
+        self.or_removed(self.put(&mut saving, &head))?;
+        Ok(saving)
+    }
+
+    /// Writes the next bytes of the body.
+    ///
+    /// # Errors
+    ///
+    /// As [`Store::save`].
+    pub fn add(&self, saving: &mut Saving, bytes: &[u8]) -> Result<(), Error> {
+        saving.left = saving.left.wrapping_sub(bytes.len() as u64);
+        self.or_removed(self.put(saving, bytes))
+    }
+
+    /// Ends the file, which becomes the newest version.
+    ///
+    /// # Errors
+    ///
+    /// As [`Store::save`], and for a body of another length.
+    pub fn end(&self, mut saving: Saving) -> Result<(), Error> {
+        self.or_removed(self.put_end(&mut saving).and_then(|()| self.put_in_place(&beside(&self.path, "part"))))
+    }
+
+    fn put(&self, saving: &mut Saving, bytes: &[u8]) -> Result<(), Error> {
+        for piece in bytes.chunks(PIECE) {
+            saving.sum.update(piece);
+            self.system.write(&mut saving.file, piece).map_err(|e| self.trouble("write it", e))?;
         }
-        self.system.write(&mut file, &sum.finalize().to_le_bytes()).map_err(|e| self.trouble("write it", e))?;
-        self.system.sync(&file).map_err(|e| self.trouble("flush it to the disk", e))
+        Ok(())
+    }
+
+    fn put_end(&self, Saving { file, sum, left }: &mut Saving) -> Result<(), Error> {
+        if *left != 0 {
+            return Err(self.trouble("write it", std::io::Error::other("its body has another length")));
+        }
+        let sum = sum.clone().finalize().to_le_bytes();
+        self.system.write(file, &sum).map_err(|e| self.trouble("write it", e))?;
+        self.system.sync(file).map_err(|e| self.trouble("flush it to the disk", e))
+    }
+
+    /// Removes the incomplete file after an error.
+    fn or_removed<T>(&self, outcome: Result<T, Error>) -> Result<T, Error> {
+        if outcome.is_err() {
+            // The incomplete file only takes space; an error of removing it is ignored.
+            let _ = self.system.remove(&beside(&self.path, "part"));
+        }
+        outcome
     }
 
     fn put_in_place(&self, part: &Path) -> Result<(), Error> {

@@ -3,7 +3,7 @@
 use super::JobMonitor;
 use super::identity::compared;
 use super::time::TimeWatch;
-use crate::checkpoint::{Contents, Error, Generation, Identity, Kind, Store};
+use crate::checkpoint::{Contents, Error, Generation, Identity, Kind, Saving, Store};
 use crate::output::FileIdentity;
 use crate::{JobError, Warning};
 use dapple_core::{Control, Film, Monitor, Snapshot, Status};
@@ -84,6 +84,11 @@ pub struct Checkpoints {
 }
 
 impl Checkpoints {
+    /// Checkpoints of a render that starts afresh, to a locked file, at the default intervals.
+    pub fn on(store: Store) -> Self {
+        Self { store: Arc::new(store), every: None, resume: None }
+    }
+
     /// Reads the encoded snapshot of the film to resume from; `None` if the render starts afresh. `here` is the identity of
     /// this job.
     pub(super) fn snapshot(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<Vec<u8>>, JobError> {
@@ -168,24 +173,38 @@ impl Monitor for Watched<'_> {
         Control::Continue
     }
 
-    fn reads_barriers(&self) -> bool {
-        self.writer.is_some() || self.monitor.reads_film()
-    }
-
     fn barrier(&mut self, status: &Status<'_>, seconds: &[f64]) {
         for warning in slow(seconds, &mut self.slow) {
             self.monitor.warn(warning);
         }
-        if let Some(writer) = &mut self.writer {
-            writer.wait(self.monitor);
-            writer.begin(status, self.monitor);
-        }
         self.monitor.barrier(status);
+    }
+
+    fn saves(&self) -> bool {
+        self.together && self.writer.is_some()
+    }
+
+    fn saved(&mut self, bytes: &[u8], length: u64) {
+        if let Some(writer) = &mut self.writer {
+            writer.add(bytes, length, self.monitor);
+        }
+    }
+
+    fn reads_rows(&self) -> bool {
+        self.monitor.reads_rows()
+    }
+
+    fn rows(&mut self, rows: &Film) {
+        self.monitor.rows(rows);
     }
 
     fn end(&mut self, status: &Status<'_>) {
         self.monitor.end(status);
-        self.save_last(status);
+        match &mut self.writer {
+            // The pieces of the state follow.
+            Some(writer) if self.together => writer.ends = true,
+            _ => self.save_last(status),
+        }
     }
 }
 
@@ -203,6 +222,12 @@ struct Writer {
     /// True if the render goes on from a checkpoint.
     resumed: bool,
     writing: Option<JoinHandle<Result<(), Error>>>,
+    /// The checkpoint that several processes write in pieces, or its error; `None` between two checkpoints.
+    pieces: Option<Result<Saving, Error>>,
+    /// The bytes of that checkpoint so far.
+    taken: u64,
+    /// True if the next checkpoint is the final one.
+    ends: bool,
     warned: bool,
     /// The number of checkpoints written.
     written: u64,
@@ -222,6 +247,9 @@ impl Writer {
             is_first: true,
             resumed: resume.is_some(),
             writing: None,
+            pieces: None,
+            taken: 0,
+            ends: false,
             warned: false,
             written: 0,
             trouble: None,
@@ -247,6 +275,26 @@ impl Writer {
         let writer = std::thread::Builder::new().name("checkpoint".into());
         match writer.spawn(move || store.save(&contents)) {
             Ok(writing) => self.writing = Some(writing),
+            Err(e) => self.warn(&e, monitor),
+        }
+    }
+
+    /// Writes the next bytes of a checkpoint of several processes, `length` in all. After a disk error it drops the rest: the
+    /// others send it all the same.
+    fn add(&mut self, bytes: &[u8], length: u64, monitor: &mut dyn JobMonitor) {
+        let store = &self.store;
+        let begin = || store.begin(Kind::Checkpoint, &self.identity, length);
+        let pieces = self.pieces.take().unwrap_or_else(begin);
+        let pieces = pieces.and_then(|mut saving| store.add(&mut saving, bytes).map(|()| saving));
+        self.taken += bytes.len() as u64;
+        if self.taken < length {
+            self.pieces = Some(pieces);
+            return;
+        }
+        self.taken = 0;
+        match pieces.and_then(|saving| store.end(saving)) {
+            Ok(()) => self.written += 1,
+            Err(e) if self.ends => self.trouble = Some(e),
             Err(e) => self.warn(&e, monitor),
         }
     }

@@ -1,24 +1,27 @@
 //! Observers of a job's run.
 
 use crate::Warning;
-use dapple_core::{Control, Monitor, NoMonitor, Status};
+use dapple_core::{Control, Film, Monitor, NoMonitor, Status};
 
 /// An observer of a job's run.
 pub trait JobMonitor {
     /// Called between two slices. The returned value decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
-    /// Called at the end of each round of a render by several processes, with everyone's pixels if the monitor
-    /// [reads the film](JobMonitor::reads_film).
+    /// Called at the end of each round of a render by several processes. The film holds the rows of this process.
     fn barrier(&mut self, status: &Status<'_>) {
         let _ = status;
     }
 
-    /// Returns `false` if the monitor does not read the film of a render by several processes at [`JobMonitor::barrier`] and
-    /// [`JobMonitor::end`]. It then holds the rows of its process only, as it does between them, and less is sent. The default
-    /// is `true`.
-    fn reads_film(&self) -> bool {
-        true
+    /// Returns `true` if the monitor takes everyone's rows by [`JobMonitor::rows`] after a [`JobMonitor::barrier`]. The default
+    /// is `false`.
+    fn reads_rows(&self) -> bool {
+        false
+    }
+
+    /// Takes the next rows of the window, from the top, with counts, means and variances.
+    fn rows(&mut self, rows: &Film) {
+        let _ = rows;
     }
 
     /// Called when all samples are traced, unless the render was stopped.
@@ -48,10 +51,6 @@ impl JobMonitor for NoMonitor {
     fn slice(&mut self, _: &Status<'_>) -> Control {
         Control::Continue
     }
-
-    fn reads_film(&self) -> bool {
-        false
-    }
 }
 
 /// Adapts a render's [`Monitor`] to a [`JobMonitor`] that ignores warnings.
@@ -62,8 +61,12 @@ impl JobMonitor for RenderMonitor<'_> {
         self.0.slice(status)
     }
 
-    fn reads_film(&self) -> bool {
-        self.0.reads_barriers()
+    fn reads_rows(&self) -> bool {
+        self.0.reads_rows()
+    }
+
+    fn rows(&mut self, rows: &Film) {
+        self.0.rows(rows);
     }
 
     fn end(&mut self, status: &Status<'_>) {

@@ -135,7 +135,7 @@ impl Job {
         };
         self.need_any_image();
         let (estimate, bytes) = self.forecast(false, None)?;
-        Ok(estimate.with_copies(copies, bytes))
+        Ok(estimate.with_copies("plan and parts", copies, bytes))
     }
 
     /// Records all that any image of the render may need, as for shards.

@@ -44,13 +44,15 @@ impl Job {
     }
 
     /// The estimated memory of process `share` among several that render together ([`Job::run_together`]), if their rows take
-    /// the same time. `keeps` adds the film of all and its bytes, for a checkpoint or a live image.
+    /// the same time. `keeps` adds the pieces of a checkpoint, or its bytes where every process plans the whole image.
+    /// `resumes` adds the bytes of a checkpoint and its film, which every process reads.
     ///
     /// # Errors
     ///
     /// As [`Job::memory`].
-    pub fn memory_together(&mut self, share: Shard, keeps: bool) -> Result<MemoryEstimate, JobError> {
-        Ok(self.forecast(keeps, Some(share))?.0)
+    pub fn memory_together(&mut self, share: Shard, keeps: bool, resumes: bool) -> Result<MemoryEstimate, JobError> {
+        let (estimate, state) = self.forecast(keeps, Some(share))?;
+        Ok(if resumes { estimate.with_copies("resumption", 2, state) } else { estimate })
     }
 
     /// Filters the film of [`Job::run_together`], each process some of its rows. Returns the image on process 0, and `None` on

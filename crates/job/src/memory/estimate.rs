@@ -11,6 +11,8 @@ use std::fmt;
 
 /// Working memory per thread in bytes, mostly for a filter's image tile. Measured: 0.6 to 1.1 MiB.
 const THREAD: u64 = 1 << 20;
+/// The bytes of a checkpoint that are under way between processes, in all copies.
+const PIECES: u64 = 32 << 20;
 /// The assumed memory of the program itself in bytes, used if the system does not report it.
 const PROGRAM: u64 = 16 << 20;
 
@@ -99,14 +101,16 @@ impl MemoryEstimate {
 
     /// The memory of a prepared render. `before` is the estimate from its scene. `files` is the peak in bytes for
     /// writing a file, besides film and image. `keeps` states that the film is also encoded as bytes, for a checkpoint
-    /// or shard: of one process among several, the film of all.
+    /// or shard. Of several processes with their rows each, it passes in pieces.
     pub(crate) fn of_render(before: &Self, memory: &Memory, files: u64, keeps: bool) -> Self {
         let [now, most] = resident().unwrap_or([before.scene, 0]);
-        // Of several processes, the first one gathers the film of all.
-        let gathered = memory.whole.saturating_sub(memory.film);
         // It gives its own rows back before it writes.
         let files = if memory.delivered > 0 { files.saturating_sub(memory.film) } else { files };
-        let snapshot = if keeps { memory.snapshot().saturating_add(gathered) } else { 0 };
+        let snapshot = match keeps {
+            true if memory.film < memory.whole => PIECES.min(memory.snapshot()),
+            true => memory.snapshot(),
+            false => 0,
+        };
         let stages = vec![
             ("planning", memory.planning),
             (if keeps { "checkpoint" } else { "plan" }, memory.tracing.saturating_add(snapshot)),
@@ -135,7 +139,8 @@ impl MemoryEstimate {
     /// encoding.
     #[must_use]
     pub fn with_live_image(mut self, frame: &Frame) -> Self {
-        /// Bytes per pixel: 20 of planes, 8 of counts as they are copied, 12 of a packet or a PNG file.
+        /// Bytes per pixel: 20 of planes, 8 of counts as they are copied, 12 of a packet or a PNG file. Rows of several processes
+        /// come in pieces.
         const COPY: usize = 40;
         self.stages.iter_mut().for_each(|(_, bytes)| *bytes = bytes.saturating_add(frame.bytes(COPY)));
         self
@@ -151,10 +156,11 @@ impl MemoryEstimate {
         self
     }
 
-    /// Adds a stage that holds `copies` of the render's state of `bytes` as bytes: files of a render in stages.
+    /// Adds a stage that holds `copies` of the render's state of `bytes`: files of a render in stages, or a checkpoint to resume
+    /// from.
     #[must_use]
-    pub(crate) fn with_copies(mut self, copies: u64, bytes: u64) -> Self {
-        self.stages.push(("plan and parts", bytes.saturating_mul(copies)));
+    pub(crate) fn with_copies(mut self, name: &'static str, copies: u64, bytes: u64) -> Self {
+        self.stages.push((name, bytes.saturating_mul(copies)));
         self
     }
 
