@@ -110,7 +110,7 @@ fn without_times(state: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// One process has the bytes of [`Status::snapshot`] at the end of a round or render: its `slice` is not at a barrier.
+/// Every barrier of 1, 2, 3 and 7 processes, and the end with [`Status::snapshot`] of a render without an exchange.
 #[test]
 fn the_state_that_processes_save_has_the_bytes_of_one_process() {
     let (frame, limits) = (frame(17, 70), Limits::samples(17 * 70 * 17 + 5));
