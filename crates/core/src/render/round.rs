@@ -461,23 +461,7 @@ fn add_up(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Frame;
-
-    struct Points;
-
-    impl PointSet for Points {
-        fn describe(&self) -> String {
-            "none".into()
-        }
-
-        fn block(&self, _: SampleId, _: u32) -> [f32; 4] {
-            [0.5; 4]
-        }
-
-        fn capacity(&self) -> u64 {
-            u64::MAX
-        }
-    }
+    use crate::{Frame, HostNumbers};
 
     /// The error takes the film; a second one of its size would double the memory of a render that failed.
     #[test]
@@ -485,7 +469,7 @@ mod tests {
         let mut film = Film::new(Frame::new(64, 48).unwrap(), Needs::none());
         let all = film.bytes();
         let panicked = Standing::Panicked(SampleId::new([0; 2], 0, 0), "broken".into());
-        match failed(panicked, &mut film, &Points) {
+        match failed(panicked, &mut film, &HostNumbers) {
             Error::Panicked { film: taken, .. } => assert_eq!(taken.bytes(), all),
             other => panic!("{other}"),
         }

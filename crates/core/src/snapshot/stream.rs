@@ -11,7 +11,7 @@ use std::ops::Range;
 /// The bytes of a plane's rows that travel at once, about; at least a row.
 pub(crate) const AT_ONCE: usize = 1 << 22;
 
-/// What a process tells the others before its rows.
+/// The message of a process before its rows.
 struct Told {
     saves: bool,
     /// The number of samples that its own rows keep one by one.

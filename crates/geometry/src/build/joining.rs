@@ -179,7 +179,7 @@ fn search_block(clusters: &[Cluster], start: usize, partners: &mut [i8], distanc
     }
 }
 
-/// What becomes of a cluster in a round.
+/// The outcome of a round for a cluster.
 enum Fate {
     /// It is alone in the next round too.
     Alone,
