@@ -166,23 +166,23 @@ impl Film {
     pub(crate) fn of_held(frame: Frame, needs: Needs, held: HeldRows) -> Self {
         let pixels = held.pixels(&frame);
         let halves = if needs.halves { 2 } else { 1 };
-        Self {
-            frame,
-            needs,
-            combine: Combine::ByCount,
+        let mut film = Self {
             kept: (0..halves).map(|_| Bank::new(pixels, &needs)).collect(),
-            discarded: Vec::new(),
-            features: if needs.features { vec![FeatureMoments::default(); pixels] } else { Vec::new() },
-            half_features: vec![FeatureMoments::default(); pixels * needs.feature_planes()],
-            first_hits: vec![None; pixels * usize::from(needs.first_hits)],
-            costs: if needs.cost { vec![0; pixels] } else { Vec::new() },
             splats: if needs.splats { Splats::new(pixels, halves) } else { Splats::default() },
-            rejected: Vec::new(),
-            record: Record::default(),
-            unreported: 0,
-            half_of: None,
             held,
-        }
+            ..Self::without_planes(frame, needs)
+        };
+        film.clear_beside(pixels);
+        film
+    }
+
+    /// Gives the planes beside the banks `pixels` pixels without samples.
+    pub(crate) fn clear_beside(&mut self, pixels: usize) {
+        let needs = self.needs;
+        self.features = vec![FeatureMoments::default(); if needs.features { pixels } else { 0 }];
+        self.half_features = vec![FeatureMoments::default(); pixels * needs.feature_planes()];
+        self.first_hits = vec![None; pixels * usize::from(needs.first_hits)];
+        self.costs = vec![0; if needs.cost { pixels } else { 0 }];
     }
 
     /// A film without a pixel in any plane, for code that fills the planes.

@@ -1,6 +1,7 @@
 //! Snapshots: the state of a render between two slices, as bytes.
 
 pub(crate) mod bytes;
+pub(crate) mod decode;
 pub(crate) mod film;
 pub(crate) mod planes;
 pub(crate) mod stream;

@@ -100,6 +100,9 @@ impl Exchange for Processes {
 
     fn all_to_all(&mut self, mut to_each: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>, Error> {
         to_each.resize(self.of(), Vec::new());
+        // Bytes for this process need no message.
+        let me = self.share.index() as usize;
+        let kept = std::mem::take(&mut to_each[me]);
         let own: Vec<u64> = to_each.iter().map(|bytes| bytes.len() as u64).collect();
         let mut theirs = vec![0_u64; self.of()];
         self.world.all_to_all_into(&own[..], &mut theirs[..]);
@@ -109,7 +112,7 @@ impl Exchange for Processes {
         let longest = self.most(own.iter().copied().max().unwrap_or(0)) as usize;
         for from in (0..longest).step_by(piece) {
             let part = |bytes: &Vec<u8>| from.min(bytes.len())..(from + piece).min(bytes.len());
-            let sent = buffer(to_each.iter().flat_map(|bytes| &bytes[part(bytes)]).copied().collect());
+            let sent = buffer(to_each.iter().map(|bytes| &bytes[part(bytes)]).collect::<Vec<_>>().concat());
             let (sizes, starts) = partition(&to_each.iter().map(|bytes| part(bytes).len()).collect::<Vec<_>>());
             let counts: Vec<usize> = theirs.iter().map(|n| n.saturating_sub(from).min(piece)).collect();
             let (got_sizes, got_starts) = partition(&counts);
@@ -120,6 +123,7 @@ impl Exchange for Processes {
             );
             append(&mut all, &got, &counts);
         }
+        all[me] = kept;
         Ok(all)
     }
 }

@@ -4,9 +4,9 @@ use crate::bands::BandCost;
 use crate::film::{Bank, Picked};
 use crate::snapshot::Broken;
 use crate::snapshot::bytes::{Reader, Writer};
+use crate::snapshot::decode::{take_bank, take_beside};
 use crate::snapshot::film::{
-    check_bank, put_rejected, put_sample, put_training, take_bank, take_beside, take_rejected, take_sample,
-    take_training,
+    check_bank, put_rejected, put_sample, put_training, take_rejected, take_sample, take_training,
 };
 use crate::snapshot::planes::{put_bank, put_beside};
 use crate::{Error, Film, Rejected, Retention, SampleId, TrainingSum};

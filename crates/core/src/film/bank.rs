@@ -35,7 +35,7 @@ pub(crate) struct Bank {
 }
 
 impl Bank {
-    pub(super) fn new(pixels: usize, needs: &Needs) -> Self {
+    pub(crate) fn new(pixels: usize, needs: &Needs) -> Self {
         Self {
             counts: vec![0; pixels],
             means: vec![[0.0; 3]; pixels],

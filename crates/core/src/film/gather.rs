@@ -1,11 +1,12 @@
 //! Films of rows that several processes hold.
 
-use super::{Bank, Film, Picked, SamplePlane, SumPlane};
+use super::Film;
 use crate::exchange::message::unreadable;
 use crate::snapshot::Broken;
 use crate::snapshot::bytes::{Reader, Writer};
-use crate::snapshot::film::{check_bank, take_bank, take_beside};
-use crate::snapshot::planes::{put_bank, put_beside};
+use crate::snapshot::decode::{take_of_bank, take_of_film};
+use crate::snapshot::film::check_pixels;
+use crate::snapshot::planes::{BESIDE, OF_BANK, Plane, put_of_film, put_planes_of_bank};
 use crate::{Error, Exchange, Needs, Sums};
 use std::ops::Range;
 
@@ -61,14 +62,25 @@ impl Film {
             }
         }
         let mut missing = rows.as_ref().map_or(0, |rows| rows.len());
-        let first = rows.map_or(0, |rows| rows.start as usize);
+        let first = rows.as_ref().map_or(0, |rows| rows.start as usize);
+        if let (Some(film), Some(rows)) = (&mut whole, &rows) {
+            // The own rows need no message.
+            let own: Vec<_> = self.own_among(&(rows.start as usize..rows.end as usize)).collect();
+            let place = |row: &u32| [*row as usize - first, self.held.place(*row as usize)];
+            film.bring(self, &own.iter().map(place).collect::<Vec<_>>());
+            missing -= own.len();
+        }
+        let me = exchange.share().index() as usize;
         let step = (AT_ONCE / (width * Self::bytes_per_pixel(&needs)).max(1)).max(1);
         let all = wanted.iter().map(|rows| rows.start).min().unwrap_or(0)
             ..wanted.iter().map(|rows| rows.end).max().unwrap_or(0);
         for top in all.clone().step_by(step) {
             let here = |rows: &Range<usize>| rows.start.max(top)..rows.end.min(top + step);
-            let own = |rows: &Range<usize>| self.encoded(&here(rows), (&needs, discards));
-            let sent = exchange.all_to_all(wanted.iter().map(own).collect())?;
+            let own = |(who, rows): (usize, &Range<usize>)| match who == me {
+                true => Vec::new(),
+                false => self.encoded(&here(rows), (&needs, discards)),
+            };
+            let sent = exchange.all_to_all(wanted.iter().enumerate().map(own).collect())?;
             let Some(film) = &mut whole else { continue };
             for (who, bytes) in sent.iter().enumerate() {
                 missing -= film.place_rows(bytes, (first, missing)).map_err(|e| unreadable(who, &e))?;
@@ -83,22 +95,27 @@ impl Film {
 
     /// The own ones of these rows, with the recorded statistics among `needs`, as bytes.
     fn encoded(&self, rows: &Range<usize>, (needs, discards): (&Needs, bool)) -> Vec<u8> {
-        let own: Vec<u32> = self.held.own().iter().copied().filter(|row| rows.contains(&(*row as usize))).collect();
+        let own: Vec<u32> = self.own_among(rows).collect();
         if own.is_empty() {
             return Vec::new();
         }
-        let width = self.frame.size()[0];
-        let numbers: Vec<u32> = own.iter().flat_map(|row| row * width..(row + 1) * width).collect();
-        let mut part = self.pick(Picked(&numbers), None);
-        if !discards {
-            part.discarded.clear();
-        }
-        part.keep_only(needs);
-        let mut to = Writer::with_capacity(64 + numbers.len() * Self::bytes_per_pixel(needs));
+        let width = self.frame.size()[0] as usize;
+        let places = self.held.own_places(&(rows.start * width..rows.end * width));
+        let mut to = Writer::with_capacity(64 + places.len() * Self::bytes_per_pixel(needs));
         to.list(&own);
-        part.kept.iter().chain(&part.discarded).for_each(|bank| put_bank(&mut to, bank));
-        put_beside(&mut to, &part);
+        let wanted = |plane: Plane| plane.bytes(needs) > 0;
+        for bank in self.kept.iter().chain(self.discarded.iter().filter(|_| discards)) {
+            put_planes_of_bank(&mut to, bank, wanted, &places);
+        }
+        let beside = BESIDE.into_iter().filter(|plane| wanted(*plane));
+        beside.for_each(|plane| put_of_film(&mut to, self, plane, Some(&places)));
         to.finish()
+    }
+
+    /// The own rows among `rows`.
+    fn own_among(&self, rows: &Range<usize>) -> impl Iterator<Item = u32> + '_ {
+        let rows = rows.clone();
+        self.held.own().iter().copied().filter(move |row| rows.contains(&(*row as usize)))
     }
 
     /// Puts rows that [`Film::encoded`] wrote into this film, whose window begins at row `first`. Returns their number, at
@@ -113,62 +130,20 @@ impl Film {
         let row = |row: &u32| (*row as usize).checked_sub(first).filter(|row| *row < height);
         let rows = rows.iter().map(row).collect::<Option<Vec<_>>>().filter(|rows| rows.len() <= most);
         let rows = rows.ok_or(Broken("rows are out of range"))?;
-        let numbers: Vec<u32> =
-            rows.iter().flat_map(|row| row * width..(row + 1) * width).map(|pixel| pixel as u32).collect();
-        let mut part = Film::without_planes(self.frame, self.needs);
-        let mut banks = |count: usize| -> Result<Vec<Bank>, Broken> {
-            let mut one = || {
-                let bank = take_bank(&mut from, numbers.len(), &self.needs)?;
-                check_bank(&bank, u64::MAX >> 1)?;
-                Ok(bank)
-            };
-            (0..count).map(|_| one()).collect()
-        };
-        (part.kept, part.discarded) = (banks(self.kept.len())?, banks(self.discarded.len())?);
-        take_beside(&mut from, &mut part, numbers.len())?;
-        match from.is_empty() && self.place(Picked(&numbers), part) {
-            true => Ok(rows.len()),
-            false => Err(Broken("rows are of another size")),
-        }
-    }
-
-    /// Drops all statistics but `needs`.
-    fn keep_only(&mut self, needs: &Needs) {
+        let runs: Vec<_> =
+            rows.chunk_by(|a, b| a + 1 == *b).map(|run| run[0] * width..(run[0] + run.len()) * width).collect();
         for bank in self.kept.iter_mut().chain(&mut self.discarded) {
-            if !needs.variance {
-                (bank.m2, bank.channels_m2) = (Vec::new(), Vec::new());
+            for plane in OF_BANK {
+                if plane != Plane::Ahead || from.flag()? {
+                    runs.iter().try_for_each(|run| take_of_bank(&mut from, bank, plane, run))?;
+                }
             }
-            if !needs.extrema {
-                bank.ranges = Vec::new();
-            }
-            if !needs.emission {
-                bank.emission = Vec::new();
-            }
-            if needs.channels == 0 {
-                (bank.channels, bank.channels_m2) = (Vec::new(), Vec::new());
-            }
-            if needs.sums == Sums::NONE {
-                bank.sums = SumPlane::default();
-            }
-            if needs.samples == 0 {
-                bank.samples = SamplePlane::default();
-            } else if !needs.trajectories {
-                bank.samples.trajectories = Vec::new();
-            }
+            runs.iter().try_for_each(|run| check_pixels(bank, run, u64::MAX >> 1).map(|_| ()))?;
         }
-        if !needs.features {
-            self.features = Vec::new();
+        for plane in BESIDE {
+            runs.iter().try_for_each(|run| take_of_film(&mut from, self, plane, run))?;
         }
-        if needs.feature_planes() == 0 {
-            self.half_features = Vec::new();
-        }
-        if needs.first_hits == 0 {
-            self.first_hits = Vec::new();
-        }
-        if !needs.cost {
-            self.costs = Vec::new();
-        }
-        self.needs = *needs;
+        if from.is_empty() { Ok(rows.len()) } else { Err(Broken("rows are of another size")) }
     }
 }
 

@@ -1,6 +1,6 @@
 //! The rows of a window that a film's planes hold.
 
-use super::{Bank, FeatureMoments, Film, SamplePlane};
+use super::{Bank, Film};
 use crate::{Frame, Needs};
 use std::ops::Range;
 
@@ -51,7 +51,8 @@ impl HeldRows {
         if self.is_all() { i } else { self.place(i / self.width) * self.width + i % self.width }
     }
 
-    fn place(&self, row: usize) -> usize {
+    /// The place of a row of the window among the rows of the planes.
+    pub(super) fn place(&self, row: usize) -> usize {
         match self.places[row] {
             ABSENT => panic!("row {row} is with another process; a sampler reads Sampler::halo rows around its own"),
             place => place as usize,
@@ -116,48 +117,62 @@ impl Film {
         let shared = held.shared(&self.held);
         for bank in self.kept.iter_mut().chain(&mut self.discarded) {
             let before = std::mem::replace(bank, Bank::new(pixels, &needs));
-            bank.bring(before, &shared, width, &needs);
+            bank.bring(&before, &shared, width, &needs);
         }
-        let each = needs.feature_planes();
-        for (plane, each) in [(&mut self.features, usize::from(needs.features)), (&mut self.half_features, each)] {
-            let before = std::mem::replace(plane, vec![FeatureMoments::default(); pixels * each]);
-            bring(plane, &before, &shared, width * each);
-        }
-        let each = usize::from(needs.first_hits);
-        let before = std::mem::replace(&mut self.first_hits, vec![None; pixels * each]);
-        bring(&mut self.first_hits, &before, &shared, width * each);
-        let before = std::mem::replace(&mut self.costs, vec![0; pixels * usize::from(needs.cost)]);
-        bring(&mut self.costs, &before, &shared, width * usize::from(needs.cost));
+        let mut before = Self::without_planes(self.frame, needs);
+        std::mem::swap(&mut before.features, &mut self.features);
+        std::mem::swap(&mut before.half_features, &mut self.half_features);
+        std::mem::swap(&mut before.first_hits, &mut self.first_hits);
+        std::mem::swap(&mut before.costs, &mut self.costs);
+        self.clear_beside(pixels);
+        self.bring_beside(&before, &shared, width);
         self.held = held;
+    }
+
+    /// Copies rows of another film of the window's width, each as places here and there: the statistics that both record. This
+    /// film has samples in no other bank.
+    pub(super) fn bring(&mut self, from: &Self, shared: &[[usize; 2]]) {
+        let (needs, width) = (self.needs, self.frame.size()[0] as usize);
+        let kept = self.kept.iter_mut().zip(&from.kept);
+        kept.chain(self.discarded.iter_mut().zip(&from.discarded))
+            .for_each(|(to, from)| to.bring(from, shared, width, &needs));
+        self.bring_beside(from, shared, width);
+    }
+
+    fn bring_beside(&mut self, from: &Self, shared: &[[usize; 2]], width: usize) {
+        let needs = self.needs;
+        bring(&mut self.features, &from.features, shared, width);
+        bring(&mut self.half_features, &from.half_features, shared, width * needs.feature_planes());
+        bring(&mut self.first_hits, &from.first_hits, shared, width * usize::from(needs.first_hits));
+        bring(&mut self.costs, &from.costs, shared, width);
     }
 }
 
 impl Bank {
-    /// Takes over the rows of another bank, each as places here and there.
-    fn bring(&mut self, before: Self, shared: &[[usize; 2]], width: usize, needs: &Needs) {
-        let Self { counts, means, m2, ranges, emission, channels, channels_m2, sums, samples, ahead } = before;
+    /// Copies the rows of another bank, each as places here and there: the statistics that both record.
+    fn bring(&mut self, from: &Self, shared: &[[usize; 2]], width: usize, needs: &Needs) {
         let wide = width * usize::from(needs.channels);
-        bring(&mut self.counts, &counts, shared, width);
-        bring(&mut self.means, &means, shared, width);
-        bring(&mut self.m2, &m2, shared, width);
-        bring(&mut self.ranges, &ranges, shared, width);
-        bring(&mut self.emission, &emission, shared, width);
-        bring(&mut self.channels, &channels, shared, wide);
-        bring(&mut self.channels_m2, &channels_m2, shared, wide);
-        bring(&mut self.sums.values, &sums.values, shared, width * needs.sums.values());
-        let SamplePlane { limit: _, rows, trajectories } = samples;
-        bring(&mut self.samples.rows, &rows, shared, width);
-        bring(&mut self.samples.trajectories, &trajectories, shared, width);
-        if !ahead.is_empty() {
+        bring(&mut self.counts, &from.counts, shared, width);
+        bring(&mut self.means, &from.means, shared, width);
+        bring(&mut self.m2, &from.m2, shared, width);
+        bring(&mut self.ranges, &from.ranges, shared, width);
+        bring(&mut self.emission, &from.emission, shared, width);
+        bring(&mut self.channels, &from.channels, shared, wide);
+        bring(&mut self.channels_m2, &from.channels_m2, shared, wide);
+        bring(&mut self.sums.values, &from.sums.values, shared, width * needs.sums.values());
+        bring(&mut self.samples.rows, &from.samples.rows, shared, width);
+        bring(&mut self.samples.trajectories, &from.samples.trajectories, shared, width);
+        if !from.ahead.is_empty() {
             self.ahead.resize(self.counts.len(), 0);
-            bring(&mut self.ahead, &ahead, shared, width);
+            bring(&mut self.ahead, &from.ahead, shared, width);
         }
     }
 }
 
-/// Copies rows of `each` values from a plane; none if the film does not record it.
+/// Copies rows of `each` values from a plane; none if one of the films does not record it.
 fn bring<T: Clone>(to: &mut [T], from: &[T], shared: &[[usize; 2]], each: usize) {
-    for [new, old] in shared.iter().filter(|_| !from.is_empty() && each > 0) {
+    let both = !to.is_empty() && !from.is_empty() && each > 0;
+    for [new, old] in shared.iter().filter(|_| both) {
         to[new * each..(new + 1) * each].clone_from_slice(&from[old * each..(old + 1) * each]);
     }
 }

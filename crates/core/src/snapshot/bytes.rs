@@ -5,8 +5,11 @@ use super::Broken;
 /// A number type with a fixed number of bytes.
 pub(crate) trait Number: Copy {
     const SIZE: usize;
-    fn put(self, to: &mut [u8]);
     fn take(from: &[u8]) -> Self;
+    /// Writes as many numbers as the bytes hold.
+    fn put_all(values: &[Self], to: &mut [u8]);
+    /// Reads as many numbers as there are places.
+    fn take_all(from: &[u8], to: &mut [Self]);
 }
 
 macro_rules! number {
@@ -15,15 +18,20 @@ macro_rules! number {
             const SIZE: usize = size_of::<$kind>();
 
             #[inline]
-            fn put(self, to: &mut [u8]) {
-                to.copy_from_slice(&self.to_le_bytes());
-            }
-
-            #[inline]
             fn take(from: &[u8]) -> Self {
                 let mut bytes = [0; size_of::<$kind>()];
                 bytes.copy_from_slice(from);
                 Self::from_le_bytes(bytes)
+            }
+
+            fn put_all(values: &[Self], to: &mut [u8]) {
+                let places = to.as_chunks_mut::<{ size_of::<$kind>() }>().0;
+                places.iter_mut().zip(values).for_each(|(to, value)| *to = value.to_le_bytes());
+            }
+
+            fn take_all(from: &[u8], to: &mut [Self]) {
+                let values = from.as_chunks::<{ size_of::<$kind>() }>().0;
+                to.iter_mut().zip(values).for_each(|(to, bytes)| *to = Self::from_le_bytes(*bytes));
             }
         }
     )*};
@@ -35,15 +43,16 @@ impl<T: Number, const N: usize> Number for [T; N] {
     const SIZE: usize = N * T::SIZE;
 
     #[inline]
-    fn put(self, to: &mut [u8]) {
-        for (value, to) in self.into_iter().zip(to.chunks_exact_mut(T::SIZE)) {
-            value.put(to);
-        }
-    }
-
-    #[inline]
     fn take(from: &[u8]) -> Self {
         std::array::from_fn(|i| T::take(&from[i * T::SIZE..(i + 1) * T::SIZE]))
+    }
+
+    fn put_all(values: &[Self], to: &mut [u8]) {
+        T::put_all(values.as_flattened(), to);
+    }
+
+    fn take_all(from: &[u8], to: &mut [Self]) {
+        T::take_all(from, to.as_flattened_mut());
     }
 }
 
@@ -82,9 +91,7 @@ impl Writer {
     pub(crate) fn numbers<T: Number>(&mut self, values: &[T]) {
         let start = self.bytes.len();
         self.bytes.resize(start + values.len() * T::SIZE, 0);
-        for (to, value) in self.bytes[start..].chunks_exact_mut(T::SIZE).zip(values) {
-            value.put(to);
-        }
+        T::put_all(values, &mut self.bytes[start..]);
     }
 
     /// Writes the count of numbers, then the numbers.
@@ -138,6 +145,21 @@ impl<'a> Reader<'a> {
 
     pub(crate) fn numbers<T: Number>(&mut self, count: usize) -> Result<Vec<T>, Broken> {
         Ok(self.part(count, T::SIZE)?.rest.chunks_exact(T::SIZE).map(T::take).collect())
+    }
+
+    /// Reads as many numbers as there are places.
+    pub(crate) fn fill<T: Number>(&mut self, to: &mut [T]) -> Result<(), Broken> {
+        let from = self.part(to.len(), T::SIZE)?;
+        T::take_all(from.rest, to);
+        Ok(())
+    }
+
+    /// Refuses bytes that are too few for `count` records of at least `each` bytes.
+    pub(crate) fn expect(&self, count: usize, each: usize) -> Result<(), Broken> {
+        match count.checked_mul(each) {
+            Some(size) if size <= self.rest.len() => Ok(()),
+            _ => Err(Broken("they end too early")),
+        }
     }
 
     /// Reads the count of the records that follow, and checks it against the bytes left; each record has at least

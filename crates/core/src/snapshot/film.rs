@@ -2,13 +2,14 @@
 
 use super::Broken;
 use super::bytes::{Reader, Writer};
-use super::planes::{FIRST_HIT, put_bank, put_beside};
+use super::decode::{take_bank, take_beside};
+use super::planes::{put_bank, put_beside};
 use crate::bands::{BAND, bands};
-use crate::film::{Bank, FeatureMoments, HeldRows, Picked, REJECTED_LISTED, SamplePlane, Splats, SumPlane};
+use crate::film::{Bank, HeldRows, Picked, REJECTED_LISTED, Splats};
 use crate::{
-    Combine, Film, FirstHit, Frame, Needs, Record, Rejected, RejectedReason, RoundRecord, SampleId, Sums, TrainingSum,
-    Trajectory,
+    Combine, Film, Frame, Needs, Record, Rejected, RejectedReason, RoundRecord, SampleId, Sums, TrainingSum, Trajectory,
 };
+use std::ops::Range;
 
 /// The approximate number of bytes that encode a film.
 pub(crate) fn size(film: &Film) -> usize {
@@ -42,16 +43,6 @@ pub(super) fn put_film_end(to: &mut Writer, film: &Film) {
     film.splats.sums.iter().for_each(|sums| to.numbers(sums));
     to.number(film.splats.samples);
     to.number(film.unreported);
-}
-
-/// Reads the planes beside the banks into a film of `pixels` pixels.
-pub(crate) fn take_beside(from: &mut Reader<'_>, film: &mut Film, pixels: usize) -> Result<(), Broken> {
-    let needs = film.needs;
-    film.features = if needs.features { take_features(from, pixels)? } else { Vec::new() };
-    film.half_features = take_features(from, pixels.saturating_mul(needs.feature_planes()))?;
-    film.first_hits = take_hits(from, pixels.saturating_mul(usize::from(needs.first_hits)))?;
-    film.costs = if needs.cost { from.numbers(pixels)? } else { Vec::new() };
-    Ok(())
 }
 
 /// Reads a film whose planes have `pixels(frame)` pixels, fewer than the frame's for a shard.
@@ -126,31 +117,51 @@ fn numbers_of(frame: &Frame, band: usize) -> Vec<u32> {
 }
 
 fn take_unchecked(from: &mut Reader<'_>, pixels: impl FnOnce(&Frame) -> usize) -> Result<Film, Broken> {
+    let mut film = take_film_head(from)?;
+    let (pixels, needs) = (pixels(&film.frame), film.needs);
+    let halves = if needs.halves { 2 } else { 1 };
+    let banks = |from: &mut Reader<'_>| -> Result<Vec<Bank>, Broken> {
+        (0..halves).map(|_| take_bank(from, pixels, &needs)).collect()
+    };
+    film.kept = banks(from)?;
+    film.discarded = if from.flag()? { banks(from)? } else { Vec::new() };
+    take_beside(from, &mut film, pixels)?;
+    take_film_end(from, &mut film)?;
+    Ok(film)
+}
+
+/// Reads what precedes the planes, as a film without planes.
+pub(super) fn take_film_head(from: &mut Reader<'_>) -> Result<Film, Broken> {
     let frame = take_frame(from)?;
-    let pixels = pixels(&frame);
     let needs = take_needs(from)?;
     let combine = take_combine(from)?;
     let record = take_record(from)?;
     let rejected = take_rejected(from)?;
-    let halves = if needs.halves { 2 } else { 1 };
-    let kept = (0..halves).map(|_| take_bank(from, pixels, &needs)).collect::<Result<_, _>>()?;
-    let discarded = match from.flag()? {
-        true => (0..halves).map(|_| take_bank(from, pixels, &needs)).collect::<Result<_, _>>()?,
-        false => Vec::new(),
-    };
-    let mut film = Film { kept, discarded, combine, record, rejected, ..Film::without_planes(frame, needs) };
-    take_beside(from, &mut film, pixels)?;
-    let planes = if needs.splats { halves } else { 0 };
-    let sums = (0..planes).map(|_| from.numbers(frame.pixels())).collect::<Result<_, _>>()?;
+    Ok(Film { combine, record, rejected, ..Film::without_planes(frame, needs) })
+}
+
+/// Reads what follows the planes.
+pub(super) fn take_film_end(from: &mut Reader<'_>, film: &mut Film) -> Result<(), Broken> {
+    let planes = if film.needs.splats { film.kept.len() } else { 0 };
+    let sums = (0..planes).map(|_| from.numbers(film.frame.pixels())).collect::<Result<_, _>>()?;
     film.splats = Splats { sums, samples: from.number()? };
     film.unreported = from.number()?;
-    Ok(film)
+    Ok(())
 }
 
 /// Checks the invariants that readers of a film rely on, such as finite means.
 fn check(film: &Film) -> Result<(), Broken> {
+    check_counts(film, check_banks(film)?)
+}
+
+/// Checks all banks; returns the sum of their counts.
+pub(super) fn check_banks(film: &Film) -> Result<u64, Broken> {
     let mut samples = film.kept.iter().chain(&film.discarded).map(|bank| check_bank(bank, film.record.samples));
-    let samples = samples.try_fold(0_u64, |sum, more| sum.checked_add(more?).ok_or(Broken("counts overflow")))?;
+    samples.try_fold(0_u64, |sum, more| sum.checked_add(more?).ok_or(Broken("counts overflow")))
+}
+
+/// Compares the sum of all counts with the record.
+pub(super) fn check_counts(film: &Film, samples: u64) -> Result<(), Broken> {
     if film.unreported > samples {
         return Err(Broken("more samples report no hits than there are"));
     }
@@ -162,21 +173,32 @@ fn check(film: &Film) -> Result<(), Broken> {
 
 /// Checks the invariants of a bank in a film of `all` samples; returns the sum of its counts.
 pub(crate) fn check_bank(bank: &Bank, all: u64) -> Result<u64, Broken> {
+    check_pixels(bank, &(0..bank.counts.len()), all)
+}
+
+/// Checks the invariants of some pixels of a bank, by their places, in a film of `all` samples; returns the sum of their counts.
+pub(crate) fn check_pixels(bank: &Bank, pixels: &Range<usize>, all: u64) -> Result<u64, Broken> {
+    fn cut<'p, T>(plane: &'p [T], bank: &Bank, pixels: &Range<usize>) -> &'p [T] {
+        let each = plane.len() / bank.counts.len().max(1);
+        &plane[pixels.start * each..pixels.end * each]
+    }
     let mut samples = 0_u64;
-    for (i, &count) in bank.counts.iter().enumerate() {
+    for i in pixels.clone() {
+        let (count, ahead) = (bank.counts[i], bank.ahead.get(i).copied().unwrap_or(0));
         samples = samples.checked_add(count).ok_or(Broken("counts overflow"))?;
-        let ahead = bank.ahead.get(i).copied().unwrap_or(0);
         if count.checked_add_signed(ahead).is_none() || ahead.unsigned_abs() > all {
             return Err(Broken("an index is out of range"));
         }
     }
-    let sums = bank.means.iter().chain(&bank.m2).chain(&bank.sums.values).flatten();
-    let single = bank.emission.iter().chain(bank.samples.rows.iter().flatten()).flatten();
-    let mut single = single.chain(&bank.channels).chain(&bank.channels_m2);
-    if !(sums.into_iter().all(|v| v.is_finite()) && single.all(|v| v.is_finite())) {
+    let of = |plane| cut(plane, bank, pixels);
+    let mut sums = of(&bank.means).iter().chain(of(&bank.m2)).chain(of(&bank.sums.values)).flatten();
+    let samples_kept = cut(&bank.samples.rows, bank, pixels).iter().flatten();
+    let single = cut(&bank.emission, bank, pixels).iter().chain(samples_kept).flatten();
+    let mut single = single.chain(cut(&bank.channels, bank, pixels)).chain(cut(&bank.channels_m2, bank, pixels));
+    if !(sums.all(|v| v.is_finite()) && single.all(|v| v.is_finite())) {
         return Err(Broken("a mean is NaN or infinite"));
     }
-    if !bank.samples.trajectories.iter().flatten().all(Trajectory::is_sound) {
+    if !cut(&bank.samples.trajectories, bank, pixels).iter().flatten().all(Trajectory::is_sound) {
         return Err(Broken("a trajectory is NaN, infinite or behind the camera"));
     }
     Ok(samples)
@@ -329,76 +351,6 @@ pub(crate) fn take_rejected(from: &mut Reader<'_>) -> Result<Vec<Rejected>, Brok
         Ok(Rejected { sample, reason })
     };
     (0..count).map(|_| one(from)).collect()
-}
-
-pub(crate) fn take_bank(from: &mut Reader<'_>, pixels: usize, needs: &Needs) -> Result<Bank, Broken> {
-    let channels = pixels.saturating_mul(usize::from(needs.channels));
-    let counts: Vec<u64> = from.numbers(pixels)?;
-    Ok(Bank {
-        means: from.numbers(pixels)?,
-        m2: from.numbers(if needs.variance { pixels } else { 0 })?,
-        ranges: from.numbers(if needs.extrema { pixels } else { 0 })?,
-        emission: from.numbers(if needs.emission { pixels } else { 0 })?,
-        channels: from.numbers(channels)?,
-        channels_m2: from.numbers(if needs.variance { channels } else { 0 })?,
-        sums: SumPlane { kinds: needs.sums, values: from.numbers(pixels.saturating_mul(needs.sums.values()))? },
-        samples: take_samples(from, &counts, needs)?,
-        counts,
-        ahead: match from.flag()? {
-            true => from.numbers(pixels)?,
-            false => Vec::new(),
-        },
-    })
-}
-
-/// Reads as many samples of each pixel as its count, but at most as many as there can be, and their trajectories.
-fn take_samples(from: &mut Reader<'_>, counts: &[u64], needs: &Needs) -> Result<SamplePlane, Broken> {
-    let limit = needs.samples;
-    let counts = if limit > 0 { counts } else { &[] };
-    let length = |count: &u64| (*count).min(u64::from(limit)) as usize;
-    let rows = counts.iter().map(|count| from.numbers(length(count))).collect::<Result<_, _>>()?;
-    let path = |[inverse_depth, x, y, z]: [f32; 4]| Trajectory::new(inverse_depth, [x, y, z]);
-    let mut paths = |count| Ok(from.numbers(length(count))?.into_iter().map(path).collect());
-    let counts = if needs.trajectories { counts } else { &[] };
-    Ok(SamplePlane { limit, rows, trajectories: counts.iter().map(&mut paths).collect::<Result<_, _>>()? })
-}
-
-fn take_features(from: &mut Reader<'_>, pixels: usize) -> Result<Vec<FeatureMoments>, Broken> {
-    let mut from = from.part(pixels, size_of::<FeatureMoments>())?;
-    let mut one = || {
-        let [samples, hits] = from.number()?;
-        let [mean, m2] = from.number()?;
-        Ok(FeatureMoments { samples, hits, mean, m2 })
-    };
-    (0..pixels).map(|_| one()).collect()
-}
-
-fn take_hits(from: &mut Reader<'_>, count: usize) -> Result<Vec<Option<FirstHit>>, Broken> {
-    let mut from = from.part(count, FIRST_HIT)?;
-    let mut hits = Vec::with_capacity(count);
-    for _ in 0..count {
-        let there = from.flag()?;
-        let [position, geometric_normal, shading_normal, albedo] = from.number()?;
-        let [depth, footprint, roughness] = from.number()?;
-        let [material, shape, primitive] = from.number()?;
-        let hit = FirstHit {
-            position,
-            geometric_normal,
-            shading_normal,
-            albedo,
-            depth,
-            footprint,
-            roughness,
-            material,
-            shape,
-            primitive,
-        };
-        if !hit.is_finite() {
-            return Err(Broken("a first hit is NaN or infinite"));
-        }
-        hits.push(there.then_some(hit));
-    }
-    Ok(hits)
 }
 
 /// Writes training data: the number of entries, then four numbers per entry.

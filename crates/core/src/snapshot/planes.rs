@@ -1,4 +1,5 @@
 //! The planes of a film's pixels as bytes, in the order of a snapshot: whole planes, or some pixels of them.
+//! `decode.rs` reads them.
 
 use super::bytes::{Number, Writer};
 use crate::film::Bank;
@@ -44,6 +45,11 @@ pub(crate) const OF_BANK: [Plane; 11] = [
 pub(crate) const BESIDE: [Plane; 4] = [Plane::Features, Plane::HalfFeatures, Plane::FirstHits, Plane::Costs];
 
 impl Plane {
+    /// True if all pixels have the same number of bytes, and the plane is there if it is recorded.
+    pub(crate) fn is_fixed(self) -> bool {
+        !matches!(self, Self::Ahead | Self::Samples | Self::Trajectories)
+    }
+
     /// The encoded bytes of a pixel, 0 in a plane that is not recorded; of a single sample for [`Plane::Samples`] and
     /// [`Plane::Trajectories`].
     pub(crate) fn bytes(self, needs: &Needs) -> usize {
@@ -69,17 +75,24 @@ impl Plane {
 }
 
 /// The encoded bytes of a pixel's features: two counts, ten means and ten sums of squared deviations.
-const FEATURES: usize = 88;
+pub(super) const FEATURES: usize = 88;
 /// The encoded bytes of a first hit.
 pub(crate) const FIRST_HIT: usize = 73;
 
 /// Writes a bank of a film.
 pub(crate) fn put_bank(to: &mut Writer, bank: &Bank) {
+    put_planes_of_bank(to, bank, |_| true, &(0..bank.counts.len()));
+}
+
+/// Writes some pixels of the planes of a bank that are `wanted`, by their places.
+pub(crate) fn put_planes_of_bank(to: &mut Writer, bank: &Bank, wanted: impl Fn(Plane) -> bool, pixels: &Range<usize>) {
     for plane in OF_BANK {
         if plane == Plane::Ahead {
             to.flag(!bank.ahead.is_empty());
         }
-        put_of_bank(to, bank, plane, &(0..bank.counts.len()));
+        if wanted(plane) {
+            put_of_bank(to, bank, plane, pixels);
+        }
     }
 }
 
