@@ -6,7 +6,8 @@
 //! A sampler that plans by rows ([`Sampler::halo`](crate::Sampler::halo)) plans the own rows only, and the film holds these and
 //! the rows around them. Before a round, a process gets the rows around its own ones, and bands that it takes over. The pixels
 //! of all are gathered at the end, unless the render stays [in bands](crate::Render::in_bands). Monitors get the state of all in
-//! pieces ([`Monitor::saved`](crate::Monitor::saved), [`Monitor::rows`](crate::Monitor::rows)). Other samplers plan the whole image on every
+//! pieces ([`Monitor::saved`](crate::Monitor::saved), [`Monitor::rows`](crate::Monitor::rows)), and resumed processes get their rows of it
+//! in pieces ([`Render::read_snapshot`](crate::Render::read_snapshot)). Other samplers plan the whole image on every
 //! process, as do renders with splats or an error limit. They gather everyone's pixels at the end of each round.
 //!
 //! ```

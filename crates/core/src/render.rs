@@ -20,6 +20,8 @@ mod team;
 mod tile;
 mod training;
 
+use budget::Meter;
+use halos::runs_at_first;
 pub use methods::Methods;
 pub use pull::Round;
 pub use session::Session;
@@ -27,7 +29,7 @@ pub use stage::Stage;
 use team::Team;
 pub use tile::{Samples, Tile};
 
-use crate::snapshot::View;
+use crate::snapshot::{View, source::Source};
 use crate::{
     Error, Exchange, Film, Filter, Frame, Integrator, Limits, Needs, Sampler, Snapshot, TrainingData, exchange,
 };
@@ -296,11 +298,54 @@ impl<'a> Render<'a> {
         sampler: &mut dyn Sampler,
     ) -> Result<Film, Error> {
         let render = self.needs(integrator.needs());
-        let mut session = render.session(sampler, Some(snapshot))?;
+        let share = render.exchange.as_ref().map(|exchange| exchange.share());
+        let mut session = render.session(sampler, Some(snapshot))?.with_its_rows(share)?;
         session.training = render.training;
         session.state.passes.iter().for_each(|pass| integrator.learn(pass));
         drive(&mut session, integrator, render.monitor, (render.exchange, render.in_bands))?;
         Ok(session.into_film())
+    }
+
+    /// Reads a [`Snapshot`] to resume from, in pieces of some rows, together with the processes of [`Render::exchange`].
+    ///
+    /// The process that has the bytes passes them with their number, the others pass `None`. Where the sampler plans by rows
+    /// ([`Sampler::halo`]), each process gets its own rows, so that none holds the film of all. The number of processes may
+    /// differ from that of the render that was saved. One process gets what [`Snapshot::from_bytes`] returns.
+    ///
+    /// ```
+    /// # use dapple_core::{PointSet, SampleId};
+    /// # struct Centre;
+    /// # impl PointSet for Centre {
+    /// #     fn describe(&self) -> String { "centre".into() }
+    /// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
+    /// #     fn capacity(&self) -> u64 { u64::MAX }
+    /// # }
+    /// use dapple_core::samplers::Uniform;
+    /// use dapple_core::{Frame, Limits, Render, Session, Snapshot};
+    ///
+    /// let (frame, limits) = (Frame::new(8, 6)?, Limits::spp(4.0));
+    /// let saved = Session::new(frame, limits.clone(), Uniform::new(Centre))?.snapshot();
+    /// let read = Render::new(frame, &limits).read_snapshot(Some((&mut &saved[..], saved.len() as u64)), &Uniform::new(Centre))?;
+    /// assert_eq!(read, Snapshot::from_bytes(&saved)?);
+    /// # Ok::<(), dapple_core::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadSnapshot`] on the process that reads or gets bytes of another kind or version, truncated or inconsistent
+    /// ones, and [`Error::Exchange`] with its report on the others.
+    pub fn read_snapshot(
+        self,
+        source: Option<(&mut dyn std::io::Read, u64)>,
+        sampler: &dyn Sampler,
+    ) -> Result<Snapshot, Error> {
+        let of = self.exchange.as_ref().map_or(1, |exchange| exchange.share().of());
+        let meter = Meter::new(self.limits, &self.frame)?;
+        let rows = |film: &Film| {
+            let by_rows = of > 1 && session::halo(sampler, &meter, film.needs()).is_some();
+            by_rows.then(|| runs_at_first(film.frame(), of))
+        };
+        Snapshot::read_rows(source.map(Source::new), rows, self.exchange)
     }
 
     /// The engine of this render: a new one, or one that continues a snapshot.

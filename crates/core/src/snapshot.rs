@@ -4,6 +4,7 @@ pub(crate) mod bytes;
 pub(crate) mod decode;
 pub(crate) mod film;
 pub(crate) mod planes;
+pub(crate) mod source;
 pub(crate) mod stream;
 
 use crate::render::holdout::Holdout;
@@ -280,23 +281,23 @@ impl Snapshot {
 
     fn read_with(bytes: &[u8], film: impl FnOnce(&mut Reader<'_>) -> Result<Film, Broken>) -> Result<Self, Broken> {
         let mut from = Reader::new(bytes);
-        check_head(&mut from, MAGIC, VERSION)?;
-        let (sampler, points) = (from.text()?, from.text()?);
-        let bounds = from.number()?;
-        let (round, total, seconds) = (from.number()?, from.number()?, from.number::<f64>()?);
-        if !(seconds.is_finite() && seconds >= 0.0) {
-            return Err(Broken("a time is not a number of seconds"));
-        }
+        let head = Head::take(&mut from)?;
         let film = film(&mut from)?;
+        Self::take_end(&mut from, head, film)
+    }
+
+    /// Reads what follows the film.
+    fn take_end(from: &mut Reader<'_>, head: Head, film: Film) -> Result<Self, Broken> {
+        let Head { sampler, points, bounds, round, total, seconds } = head;
         let sampler_state = from.list()?;
         let count = from.count(8)?;
         let mut passes = Vec::new();
         for _ in 0..count {
-            let pass = TrainingData::sorted(take_training(&mut from)?);
+            let pass = TrainingData::sorted(take_training(from)?);
             passes.push(pass.ok_or(Broken("training data is out of order"))?);
         }
-        let open = if from.flag()? { Some(take_round(&mut from, &film)?) } else { None };
-        let holdout = if from.flag()? { Some(Holdout::take(&mut from, &film)?) } else { None };
+        let open = if from.flag()? { Some(take_round(from, &film)?) } else { None };
+        let holdout = if from.flag()? { Some(Holdout::take(from, &film)?) } else { None };
         if !from.is_empty() {
             return Err(Broken("there are bytes after the end"));
         }
@@ -347,6 +348,29 @@ impl Snapshot {
             differ.push(format!("{what} was not recorded and is now needed"));
         }
         if differ.is_empty() { Ok(()) } else { Err(Error::OtherRender { what: differ.join("; ") }) }
+    }
+}
+
+/// What precedes the film in a snapshot.
+struct Head {
+    sampler: String,
+    points: String,
+    bounds: [u32; 2],
+    round: u32,
+    total: u64,
+    seconds: f64,
+}
+
+impl Head {
+    fn take(from: &mut Reader<'_>) -> Result<Self, Broken> {
+        check_head(from, MAGIC, VERSION)?;
+        let (sampler, points) = (from.text()?, from.text()?);
+        let bounds = from.number()?;
+        let (round, total, seconds) = (from.number()?, from.number()?, from.number::<f64>()?);
+        match seconds.is_finite() && seconds >= 0.0 {
+            true => Ok(Self { sampler, points, bounds, round, total, seconds }),
+            false => Err(Broken("a time is not a number of seconds")),
+        }
     }
 }
 

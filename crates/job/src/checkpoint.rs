@@ -10,9 +10,11 @@
 mod contents;
 mod error;
 mod file_system;
+mod opened;
 mod store;
 
 pub use contents::{Contents, Damage, Identity, Kind};
 pub use error::Error;
 pub use file_system::{Disk, FileSystem};
+pub use opened::Opened;
 pub use store::{Found, Generation, Saving, Store};

@@ -17,7 +17,7 @@ pub use monitor::{JobMonitor, RenderMonitor};
 pub use plan_file::{PlanFile, StageTask};
 pub use shards::ShardSet;
 
-use crate::checkpoint::Identity;
+use crate::checkpoint::{Identity, Opened};
 use crate::chosen;
 use crate::load::{LoadOptions, LoadedScene, PreparedScene, frame, limits, setting};
 use crate::memory::MemoryEstimate;
@@ -288,9 +288,29 @@ impl Job {
             Some(_) => self.identity()?,
             None => Identity::default(),
         };
-        let bytes = checkpoints.as_ref().map(|c| c.snapshot(&identity, monitor)).transpose()?.flatten();
-        let snapshot = checkpoints.as_ref().zip(bytes).map(|(c, bytes)| c.decode(&bytes)).transpose()?;
+        let resumed = checkpoints.as_ref().map(|c| c.resumed(&identity, monitor)).transpose()?.flatten();
+        let snapshot = resumed.map(|file| self.snapshot(Some(file), checkpoints.as_ref(), None)).transpose()?;
         self.trace((snapshot, identity), checkpoints, monitor, None)
+    }
+
+    /// Reads a checkpoint in pieces, together with other processes if there are some: one has the file.
+    fn snapshot(
+        &self,
+        mut file: Option<Opened>,
+        checkpoints: Option<&Checkpoints>,
+        exchange: Option<&mut dyn Exchange>,
+    ) -> Result<Snapshot, JobError> {
+        let render = Render::new(self.frame, &self.limits);
+        let render = match exchange {
+            Some(exchange) => render.exchange(exchange),
+            None => render,
+        };
+        let length = file.as_ref().map_or(0, Opened::length);
+        let source = file.as_mut().map(|file| (file as &mut dyn std::io::Read, length));
+        render.read_snapshot(source, &*self.sampler).map_err(|error| match (checkpoints, error) {
+            (Some(checkpoints), error @ Error::BadSnapshot { .. }) => checkpoints.named(error),
+            (_, error) => error.into(),
+        })
     }
 
     /// Traces the render, from a snapshot if there is one, alone or with other processes.

@@ -8,7 +8,6 @@ use dapple_job::{
     PlanFile, PreparedScene, RenderSpec, RenderedImage, Traced, Warning,
 };
 use std::fs::File;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 /// Five bands of 16 rows: fewer than the largest number of processes.
@@ -159,95 +158,6 @@ fn processes_with_other_scenes_or_settings_list_the_differences() {
     });
     assert!(errors[0].contains("rank 1: checkpoints and shards need a digest"), "{}", errors[0]);
     assert!(errors[1].starts_with("checkpoints and shards need a digest"), "{}", errors[1]);
-}
-
-/// Dies in the middle of a round.
-struct Dies {
-    in_round: u32,
-}
-
-impl JobMonitor for Dies {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
-        assert!(status.round < self.in_round, "killed");
-        Control::Continue
-    }
-}
-
-/// Notes the number of samples from which the render goes on.
-#[derive(Default)]
-struct Resumes {
-    spp: Option<f64>,
-}
-
-impl JobMonitor for Resumes {
-    fn slice(&mut self, _: &Status<'_>) -> Control {
-        Control::Continue
-    }
-
-    fn resumed(&mut self, spp: f64) {
-        self.spp = Some(spp);
-    }
-}
-
-#[test]
-fn a_render_whose_process_died_goes_on_from_the_last_barrier_with_any_number_of_processes() {
-    let spec = spec("many-lights");
-    let prepared = prepared(&spec);
-    let wanted = alone(&prepared, &spec);
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("checkpoint");
-    let options = || CheckpointOptions::default().keep(&path).resume(&path);
-    // The second of three dies in the second round, then one of seven in the third.
-    let mut before = 0.0;
-    for (of, in_round) in [(3, 1), (7, 2)] {
-        let ends = together(of, |mut end| {
-            let index = end.share().index();
-            let checkpoints = if index == 0 { options().open().unwrap_or_else(|e| panic!("{e}")) } else { None };
-            let mut resumes = Resumes::default();
-            let mut dies = Dies { in_round };
-            let outcome = catch_unwind(AssertUnwindSafe(|| {
-                let monitor: &mut dyn JobMonitor = if index == 1 { &mut dies } else { &mut resumes };
-                let ran = job(&prepared, &spec).run_together(checkpoints, monitor, &mut end).map(|_| ());
-                drop(end);
-                ran
-            }));
-            (outcome, resumes.spp)
-        });
-        for (index, (outcome, resumed)) in ends.into_iter().enumerate() {
-            match outcome {
-                Err(_) => assert_eq!(index, 1),
-                Ok(ran) => {
-                    assert!(ran.expect_err("one is gone").to_string().contains("a process of this render is gone"))
-                }
-            }
-            if index != 1 && in_round > 1 {
-                // The first round was not repeated.
-                let spp = resumed.expect("it goes on");
-                assert!(spp > before);
-                before = if index == 0 { spp - 1e-9 } else { before };
-            }
-        }
-    }
-    // All rounds but the one that was cut are kept: two processes end it, and an ordinary render does.
-    let images = together(2, |mut end| {
-        let checkpoints = if end.share().index() == 0 {
-            std::fs::copy(&path, folder.path().join("copy")).expect("a copy");
-            let copy = folder.path().join("copy");
-            CheckpointOptions::default().resume(copy).open().unwrap_or_else(|e| panic!("{e}"))
-        } else {
-            None
-        };
-        let mut job = job(&prepared, &spec);
-        let mut resumes = Resumes::default();
-        let traced = job.run_together(checkpoints, &mut resumes, &mut end).unwrap_or_else(|e| panic!("{e}"));
-        assert!(resumes.spp.expect("it goes on") > before);
-        finished_together(&job, traced, &mut end)
-    });
-    assert!(images[0].as_ref() == Some(&wanted));
-    let mut one = job(&prepared, &spec);
-    let checkpoints = options().open().unwrap_or_else(|e| panic!("{e}"));
-    let traced = one.run(checkpoints, &mut NoMonitor).unwrap_or_else(|e| panic!("{e}"));
-    assert!(bits(&one.finish(traced.film).unwrap_or_else(|e| panic!("{e}"))) == wanted);
 }
 
 /// A disk that is full after some bytes of each file.

@@ -7,7 +7,6 @@ use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, failure};
 use dapple_core::exchange::agree;
 use dapple_core::{Exchange, Shard};
-use dapple_job::checkpoint::Store;
 use dapple_job::memory::MemoryLimit;
 use dapple_job::{Checkpoints, Job, LoadOptions, RenderSpec};
 
@@ -126,8 +125,7 @@ fn ready(args: &RenderArgs, spec: &RenderSpec, show: &Show<'_>, share: Shard) ->
     }
     let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(None) };
     let shows = is_first && args.live().is_on();
-    let resumes = args.checkpoints().resume.is_some_and(|from| Store::exists(&from));
-    let expected = job.memory_together(share, checkpoints.is_some(), resumes).map_err(|e| failure::of_job(&e))?;
+    let expected = job.memory_together(share, checkpoints.is_some()).map_err(|e| failure::of_job(&e))?;
     let expected = if shows { expected.with_live_image(job.frame()) } else { expected };
     expected.check(limit).map_err(|e| failure::of_job(&e))?;
     Ok(Some(Ready { job, cpu, expected, checkpoints, progress }))

@@ -64,6 +64,11 @@ impl HeldRows {
         self.is_all() || self.places[i / self.width] != ABSENT
     }
 
+    /// True if the planes hold the own rows of `other`, which holds some.
+    pub(crate) fn has_own_of(&self, other: &Self) -> bool {
+        self.is_all() || other.own().iter().all(|&row| self.places.get(row as usize).is_some_and(|at| *at != ABSENT))
+    }
+
     /// The places of some pixels, by their numbers in the window.
     pub(super) fn places(&self, pixels: &[u32]) -> Vec<u32> {
         pixels.iter().map(|&i| self.at(i as usize) as u32).collect()

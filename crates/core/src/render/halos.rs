@@ -23,6 +23,13 @@ pub(super) fn held_at_first(frame: &Frame, share: Shard, halo: u32) -> HeldRows 
     held(&Deal::in_turn(frame.size()[1] as usize, share.of()), frame, share.index(), halo)
 }
 
+/// The runs of rows of each process before the first deal by cost.
+pub(super) fn runs_at_first(frame: &Frame, of: u32) -> Vec<Vec<Range<usize>>> {
+    let rows = frame.size()[1] as usize;
+    let deal = Deal::in_turn(rows, of);
+    (0..of).map(|who| deal.runs(who, rows)).collect()
+}
+
 /// The own rows of process `me`, and `halo` rows around them.
 fn held(deal: &Deal, frame: &Frame, me: u32, halo: u32) -> HeldRows {
     let rows = frame.size()[1] as usize;

@@ -132,7 +132,7 @@ impl<'a> Session<'a> {
         snapshot: Snapshot,
     ) -> Result<Self, Error> {
         let methods = methods.into().with_filter_needs();
-        Self::of_render(frame, &limits, methods, Some(snapshot), None)
+        Self::of_render(frame, &limits, methods, Some(snapshot), None)?.with_its_rows(None)
     }
 
     /// The session of a render. It records what the methods ask for, and what sampler, limits and an error limit's filter need.
@@ -160,6 +160,9 @@ impl<'a> Session<'a> {
             Some(snapshot) => continued(snapshot, &mut *sampler, &mut meter, (&needs, limits), &frame)?,
         };
         if let Some(held) = held.filter(|held| *held != state.film.held) {
+            if !state.film.held.has_own_of(&held) {
+                return Err(rows_missing());
+            }
             state.film.hold(held);
         }
         let (clock, limits) = (Clock::start(seconds), limits.clone());
@@ -180,6 +183,12 @@ impl<'a> Session<'a> {
             training,
             tile_side,
         })
+    }
+
+    /// The session if the film has the rows of process `share`, or all if there is none or if it plans the whole image.
+    pub(super) fn with_its_rows(self, share: Option<Shard>) -> Result<Self, Error> {
+        let is_part = share.is_some_and(|share| share.of() > 1) && self.halo().is_some();
+        if is_part || self.state.film.is_whole() { Ok(self) } else { Err(rows_missing()) }
     }
 
     /// Plans the next round, or returns the open one if only a part of it was submitted; `None` when the limits are met.
@@ -453,9 +462,15 @@ impl<'a> Session<'a> {
 /// The rows beyond its own ones that a process reads to plan them; `None` if every process plans the whole image.
 ///
 /// The error of a filtered image concerns the whole film, and splats of one process fall on all pixels.
-fn halo(sampler: &dyn Sampler, meter: &Meter, needs: &Needs) -> Option<u32> {
+pub(super) fn halo(sampler: &dyn Sampler, meter: &Meter, needs: &Needs) -> Option<u32> {
     let reads_all = meter.goal().is_some() || needs.splats;
     sampler.halo().filter(|_| !reads_all)
+}
+
+/// The error for a snapshot that lacks rows of this process.
+fn rows_missing() -> Error {
+    let what = "it has the rows of another process; read it by Render::read_snapshot with the same exchange".into();
+    Error::OtherRender { what }
 }
 
 /// The state of a snapshot, checked against the render that continues it, and the seconds that it took.

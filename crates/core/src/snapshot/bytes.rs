@@ -162,6 +162,11 @@ impl<'a> Reader<'a> {
         }
     }
 
+    /// The number of bytes that are left.
+    pub(crate) fn left(&self) -> usize {
+        self.rest.len()
+    }
+
     /// Reads the count of the records that follow, and checks it against the bytes left; each record has at least
     /// `each` bytes.
     pub(crate) fn count(&mut self, each: usize) -> Result<usize, Broken> {

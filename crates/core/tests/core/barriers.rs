@@ -4,10 +4,11 @@ use crate::common::{Field, Independent, everything, frame, noise};
 use crate::exchange::{More, adaptive, all, needs, together};
 use dapple_core::exchange::{Exchange, InMemory};
 use dapple_core::{
-    Control, Draws, Error, Estimate, Film, Integrator, Limits, Monitor, Needs, PilotPolicy, Render, Sampler, Shard,
-    Snapshot, Status, Worker,
+    Control, Draws, Error, Estimate, Film, Frame, Integrator, Limits, Monitor, Needs, PilotPolicy, Render, Sampler,
+    Shard, Snapshot, Status, Worker,
 };
 use std::cell::Cell;
+use std::io::Read;
 use std::time::Duration;
 
 /// Keeps the state of all after each barrier and at the end, the rows of all, and the processes' seconds.
@@ -189,6 +190,14 @@ fn no_process_holds_the_film_of_all_at_a_barrier() {
 fn a_render_resumed_at_a_barrier_by_any_number_of_processes_is_the_same() {
     resumed_at_barriers(needs());
     resumed_at_barriers(everything().with_channels(2));
+    resumed_at_barriers(everything().with_samples(4).with_trajectories());
+}
+
+/// Reads a state that process `reader` has.
+fn read<'a>(state: &[u8], end: &'a mut dyn Exchange, render: Render<'a>, reader: u32) -> Result<Snapshot, Error> {
+    let (mut bytes, length) = (state, state.len() as u64);
+    let source = (end.share().index() == reader).then_some((&mut bytes as &mut dyn Read, length));
+    render.exchange(end).read_snapshot(source, &adaptive(PilotPolicy::Keep))
 }
 
 fn resumed_at_barriers(needs: Needs) {
@@ -210,17 +219,124 @@ fn resumed_at_barriers(needs: Needs) {
     // Four barriers, and the end.
     assert_eq!(states[0].len(), 5);
     for (state, of) in states[0].iter().zip([7, 1, 2, 3]) {
-        let films = together(of, |mut end| {
-            let snapshot = Snapshot::from_bytes(state).unwrap();
-            let render = render!().exchange(&mut end);
-            render.resume(snapshot, &mut More::default(), &mut adaptive(policy)).unwrap()
-        });
-        assert!(films.iter().all(|film| all(film) == alone));
+        for in_pieces in [false, true] {
+            let films = together(of, |mut end| {
+                let snapshot = match in_pieces {
+                    true => read(state, &mut end, render!(), of - 1).unwrap(),
+                    false => Snapshot::from_bytes(state).unwrap(),
+                };
+                let render = render!().exchange(&mut end);
+                render.resume(snapshot, &mut More::default(), &mut adaptive(policy)).unwrap()
+            });
+            assert!(films.iter().all(|film| all(film) == alone), "{of} processes, in pieces: {in_pieces}");
+        }
     }
     // One process goes on without an exchange, too.
     let snapshot = Snapshot::from_bytes(&states[1][1]).unwrap();
     let film = render!().resume(snapshot, &mut More::default(), &mut adaptive(policy)).unwrap();
     assert!(all(&film) == alone);
+}
+
+/// A state at the last barrier but one, with discarded samples, those kept one by one, and channels.
+fn a_state(frame: Frame, limits: &Limits, needs: Needs, policy: PilotPolicy) -> Vec<u8> {
+    let mut states = together(2, |mut end| {
+        let mut barriers = Barriers::default();
+        let render = Render::new(frame, limits).needs(needs).exchange(&mut end).in_bands().monitor(&mut barriers);
+        render.run(&mut Field(noise), &mut adaptive(policy)).unwrap();
+        barriers.states
+    });
+    let states = states.remove(0);
+    states[states.len() - 2].clone()
+}
+
+/// Bytes of which the longest piece is known.
+struct Pieces<'s>(&'s [u8], usize);
+
+impl Read for Pieces<'_> {
+    fn read(&mut self, to: &mut [u8]) -> std::io::Result<usize> {
+        let read = self.0.read(to)?;
+        self.1 = self.1.max(read);
+        Ok(read)
+    }
+}
+
+/// A process gets at most 4 MiB and small heads at once, and the film of its own rows. The negative control is one process.
+#[test]
+fn no_process_holds_the_film_of_all_when_it_resumes() {
+    let (frame, limits) = (frame(256, 512), Limits::samples(256 * 512 * 2));
+    let needs = everything();
+    let all = Film::bytes_per_pixel(&needs) * frame.pixels();
+    let state = a_state(frame, &limits, needs, PilotPolicy::Keep);
+    let whole = Snapshot::from_bytes(&state).unwrap();
+    let run = |of: u32| {
+        together(of, |end| {
+            AT_BARRIER.set(true);
+            let (mut end, mut bytes) = (Counted(end, 0), Pieces(&state, 0));
+            let source = (end.share().index() == 0).then_some((&mut bytes as &mut dyn Read, state.len() as u64));
+            let render = Render::new(frame, &limits).needs(needs).exchange(&mut end);
+            let snapshot = render.read_snapshot(source, &adaptive(PilotPolicy::Keep)).unwrap();
+            assert_eq!(snapshot == whole, of == 1);
+            [snapshot.film().bytes(), end.1, bytes.1]
+        })
+    };
+    for [held, got, piece] in run(4) {
+        assert!(held <= all * 26 / 100 && held > all / 5, "{held} of {all}");
+        assert!(got <= (4 << 20) + 64 && piece <= 4 << 20, "{got} {piece}");
+    }
+    assert_eq!(run(1)[0][0], all);
+}
+
+/// Every process reports an error, and none waits for another: the one that reads with its own words, the others name it.
+#[test]
+fn a_state_that_is_cut_short_or_damaged_is_refused_by_all_processes() {
+    let (frame, limits) = (frame(17, 70), Limits::samples(17 * 70 * 17 + 5));
+    let needs = everything().with_samples(4);
+    let state = a_state(frame, &limits, needs, PilotPolicy::Keep);
+    let errors = |state: &[u8], of: u32| {
+        together(of, |mut end| {
+            let render = Render::new(frame, &limits).needs(needs);
+            read(state, &mut end, render, 0).map(|_| ()).map_err(|e| e.to_string())
+        })
+    };
+    let refused = |state: &[u8], what: &str| {
+        for of in [1, 3] {
+            for (rank, error) in errors(state, of).into_iter().enumerate() {
+                let error = error.expect_err("it is damaged");
+                assert!(error.contains(what), "rank {rank} of {of}: {error}");
+            }
+        }
+    };
+    for cut in (0..state.len()).step_by(state.len() / 40).chain([state.len() - 1]) {
+        refused(&state[..cut], "they end too early");
+    }
+    refused(&[&state[..], b"more"].concat(), "there are bytes after the end");
+    refused(&[&[7; 4096], &state[4096..]].concat(), "they start with another signature");
+    // The mean of a pixel in the middle, which the second process gets.
+    let film = Snapshot::from_bytes(&state).unwrap();
+    let mean = film.film().half_film(0).unwrap().mean(17 * 20)[0].to_le_bytes();
+    let at = state.windows(8).position(|eight| eight == mean).unwrap();
+    let damaged = [&state[..at], &f64::NAN.to_le_bytes(), &state[at + 8..]].concat();
+    refused(&damaged, "a mean is NaN or infinite");
+    // The negative control.
+    assert!(errors(&state, 3).iter().all(Result::is_ok));
+}
+
+/// Rows that another process got must not be taken for pixels without samples.
+#[test]
+fn a_snapshot_with_the_rows_of_another_process_is_refused() {
+    let (frame, limits) = (frame(17, 70), Limits::samples(17 * 70 * 17 + 5));
+    let state = a_state(frame, &limits, everything(), PilotPolicy::Keep);
+    let parts = together(2, |mut end| read(&state, &mut end, Render::new(frame, &limits), 0).unwrap());
+    let refused = together(2, |mut end| {
+        let other = parts[1 - end.share().index() as usize].clone();
+        let render = Render::new(frame, &limits).needs(everything()).exchange(&mut end);
+        render.resume(other, &mut Field(noise), &mut adaptive(PilotPolicy::Keep)).unwrap_err().to_string()
+    });
+    let render = Render::new(frame, &limits).needs(everything());
+    let alone = render.resume(parts[0].clone(), &mut Field(noise), &mut adaptive(PilotPolicy::Keep));
+    for error in refused.into_iter().chain([alone.unwrap_err().to_string()]) {
+        assert!(error.contains("it has the rows of another process; read it by Render::read_snapshot"), "{error}");
+    }
 }
 
 #[test]

@@ -6,7 +6,7 @@
 //!
 //! In a plan file, bands of the film follow. The body lists their lengths and checksums, so that a task reads its own only.
 
-use super::Error;
+use super::{Error, Opened};
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
@@ -160,19 +160,13 @@ impl Contents {
     /// [`Error::Missing`] without a file, [`Error::Read`] if the system cannot read it, [`Error::Damaged`] if its bytes
     /// are invalid.
     pub fn read(path: &Path, kind: Kind) -> Result<Self, Error> {
-        let bytes = std::fs::metadata(path).and_then(|found| match found.is_file() {
-            true => std::fs::read(path),
-            false => Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, "not a regular file")),
-        });
-        let bytes = bytes.map_err(|source| unread(path, kind, source))?;
-        let damaged = |damage| Error::Damaged { path: path.to_owned(), damage };
-        // The checksum of a plan ends before its bands.
-        let is_followed = length(&bytes).is_some_and(|all| all < bytes.len() as u64);
-        if kind != Kind::Plan && is_followed && Self::read_start(path).is_ok() {
-            return Err(damaged(Damage::Kind));
+        let mut opened = Opened::open(path, kind)?;
+        let mut body = Vec::with_capacity(usize::try_from(opened.length()).unwrap_or(0));
+        opened.read_to_end(&mut body).map_err(|source| unread(path, kind, source))?;
+        match body.len() as u64 == opened.length() {
+            true => Ok(Self { kind, identity: opened.identity().clone(), body }),
+            false => Err(Error::Damaged { path: path.to_owned(), damage: Damage::Short }),
         }
-        let contents = Contents::from_bytes(bytes).map_err(damaged)?;
-        if contents.kind == kind { Ok(contents) } else { Err(damaged(Damage::Kind)) }
     }
 
     /// Reads the beginning of a plan file, without the bands that follow. Returns the open file and the length of what was
@@ -221,31 +215,45 @@ impl Contents {
     ///
     /// The [`Damage`], which distinguishes truncated, changed and foreign files.
     pub fn from_bytes(mut bytes: Vec<u8>) -> Result<Self, Damage> {
-        let begun = &bytes[..bytes.len().min(MAGIC.len())];
-        if !MAGIC.starts_with(begun) {
-            return Err(Damage::Foreign);
-        }
-        let (head, sum) = bytes.split_last_chunk::<4>().ok_or(Damage::Short)?;
-        let mut reader = Reader(head.get(MAGIC.len()..).ok_or(Damage::Short)?);
-        if reader.number()? != VERSION {
-            return Err(Damage::Version);
-        }
-        let whole = crc32fast::hash(head) == u32::from_le_bytes(*sum);
-        let (kind, identity, length) = match reader.head() {
-            Ok(read) if whole => read,
-            // Truncated and changed bytes look alike, except if the body is shorter than its stored length.
-            Ok((_, _, length)) if reader.0.len() as u64 != length => return Err(Damage::Short),
-            _ if !whole => return Err(Damage::Checksum),
-            _ => return Err(Damage::Nonsense),
-        };
-        let rest = reader.0.len();
-        if rest as u64 != length {
-            return Err(Damage::Nonsense);
-        }
-        let start = head.len() - rest;
+        let covered = bytes.len().saturating_sub(4);
+        let (head, start) = begin(&bytes[..covered.max(bytes.len().min(MAGIC.len()))])?;
+        let (covered, sum) = bytes.split_last_chunk::<4>().ok_or(Damage::Short)?;
+        let whole = crc32fast::hash(covered) == u32::from_le_bytes(*sum);
+        let (kind, identity) = judged(head, (covered.len() - start) as u64, whole)?;
         bytes.truncate(bytes.len() - 4);
         bytes.drain(..start);
         Ok(Self { kind, identity, body: bytes })
+    }
+}
+
+/// The kind, the identity and the length of the body.
+type Head = (Kind, Identity, u64);
+
+/// Decodes the beginning of a file: its head, which may be truncated or damaged, and where the body starts.
+///
+/// # Errors
+///
+/// [`Damage`] of bytes that do not begin like a file of this version.
+pub(super) fn begin(bytes: &[u8]) -> Result<(Result<Head, Damage>, usize), Damage> {
+    if !MAGIC.starts_with(&bytes[..bytes.len().min(MAGIC.len())]) {
+        return Err(Damage::Foreign);
+    }
+    let mut reader = Reader(bytes.get(MAGIC.len()..).ok_or(Damage::Short)?);
+    if reader.number()? != VERSION {
+        return Err(Damage::Version);
+    }
+    let head = reader.head();
+    Ok((head, bytes.len() - reader.0.len()))
+}
+
+/// The kind and identity of a file with `rest` bytes after its head. `whole` is true if its checksum is right.
+pub(super) fn judged(head: Result<Head, Damage>, rest: u64, whole: bool) -> Result<(Kind, Identity), Damage> {
+    match head {
+        Ok((kind, identity, length)) if whole && rest == length => Ok((kind, identity)),
+        // Truncated and changed bytes look alike, except if the body is shorter than its stored length.
+        Ok((_, _, length)) if !whole && rest != length => Err(Damage::Short),
+        _ if !whole => Err(Damage::Checksum),
+        _ => Err(Damage::Nonsense),
     }
 }
 
@@ -267,14 +275,14 @@ pub(super) fn head(kind: Kind, Identity { pairs }: &Identity, length: u64) -> Re
 }
 
 /// The length of the contents that these bytes begin with; `None` for bytes that are too short or of another format.
-fn length(bytes: &[u8]) -> Option<u64> {
+pub(super) fn length(bytes: &[u8]) -> Option<u64> {
     let mut reader = Reader(bytes.strip_prefix(MAGIC)?);
     let version = reader.number().ok()?;
     let (_, _, body) = reader.head().ok().filter(|_| version == VERSION)?;
     body.checked_add((bytes.len() - reader.0.len() + 4) as u64)
 }
 
-fn unread(path: &Path, kind: Kind, source: io::Error) -> Error {
+pub(super) fn unread(path: &Path, kind: Kind, source: io::Error) -> Error {
     match source.kind() {
         io::ErrorKind::NotFound => Error::Missing { path: path.to_owned(), kind: kind.name() },
         _ => Error::Read { path: path.to_owned(), source },

@@ -7,7 +7,7 @@
 use super::Error;
 use super::contents::head;
 use super::file_system::{Disk, FileSystem};
-use super::{Contents, Identity, Kind};
+use super::{Contents, Identity, Kind, Opened};
 use std::ffi::OsString;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
@@ -29,11 +29,11 @@ pub enum Generation {
     Previous,
 }
 
-/// The result of [`Store::read`].
+/// The result of [`Store::read`], or of [`Store::open`].
 #[derive(Debug)]
-pub struct Found {
-    /// The decoded contents of the file.
-    pub contents: Contents,
+pub struct Found<C = Contents> {
+    /// The decoded contents of the file, or the file open for reading them.
+    pub contents: C,
     /// The version of the file from which the contents come.
     pub generation: Generation,
     /// The error of reading the newest version, if the contents come from the previous one.
@@ -196,11 +196,24 @@ impl Store {
     /// [`Error::Missing`] if neither version exists, [`Error::NoGeneration`] if neither can be used. Without a previous
     /// version, the error of the newest one.
     pub fn read(path: &Path, kind: Kind) -> Result<Found, Error> {
-        let newer = match Contents::read(path, kind) {
+        Self::newest(path, |path| Contents::read(path, kind))
+    }
+
+    /// Opens the file that [`Store::read`] would read.
+    ///
+    /// # Errors
+    ///
+    /// As [`Store::read`].
+    pub fn open(path: &Path, kind: Kind) -> Result<Found<Opened>, Error> {
+        Self::newest(path, |path| Opened::open(path, kind))
+    }
+
+    fn newest<C>(path: &Path, read: impl Fn(&Path) -> Result<C, Error>) -> Result<Found<C>, Error> {
+        let newer = match read(path) {
             Ok(contents) => return Ok(Found { contents, generation: Generation::Newest, trouble: None }),
             Err(newer) => newer,
         };
-        match Contents::read(&beside(path, "previous"), kind) {
+        match read(&beside(path, "previous")) {
             Ok(contents) => Ok(Found { contents, generation: Generation::Previous, trouble: Some(newer) }),
             Err(Error::Missing { .. }) => Err(newer),
             Err(older) => Err(Error::NoGeneration { newer: Box::new(newer), older: Box::new(older) }),

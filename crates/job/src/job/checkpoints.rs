@@ -3,10 +3,10 @@
 use super::JobMonitor;
 use super::identity::compared;
 use super::time::TimeWatch;
-use crate::checkpoint::{Contents, Error, Generation, Identity, Kind, Saving, Store};
+use crate::checkpoint::{Contents, Error, Generation, Identity, Kind, Opened, Saving, Store};
 use crate::output::FileIdentity;
 use crate::{JobError, Warning};
-use dapple_core::{Control, Film, Monitor, Snapshot, Status};
+use dapple_core::{Control, Error as CoreError, Film, Monitor, Status};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -89,25 +89,24 @@ impl Checkpoints {
         Self { store: Arc::new(store), every: None, resume: None }
     }
 
-    /// Reads the encoded snapshot of the film to resume from; `None` if the render starts afresh. `here` is the identity of
-    /// this job.
-    pub(super) fn snapshot(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<Vec<u8>>, JobError> {
+    /// Opens the file to resume from; `None` if the render starts afresh. `here` is the identity of this job.
+    pub(super) fn resumed(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<Opened>, JobError> {
         let Some(path) = &self.resume else { return Ok(None) };
-        let found = Store::read(path, Kind::Checkpoint)?;
+        let found = Store::open(path, Kind::Checkpoint)?;
         if let (Generation::Previous, Some(trouble)) = (found.generation, &found.trouble) {
             monitor.warn(Warning::PreviousCheckpoint(trouble.fault()));
         }
-        let differences = compared(here).differences(&compared(&found.contents.identity));
+        let differences = compared(here).differences(&compared(found.contents.identity()));
         if !differences.is_empty() {
             return Err(JobError::OtherRender { path: path.clone(), differences });
         }
-        Ok(Some(found.contents.body))
+        Ok(Some(found.contents))
     }
 
-    /// Decodes a snapshot that [`Checkpoints::snapshot`] read.
-    pub(super) fn decode(&self, bytes: &[u8]) -> Result<Snapshot, JobError> {
-        let path = || self.resume.as_deref().unwrap_or_else(|| self.store.path()).to_owned();
-        Snapshot::from_bytes(bytes).map_err(|source| JobError::Snapshot { path: path(), source })
+    /// Names the file to resume from in an error of its snapshot.
+    pub(super) fn named(&self, source: CoreError) -> JobError {
+        let path = self.resume.as_deref().unwrap_or_else(|| self.store.path()).to_owned();
+        JobError::Snapshot { path, source }
     }
 }
 
