@@ -14,6 +14,7 @@ mod prepare;
 mod pull;
 mod round;
 mod session;
+mod showing;
 mod slicing;
 mod stage;
 mod team;
@@ -104,7 +105,8 @@ pub trait Monitor {
     }
 
     /// Returns `true` if the monitor takes the state of all processes after a [`Monitor::barrier`], and after [`Monitor::end`].
-    /// The default is `false`.
+    /// The default is `false`. The barrier after the last round of a budget of samples is left out, since the end follows at
+    /// once.
     fn saves(&self) -> bool {
         false
     }

@@ -9,7 +9,7 @@ use super::methods::Methods;
 use super::pull::Round;
 use super::round::{Stopped, failed};
 use super::team::Team;
-use super::{Monitor, NoMonitor, Status};
+use super::{Monitor, NoMonitor};
 use crate::exchange::message::Standing;
 use crate::snapshot::film::put_bands;
 use crate::snapshot::{OpenRound, Planner, View};
@@ -284,7 +284,7 @@ impl<'a> Session<'a> {
     }
 
     /// The content of a snapshot.
-    fn view(&self, seconds: f64) -> View<'_> {
+    pub(super) fn view(&self, seconds: f64) -> View<'_> {
         let State { film, round, open, passes, holdout, .. } = &self.state;
         let (open, holdout) = (open.as_ref(), holdout.as_ref());
         let (total, sampler, limits) = (self.meter.left(film).total, Planner::Sampler(&*self.sampler), &self.limits);
@@ -339,53 +339,6 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Calls the monitor between two slices.
-    pub(super) fn show<T>(
-        &mut self,
-        monitor: &mut dyn Monitor,
-        show: impl FnOnce(&mut dyn Monitor, &Status<'_>) -> T,
-    ) -> T {
-        let seconds = self.clock.seconds();
-        let view = self.view(seconds);
-        let status = Status {
-            film: view.film,
-            round: view.round,
-            samples: self.everyones.unwrap_or(view.film.record.samples),
-            expected: view.total,
-            seconds,
-            seconds_limit: self.meter.seconds(),
-            filter_seconds: self.meter.filter_seconds(),
-            view,
-        };
-        let answer = show(monitor, &status);
-        self.clock.leave_out_since(seconds);
-        answer
-    }
-
-    /// Gives the state of all to the monitors that save it, and everyone's rows to those that read them.
-    fn share(&mut self, monitor: &mut dyn Monitor, team: &mut Team<'_>, ends: bool) -> Result<(), Error> {
-        let seconds = self.clock.seconds();
-        let view = self.view(seconds);
-        let saves = monitor.saves();
-        let mut take = |bytes: &[u8], length: u64| monitor.saved(bytes, length);
-        view.stream(&mut *team.exchange, if saves { Some(&mut take) } else { None })?;
-        if !ends {
-            team.show_rows(&self.state.film, monitor)?;
-        }
-        self.clock.leave_out_since(seconds);
-        Ok(())
-    }
-
-    /// Shows the end of the render to the monitor. A resumed render plans the last round again, so the snapshot has no
-    /// budget for it.
-    pub(super) fn show_end(&mut self, monitor: &mut dyn Monitor, team: Option<&mut Team<'_>>) -> Result<(), Error> {
-        let shown = self.state.film.record.budgets.pop();
-        self.show(monitor, |monitor, status| monitor.end(status));
-        let shared = team.map_or(Ok(()), |team| self.share(monitor, team, true));
-        self.state.film.record.budgets.extend(shown);
-        shared
-    }
-
     /// Opens a round to trace: the one that is open already, or the next. Returns `false` at the end of the render.
     pub(super) fn open(&mut self, mut team: Option<&mut Team<'_>>) -> Result<bool, Error> {
         if self.state.open.is_none() {
@@ -425,10 +378,15 @@ impl<'a> Session<'a> {
         if let Some(team) = team.as_deref_mut() {
             let times = team.times().to_vec();
             self.show(monitor, |monitor, status| monitor.barrier(status, &times));
-            self.share(monitor, team, false)?;
+            // After the last round, the end follows at once, and saves.
+            let ends = stopped == Stopped::No && matches!(self.limits.budget, Budget::Samples(_)) && self.is_spent();
+            if !ends {
+                self.save(monitor, team)?;
+            }
+            self.show_rows(monitor, team)?;
         }
         if stopped == Stopped::AtEnd {
-            let spent = self.state.film.record.samples >= self.meter.left(&self.state.film).total;
+            let spent = self.is_spent();
             self.reserve_for_filter(team.as_deref_mut())?;
             let predicted = self.predict()?;
             let seconds = self.agreed_seconds(team)?;
@@ -436,6 +394,12 @@ impl<'a> Session<'a> {
             self.over = spent && !more;
         }
         Ok(stopped == Stopped::AtEnd)
+    }
+
+    /// True if all samples of the budget are traced. A limit of time or error may add to it.
+    fn is_spent(&self) -> bool {
+        let film = &self.state.film;
+        film.record.samples >= self.meter.left(film).total
     }
 
     /// Gathers the results of the round from all processes. Returns where the round was stopped, and the seconds of planning
