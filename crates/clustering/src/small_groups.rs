@@ -11,8 +11,8 @@ use crate::triangle_normals::Surface;
 /// pass over all lanes, and larger groups tend to have more classes.
 pub(crate) const MAX_SMALL: usize = 256;
 /// The largest number of classes of similar normals in a group that is clustered in vector lanes. Each class takes a
-/// pass over all lanes.
-const MAX_CLASSES: usize = 32;
+/// pass over all lanes, and those of a group with more classes are in vain.
+const MAX_CLASSES: usize = 64;
 
 /// The scratch space of one thread for small groups.
 #[derive(Default)]
@@ -247,7 +247,7 @@ mod tests {
             (state >> 33) % n
         };
         for round in 0..600 {
-            let (count, two_sided) = (1 + random(64) as usize, round % 2 == 0);
+            let (count, two_sided) = (1 + random(128) as usize, round % 2 == 0);
             // SmallGroups directions, so that many are equal in z, in y too, or altogether.
             let normals: Vec<[f32; 3]> = std::iter::repeat_with(|| {
                 let n = [0; 3].map(|_| random(9) as f32 - 4.0);
@@ -256,15 +256,15 @@ mod tests {
                 n.map(|x| side * x / length)
             })
             .filter(|n| n != &[0.0; 3])
-            .take(64)
+            .take(128)
             .collect();
-            let axes: [[f32; 64]; 3] = std::array::from_fn(|axis| std::array::from_fn(|i| normals[i][axis]));
+            let axes: [[f32; 128]; 3] = std::array::from_fn(|axis| std::array::from_fn(|i| normals[i][axis]));
             let cosine = [0.99, 0.9, 0.5][round % 3];
-            let (axes, mut class) = (axes.each_ref(), [0; 64]);
+            let (axes, mut class) = (axes.each_ref(), [0; 128]);
             let classes = if two_sided {
-                classify::<64, true>(axes, count, cosine, &mut class)
+                classify::<128, true>(axes, count, cosine, &mut class)
             } else {
-                classify::<64, false>(axes, count, cosine, &mut class)
+                classify::<128, false>(axes, count, cosine, &mut class)
             };
             let mut facets: Vec<Facet> =
                 normals[..count].iter().zip(0..).map(|(&normal, number)| Facet { normal, number }).collect();

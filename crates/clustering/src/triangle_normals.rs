@@ -4,6 +4,7 @@
 
 use crate::Cluster;
 use crate::grid::{Bounds, Mesh};
+use crate::prefetch::Prefetch;
 use crate::small_groups::MAX_SMALL;
 
 /// The sine of the angle between two edges up to which a triangle is flat, that is, without a normal. For three `f32`
@@ -11,6 +12,8 @@ use crate::small_groups::MAX_SMALL;
 const FLAT: f64 = 1.0 / (1_u64 << 46) as f64;
 /// The number of triangles per block: enough to fill the widest registers, few enough for the nearest cache.
 const BLOCK: usize = 16;
+/// The number of triangles between a request for corners and their use.
+const AHEAD: usize = 2 * BLOCK;
 
 /// One value for each triangle of a block.
 type Lanes<T> = [T; BLOCK];
@@ -116,6 +119,7 @@ pub(crate) struct Surfaces {
     pub(crate) surfaces: Vec<Surface>,
     axes: [Vec<f32>; 3],
     flat: Vec<f32>,
+    prefetch: Prefetch,
 }
 
 impl Surfaces {
@@ -136,6 +140,7 @@ impl Surfaces {
         let mut corners = Corners::default();
         let mut bounds = [Bounds::NOTHING; BLOCK];
         for (number, block) in triangles.chunks(BLOCK).enumerate() {
+            self.request(mesh, triangles, number * BLOCK);
             // Not above the length of the arrays, so that the compiler leaves out checks.
             let count = block.len().min(BLOCK);
             for lane in 0..count {
@@ -153,6 +158,21 @@ impl Surfaces {
                 axis[lanes.clone()].copy_from_slice(unit);
             }
             self.flat[lanes].copy_from_slice(&found.flat);
+        }
+    }
+}
+
+impl Surfaces {
+    /// Requests the indices and corners of a block of `triangles` that comes soon after the one at `start`.
+    #[inline(always)]
+    fn request(&self, mesh: &Mesh<'_>, triangles: &[u32], start: usize) {
+        for &triangle in triangles.iter().skip(start + 2 * AHEAD).take(BLOCK) {
+            self.prefetch.request(mesh.indices, triangle as usize);
+        }
+        for &triangle in triangles.iter().skip(start + AHEAD).take(BLOCK) {
+            for vertex in mesh.indices[triangle as usize] {
+                self.prefetch.request(mesh.positions, vertex as usize);
+            }
         }
     }
 }

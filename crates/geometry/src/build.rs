@@ -9,6 +9,7 @@ mod plans;
 mod wide;
 
 use crate::lanes::WIDTH;
+use crate::leaf;
 use crate::pages::Pages;
 use crate::shape::Quadric;
 use crate::tree::{LIMIT, Node8, Tree, key};
@@ -85,7 +86,7 @@ impl<'a> Items<'a> {
     fn of_shapes(shapes: &'a [Shape], padded: bool) -> Result<Self, Error> {
         too_many("shapes", shapes.len(), u32::MAX as usize)?;
         let count = shapes.iter().map(|shape| shape.mesh().map_or(1, |mesh| mesh.triangles().len())).sum();
-        too_many("primitives", count, LIMIT)?;
+        too_many("primitives", count, leaf::LIMIT)?;
         let mut keys = Vec::with_capacity(count);
         for (number, shape) in (0..).zip(shapes) {
             let triangles = 0..shape.mesh().map_or(1, |mesh| mesh.triangles().len()) as u32;

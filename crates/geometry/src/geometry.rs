@@ -43,7 +43,7 @@ impl Geometry {
     /// meshes only, every ray misses.
     ///
     /// # Errors
-    /// [`Error::TooMany`] for 2^32 - 1 shapes or more, or for 2^30 primitives or more.
+    /// [`Error::TooMany`] for 2^32 - 1 shapes or more, or for 2^28 primitives or more.
     pub fn build(shapes: Vec<Shape>, preset: Preset) -> Result<Self, Error> {
         Self::build_padded(shapes, preset, All::PADDING)
     }

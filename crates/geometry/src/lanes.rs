@@ -7,12 +7,12 @@ use std::ops::{Add, Div, Mul, Sub};
 /// The number of lanes (numbers) in a vector.
 pub(crate) const WIDTH: usize = 8;
 
-/// Eight f32 in memory, aligned so that a vector can be loaded from them.
+/// Eight f32 in memory, aligned like a vector.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C, align(32))]
 pub(crate) struct Eight(pub(crate) [f32; WIDTH]);
 
-/// Eight u32 in memory, aligned so that a vector can be loaded from them.
+/// Eight u32 in memory, aligned like a vector.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(32))]
 pub(crate) struct Words(pub(crate) [u32; WIDTH]);
@@ -26,7 +26,7 @@ pub(crate) trait Lanes:
     type Token: Copy;
 
     fn splat(token: Self::Token, value: f32) -> Self;
-    fn load(token: Self::Token, values: &Eight) -> Self;
+    fn load(token: Self::Token, values: &[f32; WIDTH]) -> Self;
     fn to_array(self) -> [f32; WIDTH];
     fn min(self, other: Self) -> Self;
     fn max(self, other: Self) -> Self;
@@ -34,7 +34,7 @@ pub(crate) trait Lanes:
     fn less(self, other: Self) -> u32;
     fn at_most(self, other: Self) -> u32;
     /// Returns the mask of the lanes in which `words` equals `word`.
-    fn equal(token: Self::Token, words: &Words, word: u32) -> u32;
+    fn equal(token: Self::Token, words: &[u32; WIDTH], word: u32) -> u32;
 }
 
 /// The kind of vectors that the processor supports.
@@ -93,8 +93,8 @@ impl Lanes for Pair {
     }
 
     #[inline(always)]
-    fn load((): (), values: &Eight) -> Self {
-        let [a, b, c, d, e, f, g, h] = values.0;
+    fn load((): (), values: &[f32; WIDTH]) -> Self {
+        let [a, b, c, d, e, f, g, h] = *values;
         Self([Vec4::new(a, b, c, d), Vec4::new(e, f, g, h)])
     }
 
@@ -130,15 +130,15 @@ impl Lanes for Pair {
     }
 
     #[inline(always)]
-    fn equal((): (), words: &Words, word: u32) -> u32 {
-        (0..WIDTH).fold(0, |mask, lane| mask | u32::from(words.0[lane] == word) << lane)
+    fn equal((): (), words: &[u32; WIDTH], word: u32) -> u32 {
+        (0..WIDTH).fold(0, |mask, lane| mask | u32::from(words[lane] == word) << lane)
     }
 }
 
 /// Eight f32 in one vector, for processors with AVX2.
 #[cfg(target_arch = "x86_64")]
 mod avx {
-    use super::{Add, Div, Eight, Lanes, Mul, Sub, WIDTH, Words};
+    use super::{Add, Div, Lanes, Mul, Sub, WIDTH};
     use core::arch::x86_64::__m256;
     use pulp::x86::V3;
 
@@ -173,8 +173,8 @@ mod avx {
         }
 
         #[inline(always)]
-        fn load(token: V3, values: &Eight) -> Self {
-            Self(pulp::cast(values.0), token)
+        fn load(token: V3, values: &[f32; WIDTH]) -> Self {
+            Self(pulp::cast(*values), token)
         }
 
         #[inline(always)]
@@ -208,8 +208,8 @@ mod avx {
         }
 
         #[inline(always)]
-        fn equal(token: V3, words: &Words, word: u32) -> u32 {
-            let equal = token.avx2._mm256_cmpeq_epi32(pulp::cast(words.0), token.avx._mm256_set1_epi32(word as i32));
+        fn equal(token: V3, words: &[u32; WIDTH], word: u32) -> u32 {
+            let equal = token.avx2._mm256_cmpeq_epi32(pulp::cast(*words), token.avx._mm256_set1_epi32(word as i32));
             token.avx._mm256_movemask_ps(pulp::cast(equal)) as u32
         }
     }

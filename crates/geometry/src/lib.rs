@@ -5,6 +5,7 @@ mod error;
 mod geometry;
 mod instance;
 mod lanes;
+mod leaf;
 mod mesh;
 mod motion;
 mod moving_mesh;

@@ -6,9 +6,9 @@ use memmap2::{Advice, MmapMut};
 use std::fmt;
 use std::ops::{Deref, DerefMut};
 
-/// The size in bytes from which an array asks for huge pages: two of them on most machines.
+/// The size of a huge page on most machines. Arrays from this size on ask for huge pages.
 #[cfg(target_os = "linux")]
-const LARGE: usize = 1 << 22;
+const HUGE: usize = 1 << 21;
 
 /// An array of a fixed length. Linux gives huge pages only to memory that asks for them, which the allocator of a
 /// program does not. With small pages, a walk through a large tree waits for addresses as long as for their contents.
@@ -16,9 +16,9 @@ pub(crate) struct Pages<T>(Memory<T>);
 
 enum Memory<T> {
     Allocated(Vec<T>),
-    /// Memory of the array's size in bytes.
+    /// Memory, and the array's size in bytes.
     #[cfg(target_os = "linux")]
-    Mapped(MmapMut),
+    Mapped(MmapMut, usize),
 }
 
 impl<T> Default for Pages<T> {
@@ -31,8 +31,10 @@ impl<T: Pod> Pages<T> {
     /// Returns an array of so many zeros.
     pub(crate) fn zeroed(count: usize) -> Self {
         #[cfg(target_os = "linux")]
-        if let Some(map) = count.checked_mul(size_of::<T>()).filter(|&bytes| bytes >= LARGE).and_then(mapped) {
-            return Self(Memory::Mapped(map));
+        if let Some(bytes) = count.checked_mul(size_of::<T>()).filter(|&bytes| bytes >= HUGE)
+            && let Some(map) = mapped(bytes)
+        {
+            return Self(Memory::Mapped(map, bytes));
         }
         Self(Memory::Allocated(bytemuck::zeroed_vec(count)))
     }
@@ -41,9 +43,10 @@ impl<T: Pod> Pages<T> {
 /// Returns memory that the system is asked to put into huge pages; `None` if it has none to give.
 #[cfg(target_os = "linux")]
 fn mapped(bytes: usize) -> Option<MmapMut> {
-    let map = MmapMut::map_anon(bytes).ok()?;
+    // Linux aligns whole numbers of huge pages only. The last one is small pages if less than half of it is used.
+    let map = MmapMut::map_anon(bytes.checked_next_multiple_of(HUGE)?).ok()?;
     // A system without huge pages refuses. Small ones will do then.
-    let _ = map.advise(Advice::HugePage);
+    let _ = map.advise_range(Advice::HugePage, 0, (bytes + HUGE / 2) / HUGE * HUGE);
     Some(map)
 }
 
@@ -55,7 +58,7 @@ impl<T: Pod> Deref for Pages<T> {
         match &self.0 {
             Memory::Allocated(values) => values,
             #[cfg(target_os = "linux")]
-            Memory::Mapped(map) => bytemuck::cast_slice(map),
+            Memory::Mapped(map, bytes) => bytemuck::cast_slice(&map[..*bytes]),
         }
     }
 }
@@ -66,7 +69,7 @@ impl<T: Pod> DerefMut for Pages<T> {
         match &mut self.0 {
             Memory::Allocated(values) => values,
             #[cfg(target_os = "linux")]
-            Memory::Mapped(map) => bytemuck::cast_slice_mut(map),
+            Memory::Mapped(map, bytes) => bytemuck::cast_slice_mut(&mut map[..*bytes]),
         }
     }
 }
@@ -91,7 +94,7 @@ mod tests {
 
     #[test]
     fn small_and_large_arrays_are_zero_and_can_be_written() {
-        for count in [0, 1, 1000, 1 << 20, (1 << 20) + 1] {
+        for count in [0, 1, 1000, 1 << 19, 1 << 20, (1 << 20) + 1] {
             let mut pages = Pages::<u32>::zeroed(count);
             assert!(pages.len() == count && pages.iter().all(|&word| word == 0));
             pages.iter_mut().zip(0..).for_each(|(word, number)| *word = number);

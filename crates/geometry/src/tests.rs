@@ -1,8 +1,9 @@
 //! The tree compared with a plain loop over the same triangle test, and that test compared with f64.
 
-use crate::lanes::{Pair, WIDTH};
+use crate::lanes::Pair;
+use crate::leaf::{self, Leaf, SPAN, WORDS};
 use crate::prepared_ray::PreparedRay;
-use crate::tree::{Keys, key};
+use crate::tree::key;
 use crate::triangle::Triangles8;
 use crate::{Geometry, Hit, Mesh, Preset, Ray};
 use glam::{DVec3, Vec3};
@@ -19,12 +20,11 @@ fn linear(mesh: &Mesh, ray: &Ray) -> Option<Hit> {
         PreparedRay::ordinary(ray).map(|prepared| (prepared, 1.0)).or_else(|| PreparedRay::rescaled(ray))?;
     let numbers = (0..mesh.triangles().len() as u32).filter(|&n| !mesh.is_degenerate(n));
     let hits = numbers.filter_map(|n| {
-        let lanes = Triangles8::new(&[mesh.corners(n)]).intersect::<crate::safeguards::All, Pair>(
-            (),
-            &prepared,
-            prepared.ray.tmax,
-            &Keys::new([0; WIDTH]),
-        )?;
+        let (mut triangles, mut words) = (Triangles8::default(), [0.0; SPAN]);
+        triangles.put(0, mesh.corners(n));
+        leaf::write(&mut words[..WORDS], &triangles, &[0]);
+        let leaf = Leaf::at(&words, leaf::place(0, 1));
+        let lanes = leaf.intersect::<crate::safeguards::All, Pair>((), &prepared, prepared.ray.tmax)?;
         let barycentrics = lanes.weights.map(|w| w[0]);
         Some(Hit { t: lanes.t[0] * scale, shape: 0, primitive: n, barycentrics })
     });
@@ -213,8 +213,10 @@ fn hash_of(geometry: &Geometry) -> u64 {
         let bounds = node.bounds.as_flattened().iter().flat_map(|bounds| bounds.0.map(f32::to_bits));
         bounds.chain(node.children.0)
     });
-    let keys = tree.leaves.iter().flat_map(|leaf| leaf.keys.primitives.0);
-    nodes.chain(keys).fold(0xcbf2_9ce4_8422_2325, |hash, word| (hash ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3))
+    let leaves = tree.leaves.iter().map(|word| word.to_bits());
+    nodes
+        .chain(leaves)
+        .fold(0xcbf2_9ce4_8422_2325, |hash, word| (hash ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3))
 }
 
 /// Trees are the same node by node, built alone or many at once, by one thread or several.

@@ -4,10 +4,11 @@ use crate::instance::Placements;
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::Whole;
 use crate::lanes::{Lanes, Pair, Vectors};
+use crate::leaf::Leaf;
 use crate::prepared_ray::PreparedRay;
 use crate::safeguards::{All, Safeguards};
-use crate::tree::{Keys, Leaf, Node8, QUADRIC, TRIANGLES, Tree};
-use crate::triangle::{Triangles8, lowest};
+use crate::tree::{Node8, QUADRIC, TRIANGLES, Tree};
+use crate::triangle::lowest;
 use pulp::NullaryFnOnce;
 use std::marker::PhantomData;
 
@@ -30,8 +31,8 @@ impl Node8 {
         let (origin, inverse) =
             (L::splat(token, prepared.origin[axis & 3]), L::splat(token, prepared.inverse[axis & 3]));
         [
-            (L::load(token, &bounds[near & 1]) - origin) * inverse,
-            (L::load(token, &bounds[near & 1 ^ 1]) - origin) * inverse,
+            (L::load(token, &bounds[near & 1].0) - origin) * inverse,
+            (L::load(token, &bounds[near & 1 ^ 1].0) - origin) * inverse,
         ]
     }
 }
@@ -133,13 +134,12 @@ impl<const MOVING: bool> Leaves for Primitives<MOVING> {
         if code & TRIANGLES == 0 {
             return view.tree.test_quadric::<S, ANY>((code & !QUADRIC) as usize, prepared, best);
         }
-        let block = (code & !TRIANGLES) as usize;
-        let leaf = &view.leaves[block];
+        let leaf = Leaf::at(view.leaves, code);
         if MOVING {
-            let now = leaf.triangles.toward(&view.tree.moved[block], self.time);
-            return test_triangles::<S, L, ANY>(token, &now, &leaf.keys, prepared, best);
+            let now = leaf.toward(&Leaf::at(&view.tree.moved, code), self.time);
+            return test_triangles::<S, L, ANY>(token, &leaf.with(&now), prepared, best);
         }
-        test_triangles::<S, L, ANY>(token, &leaf.triangles, &leaf.keys, prepared, best)
+        test_triangles::<S, L, ANY>(token, &leaf, prepared, best)
     }
 }
 
@@ -347,7 +347,7 @@ impl Tree {
 struct View<'a> {
     tree: &'a Tree,
     nodes: &'a [Node8],
-    leaves: &'a [Leaf],
+    leaves: &'a [f32],
 }
 
 impl View<'_> {
@@ -417,12 +417,11 @@ impl View<'_> {
 #[inline(always)]
 fn test_triangles<S: Safeguards, L: Lanes, const ANY: bool>(
     token: L::Token,
-    triangles: &Triangles8,
-    keys: &Keys,
+    leaf: &Leaf<'_>,
     prepared: &PreparedRay,
     best: &mut Best,
 ) -> bool {
-    let Some(hits) = triangles.intersect::<S, L>(token, prepared, best.t, keys) else { return false };
+    let Some(hits) = leaf.intersect::<S, L>(token, prepared, best.t) else { return false };
     if ANY {
         return true;
     }
@@ -430,7 +429,7 @@ fn test_triangles<S: Safeguards, L: Lanes, const ANY: bool>(
     while mask != 0 {
         let lane = lowest(mask);
         mask &= mask - 1;
-        best.offer::<S>(hits.t[lane], keys.key(lane), hits.weights.map(|weights| weights[lane]));
+        best.offer::<S>(hits.t[lane], leaf.key(lane), hits.weights.map(|weights| weights[lane]));
     }
     false
 }

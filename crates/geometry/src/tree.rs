@@ -1,13 +1,12 @@
 //! The bounding volume hierarchy as it lies in memory: eight-wide nodes, leaves, and their keys.
 
-use crate::lanes::{Eight, Lanes, WIDTH, Words};
+use crate::lanes::{Eight, WIDTH, Words};
 use crate::pages::Pages;
 use crate::shape::Quadric;
 use crate::traverse::WalkKind;
-use crate::triangle::Triangles8;
 use bytemuck::{Pod, Zeroable};
 
-/// The bit that marks a child's code as a leaf of triangles. The other bits are the leaf's index in `Tree::leaves`.
+/// The bit that marks a child's code as a leaf of triangles. The other bits are the leaf's place (`leaf::place`).
 pub(crate) const TRIANGLES: u32 = 1 << 31;
 /// The bit that marks a child's code as a sphere, a disk or the box of an instance. The other bits are its index.
 pub(crate) const QUADRIC: u32 = 1 << 30;
@@ -45,7 +44,7 @@ impl Node8 {
     }
 }
 
-/// A child of a node, with its index in the list of nodes, of triangle leaves or of quadrics.
+/// A child of a node, with its index in the list of nodes or of quadrics, or a leaf's place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Child {
     Node(u32),
@@ -65,52 +64,20 @@ impl Child {
     }
 }
 
-/// The shape and primitive numbers of the eight triangles in a leaf.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-pub(crate) struct Keys {
-    pub(crate) shapes: Words,
-    pub(crate) primitives: Words,
-}
-
-impl Keys {
-    pub(crate) fn new(keys: [u64; WIDTH]) -> Self {
-        Self { shapes: Words(keys.map(|key| (key >> 32) as u32)), primitives: Words(keys.map(|key| key as u32)) }
-    }
-
-    #[inline(always)]
-    pub(crate) fn key(&self, lane: usize) -> u64 {
-        key(self.shapes.0[lane], self.primitives.0[lane])
-    }
-
-    /// Returns the mask of the lanes whose triangle has this key.
-    #[inline(always)]
-    pub(crate) fn equal<L: Lanes>(&self, token: L::Token, key: u64) -> u32 {
-        L::equal(token, &self.shapes, (key >> 32) as u32) & L::equal(token, &self.primitives, key as u32)
-    }
-}
-
 /// Returns the shape and primitive number as one integer. Of hits at the same distance, the smallest key wins.
 #[inline(always)]
 pub(crate) fn key(shape: u32, primitive: u32) -> u64 {
     u64::from(shape) << 32 | u64::from(primitive)
 }
 
-/// A leaf of triangles. The keys lie next to the corners: a ray that meets a triangle waits for memory once.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-pub(crate) struct Leaf {
-    pub(crate) triangles: Triangles8,
-    pub(crate) keys: Keys,
-}
-
 /// The bounding volume hierarchy: nodes, leaves, and the shape and primitive numbers in the leaves.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tree {
     pub(crate) nodes: Pages<Node8>,
-    pub(crate) leaves: Pages<Leaf>,
-    /// The triangles of the leaves at time 1; empty if no vertex moves.
-    pub(crate) moved: Pages<Triangles8>,
+    /// The leaves of triangles (see `leaf`), followed by `leaf::SPAN` zeros.
+    pub(crate) leaves: Pages<f32>,
+    /// The leaves with their triangles at time 1; empty if no vertex moves.
+    pub(crate) moved: Pages<f32>,
     pub(crate) quadrics: Vec<Quadric>,
     pub(crate) quadric_keys: Vec<u64>,
     /// The largest number of entries on the stack during traversal.

@@ -13,10 +13,9 @@
 //! depends only on the ray and the triangle, never on the order of traversal.
 
 use crate::lanes::{Eight, Lanes, WIDTH};
-use crate::moving_mesh::between;
+use crate::leaf::Leaf;
 use crate::prepared_ray::PreparedRay;
 use crate::safeguards::Safeguards;
-use crate::tree::Keys;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
@@ -41,7 +40,7 @@ pub(crate) fn lowest(mask: u32) -> usize {
     mask.trailing_zeros() as usize & (WIDTH - 1)
 }
 
-/// One to eight triangles, stored corner by corner and axis by axis. Unused lanes repeat the first triangle.
+/// Up to eight triangles, corner by corner and axis by axis.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Triangles8 {
@@ -65,16 +64,6 @@ struct Sheared<L> {
 }
 
 impl Triangles8 {
-    /// Makes a block of 1 to 8 triangles.
-    #[cfg(test)]
-    pub(crate) fn new(triangles: &[[Vec3; 3]]) -> Self {
-        let mut packed = Self::default();
-        for lane in 0..WIDTH {
-            packed.put(lane, triangles[if lane < triangles.len() { lane } else { 0 }]);
-        }
-        packed
-    }
-
     #[inline(always)]
     pub(crate) fn put(&mut self, lane: usize, triangle: [Vec3; 3]) {
         for (packed, corner) in self.corners.iter_mut().zip(triangle) {
@@ -84,43 +73,22 @@ impl Triangles8 {
         }
     }
 
-    /// Lets the lanes from `count` on repeat the first triangle.
+    /// Returns a coordinate of the triangle in a lane.
     #[inline(always)]
-    pub(crate) fn repeat_from(&mut self, count: usize) {
-        for values in self.corners.as_flattened_mut() {
-            let first = values.0[0];
-            values
-                .0
-                .iter_mut()
-                .enumerate()
-                .for_each(|(lane, value)| *value = if lane < count { *value } else { first });
-        }
+    pub(crate) fn coordinate(&self, corner: usize, axis: usize, lane: usize) -> f32 {
+        self.corners[corner][axis].0[lane]
     }
 
     /// Returns the lower and the upper bounds of the triangles along an axis.
     #[inline(always)]
     pub(crate) fn bounds<L: Lanes>(&self, token: L::Token, axis: usize) -> [L; 2] {
         let [a, b, c] = &self.corners;
-        let (a, b, c) = (L::load(token, &a[axis]), L::load(token, &b[axis]), L::load(token, &c[axis]));
+        let (a, b, c) = (L::load(token, &a[axis].0), L::load(token, &b[axis].0), L::load(token, &c[axis].0));
         [a.min(b).min(c), a.max(b).max(c)]
     }
+}
 
-    /// Returns the triangles at a time in `[0, 1]`, interpolated linearly between `self` (time 0) and `end` (time 1).
-    #[inline(always)]
-    pub(crate) fn toward(&self, end: &Self, time: f32) -> Self {
-        let mut there = *self;
-        for corner in 0..3 {
-            for axis in 0..3 {
-                for lane in 0..WIDTH {
-                    let to = end.corners[corner][axis].0[lane];
-                    let coordinate = &mut there.corners[corner][axis].0[lane];
-                    *coordinate = between(*coordinate, to, time);
-                }
-            }
-        }
-        there
-    }
-
+impl Leaf<'_> {
     /// Returns the hits with `tmin < t < tmax` and `t <= limit`, or `None` if no triangle is hit. Skips the triangles
     /// on which the ray starts or ends (`Ray::ends`).
     #[inline(always)]
@@ -129,7 +97,6 @@ impl Triangles8 {
         token: L::Token,
         prepared: &PreparedRay,
         limit: f32,
-        keys: &Keys,
     ) -> Option<Hits> {
         let s = self.shear::<L>(token, prepared);
         // Each edge function belongs to the opposite corner and is that corner's unnormalised weight.
@@ -137,21 +104,21 @@ impl Triangles8 {
         let v = s.x[0] * s.y[2] - s.y[0] * s.x[2];
         let w = s.x[1] * s.y[0] - s.y[1] * s.x[0];
         let zero = L::splat(token, 0.0);
-        let inside = zero.at_most(u.min(v).min(w)) | u.max(v).max(w).at_most(zero);
+        let inside = (zero.at_most(u.min(v).min(w)) | u.max(v).max(w).at_most(zero)) & self.mask();
         // Most triangles are missed. Returning here avoids fetching the keys.
         if inside == 0 {
             return None;
         }
         // Most hits left are the triangles on which the ray starts or ends. The ray cannot meet a flat triangle again.
         let [from, to] = prepared.ray.ends;
-        let wanted = inside & !(keys.equal::<L>(token, from.0) | keys.equal::<L>(token, to.0));
+        let wanted = inside & !(self.equal::<L>(token, from.0) | self.equal::<L>(token, to.0));
         if wanted == 0 { None } else { self.finish::<S, L>(token, prepared, limit, wanted, &s, [u, v, w]) }
     }
 
     #[inline(always)]
     fn shear<L: Lanes>(&self, token: L::Token, prepared: &PreparedRay) -> Sheared<L> {
         let [kx, ky, kz] = prepared.axes;
-        let z = self.along::<L>(token, prepared, kz);
+        let z = self.relative::<L>(token, prepared, kz);
         Sheared {
             x: self.across(token, prepared, kx, prepared.shear[0], &z),
             y: self.across(token, prepared, ky, prepared.shear[1], &z),
@@ -161,15 +128,15 @@ impl Triangles8 {
 
     /// Returns the corners' coordinates along an axis, relative to the ray's origin.
     #[inline(always)]
-    fn along<L: Lanes>(&self, token: L::Token, prepared: &PreparedRay, axis: usize) -> [L; 3] {
-        let [a, b, c] = &self.corners;
+    fn relative<L: Lanes>(&self, token: L::Token, prepared: &PreparedRay, axis: usize) -> [L; 3] {
+        let [a, b, c] = self.along(axis);
         let origin = L::splat(token, prepared.origin[axis & 3]);
-        [L::load(token, &a[axis]) - origin, L::load(token, &b[axis]) - origin, L::load(token, &c[axis]) - origin]
+        [L::load(token, a) - origin, L::load(token, b) - origin, L::load(token, c) - origin]
     }
 
     #[inline(always)]
     fn across<L: Lanes>(&self, token: L::Token, prepared: &PreparedRay, axis: usize, shear: f32, z: &[L; 3]) -> [L; 3] {
-        let [a, b, c] = self.along::<L>(token, prepared, axis);
+        let [a, b, c] = self.relative::<L>(token, prepared, axis);
         let shear = L::splat(token, shear);
         [a - shear * z[0], b - shear * z[1], c - shear * z[2]]
     }
@@ -226,11 +193,7 @@ impl Triangles8 {
         while unsettled != 0 {
             let lane = lowest(unsettled);
             unsettled &= unsettled - 1;
-            let corner = |i: usize| {
-                let [x, y, z] = &self.corners[i];
-                Vec3::new(x.0[lane], y.0[lane], z.0[lane])
-            };
-            let corners = [corner(0), corner(1), corner(2)];
+            let corners = self.corners(lane);
             let plane = Plane::new(prepared, &corners);
             if sound >> lane & 1 == 1 && !plane.within(prepared) {
                 continue;

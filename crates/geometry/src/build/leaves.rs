@@ -7,8 +7,9 @@ use crate::Shape;
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::Whole;
 use crate::lanes::{Lanes, Pair, Vectors, WIDTH};
+use crate::leaf;
 use crate::pages::Pages;
-use crate::tree::{Child, Keys, Leaf, Tree};
+use crate::tree::{Child, Tree};
 use crate::triangle::Triangles8;
 use obvhs::bvh2::node::Bvh2Node;
 use pulp::NullaryFnOnce;
@@ -37,14 +38,18 @@ pub(super) fn pack(loose: &[Loose], nodes: &[Bvh2Node], items: &Items<'_>, tree:
         loose.par_chunks(BATCH).map_init(Default::default, |open, leaves| members(leaves, nodes, open)).collect();
     let leaves = &batches.as_flattened()[..loose.len()];
     let mut boxes = vec![NOTHING; leaves.len()];
-    tree.leaves = Pages::zeroed(leaves.len());
-    fill(leaves, items, &mut tree.leaves, &mut boxes);
+    let triangles: usize = leaves.iter().map(|leaf| leaf.count).sum();
+    let words = triangles * leaf::WORDS + leaf::SPAN;
+    tree.leaves = Pages::zeroed(words);
+    fill::<false>(leaves, items, &mut tree.leaves, &mut boxes);
     if items.shapes.iter().any(|shape| matches!(shape, Shape::Moving(_))) {
-        tree.moved = Pages::zeroed(leaves.len());
-        fill(leaves, items, &mut tree.moved, &mut boxes);
+        tree.moved = Pages::zeroed(words);
+        fill::<true>(leaves, items, &mut tree.moved, &mut boxes);
     }
-    for (number, (&Loose { wide, lane, .. }, &bounds)) in (0..).zip(loose.iter().zip(&boxes)) {
-        tree.nodes[wide as usize].put(lane, Child::Triangles(number), bounds);
+    let mut first = 0;
+    for ((&Loose { wide, lane, .. }, &bounds), leaf) in loose.iter().zip(&boxes).zip(leaves) {
+        tree.nodes[wide as usize].put(lane, Child::Triangles(leaf::place(first, leaf.count)), bounds);
+        first += leaf.count as u32;
     }
 }
 
@@ -71,101 +76,73 @@ fn members(leaves: &[Loose], nodes: &[Bvh2Node], [open, next]: &mut [Vec<(u32, u
     members
 }
 
-/// The place of a leaf's triangles at one time.
-trait Slot: Send {
-    /// True if the triangles are those at time 1.
-    const ENDS: bool;
-
-    fn triangles(&mut self) -> &mut Triangles8;
-    fn label(&mut self, keys: [u64; WIDTH]);
-}
-
-impl Slot for Leaf {
-    const ENDS: bool = false;
-
-    #[inline(always)]
-    fn triangles(&mut self) -> &mut Triangles8 {
-        &mut self.triangles
-    }
-
-    #[inline(always)]
-    fn label(&mut self, keys: [u64; WIDTH]) {
-        self.keys = Keys::new(keys);
-    }
-}
-
-impl Slot for Triangles8 {
-    const ENDS: bool = true;
-
-    #[inline(always)]
-    fn triangles(&mut self) -> &mut Triangles8 {
-        self
-    }
-
-    #[inline(always)]
-    fn label(&mut self, _: [u64; WIDTH]) {}
-}
-
-/// Writes the triangles of leaves, and adds them to the boxes of the leaves.
-fn fill<T: Slot>(leaves: &[Members], items: &Items<'_>, slots: &mut [T], boxes: &mut [Bounds]) {
+/// Writes the leaves, with the triangles at time 1 if `ENDS`, and adds them to the boxes of the leaves.
+fn fill<const ENDS: bool>(leaves: &[Members], items: &Items<'_>, mut words: &mut [f32], boxes: &mut [Bounds]) {
     let vectors = Vectors::default();
-    let parts = leaves.par_chunks(BATCH).zip(slots.par_chunks_mut(BATCH)).zip(boxes.par_chunks_mut(BATCH));
-    parts.for_each(|((leaves, slots), boxes)| match vectors {
+    let mut parts = Vec::with_capacity(leaves.len().div_ceil(BATCH));
+    for (leaves, boxes) in leaves.chunks(BATCH).zip(boxes.chunks_mut(BATCH)) {
+        let count: usize = leaves.iter().map(|leaf| leaf.count).sum();
+        let (of_part, rest) = words.split_at_mut(count * leaf::WORDS);
+        parts.push((leaves, of_part, boxes));
+        words = rest;
+    }
+    parts.into_par_iter().for_each(|(leaves, words, boxes)| match vectors {
         #[cfg(target_arch = "x86_64")]
         Vectors::Whole(token) => {
             let lanes = PhantomData::<Whole>;
-            token.vectorize(Fill { token, leaves, items, slots, boxes, lanes });
+            token.vectorize(Fill::<_, ENDS> { token, leaves, items, words, boxes, lanes });
         }
         Vectors::Pair => {
-            Fill { token: (), leaves, items, slots, boxes, lanes: PhantomData::<Pair> }.call();
+            Fill::<_, ENDS> { token: (), leaves, items, words, boxes, lanes: PhantomData::<Pair> }.call();
         }
     });
 }
 
 /// The filling of some leaves, compiled for each kind of vectors.
-struct Fill<'a, T, L: Lanes> {
+struct Fill<'a, L: Lanes, const ENDS: bool> {
     token: L::Token,
     leaves: &'a [Members],
     items: &'a Items<'a>,
-    slots: &'a mut [T],
+    words: &'a mut [f32],
     boxes: &'a mut [Bounds],
     lanes: PhantomData<L>,
 }
 
-impl<T: Slot, L: Lanes> NullaryFnOnce for Fill<'_, T, L> {
+impl<L: Lanes, const ENDS: bool> NullaryFnOnce for Fill<'_, L, ENDS> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        for ((members, slot), bounds) in self.leaves.iter().zip(self.slots).zip(self.boxes) {
-            let triangles = slot.triangles();
-            let mut found = [0; WIDTH];
-            for (lane, (slot, &number)) in found.iter_mut().zip(&members.all).enumerate().take(members.count) {
+        let mut words = self.words;
+        for (members, bounds) in self.leaves.iter().zip(self.boxes) {
+            let count = members.count.min(WIDTH);
+            let mut triangles = Triangles8::default();
+            let mut keys = [0; WIDTH];
+            for (lane, (slot, &number)) in keys.iter_mut().zip(&members.all).enumerate().take(count) {
                 let (key, item) = self.items.item(number);
                 *slot = key;
                 triangles.put(
                     lane,
                     match item {
                         Item::Triangle(mesh) => mesh.corners(key as u32),
-                        Item::Moving(mesh) if T::ENDS => mesh.ends_of(key as u32),
+                        Item::Moving(mesh) if ENDS => mesh.ends_of(key as u32),
                         Item::Moving(mesh) => mesh.corners(key as u32, 0.0),
                         // Leaves with several items hold triangles only.
                         Item::Quadric(_) | Item::Box(_) => continue,
                     },
                 );
             }
-            triangles.repeat_from(members.count);
-            let sides = boxes::<L>(self.token, triangles, self.items.padded);
-            let first = found[0];
-            found.iter_mut().skip(members.count).for_each(|key| *key = first);
-            slot.label(found);
+            let sides = boxes::<L>(self.token, &triangles, self.items.padded);
             for axis in 0..3 {
                 let [low, high] = &sides[axis];
-                for lane in 0..WIDTH {
+                for lane in 0..count {
                     bounds[0][axis] = lesser(bounds[0][axis], low.0[lane]);
                     bounds[1][axis] = greater(bounds[1][axis], high.0[lane]);
                 }
             }
+            let (of_leaf, rest) = words.split_at_mut(count * leaf::WORDS);
+            leaf::write(of_leaf, &triangles, &keys[..count]);
+            words = rest;
         }
     }
 }

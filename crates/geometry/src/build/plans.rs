@@ -12,9 +12,11 @@ use rayon::prelude::*;
 
 /// The expected time of testing eight boxes. It is the unit of all costs here.
 const NODE_COST: f32 = 1.0;
-/// The expected time of testing a leaf of eight triangles. Of 0.6, 1.2 and 2, the value 0.6 gave the fastest rays and
-/// the smallest tree in each scene of benches/rays.rs, by 1 to 5 %.
-const TRIANGLES_COST: f32 = 0.6;
+/// The expected time of testing a leaf, and what each of its triangles adds, for memory and for hits that are computed
+/// to the end. Without the second, and 0.6 for the first, rays take up to a tenth more time in the scenes of
+/// benches/rays.rs (docs/results/rays.md).
+const LEAF_COST: f32 = 0.4;
+const TRIANGLE_COST: f32 = 0.05;
 /// The expected time of testing one sphere or disk.
 const QUADRIC_COST: f32 = 2.5;
 /// The expected time of testing an instance: an estimate for transforming a ray and testing a few nodes of the object.
@@ -140,10 +142,10 @@ impl<'a> Binary<'a> {
         let area = node.aabb().half_area();
         if node.is_leaf() {
             let (cost, triangles) = if self.triangles {
-                (TRIANGLES_COST, 1)
+                (LEAF_COST + TRIANGLE_COST, 1)
             } else {
                 match self.items.item(node.first_index).1 {
-                    Item::Triangle(_) | Item::Moving(_) => (TRIANGLES_COST, 1),
+                    Item::Triangle(_) | Item::Moving(_) => (LEAF_COST + TRIANGLE_COST, 1),
                     Item::Quadric(_) => (QUADRIC_COST, MANY),
                     Item::Box(_) => (BOX_COST, MANY),
                 }
@@ -152,7 +154,8 @@ impl<'a> Binary<'a> {
         }
         let Pair { cost: below, triangles } = known.get(self.pair_of(node)).copied().unwrap_or_default();
         let as_node = area * NODE_COST + below[WIDTH - 2];
-        let as_leaf = if triangles == MANY { f32::INFINITY } else { area * TRIANGLES_COST };
+        let of_leaf = LEAF_COST + TRIANGLE_COST * triangles as f32;
+        let as_leaf = if triangles == MANY { f32::INFINITY } else { area * of_leaf };
         let mut cost = [as_node.min(as_leaf); WIDTH - 1];
         for slots in 2..WIDTH {
             cost[slots - 1] = cost[slots - 2].min(below[slots - 2]);

@@ -1,0 +1,127 @@
+//! Leaves of triangles as they lie in memory.
+//!
+//! A leaf is eleven rows of words: nine rows of coordinates, one of primitive numbers and one of shape numbers. A row
+//! has one word per triangle, and the next one follows without a gap. So a leaf of five triangles takes five eighths of
+//! a full one's memory, for which rays through large scenes wait most. Vectors load eight words of a row: beyond the
+//! leaf's triangles they hold other numbers, and a mask leaves them out.
+
+use crate::lanes::{Lanes, WIDTH};
+use crate::moving_mesh::between;
+use crate::tree::{TRIANGLES, key};
+use crate::triangle::Triangles8;
+use glam::Vec3;
+
+/// The words of a triangle: the coordinates of its corners, its primitive number and its shape number.
+pub(crate) const WORDS: usize = 11;
+/// The rows of coordinates, which come first.
+const COORDINATES: usize = 9;
+const PRIMITIVES: usize = 9;
+const SHAPES: usize = 10;
+/// The words that are visible from the start of a leaf. There are as many after the last leaf's start.
+pub(crate) const SPAN: usize = 12 * WIDTH;
+/// The place in a child's code of the number of triangles, less one. Below it is the number of triangles in all leaves
+/// before this one.
+const COUNT: u32 = 28;
+/// The limit of the number of triangles.
+pub(crate) const LIMIT: usize = 1 << COUNT;
+/// The bits that are flipped in stored numbers of primitives and shapes. Small integers become ordinary floats:
+/// arithmetic on denormal ones, in lanes that don't count, is slow on some processors.
+const FLIPPED: u32 = 1 << 30;
+
+/// Returns the place of a leaf as a part of a child's code: `first` triangles in leaves before it, and `count` in it.
+pub(crate) fn place(first: u32, count: usize) -> u32 {
+    first | (count as u32 - 1) << COUNT
+}
+
+/// Writes up to eight triangles and their keys to the words of a leaf, [`WORDS`] for each key.
+#[inline(always)]
+pub(crate) fn write(words: &mut [f32], triangles: &Triangles8, keys: &[u64]) {
+    let rows = words.chunks_exact_mut(keys.len().max(1));
+    for (number, row) in rows.enumerate() {
+        for (lane, word) in row.iter_mut().enumerate() {
+            *word = match number {
+                PRIMITIVES => f32::from_bits(keys[lane] as u32 ^ FLIPPED),
+                SHAPES => f32::from_bits((keys[lane] >> 32) as u32 ^ FLIPPED),
+                _ => triangles.coordinate(number % 3, number / 3, lane),
+            };
+        }
+    }
+}
+
+/// A leaf of one to eight triangles.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Leaf<'a> {
+    words: &'a [f32; SPAN],
+    count: usize,
+}
+
+impl<'a> Leaf<'a> {
+    /// Returns the leaf with a child's code among all leaves.
+    #[inline(always)]
+    pub(crate) fn at(leaves: &'a [f32], code: u32) -> Self {
+        let first = (code & !TRIANGLES & (LIMIT as u32 - 1)) as usize * WORDS;
+        let count = (code >> COUNT & (WIDTH as u32 - 1)) as usize + 1;
+        Self { words: leaves[first..].first_chunk().unwrap_or(&[0.0; SPAN]), count }
+    }
+
+    /// Returns the mask of the lanes that hold triangles.
+    #[inline(always)]
+    pub(crate) fn mask(&self) -> u32 {
+        (1 << self.count) - 1
+    }
+
+    /// Returns the three corners' coordinates along an axis.
+    #[inline(always)]
+    pub(crate) fn along(&self, axis: usize) -> [&'a [f32; WIDTH]; 3] {
+        let first = 3 * self.count * (axis & 3);
+        [self.from(first), self.from(first + self.count), self.from(first + 2 * self.count)]
+    }
+
+    #[inline(always)]
+    fn from(&self, word: usize) -> &'a [f32; WIDTH] {
+        self.words[word..].first_chunk().unwrap_or(&[0.0; WIDTH])
+    }
+
+    #[inline(always)]
+    fn row(&self, row: usize) -> &'a [f32; WIDTH] {
+        self.from(row * self.count)
+    }
+
+    /// Returns the corners of the triangle in a lane.
+    #[inline(always)]
+    pub(crate) fn corners(&self, lane: usize) -> [Vec3; 3] {
+        let [x, y, z] = [self.along(0), self.along(1), self.along(2)];
+        [0, 1, 2].map(|corner| Vec3::new(x[corner][lane], y[corner][lane], z[corner][lane]))
+    }
+
+    /// Returns the key of the triangle in a lane.
+    #[inline(always)]
+    pub(crate) fn key(&self, lane: usize) -> u64 {
+        let [shape, primitive] = [SHAPES, PRIMITIVES].map(|row| self.row(row)[lane].to_bits() ^ FLIPPED);
+        key(shape, primitive)
+    }
+
+    /// Returns the mask of the lanes whose triangle has this key.
+    #[inline(always)]
+    pub(crate) fn equal<L: Lanes>(&self, token: L::Token, key: u64) -> u32 {
+        let equal = |row: usize, word: u32| L::equal(token, bytemuck::cast_ref(self.row(row)), word ^ FLIPPED);
+        equal(SHAPES, (key >> 32) as u32) & equal(PRIMITIVES, key as u32)
+    }
+
+    /// Returns the words of the leaf at a time in `[0, 1]`, interpolated linearly between `self` (time 0) and `end`
+    /// (time 1).
+    #[inline(always)]
+    pub(crate) fn toward(&self, end: &Self, time: f32) -> [f32; SPAN] {
+        let mut words = *self.words;
+        for (word, &to) in words.iter_mut().zip(end.words).take(COORDINATES * self.count) {
+            *word = between(*word, to, time);
+        }
+        words
+    }
+
+    /// Returns a leaf with as many triangles, at other places.
+    #[inline(always)]
+    pub(crate) fn with<'b>(&self, words: &'b [f32; SPAN]) -> Leaf<'b> {
+        Leaf { words, count: self.count }
+    }
+}
