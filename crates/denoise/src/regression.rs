@@ -117,7 +117,7 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
     fn with_simd<S: Simd>(self, simd: S) -> Vec<f32> {
         let tile = Tile::new(self.inputs, self.origin, self.like, self.sharp);
         let guides = std::array::from_fn(|g| tile.guide(&self.guides[g]));
-        let weights: [Weights; G] = weigh(simd, &tile, &guides, self.like);
+        let t=std::time::Instant::now(); let weights: [Weights; G] = weigh(simd, &tile, &guides, self.like); crate::tick(3*G-3,t);
         let (data, centres) = self.copies();
         let mut sums = vec![[0.0; 8 * COLUMNS]; 2 * ROWS];
         let [rows, columns] = tile.extent();
@@ -128,10 +128,10 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
                 let at = [2 * row, group * blocks];
                 fits.clear();
                 // No closures: their bodies would not be compiled for this machine's vectors.
-                for block in 0..blocks {
+                let t=std::time::Instant::now();for block in 0..blocks {
                     fits.push(fit(simd, &data, &centres, &weights, [at[0], at[1] + block]));
                 }
-                predict(simd, &data, &centres, &weights, &fits, at, &mut sums);
+                crate::tick(3*G-2,t);let t=std::time::Instant::now();predict(simd, &data, &centres, &weights, &fits, at, &mut sums);crate::tick(3*G-1,t);
             }
         }
         cropped(&sums)
@@ -287,10 +287,7 @@ fn fit<S: Simd, const G: usize>(
         for half in 0..2 {
             let g = half.min(G - 1);
             let [red, green, blue] = &colours[half];
-            for a in 0..=REGRESSORS {
-                let at = REGRESSORS + 3 * half;
-                add_products(simd, &weighted[g][a], [red, green, blue], &mut sums[g][a], at);
-            }
+            add_products(simd, &weighted[g], [red, green, blue], &mut sums[g], [REGRESSORS + 3 * half, REGRESSORS]);
         }
     }
     let last = G - 1;
@@ -315,7 +312,7 @@ fn counts<S: Simd, const G: usize>(simd: S, row: &[S::f32s], block: usize) -> [S
     counts
 }
 
-/// Adds the weighted products of regressors in one row of a window to `sums`, three sums at a time.
+/// Adds the weighted products of regressors in one row of a window to `sums`.
 #[inline(always)]
 fn accumulate<S: Simd>(
     simd: S,
@@ -323,31 +320,56 @@ fn accumulate<S: Simd>(
     apart: &[[S::f32s; SIDE]; REGRESSORS],
     sums: &mut Sums<S, VALUES, { REGRESSORS + 1 }>,
 ) {
-    for a in 0..=REGRESSORS {
-        // Sums left of the diagonal are not read. Skipping them would cost more than the groups that begin there.
-        for b in [0, 3, 6] {
-            if a <= b + 3 {
-                add_products(simd, &weighted[a], [&apart[b], &apart[b + 1], &apart[b + 2]], &mut sums[a], b);
-            }
+    for b in [0, 3, 6] {
+        // Sums left of the diagonal are not read. Skipping them would cost more than the pairs that begin there.
+        add_products(simd, weighted, [&apart[b], &apart[b + 1], &apart[b + 2]], sums, [b, b + 3]);
+    }
+}
+
+/// Adds the products of the first rows of `weighted` and three values to `sums`, up to row `last`. The values' sums begin
+/// with number `b`.
+///
+/// Six sums at a time hide the latency of additions, and fit into the registers of every machine.
+#[inline(always)]
+pub(crate) fn add_products<S: Simd, const V: usize, const N: usize, const M: usize>(
+    simd: S,
+    weighted: &[[S::f32s; N]; M],
+    values: [&[S::f32s; N]; 3],
+    sums: &mut Sums<S, V, M>,
+    [b, last]: [usize; 2],
+) {
+    for a in (0..=last).step_by(2) {
+        if a + 1 < M {
+            add_rows::<S, V, N, M, 2>(simd, weighted, values, sums, [a, b]);
+        } else {
+            add_rows::<S, V, N, M, 1>(simd, weighted, values, sums, [a, b]);
         }
     }
 }
 
+/// Adds the products of `A` rows from row `a`.
 #[inline(always)]
-pub(crate) fn add_products<S: Simd, const V: usize, const N: usize>(
+fn add_rows<S: Simd, const V: usize, const N: usize, const M: usize, const A: usize>(
     simd: S,
-    weighted: &[S::f32s; N],
+    weighted: &[[S::f32s; N]; M],
     values: [&[S::f32s; N]; 3],
-    sums: &mut [S::f32s; V],
-    b: usize,
+    sums: &mut Sums<S, V, M>,
+    [a, b]: [usize; 2],
 ) {
-    let [mut s, mut t, mut u] = [sums[b], sums[b + 1], sums[b + 2]];
-    for k in 0..N {
-        s = simd.add_f32s(s, simd.mul_f32s(weighted[k], values[0][k]));
-        t = simd.add_f32s(t, simd.mul_f32s(weighted[k], values[1][k]));
-        u = simd.add_f32s(u, simd.mul_f32s(weighted[k], values[2][k]));
+    let mut all = [[simd.splat_f32s(0.0); 3]; A];
+    for i in 0..A {
+        all[i] = [sums[a + i][b], sums[a + i][b + 1], sums[a + i][b + 2]];
     }
-    [sums[b], sums[b + 1], sums[b + 2]] = [s, t, u];
+    for k in 0..N {
+        for i in 0..A {
+            for c in 0..3 {
+                all[i][c] = simd.add_f32s(all[i][c], simd.mul_f32s(weighted[a + i][k], values[c][k]));
+            }
+        }
+    }
+    for i in 0..A {
+        [sums[a + i][b], sums[a + i][b + 1], sums[a + i][b + 2]] = all[i];
+    }
 }
 
 /// The weighted covariance of regressor `a` and value `b`. `share` is one over the total weight.

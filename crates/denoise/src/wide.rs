@@ -174,11 +174,11 @@ impl WithSimd for BandTask<'_> {
                 windows.clear();
                 for (block, k) in (group..columns.min(group + GROUP)).step_by(S::F32_LANES).enumerate() {
                     let centre = Centre::new(simd, self.stack, [y, k], self.size);
-                    weigh(simd, &centre, [self.first, self.skipped], &mut seen[block]);
-                    let fits = fit(simd, &centre, &seen[block]);
+                    let t=std::time::Instant::now();weigh(simd, &centre, [self.first, self.skipped], &mut seen[block]);crate::tick(6,t);let t=std::time::Instant::now();
+                    let fits = fit(simd, &centre, &seen[block]);crate::tick(7,t);
                     windows.push((centre, fits));
                 }
-                predict(simd, &windows, &seen, &mut sums);
+                let t=std::time::Instant::now();predict(simd, &windows, &seen, &mut sums);crate::tick(8,t);
             }
         }
         sums
@@ -362,17 +362,11 @@ impl<S: Simd> Segment<S> {
     /// Adds the products of all pixels to `sums`.
     #[inline(always)]
     fn add_to(&self, simd: S, sums: &mut Sums<S, VALUES, { REGRESSORS + 1 }>) {
-        for a in 0..=REGRESSORS {
-            for b in [0, 3] {
-                if a <= b + 3 {
-                    let values = [&self.apart[b], &self.apart[b + 1], &self.apart[b + 2]];
-                    add_products(simd, &self.weighted[a], values, &mut sums[a], b);
-                }
-            }
-            for b in [0, 3] {
-                let values = [&self.colours[b], &self.colours[b + 1], &self.colours[b + 2]];
-                add_products(simd, &self.weighted[a], values, &mut sums[a], REGRESSORS + b);
-            }
+        for b in [0, 3] {
+            let values = [&self.apart[b], &self.apart[b + 1], &self.apart[b + 2]];
+            add_products(simd, &self.weighted, values, sums, [b, b + 3]);
+            let values = [&self.colours[b], &self.colours[b + 1], &self.colours[b + 2]];
+            add_products(simd, &self.weighted, values, sums, [REGRESSORS + b, REGRESSORS]);
         }
     }
 }
