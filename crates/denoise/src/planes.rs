@@ -158,6 +158,24 @@ impl Inputs {
     }
 }
 
+/// Computes `N` values for every pixel, each into a plane of its own.
+pub(crate) fn planes_of<const N: usize>(pixels: usize, of: impl Fn(usize) -> [f32; N] + Sync) -> [Plane; N] {
+    const CHUNK: usize = 1024;
+    let mut planes: [Plane; N] = std::array::from_fn(|_| vec![0.0; pixels]);
+    let mut rest = planes.each_mut().map(|plane| plane.chunks_mut(CHUNK));
+    let mut parts: Vec<[&mut [f32]; N]> = Vec::with_capacity(pixels.div_ceil(CHUNK));
+    while parts.len() < parts.capacity() {
+        parts.push(rest.each_mut().map(|chunks| chunks.next().unwrap_or_default()));
+    }
+    parts.into_par_iter().enumerate().for_each(|(chunk, mut part)| {
+        for k in 0..part[0].len() {
+            let values = of(chunk * CHUNK + k);
+            part.iter_mut().zip(values).for_each(|(plane, value)| plane[k] = value);
+        }
+    });
+    planes
+}
+
 /// Computes a value for every pixel.
 pub(crate) fn per_pixel<T: Send>(film: &Film, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
     (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(f).collect()
@@ -181,23 +199,20 @@ fn pooled_variance(film: &Film, level: f32, bounds: Bounds) -> Colours {
     let size = film.frame().size().map(|n| n as usize);
     let unit = 1.0 / f64::from(level);
     let most = f64::from(BRIGHTEST) * f64::from(BRIGHTEST);
-    let own = per_pixel(film, |i| {
+    let [known, freedom, r, g, b] = planes_of(film.frame().pixels(), |i| {
         let of = |v: f64| (v * unit * unit).min(most) as f32;
-        let variance = film.moments(i).variance()?;
-        Some(without_withheld(film, i, bounds, variance).map(of))
+        let Some(variance) = film.moments(i).variance() else { return [0.0; 5] };
+        let [r, g, b] = without_withheld(film, i, bounds, variance).map(of);
+        [1.0, (film.count(i).max(1) - 1) as f32, r, g, b]
     });
-    let known: Plane = own.iter().map(|v| f32::from(u8::from(v.is_some()))).collect();
     let near = box_mean(&known, size, 2);
-    std::array::from_fn(|c| {
-        let own: Plane = own.iter().map(|v| v.map_or(0.0, |v| v[c])).collect();
+    [r, g, b].map(|mut own| {
         let sums = box_mean(&own, size, 2);
-        per_pixel(film, |i| {
-            if near[i] <= 0.0 {
-                return UNKNOWN;
-            }
-            let freedom = (film.count(i).max(1) - 1) as f32 * known[i];
-            (freedom * own[i] + POOLED * sums[i] / near[i]) / (freedom + POOLED)
-        })
+        for (i, own) in own.iter_mut().enumerate() {
+            let pooled = (freedom[i] * *own + POOLED * sums[i] / near[i]) / (freedom[i] + POOLED);
+            *own = if near[i] > 0.0 { pooled } else { UNKNOWN };
+        }
+        own
     })
 }
 
@@ -227,8 +242,7 @@ fn half(film: &Film, half: usize, level: f32, bounds: Bounds, sample_variance: &
         let value = |x: f64| ((x * unit) as f32).min(BRIGHTEST);
         [value(r - wr), value(g - wg), value(b - wb), moments.count as f32]
     };
-    let all = per_pixel(film, of);
-    let [r, g, b, count] = std::array::from_fn(|k| all.iter().map(|values| values[k]).collect::<Plane>());
+    let [r, g, b, count] = planes_of(film.frame().pixels(), of);
     let colour = [r, g, b];
     let variance = std::array::from_fn(|c| {
         let of_mean = |(v, n): (&f32, &f32)| if *n > 0.0 { (v + FLOOR) / n } else { UNKNOWN };
@@ -262,22 +276,17 @@ fn features(film: &Film, read: bool, place: &Place, among: &mut Among<'_>) -> Re
     let middle = centre(film, place, among)?;
     let miss = (!read || !film.needs().features).then(|| Feature::miss(far));
     let of = |i: usize| miss.or_else(|| feature(film, i, far, middle));
-    let known = per_pixel(film, of);
-    let filled = |i: usize| known[i].or_else(|| from_neighbours(&known, size, i)).unwrap_or_default();
-    let all = per_pixel(film, filled);
-    let mean: [Plane; FEATURES] = std::array::from_fn(|k| all.iter().map(|f| f.mean[k]).collect());
-    let position: Colours = std::array::from_fn(|k| all.iter().map(|f| f.mean[7 + k]).collect());
-    let unit = 24.0 * pixel_angle(&position, &all, own, size[0], among)?;
-    let scale = all.iter().map(|f| 1.0 / (unit * f.depth.max(1e-18))).collect();
-    let slope = slopes(&mean[6], size);
-    Ok(Features {
-        variance: std::array::from_fn(|k| all.iter().map(|f| f.variance[k]).collect()),
-        scatter: all.iter().map(|f| f.scatter).collect(),
-        mean,
-        slope,
-        position,
-        scale,
-    })
+    let filled = |i: usize| of(i).or_else(|| from_neighbours(of, size, i)).unwrap_or_default();
+    let [nx, ny, nz, r, g, b, depth, x, y, z, vn, va, vd, scatter, mut scale] = planes_of(film.frame().pixels(), |i| {
+        let Feature { mean: m, variance: [vn, va, vd], scatter, depth } = filled(i);
+        [m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9], vn, va, vd, scatter, depth]
+    });
+    let position = [x, y, z];
+    let unit = 24.0 * pixel_angle(&position, &scale, own, size[0], among)?;
+    scale.iter_mut().for_each(|depth| *depth = 1.0 / (unit * depth.max(1e-18)));
+    let slope = slopes(&depth, size);
+    let (mean, variance) = ([nx, ny, nz, r, g, b, depth], [vn, va, vd]);
+    Ok(Features { mean, variance, scatter, slope, position, scale })
 }
 
 /// The mean of all positions, in f64 because they may lie far from the origin.
@@ -338,12 +347,16 @@ fn ln(x: f32) -> f32 {
 }
 
 /// The mean of the known features among 5x5 pixels around pixel `i`; `None` if none are known.
-fn from_neighbours(known: &[Option<Feature>], [width, height]: [usize; 2], i: usize) -> Option<Feature> {
+fn from_neighbours(
+    known: impl Fn(usize) -> Option<Feature>,
+    [width, height]: [usize; 2],
+    i: usize,
+) -> Option<Feature> {
     let (x, y) = (i % width, i / width);
     let mut sum = Feature::default();
     let mut count = 0.0f32;
     for row in y.saturating_sub(2)..(y + 3).min(height) {
-        for f in known[row * width..][x.saturating_sub(2)..(x + 3).min(width)].iter().flatten() {
+        for f in (x.saturating_sub(2)..(x + 3).min(width)).filter_map(|x| known(row * width + x)) {
             (0..10).for_each(|k| sum.mean[k] += f.mean[k]);
             (0..3).for_each(|k| sum.variance[k] += f.variance[k]);
             sum.scatter += f.scatter;
@@ -363,14 +376,14 @@ fn from_neighbours(known: &[Option<Feature>], [width, height]: [usize; 2], i: us
 /// The approximate width of a pixel at distance 1: the lower quartile of the steps between neighbouring positions.
 fn pixel_angle(
     position: &Colours,
-    all: &[Feature],
+    depth: &[f32],
     own: Range<usize>,
     width: usize,
     among: &mut Among<'_>,
 ) -> Result<f32, Error> {
     let step = |i: usize| {
         let apart = position.iter().map(|p| (p[i + 1] - p[i]).powi(2)).sum::<f32>().sqrt();
-        (apart > 0.0).then(|| apart / all[i].depth)
+        (apart > 0.0).then(|| apart / depth[i])
     };
     let steps: Vec<f32> = own.filter(|i| !(i + 1).is_multiple_of(width)).filter_map(step).collect();
     Ok(among.in_order(&steps, |n| n / 4)?.map_or(1e-3, |quarter| quarter.clamp(1e-9, 1e9)))
@@ -379,21 +392,28 @@ fn pixel_angle(
 /// The smallest change of the log `depth` per pixel among 3x3 pixels.
 pub(crate) fn slopes(depth: &[f32], size: [usize; 2]) -> Plane {
     let [width, height] = size;
-    let gradient = |i: usize| {
-        let (x, y) = (i % width, i / width);
-        let across = depth[i - x + (x + 1).min(width - 1)] - depth[i - x + x.saturating_sub(1)];
-        let down = depth[(y + 1).min(height - 1) * width + x] - depth[y.saturating_sub(1) * width + x];
-        0.5 * across.abs().max(down.abs())
+    let near = |k: usize, end: usize| [k.saturating_sub(1), (k + 1).min(end - 1)];
+    let gradient = |y: usize, row: &mut [f32]| {
+        let [above, below] = near(y, height).map(|row| &depth[row * width..][..width]);
+        let own = &depth[y * width..][..width];
+        for (x, value) in row.iter_mut().enumerate() {
+            let [left, right] = near(x, width);
+            *value = 0.5 * (own[right] - own[left]).abs().max((below[x] - above[x]).abs());
+        }
     };
-    let all: Plane = (0..depth.len()).into_par_iter().with_min_len(1024).map(gradient).collect();
-    let smallest = |i: usize| {
-        let (x, y) = (i % width, i / width);
-        let rows = y.saturating_sub(1)..(y + 2).min(height);
-        rows.flat_map(|row| &all[row * width..][x.saturating_sub(1)..(x + 2).min(width)])
-            .copied()
-            .fold(f32::MAX, f32::min)
-    };
-    (0..depth.len()).into_par_iter().with_min_len(1024).map(smallest).collect()
+    let mut all = vec![0.0; depth.len()];
+    all.par_chunks_mut(width).enumerate().for_each(|(y, row)| gradient(y, row));
+    let mut smallest = vec![0.0; depth.len()];
+    smallest.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+        let [above, below] = near(y, height).map(|row| &all[row * width..][..width]);
+        let own = &all[y * width..][..width];
+        let least: Plane = above.iter().zip(own).zip(below).map(|((a, o), b)| a.min(*o).min(*b)).collect();
+        for (x, value) in row.iter_mut().enumerate() {
+            let [left, right] = near(x, width);
+            *value = least[left].min(least[x]).min(least[right]);
+        }
+    });
+    smallest
 }
 
 /// The mean of a plane over the `(2 radius + 1)^2` pixels around each pixel. Beyond the frame, the border repeats.
