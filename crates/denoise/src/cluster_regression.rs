@@ -19,7 +19,6 @@ use dapple_core::{
 };
 use rayon::prelude::*;
 use std::fmt;
-macro_rules! tt{($n:expr,$e:expr)=>{{let t=std::time::Instant::now();let r=$e;if std::env::var_os("TT").is_some(){eprintln!("{:>8.2} ms {}",t.elapsed().as_secs_f64()*1e3,$n);}r}}}
 use std::ops::Range;
 
 /// The weight of the image that is averaged with the predictions of the first and of the second regression; a window's
@@ -185,33 +184,33 @@ impl ClusterRegression {
 
     /// The image of one or two passes.
     fn pair(&self, inputs: &Inputs, among: &mut Among<'_>) -> Result<Pair, Error> {
-        let averaged = tt!("bilateral",Bilateral::candidate().pair(inputs));
-        let first = among.complete(inputs, tt!("first",self.first(inputs, &averaged)), Among::rows)?;
+        let averaged = Bilateral::candidate().pair(inputs);
+        let first = among.complete(inputs, self.first(inputs, &averaged), Among::rows)?;
         if self.options.passes == Passes::One {
             return Ok(first);
         }
-        let unfiltered = tt!("unfiltered",Pair::unfiltered(inputs));
-        let weight = tt!("weight",relative_weight(inputs, &first));
+        let unfiltered = Pair::unfiltered(inputs);
+        let weight = relative_weight(inputs, &first);
         let chosen = select(inputs, &[&first, &averaged], Some(&unfiltered), &weight, FIRST_CHOICE, 0.0);
-        let second = among.complete(inputs, tt!("second",self.second(inputs, &chosen)), Among::rows)?;
+        let second = among.complete(inputs, self.second(inputs, &chosen), Among::rows)?;
         Ok(select(inputs, &[&first, &averaged, &second], Some(&unfiltered), &weight, SECOND_CHOICE, 0.0))
     }
 
     /// The image of three passes before its blend with the unfiltered image. The unfiltered image guides the second pass
     /// where its error is less by `evidence` standard errors.
     fn smooth(&self, inputs: &Inputs, evidence: f32, among: &mut Among<'_>) -> Result<Pair, Error> {
-        let averaged = tt!("bilateral",Bilateral::candidate().pair(inputs));
-        let first = among.complete(inputs, tt!("first",self.first(inputs, &averaged)), Among::rows)?;
-        let weight = tt!("weight",relative_weight(inputs, &first));
-        let unfiltered = tt!("unfiltered",Pair::unfiltered(inputs));
-        let chosen = tt!("select1",select(inputs, &[&first, &averaged], Some(&unfiltered), &weight, FIRST_CHOICE, evidence));
+        let averaged = Bilateral::candidate().pair(inputs);
+        let first = among.complete(inputs, self.first(inputs, &averaged), Among::rows)?;
+        let weight = relative_weight(inputs, &first);
+        let unfiltered = Pair::unfiltered(inputs);
+        let chosen = select(inputs, &[&first, &averaged], Some(&unfiltered), &weight, FIRST_CHOICE, evidence);
         drop(unfiltered);
-        let second = among.complete(inputs, tt!("second",self.second(inputs, &chosen)), Among::rows)?;
-        let base = tt!("select2",select(inputs, &[&first, &averaged, &second], None, &weight, SECOND_CHOICE, 0.0));
+        let second = among.complete(inputs, self.second(inputs, &chosen), Among::rows)?;
+        let base = select(inputs, &[&first, &averaged, &second], None, &weight, SECOND_CHOICE, 0.0);
         drop((first, averaged, second, chosen));
-        let g = tt!("residual",residual_guide(inputs, &base)); let smooth = tt!("wide",wide(inputs, &g, &base));
+        let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
         let smooth = among.complete(inputs, smooth, Among::rows)?;
-        Ok(tt!("shrink",shrink(inputs, &base, &smooth, scales::BLEND, EVIDENCE)))
+        Ok(shrink(inputs, &base, &smooth, scales::BLEND, EVIDENCE))
     }
 
     /// The image of three passes without coarse scales.
@@ -230,17 +229,17 @@ impl ClusterRegression {
 
     /// The image of three passes and `scales` coarse scales.
     fn scaled(&self, inputs: &mut Inputs, scales: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
-        let coarse = tt!("coarser",scales::coarser(inputs, scales, among)?);
-        let light = tt!("outliers",outliers::take_halves(inputs, scales::ratio(scales)));
+        let coarse = scales::coarser(inputs, scales, among)?;
+        let light = outliers::take_halves(inputs, scales::ratio(scales));
         let mut image = self.smooth(inputs, CERTAIN, among)?;
         if let Some(light) = light {
             image.add(&light);
             inputs.add(&light);
         }
-        tt!("correct",scales::correct(inputs, coarse, &mut image, scales, among)?);
+        scales::correct(inputs, coarse, &mut image, scales, among)?;
         // More pixels show less detail each, so that more of what looks like detail is noise.
         let evidence = 0.5 * EVIDENCE * (1 + scales) as f32;
-        let b=tt!("blended",blended(inputs, &image, evidence)); Ok(tt!("filtered",filtered_over(inputs, &b, 3 * scales, among)?))
+        filtered_over(inputs, &blended(inputs, &image, evidence), 3 * scales, among)
     }
 
     /// The parameters.
@@ -251,9 +250,9 @@ impl ClusterRegression {
 
     /// Filters the rows of a film that begin with row `top` of the whole image.
     pub(crate) fn run(&self, film: &Film, top: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
-        let mut inputs = tt!("inputs",Inputs::new(film, self.reads(), top, among)?);
+        let mut inputs = Inputs::new(film, self.reads(), top, among)?;
         among.share_rows([top, top + inputs.size[1]])?;
-        tt!("prefilter",prefilter(&mut inputs));
+        prefilter(&mut inputs);
         if self.options.passes != Passes::Three {
             let image = self.pair(&inputs, among)?;
             return Ok(inputs.restored(film, filtered(&inputs, &image, among)?));
@@ -262,7 +261,7 @@ impl ClusterRegression {
             0 => self.unscaled(&mut inputs, among)?,
             scales => self.scaled(&mut inputs, scales, among)?,
         };
-        Ok(tt!("restored",inputs.restored(film, image)))
+        Ok(inputs.restored(film, image))
     }
 }
 

@@ -66,8 +66,6 @@
 //! The other three filters need two halves of the samples.
 //! The difference between the halves shows the whole error, bias included. That estimate is smoothed over 7x7 pixels.
 
-pub static TT:[std::sync::atomic::AtomicU64;12]=[const{std::sync::atomic::AtomicU64::new(0)};12];
-#[inline(always)] pub(crate) fn tick(k:usize,t:std::time::Instant){TT[k].fetch_add(t.elapsed().as_nanos() as u64,std::sync::atomic::Ordering::Relaxed);}
 mod among;
 mod averaging;
 #[cfg(test)]
@@ -83,6 +81,7 @@ mod gaussian;
 mod internals;
 mod membership;
 mod nl_means;
+mod normal_equations;
 mod outliers;
 mod parameters;
 mod pixel_means;

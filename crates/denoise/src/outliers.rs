@@ -301,7 +301,7 @@ impl<'a> Row<'a> {
 /// A distance of at most 64 times the width of 24 pixels.
 #[inline(always)]
 fn bounded(distance: f32) -> f32 {
-    distance.max(-64.0).min(64.0)
+    distance.clamp(-64.0, 64.0)
 }
 
 /// 0, 1, 2 and so on: integers of this type are not converted in vectors.

@@ -4,7 +4,7 @@ use crate::among::{Among, Place};
 use crate::cluster_gaussian::ClusterLookup;
 use crate::membership::BACKGROUND;
 use crate::withheld::Bounds;
-use dapple_core::{Error, Film, Filtered};
+use dapple_core::{Error, Film, Filtered, RgbMoments};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -99,8 +99,7 @@ impl Inputs {
         let place = among.place(0, top);
         let level = level(film, &place, among)?;
         let bounds = Bounds::new(film, level, &place, among)?;
-        let sample_variance = pooled_variance(film, level, bounds);
-        let halves = [0, 1].map(|h| half(film, h, level, bounds, &sample_variance));
+        let halves = halves(film, level, bounds);
         let labels = reads.label.filter(|_| film.needs().first_hits > 0).map(|label| {
             let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(|hit| label(hit));
             per_pixel(film, |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
@@ -120,11 +119,9 @@ impl Inputs {
     pub(crate) const fn bytes_per_pixel(labels: bool) -> [usize; 2] {
         let (halves, labels) = (2 * 7, if labels { 1 } else { 0 });
         let features = FEATURES + 3 + 1 + 1 + 3 + 1;
-        // The planes of features are made last. Depths, known and filled features, and the pooled variances still exist
-        // then.
-        let known = size_of::<Option<f32>>() + size_of::<Option<Feature>>() + size_of::<Feature>();
+        // The planes of features are made last. Depths, and the steps between pixels or the slopes of depth, exist then.
         let kept = halves + features + labels;
-        [4 * kept, 4 * (kept + 3) + known]
+        [4 * kept, 4 * (kept + 2) + size_of::<Option<f32>>()]
     }
 
     /// Adds the light that the filter did not get to the image that it made of this film. Returns the own rows.
@@ -194,61 +191,66 @@ pub(crate) fn level(film: &Film, place: &Place, among: &mut Among<'_>) -> Result
     Ok(((sum / (width * place.height) as f64) as f32).clamp(1e-18, 1e18))
 }
 
-/// The variance of one sample in each pixel, shrunk towards the variance over 5x5 pixels, in squared levels.
-fn pooled_variance(film: &Film, level: f32, bounds: Bounds) -> Colours {
-    let size = film.frame().size().map(|n| n as usize);
+/// The halves of a film's samples, without the light that is withheld.
+fn halves(film: &Film, level: f32, bounds: Bounds) -> [Half; 2] {
     let unit = 1.0 / f64::from(level);
+    let value = |x: f64| ((x * unit) as f32).min(BRIGHTEST);
     let most = f64::from(BRIGHTEST) * f64::from(BRIGHTEST);
-    let [known, freedom, r, g, b] = planes_of(film.frame().pixels(), |i| {
-        let of = |v: f64| (v * unit * unit).min(most) as f32;
-        let Some(variance) = film.moments(i).variance() else { return [0.0; 5] };
-        let [r, g, b] = without_withheld(film, i, bounds, variance).map(of);
-        [1.0, (film.count(i).max(1) - 1) as f32, r, g, b]
-    });
-    let near = box_mean(&known, size, 2);
-    [r, g, b].map(|mut own| {
+    let of = |i: usize| {
+        let halves = [0, 1].map(|half| film.half(half, i).unwrap_or_default());
+        let withheld = bounds.withheld_of_halves(film, i, &halves);
+        let [[ra, ga, ba], [rb, gb, bb]] = [0, 1].map(|h: usize| {
+            // A missing half takes the film's mean. Its variance is UNKNOWN.
+            let mean = if halves[h].count > 0 { halves[h].mean } else { film.mean(i) };
+            std::array::from_fn(|c| value(mean[c] - withheld[h][c]))
+        });
+        let [na, nb] = halves.map(|half| half.count as f32);
+        let variance = film.moments(i).variance();
+        let known = f32::from(u8::from(variance.is_some()));
+        let variance = variance.map_or([0.0; 3], |variance| without_withheld(&halves, &withheld, variance));
+        let [vr, vg, vb] = variance.map(|v| (v * unit * unit).min(most) as f32);
+        [ra, ga, ba, rb, gb, bb, na, nb, known, vr, vg, vb]
+    };
+    let [ra, ga, ba, rb, gb, bb, na, nb, known, vr, vg, vb] = planes_of(film.frame().pixels(), of);
+    let sample = pooled_variance(film, [vr, vg, vb], &known);
+    let variance = |count: &Plane, sample: &Plane| -> Plane {
+        let of_mean = |(v, n): (&f32, &f32)| if *n > 0.0 { (v + FLOOR) / n } else { UNKNOWN };
+        sample.iter().zip(count).map(of_mean).collect()
+    };
+    [([ra, ga, ba], na), ([rb, gb, bb], nb)].map(|(colour, count)| {
+        let variance = sample.each_ref().map(|sample| variance(&count, sample));
+        Half { colour, variance, count }
+    })
+}
+
+/// The variance of one sample in each pixel, shrunk towards the variance over 5x5 pixels, in squared levels. `own` is the
+/// variance where it is `known`.
+fn pooled_variance(film: &Film, own: Colours, known: &Plane) -> Colours {
+    let size = film.frame().size().map(|n| n as usize);
+    let near = box_mean(known, size, 2);
+    let freedom: Plane = per_pixel(film, |i| (film.count(i).max(1) - 1) as f32 * known[i]);
+    own.map(|mut own| {
         let sums = box_mean(&own, size, 2);
-        for (i, own) in own.iter_mut().enumerate() {
-            let pooled = (freedom[i] * *own + POOLED * sums[i] / near[i]) / (freedom[i] + POOLED);
-            *own = if near[i] > 0.0 { pooled } else { UNKNOWN };
+        for (((own, sum), near), freedom) in own.iter_mut().zip(sums).zip(&near).zip(&freedom) {
+            let pooled = (freedom * *own + POOLED * sum / near) / (freedom + POOLED);
+            *own = if *near > 0.0 { pooled } else { UNKNOWN };
         }
         own
     })
 }
 
-/// The variance of one sample of pixel `i` without the light that is withheld, from the sample `variance`.
+/// The variance of one sample of a pixel without the light that is withheld, from the sample `variance`.
 ///
 /// Withheld light varies at the edges of lamps. There the difference of the halves bounds the variance of the rest.
-fn without_withheld(film: &Film, i: usize, bounds: Bounds, variance: [f64; 3]) -> [f64; 3] {
-    let withheld = [0, 1].map(|half| bounds.withheld_of_half(film, half, i));
-    if withheld == [[0.0; 3]; 2] {
+fn without_withheld([a, b]: &[RgbMoments; 2], withheld: &[[f64; 3]; 2], variance: [f64; 3]) -> [f64; 3] {
+    if *withheld == [[0.0; 3]; 2] {
         return variance;
     }
-    let [a, b] = [0, 1].map(|half| film.half(half, i).unwrap_or_default());
     let share = a.count as f64 * b.count as f64 / (a.count + b.count).max(1) as f64;
     std::array::from_fn(|c| {
         let rest = a.mean[c] - withheld[0][c] - b.mean[c] + withheld[1][c];
         variance[c].min(rest * rest * share)
     })
-}
-
-fn half(film: &Film, half: usize, level: f32, bounds: Bounds, sample_variance: &Colours) -> Half {
-    let unit = 1.0 / f64::from(level);
-    let of = |i: usize| {
-        let moments = film.half(half, i).unwrap_or_default();
-        // A missing half takes the film's mean. Its variance is UNKNOWN.
-        let [r, g, b] = if moments.count > 0 { moments.mean } else { film.mean(i) };
-        let [wr, wg, wb] = bounds.withheld_of_half(film, half, i);
-        let value = |x: f64| ((x * unit) as f32).min(BRIGHTEST);
-        [value(r - wr), value(g - wg), value(b - wb), moments.count as f32]
-    };
-    let [r, g, b, count] = planes_of(film.frame().pixels(), of);
-    let colour = [r, g, b];
-    let variance = std::array::from_fn(|c| {
-        let of_mean = |(v, n): (&f32, &f32)| if *n > 0.0 { (v + FLOOR) / n } else { UNKNOWN };
-        sample_variance[c].iter().zip(&count).map(of_mean).collect()
-    });
-    Half { colour, variance, count }
 }
 
 /// The features of one pixel: means (normal, albedo, logarithm of depth, position), their variances, depth.
@@ -347,11 +349,7 @@ fn ln(x: f32) -> f32 {
 }
 
 /// The mean of the known features among 5x5 pixels around pixel `i`; `None` if none are known.
-fn from_neighbours(
-    known: impl Fn(usize) -> Option<Feature>,
-    [width, height]: [usize; 2],
-    i: usize,
-) -> Option<Feature> {
+fn from_neighbours(known: impl Fn(usize) -> Option<Feature>, [width, height]: [usize; 2], i: usize) -> Option<Feature> {
     let (x, y) = (i % width, i / width);
     let mut sum = Feature::default();
     let mut count = 0.0f32;

@@ -6,6 +6,7 @@
 
 use crate::dispatch::dispatch;
 use crate::error_map::Pair;
+use crate::normal_equations::{Fit, Sums, add_products, solve};
 use crate::planes::{Colours, Inputs, Plane, box_mean};
 use crate::tile::{
     COLUMNS, Differences, GROUP, Guide, HEIGHT, LANES, Likeness, LocalGuide, MARGIN, ROWS, Row, Stack, Tile, WIDTH,
@@ -29,11 +30,6 @@ const SIDE: usize = 2 * REACH + 1;
 const CENTRES: usize = HEIGHT / 2;
 /// The amount that is subtracted from each weight; smaller weights become 0.
 pub(crate) const NEGLIGIBLE: f32 = 1e-3;
-/// The share of the total weight that is added to the diagonal of the normal equations.
-const RIDGE: f32 = 2e-4;
-/// The least pivot of the normal equations, relative to its diagonal entry. Smaller pivots are lost to rounding and are
-/// raised to it.
-const PIVOT: f32 = 1e-5;
 /// Width and height in pixels of a tile with the surroundings that its windows predict.
 const HALO: [usize; 2] = [WIDTH + 2 * REACH, HEIGHT + 2 * REACH];
 
@@ -117,7 +113,7 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
     fn with_simd<S: Simd>(self, simd: S) -> Vec<f32> {
         let tile = Tile::new(self.inputs, self.origin, self.like, self.sharp);
         let guides = std::array::from_fn(|g| tile.guide(&self.guides[g]));
-        let t=std::time::Instant::now(); let weights: [Weights; G] = weigh(simd, &tile, &guides, self.like); crate::tick(3*G-3,t);
+        let weights: [Weights; G] = weigh(simd, &tile, &guides, self.like);
         let (data, centres) = self.copies();
         let mut sums = vec![[0.0; 8 * COLUMNS]; 2 * ROWS];
         let [rows, columns] = tile.extent();
@@ -128,10 +124,10 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
                 let at = [2 * row, group * blocks];
                 fits.clear();
                 // No closures: their bodies would not be compiled for this machine's vectors.
-                let t=std::time::Instant::now();for block in 0..blocks {
+                for block in 0..blocks {
                     fits.push(fit(simd, &data, &centres, &weights, [at[0], at[1] + block]));
                 }
-                crate::tick(3*G-2,t);let t=std::time::Instant::now();predict(simd, &data, &centres, &weights, &fits, at, &mut sums);crate::tick(3*G-1,t);
+                predict(simd, &data, &centres, &weights, &fits, at, &mut sums);
             }
         }
         cropped(&sums)
@@ -190,13 +186,6 @@ fn weigh<S: Simd, const G: usize>(simd: S, tile: &Tile, guides: &[LocalGuide; G]
     weights
 }
 
-/// The linear function fitted in a window, for each colour channel: the value at the window's centre, and the slope of
-/// each of `R` regressors. A vector holds several windows.
-pub(crate) struct Fit<S: Simd, const R: usize> {
-    pub(crate) intercept: [S::f32s; 3],
-    pub(crate) slopes: [[S::f32s; 3]; R],
-}
-
 /// The regressors of pixels at some offset from the window centres, less the regressors of the centres.
 #[inline(always)]
 fn regressors<S: Simd>(
@@ -227,10 +216,6 @@ fn centre<S: Simd>(simd: S, data: &Data, [y, block]: [usize; 2]) -> [S::f32s; RE
     }
     values
 }
-
-/// The weighted sums of the normal equations. Entry `[a][b]` sums the products of regressor `a - 1` (or 1, if `a` is 0)
-/// and value `b`. Values are the regressors, then the colours. `V` and `N` are the numbers of values and of rows.
-pub(crate) type Sums<S, const V: usize, const N: usize> = [[<S as Simd>::f32s; V]; N];
 
 /// Fits the colours of both halves in a vector of windows.
 #[inline(always)]
@@ -324,125 +309,6 @@ fn accumulate<S: Simd>(
         // Sums left of the diagonal are not read. Skipping them would cost more than the pairs that begin there.
         add_products(simd, weighted, [&apart[b], &apart[b + 1], &apart[b + 2]], sums, [b, b + 3]);
     }
-}
-
-/// Adds the products of the first rows of `weighted` and three values to `sums`, up to row `last`. The values' sums begin
-/// with number `b`.
-///
-/// Six sums at a time hide the latency of additions, and fit into the registers of every machine.
-#[inline(always)]
-pub(crate) fn add_products<S: Simd, const V: usize, const N: usize, const M: usize>(
-    simd: S,
-    weighted: &[[S::f32s; N]; M],
-    values: [&[S::f32s; N]; 3],
-    sums: &mut Sums<S, V, M>,
-    [b, last]: [usize; 2],
-) {
-    for a in (0..=last).step_by(2) {
-        if a + 1 < M {
-            add_rows::<S, V, N, M, 2>(simd, weighted, values, sums, [a, b]);
-        } else {
-            add_rows::<S, V, N, M, 1>(simd, weighted, values, sums, [a, b]);
-        }
-    }
-}
-
-/// Adds the products of `A` rows from row `a`.
-#[inline(always)]
-fn add_rows<S: Simd, const V: usize, const N: usize, const M: usize, const A: usize>(
-    simd: S,
-    weighted: &[[S::f32s; N]; M],
-    values: [&[S::f32s; N]; 3],
-    sums: &mut Sums<S, V, M>,
-    [a, b]: [usize; 2],
-) {
-    let mut all = [[simd.splat_f32s(0.0); 3]; A];
-    for i in 0..A {
-        all[i] = [sums[a + i][b], sums[a + i][b + 1], sums[a + i][b + 2]];
-    }
-    for k in 0..N {
-        for i in 0..A {
-            for c in 0..3 {
-                all[i][c] = simd.add_f32s(all[i][c], simd.mul_f32s(weighted[a + i][k], values[c][k]));
-            }
-        }
-    }
-    for i in 0..A {
-        [sums[a + i][b], sums[a + i][b + 1], sums[a + i][b + 2]] = all[i];
-    }
-}
-
-/// The weighted covariance of regressor `a` and value `b`. `share` is one over the total weight.
-#[inline(always)]
-fn covariance<S: Simd, const V: usize, const N: usize>(
-    simd: S,
-    sums: &Sums<S, V, N>,
-    mean: &[S::f32s; V],
-    share: S::f32s,
-    a: usize,
-    b: usize,
-) -> S::f32s {
-    simd.sub_f32s(simd.mul_f32s(sums[a + 1][b], share), simd.mul_f32s(mean[a], mean[b]))
-}
-
-/// Solves the normal equations, centred at the weighted means, by the decomposition `L D L^T`. The right-hand sides are
-/// the three colour channels from value `colours` on.
-#[inline(always)]
-pub(crate) fn solve<S: Simd, const R: usize, const V: usize, const N: usize>(
-    simd: S,
-    total: S::f32s,
-    sums: &Sums<S, V, N>,
-    colours: usize,
-    reference: &[S::f32s; 3],
-) -> Fit<S, R> {
-    let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
-    let share = simd.div_f32s(one, simd.max_f32s(total, simd.splat_f32s(1e-20)));
-    let mut mean = sums[0];
-    for value in &mut mean {
-        *value = simd.mul_f32s(*value, share);
-    }
-    // `lower[i][j]`, j < i; `right` is the right-hand side, then the solution.
-    let mut lower = [[zero; R]; R];
-    let mut pivots = [zero; R];
-    let mut right = [[zero; 3]; R];
-    for j in 0..R {
-        for i in j..R {
-            let mut entry = covariance(simd, sums, &mean, share, j, i);
-            let diagonal = simd.add_f32s(simd.max_f32s(entry, zero), simd.splat_f32s(RIDGE));
-            if i == j {
-                entry = diagonal;
-            }
-            for k in 0..j {
-                let product = simd.mul_f32s(lower[i][k], lower[j][k]);
-                entry = simd.sub_f32s(entry, simd.mul_f32s(product, pivots[k]));
-            }
-            if i == j {
-                pivots[j] = simd.max_f32s(entry, simd.mul_f32s(diagonal, simd.splat_f32s(PIVOT)));
-            } else {
-                lower[i][j] = simd.div_f32s(entry, pivots[j]);
-            }
-        }
-        for c in 0..3 {
-            let mut value = covariance(simd, sums, &mean, share, j, colours + c);
-            for k in 0..j {
-                value = simd.sub_f32s(value, simd.mul_f32s(lower[j][k], right[k][c]));
-            }
-            right[j][c] = value;
-        }
-    }
-    let mut intercept = *reference;
-    for c in 0..3 {
-        intercept[c] = simd.add_f32s(intercept[c], mean[colours + c]);
-        for j in (0..R).rev() {
-            let mut value = simd.div_f32s(right[j][c], pivots[j]);
-            for i in j + 1..R {
-                value = simd.sub_f32s(value, simd.mul_f32s(lower[i][j], right[i][c]));
-            }
-            right[j][c] = value;
-            intercept[c] = simd.sub_f32s(intercept[c], simd.mul_f32s(value, mean[j]));
-        }
-    }
-    Fit { intercept, slopes: right }
 }
 
 /// Adds the predictions of both halves' windows to the pixels in them. A row of `sums` holds red, green, blue and

@@ -12,8 +12,9 @@ mod stack;
 
 use crate::dispatch::dispatch;
 use crate::error_map::Pair;
+use crate::normal_equations::{Fit, Sums, add_products, solve};
 use crate::planes::{Inputs, Plane};
-use crate::regression::{Fit, NEGLIGIBLE, Sums, add_products, solve};
+use crate::regression::NEGLIGIBLE;
 use crate::tile::{FeatureScales, GROUP, Guide, count_weights, excess, exp_minus_all, vectors};
 use dapple_core::Frame;
 use pulp::{Simd, WithSimd};
@@ -174,11 +175,11 @@ impl WithSimd for BandTask<'_> {
                 windows.clear();
                 for (block, k) in (group..columns.min(group + GROUP)).step_by(S::F32_LANES).enumerate() {
                     let centre = Centre::new(simd, self.stack, [y, k], self.size);
-                    let t=std::time::Instant::now();weigh(simd, &centre, [self.first, self.skipped], &mut seen[block]);crate::tick(6,t);let t=std::time::Instant::now();
-                    let fits = fit(simd, &centre, &seen[block]);crate::tick(7,t);
+                    weigh(simd, &centre, [self.first, self.skipped], &mut seen[block]);
+                    let fits = fit(simd, &centre, &seen[block]);
                     windows.push((centre, fits));
                 }
-                let t=std::time::Instant::now();predict(simd, &windows, &seen, &mut sums);crate::tick(8,t);
+                predict(simd, &windows, &seen, &mut sums);
             }
         }
         sums
