@@ -23,8 +23,8 @@ pub(crate) struct Fit<S: Simd, const R: usize> {
 /// and value `b`. Values are the regressors, then the colours. `V` and `N` are the numbers of values and of rows.
 pub(crate) type Sums<S, const V: usize, const N: usize> = [[<S as Simd>::f32s; V]; N];
 
-/// Adds the products of the first rows of `weighted` and three values to `sums`, up to row `last`. The values' sums begin
-/// with number `b`.
+/// Adds the products of the first rows of `weighted` and three values to `sums`, up to row `last`, for the pixels `of` this
+/// range. The values' sums begin with number `b`.
 ///
 /// Six sums at a time hide the latency of additions, and fit into the registers of every machine.
 #[inline(always)]
@@ -34,17 +34,18 @@ pub(crate) fn add_products<S: Simd, const V: usize, const N: usize, const M: usi
     values: [&[S::f32s; N]; 3],
     sums: &mut Sums<S, V, M>,
     [b, last]: [usize; 2],
+    of: [usize; 2],
 ) {
     for a in (0..=last).step_by(2) {
         if a + 1 < M {
-            add_rows::<S, V, N, M, 2>(simd, weighted, values, sums, [a, b]);
+            add_rows::<S, V, N, M, 2>(simd, weighted, values, sums, [a, b], of);
         } else {
-            add_rows::<S, V, N, M, 1>(simd, weighted, values, sums, [a, b]);
+            add_rows::<S, V, N, M, 1>(simd, weighted, values, sums, [a, b], of);
         }
     }
 }
 
-/// Adds the products of `A` rows from row `a`.
+/// Adds the products of `A` rows from row `a`, for the pixels from `first` to `end`.
 #[inline(always)]
 fn add_rows<S: Simd, const V: usize, const N: usize, const M: usize, const A: usize>(
     simd: S,
@@ -52,12 +53,13 @@ fn add_rows<S: Simd, const V: usize, const N: usize, const M: usize, const A: us
     values: [&[S::f32s; N]; 3],
     sums: &mut Sums<S, V, M>,
     [a, b]: [usize; 2],
+    [first, end]: [usize; 2],
 ) {
     let mut all = [[simd.splat_f32s(0.0); 3]; A];
     for i in 0..A {
         all[i] = [sums[a + i][b], sums[a + i][b + 1], sums[a + i][b + 2]];
     }
-    for k in 0..N {
+    for k in first..end.min(N) {
         for i in 0..A {
             for c in 0..3 {
                 all[i][c] = simd.add_f32s(all[i][c], simd.mul_f32s(weighted[a + i][k], values[c][k]));

@@ -253,8 +253,10 @@ impl<'a> Row<'a> {
     /// The pixels of row `y` in an outlier's window.
     #[inline(always)]
     fn new(inputs: &'a Inputs, outlier: &Outlier, y: usize) -> Self {
-        let (width, at, reach) = (inputs.size[0], outlier.pixel, outlier.reach());
-        let x = at % width;
+        let (width, at) = (inputs.size[0], outlier.pixel);
+        let (x, down) = (at % width, y.abs_diff(at / width));
+        // The window is a disc.
+        let reach = (outlier.reach().pow(2) - down.pow(2)).isqrt();
         let column = x.saturating_sub(reach);
         let (first, len) = (y * width + column, (x + reach + 1).min(width) - column);
         let features = &inputs.features;

@@ -26,6 +26,24 @@ const PATCH: usize = 1;
 const REACH: usize = 6;
 /// The width of a window in pixels.
 const SIDE: usize = 2 * REACH + 1;
+/// The squared radius of a window, which is a disc. Its corners would take a fifth of the time, and leave 0.3 % more error at
+/// 8 spp on nine scenes. Windows of the wide pass are squares: as discs they leave more of a halo at a corner.
+const SQUARE: usize = 42;
+/// The columns of the disc in each row of a window, the first one and the one after the last.
+const DISC: [[usize; 2]; SIDE] = {
+    let mut rows = [[0; 2]; SIDE];
+    let mut down = 0;
+    while down < SIDE {
+        let dy = down.abs_diff(REACH);
+        let mut dx = REACH;
+        while dx * dx + dy * dy > SQUARE {
+            dx -= 1;
+        }
+        rows[down] = [REACH - dx, REACH + dx + 1];
+        down += 1;
+    }
+    rows
+};
 /// The number of rows of window centres in a tile.
 const CENTRES: usize = HEIGHT / 2;
 /// The amount that is subtracted from each weight; smaller weights become 0.
@@ -152,6 +170,12 @@ impl<const G: usize> TileTask<'_, G> {
     }
 }
 
+/// Returns `true` for the offsets of a window, counted by rows, that lie in the disc.
+fn in_disc(offset: &usize) -> bool {
+    let [first, end] = DISC[offset / SIDE];
+    (first..end).contains(&(offset % SIDE))
+}
+
 /// Computes the weights of the pixels in all windows of a tile, for each guide.
 #[inline(always)]
 fn weigh<S: Simd, const G: usize>(simd: S, tile: &Tile, guides: &[LocalGuide; G], like: &Likeness) -> [Weights; G] {
@@ -160,7 +184,7 @@ fn weigh<S: Simd, const G: usize>(simd: S, tile: &Tile, guides: &[LocalGuide; G]
     let [rows, columns] = tile.extent();
     let mut both = [[0.0; LANES]; G];
     let (zero, negligible) = (simd.splat_f32s(0.0), simd.splat_f32s(NEGLIGIBLE));
-    for o in 0..SIDE * SIDE {
+    for o in (0..SIDE * SIDE).filter(in_disc) {
         let offset = [o % SIDE, o / SIDE].map(|d| d as isize - REACH as isize);
         for g in 0..G {
             differences[g].compare::<S, PATCH>(simd, &guides[g], rows, offset);
@@ -240,7 +264,8 @@ fn fit<S: Simd, const G: usize>(
     let mut colours = [[[zero; SIDE]; 3]; 2];
     let mut weighted = [[[zero; SIDE]; REGRESSORS + 1]; G];
     for down in 0..SIDE {
-        for across in 0..SIDE {
+        let [first, end] = DISC[down];
+        for across in first..end {
             let offset = [across, down].map(|d| d as isize - REACH as isize);
             let there = vectors::<S>(data.moved(y, 0, offset));
             let z = regressors(simd, there, &centre, scale, block);
@@ -267,12 +292,13 @@ fn fit<S: Simd, const G: usize>(
             }
         }
         for g in 0..G {
-            accumulate(simd, &weighted[g], &apart, &mut sums[g]);
+            accumulate(simd, &weighted[g], &apart, &mut sums[g], DISC[down]);
         }
         for half in 0..2 {
             let g = half.min(G - 1);
             let [red, green, blue] = &colours[half];
-            add_products(simd, &weighted[g], [red, green, blue], &mut sums[g], [REGRESSORS + 3 * half, REGRESSORS]);
+            let at = [REGRESSORS + 3 * half, REGRESSORS];
+            add_products(simd, &weighted[g], [red, green, blue], &mut sums[g], at, DISC[down]);
         }
     }
     let last = G - 1;
@@ -304,10 +330,11 @@ fn accumulate<S: Simd>(
     weighted: &[[S::f32s; SIDE]; REGRESSORS + 1],
     apart: &[[S::f32s; SIDE]; REGRESSORS],
     sums: &mut Sums<S, VALUES, { REGRESSORS + 1 }>,
+    of: [usize; 2],
 ) {
     for b in [0, 3, 6] {
         // Sums left of the diagonal are not read. Skipping them would cost more than the pairs that begin there.
-        add_products(simd, weighted, [&apart[b], &apart[b + 1], &apart[b + 2]], sums, [b, b + 3]);
+        add_products(simd, weighted, [&apart[b], &apart[b + 1], &apart[b + 2]], sums, [b, b + 3], of);
     }
 }
 
@@ -325,7 +352,7 @@ fn predict<S: Simd, const G: usize>(
 ) {
     let step = stride::<S>();
     let scales = vectors::<S>(centres.moved(y, 0, [0, 0]));
-    for o in 0..SIDE * SIDE {
+    for o in (0..SIDE * SIDE).filter(in_disc) {
         let offset = [o % SIDE, o / SIDE].map(|d| d as isize - REACH as isize);
         let there = vectors::<S>(data.moved(y, 0, offset));
         let row = (y + MARGIN).wrapping_add_signed(offset[1]);

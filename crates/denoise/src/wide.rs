@@ -365,9 +365,9 @@ impl<S: Simd> Segment<S> {
     fn add_to(&self, simd: S, sums: &mut Sums<S, VALUES, { REGRESSORS + 1 }>) {
         for b in [0, 3] {
             let values = [&self.apart[b], &self.apart[b + 1], &self.apart[b + 2]];
-            add_products(simd, &self.weighted, values, sums, [b, b + 3]);
+            add_products(simd, &self.weighted, values, sums, [b, b + 3], [0, SEGMENT]);
             let values = [&self.colours[b], &self.colours[b + 1], &self.colours[b + 2]];
-            add_products(simd, &self.weighted, values, sums, [REGRESSORS + b, REGRESSORS]);
+            add_products(simd, &self.weighted, values, sums, [REGRESSORS + b, REGRESSORS], [0, SEGMENT]);
         }
     }
 }
