@@ -3,9 +3,10 @@
 use crate::among::Among;
 use crate::averaging::{VANISHING, Window, average, guide};
 use crate::error_map::{self, Pair, raw_error, select};
+use crate::normal_equations::{Fit, Sums, solve};
 use crate::parameters::{NEEDS, RECORDED};
 use crate::planes::{Colours, Inputs, Plane, Reads};
-use crate::regression::{Fit, Sums, regress, solve};
+use crate::regression::regress;
 use crate::tile::{Guide, Likeness};
 use dapple_core::{Film, Filtered, Frame};
 use pulp::Scalar;

@@ -81,6 +81,7 @@ mod gaussian;
 mod internals;
 mod membership;
 mod nl_means;
+mod normal_equations;
 mod outliers;
 mod parameters;
 mod pixel_means;

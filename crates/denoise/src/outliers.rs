@@ -5,7 +5,7 @@
 //! the same surface. The sum over the image stays.
 
 use crate::dispatch::dispatch;
-use crate::planes::{Colours, Inputs, Plane, box_mean};
+use crate::planes::{Colours, Inputs, LEAST_ALBEDO, Plane, box_mean};
 use crate::tile::exp_minus;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
@@ -130,93 +130,180 @@ fn find(inputs: &Inputs, ratio: f32) -> Vec<Outlier> {
 fn spread(inputs: &Inputs, found: &[Outlier]) -> Colours {
     let [width, height] = inputs.size;
     // The light per weight, such that the weights' sum over the window gives the outlier.
-    let per_weight = |outlier: &Outlier| -> [f32; 3] {
-        let mut sums = [0.0; 3];
-        let y = outlier.pixel / width;
-        for row in y.saturating_sub(outlier.reach())..(y + outlier.reach() + 1).min(height) {
-            let (first, like, len) = likeness(inputs, outlier, row);
-            for (k, like) in like[..len].iter().enumerate() {
-                for (c, sum) in sums.iter_mut().enumerate() {
-                    *sum += like * inputs.divisor(c, first + k);
-                }
-            }
-        }
-        std::array::from_fn(|c| outlier.excess[c] / sums[c])
-    };
-    let scales: Vec<[f32; 3]> = found.par_iter().map(per_weight).collect();
+    let scales: Vec<[f32; 3]> = found.par_iter().map(|outlier| dispatch(WindowTask { inputs, outlier })).collect();
     let mut rows = vec![0.0; 3 * inputs.pixels()];
     rows.par_chunks_mut(3 * width).enumerate().for_each(|(y, sums)| {
         let from = found.partition_point(|outlier| outlier.pixel / width + REACH < y);
         let to = found.partition_point(|outlier| outlier.pixel / width <= y + REACH);
-        let reached = |outlier: &Outlier| (outlier.pixel / width).abs_diff(y) <= outlier.reach();
-        for (outlier, scale) in found[from..to].iter().zip(&scales[from..to]).filter(|(outlier, _)| reached(outlier)) {
-            let (first, like, len) = likeness(inputs, outlier, y);
+        dispatch(RowTask { inputs, found: &found[from..to], scales: &scales[from..to], y, sums });
+    });
+    let plane = |c: usize| -> Plane {
+        let mut plane = Vec::with_capacity(width * height);
+        rows.chunks(3 * width).for_each(|row| plane.extend_from_slice(&row[c * width..][..width]));
+        plane
+    };
+    std::array::from_fn(plane)
+}
+
+/// The task of summing the weights in an outlier's window. Its result is the outlier's light per weight.
+struct WindowTask<'a> {
+    inputs: &'a Inputs,
+    outlier: &'a Outlier,
+}
+
+impl WithSimd for WindowTask<'_> {
+    type Output = [f32; 3];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> [f32; 3] {
+        let Self { inputs, outlier } = self;
+        let (y, reach) = (outlier.pixel / inputs.size[0], outlier.reach());
+        // Lane by lane, so that the order of the sums is that of no machine.
+        let mut sums = [[0.0; LANES]; 3];
+        let mut like = [0.0; SIDE];
+        for row in y.saturating_sub(reach)..(y + reach + 1).min(inputs.size[1]) {
+            let window = Row::new(inputs, outlier, row);
+            window.likeness(&mut like);
+            for (sums, albedo) in sums.iter_mut().zip(window.albedo) {
+                add_lanes(sums, &like[..window.len], albedo);
+            }
+        }
+        let mut light = outlier.excess;
+        for (light, sums) in light.iter_mut().zip(&sums) {
+            let mut sum = 0.0;
+            for lane in sums {
+                sum += lane;
+            }
+            *light /= sum;
+        }
+        light
+    }
+}
+
+/// The number of sums that a window's pixels are added to in turns: the lanes of the widest vectors.
+const LANES: usize = 16;
+
+/// Adds the products of weights and raised albedos to `LANES` sums in turns.
+#[inline(always)]
+fn add_lanes(sums: &mut [f32; LANES], like: &[f32], albedo: &[f32]) {
+    let ((like, rest), (albedo, albedo_rest)) = (like.as_chunks::<LANES>(), albedo.as_chunks::<LANES>());
+    for (like, albedo) in like.iter().zip(albedo) {
+        for k in 0..LANES {
+            sums[k] += like[k] * albedo[k].max(LEAST_ALBEDO);
+        }
+    }
+    for (k, (like, albedo)) in rest.iter().zip(albedo_rest).enumerate() {
+        sums[k] += like * albedo.max(LEAST_ALBEDO);
+    }
+}
+
+/// The task of adding the light of outliers to a row of pixels.
+struct RowTask<'a> {
+    inputs: &'a Inputs,
+    found: &'a [Outlier],
+    scales: &'a [[f32; 3]],
+    y: usize,
+    sums: &'a mut [f32],
+}
+
+impl WithSimd for RowTask<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { inputs, found, scales, y, sums } = self;
+        let width = inputs.size[0];
+        let mut like = [0.0; SIDE];
+        for (outlier, scale) in found.iter().zip(scales) {
+            if (outlier.pixel / width).abs_diff(y) > outlier.reach() {
+                continue;
+            }
+            let window = Row::new(inputs, outlier, y);
+            window.likeness(&mut like);
             for c in 0..3 {
-                let sums = &mut sums[c * width + first % width..][..len];
-                for (k, (sum, like)) in sums.iter_mut().zip(&like).enumerate() {
-                    *sum += scale[c] * like * inputs.divisor(c, first + k);
+                let sums = &mut sums[c * width + window.column..][..window.len];
+                let (like, albedo) = (&like[..window.len], &window.albedo[c][..window.len]);
+                for k in 0..window.len {
+                    sums[k] += scale[c] * like[k] * albedo[k].max(LEAST_ALBEDO);
                 }
             }
         }
-    });
-    std::array::from_fn(|c| rows.chunks(3 * width).flat_map(|row| row[c * width..][..width].iter().copied()).collect())
+    }
 }
 
-/// The likeness to an outlier of the pixels in row `y` of its window: the first one's index, the values, their number.
-///
-/// It falls with the distance in pixels and in space, with the distance from the plane of the surface, and with the
-/// angle between the normals. The pixel itself has 1.
-fn likeness(inputs: &Inputs, outlier: &Outlier, y: usize) -> (usize, [f32; SIDE], usize) {
-    let (width, at, reach) = (inputs.size[0], outlier.pixel, outlier.reach());
-    let x = at % width;
-    let columns = x.saturating_sub(reach)..(x + reach + 1).min(width);
-    let (first, len) = (y * width + columns.start, columns.len());
-    let features = &inputs.features;
-    let [nx, ny, nz, ..] = &features.mean;
-    let [px, py, pz] = &features.position;
-    let (n, p) = ([nx[at], ny[at], nz[at]], [px[at], py[at], pz[at]]);
-    let rows = [nx, ny, nz, px, py, pz].map(|plane| &plane[first..][..len]);
-    let from = [columns.start as f32 - x as f32, (at / width) as f32 - y as f32];
-    let task = LikenessTask { rows, normal: n, position: p, from, scale: features.scale[at], width: outlier.width };
-    (first, dispatch(task), len)
-}
-
-/// The task of [`likeness`], for pixels in a row.
-struct LikenessTask<'a> {
-    /// The planes of normals (3) and positions (3) in the row.
-    rows: [&'a [f32]; 6],
-    normal: [f32; 3],
-    position: [f32; 3],
-    /// The offset of the first pixel of the row from the outlier.
+/// A row of pixels in the window of an outlier.
+struct Row<'a> {
+    /// The column of the first pixel, and the number of pixels.
+    column: usize,
+    len: usize,
+    /// The planes of normals (3) and positions (3).
+    planes: [&'a [f32]; 6],
+    albedo: [&'a [f32]; 3],
+    /// The normal and the position of the outlier.
+    own: [f32; 6],
+    /// The offset of the first pixel from the outlier.
     from: [f32; 2],
     /// The reciprocal of the width of 24 pixels at the outlier.
     scale: f32,
-    width: f32,
+    /// The factor on the squared distance in pixels.
+    narrow: f32,
 }
 
-impl WithSimd for LikenessTask<'_> {
-    type Output = [f32; SIDE];
-
-    /// Plain loops, which the compiler turns into vectors of the machine: no sum goes over pixels.
+impl<'a> Row<'a> {
+    /// The pixels of row `y` in an outlier's window.
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> [f32; SIDE] {
-        let Self { rows: [nx, ny, nz, px, py, pz], normal: n, position: p, from, scale, width } = self;
-        let narrow = 1.0 / (2.0 * width * width);
-        let mut like = [0.0; SIDE];
-        let len = nx.len().min(SIDE);
+    fn new(inputs: &'a Inputs, outlier: &Outlier, y: usize) -> Self {
+        let (width, at) = (inputs.size[0], outlier.pixel);
+        let (x, down) = (at % width, y.abs_diff(at / width));
+        // The window is a disc.
+        let reach = (outlier.reach().pow(2) - down.pow(2)).isqrt();
+        let column = x.saturating_sub(reach);
+        let (first, len) = (y * width + column, (x + reach + 1).min(width) - column);
+        let features = &inputs.features;
+        let [nx, ny, nz, r, g, b, _] = &features.mean;
+        let [px, py, pz] = &features.position;
+        let all = [nx, ny, nz, px, py, pz];
+        Self {
+            column,
+            len,
+            planes: all.map(|plane| &plane[first..][..len]),
+            albedo: [r, g, b].map(|plane| &plane[first..][..len]),
+            own: all.map(|plane| plane[at]),
+            from: [column as f32 - x as f32, (at / width) as f32 - y as f32],
+            scale: features.scale[at],
+            narrow: 1.0 / (2.0 * outlier.width * outlier.width),
+        }
+    }
+
+    /// Computes the likeness of the pixels to the outlier.
+    ///
+    /// It falls with the distance in pixels and in space, with the distance from the plane of the surface, and with the
+    /// angle between the normals. The pixel itself has 1.
+    ///
+    /// A plain loop, which the compiler turns into vectors of the machine: no sum goes over pixels.
+    #[inline(always)]
+    fn likeness(&self, like: &mut [f32; SIDE]) {
+        let Self { planes: [nx, ny, nz, px, py, pz], own: n, from, scale, .. } = self;
+        let len = self.len.min(SIDE);
         let (nx, ny, nz, px, py, pz) = (&nx[..len], &ny[..len], &nz[..len], &px[..len], &py[..len], &pz[..len]);
         for k in 0..len {
             let across = from[0] + COLUMNS[k];
             let [x, y, z] = [nx[k] - n[0], ny[k] - n[1], nz[k] - n[2]];
             let turned = x * x + y * y + z * z;
-            let apart = [px[k] - p[0], py[k] - p[1], pz[k] - p[2]].map(|d| (d * scale).clamp(-64.0, 64.0));
-            let off = n[0] * apart[0] + n[1] * apart[1] + n[2] * apart[2];
-            let far = apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2];
-            let distance = (across * across + from[1] * from[1]) * narrow;
+            let apart = [px[k] - n[3], py[k] - n[4], pz[k] - n[5]];
+            let [u, v, w] = [bounded(apart[0] * scale), bounded(apart[1] * scale), bounded(apart[2] * scale)];
+            let off = n[0] * u + n[1] * v + n[2] * w;
+            let far = u * u + v * v + w * w;
+            let distance = (across * across + from[1] * from[1]) * self.narrow;
             like[k] = exp_minus(distance + 10.0 * turned + 64.0 * off * off + 0.5 * far);
         }
-        like
     }
+}
+
+/// A distance of at most 64 times the width of 24 pixels.
+#[inline(always)]
+fn bounded(distance: f32) -> f32 {
+    distance.clamp(-64.0, 64.0)
 }
 
 /// 0, 1, 2 and so on: integers of this type are not converted in vectors.

@@ -4,7 +4,7 @@ use crate::among::{Among, Place};
 use crate::cluster_gaussian::ClusterLookup;
 use crate::membership::BACKGROUND;
 use crate::withheld::Bounds;
-use dapple_core::{Error, Film, Filtered};
+use dapple_core::{Error, Film, Filtered, RgbMoments};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -99,8 +99,7 @@ impl Inputs {
         let place = among.place(0, top);
         let level = level(film, &place, among)?;
         let bounds = Bounds::new(film, level, &place, among)?;
-        let sample_variance = pooled_variance(film, level, bounds);
-        let halves = [0, 1].map(|h| half(film, h, level, bounds, &sample_variance));
+        let halves = halves(film, level, bounds);
         let labels = reads.label.filter(|_| film.needs().first_hits > 0).map(|label| {
             let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(|hit| label(hit));
             per_pixel(film, |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
@@ -120,11 +119,9 @@ impl Inputs {
     pub(crate) const fn bytes_per_pixel(labels: bool) -> [usize; 2] {
         let (halves, labels) = (2 * 7, if labels { 1 } else { 0 });
         let features = FEATURES + 3 + 1 + 1 + 3 + 1;
-        // The planes of features are made last. Depths, known and filled features, and the pooled variances still exist
-        // then.
-        let known = size_of::<Option<f32>>() + size_of::<Option<Feature>>() + size_of::<Feature>();
+        // The planes of features are made last. Depths, and the steps between pixels or the slopes of depth, exist then.
         let kept = halves + features + labels;
-        [4 * kept, 4 * (kept + 3) + known]
+        [4 * kept, 4 * (kept + 2) + size_of::<Option<f32>>()]
     }
 
     /// Adds the light that the filter did not get to the image that it made of this film. Returns the own rows.
@@ -158,6 +155,24 @@ impl Inputs {
     }
 }
 
+/// Computes `N` values for every pixel, each into a plane of its own.
+pub(crate) fn planes_of<const N: usize>(pixels: usize, of: impl Fn(usize) -> [f32; N] + Sync) -> [Plane; N] {
+    const CHUNK: usize = 1024;
+    let mut planes: [Plane; N] = std::array::from_fn(|_| vec![0.0; pixels]);
+    let mut rest = planes.each_mut().map(|plane| plane.chunks_mut(CHUNK));
+    let mut parts: Vec<[&mut [f32]; N]> = Vec::with_capacity(pixels.div_ceil(CHUNK));
+    while parts.len() < parts.capacity() {
+        parts.push(rest.each_mut().map(|chunks| chunks.next().unwrap_or_default()));
+    }
+    parts.into_par_iter().enumerate().for_each(|(chunk, mut part)| {
+        for k in 0..part[0].len() {
+            let values = of(chunk * CHUNK + k);
+            part.iter_mut().zip(values).for_each(|(plane, value)| plane[k] = value);
+        }
+    });
+    planes
+}
+
 /// Computes a value for every pixel.
 pub(crate) fn per_pixel<T: Send>(film: &Film, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
     (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(f).collect()
@@ -176,65 +191,66 @@ pub(crate) fn level(film: &Film, place: &Place, among: &mut Among<'_>) -> Result
     Ok(((sum / (width * place.height) as f64) as f32).clamp(1e-18, 1e18))
 }
 
-/// The variance of one sample in each pixel, shrunk towards the variance over 5x5 pixels, in squared levels.
-fn pooled_variance(film: &Film, level: f32, bounds: Bounds) -> Colours {
-    let size = film.frame().size().map(|n| n as usize);
+/// The halves of a film's samples, without the light that is withheld.
+fn halves(film: &Film, level: f32, bounds: Bounds) -> [Half; 2] {
     let unit = 1.0 / f64::from(level);
+    let value = |x: f64| ((x * unit) as f32).min(BRIGHTEST);
     let most = f64::from(BRIGHTEST) * f64::from(BRIGHTEST);
-    let own = per_pixel(film, |i| {
-        let of = |v: f64| (v * unit * unit).min(most) as f32;
-        let variance = film.moments(i).variance()?;
-        Some(without_withheld(film, i, bounds, variance).map(of))
-    });
-    let known: Plane = own.iter().map(|v| f32::from(u8::from(v.is_some()))).collect();
-    let near = box_mean(&known, size, 2);
-    std::array::from_fn(|c| {
-        let own: Plane = own.iter().map(|v| v.map_or(0.0, |v| v[c])).collect();
-        let sums = box_mean(&own, size, 2);
-        per_pixel(film, |i| {
-            if near[i] <= 0.0 {
-                return UNKNOWN;
-            }
-            let freedom = (film.count(i).max(1) - 1) as f32 * known[i];
-            (freedom * own[i] + POOLED * sums[i] / near[i]) / (freedom + POOLED)
-        })
+    let of = |i: usize| {
+        let halves = [0, 1].map(|half| film.half(half, i).unwrap_or_default());
+        let withheld = bounds.withheld_of_halves(film, i, &halves);
+        let [[ra, ga, ba], [rb, gb, bb]] = [0, 1].map(|h: usize| {
+            // A missing half takes the film's mean. Its variance is UNKNOWN.
+            let mean = if halves[h].count > 0 { halves[h].mean } else { film.mean(i) };
+            std::array::from_fn(|c| value(mean[c] - withheld[h][c]))
+        });
+        let [na, nb] = halves.map(|half| half.count as f32);
+        let variance = film.moments(i).variance();
+        let known = f32::from(u8::from(variance.is_some()));
+        let variance = variance.map_or([0.0; 3], |variance| without_withheld(&halves, &withheld, variance));
+        let [vr, vg, vb] = variance.map(|v| (v * unit * unit).min(most) as f32);
+        [ra, ga, ba, rb, gb, bb, na, nb, known, vr, vg, vb]
+    };
+    let [ra, ga, ba, rb, gb, bb, na, nb, known, vr, vg, vb] = planes_of(film.frame().pixels(), of);
+    let sample = pooled_variance(film, [vr, vg, vb], &known);
+    let variance = |count: &Plane, sample: &Plane| -> Plane {
+        let of_mean = |(v, n): (&f32, &f32)| if *n > 0.0 { (v + FLOOR) / n } else { UNKNOWN };
+        sample.iter().zip(count).map(of_mean).collect()
+    };
+    [([ra, ga, ba], na), ([rb, gb, bb], nb)].map(|(colour, count)| {
+        let variance = sample.each_ref().map(|sample| variance(&count, sample));
+        Half { colour, variance, count }
     })
 }
 
-/// The variance of one sample of pixel `i` without the light that is withheld, from the sample `variance`.
+/// The variance of one sample in each pixel, shrunk towards the variance over 5x5 pixels, in squared levels. `own` is the
+/// variance where it is `known`.
+fn pooled_variance(film: &Film, own: Colours, known: &Plane) -> Colours {
+    let size = film.frame().size().map(|n| n as usize);
+    let near = box_mean(known, size, 2);
+    let freedom: Plane = per_pixel(film, |i| (film.count(i).max(1) - 1) as f32 * known[i]);
+    own.map(|mut own| {
+        let sums = box_mean(&own, size, 2);
+        for (((own, sum), near), freedom) in own.iter_mut().zip(sums).zip(&near).zip(&freedom) {
+            let pooled = (freedom * *own + POOLED * sum / near) / (freedom + POOLED);
+            *own = if *near > 0.0 { pooled } else { UNKNOWN };
+        }
+        own
+    })
+}
+
+/// The variance of one sample of a pixel without the light that is withheld, from the sample `variance`.
 ///
 /// Withheld light varies at the edges of lamps. There the difference of the halves bounds the variance of the rest.
-fn without_withheld(film: &Film, i: usize, bounds: Bounds, variance: [f64; 3]) -> [f64; 3] {
-    let withheld = [0, 1].map(|half| bounds.withheld_of_half(film, half, i));
-    if withheld == [[0.0; 3]; 2] {
+fn without_withheld([a, b]: &[RgbMoments; 2], withheld: &[[f64; 3]; 2], variance: [f64; 3]) -> [f64; 3] {
+    if *withheld == [[0.0; 3]; 2] {
         return variance;
     }
-    let [a, b] = [0, 1].map(|half| film.half(half, i).unwrap_or_default());
     let share = a.count as f64 * b.count as f64 / (a.count + b.count).max(1) as f64;
     std::array::from_fn(|c| {
         let rest = a.mean[c] - withheld[0][c] - b.mean[c] + withheld[1][c];
         variance[c].min(rest * rest * share)
     })
-}
-
-fn half(film: &Film, half: usize, level: f32, bounds: Bounds, sample_variance: &Colours) -> Half {
-    let unit = 1.0 / f64::from(level);
-    let of = |i: usize| {
-        let moments = film.half(half, i).unwrap_or_default();
-        // A missing half takes the film's mean. Its variance is UNKNOWN.
-        let [r, g, b] = if moments.count > 0 { moments.mean } else { film.mean(i) };
-        let [wr, wg, wb] = bounds.withheld_of_half(film, half, i);
-        let value = |x: f64| ((x * unit) as f32).min(BRIGHTEST);
-        [value(r - wr), value(g - wg), value(b - wb), moments.count as f32]
-    };
-    let all = per_pixel(film, of);
-    let [r, g, b, count] = std::array::from_fn(|k| all.iter().map(|values| values[k]).collect::<Plane>());
-    let colour = [r, g, b];
-    let variance = std::array::from_fn(|c| {
-        let of_mean = |(v, n): (&f32, &f32)| if *n > 0.0 { (v + FLOOR) / n } else { UNKNOWN };
-        sample_variance[c].iter().zip(&count).map(of_mean).collect()
-    });
-    Half { colour, variance, count }
 }
 
 /// The features of one pixel: means (normal, albedo, logarithm of depth, position), their variances, depth.
@@ -262,22 +278,17 @@ fn features(film: &Film, read: bool, place: &Place, among: &mut Among<'_>) -> Re
     let middle = centre(film, place, among)?;
     let miss = (!read || !film.needs().features).then(|| Feature::miss(far));
     let of = |i: usize| miss.or_else(|| feature(film, i, far, middle));
-    let known = per_pixel(film, of);
-    let filled = |i: usize| known[i].or_else(|| from_neighbours(&known, size, i)).unwrap_or_default();
-    let all = per_pixel(film, filled);
-    let mean: [Plane; FEATURES] = std::array::from_fn(|k| all.iter().map(|f| f.mean[k]).collect());
-    let position: Colours = std::array::from_fn(|k| all.iter().map(|f| f.mean[7 + k]).collect());
-    let unit = 24.0 * pixel_angle(&position, &all, own, size[0], among)?;
-    let scale = all.iter().map(|f| 1.0 / (unit * f.depth.max(1e-18))).collect();
-    let slope = slopes(&mean[6], size);
-    Ok(Features {
-        variance: std::array::from_fn(|k| all.iter().map(|f| f.variance[k]).collect()),
-        scatter: all.iter().map(|f| f.scatter).collect(),
-        mean,
-        slope,
-        position,
-        scale,
-    })
+    let filled = |i: usize| of(i).or_else(|| from_neighbours(of, size, i)).unwrap_or_default();
+    let [nx, ny, nz, r, g, b, depth, x, y, z, vn, va, vd, scatter, mut scale] = planes_of(film.frame().pixels(), |i| {
+        let Feature { mean: m, variance: [vn, va, vd], scatter, depth } = filled(i);
+        [m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9], vn, va, vd, scatter, depth]
+    });
+    let position = [x, y, z];
+    let unit = 24.0 * pixel_angle(&position, &scale, own, size[0], among)?;
+    scale.iter_mut().for_each(|depth| *depth = 1.0 / (unit * depth.max(1e-18)));
+    let slope = slopes(&depth, size);
+    let (mean, variance) = ([nx, ny, nz, r, g, b, depth], [vn, va, vd]);
+    Ok(Features { mean, variance, scatter, slope, position, scale })
 }
 
 /// The mean of all positions, in f64 because they may lie far from the origin.
@@ -338,12 +349,12 @@ fn ln(x: f32) -> f32 {
 }
 
 /// The mean of the known features among 5x5 pixels around pixel `i`; `None` if none are known.
-fn from_neighbours(known: &[Option<Feature>], [width, height]: [usize; 2], i: usize) -> Option<Feature> {
+fn from_neighbours(known: impl Fn(usize) -> Option<Feature>, [width, height]: [usize; 2], i: usize) -> Option<Feature> {
     let (x, y) = (i % width, i / width);
     let mut sum = Feature::default();
     let mut count = 0.0f32;
     for row in y.saturating_sub(2)..(y + 3).min(height) {
-        for f in known[row * width..][x.saturating_sub(2)..(x + 3).min(width)].iter().flatten() {
+        for f in (x.saturating_sub(2)..(x + 3).min(width)).filter_map(|x| known(row * width + x)) {
             (0..10).for_each(|k| sum.mean[k] += f.mean[k]);
             (0..3).for_each(|k| sum.variance[k] += f.variance[k]);
             sum.scatter += f.scatter;
@@ -363,14 +374,14 @@ fn from_neighbours(known: &[Option<Feature>], [width, height]: [usize; 2], i: us
 /// The approximate width of a pixel at distance 1: the lower quartile of the steps between neighbouring positions.
 fn pixel_angle(
     position: &Colours,
-    all: &[Feature],
+    depth: &[f32],
     own: Range<usize>,
     width: usize,
     among: &mut Among<'_>,
 ) -> Result<f32, Error> {
     let step = |i: usize| {
         let apart = position.iter().map(|p| (p[i + 1] - p[i]).powi(2)).sum::<f32>().sqrt();
-        (apart > 0.0).then(|| apart / all[i].depth)
+        (apart > 0.0).then(|| apart / depth[i])
     };
     let steps: Vec<f32> = own.filter(|i| !(i + 1).is_multiple_of(width)).filter_map(step).collect();
     Ok(among.in_order(&steps, |n| n / 4)?.map_or(1e-3, |quarter| quarter.clamp(1e-9, 1e9)))
@@ -379,21 +390,28 @@ fn pixel_angle(
 /// The smallest change of the log `depth` per pixel among 3x3 pixels.
 pub(crate) fn slopes(depth: &[f32], size: [usize; 2]) -> Plane {
     let [width, height] = size;
-    let gradient = |i: usize| {
-        let (x, y) = (i % width, i / width);
-        let across = depth[i - x + (x + 1).min(width - 1)] - depth[i - x + x.saturating_sub(1)];
-        let down = depth[(y + 1).min(height - 1) * width + x] - depth[y.saturating_sub(1) * width + x];
-        0.5 * across.abs().max(down.abs())
+    let near = |k: usize, end: usize| [k.saturating_sub(1), (k + 1).min(end - 1)];
+    let gradient = |y: usize, row: &mut [f32]| {
+        let [above, below] = near(y, height).map(|row| &depth[row * width..][..width]);
+        let own = &depth[y * width..][..width];
+        for (x, value) in row.iter_mut().enumerate() {
+            let [left, right] = near(x, width);
+            *value = 0.5 * (own[right] - own[left]).abs().max((below[x] - above[x]).abs());
+        }
     };
-    let all: Plane = (0..depth.len()).into_par_iter().with_min_len(1024).map(gradient).collect();
-    let smallest = |i: usize| {
-        let (x, y) = (i % width, i / width);
-        let rows = y.saturating_sub(1)..(y + 2).min(height);
-        rows.flat_map(|row| &all[row * width..][x.saturating_sub(1)..(x + 2).min(width)])
-            .copied()
-            .fold(f32::MAX, f32::min)
-    };
-    (0..depth.len()).into_par_iter().with_min_len(1024).map(smallest).collect()
+    let mut all = vec![0.0; depth.len()];
+    all.par_chunks_mut(width).enumerate().for_each(|(y, row)| gradient(y, row));
+    let mut smallest = vec![0.0; depth.len()];
+    smallest.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+        let [above, below] = near(y, height).map(|row| &all[row * width..][..width]);
+        let own = &all[y * width..][..width];
+        let least: Plane = above.iter().zip(own).zip(below).map(|((a, o), b)| a.min(*o).min(*b)).collect();
+        for (x, value) in row.iter_mut().enumerate() {
+            let [left, right] = near(x, width);
+            *value = least[left].min(least[x]).min(least[right]);
+        }
+    });
+    smallest
 }
 
 /// The mean of a plane over the `(2 radius + 1)^2` pixels around each pixel. Beyond the frame, the border repeats.

@@ -12,8 +12,9 @@ mod stack;
 
 use crate::dispatch::dispatch;
 use crate::error_map::Pair;
+use crate::normal_equations::{Fit, Sums, add_products, solve};
 use crate::planes::{Inputs, Plane};
-use crate::regression::{Fit, NEGLIGIBLE, Sums, add_products, solve};
+use crate::regression::NEGLIGIBLE;
 use crate::tile::{FeatureScales, GROUP, Guide, count_weights, excess, exp_minus_all, vectors};
 use dapple_core::Frame;
 use pulp::{Simd, WithSimd};
@@ -362,17 +363,11 @@ impl<S: Simd> Segment<S> {
     /// Adds the products of all pixels to `sums`.
     #[inline(always)]
     fn add_to(&self, simd: S, sums: &mut Sums<S, VALUES, { REGRESSORS + 1 }>) {
-        for a in 0..=REGRESSORS {
-            for b in [0, 3] {
-                if a <= b + 3 {
-                    let values = [&self.apart[b], &self.apart[b + 1], &self.apart[b + 2]];
-                    add_products(simd, &self.weighted[a], values, &mut sums[a], b);
-                }
-            }
-            for b in [0, 3] {
-                let values = [&self.colours[b], &self.colours[b + 1], &self.colours[b + 2]];
-                add_products(simd, &self.weighted[a], values, &mut sums[a], REGRESSORS + b);
-            }
+        for b in [0, 3] {
+            let values = [&self.apart[b], &self.apart[b + 1], &self.apart[b + 2]];
+            add_products(simd, &self.weighted, values, sums, [b, b + 3], [0, SEGMENT]);
+            let values = [&self.colours[b], &self.colours[b + 1], &self.colours[b + 2]];
+            add_products(simd, &self.weighted, values, sums, [REGRESSORS + b, REGRESSORS], [0, SEGMENT]);
         }
     }
 }

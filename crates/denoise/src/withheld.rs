@@ -6,7 +6,7 @@
 
 use crate::among::{Among, Place};
 use crate::planes::BRIGHTEST;
-use dapple_core::{Error, Film, Filtered};
+use dapple_core::{Error, Film, Filtered, RgbMoments};
 use rayon::prelude::*;
 
 /// The bound of emission in units of the image's level, for one sample per pixel and a brightest emission of one level.
@@ -58,6 +58,9 @@ impl Bounds {
 
     /// The light that is withheld from a mean colour of which `emission` is seen directly.
     fn withheld(self, mean: [f64; 3], emission: [f32; 3]) -> [f64; 3] {
+        if emission.iter().all(|e| f64::from(*e) <= self.emission) && mean.iter().all(|m| *m <= self.other) {
+            return [0.0; 3];
+        }
         std::array::from_fn(|c| {
             // The mean of a half of split noise may be negative.
             let emission = (f64::from(emission[c]) - self.emission).clamp(0.0, mean[c].max(0.0));
@@ -65,25 +68,26 @@ impl Bounds {
         })
     }
 
-    /// The light that is withheld from one half of the samples of pixel `i`. A half without samples has the film's
-    /// mean.
-    pub(crate) fn withheld_of_half(self, film: &Film, half: usize, i: usize) -> [f64; 3] {
-        let moments = film.half(half, i).unwrap_or_default();
-        if moments.count > 0 {
-            return self.withheld(moments.mean, film.emission(half, i).unwrap_or_default());
-        }
-        self.withheld(film.mean(i), film.emission(1 - half, i).unwrap_or_default())
+    /// The light that is withheld from each half of the samples of pixel `i`, from the halves' moments. A half without
+    /// samples has the film's mean.
+    pub(crate) fn withheld_of_halves(self, film: &Film, i: usize, halves: &[RgbMoments; 2]) -> [[f64; 3]; 2] {
+        let emission = [0, 1].map(|half| film.emission(half, i).unwrap_or_default());
+        [0, 1].map(|h| match halves[h].count {
+            0 => self.withheld(film.mean(i), emission[1 - h]),
+            _ => self.withheld(halves[h].mean, emission[h]),
+        })
     }
 
     /// Adds the withheld light of both halves to a filtered image, and its variance to the image's error.
     pub(crate) fn restore(self, film: &Film, filtered: Filtered) -> Filtered {
         let Filtered { size, mut radiance, mut error, .. } = filtered;
         let add = |(i, colour): (usize, &mut [f32; 3])| -> f32 {
-            let [a, b] = [0, 1].map(|half| self.withheld_of_half(film, half, i));
+            let halves = [0, 1].map(|half| film.half(half, i).unwrap_or_default());
+            let [a, b] = self.withheld_of_halves(film, i, &halves);
             if [a, b] == [[0.0; 3]; 2] {
                 return 0.0;
             }
-            let [na, nb] = [0, 1].map(|half| film.half(half, i).unwrap_or_default().count as f64);
+            let [na, nb] = halves.map(|half| half.count as f64);
             let share = if na + nb > 0.0 { na / (na + nb) } else { 0.5 };
             let apart: [f64; 3] = std::array::from_fn(|c| a[c] - b[c]);
             *colour = std::array::from_fn(|c| finite(f64::from(colour[c]) + b[c] + share * apart[c]));

@@ -7,7 +7,7 @@ use std::time::Instant;
 /// The part of an image, as a fraction of its rows, on which a filter is timed.
 const PART: u32 = 16;
 /// The least number of pixels on which a filter is timed; smaller images are filtered whole. More would take a large part
-/// of a short limit: the filter runs twice.
+/// of a short limit.
 const LEAST: u32 = 1 << 12;
 
 /// The rows of the window, in the middle of the image, on which a filter is timed.
@@ -21,14 +21,16 @@ pub(super) fn rows(frame: &Frame) -> Range<u32> {
 /// Estimates the wall seconds that a filter takes on an image of some height: the time that it takes on some rows, in
 /// proportion to the pixels. 0 if the filter refuses them.
 ///
-/// The filter runs twice, and the quicker run counts: the first may start threads or load a library.
+/// A quarter of the rows is filtered before, untimed: the first run may start threads or load a library.
 pub(super) fn estimate(filter: &dyn Filter, part: &Film, height: u32) -> f64 {
-    let seconds = || {
-        let clock = Instant::now();
-        filter.apply(part).ok().map(|_| clock.elapsed().as_secs_f64())
-    };
-    let quicker = seconds().and_then(|first| Some(seconds()?.min(first))).unwrap_or(0.0);
-    quicker * f64::from(height) / f64::from(part.frame.size()[1])
+    let rows = part.frame.size()[1];
+    if part.of_rows(0..rows.div_ceil(4)).and_then(|quarter| filter.apply(&quarter)).is_err() {
+        return 0.0;
+    }
+    let clock = Instant::now();
+    let is_done = filter.apply(part).is_ok();
+    let seconds = if is_done { clock.elapsed().as_secs_f64() } else { 0.0 };
+    seconds * f64::from(height) / f64::from(rows)
 }
 
 #[cfg(test)]

@@ -43,16 +43,22 @@ pub(super) fn stacks(inputs: &Inputs, guide: &Guide) -> Vec<Stack> {
     planes.extend(colours.iter().flatten().map(|p| &p[..]));
     let tile = |tile: usize| {
         let mut data = vec![0.0; height * STEP * PLANES * COLUMNS];
+        // Columns of the frame, less this, are columns of the tile; those from `first` to `end` lie in the frame.
+        let before = (tile * CENTRES) as isize - PAD as isize;
+        let before = before * STEP as isize;
+        let first = (-before).max(0) as usize;
+        let end = (width as isize - before).min((STEP * COLUMNS) as isize) as usize;
         data.par_chunks_mut(STEP * PLANES * COLUMNS).enumerate().for_each(|(y, row)| {
+            let mut padded = [0.0; STEP * COLUMNS];
             for (k, plane) in planes.iter().enumerate() {
                 let source = &plane[y * width..][..width];
-                for phase in 0..STEP {
-                    let to = &mut row[(phase * PLANES + k) * COLUMNS..][..COLUMNS];
-                    for (column, to) in to.iter_mut().enumerate() {
-                        let x = STEP * (tile * CENTRES + column) + phase;
-                        let inside = (STEP * PAD..width + STEP * PAD).contains(&x);
-                        let value = source[x.saturating_sub(STEP * PAD).min(width - 1)];
-                        *to = if inside || k != COUNT { value } else { 0.0 };
+                let [left, right] = if k == COUNT { [0.0; 2] } else { [source[0], source[width - 1]] };
+                padded[..first].fill(left);
+                padded[first..end].copy_from_slice(&source[first.wrapping_add_signed(before)..][..end - first]);
+                padded[end..].fill(right);
+                for (column, values) in padded.as_chunks::<STEP>().0.iter().enumerate() {
+                    for (phase, value) in values.iter().enumerate() {
+                        row[(phase * PLANES + k) * COLUMNS + column] = *value;
                     }
                 }
             }
