@@ -12,11 +12,11 @@ use dapple_scene::image::Image;
 use dapple_scene::{EnvironmentRadiance, Geometry, LightKind, MeshData, Scene, Shape, TextureKind};
 use std::sync::Arc;
 
-/// Bytes of the bounding volume hierarchy per triangle. Measured: 87 to 92 on meshes of 1 and 4 million triangles, 80
-/// on the terrain's 131 thousand (docs/results/memory.md).
-const TREE: u64 = 92;
-/// Peak bytes per triangle while the bounding volume hierarchy is built, not counting the meshes. Measured: 221 to 232.
-const BUILDING: u64 = 232;
+/// Bytes of the bounding volume hierarchy per triangle. Measured: 51 to 52 on meshes of 0.1 to 50 million triangles
+/// (docs/results/rays.md).
+const TREE: u64 = 53;
+/// Peak bytes per triangle while the bounding volume hierarchy is built, not counting the meshes. Measured: 155 on 4 million.
+const BUILDING: u64 = 160;
 /// Bytes per pixel of an environment map's sampling tables.
 const ENVIRONMENT: u64 = 16;
 
