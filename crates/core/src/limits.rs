@@ -108,6 +108,11 @@ pub struct Limits {
 }
 
 impl Budget {
+    /// True for a number of samples: nothing that a render measures adds to it.
+    pub(crate) fn is_of_samples(&self) -> bool {
+        matches!(self, Self::Samples(_) | Self::PerPixel(_))
+    }
+
     /// The number of samples in an image of this frame, if it is known before the render.
     pub fn samples(&self, frame: &Frame) -> Option<u64> {
         match self {

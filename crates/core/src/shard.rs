@@ -5,8 +5,8 @@ use crate::snapshot::bytes::{Reader, Writer};
 use crate::snapshot::film::{put_film, size, take_film};
 use crate::snapshot::{Broken, check_head};
 use crate::{
-    Budget, BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Record, Retention,
-    RoundRecord, Sampler, SamplerMemory, saturating_u32,
+    BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Record, Retention, RoundRecord,
+    Sampler, SamplerMemory, saturating_u32,
 };
 
 /// One machine's part of an image: every `of`-th row of the window, starting at row `index`.
@@ -132,7 +132,7 @@ impl<'a> Sharded<'a> {
             let why = "it reads samples that other machines have; take a sampler with fixed counts";
             return refuse(format!("sampler \"{}\"", inner.name()), why);
         }
-        if !matches!(limits.budget, Budget::Samples(_) | Budget::PerPixel(_)) {
+        if !limits.budget.is_of_samples() {
             let why = "every machine must know the number of samples in advance; give a number of samples";
             return refuse("a limit of time or error".into(), why);
         }

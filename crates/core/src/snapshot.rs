@@ -351,7 +351,7 @@ impl Snapshot {
     }
 }
 
-/// What precedes the film in a snapshot.
+/// The part of a snapshot before the film.
 struct Head {
     sampler: String,
     points: String,

@@ -58,7 +58,7 @@ impl Meter {
         if total < needed || total == 0 {
             return Err(Error::BudgetTooSmall { budget: total, needed: needed.max(1), pixels: frame.pixels() });
         }
-        if total > most && matches!(limits.budget, Budget::Samples(_) | Budget::PerPixel(_)) {
+        if total > most && limits.budget.is_of_samples() {
             return Err(Error::BudgetTooLarge { budget: total, most, pixels: frame.pixels() });
         }
         Ok(Self { budget: limits.budget.clone(), pixels, min_spp, max_spp, total, barrier: 0, filter_seconds: None })

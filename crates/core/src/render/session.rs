@@ -185,7 +185,7 @@ impl<'a> Session<'a> {
         })
     }
 
-    /// The session if the film has the rows of process `share`, or all if there is none or if it plans the whole image.
+    /// The session if the film has the rows of process `share`. A single process, or one that plans the whole image, needs all.
     pub(super) fn with_its_rows(self, share: Option<Shard>) -> Result<Self, Error> {
         let is_part = share.is_some_and(|share| share.of() > 1) && self.halo().is_some();
         if is_part || self.state.film.is_whole() { Ok(self) } else { Err(rows_missing()) }
@@ -379,7 +379,7 @@ impl<'a> Session<'a> {
             let times = team.times().to_vec();
             self.show(monitor, |monitor, status| monitor.barrier(status, &times));
             // After the last round, the end follows at once, and saves.
-            let ends = stopped == Stopped::No && matches!(self.limits.budget, Budget::Samples(_)) && self.is_spent();
+            let ends = stopped == Stopped::No && self.limits.budget.is_of_samples() && self.is_spent();
             if !ends {
                 self.save(monitor, team)?;
             }

@@ -162,7 +162,7 @@ impl Pieces<'_, '_> {
         fault.map_or(all, Err)
     }
 
-    /// What the process that has the snapshot reads of it.
+    /// The bytes that the process with the snapshot reads of it.
     fn told(&mut self, read: impl FnOnce(&mut Source<'_>) -> Result<Vec<u8>, Broken>) -> Result<Vec<u8>, Error> {
         let mine = self.source.as_mut().map_or(Ok(Vec::new()), read);
         let all = self.all(mine)?;

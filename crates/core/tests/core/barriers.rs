@@ -151,6 +151,20 @@ fn the_state_that_processes_save_has_the_bytes_of_one_process() {
     }
 }
 
+/// With samples in all and per pixel, two processes save once for each round: after the last one, at the end only.
+#[test]
+fn the_state_after_the_last_round_is_saved_once() {
+    for limits in [Limits::samples(17 * 70 * 8), Limits::spp(8.0)] {
+        let saved = together(2, |mut end| {
+            let mut barriers = Barriers::default();
+            let render = Render::new(frame(17, 70), &limits).needs(everything()).exchange(&mut end).in_bands();
+            render.monitor(&mut barriers).run(&mut Field(noise), &mut adaptive(PilotPolicy::Keep)).unwrap();
+            [barriers.states.len(), barriers.means.len()]
+        });
+        assert!(saved.iter().all(|[states, rounds]| states == rounds && *rounds > 1), "{saved:?}");
+    }
+}
+
 /// A digest of bytes.
 fn digest(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0, |sum: u64, byte| sum.wrapping_mul(0x0100_0000_01b3) ^ u64::from(*byte))

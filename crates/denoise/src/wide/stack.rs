@@ -44,8 +44,7 @@ pub(super) fn stacks(inputs: &Inputs, guide: &Guide) -> Vec<Stack> {
     let tile = |tile: usize| {
         let mut data = vec![0.0; height * STEP * PLANES * COLUMNS];
         // Columns of the frame, less this, are columns of the tile; those from `first` to `end` lie in the frame.
-        let before = (tile * CENTRES) as isize - PAD as isize;
-        let before = before * STEP as isize;
+        let before = STEP as isize * ((tile * CENTRES) as isize - PAD as isize);
         let first = (-before).max(0) as usize;
         let end = (width as isize - before).min((STEP * COLUMNS) as isize) as usize;
         data.par_chunks_mut(STEP * PLANES * COLUMNS).enumerate().for_each(|(y, row)| {

@@ -65,7 +65,7 @@ impl Read for Opened {
     }
 }
 
-/// What is known of a file after reading it once.
+/// The findings of reading a file once.
 struct Checked {
     head: Result<(Kind, Identity), Damage>,
     /// The place of the body.
