@@ -99,13 +99,14 @@ impl Progress {
 impl Predicted {
     fn update(&mut self, status: &Status<'_>) {
         let now = Instant::now();
-        // Two samples in each pixel are needed; before, the prediction is infinite.
         if now < self.due {
             return;
         }
         let relmse = status.film.record().filtered_relmse.or_else(|| status.film.predicted_relmse());
+        // The prediction is infinite until each pixel has two samples.
         self.relmse = relmse.filter(|relmse| relmse.is_finite());
-        self.due = now + now.elapsed().div_f64(PREDICTING).max(Duration::from_secs(1));
+        let rest = if self.relmse.is_some() { Duration::from_secs(1) } else { Duration::ZERO };
+        self.due = now + now.elapsed().div_f64(PREDICTING).max(rest);
     }
 }
 
