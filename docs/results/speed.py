@@ -21,6 +21,8 @@ PEERS = Path(os.environ.get("DAPPLE_PEERS", "../shared/peers"))
 MITSUBA = Path(os.environ.get("PEERS", ".peers")).absolute() / "venv/bin/python"
 LLVM = os.environ.get("DRJIT_LIBLLVM_PATH", "/usr/lib/x86_64-linux-gnu/libLLVM-19.so")
 ROUNDS = 5
+# M paths a CPU second of Mitsuba's scalar mode on the machine to which the rates of pbrt-v4 are compared.
+USUAL = 0.728
 # Thousands of samples a CPU second of pbrt-v4, measured once; samples per pixel; the required and the desired ratio.
 OTHERS = {
     "cornell-box": (162, 8, 7, 8),
@@ -119,7 +121,18 @@ def cornell(folder):
     table(*rows)
 
 
+def speed_of_machine(folder):
+    """The rate of Mitsuba's scalar mode over its usual one; None without Mitsuba."""
+    if not (MITSUBA.exists() and (PEERS / "peerscenes.py").exists()):
+        print(f"{MITSUBA} or {PEERS} is not here, so this machine's speed is unknown\n")
+        return None
+    run(MITSUBA, PEERS / "peerscenes.py", folder, "cornell")
+    return statistics.median(mitsuba(folder, "scalar_rgb") for _ in range(ROUNDS)) / USUAL
+
+
 def scenes(folder):
+    speed = speed_of_machine(folder)
+    print(f"pbrt-v4 was measured elsewhere; its rates are multiplied by this machine's speed, {speed or 1:.2f}\n")
     rows = [["scene", "thousands of samples a CPU second", "pbrt-v4", "times pbrt-v4's", "required", "goal", "required is"]]
     for name, (theirs, spp, required, goal) in OTHERS.items():
         file = SCENES / name / "scene-v4.pbrt"
@@ -129,8 +142,10 @@ def scenes(folder):
         options = ["--spp", spp, "--threads", 1, "--resolution", "320x240", "-o", folder / "o.pfm"]
         lines = [render(file, *options) for _ in range(ROUNDS)]
         rates = [line["samples"] / line["cpu"] * 1e-3 for line in lines]
+        theirs *= speed or 1
         ratio = statistics.median(rates) / theirs
-        rows.append([name, spread(rates, 0), theirs, f"{ratio:.2f}", required, goal, met(ratio, required)])
+        verdict = met(ratio, required) if speed else "unknown"
+        rows.append([name, spread(rates, 0), f"{theirs:.0f}", f"{ratio:.2f}", required, goal, verdict])
     table(*rows)
 
 

@@ -164,7 +164,8 @@ fn a_viewer_that_leaves_does_not_stop_the_render() {
 #[test]
 fn plain_lines_name_the_phases_and_the_error() {
     let folder = Folder::new();
-    let said = folder.run("render cornell --resolution 240x180 --spp 48 --progress-every 0.03 -o a.pfm");
+    // Few pixels, so that predictions are due often, and many samples, so that rounds after the pilot last.
+    let said = folder.run("render cornell --resolution 80x60 --spp 400 --progress-every 1e-4 -o a.pfm");
     assert_eq!(said.status, Some(0), "{}", said.err);
     let lines: Vec<&str> = said.err.lines().collect();
     assert!(lines.iter().all(|line| line.starts_with("progress: ")), "{}", said.err);
