@@ -23,7 +23,7 @@ use rayon::prelude::*;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Scales {
-    /// One scale per factor of 4 that the image has more than 14,400 pixels, at least one: 3 at 1280x720, 4 at
+    /// One scale, two from 115,200 pixels on, three from 921,600 on (1280x720), and one more per factor of 4: 4 at
     /// 3840x2160.
     #[default]
     Auto,
@@ -31,7 +31,10 @@ pub enum Scales {
     Fixed(u32),
 }
 
-/// The number of pixels of an image from which the number of scales is counted.
+/// The number of pixels from which there is a second scale. With 230,400, a room lit through a slit has 8 % more error at
+/// 480x360. With 57,600, three scenes have 0.5 to 1.5 % more at 320x240, and one has 4 % less.
+const SECOND: usize = 115_200;
+/// The least number of pixels at the coarsest scale from the third on.
 const PIXELS: usize = 14_400;
 
 impl Scales {
@@ -42,7 +45,11 @@ impl Scales {
     pub(crate) fn of(self, [width, height]: [usize; 2]) -> usize {
         match self {
             Self::Fixed(scales) => scales as usize,
-            Self::Auto => (2..=Self::MOST).filter(|n| (width * height) >> (2 * n) >= PIXELS).count() + 1,
+            Self::Auto => {
+                let pixels = width * height;
+                let more = (3..=Self::MOST).filter(|n| pixels >> (2 * n) >= PIXELS).count();
+                1 + usize::from(pixels >= SECOND) + more
+            }
         }
     }
 
@@ -334,8 +341,8 @@ mod tests {
 
     #[test]
     fn scales_grow_with_the_image() {
-        let sizes = [[1, 1], [160, 120], [479, 479], [480, 480], [1280, 720], [3840, 2160], [20_000, 20_000]];
-        let scales = [1, 1, 1, 2, 3, 4, 7];
+        let sizes = [[1, 1], [359, 320], [360, 320], [1279, 720], [1280, 720], [3840, 2160], [20_000, 20_000]];
+        let scales = [1, 1, 2, 2, 3, 4, 7];
         assert_eq!(sizes.map(|size| Scales::Auto.of(size)), scales);
         assert_eq!(Scales::Fixed(5).of([1, 1]), 5);
     }
