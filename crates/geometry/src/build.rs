@@ -19,7 +19,6 @@ use binary::BinaryTree;
 use glam::{DVec3, Vec3, Vec3A};
 use joining::Cluster;
 use obvhs::BvhBuildParams;
-
 use rayon::prelude::*;
 
 /// The effort spent on building the bounding volume hierarchy. It affects speed only, not images.
