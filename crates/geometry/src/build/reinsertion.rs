@@ -1,4 +1,5 @@
-//! Reinsertion of subtrees at places where the tree's expected cost is lower [Meister and Bittner 2018].
+//! Reinsertion of subtrees at places where the tree's expected cost is lower
+//! [after Meister and Bittner 2018, their paper on parallel reinsertion].
 //!
 //! The moves are those of obvhs, but for the order of moves that gain the same: here the node's number decides. obvhs
 //! keeps its nodes in a `Vec`, which has small pages only, and clears a byte for each node twice a round.
