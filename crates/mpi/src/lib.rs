@@ -117,7 +117,9 @@ impl Exchange for Processes {
                 let to = self.world.process_at_rank(to);
                 open.extend(bytes.chunks(piece).map(|part| to.immediate_send(scope, part)));
             }
-            open.into_iter().for_each(|request| drop(request.wait()));
+            for request in open {
+                request.wait();
+            }
         });
         all[me] = kept;
         Ok(all)
