@@ -29,8 +29,18 @@ impl Place {
         first < own[1] && own[0] < end
     }
 
+    /// Returns true if the tile whose first row in the planes is `row` holds an own row.
+    pub(crate) fn has_own_in_tile(&self, row: usize) -> bool {
+        self.has_own(row as isize, (row + HEIGHT) as isize)
+    }
+
+    /// The rows of the planes that are own ones.
+    pub(crate) fn rows(&self) -> Range<usize> {
+        self.own[0] - self.top..self.own[1] - self.top
+    }
+
     /// The indices of the own pixels in planes of this width.
-    pub(crate) fn own_pixels(&self, width: usize) -> std::ops::Range<usize> {
+    pub(crate) fn own_pixels(&self, width: usize) -> Range<usize> {
         (self.own[0] - self.top) * width..(self.own[1] - self.top) * width
     }
 
@@ -138,17 +148,17 @@ impl<'e> Among<'e> {
         self.rows[process]
     }
 
-    /// Replaces the rows of an image that are not own ones by those of their owners. `reads` returns the rows that a process
-    /// has of the image.
-    pub(crate) fn complete(
+    /// Replaces the rows of images that are not own ones by those of their owners. `reads` returns the rows that a process
+    /// has of the images.
+    pub(crate) fn complete<const N: usize>(
         &mut self,
         inputs: &Inputs,
-        Pair(image): Pair,
+        images: [Pair; N],
         reads: impl Fn(&Self, usize) -> [usize; 2],
-    ) -> Result<Pair, Error> {
-        let planes = image.into_iter().flatten().collect();
+    ) -> Result<[Pair; N], Error> {
+        let planes = images.into_iter().flat_map(|Pair(image)| image).flatten().collect();
         let mut planes = self.fetch(&inputs.place, planes, inputs.size[0], reads)?.into_iter();
-        Ok(Pair([0, 1].map(|_| std::array::from_fn(|_| planes.next().unwrap_or_default()))))
+        Ok(std::array::from_fn(|_| Pair([0, 1].map(|_| std::array::from_fn(|_| planes.next().unwrap_or_default())))))
     }
 
     /// The number of rows of the whole image.
@@ -166,7 +176,7 @@ impl<'e> Among<'e> {
     }
 
     /// The own rows of a process at a scale: those whose first row at the finest scale is its own.
-    fn own(&self, process: usize, scale: usize) -> [usize; 2] {
+    pub(crate) fn own(&self, process: usize, scale: usize) -> [usize; 2] {
         self.bands[process].map(|row| coarse_row(row, scale))
     }
 
@@ -260,30 +270,33 @@ impl<'e> Among<'e> {
         width: usize,
         reads: impl Fn(&Self, usize) -> [usize; 2],
     ) -> Result<Vec<Plane>, Error> {
-        if self.exchange.is_none() {
+        if self.is_alone() {
             return Ok(planes);
         }
-        let processes = self.bands.len();
+        let (processes, me) = (self.bands.len(), self.me);
         let own: Vec<[usize; 2]> = (0..processes).map(|process| self.own(process, place.scale)).collect();
         let read: Vec<[usize; 2]> = (0..processes).map(|process| reads(self, process)).collect();
         let common = |a: [usize; 2], b: [usize; 2]| [a[0].max(b[0]), a[1].min(b[1]).max(a[0].max(b[0]))];
         let send = |to: usize| -> Vec<u8> {
-            let [first, end] = common(own[self.me], read[to]);
-            let part = |plane: &Plane| -> Vec<u8> {
-                let values = &plane[first.saturating_sub(place.top) * width..][..(end - first) * width];
-                values.iter().flat_map(|v| v.to_le_bytes()).collect()
-            };
-            if first == end { Vec::new() } else { planes.iter().flat_map(part).collect() }
+            let [first, end] = common(own[me], read[to]);
+            if first == end || to == me {
+                return Vec::new();
+            }
+            let rows = (first - place.top) * width..(end - place.top) * width;
+            let mut bytes = vec![0; 4 * planes.len() * rows.len()];
+            for (to, plane) in bytes.chunks_exact_mut(4 * rows.len()).zip(&planes) {
+                let values = to.as_chunks_mut::<4>().0.iter_mut().zip(&plane[rows.clone()]);
+                values.for_each(|(to, value)| *to = value.to_le_bytes());
+            }
+            bytes
         };
         let to_each = (0..processes).map(send).collect();
-        let count = planes.len();
-        drop(planes);
-        let Some(exchange) = &mut self.exchange else { return Ok(Vec::new()) };
+        let Some(exchange) = &mut self.exchange else { return Ok(planes) };
         let got = exchange.all_to_all(to_each)?;
-        let [top, bottom] = read[self.me];
-        let mut fetched = vec![vec![0.0; (bottom - top) * width]; count];
-        for (from, bytes) in got.iter().enumerate() {
-            let [first, end] = common(own[from], read[self.me]);
+        let ([top, bottom], count) = (read[me], planes.len());
+        let mut fetched = moved(planes, [place.top, top], common(own[me], read[me]), [width, bottom - top]);
+        for (from, bytes) in got.iter().enumerate().filter(|(from, _)| *from != me) {
+            let [first, end] = common(own[from], read[me]);
             let pixels = (end - first) * width;
             if bytes.len() != 4 * count * pixels {
                 let what = "a process sent rows of another size; start all with the same program and arguments";
@@ -300,9 +313,14 @@ impl<'e> Among<'e> {
         Ok(fetched)
     }
 
+    /// Returns true for a single process.
+    pub(crate) fn is_alone(&self) -> bool {
+        self.exchange.is_none()
+    }
+
     /// The first row of the planes of this process, by its number; 0 for a single process.
     pub(crate) fn top(&self, of: impl Fn(&Self, usize) -> usize) -> usize {
-        if self.exchange.is_none() { 0 } else { of(self, self.me) }
+        if self.is_alone() { 0 } else { of(self, self.me) }
     }
 
     /// The own rows of a process at the finest scale.
@@ -322,6 +340,27 @@ pub(crate) fn rows_around(frame: &Frame, rows: Range<u32>, reach: usize, aligned
 /// The row of a scale that holds a row of the finest scale, or the next one if that is not its first row.
 pub(crate) fn coarse_row(row: usize, scale: usize) -> usize {
     row.div_ceil(1 << scale)
+}
+
+/// Planes of `height` rows that begin with row `to`, from planes that begin with row `from`: the rows `own` of them.
+fn moved(
+    planes: Vec<Plane>,
+    [from, to]: [usize; 2],
+    [first, end]: [usize; 2],
+    [width, height]: [usize; 2],
+) -> Vec<Plane> {
+    if from == to && planes.iter().all(|plane| plane.len() == width * height) {
+        return planes;
+    }
+    let one = |plane: Plane| {
+        let mut all = vec![0.0; width * height];
+        if first < end {
+            let rows = (first - from) * width..(end - from) * width;
+            all[(first - to) * width..][..rows.len()].copy_from_slice(&plane[rows]);
+        }
+        all
+    };
+    planes.into_iter().map(one).collect()
 }
 
 /// The bucket of the value at this place in order, and its place within the bucket.

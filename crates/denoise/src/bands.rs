@@ -167,10 +167,10 @@ fn differences_of_short(filter: &ClusterRegression, film: &Film, cut: u32, short
 #[test]
 fn bands_differ_if_they_read_too_few_rows() {
     for (passes, scales, size, short) in [
-        (Passes::One, 0, [24, 200], 20),
-        (Passes::Two, 0, [24, 260], 28),
-        (Passes::Three, 0, [24, 480], 70),
-        (Passes::Three, 2, [24, 480], 80),
+        (Passes::One, 0, [24, 200], 13),
+        (Passes::Two, 0, [24, 260], 17),
+        (Passes::Three, 0, [24, 480], 40),
+        (Passes::Three, 2, [24, 480], 40),
     ] {
         let (filter, film) = (regression(passes, Scales::Fixed(scales)), film(size, 3));
         assert_eq!(differences_of_short(&filter, &film, 90, 0), 0, "{passes:?} {scales}");

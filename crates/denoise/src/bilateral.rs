@@ -1,7 +1,7 @@
 //! The cross-bilateral filter over distance, features, colours and clusters.
 
 use crate::among::{Among, rows_around};
-use crate::averaging::{VANISHING, Window, average, guide, memory};
+use crate::averaging::{VANISHING, Window, average_where, guide, memory};
 use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{ERROR_ROWS, Pair, filtered};
 use crate::parameters::{describe, featureless, recorded};
@@ -115,12 +115,13 @@ impl Bilateral {
         Self { options, ..Self::default() }
     }
 
-    /// Filters both halves of a film's samples, and returns an image from each.
+    /// Filters both halves of a film's samples, and returns an image from each. Only own rows are right.
     pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
         let guides = [0, 1].map(|half| guide(inputs, half, true, true));
         let window = Window { radius: self.options.window, cut: VANISHING, falloff: self.options.falloff as f32 };
         let values = [0, 1].map(|h: usize| &guides[h].colour);
-        let mut pair = Pair(average(inputs, values, &guides, &self.likeness(), &window));
+        let own = |[_, row]: [usize; 2]| inputs.place.has_own_in_tile(row);
+        let mut pair = Pair(average_where(inputs, values, &guides, &self.likeness(), &window, &own));
         pair.modulate(inputs);
         pair
     }
@@ -132,7 +133,9 @@ impl Bilateral {
 
     fn run(&self, film: &Film, top: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
         let inputs = Inputs::new(film, self.reads(), top, among)?;
-        Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs), among)?))
+        among.share_rows([top, top + inputs.size[1]])?;
+        let [pair] = among.complete(&inputs, [self.pair(&inputs)], Among::rows)?;
+        Ok(inputs.restored(film, filtered(&inputs, &pair, among)?))
     }
 
     fn likeness(&self) -> Likeness {
@@ -172,7 +175,7 @@ impl Filter for Bilateral {
     }
 
     fn rows_read(&self, frame: &Frame, rows: Range<u32>) -> Option<Range<u32>> {
-        Some(rows_around(frame, rows, planes::ROWS_READ + self.rows() + ERROR_ROWS, HEIGHT))
+        Some(rows_around(frame, rows, planes::ROWS_READ + self.rows().max(ERROR_ROWS), HEIGHT))
     }
 
     fn apply_to_rows(&self, film: &Film, band: &Band, exchange: &mut dyn Exchange) -> Result<Filtered, Error> {

@@ -182,40 +182,45 @@ impl ClusterRegression {
         Pair(regress(inputs, &[residual_guide(inputs, guide)], &like, guide, BESIDE[1]))
     }
 
+    /// The bilateral image and that of the first pass.
+    fn averaged_and_first(&self, inputs: &Inputs, among: &mut Among<'_>) -> Result<[Pair; 2], Error> {
+        let averaged = Bilateral::candidate().pair(inputs);
+        let first = self.first(inputs, &averaged);
+        among.complete(inputs, [averaged, first], Among::rows)
+    }
+
     /// The image of one or two passes.
     fn pair(&self, inputs: &Inputs, among: &mut Among<'_>) -> Result<Pair, Error> {
-        let averaged = Bilateral::candidate().pair(inputs);
-        let first = among.complete(inputs, self.first(inputs, &averaged), Among::rows)?;
+        let [averaged, first] = self.averaged_and_first(inputs, among)?;
         if self.options.passes == Passes::One {
             return Ok(first);
         }
         let unfiltered = Pair::unfiltered(inputs);
         let weight = relative_weight(inputs, &first);
         let chosen = select(inputs, &[&first, &averaged], Some(&unfiltered), &weight, FIRST_CHOICE, 0.0);
-        let second = among.complete(inputs, self.second(inputs, &chosen), Among::rows)?;
+        let [second] = among.complete(inputs, [self.second(inputs, &chosen)], Among::rows)?;
         Ok(select(inputs, &[&first, &averaged, &second], Some(&unfiltered), &weight, SECOND_CHOICE, 0.0))
     }
 
     /// The image of three passes before its blend with the unfiltered image. The unfiltered image guides the second pass
     /// where its error is less by `evidence` standard errors.
     fn smooth(&self, inputs: &Inputs, evidence: f32, among: &mut Among<'_>) -> Result<Pair, Error> {
-        let averaged = Bilateral::candidate().pair(inputs);
-        let first = among.complete(inputs, self.first(inputs, &averaged), Among::rows)?;
+        let [averaged, first] = self.averaged_and_first(inputs, among)?;
         let weight = relative_weight(inputs, &first);
         let unfiltered = Pair::unfiltered(inputs);
         let chosen = select(inputs, &[&first, &averaged], Some(&unfiltered), &weight, FIRST_CHOICE, evidence);
         drop(unfiltered);
-        let second = among.complete(inputs, self.second(inputs, &chosen), Among::rows)?;
+        let [second] = among.complete(inputs, [self.second(inputs, &chosen)], Among::rows)?;
         let base = select(inputs, &[&first, &averaged, &second], None, &weight, SECOND_CHOICE, 0.0);
         drop((first, averaged, second, chosen));
         let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
-        let smooth = among.complete(inputs, smooth, Among::rows)?;
+        let [smooth] = among.complete(inputs, [smooth], Among::rows)?;
         Ok(shrink(inputs, &base, &smooth, scales::BLEND, EVIDENCE))
     }
 
     /// The image of three passes without coarse scales.
     fn unscaled(&self, inputs: &mut Inputs, among: &mut Among<'_>) -> Result<Filtered, Error> {
-        let light = outliers::take(inputs);
+        let light = outliers::take(inputs, among, Among::rows)?;
         let smooth = self.smooth(inputs, 0.0, among)?;
         let mut image = filtered(inputs, &blended(inputs, &smooth, EVIDENCE), among)?;
         if let Some(light) = light {
@@ -230,7 +235,7 @@ impl ClusterRegression {
     /// The image of three passes and `scales` coarse scales.
     fn scaled(&self, inputs: &mut Inputs, scales: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
         let coarse = scales::coarser(inputs, scales, among)?;
-        let light = outliers::take_halves(inputs, scales::ratio(scales));
+        let light = outliers::take_halves(inputs, scales::ratio(scales), among, Among::rows)?;
         let mut image = self.smooth(inputs, CERTAIN, among)?;
         if let Some(light) = light {
             image.add(&light);
@@ -252,7 +257,7 @@ impl ClusterRegression {
     pub(crate) fn run(&self, film: &Film, top: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
         let mut inputs = Inputs::new(film, self.reads(), top, among)?;
         among.share_rows([top, top + inputs.size[1]])?;
-        prefilter(&mut inputs);
+        prefilter(&mut inputs, among)?;
         if self.options.passes != Passes::Three {
             let image = self.pair(&inputs, among)?;
             return Ok(inputs.restored(film, filtered(&inputs, &image, among)?));
@@ -272,13 +277,14 @@ const SECOND_CHOICE: usize = 3;
 /// The rows of a film that a filter with these options reads above and below its own, for an image of this size. Grids of
 /// windows and tiles add to them ([`rows_around`]).
 ///
-/// Each process makes the images of the three regressions in its own rows, and gets the others' rows of them. So the windows
-/// of one regression add up with the cheap steps before it, not with another regression. Of coarse scales only the planes of
-/// the finest image count here; the rest travels through the exchange.
+/// Each process makes the results of expensive steps in its own rows, and gets the others' rows of them: the averaged
+/// features, the bilateral image, those of the three regressions and the light of outliers. So the windows of one such step add
+/// up with the cheap steps before it only. Of coarse scales only the planes of the finest image count here; the rest travels
+/// through the exchange.
 pub(crate) fn reach(options: &ClusterRegressionOptions, size: [usize; 2]) -> usize {
-    // The weights of errors take the mean of 3x3 pixels, and compare with the bilateral image.
-    let errors = 1 + BILATERAL_ROWS;
-    let first = regression::ROWS_READ.max(BILATERAL_ROWS);
+    // The weights of errors take the mean of 3x3 pixels, and errors read colours from which outliers are taken.
+    let errors = outliers::FOUND_ROWS.max(1);
+    let first = regression::ROWS_READ;
     let second = regression::ROWS_READ + GUIDE_ROWS + select_rows(FIRST_CHOICE) + errors;
     let chosen = select_rows(SECOND_CHOICE) + errors;
     let wide = wide::ROWS_READ + GUIDE_ROWS + chosen;
@@ -288,19 +294,10 @@ pub(crate) fn reach(options: &ClusterRegressionOptions, size: [usize; 2]) -> usi
         (Passes::Three, scales) => {
             let after = if scales == 0 { LAST.rows() + ERROR_ROWS } else { scales::rows_after(scales) };
             let passes = first.max(second).max(wide).max(after + scales::BLEND.rows() + chosen);
-            (passes + outliers::FOUND_ROWS).max(after + outliers::SPREAD_ROWS)
+            passes.max(outliers::SPREAD_ROWS)
         }
     };
-    image + prefilter::ROWS_READ + planes::ROWS_READ
-}
-
-/// The rows that the bilateral image reads above and below its own.
-const BILATERAL_ROWS: usize = 5;
-
-/// The least number of rows between the first rows of bands of planes in which tiles and windows are those of the whole.
-fn alignment(passes: Passes) -> usize {
-    let both = |a: usize, b: usize| (1..=b).map(|k| k * a).find(|n| n.is_multiple_of(b)).unwrap_or(a * b);
-    if passes == Passes::Three { both(wide::ALIGNED, HEIGHT) } else { HEIGHT }
+    image.max(prefilter::ROWS_READ) + planes::ROWS_READ
 }
 
 /// The number of standard errors by which the unfiltered image must be better than a filtered one to guide the second pass.
@@ -395,7 +392,7 @@ impl Filter for ClusterRegression {
 
     fn rows_read(&self, frame: &Frame, rows: Range<u32>) -> Option<Range<u32>> {
         let reach = reach(&self.options, frame.size().map(|n| n as usize));
-        Some(rows_around(frame, rows, reach, alignment(self.options.passes)))
+        Some(rows_around(frame, rows, reach, HEIGHT))
     }
 
     fn apply_to_rows(&self, film: &Film, band: &Band, exchange: &mut dyn Exchange) -> Result<Filtered, Error> {

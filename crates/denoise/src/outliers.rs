@@ -4,9 +4,11 @@
 //! exceeds its surroundings is taken out before filtering. Afterwards it is added again to up to some 2,000 pixels of
 //! the same surface. The sum over the image stays.
 
+use crate::among::Among;
 use crate::dispatch::dispatch;
 use crate::planes::{Colours, Inputs, LEAST_ALBEDO, Plane, box_mean};
 use crate::tile::exp_minus;
+use dapple_core::Error;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -28,15 +30,15 @@ const DARK: f32 = 1e-3;
 
 /// The rows around a pixel by which it is found to be an outlier.
 pub(crate) const FOUND_ROWS: usize = NEAR;
-/// The rows of the planes that the light of outliers in a row comes from: they lie in its window, and each takes its weights
-/// from a window of its own. That is more than by which they are found.
-pub(crate) const SPREAD_ROWS: usize = 2 * REACH;
+/// The rows of the planes that the windows of own outliers reach, and those of outliers of which an own row gets light.
+pub(crate) const SPREAD_ROWS: usize = REACH;
 
 /// The part of a pixel's colour in one half that exceeds its surroundings, times the half's share in the pixel's
 /// samples.
 struct Outlier {
     pixel: usize,
     half: usize,
+    /// The light in excess; once it is shared out, its light per weight.
     excess: [f32; 3],
     /// The standard deviation of its spread in pixels.
     width: f32,
@@ -53,7 +55,13 @@ impl Outlier {
 ///
 /// A pixel of one half is an outlier if it exceeds [`RATIO`] times each of these: the other half in 3x3 pixels, and
 /// both halves' means over 7x7 pixels, without the pixel itself.
-pub(crate) fn take(inputs: &mut Inputs) -> Option<Colours> {
+///
+/// Each process spreads light over its own rows and gets the others. `reads` returns the rows that a process has of the planes.
+pub(crate) fn take<'e>(
+    inputs: &mut Inputs,
+    among: &mut Among<'e>,
+    reads: impl Fn(&Among<'e>, usize) -> [usize; 2],
+) -> Result<Option<Colours>, Error> {
     let found = find(inputs, RATIO);
     for outlier in &found {
         let share = share(inputs, outlier.half, outlier.pixel);
@@ -61,12 +69,19 @@ pub(crate) fn take(inputs: &mut Inputs) -> Option<Colours> {
             plane[outlier.pixel] -= excess / share;
         }
     }
-    if found.is_empty() { None } else { Some(spread(inputs, &found)) }
+    let Some(found) = shared(inputs, found, among, &reads)? else { return Ok(None) };
+    let mut planes = among.fetch(&inputs.place, spread(inputs, &found).into(), inputs.size[0], reads)?.into_iter();
+    Ok(Some(std::array::from_fn(|_| planes.next().unwrap_or_default())))
 }
 
 /// Takes outliers out of both halves as [`take`] does, with another ratio. Returns the light of each half by itself, in the
 /// units of that half.
-pub(crate) fn take_halves(inputs: &mut Inputs, ratio: f32) -> Option<[Colours; 2]> {
+pub(crate) fn take_halves<'e>(
+    inputs: &mut Inputs,
+    ratio: f32,
+    among: &mut Among<'e>,
+    reads: impl Fn(&Among<'e>, usize) -> [usize; 2],
+) -> Result<Option<[Colours; 2]>, Error> {
     let mut found = find(inputs, ratio);
     for outlier in &mut found {
         let share = share(inputs, outlier.half, outlier.pixel);
@@ -75,11 +90,11 @@ pub(crate) fn take_halves(inputs: &mut Inputs, ratio: f32) -> Option<[Colours; 2
             plane[outlier.pixel] -= *excess;
         }
     }
-    if found.is_empty() {
-        return None;
-    }
+    let Some(found) = shared(inputs, found, among, &reads)? else { return Ok(None) };
     let (first, second): (Vec<Outlier>, Vec<Outlier>) = found.into_iter().partition(|outlier| outlier.half == 0);
-    Some([spread(inputs, &first), spread(inputs, &second)])
+    let planes = [spread(inputs, &first), spread(inputs, &second)].into_iter().flatten().collect();
+    let mut planes = among.fetch(&inputs.place, planes, inputs.size[0], reads)?.into_iter();
+    Ok(Some([0, 1].map(|_| std::array::from_fn(|_| planes.next().unwrap_or_default()))))
 }
 
 /// The memory of [`take_halves`] per pixel beyond that of [`take`]: a second list and the light of the other half.
@@ -126,16 +141,46 @@ fn find(inputs: &Inputs, ratio: f32) -> Vec<Outlier> {
     (0..inputs.pixels()).into_par_iter().with_min_len(1024).filter_map(of).collect()
 }
 
-/// Spreads each outlier over the pixels around it, in proportion to their likeness and albedo.
+/// Turns the light of the own outliers into light per weight, such that the weights' sum over the window gives the outlier.
+/// Adds those of other processes in the rows of the planes. Returns `None` if the whole image has no outliers.
+fn shared<'e>(
+    inputs: &Inputs,
+    mut found: Vec<Outlier>,
+    among: &mut Among<'e>,
+    reads: impl Fn(&Among<'e>, usize) -> [usize; 2],
+) -> Result<Option<Vec<Outlier>>, Error> {
+    let own = inputs.place.own_pixels(inputs.size[0]);
+    found.retain(|outlier| own.contains(&outlier.pixel));
+    if among.total(found.len() as u64)? == 0 {
+        return Ok(None);
+    }
+    found.par_iter_mut().for_each(|outlier| outlier.excess = dispatch(WindowTask { inputs, outlier }));
+    if among.is_alone() {
+        return Ok(Some(found));
+    }
+    // Outliers as planes: light, and the width of the spread, which is negative in the second half and 0 without an outlier.
+    let mut planes = vec![vec![0.0; inputs.pixels()]; 4];
+    for &Outlier { pixel, half, excess: [r, g, b], width } in &found {
+        let width = if half == 0 { width } else { -width };
+        planes.iter_mut().zip([r, g, b, width]).for_each(|(plane, value)| plane[pixel] = value);
+    }
+    let planes = among.fetch(&inputs.place, planes, inputs.size[0], reads)?;
+    let outlier = |(pixel, width): (usize, &f32)| {
+        let excess = std::array::from_fn(|c| planes[c][pixel]);
+        (*width != 0.0).then(|| Outlier { pixel, half: usize::from(*width < 0.0), excess, width: width.abs() })
+    };
+    Ok(Some(planes[3].iter().enumerate().filter_map(outlier).collect()))
+}
+
+/// Spreads each outlier over the own pixels around it, in proportion to their likeness and albedo.
 fn spread(inputs: &Inputs, found: &[Outlier]) -> Colours {
     let [width, height] = inputs.size;
-    // The light per weight, such that the weights' sum over the window gives the outlier.
-    let scales: Vec<[f32; 3]> = found.par_iter().map(|outlier| dispatch(WindowTask { inputs, outlier })).collect();
     let mut rows = vec![0.0; 3 * inputs.pixels()];
-    rows.par_chunks_mut(3 * width).enumerate().for_each(|(y, sums)| {
+    let own = inputs.place.rows();
+    rows.par_chunks_mut(3 * width).enumerate().filter(|(y, _)| own.contains(y)).for_each(|(y, sums)| {
         let from = found.partition_point(|outlier| outlier.pixel / width + REACH < y);
         let to = found.partition_point(|outlier| outlier.pixel / width <= y + REACH);
-        dispatch(RowTask { inputs, found: &found[from..to], scales: &scales[from..to], y, sums });
+        dispatch(RowTask { inputs, found: &found[from..to], y, sums });
     });
     let plane = |c: usize| -> Plane {
         let mut plane = Vec::with_capacity(width * height);
@@ -201,7 +246,6 @@ fn add_lanes(sums: &mut [f32; LANES], like: &[f32], albedo: &[f32]) {
 struct RowTask<'a> {
     inputs: &'a Inputs,
     found: &'a [Outlier],
-    scales: &'a [[f32; 3]],
     y: usize,
     sums: &'a mut [f32],
 }
@@ -211,10 +255,10 @@ impl WithSimd for RowTask<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { inputs, found, scales, y, sums } = self;
+        let Self { inputs, found, y, sums } = self;
         let width = inputs.size[0];
         let mut like = [0.0; SIDE];
-        for (outlier, scale) in found.iter().zip(scales) {
+        for outlier in found {
             if (outlier.pixel / width).abs_diff(y) > outlier.reach() {
                 continue;
             }
@@ -224,7 +268,7 @@ impl WithSimd for RowTask<'_> {
                 let sums = &mut sums[c * width + window.column..][..window.len];
                 let (like, albedo) = (&like[..window.len], &window.albedo[c][..window.len]);
                 for k in 0..window.len {
-                    sums[k] += scale[c] * like[k] * albedo[k].max(LEAST_ALBEDO);
+                    sums[k] += outlier.excess[c] * like[k] * albedo[k].max(LEAST_ALBEDO);
                 }
             }
         }

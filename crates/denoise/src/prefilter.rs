@@ -1,9 +1,11 @@
 //! Prefilter of the features (normal, albedo, depth, position). It removes most of the noise from lens blur, motion blur,
 //! subpixel geometry, and surfaces that both reflect and refract.
 
+use crate::among::Among;
 use crate::averaging::{VANISHING, Window, average_where};
 use crate::planes::{Colours, Inputs, Plane, box_mean};
 use crate::tile::{Guide, HEIGHT, Likeness, WIDTH};
+use dapple_core::Error;
 
 /// The patches (3x3 pixels) and the bandwidth, chosen by measurements at 8 spp on nine scenes (`docs/results/race.md`).
 /// Patches of 1 pixel do not help, 5x5 is no better than 3x3. Bandwidths 0.5 and 1 leave 2 and 4 % more error.
@@ -25,27 +27,37 @@ const _: () = assert!(WINDOW.rows(LIKE.patch) < ROWS_READ);
 ///
 /// The stored variances stay unchanged. Reduced variances would make features separate more pixels: at a quarter of the
 /// variance, 3 % more error is left.
-pub(crate) fn prefilter(inputs: &mut Inputs) {
+///
+/// Each process averages its own rows and gets the others.
+pub(crate) fn prefilter(inputs: &mut Inputs, among: &mut Among<'_>) -> Result<(), Error> {
+    let place = inputs.place;
+    let own = |[_, row]: [usize; 2]| place.has_own_in_tile(row);
     let [nx, ny, nz, r, g, b, depth] = std::mem::take(&mut inputs.features.mean);
     let [vn, va, vd] = &inputs.features.variance;
     let surface = [guide(inputs, [r, g, b], va, |_| QUIET), guide(inputs, [nx, ny, nz], vn, |_| QUIET)];
     let noisy = |[n, a]: [f32; 2]| n > QUIET || a > QUIET;
-    let wanted = tiles_with(inputs.size, |i| noisy([vn[i], va[i]]));
+    let noise = tiles_with(inputs.size, |i| noisy([vn[i], va[i]]));
+    let wanted = |tile| own(tile) && noise(tile);
     // Each value takes its weights from the other guide. Normals are the first value, so their guide is the second.
     let values = [&surface[1].colour, &surface[0].colour];
     let [[nx, ny, nz], [r, g, b]] = average_where(inputs, values, &surface, &LIKE, &WINDOW, &wanted);
     drop(surface);
 
     let position = std::mem::take(&mut inputs.features.position);
-    let wanted = tiles_with(inputs.size, |i| vd[i] > QUIET);
+    let noise = tiles_with(inputs.size, |i| vd[i] > QUIET);
+    let wanted = |tile| own(tile) && noise(tile);
     // Points closer than the width of a pixel count as one place.
     let width = |i: usize| (1.0 / (24.0 * inputs.features.scale[i])).clamp(1e-15, 1e15).powi(2);
-    let place = [guide(inputs, position, &inputs.features.scatter, width)];
+    let places = [guide(inputs, position, &inputs.features.scatter, width)];
     let depths: Colours = [depth.clone(), depth.clone(), depth];
-    let values = [&place[0].colour, &depths];
-    let [position, [depth, ..]] = average_where(inputs, values, &place, &LIKE, &WINDOW, &wanted);
-    inputs.features.position = position;
-    inputs.features.mean = [nx, ny, nz, r, g, b, depth];
+    let values = [&places[0].colour, &depths];
+    let [[x, y, z], [depth, ..]] = average_where(inputs, values, &places, &LIKE, &WINDOW, &wanted);
+    let planes = vec![nx, ny, nz, r, g, b, depth, x, y, z];
+    let mut planes = among.fetch(&place, planes, inputs.size[0], Among::rows)?.into_iter();
+    let mut next = || planes.next().unwrap_or_default();
+    inputs.features.mean = std::array::from_fn(|_| next());
+    inputs.features.position = std::array::from_fn(|_| next());
+    Ok(())
 }
 
 /// Makes a guide of features. Its variance is `floor` plus the mean of the pixel's own variance and the variance over

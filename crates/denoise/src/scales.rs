@@ -121,12 +121,10 @@ fn mean(of: impl Fn(usize) -> f32) -> impl Fn([usize; 4]) -> f32 {
 /// The radii of the blend of a scale's image with that of the wide pass.
 pub(crate) const BLEND: Radii = Radii { bias: 8, noise: 20 };
 
-/// The rows of a coarse scale's planes that its correction reads above and below its own: the light of outliers, or the
-/// wide pass and its guide, and then the blend.
-const ROWS: usize = {
-    let (light, smooth) = (outliers::SPREAD_ROWS, wide::ROWS_READ + GUIDE_ROWS + outliers::FOUND_ROWS);
-    BLEND.rows() + if light > smooth { light } else { smooth }
-};
+/// The rows of a coarse scale's planes that its correction reads above and below its own: those of the wide pass and its guide.
+/// Blends and the light of outliers reach less far.
+const ROWS: usize = wide::ROWS_READ + GUIDE_ROWS + outliers::FOUND_ROWS;
+const _: () = assert!(ROWS > BLEND.rows() && ROWS > outliers::SPREAD_ROWS);
 
 /// The rows of the finest image that must be right, above and below a band, so that its own rows are: those of the last
 /// blend and of the error.
@@ -134,8 +132,8 @@ pub(crate) const fn rows_after(scales: usize) -> usize {
     LAST.rows() + error_rows(3 * scales)
 }
 
-/// The rows of scale `scale` of `scales` that a process reads. The corrected image is right in the rows of the band and
-/// of those after it, and in one more of each scale for the step up.
+/// The rows of scale `scale` of `scales` that a process reads: those around its own ones, and those of the corrected image that
+/// the rows of the band and those after it need, with one more of each scale for the step up.
 fn rows_of_process(among: &Among<'_>, process: usize, scale: usize, scales: usize) -> [usize; 2] {
     let ([mut first, mut end], mut height) = (among.band(process), among.height());
     (first, end) = (first.saturating_sub(rows_after(scales)), (end + rows_after(scales)).min(height));
@@ -143,8 +141,10 @@ fn rows_of_process(among: &Among<'_>, process: usize, scale: usize, scales: usiz
         height = height.div_ceil(2);
         (first, end) = ((first / 2).saturating_sub(1), ((end - 1) / 2 + 2).min(height));
     }
-    let first = first.saturating_sub(ROWS);
-    [first - first % wide::ALIGNED, (end + ROWS).min(height)]
+    let [own, own_end] = among.own(process, scale);
+    let first = first.min(own.saturating_sub(ROWS));
+    // Two rows make one of the next scale.
+    [first - first % 2, end.max(own_end + ROWS).min(height)]
 }
 
 /// The planes of the next coarser scale. Colours are averaged without their albedo.
@@ -276,16 +276,18 @@ pub(crate) fn correct(
     let all = fine.place.scale + scales;
     let more = scales > 1 && coarse.size[0] * coarse.place.height > 1;
     let next = if more { Some(coarser(&coarse, all, among)?) } else { None };
-    let light = outliers::take_halves(&mut coarse, COARSER * ratio(scales));
+    let scale = coarse.place.scale;
+    let reads = |among: &Among<'_>, process| rows_of_process(among, process, scale, all);
+    let light = outliers::take_halves(&mut coarse, COARSER * ratio(scales), among, reads)?;
     let before = down_pair(fine, &coarse, image, all, among)?;
     let smooth = wide(&coarse, &residual_guide(&coarse, &before), &before);
-    let reads = |among: &Among<'_>, process| rows_of_process(among, process, coarse.place.scale, all);
-    let mut smooth = among.complete(&coarse, smooth, reads)?;
+    let [mut smooth] = among.complete(&coarse, [smooth], reads)?;
     if let Some(light) = light {
         smooth.add(&light);
     }
-    let mut after = shrink(&coarse, &before, &smooth, BLEND, EVIDENCE);
+    let after = shrink(&coarse, &before, &smooth, BLEND, EVIDENCE);
     drop(smooth);
+    let [mut after] = among.complete(&coarse, [after], reads)?;
     if let Some(next) = next {
         correct(&coarse, next, &mut after, scales - 1, among)?;
     }

@@ -22,6 +22,7 @@ use rayon::prelude::*;
 use stack::{
     COLOURS, COUNT, FARTHEST, IN_STACK, IN_SUMS, MEANS, PLANES, POSITION, Pixels, ROW, Stack, VARIANCE, stacks,
 };
+use std::ops::Range;
 
 /// The radius of a window in pixels.
 const REACH: usize = 20;
@@ -60,8 +61,6 @@ const BESIDE: f32 = 0.5;
 
 /// The rows that [`wide`] reads above and below its own: windows around the pixel predict it, and read patches.
 pub(crate) const ROWS_READ: usize = 2 * REACH + PATCH;
-/// Planes of part of an image begin with a multiple of this number of rows, so that window centres are those of the whole.
-pub(crate) const ALIGNED: usize = STEP;
 
 /// Filters both halves with windows of 41x41 pixels, compared by `guide`: the image `beside` without its albedo, and
 /// its remaining noise.
@@ -83,7 +82,7 @@ pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
                 return Vec::new();
             }
             let (stack, size) = (&stacks[tile], [columns.min(CENTRES), height]);
-            dispatch(BandTask { stack, size, first: band * BAND, skipped })
+            dispatch(BandTask { stack, size, first: band * BAND, skipped, own: inputs.place.rows() })
         })
         .collect();
     let row = |y: usize| -> Vec<f32> {
@@ -154,6 +153,8 @@ struct BandTask<'a> {
     size: [usize; 2],
     first: usize,
     skipped: usize,
+    /// The rows that must be right.
+    own: Range<usize>,
 }
 
 impl WithSimd for BandTask<'_> {
@@ -170,7 +171,9 @@ impl WithSimd for BandTask<'_> {
         }
         let mut windows = Vec::with_capacity(blocks);
         let end = (self.first + BAND).min(self.skipped + height) - self.skipped;
-        for y in (self.first.saturating_sub(self.skipped)..end).step_by(STEP) {
+        // Centres lie in every sixth row of the whole image.
+        let from = self.first.max(self.skipped.next_multiple_of(STEP)) - self.skipped;
+        for y in (from..end).step_by(STEP).filter(|y| y + REACH >= self.own.start && *y < self.own.end + REACH) {
             for group in (0..columns).step_by(GROUP) {
                 windows.clear();
                 for (block, k) in (group..columns.min(group + GROUP)).step_by(S::F32_LANES).enumerate() {

@@ -17,13 +17,14 @@
 //! MPI's default error handler ends all processes if one is killed or a message fails. A render goes on from its
 //! checkpoint.
 
+mod one_host;
+
 use dapple_core::{Error, Exchange, Shard};
 use mpi::Count;
-use mpi::collective::SystemOperation;
-use mpi::datatype::{Partition, PartitionMut};
+use mpi::datatype::PartitionMut;
 use mpi::environment::Universe;
 use mpi::topology::SimpleCommunicator;
-use mpi::traits::{Communicator, CommunicatorCollectives};
+use mpi::traits::{Communicator, CommunicatorCollectives, Destination, Source};
 
 /// The bytes that all processes together send at once, at most: MPI counts them in 31 bits.
 const AT_ONCE: usize = 1 << 30;
@@ -42,10 +43,14 @@ pub struct Processes {
 impl Processes {
     /// Starts MPI. A program that no launcher started is the only process.
     ///
+    /// Processes that Open MPI's mpirun started on one machine talk through shared memory, without a search for networks. A
+    /// user's own choice of `pml`, `btl` or `mtl` stays.
+    ///
     /// # Errors
     ///
     /// [`Error::Gone`] if MPI was started before, or if it cannot be used beside threads that compute.
     pub fn start() -> Result<Self, Error> {
+        one_host::prefer_shared_memory();
         let gone = |what: &str| Error::Gone { what: what.to_owned() };
         let (universe, threading) = mpi::initialize_with_threading(mpi::Threading::Funneled)
             .ok_or_else(|| gone("MPI was started before in this process"))?;
@@ -65,13 +70,6 @@ impl Processes {
 
     fn of(&self) -> usize {
         self.share.of() as usize
-    }
-
-    /// The largest number among those of all processes.
-    fn most(&self, own: u64) -> u64 {
-        let mut most = 0;
-        self.world.all_reduce_into(&own, &mut most, SystemOperation::max());
-        most
     }
 }
 
@@ -106,23 +104,23 @@ impl Exchange for Processes {
         let own: Vec<u64> = to_each.iter().map(|bytes| bytes.len() as u64).collect();
         let mut theirs = vec![0_u64; self.of()];
         self.world.all_to_all_into(&own[..], &mut theirs[..]);
-        let theirs: Vec<usize> = theirs.into_iter().map(|n| n as usize).collect();
         let piece = (self.at_once / self.of()).max(1);
-        let mut all: Vec<Vec<u8>> = theirs.iter().map(|n| Vec::with_capacity(*n)).collect();
-        let longest = self.most(own.iter().copied().max().unwrap_or(0)) as usize;
-        for from in (0..longest).step_by(piece) {
-            let part = |bytes: &Vec<u8>| from.min(bytes.len())..(from + piece).min(bytes.len());
-            let sent = buffer(to_each.iter().map(|bytes| &bytes[part(bytes)]).collect::<Vec<_>>().concat());
-            let (sizes, starts) = partition(&to_each.iter().map(|bytes| part(bytes).len()).collect::<Vec<_>>());
-            let counts: Vec<usize> = theirs.iter().map(|n| n.saturating_sub(from).min(piece)).collect();
-            let (got_sizes, got_starts) = partition(&counts);
-            let mut got = buffer(vec![0_u8; counts.iter().sum()]);
-            self.world.all_to_all_varcount_into(
-                &Partition::new(&sent[..], sizes, &starts[..]),
-                &mut PartitionMut::new(&mut got[..], got_sizes, &got_starts[..]),
-            );
-            append(&mut all, &got, &counts);
-        }
+        let mut all: Vec<Vec<u8>> = theirs.iter().map(|n| vec![0; *n as usize]).collect();
+        // From where bytes lie to where they are read, without copies: pieces between two processes arrive in order.
+        mpi::request::scope(|scope| {
+            let mut open = Vec::new();
+            for (bytes, from) in all.iter_mut().zip(0..) {
+                let from = self.world.process_at_rank(from);
+                open.extend(bytes.chunks_mut(piece).map(|part| from.immediate_receive_into(scope, part)));
+            }
+            for (bytes, to) in to_each.iter().zip(0..) {
+                let to = self.world.process_at_rank(to);
+                open.extend(bytes.chunks(piece).map(|part| to.immediate_send(scope, part)));
+            }
+            for request in open {
+                request.wait();
+            }
+        });
         all[me] = kept;
         Ok(all)
     }

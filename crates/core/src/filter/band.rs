@@ -3,8 +3,8 @@
 use crate::{Error, Exchange, Film, Filter, Filtered, Frame, Needs};
 use std::ops::Range;
 
-/// Rows are given to bands in groups of this number, those of the blocks of training data.
-const GROUP: u32 = 16;
+/// Rows are given to bands in groups of this number: half a tile of the filters, so that two bands of 200 rows end together.
+const GROUP: u32 = 8;
 
 /// Some rows of an image whose other rows are with other processes.
 ///
@@ -13,8 +13,8 @@ const GROUP: u32 = 16;
 ///
 /// let frame = Frame::new(640, 100)?;
 /// let rows = (0..3).filter_map(|k| Band::of(frame, k, 3)).map(|band| band.rows());
-/// assert_eq!(rows.collect::<Vec<_>>(), [0..32, 32..64, 64..100]);
-/// assert!(Band::of(frame, 0, 8).is_none(), "too many for groups of 16 rows");
+/// assert_eq!(rows.collect::<Vec<_>>(), [0..32, 32..72, 72..100]);
+/// assert!(Band::of(frame, 0, 14).is_none(), "too many for groups of 8 rows");
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -41,7 +41,9 @@ impl Band {
         if index >= of || u64::from(of) > groups {
             return None;
         }
-        let cut = |k: u32| (groups * u64::from(k) / u64::from(of) * u64::from(GROUP)).min(u64::from(height)) as u32;
+        // The nearest group: the last one may have fewer rows.
+        let nearest = |k: u32| (2 * groups * u64::from(k) + u64::from(of)) / (2 * u64::from(of));
+        let cut = |k: u32| (nearest(k) * u64::from(GROUP)).min(u64::from(height)) as u32;
         Some(Self { frame, rows: cut(index)..cut(index + 1) })
     }
 
@@ -62,7 +64,7 @@ impl Band {
 /// `film` is what [`Render`](crate::Render) returned, whole or [in bands](crate::Render::in_bands). Of a film in bands, each
 /// process reads the rows of its band and those around it from their owners, and process 0 gets a film of the statistics
 /// `shown` of those recorded. The image has the bits of [`Filter::apply`]. Process 0 alone runs a filter that reads whole films,
-/// as any filter if there are more processes than groups of 16 rows.
+/// as any filter if there are more processes than groups of 8 rows.
 ///
 /// # Errors
 ///
