@@ -47,8 +47,8 @@ const TRAINING_BYTES: f64 = 8e6;
 /// Seconds per pixel and thread of planning a round and of the filter; every machine plans and filters its own rows.
 const PLAN_SECONDS: f64 = 0.1e-6;
 const FILTER_SECONDS: f64 = 12e-6;
-/// Rows that the filter reads above and below its own at the finest scale (`Filter::rows_read`), grids included, and bytes per
-/// pixel that it reads.
+/// Rows that the filter reads above and below its own at the finest scale, grids included, and bytes per pixel that it reads. It
+/// reads fewer rows now (`Filter::rows_read`), so efficiencies are a little too low.
 const FILTER_ROWS: f64 = 116.0;
 const FILTER_BYTES: f64 = 300.0;
 /// Bytes per pixel that the first machine gets at the end: the image with its errors, and the statistics that an EXR file shows.

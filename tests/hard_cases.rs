@@ -238,7 +238,7 @@ fn every_file_of_tests_belongs_to_its_program() {
 }
 
 /// The files that may hold unsafe code, by crate.
-const CALLING: [(&str, &str); 2] = [("oidn", "src/library.rs"), ("mpi", "src/one_host.rs")];
+const UNSAFE_FILES: [(&str, &str); 2] = [("oidn", "src/library.rs"), ("mpi", "src/one_host.rs")];
 
 /// Holds the workspace to `unsafe_code = "forbid"`, but for two files, and release builds to overflow checks.
 #[test]
@@ -255,13 +255,13 @@ fn unsafe_is_forbidden_everywhere_d07() {
     manifests.push(root().join("Cargo.toml"));
     assert!(manifests.len() >= 12);
     for path in manifests {
-        if CALLING.iter().any(|(name, _)| path.ends_with(format!("crates/{name}/Cargo.toml"))) {
+        if UNSAFE_FILES.iter().any(|(name, _)| path.ends_with(format!("crates/{name}/Cargo.toml"))) {
             continue;
         }
         let inherits = manifest(&path).get("lints").and_then(|l| l.get("workspace")).and_then(toml::Value::as_bool);
         assert_eq!(inherits, Some(true), "{}: [lints] workspace = true is missing", path.display());
     }
-    for (name, file) in CALLING {
+    for (name, file) in UNSAFE_FILES {
         let folder = root().join("crates").join(name);
         only_one_file_has_unsafe_code(&workspace, &manifest(&folder.join("Cargo.toml")), &folder, file);
     }

@@ -6,7 +6,6 @@ mod boxes;
 mod joining;
 mod leaves;
 mod plans;
-mod reinsertion;
 mod wide;
 
 use crate::lanes::WIDTH;
@@ -15,10 +14,10 @@ use crate::pages::Pages;
 use crate::shape::Quadric;
 use crate::tree::{LIMIT, Node8, Tree, key};
 use crate::{Error, Mesh, MovingMesh, Shape};
-use binary::BinaryTree;
 use glam::{DVec3, Vec3, Vec3A};
 use joining::Cluster;
 use obvhs::BvhBuildParams;
+use obvhs::bvh2::node::Bvh2Node;
 use rayon::prelude::*;
 
 /// The effort spent on building the bounding volume hierarchy. It affects speed only, not images.
@@ -150,8 +149,8 @@ impl<'a> Items<'a> {
     /// Builds the tree over all items. Returns it with the box around all items, `None` if there are no items.
     fn tree(&self, preset: Preset) -> (Tree, Option<Bounds>) {
         let Some(bounds) = self.total() else { return (Tree::default(), None) };
-        let tree = wide::collapse(self.binary_tree(bounds, preset), self)
-            .or_else(|| wide::collapse(binary::by_median(self.leaves(bounds)), self))
+        let tree = wide::collapse(&self.binary_tree(bounds, preset), self)
+            .or_else(|| wide::collapse(&binary::by_median(self.leaves(bounds)), self))
             .unwrap_or_default();
         let around = tree.nodes.first().map(Node8::around);
         (tree, around)
@@ -160,7 +159,7 @@ impl<'a> Items<'a> {
     /// Builds the binary tree over all items. Cubic cells suit flat scenes. In others they are neither better nor worse
     /// than cells of the scene's shape: costs vary by a few percent with the place of the cells alone
     /// (docs/results/rays.md). Of few items, both trees are built, and the one with the lower expected cost is returned.
-    fn binary_tree(&self, bounds: Bounds, preset: Preset) -> BinaryTree {
+    fn binary_tree(&self, bounds: Bounds, preset: Preset) -> Vec<Bvh2Node> {
         let tree = |size| binary::by_area(self.leaves(bounds), preset.params(), size);
         let size = Vec3A::from((bounds[1].as_dvec3() - bounds[0].as_dvec3()).as_vec3());
         let of_scene = (size / size.max_element().max(f32::MIN_POSITIVE)).max(Vec3A::splat(f32::EPSILON));
@@ -170,7 +169,7 @@ impl<'a> Items<'a> {
             return chosen;
         }
         let other = tree(if flat { of_scene } else { Vec3A::ONE });
-        if wide::cost(&other.nodes, self) < wide::cost(&chosen.nodes, self) { other } else { chosen }
+        if wide::cost(&other, self) < wide::cost(&chosen, self) { other } else { chosen }
     }
 
     /// Returns a box around all items, unpadded for triangles at rest; `None` without items.
@@ -277,7 +276,6 @@ pub(crate) fn union(a: Bounds, b: Bounds) -> Bounds {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use obvhs::bvh2::node::Bvh2Node;
 
     /// A binary tree that is a chain needs seven entries on the stack per level.
     #[test]
@@ -306,8 +304,8 @@ mod tests {
                 Bvh2Node::new(boxes[rest], 0, 2 * n + 3)
             });
         }
-        assert!(wide::collapse(BinaryTree { nodes: chain.into(), spare: Pages::default() }, &items).is_none());
-        let tree = wide::collapse(binary::by_median(leaves), &items).expect("it is shallow");
+        assert!(wide::collapse(&chain, &items).is_none());
+        let tree = wide::collapse(&binary::by_median(leaves), &items).expect("it is shallow");
         assert!(tree.stack < 64, "{}", tree.stack);
     }
 }

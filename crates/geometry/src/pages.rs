@@ -40,26 +40,6 @@ impl<T: Pod> Pages<T> {
     }
 }
 
-impl<T: Pod> Pages<T> {
-    /// Returns an array of so many values of another kind with any bits, in the same memory if it is large enough.
-    /// New memory costs up to a second a GiB on virtual machines.
-    pub(crate) fn reused<U: Pod>(self, count: usize) -> Pages<U> {
-        #[cfg(target_os = "linux")]
-        if let Memory::Mapped(map, _) = self.0
-            && let Some(bytes) = count.checked_mul(size_of::<U>()).filter(|&bytes| bytes <= map.len())
-        {
-            return Pages(Memory::Mapped(map, bytes));
-        }
-        Pages::zeroed(count)
-    }
-}
-
-impl<T> From<Vec<T>> for Pages<T> {
-    fn from(values: Vec<T>) -> Self {
-        Self(Memory::Allocated(values))
-    }
-}
-
 /// Returns memory that the system is asked to put into huge pages; `None` if it has none to give.
 #[cfg(target_os = "linux")]
 fn mapped(bytes: usize) -> Option<MmapMut> {
@@ -121,7 +101,6 @@ mod tests {
             let copy = pages.clone();
             drop(pages);
             assert!(copy.iter().zip(0..).all(|(&word, number)| word == number), "{count}");
-            assert!(copy.reused::<u64>(count / 2).len() == count / 2);
         }
     }
 }

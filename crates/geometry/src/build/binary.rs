@@ -5,12 +5,13 @@
 
 use super::FEW;
 use super::joining::{self, Cluster};
-use super::reinsertion::reinsert;
 use crate::pages::Pages;
 use glam::Vec3A;
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::PlocSearchDistance;
 use obvhs::ploc::morton::morton_encode_u64_unorm;
 use rayon::prelude::*;
@@ -20,58 +21,50 @@ use std::cmp::Ordering;
 /// medians here.
 const CROWD: usize = 8;
 
-/// The Morton code of an item's centre, and below it the item's index in 32 bits.
-type Place = u128;
+/// The Morton code of an item's centre, and the item's index.
+type Place = (u64, u32);
 
 /// Returns the cell of a Morton code, with 20 bits per axis. Boxes whose centres share it count as sharing a centre.
-fn cell(place: Place) -> u64 {
-    (place >> 35) as u64
+fn cell((code, _): Place) -> u64 {
+    code >> 3
 }
 
-/// A binary tree, with memory that is free to use.
-pub(super) struct BinaryTree {
-    pub(super) nodes: Pages<Bvh2Node>,
-    pub(super) spare: Pages<Cluster>,
-}
-
-/// Returns a binary tree of small expected cost. PLOC and reinsertion join boxes with different centres;
+/// Returns a binary tree of small expected cost. PLOC and obvhs's reinsertion join boxes with different centres;
 /// median splits divide groups of boxes that share one.
 ///
 /// Item `n` is the leaf at index `n` of `leaves`, whose boxes are between 0 and 1 on each axis. The cells of Morton
 /// codes divide the box from 0 to `size`. Children may come before their parent.
-pub(super) fn by_area(leaves: Pages<Cluster>, params: BvhBuildParams, size: Vec3A) -> BinaryTree {
+pub(super) fn by_area(leaves: Pages<Cluster>, params: BvhBuildParams, size: Vec3A) -> Vec<Bvh2Node> {
     let order = morton_order(&leaves, size);
     let crowded = |places: &[Place]| cell(places[0]) == cell(places[CROWD]);
     if !order.par_windows(CROWD + 1).with_min_len(FEW).any(crowded) {
         let mut sorted = Pages::zeroed(order.len());
-        let places = sorted.par_iter_mut().with_min_len(FEW).zip(&order[..]);
-        places.for_each(|(leaf, &place)| *leaf = leaves[place as u32 as usize]);
-        drop(order);
-        return joined(sorted, leaves, params);
+        let places = sorted.par_iter_mut().with_min_len(FEW).zip(&order);
+        places.for_each(|(leaf, &(_, number))| *leaf = leaves[number as usize]);
+        drop((leaves, order));
+        return joined(sorted, params);
     }
-    let mut groups = Groups::new(&order);
+    let mut groups = Groups::new(order);
     if groups.len() == 1 {
         return by_median(leaves);
     }
-    let (of_groups, spare) = (groups.leaves(&leaves), Pages::zeroed(groups.len()));
-    let BinaryTree { nodes, spare } = joined(of_groups, spare, params);
-    let mut nodes = nodes.to_vec();
+    let mut nodes = joined(groups.leaves(&leaves), params);
     for number in 0..nodes.len() {
         if nodes[number].is_leaf() {
             let members = groups.members(nodes[number].first_index);
             split_by_median(&leaves, members, &mut nodes, number);
         }
     }
-    BinaryTree { nodes: nodes.into(), spare }
+    nodes
 }
 
 /// Returns the items by Morton code, then by index.
-fn morton_order(leaves: &[Cluster], size: Vec3A) -> Pages<Place> {
+fn morton_order(leaves: &[Cluster], size: Vec3A) -> Vec<Place> {
     let scale = 1.0 / size.as_dvec3();
     let code = |leaf: &Cluster| morton_encode_u64_unorm(leaf.aabb().center().as_dvec3() * scale);
-    let mut order = Pages::<Place>::zeroed(leaves.len());
-    let places = order.par_iter_mut().with_min_len(FEW).zip(leaves).enumerate();
-    places.for_each(|(number, (place, leaf))| *place = Place::from(code(leaf)) << 32 | number as Place);
+    let numbers = (0..leaves.len() as u32).into_par_iter();
+    let places = leaves.par_iter().with_min_len(FEW).zip(numbers).map(|(leaf, number)| (code(leaf), number));
+    let mut order: Vec<Place> = places.collect();
     // No two places are equal, so both sorts give the same order. On one thread, the first takes half of the time.
     if rayon::current_num_threads() == 1 {
         order.sort_unstable();
@@ -82,14 +75,14 @@ fn morton_order(leaves: &[Cluster], size: Vec3A) -> Pages<Place> {
 }
 
 /// Returns a balanced binary tree. Each node is split at the median along the axis on which the centres differ most.
-pub(super) fn by_median(leaves: Pages<Cluster>) -> BinaryTree {
+pub(super) fn by_median(leaves: Pages<Cluster>) -> Vec<Bvh2Node> {
     let mut nodes = Vec::with_capacity(2 * leaves.len());
     let mut numbers: Vec<u32> = (0..leaves.len() as u32).collect();
     if !leaves.is_empty() {
         nodes.push(leaves[0].node());
         split_by_median(&leaves, &mut numbers, &mut nodes, 0);
     }
-    BinaryTree { nodes: nodes.into(), spare: leaves }
+    nodes
 }
 
 /// A partition of the items. Items with their centre in the same crowded cell form a group; every other item is alone.
@@ -100,7 +93,7 @@ struct Groups {
 }
 
 impl Groups {
-    fn new(order: &[Place]) -> Self {
+    fn new(order: Vec<Place>) -> Self {
         let mut starts = Vec::with_capacity(order.len() + 1);
         let mut start = 0;
         for crowd in order.chunk_by(|&a, &b| cell(a) == cell(b)) {
@@ -113,7 +106,7 @@ impl Groups {
             start += count;
         }
         starts.push(start);
-        Self { members: order.iter().map(|&place| place as u32).collect(), starts }
+        Self { members: order.into_iter().map(|(_, number)| number).collect(), starts }
     }
 
     fn len(&self) -> usize {
@@ -136,8 +129,8 @@ impl Groups {
     }
 }
 
-/// Builds a tree (PLOC, then reinsertion) over leaves in the order of their Morton codes.
-fn joined(leaves: Pages<Cluster>, spare: Pages<Cluster>, params: BvhBuildParams) -> BinaryTree {
+/// Builds a tree (PLOC, then obvhs's reinsertion) over leaves in the order of their Morton codes.
+fn joined(leaves: Pages<Cluster>, params: BvhBuildParams) -> Vec<Bvh2Node> {
     let distance = match params.ploc_search_distance {
         PlocSearchDistance::Minimum => 1,
         PlocSearchDistance::VeryLow => 2,
@@ -146,9 +139,37 @@ fn joined(leaves: Pages<Cluster>, spare: Pages<Cluster>, params: BvhBuildParams)
         PlocSearchDistance::High => 24,
         PlocSearchDistance::VeryHigh => 32,
     };
-    let (mut nodes, spare) = joining::join(leaves, spare, distance, params.search_depth_threshold);
-    reinsert(&mut nodes, params.reinsertion_batch_ratio);
-    BinaryTree { nodes, spare }
+    let (nodes, rounds) = joining::join(leaves, distance, params.search_depth_threshold);
+    let mut tree = Bvh2 { nodes, ..Bvh2::default() };
+    // Reinsertion takes it as the size of its stack.
+    tree.max_depth = tree.max_depth.max(rounds + 1);
+    reinsert(&mut tree, params.reinsertion_batch_ratio);
+    tree.nodes
+}
+
+/// Moves subtrees to cheaper places, as `ReinsertionOptimizer::run` does: in rounds of fewer and fewer candidates, the
+/// largest of the first nodes. That sorts millions of candidates of equal area differently by each number of threads.
+/// Here the node's number decides.
+fn reinsert(tree: &mut Bvh2, ratio: f32) {
+    let nodes = tree.nodes.len();
+    if nodes < 2 || ratio <= 0.0 {
+        return;
+    }
+    let mut optimizer = ReinsertionOptimizer::default();
+    for part in (1..32).step_by(2) {
+        let count = (((nodes as f32 * ratio) * (1.0 / part as f32)) as usize).clamp(1, nodes - 1);
+        let numbered = (1..).zip(&tree.nodes[1..nodes.min(2 * count + 2)]);
+        // Areas are not negative, so their bits have their order.
+        let by_area = numbered.map(|(number, node)| (!node.aabb().half_area().to_bits(), number));
+        let mut order: Vec<(u32, u32)> = by_area.collect();
+        if count < order.len() {
+            order.select_nth_unstable(count);
+            order.truncate(count);
+        }
+        order.par_sort_unstable();
+        let candidates: Vec<u32> = order.into_iter().map(|(_, number)| number).collect();
+        optimizer.run_with_candidates(tree, &candidates, 1);
+    }
 }
 
 /// Builds a subtree by median splits at the node `root` over the items `numbers`, of which there is at least one.

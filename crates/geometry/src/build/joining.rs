@@ -75,34 +75,30 @@ const FARTHEST: usize = 32;
 const WINDOW: usize = BLOCK + 2 * FARTHEST;
 
 /// Joins clusters along the Morton curve to a binary tree with the root first and children after their parent. Returns
-/// it with memory that is free again. `spare` is memory to work in, as long as `clusters`.
+/// it with the number of rounds.
 ///
 /// Clusters look at `distance` neighbours on each side, from 1 to 32, but at one in the first `short` rounds.
-pub(super) fn join(
-    mut clusters: Pages<Cluster>,
-    mut spare: Pages<Cluster>,
-    distance: usize,
-    short: usize,
-) -> (Pages<Bvh2Node>, Pages<Cluster>) {
+pub(super) fn join(mut clusters: Pages<Cluster>, distance: usize, short: usize) -> (Vec<Bvh2Node>, usize) {
     let distance = distance.clamp(1, FARTHEST);
     // Zeros cost no time until they are written, by many threads.
-    let mut nodes = Pages::<Bvh2Node>::zeroed((2 * clusters.len()).saturating_sub(1));
+    let mut nodes: Vec<Bvh2Node> = bytemuck::zeroed_vec((2 * clusters.len()).saturating_sub(1));
     let mut partners: Vec<i8> = bytemuck::zeroed_vec(clusters.len());
+    let mut joined = Pages::zeroed(clusters.len());
     let (mut count, mut free, mut rounds) = (clusters.len(), nodes.len(), 0);
     while count > 1 {
         let now = &clusters[..count];
         let partners = &mut partners[..count];
         search(now, partners, if rounds < short { 1 } else { distance });
-        let pairs = merge(now, partners, &mut spare, &mut nodes[..free]);
+        let pairs = merge(now, partners, &mut joined, &mut nodes[..free]);
         free -= 2 * pairs;
         count -= pairs;
-        std::mem::swap(&mut clusters, &mut spare);
+        std::mem::swap(&mut clusters, &mut joined);
         rounds += 1;
     }
     if let (Some(root), Some(last)) = (nodes.first_mut(), clusters.first()) {
         *root = last.node();
     }
-    (nodes, spare)
+    (nodes, rounds)
 }
 
 /// Finds for each cluster the neighbour with the smallest common box, as the difference of their places. Of equal
@@ -308,9 +304,10 @@ mod tests {
                             let mut builder = PlocBuilder { current_nodes: leaves.clone(), ..PlocBuilder::default() };
                             let all = Aabb::new(Vec3A::ZERO, Vec3A::ONE);
                             builder.build_ploc_from_leaves::<$distance, false>(&mut theirs, all, SortPrecision::U64, short);
-                            let (ours, _) = join(clusters(&leaves), clusters(&leaves), $distance, short);
+                            let (ours, rounds) = join(clusters(&leaves), $distance, short);
                             let text = |nodes: &[Bvh2Node]| nodes.iter().map(|node| format!("{node:?}")).collect::<Vec<_>>();
                             assert_eq!(text(&ours), text(&theirs.nodes), "{count} {rough} {} {short}", $distance);
+                            assert!(theirs.max_depth == 96.max(rounds + 1));
                         }
                     )*};
                 }

@@ -25,7 +25,7 @@ const BOX_COST: f32 = 10.0;
 /// The combined costs of two siblings. It takes 32 bytes, since there is one for each primitive.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct Pair {
+struct Pair {
     /// The least total cost of both siblings if they become at most 2, 3, … 8 children of a node.
     cost: [f32; WIDTH - 1],
     /// The number of triangles below both siblings, or [`MANY`] if a leaf cannot hold them or other items are among
@@ -54,14 +54,13 @@ pub(super) struct SubtreePlans<'a> {
 }
 
 impl<'a> SubtreePlans<'a> {
-    /// Computes the costs of all pairs, from the leaves up, in blocks. `pairs` is memory for them with any contents.
-    ///
-    /// Almost all children come after their parent in
+    /// Computes the costs of all pairs, from the leaves up, in blocks. Almost all children come after their parent in
     /// the list, and most of them in an earlier block. The few that obvhs puts elsewhere, and their ancestors, wait
     /// until the rest is done.
-    pub(super) fn new(nodes: &'a [Bvh2Node], items: &'a Items<'a>, mut pairs: Pages<Pair>) -> Self {
+    pub(super) fn new(nodes: &'a [Bvh2Node], items: &'a Items<'a>) -> Self {
         let tree = Binary::new(nodes, items);
         let count = nodes.len() / 2;
+        let mut pairs = Pages::<Pair>::zeroed(count);
         let mut waiting = Vec::new();
         let mut start = 0;
         while start < count {
@@ -71,7 +70,7 @@ impl<'a> SubtreePlans<'a> {
             block.for_each(|(number, pair)| *pair = tree.pair(done, number).unwrap_or_default());
             for number in start..end {
                 if pairs[number].triangles == 0 {
-                    match tree.pair(&pairs[..end], number) {
+                    match tree.pair(&pairs, number) {
                         Some(pair) => pairs[number] = pair,
                         None => waiting.push(number),
                     }

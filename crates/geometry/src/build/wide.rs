@@ -3,7 +3,6 @@
 //! The top of the tree is converted first, then the subtrees below it in parallel. They are joined in a fixed order, so
 //! the tree doesn't depend on the number of threads.
 
-use super::binary::BinaryTree;
 use super::leaves::{self, Loose};
 use super::plans::{SubtreePlans, share};
 use super::{Bounds, Item, Items, NOTHING, UpToEight};
@@ -18,14 +17,13 @@ use rayon::prelude::*;
 
 /// Converts a binary tree to an eight-wide one; `None` if it is empty or needs a deeper traversal stack than
 /// [`DEEPEST`].
-pub(super) fn collapse(BinaryTree { nodes: binary, spare }: BinaryTree, items: &Items<'_>) -> Option<Tree> {
+pub(super) fn collapse(binary: &[Bvh2Node], items: &Items<'_>) -> Option<Tree> {
     if binary.is_empty() {
         return None;
     }
-    let plans = SubtreePlans::new(&binary, items, spare.reused(binary.len() / 2));
-    let (nodes, rest) = Wide { nodes: &binary, items, plans }.emit();
+    let (nodes, rest) = Wide { nodes: binary, items, plans: SubtreePlans::new(binary, items) }.emit();
     let mut tree = Tree { nodes, quadrics: rest.quadrics, quadric_keys: rest.quadric_keys, ..Tree::default() };
-    leaves::pack(&rest.loose, &binary, items, &mut tree);
+    leaves::pack(&rest.loose, binary, items, &mut tree);
     if !tree.moved.is_empty() {
         tree.way = WalkKind::moving();
     }
@@ -35,7 +33,7 @@ pub(super) fn collapse(BinaryTree { nodes: binary, spare }: BinaryTree, items: &
 
 /// The expected time of a ray through the eight-wide tree of a binary one, up to a factor.
 pub(super) fn cost(binary: &[Bvh2Node], items: &Items<'_>) -> f32 {
-    SubtreePlans::new(binary, items, Pages::zeroed(binary.len() / 2)).cost()
+    SubtreePlans::new(binary, items).cost()
 }
 
 /// A binary tree that is converted.
