@@ -31,8 +31,8 @@ pub enum Scales {
     Fixed(u32),
 }
 
-/// The number of pixels from which there is a second scale. With 230,400, a room lit through a slit has 8 % more error at
-/// 480x360. With 57,600, three scenes have 0.5 to 1.5 % more at 320x240, and one has 4 % less.
+/// The number of pixels from which there is a second scale. With 230,400, a room lit through a slit has 6 % more error at
+/// 480x360. With 57,600, three scenes have 0 to 2 % more at 320x240, and one has 4 % less.
 const SECOND: usize = 115_200;
 /// The least number of pixels at the coarsest scale from the third on.
 const PIXELS: usize = 14_400;
