@@ -1,9 +1,7 @@
-//! Construction of the bounding volume hierarchy: boxes of primitives, a binary tree (by PLOC where that is safe),
-//! and its conversion to eight-wide nodes.
+//! Construction of the bounding volume hierarchy: boxes of primitives, a binary tree, and its conversion to eight-wide nodes.
 
 mod binary;
 mod boxes;
-mod joining;
 mod leaves;
 mod plans;
 mod wide;
@@ -14,10 +12,8 @@ use crate::pages::Pages;
 use crate::shape::Quadric;
 use crate::tree::{LIMIT, Node8, Tree, key};
 use crate::{Error, Mesh, MovingMesh, Shape};
-use glam::{DVec3, Vec3, Vec3A};
-use joining::Cluster;
-use obvhs::BvhBuildParams;
-use obvhs::bvh2::node::Bvh2Node;
+use binary::ItemBox;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 /// The effort spent on building the bounding volume hierarchy. It affects speed only, not images.
@@ -26,29 +22,30 @@ use rayon::prelude::*;
 pub enum Preset {
     /// The least effort: the fastest building and the slowest rays.
     Fastest,
-    /// Obvhs's very fast preset: more effort than [`Fastest`](Self::Fastest), less than [`Fast`](Self::Fast).
+    /// More effort than [`Fastest`](Self::Fastest), less than [`Fast`](Self::Fast).
     VeryFast,
-    /// Effort suited to rendering one image: obvhs's fast preset with half of its reinsertion. On meshes of 7e4 and
-    /// 1e6 triangles, rays are as fast as with [`Medium`](Self::Medium) and building is faster (docs/results/rays.md).
+    /// Effort suited to rendering one image.
     #[default]
     Fast,
-    /// Obvhs's medium preset: more effort than [`Fast`](Self::Fast), the default.
+    /// More effort than [`Fast`](Self::Fast), the default.
     Medium,
-    /// Obvhs's slow preset, for many images of one scene.
+    /// More effort than [`Medium`](Self::Medium), for many images of one scene.
     Slow,
     /// The most effort: the slowest building and the fastest rays.
     VerySlow,
 }
 
 impl Preset {
-    fn params(self) -> BvhBuildParams {
+    /// The part of all nodes for which a cheaper place is looked for: obvhs's presets of these names, but half as much for
+    /// `VeryFast` and `Fast`.
+    fn reinsertion(self) -> f32 {
         match self {
-            Self::Fastest => BvhBuildParams::fastest_build(),
-            Self::VeryFast => BvhBuildParams::very_fast_build(),
-            Self::Fast => BvhBuildParams { reinsertion_batch_ratio: 0.01, ..BvhBuildParams::fast_build() },
-            Self::Medium => BvhBuildParams::medium_build(),
-            Self::Slow => BvhBuildParams::slow_build(),
-            Self::VerySlow => BvhBuildParams::very_slow_build(),
+            Self::Fastest => 0.0,
+            Self::VeryFast => 0.005,
+            Self::Fast => 0.01,
+            Self::Medium => 0.05,
+            Self::Slow => 0.2,
+            Self::VerySlow => 1.0,
         }
     }
 }
@@ -149,27 +146,11 @@ impl<'a> Items<'a> {
     /// Builds the tree over all items. Returns it with the box around all items, `None` if there are no items.
     fn tree(&self, preset: Preset) -> (Tree, Option<Bounds>) {
         let Some(bounds) = self.total() else { return (Tree::default(), None) };
-        let tree = wide::collapse(&self.binary_tree(bounds, preset), self)
-            .or_else(|| wide::collapse(&binary::by_median(self.leaves(bounds)), self))
+        let tree = wide::collapse(&binary::tree(&mut self.boxes(bounds), preset), self)
+            .or_else(|| wide::collapse(&binary::balanced(&mut self.boxes(bounds)), self))
             .unwrap_or_default();
         let around = tree.nodes.first().map(Node8::around);
         (tree, around)
-    }
-
-    /// Builds the binary tree over all items. Cubic cells suit flat scenes. In others they are neither better nor worse
-    /// than cells of the scene's shape: costs vary by a few percent with the place of the cells alone
-    /// (docs/results/rays.md). Of few items, both trees are built, and the one with the lower expected cost is returned.
-    fn binary_tree(&self, bounds: Bounds, preset: Preset) -> Vec<Bvh2Node> {
-        let tree = |size| binary::by_area(self.leaves(bounds), preset.params(), size);
-        let size = Vec3A::from((bounds[1].as_dvec3() - bounds[0].as_dvec3()).as_vec3());
-        let of_scene = (size / size.max_element().max(f32::MIN_POSITIVE)).max(Vec3A::splat(f32::EPSILON));
-        let flat = of_scene.min_element() < FLAT;
-        let chosen = tree(if flat { Vec3A::ONE } else { of_scene });
-        if self.keys.len() > FEW {
-            return chosen;
-        }
-        let other = tree(if flat { of_scene } else { Vec3A::ONE });
-        if wide::cost(&other, self) < wide::cost(&chosen, self) { other } else { chosen }
     }
 
     /// Returns a box around all items, unpadded for triangles at rest; `None` without items.
@@ -184,12 +165,12 @@ impl<'a> Items<'a> {
         items.map(|number| self.bounds(number)).reduce_with(union)
     }
 
-    /// Returns the items as leaves of a binary tree. Boxes are scaled to the unit cube: areas then neither overflow
-    /// nor vanish, and the tree does not depend on the scene's scale. Rounding and clamping affect only speed.
-    fn leaves(&self, bounds: Bounds) -> Pages<Cluster> {
+    /// Returns the boxes of all items, scaled to the unit cube: areas then neither overflow nor vanish, and the tree does not
+    /// depend on the scene's scale. Rounding and clamping affect only speed.
+    fn boxes(&self, bounds: Bounds) -> Pages<ItemBox> {
         let origin = bounds[0].as_dvec3();
         let per_extent = 1.0 / (bounds[1].as_dvec3() - origin).max_element().max(f64::MIN_POSITIVE);
-        boxes::leaves(self, origin.to_array(), per_extent)
+        boxes::scaled(self, origin.to_array(), per_extent)
     }
 }
 
@@ -209,10 +190,7 @@ impl<T: Copy> UpToEight<T> {
 
 /// The empty box.
 const NOTHING: Bounds = [Vec3::INFINITY, Vec3::NEG_INFINITY];
-/// The ratio of a flat scene's shortest to its longest side, at most.
-const FLAT: f32 = 0.25;
-/// The largest number of items over which two trees are built: twice the work for at most two milliseconds. Also the
-/// least number that is worth a thread.
+/// The least number of items that is worth a thread.
 const FEW: usize = 1 << 12;
 /// The padding of a triangle's box, as a fraction of the triangle's extent. The f32 weights of a triangle seen nearly
 /// edge-on (see `triangle::THIN`) can be off by 2^-17 per corner, and a corner can be two extents from the ray.
@@ -276,10 +254,11 @@ pub(crate) fn union(a: Bounds, b: Bounds) -> Bounds {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use obvhs::bvh2::node::Bvh2Node;
 
     /// A binary tree that is a chain needs seven entries on the stack per level.
     #[test]
-    fn a_tree_that_is_too_deep_is_refused_and_median_splits_are_not() {
+    fn a_tree_that_is_too_deep_is_refused_and_another_is_built() {
         const COUNT: u32 = 8000;
         let corner = |n: u32, i: u32| [(n + i % 2) as f32, (i / 2) as f32, n as f32];
         let mesh = Mesh::new(
@@ -288,24 +267,21 @@ mod tests {
         );
         let shapes = [Shape::from(mesh.expect("valid"))];
         let items = Items::of_shapes(&shapes, true).expect("it fits");
-        let leaves = items.leaves(items.total().expect("some"));
+        let mut all = items.boxes(items.total().expect("some"));
         // Node 2 n + 1 is item n, and node 2 n + 2 holds the items after it.
-        let mut boxes: Vec<_> = leaves.iter().rev().map(Cluster::aabb).collect();
+        let leaves: Vec<_> = all.iter().map(ItemBox::node).collect();
+        let mut boxes: Vec<_> = leaves.iter().rev().map(|leaf| *leaf.aabb()).collect();
         for n in 1..boxes.len() {
             boxes[n] = boxes[n].union(&boxes[n - 1]);
         }
         let mut chain = vec![Bvh2Node::new(boxes[COUNT as usize - 1], 0, 1)];
-        for n in 0..COUNT - 1 {
-            let rest = COUNT as usize - 2 - n as usize;
-            chain.push(leaves[n as usize].node());
-            chain.push(if rest == 0 {
-                leaves[COUNT as usize - 1].node()
-            } else {
-                Bvh2Node::new(boxes[rest], 0, 2 * n + 3)
-            });
+        for n in 0..COUNT as usize - 1 {
+            let rest = COUNT as usize - 2 - n;
+            chain.push(leaves[n]);
+            chain.push(if rest == 0 { leaves[n + 1] } else { Bvh2Node::new(boxes[rest], 0, 2 * n as u32 + 3) });
         }
         assert!(wide::collapse(&chain, &items).is_none());
-        let tree = wide::collapse(&binary::by_median(leaves), &items).expect("it is shallow");
+        let tree = wide::collapse(&binary::balanced(&mut all), &items).expect("it is shallow");
         assert!(tree.stack < 64, "{}", tree.stack);
     }
 }

@@ -1,215 +1,360 @@
-//! Binary trees whose leaves hold one item each, stored as obvhs's nodes: siblings are adjacent and the root is first.
+//! Binary trees from the root down, stored as obvhs's nodes: siblings are adjacent, the root is first, and children come after
+//! their parent.
 //!
-//! PLOC takes quadratic time and makes long chains if many boxes share a centre; [`by_area`] avoids this. The other
-//! requirements of [`joining`] and obvhs are met: boxes are finite and of moderate size, and there is at least one.
+//! A node is cut between two bins of centres where the expected cost of both sides is least [after Wald 2007]: their areas times
+//! their numbers of items. Obvhs's reinsertion improves the tree afterwards.
 
-use super::FEW;
-use super::joining::{self, Cluster};
-use crate::pages::Pages;
-use glam::Vec3A;
-use obvhs::BvhBuildParams;
+use super::Preset;
+use bytemuck::{Pod, Zeroable};
+use glam::{Vec3A, Vec4};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::ploc::PlocSearchDistance;
-use obvhs::ploc::morton::morton_encode_u64_unorm;
 use rayon::prelude::*;
-use std::cmp::Ordering;
 
-/// The largest number of boxes with their centre in one cell that are joined by area. More boxes in a cell are split at
-/// medians here.
-const CROWD: usize = 8;
+/// The number of items from which both sides of a cut are divided in parallel.
+const TASK: usize = 1 << 12;
+/// The number of items that one task sorts into bins.
+const CHUNK: usize = 1 << 14;
+/// The number of items up to which half as many bins do.
+const FEW: usize = 32;
+/// The number of items up to which a median is good enough: a leaf holds them all.
+const SMALL: usize = 4;
+/// The depth from which nodes are cut at the median, so that no tree gets much deeper.
+const DEEP: usize = 60;
+/// The bits that are flipped in stored numbers of items; see `leaf::FLIPPED`.
+const FLIPPED: u32 = 1 << 30;
 
-/// The Morton code of an item's centre, and the item's index.
-type Place = (u64, u32);
-
-/// Returns the cell of a Morton code, with 20 bits per axis. Boxes whose centres share it count as sharing a centre.
-fn cell((code, _): Place) -> u64 {
-    code >> 3
+/// The box of an item, with its number as the fourth word. Coordinates are between 0 and 1.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C, align(32))]
+pub(super) struct ItemBox {
+    low: [f32; 4],
+    high: [f32; 4],
 }
 
-/// Returns a binary tree of small expected cost. PLOC and obvhs's reinsertion join boxes with different centres;
-/// median splits divide groups of boxes that share one.
-///
-/// Item `n` is the leaf at index `n` of `leaves`, whose boxes are between 0 and 1 on each axis. The cells of Morton
-/// codes divide the box from 0 to `size`. Children may come before their parent.
-pub(super) fn by_area(leaves: Pages<Cluster>, params: BvhBuildParams, size: Vec3A) -> Vec<Bvh2Node> {
-    let order = morton_order(&leaves, size);
-    let crowded = |places: &[Place]| cell(places[0]) == cell(places[CROWD]);
-    if !order.par_windows(CROWD + 1).with_min_len(FEW).any(crowded) {
-        let mut sorted = Pages::zeroed(order.len());
-        let places = sorted.par_iter_mut().with_min_len(FEW).zip(&order);
-        places.for_each(|(leaf, &(_, number))| *leaf = leaves[number as usize]);
-        drop((leaves, order));
-        return joined(sorted, params);
-    }
-    let mut groups = Groups::new(order);
-    if groups.len() == 1 {
-        return by_median(leaves);
-    }
-    let mut nodes = joined(groups.leaves(&leaves), params);
-    for number in 0..nodes.len() {
-        if nodes[number].is_leaf() {
-            let members = groups.members(nodes[number].first_index);
-            split_by_median(&leaves, members, &mut nodes, number);
-        }
-    }
-    nodes
-}
-
-/// Returns the items by Morton code, then by index.
-fn morton_order(leaves: &[Cluster], size: Vec3A) -> Vec<Place> {
-    let scale = 1.0 / size.as_dvec3();
-    let code = |leaf: &Cluster| morton_encode_u64_unorm(leaf.aabb().center().as_dvec3() * scale);
-    let numbers = (0..leaves.len() as u32).into_par_iter();
-    let places = leaves.par_iter().with_min_len(FEW).zip(numbers).map(|(leaf, number)| (code(leaf), number));
-    let mut order: Vec<Place> = places.collect();
-    // No two places are equal, so both sorts give the same order. On one thread, the first takes half of the time.
-    if rayon::current_num_threads() == 1 {
-        order.sort_unstable();
-    } else {
-        order.par_sort_unstable();
-    }
-    order
-}
-
-/// Returns a balanced binary tree. Each node is split at the median along the axis on which the centres differ most.
-pub(super) fn by_median(leaves: Pages<Cluster>) -> Vec<Bvh2Node> {
-    let mut nodes = Vec::with_capacity(2 * leaves.len());
-    let mut numbers: Vec<u32> = (0..leaves.len() as u32).collect();
-    if !leaves.is_empty() {
-        nodes.push(leaves[0].node());
-        split_by_median(&leaves, &mut numbers, &mut nodes, 0);
-    }
-    nodes
-}
-
-/// A partition of the items. Items with their centre in the same crowded cell form a group; every other item is alone.
-struct Groups {
-    members: Vec<u32>,
-    /// The index in `members` at which each group starts, and the length of `members` as the last entry.
-    starts: Vec<u32>,
-}
-
-impl Groups {
-    fn new(order: Vec<Place>) -> Self {
-        let mut starts = Vec::with_capacity(order.len() + 1);
-        let mut start = 0;
-        for crowd in order.chunk_by(|&a, &b| cell(a) == cell(b)) {
-            let count = crowd.len() as u32;
-            if count as usize > CROWD {
-                starts.push(start);
-            } else {
-                starts.extend(start..start + count);
-            }
-            start += count;
-        }
-        starts.push(start);
-        Self { members: order.into_iter().map(|(_, number)| number).collect(), starts }
+impl ItemBox {
+    #[inline(always)]
+    pub(super) fn new([[x, y, z], [right, top, far]]: [[f32; 3]; 2], item: u32) -> Self {
+        Self { low: [x, y, z, f32::from_bits(item ^ FLIPPED)], high: [right, top, far, 0.0] }
     }
 
-    fn len(&self) -> usize {
-        self.starts.len() - 1
+    fn item(&self) -> u32 {
+        self.low[3].to_bits() ^ FLIPPED
     }
 
-    fn members(&mut self, group: u32) -> &mut [u32] {
-        let [start, end] = [group, group + 1].map(|at| self.starts[at as usize] as usize);
-        &mut self.members[start..end]
+    #[inline(always)]
+    fn sides(&self) -> Sides {
+        [Vec4::from_array(self.low), Vec4::from_array(self.high)]
     }
 
-    /// Returns one leaf per group.
-    fn leaves(&mut self, leaves: &[Cluster]) -> Pages<Cluster> {
-        let mut clusters = Pages::zeroed(self.len());
-        for (group, cluster) in (0..).zip(clusters.iter_mut()) {
-            let Aabb { min, max } = around(leaves, self.members(group));
-            *cluster = Cluster::leaf([min.to_array(), max.to_array()], group);
-        }
-        clusters
+    /// Twice the centre.
+    #[inline(always)]
+    fn centre(&self) -> Vec4 {
+        let [low, high] = self.sides();
+        low + high
+    }
+
+    pub(super) fn node(&self) -> Bvh2Node {
+        Bvh2Node::new(aabb(self.sides()), 1, self.item())
     }
 }
 
-/// Builds a tree (PLOC, then obvhs's reinsertion) over leaves in the order of their Morton codes.
-fn joined(leaves: Pages<Cluster>, params: BvhBuildParams) -> Vec<Bvh2Node> {
-    let distance = match params.ploc_search_distance {
-        PlocSearchDistance::Minimum => 1,
-        PlocSearchDistance::VeryLow => 2,
-        PlocSearchDistance::Low => 6,
-        PlocSearchDistance::Medium => 14,
-        PlocSearchDistance::High => 24,
-        PlocSearchDistance::VeryHigh => 32,
-    };
-    let (nodes, rounds) = joining::join(leaves, distance, params.search_depth_threshold);
+/// The lower and the upper corner of a box; the fourth words mean nothing.
+type Sides = [Vec4; 2];
+
+const NOTHING: Sides = [Vec4::INFINITY, Vec4::NEG_INFINITY];
+
+#[inline(always)]
+fn union(a: Sides, b: Sides) -> Sides {
+    [a[0].min(b[0]), a[1].max(b[1])]
+}
+
+#[inline(always)]
+fn half_area([low, high]: Sides) -> f32 {
+    let side = high - low;
+    side.x * side.y + side.y * side.z + side.z * side.x
+}
+
+fn aabb([low, high]: Sides) -> Aabb {
+    Aabb::new(Vec3A::from_vec4(low), Vec3A::from_vec4(high))
+}
+
+/// The box around some items, and the box around their centres, doubled.
+#[derive(Clone, Copy)]
+struct Extent {
+    around: Sides,
+    centres: Sides,
+}
+
+impl Extent {
+    const NONE: Self = Self { around: NOTHING, centres: NOTHING };
+
+    #[inline(always)]
+    fn add(&mut self, item: &ItemBox) {
+        self.around = union(self.around, item.sides());
+        self.centres = union(self.centres, [item.centre(); 2]);
+    }
+
+    fn of(items: &[ItemBox]) -> Self {
+        let mut extent = Self::NONE;
+        items.iter().for_each(|item| extent.add(item));
+        extent
+    }
+
+    fn joined(self, other: Self) -> Self {
+        Self { around: union(self.around, other.around), centres: union(self.centres, other.centres) }
+    }
+}
+
+/// Returns a binary tree of small expected cost over the items, of which there is at least one. They change their order.
+pub(super) fn tree(items: &mut [ItemBox], preset: Preset) -> Vec<Bvh2Node> {
+    let (nodes, depth) = divided(items, DEEP);
     let mut tree = Bvh2 { nodes, ..Bvh2::default() };
     // Reinsertion takes it as the size of its stack.
-    tree.max_depth = tree.max_depth.max(rounds + 1);
-    reinsert(&mut tree, params.reinsertion_batch_ratio);
+    tree.max_depth = tree.max_depth.max(depth + 1);
+    reinsert(&mut tree, preset.reinsertion());
     tree.nodes
 }
 
+/// Returns a balanced binary tree: all nodes are cut at the median along the axis on which centres differ most.
+pub(super) fn balanced(items: &mut [ItemBox]) -> Vec<Bvh2Node> {
+    divided(items, 0).0
+}
+
+/// Returns a tree without reinsertion, and its depth. From the depth `deep` on, nodes are cut at the median.
+fn divided(items: &mut [ItemBox], deep: usize) -> (Vec<Bvh2Node>, usize) {
+    let mut nodes = bytemuck::zeroed_vec(2 * items.len() - 1);
+    let extent = items.par_chunks(CHUNK).map(Extent::of).reduce(|| Extent::NONE, Extent::joined);
+    let (root, below) = nodes.split_at_mut(1);
+    let depth;
+    (root[0], depth) = divide(items, &extent, (below, 1), [1, deep]);
+    (nodes, depth)
+}
+
+/// Returns the node over some items, and the depth of the tree below. `below` are the nodes for its descendants, and the index
+/// of the first of them.
+fn divide(
+    items: &mut [ItemBox],
+    extent: &Extent,
+    (below, first): (&mut [Bvh2Node], u32),
+    [depth, deep]: [usize; 2],
+) -> (Bvh2Node, usize) {
+    if items.len() == 1 {
+        return (items[0].node(), depth);
+    }
+    let parallel = items.len() >= TASK;
+    let (middle, [of_left, of_right]) = cut(items, extent, depth < deep);
+    let (left, right) = items.split_at_mut(middle);
+    let (pair, rest) = below.split_at_mut(2);
+    let (below_left, below_right) = rest.split_at_mut(2 * middle - 2);
+    let [left_first, right_first] = [first + 2, first + 2 * middle as u32];
+    let depths = [depth + 1, deep];
+    let mut left = || divide(left, &of_left, (below_left, left_first), depths);
+    let mut right = || divide(right, &of_right, (below_right, right_first), depths);
+    let (left, right) = if parallel { rayon::join(left, right) } else { (left(), right()) };
+    (pair[0], pair[1]) = (left.0, right.0);
+    (Bvh2Node::new(aabb(extent.around), 0, first), left.1.max(right.1))
+}
+
+/// Orders some items, two at least, by the side of a cut: the best one, or one at the median. Returns the number on the left
+/// side, and what both sides extend over.
+fn cut(items: &mut [ItemBox], extent: &Extent, best: bool) -> (usize, [Extent; 2]) {
+    let span = extent.centres[1] - extent.centres[0];
+    let widest = span.truncate().max_position();
+    if best && items.len() > SMALL && span[widest] > 0.0 {
+        let plane = if items.len() > FEW { Plane::best::<16>(items, extent) } else { Plane::best::<8>(items, extent) };
+        if let Some(plane) = plane {
+            return part(items, &plane);
+        }
+    }
+    let middle = items.len() / 2;
+    if items.len() > 2 {
+        let along = |item: &ItemBox| item.centre()[widest];
+        items.select_nth_unstable_by(middle, |a, b| along(a).total_cmp(&along(b)).then(a.item().cmp(&b.item())));
+    }
+    (middle, [Extent::of(&items[..middle]), Extent::of(&items[middle..])])
+}
+
+/// Moves the items on the left side of a plane to the front. Returns their number, and what both sides extend over.
+fn part(items: &mut [ItemBox], plane: &Plane) -> (usize, [Extent; 2]) {
+    let (mut left, mut right) = (Extent::NONE, Extent::NONE);
+    let (mut from, mut to) = (0, items.len());
+    while from < to {
+        let item = items[from];
+        if plane.is_left(&item) {
+            left.add(&item);
+            from += 1;
+        } else {
+            right.add(&item);
+            to -= 1;
+            items.swap(from, to);
+        }
+    }
+    (from, [left, right])
+}
+
+/// The map from centres to bins, by axis.
+#[derive(Clone, Copy)]
+struct Grid {
+    low: Vec4,
+    scale: Vec4,
+}
+
+/// The least f32 from which on consecutive numbers differ by one: a sum of it and a small number is rounded to a whole number,
+/// which its lowest bits hold.
+const WHOLE: f32 = (1u32 << 23) as f32;
+
+impl Grid {
+    /// Returns [`WHOLE`] and the bin, for each axis.
+    #[inline(always)]
+    fn place(&self, item: &ItemBox) -> Vec4 {
+        (item.centre() - self.low) * self.scale + Vec4::splat(WHOLE)
+    }
+}
+
+/// A cut of a node: bins below `bin` along `axis` are on the left side.
+struct Plane {
+    grid: Grid,
+    axis: usize,
+    bin: usize,
+}
+
+impl Plane {
+    #[inline(always)]
+    fn is_left(&self, item: &ItemBox) -> bool {
+        let limit = Vec4::splat(WHOLE + self.bin as f32);
+        self.grid.place(item).cmplt(limit).bitmask() >> self.axis & 1 == 1
+    }
+
+    /// Returns the plane of least cost between two of `N` bins on any axis; `None` if costs are no numbers.
+    fn best<const N: usize>(items: &[ItemBox], extent: &Extent) -> Option<Self> {
+        let span = extent.centres[1] - extent.centres[0];
+        let scale = Vec4::splat((N - 1) as f32) / span.max(Vec4::splat(f32::MIN_POSITIVE * 1024.0));
+        let grid = Grid { low: extent.centres[0], scale };
+        let bins = if items.len() <= 2 * CHUNK {
+            Bins::<N>::of(items, &grid)
+        } else {
+            // Least and greatest numbers don't depend on the order in which bins are joined.
+            items.par_chunks(CHUNK).map(|items| Bins::of(items, &grid)).reduce(|| Bins::EMPTY, Bins::joined)
+        };
+        let axes = (0..3).filter(|&axis| span[axis] > 0.0);
+        let best = axes.filter_map(|axis| bins.best(axis).map(|(cost, bin)| (cost, axis, bin)));
+        best.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, axis, bin)| Self { grid, axis, bin })
+    }
+}
+
+/// The items of a node by the bin that their centre lies in, for each axis.
+struct Bins<const N: usize> {
+    boxes: [[Sides; N]; 3],
+    counts: [[u32; N]; 3],
+}
+
+impl<const N: usize> Bins<N> {
+    const EMPTY: Self = Self { boxes: [[NOTHING; N]; 3], counts: [[0; N]; 3] };
+
+    #[inline(always)]
+    fn of(items: &[ItemBox], grid: &Grid) -> Self {
+        let mut bins = Self::EMPTY;
+        for item in items {
+            let place = grid.place(item).to_array();
+            for (axis, place) in place.into_iter().enumerate().take(3) {
+                let bin = place.to_bits() as usize & (N - 1);
+                bins.boxes[axis][bin] = union(bins.boxes[axis][bin], item.sides());
+                bins.counts[axis][bin] += 1;
+            }
+        }
+        bins
+    }
+
+    fn joined(mut self, other: Self) -> Self {
+        for axis in 0..3 {
+            for bin in 0..N {
+                self.boxes[axis][bin] = union(self.boxes[axis][bin], other.boxes[axis][bin]);
+                self.counts[axis][bin] += other.counts[axis][bin];
+            }
+        }
+        self
+    }
+
+    /// Returns the least cost of a cut along an axis, and the first bin of its right side. The first and the last bin hold items.
+    #[inline(always)]
+    fn best(&self, axis: usize) -> Option<(f32, usize)> {
+        let (boxes, counts) = (&self.boxes[axis], &self.counts[axis]);
+        let mut rights = [0.0; N];
+        let (mut around, mut count) = (NOTHING, 0);
+        for bin in (1..N).rev() {
+            (around, count) = (union(around, boxes[bin]), count + counts[bin]);
+            rights[bin] = half_area(around) * count as f32;
+        }
+        let (mut least, mut best) = (f32::INFINITY, None);
+        (around, count) = (NOTHING, 0);
+        for bin in 1..N {
+            (around, count) = (union(around, boxes[bin - 1]), count + counts[bin - 1]);
+            let cost = half_area(around) * count as f32 + rights[bin];
+            if cost < least {
+                (least, best) = (cost, Some((cost, bin)));
+            }
+        }
+        best
+    }
+}
+
 /// Moves subtrees to cheaper places, as `ReinsertionOptimizer::run` does: in rounds of fewer and fewer candidates, the
-/// largest of the first nodes. That sorts millions of candidates of equal area differently by each number of threads.
-/// Here the node's number decides.
+/// largest nodes. That sorts millions of candidates of equal area differently by each number of threads. Here the node's number
+/// decides.
 fn reinsert(tree: &mut Bvh2, ratio: f32) {
     let nodes = tree.nodes.len();
     if nodes < 2 || ratio <= 0.0 {
         return;
     }
+    let candidates = |part: usize| (((nodes as f32 * ratio) * (1.0 / part as f32)) as usize).clamp(1, nodes - 1);
+    // Areas are not negative, so their bits have their order.
+    let by_area = |tree: &Bvh2, number: u32| (!tree.nodes[number as usize].aabb().half_area().to_bits(), number);
+    let mut large: Vec<(u32, u32)> = (1..nodes as u32).into_par_iter().map(|number| by_area(tree, number)).collect();
+    largest(&mut large, 2 * candidates(1));
     let mut optimizer = ReinsertionOptimizer::default();
     for part in (1..32).step_by(2) {
-        let count = (((nodes as f32 * ratio) * (1.0 / part as f32)) as usize).clamp(1, nodes - 1);
-        let numbered = (1..).zip(&tree.nodes[1..nodes.min(2 * count + 2)]);
-        // Areas are not negative, so their bits have their order.
-        let by_area = numbered.map(|(number, node)| (!node.aabb().half_area().to_bits(), number));
-        let mut order: Vec<(u32, u32)> = by_area.collect();
-        if count < order.len() {
-            order.select_nth_unstable(count);
-            order.truncate(count);
-        }
+        let mut order: Vec<(u32, u32)> = large.iter().map(|&(_, number)| by_area(tree, number)).collect();
+        largest(&mut order, candidates(part));
         order.par_sort_unstable();
-        let candidates: Vec<u32> = order.into_iter().map(|(_, number)| number).collect();
-        optimizer.run_with_candidates(tree, &candidates, 1);
+        let numbers: Vec<u32> = order.into_iter().map(|(_, number)| number).collect();
+        optimizer.run_with_candidates(tree, &numbers, 1);
     }
 }
 
-/// Builds a subtree by median splits at the node `root` over the items `numbers`, of which there is at least one.
-fn split_by_median(leaves: &[Cluster], numbers: &mut [u32], nodes: &mut Vec<Bvh2Node>, root: usize) {
-    let mut open = vec![(root, 0, numbers.len())];
-    while let Some((node, start, end)) = open.pop() {
-        if end - start == 1 {
-            nodes[node] = leaves[numbers[start] as usize].node();
-            continue;
+/// Keeps the first `count` in order, unsorted.
+fn largest(order: &mut Vec<(u32, u32)>, count: usize) {
+    if count < order.len() {
+        order.select_nth_unstable(count);
+        order.truncate(count);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sizes that double from one item to the next make deep trees. Equal boxes can't be told apart.
+    #[test]
+    fn trees_over_sizes_that_double_and_over_equal_boxes_have_each_item_once_and_an_end() {
+        const COUNT: u32 = 40_000;
+        let size = |n: u32| 0.5_f32.powi(n as i32 % 120 + 1);
+        let doubling = |n| ItemBox::new([[size(n); 3], [2.0 * size(n); 3]], n);
+        let equal = |n| ItemBox::new([[0.5; 3], [0.75; 3]], n);
+        for (of, most) in [(&doubling as &dyn Fn(u32) -> ItemBox, DEEP + 17), (&equal, 17)] {
+            let items: Vec<ItemBox> = (0..COUNT).map(of).collect();
+            let (nodes, depth) = divided(&mut items.clone(), DEEP);
+            assert!(depth <= most, "{depth}");
+            let (flat, least) = divided(&mut items.clone(), 0);
+            assert_eq!(least, 17);
+            for nodes in [nodes, flat, tree(&mut items.clone(), Preset::Medium)] {
+                let mut numbers: Vec<u32> =
+                    nodes.iter().filter(|node| node.is_leaf()).map(|node| node.first_index).collect();
+                numbers.sort_unstable();
+                assert!(numbers.into_iter().eq(0..COUNT));
+            }
         }
-        let part = &mut numbers[start..end];
-        let middle = part.len() / 2;
-        let order = median_order(leaves, part);
-        part.select_nth_unstable_by(middle, order);
-        let children = nodes.len();
-        nodes[node] = Bvh2Node::new(around(leaves, part), 0, children as u32);
-        nodes.extend([Bvh2Node::default(); 2]);
-        open.extend([(children, start, start + middle), (children + 1, start + middle, end)]);
     }
-}
-
-/// Returns the order of items by centre along the axis on which centres differ most, then by area, then by index.
-fn median_order<'a>(leaves: &'a [Cluster], numbers: &[u32]) -> impl Fn(&u32, &u32) -> Ordering + use<'a> {
-    let centre_of = |number: u32| centre(&leaves[number as usize]);
-    let start = centre_of(numbers[0]);
-    let fold = |[low, high]: [Vec3A; 2], &number: &u32| [low.min(centre_of(number)), high.max(centre_of(number))];
-    let [low, high] = numbers.iter().fold([start, start], fold);
-    let axis = (high - low).max_position();
-    move |&a, &b| {
-        let [one, other] = [a, b].map(|number| &leaves[number as usize]);
-        let by_centre = centre(one)[axis].total_cmp(&centre(other)[axis]);
-        by_centre.then_with(|| one.aabb().half_area().total_cmp(&other.aabb().half_area())).then(a.cmp(&b))
-    }
-}
-
-fn centre(leaf: &Cluster) -> Vec3A {
-    (leaf.aabb().min + leaf.aabb().max) * 0.5
-}
-
-fn around(leaves: &[Cluster], numbers: &[u32]) -> Aabb {
-    let first = leaves[numbers[0] as usize].aabb();
-    numbers[1..].iter().fold(first, |sum, &number| sum.union(&leaves[number as usize].aabb()))
 }

@@ -1,6 +1,6 @@
-//! Boxes of eight triangles at once, and the leaves of the binary tree.
+//! Boxes of eight triangles at once, and the boxes of all items.
 
-use super::joining::Cluster;
+use super::binary::ItemBox;
 use super::{FEW, GROWTH, Items, LEAST, ULPS};
 use crate::lanes::{Eight, Lanes, Vectors, WIDTH};
 use crate::pages::Pages;
@@ -35,45 +35,45 @@ fn reach<L: Lanes>([low, high]: [L; 2]) -> L {
     low.abs().max(high.abs())
 }
 
-/// Returns the items' boxes as leaves, moved by `-origin` and then scaled.
-pub(super) fn leaves(items: &Items<'_>, origin: [f64; 3], scale: f64) -> Pages<Cluster> {
+/// Returns the items' boxes, moved by `-origin` and then scaled.
+pub(super) fn scaled(items: &Items<'_>, origin: [f64; 3], scale: f64) -> Pages<ItemBox> {
     let vectors = Vectors::default();
-    let mut leaves = Pages::zeroed(items.keys.len());
-    leaves.par_chunks_mut(FEW).enumerate().for_each(|(chunk, leaves)| {
+    let mut boxes = Pages::zeroed(items.keys.len());
+    boxes.par_chunks_mut(FEW).enumerate().for_each(|(chunk, boxes)| {
         let first = (chunk * FEW) as u32;
         match vectors {
             #[cfg(target_arch = "x86_64")]
             Vectors::Whole(token) => {
                 let lanes = PhantomData::<crate::lanes::Whole>;
-                token.vectorize(Leaves { token, items, origin, scale, first, leaves, lanes });
+                token.vectorize(Scaled { token, items, origin, scale, first, boxes, lanes });
             }
             Vectors::Pair => {
                 let lanes = PhantomData::<crate::lanes::Pair>;
-                Leaves { token: (), items, origin, scale, first, leaves, lanes }.call();
+                Scaled { token: (), items, origin, scale, first, boxes, lanes }.call();
             }
         }
     });
-    leaves
+    boxes
 }
 
-/// The making of leaves from the item `first` on, compiled for each kind of vectors.
-struct Leaves<'a, L: Lanes> {
+/// The boxes of the items from `first` on, compiled for each kind of vectors.
+struct Scaled<'a, L: Lanes> {
     token: L::Token,
     items: &'a Items<'a>,
     origin: [f64; 3],
     scale: f64,
     first: u32,
-    leaves: &'a mut [Cluster],
+    boxes: &'a mut [ItemBox],
     lanes: PhantomData<L>,
 }
 
-impl<L: Lanes> NullaryFnOnce for Leaves<'_, L> {
+impl<L: Lanes> NullaryFnOnce for Scaled<'_, L> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        for (first, leaves) in (self.first..).step_by(WIDTH).zip(self.leaves.chunks_mut(WIDTH)) {
-            let mut bounds = self.items.boxes_from::<L>(self.token, first, leaves.len());
+        for (first, boxes) in (self.first..).step_by(WIDTH).zip(self.boxes.chunks_mut(WIDTH)) {
+            let mut bounds = self.items.boxes_from::<L>(self.token, first, boxes.len());
             for (axis, origin) in bounds.iter_mut().zip(self.origin) {
                 for side in axis {
                     for value in &mut side.0 {
@@ -82,10 +82,10 @@ impl<L: Lanes> NullaryFnOnce for Leaves<'_, L> {
                 }
             }
             let [[x, right], [y, top], [z, far]] = &bounds;
-            for (lane, leaf) in leaves.iter_mut().enumerate() {
+            for (lane, it) in boxes.iter_mut().enumerate() {
                 let low = [x.0[lane & 7], y.0[lane & 7], z.0[lane & 7]];
                 let high = [right.0[lane & 7], top.0[lane & 7], far.0[lane & 7]];
-                *leaf = Cluster::leaf([low, high], first + lane as u32);
+                *it = ItemBox::new([low, high], first + lane as u32);
             }
         }
     }

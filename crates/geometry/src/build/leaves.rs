@@ -1,7 +1,6 @@
 //! Leaves of up to eight triangles.
 
 use super::boxes::boxes;
-use super::joining::{greater, lesser};
 use super::{Bounds, Item, Items, NOTHING, UpToEight};
 use crate::Shape;
 #[cfg(target_arch = "x86_64")]
@@ -74,6 +73,17 @@ fn members(leaves: &[Loose], nodes: &[Bvh2Node], [open, next]: &mut [Vec<(u32, u
         next.clear();
     }
     members
+}
+
+/// The lesser of two numbers, in one instruction, since neither is NaN.
+#[inline(always)]
+fn lesser(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+#[inline(always)]
+fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
 }
 
 /// Writes the leaves, with the triangles at time 1 if `ENDS`, and adds them to the boxes of the leaves.

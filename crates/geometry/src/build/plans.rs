@@ -3,7 +3,7 @@
 //! Dynamic programming over the surface-area cost decides each subtree's form: a node, a leaf, or several children of
 //! its parent [after Ylitie, Karras and Laine 2017, section 3.1].
 
-use super::{FEW, Item, Items};
+use super::{Item, Items};
 use crate::lanes::WIDTH;
 use crate::pages::Pages;
 use bytemuck::{Pod, Zeroable};
@@ -54,35 +54,28 @@ pub(super) struct SubtreePlans<'a> {
 }
 
 impl<'a> SubtreePlans<'a> {
-    /// Computes the costs of all pairs, from the leaves up, in blocks. Almost all children come after their parent in
-    /// the list, and most of them in an earlier block. The few that obvhs puts elsewhere, and their ancestors, wait
-    /// until the rest is done.
+    /// Computes the costs of all pairs, from the leaves up, in chunks. Almost all children come after their parent in the list,
+    /// and most of them in the same chunk. The others, and their ancestors, wait until the rest is done.
     pub(super) fn new(nodes: &'a [Bvh2Node], items: &'a Items<'a>) -> Self {
         let tree = Binary::new(nodes, items);
-        let count = nodes.len() / 2;
-        let mut pairs = Pages::<Pair>::zeroed(count);
-        let mut waiting = Vec::new();
-        let mut start = 0;
-        while start < count {
-            let end = count.min(start + ((count - start) / BLOCK).max(FEW));
-            let (done, open) = pairs.split_at_mut(start);
-            let block = (start..end).into_par_iter().with_min_len(FEW).zip(&mut open[..end - start]);
-            block.for_each(|(number, pair)| *pair = tree.pair(done, number).unwrap_or_default());
-            for number in start..end {
-                if pairs[number].triangles == 0 {
-                    match tree.pair(&pairs, number) {
-                        Some(pair) => pairs[number] = pair,
-                        None => waiting.push(number),
-                    }
-                }
+        let mut pairs = Pages::<Pair>::zeroed(nodes.len() / 2);
+        let open = pairs.par_chunks_mut(CHUNK).enumerate().flat_map_iter(|(chunk, pairs)| {
+            let first = chunk * CHUNK;
+            for number in 0..pairs.len() {
+                let (known, rest) = pairs.split_at_mut(number);
+                rest[0] = tree.pair((known, first), first + number).unwrap_or_default();
             }
-            start = end;
-        }
+            let open = move |(number, pair): (usize, &mut Pair)| (pair.triangles == 0).then_some(first + number);
+            pairs.iter_mut().enumerate().filter_map(open)
+        });
+        let mut waiting: Vec<usize> = open.collect();
+        // The last in the list are done first: children before their parents.
+        waiting.reverse();
         while let Some(number) = waiting.pop() {
             if pairs[number].triangles > 0 {
                 continue;
             }
-            match tree.pair(&pairs, number) {
+            match tree.pair((&pairs, 0), number) {
                 Some(pair) => pairs[number] = pair,
                 None => {
                     waiting.push(number);
@@ -98,17 +91,12 @@ impl<'a> SubtreePlans<'a> {
     /// Returns the best form of the subtree at a node.
     #[inline(always)]
     pub(super) fn plan(&self, node: usize) -> SubtreePlan {
-        self.tree.plan(&self.pairs, node)
-    }
-
-    /// Returns the expected time of a ray through the whole tree, up to a factor.
-    pub(super) fn cost(&self) -> f32 {
-        if self.tree.nodes.is_empty() { 0.0 } else { self.plan(0).cost[0] }
+        self.tree.plan((&self.pairs, 0), node)
     }
 }
 
-/// A block of pairs is this part of those that are left.
-const BLOCK: usize = 4;
+/// The number of pairs whose costs one task computes.
+const CHUNK: usize = 1 << 12;
 
 /// A binary tree, with the kinds of its items.
 struct Binary<'a> {
@@ -124,9 +112,10 @@ impl<'a> Binary<'a> {
         Self { nodes, items, triangles }
     }
 
-    /// Computes the costs of a pair from those that are known; `None` while the costs of a pair below it are not.
+    /// Computes the costs of a pair from those that are known, the first of which has a number; `None` while the costs of a
+    /// pair below it are not.
     #[inline(always)]
-    fn pair(&self, known: &[Pair], number: usize) -> Option<Pair> {
+    fn pair(&self, known: (&[Pair], usize), number: usize) -> Option<Pair> {
         let first = self.nodes.len() - 2 * (number + 1);
         let (left, right) = (self.plan(known, first), self.plan(known, first + 1));
         if left.triangles == 0 || right.triangles == 0 {
@@ -137,7 +126,7 @@ impl<'a> Binary<'a> {
     }
 
     #[inline(always)]
-    fn plan(&self, known: &[Pair], number: usize) -> SubtreePlan {
+    fn plan(&self, (known, from): (&[Pair], usize), number: usize) -> SubtreePlan {
         let node = &self.nodes[number];
         let area = node.aabb().half_area();
         if node.is_leaf() {
@@ -152,7 +141,8 @@ impl<'a> Binary<'a> {
             };
             return SubtreePlan { cost: [area * cost; WIDTH - 1], triangles, leaf: true };
         }
-        let Pair { cost: below, triangles } = known.get(self.pair_of(node)).copied().unwrap_or_default();
+        let Pair { cost: below, triangles } =
+            self.pair_of(node).checked_sub(from).and_then(|at| known.get(at)).copied().unwrap_or_default();
         let as_node = area * NODE_COST + below[WIDTH - 2];
         let of_leaf = LEAF_COST + TRIANGLE_COST * triangles as f32;
         let as_leaf = if triangles == MANY { f32::INFINITY } else { area * of_leaf };

@@ -31,11 +31,6 @@ pub(super) fn collapse(binary: &[Bvh2Node], items: &Items<'_>) -> Option<Tree> {
     (tree.stack <= DEEPEST).then_some(tree)
 }
 
-/// The expected time of a ray through the eight-wide tree of a binary one, up to a factor.
-pub(super) fn cost(binary: &[Bvh2Node], items: &Items<'_>) -> f32 {
-    SubtreePlans::new(binary, items).cost()
-}
-
 /// A binary tree that is converted.
 struct Wide<'a> {
     nodes: &'a [Bvh2Node],
