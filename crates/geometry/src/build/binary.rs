@@ -21,7 +21,8 @@ const CHUNK: usize = 1 << 14;
 const FEW: usize = 32;
 /// The number of items up to which a median is good enough: a leaf holds them all.
 const SMALL: usize = 4;
-/// The depth from which nodes are cut at the median, so that no tree gets much deeper.
+/// The depth from which nodes are cut at the median. With the up to 28 cuts of the largest tree below, that is less than the 96
+/// levels for which obvhs's reinsertion has memory.
 const DEEP: usize = 60;
 /// The bits that are flipped in stored numbers of items; see `leaf::FLIPPED`.
 const FLIPPED: u32 = 1 << 30;
@@ -110,52 +111,42 @@ impl Extent {
 
 /// Returns a binary tree of small expected cost over the items, of which there is at least one. They change their order.
 pub(super) fn tree(items: &mut [ItemBox], preset: Preset) -> Vec<Bvh2Node> {
-    let (nodes, depth) = divided(items, DEEP);
-    let mut tree = Bvh2 { nodes, ..Bvh2::default() };
-    // Reinsertion takes it as the size of its stack.
-    tree.max_depth = tree.max_depth.max(depth + 1);
+    let mut tree = Bvh2 { nodes: divided(items, DEEP), ..Bvh2::default() };
     reinsert(&mut tree, preset.reinsertion());
     tree.nodes
 }
 
 /// Returns a balanced binary tree: all nodes are cut at the median along the axis on which centres differ most.
 pub(super) fn balanced(items: &mut [ItemBox]) -> Vec<Bvh2Node> {
-    divided(items, 0).0
+    divided(items, 0)
 }
 
-/// Returns a tree without reinsertion, and its depth. From the depth `deep` on, nodes are cut at the median.
-fn divided(items: &mut [ItemBox], deep: usize) -> (Vec<Bvh2Node>, usize) {
+/// Returns a tree without reinsertion. From the depth `deep` on, nodes are cut at the median.
+fn divided(items: &mut [ItemBox], deep: usize) -> Vec<Bvh2Node> {
     let mut nodes = bytemuck::zeroed_vec(2 * items.len() - 1);
     let extent = items.par_chunks(CHUNK).map(Extent::of).reduce(|| Extent::NONE, Extent::joined);
     let (root, below) = nodes.split_at_mut(1);
-    let depth;
-    (root[0], depth) = divide(items, &extent, (below, 1), [1, deep]);
-    (nodes, depth)
+    root[0] = divide(items, &extent, (below, 1), deep);
+    nodes
 }
 
-/// Returns the node over some items, and the depth of the tree below. `below` are the nodes for its descendants, and the index
-/// of the first of them.
-fn divide(
-    items: &mut [ItemBox],
-    extent: &Extent,
-    (below, first): (&mut [Bvh2Node], u32),
-    [depth, deep]: [usize; 2],
-) -> (Bvh2Node, usize) {
-    if items.len() == 1 {
-        return (items[0].node(), depth);
+/// Returns the node over some items. `below` are the nodes for its descendants, and the index of the first of them. After
+/// `levels` of them, nodes are cut at the median.
+fn divide(items: &mut [ItemBox], extent: &Extent, (below, first): (&mut [Bvh2Node], u32), levels: usize) -> Bvh2Node {
+    if let [item] = items {
+        return item.node();
     }
     let parallel = items.len() >= TASK;
-    let (middle, [of_left, of_right]) = cut(items, extent, depth < deep);
+    let (middle, [of_left, of_right]) = cut(items, extent, levels > 0);
     let (left, right) = items.split_at_mut(middle);
     let (pair, rest) = below.split_at_mut(2);
     let (below_left, below_right) = rest.split_at_mut(2 * middle - 2);
     let [left_first, right_first] = [first + 2, first + 2 * middle as u32];
-    let depths = [depth + 1, deep];
-    let mut left = || divide(left, &of_left, (below_left, left_first), depths);
-    let mut right = || divide(right, &of_right, (below_right, right_first), depths);
-    let (left, right) = if parallel { rayon::join(left, right) } else { (left(), right()) };
-    (pair[0], pair[1]) = (left.0, right.0);
-    (Bvh2Node::new(aabb(extent.around), 0, first), left.1.max(right.1))
+    let levels = levels.saturating_sub(1);
+    let mut left = || divide(left, &of_left, (below_left, left_first), levels);
+    let mut right = || divide(right, &of_right, (below_right, right_first), levels);
+    (pair[0], pair[1]) = if parallel { rayon::join(left, right) } else { (left(), right()) };
+    Bvh2Node::new(aabb(extent.around), 0, first)
 }
 
 /// Orders some items, two at least, by the side of a cut: the best one, or one at the median. Returns the number on the left
@@ -336,6 +327,18 @@ fn largest(order: &mut Vec<(u32, u32)>, count: usize) {
 mod tests {
     use super::*;
 
+    /// The number of levels of a tree whose children come after their parents.
+    fn depth(nodes: &[Bvh2Node]) -> usize {
+        let mut depths = vec![1; nodes.len()];
+        for (number, node) in nodes.iter().enumerate().filter(|(_, node)| !node.is_leaf()) {
+            let first = node.first_index as usize;
+            assert!(first > number);
+            let below = depths[number] + 1;
+            depths[first..first + 2].fill(below);
+        }
+        depths.into_iter().max().unwrap_or(0)
+    }
+
     /// Sizes that double from one item to the next make deep trees. Equal boxes can't be told apart.
     #[test]
     fn trees_over_sizes_that_double_and_over_equal_boxes_have_each_item_once_and_an_end() {
@@ -345,13 +348,12 @@ mod tests {
         let equal = |n| ItemBox::new([[0.5; 3], [0.75; 3]], n);
         for (of, most) in [(&doubling as &dyn Fn(u32) -> ItemBox, DEEP + 17), (&equal, 17)] {
             let items: Vec<ItemBox> = (0..COUNT).map(of).collect();
-            let (nodes, depth) = divided(&mut items.clone(), DEEP);
-            assert!(depth <= most, "{depth}");
-            let (flat, least) = divided(&mut items.clone(), 0);
-            assert_eq!(least, 17);
-            for nodes in [nodes, flat, tree(&mut items.clone(), Preset::Medium)] {
-                let mut numbers: Vec<u32> =
-                    nodes.iter().filter(|node| node.is_leaf()).map(|node| node.first_index).collect();
+            let [cut, flat] = [DEEP, 0].map(|deep| divided(&mut items.clone(), deep));
+            assert!(depth(&cut) <= most, "{}", depth(&cut));
+            assert_eq!(depth(&flat), 17);
+            for nodes in [cut, flat, tree(&mut items.clone(), Preset::Medium)] {
+                let leaves = nodes.iter().filter(|node| node.is_leaf());
+                let mut numbers: Vec<u32> = leaves.map(|node| node.first_index).collect();
                 numbers.sort_unstable();
                 assert!(numbers.into_iter().eq(0..COUNT));
             }
