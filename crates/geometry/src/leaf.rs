@@ -26,7 +26,7 @@ const COUNT: u32 = 28;
 pub(crate) const LIMIT: usize = 1 << COUNT;
 /// The bits that are flipped in stored numbers of primitives and shapes. Small integers become ordinary floats:
 /// arithmetic on denormal ones, in lanes that don't count, is slow on some processors.
-const FLIPPED: u32 = 1 << 30;
+pub(crate) const FLIPPED: u32 = 1 << 30;
 
 /// Returns the place of a leaf as a part of a child's code: `first` triangles in leaves before it, and `count` in it.
 pub(crate) fn place(first: u32, count: usize) -> u32 {

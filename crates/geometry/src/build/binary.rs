@@ -4,7 +4,8 @@
 //! A node is cut between two bins of centres where the expected cost of both sides is least [after Wald 2007]: their areas times
 //! their numbers of items. Obvhs's reinsertion improves the tree afterwards.
 
-use super::Preset;
+use super::{FEW, Preset};
+use crate::leaf::FLIPPED;
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec3A, Vec4};
 use obvhs::aabb::Aabb;
@@ -13,21 +14,17 @@ use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use rayon::prelude::*;
 
-/// The number of items from which both sides of a cut are divided in parallel.
-const TASK: usize = 1 << 12;
 /// The number of items that one task sorts into bins.
 const CHUNK: usize = 1 << 14;
 /// The number of items up to which half as many bins do.
-const FEW: usize = 32;
+const COARSE: usize = 32;
 /// The number of items up to which a median is good enough: a leaf holds them all.
 const SMALL: usize = 4;
 /// The depth from which nodes are cut at the median. With the up to 28 cuts of the largest tree below, that is less than the 96
 /// levels for which obvhs's reinsertion has memory.
 const DEEP: usize = 60;
-/// The bits that are flipped in stored numbers of items; see `leaf::FLIPPED`.
-const FLIPPED: u32 = 1 << 30;
 
-/// The box of an item, with its number as the fourth word. Coordinates are between 0 and 1.
+/// The box of an item, with its number as the fourth word, flipped as in leaves. Coordinates are between 0 and 1.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(32))]
 pub(super) struct ItemBox {
@@ -46,56 +43,37 @@ impl ItemBox {
     }
 
     #[inline(always)]
-    fn sides(&self) -> Sides {
-        [Vec4::from_array(self.low), Vec4::from_array(self.high)]
+    fn aabb(&self) -> Aabb {
+        let corner = |words| Vec3A::from_vec4(Vec4::from_array(words));
+        Aabb::new(corner(self.low), corner(self.high))
     }
 
     /// Twice the centre.
     #[inline(always)]
-    fn centre(&self) -> Vec4 {
-        let [low, high] = self.sides();
-        low + high
+    fn centre(&self) -> Vec3A {
+        let Aabb { min, max } = self.aabb();
+        min + max
     }
 
     pub(super) fn node(&self) -> Bvh2Node {
-        Bvh2Node::new(aabb(self.sides()), 1, self.item())
+        Bvh2Node::new(self.aabb(), 1, self.item())
     }
-}
-
-/// The lower and the upper corner of a box; the fourth words mean nothing.
-type Sides = [Vec4; 2];
-
-const NOTHING: Sides = [Vec4::INFINITY, Vec4::NEG_INFINITY];
-
-#[inline(always)]
-fn union(a: Sides, b: Sides) -> Sides {
-    [a[0].min(b[0]), a[1].max(b[1])]
-}
-
-#[inline(always)]
-fn half_area([low, high]: Sides) -> f32 {
-    let side = high - low;
-    side.x * side.y + side.y * side.z + side.z * side.x
-}
-
-fn aabb([low, high]: Sides) -> Aabb {
-    Aabb::new(Vec3A::from_vec4(low), Vec3A::from_vec4(high))
 }
 
 /// The box around some items, and the box around their centres, doubled.
 #[derive(Clone, Copy)]
 struct Extent {
-    around: Sides,
-    centres: Sides,
+    around: Aabb,
+    centres: Aabb,
 }
 
 impl Extent {
-    const NONE: Self = Self { around: NOTHING, centres: NOTHING };
+    const NONE: Self = Self { around: Aabb::INVALID, centres: Aabb::INVALID };
 
     #[inline(always)]
     fn add(&mut self, item: &ItemBox) {
-        self.around = union(self.around, item.sides());
-        self.centres = union(self.centres, [item.centre(); 2]);
+        self.around = self.around.union(&item.aabb());
+        self.centres.extend(item.centre());
     }
 
     fn of(items: &[ItemBox]) -> Self {
@@ -105,7 +83,7 @@ impl Extent {
     }
 
     fn joined(self, other: Self) -> Self {
-        Self { around: union(self.around, other.around), centres: union(self.centres, other.centres) }
+        Self { around: self.around.union(&other.around), centres: self.centres.union(&other.centres) }
     }
 }
 
@@ -136,7 +114,7 @@ fn divide(items: &mut [ItemBox], extent: &Extent, (below, first): (&mut [Bvh2Nod
     if let [item] = items {
         return item.node();
     }
-    let parallel = items.len() >= TASK;
+    let parallel = items.len() >= FEW;
     let (middle, [of_left, of_right]) = cut(items, extent, levels > 0);
     let (left, right) = items.split_at_mut(middle);
     let (pair, rest) = below.split_at_mut(2);
@@ -146,16 +124,17 @@ fn divide(items: &mut [ItemBox], extent: &Extent, (below, first): (&mut [Bvh2Nod
     let mut left = || divide(left, &of_left, (below_left, left_first), levels);
     let mut right = || divide(right, &of_right, (below_right, right_first), levels);
     (pair[0], pair[1]) = if parallel { rayon::join(left, right) } else { (left(), right()) };
-    Bvh2Node::new(aabb(extent.around), 0, first)
+    Bvh2Node::new(extent.around, 0, first)
 }
 
 /// Orders some items, two at least, by the side of a cut: the best one, or one at the median. Returns the number on the left
 /// side, and what both sides extend over.
 fn cut(items: &mut [ItemBox], extent: &Extent, best: bool) -> (usize, [Extent; 2]) {
-    let span = extent.centres[1] - extent.centres[0];
-    let widest = span.truncate().max_position();
+    let span = extent.centres.diagonal();
+    let widest = span.max_position();
     if best && items.len() > SMALL && span[widest] > 0.0 {
-        let plane = if items.len() > FEW { Plane::best::<16>(items, extent) } else { Plane::best::<8>(items, extent) };
+        let plane =
+            if items.len() > COARSE { Plane::best::<16>(items, extent) } else { Plane::best::<8>(items, extent) };
         if let Some(plane) = plane {
             return part(items, &plane);
         }
@@ -189,8 +168,8 @@ fn part(items: &mut [ItemBox], plane: &Plane) -> (usize, [Extent; 2]) {
 /// The map from centres to bins, by axis.
 #[derive(Clone, Copy)]
 struct Grid {
-    low: Vec4,
-    scale: Vec4,
+    low: Vec3A,
+    scale: Vec3A,
 }
 
 /// The least f32 from which on consecutive numbers differ by one: a sum of it and a small number is rounded to a whole number,
@@ -200,8 +179,8 @@ const WHOLE: f32 = (1u32 << 23) as f32;
 impl Grid {
     /// Returns [`WHOLE`] and the bin, for each axis.
     #[inline(always)]
-    fn place(&self, item: &ItemBox) -> Vec4 {
-        (item.centre() - self.low) * self.scale + Vec4::splat(WHOLE)
+    fn place(&self, item: &ItemBox) -> Vec3A {
+        (item.centre() - self.low) * self.scale + Vec3A::splat(WHOLE)
     }
 }
 
@@ -215,15 +194,15 @@ struct Plane {
 impl Plane {
     #[inline(always)]
     fn is_left(&self, item: &ItemBox) -> bool {
-        let limit = Vec4::splat(WHOLE + self.bin as f32);
+        let limit = Vec3A::splat(WHOLE + self.bin as f32);
         self.grid.place(item).cmplt(limit).bitmask() >> self.axis & 1 == 1
     }
 
     /// Returns the plane of least cost between two of `N` bins on any axis; `None` if costs are no numbers.
     fn best<const N: usize>(items: &[ItemBox], extent: &Extent) -> Option<Self> {
-        let span = extent.centres[1] - extent.centres[0];
-        let scale = Vec4::splat((N - 1) as f32) / span.max(Vec4::splat(f32::MIN_POSITIVE * 1024.0));
-        let grid = Grid { low: extent.centres[0], scale };
+        let span = extent.centres.diagonal();
+        let scale = Vec3A::splat((N - 1) as f32) / span.max(Vec3A::splat(f32::MIN_POSITIVE * 1024.0));
+        let grid = Grid { low: extent.centres.min, scale };
         let bins = if items.len() <= 2 * CHUNK {
             Bins::<N>::of(items, &grid)
         } else {
@@ -238,21 +217,21 @@ impl Plane {
 
 /// The items of a node by the bin that their centre lies in, for each axis.
 struct Bins<const N: usize> {
-    boxes: [[Sides; N]; 3],
+    boxes: [[Aabb; N]; 3],
     counts: [[u32; N]; 3],
 }
 
 impl<const N: usize> Bins<N> {
-    const EMPTY: Self = Self { boxes: [[NOTHING; N]; 3], counts: [[0; N]; 3] };
+    const EMPTY: Self = Self { boxes: [[Aabb::INVALID; N]; 3], counts: [[0; N]; 3] };
 
     #[inline(always)]
     fn of(items: &[ItemBox], grid: &Grid) -> Self {
         let mut bins = Self::EMPTY;
         for item in items {
             let place = grid.place(item).to_array();
-            for (axis, place) in place.into_iter().enumerate().take(3) {
+            for (axis, place) in place.into_iter().enumerate() {
                 let bin = place.to_bits() as usize & (N - 1);
-                bins.boxes[axis][bin] = union(bins.boxes[axis][bin], item.sides());
+                bins.boxes[axis][bin] = bins.boxes[axis][bin].union(&item.aabb());
                 bins.counts[axis][bin] += 1;
             }
         }
@@ -262,28 +241,29 @@ impl<const N: usize> Bins<N> {
     fn joined(mut self, other: Self) -> Self {
         for axis in 0..3 {
             for bin in 0..N {
-                self.boxes[axis][bin] = union(self.boxes[axis][bin], other.boxes[axis][bin]);
+                self.boxes[axis][bin] = self.boxes[axis][bin].union(&other.boxes[axis][bin]);
                 self.counts[axis][bin] += other.counts[axis][bin];
             }
         }
         self
     }
 
-    /// Returns the least cost of a cut along an axis, and the first bin of its right side. The first and the last bin hold items.
+    /// Returns the least cost of a cut along an axis, and the first bin of its right side. A cut with an empty side costs NaN,
+    /// and is never the best.
     #[inline(always)]
     fn best(&self, axis: usize) -> Option<(f32, usize)> {
         let (boxes, counts) = (&self.boxes[axis], &self.counts[axis]);
         let mut rights = [0.0; N];
-        let (mut around, mut count) = (NOTHING, 0);
+        let (mut around, mut count) = (Aabb::INVALID, 0);
         for bin in (1..N).rev() {
-            (around, count) = (union(around, boxes[bin]), count + counts[bin]);
-            rights[bin] = half_area(around) * count as f32;
+            (around, count) = (around.union(&boxes[bin]), count + counts[bin]);
+            rights[bin] = around.half_area() * count as f32;
         }
         let (mut least, mut best) = (f32::INFINITY, None);
-        (around, count) = (NOTHING, 0);
+        (around, count) = (Aabb::INVALID, 0);
         for bin in 1..N {
-            (around, count) = (union(around, boxes[bin - 1]), count + counts[bin - 1]);
-            let cost = half_area(around) * count as f32 + rights[bin];
+            (around, count) = (around.union(&boxes[bin - 1]), count + counts[bin - 1]);
+            let cost = around.half_area() * count as f32 + rights[bin];
             if cost < least {
                 (least, best) = (cost, Some((cost, bin)));
             }
@@ -304,6 +284,7 @@ fn reinsert(tree: &mut Bvh2, ratio: f32) {
     // Areas are not negative, so their bits have their order.
     let by_area = |tree: &Bvh2, number: u32| (!tree.nodes[number as usize].aabb().half_area().to_bits(), number);
     let mut large: Vec<(u32, u32)> = (1..nodes as u32).into_par_iter().map(|number| by_area(tree, number)).collect();
+    // Areas change from round to round, so twice as many are kept.
     largest(&mut large, 2 * candidates(1));
     let mut optimizer = ReinsertionOptimizer::default();
     for part in (1..32).step_by(2) {
@@ -339,23 +320,39 @@ mod tests {
         depths.into_iter().max().unwrap_or(0)
     }
 
-    /// Sizes that double from one item to the next make deep trees. Equal boxes can't be told apart.
+    /// The numbers of a tree's items, sorted.
+    fn items_of(nodes: &[Bvh2Node]) -> Vec<u32> {
+        let mut numbers: Vec<u32> = nodes.iter().filter(|node| node.is_leaf()).map(|node| node.first_index).collect();
+        numbers.sort_unstable();
+        numbers
+    }
+
+    /// Of boxes that shrink to a 32nd from one to the next, along three axes, every cut takes the largest alone.
     #[test]
-    fn trees_over_sizes_that_double_and_over_equal_boxes_have_each_item_once_and_an_end() {
+    fn trees_that_would_be_chains_end() {
+        let size = |n: u32| 2.0_f32.powi(-5 * (n as i32 / 3) - 1);
+        let at = |n: u32| [0, 1, 2].map(|axis| if n % 3 == axis { size(n) } else { 0.0 });
+        let items: Vec<ItemBox> = (0..75).map(|n| ItemBox::new([at(n); 2], n)).collect();
+        let [chain, cut] = [usize::MAX, DEEP].map(|deep| divided(&mut items.clone(), deep));
+        // The control: without the limit, it is deeper.
+        assert!(depth(&chain) > DEEP + 5, "{}", depth(&chain));
+        assert!(depth(&cut) <= DEEP + 5, "{}", depth(&cut));
+        assert!(items_of(&cut).into_iter().eq(0..75));
+    }
+
+    #[test]
+    fn equal_boxes_are_halved_and_every_item_is_there_once() {
         const COUNT: u32 = 40_000;
-        let size = |n: u32| 0.5_f32.powi(n as i32 % 120 + 1);
-        let doubling = |n| ItemBox::new([[size(n); 3], [2.0 * size(n); 3]], n);
         let equal = |n| ItemBox::new([[0.5; 3], [0.75; 3]], n);
-        for (of, most) in [(&doubling as &dyn Fn(u32) -> ItemBox, DEEP + 17), (&equal, 17)] {
+        let low = |n: u32| (n % 97) as f32 / 128.0;
+        let mixed = |n: u32| ItemBox::new([[low(n); 3], [low(n) + (n % 5 + 1) as f32 / 64.0; 3]], n);
+        for (of, halved) in [(&equal as &dyn Fn(u32) -> ItemBox, true), (&mixed, false)] {
             let items: Vec<ItemBox> = (0..COUNT).map(of).collect();
             let [cut, flat] = [DEEP, 0].map(|deep| divided(&mut items.clone(), deep));
-            assert!(depth(&cut) <= most, "{}", depth(&cut));
             assert_eq!(depth(&flat), 17);
+            assert!(!halved || depth(&cut) == 17, "{}", depth(&cut));
             for nodes in [cut, flat, tree(&mut items.clone(), Preset::Medium)] {
-                let leaves = nodes.iter().filter(|node| node.is_leaf());
-                let mut numbers: Vec<u32> = leaves.map(|node| node.first_index).collect();
-                numbers.sort_unstable();
-                assert!(numbers.into_iter().eq(0..COUNT));
+                assert!(items_of(&nodes).into_iter().eq(0..COUNT));
             }
         }
     }

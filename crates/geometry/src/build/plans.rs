@@ -69,7 +69,7 @@ impl<'a> SubtreePlans<'a> {
             pairs.iter_mut().enumerate().filter_map(open)
         });
         let mut waiting: Vec<usize> = open.collect();
-        // The last in the list are done first: children before their parents.
+        // The last nodes of the list are done first: children before their parents.
         waiting.reverse();
         while let Some(number) = waiting.pop() {
             if pairs[number].triangles > 0 {
