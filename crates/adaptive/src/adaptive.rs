@@ -1,5 +1,6 @@
 //! The error-driven sampler: a uniform pilot, then more samples where they reduce the error most.
 
+use crate::alike::Surfaces;
 use crate::pilot::Pilot;
 use crate::{AdaptiveOptions, Cells, ErrorMap, PoolShape, VarianceOptions, pool};
 use dapple_core::{
@@ -11,8 +12,9 @@ use dapple_core::{
 /// error of the image.
 ///
 /// The score of a pixel is the relative variance of its samples, pooled with that of its neighbours
-/// ([`relative_variance`](crate::relative_variance)). With an [`ErrorMap`], the score is the geometric mean of that
-/// variance and the map. A pixel's error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the
+/// ([`relative_variance`](crate::relative_variance)). By default, neighbours with like surfaces weigh more, and the score
+/// is divided by the root of the share of like pixels around: a filter takes more samples from there
+/// ([`PoolShape::Alike`]). With an [`ErrorMap`], the score is the geometric mean of that variance and the map. A pixel's error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the
 /// sum of errors and lie on the ladder of well-stratified counts ([`Ladder`](dapple_core::Ladder)).
 ///
 /// With [`AdaptiveOptions::cost`], scores are divided by the rays per sample. Counts are then in proportion to the
@@ -29,7 +31,7 @@ use dapple_core::{
 /// # Bias
 ///
 /// By default all samples stay in the image, and no pixel's count depends on its own samples
-/// ([`PilotPolicy::Neighbours`]). The image is unbiased for a budget that is known at the start, but for the share of a
+/// ([`PilotPolicy::Neighbours`]): neither on their light nor on the surfaces they hit. The image is unbiased for a budget that is known at the start, but for the share of a
 /// pixel in the total of all scores.
 /// With [`PilotPolicy::Keep`] a pixel's own samples also decide its count [Kirk and Arvo 1991]. That lowers the error a
 /// little, and loses light where light is rare.
@@ -118,8 +120,12 @@ impl<P: PointSet> Sampler for Adaptive<P> {
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
         let crosses = self.options.policy == PilotPolicy::Cross;
-        // Bytes per pixel of scores, and of eight terms where the pool is not a plain window.
-        let pooling = 8 + if self.options.pool == PoolShape::Window { 0 } else { 64 };
+        // Bytes per pixel of scores, and of eight terms or surfaces.
+        let pooling = 8 + match self.options.pool {
+            PoolShape::Alike if needs.features && !crosses => Surfaces::BYTES,
+            PoolShape::Window | PoolShape::Alike => 0,
+            PoolShape::Inside | PoolShape::Cell => 64,
+        };
         let cells = if self.options.reads_hits() { usize::from(HITS) * Cells::BYTES_PER_HIT } else { 0 };
         // Scores are held beside the error map.
         let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);

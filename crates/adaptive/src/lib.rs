@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod adaptive;
+mod alike;
 mod cells;
 mod cost;
 mod cycles;

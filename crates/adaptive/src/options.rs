@@ -17,8 +17,8 @@ dapple_core::options! {
         /// Each round is planned from the samples before it. With [`PilotPolicy::Neighbours`], more than two rounds would
         /// bias the image; with [`PilotPolicy::Discard`] and [`PilotPolicy::Cross`], more than one.
         pub rounds: u32 = 0, |rounds| rounds <= 64, "1 to 64; 0 chooses";
-        /// Pool of variances: window (neighbours), inside (the same cell weighs more) or cell (all its pixels).
-        pub pool: PoolShape = PoolShape::Window => "window";
+        /// Pool of variances: alike (like neighbours weigh more), window, inside (the same cell weighs more) or cell.
+        pub pool: PoolShape = PoolShape::Alike => "alike";
         /// Radius of the pooling window, 2 radius + 1 pixels wide and high.
         pub radius: u32 = 2, |radius| radius <= 64, "at most 64 pixels";
         /// Weight of the pooled variance, in degrees of freedom; inf uses the pool alone.
@@ -26,7 +26,7 @@ dapple_core::options! {
         /// Exponent of variances before pooling; above 1, the noisiest neighbours weigh more.
         ///
         /// See [`Pooling::power`](crate::Pooling::power).
-        pub power: f64 = 2.0 => "2", |power| power > 0.0 && power <= 4.0, "above 0 and at most 4";
+        pub power: f64 = 1.0 => "1", |power| power > 0.0 && power <= 4.0, "above 0 and at most 4";
         /// Weight of edges and texture in first hits, in degrees of freedom; 0 leaves them out.
         pub geometry: f64 = 0.0 => "0", |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
         /// Exponent of the assumed error decrease n^-exponent; at most 1 is used with independent points.
@@ -34,7 +34,7 @@ dapple_core::options! {
         /// Number added to the squared mean in relative errors; 0.3 for a denoised image, 0.01 for an unfiltered one.
         pub epsilon: f64 = 0.3, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
         /// Largest number of samples of a pixel, as a multiple of the mean number.
-        pub cap: f64 = 6.0 => "6", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
+        pub cap: f64 = 8.0 => "8", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
         /// Share of a filter's error map in the score, in a geometric mean with the pixel's own variance.
         pub mix: f64 = 0.5, |mix| (0.0..=1.0).contains(&mix), "a share from 0 to 1";
         /// Largest predicted error of adapted counts, relative to uniform counts, for using them; inf always does.
@@ -68,7 +68,7 @@ impl AdaptiveOptions {
 
     /// Returns `true` if the sampler reads first hits, for cells or for edges and texture.
     pub(crate) fn reads_hits(&self) -> bool {
-        self.pool != PoolShape::Window || self.geometry > 0.0
+        self.pool.needs_cells() || self.geometry > 0.0
     }
 
     pub(crate) fn cells(&self) -> CellOptions {

@@ -1,8 +1,9 @@
 //! Planning of sample counts from a film's statistics, without side effects.
 
+use crate::alike::Surfaces;
 use crate::cost::relative_costs;
-use crate::pool::{near, relative_variance_of_rows};
-use crate::{Adaptive, Cells, Pooling, Sources, geometric_variance};
+use crate::pool::{Known, near, relative_variance_of_rows};
+use crate::{Adaptive, Cells, PoolShape, Pooling, Sources, geometric_variance};
 use dapple_core::{
     BudgetLeft, Demand, Error, Feedback, Film, Ladder, OwnRows, PilotPolicy, Plan, PointSet, RgbMoments, saturating_u32,
 };
@@ -51,7 +52,13 @@ impl<P: PointSet> Adaptive<P> {
                 near(rows.start, radius as usize, height).start..near(rows.end - 1, radius as usize, height).end;
             let pixels = (around.start * width..around.end * width).into_par_iter().with_min_len(4096);
             let known: Vec<RgbMoments> = pixels.map(&moments).collect();
-            let of_rows = relative_variance_of_rows(&known, [width, height], rows.clone(), &pooling, cells.as_ref())?;
+            let surfaces = if self.reads_surfaces() { Surfaces::of_rows(film, rows.clone()) } else { None };
+            let beside = match (&cells, &surfaces) {
+                (Some(cells), _) => Known::Cells(cells),
+                (None, Some(surfaces)) => Known::Surfaces(surfaces),
+                (None, None) => Known::Nothing,
+            };
+            let of_rows = relative_variance_of_rows(&known, [width, height], rows.clone(), &pooling, beside)?;
             if part.runs().len() == 1 { scores = of_rows } else { scores.extend(of_rows) }
         }
         if let (Some(cells), true) = (&cells, o.geometry > 0.0) {
@@ -68,6 +75,11 @@ impl<P: PointSet> Adaptive<P> {
         }
         let costs = (o.cost == 1).then(|| relative_costs(film, radius, sources));
         Ok(Scores { errors: scores, costs })
+    }
+
+    /// True if the features of pixels decide on weights. The film has no features of one half alone.
+    fn reads_surfaces(&self) -> bool {
+        self.options.pool == PoolShape::Alike && self.options.policy != PilotPolicy::Cross
     }
 
     /// Returns the pixels whose samples count in a score, in the round that follows the samples of `film`.

@@ -1,6 +1,6 @@
 //! The preset `variance`: Neyman allocation from the pooled variance of a pilot.
 
-use crate::{Adaptive, AdaptiveOptions};
+use crate::{Adaptive, AdaptiveOptions, PoolShape};
 use dapple_core::{Error, PilotPolicy, PointSet};
 
 dapple_core::options! {
@@ -45,6 +45,7 @@ impl From<VarianceOptions> for AdaptiveOptions {
             policy,
             cost,
             rounds: 1,
+            pool: PoolShape::Window,
             prior: f64::INFINITY,
             power: 1.0,
             gain: f64::INFINITY,

@@ -190,7 +190,7 @@ fn lists_and_info_are_for_reading() {
         let out = folder.done(list);
         assert!(names.iter().all(|name| out.lines().any(|l| l.split(' ').next() == Some(name))), "{out}");
     }
-    assert!(folder.done("samplers").lines().any(|l| l.starts_with("  cap=6 ")));
+    assert!(folder.done("samplers").lines().any(|l| l.starts_with("  cap=8 ")));
     assert!(folder.done("filters").starts_with("none "));
     let out = folder.done("info tiny.pbrt");
     for line in [

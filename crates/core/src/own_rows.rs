@@ -29,6 +29,9 @@ pub struct OwnRows<'a> {
 }
 
 impl OwnRows<'static> {
+    /// The rows of a band, counted from the top of the window. A process has all rows of a band or none.
+    pub const BAND: usize = crate::bands::BAND;
+
     /// All rows of a frame's window, for one process.
     pub fn whole(frame: &Frame) -> Self {
         let [width, height] = frame.size().map(|n| n as usize);

@@ -4,7 +4,10 @@
 use crate::common::*;
 use dapple_adaptive::{Adaptive, AdaptiveOptions, PilotPolicy, PoolShape};
 use dapple_conformance::statistics::{Bernoulli, Mean, image_mean};
-use dapple_core::Limits;
+use dapple_core::{
+    Block, Draws, Error, Estimate, Feedback, Integrator, Limits, Needs, Plan, PointSet, Progress, Sampler,
+    SurfaceFeatures, Worker,
+};
 use dapple_low_discrepancy::Random;
 
 const P: f32 = 0.1;
@@ -64,4 +67,64 @@ fn counts_by_neighbours_are_unbiased_a01() {
 fn keeping_is_biased_a01() {
     let z = deviation(alone(PilotPolicy::Keep), 64);
     assert!(z < -10.0, "{z} standard errors");
+}
+
+/// A wall with lamps on it, far smaller than a pixel: a sample meets a lamp with this probability.
+struct Lamps(f32);
+
+impl Integrator for Lamps {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
+        let [u, ..] = draws.block(Block::new(0));
+        let lit = u < self.0;
+        let normal = if lit { [0.0, 1.0, 0.0] } else { [0.0, 0.0, 1.0] };
+        Estimate::new([f32::from(u8::from(lit)); 3]).with_features(SurfaceFeatures::new([0.0; 3], normal, 1.0))
+    }
+
+    fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
+        Some(self.estimate(draws, &mut Worker::default()))
+    }
+}
+
+/// A sampler whose film has features, as for a filter.
+struct BesideFilter(Adaptive<Random>);
+
+impl Sampler for BesideFilter {
+    fn name(&self) -> &str {
+        self.0.name()
+    }
+
+    fn needs(&self) -> Needs {
+        self.0.needs().with_features()
+    }
+
+    fn points(&self) -> &dyn PointSet {
+        self.0.points()
+    }
+
+    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
+        self.0.next_round(seen, plan)
+    }
+}
+
+/// The deviation of the mean of 64 images of lamps from the expected value, in standard errors.
+fn deviation_of_lamps(p: f32, options: AdaptiveOptions) -> f64 {
+    let at = frame(128, 128);
+    let limits = Limits::samples(10 * at.pixels() as u64);
+    let mean = |seed: u64| {
+        let sampler = Adaptive::with_options(Random::new(900 + seed), options).unwrap();
+        image_mean(&run(&mut Lamps(p), &mut BesideFilter(sampler), at, &limits).unwrap())
+    };
+    (0..64).map(mean).collect::<Mean>().deviation(p.into())
+}
+
+/// Surfaces tell where the light is, and still no pixel's own samples decide. Pooled by the own surface, z was -44.
+#[test]
+fn surfaces_of_neighbours_do_not_bias_a01() {
+    let adapted = options().policy(PilotPolicy::Neighbours).pool(PoolShape::Alike).gain(1.0);
+    for (p, options) in [(P, adapted.epsilon(0.3)), (P, adapted), (RARE, adapted.epsilon(0.3))] {
+        let z = deviation_of_lamps(p, options);
+        assert!(z.abs() < 5.0, "{p}: {z} standard errors");
+    }
+    let kept = deviation_of_lamps(P, adapted.policy(PilotPolicy::Keep));
+    assert!(kept < -10.0, "{kept} standard errors");
 }

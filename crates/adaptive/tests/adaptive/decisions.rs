@@ -93,10 +93,11 @@ fn counts_follow_a_penumbra() {
 
 #[test]
 fn no_region_starves() {
-    let seen = film(Needs::none().with_variance(), |[x, _], u| if x < 4 { u[0] * 100.0 } else { 1.0 });
+    let seen = film(Needs::none().with_variance(), |[x, _], u| if x < 1 { u[0] * 100.0 } else { 1.0 });
     let counts = planned(&mut one_round(), &seen).unwrap();
     assert!(counts.iter().all(|&n| n >= PILOT), "every pixel gets the pilot, a quarter of the mean");
-    assert!(counts.iter().all(|&n| n <= 6 * 32 + 1), "and no pixel gets more than the cap");
+    let cap = (options().cap * 32.0) as u32 + 1;
+    assert!(counts.iter().all(|&n| n <= cap), "and no pixel gets more than the cap");
     let beyond = (0..SIDE).map(|y| counts[y * SIDE + 40]).filter(|&n| n > PILOT).count();
     assert!(beyond > 0, "some samples go where no variance was seen");
 }
@@ -105,7 +106,8 @@ fn no_region_starves() {
 #[test]
 fn pixels_without_variance_get_samples_by_the_least_score() {
     let seen = film(Needs::none().with_variance(), |[x, _], u| if x < 24 { u[0] } else { 0.5 });
-    let counts = planned_for(1024, &mut with(options().rounds(1).pilot(PILOT)), &seen).unwrap();
+    let steady = options().pool(PoolShape::Window).power(2.0);
+    let counts = planned_for(1024, &mut with(steady.rounds(1).pilot(PILOT)), &seen).unwrap();
     let exponent = options().exponent;
     let [noisy, quiet] = [6, 40].map(|x| column_mean(&counts, x));
     let expected = 0.005f64.powf(1.0 / (1.0 + exponent));
