@@ -14,8 +14,9 @@ use dapple_core::{
 /// The score of a pixel is the relative variance of its samples, pooled with that of its neighbours
 /// ([`relative_variance`](crate::relative_variance)). By default, neighbours with like surfaces weigh more, and the score
 /// is divided by the root of the share of like pixels around: a filter takes more samples from there
-/// ([`PoolShape::Alike`]). With an [`ErrorMap`], the score is the geometric mean of that variance and the map. A pixel's error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the
-/// sum of errors and lie on the ladder of well-stratified counts ([`Ladder`](dapple_core::Ladder)).
+/// ([`PoolShape::Alike`]). With an [`ErrorMap`], the score is the geometric mean of that variance and the map. A pixel's
+/// error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the sum of errors and lie on the ladder
+/// of well-stratified counts ([`Ladder`](dapple_core::Ladder)).
 ///
 /// With [`AdaptiveOptions::cost`], scores are divided by the rays per sample. Counts are then in proportion to the
 /// deviation over the root of the cost, as in efficiency-aware splitting at the camera [after Rath 2022].
@@ -31,8 +32,8 @@ use dapple_core::{
 /// # Bias
 ///
 /// By default all samples stay in the image, and no pixel's count depends on its own samples
-/// ([`PilotPolicy::Neighbours`]): neither on their light nor on the surfaces they hit. The image is unbiased for a budget that is known at the start, but for the share of a
-/// pixel in the total of all scores.
+/// ([`PilotPolicy::Neighbours`]): neither on their light nor on the surfaces they hit. The image is unbiased for a budget
+/// that is known at the start, but for the share of a pixel in the total of all scores.
 /// With [`PilotPolicy::Keep`] a pixel's own samples also decide its count [Kirk and Arvo 1991]. That lowers the error a
 /// little, and loses light where light is rare.
 /// [`PilotPolicy::Discard`] and [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start,
@@ -122,7 +123,7 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         let crosses = self.options.policy == PilotPolicy::Cross;
         // Bytes per pixel of scores, and of eight terms or surfaces.
         let pooling = 8 + match self.options.pool {
-            PoolShape::Alike if needs.features && !crosses => Surfaces::BYTES,
+            PoolShape::Alike if needs.features && self.reads_surfaces() => Surfaces::BYTES,
             PoolShape::Window | PoolShape::Alike => 0,
             PoolShape::Inside | PoolShape::Cell => 64,
         };

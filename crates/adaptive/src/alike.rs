@@ -6,8 +6,8 @@ use dapple_core::{Features, Film, OwnRows};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// The differences at which two surfaces are half alike or less: of normals, of albedos, and of depths relative to their
-/// geometric mean.
+/// The differences at which likeness falls to a quarter: of normals, of albedos, and of depths relative to their geometric
+/// mean.
 const NORMAL: f32 = 0.3;
 const ALBEDO: f32 = 0.1;
 const DEPTH: f32 = 0.1;

@@ -78,7 +78,7 @@ impl<P: PointSet> Adaptive<P> {
     }
 
     /// True if the features of pixels decide on weights. The film has no features of one half alone.
-    fn reads_surfaces(&self) -> bool {
+    pub(crate) fn reads_surfaces(&self) -> bool {
         self.options.pool == PoolShape::Alike && self.options.policy != PilotPolicy::Cross
     }
 
