@@ -19,7 +19,7 @@ pub enum PoolShape {
     /// the root of the mean likeness of pixels 6 and 12 rows and columns away, in the same band of 16 rows.
     /// With [`Sources::Odd`] and [`Sources::Even`], the pixel's own surface is the mean of its nearest sources.
     ///
-    /// Where the film has no features, as without a filter, weights follow the distance alone. The same holds with
+    /// Where the film has no features, as without a filter, weights follow the distance alone. So they do with
     /// [`PilotPolicy::Cross`](dapple_core::PilotPolicy::Cross), because features belong to both halves.
     Alike,
     /// The square window, and with half its weight a same-cell pool: pixels up to one pixel beyond the window whose
@@ -157,7 +157,7 @@ pub(crate) fn relative_variance_of_rows(
     })
 }
 
-/// What is known of the pixels beside their samples.
+/// Knowledge of the pixels beside their samples.
 #[derive(Clone, Copy)]
 pub(crate) enum Known<'a> {
     Nothing,

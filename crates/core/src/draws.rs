@@ -72,6 +72,7 @@ pub struct Draws<'a> {
     first_hit: bool,
     features: bool,
     emission: bool,
+    indirect: bool,
     trajectory: bool,
     requested: Cell<u32>,
     /// The number of the next block for a cursor.
@@ -106,6 +107,13 @@ impl<'a> Draws<'a> {
         Self { emission: true, ..self }
     }
 
+    /// Requests the indirect part of the radiance from the integrator.
+    #[inline]
+    #[must_use]
+    pub fn with_indirect(self) -> Self {
+        Self { indirect: true, ..self }
+    }
+
     /// Requests the first hit and its trajectory from the integrator.
     #[inline]
     #[must_use]
@@ -116,9 +124,9 @@ impl<'a> Draws<'a> {
     /// The random numbers of sample `id` in a render, with requests for what the film records.
     #[inline]
     pub(crate) fn of_round(points: &'a dyn PointSet, id: SampleId, needs: &Needs) -> Self {
-        let Needs { features, emission, trajectories: trajectory, .. } = *needs;
+        let Needs { features, emission, indirect, trajectories: trajectory, .. } = *needs;
         let (first_hit, requested, cursor) = (needs.wants_first_hit(), Cell::new(0), Cell::new(0));
-        Self { points, id, turn: 0, first_hit, features, emission, trajectory, requested, cursor }
+        Self { points, id, turn: 0, first_hit, features, emission, indirect, trajectory, requested, cursor }
     }
 
     /// Sets the sample's place among those of its pixel in this round.
@@ -225,6 +233,13 @@ impl<'a> Draws<'a> {
     #[inline]
     pub fn wants_emission(&self) -> bool {
         self.emission
+    }
+
+    /// Returns `true` if the film records the indirect part of the radiance. If not, leave
+    /// [`Estimate::indirect`](crate::Estimate::indirect) at 0.
+    #[inline]
+    pub fn wants_indirect(&self) -> bool {
+        self.indirect
     }
 
     /// Returns `true` if the film records trajectories. Then [`Draws::wants_first_hit`] returns `true` as well. If not, leave

@@ -221,7 +221,7 @@ impl Film {
     pub(crate) fn bank_bytes_per_pixel(needs: &Needs) -> usize {
         let bank = 8 + 24 + if needs.variance { 24 } else { 0 } + if needs.extrema { 32 } else { 0 };
         let bank = bank + if needs.emission { 12 } else { 0 };
-        let bank = bank + usize::from(needs.channels) * if needs.variance { 8 } else { 4 };
+        let bank = bank + needs.values() * if needs.variance { 8 } else { 4 };
         let bank = bank + needs.sums.values() * size_of::<[f64; 3]>();
         let rows = usize::from(needs.samples > 0) + usize::from(needs.samples > 0 && needs.trajectories);
         let bank = bank + rows * size_of::<Vec<[f32; 3]>>();
@@ -309,12 +309,27 @@ impl Film {
     /// The means of the values beside the radiance over pixel `i`'s kept samples: of half 0 or 1, or of all samples in a
     /// film without halves. As many as [`Needs::channels`].
     pub fn channels(&self, half: usize, i: usize) -> &[f32] {
-        let (i, each) = (self.held.at(i), usize::from(self.needs.channels));
-        &self.kept[half % self.kept.len()].channels[i * each..(i + 1) * each]
+        let (i, each) = (self.held.at(i), self.needs.values());
+        &self.kept[half % self.kept.len()].channels[i * each..][..usize::from(self.needs.channels)]
+    }
+
+    /// Count, mean and sum of squared deviations of the indirect light of pixel `i`'s kept samples: of half 0 or 1, or of all
+    /// samples in a film without halves. Without [`Needs::variance`] the deviations are NaN. `None` without
+    /// [`Needs::indirect`].
+    pub fn indirect(&self, half: usize, i: usize) -> Option<RgbMoments> {
+        if !self.needs.indirect {
+            return None;
+        }
+        let (bank, i) = (&self.kept[half % self.kept.len()], self.held.at(i));
+        let first = i * self.needs.values() + usize::from(self.needs.channels);
+        let of = |plane: &[f32]| [0, 1, 2].map(|c| f64::from(plane[first + c]));
+        let m2 = if self.needs.variance { of(&bank.channels_m2) } else { [f64::NAN; 3] };
+        Some(RgbMoments { count: bank.counts[i], mean: of(&bank.channels), m2 })
     }
 
     /// A film whose radiance is three of the values beside the radiance, so that any filter can be applied to them: three
-    /// bands of a spectrum, for example. Features and counts stay; splats, emission, sums and single samples are left out.
+    /// bands of a spectrum, for example. Features and counts stay; splats, emission, indirect light, sums and single samples are
+    /// left out.
     ///
     /// # Errors
     ///
@@ -326,6 +341,7 @@ impl Film {
         let mut film = self.clone();
         film.needs = Needs {
             emission: false,
+            indirect: false,
             splats: false,
             extrema: false,
             channels: 0,
@@ -403,7 +419,8 @@ impl Film {
         (0..self.frame.pixels()).map(|i| self.count(i)).collect()
     }
 
-    /// Checks that the film records all of `needs` but emission, without which filters work too. A filter calls this first.
+    /// Checks that the film records all of `needs` but emission and indirect light, without which filters work too. A filter
+    /// calls this first.
     ///
     /// # Errors
     ///

@@ -87,6 +87,13 @@ pub trait Filter: Send + Sync {
         FilterMemory::new(frame, 0, ImagePlanes::RadianceAndError)
     }
 
+    /// The number of times that [`Filter::apply`] goes through a film that records `needs` with `spp` samples per pixel. A time
+    /// limit measures the filter on few samples and reserves its time in proportion.
+    fn runs(&self, needs: &Needs, spp: f64) -> u32 {
+        let _ = (needs, spp);
+        1
+    }
+
     /// Makes the filtered image. Pixels without samples are black.
     ///
     /// # Errors
@@ -123,6 +130,7 @@ forward!(Filter for &T, Box<T>, Arc<T>; {
     ref describe() -> String;
     ref needs() -> Needs;
     ref memory(frame: &Frame, needs: &Needs) -> FilterMemory;
+    ref runs(needs: &Needs, spp: f64) -> u32;
     ref apply(film: &Film) -> Result<Filtered, Error>;
     ref rows_read(frame: &Frame, rows: Range<u32>) -> Option<Range<u32>>;
     ref apply_to_rows(film: &Film, band: &Band, exchange: &mut dyn Exchange) -> Result<Filtered, Error>;

@@ -264,6 +264,13 @@ pub struct Estimate {
     ///
     /// Filters keep bright emission in its pixel. They stay correct without it.
     pub emission: [f32; 3],
+    /// The indirect part of the radiance, if [`Draws::wants_indirect`] requests it, else 0: light that two or more rough
+    /// surfaces or points in media have scattered. The rest is what lamps emit, mirrored or not, and what one rough surface
+    /// scatters of it.
+    ///
+    /// Filters may treat the two apart, since shadows have sharp edges and indirect light has more noise. Any other split is
+    /// correct too, since the sum is what they return.
+    pub indirect: [f32; 3],
     /// The cost of the sample: the number of rays traced.
     pub cost: u32,
     /// True if [`Estimate::with_first_hit`] was called, with a hit or without one. If no sample of a
@@ -281,6 +288,7 @@ impl Estimate {
             features: None,
             trajectory: None,
             emission: [0.0; 3],
+            indirect: [0.0; 3],
             cost: 1,
             says_hit: false,
         }
@@ -322,6 +330,14 @@ impl Estimate {
     #[must_use]
     pub const fn with_emission(mut self, emission: [f32; 3]) -> Self {
         self.emission = emission;
+        self
+    }
+
+    /// Sets the indirect part of the radiance.
+    #[inline]
+    #[must_use]
+    pub const fn with_indirect(mut self, indirect: [f32; 3]) -> Self {
+        self.indirect = indirect;
         self
     }
 

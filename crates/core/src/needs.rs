@@ -39,6 +39,8 @@ pub struct Needs {
     pub cost: bool,
     /// The mean emission of light sources seen directly ([`Estimate::emission`](crate::Estimate::emission)).
     pub emission: bool,
+    /// The indirect light ([`Estimate::indirect`](crate::Estimate::indirect)): its mean, and with `variance` its variance.
+    pub indirect: bool,
     /// Light that samples add to other pixels ([`Worker::splat`](crate::Worker::splat)).
     pub splats: bool,
     /// The number of values beside the radiance whose means are recorded ([`Worker::channels`](crate::Worker::channels)).
@@ -64,6 +66,7 @@ impl Needs {
             first_hits: 0,
             cost: false,
             emission: false,
+            indirect: false,
             splats: false,
             channels: 0,
             feature_halves: false,
@@ -121,6 +124,13 @@ impl Needs {
     #[must_use]
     pub const fn with_emission(mut self) -> Self {
         self.emission = true;
+        self
+    }
+
+    /// Adds the mean of the indirect light, and with [`Needs::variance`] its variance.
+    #[must_use]
+    pub const fn with_indirect(mut self) -> Self {
+        self.indirect = true;
         self
     }
 
@@ -183,6 +193,7 @@ impl Needs {
             first_hits: if self.first_hits > other.first_hits { self.first_hits } else { other.first_hits },
             cost: self.cost || other.cost,
             emission: self.emission || other.emission,
+            indirect: self.indirect || other.indirect,
             splats: self.splats || other.splats,
             channels: if self.channels > other.channels { self.channels } else { other.channels },
             feature_halves: self.feature_halves || other.feature_halves,
@@ -190,6 +201,11 @@ impl Needs {
             samples: if self.samples > other.samples { self.samples } else { other.samples },
             trajectories: self.trajectories || other.trajectories,
         }
+    }
+
+    /// The number of values per pixel and half beside the radiance: the channels, then the indirect light.
+    pub(crate) const fn values(&self) -> usize {
+        self.channels as usize + if self.indirect { 3 } else { 0 }
     }
 
     /// The number of feature planes per half: 2, or 0 if the film does not record them.

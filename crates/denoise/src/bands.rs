@@ -3,7 +3,7 @@
 use crate::among::Among;
 use crate::cluster_regression::{ClusterRegression, ClusterRegressionOptions, Passes, reach};
 use crate::scales::Scales;
-use crate::{Bilateral, Gaussian, NlMeans, NlMeansOptions};
+use crate::{Bilateral, Gaussian, Layers, NlMeans, NlMeansOptions};
 use dapple_core::{
     Band, Estimate, Exchange, Film, Filter, Filtered, FirstHit, Frame, Needs, SurfaceFeatures, exchange,
 };
@@ -21,7 +21,7 @@ fn together<T: Send>(bands: &[Band], task: impl Fn(&Band, &mut dyn Exchange) -> 
     })
 }
 
-const NEEDS: Needs = crate::parameters::RECORDED.with_first_hits(1);
+const NEEDS: Needs = crate::parameters::RECORDED.with_indirect().with_first_hits(1);
 
 /// A noisy film with edges, outliers, a lamp, unequal counts and pixels without samples.
 fn film([width, height]: [u32; 2], seed: u64) -> Film {
@@ -48,7 +48,8 @@ fn film([width, height]: [u32; 2], seed: u64) -> Film {
             let hit = FirstHit::new(place, normal, depth).with_material((y / 60.0) as u32);
             let radiance = albedo.map(|a| a * bright + lamp);
             let estimate = Estimate::new(radiance).with_first_hit(Some(hit)).with_features(features);
-            film.push_estimate(pixel, sample % 2, &estimate.with_emission([lamp; 3]));
+            let indirect = albedo.map(|a| 0.3 * a * next());
+            film.push_estimate(pixel, sample % 2, &estimate.with_emission([lamp; 3]).with_indirect(indirect));
         }
     }
     film
@@ -106,6 +107,16 @@ fn bands_of_three_passes_have_the_bits_of_the_whole_image() {
     }
     assert_same_bits(&regression(Passes::Three, Scales::Auto), [50, 97], &[16, 32, 48, 64, 80]);
     assert_same_bits(&regression(Passes::Three, Scales::Fixed(8)), [21, 130], &[1, 100]);
+}
+
+#[test]
+fn bands_of_two_layers_have_the_bits_of_the_whole_image() {
+    let options = ClusterRegressionOptions::default().layers(Layers::Two);
+    for (passes, scales) in [(Passes::One, 0), (Passes::Three, 0), (Passes::Three, 2)] {
+        let options = options.passes(passes).scales(Scales::Fixed(scales));
+        let filter = ClusterRegression::with_options(options).unwrap();
+        assert_same_bits(&filter, [22, 400], &[120, 250]);
+    }
 }
 
 #[test]

@@ -4,6 +4,7 @@ use crate::among::{Among, rows_around};
 use crate::averaging::{VANISHING, Window, average_where, guide, memory};
 use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{ERROR_ROWS, Pair, filtered};
+use crate::light::Light;
 use crate::parameters::{describe, featureless, recorded};
 use crate::planes::{self, Inputs, Reads};
 use crate::tile::{FeatureScales, HEIGHT, Likeness, REACH};
@@ -132,10 +133,10 @@ impl Bilateral {
     }
 
     fn run(&self, film: &Film, top: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
-        let inputs = Inputs::new(film, self.reads(), top, among)?;
+        let inputs = Inputs::new(Light::all(film), self.reads(), top, among)?;
         among.share_rows([top, top + inputs.size[1]])?;
         let [pair] = among.complete(&inputs, [self.pair(&inputs)], Among::rows)?;
-        Ok(inputs.restored(film, filtered(&inputs, &pair, among)?))
+        Ok(inputs.restored(Light::all(film), filtered(&inputs, &pair, among)?))
     }
 
     fn likeness(&self) -> Likeness {

@@ -5,6 +5,7 @@ use crate::averaging::guide;
 use crate::bilateral::Bilateral;
 use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{ERROR_ROWS, Pair, filtered, filtered_over, relative_weight, select, select_rows};
+use crate::light::{self, Layers, Light};
 use crate::outliers;
 use crate::parameters::{describe, featureless, recorded};
 use crate::planes::{self, Inputs, Plane, Reads, box_mean};
@@ -50,6 +51,8 @@ dapple_core::options! {
         /// Weight of a pixel of another cluster relative to one of the same; 1: no clusters.
         pub outside: f64 = 0.2,
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
+        /// Parts of the light that are filtered one by one: 2 (direct and indirect), 1, or auto (2 from 16 spp on).
+        pub layers: Layers = Layers::Auto => "auto";
         /// Coarse scales that correct the image of three passes: auto (by the image's size), or 0 (none) to 8.
         pub scales: Scales = Scales::Auto => "auto", |scales| scales.is_valid(), "auto, or 0 (none) to 8 scales";
     }
@@ -253,21 +256,41 @@ impl ClusterRegression {
         self.options
     }
 
+    /// The image of the light that `inputs` were read from.
+    fn image(&self, inputs: &mut Inputs, light: Light<'_>, among: &mut Among<'_>) -> Result<Filtered, Error> {
+        let image = if self.options.passes != Passes::Three {
+            let image = self.pair(inputs, among)?;
+            filtered(inputs, &image, among)?
+        } else {
+            match self.options.scales.of([inputs.size[0], inputs.place.height]) {
+                0 => self.unscaled(inputs, among)?,
+                scales => self.scaled(inputs, scales, among)?,
+            }
+        };
+        Ok(inputs.restored(light, image))
+    }
+
     /// Filters the rows of a film that begin with row `top` of the whole image.
     pub(crate) fn run(&self, film: &Film, top: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
-        let mut inputs = Inputs::new(film, self.reads(), top, among)?;
+        let parts = light::parts(film, self.options.layers, top, among)?;
+        let mut inputs = Inputs::new(parts[0], self.reads(), top, among)?;
         among.share_rows([top, top + inputs.size[1]])?;
         prefilter(&mut inputs, among)?;
-        if self.options.passes != Passes::Three {
-            let image = self.pair(&inputs, among)?;
-            return Ok(inputs.restored(film, filtered(&inputs, &image, among)?));
+        let mut image = self.image(&mut inputs, parts[0], among)?;
+        for &part in &parts[1..] {
+            inputs.read(part, among)?;
+            add(&mut image, self.image(&mut inputs, part, among)?);
         }
-        let image = match self.options.scales.of([inputs.size[0], inputs.place.height]) {
-            0 => self.unscaled(&mut inputs, among)?,
-            scales => self.scaled(&mut inputs, scales, among)?,
-        };
-        Ok(inputs.restored(film, image))
+        Ok(image)
     }
+}
+
+/// Adds the image of another part of the light to an image. Errors of the parts count as independent.
+fn add(image: &mut Filtered, other: Filtered) {
+    let colours = image.radiance.iter_mut().flatten().zip(other.radiance.iter().flatten());
+    colours.for_each(|(sum, value)| *sum = (*sum + value).min(f32::MAX));
+    let errors = image.error.iter_mut().flatten().zip(other.error.iter().flatten());
+    errors.for_each(|(sum, value)| *sum += value);
 }
 
 /// The radius over which errors are compared for the guide of the second pass, and for its result.
@@ -354,6 +377,7 @@ impl Filter for ClusterRegression {
 
     fn needs(&self) -> Needs {
         let recorded = recorded(!self.without_features);
+        let recorded = if self.options.layers == Layers::One { recorded } else { recorded.with_indirect() };
         if self.outside() < 1.0 { recorded.with_first_hits(1) } else { recorded }
     }
 
@@ -362,6 +386,8 @@ impl Filter for ClusterRegression {
         let pair = 4 * 6;
         // While the first pass runs, the bilateral pair is in memory. While the second runs, these are: the bilateral,
         // first, unfiltered and chosen pairs, and a plane of weights. That is more than the final choice takes.
+        // The image of the first part of the light is kept meanwhile.
+        let parts = if self.options.layers == Layers::One || !needs.indirect { 0 } else { frame.bytes(16) };
         let at_most = match self.options.passes {
             Passes::One => frame.bytes(kept + pair).saturating_add(bytes(frame, 2)),
             Passes::Two => frame.bytes(kept + 4 * pair + 4).saturating_add(bytes(frame, 1)),
@@ -382,7 +408,11 @@ impl Filter for ClusterRegression {
                 }
             }
         };
-        FilterMemory::new(frame, making, ImagePlanes::RadianceAndError).at_least(at_most)
+        FilterMemory::new(frame, making, ImagePlanes::RadianceAndError).at_least(at_most.saturating_add(parts))
+    }
+
+    fn runs(&self, needs: &Needs, spp: f64) -> u32 {
+        if needs.indirect && self.options.layers.are_two(spp) { 2 } else { 1 }
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {

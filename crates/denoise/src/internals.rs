@@ -3,6 +3,7 @@
 use crate::among::Among;
 use crate::averaging::{VANISHING, Window, average, guide};
 use crate::error_map::{self, Pair, raw_error, select};
+use crate::light::Light;
 use crate::normal_equations::{Fit, Sums, solve};
 use crate::parameters::{NEEDS, RECORDED};
 use crate::planes::{Colours, Inputs, Plane, Reads};
@@ -16,7 +17,7 @@ const PIXELS: usize = SIDE * SIDE;
 const READS: Reads<'_> = Reads { features: true, label: None };
 
 fn whole(film: &Film) -> Inputs {
-    Inputs::new(film, READS, 0, &mut Among::alone(film.frame().size()[1] as usize)).unwrap()
+    Inputs::new(Light::all(film), READS, 0, &mut Among::alone(film.frame().size()[1] as usize)).unwrap()
 }
 
 fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {

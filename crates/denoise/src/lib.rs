@@ -79,6 +79,7 @@ mod error_map;
 mod gaussian;
 #[cfg(test)]
 mod internals;
+mod light;
 mod membership;
 mod nl_means;
 mod normal_equations;
@@ -101,6 +102,7 @@ pub use cluster_gaussian::{ClusterGaussian, ClusterGaussianOptions, ClusterLooku
 pub use cluster_regression::{ClusterRegression, ClusterRegressionOptions, Passes};
 pub use error_map::relative_errors;
 pub use gaussian::{Gaussian, GaussianOptions};
+pub use light::Layers;
 pub use nl_means::{NlMeans, NlMeansOptions};
 pub use scales::Scales;
 

@@ -3,6 +3,7 @@
 use crate::among::{Among, rows_around};
 use crate::averaging::{Window, average, guide, memory};
 use crate::error_map::{ERROR_ROWS, Pair, filtered};
+use crate::light::Light;
 use crate::parameters::{RECORDED, describe};
 use crate::planes::{self, Inputs, Reads};
 use crate::tile::{FeatureScales, HEIGHT, Likeness, REACH};
@@ -88,8 +89,8 @@ impl NlMeans {
 
     fn run(&self, film: &Film, top: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
         let reads = Reads { features: self.options.features.is_some(), label: None };
-        let inputs = Inputs::new(film, reads, top, among)?;
-        Ok(inputs.restored(film, filtered(&inputs, &self.pair(&inputs), among)?))
+        let inputs = Inputs::new(Light::all(film), reads, top, among)?;
+        Ok(inputs.restored(Light::all(film), filtered(&inputs, &self.pair(&inputs), among)?))
     }
 
     fn likeness(&self) -> Likeness {

@@ -1,6 +1,7 @@
 //! Pixel means and their variances, as `Gaussian` and `ClusterGaussian` read them.
 
 use crate::among::Among;
+use crate::light::Light;
 use crate::planes::level;
 use crate::withheld::Bounds;
 use dapple_core::{Error, Film};
@@ -13,9 +14,10 @@ pub(crate) fn emission(film: &Film, top: usize, among: &mut Among<'_>) -> Result
         return Ok(None);
     }
     let place = among.place(0, top);
-    let level = level(film, &place, among)?;
-    let bounds = Bounds::new(film, level, &place, among)?;
-    let withheld = |i| bounds.withheld_emission(film, i);
+    let light = Light::all(film);
+    let level = level(light, &place, among)?;
+    let bounds = Bounds::new(light, level, &place, among)?;
+    let withheld = |i| bounds.withheld_emission(light, i);
     Ok(Some((0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(withheld).collect()))
 }
 

@@ -2,6 +2,7 @@
 
 use crate::among::{Among, Place};
 use crate::cluster_gaussian::ClusterLookup;
+use crate::light::Light;
 use crate::membership::BACKGROUND;
 use crate::withheld::Bounds;
 use dapple_core::{Error, Film, Filtered, RgbMoments};
@@ -92,20 +93,25 @@ pub(crate) struct Inputs {
 }
 
 impl Inputs {
-    /// Reads the halves and the sample variance of a film, and what else `reads` lists. The film's rows begin with row
-    /// `top` of the whole image.
-    pub(crate) fn new(film: &Film, reads: Reads<'_>, top: usize, among: &mut Among<'_>) -> Result<Self, Error> {
+    /// Reads the halves and the sample variance of a film's light, and what else `reads` lists. The film's rows begin with
+    /// row `top` of the whole image.
+    pub(crate) fn new(light: Light<'_>, reads: Reads<'_>, top: usize, among: &mut Among<'_>) -> Result<Self, Error> {
+        let film = light.film;
         let size = film.frame().size().map(|n| n as usize);
         let place = among.place(0, top);
-        let level = level(film, &place, among)?;
-        let bounds = Bounds::new(film, level, &place, among)?;
-        let halves = halves(film, level, bounds);
+        let (level, bounds, halves) = colours(light, &place, among)?;
         let labels = reads.label.filter(|_| film.needs().first_hits > 0).map(|label| {
             let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(|hit| label(hit));
             per_pixel(film, |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
         });
         let features = features(film, reads.features, &place, among)?;
         Ok(Self { size, place, level, bounds, halves, features, labels })
+    }
+
+    /// Reads the colours of another part of the film's light. Features and clusters stay.
+    pub(crate) fn read(&mut self, light: Light<'_>, among: &mut Among<'_>) -> Result<(), Error> {
+        (self.level, self.bounds, self.halves) = colours(light, &self.place, among)?;
+        Ok(())
     }
 
     /// Planes of another scale for the same image, without clusters. Their number of rows follows from their length.
@@ -124,9 +130,9 @@ impl Inputs {
         [4 * kept, 4 * (kept + 2) + size_of::<Option<f32>>()]
     }
 
-    /// Adds the light that the filter did not get to the image that it made of this film. Returns the own rows.
-    pub(crate) fn restored(&self, film: &Film, filtered: Filtered) -> Filtered {
-        self.place.own_rows(self.bounds.restore(film, filtered))
+    /// Adds the light that the filter did not get to the image that it made. Returns the own rows.
+    pub(crate) fn restored(&self, light: Light<'_>, filtered: Filtered) -> Filtered {
+        self.place.own_rows(self.bounds.restore(light, filtered))
     }
 
     /// Adds `light` to the colours of both halves.
@@ -180,9 +186,9 @@ pub(crate) fn per_pixel<T: Send>(film: &Film, f: impl Fn(usize) -> T + Sync + Se
 
 /// The image's level: the mean brightness of its pixels, each capped at eight times the median of pixels that are not
 /// black. It is 1 for a black image.
-pub(crate) fn level(film: &Film, place: &Place, among: &mut Among<'_>) -> Result<f32, Error> {
-    let width = film.frame().size()[0] as usize;
-    let grey = per_pixel(film, |i| (film.mean(i).iter().sum::<f64>() / 3.0) as f32);
+pub(crate) fn level(light: Light<'_>, place: &Place, among: &mut Among<'_>) -> Result<f32, Error> {
+    let width = light.film.frame().size()[0] as usize;
+    let grey = per_pixel(light.film, |i| (light.mean(i).iter().sum::<f64>() / 3.0) as f32);
     let lit: Vec<f32> = grey[place.own_pixels(width)].iter().copied().filter(|g| *g > 0.0).collect();
     let Some(median) = among.in_order(&lit, |n| n / 2)? else { return Ok(1.0) };
     let cap = 8.0 * median;
@@ -191,28 +197,35 @@ pub(crate) fn level(film: &Film, place: &Place, among: &mut Among<'_>) -> Result
     Ok(((sum / (width * place.height) as f64) as f32).clamp(1e-18, 1e18))
 }
 
-/// The halves of a film's samples, without the light that is withheld.
-fn halves(film: &Film, level: f32, bounds: Bounds) -> [Half; 2] {
+/// The level of the light, the bounds of what filters get of it, and its halves.
+fn colours(light: Light<'_>, place: &Place, among: &mut Among<'_>) -> Result<(f32, Bounds, [Half; 2]), Error> {
+    let level = level(light, place, among)?;
+    let bounds = Bounds::new(light, level, place, among)?;
+    Ok((level, bounds, halves(light, level, bounds)))
+}
+
+/// The halves of the samples, without the light that is withheld.
+fn halves(light: Light<'_>, level: f32, bounds: Bounds) -> [Half; 2] {
     let unit = 1.0 / f64::from(level);
     let value = |x: f64| ((x * unit) as f32).min(BRIGHTEST);
     let most = f64::from(BRIGHTEST) * f64::from(BRIGHTEST);
     let of = |i: usize| {
-        let halves = [0, 1].map(|half| film.half(half, i).unwrap_or_default());
-        let withheld = bounds.withheld_of_halves(film, i, &halves);
+        let halves = [0, 1].map(|half| light.half(half, i));
+        let withheld = bounds.withheld_of_halves(light, i, &halves);
         let [[ra, ga, ba], [rb, gb, bb]] = [0, 1].map(|h: usize| {
             // A missing half takes the film's mean. Its variance is UNKNOWN.
-            let mean = if halves[h].count > 0 { halves[h].mean } else { film.mean(i) };
+            let mean = if halves[h].count > 0 { halves[h].mean } else { light.mean(i) };
             std::array::from_fn(|c| value(mean[c] - withheld[h][c]))
         });
         let [na, nb] = halves.map(|half| half.count as f32);
-        let variance = film.moments(i).variance();
+        let variance = light.variance(i);
         let known = f32::from(u8::from(variance.is_some()));
         let variance = variance.map_or([0.0; 3], |variance| without_withheld(&halves, &withheld, variance));
         let [vr, vg, vb] = variance.map(|v| (v * unit * unit).min(most) as f32);
         [ra, ga, ba, rb, gb, bb, na, nb, known, vr, vg, vb]
     };
-    let [ra, ga, ba, rb, gb, bb, na, nb, known, vr, vg, vb] = planes_of(film.frame().pixels(), of);
-    let sample = pooled_variance(film, [vr, vg, vb], &known);
+    let [ra, ga, ba, rb, gb, bb, na, nb, known, vr, vg, vb] = planes_of(light.film.frame().pixels(), of);
+    let sample = pooled_variance(light.film, [vr, vg, vb], &known);
     let variance = |count: &Plane, sample: &Plane| -> Plane {
         let of_mean = |(v, n): (&f32, &f32)| if *n > 0.0 { (v + FLOOR) / n } else { UNKNOWN };
         sample.iter().zip(count).map(of_mean).collect()

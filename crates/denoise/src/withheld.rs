@@ -5,8 +5,9 @@
 //! Within a pixel its emission is almost free of noise. So filters get images without most of it.
 
 use crate::among::{Among, Place};
+use crate::light::Light;
 use crate::planes::BRIGHTEST;
-use dapple_core::{Error, Film, Filtered, RgbMoments};
+use dapple_core::{Error, Filtered, RgbMoments};
 use rayon::prelude::*;
 
 /// The bound of emission in units of the image's level, for one sample per pixel and a brightest emission of one level.
@@ -34,12 +35,12 @@ impl Bounds {
     ///
     /// Below two samples per pixel most pixels have no known variance, and their colours separate nothing: then all emission
     /// is withheld.
-    pub(crate) fn new(film: &Film, level: f32, place: &Place, among: &mut Among<'_>) -> Result<Self, Error> {
-        let (width, level) = (film.frame().size()[0] as usize, f64::from(level));
+    pub(crate) fn new(light: Light<'_>, level: f32, place: &Place, among: &mut Among<'_>) -> Result<Self, Error> {
+        let (width, level) = (light.film.frame().size()[0] as usize, f64::from(level));
         let own = place.own_pixels(width);
-        let samples = among.total(own.clone().map(|i| film.count(i)).sum())?;
+        let samples = among.total(own.clone().map(|i| light.film.count(i)).sum())?;
         let samples = samples as f64 / (width * place.height) as f64;
-        let emission = |i| [0, 1].into_iter().filter_map(move |half| film.emission(half, i)).flatten();
+        let emission = |i| [0, 1].into_iter().filter_map(move |half| light.emission(half, i)).flatten();
         let brightest = f64::from(among.largest(own.flat_map(emission).fold(0.0, f32::max))?) / level;
         let bound = (EMISSION / (samples * brightest).max(1e-3)).clamp(LEAST, f64::from(BRIGHTEST));
         let bound = if samples < 2.0 { 0.0 } else { bound };
@@ -47,10 +48,10 @@ impl Bounds {
     }
 
     /// The light that is withheld from the mean of pixel `i`, for filters that read no halves: emission alone.
-    pub(crate) fn withheld_emission(self, film: &Film, i: usize) -> [f64; 3] {
-        let mean = film.mean(i);
-        let [a, b] = [0, 1].map(|half| film.emission(half, i).unwrap_or_default());
-        let counts = [0, 1].map(|half| film.half(half, i).unwrap_or_default().count);
+    pub(crate) fn withheld_emission(self, light: Light<'_>, i: usize) -> [f64; 3] {
+        let mean = light.mean(i);
+        let [a, b] = [0, 1].map(|half| light.emission(half, i).unwrap_or_default());
+        let counts = [0, 1].map(|half| light.half(half, i).count);
         let share = counts[0] as f32 / (counts[0] + counts[1]).max(1) as f32;
         let emission: [f32; 3] = std::array::from_fn(|c| b[c] + share * (a[c] - b[c]));
         std::array::from_fn(|c| (f64::from(emission[c]) - self.emission).clamp(0.0, mean[c].max(0.0)))
@@ -70,20 +71,20 @@ impl Bounds {
 
     /// The light that is withheld from each half of the samples of pixel `i`, from the halves' moments. A half without
     /// samples has the film's mean.
-    pub(crate) fn withheld_of_halves(self, film: &Film, i: usize, halves: &[RgbMoments; 2]) -> [[f64; 3]; 2] {
-        let emission = [0, 1].map(|half| film.emission(half, i).unwrap_or_default());
+    pub(crate) fn withheld_of_halves(self, light: Light<'_>, i: usize, halves: &[RgbMoments; 2]) -> [[f64; 3]; 2] {
+        let emission = [0, 1].map(|half| light.emission(half, i).unwrap_or_default());
         [0, 1].map(|h| match halves[h].count {
-            0 => self.withheld(film.mean(i), emission[1 - h]),
+            0 => self.withheld(light.mean(i), emission[1 - h]),
             _ => self.withheld(halves[h].mean, emission[h]),
         })
     }
 
     /// Adds the withheld light of both halves to a filtered image, and its variance to the image's error.
-    pub(crate) fn restore(self, film: &Film, filtered: Filtered) -> Filtered {
+    pub(crate) fn restore(self, light: Light<'_>, filtered: Filtered) -> Filtered {
         let Filtered { size, mut radiance, mut error, .. } = filtered;
         let add = |(i, colour): (usize, &mut [f32; 3])| -> f32 {
-            let halves = [0, 1].map(|half| film.half(half, i).unwrap_or_default());
-            let [a, b] = self.withheld_of_halves(film, i, &halves);
+            let halves = [0, 1].map(|half| light.half(half, i));
+            let [a, b] = self.withheld_of_halves(light, i, &halves);
             if [a, b] == [[0.0; 3]; 2] {
                 return 0.0;
             }

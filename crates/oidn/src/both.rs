@@ -45,6 +45,10 @@ impl<F: Filter> Filter for Both<F> {
         planes.at_least(other.applying).at_least(planes.image.saturating_add(oidn.applying))
     }
 
+    fn runs(&self, needs: &Needs, spp: f64) -> u32 {
+        self.other.runs(needs, spp)
+    }
+
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
         let Filtered { size, radiance: mut mean, .. } = self.other.apply(film)?;

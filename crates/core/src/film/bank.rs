@@ -24,9 +24,12 @@ pub(crate) struct Bank {
     pub(crate) ranges: Vec<Range>,
     /// The mean emission of light sources seen directly.
     pub(crate) emission: Vec<[f32; 3]>,
-    /// The means of the values beside the radiance, pixel by pixel, and their sums of squared deviations.
+    /// The means of the values beside the radiance, pixel by pixel, and their sums of squared deviations. The last three of
+    /// a pixel are its indirect light, if that is recorded.
     pub(crate) channels: Vec<f32>,
     pub(crate) channels_m2: Vec<f32>,
+    /// True if the indirect light is recorded.
+    pub(crate) indirect: bool,
     pub(crate) sums: SumPlane,
     pub(crate) samples: SamplePlane,
     /// Per pixel, the difference between the next sample's index and the count, caused by withdrawn samples. Positive
@@ -42,8 +45,9 @@ impl Bank {
             m2: if needs.variance { vec![[0.0; 3]; pixels] } else { Vec::new() },
             ranges: if needs.extrema { vec![NOTHING; pixels] } else { Vec::new() },
             emission: if needs.emission { vec![[0.0; 3]; pixels] } else { Vec::new() },
-            channels: vec![0.0; pixels * usize::from(needs.channels)],
-            channels_m2: if needs.variance { vec![0.0; pixels * usize::from(needs.channels)] } else { Vec::new() },
+            channels: vec![0.0; pixels * needs.values()],
+            channels_m2: if needs.variance { vec![0.0; pixels * needs.values()] } else { Vec::new() },
+            indirect: needs.indirect,
             sums: SumPlane::new(pixels, needs.sums),
             samples: SamplePlane::new(pixels, needs),
             ahead: Vec::new(),
@@ -61,7 +65,7 @@ impl Bank {
             }
         }
         (self.channels, self.channels_m2) = (Vec::new(), Vec::new());
-        (self.ranges, self.emission) = (Vec::new(), Vec::new());
+        (self.ranges, self.emission, self.indirect) = (Vec::new(), Vec::new(), false);
         (self.sums, self.samples) = (SumPlane::default(), SamplePlane::default());
     }
 
@@ -164,6 +168,7 @@ pub(crate) struct BankRows<'a> {
     pub(crate) emission: &'a mut [[f32; 3]],
     pub(crate) channels: &'a mut [f32],
     pub(crate) channels_m2: &'a mut [f32],
+    pub(crate) indirect: bool,
     pub(crate) sums: SumRows<'a>,
     pub(crate) samples: SampleRows<'a>,
     /// Per pixel, the next sample's index minus the count ([`Bank::ahead`]); empty if no samples were withdrawn.
@@ -173,9 +178,9 @@ pub(crate) struct BankRows<'a> {
 impl Bank {
     /// All planes of the bank.
     pub(crate) fn rows(&mut self) -> BankRows<'_> {
-        let Self { counts, means, m2, ranges, emission, channels, channels_m2, sums, samples, ahead } = self;
-        let (sums, samples) = (sums.rows(), samples.rows());
-        BankRows { counts, means, m2, ranges, emission, channels, channels_m2, sums, samples, ahead }
+        let Self { counts, means, m2, ranges, emission, channels, channels_m2, indirect, sums, samples, ahead } = self;
+        let (sums, samples, indirect) = (sums.rows(), samples.rows(), *indirect);
+        BankRows { counts, means, m2, ranges, emission, channels, channels_m2, indirect, sums, samples, ahead }
     }
 }
 
@@ -198,14 +203,26 @@ impl BankRows<'_> {
         if let Some(mean) = self.emission.get_mut(local) {
             add_emission(mean, self.counts[local], estimate.emission, radiance);
         }
+        if self.indirect {
+            let part = |c: usize| estimate.indirect[c].max(0.0).min(radiance[c]);
+            let each = self.channels.len() / self.counts.len().max(1);
+            self.add_values(local, (local + 1) * each - 3, &[part(0), part(1), part(2)]);
+        }
         reason
     }
 
-    /// Adds the values beside the radiance of the sample that was added last. NaN and infinite values count as 0.
+    /// Adds the channels of the sample that was added last. NaN and infinite values count as 0.
     pub(crate) fn add_channels(&mut self, local: usize, values: &[f32]) {
-        let share = 1.0 / self.counts[local] as f32;
         let each = self.channels.len() / self.counts.len().max(1);
-        for (k, &value) in (local * each..(local + 1) * each).zip(values) {
+        let channels = if self.indirect { each - 3 } else { each };
+        self.add_values(local, local * each, &values[..values.len().min(channels)]);
+    }
+
+    /// Adds values of the sample that was added last to those from place `first` of the plane.
+    #[inline]
+    fn add_values(&mut self, local: usize, first: usize, values: &[f32]) {
+        let share = 1.0 / self.counts[local] as f32;
+        for (k, &value) in (first..).zip(values) {
             let value = if value.is_finite() { value } else { 0.0 };
             let apart = value - self.channels[k];
             self.channels[k] += apart * share;

@@ -149,6 +149,8 @@ impl Film {
 
 /// The recorded statistics that are needed. Counts of first hits, channels and samples are those recorded; halves stay.
 pub(crate) fn both(recorded: &Needs, needed: &Needs) -> Needs {
+    // They are in one plane.
+    let values = needed.channels > 0 || needed.indirect && recorded.indirect;
     Needs {
         variance: recorded.variance && needed.variance,
         extrema: recorded.extrema && needed.extrema,
@@ -158,8 +160,9 @@ pub(crate) fn both(recorded: &Needs, needed: &Needs) -> Needs {
         first_hits: if needed.first_hits > 0 { recorded.first_hits } else { 0 },
         cost: recorded.cost && needed.cost,
         emission: recorded.emission && needed.emission,
+        indirect: recorded.indirect && values,
         splats: false,
-        channels: if needed.channels > 0 { recorded.channels } else { 0 },
+        channels: if values { recorded.channels } else { 0 },
         sums: if needed.sums == Sums::NONE { Sums::NONE } else { recorded.sums },
         samples: if needed.samples > 0 { recorded.samples } else { 0 },
         trajectories: recorded.trajectories && needed.trajectories && needed.samples > 0,

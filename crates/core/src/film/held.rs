@@ -156,7 +156,7 @@ impl Film {
 impl Bank {
     /// Copies the rows of another bank, each as places here and there: the statistics that both record.
     fn bring(&mut self, from: &Self, shared: &[[usize; 2]], width: usize, needs: &Needs) {
-        let wide = width * usize::from(needs.channels);
+        let wide = width * needs.values();
         bring(&mut self.counts, &from.counts, shared, width);
         bring(&mut self.means, &from.means, shared, width);
         bring(&mut self.m2, &from.m2, shared, width);

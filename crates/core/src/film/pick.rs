@@ -23,6 +23,7 @@ pub(super) trait Selection {
             emission: self.pick(&bank.emission, 1),
             channels: self.pick(&bank.channels, channels),
             channels_m2: self.pick(&bank.channels_m2, channels),
+            indirect: bank.indirect,
             sums: bank.sums.with(|values, each| self.pick(values, each)),
             samples: bank.samples.with(|rows| self.pick(rows, 1), |paths| self.pick(paths, 1)),
             ahead: self.pick(&bank.ahead, 1),
@@ -52,7 +53,8 @@ impl Picked<'_> {
     }
 
     fn place_bank(self, to: &mut Bank, from: Bank, channels: usize) -> bool {
-        let Bank { counts, means, m2, ranges, emission, channels: values, channels_m2, sums, samples, ahead } = from;
+        let Bank { counts, means, m2, ranges, emission, channels: values, channels_m2, sums, samples, ahead, .. } =
+            from;
         if to.ahead.is_empty() && !ahead.is_empty() {
             to.ahead.resize(to.counts.len(), 0);
         }
@@ -81,7 +83,7 @@ impl Film {
     pub(crate) fn pick(&self, pixels: Picked<'_>, of: Option<Retention>) -> Self {
         let places = self.places(pixels);
         let pixels = Picked(&places);
-        let channels = usize::from(self.needs.channels);
+        let channels = self.needs.values();
         let banks = |banks: &[Bank], retention| match of {
             Some(of) if of != retention => Vec::new(),
             _ => banks.iter().map(|bank| pixels.bank(bank, channels)).collect(),
@@ -120,7 +122,7 @@ impl Film {
     pub(crate) fn place(&mut self, pixels: Picked<'_>, part: Self) -> bool {
         let places = self.places(pixels);
         let pixels = Picked(&places);
-        let channels = usize::from(self.needs.channels);
+        let channels = self.needs.values();
         if !part.discarded.is_empty() {
             self.open_discarded();
         }

@@ -37,7 +37,7 @@ impl Film {
     /// A film of the part `frame` of this film's window, with the statistics that a round of this retention writes.
     pub(crate) fn part(&self, frame: Frame, retention: Retention) -> Film {
         let rows = Rows::new(&self.frame, &frame);
-        let channels = usize::from(self.needs.channels);
+        let channels = self.needs.values();
         let banks = self.written(retention).iter().map(|bank| rows.bank(bank, channels)).collect();
         let (kept, discarded) = if retention == Retention::Keep { (banks, Vec::new()) } else { (Vec::new(), banks) };
         Film {
@@ -66,7 +66,7 @@ impl Film {
             Retention::Keep => (&mut self.kept, &mut part.kept),
             Retention::Discard => (&mut self.discarded, &mut part.discarded),
         };
-        let each = usize::from(self.needs.channels);
+        let each = self.needs.values();
         for (to, from) in to.iter_mut().zip(from) {
             rows.paste(&mut to.counts, &from.counts, 1);
             rows.paste(&mut to.means, &from.means, 1);

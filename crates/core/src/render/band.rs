@@ -23,18 +23,20 @@ pub(super) fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>,
     let (held, pixels) = (&film.held, film.held.own_places(&pixels));
     let k = usize::from(film.needs.first_hits);
     let banks = if retention == Retention::Keep { &mut film.kept } else { &mut film.discarded };
-    let each = usize::from(film.needs.channels);
+    let each = film.needs.values();
     let wide = pixels.start * each..pixels.end * each;
-    let kinds = film.needs.sums.values();
+    let (kinds, indirect) = (film.needs.sums.values(), film.needs.indirect);
     let wider = pixels.start * kinds..pixels.end * kinds;
     let mut banks: Vec<_> = banks
         .iter_mut()
-        .map(|Bank { counts, means, m2, ranges, emission, channels, channels_m2, sums: plane, samples, ahead }| {
+        .map(|bank| {
+            let Bank { counts, means, m2, ranges, emission, channels, channels_m2, sums, samples, ahead, .. } = bank;
+            let (kind, values) = (sums.kinds, &mut sums.values);
             let sums = (chunks(counts, &pixels, size), chunks(means, &pixels, size), chunks(m2, &pixels, size));
             let ahead = if ahead.is_empty() { &[][..] } else { &ahead[pixels.clone()] };
             let more = (chunks(ranges, &pixels, size), chunks(emission, &pixels, size));
             let beside = (chunks(channels, &wide, size * each.max(1)), chunks(channels_m2, &wide, size * each.max(1)));
-            let plane = (plane.kinds, chunks(&mut plane.values, &wider, size * kinds.max(1)));
+            let plane = (kind, chunks(values, &wider, size * kinds.max(1)));
             let paths = chunks(&mut samples.trajectories, &pixels, size);
             let samples = (samples.limit, chunks(&mut samples.rows, &pixels, size), paths);
             (sums, more, beside, (plane, samples), ahead.chunks(size))
@@ -59,6 +61,7 @@ pub(super) fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>,
                         emission: emission.next().unwrap_or_default(),
                         channels: channels.next().unwrap_or_default(),
                         channels_m2: channels_m2.next().unwrap_or_default(),
+                        indirect,
                         sums: SumRows { kinds: sums.0, values: sums.1.next().unwrap_or_default() },
                         samples: SampleRows::next(samples.0, &mut samples.1, &mut samples.2),
                         ahead: ahead.next().unwrap_or_default(),

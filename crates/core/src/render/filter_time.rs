@@ -1,6 +1,6 @@
 //! Estimation of a filter's time before it is needed.
 
-use crate::{Film, Filter, Frame};
+use crate::{Film, Filter, Frame, Needs};
 use std::ops::Range;
 use std::time::Instant;
 
@@ -33,6 +33,12 @@ pub(super) fn estimate(filter: &dyn Filter, part: &Film, height: u32) -> f64 {
     seconds * f64::from(height) / f64::from(rows)
 }
 
+/// The filter's time for a film with `more` times as many samples, relative to its time for `spp` samples per pixel.
+pub(super) fn growth(filter: &dyn Filter, needs: &Needs, spp: f64, more: f64) -> f64 {
+    let runs = |spp: f64| f64::from(filter.runs(needs, spp).max(1));
+    runs(spp * more.max(1.0)) / runs(spp)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -45,6 +51,10 @@ mod tests {
     impl Filter for Slow {
         fn name(&self) -> &str {
             "slow"
+        }
+
+        fn runs(&self, _: &Needs, spp: f64) -> u32 {
+            if spp < 16.0 { 1 } else { 3 }
         }
 
         fn apply(&self, film: &Film) -> Result<Filtered, Error> {
@@ -65,5 +75,12 @@ mod tests {
         let estimated = estimate(&Slow(false), &part, 512);
         assert!((whole..5.0 * whole).contains(&estimated), "{estimated} for {whole}");
         assert_eq!(estimate(&Slow(true), &part, 512), 0.0);
+    }
+
+    #[test]
+    fn a_filter_that_runs_more_often_on_more_samples_gets_more_time() {
+        for (spp, more, wanted) in [(4.0, 3.9, 1.0), (4.0, 4.0, 3.0), (32.0, 4.0, 1.0), (16.0, 0.1, 1.0)] {
+            assert_eq!(growth(&Slow(false), &Needs::none(), spp, more), wanted, "{spp} spp, {more} times as many");
+        }
     }
 }

@@ -61,7 +61,8 @@ impl Session<'_> {
     /// first of several processes measures it.
     pub(super) fn reserve_for_filter(&mut self, team: Option<&mut Team<'_>>) -> Result<(), Error> {
         let film = &self.state.film;
-        if self.meter.seconds().is_none() || self.meter.filter_seconds().is_some() || film.record.samples == 0 {
+        let Some(limit) = self.meter.seconds().filter(|_| film.record.samples > 0) else { return Ok(()) };
+        if self.meter.filter_seconds().is_some() {
             return Ok(());
         }
         let mut seconds = 0.0;
@@ -71,7 +72,10 @@ impl Session<'_> {
                 Some(team) => film.gather(Some(rows).filter(|_| team.me == 0), &film.needs, &mut *team.exchange)?,
                 None => Some(film.of_rows(rows)?),
             };
-            seconds = part.map_or(0.0, |part| filter_time::estimate(filter, &part, film.frame.size()[1]));
+            let measured = part.map_or(0.0, |part| filter_time::estimate(filter, &part, film.frame.size()[1]));
+            let spp = film.record.samples as f64 / film.frame.pixels() as f64;
+            let traced: f64 = film.record.rounds.iter().map(|round| round.trace_seconds).sum();
+            seconds = measured * filter_time::growth(filter, &film.needs, spp, limit / traced);
         }
         self.meter.reserve(seconds);
         Ok(())

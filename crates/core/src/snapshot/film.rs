@@ -225,6 +225,7 @@ fn put_needs(to: &mut Writer, needs: &Needs) {
         first_hits,
         cost,
         emission,
+        indirect,
         splats,
         channels,
         sums,
@@ -238,6 +239,7 @@ fn put_needs(to: &mut Writer, needs: &Needs) {
     to.number(first_hits);
     to.number(channels);
     let kept = if samples > 0 { SAMPLES } else { 0 } | if trajectories { TRAJECTORIES } else { 0 };
+    let kept = kept | if indirect { INDIRECT } else { 0 };
     to.number(sums.bits() | kept);
     if samples > 0 {
         to.number(samples);
@@ -253,8 +255,10 @@ fn take_needs(from: &mut Reader<'_>) -> Result<Needs, Broken> {
     needs.first_hits = from.number()?;
     needs.channels = from.number()?;
     let bits: u8 = from.number()?;
-    needs.sums = Sums::from_bits(bits & !(SAMPLES | TRAJECTORIES)).ok_or(Broken("a kind of sums is unknown"))?;
+    needs.sums =
+        Sums::from_bits(bits & !(SAMPLES | TRAJECTORIES | INDIRECT)).ok_or(Broken("a kind of sums is unknown"))?;
     needs.trajectories = bits & TRAJECTORIES > 0;
+    needs.indirect = bits & INDIRECT > 0;
     if bits & SAMPLES > 0 {
         needs.samples = from.number()?;
     }
@@ -265,6 +269,8 @@ fn take_needs(from: &mut Reader<'_>) -> Result<Needs, Broken> {
 const SAMPLES: u8 = 0x80;
 /// The flag, in the same byte, of a film that keeps trajectories.
 const TRAJECTORIES: u8 = 0x40;
+/// The flag, in the same byte, of a film that keeps the indirect light.
+const INDIRECT: u8 = 0x20;
 
 pub(crate) fn put_combine(to: &mut Writer, combine: Combine) {
     let (kind, weight) = match combine {

@@ -54,7 +54,7 @@ impl Plane {
     /// [`Plane::Trajectories`].
     pub(crate) fn bytes(self, needs: &Needs) -> usize {
         let of = |recorded: bool, bytes: usize| if recorded { bytes } else { 0 };
-        let channels = 4 * usize::from(needs.channels);
+        let channels = 4 * needs.values();
         match self {
             Self::Counts | Self::Ahead => 8,
             Self::Means => 24,

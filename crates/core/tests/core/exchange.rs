@@ -47,7 +47,7 @@ impl Integrator for More {
         let [r, g, b, u] = draws.block(dapple_core::Block::new(9));
         worker.splat([(u * 40.0) as u32, y + (r * 20.0) as u32], [g, b, if u < 0.001 { f32::NAN } else { r }]);
         worker.channels().iter_mut().for_each(|channel| *channel = r * (x + 1) as f32);
-        self.0.estimate(draws, worker).with_emission([0.5 * r, g, b])
+        self.0.estimate(draws, worker).with_emission([0.5 * r, g, b]).with_indirect([g, 0.5 * b, r])
     }
 
     fn wants_training(&self) -> bool {

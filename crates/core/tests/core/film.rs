@@ -319,3 +319,39 @@ fn emission_is_averaged_within_each_half_and_bounded_by_radiance() {
     assert_eq!((bare.emission(0, 0), bare.image()), (None, film.image()));
     assert!(bare.require("a filter", &Needs::none().with_emission()).is_ok(), "filters work without it");
 }
+
+/// Radiance and indirect light of the samples of one pixel, in turn.
+struct Bounces([[[f32; 3]; 2]; 4]);
+
+impl dapple_core::Integrator for Bounces {
+    fn estimate(&self, draws: &dapple_core::Draws<'_>, worker: &mut dapple_core::Worker) -> dapple_core::Estimate {
+        worker.channels().fill(7.0);
+        let [radiance, indirect] = self.0[draws.id().index as usize % 4];
+        dapple_core::Estimate::new(radiance).with_indirect(indirect)
+    }
+}
+
+#[test]
+fn indirect_light_is_averaged_within_each_half_and_bounded_by_radiance() {
+    let rejected = [[f32::INFINITY, 1.0, 1.0], [0.5; 3]];
+    let samples = [[[2.0; 3], [1.0, 0.0, 9.0]], [[2.0; 3], [0.5, f32::NAN, -1.0]], rejected, [[2.0; 3], [1.5; 3]]];
+    // (1 + 0.5 + 0 + 1.5) / 4, and so on.
+    let (mean, variance) = ([0.75, 0.375, 0.875], [5.0 / 12.0, 0.5625, 1.0625]);
+    let draw = |needs| {
+        run(&mut Bounces(samples), &mut Uniform::new(Constant), needs, frame(1, 1), &Limits::samples(8)).unwrap()
+    };
+    for channels in [0, 2] {
+        let film = draw(Needs::none().with_halves().with_variance().with_indirect().with_channels(channels));
+        for half in [0, 1] {
+            let seen = film.indirect(half, 0).unwrap();
+            let got = (seen.mean, seen.variance().unwrap());
+            let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+            assert!(seen.count == 4 && near(got.0, mean) && near(got.1, variance), "{got:?}");
+            assert_eq!(film.channels(half, 0), &vec![7.0; channels.into()][..]);
+        }
+    }
+    let bare = draw(Needs::none().with_halves());
+    assert!(bare.indirect(0, 0).is_none());
+    assert!(bare.require("a filter", &Needs::none().with_indirect()).is_ok(), "filters work without it");
+    assert!(draw(Needs::none().with_indirect()).indirect(1, 0).unwrap().m2[0].is_nan(), "no variance");
+}

@@ -19,7 +19,10 @@ impl Integrator for Everything {
         let hit = FirstHit::new([a, b, c], [0.0, 0.0, 1.0], 1.0 + d).with_albedo([b; 3]).with_footprint(0.1);
         let behind = SurfaceFeatures::from(&hit);
         let value = if c < 0.1 { -1.0 } else { a };
-        let estimate = Estimate::new([value, b, 0.5 + d]).with_emission([0.1; 3]).with_cost(x % 3);
+        let estimate = Estimate::new([value, b, 0.5 + d])
+            .with_emission([0.1; 3])
+            .with_indirect([c, 0.5 * b, 0.5])
+            .with_cost(x % 3);
         let estimate = estimate.with_first_hit((d > 0.3).then_some(hit));
         if d > 0.3 && a > 0.5 { estimate.with_features(behind) } else { estimate }
     }

@@ -364,9 +364,9 @@ fn parameters_out_of_range_are_refused() {
 #[test]
 fn descriptions_give_every_parameter() {
     assert_eq!(NlMeans::default().describe(), "nlm:window=7,patch=3,k=0.45,features=none");
-    assert_eq!(ClusterRegression::new().describe(), "cluster-regression:passes=3,outside=1,scales=auto");
+    assert_eq!(ClusterRegression::new().describe(), "cluster-regression:passes=3,outside=1,layers=auto,scales=auto");
     let clusters = ClusterRegression::new().with_clusters(label(), "k=9");
-    assert_eq!(clusters.describe(), "cluster-regression:passes=3,outside=0.2,scales=auto,k=9");
+    assert_eq!(clusters.describe(), "cluster-regression:passes=3,outside=0.2,layers=auto,scales=auto,k=9");
     // First hits are recorded only where clusters matter.
     assert_eq!((clusters.needs().first_hits, ClusterRegression::new().needs().first_hits), (1, 0));
 }

@@ -84,8 +84,23 @@ struct Path<P, G> {
     /// True while the emission of light sources seen directly is wanted, and all scattering so far was specular with a
     /// probability of at least [`CERTAIN_LOBE`].
     is_direct: bool,
+    /// The place of the path between direct and indirect light.
+    part: Part,
+    /// The direct part of the radiance, once the path gathers indirect light.
+    direct: Vec3,
     /// The state of the light at vertices.
     gathered: G,
+}
+
+/// A path's place between direct and indirect light.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Part {
+    /// No rough surface or point in a medium has scattered the path yet.
+    First,
+    /// One has. Light sources that it meets still add direct light.
+    Once,
+    /// The path has met a second rough surface or point, where light is indirect.
+    Indirect,
 }
 
 /// A scattering event at which a light was sampled too.
@@ -110,6 +125,16 @@ struct Vertex<'a> {
     wo: Vec3,
     /// The cosine between the direction to the previous vertex and the geometric normal.
     outside: f32,
+}
+
+impl<P, G> Path<P, G> {
+    /// Ends the direct light of a path that has been scattered once, before a vertex adds light that it scatters.
+    #[inline(always)]
+    fn begins_indirect(&mut self) {
+        if self.part == Part::Once {
+            (self.part, self.direct) = (Part::Indirect, self.radiance);
+        }
+    }
 }
 
 impl Vertex<'_> {
@@ -156,6 +181,8 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
             is_smooth: draws.wants_features(),
             is_rare: false,
             is_direct: draws.wants_emission(),
+            part: Part::First,
+            direct: Vec3::ZERO,
             gathered: G::State::default(),
         }
     }
@@ -244,6 +271,9 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
             share = self.vertex_light.share(&path.gathered, &point);
             samples_lights = share > 0.0 && self.vertex_light.samples_lights(&path.gathered, &point);
         }
+        if !bsdf.is_specular() {
+            path.begins_indirect();
+        }
         if !bsdf.is_specular() && !world.lights.is_empty() && samples_lights {
             place = self.selector.place(at.point.position, at.point.normal * vertex.outside);
             let direct = self.direct(training, path, &vertex, place, [choices[0], u[0], u[1]]);
@@ -268,6 +298,9 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
             path.is_rare |= Self::HAS_TRANSMISSION && sample.specular && sample.pdf < RARE_LOBE && bsdf.transmits();
         }
         path.is_direct &= sample.specular && sample.pdf >= CERTAIN_LOBE;
+        if path.part == Part::First && !(sample.specular || varied && bsdf.samples_narrow_lobe(wo, choices[1])) {
+            path.part = Part::Once;
+        }
         if G::ACTIVE {
             self.vertex_light.scattered(&mut path.gathered, sample.specular);
             if !sample.specular {
@@ -422,6 +455,9 @@ impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> Integrator for Pat
             path.depth += 1;
         }
         estimate.radiance = path.radiance.to_array();
+        if path.part == Part::Indirect && draws.wants_indirect() {
+            estimate.indirect = (path.radiance - path.direct).to_array();
+        }
         estimate.cost = path.rays;
         estimate
     }

@@ -9,6 +9,7 @@ mod effects_called;
 mod effects_without;
 mod features;
 mod furnace;
+mod indirect;
 mod l14_effects;
 mod lens_and_shutter;
 mod lights_cells;

@@ -56,7 +56,7 @@ pub struct Field<F>(pub F);
 impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
     fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let radiance = (self.0)(draws.pixel(), draws.block(Block::new(0)));
-        Estimate::new(radiance)
+        Estimate::new(radiance).with_indirect(radiance.map(|value| 0.5 * value))
     }
 }
 
@@ -133,6 +133,7 @@ pub fn everything() -> Needs {
         .with_first_hits(3)
         .with_cost()
         .with_emission()
+        .with_indirect()
         .with_sums(Sums::LOG | Sums::ROOT | Sums::ROOT_MOMENTS)
         .with_samples(5)
         .with_trajectories()

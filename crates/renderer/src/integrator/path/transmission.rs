@@ -1,6 +1,6 @@
 //! Transmission of rays through media, alpha-masked surfaces and interfaces between media.
 
-use super::{LastScatter, LightSelector, Path, PathTracer, ROULETTE_FROM, VertexLight};
+use super::{LastScatter, LightSelector, Part, Path, PathTracer, ROULETTE_FROM, VertexLight};
 use crate::blocks;
 use crate::camera::Lens;
 use crate::light::{LightSample, Target};
@@ -156,6 +156,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         let roulette = path.depth >= ROULETTE_FROM;
         let chooses = lights.len() > 1 || roulette;
         let choices = if chooses { draws.block(blocks::choose(path.depth)) } else { [0.0; 4] };
+        path.begins_indirect();
         if !lights.is_empty() {
             let on_light = draws.block(blocks::scatter(path.depth));
             if let Some(light) = lights.sample(position, choices[0], [on_light[0], on_light[1]]) {
@@ -169,6 +170,9 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         let sample = phase.sample(path.ray.direction, u);
         if G::ACTIVE {
             self.vertex_light.scattered_in_medium(&mut path.gathered);
+        }
+        if path.part == Part::First {
+            path.part = Part::Once;
         }
         path.last = Some(LastScatter { position, place: S::NOWHERE, pdf: sample.pdf });
         path.ray = Ray::new(position, sample.wi);

@@ -1,0 +1,131 @@
+//! The light of a film that a filter reads: all of it, or the direct or the indirect part.
+
+use crate::among::Among;
+use dapple_core::{Error, Film, RgbMoments};
+
+/// The parts of the light that [`ClusterRegression`](crate::ClusterRegression) filters one by one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Layers {
+    /// Two from 16 samples per pixel on, else one: the second takes as much time as some samples per pixel.
+    #[default]
+    Auto,
+    /// All light at once.
+    One,
+    /// Direct and indirect light ([`Estimate::indirect`](dapple_core::Estimate::indirect)), where the film records both.
+    Two,
+}
+
+dapple_core::choices!(Layers { Auto = "auto", One = "1", Two = "2" });
+
+impl Layers {
+    /// Returns `true` if direct and indirect light are filtered one by one at this number of samples per pixel.
+    pub(crate) fn are_two(self, spp: f64) -> bool {
+        match self {
+            Self::Auto => spp >= 16.0,
+            Self::One => false,
+            Self::Two => true,
+        }
+    }
+}
+
+/// The parts of a film's light that are filtered one by one. The film's rows begin with row `top` of the whole image.
+pub(crate) fn parts<'f>(
+    film: &'f Film,
+    layers: Layers,
+    top: usize,
+    among: &mut Among<'_>,
+) -> Result<Vec<Light<'f>>, Error> {
+    let all = vec![Light::all(film)];
+    if layers == Layers::One || !film.needs().indirect {
+        return Ok(all);
+    }
+    let [width, height] = [film.frame().size()[0] as usize, among.height()];
+    let (own, parts) = (among.place(0, top).own_pixels(width), Light::parts(film));
+    let samples = among.total(own.clone().map(|i| film.count(i)).sum())?;
+    let brightest = own.flat_map(|i| parts[1].mean(i)).fold(0.0, f64::max);
+    // Without indirect light, its image is known to be black.
+    let is_lit = among.largest(brightest as f32)? > 0.0;
+    let spp = samples as f64 / (width * height) as f64;
+    Ok(if is_lit && layers.are_two(spp) { parts.to_vec() } else { all })
+}
+
+/// A film, and the part of its light that is filtered.
+#[derive(Clone, Copy)]
+pub(crate) struct Light<'a> {
+    pub(crate) film: &'a Film,
+    part: Part,
+}
+
+#[derive(Clone, Copy)]
+enum Part {
+    All,
+    /// All light but the indirect one.
+    Direct,
+    Indirect,
+}
+
+impl<'a> Light<'a> {
+    pub(crate) fn all(film: &'a Film) -> Self {
+        Self { film, part: Part::All }
+    }
+
+    /// The direct and the indirect light of a film that records halves and indirect light.
+    pub(crate) fn parts(film: &'a Film) -> [Self; 2] {
+        [Part::Direct, Part::Indirect].map(|part| Self { film, part })
+    }
+
+    /// The mean radiance of pixel `i`.
+    pub(crate) fn mean(&self, i: usize) -> [f64; 3] {
+        match self.part {
+            Part::All => self.film.mean(i),
+            Part::Direct => difference(self.film.mean(i), self.indirect(i).mean),
+            Part::Indirect => self.indirect(i).mean,
+        }
+    }
+
+    /// Count, mean and squared deviations of half 0 or 1 of pixel `i`'s samples; of the direct light without deviations.
+    pub(crate) fn half(&self, half: usize, i: usize) -> RgbMoments {
+        let mut moments = self.film.half(half, i).unwrap_or_default();
+        let indirect = || self.film.indirect(half, i).unwrap_or_default();
+        match self.part {
+            Part::All => moments,
+            Part::Direct => {
+                (moments.mean, moments.m2) = (difference(moments.mean, indirect().mean), [f64::NAN; 3]);
+                moments
+            }
+            Part::Indirect => indirect(),
+        }
+    }
+
+    /// The variance of one sample of pixel `i`; `None` below two samples.
+    ///
+    /// That of direct light is the difference of the variances of all and of indirect light. The covariance of both parts,
+    /// which is positive where an edge crosses the pixel, counts as direct light's.
+    pub(crate) fn variance(&self, i: usize) -> Option<[f64; 3]> {
+        match self.part {
+            Part::All => self.film.moments(i).variance(),
+            Part::Direct => Some(difference(self.film.moments(i).variance()?, self.indirect(i).variance()?)),
+            Part::Indirect => self.indirect(i).variance(),
+        }
+    }
+
+    /// The mean emission of light sources that half 0 or 1 of pixel `i`'s samples saw directly.
+    pub(crate) fn emission(&self, half: usize, i: usize) -> Option<[f32; 3]> {
+        match self.part {
+            Part::All | Part::Direct => self.film.emission(half, i),
+            Part::Indirect => None,
+        }
+    }
+
+    fn indirect(&self, i: usize) -> RgbMoments {
+        let [mut all, second] = [0, 1].map(|half| self.film.indirect(half, i).unwrap_or_default());
+        all.merge(&second);
+        all
+    }
+}
+
+/// The difference of two colours, at least 0: means of indirect light are rounded to `f32`.
+fn difference(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|c| (a[c] - b[c]).max(0.0))
+}
