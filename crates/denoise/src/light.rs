@@ -7,7 +7,7 @@ use dapple_core::{Error, Film, RgbMoments};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Layers {
-    /// Two from 16 samples per pixel on, else one: the second takes as much time as some samples per pixel.
+    /// Two from 32 samples per pixel on, else one: the second takes as much time as some samples per pixel.
     #[default]
     Auto,
     /// All light at once.
@@ -22,7 +22,7 @@ impl Layers {
     /// Returns `true` if direct and indirect light are filtered one by one at this number of samples per pixel.
     pub(crate) fn are_two(self, spp: f64) -> bool {
         match self {
-            Self::Auto => spp >= 16.0,
+            Self::Auto => spp >= 32.0,
             Self::One => false,
             Self::Two => true,
         }

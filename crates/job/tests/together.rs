@@ -81,6 +81,19 @@ fn processes_render_the_default_image_of_six_scenes_with_the_bits_of_one() {
     }
 }
 
+#[test]
+fn processes_filter_direct_and_indirect_light_with_the_bits_of_one() {
+    let image_of = |layers: u32| {
+        let spec = spec("cornell").filter(format!("cluster-regression:layers={layers}"));
+        let prepared = prepared(&spec);
+        let wanted = alone(&prepared, &spec);
+        let images = together(3, |mut end| image_together(&mut job(&prepared, &spec), &mut end));
+        assert!(images.into_iter().flatten().all(|image| image == wanted), "{layers} layers");
+        wanted
+    };
+    assert_ne!(image_of(1), image_of(2));
+}
+
 /// Two halves of counts and means take 2 * 32 bytes per pixel, deviations 2 * 24, features 88, a first hit 76, emission 2 * 12,
 /// and indirect light 2 * 24. An EXR file shows all but the last two, a PNG file only counts and means.
 #[test]

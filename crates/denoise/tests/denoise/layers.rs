@@ -64,7 +64,7 @@ fn black_indirect_light_has_the_bits_of_one_layer() {
 
 #[test]
 fn layers_follow_the_number_of_samples() {
-    for (spp, wanted) in [(14, Layers::One), (16, Layers::Two)] {
+    for (spp, wanted) in [(30, Layers::One), (32, Layers::Two)] {
         let film = film(spp, 1.0);
         let image = |layers| filter(layers).apply(&film).unwrap().radiance;
         assert!(image(Layers::Auto) == image(wanted), "{spp} spp");
