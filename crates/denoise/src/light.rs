@@ -43,11 +43,12 @@ pub(crate) fn parts<'f>(
     let [width, height] = [film.frame().size()[0] as usize, among.height()];
     let (own, parts) = (among.place(0, top).own_pixels(width), Light::parts(film));
     let samples = among.total(own.clone().map(|i| film.count(i)).sum())?;
-    let brightest = own.flat_map(|i| parts[1].mean(i)).fold(0.0, f64::max);
+    if !layers.are_two(samples as f64 / (width * height) as f64) {
+        return Ok(all);
+    }
     // Without indirect light, its image is known to be black.
-    let is_lit = among.largest(brightest as f32)? > 0.0;
-    let spp = samples as f64 / (width * height) as f64;
-    Ok(if is_lit && layers.are_two(spp) { parts.to_vec() } else { all })
+    let brightest = own.flat_map(|i| parts[1].mean(i)).fold(0.0, f64::max);
+    Ok(if among.largest(brightest as f32)? > 0.0 { parts.to_vec() } else { all })
 }
 
 /// A film, and the part of its light that is filtered.

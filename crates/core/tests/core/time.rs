@@ -4,12 +4,16 @@ use crate::common::*;
 use dapple_core::samplers::Uniform;
 use dapple_core::{Control, Error, Film, Filter, Filtered, Limits, Needs, Render, Status};
 
-/// A filter that sleeps for a microsecond per pixel.
-struct Sleeper;
+/// A filter that sleeps for a microsecond per pixel, and would so many times from 4 samples per pixel on.
+struct Sleeper(u32);
 
 impl Filter for Sleeper {
     fn name(&self) -> &str {
         "sleeper"
+    }
+
+    fn runs(&self, _: &Needs, spp: f64) -> u32 {
+        if spp < 4.0 { 1 } else { self.0 }
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
@@ -36,10 +40,13 @@ fn a_time_limit_leaves_room_for_the_filter() {
         let film = render.run(&mut Field(noise), &mut sampler).unwrap();
         film.record().trace_seconds()
     };
-    let with = traced(Some(&Sleeper));
+    let with = traced(Some(&Sleeper(1)));
     let seconds = reserved.get().expect("the filter was timed");
     // It sleeps for 0.262 s at least; a busy machine wakes it late.
     assert!((0.262..5.0).contains(&seconds), "{seconds}");
+    traced(Some(&Sleeper(3)));
+    let seconds = reserved.get().expect("the filter was timed");
+    assert!((0.786..15.0).contains(&seconds), "{seconds} for three runs");
     let without = traced(None);
     assert_eq!(reserved.get(), Some(0.0));
     assert!(with < without, "{with} {without}");

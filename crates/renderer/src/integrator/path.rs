@@ -77,8 +77,6 @@ struct Path<P, G> {
     time: f32,
     /// The product of the survival probabilities of Russian roulette so far.
     survival: f32,
-    /// True while features are wanted and all scattering so far was by mirrors, glass and smooth coats.
-    is_smooth: bool,
     /// True if glass reflected or refracted the path in a lobe of less than [`RARE_LOBE`] of the light.
     is_rare: bool,
     /// True while the emission of light sources seen directly is wanted, and all scattering so far was specular with a
@@ -95,11 +93,11 @@ struct Path<P, G> {
 /// A path's place between direct and indirect light.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Part {
-    /// No rough surface or point in a medium has scattered the path yet.
+    /// Mirrors, glass and smooth coats alone have scattered the path so far.
     First,
-    /// One has. Light sources that it meets still add direct light.
+    /// One rough surface or point in a medium has scattered it. Light sources that it meets still add direct light.
     Once,
-    /// The path has met a second rough surface or point, where light is indirect.
+    /// The path has met a second one, where light is indirect; or neither features nor indirect light are wanted.
     Indirect,
 }
 
@@ -128,6 +126,12 @@ struct Vertex<'a> {
 }
 
 impl<P, G> Path<P, G> {
+    /// Returns true while features are wanted and all scattering so far was by mirrors, glass and smooth coats.
+    #[inline(always)]
+    fn is_smooth(&self, draws: &Draws<'_>) -> bool {
+        self.part == Part::First && draws.wants_features()
+    }
+
     /// Ends the direct light of a path that has been scattered once, before a vertex adds light that it scatters.
     #[inline(always)]
     fn begins_indirect(&mut self) {
@@ -178,10 +182,9 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
             medium: if Self::HAS_RARE_EFFECTS { world.camera_medium } else { NO_MEDIUM },
             time,
             survival: 1.0,
-            is_smooth: draws.wants_features(),
             is_rare: false,
             is_direct: draws.wants_emission(),
-            part: Part::First,
+            part: if draws.wants_features() || draws.wants_indirect() { Part::First } else { Part::Indirect },
             direct: Vec3::ZERO,
             gathered: G::State::default(),
         }
@@ -293,14 +296,13 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
             return false;
         }
         path.throughput *= sample.weight;
-        if varied && path.is_smooth {
-            path.is_smooth = sample.specular || bsdf.samples_narrow_lobe(wo, choices[1]);
+        if path.part == Part::First {
+            if !(sample.specular || varied && bsdf.samples_narrow_lobe(wo, choices[1])) {
+                path.part = Part::Once;
+            }
             path.is_rare |= Self::HAS_TRANSMISSION && sample.specular && sample.pdf < RARE_LOBE && bsdf.transmits();
         }
         path.is_direct &= sample.specular && sample.pdf >= CERTAIN_LOBE;
-        if path.part == Part::First && !(sample.specular || varied && bsdf.samples_narrow_lobe(wo, choices[1])) {
-            path.part = Part::Once;
-        }
         if G::ACTIVE {
             self.vertex_light.scattered(&mut path.gathered, sample.specular);
             if !sample.specular {
@@ -403,7 +405,7 @@ impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> Integrator for Pat
                     match self.cross_medium(draws, &mut path, distance) {
                         MediumEnd::Crossed => path.is_direct = false,
                         MediumEnd::Scattered => {
-                            (path.is_smooth, path.is_direct) = (false, false);
+                            path.is_direct = false;
                             continue;
                         }
                         MediumEnd::Absorbed => break,
@@ -414,7 +416,7 @@ impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> Integrator for Pat
                 if Self::HAS_RARE_EFFECTS && path.depth == 0 && draws.wants_trajectory() {
                     estimate.trajectory = self.world.background_trajectory(&ray, path.time);
                 }
-                if Self::HAS_VARIED_SURFACES && path.is_smooth && path.depth > 0 {
+                if Self::HAS_VARIED_SURFACES && path.is_smooth(draws) && path.depth > 0 {
                     estimate.features = features::of_background(&estimate, Self::tint(&path), path.is_rare);
                 }
                 if Self::HAS_ENVIRONMENT {
@@ -444,7 +446,7 @@ impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> Integrator for Pat
                 if draws.wants_trajectory() {
                     estimate.trajectory = self.world.trajectory(&at);
                 }
-            } else if Self::HAS_VARIED_SURFACES && path.is_smooth {
+            } else if Self::HAS_VARIED_SURFACES && path.is_smooth(draws) {
                 let (tint, length) = (Self::tint(&path), features::length(&estimate));
                 let features = self.world.features_of(ray, at, surface, tint, length);
                 estimate.features = Some(features.with_rare(path.is_rare));

@@ -1,4 +1,4 @@
-//! Indirect light: what is left of the radiance is the light that one rough surface or one point in a medium scatters.
+//! Indirect light, and the rest: the light that one rough surface or one point in a medium scatters.
 
 use crate::support::*;
 use dapple_core::samplers::Uniform;
