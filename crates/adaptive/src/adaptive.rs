@@ -24,8 +24,7 @@ use dapple_core::{
 /// # Guarantees
 ///
 /// * The budget is met exactly.
-/// * No pixel gets fewer samples than a kept pilot. That is 4 by default, or about a quarter of the mean count if that
-///   is more.
+/// * No pixel gets fewer samples than a kept pilot. See [`AdaptiveOptions::pilot`].
 /// * Every pixel's score is at least 1 % of the mean.
 /// * Counts are uniform where the predicted gain of adapted counts is too small ([`AdaptiveOptions::gain`]).
 ///

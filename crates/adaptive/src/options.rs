@@ -7,9 +7,9 @@ dapple_core::options! {
     /// The parameters of the error-driven sampler [`Adaptive`](crate::Adaptive). The defaults are those of `dapple
     /// render`.
     pub struct AdaptiveOptions {
-        /// Samples per pixel before counts adapt; 0 takes 4, or a quarter of the mean budget if that is more.
+        /// Samples per pixel before counts adapt; 0 takes half of the mean budget up to 8, or a quarter if that is more.
         ///
-        /// The quarter is rounded down to a count on the ladder of well-stratified counts. Any other pilot has at least
+        /// That is rounded down to a count on the ladder of well-stratified counts, and at least 4. Any other pilot has at least
         /// 2 samples per pixel, and 4 with [`PilotPolicy::Cross`], because each half needs a variance.
         pub pilot: u32 = 0, |pilot| pilot != 1, "two samples or more have a variance; 0 chooses";
         /// Rounds for the rest of the budget; 0 takes 3 with keep, 2 with neighbours, 1 with discard or cross.
@@ -31,8 +31,8 @@ dapple_core::options! {
         pub geometry: f64 = 0.0 => "0", |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
         /// Exponent of the assumed error decrease n^-exponent; at most 1 is used with independent points.
         pub exponent: f64 = 1.15, |rate| rate > 0.0 && rate <= 3.0, "the rate at which errors fall lies in (0, 3]";
-        /// Number added to the squared mean in relative errors; 0.3 for a denoised image, 0.01 for an unfiltered one.
-        pub epsilon: f64 = 0.3, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
+        /// Number added to the squared mean in relative errors; 0.2 for a denoised image, 0.01 for an unfiltered one.
+        pub epsilon: f64 = 0.2, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
         /// Largest number of samples of a pixel, as a multiple of the mean number.
         pub cap: f64 = 8.0 => "8", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
         /// Share of a filter's error map in the score, in a geometric mean with the pixel's own variance.

@@ -6,7 +6,7 @@ use dapple_core::{Error, PilotPolicy, PointSet};
 dapple_core::options! {
     /// The parameters of the error-driven sampler's preset `variance` ([`Adaptive::variance`]).
     pub struct VarianceOptions {
-        /// Samples per pixel before counts adapt; 0 takes 4, or a quarter of the mean budget if that is more.
+        /// Samples per pixel before counts adapt; 0 chooses as [`AdaptiveOptions::pilot`](crate::AdaptiveOptions::pilot) does.
         ///
         /// Any other pilot has at least 2 samples per pixel, and 4 with [`PilotPolicy::Cross`], because each half needs
         /// a variance.

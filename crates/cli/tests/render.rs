@@ -221,7 +221,7 @@ fn an_exr_file_tells_how_it_was_made() {
 fn the_default_is_the_sampler_and_filter_of_clusters() {
     let folder = Folder::new();
     folder.done("render tiny.pbrt --spp 8 -o a.exr");
-    folder.done("render tiny.pbrt --spp 8 -o b.exr --sampler cluster:epsilon=0.3 --filter cluster-regression");
+    folder.done("render tiny.pbrt --spp 8 -o b.exr --sampler cluster:epsilon=0.2 --filter cluster-regression");
     let red = |name: &str| read(&folder, name).1.into_iter().find(|c| c.0 == "R").expect("red").1;
     assert_eq!(red("a.exr"), red("b.exr"));
     let attributes = read_attributes(&folder.read("a.exr"), "a.exr").expect("attributes");

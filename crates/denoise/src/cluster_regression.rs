@@ -24,7 +24,7 @@ use std::ops::Range;
 
 /// The weight of the image that is averaged with the predictions of the first and of the second regression; a window's
 /// centre has the weight 1.
-const BESIDE: [f32; 2] = [0.5, 0.2];
+const BESIDE: [f32; 2] = [0.5, 0.4];
 
 /// The number of passes of a [`ClusterRegression`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -51,7 +51,7 @@ dapple_core::options! {
         /// Weight of a pixel of another cluster relative to one of the same; 1: no clusters.
         pub outside: f64 = 0.2,
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
-        /// Parts of the light that are filtered one by one: 2 (direct and indirect), 1, or auto (2 from 32 spp on).
+        /// Parts of the light that are filtered one by one: 2 (direct and indirect), 1, or auto (2 from 16 spp on).
         pub layers: Layers = Layers::Auto => "auto";
         /// Coarse scales that correct the image of three passes: auto (by the image's size), or 0 (none) to 8.
         pub scales: Scales = Scales::Auto => "auto", |scales| scales.is_valid(), "auto, or 0 (none) to 8 scales";
@@ -95,7 +95,7 @@ dapple_core::options! {
 /// 4. The two images and the unfiltered image are compared in each pixel by their estimated error over 5x5 pixels.
 ///    The blend of the best ones guides a second pass, without albedo. The halves give its remaining noise.
 ///    Both halves share this guide, and so their weights and normal equations.
-/// 5. The result is the choice among all four images by estimated error over 7x7 pixels.
+/// 5. The result is the choice among all four images by estimated error over 5x5 pixels.
 /// 6. With three passes, the unfiltered image is no candidate in that choice. The choice guides a regression over 41x41
 ///    pixels around every sixth pixel of every sixth row, without albedo. The choice is moved towards its image, and the
 ///    unfiltered image towards the result, each as far as their difference is noise by the halves [after James and
@@ -106,6 +106,10 @@ dapple_core::options! {
 ///    and Boubekeur 2017]. At each of them a regression over 41x41 of its pixels corrects the mean of the finer result.
 ///    The change is added to the finer image where normal and depth are alike. This happens before the last blend of
 ///    step 6, with the light of outliers in the image. Then more is needed to count as an outlier or as detail.
+///
+/// 9. With two `layers`, these steps filter direct light, then indirect light, and both images are added. Indirect light has
+///    few edges: step 3 is left out if there are three passes, colours and features may differ 1.4 times as much from step 4 on,
+///    and detail needs 2 times the evidence.
 ///
 /// # Guarantees
 ///
@@ -178,44 +182,51 @@ impl ClusterRegression {
     /// Runs the second pass on both halves of the samples. `guide` is an image with less noise, by which pixels are
     /// compared.
     fn second(&self, inputs: &Inputs, guide: &Pair) -> Pair {
-        let features = FeatureScales { bandwidth: 5.0, floors: [1e-2, 2e-2], slope: 3.0 };
+        let features = FeatureScales { bandwidth: 5.0 * inputs.smoothness, floors: [1e-2, 2e-2], slope: 3.0 };
         // The first pass has used most of the information in the clusters.
         let outside = self.outside().max(0.7) as f32;
-        let like = Likeness { patch: 1, colour: 1.5, features: Some(features), outside };
+        let colour = 1.5 * inputs.smoothness;
+        let like = Likeness { patch: 1, colour, features: Some(features), outside };
         Pair(regress(inputs, &[residual_guide(inputs, guide)], &like, guide, BESIDE[1]))
     }
 
-    /// The bilateral image and that of the first pass.
-    fn averaged_and_first(&self, inputs: &Inputs, among: &mut Among<'_>) -> Result<[Pair; 2], Error> {
+    /// The images that the guide of the second pass is chosen from: that of the first pass and the bilateral one.
+    ///
+    /// Before a third pass, light that varies smoothly gets no first pass. Its error stays, and the filter takes a tenth less
+    /// time (docs/results/default-image.md).
+    fn before_second(&self, inputs: &Inputs, among: &mut Among<'_>) -> Result<Vec<Pair>, Error> {
         let averaged = Bilateral::candidate().pair(inputs);
+        if self.options.passes == Passes::Three && inputs.smoothness > 1.0 {
+            return Ok(among.complete(inputs, [averaged], Among::rows)?.into());
+        }
         let first = self.first(inputs, &averaged);
-        among.complete(inputs, [averaged, first], Among::rows)
+        Ok(among.complete(inputs, [first, averaged], Among::rows)?.into())
     }
 
     /// The image of one or two passes.
     fn pair(&self, inputs: &Inputs, among: &mut Among<'_>) -> Result<Pair, Error> {
-        let [averaged, first] = self.averaged_and_first(inputs, among)?;
+        let mut images = self.before_second(inputs, among)?;
         if self.options.passes == Passes::One {
-            return Ok(first);
+            return Ok(images.swap_remove(0));
         }
         let unfiltered = Pair::unfiltered(inputs);
-        let weight = relative_weight(inputs, &first);
-        let chosen = select(inputs, &[&first, &averaged], Some(&unfiltered), &weight, FIRST_CHOICE, 0.0);
-        let [second] = among.complete(inputs, [self.second(inputs, &chosen)], Among::rows)?;
-        Ok(select(inputs, &[&first, &averaged, &second], Some(&unfiltered), &weight, SECOND_CHOICE, 0.0))
+        let weight = relative_weight(inputs, &images[0]);
+        let chosen = select(inputs, &images, Some(&unfiltered), &weight, FIRST_CHOICE, 0.0);
+        images.extend(among.complete(inputs, [self.second(inputs, &chosen)], Among::rows)?);
+        Ok(select(inputs, &images, Some(&unfiltered), &weight, SECOND_CHOICE, 0.0))
     }
 
     /// The image of three passes before its blend with the unfiltered image. The unfiltered image guides the second pass
     /// where its error is less by `evidence` standard errors.
     fn smooth(&self, inputs: &Inputs, evidence: f32, among: &mut Among<'_>) -> Result<Pair, Error> {
-        let [averaged, first] = self.averaged_and_first(inputs, among)?;
-        let weight = relative_weight(inputs, &first);
+        let mut images = self.before_second(inputs, among)?;
+        let weight = relative_weight(inputs, &images[0]);
         let unfiltered = Pair::unfiltered(inputs);
-        let chosen = select(inputs, &[&first, &averaged], Some(&unfiltered), &weight, FIRST_CHOICE, evidence);
+        let chosen = select(inputs, &images, Some(&unfiltered), &weight, FIRST_CHOICE, evidence);
         drop(unfiltered);
-        let [second] = among.complete(inputs, [self.second(inputs, &chosen)], Among::rows)?;
-        let base = select(inputs, &[&first, &averaged, &second], None, &weight, SECOND_CHOICE, 0.0);
-        drop((first, averaged, second, chosen));
+        images.extend(among.complete(inputs, [self.second(inputs, &chosen)], Among::rows)?);
+        let base = select(inputs, &images, None, &weight, SECOND_CHOICE, 0.0);
+        drop((images, chosen));
         let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
         let [smooth] = among.complete(inputs, [smooth], Among::rows)?;
         Ok(shrink(inputs, &base, &smooth, scales::BLEND, EVIDENCE))
@@ -245,8 +256,8 @@ impl ClusterRegression {
             inputs.add(&light);
         }
         scales::correct(inputs, coarse, &mut image, scales, among)?;
-        // More pixels show less detail each, so that more of what looks like detail is noise.
-        let evidence = 0.5 * EVIDENCE * (1 + scales) as f32;
+        // In larger images and in light without edges, more of what looks like detail is noise.
+        let evidence = 0.5 * EVIDENCE * (1 + scales) as f32 * inputs.smoothness * inputs.smoothness;
         filtered_over(inputs, &blended(inputs, &image, evidence), 3 * scales, among)
     }
 
@@ -295,7 +306,7 @@ fn add(image: &mut Filtered, other: Filtered) {
 
 /// The radius over which errors are compared for the guide of the second pass, and for its result.
 const FIRST_CHOICE: usize = 2;
-const SECOND_CHOICE: usize = 3;
+const SECOND_CHOICE: usize = 2;
 
 /// The rows of a film that a filter with these options reads above and below its own, for an image of this size. Grids of
 /// windows and tiles add to them ([`rows_around`]).

@@ -124,13 +124,13 @@ pub(crate) fn raw_error(inputs: &Inputs, image: &Pair, weight: &[f32]) -> [Plane
 /// 0 is no condition. One pixel whose two halves are bright by chance reaches 1 standard error.
 pub(crate) fn select(
     inputs: &Inputs,
-    filtered: &[&Pair],
+    filtered: &[Pair],
     unfiltered: Option<&Pair>,
     weight: &[f32],
     radius: usize,
     evidence: f32,
 ) -> Pair {
-    let candidates: Vec<&Pair> = filtered.iter().copied().chain(unfiltered).collect();
+    let candidates: Vec<&Pair> = filtered.iter().chain(unfiltered).collect();
     let raw: Vec<Plane> = candidates
         .par_iter()
         .map(|pair| {

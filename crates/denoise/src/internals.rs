@@ -143,7 +143,7 @@ fn takes_filtered(ratio: f32) -> bool {
     // The error of a constant image without noise is its squared bias less d^2.
     let bias = ((ratio + 1.0) * NOISE * NOISE).sqrt();
     let (image, unfiltered) = (pair(|_, _| 1.0 + bias), Pair::unfiltered(&inputs));
-    let chosen = select(&inputs, &[&image], Some(&unfiltered), &vec![1.0; PIXELS], 2, 0.0);
+    let chosen = select(&inputs, std::slice::from_ref(&image), Some(&unfiltered), &vec![1.0; PIXELS], 2, 0.0);
     let [found, own] = [chosen.0[0][0][PIXELS / 2], unfiltered.0[0][0][PIXELS / 2]];
     (found - 1.0 - bias).abs() < (found - own).abs()
 }

@@ -7,7 +7,7 @@ use dapple_core::{Error, Film, RgbMoments};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Layers {
-    /// Two from 32 samples per pixel on, else one: the second takes as much time as some samples per pixel.
+    /// Two from 16 samples per pixel on, else one: the second takes as much time as some samples per pixel.
     #[default]
     Auto,
     /// All light at once.
@@ -22,7 +22,7 @@ impl Layers {
     /// Returns `true` if direct and indirect light are filtered one by one at this number of samples per pixel.
     pub(crate) fn are_two(self, spp: f64) -> bool {
         match self {
-            Self::Auto => spp >= 32.0,
+            Self::Auto => spp >= 16.0,
             Self::One => false,
             Self::Two => true,
         }
@@ -108,6 +108,15 @@ impl<'a> Light<'a> {
             Part::All => self.film.moments(i).variance(),
             Part::Direct => Some(difference(self.film.moments(i).variance()?, self.indirect(i).variance()?)),
             Part::Indirect => self.indirect(i).variance(),
+        }
+    }
+
+    /// The factor on the bandwidths within which pixels count as alike. Indirect light has few edges, and much of its noise is
+    /// taken for edges by the bandwidths of all light.
+    pub(crate) fn smoothness(&self) -> f32 {
+        match self.part {
+            Part::All | Part::Direct => 1.0,
+            Part::Indirect => 1.4,
         }
     }
 

@@ -84,6 +84,8 @@ pub(crate) struct Inputs {
     pub(crate) place: Place,
     /// The image's level: the radiance (near the mean of the image) that is scaled to 1 in these planes.
     pub(crate) level: f32,
+    /// The factor on bandwidths ([`Light::smoothness`]).
+    pub(crate) smoothness: f32,
     /// The largest light in these planes; the rest is withheld ([`Inputs::restored`]).
     bounds: Bounds,
     pub(crate) halves: [Half; 2],
@@ -105,12 +107,13 @@ impl Inputs {
             per_pixel(film, |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
         });
         let features = features(film, reads.features, &place, among)?;
-        Ok(Self { size, place, level, bounds, halves, features, labels })
+        Ok(Self { size, place, level, smoothness: light.smoothness(), bounds, halves, features, labels })
     }
 
     /// Reads the colours of another part of the film's light. Features and clusters stay.
     pub(crate) fn read(&mut self, light: Light<'_>, among: &mut Among<'_>) -> Result<(), Error> {
         (self.level, self.bounds, self.halves) = colours(light, &self.place, among)?;
+        self.smoothness = light.smoothness();
         Ok(())
     }
 
@@ -118,7 +121,8 @@ impl Inputs {
     pub(crate) fn with_planes(&self, place: Place, halves: [Half; 2], features: Features) -> Self {
         let width = self.size[0].div_ceil(2);
         let size = [width, features.scale.len() / width];
-        Self { size, place, level: self.level, bounds: self.bounds, halves, features, labels: None }
+        let Self { level, smoothness, bounds, .. } = *self;
+        Self { size, place, level, smoothness, bounds, halves, features, labels: None }
     }
 
     /// The number of bytes per pixel that these planes occupy, and the largest number while they are computed.

@@ -21,7 +21,7 @@ pub(crate) struct Radii {
 pub(crate) const LAST: Radii = Radii { bias: 5, noise: 10 };
 
 /// The radius over which the share of the smooth image is averaged.
-const SHARE: usize = 2;
+const SHARE: usize = 3;
 
 impl Radii {
     /// The rows that [`shrink`] reads above and below its own: the larger sum, the average of the shares, and the relative

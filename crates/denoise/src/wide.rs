@@ -69,6 +69,8 @@ pub(crate) const ROWS_READ: usize = 2 * REACH + PATCH;
 pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
     let [width, height] = inputs.size;
     let stacks = stacks(inputs, guide);
+    let colour = COLOUR * inputs.smoothness;
+    let share = 1.0 / (9.0 * colour * colour);
     // Rows count from the first one of the whole image's task that the first row belongs to.
     let skipped = inputs.place.top % BAND;
     let [bands, tiles] = [(skipped + height).div_ceil(BAND), stacks.len()];
@@ -82,7 +84,7 @@ pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
                 return Vec::new();
             }
             let (stack, size) = (&stacks[tile], [columns.min(CENTRES), height]);
-            dispatch(BandTask { stack, size, first: band * BAND, skipped, own: inputs.place.rows() })
+            dispatch(BandTask { stack, size, first: band * BAND, skipped, own: inputs.place.rows(), share })
         })
         .collect();
     let row = |y: usize| -> Vec<f32> {
@@ -155,6 +157,8 @@ struct BandTask<'a> {
     skipped: usize,
     /// The rows that must be right.
     own: Range<usize>,
+    /// The factor on the differences of a patch.
+    share: f32,
 }
 
 impl WithSimd for BandTask<'_> {
@@ -178,7 +182,7 @@ impl WithSimd for BandTask<'_> {
                 windows.clear();
                 for (block, k) in (group..columns.min(group + GROUP)).step_by(S::F32_LANES).enumerate() {
                     let centre = Centre::new(simd, self.stack, [y, k], self.size);
-                    weigh(simd, &centre, [self.first, self.skipped], &mut seen[block]);
+                    weigh(simd, &centre, self.share, [self.first, self.skipped], &mut seen[block]);
                     let fits = fit(simd, &centre, &seen[block]);
                     windows.push((centre, fits));
                 }
@@ -257,9 +261,9 @@ impl<S: Simd> Seen<S> {
 }
 
 /// Lists the pixels of the windows with their weights. The sums of the band begin [`REACH`] rows above row `first`; the
-/// planes begin with row `skipped`.
+/// planes begin with row `skipped`. `share` is the factor on the summed differences of a patch.
 #[inline(always)]
-fn weigh<S: Simd>(simd: S, centre: &Centre<'_, S>, [first, skipped]: [usize; 2], seen: &mut Seen<S>) {
+fn weigh<S: Simd>(simd: S, centre: &Centre<'_, S>, share: f32, [first, skipped]: [usize; 2], seen: &mut Seen<S>) {
     let (stack, zero) = (centre.stack, simd.splat_f32s(0.0));
     let mut patch = [[zero; 4]; 9];
     let near = centre.rows_near(centre.y);
@@ -274,7 +278,7 @@ fn weigh<S: Simd>(simd: S, centre: &Centre<'_, S>, [first, skipped]: [usize; 2],
     for p in 0..13 {
         features[p] = own.get::<S>(MEANS + p);
     }
-    let (share, far) = (simd.splat_f32s(1.0 / (9.0 * COLOUR * COLOUR)), simd.splat_f32s(FAR));
+    let (share, far) = (simd.splat_f32s(share), simd.splat_f32s(FAR));
     let mut count = 0;
     for y in centre.y.saturating_sub(REACH)..(centre.y + REACH + 1).min(centre.height) {
         let near = centre.rows_near(y);

@@ -74,7 +74,7 @@ fn the_former_name_of_adaptive_is_understood_and_the_library_has_the_same_defaul
     };
     assert_eq!(describe("cluster"), describe("adaptive"));
     assert_eq!(dapple_adaptive::Adaptive::new(points()).describe(), describe("adaptive"));
-    assert_eq!(describe("adaptive:epsilon=0.3"), describe("adaptive"));
+    assert_eq!(describe("adaptive:epsilon=0.2"), describe("adaptive"));
 }
 
 /// Counts that follow a filter's own error: the sampler asks for what the filter reads, and says its name.
@@ -278,7 +278,7 @@ fn descriptions_stay_as_files_hold_them() {
         (
             "adaptive",
             "adaptive:by=variance,pilot=0,rounds=0,pool=alike,radius=2,prior=12,power=1,geometry=0,exponent=1.15,\
-             epsilon=0.3,cap=8,mix=0.5,gain=0.98,policy=neighbours,edge=16,normals=10,cost=0",
+             epsilon=0.2,cap=8,mix=0.5,gain=0.98,policy=neighbours,edge=16,normals=10,cost=0",
         ),
         ("mitchell", "mitchell:initial=0,additional=0,red=0.4,green=0.3,blue=0.6,radius=1,mode=budget,policy=keep"),
         ("mitchell-pbrt", "mitchell-pbrt:min=4,max=32,threshold=0.5,mode=budget,policy=refined,test=contrast"),
