@@ -9,8 +9,8 @@ dapple_core::options! {
     pub struct AdaptiveOptions {
         /// Samples per pixel before counts adapt; 0 takes half of the mean budget up to 8, or a quarter if that is more.
         ///
-        /// That is rounded down to a count on the ladder of well-stratified counts, and at least 4. Any other pilot has at least
-        /// 2 samples per pixel, and 4 with [`PilotPolicy::Cross`], because each half needs a variance.
+        /// That is rounded down to a count on the ladder of well-stratified counts, and at least 4. Any other pilot has at
+        /// least 2 samples per pixel, and 4 with [`PilotPolicy::Cross`], because each half needs a variance.
         pub pilot: u32 = 0, |pilot| pilot != 1, "two samples or more have a variance; 0 chooses";
         /// Rounds for the rest of the budget; 0 takes 3 with keep, 2 with neighbours, 1 with discard or cross.
         ///

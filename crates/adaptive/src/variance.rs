@@ -6,7 +6,7 @@ use dapple_core::{Error, PilotPolicy, PointSet};
 dapple_core::options! {
     /// The parameters of the error-driven sampler's preset `variance` ([`Adaptive::variance`]).
     pub struct VarianceOptions {
-        /// Samples per pixel before counts adapt; 0 chooses as [`AdaptiveOptions::pilot`](crate::AdaptiveOptions::pilot) does.
+        /// Samples per pixel before counts adapt; 0 takes half of the mean budget up to 8, or a quarter if that is more.
         ///
         /// Any other pilot has at least 2 samples per pixel, and 4 with [`PilotPolicy::Cross`], because each half needs
         /// a variance.

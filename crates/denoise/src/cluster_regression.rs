@@ -106,7 +106,6 @@ dapple_core::options! {
 ///    and Boubekeur 2017]. At each of them a regression over 41x41 of its pixels corrects the mean of the finer result.
 ///    The change is added to the finer image where normal and depth are alike. This happens before the last blend of
 ///    step 6, with the light of outliers in the image. Then more is needed to count as an outlier or as detail.
-///
 /// 9. With two `layers`, these steps filter direct light, then indirect light, and both images are added. Indirect light has
 ///    few edges: step 3 is left out if there are three passes, colours and features may differ 1.4 times as much from step 4 on,
 ///    and detail needs 2 times the evidence.
@@ -192,8 +191,8 @@ impl ClusterRegression {
 
     /// The images that the guide of the second pass is chosen from: that of the first pass and the bilateral one.
     ///
-    /// Before a third pass, light that varies smoothly gets no first pass. Its error stays, and the filter takes a tenth less
-    /// time (docs/results/default-image.md).
+    /// Before a third pass, light that varies smoothly gets no first pass. With its wide bandwidths the error stays, and two
+    /// layers take a tenth fewer instructions (docs/results/default-image.md).
     fn before_second(&self, inputs: &Inputs, among: &mut Among<'_>) -> Result<Vec<Pair>, Error> {
         let averaged = Bilateral::candidate().pair(inputs);
         if self.options.passes == Passes::Three && inputs.smoothness > 1.0 {

@@ -54,9 +54,9 @@ fn two_layers_keep_a_shadow_under_noisy_indirect_light() {
     assert!((0.5..2.0).contains(&(two / one)), "{two} predicted with two layers, {one} with one");
 }
 
-/// By itself, light whose noise is larger than its mean is averaged more as indirect light than as all light.
+/// Detail of indirect light needs more evidence, so that less of the noise of one flat wall stays in the image.
 #[test]
-fn indirect_light_is_averaged_over_more_pixels() {
+fn less_noise_of_indirect_light_counts_as_detail() {
     let errors = [0.0, 1.0].map(|reports| {
         let mut film = Film::new(Frame::new(SIDE, SIDE).unwrap(), NEEDS);
         let mut noise = Noise::new(11);
@@ -72,7 +72,7 @@ fn indirect_light_is_averaged_over_more_pixels() {
         image.iter().map(|p| f64::from(p[0] - 0.5).powi(2)).sum::<f64>() / image.len() as f64
     });
     let [all, indirect] = errors;
-    assert!(indirect < 0.9 * all, "{indirect} as indirect light, {all} as all light");
+    assert!(indirect < 0.6 * all, "{indirect} as indirect light, {all} as all light");
 }
 
 #[test]
