@@ -1,20 +1,26 @@
 //! The direction of dependencies between crates: the table in docs/ARCHITECTURE.md, checked against `cargo metadata`.
 //!
-//! `cargo deny check` covers licences, second versions and sources (deny.toml).
+//! Licences, second versions and sources, by the lists of deny.toml. `cargo deny check` also reads licence texts and
+//! advisories; it takes minutes to install, so that CI runs it only where it is.
 
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
-/// The resolved graph of normal dependencies: each package with its direct dependencies.
-fn graph() -> (BTreeMap<String, BTreeSet<String>>, Value) {
+fn metadata(more: &[&str]) -> Value {
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--format-version", "1", "--locked"])
+        .args(more)
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()
         .expect("cargo metadata runs");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let metadata: Value = serde_json::from_slice(&output.stdout).expect("metadata is JSON");
+    serde_json::from_slice(&output.stdout).expect("metadata is JSON")
+}
+
+/// The resolved graph of normal dependencies: each package with its direct dependencies.
+fn graph() -> (BTreeMap<String, BTreeSet<String>>, Value) {
+    let metadata = metadata(&[]);
     let names: BTreeMap<&str, &str> = metadata["packages"]
         .as_array()
         .expect("packages")
@@ -256,6 +262,74 @@ fn no_dependency_needs_a_newer_compiler_than_ours() {
     }
     assert!(packages.iter().filter(|p| needed(p).is_some()).count() > 50, "few packages state a version");
     assert!(minor("1.100.0") > minor("1.90"), "versions are compared as text");
+}
+
+fn deny() -> toml::Table {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("deny.toml");
+    std::fs::read_to_string(path).expect("deny.toml").parse().expect("TOML")
+}
+
+/// Entries of one of deny.toml's lists: texts, or the crates of tables.
+fn listed(section: &str, key: &str) -> BTreeSet<String> {
+    let deny = deny();
+    let of = |entry: &toml::Value| entry.get("crate").unwrap_or(entry).as_str().expect("a name").to_owned();
+    deny[section][key].as_array().expect("a list").iter().map(of).collect()
+}
+
+/// Tells whether a licence expression is met by allowed licences: of each part of an AND, one choice of the OR.
+///
+/// An OR of ANDs without parentheses is read too strictly.
+fn allows(allowed: &BTreeSet<String>, expression: &str) -> bool {
+    expression.replace('/', " OR ").split(" AND ").all(|part| {
+        let part = part.trim_matches(['(', ')', ' ']);
+        part.split(" OR ").any(|choice| allowed.contains(choice.trim()))
+    })
+}
+
+#[test]
+fn licences_are_among_those_of_deny_toml() {
+    let metadata = metadata(&["--all-features"]);
+    let allowed = listed("licenses", "allow");
+    for package in metadata["packages"].as_array().expect("packages") {
+        let (name, licence) = (&package["name"], package["license"].as_str().unwrap_or("none"));
+        assert!(allows(&allowed, licence), "{name} has the licence {licence}");
+    }
+    assert!(allows(&allowed, "(MIT OR LGPL-2.1) AND Unicode-3.0"));
+    for other in ["none", "GPL-3.0-only", "MIT AND GPL-3.0-only", "Apache-2.0 WITH LLVM-exception"] {
+        assert!(!allows(&allowed, other), "{other} is let through");
+    }
+}
+
+/// Name, version and source of every package in Cargo.lock but the workspace's own.
+fn locked() -> Vec<(String, String, String)> {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.lock");
+    let lock: toml::Table = std::fs::read_to_string(path).expect("Cargo.lock").parse().expect("TOML");
+    let text = |package: &toml::Value, key: &str| package.get(key).and_then(|v| v.as_str()).map(str::to_owned);
+    let packages = lock["package"].as_array().expect("packages").iter();
+    packages.filter_map(|p| Some((text(p, "name")?, text(p, "version")?, text(p, "source")?))).collect()
+}
+
+/// Packages beside the newest of the same name.
+fn second_versions(locked: &[(String, String, String)]) -> BTreeSet<String> {
+    let mut versions = BTreeMap::<&str, Vec<&str>>::new();
+    for (name, version, _) in locked {
+        versions.entry(name).or_default().push(version);
+    }
+    let newer = |version: &&str| minor(version);
+    versions.values_mut().for_each(|v| v.sort_by_key(newer));
+    let older =
+        |(name, v): (&str, Vec<&str>)| v.iter().rev().skip(1).map(|v| format!("{name}@{v}")).collect::<Vec<_>>();
+    versions.into_iter().flat_map(older).collect()
+}
+
+#[test]
+fn second_versions_are_those_that_deny_toml_explains() {
+    let locked = locked();
+    assert!(locked.len() > 100, "{} packages", locked.len());
+    assert_eq!(second_versions(&locked), listed("bans", "skip"));
+    for (name, _, source) in &locked {
+        assert_eq!(source, "registry+https://github.com/rust-lang/crates.io-index", "{name} is from elsewhere");
+    }
 }
 
 #[test]

@@ -359,7 +359,7 @@ fn the_places_where_the_guides_insert_lines_exist() {
 }
 
 #[test]
-#[ignore = "compiles a copy of the workspace: minutes; CI runs it"]
+#[ignore = "compiles a copy of the workspace: minutes; .ci/run --full runs it"]
 fn the_guides_compile_and_their_tests_pass_when_followed_to_the_letter() {
     let workspace = scratch();
     for name in ERRANDS {

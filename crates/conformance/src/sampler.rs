@@ -258,10 +258,16 @@ fn same_bits(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Sc
     };
     let reference = film(1, &limits);
     assert!(film(1, &limits) == reference, "{scene:?}: a second run gives other bits");
-    for threads in [2, 3, 7] {
+    // The other scenes differ in what is planned, not in how it is shared out.
+    let thorough = scene == Scene::Edge;
+    let (threads, schedules): (&[usize], &[(u32, u32, u64)]) = match thorough {
+        true => (&[2, 3, 7], &[(7, 1, 0), (16, 13, 1), (64, 0, 2), (1, 13, 0xfeed)]),
+        false => (&[3], &[(1, 13, 0xfeed)]),
+    };
+    for &threads in threads {
         assert!(film(threads, &limits) == reference, "{scene:?}: {threads} threads give other bits than one");
     }
-    for (tile_rows, slice_spp, shuffle) in [(7, 1, 0), (16, 13, 1), (64, 0, 2), (1, 13, 0xfeed)] {
+    for &(tile_rows, slice_spp, shuffle) in schedules {
         let mut cut = limits.clone();
         cut.schedule =
             dapple_core::Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle);
@@ -304,7 +310,9 @@ fn resumes(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Scen
         film.unwrap_or_else(|e| panic!("{case}: it cannot be resumed: {e}"))
     };
     let unsliced = Limits::samples(21 * pixels + 5);
-    for (i, bytes) in keeper.slices.iter().chain([&keeper.end]).enumerate() {
+    // Every slice in one scene; in the others every fourth one, and the end.
+    let step = if scene == Scene::Edge { 1 } else { 4 };
+    for (i, bytes) in keeper.slices.iter().enumerate().step_by(step).chain([(keeper.slices.len(), &keeper.end)]) {
         let film = resumed(bytes, &unsliced, 1 + i % 3);
         assert!(
             bits(&film) == whole,

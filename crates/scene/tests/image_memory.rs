@@ -138,42 +138,35 @@ fn flat_hdr(side: usize) -> Vec<u8> {
     bytes
 }
 
+/// An RGB image of one colour.
+fn flat(width: u32, height: u32) -> RgbImage {
+    RgbImage::from_pixel(width, height, image::Rgb([9, 99, 200]))
+}
+
 #[test]
 fn reading_an_image_takes_256_mib_and_16_times_its_file_i01() {
     let folder = tempfile::tempdir().expect("a folder");
     let (grown, _) = measure(folder.path(), "control", &[]);
     assert!(grown >= 300 * MIB, "the control was measured as {grown}");
-    let rgb = |side| save(RgbImage::from_pixel(side, side, image::Rgb([9, 99, 200])), ImageFormat::Png);
-    let rgba = |side| save(RgbaImage::from_pixel(side, side, image::Rgba([9, 99, 200, 7])), ImageFormat::Png);
-    let row = save(RgbImage::from_pixel(60_000, 280, image::Rgb([9, 99, 200])), ImageFormat::Png);
-    let jpeg = |side| save(RgbImage::from_pixel(side, side, image::Rgb([9, 99, 200])), ImageFormat::Jpeg);
+    let alpha = save(RgbaImage::from_pixel(3900, 3900, image::Rgba([9, 99, 200, 7])), ImageFormat::Png);
+    let bomb = save(DynamicImage::new_luma8(20_000, 20_000), ImageFormat::Png);
     let [progressive, scans] = odd_jpegs(1700);
-    let [large_progressive, large_scans] = odd_jpegs(6000);
     let zip = exr::Compression::ZIP16;
     let mut files = vec![
-        ("small.png", rgb(4096), "read"),
-        ("large.png", rgb(5200), "refused"),
-        ("alpha.png", rgba(3900), "read"),
-        ("row.png", row, "read"),
-        ("bomb.png", save(DynamicImage::new_luma8(20_000, 20_000), ImageFormat::Png), "refused"),
-        ("small.jpg", jpeg(4096), "read"),
-        ("large.jpg", jpeg(9000), "refused"),
+        ("small.png", save(flat(4096, 4096), ImageFormat::Png), "read"),
+        ("alpha.png", alpha, "read"),
+        ("row.png", save(flat(60_000, 280), ImageFormat::Png), "read"),
+        ("bomb.png", bomb, "refused"),
+        ("small.jpg", save(flat(4096, 4096), ImageFormat::Jpeg), "read"),
         ("progressive.jpg", progressive, ""),
         ("scans.jpg", scans, ""),
-        ("large progressive.jpg", large_progressive, "refused"),
-        ("large scans.jpg", large_scans, "refused"),
         ("small.tga", flat_tga(4096, 10), "read"),
         ("indexed.tga", flat_tga(2000, 9), "read"),
-        ("large.tga", flat_tga(6000, 9), "refused"),
         ("small.hdr", flat_hdr(4096), "read"),
-        ("large.hdr", flat_hdr(8000), "refused"),
         ("small.exr", flat_exr(1900, zip, None, 0), "read"),
         ("many.exr", flat_exr(1200, zip, None, 60), "read"),
-        ("channels many.exr", flat_exr(2400, zip, None, 60), "refused"),
         ("channels small.exr", flat_exr(1200, zip, None, 4), "read"),
-        ("large.exr", flat_exr(6000, zip, None, 0), "refused"),
         ("tile.exr", flat_exr(800, zip, Some(800), 0), "read"),
-        ("large tile.exr", flat_exr(3800, zip, Some(3800), 0), "refused"),
     ];
     for (name, compression) in [
         ("piz.exr", exr::Compression::PIZ),
@@ -185,9 +178,34 @@ fn reading_an_image_takes_256_mib_and_16_times_its_file_i01() {
     ] {
         files.push((name, flat_exr(1000, compression, Some(700), 0), ""));
     }
+    check(folder.path(), files);
+}
+
+/// Files that are too large for that are refused before their pixels are decoded.
+#[test]
+#[ignore = "makes files of up to 300 MB, 15 s"]
+fn an_image_that_would_take_more_is_refused_i01() {
+    let [large_progressive, large_scans] = odd_jpegs(6000);
+    let zip = exr::Compression::ZIP16;
+    let files = vec![
+        ("large.png", save(flat(5200, 5200), ImageFormat::Png), "refused"),
+        ("large.jpg", save(flat(9000, 9000), ImageFormat::Jpeg), "refused"),
+        ("large progressive.jpg", large_progressive, "refused"),
+        ("large scans.jpg", large_scans, "refused"),
+        ("large.tga", flat_tga(6000, 9), "refused"),
+        ("large.hdr", flat_hdr(8000), "refused"),
+        ("channels many.exr", flat_exr(2400, zip, None, 60), "refused"),
+        ("large.exr", flat_exr(6000, zip, None, 0), "refused"),
+        ("large tile.exr", flat_exr(3800, zip, Some(3800), 0), "refused"),
+    ];
+    check(tempfile::tempdir().expect("a folder").path(), files);
+}
+
+/// Reads each file in a process of its own, and expects its outcome, if it is not empty, within the memory.
+fn check(folder: &Path, files: Vec<(&str, Vec<u8>, &str)>) {
     let mut wrong = Vec::new();
     for (name, bytes, expected) in files {
-        let (grown, word) = measure(folder.path(), name, &bytes);
+        let (grown, word) = measure(folder, name, &bytes);
         if grown > 256 * MIB + 15 * bytes.len() as u64 {
             wrong.push(format!("{name}: {} MiB", grown / MIB));
         }

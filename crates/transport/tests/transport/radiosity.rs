@@ -62,7 +62,7 @@ fn means_are_the_path_tracers() {
     };
     for (name, wall) in [("diffuse", diffuse(0.3)), ("mirror", metal(0.0)), ("glossy", metal(0.3)), ("sheet", sheet)] {
         let scene = chamber(wall);
-        let expected = means(&scene, "path", 512, 0..8);
+        let expected = means(&scene, "path", 256, 0..8);
         for gather in [0, 1] {
             let request = format!("radiosity:particles=4000,gather={gather}");
             let found = means(&scene, &request, 32, 10..18);
