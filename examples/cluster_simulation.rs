@@ -27,14 +27,14 @@ const MEASURED: [u32; 2] = [320, 180];
 /// Width and height in CI.
 const SMALL: [u32; 2] = [32, 18];
 /// Samples per pixel of the pilot and of the whole measured render.
-const PILOT: u64 = 4;
+const PILOT: u64 = 8;
 const SPP: u64 = 32;
 
 /// Rows of pixels in a band.
 const BAND: usize = 16;
-/// Samples per pixel of each simulated pass; the first three are the pilot.
+/// Samples per pixel of each simulated pass; the first nine are the pilot, a quarter of all.
 const PASSES: [f64; 11] = [1.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0];
-const PILOT_PASSES: usize = 3;
+const PILOT_PASSES: usize = 9;
 /// Threads of a machine; each pass divides its bands among them without loss.
 const THREADS: f64 = 64.0;
 /// The network: bytes per second that a machine receives, and seconds of a message through all machines.
@@ -46,11 +46,10 @@ const HALO_BYTES: f64 = 56.0;
 const TRAINING_BYTES: f64 = 8e6;
 /// Seconds per pixel and thread of planning a round and of the filter; every machine plans and filters its own rows.
 const PLAN_SECONDS: f64 = 0.1e-6;
-const FILTER_SECONDS: f64 = 12e-6;
-/// Rows that the filter reads above and below its own at the finest scale, grids included, and bytes per pixel that it reads. It
-/// reads fewer rows now (`Filter::rows_read`), so efficiencies are a little too low.
-const FILTER_ROWS: f64 = 116.0;
-const FILTER_BYTES: f64 = 300.0;
+const FILTER_SECONDS: f64 = 18e-6;
+/// Rows that the filter reads above and below its own at the finest scale, grids included, and bytes per pixel that it reads.
+const FILTER_ROWS: f64 = 67.0;
+const FILTER_BYTES: f64 = 350.0;
 /// Bytes per pixel that the first machine gets at the end: the image with its errors, and the statistics that an EXR file shows.
 const DELIVERED_BYTES: f64 = 16.0 + 276.0;
 /// The standard deviation of a machine's speed, and of a pass on it.
@@ -170,7 +169,7 @@ impl Numbers {
 /// The effects that a simulation includes.
 #[derive(Clone, Copy)]
 struct With {
-    /// Bands are dealt by the last pass' measured seconds, not in turns.
+    /// Bands are dealt by their measured seconds for a sample and the samples of the next pass, not in turns.
     by_cost: bool,
     stragglers: bool,
     failures: bool,
@@ -247,7 +246,8 @@ fn render(
         }
         total += took;
         if with.by_cost {
-            owner = dealt(&costs, &speeds);
+            let next = rows.bands((pass + 1).min(PASSES.len() - 1), size);
+            owner = dealt(&next, &speeds);
         }
     }
     let own = size[1] as f64 / machines as f64;
