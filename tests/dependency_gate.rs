@@ -1,7 +1,7 @@
 //! The direction of dependencies between crates: the table in docs/ARCHITECTURE.md, checked against `cargo metadata`.
 //!
-//! Licences, second versions and sources, by the lists of deny.toml. `cargo deny check` also reads licence texts and
-//! advisories; it takes minutes to install, so that CI runs it only where it is.
+//! Also licences, second versions and sources, by the lists of deny.toml. `cargo deny check` also reads licence texts and
+//! advisories; it takes two minutes to install, so that CI runs it only where it is.
 
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};

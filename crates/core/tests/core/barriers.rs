@@ -1,7 +1,7 @@
 //! The state of all processes at barriers: saved in pieces, and resumed.
 
 use crate::common::{Field, Independent, everything, frame, noise};
-use crate::exchange::{More, adaptive, all, together};
+use crate::exchange::{More, adaptive, all, needs, together};
 use dapple_core::exchange::{Exchange, InMemory};
 use dapple_core::{
     Control, Draws, Error, Estimate, Film, Frame, Integrator, Limits, Monitor, Needs, PilotPolicy, Render, Sampler,
@@ -202,6 +202,7 @@ fn no_process_holds_the_film_of_all_at_a_barrier() {
 
 #[test]
 fn a_render_resumed_at_a_barrier_by_any_number_of_processes_is_the_same() {
+    resumed_at_barriers(needs());
     resumed_at_barriers(everything().with_channels(2));
     resumed_at_barriers(everything().with_samples(4).with_trajectories());
 }

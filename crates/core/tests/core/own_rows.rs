@@ -53,9 +53,7 @@ fn processes_that_plan_their_own_rows_have_the_film_of_a_render_alone() {
             Render::new(frame, &limits).needs(needs).run(&mut Striped::default(), &mut adaptive(policy)).unwrap();
         let (wanted, counts) = (all(&alone), alone.counts());
         assert!(spp == 3 || counts.iter().max().unwrap() > &(counts.iter().min().unwrap() + 1), "counts are even");
-        // Numbers of processes are a matter of rows, not of policies.
-        let ranks: &[u32] = if policy == PilotPolicy::Neighbours { &RANKS } else { &[2, 7] };
-        for &of in ranks {
+        for of in RANKS {
             let films = together(of, |mut end| {
                 let mut integrator = Striped::default();
                 let render = Render::new(frame, &limits).needs(needs).exchange(&mut end);

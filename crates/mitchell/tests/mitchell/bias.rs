@@ -31,7 +31,7 @@ fn discarding_the_pilot_is_unbiased_a01() {
         let truth = f64::from(p as f32);
         let options = alone(n0, n - n0, Stopping::Threshold, PilotPolicy::Discard);
         for radius in [0, 1] {
-            let got = measure(&mut mitchell(options.radius(radius), 1), p, 512 >> radius);
+            let got = measure(&mut mitchell(options.radius(radius), 1), p, 1024 >> (2 * radius));
             assert!(deviation(got, truth).abs() < 5.0, "mitchell, radius {radius}: {got:?} for {truth}");
         }
         let options = pbrt_options(n0, n, Stopping::Threshold, PilotPolicy::Discard);

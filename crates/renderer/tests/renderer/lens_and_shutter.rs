@@ -161,7 +161,6 @@ fn still_at(bundle: &Bundle, moved: f64, turned: f64) -> Scene {
 
 /// Each time while the shutter is open has its still.
 #[test]
-#[ignore = "16 s; a_lens_is_many_pinholes does the same for the lens"]
 fn motion_blur_is_many_stills() {
     let bundle = bundle("motion");
     let scene = sunlit(bundle.read().expect("it reads"));

@@ -141,7 +141,7 @@ fn a_large_study_has_a_page_of_a_few_megabytes() {
         }
     }
     let scenes = ["cornell", "teapot", "garden", "glass", "hall", "dof", "terrain"];
-    let mut study = Study::new(&scenes, &laws, &[4, 8, 16, 32], Some(16), 2).resized([128, 96]);
+    let mut study = Study::new(&scenes, &laws, &[4, 8, 16, 32], Some(16), 4).resized([128, 96]);
     let found = write(&mut study, true);
     assert!(found.page.len() < 6_000_000, "{} bytes", found.page.len());
     assert_eq!(differences(&found.page, &found.table), Vec::<String>::new());
