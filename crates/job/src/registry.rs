@@ -59,6 +59,3 @@ pub fn filter(description: &str, inputs: &MethodInputs) -> Result<MadeFilter, Re
     let filter = dapple_registry::filter(description, &inputs)?;
     Ok(MadeFilter { filter, clusters: inputs.into_used() })
 }
-
-#[cfg(test)]
-mod tests;

@@ -193,6 +193,3 @@ fn without_scene<T>(made: Result<T, RegistryError>) -> Result<(), RegistryError>
         made => made.map(|_| ()),
     }
 }
-
-#[cfg(test)]
-mod tests;

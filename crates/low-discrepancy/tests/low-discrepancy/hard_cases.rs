@@ -26,9 +26,15 @@ fn half_open_interval(draws: u64) {
     }
 }
 
-/// 10^7 coordinates of each set; 10^9 take minutes and are tested below. The unit tests of `keys.rs` cover the input of
-/// all ones, and `floor(u n) < n` for every `n` up to 2^24.
+/// 2 * 10^6 coordinates of each set; 10^7 and 10^9 are tested below. The unit tests of `keys.rs` cover the input of all
+/// ones, and `floor(u n) < n` for every `n` up to 2^24.
 #[test]
+fn two_million_coordinates_lie_in_the_half_open_interval_s01() {
+    half_open_interval(2_000_000);
+}
+
+#[test]
+#[ignore = "8 s: 10^7 coordinates of each set; 2 * 10^6 are tested always"]
 fn coordinates_lie_in_the_half_open_interval_s01() {
     half_open_interval(10_000_000);
 }
@@ -71,17 +77,27 @@ fn z(a: impl Iterator<Item = f32>, b: impl Iterator<Item = f32>) -> f64 {
     sum / n.sqrt()
 }
 
-/// Coordinates of 1000 bounces with four blocks each are uncorrelated.
+#[test]
+fn every_second_of_coordinates_of_a_thousand_bounces_is_uncorrelated_s04() {
+    check_correlations(2);
+}
+
+#[test]
+#[ignore = "12 s: every two of 50 coordinates; of 25, every two are tested always"]
+fn a_thousand_bounces_are_uncorrelated_s04() {
+    check_correlations(1);
+}
+
+/// Coordinates of 1000 bounces with four blocks each are uncorrelated. Every `step`-th coordinate is tested.
 ///
 /// 40 coordinates are spread over all 16,000 and over powers of two, where a table would wrap around (1024 in pbrt-v3).
 /// Every two are correlated over 512 samples in each of 128 pixels, which are replicates. The false alarm rate is 1e-6
 /// per set. The bound for independent numbers is a correlation of 0.025.
-#[test]
-fn a_thousand_bounces_are_uncorrelated_s04() {
+fn check_correlations(step: usize) {
     const PIXELS: u32 = 128;
     const SAMPLES: u64 = 512;
     let spread = (0..32).map(|k| 8 + k * 515);
-    let dimensions: Vec<u32> = (0..8).chain(spread).chain((4..14).map(|k| 1 << k)).collect();
+    let dimensions: Vec<u32> = (0..8).chain(spread).chain((4..14).map(|k| 1 << k)).step_by(step).collect();
     assert!(*dimensions.iter().max().unwrap() > 15_970);
     let pairs = dimensions.len() * (dimensions.len() - 1) / 2;
     for points in all_sets(1) {
@@ -202,10 +218,20 @@ fn neighbouring_pixels_are_uncorrelated_s08() {
     }
 }
 
-/// Neighbouring seeds, and seeds that differ in one bit, are as good as unrelated ones.
 #[test]
+fn two_pairs_of_seeds_are_uncorrelated_s08() {
+    check_seeds(&[(0, 1), (7, 7 | 1 << 63)]);
+}
+
+#[test]
+#[ignore = "7 s: four pairs of seeds; two are tested always"]
 fn neighbouring_seeds_are_uncorrelated_s08() {
-    for (a, b) in [(0, 1), (1, 2), (0, 1 << 32), (7, 7 | 1 << 63)] {
+    check_seeds(&[(0, 1), (1, 2), (0, 1 << 32), (7, 7 | 1 << 63)]);
+}
+
+/// Neighbouring seeds, and seeds that differ in one bit, are as good as unrelated ones.
+fn check_seeds(pairs: &[(u64, u64)]) {
+    for &(a, b) in pairs {
         for (p, q) in all_sets(a).into_iter().zip(all_sets(b)) {
             for (block, k) in (0..8).flat_map(|block| (0..4).map(move |k| (block, k))) {
                 let column = |s: &dyn PointSet| -> Vec<f32> {

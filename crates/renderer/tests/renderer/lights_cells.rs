@@ -34,11 +34,11 @@ fn uniform(world: &World, seed: u64, spp: u64) -> Film {
     film(world, &mut Uniform::new(Sobol::new(seed)), spp, Schedule::default())
 }
 
-/// The mean and squared standard error of each of 6 by 4 squares of the image, over 16 seeds.
-fn squares(world: &World, first_seed: u64) -> Vec<[f64; 2]> {
+/// The mean and squared standard error of each of 6 by 4 squares of the image, over 16 seeds of `spp` samples per pixel.
+fn squares(world: &World, spp: u64, first_seed: u64) -> Vec<[f64; 2]> {
     let mut sums = vec![[0.0; 2]; 24];
     for seed in 0..16 {
-        let film = uniform(world, first_seed + seed, 16);
+        let film = uniform(world, first_seed + seed, spp);
         let mut means = vec![0.0; 24];
         for i in 0..film.frame().pixels() {
             let [x, y] = [i as u32 % SIZE[0] / 8, i as u32 / SIZE[0] / 8];
@@ -55,22 +55,32 @@ fn squares(world: &World, first_seed: u64) -> Vec<[f64; 2]> {
     sums.into_iter().map(of).collect()
 }
 
-/// For 24 squares, Student's t with 15 degrees of freedom stays below 6.5, each with 1e-5.
 #[test]
+fn learned_choices_change_no_mean_of_few_samples() {
+    check_means(6);
+}
+
+#[test]
+#[ignore = "20 s: 16 samples per pixel; six are tested always"]
 fn learned_choices_change_no_mean() {
+    check_means(16);
+}
+
+/// For 24 squares, Student's t with 15 degrees of freedom stays below 6.5, each with 1e-5.
+fn check_means(spp: u64) {
     const CRITICAL: f64 = 6.5;
     let deviation = |a: &[[f64; 2]], b: &[[f64; 2]]| {
         let each = a.iter().zip(b).map(|(a, b)| (a[0] - b[0]).abs() / (a[1] + b[1]).sqrt());
         each.fold(0.0, f64::max)
     };
-    let by_power = squares(&room(LightSelection::Power), 100);
-    let learned = squares(&room(LightSelection::Learned), 200);
+    let by_power = squares(&room(LightSelection::Power), spp, 100);
+    let learned = squares(&room(LightSelection::Learned), spp, 200);
     let found = deviation(&by_power, &learned);
     assert!(found < CRITICAL, "{found} standard errors");
     // Negative control: an image that lacks a bounce is detected.
     let mut short = room(LightSelection::Learned);
     short.set_max_depth(2);
-    let found = deviation(&by_power, &squares(&short, 300));
+    let found = deviation(&by_power, &squares(&short, spp, 300));
     assert!(found > CRITICAL, "{found} standard errors");
 }
 
@@ -121,19 +131,29 @@ fn one_light_leaves_nothing_to_learn() {
     }
 }
 
+#[test]
+fn learned_choices_pay_in_a_room_of_many_lamps_beside_a_noisy_truth() {
+    check_benefit_in_a_room(192);
+}
+
+#[test]
+#[ignore = "14 s: a truth of 1024 samples per pixel; one of 192 is tested always"]
+fn learned_choices_pay_in_a_room_of_many_lamps() {
+    check_benefit_in_a_room(1024);
+}
+
 /// The benefit at 8 samples per pixel in a room of eight lamps. Larger images with more seeds have 0.26 of the error of
 /// cyclic selection, and 0.23 of selection by power (docs/results/adaptive.md).
-#[test]
-fn learned_choices_pay_in_a_room_of_many_lamps() {
+fn check_benefit_in_a_room(truth_spp: u64) {
     let worlds = [LightSelection::Power, LightSelection::Uniform, LightSelection::Learned].map(room);
-    let [power, by_turns, learned] = errors(worlds.each_ref());
+    let [power, by_turns, learned] = errors(worlds.each_ref(), truth_spp);
     assert!(learned < 0.7 * by_turns.min(power), "{learned} of {by_turns} by turns, {power} by power");
 }
 
 /// Squared errors relative to the squared truth at 8 samples per pixel, summed over all pixels of four images. The
-/// truth is the image of the last world.
-fn errors<const N: usize>(worlds: [&World; N]) -> [f64; N] {
-    let truth = uniform(worlds[N - 1], 999, 1024).image();
+/// truth is the image of the last world, of `truth_spp` samples per pixel.
+fn errors<const N: usize>(worlds: [&World; N], truth_spp: u64) -> [f64; N] {
+    let truth = uniform(worlds[N - 1], 999, truth_spp).image();
     worlds.map(|world| {
         let images = (1..=4).map(|seed| uniform(world, seed, 8).image());
         let error = |image: Vec<[f32; 3]>| {
@@ -171,7 +191,7 @@ fn courtyard(choice: LightSelection) -> World {
 /// The parts of one sky are lights for the selection.
 #[test]
 fn learned_choices_pay_under_a_sky_half_hidden() {
-    let [whole, learned] = errors([&courtyard(LightSelection::Power), &courtyard(LightSelection::Learned)]);
+    let [whole, learned] = errors([&courtyard(LightSelection::Power), &courtyard(LightSelection::Learned)], 1024);
     eprintln!("{learned} of {whole}: {:.3}", learned / whole);
     assert!(learned < 0.7 * whole, "{learned} of {whole}");
 }

@@ -82,12 +82,28 @@ fn sky_test(
     Cone::sphere((pdf_turn * DVec3::Z).normalize()).test(SAMPLES, draw, |w| sky.direction_pdf(w))
 }
 
+fn turn() -> DMat3 {
+    DMat3::from_rotation_z(0.7) * DMat3::from_rotation_x(1.1)
+}
+
+fn mirrored() -> DMat3 {
+    turn() * DMat3::from_diagonal(DVec3::new(2.0, -2.0, 2.0))
+}
+
 #[test]
+fn mirrored_environment_samples_match_their_densities_l08() {
+    check_environments(&[mirrored()]);
+}
+
+#[test]
+#[ignore = "12 s: three maps; the mirrored one is tested always"]
 fn environment_samples_match_their_densities_l08() {
-    let turn = DMat3::from_rotation_z(0.7) * DMat3::from_rotation_x(1.1);
-    let mirrored = turn * DMat3::from_diagonal(DVec3::new(2.0, -2.0, 2.0));
+    check_environments(&[DMat3::IDENTITY, turn(), mirrored()]);
+}
+
+fn check_environments(maps: &[DMat3]) {
     for (i, (name, radiance)) in environments().into_iter().enumerate() {
-        for (j, map) in [DMat3::IDENTITY, turn, mirrored].into_iter().enumerate() {
+        for (j, &map) in maps.iter().enumerate() {
             // In one piece, and in parts whose sum is the whole.
             for choice in [LightSelection::Power, LightSelection::Learned] {
                 let (p, integral) = sky_test(&radiance, map, map, choice, (10 * i + j) as u64);
@@ -277,8 +293,19 @@ fn lamp_test(world: &World, other: &World, centre: DVec3, radius: f64, seed: u64
 }
 
 #[test]
+fn samples_of_every_second_lamp_match_their_densities_l04() {
+    check_lamps(2);
+}
+
+#[test]
+#[ignore = "11 s: all lamps; every second one is tested always"]
 fn area_light_samples_match_their_densities_l04() {
-    for (seed, (name, geometry, to_world, centre, radius)) in area_lamps().into_iter().enumerate() {
+    check_lamps(1);
+}
+
+/// Every `step`-th lamp.
+fn check_lamps(step: usize) {
+    for (seed, (name, geometry, to_world, centre, radius)) in area_lamps().into_iter().enumerate().step_by(step) {
         let world = with_lamp(&geometry, to_world);
         let (p, integral) = lamp_test(&world, &world, centre, radius, seed as u64);
         eprintln!("{name}: p = {p:.2e}, integral {integral:.5}");
@@ -287,10 +314,20 @@ fn area_light_samples_match_their_densities_l04() {
     }
 }
 
-/// Negative control: each lamp moved by 2 % of its radius is refuted.
 #[test]
+fn every_second_lamp_elsewhere_is_refuted_l04() {
+    refute_lamps_elsewhere(2);
+}
+
+#[test]
+#[ignore = "11 s: all lamps; every second one is tested always"]
 fn a_lamp_elsewhere_is_refuted_l04() {
-    for (seed, (name, geometry, to_world, centre, radius)) in area_lamps().into_iter().enumerate() {
+    refute_lamps_elsewhere(1);
+}
+
+/// Negative control: every `step`-th lamp moved by 2 % of its radius is refuted.
+fn refute_lamps_elsewhere(step: usize) {
+    for (seed, (name, geometry, to_world, centre, radius)) in area_lamps().into_iter().enumerate().step_by(step) {
         let moved = DAffine3::from_translation(-0.02 * radius * DVec3::new(0.6, -0.8, 0.3)) * to_world;
         let (lamp, other) = (with_lamp(&geometry, to_world), with_lamp(&geometry, moved));
         let (p, _) = lamp_test(&lamp, &other, centre, radius, seed as u64);

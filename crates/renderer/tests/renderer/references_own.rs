@@ -134,13 +134,23 @@ fn level() -> f64 {
     FAMILY / bundled::names().len() as f64
 }
 
-/// A t-test of image means between replicates.
 #[test]
+fn own_scenes_look_as_they_did_in_few_samples() {
+    check_own_scenes(1);
+}
+
+#[test]
+#[ignore = "20 s: 4 samples per pixel; one is tested always"]
 fn own_scenes_look_as_they_did() {
+    check_own_scenes(4);
+}
+
+/// A t-test of image means between replicates.
+fn check_own_scenes(spp: u64) {
     for name in bundled::names() {
         let scene = small(name);
         let reference = reference(name, scene.film.resolution);
-        let found = deviation(&scene, &reference, 16, 4);
+        let found = deviation(&scene, &reference, 16, spp);
         assert!(found.holds(level()), "{name}: {found:?}");
     }
 }
@@ -148,11 +158,21 @@ fn own_scenes_look_as_they_did() {
 /// Negative control: one lamp 1 % brighter.
 #[test]
 fn own_scenes_refute_a_lamp_1_percent_brighter() {
+    refute_a_brighter_lamp(1.01, 16);
+}
+
+/// Negative control of few samples: one lamp 5 % brighter.
+#[test]
+fn own_scenes_refute_a_lamp_5_percent_brighter_in_few_samples() {
+    refute_a_brighter_lamp(1.05, 1);
+}
+
+fn refute_a_brighter_lamp(by: f32, spp: u64) {
     let mut scene = small("cornell");
     let reference = reference("cornell", scene.film.resolution);
     for emission in scene.shapes.iter_mut().filter_map(|s| s.emission.as_mut()) {
-        emission.radiance = emission.radiance.map(|x| 1.01 * x);
+        emission.radiance = emission.radiance.map(|x| by * x);
     }
-    let found = deviation(&scene, &reference, 16, 16);
+    let found = deviation(&scene, &reference, 16, spp);
     assert!(!found.holds(level()), "{found:?}");
 }

@@ -181,8 +181,8 @@ try {
         const style = (selector) => { const e = document.querySelector(selector); return e && getComputedStyle(e); };
         return [style('body').color, style('body').backgroundColor, style('.chart svg text')?.fill, style('.chart svg polyline[stroke-dasharray]')?.stroke];
       });
-      // They take most of the test's time: only of pages that have pictures and are in order.
-      if (expected.crops > 0 && wrong.length === 0) await page.screenshot({ path: join(out, `report-${width}-${colorScheme}.png`), fullPage: true });
+      // They take most of the time: only where the test wants them, and of pages in order.
+      if (expected.screenshots && wrong.length === 0) await page.screenshot({ path: join(out, `report-${width}-${colorScheme}.png`), fullPage: true });
     }
   }
   inks.light.forEach((ink, i) => check(ink === undefined || ink !== inks.dark[i], `colour ${i} is ${ink} in light and dark`));

@@ -125,6 +125,13 @@ fn strategies_agree(name: &str, scene: &Scene, fewest: usize, spp: u64) {
 }
 
 #[test]
+fn every_strategy_alone_finds_the_same_light_by_a_lens() {
+    let [_, (name, camera), _] = cameras();
+    strategies_agree(name, &room(camera, diffuse(0.7), Some(0.6)), 0, 64);
+}
+
+#[test]
+#[ignore = "9 s: five rooms; that of the lens is tested always"]
 fn every_strategy_alone_finds_the_same_light() {
     for (name, camera) in cameras() {
         strategies_agree(name, &room(camera, diffuse(0.7), Some(0.6)), 0, 64);
@@ -142,9 +149,19 @@ fn every_strategy_alone_finds_the_same_light() {
     strategies_agree("point", &scene, 1, 64);
 }
 
-/// A ball before two disks, in the light of the sky and of the sun.
 #[test]
+fn every_strategy_alone_finds_the_same_light_from_infinity_in_short() {
+    check_light_from_infinity(64);
+}
+
+#[test]
+#[ignore = "7 s: 256 samples per pixel; 64 are tested always"]
 fn every_strategy_alone_finds_the_same_light_from_infinity() {
+    check_light_from_infinity(256);
+}
+
+/// A ball before two disks, in the light of the sky and of the sun.
+fn check_light_from_infinity(spp: u64) {
     let [(_, camera), ..] = cameras();
     let mut scene = room(camera, diffuse(0.7), None);
     scene.shapes.remove(0);
@@ -158,9 +175,9 @@ fn every_strategy_alone_finds_the_same_light_from_infinity() {
     let sun = LightKind::Distant { irradiance: [2.0; 3] };
     let radiance = dapple_scene::EnvironmentRadiance::Constant([0.7; 3]);
     scene.lights.push(light(LightKind::Infinite { radiance }));
-    strategies_agree("sky", &scene, 0, 256);
+    strategies_agree("sky", &scene, 0, spp);
     scene.lights[0] = light(sun);
-    strategies_agree("sun", &scene, 1, 256);
+    strategies_agree("sun", &scene, 1, spp);
 }
 
 /// Replicates of an image by an integrator.
@@ -182,8 +199,18 @@ fn compared(a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]) -> (f64, f64) {
 /// On six scenes: images by 1e-6 over all, and means within 3 standard errors of the difference. That alone gives a false
 /// alarm with probability 0.03 for six scenes of three channels with other seeds.
 #[test]
+#[ignore = "6 s: six scenes; two are tested always"]
 fn means_are_the_path_tracers_on_six_scenes() {
-    for name in ["cornell", "teapot", "lens", "motion", "room", "plates"] {
+    check_means(&["cornell", "teapot", "lens", "motion", "room", "plates"]);
+}
+
+#[test]
+fn means_are_the_path_tracers_on_two_scenes() {
+    check_means(&["cornell", "lens"]);
+}
+
+fn check_means(names: &[&str]) {
+    for &name in names {
         let scene = bundled::files(name).expect("bundled").read().expect("it reads");
         let mut world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{name}: {e}"));
         world.set_max_depth(world.max_depth().min(6));
@@ -235,9 +262,19 @@ fn media_and_transparency_are_refused_with_their_object() {
     assert!(refused.contains("scene.pbrt:") && refused.contains("--without"), "{refused}");
 }
 
-/// A window of the image shows the light that the whole image has there, splats included.
 #[test]
+fn a_window_shows_the_light_of_the_whole_image_in_short() {
+    check_window(8);
+}
+
+#[test]
+#[ignore = "9 s: 16 replicates; 8 are tested always"]
 fn a_window_shows_the_light_of_the_whole_image() {
+    check_window(16);
+}
+
+/// A window of the image shows the light that the whole image has there, splats included.
+fn check_window(replicates: u64) {
     let scene = bundled::files("caustic").expect("bundled").read().expect("it reads");
     let size = [32, 24];
     let world = World::with_resolution(&scene, size).unwrap_or_else(|e| panic!("{e}"));
@@ -254,7 +291,7 @@ fn a_window_shows_the_light_of_the_whole_image() {
                 let row = |row: usize| &image[(y + row) * frame.size()[0] as usize + x..][..8];
                 (0..8).flat_map(|i| row(i).iter()).map(|p| p[1]).sum::<f64>() / 64.0
             };
-            (0..16).map(of).collect()
+            (0..replicates).map(of).collect()
         };
         // About as many light paths in either.
         let (expected, found) = (mean(whole, 8), mean(window, 96));

@@ -54,13 +54,23 @@ fn the_bias_falls_with_smaller_patches() {
 }
 
 #[test]
+fn means_are_the_path_tracers_beside_a_glossy_wall() {
+    check_means(vec![("glossy", metal(0.3))]);
+}
+
+#[test]
+#[ignore = "25 s: four walls; the glossy one is tested always"]
 fn means_are_the_path_tracers() {
     // Glossy walls, mirrors and sheets that light passes have no bias of their own.
     let sheet = MaterialKind::DiffuseTransmission {
         reflectance: dapple_scene::Color::Constant([0.4; 3]),
         transmittance: dapple_scene::Color::Constant([0.3; 3]),
     };
-    for (name, wall) in [("diffuse", diffuse(0.3)), ("mirror", metal(0.0)), ("glossy", metal(0.3)), ("sheet", sheet)] {
+    check_means(vec![("diffuse", diffuse(0.3)), ("mirror", metal(0.0)), ("glossy", metal(0.3)), ("sheet", sheet)]);
+}
+
+fn check_means(walls: Vec<(&str, MaterialKind)>) {
+    for (name, wall) in walls {
         let scene = chamber(wall);
         let expected = means(&scene, "path", 256, 0..8);
         for gather in [0, 1] {
@@ -95,8 +105,19 @@ fn furnace(rho: f32, depth: u32, cubic: bool) -> Scene {
 }
 
 #[test]
+fn two_furnaces_have_their_radiance_and_keep_their_energy() {
+    check_furnaces(&[(0.5, 20, false), (0.8, 5, true)]);
+}
+
+#[test]
+#[ignore = "11 s: five furnaces; two are tested always"]
 fn a_furnace_has_its_radiance_and_keeps_its_energy() {
-    for (rho, depth, cubic) in [(0.5f32, 20, false), (0.8, 5, false), (0.8, 1, true), (0.8, 5, true), (0.8, 30, true)] {
+    check_furnaces(&[(0.5, 20, false), (0.8, 5, false), (0.8, 1, true), (0.8, 5, true), (0.8, 30, true)]);
+}
+
+/// Albedos, depths, and whether the furnace is a cube.
+fn check_furnaces(cases: &[(f32, u32, bool)]) {
+    for &(rho, depth, cubic) in cases {
         for gather in [0, 1] {
             let request = format!("radiosity:patches=300,particles=4000,gather={gather}");
             let found = means(&furnace(rho, depth, cubic), &request, 16, 0..8);

@@ -1,9 +1,12 @@
 //! Methods made without a scene.
 
-use super::*;
 use dapple_cluster_adaptive::{ProbeHit, ProbeRay};
 use dapple_core::samplers::Uniform;
 use dapple_core::{Block, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Render, Worker};
+use dapple_registry::{
+    AnyPoints, ClusterProbes, DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER, FILTERS, HostClusters, POINTS,
+    RegistryError, SAMPLERS, Setting, check_filter, check_sampler, default_pair, filter, points, sampler,
+};
 
 const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
 

@@ -1,9 +1,9 @@
 //! The fuzz target `checkpoint` on its seeds, so that a build without `cargo fuzz` sees at once what breaks.
 //!
-//! `DAPPLE_WRITE_SEEDS=1 cargo test -p dapple-job --test fuzz_corpus` writes the seeds anew.
+//! `DAPPLE_WRITE_SEEDS=1 cargo test -p dapple-job --test job fuzz_corpus` writes the seeds anew.
 
 #[allow(unreachable_pub)] // A target of its own where cargo-fuzz builds it.
-#[path = "../../../fuzz/src/checkpoint.rs"]
+#[path = "../../../../fuzz/src/checkpoint.rs"]
 mod target;
 
 use dapple_core::samplers::Uniform;

@@ -1,7 +1,11 @@
+//! Samplers, point sets and filters by name, made for a world.
 #![allow(clippy::print_stderr, reason = "tests say when they skip")]
 
-use super::*;
-use dapple_core::{FilmPoints, PointSet as _, SampleId};
+use dapple_core::{FilmPoints, PointSet as _, SampleId, Sampler as _};
+use dapple_job::registry::{
+    FILTERS, MethodInputs, NOT_BUILT, POINTS, Parameter, RegistryError, SAMPLERS, Setting, check_filter, check_sampler,
+    filter, points, sampler,
+};
 use dapple_renderer::World;
 use dapple_scene::{Effect, bundled};
 use std::sync::Arc;
@@ -139,7 +143,7 @@ fn descriptions_are_words() {
 fn wrong_words_are_refused_with_what_there_is() {
     let points = || points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
     let sampler = |words: &str| refusal(sampler(words, points(), &MethodInputs::default()));
-    assert!(refusal(super::points("sobel", SETTING)).contains("Choose among sobol"));
+    assert!(refusal(dapple_job::registry::points("sobel", SETTING)).contains("Choose among sobol"));
     assert!(sampler("").contains("variance, uniform"));
     assert!(refusal(check_filter("nune")).contains("none"));
     assert!(sampler("uniform:x=1").contains("it takes none"));

@@ -69,7 +69,7 @@ fn later_samples_calibrate_the_filters_own_error() {
 }
 
 /// More scenes and seeds; takes some minutes:
-/// `cargo test --release -p dapple-job --test predicted_error -- --ignored --nocapture`
+/// `cargo test --release -p dapple-job --test job predicted_error -- --ignored --nocapture`
 #[test]
 #[ignore = "takes some minutes"]
 fn more_scenes_are_calibrated_within_a_factor_of_two() {

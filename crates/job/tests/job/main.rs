@@ -1,0 +1,11 @@
+//! The integration tests of the crate: one program, so that shared code is linked and instantiated once.
+
+mod clusters;
+mod faults;
+mod fuzz_corpus;
+mod predicted_error;
+mod registry;
+mod resumed_together;
+mod spec;
+mod together;
+mod whole_jobs;

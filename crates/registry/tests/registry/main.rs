@@ -1,0 +1,3 @@
+//! The integration tests of the crate: one program, so that shared code is linked and instantiated once.
+
+mod hosts;
