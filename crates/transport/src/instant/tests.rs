@@ -43,7 +43,7 @@ fn means_are_the_path_tracers_on_five_more_scenes() {
 }
 
 fn check_means(names: &[&str]) {
-    for name in names {
+    for &name in names {
         let scene = bundled::files(name).expect("bundled").read().expect("it reads");
         let mut world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{name}: {e}"));
         world.set_max_depth(world.max_depth().min(6));
