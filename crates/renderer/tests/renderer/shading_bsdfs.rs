@@ -49,11 +49,24 @@ fn coats() -> Vec<(f32, Coat)> {
 }
 
 #[test]
+fn diffuse_and_every_second_conductor_agree_with_their_pdf_l10() {
+    check_agreement(&conductors().into_iter().step_by(2).collect::<Vec<_>>(), &outgoing(), 100_000, true);
+}
+
+#[test]
+#[ignore = "8 s: all conductors; every second one is tested always"]
 fn diffuse_and_conductors_agree_with_their_pdf_l10() {
     check_agreement(&conductors(), &outgoing(), 100_000, true);
 }
 
 #[test]
+fn every_third_coat_agrees_with_its_pdf_l10() {
+    let coats = coats();
+    check_agreement(&coated(&coats).into_iter().step_by(3).collect::<Vec<_>>(), &outgoing(), 100_000, true);
+}
+
+#[test]
+#[ignore = "8 s: all coats; every third one is tested always"]
 fn coats_agree_with_their_pdf_l10() {
     check_agreement(&coated(&coats()), &outgoing(), 100_000, true);
 }

@@ -151,11 +151,11 @@ fn every_strategy_alone_finds_the_same_light() {
 
 #[test]
 fn every_strategy_alone_finds_the_same_light_from_infinity_in_short() {
-    check_light_from_infinity(64);
+    check_light_from_infinity(128);
 }
 
 #[test]
-#[ignore = "7 s: 256 samples per pixel; 64 are tested always"]
+#[ignore = "7 s: 256 samples per pixel; 128 are tested always"]
 fn every_strategy_alone_finds_the_same_light_from_infinity() {
     check_light_from_infinity(256);
 }
