@@ -180,19 +180,50 @@ fn errors_are_at_least_the_variance_of_the_filtered_image() {
     assert!(error.iter().all(|e| *e == 0.0), "{}", error[0]);
 }
 
+/// Pixels with samples in one half get the other from their neighbours.
 #[test]
-fn errors_are_unknown_only_where_no_pixel_in_reach_has_both_halves() {
-    let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), NEEDS);
-    for pixel in 0..PIXELS {
-        let halves = if pixel / SIDE < 8 { 1 } else { 2 };
-        (0..halves).for_each(|half| film.push(pixel, half, [unfiltered(half); 3]));
-    }
-    let inputs = whole(&film);
-    let error = filtered(&inputs, &Pair::unfiltered(&inputs)).error.unwrap();
-    let unknown: Plane = error.iter().map(|e| f32::from(u8::from(e.is_infinite()))).collect();
-    let rows: Vec<f32> = unknown.chunks(SIDE).map(|row| row.iter().sum::<f32>() / SIDE as f32).collect();
+fn errors_are_unknown_only_where_no_pixel_in_reach_has_samples() {
+    let unknown = |first_rows: usize| -> Vec<f32> {
+        let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), NEEDS);
+        for pixel in 0..PIXELS {
+            let halves = if pixel / SIDE < 8 { first_rows } else { 2 };
+            (0..halves).for_each(|half| film.push(pixel, half, [unfiltered(half); 3]));
+        }
+        let inputs = whole(&film);
+        let error = filtered(&inputs, &Pair::unfiltered(&inputs)).error.unwrap();
+        let unknown: Plane = error.iter().map(|e| f32::from(u8::from(e.is_infinite()))).collect();
+        unknown.chunks(SIDE).map(|row| row.iter().sum::<f32>() / SIDE as f32).collect()
+    };
+    let rows = unknown(0);
     // Variances reach 2 rows, whole errors 3.
     assert!(rows[..5].iter().all(|share| *share == 1.0) && rows[6..].iter().all(|share| *share == 0.0), "{rows:?}");
+    assert!(unknown(1).iter().all(|share| *share == 0.0));
+}
+
+/// Each half has the samples of its own squares of a chessboard, and means of these elsewhere.
+#[test]
+fn a_sample_of_a_pixel_without_others_counts_in_one_half() {
+    let film = |changed: usize| {
+        let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), NEEDS);
+        (0..PIXELS).for_each(|i| {
+            film.push(i, 0, [if i == changed { 3.0 } else { 1.0 + 0.1 * (i % 7) as f32 }; 3]);
+        });
+        whole(&film)
+    };
+    let before = film(usize::MAX);
+    for changed in [5 * SIDE + 4, 5 * SIDE + 5] {
+        let after = film(changed);
+        let scale = after.level / before.level;
+        let differs = |half: usize, i: usize| {
+            let [was, is] = [&before, &after].map(|inputs| inputs.halves[half].colour[0][i]);
+            (is * scale - was).abs() > 1e-3
+        };
+        let own = (changed % SIDE + changed / SIDE) % 2;
+        let found: Vec<usize> = (0..PIXELS).filter(|&i| differs(own, i)).collect();
+        assert_eq!(found, [changed - SIDE, changed - 1, changed, changed + 1, changed + SIDE], "half {own}");
+        assert!((0..PIXELS).all(|i| !differs(1 - own, i)), "the other half");
+    }
+    assert!(before.halves.iter().all(|half| half.count.iter().all(|count| *count == 0.5)));
 }
 
 /// A lamp of radiance 10^5 covers pixel 300 partly; one sample in four sees it. The wall varies by 0.1.

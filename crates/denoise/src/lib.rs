@@ -63,7 +63,8 @@
 //! The blur of the two Gaussians is bias, and no number of samples removes it. Their
 //! [`Filtered::error`](dapple_core::Filtered::error) is the variance only.
 //!
-//! The other three filters need two halves of the samples.
+//! The other three filters need two halves of the samples. A pixel whose samples all lie in one half, as with one sample per
+//! pixel, gets the other from its four neighbours; so lamps leak one pixel far there.
 //! The difference between the halves shows the whole error, bias included. That estimate is smoothed over 7x7 pixels.
 
 mod among;
@@ -92,6 +93,7 @@ mod regression;
 mod scales;
 mod separable;
 mod shrink;
+mod single;
 mod tile;
 mod wide;
 mod withheld;

@@ -4,6 +4,7 @@ use crate::among::{Among, Place};
 use crate::cluster_gaussian::ClusterLookup;
 use crate::light::Light;
 use crate::membership::BACKGROUND;
+use crate::single::{self, Halves};
 use crate::withheld::Bounds;
 use dapple_core::{Error, Film, Filtered, RgbMoments};
 use rayon::prelude::*;
@@ -35,9 +36,9 @@ pub(crate) const LEAST_ALBEDO: f32 = 0.02;
 /// weight `n - 1`.
 const POOLED: f32 = 6.0;
 
-/// The rows of a film that [`Inputs::new`] reads above and below its own: features that neighbours fill in, and slopes over
-/// 3x3 of their steps. Variances are pooled over fewer.
-pub(crate) const ROWS_READ: usize = 4;
+/// The rows of a film that [`Inputs::new`] reads above and below its own: features that neighbours fill in, slopes over 3x3 of
+/// their steps, halves interpolated by both, and variances over 5x5 of these.
+pub(crate) const ROWS_READ: usize = 7;
 
 /// One half of a film's samples.
 pub(crate) struct Half {
@@ -101,18 +102,18 @@ impl Inputs {
         let film = light.film;
         let size = film.frame().size().map(|n| n as usize);
         let place = among.place(0, top);
-        let (level, bounds, halves) = colours(light, &place, among)?;
+        let features = features(film, reads.features, &place, among)?;
+        let (level, bounds, halves) = colours(light, &features, &place, among)?;
         let labels = reads.label.filter(|_| film.needs().first_hits > 0).map(|label| {
             let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(|hit| label(hit));
             per_pixel(film, |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
         });
-        let features = features(film, reads.features, &place, among)?;
         Ok(Self { size, place, level, smoothness: light.smoothness(), bounds, halves, features, labels })
     }
 
     /// Reads the colours of another part of the film's light. Features and clusters stay.
     pub(crate) fn read(&mut self, light: Light<'_>, among: &mut Among<'_>) -> Result<(), Error> {
-        (self.level, self.bounds, self.halves) = colours(light, &self.place, among)?;
+        (self.level, self.bounds, self.halves) = colours(light, &self.features, &self.place, among)?;
         self.smoothness = light.smoothness();
         Ok(())
     }
@@ -129,9 +130,9 @@ impl Inputs {
     pub(crate) const fn bytes_per_pixel(labels: bool) -> [usize; 2] {
         let (halves, labels) = (2 * 7, if labels { 1 } else { 0 });
         let features = FEATURES + 3 + 1 + 1 + 3 + 1;
-        // The planes of features are made last. Depths, and the steps between pixels or the slopes of depth, exist then.
         let kept = halves + features + labels;
-        [4 * kept, 4 * (kept + 2) + size_of::<Option<f32>>()]
+        // The planes of halves are made after those of features, and their variances last.
+        [4 * kept, 4 * (kept + single::PLANES)]
     }
 
     /// Adds the light that the filter did not get to the image that it made. Returns the own rows.
@@ -202,14 +203,21 @@ pub(crate) fn level(light: Light<'_>, place: &Place, among: &mut Among<'_>) -> R
 }
 
 /// The level of the light, the bounds of what filters get of it, and its halves.
-fn colours(light: Light<'_>, place: &Place, among: &mut Among<'_>) -> Result<(f32, Bounds, [Half; 2]), Error> {
+fn colours(
+    light: Light<'_>,
+    features: &Features,
+    place: &Place,
+    among: &mut Among<'_>,
+) -> Result<(f32, Bounds, [Half; 2]), Error> {
     let level = level(light, place, among)?;
     let bounds = Bounds::new(light, level, place, among)?;
-    Ok((level, bounds, halves(light, level, bounds)))
+    let mut halves = halves(light, level, bounds);
+    let samples = halves.complete(features, light.film.frame().size()[0] as usize, place.top);
+    Ok((level, bounds, with_variances(light.film, halves, samples)))
 }
 
 /// The halves of the samples, without the light that is withheld.
-fn halves(light: Light<'_>, level: f32, bounds: Bounds) -> [Half; 2] {
+fn halves(light: Light<'_>, level: f32, bounds: Bounds) -> Halves {
     let unit = 1.0 / f64::from(level);
     let value = |x: f64| ((x * unit) as f32).min(BRIGHTEST);
     let most = f64::from(BRIGHTEST) * f64::from(BRIGHTEST);
@@ -229,15 +237,23 @@ fn halves(light: Light<'_>, level: f32, bounds: Bounds) -> [Half; 2] {
         [ra, ga, ba, rb, gb, bb, na, nb, known, vr, vg, vb]
     };
     let [ra, ga, ba, rb, gb, bb, na, nb, known, vr, vg, vb] = planes_of(light.film.frame().pixels(), of);
-    let sample = pooled_variance(light.film, [vr, vg, vb], &known);
-    let variance = |count: &Plane, sample: &Plane| -> Plane {
+    Halves { colours: [[ra, ga, ba], [rb, gb, bb]], counts: [na, nb], variance: [vr, vg, vb], known }
+}
+
+/// The halves with the variances of their colours: those of means of so many `samples`, or of the counts.
+fn with_variances(film: &Film, halves: Halves, samples: Option<[Plane; 2]>) -> [Half; 2] {
+    let Halves { colours: [first, second], counts: [na, nb], variance, known } = halves;
+    let sample = pooled_variance(film, variance, &known);
+    let variance = |samples: &Plane, sample: &Plane| -> Plane {
         let of_mean = |(v, n): (&f32, &f32)| if *n > 0.0 { (v + FLOOR) / n } else { UNKNOWN };
-        sample.iter().zip(count).map(of_mean).collect()
+        sample.iter().zip(samples).map(of_mean).collect()
     };
-    [([ra, ga, ba], na), ([rb, gb, bb], nb)].map(|(colour, count)| {
-        let variance = sample.each_ref().map(|sample| variance(&count, sample));
+    let half = |h: usize, colour: Colours, count: Plane| {
+        let samples = samples.as_ref().map_or(&count, |samples| &samples[h]);
+        let variance = sample.each_ref().map(|sample| variance(samples, sample));
         Half { colour, variance, count }
-    })
+    };
+    [half(0, first, na), half(1, second, nb)]
 }
 
 /// The variance of one sample in each pixel, shrunk towards the variance over 5x5 pixels, in squared levels. `own` is the

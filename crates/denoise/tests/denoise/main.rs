@@ -10,5 +10,6 @@ mod layers;
 mod lobes_and_tiles;
 mod outside;
 mod scales;
+mod single;
 mod support;
 mod withheld;
