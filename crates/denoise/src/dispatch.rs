@@ -8,7 +8,7 @@ pub(crate) fn dispatch<T: WithSimd>(task: T) -> T::Output {
     match tests::LANES.load(std::sync::atomic::Ordering::Relaxed) {
         1 => return task.with_simd(pulp::Scalar),
         4 => return task.with_simd(pulp::Scalar128b),
-        // Compiled anyway, other than emulated vectors.
+        // Emulated vectors of eight would be compiled for this test alone.
         #[cfg(target_arch = "x86_64")]
         8 => {
             if let Some(v3) = pulp::x86::V3::try_new() {

@@ -57,12 +57,12 @@ impl Halves {
             let i = pixel as usize;
             let (own, other) = (half(i), 1 - half(i));
             let count = samples[own][i];
-            for c in 0..3 {
-                let apart = self.colours[own][c][i] - colour[c];
+            for (c, value) in colour.into_iter().enumerate() {
+                let apart = self.colours[own][c][i] - value;
                 if self.known[i] == 0.0 {
                     self.variance[c][i] = apart * apart / (1.0 / count + 1.0 / of_mean);
                 }
-                self.colours[other][c][i] = colour[c];
+                self.colours[other][c][i] = value;
             }
             self.known[i] = 1.0;
             samples[other][i] = of_mean;
@@ -75,9 +75,10 @@ impl Halves {
     /// too. `samples` are the counts by place.
     fn between(&self, i: usize, half: usize, samples: &[Plane; 2], f: &Features, width: usize) -> Option<Between> {
         let divisor = |c: usize, i: usize| f.mean[3 + c][i].max(LEAST_ALBEDO);
+        let x = i % width;
         let near = [
-            (i % width > 0).then(|| i - 1),
-            (i % width + 1 < width).then_some(i + 1),
+            (x > 0).then(|| i - 1),
+            (x + 1 < width).then_some(i + 1),
             i.checked_sub(width),
             Some(i + width).filter(|below| *below < f.slope.len()),
         ];

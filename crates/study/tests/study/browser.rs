@@ -78,6 +78,7 @@ fn a_whole_report_works_in_a_browser_with_screenshots() {
 }
 
 #[test]
+#[ignore = "14 s: a negative control of the test before"]
 fn a_browser_notices_missing_parts() {
     if tools().is_none() {
         return;
