@@ -6,10 +6,10 @@ use crate::error_map::{self, Pair, raw_error, select};
 use crate::light::Light;
 use crate::normal_equations::{Fit, Sums, solve};
 use crate::parameters::{NEEDS, RECORDED};
-use crate::planes::{Colours, Inputs, Plane, Reads};
+use crate::planes::{Colours, Half, Inputs, Plane, Reads};
 use crate::regression::regress;
 use crate::tile::{Guide, Likeness};
-use dapple_core::{Film, Filtered, Frame};
+use dapple_core::{Estimate, Film, Filtered, Frame, SurfaceFeatures};
 use pulp::Scalar;
 
 const SIDE: usize = 24;
@@ -224,6 +224,51 @@ fn a_sample_of_a_pixel_without_others_counts_in_one_half() {
         assert!((0..PIXELS).all(|i| !differs(1 - own, i)), "the other half");
     }
     assert!(before.halves.iter().all(|half| half.count.iter().all(|count| *count == 0.5)));
+}
+
+/// What a half has between its samples: their mean on the same surface, in proportion to albedo.
+#[test]
+fn a_half_is_interpolated_on_its_surface_and_without_its_albedo() {
+    let albedo = |i: usize| if i.is_multiple_of(2) { 0.8 } else { 0.2 };
+    let is_left = |i: usize| i % SIDE < SIDE / 2;
+    let light = |i: usize| if is_left(i) { 1.0 } else { 5.0 };
+    let film = |turns: bool| {
+        let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), RECORDED);
+        for i in 0..PIXELS {
+            let place = [(i % SIDE) as f32, (i / SIDE) as f32, 0.0];
+            let normal = if turns && is_left(i) { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] };
+            let features = SurfaceFeatures::new(place, normal, 10.0).with_albedo([albedo(i); 3]);
+            film.push_estimate(i, 0, &Estimate::new([albedo(i) * light(i); 3]).with_features(features));
+        }
+        whole(&film)
+    };
+    let worst = |inputs: &Inputs| -> f32 {
+        let apart = |half: &Half, i: usize| (half.colour[0][i] * inputs.level / (albedo(i) * light(i)) - 1.0).abs();
+        inputs.halves.iter().flat_map(|half| (0..PIXELS).map(move |i| apart(half, i))).fold(0.0, f32::max)
+    };
+    let [corner, flat] = [true, false].map(|turns| worst(&film(turns)));
+    // A quarter of the light beyond the edge crosses it on one surface, and a 41st part of that weight crosses a corner.
+    assert!(corner < 0.06 && flat > 0.5, "{corner}, {flat}");
+}
+
+/// The variance of one sample per pixel is that of its noise, and a quarter of it between samples.
+#[test]
+fn one_sample_per_pixel_has_the_variance_of_its_noise() {
+    let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), NEEDS);
+    let mut state = 1u32;
+    for i in 0..PIXELS {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        film.push(i, 0, [0.5 + (state >> 8) as f32 / 16_777_216.0; 3]);
+    }
+    let inputs = whole(&film);
+    let of = |is_own: bool| -> f32 {
+        let half = |i: usize| (i % SIDE + i / SIDE + usize::from(!is_own)) % 2;
+        let inside = (0..PIXELS).filter(|i| (2..SIDE - 2).contains(&(i % SIDE)) && (2..SIDE - 2).contains(&(i / SIDE)));
+        let values: Vec<f32> = inside.map(|i| inputs.halves[half(i)].variance[0][i]).collect();
+        values.iter().sum::<f32>() / values.len() as f32 * inputs.level * inputs.level * 12.0
+    };
+    let [own, between] = [of(true), of(false)];
+    assert!((0.85..1.15).contains(&own) && (0.85..1.15).contains(&(4.0 * between)), "{own}, {between}");
 }
 
 /// A lamp of radiance 10^5 covers pixel 300 partly; one sample in four sees it. The wall varies by 0.1.

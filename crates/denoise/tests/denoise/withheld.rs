@@ -142,7 +142,7 @@ fn lamps_of_one_sample_per_pixel_leak_one_pixel_far() {
     for filter in over_halves() {
         let [leak, without] = [leak_beyond(&*filter), leak(&*filter, false, (20.0, 1))];
         // The first pass alone has windows that no later one corrects.
-        let most = if filter.describe().contains("passes=1") { 1.0 } else { (0.05 * without).max(0.2) };
+        let most = if filter.describe().contains("passes=1") { 0.7 } else { (0.05 * without).max(0.2) };
         assert!(leak <= most, "{}: {leak} leaks", filter.describe());
     }
     assert!(leak_beyond(&Gaussian::new(0.05, 12.0).unwrap()) < 0.2, "filters without halves withhold all emission");
