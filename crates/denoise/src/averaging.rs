@@ -2,10 +2,11 @@
 //! guide: the colours and variances of the other half.
 
 use crate::dispatch::dispatch;
+use crate::maps::map;
 use crate::planes::{Colours, Inputs, LEAST_ALBEDO, Plane};
 use crate::tile::{
-    Differences, Guide, HEIGHT, LANES, Likeness, REACH, Stack, Tile, WIDTH, count_weights, exp_minus, origins,
-    sharpness, stride, tiles, vectors,
+    Differences, Guide, HEIGHT, LANES, Likeness, LocalGuide, REACH, Stack, Tile, WIDTH, count_weights, exp_minus,
+    number, origins, sharpness, stride, tiles, vectors,
 };
 use dapple_core::{FilterMemory, Frame, ImagePlanes};
 use pulp::{Simd, WithSimd};
@@ -56,10 +57,10 @@ pub(crate) fn average_where<const G: usize>(
 ) -> [Colours; 2] {
     let sharp = like.features.map(|scales| sharpness(&inputs.features, &scales));
     let sharp = sharp.as_ref();
-    let task = |&origin: &[usize; 2]| {
-        wanted(origin).then(|| dispatch(TileTask { inputs, values, guides, like, sharp, window, origin }))
+    let task = |scratch: &mut Scratch<G>, &origin: &[usize; 2]| {
+        wanted(origin).then(|| dispatch(TileTask { inputs, values, guides, like, sharp, window, origin, scratch }))
     };
-    let tiles: Vec<Option<Sums>> = origins(inputs.size).par_iter().map(task).collect();
+    let tiles: Vec<Option<Sums>> = origins(inputs.size).par_iter().map_init(Scratch::default, task).collect();
     [0, 1].map(|half| std::array::from_fn(|c| assembled(inputs.size, &tiles, &values[half][c], half, c)))
 }
 
@@ -83,6 +84,26 @@ struct TileTask<'a, const G: usize> {
     sharp: Option<&'a [Plane; 3]>,
     window: &'a Window,
     origin: [usize; 2],
+    scratch: &'a mut Scratch<G>,
+}
+
+/// The memory of a task, which the next one uses again.
+struct Scratch<const G: usize> {
+    tile: Tile,
+    guides: [LocalGuide; G],
+    values: [Stack<4>; 2],
+    differences: [Differences; G],
+}
+
+impl<const G: usize> Default for Scratch<G> {
+    fn default() -> Self {
+        Self {
+            tile: Tile::default(),
+            guides: std::array::from_fn(|_| LocalGuide::default()),
+            values: Default::default(),
+            differences: std::array::from_fn(|_| Differences::default()),
+        }
+    }
 }
 
 /// The weighted sums of a tile. An entry holds red, green, blue and weight of the even (or odd) columns in a row of one
@@ -111,43 +132,44 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
 
 impl<const G: usize> TileTask<'_, G> {
     #[inline(always)]
-    fn run<S: Simd, const R: usize>(&self, simd: S) -> Sums {
-        let tile = Tile::new(self.inputs, self.origin, self.like, self.sharp);
-        let guides: [_; G] = std::array::from_fn(|g| tile.guide(&self.guides[g]));
-        let values = [0, 1].map(|h: usize| {
-            let [r, g, b] = self.values[h];
-            let mut stack = Stack::new([r, g, b, &self.inputs.halves[h].count], self.inputs.size, self.origin);
-            stack.clear_outside(3, self.inputs.size, self.origin);
-            stack
-        });
+    fn run<S: Simd, const R: usize>(self, simd: S) -> Sums {
+        let Self { inputs, values, guides, like, sharp, window, origin, scratch } = self;
+        scratch.tile.copy(inputs, origin, like, sharp);
+        guides.iter().zip(&mut scratch.guides).for_each(|(guide, to)| scratch.tile.copy_guide(guide, to));
+        for (h, to) in scratch.values.iter_mut().enumerate() {
+            let [r, g, b] = values[h];
+            to.copy([r, g, b, &inputs.halves[h].count], inputs.size, origin);
+            to.clear_outside(3, inputs.size, origin);
+        }
         let mut sums = vec![[0.0; 4 * LANES]; place(2, 0, 0)];
-        let mut differences: [Differences; G] = std::array::from_fn(|_| Differences::new());
-        let side = 2 * self.window.radius + 1;
+        let side = 2 * window.radius + 1;
         for o in 0..side * side {
-            let offset = [o % side, o / side].map(|d| d as isize - self.window.radius as isize);
-            for (differences, guide) in differences.iter_mut().zip(&guides) {
-                differences.compare::<S, R>(simd, guide, tile.extent()[0], offset);
+            let offset = [o % side, o / side].map(|d| d as isize - window.radius as isize);
+            for (differences, guide) in scratch.differences.iter_mut().zip(&scratch.guides) {
+                differences.compare::<S, R>(simd, guide, scratch.tile.extent()[0], offset);
             }
-            self.gather::<S, R>(simd, &tile, &mut differences, &values, offset, &mut sums);
+            scratch.gather::<S, R>(simd, like, window, offset, &mut sums);
         }
         divide(&mut sums);
         sums
     }
+}
 
+impl<const G: usize> Scratch<G> {
     /// Adds to the sums of each pixel in the tile the pixel at `offset` from it, multiplied by its weight.
     #[inline(always)]
     fn gather<S: Simd, const R: usize>(
-        &self,
+        &mut self,
         simd: S,
-        tile: &Tile,
-        differences: &mut [Differences; G],
-        values: &[Stack<4>; 2],
+        like: &Likeness,
+        window: &Window,
         offset: [isize; 2],
         sums: &mut Sums,
     ) {
+        let Self { tile, values, differences, .. } = self;
         let [dx, dy] = offset.map(|d| d as f32);
-        let spatial = exp_minus(self.window.falloff * (dx * dx + dy * dy));
-        let (spatial, cut) = (simd.splat_f32s(spatial), simd.splat_f32s(self.window.cut));
+        let spatial = exp_minus(window.falloff * (dx * dx + dy * dy));
+        let (spatial, cut) = (simd.splat_f32s(spatial), simd.splat_f32s(window.cut));
         let step = stride::<S>();
         let mut weights = [[0.0; LANES]; G];
         for y in 0..tile.extent()[0] {
@@ -155,7 +177,7 @@ impl<const G: usize> TileTask<'_, G> {
                 differences.sum_columns::<S, R>(simd, y);
             }
             for parity in 0..2 {
-                tile.weights::<S, R, G>(simd, differences, self.like, [y, parity], offset, &mut weights);
+                tile.weights::<S, R, G>(simd, differences, like, [y, parity], offset, &mut weights);
                 for half in 0..2 {
                     let here = vectors::<S>(values[half].moved(y, parity, [0, 0]));
                     let there = vectors::<S>(values[half].moved(y, parity, offset));
@@ -195,11 +217,10 @@ fn divide(sums: &mut Sums) {
 }
 
 fn assembled([width, height]: [usize; 2], tiles: &[Option<Sums>], own: &[f32], half: usize, c: usize) -> Plane {
-    let columns = width.div_ceil(WIDTH);
     let mut all = vec![0.0; width * height];
     all.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
         for (column, row) in row.chunks_mut(WIDTH).enumerate() {
-            let Some(tile) = &tiles[y / HEIGHT * columns + column] else {
+            let Some(tile) = &tiles[number([column, y / HEIGHT], height)] else {
                 row.copy_from_slice(&own[y * width + column * WIDTH..][..row.len()]);
                 continue;
             };
@@ -216,20 +237,26 @@ fn assembled([width, height]: [usize; 2], tiles: &[Option<Sums>], own: &[f32], h
 /// `demodulated` divides colours by albedo.
 pub(crate) fn guide(inputs: &Inputs, half: usize, pooled: bool, demodulated: bool) -> Guide {
     let own = &inputs.halves[half];
-    let divided = |c: usize, plane: &Plane, power: u32| -> Plane {
+    let colour: Colours = std::array::from_fn(|c| {
         if !demodulated {
-            return plane.clone();
+            return own.colour[c].clone();
         }
-        let albedo = inputs.features.mean[3 + c].iter().map(|a| a.max(LEAST_ALBEDO));
-        let divisor = albedo.map(|a| if power == 2 { a * a } else { a });
-        plane.iter().zip(divisor).map(|(value, divisor)| value / divisor).collect()
-    };
-    let colour: Colours = std::array::from_fn(|c| divided(c, &own.colour[c], 1));
-    let [r, g, b]: Colours = std::array::from_fn(|c| divided(c, &own.variance[c], 2));
+        let [plane] = map([&own.colour[c], &inputs.features.mean[3 + c]], |[v, albedo]| [v / albedo.max(LEAST_ALBEDO)]);
+        plane
+    });
+    let variance: Colours = std::array::from_fn(|c| {
+        if !demodulated {
+            return own.variance[c].clone();
+        }
+        let [plane] = map([&own.variance[c], &inputs.features.mean[3 + c]], |[v, albedo]| {
+            [v / (albedo.max(LEAST_ALBEDO) * albedo.max(LEAST_ALBEDO))]
+        });
+        plane
+    });
     if !pooled {
-        return Guide { colour, variance: vec![r, g, b] };
+        return Guide { colour, variance: variance.into() };
     }
-    let sum = r.iter().zip(&g).zip(&b).map(|((r, g), b)| r + g + b).collect();
+    let [sum] = map(variance.each_ref().map(|plane| &plane[..]), |[r, g, b]| [r + g + b]);
     Guide { colour, variance: vec![sum] }
 }
 

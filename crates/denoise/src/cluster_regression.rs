@@ -4,11 +4,12 @@ use crate::among::{Among, rows_around};
 use crate::averaging::guide;
 use crate::bilateral::Bilateral;
 use crate::cluster_gaussian::ClusterLookup;
-use crate::error_map::{ERROR_ROWS, Pair, filtered, filtered_over, relative_weight, select, select_rows};
+use crate::error_map::{ERROR_ROWS, Pair, combined, filtered, filtered_over, relative_weight, select, select_rows};
 use crate::light::{self, Layers, Light};
+use crate::maps::{box_mean, map, update};
 use crate::outliers;
 use crate::parameters::{describe, featureless, recorded};
-use crate::planes::{self, Inputs, Plane, Reads, box_mean};
+use crate::planes::{self, Inputs, LEAST_ALBEDO, Reads};
 use crate::prefilter::{self, prefilter};
 use crate::regression::{self, bytes, regress};
 use crate::scales::{self, Scales};
@@ -18,7 +19,6 @@ use crate::wide::{self, wide};
 use dapple_core::{
     Band, Error, Exchange, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _,
 };
-use rayon::prelude::*;
 use std::fmt;
 use std::ops::Range;
 
@@ -175,7 +175,7 @@ impl ClusterRegression {
         let guides = [0, 1].map(|half| guide(inputs, half, true, false));
         let features = FeatureScales { bandwidth: 2.4, floors: [1e-2, 2e-3], slope: 1.2 };
         let like = Likeness { patch: 1, colour: 2.0, features: Some(features), outside: self.outside() as f32 };
-        Pair(regress(inputs, &guides, &like, beside, BESIDE[0]))
+        regress(inputs, &guides, &like, beside, BESIDE[0])
     }
 
     /// Runs the second pass on both halves of the samples. `guide` is an image with less noise, by which pixels are
@@ -186,7 +186,7 @@ impl ClusterRegression {
         let outside = self.outside().max(0.7) as f32;
         let colour = 1.5 * inputs.smoothness;
         let like = Likeness { patch: 1, colour, features: Some(features), outside };
-        Pair(regress(inputs, &[residual_guide(inputs, guide)], &like, guide, BESIDE[1]))
+        regress(inputs, &[residual_guide(inputs, guide)], &like, guide, BESIDE[1])
     }
 
     /// The images that the guide of the second pass is chosen from: that of the first pass and the bilateral one.
@@ -208,11 +208,10 @@ impl ClusterRegression {
         if self.options.passes == Passes::One {
             return Ok(images.swap_remove(0));
         }
-        let unfiltered = Pair::unfiltered(inputs);
         let weight = relative_weight(inputs, &images[0]);
-        let chosen = select(inputs, &images, Some(&unfiltered), &weight, FIRST_CHOICE, 0.0);
+        let chosen = select(inputs, &images, &weight, FIRST_CHOICE, Some(0.0));
         images.extend(among.complete(inputs, [self.second(inputs, &chosen)], Among::rows)?);
-        Ok(select(inputs, &images, Some(&unfiltered), &weight, SECOND_CHOICE, 0.0))
+        Ok(select(inputs, &images, &weight, SECOND_CHOICE, Some(0.0)))
     }
 
     /// The image of three passes before its blend with the unfiltered image. The unfiltered image guides the second pass
@@ -220,15 +219,13 @@ impl ClusterRegression {
     fn smooth(&self, inputs: &Inputs, evidence: f32, among: &mut Among<'_>) -> Result<Pair, Error> {
         let mut images = self.before_second(inputs, among)?;
         let weight = relative_weight(inputs, &images[0]);
-        let unfiltered = Pair::unfiltered(inputs);
-        let chosen = select(inputs, &images, Some(&unfiltered), &weight, FIRST_CHOICE, evidence);
-        drop(unfiltered);
+        let chosen = select(inputs, &images, &weight, FIRST_CHOICE, Some(evidence));
         images.extend(among.complete(inputs, [self.second(inputs, &chosen)], Among::rows)?);
-        let base = select(inputs, &images, None, &weight, SECOND_CHOICE, 0.0);
+        let base = select(inputs, &images, &weight, SECOND_CHOICE, None);
         drop((images, chosen));
         let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
         let [smooth] = among.complete(inputs, [smooth], Among::rows)?;
-        Ok(shrink(inputs, &base, &smooth, scales::BLEND, EVIDENCE))
+        Ok(shrink(inputs, base.channels(), &smooth, scales::BLEND, EVIDENCE))
     }
 
     /// The image of three passes without coarse scales.
@@ -339,7 +336,7 @@ const CERTAIN: f32 = 1.01;
 
 /// The unfiltered image, moved towards `smooth` as far as their difference is noise.
 fn blended(inputs: &Inputs, smooth: &Pair, evidence: f32) -> Pair {
-    shrink(inputs, &Pair::unfiltered(inputs), smooth, LAST, evidence)
+    shrink(inputs, inputs.unfiltered(), smooth, LAST, evidence)
 }
 
 /// The radius over which the noise of a guide is averaged, and the rows that it reads above and below its own.
@@ -351,20 +348,21 @@ pub(crate) const GUIDE_ROWS: usize = 3;
 /// The variance is that of one half, `(a - b)^2 / 2`. The variance of the whole image, `(a - b)^2 / 4`, left more
 /// error. One guide serves both halves. It keeps little of their noise and costs half as much as two guides.
 pub(crate) fn residual_guide(inputs: &Inputs, image: &Pair) -> Guide {
-    let Pair([a, b]) = image;
-    let demodulated = |plane: &Plane, c: usize, i: usize| plane[i] / inputs.divisor(c, i);
-    let difference = |i: usize| {
-        let apart = |c: usize| demodulated(&a[c], c, i) - demodulated(&b[c], c, i);
-        0.5 * (apart(0) * apart(0) + apart(1) * apart(1) + apart(2) * apart(2))
-    };
-    let all: Plane = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(difference).collect();
+    let ([ra, ga, ba, rb, gb, bb], [na, nb]) = (image.channels(), inputs.counts());
+    let [_, _, _, ar, ag, ab, _] = &inputs.features.mean;
+    let [difference] = map([ra, ga, ba, rb, gb, bb, ar, ag, ab], |[ra, ga, ba, rb, gb, bb, ar, ag, ab]| {
+        let apart = |a: f32, b: f32, albedo: f32| a / albedo.max(LEAST_ALBEDO) - b / albedo.max(LEAST_ALBEDO);
+        let [r, g, b] = [apart(ra, rb, ar), apart(ga, gb, ag), apart(ba, bb, ab)];
+        [0.5 * (r * r + g * g + b * b)]
+    });
+    let mut variance = box_mean(&difference, inputs.size, GUIDE_ROWS);
     // The floor under the variance, as in the first pass: it is not 0 and keeps the filter consistent.
-    let floor = |i: usize| 3.0 * 4e-4 / (inputs.halves[0].count[i] + inputs.halves[1].count[i]).max(1.0);
-    let noise = box_mean(&all, inputs.size, GUIDE_ROWS);
-    let variance: Plane = noise.iter().enumerate().map(|(i, v)| v + floor(i)).collect();
-    let colour = std::array::from_fn(|c| {
-        let mean = |i: usize| image.combined(inputs, c, i) / inputs.divisor(c, i);
-        (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(mean).collect()
+    update(&mut variance, [na, nb], |noise, [na, nb]| noise + 3.0 * 4e-4 / (na + nb).max(1.0));
+    let colour = [[ra, rb, ar], [ga, gb, ag], [ba, bb, ab]].map(|[a, b, albedo]| {
+        let [mean] = map([a, b, albedo, na, nb], |[a, b, albedo, na, nb]| {
+            [combined([a, b], [na, nb]) / albedo.max(LEAST_ALBEDO)]
+        });
+        mean
     });
     Guide { colour, variance: vec![variance] }
 }
@@ -394,8 +392,8 @@ impl Filter for ClusterRegression {
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let [kept, making] = Inputs::bytes_per_pixel(self.label.is_some() && needs.first_hits > 0);
         let pair = 4 * 6;
-        // While the first pass runs, the bilateral pair is in memory. While the second runs, these are: the bilateral,
-        // first, unfiltered and chosen pairs, and a plane of weights. That is more than the final choice takes.
+        // While the first pass runs, the bilateral pair is in memory. While the second runs, the bilateral, first and chosen
+        // pairs are, and a plane of weights. A choice takes the memory of one more pair: errors and shares.
         // The image of the first part of the light is kept meanwhile.
         let parts = if self.options.layers == Layers::One || !needs.indirect { 0 } else { frame.bytes(16) };
         let at_most = match self.options.passes {

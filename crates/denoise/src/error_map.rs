@@ -1,7 +1,8 @@
 //! Error estimates of filtered images from two halves, for choosing between filters and planning counts.
 
 use crate::among::Among;
-use crate::planes::{Colours, Inputs, Plane, box_mean};
+use crate::maps::{box_mean, map, update};
+use crate::planes::{Colours, Inputs, LEAST_ALBEDO, Plane, first_share};
 use dapple_core::{Error, Filtered};
 use rayon::prelude::*;
 
@@ -13,69 +14,57 @@ const EPSILON: f32 = 0.01;
 /// image where all errors are small.
 const HANDICAP: f32 = 2.0;
 
-/// The number of pixels per parallel task.
-const CHUNK: usize = 4096;
-
 /// Two images, one from each half of the samples.
 #[derive(Clone)]
 pub(crate) struct Pair(pub(crate) [Colours; 2]);
 
+/// Red, green and blue of the first half, then of the second.
+pub(crate) type Channels<'a> = [&'a [f32]; 6];
+
 impl Pair {
-    /// The unfiltered mean colours of both halves.
-    pub(crate) fn unfiltered(inputs: &Inputs) -> Self {
-        Self([0, 1].map(|h| inputs.halves[h].colour.clone()))
+    /// Two images from their channels.
+    pub(crate) fn new([ra, ga, ba, rb, gb, bb]: [Plane; 6]) -> Self {
+        Self([[ra, ga, ba], [rb, gb, bb]])
     }
 
-    /// Channel `c` of pixel `i` in the mean of both halves, weighted by their sample counts.
-    pub(crate) fn combined(&self, inputs: &Inputs, c: usize, i: usize) -> f32 {
-        let (a, b) = (self.0[0][c][i], self.0[1][c][i]);
-        b + inputs.first_share(i) * (a - b)
+    /// The channels of both images.
+    pub(crate) fn channels(&self) -> Channels<'_> {
+        let [[ra, ga, ba], [rb, gb, bb]] = &self.0;
+        [ra, ga, ba, rb, gb, bb]
     }
 
     /// Multiplies both halves by each pixel's albedo, raised to at least 0.02.
     pub(crate) fn modulate(&mut self, inputs: &Inputs) {
-        self.each(|c, i, value| value * inputs.divisor(c, i));
+        for (c, plane) in self.0.iter_mut().flat_map(|half| half.iter_mut().enumerate()) {
+            update(plane, [&inputs.features.mean[3 + c]], |value, [albedo]| value * albedo.max(LEAST_ALBEDO));
+        }
     }
 
     /// Adds `light` to both halves.
     pub(crate) fn add(&mut self, light: &[Colours; 2]) {
         for (plane, light) in self.0.iter_mut().flatten().zip(light.iter().flatten()) {
-            plane.iter_mut().zip(light).for_each(|(value, light)| *value += light);
+            update(plane, [light], |value, [light]| value + light);
         }
     }
+}
 
-    fn each(&mut self, f: impl Fn(usize, usize, f32) -> f32) {
-        for (c, plane) in self.0.iter_mut().flat_map(|half| half.iter_mut().enumerate()) {
-            for (i, value) in plane.iter_mut().enumerate() {
-                *value = f(c, i, *value);
-            }
-        }
-    }
-
-    /// The sum of several pairs of images, each multiplied by a weight per pixel.
-    pub(crate) fn mixed(pairs: &[&Self], weights: &[Plane]) -> Self {
-        let mix = |half: usize, c: usize| -> Plane {
-            let mut sum = vec![0.0; pairs[0].0[half][c].len()];
-            sum.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, sum)| {
-                for (pair, weight) in pairs.iter().zip(weights) {
-                    let (own, weight) = (&pair.0[half][c][chunk * CHUNK..], &weight[chunk * CHUNK..]);
-                    sum.iter_mut().zip(own).zip(weight).for_each(|((s, p), w)| *s += w * p);
-                }
-            });
-            sum
-        };
-        Self([0, 1].map(|half| std::array::from_fn(|c| mix(half, c))))
-    }
+/// A channel of the mean of both halves `a` and `b`, weighted by their sample counts `na` and `nb`.
+#[inline(always)]
+pub(crate) fn combined([a, b]: [f32; 2], [na, nb]: [f32; 2]) -> f32 {
+    b + first_share([na, nb]) * (a - b)
 }
 
 /// The weight of each pixel's squared error, as in relMSE: one over the squared mean of 3x3 pixels plus epsilon.
 pub(crate) fn relative_weight(inputs: &Inputs, image: &Pair) -> Plane {
-    let of = |c: usize, i: usize| image.combined(inputs, c, i);
-    let grey = |i: usize| (of(0, i) + of(1, i) + of(2, i)) / 3.0;
-    let grey: Plane = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(grey).collect();
+    let ([ra, ga, ba, rb, gb, bb], [na, nb]) = (image.channels(), inputs.counts());
+    let [grey] = map([ra, ga, ba, rb, gb, bb, na, nb], |[ra, ga, ba, rb, gb, bb, na, nb]| {
+        let of = |a: f32, b: f32| combined([a, b], [na, nb]);
+        [(of(ra, rb) + of(ga, gb) + of(ba, bb)) / 3.0]
+    });
     let epsilon = EPSILON / inputs.level / inputs.level;
-    let mean = box_mean(&grey, inputs.size, 1);
-    mean.into_par_iter().with_min_len(1024).map(|m| 1.0 / (m * m + epsilon).max(1e-30)).collect()
+    let mut weight = box_mean(&grey, inputs.size, 1);
+    update(&mut weight, [], |mean, []| 1.0 / (mean * mean + epsilon).max(1e-30));
+    weight
 }
 
 /// The estimated squared error of each pixel times its weight, unsmoothed, and the part of it that is variance. Both
@@ -89,87 +78,92 @@ pub(crate) fn relative_weight(inputs: &Inputs, image: &Pair) -> Plane {
 /// covariances of `F_A` with `B` and of `F_B` with `A`.
 ///
 /// The sample variance in place of `(A - B)^2` would overrate the noise of low-discrepancy samples.
-pub(crate) fn raw_error(inputs: &Inputs, image: &Pair, weight: &[f32]) -> [Plane; 2] {
-    let mut planes = [vec![0.0; inputs.pixels()], vec![0.0; inputs.pixels()]];
-    let [whole, variance] = &mut planes;
-    let chunks = whole.par_chunks_mut(CHUNK).zip(variance.par_chunks_mut(CHUNK));
-    chunks.enumerate().for_each(|(chunk, (whole, variance))| {
-        let from = chunk * CHUNK;
-        let [a, b] = &inputs.halves;
-        for c in 0..3 {
-            let (fa, fb) = (&image.0[0][c][from..][..whole.len()], &image.0[1][c][from..][..whole.len()]);
-            let (ua, ub) = (&a.colour[c][from..][..whole.len()], &b.colour[c][from..][..whole.len()]);
-            for i in 0..whole.len() {
-                let common = 0.25 * (fa[i] - fb[i]) * (fa[i] - fb[i]);
-                let (across, back, apart) = (fa[i] - ub[i], fb[i] - ua[i], ua[i] - ub[i]);
-                whole[i] += 0.5 * (across * across + back * back - apart * apart) - common;
-                variance[i] += common;
-            }
+pub(crate) fn raw_error(inputs: &Inputs, image: Channels<'_>, weight: &[f32]) -> [Plane; 2] {
+    let ([fra, fga, fba, frb, fgb, fbb], [ra, ga, ba, rb, gb, bb]) = (image, inputs.unfiltered());
+    let [na, nb] = inputs.counts();
+    map([fra, fga, fba, frb, fgb, fbb, ra, ga, ba, rb, gb, bb, na, nb, weight], |values| {
+        let [fra, fga, fba, frb, fgb, fbb, ra, ga, ba, rb, gb, bb, na, nb, weight] = values;
+        let (mut whole, mut variance) = (0.0, 0.0);
+        for [fa, fb, ua, ub] in [[fra, frb, ra, rb], [fga, fgb, ga, gb], [fba, fbb, ba, bb]] {
+            let common = 0.25 * (fa - fb) * (fa - fb);
+            let (across, back, apart) = (fa - ub, fb - ua, ua - ub);
+            whole += 0.5 * (across * across + back * back - apart * apart) - common;
+            variance += common;
         }
-        let (na, nb) = (&a.count[from..], &b.count[from..]);
-        for i in 0..whole.len() {
-            let known = if na[i] == 0.0 || nb[i] == 0.0 { 0.0 } else { weight[from + i] / 3.0 };
-            whole[i] *= known;
-            variance[i] *= known;
-        }
-    });
-    planes
+        let known = if na == 0.0 || nb == 0.0 { 0.0 } else { weight / 3.0 };
+        [whole * known, variance * known]
+    })
 }
 
 /// Selects per pixel the candidate with the least estimated error over `(2 radius + 1)^2` pixels, the first of equals.
-/// The selection is blurred over 5x5 pixels. The error of the unfiltered image, if that is a candidate, counts
-/// [`HANDICAP`] times.
+/// The selection is blurred over 5x5 pixels. The unfiltered image is the last candidate if there is an `evidence`; its error
+/// counts [`HANDICAP`] times.
 ///
 /// The unfiltered image must also be better than each other candidate by `evidence` standard errors of that difference;
 /// 0 is no condition. One pixel whose two halves are bright by chance reaches 1 standard error.
-pub(crate) fn select(
-    inputs: &Inputs,
-    filtered: &[Pair],
-    unfiltered: Option<&Pair>,
-    weight: &[f32],
-    radius: usize,
-    evidence: f32,
-) -> Pair {
-    let candidates: Vec<&Pair> = filtered.iter().chain(unfiltered).collect();
+pub(crate) fn select(inputs: &Inputs, filtered: &[Pair], weight: &[f32], radius: usize, evidence: Option<f32>) -> Pair {
+    let unfiltered = evidence.map(|_| inputs.unfiltered());
+    let candidates: Vec<Channels<'_>> = filtered.iter().map(Pair::channels).chain(unfiltered).collect();
     let raw: Vec<Plane> = candidates
-        .par_iter()
-        .map(|pair| {
-            let [whole, _] = raw_error(inputs, pair, weight);
+        .iter()
+        .map(|&image| {
+            let [whole, _] = raw_error(inputs, image, weight);
             whole
         })
         .collect();
-    let mut errors: Vec<Plane> = raw.par_iter().map(|error| box_mean(error, inputs.size, radius)).collect();
-    for error in &mut errors[filtered.len()..] {
-        error.iter_mut().for_each(|e| *e *= HANDICAP);
-    }
-    if evidence > 0.0 && unfiltered.is_some() {
-        let (others, own) = errors.split_at_mut(filtered.len());
-        let doubtful: Vec<Vec<bool>> = (0..others.len())
-            .into_par_iter()
-            .map(|k| is_doubtful(inputs, [&raw[k], &raw[filtered.len()]], radius, evidence))
-            .collect();
-        for (i, error) in own[0].iter_mut().enumerate() {
-            *error = if doubtful.iter().any(|doubtful| doubtful[i]) { f32::INFINITY } else { *error };
+    let mut errors: Vec<Plane> = raw.iter().map(|error| box_mean(error, inputs.size, radius)).collect();
+    if let (Some(evidence), Some((own, others))) = (evidence, errors.split_last_mut()) {
+        update(own, [], |error, []| error * HANDICAP);
+        for other in &raw[..if evidence > 0.0 { others.len() } else { 0 }] {
+            forbid_doubtful(inputs, own, [other, &raw[filtered.len()]], radius, evidence);
         }
     }
-    let best =
-        |i: usize| (1..errors.len()).fold(0, |best, k| if errors[k][i] < errors[best][i] { k } else { best }) as u8;
-    let chosen: Vec<u8> = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(best).collect();
-    let share = |k: usize| {
-        let is: Plane = chosen.iter().map(|&c| if usize::from(c) == k { 1.0 } else { 0.0 }).collect();
-        box_mean(&is, inputs.size, 2)
-    };
-    let shares: Vec<Plane> = (0..candidates.len()).into_par_iter().map(share).collect();
-    Pair::mixed(&candidates, &shares)
+    drop(raw);
+    mixed(&candidates, &shares(inputs, &errors))
 }
 
-/// For each pixel, whether the mean of `other - own` over `(2 radius + 1)^2` pixels is at most `evidence` standard errors.
-fn is_doubtful(inputs: &Inputs, [other, own]: [&Plane; 2], radius: usize, evidence: f32) -> Vec<bool> {
-    let apart: Plane = other.iter().zip(own).map(|(other, own)| other - own).collect();
-    let squares: Plane = apart.iter().map(|d| d * d).collect();
+/// The share of each candidate: 1 where its error is the least, the first of equals, blurred over 5x5 pixels.
+fn shares(inputs: &Inputs, errors: &[Plane]) -> Vec<Plane> {
+    let (mut least, mut best) = (errors[0].clone(), vec![0.0; errors[0].len()]);
+    for (number, error) in (1u8..).zip(&errors[1..]) {
+        let number = f32::from(number);
+        update(&mut best, [error, &least], |best, [error, least]| if error < least { number } else { best });
+        update(&mut least, [error], |least, [error]| if error < least { error } else { least });
+    }
+    let share = |number: usize| {
+        let number = number as f32;
+        let [is] = map([&best], |[best]| [if best == number { 1.0 } else { 0.0 }]);
+        box_mean(&is, inputs.size, 2)
+    };
+    (0..errors.len()).map(share).collect()
+}
+
+/// The sum of several pairs of images, each multiplied by a weight per pixel.
+fn mixed(images: &[Channels<'_>], weights: &[Plane]) -> Pair {
+    let mix = |k: usize| -> Plane {
+        let mut sum = vec![0.0; weights[0].len()];
+        for (image, weight) in images.iter().zip(weights) {
+            update(&mut sum, [image[k], weight], |sum, [value, weight]| sum + weight * value);
+        }
+        sum
+    };
+    Pair::new(std::array::from_fn(mix))
+}
+
+/// Sets the error of a candidate to infinity where the mean of `other - own` over `(2 radius + 1)^2` pixels is at most `evidence`
+/// standard errors.
+fn forbid_doubtful(inputs: &Inputs, error: &mut [f32], [other, own]: [&Plane; 2], radius: usize, evidence: f32) {
+    let [apart, squares] = map([other, own], |[other, own]| [other - own, (other - own) * (other - own)]);
     let [mean, square] = [apart, squares].map(|plane| box_mean(&plane, inputs.size, radius));
     let errors = evidence / (2 * radius + 1) as f32;
-    mean.iter().zip(&square).map(|(mean, square)| *mean <= errors * square.sqrt()).collect()
+    let is_doubtful = |mean: f32, square: f32| mean <= errors * square.sqrt();
+    update(
+        error,
+        [&mean, &square],
+        |error, [mean, square]| {
+            if is_doubtful(mean, square) { f32::INFINITY } else { error }
+        },
+    );
 }
 
 /// The filtered image in radiance, with the estimated squared error of each pixel ([`filtered_over`] 7x7 pixels).
@@ -192,23 +186,28 @@ pub(crate) fn filtered_over(
     among: &mut Among<'_>,
 ) -> Result<Filtered, Error> {
     let weight = relative_weight(inputs, image);
-    let [whole, variance] = raw_error(inputs, image, &weight);
-    let [a, b] = [0, 1].map(|h| &inputs.halves[h].count);
-    let known: Plane = a.iter().zip(b).map(|(a, b)| f32::from(u8::from(*a > 0.0 && *b > 0.0))).collect();
+    let [whole, variance] = raw_error(inputs, image.channels(), &weight);
+    let [known] = map(inputs.counts(), |[a, b]| [if a > 0.0 && b > 0.0 { 1.0 } else { 0.0 }]);
     let near = |plane: &[f32], radius| -> Plane {
-        let (sums, counts) = (box_mean(plane, inputs.size, radius), box_mean(&known, inputs.size, radius));
-        sums.iter().zip(counts).map(|(s, n)| if n > 0.0 { s / n } else { f32::INFINITY }).collect()
+        let (mut mean, count) = (box_mean(plane, inputs.size, radius), box_mean(&known, inputs.size, radius));
+        update(&mut mean, [&count], |sum, [n]| if n > 0.0 { sum / n } else { f32::INFINITY });
+        mean
     };
-    let smooth: Plane = near(&whole, radius).iter().zip(near(&variance, 2)).map(|(w, v)| w.max(v).max(0.0)).collect();
+    let mut smooth = near(&whole, radius);
+    update(&mut smooth, [&near(&variance, 2)], |whole, [variance]| whole.max(variance).max(0.0));
     let finite = |i: usize| if smooth[i].is_finite() { [f64::from(smooth[i]), 1.0] } else { [0.0; 2] };
     let [sum, count] = among.sum_pixels(&inputs.place, inputs.size[0], finite)?;
-    let floor = 0.05 * sum / count.max(1.0);
+    let floor = (0.05 * sum / count.max(1.0)) as f32;
     let square = inputs.level * inputs.level;
-    let error: Vec<f32> = smooth.iter().zip(&weight).map(|(e, w)| e.max(floor as f32) / w * square).collect();
-    let of = |c: usize, i: usize| (image.combined(inputs, c, i) * inputs.level).min(f32::MAX);
-    let colour = |i: usize| [of(0, i), of(1, i), of(2, i)];
+    update(&mut smooth, [&weight], |error, [weight]| error.max(floor) / weight * square);
+    let ([ra, ga, ba, rb, gb, bb], counts) = (image.channels(), inputs.counts());
+    let colour = |i: usize| {
+        let of =
+            |a: &[f32], b: &[f32]| (combined([a[i], b[i]], counts.map(|count| count[i])) * inputs.level).min(f32::MAX);
+        [of(ra, rb), of(ga, gb), of(ba, bb)]
+    };
     let radiance = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(colour).collect();
-    Ok(Filtered::new(inputs.size.map(|n| n as u32), radiance).with_error(error))
+    Ok(Filtered::new(inputs.size.map(|n| n as u32), radiance).with_error(smooth))
 }
 
 /// The radius of [`filtered`] in pixels.

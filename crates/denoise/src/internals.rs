@@ -47,6 +47,10 @@ fn pair(value: impl Fn(usize, usize) -> f32) -> Pair {
     Pair([0, 1].map(|half| grey(|i| value(i, half))))
 }
 
+fn unfiltered_pair(inputs: &Inputs) -> Pair {
+    Pair::new(inputs.unfiltered().map(<[f32]>::to_vec))
+}
+
 /// The images of both halves for a change of one half's guide, against those before: true where they differ.
 fn changed(image: impl Fn(&[Guide; 2]) -> [Colours; 2], inputs: &Inputs, half: usize) -> [bool; 2] {
     let guides = || [0, 1].map(|half| guide(inputs, half, true, false));
@@ -65,8 +69,8 @@ const LIKE: Likeness = Likeness { patch: 1, colour: 2.0, features: None, outside
 #[test]
 fn the_fit_and_the_predictions_of_a_half_take_all_weights_from_the_other_half() {
     let inputs = noisy();
-    let beside = Pair::unfiltered(&inputs);
-    let image = |guides: &[Guide; 2]| regress(&inputs, guides, &LIKE, &beside, 0.1);
+    let beside = unfiltered_pair(&inputs);
+    let image = |guides: &[Guide; 2]| regress(&inputs, guides, &LIKE, &beside, 0.1).0;
     assert_eq!(changed(image, &inputs, 0), [false, true]);
     assert_eq!(changed(image, &inputs, 1), [true, false]);
 }
@@ -121,17 +125,17 @@ fn errors_of_halves_that_cancel_are_no_error_of_their_mean() {
     let inputs = inputs(|_, _| 1.0);
     let image = pair(|_, half| if half == 0 { 1.1 } else { 0.9 });
     let weight = vec![1.0; PIXELS];
-    let [whole, variance] = raw_error(&inputs, &image, &weight);
+    let [whole, variance] = raw_error(&inputs, image.channels(), &weight);
     assert!(near(&whole, 0.0) && near(&variance, 0.01), "{} {}", whole[0], variance[0]);
 }
 
 #[test]
 fn raw_errors_are_squared_bias_where_halves_agree_and_noise_where_they_do_not() {
     let (inputs, weight) = (inputs(|_, half| unfiltered(half)), vec![1.0; PIXELS]);
-    let [whole, variance] = raw_error(&inputs, &Pair::unfiltered(&inputs), &weight);
+    let [whole, variance] = raw_error(&inputs, inputs.unfiltered(), &weight);
     let noise = NOISE * NOISE;
     assert!(near(&whole, noise) && near(&variance, noise), "{} {}", whole[0], variance[0]);
-    let [whole, variance] = raw_error(&inputs, &pair(|_, _| 1.5), &weight);
+    let [whole, variance] = raw_error(&inputs, pair(|_, _| 1.5).channels(), &weight);
     // The halves' own noise is subtracted: 0.25 + d^2 - 2 d^2.
     assert!(near(&whole, 0.25 - noise) && near(&variance, 0.0), "{} {}", whole[0], variance[0]);
 }
@@ -142,9 +146,9 @@ fn takes_filtered(ratio: f32) -> bool {
     let inputs = inputs(|_, half| unfiltered(half));
     // The error of a constant image without noise is its squared bias less d^2.
     let bias = ((ratio + 1.0) * NOISE * NOISE).sqrt();
-    let (image, unfiltered) = (pair(|_, _| 1.0 + bias), Pair::unfiltered(&inputs));
-    let chosen = select(&inputs, std::slice::from_ref(&image), Some(&unfiltered), &vec![1.0; PIXELS], 2, 0.0);
-    let [found, own] = [chosen.0[0][0][PIXELS / 2], unfiltered.0[0][0][PIXELS / 2]];
+    let (image, unfiltered) = (pair(|_, _| 1.0 + bias), inputs.unfiltered());
+    let chosen = select(&inputs, std::slice::from_ref(&image), &[1.0; PIXELS], 2, Some(0.0));
+    let [found, own] = [chosen.0[0][0][PIXELS / 2], unfiltered[0][PIXELS / 2]];
     (found - 1.0 - bias).abs() < (found - own).abs()
 }
 
@@ -159,7 +163,7 @@ fn unfiltered_pixels_must_have_half_the_error_of_filtered_ones_to_be_taken() {
 fn errors_are_at_least_a_twentieth_of_their_mean() {
     let noisy = |i: usize| i >= PIXELS / 2;
     let inputs = inputs(|i, half| if noisy(i) { unfiltered(half) } else { 1.0 });
-    let error = filtered(&inputs, &Pair::unfiltered(&inputs)).error.unwrap();
+    let error = filtered(&inputs, &unfiltered_pair(&inputs)).error.unwrap();
     let mean = error.iter().sum::<f32>() / PIXELS as f32;
     let least = error.iter().copied().fold(f32::INFINITY, f32::min);
     // The floor itself adds some 2 % to the mean.
@@ -190,7 +194,7 @@ fn errors_are_unknown_only_where_no_pixel_in_reach_has_samples() {
             (0..halves).for_each(|half| film.push(pixel, half, [unfiltered(half); 3]));
         }
         let inputs = whole(&film);
-        let error = filtered(&inputs, &Pair::unfiltered(&inputs)).error.unwrap();
+        let error = filtered(&inputs, &unfiltered_pair(&inputs)).error.unwrap();
         let unknown: Plane = error.iter().map(|e| f32::from(u8::from(e.is_infinite()))).collect();
         unknown.chunks(SIDE).map(|row| row.iter().sum::<f32>() / SIDE as f32).collect()
     };

@@ -81,6 +81,7 @@ mod gaussian;
 #[cfg(test)]
 mod internals;
 mod light;
+mod maps;
 mod membership;
 mod nl_means;
 mod normal_equations;

@@ -6,7 +6,8 @@
 
 use crate::among::Among;
 use crate::dispatch::dispatch;
-use crate::planes::{Colours, Inputs, LEAST_ALBEDO, Plane, box_mean};
+use crate::maps::{box_mean, map};
+use crate::planes::{Colours, Inputs, LEAST_ALBEDO, Plane};
 use crate::tile::exp_minus;
 use dapple_core::Error;
 use pulp::{Simd, WithSimd};
@@ -113,7 +114,8 @@ fn find(inputs: &Inputs, ratio: f32) -> Vec<Outlier> {
     let [width, height] = inputs.size;
     let grey: [Plane; 2] = [0, 1].map(|h: usize| {
         let [r, g, b] = &inputs.halves[h].colour;
-        r.iter().zip(g).zip(b).map(|((r, g), b)| (r + g + b) / 3.0).collect()
+        let [grey] = map([r, g, b], |[r, g, b]| [(r + g + b) / 3.0]);
+        grey
     });
     let near = [0, 1].map(|h: usize| box_mean(&grey[h], inputs.size, NEAR));
     let pixels = ((2 * NEAR + 1) * (2 * NEAR + 1)) as f32;

@@ -2,7 +2,9 @@
 
 use crate::among::{Among, Place};
 use crate::cluster_gaussian::ClusterLookup;
+use crate::error_map::Channels;
 use crate::light::Light;
+use crate::maps::{box_mean, map, parts, update};
 use crate::membership::BACKGROUND;
 use crate::single::{self, Halves};
 use crate::withheld::Bounds;
@@ -144,7 +146,7 @@ impl Inputs {
     pub(crate) fn add(&mut self, light: &[Colours; 2]) {
         for (half, light) in self.halves.iter_mut().zip(light) {
             for (plane, light) in half.colour.iter_mut().zip(light) {
-                plane.iter_mut().zip(light).for_each(|(value, light)| *value += light);
+                update(plane, [light], |value, [light]| value + light);
             }
         }
     }
@@ -156,8 +158,18 @@ impl Inputs {
 
     /// The share of the first half in the samples of pixel `i`; 0.5 if the pixel has no samples.
     pub(crate) fn first_share(&self, i: usize) -> f32 {
-        let (a, b) = (self.halves[0].count[i], self.halves[1].count[i]);
-        if a + b > 0.0 { a / (a + b) } else { 0.5 }
+        first_share(self.counts().map(|count| count[i]))
+    }
+
+    /// The number of samples in each pixel of both halves.
+    pub(crate) fn counts(&self) -> [&[f32]; 2] {
+        self.halves.each_ref().map(|half| &half.count[..])
+    }
+
+    /// The colours of both halves.
+    pub(crate) fn unfiltered(&self) -> Channels<'_> {
+        let [[ra, ga, ba], [rb, gb, bb]] = self.halves.each_ref().map(|half| &half.colour);
+        [ra, ga, ba, rb, gb, bb]
     }
 
     /// One channel of the albedo of pixel `i`, raised to at least [`LEAST_ALBEDO`] for a division.
@@ -166,22 +178,22 @@ impl Inputs {
     }
 }
 
+/// The share of the first half in a pixel's samples; 0.5 if the pixel has no samples.
+#[inline(always)]
+pub(crate) fn first_share([a, b]: [f32; 2]) -> f32 {
+    if a + b > 0.0 { a / (a + b) } else { 0.5 }
+}
+
 /// Computes `N` values for every pixel, each into a plane of its own.
-pub(crate) fn planes_of<const N: usize>(pixels: usize, of: impl Fn(usize) -> [f32; N] + Sync) -> [Plane; N] {
+pub(crate) fn planes_of<const N: usize>(pixels: usize, of: impl Fn(usize) -> [f32; N] + Sync + Send) -> [Plane; N] {
     const CHUNK: usize = 1024;
-    let mut planes: [Plane; N] = std::array::from_fn(|_| vec![0.0; pixels]);
-    let mut rest = planes.each_mut().map(|plane| plane.chunks_mut(CHUNK));
-    let mut parts: Vec<[&mut [f32]; N]> = Vec::with_capacity(pixels.div_ceil(CHUNK));
-    while parts.len() < parts.capacity() {
-        parts.push(rest.each_mut().map(|chunks| chunks.next().unwrap_or_default()));
-    }
-    parts.into_par_iter().enumerate().for_each(|(chunk, mut part)| {
+    let one = |(): &mut (), number: usize, mut part: [&mut [f32]; N]| {
         for k in 0..part[0].len() {
-            let values = of(chunk * CHUNK + k);
+            let values = of(number * CHUNK + k);
             part.iter_mut().zip(values).for_each(|(plane, value)| plane[k] = value);
         }
-    });
-    planes
+    };
+    parts(pixels, CHUNK, || (), one)
 }
 
 /// Computes a value for every pixel.
@@ -245,8 +257,8 @@ fn with_variances(film: &Film, halves: Halves, samples: Option<[Plane; 2]>) -> [
     let Halves { colours: [first, second], counts: [na, nb], variance, known } = halves;
     let sample = pooled_variance(film, variance, &known);
     let variance = |samples: &Plane, sample: &Plane| -> Plane {
-        let of_mean = |(v, n): (&f32, &f32)| if *n > 0.0 { (v + FLOOR) / n } else { UNKNOWN };
-        sample.iter().zip(samples).map(of_mean).collect()
+        let [plane] = map([sample, samples], |[v, n]| [if n > 0.0 { (v + FLOOR) / n } else { UNKNOWN }]);
+        plane
     };
     let half = |h: usize, colour: Colours, count: Plane| {
         let samples = samples.as_ref().map_or(&count, |samples| &samples[h]);
@@ -264,10 +276,10 @@ fn pooled_variance(film: &Film, own: Colours, known: &Plane) -> Colours {
     let freedom: Plane = per_pixel(film, |i| (film.count(i).max(1) - 1) as f32 * known[i]);
     own.map(|mut own| {
         let sums = box_mean(&own, size, 2);
-        for (((own, sum), near), freedom) in own.iter_mut().zip(sums).zip(&near).zip(&freedom) {
-            let pooled = (freedom * *own + POOLED * sum / near) / (freedom + POOLED);
-            *own = if *near > 0.0 { pooled } else { UNKNOWN };
-        }
+        update(&mut own, [&sums, &near, &freedom], |own, [sum, near, freedom]| {
+            let pooled = (freedom * own + POOLED * sum / near) / (freedom + POOLED);
+            if near > 0.0 { pooled } else { UNKNOWN }
+        });
         own
     })
 }
@@ -318,7 +330,7 @@ fn features(film: &Film, read: bool, place: &Place, among: &mut Among<'_>) -> Re
     });
     let position = [x, y, z];
     let unit = 24.0 * pixel_angle(&position, &scale, own, size[0], among)?;
-    scale.iter_mut().for_each(|depth| *depth = 1.0 / (unit * depth.max(1e-18)));
+    update(&mut scale, [], |depth, []| 1.0 / (unit * depth.max(1e-18)));
     let slope = slopes(&depth, size);
     let (mean, variance) = ([nx, ny, nz, r, g, b, depth], [vn, va, vd]);
     Ok(Features { mean, variance, scatter, slope, position, scale })
@@ -445,32 +457,6 @@ pub(crate) fn slopes(depth: &[f32], size: [usize; 2]) -> Plane {
         }
     });
     smallest
-}
-
-/// The mean of a plane over the `(2 radius + 1)^2` pixels around each pixel. Beyond the frame, the border repeats.
-pub(crate) fn box_mean(plane: &[f32], [width, height]: [usize; 2], radius: usize) -> Plane {
-    let share = 1.0 / (2 * radius + 1) as f32;
-    let mut across = vec![0.0; plane.len()];
-    across.par_chunks_mut(width).enumerate().for_each_init(
-        || vec![0.0; width + 2 * radius],
-        |padded, (y, sums)| {
-            let row = &plane[y * width..][..width];
-            padded[..radius].fill(row[0]);
-            padded[radius..][..width].copy_from_slice(row);
-            padded[radius + width..].fill(row[width - 1]);
-            for k in 0..=2 * radius {
-                sums.iter_mut().zip(&padded[k..]).for_each(|(sum, value)| *sum += value * share);
-            }
-        },
-    );
-    let mut mean = vec![0.0; plane.len()];
-    mean.par_chunks_mut(width).enumerate().for_each(|(y, sums)| {
-        for k in 0..=2 * radius {
-            let row = (y + k).saturating_sub(radius).min(height - 1);
-            sums.iter_mut().zip(&across[row * width..]).for_each(|(sum, value)| *sum += value * share);
-        }
-    });
-    mean
 }
 
 #[cfg(test)]

@@ -3,7 +3,8 @@
 
 use crate::among::Among;
 use crate::averaging::{VANISHING, Window, average_where};
-use crate::planes::{Colours, Inputs, Plane, box_mean};
+use crate::maps::box_mean;
+use crate::planes::{Colours, Inputs, Plane};
 use crate::tile::{Guide, HEIGHT, Likeness, WIDTH};
 use dapple_core::Error;
 

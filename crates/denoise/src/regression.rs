@@ -5,12 +5,13 @@
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
 use crate::dispatch::dispatch;
-use crate::error_map::Pair;
+use crate::error_map::{Pair, combined};
+use crate::maps::{box_mean, map, parts};
 use crate::normal_equations::{Fit, Sums, add_products, solve};
-use crate::planes::{Colours, Inputs, Plane, box_mean};
+use crate::planes::{Colours, Inputs, Plane};
 use crate::tile::{
     COLUMNS, Differences, GROUP, Guide, HEIGHT, LANES, Likeness, LocalGuide, MARGIN, ROWS, Row, Stack, Tile, WIDTH,
-    count_weights, origins, sharpness, stride, tiles, vectors,
+    count_weights, number, origins, sharpness, stride, tiles, vectors,
 };
 use dapple_core::Frame;
 use pulp::{Simd, WithSimd};
@@ -68,25 +69,23 @@ pub(crate) fn regress<const G: usize>(
     like: &Likeness,
     beside: &Pair,
     share: f32,
-) -> [Colours; 2] {
+) -> Pair {
+    let (unfiltered, [na, nb]) = (inputs.unfiltered(), inputs.counts());
     let reference: Colours = std::array::from_fn(|c| {
-        let of = |i: usize| {
-            let share = inputs.first_share(i);
-            let [a, b] = [0, 1].map(|h| inputs.halves[h].colour[c][i]);
-            // Bounded, so that subtracting it loses no digits.
-            (b + share * (a - b)).min(8.0)
-        };
-        box_mean(&(0..inputs.pixels()).map(of).collect::<Plane>(), inputs.size, 1)
+        // Bounded, so that subtracting it loses no digits.
+        let [mean] =
+            map([unfiltered[c], unfiltered[3 + c], na, nb], |[a, b, na, nb]| [combined([a, b], [na, nb]).min(8.0)]);
+        box_mean(&mean, inputs.size, 1)
     });
     let sharp = like.features.map(|scales| sharpness(&inputs.features, &scales));
     let sharp = sharp.as_ref();
     let origins = origins(inputs.size);
     let tiles: Vec<Vec<f32>> = origins
         .par_iter()
-        .map(|&origin| {
+        .map_init(Scratch::<G>::default, |scratch, &origin| {
             let [first, end] = [origin[1] as isize - REACH as isize, (origin[1] + HEIGHT + REACH) as isize];
             match inputs.place.has_own(first, end) {
-                true => dispatch(TileTask { inputs, guides, like, sharp, reference: &reference, origin }),
+                true => dispatch(TileTask { inputs, guides, like, sharp, reference: &reference, origin, scratch }),
                 false => Vec::new(),
             }
         })
@@ -111,10 +110,37 @@ struct TileTask<'a, const G: usize> {
     sharp: Option<&'a [Plane; 3]>,
     reference: &'a Colours,
     origin: [usize; 2],
+    scratch: &'a mut Scratch<G>,
+}
+
+/// The memory of a task, which the next one uses again.
+struct Scratch<const G: usize> {
+    tile: Tile,
+    guides: [LocalGuide; G],
+    differences: [Differences; G],
+    weights: [Weights; G],
+    data: Data,
+    centres: Centres,
+    sums: Vec<[f32; 8 * COLUMNS]>,
+}
+
+impl<const G: usize> Default for Scratch<G> {
+    fn default() -> Self {
+        Self {
+            tile: Tile::default(),
+            guides: std::array::from_fn(|_| LocalGuide::default()),
+            differences: std::array::from_fn(|_| Differences::default()),
+            weights: std::array::from_fn(|_| vec![[[0.0; LANES]; CENTRES]; SIDE * SIDE]),
+            data: Data::default(),
+            centres: Centres::default(),
+            sums: vec![[0.0; 8 * COLUMNS]; 2 * ROWS],
+        }
+    }
 }
 
 /// A tile's copies of the regressors and of the colours and counts of both halves.
-type Data = Stack<17>;
+type Data = Stack<PLANES>;
+const PLANES: usize = 17;
 /// The index in [`Data`] of the first half's red plane. [`COUNTS`] is the index of its sample counts.
 const COLOURS: usize = REGRESSORS;
 const COUNTS: usize = REGRESSORS + 6;
@@ -129,33 +155,36 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
     type Output = Vec<f32>;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Vec<f32> {
-        let tile = Tile::new(self.inputs, self.origin, self.like, self.sharp);
-        let guides = std::array::from_fn(|g| tile.guide(&self.guides[g]));
-        let weights: [Weights; G] = weigh(simd, &tile, &guides, self.like);
-        let (data, centres) = self.copies();
-        let mut sums = vec![[0.0; 8 * COLUMNS]; 2 * ROWS];
+    fn with_simd<S: Simd>(mut self, simd: S) -> Vec<f32> {
+        self.copy();
+        let Scratch { tile, guides, differences, weights, data, centres, sums } = self.scratch;
+        weigh(simd, tile, guides, self.like, differences, weights);
+        sums.fill([0.0; 8 * COLUMNS]);
         let [rows, columns] = tile.extent();
         let blocks = GROUP / S::F32_LANES;
-        let mut fits = Vec::with_capacity(blocks);
+        let (mut fits, mut row_of_window) = (Vec::with_capacity(blocks), RowOfWindow::new(simd));
         for row in 0..rows.div_ceil(2) {
             for group in 0..columns.div_ceil(GROUP) {
                 let at = [2 * row, group * blocks];
                 fits.clear();
                 // No closures: their bodies would not be compiled for this machine's vectors.
                 for block in 0..blocks {
-                    fits.push(fit(simd, &data, &centres, &weights, [at[0], at[1] + block]));
+                    fits.push(fit(simd, data, centres, weights, [at[0], at[1] + block], &mut row_of_window));
                 }
-                predict(simd, &data, &centres, &weights, &fits, at, &mut sums);
+                predict(simd, data, centres, weights, &fits, at, sums);
             }
         }
-        cropped(&sums)
+        cropped(sums)
     }
 }
 
 impl<const G: usize> TileTask<'_, G> {
-    fn copies(&self) -> (Data, Centres) {
+    /// Copies the tile's planes.
+    fn copy(&mut self) {
         let (size, origin) = (self.inputs.size, self.origin);
+        let Scratch { tile, guides, data, centres, .. } = &mut *self.scratch;
+        tile.copy(self.inputs, origin, self.like, self.sharp);
+        self.guides.iter().zip(guides).for_each(|(guide, to)| tile.copy_guide(guide, to));
         let [nx, ny, nz, r, g, b, _] = &self.inputs.features.mean;
         let [x, y, z] = &self.inputs.features.position;
         let [first, second] = &self.inputs.halves;
@@ -163,11 +192,11 @@ impl<const G: usize> TileTask<'_, G> {
         let [rb, gb, bb] = &second.colour;
         let counts = [&first.count, &second.count];
         let planes = [nx, ny, nz, r, g, b, x, y, z, ra, ga, ba, rb, gb, bb, counts[0], counts[1]];
-        let mut data = Stack::new(planes.map(|plane| &plane[..]), size, origin);
+        data.copy(planes.map(|plane| &plane[..]), size, origin);
         data.clear_outside(COUNTS, size, origin);
         data.clear_outside(COUNTS + 1, size, origin);
         let [r, g, b] = self.reference;
-        (data, Stack::new([&self.inputs.features.scale, r, g, b], size, origin))
+        centres.copy([&self.inputs.features.scale, r, g, b], size, origin);
     }
 }
 
@@ -179,9 +208,14 @@ fn in_disc(offset: &usize) -> bool {
 
 /// Computes the weights of the pixels in all windows of a tile, for each guide.
 #[inline(always)]
-fn weigh<S: Simd, const G: usize>(simd: S, tile: &Tile, guides: &[LocalGuide; G], like: &Likeness) -> [Weights; G] {
-    let mut weights = [(); G].map(|()| vec![[[0.0; LANES]; CENTRES]; SIDE * SIDE]);
-    let mut differences = [(); G].map(|()| Differences::new());
+fn weigh<S: Simd, const G: usize>(
+    simd: S,
+    tile: &Tile,
+    guides: &[LocalGuide; G],
+    like: &Likeness,
+    differences: &mut [Differences; G],
+    weights: &mut [Weights; G],
+) {
     let [rows, columns] = tile.extent();
     let mut both = [[0.0; LANES]; G];
     let (zero, negligible) = (simd.splat_f32s(0.0), simd.splat_f32s(NEGLIGIBLE));
@@ -191,10 +225,10 @@ fn weigh<S: Simd, const G: usize>(simd: S, tile: &Tile, guides: &[LocalGuide; G]
             differences[g].compare::<S, PATCH>(simd, &guides[g], rows, offset);
         }
         for row in 0..rows.div_ceil(2) {
-            for differences in &mut differences {
+            for differences in &mut *differences {
                 differences.sum_columns::<S, PATCH>(simd, 2 * row);
             }
-            tile.weights::<S, PATCH, G>(simd, &differences, like, [2 * row, 0], offset, &mut both);
+            tile.weights::<S, PATCH, G>(simd, differences, like, [2 * row, 0], offset, &mut both);
             for g in 0..G {
                 let to = S::as_mut_simd_f32s(&mut weights[g][o][row]).0;
                 let from = vectors::<S>(&both[g]);
@@ -208,7 +242,6 @@ fn weigh<S: Simd, const G: usize>(simd: S, tile: &Tile, guides: &[LocalGuide; G]
             }
         }
     }
-    weights
 }
 
 /// The regressors of pixels at some offset from the window centres, less the regressors of the centres.
@@ -218,12 +251,11 @@ fn regressors<S: Simd>(
     there: &[S::f32s],
     centre: &[S::f32s; REGRESSORS],
     scale: S::f32s,
-    block: usize,
 ) -> [S::f32s; REGRESSORS] {
     let (least, most) = (simd.splat_f32s(-16.0), simd.splat_f32s(16.0));
     let mut apart = *centre;
     for k in 0..REGRESSORS {
-        apart[k] = simd.sub_f32s(there[k * stride::<S>() + block], centre[k]);
+        apart[k] = simd.sub_f32s(there[k * stride::<S>()], centre[k]);
         if k >= 6 {
             apart[k] = simd.max_f32s(simd.min_f32s(simd.mul_f32s(apart[k], scale), most), least);
         }
@@ -234,12 +266,39 @@ fn regressors<S: Simd>(
 /// The regressors at the windows' centres.
 #[inline(always)]
 fn centre<S: Simd>(simd: S, data: &Data, [y, block]: [usize; 2]) -> [S::f32s; REGRESSORS] {
-    let here = vectors::<S>(data.moved(y, 0, [0, 0]));
+    let here = at::<S>(data, [y, block], [0, 0]);
     let mut values = [simd.splat_f32s(0.0); REGRESSORS];
     for k in 0..REGRESSORS {
-        values[k] = here[k * stride::<S>() + block];
+        values[k] = here[k * stride::<S>()];
     }
     values
+}
+
+/// The vectors of all planes at an offset from a block of centres, [`stride`] apart. Their number is a constant, so that
+/// indices are checked once.
+#[inline(always)]
+fn at<S: Simd>(data: &Data, [y, block]: [usize; 2], offset: [isize; 2]) -> &[S::f32s] {
+    &vectors::<S>(data.moved(y, 0, offset))[block..][..PLANES * stride::<S>() - stride::<S>() + 1]
+}
+
+/// The pixels in one row of the windows: regressors, colours of both halves, and weighted regressors for each guide. The next
+/// row takes the same memory.
+struct RowOfWindow<S: Simd, const G: usize> {
+    apart: [[S::f32s; SIDE]; REGRESSORS],
+    colours: [[[S::f32s; SIDE]; 3]; 2],
+    weighted: [[[S::f32s; SIDE]; REGRESSORS + 1]; G],
+}
+
+impl<S: Simd, const G: usize> RowOfWindow<S, G> {
+    #[inline(always)]
+    fn new(simd: S) -> Self {
+        let zero = simd.splat_f32s(0.0);
+        Self {
+            apart: [[zero; SIDE]; REGRESSORS],
+            colours: [[[zero; SIDE]; 3]; 2],
+            weighted: [[[zero; SIDE]; REGRESSORS + 1]; G],
+        }
+    }
 }
 
 /// Fits the colours of both halves in a vector of windows.
@@ -250,6 +309,7 @@ fn fit<S: Simd, const G: usize>(
     centres: &Centres,
     weights: &[Weights; G],
     [y, block]: [usize; 2],
+    row: &mut RowOfWindow<S, G>,
 ) -> [Fit<S, REGRESSORS>; 2] {
     let zero = simd.splat_f32s(0.0);
     let step = stride::<S>();
@@ -257,23 +317,20 @@ fn fit<S: Simd, const G: usize>(
     let at_centre = vectors::<S>(centres.moved(y, 0, [0, 0]));
     let scale = at_centre[block];
     let reference = [at_centre[step + block], at_centre[2 * step + block], at_centre[3 * step + block]];
-    let here = vectors::<S>(data.moved(y, 0, [0, 0]));
-    let own: [S::f32s; G] = counts(simd, here, block);
+    let own: [S::f32s; G] = counts(simd, at::<S>(data, [y, block], [0, 0]));
     let mut sums: [Sums<S, VALUES, { REGRESSORS + 1 }>; G] = [[[zero; VALUES]; REGRESSORS + 1]; G];
     let mut total = [zero; G];
-    let mut apart = [[zero; SIDE]; REGRESSORS];
-    let mut colours = [[[zero; SIDE]; 3]; 2];
-    let mut weighted = [[[zero; SIDE]; REGRESSORS + 1]; G];
+    let RowOfWindow { apart, colours, weighted } = row;
     for down in 0..SIDE {
         let [first, end] = DISC[down];
         for across in first..end {
             let offset = [across, down].map(|d| d as isize - REACH as isize);
-            let there = vectors::<S>(data.moved(y, 0, offset));
-            let z = regressors(simd, there, &centre, scale, block);
+            let there = at::<S>(data, [y, block], offset);
+            let z = regressors(simd, there, &centre, scale);
             for k in 0..REGRESSORS {
                 apart[k][across] = z[k];
             }
-            let number: [S::f32s; G] = counts(simd, there, block);
+            let number: [S::f32s; G] = counts(simd, there);
             for g in 0..G {
                 let count = count_weights(simd, own[g], number[g]);
                 // The weights of the other half, if there are two guides.
@@ -287,13 +344,13 @@ fn fit<S: Simd, const G: usize>(
             }
             for half in 0..2 {
                 for c in 0..3 {
-                    let colour = there[(COLOURS + 3 * half + c) * step + block];
+                    let colour = there[(COLOURS + 3 * half + c) * step];
                     colours[half][c][across] = simd.sub_f32s(colour, reference[c]);
                 }
             }
         }
         for g in 0..G {
-            accumulate(simd, &weighted[g], &apart, &mut sums[g], DISC[down]);
+            accumulate(simd, &weighted[g], apart, &mut sums[g], DISC[down]);
         }
         for half in 0..2 {
             let g = half.min(G - 1);
@@ -312,9 +369,9 @@ fn fit<S: Simd, const G: usize>(
 /// The sample counts that affect the weights for each guide: with two guides those of one half each, with one guide
 /// those of both halves together.
 #[inline(always)]
-fn counts<S: Simd, const G: usize>(simd: S, row: &[S::f32s], block: usize) -> [S::f32s; G] {
+fn counts<S: Simd, const G: usize>(simd: S, planes: &[S::f32s]) -> [S::f32s; G] {
     let step = stride::<S>();
-    let (a, b) = (row[COUNTS * step + block], row[(COUNTS + 1) * step + block]);
+    let (a, b) = (planes[COUNTS * step], planes[(COUNTS + 1) * step]);
     let mut counts = [a; G];
     if G == 1 {
         counts[0] = simd.add_f32s(a, b);
@@ -355,7 +412,6 @@ fn predict<S: Simd, const G: usize>(
     let scales = vectors::<S>(centres.moved(y, 0, [0, 0]));
     for o in (0..SIDE * SIDE).filter(in_disc) {
         let offset = [o % SIDE, o / SIDE].map(|d| d as isize - REACH as isize);
-        let there = vectors::<S>(data.moved(y, 0, offset));
         let row = (y + MARGIN).wrapping_add_signed(offset[1]);
         let (parity, shift) = ((offset[0] & 1) as usize, offset[0] >> 1);
         let column = (MARGIN / 2).wrapping_add_signed(shift);
@@ -363,7 +419,9 @@ fn predict<S: Simd, const G: usize>(
         let to = S::as_mut_simd_f32s(to).0;
         for (i, fits) in fits.iter().enumerate() {
             let block = first + i;
-            let z = regressors(simd, there, &centre(simd, data, [y, block]), scales[block], block);
+            let there = at::<S>(data, [y, block], offset);
+            let z = regressors(simd, there, &centre(simd, data, [y, block]), scales[block]);
+            let to = &mut to[block..][..7 * step + 1];
             for half in 0..2 {
                 let fit = &fits[half];
                 let weight = vectors::<S>(&weights[if G == 2 { 1 - half } else { 0 }][o][y / 2])[block];
@@ -372,10 +430,10 @@ fn predict<S: Simd, const G: usize>(
                     for k in 0..REGRESSORS {
                         value = simd.add_f32s(value, simd.mul_f32s(fit.slopes[k][c], z[k]));
                     }
-                    let sum = &mut to[(4 * half + c) * step + block];
+                    let sum = &mut to[(4 * half + c) * step];
                     *sum = simd.add_f32s(*sum, simd.mul_f32s(weight, value));
                 }
-                let sum = &mut to[(4 * half + 3) * step + block];
+                let sum = &mut to[(4 * half + 3) * step];
                 *sum = simd.add_f32s(*sum, weight);
             }
         }
@@ -398,47 +456,43 @@ fn cropped(sums: &[[f32; 8 * COLUMNS]]) -> Vec<f32> {
 }
 
 /// Adds the sums of all tiles in a fixed order to the image `beside` times `share`, and divides by the weights.
-fn merge([width, height]: [usize; 2], tiles: &[Vec<f32>], beside: &Pair, share: f32) -> [Colours; 2] {
-    let columns = width.div_ceil(WIDTH);
-    let row = |y: usize| -> Vec<f32> {
-        let mut sums = vec![0.0f32; 8 * width];
-        for (half, own) in beside.0.iter().enumerate() {
-            for (c, own) in own.iter().enumerate() {
-                let to = &mut sums[(4 * half + c) * width..][..width];
-                to.iter_mut().zip(&own[y * width..]).for_each(|(to, own)| *to = share * own);
-            }
-            sums[(4 * half + 3) * width..][..width].fill(share);
+fn merge([width, height]: [usize; 2], tiles: &[Vec<f32>], beside: &Pair, share: f32) -> Pair {
+    let row = |sums: &mut Vec<f32>, y: usize, image: [&mut [f32]; 6]| {
+        for (k, own) in beside.channels().into_iter().enumerate() {
+            let to = &mut sums[(k + k / 3) * width..][..width];
+            to.iter_mut().zip(&own[y * width..]).for_each(|(to, own)| *to = share * own);
         }
-        let first = (y.saturating_sub(REACH + HEIGHT - 1)).div_ceil(HEIGHT);
-        for tile_row in first..=((y + REACH).min(height - 1) / HEIGHT) {
-            let local_y = y + REACH - tile_row * HEIGHT;
-            for column in 0..columns {
-                let tile = &tiles[tile_row * columns + column];
-                if tile.is_empty() {
-                    continue;
-                }
-                let start = (column * WIDTH).saturating_sub(REACH);
-                let end = (column * WIDTH + WIDTH + REACH).min(width);
-                let skip = start + REACH - column * WIDTH;
-                for plane in 0..8 {
-                    let from = &tile[(plane * HALO[1] + local_y) * HALO[0] + skip..][..end - start];
-                    let to = &mut sums[plane * width + start..][..end - start];
-                    to.iter_mut().zip(from).for_each(|(to, from)| *to += from);
-                }
-            }
+        (0..2).for_each(|half| sums[(4 * half + 3) * width..][..width].fill(share));
+        add_tiles(sums, [width, height], y, tiles);
+        for (k, to) in image.into_iter().enumerate() {
+            let [values, weights] = [k + k / 3, k / 3 * 4 + 3].map(|plane| &sums[plane * width..][..width]);
+            // Without a weight no sample is in reach.
+            let mean = |(v, w): (&f32, &f32)| if *w > 0.0 { (v / w).max(0.0) } else { 0.0 };
+            to.iter_mut().zip(values.iter().zip(weights).map(mean)).for_each(|(to, mean)| *to = mean);
         }
-        sums
     };
-    let rows: Vec<Vec<f32>> = (0..height).into_par_iter().map(row).collect();
-    [0, 1].map(|half| {
-        std::array::from_fn(|c| {
-            let finish = |row: &Vec<f32>| -> Vec<f32> {
-                let [values, weights] = [c, 3].map(|plane| &row[(4 * half + plane) * width..][..width]);
-                // Without a weight no sample is in reach.
-                let mean = |(v, w): (&f32, &f32)| if *w > 0.0 { (v / w).max(0.0) } else { 0.0 };
-                values.iter().zip(weights).map(mean).collect()
-            };
-            rows.iter().flat_map(finish).collect()
-        })
-    })
+    Pair::new(parts(width * height, width, || vec![0.0; 8 * width], row))
+}
+
+/// Adds the sums of all tiles in row `y` to the planes of a row.
+fn add_tiles(sums: &mut [f32], [width, height]: [usize; 2], y: usize, tiles: &[Vec<f32>]) {
+    let columns = width.div_ceil(WIDTH);
+    let first = (y.saturating_sub(REACH + HEIGHT - 1)).div_ceil(HEIGHT);
+    for tile_row in first..=((y + REACH).min(height - 1) / HEIGHT) {
+        let local_y = y + REACH - tile_row * HEIGHT;
+        for column in 0..columns {
+            let tile = &tiles[number([column, tile_row], height)];
+            if tile.is_empty() {
+                continue;
+            }
+            let start = (column * WIDTH).saturating_sub(REACH);
+            let end = (column * WIDTH + WIDTH + REACH).min(width);
+            let skip = start + REACH - column * WIDTH;
+            for plane in 0..8 {
+                let from = &tile[(plane * HALO[1] + local_y) * HALO[0] + skip..][..end - start];
+                let to = &mut sums[plane * width + start..][..end - start];
+                to.iter_mut().zip(from).for_each(|(to, from)| *to += from);
+            }
+        }
+    }
 }

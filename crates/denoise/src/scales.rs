@@ -10,8 +10,9 @@
 use crate::among::Among;
 use crate::cluster_regression::{GUIDE_ROWS, residual_guide};
 use crate::error_map::{Pair, error_rows};
+use crate::maps::{parts, update};
 use crate::outliers;
-use crate::planes::{Colours, Features, Half, Inputs, Plane, slopes};
+use crate::planes::{Colours, Features, Half, Inputs, LEAST_ALBEDO, Plane, slopes};
 use crate::shrink::{EVIDENCE, LAST, Radii, shrink};
 use crate::tile::exp_minus;
 use crate::wide::{self, wide};
@@ -103,19 +104,43 @@ pub(crate) fn halved<T: Into<u64>>(size: [T; 2]) -> [u64; 2] {
     size.map(|n| n.into().div_ceil(2))
 }
 
-/// A mean for every 2x2 pixels. `of` gets the indices of the four; beyond the frame the border repeats.
-fn down([width, height]: [usize; 2], of: impl Fn([usize; 4]) -> f32 + Sync) -> Plane {
+/// A value for every 2x2 pixels. `of` gets the four values of each plane; beyond the frame the border repeats.
+fn down<const N: usize>(
+    [width, height]: [usize; 2],
+    planes: [&[f32]; N],
+    of: impl Fn([[f32; 4]; N]) -> f32 + Sync + Send,
+) -> Plane {
     let columns = width.div_ceil(2);
-    let mean = |k: usize| {
-        let [x, y] = [2 * (k % columns), 2 * (k / columns)];
-        let [right, below] = [(x + 1).min(width - 1), (y + 1).min(height - 1)];
-        of([y * width + x, y * width + right, below * width + x, below * width + right])
+    let row = |(): &mut (), y: usize, [to]: [&mut [f32]; 1]| {
+        let rows = [2 * y, (2 * y + 1).min(height - 1)];
+        let planes = planes.map(|plane| rows.map(|y| &plane[y * width..][..width]));
+        for (x, to) in to.iter_mut().enumerate() {
+            let [left, right] = [2 * x, (2 * x + 1).min(width - 1)];
+            *to = of(planes.map(|[above, below]| [above[left], above[right], below[left], below[right]]));
+        }
     };
-    (0..columns * height.div_ceil(2)).into_par_iter().with_min_len(1024).map(mean).collect()
+    let [plane] = parts(columns * height.div_ceil(2), columns, || (), row);
+    plane
 }
 
-fn mean(of: impl Fn(usize) -> f32) -> impl Fn([usize; 4]) -> f32 {
-    move |[a, b, c, d]| 0.25 * ((of(a) + of(b)) + (of(c) + of(d)))
+/// The mean of four pixels.
+fn mean([[a, b, c, d]]: [[f32; 4]; 1]) -> f32 {
+    0.25 * ((a + b) + (c + d))
+}
+
+/// The mean of four pixels without their albedo.
+fn demodulated([colour, albedo]: [[f32; 4]; 2]) -> f32 {
+    let [a, b, c, d] = std::array::from_fn(|k| colour[k] / albedo[k].max(LEAST_ALBEDO));
+    0.25 * ((a + b) + (c + d))
+}
+
+/// [`demodulated`] over the pixels with samples, or over all if none has any. The last plane has their numbers of samples.
+fn sampled([colour, albedo, count]: [[f32; 4]; 3]) -> f32 {
+    let known = count.map(|count| if count > 0.0 { 1.0 } else { 0.0 });
+    let total = known.iter().sum::<f32>();
+    let weights = if total > 0.0 { known.map(|k| k / total) } else { [0.25; 4] };
+    let [a, b, c, d] = std::array::from_fn(|k| weights[k] * (colour[k] / albedo[k].max(LEAST_ALBEDO)));
+    (a + b) + (c + d)
 }
 
 /// The radii of the blend of a scale's image with that of the wide pass.
@@ -155,10 +180,11 @@ fn rows_of_process(among: &Among<'_>, process: usize, scale: usize, scales: usiz
 /// `scales` is the number of coarse scales in all.
 pub(crate) fn coarser(fine: &Inputs, scales: usize, among: &mut Among<'_>) -> Result<Inputs, Error> {
     let size = fine.size.map(|n| n.div_ceil(2));
-    let (f, plane) = (&fine.features, |plane: &Plane| down(fine.size, mean(|i| plane[i])));
-    let quarter = |plane: &Plane| down(fine.size, mean(|i| 0.25 * plane[i]));
+    let (f, plane) = (&fine.features, |plane: &Plane| down(fine.size, [plane], mean));
+    let quarter = |plane: &Plane| down(fine.size, [plane], |[four]| mean([four.map(|value| 0.25 * value)]));
+    let raised = |[four]: [[f32; 4]; 1]| mean([four.map(|albedo| albedo.max(LEAST_ALBEDO))]);
     let features: [Plane; 7] = std::array::from_fn(|k| match k {
-        3..6 => down(fine.size, mean(|i| fine.divisor(k - 3, i))),
+        3..6 => down(fine.size, [&f.mean[k]], raised),
         _ => plane(&f.mean[k]),
     });
     let samples = |i: usize| fine.halves.each_ref().map(|half| f64::from(half.count[i]));
@@ -167,20 +193,20 @@ pub(crate) fn coarser(fine: &Inputs, scales: usize, among: &mut Among<'_>) -> Re
     let halves = [0, 1].map(|h: usize| {
         let own = &fine.halves[h];
         let colour: Colours = std::array::from_fn(|c| {
-            let mut colour = down(fine.size, sampled(&own.count, |i| own.colour[c][i] / fine.divisor(c, i)));
-            colour.iter_mut().zip(&features[3 + c]).for_each(|(value, albedo)| *value *= albedo);
+            let mut colour = down(fine.size, [&own.colour[c], &f.mean[3 + c], &own.count], sampled);
+            update(&mut colour, [&features[3 + c]], |value, [albedo]| value * albedo);
             colour
         });
-        let of = |four: [usize; 4]| if four.iter().any(|i| own.count[*i] > 0.0) { counts[h] } else { 0.0 };
-        Half { colour, variance: std::array::from_fn(|c| quarter(&own.variance[c])), count: down(fine.size, of) }
+        let of = |[four]: [[f32; 4]; 1]| if four.iter().any(|count| *count > 0.0) { counts[h] } else { 0.0 };
+        Half { colour, variance: own.variance.each_ref().map(quarter), count: down(fine.size, [&own.count], of) }
     });
     let features = Features {
-        variance: std::array::from_fn(|k| quarter(&f.variance[k])),
+        variance: f.variance.each_ref().map(quarter),
         scatter: quarter(&f.scatter),
         slope: slopes(&features[6], size),
         mean: features,
-        position: std::array::from_fn(|k| plane(&f.position[k])),
-        scale: down(fine.size, mean(|i| 0.5 * f.scale[i])),
+        position: f.position.each_ref().map(plane),
+        scale: down(fine.size, [&f.scale], |[four]| mean([four.map(|scale| 0.5 * scale)])),
     };
     fetched(fine, halves, features, scales, among)
 }
@@ -233,17 +259,6 @@ fn rows_fetched(
     Ok((among.fetch(&place, planes, fine.size[0].div_ceil(2), reads)?, top))
 }
 
-/// The mean over the pixels with samples, or over all if none has any.
-fn sampled(count: &[f32], of: impl Fn(usize) -> f32) -> impl Fn([usize; 4]) -> f32 {
-    move |four| {
-        let known = four.map(|i| if count[i] > 0.0 { 1.0 } else { 0.0 });
-        let total = known.iter().sum::<f32>();
-        let weights = if total > 0.0 { known.map(|k| k / total) } else { [0.25; 4] };
-        let [a, b, c, d] = std::array::from_fn(|k| weights[k] * of(four[k]));
-        (a + b) + (c + d)
-    }
-}
-
 /// An image at the next coarser scale.
 fn down_pair(
     fine: &Inputs,
@@ -252,16 +267,14 @@ fn down_pair(
     scales: usize,
     among: &mut Among<'_>,
 ) -> Result<Pair, Error> {
-    let planes = (0..6).map(|k| down(fine.size, mean(|i| image.0[k / 3][k % 3][i] / fine.divisor(k % 3, i)))).collect();
+    let albedo = &fine.features.mean[3..6];
+    let demodulated = |(k, plane): (usize, &[f32])| down(fine.size, [plane, &albedo[k % 3][..]], demodulated);
+    let planes = image.channels().into_iter().enumerate().map(demodulated).collect();
     let (planes, _) = rows_fetched(fine, planes, scales, among)?;
     let mut planes = planes.into_iter();
-    Ok(Pair([0, 1].map(|_| {
-        std::array::from_fn(|c| {
-            let mut plane = planes.next().unwrap_or_default();
-            plane.iter_mut().enumerate().for_each(|(i, value)| *value *= coarse.divisor(c, i));
-            plane
-        })
-    })))
+    let mut image = Pair::new(std::array::from_fn(|_| planes.next().unwrap_or_default()));
+    image.modulate(coarse);
+    Ok(image)
 }
 
 /// Corrects `image`, made from the planes `fine`, by `scales` scales. `coarse` is the first of them, its outliers not taken
@@ -285,7 +298,7 @@ pub(crate) fn correct(
     if let Some(light) = light {
         smooth.add(&light);
     }
-    let after = shrink(&coarse, &before, &smooth, BLEND, EVIDENCE);
+    let after = shrink(&coarse, before.channels(), &smooth, BLEND, EVIDENCE);
     drop(smooth);
     let [mut after] = among.complete(&coarse, [after], reads)?;
     if let Some(next) = next {

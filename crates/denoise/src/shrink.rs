@@ -1,8 +1,8 @@
 //! Blends of two images by shrinkage, after [James and Stein 1961].
 
-use crate::error_map::{Pair, relative_weight};
-use crate::planes::{Inputs, Plane, box_mean};
-use rayon::prelude::*;
+use crate::error_map::{Channels, Pair, relative_weight};
+use crate::maps::{box_mean, map, update};
+use crate::planes::{Inputs, Plane};
 
 /// The number of standard errors by which a bias must exceed 0 to count. Without it, patches of specks remain up to 16 spp;
 /// with 2, 1.5 % more error at 32 spp.
@@ -39,36 +39,41 @@ impl Radii {
 /// otherwise chance would keep patches of noise. Squares are relative to the squared radiance of `smooth`, as
 /// in relMSE. A choice between the images by a threshold would keep dark pixels, which look free of noise, and replace
 /// bright ones, and so darken the image. Without any pixel that both halves have sampled, the result is `smooth`.
-pub(crate) fn shrink(inputs: &Inputs, narrow: &Pair, smooth: &Pair, radii: Radii, evidence: f32) -> Pair {
+pub(crate) fn shrink(inputs: &Inputs, narrow: Channels<'_>, smooth: &Pair, radii: Radii, evidence: f32) -> Pair {
     let weight = relative_weight(inputs, smooth);
-    let [noise, bias] = differences(inputs, narrow, smooth, &weight);
-    let noise = box_mean(&noise, inputs.size, radii.noise);
-    let squares: Plane = bias.iter().map(|b| b * b).collect();
-    let squares = box_mean(&squares, inputs.size, radii.bias);
-    let bias = box_mean(&bias, inputs.size, radii.bias);
+    let smooth = smooth.channels();
+    let [noise, bias, squares] = differences(inputs, narrow, smooth, &weight);
+    let mut share = box_mean(&noise, inputs.size, radii.noise);
+    let [bias, squares] = [bias, squares].map(|plane| box_mean(&plane, inputs.size, radii.bias));
     // The number of standard errors of a mean over the window, per root of the mean square.
     let errors = evidence / (2 * radii.bias + 1) as f32;
-    let certain = bias.iter().zip(&squares).map(|(bias, square)| (bias - errors * square.sqrt()).max(0.0));
-    let share: Plane = noise.iter().zip(certain).map(|(v, b)| (v + 1e-12) / (v + b + 1e-12)).collect();
+    update(&mut share, [&bias, &squares], |noise, [bias, square]| {
+        let certain = (bias - errors * square.sqrt()).max(0.0);
+        (noise + 1e-12) / (noise + certain + 1e-12)
+    });
     let share = box_mean(&share, inputs.size, SHARE);
-    let rest: Plane = share.iter().map(|share| 1.0 - share).collect();
-    Pair::mixed(&[narrow, smooth], &[rest, share])
+    let blend = |k: usize| {
+        let [plane] =
+            map([narrow[k], smooth[k], &share], |[narrow, smooth, share]| [(1.0 - share) * narrow + share * smooth]);
+        plane
+    };
+    Pair::new(std::array::from_fn(blend))
 }
 
-/// The planes of the noise and of the product of the halves' differences, per pixel; 0 where a half has no samples.
-fn differences(inputs: &Inputs, narrow: &Pair, smooth: &Pair, weight: &[f32]) -> [Plane; 2] {
-    let of = |i: usize| {
-        if inputs.halves.iter().any(|half| half.count[i] == 0.0) {
-            return [0.0; 2];
-        }
+/// The planes of the noise and of the product of the halves' differences, and of its square, per pixel; 0 where a half has no
+/// samples.
+fn differences(inputs: &Inputs, narrow: Channels<'_>, smooth: Channels<'_>, weight: &[f32]) -> [Plane; 3] {
+    let ([nra, nga, nba, nrb, ngb, nbb], [sra, sga, sba, srb, sgb, sbb]) = (narrow, smooth);
+    let [na, nb] = inputs.counts();
+    map([nra, nga, nba, nrb, ngb, nbb, sra, sga, sba, srb, sgb, sbb, na, nb, weight], |values| {
+        let [nra, nga, nba, nrb, ngb, nbb, sra, sga, sba, srb, sgb, sbb, na, nb, weight] = values;
         let (mut noise, mut bias) = (0.0, 0.0);
-        for c in 0..3 {
-            let [a, b] = [0, 1].map(|h: usize| smooth.0[h][c][i] - narrow.0[h][c][i]);
+        for [a, b] in [[sra - nra, srb - nrb], [sga - nga, sgb - ngb], [sba - nba, sbb - nbb]] {
             noise += (a - b) * (a - b) * 0.25;
             bias += a * b;
         }
-        [noise, bias].map(|sum: f32| sum * weight[i] / 3.0)
-    };
-    let all: Vec<[f32; 2]> = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(of).collect();
-    [0, 1].map(|k: usize| all.iter().map(|pair| pair[k]).collect())
+        let known = na != 0.0 && nb != 0.0;
+        let [noise, bias] = [noise, bias].map(|sum: f32| if known { sum * weight / 3.0 } else { 0.0 });
+        [noise, bias, bias * bias]
+    })
 }

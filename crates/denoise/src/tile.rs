@@ -8,8 +8,13 @@
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
+mod stack;
+
+use crate::maps::map;
 use crate::planes::{Colours, Features, Inputs, Plane};
 use pulp::Simd;
+pub(crate) use stack::Stack;
+use stack::moved;
 
 /// Width of a tile in pixels.
 pub(crate) const WIDTH: usize = 64;
@@ -36,81 +41,10 @@ const SPAN: usize = 48;
 /// One value for each even (or odd) pixel in a row of a tile.
 pub(crate) type Row = [f32; LANES];
 
-/// Copies of P planes of a tile and its margin. Each row holds the even columns of all planes, one plane after the
-/// other, then the odd columns. One index leads to all planes of a pixel.
-pub(crate) struct Stack<const P: usize>(Vec<f32>);
-
-impl<const P: usize> Stack<P> {
-    /// Copies the tile at `origin` and its margin from each plane. Pixels beyond the frame repeat the border.
-    pub(crate) fn new(planes: [&[f32]; P], size: [usize; 2], origin: [usize; 2]) -> Self {
-        let mut stack = Self(vec![0.0; 2 * ROWS * P * COLUMNS]);
-        for (k, plane) in planes.into_iter().enumerate() {
-            stack.fill(k, plane, size, origin);
-        }
-        stack
-    }
-
-    fn fill(&mut self, k: usize, plane: &[f32], [width, height]: [usize; 2], origin: [usize; 2]) {
-        let mut padded = [0.0; WIDTH + 2 * MARGIN];
-        // Columns beyond the frame on the left, the first one inside, and the number inside.
-        let before = MARGIN.saturating_sub(origin[0]);
-        let first = origin[0] + before - MARGIN;
-        let within = (padded.len() - before).min(width - first);
-        for (r, row) in self.0.chunks_exact_mut(2 * P * COLUMNS).enumerate() {
-            let y = (origin[1] + r).saturating_sub(MARGIN).min(height - 1);
-            let source = &plane[y * width..][..width];
-            padded[..before].fill(source[0]);
-            padded[before..][..within].copy_from_slice(&source[first..][..within]);
-            padded[before + within..].fill(source[width - 1]);
-            let (even, odd) = row.split_at_mut(P * COLUMNS);
-            let (even, odd) = (&mut even[k * COLUMNS..][..COLUMNS], &mut odd[k * COLUMNS..][..COLUMNS]);
-            for (i, pair) in padded.as_chunks::<2>().0.iter().enumerate() {
-                [even[i], odd[i]] = *pair;
-            }
-        }
-    }
-
-    /// Sets plane `k` to 0 beyond the frame.
-    pub(crate) fn clear_outside(&mut self, k: usize, [width, height]: [usize; 2], origin: [usize; 2]) {
-        for (r, row) in self.0.chunks_exact_mut(2 * P * COLUMNS).enumerate() {
-            let row_inside = (MARGIN..MARGIN + height).contains(&(origin[1] + r));
-            for parity in 0..2 {
-                for i in 0..COLUMNS {
-                    let inside = row_inside && (MARGIN..MARGIN + width).contains(&(origin[0] + 2 * i + parity));
-                    let value = &mut row[(parity * P + k) * COLUMNS + i];
-                    *value = if inside { *value } else { 0.0 };
-                }
-            }
-        }
-    }
-
-    /// A slice with `count` columns of each plane, which starts at a given row, parity and column. These indices
-    /// include the margin. Plane `k` begins at `k * COLUMNS` of the slice.
-    #[inline(always)]
-    fn from(&self, [y, parity, start]: [usize; 3], count: usize) -> &[f32] {
-        &self.0[(2 * y + parity) * P * COLUMNS + start..][..(P - 1) * COLUMNS + count]
-    }
-
-    /// The pixels at the offset (dx, dy) from the even (or odd) pixels in row `y` of the tile.
-    #[inline(always)]
-    pub(crate) fn moved(&self, y: usize, parity: usize, [dx, dy]: [isize; 2]) -> &[f32] {
-        let (parity, shift) = moved(parity, dx);
-        let y = (y + MARGIN).wrapping_add_signed(dy);
-        self.from([y, parity, (MARGIN / 2).wrapping_add_signed(shift)], LANES)
-    }
-}
-
 /// The number of vectors from the start of one plane of a [`Stack`] to the start of the next.
 #[inline(always)]
 pub(crate) const fn stride<S: Simd>() -> usize {
     COLUMNS / S::F32_LANES
-}
-
-/// The parity of a column moved by `dx`, and the shift in columns of that parity.
-#[inline(always)]
-fn moved(parity: usize, dx: isize) -> (usize, isize) {
-    let column = parity as isize + dx;
-    ((column & 1) as usize, column >> 1)
 }
 
 /// An image by which a filter compares pixels: a colour per pixel and its variance.
@@ -128,6 +62,12 @@ pub(crate) enum LocalGuide {
     Pooled(Stack<4>),
     /// Red, green, blue and the variance of each.
     Each(Stack<6>),
+}
+
+impl Default for LocalGuide {
+    fn default() -> Self {
+        Self::Pooled(Stack::default())
+    }
 }
 
 /// The scales by which squared feature differences are divided.
@@ -154,9 +94,11 @@ pub(crate) struct Likeness {
     pub(crate) outside: f32,
 }
 
-/// A tile: its place and its copies of the planes that weights are computed from.
+/// A tile: its place and its copies of the planes that weights are computed from. A task copies one tile after the other to it,
+/// since new memory for each would take a sixth of a filter's time.
+#[derive(Default)]
 pub(crate) struct Tile {
-    pub(crate) origin: [usize; 2],
+    origin: [usize; 2],
     size: [usize; 2],
     /// Feature means (7 planes), variances of normal, albedo and log depth, and the reciprocal scales of their squared
     /// differences; `None` if features are not compared.
@@ -167,17 +109,28 @@ pub(crate) struct Tile {
 impl Tile {
     /// Copies the planes of the tile at `origin`. `sharpness` holds the planes from the function [`sharpness`]; with
     /// `None`, features are not compared.
-    pub(crate) fn new(inputs: &Inputs, origin: [usize; 2], like: &Likeness, sharpness: Option<&[Plane; 3]>) -> Self {
+    pub(crate) fn copy(
+        &mut self,
+        inputs: &Inputs,
+        origin: [usize; 2],
+        like: &Likeness,
+        sharpness: Option<&[Plane; 3]>,
+    ) {
         let size = inputs.size;
-        let features = sharpness.map(|sharp| {
-            let [nx, ny, nz, r, g, b, depth] = &inputs.features.mean;
-            let [vn, va, vd] = &inputs.features.variance;
-            let [sn, sa, sd] = sharp;
-            Stack::new([nx, ny, nz, r, g, b, depth, vn, va, vd, sn, sa, sd], size, origin)
-        });
-        let labels = inputs.labels.as_ref().filter(|_| like.outside < 1.0);
-        let labels = labels.map(|labels| Stack::new([labels], size, origin));
-        Self { origin, size, features, labels }
+        (self.origin, self.size) = (origin, size);
+        match sharpness {
+            Some([sn, sa, sd]) => {
+                let [nx, ny, nz, r, g, b, depth] = &inputs.features.mean;
+                let [vn, va, vd] = &inputs.features.variance;
+                let planes = [nx, ny, nz, r, g, b, depth, vn, va, vd, sn, sa, sd].map(|plane| &plane[..]);
+                self.features.get_or_insert_default().copy(planes, size, origin);
+            }
+            None => self.features = None,
+        }
+        match inputs.labels.as_ref().filter(|_| like.outside < 1.0) {
+            Some(labels) => self.labels.get_or_insert_default().copy([labels], size, origin),
+            None => self.labels = None,
+        }
     }
 
     /// The number of the tile's rows inside the frame, and half the number of its columns there, rounded up.
@@ -187,12 +140,20 @@ impl Tile {
         [height.min(HEIGHT), width.div_ceil(2).min(LANES)]
     }
 
-    /// The tile's copy of a guide.
-    pub(crate) fn guide(&self, guide: &Guide) -> LocalGuide {
+    /// Copies the tile of a guide.
+    pub(crate) fn copy_guide(&self, guide: &Guide, to: &mut LocalGuide) {
         let [r, g, b] = &guide.colour;
-        match &guide.variance[..] {
-            [vr, vg, vb] => LocalGuide::Each(Stack::new([r, g, b, vr, vg, vb], self.size, self.origin)),
-            pooled => LocalGuide::Pooled(Stack::new([r, g, b, &pooled[0]], self.size, self.origin)),
+        match (&guide.variance[..], to) {
+            ([vr, vg, vb], LocalGuide::Each(stack)) => stack.copy([r, g, b, vr, vg, vb], self.size, self.origin),
+            ([_, _, _], to) => {
+                *to = LocalGuide::Each(Stack::default());
+                self.copy_guide(guide, to);
+            }
+            (pooled, LocalGuide::Pooled(stack)) => stack.copy([r, g, b, &pooled[0]], self.size, self.origin),
+            (_, to) => {
+                *to = LocalGuide::default();
+                self.copy_guide(guide, to);
+            }
         }
     }
 }
@@ -202,10 +163,12 @@ impl Tile {
 pub(crate) fn sharpness(features: &Features, scales: &FeatureScales) -> [Plane; 3] {
     let square = scales.bandwidth * scales.bandwidth;
     std::array::from_fn(|k| {
-        let floor =
-            |slope: f32| if k < 2 { scales.floors[k] } else { (scales.slope * slope) * (scales.slope * slope) + 1e-4 };
-        let sharp = |(v, slope): (&f32, &f32)| 1.0 / (square * v.max(floor(*slope)));
-        features.variance[k].iter().zip(&features.slope).map(sharp).collect()
+        let [plane] = map([&features.variance[k], &features.slope], |[v, slope]| {
+            let steep = scales.slope * slope;
+            let floor = if k < 2 { scales.floors[k] } else { steep * steep + 1e-4 };
+            [1.0 / (square * v.max(floor))]
+        });
+        plane
     })
 }
 
@@ -265,11 +228,13 @@ pub(crate) struct Differences {
     column_sums: [[f32; COLUMNS]; 2],
 }
 
-impl Differences {
-    pub(crate) fn new() -> Self {
+impl Default for Differences {
+    fn default() -> Self {
         Self { pointwise: vec![[0.0; COLUMNS]; 2 * ROWS], column_sums: [[0.0; COLUMNS]; 2] }
     }
+}
 
+impl Differences {
     /// Compares the pixels of the tile's first `rows` rows, and of the rows that patches of radius `R` reach, with the
     /// pixels at `offset` from them.
     #[inline(always)]
@@ -338,12 +303,17 @@ impl Tile {
         let side = (2 * R + 1) as f32;
         let share = simd.splat_f32s(1.0 / (side * side * like.colour * like.colour));
         let (zero, one, outside) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0), simd.splat_f32s(like.outside));
-        let features = self.features.as_ref().map(|features| {
-            (vectors::<S>(features.moved(y, parity, [0, 0])), vectors::<S>(features.moved(y, parity, offset)))
-        });
-        let labels = self.labels.as_ref().map(|labels| {
-            (vectors::<S>(labels.moved(y, parity, [0, 0])), vectors::<S>(labels.moved(y, parity, offset)))
-        });
+        // No closures: their bodies would not be compiled for this machine's vectors.
+        let mut features = None;
+        if let Some(stack) = &self.features {
+            let (here, there) = (stack.moved(y, parity, [0, 0]), stack.moved(y, parity, offset));
+            features = Some((vectors::<S>(here), vectors::<S>(there)));
+        }
+        let mut labels = None;
+        if let Some(stack) = &self.labels {
+            let (here, there) = (stack.moved(y, parity, [0, 0]), stack.moved(y, parity, offset));
+            labels = Some((vectors::<S>(here), vectors::<S>(there)));
+        }
         let mut columns: [[&[S::f32s]; 7]; G] = [[&[]; 7]; G];
         for guide in 0..G {
             columns[guide] = differences[guide].columns::<S, R>(parity);
@@ -445,10 +415,17 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> u64 {
     u64::from(width.div_ceil(WIDTH as u32)) * u64::from(height.div_ceil(HEIGHT as u32))
 }
 
-/// The upper left pixels of all tiles of a frame, row by row.
+/// The upper left pixels of all tiles of a frame, column by column: a tile's copies have most rows in common with those of the
+/// tile above, which are in the cache.
 pub(crate) fn origins([width, height]: [usize; 2]) -> Vec<[usize; 2]> {
-    let rows = (0..height).step_by(HEIGHT);
-    rows.flat_map(|y| (0..width).step_by(WIDTH).map(move |x| [x, y])).collect()
+    let columns = (0..width).step_by(WIDTH);
+    columns.flat_map(|x| (0..height).step_by(HEIGHT).map(move |y| [x, y])).collect()
+}
+
+/// The place in [`origins`] of the tile in a column and a row of tiles.
+#[inline]
+pub(crate) fn number([column, row]: [usize; 2], height: usize) -> usize {
+    column * height.div_ceil(HEIGHT) + row
 }
 
 #[cfg(test)]
@@ -465,21 +442,5 @@ mod tests {
         }
         assert_eq!(exp_minus(0.0), 1.0);
         assert!(exp_minus(f32::INFINITY) < 1e-34 && exp_minus(1e9) > 0.0);
-    }
-
-    #[test]
-    fn moved_rows_hold_the_moved_pixels() {
-        let size = [150, 40];
-        let plane: Plane = (0..6000).map(|i| i as f32).collect();
-        let tile = Stack::new([&plane, &plane], size, [64, 16]);
-        for (y, parity, dx, dy) in [(0, 0, 0, 0), (3, 1, -7, 7), (15, 0, -7, -7), (8, 1, 7, 0), (8, 0, 6, 1)] {
-            let row = tile.moved(y, parity, [dx, dy]);
-            assert_eq!(row.len(), COLUMNS + LANES);
-            for (i, value) in row[COLUMNS..].iter().enumerate() {
-                let x = (64 + 2 * i as isize + parity as isize + dx).clamp(0, 149);
-                let y = (16 + y as isize + dy).clamp(0, 39);
-                assert_eq!(*value, (y * 150 + x) as f32);
-            }
-        }
     }
 }

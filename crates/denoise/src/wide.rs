@@ -12,8 +12,9 @@ mod stack;
 
 use crate::dispatch::dispatch;
 use crate::error_map::Pair;
+use crate::maps::parts;
 use crate::normal_equations::{Fit, Sums, add_products, solve};
-use crate::planes::{Inputs, Plane};
+use crate::planes::{Inputs, LEAST_ALBEDO};
 use crate::regression::NEGLIGIBLE;
 use crate::tile::{FeatureScales, GROUP, Guide, count_weights, excess, exp_minus_all, vectors};
 use dapple_core::Frame;
@@ -87,39 +88,34 @@ pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
             dispatch(BandTask { stack, size, first: band * BAND, skipped, own: inputs.place.rows(), share })
         })
         .collect();
-    let row = |y: usize| -> Vec<f32> {
-        let mut row = vec![0.0f32; 8 * width];
-        for (half, own) in beside.0.iter().enumerate() {
-            for (c, own) in own.iter().enumerate() {
-                for x in 0..width {
-                    let i = y * width + x;
-                    row[(4 * half + c) * width + x] = BESIDE * own[i] / inputs.divisor(c, i);
-                }
-            }
-            row[(4 * half + 3) * width..][..width].fill(BESIDE);
+    let albedo = &inputs.features.mean[3..6];
+    let row = |row: &mut Vec<f32>, y: usize, image: [&mut [f32]; 6]| {
+        let albedo = |k: usize| albedo[k % 3][y * width..][..width].iter().map(|albedo| albedo.max(LEAST_ALBEDO));
+        for (k, own) in beside.channels().into_iter().enumerate() {
+            let to = row[(k + k / 3) * width..][..width].iter_mut();
+            to.zip(&own[y * width..]).zip(albedo(k)).for_each(|((to, own), albedo)| *to = BESIDE * own / albedo);
         }
-        let y = skipped + y;
-        let first = y.saturating_sub(REACH + BAND - 1).div_ceil(BAND);
-        for band in first..bands {
-            let Some(local) = (y + REACH).checked_sub(band * BAND) else { break };
-            if local < ROWS {
-                let tiles = sums[band * tiles..][..tiles].iter().enumerate();
-                let tiles = tiles.filter(|(_, sums)| !sums.is_empty());
-                tiles.for_each(|(tile, sums)| add_tile(&mut row, width, tile, &sums[local * STEP * 8 * COLUMNS..]));
-            }
+        (0..2).for_each(|half| row[(4 * half + 3) * width..][..width].fill(BESIDE));
+        add_bands(row, width, skipped + y, tiles, &sums);
+        for (k, to) in image.into_iter().enumerate() {
+            let [values, weights] = [k + k / 3, k / 3 * 4 + 3].map(|plane| &row[plane * width..][..width]);
+            let mean = values.iter().zip(weights).map(|(value, weight)| (value / weight).max(0.0));
+            to.iter_mut().zip(mean.zip(albedo(k))).for_each(|(to, (mean, albedo))| *to = mean * albedo);
         }
-        row
     };
-    let rows: Vec<Vec<f32>> = (0..height).into_par_iter().map(row).collect();
-    let of = |half: usize, c: usize| -> Plane {
-        let finish = |(y, row): (usize, &Vec<f32>)| -> Vec<f32> {
-            let [values, weights] = [c, 3].map(|plane| &row[(4 * half + plane) * width..][..width]);
-            let one = |x: usize| (values[x] / weights[x]).max(0.0) * inputs.divisor(c, y * width + x);
-            (0..width).map(one).collect()
-        };
-        rows.iter().enumerate().flat_map(finish).collect()
-    };
-    Pair([0, 1].map(|half| std::array::from_fn(|c| of(half, c))))
+    Pair::new(parts(inputs.pixels(), width, || vec![0.0; 8 * width], row))
+}
+
+/// Adds the sums of all tasks in row `y` to that row. There are `tiles` tasks for each band of rows.
+fn add_bands(row: &mut [f32], width: usize, y: usize, tiles: usize, sums: &[Vec<f32>]) {
+    let first = y.saturating_sub(REACH + BAND - 1).div_ceil(BAND);
+    for (band, sums) in sums.chunks(tiles).enumerate().skip(first) {
+        let Some(local) = (y + REACH).checked_sub(band * BAND) else { break };
+        if local < ROWS {
+            let tiles = sums.iter().enumerate().filter(|(_, sums)| !sums.is_empty());
+            tiles.for_each(|(tile, sums)| add_tile(row, width, tile, &sums[local * STEP * 8 * COLUMNS..]));
+        }
+    }
 }
 
 /// Adds the sums that one task has for a row of pixels to that row.

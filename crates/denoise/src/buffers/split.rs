@@ -1,7 +1,7 @@
 //! Halves of samples from buffers: given ones, or an image split by its own noise.
 
 use super::{Counts, SampleBuffers, Variance};
-use crate::planes::box_mean;
+use crate::maps::box_mean;
 use dapple_core::{RgbMoments, mix};
 
 impl Counts<'_> {

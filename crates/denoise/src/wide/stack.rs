@@ -1,7 +1,8 @@
 //! The planes that the wide pass reads, copied such that a vector holds pixels around neighbouring window centres.
 
 use super::{CENTRES, COLUMNS, FEATURES, PAD, PATCH, REACH, STEP};
-use crate::planes::{Colours, Inputs, Plane};
+use crate::maps::map;
+use crate::planes::{Colours, Inputs, LEAST_ALBEDO};
 use crate::tile::{Guide, sharpness, vectors};
 use pulp::Simd;
 use rayon::prelude::*;
@@ -29,12 +30,13 @@ pub(super) fn stacks(inputs: &Inputs, guide: &Guide) -> Vec<Stack> {
     let sharp = sharpness(&inputs.features, &FEATURES);
     let colours: [Colours; 2] = [0, 1].map(|half: usize| {
         std::array::from_fn(|c| {
-            let own = inputs.halves[half].colour[c].iter().enumerate();
-            own.map(|(i, value)| value / inputs.divisor(c, i)).collect()
+            let [plane] = map([&inputs.halves[half].colour[c], &inputs.features.mean[3 + c]], |[v, albedo]| {
+                [v / albedo.max(LEAST_ALBEDO)]
+            });
+            plane
         })
     });
-    let [a, b] = [0, 1].map(|half: usize| &inputs.halves[half].count);
-    let count: Plane = a.iter().zip(b).map(|(a, b)| a + b).collect();
+    let [count] = map(inputs.counts(), |[a, b]| [a + b]);
     let mut planes: Vec<&[f32]> = Vec::with_capacity(PLANES);
     planes.extend(guide.colour.iter().chain(&guide.variance).map(|p| &p[..]));
     planes.extend(inputs.features.mean.iter().chain(&inputs.features.variance).chain(&sharp).map(|p| &p[..]));

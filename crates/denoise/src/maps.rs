@@ -1,0 +1,218 @@
+//! Parallel loops that compute planes, in vectors of the machine where nothing but numbers of the same pixel is read.
+//!
+//! Every value is computed by itself, so no bit depends on the parts into which a loop is cut.
+
+use crate::dispatch::dispatch;
+use crate::planes::Plane;
+use pulp::{Simd, WithSimd};
+use rayon::prelude::*;
+
+/// The number of pixels of a part: they and their planes stay in the second-level cache.
+const CHUNK: usize = 4096;
+
+/// Computes `N` planes in parts of `length` pixels. `of` gets the number of the part and its pixels of each plane, and memory
+/// that is made by `init` and used again.
+pub(crate) fn parts<T, const N: usize>(
+    pixels: usize,
+    length: usize,
+    init: impl Fn() -> T + Sync + Send,
+    of: impl Fn(&mut T, usize, [&mut [f32]; N]) + Sync + Send,
+) -> [Plane; N] {
+    let mut planes: [Plane; N] = std::array::from_fn(|_| vec![0.0; pixels]);
+    let mut rest = planes.each_mut().map(|plane| plane.chunks_mut(length));
+    let mut parts: Vec<[&mut [f32]; N]> = Vec::with_capacity(pixels.div_ceil(length));
+    while parts.len() < parts.capacity() {
+        parts.push(rest.each_mut().map(|chunks| chunks.next().unwrap_or_default()));
+    }
+    parts.into_par_iter().enumerate().for_each_init(init, |memory, (number, part)| of(memory, number, part));
+    planes
+}
+
+/// Computes `M` values of every pixel from its values in `N` planes.
+pub(crate) fn map<const N: usize, const M: usize>(
+    planes: [&[f32]; N],
+    of: impl Fn([f32; N]) -> [f32; M] + Sync + Send,
+) -> [Plane; M] {
+    parts(
+        planes[0].len(),
+        CHUNK,
+        || (),
+        |(), number, to: [&mut [f32]; M]| {
+            let from = planes.map(|plane| &plane[number * CHUNK..][..to[0].len()]);
+            dispatch(MapTask { from, to, of: &of });
+        },
+    )
+}
+
+/// Replaces each value of `plane` by a function of itself and the pixel's values in `N` other planes.
+pub(crate) fn update<const N: usize>(
+    plane: &mut [f32],
+    planes: [&[f32]; N],
+    of: impl Fn(f32, [f32; N]) -> f32 + Sync + Send,
+) {
+    plane.par_chunks_mut(CHUNK).enumerate().for_each(|(number, to)| {
+        let from = planes.map(|plane| &plane[number * CHUNK..][..to.len()]);
+        dispatch(UpdateTask { from, to, of: &of });
+    });
+}
+
+struct MapTask<'a, F, const N: usize, const M: usize> {
+    from: [&'a [f32]; N],
+    to: [&'a mut [f32]; M],
+    of: &'a F,
+}
+
+impl<F: Fn([f32; N]) -> [f32; M], const N: usize, const M: usize> WithSimd for MapTask<'_, F, N, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { from, to, of } = self;
+        let end = to[0].len();
+        // Equal lengths that the compiler sees, so that no index is checked.
+        let (from, to) = (from.map(|from| &from[..end]), to.map(|to| &mut to[..end]));
+        for k in 0..end {
+            let mut values = [0.0; N];
+            for n in 0..N {
+                values[n] = from[n][k];
+            }
+            let values = of(values);
+            for m in 0..M {
+                to[m][k] = values[m];
+            }
+        }
+    }
+}
+
+struct UpdateTask<'a, F, const N: usize> {
+    from: [&'a [f32]; N],
+    to: &'a mut [f32],
+    of: &'a F,
+}
+
+impl<F: Fn(f32, [f32; N]) -> f32, const N: usize> WithSimd for UpdateTask<'_, F, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { from, to, of } = self;
+        let end = to.len();
+        let from = from.map(|from| &from[..end]);
+        for k in 0..end {
+            let mut values = [0.0; N];
+            for n in 0..N {
+                values[n] = from[n][k];
+            }
+            to[k] = of(to[k], values);
+        }
+    }
+}
+
+/// The mean of a plane over the `(2 radius + 1)^2` pixels around each pixel. Beyond the frame, the border repeats.
+pub(crate) fn box_mean(plane: &[f32], [width, height]: [usize; 2], radius: usize) -> Plane {
+    // Rows around a part are summed twice, which takes less time than one more plane.
+    let rows = 32.max(4 * radius);
+    let task = |memory: &mut (Vec<f32>, Vec<usize>), number: usize, [mean]: [&mut [f32]; 1]| {
+        dispatch(BoxTask { plane, size: [width, height], radius, first: number * rows, memory, mean });
+    };
+    let [mean] = parts(plane.len(), rows * width, Default::default, task);
+    mean
+}
+
+/// Means over windows of the rows from `first` on.
+struct BoxTask<'a> {
+    plane: &'a [f32],
+    size: [usize; 2],
+    radius: usize,
+    first: usize,
+    /// Sums across the rows, and the offsets of what is summed.
+    memory: &'a mut (Vec<f32>, Vec<usize>),
+    mean: &'a mut [f32],
+}
+
+impl WithSimd for BoxTask<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { plane, size: [width, height], radius, first, memory: (across, offsets), mean } = self;
+        let (share, count) = (1.0 / (2 * radius + 1) as f32, 2 * radius + 1);
+        let top = first.saturating_sub(radius);
+        let end = (first + mean.len() / width + radius).min(height);
+        // The row that is summed, with the border repeated, follows the rows of sums.
+        across.resize((end - top + 1) * width + 2 * radius, 0.0);
+        let (across, padded) = across.split_at_mut((end - top) * width);
+        offsets.clear();
+        offsets.extend(0..count);
+        for (y, sums) in across.chunks_exact_mut(width).enumerate() {
+            let row = &plane[(top + y) * width..][..width];
+            padded[..radius].fill(row[0]);
+            padded[radius..][..width].copy_from_slice(row);
+            padded[radius + width..].fill(row[width - 1]);
+            sum_shifted(sums, share, padded, offsets);
+        }
+        for (y, sums) in mean.chunks_exact_mut(width).enumerate() {
+            for (k, offset) in offsets.iter_mut().enumerate() {
+                *offset = ((first + y + k).saturating_sub(radius).min(height - 1) - top) * width;
+            }
+            sum_shifted(sums, share, across, offsets);
+        }
+    }
+}
+
+/// Sums rows times `share`, in order. They begin at these offsets of `all`.
+#[inline(always)]
+fn sum_shifted(sums: &mut [f32], share: f32, all: &[f32], offsets: &[usize]) {
+    // Few enough that the sums stay in registers.
+    const TOGETHER: usize = 32;
+    let (blocks, rest) = sums.as_chunks_mut::<TOGETHER>();
+    let from = blocks.len() * TOGETHER;
+    for (block, sums) in blocks.iter_mut().enumerate() {
+        let mut sum = [0.0; TOGETHER];
+        for offset in offsets {
+            let values = &all[offset + block * TOGETHER..][..TOGETHER];
+            for i in 0..TOGETHER {
+                sum[i] += values[i] * share;
+            }
+        }
+        *sums = sum;
+    }
+    for (i, sum) in rest.iter_mut().enumerate() {
+        *sum = 0.0;
+        for offset in offsets {
+            *sum += all[offset + from + i] * share;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Windows are summed part by part; the parts of 32 rows or more must not show.
+    #[test]
+    fn means_over_windows_are_those_of_all_their_pixels() {
+        for ([width, height], radius) in [([37, 150], 1), ([70, 97], 3), ([5, 200], 10), ([64, 33], 20), ([1, 1], 2)] {
+            let plane: Plane = (0..width * height).map(|i| ((i * 7919) % 1009) as f32).collect();
+            let mean = box_mean(&plane, [width, height], radius);
+            let near =
+                |k: usize, end: usize| (0..=2 * radius).map(move |d| (k + d).saturating_sub(radius).min(end - 1));
+            for (i, found) in mean.iter().enumerate() {
+                let value = |y: usize| near(i % width, width).map(|x| f64::from(plane[y * width + x])).sum::<f64>();
+                let wanted = near(i / width, height).map(value).sum::<f64>() / ((2 * radius + 1) as f64).powi(2);
+                let apart = (f64::from(*found) - wanted).abs();
+                assert!(apart <= 1e-5 * wanted, "{found}, not {wanted}: {i}, radius {radius}");
+            }
+        }
+    }
+
+    #[test]
+    fn planes_hold_what_is_computed_of_each_pixel() {
+        let planes: [Plane; 2] = std::array::from_fn(|k| (0..10_000).map(|i| (i * (k + 1)) as f32).collect());
+        let [sum, difference] = map([&planes[0], &planes[1]], |[a, b]| [a + b, b - a]);
+        assert!((0..10_000).all(|i| sum[i] == (3 * i) as f32 && difference[i] == i as f32));
+        let mut both = sum.clone();
+        update(&mut both, [&difference], |sum, [difference]| sum - 3.0 * difference);
+        assert!(both.iter().all(|value| *value == 0.0));
+    }
+}

@@ -1,0 +1,121 @@
+//! Copies of a tile's planes, even and odd columns apart.
+
+use super::{COLUMNS, LANES, MARGIN, ROWS, WIDTH};
+
+/// Copies of P planes of a tile and its margin. Each row holds the even columns of all planes, one plane after the
+/// other, then the odd columns. One index leads to all planes of a pixel. Empty before the first copy.
+#[derive(Default)]
+pub(crate) struct Stack<const P: usize>(Vec<f32>);
+
+impl<const P: usize> Stack<P> {
+    /// Copies the tile at `origin` and its margin from each plane, in place of the tile before. Pixels beyond the frame repeat
+    /// the border.
+    pub(crate) fn copy(&mut self, planes: [&[f32]; P], size: [usize; 2], origin: [usize; 2]) {
+        self.0.resize(2 * ROWS * P * COLUMNS, 0.0);
+        for (k, plane) in planes.into_iter().enumerate() {
+            self.fill(k, plane, size, origin);
+        }
+    }
+
+    fn fill(&mut self, k: usize, plane: &[f32], [width, height]: [usize; 2], origin: [usize; 2]) {
+        let mut padded = [0.0; WIDTH + 2 * MARGIN];
+        // Columns beyond the frame on the left, the first one inside, and the number inside.
+        let before = MARGIN.saturating_sub(origin[0]);
+        let first = origin[0] + before - MARGIN;
+        let within = (padded.len() - before).min(width - first);
+        for (r, row) in self.0.chunks_exact_mut(2 * P * COLUMNS).enumerate() {
+            let y = (origin[1] + r).saturating_sub(MARGIN).min(height - 1);
+            let source = &plane[y * width..][..width];
+            padded[..before].fill(source[0]);
+            padded[before..][..within].copy_from_slice(&source[first..][..within]);
+            padded[before + within..].fill(source[width - 1]);
+            let (even, odd) = row.split_at_mut(P * COLUMNS);
+            let (even, odd) = (&mut even[k * COLUMNS..][..COLUMNS], &mut odd[k * COLUMNS..][..COLUMNS]);
+            for (i, pair) in padded.as_chunks::<2>().0.iter().enumerate() {
+                [even[i], odd[i]] = *pair;
+            }
+        }
+    }
+
+    /// Sets plane `k` to 0 beyond the frame.
+    pub(crate) fn clear_outside(&mut self, k: usize, [width, height]: [usize; 2], origin: [usize; 2]) {
+        let [first, end] = [MARGIN.saturating_sub(origin[0]), MARGIN + width - origin[0]];
+        for (r, row) in self.0.chunks_exact_mut(2 * P * COLUMNS).enumerate() {
+            let row_inside = (MARGIN..MARGIN + height).contains(&(origin[1] + r));
+            for parity in 0..2 {
+                let row = &mut row[(parity * P + k) * COLUMNS..][..COLUMNS];
+                // Of columns `2 i + parity`, those from `first` on and before `end` lie inside.
+                let inside = [first, end].map(|column| (column - parity.min(column)).div_ceil(2).min(COLUMNS));
+                let inside = if row_inside { inside } else { [0; 2] };
+                row[..inside[0]].fill(0.0);
+                row[inside[1]..].fill(0.0);
+            }
+        }
+    }
+
+    /// A slice with `count` columns of each plane, which starts at a given row, parity and column. These indices
+    /// include the margin. Plane `k` begins at `k * COLUMNS` of the slice.
+    #[inline(always)]
+    pub(super) fn from(&self, [y, parity, start]: [usize; 3], count: usize) -> &[f32] {
+        &self.0[(2 * y + parity) * P * COLUMNS + start..][..(P - 1) * COLUMNS + count]
+    }
+
+    /// The pixels at the offset (dx, dy) from the even (or odd) pixels in row `y` of the tile.
+    #[inline(always)]
+    pub(crate) fn moved(&self, y: usize, parity: usize, [dx, dy]: [isize; 2]) -> &[f32] {
+        let (parity, shift) = moved(parity, dx);
+        let y = (y + MARGIN).wrapping_add_signed(dy);
+        self.from([y, parity, (MARGIN / 2).wrapping_add_signed(shift)], LANES)
+    }
+}
+
+/// The parity of a column moved by `dx`, and the shift in columns of that parity.
+#[inline(always)]
+pub(super) fn moved(parity: usize, dx: isize) -> (usize, isize) {
+    let column = parity as isize + dx;
+    ((column & 1) as usize, column >> 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planes::Plane;
+
+    #[test]
+    fn moved_rows_hold_the_moved_pixels() {
+        let size = [150, 40];
+        let plane: Plane = (0..6000).map(|i| i as f32).collect();
+        let mut tile = Stack::default();
+        tile.copy([&plane, &plane], size, [0, 0]);
+        tile.copy([&plane, &plane], size, [64, 16]);
+        for (y, parity, dx, dy) in [(0, 0, 0, 0), (3, 1, -7, 7), (15, 0, -7, -7), (8, 1, 7, 0), (8, 0, 6, 1)] {
+            let row = tile.moved(y, parity, [dx, dy]);
+            assert_eq!(row.len(), COLUMNS + LANES);
+            for (i, value) in row[COLUMNS..].iter().enumerate() {
+                let x = (64 + 2 * i as isize + parity as isize + dx).clamp(0, 149);
+                let y = (16 + y as isize + dy).clamp(0, 39);
+                assert_eq!(*value, (y * 150 + x) as f32);
+            }
+        }
+    }
+
+    #[test]
+    fn planes_are_cleared_beyond_the_frame_only() {
+        for (width, height, origin) in [(150, 40, [0, 0]), (150, 40, [128, 32]), (3, 1, [0, 0]), (65, 17, [64, 16])] {
+            let plane = vec![1.0; width * height];
+            let mut tile = Stack::default();
+            tile.copy([&plane, &plane], [width, height], origin);
+            tile.clear_outside(1, [width, height], origin);
+            for (at, value) in tile.0.iter().enumerate() {
+                let (row, within) = (at / (4 * COLUMNS), at % (4 * COLUMNS));
+                let (parity, k, column) = (within / (2 * COLUMNS), within / COLUMNS % 2, within % COLUMNS);
+                if 2 * column + parity >= WIDTH + 2 * MARGIN {
+                    continue;
+                }
+                let inside = (MARGIN..MARGIN + width).contains(&(origin[0] + 2 * column + parity))
+                    && (MARGIN..MARGIN + height).contains(&(origin[1] + row));
+                assert_eq!(*value, f32::from(u8::from(inside || k == 0)), "row {row}, column {column}, {parity}, {k}");
+            }
+        }
+    }
+}
