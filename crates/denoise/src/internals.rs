@@ -230,7 +230,7 @@ fn a_sample_of_a_pixel_without_others_counts_in_one_half() {
     assert!(before.halves.iter().all(|half| half.count.iter().all(|count| *count == 0.5)));
 }
 
-/// What a half has between its samples: their mean on the same surface, in proportion to albedo.
+/// Between its samples, a half is their mean on the same surface, in proportion to albedo.
 #[test]
 fn a_half_is_interpolated_on_its_surface_and_without_its_albedo() {
     let albedo = |i: usize| if i.is_multiple_of(2) { 0.8 } else { 0.2 };

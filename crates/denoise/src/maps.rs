@@ -110,7 +110,7 @@ impl<F: Fn(f32, [f32; N]) -> f32, const N: usize> WithSimd for UpdateTask<'_, F,
 
 /// The mean of a plane over the `(2 radius + 1)^2` pixels around each pixel. Beyond the frame, the border repeats.
 pub(crate) fn box_mean(plane: &[f32], [width, height]: [usize; 2], radius: usize) -> Plane {
-    // Rows around a part are summed twice, which takes less time than one more plane.
+    // Rows around a part are summed twice, in place of a plane of sums.
     let rows = 32.max(4 * radius);
     let task = |memory: &mut (Vec<f32>, Vec<usize>), number: usize, [mean]: [&mut [f32]; 1]| {
         dispatch(BoxTask { plane, size: [width, height], radius, first: number * rows, memory, mean });

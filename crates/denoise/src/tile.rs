@@ -95,7 +95,7 @@ pub(crate) struct Likeness {
 }
 
 /// A tile: its place and its copies of the planes that weights are computed from. A task copies one tile after the other to it,
-/// since new memory for each would take a sixth of a filter's time.
+/// in the same memory.
 #[derive(Default)]
 pub(crate) struct Tile {
     origin: [usize; 2],
