@@ -114,8 +114,10 @@ pub(crate) fn select(inputs: &Inputs, filtered: &[Pair], weight: &[f32], radius:
     let mut errors: Vec<Plane> = raw.iter().map(|error| box_mean(error, inputs.size, radius)).collect();
     if let (Some(evidence), Some((own, others))) = (evidence, errors.split_last_mut()) {
         update(own, [], |error, []| error * HANDICAP);
-        for other in &raw[..if evidence > 0.0 { others.len() } else { 0 }] {
-            forbid_doubtful(inputs, own, [other, &raw[filtered.len()]], radius, evidence);
+        if evidence > 0.0 {
+            for other in &raw[..others.len()] {
+                forbid_doubtful(inputs, own, [other, &raw[others.len()]], radius, evidence);
+            }
         }
     }
     drop(raw);

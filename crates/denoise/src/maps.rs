@@ -39,7 +39,7 @@ pub(crate) fn map<const N: usize, const M: usize>(
         || (),
         |(), number, to: [&mut [f32]; M]| {
             let from = planes.map(|plane| &plane[number * CHUNK..][..to[0].len()]);
-            dispatch(MapTask { from, to, of: &of });
+            dispatch(MapTask { from, to, of: |_, values| of(values) });
         },
     )
 }
@@ -52,17 +52,18 @@ pub(crate) fn update<const N: usize>(
 ) {
     plane.par_chunks_mut(CHUNK).enumerate().for_each(|(number, to)| {
         let from = planes.map(|plane| &plane[number * CHUNK..][..to.len()]);
-        dispatch(UpdateTask { from, to, of: &of });
+        dispatch(MapTask { from, to: [to], of: |[own]: [f32; 1], values| [of(own, values)] });
     });
 }
 
+/// Replaces the values of a part by a function of them and of the pixel's values in `N` other planes.
 struct MapTask<'a, F, const N: usize, const M: usize> {
     from: [&'a [f32]; N],
     to: [&'a mut [f32]; M],
-    of: &'a F,
+    of: F,
 }
 
-impl<F: Fn([f32; N]) -> [f32; M], const N: usize, const M: usize> WithSimd for MapTask<'_, F, N, M> {
+impl<F: Fn([f32; M], [f32; N]) -> [f32; M], const N: usize, const M: usize> WithSimd for MapTask<'_, F, N, M> {
     type Output = ();
 
     #[inline(always)]
@@ -72,38 +73,17 @@ impl<F: Fn([f32; N]) -> [f32; M], const N: usize, const M: usize> WithSimd for M
         // Equal lengths that the compiler sees, so that no index is checked.
         let (from, to) = (from.map(|from| &from[..end]), to.map(|to| &mut to[..end]));
         for k in 0..end {
-            let mut values = [0.0; N];
+            let (mut own, mut values) = ([0.0; M], [0.0; N]);
+            for m in 0..M {
+                own[m] = to[m][k];
+            }
             for n in 0..N {
                 values[n] = from[n][k];
             }
-            let values = of(values);
+            let values = of(own, values);
             for m in 0..M {
                 to[m][k] = values[m];
             }
-        }
-    }
-}
-
-struct UpdateTask<'a, F, const N: usize> {
-    from: [&'a [f32]; N],
-    to: &'a mut [f32],
-    of: &'a F,
-}
-
-impl<F: Fn(f32, [f32; N]) -> f32, const N: usize> WithSimd for UpdateTask<'_, F, N> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { from, to, of } = self;
-        let end = to.len();
-        let from = from.map(|from| &from[..end]);
-        for k in 0..end {
-            let mut values = [0.0; N];
-            for n in 0..N {
-                values[n] = from[n][k];
-            }
-            to[k] = of(to[k], values);
         }
     }
 }
