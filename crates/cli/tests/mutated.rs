@@ -123,12 +123,11 @@ fn render_damaged(scenes: usize) {
     let seeds = seeds();
     let mut random = Pcg64Mcg::seed_from_u64(23);
     // The undamaged seeds are the control: the program renders every one within the limit.
-    for seed in &seeds {
-        let ended = render(seed, "a seed");
+    let control: Vec<_> = seeds.iter().map(|seed| (seed.clone(), "a seed".into())).collect();
+    for (seed, ended) in seeds.iter().zip(render_all(&control)) {
         assert!(ended.is_image, "{}: {}", seed[0].0, ended.said);
     }
-    let (mut images, mut of_side_files, mut slowest) = (0, [0, 0], Duration::ZERO);
-    for number in 0..scenes {
+    let mut damaged = |number: usize| {
         let mut seed = seeds[number % seeds.len()].clone();
         // Every second scene has its damage in a mesh or an image, if it has any.
         let file = if (number / seeds.len()).is_multiple_of(2) {
@@ -139,12 +138,19 @@ fn render_damaged(scenes: usize) {
         let times = if random.random() { 1 } else { random.random_range(2..5) };
         damage(&mut seed[file].1, times, &mut random);
         let name = format!("number {number} ({} of {})", seed[file].0, seed[0].0);
-        let ended = render(&seed, &name);
-        images += usize::from(ended.is_image);
-        if file > 0 {
-            of_side_files[usize::from(ended.is_image)] += 1;
+        (file > 0, (seed, name))
+    };
+    let (mut images, mut of_side_files, mut slowest) = (0, [0, 0], Duration::ZERO);
+    // Some at a time, for their memory.
+    for first in (0..scenes).step_by(64) {
+        let (in_side_file, inputs): (Vec<_>, Vec<_>) = (first..scenes.min(first + 64)).map(&mut damaged).unzip();
+        for (ended, in_side_file) in render_all(&inputs).into_iter().zip(in_side_file) {
+            images += usize::from(ended.is_image);
+            if in_side_file {
+                of_side_files[usize::from(ended.is_image)] += 1;
+            }
+            slowest = slowest.max(ended.took);
         }
-        slowest = slowest.max(ended.took);
     }
     let peak = peak_of_children();
     eprintln!(
@@ -168,6 +174,18 @@ struct Ended {
 fn peak_of_children() -> u64 {
     // Linux counts in KiB.
     getrusage(UsageWho::RUSAGE_CHILDREN).expect("usage").max_rss() as u64 / 1024
+}
+
+/// Renders named scenes, as many at once as there are processors.
+fn render_all(scenes: &[(Seed, String)]) -> Vec<Ended> {
+    let at_once = std::thread::available_parallelism().map_or(1, usize::from);
+    let share = scenes.len().div_ceil(at_once).max(1);
+    std::thread::scope(|threads| {
+        let one = |(seed, name): &(Seed, String)| render(seed, name);
+        let running = scenes.chunks(share).map(|part| threads.spawn(move || part.iter().map(one).collect::<Vec<_>>()));
+        let running: Vec<_> = running.collect();
+        running.into_iter().flat_map(|part| part.join().expect("every scene ends as it should")).collect()
+    })
 }
 
 /// Renders a scene in a folder of its own. Panics at a crash, a hang, and at more memory than stated.

@@ -31,7 +31,7 @@ pub fn filter(make: impl Fn() -> Box<dyn Filter>) {
 ///
 /// If a check fails; the message names it.
 pub fn filter_within(tolerance: f32, make: impl Fn() -> Box<dyn Filter>) {
-    check(tolerance, |_| make());
+    check(tolerance, &|_| make());
 }
 
 /// Checks filters as [`filter`] does, if `make` creates each one for one frame (because it uses clusters of its pixels,
@@ -41,13 +41,13 @@ pub fn filter_within(tolerance: f32, make: impl Fn() -> Box<dyn Filter>) {
 ///
 /// If a check fails; the message names it.
 pub fn filter_on_frames(make: impl Fn(&Frame) -> Box<dyn Filter>) {
-    check(ROUNDING, make);
+    check(ROUNDING, &make);
 }
 
 /// The relative change of constant images by normalised `f32` weights.
 const ROUNDING: f32 = 1e-5;
 
-fn check(tolerance: f32, make: impl Fn(&Frame) -> Box<dyn Filter>) {
+fn check(tolerance: f32, make: &dyn Fn(&Frame) -> Box<dyn Filter>) {
     let first = make(&frame([19, 18]));
     let (name, description) = (first.name(), first.describe());
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';

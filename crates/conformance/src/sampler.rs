@@ -52,20 +52,27 @@ pub fn threshold_sampler(make: impl Fn() -> Box<dyn Sampler>) {
 ///
 /// If a check fails; the message names it.
 pub fn sampler_on_frames(make: impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending) {
-    names(&make);
+    check(&make, spending);
+}
+
+/// Not generic: the checks are compiled once, not for each sampler.
+type Make<'a> = &'a dyn Fn(&Frame) -> Box<dyn Sampler>;
+
+fn check(make: Make<'_>, spending: Spending) {
+    names(make);
     for size in [[1, 1], [1, 7], [9, 1], [19, 18]] {
         for scene in Scene::ALL {
-            spends(&make, spending, frame(size), scene);
+            spends(make, spending, frame(size), scene);
         }
     }
     for scene in [Scene::Black, Scene::Edge, Scene::Firefly] {
-        keeps_bounds(&make, spending, frame([19, 18]), scene);
-        same_bits(&make, frame([19, 37]), scene);
-        budget_raised(&make, spending, frame([19, 18]), scene);
-        resumes(&make, frame([11, 13]), scene);
+        keeps_bounds(make, spending, frame([19, 18]), scene);
+        same_bits(make, frame([19, 37]), scene);
+        budget_raised(make, spending, frame([19, 18]), scene);
+        resumes(make, frame([11, 13]), scene);
     }
-    crops(&make, spending);
-    impossible(&make, frame([5, 4]));
+    crops(make, spending);
+    impossible(make, frame([5, 4]));
 }
 
 /// Synthetic scenes without geometry, as extreme as any that a sampler or filter may meet.
@@ -172,7 +179,7 @@ fn run(sampler: &mut dyn Sampler, mut scene: Scene, frame: Frame, limits: &Limit
     Render::new(frame, limits).run(&mut scene, sampler)
 }
 
-fn names(make: &impl Fn(&Frame) -> Box<dyn Sampler>) {
+fn names(make: Make<'_>) {
     let one = make(&frame([19, 18]));
     let (name, description) = (one.name(), one.describe());
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
@@ -183,14 +190,7 @@ fn names(make: &impl Fn(&Frame) -> Box<dyn Sampler>) {
 }
 
 /// Renders, and checks that the film keeps to the limits. `None` if the sampler refuses a small budget.
-fn within(
-    make: &impl Fn(&Frame) -> Box<dyn Sampler>,
-    spending: Spending,
-    scene: Scene,
-    frame: Frame,
-    limits: &Limits,
-    total: u64,
-) -> Option<Film> {
+fn within(make: Make<'_>, spending: Spending, scene: Scene, frame: Frame, limits: &Limits, total: u64) -> Option<Film> {
     let mut sampler = make(&frame);
     let case = format!("{}, {scene:?}, {:?}, {limits:?}", sampler.describe(), frame.size());
     let film = match run(&mut *sampler, scene, frame, limits) {
@@ -215,7 +215,7 @@ fn within(
     Some(film)
 }
 
-fn spends(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending, frame: Frame, scene: Scene) {
+fn spends(make: Make<'_>, spending: Spending, frame: Frame, scene: Scene) {
     let pixels = frame.pixels() as u64;
     for total in [pixels, pixels + 1, 2 * pixels, 5 * pixels + pixels / 2, 16 * pixels, 33 * pixels + pixels / 3] {
         let film = within(make, spending, scene, frame, &Limits::samples(total), total);
@@ -227,7 +227,7 @@ fn spends(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending, frame:
     }
 }
 
-fn keeps_bounds(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending, frame: Frame, scene: Scene) {
+fn keeps_bounds(make: Make<'_>, spending: Spending, frame: Frame, scene: Scene) {
     let pixels = frame.pixels() as u64;
     for (min_spp, max_spp, total) in [
         (16, 16, 16 * pixels),
@@ -249,7 +249,7 @@ fn keeps_bounds(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending, 
     within(make, spending, scene, frame, &limits, pixels / 3);
 }
 
-fn same_bits(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Scene) {
+fn same_bits(make: Make<'_>, frame: Frame, scene: Scene) {
     let limits = Limits::samples(21 * frame.pixels() as u64 + 5);
     let film = |threads: usize, limits: &Limits| {
         let mut sampler = make(&frame);
@@ -295,7 +295,7 @@ impl Monitor for Keeper {
 
 /// Checks that a new sampler resumed from any snapshot ends with the same bits. Resumed from the last one with a larger
 /// budget, it ends with the bits of a render that replays these budgets.
-fn resumes(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Scene) {
+fn resumes(make: Make<'_>, frame: Frame, scene: Scene) {
     let pixels = frame.pixels() as u64;
     let mut limits = Limits::samples(21 * pixels + 5);
     limits.schedule.slice_spp = 3;
@@ -325,7 +325,7 @@ fn resumes(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Scen
     assert!(bits(&later) == bits(&at_once), "{case}: resumed with a larger budget it gives other bits");
 }
 
-fn budget_raised(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending, frame: Frame, scene: Scene) {
+fn budget_raised(make: Make<'_>, spending: Spending, frame: Frame, scene: Scene) {
     let pixels = frame.pixels() as u64;
     let steps = [16 * pixels, 16 * pixels, 24 * pixels + 7, 24 * pixels + 7, 41 * pixels];
     let limits = Limits::new(Budget::Recorded(steps.to_vec()));
@@ -333,14 +333,14 @@ fn budget_raised(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending,
 }
 
 /// Checks that counts belong to the pixels of the window, not of the full frame.
-fn crops(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending) {
+fn crops(make: Make<'_>, spending: Spending) {
     let window = frame([40, 30]).crop(7, 3, 20, 8).expect("a window of the checks");
     let total = 19 * window.pixels() as u64;
     within(make, spending, Scene::Noise, window, &Limits::samples(total), total);
 }
 
 /// Checks that budgets that no plan can meet give an error, or a plan within the samples left.
-fn impossible(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame) {
+fn impossible(make: Make<'_>, frame: Frame) {
     for (total, min_spp) in [(0, 1), (1, 1), (19, 1), (79, 4)] {
         let mut sampler = make(&frame);
         let film = Film::new(frame, sampler.needs());

@@ -1,12 +1,14 @@
-//! Tasks run with the machine's vectors: 16 lanes, 8, 4 or 1.
+//! Tasks run with the machine's vectors: 16 lanes, 8, 4 or 1. Debug builds use 8 lanes or 1 on x86-64.
 
-use pulp::{Arch, WithSimd};
+use pulp::WithSimd;
 
 /// Runs a task with the vectors of this machine.
 pub(crate) fn dispatch<T: WithSimd>(task: T) -> T::Output {
     #[cfg(test)]
     match tests::LANES.load(std::sync::atomic::Ordering::Relaxed) {
         1 => return task.with_simd(pulp::Scalar),
+        // Emulated vectors take long to compile.
+        #[cfg(any(not(debug_assertions), not(target_arch = "x86_64")))]
         4 => return task.with_simd(pulp::Scalar128b),
         // Emulated vectors of eight would be compiled for this test alone.
         #[cfg(target_arch = "x86_64")]
@@ -19,7 +21,14 @@ pub(crate) fn dispatch<T: WithSimd>(task: T) -> T::Output {
         8 => return task.with_simd(pulp::Scalar256b),
         _ => {}
     }
-    Arch::new().dispatch(task)
+    // Without a copy of all loops for 16 lanes, debug builds take less long.
+    #[cfg(all(debug_assertions, target_arch = "x86_64"))]
+    return match pulp::x86::V3::try_new() {
+        Some(v3) => pulp::Simd::vectorize(v3, task),
+        None => task.with_simd(pulp::Scalar),
+    };
+    #[cfg(not(all(debug_assertions, target_arch = "x86_64")))]
+    pulp::Arch::new().dispatch(task)
 }
 
 #[cfg(test)]

@@ -32,9 +32,6 @@ mod pfm;
 mod png;
 mod read;
 mod srgb;
-#[cfg(test)]
-#[allow(clippy::print_stderr)]
-mod tests;
 
 pub use error::ImageError;
 pub use exr_write::{EncodedExr, ExrHeader, Layer, encode_exr, encode_exr_with, rows_at_a_time};

@@ -2,8 +2,10 @@
 //!
 //! The test of memory and the corpus of the fuzz targets are programs of their own beside it.
 
+mod bundled;
 mod effects_found;
 mod gltf;
+mod image;
 mod models;
 mod reader_directives;
 mod reader_hard;

@@ -1,8 +1,8 @@
 //! The reader against whole files, cut files, lying files and other people's files.
 
-use super::*;
 use ::exr::prelude as exr;
 use ::image::{DynamicImage, ImageFormat};
+use dapple_scene::image::*;
 use rand::{RngExt, SeedableRng};
 use std::path::{Path, PathBuf};
 
@@ -48,10 +48,10 @@ fn foreign_exr() -> Vec<u8> {
 
 #[test]
 fn whole_numbers_of_a_header_are_read() {
-    let found = super::read_integers(&foreign_exr(), "a.exr").unwrap();
+    let found = read_integers(&foreign_exr(), "a.exr").unwrap();
     assert!(found.contains(&("samplesPerPixel".to_owned(), 16)), "{found:?}");
     let ours = encode_exr([5, 3], &[Layer::of_image("", &image())], &[]).unwrap();
-    assert!(super::read_integers(&ours.bytes, "b.exr").unwrap().iter().all(|(name, _)| name != "samplesPerPixel"));
+    assert!(read_integers(&ours.bytes, "b.exr").unwrap().iter().all(|(name, _)| name != "samplesPerPixel"));
 }
 
 /// A name and a small file of every format.
@@ -225,7 +225,7 @@ fn false_headers_are_errors_before_memory_is_allocated_i03() {
         assert!(Vec::<[f32; 3]>::new().try_reserve_exact(40_000 * 40_000).is_err());
     } else if cfg!(target_os = "linux") {
         // The same once more in a process that has 400 MB of address space.
-        let limited = "ulimit -v 400000 && exec \"$0\" --exact image::tests::false_headers_are_errors_before_memory_is_allocated_i03";
+        let limited = "ulimit -v 400000 && exec \"$0\" --exact image::read::false_headers_are_errors_before_memory_is_allocated_i03";
         let mut run = std::process::Command::new("sh");
         run.args(["-c", limited]).arg(std::env::current_exe().unwrap()).env(LIMITED, "1").env("RUST_TEST_THREADS", "1");
         let output = run.output().unwrap();
