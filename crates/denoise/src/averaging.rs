@@ -3,7 +3,7 @@
 
 use crate::dispatch::dispatch;
 use crate::maps::map;
-use crate::planes::{Colours, Inputs, LEAST_ALBEDO, Plane};
+use crate::planes::{Colours, Inputs, Plane, raised};
 use crate::tile::{
     Differences, Guide, HEIGHT, LANES, Likeness, LocalGuide, REACH, Stack, Tile, WIDTH, count_weights, exp_minus,
     number, origins, sharpness, stride, tiles, vectors,
@@ -241,18 +241,19 @@ pub(crate) fn guide(inputs: &Inputs, half: usize, pooled: bool, demodulated: boo
         if !demodulated {
             return own.colour[c].clone();
         }
-        let [plane] = map([&own.colour[c], &inputs.features.mean[3 + c]], |[v, albedo]| [v / albedo.max(LEAST_ALBEDO)]);
+        let [plane] = map([&own.colour[c], &inputs.features.mean[3 + c]], |[v, albedo]| [v / raised(albedo)]);
         plane
     });
-    let variance: Colours = std::array::from_fn(|c| {
-        if !demodulated {
-            return own.variance[c].clone();
-        }
-        let [plane] = map([&own.variance[c], &inputs.features.mean[3 + c]], |[v, albedo]| {
-            [v / (albedo.max(LEAST_ALBEDO) * albedo.max(LEAST_ALBEDO))]
+    let variance: Colours =
+        std::array::from_fn(|c| {
+            if !demodulated {
+                return own.variance[c].clone();
+            }
+            let [plane] = map([&own.variance[c], &inputs.features.mean[3 + c]], |[v, albedo]| {
+                [v / (raised(albedo) * raised(albedo))]
+            });
+            plane
         });
-        plane
-    });
     if !pooled {
         return Guide { colour, variance: variance.into() };
     }

@@ -9,7 +9,7 @@ use crate::light::{self, Layers, Light};
 use crate::maps::{box_mean, map, update};
 use crate::outliers;
 use crate::parameters::{describe, featureless, recorded};
-use crate::planes::{self, Inputs, LEAST_ALBEDO, Reads};
+use crate::planes::{self, Inputs, Reads, raised};
 use crate::prefilter::{self, prefilter};
 use crate::regression::{self, bytes, regress};
 use crate::scales::{self, Scales};
@@ -351,7 +351,7 @@ pub(crate) fn residual_guide(inputs: &Inputs, image: &Pair) -> Guide {
     let ([ra, ga, ba, rb, gb, bb], [na, nb]) = (image.channels(), inputs.counts());
     let [_, _, _, ar, ag, ab, _] = &inputs.features.mean;
     let [difference] = map([ra, ga, ba, rb, gb, bb, ar, ag, ab], |[ra, ga, ba, rb, gb, bb, ar, ag, ab]| {
-        let apart = |a: f32, b: f32, albedo: f32| a / albedo.max(LEAST_ALBEDO) - b / albedo.max(LEAST_ALBEDO);
+        let apart = |a: f32, b: f32, albedo: f32| a / raised(albedo) - b / raised(albedo);
         let [r, g, b] = [apart(ra, rb, ar), apart(ga, gb, ag), apart(ba, bb, ab)];
         [0.5 * (r * r + g * g + b * b)]
     });
@@ -359,9 +359,8 @@ pub(crate) fn residual_guide(inputs: &Inputs, image: &Pair) -> Guide {
     // The floor under the variance, as in the first pass: it is not 0 and keeps the filter consistent.
     update(&mut variance, [na, nb], |noise, [na, nb]| noise + 3.0 * 4e-4 / (na + nb).max(1.0));
     let colour = [[ra, rb, ar], [ga, gb, ag], [ba, bb, ab]].map(|[a, b, albedo]| {
-        let [mean] = map([a, b, albedo, na, nb], |[a, b, albedo, na, nb]| {
-            [combined([a, b], [na, nb]) / albedo.max(LEAST_ALBEDO)]
-        });
+        let [mean] =
+            map([a, b, albedo, na, nb], |[a, b, albedo, na, nb]| [combined([a, b], [na, nb]) / raised(albedo)]);
         mean
     });
     Guide { colour, variance: vec![variance] }

@@ -2,7 +2,7 @@
 
 use crate::among::Among;
 use crate::maps::{box_mean, map, update};
-use crate::planes::{Colours, Inputs, LEAST_ALBEDO, Plane, first_share};
+use crate::planes::{Colours, Inputs, Plane, first_share, raised};
 use dapple_core::{Error, Filtered};
 use rayon::prelude::*;
 
@@ -21,6 +21,11 @@ pub(crate) struct Pair(pub(crate) [Colours; 2]);
 /// Red, green and blue of the first half, then of the second.
 pub(crate) type Channels<'a> = [&'a [f32]; 6];
 
+/// The places of channel `k` of [`Channels`] and of its weights, among planes of which every fourth holds weights.
+pub(crate) const fn beside_weights(k: usize) -> [usize; 2] {
+    [k + k / 3, k / 3 * 4 + 3]
+}
+
 impl Pair {
     /// Two images from their channels.
     pub(crate) fn new([ra, ga, ba, rb, gb, bb]: [Plane; 6]) -> Self {
@@ -36,7 +41,7 @@ impl Pair {
     /// Multiplies both halves by each pixel's albedo, raised to at least 0.02.
     pub(crate) fn modulate(&mut self, inputs: &Inputs) {
         for (c, plane) in self.0.iter_mut().flat_map(|half| half.iter_mut().enumerate()) {
-            update(plane, [&inputs.features.mean[3 + c]], |value, [albedo]| value * albedo.max(LEAST_ALBEDO));
+            update(plane, [&inputs.features.mean[3 + c]], |value, [albedo]| value * raised(albedo));
         }
     }
 
@@ -68,7 +73,7 @@ pub(crate) fn relative_weight(inputs: &Inputs, image: &Pair) -> Plane {
 }
 
 /// The estimated squared error of each pixel times its weight, unsmoothed, and the part of it that is variance. Both
-/// are 0 where a half has no samples.
+/// are 0 where a half has no samples. One plane (`N`) leaves the variance out.
 ///
 /// Let `F_A`, `F_B` be the filtered and `A`, `B` the unfiltered halves. `A` and `B` share no sample.
 /// So `E (F_A - B)^2` is the error of `F_A` plus the variance of `B`, and `E (A - B)^2` is the sum of both variances.
@@ -78,7 +83,7 @@ pub(crate) fn relative_weight(inputs: &Inputs, image: &Pair) -> Plane {
 /// covariances of `F_A` with `B` and of `F_B` with `A`.
 ///
 /// The sample variance in place of `(A - B)^2` would overrate the noise of low-discrepancy samples.
-pub(crate) fn raw_error(inputs: &Inputs, image: Channels<'_>, weight: &[f32]) -> [Plane; 2] {
+pub(crate) fn raw_error<const N: usize>(inputs: &Inputs, image: Channels<'_>, weight: &[f32]) -> [Plane; N] {
     let ([fra, fga, fba, frb, fgb, fbb], [ra, ga, ba, rb, gb, bb]) = (image, inputs.unfiltered());
     let [na, nb] = inputs.counts();
     map([fra, fga, fba, frb, fgb, fbb, ra, ga, ba, rb, gb, bb, na, nb, weight], |values| {
@@ -91,7 +96,7 @@ pub(crate) fn raw_error(inputs: &Inputs, image: Channels<'_>, weight: &[f32]) ->
             variance += common;
         }
         let known = if na == 0.0 || nb == 0.0 { 0.0 } else { weight / 3.0 };
-        [whole * known, variance * known]
+        std::array::from_fn(|k| [whole, variance][k] * known)
     })
 }
 
@@ -107,7 +112,7 @@ pub(crate) fn select(inputs: &Inputs, filtered: &[Pair], weight: &[f32], radius:
     let raw: Vec<Plane> = candidates
         .iter()
         .map(|&image| {
-            let [whole, _] = raw_error(inputs, image, weight);
+            let [whole] = raw_error(inputs, image, weight);
             whole
         })
         .collect();

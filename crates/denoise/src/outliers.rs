@@ -7,7 +7,7 @@
 use crate::among::Among;
 use crate::dispatch::dispatch;
 use crate::maps::{box_mean, map};
-use crate::planes::{Colours, Inputs, LEAST_ALBEDO, Plane};
+use crate::planes::{Colours, Inputs, Plane, raised};
 use crate::tile::exp_minus;
 use dapple_core::Error;
 use pulp::{Simd, WithSimd};
@@ -236,11 +236,11 @@ fn add_lanes(sums: &mut [f32; LANES], like: &[f32], albedo: &[f32]) {
     let ((like, rest), (albedo, albedo_rest)) = (like.as_chunks::<LANES>(), albedo.as_chunks::<LANES>());
     for (like, albedo) in like.iter().zip(albedo) {
         for k in 0..LANES {
-            sums[k] += like[k] * albedo[k].max(LEAST_ALBEDO);
+            sums[k] += like[k] * raised(albedo[k]);
         }
     }
     for (k, (like, albedo)) in rest.iter().zip(albedo_rest).enumerate() {
-        sums[k] += like * albedo.max(LEAST_ALBEDO);
+        sums[k] += like * raised(*albedo);
     }
 }
 
@@ -270,7 +270,7 @@ impl WithSimd for RowTask<'_> {
                 let sums = &mut sums[c * width + window.column..][..window.len];
                 let (like, albedo) = (&like[..window.len], &window.albedo[c][..window.len]);
                 for k in 0..window.len {
-                    sums[k] += outlier.excess[c] * like[k] * albedo[k].max(LEAST_ALBEDO);
+                    sums[k] += outlier.excess[c] * like[k] * raised(albedo[k]);
                 }
             }
         }

@@ -32,7 +32,13 @@ const UNKNOWN: f32 = 1e6;
 const FLOOR: f32 = 4e-4;
 
 /// The least albedo that colours are divided by.
-pub(crate) const LEAST_ALBEDO: f32 = 0.02;
+const LEAST_ALBEDO: f32 = 0.02;
+
+/// An albedo that a colour can be divided by: at least [`LEAST_ALBEDO`].
+#[inline(always)]
+pub(crate) fn raised(albedo: f32) -> f32 {
+    albedo.max(LEAST_ALBEDO)
+}
 
 /// The weight, in degrees of freedom, of the variance over 5x5 pixels. A pixel's own variance of `n` samples has the
 /// weight `n - 1`.
@@ -172,9 +178,9 @@ impl Inputs {
         [ra, ga, ba, rb, gb, bb]
     }
 
-    /// One channel of the albedo of pixel `i`, raised to at least [`LEAST_ALBEDO`] for a division.
+    /// One channel of the albedo of pixel `i`, [raised].
     pub(crate) fn divisor(&self, channel: usize, i: usize) -> f32 {
-        self.features.mean[3 + channel][i].max(LEAST_ALBEDO)
+        raised(self.features.mean[3 + channel][i])
     }
 }
 

@@ -5,7 +5,7 @@
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
 use crate::dispatch::dispatch;
-use crate::error_map::{Pair, combined};
+use crate::error_map::{Pair, beside_weights, combined};
 use crate::maps::{box_mean, map, parts};
 use crate::normal_equations::{Fit, Sums, add_products, solve};
 use crate::planes::{Colours, Inputs, Plane};
@@ -459,13 +459,13 @@ fn cropped(sums: &[[f32; 8 * COLUMNS]]) -> Vec<f32> {
 fn merge([width, height]: [usize; 2], tiles: &[Vec<f32>], beside: &Pair, share: f32) -> Pair {
     let row = |sums: &mut Vec<f32>, y: usize, image: [&mut [f32]; 6]| {
         for (k, own) in beside.channels().into_iter().enumerate() {
-            let to = &mut sums[(k + k / 3) * width..][..width];
+            let to = &mut sums[beside_weights(k)[0] * width..][..width];
             to.iter_mut().zip(&own[y * width..]).for_each(|(to, own)| *to = share * own);
         }
         (0..2).for_each(|half| sums[(4 * half + 3) * width..][..width].fill(share));
         add_tiles(sums, [width, height], y, tiles);
         for (k, to) in image.into_iter().enumerate() {
-            let [values, weights] = [k + k / 3, k / 3 * 4 + 3].map(|plane| &sums[plane * width..][..width]);
+            let [values, weights] = beside_weights(k).map(|plane| &sums[plane * width..][..width]);
             // Without a weight no sample is in reach.
             let mean = |(v, w): (&f32, &f32)| if *w > 0.0 { (v / w).max(0.0) } else { 0.0 };
             to.iter_mut().zip(values.iter().zip(weights).map(mean)).for_each(|(to, mean)| *to = mean);

@@ -12,7 +12,7 @@ use crate::cluster_regression::{GUIDE_ROWS, residual_guide};
 use crate::error_map::{Pair, error_rows};
 use crate::maps::{parts, update};
 use crate::outliers;
-use crate::planes::{Colours, Features, Half, Inputs, LEAST_ALBEDO, Plane, slopes};
+use crate::planes::{Colours, Features, Half, Inputs, Plane, raised, slopes};
 use crate::shrink::{EVIDENCE, LAST, Radii, shrink};
 use crate::tile::exp_minus;
 use crate::wide::{self, wide};
@@ -130,7 +130,7 @@ fn mean([[a, b, c, d]]: [[f32; 4]; 1]) -> f32 {
 
 /// The mean of four pixels without their albedo.
 fn demodulated([colour, albedo]: [[f32; 4]; 2]) -> f32 {
-    let [a, b, c, d] = std::array::from_fn(|k| colour[k] / albedo[k].max(LEAST_ALBEDO));
+    let [a, b, c, d] = std::array::from_fn(|k| colour[k] / raised(albedo[k]));
     0.25 * ((a + b) + (c + d))
 }
 
@@ -139,7 +139,7 @@ fn sampled([colour, albedo, count]: [[f32; 4]; 3]) -> f32 {
     let known = count.map(|count| if count > 0.0 { 1.0 } else { 0.0 });
     let total = known.iter().sum::<f32>();
     let weights = if total > 0.0 { known.map(|k| k / total) } else { [0.25; 4] };
-    let [a, b, c, d] = std::array::from_fn(|k| weights[k] * (colour[k] / albedo[k].max(LEAST_ALBEDO)));
+    let [a, b, c, d] = std::array::from_fn(|k| weights[k] * (colour[k] / raised(albedo[k])));
     (a + b) + (c + d)
 }
 
@@ -182,9 +182,9 @@ pub(crate) fn coarser(fine: &Inputs, scales: usize, among: &mut Among<'_>) -> Re
     let size = fine.size.map(|n| n.div_ceil(2));
     let (f, plane) = (&fine.features, |plane: &Plane| down(fine.size, [plane], mean));
     let quarter = |plane: &Plane| down(fine.size, [plane], |[four]| mean([four.map(|value| 0.25 * value)]));
-    let raised = |[four]: [[f32; 4]; 1]| mean([four.map(|albedo| albedo.max(LEAST_ALBEDO))]);
+    let mean_of_raised = |[four]: [[f32; 4]; 1]| mean([four.map(raised)]);
     let features: [Plane; 7] = std::array::from_fn(|k| match k {
-        3..6 => down(fine.size, [&f.mean[k]], raised),
+        3..6 => down(fine.size, [&f.mean[k]], mean_of_raised),
         _ => plane(&f.mean[k]),
     });
     let samples = |i: usize| fine.halves.each_ref().map(|half| f64::from(half.count[i]));

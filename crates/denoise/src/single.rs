@@ -4,7 +4,7 @@
 //! belongs to a half by its place, as the squares of a chessboard do. The half that it lacks is the mean of its four
 //! neighbours there. Both halves are then whole images, and a sample counts in one of them only.
 
-use crate::planes::{Colours, Features, LEAST_ALBEDO, Plane};
+use crate::planes::{Colours, Features, Plane, raised};
 use rayon::prelude::*;
 
 /// The factor on the squared difference of normals between neighbours.
@@ -74,7 +74,7 @@ impl Halves {
     /// The mean of half `half` over the four neighbours of pixel `i`, times the ratio of the albedos; `None` if they lack it
     /// too. `samples` are the counts by place.
     fn between(&self, i: usize, half: usize, samples: &[Plane; 2], f: &Features, width: usize) -> Option<Between> {
-        let divisor = |c: usize, i: usize| f.mean[3 + c][i].max(LEAST_ALBEDO);
+        let divisor = |c: usize, i: usize| raised(f.mean[3 + c][i]);
         let x = i % width;
         let near = [
             (x > 0).then(|| i - 1),

@@ -11,10 +11,10 @@
 mod stack;
 
 use crate::dispatch::dispatch;
-use crate::error_map::Pair;
+use crate::error_map::{Pair, beside_weights};
 use crate::maps::parts;
 use crate::normal_equations::{Fit, Sums, add_products, solve};
-use crate::planes::{Inputs, LEAST_ALBEDO};
+use crate::planes::{Inputs, raised};
 use crate::regression::NEGLIGIBLE;
 use crate::tile::{FeatureScales, GROUP, Guide, count_weights, excess, exp_minus_all, vectors};
 use dapple_core::Frame;
@@ -90,15 +90,15 @@ pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
         .collect();
     let albedo = &inputs.features.mean[3..6];
     let row = |row: &mut Vec<f32>, y: usize, image: [&mut [f32]; 6]| {
-        let albedo = |k: usize| albedo[k % 3][y * width..][..width].iter().map(|albedo| albedo.max(LEAST_ALBEDO));
+        let albedo = |k: usize| albedo[k % 3][y * width..][..width].iter().map(|albedo| raised(*albedo));
         for (k, own) in beside.channels().into_iter().enumerate() {
-            let to = row[(k + k / 3) * width..][..width].iter_mut();
+            let to = row[beside_weights(k)[0] * width..][..width].iter_mut();
             to.zip(&own[y * width..]).zip(albedo(k)).for_each(|((to, own), albedo)| *to = BESIDE * own / albedo);
         }
         (0..2).for_each(|half| row[(4 * half + 3) * width..][..width].fill(BESIDE));
         add_bands(row, width, skipped + y, tiles, &sums);
         for (k, to) in image.into_iter().enumerate() {
-            let [values, weights] = [k + k / 3, k / 3 * 4 + 3].map(|plane| &row[plane * width..][..width]);
+            let [values, weights] = beside_weights(k).map(|plane| &row[plane * width..][..width]);
             let mean = values.iter().zip(weights).map(|(value, weight)| (value / weight).max(0.0));
             to.iter_mut().zip(mean.zip(albedo(k))).for_each(|(to, (mean, albedo))| *to = mean * albedo);
         }

@@ -2,7 +2,7 @@
 
 use super::{CENTRES, COLUMNS, FEATURES, PAD, PATCH, REACH, STEP};
 use crate::maps::map;
-use crate::planes::{Colours, Inputs, LEAST_ALBEDO};
+use crate::planes::{Colours, Inputs, raised};
 use crate::tile::{Guide, sharpness, vectors};
 use pulp::Simd;
 use rayon::prelude::*;
@@ -30,9 +30,8 @@ pub(super) fn stacks(inputs: &Inputs, guide: &Guide) -> Vec<Stack> {
     let sharp = sharpness(&inputs.features, &FEATURES);
     let colours: [Colours; 2] = [0, 1].map(|half: usize| {
         std::array::from_fn(|c| {
-            let [plane] = map([&inputs.halves[half].colour[c], &inputs.features.mean[3 + c]], |[v, albedo]| {
-                [v / albedo.max(LEAST_ALBEDO)]
-            });
+            let [plane] =
+                map([&inputs.halves[half].colour[c], &inputs.features.mean[3 + c]], |[v, albedo]| [v / raised(albedo)]);
             plane
         })
     });
