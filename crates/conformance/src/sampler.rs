@@ -55,7 +55,7 @@ pub fn sampler_on_frames(make: impl Fn(&Frame) -> Box<dyn Sampler>, spending: Sp
     check(&make, spending);
 }
 
-/// Not generic: the checks are compiled once, not for each sampler.
+/// A maker of samplers. No type parameter, so that the checks are compiled once, not for each sampler.
 type Make<'a> = &'a dyn Fn(&Frame) -> Box<dyn Sampler>;
 
 fn check(make: Make<'_>, spending: Spending) {

@@ -21,7 +21,7 @@ pub(crate) fn dispatch<T: WithSimd>(task: T) -> T::Output {
         8 => return task.with_simd(pulp::Scalar256b),
         _ => {}
     }
-    // Without a copy of all loops for 16 lanes, debug builds take less long.
+    // Debug builds leave out a copy of all loops for 16 lanes, which takes long to compile.
     #[cfg(all(debug_assertions, target_arch = "x86_64"))]
     return match pulp::x86::V3::try_new() {
         Some(v3) => pulp::Simd::vectorize(v3, task),
@@ -63,7 +63,8 @@ mod tests {
             image.radiance.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>()
         };
         let wanted = image(0);
-        for lanes in [1, 4, 8] {
+        let emulated = if cfg!(all(debug_assertions, target_arch = "x86_64")) { None } else { Some(4) };
+        for lanes in [1, 8].into_iter().chain(emulated) {
             assert!(image(lanes) == wanted, "{lanes} lanes");
         }
     }
