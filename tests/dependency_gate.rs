@@ -226,6 +226,32 @@ fn a_foreign_renderer_takes_no_scene_along() {
     }
 }
 
+/// `.ci/run` checks light features alone; for all of them, this finds an export whose crate its feature leaves out.
+#[test]
+fn features_of_the_facade_enable_the_crates_that_they_export() {
+    let metadata = metadata(&["--no-deps"]);
+    let packages = metadata["packages"].as_array().expect("packages");
+    let facade = packages.iter().find(|p| p["name"] == "dapple").expect("the facade");
+    let enables = |feature: &str, name: &str| {
+        let parts = facade["features"][feature].as_array().expect("a feature");
+        parts.iter().any(|part| part.as_str() == Some(&format!("dep:{name}")))
+    };
+    let mut exported = BTreeSet::new();
+    let lines: Vec<&str> = include_str!("../src/lib.rs").lines().collect();
+    for pair in lines.windows(2) {
+        let feature = pair[0].strip_prefix("#[cfg(feature = \"").and_then(|rest| rest.strip_suffix("\")]"));
+        let (Some(feature), Some(rest)) = (feature, pair[1].strip_prefix("pub use dapple_")) else { continue };
+        let end = rest.find(|c: char| !c.is_ascii_lowercase() && c != '_').expect("the end of a name");
+        let name = format!("dapple-{}", rest[..end].replace('_', "-"));
+        assert!(enables(feature, &name), "the feature {feature} exports {name} and does not enable it");
+        exported.insert(name);
+    }
+    // All but the core, which every feature has, and the control: a feature does not enable every crate.
+    let optional = facade["dependencies"].as_array().expect("dependencies").iter().filter(|d| d["optional"] == true);
+    assert_eq!(exported, optional.map(|d| d["name"].as_str().expect("a name").to_owned()).collect());
+    assert!(!enables("scene", "dapple-renderer"));
+}
+
 /// The largest number of other people's crates that the default features may bring.
 const FOREIGN_CRATES: usize = 20;
 

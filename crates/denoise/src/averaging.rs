@@ -244,16 +244,16 @@ pub(crate) fn guide(inputs: &Inputs, half: usize, pooled: bool, demodulated: boo
         let [plane] = map([&own.colour[c], &inputs.features.mean[3 + c]], |[v, albedo]| [v / raised(albedo)]);
         plane
     });
-    let variance: Colours =
-        std::array::from_fn(|c| {
-            if !demodulated {
-                return own.variance[c].clone();
-            }
-            let [plane] = map([&own.variance[c], &inputs.features.mean[3 + c]], |[v, albedo]| {
-                [v / (raised(albedo) * raised(albedo))]
-            });
-            plane
+    let variance: Colours = std::array::from_fn(|c| {
+        if !demodulated {
+            return own.variance[c].clone();
+        }
+        let [plane] = map([&own.variance[c], &inputs.features.mean[3 + c]], |[v, albedo]| {
+            let divisor = raised(albedo);
+            [v / (divisor * divisor)]
         });
+        plane
+    });
     if !pooled {
         return Guide { colour, variance: variance.into() };
     }

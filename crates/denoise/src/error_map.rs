@@ -38,7 +38,7 @@ impl Pair {
         [ra, ga, ba, rb, gb, bb]
     }
 
-    /// Multiplies both halves by each pixel's albedo, raised to at least 0.02.
+    /// Multiplies both halves by each pixel's albedo, [raised].
     pub(crate) fn modulate(&mut self, inputs: &Inputs) {
         for (c, plane) in self.0.iter_mut().flat_map(|half| half.iter_mut().enumerate()) {
             update(plane, [&inputs.features.mean[3 + c]], |value, [albedo]| value * raised(albedo));

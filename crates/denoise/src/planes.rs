@@ -177,10 +177,12 @@ impl Inputs {
         let [[ra, ga, ba], [rb, gb, bb]] = self.halves.each_ref().map(|half| &half.colour);
         [ra, ga, ba, rb, gb, bb]
     }
+}
 
+impl Features {
     /// One channel of the albedo of pixel `i`, [raised].
     pub(crate) fn divisor(&self, channel: usize, i: usize) -> f32 {
-        raised(self.features.mean[3 + channel][i])
+        raised(self.mean[3 + channel][i])
     }
 }
 

@@ -462,7 +462,7 @@ fn merge([width, height]: [usize; 2], tiles: &[Vec<f32>], beside: &Pair, share: 
             let to = &mut sums[beside_weights(k)[0] * width..][..width];
             to.iter_mut().zip(&own[y * width..]).for_each(|(to, own)| *to = share * own);
         }
-        (0..2).for_each(|half| sums[(4 * half + 3) * width..][..width].fill(share));
+        (0..2).for_each(|half| sums[beside_weights(3 * half)[1] * width..][..width].fill(share));
         add_tiles(sums, [width, height], y, tiles);
         for (k, to) in image.into_iter().enumerate() {
             let [values, weights] = beside_weights(k).map(|plane| &sums[plane * width..][..width]);

@@ -318,7 +318,7 @@ fn add_up(fine: &Inputs, coarse: &Inputs, image: &mut Pair, [before, after]: [&P
     let change: [Plane; 6] = std::array::from_fn(|k| {
         let (half, c) = (k / 3, k % 3);
         let [before, after] = [&before.0[half][c], &after.0[half][c]];
-        before.iter().zip(after).enumerate().map(|(i, (b, a))| (a - b) / coarse.divisor(c, i)).collect()
+        before.iter().zip(after).enumerate().map(|(i, (b, a))| (a - b) / coarse.features.divisor(c, i)).collect()
     });
     // The coarse pixel that holds a pixel, then the next one on the pixel's side.
     let near = |x: usize, end: usize| {
@@ -345,7 +345,7 @@ fn add_up(fine: &Inputs, coarse: &Inputs, image: &mut Pair, [before, after]: [&P
     let all: Vec<[f32; 6]> = (0..fine.pixels()).into_par_iter().with_min_len(1024).map(of).collect();
     for (k, plane) in image.0.iter_mut().flatten().enumerate() {
         for (i, (value, change)) in plane.iter_mut().zip(&all).enumerate() {
-            *value = (*value + change[k] * fine.divisor(k % 3, i)).max(0.0);
+            *value = (*value + change[k] * fine.features.divisor(k % 3, i)).max(0.0);
         }
     }
 }

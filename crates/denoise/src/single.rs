@@ -4,7 +4,7 @@
 //! belongs to a half by its place, as the squares of a chessboard do. The half that it lacks is the mean of its four
 //! neighbours there. Both halves are then whole images, and a sample counts in one of them only.
 
-use crate::planes::{Colours, Features, Plane, raised};
+use crate::planes::{Colours, Features, Plane};
 use rayon::prelude::*;
 
 /// The factor on the squared difference of normals between neighbours.
@@ -74,7 +74,6 @@ impl Halves {
     /// The mean of half `half` over the four neighbours of pixel `i`, times the ratio of the albedos; `None` if they lack it
     /// too. `samples` are the counts by place.
     fn between(&self, i: usize, half: usize, samples: &[Plane; 2], f: &Features, width: usize) -> Option<Between> {
-        let divisor = |c: usize, i: usize| raised(f.mean[3 + c][i]);
         let x = i % width;
         let near = [
             (x > 0).then(|| i - 1),
@@ -85,11 +84,11 @@ impl Halves {
         let (mut sum, mut weights, mut variance) = ([0.0; 3], 0.0, 0.0);
         for j in near.into_iter().flatten().filter(|j| samples[half][*j] > 0.0) {
             let weight = likeness(f, i, j);
-            (0..3).for_each(|c| sum[c] += weight * self.colours[half][c][j] / divisor(c, j));
+            (0..3).for_each(|c| sum[c] += weight * self.colours[half][c][j] / f.divisor(c, j));
             weights += weight;
             variance += weight * weight / samples[half][j];
         }
-        let colour = [0, 1, 2].map(|c| sum[c] / weights * divisor(c, i));
+        let colour = [0, 1, 2].map(|c| sum[c] / weights * f.divisor(c, i));
         (weights > 0.0).then_some(Between { pixel: i as u32, colour, samples: weights * weights / variance })
     }
 }

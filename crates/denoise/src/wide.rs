@@ -95,7 +95,7 @@ pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
             let to = row[beside_weights(k)[0] * width..][..width].iter_mut();
             to.zip(&own[y * width..]).zip(albedo(k)).for_each(|((to, own), albedo)| *to = BESIDE * own / albedo);
         }
-        (0..2).for_each(|half| row[(4 * half + 3) * width..][..width].fill(BESIDE));
+        (0..2).for_each(|half| row[beside_weights(3 * half)[1] * width..][..width].fill(BESIDE));
         add_bands(row, width, skipped + y, tiles, &sums);
         for (k, to) in image.into_iter().enumerate() {
             let [values, weights] = beside_weights(k).map(|plane| &row[plane * width..][..width]);
