@@ -32,9 +32,16 @@ const SPP: u64 = 32;
 
 /// Rows of pixels in a band.
 const BAND: usize = 16;
-/// Samples per pixel of each simulated pass; the first nine are the pilot, a quarter of all.
-const PASSES: [f64; 11] = [1.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0];
-const PILOT_PASSES: usize = 9;
+/// Samples per pixel between two barriers; the first five are the pilot, a quarter of all, and four of these train.
+const PASSES: [f64; 7] = [1.0, 1.0, 2.0, 4.0, 248.0, 256.0, 512.0];
+const PILOT_PASSES: usize = 5;
+const TRAINING_PASSES: usize = 4;
+/// The part of the expected time after which machines deal bands anew; the least expected seconds, and per second of moving.
+const MEETING: f64 = 0.75;
+const LEAST: f64 = 0.1;
+const PER_SECOND: f64 = 20.0;
+/// Bytes per pixel of a band that moves.
+const MOVED_BYTES: f64 = 350.0;
 /// Threads of a machine; each pass divides its bands among them without loss.
 const THREADS: f64 = 64.0;
 /// The network: bytes per second that a machine receives, and seconds of a message through all machines.
@@ -75,8 +82,10 @@ fn main() -> Result<()> {
         true => (measured(SMALL)?, SMALL),
         false => (std::fs::read_to_string(&argument).map_err(|e| format!("{argument}: {e}"))?, MEASURED),
     };
-    println!("| scene | image | machines | interleaved | by cost | and stragglers | and failures | minutes |");
-    println!("|---|---|---|---|---|---|---|---|");
+    println!(
+        "| scene | image | machines | interleaved | by cost | and within rounds | and stragglers | and failures | minutes |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|");
     for (name, rays_per_second) in SCENES {
         let rows = Rows::read(&text, name, measured[0])?;
         for [width, height] in [[3840, 2160], [15360, 8640]] {
@@ -171,17 +180,20 @@ impl Numbers {
 struct With {
     /// Bands are dealt by their measured seconds for a sample and the samples of the next pass, not in turns.
     by_cost: bool,
+    /// Bands are dealt anew within rounds, by what each has left.
+    meets: bool,
     stragglers: bool,
     failures: bool,
 }
 
 fn row(name: &str, rows: &Rows, rays_per_second: f64, size: [usize; 2], machines: usize) -> String {
-    let none = With { by_cost: false, stragglers: false, failures: false };
+    let none = With { by_cost: false, meets: false, stragglers: false, failures: false };
     let cases = [
         none,
         With { by_cost: true, ..none },
-        With { by_cost: true, stragglers: true, failures: false },
-        With { by_cost: true, stragglers: true, failures: true },
+        With { by_cost: true, meets: true, ..none },
+        With { by_cost: true, meets: true, stragglers: true, failures: false },
+        With { by_cost: true, meets: true, stragglers: true, failures: true },
     ];
     let alone = work(rows, rays_per_second, size);
     let mean = |with: With| {
@@ -189,9 +201,9 @@ fn row(name: &str, rows: &Rows, rays_per_second: f64, size: [usize; 2], machines
         (1..=TRIALS).map(seconds).sum::<f64>() / TRIALS as f64
     };
     let seconds = cases.map(mean);
-    let [a, b, c, d] = seconds.map(|seconds| format!("{:.2}", alone / (machines as f64 * seconds)));
+    let [a, b, c, d, e] = seconds.map(|seconds| format!("{:.2}", alone / (machines as f64 * seconds)));
     let [width, height] = size;
-    format!("| {name} | {width}x{height} | {machines} | {a} | {b} | {c} | {d} | {:.2} |", seconds[3] / 60.0)
+    format!("| {name} | {width}x{height} | {machines} | {a} | {b} | {c} | {d} | {e} | {:.2} |", seconds[4] / 60.0)
 }
 
 /// The seconds of one machine without any loss: tracing, planning and the filter.
@@ -228,16 +240,17 @@ fn render(
     let mut owner: Vec<usize> = (0..count).map(|band| band % machines).collect();
     for (pass, spp) in PASSES.into_iter().enumerate() {
         let costs = rows.bands(pass, size);
-        let mut seconds = vec![0.0; machines];
-        for (band, cost) in costs.iter().enumerate() {
-            seconds[owner[band]] += spp * cost / (rays_per_second * THREADS);
-        }
-        let slowest = (0..machines)
-            .map(|machine| seconds[machine] / speeds[machine] * (1.0 + JITTER * numbers.normal().abs()))
-            .fold(0.0, f64::max);
-        let mut took = slowest + TRAINING_BYTES / BANDWIDTH + LATENCY;
-        // A round ends after the pilot, in the middle of the rest, and at the end.
-        if [PILOT_PASSES - 1, PASSES.len() - 2, PASSES.len() - 1].contains(&pass) {
+        // Seconds of each band on the machine that has it, whose speed differs a little from pass to pass.
+        let speeds: Vec<f64> = speeds.iter().map(|speed| speed / (1.0 + JITTER * numbers.normal().abs())).collect();
+        let work: Vec<f64> = costs.iter().map(|cost| spp * cost / (rays_per_second * THREADS)).collect();
+        let trains = pass < TRAINING_PASSES;
+        let mut took = LATENCY + if trains { TRAINING_BYTES / BANDWIDTH } else { 0.0 };
+        took += if with.meets && !trains {
+            traced_with_meetings(work, &mut owner.clone(), &speeds, size[0])
+        } else {
+            loads(&work, &owner, &speeds).into_iter().fold(0.0, f64::max)
+        };
+        if !trains {
             let most = (count.div_ceil(machines) * BAND * size[0]) as f64;
             took += most * (HALO_BYTES * HALO_ROWS / BAND as f64 / BANDWIDTH + PLAN_SECONDS / THREADS);
         }
@@ -255,6 +268,56 @@ fn render(
     let slowest = speeds.iter().copied().fold(f64::INFINITY, f64::min);
     let filter = read * size[0] as f64 * (FILTER_SECONDS / (THREADS * slowest) + FILTER_BYTES / BANDWIDTH);
     total + filter + pixels * DELIVERED_BYTES / BANDWIDTH
+}
+
+/// The seconds that each machine takes for its bands.
+fn loads(work: &[f64], owner: &[usize], speeds: &[f64]) -> Vec<f64> {
+    let mut seconds = vec![0.0; speeds.len()];
+    work.iter().zip(owner).for_each(|(work, owner)| seconds[*owner] += work / speeds[*owner]);
+    seconds
+}
+
+/// The seconds until all bands are traced, if machines meet, and move bands from the one that would end last to the one that
+/// would end first. All bands of a machine progress together.
+fn traced_with_meetings(mut work: Vec<f64>, owner: &mut [usize], speeds: &[f64], width: usize) -> f64 {
+    let (mut took, mut moving) = (0.0, 0.0_f64);
+    loop {
+        let mut loads = loads(&work, owner, speeds);
+        let expected = loads.iter().sum::<f64>() / loads.len() as f64;
+        if expected < LEAST.max(PER_SECOND * moving) {
+            return took + loads.into_iter().fold(0.0, f64::max);
+        }
+        let wait = MEETING * expected;
+        for (work, owner) in work.iter_mut().zip(&*owner) {
+            *work *= 1.0 - (wait / loads[*owner].max(f64::MIN_POSITIVE)).min(1.0);
+        }
+        loads.iter_mut().for_each(|load| *load = (*load - wait).max(0.0));
+        let mut moved = vec![0; loads.len()];
+        loop {
+            let by_load = |a: &usize, b: &usize| loads[*a].total_cmp(&loads[*b]);
+            let (Some(last), Some(first)) = ((0..loads.len()).max_by(by_load), (0..loads.len()).min_by(by_load)) else {
+                break;
+            };
+            // The later of both ends after a move. A machine knows what a band takes on its owner.
+            let after = |band: &usize| {
+                let seconds = work[*band] / speeds[last];
+                (loads[last] - seconds).max(loads[first] + seconds)
+            };
+            let own = (0..work.len()).filter(|band| owner[*band] == last);
+            let Some(band) = own.min_by(|a, b| after(a).total_cmp(&after(b))) else { break };
+            if after(&band) * 200.0 > loads[last] * 199.0 {
+                break;
+            }
+            loads[last] -= work[band] / speeds[last];
+            loads[first] += work[band] / speeds[last];
+            owner[band] = first;
+            moved[first] += 1;
+        }
+        let most = moved.into_iter().max().unwrap_or(0);
+        let seconds = LATENCY + (most * BAND * width) as f64 * MOVED_BYTES / BANDWIDTH;
+        moving = moving.max(seconds);
+        took += wait + seconds;
+    }
 }
 
 /// The owner of each band such that machines end at about the same time: the most expensive bands first, each to the

@@ -1,7 +1,8 @@
 //! Processes that render one image together.
 //!
 //! [`Render::exchange`](crate::Render::exchange) takes an [`Exchange`]. Each process traces its bands of 16 rows. At the end of
-//! each training pass all get everyone's training data.
+//! each training pass all get everyone's training data. Within a round, bands are dealt anew by the work that each process has
+//! left, unless the integrator learns or prepares itself for each pass: a slow process leaves bands to others.
 //!
 //! A sampler that plans by rows ([`Sampler::halo`](crate::Sampler::halo)) plans the own rows only, and the film holds these and
 //! the rows around them. Before a round, a process gets the rows around its own ones, and bands that it takes over. The pixels

@@ -8,6 +8,7 @@ mod feature_samples;
 mod filter_time;
 mod halos;
 pub(crate) mod holdout;
+mod meeting;
 mod methods;
 mod planning;
 mod prepare;

@@ -12,7 +12,7 @@ use crate::snapshot::planes::{put_bank, put_beside};
 use crate::{Error, Film, Rejected, Retention, SampleId, TrainingSum};
 
 /// The version of the messages. It changes with their layout and contents.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// The place in the render at which a message is sent. All messages of one gathering have the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,6 +36,19 @@ pub(crate) enum Kind {
     Round,
     /// A reading of the clock before a plan.
     Clock,
+    /// A meeting within a round.
+    Meeting,
+}
+
+/// The work that is left in a band within a round.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Left {
+    /// The expected nanoseconds of one thread.
+    pub(crate) nanoseconds: u64,
+    /// The nanoseconds that it took in this round.
+    pub(crate) taken: u64,
+    /// The samples of the round that each of its pixels has, unless the plan gives it fewer.
+    pub(crate) traced: u32,
 }
 
 /// The state of a process: going on, or the reason why it does not.
@@ -78,6 +91,8 @@ pub(crate) struct Message {
     pub(crate) threads: u32,
     /// Training sums by row of blocks.
     pub(crate) training: Vec<(usize, Vec<TrainingSum>)>,
+    /// The work left in each of its bands, at a meeting.
+    pub(crate) left: Vec<Left>,
     pub(crate) found: Option<Found>,
 }
 
@@ -98,6 +113,7 @@ impl Message {
             to.number(*row as u64);
             put_training(&mut to, sums);
         }
+        to.list(&self.left.iter().map(|left| [left.nanoseconds, left.taken, left.traced.into()]).collect::<Vec<_>>());
         to.flag(self.found.is_some());
         if let Some(found) = &self.found {
             found.put(&mut to);
@@ -112,7 +128,7 @@ impl Message {
             return Err(Broken("another version of dapple-core wrote them"));
         }
         let [kind, number, round, since] = from.number()?;
-        let kinds = [Kind::Pass, Kind::Round, Kind::Clock];
+        let kinds = [Kind::Pass, Kind::Round, Kind::Clock, Kind::Meeting];
         let kind = kinds.into_iter().find(|k| *k as u32 == kind).ok_or(Broken("a step is unknown"))?;
         let step = Step { kind, number, round, since, plan: from.number()? };
         let share = from.number()?;
@@ -128,8 +144,13 @@ impl Message {
             let row = usize::try_from(from.number::<u64>()?).map_err(|_| Broken("a row is out of range"))?;
             training.push((row, take_training(&mut from)?));
         }
+        let left = |[nanoseconds, taken, traced]: [u64; 3]| -> Result<Left, Broken> {
+            let traced = traced.try_into().map_err(|_| Broken("a number of samples is out of range"))?;
+            Ok(Left { nanoseconds, taken, traced })
+        };
+        let left = from.list()?.into_iter().map(left).collect::<Result<_, _>>()?;
         let rest = from.flag()?.then_some(from);
-        Ok((Self { step, share, standing, whole, seconds, threads, training, found: None }, rest))
+        Ok((Self { step, share, standing, whole, seconds, threads, training, left, found: None }, rest))
     }
 }
 

@@ -9,6 +9,8 @@ use std::slice::ChunksMut;
 pub(super) struct Band<'a> {
     /// The index, in the window, of the band's first pixel.
     pub(super) first: usize,
+    /// The samples that the task traces in each pixel: first index and end, counted from the start of the round.
+    pub(super) samples: [u32; 2],
     pub(super) banks: Vec<BankRows<'a>>,
     pub(super) features: &'a mut [FeatureMoments],
     /// Two per pixel, one for each half.
@@ -18,8 +20,13 @@ pub(super) struct Band<'a> {
 }
 
 /// Splits the given pixels of the film into bands of `size` pixels each: whole rows, of which it holds all or the own ones of
-/// a process.
-pub(super) fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>, size: usize) -> Vec<Band<'_>> {
+/// a process. Each pixel gets the given `samples` of the round.
+pub(super) fn bands(
+    film: &mut Film,
+    retention: Retention,
+    (pixels, samples): (Range<usize>, [u32; 2]),
+    size: usize,
+) -> Vec<Band<'_>> {
     let (held, pixels) = (&film.held, film.held.own_places(&pixels));
     let k = usize::from(film.needs.first_hits);
     let banks = if retention == Retention::Keep { &mut film.kept } else { &mut film.discarded };
@@ -50,6 +57,7 @@ pub(super) fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>,
         .step_by(size)
         .map(|place| Band {
             first: held.pixel(place),
+            samples,
             banks: banks
                 .iter_mut()
                 .map(|((counts, means, m2), (ranges, emission), (channels, channels_m2), (sums, samples), ahead)| {

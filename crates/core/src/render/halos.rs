@@ -114,10 +114,12 @@ impl Team<'_> {
         Ok(())
     }
 
-    /// Moves the rows of bands that got another owner: their pixels and their plan.
+    /// Moves the rows of bands that got another owner: their pixels, and their plan unless everyone has it.
     pub(super) fn move_rows(&mut self, film: &mut Film, open: &mut OpenRound, before: &Deal) -> Result<(), Error> {
-        let Some(halo) = self.halo.filter(|_| before != &self.deal) else { return Ok(()) };
-        let (width, pixels) = (film.frame.size()[0] as usize, film.frame.pixels());
+        if before == &self.deal {
+            return Ok(());
+        }
+        let (halo, width, pixels) = (self.halo, film.frame.size()[0] as usize, film.frame.pixels());
         let moved = |from: u32, to: u32| -> Vec<u32> {
             let owners = before.owners().iter().zip(self.deal.owners()).enumerate();
             let bands = owners.filter(|(_, owners)| *owners == (&from, &to) && from != to);
@@ -130,13 +132,15 @@ impl Team<'_> {
             if !numbers.is_empty() {
                 put_pixels(&mut to, film, Picked(&numbers));
             }
-            for counts in [Some(&mut open.plan.counts), open.plan.second_half.as_mut()].into_iter().flatten() {
+            for counts in counts(open, halo).into_iter().flatten() {
                 to.numbers(&numbers.iter().map(|&i| std::mem::take(&mut counts[i as usize])).collect::<Vec<u32>>());
             }
             to_each.push(to.finish());
         }
         let sent = self.exchange.all_to_all(to_each)?;
-        film.hold(held(&self.deal, &film.frame, self.me, halo));
+        if let Some(halo) = halo {
+            film.hold(held(&self.deal, &film.frame, self.me, halo));
+        }
         let gained: Vec<Vec<u32>> = (0..self.processes()).map(|who| moved(who, self.me)).collect();
         for (who, (bytes, numbers)) in sent.iter().zip(gained).enumerate() {
             let mut from = Reader::new(bytes);
@@ -144,7 +148,7 @@ impl Team<'_> {
                 if !numbers.is_empty() {
                     take_pixels(&mut from, film, Picked(&numbers))?;
                 }
-                for counts in [Some(&mut open.plan.counts), open.plan.second_half.as_mut()].into_iter().flatten() {
+                for counts in counts(open, halo).into_iter().flatten() {
                     let theirs: Vec<u32> = from.numbers(numbers.len())?;
                     numbers.iter().zip(theirs).for_each(|(&i, n)| counts[i as usize] = n);
                 }
@@ -194,6 +198,12 @@ impl Team<'_> {
     fn processes(&self) -> u32 {
         self.exchange.share().of()
     }
+}
+
+/// The counts of the plan that move with a band, if processes plan their own rows.
+fn counts(open: &mut OpenRound, halo: Option<u32>) -> [Option<&mut Vec<u32>>; 2] {
+    let OpenRound { plan: Plan { counts, second_half, .. }, .. } = open;
+    if halo.is_some() { [Some(counts), second_half.as_mut()] } else { [None, None] }
 }
 
 /// The places of a row of pixels in the planes.

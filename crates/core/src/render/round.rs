@@ -2,6 +2,7 @@
 
 use super::band::{Band, bands};
 use super::feature_samples::{self, Turn};
+use super::meeting::is_free;
 use super::session::State;
 use super::slicing::{next_slice, pass_length};
 use super::team::Team;
@@ -35,8 +36,6 @@ struct Inputs<'a> {
     needs: Needs,
     features: Turn,
     wants_training: bool,
-    /// The samples that this slice traces in each pixel: first index and end, counted from the start of the round.
-    part: [u32; 2],
     /// Workers that no task holds, so that their memory lasts longer than a band.
     workers: Mutex<Vec<Worker>>,
 }
@@ -97,7 +96,8 @@ pub(super) fn trace(
         let Session { state, sampler, limits, training, meter, .. } = &mut *session;
         let features = meter.features(state.round);
         let Some(open) = &mut state.open else { return Ok(Stopped::AtEnd) };
-        let (points, longest) = (sampler.points(), open.longest());
+        let points = sampler.points();
+        let longest = team.as_deref().map_or_else(|| open.longest(), |team| team.longest(open));
         if open.cursor.start >= longest {
             return Ok(Stopped::No);
         }
@@ -127,6 +127,8 @@ pub(super) fn trace(
             team.set_standing(trouble);
             if wants_training {
                 team.pass(film, (state.round, open), Vec::new())?;
+            } else if is_free(&*integrator) && team.will_meet() {
+                team.meet(film, state.round, open)?;
             }
             return Ok(Stopped::Within);
         }
@@ -149,7 +151,13 @@ pub(super) fn trace(
                 passes.push(pass);
             }
         }
-        let more = open.cursor.start < longest;
+        let mut more = open.cursor.start < longest;
+        if let Some(team) = team.as_deref_mut().filter(|_| !wants_training && is_free(&*integrator)) {
+            if !team.meet_in_time(film, state.round, open)? {
+                return Ok(Stopped::Within);
+            }
+            more = open.cursor.start < team.longest(open);
+        }
         if wants_training && open.cursor.row == 0 && team.as_ref().is_some_and(|team| team.is_staged()) {
             // The next pass is a stage of its own.
             return Ok(if more { Stopped::Within } else { Stopped::No });
@@ -164,6 +172,8 @@ pub(super) fn trace(
                 // The others' next message is that of a pass, unless none is to come in this round.
                 if more && integrator.wants_training() {
                     team.pass(film, (*round, open), Vec::new())?;
+                } else if more && is_free(integrator) && team.will_meet() {
+                    team.meet(film, *round, open)?;
                 }
             }
             return Ok(if more { Stopped::Within } else { Stopped::AtEnd });
@@ -196,7 +206,7 @@ fn slice(
     plan: &Plan,
     film: &mut Film,
     (limits, mut team): (&Limits, Option<&mut Team<'_>>),
-    (Slice { samples: part, rows }, features): (Slice, Turn),
+    (Slice { samples, rows }, features): (Slice, Turn),
 ) -> Vec<Tally> {
     let [width, _] = film.frame.size().map(|n| n as usize);
     let halves = film.kept.len() == 2;
@@ -215,7 +225,6 @@ fn slice(
         needs: film.needs,
         features: features.of_film(&film.needs, plan.retention),
         wants_training: integrator.wants_training(),
-        part,
         workers: Mutex::default(),
     };
     let tile = limits.schedule.tile_rows.max(1) as usize;
@@ -226,9 +235,10 @@ fn slice(
         None => tile,
     };
     let [top, bottom] = rows.map(|row| row as usize * width);
-    let mut bands = bands(film, plan.retention, top..bottom, tile * width);
+    let mut bands = bands(film, plan.retention, (top..bottom, samples), tile * width);
     if let Some(team) = &team {
         bands.retain(|band| team.owns(band.first / width));
+        bands.iter_mut().for_each(|band| band.samples = team.shifted(band.first / width, samples));
     }
     if limits.schedule.shuffle != 0 {
         bands.sort_by_key(|b| mix(b.first as u64 ^ limits.schedule.shuffle));
@@ -310,7 +320,7 @@ fn trace_pixel(
     current: &Cell<Option<SampleId>>,
 ) {
     let i = band.first + local;
-    let [start, end] = round.part;
+    let [start, end] = band.samples;
     let first = round.plan.counts[i];
     let second = round.plan.second_half.as_ref().map_or(0, |s| s[i]);
     let last = first.max(second).min(end);

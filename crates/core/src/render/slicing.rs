@@ -8,6 +8,8 @@ use crate::{Film, Limits};
 /// The target duration in seconds of a slice, the work between two calls of the monitor. A single row of pixels may
 /// take longer.
 const SLICE_SECONDS: f64 = 0.2;
+/// The least of that target as a meeting of processes comes near.
+const SHORTEST: f64 = 0.005;
 /// The number of samples in a round's first slice. It takes a millisecond at 1 us per sample, and a second at 1 ms per
 /// sample.
 const FIRST_SLICE: f64 = 1024.0;
@@ -33,15 +35,21 @@ pub(super) fn next_slice(
         return (pass.unwrap_or(fixed), height);
     }
     let Cursor { start, end, row } = open.cursor;
-    let rows = |counts: &[u32]| {
+    let rows = |counts: &[u32]| -> usize {
         let rows = counts.chunks(width as usize).enumerate();
         let own = rows.filter(|(row, _)| team.is_none_or(|team| team.owns(*row)));
-        own.flat_map(|(_, counts)| counts).filter(|&&n| n > start).count()
+        let to_come = |(row, counts): (usize, &[u32])| {
+            let start = team.map_or(start, |team| team.shifted(row, [start; 2])[0]);
+            counts.iter().filter(|&&n| n > start).count()
+        };
+        own.map(to_come).sum()
     };
     let active = (rows(&open.plan.counts) + open.plan.second_half.as_deref().map_or(0, rows)) as f64;
     let traced = (film.record.samples - open.before) as f64;
     // The first rows may be the quickest, so the length grows step by step.
-    let promised = (traced / seconds.max(1e-3) * SLICE_SECONDS).min(GROWTH * traced);
+    let until_meeting = team.filter(|_| !wants_training).and_then(Team::until_meeting);
+    let target = until_meeting.map_or(SLICE_SECONDS, |left| left.clamp(SHORTEST, SLICE_SECONDS));
+    let promised = (traced / seconds.max(1e-3) * target).min(GROWTH * traced);
     let samples = promised.max(FIRST_SLICE);
     let length = pass.unwrap_or((samples / active).clamp(1.0, 65536.0) as u32);
     let slices = f64::from(if row == 0 { length } else { end - start }) * active / samples;

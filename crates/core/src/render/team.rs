@@ -1,5 +1,6 @@
 //! One process among several that render an image together.
 
+use super::meeting;
 use crate::allocate::mix;
 use crate::bands::{BAND, BandCost, Deal, bands, expected};
 use crate::exchange::Exchange;
@@ -16,20 +17,28 @@ pub(super) type Sums = Vec<(usize, Vec<TrainingSum>)>;
 pub(crate) struct Team<'a> {
     pub(super) exchange: &'a mut dyn Exchange,
     pub(super) me: u32,
-    threads: Vec<u32>,
+    pub(super) threads: Vec<u32>,
     /// True if the film is gathered after each training pass too, since processes keep nothing from pass to pass.
     staged: bool,
     pub(super) deal: Deal,
     /// The measured cost of each band.
-    measured: Vec<BandCost>,
+    pub(super) measured: Vec<BandCost>,
     /// The nanoseconds that this process took for each band since the last gathering of films.
-    taken: Vec<u64>,
+    pub(super) taken: Vec<u64>,
+    /// The samples by which an own band that came from another process within the round lags the cursor.
+    pub(super) lags: Vec<i64>,
+    /// The time at which processes deal bands anew within the round.
+    pub(super) meeting: Option<Instant>,
+    /// The least expected seconds of the slowest process that are worth a meeting.
+    pub(super) least: f64,
+    /// The seconds that this process took to move bands within a round, at most.
+    pub(super) moving: f64,
     /// The samples of the round that each pixel had when films were last gathered.
     since: u32,
     /// The film's record and lists of that time. The lists are empty in the film meanwhile, so that it shows what is new.
     before: Option<Before>,
     /// This process' samples of the open round, and everyone's.
-    planned: [u64; 2],
+    pub(super) planned: [u64; 2],
     /// The rows beyond its own ones that each process reads to plan these; `None` if each plans the whole image.
     pub(super) halo: Option<u32>,
     /// True if the film is to hold the own rows only, at the end too.
@@ -73,6 +82,10 @@ impl<'a> Team<'a> {
             deal: Deal::in_turn(rows, share.of()),
             measured: vec![BandCost::default(); bands(rows)],
             taken: vec![0; bands(rows)],
+            lags: vec![0; bands(rows)],
+            meeting: None,
+            least: meeting::LEAST,
+            moving: 0.0,
             since: 0,
             before: None,
             planned: [1; 2],
@@ -139,9 +152,15 @@ impl<'a> Team<'a> {
             (Some(_), None) => self.deal.clone(),
         };
         let before = std::mem::replace(&mut self.deal, deal);
-        self.move_rows(film, open, &before)?;
+        if self.halo.is_some() {
+            self.move_rows(film, open, &before)?;
+        }
         self.planned = [self.deal.of(self.me).map(|band| to_come[band]).sum(), to_come.iter().sum()];
         self.note(film);
+        self.lags.fill(0);
+        if !self.staged && self.threads.len() > 1 {
+            self.set_first_meeting(&costs);
+        }
         Ok(())
     }
 
@@ -182,12 +201,16 @@ impl<'a> Team<'a> {
         &self.times
     }
 
+    /// The samples that this process traced since films were last gathered.
+    pub(super) fn own_samples(&self, samples: u64) -> u64 {
+        samples.saturating_sub(self.before.as_ref().map_or(samples, |before| before.record.samples))
+    }
+
     /// Everyone's samples so far, estimated from those of this process.
     pub(super) fn estimate(&self, samples: u64) -> u64 {
-        let before = self.before.as_ref().map_or(samples, |before| before.record.samples);
         let [mine, all] = self.planned;
-        let own = samples.saturating_sub(before);
-        before + (u128::from(own) * u128::from(all) / u128::from(mine.max(1))) as u64
+        let own = self.own_samples(samples);
+        samples - own + (u128::from(own) * u128::from(all) / u128::from(mine.max(1))) as u64
     }
 
     /// Exchanges the sums of a training pass. Returns everyone's; `None` if a process stopped or failed.
@@ -274,7 +297,7 @@ impl<'a> Team<'a> {
         if self.halo.is_some() { mix(self.planned[1]) } else { digest(plan) }
     }
 
-    fn message(&self, kind: Kind, (round, plan): (u32, &Plan), whole: bool, seconds: [f64; 5]) -> Message {
+    pub(super) fn message(&self, kind: Kind, (round, plan): (u32, &Plan), whole: bool, seconds: [f64; 5]) -> Message {
         Message {
             step: Step { kind, number: self.messages, round, since: self.since, plan: self.digest(plan) },
             share: [self.me, self.threads.len() as u32],
@@ -283,6 +306,7 @@ impl<'a> Team<'a> {
             seconds,
             threads: rayon::current_num_threads() as u32,
             training: Vec::new(),
+            left: Vec::new(),
             found: None,
         }
     }
@@ -294,16 +318,17 @@ impl<'a> Team<'a> {
             let then = [record.samples, record.rays, record.blocks, record.rejected, *unreported];
             found.totals.iter_mut().zip(then).for_each(|(now, then)| *now -= then);
         }
-        let cost = |band| BandCost { nanoseconds: self.taken[band], samples: self.traced(film, open, band) };
+        let width = film.frame.size()[0] as usize;
+        let cost = |band| BandCost { nanoseconds: self.taken[band], samples: self.samples_of(open, band, width)[0] };
         found.costs = self.deal.of(self.me).map(cost).collect();
         found
     }
 
-    /// The samples of a band since films were last gathered, if all are traced.
-    fn traced(&self, film: &Film, open: &OpenRound, band: usize) -> u64 {
-        let width = film.frame.size()[0] as usize;
-        let to_come = |since| planned(&open.plan, band, width, since);
-        to_come(self.since) - to_come(open.cursor.start)
+    /// The samples of an own band that were traced since films were last gathered, and those to come.
+    pub(super) fn samples_of(&self, open: &OpenRound, band: usize, width: usize) -> [u64; 2] {
+        let [all, to_come] =
+            [self.since, self.traced_of_each(open, band)].map(|since| planned(&open.plan, band, width, since));
+        [all - to_come, to_come]
     }
 
     /// The pixels of a process that the plan gives samples since films were last gathered; none if processes plan their own
@@ -319,7 +344,12 @@ impl<'a> Team<'a> {
     }
 
     /// Sends a message to all processes and returns everyone's, in order.
-    fn gather(&mut self, mut mine: Message, film: &Film, open: Option<&OpenRound>) -> Result<Vec<Message>, Error> {
+    pub(super) fn gather(
+        &mut self,
+        mut mine: Message,
+        film: &Film,
+        open: Option<&OpenRound>,
+    ) -> Result<Vec<Message>, Error> {
         let (step, of, mine_has_pixels) = (mine.step, mine.share[1], mine.found.is_some());
         self.messages += 1;
         let gathered = self.exchange.all_gather(mine.write())?;

@@ -10,6 +10,7 @@ mod film;
 mod film_pushed;
 mod half_films;
 mod holdout;
+mod meetings;
 mod own_rows;
 mod placed_points;
 mod prepare;
