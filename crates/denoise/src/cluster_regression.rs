@@ -215,23 +215,23 @@ impl ClusterRegression {
     }
 
     /// The image of three passes before its blend with the unfiltered image. The unfiltered image guides the second pass
-    /// where its error is less by `evidence` standard errors.
-    fn smooth(&self, inputs: &Inputs, evidence: f32, among: &mut Among<'_>) -> Result<Pair, Error> {
+    /// where its error is less by `certain` standard errors. Detail that the wide pass lacks needs `evidence` of this many.
+    fn smooth(&self, inputs: &Inputs, [certain, evidence]: [f32; 2], among: &mut Among<'_>) -> Result<Pair, Error> {
         let mut images = self.before_second(inputs, among)?;
         let weight = relative_weight(inputs, &images[0]);
-        let chosen = select(inputs, &images, &weight, FIRST_CHOICE, Some(evidence));
+        let chosen = select(inputs, &images, &weight, FIRST_CHOICE, Some(certain));
         images.extend(among.complete(inputs, [self.second(inputs, &chosen)], Among::rows)?);
         let base = select(inputs, &images, &weight, SECOND_CHOICE, None);
         drop((images, chosen));
         let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
         let [smooth] = among.complete(inputs, [smooth], Among::rows)?;
-        Ok(shrink(inputs, base.channels(), &smooth, scales::BLEND, EVIDENCE))
+        Ok(shrink(inputs, base.channels(), &smooth, scales::BLEND, evidence))
     }
 
     /// The image of three passes without coarse scales.
     fn unscaled(&self, inputs: &mut Inputs, among: &mut Among<'_>) -> Result<Filtered, Error> {
         let light = outliers::take(inputs, among, Among::rows)?;
-        let smooth = self.smooth(inputs, 0.0, among)?;
+        let smooth = self.smooth(inputs, [0.0, EVIDENCE], among)?;
         let mut image = filtered(inputs, &blended(inputs, &smooth, EVIDENCE), among)?;
         if let Some(light) = light {
             let add = |(i, colour): (usize, &mut [f32; 3])| {
@@ -246,7 +246,7 @@ impl ClusterRegression {
     fn scaled(&self, inputs: &mut Inputs, scales: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
         let coarse = scales::coarser(inputs, scales, among)?;
         let light = outliers::take_halves(inputs, scales::ratio(scales), among, Among::rows)?;
-        let mut image = self.smooth(inputs, CERTAIN, among)?;
+        let mut image = self.smooth(inputs, [CERTAIN, scales::evidence(scales)], among)?;
         if let Some(light) = light {
             image.add(&light);
             inputs.add(&light);
