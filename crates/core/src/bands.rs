@@ -43,8 +43,9 @@ impl Deal {
     }
 
     /// Moves bands from the process that would end last to the one that would end first, or swaps two of them, while the last
-    /// end comes at least 0.5 % earlier by it. Other bands keep their owners, whose rows need not be sent.
-    pub(crate) fn rebalanced(mut self, costs: &[u64], threads: &[u32]) -> Self {
+    /// end comes at least 0.5 % earlier by it. Other bands keep their owners, whose rows need not be sent. A process that has
+    /// `most` bands gets another one only for one of its own.
+    pub(crate) fn rebalanced(mut self, costs: &[u64], threads: &[u32], most: impl Fn(usize) -> usize) -> Self {
         let cost = |band: usize| u128::from(costs[band].max(1)) * 1024;
         let end = |load: u128, who: usize| load / u128::from(threads[who].max(1));
         let mut loads = vec![0_u128; threads.len()];
@@ -57,7 +58,9 @@ impl Deal {
                 let (gone, come) = (cost(*gone), come.map_or(0, cost));
                 end(loads[last] - gone + come, last).max(end(loads[first] - come + gone, first))
             };
-            let back: Vec<Option<usize>> = std::iter::once(None).chain(self.of(first as u32).map(Some)).collect();
+            let own: Vec<usize> = self.of(first as u32).collect();
+            let alone = (own.len() < most(first)).then_some(None);
+            let back: Vec<Option<usize>> = alone.into_iter().chain(own.into_iter().map(Some)).collect();
             let moves = self.of(last as u32).flat_map(|gone| back.iter().map(move |come| (gone, *come)));
             let Some((gone, come)) = moves.min_by_key(after).filter(|best| after(best) * 200 <= late * 199) else {
                 break;
@@ -149,19 +152,26 @@ mod tests {
 
     #[test]
     fn rebalancing_moves_few_bands() {
+        let any = |_| usize::MAX;
         let turn = Deal::in_turn(160, 2);
-        assert_eq!(turn.clone().rebalanced(&[7; 10], &[1; 2]), turn);
+        assert_eq!(turn.clone().rebalanced(&[7; 10], &[1; 2], any), turn);
         // The first band costs as much as all of the others of its owner.
         let costs = [10, 2, 2, 2, 2, 2, 2, 2, 2, 2];
-        let moved = turn.clone().rebalanced(&costs, &[1; 2]);
+        let moved = turn.clone().rebalanced(&costs, &[1; 2], any);
         let load = |who| moved.of(who).map(|band| costs[band]).sum::<u64>();
         assert_eq!([load(0), load(1)], [14, 14]);
         assert_eq!(moved.owners().iter().zip(turn.owners()).filter(|(a, b)| a != b).count(), 2);
         // No band is small enough to move; two of different costs change places.
         let costs = [10, 9, 10, 9, 10, 9, 10, 9];
-        let swapped = Deal::in_turn(128, 2).rebalanced(&costs, &[1; 2]);
+        let swapped = Deal::in_turn(128, 2).rebalanced(&costs, &[1; 2], any);
         let load = |who| swapped.of(who).map(|band| costs[band]).sum::<u64>();
         assert_eq!([load(0), load(1)], [38, 38]);
+        // The second process has nothing left, and may have six bands of ten.
+        let costs: [u64; 10] = std::array::from_fn(|band| if band % 2 == 0 { 5 } else { 0 });
+        let full = Deal::in_turn(160, 2).rebalanced(&costs, &[1; 2], |_| 6);
+        assert_eq!(full.of(1).count(), 6);
+        let load = |who| full.of(who).map(|band| costs[band]).sum::<u64>();
+        assert!(load(0).abs_diff(load(1)) <= 5);
     }
 
     #[test]

@@ -18,6 +18,8 @@ pub(super) const LEAST: f64 = 0.1;
 const MOVED: f64 = 0.02;
 /// The least expected seconds that are worth a meeting, per second that moving bands takes.
 const PER_SECOND: f64 = 20.0;
+/// The most bands that a process gets within a round, relative to equal shares by threads: their film takes memory.
+const MORE: f64 = 1.25;
 
 /// Returns true if no band depends on its owner's cursor: training data is summed by pass, and a pass may need preparation.
 pub(super) fn is_free(integrator: &dyn Integrator) -> bool {
@@ -99,7 +101,12 @@ impl Team<'_> {
     /// Deals the bands anew by the work left in them.
     fn deal_anew(&mut self, film: &mut Film, open: &mut OpenRound, bands: &[Left], costs: &[u64]) -> Result<(), Error> {
         let clock = Instant::now();
-        let deal = self.deal.clone().rebalanced(costs, &self.threads);
+        let threads: u64 = self.threads.iter().map(|threads| u64::from(*threads)).sum();
+        let most = |who: usize| {
+            let share = costs.len() as f64 * f64::from(self.threads[who]) / threads.max(1) as f64;
+            (MORE * share).ceil() as usize
+        };
+        let deal = self.deal.clone().rebalanced(costs, &self.threads, most);
         let before = std::mem::replace(&mut self.deal, deal);
         self.move_rows(film, open, &before)?;
         for (band, left) in bands.iter().enumerate() {

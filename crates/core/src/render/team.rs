@@ -147,7 +147,7 @@ impl<'a> Team<'a> {
         let costs = expected(&self.measured, &to_come);
         let deal = match (self.halo, &open.of_all) {
             (None, _) => Deal::by_cost(&costs, &self.threads),
-            (Some(_), Some(_)) => self.deal.clone().rebalanced(&costs, &self.threads),
+            (Some(_), Some(_)) => self.deal.clone().rebalanced(&costs, &self.threads, |_| usize::MAX),
             // The rest of a round that others had begun: everyone has its plan.
             (Some(_), None) => self.deal.clone(),
         };
