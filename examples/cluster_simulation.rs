@@ -40,6 +40,8 @@ const TRAINING_PASSES: usize = 4;
 const MEETING: f64 = 0.75;
 const LEAST: f64 = 0.1;
 const PER_SECOND: f64 = 20.0;
+/// The most bands of a machine that gets one within a round, relative to equal shares.
+const MORE: f64 = 1.25;
 /// Bytes per pixel of a band that moves.
 const MOVED_BYTES: f64 = 350.0;
 /// Threads of a machine; each pass divides its bands among them without loss.
@@ -293,6 +295,7 @@ fn traced_with_meetings(mut work: Vec<f64>, owner: &mut [usize], speeds: &[f64],
         }
         loads.iter_mut().for_each(|load| *load = (*load - wait).max(0.0));
         let mut moved = vec![0; loads.len()];
+        let most = (MORE * work.len() as f64 / loads.len() as f64).ceil() as usize;
         loop {
             let by_load = |a: &usize, b: &usize| loads[*a].total_cmp(&loads[*b]);
             let (Some(last), Some(first)) = ((0..loads.len()).max_by(by_load), (0..loads.len()).min_by(by_load)) else {
@@ -305,7 +308,8 @@ fn traced_with_meetings(mut work: Vec<f64>, owner: &mut [usize], speeds: &[f64],
             };
             let own = (0..work.len()).filter(|band| owner[*band] == last);
             let Some(band) = own.min_by(|a, b| after(a).total_cmp(&after(b))) else { break };
-            if after(&band) * 200.0 > loads[last] * 199.0 {
+            let is_full = owner.iter().filter(|owner| **owner == first).count() >= most;
+            if is_full || after(&band) * 200.0 > loads[last] * 199.0 {
                 break;
             }
             loads[last] -= work[band] / speeds[last];

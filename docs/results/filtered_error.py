@@ -12,6 +12,8 @@ import sys
 
 import numpy as np
 
+from pfm import read as pfm
+
 dapple, folder, seeds = sys.argv[1], pathlib.Path(sys.argv[2]), int(sys.argv[3])
 folder.mkdir(parents=True, exist_ok=True)
 
@@ -20,14 +22,6 @@ def render(scene, out, *more):
     size = ["--resolution", "160x120", "--pixel-filter", "box"]
     run = [dapple, "render", scene, *size, *more, "--json", "-o", str(out)]
     return json.loads(subprocess.run(run, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
-
-
-def pfm(path):
-    with open(path, "rb") as file:
-        file.readline()
-        width, height = map(int, file.readline().split())
-        order = "<f4" if float(file.readline()) < 0 else ">f4"
-        return np.frombuffer(file.read(), order).reshape(height, width, 3).astype(float)
 
 
 def reference(scene, seed):

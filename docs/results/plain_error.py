@@ -12,6 +12,8 @@ import sys
 import numpy as np
 import OpenEXR
 
+from pfm import read as pfm
+
 programs, folder, seeds = sys.argv[1].split(","), pathlib.Path(sys.argv[2]), int(sys.argv[3])
 folder.mkdir(parents=True, exist_ok=True)
 
@@ -26,20 +28,12 @@ def render(dapple, scene, size, out, *more):
     subprocess.run(run, check=True, capture_output=True)
 
 
-def pfm(path):
-    with open(path, "rb") as file:
-        file.readline()
-        width, height = map(int, file.readline().split())
-        order = "<f4" if float(file.readline()) < 0 else ">f4"
-        return np.frombuffer(file.read(), order).reshape(height, width, 3)[::-1].astype(float)
-
-
 def reference(scene, size, seed):
     path = folder / f"{name(scene)}-{seed}.pfm"
     if not path.exists():
         plain = ["--sampler", "uniform", "--filter", "none", "--spp", "1024"]
         render(programs[0], scene, size, path, *plain, "--seed", str(seed))
-    return pfm(path)
+    return pfm(path)[::-1]
 
 
 def box(plane, radius):

@@ -10,13 +10,7 @@ import sys
 
 import numpy
 
-
-def read(path):
-    with open(path, "rb") as file:
-        file.readline()
-        width, height = map(int, file.readline().split())
-        order = "<f4" if float(file.readline()) < 0 else ">f4"
-        return numpy.frombuffer(file.read(), order).reshape(height, width, 3).astype(float)
+from pfm import read
 
 
 def srgb(image, side):
@@ -26,12 +20,13 @@ def srgb(image, side):
 
 
 def main():
-    first, second, *paths = sys.argv[1:]
+    paths = sys.argv[1:]
+    images = [read(path) for path in paths]
     for side in (1, 4, 8):
-        references = [srgb(read(path), side) for path in (first, second)]
+        first, second, *others = (srgb(image, side) for image in images)
         base = None
-        for path in paths:
-            errors = [srgb(read(path), side) - reference for reference in references]
+        for path, image in zip(paths[2:], others):
+            errors = [image - reference for reference in (first, second)]
             error = (errors[0] * errors[1]).mean()
             base = base or error
             print(f"{side}x{side} {path}: {error:.3e} {error / base:.3f} {numpy.mean(errors):+.4f}")

@@ -144,8 +144,8 @@ fn sampled([colour, albedo, count]: [[f32; 4]; 3]) -> f32 {
 }
 
 /// The standard errors by which a bias of the wide pass at the finest scale must exceed 0 to count, if this many coarse scales
-/// follow, at least 1: 1, 2.5, 4 and so on. With 1 for three scales, two rooms have 4 and 7 % more error at 1280x720, patches of
-/// noise; with 8, 2 and 7 % more. With 2 for one scale, five scenes have as much error as with 1 at 192x144.
+/// follow, at least 1: 1, 2.5, 4 and so on. With 1 for three scales, two rooms have 13 and 7 % more error at 1280x720: patches
+/// of noise. With 2 for one scale, five scenes have as much error as with 1 at 192x144 (docs/results/default-image.md).
 pub(crate) fn evidence(scales: usize) -> f32 {
     EVIDENCE * (1.5 * scales as f32 - 0.5)
 }

@@ -86,7 +86,8 @@ pub(crate) struct Message {
     pub(crate) standing: Standing,
     /// True if all its samples up to this step are traced.
     pub(crate) whole: bool,
-    /// Readings in seconds: clock, planning the round, tracing it, reserve for the filter, and time limit.
+    /// Readings in seconds: clock, planning the round, tracing it, reserve for the filter, and time limit. At a meeting, the
+    /// first is the time that moving bands takes.
     pub(crate) seconds: [f64; 5],
     pub(crate) threads: u32,
     /// Training sums by row of blocks.

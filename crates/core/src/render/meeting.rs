@@ -47,8 +47,11 @@ impl Team<'_> {
     /// The seconds that all processes take if none waits for another. It is less than the slowest one takes where bands are few.
     fn expected(&self, costs: &[u64]) -> f64 {
         let all: u128 = costs.iter().map(|cost| u128::from(*cost)).sum();
-        let threads: u64 = self.threads.iter().map(|threads| u64::from(*threads)).sum();
-        all as f64 * 1e-9 / threads.max(1) as f64
+        all as f64 * 1e-9 / self.threads_of_all()
+    }
+
+    fn threads_of_all(&self) -> f64 {
+        self.threads.iter().map(|threads| f64::from(*threads)).sum::<f64>().max(1.0)
     }
 
     /// The seconds until the next meeting, 0 if it is late; `None` without one.
@@ -101,11 +104,8 @@ impl Team<'_> {
     /// Deals the bands anew by the work left in them.
     fn deal_anew(&mut self, film: &mut Film, open: &mut OpenRound, bands: &[Left], costs: &[u64]) -> Result<(), Error> {
         let clock = Instant::now();
-        let threads: u64 = self.threads.iter().map(|threads| u64::from(*threads)).sum();
-        let most = |who: usize| {
-            let share = costs.len() as f64 * f64::from(self.threads[who]) / threads.max(1) as f64;
-            (MORE * share).ceil() as usize
-        };
+        let share = |who: usize| costs.len() as f64 * f64::from(self.threads[who]) / self.threads_of_all();
+        let most = |who: usize| (MORE * share(who)).ceil() as usize;
         let deal = self.deal.clone().rebalanced(costs, &self.threads, most);
         let before = std::mem::replace(&mut self.deal, deal);
         self.move_rows(film, open, &before)?;

@@ -85,7 +85,7 @@ fn a_slow_process_leaves_bands_to_others_and_no_bit_changes() {
 }
 
 #[test]
-fn bands_move_in_rounds_of_an_adaptive_sampler() {
+fn an_adaptive_sampler_makes_the_same_film_whatever_the_speeds() {
     let limits = Limits::samples(9 * 170 * 24 + 7);
     let sampler = || adaptive(PilotPolicy::Neighbours);
     let alone = Render::new(frame(9, 170), &limits).needs(needs()).run(&mut Sleepy::new(0), &mut sampler()).unwrap();
