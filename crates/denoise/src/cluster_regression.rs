@@ -231,7 +231,7 @@ impl ClusterRegression {
     /// The image of three passes without coarse scales.
     fn unscaled(&self, inputs: &mut Inputs, among: &mut Among<'_>) -> Result<Filtered, Error> {
         let light = outliers::take(inputs, among, Among::rows)?;
-        let smooth = self.smooth(inputs, [0.0, EVIDENCE], among)?;
+        let smooth = self.smooth(inputs, [0.0, scales::evidence(0)], among)?;
         let mut image = filtered(inputs, &blended(inputs, &smooth, EVIDENCE), among)?;
         if let Some(light) = light {
             let add = |(i, colour): (usize, &mut [f32; 3])| {

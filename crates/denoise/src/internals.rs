@@ -8,6 +8,8 @@ use crate::normal_equations::{Fit, Sums, solve};
 use crate::parameters::{NEEDS, RECORDED};
 use crate::planes::{Colours, Half, Inputs, Plane, Reads};
 use crate::regression::regress;
+use crate::scales;
+use crate::shrink::{Radii, shrink};
 use crate::tile::{Guide, Likeness};
 use dapple_core::{Estimate, Film, Filtered, Frame, SurfaceFeatures};
 use pulp::Scalar;
@@ -293,4 +295,36 @@ fn variances_at_edges_of_lamps_are_those_of_the_light_that_filters_get() {
         assert!(largest < 0.1, "{largest}");
     }
     assert_eq!(inputs.halves[0].colour[0][300], inputs.halves[1].colour[0][300], "both halves see it alike");
+}
+
+/// The mean square of `narrow - 1` that a blend with the image 1 keeps.
+fn kept(radii: Radii, evidence: f32, narrow: impl Fn(usize, usize) -> f32) -> f32 {
+    let narrow = pair(narrow);
+    let image = shrink(&inputs(|_, _| 1.0), narrow.channels(), &pair(|_, _| 1.0), radii, evidence);
+    let square = |image: &Pair| image.0[0][0].iter().map(|v| (v - 1.0) * (v - 1.0)).sum::<f32>();
+    square(&image) / square(&narrow)
+}
+
+/// Patches of 4x4 pixels with noise of their own in each half, some of it strong, and lines in both halves among such patches.
+/// Seeds are fixed. As the control, three times as much noise stays if every pixel counts.
+#[test]
+fn patches_of_noise_are_taken_out_and_detail_that_both_halves_see_stays() {
+    let noise = |seed: usize, patch: usize, half: usize| {
+        let mut hash = (seed * 72 + patch * 2 + half) as u32;
+        for _ in 0..2 {
+            hash = (hash ^ (hash >> 16)).wrapping_mul(0x45d9_f3b5).wrapping_add(0x9e37_79b9);
+        }
+        let uniform = (hash >> 8) as f32 / (1 << 23) as f32 - 1.0;
+        0.4 * uniform * uniform * uniform
+    };
+    let patch = |i: usize| i / SIDE / 4 * 6 + i % SIDE / 4;
+    let evidence = scales::evidence(3);
+    let mean = |radii: Radii| {
+        (0..40).map(|seed| kept(radii, evidence, |i, half| 1.0 + noise(seed, patch(i), half))).sum::<f32>() / 40.0
+    };
+    let (alike, alone) = (mean(scales::BLEND), mean(Radii { alike: 0, ..scales::BLEND }));
+    let lines = |i: usize, half: usize| if i % 12 == 5 { 1.5 } else { 1.0 + 0.1 * noise(1, patch(i), half) };
+    let detail = kept(scales::BLEND, evidence, lines);
+    assert!(alike < 0.02 && alone > 0.04, "{alike} of the noise stays, {alone} in the control");
+    assert!(detail > 0.95, "{detail} of the detail stays");
 }

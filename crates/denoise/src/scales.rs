@@ -13,7 +13,7 @@ use crate::error_map::{Pair, error_rows};
 use crate::maps::{parts, update};
 use crate::outliers;
 use crate::planes::{Colours, Features, Half, Inputs, Plane, raised, slopes};
-use crate::shrink::{EVIDENCE, LAST, Radii, shrink};
+use crate::shrink::{LAST, Radii, shrink};
 use crate::tile::exp_minus;
 use crate::wide::{self, wide};
 use dapple_core::{Error, OptionValue};
@@ -144,14 +144,17 @@ fn sampled([colour, albedo, count]: [[f32; 4]; 3]) -> f32 {
 }
 
 /// The standard errors by which a bias of the wide pass at the finest scale must exceed 0 to count, if this many coarse scales
-/// follow, at least 1: 1, 2.5, 4 and so on. With 1 for three scales, two rooms have 13 and 7 % more error at 1280x720: patches
-/// of noise. With 2 for one scale, five scenes have as much error as with 1 at 192x144 (docs/results/default-image.md).
+/// follow: 0.5, 1.25, 2 and so on. With 4 for three scales, walls at 1280x720 have no patches of noise, but refractions
+/// have 5 to 8 % more error; with 2 for one scale, five scenes have 3 % more at 192x144 (docs/results/default-image.md).
 pub(crate) fn evidence(scales: usize) -> f32 {
-    EVIDENCE * (1.5 * scales as f32 - 0.5)
+    0.75 * scales.max(1) as f32 - 0.25
 }
 
+/// These standard errors at coarse scales.
+const COARSE_EVIDENCE: f32 = 0.25;
+
 /// The radii of the blend of a scale's image with that of the wide pass.
-pub(crate) const BLEND: Radii = Radii { bias: 8, noise: 20 };
+pub(crate) const BLEND: Radii = Radii { bias: 8, noise: 20, alike: 2 };
 
 /// The rows of a coarse scale's planes that its correction reads above and below its own: those of the wide pass and its guide.
 /// Blends and the light of outliers reach less far.
@@ -305,7 +308,7 @@ pub(crate) fn correct(
     if let Some(light) = light {
         smooth.add(&light);
     }
-    let after = shrink(&coarse, before.channels(), &smooth, BLEND, EVIDENCE);
+    let after = shrink(&coarse, before.channels(), &smooth, BLEND, COARSE_EVIDENCE);
     drop(smooth);
     let [mut after] = among.complete(&coarse, [after], reads)?;
     if let Some(next) = next {

@@ -4,8 +4,8 @@ use crate::error_map::{Channels, Pair, relative_weight};
 use crate::maps::{box_mean, map, update};
 use crate::planes::{Inputs, Plane};
 
-/// The number of standard errors by which a bias must exceed 0 to count. Without it, patches of specks remain up to 16 spp;
-/// with 2, 1.5 % more error at 32 spp.
+/// The number of standard errors by which a bias must exceed 0 to count in the last blend. Without it, patches of specks remain
+/// up to 16 spp; with 2, 1.5 % more error at 32 spp.
 pub(crate) const EVIDENCE: f32 = 1.0;
 
 /// The radii over which a blend pools its two sums, in pixels.
@@ -15,10 +15,12 @@ pub(crate) struct Radii {
     pub(crate) bias: usize,
     /// The radius for the noise of the difference.
     pub(crate) noise: usize,
+    /// The radius over which the noise of a filtered image is alike; 0 if the noise of every pixel is its own.
+    pub(crate) alike: usize,
 }
 
 /// The radii of the last blend of a filter, with the unfiltered image.
-pub(crate) const LAST: Radii = Radii { bias: 5, noise: 10 };
+pub(crate) const LAST: Radii = Radii { bias: 5, noise: 10, alike: 0 };
 
 /// The radius over which the share of the smooth image is averaged.
 const SHARE: usize = 3;
@@ -27,7 +29,8 @@ impl Radii {
     /// The rows that [`shrink`] reads above and below its own: the larger sum, the average of the shares, and the relative
     /// weights.
     pub(crate) const fn rows(self) -> usize {
-        SHARE + 1 + if self.bias > self.noise { self.bias } else { self.noise }
+        let bias = self.bias + self.alike;
+        SHARE + 1 + if bias > self.noise { bias } else { self.noise }
     }
 }
 
@@ -36,17 +39,23 @@ impl Radii {
 /// With `D_A` and `D_B` the differences of the halves, `V` the mean of `(D_A - D_B)^2 / 4` over a window and `B` that of
 /// `D_A D_B`, the result is `narrow + a (smooth - narrow)` with `a = V / (V + max(0, B))`. The halves share no sample,
 /// so `D_A D_B` estimates the squared bias without noise. It counts as far as it exceeds `evidence` standard errors:
-/// otherwise chance would keep patches of noise. Squares are relative to the squared radiance of `smooth`, as
+/// otherwise chance would keep patches of noise. If every pixel has its own noise, the products themselves give their standard
+/// error. In a filtered image, patches of pixels have the same noise, and products of strong detail are large: there, without
+/// bias, a product's mean square is `4 V^2`, with `V` over a patch, and a patch counts once. Squares are relative to the squared radiance of `smooth`, as
 /// in relMSE. A choice between the images by a threshold would keep dark pixels, which look free of noise, and replace
 /// bright ones, and so darken the image. Without any pixel that both halves have sampled, the result is `smooth`.
 pub(crate) fn shrink(inputs: &Inputs, narrow: Channels<'_>, smooth: &Pair, radii: Radii, evidence: f32) -> Pair {
     let weight = relative_weight(inputs, smooth);
     let smooth = smooth.channels();
-    let [noise, bias, squares] = differences(inputs, narrow, smooth, &weight);
+    let [noise, bias, mut squares] = differences(inputs, narrow, smooth, &weight);
+    if radii.alike > 0 {
+        let patch = box_mean(&noise, inputs.size, radii.alike);
+        update(&mut squares, [&patch], |_, [noise]| 4.0 * noise * noise);
+    }
     let mut share = box_mean(&noise, inputs.size, radii.noise);
     let [bias, squares] = [bias, squares].map(|plane| box_mean(&plane, inputs.size, radii.bias));
     // The number of standard errors of a mean over the window, per root of the mean square.
-    let errors = evidence / (2 * radii.bias + 1) as f32;
+    let errors = evidence * (2 * radii.alike + 1) as f32 / (2 * radii.bias + 1) as f32;
     update(&mut share, [&bias, &squares], |noise, [bias, square]| {
         let certain = (bias - errors * square.sqrt()).max(0.0);
         (noise + 1e-12) / (noise + certain + 1e-12)
