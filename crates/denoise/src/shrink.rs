@@ -41,17 +41,19 @@ impl Radii {
 /// so `D_A D_B` estimates the squared bias without noise. It counts as far as it exceeds `evidence` standard errors:
 /// otherwise chance would keep patches of noise. If every pixel has its own noise, the products themselves give their standard
 /// error. In a filtered image, patches of pixels have the same noise, and products of strong detail are large: there, without
-/// bias, a product's mean square is `4 V^2`, with `V` over a patch, and a patch counts once. Squares are relative to the squared radiance of `smooth`, as
-/// in relMSE. A choice between the images by a threshold would keep dark pixels, which look free of noise, and replace
+/// bias, a product's mean square is `4 V^2`, with `V` over a patch, and a patch counts once. Squares are relative to the
+/// squared radiance of `smooth`, as in relMSE. A choice between the images by a threshold would keep dark pixels, which look free of noise, and replace
 /// bright ones, and so darken the image. Without any pixel that both halves have sampled, the result is `smooth`.
 pub(crate) fn shrink(inputs: &Inputs, narrow: Channels<'_>, smooth: &Pair, radii: Radii, evidence: f32) -> Pair {
     let weight = relative_weight(inputs, smooth);
     let smooth = smooth.channels();
-    let [noise, bias, mut squares] = differences(inputs, narrow, smooth, &weight);
-    if radii.alike > 0 {
+    let [noise, bias] = differences(inputs, narrow, smooth, &weight);
+    let [squares] = if radii.alike > 0 {
         let patch = box_mean(&noise, inputs.size, radii.alike);
-        update(&mut squares, [&patch], |_, [noise]| 4.0 * noise * noise);
-    }
+        map([&patch], |[noise]| [4.0 * noise * noise])
+    } else {
+        map([&bias], |[bias]| [bias * bias])
+    };
     let mut share = box_mean(&noise, inputs.size, radii.noise);
     let [bias, squares] = [bias, squares].map(|plane| box_mean(&plane, inputs.size, radii.bias));
     // The number of standard errors of a mean over the window, per root of the mean square.
@@ -69,9 +71,8 @@ pub(crate) fn shrink(inputs: &Inputs, narrow: Channels<'_>, smooth: &Pair, radii
     Pair::new(std::array::from_fn(blend))
 }
 
-/// The planes of the noise and of the product of the halves' differences, and of its square, per pixel; 0 where a half has no
-/// samples.
-fn differences(inputs: &Inputs, narrow: Channels<'_>, smooth: Channels<'_>, weight: &[f32]) -> [Plane; 3] {
+/// The planes of the noise and of the product of the halves' differences, per pixel; 0 where a half has no samples.
+fn differences(inputs: &Inputs, narrow: Channels<'_>, smooth: Channels<'_>, weight: &[f32]) -> [Plane; 2] {
     let ([nra, nga, nba, nrb, ngb, nbb], [sra, sga, sba, srb, sgb, sbb]) = (narrow, smooth);
     let [na, nb] = inputs.counts();
     map([nra, nga, nba, nrb, ngb, nbb, sra, sga, sba, srb, sgb, sbb, na, nb, weight], |values| {
@@ -82,7 +83,6 @@ fn differences(inputs: &Inputs, narrow: Channels<'_>, smooth: Channels<'_>, weig
             bias += a * b;
         }
         let known = na != 0.0 && nb != 0.0;
-        let [noise, bias] = [noise, bias].map(|sum: f32| if known { sum * weight / 3.0 } else { 0.0 });
-        [noise, bias, bias * bias]
+        [noise, bias].map(|sum: f32| if known { sum * weight / 3.0 } else { 0.0 })
     })
 }
