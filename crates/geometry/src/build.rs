@@ -146,8 +146,13 @@ impl<'a> Items<'a> {
     /// Builds the tree over all items. Returns it with the box around all items, `None` if there are no items.
     fn tree(&self, preset: Preset) -> (Tree, Option<Bounds>) {
         let Some(bounds) = self.total() else { return (Tree::default(), None) };
-        let tree = wide::collapse(&binary::tree(&mut self.boxes(bounds), preset), self)
-            .or_else(|| wide::collapse(&binary::balanced(&mut self.boxes(bounds)), self))
+        let mut boxes = self.boxes(bounds);
+        let nodes = binary::tree(&mut boxes, preset);
+        let tree = wide::collapse(&nodes, self, boxes)
+            .or_else(|| {
+                let mut boxes = self.boxes(bounds);
+                wide::collapse(&binary::balanced(&mut boxes), self, boxes)
+            })
             .unwrap_or_default();
         let around = tree.nodes.first().map(Node8::around);
         (tree, around)
@@ -280,8 +285,8 @@ mod tests {
             chain.push(leaves[n]);
             chain.push(if rest == 0 { leaves[n + 1] } else { Bvh2Node::new(boxes[rest], 0, 2 * n as u32 + 3) });
         }
-        assert!(wide::collapse(&chain, &items).is_none());
-        let tree = wide::collapse(&binary::balanced(&mut all), &items).expect("it is shallow");
+        assert!(wide::collapse(&chain, &items, Pages::default()).is_none());
+        let tree = wide::collapse(&binary::balanced(&mut all), &items, all).expect("it is shallow");
         assert!(tree.stack < 64, "{}", tree.stack);
     }
 }

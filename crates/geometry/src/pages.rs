@@ -3,6 +3,8 @@
 use bytemuck::Pod;
 #[cfg(target_os = "linux")]
 use memmap2::{Advice, MmapMut};
+#[cfg(target_os = "linux")]
+use rayon::prelude::*;
 use std::fmt;
 use std::ops::{Deref, DerefMut};
 
@@ -37,6 +39,19 @@ impl<T: Pod> Pages<T> {
             return Self(Memory::Mapped(map, bytes));
         }
         Self(Memory::Allocated(bytemuck::zeroed_vec(count)))
+    }
+
+    /// Returns an array of so many zeros. It takes the memory of this one if that comes from the system and is large enough:
+    /// new memory takes longer.
+    pub(crate) fn reused<U: Pod>(self, count: usize) -> Pages<U> {
+        #[cfg(target_os = "linux")]
+        if let Memory::Mapped(mut map, _) = self.0
+            && let Some(bytes) = count.checked_mul(size_of::<U>()).filter(|&bytes| bytes <= map.len())
+        {
+            map[..bytes].par_chunks_mut(HUGE).for_each(|part| part.fill(0));
+            return Pages(Memory::Mapped(map, bytes));
+        }
+        Pages::zeroed(count)
     }
 }
 
@@ -91,6 +106,18 @@ impl<T: Pod + fmt::Debug> fmt::Debug for Pages<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn reused_memory_is_zero() {
+        for (count, other) in
+            [(1000, 1000), (1 << 19, 1 << 18), (1 << 20, 1000), (1 << 20, 1 << 19), (1 << 20, 1 << 21)]
+        {
+            let mut pages = Pages::<u32>::zeroed(count);
+            pages.fill(1);
+            let reused = pages.reused::<u64>(other);
+            assert!(reused.len() == other && reused.iter().all(|&word| word == 0), "{count}, {other}");
+        }
+    }
 
     #[test]
     fn small_and_large_arrays_are_zero_and_can_be_written() {

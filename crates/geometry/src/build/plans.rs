@@ -3,6 +3,7 @@
 //! Dynamic programming over the surface-area cost decides each subtree's form: a node, a leaf, or several children of
 //! its parent [after Ylitie, Karras and Laine 2017, section 3.1].
 
+use super::binary::ItemBox;
 use super::{Item, Items};
 use crate::lanes::WIDTH;
 use crate::pages::Pages;
@@ -55,10 +56,11 @@ pub(super) struct SubtreePlans<'a> {
 
 impl<'a> SubtreePlans<'a> {
     /// Computes the costs of all pairs, from the leaves up, in chunks. Almost all children come after their parent in the list,
-    /// and most of them in the same chunk. The others, and their ancestors, wait until the rest is done.
-    pub(super) fn new(nodes: &'a [Bvh2Node], items: &'a Items<'a>) -> Self {
+    /// and most of them in the same chunk. The others, and their ancestors, wait until the rest is done. The memory of `spent`
+    /// is used again.
+    pub(super) fn new(nodes: &'a [Bvh2Node], items: &'a Items<'a>, spent: Pages<ItemBox>) -> Self {
         let tree = Binary::new(nodes, items);
-        let mut pairs = Pages::<Pair>::zeroed(nodes.len() / 2);
+        let mut pairs: Pages<Pair> = spent.reused(nodes.len() / 2);
         let open = pairs.par_chunks_mut(CHUNK).enumerate().flat_map_iter(|(chunk, pairs)| {
             let first = chunk * CHUNK;
             for number in 0..pairs.len() {

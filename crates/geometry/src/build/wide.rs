@@ -3,6 +3,7 @@
 //! The top of the tree is converted first, then the subtrees below it in parallel. They are joined in a fixed order, so
 //! the tree doesn't depend on the number of threads.
 
+use super::binary::ItemBox;
 use super::leaves::{self, Loose};
 use super::plans::{SubtreePlans, share};
 use super::{Bounds, Item, Items, NOTHING, UpToEight};
@@ -16,12 +17,12 @@ use obvhs::bvh2::node::Bvh2Node;
 use rayon::prelude::*;
 
 /// Converts a binary tree to an eight-wide one; `None` if it is empty or needs a deeper traversal stack than
-/// [`DEEPEST`].
-pub(super) fn collapse(binary: &[Bvh2Node], items: &Items<'_>) -> Option<Tree> {
+/// [`DEEPEST`]. The memory of `spent` is used again.
+pub(super) fn collapse(binary: &[Bvh2Node], items: &Items<'_>, spent: Pages<ItemBox>) -> Option<Tree> {
     if binary.is_empty() {
         return None;
     }
-    let (nodes, rest) = Wide { nodes: binary, items, plans: SubtreePlans::new(binary, items) }.emit();
+    let (nodes, rest) = Wide { nodes: binary, items, plans: SubtreePlans::new(binary, items, spent) }.emit();
     let mut tree = Tree { nodes, quadrics: rest.quadrics, quadric_keys: rest.quadric_keys, ..Tree::default() };
     leaves::pack(&rest.loose, binary, items, &mut tree);
     if !tree.moved.is_empty() {
