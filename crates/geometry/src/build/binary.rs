@@ -26,6 +26,8 @@ const SMALL: [usize; 2] = [4, 8];
 const FEW_IN_ALL: usize = 1 << 15;
 /// The number of items that the cut of a node is chosen by if it has at least twice as many.
 const CHOSEN_BY: usize = 1 << 12;
+/// The least area of the box around these items, over that of the node. With less, all items choose.
+const SEEN: f32 = 0.8;
 /// 2^32 over the golden ratio, whose multiples are scattered modulo 2^32.
 const SCATTER: u32 = 2_654_435_769;
 /// The depth from which nodes are cut at the median. With the up to 28 cuts of the largest tree below, that is less than the 96
@@ -126,12 +128,14 @@ struct Rules {
     small: usize,
     /// See [`CHOSEN_BY`].
     chosen_by: usize,
+    /// See [`SEEN`].
+    seen: f32,
 }
 
 impl Rules {
     /// Cuts at the median only, in a tree of so many items.
     fn medians(items: usize) -> Self {
-        Self { levels: 0, small: SMALL[usize::from(items > FEW_IN_ALL)], chosen_by: CHOSEN_BY }
+        Self { levels: 0, small: SMALL[usize::from(items > FEW_IN_ALL)], chosen_by: CHOSEN_BY, seen: SEEN }
     }
 }
 
@@ -165,9 +169,9 @@ fn cut(items: &mut [ItemBox], extent: &Extent, rules: Rules) -> (usize, [Extent;
     let widest = span.max_position();
     if rules.levels > 0 && items.len() > rules.small && span[widest] > 0.0 {
         let plane = if items.len() > COARSE {
-            Plane::best::<16>(items, extent, rules.chosen_by)
+            Plane::best::<16>(items, extent, rules)
         } else {
-            Plane::best::<8>(items, extent, rules.chosen_by)
+            Plane::best::<8>(items, extent, rules)
         };
         if let Some(plane) = plane {
             return part(items, &plane);
@@ -231,18 +235,20 @@ impl Plane {
     }
 
     /// Returns the plane of least cost between two of `N` bins on any axis; `None` if costs are no numbers.
-    fn best<const N: usize>(items: &[ItemBox], extent: &Extent, chosen_by: usize) -> Option<Self> {
+    fn best<const N: usize>(items: &[ItemBox], extent: &Extent, rules: Rules) -> Option<Self> {
         let span = extent.centres.diagonal();
         let scale = Vec3A::splat((N - 1) as f32) / span.max(Vec3A::splat(f32::MIN_POSITIVE * 1024.0));
         let grid = Grid { low: extent.centres.min, scale };
-        let run = items.len() / chosen_by;
-        let bins = if run < 2 {
-            Bins::<N>::of(items, &grid)
-        } else {
+        let run = items.len() / rules.chosen_by;
+        let part = (run > 1).then(|| {
             // One item of each run, not always the same one: meshes repeat themselves.
             let within = |n: usize| ((u64::from((n as u32).wrapping_mul(SCATTER)) * run as u64) >> 32) as usize;
-            Bins::<N>::of((0..chosen_by).map(|n| &items[n * run + within(n)]), &grid)
-        };
+            Bins::<N>::of((0..rules.chosen_by).map(|n| &items[n * run + within(n)]), &grid)
+        });
+        // A part may lack the few large items of a node.
+        let whole = extent.around.half_area();
+        let part = part.filter(|part| part.around().half_area() > rules.seen * whole);
+        let bins = part.unwrap_or_else(|| Bins::of(items, &grid));
         let axes = (0..3).filter(|&axis| span[axis] > 0.0);
         let best = axes.filter_map(|axis| bins.best(axis).map(|(cost, bin)| (cost, axis, bin)));
         best.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, axis, bin)| Self { grid, axis, bin })
@@ -270,6 +276,11 @@ impl<const N: usize> Bins<N> {
             }
         }
         bins
+    }
+
+    /// Returns the box around all items.
+    fn around(&self) -> Aabb {
+        self.boxes[0].iter().fold(Aabb::INVALID, |all, one| all.union(one))
     }
 
     /// Returns the least cost of a cut along an axis, and the first bin of its right side. A cut with an empty side costs NaN,
@@ -377,11 +388,23 @@ mod tests {
             ItemBox::new([low, low.map(|at| at + size)], n)
         };
         let items: Vec<ItemBox> = (0..60_000).map(&mut item).collect();
-        let of = |chosen_by| cost(&divided(&mut items.clone(), Rules { chosen_by, ..best(DEEP) }));
-        let [all, part, few] = [usize::MAX, CHOSEN_BY, 16].map(of);
+        let of = |items: &[ItemBox], chosen_by, seen| {
+            cost(&divided(&mut items.to_vec(), Rules { chosen_by, seen, ..best(DEEP) }))
+        };
+        let [all, part, few] = [usize::MAX, CHOSEN_BY, 16].map(|chosen_by| of(&items, chosen_by, 0.0));
         assert!(part < 1.02 * all, "{part}, not {all}");
         // The control: too few choose badly.
         assert!(few > 1.05 * all, "{few}, beside {all}");
+        // Four walls of a room around a fifth of that size, which a part of the items doesn't see.
+        let inside = |at: [f32; 4]| [0, 1, 2].map(|axis| 0.4 + 0.2 * at[axis]);
+        let mut room: Vec<ItemBox> =
+            items.iter().map(|item| ItemBox::new([inside(item.low), inside(item.high)], item.item())).collect();
+        let walls = [[[0.0; 3], [0.01, 1.0, 1.0]], [[0.99, 0.0, 0.0], [1.0; 3]]];
+        let more = [[[0.0; 3], [1.0, 0.01, 1.0]], [[0.0, 0.99, 0.0], [1.0; 3]]];
+        room.extend(walls.into_iter().chain(more).zip(60_000..).map(|(bounds, n)| ItemBox::new(bounds, n)));
+        let [all, part, blind] =
+            [(usize::MAX, SEEN), (CHOSEN_BY, SEEN), (CHOSEN_BY, 0.0)].map(|(by, seen)| of(&room, by, seen));
+        assert!(part < 1.002 * all && blind > 1.01 * all, "{part} and {blind}, not {all}");
     }
 
     /// Of boxes that shrink to a 32nd from one to the next, along three axes, every cut takes the largest alone.
