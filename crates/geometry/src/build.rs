@@ -4,6 +4,7 @@ mod binary;
 mod boxes;
 mod leaves;
 mod plans;
+mod reinsertion;
 mod wide;
 
 use crate::lanes::WIDTH;

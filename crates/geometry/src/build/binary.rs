@@ -5,6 +5,7 @@
 //! their numbers of items. The cut of a large node is chosen by a part of its items. Obvhs's reinsertion improves the tree
 //! afterwards.
 
+use super::reinsertion::reinsert;
 use super::{FEW, Preset};
 use crate::leaf::FLIPPED;
 use bytemuck::{Pod, Zeroable};
@@ -12,7 +13,6 @@ use glam::{Vec3A, Vec4};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
-use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use rayon::prelude::*;
 
 /// The number of items that one task looks over.
@@ -322,38 +322,6 @@ impl<const N: usize> Bins<N> {
             }
         }
         best
-    }
-}
-
-/// Moves subtrees to cheaper places, as `ReinsertionOptimizer::run` does: in rounds of fewer and fewer candidates, the
-/// largest nodes. That sorts millions of candidates of equal area differently by each number of threads. Here the node's number
-/// decides.
-fn reinsert(tree: &mut Bvh2, ratio: f32) {
-    let nodes = tree.nodes.len();
-    if nodes < 2 || ratio <= 0.0 {
-        return;
-    }
-    let candidates = |part: usize| (((nodes as f32 * ratio) * (1.0 / part as f32)) as usize).clamp(1, nodes - 1);
-    // Areas are not negative, so their bits have their order.
-    let by_area = |tree: &Bvh2, number: u32| (!tree.nodes[number as usize].aabb().half_area().to_bits(), number);
-    let mut large: Vec<(u32, u32)> = (1..nodes as u32).into_par_iter().map(|number| by_area(tree, number)).collect();
-    // Areas change from round to round, so twice as many are kept.
-    largest(&mut large, 2 * candidates(1));
-    let mut optimizer = ReinsertionOptimizer::default();
-    for part in (1..32).step_by(2) {
-        let mut order: Vec<(u32, u32)> = large.iter().map(|&(_, number)| by_area(tree, number)).collect();
-        largest(&mut order, candidates(part));
-        order.par_sort_unstable();
-        let numbers: Vec<u32> = order.into_iter().map(|(_, number)| number).collect();
-        optimizer.run_with_candidates(tree, &numbers, 1);
-    }
-}
-
-/// Keeps the first `count` in order, unsorted.
-fn largest(order: &mut Vec<(u32, u32)>, count: usize) {
-    if count < order.len() {
-        order.select_nth_unstable(count);
-        order.truncate(count);
     }
 }
 
