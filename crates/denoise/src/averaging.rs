@@ -12,15 +12,35 @@ use dapple_core::{FilterMemory, Frame, ImagePlanes};
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-/// A square window around a pixel, and its spatial weights.
+/// A window around a pixel, and its spatial weights.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Window {
     /// The radius in pixels, at most [`REACH`].
     pub(crate) radius: usize,
+    /// The form of the window.
+    pub(crate) form: Form,
     /// The least weight of a pixel that counts; smaller weights are replaced by 0.
     pub(crate) cut: f32,
     /// The falloff of the spatial weight `exp(-falloff r^2)`, with `r` in pixels.
     pub(crate) falloff: f32,
+}
+
+/// The pixels of a window with a radius.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) enum Form {
+    #[default]
+    Square,
+    /// Those whose squared distance is at most this one.
+    Disc(usize),
+}
+
+impl Form {
+    fn holds(self, [dx, dy]: [isize; 2]) -> bool {
+        match self {
+            Self::Square => true,
+            Self::Disc(square) => dx.unsigned_abs().pow(2) + dy.unsigned_abs().pow(2) <= square,
+        }
+    }
 }
 
 impl Window {
@@ -145,6 +165,9 @@ impl<const G: usize> TileTask<'_, G> {
         let side = 2 * window.radius + 1;
         for o in 0..side * side {
             let offset = [o % side, o / side].map(|d| d as isize - window.radius as isize);
+            if !window.form.holds(offset) {
+                continue;
+            }
             for (differences, guide) in scratch.differences.iter_mut().zip(&scratch.guides) {
                 differences.compare::<S, R>(simd, guide, scratch.tile.extent()[0], offset);
             }
@@ -262,3 +285,17 @@ pub(crate) fn guide(inputs: &Inputs, half: usize, pooled: bool, demodulated: boo
 }
 
 const _: () = assert!(REACH == 7, "windows wider than that do not fit into a tile's margin");
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_disc_leaves_out_the_corners_of_its_square() {
+        let offsets = || (0..81).map(|o| [o % 9 - 4, o / 9 - 4]);
+        let left_out: Vec<_> = offsets().filter(|&offset| !Form::Disc(18).holds(offset)).collect();
+        assert_eq!(left_out.len(), 20);
+        assert!(left_out.iter().all(|[dx, dy]| dx.abs().min(dy.abs()) >= 2 && dx.abs().max(dy.abs()) == 4));
+        assert!(offsets().all(|offset| Form::Square.holds(offset)));
+    }
+}

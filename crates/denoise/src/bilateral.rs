@@ -1,7 +1,7 @@
 //! The cross-bilateral filter over distance, features, colours and clusters.
 
 use crate::among::{Among, rows_around};
-use crate::averaging::{VANISHING, Window, average_where, guide, memory};
+use crate::averaging::{Form, VANISHING, Window, average_where, guide, memory};
 use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{ERROR_ROWS, Pair, filtered};
 use crate::light::Light;
@@ -75,6 +75,7 @@ pub struct Bilateral {
     label: Option<ClusterLookup>,
     described: String,
     without_features: bool,
+    form: Form,
 }
 
 impl Bilateral {
@@ -110,16 +111,17 @@ impl Bilateral {
     }
 
     /// The bilateral filter that makes the first image of `ClusterRegression`. Its weights fall faster with distance than those
-    /// of the default, and slower with features.
+    /// of the default, and slower with features. Corners of the window would have a 150th of the centre's weight, or less.
     pub(crate) fn candidate() -> Self {
         let options = BilateralOptions::default().window(4).falloff(0.25).colour(0.75).features(4.0);
-        Self { options, ..Self::default() }
+        Self { options, form: Form::Disc(18), ..Self::default() }
     }
 
     /// Filters both halves of a film's samples, and returns an image from each. Only own rows are right.
     pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
         let guides = [0, 1].map(|half| guide(inputs, half, true, true));
-        let window = Window { radius: self.options.window, cut: VANISHING, falloff: self.options.falloff as f32 };
+        let BilateralOptions { window: radius, falloff, .. } = self.options;
+        let window = Window { radius, form: self.form, cut: VANISHING, falloff: falloff as f32 };
         let values = [0, 1].map(|h: usize| &guides[h].colour);
         let own = |[_, row]: [usize; 2]| inputs.place.has_own_in_tile(row);
         let mut pair = Pair(average_where(inputs, values, &guides, &self.likeness(), &window, &own));

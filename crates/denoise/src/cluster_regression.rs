@@ -84,7 +84,7 @@ dapple_core::options! {
 ///
 /// 1. Features are averaged over 9x9 pixels where they are equal up to their noise [after Rousselle 2013].
 ///    Noise of lens, shutter and subpixel geometry is also in the radiance; regression on it would keep it.
-/// 2. [`Bilateral`] over 9x9 pixels makes a first image.
+/// 2. [`Bilateral`] over 9x9 pixels without their corners makes a first image.
 /// 3. A plane is fitted to the radiance of a disc 13 pixels wide around every second pixel of every second row.
 ///    The regressors are normal, albedo and position [after Bitterli 2016; Moon 2014].
 ///    * A pixel's weight grows with its samples and is `exp(-max(0, d_colour)) exp(-max(0, d_features))`. In another

@@ -1,7 +1,7 @@
 //! Properties of fits and error estimates that images alone hardly show.
 
 use crate::among::Among;
-use crate::averaging::{VANISHING, Window, average, guide};
+use crate::averaging::{Form, VANISHING, Window, average, guide};
 use crate::error_map::{self, Pair, raw_error, select};
 use crate::light::Light;
 use crate::normal_equations::{Fit, Sums, solve};
@@ -80,7 +80,7 @@ fn the_fit_and_the_predictions_of_a_half_take_all_weights_from_the_other_half() 
 #[test]
 fn averages_of_a_half_take_all_weights_from_the_other_half() {
     let inputs = noisy();
-    let window = Window { radius: 4, cut: VANISHING, falloff: 0.05 };
+    let window = Window { radius: 4, form: Form::Square, cut: VANISHING, falloff: 0.05 };
     let image = |guides: &[Guide; 2]| {
         let [a, b] = [0, 1].map(|half: usize| &inputs.halves[half].colour);
         average(&inputs, [a, b], guides, &LIKE, &window)

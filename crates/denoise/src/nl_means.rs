@@ -1,7 +1,7 @@
 //! Non-local means over two halves of the samples.
 
 use crate::among::{Among, rows_around};
-use crate::averaging::{Window, average, guide, memory};
+use crate::averaging::{Form, Window, average, guide, memory};
 use crate::error_map::{ERROR_ROWS, Pair, filtered};
 use crate::light::Light;
 use crate::parameters::{RECORDED, describe};
@@ -103,7 +103,7 @@ impl NlMeans {
     pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
         let demodulated = self.options.features.is_some();
         let guides = [0, 1].map(|half| guide(inputs, half, demodulated, demodulated));
-        let window = Window { radius: self.options.window, cut: 0.05, falloff: 0.0 };
+        let window = Window { radius: self.options.window, form: Form::Square, cut: 0.05, falloff: 0.0 };
         let values = [0, 1].map(|h: usize| &guides[h].colour);
         let mut pair = Pair(average(inputs, values, &guides, &self.likeness(), &window));
         if demodulated {
