@@ -77,6 +77,9 @@ pub struct LightCells {
 const STEPS: f32 = (1 << 24) as f32;
 /// The largest number of pairs of a cell and a light in a table. 2^21 pairs take 34 MB if every cell gets samples.
 const MOST: usize = 1 << 21;
+/// The largest number of lights among which one is found by counting. A binary search misses the cache again and again, and
+/// guesses each step wrong half of the time.
+const COUNTED: usize = 64;
 /// The number of voxels along each side of a neighbourhood. Cells without samples share a row per neighbourhood and
 /// orientation, so 27 times fewer rows are needed (9 times in a flat box).
 const NEIGHBOURHOOD: u32 = 3;
@@ -178,9 +181,11 @@ impl LightCells {
     pub fn sample(&self, cell: u32, u: f32) -> (u32, f32) {
         let row = self.row(cell);
         // Clamped below: the last cumulative probability is 1, but `u` may be 1.
-        let light = match row.len() {
-            0..=8 => row.iter().map(|end| usize::from(u >= *end)).sum(),
-            _ => row.partition_point(|end| u >= *end),
+        let light = if row.len() <= COUNTED {
+            // Without a check for overflow, which would keep it from becoming vectors.
+            row.iter().fold(0_u32, |below, end| below.wrapping_add(u32::from(u >= *end))) as usize
+        } else {
+            row.partition_point(|end| u >= *end)
         };
         let light = light.min(row.len() - 1);
         (light as u32, share(row, light))

@@ -4,13 +4,15 @@ use super::{BELOW_ONE, Discrete, PiecewiseConstant2d, start};
 use std::ops::Range;
 
 /// A rectangle of a [`PiecewiseConstant2d`] as a density of its own: the whole density divided by [`Window::mass`]. It
-/// uses the cumulative sums of the whole and stores about 12 bytes per row.
+/// uses the cumulative sums of the whole and stores about 28 bytes per row.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Window {
     /// The distribution over the rows of the rectangle.
     rows: Discrete,
     first_row: usize,
-    columns: Range<usize>,
+    /// For each row, the cumulative probabilities of the whole's row where the rectangle begins and ends. Read from the whole,
+    /// each of both would miss the cache.
+    edges: Vec<[f64; 2]>,
     mass: f64,
 }
 
@@ -24,13 +26,17 @@ impl Window {
         if whole.is_empty() || columns.is_empty() {
             return None;
         }
-        let share = |row: usize| {
+        let edges = |row: usize| {
             let ends = whole.row(row);
-            let of_whole = whole.rows.ends[row] - start(&whole.rows.ends, row);
-            of_whole * (ends[columns.end - 1] - start(ends, columns.start))
+            [start(ends, columns.start), ends[columns.end - 1]]
         };
-        let (first_row, rows) = (rows.start, Discrete::from_checked(rows.map(share)));
-        (!rows.is_empty()).then(|| Self { mass: rows.total(), rows, first_row, columns })
+        let (first_row, edges): (_, Vec<[f64; 2]>) = (rows.start, rows.clone().map(edges).collect());
+        let share = |(row, [from, to]): (usize, &[f64; 2])| {
+            let of_whole = whole.rows.ends[row] - start(&whole.rows.ends, row);
+            of_whole * (to - from)
+        };
+        let rows = Discrete::from_checked(rows.zip(&edges).map(share));
+        (!rows.is_empty()).then(|| Self { mass: rows.total(), rows, first_row, edges })
     }
 
     /// Returns the rectangle's fraction of the whole probability, above 0.
@@ -48,9 +54,8 @@ impl Window {
         near: impl FnOnce(usize),
     ) -> Option<([f32; 2], f32)> {
         let mut row = self.rows.sample(u[1])?;
+        let [from, to] = self.edges[row.index];
         row.index += self.first_row;
-        let ends = whole.row(row.index);
-        let [from, to] = [start(ends, self.columns.start), ends[self.columns.end - 1]];
         let across = from + f64::from(u[0].clamp(0.0, BELOW_ONE)) * (to - from);
         // A sampled row has `from < to`. The sum may round to `to`, so it is clamped.
         Some(whole.sample_row(row, across.clamp(from, to.next_down()), near))
