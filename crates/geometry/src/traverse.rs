@@ -96,9 +96,11 @@ impl<S: Safeguards, L: Lanes, V: Leaves, const ANY: bool> NullaryFnOnce for Walk
     #[inline(always)]
     fn call(self) -> bool {
         let Self { token, tree, prepared, best, mut leaves, .. } = self;
+        // Each ray sets the whole stack to zero.
         match tree.stack {
             0..=24 => tree.walk::<S, L, ANY, 24, _>(token, prepared, best, &mut leaves),
             25..=64 => tree.walk::<S, L, ANY, 64, _>(token, prepared, best, &mut leaves),
+            65..=96 => tree.walk::<S, L, ANY, 96, _>(token, prepared, best, &mut leaves),
             _ => tree.walk::<S, L, ANY, DEEPEST, _>(token, prepared, best, &mut leaves),
         }
     }
