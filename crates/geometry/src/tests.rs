@@ -206,6 +206,39 @@ proptest! {
     }
 }
 
+/// Triangles that each are half as large as the one before, around the same corner of a cube, and `count` small ones in that corner.
+fn shrinking(levels: i32, count: u32) -> Mesh {
+    let mut rng = Pcg64Mcg::seed_from_u64(1);
+    let nested = |n: i32| {
+        let size = 0.5_f32.powi(n);
+        [[size, 0.0, 0.0], [0.0, size, 0.0], [0.0, 0.0, size]]
+    };
+    let mut positions: Vec<[f32; 3]> = (0..levels).flat_map(nested).collect();
+    let size = 0.5_f32.powi(levels);
+    for _ in 0..count {
+        let corner: [f32; 3] = std::array::from_fn(|_| rng.random_range(0.0..1.0));
+        positions.extend([0, 1, 2].map(|_| corner.map(|at| size * (at + rng.random_range(0.0..0.01)))));
+    }
+    let triangles = (0..positions.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    Mesh::new(positions, triangles).expect("finite and in range")
+}
+
+#[test]
+fn stacks_of_each_size_hold_what_a_ray_puts_aside() {
+    for (levels, count, sizes) in [(0, 20, 1..=24), (50, 100, 25..=64), (50, 10_000, 65..=96), (54, 80_000, 97..=256)] {
+        let mesh = shrinking(levels, count);
+        let scene = geometry(&mesh, Preset::Medium);
+        let stack = scene.tree().stack;
+        assert!(sizes.contains(&stack), "{stack} for {levels} and {count}");
+        let mut rng = Pcg64Mcg::seed_from_u64(2);
+        for _ in 0..20 {
+            let ray = aimed_ray(&mut rng, &mesh, 0.0, 1.0);
+            assert_eq!(scene.closest(&ray), linear(&mesh, &ray));
+            assert_eq!(scene.occluded(&ray), linear(&mesh, &ray).is_some());
+        }
+    }
+}
+
 /// A hash of a tree, node by node and leaf by leaf.
 fn hash_of(geometry: &Geometry) -> u64 {
     let tree = geometry.tree();
