@@ -285,17 +285,3 @@ pub(crate) fn guide(inputs: &Inputs, half: usize, pooled: bool, demodulated: boo
 }
 
 const _: () = assert!(REACH == 7, "windows wider than that do not fit into a tile's margin");
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_disc_leaves_out_the_corners_of_its_square() {
-        let offsets = || (0..81).map(|o| [o % 9 - 4, o / 9 - 4]);
-        let left_out: Vec<_> = offsets().filter(|&offset| !Form::Disc(18).holds(offset)).collect();
-        assert_eq!(left_out.len(), 20);
-        assert!(left_out.iter().all(|[dx, dy]| dx.abs().min(dy.abs()) >= 2 && dx.abs().max(dy.abs()) == 4));
-        assert!(offsets().all(|offset| Form::Square.holds(offset)));
-    }
-}

@@ -89,6 +89,20 @@ fn averages_of_a_half_take_all_weights_from_the_other_half() {
     assert_eq!(changed(image, &inputs, 1), [true, false]);
 }
 
+/// A single bright pixel reaches the pixels that its window holds: 9x9, or those at most the root of 18 away.
+#[test]
+fn averages_over_a_disc_leave_out_the_corners_of_its_square() {
+    let inputs = noisy();
+    let guides = [0, 1].map(|half| guide(&inputs, half, true, false));
+    let value = grey(|i| if i == PIXELS / 2 + SIDE / 2 { 1.0 } else { 0.0 });
+    let reached = |form| {
+        let window = Window { radius: 4, form, cut: VANISHING, falloff: 0.05 };
+        let [[red, ..], _] = average(&inputs, [&value, &value], &guides, &LIKE, &window);
+        red.iter().filter(|v| **v > 0.0).count()
+    };
+    assert_eq!([Form::Square, Form::Disc(18)].map(reached), [81, 61]);
+}
+
 /// Regressors that are equal but for rounding: elimination leaves a pivot near 0, of either sign.
 #[test]
 fn slopes_of_regressors_that_are_equal_but_for_rounding_stay_bounded() {

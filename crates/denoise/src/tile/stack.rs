@@ -1,7 +1,6 @@
 //! Copies of a tile's planes, even and odd columns apart.
 
 use super::{COLUMNS, LANES, MARGIN, ROWS, WIDTH};
-use std::ops::Range;
 
 /// Copies of P planes of a tile and its margin. Each row holds the even columns of all planes, one plane after the
 /// other, then the odd columns. One index leads to all planes of a pixel. Empty before the first copy.
@@ -26,7 +25,7 @@ impl<const P: usize> Stack<P> {
         let within = (padded.len() - before).min(width - first);
         for (r, row) in self.0.chunks_exact_mut(2 * P * COLUMNS).enumerate() {
             let y = (origin[1] + r).saturating_sub(MARGIN).min(height - 1);
-            request(plane, (y + AHEAD) * width + first..(y + AHEAD) * width + first + within);
+            request(plane, (y + AHEAD) * width + first, within);
             let source = &plane[y * width..][..width];
             padded[..before].fill(source[0]);
             padded[before..][..within].copy_from_slice(&source[first..][..within]);
@@ -74,16 +73,17 @@ impl<const P: usize> Stack<P> {
 /// The number of rows between a request for a row of a plane and its use.
 const AHEAD: usize = 8;
 
-/// Requests the cache lines of a part of a plane, on processors for which safe Rust can. A range beyond the end is harmless.
+/// Requests the cache lines of `count` pixels, on processors for which safe Rust can. Pixels beyond the end are harmless.
 #[inline(always)]
-fn request(plane: &[f32], range: Range<usize>) {
-    const LINE: usize = 64 / size_of::<f32>();
+fn request(plane: &[f32], first: usize, count: usize) {
     #[cfg(target_arch = "x86_64")]
     if let Some(sse) = pulp::core_arch::x86::Sse::try_new() {
-        range.step_by(LINE).for_each(|i| sse._mm_prefetch::<3>(plane.as_ptr().wrapping_add(i).cast()));
+        const LINE: usize = 64 / size_of::<f32>();
+        let lines = (first..first + count).step_by(LINE);
+        lines.for_each(|i| sse._mm_prefetch::<3>(plane.as_ptr().wrapping_add(i).cast()));
     }
     #[cfg(not(target_arch = "x86_64"))]
-    let _ = (plane, range.step_by(LINE));
+    let _ = (plane, first, count);
 }
 
 /// The parity of a column moved by `dx`, and the shift in columns of that parity.

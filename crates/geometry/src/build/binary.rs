@@ -2,7 +2,7 @@
 //! their parent.
 //!
 //! A node is cut between two bins of centres where the expected cost of both sides is least [after Wald 2007]: their areas times
-//! their numbers of items. The cut of a large node is chosen by a part of its items. Obvhs's reinsertion improves the tree
+//! their numbers of items. The cut of a large node is chosen by a part of its items. Reinsertion improves the tree
 //! afterwards.
 
 use super::reinsertion::reinsert;

@@ -30,7 +30,7 @@ pub(super) fn reinsert(tree: &mut Bvh2, ratio: f32) {
     }
 }
 
-/// Makes moves, but those beside an earlier one of the same round: their gain was found without it. `moved` is the last round in
+/// Makes all moves except those beside an earlier one of the same round, without which their gain was found. `moved` is the last round in
 /// which something moved at a node.
 fn make_moves(tree: &mut Bvh2, moves: &[Reinsertion], moved: &mut [u8], round: u8) {
     for &Reinsertion { from, to, .. } in moves {
