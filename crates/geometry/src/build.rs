@@ -3,6 +3,7 @@
 mod binary;
 mod boxes;
 mod leaves;
+mod plane;
 mod plans;
 mod reinsertion;
 mod wide;
@@ -148,8 +149,8 @@ impl<'a> Items<'a> {
     fn tree(&self, preset: Preset) -> (Tree, Option<Bounds>) {
         let Some(bounds) = self.total() else { return (Tree::default(), None) };
         let mut boxes = self.boxes(bounds);
-        let nodes = binary::tree(&mut boxes, preset);
-        let tree = wide::collapse(&nodes, self, boxes)
+        let binary = binary::tree(&mut boxes, preset, self.are_triangles());
+        let tree = wide::collapse(&binary, self, boxes)
             .or_else(|| {
                 let mut boxes = self.boxes(bounds);
                 wide::collapse(&binary::balanced(&mut boxes), self, boxes)
@@ -157,6 +158,11 @@ impl<'a> Items<'a> {
             .unwrap_or_default();
         let around = tree.nodes.first().map(Node8::around);
         (tree, around)
+    }
+
+    /// Returns `true` if all items are triangles.
+    fn are_triangles(&self) -> bool {
+        self.boxes.is_empty() && self.shapes.iter().all(|shape| shape.mesh().is_some())
     }
 
     /// Returns a box around all items, unpadded for triangles at rest; `None` without items.
@@ -275,7 +281,7 @@ mod tests {
         let items = Items::of_shapes(&shapes, true).expect("it fits");
         let mut all = items.boxes(items.total().expect("some"));
         // Node 2 n + 1 is item n, and node 2 n + 2 holds the items after it.
-        let leaves: Vec<_> = all.iter().map(ItemBox::node).collect();
+        let leaves: Vec<_> = (0..).zip(&*all).map(|(n, item)| item.leaf(n)).collect();
         let mut boxes: Vec<_> = leaves.iter().rev().map(|leaf| *leaf.aabb()).collect();
         for n in 1..boxes.len() {
             boxes[n] = boxes[n].union(&boxes[n - 1]);
@@ -286,6 +292,7 @@ mod tests {
             chain.push(leaves[n]);
             chain.push(if rest == 0 { leaves[n + 1] } else { Bvh2Node::new(boxes[rest], 0, 2 * n as u32 + 3) });
         }
+        let chain = binary::Binary { nodes: chain, order: (0..COUNT).collect() };
         assert!(wide::collapse(&chain, &items, Pages::default()).is_none());
         let tree = wide::collapse(&binary::balanced(&mut all), &items, all).expect("it is shallow");
         assert!(tree.stack < 64, "{}", tree.stack);

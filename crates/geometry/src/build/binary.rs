@@ -1,10 +1,11 @@
 //! Binary trees from the root down, stored as obvhs's nodes: siblings are adjacent, the root is first, and children come after
-//! their parent.
+//! their parent. A leaf holds a run of items.
 //!
 //! A node is cut between two bins of centres where the expected cost of both sides is least [after Wald 2007]: their areas times
 //! their numbers of items. The cut of a large node is chosen by a part of its items. Reinsertion improves the tree
 //! afterwards.
 
+use super::plane::Plane;
 use super::reinsertion::reinsert;
 use super::{FEW, Preset};
 use crate::leaf::FLIPPED;
@@ -16,7 +17,7 @@ use obvhs::bvh2::node::Bvh2Node;
 use rayon::prelude::*;
 
 /// The number of items that one task looks over.
-const CHUNK: usize = 1 << 14;
+pub(super) const CHUNK: usize = 1 << 14;
 /// The number of items up to which half as many bins do.
 const COARSE: usize = 32;
 /// The number of items up to which a median is good enough, in trees of up to [`FEW_IN_ALL`] items and in larger ones. A leaf
@@ -24,12 +25,13 @@ const COARSE: usize = 32;
 const SMALL: [usize; 2] = [4, 8];
 /// The largest number of items of a small tree.
 const FEW_IN_ALL: usize = 1 << 15;
+/// The largest number of items of a leaf in a tree of more than [`FEW_IN_ALL`] triangles. With 4, spheres have 4 % more expected
+/// cost (docs/results/rays.md).
+const GROUP: usize = 3;
 /// The number of items that the cut of a node is chosen by if it has at least twice as many.
 const CHOSEN_BY: usize = 1 << 12;
 /// The least area of the box around these items, over that of the node. With less, all items choose.
 const SEEN: f32 = 0.8;
-/// 2^32 over the golden ratio, whose multiples are scattered modulo 2^32.
-const SCATTER: u32 = 2_654_435_769;
 /// The depth from which nodes are cut at the median. With the up to 28 cuts of the largest tree below, that is less than the 96
 /// levels for which obvhs's reinsertion has memory.
 const DEEP: usize = 60;
@@ -53,28 +55,37 @@ impl ItemBox {
     }
 
     #[inline(always)]
-    fn aabb(&self) -> Aabb {
+    pub(super) fn aabb(&self) -> Aabb {
         let corner = |words| Vec3A::from_vec4(Vec4::from_array(words));
         Aabb::new(corner(self.low), corner(self.high))
     }
 
     /// Twice the centre.
     #[inline(always)]
-    fn centre(&self) -> Vec3A {
+    pub(super) fn centre(&self) -> Vec3A {
         let Aabb { min, max } = self.aabb();
         min + max
     }
 
-    pub(super) fn node(&self) -> Bvh2Node {
-        Bvh2Node::new(self.aabb(), 1, self.item())
+    /// The leaf of this item alone, whose place in the order is `first`.
+    pub(super) fn leaf(&self, first: u32) -> Bvh2Node {
+        Bvh2Node::new(self.aabb(), 1, first)
     }
+}
+
+/// A binary tree over items.
+pub(super) struct Binary {
+    /// The nodes. The first index of a leaf is the place of its first item in `order`.
+    pub(super) nodes: Vec<Bvh2Node>,
+    /// The items.
+    pub(super) order: Vec<u32>,
 }
 
 /// The box around some items, and the box around their centres, doubled.
 #[derive(Clone, Copy)]
-struct Extent {
-    around: Aabb,
-    centres: Aabb,
+pub(super) struct Extent {
+    pub(super) around: Aabb,
+    pub(super) centres: Aabb,
 }
 
 impl Extent {
@@ -97,69 +108,128 @@ impl Extent {
     }
 }
 
-/// Returns a binary tree of small expected cost over the items, of which there is at least one. They change their order.
-pub(super) fn tree(items: &mut [ItemBox], preset: Preset) -> Vec<Bvh2Node> {
-    let rules = Rules { levels: DEEP, ..Rules::medians(items.len()) };
-    let mut tree = Bvh2 { nodes: divided(items, rules), ..Bvh2::default() };
+/// Returns a binary tree of small expected cost over the items, of which there is at least one. They change their order. In a
+/// large tree of `triangles`, a leaf holds up to [`GROUP`] of them.
+pub(super) fn tree(items: &mut [ItemBox], preset: Preset, triangles: bool) -> Binary {
+    let group = if triangles && items.len() > FEW_IN_ALL { GROUP } else { 1 };
+    let Binary { nodes, order } = divided(items, Rules { levels: DEEP, group, ..Rules::medians(items.len()) });
+    let mut tree = Bvh2 { nodes, ..Bvh2::default() };
     reinsert(&mut tree, preset.reinsertion());
-    tree.nodes
+    Binary { nodes: tree.nodes, order }
 }
 
 /// Returns a balanced binary tree: all nodes are cut at the median along the axis on which centres differ most.
-pub(super) fn balanced(items: &mut [ItemBox]) -> Vec<Bvh2Node> {
+pub(super) fn balanced(items: &mut [ItemBox]) -> Binary {
     divided(items, Rules::medians(items.len()))
 }
 
 /// Returns a tree without reinsertion.
-fn divided(items: &mut [ItemBox], rules: Rules) -> Vec<Bvh2Node> {
-    let mut nodes = bytemuck::zeroed_vec(2 * items.len() - 1);
+fn divided(items: &mut [ItemBox], rules: Rules) -> Binary {
     let extent = items.par_chunks(CHUNK).map(Extent::of).reduce(|| Extent::NONE, Extent::joined);
+    let tree = Subtree::over(items, &extent, 0, rules);
+    let mut nodes = bytemuck::zeroed_vec(1 + tree.below);
     let (root, below) = nodes.split_at_mut(1);
-    root[0] = divide(items, &extent, (below, 1), rules);
-    nodes
+    root[0] = tree.written(below, 1);
+    Binary { nodes, order: items.par_iter().with_min_len(FEW).map(ItemBox::item).collect() }
 }
 
 /// The choice of cuts.
 #[derive(Clone, Copy)]
-struct Rules {
+pub(super) struct Rules {
     /// The number of levels of best cuts. Nodes below them are cut at the median.
     levels: usize,
     /// The largest number of items of a node that is cut at the median anyway.
     small: usize,
+    /// The largest number of items of a leaf.
+    group: usize,
     /// See [`CHOSEN_BY`].
-    chosen_by: usize,
+    pub(super) chosen_by: usize,
     /// See [`SEEN`].
-    seen: f32,
+    pub(super) seen: f32,
 }
 
 impl Rules {
     /// Cuts at the median only, in a tree of so many items.
     fn medians(items: usize) -> Self {
-        Self { levels: 0, small: SMALL[usize::from(items > FEW_IN_ALL)], chosen_by: CHOSEN_BY, seen: SEEN }
+        Self { levels: 0, small: SMALL[usize::from(items > FEW_IN_ALL)], group: 1, chosen_by: CHOSEN_BY, seen: SEEN }
+    }
+
+    fn below(self) -> Self {
+        Self { levels: self.levels.saturating_sub(1), ..self }
     }
 }
 
-/// Returns the node over some items. `below` are the nodes for its descendants, and the index of the first of them.
-fn divide(items: &mut [ItemBox], extent: &Extent, (below, first): (&mut [Bvh2Node], u32), rules: Rules) -> Bvh2Node {
-    match items {
-        [item] => return item.node(),
-        [left, right] => {
-            (below[0], below[1]) = (left.node(), right.node());
-            return Bvh2Node::new(extent.around, 0, first);
+/// A subtree of unknown place. Parts of it are built by several threads.
+struct Subtree {
+    /// The number of nodes below its root.
+    below: usize,
+    form: Form,
+}
+
+enum Form {
+    /// Two subtrees, and the box around them.
+    Cut(Aabb, Box<[Subtree; 2]>),
+    /// The root and the nodes below it. Inner nodes count from the first of these.
+    Whole(Bvh2Node, Vec<Bvh2Node>),
+}
+
+impl Subtree {
+    /// Builds the subtree over some items, the first of which has the place `first` in the order.
+    fn over(items: &mut [ItemBox], extent: &Extent, first: u32, rules: Rules) -> Self {
+        if items.len() < FEW {
+            let mut nodes = Vec::with_capacity(2 * items.len().div_ceil(rules.group));
+            let root = divide(items, extent, first, rules, &mut nodes);
+            return Self { below: nodes.len(), form: Form::Whole(root, nodes) };
         }
-        _ => {}
+        let (middle, [of_left, of_right]) = cut(items, extent, rules);
+        let (left, right) = items.split_at_mut(middle);
+        let (left, right) = rayon::join(
+            || Self::over(left, &of_left, first, rules.below()),
+            || Self::over(right, &of_right, first + middle as u32, rules.below()),
+        );
+        Self { below: 2 + left.below + right.below, form: Form::Cut(extent.around, Box::new([left, right])) }
     }
-    let parallel = items.len() >= FEW;
+
+    /// Writes the nodes below the root, the first of which has the number `first`. Returns the root.
+    fn written(self, below: &mut [Bvh2Node], first: u32) -> Bvh2Node {
+        match self.form {
+            Form::Whole(root, nodes) => {
+                let moved = |mut node: Bvh2Node| {
+                    node.first_index += if node.is_leaf() { 0 } else { first };
+                    node
+                };
+                below.iter_mut().zip(nodes).for_each(|(to, node)| *to = moved(node));
+                moved(root)
+            }
+            Form::Cut(around, sides) => {
+                let [left, right] = *sides;
+                let (pair, rest) = below.split_at_mut(2);
+                let right_first = first + 2 + left.below as u32;
+                let (of_left, of_right) = rest.split_at_mut(left.below);
+                (pair[0], pair[1]) =
+                    rayon::join(|| left.written(of_left, first + 2), || right.written(of_right, right_first));
+                Bvh2Node::new(around, 0, first)
+            }
+        }
+    }
+}
+
+/// Returns the node over some items, the first of which has the place `first` in the order. Adds the nodes below it to `nodes`.
+fn divide(items: &mut [ItemBox], extent: &Extent, first: u32, rules: Rules, nodes: &mut Vec<Bvh2Node>) -> Bvh2Node {
+    if items.len() <= rules.group {
+        return Bvh2Node::new(extent.around, items.len() as u32, first);
+    }
+    let pair = nodes.len();
+    if let [left, right] = items {
+        nodes.extend([left.leaf(first), right.leaf(first + 1)]);
+        return Bvh2Node::new(extent.around, 0, pair as u32);
+    }
     let (middle, [of_left, of_right]) = cut(items, extent, rules);
     let (left, right) = items.split_at_mut(middle);
-    let (pair, rest) = below.split_at_mut(2);
-    let (below_left, below_right) = rest.split_at_mut(2 * middle - 2);
-    let [left_first, right_first] = [first + 2, first + 2 * middle as u32];
-    let rules = Rules { levels: rules.levels.saturating_sub(1), ..rules };
-    let mut left = || divide(left, &of_left, (below_left, left_first), rules);
-    let mut right = || divide(right, &of_right, (below_right, right_first), rules);
-    (pair[0], pair[1]) = if parallel { rayon::join(left, right) } else { (left(), right()) };
-    Bvh2Node::new(extent.around, 0, first)
+    nodes.extend([Bvh2Node::default(); 2]);
+    nodes[pair] = divide(left, &of_left, first, rules.below(), nodes);
+    nodes[pair + 1] = divide(right, &of_right, first + middle as u32, rules.below(), nodes);
+    Bvh2Node::new(extent.around, 0, pair as u32)
 }
 
 /// Orders some items, three at least, by the side of a cut: the best one, or one at the median. Returns the number on the left
@@ -201,130 +271,6 @@ fn part(items: &mut [ItemBox], plane: &Plane) -> (usize, [Extent; 2]) {
     (from, [left, right])
 }
 
-/// The map from centres to bins, by axis.
-#[derive(Clone, Copy)]
-struct Grid {
-    low: Vec3A,
-    scale: Vec3A,
-}
-
-/// The least f32 from which on consecutive numbers differ by one: a sum of it and a small number is rounded to a whole number,
-/// which its lowest bits hold.
-const WHOLE: f32 = (1u32 << 23) as f32;
-
-impl Grid {
-    /// Returns [`WHOLE`] and the bin, for each axis.
-    #[inline(always)]
-    fn place(&self, item: &ItemBox) -> Vec3A {
-        (item.centre() - self.low) * self.scale + Vec3A::splat(WHOLE)
-    }
-}
-
-/// A cut of a node: bins below `bin` along `axis` are on the left side.
-struct Plane {
-    grid: Grid,
-    axis: usize,
-    bin: usize,
-}
-
-impl Plane {
-    #[inline(always)]
-    fn is_left(&self, item: &ItemBox) -> bool {
-        let limit = Vec3A::splat(WHOLE + self.bin as f32);
-        self.grid.place(item).cmplt(limit).bitmask() >> self.axis & 1 == 1
-    }
-
-    /// Returns the plane of least cost between two of `N` bins on any axis; `None` if costs are no numbers.
-    fn best<const N: usize>(items: &[ItemBox], extent: &Extent, rules: Rules) -> Option<Self> {
-        let span = extent.centres.diagonal();
-        let scale = Vec3A::splat((N - 1) as f32) / span.max(Vec3A::splat(f32::MIN_POSITIVE * 1024.0));
-        let grid = Grid { low: extent.centres.min, scale };
-        let run = items.len() / rules.chosen_by;
-        let part = (run > 1).then(|| {
-            // One item of each run, not always the same one: meshes repeat themselves.
-            let within = |n: usize| ((u64::from((n as u32).wrapping_mul(SCATTER)) * run as u64) >> 32) as usize;
-            Bins::<N>::of((0..rules.chosen_by).map(|n| &items[n * run + within(n)]), &grid)
-        });
-        // A part may lack the few large items of a node.
-        let whole = extent.around.half_area();
-        let part = part.filter(|part| part.around().half_area() >= rules.seen * whole);
-        let bins = part.unwrap_or_else(|| Bins::of_all(items, &grid));
-        let axes = (0..3).filter(|&axis| span[axis] > 0.0);
-        let best = axes.filter_map(|axis| bins.best(axis).map(|(cost, bin)| (cost, axis, bin)));
-        best.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, axis, bin)| Self { grid, axis, bin })
-    }
-}
-
-/// The items of a node by the bin that their centre lies in, for each axis.
-struct Bins<const N: usize> {
-    boxes: [[Aabb; N]; 3],
-    counts: [[u32; N]; 3],
-}
-
-impl<const N: usize> Bins<N> {
-    const EMPTY: Self = Self { boxes: [[Aabb::INVALID; N]; 3], counts: [[0; N]; 3] };
-
-    #[inline(always)]
-    fn of<'a>(items: impl IntoIterator<Item = &'a ItemBox>, grid: &Grid) -> Self {
-        let mut bins = Self::EMPTY;
-        for item in items {
-            let place = grid.place(item).to_array();
-            for (axis, place) in place.into_iter().enumerate() {
-                let bin = place.to_bits() as usize & (N - 1);
-                bins.boxes[axis][bin] = bins.boxes[axis][bin].union(&item.aabb());
-                bins.counts[axis][bin] += 1;
-            }
-        }
-        bins
-    }
-
-    fn of_all(items: &[ItemBox], grid: &Grid) -> Self {
-        if items.len() <= 2 * CHUNK {
-            return Self::of(items, grid);
-        }
-        // Least and greatest numbers don't depend on the order in which bins are joined.
-        items.par_chunks(CHUNK).map(|items| Self::of(items, grid)).reduce(|| Self::EMPTY, Self::joined)
-    }
-
-    fn joined(mut self, other: Self) -> Self {
-        for axis in 0..3 {
-            for bin in 0..N {
-                self.boxes[axis][bin] = self.boxes[axis][bin].union(&other.boxes[axis][bin]);
-                self.counts[axis][bin] += other.counts[axis][bin];
-            }
-        }
-        self
-    }
-
-    /// Returns the box around all items.
-    fn around(&self) -> Aabb {
-        self.boxes[0].iter().fold(Aabb::INVALID, |all, one| all.union(one))
-    }
-
-    /// Returns the least cost of a cut along an axis, and the first bin of its right side. A cut with an empty side costs NaN,
-    /// and is never the best.
-    #[inline(always)]
-    fn best(&self, axis: usize) -> Option<(f32, usize)> {
-        let (boxes, counts) = (&self.boxes[axis], &self.counts[axis]);
-        let mut rights = [0.0; N];
-        let (mut around, mut count) = (Aabb::INVALID, 0);
-        for bin in (1..N).rev() {
-            (around, count) = (around.union(&boxes[bin]), count + counts[bin]);
-            rights[bin] = around.half_area() * count as f32;
-        }
-        let (mut least, mut best) = (f32::INFINITY, None);
-        (around, count) = (Aabb::INVALID, 0);
-        for bin in 1..N {
-            (around, count) = (around.union(&boxes[bin - 1]), count + counts[bin - 1]);
-            let cost = around.half_area() * count as f32 + rights[bin];
-            if cost < least {
-                (least, best) = (cost, Some((cost, bin)));
-            }
-        }
-        best
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -341,11 +287,16 @@ mod tests {
         depths.into_iter().max().unwrap_or(0)
     }
 
-    /// The numbers of a tree's items, sorted.
-    fn items_of(nodes: &[Bvh2Node]) -> Vec<u32> {
-        let mut numbers: Vec<u32> = nodes.iter().filter(|node| node.is_leaf()).map(|node| node.first_index).collect();
+    /// The numbers of the items in a tree's leaves, sorted.
+    fn items_of(tree: &Binary) -> Vec<u32> {
+        let mut numbers: Vec<u32> = leaves(tree).flatten().copied().collect();
         numbers.sort_unstable();
         numbers
+    }
+
+    fn leaves(tree: &Binary) -> impl Iterator<Item = &[u32]> {
+        let leaves = tree.nodes.iter().filter(|node| node.is_leaf());
+        leaves.map(|leaf| &tree.order[leaf.first_index as usize..][..leaf.prim_count as usize])
     }
 
     fn best(levels: usize) -> Rules {
@@ -376,7 +327,7 @@ mod tests {
     }
 
     fn cost_by(items: &[ItemBox], chosen_by: usize, seen: f32) -> f32 {
-        cost(&divided(&mut items.to_vec(), Rules { chosen_by, seen, ..best(DEEP) }))
+        cost(&divided(&mut items.to_vec(), Rules { chosen_by, seen, ..best(DEEP) }).nodes)
     }
 
     #[test]
@@ -403,6 +354,26 @@ mod tests {
         assert!(part < 1.002 * all && blind > 1.01 * all, "{part} and {blind}, not {all}");
     }
 
+    #[test]
+    fn leaves_hold_several_triangles_in_large_trees_only() {
+        let sizes = |count: usize, triangles: bool| {
+            let items = &mut clumped(16)[..count];
+            let tree = tree(items, Preset::Fast, triangles);
+            // The leaf's box is the one around its items.
+            for leaf in tree.nodes.iter().filter(|node| node.is_leaf()) {
+                let of_leaf = &items[leaf.first_index as usize..][..leaf.prim_count as usize];
+                assert_eq!(*leaf.aabb(), Extent::of(of_leaf).around);
+            }
+            let mut sizes = [0; GROUP];
+            leaves(&tree).for_each(|leaf| sizes[leaf.len() - 1] += 1);
+            sizes
+        };
+        let large = sizes(FEW_IN_ALL + 1, true);
+        assert!(large[1..].iter().all(|number| *number > 1000), "{large:?}");
+        assert_eq!(sizes(FEW_IN_ALL, true), [FEW_IN_ALL, 0, 0]);
+        assert_eq!(sizes(FEW_IN_ALL + 1, false), [FEW_IN_ALL + 1, 0, 0]);
+    }
+
     /// Of boxes that shrink to a 32nd from one to the next, along three axes, every cut takes the largest alone.
     #[test]
     fn trees_that_would_be_chains_end() {
@@ -411,8 +382,8 @@ mod tests {
         let items: Vec<ItemBox> = (0..75).map(|n| ItemBox::new([at(n); 2], n)).collect();
         let [chain, cut] = [usize::MAX, DEEP].map(|levels| divided(&mut items.clone(), best(levels)));
         // The control: without the limit, it is deeper.
-        assert!(depth(&chain) > DEEP + 5, "{}", depth(&chain));
-        assert!(depth(&cut) <= DEEP + 5, "{}", depth(&cut));
+        assert!(depth(&chain.nodes) > DEEP + 5, "{}", depth(&chain.nodes));
+        assert!(depth(&cut.nodes) <= DEEP + 5, "{}", depth(&cut.nodes));
         assert!(items_of(&cut).into_iter().eq(0..75));
     }
 
@@ -425,10 +396,11 @@ mod tests {
         for (of, halved) in [(&equal as &dyn Fn(u32) -> ItemBox, true), (&mixed, false)] {
             let items: Vec<ItemBox> = (0..COUNT).map(of).collect();
             let [cut, flat] = [DEEP, 0].map(|levels| divided(&mut items.clone(), best(levels)));
-            assert_eq!(depth(&flat), 17);
-            assert!(!halved || depth(&cut) == 17, "{}", depth(&cut));
-            for nodes in [cut, flat, tree(&mut items.clone(), Preset::Medium)] {
-                assert!(items_of(&nodes).into_iter().eq(0..COUNT));
+            assert_eq!(depth(&flat.nodes), 17);
+            assert!(!halved || depth(&cut.nodes) == 17, "{}", depth(&cut.nodes));
+            let [single, grouped] = [false, true].map(|triangles| tree(&mut items.clone(), Preset::Medium, triangles));
+            for tree in [cut, flat, single, grouped] {
+                assert!(items_of(&tree).into_iter().eq(0..COUNT));
             }
         }
     }

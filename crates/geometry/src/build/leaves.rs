@@ -1,5 +1,6 @@
 //! Leaves of up to eight triangles.
 
+use super::binary::Binary;
 use super::boxes::boxes;
 use super::{Bounds, Item, Items, NOTHING, UpToEight};
 use crate::Shape;
@@ -10,7 +11,6 @@ use crate::leaf;
 use crate::pages::Pages;
 use crate::tree::{Child, Tree};
 use crate::triangle::Triangles8;
-use obvhs::bvh2::node::Bvh2Node;
 use pulp::NullaryFnOnce;
 use rayon::prelude::*;
 use std::marker::PhantomData;
@@ -32,9 +32,9 @@ const BATCH: usize = 64;
 type Members = UpToEight<u32>;
 
 /// Packs leaves of triangles into a tree in their order, and sets their boxes in its nodes.
-pub(super) fn pack(loose: &[Loose], nodes: &[Bvh2Node], items: &Items<'_>, tree: &mut Tree) {
+pub(super) fn pack(loose: &[Loose], binary: &Binary, items: &Items<'_>, tree: &mut Tree) {
     let batches: Vec<[Members; BATCH]> =
-        loose.par_chunks(BATCH).map_init(Default::default, |open, leaves| members(leaves, nodes, open)).collect();
+        loose.par_chunks(BATCH).map_init(Default::default, |open, leaves| members(leaves, binary, open)).collect();
     let leaves = &batches.as_flattened()[..loose.len()];
     let mut boxes = vec![NOTHING; leaves.len()];
     let triangles: usize = leaves.iter().map(|leaf| leaf.count).sum();
@@ -54,7 +54,8 @@ pub(super) fn pack(loose: &[Loose], nodes: &[Bvh2Node], items: &Items<'_>, tree:
 
 /// Returns the items of up to [`BATCH`] leaves. `open` is memory to work in: binary nodes to visit, now and next, each
 /// with its leaf.
-fn members(leaves: &[Loose], nodes: &[Bvh2Node], [open, next]: &mut [Vec<(u32, u32)>; 2]) -> [Members; BATCH] {
+fn members(leaves: &[Loose], binary: &Binary, [open, next]: &mut [Vec<(u32, u32)>; 2]) -> [Members; BATCH] {
+    let Binary { nodes, order } = binary;
     let mut members = std::array::from_fn(|_| Members { all: [0; WIDTH], count: 0 });
     open.extend((0..).zip(leaves).map(|(leaf, &Loose { binary, .. })| (leaf, binary)));
     while !open.is_empty() {
@@ -64,7 +65,8 @@ fn members(leaves: &[Loose], nodes: &[Bvh2Node], [open, next]: &mut [Vec<(u32, u
         for &(leaf, number) in &*open {
             let node = &nodes[number as usize];
             if node.is_leaf() {
-                members[leaf as usize].push(node.first_index);
+                let first = node.first_index as usize;
+                order[first..][..node.prim_count as usize].iter().for_each(|&item| members[leaf as usize].push(item));
             } else {
                 next.extend([(leaf, node.first_index), (leaf, node.first_index + 1)]);
             }

@@ -3,7 +3,7 @@
 //! Dynamic programming over the surface-area cost decides each subtree's form: a node, a leaf, or several children of
 //! its parent [after Ylitie, Karras and Laine 2017, section 3.1].
 
-use super::binary::ItemBox;
+use super::binary::{Binary, ItemBox};
 use super::{Item, Items};
 use crate::lanes::WIDTH;
 use crate::pages::Pages;
@@ -23,7 +23,7 @@ const QUADRIC_COST: f32 = 2.5;
 /// The expected time of testing an instance: an estimate for transforming a ray and testing a few nodes of the object.
 const BOX_COST: f32 = 10.0;
 
-/// The combined costs of two siblings. It takes 32 bytes, since there is one for each primitive.
+/// The combined costs of two siblings. It takes 32 bytes, since there may be one for each primitive.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 struct Pair {
@@ -49,7 +49,7 @@ pub(super) struct SubtreePlan {
 
 /// The best forms of all subtrees of a binary tree.
 pub(super) struct SubtreePlans<'a> {
-    tree: Binary<'a>,
+    tree: Costs<'a>,
     /// The pairs of siblings in reverse order of their nodes: the first pair is the last two nodes.
     pairs: Pages<Pair>,
 }
@@ -58,8 +58,9 @@ impl<'a> SubtreePlans<'a> {
     /// Computes the costs of all pairs, from the leaves up, in chunks. Almost all children come after their parent in the list,
     /// and most of them in the same chunk. The others, and their ancestors, wait until the rest is done. The memory of `spent`
     /// is used again.
-    pub(super) fn new(nodes: &'a [Bvh2Node], items: &'a Items<'a>, spent: Pages<ItemBox>) -> Self {
-        let tree = Binary::new(nodes, items);
+    pub(super) fn new(binary: &'a Binary, items: &'a Items<'a>, spent: Pages<ItemBox>) -> Self {
+        let (nodes, triangles) = (&binary.nodes[..], items.are_triangles());
+        let tree = Costs { nodes, order: &binary.order, items, triangles };
         let mut pairs: Pages<Pair> = spent.reused(nodes.len() / 2);
         let open = pairs.par_chunks_mut(CHUNK).enumerate().flat_map_iter(|(chunk, pairs)| {
             let first = chunk * CHUNK;
@@ -100,20 +101,16 @@ impl<'a> SubtreePlans<'a> {
 /// The number of pairs whose costs one task computes.
 const CHUNK: usize = 1 << 12;
 
-/// A binary tree, with the kinds of its items.
-struct Binary<'a> {
+/// A binary tree whose costs are computed.
+struct Costs<'a> {
     nodes: &'a [Bvh2Node],
+    order: &'a [u32],
     items: &'a Items<'a>,
     /// True if all items are triangles, so that their kind need not be looked up.
     triangles: bool,
 }
 
-impl<'a> Binary<'a> {
-    fn new(nodes: &'a [Bvh2Node], items: &'a Items<'a>) -> Self {
-        let triangles = items.boxes.is_empty() && items.shapes.iter().all(|shape| shape.mesh().is_some());
-        Self { nodes, items, triangles }
-    }
-
+impl Costs<'_> {
     /// Computes the costs of a pair from those that are known, the first of which has a number; `None` while the costs of a
     /// pair below it are not.
     #[inline(always)]
@@ -133,9 +130,9 @@ impl<'a> Binary<'a> {
         let area = node.aabb().half_area();
         if node.is_leaf() {
             let (cost, triangles) = if self.triangles {
-                (LEAF_COST + TRIANGLE_COST, 1)
+                (LEAF_COST + TRIANGLE_COST * node.prim_count as f32, node.prim_count)
             } else {
-                match self.items.item(node.first_index).1 {
+                match self.items.item(self.order[node.first_index as usize]).1 {
                     Item::Triangle(_) | Item::Moving(_) => (LEAF_COST + TRIANGLE_COST, 1),
                     Item::Quadric(_) => (QUADRIC_COST, MANY),
                     Item::Box(_) => (BOX_COST, MANY),

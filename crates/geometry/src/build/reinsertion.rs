@@ -98,7 +98,7 @@ mod tests {
             ItemBox::new([low, low.map(|at| at + size)], n)
         };
         let mut items: Vec<ItemBox> = (0..20_000).map(&mut item).collect();
-        let mut tree = Bvh2 { nodes: balanced(&mut items), ..Bvh2::default() };
+        let mut tree = Bvh2 { nodes: balanced(&mut items).nodes, ..Bvh2::default() };
         tree.update_parents();
         tree
     }

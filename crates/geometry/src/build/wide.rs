@@ -3,7 +3,7 @@
 //! The top of the tree is converted first, then the subtrees below it in parallel. They are joined in a fixed order, so
 //! the tree doesn't depend on the number of threads.
 
-use super::binary::ItemBox;
+use super::binary::{Binary, ItemBox};
 use super::leaves::{self, Loose};
 use super::plans::{SubtreePlans, share};
 use super::{Bounds, Item, Items, NOTHING, UpToEight};
@@ -13,16 +13,15 @@ use crate::shape::Quadric;
 use crate::traverse::{DEEPEST, WalkKind};
 use crate::tree::{Child, Node8, Tree};
 use glam::Vec3;
-use obvhs::bvh2::node::Bvh2Node;
 use rayon::prelude::*;
 
 /// Converts a binary tree to an eight-wide one; `None` if it is empty or needs a deeper traversal stack than
 /// [`DEEPEST`]. The memory of `spent` is used again.
-pub(super) fn collapse(binary: &[Bvh2Node], items: &Items<'_>, spent: Pages<ItemBox>) -> Option<Tree> {
-    if binary.is_empty() {
+pub(super) fn collapse(binary: &Binary, items: &Items<'_>, spent: Pages<ItemBox>) -> Option<Tree> {
+    if binary.nodes.is_empty() {
         return None;
     }
-    let (nodes, rest) = Wide { nodes: binary, items, plans: SubtreePlans::new(binary, items, spent) }.emit();
+    let (nodes, rest) = Wide { binary, items, plans: SubtreePlans::new(binary, items, spent) }.emit();
     let mut tree = Tree { nodes, quadrics: rest.quadrics, quadric_keys: rest.quadric_keys, ..Tree::default() };
     leaves::pack(&rest.loose, binary, items, &mut tree);
     if !tree.moved.is_empty() {
@@ -34,7 +33,7 @@ pub(super) fn collapse(binary: &[Bvh2Node], items: &Items<'_>, spent: Pages<Item
 
 /// A binary tree that is converted.
 struct Wide<'a> {
-    nodes: &'a [Bvh2Node],
+    binary: &'a Binary,
     items: &'a Items<'a>,
     plans: SubtreePlans<'a>,
 }
@@ -79,10 +78,10 @@ impl Wide<'_> {
             let root = Chosen { node: 0, leaf: true, triangles: plan.triangles <= WIDTH as u32 };
             self.place(root, (0, 0), &mut top, &mut open);
         } else {
-            open.push(Open { below: self.nodes[0].first_index, wide: 0 });
+            open.push(Open { below: self.binary.nodes[0].first_index, wide: 0 });
         }
         let mut filled = 0;
-        while filled < open.len() && (open.len() - filled) * SUBTREE < self.nodes.len() {
+        while filled < open.len() && (open.len() - filled) * SUBTREE < self.binary.nodes.len() {
             self.fill(open[filled], &mut top, &mut open);
             filled += 1;
         }
@@ -125,7 +124,7 @@ impl Wide<'_> {
             // The smallest number of slots that reaches the least cost.
             let slots = (1..=slots).find(|&i| plan.cost[i - 1] <= plan.cost[slots - 1]).unwrap_or(1);
             if slots > 1 {
-                self.divide(self.nodes[child as usize].first_index, slots, children);
+                self.divide(self.binary.nodes[child as usize].first_index, slots, children);
             } else {
                 let triangles = plan.triangles <= WIDTH as u32;
                 children.push(Chosen { node: child, leaf: plan.leaf, triangles });
@@ -136,7 +135,7 @@ impl Wide<'_> {
     /// Makes a subtree the child of a wide node in a lane. Its contents are queued in `open` (nodes) or in the part's
     /// loose leaves.
     fn place(&self, it: Chosen, (wide, lane): (u32, usize), part: &mut Part, open: &mut Vec<Open>) {
-        let first = self.nodes[it.node as usize].first_index;
+        let first = self.binary.nodes[it.node as usize].first_index;
         let (child, bounds) = if !it.leaf {
             let number = part.nodes.len() as u32;
             part.nodes.push(Node8::EMPTY);
@@ -146,7 +145,8 @@ impl Wide<'_> {
             part.loose.push(Loose { binary: it.node, wide, lane });
             (Child::Triangles(part.loose.len() as u32 - 1), NOTHING)
         } else {
-            let (key, item) = self.items.item(first);
+            let number = self.binary.order[first as usize];
+            let (key, item) = self.items.item(number);
             let child = match item {
                 Item::Quadric(quadric) => {
                     part.quadrics.push(quadric);
@@ -155,7 +155,7 @@ impl Wide<'_> {
                 }
                 _ => Child::Box(key as u32),
             };
-            (child, self.items.bounds(first))
+            (child, self.items.bounds(number))
         };
         part.nodes[wide as usize].put(lane, child, bounds);
     }
