@@ -15,13 +15,14 @@ use pulp::NullaryFnOnce;
 use rayon::prelude::*;
 use std::marker::PhantomData;
 
-/// A leaf of triangles that is not packed yet: the root of its binary subtree, and its place (node and lane) in a wide
-/// node.
+/// A leaf of triangles that is not packed yet: the root of its binary subtree, its place (node and lane) in a wide node, and the
+/// number of its triangles.
 #[derive(Clone, Copy)]
 pub(super) struct Loose {
     pub(super) binary: u32,
     pub(super) wide: u32,
-    pub(super) lane: usize,
+    pub(super) lane: u8,
+    pub(super) count: u8,
 }
 
 /// The number of leaves whose items are looked up together. Reading nodes of several subtrees in turn hides memory
@@ -33,22 +34,19 @@ type Members = UpToEight<u32>;
 
 /// Packs leaves of triangles into a tree in their order, and sets their boxes in its nodes.
 pub(super) fn pack(loose: &[Loose], binary: &Binary, items: &Items<'_>, tree: &mut Tree) {
-    let batches: Vec<[Members; BATCH]> =
-        loose.par_chunks(BATCH).map_init(Default::default, |open, leaves| members(leaves, binary, open)).collect();
-    let leaves = &batches.as_flattened()[..loose.len()];
-    let mut boxes = vec![NOTHING; leaves.len()];
-    let triangles: usize = leaves.iter().map(|leaf| leaf.count).sum();
+    let mut boxes = vec![NOTHING; loose.len()];
+    let triangles: usize = loose.iter().map(|leaf| usize::from(leaf.count)).sum();
     let words = triangles * leaf::WORDS + leaf::SPAN;
     tree.leaves = Pages::zeroed(words);
-    fill::<false>(leaves, items, &mut tree.leaves, &mut boxes);
+    fill::<false>(loose, binary, items, (&mut tree.leaves, &mut boxes));
     if items.shapes.iter().any(|shape| matches!(shape, Shape::Moving(_))) {
         tree.moved = Pages::zeroed(words);
-        fill::<true>(leaves, items, &mut tree.moved, &mut boxes);
+        fill::<true>(loose, binary, items, (&mut tree.moved, &mut boxes));
     }
     let mut first = 0;
-    for ((&Loose { wide, lane, .. }, &bounds), leaf) in loose.iter().zip(&boxes).zip(leaves) {
-        tree.nodes[wide as usize].put(lane, Child::Triangles(leaf::place(first, leaf.count)), bounds);
-        first += leaf.count as u32;
+    for (&Loose { wide, lane, count, .. }, &bounds) in loose.iter().zip(&boxes) {
+        tree.nodes[wide as usize].put(lane.into(), Child::Triangles(leaf::place(first, count.into())), bounds);
+        first += u32::from(count);
     }
 }
 
@@ -89,23 +87,31 @@ fn greater(a: f32, b: f32) -> f32 {
 }
 
 /// Writes the leaves, with the triangles at time 1 if `ENDS`, and adds them to the boxes of the leaves.
-fn fill<const ENDS: bool>(leaves: &[Members], items: &Items<'_>, mut words: &mut [f32], boxes: &mut [Bounds]) {
+fn fill<const ENDS: bool>(
+    loose: &[Loose],
+    binary: &Binary,
+    items: &Items<'_>,
+    (mut words, boxes): (&mut [f32], &mut [Bounds]),
+) {
     let vectors = Vectors::default();
-    let mut parts = Vec::with_capacity(leaves.len().div_ceil(BATCH));
-    for (leaves, boxes) in leaves.chunks(BATCH).zip(boxes.chunks_mut(BATCH)) {
-        let count: usize = leaves.iter().map(|leaf| leaf.count).sum();
+    let mut parts = Vec::with_capacity(loose.len().div_ceil(BATCH));
+    for (loose, boxes) in loose.chunks(BATCH).zip(boxes.chunks_mut(BATCH)) {
+        let count: usize = loose.iter().map(|leaf| usize::from(leaf.count)).sum();
         let (of_part, rest) = words.split_at_mut(count * leaf::WORDS);
-        parts.push((leaves, of_part, boxes));
+        parts.push((loose, of_part, boxes));
         words = rest;
     }
-    parts.into_par_iter().for_each(|(leaves, words, boxes)| match vectors {
-        #[cfg(target_arch = "x86_64")]
-        Vectors::Whole(token) => {
-            let lanes = PhantomData::<Whole>;
-            token.vectorize(Fill::<_, ENDS> { token, leaves, items, words, boxes, lanes });
-        }
-        Vectors::Pair => {
-            Fill::<_, ENDS> { token: (), leaves, items, words, boxes, lanes: PhantomData::<Pair> }.call();
+    parts.into_par_iter().for_each_init(Default::default, |open, (loose, words, boxes)| {
+        let leaves = &members(loose, binary, open)[..loose.len()];
+        match vectors {
+            #[cfg(target_arch = "x86_64")]
+            Vectors::Whole(token) => {
+                let lanes = PhantomData::<Whole>;
+                token.vectorize(Fill::<_, ENDS> { token, leaves, items, words, boxes, lanes });
+            }
+            Vectors::Pair => {
+                Fill::<_, ENDS> { token: (), leaves, items, words, boxes, lanes: PhantomData::<Pair> }.call();
+            }
         }
     });
 }

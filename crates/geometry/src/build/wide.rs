@@ -5,7 +5,7 @@
 
 use super::binary::{Binary, ItemBox};
 use super::leaves::{self, Loose};
-use super::plans::{SubtreePlans, share};
+use super::plans::{SubtreePlan, SubtreePlans, share};
 use super::{Bounds, Item, Items, NOTHING, UpToEight};
 use crate::lanes::WIDTH;
 use crate::pages::Pages;
@@ -53,8 +53,15 @@ struct Part {
 struct Chosen {
     node: u32,
     leaf: bool,
-    /// True if the leaf holds triangles.
-    triangles: bool,
+    /// The number of triangles of a leaf; 0 if it holds another item.
+    triangles: u8,
+}
+
+impl Chosen {
+    fn new(node: u32, plan: &SubtreePlan) -> Self {
+        let triangles = if plan.triangles <= WIDTH as u32 { plan.triangles as u8 } else { 0 };
+        Self { node, leaf: plan.leaf, triangles }
+    }
 }
 
 /// A wide node to fill.
@@ -75,7 +82,7 @@ impl Wide<'_> {
         let mut top = Part { nodes: vec![Node8::EMPTY], ..Part::default() };
         let mut open = Vec::new();
         if plan.leaf {
-            let root = Chosen { node: 0, leaf: true, triangles: plan.triangles <= WIDTH as u32 };
+            let root = Chosen::new(0, &plan);
             self.place(root, (0, 0), &mut top, &mut open);
         } else {
             open.push(Open { below: self.binary.nodes[0].first_index, wide: 0 });
@@ -108,7 +115,7 @@ impl Wide<'_> {
 
     /// Gives a wide node its children. Those that are nodes are queued in `open`.
     fn fill(&self, node: Open, part: &mut Part, open: &mut Vec<Open>) {
-        let mut children = UpToEight { all: [Chosen { node: 0, leaf: false, triangles: false }; WIDTH], count: 0 };
+        let mut children = UpToEight { all: [Chosen { node: 0, leaf: false, triangles: 0 }; WIDTH], count: 0 };
         self.divide(node.below, WIDTH, &mut children);
         for lane in 0..children.count {
             self.place(children.all[lane], (node.wide, lane), part, open);
@@ -126,8 +133,7 @@ impl Wide<'_> {
             if slots > 1 {
                 self.divide(self.binary.nodes[child as usize].first_index, slots, children);
             } else {
-                let triangles = plan.triangles <= WIDTH as u32;
-                children.push(Chosen { node: child, leaf: plan.leaf, triangles });
+                children.push(Chosen::new(child, plan));
             }
         }
     }
@@ -141,8 +147,8 @@ impl Wide<'_> {
             part.nodes.push(Node8::EMPTY);
             open.push(Open { below: first, wide: number });
             (Child::Node(number), NOTHING)
-        } else if it.triangles {
-            part.loose.push(Loose { binary: it.node, wide, lane });
+        } else if it.triangles > 0 {
+            part.loose.push(Loose { binary: it.node, wide, lane: lane as u8, count: it.triangles });
             (Child::Triangles(part.loose.len() as u32 - 1), NOTHING)
         } else {
             let number = self.binary.order[first as usize];
