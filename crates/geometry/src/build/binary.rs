@@ -109,9 +109,10 @@ impl Extent {
 }
 
 /// Returns a binary tree of small expected cost over the items, of which there is at least one. They change their order. In a
-/// large tree of `triangles`, a leaf holds up to [`GROUP`] of them.
+/// large tree of `triangles`, a leaf holds up to [`GROUP`] of them, unless the preset asks for much effort.
 pub(super) fn tree(items: &mut [ItemBox], preset: Preset, triangles: bool) -> Binary {
-    let group = if triangles && items.len() > FEW_IN_ALL { GROUP } else { 1 };
+    let grouped = triangles && items.len() > FEW_IN_ALL && !matches!(preset, Preset::Slow | Preset::VerySlow);
+    let group = if grouped { GROUP } else { 1 };
     let Binary { nodes, order } = divided(items, Rules { levels: DEEP, group, ..Rules::medians(items.len()) });
     let mut tree = Bvh2 { nodes, ..Bvh2::default() };
     reinsert(&mut tree, preset.reinsertion());
@@ -356,9 +357,9 @@ mod tests {
 
     #[test]
     fn leaves_hold_several_triangles_in_large_trees_only() {
-        let sizes = |count: usize, triangles: bool| {
+        let sizes = |count: usize, triangles: bool, preset: Preset| {
             let items = &mut clumped(16)[..count];
-            let tree = tree(items, Preset::Fast, triangles);
+            let tree = tree(items, preset, triangles);
             // The leaf's box is the one around its items.
             for leaf in tree.nodes.iter().filter(|node| node.is_leaf()) {
                 let of_leaf = &items[leaf.first_index as usize..][..leaf.prim_count as usize];
@@ -368,10 +369,12 @@ mod tests {
             leaves(&tree).for_each(|leaf| sizes[leaf.len() - 1] += 1);
             sizes
         };
-        let large = sizes(FEW_IN_ALL + 1, true);
+        let large = sizes(FEW_IN_ALL + 1, true, Preset::Fast);
         assert!(large[1..].iter().all(|number| *number > 1000), "{large:?}");
-        assert_eq!(sizes(FEW_IN_ALL, true), [FEW_IN_ALL, 0, 0]);
-        assert_eq!(sizes(FEW_IN_ALL + 1, false), [FEW_IN_ALL + 1, 0, 0]);
+        assert_eq!(sizes(FEW_IN_ALL, true, Preset::Fast), [FEW_IN_ALL, 0, 0]);
+        for (triangles, preset) in [(false, Preset::Fast), (true, Preset::Slow)] {
+            assert_eq!(sizes(FEW_IN_ALL + 1, triangles, preset), [FEW_IN_ALL + 1, 0, 0], "{preset:?}");
+        }
     }
 
     /// Of boxes that shrink to a 32nd from one to the next, along three axes, every cut takes the largest alone.

@@ -1,7 +1,7 @@
 //! Meshes with moving vertices equal a still mesh of the same corners at each time.
 
 use crate::support::*;
-use dapple_geometry::{Error, Geometry, Instance, Mesh, Motion, MovingMesh, Preset, Ray, Shape, spawn_ray};
+use dapple_geometry::{Error, Geometry, Instance, Mesh, Motion, MovingMesh, Preset, Ray, Shape, Sphere, spawn_ray};
 use glam::{DAffine3, Vec3};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
@@ -76,6 +76,30 @@ fn hits_equal_those_of_still_meshes() {
     }
     assert!(hits > 5000, "{hits} hits of what moves");
     assert!(control > 3000, "the control: {control} hits are not those of time 0");
+}
+
+/// Large trees of triangles alone have leaves of several in the binary tree. A far sphere makes leaves of one.
+#[test]
+fn large_meshes_are_met_as_still_ones_and_as_one_by_one() {
+    let mut rng = generator(64);
+    let (starts, triangles) = lat_long(100, 2.0, glam::DVec3::new(0.3, -0.7, 0.11));
+    let ends: Vec<[f32; 3]> = starts.iter().map(|p| p.map(|x| 1.5 * x + rng.random_range(-0.1..0.1))).collect();
+    let mesh = MovingMesh::new(starts.clone(), ends.clone(), triangles.clone()).expect("sound");
+    let moving = Geometry::build(vec![Shape::from(mesh)], Preset::default()).expect("fits");
+    let rays = rays(&mut rng, 1.5, 2000);
+    let mut hits = 0;
+    for time in [0.0, 0.3, 1.0] {
+        let mesh = Shape::from(Mesh::new(at(&starts, &ends, time), triangles.clone()).expect("sound"));
+        let far = Shape::from(Sphere::new(Vec3::splat(1e4), 1.0).expect("round"));
+        let [still, single] = [vec![mesh.clone()], vec![mesh, far]]
+            .map(|shapes| Geometry::build(shapes, Preset::default()).expect("fits"));
+        for ray in &rays {
+            let found = moving.closest_at(ray, time);
+            assert_eq!([found, still.closest(ray)], [single.closest(ray); 2], "time {time}, {ray:?}");
+            hits += usize::from(found.is_some());
+        }
+    }
+    assert!(triangles.len() > 1 << 15 && hits > 2000, "{hits} hits of {} triangles", triangles.len());
 }
 
 #[test]
