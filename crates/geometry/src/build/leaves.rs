@@ -38,11 +38,10 @@ pub(super) fn pack(loose: &[Loose], binary: &Binary, items: &Items<'_>, tree: &m
     let triangles: usize = loose.iter().map(|leaf| usize::from(leaf.count)).sum();
     let words = triangles * leaf::WORDS + leaf::SPAN;
     tree.leaves = Pages::zeroed(words);
-    fill::<false>(loose, binary, items, (&mut tree.leaves, &mut boxes));
     if items.shapes.iter().any(|shape| matches!(shape, Shape::Moving(_))) {
         tree.moved = Pages::zeroed(words);
-        fill::<true>(loose, binary, items, (&mut tree.moved, &mut boxes));
     }
+    fill(loose, binary, items, [&mut tree.leaves, &mut tree.moved], &mut boxes);
     let mut first = 0;
     for (&Loose { wide, lane, count, .. }, &bounds) in loose.iter().zip(&boxes) {
         tree.nodes[wide as usize].put(lane.into(), Child::Triangles(leaf::place(first, count.into())), bounds);
@@ -86,34 +85,49 @@ fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// Writes the leaves, with the triangles at time 1 if `ENDS`, and adds them to the boxes of the leaves.
-fn fill<const ENDS: bool>(
+/// Writes the leaves, also with the triangles at time 1 if there is memory for these, and adds them to the boxes of the leaves.
+fn fill(
     loose: &[Loose],
     binary: &Binary,
     items: &Items<'_>,
-    (mut words, boxes): (&mut [f32], &mut [Bounds]),
+    [mut words, mut ends]: [&mut [f32]; 2],
+    boxes: &mut [Bounds],
 ) {
     let vectors = Vectors::default();
     let mut parts = Vec::with_capacity(loose.len().div_ceil(BATCH));
     for (loose, boxes) in loose.chunks(BATCH).zip(boxes.chunks_mut(BATCH)) {
-        let count: usize = loose.iter().map(|leaf| usize::from(leaf.count)).sum();
-        let (of_part, rest) = words.split_at_mut(count * leaf::WORDS);
-        parts.push((loose, of_part, boxes));
-        words = rest;
+        let count = loose.iter().map(|leaf| usize::from(leaf.count)).sum::<usize>() * leaf::WORDS;
+        let (of_part, rest) = words.split_at_mut(count);
+        let (ends_of_part, rest_of_ends) = ends.split_at_mut(count.min(ends.len()));
+        parts.push((loose, [of_part, ends_of_part], boxes));
+        (words, ends) = (rest, rest_of_ends);
     }
-    parts.into_par_iter().for_each_init(Default::default, |open, (loose, words, boxes)| {
+    parts.into_par_iter().for_each_init(Default::default, |open, (loose, [words, ends], boxes)| {
         let leaves = &members(loose, binary, open)[..loose.len()];
-        match vectors {
-            #[cfg(target_arch = "x86_64")]
-            Vectors::Whole(token) => {
-                let lanes = PhantomData::<Whole>;
-                token.vectorize(Fill::<_, ENDS> { token, leaves, items, words, boxes, lanes });
-            }
-            Vectors::Pair => {
-                Fill::<_, ENDS> { token: (), leaves, items, words, boxes, lanes: PhantomData::<Pair> }.call();
-            }
+        fill_batch::<false>(vectors, leaves, items, words, boxes);
+        if !ends.is_empty() {
+            fill_batch::<true>(vectors, leaves, items, ends, boxes);
         }
     });
+}
+
+fn fill_batch<const ENDS: bool>(
+    vectors: Vectors,
+    leaves: &[Members],
+    items: &Items<'_>,
+    words: &mut [f32],
+    boxes: &mut [Bounds],
+) {
+    match vectors {
+        #[cfg(target_arch = "x86_64")]
+        Vectors::Whole(token) => {
+            let lanes = PhantomData::<Whole>;
+            token.vectorize(Fill::<_, ENDS> { token, leaves, items, words, boxes, lanes });
+        }
+        Vectors::Pair => {
+            Fill::<_, ENDS> { token: (), leaves, items, words, boxes, lanes: PhantomData::<Pair> }.call();
+        }
+    }
 }
 
 /// The filling of some leaves, compiled for each kind of vectors.
