@@ -9,6 +9,7 @@ mod pick;
 mod pixels;
 mod push;
 mod record;
+mod refined;
 mod samples;
 mod splats;
 mod sums;
@@ -22,6 +23,7 @@ pub(crate) use pick::Picked;
 pub use pixels::PixelStatistics;
 pub(crate) use record::{REJECTED_LISTED, keep_first, reason_to_reject};
 pub use record::{Record, Rejected, RejectedReason, RoundRecord};
+pub(crate) use refined::EmissionAlone;
 pub(crate) use samples::{SamplePlane, SampleRows, reserve_samples};
 pub(crate) use splats::Splats;
 pub use sums::{SampleSums, ThirdMoments};
@@ -37,6 +39,7 @@ pub(crate) struct FeatureMoments {
     pub(crate) hits: u32,
     pub(crate) mean: [f32; 10],
     pub(crate) m2: [f32; 10],
+    pub(crate) emission: EmissionAlone,
 }
 
 impl FeatureMoments {

@@ -50,6 +50,9 @@ pub mod streams {
     pub const LIGHT: u32 = 7;
     /// The stream of samples that give features alone; see [`Integrator::features_alone`](crate::Integrator::features_alone).
     pub const FEATURES: u32 = 8;
+    /// The streams of samples of features alone at the edge of a lamp, one for each half; see
+    /// [`Film::emission_alone`](crate::Film::emission_alone).
+    pub const EMISSION: [u32; 2] = [9, 10];
 }
 
 /// A pure function from (seed, pixel, stream, index, block) to four coordinates.

@@ -144,7 +144,7 @@ impl SavedSampler {
 
 const MAGIC: &[u8; 8] = b"dapple-s";
 /// The version of the snapshot format. It changes with the layout and the contents.
-const VERSION: u32 = 7;
+const VERSION: u32 = 8;
 
 impl View<'_> {
     pub(crate) fn write(&self) -> Vec<u8> {

@@ -79,19 +79,20 @@ impl<'a> Light<'a> {
     /// The mean radiance of pixel `i`.
     pub(crate) fn mean(&self, i: usize) -> [f64; 3] {
         match self.part {
-            Part::All => self.film.mean(i),
-            Part::Direct => difference(self.film.mean(i), self.indirect(i).mean),
+            Part::All => self.film.refined_mean(i),
+            Part::Direct => difference(self.film.refined_mean(i), self.indirect(i).mean),
             Part::Indirect => self.indirect(i).mean,
         }
     }
 
     /// Count, mean and squared deviations of half 0 or 1 of pixel `i`'s samples; of the direct light without deviations.
     pub(crate) fn half(&self, half: usize, i: usize) -> RgbMoments {
-        let mut moments = self.film.half(half, i).unwrap_or_default();
+        let refined = || self.film.refined_half(half, i).unwrap_or_default();
         let indirect = || self.film.indirect(half, i).unwrap_or_default();
         match self.part {
-            Part::All => moments,
+            Part::All => refined(),
             Part::Direct => {
+                let mut moments = refined();
                 (moments.mean, moments.m2) = (difference(moments.mean, indirect().mean), [f64::NAN; 3]);
                 moments
             }
@@ -111,6 +112,23 @@ impl<'a> Light<'a> {
         }
     }
 
+    /// The ratio of the variance of the mean to that of the plain mean, if samples of features alone refine the emission of pixel
+    /// `i`. The emission's part of the variance counts as its part of the mean: at the edge of a lamp, both are near 1.
+    pub(crate) fn refinement(&self, i: usize) -> Option<[f32; 3]> {
+        if matches!(self.part, Part::Indirect) {
+            return None;
+        }
+        let alone = |half: usize| self.film.emission_alone(half, i).map(|(samples, _)| f64::from(samples));
+        let samples = alone(0)? + alone(1).unwrap_or_default();
+        let (mean, count) = (self.mean(i), self.film.count(i) as f64);
+        let [a, b] = [0, 1].map(|half| self.emission(half, i).unwrap_or_default());
+        let less = samples / (count + samples);
+        Some(std::array::from_fn(|c| {
+            let share = 0.5 * f64::from(a[c] + b[c]) / mean[c].max(f64::MIN_POSITIVE);
+            (1.0 - share.min(1.0) * less) as f32
+        }))
+    }
+
     /// The factor on the bandwidths within which pixels count as alike. Indirect light has few edges, and much of its noise is
     /// taken for edges by the bandwidths of all light.
     pub(crate) fn smoothness(&self) -> f32 {
@@ -120,10 +138,16 @@ impl<'a> Light<'a> {
         }
     }
 
+    /// Returns true if a regression with a guide for each half comes before the wider ones, so that no half's noise shapes its
+    /// own windows. Only direct light that is filtered apart gains enough by it.
+    pub(crate) fn has_first_pass(&self) -> bool {
+        matches!(self.part, Part::Direct)
+    }
+
     /// The mean emission of light sources that half 0 or 1 of pixel `i`'s samples saw directly.
     pub(crate) fn emission(&self, half: usize, i: usize) -> Option<[f32; 3]> {
         match self.part {
-            Part::All | Part::Direct => self.film.emission(half, i),
+            Part::All | Part::Direct => self.film.refined_emission(half, i),
             Part::Indirect => None,
         }
     }

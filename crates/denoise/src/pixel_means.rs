@@ -28,7 +28,7 @@ pub(crate) fn mean_and_presence(film: &Film, emission: Option<&[[f64; 3]]>, i: u
     if film.count(i) == 0 {
         return [0.0; 4];
     }
-    let [r, g, b] = film.mean(i);
+    let [r, g, b] = film.refined_mean(i);
     let [er, eg, eb] = emission.map_or([0.0; 3], |emission| emission[i]);
     [r - er, g - eg, b - eb, 1.0]
 }

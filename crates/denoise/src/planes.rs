@@ -95,6 +95,8 @@ pub(crate) struct Inputs {
     pub(crate) level: f32,
     /// The factor on bandwidths ([`Light::smoothness`]).
     pub(crate) smoothness: f32,
+    /// True if a first regression precedes two wider ones ([`Light::has_first_pass`]).
+    pub(crate) has_first_pass: bool,
     /// The largest light in these planes; the rest is withheld ([`Inputs::restored`]).
     bounds: Bounds,
     pub(crate) halves: [Half; 2],
@@ -116,13 +118,14 @@ impl Inputs {
             let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(|hit| label(hit));
             per_pixel(film, |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
         });
-        Ok(Self { size, place, level, smoothness: light.smoothness(), bounds, halves, features, labels })
+        let (smoothness, has_first_pass) = (light.smoothness(), light.has_first_pass());
+        Ok(Self { size, place, level, smoothness, has_first_pass, bounds, halves, features, labels })
     }
 
     /// Reads the colours of another part of the film's light. Features and clusters stay.
     pub(crate) fn read(&mut self, light: Light<'_>, among: &mut Among<'_>) -> Result<(), Error> {
         (self.level, self.bounds, self.halves) = colours(light, &self.features, &self.place, among)?;
-        self.smoothness = light.smoothness();
+        (self.smoothness, self.has_first_pass) = (light.smoothness(), light.has_first_pass());
         Ok(())
     }
 
@@ -130,8 +133,8 @@ impl Inputs {
     pub(crate) fn with_planes(&self, place: Place, halves: [Half; 2], features: Features) -> Self {
         let width = self.size[0].div_ceil(2);
         let size = [width, features.scale.len() / width];
-        let Self { level, smoothness, bounds, .. } = *self;
-        Self { size, place, level, smoothness, bounds, halves, features, labels: None }
+        let Self { level, smoothness, has_first_pass, bounds, .. } = *self;
+        Self { size, place, level, smoothness, has_first_pass, bounds, halves, features, labels: None }
     }
 
     /// The number of bytes per pixel that these planes occupy, and the largest number while they are computed.
@@ -233,7 +236,18 @@ fn colours(
     let bounds = Bounds::new(light, level, place, among)?;
     let mut halves = halves(light, level, bounds);
     let samples = halves.complete(features, light.film.frame().size()[0] as usize, place.top);
-    Ok((level, bounds, with_variances(light.film, halves, samples)))
+    let mut halves = with_variances(light.film, halves, samples);
+    refine(light, &mut halves);
+    Ok((level, bounds, halves))
+}
+
+/// Lowers the variances of pixels whose emission samples of features alone refine. Variances over 5x5 pixels are made before:
+/// beside such pixels lie some of the same edge that have none.
+fn refine(light: Light<'_>, halves: &mut [Half; 2]) {
+    for i in 0..light.film.frame().pixels() {
+        let Some(ratio) = light.refinement(i) else { continue };
+        halves.iter_mut().for_each(|half| (0..3).for_each(|c| half.variance[c][i] *= ratio[c]));
+    }
 }
 
 /// The halves of the samples, without the light that is withheld.

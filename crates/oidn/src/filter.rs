@@ -62,7 +62,7 @@ impl Filter for Oidn {
     }
 
     fn needs(&self) -> Needs {
-        Needs::none().with_features()
+        Needs::none().with_features().with_emission()
     }
 
     fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {

@@ -51,7 +51,7 @@ impl Inputs {
         let width = size[0] as usize;
         let pixel = |i: usize| {
             let at = 3 * (i / width * self.size[0] + i % width);
-            let mean = film.mean(i);
+            let mean = film.refined_mean(i);
             std::array::from_fn(|c| {
                 let kept = (mean[c] * self.scale - BRIGHTEST).max(0.0);
                 ((f64::from(output[at + c]) + kept) / self.scale).min(f64::from(f32::MAX)) as f32
@@ -70,7 +70,7 @@ pub(crate) fn padded(size: [usize; 2]) -> [usize; 2] {
 fn scale(film: &Film) -> Option<f64> {
     let (mut sum, mut lit) = (0.0, 0.0);
     for i in 0..film.frame().pixels() {
-        let y = luminance(film.mean(i));
+        let y = luminance(film.refined_mean(i));
         if y > 0.0 {
             sum += y.log2();
             lit += 1.0;
@@ -104,7 +104,7 @@ fn values(film: &Film, [width, height]: [usize; 2], [x, y]: [usize; 2], scale: f
 
 /// The inputs of a pixel with samples.
 fn of_samples(film: &Film, i: usize, scale: f64) -> Values {
-    let [r, g, b] = film.mean(i).map(|v| (v * scale).min(BRIGHTEST) as f32);
+    let [r, g, b] = film.refined_mean(i).map(|v| (v * scale).min(BRIGHTEST) as f32);
     let Some(f) = film.features(i) else { return [r, g, b, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] };
     let share = f.hits as f32 / f.samples.max(1) as f32;
     let [ar, ag, ab] = f.albedo.map(|v| (v * share).clamp(0.0, 1.0));

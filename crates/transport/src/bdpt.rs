@@ -205,7 +205,8 @@ impl Integrator for Bdpt<'_> {
     }
 
     fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
-        Some(self.world.features_alone(draws, self.depth))
+        // The emission in an estimate has the weight of its strategy, which emission alone lacks.
+        Some(self.world.features_alone(draws, self.depth).with_emission([0.0; 3]))
     }
 
     fn needs(&self) -> Needs {

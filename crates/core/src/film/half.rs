@@ -1,6 +1,6 @@
 //! One half of a film, as a film of its own.
 
-use super::{Features, Film, Splats};
+use super::{FeatureMoments, Features, Film, Splats};
 use crate::{Combine, Error, Needs, Record, streams};
 
 impl Film {
@@ -14,7 +14,7 @@ impl Film {
     ///
     /// Counts, moments, extrema, emission, channels, sums, single samples, splats and discarded samples are those of the half. So are
     /// features if the film records them [per half](Needs::feature_halves); else they are those of both halves, as first
-    /// hits always are. Costs and the record of rounds are left out. A filter that needs halves refuses the film.
+    /// hits always are. [Emission alone](Film::emission_alone) is that of the half. Costs and the record of rounds are left out. A filter that needs halves refuses the film.
     ///
     /// The film takes [`Film::bytes_per_pixel`] of its own [`Needs`].
     ///
@@ -42,10 +42,11 @@ impl Film {
         let needs = Needs { halves: false, feature_halves: false, cost: false, ..self.needs };
         let kept = vec![self.kept[half].clone()];
         let discarded: Vec<_> = self.discarded.get(half).cloned().into_iter().collect();
-        let features = match self.half_features.as_chunks().0 {
+        let mut features = match self.half_features.as_chunks().0 {
             [] => self.features.clone(),
             pairs => pairs.iter().map(|pair: &[_; 2]| pair[half]).collect(),
         };
+        features.iter_mut().for_each(|f: &mut FeatureMoments| f.emission.keep(half));
         let splats = Splats {
             sums: self.splats.sums.get(half).cloned().into_iter().collect(),
             samples: [self.splats.samples[half], 0],

@@ -61,6 +61,7 @@ impl PixelStatistics {
                 hits: hits.min(samples),
                 mean: [n[0], n[1], n[2], a[0], a[1], a[2], p[0], p[1], p[2], depth],
                 m2: self.feature_variance.map(|v| v * (hits - 1) as f32),
+                ..FeatureMoments::default()
             },
             _ => FeatureMoments { samples, ..FeatureMoments::default() },
         }

@@ -2,6 +2,8 @@
 //!
 //! The features of a pixel at an edge are as noisy as its colour, and with the same noise: filters then keep it. A sample of
 //! features costs one ray, or a few behind glass, where a sample of light takes several.
+//!
+//! So does the emission of lamps seen directly: at their edges, more samples of it alone take most of the noise away.
 
 use crate::film::{FeatureMoments, record_first_hit};
 use crate::{Draws, Estimate, Needs, PointSet, Retention, SampleId, streams};
@@ -46,27 +48,67 @@ impl Turn {
     }
 }
 
-/// Adds samples of features alone to the features of a pixel.
+/// The number of samples of features alone that each half of a pixel at the edge of a lamp gets for its emission.
+const EMISSION: u64 = 32;
+/// The ratio of two samples' emission from which on a pixel counts as one at the edge of a lamp. Skies vary by less.
+const EDGE: f32 = 2.0;
+
+/// Adds samples of features alone to the features of a pixel, for a film that records `needs`.
 ///
 /// Their number follows from themselves, so that it depends on no plan, and a render with a larger budget goes on from one
-/// with a smaller one.
+/// with a smaller one. Samples whose emission is averaged have streams of their own. Those by which an edge is found are not among
+/// them: with them, and with later ones of the same stream, which fill their gaps, a lamp that covers little of a pixel would lose
+/// light.
 pub(super) fn add(
     moments: &mut FeatureMoments,
     points: &dyn PointSet,
     pixel: [u32; 2],
+    needs: &Needs,
     mut sample: impl FnMut(&Draws<'_>) -> Option<Estimate>,
 ) -> Cost {
+    let wanted = Needs { features: true, emission: needs.emission, ..Needs::none() };
     let mut cost = Cost::default();
-    for index in 0..MOST.min(points.capacity()) {
-        if !moments.wants_more() {
-            break;
-        }
-        let id = SampleId::new(pixel, streams::FEATURES, index);
-        let draws = Draws::of_round(points, id, &Needs::none().with_features());
-        let Some(estimate) = sample(&draws) else { break };
+    let mut next = |moments: &mut FeatureMoments, stream: u32, index: u64| {
+        let draws = Draws::of_round(points, SampleId::new(pixel, stream, index), &wanted);
+        let estimate = sample(&draws)?;
         record_first_hit([Some(moments), None], &mut [], u64::MAX, &estimate);
         cost.rays += u64::from(estimate.cost);
         cost.blocks += u64::from(draws.blocks_requested());
+        Some(estimate.emission)
+    };
+    let mut edge = Edge::default();
+    for index in 0..MOST.min(points.capacity()) {
+        if !moments.wants_more() || edge.is_found {
+            break;
+        }
+        let Some(emission) = next(moments, streams::FEATURES, index) else { break };
+        if wanted.emission {
+            edge.search(emission);
+        }
+    }
+    if edge.is_found {
+        for index in 0..EMISSION.min(points.capacity()) {
+            for (half, stream) in streams::EMISSION.into_iter().enumerate() {
+                let Some(emission) = next(moments, stream, index) else { return cost };
+                moments.emission.push(half, emission);
+            }
+        }
     }
     cost
+}
+
+/// The search for an edge of a lamp within a pixel.
+#[derive(Default)]
+struct Edge {
+    /// The emission of the first sample, summed over channels.
+    first: Option<f32>,
+    is_found: bool,
+}
+
+impl Edge {
+    fn search(&mut self, emission: [f32; 3]) {
+        let sum: f32 = emission.iter().sum();
+        let first = *self.first.get_or_insert(sum);
+        self.is_found |= first.max(sum) > EDGE * first.min(sum);
+    }
 }

@@ -339,7 +339,7 @@ fn trace_pixel(
             start == 0,
         )
     {
-        let cost = feature_samples::add(&mut band.features[local], round.points, pixel, |draws| {
+        let cost = feature_samples::add(&mut band.features[local], round.points, pixel, &round.needs, |draws| {
             current.set(Some(draws.id()));
             round.integrator.features_alone(draws)
         });

@@ -251,8 +251,8 @@ impl<'r> Tile<'r> {
     }
 
     /// Samples features without light where it is their turn, as [`Render`](crate::Render) does with
-    /// [`Integrator::features_alone`](crate::Integrator::features_alone). `sample` returns a first hit and features, or `None` to
-    /// end those of the pixel.
+    /// [`Integrator::features_alone`](crate::Integrator::features_alone). `sample` returns a first hit, features and the emission
+    /// seen directly, or `None` to end those of the pixel.
     ///
     /// It is the turn of pixels that have no kept sample yet; with a time limit, of all pixels of the second round, if the
     /// limit allows enough samples.
@@ -271,7 +271,8 @@ impl<'r> Tile<'r> {
             let kept = self.film.kept.iter().map(|bank| bank.counts[local]).sum();
             let moments = &mut self.film.features[local];
             if pixel.total() > 0 && planned.features.is_now(moments, kept, true) {
-                let cost = feature_samples::add(moments, planned.points, planned.pixel(local), &mut sample);
+                let cost =
+                    feature_samples::add(moments, planned.points, planned.pixel(local), &planned.needs, &mut sample);
                 self.film.record.rays += cost.rays;
                 self.film.record.blocks += cost.blocks;
             }

@@ -3,7 +3,7 @@
 use super::Broken;
 use super::bytes::{Number, Reader};
 use super::planes::{BESIDE, FEATURES, FIRST_HIT, OF_BANK, Plane};
-use crate::film::{Bank, FeatureMoments};
+use crate::film::{Bank, EmissionAlone, FeatureMoments};
 use crate::{Film, FirstHit, Needs, Trajectory};
 use std::ops::Range;
 
@@ -117,7 +117,11 @@ fn take_features(from: &mut Reader<'_>, to: &mut [FeatureMoments]) -> Result<(),
     for one in to {
         let [samples, hits] = from.number()?;
         let [mean, m2] = from.number()?;
-        *one = FeatureMoments { samples, hits, mean, m2 };
+        let emission = EmissionAlone { samples: from.number()?, mean: from.number()? };
+        if !emission.mean.as_flattened().iter().all(|v| v.is_finite()) {
+            return Err(Broken("a mean emission is NaN or infinite"));
+        }
+        *one = FeatureMoments { samples, hits, mean, m2, emission };
     }
     Ok(())
 }

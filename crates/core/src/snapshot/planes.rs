@@ -74,8 +74,9 @@ impl Plane {
     }
 }
 
-/// The encoded bytes of a pixel's features: two counts, ten means and ten sums of squared deviations.
-pub(super) const FEATURES: usize = 88;
+/// The encoded bytes of a pixel's features: two counts, ten means and ten sums of squared deviations; the numbers and the mean
+/// emission of two parts of the samples of features alone.
+pub(super) const FEATURES: usize = 120;
 /// The encoded bytes of a first hit.
 pub(crate) const FIRST_HIT: usize = 73;
 
@@ -146,6 +147,8 @@ pub(crate) fn put_of_film(to: &mut Writer, film: &Film, plane: Plane, pixels: Op
             for f in cut(all, each, pixels) {
                 to.number([f.samples, f.hits]);
                 to.number([f.mean, f.m2]);
+                to.number(f.emission.samples);
+                to.number(f.emission.mean);
             }
         }
         Plane::FirstHits => {

@@ -118,7 +118,7 @@ fn features_per_half_are_recorded_on_request_and_change_no_other_bit() {
     let plain = Needs::none().with_variance().with_halves().with_features();
     let (without, with) = (render(points, plain, 6.0), render(points, plain.with_feature_halves(), 6.0));
     assert_eq!(plain.with_feature_halves(), plain.and(Needs::none().with_feature_halves()));
-    assert_eq!(Film::bytes_per_pixel(with.needs()), Film::bytes_per_pixel(&plain) + 2 * 88);
+    assert_eq!(Film::bytes_per_pixel(with.needs()), Film::bytes_per_pixel(&plain) + 2 * 120);
     let mut differ = 0;
     for i in 0..63 {
         assert_eq!(statistics(&with, i), statistics(&without, i));

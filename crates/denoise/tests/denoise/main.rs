@@ -6,6 +6,7 @@ mod conformance;
 mod consistency;
 mod filters;
 mod hard_cases;
+mod lamp_edges;
 mod layers;
 mod lobes_and_tiles;
 mod outside;

@@ -94,18 +94,18 @@ fn processes_filter_direct_and_indirect_light_with_the_bits_of_one() {
     assert_ne!(image_of(1), image_of(2));
 }
 
-/// Two halves of counts and means take 2 * 32 bytes per pixel, deviations 2 * 24, features 88, a first hit 76, emission 2 * 12,
+/// Two halves of counts and means take 2 * 32 bytes per pixel, deviations 2 * 24, features 120, a first hit 76, emission 2 * 12,
 /// and indirect light 2 * 24. An EXR file shows all but the last two, a PNG file only counts and means.
 #[test]
 fn the_writing_process_gets_the_statistics_that_its_files_show() {
     let spec = spec("cornell");
     let prepared = prepared(&spec);
-    for (output, bytes) in [("a.exr", 64 + 48 + 88 + 76), ("a.png", 64)] {
+    for (output, bytes) in [("a.exr", 64 + 48 + 120 + 76), ("a.png", 64)] {
         together(3, |mut end| {
             let mut job = job(&prepared, &spec);
             job.set_outputs(OutputFiles::images(&[output.into()]).unwrap_or_else(|e| panic!("{e}")));
             let traced = job.run_together(None, &mut NoMonitor, &mut end).unwrap_or_else(|e| panic!("{e}"));
-            assert_eq!(Film::bytes_per_pixel(traced.film.needs()), 64 + 48 + 88 + 76 + 24 + 48);
+            assert_eq!(Film::bytes_per_pixel(traced.film.needs()), 64 + 48 + 120 + 76 + 24 + 48);
             let image = job.finish_together(traced.film, &mut end).unwrap_or_else(|e| panic!("{e}"));
             if let Some(image) = image {
                 assert_eq!(image.film.bytes(), bytes * 48 * 72, "{output}");

@@ -194,7 +194,7 @@ fn emission_changes_no_radiance() {
     assert_eq!((0..12 * 9).find(above), None, "emission is a part of the radiance");
 }
 
-/// The same random numbers give the same first hit and features with and without light. Paths end before roulette, which
+/// The same random numbers give the same first hit, features and emission with and without light. Paths end before roulette, which
 /// features alone do not play.
 #[test]
 fn features_without_light_are_those_of_whole_samples() {
@@ -204,17 +204,20 @@ fn features_without_light_are_those_of_whole_samples() {
         scene.max_depth = Some(4);
         let world = World::with_resolution(&scene, [40, 30]).expect("it builds");
         let integrator = integrator(&world);
-        let (mut behind, mut worker) = (0, Worker::default());
+        let (mut behind, mut lit, mut worker) = (0, 0, Worker::default());
         for i in 0..4 * 40 * 30 {
             let id = SampleId::new([i % 40, i / 40 % 30], streams::WHOLE, u64::from(i / 1200));
-            let draws = Draws::new(&points, id).with_first_hit().with_features();
+            let draws = Draws::new(&points, id).with_first_hit().with_features().with_emission();
             let whole = integrator.estimate(&draws, &mut worker);
             let alone = integrator.features_alone(&draws).expect("paths have features");
             assert_eq!((alone.first_hit, alone.features), (whole.first_hit, whole.features), "{name}, {id:?}");
             assert!(alone.cost <= whole.cost && alone.radiance == [0.0; 3], "{name}, {id:?}");
+            assert_eq!(alone.emission, whole.emission, "{name}, {id:?}");
+            lit += u32::from(alone.emission != [0.0; 3]);
             behind += u32::from(alone.features.is_some());
         }
         let smooth = name == "glass" || name == "tea";
+        assert!(lit >= 8, "{name}: {lit} samples see a lamp or the sky");
         assert!(!smooth || behind > 400, "{name}: {behind} samples see something behind glass or in a mirror");
     }
 }

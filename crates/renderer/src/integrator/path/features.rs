@@ -1,17 +1,18 @@
-//! Features of the first rough surface that a path meets behind mirrors, glass and smooth coats.
+//! Features of the first rough surface that a path meets behind mirrors, glass and smooth coats, and the emission of lamps
+//! that it sees on the way.
 //!
 //! They ride along with the path: no rays and no random numbers of their own. Where a surface both reflects and
 //! refracts, or shows its base through a coat, they follow the lobe that the path samples.
 
 use super::transmission::MediumEnd;
-use super::{LightSelector, NoVertexLight, Path, PathTracer, RARE_LOBE, VertexLight, code};
+use super::{CERTAIN_LOBE, LightSelector, NoVertexLight, Path, PathTracer, RARE_LOBE, VertexLight, code};
 use crate::World;
 use crate::blocks;
 use crate::camera::{General, Lens};
 use crate::integrator::FixedSelector;
 use crate::material::Surface;
 use crate::shading::Bsdf;
-use crate::world::{Interaction, NO_MEDIUM};
+use crate::world::{Interaction, NO_LIGHT, NO_MEDIUM};
 use dapple_core::{Draws, Estimate, SurfaceFeatures};
 use dapple_geometry::spawn_ray;
 use glam::Vec3;
@@ -20,8 +21,9 @@ use glam::Vec3;
 type AnyPath<'w> = PathTracer<'w, General, FixedSelector, { code::ALL }>;
 
 impl World {
-    /// Returns the first hit and the features of a sample without its light, and their cost in rays. They have the
-    /// distribution of those of a path tracer with at most `depth` scattering events.
+    /// Returns the first hit and the features of a sample without its light, and their cost in rays; and the emission of lamps
+    /// seen directly, if `draws` wants it. They have the distribution of those of a path tracer with at most `depth` scattering
+    /// events.
     #[inline(never)]
     pub fn features_alone(&self, draws: &Draws<'_>, depth: u32) -> Estimate {
         AnyPath::new(self, NoVertexLight).follow(draws, depth)
@@ -43,8 +45,12 @@ impl<'w> AnyPath<'w> {
                 if !matches!(self.cross_medium(draws, &mut path, distance), MediumEnd::Crossed) {
                     break;
                 }
+                path.is_direct = false;
             }
             let Some(at) = hit else {
+                if path.is_direct {
+                    estimate.emission = (path.throughput * self.environment(&path)).to_array();
+                }
                 if path.depth > 0 {
                     estimate.features = of_background(&estimate, Self::tint(&path), path.is_rare);
                 }
@@ -56,6 +62,10 @@ impl<'w> AnyPath<'w> {
                 }
                 continue;
             };
+            if at.part.light != NO_LIGHT && path.is_direct {
+                let light = path.throughput * self.emitted(&path, &at);
+                estimate.emission = (Vec3::from(estimate.emission) + light).to_array();
+            }
             if path.depth == 0 {
                 estimate.first_hit = Some(self.world.first_hit_of(ray, at, surface));
             } else {
@@ -99,6 +109,7 @@ impl<'w> AnyPath<'w> {
             return false;
         }
         path.throughput *= sample.weight;
+        path.is_direct &= sample.specular && sample.pdf >= CERTAIN_LOBE;
         path.is_rare |= sample.specular && sample.pdf < RARE_LOBE && bsdf.transmits();
         path.eta_squared *= sample.eta * sample.eta;
         path.ray = spawn_ray(&at.point, wi);
