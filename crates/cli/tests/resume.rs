@@ -301,10 +301,10 @@ fn a_merge_that_does_not_fit_is_refused() {
         "{}",
         said.err
     );
-    let said = folder.run(&format!("{merge} --memory 225M"));
+    let said = folder.run(&format!("{merge} --memory 238M"));
     assert_eq!(said.status, Some(1), "{}", said.err);
     assert!(
-        said.err.contains("making the image takes ") && said.err.contains("225.0 MiB is the limit"),
+        said.err.contains("making the image takes ") && said.err.contains("238.0 MiB is the limit"),
         "{}",
         said.err
     );
