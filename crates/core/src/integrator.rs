@@ -395,12 +395,11 @@ pub trait Integrator: Sync {
     ///
     /// At few samples per pixel, edges are noisy in the features too. So [`Render`](crate::Render) requests features alone before
     /// a pixel's first sample: 4 times, and up to 12 times where they vary. Filters then follow edges better.
+    /// With a time limit, it does so before the second round, if that round has 4 samples per pixel at least.
     ///
     /// If [`Draws::wants_emission`] requests it, the estimate may have the emission that [`Integrator::estimate`] reports, with
     /// the same expected value. Where it differs between these samples, as at the edge of a lamp, 64 more are taken, and filters
     /// average their emission with that of the samples of light. With an emission of 0 in all of them nothing changes.
-    ///
-    /// With a time limit, it does so before the second round, if that round has 4 samples per pixel at least.
     fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
         let _ = draws;
         None

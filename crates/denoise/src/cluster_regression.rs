@@ -85,7 +85,8 @@ dapple_core::options! {
 /// 1. Features are averaged over 9x9 pixels where they are equal up to their noise [after Rousselle 2013].
 ///    Noise of lens, shutter and subpixel geometry is also in the radiance; regression on it would keep it.
 /// 2. [`Bilateral`] over 9x9 pixels without their corners makes a first image.
-/// 3. With one or two passes, a plane is fitted to the radiance of a disc 13 pixels wide around every second pixel of every second row.
+/// 3. A plane is fitted to the radiance of a disc 13 pixels wide around every second pixel of every second row. Three passes
+///    leave this first pass out, unless they filter direct light by itself.
 ///    The regressors are normal, albedo and position [after Bitterli 2016; Moon 2014].
 ///    * A pixel's weight grows with its samples and is `exp(-max(0, d_colour)) exp(-max(0, d_features))`. In another
 ///      cluster it is multiplied by `outside`.
@@ -106,9 +107,8 @@ dapple_core::options! {
 ///    and Boubekeur 2017]. At each of them a regression over 41x41 of its pixels corrects the mean of the finer result.
 ///    The change is added to the finer image where normal and depth are alike. This happens before the last blend of
 ///    step 6, with the light of outliers in the image. Then more is needed to count as an outlier or as detail.
-/// 9. With two `layers`, these steps filter direct light, then indirect light, and both images are added. With three passes,
-///    direct light gets step 3 too. Indirect light has few edges: colours and features may differ 1.4 times as much from
-///    step 4 on, and detail needs 2 times the evidence.
+/// 9. With two `layers`, these steps filter direct light, then indirect light, and both images are added. Indirect light has
+///    few edges: colours and features may differ 1.4 times as much from step 4 on, and detail needs 2 times the evidence.
 ///
 /// # Guarantees
 ///
@@ -193,7 +193,7 @@ impl ClusterRegression {
     ///
     /// Before a third pass, only direct light by itself gets a first pass. Without it, all light at once has 1.5 % more error at
     /// 8 spp for a fifth less time (docs/results/default-image.md).
-    fn before_second(&self, inputs: &Inputs, among: &mut Among<'_>) -> Result<Vec<Pair>, Error> {
+    pub(crate) fn before_second(&self, inputs: &Inputs, among: &mut Among<'_>) -> Result<Vec<Pair>, Error> {
         let averaged = Bilateral::candidate().pair(inputs);
         if self.options.passes == Passes::Three && !inputs.has_first_pass {
             return Ok(among.complete(inputs, [averaged], Among::rows)?.into());

@@ -11,6 +11,7 @@ use crate::regression::regress;
 use crate::scales;
 use crate::shrink::{Radii, shrink};
 use crate::tile::{Guide, Likeness};
+use crate::{ClusterRegression, ClusterRegressionOptions, Passes};
 use dapple_core::{Estimate, Film, Filtered, Frame, SurfaceFeatures};
 use pulp::Scalar;
 
@@ -341,4 +342,21 @@ fn patches_of_noise_are_taken_out_and_detail_that_both_halves_see_stays() {
     let detail = kept(scales::BLEND, evidence, lines);
     assert!(alike < 0.02 && alone > 0.04, "{alike} of the noise stays, {alone} in the control");
     assert!(detail > 0.95, "{detail} of the detail stays");
+}
+
+#[test]
+fn a_first_pass_precedes_two_others_for_direct_light_by_itself_only() {
+    let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), RECORDED.with_indirect());
+    for (pixel, half) in (0..PIXELS).flat_map(|pixel| [(pixel, 0), (pixel, 1)]) {
+        film.push_estimate(pixel, half, &Estimate::new([1.0; 3]).with_indirect([0.25; 3]));
+    }
+    let [direct, indirect] = Light::parts(&film);
+    for (light, images) in [(Light::all(&film), 1), (direct, 2), (indirect, 1)] {
+        let inputs = Inputs::new(light, READS, 0, &mut Among::alone(SIDE)).unwrap();
+        for (passes, images) in [(Passes::Two, 2), (Passes::Three, images)] {
+            let options = ClusterRegressionOptions::default().passes(passes);
+            let filter = ClusterRegression::with_options(options).unwrap();
+            assert_eq!(filter.before_second(&inputs, &mut Among::alone(SIDE)).unwrap().len(), images, "{passes:?}");
+        }
+    }
 }

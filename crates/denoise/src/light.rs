@@ -114,7 +114,7 @@ impl<'a> Light<'a> {
 
     /// The ratio of the variance of the mean to that of the plain mean, if samples of features alone refine the emission of pixel
     /// `i`. The emission's part of the variance counts as its part of the mean: at the edge of a lamp, both are near 1.
-    pub(crate) fn refinement(&self, i: usize) -> Option<[f32; 3]> {
+    pub(crate) fn variance_left(&self, i: usize) -> Option<[f32; 3]> {
         if matches!(self.part, Part::Indirect) {
             return None;
         }

@@ -244,9 +244,11 @@ fn colours(
 /// Lowers the variances of pixels whose emission samples of features alone refine. Variances over 5x5 pixels are made before:
 /// beside such pixels lie some of the same edge that have none.
 fn refine(light: Light<'_>, halves: &mut [Half; 2]) {
-    for i in 0..light.film.frame().pixels() {
-        let Some(ratio) = light.refinement(i) else { continue };
-        halves.iter_mut().for_each(|half| (0..3).for_each(|c| half.variance[c][i] *= ratio[c]));
+    let left = |i: usize| light.variance_left(i).map(|left| (i, left));
+    let pixels = (0..light.film.frame().pixels()).into_par_iter().with_min_len(1024);
+    let all: Vec<(usize, [f32; 3])> = pixels.filter_map(left).collect();
+    for (i, left) in all {
+        halves.iter_mut().for_each(|half| (0..3).for_each(|c| half.variance[c][i] *= left[c]));
     }
 }
 

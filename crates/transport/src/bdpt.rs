@@ -205,8 +205,7 @@ impl Integrator for Bdpt<'_> {
     }
 
     fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
-        // The emission in an estimate has the weight of its strategy, which emission alone lacks.
-        Some(self.world.features_alone(draws, self.depth).with_emission([0.0; 3]))
+        Some(self.world.features_alone(draws, self.depth))
     }
 
     fn needs(&self) -> Needs {

@@ -14,7 +14,8 @@ impl Film {
     ///
     /// Counts, moments, extrema, emission, channels, sums, single samples, splats and discarded samples are those of the half. So are
     /// features if the film records them [per half](Needs::feature_halves); else they are those of both halves, as first
-    /// hits always are. [Emission alone](Film::emission_alone) is that of the half. Costs and the record of rounds are left out. A filter that needs halves refuses the film.
+    /// hits always are. [Emission alone](Film::emission_alone) is that of the half. Costs and the record of rounds are left
+    /// out. A filter that needs halves refuses the film.
     ///
     /// The film takes [`Film::bytes_per_pixel`] of its own [`Needs`].
     ///

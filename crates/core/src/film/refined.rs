@@ -74,7 +74,7 @@ impl Film {
     pub fn refined_half(&self, half: usize, i: usize) -> Option<RgbMoments> {
         let mut moments = self.half(half, i)?;
         if let Some(change) = self.refinement(half, i) {
-            moments.mean = plus(moments.mean, change);
+            moments.mean = changed(moments.mean, change);
         }
         Some(moments)
     }
@@ -84,13 +84,13 @@ impl Film {
         let first = if self.kept.len() == 2 { self.first_half_weight(self.held.at(i)) } else { 1.0 };
         let halves = [first, 1.0 - first].into_iter().take(self.kept.len()).enumerate();
         halves.fold(self.mean(i), |mean, (half, weight)| match self.refinement(half, i) {
-            Some(change) => plus(mean, change.map(|change| weight * change)),
+            Some(change) => changed(mean, change.map(|change| weight * change)),
             None => mean,
         })
     }
 }
 
-/// A sum, at least 0: means are rounded.
-fn plus(mean: [f64; 3], change: [f64; 3]) -> [f64; 3] {
+/// A sum, at least 0, since means are rounded.
+fn changed(mean: [f64; 3], change: [f64; 3]) -> [f64; 3] {
     [0, 1, 2].map(|c| (mean[c] + change[c]).max(0.0))
 }

@@ -398,7 +398,7 @@ fn depth_limits_paths_and_a_dark_scene_is_black() {
     assert!(pixels(&film(&mut bdpt(&world, ""), [8; 2], 4, 1)).iter().all(|p| *p == [0.0; 3]));
 }
 
-/// The same random numbers give the same first hit and features with and without light. Paths end before roulette, which
+/// The same random numbers give the same first hit, features and emission with and without light. Paths end before roulette, which
 /// features alone do not play.
 #[test]
 fn features_without_light_are_those_of_whole_samples() {
@@ -410,17 +410,20 @@ fn features_without_light_are_those_of_whole_samples() {
         world.set_max_depth(4);
         for request in ["bdpt", "bdpt:depth=1", "metropolis"] {
             let integrator = make_integrator(request, &world).unwrap_or_else(|e| panic!("{name}: {e}"));
-            let (mut behind, mut worker) = (0, Worker::default());
+            let (mut behind, mut lit, mut worker) = (0, 0, Worker::default());
             for i in 0..4 * SIZE[0] * SIZE[1] {
                 let id = SampleId::new([i % 40, i / 40 % 30], streams::WHOLE, u64::from(i / 1200));
-                let draws = Draws::new(&points, id).with_first_hit().with_features();
+                let draws = Draws::new(&points, id).with_first_hit().with_features().with_emission();
                 let whole = integrator.estimate(&draws, &mut worker);
                 let alone = integrator.features_alone(&draws).expect("paths have features");
                 let told = || format!("{name}, {request}, {id:?}");
                 assert_eq!((alone.first_hit, alone.features), (whole.first_hit, whole.features), "{}", told());
                 assert!(alone.cost <= whole.cost && alone.radiance == [0.0; 3], "{}", told());
+                assert_eq!(alone.emission, whole.emission, "{}", told());
+                lit += u32::from(alone.emission != [0.0; 3]);
                 behind += u32::from(alone.features.is_some());
             }
+            assert!(lit > 20, "{name}, {request}: {lit} samples see a lamp");
             assert!(behind >= fewest, "{name}, {request}: {behind} samples see something behind glass or in a mirror");
         }
     }
