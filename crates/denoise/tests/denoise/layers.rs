@@ -108,3 +108,28 @@ fn a_film_without_indirect_light_is_filtered_in_one_layer() {
     let image = |film: &Film, layers| filter(layers).apply(film).unwrap().radiance;
     assert_eq!(image(&without, Layers::Two), image(&with, Layers::One));
 }
+
+/// Running means of indirect light are rounded, so that a trace is left where all light is indirect. If it counted as direct light,
+/// a bright sample of direct light would be out of the range of the planes, and stay in its pixel.
+#[test]
+fn a_bright_sample_of_direct_light_is_spread_where_all_other_light_is_indirect() {
+    const BRIGHT: f32 = 400.0;
+    let at = (SIDE * SIDE / 2 + SIDE / 2) as usize;
+    let mut film = Film::new(Frame::new(SIDE, SIDE).unwrap(), NEEDS);
+    let mut noise = Noise::new(5);
+    for i in 0..film.frame().pixels() {
+        let hit = FirstHit::new([(i as u32 % SIDE) as f32, (i as u32 / SIDE) as f32, 0.0], [0.0, 0.0, 1.0], 100.0);
+        for k in 0..16 {
+            let indirect = noise.next();
+            let direct = if i == at && k == 0 { BRIGHT } else { 0.0 };
+            let estimate = Estimate::new([indirect + direct; 3]).with_indirect([indirect; 3]);
+            film.push_estimate(i, k & 1, &estimate.with_first_hit(hit.with_albedo([0.5; 3])));
+        }
+    }
+    let image = filter(Layers::Two).apply(&film).unwrap().radiance;
+    let own = film.mean(at)[0] as f32;
+    assert!(own > 0.9 * BRIGHT / 16.0 && image[at][0] < 0.1 * own, "{own} before, {} after", image[at][0]);
+    let mean = |image: &[[f32; 3]]| image.iter().map(|p| f64::from(p[0])).sum::<f64>() / image.len() as f64;
+    let (got, wanted) = (mean(&image), mean(&film.image()));
+    assert!((got / wanted - 1.0).abs() < 0.01, "{got} in the mean, not {wanted}");
+}
