@@ -152,6 +152,30 @@ impl<'a> Light<'a> {
         }
     }
 
+    /// The half of the film that has the samples of pixel `i`, if they all lie in one.
+    fn one_half(&self, i: usize) -> usize {
+        usize::from(self.film.half(0, i).is_none_or(|half| half.count == 0))
+    }
+
+    /// Returns `true` if samples of features alone have met the edge of a lamp in pixel `i`.
+    pub(crate) fn is_edge_of_lamp(&self, i: usize) -> bool {
+        self.film.emission_alone(0, i).is_some()
+    }
+
+    /// The mean emission that the samples of pixel `i` saw, if they all lie in one half.
+    pub(crate) fn emission_of_one_half(&self, i: usize) -> Option<[f32; 3]> {
+        self.emission(self.one_half(i), i)
+    }
+
+    /// The mean emission of the half that pixel `i` lacks, if its samples all lie in the other; `None` if it is not known. Samples
+    /// of features alone know it: at the edge of a lamp by their own mean, and where they agree with samples that saw none.
+    pub(crate) fn emission_of_lacking(&self, i: usize) -> Option<[f32; 3]> {
+        let other = self.emission_of_one_half(i)?;
+        let alone = || self.film.emission_alone(1 - self.one_half(i), i).map(|(_, mean)| mean);
+        let is_searched = || self.film.features(i).is_some_and(|f| u64::from(f.samples) > self.film.count(i));
+        alone().or_else(|| (other == [0.0; 3] && is_searched()).then_some(other))
+    }
+
     fn indirect(&self, i: usize) -> RgbMoments {
         let [mut all, second] = [0, 1].map(|half| self.film.indirect(half, i).unwrap_or_default());
         all.merge(&second);

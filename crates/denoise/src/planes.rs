@@ -6,7 +6,7 @@ use crate::error_map::Channels;
 use crate::light::Light;
 use crate::maps::{box_mean, map, parts, update};
 use crate::membership::BACKGROUND;
-use crate::single::{self, Halves};
+use crate::single::{self, Halves, Lamps};
 use crate::withheld::Bounds;
 use dapple_core::{Error, Film, Filtered, RgbMoments};
 use rayon::prelude::*;
@@ -235,7 +235,8 @@ fn colours(
     let level = level(light, place, among)?;
     let bounds = Bounds::new(light, level, place, among)?;
     let mut halves = halves(light, level, bounds);
-    let samples = halves.complete(features, light.film.frame().size()[0] as usize, place.top);
+    let lamps = Lamps { light, bounds, level };
+    let samples = halves.complete(features, &lamps, [light.film.frame().size()[0] as usize, place.top]);
     let mut halves = with_variances(light.film, halves, samples);
     refine(light, &mut halves);
     Ok((level, bounds, halves))

@@ -2,15 +2,22 @@
 //!
 //! With one sample per pixel, the second half would be empty, and nothing could tell noise from detail. So such a pixel
 //! belongs to a half by its place, as the squares of a chessboard do. The half that it lacks is the mean of its four
-//! neighbours there. Both halves are then whole images, and a sample counts in one of them only.
+//! neighbours there. Both halves are then whole images, and a sample counts in one of them only. Lamps end at pixels: where
+//! samples of features alone know a pixel's emission, only the other light comes from neighbours.
 
+use crate::light::Light;
 use crate::planes::{Colours, Features, Plane};
+use crate::withheld::Bounds;
 use rayon::prelude::*;
 
 /// The factor on the squared difference of normals between neighbours.
 const TURNED: f32 = 20.0;
 /// The standard deviation of the log depth between neighbours: this many times its slope, plus the least value.
 const SLOPE: [f32; 2] = [4.0, 1e-2];
+
+/// The emission of a lamp, in units of the image's level. Less is light like any other: at an edge of a dim sky, what is before it
+/// and the sky replace each other.
+const LAMP: f32 = 4.0;
 
 /// The halves of a film's light, before their variances are known.
 pub(crate) struct Halves {
@@ -19,6 +26,38 @@ pub(crate) struct Halves {
     /// The variance of one sample, where it is `known` (1, else 0).
     pub(crate) variance: Colours,
     pub(crate) known: Plane,
+}
+
+/// The emission of the pixels of a film, as far as filters get it.
+pub(crate) struct Lamps<'a> {
+    pub(crate) light: Light<'a>,
+    pub(crate) bounds: Bounds,
+    /// The radiance that planes count as 1.
+    pub(crate) level: f32,
+}
+
+impl Lamps<'_> {
+    fn in_levels(&self, emission: [f32; 3]) -> [f32; 3] {
+        let is_lamp = emission.iter().any(|e| *e > LAMP * self.level);
+        emission.map(|e| if is_lamp { e.min(self.bounds.emission()) / self.level } else { 0.0 })
+    }
+
+    /// The emission in the half that pixel `i` has.
+    fn seen(&self, i: usize) -> [f32; 3] {
+        self.in_levels(self.light.emission_of_one_half(i).unwrap_or_default())
+    }
+
+    /// The emission of pixel `j` that its neighbour `i`, whose emission is known, does not share. Samples of features alone may have
+    /// missed the edge of a lamp between both, unless they met it in one of them.
+    fn not_shared(&self, i: usize, j: usize) -> [f32; 3] {
+        let is_met = self.light.is_edge_of_lamp(i) || self.light.is_edge_of_lamp(j);
+        if is_met { self.seen(j) } else { [0.0; 3] }
+    }
+
+    /// The emission in the half that pixel `i` lacks; `None` if it is not known.
+    fn unseen(&self, i: usize) -> Option<[f32; 3]> {
+        self.light.emission_of_lacking(i).map(|emission| self.in_levels(emission))
+    }
 }
 
 /// The half that a pixel lacked.
@@ -38,7 +77,12 @@ impl Halves {
     ///
     /// Such a pixel then counts half of its samples in each half. The squared difference between the halves estimates the
     /// variance of one sample where that is not known. `top` is the first row in the whole image.
-    pub(crate) fn complete(&mut self, features: &Features, width: usize, top: usize) -> Option<[Plane; 2]> {
+    pub(crate) fn complete(
+        &mut self,
+        features: &Features,
+        lamps: &Lamps<'_>,
+        [width, top]: [usize; 2],
+    ) -> Option<[Plane; 2]> {
         let is_single = |&i: &usize| (self.counts[0][i] > 0.0) != (self.counts[1][i] > 0.0);
         let half = |i: usize| (i % width + i / width + top) % 2;
         let pixels = 0..self.known.len();
@@ -50,7 +94,8 @@ impl Halves {
             let count = samples[0][i] + samples[1][i];
             (samples[half(i)][i], samples[1 - half(i)][i]) = (count, 0.0);
         }
-        let between = |i: usize| self.between(i, 1 - half(i), &samples, features, width);
+        let scene = Scene { features, lamps, width };
+        let between = |i: usize| self.between(i, 1 - half(i), &samples, &scene);
         let all: Vec<Between> =
             pixels.into_par_iter().with_min_len(1024).filter(is_single).filter_map(between).collect();
         for Between { pixel, colour, samples: of_mean } in all {
@@ -72,8 +117,10 @@ impl Halves {
     }
 
     /// The mean of half `half` over the four neighbours of pixel `i`, times the ratio of the albedos; `None` if they lack it
-    /// too. `samples` are the counts by place.
-    fn between(&self, i: usize, half: usize, samples: &[Plane; 2], f: &Features, width: usize) -> Option<Between> {
+    /// too. Where the pixel's own emission is known, it takes the place of theirs. `samples` are the counts by place.
+    fn between(&self, i: usize, half: usize, samples: &[Plane; 2], scene: &Scene<'_>) -> Option<Between> {
+        let Scene { features: f, lamps, width } = *scene;
+        let emission = lamps.unseen(i);
         let x = i % width;
         let near = [
             (x > 0).then(|| i - 1),
@@ -84,13 +131,22 @@ impl Halves {
         let (mut sum, mut weights, mut variance) = ([0.0; 3], 0.0, 0.0);
         for j in near.into_iter().flatten().filter(|j| samples[half][*j] > 0.0) {
             let weight = likeness(f, i, j);
-            (0..3).for_each(|c| sum[c] += weight * self.colours[half][c][j] / f.divisor(c, j));
+            let lamp = if emission.is_some() { lamps.not_shared(i, j) } else { [0.0; 3] };
+            (0..3).for_each(|c| sum[c] += weight * (self.colours[half][c][j] - lamp[c]).max(0.0) / f.divisor(c, j));
             weights += weight;
             variance += weight * weight / samples[half][j];
         }
-        let colour = [0, 1, 2].map(|c| sum[c] / weights * f.divisor(c, i));
+        let own = emission.unwrap_or_default();
+        let colour = [0, 1, 2].map(|c| own[c] + sum[c] / weights * f.divisor(c, i));
         (weights > 0.0).then_some(Between { pixel: i as u32, colour, samples: weights * weights / variance })
     }
+}
+
+/// What pixels show besides their light.
+struct Scene<'a> {
+    features: &'a Features,
+    lamps: &'a Lamps<'a>,
+    width: usize,
 }
 
 /// The weight of pixel `j` beside its neighbour `i`: it falls with the differences of normal and log depth.

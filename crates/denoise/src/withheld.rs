@@ -45,6 +45,11 @@ impl Bounds {
         Ok(Self { emission: bound * level, other: f64::from(BRIGHTEST) * level, is_sparse: samples < 2.0 })
     }
 
+    /// The largest emission that filters get from a pixel, in radiance.
+    pub(crate) fn emission(self) -> f32 {
+        self.emission as f32
+    }
+
     /// The light that is withheld from the mean of pixel `i`, for filters that read no halves: emission alone. Below two samples
     /// per pixel that is all emission: these filters would spread it as far as any other light.
     pub(crate) fn withheld_emission(self, light: Light<'_>, i: usize) -> [f64; 3] {
