@@ -167,13 +167,12 @@ impl<'a> Light<'a> {
         self.emission(self.one_half(i), i)
     }
 
-    /// The mean emission of the half that pixel `i` lacks, if its samples all lie in the other; `None` if it is not known. Samples
-    /// of features alone know it: at the edge of a lamp by their own mean, and where they agree with samples that saw none.
+    /// The mean emission of the half that pixel `i` lacks, if its samples all lie in the other; `None` if it is not known. At the
+    /// edge of a lamp, samples of features alone know it. Elsewhere it is 0 if the samples of light saw none.
     pub(crate) fn emission_of_lacking(&self, i: usize) -> Option<[f32; 3]> {
         let other = self.emission_of_one_half(i)?;
         let alone = || self.film.emission_alone(1 - self.one_half(i), i).map(|(_, mean)| mean);
-        let is_searched = || self.film.features(i).is_some_and(|f| u64::from(f.samples) > self.film.count(i));
-        alone().or_else(|| (other == [0.0; 3] && is_searched()).then_some(other))
+        alone().or_else(|| (other == [0.0; 3]).then_some(other))
     }
 
     fn indirect(&self, i: usize) -> RgbMoments {

@@ -94,8 +94,8 @@ impl Halves {
             let count = samples[0][i] + samples[1][i];
             (samples[half(i)][i], samples[1 - half(i)][i]) = (count, 0.0);
         }
-        let scene = Scene { features, lamps, width };
-        let between = |i: usize| self.between(i, 1 - half(i), &samples, &scene);
+        let around = Surroundings { features, lamps, width };
+        let between = |i: usize| self.between(i, 1 - half(i), &samples, &around);
         let all: Vec<Between> =
             pixels.into_par_iter().with_min_len(1024).filter(is_single).filter_map(between).collect();
         for Between { pixel, colour, samples: of_mean } in all {
@@ -118,8 +118,8 @@ impl Halves {
 
     /// The mean of half `half` over the four neighbours of pixel `i`, times the ratio of the albedos; `None` if they lack it
     /// too. Where the pixel's own emission is known, it takes the place of theirs. `samples` are the counts by place.
-    fn between(&self, i: usize, half: usize, samples: &[Plane; 2], scene: &Scene<'_>) -> Option<Between> {
-        let Scene { features: f, lamps, width } = *scene;
+    fn between(&self, i: usize, half: usize, samples: &[Plane; 2], around: &Surroundings<'_>) -> Option<Between> {
+        let Surroundings { features: f, lamps, width } = *around;
         let emission = lamps.unseen(i);
         let x = i % width;
         let near = [
@@ -143,7 +143,7 @@ impl Halves {
 }
 
 /// What pixels show besides their light.
-struct Scene<'a> {
+struct Surroundings<'a> {
     features: &'a Features,
     lamps: &'a Lamps<'a>,
     width: usize,
@@ -154,4 +154,93 @@ fn likeness(f: &Features, i: usize, j: usize) -> f32 {
     let turned: f32 = (0..3).map(|k| (f.mean[k][i] - f.mean[k][j]).powi(2)).sum();
     let deep = (f.mean[6][i] - f.mean[6][j]) / (SLOPE[0] * f.slope[i] + SLOPE[1]);
     1.0 / (1.0 + TURNED * turned + deep * deep)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::LAMP;
+    use crate::among::Among;
+    use crate::light::Light;
+    use crate::planes::{Inputs, Reads};
+    use dapple_core::samplers::Uniform;
+    use dapple_core::{Block, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, Render, Worker};
+    use dapple_low_discrepancy::Sobol;
+
+    const SIDE: usize = 48;
+    const WALL: f32 = 0.25;
+    const PLACE: Block = Block::new(0);
+
+    /// A wall, and a lamp of this radiance that covers most of each pixel in column 20 and all of some columns after it.
+    struct Lamp(f32);
+
+    impl Lamp {
+        fn emission(&self, draws: &Draws<'_>) -> [f32; 3] {
+            let ([x, _], [u, ..]) = (draws.pixel(), draws.block(PLACE));
+            [if (20.37..30.0).contains(&(x as f32 + u)) { self.0 } else { 0.0 }; 3]
+        }
+    }
+
+    impl Integrator for Lamp {
+        fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
+            let (emission, hit) = (self.emission(draws), FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0));
+            Estimate::new(emission.map(|e| e + WALL)).with_first_hit(hit.with_albedo([0.5; 3])).with_emission(emission)
+        }
+
+        fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
+            Some(self.estimate(draws, &mut Worker::default()))
+        }
+    }
+
+    /// One sample per pixel of a lamp, the planes of its film, and the red of pixel `i` in the half that it lacks and in the other.
+    fn rendered(lamp: f32) -> (Film, Inputs, impl Fn(&Inputs, usize) -> [f32; 2]) {
+        let needs = Needs::none().with_variance().with_halves().with_features().with_emission();
+        let (frame, limits) = (Frame::new(SIDE as u32, SIDE as u32).unwrap(), Limits::spp(1.0));
+        let film = Render::new(frame, &limits).needs(needs).run(&mut Lamp(lamp), &mut Uniform::new(Sobol::new(4)));
+        let film = film.unwrap();
+        let reads = Reads { features: true, label: None };
+        let inputs = Inputs::new(Light::all(&film), reads, 0, &mut Among::alone(SIDE)).unwrap();
+        let halves = |inputs: &Inputs, i: usize| {
+            let own = (i % SIDE + i / SIDE) % 2;
+            [1 - own, own].map(|half| inputs.halves[half].colour[0][i] * inputs.level)
+        };
+        (film, inputs, halves)
+    }
+
+    /// The pixels at the edge, but for those at the border of the image.
+    fn edge() -> impl Iterator<Item = usize> {
+        (1..SIDE - 1).map(|y| y * SIDE + 20)
+    }
+
+    #[test]
+    fn the_half_that_a_pixel_lacks_has_emission_of_its_own_samples() {
+        let (film, inputs, halves) = rendered(40.0);
+        let alone = |half, i| film.emission_alone(half, i).unwrap().1[0];
+        assert!(edge().any(|i| alone(0, i) != alone(1, i)), "both halves are alike everywhere");
+        for i in edge() {
+            let unused = usize::from(film.half(0, i).unwrap().count > 0);
+            let [lacking, own] = halves(&inputs, i);
+            let wanted = alone(unused, i) + WALL;
+            assert!((lacking - wanted).abs() < 1e-3 * wanted, "{lacking}, not {wanted}; {own} in the other half");
+        }
+    }
+
+    #[test]
+    fn dim_emission_is_interpolated_like_other_light() {
+        let (_, inputs, halves) = rendered(WALL);
+        assert!(WALL < LAMP * inputs.level);
+        for i in edge() {
+            // All neighbours are alike.
+            let wanted = [i - 1, i + 1, i - SIDE, i + SIDE].map(|j| halves(&inputs, j)[1]).iter().sum::<f32>() / 4.0;
+            let [lacking, _] = halves(&inputs, i);
+            assert!((lacking - wanted).abs() < 1e-3 * wanted, "{lacking}, not {wanted}");
+        }
+    }
+
+    #[test]
+    fn emission_that_is_withheld_is_so_in_both_halves() {
+        let (_, inputs, halves) = rendered(1e12);
+        let most = |k: usize| (0..SIDE * SIDE).map(|i| halves(&inputs, i)[k]).fold(0.0, f32::max);
+        let [lacking, own] = [most(0), most(1)];
+        assert!(own > 1.0 && own < 1e10 && lacking <= 1.01 * own, "{lacking} interpolated, {own} sampled");
+    }
 }
