@@ -152,27 +152,26 @@ impl<'a> Light<'a> {
         }
     }
 
-    /// The half of the film that has the samples of pixel `i`, if they all lie in one.
-    fn one_half(&self, i: usize) -> usize {
-        usize::from(self.film.half(0, i).is_none_or(|half| half.count == 0))
-    }
-
     /// Returns `true` if samples of features alone have met the edge of a lamp in pixel `i`.
     pub(crate) fn is_edge_of_lamp(&self, i: usize) -> bool {
         self.film.emission_alone(0, i).is_some()
     }
 
-    /// The mean emission that the samples of pixel `i` saw, if they all lie in one half.
-    pub(crate) fn emission_of_one_half(&self, i: usize) -> Option<[f32; 3]> {
-        self.emission(self.one_half(i), i)
+    /// The mean emission that all samples of pixel `i` saw directly; 0 if it is not recorded.
+    pub(crate) fn mean_emission(&self, i: usize) -> [f32; 3] {
+        let [a, b] = [0, 1].map(|half| self.emission(half, i).unwrap_or_default());
+        let [na, nb] = [0, 1].map(|half| self.half(half, i).count);
+        let share = na as f32 / (na + nb).max(1) as f32;
+        [0, 1, 2].map(|c| b[c] + share * (a[c] - b[c]))
     }
 
     /// The mean emission of the half that pixel `i` lacks, if its samples all lie in the other; `None` if it is not known. At the
     /// edge of a lamp, samples of features alone know it. Elsewhere it is 0 if the samples of light saw none.
     pub(crate) fn emission_of_lacking(&self, i: usize) -> Option<[f32; 3]> {
-        let other = self.emission_of_one_half(i)?;
-        let alone = || self.film.emission_alone(1 - self.one_half(i), i).map(|(_, mean)| mean);
-        alone().or_else(|| (other == [0.0; 3]).then_some(other))
+        self.emission(0, i)?;
+        let lacking = usize::from(self.film.half(0, i).is_some_and(|half| half.count > 0));
+        let alone = self.film.emission_alone(lacking, i).map(|(_, mean)| mean);
+        alone.or_else(|| Some([0.0; 3]).filter(|none| self.mean_emission(i) == *none))
     }
 
     fn indirect(&self, i: usize) -> RgbMoments {
@@ -182,8 +181,8 @@ impl<'a> Light<'a> {
     }
 }
 
-/// A bound of the rounding of indirect light, relative to all light. Its running means are `f32`; those of 100,000 samples are
-/// that exact.
+/// A bound of the rounding of indirect light, relative to all light. Its running means are `f32`: those of 1000 uniform numbers are
+/// exact to 1.3e-6, those of 10,000 to 4.3e-6.
 const ROUNDING: f64 = 1e-5;
 
 /// The difference of two colours, or 0 if it may be rounding alone. Else pixels without direct light would seem to have a trace

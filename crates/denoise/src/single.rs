@@ -2,8 +2,8 @@
 //!
 //! With one sample per pixel, the second half would be empty, and nothing could tell noise from detail. So such a pixel
 //! belongs to a half by its place, as the squares of a chessboard do. The half that it lacks is the mean of its four
-//! neighbours there. Both halves are then whole images, and a sample counts in one of them only. Lamps end at pixels: where
-//! samples of features alone know a pixel's emission, only the other light comes from neighbours.
+//! neighbours there. Both halves are then whole images, and a sample counts in one of them only. Lamps end at their
+//! edges: where samples of features alone have met one, only the other light comes from neighbours.
 
 use crate::light::Light;
 use crate::planes::{Colours, Features, Plane};
@@ -44,7 +44,7 @@ impl Lamps<'_> {
 
     /// The emission in the half that pixel `i` has.
     fn seen(&self, i: usize) -> [f32; 3] {
-        self.in_levels(self.light.emission_of_one_half(i).unwrap_or_default())
+        self.in_levels(self.light.mean_emission(i))
     }
 
     /// The emission of pixel `j` that its neighbour `i`, whose emission is known, does not share. Samples of features alone may have
@@ -142,7 +142,7 @@ impl Halves {
     }
 }
 
-/// What pixels show besides their light.
+/// The features and lamps of a film, and its width in pixels.
 struct Surroundings<'a> {
     features: &'a Features,
     lamps: &'a Lamps<'a>,
@@ -170,13 +170,13 @@ mod tests {
     const WALL: f32 = 0.25;
     const PLACE: Block = Block::new(0);
 
-    /// A wall, and a lamp of this radiance that covers most of each pixel in column 20 and all of some columns after it.
-    struct Lamp(f32);
+    /// A wall, and a lamp of this radiance, from this place in column 20 to the end of column 29.
+    struct Lamp(f32, f32);
 
     impl Lamp {
         fn emission(&self, draws: &Draws<'_>) -> [f32; 3] {
             let ([x, _], [u, ..]) = (draws.pixel(), draws.block(PLACE));
-            [if (20.37..30.0).contains(&(x as f32 + u)) { self.0 } else { 0.0 }; 3]
+            [if (self.1..30.0).contains(&(x as f32 + u)) { self.0 } else { 0.0 }; 3]
         }
     }
 
@@ -191,12 +191,12 @@ mod tests {
         }
     }
 
-    /// One sample per pixel of a lamp, the planes of its film, and the red of pixel `i` in the half that it lacks and in the other.
-    fn rendered(lamp: f32) -> (Film, Inputs, impl Fn(&Inputs, usize) -> [f32; 2]) {
+    /// One sample per pixel, the planes of its film, and the red of pixel `i` in the half that it lacks and in the other.
+    fn rendered(lamp: Lamp) -> (Film, Inputs, impl Fn(&Inputs, usize) -> [f32; 2]) {
         let needs = Needs::none().with_variance().with_halves().with_features().with_emission();
         let (frame, limits) = (Frame::new(SIDE as u32, SIDE as u32).unwrap(), Limits::spp(1.0));
-        let film = Render::new(frame, &limits).needs(needs).run(&mut Lamp(lamp), &mut Uniform::new(Sobol::new(4)));
-        let film = film.unwrap();
+        let (mut lamp, mut sampler) = (lamp, Uniform::new(Sobol::new(4)));
+        let film = Render::new(frame, &limits).needs(needs).run(&mut lamp, &mut sampler).unwrap();
         let reads = Reads { features: true, label: None };
         let inputs = Inputs::new(Light::all(&film), reads, 0, &mut Among::alone(SIDE)).unwrap();
         let halves = |inputs: &Inputs, i: usize| {
@@ -213,7 +213,7 @@ mod tests {
 
     #[test]
     fn the_half_that_a_pixel_lacks_has_emission_of_its_own_samples() {
-        let (film, inputs, halves) = rendered(40.0);
+        let (film, inputs, halves) = rendered(Lamp(40.0, 20.37));
         let alone = |half, i| film.emission_alone(half, i).unwrap().1[0];
         assert!(edge().any(|i| alone(0, i) != alone(1, i)), "both halves are alike everywhere");
         for i in edge() {
@@ -224,9 +224,22 @@ mod tests {
         }
     }
 
+    /// Four samples miss a lamp that covers a tenth of a pixel in two of three pixels. Their light must not end at the lamp beside
+    /// them.
+    #[test]
+    fn pixels_that_may_hide_an_edge_get_light_of_the_lamp_beside_them() {
+        let (film, inputs, halves) = rendered(Lamp(40.0, 20.9));
+        let missed: Vec<usize> = edge().filter(|&i| film.emission_alone(0, i).is_none()).collect();
+        assert!(missed.len() > 20, "{} pixels", missed.len());
+        for i in missed.into_iter().filter(|&i| film.mean(i)[0] < 1.0) {
+            let [lacking, _] = halves(&inputs, i);
+            assert!(lacking >= 0.25 * 40.0, "{lacking}");
+        }
+    }
+
     #[test]
     fn dim_emission_is_interpolated_like_other_light() {
-        let (_, inputs, halves) = rendered(WALL);
+        let (_, inputs, halves) = rendered(Lamp(WALL, 20.37));
         assert!(WALL < LAMP * inputs.level);
         for i in edge() {
             // All neighbours are alike.
@@ -238,7 +251,7 @@ mod tests {
 
     #[test]
     fn emission_that_is_withheld_is_so_in_both_halves() {
-        let (_, inputs, halves) = rendered(1e12);
+        let (_, inputs, halves) = rendered(Lamp(1e12, 20.37));
         let most = |k: usize| (0..SIDE * SIDE).map(|i| halves(&inputs, i)[k]).fold(0.0, f32::max);
         let [lacking, own] = [most(0), most(1)];
         assert!(own > 1.0 && own < 1e10 && lacking <= 1.01 * own, "{lacking} interpolated, {own} sampled");

@@ -54,10 +54,7 @@ impl Bounds {
     /// per pixel that is all emission: these filters would spread it as far as any other light.
     pub(crate) fn withheld_emission(self, light: Light<'_>, i: usize) -> [f64; 3] {
         let mean = light.mean(i);
-        let [a, b] = [0, 1].map(|half| light.emission(half, i).unwrap_or_default());
-        let counts = [0, 1].map(|half| light.half(half, i).count);
-        let share = counts[0] as f32 / (counts[0] + counts[1]).max(1) as f32;
-        let emission: [f32; 3] = std::array::from_fn(|c| b[c] + share * (a[c] - b[c]));
+        let emission = light.mean_emission(i);
         let bound = if self.is_sparse { 0.0 } else { self.emission };
         std::array::from_fn(|c| (f64::from(emission[c]) - bound).clamp(0.0, mean[c].max(0.0)))
     }

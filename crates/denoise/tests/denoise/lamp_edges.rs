@@ -102,47 +102,6 @@ fn edges_of_lamps_have_a_fraction_of_the_error_if_features_alone_report_emission
     }
 }
 
-/// A lamp that covers a tenth of the pixels in one column, and all of the next. Four samples of features alone miss it in two of
-/// three pixels of the first.
-struct Strip;
-
-impl Strip {
-    const COLUMN: u32 = 20;
-
-    fn emission(draws: &Draws<'_>) -> [f32; 3] {
-        let ([x, _], [u, ..]) = (draws.pixel(), draws.block(PLACE));
-        let is_lit = x as f32 + u >= Self::COLUMN as f32 + 0.9 && x < Self::COLUMN + 12;
-        if is_lit { [LAMP; 3] } else { [0.0; 3] }
-    }
-}
-
-impl Integrator for Strip {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
-        let emission = Self::emission(draws);
-        Estimate::new(emission.map(|e| e + WALL)).with_first_hit(Edge::hit()).with_emission(emission)
-    }
-
-    fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
-        Some(Estimate::new([0.0; 3]).with_first_hit(Edge::hit()).with_emission(Self::emission(draws)))
-    }
-}
-
-/// With one sample per pixel, a pixel beside a lamp may hide its edge: some of its neighbour's light stays in it.
-#[test]
-fn edges_that_no_sample_met_keep_some_light() {
-    let filter = ClusterRegression::new();
-    let (frame, limits) = (Frame::new(SIDE, SIDE).unwrap(), Limits::spp(1.0));
-    let film =
-        Render::new(frame, &limits).needs(filter.needs()).run(&mut Strip, &mut Uniform::new(Sobol::new(4))).unwrap();
-    let image = filter.apply(&film).unwrap().radiance;
-    let column: Vec<usize> = (0..SIDE * SIDE).filter(|i| i % SIDE == Strip::COLUMN).map(|i| i as usize).collect();
-    let missed: Vec<usize> = column.into_iter().filter(|&i| film.emission_alone(0, i).is_none()).collect();
-    let mean = missed.iter().map(|&i| image[i][0]).sum::<f32>() / missed.len() as f32;
-    let wanted = 0.1 * LAMP + WALL;
-    assert!(missed.len() > 20, "{} pixels without a known edge", missed.len());
-    assert!((0.6..1.6).contains(&(mean / wanted)), "{mean} in the mean, not {wanted}");
-}
-
 /// A small lamp in each pixel, at a place of its own, that covers 4 % of it.
 struct Dots;
 
