@@ -2,6 +2,7 @@
 
 #![allow(clippy::print_stderr, reason = "tests say when they skip, and what they measure")]
 
+#[path = "cli/common.rs"]
 mod common;
 
 use common::{Folder, Said};

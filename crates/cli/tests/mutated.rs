@@ -3,6 +3,7 @@
 #![cfg(target_os = "linux")]
 #![allow(clippy::print_stderr, reason = "how many scenes are rendered, in what time and memory, is a result")]
 
+#[path = "cli/common.rs"]
 mod common;
 
 use common::Folder;

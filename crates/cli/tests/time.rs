@@ -1,5 +1,6 @@
 //! Time limits of `dapple render`: met, or missed with a warning.
 
+#[path = "cli/common.rs"]
 mod common;
 
 use common::Folder;

@@ -2,9 +2,7 @@
 
 #![allow(clippy::print_stderr, reason = "tests say when they skip")]
 
-mod common;
-
-use common::{Folder, TINY};
+use crate::common::{Folder, TINY};
 use dapple_job::registry::SAMPLERS;
 use dapple_scene::bundled;
 use std::time::{Duration, Instant};

@@ -2,9 +2,7 @@
 
 #![expect(clippy::print_stderr, reason = "tests report what they skip")]
 
-mod common;
-
-use common::{Folder, Said};
+use crate::common::{Folder, Said};
 use std::process::Command;
 
 /// A launcher's variables, without a launcher: a program that cannot talk to the other processes must not render.
@@ -32,7 +30,7 @@ fn a_program_without_mpi_refuses_to_be_one_of_several() {
 /// `mpirun -n N dapple WORDS`; `None` where the program has no MPI, or mpirun is not installed.
 fn mpirun(folder: &Folder, processes: u32, words: &str) -> Option<Said> {
     if !cfg!(feature = "mpi") {
-        eprintln!("skipped: cargo test -p dapple-cli --features mpi --test together, where MPI is installed");
+        eprintln!("skipped: cargo test -p dapple-cli --features mpi --test cli together, where MPI is installed");
         return None;
     }
     let mut command = Command::new("mpirun");

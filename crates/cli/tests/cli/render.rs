@@ -1,8 +1,6 @@
 //! The output of `dapple render` and `dapple compare`.
 
-mod common;
-
-use common::{Folder, Said, names};
+use crate::common::{Folder, Said, names};
 use dapple_scene::image::{Plane, read_attributes, read_channels};
 
 const KEYS: [&str; 18] = [
@@ -186,7 +184,7 @@ fn an_exr_file_tells_how_it_was_made() {
         assert_eq!(value(key), expected, "{key}");
     }
     assert!(value("budgets").split(',').all(|b| b == "4608") && value("seconds").contains("\"trace\":"));
-    assert_eq!(common::names(&folder.path("maps")), ["albedo.png", "depth.png", "normals.png", "samples.png"]);
+    assert_eq!(crate::common::names(&folder.path("maps")), ["albedo.png", "depth.png", "normals.png", "samples.png"]);
 
     folder.done("render tiny.pbrt --filter none --error 0.01 -o b.exr --maps maps");
     assert!(read(&folder, "b.exr").1.iter().any(|c| c.0 == "error.Y"));

@@ -1,8 +1,6 @@
 //! Options by other renderers' names, sizes in percent, layers, and what the program prints about itself.
 
-mod common;
-
-use common::Folder;
+use crate::common::Folder;
 use dapple_scene::image::{Plane, read_channels};
 
 #[test]
@@ -178,7 +176,7 @@ fn completions_and_man_pages_follow_the_arguments() {
     assert!(page.contains(".TH dapple-render 1") && page.contains("\\-\\-preview"), "{page}");
     assert!(folder.done("man").contains(".TH dapple 1"));
     folder.done("man -o man1");
-    let pages = common::names(&folder.path("man1"));
+    let pages = crate::common::names(&folder.path("man1"));
     assert!(pages.contains(&"dapple.1".to_owned()) && pages.contains(&"dapple-study.1".to_owned()), "{pages:?}");
     assert!(!pages.iter().any(|name| name.contains("study-run")), "{pages:?}");
     assert!(folder.run("man rendr").err.contains("there is no command \"rendr\"; choose among render, "));

@@ -1,8 +1,6 @@
 //! `dapple study` as its user meets it.
 
-mod common;
-
-use common::{Folder, Said};
+use crate::common::{Folder, Said};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -260,7 +258,7 @@ fn a_study_that_does_not_fit_into_memory_is_refused() {
     // The film takes 128 GiB. The limit makes the test fail, not the machine, should the check be missing.
     let script = format!("ulimit -v 16000000; exec {program} study tiny.pbrt --resolution 65535x65535 --spp 1 -q");
     let output = std::process::Command::new("sh").args(["-c", &script]).current_dir(folder.path("")).output();
-    let said = common::Said::of(output.expect("a shell"));
+    let said = crate::common::Said::of(output.expect("a shell"));
     assert_eq!(said.status, Some(1), "{}", said.err);
     assert!(
         said.err.contains("error: a run takes at least ") && said.err.contains("lower --resolution"),

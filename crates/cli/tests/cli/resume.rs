@@ -1,8 +1,6 @@
-//! Renders that are killed, stopped and resumed, and images made in shards, as their user meets them (X01, X04 to X08). The long test: `cargo test --release -p dapple-cli --test resume -- --ignored` (2 minutes).
+//! Renders that are killed, stopped and resumed, and images made in shards, as their user meets them (X01, X04 to X08). The long test: `cargo test --release -p dapple-cli --test cli -- --ignored resume` (2 minutes).
 
-mod common;
-
-use common::{Folder, Said};
+use crate::common::{Folder, Said};
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
@@ -143,7 +141,7 @@ fn another_render_is_refused_x04() {
     std::fs::write(folder.path("tiny.pbrt"), scene).unwrap();
     let said = folder.run(&format!("{words} --resume c"));
     assert!(said.status == Some(1) && said.err.contains("c: scene files: "), "{}", said.err);
-    std::fs::write(folder.path("tiny.pbrt"), common::TINY).unwrap();
+    std::fs::write(folder.path("tiny.pbrt"), crate::common::TINY).unwrap();
     // What is no checkpoint, is none yet, or would be lost.
     for (word, expected) in [
         ("--resume tiny.pbrt", "tiny.pbrt: it is not a file of Dapple's"),

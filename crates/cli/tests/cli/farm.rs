@@ -1,8 +1,6 @@
 //! Jobs that `dapple farm` writes: their form, and what their commands make.
 
-mod common;
-
-use common::Folder;
+use crate::common::Folder;
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};

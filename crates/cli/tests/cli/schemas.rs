@@ -1,8 +1,6 @@
 //! The JSON schemas that `dapple schemas` prints, against the JSON that the program prints and writes.
 
-mod common;
-
-use common::Folder;
+use crate::common::Folder;
 use serde_json::{Value, from_str};
 
 /// The faults of a value by a schema: the keywords that our schemas use, and no others.

@@ -1,8 +1,6 @@
 //! `dapple denoise` on files in the naming styles of several renderers.
 
-mod common;
-
-use common::Folder;
+use crate::common::Folder;
 use dapple_scene::image::{Encoding, Layer, encode_exr, read_channels, read_image};
 
 const SIZE: [u32; 2] = [40, 24];

@@ -1,8 +1,6 @@
 //! `dapple effects`, and `dapple render --without`.
 
-mod common;
-
-use common::{Folder, TINY};
+use crate::common::{Folder, TINY};
 use serde_json::Value;
 
 fn parse(line: &str) -> Value {

@@ -1,8 +1,6 @@
 //! Models by themselves, wherever a scene is taken.
 
-mod common;
-
-use common::Folder;
+use crate::common::Folder;
 
 const BOX: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n\
     f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";

@@ -2,9 +2,7 @@
 
 #![allow(clippy::print_stderr, reason = "tests say when they skip")]
 
-mod common;
-
-use common::Folder;
+use crate::common::Folder;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 

@@ -1,8 +1,6 @@
 //! Renders in stages, as their user meets them.
 
-mod common;
-
-use common::Folder;
+use crate::common::Folder;
 
 /// Renders in stages of `of` parts; returns the number of stages.
 fn staged(folder: &Folder, words: &str, of: u32) -> u32 {

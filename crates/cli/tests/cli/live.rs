@@ -1,8 +1,6 @@
 //! The live image and the progress of `dapple render`: `--preview`, `--view` and plain lines.
 
-mod common;
-
-use common::Folder;
+use crate::common::Folder;
 use std::io::Read;
 use std::net::{TcpListener, TcpStream};
 use std::thread::JoinHandle;
@@ -267,7 +265,8 @@ fn textures_meshes_and_specs_are_never_written_over() {
     let more = ["png", "pfm", "exr"].map(|kind| {
         format!("Texture \"{kind}\" \"spectrum\" \"imagemap\" \"string filename\" \"texture.{kind}\"\nMaterial \"diffuse\" \"texture reflectance\" \"{kind}\"\nShape \"sphere\"\n")
     });
-    let scene = common::TINY.to_owned() + &more.concat() + "Shape \"plymesh\" \"string filename\" \"mesh.png\"\n";
+    let scene =
+        crate::common::TINY.to_owned() + &more.concat() + "Shape \"plymesh\" \"string filename\" \"mesh.png\"\n";
     std::fs::write(folder.path("all.pbrt"), scene).expect("written");
     std::fs::write(folder.path("spec.png"), r#"{"version":1,"scene":"all.pbrt"}"#).expect("written");
     std::fs::create_dir(folder.path("maps")).expect("a folder");
@@ -314,7 +313,7 @@ fn endless_inputs_and_limited_outputs_are_errors() {
     let program = assert_cmd::cargo::cargo_bin!("dapple").display().to_string();
     let script = format!("ulimit -f 4; exec {program} render tiny.pbrt --spp 1 --resolution 200x200 -o a.pfm -o a.png");
     let output = std::process::Command::new("sh").args(["-c", &script]).current_dir(folder.path("")).output();
-    let said = common::Said::of(output.expect("a shell"));
+    let said = crate::common::Said::of(output.expect("a shell"));
     assert_eq!(said.status, Some(1), "{}", said.err);
     assert!(said.err.contains("a.pfm: cannot write the file: ") && said.err.contains("(ulimit -f)"), "{}", said.err);
 }
