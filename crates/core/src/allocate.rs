@@ -9,8 +9,6 @@
 //! gain, the rest step by step in that order. Ties go to the smaller count and then by a hash of the pixel's index, so
 //! that no part of the image is preferred.
 //!
-//! Pixels may be divided among processes ([`OwnRows`]). They combine whole numbers only, and so find the same threshold and
-//! the same last step as one process.
 
 mod ladder;
 mod order;
@@ -19,9 +17,7 @@ mod share;
 pub use ladder::Ladder;
 pub use share::share;
 
-use crate::own_rows::unreadable;
-use crate::snapshot::bytes::{Reader, Writer};
-use crate::{Error, OwnRows};
+use crate::Error;
 use order::{Waiting, hand_out, steps_above};
 use rayon::prelude::*;
 
@@ -85,12 +81,12 @@ impl Steps for EveryCount {
 /// If `scores` and `floors` differ in length, or have more than 2^32 - 1 elements.
 pub fn allocate(scores: &[f64], floors: &[u32], ceiling: u32, total: u64) -> Result<Allocation, Error> {
     let demand = Demand::new(scores, floors, ceiling, total);
-    share_out(&demand, ceiling, &EveryCount, &mut OwnRows::list(scores.len()))
+    share_out(&demand, ceiling, &EveryCount)
 }
 
-/// A budget, and the pixels of a [`OwnRows`] that want it.
+/// A budget, and the pixels that want it.
 #[derive(Clone, Copy, Debug)]
-pub struct Demand<'a> {
+struct Demand<'a> {
     scores: &'a [f64],
     floors: &'a [u32],
     ceiling: u32,
@@ -98,13 +94,7 @@ pub struct Demand<'a> {
 }
 
 impl<'a> Demand<'a> {
-    /// A budget of `total` samples for the pixels of all processes. `scores` and `floors` are those of the own pixels, at
-    /// whose counts `ceiling` is the upper bound.
-    ///
-    /// # Panics
-    ///
-    /// If `scores` and `floors` differ in length, or have more than 2^32 - 1 elements.
-    pub fn new(scores: &'a [f64], floors: &'a [u32], ceiling: u32, total: u64) -> Self {
+    fn new(scores: &'a [f64], floors: &'a [u32], ceiling: u32, total: u64) -> Self {
         assert_eq!(scores.len(), floors.len(), "one floor per score");
         assert!(u32::try_from(scores.len()).is_ok(), "pixels are numbered with 32 bits");
         Self { scores, floors, ceiling, total }
@@ -116,29 +106,25 @@ impl<'a> Demand<'a> {
     }
 }
 
-/// Allocates everyone's budget; returns the counts of the own pixels. `rung` is the ceiling unless scores are equal or
-/// the budget does not fit below it.
-fn share_out(demand: &Demand<'_>, rung: u32, steps: &impl Steps, part: &mut OwnRows<'_>) -> Result<Allocation, Error> {
+/// Allocates the budget. `rung` is the ceiling unless scores are equal or the budget does not fit below it.
+fn share_out(demand: &Demand<'_>, rung: u32, steps: &impl Steps) -> Result<Allocation, Error> {
     let Demand { scores, floors, ceiling, total } = *demand;
     let (range, replaced) = Range::of(scores);
-    let sums = [demand.at(0), demand.at(ceiling), demand.at(rung), replaced as u64];
-    let [needed, most, room, replaced] = part.sums(sums)?;
-    let replaced = replaced as usize;
+    let [needed, most, room] = [0, ceiling, rung].map(|n| demand.at(n));
     if needed > total {
-        return Err(Error::BudgetTooSmall { budget: total, needed, pixels: part.all() });
+        return Err(Error::BudgetTooSmall { budget: total, needed, pixels: scores.len() });
     }
     if most <= total {
         let counts = floors.iter().map(|&n| n.max(ceiling)).collect();
         return Ok(Allocation { counts, unspent: total - most, replaced });
     }
-    let range = range.of_all(part)?;
     if range.is_point() {
-        return Ok(Allocation { counts: level(floors, ceiling, total, part)?, unspent: 0, replaced });
+        return Ok(Allocation { counts: level(floors, ceiling, total), unspent: 0, replaced });
     }
     let scores = range.clean(scores);
     let ceiling = if room >= total { rung } else { ceiling };
     let demand = Demand { scores: &scores, ceiling, ..*demand };
-    Ok(Allocation { counts: share_out_clean(&demand, needed, steps, part)?, unspent: 0, replaced })
+    Ok(Allocation { counts: share_out_clean(&demand, needed, steps), unspent: 0, replaced })
 }
 
 /// The least number of pixels that one thread's task handles.
@@ -146,25 +132,21 @@ const SERIAL: usize = 4096;
 
 /// Returns the counts that minimise the total error and sum to `total`. Requires scores above 0, not all equal, and a
 /// total within floors, which sum to `needed`, and ceiling.
-fn share_out_clean(
-    demand: &Demand<'_>,
-    needed: u64,
-    steps: &impl Steps,
-    part: &mut OwnRows<'_>,
-) -> Result<Vec<u32>, Error> {
+fn share_out_clean(demand: &Demand<'_>, needed: u64, steps: &impl Steps) -> Vec<u32> {
     let Demand { scores, floors, ceiling, total } = *demand;
     let reach = |g: f64, floor: u32, threshold: f64| steps.reach(threshold / g).min(ceiling).max(floor);
     let spend = |threshold: f64| -> u64 {
         let each = scores.par_iter().zip(floors).with_min_len(SERIAL);
         each.map(|(&g, &floor)| u64::from(reach(g, floor, threshold))).sum()
     };
-    let start = threshold_of_some(demand, reach, steps, part)?;
-    let close = (part.all() / 64).max(256) as u64;
-    let bracket = match part.is_alone() && scores.len() >= 2 * SERIAL {
+    let start = threshold_of_some(demand, reach, steps);
+    let close = (scores.len() / 64).max(256) as u64;
+    let bracket = if scores.len() >= 2 * SERIAL {
         // The search sums over all pixels several times. Called from outside the pool, each sum would wait for a thread
         // to wake up, which took longer than the sum.
-        true => rayon::scope(|_| find_threshold(start, total, close, |threshold| Ok(spend(threshold))))?,
-        false => find_threshold(start, total, close, |threshold| Ok(part.sums([spend(threshold)])?[0]))?,
+        rayon::scope(|_| find_threshold(start, total, close, spend))
+    } else {
+        find_threshold(start, total, close, spend)
     };
     let (mut counts, spent): (Vec<u32>, u64) = match bracket.within {
         Some((t, spent)) => (scores.iter().zip(floors).map(|(&g, &floor)| reach(g, floor, t)).collect(), spent),
@@ -175,9 +157,9 @@ fn share_out_clean(
     let mut threshold = if bracket.beyond > 0.0 { bracket.beyond } else { within * (1.0 - LOWER) };
     let mut lower = LOWER;
     while left > 0 {
-        let waiting = steps_above(threshold, &counts, demand, steps, part);
+        let waiting = steps_above(threshold, &counts, demand, steps);
         let end = |count| steps.next(count).min(ceiling);
-        left = hand_out(waiting, &mut counts, left, end, part)?;
+        left = hand_out(waiting, &mut counts, left, end);
         if threshold == 0.0 {
             break;
         }
@@ -185,7 +167,7 @@ fn share_out_clean(
         lower *= 2.0;
         threshold = if threshold > LEAST { threshold * (1.0 - lower).max(1e-9) } else { 0.0 };
     }
-    Ok(counts)
+    counts
 }
 
 /// The share by which the threshold is first lowered, if samples are left over.
@@ -196,24 +178,24 @@ const LEAST: f64 = 1e-120;
 
 /// Returns counts that sum to `total` and are as equal as floors and ceiling allow. A hash of the pixel's index picks
 /// the pixels that get one of the remaining samples. Requires a `total` that fits under the ceiling.
-fn level(floors: &[u32], ceiling: u32, total: u64, part: &mut OwnRows<'_>) -> Result<Vec<u32>, Error> {
+fn level(floors: &[u32], ceiling: u32, total: u64) -> Vec<u32> {
     let at = |level: u32, floor: u32| level.min(ceiling).max(floor);
     let spend = |level: u32| floors.iter().map(|&floor| u64::from(at(level, floor))).sum::<u64>();
     // The highest level that fits. Level 0 does, since the floors do.
     let (mut low, mut high) = (0, ceiling);
     while low < high {
         let middle = low + (high - low).div_ceil(2);
-        if part.sums([spend(middle)])?[0] <= total { low = middle } else { high = middle - 1 }
+        if spend(middle) <= total { low = middle } else { high = middle - 1 }
     }
     let mut counts: Vec<u32> = floors.iter().map(|&floor| at(low, floor)).collect();
-    let left = total - part.sums([spend(low)])?[0];
+    let left = total - spend(low);
     if left > 0 {
         // Fewer samples are left than pixels are open, or the next level would have fitted.
         let open = counts.iter().enumerate().filter(|(_, n)| **n == low);
-        let open = open.map(|(k, &count)| Waiting { gain: 1.0, count, pixel: part.pixel(k) as u32 }).collect();
-        hand_out(open, &mut counts, left, |count| count + 1, part)?;
+        let open = open.map(|(k, &count)| Waiting { gain: 1.0, count, pixel: k as u32 }).collect();
+        hand_out(open, &mut counts, left, |count| count + 1);
     }
-    Ok(counts)
+    counts
 }
 
 /// The range of scores, of which NaN and negative ones count as 0.
@@ -228,7 +210,7 @@ struct Range {
 }
 
 impl Range {
-    /// The range of the own scores, and the number of scores to be replaced.
+    /// The range of the scores, and the number of scores to be replaced.
     fn of(scores: &[f64]) -> (Self, usize) {
         let mut range = Self { least: f64::INFINITY, most: 0.0, top: 0.0 };
         let mut replaced = 0;
@@ -244,16 +226,8 @@ impl Range {
                 range.most = range.most.max(g);
             }
         }
+        range.most = if range.most > 0.0 { range.most } else { 1.0 };
         (range, replaced)
-    }
-
-    /// The range of everyone's scores.
-    fn of_all(self, part: &mut OwnRows<'_>) -> Result<Self, Error> {
-        // The bits of floats that are not negative have the floats' order.
-        let bits = |g: f64| g.abs().to_bits();
-        let [most, top, least] = part.largest([bits(self.most), bits(self.top), !bits(self.least)])?;
-        let [most, top, least] = [most, top, !least].map(f64::from_bits);
-        Ok(Self { least, most: if most > 0.0 { most } else { 1.0 }, top })
     }
 
     /// True if all scores are equal.
@@ -284,38 +258,19 @@ struct Bracket {
     beyond: f64,
 }
 
-/// Estimates, from some of everyone's pixels, the gain (error decrease) per sample at which the budget runs out. The
-/// search over all pixels starts there, which saves most of its dozen steps.
-fn threshold_of_some(
-    demand: &Demand<'_>,
-    reach: impl Fn(f64, u32, f64) -> u32,
-    steps: &impl Steps,
-    part: &mut OwnRows<'_>,
-) -> Result<f64, Error> {
+/// Estimates, from some of the pixels, the gain (error decrease) per sample at which the budget runs out. The search over
+/// all pixels starts there, which saves most of its dozen steps.
+fn threshold_of_some(demand: &Demand<'_>, reach: impl Fn(f64, u32, f64) -> u32, steps: &impl Steps) -> f64 {
     let Demand { scores, floors, total, .. } = *demand;
-    let stride = (part.all() / SOME).max(1);
-    let mut to = Writer::with_capacity(32 * SOME);
-    for (k, pixel) in part.pixels().enumerate().filter(|(_, pixel)| pixel.is_multiple_of(stride)) {
-        to.number([pixel as u32, floors[k]]);
-        to.number(scores[k]);
-    }
-    let mut some = Vec::with_capacity(2 * SOME);
-    for (rank, bytes) in part.gather(to.finish())?.iter().enumerate() {
-        let mut from = Reader::new(bytes);
-        while !from.is_empty() {
-            let take = |from: &mut Reader<'_>| Ok((from.number()?, from.number()?));
-            some.push(take(&mut from).map_err(|e| unreadable(rank, &e))?);
-        }
-    }
-    some.sort_unstable_by_key(|([pixel, _], _): &([u32; 2], f64)| *pixel);
-    let share = some.len() as f64 / part.all() as f64;
-    let spend = |threshold: f64| some.iter().map(|&([_, floor], g)| u64::from(reach(g, floor, threshold))).sum();
-    let mean = u32::try_from(total / part.all() as u64).unwrap_or(u32::MAX - 1).max(1);
-    let score = some.iter().map(|(_, g)| g).sum::<f64>() / some.len() as f64;
+    let pixels = scores.len();
+    let some: Vec<(f64, u32)> = (0..pixels).step_by((pixels / SOME).max(1)).map(|k| (scores[k], floors[k])).collect();
+    let share = some.len() as f64 / pixels as f64;
+    let spend = |threshold: f64| some.iter().map(|&(g, floor)| u64::from(reach(g, floor, threshold))).sum();
+    let mean = u32::try_from(total / pixels as u64).unwrap_or(u32::MAX - 1).max(1);
+    let score = some.iter().map(|(g, _)| g).sum::<f64>() / some.len() as f64;
     let start = steps.gain(mean, steps.next(mean)) * score;
-    let of_some = (total as f64 * share) as u64;
-    let bracket = find_threshold(start, of_some, SOME as u64 / 64, |threshold| Ok(spend(threshold)))?;
-    Ok(bracket.within.map_or(start, |(threshold, _)| threshold))
+    let bracket = find_threshold(start, (total as f64 * share) as u64, SOME as u64 / 64, spend);
+    bracket.within.map_or(start, |(threshold, _)| threshold)
 }
 
 /// The approximate number of pixels from which [`threshold_of_some`] estimates.
@@ -325,12 +280,7 @@ const SOME: usize = 2048;
 ///
 /// The search starts at `start`. It stops when at most `close` samples are left over, or only steps of nearly equal
 /// gain remain. `spend` returns the number of samples spent at a threshold, and falls as the threshold rises.
-fn find_threshold(
-    start: f64,
-    total: u64,
-    close: u64,
-    mut spend: impl FnMut(f64) -> Result<u64, Error>,
-) -> Result<Bracket, Error> {
+fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64) -> Bracket {
     let (least, most) = (LEAST.ln(), 2.0_f64.ln());
     let excess = |spent: u64| (spent.max(1) as f64).ln() - (total as f64).ln();
     let mut bracket = Bracket { within: None, beyond: 0.0 };
@@ -338,7 +288,7 @@ fn find_threshold(
     let mut guess = start.ln().clamp(least, most);
     // The bracket is halved at least every other step, so the search ends earlier.
     for step in 0..120 {
-        let spent = spend(guess.exp())?;
+        let spent = spend(guess.exp());
         if spent > total {
             (low, bracket.beyond) = ((guess, excess(spent)), guess.exp());
         } else {
@@ -360,23 +310,7 @@ fn find_threshold(
             _ => low.0 + (high.0 - low.0) * (low.1 / (low.1 - high.1)).clamp(0.02, 0.98),
         };
     }
-    Ok(bracket)
-}
-
-/// Converts `n` to 32 bits. Larger numbers become `u32::MAX`.
-#[doc(hidden)]
-#[inline]
-pub fn saturating_u32(n: u64) -> u32 {
-    u32::try_from(n).unwrap_or(u32::MAX)
-}
-
-/// A bijective 64-bit mix (the finaliser of SplitMix64, [Steele, Lea and Flood 2014]).
-#[doc(hidden)]
-#[inline]
-pub fn mix(x: u64) -> u64 {
-    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
+    bracket
 }
 
 #[cfg(test)]

@@ -117,28 +117,6 @@ pub enum Error {
         /// The settings that differ, in words.
         what: String,
     },
-    /// A render that cannot be split into shards (parts for separate machines).
-    NoShards {
-        /// The name of the sampler or limit that rules shards out.
-        who: String,
-        /// The reason, and what to do.
-        why: &'static str,
-    },
-    /// Shards (parts from separate machines) that do not make an image together.
-    BadShards {
-        /// A phrase that names the shards that are missing, duplicate, or of another image.
-        what: String,
-    },
-    /// A process of a render by several that is gone, or from which nothing can be read.
-    Gone {
-        /// The reason, as the end of a sentence.
-        what: String,
-    },
-    /// Processes that cannot render one image together.
-    Exchange {
-        /// The reports of the processes, one line for each.
-        what: String,
-    },
     /// A sample that is NaN, infinite or negative, under [`InvalidSample::Fail`](crate::InvalidSample).
     InvalidSample {
         /// The invalid sample; the same point set replays it.
@@ -231,13 +209,6 @@ impl fmt::Display for Error {
                 "the snapshot is of another render: {what}; resume with the settings that it was made with, or start \
                  a new render"
             ),
-            Self::NoShards { who, why } => write!(f, "{who} cannot be split into shards: {why}"),
-            Self::BadShards { what } => write!(f, "these shards do not make an image: {what}"),
-            Self::Gone { what } => write!(
-                f,
-                "a process of this render is gone: {what}; start all again, with the checkpoint of the last barrier if there is one"
-            ),
-            Self::Exchange { what } => write!(f, "the processes do not render one image together: {what}"),
             Self::InvalidSample { sample, value, points } => write!(
                 f,
                 "sample {} of stream {} in pixel ({}, {}) is {value:?}, with point set \"{points}\"; replay it, or \

@@ -1,36 +1,26 @@
 //! Films: planes of per-pixel statistics, and the record of a render.
 
-mod bank;
+mod add;
 mod error;
-mod gather;
-mod half;
-mod held;
-mod pick;
+mod parts;
 mod pixels;
-mod push;
+mod planes;
 mod record;
 mod refined;
-mod samples;
 mod splats;
-mod sums;
-mod window;
 
-pub use bank::luminance;
-pub(crate) use bank::{Bank, BankRows, first_hits_of, record_first_hit};
-pub(crate) use gather::both;
-pub(crate) use held::HeldRows;
-pub(crate) use pick::Picked;
+pub use add::luminance;
+pub(crate) use add::{record_first_hit, reserve};
 pub use pixels::PixelStatistics;
+pub(crate) use planes::{Bank, BankRows, Beside, BesideRows, Layout, Value};
 pub(crate) use record::{REJECTED_LISTED, keep_first, reason_to_reject};
 pub use record::{Record, Rejected, RejectedReason, RoundRecord};
 pub(crate) use refined::EmissionAlone;
-pub(crate) use samples::{SamplePlane, SampleRows, reserve_samples};
 pub(crate) use splats::Splats;
-pub use sums::{SampleSums, ThirdMoments};
-pub(crate) use sums::{SumPlane, SumRows};
 
-use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, Sums, SurfaceFeatures};
-use bank::{Range, join};
+use crate::recorder::{Recorder, Recorders};
+use crate::{Combine, Error, FirstHit, Frame, Needs, Retention, RgbMoments, SampleId, SurfaceFeatures, streams};
+use std::sync::Arc;
 
 /// Running means and sums of squared deviations of a pixel's features: shading normal, albedo, position, depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -114,8 +104,6 @@ impl From<&FeatureMoments> for Features {
 
 /// Per-pixel statistics of a render, row by row over its window, and its [`Record`].
 ///
-/// A process of several may hold its rows only ([`Film::is_whole`]). Reading another pixel panics, as one outside the window does.
-///
 /// Samplers and filters read films. A renderer with a loop of its own fills one by [`Film::push_estimate`]. Tests can push
 /// radiance alone:
 ///
@@ -144,11 +132,10 @@ pub struct Film {
     /// Statistics of discarded samples (those not in the image): one bank, or one per half. Empty until samples are
     /// discarded.
     pub(crate) discarded: Vec<Bank>,
-    pub(crate) features: Vec<FeatureMoments>,
-    /// The features of each half's samples: two per pixel, or none.
-    pub(crate) half_features: Vec<FeatureMoments>,
-    pub(crate) first_hits: Vec<Option<FirstHit>>,
-    pub(crate) costs: Vec<u64>,
+    /// `true` if the discarded samples were in the image before, and were withdrawn from it.
+    pub(crate) withdrawn: bool,
+    pub(crate) beside: Beside,
+    pub(crate) recorders: Recorders,
     pub(crate) splats: Splats,
     pub(crate) rejected: Vec<Rejected>,
     pub(crate) record: Record,
@@ -156,36 +143,23 @@ pub struct Film {
     pub(crate) unreported: u64,
     /// The half of another film that this film holds alone.
     pub(crate) half_of: Option<usize>,
-    pub(crate) held: HeldRows,
 }
 
 impl Film {
     /// An empty film of `frame` that records the statistics `needs`.
     pub fn new(frame: Frame, needs: Needs) -> Self {
-        Self::of_held(frame, needs, HeldRows::default())
+        Self::with_recorders(frame, needs, [])
     }
 
-    /// An empty film that holds some rows of the window.
-    pub(crate) fn of_held(frame: Frame, needs: Needs, held: HeldRows) -> Self {
-        let pixels = held.pixels(&frame);
-        let halves = if needs.halves { 2 } else { 1 };
-        let mut film = Self {
-            kept: (0..halves).map(|_| Bank::new(pixels, &needs)).collect(),
-            splats: if needs.splats { Splats::new(pixels, halves) } else { Splats::default() },
-            held,
-            ..Self::without_planes(frame, needs)
-        };
-        film.clear_beside(pixels);
+    /// An empty film of `frame` that records the statistics `needs`, and those of the recorders.
+    pub fn with_recorders(frame: Frame, needs: Needs, recorders: impl IntoIterator<Item = Arc<dyn Recorder>>) -> Self {
+        let mut film = Self::without_planes(frame, needs);
+        film.recorders = Recorders::new(recorders);
+        let (pixels, halves, layout) = (frame.pixels(), if needs.halves { 2 } else { 1 }, film.layout());
+        film.kept = (0..halves).map(|_| Bank::new(pixels, &layout)).collect();
+        film.beside = Beside::new(pixels, &layout);
+        film.splats = if needs.splats { Splats::new(frame, halves) } else { Splats::default() };
         film
-    }
-
-    /// Gives the planes beside the banks `pixels` pixels without samples.
-    pub(crate) fn clear_beside(&mut self, pixels: usize) {
-        let needs = self.needs;
-        self.features = vec![FeatureMoments::default(); if needs.features { pixels } else { 0 }];
-        self.half_features = vec![FeatureMoments::default(); pixels * needs.feature_planes()];
-        self.first_hits = vec![None; pixels * usize::from(needs.first_hits)];
-        self.costs = vec![0; if needs.cost { pixels } else { 0 }];
     }
 
     /// A film without a pixel in any plane, for code that fills the planes.
@@ -196,39 +170,36 @@ impl Film {
             combine: Combine::ByCount,
             kept: Vec::new(),
             discarded: Vec::new(),
-            features: Vec::new(),
-            half_features: Vec::new(),
-            first_hits: Vec::new(),
-            costs: Vec::new(),
+            withdrawn: false,
+            beside: Beside::default(),
+            recorders: Recorders::default(),
             splats: Splats::default(),
             rejected: Vec::new(),
             record: Record::default(),
             unreported: 0,
             half_of: None,
-            held: HeldRows::default(),
         }
     }
 
-    /// The bytes per pixel of a film that records `needs`, before any sample is discarded. Each sample stored one by one takes
-    /// 12 bytes more, and 28 with its trajectory.
+    pub(crate) fn layout(&self) -> Layout {
+        Layout { needs: self.needs, recorders: self.recorders.names().len() }
+    }
+
+    /// The bytes per pixel of a film that records `needs`, before any sample is discarded and without the words of recorders.
     pub fn bytes_per_pixel(needs: &Needs) -> usize {
-        Self::bank_bytes_per_pixel(needs)
-            + if needs.features { size_of::<FeatureMoments>() } else { 0 }
-            + needs.feature_planes() * size_of::<FeatureMoments>()
-            + usize::from(needs.first_hits) * size_of::<Option<FirstHit>>()
-            + if needs.cost { 8 } else { 0 }
-            + if needs.splats { size_of::<[i128; 3]>() * if needs.halves { 2 } else { 1 } } else { 0 }
+        let halves = if needs.halves { 2 } else { 1 };
+        let splats = if needs.splats { halves * size_of::<[i128; 3]>() } else { 0 };
+        Self::bank_bytes_per_pixel(needs) + Beside::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 }) + splats
     }
 
     /// The bytes per pixel for the statistics of all kept samples, or of all discarded samples.
     pub(crate) fn bank_bytes_per_pixel(needs: &Needs) -> usize {
-        let bank = 8 + 24 + if needs.variance { 24 } else { 0 } + if needs.extrema { 32 } else { 0 };
-        let bank = bank + if needs.emission { 12 } else { 0 };
-        let bank = bank + needs.values() * if needs.variance { 8 } else { 4 };
-        let bank = bank + needs.sums.values() * size_of::<[f64; 3]>();
-        let rows = usize::from(needs.samples > 0) + usize::from(needs.samples > 0 && needs.trajectories);
-        let bank = bank + rows * size_of::<Vec<[f32; 3]>>();
-        bank * if needs.halves { 2 } else { 1 }
+        Bank::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 }) * if needs.halves { 2 } else { 1 }
+    }
+
+    /// The words that the recorder of this name has recorded; `None` if the film has no such recorder.
+    pub fn recorded(&self, name: &str) -> Option<Recorded<'_>> {
+        Some(Recorded { film: self, number: self.recorders.position(name)? })
     }
 
     /// The image's resolution and its rendered window.
@@ -258,17 +229,15 @@ impl Film {
 
     /// The number of kept samples of pixel `i`, both halves together.
     pub fn count(&self, i: usize) -> u64 {
-        let i = self.held.at(i);
         self.kept.iter().map(|b| b.counts[i]).sum()
     }
 
     /// The mean radiance of pixel `i`'s kept samples, linear RGB. Halves are combined by [`Film::combine`]; without
     /// samples it is black.
     pub fn mean(&self, i: usize) -> [f64; 3] {
-        let i = self.held.at(i);
         let [a, b] = match &self.kept[..] {
             [a, b] => [a, b],
-            banks => return plus(banks[0].means[i], self.splats.mean(&self.frame, 0, i)),
+            banks => return plus(banks[0].means[i], self.splats.mean(0, i)),
         };
         let w = self.first_half_weight(i);
         let own = std::array::from_fn(|c| w * a.means[i][c] + (1.0 - w) * b.means[i][c]);
@@ -277,7 +246,7 @@ impl Film {
 
     /// The mean radiance that splats add at place `i`, if the first half has weight `w`.
     fn splatted(&self, w: f64, i: usize) -> [f64; 3] {
-        let [a, b] = [0, 1].map(|half| self.splats.mean(&self.frame, half, i));
+        let [a, b] = [0, 1].map(|half| self.splats.mean(half, i));
         std::array::from_fn(|c| w * a[c] + (1.0 - w) * b[c])
     }
 
@@ -296,38 +265,33 @@ impl Film {
     /// Count, mean and sum of squared deviations of all kept samples of pixel `i`, both halves together. Without
     /// [`Needs::variance`] the deviations are NaN. The mean is without splats.
     pub fn moments(&self, i: usize) -> RgbMoments {
-        merged(&self.kept, self.held.at(i))
+        merged(&self.kept, i)
     }
 
     /// Count, mean and sum of squared deviations of pixel `i`'s kept samples in half 0 or 1; `None` in a film without
     /// halves.
     pub fn half(&self, half: usize, i: usize) -> Option<RgbMoments> {
         (self.kept.len() == 2).then(|| {
-            let i = self.held.at(i);
             let moments = self.kept[half & 1].moments(i);
-            RgbMoments { mean: plus(moments.mean, self.splats.mean(&self.frame, half & 1, i)), ..moments }
+            RgbMoments { mean: plus(moments.mean, self.splats.mean(half & 1, i)), ..moments }
         })
     }
 
     /// The means of the values beside the radiance over pixel `i`'s kept samples: of half 0 or 1, or of all samples in a
     /// film without halves. As many as [`Needs::channels`].
     pub fn channels(&self, half: usize, i: usize) -> &[f32] {
-        let (i, each) = (self.held.at(i), self.needs.values());
-        &self.kept[half % self.kept.len()].channels[i * each..][..usize::from(self.needs.channels)]
+        let each = usize::from(self.needs.channels);
+        &self.kept[half % self.kept.len()].channels[i * each..][..each]
     }
 
     /// Count, mean and sum of squared deviations of the indirect light of pixel `i`'s kept samples: of half 0 or 1, or of all
     /// samples in a film without halves. Without [`Needs::variance`] the deviations are NaN. `None` without
     /// [`Needs::indirect`].
     pub fn indirect(&self, half: usize, i: usize) -> Option<RgbMoments> {
-        if !self.needs.indirect {
-            return None;
-        }
-        let (bank, i) = (&self.kept[half % self.kept.len()], self.held.at(i));
-        let first = i * self.needs.values() + usize::from(self.needs.channels);
-        let of = |plane: &[f32]| [0, 1, 2].map(|c| f64::from(plane[first + c]));
-        let m2 = if self.needs.variance { of(&bank.channels_m2) } else { [f64::NAN; 3] };
-        Some(RgbMoments { count: bank.counts[i], mean: of(&bank.channels), m2 })
+        let bank = &self.kept[half % self.kept.len()];
+        let mean = bank.indirect.get(i)?.map(f64::from);
+        let m2 = bank.indirect_m2.get(i).map_or([f64::NAN; 3], |m2| m2.map(f64::from));
+        Some(RgbMoments { count: bank.counts[i], mean, m2 })
     }
 
     /// A film whose radiance is three of the values beside the radiance, so that any filter can be applied to them: three
@@ -341,75 +305,51 @@ impl Film {
         if channels.iter().any(|&c| c >= self.needs.channels) {
             return Err(Error::NotRecorded { who: "with_channels_as_colour".into(), what: "so many channels" });
         }
-        let mut film = self.clone();
-        film.needs = Needs {
-            emission: false,
-            indirect: false,
-            splats: false,
-            extrema: false,
-            channels: 0,
-            sums: Sums::NONE,
-            samples: 0,
-            trajectories: false,
-            ..film.needs
-        };
-        film.splats = Splats::default();
-        film.kept.iter_mut().chain(&mut film.discarded).for_each(|bank| bank.take_colour(channels.map(usize::from)));
+        let (mut film, each) = (self.clone(), usize::from(self.needs.channels));
+        film.needs = Needs { emission: false, indirect: false, splats: false, channels: 0, ..film.needs };
+        (film.splats, film.recorders) = (Splats::default(), Recorders::default());
+        for bank in film.kept.iter_mut().chain(&mut film.discarded) {
+            let colour = |plane: &[f32], i: usize| channels.map(|c| f64::from(plane[i * each + usize::from(c)]));
+            for i in 0..bank.counts.len() {
+                bank.means[i] = colour(&bank.channels, i);
+                if let Some(m2) = bank.m2.get_mut(i) {
+                    *m2 = colour(&bank.channels_m2, i);
+                }
+            }
+            let Bank { counts, means, m2, .. } = std::mem::take(bank);
+            *bank = Bank { counts, means, m2, ..Bank::default() };
+        }
         Ok(film)
     }
 
     /// The mean emission of light sources that pixel `i`'s kept samples saw directly: of half 0 or 1, or of all samples in
     /// a film without halves. `None` without [`Needs::emission`].
     pub fn emission(&self, half: usize, i: usize) -> Option<[f32; 3]> {
-        self.kept[half % self.kept.len()].emission.get(self.held.at(i)).copied()
+        self.kept[half % self.kept.len()].emission.get(i).copied()
     }
 
     /// Count, mean and sum of squared deviations of pixel `i`'s discarded samples, withdrawn ones included; zero if
     /// there are none.
     pub fn discarded(&self, i: usize) -> RgbMoments {
-        if self.discarded.is_empty() { RgbMoments::default() } else { merged(&self.discarded, self.held.at(i)) }
-    }
-
-    /// The smallest and the largest value per channel of pixel `i`'s kept samples. `None` without samples or without
-    /// [`Needs::extrema`].
-    pub fn range(&self, i: usize) -> Option<[[f32; 3]; 2]> {
-        joined(&self.kept, self.held.at(i)).map(colours)
-    }
-
-    /// The smallest and the largest [`luminance`] of pixel `i`'s kept samples. `None` without samples or without
-    /// [`Needs::extrema`].
-    pub fn luminance_range(&self, i: usize) -> Option<[f32; 2]> {
-        joined(&self.kept, self.held.at(i)).map(|range| range.map(|v| v[3]))
-    }
-
-    /// The smallest and the largest value per channel of pixel `i`'s discarded samples. `None` without such samples or
-    /// without [`Needs::extrema`].
-    pub fn discarded_range(&self, i: usize) -> Option<[[f32; 3]; 2]> {
-        joined(&self.discarded, self.held.at(i)).map(colours)
-    }
-
-    /// The smallest and the largest [`luminance`] of pixel `i`'s discarded samples. `None` without such samples or
-    /// without [`Needs::extrema`].
-    pub fn discarded_luminance_range(&self, i: usize) -> Option<[f32; 2]> {
-        joined(&self.discarded, self.held.at(i)).map(|range| range.map(|v| v[3]))
+        if self.discarded.is_empty() { RgbMoments::default() } else { merged(&self.discarded, i) }
     }
 
     /// Mean and variance of normal, albedo, position and depth of pixel `i`'s samples; `None` without
     /// [`Needs::features`].
     pub fn features(&self, i: usize) -> Option<Features> {
-        self.features.get(self.held.at(i)).map(Into::into)
+        self.beside.features.get(i).map(Into::into)
     }
 
     /// The first hits of the first samples of pixel `i`, as many as [`Needs::first_hits`]. An element is `None` if its
     /// sample missed or was not traced.
     pub fn first_hits(&self, i: usize) -> &[Option<FirstHit>] {
-        let (i, k) = (self.held.at(i), usize::from(self.needs.first_hits));
-        &self.first_hits[i * k..(i + 1) * k]
+        let k = usize::from(self.needs.first_hits);
+        &self.beside.first_hits[i * k..(i + 1) * k]
     }
 
     /// The number of rays traced for pixel `i`; `None` without [`Needs::cost`].
     pub fn cost(&self, i: usize) -> Option<u64> {
-        self.costs.get(self.held.at(i)).copied()
+        self.beside.costs.get(i).copied()
     }
 
     /// The unfiltered image, linear RGB row by row: each pixel is the mean of its own samples.
@@ -430,22 +370,7 @@ impl Film {
     /// [`Error::NotRecorded`], with the name `who` of the filter and the missing statistics.
     /// [`Error::NoneReported`] if the film has room for features or first hits, but no sample reports a hit or a miss.
     pub fn require(&self, who: &str, needs: &Needs) -> Result<(), Error> {
-        let have = &self.needs;
-        let missing = [
-            (needs.variance && !have.variance, "the sample variance"),
-            (needs.extrema && !have.extrema, "the extrema"),
-            (needs.halves && !have.halves, "independent halves"),
-            (needs.features && !have.features, "first-hit features"),
-            (needs.feature_halves && have.feature_planes() == 0, "first-hit features per half"),
-            (needs.first_hits > have.first_hits, "first hits"),
-            (needs.cost && !have.cost, "costs"),
-            (needs.splats && !have.splats, "splats"),
-            (needs.channels > have.channels, "values beside the radiance"),
-            (!have.sums.contains(needs.sums), "sums of logarithms or roots"),
-            (needs.samples > have.samples, "samples one by one"),
-            (needs.trajectories && !have.trajectories, "the trajectories of samples"),
-        ];
-        if let Some((_, what)) = missing.iter().find(|m| m.0) {
+        if let Some(what) = self.needs.lacking(needs) {
             return Err(Error::NotRecorded { who: who.to_owned(), what });
         }
         if self.record.samples == 0 || self.unreported < self.record.samples || !needs.wants_first_hit() {
@@ -459,28 +384,48 @@ impl Film {
         Err(Error::NoneReported { who: who.to_owned(), what })
     }
 
-    /// Allocates planes for discarded samples, if there are none.
+    /// Makes room for discarded samples.
     pub(crate) fn open_discarded(&mut self) {
         if self.discarded.is_empty() {
-            let pixels = self.held.pixels(&self.frame);
-            self.discarded = self.kept.iter().map(|_| Bank::new(pixels, &self.needs)).collect();
+            let (pixels, layout) = (self.frame.pixels(), self.layout());
+            self.discarded = self.kept.iter().map(|_| Bank::new(pixels, &layout)).collect();
         }
     }
 
-    /// Moves the kept samples of the marked pixels to the statistics of the discarded samples.
-    pub(crate) fn withdraw(&mut self, withdrawn: &[bool]) {
+    /// Takes the samples of the marked pixels out of the image. They count as discarded, and keep their place in the sequence of
+    /// the pixel's points.
+    pub(crate) fn withdraw(&mut self, marked: &[bool]) {
         self.open_discarded();
-        let marked = withdrawn.iter().enumerate().filter(|(_, marked)| **marked);
-        let places: Vec<usize> = marked.map(|(i, _)| self.held.at(i)).collect();
-        for (kept, discarded) in self.kept.iter_mut().zip(&mut self.discarded) {
-            kept.withdraw_into(discarded, &places);
+        self.withdrawn = true;
+        self.kept.iter_mut().zip(&mut self.discarded).for_each(|(kept, other)| kept.exchange(other, marked));
+    }
+
+    /// The index of the next sample of pixel `i`: of the kept or of the discarded ones of a half.
+    #[inline]
+    pub(crate) fn next_index(&self, retention: Retention, half: usize, i: usize) -> u64 {
+        match retention {
+            Retention::Keep if self.withdrawn => self.kept[half].counts[i] + self.discarded[half].counts[i],
+            Retention::Keep => self.kept[half].counts[i],
+            Retention::Discard => self.discarded[half].counts[i],
         }
+    }
+
+    /// The identity of kept sample `number`, from 0, of pixel `i`: of half 0 or 1, or of all samples in a film without halves.
+    pub fn sample_id(&self, half: usize, i: usize, number: usize) -> SampleId {
+        let half = half % self.kept.len();
+        let stream = match (self.kept.len(), self.half_of) {
+            (1, None) => streams::WHOLE,
+            (1, Some(half)) => streams::HALVES[half & 1],
+            _ => streams::HALVES[half],
+        };
+        let withdrawn = if self.withdrawn { self.discarded[half].counts[i] } else { 0 };
+        SampleId::new(self.frame.pixel(i), stream, withdrawn + number as u64)
     }
 
     /// Adds splats, by half, pixel and radiance.
     pub(crate) fn add_splats(&mut self, splats: Vec<(usize, [u32; 2], [f32; 3])>) {
         for (half, pixel, radiance) in splats {
-            self.splats.add(&self.frame, half, pixel, radiance);
+            self.splats.add(half, pixel, radiance);
         }
     }
 
@@ -492,16 +437,27 @@ impl Film {
     }
 }
 
-fn colours(range: Range) -> [[f32; 3]; 2] {
-    range.map(|[r, g, b, _]| [r, g, b])
+/// The words of one recorder in a film.
+#[derive(Clone, Copy)]
+pub struct Recorded<'a> {
+    film: &'a Film,
+    number: usize,
 }
 
-/// The smallest and the largest values of pixel `i`'s samples over all `banks`; `None` without samples.
-fn joined(banks: &[Bank], i: usize) -> Option<Range> {
-    let mut ranges = banks.iter().filter(|b| b.counts[i] > 0).filter_map(|b| b.ranges.get(i));
-    let mut all = *ranges.next()?;
-    ranges.for_each(|range| join(&mut all, range));
-    Some(all)
+impl<'a> Recorded<'a> {
+    /// The words of pixel `i`'s kept samples: of half 0 or 1, or of all samples in a film without halves.
+    pub fn kept(&self, half: usize, i: usize) -> &'a [u32] {
+        self.of(&self.film.kept[half % self.film.kept.len()], i)
+    }
+
+    /// The words of pixel `i`'s discarded samples, withdrawn ones included; empty if there are none.
+    pub fn discarded(&self, half: usize, i: usize) -> &'a [u32] {
+        self.film.discarded.get(half % self.film.kept.len()).map_or(&[], |bank| self.of(bank, i))
+    }
+
+    fn of(&self, bank: &'a Bank, i: usize) -> &'a [u32] {
+        &bank.words[i * self.film.recorders.names().len() + self.number]
+    }
 }
 
 fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {

@@ -1,11 +1,7 @@
 //! Images from films.
 
-mod band;
-
 use crate::forward::forward;
-use crate::{Error, Exchange, Film, FilterMemory, Frame, ImagePlanes, Needs};
-pub use band::{Band, apply_together};
-use std::ops::Range;
+use crate::{Error, Film, FilterMemory, Frame, ImagePlanes, Needs, Recorder};
 use std::sync::Arc;
 
 /// An image that a filter (denoiser) made from a film.
@@ -78,6 +74,11 @@ pub trait Filter: Send + Sync {
         Needs::none()
     }
 
+    /// The recorders of statistics that this filter alone reads from the film.
+    fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
+        Vec::new()
+    }
+
     /// The memory in bytes that [`Filter::apply`] takes for a film of this frame that records `needs`. The default
     /// assumes a filter that holds only its image and an error per pixel.
     ///
@@ -100,40 +101,16 @@ pub trait Filter: Send + Sync {
     ///
     /// If the film lacks statistics that the filter reads.
     fn apply(&self, film: &Film) -> Result<Filtered, Error>;
-
-    /// The rows of the frame's window that [`Filter::apply_to_rows`] reads for these rows of its image. `None` (the
-    /// default) if the filter reads the whole film.
-    fn rows_read(&self, frame: &Frame, rows: Range<u32>) -> Option<Range<u32>> {
-        let _ = (frame, rows);
-        None
-    }
-
-    /// Makes the rows of a [`Band`] of the filtered image, with the bits of [`Filter::apply`] on the whole film. `film`
-    /// holds the rows [`Filter::rows_read`] of the band.
-    ///
-    /// Every process of `exchange` calls it with its own band, in the order of their numbers from the top. What the
-    /// filter takes from the whole image, such as its mean brightness, travels through the exchange.
-    ///
-    /// # Errors
-    ///
-    /// As [`Filter::apply`], on every process if it fails on one. [`Error::Mismatch`] if the filter reads whole films, if
-    /// the bands leave rows out, or if the film holds other rows.
-    fn apply_to_rows(&self, film: &Film, band: &Band, exchange: &mut dyn Exchange) -> Result<Filtered, Error> {
-        let _ = (film, band, exchange);
-        let what = "it reads the whole film; filter on one machine";
-        Err(Error::Mismatch { who: self.name().to_owned(), what: what.into() })
-    }
 }
 
 forward!(Filter for &T, Box<T>, Arc<T>; {
     ref name() -> &str;
     ref describe() -> String;
     ref needs() -> Needs;
+    ref recorders() -> Vec<Arc<dyn Recorder>>;
     ref memory(frame: &Frame, needs: &Needs) -> FilterMemory;
     ref runs(needs: &Needs, spp: f64) -> u32;
     ref apply(film: &Film) -> Result<Filtered, Error>;
-    ref rows_read(frame: &Frame, rows: Range<u32>) -> Option<Range<u32>>;
-    ref apply_to_rows(film: &Film, band: &Band, exchange: &mut dyn Exchange) -> Result<Filtered, Error>;
 });
 
 /// The identity filter: each pixel is the mean of its own samples.
@@ -152,13 +129,5 @@ impl Filter for Unfiltered {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         Ok(Filtered::new(film.frame().size(), film.image()).with_error(film.squared_errors()))
-    }
-
-    fn rows_read(&self, _: &Frame, rows: Range<u32>) -> Option<Range<u32>> {
-        Some(rows)
-    }
-
-    fn apply_to_rows(&self, film: &Film, _: &Band, _: &mut dyn Exchange) -> Result<Filtered, Error> {
-        self.apply(film)
     }
 }

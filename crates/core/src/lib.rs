@@ -54,46 +54,41 @@
 //! * One estimate belongs to one pixel: pixel filters wider than a pixel are sampled by the integrator.
 
 mod allocate;
-mod bands;
 mod domain;
 mod draws;
 mod error;
-pub mod exchange;
 mod film;
 mod filter;
 mod forward;
 mod frame;
+mod hash;
 mod integrator;
 mod limits;
 mod memory;
 mod moments;
 mod needs;
 mod options;
-mod own_rows;
 mod placed_points;
 mod plan;
 mod point_set;
 mod policy;
+mod recorder;
 mod render;
 mod rng;
 mod sampler;
 pub mod samplers;
-mod shard;
 mod snapshot;
 mod worker;
 
-pub use allocate::{Allocation, Demand, Ladder, allocate, share};
-#[doc(hidden)]
-pub use allocate::{mix, saturating_u32};
+pub use allocate::{Allocation, Ladder, allocate, share};
 pub use domain::{Axis, Defocus, Domain, Role};
 pub use draws::{Block, Draws};
 pub use error::Error;
-pub use exchange::Exchange;
-pub use film::{
-    Features, Film, PixelStatistics, Record, Rejected, RejectedReason, RoundRecord, SampleSums, ThirdMoments, luminance,
-};
-pub use filter::{Band, Filter, Filtered, Unfiltered, apply_together};
+pub use film::{Features, Film, PixelStatistics, Record, Recorded, Rejected, RejectedReason, RoundRecord, luminance};
+pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
+#[doc(hidden)]
+pub use hash::{mix, saturating_u32};
 pub use integrator::{
     BACKGROUND, Estimate, FirstHit, Integrator, Pass, Prepared, Prepares, SurfaceFeatures, TrainingData, TrainingSum,
     Trajectory,
@@ -101,19 +96,18 @@ pub use integrator::{
 pub use limits::{Budget, InvalidSample, Limits, Schedule};
 pub use memory::{FilterMemory, ImagePlanes, Memory, SamplerMemory};
 pub use moments::{Moments, RgbMoments};
-pub use needs::{Needs, Sums};
+pub use needs::Needs;
 pub use options::{
     OptionError, OptionValue, Options, OutOfRange, Parameter, nearest_name, nested, parse_pairs, unnested,
 };
-pub use own_rows::OwnRows;
 pub use placed_points::{FilmPoints, Placed, PlacedHandle};
 pub use plan::{Combine, Plan, Progress, Retention};
 pub use point_set::{HostNumbers, PointSet, SampleId, streams};
 pub use policy::{PilotPolicy, Stopping};
+pub use recorder::{RecordedSample, Recorder};
 pub use render::{Control, Methods, Monitor, NoMonitor, Render, Round, Samples, Session, Stage, Status, Tile};
 pub use rng::Rng;
 pub use sampler::{BudgetLeft, Feedback, Sampler};
-pub use shard::{Shard, ShardFilm, Sharded, merge};
 pub use snapshot::Snapshot;
 pub use worker::Worker;
 

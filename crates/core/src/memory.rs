@@ -1,9 +1,8 @@
 //! The memory of a render, forecast before it starts.
 
-use crate::bands::{BAND, bands};
-use crate::film::both;
+use crate::recorder::Recorders;
 use crate::render::holdout::Holdout;
-use crate::{Band, Budget, Film, Filter, Frame, Limits, Needs, Sampler, Shard, Trajectory, saturating_u32};
+use crate::{Budget, Film, Filter, Frame, Limits, Needs, Sampler};
 
 /// The bytes that a sampler takes besides the film; 0 by default. Counts only memory that grows with the number of
 /// pixels.
@@ -49,9 +48,8 @@ impl SamplerMemory {
     #[must_use]
     pub fn with_discarded(self, frame: &Frame, needs: &Needs, limits: &Limits) -> Self {
         let discarded = frame.bytes(Film::bank_bytes_per_pixel(needs));
-        let zeros = Needs { extrema: false, samples: 0, ..*needs };
         let known = limits.budget.samples(frame).is_some();
-        let unwritten = if known { frame.bytes(Film::bank_bytes_per_pixel(&zeros)) } else { 0 };
+        let unwritten = if known { discarded } else { 0 };
         Self { discarded, planning: self.planning.saturating_sub(unwritten), ..self }
     }
 }
@@ -121,12 +119,8 @@ impl FilterMemory {
 pub struct Memory {
     /// The statistics that the film records.
     pub needs: Needs,
-    /// The bytes of the film, discarded samples included. One process among several has some rows of it.
+    /// The bytes of the film, discarded samples included.
     pub film: u64,
-    /// The bytes of the film of all processes.
-    pub whole: u64,
-    /// The bytes of the film that process 0 among several gets for its files.
-    pub delivered: u64,
     /// The bytes of state that the sampler keeps between rounds.
     pub sampler: u64,
     /// The peak in bytes while a round is planned, besides the film and the sampler's state.
@@ -137,19 +131,6 @@ pub struct Memory {
     pub filter: FilterMemory,
     /// The bytes of the last filtered image and its halves, which [`Render::error_of`](crate::Render::error_of) keeps.
     pub holdout: u64,
-}
-
-/// The number of samples that a render stores one by one.
-fn samples(needs: &Needs, frame: &Frame, limits: &Limits) -> u64 {
-    let pixels = frame.pixels() as u64;
-    let halves = if needs.halves { 2 } else { 1 };
-    let kept = pixels.saturating_mul(halves).saturating_mul(u64::from(needs.samples));
-    kept.min(limits.expected_samples(frame))
-}
-
-/// The bytes of a sample that is stored one by one.
-fn sample_bytes(needs: &Needs) -> u64 {
-    (size_of::<[f32; 3]>() + if needs.trajectories { size_of::<Trajectory>() } else { 0 }) as u64
 }
 
 impl Memory {
@@ -171,80 +152,33 @@ impl Memory {
         let SamplerMemory { discarded, state, planning, plan } = sampler.memory(frame, &needs, limits);
         // One sample per pixel goes to the first half. The other's zeros are never written, so they take no memory.
         let single = limits.budget.samples(frame).is_some_and(|total| total <= frame.pixels() as u64);
-        let unwritten =
-            if needs.halves && single { Film::bank_bytes_per_pixel(&Needs { samples: 0, ..needs }) / 2 } else { 0 };
-        let stored = samples(&needs, frame, limits);
-        let each = saturating_u32(stored.div_ceil(frame.pixels().max(1) as u64));
-        let film = frame
-            .bytes(Film::bytes_per_pixel(&needs) - unwritten)
-            .saturating_add(discarded)
-            .saturating_add(stored.saturating_mul(sample_bytes(&needs)));
+        let unwritten = if needs.halves && single { Film::bank_bytes_per_pixel(&needs) / 2 } else { 0 };
+        let film = frame.bytes(Film::bytes_per_pixel(&needs) - unwritten).saturating_add(discarded);
+        let recorders = Recorders::new(sampler.recorders().into_iter().chain(filter.recorders()));
+        let (pixels, halves) = (frame.pixels() as u64, if needs.halves { 2 } else { 1 });
+        let each = limits.expected_samples(frame).div_ceil(pixels.max(1)).div_ceil(halves);
+        let words = recorders.active.iter().map(|one| one.bytes(each) + size_of::<Vec<u32>>() as u64).sum::<u64>();
         Self {
             needs,
-            film,
-            whole: film,
-            delivered: 0,
+            film: film.saturating_add((pixels * halves).saturating_mul(words)),
             sampler: state,
             planning,
             tracing: plan,
-            filter: filter.memory(frame, &Needs { samples: each, ..needs }),
+            filter: filter.memory(frame, &needs),
             holdout: 0,
         }
-    }
-
-    /// The memory of one process among several that render together [in bands](crate::Render::in_bands): its rows of the
-    /// film and those around them, and the rows that its filter reads. Process 0 gets the film of the statistics `shown` and
-    /// the whole image. Unchanged if every process plans the whole image.
-    ///
-    /// Bands are dealt by cost; the figures hold if all take the same time.
-    #[must_use]
-    pub fn in_bands(
-        self,
-        (sampler, filter): (&dyn Sampler, &dyn Filter),
-        shown: &Needs,
-        frame: &Frame,
-        limits: &Limits,
-        share: Shard,
-    ) -> Self {
-        let reads_all = matches!(limits.budget, Budget::Error { .. }) || self.needs.splats;
-        let halo = sampler.halo().filter(|_| !reads_all && share.of() > 1);
-        let Some(halo) = halo else { return self };
-        let height = u64::from(frame.size()[1]);
-        let part =
-            |bytes: u64, rows: u64| (u128::from(bytes) * u128::from(rows.min(height)) / u128::from(height)) as u64;
-        let own = (bands(height as usize) as u64).div_ceil(u64::from(share.of())) * BAND as u64;
-        let held = own + own / BAND as u64 * 2 * u64::from(halo);
-        let band = Band::of(*frame, share.index(), share.of());
-        let read = band.and_then(|band| filter.rows_read(frame, band.rows()));
-        let is_first = share.index() == 0;
-        let delivered = frame.bytes(Film::bytes_per_pixel(&both(&self.needs, shown)));
-        let FilterMemory { applying, image } = self.filter;
-        let (filter, delivered) = match (read, is_first) {
-            (Some(rows), _) => {
-                let rows = u64::from(rows.end - rows.start);
-                let applying = part(self.film, rows).saturating_add(part(applying, rows));
-                let image = if is_first { image } else { part(image, own) };
-                (FilterMemory { applying: applying.max(image), image }, if is_first { delivered } else { 0 })
-            }
-            // It filters the whole film.
-            (None, true) => (FilterMemory { applying: self.film.saturating_add(applying), image }, self.film),
-            (None, false) => (FilterMemory::default(), 0),
-        };
-        let planning = self.tracing.saturating_add(part(self.planning.saturating_sub(self.tracing), own));
-        Self { film: part(self.film, held), planning, filter, delivered, ..self }
     }
 
     /// The bytes of a snapshot taken during the render ([`Status::snapshot`](crate::Status::snapshot)). A resumed
     /// render holds the same number of bytes besides the film at first.
     pub fn snapshot(&self) -> u64 {
-        self.whole.saturating_add(self.tracing).saturating_add(self.holdout)
+        self.film.saturating_add(self.tracing).saturating_add(self.holdout)
     }
 
     /// The peak of the whole render in bytes, without snapshots.
     pub fn peak(&self) -> u64 {
         let lasting = self.film.saturating_add(self.sampler).saturating_add(self.holdout);
-        let files = self.filter.image.saturating_add(self.delivered);
-        lasting.saturating_add(self.planning.max(self.tracing).max(self.filter.applying).max(files))
+        lasting.saturating_add(self.planning.max(self.tracing).max(self.filter.applying).max(self.filter.image))
     }
 }
 
@@ -286,98 +220,6 @@ mod tests {
     }
 
     #[test]
-    fn samples_stored_one_by_one_count_as_far_as_the_budget_goes() {
-        let (frame, uniform) = (Frame::new(100, 50).unwrap(), Uniform::new(Points));
-        let film = |needs: Needs, limits: &Limits| Memory::of_render(&uniform, &Unfiltered, needs, &frame, limits).film;
-        let three = Needs::none().with_samples(3);
-        let all = Needs::none().with_halves().with_samples(u32::MAX);
-        assert_eq!(film(three, &Limits::spp(4.0)), 5000 * (32 + 24 + 12 * 3));
-        assert_eq!(film(three, &Limits::spp(2.0)), 5000 * (32 + 24 + 12 * 2));
-        assert_eq!(film(all, &Limits::spp(16.0)), 5000 * (2 * (32 + 24) + 12 * 16));
-        assert_eq!(film(all, &Limits::spp(1.0)), 5000 * (32 + 2 * 24 + 12));
-        assert_eq!(film(three.with_halves(), &Limits::spp(16.0)), 5000 * 2 * (32 + 24 + 12 * 3));
-        assert_eq!(film(all, &Limits::seconds(9.0)), 5000 * (2 * (32 + 24) + 12 * 64));
-        assert_eq!(film(all, &Limits::seconds(9.0).with_max_spp(8)), 5000 * (2 * (32 + 24) + 12 * 8));
-        assert_eq!(film(all, &Limits::error(0.1, 40_000)), 5000 * (2 * (32 + 24) + 12 * 8));
-    }
-
-    #[test]
-    fn trajectories_count_only_with_samples_stored_one_by_one() {
-        let (frame, uniform) = (Frame::new(100, 50).unwrap(), Uniform::new(Points));
-        let film = |needs: Needs| Memory::of_render(&uniform, &Unfiltered, needs, &frame, &Limits::spp(4.0)).film;
-        assert_eq!(film(Needs::none().with_trajectories()), 5000 * 32);
-        let three = Needs::none().with_samples(3).with_trajectories();
-        assert_eq!(film(three), 5000 * (32 + 2 * 24 + 3 * (12 + 16)));
-        let all = Needs::none().with_halves().with_samples(u32::MAX).with_trajectories();
-        assert_eq!(film(all), 5000 * (2 * (32 + 2 * 24) + 4 * (12 + 16)));
-    }
-
-    /// Filters a band with one row above and below, in as many bytes as an image.
-    struct Near;
-
-    impl Filter for Near {
-        fn name(&self) -> &str {
-            "near"
-        }
-
-        fn apply(&self, film: &Film) -> Result<crate::Filtered, crate::Error> {
-            Unfiltered.apply(film)
-        }
-
-        fn rows_read(&self, frame: &Frame, rows: std::ops::Range<u32>) -> Option<std::ops::Range<u32>> {
-            Some(rows.start.saturating_sub(1)..(rows.end + 1).min(frame.size()[1]))
-        }
-    }
-
-    /// A sampler that plans by rows.
-    struct ByRows(Uniform<Points>);
-
-    impl Sampler for ByRows {
-        fn name(&self) -> &str {
-            "rows"
-        }
-
-        fn points(&self) -> &dyn PointSet {
-            self.0.points()
-        }
-
-        fn halo(&self) -> Option<u32> {
-            Some(2)
-        }
-
-        fn next_round(
-            &mut self,
-            seen: &crate::Feedback<'_>,
-            plan: &mut crate::Plan,
-        ) -> Result<crate::Progress, crate::Error> {
-            self.0.next_round(seen, plan)
-        }
-    }
-
-    #[test]
-    fn one_process_among_several_takes_its_rows() {
-        let (frame, limits) = (Frame::new(100, 160).unwrap(), Limits::new(Budget::Samples(64_000)));
-        let sampler = ByRows(Uniform::new(Points));
-        let memory = Memory::of_render(&sampler, &Near, Needs::none().with_features(), &frame, &limits);
-        let (image, film) = (16 * 16_000, (32 + 120) * 16_000);
-        assert_eq!((memory.film, memory.filter.applying), (film, image));
-        let of = |index, of| {
-            let share = Shard::new(index, of).unwrap();
-            memory.in_bands((&sampler, &Near), &Needs::none(), &frame, &limits, share)
-        };
-        assert_eq!(of(0, 1), memory);
-        // Two bands of 16 rows, each with four more.
-        assert_eq!((of(1, 5).film, of(1, 5).delivered), (film / 160 * 40, 0));
-        assert_eq!(of(1, 5).filter, FilterMemory { applying: (film + image) / 160 * 34, image: image / 160 * 32 });
-        // Process 0 gets counts, means and the image.
-        assert_eq!((of(0, 5).delivered, of(0, 5).filter.image), (32 * 16_000, image));
-        assert_eq!((of(0, 5).peak(), of(1, 5).snapshot()), (film / 4 + image + 32 * 16_000, memory.snapshot()));
-        // A process for each row is too many for bands: process 0 filters the whole film.
-        assert_eq!((of(0, 160).filter.applying, of(9, 160).filter.applying), (film + image, 0));
-    }
-
-    /// Sums beyond 64 bits saturate instead of wrapping.
-    #[test]
     fn the_largest_image_does_not_wrap_z03() {
         let frame = Frame::new(65535, 65537).unwrap();
         assert_eq!(frame.pixels(), u32::MAX as usize);
@@ -386,7 +228,7 @@ mod tests {
         let film = 32 * u64::from(u32::MAX);
         assert_eq!(largest.peak(), film + 12 * u64::from(u32::MAX), "the image stands beside the film");
         assert_eq!(frame.bytes(usize::MAX), u64::MAX);
-        let full = Memory { film: u64::MAX, whole: u64::MAX, ..largest };
+        let full = Memory { film: u64::MAX, ..largest };
         assert_eq!((full.peak(), full.snapshot()), (u64::MAX, u64::MAX));
     }
 }

@@ -1,7 +1,7 @@
 //! Point sets: random numbers as a pure function of a sample's identity.
 
-use crate::allocate::mix;
 use crate::forward::forward;
+use crate::mix;
 use std::sync::Arc;
 
 /// The identity of one sample of one pixel.

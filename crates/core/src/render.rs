@@ -1,47 +1,33 @@
 //! The render loop: plan a round, trace it, plan the next.
 
-mod band;
 mod budget;
-mod check;
 mod clock;
 mod feature_samples;
 mod filter_time;
-mod halos;
 pub(crate) mod holdout;
-mod meeting;
 mod methods;
-mod planning;
-mod prepare;
+mod plan;
 mod pull;
 mod round;
 mod session;
-mod showing;
-mod slicing;
 mod stage;
-mod team;
 mod tile;
-mod training;
 
-use budget::Meter;
-use halos::runs_at_first;
 pub use methods::Methods;
 pub use pull::Round;
 pub use session::Session;
 pub use stage::Stage;
-use team::Team;
 pub use tile::{Samples, Tile};
 
-use crate::snapshot::{View, source::Source};
-use crate::{
-    Error, Exchange, Film, Filter, Frame, Integrator, Limits, Needs, Sampler, Snapshot, TrainingData, exchange,
-};
+use crate::snapshot::View;
+use crate::{Error, Film, Filter, Frame, Integrator, Limits, Needs, Recorder, Sampler, Snapshot};
+use std::sync::Arc;
 
 /// The state of a render between two slices of tracing (about 0.2 seconds each), passed to a [`Monitor`].
 #[non_exhaustive]
 #[derive(Clone, Copy)]
 pub struct Status<'a> {
-    /// The film so far, with valid statistics in every pixel. That of one process among several may hold its own rows only
-    /// ([`Film::is_whole`]).
+    /// The film so far, with valid statistics in every pixel.
     pub film: &'a Film,
     /// The number of the round being traced, from 0.
     pub round: u32,
@@ -61,9 +47,6 @@ pub struct Status<'a> {
 impl Status<'_> {
     /// The state of the render as bytes for [`Snapshot::from_bytes`], about as many as the film takes in memory. A
     /// render resumed from them ends with the same bits as this one.
-    ///
-    /// In a render by several processes, it may lack the other processes' pixels and plans. [`Monitor::saved`] gets the state
-    /// of all.
     pub fn snapshot(&self) -> Vec<u8> {
         self.view.write()
     }
@@ -98,39 +81,6 @@ pub enum Control {
 pub trait Monitor {
     /// Called after each slice of tracing (about 0.2 seconds). The returned value decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
-
-    /// Called at the end of each round of a render by several processes ([`Render::exchange`]), with the seconds that each
-    /// process took to trace it. The film may hold the rows of this process only.
-    fn barrier(&mut self, status: &Status<'_>, seconds: &[f64]) {
-        let _ = (status, seconds);
-    }
-
-    /// Returns `true` if the monitor takes the state of all processes after a [`Monitor::barrier`], and after [`Monitor::end`].
-    /// The default is `false`. The barrier after the last round of a budget of samples is left out, since the end follows at
-    /// once.
-    fn saves(&self) -> bool {
-        false
-    }
-
-    /// Takes the next bytes of the state of all, of `length` bytes altogether: those of [`Status::snapshot`] in one process. A
-    /// render resumed from them may have any number of processes.
-    ///
-    /// A piece has some rows of one statistic, so that no process holds the film of all. All processes wait until the last
-    /// piece is taken.
-    fn saved(&mut self, bytes: &[u8], length: u64) {
-        let _ = (bytes, length);
-    }
-
-    /// Returns `true` if the monitor takes everyone's rows by [`Monitor::rows`] after a [`Monitor::barrier`]. The default is
-    /// `false`.
-    fn reads_rows(&self) -> bool {
-        false
-    }
-
-    /// Takes the next rows of the window, from the top, with counts, means and variances.
-    fn rows(&mut self, rows: &Film) {
-        let _ = rows;
-    }
 
     /// Called once at the end, unless the render was stopped. A render resumed from a snapshot taken here may have
     /// larger limits.
@@ -201,16 +151,13 @@ pub struct Render<'a> {
     needs: Needs,
     monitor: Option<&'a mut dyn Monitor>,
     filter: Option<&'a dyn Filter>,
-    exchange: Option<&'a mut dyn Exchange>,
-    in_bands: bool,
-    training: Vec<TrainingData>,
+    recorders: Vec<Arc<dyn Recorder>>,
 }
 
 impl<'a> Render<'a> {
     /// A render of `frame` within `limits`, without a monitor.
     pub fn new(frame: Frame, limits: &'a Limits) -> Self {
-        let (needs, in_bands, training) = (Needs::none(), false, Vec::new());
-        Self { frame, limits, needs, monitor: None, filter: None, exchange: None, in_bands, training }
+        Self { frame, limits, needs: Needs::none(), monitor: None, filter: None, recorders: Vec::new() }
     }
 
     /// Adds statistics that the film must record besides counts and means.
@@ -225,27 +172,9 @@ impl<'a> Render<'a> {
         self
     }
 
-    /// Renders together with the other processes of this exchange. Each must have the same frame, limits, needs, sampler
-    /// and integrator. The film of each has the bits of a render in one process.
-    pub fn exchange(mut self, exchange: &'a mut dyn Exchange) -> Self {
-        self.exchange = Some(exchange);
-        self
-    }
-
-    /// Leaves each of several processes its own rows at the end, where the sampler plans by rows
-    /// ([`Sampler::halo`]), so that none holds the whole film. [`apply_together`](crate::apply_together) filters such films, and
-    /// [`Film::gather`] returns rows of others. Films are [whole](Film::is_whole) where every process plans the whole image.
-    pub fn in_bands(self) -> Self {
-        Self { in_bands: true, ..self }
-    }
-
-    /// Makes the integrator learn from these training passes, in order, instead of this render's own. Passes beyond them are
-    /// its own.
-    ///
-    /// With the passes of the whole image ([`Render::train`]), a crop has the whole image's bits where its counts are the
-    /// same.
-    pub fn learn_from(mut self, training: Vec<TrainingData>) -> Self {
-        self.training = training;
+    /// Adds recorders of statistics, such as those of a filter ([`Filter::recorders`]).
+    pub fn recorders(mut self, recorders: Vec<Arc<dyn Recorder>>) -> Self {
+        self.recorders.extend(recorders);
         self
     }
 
@@ -275,11 +204,7 @@ impl<'a> Render<'a> {
     /// for an invalid sample under [`InvalidSample::Fail`](crate::InvalidSample), and a panic of the integrator;
     /// [`Error::Panicked`] carries the samples finished before.
     pub fn run(self, integrator: &mut dyn Integrator, sampler: &mut dyn Sampler) -> Result<Film, Error> {
-        let render = self.needs(integrator.needs());
-        let mut session = render.session(sampler, None)?;
-        session.training = render.training;
-        drive(&mut session, integrator, render.monitor, (render.exchange, render.in_bands))?;
-        Ok(session.into_film())
+        self.drive(None, integrator, sampler)
     }
 
     /// Resumes a render from a [`Snapshot`]. The film has the bits of an uninterrupted render, on any number of
@@ -300,97 +225,35 @@ impl<'a> Render<'a> {
         integrator: &mut dyn Integrator,
         sampler: &mut dyn Sampler,
     ) -> Result<Film, Error> {
-        let render = self.needs(integrator.needs());
-        let share = render.exchange.as_ref().map(|exchange| exchange.share());
-        let mut session = render.session(sampler, Some(snapshot))?.with_its_rows(share)?;
-        session.training = render.training;
-        session.state.passes.iter().for_each(|pass| integrator.learn(pass));
-        drive(&mut session, integrator, render.monitor, (render.exchange, render.in_bands))?;
-        Ok(session.into_film())
+        self.drive(Some(snapshot), integrator, sampler)
     }
 
-    /// Reads a [`Snapshot`] to resume from, in pieces of some rows, together with the processes of [`Render::exchange`].
-    ///
-    /// The process that has the bytes passes them with their number, the others pass `None`. Where the sampler plans by rows
-    /// ([`Sampler::halo`]), each process gets its own rows, so that none holds the film of all. The number of processes may
-    /// differ from that of the render that was saved. One process gets what [`Snapshot::from_bytes`] returns.
-    ///
-    /// ```
-    /// # use dapple_core::{PointSet, SampleId};
-    /// # struct Centre;
-    /// # impl PointSet for Centre {
-    /// #     fn describe(&self) -> String { "centre".into() }
-    /// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
-    /// #     fn capacity(&self) -> u64 { u64::MAX }
-    /// # }
-    /// use dapple_core::samplers::Uniform;
-    /// use dapple_core::{Frame, Limits, Render, Session, Snapshot};
-    ///
-    /// let (frame, limits) = (Frame::new(8, 6)?, Limits::spp(4.0));
-    /// let saved = Session::new(frame, limits.clone(), Uniform::new(Centre))?.snapshot();
-    /// let read = Render::new(frame, &limits).read_snapshot(Some((&mut &saved[..], saved.len() as u64)), &Uniform::new(Centre))?;
-    /// assert_eq!(read, Snapshot::from_bytes(&saved)?);
-    /// # Ok::<(), dapple_core::Error>(())
-    /// ```
-    ///
-    /// # Errors
-    ///
-    /// [`Error::BadSnapshot`] on the process that reads or gets bytes of another kind or version, truncated or inconsistent
-    /// ones, and [`Error::Exchange`] with its report on the others.
-    pub fn read_snapshot(
+    fn drive(
         self,
-        source: Option<(&mut dyn std::io::Read, u64)>,
-        sampler: &dyn Sampler,
-    ) -> Result<Snapshot, Error> {
-        let of = self.exchange.as_ref().map_or(1, |exchange| exchange.share().of());
-        let meter = Meter::new(self.limits, &self.frame)?;
-        let rows = |film: &Film| {
-            let by_rows = of > 1 && session::halo(sampler, &meter, film.needs()).is_some();
-            by_rows.then(|| runs_at_first(film.frame(), of))
-        };
-        Snapshot::read_rows(source.map(Source::new), rows, self.exchange)
-    }
-
-    /// The engine of this render: a new one, or one that continues a snapshot.
-    fn session<'s>(&self, sampler: &'s mut dyn Sampler, snapshot: Option<Snapshot>) -> Result<Session<'s>, Error>
-    where
-        'a: 's,
-    {
-        let methods = Methods::from(sampler).with_needs(self.needs);
+        snapshot: Option<Snapshot>,
+        integrator: &mut dyn Integrator,
+        sampler: &mut dyn Sampler,
+    ) -> Result<Film, Error> {
+        let mut unwatched = NoMonitor;
+        let needs = self.needs.and(integrator.needs());
+        let methods = Methods { needs, recorders: self.recorders, ..Methods::from(sampler) };
         let methods = match self.filter {
             Some(filter) => methods.with_filter(filter),
             None => methods,
         };
-        let share = self.exchange.as_ref().map(|exchange| exchange.share());
-        Session::of_render(self.frame, self.limits, methods, snapshot, share)
-    }
-}
-
-/// Traces all rounds of a session, alone or with other processes.
-fn drive(
-    session: &mut Session<'_>,
-    integrator: &mut dyn Integrator,
-    monitor: Option<&mut dyn Monitor>,
-    (exchange, in_bands): (Option<&mut dyn Exchange>, bool),
-) -> Result<(), Error> {
-    let mut unwatched = NoMonitor;
-    let monitor: &mut dyn Monitor = match monitor {
-        Some(monitor) => monitor,
-        None => &mut unwatched,
-    };
-    let mut team = match exchange {
-        Some(exchange) => {
-            exchange::compare(exchange, &session.settings())?;
-            let rows = session.state.film.frame.size()[1] as usize;
-            Some(Team::new(exchange, rows).planning_own_rows(session.halo(), in_bands))
+        let monitor: &mut dyn Monitor = match self.monitor {
+            Some(monitor) => monitor,
+            None => &mut unwatched,
+        };
+        let mut session = Session::of_render(self.frame, self.limits, methods, snapshot)?;
+        session.teach(integrator);
+        while session.open()? {
+            let stopped = round::trace(integrator, &mut session, monitor)?;
+            if session.close(stopped)? {
+                return Ok(session.into_film());
+            }
         }
-        None => None,
-    };
-    while session.open(team.as_mut())? {
-        let stopped = round::trace(integrator, session, monitor, team.as_mut())?;
-        if session.close(stopped, monitor, team.as_mut())? {
-            return Ok(());
-        }
+        session.show_end(monitor);
+        Ok(session.into_film())
     }
-    session.show_end(monitor, team.as_mut())
 }

@@ -1,6 +1,6 @@
 //! A cursor over a sample's random numbers, for renderers that draw "the next number".
 
-use crate::allocate::mix;
+use crate::mix;
 use crate::{Block, Draws};
 
 /// A cursor that hands out the random numbers of one sample one after the other; made by [`Draws::rng`].

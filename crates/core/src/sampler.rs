@@ -1,7 +1,8 @@
 //! Sample counts per pixel, planned round by round.
 
 use crate::forward::forward;
-use crate::{Error, Film, Frame, Limits, Needs, OwnRows, Plan, PointSet, Progress, SamplerMemory};
+use crate::{Error, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Recorder, SamplerMemory};
+use std::sync::Arc;
 
 /// A render's sample budget, spent and total, at the time a round (a batch of samples) is planned.
 ///
@@ -158,6 +159,11 @@ pub trait Sampler: Send {
         Needs::none()
     }
 
+    /// The recorders of statistics that this sampler alone reads from the film.
+    fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
+        Vec::new()
+    }
+
     /// The memory in bytes that the sampler takes besides the film, in a render of this frame within these limits.
     /// `needs` lists all statistics that the film records. The default assumes a sampler that keeps nothing but the
     /// plan.
@@ -180,31 +186,6 @@ pub trait Sampler: Send {
     ///
     /// If the budget cannot be met, for example because it is below `min_spp` per pixel.
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error>;
-
-    /// The rows above and below its own ones whose counts, means and squared deviations a process reads in
-    /// [`Sampler::next_round_of_rows`]. `None` (the default) if the sampler plans from the whole film.
-    fn halo(&self) -> Option<u32> {
-        None
-    }
-
-    /// Plans the own rows of one process among several: the counts of their pixels are those of [`Sampler::next_round`].
-    /// Called only if [`Sampler::halo`] is not `None`.
-    ///
-    /// `seen.film` has the size of the whole window. Only the own rows are up to date, and in the halo the counts, means
-    /// and squared deviations. The budget is everyone's. All processes return the same progress.
-    ///
-    /// # Errors
-    ///
-    /// As [`Sampler::next_round`], on all processes, and as [`Exchange::all_gather`](crate::Exchange::all_gather).
-    fn next_round_of_rows(
-        &mut self,
-        seen: &Feedback<'_>,
-        plan: &mut Plan,
-        part: &mut OwnRows<'_>,
-    ) -> Result<Progress, Error> {
-        let _ = part;
-        self.next_round(seen, plan)
-    }
 
     /// The state that the sampler keeps between rounds and cannot derive from the film, as bytes for
     /// [`Sampler::restore`]. Empty by default.
@@ -232,11 +213,10 @@ forward!(Sampler for &mut T, Box<T>; {
     ref a_priori() -> bool;
     ref rounds() -> Option<u32>;
     ref needs() -> Needs;
+    ref recorders() -> Vec<Arc<dyn Recorder>>;
     ref memory(frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory;
     ref points() -> &dyn PointSet;
     ref save() -> Vec<u8>;
-    ref halo() -> Option<u32>;
-    mut next_round_of_rows(seen: &Feedback<'_>, plan: &mut Plan, part: &mut OwnRows<'_>) -> Result<Progress, Error>;
     mut next_round(seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error>;
     mut restore(saved: &[u8]) -> Result<(), Error>;
 });

@@ -1,19 +1,12 @@
 //! Snapshots: the state of a render between two slices, as bytes.
 
 pub(crate) mod bytes;
-pub(crate) mod decode;
-pub(crate) mod film;
-pub(crate) mod planes;
-pub(crate) mod source;
-pub(crate) mod stream;
+mod film;
 
-use crate::render::holdout::Holdout;
+use crate::render::{Stage, holdout::Holdout};
 use crate::{Error, Film, Frame, Integrator, Limits, Needs, Plan, Sampler, TrainingData, TrainingSum};
 use bytes::{Reader, Writer};
-use film::{
-    put_combine, put_film, put_film_end, put_film_head, put_training, take_combine, take_film, take_in_bands,
-    take_training,
-};
+use film::{put_combine, put_film, put_frame, put_training, take_combine, take_film, take_frame, take_training};
 
 /// The reason why bytes are not a snapshot, as the end of a sentence.
 #[derive(Debug)]
@@ -48,33 +41,22 @@ pub(crate) struct OpenRound {
     pub(crate) plan_seconds: f64,
     /// Seconds of tracing this round before the snapshot.
     pub(crate) traced_seconds: f64,
-    /// The counts of everyone's pixels, each with the number of pixels, if `plan` holds those of the own rows only.
-    pub(crate) of_all: Option<Vec<(u32, u64)>>,
 }
 
 impl OpenRound {
-    /// The largest number of samples of a pixel, of all processes.
+    /// The largest number of samples of a pixel.
     pub(crate) fn longest(&self) -> u32 {
-        match &self.of_all {
-            Some(of_all) => of_all.iter().map(|(count, _)| *count).max().unwrap_or(0),
-            None => self.counts().max().unwrap_or(0),
-        }
+        self.counts().max().unwrap_or(0)
     }
 
-    /// The samples of all processes among the first `start` of each pixel.
+    /// The samples among the first `start` of each pixel.
     pub(crate) fn before(&self, start: u32) -> u64 {
-        match &self.of_all {
-            Some(of_all) => of_all.iter().map(|&(count, pixels)| u64::from(count.min(start)) * pixels).sum(),
-            None => self.counts().map(|count| u64::from(count.min(start))).sum(),
-        }
+        self.counts().map(|count| u64::from(count.min(start))).sum()
     }
 
-    /// The number of pixels of all processes with more than `start` samples; those of both halves count twice.
+    /// The number of pixels with more than `start` samples; those of both halves count twice.
     pub(crate) fn above(&self, start: u32) -> u64 {
-        match &self.of_all {
-            Some(of_all) => of_all.iter().filter(|(count, _)| *count > start).map(|(_, pixels)| pixels).sum(),
-            None => self.counts().filter(|count| *count > start).count() as u64,
-        }
+        self.counts().filter(|count| *count > start).count() as u64
     }
 
     /// The counts in the plan, of both halves.
@@ -120,6 +102,8 @@ pub(crate) struct View<'a> {
     pub(crate) seconds: f64,
     pub(crate) sampler: Planner<'a>,
     pub(crate) limits: &'a Limits,
+    /// The stage of which the film has some rows; `None` for a film of the whole window.
+    pub(crate) stage: Option<&'a Stage>,
 }
 
 /// A sampler, or what a snapshot says of it.
@@ -144,7 +128,7 @@ impl SavedSampler {
 
 const MAGIC: &[u8; 8] = b"dapple-s";
 /// The version of the snapshot format. It changes with the layout and the contents.
-const VERSION: u32 = 8;
+const VERSION: u32 = 9;
 
 impl View<'_> {
     pub(crate) fn write(&self) -> Vec<u8> {
@@ -154,16 +138,6 @@ impl View<'_> {
         put_film(&mut to, self.film);
         self.put_end(&mut to, &state);
         to.finish()
-    }
-
-    /// The bytes before the planes of the film, and those after them.
-    fn around(&self) -> [Vec<u8>; 2] {
-        let [mut head, mut end] = [4096, 4096].map(Writer::with_capacity);
-        let state = self.put_head(&mut head);
-        put_film_head(&mut head, self.film);
-        put_film_end(&mut end, self.film);
-        self.put_end(&mut end, &state);
-        [head.finish(), end.finish()]
     }
 
     /// Writes what precedes the film. Returns the sampler's state, which follows it.
@@ -199,6 +173,12 @@ impl View<'_> {
         to.flag(self.holdout.is_some());
         if let Some(holdout) = self.holdout {
             holdout.put(to);
+        }
+        to.flag(self.stage.is_some());
+        if let Some(stage) = self.stage {
+            put_frame(to, &stage.frame);
+            to.number(stage.rows);
+            to.list(&stage.ends);
         }
     }
 }
@@ -254,6 +234,7 @@ pub struct Snapshot {
     pub(crate) total: u64,
     pub(crate) seconds: f64,
     pub(crate) sampler_state: Vec<u8>,
+    pub(crate) stage: Option<Stage>,
     sampler: String,
     points: String,
     bounds: [u32; 2],
@@ -271,18 +252,9 @@ impl Snapshot {
     }
 
     fn read(bytes: &[u8]) -> Result<Self, Broken> {
-        Self::read_with(bytes, |from| take_film(from, Frame::pixels))
-    }
-
-    /// Reads a snapshot without planes, and the planes of some bands of 16 rows. The film does not hold other bands.
-    pub(crate) fn read_in_bands(bytes: &[u8], bands: &[(usize, Vec<u8>)]) -> Result<Self, Broken> {
-        Self::read_with(bytes, |from| take_in_bands(from, bands))
-    }
-
-    fn read_with(bytes: &[u8], film: impl FnOnce(&mut Reader<'_>) -> Result<Film, Broken>) -> Result<Self, Broken> {
         let mut from = Reader::new(bytes);
         let head = Head::take(&mut from)?;
-        let film = film(&mut from)?;
+        let film = take_film(&mut from)?;
         Self::take_end(&mut from, head, film)
     }
 
@@ -298,10 +270,11 @@ impl Snapshot {
         }
         let open = if from.flag()? { Some(take_round(from, &film)?) } else { None };
         let holdout = if from.flag()? { Some(Holdout::take(from, &film)?) } else { None };
+        let stage = if from.flag()? { Some(take_stage(from, &film)?) } else { None };
         if !from.is_empty() {
             return Err(Broken("there are bytes after the end"));
         }
-        Ok(Self { film, round, open, passes, holdout, total, seconds, sampler_state, sampler, points, bounds })
+        Ok(Self { stage, film, round, open, passes, holdout, total, seconds, sampler_state, sampler, points, bounds })
     }
 
     /// The film (per-pixel statistics) at the time of the snapshot, with valid statistics in every pixel.
@@ -338,7 +311,8 @@ impl Snapshot {
             let ([x, y], [w, h], [full_w, full_h]) = (f.origin(), f.size(), f.resolution());
             format!("{w}x{h} pixels at {x},{y} of {full_w}x{full_h}")
         };
-        compare("window", &window(self.film.frame()), &window(frame));
+        let own = self.stage.as_ref().map_or(*self.film.frame(), |stage| stage.frame);
+        compare("window", &window(&own), &window(frame));
         let bounds = |[min, max]: [u32; 2]| format!("{min} to {max}");
         compare("range of samples per pixel", &bounds(self.bounds), &bounds([limits.min_spp, limits.max_spp]));
         let halves = |halves: bool| if halves { "two halves" } else { "one sequence" };
@@ -419,8 +393,7 @@ fn take_round(from: &mut Reader<'_>, film: &Film) -> Result<OpenRound, Broken> {
         pending.push((block, take_training(from)?));
     }
     let cursor = Cursor { start, end, row };
-    let of_all = None;
-    let open = OpenRound { plan, cursor, pending, before, submitted, plan_seconds, traced_seconds, of_all };
+    let open = OpenRound { plan, cursor, pending, before, submitted, plan_seconds, traced_seconds };
     if end < start || row as usize >= height || !(plan_seconds.is_finite() && traced_seconds.is_finite()) {
         return Err(Broken("the place within a round is out of range"));
     }
@@ -436,4 +409,14 @@ fn take_round(from: &mut Reader<'_>, film: &Film) -> Result<OpenRound, Broken> {
         return Err(Broken("the place within a round is out of range"));
     }
     Ok(open)
+}
+
+fn take_stage(from: &mut Reader<'_>, film: &Film) -> Result<Stage, Broken> {
+    let (frame, rows, ends) = (take_frame(from)?, from.number()?, from.list()?);
+    let stage = Stage { frame, rows, ends };
+    let (own, window) = (film.frame(), &stage.frame);
+    let top = own.origin()[1].checked_sub(window.origin()[1]);
+    let fits = top.and_then(|top| window.rows(top..top + own.size()[1]).ok()).is_some_and(|rows| rows == *own);
+    let is_sound = fits && rows[0] < rows[1] && stage.ends.is_sorted() && !stage.ends.is_empty();
+    if is_sound { Ok(stage) } else { Err(Broken("a stage is of another window")) }
 }

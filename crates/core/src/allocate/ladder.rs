@@ -1,7 +1,7 @@
 //! The ladder: sample counts at which low-discrepancy points are well stratified.
 
 use super::{Allocation, Demand, Steps, share_out};
-use crate::{Error, Needs, OwnRows};
+use crate::{Error, Needs};
 
 /// The ladder: sample counts 1, 2, 3, 4, 6, 8, 12, 16, 24, …, at which low-discrepancy points are well distributed.
 ///
@@ -75,28 +75,11 @@ impl Ladder {
         total: u64,
         exponent: f64,
     ) -> Result<Allocation, Error> {
-        self.allocate_together(&Demand::new(scores, floors, ceiling, total), exponent, &mut OwnRows::list(scores.len()))
-    }
-
-    /// Allocates samples to the pixels of all processes as [`Ladder::allocate`]; returns the counts of the own pixels.
-    /// [`Allocation::unspent`] and [`Allocation::replaced`] are everyone's.
-    ///
-    /// Processes exchange some twenty messages of a few bytes, one of up to 64 KiB in all, and where many steps have close
-    /// gains up to 15 of 16 KiB.
-    ///
-    /// # Errors
-    ///
-    /// As [`Ladder::allocate`] and [`Exchange::all_gather`](crate::Exchange::all_gather).
-    pub fn allocate_together(
-        self,
-        demand: &Demand<'_>,
-        exponent: f64,
-        part: &mut OwnRows<'_>,
-    ) -> Result<Allocation, Error> {
         if !(exponent > 0.0 && exponent <= 3.0) {
             return Err(Error::out_of_range("exponent", exponent, "the rate at which errors fall lies in (0, 3]"));
         }
-        share_out(demand, self.floor(demand.ceiling), &Rungs::new(exponent, self), part)
+        let demand = Demand::new(scores, floors, ceiling, total);
+        share_out(&demand, self.floor(ceiling), &Rungs::new(exponent, self))
     }
 
     fn rung_after(self, n: u32) -> Option<u32> {

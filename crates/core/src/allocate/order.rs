@@ -1,10 +1,8 @@
 //! Steps in the order of their gain, and the division of the last samples among them.
 
-use super::{Demand, Steps, mix};
-use crate::own_rows::unreadable;
-use crate::snapshot::bytes::{Reader, Writer};
-use crate::{Error, OwnRows};
-use std::cmp::{Ordering, Reverse};
+use super::{Demand, Steps};
+use crate::mix;
+use std::cmp::Ordering;
 
 /// A step of a pixel: from `count` to the next count.
 #[derive(Clone, Copy)]
@@ -17,41 +15,16 @@ pub(super) struct Waiting {
     pub(super) pixel: u32,
 }
 
-/// The place of a step in the order: larger gains first, then smaller counts, then a hash of the pixel's index. Words of
-/// 32 bits, of which the smallest comes first.
-type Key = [u32; 5];
-
-/// The bits of a digit of a key.
-const DIGIT: u32 = 11;
-/// The number of digits of a word.
-const DIGITS: u32 = 32_u32.div_ceil(DIGIT);
-/// The number of steps that processes send each other one by one.
-const FEW: u64 = 2048;
-
 impl Waiting {
-    fn key(&self) -> Key {
-        // The bits of a positive float have the float's order.
-        let (gain, hash) = (!self.gain.to_bits(), mix(self.pixel.into()));
-        [(gain >> 32) as u32, gain as u32, self.count, (hash >> 32) as u32, hash as u32]
+    /// The order of steps: larger gains first, then smaller counts, then a hash of the pixel's index.
+    fn order(&self, other: &Self) -> Ordering {
+        let tie = |step: &Self| (step.count, mix(step.pixel.into()));
+        other.gain.total_cmp(&self.gain).then_with(|| tie(self).cmp(&tie(other)))
     }
 }
 
-/// Digit `number` of a key, from the first.
-fn digit(key: &Key, number: u32) -> usize {
-    let word = key[(number / DIGITS) as usize];
-    let shift = 32_u32.saturating_sub(DIGIT * (number % DIGITS + 1));
-    let bits = (32 - DIGIT * (number % DIGITS)).min(DIGIT);
-    ((word >> shift) & ((1 << bits) - 1)) as usize
-}
-
 /// All steps from the present counts whose error decrease per sample is at least `threshold`.
-pub(super) fn steps_above(
-    threshold: f64,
-    counts: &[u32],
-    demand: &Demand<'_>,
-    steps: &impl Steps,
-    part: &OwnRows<'_>,
-) -> Vec<Waiting> {
+pub(super) fn steps_above(threshold: f64, counts: &[u32], demand: &Demand<'_>, steps: &impl Steps) -> Vec<Waiting> {
     let mut waiting = Vec::new();
     for (k, (&n, &score)) in counts.iter().zip(demand.scores).enumerate() {
         // Rounding must not hide a step, so the quick test is a little lower.
@@ -65,81 +38,46 @@ pub(super) fn steps_above(
             if gain < threshold {
                 break;
             }
-            waiting.push(Waiting { gain, count, pixel: part.pixel(k) as u32 });
+            waiting.push(Waiting { gain, count, pixel: k as u32 });
             count = next;
         }
     }
     waiting
 }
 
-/// Raises pixels by everyone's `waiting` steps in their order, until none of the `left` samples remains. Returns the
-/// samples left over. A step from a count goes to `end` of it; the last one may end before.
-pub(super) fn hand_out(
-    waiting: Vec<Waiting>,
-    counts: &mut [u32],
-    left: u64,
-    end: impl Fn(u32) -> u32,
-    part: &mut OwnRows<'_>,
-) -> Result<u64, Error> {
+/// Raises pixels by the `waiting` steps in their order, until none of the `left` samples remains. Returns the samples left
+/// over. A step from a count goes to `end` of it; the last one may end before.
+pub(super) fn hand_out(mut waiting: Vec<Waiting>, counts: &mut [u32], mut left: u64, end: impl Fn(u32) -> u32) -> u64 {
     let width = |step: &Waiting| u64::from(end(step.count) - step.count);
-    let [all] = part.sums([waiting.iter().map(width).sum()])?;
-    let last = if all <= left { None } else { Some(last_step(&waiting, left, width, part)?) };
-    for step in waiting {
-        let samples = match last.map(|(key, samples)| (step.key().cmp(&key), samples)) {
-            None | Some((Ordering::Less, _)) => width(&step) as u32,
-            Some((Ordering::Equal, samples)) => samples,
-            Some((Ordering::Greater, _)) => continue,
-        };
-        let count = &mut counts[part.position(step.pixel as usize)];
-        *count = (*count).max(step.count + samples);
+    if waiting.iter().map(width).sum::<u64>() > left {
+        waiting = first_steps(waiting, left, width);
+        waiting.sort_unstable_by(Waiting::order);
     }
-    Ok(left.saturating_sub(all))
-}
-
-/// The last of everyone's steps that get one of `left` samples, and the number that it gets. Requires steps that take
-/// more samples than are left, and one that is left.
-///
-/// Counts of the samples by digits of the keys narrow the steps down to few, which are gathered.
-fn last_step(
-    waiting: &[Waiting],
-    mut left: u64,
-    width: impl Fn(&Waiting) -> u64,
-    part: &mut OwnRows<'_>,
-) -> Result<(Key, u32), Error> {
-    let mut open: Vec<&Waiting> = waiting.iter().collect();
-    for number in 0..5 * DIGITS {
-        if part.sums([open.len() as u64])?[0] <= FEW {
+    for step in waiting {
+        if left == 0 {
             break;
         }
-        let mut samples = vec![0; 1 << DIGIT];
-        open.iter().for_each(|step| samples[digit(&step.key(), number)] += width(step));
-        part.add(&mut samples)?;
-        let mut last = 0;
-        while samples[last] < left {
-            left -= samples[last];
-            last += 1;
+        let samples = width(&step).min(left);
+        let count = &mut counts[step.pixel as usize];
+        *count = (*count).max(step.count + samples as u32);
+        left -= samples;
+    }
+    left
+}
+
+/// Drops steps that come after those that take the `left` samples. Halving the list by its middle step finds them in
+/// linear time; few more than needed remain.
+fn first_steps(mut waiting: Vec<Waiting>, left: u64, width: impl Fn(&Waiting) -> u64) -> Vec<Waiting> {
+    let (mut first, mut before) = (0, 0);
+    while waiting.len() - first > 64 {
+        let middle = (waiting.len() - first) / 2;
+        let (low, _, _) = waiting[first..].select_nth_unstable_by(middle, Waiting::order);
+        let taken = before + low.iter().map(&width).sum::<u64>();
+        if taken >= left {
+            waiting.truncate(first + middle);
+        } else {
+            (first, before) = (first + middle, taken);
         }
-        open.retain(|step| digit(&step.key(), number) == last);
     }
-    let mut to = Writer::with_capacity(28 * open.len());
-    for step in &open {
-        to.number(step.key());
-        to.number(width(step) as u32);
-    }
-    let mut few: Vec<(Key, u32)> = Vec::new();
-    for (rank, bytes) in part.gather(to.finish())?.iter().enumerate() {
-        let mut from = Reader::new(bytes);
-        while !from.is_empty() {
-            let take = |from: &mut Reader<'_>| Ok((from.number()?, from.number()?));
-            few.push(take(&mut from).map_err(|e| unreadable(rank, &e))?);
-        }
-    }
-    few.sort_unstable_by_key(|(key, _)| Reverse(*key));
-    while let Some((key, samples)) = few.pop() {
-        if left <= u64::from(samples) {
-            return Ok((key, left as u32));
-        }
-        left -= u64::from(samples);
-    }
-    Err(Error::Exchange { what: "processes count different samples in the allocation".into() })
+    waiting
 }

@@ -1,7 +1,8 @@
 //! Exact allocation of an integer budget in proportion to weights.
 
-use super::{Allocation, Range, level, mix};
-use crate::{Error, OwnRows};
+use super::{Allocation, Range, level};
+use crate::Error;
+use crate::mix;
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
@@ -49,8 +50,7 @@ pub fn share(weights: &[f64], base: u32, floors: &[u32], ceiling: u32, total: u6
         return Err(Error::BudgetTooSmall { budget: total, needed, pixels: floors.len() });
     }
     let (range, replaced) = Range::of(weights);
-    let part = &mut OwnRows::list(weights.len());
-    let weights = range.of_all(part)?.clean(weights);
+    let weights = range.clean(weights);
     let most = sum_at_least(ceiling);
     if most <= total {
         let counts = floors.iter().map(|&n| n.max(ceiling)).collect();
@@ -59,7 +59,7 @@ pub fn share(weights: &[f64], base: u32, floors: &[u32], ceiling: u32, total: u6
     let base = base.min(ceiling);
     let lowest = sum_at_least(base);
     if lowest >= total {
-        return Ok(Allocation { counts: level(floors, base, total, part)?, unspent: 0, replaced });
+        return Ok(Allocation { counts: level(floors, base, total), unspent: 0, replaced });
     }
     let (base, most) = (f64::from(base), f64::from(ceiling));
     let quanta = |weight: f64, floor: u32, factor: f64| -> u64 {
@@ -83,7 +83,7 @@ pub fn share(weights: &[f64], base: u32, floors: &[u32], ceiling: u32, total: u6
     let open = counts.iter().filter(|n| **n < ceiling).count();
     if left > open as u64 {
         // If weights differ by tens of decades, the search stops far from its goal.
-        return Ok(Allocation { counts: level(&counts, ceiling, total, part)?, unspent: 0, replaced });
+        return Ok(Allocation { counts: level(&counts, ceiling, total), unspent: 0, replaced });
     }
     hand_out_remainders(&shares, &weights, &mut counts, ceiling, left as usize);
     Ok(Allocation { counts, unspent: 0, replaced })

@@ -11,7 +11,6 @@ impl Film {
     /// - w) B`. Each pixel has one degree of freedom, so average over pixels before use. The error of splats is not in it.
     pub fn squared_error(&self, i: usize) -> Option<[f64; 3]> {
         let [a, b] = &self.kept[..] else { return None };
-        let i = self.held.at(i);
         let (na, nb) = (a.counts[i] as f64, b.counts[i] as f64);
         if na == 0.0 || nb == 0.0 {
             return None;
@@ -37,8 +36,7 @@ impl Film {
     }
 
     /// The relMSE of the unfiltered image, `mean((x - truth)^2 / (truth^2 + 0.01))` over pixels and channels, as
-    /// estimated from the halves. `None` without halves, while a pixel lacks a sample in one of them, and for a film that
-    /// [is not whole](Film::is_whole).
+    /// estimated from the halves. `None` without halves, and while a pixel lacks a sample in one of them.
     ///
     /// The mean over 3x3 pixels stands in for the truth. A pixel's own mean is high where its error is, and would hide
     /// the error.
@@ -48,7 +46,7 @@ impl Film {
     /// On the bundled scenes with 8 and more samples per pixel, the estimate is 0.65 to 1.05 of the true relMSE. With
     /// the pixel's own mean it would be 0.07 to 1.11 (`examples/predicted_error.rs`).
     pub fn predicted_relmse(&self) -> Option<f64> {
-        if self.kept.len() != 2 || !self.is_whole() {
+        if self.kept.len() != 2 {
             return None;
         }
         let [width, height] = self.frame.size().map(|n| n as usize);

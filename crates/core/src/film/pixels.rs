@@ -105,12 +105,12 @@ impl Film {
                 }
                 film.record.samples += half.count;
             }
-            film.features[i] = pixel.feature_moments();
-            if pixel.first_hit.is_some() && film.first_hits.is_empty() {
+            film.beside.features[i] = pixel.feature_moments();
+            if pixel.first_hit.is_some() && film.beside.first_hits.is_empty() {
                 film.needs = film.needs.with_first_hits(1);
-                film.first_hits = vec![None; frame.pixels()];
+                film.beside.first_hits = vec![None; frame.pixels()];
             }
-            if let Some(hit) = film.first_hits.get_mut(i) {
+            if let Some(hit) = film.beside.first_hits.get_mut(i) {
                 *hit = pixel.first_hit.filter(FirstHit::is_finite);
             }
         }

@@ -49,7 +49,7 @@ impl Film {
         if !self.needs.emission {
             return None;
         }
-        let alone = &self.features.get(self.held.at(i))?.emission;
+        let alone = &self.beside.features.get(i)?.emission;
         let found = if self.needs.halves { (alone.samples[half & 1], alone.mean[half & 1]) } else { alone.whole() };
         (found.0 > 0).then_some(found)
     }
@@ -57,7 +57,7 @@ impl Film {
     /// The difference of the refined and the plain mean emission of a half, or of a film without halves.
     fn refinement(&self, half: usize, i: usize) -> Option<[f64; 3]> {
         let (samples, alone) = self.emission_alone(half, i)?;
-        let (plain, count) = (self.emission(half, i)?, self.kept[half % self.kept.len()].counts[self.held.at(i)]);
+        let (plain, count) = (self.emission(half, i)?, self.kept[half % self.kept.len()].counts[i]);
         let share = f64::from(samples) / (f64::from(samples) + count as f64);
         (count > 0).then(|| [0, 1, 2].map(|c| share * (f64::from(alone[c]) - f64::from(plain[c]))))
     }
@@ -81,7 +81,7 @@ impl Film {
 
     /// [`Film::mean`] with the refined mean of both halves.
     pub fn refined_mean(&self, i: usize) -> [f64; 3] {
-        let first = if self.kept.len() == 2 { self.first_half_weight(self.held.at(i)) } else { 1.0 };
+        let first = if self.kept.len() == 2 { self.first_half_weight(i) } else { 1.0 };
         let halves = [first, 1.0 - first].into_iter().take(self.kept.len()).enumerate();
         halves.fold(self.mean(i), |mean, (half, weight)| match self.refinement(half, i) {
             Some(change) => changed(mean, change.map(|change| weight * change)),

@@ -12,6 +12,8 @@ const LARGEST: f32 = 9.0e17;
 /// Sums are whole numbers of 2^-64, so that they have the same bits in whatever order splats arrive.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Splats {
+    /// The window of the planes; `None` without planes.
+    frame: Option<Frame>,
     /// Linear RGB per pixel; one plane, or one per half. Empty if the film does not record splats.
     pub(crate) sums: Vec<Vec<[i128; 3]>>,
     /// The number of samples that could splat, in the image or withdrawn from it, for each plane.
@@ -19,22 +21,30 @@ pub(crate) struct Splats {
 }
 
 impl Splats {
-    pub(super) fn new(pixels: usize, halves: usize) -> Self {
-        Self { sums: vec![vec![[0; 3]; pixels]; halves], samples: [0; 2] }
+    pub(crate) fn new(frame: Frame, halves: usize) -> Self {
+        Self::of_sums(frame, vec![vec![[0; 3]; frame.pixels()]; halves], [0; 2])
     }
 
-    /// Empty planes of the size of `other`'s.
-    pub(crate) fn like(other: &Self) -> Self {
-        Self { sums: other.sums.iter().map(|plane| vec![[0; 3]; plane.len()]).collect(), samples: [0; 2] }
+    pub(crate) fn of_sums(frame: Frame, sums: Vec<Vec<[i128; 3]>>, samples: [u64; 2]) -> Self {
+        Self { frame: Some(frame).filter(|_| !sums.is_empty()), sums, samples }
     }
 
-    /// Adds sums of splats (half, pixel and sum) and the samples that could splat.
-    pub(crate) fn add_sums(&mut self, sums: &[(u32, u32, [i128; 3])], samples: [u64; 2]) {
-        for &(half, pixel, more) in sums {
-            let sum = &mut self.sums[half as usize][pixel as usize];
-            (0..3).for_each(|c| sum[c] = sum[c].saturating_add(more[c]));
-        }
-        (0..2).for_each(|half| self.samples[half] = self.samples[half].saturating_add(samples[half]));
+    /// Empty planes of the same window.
+    pub(crate) fn empty(&self) -> Self {
+        self.frame.map_or(Self::default(), |frame| Self::new(frame, self.sums.len()))
+    }
+
+    /// The splats of one half, as those of all.
+    pub(super) fn half(&self, half: usize) -> Self {
+        let sums = self.sums.get(half).cloned().into_iter().collect();
+        Self { frame: self.frame, sums, samples: [self.samples[half], 0] }
+    }
+
+    /// Adds the splats of another part of the same render.
+    pub(crate) fn join(&mut self, other: &Self) {
+        let to = self.sums.iter_mut().flatten().flatten();
+        to.zip(other.sums.iter().flatten().flatten()).for_each(|(to, from)| *to = to.saturating_add(*from));
+        (0..2).for_each(|half| self.samples[half] = self.samples[half].saturating_add(other.samples[half]));
     }
 
     /// Counts samples that could splat, by half.
@@ -53,7 +63,8 @@ impl Splats {
     }
 
     /// Adds a splat at column and row of the full image. Drops it outside the window, and if it is rejected.
-    pub(crate) fn add(&mut self, frame: &Frame, half: usize, [column, row]: [u32; 2], radiance: [f32; 3]) {
+    pub(crate) fn add(&mut self, half: usize, [column, row]: [u32; 2], radiance: [f32; 3]) {
+        let Some(frame) = self.frame else { return };
         let ([x, y], [width, height]) = (frame.origin(), frame.size());
         let (Some(column), Some(row)) = (column.checked_sub(x), row.checked_sub(y)) else { return };
         if column >= width || row >= height || Self::reason_to_reject(radiance).is_some() {
@@ -65,27 +76,12 @@ impl Splats {
         }
     }
 
-    /// The sums over the parts of an image. Each part has planes of the whole image.
-    pub(crate) fn sum<'a>(parts: impl Iterator<Item = &'a Self>) -> Self {
-        let mut whole = Self::default();
-        for part in parts {
-            if whole.sums.is_empty() {
-                whole.sums.clone_from(&part.sums);
-            } else {
-                let to = whole.sums.iter_mut().flatten().flatten();
-                to.zip(part.sums.iter().flatten().flatten()).for_each(|(to, from)| *to = to.saturating_add(*from));
-            }
-            (0..2).for_each(|half| whole.samples[half] += part.samples[half]);
-        }
-        whole
-    }
-
     /// The mean radiance that splats add to pixel `i` in one half: their sum over the samples per pixel.
     ///
     /// Samples of a window throw light at the whole image, so they are shared among all its pixels.
-    pub(super) fn mean(&self, frame: &Frame, half: usize, i: usize) -> [f64; 3] {
-        match self.sums.get(half) {
-            Some(sums) if self.samples[half] > 0 => {
+    pub(super) fn mean(&self, half: usize, i: usize) -> [f64; 3] {
+        match (self.frame, self.sums.get(half)) {
+            (Some(frame), Some(sums)) if self.samples[half] > 0 => {
                 let [width, height] = frame.resolution().map(f64::from);
                 let share = width * height / self.samples[half] as f64 / UNIT;
                 sums[i].map(|sum| sum as f64 * share)

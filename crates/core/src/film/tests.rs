@@ -59,7 +59,7 @@ fn squared_error_is_that_of_the_combined_mean() {
             for (half, &n) in counts.iter().enumerate() {
                 for _ in 0..n {
                     state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-                    let u = (crate::allocate::mix(state) >> 40) as f32 / (1u64 << 24) as f32;
+                    let u = (crate::mix(state) >> 40) as f32 / (1u64 << 24) as f32;
                     film.push(i, half, [u; 3]);
                 }
             }

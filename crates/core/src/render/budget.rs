@@ -112,12 +112,6 @@ impl Meter {
         self.filter_seconds = Some(filter_seconds);
     }
 
-    /// Takes over another process' time limit and its reserve for the filter.
-    pub(super) fn follow(&mut self, limit: f64, filter_seconds: Option<f64>) {
-        self.budget = Budget::Seconds(limit);
-        self.filter_seconds = filter_seconds;
-    }
-
     /// Restores the budget from a snapshot. A budget of time or error continues with the sample total at the snapshot.
     pub(super) fn restore(&mut self, film: &Film, total: u64, planned: u64) -> Result<(), Error> {
         let shown = &film.record().budgets;

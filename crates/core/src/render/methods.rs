@@ -1,6 +1,7 @@
 //! A sampler and a filter that work together.
 
-use crate::{Filter, Needs, Sampler};
+use crate::{Filter, Needs, Recorder, Sampler};
+use std::sync::Arc;
 
 /// A sampler and a filter that work together: what a [`Session`](crate::Session) needs besides a frame and limits.
 ///
@@ -26,6 +27,8 @@ pub struct Methods<'a> {
     pub filter: Option<Box<dyn Filter + 'a>>,
     /// The statistics that the film records besides those that sampler and filter need.
     pub needs: Needs,
+    /// The recorders of the film besides those of the sampler.
+    pub recorders: Vec<Arc<dyn Recorder>>,
 }
 
 impl<'a> Methods<'a> {
@@ -36,9 +39,12 @@ impl<'a> Methods<'a> {
     }
 
     /// Adds the statistics that the filter needs.
-    pub(super) fn with_filter_needs(self) -> Self {
-        let needs = self.filter.as_ref().map_or(Needs::none(), |filter| filter.needs());
-        self.with_needs(needs)
+    pub(super) fn with_filter_needs(mut self) -> Self {
+        if let Some(filter) = &self.filter {
+            self.needs = self.needs.and(filter.needs());
+            self.recorders.extend(filter.recorders());
+        }
+        self
     }
 
     /// Adds statistics that the film must record besides those that sampler and filter need.
@@ -50,7 +56,7 @@ impl<'a> Methods<'a> {
 
 impl<'a, S: Sampler + 'a> From<S> for Methods<'a> {
     fn from(sampler: S) -> Self {
-        Self { sampler: Box::new(sampler), filter: None, needs: Needs::none() }
+        Self { sampler: Box::new(sampler), filter: None, needs: Needs::none(), recorders: Vec::new() }
     }
 }
 

@@ -180,10 +180,11 @@ impl<'s> Round<'s> {
     /// far. Tiles that are still being traced will be traced again by the render that continues.
     pub fn snapshot(&self) -> Vec<u8> {
         let shared = self.lock();
-        let State { film, round, open, passes, holdout, .. } = &*shared.state;
+        let State { film, round, open, passes, holdout, stage, .. } = &*shared.state;
         let (seconds, holdout, open) = (self.clock.seconds(), holdout.as_ref(), open.as_ref());
         let (total, sampler, limits) = (self.total, Planner::Saved(&self.sampler), self.limits);
-        View { film, round: *round, open, passes, holdout, total, seconds, sampler, limits }.write()
+        let stage = stage.as_ref();
+        View { film, round: *round, open, passes, holdout, total, seconds, sampler, limits, stage }.write()
     }
 
     fn lock(&self) -> MutexGuard<'_, Shared<'s>> {

@@ -1,30 +1,24 @@
 //! Tracing one round: slices of bands of rows.
 
-use super::band::{Band, bands};
 use super::feature_samples::{self, Turn};
-use super::meeting::is_free;
 use super::session::State;
-use super::slicing::{next_slice, pass_length};
-use super::team::Team;
-use super::{Monitor, Session, prepare};
-use crate::allocate::mix;
-use crate::bands::BAND;
-use crate::exchange::message::Standing;
-use crate::film::{REJECTED_LISTED, Splats, first_hits_of, keep_first, record_first_hit, reserve_samples};
+use super::{Monitor, Session};
+use crate::film::{Bank, BankRows, BesideRows, REJECTED_LISTED, Splats, keep_first, record_first_hit, reserve};
 use crate::integrator::TrainingSum;
+use crate::snapshot::{Cursor, OpenRound};
 use crate::{
-    Control, Draws, Error, Film, Integrator, InvalidSample, Limits, Needs, Plan, PointSet, Prepares, Rejected,
-    Retention, SampleId, TrainingData, Worker, streams,
+    Control, Draws, Error, Film, Integrator, InvalidSample, Limits, Needs, Pass, Plan, PointSet, Prepares, Recorder,
+    Rejected, Retention, SampleId, TrainingData, Worker, mix, streams,
 };
 use rayon::prelude::*;
 use std::any::Any;
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-/// The side, in pixels, of the blocks in which training data is summed.
-pub(super) const BLOCK: usize = BAND;
+/// The side, in pixels, of the blocks in whose order training data is summed.
+pub(super) const BLOCK: usize = 16;
 /// The inputs that all tasks of a slice share: integrator, points, plan and flags.
 struct Inputs<'a> {
     integrator: &'a dyn Integrator,
@@ -34,6 +28,7 @@ struct Inputs<'a> {
     origin: [u32; 2],
     streams: [u32; 2],
     needs: Needs,
+    recorders: &'a [Arc<dyn Recorder>],
     features: Turn,
     wants_training: bool,
     /// Workers that no task holds, so that their memory lasts longer than a band.
@@ -68,8 +63,6 @@ struct Tally {
     /// Half, pixel and radiance of splats.
     splats: Vec<(usize, [u32; 2], [f32; 3])>,
     panicked: Option<(SampleId, String)>,
-    /// The time that it took; 0 unless several processes share the image.
-    nanoseconds: u64,
 }
 
 /// The result of tracing a round: stopped by a monitor, and where, or not stopped.
@@ -87,110 +80,177 @@ pub(super) fn trace(
     integrator: &mut dyn Integrator,
     session: &mut Session<'_>,
     monitor: &mut dyn Monitor,
-    mut team: Option<&mut Team<'_>>,
 ) -> Result<Stopped, Error> {
     let began = session.began();
-    let height = session.state.film.frame.size()[1];
     loop {
         let seconds = session.seconds() - began;
-        let Session { state, sampler, limits, training, meter, .. } = &mut *session;
+        let Session { state, sampler, limits, meter, .. } = &mut *session;
         let features = meter.features(state.round);
         let Some(open) = &mut state.open else { return Ok(Stopped::AtEnd) };
-        let points = sampler.points();
-        let longest = team.as_deref().map_or_else(|| open.longest(), |team| team.longest(open));
+        let (points, height) = (sampler.points(), state.film.frame.size()[1]);
+        let longest = state.stage.as_ref().map_or_else(|| open.longest(), |stage| stage.end());
         if open.cursor.start >= longest {
             return Ok(Stopped::No);
         }
         let wants_training = integrator.wants_training();
-        let pass = match (wants_training, integrator.prepares()) {
-            (true, _) => Some(pass_length(open)),
-            (false, Prepares::EveryPass) => Some(prepare::pass_length(open, state.film.frame.pixels())),
+        let pass = match (&state.stage, wants_training, integrator.prepares()) {
+            (Some(stage), ..) => Some(stage.pass_length(open.cursor.start)),
+            (None, true, _) => Some(training_length(open)),
+            (None, false, Prepares::EveryPass) => {
+                Some(prepared_length(open, open.cursor.start, state.film.frame.pixels()))
+            }
             _ => None,
         };
-        let (length, rows) = next_slice(open, &state.film, (pass, wants_training), seconds, (limits, team.as_deref()));
+        let (length, rows) = next_slice(open, &state.film, (pass, wants_training), seconds, limits);
         let begins = open.cursor.row == 0;
         if begins {
             open.cursor.end = open.cursor.start.saturating_add(length).min(longest);
         }
-        prepare::prepare(&mut *integrator, points, (&mut *state, team.as_deref_mut()), begins)?;
-        let State { film, open: Some(open), passes, .. } = state else { return Ok(Stopped::AtEnd) };
+        prepare(&mut *integrator, points, &mut *state, begins)?;
+        let State { film, open: Some(open), passes, stage, .. } = state else { return Ok(Stopped::AtEnd) };
         let cursor = &mut open.cursor;
         let rows = [cursor.row, cursor.row.saturating_add(rows).min(height)];
         let range = Slice { samples: [cursor.start, cursor.end], rows };
-        let tallies = slice(&*integrator, points, &open.plan, film, (limits, team.as_deref_mut()), (range, features));
+        let tallies = slice(&*integrator, points, &open.plan, film, limits, (range, features));
         if open.plan.retention == Retention::Keep {
             tallies.iter().for_each(|tally| film.splats.count(tally.samples));
         }
-        let trouble = add_up(film, tallies, limits, &mut open.pending);
-        if let Some(trouble) = trouble {
-            let Some(team) = team else { return Err(failed(trouble, film, points)) };
-            team.set_standing(trouble);
-            if wants_training {
-                team.pass(film, (state.round, open), Vec::new())?;
-            } else if is_free(&*integrator) && team.will_meet() {
-                team.meet(film, state.round, open)?;
-            }
-            return Ok(Stopped::Within);
-        }
+        add_up(film, tallies, (limits, points), &mut open.pending)?;
         cursor.row = rows[1] % height;
         if cursor.row == 0 {
             cursor.start = cursor.end;
-            let mut pending = std::mem::take(&mut open.pending);
-            if wants_training {
-                if let Some(team) = &mut team {
-                    match team.pass(film, (state.round, open), pending)? {
-                        Some(of_all) => pending = of_all,
-                        // Another process stopped or failed.
-                        None => return Ok(Stopped::Within),
-                    }
-                }
-                pending.sort_by_key(|(row, _)| *row);
-                let rows: Vec<_> = pending.into_iter().map(|(_, sums)| sums).collect();
-                let pass = training.get(passes.len()).cloned().unwrap_or_else(|| TrainingData::merge(&rows));
-                integrator.learn(&pass);
-                passes.push(pass);
+            if wants_training && stage.is_none() {
+                learn(integrator, &mut open.pending, passes);
+            } else if wants_training {
+                return Ok(Stopped::No);
             }
         }
-        let mut more = open.cursor.start < longest;
-        if let Some(team) = team.as_deref_mut().filter(|_| !wants_training && is_free(&*integrator)) {
-            if !team.meet_in_time(film, state.round, open)? {
-                return Ok(Stopped::Within);
-            }
-            more = open.cursor.start < team.longest(open);
-        }
-        if wants_training && open.cursor.row == 0 && team.as_ref().is_some_and(|team| team.is_staged()) {
-            // The next pass is a stage of its own.
-            return Ok(if more { Stopped::Within } else { Stopped::No });
-        }
+        let more = cursor.start < longest;
         let seconds = session.seconds();
         session.set_traced(seconds - began);
-        session.everyones = team.as_ref().map(|team| team.estimate(session.state.film.record.samples));
         if session.show(monitor, |monitor, status| monitor.slice(status)) == Control::Stop {
-            let State { film, round, open, .. } = &mut session.state;
-            if let (Some(team), Some(open)) = (team, open) {
-                team.set_standing(Standing::Stopped);
-                // The others' next message is that of a pass, unless none is to come in this round.
-                if more && integrator.wants_training() {
-                    team.pass(film, (*round, open), Vec::new())?;
-                } else if more && is_free(integrator) && team.will_meet() {
-                    team.meet(film, *round, open)?;
-                }
-            }
             return Ok(if more { Stopped::Within } else { Stopped::AtEnd });
         }
     }
 }
 
-/// The error for a panic or an invalid sample. A panic's carries the film.
-pub(super) fn failed(trouble: Standing, film: &mut Film, points: &dyn PointSet) -> Error {
-    match trouble {
-        Standing::Invalid(sample, value) => Error::InvalidSample { sample, value, points: points.describe() },
-        Standing::Panicked(sample, message) => {
-            let film = Box::new(std::mem::replace(film, Film::without_planes(film.frame, Needs::none())));
-            Error::Panicked { sample, message, points: points.describe(), film }
-        }
-        Standing::Going | Standing::Stopped => Error::Gone { what: "it stopped".into() },
+/// Merges the sums of a training pass, in the order of rows of blocks, and lets the integrator learn from them.
+pub(super) fn learn(
+    integrator: &mut dyn Integrator,
+    pending: &mut Vec<(usize, Vec<TrainingSum>)>,
+    passes: &mut Vec<TrainingData>,
+) {
+    let mut pending = std::mem::take(pending);
+    pending.sort_by_key(|(row, _)| *row);
+    let rows: Vec<_> = pending.into_iter().map(|(_, sums)| sums).collect();
+    let pass = TrainingData::merge(&rows);
+    integrator.learn(&pass);
+    passes.push(pass);
+}
+
+/// The error of a panic, which takes the film and leaves none in its place.
+fn panicked((sample, message): (SampleId, String), film: &mut Film, points: &dyn PointSet) -> Error {
+    let film = Box::new(std::mem::replace(film, Film::without_planes(film.frame, Needs::none())));
+    Error::Panicked { sample, message, points: points.describe(), film }
+}
+
+/// Samples per pixel of the next training pass: the mean number of all samples before, so that passes double in length.
+/// Follows from the plans alone, not from time.
+pub(super) fn training_length(open: &OpenRound) -> u32 {
+    let traced = open.before(open.cursor.start);
+    let mean = (open.before + open.submitted + traced) / open.plan.counts.len() as u64;
+    u32::try_from(mean).unwrap_or(u32::MAX).max(1)
+}
+
+/// Samples per pixel of a pass of an integrator that prepares for each: one for each half of the film, so that the halves can
+/// have preparations of their own.
+const PREPARED: usize = 2;
+
+/// Samples per pixel of the pass from sample `start`: about [`PREPARED`] for each pixel of the image, handed to the pixels that
+/// still have samples in the round. Follows from the plan alone, not from time.
+pub(super) fn prepared_length(open: &OpenRound, start: u32, pixels: usize) -> u32 {
+    let active = open.above(start) as usize;
+    // With counts for each half, a step traces a sample of both.
+    let least = if open.plan.second_half.is_some() { 1 } else { PREPARED };
+    u32::try_from((PREPARED * pixels / active.max(1)).max(least)).unwrap_or(u32::MAX)
+}
+
+/// Prepares the integrator for the slice at the cursor, unless it is prepared for it. Rays and seconds go to the record,
+/// but for the repetition after a resumption.
+fn prepare(
+    integrator: &mut dyn Integrator,
+    points: &dyn PointSet,
+    state: &mut State,
+    begins: bool,
+) -> Result<(), Error> {
+    let (film, prepared) = (&mut state.film, &mut state.prepared);
+    let passes = film.record.passes;
+    let (number, is_new) = match integrator.prepares() {
+        Prepares::Never => return Ok(()),
+        Prepares::Once => (0, passes == 0),
+        Prepares::EveryPass if begins => (passes, true),
+        Prepares::EveryPass => (passes.saturating_sub(1), false),
+    };
+    if *prepared == Some(number) {
+        return Ok(());
     }
+    let clock = Instant::now();
+    let frame = state.stage.as_ref().map_or(film.frame, |stage| stage.frame());
+    let pass = Pass { number, points, frame };
+    let done = catch_unwind(AssertUnwindSafe(|| integrator.prepare(&pass))).map_err(|payload| {
+        let sample = SampleId::new([number, 0], streams::LIGHT, 0);
+        panicked((sample, panic_message(&*payload)), film, points)
+    })?;
+    *prepared = Some(number);
+    if is_new {
+        film.record.passes += 1;
+        film.record.rays += done.rays;
+        film.record.prepare_rays += done.rays;
+        film.record.prepare_seconds += clock.elapsed().as_secs_f64();
+    }
+    Ok(())
+}
+
+/// The target duration in seconds of a slice, the work between two calls of the monitor. A single row of pixels may
+/// take longer.
+const SLICE_SECONDS: f64 = 0.2;
+/// The number of samples in a round's first slice. It takes a millisecond at 1 us per sample, and a second at 1 ms per
+/// sample.
+const FIRST_SLICE: f64 = 1024.0;
+/// The largest number of samples in a slice, as a multiple of the samples already traced in the round.
+const GROWTH: f64 = 8.0;
+
+/// The size of the next slice: samples per pixel, and rows of pixels.
+///
+/// Both follow from the sampling rate of this round, which took `seconds` so far. If one sample in every pixel takes
+/// longer than a slice should, the slice covers only some rows. The samples per pixel then belong to the whole pass
+/// over the rows.
+/// `pass` are the samples per pixel of a training pass or of an integrator's pass, if there is one.
+fn next_slice(
+    open: &OpenRound,
+    film: &Film,
+    (pass, wants_training): (Option<u32>, bool),
+    seconds: f64,
+    limits: &Limits,
+) -> (u32, u32) {
+    let height = film.frame.size()[1];
+    let fixed = limits.schedule.slice_spp;
+    if fixed > 0 {
+        return (pass.unwrap_or(fixed), height);
+    }
+    let Cursor { start, end, row } = open.cursor;
+    let active = open.above(start) as f64;
+    let traced = (film.record.samples - open.before) as f64;
+    // The first rows may be the quickest, so the length grows step by step.
+    let promised = (traced / seconds.max(1e-3) * SLICE_SECONDS).min(GROWTH * traced);
+    let samples = promised.max(FIRST_SLICE);
+    let length = pass.unwrap_or((samples / active).clamp(1.0, 65536.0) as u32);
+    let slices = f64::from(if row == 0 { length } else { end - start }) * active / samples;
+    if slices < 2.0 && row == 0 {
+        return (length, height);
+    }
+    let rows = (f64::from(height) / slices).clamp(1.0, f64::from(height)).round() as u32;
+    (length, if wants_training { rows.next_multiple_of(BLOCK as u32) } else { rows })
 }
 
 /// The range of samples of each pixel, and the range of pixel rows, that are traced between two calls of the monitor.
@@ -200,61 +260,103 @@ struct Slice {
     rows: [u32; 2],
 }
 
+/// Traces the samples of a slice in parallel, and returns what its bands report, from the top.
 fn slice(
     integrator: &dyn Integrator,
     points: &dyn PointSet,
     plan: &Plan,
     film: &mut Film,
-    (limits, mut team): (&Limits, Option<&mut Team<'_>>),
+    limits: &Limits,
     (Slice { samples, rows }, features): (Slice, Turn),
 ) -> Vec<Tally> {
-    let [width, _] = film.frame.size().map(|n| n as usize);
-    let halves = film.kept.len() == 2;
+    let width = film.frame.size()[0] as usize;
+    let recorders = film.recorders.active.clone();
     let round = Inputs {
         integrator,
         points,
         plan,
         width,
         origin: film.frame.origin(),
-        streams: match (plan.retention, halves) {
-            (Retention::Keep, false) => [streams::WHOLE; 2],
-            (Retention::Keep, true) => streams::HALVES,
-            (Retention::Discard, false) => [streams::DISCARDED; 2],
-            (Retention::Discard, true) => streams::DISCARDED_HALVES,
-        },
+        streams: streams_of(plan.retention, film.kept.len() == 2),
         needs: film.needs,
+        recorders: &recorders,
         features: features.of_film(&film.needs, plan.retention),
         wants_training: integrator.wants_training(),
         workers: Mutex::default(),
     };
     let tile = limits.schedule.tile_rows.max(1) as usize;
-    let tile = match &team {
-        Some(_) if tile >= BLOCK || round.wants_training => BLOCK,
-        Some(_) => 1,
-        None if round.wants_training => tile.next_multiple_of(BLOCK),
-        None => tile,
-    };
-    let [top, bottom] = rows.map(|row| row as usize * width);
-    let mut bands = bands(film, plan.retention, (top..bottom, samples), tile * width);
-    if let Some(team) = &team {
-        bands.retain(|band| team.owns(band.first / width));
-        bands.iter_mut().for_each(|band| band.samples = team.shifted(band.first / width, samples));
-    }
+    let tile = if round.wants_training { tile.next_multiple_of(BLOCK) } else { tile };
+    let pixels = rows.map(|row| row as usize * width);
+    let mut bands = bands(film, plan.retention, (pixels, samples), tile * width);
     if limits.schedule.shuffle != 0 {
         bands.sort_by_key(|b| mix(b.first as u64 ^ limits.schedule.shuffle));
     }
-    let is_timed = team.is_some();
-    let timed = |band: Band<'_>| {
-        let (first, clock) = (band.first, is_timed.then(Instant::now));
-        let tally = trace_band(&round, band);
-        (first, Tally { nanoseconds: clock.map_or(0, |clock| clock.elapsed().as_nanos() as u64), ..tally })
-    };
-    let mut tallies: Vec<(usize, Tally)> = bands.into_par_iter().with_max_len(1).map(timed).collect();
+    let traced = |band: Band<'_>| (band.first, trace_band(&round, band));
+    let mut tallies: Vec<(usize, Tally)> = bands.into_par_iter().with_max_len(1).map(traced).collect();
     tallies.sort_by_key(|(first, _)| *first);
-    if let Some(team) = &mut team {
-        tallies.iter().for_each(|(first, tally)| team.add_time(first / width, tally.nanoseconds));
-    }
     tallies.into_iter().map(|(_, tally)| tally).collect()
+}
+
+/// The streams of a round's samples, for each half.
+pub(super) fn streams_of(retention: Retention, halves: bool) -> [u32; 2] {
+    match (retention, halves) {
+        (Retention::Keep, false) => [streams::WHOLE; 2],
+        (Retention::Keep, true) => streams::HALVES,
+        (Retention::Discard, false) => [streams::DISCARDED; 2],
+        (Retention::Discard, true) => streams::DISCARDED_HALVES,
+    }
+}
+
+/// A band of rows of a film, which one task writes.
+struct Band<'a> {
+    /// The index of its first pixel in the window.
+    first: usize,
+    /// The samples of the slice: of each pixel, those from `samples[0]` to below `samples[1]`.
+    samples: [u32; 2],
+    banks: Vec<BankRows<'a>>,
+    beside: BesideRows<'a>,
+    /// The counts of each half's withdrawn samples, whose indices precede; empty without such samples.
+    withdrawn: Vec<&'a [u64]>,
+}
+
+impl Band<'_> {
+    /// The index of a pixel's next sample in the stream of a half.
+    #[inline]
+    fn next_index(&self, half: usize, local: usize) -> u64 {
+        self.banks[half].counts[local] + self.withdrawn.get(half).map_or(0, |counts| counts[local])
+    }
+}
+
+/// Cuts some pixels of a film into bands of `size` pixels.
+fn bands(
+    film: &mut Film,
+    retention: Retention,
+    ([from, to], samples): ([usize; 2], [u32; 2]),
+    size: usize,
+) -> Vec<Band<'_>> {
+    let pixels = film.frame.pixels();
+    let (banks, withdrawn): (&mut [Bank], &[Bank]) = match retention {
+        Retention::Keep if film.withdrawn => (&mut film.kept, &film.discarded),
+        Retention::Keep => (&mut film.kept, &[]),
+        Retention::Discard => (&mut film.discarded, &[]),
+    };
+    let mut banks: Vec<_> = banks.iter_mut().map(|bank| bank.rows().split(from, pixels).1).collect();
+    let mut beside = film.beside.rows().split(from, pixels).1;
+    let mut bands = Vec::with_capacity((to - from).div_ceil(size));
+    for first in (from..to).step_by(size) {
+        let (size, left) = (size.min(to - first), pixels - first);
+        let own = banks.iter_mut().map(|bank| {
+            let (own, rest) = std::mem::take(bank).split(size, left);
+            *bank = rest;
+            own
+        });
+        let own = own.collect();
+        let (of_all, rest) = beside.split(size, left);
+        beside = rest;
+        let withdrawn = withdrawn.iter().map(|bank| &bank.counts[first..first + size]).collect();
+        bands.push(Band { first, samples, banks: own, beside: of_all, withdrawn });
+    }
+    bands
 }
 
 fn trace_band(round: &Inputs<'_>, mut band: Band<'_>) -> Tally {
@@ -328,18 +430,18 @@ fn trace_pixel(
         return;
     }
     let pixel = [round.origin[0] + (i % round.width) as u32, round.origin[1] + (i / round.width) as u32];
-    if round.needs.samples > 0 {
+    if !round.recorders.is_empty() {
         let rest = round.plan.second_half.as_ref().map(|_| second.saturating_sub(start));
-        reserve_samples(&mut band.banks, local, (first.saturating_sub(start), rest));
+        reserve(&mut band.banks, local, (first.saturating_sub(start), rest), round.recorders);
     }
     if round.features != Turn::Never
         && round.features.is_now(
-            &band.features[local],
+            &band.beside.features[local],
             band.banks.iter().map(|bank| bank.counts[local]).sum(),
             start == 0,
         )
     {
-        let cost = feature_samples::add(&mut band.features[local], round.points, pixel, &round.needs, |draws| {
+        let cost = feature_samples::add(&mut band.beside.features[local], round.points, pixel, &round.needs, |draws| {
             current.set(Some(draws.id()));
             round.integrator.features_alone(draws)
         });
@@ -379,8 +481,7 @@ fn trace_sample(
     worker: &mut Worker,
     current: &Cell<Option<SampleId>>,
 ) {
-    let bank = &mut band.banks[half];
-    let id = SampleId::new(pixel, round.streams[half], bank.next_index(local));
+    let id = SampleId::new(pixel, round.streams[half], band.next_index(half, local));
     current.set(Some(id));
     let draws = Draws::of_round(round.points, id, &round.needs);
     let channels = usize::from(round.needs.channels);
@@ -388,7 +489,8 @@ fn trace_sample(
         worker.begin_channels(channels);
     }
     let estimate = round.integrator.estimate(&draws, worker);
-    if let Some(reason) = bank.add(local, &estimate) {
+    let bank = &mut band.banks[half];
+    if let Some(reason) = bank.add(local, &estimate, round.recorders) {
         tally.reject(Rejected { sample: id, reason }, estimate.radiance);
     }
     if channels > 0 {
@@ -401,15 +503,15 @@ fn trace_sample(
     tally.rays += u64::from(estimate.cost);
     tally.blocks += u64::from(draws.blocks_requested());
     if round.needs.wants_first_hit() {
-        let Band { banks, features, half_features, first_hits, .. } = band;
         // Kept and discarded samples fill the places in the order of tracing. This bank's indices give the next place,
         // as long as all rounds have the same retention, which is usual.
-        let seen = banks.iter().map(|b| b.next_index(local)).sum::<u64>() - 1;
-        let hits = first_hits_of(first_hits, local, usize::from(round.needs.first_hits));
+        let seen = (0..band.banks.len()).map(|half| band.next_index(half, local)).sum::<u64>() - 1;
+        let (BesideRows { features, half_features, first_hits, .. }, k) =
+            (&mut band.beside, usize::from(round.needs.first_hits));
         let features = [features.get_mut(local), half_features.get_mut(2 * local + half)];
-        record_first_hit(features, hits, seen, &estimate);
+        record_first_hit(features, &mut first_hits[k * local..k * (local + 1)], seen, &estimate);
     }
-    if let Some(cost) = band.costs.get_mut(local) {
+    if let Some(cost) = band.beside.costs.get_mut(local) {
         *cost += u64::from(estimate.cost);
     }
 }
@@ -440,15 +542,18 @@ impl Tally {
     }
 }
 
-/// Adds the results of tasks to the film, in the order of the bands. Returns the first panic or, if invalid samples are
-/// refused, the first invalid sample.
+/// Adds the tallies of a slice to the film, in the order of bands.
+///
+/// # Errors
+///
+/// For a panic, and for a rejected sample if the limits refuse such.
 fn add_up(
     film: &mut Film,
     tallies: Vec<Tally>,
-    limits: &Limits,
+    (limits, points): (&Limits, &dyn PointSet),
     pending: &mut Vec<(usize, Vec<TrainingSum>)>,
-) -> Option<Standing> {
-    let mut panicked = None;
+) -> Result<(), Error> {
+    let mut first_panic = None;
     for tally in tallies {
         film.record.samples += tally.samples.iter().sum::<u64>();
         film.record.rays += tally.rays;
@@ -457,32 +562,13 @@ fn add_up(
         if limits.invalid == InvalidSample::Fail
             && let Some((sample, value)) = tally.first_rejected
         {
-            return Some(Standing::Invalid(sample, value));
+            return Err(Error::InvalidSample { sample, value, points: points.describe() });
         }
         if tally.rejections > 0 {
             film.list_rejected(tally.rejections, tally.rejected);
         }
         pending.extend(tally.training);
-        panicked = panicked.or(tally.panicked);
+        first_panic = first_panic.or(tally.panicked);
     }
-    panicked.map(|(sample, message)| Standing::Panicked(sample, message))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::{Frame, HostNumbers};
-
-    /// The error takes the film; a second one of its size would double the memory of a render that failed.
-    #[test]
-    fn a_panic_takes_the_film_and_leaves_none_in_its_place() {
-        let mut film = Film::new(Frame::new(64, 48).unwrap(), Needs::none());
-        let all = film.bytes();
-        let panicked = Standing::Panicked(SampleId::new([0; 2], 0, 0), "broken".into());
-        match failed(panicked, &mut film, &HostNumbers) {
-            Error::Panicked { film: taken, .. } => assert_eq!(taken.bytes(), all),
-            other => panic!("{other}"),
-        }
-        assert!(film.kept.is_empty() && film.features.is_empty());
-    }
+    first_panic.map_or(Ok(()), |panic| Err(panicked(panic, film, points)))
 }

@@ -1,20 +1,17 @@
 //! The engine of a render: rounds planned by a sampler, traced by whoever asks for them.
 
 use super::budget::Meter;
-use super::check::check;
 use super::clock::Clock;
-use super::halos::held_at_first;
 use super::holdout::Holdout;
 use super::methods::Methods;
+use super::plan::check;
 use super::pull::Round;
-use super::round::{Stopped, failed};
-use super::team::Team;
-use super::{Monitor, NoMonitor};
-use crate::exchange::message::Standing;
-use crate::snapshot::film::put_bands;
+use super::round::Stopped;
+use super::stage::Stage;
+use super::{Monitor, Status};
 use crate::snapshot::{OpenRound, Planner, View};
 use crate::{
-    Budget, Error, Film, Filter, Filtered, Frame, Limits, Needs, Retention, RoundRecord, Sampler, Shard, Snapshot,
+    Error, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, Retention, RoundRecord, Sampler, Snapshot,
     TrainingData, Unfiltered,
 };
 
@@ -30,6 +27,8 @@ pub(super) struct State {
     pub(super) holdout: Option<Holdout>,
     /// The number of the pass that the integrator is prepared for; `None` before the first and after a resumption.
     pub(super) prepared: Option<u32>,
+    /// The stage of which the film has some rows; `None` for a film of the whole window.
+    pub(super) stage: Option<Stage>,
 }
 
 /// A render whose loop belongs to the caller: it asks for rounds, traces their samples where and how it likes, and gives
@@ -96,13 +95,9 @@ pub struct Session<'a> {
     /// The reading of the clock at which the open round would have begun without interruption.
     began: f64,
     /// True when no round is left.
-    over: bool,
+    pub(super) over: bool,
     /// The samples that were left in the open round when it was last given out.
     given_out: Option<u64>,
-    /// The samples of all processes of the render, estimated while they trace a round.
-    pub(super) everyones: Option<u64>,
-    /// Training passes to learn from instead of this render's own.
-    pub(super) training: Vec<TrainingData>,
     tile_side: u32,
 }
 
@@ -115,8 +110,7 @@ impl<'a> Session<'a> {
     ///
     /// For invalid limits.
     pub fn new(frame: Frame, limits: Limits, methods: impl Into<Methods<'a>>) -> Result<Self, Error> {
-        let methods = methods.into().with_filter_needs();
-        Self::of_render(frame, &limits, methods, None, None)
+        Self::of_render(frame, &limits, methods.into().with_filter_needs(), None)
     }
 
     /// Continues a session or a [`Render`](crate::Render) from its snapshot, under the conditions of
@@ -131,64 +125,39 @@ impl<'a> Session<'a> {
         methods: impl Into<Methods<'a>>,
         snapshot: Snapshot,
     ) -> Result<Self, Error> {
-        let methods = methods.into().with_filter_needs();
-        Self::of_render(frame, &limits, methods, Some(snapshot), None)?.with_its_rows(None)
+        Self::of_render(frame, &limits, methods.into().with_filter_needs(), Some(snapshot))
     }
 
     /// The session of a render. It records what the methods ask for, and what sampler, limits and an error limit's filter need.
-    /// If a process of several plans its rows, the film holds these and the rows around them.
     pub(super) fn of_render(
         frame: Frame,
         limits: &Limits,
         methods: Methods<'a>,
         snapshot: Option<Snapshot>,
-        share: Option<Shard>,
     ) -> Result<Self, Error> {
-        let Methods { mut sampler, filter, needs } = methods;
+        let Methods { mut sampler, filter, needs, mut recorders } = methods;
         let mut meter = Meter::new(limits, &frame)?;
         let judged = filter.is_some() && meter.goal().is_some();
-        let judge = filter.as_ref().filter(|_| judged).map_or(Needs::none(), |f| f.needs());
-        let needs = needs.and(sampler.needs()).and(meter.needs()).and(judge);
-        let halo = halo(&*sampler, &meter, &needs);
-        let held =
-            share.filter(|share| share.of() > 1).zip(halo).map(|(share, halo)| held_at_first(&frame, share, halo));
-        let (mut state, seconds) = match snapshot {
-            None => {
-                let film = Film::of_held(frame, needs, held.clone().unwrap_or_default());
-                (State { film, round: 0, open: None, passes: Vec::new(), holdout: None, prepared: None }, 0.0)
-            }
-            Some(snapshot) => continued(snapshot, &mut *sampler, &mut meter, (&needs, limits), &frame)?,
-        };
-        if let Some(held) = held.filter(|held| *held != state.film.held) {
-            if !state.film.held.has_own_of(&held) {
-                return Err(rows_missing());
-            }
-            state.film.hold(held);
+        let mut needs = needs.and(sampler.needs()).and(meter.needs());
+        recorders.extend(sampler.recorders());
+        if let Some(filter) = filter.as_ref().filter(|_| judged) {
+            needs = needs.and(filter.needs());
+            recorders.extend(filter.recorders());
         }
+        let (state, seconds) = match snapshot {
+            None => {
+                let film = Film::with_recorders(frame, needs, recorders);
+                let (open, passes, holdout, prepared, stage) = (None, Vec::new(), None, None, None);
+                (State { film, round: 0, open, passes, holdout, prepared, stage }, 0.0)
+            }
+            Some(mut snapshot) => {
+                snapshot.film.resume_recorders(recorders)?;
+                continued(snapshot, &mut *sampler, &mut meter, (&needs, limits), &frame)?
+            }
+        };
         let (clock, limits) = (Clock::start(seconds), limits.clone());
         let (began, over, given_out, tile_side) = (0.0, false, None, 32);
-        let (everyones, training) = (None, Vec::new());
-        Ok(Self {
-            state,
-            limits,
-            sampler,
-            filter,
-            judged,
-            meter,
-            clock,
-            began,
-            over,
-            given_out,
-            everyones,
-            training,
-            tile_side,
-        })
-    }
-
-    /// The session if the film has the rows of process `share`. A single process, or one that plans the whole image, needs all.
-    pub(super) fn with_its_rows(self, share: Option<Shard>) -> Result<Self, Error> {
-        let is_part = share.is_some_and(|share| share.of() > 1) && self.halo().is_some();
-        if is_part || self.state.film.is_whole() { Ok(self) } else { Err(rows_missing()) }
+        Ok(Self { state, limits, sampler, filter, judged, meter, clock, began, over, given_out, tile_side })
     }
 
     /// Plans the next round, or returns the open one if only a part of it was submitted; `None` when the limits are met.
@@ -207,7 +176,7 @@ impl<'a> Session<'a> {
                 _ => {}
             }
         }
-        if self.over || !self.open(None)? {
+        if self.over || !self.open()? {
             self.over = true;
             return Ok(None);
         }
@@ -220,7 +189,7 @@ impl<'a> Session<'a> {
     /// Ends the open round. Refuses samples that report neither hits nor misses if the filter reads hits.
     fn finish_round(&mut self) -> Result<(), Error> {
         self.given_out = None;
-        self.close(Stopped::No, &mut NoMonitor, None)?;
+        self.close(Stopped::No)?;
         match &self.filter {
             Some(filter) => self.state.film.require(filter.name(), &filter.needs()),
             None => Ok(()),
@@ -274,53 +243,17 @@ impl<'a> Session<'a> {
         bytes
     }
 
-    /// The state of the session as bytes, without the planes of pixels, and these planes for each band of 16 rows.
-    pub(super) fn snapshot_in_bands(&mut self) -> (Vec<u8>, Vec<Vec<u8>>) {
-        let shown = if self.over { self.state.film.record.budgets.pop() } else { None };
-        let film = self.state.film.without_pixels();
-        let bytes = View { film: &film, ..self.view(self.clock.seconds()) }.write();
-        self.state.film.record.budgets.extend(shown);
-        (bytes, put_bands(&self.state.film))
-    }
-
     /// The content of a snapshot.
     pub(super) fn view(&self, seconds: f64) -> View<'_> {
-        let State { film, round, open, passes, holdout, .. } = &self.state;
-        let (open, holdout) = (open.as_ref(), holdout.as_ref());
+        let State { film, round, open, passes, holdout, stage, .. } = &self.state;
+        let (open, holdout, stage) = (open.as_ref(), holdout.as_ref(), stage.as_ref());
         let (total, sampler, limits) = (self.meter.left(film).total, Planner::Sampler(&*self.sampler), &self.limits);
-        View { film, round: *round, open, passes, holdout, total, seconds, sampler, limits }
+        View { film, round: *round, open, passes, holdout, total, seconds, sampler, limits, stage }
     }
 
-    /// The settings that all processes of a render must share, as pairs of name and value.
-    pub(super) fn settings(&self) -> Vec<(String, String)> {
-        let State { film, round, passes, .. } = &self.state;
-        let ([x, y], [w, h], [full_w, full_h]) = (film.frame.origin(), film.frame.size(), film.frame.resolution());
-        // Processes may have spent different times before; the first one's limit counts.
-        let budget = match &self.limits.budget {
-            Budget::Seconds(_) => "a time".into(),
-            given => format!("{given:?}"),
-        };
-        let pairs = [
-            ("version of dapple-core", env!("CARGO_PKG_VERSION").into()),
-            ("window", format!("{w}x{h} pixels at {x},{y} of {full_w}x{full_h}")),
-            ("sampler", self.sampler.describe()),
-            ("point set", self.sampler.points().describe()),
-            ("filter of an error limit", self.filter.as_ref().map_or("none".into(), |filter| filter.describe())),
-            ("statistics", format!("{:?}", film.needs)),
-            ("budget", budget),
-            ("samples per pixel", format!("{} to {}", self.limits.min_spp, self.limits.max_spp)),
-            ("invalid samples", format!("{:?}", self.limits.invalid)),
-            (
-                "samples before",
-                format!("{} in {round} rounds and {} training passes", film.record.samples, passes.len()),
-            ),
-        ];
-        pairs.map(|(name, value): (&str, String)| (name.to_owned(), value)).into()
-    }
-
-    /// The rows beyond its own ones that a process reads to plan them; `None` if every process plans the whole image.
-    pub(super) fn halo(&self) -> Option<u32> {
-        halo(&*self.sampler, &self.meter, &self.state.film.needs)
+    /// Makes an integrator learn the training passes so far.
+    pub(super) fn teach(&self, integrator: &mut dyn Integrator) {
+        self.state.passes.iter().for_each(|pass| integrator.learn(pass));
     }
 
     pub(super) fn seconds(&self) -> f64 {
@@ -340,101 +273,68 @@ impl<'a> Session<'a> {
     }
 
     /// Opens a round to trace: the one that is open already, or the next. Returns `false` at the end of the render.
-    pub(super) fn open(&mut self, mut team: Option<&mut Team<'_>>) -> Result<bool, Error> {
+    pub(super) fn open(&mut self) -> Result<bool, Error> {
         if self.state.open.is_none() {
-            self.state.open = self.plan(team.as_deref_mut())?;
+            self.state.open = self.plan()?;
         }
-        let State { film, open, .. } = &mut self.state;
-        match (team, open.as_mut()) {
-            (Some(team), Some(open)) => team.begin(film, open)?,
-            (Some(team), None) if !team.keeps_bands => team.complete(film)?,
-            _ => {}
+        match &self.state.open {
+            Some(open) => self.began = self.clock.seconds() - open.traced_seconds,
+            None => self.over = true,
         }
-        let Some(open) = &self.state.open else {
-            self.over = true;
-            return Ok(false);
-        };
-        self.began = self.clock.seconds() - open.traced_seconds;
-        Ok(true)
+        Ok(!self.over)
     }
 
-    /// Closes the round that was traced, or stopped: by this process or another one of the team. Returns `true` if the
-    /// render ends here because it was stopped.
-    pub(super) fn close(
-        &mut self,
-        stopped: Stopped,
-        monitor: &mut dyn Monitor,
-        mut team: Option<&mut Team<'_>>,
-    ) -> Result<bool, Error> {
-        let (stopped, plan_seconds, trace_seconds) = self.gather(stopped, team.as_deref_mut())?;
+    /// Closes the round that was traced, or stopped. Returns `true` if the render ends here because it was stopped.
+    pub(super) fn close(&mut self, stopped: Stopped) -> Result<bool, Error> {
         let Some(open) = self.state.open.take() else { return Ok(true) };
-        let film = &mut self.state.film;
+        let (film, trace_seconds) = (&mut self.state.film, self.clock.seconds() - self.began);
         let (samples, kept) = (film.record.samples - open.before, open.plan.retention == Retention::Keep);
-        film.record.rounds.push(RoundRecord { samples, kept, plan_seconds, trace_seconds });
+        film.record.rounds.push(RoundRecord { samples, kept, plan_seconds: open.plan_seconds, trace_seconds });
         if stopped == Stopped::Within {
             return Ok(true);
         }
         self.state.round += 1;
-        if let Some(team) = team.as_deref_mut() {
-            let times = team.times().to_vec();
-            self.show(monitor, |monitor, status| monitor.barrier(status, &times));
-            // After the last round, the end follows at once, and saves.
-            let ends = stopped == Stopped::No && self.limits.budget.is_of_samples() && self.is_spent();
-            if !ends {
-                self.save(monitor, team)?;
-            }
-            self.show_rows(monitor, team)?;
-        }
         if stopped == Stopped::AtEnd {
-            let spent = self.is_spent();
-            self.reserve_for_filter(team.as_deref_mut())?;
+            let film = &self.state.film;
+            let spent = film.record.samples >= self.meter.left(film).total;
+            self.reserve_for_filter()?;
             let predicted = self.predict()?;
-            let seconds = self.agreed_seconds(team)?;
-            let more = self.meter.extend(&self.state.film, seconds, predicted);
+            let more = self.meter.extend(&self.state.film, self.clock.seconds(), predicted);
             self.over = spent && !more;
         }
         Ok(stopped == Stopped::AtEnd)
     }
 
-    /// True if all samples of the budget are traced. A limit of time or error may add to it.
-    fn is_spent(&self) -> bool {
-        let film = &self.state.film;
-        film.record.samples >= self.meter.left(film).total
-    }
-
-    /// Gathers the results of the round from all processes. Returns where the round was stopped, and the seconds of planning
-    /// and tracing it.
-    fn gather(&mut self, stopped: Stopped, team: Option<&mut Team<'_>>) -> Result<(Stopped, f64, f64), Error> {
+    /// Calls the monitor between two slices. Its time is not the render's.
+    pub(super) fn show<T>(
+        &mut self,
+        monitor: &mut dyn Monitor,
+        show: impl FnOnce(&mut dyn Monitor, &Status<'_>) -> T,
+    ) -> T {
         let seconds = self.clock.seconds();
-        let State { film, round, open: Some(open), .. } = &mut self.state else { return Ok((stopped, 0.0, 0.0)) };
-        let mut times = [seconds, open.plan_seconds, seconds - self.began];
-        let mut stopped = stopped;
-        if let Some(team) = team {
-            let gathered = team.round(film, (*round, open), stopped != Stopped::Within, times)?;
-            (self.everyones, times) = (None, gathered.seconds);
-            stopped = match gathered.standing {
-                Standing::Going => Stopped::No,
-                Standing::Stopped if gathered.whole => Stopped::AtEnd,
-                Standing::Stopped => Stopped::Within,
-                trouble => return Err(failed(trouble, film, self.sampler.points())),
-            };
-        }
-        Ok((stopped, times[1], times[2]))
+        let view = self.view(seconds);
+        let status = Status {
+            film: view.film,
+            round: view.round,
+            samples: view.film.record.samples,
+            expected: view.total,
+            seconds,
+            seconds_limit: self.meter.seconds(),
+            filter_seconds: self.meter.filter_seconds(),
+            view,
+        };
+        let answer = show(monitor, &status);
+        self.clock.leave_out_since(seconds);
+        answer
     }
-}
 
-/// The rows beyond its own ones that a process reads to plan them; `None` if every process plans the whole image.
-///
-/// The error of a filtered image concerns the whole film, and splats of one process fall on all pixels.
-pub(super) fn halo(sampler: &dyn Sampler, meter: &Meter, needs: &Needs) -> Option<u32> {
-    let reads_all = meter.goal().is_some() || needs.splats;
-    sampler.halo().filter(|_| !reads_all)
-}
-
-/// The error for a snapshot that lacks rows of this process.
-fn rows_missing() -> Error {
-    let what = "it has the rows of another process; read it by Render::read_snapshot with the same exchange".into();
-    Error::OtherRender { what }
+    /// Shows the end of the render to the monitor. A resumed render plans the last round again, so the snapshot has no
+    /// budget for it.
+    pub(super) fn show_end(&mut self, monitor: &mut dyn Monitor) {
+        let shown = self.state.film.record.budgets.pop();
+        self.show(monitor, |monitor, status| monitor.end(status));
+        self.state.film.record.budgets.extend(shown);
+    }
 }
 
 /// The state of a snapshot, checked against the render that continues it, and the seconds that it took.
@@ -446,14 +346,15 @@ fn continued(
     frame: &Frame,
 ) -> Result<(State, f64), Error> {
     snapshot.restore_sampler(sampler, needs, frame, limits)?;
-    let Snapshot { film, round, open, passes, total, seconds, holdout, .. } = snapshot;
+    let Snapshot { film, round, open, passes, total, seconds, holdout, stage, .. } = snapshot;
     let planned = open.as_ref().map_or(film.record.samples, |open| open.before + open.submitted + open.plan.total());
     meter.restore(&film, total, planned)?;
-    if let Some(open) = &open {
+    // The rows of a stage were checked where they were planned.
+    if let Some(open) = open.as_ref().filter(|_| stage.is_none()) {
         let rest = open.rest(frame.size()[0] as usize);
         if rest.total() > 0 {
-            check((&rest, rest.total()), &film, sampler, &meter.left(&film))?;
+            check(&rest, &film, sampler, &meter.left(&film))?;
         }
     }
-    Ok((State { film, round, open, passes, holdout, prepared: None }, seconds))
+    Ok((State { film, round, open, passes, holdout, prepared: None, stage }, seconds))
 }

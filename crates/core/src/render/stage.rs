@@ -1,387 +1,257 @@
-//! Renders in stages: processes that exchange files, and need not run at the same time.
+//! Stages of a render: the samples between two barriers, whose rows may be traced apart and joined.
+//!
+//! At a barrier all pixels meet: a sampler plans the next round, or an integrator learns from a training pass. Between two
+//! barriers, rows of the image have nothing to do with each other, so that any machine may trace any of them.
 
-use super::round::{self, Stopped, failed};
-use super::team::{Team, deal};
-use super::{Monitor, NoMonitor, Render};
-use crate::bands::{BandCost, bands};
-use crate::exchange::Exchange;
-use crate::exchange::message::{Message, Standing};
-use crate::snapshot::bytes::{Reader, Writer};
-use crate::snapshot::{Broken, check_head};
-use crate::{Budget, Error, Integrator, Sampler, Shard, Snapshot};
+use super::round::{BLOCK, Stopped, learn, prepared_length, trace, training_length};
+use super::{Control, Methods, Monitor, Render, Session};
+use crate::film::keep_first;
+use crate::snapshot::{Cursor, OpenRound, View};
+use crate::{Error, Film, Frame, Integrator, Plan, Prepares, Record, Sampler, Snapshot};
+use std::ops::Range;
 
-const MAGIC: &[u8; 8] = b"dapple-q";
-const VERSION: u32 = 2;
-
-/// The state of a render between two stages, with the plan of the next one.
-///
-/// A stage is a training pass, or the rest of a round. Any number of processes trace the parts of a stage
-/// ([`Render::stage_part`]), from which one makes the next stage ([`Render::next_stage`]), until it
-/// [is done](Stage::is_done). [`Render::resume`] with [`Stage::snapshot`] then returns the film, with the bits of a render
-/// in one process.
-///
-/// ```
-/// # use dapple_core::{PointSet, SampleId};
-/// # struct Centre;
-/// # impl PointSet for Centre {
-/// #     fn describe(&self) -> String { "centre".into() }
-/// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
-/// #     fn capacity(&self) -> u64 { u64::MAX }
-/// # }
-/// # use dapple_core::{Draws, Estimate, Integrator, Worker};
-/// # struct Ramp;
-/// # impl Integrator for Ramp {
-/// #     fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
-/// #         Estimate::new([draws.pixel()[0] as f32; 3])
-/// #     }
-/// # }
-/// use dapple_core::samplers::Uniform;
-/// use dapple_core::{Frame, Limits, Render, Shard};
-///
-/// let (frame, limits) = (Frame::new(8, 40)?, Limits::spp(4.0));
-/// let render = || Render::new(frame, &limits);
-/// let mut stage = render().first_stage(&mut Ramp, &mut Uniform::new(Centre))?;
-/// while !stage.is_done() {
-///     // On each machine, one of three parts; the bytes travel.
-///     let machine = |index| -> Result<Vec<u8>, dapple_core::Error> {
-///         let part = render().stage_part(&stage, Shard::new(index, 3)?, &mut Ramp, &mut Uniform::new(Centre))?;
-///         Ok(part.expect("no monitor stops it"))
-///     };
-///     let parts = [machine(0)?, machine(1)?, machine(2)?];
-///     stage = render().next_stage(&stage, &parts, &mut Ramp, &mut Uniform::new(Centre))?;
-/// }
-/// let film = render().resume(stage.snapshot()?, &mut Ramp, &mut Uniform::new(Centre))?;
-/// assert_eq!(film.image(), render().run(&mut Ramp, &mut Uniform::new(Centre))?.image());
-/// # Ok::<(), dapple_core::Error>(())
-/// ```
-#[derive(Clone, Debug, PartialEq)]
+/// The samples of a render between two barriers.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stage {
-    number: u32,
-    done: bool,
-    /// The seconds of tracing the open round in earlier stages.
-    traced: f64,
-    costs: Vec<BandCost>,
-    /// The state without the planes of pixels.
-    state: Vec<u8>,
-    /// The planes of each band of 16 rows; some of them in a process that traces a part.
-    bands: Vec<(usize, Vec<u8>)>,
+    /// The window of the render.
+    pub(crate) frame: Frame,
+    /// The first and the last-but-one row to trace. The rows above them are traced already.
+    pub(crate) rows: [u32; 2],
+    /// The samples of each pixel at which the integrator's passes end, ascending; the last is the end of the stage.
+    pub(crate) ends: Vec<u32>,
 }
 
 impl Stage {
-    /// The number of stages before this one.
-    pub fn number(&self) -> u32 {
-        self.number
+    /// The window of the render.
+    pub fn frame(&self) -> Frame {
+        self.frame
     }
 
-    /// Returns true if no sample is left to trace.
-    pub fn is_done(&self) -> bool {
-        self.done
+    /// The rows of the window that are to be traced.
+    pub fn rows(&self) -> Range<u32> {
+        self.rows[0]..self.rows[1]
     }
 
-    /// The state of the render.
+    pub(super) fn end(&self) -> u32 {
+        self.ends.last().copied().unwrap_or(0)
+    }
+
+    /// Samples per pixel of the pass from sample `start`.
+    pub(super) fn pass_length(&self, start: u32) -> u32 {
+        self.ends.iter().find(|end| **end > start).map_or(0, |end| end - start)
+    }
+}
+
+impl Session<'_> {
+    /// The next stage: the rest of the open round, or of its training pass; `None` at the end of the render. Plans a round if
+    /// none is open.
     ///
     /// # Errors
     ///
-    /// The errors of [`Snapshot::from_bytes`], and [`Error::BadSnapshot`] for a stage that has only some bands.
-    pub fn snapshot(&self) -> Result<Snapshot, Error> {
-        let snapshot = self.some_bands()?;
-        let all = bands(snapshot.film().frame().size()[1] as usize);
-        if self.bands.len() == all { Ok(snapshot) } else { Err(Broken("bands of the film are missing").into()) }
-    }
-
-    /// The state of the render in the bands that this stage has.
-    fn some_bands(&self) -> Result<Snapshot, Error> {
-        Ok(Snapshot::read_in_bands(&self.state, &self.bands)?)
-    }
-
-    /// The numbers of the bands of 16 rows that a part traces; all bands of a stage that is done.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::BadSnapshot`] for an inconsistent stage.
-    pub fn bands_of(&self, shard: Shard) -> Result<Vec<usize>, Error> {
-        let snapshot = Snapshot::read_in_bands(&self.state, &[])?;
-        let [width, height] = snapshot.film().frame().size().map(|n| n as usize);
-        let Some(open) = &snapshot.open else { return Ok((0..bands(height)).collect()) };
-        let unknown = vec![BandCost::default(); bands(height)];
-        let costs = if self.costs.len() == unknown.len() { &self.costs } else { &unknown };
-        Ok(deal(open, costs, width, &vec![1; shard.of() as usize]).of(shard.index()).collect())
-    }
-
-    /// The bands that this stage has: their numbers, and the planes of their pixels as bytes.
-    pub fn bands(&self) -> &[(usize, Vec<u8>)] {
-        &self.bands
-    }
-
-    /// This stage with these bands instead of its own, for one that was read by [`Stage::from_head`].
-    ///
-    /// # Errors
-    ///
-    /// [`Error::BadSnapshot`] for bands that are truncated, inconsistent or those of another stage.
-    pub fn with_bands(self, bands: Vec<(usize, Vec<u8>)>) -> Result<Self, Error> {
-        let stage = Self { bands, ..self };
-        match stage.some_bands()?.open.is_some() == stage.done {
-            true => Err(Broken("the plan of a stage is missing").into()),
-            false => Ok(stage),
+    /// Those of [`Session::next_round`].
+    pub fn next_stage(&mut self, integrator: &dyn Integrator) -> Result<Option<Stage>, Error> {
+        if !self.open()? {
+            return Ok(None);
         }
-    }
-
-    /// The stage as bytes for [`Stage::from_bytes`], about as many as its film takes in memory.
-    pub fn to_bytes(&self) -> Vec<u8> {
-        let mut to = Writer::with_capacity(self.bands.iter().map(|(_, bytes)| bytes.len() + 16).sum());
-        to.list(&self.head());
-        to.number(self.bands.len() as u64);
-        for (band, bytes) in &self.bands {
-            to.number(*band as u64);
-            to.list(bytes);
-        }
-        to.finish()
-    }
-
-    /// The stage without its bands as bytes for [`Stage::from_head`]: costs, sums of training passes, and the counts of the
-    /// plan, four or eight bytes per pixel.
-    pub fn head(&self) -> Vec<u8> {
-        let mut to = Writer::with_capacity(self.state.len() + 16 * self.costs.len() + 64);
-        to.raw(MAGIC);
-        to.number(VERSION);
-        to.number(self.number);
-        to.flag(self.done);
-        to.number(self.traced);
-        to.list(&self.costs.iter().map(|cost| [cost.nanoseconds, cost.samples]).collect::<Vec<_>>());
-        to.list(&self.state);
-        to.finish()
-    }
-
-    /// Reads the bytes of [`Stage::to_bytes`].
-    ///
-    /// # Errors
-    ///
-    /// [`Error::BadSnapshot`] for bytes of another kind or version, truncated or inconsistent.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
-        let mut from = Reader::new(bytes);
-        let stage = Self::from_head(&from.list::<u8>()?)?;
-        let count = from.count(16)?;
-        let mut bands = Vec::with_capacity(count);
-        for place in 0..count {
-            if from.number::<u64>()? != place as u64 {
-                return Err(Broken("bands of the film are missing").into());
+        let (film, open) = (&self.state.film, self.state.open.as_ref());
+        let Some(open) = open else { return Ok(None) };
+        let (Cursor { start, end, row }, longest, height) = (open.cursor, open.longest(), film.frame.size()[1]);
+        let mut ends = Vec::new();
+        match (integrator.wants_training(), integrator.prepares()) {
+            _ if row > 0 => ends.push(end),
+            (true, _) => ends.push(start.saturating_add(training_length(open)).min(longest)),
+            (false, Prepares::EveryPass) => {
+                let mut at = start;
+                while at < longest {
+                    at = at.saturating_add(prepared_length(open, at, film.frame.pixels())).min(longest);
+                    ends.push(at);
+                }
             }
-            bands.push((place, from.list()?));
+            (false, _) => ends.push(longest),
         }
-        if !from.is_empty() {
-            return Err(Broken("there are bytes after the end").into());
-        }
-        let stage = stage.with_bands(bands)?;
-        stage.snapshot()?;
-        Ok(stage)
+        Ok(Some(Stage { frame: film.frame, rows: [row, height], ends }))
     }
 
-    /// Reads the bytes of [`Stage::head`]. The stage has no bands yet ([`Stage::with_bands`]).
+    /// Divides the rows of a stage into at most `parts` runs with about as many samples each. Follows from the plan alone.
+    pub fn deal(&self, stage: &Stage, parts: u32) -> Vec<Range<u32>> {
+        let Some(open) = &self.state.open else { return Vec::new() };
+        let width = stage.frame.size()[0] as usize;
+        let samples = |band: &Range<u32>| -> u64 {
+            let pixels = band.start as usize * width..band.end as usize * width;
+            let to_come = |counts: &[u32]| -> u64 {
+                let each = counts[pixels.clone()].iter();
+                each.map(|n| u64::from((*n).min(stage.end()).saturating_sub(open.cursor.start))).sum()
+            };
+            to_come(&open.plan.counts) + open.plan.second_half.as_deref().map_or(0, to_come)
+        };
+        // Training data is summed in blocks, so that no block may be cut.
+        let bands: Vec<Range<u32>> = (stage.rows().start..stage.rows().end)
+            .step_by(BLOCK)
+            .map(|top| top..(top + BLOCK as u32).min(stage.rows().end))
+            .collect();
+        let total = bands.iter().map(samples).sum::<u64>().max(1);
+        let (mut runs, mut before): (Vec<Range<u32>>, u64) = (Vec::new(), 0);
+        for band in bands {
+            // The part to which the middle of the band belongs.
+            let own = samples(&band);
+            let part = ((u128::from(2 * before + own) * u128::from(parts)) / u128::from(2 * total)) as usize;
+            before += own;
+            let is_own = part < runs.len() || runs.len() == parts as usize;
+            match runs.last_mut().filter(|_| is_own) {
+                Some(last) => last.end = band.end,
+                None => runs.push(band),
+            }
+        }
+        runs
+    }
+
+    /// The state of some rows of a stage as bytes, for [`Render::trace_rows`] on any machine.
     ///
     /// # Errors
     ///
-    /// [`Error::BadSnapshot`] for bytes of another kind or version, truncated or inconsistent.
-    pub fn from_head(bytes: &[u8]) -> Result<Self, Error> {
-        let mut from = Reader::new(bytes);
-        check_head(&mut from, MAGIC, VERSION)?;
-        let (number, done, traced) = (from.number()?, from.flag()?, from.number::<f64>()?);
-        let cost = |[nanoseconds, samples]: [u64; 2]| BandCost { nanoseconds, samples };
-        let costs = from.list::<[u64; 2]>()?.into_iter().map(cost).collect();
-        let stage = Self { number, done, traced, costs, state: from.list()?, bands: Vec::new() };
-        if !from.is_empty() || !traced.is_finite() {
-            return Err(Broken("there are bytes after the end").into());
+    /// [`Error::BadCrop`] for rows outside the window.
+    pub fn rows_of(&self, stage: &Stage, rows: Range<u32>) -> Result<Vec<u8>, Error> {
+        let frame = stage.frame.rows(rows.clone())?;
+        let Some(open) = &self.state.open else { return Ok(Vec::new()) };
+        let film = self.state.film.rows_of(frame);
+        let width = stage.frame.size()[0] as usize;
+        let cut = |counts: &[u32]| counts[rows.start as usize * width..rows.end as usize * width].to_vec();
+        let Plan { counts, second_half, retention, combine, .. } = &open.plan;
+        let second_half = second_half.as_deref().map(cut);
+        let mut open = OpenRound {
+            plan: Plan { counts: cut(counts), second_half, retention: *retention, combine: *combine, withdraw: None },
+            cursor: Cursor { start: open.cursor.start, end: open.cursor.start, row: 0 },
+            pending: Vec::new(),
+            before: film.record.samples,
+            submitted: 0,
+            plan_seconds: 0.0,
+            traced_seconds: 0.0,
+        };
+        // Samples of the round that the rows have already are no samples before it.
+        open.before -= open.plan.total() - open.rest(width).total();
+        let view = self.view(0.0);
+        Ok(View { film: &film, open: Some(&open), holdout: None, stage: Some(stage), ..view }.write())
+    }
+
+    /// Adds rows that [`Render::trace_rows`] has traced. The order of rows does not matter.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OtherRender`] for rows of another stage, and rows that were not traced to its end.
+    pub fn join(&mut self, stage: &Stage, bytes: &[u8]) -> Result<Range<u32>, Error> {
+        let other = |what: &str| Err(Error::OtherRender { what: what.into() });
+        let Snapshot { film: mut part, open: Some(traced), stage: of, round, .. } = Snapshot::from_bytes(bytes)? else {
+            return other("it holds no rows of a stage");
+        };
+        let Some(open) = self.state.open.as_mut().filter(|_| of.as_ref() == Some(stage) && round == self.state.round)
+        else {
+            return other("the rows are of another stage");
+        };
+        if traced.cursor.start != stage.end() {
+            return other("the rows are not traced to the end of their stage");
         }
-        Ok(stage)
+        let film = &mut self.state.film;
+        if part.needs != film.needs || part.recorders != film.recorders {
+            return other("the rows have other statistics");
+        }
+        let top = part.frame.origin()[1] - stage.frame.origin()[1];
+        let rows = top..top + part.frame.size()[1];
+        let had = samples_in(film, part.frame);
+        let record = std::mem::take(&mut part.record);
+        part.record = Record {
+            samples: record.samples.saturating_sub(had),
+            rays: record.rays - record.prepare_rays,
+            blocks: record.blocks,
+            rejected: record.rejected,
+            ..Record::default()
+        };
+        if record.passes > film.record.passes {
+            // Each machine prepares the same, which counts once.
+            film.record.passes = record.passes;
+            film.record.prepare_rays += record.prepare_rays;
+            film.record.rays += record.prepare_rays;
+            film.record.prepare_seconds += record.prepare_seconds;
+        }
+        film.splats.join(&part.splats);
+        let first_block = top as usize / BLOCK;
+        open.pending.extend(traced.pending.into_iter().map(|(block, sums)| (block + first_block, sums)));
+        film.put_back(part, open.plan.retention);
+        keep_first(&mut film.rejected);
+        Ok(rows)
+    }
+
+    /// Ends a stage whose rows have all been joined: the integrator learns, or the round is closed.
+    ///
+    /// # Errors
+    ///
+    /// Those of the sampler's next plan.
+    pub fn end_stage(&mut self, stage: &Stage, integrator: &mut dyn Integrator) -> Result<(), Error> {
+        let Some(open) = &mut self.state.open else { return Ok(()) };
+        open.cursor = Cursor { start: stage.end(), end: stage.end(), row: 0 };
+        let is_over = stage.end() >= open.longest();
+        if integrator.wants_training() {
+            learn(integrator, &mut open.pending, &mut self.state.passes);
+        }
+        if is_over {
+            self.close(Stopped::No)?;
+        }
+        Ok(())
+    }
+
+    /// Shows the state of the session to a monitor, as a render does after a slice.
+    pub fn show_to(&mut self, monitor: &mut dyn Monitor) -> Control {
+        self.show(monitor, |monitor, status| monitor.slice(status))
+    }
+
+    /// Shows the end of the render to a monitor.
+    pub fn show_end_to(&mut self, monitor: &mut dyn Monitor) {
+        self.show_end(monitor);
     }
 }
 
 impl Render<'_> {
-    /// Plans the first stage of a render whose parts are traced by [`Render::stage_part`].
+    /// Traces rows that [`Session::rows_of`] has cut out, to the end of their stage. Returns them for [`Session::join`]; `None`
+    /// if the monitor stopped it.
     ///
     /// # Errors
     ///
-    /// [`Error::NoShards`] for a limit of time, and the errors of [`Render::run`] that concern plans.
-    pub fn first_stage(self, integrator: &mut dyn Integrator, sampler: &mut dyn Sampler) -> Result<Stage, Error> {
-        self.advance(None, &[], integrator, sampler)
-    }
-
-    /// Traces one process' part of a stage: bands of 16 rows, dealt by the cost that earlier stages measured. Returns the
-    /// bytes for [`Render::next_stage`]; `None` if the monitor stopped it.
-    ///
-    /// Sampler and integrator must be new ones, made with the same options as those of the other stages.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::NoShards`] for a stage that is done. The errors of [`Render::resume`].
-    pub fn stage_part(
+    /// Those of [`Render::resume`].
+    pub fn trace_rows(
         mut self,
-        stage: &Stage,
-        shard: Shard,
+        rows: &[u8],
         integrator: &mut dyn Integrator,
         sampler: &mut dyn Sampler,
     ) -> Result<Option<Vec<u8>>, Error> {
-        if stage.done {
-            let why = "all samples are traced; make the image of it";
-            return Err(Error::NoShards { who: "this stage".into(), why });
+        let snapshot = Snapshot::from_bytes(rows)?;
+        let mut unwatched = super::NoMonitor;
+        let monitor: &mut dyn Monitor = self.monitor.take().unwrap_or(&mut unwatched);
+        let methods = Methods { needs: self.needs, recorders: self.recorders, ..Methods::from(sampler) };
+        let mut session = Session::of_render(self.frame, self.limits, methods, Some(snapshot))?;
+        session.teach(integrator);
+        session.open()?;
+        match trace(integrator, &mut session, monitor)? {
+            Stopped::No => Ok(Some(session.view(0.0).write())),
+            Stopped::Within | Stopped::AtEnd => Ok(None),
         }
-        let mut unwatched = NoMonitor;
-        let monitor: &mut dyn Monitor = match self.monitor.take() {
-            Some(monitor) => monitor,
-            None => &mut unwatched,
-        };
-        let wanted = stage.bands_of(shard)?;
-        if wanted.iter().any(|band| stage.bands.iter().all(|(given, _)| given != band)) {
-            return Err(Broken("the bands of this part are missing").into());
-        }
-        let mut session = self.session(sampler, Some(stage.some_bands()?))?;
-        session.state.passes.iter().for_each(|pass| integrator.learn(pass));
-        let rows = session.state.film.frame.size()[1] as usize;
-        let mut recorder = Recorder { shard, message: None };
-        let mut team =
-            Team::new(&mut recorder, rows).at_stage(stage.number, (&stage.costs, stage.traced), shard.index());
-        session.open(Some(&mut team))?;
-        let traced = round::trace(integrator, &mut session, monitor, Some(&mut team));
-        let outcome = match (team.standing().clone(), traced) {
-            (Standing::Stopped, _) => return Ok(None),
-            (Standing::Going, Ok(stopped)) => session.close(stopped, monitor, Some(&mut team)).map(|_| ()),
-            (Standing::Going, Err(error)) => Err(error),
-            (trouble, _) => return Err(failed(trouble, &mut session.state.film, session.sampler.points())),
-        };
-        match (recorder.message, outcome) {
-            (Some(message), _) => Ok(Some(message)),
-            (None, Err(error)) => Err(error),
-            (None, Ok(())) => Err(Error::Gone { what: "the stage has no end".into() }),
-        }
-    }
-
-    /// Makes the next stage of all parts of one, in any order.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::BadShards`] with a line for each part that is missing, given twice, or of another stage or division. The
-    /// errors of [`Render::resume`].
-    pub fn next_stage(
-        self,
-        stage: &Stage,
-        parts: &[Vec<u8>],
-        integrator: &mut dyn Integrator,
-        sampler: &mut dyn Sampler,
-    ) -> Result<Stage, Error> {
-        self.advance(Some(stage), parts, integrator, sampler)
-    }
-
-    fn advance(
-        self,
-        stage: Option<&Stage>,
-        parts: &[Vec<u8>],
-        integrator: &mut dyn Integrator,
-        sampler: &mut dyn Sampler,
-    ) -> Result<Stage, Error> {
-        if let Budget::Seconds(_) = self.limits.budget {
-            let why = "its stages have no common clock; give a number of samples or an error";
-            return Err(Error::NoShards { who: "a limit of time".into(), why });
-        }
-        let parts = stage.map_or(Ok(Vec::new()), |stage| in_order(parts, stage.number))?;
-        let snapshot = stage.map(Stage::snapshot).transpose()?;
-        let mut session = self.session(sampler, snapshot)?;
-        session.state.passes.iter().for_each(|pass| integrator.learn(pass));
-        let rows = session.state.film.frame.size()[1] as usize;
-        let of = (parts.len() as u32).max(1);
-        let mut replay = Replay { share: Shard::new(0, of)?, parts };
-        let (number, costs, traced) = stage.map_or((0, &[][..], 0.0), |s| (s.number, &s.costs, s.traced));
-        // Its number is that of no part: it traces nothing.
-        let mut team = Team::new(&mut replay, rows).at_stage(number, (costs, traced), of);
-        let mut goes_on = session.open(Some(&mut team))?;
-        if stage.is_some() && goes_on {
-            let stopped = round::trace(integrator, &mut session, &mut NoMonitor, Some(&mut team))?;
-            if stopped != Stopped::Within {
-                session.close(stopped, &mut NoMonitor, Some(&mut team))?;
-                goes_on = session.open(Some(&mut team))?;
-            }
-        }
-        // The lists that a team sets aside while it traces.
-        team.end(&mut session.state.film);
-        let (costs, traced) = team.into_costs();
-        let number = if stage.is_some() { number + 1 } else { 0 };
-        let (state, bands) = session.snapshot_in_bands();
-        let bands = bands.into_iter().enumerate().collect();
-        Ok(Stage { number, done: !goes_on, traced, costs, state, bands })
     }
 }
 
-/// The parts of stage `number`, by their number.
-fn in_order(parts: &[Vec<u8>], number: u32) -> Result<Vec<Vec<u8>>, Error> {
-    let mut troubles = Vec::new();
-    let mut found: Vec<(u32, &Vec<u8>)> = Vec::new();
-    let mut of = None;
-    for (place, bytes) in parts.iter().enumerate() {
-        let message = match Message::read(bytes) {
-            Ok((message, _)) => message,
-            Err(Broken(what)) => {
-                troubles.push(format!("part {} of the list cannot be read: {what}", place + 1));
-                continue;
-            }
-        };
-        let [index, all] = message.share;
-        let name = format!("part {}/{all}", index.saturating_add(1));
-        let there = message.step.number;
-        if there != number {
-            let age = if there < number { "an older" } else { "a newer" };
-            troubles.push(format!(
-                "{name} is of {age} plan, stage {there}, and this one is at stage {number}; trace it again"
-            ));
-        } else if of.is_some_and(|of| of != all) {
-            troubles.push(format!("{name} is of another number of parts than the first one"));
-        } else if found.iter().any(|(other, _)| *other == index) {
-            troubles.push(format!("{name} is given twice"));
-        } else {
-            of = Some(all);
-            found.push((index, bytes));
+/// The kept and discarded samples in some rows of a film.
+fn samples_in(film: &Film, rows: Frame) -> u64 {
+    let first = (rows.origin()[1] - film.frame.origin()[1]) as usize * film.frame.size()[0] as usize;
+    let banks = film.kept.iter().chain(&film.discarded);
+    banks.flat_map(|bank| &bank.counts[first..first + rows.pixels()]).sum()
+}
+
+impl Film {
+    /// The rows of a window as a film of their own, with the record of a render that begins there.
+    fn rows_of(&self, frame: Frame) -> Self {
+        let mut film = self.part(frame, crate::Retention::Keep);
+        if film.discarded.is_empty() && !self.discarded.is_empty() {
+            film.discarded = self.part(frame, crate::Retention::Discard).discarded;
         }
-    }
-    let missing = |index: &u32| found.iter().all(|(other, _)| other != index);
-    let all = of.unwrap_or(0);
-    let lost: Vec<String> = (0..all).filter(missing).take(10).map(|index| format!("{}/{all}", index + 1)).collect();
-    if !lost.is_empty() || troubles.is_empty() && all == 0 {
-        let which = if all == 0 { "all".into() } else { lost.join(", ") };
-        troubles.push(format!("missing parts: {which}{}", if lost.len() == 10 { ", and maybe more" } else { "" }));
-    }
-    if !troubles.is_empty() {
-        return Err(Error::BadShards { what: troubles.join("\n") });
-    }
-    found.sort_by_key(|(index, _)| *index);
-    Ok(found.into_iter().map(|(_, bytes)| bytes.clone()).collect())
-}
-
-/// Keeps the message of the stage's end, and ends the render there.
-struct Recorder {
-    shard: Shard,
-    message: Option<Vec<u8>>,
-}
-
-impl Exchange for Recorder {
-    fn share(&self) -> Shard {
-        self.shard
-    }
-
-    fn all_gather(&mut self, mine: Vec<u8>) -> Result<Vec<Vec<u8>>, Error> {
-        self.message = Some(mine);
-        Err(Error::Gone { what: "its stage is over".into() })
-    }
-}
-
-/// Gives the messages of a stage's end.
-struct Replay {
-    share: Shard,
-    parts: Vec<Vec<u8>>,
-}
-
-impl Exchange for Replay {
-    fn share(&self) -> Shard {
-        self.share
-    }
-
-    fn all_gather(&mut self, _: Vec<u8>) -> Result<Vec<Vec<u8>>, Error> {
-        Ok(std::mem::take(&mut self.parts))
+        film.splats = self.splats.empty();
+        film.record = Record { samples: samples_in(&film, frame), passes: self.record.passes, ..Record::default() };
+        film
     }
 }

@@ -1,9 +1,10 @@
 //! Tiles of a round: the samples that one task traces, in any order.
 
 use super::feature_samples::{self, Turn};
-use crate::film::{Bank, Splats, reserve_samples};
+use super::round::streams_of;
+use crate::film::{Bank, Splats, reserve};
 use crate::snapshot::OpenRound;
-use crate::{Draws, Estimate, Film, Needs, PointSet, Rejected, Retention, SampleId, streams};
+use crate::{Draws, Estimate, Film, Needs, PointSet, Rejected, Retention, SampleId};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -151,7 +152,8 @@ impl<'r> Tile<'r> {
         let pixel = |local: usize| {
             let whole = (dy + local / columns) * width + dx + local % columns;
             let second = open.plan.second_half.as_ref().map_or(0, |second| second[whole]);
-            let next = [0, 1].map(|half| banks.get(half).map_or(0, |bank| bank.next_index(local)));
+            let next =
+                [0, 1].map(|half| banks.get(half).map_or(0, |_| part.next_index(open.plan.retention, half, local)));
             let lead = banks.get(1).map_or(0, |second| banks[0].counts[local] as i64 - second.counts[local] as i64);
             PlannedPixel { counts: [open.plan.counts[whole], second], next, lead }
         };
@@ -161,12 +163,7 @@ impl<'r> Tile<'r> {
             needs: film.needs,
             features: features.of_film(&film.needs, open.plan.retention),
             area: area(&frame),
-            streams: match (open.plan.retention, halves) {
-                (Retention::Keep, false) => [streams::WHOLE; 2],
-                (Retention::Keep, true) => streams::HALVES,
-                (Retention::Discard, false) => [streams::DISCARDED; 2],
-                (Retention::Discard, true) => streams::DISCARDED_HALVES,
-            },
+            streams: streams_of(open.plan.retention, halves),
             order: match (halves, &open.plan.second_half) {
                 (false, _) => Order::Whole,
                 (true, None) => Order::Alternating,
@@ -174,12 +171,12 @@ impl<'r> Tile<'r> {
             },
             pixels: (0..frame.pixels()).map(pixel).collect(),
         };
-        if film.needs.samples > 0 {
+        if !film.recorders.active.is_empty() {
             let banks = if open.plan.retention == Retention::Keep { &mut part.kept } else { &mut part.discarded };
             let mut rows: Vec<_> = banks.iter_mut().map(Bank::rows).collect();
             for (local, pixel) in planned.pixels.iter().enumerate() {
                 let second = open.plan.second_half.as_ref().map(|_| pixel.counts[1]);
-                reserve_samples(&mut rows, local, (pixel.counts[0], second));
+                reserve(&mut rows, local, (pixel.counts[0], second), &film.recorders.active);
             }
         }
         let (taken, left) = (vec![0; frame.pixels()], planned.total());
@@ -269,7 +266,7 @@ impl<'r> Tile<'r> {
         }
         for (local, pixel) in planned.pixels.iter().enumerate() {
             let kept = self.film.kept.iter().map(|bank| bank.counts[local]).sum();
-            let moments = &mut self.film.features[local];
+            let moments = &mut self.film.beside.features[local];
             if pixel.total() > 0 && planned.features.is_now(moments, kept, true) {
                 let cost =
                     feature_samples::add(moments, planned.points, planned.pixel(local), &planned.needs, &mut sample);
@@ -358,7 +355,7 @@ impl<'r> Tile<'r> {
         let rejected = self.film.add(self.retention, half, local, estimate);
         let wanted = usize::from(self.planned.needs.channels);
         if wanted > 0 {
-            self.film.rows(self.retention, half).add_channels(local, channels);
+            self.film.add_channels(self.retention, half, local, channels);
         }
         self.film.unreported += u64::from(self.planned.needs.wants_first_hit() && !estimate.reports_hit());
         self.film.record.blocks += u64::from(blocks);

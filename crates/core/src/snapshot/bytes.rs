@@ -5,6 +5,8 @@ use super::Broken;
 /// A number type with a fixed number of bytes.
 pub(crate) trait Number: Copy {
     const SIZE: usize;
+    /// Returns `false` for NaN and infinities.
+    fn is_sound(&self) -> bool;
     fn take(from: &[u8]) -> Self;
     /// Writes as many numbers as the bytes hold.
     fn put_all(values: &[Self], to: &mut [u8]);
@@ -13,9 +15,14 @@ pub(crate) trait Number: Copy {
 }
 
 macro_rules! number {
-    ($($kind:ty),*) => {$(
+    ($($kind:ty: $sound:expr),*) => {$(
         impl Number for $kind {
             const SIZE: usize = size_of::<$kind>();
+
+            fn is_sound(&self) -> bool {
+                let sound: fn(&$kind) -> bool = $sound;
+                sound(self)
+            }
 
             #[inline]
             fn take(from: &[u8]) -> Self {
@@ -37,10 +44,17 @@ macro_rules! number {
     )*};
 }
 
-number!(u8, u16, u32, u64, i64, i128, f32, f64);
+number! {
+    u8: |_| true, u16: |_| true, u32: |_| true, u64: |_| true, i128: |_| true,
+    f32: |x| x.is_finite(), f64: |x| x.is_finite()
+}
 
 impl<T: Number, const N: usize> Number for [T; N] {
     const SIZE: usize = N * T::SIZE;
+
+    fn is_sound(&self) -> bool {
+        self.iter().all(T::is_sound)
+    }
 
     #[inline]
     fn take(from: &[u8]) -> Self {
@@ -68,11 +82,6 @@ impl Writer {
 
     pub(crate) fn finish(self) -> Vec<u8> {
         self.bytes
-    }
-
-    /// The number of bytes so far.
-    pub(crate) fn length(&self) -> usize {
-        self.bytes.len()
     }
 
     pub(crate) fn raw(&mut self, bytes: &[u8]) {
@@ -160,11 +169,6 @@ impl<'a> Reader<'a> {
             Some(size) if size <= self.rest.len() => Ok(()),
             _ => Err(Broken("they end too early")),
         }
-    }
-
-    /// The number of bytes that are left.
-    pub(crate) fn left(&self) -> usize {
-        self.rest.len()
     }
 
     /// Reads the count of the records that follow, and checks it against the bytes left; each record has at least

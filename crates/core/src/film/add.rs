@@ -1,0 +1,250 @@
+//! Samples added to a film: by the render loop, to the planes of some pixels, or one by one.
+
+use super::planes::{BankRows, Beside};
+use super::{FeatureMoments, Film, Rejected, RejectedReason, reason_to_reject};
+use crate::recorder::{RecordedSample, Recorder};
+use crate::{Estimate, FirstHit, Retention, SampleId, SurfaceFeatures, streams};
+use std::sync::Arc;
+
+/// Relative luminance of a linear colour with Rec. 709 primaries [ITU-R BT.709].
+#[inline]
+pub fn luminance([r, g, b]: [f64; 3]) -> f64 {
+    0.2126 * r + 0.7152 * g + 0.0722 * b
+}
+
+impl BankRows<'_> {
+    /// Adds a sample to the pixel at place `local`. A rejected one counts as black; the reason is returned.
+    #[inline]
+    pub(crate) fn add(
+        &mut self,
+        local: usize,
+        estimate: &Estimate,
+        recorders: &[Arc<dyn Recorder>],
+    ) -> Option<RejectedReason> {
+        let reason = reason_to_reject(estimate.radiance);
+        let radiance = if reason.is_some() { [0.0; 3] } else { estimate.radiance };
+        self.push(local, radiance);
+        if !recorders.is_empty() {
+            self.record(local, (radiance, estimate), recorders);
+        }
+        // A part of the radiance is at least 0, and at most the radiance.
+        let part = |of: [f32; 3]| [0, 1, 2].map(|c: usize| of[c].max(0.0).min(radiance[c]));
+        if let Some(mean) = self.emission.get_mut(local) {
+            let (share, emission) = (1.0 / self.counts[local] as f32, part(estimate.emission));
+            (0..3).for_each(|c| mean[c] += (emission[c] - mean[c]) * share);
+        }
+        if !self.indirect.is_empty() {
+            let means = self.indirect[local].iter_mut();
+            let m2 = self.indirect_m2.get_mut(local).map_or(&mut [][..], |m2| m2);
+            add_values(means, m2, self.counts[local], part(estimate.indirect));
+        }
+        reason
+    }
+
+    /// Adds a sample's values beside the radiance.
+    pub(crate) fn add_channels(&mut self, local: usize, values: &[f32]) {
+        let each = self.channels.len() / self.counts.len().max(1);
+        let run = local * each..(local + 1) * each;
+        let m2 = if self.channels_m2.is_empty() { &mut [][..] } else { &mut self.channels_m2[run.clone()] };
+        add_values(self.channels[run].iter_mut(), m2, self.counts[local], values.iter().copied());
+    }
+
+    /// Passes a sample to the recorders. Outlined because most films have none.
+    #[inline(never)]
+    fn record(&mut self, local: usize, (radiance, estimate): ([f32; 3], &Estimate), recorders: &[Arc<dyn Recorder>]) {
+        let sample = RecordedSample { count: self.counts[local], radiance, estimate };
+        let words = &mut self.words[local * recorders.len()..][..recorders.len()];
+        words.iter_mut().zip(recorders).for_each(|(words, recorder)| recorder.record(words, &sample));
+    }
+
+    /// Makes room for the words of `more` samples.
+    pub(crate) fn reserve(&mut self, local: usize, more: u64, recorders: &[Arc<dyn Recorder>]) {
+        let words = &mut self.words[local * recorders.len()..][..recorders.len()];
+        words.iter_mut().zip(recorders).for_each(|(words, recorder)| recorder.reserve(words, more));
+    }
+
+    /// Adds a valid sample to count, mean and squared deviations, by Welford's method.
+    #[inline]
+    fn push(&mut self, local: usize, radiance: [f32; 3]) {
+        self.counts[local] += 1;
+        let share = 1.0 / self.counts[local] as f64;
+        let mean = &mut self.means[local];
+        let before = *mean;
+        for c in 0..3 {
+            mean[c] += (f64::from(radiance[c]) - mean[c]) * share;
+        }
+        if let Some(m2) = self.m2.get_mut(local) {
+            for c in 0..3 {
+                let x = f64::from(radiance[c]);
+                m2[c] += (x - before[c]) * (x - mean[c]);
+            }
+        }
+    }
+}
+
+/// Adds values to means and, if there are some, to squared deviations. A value that is not finite counts as 0.
+#[inline]
+fn add_values<'m>(
+    means: impl Iterator<Item = &'m mut f32>,
+    m2: &mut [f32],
+    count: u64,
+    values: impl IntoIterator<Item = f32>,
+) {
+    let share = 1.0 / count as f32;
+    for (k, (mean, value)) in means.zip(values).enumerate() {
+        let value = if value.is_finite() { value } else { 0.0 };
+        let apart = value - *mean;
+        *mean += apart * share;
+        if let Some(m2) = m2.get_mut(k) {
+            *m2 += apart * (value - *mean);
+        }
+    }
+}
+
+/// Makes room for the words of a round's samples of one pixel: `first` of them, or `first` and `second` by half.
+pub(crate) fn reserve(
+    banks: &mut [BankRows<'_>],
+    local: usize,
+    (first, second): (u32, Option<u32>),
+    recorders: &[Arc<dyn Recorder>],
+) {
+    let (first, second) = (u64::from(first), second.map(u64::from));
+    match banks {
+        [whole] => whole.reserve(local, first, recorders),
+        [a, b] => {
+            let (before, other) = (a.counts[local], b.counts[local]);
+            let alternating = (before + other + first).div_ceil(2).clamp(before, before + first) - before;
+            a.reserve(local, if second.is_some() { first } else { alternating }, recorders);
+            b.reserve(local, second.unwrap_or(first - alternating), recorders);
+        }
+        _ => {}
+    }
+}
+
+/// Records the features of a sample, and its first hit in place `seen` if there is such a place.
+#[inline(never)]
+pub(crate) fn record_first_hit(
+    features: [Option<&mut FeatureMoments>; 2],
+    places: &mut [Option<FirstHit>],
+    seen: u64,
+    estimate: &Estimate,
+) {
+    // A NaN would spread through every mean, so such a hit counts as a miss.
+    let hit = estimate.first_hit.as_ref().filter(|h| h.is_finite());
+    for moments in features.into_iter().flatten() {
+        let behind = estimate.features.filter(SurfaceFeatures::is_finite);
+        moments.push(behind.or_else(|| hit.map(SurfaceFeatures::from)));
+    }
+    if let Some(place) = usize::try_from(seen).ok().and_then(|seen| places.get_mut(seen)) {
+        *place = hit.copied();
+    }
+}
+
+impl Film {
+    /// Adds a kept sample to pixel `pixel` with all that its estimate reports, as a render does: radiance, emission,
+    /// features or first hit, and cost. The film ignores what it does not record.
+    ///
+    /// An estimate without a first hit and without features is a miss: the sample saw the background. The sample's index
+    /// in the stream is the pixel's count so far. NaN, infinite and negative radiances are rejected. `half` is 0 or 1; a
+    /// film without halves ignores it.
+    ///
+    /// ```
+    /// use dapple_core::{Estimate, Film, FirstHit, Frame, Needs};
+    ///
+    /// let mut film = Film::new(Frame::new(2, 1)?, Needs::none().with_halves().with_features());
+    /// let wall = FirstHit::new([0.0, 0.0, 2.0], [0.0, 0.0, -1.0], 2.0).with_albedo([0.5; 3]);
+    /// film.push_estimate(0, 0, &Estimate::new([0.3; 3]).with_first_hit(wall));
+    /// film.push_estimate(0, 1, &Estimate::new([0.2; 3]).with_first_hit(wall));
+    /// film.push_estimate(1, 0, &Estimate::new([1.0; 3])); // the sky
+    /// assert_eq!(film.features(0).map(|f| (f.samples, f.hits, f.albedo)), Some((2, 2, [0.5; 3])));
+    /// assert_eq!(film.features(1).map(|f| (f.samples, f.hits)), Some((1, 0)));
+    /// # Ok::<(), dapple_core::Error>(())
+    /// ```
+    ///
+    /// # Panics
+    ///
+    /// If `pixel` is outside the window.
+    pub fn push_estimate(&mut self, pixel: usize, half: usize, estimate: &Estimate) {
+        let half = self.half_or_whole(half);
+        let rejected = self.add(Retention::Keep, half, pixel, estimate);
+        self.list_pushed(half, pixel, rejected);
+    }
+
+    /// Adds a kept sample as [`Film::push_estimate`] does, of which only the radiance is known.
+    ///
+    /// Nothing is recorded of what the sample hit. Filters that read features refuse a film filled only like this.
+    ///
+    /// # Panics
+    ///
+    /// If `pixel` is outside the window.
+    pub fn push(&mut self, pixel: usize, half: usize, radiance: [f32; 3]) {
+        self.push_with_emission(pixel, half, radiance, [0.0; 3]);
+    }
+
+    /// Adds a kept sample as [`Film::push`] does, with the part of its radiance that light sources seen directly emit. A
+    /// film without [`Needs::emission`](crate::Needs::emission) ignores that part.
+    ///
+    /// # Panics
+    ///
+    /// If `pixel` is outside the window.
+    pub fn push_with_emission(&mut self, pixel: usize, half: usize, radiance: [f32; 3], emission: [f32; 3]) {
+        let half = self.half_or_whole(half);
+        let estimate = Estimate::new(radiance).with_emission(emission);
+        let rejected = self.kept[half].rows().add(pixel, &estimate, &self.recorders.active);
+        self.record.samples += 1;
+        self.unreported += 1;
+        self.list_pushed(half, pixel, rejected);
+    }
+
+    /// Adds a sample at a place of the planes, with all that its estimate reports. Returns the reason if its radiance is rejected; it then counts as
+    /// black, and the caller lists it.
+    #[inline]
+    pub(crate) fn add(
+        &mut self,
+        retention: Retention,
+        half: usize,
+        pixel: usize,
+        estimate: &Estimate,
+    ) -> Option<RejectedReason> {
+        let rejected = match retention {
+            Retention::Keep => self.kept[half].rows().add(pixel, estimate, &self.recorders.active),
+            Retention::Discard => self.discarded[half].rows().add(pixel, estimate, &self.recorders.active),
+        };
+        self.record.samples += 1;
+        self.record.rays += u64::from(estimate.cost);
+        if self.needs.wants_first_hit() {
+            let seen =
+                (0..self.kept.len().max(self.discarded.len())).map(|half| self.next_index(retention, half, pixel));
+            let seen = seen.sum::<u64>() - 1;
+            let Beside { features, half_features, first_hits, .. } = &mut self.beside;
+            let k = usize::from(self.needs.first_hits);
+            let features = [features.get_mut(pixel), half_features.get_mut(2 * pixel + half)];
+            record_first_hit(features, &mut first_hits[k * pixel..k * (pixel + 1)], seen, estimate);
+        }
+        if let Some(cost) = self.beside.costs.get_mut(pixel) {
+            *cost += u64::from(estimate.cost);
+        }
+        rejected
+    }
+
+    /// Adds a sample's values beside its radiance.
+    pub(crate) fn add_channels(&mut self, retention: Retention, half: usize, pixel: usize, values: &[f32]) {
+        let banks = if retention == Retention::Keep { &mut self.kept } else { &mut self.discarded };
+        banks[half].rows().add_channels(pixel, values);
+    }
+
+    /// The half to which a pushed sample belongs: 0 in a film without halves.
+    fn half_or_whole(&self, half: usize) -> usize {
+        if self.kept.len() == 2 { half & 1 } else { 0 }
+    }
+
+    /// Lists the pixel's last sample if it was rejected.
+    fn list_pushed(&mut self, half: usize, pixel: usize, rejected: Option<RejectedReason>) {
+        if let Some(reason) = rejected {
+            let stream = if self.kept.len() == 2 { streams::HALVES[half] } else { streams::WHOLE };
+            let index = self.next_index(Retention::Keep, half, pixel) - 1;
+            let sample = SampleId::new(self.frame.pixel(pixel), stream, index);
+            self.list_rejected(1, vec![Rejected { sample, reason }]);
+        }
+    }
+}
