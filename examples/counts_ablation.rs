@@ -42,9 +42,6 @@ const METHODS: [&str; 18] = [
     "adaptive:policy=keep,epsilon=0.01,exponent=1.3",
     "adaptive:policy=keep,epsilon=0.01,rounds=2",
     "adaptive:policy=keep,epsilon=0.01,rounds=3",
-    "adaptive:policy=keep,epsilon=0.01,pool=inside",
-    "adaptive:policy=keep,epsilon=0.01,pool=cell",
-    "adaptive:policy=keep,epsilon=0.01,geometry=3",
     "adaptive:epsilon=0.01,policy=discard",
 ];
 
