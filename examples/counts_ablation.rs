@@ -27,7 +27,7 @@ use std::time::Instant;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-const METHODS: [&str; 18] = [
+const METHODS: [&str; 15] = [
     "variance",
     "adaptive:epsilon=0.01",
     "adaptive:epsilon=0.01,gain=1",
