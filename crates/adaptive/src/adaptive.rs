@@ -4,8 +4,8 @@ use crate::pilot::Pilot;
 use crate::similar_pool::Surfaces;
 use crate::{AdaptiveOptions, ErrorMap, PoolShape, VarianceOptions, pool};
 use dapple_core::{
-    Error, Feedback, Frame, Limits, Needs, Options as _, OwnRows, PilotPolicy, Plan, PointSet, Progress, RgbMoments,
-    Sampler, SamplerMemory,
+    Error, Feedback, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, RgbMoments, Sampler,
+    SamplerMemory,
 };
 
 /// The error-driven sampler: a uniform pilot estimates each pixel's error, then counts minimise the estimated relative
@@ -142,37 +142,22 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         &self.points
     }
 
-    fn halo(&self) -> Option<u32> {
-        // Error maps and the cheapest pixel's cost concern the whole image.
-        let reads_all = self.errors.is_some() || self.options.cost == 1;
-        (!reads_all).then_some(self.options.radius)
-    }
-
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        self.next_round_of_rows(seen, plan, &mut OwnRows::whole(seen.frame()))
-    }
-
-    fn next_round_of_rows(
-        &mut self,
-        seen: &Feedback<'_>,
-        plan: &mut Plan,
-        part: &mut OwnRows<'_>,
-    ) -> Result<Progress, Error> {
         if seen.budget.left() == 0 {
             return Ok(Progress::Done);
         }
-        let pilot = self.pilot().begin_of_rows(seen, plan, part)?;
+        let pilot = self.pilot().begin(seen, plan);
         if pilot.is_missing {
             return Ok(Progress::Trace);
         }
         match self.options.policy {
             PilotPolicy::Keep | PilotPolicy::Refined | PilotPolicy::Neighbours => {
-                self.plan_kept((seen, pilot.samples), plan, part)?
+                self.plan_kept((seen, pilot.samples), plan)?
             }
-            PilotPolicy::Discard => self.plan_after_discarding(seen, plan, part)?,
-            PilotPolicy::Cross => self.plan_across(seen, plan, part)?,
+            PilotPolicy::Discard => self.plan_after_discarding(seen, plan)?,
+            PilotPolicy::Cross => self.plan_across(seen, plan)?,
         }
         // Nothing is left to add if every pixel is at its ceiling.
-        Ok(if part.sums([plan.total()])? == [0] { Progress::Done } else { Progress::Trace })
+        Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
 }

@@ -162,7 +162,7 @@ impl<P: PointSet> Sampler for Cycles<P> {
         }
         let (threshold, min) = self.options.resolved(seen.budget.total / seen.pixels() as u64);
         let first = min.max(seen.budget.min_spp).min(seen.budget.max_spp);
-        if !Pilot::new(self.options.policy, first).begin(seen, plan)?.is_missing {
+        if !Pilot::new(self.options.policy, first).begin(seen, plan).is_missing {
             self.refine(seen, threshold, plan)?;
         }
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })

@@ -1,8 +1,6 @@
 //! The pilot: uniform samples taken before counts adapt.
 
-use dapple_core::{
-    Combine, Error, Feedback, Frame, Ladder, Limits, OwnRows, PilotPolicy, Plan, Retention, saturating_u32,
-};
+use dapple_core::{Combine, Feedback, Frame, Ladder, Limits, PilotPolicy, Plan, Retention, saturating_u32};
 
 /// A uniform pilot: samples taken in every pixel before counts adapt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,25 +32,7 @@ impl Pilot {
 
     /// Begins a round. Sets the rule by which `plan` combines halves, and requests the pilot samples that are missing,
     /// if the budget allows. If none are missing, the counts of `plan` stay 0.
-    ///
-    /// # Errors
-    ///
-    /// As [`Pilot::begin_of_rows`], which needs no exchange here.
-    pub fn begin(self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<PilotRound, Error> {
-        self.begin_of_rows(seen, plan, &mut OwnRows::whole(seen.frame()))
-    }
-
-    /// Begins a round as [`Pilot::begin`], for the pixels of one process among several.
-    ///
-    /// # Errors
-    ///
-    /// As [`Exchange::all_gather`](dapple_core::Exchange::all_gather).
-    pub fn begin_of_rows(
-        self,
-        seen: &Feedback<'_>,
-        plan: &mut Plan,
-        part: &mut OwnRows<'_>,
-    ) -> Result<PilotRound, Error> {
+    pub fn begin(self, seen: &Feedback<'_>, plan: &mut Plan) -> PilotRound {
         let budget = seen.budget;
         let (crosses, discards) = (self.policy == PilotPolicy::Cross, self.policy == PilotPolicy::Discard);
         plan.combine = if crosses { Combine::Equally } else { Combine::ByCount };
@@ -67,18 +47,18 @@ impl Pilot {
             1 if discards => 0,
             samples => samples,
         };
-        for i in part.pixels() {
+        for i in 0..seen.pixels() {
             let done = if discards { seen.film.discarded(i).count } else { seen.film.count(i) };
             plan.counts[i] = samples.saturating_sub(saturating_u32(done));
         }
-        let [total] = part.sums([plan.total()])?;
+        let total = plan.total();
         let is_missing = total > 0 && total <= budget.left();
         if is_missing {
             plan.retention = if discards { Retention::Discard } else { Retention::Keep };
         } else {
             plan.counts.fill(0);
         }
-        Ok(PilotRound { samples, is_missing })
+        PilotRound { samples, is_missing }
     }
 }
 

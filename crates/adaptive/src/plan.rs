@@ -1,11 +1,9 @@
 //! Planning of sample counts from a film's statistics, without side effects.
 
-use crate::pool::{near, ratios_over_windows, relative_variance_of_rows};
+use crate::pool::{ratios_over_windows, relative_variance_of_rows};
 use crate::similar_pool::Surfaces;
 use crate::{Adaptive, PoolShape, Pooling, Sources};
-use dapple_core::{
-    BudgetLeft, Demand, Error, Feedback, Film, Ladder, OwnRows, PilotPolicy, Plan, PointSet, RgbMoments, saturating_u32,
-};
+use dapple_core::{BudgetLeft, Error, Feedback, Film, Ladder, PilotPolicy, Plan, PointSet, RgbMoments, saturating_u32};
 use rayon::prelude::*;
 
 /// The largest sample count `n` for which a table stores `n^-exponent`.
@@ -18,8 +16,10 @@ const FLOOR: u64 = 4;
 /// The smallest score of a pixel, as a fraction of the mean score.
 const SCORE_FLOOR: f64 = 0.01;
 
-/// The estimates that decide counts, one per own pixel.
+/// The estimates that decide counts, one per pixel.
 struct Scores {
+    /// The width of the image.
+    width: usize,
     /// The relative variance per sample.
     errors: Vec<f64>,
     /// The cost per sample, relative to the cheapest pixel; `None` if all samples count alike.
@@ -32,40 +32,27 @@ impl<P: PointSet> Adaptive<P> {
         if self.points.is_independent() { self.options.exponent.min(1.0) } else { self.options.exponent }
     }
 
-    /// Returns each own pixel's scores. `moments` returns a pixel's sample statistics.
-    fn scores(
-        &self,
-        film: &Film,
-        part: &mut OwnRows<'_>,
-        moments: impl Fn(usize) -> RgbMoments + Sync + Send,
-    ) -> Result<Scores, Error> {
+    /// Returns each pixel's scores. `moments` returns a pixel's sample statistics.
+    fn scores(&self, film: &Film, moments: impl Fn(usize) -> RgbMoments + Sync + Send) -> Result<Scores, Error> {
         let o = &self.options;
-        let sources = self.sources(film, part)?;
+        let sources = self.sources(film);
         let (pool, radius, prior, power, epsilon) = (o.pool, o.radius, o.prior, o.power, o.epsilon);
         let pooling = Pooling { pool, radius, prior, power, epsilon, sources };
         let [width, height] = film.frame().size().map(|n| n as usize);
-        let mut scores = Vec::with_capacity(part.len());
-        for rows in part.runs() {
-            let around =
-                near(rows.start, radius as usize, height).start..near(rows.end - 1, radius as usize, height).end;
-            let pixels = (around.start * width..around.end * width).into_par_iter().with_min_len(4096);
-            let known: Vec<RgbMoments> = pixels.map(&moments).collect();
-            let surfaces = if self.reads_surfaces() { Surfaces::of_rows(film, rows.clone()) } else { None };
-            let size = [width, height];
-            let of_rows = relative_variance_of_rows(&known, size, rows.clone(), &pooling, surfaces.as_ref());
-            if part.runs().len() == 1 { scores = of_rows } else { scores.extend(of_rows) }
-        }
-        raise_to_floor(&mut scores, part)?;
+        let known: Vec<RgbMoments> = (0..width * height).into_par_iter().with_min_len(4096).map(&moments).collect();
+        let surfaces = if self.reads_surfaces() { Surfaces::of_rows(film, 0..height) } else { None };
+        let mut scores = relative_variance_of_rows(&known, [width, height], 0..height, &pooling, surfaces.as_ref());
+        raise_to_floor(&mut scores, width);
         if let Some(map) = &self.errors {
             let errors = (map.of)(film)?;
             if errors.len() != scores.len() {
                 let what = format!("its error map has {} values for {} pixels", errors.len(), scores.len());
                 return Err(Error::Mismatch { who: map.name.clone(), what });
             }
-            self.blend_errors(&errors, film, &mut scores, part)?;
+            self.blend_errors(&errors, film, &mut scores);
         }
         let costs = (o.cost == 1).then(|| relative_costs(film, radius, sources));
-        Ok(Scores { errors: scores, costs })
+        Ok(Scores { width, errors: scores, costs })
     }
 
     /// True if the features of pixels decide on weights. The film has no features of one half alone.
@@ -78,40 +65,32 @@ impl<P: PointSet> Adaptive<P> {
     /// With [`PilotPolicy::Neighbours`], the first round after the pilot reads the other colour of a chessboard, and the
     /// second the pixel's own colour. The counts of that colour followed the pilot of the other colour, so no path of
     /// decisions leads from a pixel's samples back to its counts.
-    fn sources(&self, film: &Film, part: &mut OwnRows<'_>) -> Result<Sources, Error> {
+    fn sources(&self, film: &Film) -> Sources {
         if self.options.policy != PilotPolicy::Neighbours {
-            return Ok(Sources::All);
+            return Sources::All;
         }
-        let range = |[most, least]: [u64; 2], count: u64| [most.max(count), least.max(!count)];
-        let own = part.pixels().map(|i| film.count(i)).fold([0; 2], range);
-        let [most, least] = part.largest(own)?;
-        Ok(if most == !least { Sources::Odd } else { Sources::Even })
+        let first = film.count(0);
+        if (0..film.frame().pixels()).all(|i| film.count(i) == first) { Sources::Odd } else { Sources::Even }
     }
 
     /// Replaces each score by a weighted geometric mean of the score and the predicted error. The error is first
     /// multiplied by `n^exponent`, which makes it the error of one sample.
-    fn blend_errors(
-        &self,
-        errors: &[f32],
-        film: &Film,
-        scores: &mut [f64],
-        part: &mut OwnRows<'_>,
-    ) -> Result<(), Error> {
+    fn blend_errors(&self, errors: &[f32], film: &Film, scores: &mut [f64]) {
         let of_one = |(i, &e): (usize, &f32)| {
             let e = if e.is_finite() { f64::from(e.max(0.0)) } else { 0.0 };
             e * (film.count(i).max(1) as f64).powf(self.exponent())
         };
         let mut errors: Vec<f64> = errors.iter().enumerate().map(of_one).collect();
-        raise_to_floor(&mut errors, part)?;
-        let (level, scale) = (mean(&errors, part)?, mean(scores, part)?);
+        let width = film.frame().size()[0] as usize;
+        raise_to_floor(&mut errors, width);
+        let (level, scale) = (mean(&errors, width), mean(scores, width));
         if !(level > 0.0 && scale > 0.0) {
-            return Ok(());
+            return;
         }
         let mix = self.options.mix;
         for (score, error) in scores.iter_mut().zip(errors) {
             *score = (error / level).powf(mix) * (*score / scale).powf(1.0 - mix);
         }
-        Ok(())
     }
 
     /// Returns counts that minimise the error given by the scores, sum to `total` and are at least `floors`. With costs,
@@ -122,105 +101,90 @@ impl<P: PointSet> Adaptive<P> {
         floors: &[u32],
         (total, ceiling): (u64, u32),
         ladder: Ladder,
-        part: &mut OwnRows<'_>,
     ) -> Result<Vec<u32>, Error> {
-        let Scores { errors, costs } = scores;
+        let Scores { width, errors, costs } = scores;
         let per_ray: Option<Vec<f64>> =
             costs.as_ref().map(|costs| errors.iter().zip(costs).map(|(error, cost)| error / cost).collect());
         let scores = per_ray.as_ref().unwrap_or(errors);
-        let (mean, exponent) = (total as f64 / part.all() as f64, self.exponent());
+        let (mean, exponent) = (total as f64 / floors.len() as f64, self.exponent());
         let cap = (self.options.cap * mean).ceil().min(f64::from(ceiling)) as u32;
-        let mut shared = ladder.allocate_together(&Demand::new(scores, floors, cap, total), exponent, part)?;
+        let mut shared = ladder.allocate(scores, floors, cap, total, exponent)?;
         if shared.unspent > 0 {
             // The floors left too little room under the cap: only the user's ceiling applies.
-            shared = ladder.allocate_together(&Demand::new(scores, floors, ceiling, total), exponent, part)?;
+            shared = ladder.allocate(scores, floors, ceiling, total, exponent)?;
         }
         let left = |n: f64| n.max(1.0).powf(-exponent);
         // Most images have more pixels than different counts: one power per count.
         let known: Vec<f64> = (0..=cap.min(TABLE)).map(|n| left(f64::from(n))).collect();
         let left_of = |&n: &u32| known.get(n as usize).copied().unwrap_or_else(|| left(f64::from(n)));
-        let promised = part.sum(|k| errors[k] * left_of(&shared.counts[k]))?;
+        let sum = |value: &dyn Fn(usize) -> f64| sum_by_rows(*width, errors.len(), value);
+        let promised = sum(&|k| errors[k] * left_of(&shared.counts[k]));
         let same = match costs {
-            Some(costs) => part.sum(|k| f64::from(shared.counts[k]) * costs[k])? / part.sum(|k| costs[k])?,
+            Some(costs) => sum(&|k| f64::from(shared.counts[k]) * costs[k]) / sum(&|k| costs[k]),
             None => mean,
         };
-        let uniform = part.sum(|k| errors[k])? * left(same);
+        let uniform = sum(&|k| errors[k]) * left(same);
         if promised > self.options.gain * uniform {
             let alike = vec![1.0; errors.len()];
-            shared = ladder.allocate_together(&Demand::new(&alike, floors, ceiling, total), exponent, part)?;
+            shared = ladder.allocate(&alike, floors, ceiling, total, exponent)?;
         }
         Ok(shared.counts)
     }
 
     /// Plans the next round of a render that keeps all samples. The budget beyond the pilot is divided into equal
     /// steps, one per round.
-    pub(crate) fn plan_kept(
-        &self,
-        (seen, pilot): (&Feedback<'_>, u32),
-        plan: &mut Plan,
-        part: &mut OwnRows<'_>,
-    ) -> Result<(), Error> {
+    pub(crate) fn plan_kept(&self, (seen, pilot): (&Feedback<'_>, u32), plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { spent, total, min_spp, max_spp, .. } = seen.budget;
-        let scores = self.scores(seen.film, part, |i| seen.film.moments(i))?;
-        let now: Vec<u32> = part.pixels().map(|i| saturating_u32(seen.film.count(i))).collect();
+        let scores = self.scores(seen.film, |i| seen.film.moments(i))?;
+        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
         let floors: Vec<u32> = now.iter().map(|&n| n.max(min_spp)).collect();
-        let [needed] = part.sums([sum(&floors)])?;
+        let needed = sum(&floors);
         let first = (u64::from(pilot) * seen.pixels() as u64).min(total);
         let rounds = u64::from(self.options.rounds_after_pilot());
         let step = |k: u64| first + ((total - first) as u128 * u128::from(k) / u128::from(rounds)) as u64;
         let target = (1..=rounds).map(step).find(|&t| t > spent && t >= needed).unwrap_or(total);
-        let counts = self.counts(&scores, &floors, (target, max_spp), Ladder::of(seen.film.needs()), part)?;
-        put_more(&mut plan.counts, &counts, &now, part);
+        let counts = self.counts(&scores, &floors, (target, max_spp), Ladder::of(seen.film.needs()))?;
+        put_more(&mut plan.counts, &counts, &now);
         Ok(())
     }
 
     /// Plans the samples that enter the image, from the scores of a discarded pilot.
-    pub(crate) fn plan_after_discarding(
-        &self,
-        seen: &Feedback<'_>,
-        plan: &mut Plan,
-        part: &mut OwnRows<'_>,
-    ) -> Result<(), Error> {
+    pub(crate) fn plan_after_discarding(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
         let ladder = Ladder::of(seen.film.needs());
-        let scores = self.scores(seen.film, part, |i| seen.film.discarded(i))?;
-        let now: Vec<u32> = part.pixels().map(|i| saturating_u32(seen.film.count(i))).collect();
-        let total = part.sums([sum(&now)])?[0] + seen.budget.left();
+        let scores = self.scores(seen.film, |i| seen.film.discarded(i))?;
+        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
+        let total = sum(&now) + seen.budget.left();
         let mean = total / seen.pixels() as u64;
         let share = if self.preset.is_some() { 0 } else { ladder.floor(saturating_u32(mean / FLOOR)) };
         let wanted = share.max(min_spp.max(1)).min(max_spp);
         let least = saturating_u32(mean).min(wanted);
         let floors: Vec<u32> = now.iter().map(|&n| n.max(least)).collect();
-        let floors = if part.sums([sum(&floors)])?[0] <= total { floors } else { now.clone() };
-        let counts = self.counts(&scores, &floors, (total, max_spp), ladder, part)?;
-        put_more(&mut plan.counts, &counts, &now, part);
+        let floors = if sum(&floors) <= total { floors } else { now.clone() };
+        let counts = self.counts(&scores, &floors, (total, max_spp), ladder)?;
+        put_more(&mut plan.counts, &counts, &now);
         Ok(())
     }
 
     /// Plans each half's counts from the other half's samples. Each half spends half the budget, as far as floors and
     /// ceilings allow; an odd sample goes to the first half.
-    pub(crate) fn plan_across(
-        &self,
-        seen: &Feedback<'_>,
-        plan: &mut Plan,
-        part: &mut OwnRows<'_>,
-    ) -> Result<(), Error> {
+    pub(crate) fn plan_across(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { total, min_spp, max_spp, .. } = seen.budget;
         let moments = |half: usize, i: usize| seen.film.half(half, i).unwrap_or_default();
-        let now =
-            [0, 1].map(|half| -> Vec<u32> { part.pixels().map(|i| saturating_u32(moments(half, i).count)).collect() });
+        let now = [0, 1]
+            .map(|half| -> Vec<u32> { (0..seen.pixels()).map(|i| saturating_u32(moments(half, i).count)).collect() });
         let least = [min_spp - min_spp / 2, min_spp / 2];
         let most = [max_spp - max_spp / 2, max_spp / 2];
         let floors = [0, 1].map(|half| -> Vec<u32> { now[half].iter().map(|&n| n.max(least[half])).collect() });
-        let needed = part.sums([0, 1].map(|half| sum(&floors[half])))?;
+        let needed = [0, 1].map(|half| sum(&floors[half]));
         let room = seen.pixels() as u64 * u64::from(most[1]);
         let second = (total / 2).min(room).min(total.saturating_sub(needed[0])).max(needed[1]);
         let mut planned = vec![0; seen.pixels()];
         for (half, total) in [total.saturating_sub(second), second].into_iter().enumerate() {
-            let scores = self.scores(seen.film, part, |i| moments(1 - half, i))?;
-            let counts = self.counts(&scores, &floors[half], (total, most[half]), Ladder::Whole, part)?;
+            let scores = self.scores(seen.film, |i| moments(1 - half, i))?;
+            let counts = self.counts(&scores, &floors[half], (total, most[half]), Ladder::Whole)?;
             let to = if half == 0 { &mut plan.counts } else { &mut planned };
-            put_more(to, &counts, &now[half], part);
+            put_more(to, &counts, &now[half]);
         }
         plan.second_half = Some(planned);
         Ok(())
@@ -244,22 +208,29 @@ fn relative_costs(film: &Film, radius: u32, sources: Sources) -> Vec<f64> {
     costs
 }
 
-/// Puts the samples that the own pixels get beside those of `now` into a plan.
-fn put_more(plan: &mut [u32], counts: &[u32], now: &[u32], part: &OwnRows<'_>) {
-    part.pixels().zip(counts.iter().zip(now)).for_each(|(i, (n, now))| plan[i] = n - now);
+/// Puts the samples that pixels get beside those of `now` into a plan.
+fn put_more(plan: &mut [u32], counts: &[u32], now: &[u32]) {
+    plan.iter_mut().zip(counts.iter().zip(now)).for_each(|(more, (n, now))| *more = n - now);
 }
 
 /// Raises every score to at least 1 % of the mean, because zero variance in few samples does not prove convergence.
-fn raise_to_floor(scores: &mut [f64], part: &mut OwnRows<'_>) -> Result<(), Error> {
-    let floor = SCORE_FLOOR * mean(scores, part)?;
+fn raise_to_floor(scores: &mut [f64], width: usize) {
+    let floor = SCORE_FLOOR * mean(scores, width);
     scores.iter_mut().for_each(|s| *s = s.max(floor));
-    Ok(())
 }
 
-/// The mean of everyone's finite values.
-fn mean(values: &[f64], part: &mut OwnRows<'_>) -> Result<f64, Error> {
+/// The mean of the finite values.
+fn mean(values: &[f64], width: usize) -> f64 {
     let finite = |k: usize| if values[k].is_finite() { values[k] } else { 0.0 };
-    Ok(part.sum(finite)? / part.all() as f64)
+    sum_by_rows(width, values.len(), finite) / values.len() as f64
+}
+
+/// The sum over pixels: of each row from left to right, then of the rows from the top.
+fn sum_by_rows(width: usize, pixels: usize, value: impl Fn(usize) -> f64) -> f64 {
+    // Starts from 0: the empty sum of floats is -0.
+    let add = |sum: f64, value: f64| sum + value;
+    let row = |row: usize| (row * width..(row + 1) * width).map(&value).fold(0.0, add);
+    (0..pixels / width).map(row).fold(0.0, add)
 }
 
 fn sum(counts: &[u32]) -> u64 {

@@ -2,9 +2,12 @@
 
 use crate::Sources;
 use crate::pool::{Terms, near, rows_of_task};
-use dapple_core::{Features, Film, OwnRows};
+use dapple_core::{Features, Film};
 use rayon::prelude::*;
 use std::ops::Range;
+
+/// The rows of a band, within which surfaces are compared.
+const BAND: usize = 16;
 
 /// The differences at which likeness falls to a quarter: of normals, of albedos, and of depths relative to their geometric
 /// mean.
@@ -144,8 +147,8 @@ impl Surfaces {
 
     /// The known rows of a row's band.
     fn band(&self, row: usize) -> Range<usize> {
-        let first = row / OwnRows::BAND * OwnRows::BAND;
-        first..(first + OwnRows::BAND).min(self.rows.end)
+        let first = row / BAND * BAND;
+        first..(first + BAND).min(self.rows.end)
     }
 }
 
@@ -182,8 +185,8 @@ pub(crate) fn over_like_windows(
                 let mut sums = Terms::default();
                 for (row, column, near) in window.around([x, y], [w, h]) {
                     let like = match &known {
-                        // A process has all rows of a band or none, and the rows of others must count alike everywhere.
-                        Some(_) if row / OwnRows::BAND != y / OwnRows::BAND => UNKNOWN,
+                        // Surfaces are compared within a band only, and all pixels of others count alike.
+                        Some(_) if row / BAND != y / BAND => UNKNOWN,
                         Some((surfaces, own)) => LEAST + own.likeness(surfaces.at([column, row])),
                         None => 1.0,
                     };

@@ -148,21 +148,18 @@ pub fn bits(film: &Film) -> Vec<u64> {
             bits.extend(m.mean.iter().chain(&m.m2).map(|v| v.to_bits()));
         }
         bits.extend(film.mean(i).map(f64::to_bits));
-        bits.extend(film.range(i).iter().flatten().flatten().map(|v| u64::from(v.to_bits())));
         // Floats print their shortest exact form, so equal text means equal bits.
         let rest = format!("{:?} {:?} {:?}", film.features(i), film.first_hits(i), film.cost(i));
         bits.extend(rest.bytes().map(u64::from));
         if film.needs().feature_halves {
             bits.extend(format!("{:?}", [0, 1].map(|half| film.half_features(half, i))).bytes().map(u64::from));
         }
-        if !film.needs().sums.is_empty() {
-            let sums = [Some(film.sums(i)), film.half_sums(0, i), film.half_sums(1, i), Some(film.discarded_sums(i))];
-            bits.extend(format!("{sums:?}").bytes().map(u64::from));
-        }
-        for half in if film.needs().samples > 0 { 0..2 } else { 0..0 } {
-            let rows = [film.samples(half, i), film.discarded_samples(half, i)];
-            bits.extend(rows.map(|row| row.len() as u64));
-            bits.extend(rows.concat().iter().flatten().map(|v| u64::from(v.to_bits())));
+        for words in film.recorder_names().iter().filter_map(|name| film.recorded(name)) {
+            for half in 0..2 {
+                let lists = [words.kept(half, i), words.discarded(half, i)];
+                bits.extend(lists.map(|list| list.len() as u64));
+                bits.extend(lists.concat().iter().map(|word| u64::from(*word)));
+            }
         }
     }
     bits.extend(format!("{:?}", film.rejected()).bytes().map(u64::from));
@@ -343,7 +340,7 @@ fn crops(make: Make<'_>, spending: Spending) {
 fn impossible(make: Make<'_>, frame: Frame) {
     for (total, min_spp) in [(0, 1), (1, 1), (19, 1), (79, 4)] {
         let mut sampler = make(&frame);
-        let film = Film::new(frame, sampler.needs());
+        let film = Film::with_recorders(frame, sampler.needs(), sampler.recorders());
         let budget = dapple_core::BudgetLeft::new(total).with_min_spp(min_spp);
         let mut plan = Plan::empty(frame.pixels());
         let answer = sampler.next_round(&Feedback::new(0, &film, budget), &mut plan);

@@ -197,6 +197,11 @@ impl Film {
         Bank::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 }) * if needs.halves { 2 } else { 1 }
     }
 
+    /// The names of the film's recorders.
+    pub fn recorder_names(&self) -> &[String] {
+        self.recorders.names()
+    }
+
     /// The words that the recorder of this name has recorded; `None` if the film has no such recorder.
     pub fn recorded(&self, name: &str) -> Option<Recorded<'_>> {
         Some(Recorded { film: self, number: self.recorders.position(name)? })

@@ -230,7 +230,7 @@ impl Trajectory {
     }
 
     /// Returns `true` if no number is NaN or infinite and the depth is not negative.
-    pub(crate) fn is_sound(&self) -> bool {
+    pub fn is_sound(&self) -> bool {
         self.inverse_depth >= 0.0 && self.inverse_depth.is_finite() && self.motion.iter().all(|v| v.is_finite())
     }
 }
