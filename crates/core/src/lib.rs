@@ -54,6 +54,7 @@
 //! * One estimate belongs to one pixel: pixel filters wider than a pixel are sampled by the integrator.
 
 mod allocate;
+pub mod container;
 mod domain;
 mod draws;
 mod error;

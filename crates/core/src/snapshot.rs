@@ -4,7 +4,7 @@ pub(crate) mod bytes;
 mod film;
 
 use crate::render::{Stage, holdout::Holdout};
-use crate::{Error, Film, Frame, Integrator, Limits, Needs, Plan, Sampler, TrainingData, TrainingSum};
+use crate::{Error, Film, Frame, Integrator, Limits, Needs, Plan, Sampler, TrainingData, TrainingSum, container};
 use bytes::{Reader, Writer};
 use film::{put_combine, put_film, put_frame, put_training, take_combine, take_film, take_frame, take_training};
 
@@ -126,18 +126,21 @@ impl SavedSampler {
     }
 }
 
-const MAGIC: &[u8; 8] = b"dapple-s";
-/// The version of the snapshot format. It changes with the layout and the contents.
-const VERSION: u32 = 9;
+/// The sections of a state: the sampler and the limits, the film, and what is open.
+const SECTIONS: [&str; 3] = ["render", "film", "open"];
 
 impl View<'_> {
     pub(crate) fn write(&self) -> Vec<u8> {
-        let plans = self.open.map_or(0, |open| 8 * open.plan.counts.len());
-        let mut to = Writer::with_capacity(film::size(self.film) + plans);
-        let state = self.put_head(&mut to);
-        put_film(&mut to, self.film);
-        self.put_end(&mut to, &state);
-        to.finish()
+        let mut head = Writer::with_capacity(4096);
+        let state = self.put_head(&mut head);
+        let mut film = Writer::with_capacity(film::size(self.film));
+        put_film(&mut film, self.film);
+        let mut end = Writer::with_capacity(self.open.map_or(0, |open| 8 * open.plan.counts.len()));
+        self.put_end(&mut end, &state);
+        let parts = [head, film, end].map(Writer::finish);
+        let mut bytes = container::begin(parts.iter().map(Vec::len).sum());
+        SECTIONS.iter().zip(parts).for_each(|(name, part)| container::append(&mut bytes, name, &part));
+        bytes
     }
 
     /// Writes what precedes the film. Returns the sampler's state, which follows it.
@@ -150,8 +153,6 @@ impl View<'_> {
                 &saved
             }
         };
-        to.raw(MAGIC);
-        to.number(VERSION);
         to.text(sampler);
         to.text(points);
         to.number([self.limits.min_spp, self.limits.max_spp]);
@@ -187,7 +188,7 @@ impl View<'_> {
 ///
 /// [`Status::snapshot`](crate::Status::snapshot) makes the bytes, and [`Render::resume`](crate::Render::resume)
 /// continues from them. This crate does no file I/O: a [`Monitor`](crate::Monitor) stores the bytes. Reading checks
-/// their version and consistency, but not damage, so add a checksum to the file.
+/// their version, checksums and consistency.
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId};
@@ -252,10 +253,14 @@ impl Snapshot {
     }
 
     fn read(bytes: &[u8]) -> Result<Self, Broken> {
-        let mut from = Reader::new(bytes);
-        let head = Head::take(&mut from)?;
-        let film = take_film(&mut from)?;
-        Self::take_end(&mut from, head, film)
+        let found = container::sections(bytes).map_err(|fault| Broken(fault.text()))?;
+        let section =
+            |name: &str| found.iter().find(|(known, _)| *known == name).map(|(_, section)| Reader::new(section));
+        let [Some(mut head), Some(mut film), Some(mut end)] = SECTIONS.map(section) else {
+            return Err(Broken("they hold no state of a render"));
+        };
+        let (head, film) = (Head::take(&mut head)?, take_film(&mut film)?);
+        Self::take_end(&mut end, head, film)
     }
 
     /// Reads what follows the film.
@@ -337,7 +342,6 @@ struct Head {
 
 impl Head {
     fn take(from: &mut Reader<'_>) -> Result<Self, Broken> {
-        check_head(from, MAGIC, VERSION)?;
         let (sampler, points) = (from.text()?, from.text()?);
         let bounds = from.number()?;
         let (round, total, seconds) = (from.number()?, from.number()?, from.number::<f64>()?);
@@ -346,16 +350,6 @@ impl Head {
             false => Err(Broken("a time is not a number of seconds")),
         }
     }
-}
-
-pub(crate) fn check_head(from: &mut Reader<'_>, magic: &[u8; 8], version: u32) -> Result<(), Broken> {
-    if from.raw(magic.len())? != magic {
-        return Err(Broken("they start with another signature"));
-    }
-    if from.number::<u32>()? != version {
-        return Err(Broken("another version of dapple-core wrote them; resume with that version"));
-    }
-    Ok(())
 }
 
 fn put_round(to: &mut Writer, open: &OpenRound) {

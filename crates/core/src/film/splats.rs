@@ -13,7 +13,7 @@ const LARGEST: f32 = 9.0e17;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Splats {
     /// The window of the planes; `None` without planes.
-    frame: Option<Frame>,
+    pub(crate) frame: Option<Frame>,
     /// Linear RGB per pixel; one plane, or one per half. Empty if the film does not record splats.
     pub(crate) sums: Vec<Vec<[i128; 3]>>,
     /// The number of samples that could splat, in the image or withdrawn from it, for each plane.

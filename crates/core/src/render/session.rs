@@ -252,7 +252,7 @@ impl<'a> Session<'a> {
     }
 
     /// Makes an integrator learn the training passes so far.
-    pub(super) fn teach(&self, integrator: &mut dyn Integrator) {
+    pub fn teach(&self, integrator: &mut dyn Integrator) {
         self.state.passes.iter().for_each(|pass| integrator.learn(pass));
     }
 

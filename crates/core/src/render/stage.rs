@@ -4,6 +4,7 @@
 //! barriers, rows of the image have nothing to do with each other, so that any machine may trace any of them.
 
 use super::round::{BLOCK, Stopped, learn, prepared_length, trace, training_length};
+use super::session::State;
 use super::{Control, Methods, Monitor, Render, Session};
 use crate::film::keep_first;
 use crate::snapshot::{Cursor, OpenRound, View};
@@ -105,14 +106,10 @@ impl Session<'_> {
         runs
     }
 
-    /// The state of some rows of a stage as bytes, for [`Render::trace_rows`] on any machine.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::BadCrop`] for rows outside the window.
-    pub fn rows_of(&self, stage: &Stage, rows: Range<u32>) -> Result<Vec<u8>, Error> {
+    /// The state of some rows of a stage.
+    fn part(&self, stage: &Stage, rows: Range<u32>) -> Result<State, Error> {
         let frame = stage.frame.rows(rows.clone())?;
-        let Some(open) = &self.state.open else { return Ok(Vec::new()) };
+        let Some(open) = &self.state.open else { return Err(other("no round is open")) };
         let film = self.state.film.rows_of(frame);
         let width = stage.frame.size()[0] as usize;
         let cut = |counts: &[u32]| counts[rows.start as usize * width..rows.end as usize * width].to_vec();
@@ -129,8 +126,42 @@ impl Session<'_> {
         };
         // Samples of the round that the rows have already are no samples before it.
         open.before -= open.plan.total() - open.rest(width).total();
-        let view = self.view(0.0);
-        Ok(View { film: &film, open: Some(&open), holdout: None, stage: Some(stage), ..view }.write())
+        let (round, passes, open, stage) =
+            (self.state.round, self.state.passes.clone(), Some(open), Some(stage.clone()));
+        Ok(State { film, round, open, passes, holdout: None, prepared: self.state.prepared, stage })
+    }
+
+    /// The state of some rows of a stage as bytes, for [`Render::trace_rows`] on any machine.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadCrop`] for rows outside the window.
+    pub fn rows_of(&self, stage: &Stage, rows: Range<u32>) -> Result<Vec<u8>, Error> {
+        let State { film, open, stage, .. } = &self.part(stage, rows)?;
+        Ok(View { film, open: open.as_ref(), holdout: None, stage: stage.as_ref(), ..self.view(0.0) }.write())
+    }
+
+    /// Traces some rows of a stage here and adds them. Returns `false` if the monitor stopped it; nothing is added then. The
+    /// monitor sees the film of these rows.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Render::run`].
+    pub fn trace_rows_here(
+        &mut self,
+        stage: &Stage,
+        rows: Range<u32>,
+        integrator: &mut dyn Integrator,
+        monitor: &mut dyn Monitor,
+    ) -> Result<bool, Error> {
+        let part = self.part(stage, rows)?;
+        let whole = std::mem::replace(&mut self.state, part);
+        let traced = trace(integrator, self, monitor);
+        let part = std::mem::replace(&mut self.state, whole);
+        match traced? {
+            Stopped::No => self.add(stage, part.film, part.open).map(|_| true),
+            Stopped::Within | Stopped::AtEnd => Ok(false),
+        }
     }
 
     /// Adds rows that [`Render::trace_rows`] has traced. The order of rows does not matter.
@@ -139,20 +170,23 @@ impl Session<'_> {
     ///
     /// [`Error::OtherRender`] for rows of another stage, and rows that were not traced to its end.
     pub fn join(&mut self, stage: &Stage, bytes: &[u8]) -> Result<Range<u32>, Error> {
-        let other = |what: &str| Err(Error::OtherRender { what: what.into() });
-        let Snapshot { film: mut part, open: Some(traced), stage: of, round, .. } = Snapshot::from_bytes(bytes)? else {
-            return other("it holds no rows of a stage");
-        };
-        let Some(open) = self.state.open.as_mut().filter(|_| of.as_ref() == Some(stage) && round == self.state.round)
-        else {
-            return other("the rows are of another stage");
+        let Snapshot { film, open, stage: of, round, .. } = Snapshot::from_bytes(bytes)?;
+        if of.as_ref() != Some(stage) || round != self.state.round {
+            return Err(other("the rows are of another stage"));
+        }
+        self.add(stage, film, open)
+    }
+
+    fn add(&mut self, stage: &Stage, mut part: Film, traced: Option<OpenRound>) -> Result<Range<u32>, Error> {
+        let (Some(open), Some(traced)) = (self.state.open.as_mut(), traced) else {
+            return Err(other("no round is open"));
         };
         if traced.cursor.start != stage.end() {
-            return other("the rows are not traced to the end of their stage");
+            return Err(other("the rows are not traced to the end of their stage"));
         }
         let film = &mut self.state.film;
         if part.needs != film.needs || part.recorders != film.recorders {
-            return other("the rows have other statistics");
+            return Err(other("the rows have other statistics"));
         }
         let top = part.frame.origin()[1] - stage.frame.origin()[1];
         let rows = top..top + part.frame.size()[1];
@@ -213,12 +247,16 @@ impl Render<'_> {
     /// Traces rows that [`Session::rows_of`] has cut out, to the end of their stage. Returns them for [`Session::join`]; `None`
     /// if the monitor stopped it.
     ///
+    /// `learned` is the number of training passes that the integrator has learned already; it is raised to all that the rows
+    /// bring along.
+    ///
     /// # Errors
     ///
     /// Those of [`Render::resume`].
     pub fn trace_rows(
         mut self,
         rows: &[u8],
+        learned: &mut usize,
         integrator: &mut dyn Integrator,
         sampler: &mut dyn Sampler,
     ) -> Result<Option<Vec<u8>>, Error> {
@@ -227,13 +265,18 @@ impl Render<'_> {
         let monitor: &mut dyn Monitor = self.monitor.take().unwrap_or(&mut unwatched);
         let methods = Methods { needs: self.needs, recorders: self.recorders, ..Methods::from(sampler) };
         let mut session = Session::of_render(self.frame, self.limits, methods, Some(snapshot))?;
-        session.teach(integrator);
+        session.state.passes.iter().skip(*learned).for_each(|pass| integrator.learn(pass));
+        *learned = session.state.passes.len();
         session.open()?;
         match trace(integrator, &mut session, monitor)? {
             Stopped::No => Ok(Some(session.view(0.0).write())),
             Stopped::Within | Stopped::AtEnd => Ok(None),
         }
     }
+}
+
+fn other(what: &str) -> Error {
+    Error::OtherRender { what: what.into() }
 }
 
 /// The kept and discarded samples in some rows of a film.

@@ -84,10 +84,6 @@ impl Writer {
         self.bytes
     }
 
-    pub(crate) fn raw(&mut self, bytes: &[u8]) {
-        self.bytes.extend_from_slice(bytes);
-    }
-
     pub(crate) fn number(&mut self, value: impl Number) {
         self.numbers(&[value]);
     }

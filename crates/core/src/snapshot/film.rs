@@ -29,6 +29,10 @@ pub(super) fn put_film(to: &mut Writer, film: &Film) {
     film.discarded.iter().for_each(|bank| bank.put(to));
     to.flag(film.withdrawn);
     film.beside.put(to);
+    if let Some(window) = &film.splats.frame {
+        // Rows of a stage splat anywhere in the image.
+        put_frame(to, window);
+    }
     film.splats.sums.iter().for_each(|sums| to.numbers(sums));
     to.number(film.splats.samples);
     to.number(film.unreported);
@@ -56,9 +60,9 @@ pub(super) fn take_film(from: &mut Reader<'_>) -> Result<Film, Broken> {
     film.withdrawn = from.flag()?;
     film.beside = Beside::new(pixels, &layout);
     film.beside.take(from)?;
-    let planes = if film.needs.splats { halves } else { 0 };
-    let sums = (0..planes).map(|_| from.numbers(pixels)).collect::<Result<_, _>>()?;
-    film.splats = Splats::of_sums(film.frame, sums, from.number()?);
+    let (planes, window) = if film.needs.splats { (halves, take_frame(from)?) } else { (0, film.frame) };
+    let sums = (0..planes).map(|_| from.numbers(window.pixels())).collect::<Result<_, _>>()?;
+    film.splats = Splats::of_sums(window, sums, from.number()?);
     film.unreported = from.number()?;
     check(&film)?;
     Ok(film)
