@@ -106,7 +106,9 @@ pub use plan::{Combine, Plan, Progress, Retention};
 pub use point_set::{HostNumbers, PointSet, SampleId, streams};
 pub use policy::{PilotPolicy, Stopping};
 pub use recorder::{RecordedSample, Recorder};
-pub use render::{Control, Methods, Monitor, NoMonitor, Render, Round, Samples, Session, Stage, Status, Tile};
+pub use render::{
+    Control, Methods, Monitor, NoMonitor, Render, Round, Samples, Session, Stage, Status, Tile, TracedRows,
+};
 pub use rng::Rng;
 pub use sampler::{BudgetLeft, Feedback, Sampler};
 pub use snapshot::Snapshot;

@@ -4,7 +4,7 @@ mod local;
 
 pub use local::{Local, local};
 
-use dapple_core::{Control, Error, Film, Integrator, Monitor, Session, Status};
+use dapple_core::{Control, Error, Film, Integrator, Monitor, Session, Status, TracedRows};
 
 /// The processes of a render, connected by messages: those of an MPI job, or threads ([`local`]).
 ///
@@ -42,7 +42,7 @@ const FAILED: u8 = 3;
 /// Runs a render from process 0. Returns its film, marked as interrupted if any process was stopped.
 ///
 /// The session may be a new one, or one resumed from a snapshot of any render of the same settings, by however many processes.
-/// `monitor` is called after each part and at the end, `stop` between slices of this process's own rows.
+/// `monitor` is called after each stage and at the end, `stop` between slices of this process's own rows.
 ///
 /// # Errors
 ///
@@ -75,47 +75,34 @@ fn stages(
 ) -> Result<bool, Error> {
     while let Some(stage) = session.next_stage(integrator)? {
         let parts = session.deal(&stage, processes.size());
-        let mut is_stopped = false;
         for (rank, rows) in (1..).zip(parts.iter().skip(1)) {
             let mut message = vec![ROWS];
             message.extend(session.rows_of(&stage, rows.clone())?);
             processes.send(rank, &message)?;
         }
-        let mut own = |_: &Status<'_>| if stop() { Control::Stop } else { Control::Continue };
-        let mut failure = match parts.first() {
-            Some(rows) => match session.trace_rows_here(&stage, rows.clone(), integrator, &mut own) {
-                Ok(traced) => {
-                    is_stopped |= !traced;
-                    None
-                }
-                Err(error) => Some(error),
-            },
-            None => None,
-        };
+        let mut watch = |_: &Status<'_>| if stop() { Control::Stop } else { Control::Continue };
+        let own =
+            parts.iter().take(1).map(|rows| session.trace_rows_here(&stage, rows.clone(), integrator, &mut watch));
+        let mut traced: Vec<Result<Option<TracedRows>, Error>> = own.collect();
         // All answers are taken, whatever happened: nobody is left with a message that no one reads.
         for _ in 1..parts.len() {
             let (rank, answer) = processes.receive()?;
-            match answer.split_first() {
-                Some((&TRACED, rows)) if failure.is_none() => {
-                    if let Err(error) = session.join(&stage, rows) {
-                        failure = Some(error);
-                    } else {
-                        is_stopped |= session.show_to(monitor) == Control::Stop;
-                    }
-                }
-                Some((&TRACED, _)) => {}
+            traced.push(match answer.split_first() {
+                Some((&TRACED, rows)) => TracedRows::from_bytes(rows).map(Some),
                 Some((&FAILED, text)) => {
-                    let what = String::from_utf8_lossy(text).into_owned();
-                    failure = failure.or(Some(Error::other(format!("process {rank}"), what)));
+                    Err(Error::other(format!("process {rank}"), String::from_utf8_lossy(text).into_owned()))
                 }
-                _ => is_stopped = true,
-            }
+                _ => Ok(None),
+            });
         }
-        if let Some(failure) = failure {
-            return Err(failure);
-        }
-        if is_stopped {
+        let traced = traced.into_iter().collect::<Result<Vec<_>, _>>()?;
+        // A stage that was stopped anywhere counts nowhere, so that the state is always one that a file can hold.
+        let Some(traced) = traced.into_iter().collect::<Option<Vec<_>>>() else {
+            session.show_to(monitor);
             return Ok(false);
+        };
+        for rows in traced {
+            session.join(&stage, rows)?;
         }
         session.end_stage(&stage, integrator)?;
         if session.show_to(monitor) == Control::Stop {

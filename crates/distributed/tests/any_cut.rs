@@ -4,7 +4,7 @@ use dapple_adaptive::Adaptive;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, NoMonitor, PointSet, Render,
-    Sampler, Session, Snapshot, TrainingData, Worker,
+    Sampler, Session, Snapshot, TracedRows, TrainingData, Worker,
 };
 use dapple_distributed::{coordinate, local, serve};
 use dapple_low_discrepancy::Sobol;
@@ -147,7 +147,7 @@ fn stages_from_bytes_have_the_film_of_one_machine_whatever_the_number_of_parts()
                 let task = planning.rows_of(&stage, rows.clone()).unwrap();
                 let render = Render::new(frame(), &limits).needs(needs());
                 let traced = render.trace_rows(&task, &mut 0, &mut toy.clone(), &mut *make()).unwrap().unwrap();
-                assert_eq!(planning.join(&stage, &traced).unwrap(), *rows);
+                assert_eq!(planning.join(&stage, TracedRows::from_bytes(&traced).unwrap()).unwrap(), *rows);
             }
             planning.end_stage(&stage, &mut planner).unwrap();
             plan = planning.snapshot();
@@ -161,12 +161,18 @@ fn rows_of_another_stage_or_untraced_rows_are_refused() {
     let mut planning = session(&toy, Box::new(Adaptive::new(Sobol::new(3))), &limits, None);
     let stage = planning.next_stage(&toy).unwrap().unwrap();
     let task = planning.rows_of(&stage, 0..16).unwrap();
-    assert!(matches!(planning.join(&stage, &task), Err(Error::OtherRender { .. })), "not traced");
+    assert!(
+        matches!(planning.join(&stage, TracedRows::from_bytes(&task).unwrap()), Err(Error::OtherRender { .. })),
+        "not traced"
+    );
     let whole = planning.snapshot();
-    assert!(matches!(planning.join(&stage, &whole), Err(Error::OtherRender { .. })), "no rows");
+    assert!(
+        matches!(planning.join(&stage, TracedRows::from_bytes(&whole).unwrap()), Err(Error::OtherRender { .. })),
+        "no rows"
+    );
     let mut damaged = task.clone();
     damaged[100] ^= 1;
-    assert!(matches!(planning.join(&stage, &damaged), Err(Error::BadSnapshot { .. })), "damaged");
+    assert!(matches!(TracedRows::from_bytes(&damaged), Err(Error::BadSnapshot { .. })), "damaged");
 }
 
 #[test]

@@ -43,6 +43,27 @@ impl Stage {
     }
 }
 
+/// Rows of a stage that are traced, for [`Session::join`].
+#[derive(Clone, Debug)]
+pub struct TracedRows {
+    film: Film,
+    round: u32,
+    open: Option<OpenRound>,
+    stage: Option<Stage>,
+}
+
+impl TracedRows {
+    /// Reads the bytes that [`Render::trace_rows`] returns.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadSnapshot`] for bytes of another kind or version, damaged or inconsistent ones.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
+        let Snapshot { film, round, open, stage, .. } = Snapshot::from_bytes(bytes)?;
+        Ok(Self { film, round, open, stage })
+    }
+}
+
 impl Session<'_> {
     /// The next stage: the rest of the open round, or of its training pass; `None` at the end of the render. Plans a round if
     /// none is open.
@@ -109,7 +130,7 @@ impl Session<'_> {
     /// The state of some rows of a stage.
     fn part(&self, stage: &Stage, rows: Range<u32>) -> Result<State, Error> {
         let frame = stage.frame.rows(rows.clone())?;
-        let Some(open) = &self.state.open else { return Err(other("no round is open")) };
+        let Some(open) = &self.state.open else { return Err(no_round()) };
         let film = self.state.film.rows_of(frame);
         let width = stage.frame.size()[0] as usize;
         let cut = |counts: &[u32]| counts[rows.start as usize * width..rows.end as usize * width].to_vec();
@@ -141,8 +162,7 @@ impl Session<'_> {
         Ok(View { film, open: open.as_ref(), holdout: None, stage: stage.as_ref(), ..self.view(0.0) }.write())
     }
 
-    /// Traces some rows of a stage here and adds them. Returns `false` if the monitor stopped it; nothing is added then. The
-    /// monitor sees the film of these rows.
+    /// Traces some rows of a stage here; `None` if the monitor stopped it. The monitor sees the film of these rows.
     ///
     /// # Errors
     ///
@@ -153,40 +173,34 @@ impl Session<'_> {
         rows: Range<u32>,
         integrator: &mut dyn Integrator,
         monitor: &mut dyn Monitor,
-    ) -> Result<bool, Error> {
+    ) -> Result<Option<TracedRows>, Error> {
         let part = self.part(stage, rows)?;
         let whole = std::mem::replace(&mut self.state, part);
         let traced = trace(integrator, self, monitor);
-        let part = std::mem::replace(&mut self.state, whole);
-        match traced? {
-            Stopped::No => self.add(stage, part.film, part.open).map(|_| true),
-            Stopped::Within | Stopped::AtEnd => Ok(false),
-        }
+        let State { film, round, open, stage, .. } = std::mem::replace(&mut self.state, whole);
+        Ok((traced? == Stopped::No).then_some(TracedRows { film, round, open, stage }))
     }
 
-    /// Adds rows that [`Render::trace_rows`] has traced. The order of rows does not matter.
+    /// Adds traced rows. Their order does not matter. Returns the rows.
     ///
     /// # Errors
     ///
     /// [`Error::OtherRender`] for rows of another stage, and rows that were not traced to its end.
-    pub fn join(&mut self, stage: &Stage, bytes: &[u8]) -> Result<Range<u32>, Error> {
-        let Snapshot { film, open, stage: of, round, .. } = Snapshot::from_bytes(bytes)?;
-        if of.as_ref() != Some(stage) || round != self.state.round {
-            return Err(other("the rows are of another stage"));
-        }
-        self.add(stage, film, open)
-    }
-
-    fn add(&mut self, stage: &Stage, mut part: Film, traced: Option<OpenRound>) -> Result<Range<u32>, Error> {
-        let (Some(open), Some(traced)) = (self.state.open.as_mut(), traced) else {
-            return Err(other("no round is open"));
+    pub fn join(&mut self, stage: &Stage, rows: TracedRows) -> Result<Range<u32>, Error> {
+        let other = |what: &str| Err(Error::OtherRender { what: what.into() });
+        let TracedRows { film: mut part, round, open: Some(traced), stage: of } = rows else {
+            return other("no round is open in the rows");
         };
-        if traced.cursor.start != stage.end() {
-            return Err(other("the rows are not traced to the end of their stage"));
+        if of.as_ref() != Some(stage) || round != self.state.round {
+            return other("the rows are of another stage");
         }
+        if traced.cursor.start != stage.end() {
+            return other("the rows are not traced to the end of their stage");
+        }
+        let Some(open) = self.state.open.as_mut() else { return other("no round is open") };
         let film = &mut self.state.film;
         if part.needs != film.needs || part.recorders != film.recorders {
-            return Err(other("the rows have other statistics"));
+            return other("the rows have other statistics");
         }
         let top = part.frame.origin()[1] - stage.frame.origin()[1];
         let rows = top..top + part.frame.size()[1];
@@ -275,8 +289,8 @@ impl Render<'_> {
     }
 }
 
-fn other(what: &str) -> Error {
-    Error::OtherRender { what: what.into() }
+fn no_round() -> Error {
+    Error::OtherRender { what: "no round is open; take the stage from Session::next_stage".into() }
 }
 
 /// The kept and discarded samples in some rows of a film.
