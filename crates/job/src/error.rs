@@ -2,8 +2,7 @@
 
 use crate::memory::{MemoryAdvice, MemoryEstimate, MemoryLimit, size};
 use crate::registry::RegistryError;
-use crate::{SpecError, checkpoint};
-use dapple_core::Shard;
+use crate::{Shard, SpecError, checkpoint};
 use dapple_renderer::{IntegratorError, WorldError};
 use dapple_scene::ReadError;
 use dapple_scene::{Effect, WithoutError, bundled};
@@ -103,9 +102,6 @@ pub enum JobError {
     /// A panic in the integrator: its message.
     #[error("{0}")]
     Panicked(String),
-    /// A request for a shard file in a job that renders the whole image.
-    #[error("the description names no shard; set one, such as 1/4")]
-    NotAShard,
     /// An image that cannot be rendered as shards (every N-th row each).
     #[error("shard {shard}: {why}")]
     NoShard {
@@ -114,18 +110,6 @@ pub enum JobError {
         /// The reason why the image cannot be sharded.
         why: String,
     },
-    /// A crop that cannot have the bits of the whole image without tracing all of it.
-    #[error("a crop cannot have the whole image's bits: {why}, or render the whole image")]
-    NoExactCrop {
-        /// The reason, and what to use.
-        why: String,
-    },
-    /// A stop before the training passes of the whole image, which a crop learns from, were traced.
-    #[error("stopped in the training passes of the whole image; nothing of the crop is traced")]
-    StoppedTraining,
-    /// A shard that was to be rendered by several processes, or in stages.
-    #[error("a render of several processes, or in stages, is that of the whole image; leave out the shard")]
-    NoTogether,
     /// A plan from which an image was to be made while samples are left to trace.
     #[error("{}: samples are left to trace; render its parts, and make the next plan of them", path.display())]
     NotDone {

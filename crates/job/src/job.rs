@@ -1,23 +1,19 @@
 //! A render as a job: prepared, estimated, run or resumed, and finished.
 
 mod checkpoints;
-mod exact_crop;
 mod finish;
 mod identity;
 mod monitor;
-mod plan_file;
-mod shards;
+mod stages;
 mod time;
-mod together;
 
 pub use checkpoints::{CheckpointOptions, Checkpoints};
 pub use finish::{PhaseSeconds, RenderedImage};
 pub use identity::pixel_filter;
 pub use monitor::{JobMonitor, RenderMonitor};
-pub use plan_file::{PlanFile, StageTask};
-pub use shards::ShardSet;
+pub use stages::{PlanFile, RowsFiles};
 
-use crate::checkpoint::{Identity, Opened};
+use crate::checkpoint::Identity;
 use crate::chosen;
 use crate::load::{LoadOptions, LoadedScene, PreparedScene, frame, limits, setting};
 use crate::memory::MemoryEstimate;
@@ -27,8 +23,8 @@ use crate::{ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
 use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
-    Budget, Error, Exchange, Film, FilmPoints, Filter, Frame, Limits, Memory, Needs, NoMonitor, PointSet, Prepares,
-    Render, Sampler, Sharded, Snapshot, Unfiltered,
+    Budget, Error, Film, FilmPoints, Filter, Frame, Limits, Memory, Needs, NoMonitor, PointSet, Prepares, Render,
+    Sampler, Snapshot, Unfiltered,
 };
 use dapple_renderer::World;
 use dapple_scene::Scene;
@@ -117,8 +113,7 @@ impl Job {
         let (integrator, _) = chosen::integrator(spec, &prepared.scene);
         let made = make_integrator(&integrator, &prepared.world)?;
         let (prepares, of_integrator, integrator_bytes) = (made.prepares(), made.needs(), made.memory(&frame));
-        let trained = exact_crop::whole(spec, &frame).unwrap_or(frame);
-        let training_bytes = made.training_memory(trained.pixels() as u64);
+        let training_bytes = made.training_memory(frame.pixels() as u64);
         drop(made);
         if of_integrator.splats && matches!(limits.budget, Budget::Error { .. }) {
             return Err(JobError::SplatsWithoutError { integrator });
@@ -128,8 +123,7 @@ impl Job {
                 format!("integrator \"{integrator}\" traces light for the whole image in each pass; use \"path\"");
             return Err(JobError::NoShard { shard, why });
         }
-        exact_crop::check((spec, &frame), (&*sampler, &*filter), (&integrator, prepares, of_integrator))?;
-        let mut job = Self {
+        Ok(Self {
             spec: spec.clone(),
             prepared,
             frame,
@@ -146,13 +140,7 @@ impl Job {
             probes,
             training_bytes,
             outputs: OutputFiles::none(),
-        };
-        if spec.shard.is_some() {
-            // All that any image of the shards may need.
-            let hits = u8::from(job.clusters().is_some());
-            job.needs = job.needs.with_variance().with_first_hits(hits);
-        }
-        Ok(job)
+        })
     }
 
     /// Sets the image files to write, and makes the film record the statistics they need.
@@ -237,44 +225,25 @@ impl Job {
         self.clusters.as_ref()
     }
 
-    /// The estimated memory of the render. `keeps` adds the bytes of a checkpoint or shard.
+    /// The estimated memory of the render. `keeps` adds the bytes of a checkpoint.
     ///
     /// # Errors
     ///
-    /// [`JobError::NoShard`] for a sampler that cannot be sharded.
+    /// None today.
     pub fn memory(&mut self, keeps: bool) -> Result<MemoryEstimate, JobError> {
-        Ok(self.forecast(keeps, None)?.0)
+        Ok(self.forecast(keeps)?.0)
     }
 
     /// The estimated memory, and the bytes of the render's state in a file.
-    fn forecast(
-        &mut self,
-        keeps: bool,
-        together: Option<dapple_core::Shard>,
-    ) -> Result<(MemoryEstimate, u64), JobError> {
+    fn forecast(&mut self, keeps: bool) -> Result<(MemoryEstimate, u64), JobError> {
         let (frame, limits, needs) = (&self.frame, &self.limits, self.needs);
-        let memory = match self.spec.shard {
-            None => Memory::of_render(&*self.sampler, &*self.filter, needs, frame, limits),
-            Some(shard) => {
-                let sharded =
-                    Sharded::new(&mut *self.sampler, shard, limits).map_err(|e| shards::refused(shard, &e))?;
-                Memory::of_render(&sharded, &*self.filter, needs, frame, limits)
-            }
-        };
-        let memory = match together {
-            Some(share) => {
-                let methods = (&*self.sampler as &dyn Sampler, &*self.filter as &dyn Filter);
-                memory.in_bands(methods, &self.outputs.shown(), frame, limits, share)
-            }
-            None => memory,
-        };
+        let memory = Memory::of_render(&*self.sampler, &*self.filter, needs, frame, limits);
         let limited = matches!(limits.budget, Budget::Error { .. }) && self.is_error_of_filtered();
         let memory = if limited { memory.with_error_of(frame) } else { memory };
         let files = self.outputs.memory(frame, &memory.needs, self.filter.name() != Unfiltered.name());
-        let keeps = keeps || self.spec.shard.is_some();
         let estimate = MemoryEstimate::of_render(&self.prepared.expected, &memory, files, keeps)
             .with_integrator(self.integrator_bytes)
-            .with_training(self.training_bytes, self.memory_of_training());
+            .with_training(self.training_bytes);
         Ok((estimate, memory.snapshot()))
     }
 
@@ -288,66 +257,18 @@ impl Job {
             Some(_) => self.identity()?,
             None => Identity::default(),
         };
-        let resumed = checkpoints.as_ref().map(|c| c.resumed(&identity, monitor)).transpose()?.flatten();
-        let snapshot = resumed.map(|file| self.snapshot(Some(file), checkpoints.as_ref(), None)).transpose()?;
-        self.trace((snapshot, identity), checkpoints, monitor, None)
-    }
-
-    /// Reads a checkpoint in pieces, together with other processes if there are some: one has the file.
-    fn snapshot(
-        &self,
-        mut file: Option<Opened>,
-        checkpoints: Option<&Checkpoints>,
-        exchange: Option<&mut dyn Exchange>,
-    ) -> Result<Snapshot, JobError> {
-        let render = Render::new(self.frame, &self.limits);
-        let render = match exchange {
-            Some(exchange) => render.exchange(exchange),
-            None => render,
-        };
-        let length = file.as_ref().map_or(0, Opened::length);
-        let source = file.as_mut().map(|file| (file as &mut dyn std::io::Read, length));
-        render.read_snapshot(source, &*self.sampler).map_err(|error| match (checkpoints, error) {
-            (Some(checkpoints), error @ Error::BadSnapshot { .. }) => checkpoints.named(error),
-            (_, error) => error.into(),
-        })
-    }
-
-    /// Traces the render, from a snapshot if there is one, alone or with other processes.
-    fn trace(
-        &mut self,
-        (snapshot, identity): (Option<Snapshot>, Identity),
-        checkpoints: Option<Checkpoints>,
-        monitor: &mut dyn JobMonitor,
-        exchange: Option<&mut dyn Exchange>,
-    ) -> Result<Traced, JobError> {
+        let snapshot = checkpoints.as_ref().map(|c| c.snapshot(&identity, monitor)).transpose()?.flatten();
         if let Some(snapshot) = &snapshot {
             monitor.resumed(snapshot.film().record().samples as f64 / self.frame.pixels() as f64);
         }
-        let training = self.training_of_whole(snapshot.as_ref(), monitor)?;
-        let mut watched = Watched::new(monitor, checkpoints, identity, self.limits.min_spp, exchange.is_some());
+        let mut watched = Watched::new(monitor, checkpoints, identity, self.limits.min_spp);
         let mut integrator = make_integrator(&self.integrator, &self.prepared.world)?;
-        let filtered = self.is_error_of_filtered();
-        let mut sharded;
-        let sampler: &mut dyn Sampler = match self.spec.shard {
-            None => &mut *self.sampler,
-            Some(shard) => {
-                sharded =
-                    Sharded::new(&mut *self.sampler, shard, &self.limits).map_err(|e| shards::refused(shard, &e))?;
-                &mut sharded
-            }
-        };
-        let mut render =
-            Render::new(self.frame, &self.limits).needs(self.needs).monitor(&mut watched).learn_from(training);
-        if filtered {
-            render = render.error_of(&*self.filter);
-        }
-        if let Some(exchange) = exchange {
-            render = render.exchange(exchange).in_bands();
-        }
+        let render = Render::new(self.frame, &self.limits).needs(self.needs).recorders(self.filter.recorders());
+        let render = if self.is_error_of_filtered() { render.error_of(&*self.filter) } else { render };
+        let render = render.monitor(&mut watched);
         let film = match snapshot {
-            None => render.run(&mut *integrator, sampler),
-            Some(snapshot) => render.resume(snapshot, &mut *integrator, sampler),
+            None => render.run(&mut *integrator, &mut *self.sampler),
+            Some(snapshot) => render.resume(snapshot, &mut *integrator, &mut *self.sampler),
         };
         let (checkpoint, checkpoints_written) = watched.into_checkpoint();
         match film {

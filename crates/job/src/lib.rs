@@ -34,14 +34,14 @@ pub use content_hash::ContentHash;
 pub use dapple_registry::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER};
 pub use error::JobError;
 pub use job::{
-    CheckpointOptions, Checkpoints, Job, JobMonitor, PhaseSeconds, PlanFile, RenderMonitor, RenderedImage, ShardSet,
-    StageTask, Traced, pixel_filter,
+    CheckpointOptions, Checkpoints, Job, JobMonitor, PhaseSeconds, PlanFile, RenderMonitor, RenderedImage, RowsFiles,
+    Traced, pixel_filter,
 };
 pub use load::{LoadOptions, LoadedScene, PreparedScene, read_scene};
 pub use output::OutputFiles;
 pub use spec::{
     BudgetSpec, CropSpec, DEFAULT_INTEGRATOR, DEFAULT_SPP, ERROR_SPP, ErrorOf, MOST_SECONDS, PixelFilterSpec,
-    RenderSpec, SPEC_VERSION, SpecError, parse_shard,
+    RenderSpec, SPEC_VERSION, Shard, SpecError,
 };
 pub use text_file::read_text;
 pub use warning::{Warning, can_be_replayed, found_by_chance};

@@ -1,11 +1,11 @@
 //! The description of a render.
 
 mod names;
+mod shard;
 
-pub use names::parse_shard;
+pub use shard::Shard;
 
 use crate::check_integrator;
-use dapple_core::Shard;
 use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
 use serde::{Deserialize, Serialize};
@@ -79,10 +79,6 @@ pub struct RenderSpec {
     /// The part of the image to render.
     #[serde(default)]
     pub crop: CropSpec,
-    /// If `true`, a crop has the bits of the whole image. Learned light selection then traces its training passes in the whole
-    /// image, 8 samples per pixel at most.
-    #[serde(default, skip_serializing_if = "is_false")]
-    pub crop_exact: bool,
     /// Seed of all random numbers.
     #[serde(default = "names::seed")]
     pub seed: u64,
@@ -98,14 +94,9 @@ pub struct RenderSpec {
     /// If `true`, unsupported directives of a scene are warnings instead of errors.
     #[serde(default)]
     pub allow_unsupported: bool,
-    /// The shard (every N-th row of the image) to render; `None` renders the whole image.
+    /// The shard (a run of rows of the image) to render; `None` renders the whole image.
     #[serde(default, with = "names::shard", skip_serializing_if = "Option::is_none")]
     pub shard: Option<Shard>,
-}
-
-/// Returns `true` for `false`, so that it is left out of the JSON.
-fn is_false(value: &bool) -> bool {
-    !value
 }
 
 /// The condition that ends a render.
@@ -243,7 +234,6 @@ impl RenderSpec {
             resolution: None,
             scale: None,
             crop: CropSpec::Scene,
-            crop_exact: false,
             seed: names::seed(),
             max_depth: None,
             pixel_filter: PixelFilterSpec::Scene,
@@ -319,12 +309,6 @@ impl RenderSpec {
         Self { crop, ..self }
     }
 
-    /// Makes a crop have the bits of the whole image, or refuses it if that would take tracing the whole image.
-    #[must_use]
-    pub fn crop_exact(self, crop_exact: bool) -> Self {
-        Self { crop_exact, ..self }
-    }
-
     /// Sets the seed of all random numbers.
     #[must_use]
     pub fn seed(self, seed: u64) -> Self {
@@ -355,7 +339,7 @@ impl RenderSpec {
         Self { allow_unsupported: allow, ..self }
     }
 
-    /// Sets the shard (every N-th row) to render; `None` renders the whole image.
+    /// Sets the shard (a run of rows) to render; `None` renders the whole image.
     #[must_use]
     pub fn shard(self, shard: Option<Shard>) -> Self {
         Self { shard, ..self }

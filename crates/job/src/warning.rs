@@ -100,16 +100,7 @@ pub enum Warning {
         layer: String,
     },
     /// A shard (every N-th row of an image) whose file is not written, because its render was stopped.
-    ShardStopped(dapple_core::Shard),
-    /// A process that took much longer for its part of a round than the others.
-    SlowProcess {
-        /// The number of the process, from 0.
-        rank: usize,
-        /// Its seconds of tracing the round.
-        seconds: f64,
-        /// The median of all processes' seconds.
-        median: f64,
-    },
+    ShardStopped(crate::Shard),
 }
 
 impl fmt::Display for Warning {
@@ -190,11 +181,6 @@ impl fmt::Display for Warning {
                     _ => write!(f, "{path}: no layer \"{layer}\": this render does not record it"),
                 }
             }
-            Self::SlowProcess { rank, seconds, median } => write!(
-                f,
-                "rank {rank} is slow: it took {seconds:.1} s for its part of a round, and half of all took at most {median:.1} s; \
-                 the others wait for it"
-            ),
             Self::ShardStopped(shard) => write!(f, "shard {shard} was stopped, and is not written"),
         }
     }

@@ -54,6 +54,15 @@ impl<'a> Methods<'a> {
     }
 }
 
+impl<'a> Methods<'a> {
+    /// Adds recorders, such as those of a filter that is applied later.
+    #[must_use]
+    pub fn with_recorders(mut self, recorders: impl IntoIterator<Item = Arc<dyn Recorder>>) -> Self {
+        self.recorders.extend(recorders);
+        self
+    }
+}
+
 impl<'a, S: Sampler + 'a> From<S> for Methods<'a> {
     fn from(sampler: S) -> Self {
         Self { sampler: Box::new(sampler), filter: None, needs: Needs::none(), recorders: Vec::new() }

@@ -246,6 +246,17 @@ impl Session<'_> {
         Ok(())
     }
 
+    /// The samples of the budget that are not traced yet.
+    pub fn samples_left(&self) -> u64 {
+        self.meter.left(&self.state.film).left()
+    }
+
+    /// The samples that a stage traces.
+    pub fn samples_in(&self, stage: &Stage) -> u64 {
+        let Some(open) = &self.state.open else { return 0 };
+        open.before(stage.end()) - open.before(open.cursor.start)
+    }
+
     /// Shows the state of the session to a monitor, as a render does after a slice.
     pub fn show_to(&mut self, monitor: &mut dyn Monitor) -> Control {
         self.show(monitor, |monitor, status| monitor.slice(status))

@@ -56,14 +56,6 @@ pub enum Error {
         /// The error of reading the file's previous version.
         older: Box<Error>,
     },
-    /// A name or value in an identity that is too long to store.
-    #[error("a text of {bytes} bytes is too long: {most} at most")]
-    LongText {
-        /// The length of the name or value in bytes.
-        bytes: usize,
-        /// The largest allowed length in bytes.
-        most: usize,
-    },
 }
 
 impl Error {

@@ -5,9 +5,8 @@
 //! processes hold the lock.
 
 use super::Error;
-use super::contents::head;
 use super::file_system::{Disk, FileSystem};
-use super::{Contents, Identity, Kind, Opened};
+use super::{Kind, StateFile};
 use std::ffi::OsString;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
@@ -31,22 +30,13 @@ pub enum Generation {
 
 /// The result of [`Store::read`], or of [`Store::open`].
 #[derive(Debug)]
-pub struct Found<C = Contents> {
+pub struct Found {
     /// The decoded contents of the file, or the file open for reading them.
-    pub contents: C,
+    pub contents: StateFile,
     /// The version of the file from which the contents come.
     pub generation: Generation,
     /// The error of reading the newest version, if the contents come from the previous one.
     pub trouble: Option<Error>,
-}
-
-/// A file that is being written: [`Store::begin`].
-#[derive(Debug)]
-pub struct Saving {
-    file: File,
-    sum: crc32fast::Hasher,
-    /// The bytes of the body that are missing.
-    left: u64,
 }
 
 /// The number of bytes per write, so that a full disk is noticed early.
@@ -95,71 +85,22 @@ impl Store {
     /// # Errors
     ///
     /// [`Error::Write`] with the step that failed. An existing file is unchanged, and the call may be repeated.
-    pub fn save(&self, contents: &Contents) -> Result<(), Error> {
-        let mut saving = self.begin(contents.kind, &contents.identity, contents.body.len() as u64)?;
-        self.add(&mut saving, &contents.body)?;
-        self.end(saving)
-    }
-
-    /// Begins a file whose body of `length` bytes comes in pieces: [`Store::add`], then [`Store::end`]. Until then, the newest
-    /// version is unchanged.
-    ///
-    /// # Errors
-    ///
-    /// As [`Store::save`].
-    pub fn begin(&self, kind: Kind, identity: &Identity, length: u64) -> Result<Saving, Error> {
-        let head = head(kind, identity, length)?;
+    pub fn save(&self, contents: &StateFile) -> Result<(), Error> {
         let part = beside(&self.path, "part");
-        let file = self.system.create(&part).map_err(|e| self.trouble("make a file beside it", e));
-        let mut saving =
-            self.or_removed(file.map(|file| Saving { file, sum: crc32fast::Hasher::new(), left: length }))?;
-        self.or_removed(self.put(&mut saving, &head))?;
-        Ok(saving)
-    }
-
-    /// Writes the next bytes of the body.
-    ///
-    /// # Errors
-    ///
-    /// As [`Store::save`].
-    pub fn add(&self, saving: &mut Saving, bytes: &[u8]) -> Result<(), Error> {
-        saving.left = saving.left.wrapping_sub(bytes.len() as u64);
-        self.or_removed(self.put(saving, bytes))
-    }
-
-    /// Ends the file, which becomes the newest version.
-    ///
-    /// # Errors
-    ///
-    /// As [`Store::save`], and for a body of another length.
-    pub fn end(&self, mut saving: Saving) -> Result<(), Error> {
-        self.or_removed(self.put_end(&mut saving).and_then(|()| self.put_in_place(&beside(&self.path, "part"))))
-    }
-
-    fn put(&self, saving: &mut Saving, bytes: &[u8]) -> Result<(), Error> {
-        for piece in bytes.chunks(PIECE) {
-            saving.sum.update(piece);
-            self.system.write(&mut saving.file, piece).map_err(|e| self.trouble("write it", e))?;
-        }
-        Ok(())
-    }
-
-    fn put_end(&self, Saving { file, sum, left }: &mut Saving) -> Result<(), Error> {
-        if *left != 0 {
-            return Err(self.trouble("write it", std::io::Error::other("its body has another length")));
-        }
-        let sum = sum.clone().finalize().to_le_bytes();
-        self.system.write(file, &sum).map_err(|e| self.trouble("write it", e))?;
-        self.system.sync(file).map_err(|e| self.trouble("flush it to the disk", e))
-    }
-
-    /// Removes the incomplete file after an error.
-    fn or_removed<T>(&self, outcome: Result<T, Error>) -> Result<T, Error> {
-        if outcome.is_err() {
+        let saved = self.put(&part, contents.bytes()).and_then(|()| self.put_in_place(&part));
+        if saved.is_err() {
             // The incomplete file only takes space; an error of removing it is ignored.
-            let _ = self.system.remove(&beside(&self.path, "part"));
+            let _ = self.system.remove(&part);
         }
-        outcome
+        saved
+    }
+
+    fn put(&self, part: &Path, bytes: &[u8]) -> Result<(), Error> {
+        let mut file = self.system.create(part).map_err(|e| self.trouble("make a file beside it", e))?;
+        for piece in bytes.chunks(PIECE) {
+            self.system.write(&mut file, piece).map_err(|e| self.trouble("write it", e))?;
+        }
+        self.system.sync(&file).map_err(|e| self.trouble("flush it to the disk", e))
     }
 
     fn put_in_place(&self, part: &Path) -> Result<(), Error> {
@@ -196,24 +137,11 @@ impl Store {
     /// [`Error::Missing`] if neither version exists, [`Error::NoGeneration`] if neither can be used. Without a previous
     /// version, the error of the newest one.
     pub fn read(path: &Path, kind: Kind) -> Result<Found, Error> {
-        Self::newest(path, |path| Contents::read(path, kind))
-    }
-
-    /// Opens the file that [`Store::read`] would read.
-    ///
-    /// # Errors
-    ///
-    /// As [`Store::read`].
-    pub fn open(path: &Path, kind: Kind) -> Result<Found<Opened>, Error> {
-        Self::newest(path, |path| Opened::open(path, kind))
-    }
-
-    fn newest<C>(path: &Path, read: impl Fn(&Path) -> Result<C, Error>) -> Result<Found<C>, Error> {
-        let newer = match read(path) {
+        let newer = match StateFile::read(path, kind) {
             Ok(contents) => return Ok(Found { contents, generation: Generation::Newest, trouble: None }),
             Err(newer) => newer,
         };
-        match read(&beside(path, "previous")) {
+        match StateFile::read(&beside(path, "previous"), kind) {
             Ok(contents) => Ok(Found { contents, generation: Generation::Previous, trouble: Some(newer) }),
             Err(Error::Missing { .. }) => Err(newer),
             Err(older) => Err(Error::NoGeneration { newer: Box::new(newer), older: Box::new(older) }),

@@ -3,10 +3,10 @@
 use super::JobMonitor;
 use super::identity::compared;
 use super::time::TimeWatch;
-use crate::checkpoint::{Contents, Error, Generation, Identity, Kind, Opened, Saving, Store};
+use crate::checkpoint::{Error, Generation, Identity, Kind, StateFile, Store};
 use crate::output::FileIdentity;
 use crate::{JobError, Warning};
-use dapple_core::{Control, Error as CoreError, Film, Monitor, Status};
+use dapple_core::{Control, Film, Monitor, Snapshot, Status};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -89,24 +89,19 @@ impl Checkpoints {
         Self { store: Arc::new(store), every: None, resume: None }
     }
 
-    /// Opens the file to resume from; `None` if the render starts afresh. `here` is the identity of this job.
-    pub(super) fn resumed(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<Opened>, JobError> {
+    /// The state in the file to resume from, if there is one and it belongs to this render.
+    pub(super) fn snapshot(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<Snapshot>, JobError> {
         let Some(path) = &self.resume else { return Ok(None) };
-        let found = Store::open(path, Kind::Checkpoint)?;
+        let found = Store::read(path, Kind::Checkpoint)?;
         if let (Generation::Previous, Some(trouble)) = (found.generation, &found.trouble) {
             monitor.warn(Warning::PreviousCheckpoint(trouble.fault()));
         }
-        let differences = compared(here).differences(&compared(found.contents.identity()));
+        let differences = compared(here).differences(&compared(&found.contents.identity));
         if !differences.is_empty() {
             return Err(JobError::OtherRender { path: path.clone(), differences });
         }
-        Ok(Some(found.contents))
-    }
-
-    /// Names the file to resume from in an error of its snapshot.
-    pub(super) fn named(&self, source: CoreError) -> JobError {
-        let path = self.resume.as_deref().unwrap_or_else(|| self.store.path()).to_owned();
-        JobError::Snapshot { path, source }
+        let snapshot = Snapshot::from_bytes(found.contents.bytes());
+        snapshot.map(Some).map_err(|source| JobError::Snapshot { path: path.clone(), source })
     }
 }
 
@@ -117,10 +112,6 @@ pub(super) struct Watched<'m> {
     writer: Option<Writer>,
     time: TimeWatch,
     min_spp: u32,
-    /// True if several processes render. Only at barriers does this one have everyone's pixels.
-    together: bool,
-    /// The processes that were reported as slow.
-    slow: Vec<usize>,
 }
 
 impl<'m> Watched<'m> {
@@ -129,10 +120,9 @@ impl<'m> Watched<'m> {
         checkpoints: Option<Checkpoints>,
         identity: Identity,
         min_spp: u32,
-        together: bool,
     ) -> Self {
         let writer = checkpoints.map(|checkpoints| Writer::new(checkpoints, identity));
-        Self { monitor, writer, time: TimeWatch::default(), min_spp, together, slow: Vec::new() }
+        Self { monitor, writer, time: TimeWatch::default(), min_spp }
     }
 
     fn save_last(&mut self, status: &Status<'_>) {
@@ -146,10 +136,6 @@ impl<'m> Watched<'m> {
     pub(super) fn into_checkpoint(self) -> (Option<Result<PathBuf, JobError>>, u64) {
         let Some(mut writer) = self.writer else { return (None, 0) };
         writer.wait(self.monitor);
-        if self.together && writer.written == 0 && writer.trouble.is_none() && !writer.resumed {
-            // Stopped before the first barrier.
-            return (None, 0);
-        }
         let path = writer.store.path().to_owned();
         (Some(writer.trouble.take().map_or(Ok(path), |trouble| Err(trouble.into()))), writer.written)
     }
@@ -161,49 +147,18 @@ impl Monitor for Watched<'_> {
             self.monitor.warn(warning);
         }
         if self.monitor.slice(status) == Control::Stop {
-            if !self.together {
-                self.save_last(status);
-            }
+            self.save_last(status);
             return Control::Stop;
         }
-        if let Some(writer) = self.writer.as_mut().filter(|_| !self.together) {
+        if let Some(writer) = &mut self.writer {
             writer.slice(status, self.monitor);
         }
         Control::Continue
     }
 
-    fn barrier(&mut self, status: &Status<'_>, seconds: &[f64]) {
-        for warning in slow(seconds, &mut self.slow) {
-            self.monitor.warn(warning);
-        }
-        self.monitor.barrier(status);
-    }
-
-    fn saves(&self) -> bool {
-        self.together && self.writer.is_some()
-    }
-
-    fn saved(&mut self, bytes: &[u8], length: u64) {
-        if let Some(writer) = &mut self.writer {
-            writer.add(bytes, length, self.monitor);
-        }
-    }
-
-    fn reads_rows(&self) -> bool {
-        self.monitor.reads_rows()
-    }
-
-    fn rows(&mut self, rows: &Film) {
-        self.monitor.rows(rows);
-    }
-
     fn end(&mut self, status: &Status<'_>) {
         self.monitor.end(status);
-        match &mut self.writer {
-            // The pieces of the state follow.
-            Some(writer) if self.together => writer.ends = true,
-            _ => self.save_last(status),
-        }
+        self.save_last(status);
     }
 }
 
@@ -218,15 +173,7 @@ struct Writer {
     /// first.
     cost: Option<f64>,
     is_first: bool,
-    /// True if the render goes on from a checkpoint.
-    resumed: bool,
     writing: Option<JoinHandle<Result<(), Error>>>,
-    /// The checkpoint that several processes write in pieces, or its error; `None` between two checkpoints.
-    pieces: Option<Result<Saving, Error>>,
-    /// The bytes of that checkpoint so far.
-    taken: u64,
-    /// True if the next checkpoint is the final one.
-    ends: bool,
     warned: bool,
     /// The number of checkpoints written.
     written: u64,
@@ -235,7 +182,7 @@ struct Writer {
 }
 
 impl Writer {
-    fn new(Checkpoints { store, every, resume }: Checkpoints, identity: Identity) -> Self {
+    fn new(Checkpoints { store, every, .. }: Checkpoints, identity: Identity) -> Self {
         let last = Instant::now();
         Self {
             store,
@@ -244,11 +191,7 @@ impl Writer {
             last,
             cost: None,
             is_first: true,
-            resumed: resume.is_some(),
             writing: None,
-            pieces: None,
-            taken: 0,
-            ends: false,
             warned: false,
             written: 0,
             trouble: None,
@@ -278,26 +221,6 @@ impl Writer {
         }
     }
 
-    /// Writes the next bytes of a checkpoint of several processes, `length` in all. After a disk error it drops the rest: the
-    /// others send it all the same.
-    fn add(&mut self, bytes: &[u8], length: u64, monitor: &mut dyn JobMonitor) {
-        let store = &self.store;
-        let begin = || store.begin(Kind::Checkpoint, &self.identity, length);
-        let pieces = self.pieces.take().unwrap_or_else(begin);
-        let pieces = pieces.and_then(|mut saving| store.add(&mut saving, bytes).map(|()| saving));
-        self.taken += bytes.len() as u64;
-        if self.taken < length {
-            self.pieces = Some(pieces);
-            return;
-        }
-        self.taken = 0;
-        match pieces.and_then(|saving| store.end(saving)) {
-            Ok(()) => self.written += 1,
-            Err(e) if self.ends => self.trouble = Some(e),
-            Err(e) => self.warn(&e, monitor),
-        }
-    }
-
     /// Writes the final checkpoint in this thread, after a write in progress has ended.
     fn finish(&mut self, status: &Status<'_>, monitor: &mut dyn JobMonitor) {
         self.wait(monitor);
@@ -321,8 +244,8 @@ impl Writer {
         self.last.elapsed() >= Duration::try_from_secs_f64(interval).unwrap_or(Duration::MAX)
     }
 
-    fn contents(&self, status: &Status<'_>) -> Contents {
-        Contents { kind: Kind::Checkpoint, identity: self.identity.clone(), body: status.snapshot() }
+    fn contents(&self, status: &Status<'_>) -> StateFile {
+        StateFile::new(Kind::Checkpoint, self.identity.clone(), status.snapshot())
     }
 
     /// Returns `true` if no checkpoint is being written. Collects the result of a finished write.
@@ -348,37 +271,5 @@ impl Writer {
         if !std::mem::replace(&mut self.warned, true) {
             monitor.warn(Warning::NoCheckpoint(trouble.to_string()));
         }
-    }
-}
-
-/// The excess over the median of all processes' seconds at which one counts as slow: as a factor, and in seconds.
-const SLOW: (f64, f64) = (1.5, 1.0);
-
-/// Warnings about processes that took much longer for a round than the others, once for each.
-fn slow(seconds: &[f64], known: &mut Vec<usize>) -> Vec<Warning> {
-    let mut sorted = seconds.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let Some(&median) = sorted.get(sorted.len().saturating_sub(1) / 2) else { return Vec::new() };
-    let is_slow =
-        |&(rank, took): &(usize, f64)| took > median * SLOW.0 && took > median + SLOW.1 && !known.contains(&rank);
-    let found: Vec<(usize, f64)> = seconds.iter().copied().enumerate().filter(is_slow).collect();
-    known.extend(found.iter().map(|(rank, _)| *rank));
-    found.into_iter().map(|(rank, seconds)| Warning::SlowProcess { rank, seconds, median }).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_slow_process_is_reported_once() {
-        let mut known = Vec::new();
-        assert!(slow(&[2.0, 2.5, 2.1, 2.9], &mut known).is_empty(), "within bounds");
-        assert!(slow(&[0.1, 0.9, 0.1], &mut known).is_empty(), "below a second");
-        let found = slow(&[2.0, 2.0, 7.0], &mut known);
-        assert!(found[0].to_string().starts_with("rank 2 is slow: it took 7.0 s"), "{found:?}");
-        assert!(slow(&[2.0, 2.0, 7.0], &mut known).is_empty());
-        // One of two is slow too.
-        assert_eq!(slow(&[9.0, 2.0], &mut known).len(), 1);
     }
 }

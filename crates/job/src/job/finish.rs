@@ -2,7 +2,7 @@
 
 use super::{Job, time};
 use crate::{BudgetSpec, JobError, Warning};
-use dapple_core::{Budget, Error, Exchange, Film, Filter, Filtered, Unfiltered, apply_together};
+use dapple_core::{Budget, Film, Filter, Filtered, Unfiltered};
 use serde::Serialize;
 use std::time::Instant;
 
@@ -59,45 +59,20 @@ impl Job {
     ///
     /// [`JobError::Core`] if the film lacks statistics that the filter needs.
     pub fn finish(&self, film: Film) -> Result<RenderedImage, JobError> {
-        let image = self.filtered(film, None)?;
-        image.ok_or_else(|| Error::Gone { what: "it has no image".into() }.into())
-    }
-
-    /// The filtered image; `None` on processes that do not write it.
-    pub(super) fn filtered(
-        &self,
-        film: Film,
-        exchange: Option<&mut dyn Exchange>,
-    ) -> Result<Option<RenderedImage>, JobError> {
         /// Pixels per second and thread of the default filter.
         const FILTERED_A_SECOND: usize = 125_000;
         let mut warnings = self.clusters_warnings();
         let mut filter: &dyn Filter = &*self.filter;
-        // Processes decide alike, whatever their threads.
-        let threads = if exchange.is_some() { 1 } else { rayon::current_num_threads() };
-        let patience = FILTERED_A_SECOND * threads;
+        let patience = FILTERED_A_SECOND * rayon::current_num_threads();
         if film.record().interrupted && filter.name() != Unfiltered.name() && film.frame().pixels() > patience {
             warnings.push(Warning::NotFiltered { filter: filter.name().to_owned() });
             filter = &Unfiltered;
         }
         let clock = Instant::now();
-        let (film, filtered) = match exchange {
-            Some(exchange) => match apply_together(filter, film, &self.outputs.shown(), exchange)? {
-                Some(both) => both,
-                None => return Ok(None),
-            },
-            None if !film.is_whole() => {
-                let what = "it holds the rows of one process; make the image by finish_together";
-                return Err(Error::Mismatch { who: "the film".into(), what: what.into() }.into());
-            }
-            None => {
-                let filtered = filter.apply(&film)?;
-                (film, filtered)
-            }
-        };
+        let filtered = filter.apply(&film)?;
         let seconds = clock.elapsed().as_secs_f64();
         let described = filter.describe();
-        Ok(Some(self.image(film, filtered, described, seconds, warnings)))
+        Ok(self.image(film, filtered, described, seconds, warnings))
     }
 
     /// Combines a film of this render with an image that another filter made in `seconds`; `filter` describes the

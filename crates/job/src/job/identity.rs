@@ -40,9 +40,6 @@ pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
         ("samples per pixel", format!("{} to {}", job.limits.min_spp, job.limits.max_spp)),
         (SPEC, spec.to_json()?),
     ];
-    if spec.crop_exact {
-        pairs.push(("crop", "as the whole image".to_owned()));
-    }
     if let Some(shard) = spec.shard {
         pairs.push((FILTER, job.filter.describe()));
         pairs.push((SHARD, shard.to_string()));
@@ -58,11 +55,6 @@ pub(super) fn compared(identity: &Identity) -> Identity {
 /// The pairs of an identity that must be equal in all shards of one image.
 pub(super) fn common(identity: &Identity) -> Identity {
     without(identity, &[SPEC, SHARD])
-}
-
-/// The pairs of an identity that must be equal in shards and in the job that takes over their merged film.
-pub(super) fn samples(identity: &Identity) -> Identity {
-    without(identity, &[SPEC, SHARD, FILTER])
 }
 
 fn without(identity: &Identity, names: &[&str]) -> Identity {

@@ -11,8 +11,6 @@ use std::fmt;
 
 /// Working memory per thread in bytes, mostly for a filter's image tile. Measured: 0.6 to 1.1 MiB.
 const THREAD: u64 = 1 << 20;
-/// The bytes of a checkpoint that are under way between processes, in all copies.
-const PIECES: u64 = 32 << 20;
 /// The assumed memory of the program itself in bytes, used if the system does not report it.
 const PROGRAM: u64 = 16 << 20;
 
@@ -104,18 +102,12 @@ impl MemoryEstimate {
     /// or shard. Of several processes with their rows each, it passes in pieces.
     pub(crate) fn of_render(before: &Self, memory: &Memory, files: u64, keeps: bool) -> Self {
         let [now, most] = resident().unwrap_or([before.scene, 0]);
-        // It gives its own rows back before it writes.
-        let files = if memory.delivered > 0 { files.saturating_sub(memory.film) } else { files };
-        let snapshot = match keeps {
-            true if memory.film < memory.whole => PIECES.min(memory.snapshot()),
-            true => memory.snapshot(),
-            false => 0,
-        };
+        let snapshot = if keeps { memory.snapshot() } else { 0 };
         let stages = vec![
             ("planning", memory.planning),
             (if keeps { "checkpoint" } else { "plan" }, memory.tracing.saturating_add(snapshot)),
             ("filter", memory.filter.applying),
-            ("files", memory.filter.image.saturating_add(memory.delivered).saturating_add(files)),
+            ("files", memory.filter.image.saturating_add(files)),
         ];
         let scene = now + THREAD * rayon::current_num_threads() as u64;
         let film = memory.film.saturating_add(memory.holdout);
@@ -148,12 +140,8 @@ impl MemoryEstimate {
 
     /// Adds the most that learning takes, and a stage of `bytes` before the render: training passes of the whole image.
     #[must_use]
-    pub(crate) fn with_training(mut self, training: u64, bytes: u64) -> Self {
-        self.training = training;
-        if bytes > 0 {
-            self.stages.push(("training", bytes));
-        }
-        self
+    pub(crate) fn with_training(self, training: u64) -> Self {
+        Self { training, ..self }
     }
 
     /// Adds a stage that holds `copies` of the render's state of `bytes`: files of a render in stages, or a checkpoint to resume

@@ -2,7 +2,7 @@
 //! JSON.
 
 use super::DEFAULT_INTEGRATOR;
-use dapple_core::Shard;
+use super::Shard;
 use dapple_registry::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER};
 
 pub(super) fn sampler() -> String {
@@ -29,18 +29,6 @@ pub(super) const fn seed() -> u64 {
     1
 }
 
-/// Parses a shard (every N-th row of an image) from the text `I/N`, with I from 1 to N.
-///
-/// # Errors
-///
-/// A message with examples if the text is not of this form.
-pub fn parse_shard(text: &str) -> Result<Shard, String> {
-    let numbers =
-        text.split_once('/').and_then(|(i, n)| Some((i.parse::<u32>().ok()?.checked_sub(1)?, n.parse().ok()?)));
-    let shard = numbers.and_then(|(index, of)| Shard::new(index, of).ok());
-    shard.ok_or_else(|| format!("\"{text}\" is not a shard I/N, the I-th of N; examples are 1/4 and 4/4"))
-}
-
 /// Serialisation of effects as a list of their names.
 pub(super) mod effects {
     use dapple_scene::Effect;
@@ -57,7 +45,7 @@ pub(super) mod effects {
 
 /// Serialisation of a shard as `I/N`, with I from 1.
 pub(super) mod shard {
-    use dapple_core::Shard;
+    use super::Shard;
     use serde::{Deserialize, Deserializer, Serializer, de::Error};
 
     pub(crate) fn serialize<S: Serializer>(shard: &Option<Shard>, to: S) -> Result<S::Ok, S::Error> {
@@ -69,6 +57,6 @@ pub(super) mod shard {
 
     pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Shard>, D::Error> {
         let text = Option::<String>::deserialize(from)?;
-        text.map(|text| super::super::parse_shard(&text).map_err(D::Error::custom)).transpose()
+        text.map(|text| text.parse().map_err(D::Error::custom)).transpose()
     }
 }

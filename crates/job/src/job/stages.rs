@@ -1,0 +1,351 @@
+//! Renders by many machines: plan files and the rows that machines trace of them, shards, and processes that run together.
+
+use super::checkpoints::Watched;
+use super::identity::{PLAN, SPEC, common, compared};
+use super::{Checkpoints, Job, JobMonitor, RenderMonitor, Traced};
+use crate::checkpoint::{Identity, Kind, StateFile};
+use crate::memory::MemoryEstimate;
+use crate::{JobError, RenderSpec, Shard};
+use dapple_core::{Budget, Control, Error, Integrator, Methods, Render, Session, Snapshot, Stage, Status, TracedRows};
+use dapple_distributed::{Processes, coordinate, serve};
+use dapple_transport::make_integrator;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// A plan file: the state of a render with a stage whose rows machines trace.
+pub struct PlanFile {
+    path: PathBuf,
+    spec: RenderSpec,
+    file: StateFile,
+}
+
+/// Files of traced rows: those of a plan's stage, or the shards of an image.
+pub struct RowsFiles {
+    spec: RenderSpec,
+    files: Vec<(PathBuf, StateFile)>,
+}
+
+impl PlanFile {
+    /// Reads a plan file.
+    ///
+    /// # Errors
+    ///
+    /// [`JobError::Checkpoint`] for a file that cannot be read, is damaged or of another kind.
+    pub fn read(path: &Path) -> Result<Self, JobError> {
+        let file = StateFile::read(path, Kind::Plan)?;
+        let spec = RenderSpec::from_json(file.identity.value(SPEC).unwrap_or_default())?;
+        Ok(Self { path: path.to_owned(), spec, file })
+    }
+
+    /// The description of the render.
+    pub fn spec(&self) -> &RenderSpec {
+        &self.spec
+    }
+
+    fn snapshot(&self) -> Result<Snapshot, JobError> {
+        let of = |source| JobError::Snapshot { path: self.path.clone(), source };
+        Snapshot::from_bytes(self.file.bytes()).map_err(of)
+    }
+}
+
+impl RowsFiles {
+    /// Reads files of traced rows.
+    ///
+    /// # Errors
+    ///
+    /// [`JobError::Shards`] with a line for each file that cannot be read, is damaged, or is of another render than the first.
+    pub fn read(paths: &[PathBuf]) -> Result<Self, JobError> {
+        let (mut files, mut troubles): (Vec<(PathBuf, StateFile)>, Vec<String>) = (Vec::new(), Vec::new());
+        for path in paths {
+            match StateFile::read(path, Kind::Rows) {
+                Ok(file) => {
+                    if let Some((first, known)) = files.first() {
+                        let differ = common(&known.identity).differences(&common(&file.identity));
+                        let of =
+                            |d| format!("{}: it is of another render than {}: {d}", path.display(), first.display());
+                        troubles.extend(differ.into_iter().map(of));
+                    }
+                    files.push((path.clone(), file));
+                }
+                Err(e) => troubles.push(e.to_string()),
+            }
+        }
+        match files.first().filter(|_| troubles.is_empty()) {
+            Some((_, first)) => {
+                let spec = RenderSpec::from_json(first.identity.value(SPEC).unwrap_or_default())?;
+                // Shards have another default light selection than whole images.
+                let spec = RenderSpec { light_selection: Some(spec.selection()), shard: None, ..spec };
+                Ok(Self { spec, files })
+            }
+            None => Err(JobError::Shards(troubles)),
+        }
+    }
+
+    /// The description of the render.
+    pub fn spec(&self) -> &RenderSpec {
+        &self.spec
+    }
+
+    /// The plan file of which they are rows, as it was named then; `None` for shards.
+    pub fn plan(&self) -> Option<&Path> {
+        self.files.first().and_then(|(_, file)| file.identity.value(PLAN)).map(Path::new)
+    }
+}
+
+impl Job {
+    /// The estimated memory of work on a stage: its state is in memory as a film and as bytes.
+    ///
+    /// # Errors
+    ///
+    /// As [`Job::memory`].
+    pub fn memory_in_stages(&mut self) -> Result<MemoryEstimate, JobError> {
+        self.need_any_image();
+        let (estimate, bytes) = self.forecast(false)?;
+        Ok(estimate.with_copies("plan and parts", 4, bytes))
+    }
+
+    /// The statistics that any image of the render may need, since images are chosen at the end.
+    fn need_any_image(&mut self) {
+        let hits = u8::from(self.clusters().is_some());
+        self.needs = self.needs.with_variance().with_first_hits(hits);
+    }
+
+    /// Plans the first stage, as the bytes of a plan file.
+    ///
+    /// # Errors
+    ///
+    /// As [`Job::run`].
+    pub fn first_plan(&mut self) -> Result<Vec<u8>, JobError> {
+        let identity = self.identity()?;
+        self.need_any_image();
+        let (mut session, integrator) = self.session(None)?;
+        session.next_stage(&*integrator)?;
+        Ok(StateFile::new(Kind::Plan, identity, session.snapshot()).bytes().to_vec())
+    }
+
+    /// Traces a part of the rows of a plan's stage, or of the only stage of a render without a plan (a shard). Returns the
+    /// bytes of a file; `None` if the monitor stopped it.
+    ///
+    /// # Errors
+    ///
+    /// As [`Job::run`]; [`JobError::OtherRender`] for a plan of another render, [`JobError::NoShard`] for a shard of a render
+    /// with more than one stage.
+    pub fn trace_part(
+        &mut self,
+        plan: Option<&PlanFile>,
+        shard: Shard,
+        monitor: &mut dyn JobMonitor,
+    ) -> Result<Option<Vec<u8>>, JobError> {
+        self.need_any_image();
+        let mut pairs = self.identity()?.pairs().to_vec();
+        if let Some(plan) = plan {
+            self.check_render(plan)?;
+            pairs.push((PLAN.into(), plan.path.to_string_lossy().into_owned()));
+        }
+        let snapshot = plan.map(PlanFile::snapshot).transpose()?;
+        let (mut session, mut integrator) = self.session(snapshot)?;
+        session.teach(&mut *integrator);
+        let stage = session.next_stage(&*integrator)?;
+        let Some(stage) = stage else { return Err(Error::other("the plan", "it is done").into()) };
+        if plan.is_none() {
+            only_stage(&session, &stage, &*integrator, shard)?;
+        }
+        let rows = dealt(&session, &stage, shard);
+        let traced = match rows {
+            None => None,
+            Some(rows) => Some(session.rows_of(&stage, rows)?),
+        };
+        drop(session);
+        let bytes = match traced {
+            // There are more parts than runs of rows.
+            None => dapple_core::container::begin(0),
+            Some(rows) => match self.traced(&rows, &mut 0, &mut *integrator, monitor)? {
+                Some(bytes) => bytes,
+                None => return Ok(None),
+            },
+        };
+        Ok(Some(StateFile::new(Kind::Rows, Identity::new(pairs), bytes).bytes().to_vec()))
+    }
+
+    /// Joins the rows of a stage and plans the next one. Returns the bytes of a plan file, and `true` if no stage is left.
+    ///
+    /// # Errors
+    ///
+    /// [`JobError::Shards`] for rows that do not make a stage together.
+    pub fn next_plan(&mut self, plan: &PlanFile, rows: &RowsFiles) -> Result<(Vec<u8>, bool), JobError> {
+        self.need_any_image();
+        self.check_render(plan)?;
+        let identity = self.identity()?;
+        let (mut session, mut integrator) = self.session(Some(plan.snapshot()?))?;
+        session.teach(&mut *integrator);
+        join(&mut session, &mut *integrator, rows)?;
+        let is_done = session.next_stage(&*integrator)?.is_none();
+        Ok((StateFile::new(Kind::Plan, identity, session.snapshot()).bytes().to_vec(), is_done))
+    }
+
+    /// The film of a plan that is done.
+    ///
+    /// # Errors
+    ///
+    /// [`JobError::NotDone`] for a plan of which samples are left to trace.
+    pub fn finish_plan(&mut self, plan: &PlanFile) -> Result<Traced, JobError> {
+        self.need_any_image();
+        self.check_render(plan)?;
+        let (mut session, mut integrator) = self.session(Some(plan.snapshot()?))?;
+        session.teach(&mut *integrator);
+        match session.next_stage(&*integrator)? {
+            None => Ok(Traced::of(session.into_film())),
+            Some(_) => Err(JobError::NotDone { path: plan.path.clone() }),
+        }
+    }
+
+    /// The film of all shards of an image.
+    ///
+    /// # Errors
+    ///
+    /// [`JobError::Shards`] for shards that do not make an image together.
+    pub fn merge(&mut self, shards: &RowsFiles) -> Result<Traced, JobError> {
+        self.need_any_image();
+        let (mut session, mut integrator) = self.session(None)?;
+        session.next_stage(&*integrator)?;
+        join(&mut session, &mut *integrator, shards)?;
+        session.next_stage(&*integrator)?;
+        Ok(Traced::of(session.into_film()))
+    }
+
+    /// Runs the render on process 0 of several, from the beginning or from the checkpoint file in `checkpoints`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Job::run`].
+    pub fn coordinate(
+        &mut self,
+        checkpoints: Option<Checkpoints>,
+        monitor: &mut dyn JobMonitor,
+        processes: &mut dyn Processes,
+        stop: &mut dyn FnMut() -> bool,
+    ) -> Result<Traced, JobError> {
+        let identity = self.identity()?;
+        let snapshot = checkpoints.as_ref().map(|c| c.snapshot(&identity, monitor)).transpose()?.flatten();
+        if let Some(snapshot) = &snapshot {
+            monitor.resumed(snapshot.film().record().samples as f64 / self.frame.pixels() as f64);
+        }
+        let mut watched = Watched::new(monitor, checkpoints, identity, self.limits.min_spp);
+        let (session, mut integrator) = self.session(snapshot)?;
+        let film = coordinate(session, &mut *integrator, processes, &mut watched, stop)?;
+        let (checkpoint, checkpoints_written) = watched.into_checkpoint();
+        Ok(Traced { film, failure: None, checkpoint, checkpoints_written })
+    }
+
+    /// Traces what process 0 sends, until the render is over.
+    ///
+    /// # Errors
+    ///
+    /// [`JobError::Core`] if process 0 is gone.
+    pub fn serve(&mut self, processes: &mut dyn Processes, stop: &mut dyn FnMut() -> bool) -> Result<(), JobError> {
+        let world = self.prepared.world.clone();
+        let (mut integrator, mut learned) = (make_integrator(&self.integrator, &world)?, 0);
+        let mut monitor = |_: &Status<'_>| if stop() { Control::Stop } else { Control::Continue };
+        let trace = |rows: &[u8]| {
+            let traced = self.traced(rows, &mut learned, &mut *integrator, &mut RenderMonitor(&mut monitor));
+            traced.map_err(|e| Error::other("tracing", e.to_string()))
+        };
+        Ok(serve(trace, processes)?)
+    }
+
+    /// Traces rows that a session has cut out.
+    fn traced(
+        &mut self,
+        rows: &[u8],
+        learned: &mut usize,
+        integrator: &mut dyn Integrator,
+        monitor: &mut dyn JobMonitor,
+    ) -> Result<Option<Vec<u8>>, JobError> {
+        let mut watched = Watched::new(monitor, None, Identity::default(), self.limits.min_spp);
+        let render = Render::new(self.frame, &self.limits).needs(self.needs).recorders(self.filter.recorders());
+        Ok(render.monitor(&mut watched).trace_rows(rows, learned, integrator, &mut *self.sampler)?)
+    }
+
+    /// The session of this render, new or resumed, and its integrator.
+    fn session(&mut self, snapshot: Option<Snapshot>) -> Result<(Session<'_>, Box<dyn Integrator + '_>), JobError> {
+        let judged = self.is_error_of_filtered() || matches!(self.limits.budget, Budget::Seconds(_));
+        let integrator = make_integrator(&self.integrator, &self.prepared.world)?;
+        let methods = Methods::from(&mut *self.sampler).with_needs(self.needs);
+        let methods = methods.with_recorders(self.filter.recorders());
+        let methods = if judged { methods.with_filter(&*self.filter) } else { methods };
+        let (frame, limits) = (self.frame, self.limits.clone());
+        let session = match snapshot {
+            None => Session::new(frame, limits, methods)?,
+            Some(snapshot) => Session::resume(frame, limits, methods, snapshot)?,
+        };
+        Ok((session, integrator))
+    }
+
+    fn check_render(&self, plan: &PlanFile) -> Result<(), JobError> {
+        let differences = compared(&self.identity()?).differences(&compared(&plan.file.identity));
+        if differences.is_empty() {
+            return Ok(());
+        }
+        Err(JobError::OtherRender { path: plan.path.clone(), differences })
+    }
+}
+
+/// The rows that a shard traces; `None` if there are fewer runs of rows than shards.
+fn dealt(session: &Session<'_>, stage: &Stage, shard: Shard) -> Option<Range<u32>> {
+    session.deal(stage, shard.of()).get(shard.index() as usize).cloned()
+}
+
+/// Refuses shards of a render that has more than one stage.
+fn only_stage(session: &Session<'_>, stage: &Stage, integrator: &dyn Integrator, shard: Shard) -> Result<(), JobError> {
+    let all = session.samples_left();
+    if session.samples_in(stage) == all && !integrator.wants_training() {
+        return Ok(());
+    }
+    let why = "the sampler or the light selection reads samples that other machines have; take uniform samples and \
+               --light-selection power, or render in stages (dapple plan)";
+    Err(JobError::NoShard { shard, why: why.into() })
+}
+
+/// Joins the rows of the stage that a session has open.
+fn join(session: &mut Session<'_>, integrator: &mut dyn Integrator, rows: &RowsFiles) -> Result<(), JobError> {
+    let Some(stage) = session.next_stage(integrator)? else {
+        return Err(JobError::Shards(vec!["the plan is done; dapple merge makes the image".into()]));
+    };
+    let (mut joined, mut troubles): (Vec<(u32, u32)>, Vec<String>) = (Vec::new(), Vec::new());
+    for (path, file) in &rows.files {
+        let path = path.display();
+        if dapple_core::container::sections(file.bytes()).is_ok_and(|found| found.len() == 1) {
+            // A part without rows.
+            continue;
+        }
+        match TracedRows::from_bytes(file.bytes()).and_then(|rows| session.join(&stage, rows)) {
+            Ok(rows) if joined.contains(&(rows.start, rows.end)) => {
+                troubles.push(format!("{path}: its rows are given twice"))
+            }
+            Ok(rows) => joined.push((rows.start, rows.end)),
+            Err(e) => troubles.push(format!("{path}: {e}")),
+        }
+    }
+    joined.sort_unstable();
+    let mut next = stage.rows().start;
+    for (start, end) in joined.into_iter().chain([(stage.rows().end, stage.rows().end)]) {
+        if start != next {
+            troubles.push(format!(
+                "rows {next} to {} of the stage are missing or given twice; give each part once",
+                start.max(next)
+            ));
+        }
+        next = end;
+    }
+    if !troubles.is_empty() {
+        return Err(JobError::Shards(troubles));
+    }
+    session.end_stage(&stage, integrator)?;
+    Ok(())
+}
+
+impl Traced {
+    fn of(film: dapple_core::Film) -> Self {
+        Self { film, failure: None, checkpoint: None, checkpoints_written: 0 }
+    }
+}
