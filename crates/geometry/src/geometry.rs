@@ -1,12 +1,10 @@
-use crate::build::{Preset, build_tree, union};
+use crate::build::{build_tree, union};
 use crate::instance::Placements;
 #[cfg(test)]
 use crate::lanes::Vectors;
-use crate::prepared_ray::PreparedRay;
-use crate::safeguards::{All, Safeguards};
+use crate::ray::PreparedRay;
 use crate::shape::Quadric;
-use crate::traverse::{Best, WalkKind};
-use crate::tree::Tree;
+use crate::traverse::{Best, Tree, WalkKind};
 use crate::{Error, Hit, Instance, PlacedShape, PrimitiveId, Ray, Shape, SurfacePoint};
 use glam::{DAffine3, Vec3};
 use std::sync::Arc;
@@ -18,11 +16,11 @@ use std::sync::Arc;
 /// instance follow, in the order of instances.
 ///
 /// ```
-/// use dapple_geometry::{Geometry, Preset, Ray, Shape, Sphere};
+/// use dapple_geometry::{Geometry, Ray, Shape, Sphere};
 /// use glam::Vec3;
 ///
 /// let ball = Sphere::new(Vec3::new(0.0, 0.0, 5.0), 1.0)?;
-/// let scene = Geometry::build(vec![Shape::from(ball)], Preset::default())?;
+/// let scene = Geometry::build(vec![Shape::from(ball)])?;
 /// let ray = Ray::new(Vec3::ZERO, Vec3::Z);
 /// let hit = scene.closest(&ray).expect("the ball lies ahead");
 /// assert_eq!(hit.t, 4.0);
@@ -44,14 +42,9 @@ impl Geometry {
     ///
     /// # Errors
     /// [`Error::TooMany`] for 2^32 - 1 shapes or more, or for 2^28 primitives or more.
-    pub fn build(shapes: Vec<Shape>, preset: Preset) -> Result<Self, Error> {
-        Self::build_padded(shapes, preset, All::PADDING)
-    }
-
-    /// Builds a scene as [`build`](Self::build) does, with boxes padded for rounding if `padded` is true.
-    pub(crate) fn build_padded(shapes: Vec<Shape>, preset: Preset, padded: bool) -> Result<Self, Error> {
-        let (tree, bounds, triangle_count) = build_tree(&shapes, preset, padded)?;
-        Ok(Self { shapes, tree, bounds, triangle_count })
+    pub fn build(shapes: Vec<Shape>) -> Result<Self, Error> {
+        let (bvh, bounds, triangle_count) = build_tree(&shapes)?;
+        Ok(Self { shapes, tree: bvh.into(), bounds, triangle_count })
     }
 
     /// Builds a scene from base shapes and from instances of objects. Each object is in memory once, however many
@@ -76,10 +69,9 @@ impl Geometry {
         shapes: Vec<Shape>,
         objects: Vec<Arc<Self>>,
         instances: Vec<Instance>,
-        preset: Preset,
     ) -> Result<Self, Error> {
-        let mut scene = Self::build(shapes, preset)?;
-        let placements = Placements::new(scene.shapes.len() as u32, objects, instances, preset)?;
+        let mut scene = Self::build(shapes)?;
+        let placements = Placements::new(scene.shapes.len() as u32, objects, instances)?;
         scene.triangle_count += placements.objects.iter().map(|object| object.geometry.triangle_count).sum::<usize>();
         scene.bounds = match (scene.bounds, placements.bounds) {
             (Some(base), Some(placed)) => Some(union(base, placed)),
@@ -104,16 +96,11 @@ impl Geometry {
     #[cfg_attr(not(debug_assertions), inline(always))]
     #[must_use]
     pub fn closest_at(&self, ray: &Ray, time: f32) -> Option<Hit> {
-        self.closest_with::<All>(ray, time)
-    }
-
-    #[inline(always)]
-    pub(crate) fn closest_with<S: Safeguards>(&self, ray: &Ray, time: f32) -> Option<Hit> {
         match PreparedRay::ordinary(ray) {
-            Some(prepared) => self.closest_along::<S>(&prepared, 1.0, time),
+            Some(prepared) => self.closest_along(&prepared, 1.0, time),
             None => {
                 let (prepared, scale) = PreparedRay::rescaled(ray)?;
-                let hit = self.closest_along::<S>(&prepared, scale, time)?;
+                let hit = self.closest_along(&prepared, scale, time)?;
                 // Rounding to the caller's scale must not move `t` out of the limits.
                 let (least, most) = (ray.tmin.max(0.0).next_up(), ray.tmax.next_down());
                 Some(Hit { t: hit.t.max(least).min(most), ..hit })
@@ -123,9 +110,9 @@ impl Geometry {
 
     /// Returns the closest hit, with its `t` multiplied by `scale`.
     #[inline(always)]
-    fn closest_along<S: Safeguards>(&self, prepared: &PreparedRay, scale: f32, time: f32) -> Option<Hit> {
+    fn closest_along(&self, prepared: &PreparedRay, scale: f32, time: f32) -> Option<Hit> {
         let mut best = Best::new(prepared.ray.tmax);
-        self.tree.closest::<S>(prepared, time, &mut best);
+        self.tree.closest(prepared, time, &mut best);
         best.found.then_some(Hit {
             t: best.t * scale,
             shape: (best.key >> 32) as u32,
@@ -146,14 +133,9 @@ impl Geometry {
     #[cfg_attr(not(debug_assertions), inline(always))]
     #[must_use]
     pub fn occluded_at(&self, ray: &Ray, time: f32) -> bool {
-        self.occluded_with::<All>(ray, time)
-    }
-
-    #[inline(always)]
-    pub(crate) fn occluded_with<S: Safeguards>(&self, ray: &Ray, time: f32) -> bool {
         match PreparedRay::ordinary(ray) {
-            Some(prepared) => self.tree.occluded::<S>(&prepared, time),
-            None => PreparedRay::rescaled(ray).is_some_and(|(prepared, _)| self.tree.occluded::<S>(&prepared, time)),
+            Some(prepared) => self.tree.occluded(&prepared, time),
+            None => PreparedRay::rescaled(ray).is_some_and(|(prepared, _)| self.tree.occluded(&prepared, time)),
         }
     }
 
@@ -266,14 +248,14 @@ impl Geometry {
     }
 
     fn base_moves(&self) -> bool {
-        !self.tree.moved.is_empty()
+        !self.tree.bvh.moved.is_empty()
     }
 
     /// The largest number of nodes and leaves on the stack at once while a ray traverses the tree of the base shapes;
     /// at most 256.
     #[must_use]
     pub fn deepest(&self) -> usize {
-        self.tree.stack
+        self.tree.bvh.stack
     }
 
     pub(crate) fn tree(&self) -> &Tree {
@@ -314,7 +296,7 @@ impl Geometry {
     /// not included.
     #[must_use]
     pub fn memory_bytes(&self) -> usize {
-        self.tree.memory_bytes() + self.instances().map_or(0, |placed| placed.memory_bytes())
+        self.tree.bvh.memory_bytes() + self.instances().map_or(0, |placed| placed.memory_bytes())
     }
 
     /// The number of triangles in memory that can be hit, that is, that have an area. An object's triangles count

@@ -4,7 +4,7 @@ use super::build::{Problems, convert};
 use super::shutter::Shutter;
 use super::{Interaction, Part, World};
 use crate::space::Space;
-use dapple_geometry::{Geometry, Hit, Instance, Mesh, Motion, Preset, Ray, Shape};
+use dapple_geometry::{Geometry, Hit, Instance, Mesh, Motion, Ray, Shape};
 use dapple_scene::{MaterialId, MediumId, Scene, Shape as DescribedShape, Source};
 use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
@@ -75,7 +75,7 @@ impl<'a> Placements<'a> {
             geometry.push(shape);
             self.parts.push(part);
         }
-        let geometry = problems.note_at(source, Geometry::build(geometry, Preset::default()))?;
+        let geometry = problems.note_at(source, Geometry::build(geometry))?;
         self.objects.push(Arc::new(geometry));
         Some(own)
     }
@@ -108,8 +108,8 @@ impl<'a> Placements<'a> {
     /// Builds the geometry of base shapes and instances. Without instances, traversal is faster.
     pub(super) fn build(self, shapes: Vec<Shape>) -> Result<Geometry, dapple_geometry::Error> {
         match self.instances.is_empty() {
-            true => Geometry::build(shapes, Preset::default()),
-            false => Geometry::with_instances(shapes, self.objects, self.instances, Preset::default()),
+            true => Geometry::build(shapes),
+            false => Geometry::with_instances(shapes, self.objects, self.instances),
         }
     }
 }
