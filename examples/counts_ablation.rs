@@ -27,7 +27,7 @@ use std::time::Instant;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-const METHODS: [&str; 18] = [
+const METHODS: [&str; 15] = [
     "variance",
     "adaptive:epsilon=0.01",
     "adaptive:epsilon=0.01,gain=1",
@@ -42,9 +42,6 @@ const METHODS: [&str; 18] = [
     "adaptive:policy=keep,epsilon=0.01,exponent=1.3",
     "adaptive:policy=keep,epsilon=0.01,rounds=2",
     "adaptive:policy=keep,epsilon=0.01,rounds=3",
-    "adaptive:policy=keep,epsilon=0.01,pool=inside",
-    "adaptive:policy=keep,epsilon=0.01,pool=cell",
-    "adaptive:policy=keep,epsilon=0.01,geometry=3",
     "adaptive:epsilon=0.01,policy=discard",
 ];
 

@@ -1,8 +1,8 @@
 //! The error-driven sampler: a uniform pilot, then more samples where they reduce the error most.
 
-use crate::alike::Surfaces;
 use crate::pilot::Pilot;
-use crate::{AdaptiveOptions, Cells, ErrorMap, PoolShape, VarianceOptions, pool};
+use crate::similar_pool::Surfaces;
+use crate::{AdaptiveOptions, ErrorMap, PoolShape, VarianceOptions, pool};
 use dapple_core::{
     Error, Feedback, Frame, Limits, Needs, Options as _, OwnRows, PilotPolicy, Plan, PointSet, Progress, RgbMoments,
     Sampler, SamplerMemory,
@@ -48,9 +48,6 @@ pub struct Adaptive<P> {
     pub(crate) preset: Option<VarianceOptions>,
     pub(crate) errors: Option<ErrorMap>,
 }
-
-/// The number of first hits per pixel from which cells are built.
-const HITS: u8 = 4;
 
 impl<P: PointSet> Adaptive<P> {
     /// Makes a sampler that uses this point set, with the default parameters.
@@ -109,9 +106,6 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         if self.options.policy == PilotPolicy::Cross {
             needs = needs.with_halves();
         }
-        if self.options.reads_hits() {
-            needs = needs.with_first_hits(HITS);
-        }
         if self.options.cost == 1 {
             needs = needs.with_cost();
         }
@@ -120,13 +114,11 @@ impl<P: PointSet> Sampler for Adaptive<P> {
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
         let crosses = self.options.policy == PilotPolicy::Cross;
-        // Bytes per pixel of scores, and of eight terms or surfaces.
+        // Bytes per pixel of scores and surfaces.
         let pooling = 8 + match self.options.pool {
             PoolShape::Alike if needs.features && self.reads_surfaces() => Surfaces::BYTES,
             PoolShape::Window | PoolShape::Alike => 0,
-            PoolShape::Inside | PoolShape::Cell => 64,
         };
-        let cells = if self.options.reads_hits() { usize::from(HITS) * Cells::BYTES_PER_HIT } else { 0 };
         // Scores are held beside the error map.
         let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);
         // Counts and floors of both halves are held beside all of these.
@@ -140,7 +132,7 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         if plans {
             let size = frame.size().map(|n| n as usize);
             let windows = pool::bytes_of_windows(size, self.options.radius as usize, rayon::current_num_threads());
-            let scoring = frame.bytes(pooling + cells).saturating_add(windows as u64);
+            let scoring = frame.bytes(pooling).saturating_add(windows as u64);
             memory.planning = memory.planning.saturating_add(scoring.max(frame.bytes(map)));
         }
         if self.options.policy == PilotPolicy::Discard { memory.with_discarded(frame, needs, limits) } else { memory }
@@ -151,8 +143,8 @@ impl<P: PointSet> Sampler for Adaptive<P> {
     }
 
     fn halo(&self) -> Option<u32> {
-        // Cells, error maps and the cheapest pixel's cost concern the whole image.
-        let reads_all = self.options.reads_hits() || self.errors.is_some() || self.options.cost == 1;
+        // Error maps and the cheapest pixel's cost concern the whole image.
+        let reads_all = self.errors.is_some() || self.options.cost == 1;
         (!reads_all).then_some(self.options.radius)
     }
 

@@ -1,6 +1,6 @@
 //! The parameters of the error-driven sampler.
 
-use crate::{CellOptions, PoolShape};
+use crate::PoolShape;
 use dapple_core::{Error, Film, Needs, Options as _, OutOfRange, PilotPolicy};
 
 dapple_core::options! {
@@ -17,7 +17,7 @@ dapple_core::options! {
         /// Each round is planned from the samples before it. With [`PilotPolicy::Neighbours`], more than two rounds would
         /// bias the image; with [`PilotPolicy::Discard`] and [`PilotPolicy::Cross`], more than one.
         pub rounds: u32 = 0, |rounds| rounds <= 64, "1 to 64; 0 chooses";
-        /// Pool of variances: alike (like neighbours weigh more), window, inside (the same cell weighs more) or cell.
+        /// Pool of variances: alike (like neighbours weigh more) or window.
         pub pool: PoolShape = PoolShape::Alike => "alike";
         /// Radius of the pooling window, 2 radius + 1 pixels wide and high.
         pub radius: u32 = 2, |radius| radius <= 64, "at most 64 pixels";
@@ -27,8 +27,6 @@ dapple_core::options! {
         ///
         /// See [`Pooling::power`](crate::Pooling::power).
         pub power: f64 = 1.0 => "1", |power| power > 0.0 && power <= 4.0, "above 0 and at most 4";
-        /// Weight of edges and texture in first hits, in degrees of freedom; 0 leaves them out.
-        pub geometry: f64 = 0.0 => "0", |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
         /// Exponent of the assumed error decrease n^-exponent; at most 1 is used with independent points.
         pub exponent: f64 = 1.15, |rate| rate > 0.0 && rate <= 3.0, "the rate at which errors fall lies in (0, 3]";
         /// Number added to the squared mean in relative errors; 0.2 for a denoised image, 0.01 for an unfiltered one.
@@ -44,10 +42,6 @@ dapple_core::options! {
         /// Use of pilot samples: neighbours (nearly unbiased), discard or cross (unbiased), or keep (biased).
         pub policy: PilotPolicy = PilotPolicy::Neighbours => "neighbours",
             |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, neighbours, discard, cross";
-        /// Edge of a cell (patch of surface) in pixels, if cells are used.
-        pub edge: f32 = 16.0 => "16", |edge| (1.0..=65536.0).contains(&edge), "1 to 65536 pixels";
-        /// Largest angle between a cell's normals and their mean, in degrees.
-        pub normals: f32 = 10.0 => "10", |degrees| degrees > 0.0 && degrees <= 90.0, "above 0 and at most 90 degrees";
         /// Weight of costs: 1 divides scores by the rays per sample, so that counts minimise the error per ray; 0 does not.
         ///
         /// The budget is still a number of samples. Equal costs change nothing. Rays are pooled over the window.
@@ -66,23 +60,14 @@ impl AdaptiveOptions {
         }
     }
 
-    /// Returns `true` if the sampler reads first hits, for cells or for edges and texture.
-    pub(crate) fn reads_hits(&self) -> bool {
-        self.pool.needs_cells() || self.geometry > 0.0
-    }
-
-    pub(crate) fn cells(&self) -> CellOptions {
-        CellOptions::default().edge(self.edge).normals(self.normals)
-    }
-
     /// Checks every option and their combination.
     ///
     /// # Errors
     ///
     /// [`Error::OutOfRange`] for a value out of range, several rounds with [`PilotPolicy::Discard`] or
-    /// [`PilotPolicy::Cross`], or more than two with [`PilotPolicy::Neighbours`]. With [`PilotPolicy::Cross`] or
-    /// [`PilotPolicy::Neighbours`], also for any use of first hits. With the former, also for a pilot below 4 and for
-    /// costs, which films do not record per half; with the latter, for a window of radius 0.
+    /// [`PilotPolicy::Cross`], or more than two with [`PilotPolicy::Neighbours`]. With [`PilotPolicy::Cross`] also
+    /// for a pilot below 4 and for costs, which films do not record per half. With [`PilotPolicy::Neighbours`] also for a
+    /// window of radius 0.
     pub fn check(&self) -> Result<(), Error> {
         self.check_ranges()?;
         let out = |name, value: String, allowed| Err(OutOfRange { name, value, allowed }.into());
@@ -97,10 +82,6 @@ impl AdaptiveOptions {
             let allowed = "1 or 2 with neighbours: a third round would bias the image; add policy=keep for more";
             return out("rounds", self.rounds.to_string(), allowed);
         }
-        if self.policy == PilotPolicy::Cross && self.reads_hits() {
-            let allowed = "keep or discard beside cells: a half's hits would decide on itself";
-            return out("policy", "cross".into(), allowed);
-        }
         if self.policy == PilotPolicy::Cross && self.cost == 1 {
             return out(
                 "policy",
@@ -108,8 +89,8 @@ impl AdaptiveOptions {
                 "keep, neighbours or discard beside cost=1: costs belong to both halves",
             );
         }
-        if self.policy == PilotPolicy::Neighbours && (self.reads_hits() || self.radius == 0) {
-            let allowed = "keep or discard beside cells or radius 0, as in policy=keep: own samples would decide there";
+        if self.policy == PilotPolicy::Neighbours && self.radius == 0 {
+            let allowed = "keep or discard beside radius 0, as in policy=keep: own samples would decide there";
             return out("policy", "neighbours".into(), allowed);
         }
         Ok(())

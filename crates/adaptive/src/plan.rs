@@ -1,9 +1,8 @@
 //! Planning of sample counts from a film's statistics, without side effects.
 
-use crate::alike::Surfaces;
-use crate::cost::relative_costs;
-use crate::pool::{Known, near, relative_variance_of_rows};
-use crate::{Adaptive, Cells, PoolShape, Pooling, Sources, geometric_variance};
+use crate::pool::{near, ratios_over_windows, relative_variance_of_rows};
+use crate::similar_pool::Surfaces;
+use crate::{Adaptive, PoolShape, Pooling, Sources};
 use dapple_core::{
     BudgetLeft, Demand, Error, Feedback, Film, Ladder, OwnRows, PilotPolicy, Plan, PointSet, RgbMoments, saturating_u32,
 };
@@ -41,7 +40,6 @@ impl<P: PointSet> Adaptive<P> {
         moments: impl Fn(usize) -> RgbMoments + Sync + Send,
     ) -> Result<Scores, Error> {
         let o = &self.options;
-        let cells = if o.reads_hits() { Some(Cells::of_film(film, &o.cells())?) } else { None };
         let sources = self.sources(film, part)?;
         let (pool, radius, prior, power, epsilon) = (o.pool, o.radius, o.prior, o.power, o.epsilon);
         let pooling = Pooling { pool, radius, prior, power, epsilon, sources };
@@ -53,16 +51,9 @@ impl<P: PointSet> Adaptive<P> {
             let pixels = (around.start * width..around.end * width).into_par_iter().with_min_len(4096);
             let known: Vec<RgbMoments> = pixels.map(&moments).collect();
             let surfaces = if self.reads_surfaces() { Surfaces::of_rows(film, rows.clone()) } else { None };
-            let beside = match (&cells, &surfaces) {
-                (Some(cells), _) => Known::Cells(cells),
-                (None, Some(surfaces)) => Known::Surfaces(surfaces),
-                (None, None) => Known::Nothing,
-            };
-            let of_rows = relative_variance_of_rows(&known, [width, height], rows.clone(), &pooling, beside)?;
+            let size = [width, height];
+            let of_rows = relative_variance_of_rows(&known, size, rows.clone(), &pooling, surfaces.as_ref());
             if part.runs().len() == 1 { scores = of_rows } else { scores.extend(of_rows) }
-        }
-        if let (Some(cells), true) = (&cells, o.geometry > 0.0) {
-            self.blend_geometry(film, (cells, &moments), &mut scores, part)?;
         }
         raise_to_floor(&mut scores, part)?;
         if let Some(map) = &self.errors {
@@ -95,31 +86,6 @@ impl<P: PointSet> Adaptive<P> {
         let own = part.pixels().map(|i| film.count(i)).fold([0; 2], range);
         let [most, least] = part.largest(own)?;
         Ok(if most == !least { Sources::Odd } else { Sources::Even })
-    }
-
-    /// Blends the geometric variance of first hits (edges and texture) into `scores`, scaled to the same mean and
-    /// weighted in degrees of freedom.
-    fn blend_geometry(
-        &self,
-        film: &Film,
-        (cells, moments): (&Cells, impl Fn(usize) -> RgbMoments),
-        scores: &mut [f64],
-        part: &mut OwnRows<'_>,
-    ) -> Result<(), Error> {
-        let hits: Vec<_> = (0..scores.len()).flat_map(|i| film.first_hits(i)).collect();
-        let albedos: Vec<_> = hits.iter().map(|hit| hit.map_or([0.0; 3], |hit| hit.albedo)).collect();
-        let normals: Vec<_> = hits.iter().map(|hit| hit.map_or([0.0; 3], |hit| hit.shading_normal)).collect();
-        let prior = geometric_variance(cells, &albedos, &normals, self.options.epsilon);
-        let scale = mean(scores, part)? / mean(&prior, part)?;
-        if !scale.is_finite() {
-            return Ok(());
-        }
-        let own = if self.options.prior.is_finite() { self.options.prior } else { 0.0 };
-        for (i, (score, prior)) in scores.iter_mut().zip(prior).enumerate() {
-            let data = moments(i).count.saturating_sub(1) as f64 + own;
-            *score = (data * *score + self.options.geometry * scale * prior) / (data + self.options.geometry);
-        }
-        Ok(())
     }
 
     /// Replaces each score by a weighted geometric mean of the score and the predicted error. The error is first
@@ -259,6 +225,23 @@ impl<P: PointSet> Adaptive<P> {
         plan.second_half = Some(planned);
         Ok(())
     }
+}
+
+/// The rays per sample of each pixel, pooled over a window, relative to the cheapest pixel: 1 or above.
+///
+/// The window is `2 radius + 1` pixels wide and high. Only the samples of `sources` count, so that a pixel's own paths do
+/// not decide its counts where its own values must not. A sample takes at least one ray. Equal costs give exactly 1.
+fn relative_costs(film: &Film, radius: u32, sources: Sources) -> Vec<f64> {
+    let size = film.frame().size().map(|n| n as usize);
+    let parts = |i: usize| {
+        let samples = film.count(i) + film.discarded(i).count;
+        [film.cost(i).unwrap_or(samples) as f64, samples as f64]
+    };
+    let mut costs = ratios_over_windows(size, (radius as usize, sources), parts);
+    costs.iter_mut().for_each(|cost| *cost = cost.max(1.0));
+    let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
+    costs.iter_mut().for_each(|cost| *cost /= least);
+    costs
 }
 
 /// Puts the samples that the own pixels get beside those of `now` into a plan.

@@ -1,8 +1,8 @@
-//! Estimates of pixel variance from few samples, pooled over neighbours or cells.
+//! Estimates of pixel variance from few samples, pooled over neighbours.
 
-use crate::alike::{Surfaces, over_like_windows};
-use crate::{Cells, out_of_range};
-use dapple_core::{Error, OptionValue as _, RgbMoments};
+use crate::out_of_range;
+use crate::similar_pool::{Surfaces, over_like_windows};
+use dapple_core::{Error, RgbMoments};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -22,14 +22,9 @@ pub enum PoolShape {
     /// Where the film has no features, as without a filter, weights follow the distance alone. So they do with
     /// [`PilotPolicy::Cross`](dapple_core::PilotPolicy::Cross), because features belong to both halves.
     Alike,
-    /// The square window, and with half its weight a same-cell pool: pixels up to one pixel beyond the window whose
-    /// first hit is in the same cell (patch of surface).
-    Inside,
-    /// All pixels of the image whose first hit is in the same cell (patch of surface).
-    Cell,
 }
 
-dapple_core::choices!(PoolShape { Window = "window", Alike = "alike", Inside = "inside", Cell = "cell" });
+dapple_core::choices!(PoolShape { Window = "window", Alike = "alike" });
 
 /// The pixels of a window whose samples count in a pixel's score.
 ///
@@ -79,61 +74,27 @@ pub struct Pooling {
 ///
 /// # Errors
 ///
-/// [`Error::OutOfRange`] if the number of `moments` does not match `size`, or if the pool needs cells and `cells` is
-/// missing or of another size. Also for other sources than [`Sources::All`] with a pool that needs cells.
-pub fn relative_variance(
-    moments: &[RgbMoments],
-    size: [u32; 2],
-    pooling: &Pooling,
-    cells: Option<&Cells>,
-) -> Result<Vec<f64>, Error> {
+/// [`Error::OutOfRange`] if the number of `moments` does not match `size`.
+pub fn relative_variance(moments: &[RgbMoments], size: [u32; 2], pooling: &Pooling) -> Result<Vec<f64>, Error> {
     let [w, h] = size.map(|n| n as usize);
     if moments.len() != w * h {
         return Err(out_of_range("moments", moments.len(), "one for each pixel of the image"));
     }
-    relative_variance_of_rows(moments, [w, h], 0..h, pooling, cells.map_or(Known::Nothing, Known::Cells))
+    Ok(relative_variance_of_rows(moments, [w, h], 0..h, pooling, None))
 }
 
 /// The relative variance of the pixels of some rows of an image of `w` x `h` pixels. `moments` are those of the rows and
-/// of [`near`] rows; of all rows unless the pool is a window.
+/// of [`near`] rows.
 pub(crate) fn relative_variance_of_rows(
     moments: &[RgbMoments],
     [w, h]: [usize; 2],
     rows: Range<usize>,
     pooling: &Pooling,
-    known: Known<'_>,
-) -> Result<Vec<f64>, Error> {
+    surfaces: Option<&Surfaces>,
+) -> Vec<f64> {
     let before = w * rows.start.saturating_sub(pooling.radius as usize);
-    if pooling.sources != Sources::All && pooling.pool.needs_cells() {
-        return Err(out_of_range(
-            "pool",
-            pooling.pool.text(),
-            "window or alike, where a pixel's own samples are left out",
-        ));
-    }
-    let first: Vec<u32> = match (pooling.pool.needs_cells(), known) {
-        (false, _) => Vec::new(),
-        (true, Known::Cells(cells)) if cells.pixels() == w * h => (0..w * h).map(|i| cells.of_pixel(i)[0]).collect(),
-        _ => return Err(out_of_range("cells", "none of this size", "the cells of this image")),
-    };
-    // Cells need the deviations of every pixel.
-    let terms: Vec<Terms> = match pooling.pool.needs_cells() {
-        true => moments.par_iter().with_min_len(SERIAL).map(|m| Terms::of(m, pooling.power)).collect(),
-        false => Vec::new(),
-    };
-    let of_cells = match (pooling.pool, known) {
-        (PoolShape::Cell, Known::Cells(cells)) => over_cells(&terms, &first, cells.len()),
-        _ => Vec::new(),
-    };
-    let score = |i: usize, own: &Terms, sums: &Terms| {
-        let pools = match pooling.pool {
-            PoolShape::Window | PoolShape::Alike => sums.pooled(),
-            PoolShape::Cell => of_cells[first[i] as usize],
-            PoolShape::Inside => {
-                let (window, inside) = (sums.pooled(), inside(&terms, &first, i, [w, h], pooling.radius as usize));
-                std::array::from_fn(|c| (2.0 * window[c] + inside[c]) / 3.0)
-            }
-        };
+    let score = |own: &Terms, sums: &Terms| {
+        let pools = sums.pooled();
         let each = pools.iter().zip(own.deviations()).zip(sums.means());
         let relative = each.map(|((pool, deviation), mean)| {
             let mean = ratio(*mean, sums.seen());
@@ -148,27 +109,9 @@ pub(crate) fn relative_variance_of_rows(
     };
     let window = (pooling.radius as usize, pooling.sources);
     let of = |i: usize| Terms::of(&moments[i - before], pooling.power);
-    Ok(match (pooling.pool, known) {
-        (PoolShape::Alike, Known::Surfaces(surfaces)) => {
-            over_like_windows([w, h], rows, window, Some(surfaces), of, score)
-        }
-        (PoolShape::Alike, _) => over_like_windows([w, h], rows, window, None, of, score),
-        _ => over_windows([w, h], rows, window, of, score),
-    })
-}
-
-/// Knowledge of the pixels beside their samples.
-#[derive(Clone, Copy)]
-pub(crate) enum Known<'a> {
-    Nothing,
-    Cells(&'a Cells),
-    Surfaces(&'a Surfaces),
-}
-
-impl PoolShape {
-    /// True if the pool depends on cells (patches of surface).
-    pub(crate) fn needs_cells(self) -> bool {
-        matches!(self, Self::Inside | Self::Cell)
+    match pooling.pool {
+        PoolShape::Alike => over_like_windows([w, h], rows, window, surfaces, of, score),
+        PoolShape::Window => over_windows([w, h], rows, window, of, score),
     }
 }
 
@@ -245,28 +188,6 @@ fn ratio(a: f64, b: f64) -> f64 {
     if b > 0.0 { a / b } else { 0.0 }
 }
 
-/// The pooled mean of variances raised to [`Pooling::power`] for each cell, over all pixels whose first hit is in the
-/// cell.
-fn over_cells(terms: &[Terms], first: &[u32], cells: usize) -> Vec<[f64; 3]> {
-    let mut sums = vec![Terms::default(); cells];
-    for (terms, &cell) in terms.iter().zip(first) {
-        sums[cell as usize].add(terms);
-    }
-    sums.iter().map(Terms::pooled).collect()
-}
-
-/// The pooled mean of variances raised to [`Pooling::power`], over the pixels around pixel `i` whose first hit is in
-/// the same cell. The pixels lie up to one pixel beyond the window.
-fn inside(terms: &[Terms], first: &[u32], i: usize, [w, h]: [usize; 2], radius: usize) -> [f64; 3] {
-    let mut sum = Terms::default();
-    for k in near(i / w, radius + 1, h).flat_map(|y| near(i % w, radius + 1, w).map(move |x| y * w + x)) {
-        if first[k] == first[i] {
-            sum.add(&terms[k]);
-        }
-    }
-    sum.pooled()
-}
-
 /// The indices of `0..end` that are at most `radius` away from `at`.
 pub(crate) fn near(at: usize, radius: usize, end: usize) -> Range<usize> {
     at.saturating_sub(radius)..(at + radius + 1).min(end)
@@ -296,7 +217,7 @@ fn over_windows(
     own: Range<usize>,
     (radius, sources): (usize, Sources),
     terms: impl Fn(usize) -> Terms + Sync,
-    score: impl Fn(usize, &Terms, &Terms) -> f64 + Sync,
+    score: impl Fn(&Terms, &Terms) -> f64 + Sync,
 ) -> Vec<f64> {
     let mut scores = vec![0.0; w * own.len()];
     let rows = rows_of_task(w, radius);
@@ -326,7 +247,7 @@ fn over_windows(
                         above_and_below.for_each(|k| sums.add(&row(k)[x]));
                     }
                 }
-                *place = score(y * w + x, &row(y)[x], &sums);
+                *place = score(&row(y)[x], &sums);
             }
         }
     });
@@ -343,32 +264,5 @@ pub(crate) fn ratios_over_windows(
         let [a, b] = parts(i);
         Terms([0.0, 0.0, 0.0, 0.0, 0.0, a, b, 0.0])
     };
-    over_windows(size, 0..size[1], window, terms, |_, _, sums| ratio(sums.means()[0], sums.means()[1]))
-}
-
-/// An estimate of each pixel's relative variance from the first hits alone. Not negative, without unit.
-///
-/// The first of two terms measures texture and edges between materials: the variance of albedo over the pixel's probes,
-/// divided by the squared mean plus `epsilon`, summed over channels. The second measures edges of shapes: three times
-/// the mean, over pairs of probes, of half the squared difference of normals. Pairs in the same cell count as 0.
-///
-/// `albedos` and `normals` belong to the probes of `cells`, in the same order; both are zero for a probe without a hit.
-pub fn geometric_variance(cells: &Cells, albedos: &[[f32; 3]], normals: &[[f32; 3]], epsilon: f64) -> Vec<f64> {
-    let k = cells.labels().len() / cells.pixels().max(1);
-    let of = |pixel: usize| {
-        let probes = pixel * k..(pixel + 1) * k;
-        let mut sum = 0.0;
-        for c in 0..3 {
-            let mean = albedos[probes.clone()].iter().map(|a| f64::from(a[c])).sum::<f64>() / k as f64;
-            let squares = albedos[probes.clone()].iter().map(|a| (f64::from(a[c]) - mean).powi(2)).sum::<f64>();
-            sum += squares / (k.max(2) - 1) as f64 / (mean * mean + epsilon);
-        }
-        let pairs = probes.clone().flat_map(|a| (probes.start..a).map(move |b| (a, b)));
-        let apart = pairs.filter(|&(a, b)| cells.labels()[a] != cells.labels()[b]);
-        let difference = |(a, b): (usize, usize)| -> f64 {
-            (0..3).map(|c| f64::from(normals[a][c] - normals[b][c]).powi(2)).sum::<f64>() * 0.5
-        };
-        sum + 3.0 * apart.map(difference).sum::<f64>() / (k * (k - 1) / 2).max(1) as f64
-    };
-    (0..cells.pixels()).map(of).collect()
+    over_windows(size, 0..size[1], window, terms, |_, sums| ratio(sums.means()[0], sums.means()[1]))
 }

@@ -54,9 +54,6 @@ fn check_discarding_and_crossing(side: u32) {
             assert!(z.abs() < 5.0, "{options:?}: {z} standard errors");
         }
     }
-    let cells = alone(PilotPolicy::Discard).pool(PoolShape::Inside).geometry(2.0);
-    let z = deviation(cells, side / 2);
-    assert!(z.abs() < 5.0, "cells: {z} standard errors");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use crate::common::options;
 use dapple_adaptive::{
-    Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, PilotPolicy, PoolShape, Stopping, VarianceOptions,
+    Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, PilotPolicy, Stopping, VarianceOptions,
 };
 use dapple_conformance::{sampler, threshold_sampler};
 use dapple_core::{Film, Needs};
@@ -21,11 +21,9 @@ fn adaptive_conforms() {
 }
 
 #[test]
-fn adaptive_conforms_in_rounds_with_cells_and_by_a_map() {
+fn adaptive_conforms_in_rounds_and_by_a_map() {
     let default = options();
-    let cells = default.rounds(3).pool(PoolShape::Inside).geometry(2.0).gain(1.0);
-    sampler(|| Box::new(adaptive(cells)));
-    sampler(|| Box::new(adaptive(default.pool(PoolShape::Cell).policy(PilotPolicy::Discard))));
+    sampler(|| Box::new(adaptive(default.rounds(3).gain(1.0))));
     // Halves that differ: error estimates of the final image, valid and invalid.
     let errors = |film: &Film| {
         Ok((0..film.frame().pixels()).map(|i| film.squared_error(i).map_or(f32::NAN, |e| e[0] as f32)).collect())

@@ -132,22 +132,12 @@ fn variances_are_pooled_and_blended_by_degrees_of_freedom() {
     ] {
         let sources = Sources::All;
         let pooling = Pooling { pool: PoolShape::Window, radius: 1, prior, power: 1.0, epsilon: 0.5, sources };
-        let found = relative_variance(&moments, [2, 1], &pooling, None).unwrap();
+        let found = relative_variance(&moments, [2, 1], &pooling).unwrap();
         for (found, expected) in found.iter().zip(expected) {
             // Three channels, over the squared mean and epsilon.
             assert!((found / (3.0 * expected / 1.5) - 1.0).abs() < 1e-12, "prior {prior}: {found}, not {expected}");
         }
     }
-}
-
-/// Two probes of albedo 0.2 and 0.6: the mean is 0.4 and the sample variance 0.08, twice the mean squared deviation.
-#[test]
-fn geometric_variance_is_the_sample_variance_of_albedo() {
-    use dapple_adaptive::{CellOptions, Cells, geometric_variance};
-    let hit = dapple_core::FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0).with_footprint(1.0);
-    let cells = Cells::new(&[Some(hit); 2], 2, [1, 1], &CellOptions::default()).unwrap();
-    let found = geometric_variance(&cells, &[[0.2; 3], [0.6; 3]], &[[0.0, 0.0, 1.0]; 2], 0.04)[0];
-    assert!((found - 3.0 * 0.08 / 0.2).abs() < 1e-6, "{found}");
 }
 
 #[test]
@@ -208,35 +198,6 @@ fn an_error_map_gets_its_needs() {
     assert!(with(discard).with_error_map(map(needs, |_| Ok(vec![]))).is_err());
 }
 
-/// Cells separate two materials that a window mixes, one of them noisy.
-#[test]
-fn variance_pooled_inside_cells_stays_inside() {
-    use dapple_adaptive::{CellOptions, Cells};
-    use dapple_core::FirstHit;
-    let seen = film(Needs::none().with_variance(), |[x, _], u| if x < 24 { 0.5 } else { u[0] });
-    let moments: Vec<_> = (0..SIDE * SIDE).map(|i| seen.moments(i)).collect();
-    let hit = |i: usize| {
-        FirstHit::new([(i % SIDE) as f32, (i / SIDE) as f32, 0.0], [0.0, 0.0, 1.0], 1.0)
-            .with_albedo([0.5; 3])
-            .with_footprint(1.0)
-            .with_material((i % SIDE / 24) as u32)
-    };
-    let hits: Vec<_> = (0..SIDE * SIDE).map(|i| Some(hit(i))).collect();
-    let cells = Cells::new(&hits, 1, [SIDE as u32; 2], &CellOptions::default()).unwrap();
-    let at_border = |pool| {
-        let pooling = Pooling { pool, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01, sources: Sources::All };
-        relative_variance(&moments, [SIDE as u32; 2], &pooling, Some(&cells)).unwrap()[20 * SIDE + 23]
-    };
-    let (window, inside, cell) =
-        (at_border(PoolShape::Window), at_border(PoolShape::Inside), at_border(PoolShape::Cell));
-    assert_eq!(cell, 0.0, "the quiet cell has no variance");
-    assert!(inside > 0.0 && inside < 0.75 * window, "{inside} of {window}");
-    let pooling =
-        Pooling { pool: PoolShape::Cell, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01, sources: Sources::All };
-    assert!(relative_variance(&moments, [SIDE as u32; 2], &pooling, None).is_err());
-    assert!(relative_variance(&moments[1..], [SIDE as u32; 2], &pooling, Some(&cells)).is_err());
-}
-
 /// A change of one pixel's samples changes the scores of exactly the pixels that it is a source of, also at the border.
 #[test]
 fn sources_are_colours_of_a_chessboard() {
@@ -249,7 +210,7 @@ fn sources_are_colours_of_a_chessboard() {
                 Pooling { pool: PoolShape::Window, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01, sources };
             let [a, b] = [&before, &after].map(|film| {
                 let moments: Vec<_> = (0..SIDE * SIDE).map(|i| film.moments(i)).collect();
-                relative_variance(&moments, [SIDE as u32; 2], &pooling, None).unwrap()
+                relative_variance(&moments, [SIDE as u32; 2], &pooling).unwrap()
             });
             for i in 0..SIDE * SIDE {
                 let [dx, dy] = [(i % SIDE).abs_diff(at[0]), (i / SIDE).abs_diff(at[1])];
@@ -294,15 +255,11 @@ fn wrong_options_are_refused() {
         good.radius(65),
         good.prior(f64::NAN),
         good.power(0.0),
-        good.geometry(f64::INFINITY),
         good.exponent(0.0),
         good.epsilon(0.0),
         good.cap(0.5),
         good.mix(1.5),
         good.gain(-0.1),
-        good.pool(PoolShape::Cell).policy(PilotPolicy::Cross),
-        good.pool(PoolShape::Inside).policy(PilotPolicy::Neighbours),
-        good.geometry(1.0).policy(PilotPolicy::Neighbours),
         good.radius(0).policy(PilotPolicy::Neighbours),
     ] {
         assert!(Adaptive::with_options(Random::new(1), bad).is_err(), "{bad:?}");

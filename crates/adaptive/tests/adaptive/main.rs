@@ -1,7 +1,6 @@
 //! The integration tests of the crate: one program, so that shared code is linked and instantiated once.
 
 mod bias;
-mod cells;
 mod common;
 mod conformance;
 mod costs;

@@ -199,9 +199,7 @@ fn wrong_cluster_words_are_refused_without_a_world() {
     ] {
         assert_ne!(refusal(check_sampler(&format!("cluster-thesis:{words}"))), "", "{words}");
     }
-    for words in
-        ["by=guess", "pilot=1", "rounds=65", "pool=sea", "prior=-1", "gain=2", "edge=0", "normals=0", "policy=maybe"]
-    {
+    for words in ["by=guess", "pilot=1", "rounds=65", "pool=sea", "prior=-1", "gain=2", "policy=maybe"] {
         assert_ne!(refusal(check_sampler(&format!("adaptive:{words}"))), "", "{words}");
     }
     for words in ["outside=2", "hits=0", "hits=9", "alpha=0", "radius=-1", "k=NaN", "order=random"] {
@@ -281,8 +279,8 @@ fn descriptions_stay_as_files_hold_them() {
         ("variance", "variance:pilot=0,radius=2,exponent=1.3,epsilon=0.01,cap=6,policy=keep,cost=0"),
         (
             "adaptive",
-            "adaptive:by=variance,pilot=0,rounds=0,pool=alike,radius=2,prior=12,power=1,geometry=0,exponent=1.15,\
-             epsilon=0.2,cap=8,mix=0.5,gain=0.98,policy=neighbours,edge=16,normals=10,cost=0",
+            "adaptive:by=variance,pilot=0,rounds=0,pool=alike,radius=2,prior=12,power=1,exponent=1.15,\
+             epsilon=0.2,cap=8,mix=0.5,gain=0.98,policy=neighbours,cost=0",
         ),
         ("mitchell", "mitchell:initial=0,additional=0,red=0.4,green=0.3,blue=0.6,radius=1,mode=budget,policy=keep"),
         ("mitchell-pbrt", "mitchell-pbrt:min=4,max=32,threshold=0.5,mode=budget,policy=refined,test=contrast"),

@@ -88,7 +88,7 @@ fn rendered(name: &str, world: World) -> usize {
     let world = Arc::new(world);
     let mut inputs = MethodInputs::of(world.clone());
     let mut clusters = 0;
-    for sampler in ["cluster-thesis", "cluster:policy=keep,geometry=2"] {
+    for sampler in ["cluster-thesis", "cluster:policy=keep"] {
         let points = registry::points("sobol", Setting { seed: 1, spp: Some(2) }).unwrap();
         let made = registry::sampler(sampler, points, &inputs).unwrap_or_else(|e| panic!("{name}: {e}"));
         let mut sampler = made.sampler;

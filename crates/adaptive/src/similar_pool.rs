@@ -166,7 +166,7 @@ pub(crate) fn over_like_windows(
     (radius, sources): (usize, Sources),
     surfaces: Option<&Surfaces>,
     terms: impl Fn(usize) -> Terms + Sync,
-    score: impl Fn(usize, &Terms, &Terms) -> f64 + Sync,
+    score: impl Fn(&Terms, &Terms) -> f64 + Sync,
 ) -> Vec<f64> {
     let mut scores = vec![0.0; w * own.len()];
     let rows = rows_of_task(w, radius);
@@ -189,7 +189,7 @@ pub(crate) fn over_like_windows(
                     };
                     sums.add_weighted(&all[(row - around.start) * w + column], near * like);
                 }
-                let score = score(y * w + x, &all[(y - around.start) * w + x], &sums);
+                let score = score(&all[(y - around.start) * w + x], &sums);
                 let company = known.map_or(1.0, |(surfaces, own)| surfaces.company(&own, [x, y], sources));
                 *place = score / company.sqrt();
             }
@@ -255,7 +255,7 @@ mod tests {
             (moments.count, moments.mean) = (2, [i as f64; 3]);
             Terms::of(&moments, 1.0)
         };
-        let score = |_: usize, _: &Terms, sums: &Terms| sums.means()[0];
+        let score = |_: &Terms, sums: &Terms| sums.means()[0];
         over_like_windows([W, H], surfaces.rows.clone(), (2, sources), Some(surfaces), terms, score)
     }
 
