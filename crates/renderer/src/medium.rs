@@ -8,45 +8,10 @@ mod phase;
 
 pub use phase::{HenyeyGreenstein, PhaseSample};
 
+use crate::SceneError;
 use dapple_scene as scene;
 use exponential::{depth_of, exp};
 use glam::Vec3;
-
-/// The reason why a medium of a scene was refused.
-#[non_exhaustive]
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum MediumError {
-    /// A coefficient is negative or not finite.
-    #[error("{at}: the {what} {value:?} of medium \"{name}\" is invalid; give finite numbers of at least 0")]
-    Coefficient {
-        /// The line of the scene file that defines the medium.
-        at: scene::Source,
-        /// The name of the medium.
-        name: String,
-        /// The name of the coefficient, "absorption" or "scattering".
-        what: &'static str,
-        /// The invalid coefficient per linear RGB channel, as in the scene file.
-        value: [f32; 3],
-    },
-    /// A coefficient overflows single precision in units of the scene's size.
-    #[error("{at}: medium \"{name}\" is too dense for a scene of this size; give smaller coefficients")]
-    Beyond {
-        /// The line of the scene file that defines the medium.
-        at: scene::Source,
-        /// The name of the medium.
-        name: String,
-    },
-    /// The asymmetry of the phase function is not above -1 and below 1.
-    #[error("{at}: the asymmetry g = {g} of medium \"{name}\" is invalid; give a number above -1 and below 1")]
-    Asymmetry {
-        /// The line of the scene file that defines the medium.
-        at: scene::Source,
-        /// The name of the medium.
-        name: String,
-        /// The invalid asymmetry.
-        g: f32,
-    },
-}
 
 /// All media of a scene, with coefficients in the renderer's units of length.
 #[derive(Clone, Debug, Default)]
@@ -87,9 +52,9 @@ impl Media {
     ///
     /// # Errors
     ///
-    /// One [`MediumError`] for each medium whose coefficients are negative, not finite or beyond single precision, or
+    /// One [`SceneError`] for each medium whose coefficients are negative, not finite or beyond single precision, or
     /// whose asymmetry is not above -1 and below 1.
-    pub fn new(media: &[scene::Medium], scale: f64) -> Result<Self, Vec<MediumError>> {
+    pub fn new(media: &[scene::Medium], scale: f64) -> Result<Self, Vec<SceneError>> {
         let (mut made, mut errors) = (Vec::with_capacity(media.len()), Vec::new());
         for medium in media {
             match Medium::new(medium, scale) {
@@ -127,23 +92,27 @@ impl Media {
 }
 
 impl Medium {
-    fn new(medium: &scene::Medium, scale: f64) -> Result<Self, MediumError> {
-        let (at, name) = (&medium.source, &medium.name);
+    fn new(medium: &scene::Medium, scale: f64) -> Result<Self, SceneError> {
+        let name = &medium.name;
+        let wrong = |what: String| Err(SceneError::new(&medium.source, what));
         for (what, value) in [("absorption", medium.absorption), ("scattering", medium.scattering)] {
             if value.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
-                return Err(MediumError::Coefficient { at: at.clone(), name: name.clone(), what, value });
+                let remedy = "give finite numbers of at least 0";
+                return wrong(format!("the {what} {value:?} of medium \"{name}\" is invalid; {remedy}"));
             }
         }
         let g = medium.g;
         if !(-1.0 < g && g < 1.0) {
-            return Err(MediumError::Asymmetry { at: at.clone(), name: name.clone(), g });
+            let remedy = "give a number above -1 and below 1";
+            return wrong(format!("the asymmetry g = {g} of medium \"{name}\" is invalid; {remedy}"));
         }
         // Coefficients are per unit of length, so they are divided by the scale of lengths.
         let [absorption, scattering] =
             [medium.absorption, medium.scattering].map(|c| Vec3::from_array(c).as_dvec3() / scale);
         let (extinction, scattering) = ((absorption + scattering).as_vec3(), scattering.as_vec3());
         if !extinction.is_finite() {
-            return Err(MediumError::Beyond { at: at.clone(), name: name.clone() });
+            let remedy = "give smaller coefficients";
+            return wrong(format!("medium \"{name}\" is too dense for a scene of this size; {remedy}"));
         }
         let scatters = scattering != Vec3::ZERO;
         Ok(Self { extinction, scattering, scatters, phase: HenyeyGreenstein::new(g) })

@@ -3,7 +3,8 @@
 use super::instances::{Placements, empty_mesh};
 use super::shutter::Shutter;
 use super::{NO_LIGHT, NO_MEDIUM, Part, World};
-use crate::camera::{CameraError, CameraView};
+use crate::SceneError;
+use crate::camera::CameraView;
 use crate::light::{DiskLight, Lamp, Light, Lights, MeshLight, SceneSphere, SphereLight};
 use crate::material::{Surface, check_mixes};
 use crate::medium::Media;
@@ -126,7 +127,7 @@ fn mark_passable(parts: &mut [Part], object_parts: &mut [Part], surfaces: &[Surf
 }
 
 /// Makes the camera with its motion while the shutter is open. Its resting pose is its pose when the shutter opens.
-fn camera(scene: &Scene, resolution: [u32; 2], space: &Space, shutter: &Shutter) -> Result<CameraView, CameraError> {
+fn camera(scene: &Scene, resolution: [u32; 2], space: &Space, shutter: &Shutter) -> Result<CameraView, SceneError> {
     let [opens, closes] = shutter.open;
     let view = CameraView::new(&scene.camera, resolution, space)?.resting_at(opens);
     Ok(if opens == closes { view.standing() } else { view })
