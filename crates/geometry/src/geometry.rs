@@ -85,7 +85,6 @@ impl Geometry {
     /// Returns the closest hit of a ray with `tmin < t < tmax` at time 0, or `None` if nothing is hit. If several hits
     /// have the same `t`, the one with the smallest shape number, then the smallest primitive number, is returned.
     #[inline(always)]
-    #[must_use]
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         self.closest_at(ray, 0.0)
     }
@@ -94,7 +93,6 @@ impl Geometry {
     /// [`closest`](Self::closest).
     // Debug builds are compiled more often than they run, so crates do not inline the walk there.
     #[cfg_attr(not(debug_assertions), inline(always))]
-    #[must_use]
     pub fn closest_at(&self, ray: &Ray, time: f32) -> Option<Hit> {
         match PreparedRay::ordinary(ray) {
             Some(prepared) => self.closest_along(&prepared, 1.0, time),
@@ -124,14 +122,12 @@ impl Geometry {
     /// Returns true if the ray hits anything with `tmin < t < tmax` at time 0, that is, if [`closest`](Self::closest)
     /// returns a hit. Faster than that function.
     #[inline(always)]
-    #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
         self.occluded_at(ray, 0.0)
     }
 
     /// Returns true if the ray hits anything with `tmin < t < tmax` at a time in `[0, 1]`.
     #[cfg_attr(not(debug_assertions), inline(always))]
-    #[must_use]
     pub fn occluded_at(&self, ray: &Ray, time: f32) -> bool {
         match PreparedRay::ordinary(ray) {
             Some(prepared) => self.tree.occluded(&prepared, time),
@@ -142,7 +138,6 @@ impl Geometry {
     /// Returns the surface point of a hit, with its error bound and normal. `hit` must come from
     /// [`closest`](Self::closest) of this geometry and ray.
     #[inline(always)]
-    #[must_use]
     pub fn surface(&self, ray: &Ray, hit: &Hit) -> SurfacePoint {
         self.surface_at(ray, hit, 0.0)
     }
@@ -153,7 +148,6 @@ impl Geometry {
     /// The normals of an instance are the normals of its object, transformed by the inverse transpose of the
     /// instance's matrix. A mirroring map does not flip them.
     #[inline(always)]
-    #[must_use]
     pub fn surface_at(&self, ray: &Ray, hit: &Hit, time: f32) -> SurfacePoint {
         match self.shapes.get(hit.shape as usize) {
             Some(Shape::Mesh(mesh)) => {
@@ -172,19 +166,11 @@ impl Geometry {
         }
     }
 
-    /// Returns the surface parameters of a point at time 0: a triangle's [`Hit::barycentrics`], or pbrt-v4's `(u, v)`
-    /// in `[0, 1]` of a sphere or disk.
+    /// Returns the surface parameters of a point that was hit at a time in `[0, 1]`: a triangle's [`Hit::barycentrics`], or
+    /// pbrt-v4's `(u, v)` in `[0, 1]` of a sphere or disk.
     ///
     /// For spheres and disks, `u` is the angle around the z axis. `v` increases from a sphere's lower pole to its
     /// upper pole, or from a disk's rim inwards.
-    #[must_use]
-    pub fn parametric(&self, hit: &Hit, position: Vec3) -> [f32; 2] {
-        self.parametric_at(hit, position, 0.0)
-    }
-
-    /// Returns the surface parameters of a point that was hit at a time in `[0, 1]`, as
-    /// [`parametric`](Self::parametric) does for time 0.
-    #[must_use]
     pub fn parametric_at(&self, hit: &Hit, position: Vec3, time: f32) -> [f32; 2] {
         match self.shapes.get(hit.shape as usize) {
             Some(Shape::Mesh(_) | Shape::Moving(_)) => hit.barycentrics,
@@ -197,7 +183,6 @@ impl Geometry {
     /// Returns the instance, object and shape that a shape number refers to; `None` for base shapes and unused
     /// numbers.
     #[inline]
-    #[must_use]
     pub fn placed(&self, shape: u32) -> Option<PlacedShape> {
         self.instances()?.placed(shape)
     }
@@ -206,7 +191,6 @@ impl Geometry {
     /// numbers; the shapes of the objects follow, object by object. `shape` must be below
     /// [`shape_count`](Self::shape_count).
     #[inline]
-    #[must_use]
     pub fn original(&self, shape: u32) -> u32 {
         if (shape as usize) < self.shapes.len() { shape } else { self.placements().original(shape) }
     }
@@ -214,7 +198,6 @@ impl Geometry {
     /// Returns the shape with a number below [`shape_count`](Self::shape_count). The shape of an instance is given in
     /// the space of its object.
     #[inline]
-    #[must_use]
     pub fn shape(&self, number: u32) -> &Shape {
         match self.shapes.get(number as usize) {
             Some(shape) => shape,
@@ -224,13 +207,11 @@ impl Geometry {
 
     /// Returns the map from a shape's space to world space at a time in `[0, 1]`. `None` for base shapes, which are in
     /// world space.
-    #[must_use]
     pub fn to_world(&self, shape: u32, time: f32) -> Option<DAffine3> {
         ((shape as usize) >= self.shapes.len()).then(|| self.placements().to_world(shape, time))
     }
 
     /// The number of shapes: all base shapes, plus the shapes of each instance.
-    #[must_use]
     pub fn shape_count(&self) -> u32 {
         self.instances().map_or(self.shapes.len() as u32, |placed| placed.shape_count())
     }
@@ -242,7 +223,6 @@ impl Geometry {
     }
 
     /// Returns true if an instance or a mesh's vertices move over time.
-    #[must_use]
     pub fn moves(&self) -> bool {
         self.base_moves() || self.instances().is_some_and(|placed| placed.moves)
     }
@@ -253,7 +233,6 @@ impl Geometry {
 
     /// The largest number of nodes and leaves on the stack at once while a ray traverses the tree of the base shapes;
     /// at most 256.
-    #[must_use]
     pub fn deepest(&self) -> usize {
         self.tree.bvh.stack
     }
@@ -280,28 +259,24 @@ impl Geometry {
     }
 
     /// The base shapes, which belong to no instance, in the order given to [`build`](Self::build).
-    #[must_use]
     pub fn shapes(&self) -> &[Shape] {
         &self.shapes
     }
 
     /// The lower and upper corner of a box around everything that can be hit at any time; `None` if there is nothing
     /// to hit.
-    #[must_use]
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
         self.bounds
     }
 
     /// The memory in bytes of the trees (scene, objects and instances) and of the instances. The shapes themselves are
     /// not included.
-    #[must_use]
     pub fn memory_bytes(&self) -> usize {
         self.tree.bvh.memory_bytes() + self.instances().map_or(0, |placed| placed.memory_bytes())
     }
 
     /// The number of triangles in memory that can be hit, that is, that have an area. An object's triangles count
     /// once.
-    #[must_use]
     pub fn triangle_count(&self) -> usize {
         self.triangle_count
     }

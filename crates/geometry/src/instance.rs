@@ -47,7 +47,6 @@ pub struct Instance {
 
 impl Instance {
     /// Makes an instance of the object with this index. `motion` maps the object's space to world space.
-    #[must_use]
     pub const fn new(object: u32, motion: Motion) -> Self {
         Self { object, motion }
     }
@@ -321,7 +320,7 @@ impl Placements {
     pub(crate) fn parametric(&self, hit: &Hit, position: Vec3, time: f32) -> [f32; 2] {
         let (instance, object, shape) = self.resolve(hit.shape);
         let inner = Hit { shape, ..*hit };
-        object.geometry.parametric(&inner, instance.place.at(time).point(position).as_vec3())
+        object.geometry.parametric_at(&inner, instance.place.at(time).point(position).as_vec3(), 0.0)
     }
 
     #[inline(never)]

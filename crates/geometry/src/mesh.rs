@@ -81,25 +81,21 @@ impl Mesh {
     }
 
     /// The positions of all vertices, in the order given to [`new`](Self::new).
-    #[must_use]
     pub fn positions(&self) -> &[[f32; 3]] {
         &self.positions
     }
 
     /// The three vertex indices of each triangle, including triangles without area.
-    #[must_use]
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
     /// The number of triangles without area, which are never hit.
-    #[must_use]
     pub fn degenerate(&self) -> usize {
         self.degenerate
     }
 
     /// Returns true if the triangle has no area. The index must be below `triangles().len()`.
-    #[must_use]
     pub fn is_degenerate(&self, triangle: u32) -> bool {
         self.normals[triangle as usize] == Vec3::ZERO
     }
@@ -111,7 +107,6 @@ impl Mesh {
 
     /// Returns the positions of a triangle's three corners. The index must be below `triangles().len()`.
     #[inline]
-    #[must_use]
     pub fn corners(&self, triangle: u32) -> [Vec3; 3] {
         // Written out: compilers don't inline `map` everywhere.
         let [a, b, c] = self.triangles[triangle as usize];
@@ -130,7 +125,6 @@ impl Mesh {
     /// doubled for slack) plus the rounding error of the f64 sum. A sum in f32 has pbrt's larger bound, `gamma_7`
     /// times the sum of magnitudes [Pharr 2023, eq. 6.26].
     #[inline(always)]
-    #[must_use]
     pub fn point(&self, triangle: u32, barycentrics: [f32; 2]) -> (Vec3, Vec3, Vec3) {
         let [a, b, c] = self.corners(triangle).map(Vec3::as_dvec3);
         let [second, third] = barycentrics.map(f64::from);
@@ -217,26 +211,22 @@ impl MovingMesh {
     }
 
     /// The triangle mesh with the vertices' positions at time 0.
-    #[must_use]
     pub fn start(&self) -> &Mesh {
         &self.start
     }
 
     /// The positions of the vertices at time 1.
-    #[must_use]
     pub fn ends(&self) -> &[[f32; 3]] {
         &self.ends
     }
 
     /// The number of triangles that have no area at any time in `[0, 1]`, which are never hit.
-    #[must_use]
     pub fn degenerate(&self) -> usize {
         self.degenerate
     }
 
     /// Returns true if the triangle has no area at any time in `[0, 1]`. The vector of its area is quadratic in time,
     /// so three times decide. The index must be below the number of triangles.
-    #[must_use]
     pub fn is_degenerate(&self, triangle: u32) -> bool {
         [0.0, 0.5, 1.0].into_iter().all(|time| has_no_area(self.corners(triangle, time)))
     }
@@ -244,7 +234,6 @@ impl MovingMesh {
     /// Returns the three corners of a triangle at a time, clamped to `[0, 1]`. The index must be below the number of
     /// triangles.
     #[inline]
-    #[must_use]
     pub fn corners(&self, triangle: u32, time: f32) -> [Vec3; 3] {
         let time = time.clamp(0.0, 1.0);
         self.start.triangles()[triangle as usize].map(|vertex| {
@@ -263,7 +252,6 @@ impl MovingMesh {
     /// Returns a point of a triangle at a time, a bound on the point's error per axis, and the unit normal.
     /// `barycentrics` are the weights of the second and third corner. The error is the distance to the triangle of
     /// [`corners`](Self::corners).
-    #[must_use]
     pub fn point(&self, triangle: u32, barycentrics: [f32; 2], time: f32) -> (Vec3, Vec3, Vec3) {
         let [a, b, c] = self.corners(triangle, time).map(Vec3::as_dvec3);
         let [second, third] = barycentrics.map(f64::from);

@@ -47,14 +47,12 @@ impl PrimitiveId {
     /// Returns the identity of triangle number `primitive` of shape number `shape`. Spheres and disks use
     /// [`NONE`](Self::NONE), since a ray may hit them again.
     #[inline]
-    #[must_use]
     pub const fn triangle(shape: u32, primitive: u32) -> Self {
         Self((shape as u64) << 32 | primitive as u64)
     }
 
     /// Returns the triangle's index in its mesh; meaningless for [`NONE`](Self::NONE).
     #[inline]
-    #[must_use]
     pub const fn number(self) -> u32 {
         self.0 as u32
     }
@@ -63,7 +61,6 @@ impl PrimitiveId {
 impl Ray {
     /// Makes a ray along the half-line from `origin`, with `t` from 0 to infinity.
     #[inline]
-    #[must_use]
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
         Self { origin, direction, tmin: 0.0, tmax: f32::INFINITY, ends: [PrimitiveId::NONE; 2] }
     }
@@ -78,7 +75,6 @@ impl Ray {
     /// Returns true if the direction is finite and not 0, the origin's coordinates are at most 2^60 in magnitude,
     /// `tmin < tmax` and `tmax > 0`. Other rays hit nothing.
     #[inline]
-    #[must_use]
     pub fn is_valid(&self) -> bool {
         self.direction.is_finite() && (PreparedRay::ordinary(self).is_some() || PreparedRay::rescaled(self).is_some())
     }
@@ -86,7 +82,6 @@ impl Ray {
     /// Returns the point `origin + t direction`. For a hit, [`Geometry::surface`](crate::Geometry::surface) is more
     /// exact.
     #[inline]
-    #[must_use]
     pub fn at(&self, t: f32) -> Vec3 {
         self.origin + self.direction * t
     }

@@ -23,7 +23,6 @@ pub struct SurfacePoint {
 /// has the length `error . |normal|`. The moved point is then shifted by at most two units in the last place, away
 /// from the surface [after Pharr 2023, section 6.8.6].
 #[inline(always)]
-#[must_use]
 pub fn offset_origin(position: Vec3, error: Vec3, normal: Vec3, direction: Vec3) -> Vec3 {
     let side = 1.0_f32.copysign(normal.dot(direction));
     let step = normal * (error.dot(normal.abs()) * (SLACK * side));
@@ -39,7 +38,6 @@ const SLACK: f32 = 1.0 + 1.0 / (1u64 << 19) as f32;
 /// Returns a ray that leaves a surface in the given direction, starting far enough off the surface not to hit it at
 /// once.
 #[inline]
-#[must_use]
 pub fn spawn_ray(from: &SurfacePoint, direction: Vec3) -> Ray {
     let origin = offset_origin(from.position, from.error, from.normal, direction);
     Ray { ends: [from.primitive, PrimitiveId::NONE], ..Ray::new(origin, direction) }
@@ -49,7 +47,6 @@ pub fn spawn_ray(from: &SurfacePoint, direction: Vec3) -> Ray {
 ///
 /// Both ends are moved off their surfaces by the error bounds; the far bound includes the rounding of `direction`.
 #[inline(always)]
-#[must_use]
 pub fn spawn_ray_to(from: &SurfacePoint, to: &SurfacePoint) -> Ray {
     let error = to.error + aim_error(to.position, from.position);
     let target = offset_origin(to.position, error, to.normal, from.position - to.position);
@@ -58,7 +55,6 @@ pub fn spawn_ray_to(from: &SurfacePoint, to: &SurfacePoint) -> Ray {
 
 /// Returns a ray from a surface point to a point in space. `t` runs from 0 to just below 1.
 #[inline]
-#[must_use]
 pub fn spawn_ray_to_point(from: &SurfacePoint, target: Vec3) -> Ray {
     aim(from, target, 1.0_f32.next_down())
 }

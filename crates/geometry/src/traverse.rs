@@ -53,16 +53,6 @@ pub(crate) struct PlacedTree {
     moving: bool,
 }
 
-impl Default for WalkKind {
-    fn default() -> Self {
-        match Vectors::default() {
-            #[cfg(target_arch = "x86_64")]
-            Vectors::Whole(v3) => Self::Whole(v3),
-            Vectors::Pair => Self::Pair,
-        }
-    }
-}
-
 impl WalkKind {
     pub(crate) fn placed(placements: Placements, moving: bool) -> Self {
         Self::Placed(Box::new(PlacedTree { placements, vectors: Vectors::default(), moving }))
@@ -180,7 +170,7 @@ impl Best {
 type Aside = (f32, u32);
 
 /// A bounding volume hierarchy and the traversal that suits it.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(crate) struct Tree {
     pub(crate) bvh: Bvh,
     pub(crate) way: WalkKind,
@@ -188,7 +178,12 @@ pub(crate) struct Tree {
 
 impl From<Bvh> for Tree {
     fn from(bvh: Bvh) -> Self {
-        let way = if bvh.moved.is_empty() { WalkKind::default() } else { WalkKind::Moving(Vectors::default()) };
+        let way = match Vectors::default() {
+            vectors if !bvh.moved.is_empty() => WalkKind::Moving(vectors),
+            #[cfg(target_arch = "x86_64")]
+            Vectors::Whole(v3) => WalkKind::Whole(v3),
+            Vectors::Pair => WalkKind::Pair,
+        };
         Self { bvh, way }
     }
 }

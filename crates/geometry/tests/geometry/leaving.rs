@@ -255,9 +255,12 @@ fn spheres_and_disks_are_met_at_their_surface() {
     let hit = scene.closest(&ray).expect("the ring");
     let point = scene.surface(&ray, &hit);
     assert_eq!((point.position, point.normal), (Vec3::new(0.0, 1.5, -4.0), Vec3::Z));
-    assert!((scene.parametric(&hit, point.position)[1] - 0.5).abs() < 1e-6);
+    assert!((scene.parametric_at(&hit, point.position, 0.0)[1] - 0.5).abs() < 1e-6);
     let ray = Ray::new(Vec3::new(0.0, 0.0, 20.0), Vec3::NEG_Z);
     let hit = scene.closest(&ray).expect("the ball");
     let point = scene.surface(&ray, &hit);
-    assert_eq!((point.position.z, point.normal, scene.parametric(&hit, point.position)[1]), (7.0, Vec3::Z, 1.0));
+    assert_eq!(
+        (point.position.z, point.normal, scene.parametric_at(&hit, point.position, 0.0)[1]),
+        (7.0, Vec3::Z, 1.0)
+    );
 }

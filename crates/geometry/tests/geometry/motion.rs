@@ -135,7 +135,7 @@ fn a_moving_object_is_met_where_a_still_copy_is() {
                     hits += 1;
                     let point = moving.surface_at(&ray, &hit, time);
                     assert_eq!(point, still.surface(&ray, &hit));
-                    let uv = still.parametric(&hit, point.position);
+                    let uv = still.parametric_at(&hit, point.position, 0.0);
                     assert_eq!(moving.parametric_at(&hit, point.position, time), uv);
                 }
             }
