@@ -3,7 +3,7 @@
 use super::image::scene;
 use super::pairs::{in_turn, of_whole, pairs, seconds};
 use super::{Break, Effort, Error, Result, Row};
-use dapple_geometry::{Disk, Geometry, Mesh, Preset, Ray, Shape, Sphere};
+use dapple_geometry::{Disk, Geometry, Mesh, Ray, Shape, Sphere};
 use dapple_renderer::{Space, World};
 use dapple_scene::{Geometry as Described, Scene};
 use glam::{DAffine3, DVec3, Vec2, Vec3};
@@ -128,7 +128,7 @@ fn geometry(scene: &Scene) -> Result<Geometry> {
             }
         });
     }
-    Ok(Geometry::build(shapes, Preset::default())?)
+    Ok(Geometry::build(shapes)?)
 }
 
 /// The hit of each ray.

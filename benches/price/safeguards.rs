@@ -3,8 +3,7 @@
 //! * A price is the time with the safeguard over the time without it, from pairs that alternate in one process on one
 //!   thread. It has a median and an interval with at least 95 % confidence, whatever the noise (order statistics).
 //! * Breaks are counted, not timed: the same numbers on every machine.
-//! * Rays without a safeguard are the same code, compiled without it (`dapple_geometry::safeguards`). Film, loading and
-//!   checkpoints are timed apart and compared with the whole.
+//! * Film, loading and checkpoints are timed apart and compared with the whole.
 
 mod checkpoints;
 mod film;
@@ -12,9 +11,7 @@ mod halves;
 mod image;
 mod overflow;
 mod pairs;
-mod rays;
 mod recentring;
-mod soup;
 
 pub use overflow::overflow_checks;
 pub use pairs::Ratio;
@@ -115,7 +112,6 @@ pub fn price(effort: Effort, onlooker: &mut (dyn FnMut(&str) + Send)) -> Result<
     pool.install(|| {
         onlooker("recentring");
         let mut rows = vec![recentring::row(effort)?];
-        rows.extend(rays::rows(effort, onlooker)?);
         let image = image::Image::new(effort)?;
         onlooker("film");
         rows.push(film::sums(effort, &image)?);

@@ -1,12 +1,16 @@
 //! Errors of probes, labels and parameters.
 
-use std::fmt;
-
 /// Invalid probes, clusters or parameters. Each message has a remedy.
 #[non_exhaustive]
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// A probe's hit on a primitive that has no label.
+    #[error(
+        "pixel ({}, {}): a probe hit primitive {primitive}, but there are labels for {labels} only: give one label per \
+         primitive, in the numbering of the hits",
+        pixel[0],
+        pixel[1]
+    )]
     NoLabel {
         /// Column and row of the probe's pixel in the full image.
         pixel: [u32; 2],
@@ -16,6 +20,10 @@ pub enum Error {
         labels: usize,
     },
     /// A label that names a cluster not in the list.
+    #[error(
+        "label {label} names no cluster: there are {clusters}, numbered from 0; pass labels and clusters of the same \
+         clustering"
+    )]
     NoCluster {
         /// The label that names no cluster.
         label: u32,
@@ -23,6 +31,7 @@ pub enum Error {
         clusters: usize,
     },
     /// A number of labels that differs from the number of triangles.
+    #[error("{labels} labels for {triangles} triangles: give one label per triangle")]
     LabelCount {
         /// The number of labels given.
         labels: usize,
@@ -30,6 +39,7 @@ pub enum Error {
         triangles: usize,
     },
     /// A triangle with the index of a vertex that does not exist.
+    #[error("triangle {triangle} names vertex {vertex}, but there are {vertices}")]
     NoVertex {
         /// The index of the triangle.
         triangle: usize,
@@ -39,6 +49,7 @@ pub enum Error {
         vertices: usize,
     },
     /// A parameter outside its range.
+    #[error("{name} = {value} is out of range: {allowed}")]
     OutOfRange {
         /// The parameter's name on the command line.
         name: &'static str,
@@ -48,6 +59,7 @@ pub enum Error {
         allowed: &'static str,
     },
     /// Probes that were traced for another frame than the rendered one.
+    #[error("the probes are those of {of}, but {wanted} is rendered: probe that frame, or let the sampler probe")]
     OtherFrame {
         /// The frame of the probes, as text.
         of: String,
@@ -55,37 +67,6 @@ pub enum Error {
         wanted: String,
     },
 }
-
-impl fmt::Display for Error {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoLabel { pixel, primitive, labels } => write!(
-                f,
-                "pixel ({}, {}): a probe hit primitive {primitive}, but there are labels for {labels} only: give one \
-                 label per primitive, in the numbering of the hits",
-                pixel[0], pixel[1]
-            ),
-            Self::NoCluster { label, clusters } => write!(
-                f,
-                "label {label} names no cluster: there are {clusters}, numbered from 0; pass labels and clusters of \
-                 the same clustering"
-            ),
-            Self::LabelCount { labels, triangles } => {
-                write!(f, "{labels} labels for {triangles} triangles: give one label per triangle")
-            }
-            Self::NoVertex { triangle, vertex, vertices } => {
-                write!(f, "triangle {triangle} names vertex {vertex}, but there are {vertices}")
-            }
-            Self::OutOfRange { name, value, allowed } => write!(f, "{name} = {value} is out of range: {allowed}"),
-            Self::OtherFrame { of, wanted } => write!(
-                f,
-                "the probes are those of {of}, but {wanted} is rendered: probe that frame, or let the sampler probe"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for Error {}
 
 impl Error {
     pub(crate) fn range(name: &'static str, value: impl ToString, allowed: &'static str) -> Self {

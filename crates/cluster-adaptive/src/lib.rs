@@ -6,16 +6,12 @@ mod importance;
 mod options;
 mod probe;
 mod sampler;
-mod screen;
 mod size;
-mod visibility;
 
 pub use area_vectors::AreaVectors;
 pub use error::Error;
-pub use importance::{Importance, RateMap, importance};
+pub use importance::{Importance, RateMap, TraceVisibility, importance, visibility_variances};
 pub use options::{ClusterThesisOptions, published_bounds};
 pub use probe::{BACKGROUND, Placement, Probe, ProbeCost, ProbeHit, ProbeRay, Probes, probe};
 pub use sampler::{ClusterThesis, ProbeSource, ProbesHandle, TraceProbe};
-pub use screen::projected_box_area;
-pub use size::{ClusterSize, PixelArea, Rates, rates};
-pub use visibility::{TraceVisibility, visibility_variances};
+pub use size::{ClusterSize, PixelArea, Rates, projected_box_area, rates};

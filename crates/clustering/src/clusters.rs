@@ -78,6 +78,9 @@ pub struct ClusterReport {
 }
 
 impl Cluster {
+    /// A cluster without triangles.
+    pub(crate) const NONE: Self = Self::without_triangles([[0.0; 3]; 2], 0.0, 0, 0);
+
     /// Makes a cluster without triangles and without a normal, for a shape such as a sphere.
     ///
     /// `bounds` are the smallest and largest corner of the shape's bounding box. `group` continues the numbers of the

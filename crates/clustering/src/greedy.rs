@@ -17,11 +17,27 @@ pub(crate) struct Rule {
     pub(crate) cosine: f32,
     pub(crate) two_sided: bool,
     pub(crate) order: Order,
+    /// The least z of a cluster's first normal that ensures that all normals of the cluster lie on its side.
+    pub(crate) steep: f32,
 }
 
 impl Rule {
     pub(crate) fn new(params: &ClusterParams) -> Self {
-        Self { cosine: params.cosine(), two_sided: params.two_sided(), order: params.order }
+        Self { cosine: params.cosine(), two_sided: params.two_sided(), order: params.order, steep: steep(params) }
+    }
+}
+
+/// The least z of a cluster's first normal that ensures that all normals of the cluster lie on its side. Two-sided
+/// normals point upwards, and those of a cluster differ by at most twice the angle parameter.
+///
+/// The result is infinite if no z suffices, and negative infinity for signed normals.
+fn steep(params: &ClusterParams) -> f32 {
+    /// Tolerance for the rounding of normals, of products and of the angle.
+    const SLACK: f64 = 1e-3;
+    match (params.two_sided(), 2.0 * params.angle.to_radians()) {
+        (false, _) => f32::NEG_INFINITY,
+        (true, angle) if angle < std::f64::consts::FRAC_PI_2 => (angle.sin() + SLACK) as f32,
+        (true, _) => f32::INFINITY,
     }
 }
 

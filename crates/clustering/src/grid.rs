@@ -127,47 +127,8 @@ fn finite_bounds(places: impl Iterator<Item = [f32; 4]>) -> Option<Bounds> {
 /// The number of floats in eight points: the axes of lanes then repeat from one group of eight to the next.
 const GROUP: usize = 24;
 
-/// The bounding box of all points of a chunk, or `None` if one of them is not finite.
-#[inline(always)]
-fn bounds_of_points(points: &[[f32; 3]]) -> Option<Bounds> {
-    let (groups, rest) = points.as_flattened().as_chunks::<GROUP>();
-    let (mut low, mut high, mut zero) = ([f32::INFINITY; GROUP], [f32::NEG_INFINITY; GROUP], [0.0_f32; GROUP]);
-    for group in groups {
-        for lane in 0..GROUP {
-            let x = group[lane];
-            low[lane] = if x < low[lane] { x } else { low[lane] };
-            high[lane] = if x > high[lane] { x } else { high[lane] };
-            zero[lane] += x * 0.0;
-        }
-    }
-    let mut bounds = finite_bounds(rest.as_chunks::<3>().0.iter().map(|&place| padded(place)))?;
-    for lane in (0..GROUP).step_by(3) {
-        let corner = |of: &[f32; GROUP]| padded([of[lane], of[lane + 1], of[lane + 2]]);
-        bounds.unite(Bounds { low: corner(&low), high: corner(&high) });
-    }
-    (zero == [0.0; GROUP]).then_some(bounds)
-}
-
-/// The largest index, and for each of six vertices a flag that is true if some triangle uses the vertex.
-#[inline(always)]
-fn look_up(indices: &[[u32; 3]], vertices: [u32; 6]) -> (u32, [bool; 6]) {
-    const LANES: usize = 8;
-    let (groups, rest) = indices.as_flattened().as_chunks::<LANES>();
-    let (mut largest, mut found) = ([0; LANES], [[0_u32; LANES]; 6]);
-    let mut see = |lane: usize, index: u32| {
-        largest[lane] = if index > largest[lane] { index } else { largest[lane] };
-        for (found, &vertex) in found.iter_mut().zip(&vertices) {
-            found[lane] |= u32::from(index == vertex);
-        }
-    };
-    for group in groups {
-        group.iter().enumerate().for_each(|(lane, &index)| see(lane, index));
-    }
-    rest.iter().for_each(|&index| see(0, index));
-    (largest.into_iter().fold(0, u32::max), found.map(|found| found != [0; LANES]))
-}
-
-/// A call of [`bounds_of_points`] that pulp compiles for each width of vector registers.
+/// The bounding box of all points of a chunk, or `None` if one of them is not finite. pulp compiles it for each width of
+/// vector registers.
 struct PointBounds<'a> {
     points: &'a [[f32; 3]],
 }
@@ -177,11 +138,27 @@ impl NullaryFnOnce for PointBounds<'_> {
 
     #[inline(always)]
     fn call(self) -> Option<Bounds> {
-        bounds_of_points(self.points)
+        let (groups, rest) = self.points.as_flattened().as_chunks::<GROUP>();
+        let (mut low, mut high, mut zero) = ([f32::INFINITY; GROUP], [f32::NEG_INFINITY; GROUP], [0.0_f32; GROUP]);
+        for group in groups {
+            for lane in 0..GROUP {
+                let x = group[lane];
+                low[lane] = if x < low[lane] { x } else { low[lane] };
+                high[lane] = if x > high[lane] { x } else { high[lane] };
+                zero[lane] += x * 0.0;
+            }
+        }
+        let mut bounds = finite_bounds(rest.as_chunks::<3>().0.iter().map(|&place| padded(place)))?;
+        for lane in (0..GROUP).step_by(3) {
+            let corner = |of: &[f32; GROUP]| padded([of[lane], of[lane + 1], of[lane + 2]]);
+            bounds.unite(Bounds { low: corner(&low), high: corner(&high) });
+        }
+        (zero == [0.0; GROUP]).then_some(bounds)
     }
 }
 
-/// A call of [`look_up`] that pulp compiles for each width of vector registers.
+/// The largest index, and for each of six vertices a flag that is true if some triangle uses the vertex. pulp compiles it
+/// for each width of vector registers.
 struct LookUp<'a> {
     indices: &'a [[u32; 3]],
     vertices: [u32; 6],
@@ -192,7 +169,20 @@ impl NullaryFnOnce for LookUp<'_> {
 
     #[inline(always)]
     fn call(self) -> (u32, [bool; 6]) {
-        look_up(self.indices, self.vertices)
+        const LANES: usize = 8;
+        let (groups, rest) = self.indices.as_flattened().as_chunks::<LANES>();
+        let (mut largest, mut found) = ([0; LANES], [[0_u32; LANES]; 6]);
+        let mut see = |lane: usize, index: u32| {
+            largest[lane] = if index > largest[lane] { index } else { largest[lane] };
+            for (found, &vertex) in found.iter_mut().zip(&self.vertices) {
+                found[lane] |= u32::from(index == vertex);
+            }
+        };
+        for group in groups {
+            group.iter().enumerate().for_each(|(lane, &index)| see(lane, index));
+        }
+        rest.iter().for_each(|&index| see(0, index));
+        (largest.into_iter().fold(0, u32::max), found.map(|found| found != [0; LANES]))
     }
 }
 

@@ -5,32 +5,8 @@ use crate::connected::{Connector, Group};
 use crate::greedy::{Classes, Facet, Rule, classify};
 use crate::grid::Mesh;
 use crate::params::{ClusterParams, Connection, Grouping, Insertion, Order};
-use crate::small_groups::{FirstFit, MAX_SMALL, SmallGroups};
-use crate::triangle_normals::{Normals, Surface};
-
-/// The clusters of a range of voxels, with groups numbered from 0.
-#[derive(Default)]
-pub(crate) struct Batch {
-    /// The indices of triangles, cluster by cluster, ascending within each.
-    pub(crate) members: Vec<u32>,
-    pub(crate) clusters: Vec<Cluster>,
-    /// The number of groups (one voxel's triangles of one material) with a cluster.
-    pub(crate) groups: u32,
-    /// The number of voxels with at least one triangle.
-    pub(crate) voxels: u64,
-    /// The number of triangles in the fullest voxel.
-    pub(crate) fullest: u32,
-    /// The number of clusters that kept no triangle and were dropped.
-    pub(crate) phantoms: u64,
-}
-
-/// The triangles of one material in a voxel, ascending by index, with their surfaces and normals.
-#[derive(Clone, Copy)]
-pub(crate) struct Members<'a> {
-    pub(crate) triangles: &'a [u32],
-    pub(crate) surfaces: &'a [Surface],
-    pub(crate) normals: Normals<'a>,
-}
+use crate::small_groups::{Batch, SmallGroups};
+use crate::triangle_normals::{MAX_SMALL, Members, Surface};
 
 /// The scratch space of one thread for clustering groups. Triangles are identified by their index in the group.
 #[derive(Default)]
@@ -49,7 +25,6 @@ pub(crate) struct GroupRule {
     grouping: Grouping,
     weld: bool,
     rule: Rule,
-    steep: f32,
     /// True if every triangle keeps its cluster in the group, as with insertion by centroid.
     keeps_all: bool,
 }
@@ -57,14 +32,8 @@ pub(crate) struct GroupRule {
 impl GroupRule {
     pub(crate) fn new(params: &ClusterParams) -> Self {
         let keeps_all = params.insertion == Insertion::Centroid;
-        let rule = Rule::new(params);
-        Self {
-            grouping: params.grouping,
-            weld: params.connection == Connection::Place,
-            rule,
-            steep: steep(params),
-            keeps_all,
-        }
+        let weld = params.connection == Connection::Place;
+        Self { grouping: params.grouping, weld, rule: Rule::new(params), keeps_all }
     }
 
     /// Tests if the parameters allow [`SmallGroups`], the fast path for small groups.
@@ -88,7 +57,7 @@ impl Scratch {
         let count = group.triangles.len();
         let common = Cluster { material: mesh.material(group.triangles[0]), group: batch.groups, ..Cluster::NONE };
         if plan.is_plain() {
-            let rule = FirstFit { cosine: plan.rule.cosine, two_sided: plan.rule.two_sided, steep: plan.steep };
+            let rule = plan.rule;
             let done = match count {
                 0..=8 => self.small.cluster::<8>(rule, group, common, batch),
                 9..=16 => self.small.cluster::<16>(rule, group, common, batch),
@@ -117,7 +86,7 @@ impl Scratch {
                 continue;
             }
             batch.members.extend(members.iter().map(|&i| group.triangles[i as usize]));
-            batch.clusters.push(measure(group, members, plan.steep, common));
+            batch.clusters.push(measure(group, members, plan.rule.steep, common));
         }
         batch.groups += u32::from(batch.clusters.len() > clusters);
     }
@@ -152,25 +121,6 @@ impl Scratch {
         }
         let pieces = self.connector.cut(group, &mut self.class, self.classes.len() as u32);
         self.classes.sort(&self.class, pieces);
-    }
-}
-
-impl Cluster {
-    /// A cluster without triangles.
-    pub(crate) const NONE: Self = Self::without_triangles([[0.0; 3]; 2], 0.0, 0, 0);
-}
-
-/// The least z of a cluster's first normal that ensures that all normals of the cluster lie on its side. Two-sided
-/// normals point upwards, and those of a cluster differ by at most twice the angle parameter.
-///
-/// The result is infinite if no z suffices, and negative infinity for signed normals.
-fn steep(params: &ClusterParams) -> f32 {
-    /// Tolerance for the rounding of normals, of products and of the angle.
-    const SLACK: f64 = 1e-3;
-    match (params.two_sided(), 2.0 * params.angle.to_radians()) {
-        (false, _) => f32::NEG_INFINITY,
-        (true, angle) if angle < std::f64::consts::FRAC_PI_2 => (angle.sin() + SLACK) as f32,
-        (true, _) => f32::INFINITY,
     }
 }
 

@@ -77,7 +77,6 @@ mod grid;
 mod group;
 mod params;
 mod partition;
-mod prefetch;
 mod small_groups;
 mod triangle_normals;
 mod voxels;

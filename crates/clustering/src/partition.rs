@@ -1,9 +1,10 @@
 //! Clusters triangles over a grid: sorts them by voxel, clusters ranges of voxels in parallel, and joins the results.
 
 use crate::grid::{Bounds, CHUNK, Grid, Mesh};
-use crate::group::{Batch, GroupRule, Members, Scratch};
+use crate::group::{GroupRule, Scratch};
 use crate::params::{ClusterParams, Insertion, MAX_CLAMP};
-use crate::triangle_normals::Surfaces;
+use crate::small_groups::Batch;
+use crate::triangle_normals::{Members, Surfaces};
 use crate::voxels::{Entry, Ranges, Sorted, for_ranges};
 use crate::{Cluster, ClusterReport, Clusters, Error, Triangles};
 use pulp::{Arch, NullaryFnOnce};
@@ -148,16 +149,7 @@ fn numbers(mesh: &Mesh<'_>, chunk: usize) -> std::ops::Range<u32> {
     (chunk * CHUNK) as u32..end as u32
 }
 
-#[inline(always)]
-fn insert_centroids<E: Entry>(mesh: &Mesh<'_>, grid: Grid, chunk: usize, entries: &mut Vec<E>) {
-    let numbers = numbers(mesh, chunk);
-    entries.resize(numbers.len(), E::default());
-    for (entry, i) in entries.iter_mut().zip(numbers) {
-        *entry = E::new(grid.centroid_voxel(mesh.corners(i)), i);
-    }
-}
-
-/// A call of [`insert_centroids`] that pulp compiles for each width of vector registers.
+/// The insertion of triangles into the voxels of their centroids, which pulp compiles for each width of vector registers.
 struct InsertCentroids<'a, 'm, E> {
     mesh: &'a Mesh<'m>,
     grid: Grid,
@@ -170,7 +162,11 @@ impl<E: Entry> NullaryFnOnce for InsertCentroids<'_, '_, E> {
 
     #[inline(always)]
     fn call(self) {
-        insert_centroids(self.mesh, self.grid, self.chunk, self.entries);
+        let numbers = numbers(self.mesh, self.chunk);
+        self.entries.resize(numbers.len(), E::default());
+        for (entry, i) in self.entries.iter_mut().zip(numbers) {
+            *entry = E::new(self.grid.centroid_voxel(self.mesh.corners(i)), i);
+        }
     }
 }
 

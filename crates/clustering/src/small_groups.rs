@@ -4,15 +4,28 @@
 //! Most groups of fine grids are small. There a mispredicted branch costs more than idle lanes.
 
 use crate::Cluster;
-use crate::group::{Batch, Members};
-use crate::triangle_normals::Surface;
+use crate::greedy::Rule;
+use crate::triangle_normals::{Members, Surface};
 
-/// The largest number of triangles in a group that is clustered in vector lanes. Each class of similar normals takes a
-/// pass over all lanes, and larger groups tend to have more classes.
-pub(crate) const MAX_SMALL: usize = 256;
 /// The largest number of classes of similar normals in a group that is clustered in vector lanes. Each class takes a
 /// pass over all lanes, and those of a group with more classes are in vain.
 const MAX_CLASSES: usize = 64;
+
+/// The clusters of a range of voxels, with groups numbered from 0.
+#[derive(Default)]
+pub(crate) struct Batch {
+    /// The indices of triangles, cluster by cluster, ascending within each.
+    pub(crate) members: Vec<u32>,
+    pub(crate) clusters: Vec<Cluster>,
+    /// The number of groups (one voxel's triangles of one material) with a cluster.
+    pub(crate) groups: u32,
+    /// The number of voxels with at least one triangle.
+    pub(crate) voxels: u64,
+    /// The number of triangles in the fullest voxel.
+    pub(crate) fullest: u32,
+    /// The number of clusters that kept no triangle and were dropped.
+    pub(crate) phantoms: u64,
+}
 
 /// The scratch space of one thread for small groups.
 #[derive(Default)]
@@ -39,23 +52,13 @@ impl Part {
         Self { sum: Surface::NOTHING, triangles: 0, next: 0, lead: [0.0; 3], normal: [0.0; 3], cone: 1.0 };
 }
 
-/// The criterion of first fit: a triangle joins the first class whose first triangle has a similar normal. Triangles
-/// are visited in canonical order (by z, then y, then x of the normal).
-#[derive(Clone, Copy)]
-pub(crate) struct FirstFit {
-    pub(crate) cosine: f32,
-    pub(crate) two_sided: bool,
-    /// The least z of a cluster's first normal that ensures that all normals of the cluster lie on one side.
-    pub(crate) steep: f32,
-}
-
 impl SmallGroups {
     /// Clusters a group of at most N triangles and adds its clusters to `batch`. Returns false and does nothing if some
     /// triangles have no normal or there are too many classes.
     #[inline(always)]
     pub(crate) fn cluster<const N: usize>(
         &mut self,
-        rule: FirstFit,
+        rule: Rule,
         group: Members<'_>,
         common: Cluster,
         batch: &mut Batch,
@@ -143,12 +146,7 @@ impl SmallGroups {
 
 /// Computes the cluster of a group whose triangles are all of one class.
 #[inline(always)]
-fn one_class<const N: usize>(
-    rule: FirstFit,
-    group: Members<'_>,
-    [x, y, z]: [&[f32; N]; 3],
-    common: Cluster,
-) -> Cluster {
+fn one_class<const N: usize>(rule: Rule, group: Members<'_>, [x, y, z]: [&[f32; N]; 3], common: Cluster) -> Cluster {
     let count = group.surfaces.len().min(N);
     let lowest = z[..count].iter().fold(f32::INFINITY, |low, &z| if z < low { z } else { low });
     let (lead, mut sum) = ([x[0], y[0], z[0]], Surface::NOTHING);
@@ -235,7 +233,7 @@ fn key(x: f32) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::greedy::{Classes, Facet, Rule};
+    use crate::greedy::{Classes, Facet};
     use crate::params::Order;
 
     /// The result equals that of the passes for larger groups, which are tested against the published loop.
@@ -269,7 +267,7 @@ mod tests {
             let mut facets: Vec<Facet> =
                 normals[..count].iter().zip(0..).map(|(&normal, number)| Facet { normal, number }).collect();
             let mut expected = Classes::default();
-            let rule = Rule { cosine, two_sided, order: Order::Canonical };
+            let rule = Rule { cosine, two_sided, order: Order::Canonical, steep: 0.0 };
             crate::greedy::classify(&mut facets, rule, &mut expected);
             if expected.len() > MAX_CLASSES {
                 assert_eq!(classes, usize::MAX);

@@ -4,8 +4,6 @@
 
 use crate::Cluster;
 use crate::grid::{Bounds, Mesh};
-use crate::prefetch::Prefetch;
-use crate::small_groups::MAX_SMALL;
 
 /// The sine of the angle between two edges up to which a triangle is flat, that is, without a normal. For three `f32`
 /// points on a line, rounding in f64 arithmetic produces a sine of about `2^-52`.
@@ -15,6 +13,9 @@ const BLOCK: usize = 16;
 /// The number of triangles between a request for corners and their use.
 const AHEAD: usize = 2 * BLOCK;
 
+/// The largest number of triangles in a group that is clustered in vector lanes. Each class of similar normals takes a
+/// pass over all lanes, and larger groups tend to have more classes.
+pub(crate) const MAX_SMALL: usize = 256;
 /// One value for each triangle of a block.
 type Lanes<T> = [T; BLOCK];
 
@@ -247,5 +248,44 @@ impl Crosses {
                 self.cross[axis][lane] *= f64::from(sign);
             }
         }
+    }
+}
+
+/// The triangles of one material in a voxel, ascending by index, with their surfaces and normals.
+#[derive(Clone, Copy)]
+pub(crate) struct Members<'a> {
+    pub(crate) triangles: &'a [u32],
+    pub(crate) surfaces: &'a [Surface],
+    pub(crate) normals: Normals<'a>,
+}
+
+/// Requests cache lines, on processors for which safe Rust can.
+#[derive(Clone, Copy, Debug)]
+struct Prefetch {
+    #[cfg(target_arch = "x86_64")]
+    sse: Option<pulp::core_arch::x86::Sse>,
+}
+
+impl Default for Prefetch {
+    fn default() -> Self {
+        Self {
+            #[cfg(target_arch = "x86_64")]
+            sse: pulp::core_arch::x86::Sse::try_new(),
+        }
+    }
+}
+
+impl Prefetch {
+    /// Requests the cache line of an array's element. An index past the end is harmless.
+    #[inline(always)]
+    fn request<T>(self, array: &[T], index: usize) {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(sse) = self.sse {
+            /// The first level of the cache.
+            const NEAREST: i32 = 3;
+            sse._mm_prefetch::<NEAREST>(array.as_ptr().wrapping_add(index).cast());
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = (array, index);
     }
 }

@@ -44,7 +44,7 @@ impl Entry for u128 {
     }
 }
 
-/// The intended number of entries per range of voxels. With their sorting copy they fill a first-level cache of 32 KiB.
+/// The intended number of entries per range of voxels. With the parts that they come from they fill a first-level cache of 32 KiB.
 const BUCKET: usize = 2048;
 /// The largest number of ranges of voxels. Counting into more ranges costs more than sorting longer ones.
 const MAX_BUCKETS: usize = 1024;
@@ -120,7 +120,7 @@ pub(crate) fn for_ranges<E: Entry, S: Default, T: Send>(
     (0..ranges.count())
         .into_par_iter()
         .map_init(
-            || (Buffers { entries: Vec::new(), spare: Vec::new(), next: Vec::new() }, S::default()),
+            || (Buffers { entries: Vec::new(), next: Vec::new() }, S::default()),
             |(buffers, scratch), number| {
                 buffers.load(parts, number, ranges.shift);
                 work(scratch, &buffers.entries)
@@ -132,7 +132,6 @@ pub(crate) fn for_ranges<E: Entry, S: Default, T: Send>(
 /// The sorting buffers of one thread.
 struct Buffers<E> {
     entries: Vec<E>,
-    spare: Vec<E>,
     next: Vec<u32>,
 }
 
@@ -145,7 +144,7 @@ impl<E: Entry> Buffers<E> {
         if count < SMALL || bits > MAX_COUNTED || 1 << bits > SPARSE * count {
             self.entries.clear();
             parts().for_each(|part| self.entries.extend_from_slice(part));
-            return sort(&mut self.entries, &mut self.spare, bits);
+            return self.entries.sort_unstable();
         }
         // A counter per voxel sorts straight from the parts in one pass.
         let last = (1 << bits) - 1;
@@ -171,32 +170,5 @@ impl<E: Entry> Buffers<E> {
                 *slot += 1;
             }
         }
-    }
-}
-
-/// Sorts entries by voxel. Their voxels must differ only in the low `bits` bits, and their triangles must ascend.
-fn sort<E: Entry>(entries: &mut Vec<E>, spare: &mut Vec<E>, bits: u32) {
-    const DIGIT: u32 = 8;
-    if entries.len() < SMALL || bits > 3 * DIGIT {
-        entries.sort_unstable();
-        return;
-    }
-    for pass in 0..bits.div_ceil(DIGIT) {
-        let digit = |entry: E| (entry.voxel() >> (pass * DIGIT)) as usize & 255;
-        let mut next = [0_u32; 257];
-        for &entry in entries.iter() {
-            next[digit(entry) + 1] += 1;
-        }
-        for i in 0..256 {
-            next[i + 1] += next[i];
-        }
-        spare.clear();
-        spare.resize(entries.len(), E::default());
-        for &entry in entries.iter() {
-            let slot = &mut next[digit(entry)];
-            spare[*slot as usize] = entry;
-            *slot += 1;
-        }
-        std::mem::swap(entries, spare);
     }
 }

@@ -4,12 +4,12 @@
 mod scenes;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use dapple_geometry::{Geometry, Preset};
+use dapple_geometry::Geometry;
 use scenes::{Scene, rays, scenes, shapes};
 use std::hint::black_box;
 
 fn measure(criterion: &mut Criterion, Scene { name, soups, views }: &Scene) {
-    let scene = Geometry::build(shapes(soups), Preset::default()).expect("not too many");
+    let scene = Geometry::build(shapes(soups)).expect("not too many");
     let [primary, bounce, shadow] = rays(&scene, *views);
     let mut group = criterion.benchmark_group(*name);
     group.throughput(Throughput::Elements(1));
@@ -37,7 +37,7 @@ fn bench(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("build");
     group.sample_size(10);
     let shapes = shapes(&sphere.soups);
-    group.bench_function(sphere.name, |b| b.iter(|| Geometry::build(shapes.clone(), Preset::default())));
+    group.bench_function(sphere.name, |b| b.iter(|| Geometry::build(shapes.clone())));
     group.finish();
 }
 

@@ -12,7 +12,7 @@
 #[path = "../benches/scenes/mod.rs"]
 mod scenes;
 
-use dapple_geometry::{Geometry, Preset, Ray, Shape};
+use dapple_geometry::{Geometry, Ray, Shape};
 use scenes::{Scene, Soup, rays, scenes, shapes};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -122,7 +122,7 @@ fn build(shapes: &[Shape], rounds: usize) -> Result<(Geometry, [Vec<f64>; 2])> {
             let (geometry, elapsed) = pool.install(|| {
                 spread_threads();
                 let start = Instant::now();
-                (Geometry::build(shapes, Preset::default()), start.elapsed().as_secs_f64())
+                (Geometry::build(shapes), start.elapsed().as_secs_f64())
             });
             last = Some(geometry?);
             seconds.push(elapsed);

@@ -1,12 +1,10 @@
-use crate::build::{Preset, build_tree, union};
+use crate::build::{build_tree, union};
 use crate::instance::Placements;
 #[cfg(test)]
 use crate::lanes::Vectors;
-use crate::prepared_ray::PreparedRay;
-use crate::safeguards::{All, Safeguards};
+use crate::ray::PreparedRay;
 use crate::shape::Quadric;
-use crate::traverse::{Best, WalkKind};
-use crate::tree::Tree;
+use crate::traverse::{Best, Tree, WalkKind};
 use crate::{Error, Hit, Instance, PlacedShape, PrimitiveId, Ray, Shape, SurfacePoint};
 use glam::{DAffine3, Vec3};
 use std::sync::Arc;
@@ -18,11 +16,11 @@ use std::sync::Arc;
 /// instance follow, in the order of instances.
 ///
 /// ```
-/// use dapple_geometry::{Geometry, Preset, Ray, Shape, Sphere};
+/// use dapple_geometry::{Geometry, Ray, Shape, Sphere};
 /// use glam::Vec3;
 ///
 /// let ball = Sphere::new(Vec3::new(0.0, 0.0, 5.0), 1.0)?;
-/// let scene = Geometry::build(vec![Shape::from(ball)], Preset::default())?;
+/// let scene = Geometry::build(vec![Shape::from(ball)])?;
 /// let ray = Ray::new(Vec3::ZERO, Vec3::Z);
 /// let hit = scene.closest(&ray).expect("the ball lies ahead");
 /// assert_eq!(hit.t, 4.0);
@@ -44,14 +42,9 @@ impl Geometry {
     ///
     /// # Errors
     /// [`Error::TooMany`] for 2^32 - 1 shapes or more, or for 2^28 primitives or more.
-    pub fn build(shapes: Vec<Shape>, preset: Preset) -> Result<Self, Error> {
-        Self::build_padded(shapes, preset, All::PADDING)
-    }
-
-    /// Builds a scene as [`build`](Self::build) does, with boxes padded for rounding if `padded` is true.
-    pub(crate) fn build_padded(shapes: Vec<Shape>, preset: Preset, padded: bool) -> Result<Self, Error> {
-        let (tree, bounds, triangle_count) = build_tree(&shapes, preset, padded)?;
-        Ok(Self { shapes, tree, bounds, triangle_count })
+    pub fn build(shapes: Vec<Shape>) -> Result<Self, Error> {
+        let (bvh, bounds, triangle_count) = build_tree(&shapes)?;
+        Ok(Self { shapes, tree: bvh.into(), bounds, triangle_count })
     }
 
     /// Builds a scene from base shapes and from instances of objects. Each object is in memory once, however many
@@ -76,10 +69,9 @@ impl Geometry {
         shapes: Vec<Shape>,
         objects: Vec<Arc<Self>>,
         instances: Vec<Instance>,
-        preset: Preset,
     ) -> Result<Self, Error> {
-        let mut scene = Self::build(shapes, preset)?;
-        let placements = Placements::new(scene.shapes.len() as u32, objects, instances, preset)?;
+        let mut scene = Self::build(shapes)?;
+        let placements = Placements::new(scene.shapes.len() as u32, objects, instances)?;
         scene.triangle_count += placements.objects.iter().map(|object| object.geometry.triangle_count).sum::<usize>();
         scene.bounds = match (scene.bounds, placements.bounds) {
             (Some(base), Some(placed)) => Some(union(base, placed)),
@@ -93,7 +85,6 @@ impl Geometry {
     /// Returns the closest hit of a ray with `tmin < t < tmax` at time 0, or `None` if nothing is hit. If several hits
     /// have the same `t`, the one with the smallest shape number, then the smallest primitive number, is returned.
     #[inline(always)]
-    #[must_use]
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         self.closest_at(ray, 0.0)
     }
@@ -102,18 +93,12 @@ impl Geometry {
     /// [`closest`](Self::closest).
     // Debug builds are compiled more often than they run, so crates do not inline the walk there.
     #[cfg_attr(not(debug_assertions), inline(always))]
-    #[must_use]
     pub fn closest_at(&self, ray: &Ray, time: f32) -> Option<Hit> {
-        self.closest_with::<All>(ray, time)
-    }
-
-    #[inline(always)]
-    pub(crate) fn closest_with<S: Safeguards>(&self, ray: &Ray, time: f32) -> Option<Hit> {
         match PreparedRay::ordinary(ray) {
-            Some(prepared) => self.closest_along::<S>(&prepared, 1.0, time),
+            Some(prepared) => self.closest_along(&prepared, 1.0, time),
             None => {
                 let (prepared, scale) = PreparedRay::rescaled(ray)?;
-                let hit = self.closest_along::<S>(&prepared, scale, time)?;
+                let hit = self.closest_along(&prepared, scale, time)?;
                 // Rounding to the caller's scale must not move `t` out of the limits.
                 let (least, most) = (ray.tmin.max(0.0).next_up(), ray.tmax.next_down());
                 Some(Hit { t: hit.t.max(least).min(most), ..hit })
@@ -123,9 +108,9 @@ impl Geometry {
 
     /// Returns the closest hit, with its `t` multiplied by `scale`.
     #[inline(always)]
-    fn closest_along<S: Safeguards>(&self, prepared: &PreparedRay, scale: f32, time: f32) -> Option<Hit> {
+    fn closest_along(&self, prepared: &PreparedRay, scale: f32, time: f32) -> Option<Hit> {
         let mut best = Best::new(prepared.ray.tmax);
-        self.tree.closest::<S>(prepared, time, &mut best);
+        self.tree.closest(prepared, time, &mut best);
         best.found.then_some(Hit {
             t: best.t * scale,
             shape: (best.key >> 32) as u32,
@@ -137,30 +122,22 @@ impl Geometry {
     /// Returns true if the ray hits anything with `tmin < t < tmax` at time 0, that is, if [`closest`](Self::closest)
     /// returns a hit. Faster than that function.
     #[inline(always)]
-    #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
         self.occluded_at(ray, 0.0)
     }
 
     /// Returns true if the ray hits anything with `tmin < t < tmax` at a time in `[0, 1]`.
     #[cfg_attr(not(debug_assertions), inline(always))]
-    #[must_use]
     pub fn occluded_at(&self, ray: &Ray, time: f32) -> bool {
-        self.occluded_with::<All>(ray, time)
-    }
-
-    #[inline(always)]
-    pub(crate) fn occluded_with<S: Safeguards>(&self, ray: &Ray, time: f32) -> bool {
         match PreparedRay::ordinary(ray) {
-            Some(prepared) => self.tree.occluded::<S>(&prepared, time),
-            None => PreparedRay::rescaled(ray).is_some_and(|(prepared, _)| self.tree.occluded::<S>(&prepared, time)),
+            Some(prepared) => self.tree.occluded(&prepared, time),
+            None => PreparedRay::rescaled(ray).is_some_and(|(prepared, _)| self.tree.occluded(&prepared, time)),
         }
     }
 
     /// Returns the surface point of a hit, with its error bound and normal. `hit` must come from
     /// [`closest`](Self::closest) of this geometry and ray.
     #[inline(always)]
-    #[must_use]
     pub fn surface(&self, ray: &Ray, hit: &Hit) -> SurfacePoint {
         self.surface_at(ray, hit, 0.0)
     }
@@ -171,7 +148,6 @@ impl Geometry {
     /// The normals of an instance are the normals of its object, transformed by the inverse transpose of the
     /// instance's matrix. A mirroring map does not flip them.
     #[inline(always)]
-    #[must_use]
     pub fn surface_at(&self, ray: &Ray, hit: &Hit, time: f32) -> SurfacePoint {
         match self.shapes.get(hit.shape as usize) {
             Some(Shape::Mesh(mesh)) => {
@@ -190,19 +166,11 @@ impl Geometry {
         }
     }
 
-    /// Returns the surface parameters of a point at time 0: a triangle's [`Hit::barycentrics`], or pbrt-v4's `(u, v)`
-    /// in `[0, 1]` of a sphere or disk.
+    /// Returns the surface parameters of a point that was hit at a time in `[0, 1]`: a triangle's [`Hit::barycentrics`], or
+    /// pbrt-v4's `(u, v)` in `[0, 1]` of a sphere or disk.
     ///
     /// For spheres and disks, `u` is the angle around the z axis. `v` increases from a sphere's lower pole to its
     /// upper pole, or from a disk's rim inwards.
-    #[must_use]
-    pub fn parametric(&self, hit: &Hit, position: Vec3) -> [f32; 2] {
-        self.parametric_at(hit, position, 0.0)
-    }
-
-    /// Returns the surface parameters of a point that was hit at a time in `[0, 1]`, as
-    /// [`parametric`](Self::parametric) does for time 0.
-    #[must_use]
     pub fn parametric_at(&self, hit: &Hit, position: Vec3, time: f32) -> [f32; 2] {
         match self.shapes.get(hit.shape as usize) {
             Some(Shape::Mesh(_) | Shape::Moving(_)) => hit.barycentrics,
@@ -215,7 +183,6 @@ impl Geometry {
     /// Returns the instance, object and shape that a shape number refers to; `None` for base shapes and unused
     /// numbers.
     #[inline]
-    #[must_use]
     pub fn placed(&self, shape: u32) -> Option<PlacedShape> {
         self.instances()?.placed(shape)
     }
@@ -224,7 +191,6 @@ impl Geometry {
     /// numbers; the shapes of the objects follow, object by object. `shape` must be below
     /// [`shape_count`](Self::shape_count).
     #[inline]
-    #[must_use]
     pub fn original(&self, shape: u32) -> u32 {
         if (shape as usize) < self.shapes.len() { shape } else { self.placements().original(shape) }
     }
@@ -232,7 +198,6 @@ impl Geometry {
     /// Returns the shape with a number below [`shape_count`](Self::shape_count). The shape of an instance is given in
     /// the space of its object.
     #[inline]
-    #[must_use]
     pub fn shape(&self, number: u32) -> &Shape {
         match self.shapes.get(number as usize) {
             Some(shape) => shape,
@@ -242,13 +207,11 @@ impl Geometry {
 
     /// Returns the map from a shape's space to world space at a time in `[0, 1]`. `None` for base shapes, which are in
     /// world space.
-    #[must_use]
     pub fn to_world(&self, shape: u32, time: f32) -> Option<DAffine3> {
         ((shape as usize) >= self.shapes.len()).then(|| self.placements().to_world(shape, time))
     }
 
     /// The number of shapes: all base shapes, plus the shapes of each instance.
-    #[must_use]
     pub fn shape_count(&self) -> u32 {
         self.instances().map_or(self.shapes.len() as u32, |placed| placed.shape_count())
     }
@@ -260,20 +223,18 @@ impl Geometry {
     }
 
     /// Returns true if an instance or a mesh's vertices move over time.
-    #[must_use]
     pub fn moves(&self) -> bool {
         self.base_moves() || self.instances().is_some_and(|placed| placed.moves)
     }
 
     fn base_moves(&self) -> bool {
-        !self.tree.moved.is_empty()
+        !self.tree.bvh.moved.is_empty()
     }
 
     /// The largest number of nodes and leaves on the stack at once while a ray traverses the tree of the base shapes;
     /// at most 256.
-    #[must_use]
     pub fn deepest(&self) -> usize {
-        self.tree.stack
+        self.tree.bvh.stack
     }
 
     pub(crate) fn tree(&self) -> &Tree {
@@ -298,28 +259,24 @@ impl Geometry {
     }
 
     /// The base shapes, which belong to no instance, in the order given to [`build`](Self::build).
-    #[must_use]
     pub fn shapes(&self) -> &[Shape] {
         &self.shapes
     }
 
     /// The lower and upper corner of a box around everything that can be hit at any time; `None` if there is nothing
     /// to hit.
-    #[must_use]
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
         self.bounds
     }
 
     /// The memory in bytes of the trees (scene, objects and instances) and of the instances. The shapes themselves are
     /// not included.
-    #[must_use]
     pub fn memory_bytes(&self) -> usize {
-        self.tree.memory_bytes() + self.instances().map_or(0, |placed| placed.memory_bytes())
+        self.tree.bvh.memory_bytes() + self.instances().map_or(0, |placed| placed.memory_bytes())
     }
 
     /// The number of triangles in memory that can be hit, that is, that have an area. An object's triangles count
     /// once.
-    #[must_use]
     pub fn triangle_count(&self) -> usize {
         self.triangle_count
     }

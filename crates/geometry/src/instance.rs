@@ -12,13 +12,12 @@
 //! Rounding the transformed ray to f32 moves it by about an ulp of the object's size. [`Placements::surface`] adds
 //! this distance to the error of surface points, so that new rays start beyond it.
 
-use crate::build::{Bounds, Preset, build_top};
+use crate::build::{Bounds, build_top};
+use crate::bvh::{Bvh, key};
 use crate::mesh::{LARGEST, LOST_IN_F64, ROUNDING};
-use crate::prepared_ray::PreparedRay;
-use crate::safeguards::All;
+use crate::ray::PreparedRay;
 use crate::shape::Quadric;
 use crate::traverse::Best;
-use crate::tree::{Tree, key};
 use crate::{Error, Geometry, Hit, Motion, PrimitiveId, Ray, Shape, SurfacePoint};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::sync::Arc;
@@ -26,13 +25,13 @@ use std::sync::Arc;
 /// A placement of an object in a scene by a map that may change over time.
 ///
 /// ```
-/// use dapple_geometry::{Geometry, Instance, Motion, Preset, Ray, Shape, Sphere};
+/// use dapple_geometry::{Geometry, Instance, Motion, Ray, Shape, Sphere};
 /// use glam::{DAffine3, DVec3, Vec3};
 /// use std::sync::Arc;
 ///
-/// let ball = Geometry::build(vec![Shape::from(Sphere::new(Vec3::ZERO, 1.0)?)], Preset::default())?;
+/// let ball = Geometry::build(vec![Shape::from(Sphere::new(Vec3::ZERO, 1.0)?)])?;
 /// let at = |x| Instance::new(0, Motion::still(DAffine3::from_translation(DVec3::X * x)));
-/// let row = Geometry::with_instances(Vec::new(), vec![Arc::new(ball)], vec![at(5.0), at(10.0)], Preset::default())?;
+/// let row = Geometry::with_instances(Vec::new(), vec![Arc::new(ball)], vec![at(5.0), at(10.0)])?;
 /// let hit = row.closest(&Ray::new(Vec3::ZERO, Vec3::X)).expect("the first ball lies ahead");
 /// assert_eq!((hit.shape, row.shape_count()), (0, 2));
 /// # Ok::<(), dapple_geometry::Error>(())
@@ -48,7 +47,6 @@ pub struct Instance {
 
 impl Instance {
     /// Makes an instance of the object with this index. `motion` maps the object's space to world space.
-    #[must_use]
     pub const fn new(object: u32, motion: Motion) -> Self {
         Self { object, motion }
     }
@@ -75,7 +73,7 @@ pub(crate) struct Placements {
     instances: Vec<PlacedObject>,
     /// The index of the instance for each shape number from `base` on.
     instance_of: Vec<u32>,
-    top: Tree,
+    top: Bvh,
     pub(crate) bounds: Option<Bounds>,
     pub(crate) moves: bool,
 }
@@ -184,12 +182,7 @@ impl Map {
 }
 
 impl Placements {
-    pub(crate) fn new(
-        base: u32,
-        objects: Vec<Arc<Geometry>>,
-        instances: Vec<Instance>,
-        preset: Preset,
-    ) -> Result<Self, Error> {
+    pub(crate) fn new(base: u32, objects: Vec<Arc<Geometry>>, instances: Vec<Instance>) -> Result<Self, Error> {
         let mut known = Vec::with_capacity(objects.len());
         let mut count = base as usize;
         for (number, geometry) in objects.into_iter().enumerate() {
@@ -204,7 +197,7 @@ impl Placements {
             objects: known,
             instances: Vec::with_capacity(instances.len()),
             instance_of: Vec::new(),
-            top: Tree::default(),
+            top: Bvh::default(),
             bounds: None,
             moves: false,
         };
@@ -212,7 +205,7 @@ impl Placements {
         for (number, instance) in instances.into_iter().enumerate() {
             boxes.extend(all.place(number as u32, instance)?.map(|bounds| (number as u32, bounds)));
         }
-        (all.top, all.bounds) = build_top(&boxes, preset)?;
+        (all.top, all.bounds) = build_top(&boxes)?;
         Ok(all)
     }
 
@@ -257,9 +250,9 @@ impl Placements {
     pub(crate) fn occluded(&self, prepared: &PreparedRay, time: f32) -> bool {
         let mut visit = |number: u32, _: &mut Best| {
             let instance = &self.instances[number as usize];
-            self.enter(instance, prepared, time).and_then(|local| PreparedRay::ordinary(&local.ray)).is_some_and(
-                |local| self.objects[instance.object as usize].geometry.tree().occluded::<All>(&local, time),
-            )
+            self.enter(instance, prepared, time)
+                .and_then(|local| PreparedRay::ordinary(&local.ray))
+                .is_some_and(|local| self.objects[instance.object as usize].geometry.tree().occluded(&local, time))
         };
         self.top.visit::<true>(prepared, &mut Best::new(prepared.ray.tmax), &mut visit)
     }
@@ -272,11 +265,11 @@ impl Placements {
         }
         let Some(inner) = PreparedRay::ordinary(&local.ray) else { return };
         let mut found = Best::new(((limit - local.start) * local.speed) as f32);
-        self.objects[instance.object as usize].geometry.tree().closest::<All>(&inner, time, &mut found);
+        self.objects[instance.object as usize].geometry.tree().closest(&inner, time, &mut found);
         if found.found {
             let t = (local.start + f64::from(found.t) / local.speed) as f32;
             let t = t.max(prepared.ray.tmin.next_up()).min(prepared.ray.tmax.next_down());
-            best.offer::<All>(t, found.key + key(instance.first, 0), found.weights);
+            best.offer(t, found.key + key(instance.first, 0), found.weights);
         }
     }
 
@@ -327,7 +320,7 @@ impl Placements {
     pub(crate) fn parametric(&self, hit: &Hit, position: Vec3, time: f32) -> [f32; 2] {
         let (instance, object, shape) = self.resolve(hit.shape);
         let inner = Hit { shape, ..*hit };
-        object.geometry.parametric(&inner, instance.place.at(time).point(position).as_vec3())
+        object.geometry.parametric_at(&inner, instance.place.at(time).point(position).as_vec3(), 0.0)
     }
 
     #[inline(never)]

@@ -5,10 +5,10 @@
 //! a full one's memory, for which rays through large scenes wait most. Vectors load eight words of a row: beyond the
 //! leaf's triangles they hold other numbers, and a mask leaves them out.
 
-use crate::lanes::{Lanes, WIDTH};
-use crate::moving_mesh::between;
-use crate::tree::{TRIANGLES, key};
-use crate::triangle::Triangles8;
+use crate::bvh::{TRIANGLES, key};
+use crate::lanes::{Eight, Lanes, WIDTH};
+use crate::mesh::between;
+use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 /// The words of a triangle: the coordinates of its corners, its primitive number and its shape number.
@@ -27,6 +27,38 @@ pub(crate) const LIMIT: usize = 1 << COUNT;
 /// The bits that are flipped in stored numbers of primitives and shapes. Small integers become ordinary floats:
 /// arithmetic on denormal ones, in lanes that don't count, is slow on some processors.
 pub(crate) const FLIPPED: u32 = 1 << 30;
+
+/// Up to eight triangles, corner by corner and axis by axis.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Triangles8 {
+    corners: [[Eight; 3]; 3],
+}
+
+impl Triangles8 {
+    #[inline(always)]
+    pub(crate) fn put(&mut self, lane: usize, triangle: [Vec3; 3]) {
+        for (packed, corner) in self.corners.iter_mut().zip(triangle) {
+            for axis in 0..3 {
+                packed[axis].0[lane] = corner[axis];
+            }
+        }
+    }
+
+    /// Returns a coordinate of the triangle in a lane.
+    #[inline(always)]
+    pub(crate) fn coordinate(&self, corner: usize, axis: usize, lane: usize) -> f32 {
+        self.corners[corner][axis].0[lane]
+    }
+
+    /// Returns the lower and the upper bounds of the triangles along an axis.
+    #[inline(always)]
+    pub(crate) fn bounds<L: Lanes>(&self, token: L::Token, axis: usize) -> [L; 2] {
+        let [a, b, c] = &self.corners;
+        let (a, b, c) = (L::load(token, &a[axis].0), L::load(token, &b[axis].0), L::load(token, &c[axis].0));
+        [a.min(b).min(c), a.max(b).max(c)]
+    }
+}
 
 /// Returns the place of a leaf as a part of a child's code: `first` triangles in leaves before it, and `count` in it.
 pub(crate) fn place(first: u32, count: usize) -> u32 {

@@ -49,7 +49,6 @@ impl Motion {
     pub(crate) const PATH_BYTES: usize = size_of::<Path>();
 
     /// Makes a constant map.
-    #[must_use]
     pub fn still(map: DAffine3) -> Self {
         Self { ends: [map; 2], path: None, first: DAffine3::IDENTITY }
     }
@@ -92,14 +91,12 @@ impl Motion {
 
     /// Returns true if the map changes over time.
     #[inline]
-    #[must_use]
     pub fn moves(&self) -> bool {
         self.path.is_some()
     }
 
     /// Returns the map at a time, including the map given to [`after`](Self::after). Times outside `[0, 1]` are
     /// clamped.
-    #[must_use]
     pub fn at(&self, time: f32) -> DAffine3 {
         self.at_exactly(time.into()) * self.first
     }
@@ -119,7 +116,6 @@ impl Motion {
     /// into pieces. A piece of duration `h` stays within `h^2 / 8` times its largest acceleration of the straight line
     /// between its ends. With angular speed `w`, point `p` and stretch `S` of derivative `S'`, the acceleration is at
     /// most `w^2 |S p| + 2 w |S' p|`.
-    #[must_use]
     pub fn bounds(&self, low: DVec3, high: DVec3) -> [DVec3; 2] {
         let corners = (0..8_u32).map(|k| {
             let side = |bit: u32, axis: usize| if k >> bit & 1 == 0 { low[axis] } else { high[axis] };

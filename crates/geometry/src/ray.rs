@@ -1,5 +1,6 @@
-use crate::prepared_ray::PreparedRay;
-use glam::Vec3;
+//! Rays, their hits, and rays prepared for traversal.
+
+use glam::{Vec3, Vec4};
 
 /// A half-line or a segment: the points `origin + t direction` with `tmin < t < tmax`.
 ///
@@ -46,14 +47,12 @@ impl PrimitiveId {
     /// Returns the identity of triangle number `primitive` of shape number `shape`. Spheres and disks use
     /// [`NONE`](Self::NONE), since a ray may hit them again.
     #[inline]
-    #[must_use]
     pub const fn triangle(shape: u32, primitive: u32) -> Self {
         Self((shape as u64) << 32 | primitive as u64)
     }
 
     /// Returns the triangle's index in its mesh; meaningless for [`NONE`](Self::NONE).
     #[inline]
-    #[must_use]
     pub const fn number(self) -> u32 {
         self.0 as u32
     }
@@ -62,7 +61,6 @@ impl PrimitiveId {
 impl Ray {
     /// Makes a ray along the half-line from `origin`, with `t` from 0 to infinity.
     #[inline]
-    #[must_use]
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
         Self { origin, direction, tmin: 0.0, tmax: f32::INFINITY, ends: [PrimitiveId::NONE; 2] }
     }
@@ -77,7 +75,6 @@ impl Ray {
     /// Returns true if the direction is finite and not 0, the origin's coordinates are at most 2^60 in magnitude,
     /// `tmin < tmax` and `tmax > 0`. Other rays hit nothing.
     #[inline]
-    #[must_use]
     pub fn is_valid(&self) -> bool {
         self.direction.is_finite() && (PreparedRay::ordinary(self).is_some() || PreparedRay::rescaled(self).is_some())
     }
@@ -85,7 +82,6 @@ impl Ray {
     /// Returns the point `origin + t direction`. For a hit, [`Geometry::surface`](crate::Geometry::surface) is more
     /// exact.
     #[inline]
-    #[must_use]
     pub fn at(&self, t: f32) -> Vec3 {
         self.origin + self.direction * t
     }
@@ -104,4 +100,113 @@ pub struct Hit {
     /// The barycentric weights of the triangle's second and third corner, each in `[0, 1]`. The first corner's weight
     /// is 1 minus their sum. Both are 0 for spheres and disks.
     pub barycentrics: [f32; 2],
+}
+
+/// The largest absolute coordinate of a valid ray's origin; rays from farther away hit nothing.
+const FARTHEST: f32 = (1u64 << 60) as f32;
+/// The limit of moderate directions: a direction whose largest component lies outside `1/DIRECTION..DIRECTION` is
+/// first scaled by a power of two.
+const DIRECTION: f32 = 1024.0;
+
+/// A valid ray with its precomputed constants: those of the test against boxes (slabs) and those of the test against
+/// triangles (a shear) [after Woop, Benthin and Wald 2013].
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PreparedRay {
+    /// The ray, with a non-negative `tmin` and a direction whose largest component lies between 1/1024 and 1024.
+    pub(crate) ray: Ray,
+    /// The ray's origin. A fourth entry, 0, keeps every axis index below four in range without a check.
+    pub(crate) origin: [f32; 4],
+    /// The reciprocals of the direction's components. They are finite and keep the components' signs; the fourth entry
+    /// is 1.
+    pub(crate) inverse: [f32; 4],
+    /// Per axis, the side of a box that the ray meets first: 0 for the lower bound, 1 for the upper bound.
+    pub(crate) near: [usize; 3],
+    /// A permutation of the three axes. The last one is the axis of the direction's longest component.
+    pub(crate) axes: [usize; 3],
+    /// The constants of the shear: the direction's components along `axes[0]` and `axes[1]`, both divided by the
+    /// longest one, and the reciprocal of the longest one.
+    pub(crate) shear: [f32; 3],
+}
+
+impl PreparedRay {
+    /// Prepares a valid ray whose direction has its largest component between 1/1024 and 1024, and keeps its parameter
+    /// `t`. Returns `None` for any other ray.
+    #[inline(always)]
+    pub(crate) fn ordinary(ray: &Ray) -> Option<Self> {
+        let longest = ray.direction.abs().max_element();
+        let moderate = (1.0 / DIRECTION..=DIRECTION).contains(&longest);
+        if moderate && is_sane(ray) { Some(Self::prepare(ray)) } else { None }
+    }
+
+    /// Prepares a ray with a very short or very long direction. Returns `None` if the ray is invalid.
+    ///
+    /// The direction is scaled by a power of two, which is exact unless `t` leaves the range of f32. The second value
+    /// is the factor by which the prepared ray's `t` is multiplied to give the caller's.
+    #[cold]
+    pub(crate) fn rescaled(ray: &Ray) -> Option<(Self, f32)> {
+        let longest = ray.direction.abs().max_element();
+        // If no f32 lies between the limits, nothing can be hit.
+        let room = ray.tmin.max(0.0).next_up() < ray.tmax;
+        if !is_sane(ray) || !ray.direction.is_finite() || longest == 0.0 || !room {
+            return None;
+        }
+        // Denormal components are first lifted, since 2^149 is not an f32.
+        let lift = if longest < f32::MIN_POSITIVE { (1u32 << 30) as f32 } else { 1.0 };
+        let exponent = ((longest * lift).to_bits() >> 23) as i32 - 127;
+        let scale = power_of_two(-exponent);
+        let factor = f64::from(scale) * f64::from(lift);
+        let scaled = |t: f32| (f64::from(t) / factor) as f32;
+        let (tmin, tmax) = (scaled(ray.tmin), scaled(ray.tmax));
+        let scaled = Ray { direction: ray.direction * lift * scale, tmin, tmax, ..*ray };
+        is_sane(&scaled).then(|| (Self::prepare(&scaled), factor as f32))
+    }
+
+    #[inline(always)]
+    fn prepare(ray: &Ray) -> Self {
+        let ray = Ray { tmin: ray.tmin.max(0.0), ..*ray };
+        let d = ray.direction;
+        let size = d.abs();
+        let longest = if size.x >= size.y && size.x >= size.z {
+            0
+        } else if size.y >= size.z {
+            1
+        } else {
+            2
+        };
+        let axes = [NEXT[longest], NEXT[NEXT[longest]], longest];
+        let components = d.to_array();
+        let direction = d.extend(1.0);
+        // A component of 0, or one whose reciprocal overflows, gets the largest finite reciprocal with its sign. Boxes
+        // are padded enough that this loses no triangle (`build::LEAST`).
+        let inverse = (Vec4::ONE / direction).clamp(Vec4::splat(-f32::MAX), Vec4::splat(f32::MAX)).to_array();
+        let over_longest = (direction / Vec4::splat(components[longest])).to_array();
+        Self {
+            ray,
+            origin: ray.origin.extend(0.0).to_array(),
+            inverse,
+            near: [sign(inverse[0]), sign(inverse[1]), sign(inverse[2])],
+            axes,
+            shear: [over_longest[axes[0]], over_longest[axes[1]], inverse[longest]],
+        }
+    }
+}
+
+const NEXT: [usize; 3] = [1, 2, 0];
+
+/// Returns true if the origin's coordinates are at most `FARTHEST`, `tmin < tmax` and `tmax > 0`.
+#[inline(always)]
+fn is_sane(ray: &Ray) -> bool {
+    // Written so that NaN fails.
+    let Vec3 { x, y, z } = ray.origin.abs();
+    x <= FARTHEST && y <= FARTHEST && z <= FARTHEST && ray.tmin < ray.tmax && ray.tmax > 0.0
+}
+
+#[inline(always)]
+fn sign(x: f32) -> usize {
+    (x.to_bits() >> 31) as usize
+}
+
+/// Returns 2^`exponent`, for an `exponent` from -127 (a denormal) to 127.
+fn power_of_two(exponent: i32) -> f32 {
+    if exponent <= -127 { f32::MIN_POSITIVE / 2.0 } else { f32::from_bits(((exponent + 127) as u32) << 23) }
 }

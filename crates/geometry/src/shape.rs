@@ -21,7 +21,6 @@ pub enum Shape {
 
 impl Shape {
     /// Returns the triangle mesh, for moving vertices the mesh at time 0; `None` for spheres and disks.
-    #[must_use]
     pub fn mesh(&self) -> Option<&Mesh> {
         match self {
             Self::Mesh(mesh) => Some(mesh),
@@ -32,26 +31,19 @@ impl Shape {
 
     /// Returns the lower and upper corner of the shape's axis-aligned bounding box over all times, up to rounding.
     /// `None` for a mesh without triangles.
-    #[must_use]
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
         let quadric = |quadric: Quadric| Some(quadric.bounds().map(DVec3::as_vec3));
         match self {
-            Self::Mesh(mesh) => enclose((0..mesh.triangles().len() as u32).flat_map(|n| mesh.corners(n))),
-            Self::Moving(mesh) => enclose(
-                (0..mesh.start().triangles().len() as u32)
-                    .flat_map(|n| [0.0, 1.0].into_iter().flat_map(move |time| mesh.corners(n, time))),
-            ),
+            Self::Mesh(mesh) => (!mesh.triangles().is_empty()).then(|| mesh.around()),
+            Self::Moving(mesh) => (0..mesh.start().triangles().len() as u32)
+                .flat_map(|n| [0.0, 1.0].map(|time| mesh.corners(n, time)))
+                .flatten()
+                .map(|corner| [corner; 2])
+                .reduce(|[low, high], [corner, _]| [low.min(corner), high.max(corner)]),
             Self::Sphere(sphere) => quadric(Quadric::Sphere(*sphere)),
             Self::Disk(disk) => quadric(Quadric::Disk(*disk)),
         }
     }
-}
-
-fn enclose(points: impl Iterator<Item = Vec3>) -> Option<[Vec3; 2]> {
-    points.fold(None, |all, p| match all {
-        None => Some([p, p]),
-        Some([low, high]) => Some([p.min(low), p.max(high)]),
-    })
 }
 
 impl From<MovingMesh> for Shape {
@@ -143,20 +135,17 @@ impl Sphere {
     }
 
     /// The map from the sphere's own space, in which its centre is the origin, to world space.
-    #[must_use]
     pub fn to_world(&self) -> DAffine3 {
         self.space.to_world
     }
 
     /// The radius in the sphere's own space.
-    #[must_use]
     pub fn radius(&self) -> f64 {
         self.radius
     }
 
     /// Returns the derivatives of a point's world-space position with respect to `u` and `v` of
-    /// [`Geometry::parametric`](crate::Geometry::parametric). At the poles, both derivatives are zero.
-    #[must_use]
+    /// [`Geometry::parametric_at`](crate::Geometry::parametric_at). At the poles, both derivatives are zero.
     pub fn derivatives(&self, point: Vec3) -> [Vec3; 2] {
         let p = self.space.point_to_object(point);
         let across = p.truncate().length();
@@ -243,20 +232,17 @@ impl Disk {
     }
 
     /// The map from the disk's own space, in which it lies around the z axis, to world space.
-    #[must_use]
     pub fn to_world(&self) -> DAffine3 {
         self.space.to_world
     }
 
     /// The height along the z axis, the radius and the inner radius in the disk's own space.
-    #[must_use]
     pub fn extent(&self) -> [f64; 3] {
         [self.height, self.radius, self.inner_radius]
     }
 
     /// Returns the derivatives of a point's world-space position with respect to `u` and `v` of
-    /// [`Geometry::parametric`](crate::Geometry::parametric). At the centre, both derivatives are zero.
-    #[must_use]
+    /// [`Geometry::parametric_at`](crate::Geometry::parametric_at). At the centre, both derivatives are zero.
     pub fn derivatives(&self, point: Vec3) -> [Vec3; 2] {
         let p = self.space.point_to_object(point);
         let outwards = DVec3::new(p.x, p.y, 0.0).normalize_or_zero();

@@ -1,6 +1,5 @@
 //! Points on surfaces, and rays that start or end at such points without hitting the same surface again.
 
-use crate::safeguards::{All, Safeguards};
 use crate::{PrimitiveId, Ray};
 use glam::Vec3;
 
@@ -24,17 +23,8 @@ pub struct SurfacePoint {
 /// has the length `error . |normal|`. The moved point is then shifted by at most two units in the last place, away
 /// from the surface [after Pharr 2023, section 6.8.6].
 #[inline(always)]
-#[must_use]
 pub fn offset_origin(position: Vec3, error: Vec3, normal: Vec3, direction: Vec3) -> Vec3 {
-    offset_origin_with::<All>(position, error, normal, direction)
-}
-
-#[inline(always)]
-fn offset_origin_with<S: Safeguards>(position: Vec3, error: Vec3, normal: Vec3, direction: Vec3) -> Vec3 {
     let side = 1.0_f32.copysign(normal.dot(direction));
-    if !S::OFFSETS {
-        return position + normal * (FIXED * side);
-    }
     let step = normal * (error.dot(normal.abs()) * (SLACK * side));
     let moved = position + step;
     // At least one unit in the last place, at most two.
@@ -42,24 +32,14 @@ fn offset_origin_with<S: Safeguards>(position: Vec3, error: Vec3, normal: Vec3, 
     moved + Vec3::select(step.cmpeq(Vec3::ZERO), Vec3::ZERO, away)
 }
 
-/// The length of the step off a surface under [`WithoutOffsets`](crate::safeguards::WithoutOffsets), in place of the
-/// bound on the error.
-const FIXED: f32 = 1e-4;
-
 /// A factor on the step off a surface that allows for the rounding of the unit normal, the dot product and the step.
 const SLACK: f32 = 1.0 + 1.0 / (1u64 << 19) as f32;
 
 /// Returns a ray that leaves a surface in the given direction, starting far enough off the surface not to hit it at
 /// once.
 #[inline]
-#[must_use]
 pub fn spawn_ray(from: &SurfacePoint, direction: Vec3) -> Ray {
-    spawn_ray_with::<All>(from, direction)
-}
-
-#[inline(always)]
-pub(crate) fn spawn_ray_with<S: Safeguards>(from: &SurfacePoint, direction: Vec3) -> Ray {
-    let origin = offset_origin_with::<S>(from.position, from.error, from.normal, direction);
+    let origin = offset_origin(from.position, from.error, from.normal, direction);
     Ray { ends: [from.primitive, PrimitiveId::NONE], ..Ray::new(origin, direction) }
 }
 
@@ -67,7 +47,6 @@ pub(crate) fn spawn_ray_with<S: Safeguards>(from: &SurfacePoint, direction: Vec3
 ///
 /// Both ends are moved off their surfaces by the error bounds; the far bound includes the rounding of `direction`.
 #[inline(always)]
-#[must_use]
 pub fn spawn_ray_to(from: &SurfacePoint, to: &SurfacePoint) -> Ray {
     let error = to.error + aim_error(to.position, from.position);
     let target = offset_origin(to.position, error, to.normal, from.position - to.position);
@@ -76,7 +55,6 @@ pub fn spawn_ray_to(from: &SurfacePoint, to: &SurfacePoint) -> Ray {
 
 /// Returns a ray from a surface point to a point in space. `t` runs from 0 to just below 1.
 #[inline]
-#[must_use]
 pub fn spawn_ray_to_point(from: &SurfacePoint, target: Vec3) -> Ray {
     aim(from, target, 1.0_f32.next_down())
 }

@@ -1,18 +1,15 @@
 //! The tree compared with a plain loop over the same triangle test, and that test compared with f64.
 
+use crate::bvh::key;
 use crate::lanes::Pair;
+use crate::leaf::Triangles8;
 use crate::leaf::{self, Leaf, SPAN, WORDS};
-use crate::prepared_ray::PreparedRay;
-use crate::tree::key;
-use crate::triangle::Triangles8;
-use crate::{Geometry, Hit, Mesh, Preset, Ray};
+use crate::ray::PreparedRay;
+use crate::{Geometry, Hit, Mesh, Ray};
 use glam::{DVec3, Vec3};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-
-const PRESETS: [Preset; 6] =
-    [Preset::Fastest, Preset::VeryFast, Preset::Fast, Preset::Medium, Preset::Slow, Preset::VerySlow];
 
 /// Tests every triangle in turn, with the tree's own test.
 fn linear(mesh: &Mesh, ray: &Ray) -> Option<Hit> {
@@ -24,15 +21,20 @@ fn linear(mesh: &Mesh, ray: &Ray) -> Option<Hit> {
         triangles.put(0, mesh.corners(n));
         leaf::write(&mut words[..WORDS], &triangles, &[0]);
         let leaf = Leaf::at(&words, leaf::place(0, 1));
-        let lanes = leaf.intersect::<crate::safeguards::All, Pair>((), &prepared, prepared.ray.tmax)?;
+        let lanes = leaf.intersect::<Pair>((), &prepared, prepared.ray.tmax)?;
         let barycentrics = lanes.weights.map(|w| w[0]);
         Some(Hit { t: lanes.t[0] * scale, shape: 0, primitive: n, barycentrics })
     });
     hits.min_by(|a, b| a.t.total_cmp(&b.t).then(key(0, a.primitive).cmp(&key(0, b.primitive))))
 }
 
-fn geometry(mesh: &Mesh, preset: Preset) -> Geometry {
-    Geometry::build(vec![mesh.clone().into()], preset).expect("one mesh")
+fn geometry(mesh: &Mesh) -> Geometry {
+    Geometry::build(vec![mesh.clone().into()]).expect("one mesh")
+}
+
+/// The mesh in another tree, which holds it twice. The second mesh has the larger number, so that it is never hit.
+fn in_another_tree(mesh: &Mesh) -> Geometry {
+    Geometry::build(vec![mesh.clone().into(), mesh.clone().into()]).expect("two meshes")
 }
 
 /// The first hit in f64 [Moeller and Trumbore 1997], and whether it is clear. A hit is clear if no edge, other hit or
@@ -104,7 +106,7 @@ fn the_tree_agrees_with_a_loop_bit_for_bit_g08() {
         let scale = [1.0, 1e-9, 1e9, 1e-3][i / 3 % 4] * if exponent > 1.0 { 0.0 } else { 1.0 };
         let scale = if scale == 0.0 { 1.0 } else { scale };
         let mesh = soup(&mut rng, count, exponent, scale);
-        let scenes = PRESETS.map(|preset| geometry(&mesh, preset));
+        let scenes = [geometry(&mesh), in_another_tree(&mesh)];
         // The walk in pairs of four lanes is that of machines without AVX2.
         let scenes = scenes.into_iter().flat_map(|scene| [scene.clone(), scene.in_pairs()]).collect::<Vec<_>>();
         for _ in 0..150 {
@@ -127,7 +129,7 @@ fn the_triangle_test_agrees_with_f64_g08() {
     for i in 0..60 {
         let scale = 2.0_f32.powi(i - 30);
         let mesh = soup(&mut rng, 30, 0.0, scale);
-        let scene = geometry(&mesh, Preset::Medium);
+        let scene = geometry(&mesh);
         for _ in 0..300 {
             let ray = Ray { tmin: 0.0, tmax: f32::INFINITY, ..aimed_ray(&mut rng, &mesh, 0.0, scale) };
             let (expected, clear) = reference(&mesh, &ray);
@@ -158,7 +160,7 @@ fn barycentrics_are_those_of_the_corners_g09() {
         let corners = [[0.0, 0.0, 0.0], [leg, 0.0, 0.0], [0.0, leg, 0.0]];
         for order in [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]] {
             let mesh = Mesh::new(corners.to_vec(), vec![order]).expect("valid");
-            let scene = geometry(&mesh, Preset::Medium);
+            let scene = geometry(&mesh);
             for _ in 0..200 {
                 let (x, y) = (rng.random_range(0.0..1.0_f32), rng.random_range(0.0..1.0_f32));
                 let (x, y) = if x + y > 1.0 { (1.0 - x, 1.0 - y) } else { (x, y) };
@@ -193,7 +195,7 @@ proptest! {
         } else {
             soup(&mut rng, count, exponent, 1.0)
         };
-        let scene = geometry(&mesh, Preset::Medium);
+        let scene = geometry(&mesh);
         for _ in 0..50 {
             let mut ray = aimed_ray(&mut rng, &mesh, if grid { 0.0 } else { exponent }, 1.0);
             if grid {
@@ -220,10 +222,11 @@ fn shrinking(levels: i32, count: u32) -> Mesh {
 /// But for the smallest one, rays put more aside than the next smaller stack holds.
 #[test]
 fn stacks_of_each_size_hold_what_a_ray_puts_aside() {
-    for (levels, count, sizes) in [(20, 10, 1..=24), (40, 1000, 25..=64), (70, 2000, 65..=96), (58, 80_000, 97..=256)] {
+    for (levels, count, sizes) in [(20, 10, 1..=24), (40, 1000, 25..=64), (40, 10_000, 65..=96), (66, 80_000, 97..=256)]
+    {
         let mesh = shrinking(levels, count);
-        let scene = geometry(&mesh, Preset::Medium);
-        let stack = scene.tree().stack;
+        let scene = geometry(&mesh);
+        let stack = scene.tree().bvh.stack;
         assert!(sizes.contains(&stack), "{stack} for {levels} and {count}");
         let mut rng = Pcg64Mcg::seed_from_u64(2);
         let mut ray = Ray::new(Vec3::splat(-1.0), Vec3::new(1.0, 1.0, 1.0));
@@ -237,7 +240,7 @@ fn stacks_of_each_size_hold_what_a_ray_puts_aside() {
 
 /// A hash of a tree, node by node and leaf by leaf.
 fn hash_of(geometry: &Geometry) -> u64 {
-    let tree = geometry.tree();
+    let tree = &geometry.tree().bvh;
     let nodes = tree.nodes.iter().flat_map(|node| {
         let bounds = node.bounds.as_flattened().iter().flat_map(|bounds| bounds.0.map(f32::to_bits));
         bounds.chain(node.children.0)
@@ -251,24 +254,16 @@ fn hash_of(geometry: &Geometry) -> u64 {
 /// Trees are the same node by node, built alone or many at once, by one thread or several.
 #[test]
 fn parallel_builds_make_equal_trees_d05() {
-    let all = [Preset::Fastest, Preset::Fast, Preset::Medium, Preset::VerySlow];
-    let hashes = built_side_by_side(&scattered(9000), &all, &[2, 4, 8]);
-    // Control: another preset makes another tree.
-    assert_ne!(hashes[0], hashes[3]);
-    built_side_by_side(&scattered(600_000), &all[..2], &[4]);
+    let hash = built_side_by_side(&scattered(9000), &[2, 4, 8]);
+    // Control: another mesh has another tree.
+    assert_ne!(hash, hash_of(&geometry(&scattered(9001))));
+    built_side_by_side(&scattered(600_000), &[4]);
 }
 
 /// Equal boxes tie in each step that sorts by area.
 #[test]
 fn parallel_builds_of_equal_triangles_make_equal_trees_d05() {
-    built_side_by_side(&grid(316), &[Preset::Fast, Preset::VerySlow], &[]);
-}
-
-#[test]
-#[ignore = "D05: builds 2.2 million triangles with much reinsertion, 70 s"]
-fn parallel_builds_of_many_equal_triangles_make_equal_trees_d05() {
-    // Reinsertion orders 4.5 million nodes.
-    built_side_by_side(&grid(1060), &[Preset::VerySlow], &[]);
+    built_side_by_side(&grid(316), &[]);
 }
 
 /// The tree decides neither the triangle nor the bits of a hit, so images don't depend on it.
@@ -278,10 +273,10 @@ fn hits_at_shared_corners_do_not_depend_on_the_tree_g13() {
     let last = mesh.triangles().len() as u32 - 1;
     let backwards = mesh.triangles().iter().rev().copied().collect();
     let reversed = Mesh::new(mesh.positions().to_vec(), backwards).expect("sound");
-    let scenes = PRESETS.map(|preset| geometry(&mesh, preset));
+    let scenes = [geometry(&mesh), in_another_tree(&mesh)];
     // Controls: the trees differ, and the number of a triangle decides.
-    assert_ne!(hash_of(&scenes[0]), hash_of(&scenes[5]));
-    let (reversed, mut others) = (geometry(&reversed, Preset::default()), 0);
+    assert_ne!(hash_of(&scenes[0]), hash_of(&scenes[1]));
+    let (reversed, mut others) = (geometry(&reversed), 0);
     let mut rng = Pcg64Mcg::seed_from_u64(13);
     for corner in mesh.positions().iter().map(|&corner| Vec3::from(corner)) {
         let eye = corner + Vec3::new(rng.random_range(-2.0..2.0), rng.random_range(-2.0..2.0), 3.0);
@@ -320,24 +315,21 @@ fn scattered(count: u32) -> Mesh {
     Mesh::new(positions, triangles).expect("sound")
 }
 
-/// The hash of the tree for each preset, equal whether one thread builds it, five, or many builders at once.
-fn built_side_by_side(mesh: &Mesh, presets: &[Preset], builders: &[usize]) -> Vec<u64> {
+/// The hash of the tree, equal whether one thread builds it, five, or many builders at once.
+fn built_side_by_side(mesh: &Mesh, builders: &[usize]) -> u64 {
     let count = mesh.triangles().len();
-    let of = |&preset: &Preset| {
-        let [alone, by_five] = [1, 5].map(|threads| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-            pool.install(|| hash_of(&geometry(mesh, preset)))
+    let [alone, by_five] = [1, 5].map(|threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| hash_of(&geometry(mesh)))
+    });
+    assert_eq!(by_five, alone, "by five threads, {count}");
+    for &builders in builders {
+        std::thread::scope(|scope| {
+            let all: Vec<_> = (0..builders).map(|_| scope.spawn(|| hash_of(&geometry(mesh)))).collect();
+            for one in all {
+                assert_eq!(one.join().expect("it builds"), alone, "{builders} at once, {count}");
+            }
         });
-        assert_eq!(by_five, alone, "{preset:?}, by five threads, {count}");
-        for &builders in builders {
-            std::thread::scope(|scope| {
-                let all: Vec<_> = (0..builders).map(|_| scope.spawn(|| hash_of(&geometry(mesh, preset)))).collect();
-                for one in all {
-                    assert_eq!(one.join().expect("it builds"), alone, "{preset:?}, {builders} at once, {count}");
-                }
-            });
-        }
-        alone
-    };
-    presets.iter().map(of).collect()
+    }
+    alone
 }

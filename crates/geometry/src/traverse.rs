@@ -1,26 +1,19 @@
 //! The traversal of rays through the bounding volume hierarchy.
 
+use crate::bvh::{Bvh, DEEPEST, Node8, QUADRIC, TRIANGLES};
 use crate::instance::Placements;
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::Whole;
 use crate::lanes::{Lanes, Pair, Vectors};
 use crate::leaf::Leaf;
-use crate::prepared_ray::PreparedRay;
-use crate::safeguards::{All, Safeguards};
-use crate::tree::{Node8, QUADRIC, TRIANGLES, Tree};
+use crate::ray::PreparedRay;
 use crate::triangle::lowest;
 use pulp::NullaryFnOnce;
-use std::marker::PhantomData;
 
-/// The largest allowed number of entries on the traversal stack. A tree that needs more is rebuilt by median splits.
-pub(crate) const DEEPEST: usize = 256;
-
-/// Returns the factor by which a box's exit distance is multiplied before it is compared with the entry distance. It
+/// The factor by which a box's exit distance is multiplied before it is compared with the entry distance. It
 /// allows for three roundings per slab [after Ize 2013], seven in a sheared corner and eight in `t`, each of 2^-24,
 /// and some slack.
-const fn far_side<S: Safeguards>() -> f32 {
-    if S::PADDING { 1.0 + 1.0 / (1u64 << 18) as f32 } else { 1.0 }
-}
+const FAR_SIDE: f32 = 1.0 + 1.0 / (1u64 << 18) as f32;
 
 impl Node8 {
     /// Returns the ray parameters at which the children's slabs along an axis are entered and left. `near` is the side
@@ -60,55 +53,40 @@ pub(crate) struct PlacedTree {
     moving: bool,
 }
 
-impl Default for WalkKind {
-    fn default() -> Self {
-        match Vectors::default() {
-            #[cfg(target_arch = "x86_64")]
-            Vectors::Whole(v3) => Self::Whole(v3),
-            Vectors::Pair => Self::Pair,
-        }
-    }
-}
-
 impl WalkKind {
     pub(crate) fn placed(placements: Placements, moving: bool) -> Self {
         Self::Placed(Box::new(PlacedTree { placements, vectors: Vectors::default(), moving }))
     }
-
-    pub(crate) fn moving() -> Self {
-        Self::Moving(Vectors::default())
-    }
 }
 
 /// A call of the traversal, compiled for each kind of vectors. `ANY` is true if any hit ends it.
-struct Walk<'a, S, L: Lanes, V, const ANY: bool> {
+struct Walk<'a, L: Lanes, V, const ANY: bool> {
     token: L::Token,
-    tree: &'a Tree,
+    bvh: &'a Bvh,
     prepared: &'a PreparedRay,
     best: &'a mut Best,
     leaves: V,
-    safeguards: PhantomData<S>,
 }
 
-impl<S: Safeguards, L: Lanes, V: Leaves, const ANY: bool> NullaryFnOnce for Walk<'_, S, L, V, ANY> {
+impl<L: Lanes, V: Leaves, const ANY: bool> NullaryFnOnce for Walk<'_, L, V, ANY> {
     type Output = bool;
 
     #[inline(always)]
     fn call(self) -> bool {
-        let Self { token, tree, prepared, best, mut leaves, .. } = self;
+        let Self { token, bvh, prepared, best, mut leaves } = self;
         // Each ray sets the whole stack to zero.
-        match tree.stack {
-            0..=24 => tree.walk::<S, L, ANY, 24, _>(token, prepared, best, &mut leaves),
-            25..=64 => tree.walk::<S, L, ANY, 64, _>(token, prepared, best, &mut leaves),
-            65..=96 => tree.walk::<S, L, ANY, 96, _>(token, prepared, best, &mut leaves),
-            _ => tree.walk::<S, L, ANY, DEEPEST, _>(token, prepared, best, &mut leaves),
+        match bvh.stack {
+            0..=24 => bvh.walk::<L, ANY, 24, _>(token, prepared, best, &mut leaves),
+            25..=64 => bvh.walk::<L, ANY, 64, _>(token, prepared, best, &mut leaves),
+            65..=96 => bvh.walk::<L, ANY, 96, _>(token, prepared, best, &mut leaves),
+            _ => bvh.walk::<L, ANY, DEEPEST, _>(token, prepared, best, &mut leaves),
         }
     }
 }
 
 /// The intersection test at a leaf. It offers hits to `best`. With `ANY`, it returns true if something is hit.
 trait Leaves {
-    fn test<S: Safeguards, L: Lanes, const ANY: bool>(
+    fn test<L: Lanes, const ANY: bool>(
         &mut self,
         view: &View<'_>,
         token: L::Token,
@@ -125,7 +103,7 @@ struct Primitives<const MOVING: bool> {
 
 impl<const MOVING: bool> Leaves for Primitives<MOVING> {
     #[inline(always)]
-    fn test<S: Safeguards, L: Lanes, const ANY: bool>(
+    fn test<L: Lanes, const ANY: bool>(
         &mut self,
         view: &View<'_>,
         token: L::Token,
@@ -134,14 +112,14 @@ impl<const MOVING: bool> Leaves for Primitives<MOVING> {
         best: &mut Best,
     ) -> bool {
         if code & TRIANGLES == 0 {
-            return view.tree.test_quadric::<S, ANY>((code & !QUADRIC) as usize, prepared, best);
+            return view.bvh.test_quadric::<ANY>((code & !QUADRIC) as usize, prepared, best);
         }
         let leaf = Leaf::at(view.leaves, code);
         if MOVING {
-            let now = leaf.toward(&Leaf::at(&view.tree.moved, code), self.time);
-            return test_triangles::<S, L, ANY>(token, &leaf.with(&now), prepared, best);
+            let now = leaf.toward(&Leaf::at(&view.bvh.moved, code), self.time);
+            return test_triangles::<L, ANY>(token, &leaf.with(&now), prepared, best);
         }
-        test_triangles::<S, L, ANY>(token, &leaf, prepared, best)
+        test_triangles::<L, ANY>(token, &leaf, prepared, best)
     }
 }
 
@@ -153,7 +131,7 @@ struct Boxes<F>(F);
 
 impl<F: FnMut(u32, &mut Best) -> bool> Leaves for Boxes<F> {
     #[inline(always)]
-    fn test<S: Safeguards, L: Lanes, const ANY: bool>(
+    fn test<L: Lanes, const ANY: bool>(
         &mut self,
         _: &View<'_>,
         _: L::Token,
@@ -181,8 +159,8 @@ impl Best {
     }
 
     #[inline(always)]
-    pub(crate) fn offer<S: Safeguards>(&mut self, t: f32, key: u64, weights: [f32; 2]) {
-        if t < self.t || (S::TIES && t == self.t && key < self.key) {
+    pub(crate) fn offer(&mut self, t: f32, key: u64, weights: [f32; 2]) {
+        if t < self.t || (t == self.t && key < self.key) {
             *self = Self { t, key, weights, found: true };
         }
     }
@@ -191,25 +169,44 @@ impl Best {
 /// An entry of the stack: the ray parameter at which a child's box is entered, and the child's code.
 type Aside = (f32, u32);
 
+/// A bounding volume hierarchy and the traversal that suits it.
+#[derive(Clone, Debug)]
+pub(crate) struct Tree {
+    pub(crate) bvh: Bvh,
+    pub(crate) way: WalkKind,
+}
+
+impl From<Bvh> for Tree {
+    fn from(bvh: Bvh) -> Self {
+        let way = match Vectors::default() {
+            vectors if !bvh.moved.is_empty() => WalkKind::Moving(vectors),
+            #[cfg(target_arch = "x86_64")]
+            Vectors::Whole(v3) => WalkKind::Whole(v3),
+            Vectors::Pair => WalkKind::Pair,
+        };
+        Self { bvh, way }
+    }
+}
+
 impl Tree {
     #[inline(always)]
-    pub(crate) fn closest<S: Safeguards>(&self, prepared: &PreparedRay, time: f32, best: &mut Best) {
-        self.dispatch::<S, false>(prepared, time, best);
+    pub(crate) fn closest(&self, prepared: &PreparedRay, time: f32, best: &mut Best) {
+        self.dispatch::<false>(prepared, time, best);
     }
 
     #[inline(always)]
-    pub(crate) fn occluded<S: Safeguards>(&self, prepared: &PreparedRay, time: f32) -> bool {
-        self.dispatch::<S, true>(prepared, time, &mut Best::new(prepared.ray.tmax))
+    pub(crate) fn occluded(&self, prepared: &PreparedRay, time: f32) -> bool {
+        self.dispatch::<true>(prepared, time, &mut Best::new(prepared.ray.tmax))
     }
 
     // Inlining at every call would add seconds of compile time to debug builds; see `Geometry::closest_at`.
     #[cfg_attr(not(debug_assertions), inline(always))]
     #[cfg_attr(debug_assertions, inline(never))]
-    fn dispatch<S: Safeguards, const ANY: bool>(&self, prepared: &PreparedRay, time: f32, best: &mut Best) -> bool {
+    fn dispatch<const ANY: bool>(&self, prepared: &PreparedRay, time: f32, best: &mut Best) -> bool {
         match &self.way {
             #[cfg(target_arch = "x86_64")]
-            &WalkKind::Whole(v3) => v3.vectorize(self.still::<S, Whole, ANY>(v3, prepared, best)),
-            WalkKind::Pair => self.still::<S, Pair, ANY>((), prepared, best).call(),
+            &WalkKind::Whole(v3) => v3.vectorize(self.still::<Whole, ANY>(v3, prepared, best)),
+            WalkKind::Pair => self.still::<Pair, ANY>((), prepared, best).call(),
             &WalkKind::Moving(vectors) => self.dispatch_moving::<ANY>(vectors, prepared, time, best),
             WalkKind::Placed(placed) => self.dispatch_placed::<ANY>(placed, prepared, time, best),
         }
@@ -217,13 +214,13 @@ impl Tree {
 
     /// Makes the traversal of triangles at rest.
     #[inline(always)]
-    fn still<'a, S: Safeguards, L: Lanes, const ANY: bool>(
+    fn still<'a, L: Lanes, const ANY: bool>(
         &'a self,
         token: L::Token,
         prepared: &'a PreparedRay,
         best: &'a mut Best,
-    ) -> Walk<'a, S, L, Primitives<false>, ANY> {
-        Walk { token, tree: self, prepared, best, leaves: STILL, safeguards: PhantomData }
+    ) -> Walk<'a, L, Primitives<false>, ANY> {
+        Walk { token, bvh: &self.bvh, prepared, best, leaves: STILL }
     }
 
     #[inline(never)]
@@ -235,13 +232,11 @@ impl Tree {
         best: &mut Best,
     ) -> bool {
         let leaves = Primitives::<true> { time: time.clamp(0.0, 1.0) };
-        let (tree, safeguards) = (self, PhantomData::<All>);
+        let bvh = &self.bvh;
         match vectors {
             #[cfg(target_arch = "x86_64")]
-            Vectors::Whole(v3) => {
-                v3.vectorize(Walk::<_, Whole, _, ANY> { token: v3, tree, prepared, best, leaves, safeguards })
-            }
-            Vectors::Pair => Walk::<_, Pair, _, ANY> { token: (), tree, prepared, best, leaves, safeguards }.call(),
+            Vectors::Whole(v3) => v3.vectorize(Walk::<Whole, _, ANY> { token: v3, bvh, prepared, best, leaves }),
+            Vectors::Pair => Walk::<Pair, _, ANY> { token: (), bvh, prepared, best, leaves }.call(),
         }
     }
 
@@ -256,8 +251,8 @@ impl Tree {
         let met = match placed.vectors {
             vectors if placed.moving => self.dispatch_moving::<ANY>(vectors, prepared, time, best),
             #[cfg(target_arch = "x86_64")]
-            Vectors::Whole(v3) => v3.vectorize(self.still::<All, Whole, ANY>(v3, prepared, best)),
-            Vectors::Pair => self.still::<All, Pair, ANY>((), prepared, best).call(),
+            Vectors::Whole(v3) => v3.vectorize(self.still::<Whole, ANY>(v3, prepared, best)),
+            Vectors::Pair => self.still::<Pair, ANY>((), prepared, best).call(),
         };
         if ANY {
             return met || placed.placements.occluded(prepared, time);
@@ -265,7 +260,9 @@ impl Tree {
         placed.placements.closest(prepared, time, best);
         false
     }
+}
 
+impl Bvh {
     /// Traverses a tree over boxes and calls `visit` with the index of each box met, nearest first, and the best hit.
     /// With `ANY` the traversal ends when `visit` returns true.
     pub(crate) fn visit<const ANY: bool>(
@@ -275,22 +272,22 @@ impl Tree {
         visit: &mut dyn FnMut(u32, &mut Best) -> bool,
     ) -> bool {
         match self.stack {
-            0..=24 => self.walk::<All, Pair, ANY, 24, _>((), prepared, best, &mut Boxes(visit)),
-            _ => self.walk::<All, Pair, ANY, DEEPEST, _>((), prepared, best, &mut Boxes(visit)),
+            0..=24 => self.walk::<Pair, ANY, 24, _>((), prepared, best, &mut Boxes(visit)),
+            _ => self.walk::<Pair, ANY, DEEPEST, _>((), prepared, best, &mut Boxes(visit)),
         }
     }
 
     /// Traverses the tree from near to far. With `ANY` it returns true at the first hit found. Otherwise it returns
     /// false and leaves the closest hit in `best`. `STACK` must be at least `self.stack`.
     #[inline(always)]
-    fn walk<S: Safeguards, L: Lanes, const ANY: bool, const STACK: usize, V: Leaves>(
+    fn walk<L: Lanes, const ANY: bool, const STACK: usize, V: Leaves>(
         &self,
         token: L::Token,
         prepared: &PreparedRay,
         best: &mut Best,
         leaves: &mut V,
     ) -> bool {
-        let view = View { tree: self, nodes: &self.nodes, leaves: &self.leaves };
+        let view = View { bvh: self, nodes: &self.nodes, leaves: &self.leaves };
         if view.nodes.is_empty() {
             return false;
         }
@@ -299,9 +296,9 @@ impl Tree {
         let mut code = 0;
         loop {
             let met = if code < QUADRIC {
-                view.enter::<S, L, ANY, STACK>(token, code, prepared, best.t, &mut stack, &mut height)
+                view.enter::<L, ANY, STACK>(token, code, prepared, best.t, &mut stack, &mut height)
             } else {
-                if leaves.test::<S, L, ANY>(&view, token, code, prepared, best) {
+                if leaves.test::<L, ANY>(&view, token, code, prepared, best) {
                     return true;
                 }
                 None
@@ -314,7 +311,7 @@ impl Tree {
                     }
                     height -= 1;
                     let (entry, child) = stack[height];
-                    if ANY || entry <= best.t * far_side::<S>() {
+                    if ANY || entry <= best.t * FAR_SIDE {
                         break child;
                     }
                 },
@@ -323,31 +320,18 @@ impl Tree {
     }
 
     #[inline(never)]
-    fn test_quadric<S: Safeguards, const ANY: bool>(
-        &self,
-        number: usize,
-        prepared: &PreparedRay,
-        best: &mut Best,
-    ) -> bool {
+    fn test_quadric<const ANY: bool>(&self, number: usize, prepared: &PreparedRay, best: &mut Best) -> bool {
         let Some(t) = self.quadrics[number].intersect(&prepared.ray) else { return false };
         if !ANY {
-            best.offer::<S>(t, self.quadric_keys[number], [0.0; 2]);
+            best.offer(t, self.quadric_keys[number], [0.0; 2]);
         }
         ANY
-    }
-
-    pub(crate) fn memory_bytes(&self) -> usize {
-        size_of_val(&*self.nodes)
-            + size_of_val(&*self.leaves)
-            + size_of_val(&*self.moved)
-            + size_of_val(&*self.quadrics)
-            + size_of_val(&*self.quadric_keys)
     }
 }
 
 /// The arrays of a tree, looked up once for each ray.
 struct View<'a> {
-    tree: &'a Tree,
+    bvh: &'a Bvh,
     nodes: &'a [Node8],
     leaves: &'a [f32],
 }
@@ -356,7 +340,7 @@ impl View<'_> {
     /// Tests a node's children and returns the code of the nearest one met. The others go on the stack, farthest
     /// first. With `ANY` they are not sorted.
     #[inline(always)]
-    fn enter<S: Safeguards, L: Lanes, const ANY: bool, const STACK: usize>(
+    fn enter<L: Lanes, const ANY: bool, const STACK: usize>(
         &self,
         token: L::Token,
         number: u32,
@@ -374,7 +358,7 @@ impl View<'_> {
         ];
         let entry = x[0].max(y[0]).max(z[0].max(L::splat(token, prepared.ray.tmin)));
         let exit = x[1].min(y[1]).min(z[1].min(L::splat(token, limit)));
-        let mut met = entry.at_most(exit * L::splat(token, far_side::<S>()));
+        let mut met = entry.at_most(exit * L::splat(token, FAR_SIDE));
         if met == 0 {
             return None;
         }
@@ -417,13 +401,13 @@ impl View<'_> {
 
 /// Offers the hits of a ray with a leaf's triangles. With `ANY`, it returns true if there is one.
 #[inline(always)]
-fn test_triangles<S: Safeguards, L: Lanes, const ANY: bool>(
+fn test_triangles<L: Lanes, const ANY: bool>(
     token: L::Token,
     leaf: &Leaf<'_>,
     prepared: &PreparedRay,
     best: &mut Best,
 ) -> bool {
-    let Some(hits) = leaf.intersect::<S, L>(token, prepared, best.t) else { return false };
+    let Some(hits) = leaf.intersect::<L>(token, prepared, best.t) else { return false };
     if ANY {
         return true;
     }
@@ -431,7 +415,7 @@ fn test_triangles<S: Safeguards, L: Lanes, const ANY: bool>(
     while mask != 0 {
         let lane = lowest(mask);
         mask &= mask - 1;
-        best.offer::<S>(hits.t[lane], leaf.key(lane), hits.weights.map(|weights| weights[lane]));
+        best.offer(hits.t[lane], leaf.key(lane), hits.weights.map(|weights| weights[lane]));
     }
     false
 }

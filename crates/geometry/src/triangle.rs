@@ -12,11 +12,9 @@
 //! edge-on, and near `tmin` and `tmax`, where a rounding error could turn the surface just left into a hit. The choice
 //! depends only on the ray and the triangle, never on the order of traversal.
 
-use crate::lanes::{Eight, Lanes, WIDTH};
+use crate::lanes::{Lanes, WIDTH};
 use crate::leaf::Leaf;
-use crate::prepared_ray::PreparedRay;
-use crate::safeguards::Safeguards;
-use bytemuck::{Pod, Zeroable};
+use crate::ray::PreparedRay;
 use glam::Vec3;
 
 /// The fraction of a triangle's squared extent below which its sheared area counts as thin. Thin triangles are
@@ -40,13 +38,6 @@ pub(crate) fn lowest(mask: u32) -> usize {
     mask.trailing_zeros() as usize & (WIDTH - 1)
 }
 
-/// Up to eight triangles, corner by corner and axis by axis.
-#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-#[repr(C)]
-pub(crate) struct Triangles8 {
-    corners: [[Eight; 3]; 3],
-}
-
 /// The hits of one ray among eight triangles. `mask` has a bit per triangle hit, and `t` holds the ray parameters.
 pub(crate) struct Hits {
     pub(crate) mask: u32,
@@ -63,41 +54,11 @@ struct Sheared<L> {
     z: [L; 3],
 }
 
-impl Triangles8 {
-    #[inline(always)]
-    pub(crate) fn put(&mut self, lane: usize, triangle: [Vec3; 3]) {
-        for (packed, corner) in self.corners.iter_mut().zip(triangle) {
-            for axis in 0..3 {
-                packed[axis].0[lane] = corner[axis];
-            }
-        }
-    }
-
-    /// Returns a coordinate of the triangle in a lane.
-    #[inline(always)]
-    pub(crate) fn coordinate(&self, corner: usize, axis: usize, lane: usize) -> f32 {
-        self.corners[corner][axis].0[lane]
-    }
-
-    /// Returns the lower and the upper bounds of the triangles along an axis.
-    #[inline(always)]
-    pub(crate) fn bounds<L: Lanes>(&self, token: L::Token, axis: usize) -> [L; 2] {
-        let [a, b, c] = &self.corners;
-        let (a, b, c) = (L::load(token, &a[axis].0), L::load(token, &b[axis].0), L::load(token, &c[axis].0));
-        [a.min(b).min(c), a.max(b).max(c)]
-    }
-}
-
 impl Leaf<'_> {
     /// Returns the hits with `tmin < t < tmax` and `t <= limit`, or `None` if no triangle is hit. Skips the triangles
     /// on which the ray starts or ends (`Ray::ends`).
     #[inline(always)]
-    pub(crate) fn intersect<S: Safeguards, L: Lanes>(
-        &self,
-        token: L::Token,
-        prepared: &PreparedRay,
-        limit: f32,
-    ) -> Option<Hits> {
+    pub(crate) fn intersect<L: Lanes>(&self, token: L::Token, prepared: &PreparedRay, limit: f32) -> Option<Hits> {
         let s = self.shear::<L>(token, prepared);
         // Each edge function belongs to the opposite corner and is that corner's unnormalised weight.
         let u = s.x[2] * s.y[1] - s.y[2] * s.x[1];
@@ -112,7 +73,7 @@ impl Leaf<'_> {
         // Most hits left are the triangles on which the ray starts or ends. The ray cannot meet a flat triangle again.
         let [from, to] = prepared.ray.ends;
         let wanted = inside & !(self.equal::<L>(token, from.0) | self.equal::<L>(token, to.0));
-        if wanted == 0 { None } else { self.finish::<S, L>(token, prepared, limit, wanted, &s, [u, v, w]) }
+        if wanted == 0 { None } else { self.finish::<L>(token, prepared, limit, wanted, &s, [u, v, w]) }
     }
 
     #[inline(always)]
@@ -143,7 +104,7 @@ impl Leaf<'_> {
 
     /// Computes `t` and the barycentric weights of the `wanted` lanes, whose three edge functions have the same sign.
     #[inline(always)]
-    fn finish<S: Safeguards, L: Lanes>(
+    fn finish<L: Lanes>(
         &self,
         token: L::Token,
         prepared: &PreparedRay,
@@ -164,10 +125,6 @@ impl Leaf<'_> {
         let (tmin, tmax) = (L::splat(token, prepared.ray.tmin), L::splat(token, prepared.ray.tmax));
         let within = tmin.less(t) & t.at_most(L::splat(token, limit)) & t.less(tmax);
         let weights = [second.to_array(), third.to_array()];
-        if !S::EXACT {
-            let mask = within & wanted;
-            return (mask != 0).then_some(Hits { mask, t: t.to_array(), weights });
-        }
         let extent = largest(&s.x).max(largest(&s.y));
         let size = determinant.abs();
         let sound = (extent * extent * L::splat(token, THIN)).max(L::splat(token, TINY)).at_most(size)

@@ -1,12 +1,11 @@
 //! The error of this crate.
 
-use std::fmt;
-
 /// The reason why [`LightCells::new`](crate::LightCells::new) refused its options or its bounding box.
 #[non_exhaustive]
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// A parameter is outside its range.
+    #[error("{name} = {value} is out of range: {allowed}")]
     OutOfRange {
         /// The name of the parameter, such as "prior".
         name: &'static str,
@@ -16,16 +15,6 @@ pub enum Error {
         allowed: &'static str,
     },
 }
-
-impl fmt::Display for Error {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::OutOfRange { name, value, allowed } => write!(f, "{name} = {value} is out of range: {allowed}"),
-        }
-    }
-}
-
-impl std::error::Error for Error {}
 
 impl Error {
     pub(crate) fn range(name: &'static str, value: impl ToString, allowed: &'static str) -> Self {

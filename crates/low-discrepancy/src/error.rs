@@ -1,36 +1,21 @@
 //! Errors of the point sets' constructors.
 
-use std::fmt;
+use crate::{LowDiscrepancy, Stratified};
 
 /// Invalid parameters of a point set. Each message has a remedy.
 #[non_exhaustive]
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
     /// A number of strata that is 0, or so large that `f32` coordinates cannot distinguish them.
+    #[error("{strata} strata along each axis cannot be used: give 1 to {}", Stratified::MAX_STRATA)]
     BadStrata {
         /// The requested number of strata along each axis.
         strata: u32,
     },
     /// A number of samples per pixel that is 0, or so large that `f32` coordinates cannot distinguish them.
+    #[error("a count of {count} samples per pixel cannot be used: give 1 to {}", LowDiscrepancy::MAX_COUNT)]
     BadCount {
         /// The requested number of samples per pixel.
         count: u32,
     },
 }
-
-impl fmt::Display for Error {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::BadStrata { strata } => {
-                write!(f, "{strata} strata along each axis cannot be used: give 1 to {}", crate::Stratified::MAX_STRATA)
-            }
-            Self::BadCount { count } => write!(
-                f,
-                "a count of {count} samples per pixel cannot be used: give 1 to {}",
-                crate::LowDiscrepancy::MAX_COUNT
-            ),
-        }
-    }
-}
-
-impl std::error::Error for Error {}

@@ -4,60 +4,13 @@ mod importance;
 
 pub use importance::CameraConnection;
 
+use crate::SceneError;
 use crate::shading::warp::concentric_disk;
 use crate::space::Space;
 use dapple_core::Defocus;
 use dapple_geometry::{Motion, Ray};
-use dapple_scene::{Camera, Projection, Source};
+use dapple_scene::{Camera, Projection};
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec2, Vec3};
-
-/// The reason why [`CameraView::new`] refused a camera.
-#[non_exhaustive]
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum CameraError {
-    /// The angle of view is not above 0 and below 180 degrees.
-    #[error("{at}: a field of view of {fov} degrees is invalid; give an angle above 0 and below 180")]
-    Fov {
-        /// The line of the scene file that defines the camera.
-        at: Source,
-        /// The invalid angle of view in degrees.
-        fov: f64,
-    },
-    /// The camera's transform is not finite or not invertible.
-    #[error(
-        "{at}: the camera's transform is not finite or flattens space; check LookAt (eye and target must differ, up must not lie along the view) and scales"
-    )]
-    Pose {
-        /// The line of the scene file that defines the camera.
-        at: Source,
-    },
-    /// The lens radius is negative, the focal distance is not positive, or one of them is not finite or too large.
-    #[error(
-        "{at}: a lens of radius {radius} focused at {distance} is invalid; give a radius of at least 0 and a finite distance above 0"
-    )]
-    Lens {
-        /// The line of the scene file that defines the camera.
-        at: Source,
-        /// The radius of the lens, in units of camera space.
-        radius: f64,
-        /// The focal distance of the lens, in units of camera space.
-        distance: f64,
-    },
-    /// The end of the camera's motion is not invertible, or mirrors while the start does not.
-    #[error("{at}: the camera's motion is invalid: {why}")]
-    Motion {
-        /// The line of the scene file that defines the camera.
-        at: Source,
-        /// The reason, as text for the error message.
-        why: String,
-    },
-    /// The screen window is empty, not finite or too large, or the aspect ratio is not positive and finite.
-    #[error("{at}: the screen window or aspect ratio is empty or not finite")]
-    Window {
-        /// The line of the scene file that defines the camera.
-        at: Source,
-    },
-}
 
 /// A camera prepared to make rays, in the renderer's space (the scene scaled and moved; see [`Space`]).
 #[derive(Clone, Debug)]
@@ -124,18 +77,26 @@ fn axes(given: DMat3) -> Option<(DMat3, f64)> {
     (axes.determinant().abs() > 1e-20).then_some((axes, size))
 }
 
+/// The error of a transform that is not finite or not invertible.
+fn pose_error(camera: &Camera) -> SceneError {
+    let what = "the camera's transform is not finite or flattens space; check LookAt (eye and target must differ, up must \
+                not lie along the view) and scales";
+    SceneError::new(&camera.source, what)
+}
+
 /// Returns the motion of a camera and the factor from its matrix to the view's axes; `None` for a camera at rest.
 fn motion(
     camera: &Camera,
     pose: DAffine3,
     space: &Space,
     length: f64,
-) -> Result<Option<Box<(Motion, f64)>>, CameraError> {
+) -> Result<Option<Box<(Motion, f64)>>, SceneError> {
     let Some(end) = camera.moves_to.filter(|end| *end != camera.to_world) else { return Ok(None) };
-    let (at, end) = (|| camera.source.clone(), space.apply(end));
-    let motion = Motion::between(pose, end).map_err(|e| CameraError::Motion { at: at(), why: e.to_string() })?;
+    let end = space.apply(end);
+    let wrong = |e| SceneError::new(&camera.source, format!("the camera's motion is invalid: {e}"));
+    let motion = Motion::between(pose, end).map_err(wrong)?;
     if !end.translation.as_vec3().is_finite() || !(end.matrix3 * length.recip()).as_mat3().is_finite() {
-        return Err(CameraError::Pose { at: at() });
+        return Err(pose_error(camera));
     }
     Ok(Some(Box::new((motion, length.recip()))))
 }
@@ -145,12 +106,19 @@ impl CameraView {
     ///
     /// # Errors
     ///
-    /// [`CameraError`] if the angle of view, the transform, the lens, the motion or the screen window is invalid.
-    pub fn new(camera: &Camera, resolution: [u32; 2], space: &Space) -> Result<Self, CameraError> {
-        let at = || camera.source.clone();
+    /// [`SceneError`] if the angle of view, the transform, the lens, the motion or the screen window is invalid.
+    pub fn new(camera: &Camera, resolution: [u32; 2], space: &Space) -> Result<Self, SceneError> {
+        let wrong = |what: String| SceneError::new(&camera.source, what);
+        let lens_error = || {
+            wrong(format!(
+                "a lens of radius {} focused at {} is invalid; give a radius of at least 0 and a finite distance above 0",
+                camera.lens_radius, camera.focal_distance
+            ))
+        };
+        let window_error = || wrong("the screen window or aspect ratio is empty or not finite".to_owned());
         let pose = space.apply(camera.to_world);
         let axes = axes(camera.to_world.matrix3).filter(|_| pose.translation.as_vec3().is_finite());
-        let (axes, size) = axes.ok_or_else(|| CameraError::Pose { at: at() })?;
+        let (axes, size) = axes.ok_or_else(|| pose_error(camera))?;
         // Lens radius and focal distance are lengths in camera space, as in pbrt-v4; the scale was divided out of the
         // axes.
         let length = space.scale() * size;
@@ -158,14 +126,16 @@ impl CameraView {
         // otherwise.
         let (unit, orthographic) = match camera.projection {
             Projection::Perspective { fov } if fov > 0.0 && fov < 180.0 => ((fov.to_radians() * 0.5).tan(), false),
-            Projection::Perspective { fov } => return Err(CameraError::Fov { at: at(), fov }),
+            Projection::Perspective { fov } => {
+                let what = "is invalid; give an angle above 0 and below 180";
+                return Err(wrong(format!("a field of view of {fov} degrees {what}")));
+            }
             Projection::Orthographic => (length, true),
         };
         let focus_matters = camera.lens_radius != 0.0;
         let focus_fine = camera.focal_distance.is_finite() && camera.focal_distance > 0.0;
         if !(camera.lens_radius.is_finite() && camera.lens_radius >= 0.0) || (focus_matters && !focus_fine) {
-            let (radius, distance) = (camera.lens_radius, camera.focal_distance);
-            return Err(CameraError::Lens { at: at(), radius, distance });
+            return Err(lens_error());
         }
         let [width, height] = resolution.map(f64::from);
         let aspect = camera.aspect.unwrap_or(width / height);
@@ -175,19 +145,18 @@ impl CameraView {
         });
         let [x0, x1, y0, y1] = window;
         if !(aspect.is_finite() && aspect > 0.0 && window.iter().all(|w| w.is_finite()) && x0 < x1 && y0 < y1) {
-            return Err(CameraError::Window { at: at() });
+            return Err(window_error());
         }
         let step = Vec2::new(((x1 - x0) / width * unit) as f32, ((y1 - y0) / height * unit) as f32);
         let shift = Vec2::new(((x0 + x1) * 0.5 * unit) as f32, ((y0 + y1) * 0.5 * unit) as f32);
         // The squares of larger corners would overflow f32, and directions would be NaN.
         let corner = [x0, x1, y0, y1].map(|w| (w * unit).abs()).into_iter().fold(0.0, f64::max);
         if corner >= 1e15 {
-            return Err(CameraError::Window { at: at() });
+            return Err(window_error());
         }
         let [lens_radius, focal_distance] = [camera.lens_radius, camera.focal_distance].map(|l| (l * length) as f32);
         if camera.lens_radius > 0.0 && !(lens_radius < 1e15 && focal_distance < 1e15 && focal_distance > 0.0) {
-            let (radius, distance) = (camera.lens_radius, camera.focal_distance);
-            return Err(CameraError::Lens { at: at(), radius, distance });
+            return Err(lens_error());
         }
         let half = Vec2::new((width * 0.5) as f32, (height * 0.5) as f32);
         let axes = axes.as_mat3();

@@ -16,6 +16,7 @@ pub mod light;
 mod material;
 pub mod medium;
 pub mod pixel_filter;
+mod scene_error;
 pub mod shading;
 mod space;
 mod texture;
@@ -29,6 +30,7 @@ pub use integrator::{
     integrators, make as make_integrator, make_among as make_integrator_among, path_tracer_with,
 };
 pub use material::{MaterialError, Surface};
+pub use scene_error::SceneError;
 pub use space::Space;
 pub use texture::Textures;
 pub use without::without;

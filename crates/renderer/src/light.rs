@@ -6,82 +6,31 @@
 // `!(x > 0.0)` is intended: it rejects NaN too.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
-mod disk;
-mod distant;
-mod emission;
 mod environment;
-mod expectation;
 mod mesh;
 mod octahedral;
-mod point;
 mod punctual;
+mod quadrics;
 mod selection;
-mod sphere;
-mod spherical;
-mod spot;
+mod source;
 
-pub(crate) use disk::DiskLight;
-pub(crate) use distant::DistantLight;
-pub(crate) use emission::SceneSphere;
-pub use emission::{EmissionPdf, EmittedLight};
-pub use environment::{Environment, EnvironmentError};
+pub use environment::Environment;
 use environment::{Tile, Tiles};
-pub(crate) use expectation::Expectation;
 pub(crate) use mesh::MeshLight;
-pub(crate) use point::PointLight;
-pub use punctual::PunctualError;
+pub(crate) use punctual::{DistantLight, PointLight, SpotLight};
+pub(crate) use quadrics::{DiskLight, SphereLight};
 pub use selection::{LightSelection, UnknownLightSelection};
-pub(crate) use sphere::SphereLight;
-pub(crate) use spot::SpotLight;
+pub use source::{EmissionPdf, EmittedLight, Lamp, LightSample, Target};
+pub(crate) use source::{Expectation, LightSource, SceneSphere};
 
+use crate::SceneError;
 use crate::shading::discrete::Discrete;
 use crate::shading::power_heuristic;
 use crate::space::Space;
-use dapple_geometry::{Ray, SurfacePoint, spawn_ray, spawn_ray_to, spawn_ray_to_point};
+use dapple_geometry::SurfacePoint;
 use dapple_scene::{Light as Described, LightKind};
 use glam::Vec3;
 use std::sync::Arc;
-
-/// The functions that each kind of light implements.
-pub(crate) trait LightSource {
-    /// Samples a direction from the point `from` to the light by random numbers `u` in `[0, 1)^2`. Returns `None` if
-    /// no light arrives at `from` from the sampled direction.
-    fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample>;
-
-    /// Returns the solid-angle density with which [`Self::sample`] at `from` samples the direction to a `point` on the
-    /// light's shape.
-    ///
-    /// Returns 0 for lights without a shape.
-    #[inline]
-    fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
-        let _ = (from, point);
-        0.0
-    }
-
-    /// Returns the emission of an area light; `None` for lights without a shape.
-    #[inline]
-    fn lamp(&self) -> Option<&Lamp> {
-        None
-    }
-
-    /// Returns true for a light that no ray can hit: a point, a spot or a distant light.
-    fn is_delta(&self) -> bool {
-        false
-    }
-
-    /// Samples a ray that leaves the light, as [`Lights::sample_emission`] does. `light` and `pmf` are left to the caller.
-    fn emit(&self, scene: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight>;
-
-    /// Returns the densities of [`Self::emit`]; see [`Lights::emission_pdf`].
-    fn emission_pdf(&self, scene: &SceneSphere, normal: Vec3, direction: Vec3) -> EmissionPdf;
-
-    /// Returns the luminance of the light's radiant power, divided by pi. An environment or distant light counts with
-    /// the power that enters the scene's bounding sphere. `scene_radius` is the sphere's radius.
-    fn power(&self, scene_radius: f64) -> f64;
-
-    /// Returns an approximation of the light's contribution, which learned selection uses before it has samples.
-    fn expectation(&self) -> Expectation;
-}
 
 /// Declares the enum of all lights, which dispatches without a virtual table.
 macro_rules! lights {
@@ -155,77 +104,18 @@ impl Light {
     ///
     /// # Errors
     ///
-    /// An error message with the light's line in the scene file, if a parameter or the transform is invalid.
-    pub(crate) fn of(described: &Described, space: &Space) -> Result<Option<Self>, String> {
+    /// [`SceneError`] if a parameter or the transform is invalid.
+    pub(crate) fn of(described: &Described, space: &Space) -> Result<Option<Self>, SceneError> {
         let (to_world, at) = (described.to_world, &described.source);
-        let light = match &described.kind {
-            LightKind::Infinite { radiance } => Environment::new(radiance, to_world.matrix3, at)
-                .map_err(|e| e.to_string())?
+        Ok(match &described.kind {
+            LightKind::Infinite { radiance } => Environment::new(radiance, to_world.matrix3, at)?
                 .map(|environment| Self::Environment(Arc::new(environment))),
-            LightKind::Point { intensity } => {
-                PointLight::new(*intensity, to_world, space, at).map_err(|e| e.to_string())?.map(Self::Point)
-            }
+            LightKind::Point { intensity } => PointLight::new(*intensity, to_world, space, at)?.map(Self::Point),
             LightKind::Spot { intensity, cone, falloff_start, falloff } => {
-                SpotLight::new(*intensity, [*cone, *falloff_start], *falloff, to_world, space, at)
-                    .map_err(|e| e.to_string())?
-                    .map(Self::Spot)
+                SpotLight::new(*intensity, [*cone, *falloff_start], *falloff, to_world, space, at)?.map(Self::Spot)
             }
-            LightKind::Distant { irradiance } => {
-                DistantLight::new(*irradiance, to_world, at).map_err(|e| e.to_string())?.map(Self::Distant)
-            }
-        };
-        Ok(light)
-    }
-}
-
-/// The place that a light sample comes from.
-#[derive(Clone, Copy, Debug)]
-pub enum Target {
-    /// A point on the surface of an area light.
-    Surface(SurfacePoint),
-    /// The position of a point or spot light.
-    Point(Vec3),
-    /// A place infinitely far away.
-    Far,
-}
-
-impl Target {
-    /// Returns the ray from a surface point to the target. `direction` is the unit direction to the target.
-    #[inline(always)]
-    pub(crate) fn ray_from(&self, from: &SurfacePoint, direction: Vec3) -> Ray {
-        match self {
-            Self::Surface(point) => spawn_ray_to(from, point),
-            Self::Point(position) => spawn_ray_to_point(from, *position),
-            Self::Far => spawn_ray(from, direction),
-        }
-    }
-}
-
-/// A sample of the light that arrives at a point, without regard to occlusion.
-#[derive(Clone, Copy, Debug)]
-pub struct LightSample {
-    /// The unit direction to the light.
-    pub wi: Vec3,
-    /// The linear RGB radiance from `wi`. For a light without extent, the irradiance on a surface that faces the
-    /// light.
-    pub radiance: Vec3,
-    /// The solid-angle density of `wi` times the probability of selecting the light, above 0. For a light without
-    /// extent, the probability alone.
-    pub pdf: f32,
-    /// The place that the light comes from.
-    pub target: Target,
-    /// True if the light has no extent, so that no ray can hit it.
-    ///
-    /// The sample then gets no multiple-importance weight against BSDF sampling.
-    pub delta: bool,
-}
-
-impl LightSample {
-    /// Returns the ray from the shaded point to the light. The light is visible if nothing is hit before the ray's
-    /// `tmax`.
-    #[inline(always)]
-    pub fn shadow_ray(&self, from: &SurfacePoint) -> Ray {
-        self.target.ray_from(from, self.wi)
+            LightKind::Distant { irradiance } => DistantLight::new(*irradiance, to_world, at)?.map(Self::Distant),
+        })
     }
 }
 
@@ -236,42 +126,6 @@ pub struct SelectedLight {
     pub index: u32,
     /// The probability with which the light was selected.
     pub pmf: f32,
-}
-
-/// The emission of an area light: its radiance, from one side or from both.
-#[derive(Clone, Copy, Debug)]
-pub struct Lamp {
-    pub(crate) radiance: Vec3,
-    pub(crate) two_sided: bool,
-}
-
-impl Lamp {
-    /// Returns the emitted radiance in a direction. `cosine` is taken between the direction and the normal of the
-    /// emitting side.
-    #[inline]
-    pub fn radiance(&self, cosine: f32) -> Vec3 {
-        if cosine > 0.0 || (self.two_sided && cosine < 0.0) { self.radiance } else { Vec3::ZERO }
-    }
-
-    /// Returns the luminance of the radiant exitance, divided by pi and summed over the emitting sides.
-    fn brightness(&self) -> f64 {
-        luminance(self.radiance) * if self.two_sided { 2.0 } else { 1.0 }
-    }
-
-    /// Returns the luminance of the radiant intensity that a flat emitter of this area has along its normal.
-    fn intensity(&self, area: f64) -> f32 {
-        (luminance(self.radiance) * area) as f32
-    }
-
-    /// Returns `normal` if the light emits from one side, and the zero vector if it emits from both.
-    fn facing(&self, normal: Vec3) -> Vec3 {
-        if self.two_sided { Vec3::ZERO } else { normal }
-    }
-}
-
-/// Returns the luminance of a linear RGB color, by [`dapple_core::luminance`].
-fn luminance(rgb: Vec3) -> f64 {
-    dapple_core::luminance(rgb.to_array().map(f64::from))
 }
 
 /// All lights of a scene, with the probabilities of their selection.
@@ -488,29 +342,85 @@ impl Lights {
     pub fn pmf(&self, light: u32) -> f32 {
         self.pmf[light as usize]
     }
-}
 
-/// Returns the light sample of a point that was sampled uniformly on `area`. `side` is 1 if the point's normal is on
-/// the emitting side, and -1 if it is on the other.
-#[inline(always)]
-fn sample_on(lamp: &Lamp, from: Vec3, point: SurfacePoint, side: f32, area: f32) -> Option<LightSample> {
-    let to = point.position - from;
-    let squared = to.length_squared();
-    let wi = to * squared.sqrt().recip();
-    let cosine = -side * point.normal.dot(wi);
-    let radiance = lamp.radiance(cosine);
-    // The density is the one of `area_to_solid_angle`. It is 0 or NaN if the light touches the point.
-    let pdf = squared / (cosine.abs() * area);
-    let target = Target::Surface(point);
-    (radiance != Vec3::ZERO && pdf > 0.0).then_some(LightSample { wi, radiance, pdf, target, delta: false })
-}
+    /// Samples a ray that leaves a light: the light by `choice` in `[0, 1)`, as [`Lights::select`] does; the place on it
+    /// and the direction by `place` and `towards` in `[0, 1)^2`.
+    ///
+    /// Places are uniform on area lights. Light from infinity leaves a disk of the radius of the sphere around the
+    /// scene, across its direction. Directions follow the cosine of a surface, the texels of an environment, and the
+    /// cone of a spot. Returns `None` if no light leaves there.
+    pub fn sample_emission(&self, choice: f32, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
+        self.sample_emission_of(self.select(choice)?, place, towards)
+    }
 
-/// Returns the solid-angle density at `from` of a point sampled uniformly on `area`: `d^2 / (|cos| area)` at distance
-/// `d`.
-#[inline]
-pub(crate) fn area_to_solid_angle(from: Vec3, point: &SurfacePoint, area: f32) -> f32 {
-    let to = point.position - from;
-    let squared = to.length_squared();
-    let cosine = point.normal.dot(to).abs() / squared.sqrt();
-    squared / (cosine * area)
+    /// Samples a ray that leaves a selected light, as [`Lights::sample_emission`] does.
+    pub fn sample_emission_of(
+        &self,
+        selected: SelectedLight,
+        place: [f32; 2],
+        towards: [f32; 2],
+    ) -> Option<EmittedLight> {
+        let light = &self.lights[selected.index as usize];
+        let mut emitted = light.emit(&self.scene, place, towards)?;
+        (emitted.light, emitted.pmf) = (selected.index, selected.pmf);
+        let flux = emitted.flux();
+        (flux != Vec3::ZERO && flux.is_finite()).then_some(emitted)
+    }
+
+    /// Returns the densities with which [`Lights::sample_emission`] samples a ray in the unit `direction` from a point
+    /// of the light, once the light is selected.
+    ///
+    /// `normal` is the normal of an area light on its emitting side; other lights ignore it. A direction into which
+    /// nothing is emitted has density 0. A distant light has density 1 for every direction, since it has only one.
+    pub fn emission_pdf(&self, light: u32, normal: Vec3, direction: Vec3) -> EmissionPdf {
+        self.lights[light as usize].emission_pdf(&self.scene, normal, direction)
+    }
+
+    /// Returns the solid-angle density with which [`Lights::sample_emission`] samples light that arrives from the unit
+    /// direction `w` out of an environment, with the selection of its light. Returns 0 without an environment.
+    pub fn environment_emission_pdf(&self, w: Vec3) -> f32 {
+        let density = |(_, pdf, light): (Vec3, f32, u32)| pdf * self.pmf(light);
+        self.environments.iter().map(|environment| density(environment.find(w))).sum()
+    }
+
+    /// Returns the luminance of a light's radiant power. An environment or a distant light counts with the power that enters
+    /// the sphere around the scene.
+    pub fn power(&self, light: u32) -> f64 {
+        std::f64::consts::PI * self.lights[light as usize].power(f64::from(self.scene.radius))
+    }
+
+    /// Returns true if a light has no extent: a point, a spot or a distant light.
+    pub fn is_delta(&self, light: u32) -> bool {
+        self.lights[light as usize].is_delta()
+    }
+
+    /// Returns the centre and the radius of a sphere around a light; `None` for light from infinity.
+    pub fn light_sphere(&self, light: u32) -> Option<(Vec3, f32)> {
+        match self.lights[light as usize].expectation() {
+            Expectation::Near { middle, radius, .. } => Some((middle, radius)),
+            Expectation::Far { .. } => None,
+        }
+    }
+
+    /// Returns the centre, the radius and the radiance of a light that is a ball shining outwards; `None` for others.
+    pub fn ball(&self, light: u32) -> Option<(Vec3, f32, Vec3)> {
+        match &self.lights[light as usize] {
+            Light::Sphere(sphere) => sphere.seen_from_outside(),
+            _ => None,
+        }
+    }
+
+    /// Returns the largest radiant intensity of a point or spot light; `None` for others.
+    pub fn intensity(&self, light: u32) -> Option<Vec3> {
+        match &self.lights[light as usize] {
+            Light::Point(point) => Some(point.intensity()),
+            Light::Spot(spot) => Some(spot.intensity()),
+            _ => None,
+        }
+    }
+
+    /// Returns the centre and the radius of the sphere around the scene.
+    pub fn scene_sphere(&self) -> (Vec3, f32) {
+        (self.scene.centre, self.scene.radius)
+    }
 }

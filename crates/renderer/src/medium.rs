@@ -4,49 +4,14 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 pub mod exponential;
-mod phase;
 
-pub use phase::{HenyeyGreenstein, PhaseSample};
-
+use crate::SceneError;
+use crate::shading::ShadingFrame;
+use crate::shading::trigonometry::sin_cos_turn;
 use dapple_scene as scene;
 use exponential::{depth_of, exp};
 use glam::Vec3;
-
-/// The reason why a medium of a scene was refused.
-#[non_exhaustive]
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum MediumError {
-    /// A coefficient is negative or not finite.
-    #[error("{at}: the {what} {value:?} of medium \"{name}\" is invalid; give finite numbers of at least 0")]
-    Coefficient {
-        /// The line of the scene file that defines the medium.
-        at: scene::Source,
-        /// The name of the medium.
-        name: String,
-        /// The name of the coefficient, "absorption" or "scattering".
-        what: &'static str,
-        /// The invalid coefficient per linear RGB channel, as in the scene file.
-        value: [f32; 3],
-    },
-    /// A coefficient overflows single precision in units of the scene's size.
-    #[error("{at}: medium \"{name}\" is too dense for a scene of this size; give smaller coefficients")]
-    Beyond {
-        /// The line of the scene file that defines the medium.
-        at: scene::Source,
-        /// The name of the medium.
-        name: String,
-    },
-    /// The asymmetry of the phase function is not above -1 and below 1.
-    #[error("{at}: the asymmetry g = {g} of medium \"{name}\" is invalid; give a number above -1 and below 1")]
-    Asymmetry {
-        /// The line of the scene file that defines the medium.
-        at: scene::Source,
-        /// The name of the medium.
-        name: String,
-        /// The invalid asymmetry.
-        g: f32,
-    },
-}
+use std::f32::consts::PI;
 
 /// All media of a scene, with coefficients in the renderer's units of length.
 #[derive(Clone, Debug, Default)]
@@ -87,9 +52,9 @@ impl Media {
     ///
     /// # Errors
     ///
-    /// One [`MediumError`] for each medium whose coefficients are negative, not finite or beyond single precision, or
+    /// One [`SceneError`] for each medium whose coefficients are negative, not finite or beyond single precision, or
     /// whose asymmetry is not above -1 and below 1.
-    pub fn new(media: &[scene::Medium], scale: f64) -> Result<Self, Vec<MediumError>> {
+    pub fn new(media: &[scene::Medium], scale: f64) -> Result<Self, Vec<SceneError>> {
         let (mut made, mut errors) = (Vec::with_capacity(media.len()), Vec::new());
         for medium in media {
             match Medium::new(medium, scale) {
@@ -127,23 +92,27 @@ impl Media {
 }
 
 impl Medium {
-    fn new(medium: &scene::Medium, scale: f64) -> Result<Self, MediumError> {
-        let (at, name) = (&medium.source, &medium.name);
+    fn new(medium: &scene::Medium, scale: f64) -> Result<Self, SceneError> {
+        let name = &medium.name;
+        let wrong = |what: String| Err(SceneError::new(&medium.source, what));
         for (what, value) in [("absorption", medium.absorption), ("scattering", medium.scattering)] {
             if value.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
-                return Err(MediumError::Coefficient { at: at.clone(), name: name.clone(), what, value });
+                let remedy = "give finite numbers of at least 0";
+                return wrong(format!("the {what} {value:?} of medium \"{name}\" is invalid; {remedy}"));
             }
         }
         let g = medium.g;
         if !(-1.0 < g && g < 1.0) {
-            return Err(MediumError::Asymmetry { at: at.clone(), name: name.clone(), g });
+            let remedy = "give a number above -1 and below 1";
+            return wrong(format!("the asymmetry g = {g} of medium \"{name}\" is invalid; {remedy}"));
         }
         // Coefficients are per unit of length, so they are divided by the scale of lengths.
         let [absorption, scattering] =
             [medium.absorption, medium.scattering].map(|c| Vec3::from_array(c).as_dvec3() / scale);
         let (extinction, scattering) = ((absorption + scattering).as_vec3(), scattering.as_vec3());
         if !extinction.is_finite() {
-            return Err(MediumError::Beyond { at: at.clone(), name: name.clone() });
+            let remedy = "give smaller coefficients";
+            return wrong(format!("medium \"{name}\" is too dense for a scene of this size; {remedy}"));
         }
         let scatters = scattering != Vec3::ZERO;
         Ok(Self { extinction, scattering, scatters, phase: HenyeyGreenstein::new(g) })
@@ -237,4 +206,74 @@ fn shares(throughput: Vec3) -> Vec3 {
     // Divided by the largest first, since the sum of a throughput might overflow.
     let relative = (throughput / largest).max(Vec3::splat(LEAST_SHARE));
     relative / relative.element_sum()
+}
+
+/// The phase function of [Henyey and Greenstein 1941]: `(1 - g^2) / (4 pi (1 + g^2 - 2 g cos)^(3/2))`. The cosine is
+/// between the directions of travel before and after scattering.
+///
+/// A `g` above 0 means forward scattering. Values and samples are computed from `1 - cos` rather than from the cosine.
+/// No digits are then lost if g is near 0 (nothing is divided by g) or near 1 or -1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HenyeyGreenstein {
+    /// The absolute value of the asymmetry, in `[0, 1)`.
+    g: f32,
+    /// The sign of the asymmetry: 1 for forward scattering, -1 for backward scattering.
+    side: f32,
+}
+
+/// A direction sampled from a phase function. The density equals the function's value, so the sample has weight 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhaseSample {
+    /// The unit direction of travel after scattering.
+    pub wi: Vec3,
+    /// The solid-angle density, equal to the phase function's value.
+    pub pdf: f32,
+}
+
+impl HenyeyGreenstein {
+    /// Makes the phase function with mean cosine (asymmetry) `g`, clamped to the open interval from -1 to 1.
+    pub fn new(g: f32) -> Self {
+        let largest = 1.0_f32.next_down();
+        Self { g: g.abs().min(largest), side: 1.0_f32.copysign(g) }
+    }
+
+    /// Returns the mean cosine between the directions of travel before and after scattering.
+    pub fn g(&self) -> f32 {
+        self.g * self.side
+    }
+
+    /// Returns the phase function per steradian for scattering from the unit direction of travel `travel` into the
+    /// unit direction `wi`. It is also the density with which [`sample`](Self::sample) samples `wi`.
+    #[inline]
+    pub fn evaluate(&self, travel: Vec3, wi: Vec3) -> f32 {
+        // 1 - cos of the angle to the lobe's axis, computed from the chord.
+        self.at(0.5 * (wi - travel * self.side).length_squared())
+    }
+
+    /// Returns the phase function at the angle from the lobe's axis whose `1 - cos` is `height`.
+    #[inline]
+    fn at(&self, height: f32) -> f32 {
+        let g = self.g;
+        let below = 1.0 - g;
+        // 1 + g^2 - 2 g cos.
+        let squared = below * below + 2.0 * g * height;
+        below * (1.0 + g) / (4.0 * PI * squared * squared.sqrt())
+    }
+
+    /// Samples the direction of travel after scattering by `u` in `[0, 1)^2`. `travel` is the unit direction of travel
+    /// before.
+    #[inline]
+    pub fn sample(&self, travel: Vec3, u: [f32; 2]) -> PhaseSample {
+        let g = self.g;
+        // The inverse of the cumulative distribution [Pharr et al. 2023, eq. 11.22], solved for 1 - cos: with d = 1 +
+        // g - 2 g u, 1 - cos = 2 (1 - g)^2 u (1 + g - g u) / d^2.
+        let divisor = (1.0 - g) + 2.0 * g * (1.0 - u[0]);
+        let share = (1.0 - g) / divisor;
+        let height = (2.0 * share * share * u[0] * (1.0 + g * (1.0 - u[0]))).clamp(0.0, 2.0);
+        let across = (height * (2.0 - height)).sqrt();
+        let (sin, cos) = sin_cos_turn(u[1]);
+        let frame = ShadingFrame::from_normal(travel * self.side);
+        let wi = frame.to_world(Vec3::new(across * cos, across * sin, 1.0 - height)).normalize();
+        PhaseSample { wi, pdf: self.at(height) }
+    }
 }

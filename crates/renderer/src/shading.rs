@@ -17,11 +17,11 @@ pub mod glossy;
 pub mod layered;
 pub mod metal_coat;
 pub mod microfacet;
-pub mod mis;
+pub mod sample;
 pub mod trigonometry;
 pub mod warp;
 
-pub use bsdf::{Bsdf, BsdfSample};
+pub use bsdf::Bsdf;
 pub use coat::{Coat, CoatOptions};
 pub use dielectric::{DiffuseTransmission, RoughDielectric, SmoothDielectric, Tint};
 pub use discrete::{Discrete, PiecewiseConstant2d};
@@ -31,8 +31,8 @@ pub use glossy::{Plastic, Substrate};
 pub use layered::{Layered, Layers};
 pub use metal_coat::MetalCoat;
 pub use microfacet::TrowbridgeReitz;
-pub use mis::power_heuristic;
-pub(crate) use mis::power_heuristic_over_pdf;
+pub(crate) use sample::power_heuristic_over_pdf;
+pub use sample::{BsdfSample, power_heuristic};
 
 /// A parameter of a BSDF or a distribution is out of its range.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

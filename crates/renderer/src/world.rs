@@ -7,14 +7,13 @@ mod first_hit;
 #[cfg(test)]
 mod frame_tests;
 mod instances;
-mod passage;
-mod shutter;
+mod segment;
 #[cfg(test)]
 mod tests;
 mod trajectory;
 
 pub use build::WorldError;
-pub(crate) use passage::MOST_PASSED;
+pub(crate) use segment::MOST_PASSED;
 
 use crate::blocks;
 use crate::camera::CameraView;
@@ -220,24 +219,6 @@ impl Interaction<'_> {
 }
 
 impl World {
-    /// Prepares a scene for images of the scene's own resolution.
-    ///
-    /// # Errors
-    ///
-    /// [`WorldError`] with all problems found, each with the line of its object.
-    pub fn new(scene: &Scene) -> Result<Self, WorldError> {
-        build::build(scene, scene.film.resolution)
-    }
-
-    /// Prepares a scene for images of another resolution (width and height in pixels).
-    ///
-    /// # Errors
-    ///
-    /// The errors of [`World::new`].
-    pub fn with_resolution(scene: &Scene, resolution: [u32; 2]) -> Result<Self, WorldError> {
-        build::build(scene, resolution)
-    }
-
     /// Sets the largest number of scattering events on a path from the camera to a light, which replaces the scene's
     /// own.
     pub fn set_max_depth(&mut self, max_depth: u32) {

@@ -5,73 +5,24 @@
 //! their numbers of items. The cut of a large node is chosen by a part of its items. Reinsertion improves the tree
 //! afterwards.
 
-use super::plane::Plane;
+use super::items::{FEW, ItemBox};
+use super::plane::{CHUNK, Extent, FEW_IN_ALL, Plane, Rules};
 use super::reinsertion::reinsert;
-use super::{FEW, Preset};
-use crate::leaf::FLIPPED;
-use bytemuck::{Pod, Zeroable};
-use glam::{Vec3A, Vec4};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use rayon::prelude::*;
 
-/// The number of items that one task looks over.
-pub(super) const CHUNK: usize = 1 << 14;
+/// The part of all nodes for which a cheaper place is looked for.
+const REINSERTION: f32 = 0.01;
 /// The number of items up to which half as many bins do.
 const COARSE: usize = 32;
-/// The number of items up to which a median is good enough, in trees of up to [`FEW_IN_ALL`] items and in larger ones. A leaf
-/// holds as many. With 8, a room of 712 triangles has 8 % more expected cost (docs/results/rays.md).
-const SMALL: [usize; 2] = [4, 8];
-/// The largest number of items of a small tree.
-const FEW_IN_ALL: usize = 1 << 15;
 /// The largest number of items of a leaf in a tree of more than [`FEW_IN_ALL`] triangles. With 4, spheres have 4 % more expected
 /// cost (docs/results/rays.md).
 const GROUP: usize = 3;
-/// The number of items that the cut of a node is chosen by if it has at least twice as many.
-const CHOSEN_BY: usize = 1 << 12;
-/// The least area of the box around these items, over that of the node. With less, all items choose.
-const SEEN: f32 = 0.8;
 /// The depth from which nodes are cut at the median. With the up to 28 cuts of the largest tree below, that is less than the 96
 /// levels for which obvhs's reinsertion has memory.
 const DEEP: usize = 60;
-
-/// The box of an item, with its number as the fourth word, flipped as in leaves. Coordinates are between 0 and 1.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C, align(32))]
-pub(super) struct ItemBox {
-    low: [f32; 4],
-    high: [f32; 4],
-}
-
-impl ItemBox {
-    #[inline(always)]
-    pub(super) fn new([[x, y, z], [right, top, far]]: [[f32; 3]; 2], item: u32) -> Self {
-        Self { low: [x, y, z, f32::from_bits(item ^ FLIPPED)], high: [right, top, far, 0.0] }
-    }
-
-    fn item(&self) -> u32 {
-        self.low[3].to_bits() ^ FLIPPED
-    }
-
-    #[inline(always)]
-    pub(super) fn aabb(&self) -> Aabb {
-        let corner = |words| Vec3A::from_vec4(Vec4::from_array(words));
-        Aabb::new(corner(self.low), corner(self.high))
-    }
-
-    /// Twice the centre.
-    #[inline(always)]
-    pub(super) fn centre(&self) -> Vec3A {
-        let Aabb { min, max } = self.aabb();
-        min + max
-    }
-
-    /// The leaf of this item alone, whose place in the order is `first`.
-    pub(super) fn leaf(&self, first: u32) -> Bvh2Node {
-        Bvh2Node::new(self.aabb(), 1, first)
-    }
-}
 
 /// A binary tree over items.
 pub(super) struct Binary {
@@ -81,41 +32,13 @@ pub(super) struct Binary {
     pub(super) order: Vec<u32>,
 }
 
-/// The box around some items, and the box around their centres, doubled.
-#[derive(Clone, Copy)]
-pub(super) struct Extent {
-    pub(super) around: Aabb,
-    pub(super) centres: Aabb,
-}
-
-impl Extent {
-    const NONE: Self = Self { around: Aabb::INVALID, centres: Aabb::INVALID };
-
-    #[inline(always)]
-    fn add(&mut self, item: &ItemBox) {
-        self.around = self.around.union(&item.aabb());
-        self.centres.extend(item.centre());
-    }
-
-    fn of(items: &[ItemBox]) -> Self {
-        let mut extent = Self::NONE;
-        items.iter().for_each(|item| extent.add(item));
-        extent
-    }
-
-    fn joined(self, other: Self) -> Self {
-        Self { around: self.around.union(&other.around), centres: self.centres.union(&other.centres) }
-    }
-}
-
 /// Returns a binary tree of small expected cost over the items, of which there is at least one. They change their order. In a
-/// large tree of `triangles`, a leaf holds up to [`GROUP`] of them, unless the preset asks for much effort.
-pub(super) fn tree(items: &mut [ItemBox], preset: Preset, triangles: bool) -> Binary {
-    let grouped = triangles && items.len() > FEW_IN_ALL && !matches!(preset, Preset::Slow | Preset::VerySlow);
-    let group = if grouped { GROUP } else { 1 };
+/// large tree of `triangles`, a leaf holds up to [`GROUP`] of them.
+pub(super) fn tree(items: &mut [ItemBox], triangles: bool) -> Binary {
+    let group = if triangles && items.len() > FEW_IN_ALL { GROUP } else { 1 };
     let Binary { nodes, order } = divided(items, Rules { levels: DEEP, group, ..Rules::medians(items.len()) });
     let mut tree = Bvh2 { nodes, ..Bvh2::default() };
-    reinsert(&mut tree, preset.reinsertion());
+    reinsert(&mut tree, REINSERTION);
     Binary { nodes: tree.nodes, order }
 }
 
@@ -132,32 +55,6 @@ fn divided(items: &mut [ItemBox], rules: Rules) -> Binary {
     let (root, below) = nodes.split_at_mut(1);
     root[0] = tree.written(below, 1);
     Binary { nodes, order: items.par_iter().with_min_len(FEW).map(ItemBox::item).collect() }
-}
-
-/// The choice of cuts.
-#[derive(Clone, Copy)]
-pub(super) struct Rules {
-    /// The number of levels of best cuts. Nodes below them are cut at the median.
-    levels: usize,
-    /// The largest number of items of a node that is cut at the median anyway.
-    small: usize,
-    /// The largest number of items of a leaf.
-    group: usize,
-    /// See [`CHOSEN_BY`].
-    pub(super) chosen_by: usize,
-    /// See [`SEEN`].
-    pub(super) seen: f32,
-}
-
-impl Rules {
-    /// Cuts at the median only, in a tree of so many items.
-    fn medians(items: usize) -> Self {
-        Self { levels: 0, small: SMALL[usize::from(items > FEW_IN_ALL)], group: 1, chosen_by: CHOSEN_BY, seen: SEEN }
-    }
-
-    fn below(self) -> Self {
-        Self { levels: self.levels.saturating_sub(1), ..self }
-    }
 }
 
 /// A subtree of unknown place. Parts of it are built by several threads.
@@ -274,6 +171,7 @@ fn part(items: &mut [ItemBox], plane: &Plane) -> (usize, [Extent; 2]) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::plane::{CHOSEN_BY, SEEN};
     use super::*;
 
     /// The number of levels of a tree whose children come after their parents.
@@ -357,9 +255,9 @@ mod tests {
 
     #[test]
     fn leaves_hold_several_triangles_in_large_trees_only() {
-        let sizes = |count: usize, triangles: bool, preset: Preset| {
+        let sizes = |count: usize, triangles: bool| {
             let items = &mut clumped(16)[..count];
-            let tree = tree(items, preset, triangles);
+            let tree = tree(items, triangles);
             // The leaf's box is the one around its items.
             for leaf in tree.nodes.iter().filter(|node| node.is_leaf()) {
                 let of_leaf = &items[leaf.first_index as usize..][..leaf.prim_count as usize];
@@ -369,12 +267,10 @@ mod tests {
             leaves(&tree).for_each(|leaf| sizes[leaf.len() - 1] += 1);
             sizes
         };
-        let large = sizes(FEW_IN_ALL + 1, true, Preset::Fast);
+        let large = sizes(FEW_IN_ALL + 1, true);
         assert!(large[1..].iter().all(|number| *number > 1000), "{large:?}");
-        assert_eq!(sizes(FEW_IN_ALL, true, Preset::Fast), [FEW_IN_ALL, 0, 0]);
-        for (triangles, preset) in [(false, Preset::Fast), (true, Preset::Slow)] {
-            assert_eq!(sizes(FEW_IN_ALL + 1, triangles, preset), [FEW_IN_ALL + 1, 0, 0], "{preset:?}");
-        }
+        assert_eq!(sizes(FEW_IN_ALL, true), [FEW_IN_ALL, 0, 0]);
+        assert_eq!(sizes(FEW_IN_ALL + 1, false), [FEW_IN_ALL + 1, 0, 0]);
     }
 
     /// Of boxes that shrink to a 32nd from one to the next, along three axes, every cut takes the largest alone.
@@ -401,7 +297,7 @@ mod tests {
             let [cut, flat] = [DEEP, 0].map(|levels| divided(&mut items.clone(), best(levels)));
             assert_eq!(depth(&flat.nodes), 17);
             assert!(!halved || depth(&cut.nodes) == 17, "{}", depth(&cut.nodes));
-            let [single, grouped] = [false, true].map(|triangles| tree(&mut items.clone(), Preset::Medium, triangles));
+            let [single, grouped] = [false, true].map(|triangles| tree(&mut items.clone(), triangles));
             for tree in [cut, flat, single, grouped] {
                 assert!(items_of(&tree).into_iter().eq(0..COUNT));
             }

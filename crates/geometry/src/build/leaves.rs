@@ -1,16 +1,14 @@
 //! Leaves of up to eight triangles.
 
 use super::binary::Binary;
-use super::boxes::boxes;
-use super::{Bounds, Item, Items, NOTHING, UpToEight};
-use crate::Shape;
+use super::items::{Bounds, Item, Items, NOTHING, boxes};
+use crate::bvh::{Bvh, Child};
+use crate::huge_pages::Pages;
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::Whole;
 use crate::lanes::{Lanes, Pair, Vectors, WIDTH};
-use crate::leaf;
-use crate::pages::Pages;
-use crate::tree::{Child, Tree};
-use crate::triangle::Triangles8;
+use crate::leaf::{self, Triangles8};
+use crate::shape::Shape;
 use pulp::NullaryFnOnce;
 use rayon::prelude::*;
 use std::marker::PhantomData;
@@ -29,22 +27,36 @@ pub(super) struct Loose {
 /// latency.
 const BATCH: usize = 64;
 
+/// A list of up to eight values, without heap allocation.
+#[derive(Clone, Copy)]
+pub(super) struct UpToEight<T> {
+    pub(super) all: [T; WIDTH],
+    pub(super) count: usize,
+}
+
+impl<T: Copy> UpToEight<T> {
+    pub(super) fn push(&mut self, one: T) {
+        self.all[self.count] = one;
+        self.count += 1;
+    }
+}
+
 /// The items of a leaf.
 type Members = UpToEight<u32>;
 
 /// Packs leaves of triangles into a tree in their order, and sets their boxes in its nodes.
-pub(super) fn pack(loose: &[Loose], binary: &Binary, items: &Items<'_>, tree: &mut Tree) {
+pub(super) fn pack(loose: &[Loose], binary: &Binary, items: &Items<'_>, bvh: &mut Bvh) {
     let mut boxes = vec![NOTHING; loose.len()];
     let triangles: usize = loose.iter().map(|leaf| usize::from(leaf.count)).sum();
     let words = triangles * leaf::WORDS + leaf::SPAN;
-    tree.leaves = Pages::zeroed(words);
+    bvh.leaves = Pages::zeroed(words);
     if items.shapes.iter().any(|shape| matches!(shape, Shape::Moving(_))) {
-        tree.moved = Pages::zeroed(words);
+        bvh.moved = Pages::zeroed(words);
     }
-    fill(loose, binary, items, [&mut tree.leaves, &mut tree.moved], &mut boxes);
+    fill(loose, binary, items, [&mut bvh.leaves, &mut bvh.moved], &mut boxes);
     let mut first = 0;
     for (&Loose { wide, lane, count, .. }, &bounds) in loose.iter().zip(&boxes) {
-        tree.nodes[wide as usize].put(lane.into(), Child::Triangles(leaf::place(first, count.into())), bounds);
+        bvh.nodes[wide as usize].put(lane.into(), Child::Triangles(leaf::place(first, count.into())), bounds);
         first += u32::from(count);
     }
 }
@@ -164,7 +176,7 @@ impl<L: Lanes, const ENDS: bool> NullaryFnOnce for Fill<'_, L, ENDS> {
                     },
                 );
             }
-            let sides = boxes::<L>(self.token, &triangles, self.items.padded);
+            let sides = boxes::<L>(self.token, &triangles);
             for axis in 0..3 {
                 let [low, high] = &sides[axis];
                 for lane in 0..count {

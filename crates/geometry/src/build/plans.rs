@@ -3,10 +3,10 @@
 //! Dynamic programming over the surface-area cost decides each subtree's form: a node, a leaf, or several children of
 //! its parent [after Ylitie, Karras and Laine 2017, section 3.1].
 
-use super::binary::{Binary, ItemBox};
-use super::{Item, Items};
+use super::binary::Binary;
+use super::items::{Item, ItemBox, Items};
+use crate::huge_pages::Pages;
 use crate::lanes::WIDTH;
-use crate::pages::Pages;
 use bytemuck::{Pod, Zeroable};
 use obvhs::bvh2::node::Bvh2Node;
 use rayon::prelude::*;

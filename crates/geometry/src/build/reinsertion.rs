@@ -83,7 +83,7 @@ fn largest(order: &mut Vec<(u32, u32)>, count: usize) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::binary::{ItemBox, balanced};
+    use super::super::{binary::balanced, items::ItemBox};
     use super::*;
 
     /// A tree over boxes of very different sizes, cut at medians.

@@ -3,32 +3,27 @@
 //! The top of the tree is converted first, then the subtrees below it in parallel. They are joined in a fixed order, so
 //! the tree doesn't depend on the number of threads.
 
-use super::binary::{Binary, ItemBox};
-use super::leaves::{self, Loose};
+use super::binary::Binary;
+use super::items::{Item, ItemBox, Items, NOTHING};
+use super::leaves::{self, Loose, UpToEight};
 use super::plans::{SubtreePlan, SubtreePlans, share};
-use super::{Bounds, Item, Items, NOTHING, UpToEight};
+use crate::bvh::{Bvh, Child, DEEPEST, Node8};
+use crate::huge_pages::Pages;
 use crate::lanes::WIDTH;
-use crate::pages::Pages;
 use crate::shape::Quadric;
-use crate::traverse::{DEEPEST, WalkKind};
-use crate::tree::{Child, Node8, Tree};
-use glam::Vec3;
 use rayon::prelude::*;
 
 /// Converts a binary tree to an eight-wide one; `None` if it is empty or needs a deeper traversal stack than
 /// [`DEEPEST`]. The memory of `spent` is used again.
-pub(super) fn collapse(binary: &Binary, items: &Items<'_>, spent: Pages<ItemBox>) -> Option<Tree> {
+pub(super) fn collapse(binary: &Binary, items: &Items<'_>, spent: Pages<ItemBox>) -> Option<Bvh> {
     if binary.nodes.is_empty() {
         return None;
     }
     let (nodes, rest) = Wide { binary, items, plans: SubtreePlans::new(binary, items, spent) }.emit();
-    let mut tree = Tree { nodes, quadrics: rest.quadrics, quadric_keys: rest.quadric_keys, ..Tree::default() };
-    leaves::pack(&rest.loose, binary, items, &mut tree);
-    if !tree.moved.is_empty() {
-        tree.way = WalkKind::moving();
-    }
-    tree.stack = enclose(&mut tree.nodes);
-    (tree.stack <= DEEPEST).then_some(tree)
+    let mut bvh = Bvh { nodes, quadrics: rest.quadrics, quadric_keys: rest.quadric_keys, ..Bvh::default() };
+    leaves::pack(&rest.loose, binary, items, &mut bvh);
+    bvh.stack = enclose(&mut bvh.nodes);
+    (bvh.stack <= DEEPEST).then_some(bvh)
 }
 
 /// A binary tree that is converted.
@@ -185,23 +180,6 @@ impl Part {
         self.quadrics.append(&mut part.quadrics);
         self.quadric_keys.append(&mut part.quadric_keys);
         end
-    }
-}
-
-impl Node8 {
-    pub(super) fn put(&mut self, lane: usize, child: Child, [low, high]: Bounds) {
-        self.children.0[lane] = child.code();
-        for axis in 0..3 {
-            self.bounds[axis][0].0[lane] = low[axis];
-            self.bounds[axis][1].0[lane] = high[axis];
-        }
-    }
-
-    /// Returns the bounding box of all children.
-    pub(super) fn around(&self) -> Bounds {
-        let least = |side: usize| self.bounds.map(|axis| axis[side].0.into_iter().fold(f32::INFINITY, f32::min));
-        let most = |side: usize| self.bounds.map(|axis| axis[side].0.into_iter().fold(f32::NEG_INFINITY, f32::max));
-        [Vec3::from_array(least(0)), Vec3::from_array(most(1))]
     }
 }
 

@@ -2,8 +2,8 @@
 
 use crate::support::*;
 use dapple_geometry::{
-    Disk, Error, Geometry, Hit, Instance, Mesh, Motion, PlacedShape, Preset, PrimitiveId, Ray, Shape, Sphere,
-    SurfacePoint, spawn_ray, spawn_ray_to,
+    Disk, Error, Geometry, Hit, Instance, Mesh, Motion, PlacedShape, PrimitiveId, Ray, Shape, Sphere, SurfacePoint,
+    spawn_ray, spawn_ray_to,
 };
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use rand::RngExt;
@@ -33,11 +33,11 @@ fn mesh((positions, triangles): Soup) -> Shape {
 }
 
 fn object(shapes: Vec<Shape>) -> Arc<Geometry> {
-    Arc::new(Geometry::build(shapes, Preset::default()).expect("few shapes"))
+    Arc::new(Geometry::build(shapes).expect("few shapes"))
 }
 
 fn scene(shapes: Vec<Shape>, objects: Vec<Arc<Geometry>>, instances: Vec<Instance>) -> Geometry {
-    Geometry::with_instances(shapes, objects, instances, Preset::default()).expect("a sound scene")
+    Geometry::with_instances(shapes, objects, instances).expect("a sound scene")
 }
 
 fn soup(rng: &mut Pcg64Mcg, count: u32) -> Soup {
@@ -139,14 +139,14 @@ fn instances_agree_with_brute_force_in_f64() {
 
 /// Hits obey the limits and do not depend on the tree.
 #[test]
-fn hits_lie_within_the_ray_whatever_the_preset() {
+fn hits_lie_within_the_ray_whatever_the_tree() {
     let mut rng = generator(102);
     let mut cut = 0;
     for _ in 0..40 {
         let things = [object(vec![mesh(soup(&mut rng, 20)), Sphere::new(Vec3::ONE, 0.5).expect("valid").into()])];
         let instances: Vec<Instance> = (0..12).map(|_| still(0, map(&mut rng, 3.0))).collect();
-        let build = |preset| Geometry::with_instances(vec![], things.to_vec(), instances.clone(), preset);
-        let scenes = PRESETS.map(|preset| build(preset).expect("sound"));
+        // The second tree holds everything twice, and the copies have larger numbers.
+        let scenes = [1, 2].map(|copies| scene(vec![], things.to_vec(), vec![instances.clone(); copies].concat()));
         for _ in 0..200 {
             let origin = point_in(&mut rng, Vec3::splat(-4.0), Vec3::splat(4.0));
             let ray = Ray::new(origin, point_in(&mut rng, Vec3::splat(-2.0), Vec3::splat(2.0)) - origin);
@@ -382,9 +382,8 @@ fn ten_thousand_instances_hold_one_mesh() {
 #[test]
 fn invalid_instances_are_refused() {
     let ball = object(vec![Sphere::new(Vec3::ZERO, 1.0).expect("valid").into()]);
-    let build = |object: &Arc<Geometry>, instance| {
-        Geometry::with_instances(vec![], vec![object.clone()], vec![instance], Preset::default())
-    };
+    let build =
+        |object: &Arc<Geometry>, instance| Geometry::with_instances(vec![], vec![object.clone()], vec![instance]);
     let flat = DAffine3::from_scale(DVec3::new(1.0, 1.0, 0.0));
     assert!(matches!(build(&ball, still(0, flat)), Err(Error::BadParameter { .. })));
     let lost = DAffine3::from_translation(DVec3::new(0.0, f64::NAN, 0.0));

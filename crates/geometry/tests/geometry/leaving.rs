@@ -2,8 +2,7 @@
 
 use crate::support::{direction, generator, lat_long, point_in, wild};
 use dapple_geometry::{
-    Disk, Geometry, Mesh, Preset, PrimitiveId, Ray, Shape, Sphere, SurfacePoint, spawn_ray, spawn_ray_to,
-    spawn_ray_to_point,
+    Disk, Geometry, Mesh, PrimitiveId, Ray, Shape, Sphere, SurfacePoint, spawn_ray, spawn_ray_to, spawn_ray_to_point,
 };
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 use rand::RngExt;
@@ -12,7 +11,7 @@ use rand_pcg::Pcg64Mcg;
 const EPS: f32 = f32::EPSILON;
 
 fn alone(shape: Shape) -> Geometry {
-    Geometry::build(vec![shape], Preset::Fastest).expect("one shape")
+    Geometry::build(vec![shape]).expect("one shape")
 }
 
 fn triangle(corners: [Vec3; 3]) -> Option<Geometry> {
@@ -225,7 +224,7 @@ fn the_offset_is_small_g19() {
         let scenes = [spheres.to_vec(), vec![sheet(1.0), sheet(1.0 + gap)]];
         let mut rng = generator(190);
         for (number, shapes) in scenes.into_iter().enumerate() {
-            let scene = Geometry::build(shapes, Preset::default()).expect("two shapes");
+            let scene = Geometry::build(shapes).expect("two shapes");
             for _ in 0..5000 {
                 let towards = Vec3::new(rng.random_range(-0.6..0.6), rng.random_range(-0.6..0.6), 1.0);
                 let ray = Ray::new(Vec3::ZERO, towards);
@@ -245,7 +244,7 @@ fn the_offset_is_small_g19() {
 fn spheres_and_disks_are_met_at_their_surface() {
     let ball = Sphere::new(Vec3::new(0.0, 0.0, 5.0), 2.0).expect("a sphere");
     let ring = Disk::new(Vec3::new(0.0, 0.0, -4.0), Vec3::Z * 3.0, 2.0, 1.0).expect("a ring");
-    let scene = Geometry::build(vec![ball.into(), ring.into()], Preset::default()).expect("two shapes");
+    let scene = Geometry::build(vec![ball.into(), ring.into()]).expect("two shapes");
     let at = |origin: Vec3, direction: Vec3| scene.closest(&Ray::new(origin, direction)).map(|hit| (hit.shape, hit.t));
     assert_eq!(at(Vec3::ZERO, Vec3::Z), Some((0, 3.0)));
     assert_eq!(at(Vec3::new(0.0, 0.0, 5.0), Vec3::Z * 4.0), Some((0, 0.5)), "from inside");
@@ -256,9 +255,12 @@ fn spheres_and_disks_are_met_at_their_surface() {
     let hit = scene.closest(&ray).expect("the ring");
     let point = scene.surface(&ray, &hit);
     assert_eq!((point.position, point.normal), (Vec3::new(0.0, 1.5, -4.0), Vec3::Z));
-    assert!((scene.parametric(&hit, point.position)[1] - 0.5).abs() < 1e-6);
+    assert!((scene.parametric_at(&hit, point.position, 0.0)[1] - 0.5).abs() < 1e-6);
     let ray = Ray::new(Vec3::new(0.0, 0.0, 20.0), Vec3::NEG_Z);
     let hit = scene.closest(&ray).expect("the ball");
     let point = scene.surface(&ray, &hit);
-    assert_eq!((point.position.z, point.normal, scene.parametric(&hit, point.position)[1]), (7.0, Vec3::Z, 1.0));
+    assert_eq!(
+        (point.position.z, point.normal, scene.parametric_at(&hit, point.position, 0.0)[1]),
+        (7.0, Vec3::Z, 1.0)
+    );
 }

@@ -1,7 +1,7 @@
 //! Motions between their ends, and the boxes around them.
 
 use crate::support::*;
-use dapple_geometry::{Error, Geometry, Instance, Mesh, Motion, Preset, Ray, Shape, Sphere};
+use dapple_geometry::{Error, Geometry, Instance, Mesh, Motion, Ray, Shape, Sphere};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
@@ -110,10 +110,10 @@ fn a_moving_object_is_met_where_a_still_copy_is() {
         Shape::from(Mesh::new(positions, triangles).expect("valid")),
         Sphere::new(Vec3::new(-1.5, 0.5, 0.0), 0.7).expect("valid").into(),
     ];
-    let object = Arc::new(Geometry::build(shapes, Preset::default()).expect("few"));
+    let object = Arc::new(Geometry::build(shapes).expect("few"));
     let scene = |motions: &[Motion]| {
         let instances = motions.iter().map(|motion| Instance::new(0, motion.clone())).collect();
-        Geometry::with_instances(vec![], vec![object.clone()], instances, Preset::default()).expect("sound")
+        Geometry::with_instances(vec![], vec![object.clone()], instances).expect("sound")
     };
     let mut hits = 0;
     for case in 0..60 {
@@ -135,7 +135,7 @@ fn a_moving_object_is_met_where_a_still_copy_is() {
                     hits += 1;
                     let point = moving.surface_at(&ray, &hit, time);
                     assert_eq!(point, still.surface(&ray, &hit));
-                    let uv = still.parametric(&hit, point.position);
+                    let uv = still.parametric_at(&hit, point.position, 0.0);
                     assert_eq!(moving.parametric_at(&hit, point.position, time), uv);
                 }
             }

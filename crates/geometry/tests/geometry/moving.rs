@@ -1,7 +1,7 @@
 //! Meshes with moving vertices equal a still mesh of the same corners at each time.
 
 use crate::support::*;
-use dapple_geometry::{Error, Geometry, Instance, Mesh, Motion, MovingMesh, Preset, Ray, Shape, Sphere, spawn_ray};
+use dapple_geometry::{Error, Geometry, Instance, Mesh, Motion, MovingMesh, Ray, Shape, Sphere, spawn_ray};
 use glam::{DAffine3, Vec3};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
@@ -58,11 +58,11 @@ fn hits_equal_those_of_still_meshes() {
         let still = cuboid(Vec3::splat(-0.2 * size), Vec3::splat(0.2 * size));
         let others = Shape::from(Mesh::new(still.0, still.1).expect("a box"));
         let moving = Shape::from(MovingMesh::new(starts.clone(), ends.clone(), triangles.clone()).expect("sound"));
-        let scene = Geometry::build(vec![moving, others.clone()], PRESETS[case as usize % 6]).expect("few");
+        let scene = Geometry::build(vec![moving, others.clone()]).expect("few");
         assert!(scene.moves());
         let standing = TIMES.map(|time| {
             let mesh = Mesh::new(at(&starts, &ends, time), triangles.clone()).expect("sound");
-            Geometry::build(vec![Shape::from(mesh), others.clone()], Preset::default()).expect("few")
+            Geometry::build(vec![Shape::from(mesh), others.clone()]).expect("few")
         });
         for ray in rays(&mut rng, 2.0 * size, 300) {
             for (time, still) in TIMES.iter().zip(&standing) {
@@ -85,14 +85,14 @@ fn large_meshes_are_met_as_still_ones_and_as_one_by_one() {
     let (starts, triangles) = lat_long(100, 2.0, glam::DVec3::new(0.3, -0.7, 0.11));
     let ends: Vec<[f32; 3]> = starts.iter().map(|p| p.map(|x| 1.5 * x + rng.random_range(-0.1..0.1))).collect();
     let mesh = MovingMesh::new(starts.clone(), ends.clone(), triangles.clone()).expect("sound");
-    let moving = Geometry::build(vec![Shape::from(mesh)], Preset::default()).expect("fits");
+    let moving = Geometry::build(vec![Shape::from(mesh)]).expect("fits");
     let rays = rays(&mut rng, 1.5, 2000);
     let mut hits = 0;
     for time in [0.0, 0.3, 1.0] {
         let mesh = Shape::from(Mesh::new(at(&starts, &ends, time), triangles.clone()).expect("sound"));
         let far = Shape::from(Sphere::new(Vec3::splat(1e4), 1.0).expect("round"));
-        let [still, single] = [vec![mesh.clone()], vec![mesh, far]]
-            .map(|shapes| Geometry::build(shapes, Preset::default()).expect("fits"));
+        let [still, single] =
+            [vec![mesh.clone()], vec![mesh, far]].map(|shapes| Geometry::build(shapes).expect("fits"));
         for ray in &rays {
             let found = moving.closest_at(ray, time);
             assert_eq!([found, still.closest(ray)], [single.closest(ray); 2], "time {time}, {ray:?}");
@@ -110,7 +110,7 @@ fn moving_spheres_have_no_gap_g01() {
     let ends: Vec<[f32; 3]> =
         starts.iter().map(|p| p.map(|x| x * 3.0 + 0.05).map(|x| x + rng.random_range(-0.02..0.02))).collect();
     let mesh = MovingMesh::new(starts.clone(), ends.clone(), triangles.clone()).expect("sound");
-    let scene = Geometry::build(vec![Shape::from(mesh)], Preset::default()).expect("few");
+    let scene = Geometry::build(vec![Shape::from(mesh)]).expect("few");
     let eye = Vec3::new(0.4, -0.5, 0.2);
     for time in TIMES {
         let now = at(&starts, &ends, time);
@@ -132,11 +132,11 @@ fn rays_that_leave_a_moving_mesh_do_not_meet_it_again_g18() {
     let mut rng = generator(63);
     let (starts, ends, triangles) = soup(&mut rng, 1.0);
     let mesh = MovingMesh::new(starts, ends, triangles).expect("sound");
-    let alone = Geometry::build(vec![Shape::from(mesh.clone())], Preset::default()).expect("few");
+    let alone = Geometry::build(vec![Shape::from(mesh.clone())]).expect("few");
     let turned = DAffine3::from_axis_angle(glam::DVec3::new(0.6, 0.0, 0.8), 1.0);
     let object = Arc::new(alone.clone());
     let instance = Instance::new(0, Motion::between(DAffine3::IDENTITY, turned).expect("invertible"));
-    let placed = Geometry::with_instances(vec![], vec![object], vec![instance], Preset::default()).expect("few");
+    let placed = Geometry::with_instances(vec![], vec![object], vec![instance]).expect("few");
     assert!(placed.moves());
     for scene in [&alone, &placed] {
         let (mut left, mut met) = (0, 0);

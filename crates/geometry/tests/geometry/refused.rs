@@ -1,7 +1,7 @@
 //! Input that is refused, and rays that hit nothing.
 
 use crate::support::{geometry, lat_long};
-use dapple_geometry::{Disk, Error, Mesh, Preset, Ray, Sphere};
+use dapple_geometry::{Disk, Error, Mesh, Ray, Sphere};
 use glam::{DAffine3, DVec3, Vec3};
 
 #[test]
@@ -49,7 +49,7 @@ fn magnitudes_out_of_range_are_refused() {
 
 #[test]
 fn invalid_rays_hit_nothing_g17() {
-    let scene = geometry(vec![lat_long(10, 1.0, DVec3::ZERO)], Preset::default());
+    let scene = geometry(vec![lat_long(10, 1.0, DVec3::ZERO)]);
     let good = Ray::new(Vec3::ZERO, Vec3::new(0.3, -0.2, 0.9));
     assert!(scene.closest(&good).is_some() && scene.occluded(&good));
     let mut bad = Vec::new();

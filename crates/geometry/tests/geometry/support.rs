@@ -1,13 +1,10 @@
 //! Shapes and random numbers shared by the tests.
 #![allow(dead_code)]
 
-use dapple_geometry::{Geometry, Mesh, Preset, Ray, Shape};
+use dapple_geometry::{Geometry, Mesh, Ray, Shape};
 use glam::{DVec3, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-
-pub(crate) const PRESETS: [Preset; 6] =
-    [Preset::Fastest, Preset::VeryFast, Preset::Fast, Preset::Medium, Preset::Slow, Preset::VerySlow];
 
 pub(crate) fn generator(seed: u64) -> Pcg64Mcg {
     Pcg64Mcg::seed_from_u64(seed)
@@ -55,9 +52,9 @@ pub(crate) fn cuboid(low: Vec3, high: Vec3) -> Soup {
 /// Vertices and triangles.
 pub(crate) type Soup = (Vec<[f32; 3]>, Vec<[u32; 3]>);
 
-pub(crate) fn geometry(meshes: Vec<Soup>, preset: Preset) -> Geometry {
+pub(crate) fn geometry(meshes: Vec<Soup>) -> Geometry {
     let shapes = meshes.into_iter().map(|(p, t)| Shape::from(Mesh::new(p, t).expect("a valid mesh"))).collect();
-    Geometry::build(shapes, preset).expect("few triangles")
+    Geometry::build(shapes).expect("few triangles")
 }
 
 /// Uniform over directions.

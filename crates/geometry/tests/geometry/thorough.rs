@@ -6,7 +6,7 @@
 #![allow(clippy::print_stdout)] // Prints figures.
 
 use crate::support::*;
-use dapple_geometry::{Geometry, Mesh, Preset, Ray, Shape};
+use dapple_geometry::{Geometry, Mesh, Ray, Shape};
 use glam::{DVec3, Vec3};
 use std::time::Instant;
 
@@ -15,7 +15,7 @@ use std::time::Instant;
 fn ten_million_random_rays_from_inside_never_escape_g02() {
     let mut rng = generator(2);
     for centre in [DVec3::ZERO, DVec3::new(0.3, -0.7, 0.11), DVec3::new(148_376.0, 1_234.0, -223_423.0)] {
-        let scene = geometry(vec![lat_long(200, 2.0, centre)], Preset::default());
+        let scene = geometry(vec![lat_long(200, 2.0, centre)]);
         let reach = Vec3::splat(1.0);
         let escapes = (0..10_000_000)
             .filter(|_| {
@@ -47,7 +47,7 @@ fn building_takes_linear_time_on_duplicates_and_concentric_triangles_g12() {
         let time = |shapes: &[Shape]| {
             let run = |_| {
                 let start = Instant::now();
-                let scene = Geometry::build(shapes.to_vec(), Preset::default()).expect("few");
+                let scene = Geometry::build(shapes.to_vec()).expect("few");
                 (start.elapsed().as_secs_f64(), scene)
             };
             (0..3).map(run).min_by(|a, b| a.0.total_cmp(&b.0)).expect("three")
@@ -92,7 +92,7 @@ fn field(rows: u32, columns: u32, rough: bool) -> Mesh {
 fn built(mesh: Mesh) -> f64 {
     let triangles = mesh.triangles().len();
     let start = Instant::now();
-    let scene = Geometry::build(vec![Shape::from(mesh)], Preset::default()).expect("it fits");
+    let scene = Geometry::build(vec![Shape::from(mesh)]).expect("it fits");
     let seconds = start.elapsed().as_secs_f64();
     let each = scene.memory_bytes() as f64 / triangles as f64;
     println!("{triangles} triangles: {seconds:.1} s, {each:.1} bytes each, stack {}", scene.deepest());
@@ -148,7 +148,7 @@ fn slivers_are_met_at_their_centroids_g15() {
             let mesh = Mesh::new(corners.map(|c| c.to_array()).to_vec(), vec![[0, 1, 2]]).expect("sound");
             let degenerate = mesh.degenerate() > 0;
             let exact = corners.iter().fold(DVec3::ZERO, |sum, c| sum + c.as_dvec3()) / 3.0;
-            let scene = Geometry::build(vec![Shape::from(mesh)], Preset::Fastest).expect("one");
+            let scene = Geometry::build(vec![Shape::from(mesh)]).expect("one");
             let eye = at + along.cross(across).normalize() * 2.0;
             let ray = Ray::new(eye, (exact - eye.as_dvec3()).as_vec3());
             match scene.closest(&ray) {
@@ -173,7 +173,7 @@ fn slivers_are_met_at_their_centroids_g15() {
 #[ignore = "T2: timing, wants a quiet machine"]
 fn invalid_rays_take_no_longer_g17() {
     let mut rng = generator(17);
-    let scene = geometry(vec![lat_long(200, 2.0, DVec3::ZERO)], Preset::default());
+    let scene = geometry(vec![lat_long(200, 2.0, DVec3::ZERO)]);
     let good: Vec<Ray> = (0..100_000).map(|_| Ray::new(Vec3::ZERO, direction(&mut rng))).collect();
     let bad: Vec<Ray> = good
         .iter()

@@ -1,7 +1,7 @@
 //! Closed surfaces let no ray through.
 
 use crate::support::{cuboid, direction, generator, geometry, lat_long, point_in};
-use dapple_geometry::{Preset, Ray};
+use dapple_geometry::Ray;
 use glam::{DVec3, Vec3};
 use rand::RngExt;
 
@@ -22,17 +22,15 @@ fn aimed_rays_from_inside_a_sphere_never_escape_g01() {
     for centre in CENTRES {
         let (positions, triangles) = lat_long(50, 2.0, centre);
         let targets = targets(&positions, &triangles);
-        for preset in [Preset::Fastest, Preset::default()] {
-            let scene = geometry(vec![(positions.clone(), triangles.clone())], preset);
-            for offset in [DVec3::ZERO, DVec3::new(0.5, -0.25, 0.125), DVec3::new(-0.7, 0.9, 0.3)] {
-                let origin = (centre + offset).as_vec3();
-                let escapes = targets
-                    .iter()
-                    .map(|target| Ray::new(origin, (*target - origin.as_dvec3()).normalize().as_vec3()))
-                    .filter(|ray| scene.closest(ray).is_none() || !scene.occluded(ray))
-                    .count();
-                assert_eq!(escapes, 0, "of {} rays, centre {centre}, origin {origin}, {preset:?}", targets.len());
-            }
+        let scene = geometry(vec![(positions, triangles)]);
+        for offset in [DVec3::ZERO, DVec3::new(0.5, -0.25, 0.125), DVec3::new(-0.7, 0.9, 0.3)] {
+            let origin = (centre + offset).as_vec3();
+            let escapes = targets
+                .iter()
+                .map(|target| Ray::new(origin, (*target - origin.as_dvec3()).normalize().as_vec3()))
+                .filter(|ray| scene.closest(ray).is_none() || !scene.occluded(ray))
+                .count();
+            assert_eq!(escapes, 0, "of {} rays, centre {centre}, origin {origin}", targets.len());
         }
     }
 }
@@ -41,7 +39,7 @@ fn aimed_rays_from_inside_a_sphere_never_escape_g01() {
 fn random_rays_from_inside_a_sphere_never_escape_g02() {
     let mut rng = generator(2);
     for centre in CENTRES {
-        let scene = geometry(vec![lat_long(100, 2.0, centre)], Preset::default());
+        let scene = geometry(vec![lat_long(100, 2.0, centre)]);
         let reach = Vec3::splat(1.0);
         for _ in 0..200_000 {
             let origin = point_in(&mut rng, centre.as_vec3() - reach, centre.as_vec3() + reach);
@@ -63,18 +61,15 @@ fn axis_aligned_rays_through_a_grid_hit_from_both_sides_g03() {
             [[a, b, c], [a, c, d]]
         })
         .collect();
-    let mesh = (positions, triangles);
-    for preset in [Preset::Fastest, Preset::default()] {
-        let scene = geometry(vec![mesh.clone()], preset);
-        for z in [7.0, -7.0] {
-            // Every half step: vertices, edge midpoints and diagonal midpoints.
-            for (i, j) in (1..2 * N).flat_map(|j| (1..2 * N).map(move |i| (i, j))) {
-                let origin = Vec3::new(i as f32 * 0.5, j as f32 * 0.5, z);
-                for zero in [0.0, -0.0] {
-                    let ray = Ray::new(origin, Vec3::new(zero, -zero, -z));
-                    let hit = scene.closest(&ray);
-                    assert_eq!(hit.map(|hit| hit.t), Some(1.0), "{ray:?}");
-                }
+    let scene = geometry(vec![(positions, triangles)]);
+    for z in [7.0, -7.0] {
+        // Every half step: vertices, edge midpoints and diagonal midpoints.
+        for (i, j) in (1..2 * N).flat_map(|j| (1..2 * N).map(move |i| (i, j))) {
+            let origin = Vec3::new(i as f32 * 0.5, j as f32 * 0.5, z);
+            for zero in [0.0, -0.0] {
+                let ray = Ray::new(origin, Vec3::new(zero, -zero, -z));
+                let hit = scene.closest(&ray);
+                assert_eq!(hit.map(|hit| hit.t), Some(1.0), "{ray:?}");
             }
         }
     }
@@ -86,7 +81,7 @@ fn walls_in_near_contact_are_found_g06() {
     for t in [1e-2_f32, 1e-3, 2e-4, 9e-5, 1e-5, 1e-6] {
         let positions = (0..=32).flat_map(|i| [[t, -1.0, i as f32 - 15.7], [t, 1.0, i as f32 - 15.7]]).collect();
         let triangles = (0..32).flat_map(|i| [[2 * i, 2 * i + 1, 2 * i + 2], [2 * i + 1, 2 * i + 3, 2 * i + 2]]);
-        let scene = geometry(vec![(positions, triangles.collect())], Preset::default());
+        let scene = geometry(vec![(positions, triangles.collect())]);
         let mut rng = generator(6);
         for _ in 0..1000 {
             let y = rng.random_range(-0.5..0.5);
@@ -114,7 +109,7 @@ fn thin_far_targets_are_met_by_exact_axis_rays_g07() {
                     p
                 };
                 let mesh = (vec![place(-1.0, -1.0), place(1.0, -1.0), place(0.0, 1.0)], vec![[0, 1, 2]]);
-                let scene = geometry(vec![mesh], Preset::default());
+                let scene = geometry(vec![mesh]);
                 let mut d = Vec3::ZERO;
                 d[axis] = 1.0;
                 for direction in [d, d * 1e-30, d * 1e30, d * f32::MIN_POSITIVE / 8.0] {
@@ -151,7 +146,7 @@ fn closed_fan_of_slivers_has_no_gap_g15() {
         let triangles =
             (0..N).flat_map(|i| [[0, 2 + i, 2 + (i + 1) % N], [1, 2 + (i + 1) % N, 2 + i]]).collect::<Vec<_>>();
         let aims = targets(&positions, &triangles);
-        let scene = geometry(vec![(positions, triangles)], Preset::default());
+        let scene = geometry(vec![(positions, triangles)]);
         let origin = Vec3::new(0.1, 1e-6, 0.2);
         for target in aims {
             let ray = Ray::new(origin, (target - origin.as_dvec3()).normalize().as_vec3());
@@ -162,7 +157,7 @@ fn closed_fan_of_slivers_has_no_gap_g15() {
 
 #[test]
 fn edge_on_rays_miss_the_face_they_lie_in_g16() {
-    let scene = geometry(vec![cuboid(Vec3::ZERO, Vec3::ONE)], Preset::default());
+    let scene = geometry(vec![cuboid(Vec3::ZERO, Vec3::ONE)]);
     // In the plane y = 0, and along the edge y = z = 0 shared by two faces.
     for z in [0.5, 0.0] {
         let ray = Ray::new(Vec3::new(-1.0, 0.0, z), Vec3::X);
@@ -171,7 +166,7 @@ fn edge_on_rays_miss_the_face_they_lie_in_g16() {
         let beyond = Ray { tmin: 1.5, ..ray };
         assert_eq!(scene.closest(&beyond).map(|hit| hit.t), Some(2.0));
     }
-    let alone = geometry(vec![(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], vec![[0, 1, 2]])], Preset::default());
+    let alone = geometry(vec![(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], vec![[0, 1, 2]])]);
     let mut rng = generator(16);
     for _ in 0..10_000 {
         let mut flat = direction(&mut rng);

@@ -3,10 +3,11 @@
 //! Code whose bit is missing is not compiled. One parameter of bits replaces many type parameters; 13 of 384 possible
 //! forms are built.
 
-use super::path::ROULETTE_FROM;
 use crate::World;
 use dapple_scene::Effect;
 
+/// The number of scattering events after which Russian roulette starts. Almost all shorter paths are worth their cost.
+pub(super) const ROULETTE_FROM: u32 = 4;
 /// The bit for selection among several lights.
 pub const SEVERAL_LIGHTS: u32 = 1;
 /// The bit for light from environments, which is found by rays that leave the scene.

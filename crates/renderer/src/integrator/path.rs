@@ -9,7 +9,7 @@ mod vertex_light;
 
 pub use vertex_light::{GatherPoint, NoVertexLight, VertexLight};
 
-use super::code;
+use super::code::{self, ROULETTE_FROM};
 use super::light_selector::LightSelector;
 use crate::World;
 use crate::blocks;
@@ -24,8 +24,6 @@ use glam::Vec3;
 use std::marker::PhantomData;
 use transmission::MediumEnd;
 
-/// The number of scattering events after which Russian roulette starts. Almost all shorter paths are worth their cost.
-pub(super) const ROULETTE_FROM: u32 = 4;
 /// The largest survival probability of Russian roulette. It is below 1, so that every path ends.
 ///
 /// The variance of an endless path is finite only while albedo^2 < SURVIVAL. A value of 0.95 would make it infinite in

@@ -4,9 +4,9 @@ mod tiles;
 
 pub(crate) use tiles::{Tile, Tiles};
 
-use super::{
-    EmissionPdf, EmittedLight, Expectation, LightSample, LightSource, SceneSphere, Target, luminance, octahedral,
-};
+use super::octahedral;
+use super::source::{EmissionPdf, EmittedLight, Expectation, LightSample, LightSource, SceneSphere, Target, luminance};
+use crate::SceneError;
 use crate::shading::discrete::PiecewiseConstant2d;
 use crate::shading::trigonometry::{sin_cos_turn, turn_of};
 use crate::shading::warp;
@@ -16,61 +16,6 @@ use dapple_scene::{EnvironmentRadiance, Source};
 use glam::{DMat3, Mat3, Vec3};
 use std::f32::consts::PI;
 use std::sync::Arc;
-
-/// The reason why [`Environment::new`] refused an environment.
-#[non_exhaustive]
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum EnvironmentError {
-    /// The constant radiance, or the scale of an environment map, is negative or not finite.
-    #[error("{at}: the environment's radiance {value:?} is invalid; give finite numbers of at least 0")]
-    Radiance {
-        /// The line of the scene file that defines the environment.
-        at: Source,
-        /// The invalid radiance in linear RGB, or the invalid scale three times.
-        value: [f32; 3],
-    },
-    /// A texel of the environment map is negative or not finite.
-    #[error(
-        "{at}: texel ({column}, {row}) of the environment image is {value:?}; repair the image: values must be finite and at least 0, also when scaled"
-    )]
-    Texel {
-        /// The line of the scene file that defines the environment.
-        at: Source,
-        /// The column of the texel, counted from 0 at the left.
-        column: usize,
-        /// The row of the texel, counted from 0 at the top.
-        row: usize,
-        /// The invalid texel in linear RGB, before scaling.
-        value: [f32; 3],
-    },
-    /// An environment map in the equal-area layout is not square.
-    #[error(
-        "{at}: an equal-area environment image must be square, not {} x {}; use a square image, or one in latitude and longitude", size[0], size[1]
-    )]
-    Square {
-        /// The line of the scene file that defines the environment.
-        at: Source,
-        /// The width and height of the image in pixels.
-        size: [u32; 2],
-    },
-    /// The environment map has more texels than a sampling distribution can hold.
-    #[error("{at}: an environment image of {} x {} is too large; scale it down", size[0], size[1])]
-    Size {
-        /// The line of the scene file that defines the environment.
-        at: Source,
-        /// The width and height of the image in pixels.
-        size: [u32; 2],
-    },
-    /// The transform stretches or flattens space, or is not finite. It may only move, rotate, mirror and scale
-    /// uniformly.
-    #[error(
-        "{at}: the environment's transform flattens or stretches space, or is not finite; rotate, mirror and scale uniformly only"
-    )]
-    Transform {
-        /// The line of the scene file that defines the environment.
-        at: Source,
-    },
-}
 
 /// Light from infinitely far, as a function of direction: a constant radiance or an environment map.
 #[derive(Clone, Debug)]
@@ -111,21 +56,23 @@ impl Environment {
     ///
     /// # Errors
     ///
-    /// [`EnvironmentError`] if a radiance or the scale is negative or not finite, if an equal-area image is not
+    /// [`SceneError`] if a radiance or the scale is negative or not finite, if an equal-area image is not
     /// square, or if an image is too large. Also if the transform flattens space, or if it stretches an environment
     /// map.
-    pub fn new(radiance: &EnvironmentRadiance, to_world: DMat3, at: &Source) -> Result<Option<Self>, EnvironmentError> {
+    pub fn new(radiance: &EnvironmentRadiance, to_world: DMat3, at: &Source) -> Result<Option<Self>, SceneError> {
         // Only directions matter, so a uniform scale has no effect.
         let inverse = to_world.inverse();
         let sound = to_world.is_finite() && inverse.is_finite() && to_world.determinant().abs() > 0.0;
         // Under a stretch, equal areas of the image would no longer cover the expected solid angles.
         let constant = matches!(radiance, EnvironmentRadiance::Constant(_));
         if !sound || !(constant || even_scale(&to_world).is_some()) {
-            return Err(EnvironmentError::Transform { at: at.clone() });
+            let what = "the environment's transform flattens or stretches space, or is not finite; rotate, mirror and scale \
+                        uniformly only";
+            return Err(SceneError::new(at, what));
         }
         let kind = match radiance {
             EnvironmentRadiance::Constant(rgb) if !valid(rgb) => {
-                return Err(EnvironmentError::Radiance { at: at.clone(), value: *rgb });
+                return Err(radiance_error(at, *rgb));
             }
             EnvironmentRadiance::Constant(rgb) => (*rgb != [0.0; 3]).then_some(Kind::Constant(Vec3::from_array(*rgb))),
             EnvironmentRadiance::LatLong { image, scale } => {
@@ -223,18 +170,32 @@ impl LightSource for Environment {
     }
 }
 
+fn radiance_error(at: &Source, value: [f32; 3]) -> SceneError {
+    let remedy = "give finite numbers of at least 0";
+    SceneError::new(at, format!("the environment's radiance {value:?} is invalid; {remedy}"))
+}
+
 impl Map {
-    fn new(layout: Layout, image: &Arc<Image>, scale: f32, at: &Source) -> Result<Option<Self>, EnvironmentError> {
+    fn new(layout: Layout, image: &Arc<Image>, scale: f32, at: &Source) -> Result<Option<Self>, SceneError> {
         let [width, height] = image.size.map(|n| n as usize);
+        let wrong = |what: String| SceneError::new(at, what);
         if layout == Layout::EqualArea && width != height {
-            return Err(EnvironmentError::Square { at: at.clone(), size: image.size });
+            return Err(wrong(format!(
+                "an equal-area environment image must be square, not {width} x {height}; use a square image, or one in \
+                 latitude and longitude"
+            )));
         }
         if !(scale.is_finite() && scale >= 0.0) {
-            return Err(EnvironmentError::Radiance { at: at.clone(), value: [scale; 3] });
+            return Err(radiance_error(at, [scale; 3]));
         }
         if let Some(i) = image.pixels.iter().position(|p| !(valid(p) && valid(&p.map(|x| x * scale)))) {
-            let (column, row, value) = (i % width, i / width, image.pixels[i]);
-            return Err(EnvironmentError::Texel { at: at.clone(), column, row, value });
+            return Err(wrong(format!(
+                "texel ({}, {}) of the environment image is {:?}; repair the image: values must be finite and at least 0, \
+                 also when scaled",
+                i % width,
+                i / width,
+                image.pixels[i]
+            )));
         }
         // A texel's weight is its luminance times its solid angle. In latitude and longitude, solid angle is
         // proportional to the sine of the polar angle.
@@ -245,7 +206,7 @@ impl Map {
         let brightness = |i: usize| luminance(Vec3::from_array(image.pixels[i])) as f32;
         let weights: Vec<f32> = (0..width * height).map(|i| brightness(i) * share(i / width)).collect();
         let Ok(cells) = PiecewiseConstant2d::new(&weights, [width, height]) else {
-            return Err(EnvironmentError::Size { at: at.clone(), size: image.size });
+            return Err(wrong(format!("an environment image of {width} x {height} is too large; scale it down")));
         };
         if cells.is_empty() || scale == 0.0 {
             return Ok(None);

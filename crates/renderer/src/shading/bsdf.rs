@@ -7,6 +7,7 @@ use super::glossy::{Plastic, Substrate};
 use super::layered::Layered;
 use super::metal_coat::MetalCoat;
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
+use super::sample::{BsdfSample, mirror};
 use super::{ShadingFrame, warp};
 use dapple_scene::effectively_smooth;
 use glam::Vec3;
@@ -85,26 +86,6 @@ pub enum Bsdf<'m> {
     Substrate(Substrate),
     /// Lambertian reflection below a glossy layer and a clear coat, as in glTF.
     Layered(Layered<'m>),
-}
-
-/// A direction sampled from a [`Bsdf`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BsdfSample {
-    /// The sampled direction towards the light, in the shading frame. For transmission, its z has the opposite sign of
-    /// `wo`'s.
-    pub wi: Vec3,
-    /// The factor `f |cos| / pdf` by which the path's throughput is multiplied.
-    pub weight: Vec3,
-    /// The solid-angle density of `wi`, equal to [`Bsdf::pdf`]. For a specular sample, the probability of choosing its
-    /// lobe.
-    pub pdf: f32,
-    /// True if the lobe has no direction but `wi`. [`Bsdf::evaluate`] and [`Bsdf::pdf`] do not include such a lobe,
-    /// and light sampling cannot find it.
-    pub specular: bool,
-    /// The index of refraction on the side of `wi` relative to the side of `wo`; 1 except for refraction. `weight`
-    /// includes a division by `eta^2`, which is undone when the path leaves the glass. Russian roulette should
-    /// therefore multiply the throughput by the product of `eta^2` along the path [Pharr et al. 2023, sec. 14.2.3].
-    pub eta: f32,
 }
 
 impl<'m> Bsdf<'m> {
@@ -460,10 +441,4 @@ fn to_upper_side(wo: Vec3, wi: Vec3) -> Option<(Vec3, Vec3)> {
     } else {
         None
     }
-}
-
-/// Returns `w` mirrored about the unit vector `m`.
-#[inline]
-pub(super) fn mirror(w: Vec3, m: Vec3) -> Vec3 {
-    2.0 * w.dot(m) * m - w
 }

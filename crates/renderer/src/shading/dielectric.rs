@@ -6,9 +6,9 @@
 //! the index below relative to the one above. Transmitted radiance is divided by `eta^2` [Pharr et al. 2023, sec.
 //! 9.5.2].
 
-use super::bsdf::{BsdfSample, mirror};
 use super::fresnel;
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
+use super::sample::{BsdfSample, mirror};
 use glam::Vec3;
 
 /// Color factors of the light that glass reflects and transmits; 1 for physical glass.

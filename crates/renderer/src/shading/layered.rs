@@ -67,8 +67,8 @@ impl Layered<'_> {
     pub(super) fn sample(&self, wo: Vec3, u: [f32; 2], lobe: f32) -> Vec3 {
         let [coat, glossy] = self.seen(wo).chances;
         match &self.layers.coat {
-            Some((_, microfacets)) if lobe < coat => super::bsdf::mirror(wo, microfacets.sample_visible(wo, u)),
-            _ if lobe < glossy => super::bsdf::mirror(wo, self.microfacets.sample_visible(wo, u)),
+            Some((_, microfacets)) if lobe < coat => super::sample::mirror(wo, microfacets.sample_visible(wo, u)),
+            _ if lobe < glossy => super::sample::mirror(wo, self.microfacets.sample_visible(wo, u)),
             _ => super::warp::cosine_hemisphere(u),
         }
     }
@@ -287,7 +287,7 @@ fn albedo(microfacets: &TrowbridgeReitz, cosine: f32) -> Split {
     let mut sum = [0.0f64; 2];
     let middle = |i: usize| (i as f32 + 0.5) / NORMALS as f32;
     for (i, j) in (0..NORMALS * NORMALS).map(|k| (k / NORMALS, k % NORMALS)) {
-        let wi = super::bsdf::mirror(wo, microfacets.sample_visible(wo, [middle(i), middle(j)]));
+        let wi = super::sample::mirror(wo, microfacets.sample_visible(wo, [middle(i), middle(j)]));
         if wi.z > 0.0 {
             let h = wo + wi;
             let passed = microfacets.reflection(wo, wi, h) * wi.z / microfacets.reflection_pdf(wo, h);

@@ -30,10 +30,10 @@
 //! * coat of width 0.6 over a metal of width 0.6: 9 % off seen from above, up to 12 % off at a cosine of 0.15.
 
 use super::Error;
-use super::bsdf::{BsdfSample, mirror};
 use super::coat::{Coat, CoatOptions};
 use super::fresnel::{self, ComplexIor};
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
+use super::sample::{BsdfSample, mirror};
 use dapple_core::{PointSet, SampleId};
 use dapple_low_discrepancy::Sobol;
 use dapple_scene::effectively_smooth;

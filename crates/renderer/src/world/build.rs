@@ -1,9 +1,9 @@
 //! Preparation of a world from a scene.
 
-use super::instances::{Placements, empty_mesh};
-use super::shutter::Shutter;
+use super::instances::{Placements, Shutter, empty_mesh};
 use super::{NO_LIGHT, NO_MEDIUM, Part, World};
-use crate::camera::{CameraError, CameraView};
+use crate::SceneError;
+use crate::camera::CameraView;
 use crate::light::{DiskLight, Lamp, Light, Lights, MeshLight, SceneSphere, SphereLight};
 use crate::material::{Surface, check_mixes};
 use crate::medium::Media;
@@ -41,73 +41,90 @@ impl Problems {
     }
 }
 
-pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldError> {
-    let mut problems = Problems::default();
-    let space = Space::of(scene);
-    let shutter = problems.note(Shutter::of(scene)).unwrap_or(Shutter { open: [0.0; 2] });
-    let camera: Option<CameraView> = problems.note(camera(scene, resolution, &space, &shutter));
-    let mut surfaces = Vec::with_capacity(scene.materials.len());
-    for material in &scene.materials {
-        surfaces.extend(problems.note(Surface::new(material)));
+impl World {
+    /// Prepares a scene for images of the scene's own resolution.
+    ///
+    /// # Errors
+    ///
+    /// [`WorldError`] with all problems found, each with the line of its object.
+    pub fn new(scene: &Scene) -> Result<Self, WorldError> {
+        Self::with_resolution(scene, scene.film.resolution)
     }
-    problems.0.extend(check_mixes(&scene.materials).iter().map(ToString::to_string));
-    let mut shapes = Vec::with_capacity(scene.shapes.len());
-    let mut parts = Vec::with_capacity(scene.shapes.len());
-    let mut placements = Placements::of(scene, &space, &shutter, &mut problems);
-    for shape in &scene.shapes {
-        problems.check_material(scene, shape);
-        if shape.moves_to.is_some_and(|end| end != shape.to_world) {
-            placements.add_moving(shape, &mut problems);
-            shapes.extend(empty_mesh());
-            parts.push(part(shape));
-        } else if let Some((geometry, part)) = problems.note_at(&shape.source, convert(shape, &space)) {
-            shapes.push(geometry);
-            parts.push(part);
+
+    /// Prepares a scene for images of another resolution (width and height in pixels).
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`World::new`].
+    pub fn with_resolution(scene: &Scene, resolution: [u32; 2]) -> Result<Self, WorldError> {
+        let mut problems = Problems::default();
+        let space = Space::of(scene);
+        let shutter = problems.note(Shutter::of(scene)).unwrap_or(Shutter { open: [0.0; 2] });
+        let camera: Option<CameraView> = problems.note(camera(scene, resolution, &space, &shutter));
+        let mut surfaces = Vec::with_capacity(scene.materials.len());
+        for material in &scene.materials {
+            surfaces.extend(problems.note(Surface::new(material)));
         }
+        problems.0.extend(check_mixes(&scene.materials).iter().map(ToString::to_string));
+        let mut shapes = Vec::with_capacity(scene.shapes.len());
+        let mut parts = Vec::with_capacity(scene.shapes.len());
+        let mut placements = Placements::of(scene, &space, &shutter, &mut problems);
+        for shape in &scene.shapes {
+            problems.check_material(scene, shape);
+            if shape.moves_to.is_some_and(|end| end != shape.to_world) {
+                placements.add_moving(shape, &mut problems);
+                shapes.extend(empty_mesh());
+                parts.push(part(shape));
+            } else if let Some((geometry, part)) = problems.note_at(&shape.source, convert(shape, &space)) {
+                shapes.push(geometry);
+                parts.push(part);
+            }
+        }
+        let media = Media::new(&scene.media, space.scale()).unwrap_or_else(|errors| {
+            problems.0.extend(errors.iter().map(ToString::to_string));
+            Media::default()
+        });
+        problems.check_media(scene);
+        let without_shape = lights_without_shape(scene, &space, &mut problems);
+        if !problems.0.is_empty() {
+            return Err(WorldError { problems: problems.0 });
+        }
+        let dropped =
+            shapes.iter().map(|s| if let Shape::Mesh(mesh) = s { mesh.degenerate() } else { 0 }).sum::<usize>();
+        let dropped_triangles = dropped + placements.dropped_triangles;
+        let mut object_parts = std::mem::take(&mut placements.parts);
+        let moves = placements.moves;
+        let geometry = problems.note(placements.build(shapes));
+        let (Some(camera), Some(geometry)) = (camera, geometry) else {
+            return Err(WorldError { problems: problems.0 });
+        };
+        let lights = lights(scene, &space, &geometry, &mut parts, without_shape, &mut problems);
+        if !problems.0.is_empty() {
+            return Err(WorldError { problems: problems.0 });
+        }
+        let moves = moves || camera.moves();
+        let [has_transmission, has_passable_surfaces] = mark_passable(&mut parts, &mut object_parts, &surfaces);
+        Ok(Self {
+            effects: Effects::of(scene),
+            geometry,
+            parts,
+            object_parts,
+            surfaces,
+            textures: Textures::new(&scene.textures),
+            lights,
+            camera,
+            filter: FilterSampler::new(&scene.film.pixel_filter),
+            max_depth: scene.max_depth.unwrap_or(u32::MAX),
+            space,
+            dropped_triangles,
+            moves,
+            media,
+            camera_medium: scene.camera.medium.map_or(NO_MEDIUM, |medium| medium.0),
+            has_transmission,
+            has_passable_surfaces,
+            open: shutter.open,
+        })
     }
-    let media = Media::new(&scene.media, space.scale()).unwrap_or_else(|errors| {
-        problems.0.extend(errors.iter().map(ToString::to_string));
-        Media::default()
-    });
-    problems.check_media(scene);
-    let without_shape = lights_without_shape(scene, &space, &mut problems);
-    if !problems.0.is_empty() {
-        return Err(WorldError { problems: problems.0 });
-    }
-    let dropped = shapes.iter().map(|s| if let Shape::Mesh(mesh) = s { mesh.degenerate() } else { 0 }).sum::<usize>();
-    let dropped_triangles = dropped + placements.dropped_triangles;
-    let mut object_parts = std::mem::take(&mut placements.parts);
-    let moves = placements.moves;
-    let geometry = problems.note(placements.build(shapes));
-    let (Some(camera), Some(geometry)) = (camera, geometry) else {
-        return Err(WorldError { problems: problems.0 });
-    };
-    let lights = lights(scene, &space, &geometry, &mut parts, without_shape, &mut problems);
-    if !problems.0.is_empty() {
-        return Err(WorldError { problems: problems.0 });
-    }
-    let moves = moves || camera.moves();
-    let [has_transmission, has_passable_surfaces] = mark_passable(&mut parts, &mut object_parts, &surfaces);
-    Ok(World {
-        effects: Effects::of(scene),
-        geometry,
-        parts,
-        object_parts,
-        surfaces,
-        textures: Textures::new(&scene.textures),
-        lights,
-        camera,
-        filter: FilterSampler::new(&scene.film.pixel_filter),
-        max_depth: scene.max_depth.unwrap_or(u32::MAX),
-        space,
-        dropped_triangles,
-        moves,
-        media,
-        camera_medium: scene.camera.medium.map_or(NO_MEDIUM, |medium| medium.0),
-        has_transmission,
-        has_passable_surfaces,
-        open: shutter.open,
-    })
 }
 
 /// Marks the parts that rays may pass without scattering. Returns two flags: true if a surface transmits light, and
@@ -126,7 +143,7 @@ fn mark_passable(parts: &mut [Part], object_parts: &mut [Part], surfaces: &[Surf
 }
 
 /// Makes the camera with its motion while the shutter is open. Its resting pose is its pose when the shutter opens.
-fn camera(scene: &Scene, resolution: [u32; 2], space: &Space, shutter: &Shutter) -> Result<CameraView, CameraError> {
+fn camera(scene: &Scene, resolution: [u32; 2], space: &Space, shutter: &Shutter) -> Result<CameraView, SceneError> {
     let [opens, closes] = shutter.open;
     let view = CameraView::new(&scene.camera, resolution, space)?.resting_at(opens);
     Ok(if opens == closes { view.standing() } else { view })

@@ -1,10 +1,9 @@
-//! Objects, instances of objects, and moving shapes.
+//! Objects, instances of objects, moving shapes, and the time in which the shutter is open.
 
 use super::build::{Problems, convert};
-use super::shutter::Shutter;
 use super::{Interaction, Part, World};
 use crate::space::Space;
-use dapple_geometry::{Geometry, Hit, Instance, Mesh, Motion, Preset, Ray, Shape};
+use dapple_geometry::{Geometry, Hit, Instance, Mesh, Motion, Ray, Shape};
 use dapple_scene::{MaterialId, MediumId, Scene, Shape as DescribedShape, Source};
 use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
@@ -75,7 +74,7 @@ impl<'a> Placements<'a> {
             geometry.push(shape);
             self.parts.push(part);
         }
-        let geometry = problems.note_at(source, Geometry::build(geometry, Preset::default()))?;
+        let geometry = problems.note_at(source, Geometry::build(geometry))?;
         self.objects.push(Arc::new(geometry));
         Some(own)
     }
@@ -108,8 +107,8 @@ impl<'a> Placements<'a> {
     /// Builds the geometry of base shapes and instances. Without instances, traversal is faster.
     pub(super) fn build(self, shapes: Vec<Shape>) -> Result<Geometry, dapple_geometry::Error> {
         match self.instances.is_empty() {
-            true => Geometry::build(shapes, Preset::default()),
-            false => Geometry::with_instances(shapes, self.objects, self.instances, Preset::default()),
+            true => Geometry::build(shapes),
+            false => Geometry::with_instances(shapes, self.objects, self.instances),
         }
     }
 }
@@ -210,5 +209,57 @@ impl Problems {
         if material as usize >= scene.materials.len() {
             self.add(&shape.source, format!("the shape has material {material}, which does not exist; define it"));
         }
+    }
+}
+
+/// The interval of time, within a scene's motion, in which the camera's shutter is open.
+pub(super) struct Shutter {
+    /// The opening and closing time in `[0, 1]`, where the motion takes place from 0 to 1. Both are 0 if nothing
+    /// moves.
+    pub(super) open: [f32; 2],
+}
+
+impl Shutter {
+    /// Returns the interval in which the shutter of a scene is open.
+    ///
+    /// # Errors
+    ///
+    /// A message if the scene has motion and its times are not finite or not in order.
+    pub(super) fn of(scene: &Scene) -> Result<Self, String> {
+        let moves = scene.camera.moves_to.is_some()
+            || scene.shapes.iter().any(|shape| shape.moves_to.is_some())
+            || scene.instances.iter().any(|instance| instance.moves_to.is_some());
+        if !moves {
+            return Ok(Self { open: [0.0; 2] });
+        }
+        let [from, to] = match scene.motion_times {
+            [from, to] if from == to => [0.0, 1.0],
+            times => times,
+        };
+        let [opens, closes] = scene.camera.shutter;
+        let sound = [from, to, opens, closes].iter().all(|t| t.is_finite());
+        if !sound || from > to || opens > closes {
+            let at = &scene.camera.source;
+            return Err(format!(
+                "{at}: the shutter is open from {opens} to {closes} and things move from {from} to {to}; give finite \
+                 times, the later one second"
+            ));
+        }
+        Ok(Self { open: [opens, closes].map(|t| ((t - from) / (to - from)).clamp(0.0, 1.0) as f32) })
+    }
+
+    /// Returns the motion unchanged, or its constant pose if the shutter opens and closes at the same time.
+    pub(super) fn seen(&self, motion: Motion) -> Motion {
+        if self.open[0] == self.open[1] { Motion::still(motion.at(self.open[0])) } else { motion }
+    }
+}
+
+impl World {
+    /// Returns a time within the motion, in `[0, 1]`. The random number `u` in `[0, 1)` samples it uniformly from the
+    /// interval in which the shutter is open.
+    #[inline]
+    pub fn time(&self, u: f32) -> f32 {
+        let [opens, closes] = self.open;
+        (opens + (closes - opens) * u).clamp(0.0, 1.0)
     }
 }

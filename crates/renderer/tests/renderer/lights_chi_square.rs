@@ -6,7 +6,7 @@ use crate::statistics::{FAMILY, sidak};
 use crate::support::*;
 use dapple_geometry::Ray;
 use dapple_renderer::World;
-use dapple_renderer::light::{Environment, EnvironmentError, LightSelection, Target};
+use dapple_renderer::light::{Environment, LightSelection, Target};
 use dapple_scene::image::Image;
 use dapple_scene::{EnvironmentRadiance, Geometry, Light, LightKind, MeshData, Scene, Source};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
@@ -212,7 +212,7 @@ fn invalid_equal_area_images_are_refused_l08() {
     }
     assert!(make(&equal_area(3, |_, _| 0.0)).expect("sound").is_none(), "black");
     let radiance = EnvironmentRadiance::EqualArea { image: image_of([4, 2], |_, _| 1.0), scale: 1.0 };
-    assert!(matches!(make(&radiance), Err(EnvironmentError::Square { size: [4, 2], .. })));
+    assert!(make(&radiance).is_err_and(|e| e.what.contains("must be square, not 4 x 2;")));
     for scale in [f32::NAN, -1.0, f32::INFINITY] {
         let radiance = EnvironmentRadiance::EqualArea { image: image_of([2, 2], |_, _| 0.0), scale };
         assert!(make(&radiance).is_err(), "{scale}");

@@ -3,8 +3,9 @@
 
 use crate::support::*;
 use dapple_geometry::Ray;
+use dapple_renderer::SceneError;
 use dapple_renderer::World;
-use dapple_renderer::light::{Environment, EnvironmentError, Target};
+use dapple_renderer::light::{Environment, Target};
 use dapple_scene::image::Image;
 use dapple_scene::{EnvironmentRadiance, Geometry, Light, LightKind, MeshData, Scene, Source};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
@@ -87,7 +88,7 @@ fn lat_long(size: [u32; 2], value: impl Fn(u32, u32) -> f32) -> EnvironmentRadia
     EnvironmentRadiance::LatLong { image: Arc::new(Image::new(size, pixels).expect("as many")), scale: 1.0 }
 }
 
-fn environment(radiance: &EnvironmentRadiance, turn: DMat3) -> Result<Option<Environment>, EnvironmentError> {
+fn environment(radiance: &EnvironmentRadiance, turn: DMat3) -> Result<Option<Environment>, SceneError> {
     Environment::new(radiance, turn, &Source::default())
 }
 

@@ -3,7 +3,7 @@
 #![allow(clippy::print_stderr)] // Reports skipped files, and the size of each.
 
 use dapple_core::{Frame, Limits, Render};
-use dapple_geometry::{Geometry as Tree, Mesh, Preset, Ray, Shape};
+use dapple_geometry::{Geometry as Tree, Mesh, Ray, Shape};
 use dapple_job::registry::{self, MethodInputs, Setting};
 use dapple_renderer::{World, integrator};
 use dapple_scene::{AnyOptions, read_any, read_any_from};
@@ -34,10 +34,10 @@ fn a_model_alone_can_be_built() {
     }
 }
 
-/// Rays at the middles of triangles have the first hit of a loop over all triangles in f64, for any build of the tree.
+/// Rays at the middles of triangles have the first hit of a loop over all triangles in f64, also in a tree that holds them twice.
 fn rays_agree(name: &str, geometry: &Tree) {
     let shapes = geometry.shapes().to_vec();
-    let other = Tree::build(shapes.clone(), Preset::Fastest).unwrap();
+    let other = Tree::build([shapes.clone(), shapes.clone()].concat()).unwrap();
     let corners = |mesh: &Mesh, n: u32| mesh.corners(n).map(|corner| corner.as_dvec3());
     let meshes: Vec<_> = shapes.iter().filter_map(Shape::mesh).collect();
     let triangles: Vec<[DVec3; 3]> = meshes
@@ -88,7 +88,7 @@ fn rendered(name: &str, world: World) -> usize {
     let world = Arc::new(world);
     let mut inputs = MethodInputs::of(world.clone());
     let mut clusters = 0;
-    for sampler in ["cluster-thesis", "cluster:policy=keep,geometry=2"] {
+    for sampler in ["cluster-thesis", "cluster:policy=keep"] {
         let points = registry::points("sobol", Setting { seed: 1, spp: Some(2) }).unwrap();
         let made = registry::sampler(sampler, points, &inputs).unwrap_or_else(|e| panic!("{name}: {e}"));
         let mut sampler = made.sampler;

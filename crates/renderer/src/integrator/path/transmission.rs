@@ -1,6 +1,7 @@
 //! Transmission of rays through media, alpha-masked surfaces and interfaces between media.
 
-use super::{LastScatter, LightSelector, Part, Path, PathTracer, ROULETTE_FROM, VertexLight};
+use super::super::code::ROULETTE_FROM;
+use super::{LastScatter, LightSelector, Part, Path, PathTracer, VertexLight};
 use crate::blocks;
 use crate::camera::Lens;
 use crate::light::{LightSample, Target};

@@ -2,7 +2,7 @@
 //! the sky.
 
 use super::{Environment, Kind};
-use crate::light::{EmissionPdf, EmittedLight, Expectation, LightSample, LightSource, SceneSphere, Target};
+use crate::light::source::{EmissionPdf, EmittedLight, Expectation, LightSample, LightSource, SceneSphere, Target};
 use crate::shading::discrete::Window;
 use glam::Vec3;
 use std::f32::consts::PI;

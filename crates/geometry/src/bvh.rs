@@ -1,10 +1,10 @@
 //! The bounding volume hierarchy as it lies in memory: eight-wide nodes, leaves, and their keys.
 
+use crate::huge_pages::Pages;
 use crate::lanes::{Eight, WIDTH, Words};
-use crate::pages::Pages;
 use crate::shape::Quadric;
-use crate::traverse::WalkKind;
 use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
 
 /// The bit that marks a child's code as a leaf of triangles. The other bits are the leaf's place (`leaf::place`).
 pub(crate) const TRIANGLES: u32 = 1 << 31;
@@ -12,6 +12,9 @@ pub(crate) const TRIANGLES: u32 = 1 << 31;
 pub(crate) const QUADRIC: u32 = 1 << 30;
 /// The limit of node indices: a child's code below it is the index of a node.
 pub(crate) const LIMIT: usize = QUADRIC as usize;
+
+/// The largest allowed number of entries on the traversal stack. A tree that needs more is rebuilt by median splits.
+pub(crate) const DEEPEST: usize = 256;
 
 /// A node with up to eight children. Unused children have empty boxes, which no ray hits.
 ///
@@ -29,6 +32,21 @@ impl Node8 {
         bounds: [[Eight([f32::INFINITY; WIDTH]), Eight([f32::NEG_INFINITY; WIDTH])]; 3],
         children: Words([0; WIDTH]),
     };
+
+    pub(crate) fn put(&mut self, lane: usize, child: Child, [low, high]: [Vec3; 2]) {
+        self.children.0[lane] = child.code();
+        for axis in 0..3 {
+            self.bounds[axis][0].0[lane] = low[axis];
+            self.bounds[axis][1].0[lane] = high[axis];
+        }
+    }
+
+    /// Returns the bounding box of all children.
+    pub(crate) fn around(&self) -> [Vec3; 2] {
+        let least = |side: usize| self.bounds.map(|axis| axis[side].0.into_iter().fold(f32::INFINITY, f32::min));
+        let most = |side: usize| self.bounds.map(|axis| axis[side].0.into_iter().fold(f32::NEG_INFINITY, f32::max));
+        [Vec3::from_array(least(0)), Vec3::from_array(most(1))]
+    }
 
     /// Adds to the indices of the children: one number for nodes, one for leaves of triangles, one for quadrics.
     pub(crate) fn shift(&mut self, [nodes, leaves, quadrics]: [u32; 3]) {
@@ -72,7 +90,7 @@ pub(crate) fn key(shape: u32, primitive: u32) -> u64 {
 
 /// The bounding volume hierarchy: nodes, leaves, and the shape and primitive numbers in the leaves.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Tree {
+pub(crate) struct Bvh {
     pub(crate) nodes: Pages<Node8>,
     /// The leaves of triangles (see `leaf`), followed by `leaf::SPAN` zeros.
     pub(crate) leaves: Pages<f32>,
@@ -82,5 +100,14 @@ pub(crate) struct Tree {
     pub(crate) quadric_keys: Vec<u64>,
     /// The largest number of entries on the stack during traversal.
     pub(crate) stack: usize,
-    pub(crate) way: WalkKind,
+}
+
+impl Bvh {
+    pub(crate) fn memory_bytes(&self) -> usize {
+        size_of_val(&*self.nodes)
+            + size_of_val(&*self.leaves)
+            + size_of_val(&*self.moved)
+            + size_of_val(&*self.quadrics)
+            + size_of_val(&*self.quadric_keys)
+    }
 }

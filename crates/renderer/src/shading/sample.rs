@@ -1,4 +1,32 @@
-//! Weights for multiple importance sampling.
+//! Samples of BSDFs, and the weights of multiple importance sampling.
+
+use glam::Vec3;
+
+/// A direction sampled from a [`Bsdf`](super::Bsdf).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BsdfSample {
+    /// The sampled direction towards the light, in the shading frame. For transmission, its z has the opposite sign of
+    /// `wo`'s.
+    pub wi: Vec3,
+    /// The factor `f |cos| / pdf` by which the path's throughput is multiplied.
+    pub weight: Vec3,
+    /// The solid-angle density of `wi`, equal to [`Bsdf::pdf`](super::Bsdf::pdf). For a specular sample, the probability of choosing its
+    /// lobe.
+    pub pdf: f32,
+    /// True if the lobe has no direction but `wi`. [`Bsdf::evaluate`](super::Bsdf::evaluate) and [`Bsdf::pdf`](super::Bsdf::pdf) do not include such a lobe,
+    /// and light sampling cannot find it.
+    pub specular: bool,
+    /// The index of refraction on the side of `wi` relative to the side of `wo`; 1 except for refraction. `weight`
+    /// includes a division by `eta^2`, which is undone when the path leaves the glass. Russian roulette should
+    /// therefore multiply the throughput by the product of `eta^2` along the path [Pharr et al. 2023, sec. 14.2.3].
+    pub eta: f32,
+}
+
+/// Returns `w` mirrored about the unit vector `m`.
+#[inline]
+pub(super) fn mirror(w: Vec3, m: Vec3) -> Vec3 {
+    2.0 * w.dot(m) * m - w
+}
 
 /// Returns the weight of a sample by the power heuristic with exponent 2 [Veach 1997, sec. 9.2.4]. `pdf` is the
 /// density of the strategy that generated the sample, and `other` the density of another strategy. Each strategy takes

@@ -1,0 +1,319 @@
+//! The functions of a kind of light, and what they return: samples of arriving light, and rays that leave.
+
+use crate::shading::{ShadingFrame, warp};
+use dapple_geometry::{Ray, SurfacePoint, spawn_ray, spawn_ray_to, spawn_ray_to_point};
+use glam::Vec3;
+use std::f32::consts::FRAC_1_PI;
+
+/// The functions that each kind of light implements.
+pub(crate) trait LightSource {
+    /// Samples a direction from the point `from` to the light by random numbers `u` in `[0, 1)^2`. Returns `None` if
+    /// no light arrives at `from` from the sampled direction.
+    fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample>;
+
+    /// Returns the solid-angle density with which [`Self::sample`] at `from` samples the direction to a `point` on the
+    /// light's shape.
+    ///
+    /// Returns 0 for lights without a shape.
+    #[inline]
+    fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
+        let _ = (from, point);
+        0.0
+    }
+
+    /// Returns the emission of an area light; `None` for lights without a shape.
+    #[inline]
+    fn lamp(&self) -> Option<&Lamp> {
+        None
+    }
+
+    /// Returns true for a light that no ray can hit: a point, a spot or a distant light.
+    fn is_delta(&self) -> bool {
+        false
+    }
+
+    /// Samples a ray that leaves the light, as [`Lights::sample_emission`] does. `light` and `pmf` are left to the caller.
+    fn emit(&self, scene: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight>;
+
+    /// Returns the densities of [`Self::emit`]; see [`Lights::emission_pdf`].
+    fn emission_pdf(&self, scene: &SceneSphere, normal: Vec3, direction: Vec3) -> EmissionPdf;
+
+    /// Returns the luminance of the light's radiant power, divided by pi. An environment or distant light counts with
+    /// the power that enters the scene's bounding sphere. `scene_radius` is the sphere's radius.
+    fn power(&self, scene_radius: f64) -> f64;
+
+    /// Returns an approximation of the light's contribution, which learned selection uses before it has samples.
+    fn expectation(&self) -> Expectation;
+}
+
+/// The place that a light sample comes from.
+#[derive(Clone, Copy, Debug)]
+pub enum Target {
+    /// A point on the surface of an area light.
+    Surface(SurfacePoint),
+    /// The position of a point or spot light.
+    Point(Vec3),
+    /// A place infinitely far away.
+    Far,
+}
+
+impl Target {
+    /// Returns the ray from a surface point to the target. `direction` is the unit direction to the target.
+    #[inline(always)]
+    pub(crate) fn ray_from(&self, from: &SurfacePoint, direction: Vec3) -> Ray {
+        match self {
+            Self::Surface(point) => spawn_ray_to(from, point),
+            Self::Point(position) => spawn_ray_to_point(from, *position),
+            Self::Far => spawn_ray(from, direction),
+        }
+    }
+}
+
+/// A sample of the light that arrives at a point, without regard to occlusion.
+#[derive(Clone, Copy, Debug)]
+pub struct LightSample {
+    /// The unit direction to the light.
+    pub wi: Vec3,
+    /// The linear RGB radiance from `wi`. For a light without extent, the irradiance on a surface that faces the
+    /// light.
+    pub radiance: Vec3,
+    /// The solid-angle density of `wi` times the probability of selecting the light, above 0. For a light without
+    /// extent, the probability alone.
+    pub pdf: f32,
+    /// The place that the light comes from.
+    pub target: Target,
+    /// True if the light has no extent, so that no ray can hit it.
+    ///
+    /// The sample then gets no multiple-importance weight against BSDF sampling.
+    pub delta: bool,
+}
+
+impl LightSample {
+    /// Returns the ray from the shaded point to the light. The light is visible if nothing is hit before the ray's
+    /// `tmax`.
+    #[inline(always)]
+    pub fn shadow_ray(&self, from: &SurfacePoint) -> Ray {
+        self.target.ray_from(from, self.wi)
+    }
+}
+
+/// The emission of an area light: its radiance, from one side or from both.
+#[derive(Clone, Copy, Debug)]
+pub struct Lamp {
+    pub(crate) radiance: Vec3,
+    pub(crate) two_sided: bool,
+}
+
+impl Lamp {
+    /// Returns the emitted radiance in a direction. `cosine` is taken between the direction and the normal of the
+    /// emitting side.
+    #[inline]
+    pub fn radiance(&self, cosine: f32) -> Vec3 {
+        if cosine > 0.0 || (self.two_sided && cosine < 0.0) { self.radiance } else { Vec3::ZERO }
+    }
+
+    /// Returns the densities of a ray that leaves a lamp of this area. `cosine` is taken between the ray and the normal
+    /// of the emitting side.
+    pub(super) fn emission_pdf(&self, cosine: f32, area: f32) -> EmissionPdf {
+        let direction = if self.two_sided { 0.5 * cosine.abs() } else { cosine.max(0.0) } * FRAC_1_PI;
+        EmissionPdf { position: area.recip(), direction }
+    }
+
+    /// Returns the luminance of the radiant exitance, divided by pi and summed over the emitting sides.
+    pub(super) fn brightness(&self) -> f64 {
+        luminance(self.radiance) * if self.two_sided { 2.0 } else { 1.0 }
+    }
+
+    /// Returns the luminance of the radiant intensity that a flat emitter of this area has along its normal.
+    pub(super) fn intensity(&self, area: f64) -> f32 {
+        (luminance(self.radiance) * area) as f32
+    }
+
+    /// Returns `normal` if the light emits from one side, and the zero vector if it emits from both.
+    pub(super) fn facing(&self, normal: Vec3) -> Vec3 {
+        if self.two_sided { Vec3::ZERO } else { normal }
+    }
+}
+
+/// Returns the luminance of a linear RGB color, by [`dapple_core::luminance`].
+pub(super) fn luminance(rgb: Vec3) -> f64 {
+    dapple_core::luminance(rgb.to_array().map(f64::from))
+}
+
+/// Returns the light sample of a point that was sampled uniformly on `area`. `side` is 1 if the point's normal is on
+/// the emitting side, and -1 if it is on the other.
+#[inline(always)]
+pub(super) fn sample_on(lamp: &Lamp, from: Vec3, point: SurfacePoint, side: f32, area: f32) -> Option<LightSample> {
+    let to = point.position - from;
+    let squared = to.length_squared();
+    let wi = to * squared.sqrt().recip();
+    let cosine = -side * point.normal.dot(wi);
+    let radiance = lamp.radiance(cosine);
+    // The density is the one of `area_to_solid_angle`. It is 0 or NaN if the light touches the point.
+    let pdf = squared / (cosine.abs() * area);
+    let target = Target::Surface(point);
+    (radiance != Vec3::ZERO && pdf > 0.0).then_some(LightSample { wi, radiance, pdf, target, delta: false })
+}
+
+/// Returns the solid-angle density at `from` of a point sampled uniformly on `area`: `d^2 / (|cos| area)` at distance
+/// `d`.
+#[inline]
+pub(crate) fn area_to_solid_angle(from: Vec3, point: &SurfacePoint, area: f32) -> f32 {
+    let to = point.position - from;
+    let squared = to.length_squared();
+    let cosine = point.normal.dot(to).abs() / squared.sqrt();
+    squared / (cosine * area)
+}
+
+/// The largest random number below 1.
+const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
+
+/// The sphere around a scene. Light from infinity enters it through a disk of its radius.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SceneSphere {
+    pub(crate) centre: Vec3,
+    pub(crate) radius: f32,
+}
+
+impl SceneSphere {
+    /// Returns the area density of a point on the disk, and 1 / pi for a scene that is a point.
+    fn disk_pdf(&self) -> f32 {
+        FRAC_1_PI / (self.radius * self.radius)
+    }
+
+    /// Returns the emission of parallel light: a ray in the unit `direction` that starts on the disk in front of the
+    /// sphere, at the place `u` in `[0, 1)^2`.
+    pub(super) fn parallel(&self, direction: Vec3, radiance: Vec3, pdf: f32, u: [f32; 2]) -> EmittedLight {
+        let (disk, frame) = (warp::concentric_disk(u), ShadingFrame::from_normal(direction));
+        let on = frame.tangent * disk.x + frame.bitangent * disk.y - direction;
+        let (position, pdf) = (self.centre + on * self.radius, self.parallel_pdf(pdf));
+        EmittedLight { light: 0, pmf: 1.0, source: Target::Far, position, direction, radiance, cosine: 1.0, pdf }
+    }
+
+    /// Returns the densities of parallel light whose direction has the solid-angle density `direction`.
+    pub(super) fn parallel_pdf(&self, direction: f32) -> EmissionPdf {
+        EmissionPdf { position: self.disk_pdf(), direction }
+    }
+}
+
+/// The densities with which [`Lights::sample_emission`] samples a ray, without the selection of the light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EmissionPdf {
+    /// The area density of the ray's origin: on the surface of an area light, or on the disk of the scene's radius across
+    /// the rays of a light from infinity. 1 for a point or a spot.
+    pub position: f32,
+    /// The solid-angle density of the direction. 1 for a distant light.
+    pub direction: f32,
+}
+
+/// A ray that leaves a light, with the light along it.
+#[derive(Clone, Copy, Debug)]
+pub struct EmittedLight {
+    /// The index of the light in [`Lights`].
+    pub light: u32,
+    /// The probability with which the light was selected.
+    pub pmf: f32,
+    /// The place that the ray leaves: [`Target::Surface`] with the normal on the emitting side, [`Target::Point`], or
+    /// [`Target::Far`].
+    pub source: Target,
+    /// The origin of the ray. For a light from infinity, a point outside the sphere around the scene.
+    pub position: Vec3,
+    /// The unit direction of the ray.
+    pub direction: Vec3,
+    /// The linear RGB radiance along the ray. For a point or spot light, the radiant intensity; for a distant light, the
+    /// irradiance on a surface that faces it.
+    pub radiance: Vec3,
+    /// The cosine between the ray and the normal of an area light; 1 for other lights.
+    pub cosine: f32,
+    /// The densities of the ray.
+    pub pdf: EmissionPdf,
+}
+
+impl EmittedLight {
+    /// Returns the flux that the ray stands for: radiance times cosine over all densities. Its mean over random rays is
+    /// the power of all lights.
+    pub fn flux(&self) -> Vec3 {
+        self.radiance * (self.cosine / (self.pmf * self.pdf.position * self.pdf.direction))
+    }
+
+    /// Returns the ray. It starts above the surface of an area light.
+    pub fn ray(&self) -> Ray {
+        match &self.source {
+            Target::Surface(point) => spawn_ray(point, self.direction),
+            _ => Ray::new(self.position, self.direction),
+        }
+    }
+
+    /// Returns the emission of a point on an area light. `point` has its normal on the emitting side, and `u` in
+    /// `[0, 1)^2` selects the side of a two-sided lamp and the direction.
+    pub(super) fn from_surface(lamp: &Lamp, mut point: SurfacePoint, u: [f32; 2], area: f32) -> Option<Self> {
+        let mut u = u;
+        if lamp.two_sided {
+            let below = u[0] >= 0.5;
+            u[0] = (2.0 * u[0] - if below { 1.0 } else { 0.0 }).min(BELOW_ONE);
+            point.normal = if below { -point.normal } else { point.normal };
+        }
+        let local = warp::cosine_hemisphere(u);
+        let direction = ShadingFrame::from_normal(point.normal).to_world(local).normalize();
+        Self::leaving(lamp, point, direction, area)
+    }
+
+    /// Returns the emission of a point on an area light in a direction. Both were sampled with the densities of
+    /// [`Self::from_surface`].
+    pub(super) fn leaving(lamp: &Lamp, point: SurfacePoint, direction: Vec3, area: f32) -> Option<Self> {
+        let cosine = point.normal.dot(direction);
+        let pdf = lamp.emission_pdf(cosine, area);
+        let (position, source, radiance) = (point.position, Target::Surface(point), lamp.radiance);
+        let emitted = EmittedLight { light: 0, pmf: 1.0, source, position, direction, radiance, cosine, pdf };
+        (area > 0.0 && cosine > 0.0).then_some(emitted)
+    }
+
+    /// Returns the emission of a point without extent, in a direction sampled with density `pdf`.
+    pub(super) fn from_point(position: Vec3, direction: Vec3, intensity: Vec3, pdf: f32) -> Self {
+        let (source, pdf) = (Target::Point(position), EmissionPdf { position: 1.0, direction: pdf });
+        EmittedLight { light: 0, pmf: 1.0, source, position, direction, radiance: intensity, cosine: 1.0, pdf }
+    }
+}
+
+/// A light's strength and position, reduced to the numbers that approximate its contribution anywhere in the scene.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Expectation {
+    /// A light within the scene: an area, point or spot light.
+    Near {
+        middle: Vec3,
+        radius: f32,
+        /// The mean of the emitting sides' unit normals. It is shorter the more they differ, and zero if the light
+        /// emits to all sides.
+        facing: Vec3,
+        /// The luminance of the radiant intensity along `facing`.
+        intensity: f32,
+    },
+    /// A light from infinity: an environment, a tile of it, or a distant light.
+    Far {
+        /// The unit direction to the light; zero if light comes from all sides.
+        towards: Vec3,
+        irradiance: f32,
+    },
+}
+
+impl Expectation {
+    /// Returns the approximate unoccluded irradiance in a cell: on surfaces within distance `half` of `at` whose
+    /// normals are nearest to `axis`.
+    ///
+    /// The value is positive even if the light is behind `at`, since other points of the cell may see it.
+    pub(crate) fn irradiance(&self, at: Vec3, half: f32, axis: Vec3) -> f32 {
+        // Normals of a cell deviate from the axis by up to 55 degrees.
+        let received = |cosine: f32| ((cosine + 0.5) / 1.5).clamp(0.05, 1.0);
+        match *self {
+            Self::Near { middle, radius, facing, intensity } => {
+                let to = middle - at;
+                let wi = to.normalize_or_zero();
+                let emitted = (-facing.dot(wi)).max(0.0) + 0.5 * (1.0 - facing.length()).max(0.0) + 0.05;
+                let squared = to.length_squared() + radius * radius + half * half;
+                intensity * emitted * received(axis.dot(wi)) / squared
+            }
+            Self::Far { towards, irradiance } if towards == Vec3::ZERO => irradiance,
+            Self::Far { towards, irradiance } => irradiance * received(axis.dot(towards)),
+        }
+    }
+}
