@@ -1,23 +1,17 @@
 //! The subcommand `dapple farm`: files of a job for a scheduler or a render farm.
 
 mod files;
-mod kubernetes;
-mod opencue;
-mod openjd;
-mod slurm;
-mod stages;
+mod systems;
 
 use crate::output::tell;
 use crate::render::RenderArgs;
 use crate::{Failure, Outcome, Result};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, Command, FromArgMatches, ValueEnum};
-use dapple_job::registry;
 use dapple_job::{BudgetSpec, RenderSpec};
 use dapple_scene::bundled;
 use dapple_scene::image::Format;
-use files::Files;
-use stages::Stages;
+use files::{Files, quoted};
 use std::path::{Path, PathBuf};
 
 /// Write a job that renders an image on many machines: scripts for Slurm, or a template for OpenJD, OpenCue or Kubernetes
@@ -170,12 +164,12 @@ pub(crate) fn run(args: &FarmArgs) -> Result<Outcome> {
     let job = Job::new(options, render, folder)?;
     let mut files = Files::new(folder)?;
     files.add("render.json", &job.spec.to_json_pretty().map_err(Failure::new)?)?;
-    files.add_script("stage.sh", &stages::script(&job))?;
+    files.add_script("stage.sh", &job.filled(include_str!("farm/stage.sh")))?;
     let next = match options.system {
-        System::Slurm => slurm::write(&job, &mut files)?,
-        System::Openjd => openjd::write(&job, &mut files)?,
-        System::Opencue => opencue::write(&job, &mut files)?,
-        System::K8s => kubernetes::write(&job, &mut files)?,
+        System::Slurm => systems::slurm(&job, &mut files)?,
+        System::Openjd => systems::openjd(&job, &mut files)?,
+        System::Opencue => systems::opencue(&job, &mut files)?,
+        System::K8s => systems::kubernetes(&job, &mut files)?,
     };
     files.finish()?;
     if !render.quiet {
@@ -195,7 +189,8 @@ struct Job<'a> {
     images: Vec<String>,
     threads: u16,
     memory: Option<u64>,
-    stages: Stages,
+    /// A bound of the number of stages; `None` if it is unknown.
+    stages: Option<u32>,
 }
 
 impl<'a> Job<'a> {
@@ -218,7 +213,7 @@ impl<'a> Job<'a> {
             [] => vec!["image.exr".to_owned()],
             images => images.iter().map(|path| text(path)).collect::<Result<_>>()?,
         };
-        let stages = Stages::of(&spec, options);
+        let stages = options.stages.or(most_stages(&spec));
         let folder = text(&std::path::absolute(folder).map_err(Failure::new)?)?;
         Ok(Self { options, spec, folder, name, images, threads: render.threads, memory: render.memory, stages })
     }
@@ -231,11 +226,29 @@ impl<'a> Job<'a> {
     }
 
     fn summary(&self) -> String {
-        let parts = self.options.parts;
-        match self.stages {
-            Stages::One => format!("a job of {parts} parts"),
-            Stages::Several { .. } => format!("a job of {parts} parts in several stages"),
-        }
+        format!("a job of {} parts", self.options.parts)
+    }
+
+    /// The number of stages of a job that must state it.
+    fn stages(&self) -> Result<u32> {
+        let wrong = "the number of stages is not known beforehand; give --spp, or --stages N (later stages do nothing)";
+        self.stages.ok_or_else(|| Failure::new(wrong))
+    }
+
+    /// A text with the job's settings in place of `@NAME@` and the like.
+    fn filled(&self, text: &str) -> String {
+        let threads = if self.threads > 0 { format!(" --threads {}", self.threads) } else { String::new() };
+        let memory = self.memory.map_or_else(String::new, |bytes| format!(" --memory {bytes}"));
+        let cores = if self.threads > 0 { format!("#SBATCH --cpus-per-task={}\n", self.threads) } else { String::new() };
+        let mebibytes = |bytes: u64| format!("#SBATCH --mem={}M\n", bytes.div_ceil(1 << 20));
+        let outputs: String = self.images.iter().map(|image| format!(" -o {}", quoted(image))).collect();
+        text.replace("@PARTS@", &self.options.parts.to_string())
+            .replace("@TRIES@", &self.options.tries.to_string())
+            .replace("@LIMITS@", &format!("{threads}{memory}"))
+            .replace("@OUTPUTS@", &outputs)
+            .replace("@NAME@", &self.plain_name())
+            .replace("@FOLDER@", &quoted(&self.folder))
+            .replace("@NEEDS@", &format!("{cores}{}", self.memory.map_or_else(String::new, mebibytes)))
     }
 }
 
@@ -259,8 +272,13 @@ fn word(text: &str) -> std::result::Result<String, String> {
     if plain { Ok(text.to_owned()) } else { Err("letters, digits and underscores only".into()) }
 }
 
-/// Returns true if a sampler plans without looking at samples, so that shards need no stages.
-fn plans_a_priori(sampler: &str) -> bool {
-    let name = sampler.split(':').next().unwrap_or(sampler);
-    registry::SAMPLERS.iter().any(|entry| entry.is_called(name) && ["uniform", "cluster-thesis"].contains(&entry.name))
+/// A bound of the number of stages: training passes of 1, 1, 2, 4, … samples per pixel, and rounds of the sampler, which
+/// may end within a pass.
+fn most_stages(spec: &RenderSpec) -> Option<u32> {
+    /// Rounds of the default sampler, and some more for others.
+    const ROUNDS: u32 = 5;
+    match spec.budget {
+        BudgetSpec::Spp(spp) => Some(1 + spp.max(1.0).log2().ceil() as u32 + ROUNDS),
+        _ => None,
+    }
 }

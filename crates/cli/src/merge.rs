@@ -3,7 +3,7 @@
 use crate::render::{self, Show, values};
 use crate::{Failure, Outcome, Result, failure};
 use dapple_job::memory::{MemoryLimit, size};
-use dapple_job::{Job, JobError, PlanFile, RenderSpec, ShardSet, Traced};
+use dapple_job::{Job, JobError, PlanFile, RenderSpec, RowsFiles, Traced};
 use std::path::PathBuf;
 
 /// The function that takes over the film of shards or of a plan.
@@ -69,25 +69,16 @@ pub(crate) fn run(args: &MergeArgs) -> Result<Outcome> {
         }
         (Some(_), _) => return Err(Failure::usage("merge", "a .plan is the whole image; give it alone")),
         (None, _) => {
-            let shards = ShardSet::read(&args.shards).map_err(|e| failure::of_job(&e))?;
+            let shards = RowsFiles::read(&args.shards).map_err(|e| failure::of_job(&e))?;
             let spec = shards.spec().clone();
-            (Box::new(move |job| job.merge(shards)), spec)
+            (Box::new(move |job| job.merge(&shards)), spec)
         }
     };
     if let Some(scene) = &args.scene {
         spec.scene = scene.to_string_lossy().into_owned();
     }
-    let show = Show {
-        outputs: &args.outputs,
-        maps: None,
-        features: false,
-        half: false,
-        layers: None,
-        exposure: args.exposure,
-        json: args.json,
-        quiet: args.quiet,
-        progress_every: None,
-    };
+    let MergeArgs { exposure, json, quiet, .. } = *args;
+    let show = Show { outputs: &args.outputs, exposure, json, quiet, ..Show::default() };
     render::merge(film, &spec, &show, (args.threads, limit))
 }
 

@@ -1,6 +1,6 @@
 //! The subcommand `dapple plan`.
 
-use crate::render::parts::{self, StageOptions};
+use crate::render::many::{self, PlanOptions};
 use crate::render::{described_in, values};
 use crate::{Failure, Outcome, Result};
 use std::path::PathBuf;
@@ -57,9 +57,9 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Outcome> {
         return Err(Failure::usage("plan", "--output: a file name that ends in .plan is required"));
     }
     let PlanArgs { threads, memory, quiet, .. } = *args;
-    let options = StageOptions { threads, memory, quiet, progress_every: None };
+    let options = PlanOptions { threads, memory, quiet, progress_every: None };
     match &args.spec {
-        Some(spec) => parts::first(&described_in(spec)?, &args.output, &options),
-        None => parts::next(&args.parts, args.from.as_deref(), &args.output, &options),
+        Some(spec) => many::first_plan(&described_in(spec)?, &args.output, &options),
+        None => many::next_plan(&args.parts, args.from.as_deref(), &args.output, &options),
     }
 }

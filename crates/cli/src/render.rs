@@ -1,12 +1,11 @@
 //! The subcommand `dapple render`.
 
 pub(crate) mod args;
+mod file_conflicts;
 pub(crate) mod live;
-pub(crate) mod parts;
+pub(crate) mod many;
 mod progress;
 mod report;
-mod roles;
-mod together;
 pub(crate) mod values;
 
 pub(crate) use args::{RenderArgs, described_in};
@@ -15,11 +14,9 @@ use crate::machine::{cpu_seconds, start_threads};
 use crate::output::{say, tell, warn};
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, failure};
-use dapple_core::{Exchange, Film};
 use dapple_job::memory::{MemoryLimit, size};
 use dapple_job::{Job, JobError, LoadOptions, LoadedScene, OutputFiles, RenderSpec, Traced, Warning, can_be_replayed};
 use dapple_scene::Scene;
-use dapple_scene::image::{check_writable, write_file};
 use live::Live;
 use progress::Progress;
 use report::Report;
@@ -27,8 +24,9 @@ use std::path::{Path, PathBuf};
 use values::EachLayer;
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
-    if let Some(plan) = &args.from {
-        return parts::part(args, plan);
+    if let Some(shard) = args.shard {
+        args.check_part().map_err(|wrong| Failure::usage("render", wrong))?;
+        return many::part(args, shard);
     }
     let spec = args.spec()?;
     if args.print_spec {
@@ -36,13 +34,16 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
         return Ok(Outcome::Done);
     }
     if let Some(plan) = args.outputs.iter().find(|path| values::has_extension(path, "plan")) {
-        return parts::first(&spec, plan, &parts::StageOptions::from(args));
+        return many::first_plan(&spec, plan, &many::PlanOptions::from(args));
     }
-    if spec.shard.is_none()
-        && let Some(processes) = together::start()?
-    {
-        return together::run(args, &spec, processes);
+    match many::processes()? {
+        Some(processes) => many::together(args, &spec, processes),
+        None => alone(args, &spec),
     }
+}
+
+/// Renders the whole image in this process.
+fn alone(args: &RenderArgs, spec: &RenderSpec) -> Result<Outcome> {
     let stop = Stop::listen()?;
     start_threads(args.threads)?;
     // The checkpoint file is locked first, so that a second process with the same file fails at once.
@@ -52,12 +53,11 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     let keeps = checkpoints.is_some();
     let limit = args.memory.map_or_else(MemoryLimit::of_machine, MemoryLimit::given);
     let options = LoadOptions::default().with_limit(limit);
-    let options = if keeps || spec.shard.is_some() { options } else { options.without_digest() };
+    let options = if keeps { options } else { options.without_digest() };
     progress.phase("reading");
-    let loaded = load(&spec, &options, limit)?;
+    let loaded = load(spec, &options, limit)?;
     let files = show.files(&loaded)?;
-    let shard = shard_file(args, &loaded)?;
-    roles::check(args, &loaded, &files, shard.as_deref())?;
+    file_conflicts::check(args, &loaded, &files)?;
     files.prepare().map_err(|e| failure::of_job(&e))?;
     warn_all(loaded.warnings());
     let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(Outcome::Interrupted) };
@@ -66,14 +66,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     expected.check(limit).map_err(|e| failure::of_job(&e))?;
     progress.begin(&job);
     let traced = job.run(checkpoints, &mut progress).map_err(|e| failure::of_job(&e))?;
-    match (&shard, &traced.failure) {
-        (Some(path), None) => {
-            drop(progress);
-            write_shard(path, &job, &traced.film, args.quiet)?;
-            end(traced.film.record().interrupted, None, (traced.checkpoint, traced.checkpoints_written))
-        }
-        _ => show.deliver(&job, traced, (Some(&expected), cpu), progress, None),
-    }
+    show.deliver(&job, traced, (Some(&expected), cpu), progress)
 }
 
 /// Filters the merged film of shards, or of a plan whose samples are all traced, and writes the image files.
@@ -89,7 +82,7 @@ pub(crate) fn merge(
     progress.phase("reading");
     let loaded = load(spec, &LoadOptions::default().with_limit(limit), limit)?;
     let files = show.files(&loaded)?;
-    roles::check_inputs(&loaded, files.paths().map(|path| ("--output", path)))?;
+    file_conflicts::check_inputs(&loaded, files.paths().map(|path| ("--output", path)))?;
     files.prepare().map_err(|e| failure::of_job(&e))?;
     warn_all(loaded.warnings());
     let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(Outcome::Interrupted) };
@@ -100,7 +93,7 @@ pub(crate) fn merge(
         return Err(Failure::new(wrong));
     }
     let traced = film(&mut job).map_err(|e| failure::of_job(&e))?;
-    show.deliver(&job, traced, (None, cpu), progress, None)
+    show.deliver(&job, traced, (None, cpu), progress)
 }
 
 fn load(spec: &RenderSpec, options: &LoadOptions, limit: MemoryLimit) -> Result<LoadedScene> {
@@ -135,6 +128,7 @@ fn warn_all(warnings: &[Warning]) {
 }
 
 /// The options for an image's files and for its summary.
+#[derive(Default)]
 pub(crate) struct Show<'a> {
     pub(crate) outputs: &'a [PathBuf],
     pub(crate) maps: Option<&'a Path>,
@@ -172,9 +166,6 @@ impl<'a> From<&'a RenderArgs> for Show<'a> {
 impl Show<'_> {
     /// Returns the image files to write; an empty list for a shard.
     fn files(&self, loaded: &LoadedScene) -> Result<OutputFiles> {
-        if loaded.spec().shard.is_some() {
-            return Ok(OutputFiles::none());
-        }
         let files = match self.outputs {
             [] => OutputFiles::defaults(&name(loaded.scene()), &loaded.spec().sampler),
             outputs => OutputFiles::images(outputs).map_err(Failure::new)?,
@@ -197,16 +188,10 @@ impl Show<'_> {
         traced: Traced,
         (expected, cpu): Before<'_>,
         mut progress: Progress,
-        exchange: Option<&mut dyn Exchange>,
     ) -> Result<Outcome> {
         let Traced { film, failure: panicked, checkpoint, checkpoints_written } = traced;
         progress.phase("filter");
-        let image = match exchange {
-            Some(exchange) => job.finish_together(film, exchange),
-            None => job.finish(film).map(Some),
-        };
-        // Of several processes, the first one has the image.
-        let Some(mut image) = image.map_err(|e| failure::of_job(&e))? else { return Ok(Outcome::Done) };
+        let mut image = job.finish(film).map_err(|e| failure::of_job(&e))?;
         let cpu = cpu_seconds().zip(cpu).map(|(after, before)| after - before);
         let shown = |warning: &&Warning| panicked.is_none() || !matches!(warning, Warning::ErrorNotReached { .. });
         image.warnings.iter().filter(shown).for_each(|warning| warn(failure::warning(warning)));
@@ -243,30 +228,6 @@ impl Show<'_> {
 fn name(scene: &Scene) -> String {
     let given = scene.film.file_name.as_deref().and_then(|file| Path::new(file).file_stem());
     given.map_or_else(|| scene.name.clone(), |stem| stem.to_string_lossy().into_owned())
-}
-
-/// Returns the path of the shard file to write, checked to be writable; `None` if the render is not a shard.
-fn shard_file(args: &RenderArgs, loaded: &LoadedScene) -> Result<Option<PathBuf>> {
-    let Some(shard) = loaded.spec().shard else { return Ok(None) };
-    let named = || PathBuf::from(format!("{}-{}-of-{}.shard", name(loaded.scene()), shard.index() + 1, shard.of()));
-    let path = args.outputs.first().cloned().unwrap_or_else(named);
-    check_writable(&path).map_err(Failure::new)?;
-    Ok(Some(path))
-}
-
-fn write_shard(path: &Path, job: &Job, film: &Film, quiet: bool) -> Result<()> {
-    let Some(shard) = job.spec().shard else { return Ok(()) };
-    if film.record().interrupted {
-        warn(failure::warning(&Warning::ShardStopped(shard)));
-        return Ok(());
-    }
-    let bytes = job.shard_bytes(film).map_err(|e| failure::of_job(&e))?;
-    write_file(path, &bytes).map_err(Failure::new)?;
-    if quiet {
-        return Ok(());
-    }
-    let samples = film.record().samples;
-    tell(format!("{}: shard {shard}, {samples} samples; dapple merge makes the image of all shards", path.display()))
 }
 
 /// The outcome of the program, after all files are written. `checkpoint` is the written checkpoint file, or the error

@@ -7,8 +7,7 @@ use super::values::{
 };
 use crate::{Failure, Result, failure};
 use clap::{Args, ValueEnum};
-use dapple_core::Shard;
-use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, ErrorOf, PixelFilterSpec, RenderSpec, read_text};
+use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, ErrorOf, PixelFilterSpec, RenderSpec, Shard, read_text};
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::Format;
 use dapple_scene::{Effect, bundled};
@@ -126,13 +125,6 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop, help_heading = "Image")]
     pub(crate) crop: Option<[u32; 4]>,
 
-    /// Give the crop the bits of the whole image
-    ///
-    /// Needs --sampler uniform --filter none, since adaptive samplers and filters read other pixels. Learned light selection
-    /// first traces its training passes in the whole image: up to 8 samples per pixel.
-    #[arg(long, help_heading = "Image")]
-    pub(crate) crop_exact: bool,
-
     /// Exposure of PNG images in stops; each stop doubles the brightness
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, value_parser = stops, help_heading = "Image")]
     #[arg(allow_negative_numbers = true)]
@@ -212,7 +204,7 @@ pub(crate) struct RenderArgs {
     ///
     /// Needs --spp and a sampler that plans without looking at samples (uniform, cluster-thesis), so that every machine
     /// makes the same plan. With --from, any sampler.
-    #[arg(long, value_name = "I/N", value_parser = dapple_job::parse_shard, help_heading = "Interruption")]
+    #[arg(long, value_name = "I/N", help_heading = "Interruption")]
     #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view"])]
     pub(crate) shard: Option<Shard>,
 
@@ -221,7 +213,7 @@ pub(crate) struct RenderArgs {
     /// It works with every sampler and with learned light selection. Parts are bands of 16 rows. SCENE and the options of
     /// Method, Budget, Bounds and Image are those of the plan.
     #[arg(long, value_name = "PLAN", requires = "shard", help_heading = "Interruption")]
-    #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view", "checkpoint", "resume"])]
+    #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view"])]
     pub(crate) from: Option<PathBuf>,
 
     /// Read the description of the render from this JSON file; it replaces SCENE and the options of Method, Budget,
@@ -328,7 +320,9 @@ impl RenderArgs {
             None => self.described(),
         };
         spec.check().map_err(|e| failure::of_spec(&e))?;
-        self.check(&spec).map_err(|wrong| Failure::usage("render", wrong))?;
+        if self.shard.is_none() {
+            self.check().map_err(|wrong| Failure::usage("render", wrong))?;
+        }
         Ok(spec)
     }
 
@@ -347,7 +341,6 @@ impl RenderArgs {
             .error_of(self.error_of.into())
             .bounds(self.min_spp, self.max_spp)
             .crop(self.crop.map_or(CropSpec::Scene, CropSpec::Window))
-            .crop_exact(self.crop_exact)
             .seed(self.seed)
             .max_depth(self.max_depth)
             .pixel_filter(self.pixel_filter.into())
@@ -383,32 +376,28 @@ impl RenderArgs {
     }
 
     /// Checks the options that are not part of the description: checkpoints, shards and outputs.
-    fn check(&self, spec: &RenderSpec) -> std::result::Result<(), String> {
+    /// Checks the outputs of a part.
+    pub(crate) fn check_part(&self) -> std::result::Result<(), String> {
+        let is_part = |path: &PathBuf| has_extension(path, "part") || has_extension(path, "shard");
+        if self.outputs.len() > 1 || !self.outputs.iter().all(is_part) {
+            return Err("--shard takes one --output, a .part file; dapple merge makes images of all parts".into());
+        }
+        Ok(())
+    }
+
+    fn check(&self) -> std::result::Result<(), String> {
         if self.checkpoint_every.is_some() && self.checkpoint.is_none() && self.resume.is_none() {
             return Err("--checkpoint-every needs --checkpoint FILE or --resume FILE".into());
         }
         if self.preview_every.is_some() && self.preview.is_none() && self.view.is_none() {
             return Err("--preview-every needs --preview FILE.png or --view tev".into());
         }
-        if self.from.is_some() {
-            return Ok(());
-        }
         let are = |extension| self.outputs.iter().filter(|path| has_extension(path, extension)).count();
-        let shards = are("shard");
         if are("part") > 0 {
-            return Err("--output: a .part file needs --from PLAN and --shard I/N".into());
+            return Err("--output: a .part file needs --shard I/N".into());
         }
-        if are("plan") > 0 && (self.outputs.len() > 1 || spec.shard.is_some()) {
-            return Err(
-                "--output: a .plan file is the only output, of the whole image; leave out the others, and --shard"
-                    .into(),
-            );
-        }
-        if spec.shard.is_some() && (self.outputs.len() > 1 || shards < self.outputs.len()) {
-            return Err("--shard takes one --output, a .shard file; dapple merge makes images of all shards".into());
-        }
-        if spec.shard.is_none() && shards > 0 {
-            return Err("--output: a .shard file needs --shard I/N".into());
+        if are("plan") > 0 && self.outputs.len() > 1 {
+            return Err("--output: a .plan file is the only output, of the whole image; leave out the others".into());
         }
         let has_layers = |path: &PathBuf| matches!(Format::from_path(path), Ok(Format::Exr));
         let concerns = [("--features", self.features), ("--layers", self.layers.is_some()), ("--half", self.half)];

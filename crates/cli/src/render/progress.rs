@@ -5,7 +5,7 @@ use super::live::Live;
 use crate::display::Display;
 use crate::output;
 use crate::stop::Stop;
-use dapple_core::{Budget, Control, Film, Status};
+use dapple_core::{Budget, Control, Status};
 use dapple_job::{Job, JobMonitor, RenderedImage, Warning};
 use indicatif::HumanDuration;
 use std::time::{Duration, Instant};
@@ -18,8 +18,6 @@ pub(super) struct Progress {
     live: Live,
     pub(super) stop: Stop,
     pixels: f64,
-    /// The number of shards of the image; 1 without shards.
-    shards: f64,
     /// True for a sampler that decides on counts by samples: its first round is a pilot.
     is_adaptive: bool,
     /// The number of rounds, if it is known.
@@ -39,7 +37,7 @@ impl Progress {
     pub(super) fn new(show: &Show<'_>, stop: Stop, live: Live) -> Self {
         let display = Display::new(show.json || show.quiet, show.progress_every);
         let predicted = Predicted { relmse: None, due: Instant::now() };
-        Self { display, live, stop, pixels: 1.0, shards: 1.0, is_adaptive: false, rounds: None, goal: None, predicted }
+        Self { display, live, stop, pixels: 1.0, is_adaptive: false, rounds: None, goal: None, predicted }
     }
 
     /// Shows the name of the present phase.
@@ -50,7 +48,6 @@ impl Progress {
     /// Sets the image's size and the budget from a job, and begins to show tracing.
     pub(super) fn begin(&mut self, job: &Job) {
         self.pixels = job.frame().pixels() as f64;
-        self.shards = f64::from(job.spec().shard.map_or(1, |shard| shard.of()));
         self.is_adaptive = !job.is_a_priori();
         self.rounds = job.rounds();
         self.goal = match job.limits().budget {
@@ -69,7 +66,7 @@ impl Progress {
     fn show(&mut self, status: &Status<'_>) {
         let share = match status.seconds_limit {
             Some(limit) => status.seconds / (limit - status.filter_seconds.unwrap_or(0.0)).max(1e-3),
-            None => status.samples as f64 * self.shards / status.expected.max(1) as f64,
+            None => status.samples as f64 / status.expected.max(1) as f64,
         };
         let share = share.clamp(0.0, 1.0);
         let round = status.round + 1;
@@ -118,24 +115,8 @@ impl JobMonitor for Progress {
         if !self.display.is_silent() {
             self.show(status);
         }
-        // Of several processes, none has everyone's pixels between barriers.
-        if status.film.is_whole() {
-            self.live.show(status.film);
-        }
+        self.live.show(status.film);
         Control::Continue
-    }
-
-    fn reads_rows(&self) -> bool {
-        self.live.is_due()
-    }
-
-    fn rows(&mut self, rows: &Film) {
-        self.live.add(rows);
-    }
-
-    fn training(&mut self, _: &Status<'_>) -> Control {
-        self.display.phase("training on the whole image");
-        if self.stop.asked() { Control::Stop } else { Control::Continue }
     }
 
     fn warn(&mut self, warning: Warning) {

@@ -89,19 +89,24 @@ impl Checkpoints {
         Self { store: Arc::new(store), every: None, resume: None }
     }
 
-    /// The state in the file to resume from, if there is one and it belongs to this render.
-    pub(super) fn snapshot(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<Snapshot>, JobError> {
+    /// The file to resume from, if there is one and it belongs to this render.
+    pub(super) fn state(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<StateFile>, JobError> {
         let Some(path) = &self.resume else { return Ok(None) };
         let found = Store::read(path, Kind::Checkpoint)?;
         if let (Generation::Previous, Some(trouble)) = (found.generation, &found.trouble) {
             monitor.warn(Warning::PreviousCheckpoint(trouble.fault()));
         }
         let differences = compared(here).differences(&compared(&found.contents.identity));
-        if !differences.is_empty() {
-            return Err(JobError::OtherRender { path: path.clone(), differences });
+        match differences.is_empty() {
+            true => Ok(Some(found.contents)),
+            false => Err(JobError::OtherRender { path: path.clone(), differences }),
         }
-        let snapshot = Snapshot::from_bytes(found.contents.bytes());
-        snapshot.map(Some).map_err(|source| JobError::Snapshot { path: path.clone(), source })
+    }
+
+    /// The state of a whole render in that file.
+    pub(super) fn snapshot(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<Snapshot>, JobError> {
+        let (Some(file), Some(path)) = (self.state(here, monitor)?, &self.resume) else { return Ok(None) };
+        Snapshot::from_bytes(file.bytes()).map(Some).map_err(|source| JobError::Snapshot { path: path.clone(), source })
     }
 }
 

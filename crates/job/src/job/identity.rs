@@ -15,6 +15,8 @@ pub(super) const SPEC: &str = "spec";
 
 /// The name of the identity pair that holds the path of a part's plan; it is never compared.
 pub(super) const PLAN: &str = "plan";
+/// The part of a stage that a file of rows has.
+pub(super) const PART: &str = "part";
 
 /// The identity of a job: all settings that its samples depend on. The budget, which may be raised, and the number of
 /// threads, which does not change the samples, are not compared.
@@ -54,7 +56,7 @@ pub(super) fn compared(identity: &Identity) -> Identity {
 
 /// The pairs of an identity that must be equal in all shards of one image.
 pub(super) fn common(identity: &Identity) -> Identity {
-    without(identity, &[SPEC, SHARD])
+    without(identity, &[SPEC, SHARD, PART])
 }
 
 fn without(identity: &Identity, names: &[&str]) -> Identity {

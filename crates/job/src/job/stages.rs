@@ -1,12 +1,14 @@
 //! Renders by many machines: plan files and the rows that machines trace of them, shards, and processes that run together.
 
 use super::checkpoints::Watched;
-use super::identity::{PLAN, SPEC, common, compared};
-use super::{Checkpoints, Job, JobMonitor, RenderMonitor, Traced};
+use super::identity::{PART, PLAN, SPEC, common, compared};
+use super::{Checkpoints, Job, JobMonitor, Traced};
 use crate::checkpoint::{Identity, Kind, StateFile};
 use crate::memory::MemoryEstimate;
 use crate::{JobError, RenderSpec, Shard};
-use dapple_core::{Budget, Control, Error, Integrator, Methods, Render, Session, Snapshot, Stage, Status, TracedRows};
+use dapple_core::{
+    Budget, Control, Error, Integrator, Methods, Monitor, Render, Session, Snapshot, Stage, Status, TracedRows,
+};
 use dapple_distributed::{Processes, coordinate, serve};
 use dapple_transport::make_integrator;
 use std::ops::Range;
@@ -118,7 +120,9 @@ impl Job {
     pub fn first_plan(&mut self) -> Result<Vec<u8>, JobError> {
         let identity = self.identity()?;
         self.need_any_image();
-        let (mut session, integrator) = self.session(None)?;
+        let world = self.prepared.world.clone();
+        let integrator = make_integrator(&self.integrator, &world)?;
+        let mut session = self.session(None)?;
         session.next_stage(&*integrator)?;
         Ok(StateFile::new(Kind::Plan, identity, session.snapshot()).bytes().to_vec())
     }
@@ -134,6 +138,7 @@ impl Job {
         &mut self,
         plan: Option<&PlanFile>,
         shard: Shard,
+        checkpoints: Option<Checkpoints>,
         monitor: &mut dyn JobMonitor,
     ) -> Result<Option<Vec<u8>>, JobError> {
         self.need_any_image();
@@ -142,8 +147,12 @@ impl Job {
             self.check_render(plan)?;
             pairs.push((PLAN.into(), plan.path.to_string_lossy().into_owned()));
         }
+        pairs.push((PART.into(), shard.to_string()));
+        let identity = Identity::new(pairs);
         let snapshot = plan.map(PlanFile::snapshot).transpose()?;
-        let (mut session, mut integrator) = self.session(snapshot)?;
+        let world = self.prepared.world.clone();
+        let mut integrator = make_integrator(&self.integrator, &world)?;
+        let mut session = self.session(snapshot)?;
         session.teach(&mut *integrator);
         let stage = session.next_stage(&*integrator)?;
         let Some(stage) = stage else { return Err(Error::other("the plan", "it is done").into()) };
@@ -159,12 +168,21 @@ impl Job {
         let bytes = match traced {
             // There are more parts than runs of rows.
             None => dapple_core::container::begin(0),
-            Some(rows) => match self.traced(&rows, &mut 0, &mut *integrator, monitor)? {
-                Some(bytes) => bytes,
-                None => return Ok(None),
-            },
+            Some(rows) => {
+                let began = checkpoints.as_ref().map(|c| c.state(&identity, monitor)).transpose()?.flatten();
+                let rows = began.map_or(rows, |file| file.bytes().to_vec());
+                let mut watched = Watched::new(monitor, checkpoints, identity.clone(), self.limits.min_spp);
+                let traced = self.traced(&rows, &mut 0, &mut *integrator, &mut watched)?;
+                if let (Some(Err(trouble)), _) = watched.into_checkpoint() {
+                    return Err(trouble);
+                }
+                match traced {
+                    Some(bytes) => bytes,
+                    None => return Ok(None),
+                }
+            }
         };
-        Ok(Some(StateFile::new(Kind::Rows, Identity::new(pairs), bytes).bytes().to_vec()))
+        Ok(Some(StateFile::new(Kind::Rows, identity, bytes).bytes().to_vec()))
     }
 
     /// Joins the rows of a stage and plans the next one. Returns the bytes of a plan file, and `true` if no stage is left.
@@ -176,7 +194,9 @@ impl Job {
         self.need_any_image();
         self.check_render(plan)?;
         let identity = self.identity()?;
-        let (mut session, mut integrator) = self.session(Some(plan.snapshot()?))?;
+        let world = self.prepared.world.clone();
+        let mut integrator = make_integrator(&self.integrator, &world)?;
+        let mut session = self.session(Some(plan.snapshot()?))?;
         session.teach(&mut *integrator);
         join(&mut session, &mut *integrator, rows)?;
         let is_done = session.next_stage(&*integrator)?.is_none();
@@ -191,7 +211,9 @@ impl Job {
     pub fn finish_plan(&mut self, plan: &PlanFile) -> Result<Traced, JobError> {
         self.need_any_image();
         self.check_render(plan)?;
-        let (mut session, mut integrator) = self.session(Some(plan.snapshot()?))?;
+        let world = self.prepared.world.clone();
+        let mut integrator = make_integrator(&self.integrator, &world)?;
+        let mut session = self.session(Some(plan.snapshot()?))?;
         session.teach(&mut *integrator);
         match session.next_stage(&*integrator)? {
             None => Ok(Traced::of(session.into_film())),
@@ -206,7 +228,9 @@ impl Job {
     /// [`JobError::Shards`] for shards that do not make an image together.
     pub fn merge(&mut self, shards: &RowsFiles) -> Result<Traced, JobError> {
         self.need_any_image();
-        let (mut session, mut integrator) = self.session(None)?;
+        let world = self.prepared.world.clone();
+        let mut integrator = make_integrator(&self.integrator, &world)?;
+        let mut session = self.session(None)?;
         session.next_stage(&*integrator)?;
         join(&mut session, &mut *integrator, shards)?;
         session.next_stage(&*integrator)?;
@@ -231,7 +255,9 @@ impl Job {
             monitor.resumed(snapshot.film().record().samples as f64 / self.frame.pixels() as f64);
         }
         let mut watched = Watched::new(monitor, checkpoints, identity, self.limits.min_spp);
-        let (session, mut integrator) = self.session(snapshot)?;
+        let world = self.prepared.world.clone();
+        let mut integrator = make_integrator(&self.integrator, &world)?;
+        let session = self.session(snapshot)?;
         let film = coordinate(session, &mut *integrator, processes, &mut watched, stop)?;
         let (checkpoint, checkpoints_written) = watched.into_checkpoint();
         Ok(Traced { film, failure: None, checkpoint, checkpoints_written })
@@ -247,7 +273,7 @@ impl Job {
         let (mut integrator, mut learned) = (make_integrator(&self.integrator, &world)?, 0);
         let mut monitor = |_: &Status<'_>| if stop() { Control::Stop } else { Control::Continue };
         let trace = |rows: &[u8]| {
-            let traced = self.traced(rows, &mut learned, &mut *integrator, &mut RenderMonitor(&mut monitor));
+            let traced = self.traced(rows, &mut learned, &mut *integrator, &mut monitor);
             traced.map_err(|e| Error::other("tracing", e.to_string()))
         };
         Ok(serve(trace, processes)?)
@@ -259,26 +285,23 @@ impl Job {
         rows: &[u8],
         learned: &mut usize,
         integrator: &mut dyn Integrator,
-        monitor: &mut dyn JobMonitor,
+        monitor: &mut dyn Monitor,
     ) -> Result<Option<Vec<u8>>, JobError> {
-        let mut watched = Watched::new(monitor, None, Identity::default(), self.limits.min_spp);
         let render = Render::new(self.frame, &self.limits).needs(self.needs).recorders(self.filter.recorders());
-        Ok(render.monitor(&mut watched).trace_rows(rows, learned, integrator, &mut *self.sampler)?)
+        Ok(render.monitor(monitor).trace_rows(rows, learned, integrator, &mut *self.sampler)?)
     }
 
-    /// The session of this render, new or resumed, and its integrator.
-    fn session(&mut self, snapshot: Option<Snapshot>) -> Result<(Session<'_>, Box<dyn Integrator + '_>), JobError> {
+    /// The session of this render, new or resumed.
+    fn session(&mut self, snapshot: Option<Snapshot>) -> Result<Session<'_>, JobError> {
         let judged = self.is_error_of_filtered() || matches!(self.limits.budget, Budget::Seconds(_));
-        let integrator = make_integrator(&self.integrator, &self.prepared.world)?;
         let methods = Methods::from(&mut *self.sampler).with_needs(self.needs);
         let methods = methods.with_recorders(self.filter.recorders());
         let methods = if judged { methods.with_filter(&*self.filter) } else { methods };
         let (frame, limits) = (self.frame, self.limits.clone());
-        let session = match snapshot {
+        Ok(match snapshot {
             None => Session::new(frame, limits, methods)?,
             Some(snapshot) => Session::resume(frame, limits, methods, snapshot)?,
-        };
-        Ok((session, integrator))
+        })
     }
 
     fn check_render(&self, plan: &PlanFile) -> Result<(), JobError> {

@@ -14,8 +14,8 @@ type Named<'a> = (&'static str, &'a Path);
 /// # Errors
 ///
 /// A failure with a line for each file that two options name, or that the scene reads and an option writes.
-pub(super) fn check(args: &RenderArgs, loaded: &LoadedScene, files: &OutputFiles, shard: Option<&Path>) -> Result<()> {
-    let images = files.paths().chain(shard).map(|path| ("--output", path));
+pub(super) fn check(args: &RenderArgs, loaded: &LoadedScene, files: &OutputFiles) -> Result<()> {
+    let images = files.paths().map(|path| ("--output", path));
     let maps = args.maps.as_deref();
     let images = images.map(|(option, path)| match maps {
         Some(folder) if path.parent() == Some(folder) && !args.outputs.iter().any(|o| o == path) => ("--maps", path),
