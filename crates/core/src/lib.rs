@@ -86,7 +86,7 @@ pub use domain::{Axis, Defocus, Domain, Role};
 pub use draws::{Block, Draws};
 pub use error::Error;
 pub use film::{Features, Film, PixelStatistics, Record, Recorded, Rejected, RejectedReason, RoundRecord, luminance};
-pub use filter::{Filter, Filtered, Unfiltered};
+pub use filter::{FilmRows, Filter, Filtered, Unfiltered, apply_in_rows};
 pub use frame::Frame;
 #[doc(hidden)]
 pub use hash::{mix, saturating_u32};
