@@ -1,13 +1,16 @@
 //! Adaptive wavelet rendering: samples for blocks of pixels by the variance of their wavelets.
 
-use crate::rounds_and_variances::{around, filled_means, first_samples, next_step, per_pixel, plan_first, with_extra};
+use crate::method::{MethodSampler, SamplingMethod};
+use crate::rounds::{next_step, with_extra};
+use crate::variances::{around, filled_means, per_pixel};
 use crate::wavelets::{Basis, Taps, coefficient_variances, high_band, sizes, transform};
 use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
-    SamplerMemory, mix, saturating_u32,
+    Error, Feedback, Film, Frame, Needs, PilotPolicy, Plan, Recorder, Retention, SamplerMemory, mix, saturating_u32,
 };
-use std::cmp::Ordering;
+use dapple_mitchell::Extrema;
+use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+use std::sync::Arc;
 
 /// The statistic by which a pixel's variance is estimated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,71 +72,35 @@ dapple_core::options! {
 /// are kept and decide how many follow [Kirk and Arvo 1991].
 /// *Weaknesses*: counts suit wavelet shrinkage; filters that know features leave other errors. Samples are handed out by
 /// one thread.
-pub struct Awr<P> {
-    points: P,
-    options: AwrOptions,
-}
+pub type Awr<P> = MethodSampler<P, AwrOptions>;
 
-impl<P: PointSet> Awr<P> {
-    /// The sampler with these points and the default parameters.
-    pub fn new(points: P) -> Self {
-        Self { points, options: AwrOptions::default() }
+impl SamplingMethod for AwrOptions {
+    const NAME: &'static str = "awr";
+
+    fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
+        if self.statistic == SpreadStatistic::Range { Extrema::list() } else { Vec::new() }
     }
 
-    /// The sampler with these points and parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn with_options(points: P, options: AwrOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { points, options })
-    }
-}
-
-impl<P: PointSet> Sampler for Awr<P> {
-    fn name(&self) -> &str {
-        "awr"
+    fn number_of_rounds(&self) -> Option<u32> {
+        Some(1 + self.rounds)
     }
 
-    fn describe(&self) -> String {
-        format!("awr:{}", self.options.describe())
-    }
-
-    fn rounds(&self) -> Option<u32> {
-        Some(1 + self.options.rounds)
-    }
-
-    fn needs(&self) -> Needs {
-        match self.options.statistic {
-            SpreadStatistic::Variance => Needs::none().with_variance(),
-            SpreadStatistic::Range => Needs::none().with_variance().with_extrema(),
-        }
-    }
-
-    fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
+    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
         // The image and its transposed copy with variances; then blocks of all levels and the heap.
         let making = 2 * 24 + 2 * 8 + 4 * 8;
         SamplerMemory::planning(frame, making + (2 * size_of::<WaveletBlock>() + 2 * size_of::<Waiting>()) * 4 / 3 + 12)
     }
 
-    fn points(&self) -> &dyn PointSet {
-        &self.points
+    fn pilot_samples(&self, _: u64) -> u32 {
+        self.pilot
     }
 
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        seen.film.require(self.name(), &self.needs())?;
-        if seen.budget.left() == 0 {
-            return Ok(Progress::Done);
-        }
-        let first = first_samples(seen, self.options.pilot);
-        if !plan_first(seen, first, plan) {
-            let mut queue = Queue::new(seen, &self.options);
-            let left = queue.hand_out(next_step(seen, first, self.options.rounds));
-            let counts: Vec<u32> = queue.pixels.iter().map(|pixel| pixel.added).collect();
-            plan.counts = with_extra(seen, counts, left)?;
-        }
-        Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
+    fn refine(&self, seen: &Feedback<'_>, first: u32, plan: &mut Plan) -> Result<(), Error> {
+        let mut queue = Queue::new(seen, self)?;
+        let left = queue.hand_out(next_step(seen, first, self.rounds));
+        let counts: Vec<u32> = queue.pixels.iter().map(|pixel| pixel.added).collect();
+        plan.counts = with_extra(seen, counts, left)?;
+        Ok(())
     }
 }
 
@@ -166,34 +133,13 @@ impl WaveletBlock {
     }
 }
 
-/// A block that waits for samples.
-struct Waiting {
-    key: f64,
-    level: u32,
-    block: u32,
-}
+/// A block that waits for samples: the bits of its key, its level, a hash that settles ties, and its number. Keys are positive,
+/// so that their bits are in their order; of equal keys, coarse blocks come first.
+type Waiting = (u64, u32, Reverse<u64>, u32);
 
-impl Ord for Waiting {
-    /// By key, then by level (coarse blocks first), then by a hash.
-    fn cmp(&self, other: &Self) -> Ordering {
-        let by_key = self.key.total_cmp(&other.key).then(self.level.cmp(&other.level));
-        by_key.then_with(|| mix(other.block.into()).cmp(&mix(self.block.into())))
-    }
+fn waiting(key: f64, level: u32, block: u32) -> Waiting {
+    (key.to_bits(), level, Reverse(mix(block.into())), block)
 }
-
-impl PartialOrd for Waiting {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl PartialEq for Waiting {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for Waiting {}
 
 /// A pixel in a round.
 #[derive(Clone, Copy)]
@@ -222,12 +168,12 @@ struct Queue {
 const BLACK: f64 = 0.01;
 
 impl Queue {
-    fn new(seen: &Feedback<'_>, options: &AwrOptions) -> Self {
+    fn new(seen: &Feedback<'_>, options: &AwrOptions) -> Result<Self, Error> {
         let size = seen.frame().size().map(|n| n as usize);
         let (mut image, unpooled) = filled_means(seen.film);
         let variances = match options.statistic {
             SpreadStatistic::Variance => pooled(seen.film, size, &image, &unpooled),
-            SpreadStatistic::Range => per_pixel(seen.film, |i| squared_half_range(seen.film, i)),
+            SpreadStatistic::Range => squared_half_ranges(seen.film)?,
         };
         let sizes = sizes(size, options.levels);
         let finest = |i: usize| WaveletBlock { sum: variances[i], area: 1.0, ..WaveletBlock::new(&image[i], 0.0) };
@@ -249,22 +195,23 @@ impl Queue {
         };
         let pixels = per_pixel(seen.film, pixel);
         let blocks = levels.iter().zip(0..).flat_map(|(blocks, level)| {
-            blocks.iter().zip(0..).map(move |(of, block)| Waiting { key: of.key(), level, block })
+            let keys = blocks.iter().zip(0..).map(|(of, block)| (of.key(), block)).filter(|(key, _)| *key > 0.0);
+            keys.map(move |(key, block)| waiting(key, level, block))
         });
-        let heap = blocks.filter(|waiting| waiting.key > 0.0).collect();
+        let heap = blocks.collect();
         let (ceiling, salt) = (seen.budget.max_spp, mix(seen.budget.spent));
-        Self { size, sizes, levels, pixels, heap, ceiling, salt }
+        Ok(Self { size, sizes, levels, pixels, heap, ceiling, salt })
     }
 
     /// Hands out `total` samples in batches, and returns the number of those that no block with a positive key could take.
     fn hand_out(&mut self, total: u64) -> u64 {
         let mut left = total;
         while left > 0 {
-            let Some(Waiting { key, level, block }) = self.heap.pop() else { break };
+            let Some((key, level, _, block)) = self.heap.pop() else { break };
             let (level, block) = (level as usize, block as usize);
             let now = self.levels[level][block].key();
             // Keys only fall, so that a block is moved when its turn comes.
-            if now >= key {
+            if now >= f64::from_bits(key) {
                 let most = left.min(self.batch(level, block));
                 let taken = self.sample(level, block, most);
                 left -= taken;
@@ -274,7 +221,7 @@ impl Queue {
             }
             let key = self.levels[level][block].key();
             if key > 0.0 {
-                self.heap.push(Waiting { key, level: level as u32, block: block as u32 });
+                self.heap.push(waiting(key, level as u32, block as u32));
             }
         }
         left
@@ -353,10 +300,14 @@ fn pooled(film: &Film, size: [usize; 2], image: &[[f64; 3]], unpooled: &[f64]) -
     })
 }
 
-/// The square of half the range of pixel `i`'s samples, divided by their number.
-fn squared_half_range(film: &Film, i: usize) -> f64 {
-    let half = film.luminance_range(i).map_or(0.0, |[least, most]| 0.5 * (f64::from(most) - f64::from(least)));
-    half * half / film.count(i).max(1) as f64
+/// The square of half the range of each pixel's luminances, divided by the number of its samples.
+fn squared_half_ranges(film: &Film) -> Result<Vec<f64>, Error> {
+    let extrema = Extrema::of(film, AwrOptions::NAME)?;
+    Ok(per_pixel(film, |i| {
+        let range = extrema.of_pixel(Retention::Keep, i).map(|range| range.map(|values| f64::from(values[3])));
+        let half = range.map_or(0.0, |[least, most]| 0.5 * (most - least));
+        half * half / film.count(i).max(1) as f64
+    }))
 }
 
 /// The blocks of a level of the transformed image, without their pixels.

@@ -7,14 +7,18 @@ mod sensitivity;
 pub use cosines::{CosineOptions, CosineScale};
 pub use filter::DctFilter;
 
+use crate::Domain;
+use crate::recorders::{FilmSamples, Singles};
+use crate::rounds::{counts_so_far, total};
 use crate::tree::{Cell, Cells, seed_of};
 use cosines::{Fit, SIDE};
 use dapple_core::{
-    Domain, Error, Feedback, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
-    SamplerMemory, allocate, mix, saturating_u32,
+    Error, Feedback, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Recorder, Sampler,
+    SamplerMemory, allocate, mix,
 };
 use rayon::prelude::*;
 use sensitivity::{masking, weight};
+use std::sync::Arc;
 
 dapple_core::options! {
     /// The parameters of [`Dct`].
@@ -132,7 +136,7 @@ impl<P: PointSet> Dct<P> {
     }
 
     /// Fits the blocks whose samples have changed.
-    fn fit(&mut self, seen: &Feedback<'_>) {
+    fn fit(&mut self, seen: &Feedback<'_>, recorded: &FilmSamples<'_>) {
         let blocks = Cells::new(seen.frame(), SIDE);
         if self.known.len() != blocks.count() {
             self.known = vec![Known::default(); blocks.count()];
@@ -143,7 +147,7 @@ impl<P: PointSet> Dct<P> {
         self.known.par_iter_mut().enumerate().for_each_init(Cell::default, |block, (number, known)| {
             let samples = blocks.pixels(number).map(|i| film.count(i)).sum();
             if known.samples != Some(samples) {
-                blocks.read(number, film, points, domain, block);
+                blocks.read(number, recorded, points, domain, block);
                 *known = Known { samples: Some(samples), ..errors(block, columns, &self.cosines, visible) };
             }
         });
@@ -177,8 +181,8 @@ impl<P: PointSet> Dct<P> {
     }
 
     /// Plans a round of the samples that take away the most.
-    fn plan_round(&mut self, seen: &Feedback<'_>, round: &mut Round) {
-        self.fit(seen);
+    fn plan_round(&mut self, seen: &Feedback<'_>, recorded: &FilmSamples<'_>, round: &mut Round) {
+        self.fit(seen, recorded);
         let mut gains = self.gains(seen, &round.now);
         let step = (0.5 * self.options.growth * round.kept() as f64) as u64;
         let step = step.max(self.known.len() as u64).min(seen.budget.left());
@@ -273,13 +277,12 @@ struct Round {
 
 impl Round {
     fn new(seen: &Feedback<'_>, seed: u64) -> Self {
-        let now = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
-        Self { seed, now, counts: vec![0; seen.pixels()] }
+        Self { seed, now: counts_so_far(seen), counts: vec![0; seen.pixels()] }
     }
 
     /// The number of samples before the round.
     fn kept(&self) -> u64 {
-        self.now.iter().map(|&n| u64::from(n)).sum()
+        total(&self.now)
     }
 
     /// Adds samples to a cell: each to a pixel with the fewest so far, below the ceiling. Equal pixels take turns at random.
@@ -303,8 +306,8 @@ impl<P: PointSet> Sampler for Dct<P> {
         format!("{}:{},{}", self.name(), self.options.describe(), self.cosines.describe())
     }
 
-    fn needs(&self) -> Needs {
-        Needs::none().with_samples(u32::MAX)
+    fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
+        Singles::ALL.list()
     }
 
     fn memory(&self, frame: &Frame, _: &Needs, limits: &Limits) -> SamplerMemory {
@@ -322,7 +325,7 @@ impl<P: PointSet> Sampler for Dct<P> {
     }
 
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        seen.film.require(self.name(), &self.needs())?;
+        let recorded = Singles::ALL.of(seen.film, self.name())?;
         if seen.round == 0 {
             self.known.clear();
         }
@@ -332,7 +335,7 @@ impl<P: PointSet> Sampler for Dct<P> {
         let mut round = Round::new(seen, seed_of(&self.points));
         self.plan_pilot(seen, &mut round)?;
         if round.counts.iter().all(|&count| count == 0) {
-            self.plan_round(seen, &mut round);
+            self.plan_round(seen, &recorded, &mut round);
         }
         plan.counts = round.counts;
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })

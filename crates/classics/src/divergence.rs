@@ -6,14 +6,13 @@ mod stored;
 
 pub use scores::DivergenceScore;
 
-use crate::rounds_and_variances::{plan_pilot, with_extra};
-use crate::worst_first::WorstFirst;
+use crate::rounds::{WorstFirst, counts_so_far, first_samples, lacking, plan_first, total, with_extra};
 use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
-    SamplerMemory, Stopping, allocate, saturating_u32,
+    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Recorder,
+    Sampler, SamplerMemory, Stopping, allocate, saturating_u32,
 };
-use scores::score;
 use std::mem;
+use std::sync::Arc;
 
 dapple_core::options! {
     /// The parameters of [`Divergence`]. All defaults are Dapple's.
@@ -93,21 +92,21 @@ impl<P: PointSet> Divergence<P> {
     }
 
     /// The score of each pixel, 0 or above.
-    fn scores(&self, film: &Film) -> Vec<f64> {
+    fn scores(&self, film: &Film) -> Result<Vec<f64>, Error> {
         let DivergenceOptions { by, q, k, a, pilot, .. } = self.options;
         match by {
-            DivergenceScore::Geometric => geometric::scores(film),
+            DivergenceScore::Geometric => Ok(geometric::scores(film)),
             DivergenceScore::Fuzzy => stored::scores(film, pilot, |samples| stored::fuzzy(samples, k)),
             DivergenceScore::Gh => stored::scores(film, pilot, |samples| stored::generalised_hellinger(samples, a)),
-            _ => (0..film.frame().pixels()).map(|i| score(by, q, film, i)).collect(),
+            _ => scores::of_sums(by, q, film),
         }
     }
 
     /// Plans all counts from the scores so far.
     fn plan_budget(&self, seen: &Feedback<'_>, scores: &[f64], plan: &mut Plan) -> Result<(), Error> {
         let budget = seen.budget;
-        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
-        let total = now.iter().map(|&n| u64::from(n)).sum::<u64>() + budget.left();
+        let now = counts_so_far(seen);
+        let total = total(&now) + budget.left();
         let errors = scores.iter().zip(&now).map(|(s, &n)| (s * s * f64::from(n)).min(f64::MAX));
         let mut errors: Vec<f64> = errors.collect();
         let least = SCORE_FLOOR * errors.iter().map(|e| e / errors.len() as f64).sum::<f64>();
@@ -118,7 +117,7 @@ impl<P: PointSet> Divergence<P> {
         if shared.unspent > 0 {
             shared = allocate(&errors, &floors, budget.max_spp, total)?;
         }
-        plan.counts = shared.counts.iter().zip(&now).map(|(n, now)| n - now).collect();
+        plan.counts = lacking(&shared.counts, &now);
         Ok(())
     }
 
@@ -151,6 +150,10 @@ impl<P: PointSet> Sampler for Divergence<P> {
         scores::needs(self.options.by, self.options.q, self.options.pilot as u8)
     }
 
+    fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
+        scores::recorders(self.options.by, self.options.q, self.options.pilot)
+    }
+
     fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
         // A score per pixel; then its error, counts so far, floors, and what `allocate` takes.
         SamplerMemory::planning(frame, 8 + (8 + 4 + 4 + 8 + 4).max(WorstFirst::BYTES))
@@ -169,8 +172,8 @@ impl<P: PointSet> Sampler for Divergence<P> {
             return Ok(Progress::Done);
         }
         let pilot = self.pilot(seen.budget.total / seen.pixels() as u64);
-        if !plan_pilot(seen, pilot, plan) {
-            let scores = self.scores(seen.film);
+        if !plan_first(seen, first_samples(seen, pilot), plan) {
+            let scores = self.scores(seen.film)?;
             match self.options.mode {
                 Stopping::Threshold => self.plan_threshold(seen, scores, plan)?,
                 Stopping::Budget if scores.iter().all(|&s| s == 0.0) => {
@@ -200,6 +203,7 @@ impl<P: PointSet> Sampler for Divergence<P> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recorders::Singles;
     use crate::test_scenes::{Field, frame, run};
     use dapple_conformance::{sampler, threshold_sampler};
     use dapple_core::Render;
@@ -233,15 +237,15 @@ mod tests {
 
     #[test]
     fn samples_that_others_store_do_not_change_the_counts() {
-        let counts = |by, needs| {
+        let counts = |by, recorders| {
             let mut sampler = with(DivergenceOptions::default().by(by), 4);
-            let render =
-                Render::new(frame(16, 16), &Limits::spp(20.0)).needs(needs).run(&mut half_noise(), &mut sampler);
+            let render = Render::new(frame(16, 16), &Limits::spp(20.0))
+                .recorders(recorders)
+                .run(&mut half_noise(), &mut sampler);
             render.unwrap().counts()
         };
-        let all = Needs::none().with_samples(u32::MAX);
         for by in [DivergenceScore::Fuzzy, DivergenceScore::Gh] {
-            assert_eq!(counts(by, Needs::none()), counts(by, all));
+            assert_eq!(counts(by, Vec::new()), counts(by, Singles::ALL.list()));
         }
     }
 
@@ -276,8 +280,8 @@ mod tests {
     fn a_threshold_stops_where_scores_are_below_it() {
         let options = DivergenceOptions::default().mode(Stopping::Threshold).cap(1e3).threshold(0.004);
         let film = run(&mut half_noise(), &mut with(options, 3), frame(32, 32), &Limits::spp(1e4));
-        for i in 0..1024 {
-            let score = score(options.by, options.q, &film, i);
+        let scores = with(options, 3).scores(&film).unwrap();
+        for (i, score) in scores.into_iter().enumerate() {
             assert!(score <= 0.004 && (i % 32 >= 16 || film.count(i) == 8), "pixel {i}: {score}");
             // The score falls with the inverse of the count.
             assert!(i % 32 < 16 || film.count(i) < 200, "{}", film.count(i));

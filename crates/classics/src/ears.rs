@@ -1,10 +1,10 @@
 //! Efficiency-aware splitting at the camera.
 
-use crate::rounds_and_variances::plan_pilot;
-use crate::window_sums::window_sums;
+use crate::method::{MethodSampler, SamplingMethod};
+use crate::rounds::{counts_so_far, lacking, total};
+use crate::windows::window_sums;
 use dapple_core::{
-    Error, Feedback, Film, Filter as _, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress,
-    Sampler, SamplerMemory, saturating_u32, share,
+    Error, Feedback, Film, Filter as _, Frame, Needs, PilotPolicy, Plan, SamplerMemory, saturating_u32, share,
 };
 use dapple_denoise::Gaussian;
 
@@ -46,40 +46,17 @@ dapple_core::options! {
 /// *Guarantees*: the budget is met exactly. No pixel gets fewer samples than the pilot. *Bias*: all samples are kept and
 /// decide how many follow [Kirk and Arvo 1991]. *Weaknesses*: rays are not time. Samples that differ little in cost
 /// leave Neyman's counts, with clamps. The published gains come from later vertices.
-pub struct Ears<P> {
-    points: P,
-    options: EarsOptions,
-    denoiser: Gaussian,
-}
+pub type Ears<P> = MethodSampler<P, EarsOptions>;
 
-impl<P: PointSet> Ears<P> {
-    /// Makes a sampler that uses this point set, with the default parameters.
-    pub fn new(points: P) -> Self {
-        Self { points, options: EarsOptions::default(), denoiser: Gaussian::default() }
-    }
-
-    /// Makes a sampler that uses this point set, with these parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn with_options(points: P, options: EarsOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { options, ..Self::new(points) })
-    }
-
-    fn pilot(&self, mean: u64) -> u32 {
-        if self.options.pilot > 0 { self.options.pilot } else { saturating_u32(mean / 4).max(4) }
-    }
-
+impl EarsOptions {
     /// The relative variance and the rays of one sample, per pixel.
     fn variances_and_costs(&self, film: &Film) -> Result<Vec<[f64; 2]>, Error> {
-        let estimate = self.denoiser.apply(film)?.radiance;
+        let estimate = Gaussian::default().apply(film)?.radiance;
         let relative = |i: usize| {
             let (moments, freedom) = (film.moments(i), film.count(i).saturating_sub(1) as f64);
             let variance = moments.variance().unwrap_or_default();
             let of = |c: usize| {
-                let deviation = variance[c].sqrt() / (f64::from(estimate[i][c].max(0.0)) + self.options.epsilon);
+                let deviation = variance[c].sqrt() / (f64::from(estimate[i][c].max(0.0)) + self.epsilon);
                 (deviation * deviation).min(LARGEST)
             };
             [freedom * (of(0) + of(1) + of(2)) / 3.0, freedom]
@@ -89,7 +66,7 @@ impl<P: PointSet> Ears<P> {
             [deviations, freedom, film.cost(i).unwrap_or(0) as f64, film.count(i) as f64]
         };
         let size = film.frame().size().map(|n| n as usize);
-        let sums = window_sums(size, self.options.radius as usize, parts);
+        let sums = window_sums(size, self.radius as usize, parts);
         // A sample takes at least one ray.
         Ok(sums
             .iter()
@@ -101,15 +78,14 @@ impl<P: PointSet> Ears<P> {
     fn factors(&self, pixels: &[[f64; 2]]) -> Vec<f64> {
         let mut variances: Vec<f64> = pixels.iter().map(|[v, _]| *v).collect();
         variances.sort_unstable_by(|a, b| b.total_cmp(a));
-        let left_out = (self.options.outliers as usize).min(pixels.len() / 10);
+        let left_out = (self.outliers as usize).min(pixels.len() / 10);
         let rest = &variances[left_out..];
         let variance = rest.iter().sum::<f64>() / rest.len() as f64;
         let cost = pixels.iter().map(|[_, c]| *c).sum::<f64>() / pixels.len() as f64;
         if variance <= 0.0 {
             return vec![1.0; pixels.len()];
         }
-        let factor =
-            |[v, c]: &[f64; 2]| (v / variance * (cost / c)).sqrt().clamp(self.options.least, self.options.most);
+        let factor = |[v, c]: &[f64; 2]| (v / variance * (cost / c)).sqrt().clamp(self.least, self.most);
         pixels.iter().map(factor).collect()
     }
 }
@@ -117,54 +93,40 @@ impl<P: PointSet> Ears<P> {
 /// The largest relative variance that is used: sums of more would be infinite.
 const LARGEST: f64 = 1e200;
 
-impl<P: PointSet> Sampler for Ears<P> {
-    fn name(&self) -> &str {
-        "ears"
-    }
-
-    fn describe(&self) -> String {
-        format!("ears:{}", self.options.describe())
-    }
-
-    fn rounds(&self) -> Option<u32> {
-        Some(1 + self.options.rounds)
-    }
+impl SamplingMethod for EarsOptions {
+    const NAME: &'static str = "ears";
 
     fn needs(&self) -> Needs {
         Needs::none().with_variance().with_cost()
     }
 
-    fn memory(&self, frame: &Frame, needs: &Needs, _: &Limits) -> SamplerMemory {
+    fn number_of_rounds(&self) -> Option<u32> {
+        Some(1 + self.rounds)
+    }
+
+    fn planning(&self, frame: &Frame, needs: &Needs) -> SamplerMemory {
         // The denoised pixels beside sums of rows and of windows; then factors, counts and their shares.
         let mut memory = SamplerMemory::planning(frame, 12 + 2 * 32);
-        let denoising = self.denoiser.memory(frame, needs).applying;
+        let denoising = Gaussian::default().memory(frame, needs).applying;
         memory.planning = memory.planning.max(memory.plan.saturating_add(denoising));
         memory
     }
 
-    fn points(&self) -> &dyn PointSet {
-        &self.points
+    fn pilot_samples(&self, mean: u64) -> u32 {
+        if self.pilot > 0 { self.pilot } else { saturating_u32(mean / 4).max(4) }
     }
 
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        seen.film.require(self.name(), &self.needs())?;
-        let (budget, pixels) = (seen.budget, seen.pixels() as u64);
-        if budget.left() == 0 {
-            return Ok(Progress::Done);
-        }
-        let pilot = self.pilot(budget.total / pixels);
-        if !plan_pilot(seen, pilot, plan) {
-            let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
-            let floors: Vec<u32> = now.iter().map(|&n| n.max(budget.min_spp)).collect();
-            let sum = |counts: &[u32]| counts.iter().map(|&n| u64::from(n)).sum::<u64>();
-            // The budget after the pilot is divided into equal steps.
-            let after = budget.total.saturating_sub(u64::from(pilot) * pixels);
-            let step = after.div_ceil(self.options.rounds.into()).max(sum(&floors) - sum(&now)).clamp(1, budget.left());
-            let factors = self.factors(&self.variances_and_costs(seen.film)?);
-            let counts = share(&factors, 0, &floors, budget.max_spp, sum(&now) + step)?.counts;
-            plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
-        }
-        Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
+    fn refine(&self, seen: &Feedback<'_>, _: u32, plan: &mut Plan) -> Result<(), Error> {
+        let (budget, pixels, now) = (seen.budget, seen.pixels() as u64, counts_so_far(seen));
+        let floors: Vec<u32> = now.iter().map(|&n| n.max(budget.min_spp)).collect();
+        // The budget after the pilot is divided into equal steps.
+        let pilot = self.pilot_samples(budget.total / pixels);
+        let after = budget.total.saturating_sub(u64::from(pilot) * pixels);
+        let needed = total(&floors) - total(&now);
+        let step = after.div_ceil(self.rounds.into()).max(needed).clamp(1, budget.left());
+        let factors = self.factors(&self.variances_and_costs(seen.film)?);
+        plan.counts = lacking(&share(&factors, 0, &floors, budget.max_spp, total(&now) + step)?.counts, &now);
+        Ok(())
     }
 }
 
@@ -184,7 +146,7 @@ mod tests {
     }
 
     fn factors(options: EarsOptions, pixels: &[[f64; 2]]) -> Vec<f64> {
-        Ears::with_options(Random::new(1), options).unwrap().factors(pixels)
+        options.factors(pixels)
     }
 
     #[test]

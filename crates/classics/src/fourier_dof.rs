@@ -8,10 +8,11 @@ mod surfaces;
 pub use bandwidth::LensBandwidthOptions;
 pub use splat::{Splat, SplatOptions};
 
+use crate::rounds::{counts_so_far, lacking, total};
 use bandwidth::LensBandwidth;
 use dapple_core::{
     Error, Feedback, FirstHit, Frame, Limits, Needs, Options as _, Plan, PointSet, Progress, SampleId, Sampler,
-    SamplerMemory, saturating_u32, share, streams,
+    SamplerMemory, share, streams,
 };
 use dapple_low_discrepancy::BlueNoise;
 use std::sync::Arc;
@@ -157,8 +158,8 @@ impl<P: PointSet> Sampler for FourierDof<P> {
         if budget.left() == 0 {
             return Ok(Progress::Done);
         }
-        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
-        let total = now.iter().map(|&n| u64::from(n)).sum::<u64>() + budget.left();
+        let now = counts_so_far(seen);
+        let all = total(&now) + budget.left();
         let weights = self.weights(seen.frame());
         // Each chosen pixel gets a sample, as far as the budget suffices.
         let floors = |chosen: u32| -> Vec<u32> {
@@ -166,11 +167,11 @@ impl<P: PointSet> Sampler for FourierDof<P> {
             now.iter().zip(weights).map(|(&now, &weight)| now.max(least(weight).min(budget.max_spp))).collect()
         };
         let mut least = floors(1);
-        if least.iter().map(|&n| u64::from(n)).sum::<u64>() > total {
+        if total(&least) > all {
             least = floors(0);
         }
-        let wanted = share(weights, 0, &least, budget.max_spp, total)?.counts;
-        plan.counts.iter_mut().zip(wanted).zip(now).for_each(|((count, wanted), now)| *count = wanted - now);
+        let wanted = share(weights, 0, &least, budget.max_spp, all)?.counts;
+        plan.counts = lacking(&wanted, &now);
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
 }

@@ -1,11 +1,12 @@
 //! Greedy error minimisation: Gaussians of selected scales, and samples for the pixels with the largest error.
 
-use crate::convolution::{convolve, gaussian_taps};
-use crate::rounds_and_variances::{first_samples, next_step, per_pixel, plan_first, within_ceiling};
+use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
+use crate::rounds::{next_step, within_ceiling};
 use crate::scale_selection::{Bank, Selection, select};
+use crate::variances::per_pixel;
+use crate::windows::{convolve, gaussian_taps};
 use dapple_core::{
-    Error, Feedback, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Limits, Needs, Options as _,
-    PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory, mix,
+    Error, Feedback, Film, FilterMemory, Filtered, Frame, ImagePlanes, Needs, PilotPolicy, Plan, SamplerMemory, mix,
 };
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -52,22 +53,9 @@ dapple_core::options! {
 /// *Bias*: scales follow the samples that they blur.
 /// *Weaknesses*: kernels are round and know no features, so textures and edges of shadows blur at few samples, and blotches
 /// appear where flags change.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct GemFilter {
-    options: GemFilterOptions,
-}
+pub type GemFilter = MethodFilter<GemFilterOptions>;
 
-impl GemFilter {
-    /// The filter with these parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn with_options(options: GemFilterOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { options })
-    }
-
+impl GemFilterOptions {
     /// The squared error of each pixel: its variance, and the squared bias around it if that is positive.
     fn errors(&self, film: &Film, selection: &Selection) -> Vec<f32> {
         let size = film.frame().size().map(|n| n as usize);
@@ -86,26 +74,15 @@ impl GemFilter {
 /// The standard deviation, in pixels, of the Gaussian over estimated squared biases: the coarsest scale.
 const SMOOTHING: f64 = 8.0;
 
-impl Filter for GemFilter {
-    fn name(&self) -> &str {
-        "gem"
-    }
+impl FilterMethod for GemFilterOptions {
+    const NAME: &'static str = "gem";
 
-    fn describe(&self) -> String {
-        format!("gem:{}", self.options.describe())
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_variance()
-    }
-
-    fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
+    fn applying(&self, frame: &Frame) -> FilterMemory {
         FilterMemory::new(frame, Selection::BYTES, ImagePlanes::RadianceAndError)
     }
 
-    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        film.require(self.name(), &self.needs())?;
-        let selection = select(film, &Bank::of_image(), self.options.gamma);
+    fn image(&self, film: &Film) -> Result<Filtered, Error> {
+        let selection = select(film, &Bank::of_image(), self.gamma);
         let radiance = selection.means.iter().map(|mean| mean.map(|x| x as f32)).collect();
         Ok(Filtered::new(film.frame().size(), radiance).with_error(self.errors(film, &selection)))
     }
@@ -124,67 +101,30 @@ impl Filter for GemFilter {
 ///
 /// *Differences from the authors' program*: hashes replace random numbers, so that the same samples give the same counts.
 /// Pixels without error are picked in the order of hashes.
-pub struct Gem<P> {
-    points: P,
-    options: GemOptions,
-}
+pub type Gem<P> = MethodSampler<P, GemOptions>;
 
-impl<P: PointSet> Gem<P> {
-    /// The sampler with these points and the default parameters.
-    pub fn new(points: P) -> Self {
-        Self { points, options: GemOptions::default() }
+impl SamplingMethod for GemOptions {
+    const NAME: &'static str = "gem";
+
+    fn number_of_rounds(&self) -> Option<u32> {
+        Some(1 + self.rounds)
     }
 
-    /// The sampler with these points and parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn with_options(points: P, options: GemOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { points, options })
-    }
-}
-
-impl<P: PointSet> Sampler for Gem<P> {
-    fn name(&self) -> &str {
-        "gem"
-    }
-
-    fn describe(&self) -> String {
-        format!("gem:{}", self.options.describe())
-    }
-
-    fn rounds(&self) -> Option<u32> {
-        Some(1 + self.options.rounds)
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_variance()
-    }
-
-    fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
+    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
         // Selection; then priorities, order and counts.
         SamplerMemory::planning(frame, Selection::BYTES.max(49 + 8 + 4 + 8))
     }
 
-    fn points(&self) -> &dyn PointSet {
-        &self.points
+    fn pilot_samples(&self, _: u64) -> u32 {
+        self.pilot
     }
 
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        seen.film.require(self.name(), &self.needs())?;
-        if seen.budget.left() == 0 {
-            return Ok(Progress::Done);
-        }
-        let first = first_samples(seen, self.options.pilot);
-        if !plan_first(seen, first, plan) {
-            let bank = Bank::between_rounds();
-            let selection = select(seen.film, &bank, self.options.gamma);
-            let drawn = draw(seen, &bank, &selection, next_step(seen, first, self.options.rounds));
-            plan.counts = within_ceiling(seen, drawn)?;
-        }
-        Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
+    fn refine(&self, seen: &Feedback<'_>, first: u32, plan: &mut Plan) -> Result<(), Error> {
+        let bank = Bank::between_rounds();
+        let selection = select(seen.film, &bank, self.gamma);
+        let drawn = draw(seen, &bank, &selection, next_step(seen, first, self.rounds));
+        plan.counts = within_ceiling(seen, drawn)?;
+        Ok(())
     }
 }
 

@@ -1,10 +1,8 @@
 //! Hierarchical integration of pixels.
 
-use crate::tree::{At, Bounds, Cell, Division, Items, Leaf, Refinement, TreePlanner, mean, unit};
-use dapple_core::{
-    Domain, Error, Feedback, Frame, Limits, Needs, Options as _, PilotPolicy, PlacedHandle, Plan, PointSet, Progress,
-    Sampler, SamplerMemory, luminance, mix,
-};
+use crate::Domain;
+use crate::tree::{At, Bounds, Cell, Division, Items, Leaf, Refinement, TreeSampler, mean, unit};
+use dapple_core::{Error, PilotPolicy, luminance, mix};
 
 dapple_core::options! {
     /// The parameters of [`Hierarchical`].
@@ -25,7 +23,7 @@ dapple_core::options! {
 
 /// The rule of hierarchical integration: a part is halved along the axis whose halves' means differ most.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct ContrastingHalves {
+pub struct ContrastingHalves {
     pub(crate) split: u32,
 }
 
@@ -58,14 +56,20 @@ impl Division for ContrastingHalves {
     }
 }
 
-impl Division for HierarchicalOptions {
-    fn cut(&self, cell: &Cell, items: &mut Items, bounds: &Bounds, depth: u32) -> Option<(usize, f32)> {
-        ContrastingHalves { split: self.split }.cut(cell, items, bounds, depth)
-    }
-}
-
 impl Refinement for HierarchicalOptions {
-    fn pilot(&self) -> u32 {
+    const NAME: &'static str = "hierarchical";
+    const SIDE: u32 = 1;
+    type Division = ContrastingHalves;
+
+    fn division(&self) -> ContrastingHalves {
+        ContrastingHalves { split: self.split }
+    }
+
+    fn dimensions(&self, domain: &Domain) -> Result<Domain, Error> {
+        Ok(domain.clone())
+    }
+
+    fn pilot_samples(&self) -> u32 {
         self.pilot
     }
 
@@ -115,61 +119,7 @@ const LEAST: f64 = 1e-5;
 /// *Guarantees*: spends the budget exactly. *Bias*: samples decide where others lie, and stay [Kirk and Arvo 1991].
 /// *Weaknesses*: a well-distributed point set of a count known beforehand beats it. It reads the coordinates of all
 /// samples in each round.
-pub struct Hierarchical<P> {
-    planner: TreePlanner<P>,
-    options: HierarchicalOptions,
-}
-
-impl<P: PointSet> Hierarchical<P> {
-    /// Makes a sampler that takes all coordinates outside `domain` from this point set.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn new(points: P, domain: Domain, options: HierarchicalOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { planner: TreePlanner::new(points, domain, 1), options })
-    }
-
-    /// The samples that it places, for filters.
-    pub fn placed(&self) -> PlacedHandle {
-        self.planner.handle()
-    }
-}
-
-impl<P: PointSet> Sampler for Hierarchical<P> {
-    fn name(&self) -> &str {
-        "hierarchical"
-    }
-
-    fn describe(&self) -> String {
-        format!("{}:{}", self.name(), self.options.describe())
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_samples(u32::MAX)
-    }
-
-    fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
-        self.planner.memory(frame, needs, limits)
-    }
-
-    fn points(&self) -> &dyn PointSet {
-        self.planner.points()
-    }
-
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        self.planner.next_round(&self.options, (0.0, true), seen, plan)
-    }
-
-    fn save(&self) -> Vec<u8> {
-        self.planner.save()
-    }
-
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.planner.restore(saved)
-    }
-}
+pub type Hierarchical<P> = TreeSampler<P, HierarchicalOptions>;
 
 #[cfg(test)]
 mod tests;

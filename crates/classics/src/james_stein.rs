@@ -1,8 +1,11 @@
 //! Shrinkage of noisy pixels towards a filtered image.
 
-use crate::window_sums::window_sums;
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _, nested};
-use rayon::prelude::*;
+use crate::variances::per_pixel;
+use crate::windows::window_sums;
+use dapple_core::{
+    Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _, Recorder, nested,
+};
+use std::sync::Arc;
 
 /// The estimate of a pixel's noise that [`JamesStein`] shrinks by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -119,7 +122,7 @@ impl<F: Filter> JamesStein<F> {
             let difference = difference(i);
             std::array::from_fn(|c| f64::from(z[i][c]) + smooth[i][1 + c] / smooth[i][0] * difference[c])
         };
-        (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(pixel).collect()
+        per_pixel(film, pixel)
     }
 }
 
@@ -161,6 +164,10 @@ impl<F: Filter> Filter for JamesStein<F> {
         needs.and(Needs::none().with_halves().with_variance())
     }
 
+    fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
+        self.of.recorders()
+    }
+
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         // One half's film and image beside the filter's planes; then both images, sums of rows and of windows, factors.
         let mut alone = *needs;
@@ -187,8 +194,7 @@ impl<F: Filter> Filter for JamesStein<F> {
                 mean.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32
             })
         };
-        let radiance = (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(pixel).collect();
-        Ok(Filtered::new(film.frame().size(), radiance))
+        Ok(Filtered::new(film.frame().size(), per_pixel(film, pixel)))
     }
 }
 

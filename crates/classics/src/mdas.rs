@@ -1,10 +1,10 @@
 //! Multidimensional adaptive sampling: a sampler, and its reconstruction from boxes.
 
-use crate::tree::{At, Bounds, Cell, Cells, Division, Items, Leaf, Refinement, TreePlanner, leaves, mean, unit};
-use dapple_core::{
-    Domain, Error, Feedback, Film, FilmPoints, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Limits, Needs,
-    Options as _, PilotPolicy, PlacedHandle, Plan, PointSet, Progress, Sampler, SamplerMemory, mix,
-};
+use crate::method::{SamplesFilter, SamplesMethod};
+use crate::recorders::FilmSamples;
+use crate::tree::{At, Bounds, Cell, Cells, Division, Items, Leaf, Refinement, TreeSampler, leaves, mean, unit};
+use crate::{Domain, FilmPoints};
+use dapple_core::{Error, Filtered, PilotPolicy, mix};
 
 dapple_core::options! {
     /// The parameters of [`Mdas`].
@@ -53,7 +53,7 @@ const LEAST: f64 = 1e-5;
 /// The rule of multidimensional adaptive sampling: the longest axis is cut at the gap in the middle of the samples. Of
 /// equally long axes, it is the one over which the samples spread most.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct MedianGap {
+pub struct MedianGap {
     leaf: u32,
     pixel: f64,
 }
@@ -113,21 +113,26 @@ fn error(cell: &Cell, leaf: &Leaf<'_>) -> f64 {
     volume * (LEAST + sum / leaf.items.len() as f64)
 }
 
-#[derive(Clone, Copy, Debug)]
-struct MdasRule {
-    division: MedianGap,
-    options: MdasOptions,
-}
+impl Refinement for MdasOptions {
+    const NAME: &'static str = "mdas";
+    const SIDE: u32 = SIDE;
+    type Division = MedianGap;
 
-impl Division for MdasRule {
-    fn cut(&self, cell: &Cell, items: &mut Items, bounds: &Bounds, depth: u32) -> Option<(usize, f32)> {
-        self.division.cut(cell, items, bounds, depth)
+    fn division(&self) -> MedianGap {
+        MedianGap { leaf: self.leaf, pixel: self.pixel }
     }
-}
 
-impl Refinement for MdasRule {
-    fn pilot(&self) -> u32 {
-        self.options.pilot
+    /// All, unless there are random numbers outside.
+    fn dimensions(&self, domain: &Domain) -> Result<Domain, Error> {
+        if let Some(what) = domain.outside().filter(|_| self.force == 0) {
+            let allowed = "scenes without it; force=1 samples it, and its noise looks like detail";
+            return Err(Error::OutOfRange { name: "dependence of samples", value: what.to_owned(), allowed });
+        }
+        Ok(domain.clone())
+    }
+
+    fn pilot_samples(&self) -> u32 {
+        self.pilot
     }
 
     fn score(&self, cell: &Cell, leaf: &Leaf<'_>) -> f64 {
@@ -142,7 +147,7 @@ impl Refinement for MdasRule {
     }
 
     fn least_share(&self) -> f64 {
-        self.options.alpha
+        self.alpha
     }
 
     /// Of several candidates each time, the one that is farthest from its nearest sample in the box.
@@ -150,7 +155,7 @@ impl Refinement for MdasRule {
         let apart = |a: &At, b: &At| {
             let along = |axis: usize| {
                 let apart = f64::from(a[axis]) - f64::from(b[axis]);
-                apart * if axis < 2 { self.division.pixel } else { 1.0 }
+                apart * if axis < 2 { self.pixel } else { 1.0 }
             };
             (0..cell.axes).map(|axis| along(axis) * along(axis)).sum::<f64>()
         };
@@ -161,7 +166,7 @@ impl Refinement for MdasRule {
                 leaf.bounds.point(cell.axes, |axis| unit(name ^ (axis as u64 + 1)))
             };
             let mut best = (candidate(0), f64::NEG_INFINITY);
-            for at in (0..self.options.candidates).map(candidate) {
+            for at in (0..self.candidates).map(candidate) {
                 let there = leaf.items.iter().map(|&item| &cell.at[item as usize]).chain(&to[first..]);
                 let distance = there.map(|other| apart(&at, other)).fold(f64::INFINITY, f64::min);
                 if distance > best.1 {
@@ -191,67 +196,7 @@ impl Refinement for MdasRule {
 /// *Weaknesses*: random numbers outside the domain, as of paths that scatter twice, look like detail and attract samples;
 /// such scenes are refused unless [`MdasOptions::force`] is 1. Boxes in which the pilot saw no contrast starve. Boxes grow long
 /// in more than five dimensions. Each round reads the coordinates of all samples in the cells that got some.
-pub struct Mdas<P> {
-    planner: TreePlanner<P>,
-    rule: MdasRule,
-}
-
-impl<P: PointSet> Mdas<P> {
-    /// Makes a sampler that takes all coordinates outside `domain` from this point set.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range, and for a domain with random numbers outside, unless
-    /// forced.
-    pub fn new(points: P, domain: Domain, options: MdasOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        if let Some(what) = domain.outside().filter(|_| options.force == 0) {
-            let allowed = "scenes without it; force=1 samples it, and its noise looks like detail";
-            return Err(Error::OutOfRange { name: "dependence of samples", value: what.to_owned(), allowed });
-        }
-        let rule = MdasRule { division: MedianGap { leaf: options.leaf, pixel: options.pixel }, options };
-        Ok(Self { planner: TreePlanner::new(points, domain, SIDE), rule })
-    }
-
-    /// The samples that it places, for filters.
-    pub fn placed(&self) -> PlacedHandle {
-        self.planner.handle()
-    }
-}
-
-impl<P: PointSet> Sampler for Mdas<P> {
-    fn name(&self) -> &str {
-        "mdas"
-    }
-
-    fn describe(&self) -> String {
-        format!("{}:{}", self.name(), self.rule.options.describe())
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_samples(u32::MAX)
-    }
-
-    fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
-        self.planner.memory(frame, needs, limits)
-    }
-
-    fn points(&self) -> &dyn PointSet {
-        self.planner.points()
-    }
-
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        self.planner.next_round(&self.rule, (0.0, true), seen, plan)
-    }
-
-    fn save(&self) -> Vec<u8> {
-        self.planner.save()
-    }
-
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.planner.restore(saved)
-    }
-}
+pub type Mdas<P> = TreeSampler<P, MdasOptions>;
 
 /// The integral of a function that is constant in boxes: the reconstruction of [Meister and Hachisuka 2022] for samples in
 /// the space of place, lens, time and light.
@@ -266,46 +211,14 @@ impl<P: PointSet> Sampler for Mdas<P> {
 ///
 /// *Bias*: of constant boxes, of their width. *Weaknesses*: blurs by up to a pixel at few samples; noise from outside the domain
 /// stays.
-#[derive(Clone, Debug)]
-pub struct MdasBoxes {
-    points: FilmPoints,
-    options: MdasBoxesOptions,
-}
+pub type MdasBoxes = SamplesFilter<MdasBoxesOptions>;
 
-impl MdasBoxes {
-    /// Makes a filter for films with these points.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn new(points: FilmPoints, options: MdasBoxesOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { points, options })
-    }
-}
+impl SamplesMethod for MdasBoxesOptions {
+    const NAME: &'static str = "mdas-boxes";
 
-impl Filter for MdasBoxes {
-    fn name(&self) -> &str {
-        "mdas-boxes"
-    }
-
-    fn describe(&self) -> String {
-        format!("{}:{}", self.name(), self.options.describe())
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_samples(u32::MAX)
-    }
-
-    fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
-        FilterMemory::new(frame, 12, ImagePlanes::Radiance)
-    }
-
-    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        film.require(self.name(), &self.needs())?;
-        let (points, cells) = (self.points.now(), Cells::new(film.frame(), SIDE));
-        let rule = MedianGap { leaf: self.options.leaf, pixel: self.options.pixel };
-        Ok(cells.image(film, &points, self.points.domain(), |cell, image| {
+    fn image(&self, samples: &FilmSamples<'_>, points: &FilmPoints) -> Filtered {
+        let rule = MedianGap { leaf: self.leaf, pixel: self.pixel };
+        Cells::new(samples.film.frame(), SIDE).image(samples, points, |cell, image| {
             let mut sums = [[0.0; 4]; (SIDE * SIDE) as usize];
             leaves(&rule, cell, &mut |leaf| {
                 if leaf.items.is_empty() {
@@ -322,7 +235,7 @@ impl Filter for MdasBoxes {
             for (pixel, [r, g, b, volume]) in image.iter_mut().zip(sums) {
                 *pixel = [r, g, b].map(|x| if volume > 0.0 { (x / volume) as f32 } else { 0.0 });
             }
-        }))
+        })
     }
 }
 

@@ -4,8 +4,9 @@ mod collaborative;
 mod planes;
 mod weights;
 
+use crate::method::{FilterMethod, MethodFilter};
 use collaborative::{Data, regress};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
+use dapple_core::{Error, Film, FilterMemory, Filtered, Frame, ImagePlanes, Needs};
 use planes::{Buffers, CHANNELS, FEATURES, HalfPlanes, Rgb, regressors};
 use weights::{Guide, Kernel, TILE, nl_average};
 
@@ -46,10 +47,7 @@ dapple_core::options! {
 ///
 /// Pixels without samples are filled from the fits around them, or black if there are none. [`Filtered::error`] is the
 /// smoothed error of the first pass, at least 0.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Nfor {
-    options: NforOptions,
-}
+pub type Nfor = MethodFilter<NforOptions>;
 
 /// The bandwidths of the first pass.
 const BANDWIDTHS: [f64; 2] = [0.5, 1.0];
@@ -60,19 +58,9 @@ const FEATURE_KERNELS: [Kernel; 2] = [Kernel { radius: 5, patch: 3, k: 0.5 }, Ke
 /// Non-local means of error estimates and of selection maps.
 const ERROR_KERNEL: Kernel = Kernel { radius: 9, patch: 1, k: 1.0 };
 
-impl Nfor {
-    /// The filter with these parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn with_options(options: NforOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { options })
-    }
-
+impl NforOptions {
     fn kernel(&self, k: f64) -> Kernel {
-        Kernel { radius: self.options.window, patch: self.options.patch, k }
+        Kernel { radius: self.window, patch: self.patch, k }
     }
 
     /// The images of both halves by the first regression with this bandwidth.
@@ -152,33 +140,26 @@ fn selected(size: [usize; 2], halves: &[HalfPlanes; 2], images: &[[Rgb; 2]; 2]) 
     (errors, map)
 }
 
-impl Filter for Nfor {
-    fn name(&self) -> &str {
-        "nfor"
-    }
-
-    fn describe(&self) -> String {
-        format!("nfor:{}", self.options.describe())
-    }
+impl FilterMethod for NforOptions {
+    const NAME: &'static str = "nfor";
 
     fn needs(&self) -> Needs {
         Needs::none().with_variance().with_halves().with_features().with_feature_halves()
     }
 
-    fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
+    fn applying(&self, frame: &Frame) -> FilterMemory {
         let [half, making] = HalfPlanes::BYTES;
         // Both halves, filtered features and regressors, four images, sums of a regression and of its bands.
-        let bands = 32 * (TILE[1] + 2 * self.options.window) / TILE[1];
+        let bands = 32 * (TILE[1] + 2 * self.window) / TILE[1];
         let working = 2 * 3 * 24 + 2 * 8 * FEATURES + 4 * 24 + 32 + bands;
         let bytes = 2 * half + making.max(working);
-        let side = 2 * self.options.window.max(ERROR_KERNEL.radius) + 1;
+        let side = 2 * self.window.max(ERROR_KERNEL.radius) + 1;
         let tiles = side * side * 8 * TILE[0] * TILE[1] * rayon::current_num_threads();
         let memory = FilterMemory::new(frame, bytes, ImagePlanes::RadianceAndError);
         memory.at_least(memory.applying.saturating_add(tiles as u64))
     }
 
-    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        film.require(self.name(), &self.needs())?;
+    fn image(&self, film: &Film) -> Result<Filtered, Error> {
         let size = film.frame().size().map(|n| n as usize);
         let halves = [0, 1].map(|half| HalfPlanes::new(film, half));
         let features = filtered_features(size, &halves);
@@ -192,7 +173,7 @@ impl Filter for Nfor {
         let pixels = 0..film.frame().pixels();
         let blended: [Rgb; 2] = [0, 1].map(|h| pixels.clone().map(|i| blend(h, i)).collect());
         let known: Vec<bool> = halves[0].known.iter().zip(&halves[1].known).map(|(a, b)| *a || *b).collect();
-        let result = if self.options.second {
+        let result = if self.second {
             self.second_pass(size, &blended, &features, &known)
         } else {
             mean_and_variance(&blended[0], &blended[1]).0
@@ -208,7 +189,7 @@ impl Filter for Nfor {
 mod tests {
     use super::*;
     use crate::test_scenes::{frame, near_normal};
-    use dapple_core::{Estimate, FirstHit};
+    use dapple_core::{Estimate, Filter as _, FirstHit};
 
     #[test]
     fn the_filter_conforms() {

@@ -1,11 +1,13 @@
 //! Adaptive rendering with non-local means: the filter and the sampler of the authors' program.
 
-use crate::convolution::{convolve, gaussian_taps};
+use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
 use crate::patch_means::{Mirrored, PatchGuide, Patches, patch_means};
-use crate::rounds_and_variances::{first_samples, next_step, per_pixel, plan_first, within_ceiling};
+use crate::rounds::{next_step, within_ceiling};
+use crate::variances::per_pixel;
+use crate::windows::{convolve, gaussian_taps};
 use dapple_core::{
-    Error, Feedback, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Limits, Needs, Options as _,
-    PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory, saturating_u32, share,
+    Error, Feedback, Film, FilterMemory, Filtered, Frame, ImagePlanes, Needs, PilotPolicy, Plan, SamplerMemory,
+    saturating_u32, share,
 };
 
 /// The source of the variance of a half's pixel means.
@@ -77,25 +79,11 @@ dapple_core::options! {
 /// *Error*: a quarter of the squared difference of the filtered halves, smoothed over 5x5 pixels. That is the variance;
 /// bias is not included. *Weaknesses*: without features, textures and edges of shadows need many samples. It costs as much
 /// time as tens of samples of a simple scene.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct NlmLoopFilter {
-    options: NlmLoopFilterOptions,
-}
+pub type NlmLoopFilter = MethodFilter<NlmLoopFilterOptions>;
 
-impl NlmLoopFilter {
-    /// The filter with these parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn with_options(options: NlmLoopFilterOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { options })
-    }
-
+impl NlmLoopFilterOptions {
     fn like(&self) -> Patches {
-        let NlmLoopFilterOptions { window, patch, k, alpha, .. } = self.options;
-        Patches { window, patch, k: k as f32, alpha: alpha as f32 }
+        Patches { window: self.window, patch: self.patch, k: self.k as f32, alpha: self.alpha as f32 }
     }
 
     /// Filters both halves of a film's samples. A pixel has red, green, blue, the mean count under its weights, and the sum
@@ -103,7 +91,7 @@ impl NlmLoopFilter {
     fn halves(&self, film: &Film) -> [Vec<[f32; 5]>; 2] {
         let like = self.like();
         let halves = [0, 1].map(|half| Half::new(film, half));
-        let variances = match self.options.variance {
+        let variances = match self.variance {
             HalfVariance::Halves => {
                 let common = smoothed_variance(film, &halves, like);
                 [common.clone(), common]
@@ -218,25 +206,18 @@ fn smoothed_variance(film: &Film, [a, b]: &[Half; 2], like: Patches) -> [Vec<f32
 /// The bytes per pixel at the peak of the filter: planes of both halves, their mirrored copies, results and images.
 const FILTER_BYTES: usize = 4 * (2 * 10 + 2 * 3 + 11 + 2 * 5) + 80;
 
-impl Filter for NlmLoopFilter {
-    fn name(&self) -> &str {
-        "nlm-loop"
-    }
-
-    fn describe(&self) -> String {
-        format!("nlm-loop:{}", self.options.describe())
-    }
+impl FilterMethod for NlmLoopFilterOptions {
+    const NAME: &'static str = "nlm-loop";
 
     fn needs(&self) -> Needs {
         Needs::none().with_variance().with_halves()
     }
 
-    fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
+    fn applying(&self, frame: &Frame) -> FilterMemory {
         FilterMemory::new(frame, FILTER_BYTES, ImagePlanes::RadianceAndError)
     }
 
-    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        film.require(self.name(), &self.needs())?;
+    fn image(&self, film: &Film) -> Result<Filtered, Error> {
         let [a, b] = self.halves(film);
         let combined = |i: usize| {
             let [na, nb] = [0, 1].map(|half| film.half(half, i).unwrap_or_default().count as f32);
@@ -271,32 +252,13 @@ impl Filter for NlmLoopFilter {
 /// *Weaknesses*: the filter runs once per round and costs as much as many samples. The difference of two halves is a
 /// noisy estimate, which knows no bias. Counts are proportional to the error and not to its root, as published, and so are
 /// more uneven than the least error requires.
-pub struct NlmLoop<P> {
-    points: P,
-    options: NlmLoopOptions,
-}
+pub type NlmLoop<P> = MethodSampler<P, NlmLoopOptions>;
 
-impl<P: PointSet> NlmLoop<P> {
-    /// The sampler with these points and the default parameters.
-    pub fn new(points: P) -> Self {
-        Self { points, options: NlmLoopOptions::default() }
-    }
-
-    /// The sampler with these points and parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn with_options(points: P, options: NlmLoopOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { points, options })
-    }
-
+impl NlmLoopOptions {
     /// The relative error of each filtered pixel, divided by the samples that it is made of.
     fn errors(&self, film: &Film) -> Vec<f64> {
-        let NlmLoopOptions { window, patch, k, alpha, variance, .. } = self.options;
-        let filter = NlmLoopFilter { options: NlmLoopFilterOptions { window, patch, k, alpha, variance } };
-        let [a, b] = filter.halves(film);
+        let Self { window, patch, k, alpha, variance, .. } = *self;
+        let [a, b] = NlmLoopFilterOptions { window, patch, k, alpha, variance }.halves(film);
         let error = |i: usize| {
             let of = |one: &[f32; 5], other: &[f32; 5]| {
                 let relative = |c: usize| {
@@ -312,44 +274,31 @@ impl<P: PointSet> NlmLoop<P> {
     }
 }
 
-impl<P: PointSet> Sampler for NlmLoop<P> {
-    fn name(&self) -> &str {
-        "nlm-loop"
-    }
-
-    fn describe(&self) -> String {
-        format!("nlm-loop:{}", self.options.describe())
-    }
-
-    fn rounds(&self) -> Option<u32> {
-        Some(1 + self.options.rounds)
-    }
+impl SamplingMethod for NlmLoopOptions {
+    const NAME: &'static str = "nlm-loop";
 
     fn needs(&self) -> Needs {
         Needs::none().with_variance().with_halves()
     }
 
-    fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
+    fn number_of_rounds(&self) -> Option<u32> {
+        Some(1 + self.rounds)
+    }
+
+    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
         SamplerMemory::planning(frame, FILTER_BYTES)
     }
 
-    fn points(&self) -> &dyn PointSet {
-        &self.points
+    fn pilot_samples(&self, _: u64) -> u32 {
+        self.pilot
     }
 
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        seen.film.require(self.name(), &self.needs())?;
-        if seen.budget.left() == 0 {
-            return Ok(Progress::Done);
-        }
-        let first = first_samples(seen, self.options.pilot);
-        if !plan_first(seen, first, plan) {
-            let total = next_step(seen, first, self.options.rounds);
-            let most = saturating_u32(2 * (seen.budget.total / seen.pixels() as u64).max(1));
-            let planned = share(&self.errors(seen.film), 0, &vec![0; seen.pixels()], most, total)?.counts;
-            plan.counts = within_ceiling(seen, planned)?;
-        }
-        Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
+    fn refine(&self, seen: &Feedback<'_>, first: u32, plan: &mut Plan) -> Result<(), Error> {
+        let total = next_step(seen, first, self.rounds);
+        let most = saturating_u32(2 * (seen.budget.total / seen.pixels() as u64).max(1));
+        let planned = share(&self.errors(seen.film), 0, &vec![0; seen.pixels()], most, total)?.counts;
+        plan.counts = within_ceiling(seen, planned)?;
+        Ok(())
     }
 }
 

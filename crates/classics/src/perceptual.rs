@@ -1,10 +1,12 @@
 //! Samples where noise is visible: a sampler with a model of contrast sensitivity and masking.
 
-use crate::convolution::convolve;
-use crate::rounds_and_variances::{filled_means, first_samples, next_step, per_pixel, plan_first};
+use crate::method::{MethodSampler, SamplingMethod};
+use crate::rounds::{counts_so_far, lacking, next_step, total};
+use crate::variances::{filled_means, per_pixel};
+use crate::windows::convolve;
 use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
-    SamplerMemory, Stopping, allocate, luminance, saturating_u32,
+    Error, Feedback, Film, Frame, Needs, PilotPolicy, Plan, SamplerMemory, Stopping, allocate, luminance,
+    saturating_u32,
 };
 
 dapple_core::options! {
@@ -52,47 +54,28 @@ dapple_core::options! {
 /// allows. *Bias*: all samples are kept and decide how many follow [Kirk and Arvo 1991].
 /// *Weaknesses*: stops early in busy textures, as intended, and in the dark. The exposure of the displayed image is assumed
 /// to show the adapted luminance as grey. Relative squared error rates it low; FLIP is its metric.
-pub struct Perceptual<P> {
-    points: P,
-    options: PerceptualOptions,
-}
+pub type Perceptual<P> = MethodSampler<P, PerceptualOptions>;
 
-impl<P: PointSet> Perceptual<P> {
-    /// The sampler with these points and the default parameters.
-    pub fn new(points: P) -> Self {
-        Self { points, options: PerceptualOptions::default() }
-    }
-
-    /// The sampler with these points and parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn with_options(points: P, options: PerceptualOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { points, options })
-    }
-
+impl PerceptualOptions {
     /// Plans samples for all pixels, such that the sum of squared differences becomes least.
     fn plan_budget(&self, seen: &Feedback<'_>, differences: &[f64], step: u64, plan: &mut Plan) -> Result<(), Error> {
-        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
+        let now = counts_so_far(seen);
         let score = |(d, n): (&f64, &u32)| d * d * f64::from((*n).max(1));
         let scores: Vec<f64> = differences.iter().zip(&now).map(score).collect();
-        let total = now.iter().map(|&n| u64::from(n)).sum::<u64>() + step;
-        let counts = allocate(&scores, &now, seen.budget.max_spp, total)?.counts;
-        plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
+        let counts = allocate(&scores, &now, seen.budget.max_spp, total(&now) + step)?.counts;
+        plan.counts = lacking(&counts, &now);
         Ok(())
     }
 
     /// Plans samples for the pixels above the threshold. If they are too many, the largest differences come first.
     fn plan_threshold(&self, seen: &Feedback<'_>, differences: &[f64], plan: &mut Plan) {
-        let mut open: Vec<usize> = (0..seen.pixels()).filter(|&i| differences[i] > self.options.threshold).collect();
+        let mut open: Vec<usize> = (0..seen.pixels()).filter(|&i| differences[i] > self.threshold).collect();
         open.sort_by(|&a, &b| differences[b].total_cmp(&differences[a]).then(a.cmp(&b)));
         let mut left = seen.budget.left();
         for i in open {
             let now = saturating_u32(seen.film.count(i)).max(1);
             // The difference falls with the root of the count.
-            let ratio = differences[i] / self.options.threshold;
+            let ratio = differences[i] / self.threshold;
             let lacking = (f64::from(now) * (ratio * ratio - 1.0)).ceil().min(f64::from(now)) as u32;
             let room = seen.budget.max_spp.saturating_sub(saturating_u32(seen.film.count(i)));
             plan.counts[i] = lacking.max(1).min(room).min(saturating_u32(left));
@@ -221,45 +204,27 @@ fn visible_differences(film: &Film, options: &PerceptualOptions) -> Vec<f64> {
     per_pixel(film, difference)
 }
 
-impl<P: PointSet> Sampler for Perceptual<P> {
-    fn name(&self) -> &str {
-        "perceptual"
-    }
+impl SamplingMethod for PerceptualOptions {
+    const NAME: &'static str = "perceptual";
 
-    fn describe(&self) -> String {
-        format!("perceptual:{}", self.options.describe())
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_variance()
-    }
-
-    fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
+    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
         // Means and variances, two sums over windows and their rows, brightness, response; then the pyramid and differences.
         SamplerMemory::planning(frame, 24 + 8 + 3 * 16 + 8 + 16)
     }
 
-    fn points(&self) -> &dyn PointSet {
-        &self.points
+    fn pilot_samples(&self, _: u64) -> u32 {
+        self.pilot
     }
 
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        seen.film.require(self.name(), &self.needs())?;
-        if seen.budget.left() == 0 {
-            return Ok(Progress::Done);
-        }
-        let first = first_samples(seen, self.options.pilot);
-        if !plan_first(seen, first, plan) {
-            let differences = visible_differences(seen.film, &self.options);
-            match self.options.mode {
-                Stopping::Threshold => self.plan_threshold(seen, &differences, plan),
-                Stopping::Budget => {
-                    let step = next_step(seen, first, self.options.rounds);
-                    self.plan_budget(seen, &differences, step, plan)?;
-                }
+    fn refine(&self, seen: &Feedback<'_>, first: u32, plan: &mut Plan) -> Result<(), Error> {
+        let differences = visible_differences(seen.film, self);
+        match self.mode {
+            Stopping::Threshold => self.plan_threshold(seen, &differences, plan),
+            Stopping::Budget => {
+                self.plan_budget(seen, &differences, next_step(seen, first, self.rounds), plan)?;
             }
         }
-        Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
+        Ok(())
     }
 }
 

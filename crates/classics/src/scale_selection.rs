@@ -1,7 +1,7 @@
 //! Selection of a Gaussian's scale for each pixel, from fine to coarse.
 
-use crate::convolution::{convolve, gaussian_taps, squared};
-use crate::rounds_and_variances::{per_pixel, variances_of_means};
+use crate::variances::{per_pixel, variances_of_means};
+use crate::windows::{convolve, gaussian_taps, squared};
 use dapple_core::Film;
 use rayon::prelude::*;
 

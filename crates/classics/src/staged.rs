@@ -1,9 +1,10 @@
 //! Pixels as means of means over ever larger cells.
 
+use crate::method::{SamplesFilter, SamplesMethod};
+use crate::recorders::FilmSamples;
 use crate::tree::{Cell, Cells};
-use dapple_core::{
-    Domain, Error, Film, FilmPoints, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _,
-};
+use crate::{Domain, FilmPoints};
+use dapple_core::Filtered;
 use rayon::prelude::*;
 use std::array;
 
@@ -26,25 +27,7 @@ dapple_core::options! {
 ///
 /// *Bias*: none at `width=1` if samples are independent and uniform in the pixel. Wider boxes blur. *Weaknesses*: with
 /// well-distributed points of equal counts, the plain mean is better. A clump in part of a cell still pulls the cell's mean.
-#[derive(Clone, Debug)]
-pub struct Staged {
-    points: FilmPoints,
-    domain: Domain,
-    options: StagedOptions,
-}
-
-impl Staged {
-    /// Makes a filter for films with these points.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn new(points: FilmPoints, options: StagedOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        let domain = points.domain().place();
-        Ok(Self { points, domain, options })
-    }
-}
+pub type Staged = SamplesFilter<StagedOptions>;
 
 /// A mean radiance; `None` without samples.
 type Mean = Option<[f64; 3]>;
@@ -116,46 +99,42 @@ fn last_box(width: f64, all: &[HalfPixels], size: [usize; 2], i: usize) -> [f32;
     mean.map_or([0.0; 3], |mean| mean.map(|x| x as f32))
 }
 
-impl Filter for Staged {
-    fn name(&self) -> &str {
-        "staged"
+impl SamplesMethod for StagedOptions {
+    const NAME: &'static str = "staged";
+
+    fn dimensions(&self, domain: &Domain) -> Domain {
+        domain.place()
     }
 
-    fn describe(&self) -> String {
-        format!("{}:{}", self.name(), self.options.describe())
+    fn bytes(&self) -> usize {
+        size_of::<HalfPixels>() + 12
     }
 
-    fn needs(&self) -> Needs {
-        Needs::none().with_samples(u32::MAX)
-    }
-
-    fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
-        FilterMemory::new(frame, size_of::<HalfPixels>() + 12, ImagePlanes::Radiance)
-    }
-
-    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        film.require(self.name(), &self.needs())?;
-        let (points, pixels) = (self.points.now(), Cells::new(film.frame(), 1));
-        let all: Vec<HalfPixels> = (0..film.frame().pixels())
+    fn image(&self, samples: &FilmSamples<'_>, points: &FilmPoints) -> Filtered {
+        let frame = samples.film.frame();
+        let (now, pixels) = (points.now(), Cells::new(frame, 1));
+        let all: Vec<HalfPixels> = (0..frame.pixels())
             .into_par_iter()
             .map_init(Cell::default, |pixel, i| {
-                pixels.read(i, film, &points, &self.domain, pixel);
+                pixels.read(i, samples, &now, points.domain(), pixel);
                 half_pixels(pixel).map(|mean| mean.map(|mean| mean.map(|x| x as f32)))
             })
             .collect();
-        let size = film.frame().size();
-        let image = |i| last_box(self.options.width, &all, size.map(|n| n as usize), i);
-        Ok(Filtered::new(size, (0..all.len()).into_par_iter().map(image).collect()))
+        let size = frame.size();
+        let image = |i| last_box(self.width, &all, size.map(|n| n as usize), i);
+        Filtered::new(size, (0..all.len()).into_par_iter().map(image).collect())
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recorders::Singles;
     use crate::subdivision::{Subdivision, SubdivisionOptions};
     use crate::tree::At;
     use crate::tree::test_scenes::{Made, domain, film_points, render};
     use dapple_core::samplers::Uniform;
+    use dapple_core::{Error, Film, Filter as _, Frame, Needs};
     use dapple_low_discrepancy::{Random, Sobol};
 
     fn staged(points: FilmPoints, width: f64) -> Staged {
@@ -188,7 +167,7 @@ mod tests {
 
     #[test]
     fn films_without_single_samples_are_refused() {
-        let film = Film::new(Frame::new(2, 2).expect("a frame"), Needs::none().with_samples(8));
+        let film = Film::with_recorders(Frame::new(2, 2).expect("a frame"), Needs::none(), Singles::first(8).list());
         let error = staged(film_points(Sobol::new(3), &[], None), 1.0).apply(&film);
         assert!(matches!(error, Err(Error::NotRecorded { .. })), "{error:?}");
         for width in [0.5, 9.0, f64::NAN] {

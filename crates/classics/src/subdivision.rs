@@ -1,10 +1,8 @@
 //! Pixels subdivided where samples differ.
 
-use crate::tree::{At, Bounds, Cell, Division, Items, Leaf, Refinement, TreePlanner, unit};
-use dapple_core::{
-    Domain, Error, Feedback, Frame, Limits, Needs, Options as _, PilotPolicy, PlacedHandle, Plan, PointSet, Progress,
-    Sampler, SamplerMemory, Stopping, mix,
-};
+use crate::Domain;
+use crate::tree::{At, Bounds, Cell, Division, Items, Leaf, Refinement, TreeSampler, unit};
+use dapple_core::{Error, PilotPolicy, Stopping, mix};
 
 dapple_core::options! {
     /// The parameters of [`Subdivision`].
@@ -33,7 +31,7 @@ const LEAST: f64 = 1e-5;
 /// The quadrants of a pixel: a part is split where all four quadrants of each of its four quadrants have samples. So the
 /// split parts are those that a sampler has filled; no contrast is needed to find them again.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Quadrants;
+pub struct Quadrants;
 
 /// The number of a sample's part among `parts` x `parts` equal ones of a box, row by row.
 fn part(at: &At, bounds: &Bounds, parts: usize) -> usize {
@@ -68,14 +66,25 @@ fn contrast(cell: &Cell, items: &Items, thresholds: [f64; 3]) -> f64 {
     (0..3).map(of).fold(0.0, f64::max)
 }
 
-impl Division for SubdivisionOptions {
-    fn cut(&self, cell: &Cell, items: &mut Items, bounds: &Bounds, depth: u32) -> Option<(usize, f32)> {
-        Quadrants.cut(cell, items, bounds, depth)
-    }
-}
-
 impl Refinement for SubdivisionOptions {
-    fn pilot(&self) -> u32 {
+    const NAME: &'static str = "subdivision";
+    const SIDE: u32 = 1;
+    type Division = Quadrants;
+
+    fn division(&self) -> Quadrants {
+        Quadrants
+    }
+
+    /// The place in the pixel alone.
+    fn dimensions(&self, domain: &Domain) -> Result<Domain, Error> {
+        Ok(domain.place())
+    }
+
+    fn is_exact(&self) -> bool {
+        self.mode == Stopping::Budget
+    }
+
+    fn pilot_samples(&self) -> u32 {
         4
     }
 
@@ -137,61 +146,7 @@ impl Refinement for SubdivisionOptions {
 /// *Guarantees*: spends the budget exactly, or treats it as an upper bound. *Bias*: samples decide where others lie, and stay
 /// [Kirk and Arvo 1991]. *Weaknesses*: misses what four samples miss. Made for functions without noise: with it, contrast
 /// never falls, and all parts are split.
-pub struct Subdivision<P> {
-    planner: TreePlanner<P>,
-    options: SubdivisionOptions,
-}
-
-impl<P: PointSet> Subdivision<P> {
-    /// Makes a sampler that takes all coordinates but the place in the pixel from this point set.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn new(points: P, domain: &Domain, options: SubdivisionOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { planner: TreePlanner::new(points, domain.place(), 1), options })
-    }
-
-    /// The samples that it places, for filters.
-    pub fn placed(&self) -> PlacedHandle {
-        self.planner.handle()
-    }
-}
-
-impl<P: PointSet> Sampler for Subdivision<P> {
-    fn name(&self) -> &str {
-        "subdivision"
-    }
-
-    fn describe(&self) -> String {
-        format!("{}:{}", self.name(), self.options.describe())
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_samples(u32::MAX)
-    }
-
-    fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
-        self.planner.memory(frame, needs, limits)
-    }
-
-    fn points(&self) -> &dyn PointSet {
-        self.planner.points()
-    }
-
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        self.planner.next_round(&self.options, (0.0, self.options.mode == Stopping::Budget), seen, plan)
-    }
-
-    fn save(&self) -> Vec<u8> {
-        self.planner.save()
-    }
-
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.planner.restore(saved)
-    }
-}
+pub type Subdivision<P> = TreeSampler<P, SubdivisionOptions>;
 
 #[cfg(test)]
 mod tests;

@@ -1,14 +1,17 @@
 //! A bank of filters, chosen per pixel by Stein's unbiased risk estimate; and the sampler that follows its error.
 
 mod bank;
-mod choice;
 mod planes;
-mod sampler;
 
-pub use sampler::{Sure, SureOptions};
-
-use choice::choose;
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
+use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
+use crate::rounds::{counts_so_far, lacking, total, with_extra};
+use bank::{BANK, OfPixel};
+use dapple_core::{
+    Error, Feedback, Film, FilterMemory, Filtered, Frame, ImagePlanes, Needs, PilotPolicy, Plan, SamplerMemory,
+    saturating_u32, share,
+};
+use planes::Planes;
+use rayon::prelude::*;
 
 dapple_core::options! {
     /// The parameters of [`SureFilter`].
@@ -48,51 +51,154 @@ dapple_core::options! {
 ///
 /// Pixels without samples are filled from their window, or black if the window is empty. [`Filtered::error`] is the
 /// smoothed estimate of the chosen filter, at least 0.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct SureFilter {
-    options: SureFilterOptions,
-}
-
-impl SureFilter {
-    /// The filter with these parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn with_options(options: SureFilterOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { options })
-    }
-}
+pub type SureFilter = MethodFilter<SureFilterOptions>;
 
 /// The radius of the search with `fast`.
 const FAST: usize = 5;
 
-impl Filter for SureFilter {
-    fn name(&self) -> &str {
-        "sure"
-    }
-
-    fn describe(&self) -> String {
-        format!("sure:{}", self.options.describe())
-    }
+impl FilterMethod for SureFilterOptions {
+    const NAME: &'static str = "sure";
 
     fn needs(&self) -> Needs {
         planes::NEEDS
     }
 
-    fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
-        FilterMemory::new(frame, choice::BYTES, ImagePlanes::RadianceAndError)
+    fn applying(&self, frame: &Frame) -> FilterMemory {
+        FilterMemory::new(frame, BYTES, ImagePlanes::RadianceAndError)
     }
 
-    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        film.require(self.name(), &self.needs())?;
-        let SureFilterOptions { window, fast, smooth } = self.options;
-        let radius = if fast { window.min(FAST) } else { window };
-        let chosen = choose(film, radius, smooth);
+    fn image(&self, film: &Film) -> Result<Filtered, Error> {
+        let radius = if self.fast { self.window.min(FAST) } else { self.window };
+        let chosen = choose(film, radius, self.smooth);
         let error = chosen.iter().map(|pixel| pixel.error.max(0.0) as f32).collect::<Vec<_>>();
         let radiance = chosen.iter().map(|pixel| pixel.radiance).collect();
         Ok(Filtered::new(film.frame().size(), radiance).with_error(error))
+    }
+}
+
+/// A pixel of the best filter.
+#[derive(Clone, Copy, Default)]
+struct Chosen {
+    radiance: [f32; 3],
+    /// The smoothed estimate of the squared error; may be negative.
+    error: f64,
+    /// The smoothed priority of further samples, 0 or above.
+    priority: f64,
+}
+
+/// The largest memory of [`choose`] in bytes per pixel.
+const BYTES: usize = Planes::BYTES + size_of::<OfPixel>() + size_of::<Chosen>();
+
+/// Applies the bank with windows of this radius, and takes each pixel from the filter with the least error. Errors are
+/// smoothed with a standard deviation of `sigma` pixels.
+fn choose(film: &Film, radius: usize, sigma: f64) -> Vec<Chosen> {
+    let planes = Planes::new(film);
+    let all = bank::apply(&planes, radius);
+    let spatial = falloff(sigma);
+    (0..all.len()).into_par_iter().with_min_len(64).map(|i| chosen(&planes, &all, i, &spatial)).collect()
+}
+
+/// `-d^2 / (2 sigma^2)` for distances `d` from 0 to two standard deviations.
+fn falloff(sigma: f64) -> Vec<f64> {
+    let reach = (2.0 * sigma).round() as u32;
+    (0..=reach).map(|d| -0.5 * f64::from(d * d) / (sigma * sigma)).collect()
+}
+
+fn chosen(planes: &Planes, all: &[OfPixel], i: usize, spatial: &[f64]) -> Chosen {
+    let reach = spatial.len() as isize - 1;
+    let (x, y) = ((i % planes.size[0]) as isize, (i / planes.size[0]) as isize);
+    let (mut weight, mut error, mut priority) = (0.0, [0.0; BANK], [0.0; BANK]);
+    for dy in -reach..=reach {
+        for dx in -reach..=reach {
+            let Some(j) = planes.at(x + dx, y + dy).filter(|&j| planes.known[j]) else { continue };
+            let near = spatial[dx.unsigned_abs()] + spatial[dy.unsigned_abs()];
+            let w = libm::exp(near + planes.likeness(i, j));
+            weight += w;
+            for k in 0..BANK {
+                error[k] += w * all[j].error[k];
+                priority[k] += w * all[j].priority[k];
+            }
+        }
+    }
+    // A pixel without samples takes the widest filter, and its own error is unknown.
+    let widest = 1;
+    if !planes.known[i] || weight <= 0.0 {
+        let unknown = if weight > 0.0 { error[widest] / weight } else { f64::INFINITY };
+        let priority = if weight > 0.0 { priority[widest] / weight } else { 0.0 };
+        return Chosen { radiance: all[i].filtered[0], error: unknown, priority: priority.max(0.0) };
+    }
+    let best = (1..BANK).fold(0, |best, k| if error[k] < error[best] { k } else { best });
+    let radiance = if best == 0 { planes.colour[i].map(|c| c as f32) } else { all[i].filtered[best - 1] };
+    Chosen { radiance, error: error[best] / weight, priority: (priority[best] / weight).max(0.0) }
+}
+
+dapple_core::options! {
+    /// The parameters of [`Sure`]. Defaults are those of the authors' code, but for the number of rounds.
+    pub struct SureOptions {
+        /// Samples per pixel before counts adapt; at most half of the mean budget.
+        pub pilot: u32 = 8, |pilot| pilot != 0, "at least one sample";
+        /// Rounds for the rest of the budget, each planned from the samples before it.
+        pub rounds: u32 = 1, |rounds| (1..=16).contains(&rounds), "1 to 16";
+        /// Pixels searched to each side, 0 to 20.
+        pub window: usize = 10, |window| window <= 20, "0 to 20 pixels to each side";
+        /// Standard deviation in pixels of the kernel that smooths estimated errors.
+        pub smooth: f64 = 4.0 => "4", |sigma| sigma > 0.0 && sigma <= 8.0, "above 0 and at most 8 pixels";
+        /// Largest number of samples of a pixel.
+        pub cap: u32 = 1024, |cap| cap != 0, "at least one sample";
+        /// Use of pilot samples in the image: keep (biased, as published), the only one.
+        pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
+            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+    }
+}
+
+/// Samples where the best filter of a bank still errs, for the filter [`SureFilter`] [Li 2012].
+///
+/// Every pixel gets `pilot` samples. The bank's estimated error then gives a pixel the score
+/// `max(0, E + v) / (F^2 + 0.01) / (1 + n)`. `E` is the smoothed estimate of the filter that the pixel takes, and `v` the
+/// variance of its mean. `F` is the luminance of the filtered pixel, and `n` its count. Additional samples are in
+/// proportion to scores, at least one each where the budget allows.
+///
+/// *Guarantees*: the budget is met exactly; the published counts, rounded up, exceed it. No pixel gets fewer samples
+/// than the pilot. *Bias*: all samples are kept and decide how many follow [Kirk and Arvo 1991]. *Weaknesses*: those of
+/// the filter. Planning costs as much as filtering.
+pub type Sure<P> = MethodSampler<P, SureOptions>;
+
+impl SamplingMethod for SureOptions {
+    const NAME: &'static str = "sure";
+
+    fn needs(&self) -> Needs {
+        planes::NEEDS
+    }
+
+    fn number_of_rounds(&self) -> Option<u32> {
+        Some(1 + self.rounds)
+    }
+
+    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
+        SamplerMemory::planning(frame, BYTES + 8)
+    }
+
+    fn pilot_samples(&self, mean: u64) -> u32 {
+        self.pilot.min(saturating_u32(mean / 2).max(1))
+    }
+
+    fn refine(&self, seen: &Feedback<'_>, _: u32, plan: &mut Plan) -> Result<(), Error> {
+        let (budget, pixels, now) = (seen.budget, seen.pixels() as u64, counts_so_far(seen));
+        let floors: Vec<u32> = now.iter().map(|&n| budget.min_spp.saturating_sub(n)).collect();
+        let pilot = self.pilot_samples(budget.total / pixels);
+        let after = budget.total.saturating_sub(u64::from(pilot) * pixels);
+        let step = after.div_ceil(self.rounds.into()).max(total(&floors)).clamp(1, budget.left());
+        let chosen = choose(seen.film, self.window, self.smooth);
+        let scores: Vec<f64> =
+            chosen.iter().zip(&now).map(|(pixel, &n)| pixel.priority / (1.0 + f64::from(n))).collect();
+        let more = share(&scores, 1, &floors, u32::MAX, step)?.counts;
+        let cap = self.cap.max(budget.min_spp).min(budget.max_spp);
+        let wanted = more.iter().zip(&now).map(|(more, &n)| n.saturating_add(*more).min(cap).max(n));
+        let counts = lacking(&wanted.collect::<Vec<_>>(), &now);
+        // What exceeds the cap goes to the pixels with the fewest samples.
+        let planned = total(&counts);
+        plan.counts = with_extra(seen, counts, step - planned)?;
+        Ok(())
     }
 }
 
@@ -101,8 +207,8 @@ mod tests {
     use super::*;
     use crate::test_scenes::{Field, frame, run};
     use dapple_core::samplers::Uniform;
-    use dapple_core::{Limits, Render, Unfiltered};
-    use dapple_low_discrepancy::Random;
+    use dapple_core::{Draws, Estimate, Filter, FirstHit, Integrator, Limits, Render, Unfiltered, Worker};
+    use dapple_low_discrepancy::{Random, Sobol};
 
     #[test]
     fn the_filter_conforms() {
@@ -149,5 +255,40 @@ mod tests {
         let unused =
             run(&mut Field(|_, _| [0.0; 3]), &mut Uniform::new(Random::new(1)), frame(2, 2), &Limits::spp(1.0));
         assert!(matches!(SureFilter::default().apply(&unused), Err(Error::NotRecorded { .. })));
+    }
+
+    #[test]
+    fn the_sampler_conforms() {
+        let options = SureOptions::default().window(2).smooth(1.0);
+        dapple_conformance::sampler(|| Box::new(Sure::with_options(Sobol::new(1), options).unwrap()));
+        let options = options.pilot(3).rounds(3).cap(20);
+        dapple_conformance::sampler(|| Box::new(Sure::with_options(Random::new(1), options).unwrap()));
+    }
+
+    /// A field on a wall.
+    struct OnWall<F>(Field<F>);
+
+    impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for OnWall<F> {
+        fn estimate(&self, draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
+            let hit = FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0);
+            self.0.estimate(draws, worker).with_first_hit(hit)
+        }
+    }
+
+    #[test]
+    fn samples_go_where_filters_err() {
+        // Flat on the left; stripes of one pixel under noise on the right, which no filter can smooth.
+        let field = Field(|[x, y]: [u32; 2], u: [f32; 4]| {
+            let stripe = if x >= 16 && (x + y) % 2 == 0 { 0.8 } else { 0.2 };
+            [if x < 16 { 0.5 } else { stripe + 0.3 * u[0] }; 3]
+        });
+        let options = SureOptions::default().window(5);
+        let mut sampler = Sure::with_options(Random::new(1), options).unwrap();
+        let film = run(&mut OnWall(field), &mut sampler, frame(32, 32), &Limits::spp(32.0));
+        let mean = |left: bool| {
+            let of = (0..1024).filter(|i| (i % 32 < 12) == left && (left || i % 32 > 19));
+            of.clone().map(|i| film.count(i) as f64).sum::<f64>() / of.count() as f64
+        };
+        assert!(mean(true) < 12.0 && mean(false) > 45.0, "{} {}", mean(true), mean(false));
     }
 }

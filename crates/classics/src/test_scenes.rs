@@ -51,7 +51,7 @@ pub(crate) fn planned_estimates(
     total: u64,
     sample: impl Fn(usize, u64) -> Estimate,
 ) -> Film {
-    let mut film = Film::new(frame, sampler.needs());
+    let mut film = Film::with_recorders(frame, sampler.needs(), sampler.recorders());
     for round in 0.. {
         let budget = BudgetLeft::new(total).with_spent(film.record().samples);
         let mut plan = Plan::empty(frame.pixels());

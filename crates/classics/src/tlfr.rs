@@ -4,9 +4,10 @@ mod samples;
 mod surfaces;
 mod tree;
 
-use dapple_core::{
-    Defocus, Error, Film, FilmPoints, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _,
-};
+use crate::method::{SamplesFilter, SamplesMethod};
+use crate::recorders::{FilmSamples, Singles};
+use crate::{Defocus, FilmPoints};
+use dapple_core::{Error, Filtered};
 use rayon::prelude::*;
 use samples::{At, Axes};
 use surfaces::{Near, covers, divide, join_small, surrounds};
@@ -26,8 +27,8 @@ const DISPERSION: [f64; 9] = [2.0, 1.34, 1.1, 0.8, 0.5, 0.37, 0.27, 0.18, 0.14];
 /// The number of times that the radius is doubled where there is no sample.
 const DOUBLINGS: u32 = 3;
 
-/// The samples per pixel assumed in forecasts if their number is unknown.
-const ASSUMED_SPP: u32 = 64;
+/// The samples per pixel assumed in forecasts.
+const ASSUMED_SPP: usize = 64;
 
 /// Temporal light field reconstruction [Lehtinen et al. 2011]: samples are reused at other points of lens and time.
 ///
@@ -46,65 +47,33 @@ const ASSUMED_SPP: u32 = 64;
 /// *Bias*: biased. *Weaknesses*: highlights and reflections do not move with their surface, and what is behind glass moves with
 /// the glass. Noise that is not from lens and time is averaged over the tent alone. Rotation is taken as linear motion.
 /// Surfaces of less than four samples are mixed with the one behind.
-#[derive(Clone, Debug)]
-pub struct Tlfr {
-    points: FilmPoints,
-    defocus: Defocus,
-    options: TlfrOptions,
-}
+pub type Tlfr = SamplesFilter<TlfrOptions>;
 
-impl Tlfr {
-    /// Makes a filter for films with these points.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range, and for samples that depend on a lens of unknown blur.
-    pub fn new(points: FilmPoints, options: TlfrOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        let has_lens = Axes::of(points.domain()).has_lens();
-        let defocus = points.defocus().filter(|_| has_lens);
-        if has_lens && defocus.is_none() {
+impl SamplesMethod for TlfrOptions {
+    const NAME: &'static str = "tlfr";
+    const READS: Singles = Singles::MOVING;
+
+    /// Refuses samples that depend on a lens of unknown blur.
+    fn check(&self, points: &FilmPoints) -> Result<(), Error> {
+        if Axes::of(points.domain()).has_lens() && points.defocus().is_none() {
             let allowed = "a perspective camera with a thin lens, or one without a lens";
             return Err(Error::OutOfRange { name: "lens", value: "of unknown blur".to_owned(), allowed });
         }
-        let defocus = defocus.unwrap_or(Defocus::new([0.0; 2], [0.0; 2]));
-        Ok(Self { points, defocus, options })
-    }
-}
-
-impl Filter for Tlfr {
-    fn name(&self) -> &str {
-        "tlfr"
+        Ok(())
     }
 
-    fn describe(&self) -> String {
-        format!("{}:{}", self.name(), self.options.describe())
+    fn bytes(&self) -> usize {
+        12 + ASSUMED_SPP * Tree::BYTES
     }
 
-    fn needs(&self) -> Needs {
-        Needs::none().with_samples(u32::MAX).with_trajectories()
-    }
-
-    fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
-        let samples = if needs.samples == u32::MAX { ASSUMED_SPP } else { needs.samples };
-        FilterMemory::new(frame, 12 + samples as usize * Tree::BYTES, ImagePlanes::Radiance)
-    }
-
-    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        film.require(self.name(), &self.needs())?;
+    fn image(&self, samples: &FilmSamples<'_>, points: &FilmPoints) -> Filtered {
+        let (film, axes) = (samples.film, Axes::of(points.domain()));
         let frame = film.frame();
-        let samples = samples::read(film, &self.points, &self.defocus);
-        let width = f64::from(self.options.points).sqrt().recip();
-        let field = LightField {
-            radius: dispersion(samples.len() as f64 / frame.pixels() as f64),
-            tree: Tree::new(samples, self.defocus),
-            widths: [width, 0.5 * width],
-        };
-        let axes = Axes::of(self.points.domain());
+        let field = LightField::new(samples, points, self.points);
         let mut radiance = vec![[0.0; 3]; frame.pixels()];
         radiance.par_iter_mut().enumerate().for_each_init(Scratch::default, |scratch, (i, pixel)| {
             let mut sum = ([0.0; 3], 0);
-            for number in 0..self.options.points {
+            for number in 0..self.points {
                 let at = axes.output(frame.pixel(i), number);
                 if let Some(colour) = field.colour(&at, scratch) {
                     (0..3).for_each(|c| sum.0[c] += colour[c]);
@@ -113,7 +82,7 @@ impl Filter for Tlfr {
             }
             *pixel = if sum.1 > 0 { sum.0.map(|x| x / f64::from(sum.1)) } else { film.mean(i) }.map(|x| x as f32);
         });
-        Ok(Filtered::new(frame.size(), radiance))
+        Filtered::new(frame.size(), radiance)
     }
 }
 
@@ -147,6 +116,16 @@ struct LightField {
 }
 
 impl LightField {
+    /// The light field of a film, of which `output` points are reconstructed in each pixel.
+    fn new(samples: &FilmSamples<'_>, points: &FilmPoints, output: u32) -> Self {
+        let lens = points.defocus().filter(|_| Axes::of(points.domain()).has_lens());
+        let defocus = lens.unwrap_or(Defocus::new([0.0; 2], [0.0; 2]));
+        let pixels = samples.film.frame().pixels();
+        let samples = samples::read(samples, points, &defocus);
+        let (radius, width) = (dispersion(samples.len() as f64 / pixels as f64), f64::from(output).sqrt().recip());
+        Self { tree: Tree::new(samples, defocus), radius, widths: [width, 0.5 * width] }
+    }
+
     /// The colour at a point; `None` if there are no samples around it.
     fn colour(&self, at: &At, scratch: &mut Scratch) -> Option<[f64; 3]> {
         let mut radius = self.radius;

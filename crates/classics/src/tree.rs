@@ -7,9 +7,12 @@ mod planner;
 #[cfg(test)]
 pub(crate) mod test_scenes;
 
-pub(crate) use planner::{Refinement, TreePlanner};
+pub(crate) use planner::Refinement;
+pub use planner::TreeSampler;
 
-use dapple_core::{Domain, Film, Filtered, Frame, PointSet, SampleId, mix, streams};
+use crate::recorders::FilmSamples;
+use crate::{Domain, FilmPoints};
+use dapple_core::{Filtered, Frame, PointSet, SampleId, mix, streams};
 use rayon::prelude::*;
 
 /// The coordinates of a sample: the place in pixels from the cell's corner, then the other axes in `[0, 1)`.
@@ -20,7 +23,7 @@ pub(crate) type Items = [u32];
 
 /// The samples of a cell.
 #[derive(Default)]
-pub(crate) struct Cell {
+pub struct Cell {
     pub(crate) at: Vec<At>,
     pub(crate) values: Vec<[f32; 3]>,
     /// Columns and rows of pixels.
@@ -62,44 +65,45 @@ impl Cells {
     }
 
     /// The samples of cell `number`, pixel by pixel, in `cell`.
-    pub(crate) fn read(&self, number: usize, film: &Film, points: &dyn PointSet, domain: &Domain, cell: &mut Cell) {
+    pub(crate) fn read(
+        &self,
+        number: usize,
+        samples: &FilmSamples<'_>,
+        points: &dyn PointSet,
+        domain: &Domain,
+        cell: &mut Cell,
+    ) {
         let (corner, size) = self.area(number);
         (cell.corner, cell.size, cell.axes) = (corner, size, domain.axes().len());
         cell.at.clear();
         cell.values.clear();
-        let halves = if film.needs().halves { 2 } else { 1 };
         for (y, x) in (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (y, x))) {
             let i = (corner[1] + y) as usize * self.window[0] as usize + (corner[0] + x) as usize;
-            for half in 0..halves {
-                for (number, &value) in film.samples(half, i).iter().enumerate() {
-                    let mut at = At::default();
-                    domain.read(points, film.sample_id(half, i, number), &mut at);
-                    at[0] = beside(x, at[0]);
-                    at[1] = beside(y, at[1]);
-                    cell.at.push(at);
-                    cell.values.push(value);
-                }
+            for (half, (number, (value, _))) in samples.of_pixel(i) {
+                let mut at = At::default();
+                domain.read(points, samples.film.sample_id(half, i, number), &mut at);
+                (at[0], at[1]) = (beside(x, at[0]), beside(y, at[1]));
+                cell.at.push(at);
+                cell.values.push(value);
             }
         }
     }
-}
 
-impl Cells {
     /// The image of which `of_cell` makes the pixels of each cell, row by row.
     pub(crate) fn image(
         &self,
-        film: &Film,
-        points: &dyn PointSet,
-        domain: &Domain,
+        samples: &FilmSamples<'_>,
+        points: &FilmPoints,
         of_cell: impl Fn(&Cell, &mut [[f32; 3]]) + Sync,
     ) -> Filtered {
+        let (now, domain) = (points.now(), points.domain());
         let [width, height] = self.window.map(|n| n as usize);
         let columns = width.div_ceil(self.side as usize);
         let mut radiance = vec![[0.0; 3]; width * height];
         let bands = radiance.par_chunks_mut(width * self.side as usize).enumerate();
         bands.for_each_init(Default::default, |(cell, made): &mut (Cell, Vec<_>), (band, rows)| {
             for number in band * columns..(band + 1) * columns {
-                self.read(number, film, points, domain, cell);
+                self.read(number, samples, &now, domain, cell);
                 let [columns, lines] = cell.size.map(|n| n as usize);
                 made.clear();
                 made.resize(columns * lines, [0.0; 3]);
@@ -120,7 +124,7 @@ fn beside(pixel: u32, u: f32) -> f32 {
 
 /// A box: its range along each axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Bounds {
+pub struct Bounds {
     pub(crate) low: At,
     pub(crate) high: At,
 }
@@ -157,14 +161,14 @@ impl Bounds {
 
 /// A box that is not cut, with its samples.
 #[derive(Clone, Copy)]
-pub(crate) struct Leaf<'a> {
+pub struct Leaf<'a> {
     pub(crate) bounds: &'a Bounds,
     pub(crate) items: &'a Items,
     pub(crate) depth: u32,
 }
 
 /// A rule by which boxes are cut.
-pub(crate) trait Division: Sync {
+pub trait Division: Sync {
     /// The axis and the coordinate at which a box is cut, after `depth` cuts; `None` to leave it whole. The order of `items`
     /// may change.
     fn cut(&self, cell: &Cell, items: &mut Items, bounds: &Bounds, depth: u32) -> Option<(usize, f32)>;

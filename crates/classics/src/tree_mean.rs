@@ -1,11 +1,12 @@
 //! Pixels whose parts count by their volume.
 
 use crate::hierarchical::ContrastingHalves;
+use crate::method::{SamplesFilter, SamplesMethod};
+use crate::recorders::FilmSamples;
 use crate::subdivision::Quadrants;
 use crate::tree::{Cells, Division, leaves, mean};
-use dapple_core::{
-    Domain, Error, Film, FilmPoints, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _,
-};
+use crate::{Domain, FilmPoints};
+use dapple_core::Filtered;
 
 dapple_core::options! {
     /// The parameters of [`TreeMean`].
@@ -38,55 +39,25 @@ dapple_core::choices!(PartRule { Quadrants = "quadrants", Contrast = "contrast" 
 ///
 /// *Bias*: with `tree=contrast` the samples' values decide the parts. *Weaknesses*: with well-distributed points of equal
 /// counts, the plain mean is better.
-#[derive(Clone, Debug)]
-pub struct TreeMean {
-    points: FilmPoints,
-    domain: Domain,
-    options: TreeMeanOptions,
-}
+pub type TreeMean = SamplesFilter<TreeMeanOptions>;
 
-impl TreeMean {
-    /// Makes a filter for films with these points.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn new(points: FilmPoints, options: TreeMeanOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        let domain = match options.tree {
-            PartRule::Quadrants => points.domain().place(),
-            PartRule::Contrast => points.domain().clone(),
-        };
-        Ok(Self { points, domain, options })
-    }
-}
+impl SamplesMethod for TreeMeanOptions {
+    const NAME: &'static str = "tree-mean";
 
-impl Filter for TreeMean {
-    fn name(&self) -> &str {
-        "tree-mean"
+    fn dimensions(&self, domain: &Domain) -> Domain {
+        match self.tree {
+            PartRule::Quadrants => domain.place(),
+            PartRule::Contrast => domain.clone(),
+        }
     }
 
-    fn describe(&self) -> String {
-        format!("{}:{}", self.name(), self.options.describe())
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_samples(u32::MAX)
-    }
-
-    fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
-        FilterMemory::new(frame, 12, ImagePlanes::Radiance)
-    }
-
-    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        film.require(self.name(), &self.needs())?;
-        let (points, cells) = (self.points.now(), Cells::new(film.frame(), 1));
-        let halves = ContrastingHalves { split: self.options.split };
-        let rule: &dyn Division = match self.options.tree {
+    fn image(&self, samples: &FilmSamples<'_>, points: &FilmPoints) -> Filtered {
+        let halves = ContrastingHalves { split: self.split };
+        let rule: &dyn Division = match self.tree {
             PartRule::Quadrants => &Quadrants,
             PartRule::Contrast => &halves,
         };
-        Ok(cells.image(film, &points, &self.domain, |cell, image| {
+        Cells::new(samples.film.frame(), 1).image(samples, points, |cell, image| {
             let (mut sum, mut volume) = ([0.0; 3], 0.0);
             leaves(rule, cell, &mut |leaf| {
                 if !leaf.items.is_empty() {
@@ -96,6 +67,6 @@ impl Filter for TreeMean {
                 }
             });
             image[0] = sum.map(|x| if volume > 0.0 { (x / volume) as f32 } else { 0.0 });
-        }))
+        })
     }
 }

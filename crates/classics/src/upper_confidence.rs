@@ -1,10 +1,8 @@
 //! Optimistic counts: samples where the upper confidence bound of the deviation is largest.
 
-use crate::rounds_and_variances::plan_pilot;
-use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
-    SamplerMemory, allocate, saturating_u32,
-};
+use crate::method::{MethodSampler, SamplingMethod};
+use crate::rounds::{counts_so_far, lacking, total};
+use dapple_core::{Error, Feedback, Film, Frame, Needs, PilotPolicy, Plan, SamplerMemory, allocate};
 
 dapple_core::options! {
     /// The parameters of [`UpperConfidence`]. All defaults are Dapple's.
@@ -42,30 +40,12 @@ dapple_core::options! {
 /// falls as `n^(-3/2)` up to logarithms [Carpentier and Munos 2011, abstract]. *Bias*: all samples are kept and decide
 /// how many follow [Kirk and Arvo 1991]. *Weaknesses*: the bonus moves counts towards uniform ones, and each pixel is
 /// judged by its own samples alone. Counts are off the ladder of well-stratified ones.
-pub struct UpperConfidence<P> {
-    points: P,
-    options: UpperConfidenceOptions,
-}
+pub type UpperConfidence<P> = MethodSampler<P, UpperConfidenceOptions>;
 
-impl<P: PointSet> UpperConfidence<P> {
-    /// Makes a sampler that uses this point set, with the default parameters.
-    pub fn new(points: P) -> Self {
-        Self { points, options: UpperConfidenceOptions::default() }
-    }
-
-    /// Makes a sampler that uses this point set, with these parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn with_options(points: P, options: UpperConfidenceOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { points, options })
-    }
-
+impl UpperConfidenceOptions {
     /// The squared upper confidence bound of each pixel's weighted deviation, for a budget of `total` samples.
     fn bounds(&self, film: &Film, total: u64) -> Vec<f64> {
-        let UpperConfidenceOptions { bonus, confidence, epsilon, .. } = self.options;
+        let UpperConfidenceOptions { bonus, confidence, epsilon, .. } = *self;
         let pixels = film.frame().pixels();
         let variance = |i: usize| film.moments(i).variance().map(|v| grey(v).min(LARGEST));
         let (mut sum, mut known) = (0.0, 0u64);
@@ -93,45 +73,26 @@ fn grey([r, g, b]: [f64; 3]) -> f64 {
     (r + g + b) / 3.0
 }
 
-impl<P: PointSet> Sampler for UpperConfidence<P> {
-    fn name(&self) -> &str {
-        "ucb"
-    }
+impl SamplingMethod for UpperConfidenceOptions {
+    const NAME: &'static str = "ucb";
 
-    fn describe(&self) -> String {
-        format!("ucb:{}", self.options.describe())
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_variance()
-    }
-
-    fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
+    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
         // Per pixel: the bound and its copy in `allocate`, the counts so far and those wanted.
         SamplerMemory::planning(frame, 8 + 8 + 4 + 4)
     }
 
-    fn points(&self) -> &dyn PointSet {
-        &self.points
+    fn pilot_samples(&self, _: u64) -> u32 {
+        self.pilot
     }
 
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        seen.film.require(self.name(), &self.needs())?;
-        let budget = seen.budget;
-        if budget.left() == 0 {
-            return Ok(Progress::Done);
-        }
-        if !plan_pilot(seen, self.options.pilot, plan) {
-            let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
-            let floors: Vec<u32> = now.iter().map(|&n| n.max(budget.min_spp)).collect();
-            let kept: u64 = now.iter().map(|&n| u64::from(n)).sum();
-            let needed = floors.iter().map(|&n| u64::from(n)).sum::<u64>() - kept;
-            let step = ((self.options.step * budget.total as f64).ceil() as u64).max(needed).min(budget.left());
-            let bounds = self.bounds(seen.film, budget.total);
-            let counts = allocate(&bounds, &floors, budget.max_spp, kept + step)?.counts;
-            plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
-        }
-        Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
+    fn refine(&self, seen: &Feedback<'_>, _: u32, plan: &mut Plan) -> Result<(), Error> {
+        let (budget, now) = (seen.budget, counts_so_far(seen));
+        let floors: Vec<u32> = now.iter().map(|&n| n.max(budget.min_spp)).collect();
+        let needed = total(&floors) - total(&now);
+        let step = ((self.step * budget.total as f64).ceil() as u64).max(needed).min(budget.left());
+        let bounds = self.bounds(seen.film, budget.total);
+        plan.counts = lacking(&allocate(&bounds, &floors, budget.max_spp, total(&now) + step)?.counts, &now);
+        Ok(())
     }
 }
 

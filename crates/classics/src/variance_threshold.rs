@@ -1,13 +1,12 @@
 //! A threshold on the confidence interval of each pixel's mean.
 
-use crate::rounds_and_variances::plan_pilot;
+use crate::method::{MethodSampler, SamplingMethod};
+use crate::rounds::WorstFirst;
 use crate::student::two_sided_critical;
-use crate::worst_first::WorstFirst;
+use crate::variances::per_pixel;
 use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
-    SamplerMemory, Stopping, luminance, saturating_u32,
+    Error, Feedback, Film, Frame, Needs, PilotPolicy, Plan, SamplerMemory, Stopping, luminance, saturating_u32,
 };
-use rayon::prelude::*;
 
 dapple_core::options! {
     /// The parameters of [`VarianceThreshold`]. The defaults are those of Mitsuba's `adaptive` integrator.
@@ -48,35 +47,9 @@ dapple_core::options! {
 ///
 /// *Weaknesses*: a pixel whose first samples are equal stops for ever, however rare the light that it missed. Variances
 /// are not pooled over neighbours. Fireflies keep a pixel open.
-pub struct VarianceThreshold<P> {
-    points: P,
-    options: VarianceThresholdOptions,
-}
+pub type VarianceThreshold<P> = MethodSampler<P, VarianceThresholdOptions>;
 
-impl<P: PointSet> VarianceThreshold<P> {
-    /// Makes a sampler that uses this point set, with the default parameters.
-    pub fn new(points: P) -> Self {
-        Self { points, options: VarianceThresholdOptions::default() }
-    }
-
-    /// Makes a sampler that uses this point set, with these parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn with_options(points: P, options: VarianceThresholdOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { points, options })
-    }
-
-    /// The samples per pixel before any pixel stops, for a mean budget of `mean` samples per pixel.
-    fn first(&self, mean: u64) -> u32 {
-        match self.options.mode {
-            Stopping::Threshold => self.options.min,
-            Stopping::Budget => self.options.min.min(saturating_u32(mean / 4)).max(2),
-        }
-    }
-
+impl VarianceThresholdOptions {
     /// Half the width of each pixel's confidence interval, divided by the largest width at which it stops.
     fn scores(&self, film: &Film) -> Vec<f64> {
         let pixels = film.frame().pixels();
@@ -88,49 +61,35 @@ impl<P: PointSet> VarianceThreshold<P> {
             if error == 0.0 || !error.is_finite() {
                 return 0.0;
             }
-            let critical = two_sided_critical(self.options.alpha, (moments.count - 1) as f64);
-            let allowed = self.options.threshold * luminance(moments.mean).max(DARKEST * image);
+            let critical = two_sided_critical(self.alpha, (moments.count - 1) as f64);
+            let allowed = self.threshold * luminance(moments.mean).max(DARKEST * image);
             (critical * error / allowed).min(f64::MAX)
         };
-        (0..pixels).into_par_iter().with_min_len(1024).map(score).collect()
+        per_pixel(film, score)
     }
 }
 
 /// The least mean to which a pixel's error is relative, as a share of the image's mean.
 const DARKEST: f64 = 0.01;
 
-impl<P: PointSet> Sampler for VarianceThreshold<P> {
-    fn name(&self) -> &str {
-        "variance-threshold"
-    }
+impl SamplingMethod for VarianceThresholdOptions {
+    const NAME: &'static str = "variance-threshold";
 
-    fn describe(&self) -> String {
-        format!("variance-threshold:{}", self.options.describe())
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_variance()
-    }
-
-    fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
+    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
         // A score per pixel.
         SamplerMemory::planning(frame, 8 + WorstFirst::BYTES)
     }
 
-    fn points(&self) -> &dyn PointSet {
-        &self.points
+    fn pilot_samples(&self, mean: u64) -> u32 {
+        match self.mode {
+            Stopping::Threshold => self.min,
+            Stopping::Budget => self.min.min(saturating_u32(mean / 4)).max(2),
+        }
     }
 
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        seen.film.require(self.name(), &self.needs())?;
-        if seen.budget.left() == 0 {
-            return Ok(Progress::Done);
-        }
-        if !plan_pilot(seen, self.first(seen.budget.total / seen.pixels() as u64), plan) {
-            let VarianceThresholdOptions { mode, step, cap, .. } = self.options;
-            WorstFirst { mode, step, cap }.plan(seen, &self.scores(seen.film), plan)?;
-        }
-        Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
+    fn refine(&self, seen: &Feedback<'_>, _: u32, plan: &mut Plan) -> Result<(), Error> {
+        let Self { mode, step, cap, .. } = *self;
+        WorstFirst { mode, step, cap }.plan(seen, &self.scores(seen.film), plan)
     }
 }
 
@@ -139,6 +98,7 @@ mod tests {
     use super::*;
     use crate::test_scenes::{Field, bernoulli, frame, run};
     use dapple_conformance::{sampler, threshold_sampler};
+    use dapple_core::Limits;
     use dapple_low_discrepancy::{Random, Sobol};
 
     fn with(options: VarianceThresholdOptions, seed: u64) -> VarianceThreshold<Random> {

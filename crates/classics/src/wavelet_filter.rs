@@ -1,8 +1,9 @@
 //! Shrinkage of wavelet coefficients.
 
-use crate::rounds_and_variances::filled_means;
+use crate::method::{FilterMethod, MethodFilter};
+use crate::variances::filled_means;
 use crate::wavelets::{Basis, coefficient_variances, high_band, restore, transform};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
+use dapple_core::{Error, Film, FilterMemory, Filtered, Frame, ImagePlanes};
 use rayon::prelude::*;
 
 dapple_core::options! {
@@ -30,25 +31,12 @@ dapple_core::options! {
 /// Radiance below 0 becomes 0.
 /// *Weaknesses*: ringing and blotches at few samples, texture of low contrast vanishes, fireflies leave smeared traces.
 /// It knows no features.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Wavelet {
-    options: WaveletOptions,
-}
+pub type Wavelet = MethodFilter<WaveletOptions>;
 
-impl Wavelet {
-    /// The filter with these parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn with_options(options: WaveletOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { options })
-    }
-
+impl WaveletOptions {
     /// Shrinks the coefficients of an image whose pixels have these variances.
     fn shrink(&self, size: [usize; 2], image: &mut Vec<[f64; 3]>, variances: &[f64]) {
-        let WaveletOptions { basis, levels, gamma } = self.options;
+        let Self { basis, levels, gamma } = *self;
         transform(basis, size, 0..levels, image);
         for (below, filters) in basis.cascade(levels).iter().enumerate() {
             let level = below + 1;
@@ -69,26 +57,15 @@ impl Wavelet {
     }
 }
 
-impl Filter for Wavelet {
-    fn name(&self) -> &str {
-        "wavelet"
-    }
+impl FilterMethod for WaveletOptions {
+    const NAME: &'static str = "wavelet";
 
-    fn describe(&self) -> String {
-        format!("wavelet:{}", self.options.describe())
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_variance()
-    }
-
-    fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
+    fn applying(&self, frame: &Frame) -> FilterMemory {
         // The image and its transposed copy, variances, and half of three planes along an axis with their copies.
         FilterMemory::new(frame, 2 * 24 + 8 + 4 * 8 + 12, ImagePlanes::Radiance)
     }
 
-    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        film.require(self.name(), &self.needs())?;
+    fn image(&self, film: &Film) -> Result<Filtered, Error> {
         let size = film.frame().size();
         let (mut image, variances) = filled_means(film);
         self.shrink(size.map(|n| n as usize), &mut image, &variances);
@@ -100,6 +77,7 @@ impl Filter for Wavelet {
 mod tests {
     use super::*;
     use crate::test_films::{noisy_film, normal};
+    use dapple_core::{Filter as _, Needs};
 
     fn wavelet(basis: Basis, gamma: f64) -> Wavelet {
         Wavelet::with_options(WaveletOptions::default().basis(basis).gamma(gamma)).expect("options in range")
@@ -134,7 +112,7 @@ mod tests {
         let size = [256, 256];
         for (gamma, wanted) in [(1.0, 0.1507), (2.0, 0.0115)] {
             let mut image: Vec<[f64; 3]> = (0..65536).map(|i| [0, 1, 2].map(|c| normal(3 * i + c))).collect();
-            wavelet(Basis::Haar, gamma).shrink(size, &mut image, &vec![1.0; 65536]);
+            WaveletOptions::default().basis(Basis::Haar).gamma(gamma).shrink(size, &mut image, &vec![1.0; 65536]);
             transform(Basis::Haar, size, 0..1, &mut image);
             // Each coefficient of the first level has a variance of 1/4.
             let finest = (0..65536).filter(|i| i % 256 >= 128 || i / 256 >= 128);

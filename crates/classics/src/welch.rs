@@ -1,10 +1,12 @@
 //! Means over the pixels that a statistical test cannot tell apart.
 
+use crate::method::{FilterMethod, MethodFilter};
+use crate::recorders::{SampleSums, ThirdMoments};
 use crate::student::two_sided_critical;
-use dapple_core::{
-    Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _, RgbMoments, Sums,
-};
+use crate::variances::per_pixel;
+use dapple_core::{Error, Film, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Recorder, RgbMoments};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// The degrees of freedom of [`Welch`]'s test.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -63,46 +65,24 @@ dapple_core::options! {
 ///
 /// Pixels without samples are filled with the weighted mean of the circle, or black. [`Filtered::error`] is the variance of
 /// the weighted mean, without the bias; it is infinite for pixels of fewer than two samples.
-#[derive(Clone, Debug)]
-pub struct Welch {
-    options: WelchOptions,
-    criticals: Criticals,
-}
+pub type Welch = MethodFilter<WelchOptions>;
 
-impl Default for Welch {
-    fn default() -> Self {
-        let options = WelchOptions::default();
-        Self { options, criticals: Criticals::new(options.level) }
-    }
-}
-
-impl Welch {
-    /// The filter with these parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn with_options(options: WelchOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { options, criticals: Criticals::new(options.level) })
-    }
-
+impl WelchOptions {
     /// The offsets of the circle, row by row, and the logarithm of each one's weight.
     fn circle(&self) -> Vec<([isize; 2], f32)> {
-        let WelchOptions { radius, sigma, .. } = self.options;
-        let r = radius as isize;
+        let (r, sigma) = (self.radius as isize, self.sigma);
         let all = (-r..=r).flat_map(|dy| (-r..=r).map(move |dx| [dx, dy]));
         let inside = all.filter(|[dx, dy]| dx * dx + dy * dy <= r * r);
         inside.map(|[dx, dy]| ([dx, dy], (-0.5 * (dx * dx + dy * dy) as f64 / (sigma * sigma)) as f32)).collect()
     }
 
     /// The filtered pixel `i` and its error.
-    fn pixel(&self, planes: &[WelchPixel], size: [usize; 2], i: usize, circle: &[([isize; 2], f32)]) -> [f64; 4] {
+    fn pixel(&self, planes: &[WelchPixel], size: [usize; 2], i: usize, around: &Around) -> [f64; 4] {
         let own = &planes[i];
-        let scale = [self.options.albedo, self.options.normal].map(|sigma| (-0.5 / (sigma * sigma)) as f32);
+        let scale = [self.albedo, self.normal].map(|sigma| (-0.5 / (sigma * sigma)) as f32);
         let (x, y) = ((i % size[0]) as isize, (i / size[0]) as isize);
         let (mut weight, mut sums, mut error) = (0.0, [0.0; 3], 0.0);
-        for ([dx, dy], near) in circle {
+        for ([dx, dy], near) in &around.circle {
             let (x, y) = (x + dx, y + dy);
             if x < 0 || y < 0 || x >= size[0] as isize || y >= size[1] as isize {
                 continue;
@@ -110,7 +90,7 @@ impl Welch {
             let j = y as usize * size[0] + x as usize;
             let other = &planes[j];
             // Pixels without samples take whatever is there.
-            if other.count == 0.0 || (i != j && own.count > 0.0 && !self.criticals.join(own, other, self.options.df)) {
+            if other.count == 0.0 || (i != j && own.count > 0.0 && !around.criticals.join(own, other, self.df)) {
                 continue;
             }
             let log =
@@ -129,6 +109,12 @@ impl Welch {
         let error = if own.count < 2.0 { f64::INFINITY } else { error / (weight * weight) };
         [sums[0] / weight, sums[1] / weight, sums[2] / weight, error]
     }
+}
+
+/// What is the same for all pixels: the circle, and critical values.
+struct Around {
+    circle: Vec<([isize; 2], f32)>,
+    criticals: Criticals,
 }
 
 /// The logarithm of a weight that counts as none.
@@ -154,9 +140,8 @@ struct WelchPixel {
 }
 
 impl WelchPixel {
-    fn new(film: &Film, i: usize, shrink: f64) -> Self {
-        let (count, sums) = (film.count(i), film.sums(i).root_moments.unwrap_or_default());
-        let (n, mut pixel) = (count as f64, Self::default());
+    fn new(film: &Film, i: usize, sums: &ThirdMoments, shrink: f64) -> Self {
+        let (n, mut pixel) = (film.count(i) as f64, Self::default());
         pixel.count = n as f32;
         pixel.colour = film.mean(i).map(|x| x as f32);
         for c in 0..3 {
@@ -228,31 +213,28 @@ impl Criticals {
     }
 }
 
-impl Filter for Welch {
-    fn name(&self) -> &str {
-        "welch"
-    }
-
-    fn describe(&self) -> String {
-        format!("welch:{}", self.options.describe())
-    }
+impl FilterMethod for WelchOptions {
+    const NAME: &'static str = "welch";
 
     fn needs(&self) -> Needs {
-        Needs::none().with_variance().with_features().with_sums(Sums::ROOT_MOMENTS)
+        Needs::none().with_variance().with_features()
     }
 
-    fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
+    fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
+        SampleSums::RootMoments.list()
+    }
+
+    fn applying(&self, frame: &Frame) -> FilterMemory {
         FilterMemory::new(frame, size_of::<WelchPixel>() + 32 + 16, ImagePlanes::RadianceAndError)
     }
 
-    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        film.require(self.name(), &self.needs())?;
+    fn image(&self, film: &Film) -> Result<Filtered, Error> {
         let size = film.frame().size().map(|n| n as usize);
-        let pixels = || (0..film.frame().pixels()).into_par_iter();
-        let shrink = self.options.shrink;
-        let planes: Vec<WelchPixel> = pixels().with_min_len(1024).map(|i| WelchPixel::new(film, i, shrink)).collect();
-        let circle = self.circle();
-        let all: Vec<[f64; 4]> = pixels().with_min_len(64).map(|i| self.pixel(&planes, size, i, &circle)).collect();
+        let sums = SampleSums::RootMoments.of(film, Self::NAME)?;
+        let planes = per_pixel(film, |i| WelchPixel::new(film, i, &sums.moments(i), self.shrink));
+        let around = Around { circle: self.circle(), criticals: Criticals::new(self.level) };
+        let pixels = (0..planes.len()).into_par_iter().with_min_len(64);
+        let all: Vec<[f64; 4]> = pixels.map(|i| self.pixel(&planes, size, i, &around)).collect();
         let radiance = all.iter().map(|&[r, g, b, _]| [r as f32, g as f32, b as f32]).collect();
         let error: Vec<f32> = all.iter().map(|p| p[3] as f32).collect();
         Ok(Filtered::new(film.frame().size(), radiance).with_error(error))
@@ -264,7 +246,7 @@ mod tests {
     use super::*;
     use crate::test_scenes::{Field, frame, near_normal};
     use dapple_core::samplers::Uniform;
-    use dapple_core::{Limits, Render, Unfiltered};
+    use dapple_core::{Filter as _, Limits, Render, Unfiltered};
     use dapple_low_discrepancy::Random;
 
     #[test]
@@ -354,7 +336,7 @@ mod tests {
         let mut field = Field(|[x, _]: [u32; 2], u: [f32; 4]| [if x < 24 { 0.3 } else { 0.9 } * (0.5 + u[0]); 3]);
         let filter = Welch::default();
         let limits = Limits::spp(32.0);
-        let film = Render::new(frame(48, 48), &limits).needs(filter.needs());
+        let film = Render::new(frame(48, 48), &limits).needs(filter.needs()).recorders(filter.recorders());
         let film = film.run(&mut field, &mut Uniform::new(Random::new(3))).unwrap();
         let error = |image: &Filtered| {
             image.radiance.iter().enumerate().map(|(i, c)| (c[0] - truth(i)).powi(2)).sum::<f32>() / 2304.0

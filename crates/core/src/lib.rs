@@ -55,7 +55,6 @@
 
 mod allocate;
 pub mod container;
-mod domain;
 mod draws;
 mod error;
 mod film;
@@ -69,7 +68,6 @@ mod memory;
 mod moments;
 mod needs;
 mod options;
-mod placed_points;
 mod plan;
 mod point_set;
 mod policy;
@@ -82,7 +80,6 @@ mod snapshot;
 mod worker;
 
 pub use allocate::{Allocation, Ladder, allocate, share};
-pub use domain::{Axis, Defocus, Domain, Role};
 pub use draws::{Block, Draws};
 pub use error::Error;
 pub use film::{Features, Film, PixelStatistics, Record, Recorded, Rejected, RejectedReason, RoundRecord, luminance};
@@ -101,7 +98,6 @@ pub use needs::Needs;
 pub use options::{
     OptionError, OptionValue, Options, OutOfRange, Parameter, nearest_name, nested, parse_pairs, unnested,
 };
-pub use placed_points::{FilmPoints, Placed, PlacedHandle};
 pub use plan::{Combine, Plan, Progress, Retention};
 pub use point_set::{HostNumbers, PointSet, SampleId, streams};
 pub use policy::{PilotPolicy, Stopping};

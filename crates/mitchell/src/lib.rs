@@ -52,6 +52,7 @@
 //! * The staged filters of Mitchell's paper are not here.
 
 mod contrast;
+mod extrema;
 mod mitchell;
 mod pbrt;
 mod rates;
@@ -60,6 +61,7 @@ mod two_rates;
 pub use dapple_core::{PilotPolicy, Stopping};
 
 pub use contrast::{contrast, deviation};
+pub use extrema::{Extrema, Extremes, FilmExtrema};
 pub use mitchell::{Mitchell, MitchellOptions};
 pub use pbrt::{MitchellPbrt, MitchellPbrtOptions, PbrtTest};
 pub use rates::Rates;

@@ -2,8 +2,9 @@
 
 use crate::Rates;
 use crate::contrast::{NOTHING, contrast, windowed};
+use crate::extrema::Extrema;
 use crate::two_rates::{TwoRates, sampler_of_two_rates};
-use dapple_core::{Error, Film, Needs, Options as _, PilotPolicy, PointSet, Stopping};
+use dapple_core::{Error, Film, Needs, Options as _, PilotPolicy, PointSet, Retention, Stopping};
 
 dapple_core::options! {
     /// The parameters of [`Mitchell`], the contrast-adaptive sampler.
@@ -41,7 +42,11 @@ dapple_core::options! {
 
 impl MitchellOptions {
     fn needs(&self) -> Needs {
-        Needs::none().with_extrema()
+        Needs::none()
+    }
+
+    fn reads_extrema(&self) -> bool {
+        true
     }
 
     /// The least number of samples per pixel for which contrast is defined.
@@ -58,10 +63,12 @@ impl MitchellOptions {
     }
 
     /// The largest ratio of contrast to threshold over the channels, per pixel. Pixels above 1 are refined.
-    fn scores(&self, film: &Film) -> Vec<f64> {
-        let discards = self.policy == PilotPolicy::Discard;
-        let range = |i| if discards { film.discarded_range(i) } else { film.range(i) };
-        let ranges: Vec<_> = (0..film.frame().pixels()).map(|i| range(i).unwrap_or(NOTHING)).collect();
+    fn scores(&self, film: &Film) -> Result<Vec<f64>, Error> {
+        let extrema = Extrema::of(film, "mitchell")?;
+        let retention = if self.policy == PilotPolicy::Discard { Retention::Discard } else { Retention::Keep };
+        let colours = |range: [[f32; 4]; 2]| range.map(|[r, g, b, _]| [r, g, b]);
+        let range = |i| extrema.of_pixel(retention, i).map_or(NOTHING, colours);
+        let ranges: Vec<_> = (0..film.frame().pixels()).map(range).collect();
         let windows = match self.radius {
             0 => ranges,
             radius => windowed(&ranges, film.frame().size(), radius),
@@ -70,7 +77,7 @@ impl MitchellOptions {
             let each = contrast(window).into_iter().zip([self.red, self.green, self.blue]);
             each.map(|(contrast, threshold)| contrast / threshold).fold(0.0, f64::max)
         };
-        windows.into_iter().map(ratio).collect()
+        Ok(windows.into_iter().map(ratio).collect())
     }
 }
 

@@ -2,8 +2,9 @@
 
 use crate::Rates;
 use crate::contrast::deviation;
+use crate::extrema::Extrema;
 use crate::two_rates::{TwoRates, sampler_of_two_rates};
-use dapple_core::{Error, Film, FirstHit, Needs, Options as _, PilotPolicy, PointSet, Stopping, luminance};
+use dapple_core::{Error, Film, FirstHit, Needs, Options as _, PilotPolicy, PointSet, Retention, Stopping, luminance};
 
 /// The test by which [`MitchellPbrt`] refines a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -111,9 +112,13 @@ const MOST_HITS: u32 = 128;
 impl MitchellPbrtOptions {
     fn needs(&self) -> Needs {
         match self.test {
-            PbrtTest::Contrast => Needs::none().with_extrema(),
+            PbrtTest::Contrast => Needs::none(),
             PbrtTest::ShapeId | PbrtTest::Shape => Needs::none().with_first_hits(self.min.min(MOST_HITS) as u8),
         }
+    }
+
+    fn reads_extrema(&self) -> bool {
+        self.test == PbrtTest::Contrast
     }
 
     /// The least number of samples of one pixel that have a deviation.
@@ -126,11 +131,11 @@ impl MitchellPbrtOptions {
     }
 
     /// The score of each pixel. Those above 1 are refined.
-    fn scores(&self, film: &Film) -> Vec<f64> {
+    fn scores(&self, film: &Film) -> Result<Vec<f64>, Error> {
         match self.test {
             PbrtTest::Contrast => self.deviations(film),
-            PbrtTest::ShapeId => self.changes(film, |hit| [hit.shape, hit.primitive]),
-            PbrtTest::Shape => self.changes(film, |hit| [hit.shape, 0]),
+            PbrtTest::ShapeId => Ok(self.changes(film, |hit| [hit.shape, hit.primitive])),
+            PbrtTest::Shape => Ok(self.changes(film, |hit| [hit.shape, 0])),
         }
     }
 
@@ -155,15 +160,17 @@ impl MitchellPbrtOptions {
     }
 
     /// The largest relative deviation of a pixel's samples, divided by the threshold, per pixel.
-    fn deviations(&self, film: &Film) -> Vec<f64> {
+    fn deviations(&self, film: &Film) -> Result<Vec<f64>, Error> {
+        let extrema = Extrema::of(film, "mitchell-pbrt")?;
         let score = |i| {
-            let (range, moments) = match self.policy {
-                PilotPolicy::Discard => (film.discarded_luminance_range(i), film.discarded(i)),
-                _ => (film.luminance_range(i), film.moments(i)),
+            let (retention, moments) = match self.policy {
+                PilotPolicy::Discard => (Retention::Discard, film.discarded(i)),
+                _ => (Retention::Keep, film.moments(i)),
             };
+            let range = extrema.of_pixel(retention, i).map(|range| range.map(|v| v[3]));
             range.map_or(0.0, |range| deviation(range, luminance(moments.mean)) / self.threshold)
         };
-        (0..film.frame().pixels()).map(score).collect()
+        Ok((0..film.frame().pixels()).map(score).collect())
     }
 }
 

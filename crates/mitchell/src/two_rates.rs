@@ -26,6 +26,10 @@ macro_rules! sampler_of_two_rates {
                 self.options.needs()
             }
 
+            fn recorders(&self) -> Vec<std::sync::Arc<dyn dapple_core::Recorder>> {
+                if self.options.reads_extrema() { Extrema::list() } else { Vec::new() }
+            }
+
             fn points(&self) -> &dyn PointSet {
                 &self.points
             }
@@ -37,6 +41,9 @@ macro_rules! sampler_of_two_rates {
             ) -> Result<dapple_core::Progress, Error> {
                 seen.film.require($name, &self.needs())?;
                 let options = self.options;
+                if options.reads_extrema() {
+                    Extrema::of(seen.film, $name)?;
+                }
                 let rates = |mean| options.rates(mean);
                 self.two_rates.next_round(seen, plan, rates, options.least(), |film| options.scores(film))
             }
@@ -47,7 +54,8 @@ macro_rules! sampler_of_two_rates {
                 needs: &dapple_core::Needs,
                 limits: &dapple_core::Limits,
             ) -> dapple_core::SamplerMemory {
-                self.two_rates.memory(frame, needs, limits, $scoring)
+                let extremes = if self.options.reads_extrema() { Extrema::BYTES } else { 0 };
+                self.two_rates.memory(frame, needs, limits, [$scoring, extremes])
             }
 
             fn save(&self) -> Vec<u8> {
@@ -100,7 +108,7 @@ impl TwoRates {
         plan: &mut Plan,
         rates: impl Fn(u64) -> Rates,
         least: u32,
-        scores: impl Fn(&Film) -> Vec<f64>,
+        scores: impl Fn(&Film) -> Result<Vec<f64>, Error>,
     ) -> Result<Progress, Error> {
         if seen.round == 0 {
             (self.ranking, self.rates) = (None, None);
@@ -128,7 +136,7 @@ impl TwoRates {
         plan.counts.fill(0);
         let ranking = match self.ranking.take() {
             Some(known) if known.pilot == pilot && known.order.len() == pixels => known,
-            _ => Ranking::new(pilot, &scores(seen.film)),
+            _ => Ranking::new(pilot, &scores(seen.film)?),
         };
         self.plan_kept(seen, plan, rates, &ranking)?;
         self.ranking = Some(ranking);
@@ -181,21 +189,27 @@ impl TwoRates {
         Ok(())
     }
 
-    /// The memory of a sampler that needs `scoring` bytes per pixel for its scores, and whose film records `needs`.
-    pub(crate) fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits, scoring: usize) -> SamplerMemory {
+    /// The memory of a sampler that needs `scoring` bytes per pixel for its scores, and whose film records `needs` and, for
+    /// each half, `extremes` bytes per pixel.
+    pub(crate) fn memory(
+        &self,
+        frame: &Frame,
+        needs: &Needs,
+        limits: &Limits,
+        [scoring, extremes]: [usize; 2],
+    ) -> SamplerMemory {
         // The ranking is made after scoring, and held beside the scores, or counts and marks.
         const RANKING: usize = 4;
         let planning = scoring.saturating_sub(RANKING).max(8);
         let memory = SamplerMemory::planning(frame, planning).with_state(frame, RANKING);
         match self.policy {
             PilotPolicy::Keep | PilotPolicy::Cross | PilotPolicy::Neighbours => memory,
-            PilotPolicy::Discard => memory.with_discarded(frame, needs, limits),
-            PilotPolicy::Refined => {
-                // Withdrawn samples have statistics of their own from the second round on, and a count of skipped
-                // indices.
-                let mut moved = memory.with_discarded(frame, needs, limits);
-                moved.discarded = moved.discarded.saturating_add(frame.bytes(16));
-                moved
+            // Withdrawn samples have statistics of their own from the second round on.
+            PilotPolicy::Discard | PilotPolicy::Refined => {
+                let mut memory = memory.with_discarded(frame, needs, limits);
+                let halves = if needs.halves { 2 } else { 1 };
+                memory.discarded = memory.discarded.saturating_add(frame.bytes(halves * extremes));
+                memory
             }
         }
     }

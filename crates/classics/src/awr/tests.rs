@@ -1,6 +1,6 @@
 use super::*;
 use crate::test_films::noisy_film;
-use dapple_core::BudgetLeft;
+use dapple_core::{BudgetLeft, Progress, Sampler as _};
 use dapple_low_discrepancy::Sobol;
 
 const NEEDS: Needs = Needs::none().with_variance();
@@ -17,7 +17,7 @@ fn awr_conforms() {
 fn queue(film: &Film, options: &AwrOptions) -> Queue {
     let total = 4 * film.counts().iter().sum::<u64>();
     let seen = Feedback::new(1, film, BudgetLeft::new(total).with_spent(total / 4));
-    Queue::new(&seen, options)
+    Queue::new(&seen, options).expect("a film with variance")
 }
 
 fn haar() -> AwrOptions {
@@ -54,8 +54,8 @@ fn on_noise_the_published_priority_cancels_and_the_debiased_key_is_flat_over_lev
 
 #[test]
 fn equal_keys_go_to_the_coarsest_block() {
-    let waiting = (0..6).flat_map(|level| (0..4).map(move |block| Waiting { key: 1.0, level, block }));
-    let order: Vec<u32> = waiting.collect::<BinaryHeap<_>>().into_sorted_vec().iter().rev().map(|w| w.level).collect();
+    let waiting = (0..6).flat_map(|level| (0..4).map(move |block| waiting(1.0, level, block)));
+    let order: Vec<u32> = waiting.collect::<BinaryHeap<_>>().into_sorted_vec().iter().rev().map(|w| w.1).collect();
     assert!(order.is_sorted_by(|a, b| a >= b) && order[0] == 5);
 }
 

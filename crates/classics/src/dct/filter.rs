@@ -1,10 +1,11 @@
 //! Pixels from cosines fitted to the samples of blocks.
 
 use super::cosines::{CosineOptions, Fit, SIDE};
+use crate::method::{SamplesFilter, SamplesMethod};
+use crate::recorders::FilmSamples;
 use crate::tree::Cells;
-use dapple_core::{
-    Domain, Error, Film, FilmPoints, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _,
-};
+use crate::{Domain, FilmPoints};
+use dapple_core::Filtered;
 
 /// Cosines fitted to the samples of each block of 8x8 pixels [after Bolin and Meyer 1995].
 ///
@@ -17,52 +18,22 @@ use dapple_core::{
 /// without samples are black. There is no error estimate. Opponent space, penalty and the share of chroma are ours.
 ///
 /// *Bias*: of the frequencies that are left out. *Weaknesses*: blocks show; cosines ring at edges and around lamps.
-#[derive(Clone, Debug)]
-pub struct DctFilter {
-    points: FilmPoints,
-    domain: Domain,
-    options: CosineOptions,
-}
+pub type DctFilter = SamplesFilter<CosineOptions>;
 
-impl DctFilter {
-    /// Makes a filter for films with these points.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn new(points: FilmPoints, options: CosineOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        let domain = points.domain().place();
-        Ok(Self { points, domain, options })
-    }
-}
+impl SamplesMethod for CosineOptions {
+    const NAME: &'static str = "dct";
 
-impl Filter for DctFilter {
-    fn name(&self) -> &str {
-        "dct"
+    fn dimensions(&self, domain: &Domain) -> Domain {
+        domain.place()
     }
 
-    fn describe(&self) -> String {
-        format!("{}:{}", self.name(), self.options.describe())
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_samples(u32::MAX)
-    }
-
-    fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
-        FilterMemory::new(frame, 12, ImagePlanes::Radiance)
-    }
-
-    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        film.require(self.name(), &self.needs())?;
-        let (points, blocks) = (self.points.now(), Cells::new(film.frame(), SIDE));
-        Ok(blocks.image(film, &points, &self.domain, |block, image| {
-            let Some(fit) = Fit::new(block, &self.options) else { return };
+    fn image(&self, samples: &FilmSamples<'_>, points: &FilmPoints) -> Filtered {
+        Cells::new(samples.film.frame(), SIDE).image(samples, points, |block, image| {
+            let Some(fit) = Fit::new(block, self) else { return };
             let width = block.size[0] as usize;
             for (i, pixel) in image.iter_mut().enumerate() {
-                *pixel = self.options.scale.radiance(fit.over_pixel([i % width, i / width]));
+                *pixel = self.scale.radiance(fit.over_pixel([i % width, i / width]));
             }
-        }))
+        })
     }
 }

@@ -1,7 +1,9 @@
 //! Divergences from streaming sums.
 
 use super::stored;
-use dapple_core::{Film, Needs, Sums};
+use crate::recorders::SampleSums;
+use dapple_core::{Error, Film, Needs, Recorder};
+use std::sync::Arc;
 
 /// The score by which [`Divergence`](super::Divergence) ranks pixels.
 ///
@@ -59,14 +61,29 @@ const ROUNDING: f64 = 1e-12;
 /// The statistics that a score reads, for a pilot of `pilot` samples per pixel.
 pub(super) fn needs(by: DivergenceScore, q: f64, pilot: u8) -> Needs {
     match by {
-        DivergenceScore::Kl | DivergenceScore::Entropy => Needs::none().with_sums(Sums::LOG),
-        DivergenceScore::Hellinger => Needs::none().with_sums(Sums::ROOT),
         DivergenceScore::Chi2 => Needs::none().with_variance(),
+        DivergenceScore::Tsallis if q > 1.0 => Needs::none().with_variance(),
         DivergenceScore::Geometric => Needs::none().with_first_hits(pilot),
-        DivergenceScore::Tsallis if q == 1.0 => Needs::none().with_sums(Sums::LOG),
-        DivergenceScore::Tsallis if q < 1.0 => Needs::none().with_sums(Sums::ROOT),
-        DivergenceScore::Tsallis => Needs::none().with_variance(),
-        DivergenceScore::Fuzzy | DivergenceScore::Gh => stored::needs(pilot.into()),
+        _ => Needs::none(),
+    }
+}
+
+/// The sums that a score reads.
+fn sums(by: DivergenceScore, q: f64) -> Option<SampleSums> {
+    match by {
+        DivergenceScore::Kl | DivergenceScore::Entropy => Some(SampleSums::Logs),
+        DivergenceScore::Hellinger => Some(SampleSums::Roots),
+        DivergenceScore::Tsallis if q == 1.0 => Some(SampleSums::Logs),
+        DivergenceScore::Tsallis if q < 1.0 => Some(SampleSums::Roots),
+        _ => None,
+    }
+}
+
+/// The recorders of what a score reads, for a pilot of `pilot` samples per pixel.
+pub(super) fn recorders(by: DivergenceScore, q: f64, pilot: u32) -> Vec<Arc<dyn Recorder>> {
+    match by {
+        DivergenceScore::Fuzzy | DivergenceScore::Gh => stored::reads(pilot).list(),
+        _ => sums(by, q).map_or(Vec::new(), SampleSums::list),
     }
 }
 
@@ -126,19 +143,19 @@ pub(super) fn positive(divergence: f64) -> f64 {
     if divergence > ROUNDING { divergence } else { 0.0 }
 }
 
-/// The score of pixel `i`. 0 for pixels without light or with fewer than two samples.
-pub(super) fn score(by: DivergenceScore, q: f64, film: &Film, i: usize) -> f64 {
-    let (moments, sums) = (film.moments(i), film.sums(i));
-    weighted(|c| {
-        let channel = ChannelSums {
-            count: moments.count as f64,
-            mean: moments.mean[c],
-            deviations: moments.m2[c],
-            log: sums.log.map_or(0.0, |log| log[c]),
-            root: sums.root.map_or(0.0, |root| root[c]),
-        };
-        of_channel(by, q, &channel)
-    })
+/// The score of each pixel from sums over its samples. 0 for pixels without light or with fewer than two samples.
+pub(super) fn of_sums(by: DivergenceScore, q: f64, film: &Film) -> Result<Vec<f64>, Error> {
+    let kind = sums(by, q);
+    let sums = kind.map(|kind| kind.of(film, "divergence")).transpose()?;
+    let score = |i: usize| {
+        let (moments, sum) = (film.moments(i), sums.map_or([0.0; 3], |sums| sums.sum(i)));
+        weighted(|c| {
+            let (count, mean, deviations) = (moments.count as f64, moments.mean[c], moments.m2[c]);
+            let (log, root) = if kind == Some(SampleSums::Logs) { (sum[c], 0.0) } else { (0.0, sum[c]) };
+            of_channel(by, q, &ChannelSums { count, mean, deviations, log, root })
+        })
+    };
+    Ok((0..film.frame().pixels()).map(score).collect())
 }
 
 /// The mean of the channels' scores by their weights.
@@ -168,21 +185,22 @@ mod tests {
 
     #[test]
     fn only_scores_of_single_samples_store_any() {
-        let stored = |by| needs(by, 2.0, 20).samples;
+        let stored = |by| recorders(by, 2.0, 20).iter().filter(|one| one.bytes(9) != one.bytes(20)).count();
         let streaming = [DivergenceScore::Kl, DivergenceScore::Chi2, DivergenceScore::Hellinger];
         let others = [DivergenceScore::Entropy, DivergenceScore::Geometric, DivergenceScore::Tsallis];
         assert!(streaming.into_iter().chain(others).all(|by| stored(by) == 0));
         for by in [DivergenceScore::Fuzzy, DivergenceScore::Gh] {
-            assert_eq!(needs(by, 2.0, 20), Needs::none().with_samples(8));
+            let [of_first] = &recorders(by, 2.0, 20)[..] else { panic!("one recorder") };
+            assert_eq!([5, 8, 99].map(|n| of_first.bytes(n)), [60, 96, 96]);
         }
     }
 
     fn sums(samples: &[f64]) -> ChannelSums {
-        let needs = Needs::none().with_variance().with_sums(Sums::LOG | Sums::ROOT);
-        let mut film = Film::new(Frame::new(1, 1).unwrap(), needs);
+        let kinds = [SampleSums::Logs, SampleSums::Roots];
+        let (frame, needs) = (Frame::new(1, 1).unwrap(), Needs::none().with_variance());
+        let mut film = Film::with_recorders(frame, needs, kinds.into_iter().flat_map(SampleSums::list));
         samples.iter().for_each(|&x| film.push(0, 0, [x as f32; 3]));
-        let (moments, sums) = (film.moments(0), film.sums(0));
-        let (log, root) = (sums.log.unwrap()[0], sums.root.unwrap()[0]);
+        let (moments, [log, root]) = (film.moments(0), kinds.map(|kind| kind.of(&film, "a test").unwrap().sum(0)[0]));
         ChannelSums { count: samples.len() as f64, mean: moments.mean[0], deviations: moments.m2[0], log, root }
     }
 
@@ -280,7 +298,8 @@ mod tests {
             film.push(1, 0, [0.0; 3]);
         }
         // Green: mean 2, population variance 1, n = 2.
-        close(score(DivergenceScore::Chi2, 2.0, &film, 0), 0.715 * 0.25 * 2.0 / 2.0);
-        assert_eq!(score(DivergenceScore::Chi2, 2.0, &film, 1), 0.0);
+        let scores = of_sums(DivergenceScore::Chi2, 2.0, &film).unwrap();
+        close(scores[0], 0.715 * 0.25 * 2.0 / 2.0);
+        assert_eq!(scores[1], 0.0);
     }
 }

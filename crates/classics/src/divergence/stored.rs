@@ -1,22 +1,24 @@
-//! Scores of a pixel's first samples, which the film stores one by one.
+//! Scores of a pixel's first samples, which are recorded one by one.
 
 use super::scores::{positive, weighted};
-use dapple_core::{Film, Needs};
+use crate::recorders::Singles;
+use dapple_core::{Error, Film};
 use std::f64::consts::LN_2;
 
 /// The largest number of samples of a pixel that a score reads.
 const MOST: u32 = 8;
 
-/// The statistics that scores of single samples read, for a pilot of `pilot` samples per pixel.
-pub(super) fn needs(pilot: u32) -> Needs {
-    Needs::none().with_samples(pilot.min(MOST))
+/// The samples that scores read, for a pilot of `pilot` samples per pixel.
+pub(super) fn reads(pilot: u32) -> Singles {
+    Singles::first(pilot.min(MOST))
 }
 
 /// The score of each pixel's first samples, for a pilot of `pilot` samples per pixel. `of_channel` returns that of one
 /// channel's samples.
 ///
-/// In a film with halves, each half has half of these samples. Further samples that the film stores are not read.
-pub(super) fn scores(film: &Film, pilot: u32, of_channel: impl Fn(&[f64]) -> f64) -> Vec<f64> {
+/// In a film with halves, each half has half of these samples. Further recorded samples are not read.
+pub(super) fn scores(film: &Film, pilot: u32, of_channel: impl Fn(&[f64]) -> f64) -> Result<Vec<f64>, Error> {
+    let recorded = reads(pilot).of(film, "divergence")?;
     let most = pilot.min(MOST) as usize;
     let shares = if film.needs().halves { [most.div_ceil(2), most / 2] } else { [most, 0] };
     let mut samples = Vec::with_capacity(most);
@@ -24,12 +26,12 @@ pub(super) fn scores(film: &Film, pilot: u32, of_channel: impl Fn(&[f64]) -> f64
         weighted(|c| {
             samples.clear();
             for (half, share) in shares.into_iter().enumerate() {
-                samples.extend(film.samples(half, i).iter().take(share).map(|x| f64::from(x[c])));
+                samples.extend(recorded.of_half(half, i).take(share).map(|(x, _)| f64::from(x[c])));
             }
             of_channel(&samples)
         })
     };
-    (0..film.frame().pixels()).map(score).collect()
+    Ok((0..film.frame().pixels()).map(score).collect())
 }
 
 /// The mean of samples; `None` without light or with fewer than two samples.
@@ -82,6 +84,7 @@ fn power_of_divergence(samples: &[f64], a: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::test_scenes::frame;
+    use dapple_core::Needs;
 
     #[track_caller]
     fn close(found: f64, expected: f64) {
@@ -172,20 +175,20 @@ mod tests {
     #[test]
     fn scores_read_the_first_samples_of_all_halves_and_no_more() {
         let values: Vec<f32> = (0..24).map(|k| 1.0 + (k * k % 7) as f32).collect();
-        let film = |needs: Needs, taken: usize| {
-            let mut film = Film::new(frame(1, 1), needs);
+        let film = |needs: Needs, pilot: u32, taken: usize| {
+            let mut film = Film::with_recorders(frame(1, 1), needs, reads(pilot).list());
             let half = |k: usize| if needs.halves { k % 2 } else { 0 };
             (0..taken).for_each(|k| film.push(0, half(k), [0.0, values[k], 0.0]));
             film
         };
-        let sum = |film: &Film, pilot| scores(film, pilot, |x| x.iter().sum())[0] / 0.715;
+        let sum = |film: &Film, pilot| scores(film, pilot, |x| x.iter().sum()).unwrap()[0] / 0.715;
         let expected = |n: usize| values[..n].iter().map(|&x| f64::from(x)).sum::<f64>();
         for (pilot, read) in [(8, 8), (5, 5), (20, 8)] {
-            assert_eq!(needs(pilot).samples as usize, read);
-            for wanted in [needs(pilot), needs(pilot).with_halves(), Needs::none().with_samples(u32::MAX)] {
-                [read, 24].into_iter().for_each(|taken| close(sum(&film(wanted, taken), pilot), expected(read)));
+            assert_eq!(reads(pilot), Singles::first(read as u32));
+            for needs in [Needs::none(), Needs::none().with_halves()] {
+                [read, 24].into_iter().for_each(|taken| close(sum(&film(needs, pilot, taken), pilot), expected(read)));
             }
         }
-        close(sum(&film(needs(8), 3), 8), expected(3));
+        close(sum(&film(Needs::none(), 8, 3), 8), expected(3));
     }
 }

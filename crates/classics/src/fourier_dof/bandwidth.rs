@@ -3,7 +3,7 @@
 use super::growth::least_grown;
 use super::surfaces::{Breaks, Surface, surfaces};
 use super::variance_over_lens;
-use crate::window_sums::window_sums;
+use crate::windows::window_sums;
 use dapple_core::{FirstHit, Frame};
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};

@@ -1,6 +1,6 @@
 use super::*;
 use crate::test_films::noisy_film;
-use dapple_core::BudgetLeft;
+use dapple_core::{BudgetLeft, Filter as _, Progress, Sampler as _};
 use dapple_low_discrepancy::Sobol;
 
 #[test]

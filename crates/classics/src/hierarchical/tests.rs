@@ -1,13 +1,14 @@
 use super::*;
+use crate::Role;
 use crate::tree::leaves;
 use crate::tree::test_scenes::{domain, film_points, render};
 use crate::{PartRule, TreeMean, TreeMeanOptions};
+use dapple_core::Filter;
 use dapple_core::samplers::Uniform;
-use dapple_core::{Filter, Role};
 use dapple_low_discrepancy::{Random, Sobol};
 
 fn hierarchical(seed: u64) -> Hierarchical<Random> {
-    Hierarchical::new(Random::new(seed), domain(&[Role::Time]), HierarchicalOptions::default()).unwrap()
+    Hierarchical::new(Random::new(seed), &domain(&[Role::Time]), HierarchicalOptions::default()).unwrap()
 }
 
 #[test]

@@ -1,10 +1,11 @@
 use super::*;
+use crate::Role;
 use crate::tree::test_scenes::{Made, domain, film_points, render};
-use dapple_core::{Role, samplers::Uniform};
+use dapple_core::{Film, Filter as _, samplers::Uniform};
 use dapple_low_discrepancy::{Random, Sobol};
 
 fn mdas(roles: &[Role], seed: u64) -> Mdas<Sobol> {
-    Mdas::new(Sobol::new(seed), domain(roles), MdasOptions::default()).unwrap()
+    Mdas::new(Sobol::new(seed), &domain(roles), MdasOptions::default()).unwrap()
 }
 
 fn boxes(points: FilmPoints) -> MdasBoxes {
@@ -165,7 +166,7 @@ fn one_white_sample_of_four_has_an_error_of_one_and_a_half_per_channel() {
 #[test]
 fn scenes_with_random_numbers_outside_the_domain_are_refused_unless_forced() {
     let noisy = domain(&[Role::Time]).with_outside("light that scatters more than once");
-    let made = |options| Mdas::new(Random::new(1), noisy.clone(), options);
+    let made = |options| Mdas::new(Random::new(1), &noisy, options);
     let error = made(MdasOptions::default()).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(error.contains("light that scatters more than once") && error.contains("force=1"), "{error}");
     assert!(made(MdasOptions::default().force(1)).is_ok());

@@ -1,8 +1,8 @@
 //! Colours and features of both halves of a film.
 
-use crate::window_sums::window_sums;
+use crate::variances::per_pixel;
+use crate::windows::window_sums;
 use dapple_core::{Features, Film};
-use rayon::prelude::*;
 
 /// The number of regressors that features give: normal (3), albedo (3) and depth.
 pub(super) const FEATURES: usize = 7;
@@ -65,10 +65,6 @@ impl HalfPlanes {
             spread: std::array::from_fn(|k| features.iter().map(|f| f[1][k]).collect()),
         }
     }
-}
-
-fn per_pixel<T: Send>(film: &Film, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
-    (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(f).collect()
 }
 
 /// The three features of each pixel, and their variances. Depths are relative to the largest.

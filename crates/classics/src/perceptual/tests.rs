@@ -1,6 +1,6 @@
 use super::*;
 use crate::test_films::{noisy_film, normal};
-use dapple_core::BudgetLeft;
+use dapple_core::{BudgetLeft, Progress, Sampler as _};
 use dapple_low_discrepancy::Sobol;
 
 const NEEDS: Needs = Needs::none().with_variance();

@@ -1,8 +1,8 @@
 //! Per-pixel means, variances and features that the filters of the bank read.
 
-use crate::window_sums::window_sums;
+use crate::variances::per_pixel;
+use crate::windows::window_sums;
 use dapple_core::{Film, Needs};
-use rayon::prelude::*;
 
 /// The number of features: normal (3), albedo (3) and depth.
 pub(super) const FEATURES: usize = 7;
@@ -50,9 +50,9 @@ impl Planes {
         let features = |i: usize| features(film, i, if depth > 0.0 { 1.0 / depth } else { 0.0 });
         Self {
             size,
-            colour: pixels.clone().into_par_iter().with_min_len(1024).map(colour).collect(),
-            variance: pixels.clone().into_par_iter().with_min_len(1024).map(variance).collect(),
-            features: pixels.clone().into_par_iter().with_min_len(1024).map(features).collect(),
+            colour: per_pixel(film, colour),
+            variance: per_pixel(film, variance),
+            features: per_pixel(film, features),
             known: pixels.map(|i| film.count(i) > 0).collect(),
         }
     }

@@ -1,6 +1,8 @@
 //! Samples with their trajectories over lens and time, and output points.
 
-use dapple_core::{Defocus, Domain, Film, FilmPoints, PointSet, Role, SampleId, Trajectory, mix};
+use crate::recorders::FilmSamples;
+use crate::{Defocus, Domain, FilmPoints, Role};
+use dapple_core::{Trajectory, mix};
 
 /// The least depth, relative to a sample's own, at which its motion may start and end. Samples that come nearer to the
 /// camera are taken as being at rest.
@@ -140,18 +142,17 @@ impl Axes {
     }
 }
 
-/// The samples of a film that keeps all.
-pub(super) fn read(film: &Film, points: &FilmPoints, defocus: &Defocus) -> Vec<Sample> {
-    let (domain, placed) = (points.domain(), points.now());
-    let (axes, halves) = (Axes::of(domain), if film.needs().halves { 2 } else { 1 });
+/// The samples of a film.
+pub(super) fn read(recorded: &FilmSamples<'_>, points: &FilmPoints, defocus: &Defocus) -> Vec<Sample> {
+    let (film, domain, placed) = (recorded.film, points.domain(), points.now());
+    let axes = Axes::of(domain);
     let mut samples = Vec::with_capacity(film.counts().iter().sum::<u64>() as usize);
-    for (i, half) in (0..film.frame().pixels()).flat_map(|i| (0..halves).map(move |half| (i, half))) {
-        let trajectories = film.trajectories(half, i);
-        for (number, (&radiance, path)) in film.samples(half, i).iter().zip(trajectories).enumerate() {
+    for i in 0..film.frame().pixels() {
+        for (half, (number, (radiance, path))) in recorded.of_pixel(i) {
             let mut coordinates = [0.0; Domain::MOST];
-            let id: SampleId = film.sample_id(half, i, number);
-            domain.read(&placed as &dyn PointSet, id, &mut coordinates);
-            let path = if axes.time.is_some() { *path } else { Trajectory::new(path.inverse_depth, [0.0; 3]) };
+            let id = film.sample_id(half, i, number);
+            domain.read(&placed, id, &mut coordinates);
+            let path = if axes.time.is_some() { path } else { Trajectory::new(path.inverse_depth, [0.0; 3]) };
             samples.push(Sample::new(&axes.point(id.pixel, &coordinates), &path, defocus, radiance));
         }
     }

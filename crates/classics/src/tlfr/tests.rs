@@ -1,10 +1,12 @@
-use super::samples::{Sample, on_disk, radius};
+use super::samples::{on_disk, radius};
 use super::*;
+use crate::Role;
 use crate::tree::test_scenes::domain;
 use crate::tree::unit;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Estimate, Integrator, Limits, PointSet as _, Render, Role, SampleId, Trajectory, Worker,
+    Block, Draws, Estimate, Film, Filter as _, Frame, Integrator, Limits, PointSet as _, Render, SampleId, Trajectory,
+    Worker,
 };
 use dapple_low_discrepancy::Sobol;
 use std::sync::Arc;
@@ -63,30 +65,40 @@ impl Integrator for Planes {
 
 const ALL: [Role; 3] = [Role::Lens, Role::Lens, Role::Time];
 
+fn sobol(roles: &[Role], defocus: Defocus) -> FilmPoints {
+    FilmPoints::new(Arc::new(Sobol::new(3)), domain(roles)).with_defocus(Some(defocus))
+}
+
 fn tlfr(roles: &[Role], defocus: Defocus, points: u32) -> Tlfr {
-    let sobol = FilmPoints::new(Arc::new(Sobol::new(3)), domain(roles)).with_defocus(Some(defocus));
-    Tlfr::new(sobol, TlfrOptions::default().points(points)).unwrap()
+    Tlfr::new(sobol(roles, defocus), TlfrOptions::default().points(points)).unwrap()
+}
+
+/// A render that records all samples with their trajectories.
+fn moving(render: Render<'_>) -> Render<'_> {
+    render.needs(Singles::MOVING.needs()).recorders(Singles::MOVING.list())
+}
+
+/// An empty film that does.
+fn empty(width: u32, height: u32) -> Film {
+    Film::with_recorders(Frame::new(width, height).unwrap(), Singles::MOVING.needs(), Singles::MOVING.list())
 }
 
 fn film(planes: &mut Planes, [width, height]: [u32; 2], spp: f64) -> Film {
-    let needs = Needs::none().with_samples(u32::MAX).with_trajectories();
-    let frame = Frame::new(width, height).unwrap();
-    Render::new(frame, &Limits::spp(spp)).needs(needs).run(planes, &mut Uniform::new(Sobol::new(3))).unwrap()
+    let (frame, limits) = (Frame::new(width, height).unwrap(), Limits::spp(spp));
+    moving(Render::new(frame, &limits)).run(planes, &mut Uniform::new(Sobol::new(3))).unwrap()
 }
 
 /// The light field of a film, as the filter makes it.
-fn field(filter: &Tlfr, film: &Film) -> LightField {
-    let samples: Vec<Sample> = samples::read(film, &filter.points, &filter.defocus);
-    let radius = dispersion(samples.len() as f64 / film.frame().pixels() as f64);
-    let width = f64::from(filter.options.points).sqrt().recip();
-    LightField { tree: Tree::new(samples, filter.defocus), radius, widths: [width, 0.5 * width] }
+fn field(points: &FilmPoints, film: &Film) -> LightField {
+    LightField::new(&Singles::MOVING.of(film, "a test").unwrap(), points, 128)
 }
 
 /// All samples of a film of `spp` samples per pixel: their points of the light field, and their radiance.
 fn all_samples(film: &Film) -> Vec<(At, [f32; 3])> {
     let of = |id: SampleId| at(id.pixel, Sobol::new(3).block(id, 0), Sobol::new(3).block(id, 1));
     let pixel = |i: usize| {
-        film.samples(0, i).iter().enumerate().map(move |(k, radiance)| (of(film.sample_id(0, i, k)), *radiance))
+        let samples = Singles::MOVING.of(film, "a test").unwrap();
+        samples.of_half(0, i).enumerate().map(move |(k, (radiance, _))| (of(film.sample_id(0, i, k)), radiance))
     };
     (0..film.frame().pixels()).flat_map(pixel).collect()
 }
@@ -124,7 +136,7 @@ fn a_static_image_in_focus_is_the_input_filtered_by_a_tent() {
         let filter = tlfr(roles, defocus, 32);
         let image = filter.apply(&film).unwrap().radiance;
         let values: Vec<_> = all_samples(&film).iter().map(|(at, value)| (at.place, *value)).collect();
-        let axes = Axes::of(filter.points.domain());
+        let axes = Axes::of(&domain(roles));
         for (i, found) in image.iter().enumerate() {
             let points = (0..32).map(|k| axes.output(film.frame().pixel(i), k));
             let colours: Vec<_> = points.map(|at| tent(&values, at.place, dispersion(spp))).collect();
@@ -150,11 +162,11 @@ fn a_domain_of_the_place_alone_is_filtered_by_a_tent_whatever_moves() {
                 Estimate::new(colour).with_trajectory(path)
             }
         }
-        let needs = Needs::none().with_samples(u32::MAX).with_trajectories();
         let mut scene = AtOpening(Planes { planes: vec![plane(motion)], defocus: none });
         let limits = Limits::spp(4.0);
-        let render = Render::new(Frame::new(5, 4).unwrap(), &limits).needs(needs);
-        let film = render.run(&mut scene, &mut Uniform::new(Sobol::new(3))).unwrap();
+        let film = moving(Render::new(Frame::new(5, 4).unwrap(), &limits))
+            .run(&mut scene, &mut Uniform::new(Sobol::new(3)))
+            .unwrap();
         tlfr(&[], none, 16).apply(&film).unwrap().radiance
     });
     assert_eq!(images[0], images[1]);
@@ -166,8 +178,7 @@ fn a_moving_plane_out_of_focus_is_filtered_by_a_tent_on_the_plane() {
     for motion in [[5.0, -3.0, 0.0], [4.0, 2.0, 0.25]] {
         let plane = || Plane { inverse_depth: 1.5, motion, colour: noise };
         let film = film(&mut Planes { planes: vec![plane()], defocus }, [24, 20], 16.0);
-        let filter = tlfr(&ALL, defocus, 128);
-        let (field, axes) = (field(&filter, &film), Axes::of(filter.points.domain()));
+        let (field, axes) = (field(&sobol(&ALL, defocus), &film), Axes::of(&domain(&ALL)));
         let samples = all_samples(&film);
         let mut checked = 0;
         for k in 0..60 {
@@ -207,8 +218,7 @@ impl HalfPlane {
         let back = Plane { inverse_depth: 0.0, motion: motion.map(|x| -0.5 * x), colour: blue };
         let mut scene = Planes { planes: vec![front, back], defocus };
         let film = film(&mut scene, [2 * MIDDLE, MIDDLE], spp);
-        let filter = tlfr(&ALL, defocus, 128);
-        Self { scene, field: field(&filter, &film), axes: Axes::of(filter.points.domain()) }
+        Self { scene, field: field(&sobol(&ALL, defocus), &film), axes: Axes::of(&domain(&ALL)) }
     }
 
     /// The share of red in some pixels of a column, by `points` points in each: of the true colours, of the reconstructed
@@ -289,7 +299,7 @@ fn senseless_trajectories_spoil_no_other_samples() {
         Trajectory::new(f32::MIN_POSITIVE, [0.0, 0.0, -f32::MAX]),
         Trajectory::new(f32::NAN, [0.0; 3]),
     ] {
-        let mut film = Film::new(Frame::new(4, 4).unwrap(), Needs::none().with_samples(u32::MAX).with_trajectories());
+        let mut film = empty(4, 4);
         for (i, k) in (0..16).flat_map(|i| (0..4).map(move |k| (i, k))) {
             let path = if (i + k) % 3 == 0 { path } else { Trajectory::new(0.5, [1.0, 0.0, 0.0]) };
             film.push_estimate(i, 0, &Estimate::new([0.5; 3]).with_trajectory(path));
@@ -316,7 +326,7 @@ fn lenses_of_unknown_blur_and_films_without_trajectories_are_refused() {
     assert!(error.to_string().contains("unknown blur"), "{error}");
     assert!(Tlfr::new(points(&[Role::Time]), TlfrOptions::default()).is_ok());
     assert!(Tlfr::new(points(&[]), TlfrOptions::default().points(0)).is_err());
-    let mut film = Film::new(Frame::new(1, 1).unwrap(), Needs::none().with_samples(u32::MAX).with_trajectories());
+    let mut film = empty(1, 1);
     film.push(0, 0, [1.0; 3]);
     let refused = tlfr(&[], Defocus::new([0.0; 2], [0.0; 2]), 4).apply(&film);
     assert!(matches!(refused, Err(Error::NoneReported { .. })), "{refused:?}");

@@ -1,7 +1,7 @@
 //! A tree of samples with bounds that are linear in time.
 
 use super::samples::{At, Sample, Seen, radius};
-use dapple_core::Defocus;
+use crate::Defocus;
 
 /// The largest number of samples in a leaf.
 const LEAF: usize = 8;

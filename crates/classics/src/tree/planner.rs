@@ -1,16 +1,42 @@
 //! Rounds of samples placed in the boxes with the largest scores.
 
 use super::{At, Cell, Cells, Division, Leaf, leaves, seed_of};
+use crate::recorders::{FilmSamples, Singles};
+use crate::rounds::{counts_so_far, total};
+use crate::{Domain, Placed, PlacedHandle};
 use dapple_core::{
-    Domain, Error, Feedback, Frame, Limits, Needs, Placed, PlacedHandle, Plan, PointSet, Progress, SampleId,
+    Error, Feedback, Frame, Limits, Needs, Options, Plan, PointSet, Progress, Recorder, SampleId, Sampler,
     SamplerMemory, allocate, mix, streams,
 };
 use rayon::prelude::*;
+use std::sync::Arc;
 
-/// A rule by which boxes are scored and get samples.
-pub(crate) trait Refinement: Division {
+/// A rule by which boxes are cut, scored and get samples.
+pub trait Refinement: Options + Copy + Send + Sync {
+    /// The sampler's name.
+    const NAME: &'static str;
+    /// The side of a cell in pixels.
+    const SIDE: u32;
+    /// The rule by which boxes are cut.
+    type Division: Division;
+
+    /// The rule by which boxes are cut.
+    fn division(&self) -> Self::Division;
+
+    /// The dimensions in which samples are placed.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] for a domain that the method refuses.
+    fn dimensions(&self, domain: &Domain) -> Result<Domain, Error>;
+
+    /// Returns `true` if the whole budget is spent.
+    fn is_exact(&self) -> bool {
+        true
+    }
+
     /// The samples per pixel of the pilot.
-    fn pilot(&self) -> u32;
+    fn pilot_samples(&self) -> u32;
 
     /// The coordinates of the pilot's sample `number` in a pixel; `None` leaves them to the point set. `seed` belongs to the
     /// pixel.
@@ -42,11 +68,10 @@ const OF_SAMPLES: u64 = 4;
 /// The least samples of a round, as a fraction of the pixels and of the samples so far.
 const LEAST: u64 = 16;
 
-/// A sampler's points, and its rounds.
-pub(crate) struct TreePlanner<P> {
+/// A sampler that places samples in the boxes with the largest scores.
+pub struct TreeSampler<P, R> {
     points: Placed<P>,
-    /// The side of a cell in pixels.
-    side: u32,
+    options: R,
     /// The boxes of each cell, as far as they are known.
     known: Vec<Known>,
 }
@@ -70,50 +95,40 @@ struct Candidate {
     count: u32,
 }
 
-impl<P: PointSet> TreePlanner<P> {
-    pub(crate) fn new(points: P, domain: Domain, side: u32) -> Self {
-        Self { points: Placed::new(points, domain), side, known: Vec::new() }
+impl<P: PointSet, R: Refinement> Sampler for TreeSampler<P, R> {
+    fn name(&self) -> &str {
+        R::NAME
     }
 
-    pub(crate) fn points(&self) -> &dyn PointSet {
-        &self.points
+    fn describe(&self) -> String {
+        format!("{}:{}", R::NAME, self.options.describe())
     }
 
-    pub(crate) fn handle(&self) -> PlacedHandle {
-        self.points.handle()
-    }
-
-    pub(crate) fn save(&self) -> Vec<u8> {
-        self.points.save()
-    }
-
-    pub(crate) fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.known.clear();
-        self.points.restore(saved)
+    fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
+        Singles::ALL.list()
     }
 
     /// The placed samples and a box for every second sample; and while a round is planned: the boxes again, the places chosen,
     /// counts.
-    pub(crate) fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
+    fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
         let samples = limits.expected_samples(frame);
         let planned = samples / OF_SAMPLES * (size_of::<At>() + 8) as u64;
         let boxes = samples / 2 * size_of::<Candidate>() as u64;
         let mut memory = SamplerMemory::planning(frame, 64);
-        let cells = Cells::new(frame, self.side).count() * size_of::<Known>();
+        let cells = Cells::new(frame, R::SIDE).count() * size_of::<Known>();
         memory.state = self.points.domain().placed_bytes(frame, needs, limits).saturating_add(boxes + cells as u64);
         memory.planning = memory.planning.saturating_add(planned).saturating_add(boxes);
         memory
     }
 
-    /// Plans the pilot, and then rounds of samples in the boxes with the largest scores. Boxes with a score of at most
-    /// `threshold` get none; what then remains of the budget is spread evenly if `is_exact`.
-    pub(crate) fn next_round(
-        &mut self,
-        rule: &dyn Refinement,
-        (threshold, is_exact): (f64, bool),
-        seen: &Feedback<'_>,
-        plan: &mut Plan,
-    ) -> Result<Progress, Error> {
+    fn points(&self) -> &dyn PointSet {
+        &self.points
+    }
+
+    /// Plans the pilot, and then rounds of samples in the boxes with the largest scores. What then remains of the budget is spread
+    /// evenly if it must be spent.
+    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
+        let samples = Singles::ALL.of(seen.film, R::NAME)?;
         if seen.round == 0 {
             self.points.clear();
             self.known.clear();
@@ -122,10 +137,10 @@ impl<P: PointSet> TreePlanner<P> {
             return Ok(Progress::Done);
         }
         let mut round = Round::new(seen, seed_of(&self.points));
-        self.plan_pilot(rule, seen, &mut round)?;
+        self.plan_pilot(seen, &mut round)?;
         if round.total == 0 {
-            self.plan_boxes(rule, threshold, seen, &mut round)?;
-            if is_exact {
+            self.plan_boxes(seen, &samples, &mut round)?;
+            if self.options.is_exact() {
                 round.fill(seen)?;
             }
         }
@@ -134,23 +149,49 @@ impl<P: PointSet> TreePlanner<P> {
         Ok(if round.total == 0 { Progress::Done } else { Progress::Trace })
     }
 
+    fn save(&self) -> Vec<u8> {
+        self.points.save()
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        self.known.clear();
+        self.points.restore(saved)
+    }
+}
+
+impl<P: PointSet, R: Refinement> TreeSampler<P, R> {
+    /// The sampler that takes all coordinates outside `domain` from this point set.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] for the first parameter out of range, and for a domain that the method refuses.
+    pub fn new(points: P, domain: &Domain, options: R) -> Result<Self, Error> {
+        options.check_ranges()?;
+        let domain = options.dimensions(domain)?;
+        Ok(Self { points: Placed::new(points, domain), options, known: Vec::new() })
+    }
+
+    /// The samples that it places, for filters.
+    pub fn placed(&self) -> PlacedHandle {
+        self.points.handle()
+    }
+
     /// Plans what pixels lack of the pilot.
-    fn plan_pilot(&mut self, rule: &dyn Refinement, seen: &Feedback<'_>, round: &mut Round) -> Result<(), Error> {
-        let pilot = rule.pilot().max(seen.budget.min_spp).min(seen.budget.max_spp);
+    fn plan_pilot(&mut self, seen: &Feedback<'_>, round: &mut Round) -> Result<(), Error> {
+        let pilot = self.options.pilot_samples().max(seen.budget.min_spp).min(seen.budget.max_spp);
         let least = seen.budget.min_spp;
         let lacking: u64 = round.now.iter().map(|&now| u64::from(pilot.saturating_sub(now))).sum();
         if lacking == 0 {
             return Ok(());
         }
-        let kept: u64 = round.now.iter().copied().map(u64::from).sum();
         let floors: Vec<u32> = round.now.iter().map(|&now| now.max(least)).collect();
         let scores: Vec<f64> = round.now.iter().map(|&now| f64::from(u8::from(now < pilot))).collect();
-        let total = kept + lacking.min(seen.budget.left());
+        let total = total(&round.now) + lacking.min(seen.budget.left());
         let wanted = allocate(&scores, &floors, pilot.max(floors.iter().copied().max().unwrap_or(0)), total)?.counts;
         for (i, &wanted) in wanted.iter().enumerate() {
             for number in round.now[i]..wanted {
                 let seed = mix(round.seed ^ mix(i as u64));
-                match rule.pilot_sample(number, seed) {
+                match self.options.pilot_sample(number, seed) {
                     Some(at) => self.add(seen.frame(), round, i, &at)?,
                     None => round.take(i),
                 }
@@ -160,28 +201,22 @@ impl<P: PointSet> TreePlanner<P> {
     }
 
     /// Places samples in the boxes with the largest scores.
-    fn plan_boxes(
-        &mut self,
-        rule: &dyn Refinement,
-        threshold: f64,
-        seen: &Feedback<'_>,
-        round: &mut Round,
-    ) -> Result<(), Error> {
-        let cells = Cells::new(seen.frame(), self.side);
-        let chosen = self.choose(rule, threshold, seen, cells);
+    fn plan_boxes(&mut self, seen: &Feedback<'_>, samples: &FilmSamples<'_>, round: &mut Round) -> Result<(), Error> {
+        let cells = Cells::new(seen.frame(), R::SIDE);
+        let chosen = self.choose(seen, samples, cells);
         let of_cell: Vec<&[Candidate]> = chosen.chunk_by(|a, b| a.cell == b.cell).collect();
-        let seed = round.seed;
+        let (seed, division) = (round.seed, self.options.division());
         let placed: Vec<([u32; 2], Vec<At>)> = of_cell
             .par_iter()
             .map_init(Cell::default, |cell, chosen| {
                 let mut places = Vec::new();
                 let number = chosen[0].cell as usize;
-                cells.read(number, seen.film, &self.points, self.points.domain(), cell);
+                cells.read(number, samples, &self.points, self.points.domain(), cell);
                 let (cell, mut leaf, mut next) = (&*cell, 0, 0);
-                leaves(rule, cell, &mut |at| {
+                leaves(&division, cell, &mut |at| {
                     if let Some(&Candidate { count, .. }) = chosen.get(next).filter(|c| c.leaf == leaf) {
                         let name = mix(seed ^ mix(number as u64 ^ u64::from(leaf) << 32)) ^ mix(cell.at.len() as u64);
-                        rule.place(cell, at, count, name, &mut places);
+                        self.options.place(cell, at, count, name, &mut places);
                         next += 1;
                     }
                     leaf += 1;
@@ -201,8 +236,8 @@ impl<P: PointSet> TreePlanner<P> {
     }
 
     /// The boxes that get samples in this round, by cell and place.
-    fn choose(&mut self, rule: &dyn Refinement, threshold: f64, seen: &Feedback<'_>, cells: Cells) -> Vec<Candidate> {
-        let budget = seen.budget;
+    fn choose(&mut self, seen: &Feedback<'_>, recorded: &FilmSamples<'_>, cells: Cells) -> Vec<Candidate> {
+        let (budget, rule, division) = (seen.budget, self.options, self.options.division());
         if self.known.len() != cells.count() {
             self.known = vec![Known::default(); cells.count()];
         }
@@ -213,11 +248,11 @@ impl<P: PointSet> TreePlanner<P> {
                 return;
             }
             *known = Known { samples: Some(samples), boxes: Vec::new() };
-            cells.read(number, seen.film, points, domain, cell);
+            cells.read(number, recorded, points, domain, cell);
             let mut leaf = 0;
-            leaves(rule, cell, &mut |at| {
+            leaves(&division, cell, &mut |at| {
                 let (score, samples) = (rule.score(cell, at), at.items.len() as u32);
-                if score > threshold {
+                if score > 0.0 {
                     known.boxes.push(Candidate { score, cell: number as u32, leaf, samples, count: 0 });
                 }
                 leaf += 1;
@@ -230,7 +265,7 @@ impl<P: PointSet> TreePlanner<P> {
         let least = (seen.pixels() as u64).max(budget.spent).div_ceil(LEAST).min(step);
         let level = rule.least_share() * all.iter().map(|c| c.score).fold(0.0, f64::max);
         let high: u64 = all.par_iter().map(|c| u64::from(rule.wanted(c.score, c.samples, level))).sum();
-        hand_out(rule, &mut all, high.clamp(least, step));
+        hand_out(&rule, &mut all, high.clamp(least, step));
         all.retain(|candidate| candidate.count > 0);
         all
     }
@@ -256,7 +291,7 @@ fn pixel_of(size: [u32; 2], corner: [u32; 2], at: &At) -> ([u32; 2], At) {
 
 /// Hands out `step` samples so that the largest score afterwards is as small as possible, as far as rules know it. This is what
 /// refining the box with the largest score, one by one, comes to. Boxes that share the last samples get them by their order.
-fn hand_out(rule: &dyn Refinement, all: &mut [Candidate], step: u64) {
+fn hand_out(rule: &impl Refinement, all: &mut [Candidate], step: u64) {
     let wanted = |c: &Candidate, level: u64| rule.wanted(c.score, c.samples, f64::from_bits(level));
     let total = |level: u64| all.par_iter().map(|c| u64::from(wanted(c, level))).sum::<u64>();
     // The bits of positive numbers are in their order. At `high` too few samples are wanted, or as many as there are.
@@ -299,13 +334,13 @@ impl Round {
         let halves = film.needs().halves;
         let next = |i: usize| {
             [0, 1].map(|half| {
-                let count = film.samples(half, i).len();
-                (film.sample_id(half, i, count).index, count as u64)
+                let count = film.half(half, i).map_or(film.count(i), |moments| moments.count);
+                (film.sample_id(half, i, count as usize).index, count)
             })
         };
         Self {
             seed,
-            now: (0..pixels).map(|i| u32::try_from(film.count(i)).unwrap_or(u32::MAX)).collect(),
+            now: counts_so_far(seen),
             counts: vec![0; pixels],
             total: 0,
             next: (0..pixels).map(next).collect(),
@@ -343,8 +378,8 @@ impl Round {
             return Ok(());
         }
         let floors: Vec<u32> = self.now.iter().zip(&self.counts).map(|(now, more)| now + more).collect();
-        let kept: u64 = self.now.iter().copied().map(u64::from).sum();
-        let wanted = allocate(&vec![1.0; floors.len()], &floors, seen.budget.max_spp, kept + target)?.counts;
+        let total = total(&self.now) + target;
+        let wanted = allocate(&vec![1.0; floors.len()], &floors, seen.budget.max_spp, total)?.counts;
         for (i, wanted) in wanted.into_iter().enumerate() {
             (floors[i]..wanted).for_each(|_| self.take(i));
         }

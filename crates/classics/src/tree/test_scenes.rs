@@ -1,9 +1,8 @@
 //! Functions of place, lens and time, as scenes for tests.
 
-use dapple_core::{
-    Axis, Block, Domain, Draws, Estimate, Film, FilmPoints, Frame, Integrator, Limits, PlacedHandle, PointSet, Render,
-    Role, Sampler, Worker,
-};
+use crate::recorders::Singles;
+use crate::{Axis, Domain, FilmPoints, PlacedHandle, Role};
+use dapple_core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, PointSet, Render, Sampler, Worker};
 use std::sync::Arc;
 
 /// Radiance by the place in the image and by lens (two coordinates), time, and a coordinate outside the domain.
@@ -36,7 +35,6 @@ pub(crate) fn film_points(points: impl PointSet + 'static, roles: &[Role], place
 
 /// The film of a function, with all samples.
 pub(crate) fn render(made: Made, sampler: &mut dyn Sampler, [width, height]: [u32; 2], spp: f64) -> Film {
-    let needs = dapple_core::Needs::none().with_samples(u32::MAX);
     let frame = Frame::new(width, height).unwrap();
-    Render::new(frame, &Limits::spp(spp)).needs(needs).run(&mut Scene(made), sampler).unwrap()
+    Render::new(frame, &Limits::spp(spp)).recorders(Singles::ALL.list()).run(&mut Scene(made), sampler).unwrap()
 }

@@ -2,9 +2,10 @@
 
 use crate::snapshot::bytes::{Reader, Writer};
 use crate::{
-    Budget, BudgetLeft, Error, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory,
-    nested, saturating_u32,
+    Budget, BudgetLeft, Error, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Recorder, Sampler,
+    SamplerMemory, nested, saturating_u32,
 };
+use std::sync::Arc;
 
 /// Two samplers in sequence: the first spends up to a number of samples per pixel, the second the rest of the budget.
 ///
@@ -99,6 +100,10 @@ impl<A: Sampler, B: Sampler> Sampler for Then<A, B> {
 
     fn needs(&self) -> Needs {
         self.first.needs().and(self.second.needs())
+    }
+
+    fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
+        [self.first.recorders(), self.second.recorders()].concat()
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {

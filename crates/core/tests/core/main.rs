@@ -12,7 +12,6 @@ mod half_films;
 mod holdout;
 mod meetings;
 mod own_rows;
-mod placed_points;
 mod prepare;
 mod resume;
 mod rng;

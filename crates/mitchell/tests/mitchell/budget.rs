@@ -132,7 +132,7 @@ fn refinement_is_decided_once_after_the_pilot_a10() {
         for n in 1..=300u32 {
             for mode in [Stopping::Budget, Stopping::Threshold] {
                 let mut sampler = mitchell(alone(start, 7, mode, PilotPolicy::Keep), 1);
-                let mut film = Film::new(size, sampler.needs());
+                let mut film = Film::with_recorders(size, sampler.needs(), sampler.recorders());
                 let mut pilots = vec![];
                 for round in 0.. {
                     let (spent, total) = (film.record().samples, 2 * u64::from(n));

@@ -4,7 +4,7 @@ use crate::common::*;
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Needs, Plan, Progress, Sampler};
 use dapple_low_discrepancy::Random;
 use dapple_mitchell::{
-    Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PilotPolicy, Stopping, contrast, deviation,
+    Extrema, Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PilotPolicy, Stopping, contrast, deviation,
 };
 
 /// True if Mitchell's rule refines a pixel with these samples.
@@ -252,7 +252,7 @@ fn parameters_out_of_range_are_refused() {
 #[test]
 fn films_without_extrema_and_budgets_below_the_floor_are_refused() {
     let without = Film::new(frame(3, 3), Needs::none().with_variance());
-    let with = Film::new(frame(3, 3), Needs::none().with_extrema());
+    let with = Film::with_recorders(frame(3, 3), Needs::none(), Extrema::list());
     for mode in [Stopping::Budget, Stopping::Threshold] {
         let one = &mut mitchell(MitchellOptions::default().mode(mode), 1);
         let other = &mut pbrt(MitchellPbrtOptions::default().mode(mode), 1);

@@ -51,7 +51,7 @@ pub fn pbrt_options(min: u32, max: u32, mode: Stopping, policy: PilotPolicy) -> 
 
 /// A film with these samples, pixel by pixel.
 pub fn film(frame: Frame, sampler: &dyn Sampler, samples: &[Vec<[f32; 3]>]) -> Film {
-    let mut film = Film::new(frame, sampler.needs());
+    let mut film = Film::with_recorders(frame, sampler.needs(), sampler.recorders());
     for (i, samples) in samples.iter().enumerate() {
         samples.iter().for_each(|&s| film.push(i, 0, s));
     }

@@ -1,7 +1,7 @@
 //! Point sets in which a sampler decides where samples lie.
 
-use crate::snapshot::bytes::{Reader, Writer};
-use crate::{Defocus, Domain, Error, Frame, Limits, Needs, PointSet, SampleId, streams};
+use crate::{Defocus, Domain};
+use dapple_core::{Error, Frame, Limits, Needs, PointSet, SampleId, streams};
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -11,11 +11,12 @@ const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 /// A point set over another one, with samples whose coordinates in a [`Domain`] a sampler has placed.
 ///
 /// All other coordinates, and those of samples that were not placed, are the inner set's. The sampler owns the set and adds
-/// samples in [`Sampler::next_round`](crate::Sampler::next_round). Coordinates never change once they are set, so that
+/// samples in [`Sampler::next_round`](dapple_core::Sampler::next_round). Coordinates never change once they are set, so that
 /// traced samples can be replayed. A sampler saves them with [`Placed::save`].
 ///
 /// ```
-/// use dapple_core::{Axis, Domain, Frame, HostNumbers, Placed, PointSet, Role, SampleId, streams};
+/// use dapple_classics::{Axis, Domain, Placed, Role};
+/// use dapple_core::{Frame, HostNumbers, PointSet, SampleId, streams};
 ///
 /// let domain = Domain::new([Axis::new(Role::Place, 0, 0), Axis::new(Role::Place, 0, 1)])?;
 /// let mut points = Placed::new(HostNumbers, domain);
@@ -131,7 +132,7 @@ impl<P: PointSet> Placed<P> {
         for index in there..id.index {
             let start = row.len();
             row.resize(start + axes, 0.0);
-            self.domain.read(&self.inner, SampleId { index, ..id }, &mut row[start..]);
+            self.domain.read(&self.inner, SampleId::new(id.pixel, id.stream, index), &mut row[start..]);
         }
         row.extend(coordinates.iter().map(|&x| if x > 0.0 { x.min(BELOW_ONE) } else { 0.0 }));
         Ok(())
@@ -144,15 +145,16 @@ impl<P: PointSet> Placed<P> {
 
     /// The placed samples as bytes for [`Placed::restore`].
     pub fn save(&self) -> Vec<u8> {
-        let table = &*self.table;
-        let Some(frame) = table.frame else { return Vec::new() };
-        let mut to = Writer::with_capacity(0);
-        to.number([frame.resolution(), frame.origin(), frame.size()]);
-        for rows in &table.rows {
-            to.flag(!rows.is_empty());
-            rows.iter().for_each(|row| to.list(row));
+        let Some(frame) = self.table.frame else { return Vec::new() };
+        let mut words = [frame.resolution(), frame.origin(), frame.size()].concat();
+        for rows in &self.table.rows {
+            words.push(u32::from(!rows.is_empty()));
+            for row in rows {
+                words.push((row.len() / self.domain.axes().len()) as u32);
+                words.extend(row.iter().map(|x| x.to_bits()));
+            }
         }
-        to.finish()
+        words.into_iter().flat_map(u32::to_le_bytes).collect()
     }
 
     /// Restores what [`Placed::save`] of such a set returned.
@@ -162,31 +164,38 @@ impl<P: PointSet> Placed<P> {
     /// [`Error::BadSnapshot`] for other bytes.
     pub fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         self.clear();
-        if saved.is_empty() {
-            return Ok(());
+        if !saved.is_empty() {
+            let table = self.table_of(saved).ok_or(Error::BadSnapshot { what: "they are not placed samples" })?;
+            self.table = Arc::new(table);
+            self.publish();
         }
-        let (what, axes) = ("they are not placed samples", self.domain.axes().len());
-        let broken = || Error::BadSnapshot { what };
-        let mut from = Reader::new(saved);
-        let [[w, h], [x, y], [cw, ch]] = from.number::<[[u32; 2]; 3]>()?;
-        let (x1, y1) = (x.checked_add(cw).ok_or_else(broken)?, y.checked_add(ch).ok_or_else(broken)?);
-        let frame = Frame::new(w, h).and_then(|full| full.crop(x, y, x1, y1)).map_err(|_| broken())?;
+        Ok(())
+    }
+
+    /// The table that these bytes hold, to the last one.
+    fn table_of(&self, saved: &[u8]) -> Option<Table> {
+        let (words, []) = saved.as_chunks() else { return None };
+        let mut words = words.iter().map(|word| u32::from_le_bytes(*word));
+        let [w, h, x, y, cw, ch] = [(); 6].map(|()| words.next());
+        let (x, y) = (x?, y?);
+        let frame = Frame::new(w?, h?).ok()?.crop(x, y, x.checked_add(cw?)?, y.checked_add(ch?)?).ok()?;
         let mut table = Table { frame: Some(frame), rows: Default::default() };
         for rows in &mut table.rows {
-            for _ in 0..if from.flag()? { frame.pixels() } else { 0 } {
-                let row = from.list::<f32>()?;
-                if row.len() % axes != 0 || !row.iter().all(|x| (0.0..1.0).contains(x)) {
-                    return Err(broken());
+            let pixels = match words.next()? {
+                0 => 0,
+                1 => frame.pixels(),
+                _ => return None,
+            };
+            for _ in 0..pixels {
+                let numbers = (words.next()? as usize).checked_mul(self.domain.axes().len())?;
+                if numbers > words.len() {
+                    return None;
                 }
-                rows.push(row);
+                rows.push(words.by_ref().take(numbers).map(f32::from_bits).collect());
             }
         }
-        if !from.is_empty() {
-            return Err(broken());
-        }
-        self.table = Arc::new(table);
-        self.publish();
-        Ok(())
+        let all = table.rows.iter().flatten().flatten();
+        (words.next().is_none() && all.copied().all(|x| (0.0..1.0).contains(&x))).then_some(table)
     }
 }
 
@@ -277,6 +286,11 @@ impl FilmPoints {
         &self.domain
     }
 
+    /// The same points in other dimensions.
+    pub(crate) fn with_domain(self, domain: Domain) -> Self {
+        Self { domain, ..self }
+    }
+
     /// The points of all samples traced so far.
     pub fn now(&self) -> Placed<Arc<dyn PointSet>> {
         let domain = self.placed.as_ref().map_or(&self.domain, |placed| &placed.domain);
@@ -291,3 +305,6 @@ impl fmt::Debug for FilmPoints {
         f.debug_struct("FilmPoints").field("points", &self.points.describe()).field("domain", &self.domain).finish()
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,7 +1,7 @@
-//! Variances of pixel means, the uniform first samples that these come from, and the rounds that follow.
+//! Variances of pixel means, and means of pixels without samples.
 
-use crate::convolution::{convolve, gaussian_taps};
-use dapple_core::{Error, Feedback, Film, Plan, allocate, saturating_u32};
+use crate::windows::{convolve, gaussian_taps};
+use dapple_core::Film;
 use rayon::prelude::*;
 
 /// The variance of each pixel's mean, averaged over the channels.
@@ -81,63 +81,4 @@ pub(crate) fn filled_means(film: &Film) -> (Vec<[f64; 3]>, Vec<f64>) {
 /// Computes a value for every pixel, in parallel.
 pub(crate) fn per_pixel<T: Send>(film: &Film, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
     (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(f).collect()
-}
-
-/// The number of first samples per pixel in effect: `wanted`, within the bounds of each pixel's count and the mean budget.
-pub(crate) fn first_samples(seen: &Feedback<'_>, wanted: u32) -> u32 {
-    let mean = saturating_u32(seen.budget.total / seen.pixels() as u64);
-    wanted.max(seen.budget.min_spp).min(seen.budget.max_spp).min(mean)
-}
-
-/// Plans the samples that pixels lack of a uniform pilot, as [`plan_first`] does with [`first_samples`].
-pub(crate) fn plan_pilot(seen: &Feedback<'_>, wanted: u32, plan: &mut Plan) -> bool {
-    plan_first(seen, first_samples(seen, wanted), plan)
-}
-
-/// Requests the samples that pixels lack of the first `samples` per pixel. Returns `true` if any are missing and the budget
-/// suffices; otherwise the counts of `plan` stay 0.
-pub(crate) fn plan_first(seen: &Feedback<'_>, samples: u32, plan: &mut Plan) -> bool {
-    for (i, count) in plan.counts.iter_mut().enumerate() {
-        *count = samples.saturating_sub(saturating_u32(seen.film.count(i)));
-    }
-    let is_missing = plan.total() > 0 && plan.total() <= seen.budget.left();
-    if !is_missing {
-        plan.counts.fill(0);
-    }
-    is_missing
-}
-
-/// The number of samples of the next round, if the budget beyond `first` samples per pixel is divided into `rounds` equal
-/// steps.
-pub(crate) fn next_step(seen: &Feedback<'_>, first: u32, rounds: u32) -> u64 {
-    let budget = seen.budget;
-    let first = (u64::from(first) * seen.pixels() as u64).min(budget.total);
-    let step = |k: u32| first + (u128::from(budget.total - first) * u128::from(k) / u128::from(rounds.max(1))) as u64;
-    let target = (1..=rounds).map(step).find(|&target| target > budget.spent).unwrap_or(budget.total);
-    target.min(budget.total).saturating_sub(budget.spent)
-}
-
-/// Cuts the planned counts at each pixel's ceiling, and spreads what is cut evenly over pixels below it.
-pub(crate) fn within_ceiling(seen: &Feedback<'_>, mut planned: Vec<u32>) -> Result<Vec<u32>, Error> {
-    let most = seen.budget.max_spp;
-    let now = |i: usize| saturating_u32(seen.film.count(i));
-    let mut beyond = 0;
-    for (i, count) in planned.iter_mut().enumerate() {
-        let room = most.saturating_sub(now(i));
-        beyond += u64::from(count.saturating_sub(room));
-        *count = (*count).min(room);
-    }
-    with_extra(seen, planned, beyond)
-}
-
-/// Adds `extra` samples to the planned counts, such that all pixels' counts become as equal as their ceilings allow.
-pub(crate) fn with_extra(seen: &Feedback<'_>, planned: Vec<u32>, extra: u64) -> Result<Vec<u32>, Error> {
-    if extra == 0 {
-        return Ok(planned);
-    }
-    let now = |i: usize| saturating_u32(seen.film.count(i));
-    let floors: Vec<u32> = planned.iter().enumerate().map(|(i, count)| now(i) + count).collect();
-    let total = floors.iter().map(|&n| u64::from(n)).sum::<u64>() + extra;
-    let counts = allocate(&vec![1.0; floors.len()], &floors, seen.budget.max_spp, total)?.counts;
-    Ok(counts.iter().enumerate().map(|(i, count)| count - now(i)).collect())
 }

@@ -1,4 +1,4 @@
-//! Convolution of planes with separable kernels.
+//! Sums over the pixels around each pixel: convolution with separable kernels, and square windows.
 
 use rayon::prelude::*;
 
@@ -21,24 +21,39 @@ pub(crate) fn squared(taps: &[f64]) -> Vec<f64> {
 /// Convolves N values per pixel with the product of `taps` along both axes. Pixels outside the image count as zeros.
 ///
 /// `taps` has an odd number of weights. Rows run in parallel, and each sum has a fixed order.
-pub(crate) fn convolve<const N: usize>(
+pub(crate) fn convolve<const N: usize>(size: [usize; 2], taps: &[f64], values: &[[f64; N]]) -> Vec<[f64; N]> {
+    convolve_read(size, taps, |i| values[i])
+}
+
+/// The sums of `read(i)` over the pixels at most `radius` columns and rows from each pixel. Windows are cut off at the
+/// borders.
+///
+/// A running sum would keep the rounding error of a firefly.
+pub(crate) fn window_sums<const N: usize>(
+    size: [usize; 2],
+    radius: usize,
+    read: impl Fn(usize) -> [f64; N] + Sync,
+) -> Vec<[f64; N]> {
+    convolve_read(size, &vec![1.0; 2 * radius + 1], read)
+}
+
+fn convolve_read<const N: usize>(
     [width, height]: [usize; 2],
     taps: &[f64],
-    values: &[[f64; N]],
+    read: impl Fn(usize) -> [f64; N] + Sync,
 ) -> Vec<[f64; N]> {
     let reach = taps.len() / 2;
-    let mut across = vec![[0.0; N]; values.len()];
+    let mut across = vec![[0.0; N]; width * height];
     across.par_chunks_mut(width).enumerate().for_each_init(
-        || vec![0.0; N * (width + 2 * reach)],
+        || vec![[0.0; N]; width + 2 * reach],
         |padded, (y, row)| {
-            padded[N * reach..][..N * width].copy_from_slice(values[y * width..][..width].as_flattened());
-            let sums = row.as_flattened_mut();
+            padded[reach..][..width].iter_mut().enumerate().for_each(|(x, value)| *value = read(y * width + x));
             for (k, tap) in taps.iter().enumerate() {
-                add(sums, *tap, &padded[N * k..]);
+                add(row.as_flattened_mut(), *tap, padded[k..].as_flattened());
             }
         },
     );
-    let mut sums = vec![[0.0; N]; values.len()];
+    let mut sums = vec![[0.0; N]; width * height];
     sums.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
         for from in y.saturating_sub(reach)..(y + reach + 1).min(height) {
             add(row.as_flattened_mut(), taps[from + reach - y], across[from * width..][..width].as_flattened());
@@ -81,6 +96,21 @@ mod tests {
             // The cut at 3 standard deviations leaves out up to 2.7 % of the variance.
             assert!((0.97..1.0).contains(&(variance / (sigma * sigma))), "{sigma}: {variance}");
             assert!((taps.iter().sum::<f64>() - 1.0).abs() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn window_sums_match_brute_force() {
+        for ([w, h], radius) in [([5, 4], 1), ([5, 4], 7), ([1, 1], 2), ([9, 1], 3)] {
+            let value = |i: usize| [(i * i % 17) as f64, 1.0];
+            let sums = window_sums([w, h], radius, value);
+            for (i, sum) in sums.iter().enumerate() {
+                let inside = (0..w * h)
+                    .filter(|k| (k % w).abs_diff(i % w) <= radius && (k / w).abs_diff(i / w) <= radius)
+                    .map(value);
+                let expected = inside.fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+                assert_eq!(*sum, expected, "{w}x{h}, radius {radius}, pixel {i}");
+            }
         }
     }
 }

@@ -1,11 +1,10 @@
 //! Samples that a sampler places: the placed coordinates, all others the inner set's, through snapshots and for filters.
 
-use crate::common::{Independent, frame, mix};
-use dapple_core::{
-    Axis, Block, Domain, Error, Feedback, FilmPoints, Frame, Needs, Placed, PlacedHandle, Plan, PointSet, Progress,
-    Role, SampleId, Sampler, allocate, streams,
-};
-use std::sync::Arc;
+use super::*;
+use crate::test_scenes::frame;
+use crate::{Axis, Role};
+use dapple_core::{Block, Feedback, Plan, Progress, Sampler, allocate, mix};
+use dapple_low_discrepancy::Random;
 
 fn domain() -> Domain {
     let axes = [(Role::Place, 0, 0), (Role::Place, 0, 1), (Role::Lens, 0, 3), (Role::Time, 9, 2)];
@@ -14,13 +13,13 @@ fn domain() -> Domain {
 
 /// Equal counts in three rounds; each sample lies where a hash says.
 struct Placing {
-    points: Placed<Independent>,
+    points: Placed<Random>,
     needs: Needs,
 }
 
 impl Placing {
     fn new(needs: Needs) -> Self {
-        Self { points: Placed::new(Independent::new(3), domain()), needs: needs.with_samples(u32::MAX) }
+        Self { points: Placed::new(Random::new(3), domain()), needs }
     }
 }
 
@@ -59,7 +58,8 @@ impl Sampler for Placing {
         let counts = allocate(&vec![1.0; pixels], &floors, seen.budget.max_spp, total)?.counts;
         for i in 0..pixels {
             plan.counts[i] = counts[i] - now[i];
-            let mut taken = [0, 1].map(|half| seen.film.samples(half, i).len());
+            let of_half = |half| seen.film.half(half, i).map_or(seen.film.count(i), |m| m.count) as usize;
+            let mut taken = [0, 1].map(of_half);
             for _ in now[i]..counts[i] {
                 let half = usize::from(seen.film.needs().halves && taken[1] < taken[0]);
                 let id = seen.film.sample_id(half, i, taken[half]);
@@ -90,8 +90,8 @@ fn a_sampler_that_places_samples_conforms() {
 }
 
 /// All samples of the first three rounds of a sampler, with the filters' view of them.
-fn placed(frame: &Frame) -> (Placed<Independent>, PlacedHandle) {
-    let mut points = Placed::new(Independent::new(3), domain());
+fn placed(frame: &Frame) -> (Placed<Random>, PlacedHandle) {
+    let mut points = Placed::new(Random::new(3), domain());
     let handle = points.handle();
     for (x, y, index) in (0..4).flat_map(|x| (0..3).flat_map(move |y| [0, 2, 3].map(|index| (x, y, index)))) {
         let id = SampleId::new([x + 7, y + 1], streams::HALVES[0], index);
@@ -105,7 +105,7 @@ fn only_the_placed_lanes_of_placed_samples_differ_from_the_inner_set() {
     let window = frame(20, 10).crop(7, 1, 11, 4).unwrap();
     let (mut points, handle) = placed(&window);
     points.publish();
-    let inner = Independent::new(3);
+    let inner = Random::new(3);
     let film = FilmPoints::new(Arc::new(inner), domain()).with_placed(Some(handle)).now();
     let mut changed = 0;
     for (x, y, stream) in (5..13).flat_map(|x| (0..6).flat_map(move |y| (0..6).map(move |s| (x, y, s)))) {
@@ -125,12 +125,12 @@ fn only_the_placed_lanes_of_placed_samples_differ_from_the_inner_set() {
         }
     }
     assert_eq!(changed, 4 * 3 * 3 * 2);
-    assert_eq!(points.describe(), "placed(independent:seed=3)");
+    assert_eq!(points.describe(), format!("placed({})", Random::new(3).describe()));
 }
 
 #[test]
 fn coordinates_are_clamped_below_one() {
-    let (frame, mut points) = (frame(1, 1), Placed::new(Independent::new(1), domain()));
+    let (frame, mut points) = (frame(1, 1), Placed::new(Random::new(1), domain()));
     let id = SampleId::new([0, 0], streams::WHOLE, 0);
     points.add(&frame, id, &[1.0, -0.5, f32::NAN, 7.0]).unwrap();
     let [u, v, _, lens] = points.block(id, 0);
@@ -140,7 +140,7 @@ fn coordinates_are_clamped_below_one() {
 
 #[test]
 fn samples_are_placed_once_in_order_and_within_the_frame() {
-    let (frame, mut points) = (frame(2, 2), Placed::new(Independent::new(1), domain()));
+    let (frame, mut points) = (frame(2, 2), Placed::new(Random::new(1), domain()));
     let mut add = |pixel, stream, index, axes: usize| {
         points.add(&frame, SampleId::new(pixel, stream, index), &[0.5; 8][..axes]).map_err(|e| e.to_string())
     };
@@ -161,7 +161,7 @@ fn samples_are_placed_once_in_order_and_within_the_frame() {
 fn saved_samples_are_restored_and_damaged_bytes_refused() {
     let window = frame(20, 10).crop(7, 1, 11, 4).unwrap();
     let (points, _) = placed(&window);
-    let mut other = Placed::new(Independent::new(3), domain());
+    let mut other = Placed::new(Random::new(3), domain());
     let saved = points.save();
     other.restore(&saved).unwrap();
     let id = SampleId::new([8, 2], streams::HALVES[0], 2);
@@ -173,7 +173,7 @@ fn saved_samples_are_restored_and_damaged_bytes_refused() {
     damaged.push(0);
     assert!(matches!(other.restore(&damaged), Err(Error::BadSnapshot { .. })));
     other.restore(&[]).unwrap();
-    assert_eq!(other.block(id, 0), Independent::new(3).block(id, 0));
+    assert_eq!(other.block(id, 0), Random::new(3).block(id, 0));
 }
 
 #[test]

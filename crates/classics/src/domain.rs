@@ -1,6 +1,6 @@
 //! The dimensions of a sample that have a meaning, such as the place in the pixel.
 
-use crate::{Error, PointSet, SampleId};
+use dapple_core::{Error, PointSet, SampleId};
 
 /// The meaning of one dimension of a sample.
 #[non_exhaustive]
@@ -16,7 +16,7 @@ pub enum Role {
     Light,
 }
 
-/// One dimension of a sample: a lane of a [`Block`](crate::Block), and its meaning.
+/// One dimension of a sample: a lane of a [`Block`](dapple_core::Block), and its meaning.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Axis {
@@ -42,7 +42,7 @@ impl Axis {
 /// lens' centre. Depth is measured along the view direction, in any unit.
 ///
 /// ```
-/// use dapple_core::Defocus;
+/// use dapple_classics::Defocus;
 ///
 /// // In focus at depth 2.
 /// let defocus = Defocus::new([8.0, 8.0], [-16.0, -16.0]);
@@ -77,7 +77,8 @@ impl Defocus {
 /// `(u, v)` of the place lies at `(column + u, row + v)` in the image, so the pixel filter must be a box of one pixel.
 ///
 /// ```
-/// use dapple_core::{Axis, Domain, HostNumbers, PointSet, Role, SampleId};
+/// use dapple_classics::{Axis, Domain, Role};
+/// use dapple_core::{HostNumbers, PointSet, SampleId};
 ///
 /// let axes = [Axis::new(Role::Place, 0, 0), Axis::new(Role::Place, 0, 1), Axis::new(Role::Time, 7, 0)];
 /// let domain = Domain::new(axes)?;

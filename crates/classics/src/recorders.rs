@@ -1,0 +1,277 @@
+//! Statistics that methods record for themselves: sums of functions of the samples, and samples one by one.
+
+use dapple_core::{Error, Film, Needs, Recorded, RecordedSample, Recorder, Trajectory};
+use std::sync::Arc;
+
+fn recorded<'f>(film: &'f Film, who: &str, name: &str, what: &'static str) -> Result<Recorded<'f>, Error> {
+    film.recorded(name).ok_or_else(|| Error::NotRecorded { who: who.to_owned(), what })
+}
+
+/// The number of sets of words that a pixel has.
+fn halves(film: &Film) -> usize {
+    if film.needs().halves { 2 } else { 1 }
+}
+
+/// The recorder of a sum over a pixel's samples, per channel. Splats are not in it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum SampleSums {
+    /// The sum of `x ln x`; 0 for a sample that is 0.
+    Logs,
+    /// The sum of `sqrt x`.
+    Roots,
+    /// The [moments](ThirdMoments) of `2 (sqrt x - 1)`.
+    RootMoments,
+}
+
+impl SampleSums {
+    pub(crate) fn list(self) -> Vec<Arc<dyn Recorder>> {
+        vec![Arc::new(self)]
+    }
+
+    /// The sums of a film for the reader `who`.
+    pub(crate) fn of<'f>(self, film: &'f Film, who: &str) -> Result<FilmSums<'f>, Error> {
+        Ok(FilmSums { film, recorded: recorded(film, who, self.name(), "sums of functions of the samples")? })
+    }
+
+    /// The number of triples of values: one per channel in each.
+    fn triples(self) -> usize {
+        if self == Self::RootMoments { 3 } else { 1 }
+    }
+}
+
+/// The words of a triple of numbers.
+const TRIPLE: usize = 6;
+
+/// Triple `k` of the numbers in some words; 0 if there are none.
+fn triple(words: &[u32], k: usize) -> [f64; 3] {
+    let number = |at: usize| f64::from_bits(u64::from(words[at]) | u64::from(words[at + 1]) << 32);
+    if words.is_empty() { [0.0; 3] } else { [0, 2, 4].map(|at| number(TRIPLE * k + at)) }
+}
+
+fn put_triple(words: &mut [u32], k: usize, values: [f64; 3]) {
+    let halves = values.map(f64::to_bits).into_iter().flat_map(|bits| [bits as u32, (bits >> 32) as u32]);
+    words[TRIPLE * k..].iter_mut().zip(halves).for_each(|(word, half)| *word = half);
+}
+
+/// `x ln x`, continued to 0 at 0. The same bits on every machine.
+fn x_ln_x(x: f64) -> f64 {
+    if x > 0.0 { x * libm::log(x) } else { 0.0 }
+}
+
+impl Recorder for SampleSums {
+    fn name(&self) -> &str {
+        match self {
+            Self::Logs => "sums of x ln x",
+            Self::Roots => "sums of roots",
+            Self::RootMoments => "moments of roots",
+        }
+    }
+
+    fn record(&self, words: &mut Vec<u32>, sample: &RecordedSample<'_>) {
+        words.resize(TRIPLE * self.triples(), 0);
+        let x = sample.radiance.map(f64::from);
+        let of = match self {
+            Self::Logs => x_ln_x,
+            Self::Roots => f64::sqrt,
+            Self::RootMoments => return add_moments(words, x, sample.count as f64),
+        };
+        let mut sum = triple(words, 0);
+        (0..3).for_each(|c| sum[c] += of(x[c]));
+        put_triple(words, 0, sum);
+    }
+
+    fn bytes(&self, _: u64) -> u64 {
+        (self.triples() * size_of::<[f64; 3]>()) as u64
+    }
+}
+
+/// Adds a sample to the moments of `n` samples, this one included.
+fn add_moments(words: &mut [u32], x: [f64; 3], n: f64) {
+    let [mut mean, mut m2, mut m3] = [0, 1, 2].map(|k| triple(words, k));
+    for c in 0..3 {
+        let delta = 2.0 * (x[c].sqrt() - 1.0) - mean[c];
+        let share = delta / n;
+        let square = delta * share * (n - 1.0);
+        mean[c] += share;
+        m3[c] += square * share * (n - 2.0) - 3.0 * share * m2[c];
+        m2[c] += square;
+    }
+    [mean, m2, m3].into_iter().enumerate().for_each(|(k, values)| put_triple(words, k, values));
+}
+
+/// Count, mean, and sums of squared and cubed deviations of three channels [Pébay 2008].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct ThirdMoments {
+    pub(crate) count: u64,
+    pub(crate) mean: [f64; 3],
+    pub(crate) m2: [f64; 3],
+    pub(crate) m3: [f64; 3],
+}
+
+impl ThirdMoments {
+    /// Adds all values of `other`.
+    fn merge(&mut self, other: &Self) {
+        match (self.count, other.count) {
+            (_, 0) => return,
+            (0, _) => return *self = *other,
+            _ => {}
+        }
+        let (na, nb) = (self.count as f64, other.count as f64);
+        for c in 0..3 {
+            let delta = other.mean[c] - self.mean[c];
+            let share = delta * (nb / (na + nb));
+            let square = delta * share * na;
+            let crossed = 3.0 * delta * ((na * other.m2[c] - nb * self.m2[c]) / (na + nb));
+            let cubed = square * delta * ((na - nb) / (na + nb)) + crossed;
+            self.mean[c] += share;
+            self.m2[c] = self.m2[c] + other.m2[c] + square;
+            self.m3[c] = self.m3[c] + other.m3[c] + cubed;
+        }
+        self.count += other.count;
+    }
+}
+
+/// The sums of a film, over the kept samples of both halves together.
+#[derive(Clone, Copy)]
+pub(crate) struct FilmSums<'f> {
+    film: &'f Film,
+    recorded: Recorded<'f>,
+}
+
+impl FilmSums<'_> {
+    /// The sum of pixel `i`.
+    pub(crate) fn sum(&self, i: usize) -> [f64; 3] {
+        let of = |half| triple(self.recorded.kept(half, i), 0);
+        (1..halves(self.film)).map(of).fold(of(0), |sum, more| std::array::from_fn(|c| sum[c] + more[c]))
+    }
+
+    /// The moments of pixel `i`.
+    pub(crate) fn moments(&self, i: usize) -> ThirdMoments {
+        let of = |half| {
+            let words = self.recorded.kept(half, i);
+            let [mean, m2, m3] = [0, 1, 2].map(|k| triple(words, k));
+            let count = self.film.half(half, i).map_or_else(|| self.film.count(i), |moments| moments.count);
+            ThirdMoments { count, mean, m2, m3 }
+        };
+        (1..halves(self.film)).map(of).fold(of(0), |mut all, more| {
+            all.merge(&more);
+            all
+        })
+    }
+}
+
+/// The recorder of a pixel's samples one by one, in the order of tracing. A rejected sample is 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Singles {
+    limit: u32,
+    trajectories: bool,
+}
+
+impl Singles {
+    /// All samples.
+    pub const ALL: Self = Self { limit: u32::MAX, trajectories: false };
+    /// All samples with their trajectories. Those without a sound one have inverse depth 0 and no motion.
+    pub const MOVING: Self = Self { limit: u32::MAX, trajectories: true };
+
+    /// The first samples of each half.
+    pub const fn first(limit: u32) -> Self {
+        Self { limit, trajectories: false }
+    }
+
+    /// The statistics that integrators must deliver.
+    pub(crate) fn needs(self) -> Needs {
+        if self.trajectories { Needs::none().with_trajectories() } else { Needs::none() }
+    }
+
+    pub(crate) fn list(self) -> Vec<Arc<dyn Recorder>> {
+        vec![Arc::new(SingleRecorder { of: self, name: self.name() })]
+    }
+
+    fn name(self) -> String {
+        match self {
+            Self::ALL => "samples".to_owned(),
+            Self::MOVING => "samples with trajectories".to_owned(),
+            Self { limit, .. } => format!("samples:first={limit}"),
+        }
+    }
+
+    /// The words of a sample.
+    fn each(self) -> usize {
+        if self.trajectories { 7 } else { 3 }
+    }
+
+    /// The samples of a film for the reader `who`.
+    pub(crate) fn of<'f>(self, film: &'f Film, who: &str) -> Result<FilmSamples<'f>, Error> {
+        let recorded = recorded(film, who, &self.name(), "samples one by one")?;
+        Ok(FilmSamples { film, recorded, each: self.each() })
+    }
+}
+
+struct SingleRecorder {
+    of: Singles,
+    name: String,
+}
+
+impl SingleRecorder {
+    /// The most words that may follow those of a pixel.
+    fn room(&self, words: &[u32]) -> usize {
+        (self.of.limit as usize).saturating_mul(self.of.each()).saturating_sub(words.len())
+    }
+}
+
+impl Recorder for SingleRecorder {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn record(&self, words: &mut Vec<u32>, sample: &RecordedSample<'_>) {
+        if self.room(words) > 0 {
+            words.extend(sample.radiance.map(f32::to_bits));
+            if self.of.trajectories {
+                let Trajectory { inverse_depth, motion: [x, y, w], .. } =
+                    sample.estimate.trajectory.filter(Trajectory::is_sound).unwrap_or_default();
+                words.extend([inverse_depth, x, y, w].map(f32::to_bits));
+            }
+        }
+    }
+
+    fn reserve(&self, words: &mut Vec<u32>, more: u64) {
+        let more = usize::try_from(more).unwrap_or(usize::MAX).saturating_mul(self.of.each());
+        words.reserve_exact(more.min(self.room(words)));
+    }
+
+    fn bytes(&self, samples: u64) -> u64 {
+        samples.min(self.of.limit.into()).saturating_mul(4 * self.of.each() as u64)
+    }
+}
+
+/// The kept samples of a film, one by one.
+#[derive(Clone, Copy)]
+pub struct FilmSamples<'f> {
+    pub(crate) film: &'f Film,
+    recorded: Recorded<'f>,
+    each: usize,
+}
+
+impl<'f> FilmSamples<'f> {
+    /// The samples of pixel `i`, each with its half and its number there.
+    pub(crate) fn of_pixel(
+        &self,
+        i: usize,
+    ) -> impl Iterator<Item = (usize, (usize, ([f32; 3], Trajectory)))> + use<'f> {
+        let [a, b] = [0, 1].map(|half| self.of_half(half, i).enumerate().map(move |sample| (half, sample)));
+        a.chain(b)
+    }
+
+    /// The samples of pixel `i` in a half, each with its trajectory if there are such. A film without halves has them in half 0.
+    pub(crate) fn of_half(&self, half: usize, i: usize) -> impl Iterator<Item = ([f32; 3], Trajectory)> + use<'f> {
+        let words = if half < halves(self.film) { self.recorded.kept(half, i) } else { &[] };
+        words.chunks_exact(self.each).map(|words| {
+            let at = |k: usize| words.get(k).map_or(0.0, |&word| f32::from_bits(word));
+            ([at(0), at(1), at(2)], Trajectory::new(at(3), [at(4), at(5), at(6)]))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;
