@@ -239,7 +239,8 @@ impl<'a> Job<'a> {
     fn filled(&self, text: &str) -> String {
         let threads = if self.threads > 0 { format!(" --threads {}", self.threads) } else { String::new() };
         let memory = self.memory.map_or_else(String::new, |bytes| format!(" --memory {bytes}"));
-        let cores = if self.threads > 0 { format!("#SBATCH --cpus-per-task={}\n", self.threads) } else { String::new() };
+        let cores =
+            if self.threads > 0 { format!("#SBATCH --cpus-per-task={}\n", self.threads) } else { String::new() };
         let mebibytes = |bytes: u64| format!("#SBATCH --mem={}M\n", bytes.div_ceil(1 << 20));
         let outputs: String = self.images.iter().map(|image| format!(" -o {}", quoted(image))).collect();
         text.replace("@PARTS@", &self.options.parts.to_string())

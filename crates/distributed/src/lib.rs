@@ -4,7 +4,8 @@ mod local;
 
 pub use local::{Local, local};
 
-use dapple_core::{Control, Error, Film, Integrator, Monitor, Session, Status, TracedRows};
+use dapple_core::{Control, Error, Film, Integrator, Monitor, Session, Stage, Status, TracedRows};
+use std::ops::Range;
 
 /// The processes of a render, connected by messages: those of an MPI job, or threads ([`local`]).
 ///
@@ -38,6 +39,16 @@ const OVER: u8 = 0;
 const TRACED: u8 = 1;
 const STOPPED: u8 = 2;
 const FAILED: u8 = 3;
+
+/// The runs of rows of each part of a stage. Runs of a part lie apart, so that parts take about equal times where some rows
+/// of an image cost more than others.
+const RUNS: u32 = 8;
+
+/// The rows of a stage that part `index` of `parts` traces, as runs from the top. Follows from the plan alone.
+pub fn rows_of_part(session: &Session<'_>, stage: &Stage, index: u32, parts: u32) -> Vec<Range<u32>> {
+    let runs = session.deal(stage, parts.saturating_mul(RUNS));
+    runs.into_iter().skip(index as usize).step_by(parts as usize).collect()
+}
 
 /// Runs a render from process 0. Returns its film, marked as interrupted if any process was stopped.
 ///
@@ -74,18 +85,21 @@ fn stages(
     stop: &mut dyn FnMut() -> bool,
 ) -> Result<bool, Error> {
     while let Some(stage) = session.next_stage(integrator)? {
-        let parts = session.deal(&stage, processes.size());
-        for (rank, rows) in (1..).zip(parts.iter().skip(1)) {
-            let mut message = vec![ROWS];
-            message.extend(session.rows_of(&stage, rows.clone())?);
-            processes.send(rank, &message)?;
+        let mut answers = 0;
+        for rank in 1..processes.size() {
+            for rows in rows_of_part(session, &stage, rank, processes.size()) {
+                let message = [&[ROWS][..], &session.rows_of(&stage, rows)?].concat();
+                processes.send(rank, &message)?;
+                answers += 1;
+            }
         }
         let mut watch = |_: &Status<'_>| if stop() { Control::Stop } else { Control::Continue };
-        let own =
-            parts.iter().take(1).map(|rows| session.trace_rows_here(&stage, rows.clone(), integrator, &mut watch));
-        let mut traced: Vec<Result<Option<TracedRows>, Error>> = own.collect();
+        let mut traced: Vec<Result<Option<TracedRows>, Error>> = Vec::new();
+        for rows in rows_of_part(session, &stage, 0, processes.size()) {
+            traced.push(session.trace_rows_here(&stage, rows, integrator, &mut watch));
+        }
         // All answers are taken, whatever happened: nobody is left with a message that no one reads.
-        for _ in 1..parts.len() {
+        for _ in 0..answers {
             let (rank, answer) = processes.receive()?;
             traced.push(match answer.split_first() {
                 Some((&TRACED, rows)) => TracedRows::from_bytes(rows).map(Some),

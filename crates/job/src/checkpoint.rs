@@ -14,5 +14,5 @@ mod store;
 
 pub use error::Error;
 pub use file_system::{Disk, FileSystem};
-pub use state_file::{Damage, Identity, Kind, StateFile};
+pub use state_file::{Damage, Identity, Kind, ROWS, StateFile};
 pub use store::{Found, Generation, Store};

@@ -5,6 +5,8 @@ use dapple_core::container::{Fault, append, sections};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
+/// The sections that traced runs of rows are, in the order of tracing.
+pub const ROWS: &str = "rows";
 /// The section that the header is, after those of the state.
 const HEADER: &str = "header";
 
@@ -131,6 +133,12 @@ impl StateFile {
     /// The bytes of the file, which the core reads as well.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
+    }
+
+    /// The traced runs of rows in it.
+    pub fn rows(&self) -> impl Iterator<Item = &[u8]> {
+        let found = sections(&self.bytes).unwrap_or_default();
+        found.into_iter().filter(|(name, _)| *name == ROWS).map(|(_, section)| section)
     }
 
     /// Reads the bytes of a file.

@@ -103,6 +103,11 @@ impl Checkpoints {
         }
     }
 
+    /// Writes the file.
+    pub(super) fn save(&self, file: &StateFile) -> Result<(), JobError> {
+        Ok(self.store.save(file)?)
+    }
+
     /// The state of a whole render in that file.
     pub(super) fn snapshot(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<Snapshot>, JobError> {
         let (Some(file), Some(path)) = (self.state(here, monitor)?, &self.resume) else { return Ok(None) };

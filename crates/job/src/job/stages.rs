@@ -3,15 +3,15 @@
 use super::checkpoints::Watched;
 use super::identity::{PART, PLAN, SPEC, common, compared};
 use super::{Checkpoints, Job, JobMonitor, Traced};
-use crate::checkpoint::{Identity, Kind, StateFile};
+use crate::checkpoint::{Identity, Kind, ROWS, StateFile};
 use crate::memory::MemoryEstimate;
 use crate::{JobError, RenderSpec, Shard};
 use dapple_core::{
     Budget, Control, Error, Integrator, Methods, Monitor, Render, Session, Snapshot, Stage, Status, TracedRows,
+    container,
 };
-use dapple_distributed::{Processes, coordinate, serve};
+use dapple_distributed::{Processes, coordinate, rows_of_part, serve};
 use dapple_transport::make_integrator;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// A plan file: the state of a render with a stage whose rows machines trace.
@@ -159,30 +159,24 @@ impl Job {
         if plan.is_none() {
             only_stage(&session, &stage, &*integrator, shard)?;
         }
-        let rows = dealt(&session, &stage, shard);
-        let traced = match rows {
-            None => None,
-            Some(rows) => Some(session.rows_of(&stage, rows)?),
-        };
+        let cut = |rows| session.rows_of(&stage, rows);
+        let runs = rows_of_part(&session, &stage, shard.index(), shard.of());
+        let runs = runs.into_iter().map(cut).collect::<Result<Vec<_>, _>>()?;
         drop(session);
-        let bytes = match traced {
-            // There are more parts than runs of rows.
-            None => dapple_core::container::begin(0),
-            Some(rows) => {
-                let began = checkpoints.as_ref().map(|c| c.state(&identity, monitor)).transpose()?.flatten();
-                let rows = began.map_or(rows, |file| file.bytes().to_vec());
-                let mut watched = Watched::new(monitor, checkpoints, identity.clone(), self.limits.min_spp);
-                let traced = self.traced(&rows, &mut 0, &mut *integrator, &mut watched)?;
-                if let (Some(Err(trouble)), _) = watched.into_checkpoint() {
-                    return Err(trouble);
-                }
-                match traced {
-                    Some(bytes) => bytes,
-                    None => return Ok(None),
-                }
+        let began = checkpoints.as_ref().map(|c| c.state(&identity, monitor)).transpose()?.flatten();
+        let mut file = began.map_or_else(|| rows_file(Kind::Checkpoint, &identity, &[]), Ok)?;
+        let mut watched = Watched::new(monitor, None, Identity::default(), self.limits.min_spp);
+        let mut learned = 0;
+        for run in runs.iter().skip(file.rows().count()) {
+            let Some(rows) = self.traced(run, &mut learned, &mut *integrator, &mut watched)? else { return Ok(None) };
+            let done: Vec<Vec<u8>> = file.rows().map(<[u8]>::to_vec).chain([rows]).collect();
+            file = rows_file(Kind::Checkpoint, &identity, &done)?;
+            if let Some(checkpoints) = &checkpoints {
+                checkpoints.save(&file)?;
             }
-        };
-        Ok(Some(StateFile::new(Kind::Rows, identity, bytes).bytes().to_vec()))
+        }
+        let done: Vec<Vec<u8>> = file.rows().map(<[u8]>::to_vec).collect();
+        Ok(Some(rows_file(Kind::Rows, &identity, &done)?.bytes().to_vec()))
     }
 
     /// Joins the rows of a stage and plans the next one. Returns the bytes of a plan file, and `true` if no stage is left.
@@ -313,9 +307,11 @@ impl Job {
     }
 }
 
-/// The rows that a shard traces; `None` if there are fewer runs of rows than shards.
-fn dealt(session: &Session<'_>, stage: &Stage, shard: Shard) -> Option<Range<u32>> {
-    session.deal(stage, shard.of()).get(shard.index() as usize).cloned()
+/// A file of traced runs of rows.
+fn rows_file(kind: Kind, identity: &Identity, runs: &[Vec<u8>]) -> Result<StateFile, JobError> {
+    let mut bytes = container::begin(runs.iter().map(Vec::len).sum());
+    runs.iter().for_each(|run| container::append(&mut bytes, ROWS, run));
+    Ok(StateFile::new(kind, identity.clone(), bytes))
 }
 
 /// Refuses shards of a render that has more than one stage.
