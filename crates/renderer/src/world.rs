@@ -27,7 +27,7 @@ use crate::texture::Textures;
 use dapple_core::Draws;
 use dapple_geometry::{Geometry, Hit, Ray, Shape, SurfacePoint};
 use dapple_scene::Effects;
-use dapple_scene::{MediumInterface, Scalar, Scene};
+use dapple_scene::{MediumInterface, Scalar};
 use glam::{Vec2, Vec3};
 
 /// A scene prepared for ray tracing: geometry with a bounding volume hierarchy, lights with selection probabilities,

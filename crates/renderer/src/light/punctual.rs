@@ -8,7 +8,7 @@ use dapple_scene::{Source, SpotFalloff};
 use glam::{DAffine3, DVec3, Vec3};
 
 /// Checks an intensity or irradiance: all channels must be finite and at least 0. Returns `None` if all are 0.
-fn checked(value: [f32; 3], at: &Source) -> Result<Option<Vec3>, SceneError> {
+pub(super) fn checked(value: [f32; 3], at: &Source) -> Result<Option<Vec3>, SceneError> {
     if value.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
         let remedy = "give finite numbers of at least 0";
         return Err(SceneError::new(at, format!("the light's intensity {value:?} is invalid; {remedy}")));
@@ -16,7 +16,7 @@ fn checked(value: [f32; 3], at: &Source) -> Result<Option<Vec3>, SceneError> {
     Ok((value != [0.0; 3]).then_some(Vec3::from_array(value)))
 }
 
-fn transform_error(at: &Source) -> SceneError {
+pub(super) fn transform_error(at: &Source) -> SceneError {
     let what = "the light's transform flattens space, stretches the cone of a spot, or is not finite; move, rotate, mirror \
                 and scale uniformly only";
     SceneError::new(at, what)
