@@ -87,7 +87,7 @@ const RULES: &[Rule] = &[
     ("dapple-conformance", &["dapple-core", "dapple-metrics"], &["glam", "obvhs", "image", "exr"]),
     ("dapple-adaptive", &["dapple-core"], OF_A_SCENE),
     ("dapple-mitchell", &["dapple-core"], OF_A_SCENE),
-    ("dapple-classics", &["dapple-core", "dapple-denoise", "dapple-low-discrepancy"], OF_A_SCENE),
+    ("dapple-classics", CLASSICS, OF_A_SCENE),
     ("dapple-light-selection", &[], OF_A_SCENE),
     ("dapple-clustering", &[], OF_A_SCENE),
     ("dapple-cluster-adaptive", &["dapple-core", "dapple-clustering"], OF_A_SCENE),
@@ -104,6 +104,8 @@ const RULES: &[Rule] = &[
     ("dapple-study", STUDY, &["clap", "indicatif", "ctrlc"]),
     ("dapple-cli", LAYERS, &[]),
 ];
+/// The crates of the methods that published ones build on.
+const CLASSICS: &[&str] = &["dapple-core", "dapple-denoise", "dapple-low-discrepancy", "dapple-mitchell"];
 /// Crates from the bottom up: the dependencies that the top four may have are prefixes.
 const LAYERS: &[&str] = &[
     "dapple-core",

@@ -2,8 +2,8 @@
 
 use crate::method::{MethodSampler, SamplingMethod};
 use crate::rounds::{next_step, with_extra};
-use crate::variances::{around, filled_means, per_pixel};
 use crate::wavelets::{Basis, Taps, coefficient_variances, high_band, sizes, transform};
+use crate::windows::{around, filled_means, per_pixel};
 use dapple_core::{
     Error, Feedback, Film, Frame, Needs, PilotPolicy, Plan, Recorder, Retention, SamplerMemory, mix, saturating_u32,
 };

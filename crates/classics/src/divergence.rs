@@ -2,7 +2,6 @@
 
 mod geometric;
 mod scores;
-mod stored;
 
 pub use scores::DivergenceScore;
 
@@ -96,8 +95,8 @@ impl<P: PointSet> Divergence<P> {
         let DivergenceOptions { by, q, k, a, pilot, .. } = self.options;
         match by {
             DivergenceScore::Geometric => Ok(geometric::scores(film)),
-            DivergenceScore::Fuzzy => stored::scores(film, pilot, |samples| stored::fuzzy(samples, k)),
-            DivergenceScore::Gh => stored::scores(film, pilot, |samples| stored::generalised_hellinger(samples, a)),
+            DivergenceScore::Fuzzy => scores::of_samples(film, pilot, |samples| scores::fuzzy(samples, k)),
+            DivergenceScore::Gh => scores::of_samples(film, pilot, |x| scores::generalised_hellinger(x, a)),
             _ => scores::of_sums(by, q, film),
         }
     }

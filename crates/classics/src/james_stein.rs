@@ -1,7 +1,6 @@
 //! Shrinkage of noisy pixels towards a filtered image.
 
-use crate::variances::per_pixel;
-use crate::windows::window_sums;
+use crate::windows::{per_pixel, window_sums};
 use dapple_core::{
     Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _, Recorder, nested,
 };

@@ -1,13 +1,12 @@
 //! Nonlinearly weighted first-order regression.
 
 mod collaborative;
-mod planes;
 mod weights;
 
 use crate::method::{FilterMethod, MethodFilter};
+use crate::windows::{per_pixel, window_sums};
 use collaborative::{Data, regress};
-use dapple_core::{Error, Film, FilterMemory, Filtered, Frame, ImagePlanes, Needs};
-use planes::{Buffers, CHANNELS, FEATURES, HalfPlanes, Rgb, regressors};
+use dapple_core::{Error, Features, Film, FilterMemory, Filtered, Frame, ImagePlanes, Needs};
 use weights::{Guide, Kernel, TILE, nl_average};
 
 dapple_core::options! {
@@ -183,6 +182,107 @@ impl FilterMethod for NforOptions {
         let error = pixels.map(|i| (map[i][0] * errors[i][0] + (1.0 - map[i][0]) * errors[i][1]).max(0.0) as f32);
         Ok(Filtered::new(film.frame().size(), radiance).with_error(error.collect::<Vec<_>>()))
     }
+}
+
+/// The number of regressors that features give: normal (3), albedo (3) and depth.
+const FEATURES: usize = 7;
+
+/// Three channels per pixel.
+type Rgb = Vec<[f64; 3]>;
+
+/// The feature buffers: normal, albedo, and depth in the first channel.
+type Buffers = [Rgb; 3];
+
+/// The number of channels of each feature buffer.
+const CHANNELS: [usize; 3] = [3, 3, 1];
+
+/// The samples of one half.
+struct HalfPlanes {
+    /// The mean radiance; where the half has no samples, that of the pixels around.
+    colour: Rgb,
+    /// The variance of that mean.
+    variance: Rgb,
+    /// `true` for pixels with samples.
+    known: Vec<bool>,
+    /// The mean of each feature, and its variance.
+    features: Buffers,
+    spread: Buffers,
+}
+
+/// The radius of the window from which pixels without samples or variance take them.
+const NEAR: usize = 2;
+
+impl HalfPlanes {
+    /// The bytes per pixel of one half, and of the sums from which it is made.
+    const BYTES: [usize; 2] = [2 * 24 + 1 + 6 * 24, 128];
+
+    fn new(film: &Film, half: usize) -> Self {
+        let size = film.frame().size().map(|n| n as usize);
+        let of = |i: usize| film.half(half, i).unwrap_or_default();
+        // Per pixel: a 1 if there are samples, the mean, degrees of freedom of both halves, and squared deviations.
+        let sums = window_sums(size, NEAR, |i| {
+            let (own, all) = (of(i), film.moments(i));
+            let [r, g, b] = own.mean;
+            let [vr, vg, vb] = all.m2;
+            [f64::from(u8::from(own.count > 0)), r, g, b, all.count.saturating_sub(1) as f64, vr, vg, vb]
+        });
+        let near = |i: usize, c: usize| sums[i][c] / sums[i][if c > 4 { 4 } else { 0 }].max(1.0);
+        let colour = |i: usize| match of(i) {
+            own if own.count > 0 => own.mean,
+            _ if film.count(i) > 0 => film.mean(i),
+            _ => [1, 2, 3].map(|c| near(i, c)),
+        };
+        let variance = |i: usize| {
+            let of_sample = film.moments(i).variance().unwrap_or_else(|| [5, 6, 7].map(|c| near(i, c)));
+            of_sample.map(|v| v / of(i).count.max(1) as f64)
+        };
+        let features = features(film, half);
+        Self {
+            colour: per_pixel(film, colour),
+            variance: per_pixel(film, variance),
+            known: (0..film.frame().pixels()).map(|i| of(i).count > 0).collect(),
+            features: std::array::from_fn(|k| features.iter().map(|f| f[0][k]).collect()),
+            spread: std::array::from_fn(|k| features.iter().map(|f| f[1][k]).collect()),
+        }
+    }
+}
+
+/// The three features of each pixel, and their variances. Depths are relative to the largest.
+fn features(film: &Film, half: usize) -> Vec<[[[f64; 3]; 3]; 2]> {
+    let depths = (0..film.frame().pixels()).filter_map(|i| film.features(i)).map(|f| f.depth);
+    let depth = depths.fold(0.0, f32::max);
+    let unit = if depth > 0.0 { 1.0 / depth } else { 0.0 };
+    per_pixel(film, |i| {
+        let (Some(own), Some(all)) = (film.half_features(half, i), film.features(i)) else { return [[[0.0; 3]; 3]; 2] };
+        // A half without samples takes the features of both.
+        let own = if own.samples > 0 { own } else { all };
+        let mean = |f: &Features| {
+            let share = f.hits as f32 / f.samples.max(1) as f32;
+            let bounded = |x: f32| f64::from((share * x).clamp(-1e9, 1e9));
+            [f.normal.map(bounded), f.albedo.map(bounded), [bounded(f.depth * unit), 0.0, 0.0]]
+        };
+        [mean(&own), variances(&all, own.samples, unit)]
+    })
+}
+
+/// The variance of the means of a half of `samples` samples, from the sample variance of all. Misses have features 0.
+fn variances(all: &Features, samples: u32, unit: f32) -> [[f64; 3]; 3] {
+    let v = all.variance.unwrap_or_default();
+    let share = all.hits as f32 / all.samples.max(1) as f32;
+    let spread = |variance: f32, mean: f32| {
+        let of_sample = share * variance + share * (1.0 - share) * mean * mean;
+        f64::from(of_sample.clamp(0.0, 1e18)) / f64::from(samples.max(1))
+    };
+    let [n, a] = [all.normal, all.albedo];
+    let three = |at: usize, mean: [f32; 3]| [0, 1, 2].map(|c| spread(v[at + c], mean[c]));
+    [three(0, n), three(3, a), [spread(v[9] * unit * unit, all.depth * unit), 0.0, 0.0]]
+}
+
+/// The regressors of each pixel.
+fn regressors(buffers: &Buffers) -> Vec<[f64; FEATURES]> {
+    let [normal, albedo, depth] = buffers;
+    let of = |((n, a), d): ((&[f64; 3], &[f64; 3]), &[f64; 3])| [n[0], n[1], n[2], a[0], a[1], a[2], d[0]];
+    normal.iter().zip(albedo).zip(depth).map(of).collect()
 }
 
 #[cfg(test)]

@@ -3,8 +3,7 @@
 use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
 use crate::patch_means::{Mirrored, PatchGuide, Patches, patch_means};
 use crate::rounds::{next_step, within_ceiling};
-use crate::variances::per_pixel;
-use crate::windows::{convolve, gaussian_taps};
+use crate::windows::{convolve, gaussian_taps, per_pixel};
 use dapple_core::{
     Error, Feedback, Film, FilterMemory, Filtered, Frame, ImagePlanes, Needs, PilotPolicy, Plan, SamplerMemory,
     saturating_u32, share,

@@ -2,8 +2,7 @@
 
 use crate::method::{MethodSampler, SamplingMethod};
 use crate::rounds::{counts_so_far, lacking, next_step, total};
-use crate::variances::{filled_means, per_pixel};
-use crate::windows::convolve;
+use crate::windows::{convolve, filled_means, per_pixel};
 use dapple_core::{
     Error, Feedback, Film, Frame, Needs, PilotPolicy, Plan, SamplerMemory, Stopping, allocate, luminance,
     saturating_u32,

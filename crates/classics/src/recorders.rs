@@ -274,4 +274,6 @@ impl<'f> FilmSamples<'f> {
 }
 
 #[cfg(test)]
+mod own_statistics;
+#[cfg(test)]
 mod tests;

@@ -130,9 +130,9 @@ impl SamplesMethod for StagedOptions {
 mod tests {
     use super::*;
     use crate::recorders::Singles;
-    use crate::subdivision::{Subdivision, SubdivisionOptions};
     use crate::tree::At;
     use crate::tree::test_scenes::{Made, domain, film_points, render};
+    use crate::{Subdivision, SubdivisionOptions};
     use dapple_core::samplers::Uniform;
     use dapple_core::{Error, Film, Filter as _, Frame, Needs};
     use dapple_low_discrepancy::{Random, Sobol};

@@ -1,16 +1,14 @@
 //! A bank of filters, chosen per pixel by Stein's unbiased risk estimate; and the sampler that follows its error.
 
 mod bank;
-mod planes;
 
 use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
 use crate::rounds::{counts_so_far, lacking, total, with_extra};
-use bank::{BANK, OfPixel};
+use bank::{BANK, NEEDS, OfPixel, Planes};
 use dapple_core::{
     Error, Feedback, Film, FilterMemory, Filtered, Frame, ImagePlanes, Needs, PilotPolicy, Plan, SamplerMemory,
     saturating_u32, share,
 };
-use planes::Planes;
 use rayon::prelude::*;
 
 dapple_core::options! {
@@ -60,7 +58,7 @@ impl FilterMethod for SureFilterOptions {
     const NAME: &'static str = "sure";
 
     fn needs(&self) -> Needs {
-        planes::NEEDS
+        NEEDS
     }
 
     fn applying(&self, frame: &Frame) -> FilterMemory {
@@ -167,7 +165,7 @@ impl SamplingMethod for SureOptions {
     const NAME: &'static str = "sure";
 
     fn needs(&self) -> Needs {
-        planes::NEEDS
+        NEEDS
     }
 
     fn number_of_rounds(&self) -> Option<u32> {
@@ -223,7 +221,7 @@ mod tests {
             let noise = u.iter().map(|u| u - 0.5).sum::<f32>() * 0.346;
             [if x < 16 { 0.5 } else { 1.0 } + noise; 3]
         });
-        let needs = planes::NEEDS;
+        let needs = NEEDS;
         let (mut sampler, limits) = (Uniform::new(Random::new(3)), Limits::spp(16.0));
         Render::new(frame(32, 32), &limits).needs(needs).run(&mut field, &mut sampler).unwrap()
     }

@@ -3,7 +3,7 @@
 use crate::method::{FilterMethod, MethodFilter};
 use crate::recorders::{SampleSums, ThirdMoments};
 use crate::student::two_sided_critical;
-use crate::variances::per_pixel;
+use crate::windows::per_pixel;
 use dapple_core::{Error, Film, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Recorder, RgbMoments};
 use rayon::prelude::*;
 use std::sync::Arc;

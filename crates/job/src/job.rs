@@ -23,7 +23,7 @@ use crate::{ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
 use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
-    Budget, Error, Film, FilmPoints, Filter, Frame, Limits, Memory, Needs, NoMonitor, PointSet, Prepares, Render,
+    Budget, Error, Film, Filter, Frame, Limits, Memory, Needs, NoMonitor, PointSet, Prepares, Render,
     Sampler, Snapshot, Unfiltered,
 };
 use dapple_renderer::World;
@@ -96,11 +96,8 @@ impl Job {
         let mut inputs = MethodInputs::of(prepared.world.clone());
         let MadeSampler { sampler, clusters, probes, placed } = registry::sampler(&spec.sampler, points, &inputs)?;
         inputs.clusters.clone_from(&clusters);
-        if let Some(domain) = prepared.world.domain() {
-            let points = Arc::from(registry::points(&spec.points, setting(spec, frame))?);
-            let points = FilmPoints::new(points, domain).with_placed(placed);
-            inputs.points = Some(points.with_defocus(prepared.world.camera().defocus()));
-        }
+        let points = Arc::from(registry::points(&spec.points, setting(spec, frame))?);
+        inputs.points = registry::film_points(&prepared.world, points).map(|points| points.with_placed(placed));
         let MadeFilter { filter, clusters: of_filter } = registry::filter(&spec.filter, &inputs)?;
         let is_shared = |made: &&Arc<_>| clusters.as_ref().is_some_and(|known| Arc::ptr_eq(known, made));
         let sets = clusters.iter().chain(of_filter.iter().filter(|made| !is_shared(made)));

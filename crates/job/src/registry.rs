@@ -6,11 +6,12 @@ pub use dapple_registry::{
     AnyPoints, Entry, FILTERS, MakeFilter, MakePoints, MakeSampler, NOT_BUILT, POINTS, Parameter, Parameters,
     RegistryError, SAMPLERS, Setting, check_filter, check_points, check_sampler, points, verdicts,
 };
-pub use inputs::MethodInputs;
+pub use inputs::{MethodInputs, film_points};
 
 use crate::WorldClusters;
+use dapple_classics::PlacedHandle;
 use dapple_cluster_adaptive::ProbesHandle;
-use dapple_core::{Filter, PlacedHandle, Sampler};
+use dapple_core::{Filter, Sampler};
 use inputs::OnWorld;
 use std::sync::Arc;
 

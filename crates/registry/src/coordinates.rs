@@ -2,9 +2,9 @@
 
 use crate::{AnyPoints, ClusterInputError, ClusterInputs, MadeSampler, Parameters, RegistryError};
 use dapple_classics::{
-    Dct, DctFilter, Hierarchical, Mdas, MdasBoxes, MdasOptions, Staged, Subdivision, Tlfr, TreeMean,
+    Dct, DctFilter, Domain, FilmPoints, Hierarchical, Mdas, MdasBoxes, MdasOptions, Staged, Subdivision, Tlfr, TreeMean,
 };
-use dapple_core::{Domain, FilmPoints, Filter};
+use dapple_core::Filter;
 
 /// The part that methods which place samples lack without a scene.
 const DIMENSIONS: &str = "the meaning of the samples' dimensions";
@@ -41,7 +41,7 @@ pub(crate) fn mdas(
         );
         return Err(RegistryError::Points { of: p.of(), why });
     }
-    let sampler = Mdas::new(points, domain, options)?;
+    let sampler = Mdas::new(points, &domain, options)?;
     let placed = Some(sampler.placed());
     Ok(MadeSampler { placed, ..sampler.into() })
 }
@@ -61,7 +61,7 @@ pub(crate) fn hierarchical(
     points: AnyPoints,
     inputs: &dyn ClusterInputs,
 ) -> Result<MadeSampler, RegistryError> {
-    let sampler = Hierarchical::new(points, domain(p, inputs)?, p.options()?)?;
+    let sampler = Hierarchical::new(points, &domain(p, inputs)?, p.options()?)?;
     let placed = Some(sampler.placed());
     Ok(MadeSampler { placed, ..sampler.into() })
 }

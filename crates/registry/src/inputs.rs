@@ -3,7 +3,9 @@
 use crate::RegistryError;
 use dapple_cluster_adaptive::{AreaVectors, ProbeHit, ProbeRay, TraceProbe, TraceVisibility};
 use dapple_clustering::{Cluster, ClusterParams};
-use dapple_core::{Domain, FilmPoints, FirstHit};
+#[cfg(feature = "classics")]
+use dapple_classics::{Domain, FilmPoints};
+use dapple_core::FirstHit;
 use dapple_denoise::ClusterLookup;
 use std::sync::Arc;
 
@@ -66,6 +68,7 @@ pub trait ClusterInputs {
     /// # Errors
     ///
     /// [`ClusterInputError`] if samples cannot be placed.
+    #[cfg(feature = "classics")]
     fn domain(&self) -> Result<Option<Domain>, ClusterInputError> {
         Ok(None)
     }
@@ -75,6 +78,7 @@ pub trait ClusterInputs {
     /// # Errors
     ///
     /// [`ClusterInputError`] if the coordinates have no meaning.
+    #[cfg(feature = "classics")]
     fn film_points(&self) -> Result<Option<FilmPoints>, ClusterInputError> {
         Ok(None)
     }
@@ -170,7 +174,9 @@ pub struct HostClusters {
     world_to_clip: Option<[[f32; 4]; 4]>,
     visibility: Option<TraceVisibility>,
     lens_probes: Option<LensProbes>,
+    #[cfg(feature = "classics")]
     domain: Option<Domain>,
+    #[cfg(feature = "classics")]
     points: Option<FilmPoints>,
 }
 
@@ -211,12 +217,14 @@ impl HostClusters {
     }
 
     /// Sets the dimensions in which samples have a meaning, for samplers that place samples.
+    #[cfg(feature = "classics")]
     #[must_use]
     pub fn with_domain(self, domain: Domain) -> Self {
         Self { domain: Some(domain), ..self }
     }
 
     /// Sets the points of the film's samples, for filters that read coordinates.
+    #[cfg(feature = "classics")]
     #[must_use]
     pub fn with_film_points(self, points: FilmPoints) -> Self {
         Self { points: Some(points), ..self }
@@ -244,10 +252,12 @@ impl ClusterInputs for HostClusters {
         Ok(self.lens_probes.clone())
     }
 
+    #[cfg(feature = "classics")]
     fn domain(&self) -> Result<Option<Domain>, ClusterInputError> {
         Ok(self.domain.clone())
     }
 
+    #[cfg(feature = "classics")]
     fn film_points(&self) -> Result<Option<FilmPoints>, ClusterInputError> {
         Ok(self.points.clone())
     }
@@ -269,10 +279,12 @@ impl ClusterInputs for NoScene {
         Err(ClusterInputError::NoScene)
     }
 
+    #[cfg(feature = "classics")]
     fn domain(&self) -> Result<Option<Domain>, ClusterInputError> {
         Err(ClusterInputError::NoScene)
     }
 
+    #[cfg(feature = "classics")]
     fn film_points(&self) -> Result<Option<FilmPoints>, ClusterInputError> {
         Err(ClusterInputError::NoScene)
     }

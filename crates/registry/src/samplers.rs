@@ -10,12 +10,12 @@ use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap
 use dapple_classics::{
     Awr, AwrOptions, CosineOptions, DctOptions, Divergence, DivergenceOptions, Ears, EarsOptions, FourierDofOptions,
     Gem, GemOptions, HierarchicalOptions, LensBandwidthOptions, MdasOptions, NlmLoop, NlmLoopOptions, Perceptual,
-    PerceptualOptions, SubdivisionOptions, Sure, SureOptions, UpperConfidence, UpperConfidenceOptions,
+    PerceptualOptions, PlacedHandle, SubdivisionOptions, Sure, SureOptions, UpperConfidence, UpperConfidenceOptions,
     VarianceThreshold, VarianceThresholdOptions,
 };
 use dapple_cluster_adaptive::{ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeSource, ProbesHandle};
 use dapple_core::samplers::{Then, Uniform};
-use dapple_core::{Film, Frame, Options as _, PlacedHandle, PointSet, Sampler};
+use dapple_core::{Film, Frame, Options as _, PointSet, Sampler};
 use dapple_denoise::relative_errors;
 use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions};
 use std::sync::Arc;
@@ -30,12 +30,18 @@ pub struct MadeSampler {
     /// The probes that the sampler traces for its first plan; stays empty if it traces none.
     pub probes: ProbesHandle,
     /// The samples that the sampler places; `None` if it places none.
+    #[cfg(feature = "classics")]
     pub placed: Option<PlacedHandle>,
 }
 
 impl<S: Sampler + 'static> From<S> for MadeSampler {
     fn from(sampler: S) -> Self {
-        Self { sampler: Box::new(sampler), probes: ProbesHandle::default(), placed: None }
+        Self {
+            sampler: Box::new(sampler),
+            probes: ProbesHandle::default(),
+            #[cfg(feature = "classics")]
+            placed: None,
+        }
     }
 }
 

@@ -7,7 +7,6 @@ pub use importance::CameraConnection;
 use crate::SceneError;
 use crate::shading::warp::concentric_disk;
 use crate::space::Space;
-use dapple_core::Defocus;
 use dapple_geometry::{Motion, Ray};
 use dapple_scene::{Camera, Projection};
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec2, Vec3};
@@ -289,13 +288,14 @@ impl CameraView {
         [across, down, row(z), row(z)]
     }
 
-    /// Returns the blur of the lens by depth, with depths in camera space as `project` returns them. Returns `None`
-    /// without a lens, and for an orthographic camera, whose blur is not linear in the inverse depth.
-    pub fn defocus(&self) -> Option<Defocus> {
+    /// Returns the signed radius of the lens' blur at infinite depth, in pixels along columns and rows, and its change with the inverse
+    /// depth in camera space. Returns `None` without a lens, and for an orthographic camera, whose blur is not linear in the
+    /// inverse depth.
+    pub fn defocus(&self) -> Option<[[f32; 2]; 2]> {
         let usable = self.has_lens() && !self.orthographic;
         // A row further down has a smaller y in camera space.
         let radius = Vec2::new(self.lens_radius, -self.lens_radius) / self.step;
-        usable.then(|| Defocus::new((radius / self.focal_distance).to_array(), (-radius).to_array()))
+        usable.then(|| [(radius / self.focal_distance).to_array(), (-radius).to_array()])
     }
 
     /// Returns the place of a point in the image, at a time in `[0, 1]` within the motion, and its depth along the view

@@ -34,4 +34,4 @@ pub use scene_error::SceneError;
 pub use space::Space;
 pub use texture::Textures;
 pub use without::without;
-pub use world::{Emitter, Interaction, World, WorldError};
+pub use world::{Emitter, Interaction, Lanes, SampleDimensions, World, WorldError};

@@ -2,7 +2,7 @@
 
 mod build;
 mod bump;
-mod domain;
+mod dimensions;
 mod first_hit;
 #[cfg(test)]
 mod frame_tests;
@@ -13,6 +13,7 @@ mod tests;
 mod trajectory;
 
 pub use build::WorldError;
+pub use dimensions::{Lanes, SampleDimensions};
 pub(crate) use segment::MOST_PASSED;
 
 use crate::blocks;

@@ -1,7 +1,5 @@
-//! The bandwidth of the image through a lens, and the deviation of samples over the lens.
+//! The bandwidth of the image through a lens, the deviation of samples over the lens, and the surfaces that both follow from.
 
-use super::growth::least_grown;
-use super::surfaces::{Breaks, Surface, surfaces};
 use super::variance_over_lens;
 use crate::windows::window_sums;
 use dapple_core::{FirstHit, Frame};
@@ -205,5 +203,158 @@ impl Prefix {
         let ([x0, x1], [y0, y1]) = (range(i % width, width), range(i / width, height));
         let [a, b, c, d] = [[x0, y0], [x1, y0], [x0, y1], [x1, y1]].map(|[x, y]| &self.sums[y * (width + 1) + x]);
         (((x1 - x0) * (y1 - y0)) as f64, std::array::from_fn(|k| d[k] - b[k] - c[k] + a[k]))
+    }
+}
+
+/// For each pixel `p`, the least of `values[q] + slope * distance(p, q)` over all pixels `q`, and the index of that `q`.
+///
+/// Distances are lengths of paths through neighbours, sides and corners: exact along rows, columns and diagonals, and at most
+/// 8.3 % above the straight line. Infinite values do not count.
+fn least_grown([width, height]: [usize; 2], values: Vec<f32>, slope: f32) -> Vec<(f32, u32)> {
+    let mut field: Vec<(f32, u32)> = values.into_iter().zip(0..).collect();
+    let (side, corner) = (slope, slope * std::f32::consts::SQRT_2);
+    // Of the pixels around, those that come first: in a sweep from the top left, and in one from the bottom right.
+    let before = [([-1, 0], side), ([0, -1], side), ([-1, -1], corner), ([1, -1], corner)];
+    let places = 0..width * height;
+    for (sign, i) in places.clone().map(|i| (1, i)).chain(places.rev().map(|i| (-1, i))) {
+        for ([dx, dy], step) in before {
+            let (x, y) = ((i % width).wrapping_add_signed(sign * dx), (i / width).wrapping_add_signed(sign * dy));
+            if x < width && y < height && field[y * width + x].0 + step < field[i].0 {
+                field[i] = (field[y * width + x].0 + step, field[y * width + x].1);
+            }
+        }
+    }
+    field
+}
+
+/// The surface behind a pixel's centre. Without a hit all but the circle of confusion is 0.
+#[derive(Clone, Copy, Debug, Default)]
+struct Surface {
+    is_hit: bool,
+    position: [f32; 3],
+    normal: [f32; 3],
+    albedo: [f32; 3],
+    roughness: f32,
+    shape: u32,
+    /// The radius of the circle of confusion in pixels, negative in front of the plane in focus; finite.
+    confusion: f32,
+}
+
+impl Surface {
+    /// The surface of a probe. Hits with a NaN or an infinity count as none, and radii are at most `largest`.
+    fn new((hit, confusion): (Option<FirstHit>, f32), largest: f32) -> Self {
+        let confusion = if confusion.is_nan() { 0.0 } else { confusion.clamp(-largest, largest) };
+        let Some(hit) = hit else { return Self { confusion, ..Self::default() } };
+        let values = [hit.position, hit.shading_normal, hit.albedo, [hit.roughness; 3]];
+        if !values.iter().flatten().all(|v| v.is_finite()) {
+            return Self { confusion, ..Self::default() };
+        }
+        Self {
+            is_hit: true,
+            position: hit.position,
+            normal: hit.shading_normal,
+            albedo: hit.albedo,
+            roughness: hit.roughness,
+            shape: hit.shape,
+            confusion,
+        }
+    }
+
+    /// The mean albedo of the three channels.
+    fn grey(&self) -> f64 {
+        self.albedo.iter().map(|&a| f64::from(a)).sum::<f64>() / 3.0
+    }
+}
+
+/// The surfaces of a frame's pixels, traced in parallel.
+fn surfaces(frame: &Frame, trace: &(dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync)) -> Vec<Surface> {
+    let [width, height] = frame.size().map(|n| n as f32);
+    let largest = width + height;
+    (0..frame.pixels()).into_par_iter().map(|i| Surface::new(trace(frame.pixel(i)), largest)).collect()
+}
+
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// The breaks between neighbouring pixels: the surface's edges, steps and sharp textures.
+struct Breaks {
+    width: usize,
+    /// Bit 0: a break to the pixel on the right. Bit 1: a break to the one below. Bits 2 and 3: there is no such pixel.
+    bits: Vec<u8>,
+}
+
+impl Breaks {
+    fn new(width: usize, surfaces: &[Surface], options: &LensBandwidthOptions) -> Self {
+        let (sine, cosine) = (libm::sin(options.angle.to_radians()), libm::cos(options.angle.to_radians()));
+        let limits = [sine as f32, cosine as f32, options.contrast as f32];
+        let bits = |(i, here): (usize, &Surface)| {
+            let right =
+                if !(i + 1).is_multiple_of(width) { u8::from(is_break(here, &surfaces[i + 1], limits)) } else { 4 };
+            right | surfaces.get(i + width).map_or(8, |below| u8::from(is_break(here, below, limits)) << 1)
+        };
+        Self { width, bits: surfaces.par_iter().enumerate().with_min_len(1024).map(bits).collect() }
+    }
+
+    /// The pixels before and after pixel `i` along axis 0 or 1 on a surface without a break; `None` at breaks and borders.
+    fn unbroken(&self, i: usize, axis: u8) -> Option<[usize; 2]> {
+        let step = if axis == 0 { 1 } else { self.width };
+        let before = i.checked_sub(step)?;
+        let open = |i: usize| self.bits[i] & (0b101 << axis) == 0;
+        (open(before) && open(i)).then_some([before, i + step])
+    }
+
+    /// The pixels beside pixel `i`, of four, across a break.
+    fn across(&self, i: usize) -> impl Iterator<Item = usize> + use<> {
+        let (width, bits) = (self.width, self.bits[i]);
+        let left = !i.is_multiple_of(width) && self.bits[i - 1] & 1 > 0;
+        let above = i >= width && self.bits[i - width] & 2 > 0;
+        let [left, above] = [left.then(|| i - 1), above.then(|| i - width)];
+        let [right, below] = [(bits & 1 > 0).then_some(i + 1), (bits & 2 > 0).then_some(i + width)];
+        [left, above, right, below].into_iter().flatten()
+    }
+}
+
+/// Returns `true` between different shapes, across steps in depth, turns of the normal, and steps of the albedo. `limits` are
+/// the sine and cosine of the largest angle, and the largest step of the albedo.
+fn is_break(a: &Surface, b: &Surface, [sine, cosine, contrast]: [f32; 3]) -> bool {
+    if a.is_hit != b.is_hit || a.shape != b.shape {
+        return true;
+    }
+    if !a.is_hit {
+        return false;
+    }
+    let apart: [f32; 3] = std::array::from_fn(|k| b.position[k] - a.position[k]);
+    // A step leaves the tangent plane at an angle.
+    let rise = dot(apart, a.normal).abs().max(dot(apart, b.normal).abs());
+    let is_step = rise > sine * dot(apart, apart).sqrt();
+    let is_texture = a.albedo.iter().zip(b.albedo).any(|(a, b)| (a - b).abs() > contrast);
+    is_step || dot(a.normal, b.normal) < cosine || is_texture
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dapple_core::mix;
+
+    #[test]
+    fn growth_matches_brute_force_over_paths() {
+        for (size, slope) in [([13, 9], 1.0), ([1, 7], 0.5), ([8, 1], 2.0), ([1, 1], 1.0)] {
+            let [width, height] = size;
+            let pick =
+                |i: u64| if mix(i).is_multiple_of(7) { (mix(i ^ 99) % 50) as f32 * 0.1 - 3.0 } else { f32::INFINITY };
+            let values: Vec<f32> = (0..(width * height) as u64).map(pick).collect();
+            let found = least_grown(size, values.clone(), slope);
+            for (i, &(value, source)) in found.iter().enumerate() {
+                let path = |q: usize| {
+                    let d = [(q % width).abs_diff(i % width), (q / width).abs_diff(i / width)];
+                    let (long, short) = (d[0].max(d[1]) as f32, d[0].min(d[1]) as f32);
+                    values[q] + slope * (long - short + short * std::f32::consts::SQRT_2)
+                };
+                let least = (0..values.len()).map(path).fold(f32::INFINITY, f32::min);
+                assert!(value == least || (value - least).abs() < 1e-4, "{size:?} {i}: {value} and {least}");
+                assert!(value.is_infinite() || (path(source as usize) - value).abs() < 1e-4);
+            }
+        }
     }
 }

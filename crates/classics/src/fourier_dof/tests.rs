@@ -1,6 +1,5 @@
 use super::*;
 use crate::test_scenes::{Field, frame, run};
-use dapple_core::{Film, Filter, Plan};
 use dapple_low_discrepancy::{Random, Sobol};
 use std::f64::consts::TAU;
 

@@ -1,7 +1,7 @@
 //! First-order regression on features, whose fits serve every pixel of their window.
 
-use super::planes::{FEATURES, Rgb};
 use super::weights::{Guide, Kernel, TILE, TileWeights, WeightTile, tiles_of_band};
+use super::{FEATURES, Rgb};
 use rayon::prelude::*;
 
 /// The unknowns of a fit: the mean and a slope per feature.

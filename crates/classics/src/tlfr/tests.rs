@@ -331,3 +331,57 @@ fn lenses_of_unknown_blur_and_films_without_trajectories_are_refused() {
     let refused = tlfr(&[], Defocus::new([0.0; 2], [0.0; 2]), 4).apply(&film);
     assert!(matches!(refused, Err(Error::NoneReported { .. })), "{refused:?}");
 }
+
+fn seen(place: [f64; 2], by_lens: f64, by_time: [f64; 2]) -> Seen {
+    Seen { place, inverse_depth: 1.0, by_lens: [by_lens; 2], by_time }
+}
+
+#[test]
+fn samples_pass_each_other_exactly_if_their_offset_reverses_within_the_box() {
+    let rest = seen([0.0; 2], 0.0, [0.0; 2]);
+    for (other, expected) in [
+        (seen([0.5, 0.0], 4.9, [0.0; 2]), false),
+        (seen([0.5, 0.0], -5.1, [0.0; 2]), true),
+        (seen([0.5, 0.0], 0.0, [9.9, 0.0]), false),
+        (seen([0.5, 0.0], 0.0, [-10.1, 0.0]), true),
+        (seen([0.5, 0.0], 0.0, [0.0, 99.0]), false),
+        (seen([0.0, 0.0], 0.0, [0.0, 0.0]), false),
+        (seen([0.0, 0.0], 0.0, [0.1, 0.0]), true),
+    ] {
+        assert_eq!([pass(&rest, &other, [0.1, 0.05]), pass(&other, &rest, [0.1, 0.05])], [expected; 2], "{other:?}");
+    }
+}
+
+#[test]
+fn small_surfaces_join_the_next_one_and_the_last_stays() {
+    let joined = |ends: &[usize]| {
+        let mut ends = ends.to_vec();
+        join_small(&mut ends);
+        ends
+    };
+    assert_eq!(joined(&[3, 7, 8, 9, 12, 14]), [7, 12, 14]);
+    assert_eq!(joined(&[2]), [2]);
+    assert_eq!(joined(&[4, 8]), [4, 8]);
+}
+
+#[test]
+fn a_triangle_covers_the_points_inside_and_no_others() {
+    let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
+    let around = |[x, y]: [f64; 2], radius: f64| {
+        let near: Vec<Near> = corners.map(|[a, b]| (0, seen([a - x, b - y], 0.0, [0.0; 2]))).to_vec();
+        covers(&near, radius)
+    };
+    for (k, inside) in (0..400).map(|k| (k, [0.037, 0.041].map(|x| x - 0.2))) {
+        let [x, y] = [inside[0] + 0.07 * f64::from(k % 20), inside[1] + 0.07 * f64::from(k / 20)];
+        assert_eq!(around([x, y], 0.8), x > 0.0 && y > 0.0 && x + y < 1.0, "{x} {y}");
+    }
+    assert!(!around([0.3, 0.3], 0.7), "an edge is longer than two radii");
+    assert!(covers(&vec![(0, seen([9.0, 9.0], 0.0, [0.0; 2])); 200], 0.1));
+}
+
+#[test]
+fn samples_in_four_quadrants_surround() {
+    let of = |places: &[[f64; 2]]| places.iter().map(|&place| (0, seen(place, 0.0, [0.0; 2]))).collect::<Vec<Near>>();
+    assert!(surrounds(&of(&[[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [0.0, -2.0]])));
+    assert!(!surrounds(&of(&[[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [-0.1, -2.0]])));
+}

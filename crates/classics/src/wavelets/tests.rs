@@ -1,5 +1,6 @@
 use super::*;
-use crate::test_films::normal;
+use crate::test_films::{noisy_film, normal};
+use dapple_core::{Filter as _, Needs};
 
 const BASES: [Basis; 3] = [Basis::Cdf97, Basis::Cdf53, Basis::Haar];
 
@@ -97,4 +98,67 @@ fn variances_of_coefficients_are_those_of_noise() {
             }
         }
     }
+}
+
+fn wavelet(basis: Basis, gamma: f64) -> Wavelet {
+    Wavelet::with_options(WaveletOptions::default().basis(basis).gamma(gamma)).expect("options in range")
+}
+
+#[test]
+fn wavelet_conforms() {
+    for basis in [Basis::Cdf97, Basis::Cdf53, Basis::Haar] {
+        dapple_conformance::filter(|| Box::new(wavelet(basis, 1.0)));
+    }
+}
+
+#[test]
+fn without_shrinkage_the_image_is_kept() {
+    for basis in [Basis::Cdf97, Basis::Cdf53, Basis::Haar] {
+        let film = noisy_film([37, 22], 4, Needs::none().with_variance(), 1, |x, _| 10.0 + f64::from(x), |_, _| 2.0);
+        let image = wavelet(basis, 0.0).apply(&film).expect("a film with variance").radiance;
+        for (i, colour) in image.iter().enumerate() {
+            assert!((f64::from(colour[0]) - film.mean(i)[0]).abs() < 1e-5 * film.mean(i)[0], "{basis:?}, pixel {i}");
+        }
+    }
+}
+
+/// The energy that shrinkage by g standard errors leaves of a coefficient of pure noise is 2 [(1 + g^2) Phi(-g) - g
+/// phi(g)].
+#[test]
+fn shrunk_noise_has_the_energy_of_the_closed_form() {
+    let size = [256, 256];
+    for (gamma, wanted) in [(1.0, 0.1507), (2.0, 0.0115)] {
+        let mut image: Vec<[f64; 3]> = (0..65536).map(|i| [0, 1, 2].map(|c| normal(3 * i + c))).collect();
+        WaveletOptions::default().basis(Basis::Haar).gamma(gamma).shrink(size, &mut image, &vec![1.0; 65536]);
+        transform(Basis::Haar, size, 0..1, &mut image);
+        // Each coefficient of the first level has a variance of 1/4.
+        let finest = (0..65536).filter(|i| i % 256 >= 128 || i / 256 >= 128);
+        let energy = finest.flat_map(|i| image[i]).map(|w| w * w).sum::<f64>() / (3.0 * 49152.0) / 0.25;
+        // The standard error of 147456 squares is below 0.5 % and 2 %.
+        assert!((energy / wanted - 1.0).abs() < 0.04, "{gamma}: {energy}, not {wanted}");
+    }
+}
+
+#[test]
+fn noise_falls_beside_an_edge_that_stays() {
+    let image = |x: u32, y: u32| if x + y < 64 { 10.0 } else { 20.0 };
+    let film = noisy_film([64, 64], 8, Needs::none().with_variance(), 3, image, |_, _| 1.0);
+    for basis in [Basis::Cdf97, Basis::Cdf53, Basis::Haar] {
+        let filtered = wavelet(basis, 1.5).apply(&film).expect("a film with variance").radiance;
+        let wrong = |i: usize| f64::from(filtered[i][0]) - image(i as u32 % 64, i as u32 / 64);
+        let (flat, edge): (Vec<_>, Vec<_>) = (0..4096usize).partition(|i| (i % 64 + i / 64).abs_diff(64) > 20);
+        let error = flat.iter().map(|&i| wrong(i) * wrong(i)).sum::<f64>() / flat.len() as f64;
+        assert!(error < 0.25 / 8.0, "{basis:?}: {error} of {} is left", 1.0 / 8.0);
+        assert!(edge.iter().all(|&i| wrong(i).abs() < 3.0), "{basis:?}: the edge is washed out");
+    }
+}
+
+#[test]
+fn pixels_without_samples_are_filled() {
+    let mut film = noisy_film([16, 16], 0, Needs::none().with_variance(), 0, |_, _| 1.0, |_, _| 0.0);
+    for i in (0..256).filter(|i| i % 5 != 0) {
+        (0..4).for_each(|s| film.push(i, 0, [1.0 + 0.1 * s as f32; 3]));
+    }
+    let image = wavelet(Basis::Cdf97, 1.0).apply(&film).expect("a film with variance").radiance;
+    assert!(image.iter().all(|colour| (colour[0] - 1.15).abs() < 1e-5));
 }

@@ -2,12 +2,13 @@
 
 use crate::WorldClusters;
 use crate::clusters::{WorldTriangles, lens_probes, shoot, visibility};
+use dapple_classics::{Axis, Defocus, Domain, FilmPoints, Role};
 use dapple_cluster_adaptive::{AreaVectors, TraceVisibility};
 use dapple_clustering::ClusterParams;
-use dapple_core::{Domain, FilmPoints};
+use dapple_core::PointSet;
 use dapple_denoise::ClusterLookup;
 use dapple_registry::{ClusterInputError, ClusterInputs, ClusterProbes, LensProbes};
-use dapple_renderer::World;
+use dapple_renderer::{Lanes, World};
 use std::cell::RefCell;
 use std::sync::Arc;
 
@@ -102,10 +103,33 @@ impl ClusterInputs for OnWorld<'_> {
 
     fn domain(&self) -> Result<Option<Domain>, ClusterInputError> {
         let why = "the pixel filter is not a box one pixel wide; render with that box (--pixel-filter box)";
-        self.world()?.domain().map(Some).ok_or_else(|| ClusterInputError::Failed(why.to_owned()))
+        domain(self.world()?).map(Some).ok_or_else(|| ClusterInputError::Failed(why.to_owned()))
     }
 
     fn film_points(&self) -> Result<Option<FilmPoints>, ClusterInputError> {
         self.domain().map(|_| self.inputs.points.clone())
     }
+}
+
+/// The dimensions in which the world's samples have a meaning; `None` for pixel filters other than a box of one pixel.
+fn domain(world: &World) -> Option<Domain> {
+    let found = world.sample_dimensions()?;
+    let axes = |(role, (block, lanes)): (Role, Lanes)| lanes.map(move |lane| Axis::new(role, block.number(), lane));
+    let roles = [
+        (Role::Place, found.place),
+        (Role::Lens, found.lens),
+        (Role::Time, found.time),
+        (Role::Light, found.light),
+    ];
+    let domain = Domain::new(roles.into_iter().flat_map(axes)).ok()?;
+    Some(match found.outside {
+        Some(what) => domain.with_outside(what),
+        None => domain,
+    })
+}
+
+/// The points of a film of this world that is rendered with `points`; `None` if their coordinates have no meaning.
+pub fn film_points(world: &World, points: Arc<dyn PointSet>) -> Option<FilmPoints> {
+    let defocus = world.camera().defocus().map(|[far, by_inverse_depth]| Defocus::new(far, by_inverse_depth));
+    Some(FilmPoints::new(points, domain(world)?).with_defocus(defocus))
 }

@@ -1,10 +1,10 @@
 //! Samplers, point sets and filters by name, made for a world.
 #![allow(clippy::print_stderr, reason = "tests say when they skip")]
 
-use dapple_core::{FilmPoints, PointSet as _, SampleId, Sampler as _};
+use dapple_core::{PointSet as _, SampleId, Sampler as _};
 use dapple_job::registry::{
     FILTERS, MethodInputs, NOT_BUILT, POINTS, Parameter, RegistryError, SAMPLERS, Setting, check_filter, check_sampler,
-    filter, points, sampler,
+    film_points, filter, points, sampler,
 };
 use dapple_renderer::World;
 use dapple_scene::{Effect, bundled};
@@ -20,8 +20,7 @@ fn inputs() -> MethodInputs {
     let scene = dapple_renderer::without(&scene, Effect::SoftShadows).unwrap_or_else(|e| panic!("{e}"));
     let world = Arc::new(World::new(&scene).unwrap_or_else(|e| panic!("{e}")));
     let points = Arc::from(points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}")));
-    let points = FilmPoints::new(points, world.domain().expect("a box filter"));
-    let points = points.with_defocus(world.camera().defocus());
+    let points = film_points(&world, points).expect("a box filter");
     MethodInputs { points: Some(points), ..MethodInputs::of(world) }
 }
 
@@ -446,29 +445,29 @@ fn blurred(moves: bool) -> dapple_scene::Scene {
 /// negative control has no trajectories.
 #[test]
 fn tlfr_moves_samples_to_where_the_renderer_sees_them() {
-    use dapple_core::{Film, Frame, Limits, Needs, Render, samplers::Uniform};
+    use dapple_core::{Film, Filter, Frame, Limits, Render, samplers::Uniform};
     const SIZE: [u32; 2] = [60, 40];
     for moves in [false, true] {
         let world = World::with_resolution(&blurred(moves), SIZE).unwrap_or_else(|e| panic!("{e}"));
         let world = Arc::new(world);
         let sobol = |seed| points("sobol", Setting { seed, spp: Some(16) }).unwrap_or_else(|e| panic!("{e}"));
-        let render = |seed, spp, needs: Needs, reports: bool| -> Film {
+        let render = |seed, spp, of: Option<&dyn Filter>, reports: bool| -> Film {
             let frame = Frame::new(SIZE[0], SIZE[1]).unwrap_or_else(|e| panic!("{e}"));
             let (limits, mut tracer) = (Limits::spp(spp), Tracer(dapple_renderer::integrator(&world), reports));
-            let render = Render::new(frame, &limits).needs(needs);
+            let (needs, recorders) = of.map(|of| (of.needs(), of.recorders())).unwrap_or_default();
+            let render = Render::new(frame, &limits).needs(needs).recorders(recorders);
             render.run(&mut tracer, &mut Uniform::new(sobol(seed))).unwrap_or_else(|e| panic!("{e}"))
         };
-        let film_points = FilmPoints::new(Arc::from(sobol(1)), world.domain().expect("a box filter"));
-        let film_points = film_points.with_defocus(world.camera().defocus());
-        let inputs = MethodInputs { points: Some(film_points), ..MethodInputs::of(world.clone()) };
+        let points = film_points(&world, Arc::from(sobol(1))).expect("a box filter");
+        let inputs = MethodInputs { points: Some(points), ..MethodInputs::of(world.clone()) };
         let tlfr = filter("tlfr", &inputs).unwrap_or_else(|e| panic!("{e}")).filter;
-        let reference = render(2, 256.0, Needs::none(), false).image();
+        let reference = render(2, 256.0, None, false).image();
         let error = |image: &[[f32; 3]]| -> f64 {
             let square = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
             image.iter().zip(&reference).map(square).sum::<f64>()
         };
         let [share, control] = [true, false].map(|reports| {
-            let film = render(1, 8.0, tlfr.needs(), reports);
+            let film = render(1, 8.0, Some(&*tlfr), reports);
             error(&tlfr.apply(&film).unwrap_or_else(|e| panic!("{e}")).radiance) / error(&film.image())
         });
         assert!(

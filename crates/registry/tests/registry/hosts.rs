@@ -197,7 +197,7 @@ fn a_sequence_passes_on_the_probes_of_its_samplers() {
 #[cfg(feature = "classics")]
 #[test]
 fn samples_are_placed_for_renderers_that_name_their_dimensions() {
-    use dapple_core::{Axis, Domain, FilmPoints, Role};
+    use dapple_classics::{Axis, Domain, FilmPoints, Role};
     let place = [0, 1].map(|lane| Axis::new(Role::Place, 0, lane));
     let domain = Domain::new(place).expect("a domain");
     let host = HostClusters::none().with_domain(domain.clone());
@@ -214,7 +214,8 @@ fn samples_are_placed_for_renderers_that_name_their_dimensions() {
         let film_points = FilmPoints::new(std::sync::Arc::from(sobol()), domain.clone()).with_placed(made.placed);
         let filter = filter(reconstruction, &host.clone().with_film_points(film_points)).expect("a filter");
         let mut sampler = made.sampler;
-        let film = Render::new(frame, &Limits::spp(8.0)).needs(filter.needs()).run(&mut Balls, &mut *sampler);
+        let film = Render::new(frame, &Limits::spp(8.0)).needs(filter.needs()).recorders(filter.recorders());
+        let film = film.run(&mut Balls, &mut *sampler);
         let image = filter.apply(&film.expect("a film")).expect("an image").radiance;
         // The sky.
         assert!((image[0][0] - 0.25).abs() < 1e-5, "{name}: {:?}", image[0]);

@@ -96,7 +96,8 @@ mod tests {
                 let Some(at) = world.closest_hit(&ray, time) else { continue };
                 let path = world.trajectory(&at).unwrap_or_else(|| panic!("no trajectory"));
                 let (through, _) = world.camera.project(time, at.point.position.as_dvec3());
-                let radius = world.camera.defocus().map_or([0.0; 2], |defocus| defocus.radius(path.inverse_depth));
+                let [far, by_inverse_depth] = world.camera.defocus().unwrap_or_default();
+                let radius = [0, 1].map(|axis| far[axis] + by_inverse_depth[axis] * path.inverse_depth);
                 let found = [through.x / through.z, through.y / through.z].map(|x| x as f32);
                 for axis in 0..2 {
                     let expected = found[axis] + radius[axis] * on_lens[axis];
@@ -172,7 +173,7 @@ mod tests {
             assert_eq!(still.background_trajectory(&ray, time), None);
             let path = turning.background_trajectory(&ray, time).unwrap_or_else(|| panic!("no trajectory"));
             let here = turning.camera.project_direction(time, ray.direction.as_dvec3()).unwrap_or_default();
-            let radius = turning.camera.defocus().map_or([0.0; 2], |defocus| defocus.radius(0.0));
+            let [radius, _] = turning.camera.defocus().unwrap_or_default();
             let expected = Vec2::from(place) - Vec2::from(radius) * on_lens;
             let found = (here / here.z).truncate().as_vec2();
             assert!((found - expected).length() < 1e-3, "{found} instead of {expected}");

@@ -1,7 +1,5 @@
 use super::*;
 use crate::tree::test_scenes::{domain, film_points, render};
-use crate::tree::{leaves, mean};
-use crate::{TreeMean, TreeMeanOptions};
 use dapple_core::Filter;
 use dapple_low_discrepancy::Sobol;
 

@@ -1,8 +1,6 @@
 use super::*;
 use crate::Role;
-use crate::tree::leaves;
 use crate::tree::test_scenes::{domain, film_points, render};
-use crate::{PartRule, TreeMean, TreeMeanOptions};
 use dapple_core::Filter;
 use dapple_core::samplers::Uniform;
 use dapple_low_discrepancy::{Random, Sobol};

@@ -1,0 +1,490 @@
+//! Samplers that go by the deviation of each pixel's samples: a threshold on the confidence interval of its mean, optimistic counts,
+//! and efficiency-aware splitting at the camera.
+
+use crate::method::{MethodSampler, SamplingMethod};
+use crate::rounds::{WorstFirst, counts_so_far, lacking, total};
+use crate::student::two_sided_critical;
+use crate::windows::{per_pixel, window_sums};
+use dapple_core::{
+    Error, Feedback, Film, Filter as _, Frame, Needs, PilotPolicy, Plan, SamplerMemory, Stopping, allocate, luminance,
+    saturating_u32, share,
+};
+use dapple_denoise::Gaussian;
+
+dapple_core::options! {
+    /// The parameters of [`VarianceThreshold`]. The defaults are those of Mitsuba's `adaptive` integrator.
+    pub struct VarianceThresholdOptions {
+        /// Half the width of a pixel's confidence interval, relative to its mean, at which the pixel stops.
+        pub threshold: f64 = 0.05, |t| t > 0.0 && t.is_finite(), "a relative error above 0";
+        /// Probability that the interval misses the expectation of normally distributed samples.
+        pub alpha: f64 = 0.05, |alpha| (1e-6..=0.5).contains(&alpha), "a probability from 1e-6 to 0.5";
+        /// Samples per pixel before any pixel stops; with mode=budget at most a quarter of the mean, but at least 2.
+        pub min: u32 = 8, |min| min >= 2, "one sample has no variance: 2 or more";
+        /// Largest number of samples of a pixel, as a multiple of the mean number.
+        pub cap: f64 = 32.0 => "32", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
+        /// Additional samples per round of each pixel that continues.
+        pub step: u32 = 4, |step| step != 0, "at least one sample";
+        /// Stopping rule: budget (widest intervals first, until spent) or threshold (the budget is an upper bound).
+        pub mode: Stopping = Stopping::Budget => "budget";
+        /// Use in the image of the samples that decide when a pixel stops: keep (biased, as published), the only one.
+        pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
+            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+    }
+}
+
+/// Samples for each pixel until the confidence interval of its mean is narrow [after Kajiya 1986; Mitsuba,
+/// `src/integrators/misc/adaptive.cpp`].
+///
+/// A pixel stops when `t s / sqrt(n) <= threshold max(mean, 0.01 image)`. Here `n` is its count, `t` the two-sided
+/// critical value of Student's distribution with `n - 1` degrees of freedom, and `image` the mean of all pixels. Means
+/// are luminances. The deviation `s` is the weighted sum of the channels' deviations, an upper bound of the luminance's.
+///
+/// With [`Stopping::Threshold`], intervals are checked every `step` samples. [`Stopping::Budget`], the default, ranks
+/// pixels by the width of their intervals: each round adds samples to the widest quarter.
+///
+/// *Guarantees*: spends the budget exactly, or treats it as an upper bound. No pixel stops below `min` samples if the
+/// budget allows them, or a quarter of it with [`Stopping::Budget`].
+///
+/// *Bias*: all samples are kept and decide how many follow [Kirk and Arvo 1991]. A pixel stops when its samples happen
+/// to agree, so its interval misses more often than `alpha`.
+///
+/// *Weaknesses*: a pixel whose first samples are equal stops for ever, however rare the light that it missed. Variances
+/// are not pooled over neighbours. Fireflies keep a pixel open.
+pub type VarianceThreshold<P> = MethodSampler<P, VarianceThresholdOptions>;
+
+impl VarianceThresholdOptions {
+    /// Half the width of each pixel's confidence interval, divided by the largest width at which it stops.
+    fn scores(&self, film: &Film) -> Vec<f64> {
+        let pixels = film.frame().pixels();
+        let image = (0..pixels).map(|i| luminance(film.moments(i).mean)).sum::<f64>() / pixels as f64;
+        let score = |i: usize| {
+            let moments = film.moments(i);
+            let Some(variance) = moments.variance() else { return 0.0 };
+            let error = luminance(variance.map(f64::sqrt)) / (moments.count as f64).sqrt();
+            if error == 0.0 || !error.is_finite() {
+                return 0.0;
+            }
+            let critical = two_sided_critical(self.alpha, (moments.count - 1) as f64);
+            let allowed = self.threshold * luminance(moments.mean).max(DARKEST * image);
+            (critical * error / allowed).min(f64::MAX)
+        };
+        per_pixel(film, score)
+    }
+}
+
+/// The least mean to which a pixel's error is relative, as a share of the image's mean.
+const DARKEST: f64 = 0.01;
+
+impl SamplingMethod for VarianceThresholdOptions {
+    const NAME: &'static str = "variance-threshold";
+
+    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
+        // A score per pixel.
+        SamplerMemory::planning(frame, 8 + WorstFirst::BYTES)
+    }
+
+    fn pilot_samples(&self, mean: u64) -> u32 {
+        match self.mode {
+            Stopping::Threshold => self.min,
+            Stopping::Budget => self.min.min(saturating_u32(mean / 4)).max(2),
+        }
+    }
+
+    fn refine(&self, seen: &Feedback<'_>, _: u32, plan: &mut Plan) -> Result<(), Error> {
+        let Self { mode, step, cap, .. } = *self;
+        WorstFirst { mode, step, cap }.plan(seen, &self.scores(seen.film), plan)
+    }
+}
+
+dapple_core::options! {
+    /// The parameters of [`UpperConfidence`]. All defaults are Dapple's.
+    pub struct UpperConfidenceOptions {
+        /// Samples per pixel before counts adapt.
+        pub pilot: u32 = 4, |pilot| pilot >= 2, "one sample has no deviation: 2 or more";
+        /// Scale of the bonus, in units of the image's pooled deviation.
+        pub bonus: f64 = 0.5, |bonus| bonus >= 0.0 && bonus.is_finite(), "0 or above";
+        /// Factor k in ln(1/delta) = k ln(budget), where delta is the probability of a wrong bound.
+        pub confidence: f64 = 4.0 => "4", |k| k > 0.0 && k.is_finite(), "above 0";
+        /// Number added to the squared mean in the weight of a pixel, 1 / sqrt(mean^2 + epsilon).
+        pub epsilon: f64 = 0.01, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
+        /// Share of the budget that is spent before bounds are computed again.
+        pub step: f64 = 0.12, |step| (0.01..=1.0).contains(&step), "a share from 0.01 to 1";
+        /// Use of pilot samples in the image: keep (biased, as published), the only one.
+        pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
+            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+    }
+}
+
+/// Counts in proportion to an upper bound of each pixel's deviation [after Carpentier and Munos 2011].
+///
+/// The bound is `w (s + c sqrt(ln(1/delta) / n))` for a pixel of `n` samples with deviation `s` and weight `w = 1 /
+/// sqrt(mean^2 + epsilon)`. The scale `c` is `bonus` times the pooled deviation of the image. Published counts give the
+/// next sample to the pixel with the largest bound divided by `n`. Here counts in proportion to the bound are planned
+/// for the next share of the budget, and the bounds are then computed again. The constants of `ln(1/delta)` and `c` are
+/// Dapple's.
+///
+/// The bonus of a pixel grows as its share of samples falls. A pixel whose pilot saw nothing is therefore sampled again:
+/// the cure for zero-variance pilots, which `variance` treats by pooling over neighbours.
+///
+/// Deviations and means are those of the average of the three channels, with the mean of the channels' variances.
+///
+/// *Guarantees*: the budget is met exactly. No pixel gets fewer samples than the pilot. The regret over Neyman's counts
+/// falls as `n^(-3/2)` up to logarithms [Carpentier and Munos 2011, abstract]. *Bias*: all samples are kept and decide
+/// how many follow [Kirk and Arvo 1991]. *Weaknesses*: the bonus moves counts towards uniform ones, and each pixel is
+/// judged by its own samples alone. Counts are off the ladder of well-stratified ones.
+pub type UpperConfidence<P> = MethodSampler<P, UpperConfidenceOptions>;
+
+impl UpperConfidenceOptions {
+    /// The squared upper confidence bound of each pixel's weighted deviation, for a budget of `total` samples.
+    fn bounds(&self, film: &Film, total: u64) -> Vec<f64> {
+        let UpperConfidenceOptions { bonus, confidence, epsilon, .. } = *self;
+        let pixels = film.frame().pixels();
+        let variance = |i: usize| film.moments(i).variance().map(|v| grey(v).min(LARGEST));
+        let (mut sum, mut known) = (0.0, 0u64);
+        for v in (0..pixels).filter_map(variance) {
+            sum += v;
+            known += 1;
+        }
+        let pooled = (sum / known.max(1) as f64).sqrt();
+        let log = confidence * libm::log(total.max(1) as f64);
+        let bound = |i: usize| {
+            let mean = grey(film.moments(i).mean);
+            let deviation = variance(i).map_or(pooled, f64::sqrt);
+            let n = film.count(i).max(1) as f64;
+            let upper = deviation + bonus * pooled * (log / n).sqrt();
+            upper * upper / (mean * mean + epsilon)
+        };
+        (0..pixels).map(bound).collect()
+    }
+}
+
+/// The largest variance, and the largest relative one, that is used: sums of more would be infinite.
+const LARGEST: f64 = 1e200;
+
+fn grey([r, g, b]: [f64; 3]) -> f64 {
+    (r + g + b) / 3.0
+}
+
+impl SamplingMethod for UpperConfidenceOptions {
+    const NAME: &'static str = "ucb";
+
+    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
+        // Per pixel: the bound and its copy in `allocate`, the counts so far and those wanted.
+        SamplerMemory::planning(frame, 8 + 8 + 4 + 4)
+    }
+
+    fn pilot_samples(&self, _: u64) -> u32 {
+        self.pilot
+    }
+
+    fn refine(&self, seen: &Feedback<'_>, _: u32, plan: &mut Plan) -> Result<(), Error> {
+        let (budget, now) = (seen.budget, counts_so_far(seen));
+        let floors: Vec<u32> = now.iter().map(|&n| n.max(budget.min_spp)).collect();
+        let needed = total(&floors) - total(&now);
+        let step = ((self.step * budget.total as f64).ceil() as u64).max(needed).min(budget.left());
+        let bounds = self.bounds(seen.film, budget.total);
+        plan.counts = lacking(&allocate(&bounds, &floors, budget.max_spp, total(&now) + step)?.counts, &now);
+        Ok(())
+    }
+}
+
+dapple_core::options! {
+    /// The parameters of [`Ears`]. Clamps, outliers and epsilon are published; pilot, rounds and radius are Dapple's.
+    pub struct EarsOptions {
+        /// Samples per pixel before counts adapt; 0 takes 4, or a quarter of the mean budget if that is more.
+        pub pilot: u32 = 0, |pilot| pilot != 1, "two samples or more have a variance; 0 chooses";
+        /// Rounds for the rest of the budget; each is planned from the samples before it.
+        pub rounds: u32 = 3, |rounds| (1..=64).contains(&rounds), "1 to 64";
+        /// Radius of the window over which variances and costs are pooled, 2 radius + 1 pixels wide and high.
+        pub radius: u32 = 2, |radius| radius <= 64, "at most 64 pixels";
+        /// Smallest splitting factor.
+        pub least: f64 = 0.05, |least| least > 0.0 && least <= 1.0, "above 0 and at most 1";
+        /// Largest splitting factor.
+        pub most: f64 = 20.0 => "20", |most| most >= 1.0 && most.is_finite(), "at least 1";
+        /// Number of pixels with the largest variance that the variance of the image leaves out.
+        ///
+        /// At most a tenth of the pixels are left out.
+        pub outliers: u32 = 10;
+        /// Number added to the denoised pixel to which deviations are relative.
+        pub epsilon: f64 = 0.01, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
+        /// Use of pilot samples in the image: keep (biased), the only one.
+        pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
+            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+    }
+}
+
+/// Counts in proportion to the splitting factor of efficiency-aware Russian roulette and splitting, at depth 0 [after
+/// Rath 2022].
+///
+/// A pixel's factor is `sqrt(V / C) sqrt(C_image / V_image)`, clamped to `[0.05, 20]`. `V` is the variance of its samples
+/// relative to the squared denoised pixel, and `C` the rays per sample. `V_image` and `C_image` are means over the image,
+/// the former without the 10 worst pixels. The denoiser is [`Gaussian`]. Published splitting also acts at later vertices
+/// of a path; this sampler splits at the camera only, where the factor is a sample count.
+///
+/// The budget is a number of samples. Its division minimises the error per ray, so it helps under a time limit.
+///
+/// *Guarantees*: the budget is met exactly. No pixel gets fewer samples than the pilot. *Bias*: all samples are kept and
+/// decide how many follow [Kirk and Arvo 1991]. *Weaknesses*: rays are not time. Samples that differ little in cost
+/// leave Neyman's counts, with clamps. The published gains come from later vertices.
+pub type Ears<P> = MethodSampler<P, EarsOptions>;
+
+impl EarsOptions {
+    /// The relative variance and the rays of one sample, per pixel.
+    fn variances_and_costs(&self, film: &Film) -> Result<Vec<[f64; 2]>, Error> {
+        let estimate = Gaussian::default().apply(film)?.radiance;
+        let relative = |i: usize| {
+            let (moments, freedom) = (film.moments(i), film.count(i).saturating_sub(1) as f64);
+            let variance = moments.variance().unwrap_or_default();
+            let of = |c: usize| {
+                let deviation = variance[c].sqrt() / (f64::from(estimate[i][c].max(0.0)) + self.epsilon);
+                (deviation * deviation).min(LARGEST)
+            };
+            [freedom * (of(0) + of(1) + of(2)) / 3.0, freedom]
+        };
+        let parts = |i: usize| {
+            let [deviations, freedom] = relative(i);
+            [deviations, freedom, film.cost(i).unwrap_or(0) as f64, film.count(i) as f64]
+        };
+        let size = film.frame().size().map(|n| n as usize);
+        let sums = window_sums(size, self.radius as usize, parts);
+        // A sample takes at least one ray.
+        Ok(sums
+            .iter()
+            .map(|[v, freedom, rays, samples]| [v / freedom.max(1.0), (rays / samples.max(1.0)).max(1.0)])
+            .collect())
+    }
+
+    /// The splitting factor of each pixel, from the variance and the cost of one sample.
+    fn factors(&self, pixels: &[[f64; 2]]) -> Vec<f64> {
+        let mut variances: Vec<f64> = pixels.iter().map(|[v, _]| *v).collect();
+        variances.sort_unstable_by(|a, b| b.total_cmp(a));
+        let left_out = (self.outliers as usize).min(pixels.len() / 10);
+        let rest = &variances[left_out..];
+        let variance = rest.iter().sum::<f64>() / rest.len() as f64;
+        let cost = pixels.iter().map(|[_, c]| *c).sum::<f64>() / pixels.len() as f64;
+        if variance <= 0.0 {
+            return vec![1.0; pixels.len()];
+        }
+        let factor = |[v, c]: &[f64; 2]| (v / variance * (cost / c)).sqrt().clamp(self.least, self.most);
+        pixels.iter().map(factor).collect()
+    }
+}
+
+impl SamplingMethod for EarsOptions {
+    const NAME: &'static str = "ears";
+
+    fn needs(&self) -> Needs {
+        Needs::none().with_variance().with_cost()
+    }
+
+    fn number_of_rounds(&self) -> Option<u32> {
+        Some(1 + self.rounds)
+    }
+
+    fn planning(&self, frame: &Frame, needs: &Needs) -> SamplerMemory {
+        // The denoised pixels beside sums of rows and of windows; then factors, counts and their shares.
+        let mut memory = SamplerMemory::planning(frame, 12 + 2 * 32);
+        let denoising = Gaussian::default().memory(frame, needs).applying;
+        memory.planning = memory.planning.max(memory.plan.saturating_add(denoising));
+        memory
+    }
+
+    fn pilot_samples(&self, mean: u64) -> u32 {
+        if self.pilot > 0 { self.pilot } else { saturating_u32(mean / 4).max(4) }
+    }
+
+    fn refine(&self, seen: &Feedback<'_>, _: u32, plan: &mut Plan) -> Result<(), Error> {
+        let (budget, pixels, now) = (seen.budget, seen.pixels() as u64, counts_so_far(seen));
+        let floors: Vec<u32> = now.iter().map(|&n| n.max(budget.min_spp)).collect();
+        // The budget after the pilot is divided into equal steps.
+        let pilot = self.pilot_samples(budget.total / pixels);
+        let after = budget.total.saturating_sub(u64::from(pilot) * pixels);
+        let needed = total(&floors) - total(&now);
+        let step = after.div_ceil(self.rounds.into()).max(needed).clamp(1, budget.left());
+        let factors = self.factors(&self.variances_and_costs(seen.film)?);
+        plan.counts = lacking(&share(&factors, 0, &floors, budget.max_spp, total(&now) + step)?.counts, &now);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_scenes::{Field, bernoulli, frame, planned_estimates, planned_until_done, run};
+    use dapple_conformance::{sampler, threshold_sampler};
+    use dapple_core::{Estimate, Limits};
+    use dapple_low_discrepancy::{Random, Sobol};
+
+    fn with(options: VarianceThresholdOptions, seed: u64) -> VarianceThreshold<Random> {
+        VarianceThreshold::with_options(Random::new(seed), options).unwrap()
+    }
+
+    #[test]
+    fn variance_thresholds_conform() {
+        sampler(|| Box::new(VarianceThreshold::new(Sobol::new(1))));
+        let options = VarianceThresholdOptions::default().min(3).step(5).cap(2.0).threshold(0.01);
+        for options in [VarianceThresholdOptions::default(), options] {
+            sampler(|| Box::new(with(options, 1)));
+            threshold_sampler(|| Box::new(with(options.mode(Stopping::Threshold), 1)));
+        }
+    }
+
+    /// Samples of mean 1 that are nearly normal: sums of four uniform numbers, with standard deviation 0.25.
+    const DEVIATION: f64 = 0.25;
+
+    fn near_normal() -> impl dapple_core::Integrator {
+        Field(|_, u: [f32; 4]| {
+            let sum = u.iter().map(|&u| f64::from(u) - 0.5).sum::<f64>();
+            [(1.0 + DEVIATION * 3f64.sqrt() * sum) as f32; 3]
+        })
+    }
+
+    /// The counts at which 64x64 pixels stop, and the share whose interval contains the expectation.
+    fn stopped(options: VarianceThresholdOptions, seed: u64) -> (Vec<f64>, f64) {
+        let size = frame(64, 64);
+        let options = options.mode(Stopping::Threshold);
+        let film = run(&mut near_normal(), &mut with(options, seed), size, &Limits::spp(10_000.0));
+        let covered = (0..size.pixels()).filter(|&i| {
+            let (moments, n) = (film.moments(i), film.count(i) as f64);
+            let width = two_sided_critical(options.alpha, n - 1.0) * (moments.variance().unwrap()[0] / n).sqrt();
+            (moments.mean[0] - 1.0).abs() <= width
+        });
+        let share = covered.count() as f64 / size.pixels() as f64;
+        (film.counts().iter().map(|&n| n as f64).collect(), share)
+    }
+
+    #[test]
+    fn counts_concentrate_where_the_interval_is_as_wide_as_allowed() {
+        for threshold in [0.05, 0.025] {
+            let (counts, covered) = stopped(VarianceThresholdOptions::default().threshold(threshold), 3);
+            let expected = (1.96 * DEVIATION / threshold).powi(2);
+            let mean = counts.iter().sum::<f64>() / counts.len() as f64;
+            let near = counts.iter().filter(|&n| (n / expected - 1.0).abs() < 0.35).count();
+            assert!((mean / expected - 1.0).abs() < 0.1, "{mean} for {expected}");
+            assert!(near as f64 > 0.85 * counts.len() as f64, "{near} of {}", counts.len());
+            assert!(covered >= 0.9, "{covered}");
+        }
+        // The control: an interval of 80 % covers less than 90 %.
+        let (_, covered) = stopped(VarianceThresholdOptions::default().alpha(0.2), 3);
+        assert!(covered < 0.85, "{covered}");
+    }
+
+    #[test]
+    fn pixels_with_equal_samples_stop_for_long() {
+        check_equal_samples(60.0);
+    }
+
+    #[test]
+    #[ignore = "8 s: up to 1000 samples per pixel; up to 60 are tested always"]
+    fn pixels_with_equal_samples_stop_for_ever() {
+        check_equal_samples(1000.0);
+    }
+
+    /// The defect that pooling removes: nothing ever samples a pixel again whose pilot saw no light.
+    fn check_equal_samples(spp: f64) {
+        let size = frame(64, 64);
+        let options = VarianceThresholdOptions::default().mode(Stopping::Threshold);
+        let film = run(&mut bernoulli(0.01), &mut with(options, 4), size, &Limits::spp(spp));
+        let stopped = film.counts().iter().filter(|&&n| n == 8).count() as f64;
+        let (share, pixels) = (0.99f64.powi(8), size.pixels() as f64);
+        assert!((stopped - share * pixels).abs() < 5.0 * (share * (1.0 - share) * pixels).sqrt(), "{stopped}");
+    }
+
+    #[test]
+    fn a_budget_goes_to_the_noisy_half() {
+        let size = frame(32, 32);
+        let mut field = Field(|[x, _]: [u32; 2], u: [f32; 4]| [if x < 16 { 0.5 } else { u[0] }; 3]);
+        let film = run(&mut field, &mut with(VarianceThresholdOptions::default(), 5), size, &Limits::spp(32.0));
+        let of = |left: bool| (0..size.pixels()).filter(move |i| (i % 32 < 16) == left).map(|i| film.count(i));
+        assert!(of(true).all(|n| n == 8), "flat pixels keep the pilot");
+        let noisy: Vec<u64> = of(false).collect();
+        assert_eq!(noisy.iter().sum::<u64>(), 56 * 512);
+        // A few pixels keep 8 or a little more, since their first samples happen to agree.
+        let near = noisy.iter().filter(|&n| (32..=96).contains(n)).count();
+        assert!(near > 486, "{near} of 512 pixels, {noisy:?}");
+    }
+
+    #[test]
+    fn optimistic_counts_conform() {
+        sampler(|| Box::new(UpperConfidence::new(Sobol::new(1))));
+        let options = UpperConfidenceOptions::default().pilot(3).bonus(0.0).step(0.3);
+        sampler(|| Box::new(UpperConfidence::with_options(Random::new(1), options).unwrap()));
+    }
+
+    /// The counts of 100 pixels at 32 samples each. Samples of the last pixel are all equal, those of the others have
+    /// deviation 0.3 about the same mean.
+    fn counts_beside_a_dark_pilot(options: UpperConfidenceOptions) -> Vec<u64> {
+        let mut sampler = UpperConfidence::with_options(Random::new(1), options).unwrap();
+        let sample = |pixel: usize, k: u64| match (pixel, k % 2) {
+            (99, _) => [1.0; 3],
+            (_, 0) => [0.7; 3],
+            _ => [1.3; 3],
+        };
+        planned_until_done(&mut sampler, frame(10, 10), 3200, sample).counts()
+    }
+
+    #[test]
+    fn pixels_whose_pilot_saw_nothing_get_half_of_the_uniform_count() {
+        let counts = counts_beside_a_dark_pilot(UpperConfidenceOptions::default());
+        // The fixed point of n = 32 (bound of the pixel) / (mean bound) is 15.
+        assert!((14..=16).contains(&counts[99]), "{}", counts[99]);
+        let others = &counts[..99];
+        let (least, most) = (others.iter().min().unwrap(), others.iter().max().unwrap());
+        assert!(most - least <= 1, "{least} .. {most}");
+        // The control: without the bonus it keeps its pilot.
+        assert_eq!(counts_beside_a_dark_pilot(UpperConfidenceOptions::default().bonus(0.0))[99], 4);
+    }
+
+    #[test]
+    fn equal_deviations_give_uniform_counts() {
+        for bonus in [0.0, 0.5, 2.0] {
+            let options = UpperConfidenceOptions::default().bonus(bonus);
+            let mut sampler = UpperConfidence::with_options(Random::new(1), options).unwrap();
+            // Every pixel takes the same samples, of which each round adds more.
+            let sample = |_: usize, k: u64| [if k.is_multiple_of(2) { 0.7 } else { 1.3 }; 3];
+            let counts = planned_until_done(&mut sampler, frame(10, 10), 3257, sample).counts();
+            assert!(counts.iter().all(|n| (32..=33).contains(n)), "{bonus}: {counts:?}");
+        }
+    }
+
+    #[test]
+    fn efficiency_aware_counts_conform() {
+        sampler(|| Box::new(Ears::new(Sobol::new(1))));
+        let options = EarsOptions::default().pilot(3).rounds(1).radius(0).most(2.0).outliers(0);
+        sampler(|| Box::new(Ears::with_options(Random::new(1), options).unwrap()));
+    }
+
+    fn factors(options: EarsOptions, pixels: &[[f64; 2]]) -> Vec<f64> {
+        options.factors(pixels)
+    }
+
+    #[test]
+    fn factors_are_the_published_ones_within_their_clamps() {
+        let all = |pixel: [f64; 2]| [pixel].into_iter().chain([[4.0, 2.0]; 999]).collect::<Vec<_>>();
+        let of = |pixel| factors(EarsOptions::default(), &all(pixel))[0];
+        // Of 1000 pixels, one barely moves the mean cost, and none the variance.
+        for (pixel, expected) in [([16.0, 2.0], 2.0), ([4.0, 8.0], 0.5), ([0.0, 2.0], 0.05), ([1e30, 2.0], 20.0)] {
+            assert!((of(pixel) / expected - 1.0).abs() < 0.01, "{pixel:?}: {}", of(pixel));
+        }
+        // The control: with outliers, one firefly hides the variance of all others.
+        let kept = factors(EarsOptions::default().outliers(0), &all([1e30, 2.0]));
+        assert_eq!(kept[1], 0.05);
+        assert_eq!(factors(EarsOptions::default(), &[[0.0, 3.0]; 20]), [1.0; 20]);
+    }
+
+    /// The counts of pixels with equal deviations, whose right half costs four times as many rays.
+    #[test]
+    fn counts_of_two_regions_go_with_the_inverse_root_of_their_costs() {
+        let options = EarsOptions::default().radius(0).rounds(1);
+        let mut ears = Ears::with_options(Random::new(1), options).unwrap();
+        let sample = |i: usize, k: u64| {
+            Estimate::new([if k.is_multiple_of(2) { 0.7 } else { 1.3 }; 3]).with_cost(if i % 16 < 8 { 1 } else { 4 })
+        };
+        let counts = planned_estimates(&mut ears, frame(16, 16), 48 * 256, sample).counts();
+        // Denoised pixels differ from 1 by rounding only.
+        assert!(
+            counts.iter().enumerate().all(|(i, n)| n.abs_diff(if i % 16 < 8 { 64 } else { 32 }) <= 1),
+            "{counts:?}"
+        );
+    }
+}
