@@ -23,8 +23,8 @@ use crate::{ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
 use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
-    Budget, Error, Film, Filter, Frame, Limits, Memory, Needs, NoMonitor, PointSet, Prepares, Render,
-    Sampler, Snapshot, Unfiltered,
+    Budget, Error, Film, Filter, Frame, Limits, Memory, Needs, NoMonitor, PointSet, Prepares, Render, Sampler,
+    Unfiltered,
 };
 use dapple_renderer::World;
 use dapple_scene::Scene;

@@ -1,10 +1,10 @@
 //! The clusters, probes and coordinates for which samplers and filters are made.
 
 use crate::RegistryError;
-use dapple_cluster_adaptive::{AreaVectors, ProbeHit, ProbeRay, TraceProbe, TraceVisibility};
-use dapple_clustering::{Cluster, ClusterParams};
 #[cfg(feature = "classics")]
 use dapple_classics::{Domain, FilmPoints};
+use dapple_cluster_adaptive::{AreaVectors, ProbeHit, ProbeRay, TraceProbe, TraceVisibility};
+use dapple_clustering::{Cluster, ClusterParams};
 use dapple_core::FirstHit;
 use dapple_denoise::ClusterLookup;
 use std::sync::Arc;

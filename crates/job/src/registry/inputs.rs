@@ -115,12 +115,8 @@ impl ClusterInputs for OnWorld<'_> {
 fn domain(world: &World) -> Option<Domain> {
     let found = world.sample_dimensions()?;
     let axes = |(role, (block, lanes)): (Role, Lanes)| lanes.map(move |lane| Axis::new(role, block.number(), lane));
-    let roles = [
-        (Role::Place, found.place),
-        (Role::Lens, found.lens),
-        (Role::Time, found.time),
-        (Role::Light, found.light),
-    ];
+    let roles =
+        [(Role::Place, found.place), (Role::Lens, found.lens), (Role::Time, found.time), (Role::Light, found.light)];
     let domain = Domain::new(roles.into_iter().flat_map(axes)).ok()?;
     Some(match found.outside {
         Some(what) => domain.with_outside(what),
