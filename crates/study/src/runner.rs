@@ -1,9 +1,8 @@
 //! Requests for runs of a study, and the runners that make the runs.
 
-use crate::measured_image::{Order, shoot};
-use crate::reference_image::ReferenceImage;
-use crate::study_scene::View;
-use crate::{External, Method, Run, RunBudget, StudyError, Subject};
+use crate::reference::ReferenceImage;
+use crate::scene::{Order, Subject, View, shoot};
+use crate::{External, Method, Run, RunBudget, StudyError};
 use dapple_core::NoMonitor;
 use dapple_job::output::sample_map;
 use dapple_scene::image::{Image, Layer, encode_exr, write_file};
@@ -151,7 +150,6 @@ impl Runner for InProcess {
             rejected: record.rejected,
             load,
             fresh,
-            machine: None,
             image: named("exr"),
             sample_map: named("png"),
             white: request.image.is_some().then_some(map.white),

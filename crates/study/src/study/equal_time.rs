@@ -25,7 +25,7 @@ impl Study {
         monitor: &mut dyn StudyMonitor,
     ) -> Result<StudyStatus, StudyError> {
         let Some(time_of) = self.plan.time_of else { return Ok(StudyStatus::Done) };
-        let baseline = self.plan.baseline.clone();
+        let baseline = self.plan.settings.baseline.clone();
         let others = self.plan.methods.iter().filter(|m| **m != baseline).cloned();
         let methods: Vec<Method> = std::iter::once(baseline.clone()).chain(others).collect();
         let budget = RunBudget::TimeOf(time_of);
@@ -67,7 +67,8 @@ impl Study {
     /// the time model.
     fn solve(&self, at: usize, method: &Method, time_of: u64) -> u64 {
         let pixels = pixels(&self.views[at]);
-        let target = median(self.of_method(at, &self.plan.baseline, RunBudget::Spp(time_of)).map(|r| r.render_s));
+        let target =
+            median(self.of_method(at, &self.plan.settings.baseline, RunBudget::Spp(time_of)).map(|r| r.render_s));
         let mut spp = time_of as f64;
         let mut asked = time_of * pixels;
         // The second pass uses times at the budget nearest to the first result.

@@ -1,0 +1,344 @@
+//! The reference images of a study: files given by the user, or images rendered once and kept; and errors against them.
+
+use crate::record::safe_file_name;
+use crate::scene::{Order, Subject, name_of, shoot};
+use crate::{ImageErrors, Method, Plan, ReferenceRecord, ScenePlan, StudyError};
+use dapple_core::{Control, Status};
+use dapple_job::ContentHash;
+use dapple_metrics::{METRICS, Measurement, Metric, MetricsError, Pixels, RELATIVE_EPSILON, downsample};
+use dapple_scene::image::{
+    Channels, Encoding, Image, Layer, Plane, encode_exr, read_attributes, read_channels, read_image, write_file,
+};
+use std::path::{Path, PathBuf};
+
+/// A reference image, with its variance if that is known.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct ReferenceImage {
+    pub(crate) size: [u32; 2],
+    pub(crate) mean: Vec<[f32; 3]>,
+    /// The variance of the reference image, per pixel and channel, in squared radiance; `None` if unknown.
+    pub(crate) variance: Option<Vec<[f32; 3]>>,
+}
+
+/// The attributes in the header of an image file, and the hash of the file.
+pub(crate) struct FileHeader {
+    pub(crate) attributes: Vec<(String, String)>,
+    pub(crate) digest: ContentHash,
+}
+
+impl FileHeader {
+    /// The value of the attribute `dapple:KEY`; `None` if the header has none.
+    pub(crate) fn attribute(&self, key: &str) -> Option<&str> {
+        let known = |name: &str| name.strip_prefix("dapple:") == Some(key);
+        self.attributes.iter().find(|(name, _)| known(name)).map(|(_, text)| text.as_str())
+    }
+}
+
+/// The errors of an image against a reference, and the influence of the reference's own variance on them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct MeasuredErrors {
+    pub(crate) errors: ImageErrors,
+    pub(crate) corrected: bool,
+    pub(crate) reference_limited: bool,
+}
+
+impl ReferenceImage {
+    /// Averages two independent halves to a reference, whose variance is estimated from their difference.
+    pub(crate) fn of_halves(size: [u32; 2], [a, b]: [&[[f32; 3]]; 2]) -> Self {
+        let both = |of: fn(f32, f32) -> f32| {
+            a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|c| of(a[c], b[c]))).collect::<Vec<[f32; 3]>>()
+        };
+        let mean = both(|a, b| 0.5 * (a + b));
+        Self { size, mean, variance: Some(both(|a, b| 0.25 * (a - b) * (a - b))) }
+    }
+
+    /// Reads a reference from an image file. Its `variance` layer is used only if a study wrote the file; in other
+    /// files, this layer has the variance of single samples.
+    pub(crate) fn read(path: &Path) -> Result<(Self, FileHeader), StudyError> {
+        let bytes = std::fs::read(path).map_err(|e| StudyError::file(path, "read the reference", e))?;
+        let name = path.display().to_string();
+        let image = read_image(&bytes, &name, Encoding::Auto)?;
+        // Formats other than OpenEXR have no attributes.
+        let attributes = read_attributes(&bytes, &name).unwrap_or_default();
+        let about = FileHeader { attributes, digest: ContentHash::of(&bytes) };
+        let variance = match about.attribute("study-key") {
+            Some(_) => variance(&read_channels(&bytes, &name)?),
+            None => None,
+        };
+        Ok((Self { size: image.size, mean: image.pixels, variance }, about))
+    }
+
+    /// Averages pixels to reduce the image to `size`; `None` unless the image's sides are multiples of those of `size`.
+    pub(crate) fn averaged_to(self, size: [u32; 2]) -> Option<Self> {
+        if self.size == size {
+            return Some(self);
+        }
+        if size.contains(&0) || !(0..2).all(|axis| self.size[axis].is_multiple_of(size[axis])) {
+            return None;
+        }
+        let averaged = |values: &[[f32; 3]]| downsample(Pixels::new(self.size, values).ok()?, size).ok();
+        let mean = averaged(&self.mean)?;
+        let variance = match &self.variance {
+            None => None,
+            // The variance of the mean of independent pixels.
+            Some(variance) => {
+                let pixels = (self.size[0] / size[0] * (self.size[1] / size[1])) as f32;
+                Some(averaged(variance)?.into_iter().map(|v| v.map(|v| v / pixels)).collect())
+            }
+        };
+        Some(Self { size, mean, variance })
+    }
+
+    /// The relMSE that the reference's own variance causes; `None` if the variance is unknown.
+    pub(crate) fn own_relmse(&self) -> Option<f64> {
+        let variance = self.variance.as_ref()?;
+        let values = self.mean.as_flattened().iter().zip(variance.as_flattened());
+        let sum: f64 = values.map(|(r, v)| f64::from(*v) / (f64::from(*r) * f64::from(*r) + RELATIVE_EPSILON)).sum();
+        Some(sum / (3 * self.mean.len()) as f64)
+    }
+
+    /// The errors of `image` against this reference. The reference's own variance, if known, is subtracted from MSE,
+    /// relMSE and sRGB MSE.
+    pub(crate) fn measure(&self, image: &[[f32; 3]]) -> Result<MeasuredErrors, MetricsError> {
+        let pixels = |values| Pixels::new(self.size, values);
+        let variance = self.variance.as_deref().map(pixels).transpose()?;
+        let found = Measurement::new(pixels(image)?, pixels(&self.mean)?, variance)?;
+        let value = |metric: &Metric| Ok((metric.name, (metric.of)(&found)?));
+        let errors = METRICS.iter().map(value).collect::<Result<ImageErrors, MetricsError>>()?;
+        Ok(MeasuredErrors { errors, corrected: variance.is_some(), reference_limited: found.reference_limited() })
+    }
+}
+
+fn variance(channels: &Channels) -> Option<Vec<[f32; 3]>> {
+    let plane = |name: &str| match channels.plane(name)? {
+        Plane::F32(values) => Some(values.clone()),
+        _ => None,
+    };
+    let [r, g, b] = [plane("variance.R")?, plane("variance.G")?, plane("variance.B")?];
+    Some(r.iter().zip(g.iter()).zip(b.iter()).map(|((r, g), b)| [*r, *g, *b]).collect())
+}
+
+/// The seeds of a rendered reference's two halves, far above the usual seeds of runs.
+const SEEDS: [u64; 2] = [0xda99_1e01, 0xda99_1e02];
+
+/// Candidate point sets for rendered references. The first one that no method uses is taken, so that no run shares
+/// points with its reference; if methods use all three, `random` is taken. On the bundled teapot and cornell at 512
+/// spp, `halton` is as good as `sobol`, and has a quarter of the MSE of `random`.
+const POINTS: [&str; 3] = ["sobol", "halton", "random"];
+
+/// The origin of a reference image.
+pub(crate) enum ReferenceSource {
+    /// A file given by the user, already checked.
+    File(ReferenceRecord),
+    /// A reference that is rendered unless the file at `path` already holds it. The record's `relmse` is not known yet.
+    Rendered { record: ReferenceRecord, path: PathBuf },
+}
+
+impl ReferenceSource {
+    pub(crate) fn record(&self) -> &ReferenceRecord {
+        match self {
+            Self::File(record) | Self::Rendered { record, .. } => record,
+        }
+    }
+}
+
+/// Creates the folder of references, `shared` by several studies or a part of the study's; returns the path of the file
+/// `name` as recorded in the study, and the path for opening it.
+fn place(study: &Path, shared: Option<&Path>, name: &str) -> Result<(String, PathBuf), StudyError> {
+    let own = study.join("references");
+    let folder = shared.unwrap_or(&own);
+    let wrong = |e| StudyError::file(folder, "make the folder of references", e);
+    std::fs::create_dir_all(folder).map_err(wrong)?;
+    match shared {
+        None => Ok((format!("references/{name}"), folder.join(name))),
+        Some(shared) => {
+            let path = std::path::absolute(shared).map_err(wrong)?.join(name);
+            Ok((path.display().to_string(), path))
+        }
+    }
+}
+
+/// Decides from which file, or by which settings, a scene gets its reference. Returns an error for a user's file that
+/// does not fit the scene.
+pub(crate) fn plan_reference(
+    plan: &Plan,
+    scene: &ScenePlan,
+    subject: &Subject,
+    folder: &Path,
+    shared: Option<&Path>,
+) -> Result<ReferenceSource, StudyError> {
+    if let Some(file) = &scene.reference {
+        return Ok(ReferenceSource::File(given(plan, file, subject)?));
+    }
+    let points = POINTS.iter().find(|p| plan.methods.iter().all(|m| kind(&m.points) != **p)).unwrap_or(&"random");
+    let settings = settings(plan.settings.reference_spp, points, subject)?;
+    let mut key = ContentHash::new();
+    for (name, value) in &settings {
+        key.text(name);
+        key.text(value);
+    }
+    let hash = key.hex();
+    let name = format!("{}-{}.exr", safe_file_name(&name_of(&subject.view.source)), &hash[..16]);
+    let (file, path) = place(folder, shared, &name)?;
+    let record = ReferenceRecord {
+        file,
+        spp: Some(plan.settings.reference_spp),
+        points: Some((*points).to_owned()),
+        seeds: Some(SEEDS),
+        relmse: None,
+        hash,
+    };
+    Ok(ReferenceSource::Rendered { record, path })
+}
+
+/// All settings that a rendered reference depends on, as pairs of name and value.
+fn settings(spp: u64, points: &str, subject: &Subject) -> Result<Vec<(&'static str, String)>, StudyError> {
+    let view = &subject.view;
+    let [w, h] = view.resolution;
+    Ok(vec![
+        ("study-scene", subject.content.hex()),
+        ("study-resolution", format!("{w}x{h}")),
+        ("study-max-depth", depth(subject)),
+        ("study-spp", spp.to_string()),
+        ("study-points", points.to_owned()),
+        ("study-seeds", SEEDS.map(|s| s.to_string()).join(",")),
+        ("study-version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("study-fingerprint", subject.fingerprint()?.hex()),
+    ])
+}
+
+fn depth(subject: &Subject) -> String {
+    subject.scene.max_depth.map_or("unlimited".into(), |d| d.to_string())
+}
+
+/// Loads or renders a reference, and returns its record with the relMSE due to the reference's own variance. A file
+/// given by the user is not loaded. `look` receives the rendered share, and `None` is returned if it stopped the
+/// rendering.
+pub(crate) fn load_or_render(
+    wanted: ReferenceSource,
+    subject: &Subject,
+    look: &mut dyn FnMut(f64) -> Control,
+) -> Result<Option<ReferenceRecord>, StudyError> {
+    let (mut record, path) = match wanted {
+        ReferenceSource::File(record) => return Ok(Some(record)),
+        ReferenceSource::Rendered { record, path } => (record, path),
+    };
+    // A broken file, or a file made with other settings, is rendered again.
+    let kept = ReferenceImage::read(&path).ok();
+    let kept = kept.filter(|(t, about)| about.attribute("study-key") == Some(&record.hash) && t.variance.is_some());
+    let truth = match kept {
+        Some((truth, _)) => Some(truth),
+        None => render(&record, subject, look)?.map(|truth| keep(&path, truth, &record, subject)).transpose()?,
+    };
+    let Some(truth) = truth else { return Ok(None) };
+    record.relmse = truth.own_relmse();
+    Ok(Some(record))
+}
+
+/// Renders the two halves of a reference, one per seed; `None` if `look` stopped it.
+fn render(
+    record: &ReferenceRecord,
+    subject: &Subject,
+    look: &mut dyn FnMut(f64) -> Control,
+) -> Result<Option<ReferenceImage>, StudyError> {
+    let pixels = subject.frame()?.pixels() as u64;
+    let samples = record.spp.unwrap_or(2) / 2 * pixels;
+    let method = Method::new("uniform", record.points.as_deref().unwrap_or("random"), "none");
+    let mut halves = Vec::new();
+    for (half, seed) in SEEDS.into_iter().enumerate() {
+        let mut stopped = false;
+        let mut monitor = |status: &Status<'_>| {
+            let control = look(0.5 * (half as f64 + status.samples as f64 / status.expected.max(1) as f64));
+            stopped |= control == Control::Stop;
+            control
+        };
+        let shot = shoot(subject, Order { seed, ..Order::new(&method, samples) }, &mut monitor, || None)?;
+        if stopped || shot.film.record().interrupted {
+            return Ok(None);
+        }
+        halves.push(shot.filtered.radiance);
+    }
+    Ok(Some(ReferenceImage::of_halves(subject.view.resolution, [&halves[0], &halves[1]])))
+}
+
+/// Writes a rendered reference to its file, with the settings in the header.
+fn keep(
+    path: &Path,
+    truth: ReferenceImage,
+    record: &ReferenceRecord,
+    subject: &Subject,
+) -> Result<ReferenceImage, StudyError> {
+    let mut attributes = settings(record.spp.unwrap_or(0), record.points.as_deref().unwrap_or(""), subject)?;
+    attributes.push(("study-key", record.hash.clone()));
+    attributes.push(("scene", subject.scene.name.clone()));
+    attributes.push(("study-relmse", truth.own_relmse().unwrap_or(0.0).to_string()));
+    let attributes: Vec<_> = attributes.into_iter().map(|(key, text)| (format!("dapple:{key}"), text)).collect();
+    let mut layers = vec![Layer::of_image("", &Image::new(truth.size, truth.mean.clone())?)];
+    if let Some(variance) = &truth.variance {
+        layers.push(Layer::of_image("variance", &Image::new(truth.size, variance.clone())?));
+    }
+    write_file(path, &encode_exr(truth.size, &layers, &attributes)?.bytes)?;
+    Ok(truth)
+}
+
+/// Checks the size, the pixels and the header of a reference file given by the user, and returns its record.
+fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<ReferenceRecord, StudyError> {
+    let (whole, about) = ReferenceImage::read(file)?;
+    let refuse = |why: String| StudyError::Reference { file: file.to_owned(), scene: subject.view.name.clone(), why };
+    let ([w, h], [rw, rh]) = (subject.view.resolution, whole.size);
+    let Some(truth) = whole.averaged_to([w, h]) else {
+        return Err(refuse(format!(
+            "it is {rw}x{rh}, and the study {w}x{h}: leave the resolution out, or render the reference at the study's, or at a \
+             multiple of it"
+        )));
+    };
+    if let Some(at) = truth.mean.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
+        let (x, y) = (at % w as usize, at / w as usize);
+        return Err(refuse(format!("its pixel at column {x}, row {y} is NaN or infinite; render a finite one")));
+    }
+    differences(plan, &about, subject).map_or(Ok(()), |why| Err(refuse(why)))?;
+    let number = |key: &str| about.attribute(key).and_then(|text| text.parse().ok());
+    let seeds = about.attribute("study-seeds").and_then(|text| {
+        let (a, b) = text.split_once(',')?;
+        Some([a.parse().ok()?, b.parse().ok()?])
+    });
+    Ok(ReferenceRecord {
+        file: std::path::absolute(file).unwrap_or_else(|_| file.to_owned()).display().to_string(),
+        spp: number("study-spp"),
+        points: about.attribute("study-points").or(about.attribute("points")).map(str::to_owned),
+        seeds,
+        relmse: truth.own_relmse(),
+        hash: about.digest.hex(),
+    })
+}
+
+/// Describes the first setting in which the header of a reference file differs from the study; `None` if none differs.
+/// The header may be written by `dapple render` or by a study.
+fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<String> {
+    let depth = depth(subject);
+    let scene = &subject.scene.name;
+    let expected = [
+        ("study-scene", subject.content.hex(), "the scene's files have changed; leave the reference out to render one"),
+        ("study-max-depth", depth.clone(), "render it with the study's depth, or give the study its depth"),
+        ("scene", scene.clone(), "it shows another scene"),
+        ("max-depth", depth, "render it with the study's depth, or give the study its depth"),
+        ("without", "none".into(), "effects are left out of it"),
+        ("interrupted", "false".into(), "it is unfinished"),
+        ("pixel-filter", "box filter of radius 0.5 x 0.5".into(), "render it with --pixel-filter box, as a study does"),
+    ];
+    for (key, here, advice) in expected {
+        if let Some(there) = about.attribute(key).filter(|there| *there != here) {
+            return Some(format!("its {} is \"{there}\", and the study's \"{here}\"; {advice}", key.replace('-', " ")));
+        }
+    }
+    // A run with the reference's points and seed would share samples with it, and show too small an error.
+    let points = kind(about.attribute("points")?);
+    let seed = about.attribute("seed")?.parse().ok()?;
+    let shares = plan.seeds.contains(&seed) && plan.methods.iter().any(|m| kind(&m.points) == points);
+    shares.then(|| format!("its points are {points} of seed {seed}, as in runs; render it with another seed"))
+}
+
+/// The name in `NAME:key=value,…`, without its parameters.
+fn kind(words: &str) -> &str {
+    words.split(':').next().unwrap_or(words).trim()
+}
