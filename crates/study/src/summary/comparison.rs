@@ -132,7 +132,7 @@ impl SeedStatistic {
         }
         match values {
             [] => Self::missing(0, "no runs"),
-            &[value] => Self { value: Some(value), ends: None, n: 1, note: ONE_SEED.into() },
+            &[value] => Self::of_one(value),
             _ => Self::from_interval(geometric_mean_interval(values, CONFIDENCE), values.len()),
         }
     }
@@ -141,7 +141,7 @@ impl SeedStatistic {
     pub(super) fn arithmetic(values: &[f64]) -> Self {
         match values {
             [] => Self::missing(0, "no runs"),
-            &[value] => Self { value: Some(value), ends: None, n: 1, note: ONE_SEED.into() },
+            &[value] => Self::of_one(value),
             _ => Self::from_interval(mean_interval(values, CONFIDENCE), values.len()),
         }
     }
@@ -157,7 +157,7 @@ impl SeedStatistic {
         }
         match pairs {
             [] => Self::missing(0, "no seed has both"),
-            &[(a, b)] => Self { value: Some(a / b), ends: None, n: 1, note: ONE_SEED.into() },
+            &[(a, b)] => Self::of_one(a / b),
             _ => {
                 let (a, b): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
                 Self::from_interval(ratio_interval(&a, &b, confidence), pairs.len())
@@ -167,6 +167,10 @@ impl SeedStatistic {
 
     pub(super) fn missing(n: usize, note: &str) -> Self {
         Self { value: None, ends: None, n, note: note.into() }
+    }
+
+    fn of_one(value: f64) -> Self {
+        if value.is_finite() { Self::bare(value, 1).noted(ONE_SEED) } else { Self::missing(1, "not measured") }
     }
 
     /// A value without an interval, computed from `n` seeds.

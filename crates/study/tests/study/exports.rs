@@ -109,3 +109,47 @@ fn large_images_lie_beside_the_page() {
     }
     assert!(page.len() < 3_000_000, "{} bytes", page.len());
 }
+
+/// Runs of older versions lack a metric that was added since.
+#[test]
+fn a_metric_that_runs_lack_is_empty_in_all_tables() {
+    for seeds in [1, 3] {
+        let laws = [Law::new("uniform", "none"), Law::new("mitchell", "none")];
+        let mut study = Study::new(&["a"], &laws, &[4, 8], Some(8), seeds);
+        study.runs.iter_mut().for_each(|run| run.errors.set("flip", f64::NAN));
+        let (folder, page) = written(&mut study, false);
+        assert!(!page.contains("NaN"));
+        let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+        assert!(!read("summary.csv").contains("NaN") && !read("runs.csv").contains("NaN"));
+        let text = read("runs.jsonl");
+        assert!(text.contains("\"flip\":null"));
+        std::fs::write(folder.path().join("runs.jsonl"), text.replace(",\"flip\":null", "")).unwrap();
+        let _ = write_report(folder.path()).unwrap();
+        assert!(std::fs::read_to_string(folder.path().join("report.html")).unwrap() == page);
+    }
+}
+
+#[test]
+fn charts_are_whole_drawings_with_a_curve_for_each_method() {
+    let mut study = example();
+    let (_, page) = written(&mut study, false);
+    let charts: Vec<&str> =
+        page.split("class=\"chart\"").skip(1).map(|rest| &rest[rest.find("<svg").unwrap()..]).collect();
+    assert_eq!(charts.len(), 4);
+    let curves = study.manifest.methods.len();
+    for chart in charts {
+        let chart = &chart[..chart.find("</svg>").unwrap() + 6];
+        let drawing = roxmltree::Document::parse(chart).unwrap();
+        let count = |tag: &str| drawing.descendants().filter(|node| node.tag_name().name() == tag).count();
+        assert_eq!((count("polyline"), count("polygon")), (curves, curves));
+        // A point of each curve for each budget, inside the frame.
+        let numbers = drawing.descendants().filter_map(|node| node.attribute("points"));
+        for place in numbers.flat_map(|points| points.split(' ')) {
+            let (x, y) = place.split_once(',').unwrap();
+            let [x, y] = [x, y].map(|text| text.parse::<f64>().unwrap());
+            assert!((74.0..=464.0).contains(&x) && (12.0..=294.0).contains(&y), "{place}");
+        }
+        assert_eq!(chart.matches("transform=\"translate").count(), curves * study.manifest.spp.len());
+        assert!(chart.contains(">relMSE</text>") && chart.matches("<text").count() > 8);
+    }
+}
