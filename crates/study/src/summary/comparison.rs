@@ -2,7 +2,7 @@
 
 use super::{CONFIDENCE, Row, RunTable, Summary, TIME_TOLERANCE, compared};
 use crate::record::{Run, RunBudget};
-use dapple_metrics::{geometric_mean_interval, mean_interval, ratio_interval};
+use dapple_metrics::{Interval, StatisticsError, geometric_mean_interval, mean_interval, ratio_interval};
 
 /// The verdict on a method, from the confidence interval of the ratio of its error to the baseline's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -120,8 +120,6 @@ pub(super) struct SeedStatistic {
     pub(super) note: String,
 }
 
-const ONE_SEED: &str = "one seed: no interval";
-
 impl SeedStatistic {
     /// The geometric mean with its 95 % interval. If a value is not above 0, the arithmetic mean, with a note.
     pub(super) fn geometric(values: &[f64]) -> Self {
@@ -130,47 +128,40 @@ impl SeedStatistic {
             let note = format!("arithmetic mean: {without} of {} values are not above 0", values.len());
             return Self::arithmetic(values).noted(&note);
         }
-        match values {
-            [] => Self::missing(0, "no runs"),
-            &[value] => Self::of_one(value),
-            _ => Self::from_interval(geometric_mean_interval(values, CONFIDENCE), values.len()),
-        }
+        Self::of(values, || geometric_mean_interval(values, CONFIDENCE))
     }
 
     /// The arithmetic mean with its 95 % interval.
     pub(super) fn arithmetic(values: &[f64]) -> Self {
+        Self::of(values, || mean_interval(values, CONFIDENCE))
+    }
+
+    /// A single value, or the interval of several.
+    fn of(values: &[f64], interval: impl FnOnce() -> Result<Interval, StatisticsError>) -> Self {
         match values {
             [] => Self::missing(0, "no runs"),
-            &[value] => Self::of_one(value),
-            _ => Self::from_interval(mean_interval(values, CONFIDENCE), values.len()),
+            _ if values.iter().any(|value| value.is_nan()) => Self::missing(values.len(), "not measured"),
+            &[value] => Self::bare(value, 1).noted("one seed: no interval"),
+            _ => Self::from_interval(interval(), values.len()),
         }
     }
 
     /// The geometric mean of the ratios of paired values, with its 95 % interval.
-    pub(super) fn ratio(pairs: &[(f64, f64)]) -> Self {
+    fn ratio(pairs: &[(f64, f64)]) -> Self {
         Self::ratio_at(pairs, CONFIDENCE)
     }
 
-    pub(super) fn ratio_at(pairs: &[(f64, f64)], confidence: f64) -> Self {
+    fn ratio_at(pairs: &[(f64, f64)], confidence: f64) -> Self {
         if pairs.iter().any(|(a, b)| *a <= 0.0 || *b <= 0.0) {
             return Self::missing(pairs.len(), "a value is not above 0: no ratio");
         }
-        match pairs {
-            [] => Self::missing(0, "no seed has both"),
-            &[(a, b)] => Self::of_one(a / b),
-            _ => {
-                let (a, b): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
-                Self::from_interval(ratio_interval(&a, &b, confidence), pairs.len())
-            }
-        }
+        let (a, b): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
+        let ratios: Vec<f64> = pairs.iter().map(|(a, b)| a / b).collect();
+        Self::of(&ratios, || ratio_interval(&a, &b, confidence))
     }
 
-    pub(super) fn missing(n: usize, note: &str) -> Self {
+    fn missing(n: usize, note: &str) -> Self {
         Self { value: None, ends: None, n, note: note.into() }
-    }
-
-    fn of_one(value: f64) -> Self {
-        if value.is_finite() { Self::bare(value, 1).noted(ONE_SEED) } else { Self::missing(1, "not measured") }
     }
 
     /// A value without an interval, computed from `n` seeds.
@@ -178,10 +169,7 @@ impl SeedStatistic {
         Self { value: Some(value), ends: None, n, note: String::new() }
     }
 
-    pub(super) fn from_interval(
-        found: Result<dapple_metrics::Interval, dapple_metrics::StatisticsError>,
-        n: usize,
-    ) -> Self {
+    fn from_interval(found: Result<Interval, StatisticsError>, n: usize) -> Self {
         match found {
             Ok(i) if i.value.is_finite() && i.low.is_finite() && i.high.is_finite() => {
                 Self { value: Some(i.value), ends: Some([i.low, i.high]), n, note: String::new() }
