@@ -133,7 +133,7 @@ fn program_folder() -> &'static Path {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     FOLDER.get_or_init(|| {
         let mut build = Command::new(env!("CARGO"));
-        build.args(["test", "--quiet", "--offline", "--workspace", "--no-run", "--test", "words"]);
+        build.args(["test", "--quiet", "--offline", "--workspace", "--no-run", "--test", "cli"]);
         if !cfg!(debug_assertions) {
             build.arg("--release");
         }

@@ -128,7 +128,7 @@ pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
         true => Box::new(Processes::new(&itself()?, &[ONE])),
     };
     let folder = &options.output;
-    let session = StudyOptions::default().with_references(options.references.clone()).with_command(std::env::args());
+    let session = StudyOptions { references: options.references.clone(), command: std::env::args().collect() };
     let mut bar = Bar::new(options.quiet, stop);
     let opened = Study::open(plan, folder, &session, &mut bar);
     let Some(mut study) = opened.map_err(|e| failure_of(&e, &mut bar))? else {

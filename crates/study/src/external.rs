@@ -69,12 +69,6 @@ impl External {
         Self { name: name.to_owned(), command, folder: PathBuf::new() }
     }
 
-    /// Sets the working folder of the program.
-    #[must_use]
-    pub fn started_in(self, folder: &Path) -> Self {
-        Self { folder: folder.to_owned(), ..self }
-    }
-
     /// The per-pixel statistics that the film must record for the program's input image.
     pub(crate) fn needs(&self) -> Needs {
         Needs::none().with_features()

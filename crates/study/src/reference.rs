@@ -34,14 +34,6 @@ impl FileHeader {
     }
 }
 
-/// The errors of an image against a reference, and the influence of the reference's own variance on them.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct MeasuredErrors {
-    pub(crate) errors: ImageErrors,
-    pub(crate) corrected: bool,
-    pub(crate) reference_limited: bool,
-}
-
 impl ReferenceImage {
     /// Averages two independent halves to a reference, whose variance is estimated from their difference.
     pub(crate) fn of_halves(size: [u32; 2], [a, b]: [&[[f32; 3]]; 2]) -> Self {
@@ -97,15 +89,15 @@ impl ReferenceImage {
         Some(sum / (3 * self.mean.len()) as f64)
     }
 
-    /// The errors of `image` against this reference. The reference's own variance, if known, is subtracted from MSE,
-    /// relMSE and sRGB MSE.
-    pub(crate) fn measure(&self, image: &[[f32; 3]]) -> Result<MeasuredErrors, MetricsError> {
+    /// The errors of `image` against this reference, and `true` if the reference's own variance limits their precision.
+    /// The variance, if known, is subtracted from MSE, relMSE and sRGB MSE.
+    pub(crate) fn measure(&self, image: &[[f32; 3]]) -> Result<(ImageErrors, bool), MetricsError> {
         let pixels = |values| Pixels::new(self.size, values);
         let variance = self.variance.as_deref().map(pixels).transpose()?;
         let found = Measurement::new(pixels(image)?, pixels(&self.mean)?, variance)?;
         let value = |metric: &Metric| Ok((metric.name, (metric.of)(&found)?));
         let errors = METRICS.iter().map(value).collect::<Result<ImageErrors, MetricsError>>()?;
-        Ok(MeasuredErrors { errors, corrected: variance.is_some(), reference_limited: found.reference_limited() })
+        Ok((errors, found.reference_limited()))
     }
 }
 
@@ -127,19 +119,12 @@ const SEEDS: [u64; 2] = [0xda99_1e01, 0xda99_1e02];
 const POINTS: [&str; 3] = ["sobol", "halton", "random"];
 
 /// The origin of a reference image.
-pub(crate) enum ReferenceSource {
-    /// A file given by the user, already checked.
-    File(ReferenceRecord),
-    /// A reference that is rendered unless the file at `path` already holds it. The record's `relmse` is not known yet.
-    Rendered { record: ReferenceRecord, path: PathBuf },
-}
-
-impl ReferenceSource {
-    pub(crate) fn record(&self) -> &ReferenceRecord {
-        match self {
-            Self::File(record) | Self::Rendered { record, .. } => record,
-        }
-    }
+pub(crate) struct ReferenceSource {
+    /// The reference's record; the `relmse` of a rendered one is not known yet.
+    pub(crate) record: ReferenceRecord,
+    /// The file for a reference that is rendered unless it is there already; `None` for a file given by the user, which
+    /// is checked already.
+    pub(crate) rendered: Option<PathBuf>,
 }
 
 /// Creates the folder of references, `shared` by several studies or a part of the study's; returns the path of the file
@@ -168,7 +153,7 @@ pub(crate) fn plan_reference(
     shared: Option<&Path>,
 ) -> Result<ReferenceSource, StudyError> {
     if let Some(file) = &scene.reference {
-        return Ok(ReferenceSource::File(given(plan, file, subject)?));
+        return Ok(ReferenceSource { record: given(plan, file, subject)?, rendered: None });
     }
     let points = POINTS.iter().find(|p| plan.methods.iter().all(|m| kind(&m.points) != **p)).unwrap_or(&"random");
     let settings = settings(plan.settings.reference_spp, points, subject)?;
@@ -188,7 +173,7 @@ pub(crate) fn plan_reference(
         relmse: None,
         hash,
     };
-    Ok(ReferenceSource::Rendered { record, path })
+    Ok(ReferenceSource { record, rendered: Some(path) })
 }
 
 /// All settings that a rendered reference depends on, as pairs of name and value.
@@ -219,10 +204,7 @@ pub(crate) fn load_or_render(
     subject: &Subject,
     look: &mut dyn FnMut(f64) -> Control,
 ) -> Result<Option<ReferenceRecord>, StudyError> {
-    let (mut record, path) = match wanted {
-        ReferenceSource::File(record) => return Ok(Some(record)),
-        ReferenceSource::Rendered { record, path } => (record, path),
-    };
+    let ReferenceSource { mut record, rendered: Some(path) } = wanted else { return Ok(Some(wanted.record)) };
     // A broken file, or a file made with other settings, is rendered again.
     let kept = ReferenceImage::read(&path).ok();
     let kept = kept.filter(|(t, about)| about.attribute("study-key") == Some(&record.hash) && t.variance.is_some());
@@ -252,7 +234,8 @@ fn render(
             stopped |= control == Control::Stop;
             control
         };
-        let shot = shoot(subject, Order { seed, ..Order::new(&method, samples) }, &mut monitor, || None)?;
+        let order = Order { method: &method, seed, samples, external: None, threads: 0 };
+        let shot = shoot(subject, order, &mut monitor, || None)?;
         if stopped || shot.film.record().interrupted {
             return Ok(None);
         }

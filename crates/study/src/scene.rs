@@ -154,13 +154,6 @@ pub(crate) struct Order<'a> {
     pub(crate) threads: usize,
 }
 
-impl<'a> Order<'a> {
-    /// Makes settings for `samples` samples in total by `method`, with seed 0 and no external program.
-    pub(crate) fn new(method: &'a Method, samples: u64) -> Self {
-        Self { method, seed: 0, samples, external: None, threads: 0 }
-    }
-}
-
 /// A rendered image and its cost.
 pub(crate) struct Shot {
     pub(crate) film: Film,

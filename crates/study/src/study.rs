@@ -70,26 +70,11 @@ impl StudyMonitor for () {
 
 /// Options of a session that do not affect the runs.
 #[derive(Clone, Debug, Default)]
-#[non_exhaustive]
 pub struct StudyOptions {
     /// A folder for rendered references that several studies share; `None` keeps them in the study's folder.
     pub references: Option<PathBuf>,
     /// The command line to record in `study.json`, argument by argument.
     pub command: Vec<String>,
-}
-
-impl StudyOptions {
-    /// Sets the folder for rendered references that several studies share; `None` keeps them in the study's folder.
-    #[must_use]
-    pub fn with_references(self, folder: impl Into<Option<PathBuf>>) -> Self {
-        Self { references: folder.into(), ..self }
-    }
-
-    /// Sets the command line to record in `study.json`.
-    #[must_use]
-    pub fn with_command(self, arguments: impl IntoIterator<Item = String>) -> Self {
-        Self { command: arguments.into_iter().collect(), ..self }
-    }
 }
 
 /// A study in its folder, opened for making runs. An example is on the [front page](crate).
@@ -130,7 +115,7 @@ impl Study {
             name: view.name.clone(),
             source: view.source.clone(),
             resolution: view.resolution,
-            reference: source.record().clone(),
+            reference: source.record.clone(),
             lights: view.lights,
             integrator: view.integrator.clone(),
         });
@@ -359,12 +344,8 @@ impl WorkMeter {
 
     /// The number of samples needed to render a reference; 0 if it exists.
     fn of_reference(&self, wanted: &ReferenceSource, view: &View) -> f64 {
-        match wanted {
-            ReferenceSource::Rendered { path, record } if !path.exists() => {
-                (record.spp.unwrap_or(0) * pixels(view)) as f64
-            }
-            _ => 0.0,
-        }
+        let missing = wanted.rendered.as_ref().is_some_and(|path| !path.exists());
+        if missing { (wanted.record.spp.unwrap_or(0) * pixels(view)) as f64 } else { 0.0 }
     }
 
     fn add(&mut self, samples: f64) {

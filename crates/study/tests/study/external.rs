@@ -9,7 +9,9 @@ impl Place {
     /// A shell script as a filter, started in this folder with the two images as its arguments.
     fn script(&self, name: &str, text: &str) -> External {
         std::fs::write(self.path(name), text).expect("the script");
-        External::new(name, &["sh", name, "{input}", "{output}", "{threads}"]).started_in(&self.path(""))
+        let mut external = External::new(name, &["sh", name, "{input}", "{output}", "{threads}"]);
+        external.folder = self.path("");
+        external
     }
 
     /// The runs of uniform sampling without a filter and with each of these.
@@ -111,7 +113,8 @@ fn a_changed_external_filter_is_another_study() {
     let place = Place::new();
     let [copy, other] = [place.script("copy", r#"cp "$1" "$2""#), place.script("copy", r#"cp "$1" "$2""#)];
     place.filtered(&[copy], "study").unwrap();
-    let moved = other.clone().started_in(&place.path("."));
+    let mut moved = other.clone();
+    moved.folder = place.path(".");
     assert!(place.filtered(&[moved], "study").is_ok(), "the working folder does not matter");
     let mut changed = other;
     changed.command.push("-v".into());

@@ -25,7 +25,7 @@ impl Place {
     /// references.
     fn reference(&self, plan: Plan, folder: &str) -> (ReferenceRecord, bool) {
         let mut ear = Ear::default();
-        let options = StudyOptions::default().with_references(self.path("shared"));
+        let options = StudyOptions { references: Some(self.path("shared")), ..StudyOptions::default() };
         let study = Study::open(plan, &self.path(folder), &options, &mut ear);
         let study = study.unwrap().expect("not stopped");
         (study.manifest().scenes[0].reference.clone(), ear.rendered)
