@@ -196,17 +196,10 @@ impl<'a> RunTable<'a> {
         (0..scenes).flat_map(move |scene| (0..methods).map(move |method| [scene, method]))
     }
 
-    /// All budgets: those in samples per pixel, ascending, then the equal-time budget.
+    /// All budgets: those in samples per pixel, then the equal-time budget.
     fn budgets(&self) -> Vec<RunBudget> {
-        let timed = self.manifest.time_of.map(RunBudget::TimeOf);
-        self.spp_budgets().into_iter().chain(timed).collect()
-    }
-
-    fn spp_budgets(&self) -> Vec<RunBudget> {
-        let mut spp = self.manifest.spp.clone();
-        spp.sort_unstable();
-        spp.dedup();
-        spp.into_iter().map(RunBudget::Spp).collect()
+        let spp = self.manifest.spp.iter().copied().map(RunBudget::Spp);
+        spp.chain(self.manifest.time_of.map(RunBudget::TimeOf)).collect()
     }
 
     /// The runs of two methods on one scene at one budget, paired by seed.
@@ -273,9 +266,9 @@ fn marks(runs: &Seeds<'_>) -> String {
     notes.join("; ")
 }
 
-/// The median of at least one value; for an even number, the mean of the middle two.
-fn median(mut values: Vec<f64>) -> f64 {
+/// The median; for an even number of values, the mean of the middle two; NaN without values.
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let n = values.len();
-    0.5 * (values[(n - 1) / 2] + values[n / 2])
+    if n == 0 { f64::NAN } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
 }
