@@ -41,12 +41,13 @@ const RUN: [&str; 7] = [
 ];
 
 /// Pages that describe a change of this workspace.
-const ERRANDS: [&str; 5] = [
+const ERRANDS: [&str; 6] = [
     "docs/ADDING-A-SAMPLER.md",
     "docs/ADDING-A-FILTER.md",
     "docs/ADDING-A-LIGHT.md",
     "docs/ADDING-A-SCENE-FORMAT.md",
     "docs/ADDING-AN-INTEGRATOR.md",
+    "docs/ADDING-A-METRIC.md",
 ];
 
 /// A fenced block of a page, and the directives above it.
@@ -132,7 +133,7 @@ fn program_folder() -> &'static Path {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     FOLDER.get_or_init(|| {
         let mut build = Command::new(env!("CARGO"));
-        build.args(["test", "--quiet", "--offline", "--workspace", "--no-run", "--test", "words"]);
+        build.args(["test", "--quiet", "--offline", "--workspace", "--no-run", "--test", "cli"]);
         if !cfg!(debug_assertions) {
             build.arg("--release");
         }
@@ -340,7 +341,7 @@ fn apply(name: &str, workspace: &Path) -> usize {
 }
 
 /// The number of files that each guide changes, tests included; the fourth file of a light is the pbrt reader.
-const FILES: [usize; 5] = [3, 3, 4, 2, 2];
+const FILES: [usize; 6] = [3, 3, 4, 2, 2, 2];
 
 #[test]
 fn the_places_where_the_guides_insert_lines_exist() {

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""learned_lights.py STUDY...: the gain of learned light selection, from folders of `dapple study --plan docs/results/learned-lights.toml`.
+"""learned_lights.py STUDY...: the gain of learned light selection, from folders of `dapple study docs/results/learned-lights.toml`.
 
 Prints Markdown: per scene `NAME-learned` over `NAME` (sRGB MSE / relMSE), geometric means over paired seeds; over all scenes with 95 %
 intervals of the seeds (Student's t), the scenes taken as they are. Times are CPU seconds.

@@ -2,10 +2,10 @@
 
 use crate::output::{tell, warn};
 use crate::{Failure, Outcome, Result};
-use dapple_metrics::{Comparison, PIXELS_PER_DEGREE, Pixels, WorstBlock, compare, flip};
+use dapple_metrics::{Better, Comparison, METRICS, Measurement, Metric, Pixels, WorstBlock};
 use dapple_scene::files::{Disk, Files};
 use dapple_scene::image::{Encoding, Image, read_image};
-use serde::Serialize;
+use serde_json::json;
 use std::path::{Path, PathBuf};
 
 /// Compare an image with its reference
@@ -31,13 +31,15 @@ pub(crate) fn run(options: &CompareArgs) -> Result<Outcome> {
     let image = read(&options.image)?;
     let reference = read(&options.reference)?;
     let [x, r] = [pixels(&image)?, pixels(&reference)?];
-    let found = compare(x, r).map_err(Failure::new)?;
-    let seen = flip(x, r, PIXELS_PER_DEGREE).map_err(Failure::new)?.mean;
+    let found = Measurement::new(x, r, None).map_err(Failure::new)?;
+    let value = |metric: &'static Metric| Ok((metric, (metric.of)(&found).map_err(Failure::new)?));
+    let values = METRICS.iter().map(value).collect::<Result<Vec<(&Metric, f64)>>>()?;
+    let found = found.comparison;
     if found.non_finite > 0 {
         let name = options.image.display();
         warn(format!("{name}: {} channels are NaN or infinite; they count as 0 in every figure", found.non_finite));
     }
-    tell(if options.json { line(&found, seen) } else { table(&found, seen) })?;
+    tell(if options.json { line(&values, &found) } else { table(&values, &found) })?;
     Ok(Outcome::Done)
 }
 
@@ -53,67 +55,36 @@ fn read(path: &Path) -> Result<Image> {
     read_image(&bytes, &name, Encoding::Auto).map_err(Failure::new)
 }
 
-/// The JSON line that is printed; its keys have the order of the fields.
-#[derive(Serialize)]
-struct Line {
-    mse: f64,
-    relmse: f64,
-    relmse_trimmed: f64,
-    smape: f64,
-    psnr: f64,
-    srgb8_mse: f64,
-    flip: f64,
-    mean_ratio: f64,
-    channel_ratios: [f64; 3],
-    non_finite: u64,
-    worst_block: Block,
-}
-
-#[derive(Serialize)]
-struct Block {
-    position: [u32; 2],
-    size: [u32; 2],
-    relmse: f64,
-}
-
-fn line(c: &Comparison, flip: f64) -> String {
+/// The JSON line that is printed: the metrics by name, then where the errors are.
+fn line(values: &[(&Metric, f64)], c: &Comparison) -> String {
     let WorstBlock { position, size, rel_mse, .. } = c.worst_block;
-    let line = Line {
-        mse: c.mse,
-        relmse: c.rel_mse,
-        relmse_trimmed: c.rel_mse_trimmed,
-        smape: c.smape,
-        psnr: c.psnr,
-        srgb8_mse: c.srgb8_mse,
-        flip,
-        mean_ratio: c.mean_ratio,
-        channel_ratios: c.channel_ratios,
-        non_finite: c.non_finite,
-        worst_block: Block { position, size, relmse: rel_mse },
-    };
-    // Serialising plain numbers cannot fail.
-    serde_json::to_string(&line).unwrap_or_default()
+    let mut line = json!({
+        "channel_ratios": c.channel_ratios,
+        "non_finite": c.non_finite,
+        "worst_block": { "position": position, "size": size, "relmse": rel_mse },
+    });
+    values.iter().for_each(|(metric, value)| line[metric.name] = json!(value));
+    line.to_string()
 }
 
-fn table(c: &Comparison, flip: f64) -> String {
-    let worst = &c.worst_block;
+fn table(values: &[(&Metric, f64)], c: &Comparison) -> String {
+    let metric = |(metric, value): &(&Metric, f64)| {
+        let value = match metric.better {
+            Better::Lower => figure(*value),
+            Better::Higher => format!("{value:.2}"),
+            Better::NearOne => format!("{value:.6}"),
+        };
+        [metric.label.to_owned(), value, metric.doc.to_owned()]
+    };
+    let WorstBlock { position: [x, y], size: [w, h], rel_mse, .. } = c.worst_block;
     let [r, g, b] = c.channel_ratios;
-    let rows = [
-        ("MSE", figure(c.mse), String::new()),
-        ("relMSE", figure(c.rel_mse), "squared error over squared reference + 0.01".into()),
-        ("  trimmed", figure(c.rel_mse_trimmed), "without the worst 0.1 % of the pixels".into()),
-        ("  worst block", figure(worst.rel_mse), {
-            let ([x, y], [w, h]) = (worst.position, worst.size);
-            format!("{w}x{h} pixels at column {x}, row {y}")
-        }),
-        ("SMAPE", figure(c.smape), "0 to 2".into()),
-        ("PSNR", format!("{:.2}", c.psnr), "dB, as displayed; 200 is equal".into()),
-        ("sRGB MSE", figure(c.srgb8_mse), "as displayed, on a scale of 0 to 255".into()),
-        ("FLIP", figure(flip), "0 to 1, as seen at 67 pixels per degree".into()),
-        ("ratio of means", format!("{:.6}", c.mean_ratio), format!("red {r:.6}, green {g:.6}, blue {b:.6}")),
+    let places = [
+        ["worst block", &figure(rel_mse), &format!("relMSE of {w}x{h} pixels at column {x}, row {y}")],
+        ["by channel", "", &format!("red {r:.6}, green {g:.6}, blue {b:.6}")],
     ];
-    let row = |(name, value, about): &(&str, String, String)| format!("{name:<16}{value:<12}{about}");
-    rows.iter().map(row).map(|r| r.trim_end().to_owned()).collect::<Vec<_>>().join("\n")
+    let rows = values.iter().map(metric).chain(places.map(|row| row.map(str::to_owned)));
+    let row = |[name, value, about]: [String; 3]| format!("{name:<16}{value:<12}{about}").trim_end().to_owned();
+    rows.map(row).collect::<Vec<_>>().join("\n")
 }
 
 /// Formats a number with five significant digits.

@@ -2,13 +2,12 @@
 //! one method.
 
 use crate::output::tell;
+use crate::render::values::resolution;
 use crate::{Failure, Outcome, Result, hints};
-use dapple_core::Parameter;
+use dapple_core::{Parameter, PointSet, SampleId};
 use dapple_job::registry::{
     self, Entry, FILTERS, NOT_BUILT, POINTS, SAMPLERS, Setting, check_filter, check_points, check_sampler,
 };
-use dapple_study::{PointPlots, point_plots};
-use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub(crate) struct ListArgs {
@@ -18,14 +17,20 @@ pub(crate) struct ListArgs {
 }
 
 #[derive(clap::Args)]
-#[command(after_help = "Examples:\n  dapple points zsobol\n  dapple points zsobol:count=4 --plot plots")]
+#[command(
+    after_help = "Examples:\n  dapple points zsobol\n  dapple points zsobol:count=4 --csv 256 > points.csv\n  dapple points blue-noise --csv 1 --pixels 128x128 > image.csv"
+)]
 pub(crate) struct PointsArgs {
     #[command(flatten)]
     list: ListArgs,
 
-    /// Write plots into this folder, of one set or of all: points, power spectra and discrepancies, as SVG and CSV
-    #[arg(long, value_name = "DIR")]
-    plot: Option<PathBuf>,
+    /// Print the coordinates of the first N points of each pixel as CSV; docs/results/spectra.py plots them
+    #[arg(long, value_name = "N", requires = "name")]
+    csv: Option<u64>,
+
+    /// Width and height of the image whose points are printed
+    #[arg(long, value_name = "WxH", value_parser = resolution, default_value = "1x1", requires = "csv")]
+    pixels: [u32; 2],
 }
 
 /// A method of any kind, as it is described.
@@ -53,41 +58,37 @@ pub(crate) fn samplers(args: &ListArgs) -> Result<Outcome> {
 
 pub(crate) fn points(args: &PointsArgs) -> Result<Outcome> {
     let check = |name: &str| check_points(name).map_err(|e| hints::points(name, &e));
-    match &args.plot {
-        None => list(&args.list, "points", POINTS.iter().map(Described::from).collect(), &check),
-        Some(folder) => {
-            let all: Vec<&str> = match &args.list.name {
-                Some(name) => vec![name],
-                None => POINTS.iter().map(|entry| entry.name).collect(),
-            };
-            all.iter().try_for_each(|name| check(name).map_err(Failure::new))?;
-            plot(&all, folder)
+    match (&args.list.name, args.csv) {
+        (Some(name), Some(count)) => {
+            check(name).map_err(Failure::new)?;
+            print_points(name, count, args.pixels)
         }
+        _ => list(&args.list, "points", POINTS.iter().map(Described::from).collect(), &check),
     }
 }
 
-/// Writes the plots of point sets into a folder, and prints two numbers of each.
-fn plot(all: &[&str], folder: &Path) -> Result<Outcome> {
-    let cannot = |path: &Path, what: &str, e: &dyn std::fmt::Display| {
-        Failure::new(format!("{}: cannot {what}: {e}; choose another folder", path.display()))
-    };
-    std::fs::create_dir_all(folder).map_err(|e| cannot(folder, "make the folder", &e))?;
-    tell(format!("{:<26}{:>20}{:>26}", "point set", "L2 discrepancy (256)", "low-frequency power"))?;
-    for name in all {
-        let make = |spp| registry::points(name, Setting { seed: PLOT_SEED, spp: Some(spp) });
-        let plots = point_plots(name, &make).map_err(|e| Failure::new(hints::points(name, &e)))?;
-        for (file, text) in &plots.files {
-            let path = folder.join(file);
-            std::fs::write(&path, text).map_err(|e| cannot(&path, "write", &e))?;
+/// Prints the first `count` points of each pixel: eight dimensions, of which Dapple's integrators use the first two for
+/// the place in the pixel, the next two for the lens, and the others for light.
+fn print_points(name: &str, count: u64, [width, height]: [u32; 2]) -> Result<Outcome> {
+    let points = registry::points(name, Setting { seed: PRINTED_SEED, spp: Some(count) });
+    let points = points.map_err(|e| Failure::new(hints::points(name, &e)))?;
+    if count > points.capacity() {
+        return Err(Failure::new(format!("\"{name}\" has {} points per pixel; lower --csv", points.capacity())));
+    }
+    tell("x,y,sample,d0,d1,d2,d3,d4,d5,d6,d7")?;
+    for pixel in (0..height).flat_map(|y| (0..width).map(move |x| [x, y])) {
+        for sample in 0..count {
+            let block = |block| points.block(SampleId::new(pixel, 0, sample), block);
+            let values = [block(0), block(1)].concat();
+            let values = values.iter().map(f32::to_string).collect::<Vec<_>>().join(",");
+            tell(format!("{},{},{sample},{values}", pixel[0], pixel[1]))?;
         }
-        let PointPlots { low_frequency_power, l2_star_discrepancy, .. } = plots;
-        tell(format!("{name:<26}{l2_star_discrepancy:>20.5}{low_frequency_power:>26.3}"))?;
     }
     Ok(Outcome::Done)
 }
 
-/// The seed of the plotted point sets.
-const PLOT_SEED: u64 = 1;
+/// The seed of the printed point sets.
+const PRINTED_SEED: u64 = 1;
 
 pub(crate) fn filters(args: &ListArgs) -> Result<Outcome> {
     let check = |name: &str| check_filter(name).map_err(|e| hints::filter(name, &e));

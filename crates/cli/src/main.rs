@@ -78,7 +78,7 @@ Examples:
   dapple compare scene.exr reference.exr
   dapple denoise in.exr -o out.exr                an image of any renderer, with its layers
   dapple effects scene.pbrt
-  dapple study teapot -o teapot-study              accuracy against time: runs.jsonl, report.html
+  dapple study --set scenes=teapot -o teapot       accuracy against time: runs.jsonl, report.html
 
 Results go to stdout, progress and warnings to stderr.
 Exit status: 0 done, 1 failed, 2 wrong arguments, 3 done but no checkpoint could be written, 130 interrupted (the image

@@ -1,52 +1,134 @@
 //! The subcommand `dapple study`, and the hidden `dapple study-run`.
 
-mod args;
-mod progress;
-
-pub(crate) use args::StudyArgs;
-
+use crate::display::Display;
 use crate::machine::{cpu_seconds, start_threads};
-use crate::output::{say, tell};
+use crate::output::{say, tell, warn};
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result};
+use dapple_core::Control;
 use dapple_job::JobError;
 use dapple_job::memory::size;
 use dapple_study::{
-    InProcess, Processes, RunRequest, Runner, Study, StudyError, StudyOptions, StudyStatus, merge_studies, write_report,
+    InProcess, Plan, Processes, RunRequest, Runner, Study, StudyError, StudyMonitor, StudyOptions, StudyProgress,
+    StudyStatus, write_report,
 };
-use progress::Bar;
+use indicatif::HumanDuration;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Measure error against render time: samplers x point sets x filters x budgets x seeds over scenes
+///
+/// Every combination is rendered with every seed, timed and compared with a reference. Methods are compared at the same
+/// samples per pixel, and in the time that the baseline takes. Methods alternate run by run, so that a temporary
+/// slowdown of the machine affects all of them. Each finished run is a line of runs.jsonl in the folder DIR, beside
+/// report.html. The same command resumes a stopped or killed study.
+///
+/// The first method is that of `dapple render` without options: its sampler, points, filter and light selection.
+///
+/// The pixel filter of all images is a box one pixel wide. References are rendered once, with a point set that no
+/// method uses, in two halves whose difference estimates the reference's own error.
+#[derive(clap::Args)]
+#[command(after_help = AFTER)]
+pub(crate) struct StudyArgs {
+    /// Plan as a TOML file; without one, the defaults below
+    #[arg(value_name = "FILE.toml")]
+    plan: Option<PathBuf>,
+
+    /// Set a key of the plan; may be repeated. VALUE has the syntax of TOML, or is text without quotes
+    ///
+    /// A single value is a list of one, and a dot leads into a table. A resolution and lights also replace those of
+    /// single scenes.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    sets: Vec<String>,
+
+    /// Folder for all results
+    #[arg(short, long = "output", value_name = "DIR", default_value = "study")]
+    output: PathBuf,
+
+    /// Folder for rendered references that several studies share [default: in the study's folder]
+    #[arg(long, value_name = "DIR")]
+    references: Option<PathBuf>,
+
+    /// Write the report and the tables in the folder of --output anew, without runs
+    #[arg(long, conflicts_with_all = ["plan", "sets"])]
+    report_only: bool,
+
+    /// Show no progress and no list of files; warnings are still printed
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+const AFTER: &str = "\
+Examples:
+  dapple study --set quick=true
+  dapple study --set scenes=scene.pbrt -o scene-study
+  dapple study study.toml -o results
+  dapple study study.toml --set 'spp=[8, 16]' --set seeds=4 --set methods=variance/sobol/gaussian -o results
+  dapple study --report-only -o results            the report anew, from runs.jsonl
+
+A plan, every key optional, here with its default or an example:
+  scenes = [\"teapot\", { source = \"box.pbrt\", name = \"box\", reference = \"box.exr\" }]   # teapot, terrain
+  only = [\"box\"]                    # names of those scenes that are taken
+  samplers = [\"adaptive\", \"uniform\"]
+  points = [\"sobol\"]                # each with each sampler and filter
+  filters = [\"cluster-regression\", \"none\"]
+  methods = [\"uniform/halton\", { sampler = \"variance\", points = \"random\", filter = \"gaussian\" }]
+  baseline = \"uniform/sobol/none\"   # the others are compared with it
+  spp = [4, 8, 16, 32]
+  seeds = 8                           # or a list
+  time_of = 16                        # equal time: the baseline's with 16 spp; 0 for none
+  resolution = [128, 128]             # or 128x128; default a reference file's
+  lights = \"learned\"                # or power, uniform
+  reference_spp = 1024
+  max_depth = 5                       # default each scene's
+  threads = 0                         # one per core
+  fresh = false                       # a process for each run
+  allow_unsupported = false
+  quick = false                       # 64x64 pixels, 4 seeds, and 4, 8 and 16 spp
+  [[external]]                        # a filter that is an external program
+  name = \"oidn\"
+  command = \"python3 oidn.py {input} {output}\"
+
+Methods alone (without samplers) are the only ones; with samplers they are added. A scene can also have its own
+resolution, lights and integrator.
+
+Ctrl-C stops after the current run; the same command resumes. `dapple samplers`, `points` and `filters`
+list what can be compared.";
 
 /// The name of the hidden subcommand that makes a single run of a study in its own process.
 const ONE: &str = "study-run";
+
+impl StudyArgs {
+    fn plan(&self) -> Result<Plan> {
+        if let Some(file) = self.plan.as_ref().filter(|file| file.extension().is_some_and(|e| e != "toml")) {
+            let file = file.display();
+            let wrong = format!("{file} is no plan (FILE.toml); write --set scenes={file} to study a scene");
+            return Err(Failure::usage("study", wrong));
+        }
+        Plan::read(self.plan.as_deref(), &self.sets).map_err(|e| match &e {
+            StudyError::Plan(wrong) if wrong.place.as_ref().is_none_or(|place| place.starts_with("--set")) => {
+                Failure::usage("study", wrong.to_string())
+            }
+            _ => Failure::lines(&e),
+        })
+    }
+}
 
 pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
     if options.report_only {
         return deliver(&options.output, options.quiet);
     }
-    if options.merge {
-        return merge(options);
-    }
-    let plan = match options.plan() {
-        Ok(plan) => plan,
-        Err(args::Wrong::Arguments(wrong)) => return Err(Failure::usage("study", wrong)),
-        Err(args::Wrong::File(failure)) => return Err(failure),
-    };
+    let plan = options.plan()?;
     let stop = Stop::listen()?;
     // The plan allows at most 1024 threads, so that the number fits in 16 bits.
-    start_threads(u16::try_from(plan.threads).unwrap_or(0))?;
-    let mut runner: Box<dyn Runner> = match plan.fresh {
+    start_threads(u16::try_from(plan.settings.threads).unwrap_or(0))?;
+    let mut runner: Box<dyn Runner> = match plan.settings.fresh {
         false => Box::new(InProcess::new(cpu_seconds)),
         true => Box::new(Processes::new(&itself()?, &[ONE])),
     };
-    let folder = &match options.shard {
-        Some(shard) => options.output.join(format!("{SHARD}{}-of-{}", shard.index() + 1, shard.of())),
-        None => options.output.clone(),
-    };
-    let shared = options.shard.map(|_| options.output.join("references"));
-    let session = StudyOptions::default().with_references(options.references.clone().or(shared));
-    let session = session.with_command(std::env::args()).with_shard(options.shard);
+    let folder = &options.output;
+    let session = StudyOptions { references: options.references.clone(), command: std::env::args().collect() };
     let mut bar = Bar::new(options.quiet, stop);
     let opened = Study::open(plan, folder, &session, &mut bar);
     let Some(mut study) = opened.map_err(|e| failure_of(&e, &mut bar))? else {
@@ -71,46 +153,14 @@ pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
     deliver(folder, options.quiet)
 }
 
-/// The beginning of the names of folders of shards.
-const SHARD: &str = "shard-";
-
-/// Merges the shards in the folder of the study, and writes the report.
-fn merge(options: &StudyArgs) -> Result<Outcome> {
-    let folder = &options.output;
-    let wrong = |e| Failure::new(format!("{}: cannot list the folder: {e}", folder.display()));
-    let mut shards = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(wrong)? {
-        let entry = entry.map_err(wrong)?;
-        if entry.file_name().to_string_lossy().starts_with(SHARD) && entry.path().join("study.json").exists() {
-            shards.push(entry.path());
-        }
-    }
-    shards.sort();
-    if shards.is_empty() {
-        let at = folder.display();
-        return Err(Failure::new(format!(
-            "{at}: no shards of a study; make them by dapple study … --shard I/N -o {at}"
-        )));
-    }
-    let runs = merge_studies(&shards, folder).map_err(|e| Failure::lines(&e))?;
-    if !options.quiet {
-        tell(format!("{runs} runs of {} shards", shards.len()))?;
-    }
-    deliver(folder, options.quiet)
-}
-
 /// Writes the summary and the report of the study in `folder`.
 fn deliver(folder: &Path, quiet: bool) -> Result<Outcome> {
     let _ = write_report(folder).map_err(Failure::new)?;
     if !quiet {
         tell(format!("{}: the report", folder.join("report.html").display()))?;
         tell(format!("{}: all its figures", folder.join("summary.csv").display()))?;
-        tell(format!("{}: its tables and plots, for other pages", folder.join("summary.md").display()))?;
         tell(format!("{}: every run, a line of JSON each", folder.join("runs.jsonl").display()))?;
         tell(format!("{}: the same runs as a table", folder.join("runs.csv").display()))?;
-        tell(format!("{}: tables and curves for LaTeX", folder.join("latex").display()))?;
-        tell(format!("{}: a notebook that reads the runs", folder.join("notebook.ipynb").display()))?;
-        tell(format!("{}: images for tev and JERI", folder.join("viewer").display()))?;
         tell(format!("{}: the plan and the machine", folder.join("study.json").display()))?;
     }
     Ok(Outcome::Done)
@@ -132,7 +182,7 @@ pub(crate) fn run_one() -> Result<Outcome> {
 }
 
 fn itself() -> Result<std::path::PathBuf> {
-    std::env::current_exe().map_err(|e| Failure::new(format!("--fresh: cannot find this program: {e}")))
+    std::env::current_exe().map_err(|e| Failure::new(format!("fresh = true: cannot find this program: {e}")))
 }
 
 /// Makes the failure for an error of a study, with advice that names command-line options.
@@ -141,9 +191,47 @@ fn failure_of(error: &StudyError, bar: &mut Bar) -> Failure {
     match error {
         StudyError::Load(JobError::Memory { estimate, limit, .. }) => {
             let limit = limit.bytes().map_or_else(String::new, size);
-            Failure::new(format!("a run takes at least {estimate}, and {limit} is all there is; lower --resolution"))
+            Failure::new(format!("a run takes at least {estimate}, and {limit} is all there is; lower the resolution"))
         }
         StudyError::Load(error) => crate::failure::of_job(error),
         _ => Failure::lines(error),
+    }
+}
+
+/// The progress of a study, and its stop on Ctrl-C.
+struct Bar {
+    display: Display,
+    stop: Stop,
+}
+
+impl Bar {
+    fn new(quiet: bool, stop: Stop) -> Self {
+        let display = Display::new(quiet, None);
+        display.begin();
+        Self { display, stop }
+    }
+
+    /// Removes the bar.
+    fn finish(&mut self) {
+        self.display = Display::Silent;
+    }
+}
+
+impl StudyMonitor for Bar {
+    fn progress(&mut self, progress: &StudyProgress<'_>) -> Control {
+        if self.stop.asked() {
+            return Control::Stop;
+        }
+        if !self.display.is_silent() {
+            let left = progress.left.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX));
+            let left = left.map_or_else(String::new, |left| format!("{} left, ", HumanDuration(left)));
+            let (done, runs) = (progress.done, progress.runs);
+            self.display.update(progress.share, format!("{left}{done} of {runs} runs; {}", progress.doing));
+        }
+        Control::Continue
+    }
+
+    fn warning(&mut self, warning: &str) {
+        warn(warning);
     }
 }

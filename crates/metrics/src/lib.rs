@@ -4,6 +4,7 @@
 //!
 //! | function | result |
 //! |---|---|
+//! | [`METRICS`] | all metrics of one image, by name; [`Measurement`] holds what they read |
 //! | [`compare`] | MSE, relMSE, SMAPE, PSNR, sRGB MSE and ratios of means |
 //! | [`compare_corrected`] | MSE and relMSE without the noise of the reference |
 //! | [`flip`] | the visible difference, LDR-FLIP |
@@ -38,6 +39,7 @@ mod compare;
 mod difference;
 mod discrepancy;
 mod flip;
+mod metric;
 mod noisy_reference;
 mod spectrum;
 mod srgb;
@@ -54,6 +56,7 @@ pub use compare::{Comparison, RELATIVE_EPSILON, TRIMMED_SHARE, WORST_BLOCK_SIZE,
 pub use difference::{Difference, LEAST_RENDERS, Measured, difference};
 pub use discrepancy::{l2_star_discrepancy, star_discrepancy};
 pub use flip::{Flip, PIXELS_PER_DEGREE, flip};
+pub use metric::{Better, METRICS, Measurement, Metric, ReferenceNoise};
 pub use noisy_reference::{Corrected, CorrectedError, NoisyReference, REFERENCE_LIMIT, compare_corrected};
 pub use spectrum::{SpectrumRing, image_spectrum, point_spectrum};
 pub use statistics::{

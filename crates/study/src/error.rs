@@ -36,16 +36,22 @@ pub enum StudyError {
         /// The settings that differ, one line each.
         differences: Vec<String>,
     },
+    /// A folder without a study.
+    #[error("{}/study.json: there is no study; pass the folder that `dapple study -o` wrote to", folder.display())]
+    NoStudy {
+        /// The folder.
+        folder: PathBuf,
+    },
     /// A folder that another process is using.
     #[error("{}: another process is at work on the study in this folder; wait for it, or choose another folder", folder.display())]
     Busy {
         /// The study's folder.
         folder: PathBuf,
     },
-    /// A line of `runs.jsonl` that is not a finished run.
-    #[error("{}:{line}: {why}; remove the line to repeat that run", file.display())]
+    /// A line of `runs.jsonl` that is not a finished run, or a `study.json` that is not a study.
+    #[error("{}:{line}: {why}; correct it, or remove the line to repeat that run", file.display())]
     Line {
-        /// The path of `runs.jsonl`.
+        /// The path of the file.
         file: PathBuf,
         /// The number of the line, from 1.
         line: usize,
@@ -67,6 +73,12 @@ pub enum StudyError {
     /// An image file that cannot be read or written.
     #[error(transparent)]
     Image(#[from] dapple_scene::image::ImageError),
+    /// An error of the CSV writer.
+    #[error("summary.csv or runs.csv: {0}")]
+    Csv(#[from] csv::Error),
+    /// An error of the HTML template.
+    #[error("report.html: {0}")]
+    Page(#[from] askama::Error),
     /// A run that failed.
     #[error("{what}: {why}")]
     Run {

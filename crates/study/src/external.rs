@@ -21,35 +21,39 @@ use std::time::Instant;
 /// ```
 /// # use dapple_study::External;
 /// let oidn = External::new("oidn", &["python3", "oidn.py", "{input}", "{output}", "--threads", "{threads}"]);
-/// assert_eq!("oidn=python3 oidn.py {input} {output} --threads {threads}".parse(), Ok(oidn));
+/// assert_eq!(oidn.command.len(), 6);
 /// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct External {
     /// The name under which methods use the program as their filter.
     pub name: String,
     /// The program (a path, or a name in `PATH`) and its arguments; no shell is involved. In each argument `{input}`
     /// and `{output}` stand for the paths of the images, `{threads}` for the study's number of threads.
+    #[serde(deserialize_with = "command")]
     pub command: Vec<String>,
-    /// The working folder of the program; an empty path is the current folder. In a plan file, it is the folder of that
-    /// file.
+    /// The working folder of the program; an empty path is the current folder. In a plan file, it is relative to the
+    /// folder of that file.
+    #[serde(default)]
     pub folder: PathBuf,
 }
 
-/// Parses `NAME=PROGRAM ARGUMENT…`, with arguments separated by spaces. The program's working folder is the current
-/// one.
-impl std::str::FromStr for External {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let Some((name, command)) = text.split_once('=') else {
-            return Err(format!(
-                "\"{text}\" has no \"=\"; write NAME=COMMAND, such as \"mine=program {{input}} {{output}}\""
-            ));
-        };
-        let command = command.split_whitespace().map(str::to_owned).collect();
-        Ok(Self { name: name.trim().to_owned(), command, folder: PathBuf::new() })
+/// Reads a command: a list of arguments, or text with spaces between them.
+fn command<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Vec<String>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(
+        untagged,
+        expecting = "a command: \"PROGRAM {input} {output}\", or a list of arguments if they hold spaces"
+    )]
+    enum Command {
+        Line(String),
+        List(Vec<String>),
     }
+    Ok(match Command::deserialize(from)? {
+        Command::Line(line) => line.split_whitespace().map(str::to_owned).collect(),
+        Command::List(arguments) => arguments,
+    })
 }
 
 /// The last line of a program's output, as JSON, if the program reports its own time in seconds.
@@ -63,12 +67,6 @@ impl External {
     pub fn new(name: &str, command: &[&str]) -> Self {
         let command = command.iter().map(|argument| (*argument).to_owned()).collect();
         Self { name: name.to_owned(), command, folder: PathBuf::new() }
-    }
-
-    /// Sets the working folder of the program.
-    #[must_use]
-    pub fn started_in(self, folder: &Path) -> Self {
-        Self { folder: folder.to_owned(), ..self }
     }
 
     /// The per-pixel statistics that the film must record for the program's input image.

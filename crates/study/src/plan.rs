@@ -1,27 +1,26 @@
-//! The plan of a study: its scenes, methods, budgets and seeds, set in code or in a TOML file.
+//! The plan of a study: its scenes, methods, budgets and seeds, from a TOML file, `--set key=value`, or code.
 
-mod keys;
-mod name_list;
-mod toml_file;
-
-pub use keys::{Plan, PlanPatch};
-pub use name_list::split_names;
-
-use crate::{External, Method};
+use crate::scene::name_of;
+use crate::{External, Method, StudyError};
 use dapple_core::PointSet;
 use dapple_job::registry::{self, Setting};
 use dapple_renderer::light::LightSelection;
-use std::collections::BTreeSet;
-use std::path::PathBuf;
+use serde::de::Error;
+use serde::{Deserialize, Deserializer};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use toml::{Spanned, Table, Value};
 
 /// An error in a plan. Each message names the setting and the remedy.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{}{key}: {message}", place.as_ref().map_or_else(String::new, |p| format!("{p}: ")))]
+#[derive(Clone, Debug, Default, PartialEq, Eq, thiserror::Error)]
+#[error("{}{}{message}", place.as_ref().map_or_else(String::new, |p| format!("{p}: ")), if key.is_empty() { String::new() } else { format!("{key}: ") })]
 #[non_exhaustive]
 pub struct PlanError {
-    /// The place of the error, `FILE:LINE`; `None` for a plan from code.
+    /// The place of the error, `FILE:LINE` or `--set KEY=VALUE`; `None` for a plan from code.
     pub place: Option<String>,
-    /// The key of the wrong setting, as in the TOML file. On the command line, options have `-` instead of `_`.
+    /// The key of the wrong setting; empty if the message names it.
     pub key: String,
     /// The wrong name or value; `None` if the error is not about a single one.
     pub value: Option<String>,
@@ -31,22 +30,23 @@ pub struct PlanError {
 
 impl PlanError {
     pub(crate) fn new(key: &str, message: impl ToString) -> Self {
-        Self { place: None, key: key.to_owned(), value: None, message: message.to_string() }
+        Self { key: key.to_owned(), message: message.to_string(), ..Self::default() }
     }
 
     fn of_value(key: &str, value: &str, message: impl ToString) -> Self {
         Self { value: Some(value.to_owned()), ..Self::new(key, message) }
     }
+
+    fn at(place: String, message: impl ToString) -> Self {
+        Self { place: Some(place), ..Self::new("", message) }
+    }
 }
 
 /// A scene of a study, with its reference image and the settings that are its own.
 ///
-/// ```
-/// # use dapple_study::ScenePlan;
-/// let mut scene = ScenePlan::from("cornell");
-/// scene.reference = Some("cornell-reference.exr".into());
-/// ```
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// In a plan, it is a table of these keys, or the `source` alone.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct ScenePlan {
     /// The name of a bundled scene, or the path of a scene file.
@@ -56,125 +56,194 @@ pub struct ScenePlan {
     /// The file of the reference image; `None` renders a reference.
     pub reference: Option<PathBuf>,
     /// Width and height of this scene's images in pixels; `None` takes the study's resolution.
+    #[serde(default, deserialize_with = "resolution")]
     pub resolution: Option<[u32; 2]>,
     /// The rule by which light sampling selects one of several lights; `None` takes the study's.
+    #[serde(alias = "light_choice")]
     pub lights: Option<LightSelection>,
     /// The integrator, `NAME` or `NAME:key=value,…`; `None` takes the one that the scene calls for. References are always
     /// rendered with that one.
     pub integrator: Option<String>,
 }
 
-impl From<&str> for ScenePlan {
-    fn from(source: &str) -> Self {
-        Self { source: source.to_owned(), ..Self::default() }
+impl FromStr for ScenePlan {
+    type Err = std::convert::Infallible;
+
+    fn from_str(source: &str) -> Result<Self, Self::Err> {
+        Ok(Self { source: source.to_owned(), ..Self::default() })
     }
 }
 
-/// The default scenes of a study, both bundled with Dapple.
-pub const DEFAULT_SCENES: [&str; 2] = ["teapot", "terrain"];
-/// The default samplers of a study: that of `dapple render`, then uniform sampling.
-pub const DEFAULT_SAMPLERS: [&str; 2] = [dapple_job::DEFAULT_SAMPLER, "uniform"];
-/// The default filters of a study: that of `dapple render`, then none.
-pub const DEFAULT_FILTERS: [&str; 2] = [dapple_job::DEFAULT_FILTER, "none"];
-/// The default budgets of a study, in mean samples per pixel.
-pub const DEFAULT_SPP: [u64; 4] = [4, 8, 16, 32];
-/// The default number of seeds: enough for Student's t intervals of a useful width.
-pub const DEFAULT_SEEDS: u64 = 8;
-/// The default samples per pixel of a rendered reference image.
-pub const DEFAULT_REFERENCE_SPP: u64 = 1024;
-/// The default width and height of images in pixels.
-pub const DEFAULT_SIDE: u32 = 128;
-
-/// The default light selection of a study: that of `dapple render`.
-pub fn default_lights() -> LightSelection {
-    dapple_job::RenderSpec::new("").selection()
+/// The settings of a study as a plan has them. [`resolve`](Self::resolve) checks them and makes a [`Plan`].
+///
+/// Fields are the keys of the TOML file.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PlanSettings {
+    /// The scenes; default teapot and terrain, both bundled with Dapple.
+    #[serde(deserialize_with = "list")]
+    pub scenes: Vec<ScenePlan>,
+    /// The names of those `scenes` that are taken; default all.
+    pub only: Vec<String>,
+    /// The samplers (how many samples each pixel gets), each combined with every point set and filter; default that of
+    /// `dapple render`, then `uniform`, unless `methods` are set.
+    pub samplers: Option<Vec<String>>,
+    /// The point sets (where samples lie), each combined with every sampler and filter; default `sobol`.
+    pub points: Vec<String>,
+    /// The filters (denoisers), each combined with every sampler and point set; default that of `dapple render`, then
+    /// none.
+    pub filters: Vec<String>,
+    /// Methods in addition to samplers x points x filters; the only methods if no samplers are set. In a plan, each is
+    /// `SAMPLER/POINTS/FILTER` or a table.
+    #[serde(deserialize_with = "list")]
+    pub methods: Vec<Method>,
+    /// External programs, which methods can name as their filter.
+    pub external: Vec<External>,
+    /// The method with which the others are compared; default uniform/sobol/none. It is added in front of the methods
+    /// if it is not one of them.
+    #[serde(deserialize_with = "one")]
+    pub baseline: Method,
+    /// The budgets in mean samples per pixel; default 4, 8, 16 and 32.
+    pub spp: Option<Vec<u64>>,
+    /// The seeds, one run each per scene, method and budget; default 1 to 8. In a plan, their number or a list.
+    #[serde(deserialize_with = "seeds")]
+    pub seeds: Option<Vec<u64>>,
+    /// The budget, one of `spp`, that sets the time of equal-time runs: every method gets the time that the baseline
+    /// takes at this budget. 0 leaves out equal-time runs; default the second largest budget.
+    pub time_of: Option<u64>,
+    /// If true, defaults are smaller, for a study of less than a minute.
+    pub quick: bool,
+    /// Width and height of images in pixels; default the size of a scene's reference file, else 128 for both. In a
+    /// plan, `[128, 128]` or `128x128`.
+    #[serde(deserialize_with = "resolution")]
+    pub resolution: Option<[u32; 2]>,
+    /// The largest number of scattering events between camera and light; default the limit in each scene.
+    pub max_depth: Option<u32>,
+    /// Samples per pixel of rendered reference images, from 2 to 2^32, rounded up to an even number; default 1024.
+    pub reference_spp: u64,
+    /// The rule by which light sampling selects one of several lights; default that of `dapple render`.
+    pub lights: LightSelection,
+    /// The number of threads, at most 1024; 0, the default, is one per core.
+    pub threads: usize,
+    /// If true, each run has a process of its own.
+    pub fresh: bool,
+    /// If true, unsupported directives of scene files are warnings, not errors.
+    pub allow_unsupported: bool,
 }
 
-impl PlanPatch {
-    /// Returns this patch with its settings replaced by those that `other` sets. A resolution in `other` also replaces
-    /// the resolutions of single scenes, and a light selection theirs.
-    #[must_use]
-    pub fn merge(self, other: Self) -> Self {
-        let (resized, relit) = (other.resolution.is_some(), other.lights.is_some());
-        let mut merged = self.replaced_by(other);
-        for scene in merged.scenes.iter_mut().flatten() {
-            if resized {
-                scene.resolution = None;
-            }
-            if relit {
-                scene.lights = None;
-            }
+impl Default for PlanSettings {
+    fn default() -> Self {
+        let names = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
+        let scene = |name: &str| ScenePlan { source: name.to_owned(), ..ScenePlan::default() };
+        Self {
+            scenes: ["teapot", "terrain"].map(scene).to_vec(),
+            only: Vec::new(),
+            samplers: None,
+            points: names(&[dapple_job::DEFAULT_POINTS]),
+            filters: names(&[dapple_job::DEFAULT_FILTER, "none"]),
+            methods: Vec::new(),
+            external: Vec::new(),
+            baseline: Method::default(),
+            spp: None,
+            seeds: None,
+            time_of: None,
+            quick: false,
+            resolution: None,
+            max_depth: None,
+            reference_spp: 1024,
+            lights: dapple_job::RenderSpec::new("").selection(),
+            threads: 0,
+            fresh: false,
+            allow_unsupported: false,
         }
-        merged
     }
+}
 
-    /// Checks the settings, and adds the defaults of missing ones.
-    ///
-    /// # Errors
-    ///
-    /// [`PlanError`] for the first unknown name, empty list or number out of range. The message lists the known names.
-    pub fn resolve(self) -> Result<Plan, PlanError> {
-        let plan = self.taken_over();
-        let quick = self.quick.unwrap_or(false);
-        let spp = self.spp.clone().unwrap_or_else(|| if quick { vec![4, 8, 16] } else { DEFAULT_SPP.to_vec() });
-        let spp = ascending("spp", spp)?;
-        let scenes =
-            self.scenes.clone().unwrap_or_else(|| DEFAULT_SCENES.iter().map(|s| ScenePlan::from(*s)).collect());
-        filled("scenes", &scenes)?;
-        check_sizes(&scenes, self.resolution)?;
-        let external = self.external.clone().unwrap_or_default();
-        check_external(&external)?;
-        let most = spp.last().copied().unwrap_or(1);
-        let mut methods = self.all_methods()?;
-        check_methods(&methods, most, &external)?;
-        let baseline = self.baseline.unwrap_or_default();
-        check_method(&baseline, most, &external).map_err(|e| PlanError { key: "baseline".into(), ..e })?;
-        if !methods.contains(&baseline) {
-            methods.insert(0, baseline.clone());
-        }
-        let seeds = self.seeds.unwrap_or_else(|| (1..=if quick { 4 } else { DEFAULT_SEEDS }).collect());
-        check_seeds(&seeds)?;
-        let time_of = equal_time_budget(self.time_of, &spp)?;
-        check_numbers(&plan)?;
-        Ok(Plan {
-            scenes,
-            methods,
-            external,
-            baseline,
-            spp,
-            seeds,
-            time_of,
-            side: if quick { 64 } else { DEFAULT_SIDE },
-            reference_spp: plan.reference_spp.next_multiple_of(2),
-            ..plan
-        })
-    }
-
-    /// All combinations of samplers, point sets and filters, then the methods that are listed one by one.
-    fn all_methods(&self) -> Result<Vec<Method>, PlanError> {
-        let names = |set: &Option<Vec<String>>, default: &[&str]| {
-            set.clone().unwrap_or_else(|| default.iter().map(|name| (*name).to_owned()).collect())
-        };
-        let mut methods = Vec::new();
-        if self.samplers.is_some() || self.methods.is_none() {
-            let samplers = names(&self.samplers, &DEFAULT_SAMPLERS);
-            let points = names(&self.points, &[dapple_job::DEFAULT_POINTS]);
-            let filters = names(&self.filters, &DEFAULT_FILTERS);
-            for (key, list) in [("samplers", &samplers), ("points", &points), ("filters", &filters)] {
-                filled(key, list)?;
-            }
-            for sampler in &samplers {
-                for points in &points {
-                    methods.extend(filters.iter().map(|filter| Method::new(sampler, points, filter)));
-                }
-            }
-        }
-        methods.extend(self.methods.clone().unwrap_or_default());
-        Ok(methods)
-    }
+/// A complete plan of a study: every setting has a value, and is checked as far as possible without reading a scene.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Plan {
+    /// The scenes in the order of their runs, at least one.
+    pub scenes: Vec<ScenePlan>,
+    /// The methods in the order of their runs, without repetitions, the baseline among them.
+    pub methods: Vec<Method>,
+    /// The budgets in mean samples per pixel, ascending.
+    pub spp: Vec<u64>,
+    /// The seeds, without repetitions.
+    pub seeds: Vec<u64>,
+    /// The budget, one of `spp`, that sets the time of equal-time runs; `None` leaves out equal-time runs.
+    pub time_of: Option<u64>,
+    /// Width and height in pixels of a scene's images, if neither a resolution nor a reference file sets them.
+    pub side: u32,
+    /// The settings from which the plan was made.
+    pub settings: PlanSettings,
 }
 
 impl Plan {
+    /// Reads a plan from a TOML file, without one from the defaults. `sets` are replacements of its settings, each
+    /// `KEY=VALUE`. Paths in the file are relative to its folder.
+    ///
+    /// A value has TOML's syntax, or is text without quotes. A
+    /// single value is a list of one. A dot leads into a table, as in `baseline.filter=nlm`. A
+    /// resolution and a light selection also replace those of single scenes.
+    ///
+    /// ```
+    /// # use dapple_study::Plan;
+    /// let plan = Plan::read(None, &["spp=[8, 16]".into(), "scenes=cornell".into(), "seeds=4".into()])?;
+    /// assert_eq!((plan.spp, plan.seeds, plan.scenes.len()), (vec![8, 16], vec![1, 2, 3, 4], 1));
+    /// # Ok::<(), dapple_study::StudyError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`StudyError`] for a file that cannot be read, and those of [`parse`](Self::parse).
+    pub fn read(file: Option<&Path>, sets: &[String]) -> Result<Self, StudyError> {
+        /// The largest size of a plan in bytes.
+        const LONGEST: u64 = 16 << 20;
+        let Some(file) = file else { return Ok(Self::parse("", Path::new(""), sets)?) };
+        let text = dapple_job::read_text(file, LONGEST).map_err(|e| StudyError::file(file, "read the plan", e))?;
+        Ok(Self::parse(&text, file, sets)?)
+    }
+
+    /// Parses a plan from TOML text and replacements, as [`read`](Self::read) does. Errors contain the path `file`.
+    ///
+    /// # Errors
+    /// [`PlanError`] with file and line for text that is not TOML, an unknown key, a value of another type, or a value
+    /// that [`PlanSettings::resolve`] refuses.
+    pub fn parse(text: &str, file: &Path, sets: &[String]) -> Result<Self, PlanError> {
+        let place = |line: usize| format!("{}:{line}", file.display());
+        let wrong = |e: toml::de::Error| {
+            let before = e.span().map_or(0, |span| text[..span.start.min(text.len())].matches('\n').count());
+            PlanError::at(place(1 + before), e.message())
+        };
+        let mut settings: PlanSettings = toml::from_str(text).map_err(wrong)?;
+        let mut table: Table = toml::from_str(text).map_err(wrong)?;
+        let mut replaced: BTreeMap<String, &String> = BTreeMap::new();
+        for set in sets {
+            let refuse = |message: &dyn fmt::Display| PlanError::at(format!("--set {set}"), message);
+            let key = assign(&mut table, set).map_err(|e| refuse(&e))?;
+            settings = PlanSettings::deserialize(table.clone()).map_err(|e| refuse(&e.message()))?;
+            let _ = replaced.insert(key, set);
+        }
+        let folder = file.parent().unwrap_or(Path::new(""));
+        if table.contains_key("scenes") && !replaced.contains_key("scenes") {
+            settings.scenes.iter_mut().for_each(|scene| scene.make_relative_to(folder));
+        }
+        if !replaced.contains_key("external") {
+            settings.external.iter_mut().for_each(|external| external.folder = folder.join(&external.folder));
+        }
+        for scene in &mut settings.scenes {
+            scene.resolution = scene.resolution.filter(|_| !replaced.contains_key("resolution"));
+            scene.lights = scene.lights.filter(|_| !replaced.contains_key("lights"));
+        }
+        settings.resolve().map_err(|e| {
+            // An error in one of `methods` has the key of the wrong part, such as `points`.
+            let keys = [e.key.as_str(), "methods"];
+            let set = keys.iter().find_map(|key| replaced.get(*key)).map(|set| format!("--set {set}"));
+            let line = || keys.iter().find_map(|key| line_of(text, key, e.value.as_deref()));
+            PlanError { place: set.or_else(|| line().map(place)), ..e }
+        })
+    }
+
     /// The number of runs in the study, equal-time runs included.
     pub fn runs(&self) -> usize {
         let budgets = self.spp.len() + usize::from(self.time_of.is_some());
@@ -182,22 +251,201 @@ impl Plan {
     }
 }
 
-fn check_sizes(scenes: &[ScenePlan], resolution: Option<[u32; 2]>) -> Result<(), PlanError> {
-    for [w, h] in scenes.iter().filter_map(|scene| scene.resolution).chain(resolution) {
-        dapple_core::Frame::new(w, h).map_err(|e| PlanError::new("resolution", e))?;
-    }
-    Ok(())
+/// The line on which a key's value begins, or the first one from there that contains `value`.
+fn line_of(text: &str, key: &str, value: Option<&str>) -> Option<usize> {
+    let values: BTreeMap<String, Spanned<Value>> = toml::from_str(text).ok()?;
+    let start = values.get(key)?.span().start;
+    let within = value.and_then(|value| text[start..].find(value)).unwrap_or(0);
+    Some(1 + text[..start + within].matches('\n').count())
 }
 
-fn check_methods(methods: &[Method], spp: u64, external: &[External]) -> Result<(), PlanError> {
-    for (at, method) in methods.iter().enumerate() {
-        check_method(method, spp, external)?;
-        if methods[..at].contains(method) {
-            let message = format!("\"{method}\" is given twice; remove one");
-            return Err(PlanError::of_value("methods", &method.sampler, message));
+/// The lists for which `--set` also takes a single value.
+const LISTS: [&str; 7] = ["scenes", "only", "samplers", "points", "filters", "methods", "spp"];
+
+/// Assigns the value in `KEY=VALUE` to a key, or to one within tables. Returns the first key.
+fn assign(table: &mut Table, set: &str) -> Result<String, String> {
+    let (path, text) = set.split_once('=').ok_or("this is not a setting; write KEY=VALUE, such as seeds=4")?;
+    let text = text.trim();
+    let value = match toml::from_str::<Table>(&format!("value = {text}")) {
+        Ok(mut parsed) if parsed.len() == 1 => parsed.remove("value").unwrap_or(Value::Boolean(false)),
+        Err(e) if text.starts_with(['[', '{', '"', '\'']) => {
+            return Err(format!("{}; write a value of TOML, such as '[\"a\", \"b\"]'", e.message()));
+        }
+        _ => Value::String(text.to_owned()),
+    };
+    let keys: Vec<&str> = path.split('.').map(str::trim).collect();
+    let (last, tables) = keys.split_last().ok_or("the key is missing")?;
+    let value = if LISTS.contains(&path.trim()) && !value.is_array() { Value::Array(vec![value]) } else { value };
+    let mut inner = table;
+    for key in tables {
+        let entry = inner.entry((*key).to_owned()).or_insert_with(|| Value::Table(Table::new()));
+        inner = entry.as_table_mut().ok_or_else(|| format!("{key} is no table; set it as a whole"))?;
+    }
+    let _ = inner.insert((*last).to_owned(), value);
+    Ok(keys[0].to_owned())
+}
+
+/// A value of TOML that is written as text, or as what serde reads.
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "text, or a table of the keys that docs.rs/dapple-study lists")]
+enum Written<T> {
+    Text(String),
+    Value(T),
+}
+
+impl<T: FromStr<Err: fmt::Display>> Written<T> {
+    fn read<E: Error>(self) -> Result<T, E> {
+        match self {
+            Self::Text(text) => text.parse().map_err(E::custom),
+            Self::Value(value) => Ok(value),
         }
     }
-    Ok(())
+}
+
+fn one<'de, D: Deserializer<'de>>(from: D) -> Result<Method, D::Error> {
+    Written::deserialize(from)?.read()
+}
+
+fn list<'de, T, D: Deserializer<'de>>(from: D) -> Result<Vec<T>, D::Error>
+where
+    T: FromStr<Err: fmt::Display> + Deserialize<'de>,
+{
+    Vec::<Written<T>>::deserialize(from)?.into_iter().map(Written::read).collect()
+}
+
+/// The largest number of seeds in a plan; it keeps a typing error from filling the memory.
+const MOST_SEEDS: u64 = 100_000;
+
+/// The seeds: their number N for seeds 1 to N, or a list.
+fn seeds<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<u64>>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged, expecting = "a number of seeds, or a list of seeds")]
+    enum Seeds {
+        Count(u64),
+        List(Vec<u64>),
+    }
+    Ok(Some(match Seeds::deserialize(from)? {
+        Seeds::Count(n) => (1..=n.min(MOST_SEEDS)).collect(),
+        Seeds::List(list) => list,
+    }))
+}
+
+/// A resolution: text such as `128x128`, or a pair.
+fn resolution<'de, D: Deserializer<'de>>(from: D) -> Result<Option<[u32; 2]>, D::Error> {
+    let text = match Written::deserialize(from)? {
+        Written::Value(sides) => return Ok(Some(sides)),
+        Written::Text(text) => text,
+    };
+    let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.trim().parse().ok()?, h.trim().parse().ok()?]));
+    let wrong = || format!("\"{text}\" is not a resolution; write WIDTHxHEIGHT in pixels, such as 128x128");
+    sides.map(Some).ok_or_else(|| D::Error::custom(wrong()))
+}
+
+impl ScenePlan {
+    fn make_relative_to(&mut self, folder: &Path) {
+        let path = folder.join(&self.source);
+        // A bundled scene's name stays a name, unless a file of that name exists.
+        if path.exists() || !dapple_scene::bundled::names().contains(&self.source.as_str()) {
+            self.source = path.display().to_string();
+        }
+        self.reference = self.reference.take().map(|file| folder.join(file));
+    }
+}
+
+impl PlanSettings {
+    /// Checks the settings, and makes the plan.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError`] for the first unknown name, empty list or number out of range. The message lists the known names.
+    pub fn resolve(mut self) -> Result<Plan, PlanError> {
+        let spp = self.spp.clone().unwrap_or_else(|| if self.quick { vec![4, 8, 16] } else { vec![4, 8, 16, 32] });
+        let spp = ascending(spp)?;
+        let scenes = self.taken_scenes()?;
+        let own = scenes.iter().filter_map(|scene| Some(("scenes", scene.resolution?)));
+        for (key, [w, h]) in own.chain(self.resolution.map(|size| ("resolution", size))) {
+            dapple_core::Frame::new(w, h).map_err(|e| PlanError::new(key, e))?;
+        }
+        check_external(&self.external)?;
+        let most = spp.last().copied().unwrap_or(1);
+        let mut methods = self.all_methods()?;
+        for (at, method) in methods.iter().enumerate() {
+            check_method(method, most, &self.external)?;
+            if methods[..at].contains(method) {
+                let message = format!("\"{method}\" is given twice; remove one");
+                return Err(PlanError::of_value("methods", &method.sampler, message));
+            }
+        }
+        let baseline = &self.baseline;
+        check_method(baseline, most, &self.external).map_err(|e| PlanError { key: "baseline".into(), ..e })?;
+        if !methods.contains(baseline) {
+            methods.insert(0, baseline.clone());
+        }
+        let seeds = self.seeds.clone().unwrap_or_else(|| (1..=if self.quick { 4 } else { 8 }).collect());
+        filled("seeds", &seeds)?;
+        if seeds.iter().collect::<BTreeSet<_>>().len() < seeds.len() {
+            return Err(PlanError::new(
+                "seeds",
+                "a seed is given twice and would make the same image again; remove one",
+            ));
+        }
+        let time_of = equal_time_budget(self.time_of, &spp)?;
+        self.check_numbers()?;
+        self.reference_spp = self.reference_spp.next_multiple_of(2);
+        Ok(Plan { scenes, methods, spp, seeds, time_of, side: if self.quick { 64 } else { 128 }, settings: self })
+    }
+
+    /// The scenes that `only` names, in the order of the names; all if it is empty.
+    fn taken_scenes(&self) -> Result<Vec<ScenePlan>, PlanError> {
+        filled("scenes", &self.scenes)?;
+        if self.only.is_empty() {
+            return Ok(self.scenes.clone());
+        }
+        let name = |scene: &ScenePlan| scene.name.clone().unwrap_or_else(|| name_of(&scene.source));
+        let known = || self.scenes.iter().map(name).collect::<Vec<_>>().join(", ");
+        let find = |wanted: &String| {
+            let unknown = || format!("no scene of the plan is called \"{wanted}\"; choose among {}", known());
+            let found = self.scenes.iter().find(|scene| name(scene) == *wanted).cloned();
+            found.ok_or_else(|| PlanError::of_value("only", wanted, unknown()))
+        };
+        self.only.iter().map(find).collect()
+    }
+
+    /// All combinations of samplers, point sets and filters, then the methods that are listed one by one.
+    fn all_methods(&self) -> Result<Vec<Method>, PlanError> {
+        let samplers = match &self.samplers {
+            Some(samplers) => samplers.clone(),
+            None if self.methods.is_empty() => vec![dapple_job::DEFAULT_SAMPLER.to_owned(), "uniform".to_owned()],
+            None => return Ok(self.methods.clone()),
+        };
+        for (key, list) in [("samplers", &samplers), ("points", &self.points), ("filters", &self.filters)] {
+            filled(key, list)?;
+        }
+        let mut methods = Vec::new();
+        for sampler in &samplers {
+            for points in &self.points {
+                methods.extend(self.filters.iter().map(|filter| Method::new(sampler, points, filter)));
+            }
+        }
+        methods.extend(self.methods.iter().cloned());
+        Ok(methods)
+    }
+
+    fn check_numbers(&self) -> Result<(), PlanError> {
+        let spp = self.reference_spp;
+        if !(2..=1 << 32).contains(&spp) {
+            let message = format!("{spp} is out of range; use 2 to 2^32, half of them for each half of the reference");
+            return Err(PlanError::new("reference_spp", message));
+        }
+        let threads = self.threads;
+        if threads > 1024 {
+            return Err(PlanError::new("threads", format!("{threads} is out of range; use 0 (one per core) to 1024")));
+        }
+        for integrator in self.scenes.iter().filter_map(|scene| scene.integrator.as_deref()) {
+            dapple_job::check_integrator(integrator).map_err(|e| PlanError::of_value("scenes", integrator, e))?;
+        }
+        Ok(())
+    }
 }
 
 /// Makes the method's sampler, point set and filter once, so that wrong names are found before a scene is read.
@@ -240,27 +488,6 @@ fn check_external(external: &[External]) -> Result<(), PlanError> {
     Ok(())
 }
 
-fn check_seeds(seeds: &[u64]) -> Result<(), PlanError> {
-    filled("seeds", seeds)?;
-    if seeds.iter().collect::<BTreeSet<_>>().len() < seeds.len() {
-        return Err(PlanError::new("seeds", "a seed is given twice and would make the same image again; remove one"));
-    }
-    Ok(())
-}
-
-fn check_numbers(plan: &Plan) -> Result<(), PlanError> {
-    let spp = plan.reference_spp;
-    if !(2..=1 << 32).contains(&spp) {
-        let message = format!("{spp} is out of range; use 2 to 2^32, half of them for each half of the reference");
-        return Err(PlanError::new("reference_spp", message));
-    }
-    let threads = plan.threads;
-    if threads > 1024 {
-        return Err(PlanError::new("threads", format!("{threads} is out of range; use 0 (one per core) to 1024")));
-    }
-    Ok(())
-}
-
 /// The budget whose time the equal-time runs get: `time_of`, or the second largest of `spp` (ascending) by default.
 /// `None` for 0, which leaves out equal-time runs.
 fn equal_time_budget(time_of: Option<u64>, spp: &[u64]) -> Result<Option<u64>, PlanError> {
@@ -283,32 +510,177 @@ fn filled<T>(key: &str, list: &[T]) -> Result<(), PlanError> {
     Ok(())
 }
 
-fn ascending(key: &str, mut spp: Vec<u64>) -> Result<Vec<u64>, PlanError> {
-    filled(key, &spp)?;
+fn ascending(mut spp: Vec<u64>) -> Result<Vec<u64>, PlanError> {
+    filled("spp", &spp)?;
     spp.sort_unstable();
     if spp.windows(2).any(|pair| pair[0] == pair[1]) {
-        return Err(PlanError::new(key, "a number is given twice; remove one"));
+        return Err(PlanError::new("spp", "a number is given twice; remove one"));
     }
     match spp.iter().find(|n| !(1..=u64::from(u32::MAX)).contains(*n)) {
-        Some(n) => Err(PlanError::new(key, format!("{n} is out of range; use 1 to 2^32 - 1 samples per pixel"))),
+        Some(n) => Err(PlanError::new("spp", format!("{n} is out of range; use 1 to 2^32 - 1 samples per pixel"))),
         None => Ok(spp),
     }
 }
 
-/// Parses `SAMPLER[/POINTS[/FILTER]]`; the point set defaults to that of `dapple render`, the filter to `none`.
-impl std::str::FromStr for Method {
-    type Err = PlanError;
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-    fn from_str(text: &str) -> Result<Self, PlanError> {
-        let parts: Vec<&str> = text.split('/').map(str::trim).collect();
-        match parts[..] {
-            [sampler] => Ok(Self::new(sampler, dapple_job::DEFAULT_POINTS, "none")),
-            [sampler, points] => Ok(Self::new(sampler, points, "none")),
-            [sampler, points, filter] => Ok(Self::new(sampler, points, filter)),
-            _ => {
-                let message = format!("\"{text}\" is not a method; write SAMPLER/POINTS/FILTER");
-                Err(PlanError::of_value("methods", text, message))
-            }
+    fn message_of(text: &str) -> String {
+        match Plan::parse(text, Path::new("some/plan.toml"), &[]) {
+            Ok(_) => String::new(),
+            Err(e) => e.to_string(),
+        }
+    }
+
+    #[test]
+    fn errors_name_file_line_and_key() {
+        let cases = [
+            ("spp = [8, \"a\"]", "some/plan.toml:1: invalid type: string \"a\", expected u64"),
+            ("# a\n\nspp = [\n  8,\n  8,\n]\n", "some/plan.toml:3: spp: a number is given twice"),
+            ("spp = [0]", ":1: spp: 0 is out of range; use 1 to"),
+            ("spp = []", ":1: spp: the list is empty"),
+            ("ssp = [8]", ":1: unknown field `ssp`, expected one of `scenes`, `only`, `samplers`"),
+            ("spp = [8", ":1: "),
+            (
+                "samplers = [\n  \"uniform\",\n  \"nonesuch\",\n]",
+                ":3: samplers: there is no sampler \"nonesuch\"; choose among variance, ",
+            ),
+            ("filters = [\"nonesuch\"]", ":1: filters: there is no filter \"nonesuch\"; choose among none, "),
+            ("points = [\"nonesuch\"]", ":1: points: there is no point set \"nonesuch\"; choose among sobol, "),
+            ("samplers = [\"mitchell:nonesuch=2\"]", ":1: samplers: mitchell: there is no parameter \"nonesuch\""),
+            ("methods = [\"uniform\",\n \"variance/nonesuch\"]", ":2: points: there is no point set"),
+            ("methods = [\"a/b/c/d\"]", ":1: \"a/b/c/d\" is not a method; write SAMPLER/POINTS/FILTER"),
+            ("samplers = [\"uniform\", \"uniform\"]", "\"uniform/sobol/cluster-regression\" is given twice"),
+            ("seeds = \"x\"", ":1: a number of seeds, or"),
+            ("seeds = [1, 1]", ":1: seeds: a seed is given twice"),
+            ("seeds = 0", ":1: seeds: the list is empty"),
+            ("resolution = \"12\"", ":1: \"12\" is not a resolution; write WIDTHxHEIGHT"),
+            ("resolution = [0, 4]", ":1: resolution: "),
+            ("time_of = 7", ":1: time_of: 7 is not one of spp (4, 8, 16, 32)"),
+            ("reference_spp = 1", ":1: reference_spp: 1 is out of range; use 2"),
+            ("baseline = \"nonesuch\"", ":1: baseline: there is no sampler"),
+            ("scenes = [{ name = \"a\" }]", ":1: text, or a table"),
+            ("threads = -1", ":1: invalid value"),
+            ("scenes = [{ source = \"teapot\", lights = \"nonesuch\" }]", ":1: text, or a table"),
+            ("scenes = [{ source = \"teapot\", resolution = \"0x4\" }]", ":1: scenes: an image of 0x4 pixels is empty"),
+            ("[[external]]\nname = \"a/b\"\ncommand = \"p {input} {output}\"", ":2: external: \"a/b\": not a name"),
+            (
+                "[[external]]\nname = \"nlm\"\ncommand = \"p {input} {output}\"",
+                ":2: external: \"nlm\": a built-in filter",
+            ),
+            ("[[external]]\nname = \"a\"\ncommand = \"p {input}\"", "external: \"a\": the command lacks its images"),
+            (
+                "[[external]]\nname = \"a\"\ncommand = \"{input} {output}\"",
+                "external: \"a\": the command lacks its images",
+            ),
+            ("filters = [\"a\"]", "filters: there is no filter \"a\""),
+        ];
+        for (text, message) in cases {
+            assert!(message_of(text).contains(message), "{text}: {}", message_of(text));
+        }
+        // The control: an empty plan is right.
+        assert_eq!(message_of(""), "");
+    }
+
+    /// Plans mean the same in programs with and without the feature.
+    #[test]
+    fn an_external_filter_may_have_the_name_of_an_optional_filter() {
+        for name in ["oidn", "both"] {
+            let text = format!(
+                "filters = [\"{name}\"]\n[[external]]\nname = \"{name}\"\ncommand = \"p {{input}} {{output}}\""
+            );
+            let plan = Plan::parse(&text, Path::new("plan.toml"), &[]).unwrap();
+            assert_eq!((plan.settings.external[0].name.as_str(), plan.methods[1].filter.as_str()), (name, name));
+        }
+    }
+
+    #[test]
+    fn a_file_gives_every_setting() {
+        let text = r#"
+            scenes = ["teapot", { source = "box.pbrt", name = "box", reference = "r.exr" }]
+            samplers = ["variance", "mitchell:mode=budget"]
+            filters = ["none"]
+            methods = [{ sampler = "uniform", points = "halton" }, "variance/random/gaussian"]
+            spp = [16, 8]
+            seeds = [3, 5]
+            resolution = "20x10"
+            time_of = 16
+        "#;
+        let plan = Plan::parse(text, Path::new("some/plan.toml"), &[]).unwrap();
+        let methods: Vec<String> = plan.methods.iter().map(Method::to_string).collect();
+        let expected = [
+            "uniform/sobol/none",
+            "variance/sobol/none",
+            "mitchell:mode=budget/sobol/none",
+            "uniform/halton/none",
+            "variance/random/gaussian",
+        ];
+        assert_eq!(methods, expected, "the baseline stands in front");
+        assert_eq!((plan.spp.as_slice(), plan.seeds.as_slice()), (&[8, 16][..], &[3, 5][..]));
+        assert_eq!((plan.settings.resolution, plan.time_of), (Some([20, 10]), Some(16)));
+        assert_eq!(plan.scenes[0], "teapot".parse().unwrap());
+        assert_eq!(plan.scenes[1].source, "some/box.pbrt");
+        assert_eq!(plan.scenes[1].reference.as_deref(), Some(Path::new("some/r.exr")));
+        assert_eq!(plan.runs(), 2 * 5 * 3 * 2);
+    }
+
+    fn with(text: &str, sets: &[&str]) -> Result<Plan, PlanError> {
+        let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+        Plan::parse(text, Path::new("some/plan.toml"), &sets)
+    }
+
+    #[test]
+    fn later_settings_replace_those_of_the_file() {
+        let plan = with("spp = [2, 4]\nseeds = 3", &["spp=7", "quick=true"]).unwrap();
+        assert_eq!((plan.spp, plan.seeds, plan.time_of, plan.side), (vec![7], vec![1, 2, 3], Some(7), 64));
+        let sized =
+            "lights = \"power\"\nscenes = [{ source = \"teapot\", resolution = [5, 6], light_choice = \"cells\" }]";
+        let scene = &with(sized, &[]).unwrap().scenes[0];
+        assert_eq!((scene.resolution, scene.lights), (Some([5, 6]), Some(LightSelection::Learned)));
+        let plan = with(sized, &["resolution=7x8", "lights=learned"]).unwrap();
+        assert_eq!((plan.scenes[0].resolution, plan.settings.resolution), (None, Some([7, 8])));
+        assert_eq!((plan.scenes[0].lights, plan.settings.lights), (None, LightSelection::Learned));
+        // Text, lists, tables and parts of tables; a plan that holds only with its replacements.
+        let sets = [
+            "samplers=[\"uniform\", \"mitchell:mode=budget,radius=2\"]",
+            "filters=none",
+            "methods=uniform/halton",
+            "baseline.filter=gaussian",
+            "scenes=[\"cornell\", { source = \"box.pbrt\", name = \"b\" }]",
+            "spp=[4, 9]",
+        ];
+        let plan = with("time_of = 9\nbaseline = { sampler = \"uniform\" }", &sets).unwrap();
+        let methods: Vec<String> = plan.methods.iter().map(Method::to_string).collect();
+        let expected = [
+            "uniform/sobol/gaussian",
+            "uniform/sobol/none",
+            "mitchell:mode=budget,radius=2/sobol/none",
+            "uniform/halton/none",
+        ];
+        assert_eq!(methods, expected);
+        assert_eq!(plan.scenes[1].source, "box.pbrt", "not relative to the file");
+        let named = "scenes = [\"teapot\", { source = \"room\", name = \"r\" }]";
+        assert_eq!(with(named, &["only=r"]).unwrap().scenes[0].source, "room");
+    }
+
+    #[test]
+    fn errors_of_replacements_name_the_replacement() {
+        let cases = [
+            ("spp", "--set spp: this is not a setting; write KEY=VALUE"),
+            ("ssp=3", "--set ssp=3: unknown field `ssp`, expected one of"),
+            ("spp=a", "--set spp=a: invalid type: string \"a\", expected u64"),
+            ("spp=[2, 2]", "--set spp=[2, 2]: spp: a number is given twice"),
+            ("spp=[2", "write a value of TOML"),
+            ("seeds.a=3", "--set seeds.a=3: "),
+            ("methods=uniform/nonesuch", "--set methods=uniform/nonesuch: points: there is no point set"),
+            ("only=nonesuch", "no scene of the plan is called \"nonesuch\"; choose among teapot, terrain"),
+            // The file's own setting no longer fits.
+            ("spp=[1, 2]", "some/plan.toml:2: time_of: 8 is not one of spp (1, 2)"),
+        ];
+        for (set, message) in cases {
+            let found = with("seeds = 2\ntime_of = 8", &[set]).unwrap_err().to_string();
+            assert!(found.contains(message), "{set}: {found}");
         }
     }
 }

@@ -1,8 +1,10 @@
 //! The records of a study: one JSON line per finished run, and one file about the whole study.
 
 use crate::External;
+use dapple_metrics::METRICS;
 use dapple_renderer::light::LightSelection;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::collections::BTreeMap;
 use std::fmt;
 
 /// A method of making an image: sampler, point set and filter, each by its registry name with parameters.
@@ -10,21 +12,32 @@ use std::fmt;
 /// ```
 /// # use dapple_study::Method;
 /// assert_eq!("mitchell:radius=2/halton".parse::<Method>()?, Method::new("mitchell:radius=2", "halton", "none"));
-/// # Ok::<(), dapple_study::PlanError>(())
+/// # Ok::<(), String>(())
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct Method {
     /// The sampler, such as `uniform` or `mitchell:mode=budget`.
     pub sampler: String,
-    /// The point set, such as `sobol`.
+    /// The point set, such as `sobol`, the default.
+    #[serde(default = "default_points")]
     pub points: String,
-    /// The filter (denoiser), such as `none`.
+    /// The filter (denoiser), such as `none`, the default.
+    #[serde(default = "no_filter")]
     pub filter: String,
 }
 
+fn default_points() -> String {
+    dapple_job::DEFAULT_POINTS.to_owned()
+}
+
+fn no_filter() -> String {
+    "none".to_owned()
+}
+
 /// The budget of a run.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum RunBudget {
@@ -46,6 +59,35 @@ impl fmt::Display for RunBudget {
         match self {
             Self::Spp(spp) => write!(f, "{spp} spp"),
             Self::TimeOf(spp) => write!(f, "time of {spp} spp"),
+        }
+    }
+}
+
+impl RunBudget {
+    /// True for equal time.
+    pub fn is_timed(self) -> bool {
+        matches!(self, Self::TimeOf(_))
+    }
+
+    /// The samples per pixel that the budget names.
+    pub fn spp(self) -> u64 {
+        match self {
+            Self::Spp(spp) | Self::TimeOf(spp) => spp,
+        }
+    }
+}
+
+/// Parses `SAMPLER[/POINTS[/FILTER]]`; the point set defaults to that of `dapple render`, the filter to `none`.
+impl std::str::FromStr for Method {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts: Vec<&str> = text.split('/').map(str::trim).collect();
+        match parts[..] {
+            [sampler] => Ok(Self::new(sampler, dapple_job::DEFAULT_POINTS, "none")),
+            [sampler, points] => Ok(Self::new(sampler, points, "none")),
+            [sampler, points, filter] => Ok(Self::new(sampler, points, filter)),
+            _ => Err(format!("\"{text}\" is not a method; write SAMPLER/POINTS/FILTER")),
         }
     }
 }
@@ -91,6 +133,20 @@ impl fmt::Display for Method {
     }
 }
 
+/// A function that returns the seconds of one phase of a run.
+type OfPhases = fn(&Phases) -> f64;
+
+/// The name of each phase of a run and the function that returns its seconds, in the order of the phases.
+pub(crate) const PHASES: [(&str, OfPhases); 7] = [
+    ("load", |p| p.load),
+    ("bvh", |p| p.bvh),
+    ("cluster", |p| p.cluster),
+    ("probe", |p| p.probe),
+    ("plan", |p| p.plan),
+    ("trace", |p| p.trace),
+    ("filter", |p| p.filter),
+];
+
 impl Phases {
     /// Sums the wall seconds of the phases that do not grow with the number of samples: clustering, probe rays and
     /// filter.
@@ -104,30 +160,53 @@ impl Phases {
     }
 }
 
-/// The errors of an image against its reference, defined as in [`dapple_metrics::Comparison`]; in linear values unless
-/// noted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
-pub struct ImageErrors {
-    /// Mean squared error. If [`Run::corrected`] is true, the reference's own variance is subtracted.
-    pub mse: f64,
-    /// Mean of the squared error over (squared reference + 0.01). If [`Run::corrected`] is true, the part due to the
-    /// reference's own variance is subtracted.
-    pub relmse: f64,
-    /// The relMSE without the 0.1 % of pixels with the largest errors; the reference's own variance is never
-    /// subtracted.
-    pub relmse_trimmed: f64,
-    /// Symmetric mean absolute percentage error, 0 to 2.
-    pub smape: f64,
-    /// Peak signal-to-noise ratio of sRGB values, in decibels.
-    pub psnr: f64,
-    /// Mean squared error of sRGB values from 0 to 255. If [`Run::corrected`] is true, the part due to the reference's
-    /// own variance is subtracted.
-    pub srgb8_mse: f64,
-    /// Mean of LDR-FLIP (the difference that a viewer sees), 0 to 1.
-    pub flip: f64,
-    /// The ratio of the image's mean to the reference's mean; about 1 for an unbiased image.
-    pub mean_ratio: f64,
+/// The errors of an image against its reference: a value for each of [`METRICS`]; NaN is unknown.
+///
+/// In JSON they are an object with the metrics' names as keys. A missing or `null` value is NaN, and an unknown name is
+/// skipped, so that files of other versions can be read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImageErrors([f64; METRICS.len()]);
+
+impl ImageErrors {
+    /// The value of the metric `name`, such as `relmse`; NaN if there is none.
+    pub fn get(&self, name: &str) -> f64 {
+        METRICS.iter().position(|metric| metric.name == name).map_or(f64::NAN, |at| self.0[at])
+    }
+
+    /// Sets the value of the metric `name`; an unknown name has no effect.
+    pub fn set(&mut self, name: &str, value: f64) {
+        if let Some(at) = METRICS.iter().position(|metric| metric.name == name) {
+            self.0[at] = value;
+        }
+    }
+}
+
+/// Unknown errors.
+impl Default for ImageErrors {
+    fn default() -> Self {
+        Self([f64::NAN; METRICS.len()])
+    }
+}
+
+impl<N: AsRef<str>> FromIterator<(N, f64)> for ImageErrors {
+    fn from_iter<I: IntoIterator<Item = (N, f64)>>(values: I) -> Self {
+        let mut errors = Self::default();
+        values.into_iter().for_each(|(name, value)| errors.set(name.as_ref(), value));
+        errors
+    }
+}
+
+impl Serialize for ImageErrors {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        to.collect_map(METRICS.iter().map(|metric| metric.name).zip(self.0))
+    }
+}
+
+impl<'de> Deserialize<'de> for ImageErrors {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        let values = BTreeMap::<String, Option<f64>>::deserialize(from)?;
+        Ok(values.into_iter().map(|(name, value)| (name, value.unwrap_or(f64::NAN))).collect())
+    }
 }
 
 /// One finished run: a line of `runs.jsonl`.
@@ -173,9 +252,6 @@ pub struct Run {
     pub load: Option<f64>,
     /// True if the run had a process of its own.
     pub fresh: bool,
-    /// The machine that made the run, in a study of several machines; `None` for that of `study.json`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub machine: Option<String>,
     /// The path of the EXR image, relative to the study's folder; `None` for all seeds but the first.
     pub image: Option<String>,
     /// The path of the sample map (PNG of sample counts per pixel, white is the largest), relative to the study's
@@ -236,7 +312,7 @@ pub struct SceneRecord {
     #[serde(default)]
     pub lights: LightSelection,
     /// The integrator; `auto` is the one that the scene calls for.
-    #[serde(default = "crate::study_scene::auto", skip_serializing_if = "crate::study_scene::is_auto")]
+    #[serde(default = "crate::scene::auto", skip_serializing_if = "crate::scene::is_auto")]
     pub integrator: String,
 }
 
@@ -291,4 +367,66 @@ pub struct Manifest {
     /// True if each run had a process of its own.
     #[serde(default)]
     pub fresh: bool,
+}
+
+/// Replaces characters that are unsafe in a file name by `-`, and cuts `name` to 80 characters.
+pub(crate) fn safe_file_name(name: &str) -> String {
+    let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '-' };
+    name.chars().map(plain).take(80).collect()
+}
+
+/// Unique names of all methods for files, such as `adaptive-cluster-regression`: sampler, point set if methods differ
+/// in it, and filter. If two methods would have the same name, the later one gets a number.
+pub(crate) fn method_file_names(methods: &[Method]) -> Vec<String> {
+    let differ = methods.iter().any(|m| m.points != methods[0].points);
+    let mut names: Vec<String> = Vec::new();
+    for method in methods {
+        let points = differ.then_some(&method.points);
+        let parts = [Some(&method.sampler), points, Some(&method.filter)];
+        let parts: Vec<&str> = parts.into_iter().flatten().map(String::as_str).collect();
+        let name = safe_file_name(&parts.join("-"));
+        let numbered = (2..).map(|n| format!("{name}-{n}"));
+        let free = std::iter::once(name.clone()).chain(numbered).find(|n| !names.contains(n));
+        names.push(free.unwrap_or(name));
+    }
+    names
+}
+
+/// A budget in a file name: `16spp` or `time-of-16spp`.
+pub(crate) fn budget_file_name(budget: RunBudget) -> String {
+    match budget {
+        RunBudget::Spp(n) => format!("{n}spp"),
+        RunBudget::TimeOf(n) => format!("time-of-{n}spp"),
+    }
+}
+
+/// The path of a run's image without extension, relative to the study's folder. `method` is the method's name from
+/// [`method_file_names`].
+pub(crate) fn image_stem(scene: &str, method: &str, budget: RunBudget) -> String {
+    format!("images/{}/{method}-{}", safe_file_name(scene), budget_file_name(budget))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn methods_have_unique_names_for_files() {
+        let methods = [
+            "adaptive/sobol/cluster-regression",
+            "mitchell:mode=budget,radius=2",
+            "mitchell:mode=budget/sobol/radius=2",
+        ];
+        let methods = methods.map(|m| m.parse::<Method>().unwrap());
+        let twice = ["a:b".parse().unwrap(), "a-b".parse().unwrap()];
+        let names = method_file_names(&methods);
+        assert_eq!(names[..2], ["adaptive-cluster-regression", "mitchell-mode-budget-radius-2-none"]);
+        assert_eq!(method_file_names(&twice), ["a-b-none", "a-b-none-2"]);
+        let points = ["uniform/sobol".parse().unwrap(), "uniform/halton".parse().unwrap()];
+        assert_eq!(method_file_names(&points), ["uniform-sobol-none", "uniform-halton-none"]);
+        assert_eq!(
+            image_stem("a b", &names[0], RunBudget::TimeOf(16)),
+            "images/a-b/adaptive-cluster-regression-time-of-16spp"
+        );
+    }
 }

@@ -1,9 +1,8 @@
 //! Requests for runs of a study, and the runners that make the runs.
 
-use crate::measured_image::{Order, shoot};
-use crate::reference_image::ReferenceImage;
-use crate::study_scene::View;
-use crate::{External, Method, Run, RunBudget, StudyError, Subject};
+use crate::reference::ReferenceImage;
+use crate::scene::{Order, Subject, View, shoot};
+use crate::{External, Method, Run, RunBudget, StudyError};
 use dapple_core::NoMonitor;
 use dapple_job::output::sample_map;
 use dapple_scene::image::{Image, Layer, encode_exr, write_file};
@@ -89,8 +88,8 @@ impl InProcess {
 /// Renders an image that is not recorded, because the first images of a process are slower.
 fn warm_up(subject: &Subject) -> Result<(), StudyError> {
     let samples = WARM_UP_SPP * subject.frame()?.pixels() as u64;
-    let method = Method::new("uniform", "sobol", "none");
-    shoot(subject, Order { seed: 0, ..Order::new(&method, samples) }, &mut NoMonitor, || None).map(|_| ())
+    let order = Order { method: &Method::default(), seed: 0, samples, external: None, threads: 0 };
+    shoot(subject, order, &mut NoMonitor, || None).map(|_| ())
 }
 
 const WARM_UP_SPP: u64 = 2;
@@ -109,15 +108,17 @@ impl Runner for InProcess {
         }
         let load = load_average();
         let (cpu, fresh) = (self.cpu, self.fresh);
-        let (external, threads) = (request.external.as_ref(), request.threads);
-        let order = Order { seed: request.seed, external, threads, ..Order::new(&request.method, request.asked) };
+        let RunRequest { method, seed, asked: samples, threads, .. } = request;
+        let external = request.external.as_ref();
+        let order = Order { method, seed: *seed, samples: *samples, external, threads: *threads };
         let shot = shoot(self.subject(&request.view)?, order, &mut NoMonitor, cpu)?;
         let what = || format!("{}, {}, seed {}", request.view.name, request.method, request.seed);
         let Some((_, truth)) = &self.truth else {
             return Err(StudyError::Run { what: what(), why: "the reference is missing; open the study again".into() });
         };
         let measured = truth.measure(&shot.filtered.radiance);
-        let measured = measured.map_err(|e| StudyError::Run { what: what(), why: e.to_string() })?;
+        let (errors, reference_limited) = measured.map_err(|e| StudyError::Run { what: what(), why: e.to_string() })?;
+        let corrected = truth.variance.is_some();
         let map = sample_map(&shot.film);
         if let Some(stem) = &request.image {
             let file = |extension: &str| request.folder.join(format!("{stem}.{extension}"));
@@ -144,14 +145,13 @@ impl Runner for InProcess {
             seconds: shot.seconds,
             render_s: shot.seconds.render(),
             cpu_s: shot.cpu_s,
-            errors: measured.errors,
-            corrected: measured.corrected,
-            reference_limited: measured.reference_limited,
+            errors,
+            corrected,
+            reference_limited,
             predicted_relmse: shot.film.predicted_relmse().filter(|e| e.is_finite()),
             rejected: record.rejected,
             load,
             fresh,
-            machine: None,
             image: named("exr"),
             sample_map: named("png"),
             white: request.image.is_some().then_some(map.white),

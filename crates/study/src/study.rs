@@ -1,19 +1,14 @@
 //! A study in a folder, which runs in one or more sessions.
 
 mod equal_time;
-mod manifest;
-mod shards;
 
-pub use shards::merge_studies;
-
-use crate::file_names::{image_stem, method_file_names, safe_file_name};
-use crate::reference_image::ReferenceImage;
-use crate::references::{ReferenceFolder, ReferenceSource, load_or_render, plan_reference};
-use crate::run_log::{RunLog, RunStore};
+use crate::record::{image_stem, method_file_names, safe_file_name};
+use crate::records::{RunLog, RunStore, differences, manifest_bytes, manifest_of, read_manifest};
+use crate::reference::{ReferenceImage, ReferenceSource, load_or_render, plan_reference};
 use crate::runner::{RunRequest, Runner};
-use crate::study_scene::{Subject, View, name_of};
+use crate::scene::{Subject, View, name_of};
 use crate::{Manifest, Method, Plan, PlanError, Run, RunBudget, ScenePlan, SceneRecord, StudyError};
-use dapple_core::{Control, Shard, Status};
+use dapple_core::Control;
 use dapple_scene::image::write_file;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -75,34 +70,11 @@ impl StudyMonitor for () {
 
 /// Options of a session that do not affect the runs.
 #[derive(Clone, Debug, Default)]
-#[non_exhaustive]
 pub struct StudyOptions {
     /// A folder for rendered references that several studies share; `None` keeps them in the study's folder.
     pub references: Option<PathBuf>,
     /// The command line to record in `study.json`, argument by argument.
     pub command: Vec<String>,
-    /// The shard of the study: run number k of all belongs to shard k modulo the number of shards. `None` makes all runs.
-    pub shard: Option<Shard>,
-}
-
-impl StudyOptions {
-    /// Sets the folder for rendered references that several studies share; `None` keeps them in the study's folder.
-    #[must_use]
-    pub fn with_references(self, folder: impl Into<Option<PathBuf>>) -> Self {
-        Self { references: folder.into(), ..self }
-    }
-
-    /// Sets the command line to record in `study.json`.
-    #[must_use]
-    pub fn with_command(self, arguments: impl IntoIterator<Item = String>) -> Self {
-        Self { command: arguments.into_iter().collect(), ..self }
-    }
-
-    /// Sets the shard of the study whose runs are made; [`merge_studies`] joins the folders of all.
-    #[must_use]
-    pub fn with_shard(self, shard: impl Into<Option<Shard>>) -> Self {
-        Self { shard: shard.into(), ..self }
-    }
 }
 
 /// A study in its folder, opened for making runs. An example is on the [front page](crate).
@@ -113,7 +85,6 @@ pub struct Study {
     views: Vec<View>,
     log: RunLog,
     meter: WorkMeter,
-    shard: Option<Shard>,
 }
 
 impl Study {
@@ -123,20 +94,15 @@ impl Study {
     /// # Errors
     ///
     /// [`StudyError::AnotherStudy`] if the settings differ from the recorded ones; other errors for an unusable scene
-    /// or reference, for equal-time runs in a shard, and for the disk.
+    /// or reference, and for the disk.
     pub fn open(
         plan: Plan,
         folder: &Path,
         options: &StudyOptions,
         monitor: &mut dyn StudyMonitor,
     ) -> Result<Option<Self>, StudyError> {
-        if options.shard.is_some() && plan.time_of.is_some() {
-            let what = "equal-time runs compare times of one machine, and a shard has only some runs; set it to 0";
-            return Err(PlanError::new("time_of", what.to_owned()).into());
-        }
         std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "make the folder", e))?;
-        let file = folder.join("study.json");
-        let earlier = manifest::read(&file)?;
+        let earlier = read_manifest(folder)?;
         let runs = folder.join("runs.jsonl");
         if earlier.is_none() && runs.metadata().is_ok_and(|m| m.len() > 0) {
             let differences = vec!["runs.jsonl has runs, but their study.json is missing".into()];
@@ -149,13 +115,13 @@ impl Study {
             name: view.name.clone(),
             source: view.source.clone(),
             resolution: view.resolution,
-            reference: source.record().clone(),
+            reference: source.record.clone(),
             lights: view.lights,
             integrator: view.integrator.clone(),
         });
-        let mut manifest = manifest::new(&plan, scenes.collect(), &options.command);
+        let mut manifest = manifest_of(&plan, scenes.collect(), &options.command);
         if let Some(earlier) = &earlier {
-            let differences = manifest::differences(earlier, &manifest);
+            let differences = differences(earlier, &manifest);
             if !differences.is_empty() {
                 return Err(StudyError::AnotherStudy { folder: folder.to_owned(), differences });
             }
@@ -168,8 +134,8 @@ impl Study {
             // A resumed study keeps the recorded start time and command line.
             manifest = Manifest { began: earlier.began, command: earlier.command, ..manifest };
         }
-        write_file(&file, &manifest::bytes(&manifest))?;
-        Ok(Some(Self { plan, folder: folder.to_owned(), manifest, views, log, meter, shard: options.shard }))
+        write_file(&folder.join("study.json"), &manifest_bytes(&manifest))?;
+        Ok(Some(Self { plan, folder: folder.to_owned(), manifest, views, log, meter }))
     }
 
     /// The settings and circumstances of the study, as in `study.json`.
@@ -182,9 +148,9 @@ impl Study {
         self.log.runs()
     }
 
-    /// The number of runs in the whole study or in this shard of it, finished or not.
+    /// The number of runs in the whole study, finished or not.
     pub fn expected(&self) -> usize {
-        (0..self.plan.runs()).filter(|run| self.owns(*run)).count()
+        self.plan.runs()
     }
 
     /// Replaces the file of finished runs by another store, for tests of a full disk.
@@ -202,16 +168,13 @@ impl Study {
     ///
     /// [`StudyError`] of a run or of the disk. Finished runs are kept.
     pub fn run(&mut self, runner: &mut dyn Runner, monitor: &mut dyn StudyMonitor) -> Result<StudyStatus, StudyError> {
-        let mut number = 0;
         for at in 0..self.views.len() {
             let pixels = pixels(&self.views[at]);
             for seed in self.plan.seeds.clone() {
                 for spp in self.plan.spp.clone() {
                     for method in self.plan.methods.clone() {
                         let request = self.request(at, &method, RunBudget::Spp(spp), seed, spp * pixels);
-                        let own = self.owns(number);
-                        number += 1;
-                        if !own || self.find(&request).is_some() {
+                        if self.find(&request).is_some() {
                             continue;
                         }
                         if self.announce(&request, monitor) == Control::Stop {
@@ -229,11 +192,6 @@ impl Study {
         Ok(StudyStatus::Done)
     }
 
-    /// Returns true if a run, counted from 0, belongs to the shard of this session.
-    fn owns(&self, run: usize) -> bool {
-        self.shard.is_none_or(|shard| run % shard.of() as usize == shard.index() as usize)
-    }
-
     fn request(&self, at: usize, method: &Method, budget: RunBudget, seed: u64, asked: u64) -> RunRequest {
         let view = &self.views[at];
         let number = self.plan.methods.iter().position(|m| m == method).unwrap_or(0);
@@ -242,12 +200,12 @@ impl Study {
         RunRequest {
             view: view.clone(),
             method: method.clone(),
-            external: self.plan.external.iter().find(|e| e.name == method.filter).cloned(),
+            external: self.plan.settings.external.iter().find(|e| e.name == method.filter).cloned(),
             budget,
             seed,
             asked,
             reference: self.folder.join(&self.manifest.scenes[at].reference.file),
-            threads: self.plan.threads,
+            threads: self.plan.settings.threads,
             folder: self.folder.clone(),
             image: first.then(|| image_stem(&view.name, &names[number], budget)),
         }
@@ -282,7 +240,7 @@ fn reference_sources(
     options: &StudyOptions,
     monitor: &mut dyn StudyMonitor,
 ) -> Result<(Vec<ReferenceSource>, Option<Subject>), StudyError> {
-    let folders = ReferenceFolder { study: folder, shared: options.references.as_deref() };
+    let shared = options.references.as_deref();
     let mut sources = Vec::new();
     let mut last: Option<Subject> = None;
     for (view, scene) in views.iter().zip(&plan.scenes) {
@@ -290,7 +248,7 @@ fn reference_sources(
         drop(last.take());
         let subject = Subject::load(&view.by_default())?;
         subject.notices().iter().for_each(|notice| monitor.warning(notice));
-        sources.push(plan_reference(plan, scene, &subject, &folders)?);
+        sources.push(plan_reference(plan, scene, &subject, folder, shared)?);
         last = Some(subject);
     }
     Ok((sources, last))
@@ -313,8 +271,7 @@ fn load_references(
         };
         let doing = format!("{}: reference", views[at].name);
         let cost = meter.of_reference(&source, &views[at]);
-        let mut halves = HalvesProgress::default();
-        let mut look = |status: &Status<'_>| monitor.progress(&meter.progress(&doing, cost * halves.share(status)));
+        let mut look = |share: f64| monitor.progress(&meter.progress(&doing, cost * share));
         let Some(record) = load_or_render(source, &subject, &mut look)? else { return Ok(false) };
         meter.add(cost);
         manifest.scenes[at].reference = record;
@@ -347,36 +304,20 @@ fn views(plan: &Plan) -> Result<Vec<View>, StudyError> {
             name,
             source: scene.source.clone(),
             resolution: resolution(plan, scene)?,
-            max_depth: plan.max_depth,
-            allow_unsupported: plan.allow_unsupported,
-            lights: scene.lights.unwrap_or(plan.lights),
-            integrator: scene.integrator.clone().unwrap_or_else(crate::study_scene::auto),
+            max_depth: plan.settings.max_depth,
+            allow_unsupported: plan.settings.allow_unsupported,
+            lights: scene.lights.unwrap_or(plan.settings.lights),
+            integrator: scene.integrator.clone().unwrap_or_else(crate::scene::auto),
         });
     }
     Ok(views)
 }
 
 fn resolution(plan: &Plan, scene: &ScenePlan) -> Result<[u32; 2], StudyError> {
-    match (scene.resolution.or(plan.resolution), &scene.reference) {
+    match (scene.resolution.or(plan.settings.resolution), &scene.reference) {
         (Some(resolution), _) => Ok(resolution),
         (None, Some(file)) => Ok(ReferenceImage::read(file)?.0.size),
         (None, None) => Ok([plan.side; 2]),
-    }
-}
-
-/// The progress of rendering a reference, summed over its two halves.
-#[derive(Default)]
-struct HalvesProgress {
-    second: bool,
-    before: f64,
-}
-
-impl HalvesProgress {
-    fn share(&mut self, status: &Status<'_>) -> f64 {
-        let now = status.samples as f64 / status.expected.max(1) as f64;
-        self.second |= now < self.before;
-        self.before = now;
-        0.5 * (now + f64::from(u8::from(self.second)))
     }
 }
 
@@ -403,12 +344,8 @@ impl WorkMeter {
 
     /// The number of samples needed to render a reference; 0 if it exists.
     fn of_reference(&self, wanted: &ReferenceSource, view: &View) -> f64 {
-        match wanted {
-            ReferenceSource::Rendered { path, record } if !path.exists() => {
-                (record.spp.unwrap_or(0) * pixels(view)) as f64
-            }
-            _ => 0.0,
-        }
+        let missing = wanted.rendered.as_ref().is_some_and(|path| !path.exists());
+        if missing { (wanted.record.spp.unwrap_or(0) * pixels(view)) as f64 } else { 0.0 }
     }
 
     fn add(&mut self, samples: f64) {

@@ -1,22 +1,14 @@
 //! The statistics of a study, computed from its runs; `summary.csv` and the report contain them.
 
 mod comparison;
-mod factorial;
-mod per_budget;
-mod run_table;
-mod seed_statistic;
-mod slopes;
-mod time_to_error;
 
 pub use comparison::RatioVerdict;
 pub(crate) use comparison::{HOLDS, UNFAIR};
-pub use factorial::FactorialEffect;
 
-use crate::record::{Method, RunBudget};
-use crate::recorded_study::RecordedStudy;
-pub(crate) use per_budget::PHASES;
-use run_table::RunTable;
-use seed_statistic::SeedStatistic;
+use crate::RecordedStudy;
+use crate::record::{Manifest, Method, PHASES, Run, RunBudget};
+use comparison::SeedStatistic;
+use dapple_metrics::{Better, METRICS, Metric};
 use std::collections::BTreeMap;
 
 /// The confidence level of all intervals.
@@ -25,8 +17,10 @@ pub const CONFIDENCE: f64 = 0.95;
 /// The largest relative difference of two render times that count as equal in a comparison.
 pub const TIME_TOLERANCE: f64 = 0.1;
 
-/// The error metrics for which methods are compared with the baseline.
-pub const COMPARED: [&str; 4] = ["relmse", "relmse_trimmed", "srgb8_mse", "flip"];
+/// The metrics for which methods are compared with the baseline: all errors.
+pub fn compared() -> impl Iterator<Item = &'static Metric> {
+    METRICS.iter().filter(|metric| metric.better == Better::Lower)
+}
 
 /// One value of the summary: a line of `summary.csv`.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,7 +30,7 @@ pub struct Row {
     pub scene: String,
     /// The method: sampler, point set and filter.
     pub method: Method,
-    /// The budget, such as `16 spp` or `time of 16 spp`; empty for values over all budgets.
+    /// The budget, such as `16 spp` or `time of 16 spp`.
     pub budget: String,
     /// The name of the metric; [`Summary::write_csv`] lists all names.
     pub metric: String,
@@ -80,16 +74,12 @@ impl Summary {
     pub fn of(recorded: &RecordedStudy) -> Self {
         let grid = RunTable::new(recorded);
         let mut summary = Self::default();
-        per_budget::add(&mut summary, &grid);
-        slopes::add(&mut summary, &grid);
-        time_to_error::add(&mut summary, &grid);
+        add_budgets(&mut summary, &grid);
         comparison::add(&mut summary, &grid);
-        factorial::add(&mut summary, &grid);
         summary
     }
 
-    /// All rows, in this order: values of each budget, slopes, times to error levels, comparisons with the baseline,
-    /// factorial effects.
+    /// All rows: values at each budget, then comparisons with the baseline.
     pub fn rows(&self) -> &[Row] {
         &self.rows
     }
@@ -99,18 +89,11 @@ impl Summary {
         self.places.get(&key(scene, method, budget, metric)).map(|&i| &self.rows[i])
     }
 
-    fn add(
-        &mut self,
-        grid: &RunTable<'_>,
-        at: [usize; 2],
-        budget: Option<RunBudget>,
-        metric: &str,
-        figure: SeedStatistic,
-    ) {
+    fn add(&mut self, grid: &RunTable<'_>, at: [usize; 2], budget: RunBudget, metric: &str, figure: SeedStatistic) {
         let row = Row {
             scene: grid.manifest.scenes[at[0]].name.clone(),
             method: grid.manifest.methods[at[1]].clone(),
-            budget: budget.map_or_else(String::new, |budget| budget.to_string()),
+            budget: budget.to_string(),
             metric: metric.to_owned(),
             value: figure.value,
             low: figure.ends.map(|e| e[0]),
@@ -124,22 +107,16 @@ impl Summary {
 
     /// Writes `summary.csv`: a header, then one line per row.
     ///
-    /// Columns: `scene`, `sampler`, `points`, `filter`, `budget` (empty for values over all budgets), `metric`,
+    /// Columns: `scene`, `sampler`, `points`, `filter`, `budget`, `metric`,
     /// `value`, `low`, `high` (95 % interval over seeds), `n` (seeds), `note`. An unknown value is empty, and its note
     /// gives the reason. Numbers are the shortest that give the same f64.
     ///
     /// Metrics at one budget:
-    /// * geometric means: `mse`, `relmse`, `relmse_trimmed`, `smape`, `srgb8_mse`, `flip`, and
+    /// * of the errors among [`METRICS`] geometric means, of others means; and the geometric mean of
     ///   `predicted over true relmse`;
-    /// * means: `psnr`, `mean_ratio`, `spp`, and `seconds PHASE` for `load`, `bvh`, `cluster`, `probe`, `plan`,
-    ///   `trace`, `filter`;
-    /// * the median of [`Run::render_s`](crate::Run::render_s): `seconds`;
-    /// * against the baseline, paired by seed: `METRIC ratio`, `seconds ratio`, `relmse x seconds ratio`;
-    /// * ratios of the factorial design (see [`FactorialEffect`]): `relmse part of counts`, `relmse part of filter`,
-    ///   `relmse part of both`, `relmse part of their interplay`.
-    ///
-    /// Metrics over all budgets: `relmse slope over spp`, `relmse slope over seconds`, `seconds to relmse E`,
-    /// `seconds ratio to relmse E`.
+    /// * means: `spp`, and `seconds PHASE` for `load`, `bvh`, `cluster`, `probe`, `plan`, `trace`, `filter`;
+    /// * the median of [`Run::render_s`]: `seconds`;
+    /// * against the baseline, paired by seed: `METRIC ratio`, `seconds ratio`, `relmse x seconds ratio`.
     ///
     /// # Errors
     /// [`csv::Error`] if the writer fails.
@@ -174,4 +151,124 @@ impl Summary {
 pub fn number(value: f64) -> String {
     let size = value.abs();
     if size != 0.0 && !(1e-4..1e7).contains(&size) { format!("{value:e}") } else { value.to_string() }
+}
+
+/// The runs of one scene, method and budget, by seed.
+type Seeds<'a> = BTreeMap<u64, &'a Run>;
+
+/// All runs of a study, by the indices of their scenes and methods in the manifest.
+struct RunTable<'a> {
+    manifest: &'a Manifest,
+    baseline: usize,
+    cells: BTreeMap<(usize, usize, RunBudget), Seeds<'a>>,
+    none: Seeds<'a>,
+}
+
+impl<'a> RunTable<'a> {
+    fn new(recorded: &'a RecordedStudy) -> Self {
+        let manifest = &recorded.manifest;
+        let mut cells: BTreeMap<_, Seeds<'a>> = BTreeMap::new();
+        for run in &recorded.runs {
+            let scene = manifest.scenes.iter().position(|s| s.name == run.scene);
+            let method = manifest.methods.iter().position(|m| *m == run.method);
+            if let (Some(scene), Some(method)) = (scene, method) {
+                let _ = cells.entry((scene, method, run.budget)).or_default().insert(run.seed, run);
+            }
+        }
+        let baseline = manifest.methods.iter().position(|m| *m == manifest.baseline).unwrap_or(0);
+        Self { manifest, baseline, cells, none: BTreeMap::new() }
+    }
+
+    /// The runs of a scene and method (by index) at a budget, by seed; possibly none. For the baseline at equal time,
+    /// its runs at that spp replace missing ones.
+    fn at(&self, [scene, method]: [usize; 2], budget: RunBudget) -> &Seeds<'a> {
+        let found = |budget| self.cells.get(&(scene, method, budget));
+        let instead = match budget {
+            RunBudget::TimeOf(spp) if method == self.baseline => found(RunBudget::Spp(spp)),
+            _ => None,
+        };
+        found(budget).or(instead).unwrap_or(&self.none)
+    }
+
+    /// The indices of every pair of scene and method, scene by scene.
+    fn all(&self) -> impl Iterator<Item = [usize; 2]> + use<> {
+        let [scenes, methods] = [self.manifest.scenes.len(), self.manifest.methods.len()];
+        (0..scenes).flat_map(move |scene| (0..methods).map(move |method| [scene, method]))
+    }
+
+    /// All budgets: those in samples per pixel, then the equal-time budget.
+    fn budgets(&self) -> Vec<RunBudget> {
+        let spp = self.manifest.spp.iter().copied().map(RunBudget::Spp);
+        spp.chain(self.manifest.time_of.map(RunBudget::TimeOf)).collect()
+    }
+
+    /// The runs of two methods on one scene at one budget, paired by seed.
+    fn pairs(&self, scene: usize, methods: [usize; 2], budget: RunBudget) -> Vec<[&'a Run; 2]> {
+        let [a, b] = methods.map(|method| self.at([scene, method], budget));
+        a.iter().filter_map(|(seed, run)| Some([*run, *b.get(seed)?])).collect()
+    }
+}
+
+/// Adds errors, times and error predictions of each method at each budget.
+fn add_budgets(summary: &mut Summary, grid: &RunTable<'_>) {
+    for at in grid.all() {
+        for budget in grid.budgets() {
+            let runs = grid.at(at, budget);
+            if runs.is_empty() {
+                continue;
+            }
+            let values = |of: &dyn Fn(&Run) -> f64| -> Vec<f64> { runs.values().map(|run| of(run)).collect() };
+            let mut put = |metric: &str, figure| summary.add(grid, at, budget, metric, figure);
+            for metric in METRICS {
+                let values = values(&|run| run.errors.get(metric.name));
+                let figure = match metric.better {
+                    Better::Lower => SeedStatistic::geometric(&values),
+                    Better::Higher | Better::NearOne => SeedStatistic::arithmetic(&values),
+                };
+                let squared = metric.name.ends_with("mse");
+                put(metric.name, if squared { figure.noted(&marks(runs)) } else { figure });
+            }
+            put("spp", SeedStatistic::arithmetic(&values(&|run| run.spp)));
+            put("seconds", SeedStatistic::bare(median(values(&|run| run.render_s)), runs.len()).noted("median"));
+            for (name, phase) in PHASES {
+                let figure = SeedStatistic::arithmetic(&values(&|run| phase(&run.seconds)));
+                put(&format!("seconds {name}"), figure);
+            }
+            let predicted: Vec<f64> = predictions(runs);
+            if !predicted.is_empty() {
+                put("predicted over true relmse", SeedStatistic::geometric(&predicted));
+            }
+        }
+    }
+}
+
+/// The ratio of predicted to measured relMSE of each run that has a prediction.
+fn predictions(runs: &Seeds<'_>) -> Vec<f64> {
+    let ratio = |run: &&Run| {
+        let found = run.predicted_relmse? / run.errors.get("relmse");
+        found.is_finite().then_some(found)
+    };
+    runs.values().filter_map(ratio).collect()
+}
+
+/// A note on the reference's own noise: the number of runs whose error it limits, or from whose error it was
+/// subtracted. Empty if it does not matter.
+fn marks(runs: &Seeds<'_>) -> String {
+    let count = |of: fn(&Run) -> bool| runs.values().filter(|run| of(run)).count();
+    let [limited, corrected] = [count(|run| run.reference_limited), count(|run| run.corrected)];
+    let mut notes = Vec::new();
+    if limited > 0 {
+        notes.push(format!("reference-limited in {limited} of {}", runs.len()));
+    }
+    if corrected > 0 {
+        notes.push(format!("corrected for the reference in {corrected} of {}", runs.len()));
+    }
+    notes.join("; ")
+}
+
+/// The median; for an even number of values, the mean of the middle two; NaN without values.
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    if n == 0 { f64::NAN } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
 }

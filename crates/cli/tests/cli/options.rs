@@ -109,23 +109,18 @@ fn layers_are_selected_and_stored_as_half_floats() {
     }
 }
 
-/// Twelve files of one set; the table tells blue noise from white.
 #[test]
-fn points_are_plotted() {
+fn points_are_printed() {
     let folder = Folder::new();
-    let out = folder.done("points blue-noise:of=halton --plot plots");
-    let files: Vec<String> = std::fs::read_dir(folder.path("plots"))
-        .expect("a folder")
-        .map(|entry| entry.expect("an entry").file_name().into_string().expect("a name"))
-        .collect();
-    assert_eq!(files.len(), 12, "{files:?}");
-    let svg = std::fs::read_to_string(folder.path("plots/blue-noise-of-halton-points-256.svg")).expect("a plot");
-    assert!(svg.contains("<svg") && svg.matches("<circle").count() == 256);
-    let numbers: Vec<f64> =
-        out.lines().nth(1).expect("a row").split(' ').filter_map(|cell| cell.parse().ok()).collect();
-    assert!(numbers.len() == 2 && numbers[0] < 0.01 && numbers[1] < 0.5, "{out}");
-    let said = folder.run("points blue-noise:of=zsobol --plot plots");
+    let out = folder.done("points blue-noise:of=halton --csv 2 --pixels 3x2");
+    let rows: Vec<Vec<f64>> =
+        out.lines().skip(1).map(|line| line.split(',').map(|cell| cell.parse().expect("a number")).collect()).collect();
+    assert_eq!((out.lines().next(), rows.len()), (Some("x,y,sample,d0,d1,d2,d3,d4,d5,d6,d7"), 3 * 2 * 2));
+    assert_eq!(rows[11][..3], [2.0, 1.0, 1.0]);
+    assert!(rows.iter().all(|row| row.len() == 11 && row[3..].iter().all(|v| (0.0..1.0).contains(v))), "{out}");
+    let said = folder.run("points blue-noise:of=zsobol --csv 1");
     assert!(said.status == Some(1) && said.err.contains("spreads errors over pixels already"), "{}", said.err);
+    assert!(folder.run("points --csv 1").err.contains("NAME"));
 }
 
 #[test]

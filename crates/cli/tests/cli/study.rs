@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 /// Small enough to be made often.
-const SMALL: &str = "--resolution 12x8 --spp 2,4 --seeds 2 --reference-spp 32";
+const SMALL: &str = "--set scenes=tiny.pbrt --set resolution=12x8 --set spp=[2,4] --set seeds=2 --set reference_spp=32";
 
 impl Folder {
     /// The runs of a study, by what tells them apart.
@@ -29,7 +29,7 @@ impl Folder {
 #[test]
 fn a_study_is_made_with_one_command() {
     let folder = Folder::new();
-    let out = folder.done(&format!("study tiny.pbrt {SMALL} -o s"));
+    let out = folder.done(&format!("study {SMALL} -o s"));
     assert!(out.contains("runs.jsonl") && out.contains("study.json"), "{out}");
     let runs = folder.study("s");
     // Four methods, two budgets and one of time, two seeds.
@@ -52,10 +52,10 @@ fn a_study_is_made_with_one_command() {
     assert_eq!(manifest["baseline"]["sampler"], "uniform");
     // Once more there is nothing to do.
     let before = folder.read("s/runs.jsonl");
-    folder.done(&format!("study tiny.pbrt {SMALL} -o s"));
+    folder.done(&format!("study {SMALL} -o s"));
     assert_eq!(folder.read("s/runs.jsonl"), before);
     // Another study is refused.
-    let said = folder.run(&format!("study tiny.pbrt {SMALL} --filters none -o s"));
+    let said = folder.run(&format!("study {SMALL} --set filters=none -o s"));
     assert_eq!(said.status, Some(1));
     assert!(
         said.err.contains("\nerror: methods: adaptive/sobol/cluster-regression adaptive/sobol/none"),
@@ -74,15 +74,15 @@ fn a_study_measures_what_dapple_render_does_by_default_first() {
     let header = String::from_utf8_lossy(&folder.read("a.exr")).into_owned();
     assert!(header.contains("dapple:light-selection\0string\0\u{7}\0\0\0learned"), "the render's light selection");
     let spec: serde_json::Value = serde_json::from_str(&folder.done("render tiny.pbrt --print-spec")).expect("JSON");
-    folder.done("study tiny.pbrt --resolution 12x8 --spp 2 --seeds 1 --reference-spp 8 --time-of 0 -q -o s");
+    let words = format!("study {SMALL} --set spp=2 --set seeds=1 --set time_of=0 -q");
+    folder.done(&format!("{words} -o s"));
     let manifest: serde_json::Value = serde_json::from_slice(&folder.read("s/study.json")).expect("JSON");
     for part in ["sampler", "points", "filter"] {
         assert_eq!(manifest["methods"][0][part], spec[part], "{part}");
     }
     assert_eq!(manifest["scenes"][0]["lights"], "learned");
     // Another rule can be requested for all scenes.
-    folder
-        .done("study tiny.pbrt --light-selection power --resolution 12x8 --spp 2 --seeds 1 --reference-spp 8 -q -o p");
+    folder.done(&format!("{words} --set lights=power -o p"));
     let manifest: serde_json::Value = serde_json::from_slice(&folder.read("p/study.json")).expect("JSON");
     assert_eq!(manifest["scenes"][0]["lights"], "power");
 }
@@ -90,9 +90,8 @@ fn a_study_measures_what_dapple_render_does_by_default_first() {
 #[test]
 fn files_beside_the_report_name_their_methods() {
     let folder = Folder::new();
-    let words = "study tiny.pbrt --resolution 12x8 --spp 2,4 --seeds 2 --reference-spp 8 --filters none -o s";
-    let out = folder.done(words);
-    for file in ["report.html", "runs.csv", "latex", "notebook.ipynb", "viewer", "study.json"] {
+    let out = folder.done(&format!("study {SMALL} --set filters=none -o s"));
+    for file in ["report.html", "summary.csv", "runs.csv", "runs.jsonl", "study.json"] {
         assert!(out.contains(&format!("s/{file}: ")), "{file}: {out}");
         assert!(folder.path("s").join(file).exists(), "{file}");
     }
@@ -102,9 +101,6 @@ fn files_beside_the_report_name_their_methods() {
     for image in ["adaptive-none-2spp", "adaptive-none-4spp", "uniform-none-time-of-2spp"] {
         assert!(images.contains(&format!("images/tiny/{image}.exr").as_str()), "{image}: {images:?}");
         folder.read(&format!("s/images/tiny/{image}.exr"));
-    }
-    for file in ["adaptive-none.exr", "uniform-none.exr", "reference.exr"] {
-        folder.read(&format!("s/viewer/tiny/{file}"));
     }
     let table = String::from_utf8(folder.read("s/runs.csv")).expect("UTF-8");
     assert_eq!(table.lines().count(), 1 + runs.len());
@@ -117,15 +113,15 @@ fn files_beside_the_report_name_their_methods() {
     assert!(folder.read("s/report.html") == page && folder.lines("s") == lines);
     let said = folder.run("study --report-only -o nowhere");
     assert_eq!(said.status, Some(1));
-    assert!(said.err.contains("nowhere/study.json: cannot be read"), "{}", said.err);
+    assert!(said.err.contains("nowhere/study.json: there is no study"), "{}", said.err);
 }
 
 #[test]
 fn a_process_for_each_run_makes_the_same_images() {
     let folder = Folder::new();
-    let words = format!("study tiny.pbrt {SMALL} --samplers uniform,variance --filters none --time-of 0");
+    let words = format!("study {SMALL} --set samplers=[\"uniform\",\"variance\"] --set filters=none --set time_of=0");
     folder.done(&format!("{words} -o a"));
-    folder.done(&format!("{words} -o b --fresh"));
+    folder.done(&format!("{words} -o b --set fresh=true"));
     let (a, b) = (folder.study("a"), folder.study("b"));
     assert_eq!(a.keys().collect::<Vec<_>>(), b.keys().collect::<Vec<_>>());
     for (a, b) in a.values().zip(b.values()) {
@@ -135,10 +131,12 @@ fn a_process_for_each_run_makes_the_same_images() {
 }
 
 #[test]
-fn words_split_at_the_right_commas() {
+fn a_plan_and_its_replacements_name_the_methods() {
     let folder = Folder::new();
-    let words = "--samplers uniform,variance:pilot=2,radius=1,mitchell --filters none,gaussian --method uniform/halton";
-    folder.done(&format!("study tiny.pbrt {SMALL} --time-of 0 {words} -o s"));
+    let plan = "samplers = [\"uniform\"]\nfilters = [\"none\", \"gaussian\"]\ntime_of = 0\n";
+    std::fs::write(folder.path("plan.toml"), plan).expect("a plan");
+    let words = "--set samplers=[\"uniform\",\"variance:pilot=2,radius=1\",\"mitchell\"] --set methods=uniform/halton";
+    folder.done(&format!("study plan.toml {SMALL} {words} -o s"));
     let manifest: serde_json::Value = serde_json::from_slice(&folder.read("s/study.json")).expect("JSON");
     let methods = manifest["methods"].as_array().expect("methods");
     let samplers: Vec<&str> = methods.iter().map(|m| m["sampler"].as_str().expect("a word")).collect();
@@ -162,38 +160,49 @@ fn wrong_words_say_what_there_is() {
     std::fs::write(folder.path("key.toml"), "samplesr = []\n").expect("a file");
     folder.done("render tiny.pbrt --spp 1 --pixel-filter box --seed 77 -o r.exr");
     folder.done("render cornell --spp 1 --resolution 12x8 --pixel-filter box --seed 77 -o c.exr");
+    let with = |file: &str| format!("--set scenes={{source=\"tiny.pbrt\",reference=\"{file}\"}}");
     let cases = [
-        ("--samplers uniform,nonesuch", 2, "--samplers: there is no sampler \"nonesuch\"; choose among variance, "),
-        ("--points nonesuch", 2, "--points: there is no point set \"nonesuch\"; choose among sobol, "),
-        ("--filters nonesuch", 2, "--filters: there is no filter \"nonesuch\"; choose among none, "),
-        ("--method uniform/nonesuch", 2, "there is no point set \"nonesuch\""),
-        ("--method a/b/c/d", 2, "write SAMPLER/POINTS/FILTER"),
-        ("--samplers variance:cup=3", 2, "there is no parameter \"cup\""),
-        ("--baseline nonesuch", 2, "--baseline: there is no sampler"),
-        ("--spp 0", 2, "--spp: 0 is out of range; use 1 to"),
-        ("--spp a", 2, "a whole number of samples per pixel is required"),
-        ("--spp 4,4", 2, "--spp: a number is given twice"),
-        ("--time-of 3", 2, "--time-of: 3 is not one of spp (4, 8, 16, 32)"),
-        ("--seeds 0", 2, "1..=100000"),
-        ("--reference-spp 1", 2, "--reference-spp: 1 is out of range; use 2"),
-        ("--reference a.exr --reference b.exr", 2, "2 --reference for 1 SCENE"),
-        ("--plan nowhere.toml", 1, "nowhere.toml: cannot read the plan"),
-        ("--plan bad.toml", 1, "bad.toml:3: samplers: there is no sampler \"nonesuch\""),
-        ("--plan key.toml", 1, "key.toml:1: samplesr: unknown field `samplesr`, expected one of `scenes`, `samplers`"),
-        ("nonesuch", 1, "nonesuch: there is no such file, and no such bundled scene; the bundled scenes are teapot, "),
-        ("--reference nowhere.exr", 1, "nowhere.exr: cannot read the reference"),
-        ("--resolution 13x8 --reference r.exr", 1, "it is 24x16, and the study 13x8"),
-        ("--reference c.exr", 1, "its scene is \"cornell\", and the study's \"tiny\""),
-        ("--max-depth 2 --reference r.exr", 1, "its max depth is "),
+        (
+            "--set samplers=[\"uniform\",\"nonesuch\"]",
+            2,
+            "samplers: there is no sampler \"nonesuch\"; choose among variance, ",
+        ),
+        ("--set points=nonesuch", 2, "points: there is no point set \"nonesuch\"; choose among sobol, "),
+        ("--set filters=nonesuch", 2, "filters: there is no filter \"nonesuch\"; choose among none, "),
+        ("--set methods=uniform/nonesuch", 2, "there is no point set \"nonesuch\""),
+        ("--set methods=a/b/c/d", 2, "--set methods=a/b/c/d: \"a/b/c/d\" is not a method; write SAMPLER/POINTS/FILTER"),
+        ("--set samplers=variance:cup=3", 2, "there is no parameter \"cup\""),
+        ("--set baseline=nonesuch", 2, "baseline: there is no sampler"),
+        ("--set spp=0", 2, "--set spp=0: spp: 0 is out of range; use 1 to"),
+        ("--set spp=a", 2, "invalid type: string \"a\", expected u64"),
+        ("--set spp=[4,4]", 2, "spp: a number is given twice"),
+        ("--set spp", 2, "--set spp: this is not a setting; write KEY=VALUE"),
+        ("--set time_of=3", 2, "time_of: 3 is not one of spp (4, 8, 16, 32)"),
+        ("--set seeds=0", 2, "seeds: the list is empty"),
+        ("--set reference_spp=1", 2, "reference_spp: 1 is out of range; use 2"),
+        ("tiny.pbrt", 2, "tiny.pbrt is no plan (FILE.toml); write --set scenes=tiny.pbrt to study a scene"),
+        ("nowhere.toml", 1, "nowhere.toml: cannot read the plan"),
+        ("bad.toml", 1, "bad.toml:3: samplers: there is no sampler \"nonesuch\""),
+        ("key.toml", 1, "key.toml:1: unknown field `samplesr`, expected one of `scenes`, `only`, `samplers`"),
+        (
+            "--set scenes=nonesuch",
+            1,
+            "nonesuch: there is no such file, and no such bundled scene; the bundled scenes are teapot, ",
+        ),
+        (&with("nowhere.exr"), 1, "nowhere.exr: cannot read the reference"),
+        (&format!("--set resolution=13x8 {}", with("r.exr")), 1, "it is 24x16, and the study 13x8"),
+        (&with("c.exr"), 1, "its scene is \"cornell\", and the study's \"tiny\""),
+        (&format!("--set max_depth=2 {}", with("r.exr")), 1, "its max depth is "),
     ];
     for (words, status, message) in cases {
-        let said = folder.run(&format!("study tiny.pbrt -o s {words}"));
+        let said = folder.run(&format!("study -o s {words}"));
         assert_eq!(said.status, Some(status), "{words}: {}", said.err);
         assert!(said.err.starts_with("error: ") && said.err.contains(message), "{words}: {}", said.err);
         assert_eq!((said.out.as_str(), folder.lines("s")), ("", 0), "{words}");
     }
     // The control.
-    folder.done("study tiny.pbrt -o s --spp 2 --seeds 1 --samplers uniform --filters none --reference r.exr");
+    let words = "--set spp=2 --set seeds=1 --set samplers=uniform --set filters=none";
+    folder.done(&format!("study -o s {words} {}", with("r.exr")));
 }
 
 /// Waits until so many runs are written down.
@@ -209,7 +218,8 @@ fn wait_for(folder: &Folder, study: &str, lines: usize) {
 fn a_killed_study_goes_on_where_it_was() {
     let folder = Folder::new();
     // Without equal time, whose sample counts are the clock's to say.
-    let words = "study tiny.pbrt --resolution 24x16 --spp 8,16 --seeds 6 --reference-spp 32 --time-of 0 -q";
+    let words = "study --set scenes=tiny.pbrt --set resolution=24x16 --set spp=[8,16] --set seeds=6 --set reference_spp=32 \
+                 --set time_of=0 -q";
     folder.done(&format!("{words} -o whole"));
     for lines in [1, 9, 30] {
         let name = format!("killed-{lines}");
@@ -235,7 +245,8 @@ fn a_killed_study_goes_on_where_it_was() {
 #[test]
 fn ctrl_c_stops_between_runs_and_says_how_to_go_on() {
     let folder = Folder::new();
-    let words = "study tiny.pbrt --resolution 24x16 --spp 16,32 --seeds 40 --reference-spp 32 --time-of 0 -o s";
+    let words = "study --set scenes=tiny.pbrt --set resolution=24x16 --set spp=[16,32] --set seeds=40 --set reference_spp=32 \
+                 --set time_of=0 -o s";
     let mut command = folder.command(words);
     command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
     let child = command.spawn().expect("it starts");
@@ -256,62 +267,15 @@ fn a_study_that_does_not_fit_into_memory_is_refused() {
     let folder = Folder::new();
     let program = assert_cmd::cargo::cargo_bin!("dapple").display().to_string();
     // The film takes 128 GiB. The limit makes the test fail, not the machine, should the check be missing.
-    let script = format!("ulimit -v 16000000; exec {program} study tiny.pbrt --resolution 65535x65535 --spp 1 -q");
+    let script = format!(
+        "ulimit -v 16000000; exec {program} study --set scenes=tiny.pbrt --set resolution=65535x65535 --set spp=1 -q"
+    );
     let output = std::process::Command::new("sh").args(["-c", &script]).current_dir(folder.path("")).output();
     let said = crate::common::Said::of(output.expect("a shell"));
     assert_eq!(said.status, Some(1), "{}", said.err);
     assert!(
-        said.err.contains("error: a run takes at least ") && said.err.contains("lower --resolution"),
+        said.err.contains("error: a run takes at least ") && said.err.contains("lower the resolution"),
         "{}",
         said.err
     );
-}
-
-#[test]
-fn shards_of_a_study_are_the_runs_of_one_machine() {
-    let folder = Folder::new();
-    let words = "study tiny.pbrt --resolution 12x8 --spp 2,4 --seeds 2 --reference-spp 8 --samplers uniform,variance \
-                 --filters none -q";
-    folder.done(&format!("{words} --time-of 0 -o one"));
-    (1..=3).for_each(|shard| folder.done(&format!("{words} -o all --shard {shard}/3")).clear());
-    let out = folder.done("study --merge -o all");
-    assert!(out.contains("8 runs of 3 shards"), "{out}");
-    let (one, all) = (folder.study("one"), folder.study("all"));
-    assert_eq!(one.keys().collect::<Vec<_>>(), all.keys().collect::<Vec<_>>());
-    for (one, all) in one.values().zip(all.values()) {
-        assert_eq!((&one["errors"], &one["rays"], &one["image"]), (&all["errors"], &all["rays"], &all["image"]));
-        assert!(all.get("machine").is_none(), "machines of one kind are not marked");
-        if let Some(image) = all["image"].as_str() {
-            assert!(folder.path("all").join(image).exists(), "{image}");
-        }
-    }
-    let lines = |name: &str| String::from_utf8(folder.read(name)).expect("UTF-8").lines().count();
-    let own: Vec<usize> = (1..=3).map(|shard| lines(&format!("all/shard-{shard}-of-3/runs.jsonl"))).collect();
-    assert_eq!(own, [3, 3, 2], "every run is made once");
-
-    // Merging again adds nothing. A machine of another kind is marked.
-    folder.done("study --merge -o all -q");
-    assert_eq!(lines("all/runs.jsonl"), 8);
-    let manifest = folder.path("all/shard-2-of-3/study.json");
-    let mut other: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(&manifest).expect("a file")).expect("JSON");
-    other["machine"]["processor"] = "Another 9000".into();
-    std::fs::write(&manifest, other.to_string()).expect("a file");
-    ["all/runs.jsonl", "all/study.json"]
-        .iter()
-        .for_each(|name| std::fs::remove_file(folder.path(name)).expect("a file"));
-    folder.done("study --merge -o all -q");
-    let marked = folder.study("all");
-    let of_other =
-        |run: &&serde_json::Value| run["machine"].as_str().is_some_and(|name| name.starts_with("Another 9000"));
-    assert_eq!(marked.values().filter(of_other).count(), 3);
-    assert!(String::from_utf8_lossy(&folder.read("all/report.html")).contains("machines of 2 kinds"));
-
-    // Other settings are refused.
-    other["spp"] = vec![2, 8].into();
-    std::fs::write(&manifest, other.to_string()).expect("a file");
-    let said = folder.run("study --merge -o all");
-    assert!(said.status == Some(1) && said.err.contains("spp"), "{}", said.err);
-    let said = folder.run(&format!("{words} --time-of 2 -o all --shard 1/3"));
-    assert!(said.status != Some(0) && said.err.contains("one machine"), "{}", said.err);
 }

@@ -1,8 +1,7 @@
 //! The runs of several studies, and ratios between them.
 
 use dapple_metrics::{Interval, geometric_mean_interval, ratio_interval};
-use dapple_study::{FolderError, RecordedStudy};
-use dapple_study::{Manifest, Method, Run, RunBudget};
+use dapple_study::{Manifest, Method, RecordedStudy, Run, RunBudget, StudyError};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -36,9 +35,9 @@ impl Metric {
 
     fn of(self, run: &Run) -> f64 {
         match self {
-            Self::Srgb => run.errors.srgb8_mse,
-            Self::RelMse => run.errors.relmse,
-            Self::Flip => run.errors.flip,
+            Self::Srgb => run.errors.get("srgb8_mse"),
+            Self::RelMse => run.errors.get("relmse"),
+            Self::Flip => run.errors.get("flip"),
         }
     }
 }
@@ -115,7 +114,7 @@ pub(crate) struct Board {
 impl Board {
     /// Reads studies that have methods and budgets in common, each with its own scenes. `more` are studies of the same
     /// scenes with further methods or budgets, such as the baseline beyond their budgets.
-    pub(crate) fn read(folders: &[PathBuf], more: &[PathBuf]) -> Result<Self, FolderError> {
+    pub(crate) fn read(folders: &[PathBuf], more: &[PathBuf]) -> Result<Self, StudyError> {
         let mut board = Self {
             manifests: Vec::new(),
             scenes: Vec::new(),

@@ -1,19 +1,17 @@
-//! Images of the report: crops of renders and references, error maps and sample maps. All are PNG files embedded in the
-//! page.
+//! The images of the report: renders, error maps and sample maps. All are PNG files embedded in the page.
 
-use super::colour_scale::{error_colour, sample_colour};
-use crate::file_names::safe_file_name;
-use crate::record::{Run, RunBudget, SceneRecord};
-use crate::recorded_study::RecordedStudy;
+use super::page::{ReportPage, link, phrase};
+use super::tables::TableCell;
+use crate::RecordedStudy;
+use crate::record::{Run, RunBudget, SceneRecord, method_file_names, safe_file_name};
 use base64::Engine;
 use dapple_metrics::{Pixels, downsample};
-use dapple_scene::image::{Encoding, Image, encode_png, encode_png_rgb, read_image};
-use std::path::Path;
+use dapple_scene::image::{Encoding, Image, ImageError, encode_png, encode_png_rgb, read_image};
 
-/// The largest total size of all images in the page, in bytes.
-const ROOM: f64 = 3.5e6;
+/// The largest total size in bytes of the images and maps of methods in the page.
+const ROOM: f64 = 3.0e6;
 
-/// The largest total size of the viewer's whole images in the page, in bytes.
+/// The largest total size in bytes of the viewer's whole images in the page.
 const WHOLE_ROOM: f64 = 1.1e6;
 
 /// A PNG image embedded in the page, as a data URI with its size in pixels.
@@ -22,128 +20,156 @@ pub(super) struct Embedded {
     pub(super) size: [u32; 2],
 }
 
-/// A rectangle of an image in pixels: left, top, width and height.
-pub(super) type Crop = [u32; 4];
-
-/// The report's images of one method on one scene.
-pub(super) struct MethodImages {
-    /// The method's index in the manifest.
-    pub(super) method: usize,
-    /// The method's image, cut to each of [`Gallery::crops`]; empty if the study has no image.
-    pub(super) crops: Vec<Embedded>,
-    pub(super) error_map: Option<Embedded>,
-    pub(super) sample_map: Option<Embedded>,
-    /// The files of the image and of the sample map, relative to the study's folder.
-    pub(super) files: [Option<String>; 2],
-}
-
-/// A whole image of the viewer.
-pub(super) struct Whole {
-    /// The method's index in the manifest; `None` for the reference.
-    pub(super) method: Option<usize>,
-    pub(super) image: Embedded,
-    /// The file with the full resolution, relative to the study's folder; `None` if the embedded image has it.
-    pub(super) file: Option<String>,
-}
-
 /// The report's images of one scene.
-pub(super) struct Gallery {
-    pub(super) budget: Option<RunBudget>,
-    /// The exposure in stops that is applied to all images of the scene.
-    pub(super) exposure_stops: f32,
-    pub(super) overview: Option<Embedded>,
-    /// The crop in which the methods' errors differ most, then the crop with the median difference.
-    pub(super) crops: Vec<Crop>,
-    pub(super) reference_crops: Vec<Embedded>,
-    pub(super) tiles: Vec<MethodImages>,
-    /// The whole images of the methods that have one, then the reference; empty without a method's image.
-    pub(super) whole: Vec<Whole>,
-    /// PNG files at full resolution for the viewer: paths relative to the study's folder, and contents.
-    pub(super) files: Vec<(String, Vec<u8>)>,
+#[derive(Default)]
+pub(super) struct SceneImages {
+    /// The budget of the images as a phrase.
+    pub(super) budget: String,
+    /// The exposure that is applied to all images of the scene.
+    pub(super) exposure: String,
     /// Width and height of the whole images in pixels.
     pub(super) size: [u32; 2],
-    /// The largest number of samples per pixel over all sample maps of the scene; `None` without maps.
-    pub(super) most: Option<f64>,
+    pub(super) tiles: Vec<MethodTile>,
+    /// The whole images that the viewer compares, the reference last; empty without a method's image.
+    pub(super) whole: Vec<WholeImage>,
+    /// The ticks of the colour scales, as text with their places in percent.
+    pub(super) sample_ticks: Vec<(String, f64)>,
+    pub(super) error_ticks: Vec<(String, f64)>,
     /// One message for each image that cannot be shown, with the reason.
     pub(super) problems: Vec<String>,
+    /// PNG files at full resolution for the viewer: paths relative to the study's folder, and contents.
+    pub(super) files: Vec<(String, Vec<u8>)>,
 }
 
-/// The side of crops and maps in pixels, 32 to 80, chosen so that all images together take about [`ROOM`] bytes. The
-/// page shows a pixel of the largest crops as about 2x2 pixels.
-fn side(recorded: &RecordedStudy) -> u32 {
-    let tiles = recorded.manifest.scenes.len() * recorded.manifest.methods.len();
-    // About 10.5 bytes per pixel of a side: two crops of 3 bytes that hardly compress, two maps that do, and a third
-    // more for base64.
-    let side = (ROOM / tiles.max(1) as f64 / 10.5).sqrt().clamp(32.0, 80.0);
-    side as u32 / 8 * 8
+/// The images of one method, with captions.
+pub(super) struct MethodTile {
+    pub(super) method: String,
+    pub(super) swatch: String,
+    pub(super) ratio: Option<TableCell>,
+    pub(super) baseline: bool,
+    pub(super) image: Option<Embedded>,
+    pub(super) error_map: Option<Embedded>,
+    pub(super) sample_map: Option<Embedded>,
+    /// The files of the image and of its sample map: name and link.
+    pub(super) files: Vec<(&'static str, String)>,
 }
 
-pub(super) fn gallery(recorded: &RecordedStudy, scene: &SceneRecord) -> Gallery {
-    let side = side(recorded);
-    let mut problems = Vec::new();
-    let reference = load(&recorded.folder, &scene.reference.file, &mut problems);
-    let budget = budget(recorded, scene);
-    let runs: Vec<Option<&Run>> = (0..recorded.manifest.methods.len())
-        .map(|method| budget.and_then(|budget| run(recorded, scene, method, budget)))
-        .collect();
-    let same_size = |p: &Image, r: &Image| p.size == r.size;
-    let mut images: Vec<Option<Image>> = Vec::new();
-    for run in &runs {
-        let file = run.and_then(|run| run.image.as_deref());
-        let image = file.and_then(|file| load(&recorded.folder, file, &mut problems));
-        if let (Some(image), Some(reference), Some(file)) = (&image, &reference, file)
-            && !same_size(image, reference)
-        {
+/// A whole image of the viewer: a method's or the reference.
+pub(super) struct WholeImage {
+    pub(super) name: String,
+    pub(super) image: Embedded,
+    /// The link to the file at full resolution, if the embedded image is smaller; empty otherwise.
+    pub(super) file: String,
+}
+
+impl ReportPage<'_> {
+    pub(super) fn images(&self, scene: &SceneRecord) -> SceneImages {
+        let manifest = &self.recorded.manifest;
+        let side = side_for(ROOM / 6.5, manifest.scenes.len() * manifest.methods.len()).clamp(32.0, 96.0) as u32;
+        let mut found = SceneImages { error_ticks: error_ticks(), ..SceneImages::default() };
+        let budget = budget(self.recorded, scene);
+        let run = |method| budget.and_then(|budget| run(self.recorded, scene, method, budget));
+        let runs: Vec<Option<&Run>> = (0..manifest.methods.len()).map(run).collect();
+        let words = budget.map(|budget| budget.to_string()).unwrap_or_default();
+        found.budget = budget.map(phrase).unwrap_or_default();
+        let reference = self.load(&scene.reference.file, Encoding::Auto, &mut found.problems);
+        let images: Vec<Option<Image>> =
+            runs.iter().map(|run| self.image_of((*run)?, reference.as_ref(), &mut found.problems)).collect();
+        let stops = reference.as_ref().map_or(0.0, exposure);
+        found.exposure =
+            if stops == 0.0 { "as rendered".into() } else { format!("{stops:+} stops").replace('-', "−") };
+        if let Some(reference) = reference.as_ref().filter(|_| images.iter().any(Option::is_some)) {
+            self.add_whole(&mut found, scene, &images, reference, stops);
+        }
+        let most = most_samples(&runs);
+        found.sample_ticks = most.map_or_else(Vec::new, sample_ticks);
+        for (method, run) in runs.iter().enumerate() {
+            let Some(run) = run else { continue };
+            let map = run.sample_map.as_deref().zip(run.white).zip(most);
+            let map = map.and_then(|((file, white), most)| {
+                let map = self.load(file, Encoding::Linear, &mut found.problems)?;
+                coloured(&map, side, &|share| sample_colour(share * white, most))
+            });
+            let image = images[method].as_ref();
+            let row = self.summary.find(&scene.name, &manifest.methods[method], &words, "relmse ratio");
+            let files = [("EXR", &run.image), ("sample map", &run.sample_map)];
+            found.tiles.push(MethodTile {
+                method: self.names[method].clone(),
+                swatch: self.styles[method].swatch(),
+                ratio: row.map(|row| TableCell::of(Some(row))),
+                baseline: manifest.methods[method] == manifest.baseline,
+                image: image.and_then(|image| embed_shrunk(image, side, stops)),
+                error_map: image
+                    .zip(reference.as_ref())
+                    .and_then(|(image, reference)| coloured(&relative_errors(image, reference)?, side, &error_colour)),
+                sample_map: map,
+                files: files.into_iter().filter_map(|(name, file)| Some((name, link(file.as_deref()?)))).collect(),
+            });
+        }
+        found
+    }
+
+    /// Reads an image of the study; `None` with a message in `problems` if that fails.
+    fn load(&self, file: &str, encoding: Encoding, problems: &mut Vec<String>) -> Option<Image> {
+        let bytes = std::fs::read(self.recorded.folder.join(file)).map_err(|e| problems.push(format!("{file}: {e}")));
+        read_image(&bytes.ok()?, file, encoding).map_err(|e| problems.push(e.to_string())).ok()
+    }
+
+    /// The image of a run, if it has one of the reference's size.
+    fn image_of(&self, run: &Run, reference: Option<&Image>, problems: &mut Vec<String>) -> Option<Image> {
+        let file = run.image.as_deref()?;
+        let image = self.load(file, Encoding::Auto, problems)?;
+        let reference = reference?;
+        if image.size != reference.size {
             let [a, b] = [image.size, reference.size].map(|s| format!("{}x{}", s[0], s[1]));
             problems.push(format!("{file} is {a}, its reference {b}"));
+            return None;
         }
-        images.push(image.filter(|p| reference.as_ref().is_some_and(|r| same_size(p, r))));
+        Some(image)
     }
-    let mut gallery = Gallery {
-        budget,
-        exposure_stops: 0.0,
-        overview: None,
-        crops: Vec::new(),
-        reference_crops: Vec::new(),
-        tiles: Vec::new(),
-        whole: Vec::new(),
-        files: Vec::new(),
-        size: reference.as_ref().map_or([0, 0], |r| r.size),
-        most: most_samples(&runs),
-        problems: Vec::new(),
-    };
-    let mut errors: Vec<Option<Vec<f32>>> = vec![None; runs.len()];
-    if let Some(reference) = &reference {
-        gallery.exposure_stops = exposure(reference);
-        errors = images.iter().map(|p| p.as_ref().map(|p| relative_errors(p, reference))).collect();
-        gallery.crops = crops(reference.size, side, &errors);
-        gallery.overview =
-            shrink(reference, 4 * side).and_then(|p| embed(encode_png(&p, gallery.exposure_stops), p.size));
-        gallery.reference_crops = cut_all(reference, &gallery);
-        add_whole(&mut gallery, recorded, scene, &images, reference);
+
+    /// Adds the whole images of the methods and the reference for the viewer. Images that are too large for the page
+    /// are embedded at a lower resolution, and their PNG files at full resolution are added to [`SceneImages::files`].
+    fn add_whole(
+        &self,
+        found: &mut SceneImages,
+        scene: &SceneRecord,
+        images: &[Option<Image>],
+        reference: &Image,
+        stops: f32,
+    ) {
+        let manifest = &self.recorded.manifest;
+        let [width, height] = reference.size;
+        found.size = reference.size;
+        let side = side_for(WHOLE_ROOM / 4.0, manifest.scenes.len() * (manifest.methods.len() + 1));
+        let factor = (side / (f64::from(width) * f64::from(height)).sqrt()).min(1.0);
+        let longer = ((f64::from(width.max(height)) * factor) as u32).max(32);
+        let files = method_file_names(&manifest.methods);
+        let methods =
+            images.iter().enumerate().filter_map(|(i, image)| Some((&*self.names[i], &*files[i], image.as_ref()?)));
+        for (name, file, image) in methods.chain([("reference", "reference", reference)]) {
+            let Some(embedded) = embed_shrunk(image, longer, stops) else { continue };
+            let mut whole = WholeImage { name: name.to_owned(), image: embedded, file: String::new() };
+            if whole.image.size != image.size
+                && let Ok(png) = encode_png(image, stops)
+            {
+                let path = format!("viewer/{}/{file}.png", safe_file_name(&scene.name));
+                whole.file = link(&path);
+                found.files.push((path, png));
+            }
+            found.whole.push(whole);
+        }
     }
-    for (method, run) in runs.iter().enumerate() {
-        let Some(run) = run else { continue };
-        let map = run.sample_map.as_deref().zip(run.white).zip(gallery.most);
-        let map = map.and_then(|((file, white), most)| {
-            sample_map(&load_map(&recorded.folder, file, &mut problems)?, [white, most], side)
-        });
-        let size = reference.as_ref().map_or([0, 0], |r| r.size);
-        gallery.tiles.push(MethodImages {
-            method,
-            crops: images[method].as_ref().map_or_else(Vec::new, |p| cut_all(p, &gallery)),
-            error_map: errors[method].as_ref().and_then(|e| error_map(e, size, side)),
-            sample_map: map,
-            files: [run.image.clone(), run.sample_map.clone()],
-        });
-    }
-    gallery.problems = problems;
-    gallery
+}
+
+/// The side in pixels of squares of which `count` have `pixels` pixels.
+fn side_for(pixels: f64, count: usize) -> f64 {
+    (pixels / count.max(1) as f64).sqrt()
 }
 
 /// The budget whose images are shown: equal time if it has images, else the largest spp with images; `None` without
 /// images.
-pub(super) fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
+fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
     let shown = || recorded.runs.iter().filter(|run| run.scene == scene.name && run.image.is_some());
     let spp = |run: &Run| if let RunBudget::Spp(spp) = run.budget { Some(spp) } else { None };
     let timed = shown().map(|run| run.budget).find(|b| matches!(b, RunBudget::TimeOf(_)));
@@ -152,12 +178,7 @@ pub(super) fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<Ru
 
 /// The first run of a method at `budget` that has an image, else the first one that has a sample map. For the baseline
 /// at equal time, its run at that spp may replace it.
-pub(super) fn run<'a>(
-    recorded: &'a RecordedStudy,
-    scene: &SceneRecord,
-    method: usize,
-    budget: RunBudget,
-) -> Option<&'a Run> {
+fn run<'a>(recorded: &'a RecordedStudy, scene: &SceneRecord, method: usize, budget: RunBudget) -> Option<&'a Run> {
     let method = &recorded.manifest.methods[method];
     let find = |budget: RunBudget, has: fn(&Run) -> bool| {
         let fits = |run: &&Run| run.scene == scene.name && run.method == *method && run.budget == budget && has(run);
@@ -170,16 +191,6 @@ pub(super) fn run<'a>(
         }
         _ => either(budget),
     }
-}
-
-fn load(folder: &Path, file: &str, problems: &mut Vec<String>) -> Option<Image> {
-    let bytes = std::fs::read(folder.join(file)).map_err(|e| problems.push(format!("{file}: {e}"))).ok()?;
-    read_image(&bytes, file, Encoding::Auto).map_err(|e| problems.push(e.to_string())).ok()
-}
-
-fn embed(png: Result<Vec<u8>, dapple_scene::image::ImageError>, size: [u32; 2]) -> Option<Embedded> {
-    let uri = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png.ok()?));
-    Some(Embedded { uri, size })
 }
 
 /// The exposure in whole stops at which a scene's images are shown: 0, unless the reference is far too dark or too
@@ -195,76 +206,15 @@ fn exposure(reference: &Image) -> f32 {
 }
 
 /// The squared error of each pixel over (squared reference + 0.01), the quantity whose mean is relMSE.
-fn relative_errors(image: &Image, reference: &Image) -> Vec<f32> {
+fn relative_errors(image: &Image, reference: &Image) -> Option<Image> {
     let error = |(x, r): (&[f32; 3], &[f32; 3])| {
         let of = |c: usize| {
             let [x, r] = [x[c], r[c]].map(|v| if v.is_finite() { f64::from(v) } else { 0.0 });
             (x - r) * (x - r) / (r * r + dapple_metrics::RELATIVE_EPSILON)
         };
-        ((of(0) + of(1) + of(2)) / 3.0) as f32
+        [((of(0) + of(1) + of(2)) / 3.0) as f32; 3]
     };
-    image.pixels.iter().zip(&reference.pixels).map(error).collect()
-}
-
-/// The smallest side in pixels of an image that is cropped; smaller images are shown whole.
-const LEAST_SIDE: u32 = 24;
-
-/// The two square crops to show: the one where the methods' errors differ most, then the one with the median
-/// difference. Their side is `side`, at most half the image's. An image without room for two crops is shown whole.
-/// Among equal crops, the first one in row order is taken.
-fn crops(size: [u32; 2], side: u32, errors: &[Option<Vec<f32>>]) -> Vec<Crop> {
-    let side = side.min(size[0].min(size[1]) / 2);
-    if side < LEAST_SIDE {
-        return vec![[0, 0, size[0], size[1]]];
-    }
-    let [width, height] = [side; 2];
-    let starts = |whole: u32, part: u32| {
-        let last = whole - part;
-        let count = last.div_ceil((part / 2).max(1)).max(1);
-        (0..=count).map(move |i| last * i / count)
-    };
-    let mut places: Vec<(f64, Crop)> = Vec::new();
-    for y in starts(size[1], height) {
-        for x in starts(size[0], width) {
-            let crop = [x, y, width, height];
-            if places.iter().all(|(_, other)| *other != crop) {
-                places.push((spread(size, crop, errors), crop));
-            }
-        }
-    }
-    let most = places.iter().copied().fold(places[0], |best, one| if one.0 > best.0 { one } else { best });
-    let apart = |crop: &Crop| (0..2).any(|axis| crop[axis].abs_diff(most.1[axis]) >= most.1[2 + axis]);
-    let mut others: Vec<_> = places.iter().copied().filter(|(_, crop)| apart(crop)).collect();
-    others.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let typical = (!others.is_empty()).then(|| others[(others.len() - 1) / 2].1);
-    [Some(most.1), typical].into_iter().flatten().collect()
-}
-
-/// A measure of how much the methods' errors differ in a crop: the logarithm of the largest over the smallest mean
-/// error. If there is only one method, its mean error.
-fn spread(size: [u32; 2], crop: Crop, errors: &[Option<Vec<f32>>]) -> f64 {
-    let means: Vec<f64> = errors
-        .iter()
-        .flatten()
-        .map(|errors| {
-            let rows = (crop[1]..crop[1] + crop[3]).map(|y| (y * size[0] + crop[0]) as usize);
-            let sum: f64 = rows.flat_map(|start| &errors[start..start + crop[2] as usize]).map(|&e| f64::from(e)).sum();
-            sum / f64::from(crop[2] * crop[3])
-        })
-        .collect();
-    let [low, high] = [means.iter().copied().fold(f64::INFINITY, f64::min), means.iter().copied().fold(0.0, f64::max)];
-    // Errors below about 0.001 are invisible; adding 0.001 to both keeps them from mattering.
-    if means.len() < 2 { high } else { libm::log((high + 1e-3) / (low + 1e-3)) }
-}
-
-fn cut_all(image: &Image, gallery: &Gallery) -> Vec<Embedded> {
-    let cut = |crop: &Crop| {
-        let rows = (crop[1]..crop[1] + crop[3]).map(|y| (y * image.size[0] + crop[0]) as usize);
-        let pixels = rows.flat_map(|start| &image.pixels[start..start + crop[2] as usize]).copied().collect();
-        let part = Image::new([crop[2], crop[3]], pixels).ok()?;
-        embed(encode_png(&part, gallery.exposure_stops), part.size)
-    };
-    gallery.crops.iter().filter_map(cut).collect()
+    Image::new(image.size, image.pixels.iter().zip(&reference.pixels).map(error).collect()).ok()
 }
 
 /// Shrinks an image by averaging pixels until its longer side is at most `most` pixels; `None` if that fails.
@@ -280,24 +230,21 @@ fn shrink(image: &Image, most: u32) -> Option<Image> {
     Image::new(target, small).ok()
 }
 
-fn error_map(errors: &[f32], size: [u32; 2], side: u32) -> Option<Embedded> {
-    let image = Image::new(size, errors.iter().map(|&e| [e; 3]).collect()).ok()?;
-    let small = shrink(&image, side)?;
-    let bytes: Vec<[u8; 3]> = small.pixels.iter().map(|p| error_colour(f64::from(p[0]))).collect();
+fn embed_shrunk(image: &Image, most: u32, stops: f32) -> Option<Embedded> {
+    let small = shrink(image, most)?;
+    embed(encode_png(&small, stops), small.size)
+}
+
+/// A map of the image's values in colours.
+fn coloured(image: &Image, side: u32, colour: &dyn Fn(f64) -> [u8; 3]) -> Option<Embedded> {
+    let small = shrink(image, side)?;
+    let bytes: Vec<[u8; 3]> = small.pixels.iter().map(|p| colour(f64::from(p[0]))).collect();
     embed(encode_png_rgb(small.size, &bytes), small.size)
 }
 
-fn load_map(folder: &Path, file: &str, problems: &mut Vec<String>) -> Option<Image> {
-    let bytes = std::fs::read(folder.join(file)).map_err(|e| problems.push(format!("{file}: {e}"))).ok()?;
-    read_image(&bytes, file, Encoding::Linear).map_err(|e| problems.push(e.to_string())).ok()
-}
-
-/// A sample map on the scene's colour scale, from 0 to `most` samples per pixel. `white` is the number that white
-/// represents in `map`.
-fn sample_map(map: &Image, [white, most]: [f64; 2], side: u32) -> Option<Embedded> {
-    let small = shrink(map, side)?;
-    let values: Vec<[u8; 3]> = small.pixels.iter().map(|p| sample_colour(f64::from(p[0]) * white, most)).collect();
-    embed(encode_png_rgb(small.size, &values), small.size)
+fn embed(png: Result<Vec<u8>, ImageError>, size: [u32; 2]) -> Option<Embedded> {
+    let uri = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png.ok()?));
+    Some(Embedded { uri, size })
 }
 
 /// The largest number of samples per pixel in the sample maps of `runs`.
@@ -306,42 +253,84 @@ fn most_samples(runs: &[Option<&Run>]) -> Option<f64> {
     mapped.filter_map(|run| run.white).filter(|white| white.is_finite()).reduce(f64::max)
 }
 
-/// Adds the whole images of the methods and the reference for the viewer. Images that are too large for the page are
-/// embedded at a lower resolution, and their PNG files at full resolution are added to [`Gallery::files`].
-fn add_whole(
-    gallery: &mut Gallery,
-    recorded: &RecordedStudy,
-    scene: &SceneRecord,
-    images: &[Option<Image>],
-    reference: &Image,
-) {
-    if images.iter().all(Option::is_none) {
-        return;
-    }
-    let names = crate::file_names::method_file_names(&recorded.manifest.methods);
-    let side = whole_side(recorded, reference.size);
-    let methods = images.iter().enumerate().filter_map(|(i, image)| Some((Some(i), image.as_ref()?)));
-    for (method, image) in methods.chain([(None, reference)]) {
-        let stops = gallery.exposure_stops;
-        let Some(embedded) = shrink(image, side).and_then(|p| embed(encode_png(&p, stops), p.size)) else { continue };
-        let mut file = None;
-        if embedded.size != image.size
-            && let Ok(png) = encode_png(image, stops)
-        {
-            let name = method.map_or("reference", |method| &names[method]);
-            let path = format!("viewer/{}/{name}.png", safe_file_name(&scene.name));
-            gallery.files.push((path.clone(), png));
-            file = Some(path);
-        }
-        gallery.whole.push(Whole { method, image: embedded, file });
-    }
+/// The ends of the error map's colour scale: the exponents of powers of ten of the relative squared error.
+const ERROR_DECADES: [f64; 2] = [-4.0, 0.0];
+
+/// A colour scale: the colours at 0, 1/4, 1/2, 3/4 and 1, in 8-bit sRGB. The lightness rises, so that it can be read in
+/// black and white and by the colour-blind.
+type Colours = [[f64; 3]; 5];
+
+/// The colours of error maps [after van der Walt 2015, matplotlib's `inferno`].
+const ERRORS: Colours =
+    [[0.0, 0.0, 4.0], [87.0, 16.0, 110.0], [188.0, 55.0, 84.0], [249.0, 142.0, 9.0], [252.0, 255.0, 164.0]];
+
+/// The colours of sample maps [after van der Walt 2015, matplotlib's `viridis`].
+const SAMPLES: Colours =
+    [[68.0, 1.0, 84.0], [59.0, 82.0, 139.0], [33.0, 145.0, 140.0], [94.0, 201.0, 98.0], [253.0, 231.0, 37.0]];
+
+/// The colour of a relative squared error.
+fn error_colour(error: f64) -> [u8; 3] {
+    colour(&ERRORS, error_place(error))
 }
 
-/// The longer side in pixels of the viewer's embedded images, chosen so that all of the page take about [`WHOLE_ROOM`]
-/// bytes: 4 per pixel, as 3 bytes hardly compress and base64 takes a third more.
-fn whole_side(recorded: &RecordedStudy, [width, height]: [u32; 2]) -> u32 {
-    let images = recorded.manifest.scenes.len() * (recorded.manifest.methods.len() + 1);
-    let pixels = WHOLE_ROOM / images.max(1) as f64 / 4.0;
-    let factor = (pixels / (f64::from(width) * f64::from(height)).max(1.0)).sqrt().min(1.0);
-    ((f64::from(width.max(height)) * factor) as u32).max(32)
+fn error_place(error: f64) -> f64 {
+    let [low, high] = ERROR_DECADES;
+    if error > 0.0 { ((libm::log10(error) - low) / (high - low)).clamp(0.0, 1.0) } else { 0.0 }
+}
+
+/// The colour of a number of samples on a scale from 0 to `most`, by the logarithm of 1 more than the number.
+fn sample_colour(count: f64, most: f64) -> [u8; 3] {
+    colour(&SAMPLES, sample_place(count, most))
+}
+
+fn sample_place(count: f64, most: f64) -> f64 {
+    (libm::log1p(count.max(0.0)) / libm::log1p(most.max(1.0))).clamp(0.0, 1.0)
+}
+
+fn colour(colours: &Colours, share: f64) -> [u8; 3] {
+    let last = colours.len() - 1;
+    let place = share * last as f64;
+    let below = (place as usize).min(last - 1);
+    let t = place - below as f64;
+    std::array::from_fn(|c| {
+        let [a, b] = [colours[below][c], colours[below + 1][c]];
+        (a + t * (b - a)).round() as u8
+    })
+}
+
+/// The ticks of the error scale: text, and place in percent.
+fn error_ticks() -> Vec<(String, f64)> {
+    [("≤ 10⁻⁴", 1e-4), ("0.01", 1e-2), ("≥ 1", 1.0)]
+        .map(|(text, error)| (text.to_owned(), 100.0 * error_place(error)))
+        .to_vec()
+}
+
+/// The ticks of a sample scale from 0 to `most`: text, and place in percent. Besides the ends, powers of 4 that leave
+/// room for their text.
+fn sample_ticks(most: f64) -> Vec<(String, f64)> {
+    let tick = |count: f64| (count.round().to_string(), 100.0 * sample_place(count, most));
+    let mut ticks = vec![tick(0.0)];
+    for count in (1..16).map(|power| libm::pow(4.0, f64::from(power))) {
+        let place = 100.0 * sample_place(count, most);
+        let last = ticks.last().map_or(0.0, |(_, place)| *place);
+        if count < most && place - last >= 20.0 && place <= 80.0 {
+            ticks.push(tick(count));
+        }
+    }
+    ticks.push(tick(most));
+    ticks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scales_begin_and_end_at_their_colours() {
+        assert_eq!((error_colour(0.0), error_colour(7.0)), ([0, 0, 4], [252, 255, 164]));
+        assert_eq!((sample_colour(0.0, 64.0), sample_colour(64.0, 64.0)), ([68, 1, 84], [253, 231, 37]));
+        let ticks = sample_ticks(100.0);
+        assert_eq!((ticks[0].0.as_str(), ticks.last().map(|t| t.0.as_str())), ("0", Some("100")));
+        assert!(ticks.windows(2).all(|pair| pair[0].1 + 15.0 < pair[1].1), "{ticks:?}");
+    }
 }

@@ -10,6 +10,7 @@
 
 use super::{Study, StudyStatus, pixels};
 use crate::runner::{RunRequest, Runner};
+use crate::summary::median;
 use crate::{Method, Run, RunBudget, StudyError, study::StudyMonitor};
 use dapple_core::Control;
 
@@ -25,7 +26,7 @@ impl Study {
         monitor: &mut dyn StudyMonitor,
     ) -> Result<StudyStatus, StudyError> {
         let Some(time_of) = self.plan.time_of else { return Ok(StudyStatus::Done) };
-        let baseline = self.plan.baseline.clone();
+        let baseline = self.plan.settings.baseline.clone();
         let others = self.plan.methods.iter().filter(|m| **m != baseline).cloned();
         let methods: Vec<Method> = std::iter::once(baseline.clone()).chain(others).collect();
         let budget = RunBudget::TimeOf(time_of);
@@ -67,7 +68,8 @@ impl Study {
     /// the time model.
     fn solve(&self, at: usize, method: &Method, time_of: u64) -> u64 {
         let pixels = pixels(&self.views[at]);
-        let target = median(self.of_method(at, &self.plan.baseline, RunBudget::Spp(time_of)).map(|r| r.render_s));
+        let baseline = self.of_method(at, &self.plan.settings.baseline, RunBudget::Spp(time_of));
+        let target = median(baseline.map(|r| r.render_s).collect());
         let mut spp = time_of as f64;
         let mut asked = time_of * pixels;
         // The second pass uses times at the budget nearest to the first result.
@@ -75,9 +77,9 @@ impl Study {
             let distance = |n: &&u64| (**n as f64 / spp).ln().abs();
             let nearest = self.plan.spp.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
             let budget = RunBudget::Spp(nearest.copied().unwrap_or(time_of));
-            let fixed = median(self.of_method(at, method, budget).map(|r| r.seconds.fixed()));
+            let fixed = median(self.of_method(at, method, budget).map(|r| r.seconds.fixed()).collect());
             let rate = self.of_method(at, method, budget).map(|r| (r.render_s - r.seconds.fixed()) / r.asked as f64);
-            asked = samples(target, fixed, median(rate), pixels);
+            asked = samples(target, fixed, median(rate.collect()), pixels);
             spp = asked as f64 / pixels as f64;
         }
         asked
@@ -115,16 +117,6 @@ fn samples(target: f64, fixed: f64, rate: f64, pixels: u64) -> u64 {
     if samples.is_finite() { (samples as u64).max(pixels) } else { pixels }
 }
 
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_unstable_by(f64::total_cmp);
-    match values.len() {
-        0 => f64::NAN,
-        n if n % 2 == 1 => values[n / 2],
-        n => 0.5 * (values[n / 2 - 1] + values[n / 2]),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -134,7 +126,7 @@ mod tests {
         assert_eq!(samples(1.0, 0.2, 0.01, 10), 80);
         assert_eq!(samples(1.0, 2.0, 0.01, 10), 10, "a method that is too slow gets one sample per pixel");
         assert_eq!(samples(f64::NAN, 0.0, 0.01, 10), 10);
-        assert_eq!(median([3.0, 1.0, 2.0].into_iter()), 2.0);
-        assert_eq!(median([4.0, 1.0, 2.0, 3.0].into_iter()), 2.5);
+        assert_eq!(median(vec![3.0, 1.0, 2.0]), 2.0);
+        assert_eq!(median(vec![4.0, 1.0, 2.0, 3.0]), 2.5);
     }
 }

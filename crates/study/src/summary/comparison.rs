@@ -1,9 +1,8 @@
-//! Comparisons of methods with the baseline.
+//! Statistics over seeds, and comparisons of methods with the baseline.
 
-use super::run_table::{RunTable, error};
-use super::seed_statistic::SeedStatistic;
-use super::{COMPARED, CONFIDENCE, Row, Summary, TIME_TOLERANCE};
+use super::{CONFIDENCE, Row, RunTable, Summary, TIME_TOLERANCE, compared};
 use crate::record::{Run, RunBudget};
+use dapple_metrics::{Interval, StatisticsError, geometric_mean_interval, mean_interval, ratio_interval};
 
 /// The verdict on a method, from the confidence interval of the ratio of its error to the baseline's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -44,7 +43,7 @@ pub(crate) const UNFAIR: &str = "times the time";
 
 pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     for budget in grid.budgets() {
-        let compared: Vec<[usize; 2]> = grid
+        let pairs: Vec<[usize; 2]> = grid
             .all()
             .filter(|&[scene, method]| {
                 method != grid.baseline && !grid.pairs(scene, [method, grid.baseline], budget).is_empty()
@@ -52,8 +51,8 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
             .collect();
         // The confidence level that each interval needs so that all of them hold together with 95 % confidence [after
         // Šidák 1967].
-        let together = libm::pow(CONFIDENCE, 1.0 / compared.len().max(1) as f64);
-        for at in compared {
+        let together = libm::pow(CONFIDENCE, 1.0 / pairs.len().max(1) as f64);
+        for at in pairs {
             compare(summary, grid, at, budget, together);
         }
     }
@@ -65,25 +64,25 @@ fn compare(summary: &mut Summary, grid: &RunTable<'_>, at: [usize; 2], budget: R
         |value: &dyn Fn(&Run) -> f64| -> Vec<(f64, f64)> { pairs.iter().map(|[a, b]| (value(a), value(b))).collect() };
     let seconds = SeedStatistic::ratio(&of(&|run| run.render_s));
     let timed = matches!(budget, RunBudget::TimeOf(_)).then_some(seconds.value).flatten();
-    for metric in COMPARED {
-        let values = of(&|run| error(run, metric));
-        let limited = metric == "relmse" && pairs.iter().any(|pair| pair.iter().any(|run| run.reference_limited));
+    for metric in compared() {
+        let values = of(&|run| run.errors.get(metric.name));
+        let limited = metric.name == "relmse" && pairs.iter().any(|pair| pair.iter().any(|run| run.reference_limited));
         let wide = SeedStatistic::ratio_at(&values, together);
         let figure = judge(SeedStatistic::ratio(&values), wide.ends, timed).noted(if limited {
             "reference-limited"
         } else {
             ""
         });
-        summary.add(grid, at, Some(budget), &format!("{metric} ratio"), figure);
+        summary.add(grid, at, budget, &format!("{} ratio", metric.name), figure);
     }
-    summary.add(grid, at, Some(budget), "seconds ratio", seconds);
-    let cost = judge(SeedStatistic::ratio(&of(&|run| run.errors.relmse * run.render_s)), None, None);
-    summary.add(grid, at, Some(budget), "relmse x seconds ratio", cost);
+    summary.add(grid, at, budget, "seconds ratio", seconds);
+    let cost = judge(SeedStatistic::ratio(&of(&|run| run.errors.get("relmse") * run.render_s)), None, None);
+    summary.add(grid, at, budget, "relmse x seconds ratio", cost);
 }
 
 /// Adds the verdict to the front of the statistic's note. `wide` is the interval at which all comparisons hold
 /// together; `seconds` is the ratio of render times in an equal-time comparison.
-pub(super) fn judge(figure: SeedStatistic, wide: Option<[f64; 2]>, seconds: Option<f64>) -> SeedStatistic {
+fn judge(figure: SeedStatistic, wide: Option<[f64; 2]>, seconds: Option<f64>) -> SeedStatistic {
     let side = |ends: [f64; 2]| match ends {
         [_, high] if high < 1.0 => RatioVerdict::Win,
         [low, _] if low > 1.0 => RatioVerdict::Loss,
@@ -110,4 +109,82 @@ pub(super) fn judge(figure: SeedStatistic, wide: Option<[f64; 2]>, seconds: Opti
 fn with_first(figure: SeedStatistic, first: String) -> SeedStatistic {
     let rest = figure.note;
     SeedStatistic { note: first, ..figure }.noted(&rest)
+}
+
+/// A statistic over the runs of several seeds: value, confidence interval and note.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct SeedStatistic {
+    pub(super) value: Option<f64>,
+    pub(super) ends: Option<[f64; 2]>,
+    pub(super) n: usize,
+    pub(super) note: String,
+}
+
+impl SeedStatistic {
+    /// The geometric mean with its 95 % interval. If a value is not above 0, the arithmetic mean, with a note.
+    pub(super) fn geometric(values: &[f64]) -> Self {
+        let without = values.iter().filter(|v| **v <= 0.0).count();
+        if without > 0 {
+            let note = format!("arithmetic mean: {without} of {} values are not above 0", values.len());
+            return Self::arithmetic(values).noted(&note);
+        }
+        Self::of(values, || geometric_mean_interval(values, CONFIDENCE))
+    }
+
+    /// The arithmetic mean with its 95 % interval.
+    pub(super) fn arithmetic(values: &[f64]) -> Self {
+        Self::of(values, || mean_interval(values, CONFIDENCE))
+    }
+
+    /// A single value, or the interval of several.
+    fn of(values: &[f64], interval: impl FnOnce() -> Result<Interval, StatisticsError>) -> Self {
+        match values {
+            [] => Self::missing(0, "no runs"),
+            _ if values.iter().any(|value| value.is_nan()) => Self::missing(values.len(), "not measured"),
+            &[value] => Self::bare(value, 1).noted("one seed: no interval"),
+            _ => Self::from_interval(interval(), values.len()),
+        }
+    }
+
+    /// The geometric mean of the ratios of paired values, with its 95 % interval.
+    fn ratio(pairs: &[(f64, f64)]) -> Self {
+        Self::ratio_at(pairs, CONFIDENCE)
+    }
+
+    fn ratio_at(pairs: &[(f64, f64)], confidence: f64) -> Self {
+        if pairs.iter().any(|(a, b)| *a <= 0.0 || *b <= 0.0) {
+            return Self::missing(pairs.len(), "a value is not above 0: no ratio");
+        }
+        let (a, b): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
+        let ratios: Vec<f64> = pairs.iter().map(|(a, b)| a / b).collect();
+        Self::of(&ratios, || ratio_interval(&a, &b, confidence))
+    }
+
+    fn missing(n: usize, note: &str) -> Self {
+        Self { value: None, ends: None, n, note: note.into() }
+    }
+
+    /// A value without an interval, computed from `n` seeds.
+    pub(super) fn bare(value: f64, n: usize) -> Self {
+        Self { value: Some(value), ends: None, n, note: String::new() }
+    }
+
+    fn from_interval(found: Result<Interval, StatisticsError>, n: usize) -> Self {
+        match found {
+            Ok(i) if i.value.is_finite() && i.low.is_finite() && i.high.is_finite() => {
+                Self { value: Some(i.value), ends: Some([i.low, i.high]), n, note: String::new() }
+            }
+            Ok(i) if i.value.is_finite() => Self::bare(i.value, n).noted("the interval has no end"),
+            Ok(_) => Self::missing(n, "beyond the range of numbers"),
+            Err(error) => Self::missing(n, &error.to_string()),
+        }
+    }
+
+    /// Adds a remark to the statistic's note.
+    pub(super) fn noted(mut self, note: &str) -> Self {
+        if !note.is_empty() {
+            self.note = if self.note.is_empty() { note.into() } else { format!("{}; {note}", self.note) };
+        }
+        self
+    }
 }

@@ -2,7 +2,7 @@
 #![allow(clippy::print_stderr)]
 
 use crate::synthesis::{Law, Study, example};
-use dapple_study::{InProcess, PlanPatch, ScenePlan, StudyOptions};
+use dapple_study::{InProcess, Plan, StudyOptions};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -53,13 +53,13 @@ fn look(folder: &Path, expected: &serde_json::Value) -> Result<(), String> {
     if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
 }
 
-/// Two scenes x six methods: two charts per scene with one curve per method; two crops and two maps per method.
+/// Two scenes x six methods: two charts per scene with one curve per method; an image and two maps per method.
 fn whole() -> serde_json::Value {
     serde_json::json!({
-        "scenes": 2, "charts": 4, "curves": 24, "crops": 24, "maps": 24, "bars": 12,
+        "scenes": 2, "charts": 4, "curves": 24, "images": 12, "maps": 24, "bars": 12,
         "viewers": 2, "whole": 14,
-        // Wins, equal spp, factorial, references; slopes, times, points of each scene.
-        "tables": 10,
+        // Wins, equal spp, references; times and points of each scene.
+        "tables": 7,
     })
 }
 
@@ -96,7 +96,7 @@ fn an_unfinished_report_works_in_a_browser() {
     let mut study = Study::new(&["a", "b"], &laws, &[4], None, 1);
     study.runs.retain(|run| run.scene == "a");
     let expected = serde_json::json!({
-        "scenes": 2, "charts": 2, "curves": 4, "crops": 0, "maps": 0, "bars": 2, "tables": 5,
+        "scenes": 2, "charts": 2, "curves": 4, "images": 0, "maps": 0, "bars": 2, "tables": 4,
         "viewers": 0, "whole": 0,
     });
     assert_eq!(open("report-unfinished", &mut study, false, &expected), Ok(()));
@@ -106,22 +106,23 @@ fn an_unfinished_report_works_in_a_browser() {
 #[test]
 #[ignore = "half a minute; a report made up for the test runs always"]
 fn a_real_study_works_in_a_browser() {
-    let words = |words: &[&str]| Some(words.iter().map(|w| (*w).to_owned()).collect());
-    let draft = PlanPatch::default()
-        .scenes(["cornell", "teapot"].map(ScenePlan::from).to_vec())
-        .samplers(words(&["uniform", "cluster-thesis"]))
-        .filters(words(&["none", "gaussian"]))
-        .spp(vec![1, 2, 4])
-        .seeds(vec![1, 2, 3])
-        .reference_spp(32)
-        .resolution([64, 64]);
+    let plan = r#"
+        scenes = ["cornell", "teapot"]
+        samplers = ["uniform", "cluster-thesis"]
+        filters = ["none", "gaussian"]
+        spp = [1, 2, 4]
+        seeds = 3
+        reference_spp = 32
+        resolution = [64, 64]
+    "#;
+    let plan = Plan::parse(plan, Path::new("plan.toml"), &[]).unwrap();
     let folder = folder("report-real");
-    let study = dapple_study::Study::open(draft.resolve().unwrap(), &folder, &StudyOptions::default(), &mut ());
+    let study = dapple_study::Study::open(plan, &folder, &StudyOptions::default(), &mut ());
     let mut study = study.unwrap().expect("not stopped");
     let _ = study.run(&mut InProcess::new(|| None), &mut ()).unwrap();
     // Four methods. Times to errors and comparisons depend on the clock; the numbers of tables and figures do not.
     let expected = serde_json::json!({
-        "scenes": 2, "charts": 4, "curves": 16, "crops": 16, "maps": 16, "bars": 8, "tables": 10,
+        "scenes": 2, "charts": 4, "curves": 16, "images": 8, "maps": 16, "bars": 8, "tables": 7,
         "viewers": 2, "whole": 10, "screenshots": true,
     });
     assert_eq!(look(&folder, &expected), Ok(()));

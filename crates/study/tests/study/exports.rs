@@ -1,10 +1,7 @@
-//! Files beside the report: CSV, LaTeX, the notebook and the folder of images; links and warnings of the page.
-#![allow(clippy::print_stderr)]
+//! Files beside the report: tables and images; links and warnings of the page.
 
 use crate::synthesis::{Law, Study, example};
 use dapple_study::write_report;
-use std::path::Path;
-use std::process::Command;
 
 fn written(study: &mut Study, images: bool) -> (tempfile::TempDir, String) {
     let folder = tempfile::tempdir().unwrap();
@@ -18,15 +15,6 @@ fn two() -> Study {
     Study::new(&["a"], &[Law::new("uniform", "none"), Law::new("mitchell", "none")], &[4, 8], Some(8), 3)
 }
 
-/// Returns `true` if a program runs with these arguments; otherwise prints that the test is skipped.
-fn has(program: &str, arguments: &[&str]) -> bool {
-    let there = Command::new(program).args(arguments).output().is_ok_and(|output| output.status.success());
-    if !there {
-        eprintln!("skipped: no {program} {}", arguments.join(" "));
-    }
-    there
-}
-
 #[test]
 fn every_link_of_the_page_leads_to_a_file() {
     let (folder, page) = written(&mut example(), true);
@@ -34,7 +22,7 @@ fn every_link_of_the_page_leads_to_a_file() {
     let files: Vec<&&str> = links.iter().filter(|link| !link.starts_with('#') && !link.starts_with("data:")).collect();
     let missing: Vec<_> = files.iter().filter(|file| !folder.path().join(file).is_file()).collect();
     assert_eq!(missing, Vec::<&&&str>::new());
-    for file in ["runs.csv", "runs.jsonl", "study.json", "notebook.ipynb", "latex/tables.tex", "viewer/index.html"] {
+    for file in ["runs.csv", "runs.jsonl", "summary.csv", "study.json"] {
         assert!(files.iter().any(|link| **link == file), "{file}: {files:?}");
     }
     // The EXR image and the sample map of each method.
@@ -75,7 +63,8 @@ fn undecided_and_losses_in_flip_are_explained_where_they_stand() {
     assert!(verdicts.contains("<span class=\"why\">the interval contains 1</span>"), "no reason");
     // A third of the error in relMSE, twice that in FLIP.
     for run in study.runs.iter_mut().filter(|run| run.method.sampler == "mitchell") {
-        (run.errors.relmse, run.errors.flip) = (0.3 * run.errors.relmse, 2.0 * run.errors.flip);
+        run.errors.set("relmse", 0.3 * run.errors.get("relmse"));
+        run.errors.set("flip", 2.0 * run.errors.get("flip"));
     }
     let (_, page) = written(&mut study, false);
     assert!(page.contains("loses in FLIP on") && page.contains("▼ 1 lost"), "no loss in FLIP");
@@ -97,7 +86,7 @@ fn each_run_is_a_line_of_the_table_with_its_cpu_seconds() {
     let lines: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
     assert_eq!(lines.len(), study.runs.len());
     for (line, run) in lines.iter().zip(&study.runs) {
-        assert_eq!(line[column("relmse")].parse::<f64>().unwrap(), run.errors.relmse);
+        assert_eq!(line[column("relmse")].parse::<f64>().unwrap(), run.errors.get("relmse"));
         assert_eq!(
             (&line[column("seed")], &line[column("sampler")]),
             (run.seed.to_string().as_str(), run.method.sampler.as_str())
@@ -105,83 +94,6 @@ fn each_run_is_a_line_of_the_table_with_its_cpu_seconds() {
     }
     assert_eq!((&lines[0][column("cpu_seconds")], &lines[1][column("cpu_seconds")]), ("0.25", ""));
     assert_eq!((&lines[0][column("budget")], &lines[0][column("budget_spp")]), ("spp", "4"));
-}
-
-#[test]
-fn latex_reads_the_tables_and_curves() {
-    let mut study = example();
-    study.manifest.scenes[0].name = "50%_of {a} & $b#~^\\ <x>".into();
-    let name = study.manifest.scenes[0].name.clone();
-    study.runs.iter_mut().filter(|run| run.scene == "cornell-box").for_each(|run| run.scene = name.clone());
-    let (folder, _) = written(&mut study, false);
-    let latex = folder.path().join("latex");
-    let tables = std::fs::read_to_string(latex.join("tables.tex")).unwrap();
-    for words in ["\\toprule", "\\midrule", "\\bottomrule", "50\\%\\_of \\{a\\} \\& \\$b\\#", "cluster-gaussian"] {
-        assert!(tables.contains(words), "{words}");
-    }
-    let curves = std::fs::read_to_string(latex.join("curves-2-teapot.tex")).unwrap();
-    assert_eq!(curves.matches("\\addplot").count(), study.manifest.methods.len());
-    if !has("pdflatex", &["--version"]) || !has("kpsewhich", &["pgfplots.sty"]) {
-        return;
-    }
-    let mut command = Command::new("pdflatex");
-    let output = command.args(["-interaction=nonstopmode", "-halt-on-error", "study.tex"]).current_dir(&latex).output();
-    let output = output.unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
-    assert!(latex.join("study.pdf").metadata().unwrap().len() > 10_000);
-}
-
-/// The interpreter for the notebook: that of `DAPPLE_PYTHON`, else `python3`.
-fn python() -> String {
-    std::env::var("DAPPLE_PYTHON").unwrap_or_else(|_| "python3".into())
-}
-
-#[test]
-fn the_notebook_runs() {
-    let (folder, _) = written(&mut example(), false);
-    let text = std::fs::read_to_string(folder.path().join("notebook.ipynb")).unwrap();
-    let notebook: serde_json::Value = serde_json::from_str(&text).unwrap();
-    assert_eq!((notebook["nbformat"].as_u64(), notebook["nbformat_minor"].as_u64()), (Some(4), Some(5)));
-    let cells = notebook["cells"].as_array().unwrap();
-    let code = cells.iter().filter(|cell| cell["cell_type"] == "code");
-    let program: Vec<&str> = code.map(|cell| cell["source"].as_str().unwrap()).collect();
-    assert!(program.len() == 3 && program[0].contains("runs.jsonl"));
-    if !has(&python(), &["-c", "import pandas, matplotlib"]) {
-        return;
-    }
-    // Without a screen; and the last cell's table has 1 for the baseline.
-    let program = format!(
-        "import matplotlib\nmatplotlib.use('Agg')\n{}\nresult = np.exp(ratios.groupby(['scene', 'budget.spp']).mean())\n\
-         assert result.shape == (10, 6) and (result[base] == 1).all() and not result.isna().any().any()\n\
-         assert len(plt.get_fignums()) == 2 and all(len(plt.figure(n).axes[0].lines) == 6 for n in plt.get_fignums())\n",
-        program.join("\n")
-    );
-    let output = Command::new(python()).args(["-c", &program]).current_dir(folder.path()).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-}
-
-#[test]
-fn viewers_get_a_folder_of_images_named_by_method() {
-    let (folder, _) = written(&mut example(), true);
-    let viewer = folder.path().join("viewer");
-    let read = |file: &str| std::fs::read_to_string(viewer.join(file)).unwrap();
-    let data: serde_json::Value = serde_json::from_str(&read("data.json")).unwrap();
-    let script = read("data.js");
-    let of_script = script.trim().trim_start_matches("const data = ").trim_end_matches(';');
-    assert_eq!(serde_json::from_str::<serde_json::Value>(of_script).unwrap(), data);
-    let scene = &data["children"][1];
-    let (images, errors) = (&scene["children"][0]["children"], &scene["children"][1]["children"]);
-    let images: Vec<&str> = images.as_array().unwrap().iter().map(|image| image["image"].as_str().unwrap()).collect();
-    assert_eq!((images.len(), errors.as_array().unwrap().len()), (7, 6));
-    assert!(images.contains(&"teapot/cluster-cluster-gaussian.exr") && images.last() == Some(&"teapot/reference.exr"));
-    let bytes = |file: &Path| std::fs::read(file).unwrap();
-    assert_eq!(bytes(&viewer.join("teapot/reference.exr")), bytes(&folder.path().join("references/teapot.exr")));
-    assert_eq!(errors[0]["lossMap"]["imageB"], "teapot/reference.exr");
-    // A report made anew replaces the images.
-    std::fs::remove_file(viewer.join("teapot/reference.exr")).unwrap();
-    std::fs::write(viewer.join("teapot/reference.exr"), "old").unwrap();
-    let _ = write_report(folder.path()).unwrap();
-    assert_eq!(bytes(&viewer.join("teapot/reference.exr")), bytes(&folder.path().join("references/teapot.exr")));
 }
 
 /// Images that are too large for the page are embedded smaller, and lie beside it at full resolution.
@@ -196,4 +108,48 @@ fn large_images_lie_beside_the_page() {
         assert_eq!((&png[16..20], &png[20..24]), (&1024_u32.to_be_bytes()[..], &640_u32.to_be_bytes()[..]), "{name}");
     }
     assert!(page.len() < 3_000_000, "{} bytes", page.len());
+}
+
+/// Runs of older versions lack a metric that was added since.
+#[test]
+fn a_metric_that_runs_lack_is_empty_in_all_tables() {
+    for seeds in [1, 3] {
+        let laws = [Law::new("uniform", "none"), Law::new("mitchell", "none")];
+        let mut study = Study::new(&["a"], &laws, &[4, 8], Some(8), seeds);
+        study.runs.iter_mut().for_each(|run| run.errors.set("flip", f64::NAN));
+        let (folder, page) = written(&mut study, false);
+        assert!(!page.contains("NaN"));
+        let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+        assert!(!read("summary.csv").contains("NaN") && !read("runs.csv").contains("NaN"));
+        let text = read("runs.jsonl");
+        assert!(text.contains("\"flip\":null"));
+        std::fs::write(folder.path().join("runs.jsonl"), text.replace(",\"flip\":null", "")).unwrap();
+        let _ = write_report(folder.path()).unwrap();
+        assert!(std::fs::read_to_string(folder.path().join("report.html")).unwrap() == page);
+    }
+}
+
+#[test]
+fn charts_are_whole_drawings_with_a_curve_for_each_method() {
+    let mut study = example();
+    let (_, page) = written(&mut study, false);
+    let charts: Vec<&str> =
+        page.split("class=\"chart\"").skip(1).map(|rest| &rest[rest.find("<svg").unwrap()..]).collect();
+    assert_eq!(charts.len(), 4);
+    let curves = study.manifest.methods.len();
+    for chart in charts {
+        let chart = &chart[..chart.find("</svg>").unwrap() + 6];
+        let drawing = roxmltree::Document::parse(chart).unwrap();
+        let count = |tag: &str| drawing.descendants().filter(|node| node.tag_name().name() == tag).count();
+        assert_eq!((count("polyline"), count("polygon")), (curves, curves));
+        // A point of each curve for each budget, inside the frame.
+        let numbers = drawing.descendants().filter_map(|node| node.attribute("points"));
+        for place in numbers.flat_map(|points| points.split(' ')) {
+            let (x, y) = place.split_once(',').unwrap();
+            let [x, y] = [x, y].map(|text| text.parse::<f64>().unwrap());
+            assert!((74.0..=464.0).contains(&x) && (12.0..=294.0).contains(&y), "{place}");
+        }
+        assert_eq!(chart.matches("transform=\"translate").count(), curves * study.manifest.spp.len());
+        assert!(chart.contains(">relMSE</text>") && chart.matches("<text").count() > 8);
+    }
 }

@@ -2,31 +2,27 @@
 
 use crate::common::{Place, in_process};
 use dapple_metrics::{log_log_fit, ratio_interval};
-use dapple_study::{Method, Run, RunBudget};
-
-const SIDE: u32 = 20;
+use dapple_study::{Method, PlanSettings, Run, RunBudget};
 
 impl Place {
     /// The runs of uniform sampling with these points.
     fn runs(&self, points: &str, spp: &[u64], seeds: std::ops::Range<u64>, folder: &str) -> Vec<Run> {
         let method = Method::new("uniform", points, "none");
-        let draft = self
-            .draft()
-            .samplers(None)
-            .filters(None)
-            .methods(vec![method.clone()])
-            .baseline(method)
-            .spp(spp.to_vec())
-            .seeds(seeds.collect::<Vec<_>>())
-            .reference_spp(2048)
-            .resolution([SIDE; 2])
-            .time_of(0);
-        self.study(draft.resolve().unwrap(), folder, &mut in_process()).runs().to_vec()
+        let seeds: Vec<u64> = seeds.collect();
+        let mut settings = self.settings(&method);
+        (settings.spp, settings.seeds, settings.reference_spp) = (Some(spp.to_vec()), Some(seeds), 2048);
+        self.study(settings.resolve().unwrap(), folder, &mut in_process()).runs().to_vec()
+    }
+
+    /// Settings for a single method, without equal-time runs.
+    fn settings(&self, method: &Method) -> PlanSettings {
+        let settings = self.plan(&["time_of=0", "resolution=20x20"]).settings;
+        PlanSettings { samplers: None, methods: vec![method.clone()], baseline: method.clone(), ..settings }
     }
 }
 
 fn mse(runs: &[Run], spp: u64) -> Vec<f64> {
-    runs.iter().filter(|r| r.budget == RunBudget::Spp(spp)).map(|r| r.errors.mse).collect()
+    runs.iter().filter(|r| r.budget == RunBudget::Spp(spp)).map(|r| r.errors.get("mse")).collect()
 }
 
 fn mean(values: &[f64]) -> f64 {
@@ -59,20 +55,12 @@ fn two_seeds_differ_by_twice_the_variance() {
     let alone = place.runs("random", &[spp, 4 * spp], 1..9, "alone");
     let against = |file: &str| {
         let method = Method::new("uniform", "random", "none");
-        let mut draft = place
-            .draft()
-            .samplers(None)
-            .filters(None)
-            .methods(vec![method.clone()])
-            .baseline(method)
-            .spp(vec![spp])
-            // The first seed's image is the reference.
-            .seeds((2..9).collect::<Vec<_>>())
-            .resolution([SIDE; 2])
-            .time_of(0);
-        draft.scenes.as_mut().unwrap()[0].reference = Some(place.path("alone").join(file));
+        let mut settings = place.settings(&method);
+        // The first seed's image is the reference.
+        (settings.spp, settings.seeds) = (Some(vec![spp]), Some((2..9).collect()));
+        settings.scenes[0].reference = Some(place.path("alone").join(file));
         let folder = file.replace(['/', '.'], "-");
-        let study = place.study(draft.resolve().unwrap(), &folder, &mut in_process());
+        let study = place.study(settings.resolve().unwrap(), &folder, &mut in_process());
         assert!(study.runs().iter().all(|r| !r.corrected), "an image's own variance is not known");
         mean(&mse(study.runs(), spp))
     };

@@ -4,8 +4,8 @@ use crate::common::{Fake, Place};
 use dapple_core::Control;
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::{Image, Layer, encode_exr, encode_pfm, read_attributes, write_file};
-use dapple_study::{PlanPatch, ReferenceRecord, ScenePlan, Study, StudyMonitor, StudyOptions, StudyProgress};
-use std::path::PathBuf;
+use dapple_study::{Plan, ReferenceRecord, Study, StudyMonitor, StudyOptions, StudyProgress};
+use std::path::{Path, PathBuf};
 
 /// Records if a reference was rendered.
 #[derive(Default)]
@@ -23,35 +23,34 @@ impl StudyMonitor for Ear {
 impl Place {
     /// The reference of a study in its own folder, and true if it was rendered for it. `shared` is a folder of
     /// references.
-    fn reference(&self, draft: PlanPatch, folder: &str) -> (ReferenceRecord, bool) {
+    fn reference(&self, plan: Plan, folder: &str) -> (ReferenceRecord, bool) {
         let mut ear = Ear::default();
-        let options = StudyOptions::default().with_references(self.path("shared"));
-        let study = Study::open(draft.resolve().unwrap(), &self.path(folder), &options, &mut ear);
+        let options = StudyOptions { references: Some(self.path("shared")), ..StudyOptions::default() };
+        let study = Study::open(plan, &self.path(folder), &options, &mut ear);
         let study = study.unwrap().expect("not stopped");
         (study.manifest().scenes[0].reference.clone(), ear.rendered)
     }
 
-    fn with_reference(&self, file: PathBuf) -> PlanPatch {
-        let mut draft = self.draft();
-        draft.scenes.as_mut().unwrap()[0].reference = Some(file);
-        draft
+    fn with_reference(&self, file: &Path, sets: &[&str]) -> Plan {
+        let scenes = self.scenes(&[&format!("reference = {file:?}")]);
+        self.plan(&[&[scenes.as_str()], sets].concat())
     }
 
-    fn refused(&self, draft: PlanPatch) -> String {
-        self.open(draft.resolve().unwrap(), "refused").err().expect("refused").to_string()
+    fn refused(&self, plan: Plan) -> String {
+        self.open(plan, "refused").err().expect("refused").to_string()
     }
 }
 
 #[test]
 fn a_reference_is_rendered_once() {
     let place = Place::new();
-    let (first, rendered) = place.reference(place.draft(), "a");
+    let (first, rendered) = place.reference(place.plan(&[]), "a");
     assert!(rendered);
     assert_eq!((first.spp, first.points.as_deref()), (Some(16), Some("halton")), "points that no method uses");
     let relmse = first.relmse.expect("its own variance is known");
     assert!((1e-7..1e-1).contains(&relmse), "{relmse}");
     // Another study's methods, seeds and budgets do not matter.
-    let other = place.draft().spp(vec![2]).seeds(vec![9]).filters(vec!["gaussian".into()]);
+    let other = place.plan(&["spp=2", "seeds=[9]", "filters=gaussian"]);
     let (second, rendered) = place.reference(other, "b");
     assert_eq!((second, rendered), (first.clone(), false));
     let bytes = std::fs::read(&first.file).unwrap();
@@ -62,29 +61,29 @@ fn a_reference_is_rendered_once() {
 #[test]
 fn every_setting_that_matters_gives_another_reference() {
     let place = Place::new();
-    let (first, _) = place.reference(place.draft(), "a");
+    let (first, _) = place.reference(place.plan(&[]), "a");
     let changes = [
-        ("b", PlanPatch::default().resolution([8, 7])),
-        ("c", PlanPatch::default().reference_spp(18)),
-        ("d", PlanPatch::default().max_depth(1)),
-        ("e", PlanPatch::default().points(vec!["halton".into(), "sobol".into()])),
+        ("b", "resolution=8x7"),
+        ("c", "reference_spp=18"),
+        ("d", "max_depth=1"),
+        ("e", "points=[\"halton\", \"sobol\"]"),
     ];
     let mut hashes = vec![first.hash.clone()];
     for (folder, change) in changes {
-        let (other, rendered) = place.reference(place.draft().merge(change), folder);
+        let (other, rendered) = place.reference(place.plan(&[change]), folder);
         assert!(rendered && !hashes.contains(&other.hash), "{folder}");
         hashes.push(other.hash);
     }
     // An included file.
     std::fs::write(place.path("floor.pbrt"), format!("{}# a word\n", crate::common::FLOOR)).unwrap();
-    let (other, rendered) = place.reference(place.draft(), "f");
+    let (other, rendered) = place.reference(place.plan(&[]), "f");
     assert!(rendered && !hashes.contains(&other.hash));
     // The control: the original file.
     std::fs::write(place.path("floor.pbrt"), crate::common::FLOOR).unwrap();
-    assert_eq!(place.reference(place.draft(), "g"), (first.clone(), false));
+    assert_eq!(place.reference(place.plan(&[]), "g"), (first.clone(), false));
     // A broken reference is rendered again.
     std::fs::write(&first.file, b"nonsense").unwrap();
-    assert_eq!(place.reference(place.draft(), "h"), (first, true));
+    assert_eq!(place.reference(place.plan(&[]), "h"), (first, true));
 }
 
 #[test]
@@ -111,27 +110,27 @@ fn a_file_of_another_size_scene_or_setting_is_refused() {
         (place.path("tiny.pbrt"), "tiny.pbrt"),
     ];
     for (file, message) in cases {
-        let said = place.refused(place.with_reference(file.clone()));
+        let said = place.refused(place.with_reference(&file, &[]));
         assert!(said.contains(message) && said.contains(&*file.to_string_lossy()), "{message}: {said}");
     }
     // The controls: a header that matches the study, and a file without one.
     let good = exr("good.exr", &[("scene", "tiny"), ("points", "sobol:seed=3"), ("seed", "3"), ("without", "none")]);
-    let study = place.study(place.with_reference(good).resolve().unwrap(), "good", &mut Fake::default());
+    let study = place.study(place.with_reference(&good, &[]), "good", &mut Fake::default());
     let reference = &study.manifest().scenes[0].reference;
     assert_eq!((reference.spp, reference.relmse), (None, None));
     write_file(&place.path("plain.pfm"), &encode_pfm(&image([8, 8])).unwrap()).unwrap();
     // Without a resolution in the plan, the reference's is used.
-    let draft = place.with_reference(place.path("plain.pfm")).resolution(None);
-    let study = place.study(draft.resolve().unwrap(), "plain", &mut Fake::default());
+    let mut settings = place.with_reference(&place.path("plain.pfm"), &[]).settings;
+    settings.resolution = None;
+    let study = place.study(settings.resolve().unwrap(), "plain", &mut Fake::default());
     assert_eq!(study.manifest().scenes[0].resolution, [8, 8]);
 }
 
 #[test]
 fn a_reference_of_a_study_keeps_its_variance() {
     let place = Place::new();
-    let (made, _) = place.reference(place.draft(), "a");
-    let draft = place.with_reference(made.file.into());
-    let study = place.study(draft.resolve().unwrap(), "b", &mut crate::common::in_process());
+    let (made, _) = place.reference(place.plan(&[]), "a");
+    let study = place.study(place.with_reference(made.file.as_ref(), &[]), "b", &mut crate::common::in_process());
     assert_eq!(study.manifest().scenes[0].reference.relmse, made.relmse);
     assert!(study.runs().iter().all(|r| r.corrected && r.reference_limited), "16 spp limit 8");
 }
@@ -139,8 +138,7 @@ fn a_reference_of_a_study_keeps_its_variance() {
 #[test]
 fn unknown_scenes_list_the_known_ones() {
     let place = Place::new();
-    let draft = place.draft().scenes(vec![ScenePlan::from("nonesuch")]);
-    let said = place.refused(draft);
+    let said = place.refused(place.plan(&["scenes=nonesuch"]));
     assert!(
         said.contains("nonesuch: there is no such file, and no such bundled scene; the bundled scenes are teapot"),
         "{said}"
@@ -160,17 +158,17 @@ fn a_reference_of_a_multiple_of_the_size_is_averaged() {
     let small = file("small.pfm", [8, 8], &mean);
     let large = file("large.pfm", [16, 24], &|x, y| mean(x / 2, y / 3) + if x % 2 == 0 { 0.125 } else { -0.125 });
     let errors = |reference: PathBuf, folder: &str| {
-        let plan = place.with_reference(reference).time_of(0).resolve().unwrap();
+        let plan = place.with_reference(&reference, &["time_of=0"]);
         place
             .study(plan, folder, &mut crate::common::in_process())
             .runs()
             .iter()
-            .map(|r| r.errors.mse)
+            .map(|r| r.errors.get("mse"))
             .collect::<Vec<_>>()
     };
     let [a, b] = [errors(small, "a"), errors(large, "b")];
     assert!(a.iter().zip(&b).all(|(a, b)| (a / b - 1.0).abs() < 1e-4), "{a:?} {b:?}");
-    let said = place.refused(place.with_reference(file("odd.pfm", [16, 12], &mean)));
+    let said = place.refused(place.with_reference(&file("odd.pfm", [16, 12], &mean), &[]));
     assert!(said.contains("it is 16x12, and the study 8x8") && said.contains("or at a multiple of it"), "{said}");
 }
 
@@ -178,11 +176,8 @@ fn a_reference_of_a_multiple_of_the_size_is_averaged() {
 fn light_selections_share_a_reference() {
     let place = Place::new();
     let with = |lights: LightSelection, name: &str| {
-        let mut draft = place.draft().samplers(vec!["uniform".into()]).time_of(0);
-        let scene = &mut draft.scenes.as_mut().unwrap()[0];
-        *scene = ScenePlan::from("room");
-        (scene.name, scene.lights) = (Some(name.into()), Some(lights));
-        draft
+        let scene = format!("scenes={{ source = \"room\", name = {name:?}, lights = {:?} }}", lights.name());
+        place.plan(&[&scene, "samplers=uniform", "time_of=0"])
     };
     let (power, rendered) = place.reference(with(LightSelection::Power, "power"), "a");
     assert!(rendered);
@@ -190,9 +185,9 @@ fn light_selections_share_a_reference() {
     assert!(!rendered && power == cells);
     // The runs differ.
     let errors = |lights: LightSelection, folder: &str| {
-        let study = place.study(with(lights, "room").resolve().unwrap(), folder, &mut crate::common::in_process());
+        let study = place.study(with(lights, "room"), folder, &mut crate::common::in_process());
         assert_eq!(study.manifest().scenes[0].lights, lights);
-        study.runs().iter().map(|r| r.errors.mse).collect::<Vec<_>>()
+        study.runs().iter().map(|r| r.errors.get("mse")).collect::<Vec<_>>()
     };
     let [power, uniform, again] =
         [(LightSelection::Power, "c"), (LightSelection::Uniform, "d"), (LightSelection::Power, "e")]

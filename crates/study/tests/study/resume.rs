@@ -3,14 +3,14 @@
 use crate::common::{Fake, Place, copy, in_process, label};
 use dapple_core::Control;
 use dapple_metrics::ratio_interval;
-use dapple_study::{Method, PlanPatch, Run, RunBudget, RunStore, StudyError, StudyMonitor, StudyProgress, StudyStatus};
+use dapple_study::{Method, Run, RunBudget, RunStore, StudyError, StudyMonitor, StudyProgress, StudyStatus};
 use std::io::{self, ErrorKind, Write};
 use std::path::PathBuf;
 
 #[test]
 fn methods_alternate_run_by_run() {
     let place = Place::new();
-    let study = place.study(place.plan(), "study", &mut Fake::default());
+    let study = place.study(place.plan(&[]), "study", &mut Fake::default());
     let order: Vec<String> = study.runs().iter().map(label).collect();
     let expected = [
         "tiny uniform/sobol/none 4 1",
@@ -33,7 +33,7 @@ fn methods_alternate_run_by_run() {
 #[test]
 fn a_study_killed_at_any_byte_resumes_to_the_same_end() {
     let place = Place::new();
-    place.study(place.plan(), "whole", &mut Fake::default());
+    place.study(place.plan(&[]), "whole", &mut Fake::default());
     let whole = place.text("whole/runs.jsonl");
     let ends: Vec<usize> = whole.match_indices('\n').map(|(at, _)| at + 1).collect();
     for (line, end) in std::iter::once(0).chain(ends.iter().copied()).enumerate() {
@@ -44,7 +44,7 @@ fn a_study_killed_at_any_byte_resumes_to_the_same_end() {
             copy(&place.path("whole"), &place.path(&name));
             std::fs::write(place.path(&name).join("runs.jsonl"), &whole[..cut]).unwrap();
             let mut fake = Fake::default();
-            place.study(place.plan(), &name, &mut fake);
+            place.study(place.plan(&[]), &name, &mut fake);
             assert_eq!(place.text(&format!("{name}/runs.jsonl")), whole, "cut at {cut}");
             assert!(fake.asked >= ends.len() - line, "runs were made again or anew");
             // The first equal-time run may take several trials.
@@ -63,7 +63,7 @@ fn real_runs_are_the_same_after_a_stop() {
     }
     let place = Place::new();
     // Without equal time, whose sample counts depend on the clock.
-    let plan = || place.draft().time_of(0).resolve().unwrap();
+    let plan = || place.plan(&["time_of=0"]);
     let whole = place.study(plan(), "whole", &mut in_process());
     let mut first = place.open(plan(), "stopped").unwrap();
     assert_eq!(first.run(&mut in_process(), &mut After(3)).unwrap(), StudyStatus::Stopped);
@@ -72,7 +72,7 @@ fn real_runs_are_the_same_after_a_stop() {
     let second = place.study(plan(), "stopped", &mut in_process());
     let found = |runs: &[Run]| runs.iter().map(|r| (label(r), r.errors, r.samples, r.rays)).collect::<Vec<_>>();
     assert_eq!(found(second.runs()), found(whole.runs()));
-    assert!(whole.runs().iter().all(|r| r.render_s > 0.0 && r.errors.mse > 0.0 && r.corrected));
+    assert!(whole.runs().iter().all(|r| r.render_s > 0.0 && r.errors.get("mse") > 0.0 && r.corrected));
     for (run, study) in whole.runs().iter().map(|r| (r, "whole")).chain(second.runs().iter().map(|r| (r, "stopped"))) {
         assert_eq!(run.image.is_some(), run.seed == 1, "images are of the first seed");
         for file in run.image.iter().chain(&run.sample_map) {
@@ -84,8 +84,8 @@ fn real_runs_are_the_same_after_a_stop() {
 #[test]
 fn runs_of_equal_time_take_the_time_of_the_baseline() {
     let place = Place::new();
-    let draft = place.draft().filters(vec!["none".into(), "gaussian".into()]).spp(vec![8, 16, 32]);
-    let study = place.study(draft.resolve().unwrap(), "study", &mut Fake::default());
+    let plan = place.plan(&["filters=[\"none\", \"gaussian\"]", "spp=[8, 16, 32]"]);
+    let study = place.study(plan, "study", &mut Fake::default());
     let equal: Vec<&Run> = study.runs().iter().filter(|r| r.budget == RunBudget::TimeOf(16)).collect();
     assert_eq!(equal.len(), 4 * 2);
     let baseline = 16.0 * 64.0 * 1e-6;
@@ -102,15 +102,11 @@ fn runs_of_equal_time_take_the_time_of_the_baseline() {
 #[test]
 fn a_slow_filter_loses_at_equal_time() {
     let place = Place::new();
-    let draft = place
-        .draft()
-        .samplers(vec!["uniform".into()])
-        .filters(vec!["none".into(), "gaussian".into()])
-        .seeds((1..=8).collect::<Vec<u64>>());
-    let study = place.study(draft.resolve().unwrap(), "study", &mut Fake::default());
+    let plan = place.plan(&["samplers=uniform", "filters=[\"none\", \"gaussian\"]", "seeds=8"]);
+    let study = place.study(plan, "study", &mut Fake::default());
     let of = |filter: &str, budget: RunBudget| -> Vec<f64> {
         let of = |r: &&Run| r.method.filter == filter && r.budget == budget;
-        study.runs().iter().filter(of).map(|r| r.errors.relmse).collect()
+        study.runs().iter().filter(of).map(|r| r.errors.get("relmse")).collect()
     };
     let ratio = |budget| ratio_interval(&of("gaussian", budget), &of("none", budget), 0.95).unwrap();
     assert!(ratio(RunBudget::TimeOf(4)).low > 1.1, "{:?}", ratio(RunBudget::TimeOf(4)));
@@ -135,7 +131,7 @@ fn a_wrong_sample_count_is_corrected_once() {
     }
     let place = Place::new();
     let mut slower = Slower(Fake::default());
-    let study = place.study(place.plan(), "study", &mut slower);
+    let study = place.study(place.plan(&[]), "study", &mut slower);
     // 8 of given spp, the baseline's 2, and for the other method two trials, the corrected one, and the second seed's.
     assert_eq!((slower.0.asked, study.runs().len()), (14, 12));
     let equal: Vec<&Run> = study.runs().iter().filter(|r| matches!(r.budget, RunBudget::TimeOf(_))).collect();
@@ -147,46 +143,40 @@ fn a_wrong_sample_count_is_corrected_once() {
 #[test]
 fn another_plan_in_the_folder_is_refused_with_the_difference() {
     let place = Place::new();
-    place.study(place.plan(), "study", &mut Fake::default());
+    place.study(place.plan(&[]), "study", &mut Fake::default());
     let before = place.text("study/runs.jsonl");
-    let tiny = || place.draft().scenes.unwrap().remove(0);
-    let named = |name: &str| {
-        let mut scene = tiny();
-        scene.name = Some(name.into());
-        scene
-    };
-    let changes: [(PlanPatch, &str); 8] = [
-        (PlanPatch::default().spp(vec![4, 16]), "spp: 4 8, not 4 16"),
-        (PlanPatch::default().seeds(vec![1]), "seeds: 1 2, not 1"),
+    let named = place.scenes(&["name = \"other\""]);
+    let changes = [
+        ("spp=[4, 16]", "spp: 4 8, not 4 16"),
+        ("seeds=[1]", "seeds: 1 2, not 1"),
         (
-            PlanPatch::default().filters(vec!["gaussian".into()]),
+            "filters=gaussian",
             "methods: uniform/sobol/none variance/sobol/none, not uniform/sobol/none uniform/sobol/gaussian",
         ),
-        (PlanPatch::default().time_of(0), "time_of: 4, not none"),
-        (PlanPatch::default().resolution([8, 9]), "scene tiny.resolution: 8 8, not 8 9"),
-        (PlanPatch::default().reference_spp(32), "scene tiny.reference.spp: 16, not 32"),
-        (PlanPatch::default().scenes(vec![named("other")]), "name: tiny, not other"),
-        (PlanPatch::default().fresh(true), "fresh: false, not true"),
+        ("time_of=0", "time_of: 4, not none"),
+        ("resolution=8x9", "scene tiny.resolution: 8 8, not 8 9"),
+        ("reference_spp=32", "scene tiny.reference.spp: 16, not 32"),
+        (&named, "scenes: tiny, not other"),
+        ("fresh=true", "fresh: false, not true"),
     ];
     for (change, message) in changes {
-        let plan = place.draft().merge(change).resolve().unwrap();
-        let said = place.open(plan, "study").err().expect("refused").to_string();
+        let said = place.open(place.plan(&[change]), "study").err().expect("refused").to_string();
         assert!(said.contains(message) && said.contains("choose another folder"), "{message}: {said}");
     }
     assert_eq!(place.text("study/runs.jsonl"), before);
     // The scene itself.
     std::fs::write(place.path("floor.pbrt"), crate::common::FLOOR.replace('9', "8")).unwrap();
-    let said = place.open(place.plan(), "study").err().expect("refused").to_string();
+    let said = place.open(place.plan(&[]), "study").err().expect("refused").to_string();
     assert!(said.contains("scene tiny or its reference has changed since"), "{said}");
     // The control: the same plan is accepted wherever the scene's file lies.
     std::fs::write(place.path("floor.pbrt"), crate::common::FLOOR).unwrap();
-    place.open(place.plan(), "study").unwrap();
+    place.open(place.plan(&[]), "study").unwrap();
 }
 
 #[test]
 fn broken_records_are_not_overwritten() {
     let place = Place::new();
-    place.study(place.plan(), "study", &mut Fake::default());
+    place.study(place.plan(&[]), "study", &mut Fake::default());
     let file = place.path("study/runs.jsonl");
     let whole = place.text("study/runs.jsonl");
     let cases = [
@@ -196,13 +186,13 @@ fn broken_records_are_not_overwritten() {
     ];
     for (text, message) in cases {
         std::fs::write(&file, &text).unwrap();
-        let said = place.open(place.plan(), "study").err().expect("refused").to_string();
+        let said = place.open(place.plan(&[]), "study").err().expect("refused").to_string();
         assert!(said.contains(message), "{said}");
         assert_eq!(place.text("study/runs.jsonl"), text);
     }
     std::fs::write(&file, &whole).unwrap();
     std::fs::remove_file(place.path("study/study.json")).unwrap();
-    let said = place.open(place.plan(), "study").err().expect("refused").to_string();
+    let said = place.open(place.plan(&[]), "study").err().expect("refused").to_string();
     assert!(said.contains("runs.jsonl has runs, but their study.json is missing"), "{said}");
     assert_eq!(place.text("study/runs.jsonl"), whole);
 }
@@ -210,11 +200,11 @@ fn broken_records_are_not_overwritten() {
 #[test]
 fn a_folder_is_locked_for_one_process() {
     let place = Place::new();
-    let first = place.open(place.plan(), "study").unwrap();
-    let said = place.open(place.plan(), "study").err().expect("refused").to_string();
+    let first = place.open(place.plan(&[]), "study").unwrap();
+    let said = place.open(place.plan(&[]), "study").err().expect("refused").to_string();
     assert!(said.contains("another process is at work"), "{said}");
     drop(first);
-    place.open(place.plan(), "study").unwrap();
+    place.open(place.plan(&[]), "study").unwrap();
 }
 
 /// A disk with this many free bytes. The part of a line that fits is written, and nothing can be cut.
@@ -239,19 +229,19 @@ impl RunStore for Full {
 #[test]
 fn a_full_disk_loses_no_finished_run() {
     let place = Place::new();
-    place.study(place.plan(), "whole", &mut Fake::default());
+    place.study(place.plan(&[]), "whole", &mut Fake::default());
     let whole = place.text("whole/runs.jsonl");
     for free in [0, 1, whole.len() / 3, whole.len() / 2, whole.len() - 1] {
         let name = format!("full-{free}");
         let full = Full { file: place.path(&name).join("runs.jsonl"), free };
-        let mut study = place.open(place.plan(), &name).unwrap().with_store(Box::new(full));
+        let mut study = place.open(place.plan(&[]), &name).unwrap().with_store(Box::new(full));
         let said = study.run(&mut Fake::default(), &mut ()).unwrap_err().to_string();
         let kept = study.runs().len();
         let expected = format!("the {kept} runs before it are kept");
         assert!(said.contains("cannot store a finished run") && said.contains(&expected), "{said}");
         assert_eq!(kept, whole[..free].matches('\n').count());
         drop(study);
-        place.study(place.plan(), &name, &mut Fake::default());
+        place.study(place.plan(&[]), &name, &mut Fake::default());
         assert_eq!(place.text(&format!("{name}/runs.jsonl")), whole, "{free} bytes were free");
     }
 }
@@ -259,18 +249,12 @@ fn a_full_disk_loses_no_finished_run() {
 #[test]
 fn scenes_of_one_name_are_numbered() {
     let place = Place::new();
-    let tiny = || place.draft().scenes.unwrap().remove(0);
-    let named = |name: &str| {
-        let mut scene = tiny();
-        scene.name = Some(name.into());
-        scene
-    };
-    let two = place.draft().scenes(vec![tiny(), tiny()]).seeds(vec![1]);
-    let study = place.study(two.resolve().unwrap(), "study", &mut Fake::default());
+    let two = place.plan(&[&place.scenes(&["", ""]), "seeds=[1]"]);
+    let study = place.study(two, "study", &mut Fake::default());
     let names: Vec<&str> = study.manifest().scenes.iter().map(|s| s.name.as_str()).collect();
     assert_eq!(names, ["tiny", "tiny-2"]);
-    let same = place.draft().scenes(vec![named("a"), named("a")]);
-    let said = place.open(same.resolve().unwrap(), "other").err().expect("refused").to_string();
+    let same = place.plan(&[&place.scenes(&["name = \"a\""; 2])]);
+    let said = place.open(same, "other").err().expect("refused").to_string();
     assert!(said.contains("scene name \"a\" is empty or used twice"), "{said}");
     assert_eq!("uniform".parse::<Method>().unwrap(), study.manifest().baseline);
 }

@@ -2,8 +2,7 @@
 #![allow(dead_code)] // Each test file uses a part.
 
 use dapple_study::{
-    ImageErrors, InProcess, Method, Phases, Plan, PlanPatch, Run, RunBudget, RunRequest, Runner, ScenePlan, Study,
-    StudyError, StudyOptions,
+    InProcess, Method, Phases, Plan, Run, RunBudget, RunRequest, Runner, Study, StudyError, StudyOptions,
 };
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -45,20 +44,21 @@ impl Place {
         std::fs::read_to_string(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
     }
 
-    /// Two budgets, two seeds, two methods, 8x8 pixels; a reference of few samples.
-    pub(crate) fn draft(&self) -> PlanPatch {
-        PlanPatch::default()
-            .scenes(vec![ScenePlan::from(self.path("tiny.pbrt").to_str().expect("UTF-8"))])
-            .samplers(vec!["uniform".into(), "variance".into()])
-            .filters(vec!["none".into()])
-            .spp(vec![4, 8])
-            .seeds(vec![1, 2])
-            .reference_spp(16)
-            .resolution([8, 8])
+    /// Two budgets, two seeds, two methods, 8x8 pixels and a reference of few samples, with these replacements.
+    pub(crate) fn plan(&self, sets: &[&str]) -> Plan {
+        let text = format!(
+            "{}\nsamplers = [\"uniform\", \"variance\"]\nfilters = [\"none\"]\nspp = [4, 8]\nseeds = 2\n\
+             reference_spp = 16\nresolution = [8, 8]\n",
+            self.scenes(&[""])
+        );
+        let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+        Plan::parse(&text, &self.path("plan.toml"), &sets).expect("a plan")
     }
 
-    pub(crate) fn plan(&self) -> Plan {
-        self.draft().resolve().expect("a plan")
+    /// The scenes of a plan: the small scene, once for each of these further settings.
+    pub(crate) fn scenes(&self, more: &[&str]) -> String {
+        let scene = |more: &&str| format!("{{ source = {:?}, {more} }}", self.path("tiny.pbrt"));
+        format!("scenes = [{}]", more.iter().map(scene).collect::<Vec<_>>().join(", "))
     }
 
     pub(crate) fn open(&self, plan: Plan, name: &str) -> Result<Study, StudyError> {
@@ -117,18 +117,8 @@ impl Runner for Fake {
             run.rays = 3 * request.asked;
             run.seconds = seconds;
             run.render_s = seconds.render();
-            run.errors = {
-                let mut image_errors = ImageErrors::default();
-                image_errors.mse = error;
-                image_errors.relmse = 2.0 * error;
-                image_errors.relmse_trimmed = error;
-                image_errors.smape = error;
-                image_errors.psnr = 30.0;
-                image_errors.srgb8_mse = error;
-                image_errors.flip = error;
-                image_errors.mean_ratio = 1.0;
-                image_errors
-            };
+            let errors = dapple_metrics::METRICS.iter().map(|metric| (metric.name, error));
+            run.errors = errors.chain([("relmse", 2.0 * error), ("psnr", 30.0), ("mean_ratio", 1.0)]).collect();
             run.corrected = true;
             run.rejected = 0;
             run.image = request.image.clone();

@@ -103,18 +103,17 @@ impl Law {
 }
 
 pub(crate) fn errors(relmse: f64) -> ImageErrors {
-    {
-        let mut image_errors = ImageErrors::default();
-        image_errors.mse = 0.3 * relmse;
-        image_errors.relmse = relmse;
-        image_errors.relmse_trimmed = 0.9 * relmse;
-        image_errors.smape = relmse.sqrt().min(2.0);
-        image_errors.psnr = -10.0 * (0.3 * relmse).log10();
-        image_errors.srgb8_mse = 900.0 * relmse;
-        image_errors.flip = (0.5 * relmse.sqrt()).min(1.0);
-        image_errors.mean_ratio = 1.0 + 0.01 * relmse;
-        image_errors
-    }
+    let values = [
+        ("mse", 0.3 * relmse),
+        ("relmse", relmse),
+        ("relmse_trimmed", 0.9 * relmse),
+        ("smape", relmse.sqrt().min(2.0)),
+        ("psnr", -10.0 * (0.3 * relmse).log10()),
+        ("srgb8_mse", 900.0 * relmse),
+        ("flip", (0.5 * relmse.sqrt()).min(1.0)),
+        ("mean_ratio", 1.0 + 0.01 * relmse),
+    ];
+    values.into_iter().collect()
 }
 
 /// A complete study's manifest and runs, for tests to change.
@@ -133,7 +132,7 @@ impl Study {
             let mut manifest = Manifest::default();
             manifest.version = "0.1.0".into();
             manifest.commit = Some("0123abc+".into());
-            manifest.command = ["dapple", "study", "a scene.pbrt", "--spp", "4,8"].map(String::from).to_vec();
+            manifest.command = ["dapple", "study", "a plan.toml", "--set", "spp=[4, 8]"].map(String::from).to_vec();
             manifest.began = "2026-11-21T12:00:00Z".into();
             manifest.machine = {
                 let mut machine = Machine::default();
@@ -198,7 +197,7 @@ impl Study {
         let last = RunBudget::Spp(self.manifest.spp.iter().copied().max().unwrap_or(0));
         let shown = |run: &Run| run.seed == first && (run.budget == last || matches!(run.budget, RunBudget::TimeOf(_)));
         for (index, run) in self.runs.iter_mut().enumerate().filter(|(_, run)| shown(run)) {
-            let noise = run.errors.relmse.sqrt();
+            let noise = run.errors.get("relmse").sqrt();
             // An adaptive method has its noise elsewhere.
             let shift = if run.method.sampler == "uniform" { 0 } else { size[0] / 3 };
             let pixels = truth(size).into_iter().enumerate().map(|(i, p)| {

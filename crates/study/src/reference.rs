@@ -1,14 +1,114 @@
-//! The reference images of a study: files given by the user, or images rendered once and kept.
+//! The reference images of a study: files given by the user, or images rendered once and kept; and errors against them.
 
-use crate::file_names::safe_file_name;
-use crate::measured_image::{Order, shoot};
-use crate::reference_image::{FileHeader, ReferenceImage};
-use crate::study_scene::name_of;
-use crate::{Method, Plan, ReferenceRecord, ScenePlan, StudyError, Subject};
-use dapple_core::{Control, Monitor};
+use crate::record::safe_file_name;
+use crate::scene::{Order, Subject, name_of, shoot};
+use crate::{ImageErrors, Method, Plan, ReferenceRecord, ScenePlan, StudyError};
+use dapple_core::{Control, Status};
 use dapple_job::ContentHash;
-use dapple_scene::image::{Image, Layer, encode_exr, write_file};
+use dapple_metrics::{METRICS, Measurement, Metric, MetricsError, Pixels, RELATIVE_EPSILON, downsample};
+use dapple_scene::image::{
+    Channels, Encoding, Image, Layer, Plane, encode_exr, read_attributes, read_channels, read_image, write_file,
+};
 use std::path::{Path, PathBuf};
+
+/// A reference image, with its variance if that is known.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct ReferenceImage {
+    pub(crate) size: [u32; 2],
+    pub(crate) mean: Vec<[f32; 3]>,
+    /// The variance of the reference image, per pixel and channel, in squared radiance; `None` if unknown.
+    pub(crate) variance: Option<Vec<[f32; 3]>>,
+}
+
+/// The attributes in the header of an image file, and the hash of the file.
+pub(crate) struct FileHeader {
+    pub(crate) attributes: Vec<(String, String)>,
+    pub(crate) digest: ContentHash,
+}
+
+impl FileHeader {
+    /// The value of the attribute `dapple:KEY`; `None` if the header has none.
+    pub(crate) fn attribute(&self, key: &str) -> Option<&str> {
+        let known = |name: &str| name.strip_prefix("dapple:") == Some(key);
+        self.attributes.iter().find(|(name, _)| known(name)).map(|(_, text)| text.as_str())
+    }
+}
+
+impl ReferenceImage {
+    /// Averages two independent halves to a reference, whose variance is estimated from their difference.
+    pub(crate) fn of_halves(size: [u32; 2], [a, b]: [&[[f32; 3]]; 2]) -> Self {
+        let both = |of: fn(f32, f32) -> f32| {
+            a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|c| of(a[c], b[c]))).collect::<Vec<[f32; 3]>>()
+        };
+        let mean = both(|a, b| 0.5 * (a + b));
+        Self { size, mean, variance: Some(both(|a, b| 0.25 * (a - b) * (a - b))) }
+    }
+
+    /// Reads a reference from an image file. Its `variance` layer is used only if a study wrote the file; in other
+    /// files, this layer has the variance of single samples.
+    pub(crate) fn read(path: &Path) -> Result<(Self, FileHeader), StudyError> {
+        let bytes = std::fs::read(path).map_err(|e| StudyError::file(path, "read the reference", e))?;
+        let name = path.display().to_string();
+        let image = read_image(&bytes, &name, Encoding::Auto)?;
+        // Formats other than OpenEXR have no attributes.
+        let attributes = read_attributes(&bytes, &name).unwrap_or_default();
+        let about = FileHeader { attributes, digest: ContentHash::of(&bytes) };
+        let variance = match about.attribute("study-key") {
+            Some(_) => variance(&read_channels(&bytes, &name)?),
+            None => None,
+        };
+        Ok((Self { size: image.size, mean: image.pixels, variance }, about))
+    }
+
+    /// Averages pixels to reduce the image to `size`; `None` unless the image's sides are multiples of those of `size`.
+    pub(crate) fn averaged_to(self, size: [u32; 2]) -> Option<Self> {
+        if self.size == size {
+            return Some(self);
+        }
+        if size.contains(&0) || !(0..2).all(|axis| self.size[axis].is_multiple_of(size[axis])) {
+            return None;
+        }
+        let averaged = |values: &[[f32; 3]]| downsample(Pixels::new(self.size, values).ok()?, size).ok();
+        let mean = averaged(&self.mean)?;
+        let variance = match &self.variance {
+            None => None,
+            // The variance of the mean of independent pixels.
+            Some(variance) => {
+                let pixels = (self.size[0] / size[0] * (self.size[1] / size[1])) as f32;
+                Some(averaged(variance)?.into_iter().map(|v| v.map(|v| v / pixels)).collect())
+            }
+        };
+        Some(Self { size, mean, variance })
+    }
+
+    /// The relMSE that the reference's own variance causes; `None` if the variance is unknown.
+    pub(crate) fn own_relmse(&self) -> Option<f64> {
+        let variance = self.variance.as_ref()?;
+        let values = self.mean.as_flattened().iter().zip(variance.as_flattened());
+        let sum: f64 = values.map(|(r, v)| f64::from(*v) / (f64::from(*r) * f64::from(*r) + RELATIVE_EPSILON)).sum();
+        Some(sum / (3 * self.mean.len()) as f64)
+    }
+
+    /// The errors of `image` against this reference, and `true` if the reference's own variance limits their precision.
+    /// The variance, if known, is subtracted from MSE, relMSE and sRGB MSE.
+    pub(crate) fn measure(&self, image: &[[f32; 3]]) -> Result<(ImageErrors, bool), MetricsError> {
+        let pixels = |values| Pixels::new(self.size, values);
+        let variance = self.variance.as_deref().map(pixels).transpose()?;
+        let found = Measurement::new(pixels(image)?, pixels(&self.mean)?, variance)?;
+        let value = |metric: &Metric| Ok((metric.name, (metric.of)(&found)?));
+        let errors = METRICS.iter().map(value).collect::<Result<ImageErrors, MetricsError>>()?;
+        Ok((errors, found.reference_limited()))
+    }
+}
+
+fn variance(channels: &Channels) -> Option<Vec<[f32; 3]>> {
+    let plane = |name: &str| match channels.plane(name)? {
+        Plane::F32(values) => Some(values.clone()),
+        _ => None,
+    };
+    let [r, g, b] = [plane("variance.R")?, plane("variance.G")?, plane("variance.B")?];
+    Some(r.iter().zip(g.iter()).zip(b.iter()).map(|((r, g), b)| [*r, *g, *b]).collect())
+}
 
 /// The seeds of a rendered reference's two halves, far above the usual seeds of runs.
 const SEEDS: [u64; 2] = [0xda99_1e01, 0xda99_1e02];
@@ -19,46 +119,26 @@ const SEEDS: [u64; 2] = [0xda99_1e01, 0xda99_1e02];
 const POINTS: [&str; 3] = ["sobol", "halton", "random"];
 
 /// The origin of a reference image.
-pub(crate) enum ReferenceSource {
-    /// A file given by the user, already checked.
-    File(ReferenceRecord),
-    /// A reference that is rendered unless the file at `path` already holds it. The record's `relmse` is not known yet.
-    Rendered { record: ReferenceRecord, path: PathBuf },
+pub(crate) struct ReferenceSource {
+    /// The reference's record; the `relmse` of a rendered one is not known yet.
+    pub(crate) record: ReferenceRecord,
+    /// The file for a reference that is rendered unless it is there already; `None` for a file given by the user, which
+    /// is checked already.
+    pub(crate) rendered: Option<PathBuf>,
 }
 
-impl ReferenceSource {
-    pub(crate) fn record(&self) -> &ReferenceRecord {
-        match self {
-            Self::File(record) | Self::Rendered { record, .. } => record,
-        }
-    }
-}
-
-/// The folder for rendered references: a part of the study's folder, or a folder that several studies share.
-pub(crate) struct ReferenceFolder<'a> {
-    pub(crate) study: &'a Path,
-    pub(crate) shared: Option<&'a Path>,
-}
-
-impl ReferenceFolder<'_> {
-    /// Creates the folder; returns the path of the file `name` as recorded in the study, and the path for opening it.
-    fn place(&self, name: &str) -> Result<(String, PathBuf), StudyError> {
-        let make = |folder: &Path| {
-            std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "make the folder of references", e))
-        };
-        match self.shared {
-            None => {
-                let folder = self.study.join("references");
-                make(&folder)?;
-                Ok((format!("references/{name}"), folder.join(name)))
-            }
-            Some(shared) => {
-                make(shared)?;
-                let path = std::path::absolute(shared)
-                    .map_err(|e| StudyError::file(shared, "find the folder of references", e))?
-                    .join(name);
-                Ok((path.display().to_string(), path))
-            }
+/// Creates the folder of references, `shared` by several studies or a part of the study's; returns the path of the file
+/// `name` as recorded in the study, and the path for opening it.
+fn place(study: &Path, shared: Option<&Path>, name: &str) -> Result<(String, PathBuf), StudyError> {
+    let own = study.join("references");
+    let folder = shared.unwrap_or(&own);
+    let wrong = |e| StudyError::file(folder, "make the folder of references", e);
+    std::fs::create_dir_all(folder).map_err(wrong)?;
+    match shared {
+        None => Ok((format!("references/{name}"), folder.join(name))),
+        Some(shared) => {
+            let path = std::path::absolute(shared).map_err(wrong)?.join(name);
+            Ok((path.display().to_string(), path))
         }
     }
 }
@@ -69,30 +149,31 @@ pub(crate) fn plan_reference(
     plan: &Plan,
     scene: &ScenePlan,
     subject: &Subject,
-    folders: &ReferenceFolder<'_>,
+    folder: &Path,
+    shared: Option<&Path>,
 ) -> Result<ReferenceSource, StudyError> {
     if let Some(file) = &scene.reference {
-        return Ok(ReferenceSource::File(given(plan, file, subject)?));
+        return Ok(ReferenceSource { record: given(plan, file, subject)?, rendered: None });
     }
     let points = POINTS.iter().find(|p| plan.methods.iter().all(|m| kind(&m.points) != **p)).unwrap_or(&"random");
-    let settings = settings(plan.reference_spp, points, subject)?;
+    let settings = settings(plan.settings.reference_spp, points, subject)?;
     let mut key = ContentHash::new();
     for (name, value) in &settings {
         key.text(name);
         key.text(value);
     }
     let hash = key.hex();
-    let (file, path) =
-        folders.place(&format!("{}-{}.exr", safe_file_name(&name_of(&subject.view.source)), &hash[..16]))?;
+    let name = format!("{}-{}.exr", safe_file_name(&name_of(&subject.view.source)), &hash[..16]);
+    let (file, path) = place(folder, shared, &name)?;
     let record = ReferenceRecord {
         file,
-        spp: Some(plan.reference_spp),
+        spp: Some(plan.settings.reference_spp),
         points: Some((*points).to_owned()),
         seeds: Some(SEEDS),
         relmse: None,
         hash,
     };
-    Ok(ReferenceSource::Rendered { record, path })
+    Ok(ReferenceSource { record, rendered: Some(path) })
 }
 
 /// All settings that a rendered reference depends on, as pairs of name and value.
@@ -116,46 +197,45 @@ fn depth(subject: &Subject) -> String {
 }
 
 /// Loads or renders a reference, and returns its record with the relMSE due to the reference's own variance. A file
-/// given by the user is not loaded. `None` if `monitor` stopped the rendering.
+/// given by the user is not loaded. `look` receives the rendered share, and `None` is returned if it stopped the
+/// rendering.
 pub(crate) fn load_or_render(
     wanted: ReferenceSource,
     subject: &Subject,
-    monitor: &mut dyn Monitor,
+    look: &mut dyn FnMut(f64) -> Control,
 ) -> Result<Option<ReferenceRecord>, StudyError> {
-    let (mut record, path) = match wanted {
-        ReferenceSource::File(record) => return Ok(Some(record)),
-        ReferenceSource::Rendered { record, path } => (record, path),
-    };
+    let ReferenceSource { mut record, rendered: Some(path) } = wanted else { return Ok(Some(wanted.record)) };
     // A broken file, or a file made with other settings, is rendered again.
     let kept = ReferenceImage::read(&path).ok();
     let kept = kept.filter(|(t, about)| about.attribute("study-key") == Some(&record.hash) && t.variance.is_some());
     let truth = match kept {
         Some((truth, _)) => Some(truth),
-        None => render(&record, subject, monitor)?.map(|truth| keep(&path, truth, &record, subject)).transpose()?,
+        None => render(&record, subject, look)?.map(|truth| keep(&path, truth, &record, subject)).transpose()?,
     };
     let Some(truth) = truth else { return Ok(None) };
     record.relmse = truth.own_relmse();
     Ok(Some(record))
 }
 
-/// Renders the two halves of a reference, one per seed; `None` if the monitor stopped it.
+/// Renders the two halves of a reference, one per seed; `None` if `look` stopped it.
 fn render(
     record: &ReferenceRecord,
     subject: &Subject,
-    monitor: &mut dyn Monitor,
+    look: &mut dyn FnMut(f64) -> Control,
 ) -> Result<Option<ReferenceImage>, StudyError> {
     let pixels = subject.frame()?.pixels() as u64;
     let samples = record.spp.unwrap_or(2) / 2 * pixels;
     let method = Method::new("uniform", record.points.as_deref().unwrap_or("random"), "none");
     let mut halves = Vec::new();
-    for seed in SEEDS {
+    for (half, seed) in SEEDS.into_iter().enumerate() {
         let mut stopped = false;
-        let mut look = |status: &dapple_core::Status<'_>| {
-            let control = monitor.slice(status);
+        let mut monitor = |status: &Status<'_>| {
+            let control = look(0.5 * (half as f64 + status.samples as f64 / status.expected.max(1) as f64));
             stopped |= control == Control::Stop;
             control
         };
-        let shot = shoot(subject, Order { seed, ..Order::new(&method, samples) }, &mut look, || None)?;
+        let order = Order { method: &method, seed, samples, external: None, threads: 0 };
+        let shot = shoot(subject, order, &mut monitor, || None)?;
         if stopped || shot.film.record().interrupted {
             return Ok(None);
         }

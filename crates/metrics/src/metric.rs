@@ -1,0 +1,191 @@
+//! The error metrics, each declared once.
+//!
+//! Studies record them, compare them and write them to CSV and HTML, and `dapple compare` prints them, in this order.
+
+use crate::{
+    Comparison, Corrected, MetricsError, NoisyReference, PIXELS_PER_DEGREE, Pixels, compare, compare_corrected, flip,
+};
+
+/// An error metric of an image against its reference.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub struct Metric {
+    /// The name in JSON and CSV, such as `relmse`.
+    pub name: &'static str,
+    /// The name in tables for readers, such as `relMSE`.
+    pub label: &'static str,
+    /// The definition, in a few words.
+    pub doc: &'static str,
+    /// The direction in which an image is better.
+    pub better: Better,
+    /// The function that computes the metric.
+    pub of: fn(&Measurement<'_>) -> Result<f64, MetricsError>,
+}
+
+/// The values of a metric that are better than others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Better {
+    /// An error: 0 is an equal image, and ratios of two methods' values are meaningful.
+    Lower,
+    /// A quality, such as decibels.
+    Higher,
+    /// A ratio of the image to the reference.
+    NearOne,
+}
+
+/// All metrics. A method's verdict in a study is that of `relmse`.
+pub const METRICS: &[Metric] = &[
+    Metric {
+        name: "mse",
+        label: "MSE",
+        doc: "mean squared error",
+        better: Better::Lower,
+        of: |m| Ok(m.noise.map_or(m.comparison.mse, |noise| noise.corrected.mse.error)),
+    },
+    Metric {
+        name: "relmse",
+        label: "relMSE",
+        doc: "squared error over squared reference + 0.01",
+        better: Better::Lower,
+        of: |m| Ok(m.noise.map_or(m.comparison.rel_mse, |noise| noise.corrected.rel_mse.error)),
+    },
+    Metric {
+        name: "relmse_trimmed",
+        label: "trimmed relMSE",
+        doc: "relMSE without the worst 0.1 % of the pixels",
+        better: Better::Lower,
+        of: |m| Ok(m.comparison.rel_mse_trimmed),
+    },
+    Metric {
+        name: "smape",
+        label: "SMAPE",
+        doc: "symmetric relative error, 0 to 2",
+        better: Better::Lower,
+        of: |m| Ok(m.comparison.smape),
+    },
+    Metric {
+        name: "psnr",
+        label: "PSNR",
+        doc: "dB, as displayed; 200 is equal",
+        better: Better::Higher,
+        of: |m| Ok(m.comparison.psnr),
+    },
+    Metric {
+        name: "srgb8_mse",
+        label: "sRGB MSE",
+        doc: "as displayed, on a scale of 0 to 255",
+        better: Better::Lower,
+        of: |m| Ok(m.comparison.srgb8_mse - m.noise.map_or(0.0, |noise| noise.srgb8_mse)),
+    },
+    Metric {
+        name: "flip",
+        label: "FLIP",
+        doc: "0 to 1, as seen at 67 pixels per degree",
+        better: Better::Lower,
+        of: |m| Ok(flip(m.image, m.reference, PIXELS_PER_DEGREE)?.mean),
+    },
+    Metric {
+        name: "mean_ratio",
+        label: "ratio of means",
+        doc: "mean of the image over that of the reference",
+        better: Better::NearOne,
+        of: |m| Ok(m.comparison.mean_ratio),
+    },
+];
+
+impl Metric {
+    /// Finds a metric by its name; `None` if there is no such metric.
+    pub fn find(name: &str) -> Option<&'static Self> {
+        METRICS.iter().find(|metric| metric.name == name)
+    }
+}
+
+/// An image beside its reference, compared once for all metrics.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Measurement<'a> {
+    /// The image.
+    pub image: Pixels<'a>,
+    /// The reference, of the same size.
+    pub reference: Pixels<'a>,
+    /// The errors as [`compare`] measures them, with the reference's noise.
+    pub comparison: Comparison,
+    /// The influence of the reference's own noise; `None` if its variance is unknown.
+    pub noise: Option<ReferenceNoise>,
+}
+
+/// The influence of the reference's own noise on the errors of an image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct ReferenceNoise {
+    /// MSE and relMSE without the noise.
+    pub corrected: Corrected,
+    /// The part of the sRGB MSE (0 to 255) that is due to the noise: a quarter of the squared difference of the
+    /// reference's two halves, which follow from its mean and variance up to their order.
+    pub srgb8_mse: f64,
+}
+
+impl<'a> Measurement<'a> {
+    /// Compares an image with its reference. `variance` is that of the reference's mean, per pixel and channel, in
+    /// squared radiance; metrics then subtract it where they can.
+    ///
+    /// # Errors
+    /// Those of [`compare`] and [`compare_corrected`].
+    pub fn new(image: Pixels<'a>, reference: Pixels<'a>, variance: Option<Pixels<'_>>) -> Result<Self, MetricsError> {
+        let noise = variance.map(|variance| -> Result<ReferenceNoise, MetricsError> {
+            let corrected = compare_corrected(image, NoisyReference::Variance { mean: reference, variance })?;
+            let half = |sign: f32| -> Vec<[f32; 3]> {
+                let values = reference.values.iter().zip(variance.values);
+                values.map(|(r, v)| std::array::from_fn(|c| r[c] + sign * v[c].sqrt())).collect()
+            };
+            let [a, b] = [half(-1.0), half(1.0)];
+            let halves = compare(Pixels::new(reference.size, &a)?, Pixels::new(reference.size, &b)?)?;
+            Ok(ReferenceNoise { corrected, srgb8_mse: 0.25 * halves.srgb8_mse })
+        });
+        Ok(Self { image, reference, comparison: compare(image, reference)?, noise: noise.transpose()? })
+    }
+
+    /// Returns `true` if the reference's noise limits the precision of MSE or relMSE.
+    pub fn reference_limited(&self) -> bool {
+        self.noise.is_some_and(|ReferenceNoise { corrected, .. }| {
+            corrected.mse.reference_limited() || corrected.rel_mse.reference_limited()
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn metrics_have_unique_names_and_equal_images_no_error() {
+        let values = vec![[0.25, 0.5, 1.0]; 256];
+        let image = Pixels::new([16, 16], &values).expect("an image");
+        let measurement = Measurement::new(image, image, None).expect("a comparison");
+        for (at, metric) in METRICS.iter().enumerate() {
+            assert!(METRICS[..at].iter().all(|other| other.name != metric.name), "{}", metric.name);
+            let value = (metric.of)(&measurement).expect("a value");
+            match metric.better {
+                Better::Lower => assert_eq!(value, 0.0, "{}", metric.name),
+                Better::NearOne => assert_eq!(value, 1.0, "{}", metric.name),
+                Better::Higher => assert!(value > 100.0, "{}", metric.name),
+            }
+        }
+        assert!(Metric::find("flip").is_some() && Metric::find("nonesuch").is_none());
+    }
+
+    #[test]
+    fn the_noise_of_the_reference_is_subtracted() {
+        let [image, reference, variance] = [[0.6_f32; 3], [0.5; 3], [0.001; 3]].map(|value| vec![value; 64]);
+        let [image, reference, variance] =
+            [&image, &reference, &variance].map(|values| Pixels::new([8, 8], values).expect("an image"));
+        let [plain, without] =
+            [None, Some(variance)].map(|known| Measurement::new(image, reference, known).expect("a comparison"));
+        for metric in METRICS {
+            let [plain, without] = [&plain, &without].map(|m| (metric.of)(m).expect("a value"));
+            let corrected = ["mse", "relmse", "srgb8_mse"].contains(&metric.name);
+            assert_eq!(without < plain, corrected, "{}: {without} and {plain}", metric.name);
+        }
+        assert!(without.reference_limited() && !plain.reference_limited());
+    }
+}

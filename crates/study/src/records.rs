@@ -1,0 +1,366 @@
+//! The files of a study's folder: `study.json`, the settings, and `runs.jsonl`, one complete line per finished run.
+
+use crate::{Machine, Manifest, Method, Plan, Run, RunBudget, SceneRecord, StudyError};
+use serde::Deserialize;
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// A store to which lines are appended, such as [`std::fs::File`]. A line is on the disk when `append` returns.
+pub trait RunStore {
+    /// Appends bytes and flushes them to the disk.
+    ///
+    /// # Errors
+    ///
+    /// The operating system's error; part of the bytes may be stored.
+    fn append(&mut self, bytes: &[u8]) -> io::Result<()>;
+
+    /// Truncates the store to `length` bytes.
+    ///
+    /// # Errors
+    ///
+    /// The operating system's error.
+    fn cut(&mut self, length: u64) -> io::Result<()>;
+}
+
+impl RunStore for File {
+    fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.seek(SeekFrom::End(0))?;
+        self.write_all(bytes)?;
+        self.flush()?;
+        self.sync_data()
+    }
+
+    fn cut(&mut self, length: u64) -> io::Result<()> {
+        self.set_len(length)?;
+        self.sync_data()
+    }
+}
+
+/// The finished runs of a study, in memory and on disk.
+pub(crate) struct RunLog {
+    path: PathBuf,
+    store: Box<dyn RunStore>,
+    length: u64,
+    runs: Vec<Run>,
+}
+
+impl RunLog {
+    /// Opens or creates the file and locks it for this process. Removes an incomplete last line, which a killed process
+    /// leaves.
+    ///
+    /// # Errors
+    ///
+    /// [`StudyError::Busy`] if another process uses the file, [`StudyError::Line`] for a complete line that is not a
+    /// run, [`StudyError::File`] for an error of the disk.
+    pub(crate) fn open(path: &Path) -> Result<Self, StudyError> {
+        let wrong = |action| move |e| StudyError::file(path, action, e);
+        let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path);
+        let mut file = file.map_err(wrong("open the file of runs"))?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+                return Err(StudyError::Busy { folder });
+            }
+            // Some file systems have no locks; the study then runs without one.
+            Err(TryLockError::Error(_)) => {}
+        }
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes).map_err(wrong("read the file of runs"))?;
+        let (runs, whole) = parse(&bytes, path)?;
+        for (at, run) in runs.iter().enumerate() {
+            if let Some(first) = runs[..at].iter().position(|earlier| earlier.is_same_as(run)) {
+                let why = format!("the same run as line {}", first + 1);
+                return Err(StudyError::Line { file: path.to_owned(), line: at + 1, why });
+            }
+        }
+        let length = whole as u64;
+        if whole < bytes.len() {
+            file.cut(length).map_err(wrong("drop the unfinished last line of the file of runs"))?;
+        }
+        Ok(Self { path: path.to_owned(), store: Box::new(file), length, runs })
+    }
+
+    /// Replaces the file by another store, for tests of a full disk.
+    pub(crate) fn with_store(mut self, store: Box<dyn RunStore>) -> Self {
+        self.store = store;
+        self
+    }
+
+    /// The finished runs in the order of their completion.
+    pub(crate) fn runs(&self) -> &[Run] {
+        &self.runs
+    }
+
+    /// Appends a finished run in memory and on the disk.
+    ///
+    /// # Errors
+    ///
+    /// [`StudyError::File`] if the disk fails. Earlier runs are kept, and no part of this run is stored.
+    pub(crate) fn append(&mut self, run: Run) -> Result<(), StudyError> {
+        let refuse = |source: io::Error, kept: usize| StudyError::File {
+            path: self.path.clone(),
+            action: "store a finished run",
+            kept: format!(
+                "the {kept} runs before it are kept; free some space if the disk is full, then repeat the command"
+            ),
+            source,
+        };
+        let mut line = serde_json::to_vec(&run).map_err(|e| refuse(e.into(), self.runs.len()))?;
+        line.push(b'\n');
+        if let Err(e) = self.store.append(&line) {
+            // If this fails too, `open` drops the incomplete line next time.
+            let _ = self.store.cut(self.length);
+            return Err(refuse(e, self.runs.len()));
+        }
+        self.length += line.len() as u64;
+        self.runs.push(run);
+        Ok(())
+    }
+}
+
+/// Parses the complete lines of `runs.jsonl`. Also returns their length in bytes: the rest is an incomplete last line.
+fn parse(bytes: &[u8], path: &Path) -> Result<(Vec<Run>, usize), StudyError> {
+    let whole = bytes.iter().rposition(|b| *b == b'\n').map_or(0, |at| at + 1);
+    let run = |(number, line): (usize, &[u8])| {
+        let why = |e: serde_json::Error| format!("not a run: {e}");
+        let refuse = |e| StudyError::Line { file: path.to_owned(), line: number + 1, why: why(e) };
+        serde_json::from_slice(line).map_err(refuse)
+    };
+    let lines = bytes[..whole].split(|b| *b == b'\n').enumerate().filter(|(_, line)| !line.trim_ascii().is_empty());
+    Ok((lines.map(run).collect::<Result<_, _>>()?, whole))
+}
+
+/// A study read back: its manifest and its finished runs.
+///
+/// ```no_run
+/// let study = dapple_study::RecordedStudy::read("results".as_ref())?;
+/// println!("{} of {} runs", study.runs.len(), study.expected());
+/// # Ok::<(), dapple_study::StudyError>(())
+/// ```
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct RecordedStudy {
+    /// The study's folder.
+    pub folder: PathBuf,
+    /// The contents of `study.json`.
+    pub manifest: Manifest,
+    /// The finished runs, in the order of the lines of `runs.jsonl`. If several lines have the same scene, method,
+    /// budget and seed, only the last one counts.
+    pub runs: Vec<Run>,
+    /// The number of lines of `runs.jsonl` that were skipped because their scene, method, budget or seed is not in the
+    /// manifest.
+    pub foreign: usize,
+    /// The number of lines of `runs.jsonl` that were skipped because a later line is the same run.
+    pub repeated: usize,
+    /// True if the last line of `runs.jsonl` was skipped because it is incomplete, as after a full disk.
+    pub torn: bool,
+}
+
+impl RecordedStudy {
+    /// Reads `study.json` and `runs.jsonl`; a study without runs is not an error.
+    ///
+    /// # Errors
+    /// [`StudyError`], which names the file and, for invalid contents, the line.
+    pub fn read(folder: &Path) -> Result<Self, StudyError> {
+        let manifest = read_manifest(folder)?.ok_or_else(|| StudyError::NoStudy { folder: folder.to_owned() })?;
+        if !manifest.methods.contains(&manifest.baseline) {
+            let why = "the baseline is not one of the methods; add it to them".into();
+            return Err(StudyError::Line { file: folder.join("study.json"), line: 1, why });
+        }
+        let path = folder.join("runs.jsonl");
+        let bytes = match std::fs::read(&path) {
+            Err(e) if e.kind() == ErrorKind::NotFound => Vec::new(),
+            other => other.map_err(|e| StudyError::file(&path, "read the finished runs", e))?,
+        };
+        let (all, whole) = parse(&bytes, &path)?;
+        let total = all.len();
+        let mut runs: Vec<Run> = all.into_iter().filter(|run| plans(&manifest, run)).collect();
+        let planned = runs.len();
+        let key = |run: &Run| (run.scene.clone(), run.method.clone(), run.budget, run.seed);
+        let last: BTreeMap<_, usize> = runs.iter().enumerate().map(|(at, run)| (key(run), at)).collect();
+        let mut number = 0..;
+        runs.retain(|run| number.next() == last.get(&key(run)).copied());
+        let (foreign, repeated) = (total - planned, planned - runs.len());
+        Ok(Self { folder: folder.to_owned(), manifest, runs, foreign, repeated, torn: whole < bytes.len() })
+    }
+
+    /// The number of planned runs. Equal-time runs of the baseline are not counted if other methods have equal-time
+    /// runs and the baseline has none: its runs at that spp replace them.
+    pub fn expected(&self) -> usize {
+        let m = &self.manifest;
+        let timed = |own: bool| {
+            let of_time = |run: &Run| matches!(run.budget, RunBudget::TimeOf(_)) && (run.method == m.baseline) == own;
+            self.runs.iter().any(of_time)
+        };
+        let without = usize::from(timed(false) && !timed(true));
+        let of_time = if m.time_of.is_some() { m.methods.len() - without } else { 0 };
+        m.scenes.len() * m.seeds.len() * (m.methods.len() * m.spp.len() + of_time)
+    }
+}
+
+fn plans(manifest: &Manifest, run: &Run) -> bool {
+    let budget = match run.budget {
+        RunBudget::Spp(spp) => manifest.spp.contains(&spp),
+        RunBudget::TimeOf(spp) => manifest.time_of == Some(spp),
+    };
+    budget
+        && manifest.scenes.iter().any(|scene| scene.name == run.scene)
+        && manifest.methods.contains(&run.method)
+        && manifest.seeds.contains(&run.seed)
+}
+
+/// The git commit of the build, found by the build script; empty if it is unknown.
+const COMMIT: &str = env!("DAPPLE_BUILD_COMMIT");
+
+/// Makes the manifest of a study that begins now.
+pub(crate) fn manifest_of(plan: &Plan, scenes: Vec<SceneRecord>, command: &[String]) -> Manifest {
+    Manifest {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        commit: (!COMMIT.is_empty()).then(|| COMMIT.to_owned()),
+        command: command.to_vec(),
+        began: utc(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs())),
+        machine: machine(plan.settings.threads),
+        scenes,
+        methods: plan.methods.clone(),
+        external: plan.settings.external.clone(),
+        baseline: plan.settings.baseline.clone(),
+        spp: plan.spp.clone(),
+        time_of: plan.time_of,
+        seeds: plan.seeds.clone(),
+        max_depth: plan.settings.max_depth,
+        fresh: plan.settings.fresh,
+    }
+}
+
+fn machine(threads: usize) -> Machine {
+    let cpuinfo = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let named = |line: &str| {
+        let (key, name) = line.split_once(':')?;
+        (key.trim() == "model name").then(|| name.trim().to_owned())
+    };
+    Machine {
+        processor: cpuinfo.lines().find_map(named),
+        threads: if threads == 0 { rayon::current_num_threads() } else { threads },
+        cores: std::thread::available_parallelism().ok().map(usize::from),
+        system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+    }
+}
+
+/// Formats seconds since 1970 as RFC 3339 in UTC, by Howard Hinnant's algorithm `civil_from_days`.
+fn utc(seconds: u64) -> String {
+    let (days, second) = (seconds / 86_400, seconds % 86_400);
+    // Years begin on 1 March, so that the leap day is the last.
+    let day = days + 719_468;
+    let (era, of_era) = (day / 146_097, day % 146_097);
+    let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted = (5 * of_year + 2) / 153;
+    let (date, month) = (of_year - (153 * shifted + 2) / 5 + 1, if shifted < 10 { shifted + 3 } else { shifted - 9 });
+    let year = year_of_era + era * 400 + u64::from(month <= 2);
+    format!("{year:04}-{month:02}-{date:02}T{:02}:{:02}:{:02}Z", second / 3600, second / 60 % 60, second % 60)
+}
+
+/// Reads a manifest from the `study.json` in a folder; `None` if the file does not exist.
+pub(crate) fn read_manifest(folder: &Path) -> Result<Option<Manifest>, StudyError> {
+    let file = folder.join("study.json");
+    let bytes = match std::fs::read(&file) {
+        Ok(bytes) => bytes,
+        Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(e) => return Err(StudyError::file(&file, "read the study's settings", e)),
+    };
+    let refuse = |e: serde_json::Error| StudyError::Line { line: e.line(), why: format!("not a study: {e}"), file };
+    serde_json::from_slice(&bytes).map(Some).map_err(refuse)
+}
+
+/// Encodes a manifest as the text of `study.json`.
+pub(crate) fn manifest_bytes(manifest: &Manifest) -> Vec<u8> {
+    // Serialising plain numbers and text cannot fail.
+    let mut bytes = serde_json::to_vec_pretty(manifest).unwrap_or_default();
+    bytes.push(b'\n');
+    bytes
+}
+
+/// Lists the settings that differ between two manifests, one line each. Start time, command line, number of cores, and
+/// the references' paths and variance are ignored, and a commit if one of the two is unknown.
+pub(crate) fn differences(there: &Manifest, here: &Manifest) -> Vec<String> {
+    let plain = |manifest: &Manifest| {
+        let mut plain = manifest.clone();
+        (plain.command, plain.began, plain.machine.cores) = (Vec::new(), String::new(), None);
+        if there.commit.is_none() || here.commit.is_none() {
+            plain.commit = None;
+        }
+        plain.external.iter_mut().for_each(|external| external.folder = PathBuf::new());
+        for scene in &mut plain.scenes {
+            (scene.reference.file, scene.reference.relmse) = (String::new(), None);
+            scene.source = String::new();
+        }
+        serde_json::to_value(plain).unwrap_or_default()
+    };
+    let [mut there_values, mut here_values] = [BTreeMap::new(), BTreeMap::new()];
+    add_values("", plain(there), &mut there_values);
+    add_values("", plain(here), &mut here_values);
+    let keys: BTreeSet<&String> = there_values.keys().chain(here_values.keys()).collect();
+    let pairs = keys.into_iter().map(|key| (key, [&there_values, &here_values].map(|values| values.get(key))));
+    let words = |value: Option<&Value>| readable(value.unwrap_or(&Value::Null));
+    let line = |(key, [there, here]): (&String, [Option<&Value>; 2])| match key.strip_suffix(".reference.hash") {
+        Some(scene) => format!("{scene} or its reference has changed since"),
+        None => format!("{key}: {}, not {}", words(there), words(here)),
+    };
+    pairs.filter(|(_, [there, here])| there != here).map(line).collect()
+}
+
+/// Collects the values in objects by their keys; lists but that of scenes are one value each.
+fn add_values(place: &str, value: Value, found: &mut BTreeMap<String, Value>) {
+    match value {
+        Value::Object(all) => {
+            let inner = |key: &str| if place.is_empty() { key.to_owned() } else { format!("{place}.{key}") };
+            all.into_iter().for_each(|(key, value)| add_values(&inner(&key), value, found));
+        }
+        Value::Array(scenes) if place == "scenes" => {
+            let names = scenes.iter().map(|scene| scene["name"].clone()).collect();
+            let _ = found.insert(place.to_owned(), Value::Array(names));
+            scenes
+                .into_iter()
+                .for_each(|scene| add_values(&format!("scene {}", readable(&scene["name"])), scene, found));
+        }
+        _ => {
+            let _ = found.insert(place.to_owned(), value);
+        }
+    }
+}
+
+/// Formats a JSON value as readable text.
+fn readable(value: &Value) -> String {
+    match value {
+        Value::Null => "none".into(),
+        Value::String(text) => text.clone(),
+        Value::Array(list) if list.is_empty() => "none".into(),
+        Value::Array(list) => list.iter().map(readable).collect::<Vec<_>>().join(" "),
+        Value::Object(all) => match (all.get("name"), Method::deserialize(value)) {
+            (Some(name), _) => readable(name),
+            (None, Ok(method)) => method.to_string(),
+            (None, Err(_)) => value.to_string(),
+        },
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dates_match_the_calendar() {
+        // From GNU date -u -d @N.
+        assert_eq!(utc(0), "1970-01-01T00:00:00Z");
+        assert_eq!(utc(951_782_400), "2000-02-29T00:00:00Z");
+        assert_eq!(utc(1_709_251_199), "2024-02-29T23:59:59Z");
+        assert_eq!(utc(1_795_271_400), "2026-11-21T14:30:00Z");
+        assert_eq!(utc(4_107_542_400), "2100-03-01T00:00:00Z");
+    }
+}

@@ -1,0 +1,75 @@
+//! The origin of a study's figures: program, machine, settings, and warnings about them.
+
+use crate::{Manifest, RecordedStudy};
+
+/// The commit of the program that made the study, or a sentence that it is unknown.
+pub(super) fn commit(m: &Manifest) -> String {
+    let unknown = || format!("unknown (this build of version {} came without git)", m.version);
+    m.commit.clone().unwrap_or_else(unknown)
+}
+
+/// The rules of light selection in the study, each once.
+pub(super) fn lights(manifest: &Manifest) -> String {
+    let mut names: Vec<&str> = manifest.scenes.iter().map(|scene| scene.lights.name()).collect();
+    names.dedup();
+    if names.len() == 1 { names[0].to_owned() } else { format!("{}, scene by scene", names.join(", ")) }
+}
+
+/// The largest load per core of a machine that counts as idle. The study's own threads cause a load of 1.
+const IDLE: f64 = 1.1;
+
+/// A warning if other programs took time from the study: the load was above the number of cores before a run. Studies
+/// that do not record their cores are judged by their threads.
+pub(super) fn busy(recorded: &RecordedStudy) -> Option<String> {
+    let machine = &recorded.manifest.machine;
+    let cores = machine.cores.unwrap_or(machine.threads).max(1);
+    let loads = || recorded.runs.iter().filter_map(|run| run.load);
+    let above = loads().filter(|load| *load > IDLE * cores as f64).count();
+    let most = loads().fold(0.0, f64::max);
+    let plural = if cores == 1 { "" } else { "s" };
+    (above > 0).then(|| {
+        format!(
+            "the load was up to {most:.1} on {cores} core{plural}, and above the cores before {above} of {} runs. Seconds \
+             and verdicts at equal time are unreliable; CPU seconds in runs.csv are less affected. Repeat the study on an \
+             idle machine.",
+            recorded.runs.len()
+        )
+    })
+}
+
+/// Sentences about unusual records: foreign, repeated or incomplete lines of `runs.jsonl`, and rejected samples.
+pub(super) fn remarks(recorded: &RecordedStudy) -> Vec<String> {
+    let mut remarks = Vec::new();
+    let mut remark = |count: usize, words: &str| {
+        if count > 0 {
+            remarks.push(format!("{count} {words}"));
+        }
+    };
+    remark(
+        recorded.foreign,
+        "lines of runs.jsonl belong to no scene, method, budget or seed of this study and were left out.",
+    );
+    remark(recorded.repeated, "runs were made twice; the last one counts.");
+    remark(usize::from(recorded.torn), "line of runs.jsonl was cut off at its end and was left out.");
+    let rejected = recorded.runs.iter().filter(|run| run.rejected > 0).count();
+    remark(rejected, "runs had samples that were NaN, infinite or negative.");
+    remarks
+}
+
+/// The range of the load averages before the runs.
+pub(super) fn load(recorded: &RecordedStudy) -> String {
+    let loads = || recorded.runs.iter().filter_map(|run| run.load);
+    match loads().reduce(f64::min).zip(loads().reduce(f64::max)) {
+        Some((low, high)) => format!("{low:.2} to {high:.2} (one-minute average before each run)"),
+        None => "unknown".into(),
+    }
+}
+
+/// A command line in which a shell finds the same arguments.
+pub(super) fn quoted(command: &[String]) -> String {
+    let quote = |word: &String| {
+        let plain = !word.is_empty() && word.chars().all(|c| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c));
+        if plain { word.clone() } else { format!("'{}'", word.replace('\'', "'\\''")) }
+    };
+    command.iter().map(quote).collect::<Vec<_>>().join(" ")
+}
