@@ -1,7 +1,7 @@
 //! Renders by many machines: plans and their parts in files, and processes that mpirun or srun started together.
 
 use super::progress::Progress;
-use super::{Live, RenderArgs, Show, file_conflicts, load, prepare, values, warn_all};
+use super::{Live, RenderArgs, Show, file_conflicts, load, prepare, warn_all};
 use crate::machine::start_threads;
 use crate::output::{say, tell, warn};
 use crate::stop::Stop;
