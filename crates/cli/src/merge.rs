@@ -53,9 +53,9 @@ pub(crate) struct MergeArgs {
 
 const AFTER: &str = "\
 Example (docs/SHARDS.md has one for job arrays):
-  dapple render scene.pbrt --sampler uniform --spp 256 --shard 1/2 -o 1.shard
-  dapple render scene.pbrt --sampler uniform --spp 256 --shard 2/2 -o 2.shard
-  dapple merge 1.shard 2.shard -o scene.exr";
+  dapple render scene.pbrt --sampler uniform --spp 256 --shard 1/2 -o 1.part
+  dapple render scene.pbrt --sampler uniform --spp 256 --shard 2/2 -o 2.part
+  dapple merge 1.part 2.part -o scene.exr";
 
 pub(crate) fn run(args: &MergeArgs) -> Result<Outcome> {
     let limit = args.memory.map_or_else(MemoryLimit::of_machine, MemoryLimit::given);

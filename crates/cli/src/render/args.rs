@@ -121,7 +121,7 @@ pub(crate) struct RenderArgs {
 
     /// Render only this window of the image, in pixels; X1 and Y1 are excluded [default: the scene's crop window]
     ///
-    /// A crop is planned, lit and filtered from its own samples. For the bits of the whole image, add --crop-exact.
+    /// A crop is planned, lit and filtered from its own samples.
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop, help_heading = "Image")]
     pub(crate) crop: Option<[u32; 4]>,
 
@@ -200,17 +200,17 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
     pub(crate) resume: Option<PathBuf>,
 
-    /// Render shard I of N (from 1): every N-th row of the image, for `dapple merge`; -o names a .shard file
+    /// Render part I of N (from 1): every N-th run of rows of the image, for `dapple merge`; -o names a .part file
     ///
     /// Needs --spp and a sampler that plans without looking at samples (uniform, cluster-thesis), so that every machine
-    /// makes the same plan. With --from, any sampler.
+    /// makes the same plan. With --from, any sampler. --checkpoint keeps the runs of rows that are finished.
     #[arg(long, value_name = "I/N", help_heading = "Interruption")]
     #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view"])]
     pub(crate) shard: Option<Shard>,
 
     /// Trace part --shard I/N of this plan, with the plan's settings; -o names a .part file, for `dapple plan`
     ///
-    /// It works with every sampler and with learned light selection. Parts are bands of 16 rows. SCENE and the options of
+    /// It works with every sampler and with learned light selection. SCENE and the options of
     /// Method, Budget, Bounds and Image are those of the plan.
     #[arg(long, value_name = "PLAN", requires = "shard", help_heading = "Interruption")]
     #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view"])]
@@ -271,7 +271,7 @@ Examples:
   dapple render terrain -o terrain.pfm --sampler variance:policy=cross --points random --seed 7
   dapple render cornell -o cornell.png --sampler uniform --spp 16 --resolution 128x128
   dapple render scene.pbrt -o scene.exr --spp 4096 --checkpoint c --resume c     again and again, until it is done
-  dapple render scene.pbrt --sampler uniform --spp 256 --shard 3/8 -o 3.shard    one of eight machines (dapple merge)
+  dapple render scene.pbrt --sampler uniform --spp 256 --shard 3/8 -o 3.part     one of eight machines (dapple merge)
 
 Ctrl-C stops, and writes the image so far and the checkpoint, if any; a second one leaves at once.";
 
