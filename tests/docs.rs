@@ -144,7 +144,8 @@ fn program_folder() -> &'static Path {
 }
 
 fn small_scene() -> String {
-    let scene = std::fs::read_to_string(root().join("examples/scenes/cornell/scene.pbrt")).expect("a bundled scene");
+    let scene =
+        std::fs::read_to_string(root().join("crates/scene/src/bundled/cornell/scene.pbrt")).expect("a bundled scene");
     assert!(scene.contains("[ 512 ]"));
     scene.replace("[ 512 ]", "[ 24 ]").replace("cornell.exr", "scene.exr")
 }
