@@ -41,12 +41,13 @@ const RUN: [&str; 7] = [
 ];
 
 /// Pages that describe a change of this workspace.
-const ERRANDS: [&str; 5] = [
+const ERRANDS: [&str; 6] = [
     "docs/ADDING-A-SAMPLER.md",
     "docs/ADDING-A-FILTER.md",
     "docs/ADDING-A-LIGHT.md",
     "docs/ADDING-A-SCENE-FORMAT.md",
     "docs/ADDING-AN-INTEGRATOR.md",
+    "docs/ADDING-A-MATERIAL.md",
 ];
 
 /// A fenced block of a page, and the directives above it.
@@ -340,8 +341,9 @@ fn apply(name: &str, workspace: &Path) -> usize {
     touched.len()
 }
 
-/// The number of files that each guide changes, tests included; the fourth file of a light is the pbrt reader.
-const FILES: [usize; 5] = [3, 3, 4, 2, 2];
+/// The number of files that each guide changes, tests included; the fourth file of a light or a material is the pbrt
+/// reader.
+const FILES: [usize; 6] = [3, 3, 4, 2, 2, 4];
 
 #[test]
 fn the_places_where_the_guides_insert_lines_exist() {
