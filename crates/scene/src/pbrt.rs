@@ -12,7 +12,7 @@
 //!
 //! Files of pbrt-v2 and pbrt-v3 are read by the rules of their version, which is derived from the directives of the
 //! main file (not of included files): see `version`. Names of materials, media and objects may be defined after their
-//! use, as in pbrt-v4, and are resolved at the end (`late_names`).
+//! use, as in pbrt-v4: see `names`.
 //!
 //! Colours are linear sRGB. A spectrum of a surface or a medium is converted under illuminant D65. In pbrt-v4, a
 //! light's spectrum or temperature gives only the light's colour, at luminance 1; `scale`, `power` or `illuminance` set
@@ -29,10 +29,10 @@ mod diagnostics;
 mod directive;
 mod environments;
 mod images;
-mod late_names;
 mod lights;
 mod materials;
 mod media;
+mod names;
 mod objects;
 mod old_materials;
 mod options;

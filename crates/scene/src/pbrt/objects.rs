@@ -15,15 +15,13 @@ impl Reader<'_> {
         }
         let name = d.texts[0].clone();
         if let Some(first) = self.named_objects.get(&name) {
-            let first = &self.scene.objects[first.0 as usize].source;
+            let first = &self.scene.objects[first].source;
             let what = format!("object {} is made twice (first at {first}); rename one", shown(&name));
             self.log.problem(&d.source, what);
         }
         self.begin_block("ObjectBegin", d.source.clone());
-        let id = ObjectId(self.scene.objects.len() as u32);
-        self.scene.objects.push(Object { name: name.clone(), shapes: Vec::new(), source: d.source.clone() });
-        self.named_objects.insert(name, id);
-        self.object = Some(id);
+        let object = Object { name: name.clone(), shapes: Vec::new(), source: d.source.clone() };
+        self.object = Some(ObjectId(self.named_objects.define(&name, object, &mut self.scene.objects) as u32));
     }
 
     /// Executes `ObjectInstance`: places an object in the world.
@@ -33,14 +31,7 @@ impl Reader<'_> {
             self.log.problem(&d.source, what);
             return;
         }
-        // The object may be defined later: pbrt looks it up at the end of the file.
-        let object = match self.named_objects.get(&d.texts[0]) {
-            Some(&id) => id,
-            None => {
-                self.awaited.instances.push((self.scene.instances.len(), d.texts[0].clone()));
-                ObjectId(0)
-            }
-        };
+        let object = self.object_named(&d.texts[0], &d.source);
         let ctm = &self.state.ctm;
         let source = d.source.clone();
         self.scene.instances.push(Instance { object, to_world: ctm.start, moves_to: ctm.moves_to(), source });

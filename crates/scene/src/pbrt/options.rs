@@ -59,7 +59,8 @@ impl Reader<'_> {
         self.name_space("camera", [to_world, moved]);
         if params.finish(&mut self.log) {
             // The current outside medium surrounds the camera.
-            self.awaited.camera.clone_from(&self.state.media);
+            let media = self.state.media.clone();
+            let medium = media.and_then(|media| self.medium_named(media.outside.as_deref(), &media.source));
             self.scene.camera = Camera {
                 to_world,
                 moves_to: ctm.moves_to().map(|_| moved),
@@ -69,7 +70,7 @@ impl Reader<'_> {
                 lens_radius,
                 focal_distance,
                 shutter,
-                medium: None,
+                medium,
                 source,
             };
         }
