@@ -103,3 +103,22 @@ pub struct Scene {
     /// Messages of the reader: warnings and ignored settings.
     pub notices: Vec<Notice>,
 }
+
+impl Scene {
+    /// Adds a material; returns its index.
+    pub fn add_material(&mut self, material: Material) -> MaterialId {
+        self.materials.push(material);
+        MaterialId(self.materials.len() as u32 - 1)
+    }
+
+    /// Adds a texture; returns its index.
+    pub fn add_texture(&mut self, name: impl Into<String>, kind: TextureKind, source: &Source) -> TextureId {
+        self.textures.push(Texture { name: name.into(), kind, source: source.clone() });
+        TextureId(self.textures.len() as u32 - 1)
+    }
+
+    /// Adds a notice of kind [`NoticeKind::Warning`].
+    pub fn warn(&mut self, source: &Source, message: impl Into<String>) {
+        self.notices.push(Notice::warning(source.clone(), message));
+    }
+}

@@ -8,7 +8,7 @@ use super::{ModelError, UpAxis, model_scene};
 use crate::files::Files;
 use crate::polygon;
 use crate::readers::{AnyOptions, SceneReader, first_word};
-use crate::{Geometry, MeshData, Notice, ReadError, Scene, Shape, Source};
+use crate::{Geometry, MeshData, ReadError, Scene, Shape, Source};
 use glam::{DAffine3, DVec3};
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -48,7 +48,7 @@ fn add_model(scene: &mut Scene, model: ObjModel, files: &dyn Files, source: &Sou
     let mut materials = Materials::default();
     for (word, line) in model.left_out {
         let source = Source { line, ..source.clone() };
-        scene.notices.push(Notice::warning(source, format!("\"{word}\" is not a surface; left out")));
+        scene.warn(&source, format!("\"{word}\" is not a surface; left out"));
     }
     for (name, line) in model.libraries {
         materials.open(scene, &name, files, &Source { line, ..source.clone() });

@@ -5,8 +5,8 @@ mod view;
 use super::UpAxis;
 use crate::image::Image;
 use crate::{
-    Camera, Color, EnvironmentRadiance, FilmSettings, Geometry, Light, LightKind, Material, MaterialId, MaterialKind,
-    Projection, Scene, Shape, Source,
+    Camera, Color, EnvironmentRadiance, FilmSettings, Geometry, Light, LightKind, Material, MaterialKind, Projection,
+    Scene, Shape, Source,
 };
 use glam::{DAffine3, DMat3, DVec3};
 use std::sync::{Arc, LazyLock};
@@ -141,8 +141,7 @@ fn add_ground(scene: &mut Scene, radius: f64, up: DVec3, source: &Source) {
     });
     let material =
         Material::new("ground", MaterialKind::Diffuse { reflectance: Color::Constant(GROUND) }, source.clone());
-    let id = MaterialId(scene.materials.len() as u32);
-    scene.materials.push(material);
+    let id = scene.add_material(material);
     let (x, y) = up.any_orthonormal_pair();
     let to_world = DAffine3 { matrix3: DMat3::from_cols(x, y, up), translation: middle - up * (GAP * radius) };
     let geometry = Geometry::Disk { height: 0.0, radius: GROUND_RADIUS * radius, inner_radius: 0.0 };
