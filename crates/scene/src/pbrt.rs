@@ -11,7 +11,7 @@
 //! is an arm in its module.
 //!
 //! Files of pbrt-v2 and pbrt-v3 are read by the rules of their version, which is derived from the directives of the
-//! main file (not of included files): see `version`. Names of materials, media and objects may be defined after their
+//! main file (not of included files): see `legacy`. Names of materials, media and objects may be defined after their
 //! use, as in pbrt-v4: see `names`.
 //!
 //! Colours are linear sRGB. A spectrum of a surface or a medium is converted under illuminant D65. In pbrt-v4, a
@@ -27,27 +27,23 @@
 mod colorimetry;
 mod diagnostics;
 mod directive;
-mod environments;
 mod images;
+mod legacy;
 mod lights;
 mod materials;
 mod media;
 mod names;
-mod objects;
-mod old_materials;
 mod options;
 mod params;
 mod reader;
 mod shapes;
 mod spectra;
-mod spectrum_files;
 mod state;
 mod subdivide;
 mod tessellate;
 mod textures;
 mod tokens;
 mod transforms;
-mod version;
 
 use crate::files::{Disk, Files};
 use crate::readers::{AnyOptions, SceneReader, Unsized};

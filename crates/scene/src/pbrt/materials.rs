@@ -1,4 +1,4 @@
-//! Materials of pbrt-v4. Materials of older versions are in `old_materials`.
+//! Materials of pbrt-v4. Materials of older versions are in `legacy`.
 
 use super::directive::Directive;
 use super::params::{Params, Type, Values};
@@ -51,7 +51,7 @@ impl Reader<'_> {
         let name = format!("material {}", self.scene.materials.len());
         let line = d.source.line;
         let (material, mixes) = self.make_material(name, &d.texts[0], line, params, d.source);
-        let id = self.add_material(material);
+        let id = self.scene.add_material(material);
         self.settle_mix(id, mixes);
         self.state.material = MaterialRef::Made(id);
     }

@@ -1,10 +1,14 @@
-//! Names of materials, media and objects, which may be used before their definition, and checks that need the whole file.
+//! Names of materials, media and objects, which may be used before their definition. Objects and their instances, and
+//! checks that need the whole file.
 
 use super::diagnostics::Log;
+use super::directive::Directive;
 use super::reader::{Reader, unknown_name};
 use super::state::MaterialRef;
 use super::tokens::shown;
-use crate::{Material, MaterialId, MaterialKind, Medium, MediumId, MediumInterface, Object, ObjectId, Shape, Source};
+use crate::{
+    Instance, Material, MaterialId, MaterialKind, Medium, MediumId, MediumInterface, Object, ObjectId, Shape, Source,
+};
 use std::collections::BTreeMap;
 
 /// The deepest nesting of mixed materials. Each level costs a random choice per hit.
@@ -63,11 +67,6 @@ impl Names {
 }
 
 impl Reader<'_> {
-    pub(super) fn add_material(&mut self, material: Material) -> MaterialId {
-        self.scene.materials.push(material);
-        MaterialId(self.scene.materials.len() as u32 - 1)
-    }
-
     pub(super) fn material_named(&mut self, name: &str, source: &Source) -> MaterialId {
         let item = |source| Material::new(name, super::materials::default_kind(), source);
         MaterialId(self.named_materials.used(name, source, &mut self.scene.materials, item) as u32)
@@ -82,9 +81,40 @@ impl Reader<'_> {
         Some(MediumId(self.named_media.used(name, source, &mut self.scene.media, item) as u32))
     }
 
-    pub(super) fn object_named(&mut self, name: &str, source: &Source) -> ObjectId {
+    fn object_named(&mut self, name: &str, source: &Source) -> ObjectId {
         let item = |source| Object { name: name.to_owned(), shapes: Vec::new(), source };
         ObjectId(self.named_objects.used(name, source, &mut self.scene.objects, item) as u32)
+    }
+
+    /// Executes `ObjectBegin`: later shapes belong to this object until `ObjectEnd`.
+    pub(super) fn begin_object(&mut self, d: &Directive<'_>) {
+        if let Some(open) = self.object {
+            let open = &self.scene.objects[open.0 as usize];
+            let what = format!("ObjectBegin within object {} of {}; close that first", shown(&open.name), open.source);
+            self.log.problem(&d.source, what);
+        }
+        let name = d.texts[0].clone();
+        if let Some(first) = self.named_objects.get(&name) {
+            let first = &self.scene.objects[first].source;
+            let what = format!("object {} is made twice (first at {first}); rename one", shown(&name));
+            self.log.problem(&d.source, what);
+        }
+        self.begin_block("ObjectBegin", d.source.clone());
+        let object = Object { name: name.clone(), shapes: Vec::new(), source: d.source.clone() };
+        self.object = Some(ObjectId(self.named_objects.define(&name, object, &mut self.scene.objects) as u32));
+    }
+
+    /// Executes `ObjectInstance`: places an object in the world.
+    pub(super) fn add_instance(&mut self, d: &Directive<'_>) {
+        if self.object.is_some() {
+            let what = "ObjectInstance within an object; objects hold shapes only, so move it out";
+            self.log.problem(&d.source, what);
+            return;
+        }
+        let object = self.object_named(&d.texts[0], &d.source);
+        let ctm = &self.state.ctm;
+        let source = d.source.clone();
+        self.scene.instances.push(Instance { object, to_world: ctm.start, moves_to: ctm.moves_to(), source });
     }
 
     /// Adds a shape to the current object or, outside of objects, to the scene. The shape gets the current material and
@@ -95,8 +125,7 @@ impl Reader<'_> {
             MaterialRef::Named(name, source) => self.material_named(&name, &source),
             MaterialRef::Default => *self.default_material.get_or_insert_with(|| {
                 let kind = super::materials::default_kind();
-                self.scene.materials.push(Material::new("default", kind, shape.source.clone()));
-                MaterialId(self.scene.materials.len() as u32 - 1)
+                self.scene.add_material(Material::new("default", kind, shape.source.clone()))
             }),
         };
         // With the same medium on both sides, the surrounding medium stays.
