@@ -41,13 +41,14 @@ const RUN: [&str; 7] = [
 ];
 
 /// Pages that describe a change of this workspace.
-const ERRANDS: [&str; 6] = [
+const ERRANDS: [&str; 7] = [
     "docs/ADDING-A-SAMPLER.md",
     "docs/ADDING-A-FILTER.md",
     "docs/ADDING-A-LIGHT.md",
     "docs/ADDING-A-SCENE-FORMAT.md",
     "docs/ADDING-AN-INTEGRATOR.md",
     "docs/ADDING-A-METRIC.md",
+    "docs/ADDING-A-MATERIAL.md",
 ];
 
 /// A fenced block of a page, and the directives above it.
@@ -145,7 +146,8 @@ fn program_folder() -> &'static Path {
 }
 
 fn small_scene() -> String {
-    let scene = std::fs::read_to_string(root().join("examples/scenes/cornell/scene.pbrt")).expect("a bundled scene");
+    let scene =
+        std::fs::read_to_string(root().join("crates/scene/src/bundled/cornell/scene.pbrt")).expect("a bundled scene");
     assert!(scene.contains("[ 512 ]"));
     scene.replace("[ 512 ]", "[ 24 ]").replace("cornell.exr", "scene.exr")
 }
@@ -340,8 +342,9 @@ fn apply(name: &str, workspace: &Path) -> usize {
     touched.len()
 }
 
-/// The number of files that each guide changes, tests included; the fourth file of a light is the pbrt reader.
-const FILES: [usize; 6] = [3, 3, 4, 2, 2, 2];
+/// The number of files that each guide changes, tests included; the fourth file of a light or a material is the pbrt
+/// reader.
+const FILES: [usize; 7] = [3, 3, 4, 2, 2, 2, 4];
 
 #[test]
 fn the_places_where_the_guides_insert_lines_exist() {

@@ -1,8 +1,9 @@
-//! `examples/minimal.rs` needs only core and points, has a hundred lines, and runs.
+//! Two examples that run without a scene: `minimal.rs`, a hundred lines on core and points, and `generate_scenes`.
 
 mod common;
 
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 const TEXT: &str = include_str!("../examples/minimal.rs");
 
@@ -42,4 +43,28 @@ fn pixels(path: &Path) -> Vec<u8> {
     let head = b"P6\n240 135\n255\n";
     assert!(file.starts_with(head) && file.len() == head.len() + 3 * 240 * 135);
     file[head.len()..].to_vec()
+}
+
+#[test]
+fn bundled_scenes_are_what_the_generator_makes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let output = common::example("generate_scenes", "generate_scenes/main.rs").arg(folder.path()).output();
+    let output = output.expect("it starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("crates/scene/src/bundled");
+    let (made, committed) = (files(folder.path()), files(&committed));
+    assert!(made.keys().eq(committed.keys()) && made.len() == 27, "{:?}", made.keys());
+    for (name, bytes) in &made {
+        assert!(committed[name] == *bytes, "{name} differs: cargo run --example generate_scenes");
+    }
+}
+
+/// Path and bytes of each file in the folders of a folder.
+fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let entries =
+        |folder: &Path| std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path());
+    let scenes = entries(folder).filter(|path| path.is_dir());
+    let paths = scenes.flat_map(|scene| entries(&scene).collect::<Vec<_>>());
+    let named = |path: &Path| path.strip_prefix(folder).expect("within the folder").to_owned();
+    paths.map(|path| (named(&path), std::fs::read(&path).expect("a file"))).collect()
 }

@@ -1,7 +1,7 @@
 //! The subcommand `dapple effects SCENE`.
 
-mod ledger;
-mod table;
+mod measure;
+mod report;
 
 use crate::machine::start_threads;
 use crate::output::{say, tell, warn};
@@ -11,7 +11,8 @@ use crate::{Failure, Outcome, Result, failure};
 use dapple_core::Frame;
 use dapple_job::{LoadOptions, LoadedScene, RenderSpec, Warning};
 use dapple_scene::{Effects, Scene, bundled};
-use ledger::{Ledger, Settings};
+use measure::Studio;
+use report::Report;
 use std::path::PathBuf;
 
 /// The longest side in pixels of images if the user sets no resolution. The results hardly depend on the resolution,
@@ -80,27 +81,29 @@ pub(crate) fn run(options: &EffectsArgs) -> Result<Outcome> {
     for warning in loaded.warnings().iter().filter(|warning| matches!(warning, Warning::Notice(_))) {
         warn(failure::warning(warning));
     }
-    let scene = loaded.scene().clone();
-    let effects = Effects::of(&scene);
-    let by_chance = Effects::found_by_chance(&scene);
-    let ledger = if options.list { None } else { Some(measure(options, scene.clone(), &effects, &stop)?) };
-    if ledger.as_ref().is_some_and(|l| l.interrupted) {
+    let scene = loaded.scene();
+    let effects = Effects::of(scene);
+    let by_chance = Effects::found_by_chance(scene);
+    let mut report = Report::new(scene, &effects, by_chance.as_ref());
+    if !options.list {
+        measure(options, scene.clone(), &mut report, &stop)?;
+    }
+    if report.interrupted {
         say("interrupted", "an effect whose images were not all rendered has no figures");
     }
-    let told = table::Told { scene: &scene, effects: &effects, by_chance: by_chance.as_ref(), ledger: ledger.as_ref() };
-    tell(if options.json { told.json() } else { told.table() })?;
-    if ledger.is_some_and(|l| l.interrupted) { Ok(Outcome::Interrupted) } else { Ok(Outcome::Done) }
+    tell(if options.json { report.json() } else { report.table() })?;
+    if report.interrupted { Ok(Outcome::Interrupted) } else { Ok(Outcome::Done) }
 }
 
-fn measure(options: &EffectsArgs, mut scene: Scene, effects: &Effects, stop: &Stop) -> Result<Ledger> {
+fn measure(options: &EffectsArgs, mut scene: Scene, report: &mut Report<'_>, stop: &Stop) -> Result<()> {
     let [width, height] = options.resolution.unwrap_or_else(|| shrink(scene.film.resolution));
     let frame = Frame::new(width, height).map_err(Failure::new)?;
     // A crop window in the file is in pixels of its own resolution; effects are measured on the whole image.
     if scene.film.crop.take().is_some() {
         warn("the scene's crop window is not followed: the figures are of the whole image");
     }
-    let settings = Settings { frame, spp: options.spp, seeds: options.seeds, silent: options.json };
-    Ledger::measure(&scene, effects, &settings, stop)
+    (report.resolution, report.spp, report.seeds) = (Some(frame.size()), Some(options.spp), Some(options.seeds));
+    Studio::new(frame, options, stop).measure(&scene, report)
 }
 
 /// Shrinks a size in pixels to the same aspect ratio with sides of at most [`LONGEST`].

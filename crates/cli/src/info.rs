@@ -5,8 +5,8 @@ use crate::{Outcome, Result, failure};
 use dapple_job::memory::{MemoryEstimate, size};
 use dapple_job::{JobError, LoadOptions, LoadedScene, OutputFiles, PreparedScene, RenderSpec, Warning, pixel_filter};
 use dapple_renderer::World;
+use dapple_scene::Scene;
 use dapple_scene::bundled;
-use dapple_scene::{Geometry, MaterialKind, Scene};
 use std::path::PathBuf;
 
 /// Print the contents of a scene, the effects that it uses and the estimated memory of a render
@@ -72,8 +72,8 @@ fn facts(scene: &Scene, world: &World) -> Vec<(&'static str, String)> {
         ),
         ("max depth", depth),
         ("triangles", triangles),
-        ("shapes", count(scene.shapes.iter().map(|s| shape(&s.geometry)))),
-        ("materials", count(scene.materials.iter().map(|m| material(&m.kind)))),
+        ("shapes", count(scene.shapes.iter().map(|shape| shape.geometry.name()))),
+        ("materials", count(scene.materials.iter().map(|material| material.kind.name()))),
         ("textures", scene.textures.len().to_string()),
         ("lights", lights(scene)),
         ("bounds", bounds(world)),
@@ -102,32 +102,6 @@ fn count(kinds: impl Iterator<Item = &'static str>) -> String {
     }
     let each: Vec<String> = counts.iter().map(|(kind, n)| format!("{n} {kind}")).collect();
     if each.is_empty() { "0".into() } else { format!("{all} ({})", each.join(", ")) }
-}
-
-fn shape(geometry: &Geometry) -> &'static str {
-    match geometry {
-        Geometry::Mesh(_) => "mesh",
-        Geometry::Sphere { .. } => "sphere",
-        Geometry::Disk { .. } => "disk",
-    }
-}
-
-fn material(kind: &MaterialKind) -> &'static str {
-    match kind {
-        MaterialKind::Diffuse { .. } => "diffuse",
-        MaterialKind::DiffuseTransmission { .. } => "diffuse transmission",
-        MaterialKind::Conductor { .. } => "conductor",
-        MaterialKind::Dielectric { .. } => "dielectric",
-        MaterialKind::ThinDielectric { .. } => "thin dielectric",
-        MaterialKind::CoatedDiffuse { .. } => "coated diffuse",
-        MaterialKind::CoatedConductor { .. } => "coated conductor",
-        MaterialKind::Mix { .. } => "mix",
-        MaterialKind::Interface => "interface",
-        MaterialKind::Mirror { .. } => "mirror",
-        MaterialKind::Plastic { .. } => "plastic",
-        MaterialKind::Substrate { .. } => "substrate",
-        MaterialKind::Layered { .. } => "layered",
-    }
 }
 
 fn lights(scene: &Scene) -> String {

@@ -1,9 +1,8 @@
-//! The bundled scenes, which the code in this module generates without other input.
+//! The bundled scenes: files in the folder beside this module, compiled into the library.
 //!
-//! Each is a pbrt-v4 scene file with the meshes and images that it names. All are held in memory, so that the
-//! program can render a scene with no file on disk. `cargo run --example generate_scenes` writes them to
-//! `examples/scenes`; a test holds those files to the bytes made here. The fixed text of each scene file is the
-//! template `NAME.pbrt` beside the modules, with `{holes}` for computed values.
+//! Each is a pbrt-v4 scene file with the meshes and images that it names. A program can thus render a scene with no
+//! file on disk. `cargo run --example generate_scenes` makes the files, the same on every machine; tests hold them to
+//! their checksums and to what the generator makes.
 //!
 //! | name | contents | effects |
 //! |---|---|---|
@@ -26,9 +25,6 @@
 //! | `zone-plate` | rings that become finer than pixels; the plate's mean is known | image texture, no noise but the pixel's |
 //! | `penumbra` | a floor half hidden from a lamp, whose exact image is known | soft shadow, direct light only |
 //!
-//! The files' bytes are the same on every machine: all arithmetic is `+ - * /` and `sqrt` on `f64`, which
-//! IEEE 754 rounds in one way, and Rust neither fuses nor reorders these operations.
-//!
 //! Departures from pbrt-v4: environment maps are latitude-longitude images (z up; see
 //! [`EnvironmentRadiance::LatLong`](crate::EnvironmentRadiance::LatLong)), where pbrt-v4 itself
 //! requires equal-area squares.
@@ -42,29 +38,6 @@
 //! let scene = bundle.read().expect("it can be read");
 //! assert_eq!(scene.name, "teapot");
 //! ```
-
-mod cabin;
-mod chess;
-mod cornell;
-pub(crate) mod directions;
-mod door;
-mod glass;
-mod grass;
-mod images;
-mod lens;
-mod many_lights;
-mod mesh;
-mod motion;
-mod noise;
-mod plates;
-mod revolved;
-mod room;
-mod tea;
-mod teapot;
-mod terrain;
-#[cfg(test)]
-mod tests;
-mod zone_plate;
 
 use crate::files::Files;
 use crate::pbrt::{ReadOptions, read_scene_from};
@@ -111,59 +84,46 @@ impl Files for Bundle {
     }
 }
 
-/// Name and bytes of each file of a bundled scene besides its scene file: meshes and images.
-type Assets = Vec<(String, Vec<u8>)>;
+/// Declares the bundled scenes: each with its files, the scene file first.
+macro_rules! scenes {
+    ($($scene:literal: $($file:literal),*;)*) => {
+        const NAMES: &[&str] = &[$($scene),*];
 
-const NAMES: [&str; 18] = [
-    "teapot",
-    "terrain",
-    "cornell",
-    "furnace",
-    "plates",
-    "lens",
-    "motion",
-    "glass",
-    "room",
-    "grass",
-    "door",
-    "tea",
-    "cabin",
-    "many-lights",
-    "caustic",
-    "chess",
-    "zone-plate",
-    "penumbra",
-];
+        /// The names of each scene's files, and their bytes.
+        static FILES: &[&[(&str, &[u8])]] =
+            &[$(&[$(($file, include_bytes!(concat!("bundled/", $scene, "/", $file)))),*]),*];
+    };
+}
+
+scenes! {
+    "teapot": "scene.pbrt", "teapot.ply", "studio.pfm", "tiles.tga";
+    "terrain": "scene.pbrt", "grass.ply", "rock.ply", "snow.ply", "sky.pfm";
+    "cornell": "scene.pbrt";
+    "furnace": "scene.pbrt";
+    "plates": "scene.pbrt";
+    "lens": "scene.pbrt";
+    "motion": "scene.pbrt";
+    "glass": "scene.pbrt", "leaf.tga";
+    "room": "scene.pbrt";
+    "grass": "scene.pbrt";
+    "door": "scene.pbrt";
+    "tea": "scene.pbrt";
+    "cabin": "scene.pbrt";
+    "many-lights": "scene.pbrt";
+    "caustic": "scene.pbrt";
+    "chess": "scene.pbrt";
+    "zone-plate": "scene.pbrt", "rings.tga";
+    "penumbra": "scene.pbrt";
+}
 
 /// Returns the names of the bundled scenes, [`DEFAULT`] first.
 pub fn names() -> &'static [&'static str] {
-    &NAMES
+    NAMES
 }
 
-/// Makes the bundled scene called `name`; `None` for an unknown name. Its bytes are the same on every machine.
+/// Returns the bundled scene called `name`; `None` for an unknown name.
 pub fn files(name: &str) -> Option<Bundle> {
-    let name = NAMES.into_iter().find(|known| *known == name)?;
-    let (text, mut files): (String, Assets) = match name {
-        "teapot" => teapot::scene(),
-        "terrain" => terrain::scene(),
-        "cornell" => (cornell::scene(), Assets::new()),
-        "furnace" => (include_str!("bundled/furnace.pbrt").to_owned(), Assets::new()),
-        "plates" => (plates::scene(), Assets::new()),
-        "lens" => (lens::scene(), Assets::new()),
-        "motion" => (motion::scene(), Assets::new()),
-        "room" => (room::scene(), Assets::new()),
-        "grass" => (grass::scene(), Assets::new()),
-        "door" => (door::scene(), Assets::new()),
-        "tea" => (tea::scene(), Assets::new()),
-        "cabin" => (cabin::scene(), Assets::new()),
-        "many-lights" => (many_lights::scene(), Assets::new()),
-        "caustic" => (include_str!("bundled/caustic.pbrt").to_owned(), Assets::new()),
-        "chess" => (chess::scene(), Assets::new()),
-        "zone-plate" => zone_plate::scene(),
-        "penumbra" => (include_str!("bundled/penumbra.pbrt").to_owned(), Assets::new()),
-        _ => glass::scene(),
-    };
-    let main = "scene.pbrt".to_owned();
-    files.insert(0, (main.clone(), text.into_bytes()));
-    Some(Bundle { name, main, files })
+    let number = NAMES.iter().position(|known| *known == name)?;
+    let files: Vec<_> = FILES[number].iter().map(|(file, bytes)| ((*file).to_owned(), bytes.to_vec())).collect();
+    Some(Bundle { name: NAMES[number], main: files[0].0.clone(), files })
 }

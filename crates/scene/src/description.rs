@@ -1,27 +1,26 @@
 //! A scene description: plain data as read from a scene file, every object with its file and line.
 //!
 //! Readers make it, and [`Effects::of`](crate::Effects::of) reports the effects that it calls for. A renderer builds
-//! what
-//! rays need from it.
+//! what rays need from it.
 
 mod camera;
 mod light;
-pub(crate) mod light_power;
 mod material;
 mod medium;
 mod shape;
-mod texture_mean;
-mod without;
+mod texture;
 
 pub use camera::{Camera, FilmSettings, PixelFilter, Projection};
 pub use light::{EnvironmentRadiance, Light, LightKind, SpotFalloff};
 pub use material::{
-    ClearCoat, Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, SMOOTH_ALPHA, Scalar,
-    Texture, TextureId, TextureKind, Wrap, effectively_smooth, roughness_to_alpha,
+    ClearCoat, Coating, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, SMOOTH_ALPHA,
+    effectively_smooth, roughness_to_alpha,
 };
+pub(crate) use material::{Lobe, Parameter};
 pub use medium::{Medium, MediumId, MediumInterface};
 pub use shape::{Emission, Geometry, Instance, MeshData, MeshFault, Object, ObjectId, Shape};
-pub use without::{Albedo, WithoutError};
+pub(crate) use texture::texture_mean;
+pub use texture::{Color, Scalar, Texture, TextureId, TextureKind, Wrap};
 
 use std::fmt;
 use std::path::PathBuf;
@@ -103,4 +102,23 @@ pub struct Scene {
     pub motion_times: [f64; 2],
     /// Messages of the reader: warnings and ignored settings.
     pub notices: Vec<Notice>,
+}
+
+impl Scene {
+    /// Adds a material; returns its index.
+    pub fn add_material(&mut self, material: Material) -> MaterialId {
+        self.materials.push(material);
+        MaterialId(self.materials.len() as u32 - 1)
+    }
+
+    /// Adds a texture; returns its index.
+    pub fn add_texture(&mut self, name: impl Into<String>, kind: TextureKind, source: &Source) -> TextureId {
+        self.textures.push(Texture { name: name.into(), kind, source: source.clone() });
+        TextureId(self.textures.len() as u32 - 1)
+    }
+
+    /// Adds a notice of kind [`NoticeKind::Warning`].
+    pub fn warn(&mut self, source: &Source, message: impl Into<String>) {
+        self.notices.push(Notice::warning(source.clone(), message));
+    }
 }

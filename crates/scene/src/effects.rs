@@ -1,19 +1,25 @@
-//! Effects that a scene calls for, with the reason for each.
+//! Effects that a scene calls for, with the reason for each, and scenes edited so that they lack one.
+//!
+//! The table below declares each effect with a function that finds it in a scene and one that removes it. The functions
+//! lie beside each other in the modules.
 
+mod camera;
 mod caustics;
 mod lights;
-mod materials;
+mod scattering;
+mod surfaces;
 mod visible;
 
-use crate::{Camera, MaterialKind, Scene, Source};
+use crate::{Material, Scene, Source};
 use dapple_core::nearest_name;
 use std::fmt;
 use std::str::FromStr;
 use visible::Visible;
 
-/// Declares the effects in the order of reports: each with its name, and a phrase for the scene without it.
+/// Declares the effects in the order of reports: each with its name, the function that finds the objects that call for
+/// it, the function that removes it from a scene that has it, and a phrase for the scene without it.
 macro_rules! effects {
-    ($($(#[$about:meta])* $variant:ident: $name:literal, $left_out:literal;)*) => {
+    ($($(#[$about:meta])* $variant:ident $name:literal: $find:expr, $remove:expr, $left_out:literal;)*) => {
         /// A rendering effect, such as soft shadows, that costs render time in scenes that call for it.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         #[non_exhaustive]
@@ -34,37 +40,64 @@ macro_rules! effects {
             pub const fn left_out(self) -> &'static str {
                 match self { $(Self::$variant => $left_out,)* }
             }
+
+            fn find(self) -> fn(&Visible<'_>, &mut Found) {
+                match self { $(Self::$variant => $find,)* }
+            }
+
+            fn remove(self) -> fn(&mut Scene, &Albedo<'_>) {
+                match self { $(Self::$variant => $remove,)* }
+            }
         }
     };
 }
 
 effects! {
     /// Soft shadows, cast by lights with an area.
-    SoftShadows: "soft-shadows", "each area light is a point light of the same power, and invisible";
+    SoftShadows "soft-shadows": lights::find_lamps, |scene, _| lights::shrink_lamps(scene),
+        "each area light is a point light of the same power, and invisible";
     /// More than one light, so that a renderer selects among them.
-    SeveralLights: "several-lights", "only the most powerful light shines";
+    SeveralLights "several-lights": lights::find_several, |scene, _| lights::keep_strongest(scene),
+        "only the most powerful light shines";
     /// Glossy reflection or transmission: rough metals, coats and glass.
-    Glossy: "glossy", "rough surfaces are diffuse and equally bright, rough glass is clear";
+    Glossy "glossy": |visible, found| surfaces::find_lobes(visible, found, surfaces::is_glossy),
+        |scene, albedo| surfaces::replace_lobes(scene, albedo, surfaces::is_glossy),
+        "rough surfaces are diffuse and equally bright, rough glass is clear";
     /// Mirror reflection: smooth metals, smooth coats and perfect mirrors.
-    Mirror: "mirror", "mirrors are diffuse and equally bright";
+    Mirror "mirror": |visible, found| surfaces::find_lobes(visible, found, surfaces::is_mirror),
+        |scene, albedo| surfaces::replace_lobes(scene, albedo, surfaces::is_mirror),
+        "mirrors are diffuse and equally bright";
     /// Transmission through surfaces such as glass, water and panes.
-    Refraction: "refraction", "light passes straight through glass, without reflection";
+    Refraction "refraction": |visible, found| surfaces::find_lobes(visible, found, |lobe| lobe.refracts),
+        |scene, _| surfaces::remove_glass(scene),
+        "light passes straight through glass, without reflection";
     /// Light that is scattered more than once on its path.
-    Interreflection: "interreflection", "light scatters once";
+    Interreflection "interreflection": scattering::find_interreflection, |scene, _| scene.max_depth = Some(1),
+        "light scatters once";
     /// Values that vary over a surface: reflectance, roughness, bumps, mix weights, opacity.
-    Textures: "textures", "every texture is its mean, and bumps are gone";
+    Textures "textures": surfaces::find_textures, |scene, _| surfaces::flatten_textures(scene),
+        "every texture is its mean, and bumps are gone";
     /// Light from an environment, constant or an image.
-    Environment: "environment", "the environment is black";
+    Environment "environment": lights::find_environments,
+        |scene, _| scene.lights.retain(|light| light.kind.environment().is_none()),
+        "the environment is black";
     /// Depth of field: a lens with an aperture.
-    DepthOfField: "depth-of-field", "the lens is a pinhole";
+    DepthOfField "depth-of-field": camera::find_lens, |scene, _| scene.camera.lens_radius = 0.0,
+        "the lens is a pinhole";
     /// Motion blur: the camera, a shape or an instance moves while the shutter is open.
-    MotionBlur: "motion-blur", "everything stands still, at its place in the middle of the exposure";
+    MotionBlur "motion-blur": camera::find_motion, |scene, _| camera::stop_motion(scene),
+        "everything stands still, at its place in the middle of the exposure";
     /// Surfaces with an opacity below 1.
-    Transparency: "transparency", "partly transparent surfaces are opaque, mostly transparent ones are gone";
+    Transparency "transparency": surfaces::find_holes, |scene, _| surfaces::fill_holes(scene),
+        "partly transparent surfaces are opaque, mostly transparent ones are gone";
     /// Participating media that absorb light.
-    AbsorbingMedia: "absorbing-media", "media do not absorb";
+    AbsorbingMedia "absorbing-media": scattering::find_absorption,
+        |scene, _| scattering::thin_media(scene, |medium| medium.absorption = [0.0; 3]),
+        "media do not absorb";
     /// Participating media that scatter light.
-    ScatteringMedia: "scattering-media", "media do not scatter";
+    ScatteringMedia "scattering-media": scattering::find_scattering,
+        |scene, _| scattering::thin_media(scene, |medium| medium.scattering = [0.0; 3]),
+        "media do not scatter";
 }
 
 impl fmt::Display for Effect {
@@ -111,6 +144,27 @@ pub struct Called {
     pub objects: usize,
 }
 
+/// The objects found so far that call for one effect.
+#[derive(Default)]
+struct Found {
+    /// The first object's reason and source.
+    first: Option<(String, Source)>,
+    objects: usize,
+}
+
+impl Found {
+    /// Counts one more object. The first one gives the reason and the source.
+    fn add(&mut self, because: impl FnOnce() -> String, source: &Source) {
+        self.objects += 1;
+        self.first.get_or_insert_with(|| (because(), source.clone()));
+    }
+
+    fn called(self, effect: Effect) -> Option<Called> {
+        let (because, source) = self.first?;
+        Some(Called { effect, because, source, objects: self.objects })
+    }
+}
+
 /// The effects that a scene calls for, each once, with the first object that calls for it.
 ///
 /// Only visible and effective objects count. A material on no shape, an object without instances, a black light, a
@@ -135,17 +189,13 @@ pub struct Effects {
 impl Effects {
     /// Returns the effects that a scene calls for.
     pub fn of(scene: &Scene) -> Self {
-        let mut effects = Self { called: Vec::new(), max_depth: scene.max_depth };
         let visible = Visible::of(scene);
-        effects.add_lights(scene);
-        effects.add_materials(scene, &visible);
-        effects.add_shapes(&visible);
-        effects.add_media(scene, &visible);
-        effects.add_depth(scene, &visible);
-        effects.add_camera(&scene.camera);
-        effects.add_motion(scene, &visible);
-        effects.called.sort_by_key(|c| c.effect);
-        effects
+        let find = |effect: Effect| {
+            let mut found = Found::default();
+            effect.find()(&visible, &mut found);
+            found.called(effect)
+        };
+        Self { called: Effect::ALL.into_iter().filter_map(find).collect(), max_depth: scene.max_depth }
     }
 
     /// Returns true if the scene calls for `effect`.
@@ -179,82 +229,71 @@ impl Effects {
     /// environment map are not searched. The reason in the result names the first such lamp; its `objects` is the
     /// number of such lamps.
     pub fn found_by_chance(scene: &Scene) -> Option<Called> {
-        caustics::found_by_chance(scene, &Visible::of(scene))
-    }
-
-    /// Counts one more object that calls for `effect`. The first such object gives the reason and the source.
-    fn add(&mut self, effect: Effect, because: impl FnOnce() -> String, source: &Source) {
-        match self.called.iter_mut().find(|c| c.effect == effect) {
-            Some(called) => called.objects += 1,
-            None => self.called.push(Called { effect, because: because(), source: source.clone(), objects: 1 }),
-        }
-    }
-
-    /// Sets the number of objects of an effect that only several objects together call for.
-    fn count(&mut self, effect: Effect, objects: usize) {
-        self.called.iter_mut().filter(|c| c.effect == effect).for_each(|c| c.objects = objects);
-    }
-
-    fn add_shapes(&mut self, visible: &Visible<'_>) {
-        for shape in &visible.shapes {
-            let Some(alpha) = visible::holes(shape) else { continue };
-            self.add(Effect::Transparency, || format!("a shape has an opacity of {alpha}"), &shape.source);
-        }
-    }
-
-    fn add_media(&mut self, scene: &Scene, visible: &Visible<'_>) {
-        for medium in scene.media.iter().zip(&visible.media).filter_map(|(medium, used)| used.then_some(medium)) {
-            let because = |does, what: &[f32; 3]| format!("medium \"{}\" {does} {what:?} per unit", medium.name);
-            if medium.absorption != [0.0; 3] {
-                self.add(Effect::AbsorbingMedia, || because("absorbs", &medium.absorption), &medium.source);
-            }
-            if medium.scattering != [0.0; 3] {
-                self.add(Effect::ScatteringMedia, || because("scatters", &medium.scattering), &medium.source);
-            }
-        }
-    }
-
-    fn add_depth(&mut self, scene: &Scene, visible: &Visible<'_>) {
-        let scatters = visible.shapes.iter().any(|s| !visible::is_black(scene, s)) || self.has(Effect::ScatteringMedia);
-        if !scatters || scene.max_depth.is_some_and(|d| d <= 1) {
-            return;
-        }
-        let because = || match scene.max_depth {
-            Some(depth) => format!("up to {depth} scattering events are asked for"),
-            None => "paths of any length are asked for".into(),
-        };
-        let source = Source { line: 0, ..scene.camera.source.clone() };
-        self.add(Effect::Interreflection, because, &source);
-    }
-
-    fn add_camera(&mut self, camera: &Camera) {
-        if camera.lens_radius != 0.0 {
-            let because = || format!("the lens has radius {}", camera.lens_radius);
-            self.add(Effect::DepthOfField, because, &camera.source);
-        }
-    }
-
-    fn add_motion(&mut self, scene: &Scene, visible: &Visible<'_>) {
-        let [open, close] = scene.camera.shutter;
-        let [first, second] = visible::motion_span(scene);
-        // Nothing moves before and after the motion. NaN counts as an open shutter.
-        if open == close || close <= first || open >= second {
-            return;
-        }
-        let camera = [("the camera", scene.camera.to_world, scene.camera.moves_to, &scene.camera.source)];
-        let instances = visible.instances.iter().map(|i| ("an instance", i.to_world, i.moves_to, &i.source));
-        let shapes = visible.shapes.iter().map(|s| ("a shape", s.to_world, s.moves_to, &s.source));
-        for (what, to_world, moves_to, source) in camera.into_iter().chain(instances).chain(shapes) {
-            if moves_to.is_some_and(|to| to != to_world) {
-                self.add(Effect::MotionBlur, || format!("{what} moves while the shutter is open"), source);
-            }
-        }
+        caustics::found_by_chance(&Visible::of(scene))
     }
 }
 
-/// Returns true if a material by itself calls for an effect of surfaces (glossy, mirror, refraction).
-pub(crate) fn surface_calls_for(kind: &MaterialKind, effect: Effect) -> bool {
-    materials::lobes(kind).iter().any(|lobe| materials::calls_for(lobe, effect))
+/// The error of an effect that cannot be removed from a scene.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum WithoutError {
+    /// Removing the effect would remove all lights.
+    #[error("without {effect} no light is left, and the image would be black; keep the effect")]
+    NoLight {
+        /// The effect to be removed.
+        effect: Effect,
+    },
+}
+
+/// A function that returns the albedo at normal incidence of a material without textures, or `None` for a material that
+/// the renderer refuses. [`Scene::without`] calls it.
+pub type Albedo<'a> = dyn Fn(&Material) -> Option<[f32; 3]> + 'a;
+
+impl Scene {
+    /// Returns a copy of the scene edited so that it lacks an effect. A renderer thus needs no switch for effects. A
+    /// scene that does not call for the effect is returned unchanged.
+    ///
+    /// * [`SoftShadows`](Effect::SoftShadows): each area light (lamp) is replaced by a light without extent and of the
+    ///   same power, at the lamp's area-weighted centroid in its first pose. The lamp's shape is removed, since it
+    ///   would enclose the new light. A flat one-sided lamp of area `A` and radiance `L` becomes a 90 degree spot along
+    ///   its normal with smooth-step falloff. This spot has the lamp's axial intensity `A L` and its power `pi A L`. A
+    ///   flat two-sided lamp becomes two such spots, back to back. Any other lamp (a sphere, a curved mesh) becomes a
+    ///   point of intensity `power / 4 pi`.
+    /// * [`SeveralLights`](Effect::SeveralLights): only the light of the highest power (the first of equals) emits.
+    ///   Other lamps remain as shapes without emission.
+    /// * [`Glossy`](Effect::Glossy): materials with a rough lobe become diffuse, with their whole albedo at normal
+    ///   incidence as reflectance. A textured colour keeps its texture, scaled to the new mean. Rough glass becomes
+    ///   smooth glass.
+    /// * [`Mirror`](Effect::Mirror): materials with a smooth reflecting lobe become diffuse in the same way.
+    /// * [`Refraction`](Effect::Refraction): glass and panes become [`Interface`](crate::MaterialKind::Interface)s;
+    ///   their reflection and tint are lost.
+    /// * [`Interreflection`](Effect::Interreflection): paths have at most one scattering event.
+    /// * [`Textures`](Effect::Textures): each texture becomes its mean over the unit square of texture coordinates (for
+    ///   a product, the product of means). Bump and normal maps are removed.
+    /// * [`Environment`](Effect::Environment): infinite lights are removed.
+    /// * [`DepthOfField`](Effect::DepthOfField): the lens has radius 0.
+    /// * [`MotionBlur`](Effect::MotionBlur): the shutter opens and closes at the middle of the exposure, so that
+    ///   nothing moves.
+    /// * [`Transparency`](Effect::Transparency): shapes with a constant opacity below one half are removed unless they
+    ///   emit light. All other shapes become opaque.
+    /// * [`AbsorbingMedia`](Effect::AbsorbingMedia), [`ScatteringMedia`](Effect::ScatteringMedia): the coefficients of
+    ///   this kind become 0. Media left without any coefficient are removed.
+    ///
+    /// `albedo` returns the albedo at normal incidence of a material without textures, bump map and normal map, which
+    /// only a renderer knows. `None` (for a material that the renderer refuses) leaves the material unchanged.
+    ///
+    /// # Errors
+    ///
+    /// [`WithoutError::NoLight`] if the edit would remove the last light.
+    pub fn without(&self, effect: Effect, albedo: &Albedo<'_>) -> Result<Self, WithoutError> {
+        let mut scene = self.clone();
+        if !Effects::of(self).has(effect) {
+            return Ok(scene);
+        }
+        effect.remove()(&mut scene, albedo);
+        let lost = lights::powers(&scene).is_empty() && !lights::powers(self).is_empty();
+        if lost { Err(WithoutError::NoLight { effect }) } else { Ok(scene) }
+    }
 }
 
 #[cfg(test)]

@@ -13,14 +13,13 @@ mod primitives;
 mod textures;
 
 use crate::files::Files;
-use crate::model::{UpAxis, studio};
-use crate::readers::{AnyOptions, SceneReader, unreadable};
-use crate::{Notice, ReadError, Scene, Source};
+use crate::model::{ModelError as Fault, UpAxis, scene_of, studio};
+use crate::readers::{AnyOptions, SceneReader};
+use crate::{ReadError, Scene, Source};
 use ::gltf::json::validation::Checked;
 use ::gltf::{Document, json};
 use buffers::Buffers;
 use std::path::Path;
-use std::sync::Arc;
 
 /// The [`SceneReader`] of glTF 2.0 files.
 #[derive(Clone, Copy, Debug, Default)]
@@ -68,31 +67,10 @@ impl SceneReader for GltfReader {
     }
 
     fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
-        let source = Source { file: Arc::new(path.to_owned()), line: 0 };
-        let bytes = files.read(path).map_err(|e| unreadable(source.clone(), &e))?;
-        let name = path.file_stem().map_or_else(|| "model".to_owned(), |stem| stem.to_string_lossy().into_owned());
-        let mut scene = Scene { name, max_depth: Some(MAX_DEPTH), ..Scene::default() };
-        add_file(&mut scene, &bytes, files, options, &source)
-            .map_err(|fault| ReadError::invalid(Source { line: fault.line, ..source.clone() }, fault.what))?;
-        Ok(scene)
-    }
-}
-
-/// A fault of a file: its line, or 0, and what is wrong.
-pub(super) struct Fault {
-    line: u32,
-    what: String,
-}
-
-impl From<String> for Fault {
-    fn from(what: String) -> Self {
-        Self { line: 0, what }
-    }
-}
-
-impl From<&str> for Fault {
-    fn from(what: &str) -> Self {
-        what.to_owned().into()
+        scene_of(files, path, |scene, bytes, source| {
+            scene.max_depth = Some(MAX_DEPTH);
+            add_file(scene, &bytes, files, options, source)
+        })
     }
 }
 
@@ -157,7 +135,7 @@ fn truncated(length: usize) -> Fault {
 /// Parses and checks the JSON part of a file. Extensions that are left out become notices.
 fn document(text: &[u8], scene: &mut Scene, source: &Source) -> Result<Document, Fault> {
     let mut root: json::Root = json::deserialize::from_slice(text)
-        .map_err(|e| Fault { line: e.line() as u32, what: format!("{e}; export the file again") })?;
+        .map_err(|e| Fault::at(e.line() as u32, format!("{e}; export the file again")))?;
     if !root.asset.version.starts_with("2.") {
         let version = &root.asset.version;
         return Err(format!("the file has glTF version {version:?}; export version 2.0").into());
@@ -168,8 +146,7 @@ fn document(text: &[u8], scene: &mut Scene, source: &Source) -> Result<Document,
         }
     }
     for name in root.extensions_used.iter().filter(|name| !KNOWN.contains(&name.as_str())) {
-        let message = format!("extension {name:?} is left out");
-        scene.notices.push(Notice::warning(source.clone(), message));
+        scene.warn(source, format!("extension {name:?} is left out"));
     }
     // What a file requires, the notice above has named.
     root.extensions_required.clear();

@@ -22,6 +22,6 @@ mod readers;
 
 pub use self::gltf::GltfReader;
 pub use description::*;
-pub use effects::{Called, Effect, Effects, UnknownEffect};
+pub use effects::{Albedo, Called, Effect, Effects, UnknownEffect, WithoutError};
 pub use read_error::{Problem, ProblemKind, ReadError};
 pub use readers::{AnyOptions, READERS, SceneReader, read_any, read_any_from};

@@ -19,14 +19,14 @@ mod ply;
 mod stl;
 pub(crate) mod studio;
 
-pub use obj::{ObjError, ObjMesh, ObjModel, ObjReader, read_obj};
-pub use ply::{PlyError, PlyMesh, PlyReader, read_ply};
-pub use stl::{StlError, StlMesh, StlReader, read_stl};
+pub use obj::{ObjMesh, ObjModel, ObjReader, read_obj};
+pub use ply::{PlyReader, read_ply};
+pub use stl::{StlReader, read_stl};
 
 use crate::ReadError;
 use crate::files::Files;
 use crate::readers::unreadable;
-use crate::{Color, Geometry, Material, MaterialId, MaterialKind, MeshData, Notice, Scene, Shape, Source};
+use crate::{Color, Geometry, Material, MaterialId, MaterialKind, MeshData, MeshFault, Scene, Shape, Source};
 use glam::{DAffine3, DVec3};
 use std::path::Path;
 use std::sync::Arc;
@@ -79,37 +79,95 @@ impl ModelOptions {
     }
 }
 
+/// A mesh from a model file, as [`read_ply`] and [`read_stl`] return it.
+#[derive(Clone, Debug)]
+pub struct ModelMesh {
+    /// The mesh, with polygons cut into triangles.
+    pub data: MeshData,
+    /// A reason to suspect that the file is damaged or incomplete; `None` if there is none.
+    pub doubt: Option<String>,
+}
+
+/// The error of a model file. Indices of elements, facets and faces in its message count from 0.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{}{what}", line.map_or(String::new(), |line| format!("line {line}: ")))]
+#[non_exhaustive]
+pub struct ModelError {
+    /// The number of the line, from 1; `None` for an error of the whole file or of a binary one.
+    pub line: Option<u32>,
+    /// A description of the error, with its remedy.
+    pub what: String,
+}
+
+impl ModelError {
+    fn new(what: impl Into<String>) -> Self {
+        Self { line: None, what: what.into() }
+    }
+
+    pub(crate) fn at(line: u32, what: impl Into<String>) -> Self {
+        Self { line: Some(line), what: what.into() }
+    }
+}
+
+impl From<MeshFault> for ModelError {
+    fn from(fault: MeshFault) -> Self {
+        Self::new(fault.to_string())
+    }
+}
+
+impl From<String> for ModelError {
+    fn from(what: String) -> Self {
+        Self::new(what)
+    }
+}
+
+impl From<&str> for ModelError {
+    fn from(what: &str) -> Self {
+        Self::new(what)
+    }
+}
+
+/// Reads a file as a scene. `add` parses the file's bytes and adds its contents to the scene.
+pub(crate) fn scene_of(
+    files: &dyn Files,
+    path: &Path,
+    add: impl FnOnce(&mut Scene, Vec<u8>, &Source) -> Result<(), ModelError>,
+) -> Result<Scene, ReadError> {
+    let source = Source { file: Arc::new(path.to_owned()), line: 0 };
+    let bytes = files.read(path).map_err(|e| unreadable(source.clone(), &e))?;
+    let name = path.file_stem().map_or_else(|| "model".to_owned(), |stem| stem.to_string_lossy().into_owned());
+    let mut scene = Scene { name, ..Scene::default() };
+    add(&mut scene, bytes, &source)
+        .map_err(|e| ReadError::invalid(Source { line: e.line.unwrap_or(0), ..source }, e.what))?;
+    Ok(scene)
+}
+
 /// Reads a model file as a scene with a default camera and light. `add` parses the file's bytes and adds the meshes to
 /// the scene.
 fn model_scene(
     files: &dyn Files,
     path: &Path,
     stage: studio::Stage,
-    add: impl FnOnce(&mut Scene, Vec<u8>, &Source) -> Result<(), ReadError>,
+    add: impl FnOnce(&mut Scene, Vec<u8>, &Source) -> Result<(), ModelError>,
 ) -> Result<Scene, ReadError> {
-    let source = Source { file: Arc::new(path.to_owned()), line: 0 };
-    let bytes = files.read(path).map_err(|e| unreadable(source.clone(), &e))?;
-    let name = path.file_stem().map_or_else(|| "model".to_owned(), |stem| stem.to_string_lossy().into_owned());
-    let mut scene = Scene { name, ..Scene::default() };
-    add(&mut scene, bytes, &source)?;
-    let bare = studio::Wanted { camera: true, sky: true, ground: true };
-    studio::set(&mut scene, stage, bare, &source).map_err(|what| ReadError::invalid(source, what))?;
-    Ok(scene)
+    scene_of(files, path, |scene, bytes, source| {
+        add(scene, bytes, source)?;
+        let bare = studio::Wanted { camera: true, sky: true, ground: true };
+        Ok(studio::set(scene, stage, bare, source)?)
+    })
 }
 
 /// Reflectance of surfaces without a material: 0.5.
 const GREY: Color = Color::Constant([0.5; 3]);
 
 fn add_material(scene: &mut Scene, name: &str, reflectance: Color, source: &Source) -> MaterialId {
-    let id = MaterialId(scene.materials.len() as u32);
-    scene.materials.push(Material::new(name, MaterialKind::Diffuse { reflectance }, source.clone()));
-    id
+    scene.add_material(Material::new(name, MaterialKind::Diffuse { reflectance }, source.clone()))
 }
 
-/// Adds a mesh in the default grey to a scene. `doubt`, a reason to suspect the file, becomes a warning.
-fn add_mesh(scene: &mut Scene, data: MeshData, doubt: Option<String>, source: &Source) {
+/// Adds a mesh in the default grey to a scene. A reason to suspect the file becomes a warning.
+fn add_mesh(scene: &mut Scene, mesh: ModelMesh, source: &Source) {
     let material = add_material(scene, "grey", GREY, source);
-    let geometry = Geometry::Mesh(Arc::new(data));
+    let geometry = Geometry::Mesh(Arc::new(mesh.data));
     scene.shapes.push(Shape::new(geometry, DAffine3::IDENTITY, material, source.clone()));
-    scene.notices.extend(doubt.map(|message| Notice::warning(source.clone(), message)));
+    mesh.doubt.into_iter().for_each(|message| scene.warn(source, message));
 }

@@ -11,8 +11,8 @@
 //! is an arm in its module.
 //!
 //! Files of pbrt-v2 and pbrt-v3 are read by the rules of their version, which is derived from the directives of the
-//! main file (not of included files): see `version`. Names of materials, media and objects may be defined after their
-//! use, as in pbrt-v4, and are resolved at the end (`late_names`).
+//! main file (not of included files): see `legacy`. Names of materials, media and objects may be defined after their
+//! use, as in pbrt-v4: see `names`.
 //!
 //! Colours are linear sRGB. A spectrum of a surface or a medium is converted under illuminant D65. In pbrt-v4, a
 //! light's spectrum or temperature gives only the light's colour, at luminance 1; `scale`, `power` or `illuminance` set
@@ -27,27 +27,23 @@
 mod colorimetry;
 mod diagnostics;
 mod directive;
-mod environments;
 mod images;
-mod late_names;
+mod legacy;
 mod lights;
 mod materials;
 mod media;
-mod objects;
-mod old_materials;
+mod names;
 mod options;
 mod params;
 mod reader;
 mod shapes;
 mod spectra;
-mod spectrum_files;
 mod state;
 mod subdivide;
 mod tessellate;
 mod textures;
 mod tokens;
 mod transforms;
-mod version;
 
 use crate::files::{Disk, Files};
 use crate::readers::{AnyOptions, SceneReader, Unsized};

@@ -1,16 +1,10 @@
-//! Materials and textures.
+//! Materials.
 
-use super::Source;
-use crate::image::Image;
-use std::sync::Arc;
+use super::{Color, Scalar, Source, TextureId};
 
 /// Index of a material in [`Scene::materials`](super::Scene::materials).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct MaterialId(pub u32);
-
-/// Index of a texture in [`Scene::textures`](super::Scene::textures).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct TextureId(pub u32);
 
 /// A material: its scattering, and the maps that tilt its shading normals.
 #[derive(Clone, Debug, PartialEq)]
@@ -138,6 +132,131 @@ pub enum MaterialKind {
     },
 }
 
+impl MaterialKind {
+    /// Returns a short name of the kind, such as "coated diffuse", for messages.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Diffuse { .. } => "diffuse",
+            Self::DiffuseTransmission { .. } => "diffuse transmission",
+            Self::Conductor { .. } => "conductor",
+            Self::Dielectric { .. } => "dielectric",
+            Self::ThinDielectric { .. } => "thin dielectric",
+            Self::CoatedDiffuse { .. } => "coated diffuse",
+            Self::CoatedConductor { .. } => "coated conductor",
+            Self::Mix { .. } => "mix",
+            Self::Interface => "interface",
+            Self::Mirror { .. } => "mirror",
+            Self::Plastic { .. } => "plastic",
+            Self::Substrate { .. } => "substrate",
+            Self::Layered { .. } => "layered",
+        }
+    }
+
+    /// Returns the non-diffuse lobes, which decide the effects that the material calls for.
+    pub(crate) fn lobes(&self) -> Vec<Lobe<'_>> {
+        let black = |color: &Color| *color == Color::Constant([0.0; 3]);
+        let reflecting = |what, roughness| Lobe { what, roughness: Some(roughness), refracts: false };
+        match self {
+            Self::Conductor { roughness, .. } => vec![reflecting("a metal", roughness)],
+            Self::Dielectric { reflectance, transmittance, .. } if black(reflectance) && black(transmittance) => {
+                Vec::new()
+            }
+            Self::Dielectric { roughness, .. } => {
+                vec![Lobe { what: "glass", roughness: Some(roughness), refracts: true }]
+            }
+            Self::ThinDielectric { .. } => vec![Lobe { what: "a pane", roughness: None, refracts: true }],
+            Self::CoatedDiffuse { coat, .. } => vec![reflecting("coated", &coat.roughness)],
+            Self::CoatedConductor { roughness, coat, .. } => {
+                vec![reflecting("coated", &coat.roughness), reflecting("a coated metal", roughness)]
+            }
+            Self::Mirror { reflectance } if black(reflectance) => Vec::new(),
+            Self::Mirror { .. } => vec![Lobe { what: "a mirror", roughness: None, refracts: false }],
+            Self::Plastic { specular, .. } if black(specular) => Vec::new(),
+            Self::Plastic { roughness, .. } => vec![reflecting("plastic", roughness)],
+            Self::Substrate { roughness, .. } => vec![reflecting("coated", roughness)],
+            Self::Layered { metallic, roughness, .. } => {
+                let metal = *metallic == Scalar::Constant(1.0);
+                vec![reflecting(if metal { "a metal" } else { "plastic" }, roughness)]
+            }
+            Self::Diffuse { .. } | Self::DiffuseTransmission { .. } | Self::Mix { .. } | Self::Interface => Vec::new(),
+        }
+    }
+
+    /// Calls `visit` with each parameter that a texture may give, colours first, and its use in messages. The colour
+    /// that the albedo depends on most is called "color".
+    pub(crate) fn each_parameter(&mut self, mut visit: impl FnMut(&'static str, Parameter<'_>)) {
+        let visit = &mut visit;
+        match self {
+            Self::Diffuse { reflectance } | Self::Mirror { reflectance } => {
+                visit("color", Parameter::Color(reflectance))
+            }
+            Self::DiffuseTransmission { reflectance, transmittance } => {
+                visit("color", Parameter::Color(reflectance));
+                visit("transmitted color", Parameter::Color(transmittance));
+            }
+            Self::Conductor { fresnel, roughness } => {
+                fresnel.each_parameter(visit);
+                roughness.each_parameter(visit);
+            }
+            Self::Dielectric { roughness, reflectance, transmittance, .. } => {
+                visit("color", Parameter::Color(reflectance));
+                visit("transmitted color", Parameter::Color(transmittance));
+                roughness.each_parameter(visit);
+            }
+            Self::CoatedDiffuse { reflectance, coat } => {
+                visit("color", Parameter::Color(reflectance));
+                visit("albedo of the coat", Parameter::Color(&mut coat.albedo));
+                coat.roughness.each_parameter(visit);
+            }
+            Self::CoatedConductor { fresnel, roughness, coat } => {
+                fresnel.each_parameter(visit);
+                visit("albedo of the coat", Parameter::Color(&mut coat.albedo));
+                coat.roughness.each_parameter(visit);
+                roughness.each_parameter(visit);
+            }
+            Self::Mix { amount, .. } => visit("share of a mix", Parameter::Scalar(amount)),
+            Self::Plastic { diffuse, specular, roughness } | Self::Substrate { diffuse, specular, roughness } => {
+                visit("color", Parameter::Color(diffuse));
+                visit("specular color", Parameter::Color(specular));
+                roughness.each_parameter(visit);
+            }
+            Self::Layered { base, metallic, roughness, .. } => {
+                visit("color", Parameter::Color(base));
+                roughness.each_parameter(visit);
+                visit("share of metal", Parameter::Scalar(metallic));
+            }
+            Self::ThinDielectric { .. } | Self::Interface => {}
+        }
+    }
+}
+
+/// A parameter of a material that a texture may give.
+pub(crate) enum Parameter<'m> {
+    Color(&'m mut Color),
+    Scalar(&'m mut Scalar),
+}
+
+/// A non-diffuse lobe of a material.
+pub(crate) struct Lobe<'m> {
+    /// The lobe's description for messages, such as "a metal".
+    pub(crate) what: &'static str,
+    /// Microfacet roughness of the lobe; `None` for a perfectly smooth lobe.
+    pub(crate) roughness: Option<&'m Roughness>,
+    /// True if the lobe transmits light.
+    pub(crate) refracts: bool,
+}
+
+impl Lobe<'_> {
+    /// Returns two flags: the lobe may be smooth, and the lobe may be rough. A textured roughness sets both.
+    pub(crate) fn smooth_or_rough(&self) -> [bool; 2] {
+        match self.roughness.map(Roughness::alpha) {
+            None => [true, false],
+            Some(None) => [true, true],
+            Some(Some(alpha)) => [effectively_smooth(alpha), !effectively_smooth(alpha)],
+        }
+    }
+}
+
 /// A clear coat of index of refraction 1.5, as in glTF.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClearCoat {
@@ -159,6 +278,14 @@ pub enum ConductorFresnel {
     },
     /// Reflectance at normal incidence; the real part of the index of refraction is 1.
     Reflectance(Color),
+}
+
+impl ConductorFresnel {
+    fn each_parameter(&mut self, visit: &mut impl FnMut(&'static str, Parameter<'_>)) {
+        if let Self::Reflectance(reflectance) = self {
+            visit("color", Parameter::Color(reflectance));
+        }
+    }
 }
 
 /// The parameters of a dielectric coat over another material, as in pbrt-v4.
@@ -199,15 +326,6 @@ pub struct Roughness {
     pub remap: bool,
 }
 
-/// A colour: constant, or a texture.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Color {
-    /// A constant colour, linear RGB.
-    Constant([f32; 3]),
-    /// A texture that gives the colour.
-    Texture(TextureId),
-}
-
 /// Smallest microfacet width (alpha) of a rough surface, as in pbrt-v4. A surface of smaller width is treated as
 /// smooth.
 pub const SMOOTH_ALPHA: f32 = 1e-3;
@@ -237,77 +355,15 @@ impl Roughness {
             _ => None,
         }
     }
-}
 
-/// A number: constant, or the first channel of a texture whose channels are equal.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Scalar {
-    /// A constant value.
-    Constant(f32),
-    /// The first channel of a texture.
-    Texture(TextureId),
-}
+    /// Returns the microfacet widths (alpha) along u and v; `None` if a texture sets either.
+    pub(crate) fn alpha(&self) -> Option<[f32; 2]> {
+        let alpha = |r| if self.remap { roughness_to_alpha(r) } else { r };
+        self.constants().map(|r| r.map(alpha))
+    }
 
-/// A texture with its name and its place in the file.
-#[derive(Clone, Debug)]
-pub struct Texture {
-    /// The texture's name in the file.
-    pub name: String,
-    /// The kind of texture, with its parameters.
-    pub kind: TextureKind,
-    /// File and line of the texture, for messages.
-    pub source: Source,
-}
-
-/// The kind of a texture.
-#[derive(Clone, Debug)]
-pub enum TextureKind {
-    /// A checkerboard in texture coordinates.
-    Checkerboard {
-        /// Factors of u and v, applied before the shift.
-        scale: [f32; 2],
-        /// Offsets added to u and v after `scale`.
-        shift: [f32; 2],
-        /// The colour where `floor(u) + floor(v)` is even, and the colour where it is odd.
-        colors: [Color; 2],
-    },
-    /// An image, interpolated bilinearly. `v = 0` is its bottom edge, `u = 0` its left edge.
-    Image {
-        /// The image, decoded to linear RGB, top row first.
-        image: Arc<Image>,
-        /// Factors of u and v, applied before the shift.
-        scale: [f32; 2],
-        /// Offsets added to u and v after `scale`.
-        shift: [f32; 2],
-        /// Factor applied to every pixel value.
-        factor: f32,
-        /// True if each value, after `factor`, is subtracted from 1; negative results become 0.
-        invert: bool,
-        /// The values beyond the edges of the image.
-        wrap: Wrap,
-    },
-    /// The product of two colours or textures.
-    Product {
-        /// The two factors.
-        factors: [Color; 2],
-    },
-    /// A linear interpolation between two colours or textures.
-    Mix {
-        /// The colour at `amount` 0 and the colour at `amount` 1.
-        colors: [Color; 2],
-        /// Weight of the second colour, 0 to 1.
-        amount: Scalar,
-    },
-}
-
-/// The values of an image texture beyond the edges of its image.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Wrap {
-    /// The image repeats.
-    #[default]
-    Repeat,
-    /// Black outside the image.
-    Black,
-    /// The value of the nearest pixel of the image.
-    Clamp,
+    fn each_parameter(&mut self, visit: &mut impl FnMut(&'static str, Parameter<'_>)) {
+        visit("roughness", Parameter::Scalar(&mut self.u));
+        visit("roughness", Parameter::Scalar(&mut self.v));
+    }
 }

@@ -64,6 +64,17 @@ pub enum Geometry {
     },
 }
 
+impl Geometry {
+    /// Returns a short name of the geometry, such as "sphere", for messages.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Mesh(_) => "mesh",
+            Self::Sphere { .. } => "sphere",
+            Self::Disk { .. } => "disk",
+        }
+    }
+}
+
 /// Index of an object in [`Scene::objects`](super::Scene::objects).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ObjectId(pub u32);

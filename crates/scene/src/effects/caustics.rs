@@ -1,9 +1,8 @@
 //! Caustics of small lights, which a path tracer finds by chance only.
 
-use super::materials::lobes;
+use super::lights::{Bounds, LampShape, LightNumber, powers};
 use super::visible::Visible;
 use super::{Called, Effect};
-use crate::description::light_power::{Bounds, LampShape, LightNumber, powers};
 use crate::{Geometry, MaterialId, MaterialKind, Scene, Shape, Source};
 use glam::DVec3;
 
@@ -13,12 +12,13 @@ const SMALL: f64 = 1e-3;
 /// Fraction of the total power of all lights below which a light does not count.
 const WORTH: f64 = 0.01;
 
-pub(super) fn found_by_chance(scene: &Scene, visible: &Visible<'_>) -> Option<Called> {
+pub(super) fn found_by_chance(visible: &Visible<'_>) -> Option<Called> {
+    let scene = visible.scene;
     // One event is the refraction; another one scatters the light to the camera.
     if scene.max_depth.is_some_and(|d| d < 2) {
         return None;
     }
-    let refracting = refracting(scene, visible);
+    let refracting = refracting(visible);
     let lights = powers(scene);
     let least = WORTH * lights.iter().map(|(_, power)| power).sum::<f64>();
     let mut found: Option<Called> = None;
@@ -55,7 +55,8 @@ struct Glass<'s> {
     centre: DVec3,
 }
 
-fn refracting<'s>(scene: &'s Scene, visible: &Visible<'s>) -> Vec<Glass<'s>> {
+fn refracting<'s>(visible: &Visible<'s>) -> Vec<Glass<'s>> {
+    let scene = visible.scene;
     let mut found = Vec::new();
     let mut look = |shape: &'s Shape, to_world| {
         let Some(name) = smooth_glass(scene, shape.material) else { return };
@@ -82,7 +83,7 @@ fn smooth_glass(scene: &Scene, id: MaterialId) -> Option<&str> {
         let Some(material) = scene.materials.get(number).filter(|_| !std::mem::replace(&mut seen[number], true)) else {
             continue;
         };
-        if lobes(&material.kind).iter().any(|lobe| lobe.refracts && lobe.smooth_or_rough()[0]) {
+        if material.kind.lobes().iter().any(|lobe| lobe.refracts && lobe.smooth_or_rough()[0]) {
             return Some(&material.name);
         }
         if let MaterialKind::Mix { materials, .. } = &material.kind {

@@ -1,38 +1,274 @@
-//! Effects that lights call for.
+//! Effects of lights: soft shadows, several lights, environments. Sizes and powers of lights.
 
-use super::{Effect, Effects};
-use crate::description::light_power::LampShape;
-use crate::{Geometry, Scene};
+use super::Found;
+use super::visible::Visible;
+use crate::{Emission, Geometry, Light, LightKind, Scene, Shape, Source, SpotFalloff};
+use dapple_core::luminance;
+use glam::{DAffine3, DMat3, DVec3};
+use std::f64::consts::PI;
 
-impl Effects {
-    pub(super) fn add_lights(&mut self, scene: &Scene) {
-        let mut sources = Vec::new();
-        for shape in &scene.shapes {
-            let Some(lamp) = LampShape::of(shape) else { continue };
-            let because = || {
-                let sides = if lamp.emission.two_sided { " from both sides" } else { "" };
-                match &shape.geometry {
-                    Geometry::Mesh(mesh) => format!("a mesh of {} triangles shines{sides}", mesh.triangles.len()),
-                    Geometry::Sphere { .. } => format!("a sphere shines{sides}"),
-                    Geometry::Disk { .. } => format!("a disk shines{sides}"),
-                }
-            };
-            self.add(Effect::SoftShadows, because, &shape.source);
-            sources.push(&shape.source);
-        }
-        for light in scene.lights.iter().filter(|l| l.kind.shines()) {
-            if let Some(radiance) = light.kind.environment() {
-                let because = || match radiance.image() {
-                    Some(image) => format!("an image of {}x{} surrounds the scene", image.size[0], image.size[1]),
-                    None => "the same light comes from everywhere".into(),
-                };
-                self.add(Effect::Environment, because, &light.source);
+/// Least length of a lamp's mean normal at which the lamp counts as flat and is replaced by spots, not by a point.
+const FLAT: f64 = 0.9;
+
+pub(super) fn find_lamps(visible: &Visible<'_>, found: &mut Found) {
+    for shape in &visible.scene.shapes {
+        let Some(lamp) = LampShape::of(shape) else { continue };
+        let because = || {
+            let sides = if lamp.emission.two_sided { " from both sides" } else { "" };
+            match &shape.geometry {
+                Geometry::Mesh(mesh) => format!("a mesh of {} triangles shines{sides}", mesh.triangles.len()),
+                geometry => format!("a {} shines{sides}", geometry.name()),
             }
-            sources.push(&light.source);
+        };
+        found.add(because, &shape.source);
+    }
+}
+
+/// Replaces each lamp by lights without extent.
+pub(super) fn shrink_lamps(scene: &mut Scene) {
+    let lamp = |shape: &Shape| LampShape::of(shape).map(|lamp| (lamp, shape.source.clone()));
+    let lamps: Vec<_> = scene.shapes.iter().filter_map(lamp).collect();
+    scene.shapes.retain(|shape| LampShape::of(shape).is_none());
+    for (lamp, source) in lamps {
+        let points = point_lights(&lamp).into_iter();
+        scene.lights.extend(points.map(|(kind, to_world)| Light { kind, to_world, source: source.clone() }));
+    }
+}
+
+/// Returns the lights without extent that replace a lamp, each with its light-to-world transform.
+fn point_lights(lamp: &LampShape) -> Vec<(LightKind, DAffine3)> {
+    if lamp.facing.length() < FLAT {
+        let intensity = lamp.power().map(|p| (p / (4.0 * std::f64::consts::PI)) as f32);
+        return vec![(LightKind::Point { intensity }, DAffine3::from_translation(lamp.centre))];
+    }
+    let intensity = lamp.emission.radiance.map(|l| (f64::from(l) * lamp.area) as f32);
+    let kind = LightKind::Spot { intensity, cone: 90.0, falloff_start: 0.0, falloff: SpotFalloff::Smoothstep };
+    let axis = lamp.facing.normalize();
+    let directions = if lamp.emission.two_sided { vec![axis, -axis] } else { vec![axis] };
+    directions.into_iter().map(|axis| (kind.clone(), along(axis, lamp.centre))).collect()
+}
+
+/// Returns the transform to world space from a space with this origin whose +z axis is the unit vector `axis`.
+fn along(axis: DVec3, origin: DVec3) -> DAffine3 {
+    let x = axis.any_orthonormal_vector();
+    DAffine3 { matrix3: DMat3::from_cols(x, axis.cross(x), axis), translation: origin }
+}
+
+/// Finds the second light, if there is one; all lights together count.
+pub(super) fn find_several(visible: &Visible<'_>, found: &mut Found) {
+    let lamps = visible.scene.shapes.iter().filter(|shape| LampShape::of(shape).is_some()).map(|shape| &shape.source);
+    let lights = visible.scene.lights.iter().filter(|light| light.kind.shines()).map(|light| &light.source);
+    let sources: Vec<&Source> = lamps.chain(lights).collect();
+    if let Some(second) = sources.get(1) {
+        found.add(|| format!("the second of {} lights", sources.len()), second);
+        found.objects = sources.len();
+    }
+}
+
+pub(super) fn keep_strongest(scene: &mut Scene) {
+    let stronger = |best: (LightNumber, f64), next: (LightNumber, f64)| if next.1 > best.1 { next } else { best };
+    let kept = powers(scene).into_iter().reduce(stronger).map(|(light, _)| light);
+    for (i, shape) in scene.shapes.iter_mut().enumerate() {
+        if kept != Some(LightNumber::Shape(i)) {
+            shape.emission = None;
         }
-        if let Some(second) = sources.get(1) {
-            self.add(Effect::SeveralLights, || format!("the second of {} lights", sources.len()), second);
-            self.count(Effect::SeveralLights, sources.len());
+    }
+    let mut number = 0..;
+    scene.lights.retain(|_| kept == number.next().map(LightNumber::Light));
+}
+
+pub(super) fn find_environments(visible: &Visible<'_>, found: &mut Found) {
+    for light in visible.scene.lights.iter().filter(|light| light.kind.shines()) {
+        let Some(radiance) = light.kind.environment() else { continue };
+        let because = || match radiance.image() {
+            Some(image) => format!("an image of {}x{} surrounds the scene", image.size[0], image.size[1]),
+            None => "the same light comes from everywhere".into(),
+        };
+        found.add(because, &light.source);
+    }
+}
+
+/// The size and emission of a shape that emits light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct LampShape {
+    /// The emitted radiance, and the number of emitting sides.
+    pub(super) emission: Emission,
+    /// Area of one emitting side, in square units of the file's world space.
+    pub(super) area: f64,
+    /// Area-weighted centroid of the shape, in the file's world space.
+    pub(super) centre: DVec3,
+    /// Area-weighted mean of the unit normals: of length 1 for a flat shape, 0 for a closed one.
+    pub(super) facing: DVec3,
+}
+
+impl LampShape {
+    /// Returns the size and emission of a shape in its first pose; `None` if the shape emits no light or has no area.
+    pub(super) fn of(shape: &Shape) -> Option<Self> {
+        let emission = shape.emission.filter(|e| e.radiance != [0.0; 3])?;
+        let (area, centre, facing) = match &shape.geometry {
+            Geometry::Mesh(_) => mesh(shape)?,
+            Geometry::Sphere { radius } => {
+                // Validation refuses stretched spheres elsewhere.
+                let scale = shape.to_world.matrix3.determinant().abs().cbrt();
+                (4.0 * PI * (radius * scale).powi(2), shape.to_world.translation, DVec3::ZERO)
+            }
+            Geometry::Disk { height, radius, inner_radius } => {
+                let matrix = shape.to_world.matrix3;
+                let across = matrix.x_axis.cross(matrix.y_axis);
+                let area = PI * (radius * radius - inner_radius * inner_radius) * across.length();
+                let side = side(shape) * matrix.determinant().signum();
+                let centre = shape.to_world.transform_point3(DVec3::new(0.0, 0.0, *height));
+                (area, centre, across.normalize_or_zero() * side)
+            }
+        };
+        // NaN passes here; validation rejects it later.
+        (area != 0.0).then_some(Self { emission, area, centre, facing })
+    }
+
+    /// Returns the radiant power, RGB: `pi * area * radiance` for each emitting side.
+    pub(super) fn power(&self) -> [f64; 3] {
+        let sides = if self.emission.two_sided { 2.0 } else { 1.0 };
+        self.emission.radiance.map(|l| PI * self.area * f64::from(l) * sides)
+    }
+}
+
+fn side(shape: &Shape) -> f64 {
+    if shape.reversed { -1.0 } else { 1.0 }
+}
+
+/// Returns area, centroid and mean normal of a mesh in world space; `None` for area 0.
+fn mesh(shape: &Shape) -> Option<(f64, DVec3, DVec3)> {
+    let Geometry::Mesh(mesh) = &shape.geometry else { return None };
+    let (mut area, mut moment, mut facing) = (0.0, DVec3::ZERO, DVec3::ZERO);
+    // A mirroring transform reverses the winding, but not the normal.
+    let side = side(shape) * shape.to_world.matrix3.determinant().signum();
+    let turn = shape.to_world.matrix3.inverse().transpose();
+    for triangle in &mesh.triangles {
+        let corner = |i: usize| mesh.positions.get(triangle[i] as usize).copied().unwrap_or(DVec3::NAN);
+        let [a, b, c] = [0, 1, 2].map(|i| shape.to_world.transform_point3(corner(i)));
+        let mut normal = (b - a).cross(c - a) * 0.5 * side;
+        let shading = triangle.iter().filter_map(|&v| mesh.normals.get(v as usize));
+        let shading: DVec3 = shading.map(|n| turn * DVec3::from(n.map(f64::from)) * self::side(shape)).sum();
+        if normal.dot(shading) < 0.0 {
+            normal = -normal;
         }
+        let size = normal.length();
+        area += size;
+        moment += (a + b + c) / 3.0 * size;
+        facing += normal;
+    }
+    (area != 0.0).then(|| (area, moment / area, facing / area))
+}
+
+/// The index of a light in its scene: an emitting shape, or a light that is not a shape.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum LightNumber {
+    /// An emitting shape, by its index in [`Scene::shapes`].
+    Shape(usize),
+    /// A light that is not a shape, by its index in [`Scene::lights`].
+    Light(usize),
+}
+
+/// Returns every light that is not black, with the luminance of its radiant power. The power of an infinitely far light
+/// is what enters the scene's bounding sphere. The renderer's light selection by power uses the same weights within
+/// rounding.
+pub(super) fn powers(scene: &Scene) -> Vec<(LightNumber, f64)> {
+    let lamp = |(i, shape)| LampShape::of(shape).map(|lamp| (LightNumber::Shape(i), luminance(lamp.power())));
+    let mut found: Vec<_> = scene.shapes.iter().enumerate().filter_map(lamp).collect();
+    let disk = PI * radius(scene).powi(2);
+    let lights = scene.lights.iter().enumerate().filter(|(_, l)| l.kind.shines());
+    found.extend(lights.map(|(i, light)| (LightNumber::Light(i), light.kind.power(disk))));
+    found
+}
+
+/// Returns the radius of a sphere around the scene: half the diagonal of its bounds; 0 for an empty scene.
+fn radius(scene: &Scene) -> f64 {
+    let mut bounds = Bounds::default();
+    scene.shapes.iter().for_each(|s| bounds.grow(&s.geometry, s.to_world));
+    for instance in &scene.instances {
+        let shapes = scene.objects.get(instance.object.0 as usize).into_iter().flat_map(|o| &o.shapes);
+        shapes.for_each(|s| bounds.grow(&s.geometry, instance.to_world * s.to_world));
+    }
+    bounds.diagonal() * 0.5
+}
+
+/// An axis-aligned bounding box.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bounds {
+    low: DVec3,
+    high: DVec3,
+}
+
+impl Default for Bounds {
+    fn default() -> Self {
+        Self { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY }
+    }
+}
+
+impl Bounds {
+    /// Extends the box to include a shape's geometry, transformed by `to_world`.
+    pub(super) fn grow(&mut self, geometry: &Geometry, to_world: DAffine3) {
+        let mut take = |p: DVec3| {
+            let p = to_world.transform_point3(p);
+            (self.low, self.high) = (self.low.min(p), self.high.max(p));
+        };
+        let (half, height) = match geometry {
+            Geometry::Mesh(mesh) => return mesh.positions.iter().for_each(|&p| take(p)),
+            Geometry::Sphere { radius } => (DVec3::splat(*radius), 0.0),
+            Geometry::Disk { height, radius, .. } => (DVec3::new(*radius, *radius, 0.0), *height),
+        };
+        for corner in 0..8 {
+            let sign = |bit: u32| if corner >> bit & 1 == 1 { 1.0 } else { -1.0 };
+            take(half * DVec3::new(sign(0), sign(1), sign(2)) + DVec3::new(0.0, 0.0, height));
+        }
+    }
+
+    /// Returns the centre of the box.
+    pub(super) fn centre(&self) -> DVec3 {
+        (self.low + self.high) * 0.5
+    }
+
+    fn diagonal(&self) -> f64 {
+        let diagonal = (self.high - self.low).length();
+        if diagonal.is_finite() { diagonal } else { 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{MaterialId, MeshData, Source};
+    use std::sync::Arc;
+
+    fn lamp(geometry: Geometry, to_world: DAffine3) -> LampShape {
+        let mut shape = Shape::new(geometry, to_world, MaterialId(0), Source::default());
+        assert_eq!(LampShape::of(&shape), None, "dark");
+        shape.emission = Some(Emission { radiance: [1.0, 2.0, 3.0], two_sided: false });
+        LampShape::of(&shape).expect("it shines")
+    }
+
+    #[test]
+    fn areas_middles_and_sides() {
+        let at = DAffine3::from_translation(DVec3::new(1.0, 2.0, 3.0)) * DAffine3::from_scale(DVec3::splat(2.0));
+        let sphere = lamp(Geometry::Sphere { radius: 0.5 }, at);
+        assert!((sphere.area - 4.0 * PI).abs() < 1e-12 && sphere.facing == DVec3::ZERO);
+        assert_eq!(sphere.centre, DVec3::new(1.0, 2.0, 3.0));
+        let disk = lamp(Geometry::Disk { height: 1.0, radius: 0.5, inner_radius: 0.25 }, at);
+        assert!((disk.area - PI * (1.0 - 0.25)).abs() < 1e-12, "{disk:?}");
+        assert_eq!((disk.centre, disk.facing), (DVec3::new(1.0, 2.0, 5.0), DVec3::Z));
+
+        // Two triangles of areas 2 and 1, of which the middle is nearer to the larger.
+        let positions = [[0.0, 0.0], [2.0, 0.0], [0.0, 2.0], [3.0, 0.0], [4.0, 0.0], [3.0, 2.0]];
+        let positions = positions.map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec();
+        let triangles = vec![[0, 1, 2], [3, 4, 5]];
+        let mesh = Geometry::Mesh(Arc::new(MeshData { positions, triangles, ..MeshData::default() }));
+        let flat = lamp(mesh.clone(), DAffine3::IDENTITY);
+        assert!((flat.area - 3.0).abs() < 1e-12 && (flat.facing - DVec3::Z).length() < 1e-12, "{flat:?}");
+        let middle = (2.0 * DVec3::new(2.0, 2.0, 0.0) + DVec3::new(10.0, 2.0, 0.0)) / 9.0;
+        assert!((flat.centre - middle).length() < 1e-12, "{flat:?}");
+        // A mirror does not turn the side.
+        let mirrored = lamp(mesh, DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0)));
+        assert!((mirrored.facing - DVec3::Z).length() < 1e-12, "{mirrored:?}");
+        assert!((flat.power()[1] - 6.0 * PI).abs() < 1e-12);
     }
 }

@@ -1,17 +1,18 @@
 //! The visible part of a scene: objects that can affect its image.
 
-use crate::{Color, Instance, MaterialId, MaterialKind, MediumId, Scalar, Scene, Shape};
+use crate::{Instance, Material, MaterialId, MaterialKind, Medium, MediumId, Scalar, Scene, Shape};
 
 /// The shapes, instances, materials and media of a scene that can affect its image.
 pub(super) struct Visible<'s> {
+    pub(super) scene: &'s Scene,
     /// Shapes placed in the world, directly or through an instance, each once.
     pub(super) shapes: Vec<&'s Shape>,
     /// Instances of objects that have shapes.
     pub(super) instances: Vec<&'s Instance>,
     /// True for each material that a visible shape uses, directly or in a mix. Indexed by material.
-    pub(super) materials: Vec<bool>,
+    materials: Vec<bool>,
     /// True for each medium that borders on a visible shape or surrounds the camera. Indexed by medium.
-    pub(super) media: Vec<bool>,
+    media: Vec<bool>,
 }
 
 impl<'s> Visible<'s> {
@@ -26,6 +27,7 @@ impl<'s> Visible<'s> {
         let objects = scene.objects.iter().zip(stands).filter_map(|(object, stands)| stands.then_some(object));
         let shapes: Vec<_> = scene.shapes.iter().chain(objects.flat_map(|o| &o.shapes)).collect();
         let mut visible = Self {
+            scene,
             shapes,
             instances,
             materials: vec![false; scene.materials.len()],
@@ -33,12 +35,22 @@ impl<'s> Visible<'s> {
         };
         for i in 0..visible.shapes.len() {
             let shape = visible.shapes[i];
-            visible.wear(scene, shape.material);
+            visible.wear(shape.material);
             let sides = shape.media.map(|m| [m.inside, m.outside]);
             sides.into_iter().flatten().flatten().for_each(|m| visible.border(m));
         }
         scene.camera.medium.into_iter().for_each(|m| visible.border(m));
         visible
+    }
+
+    /// Returns the materials that a visible shape uses.
+    pub(super) fn materials(&self) -> impl Iterator<Item = &'s Material> {
+        self.scene.materials.iter().zip(&self.materials).filter_map(|(material, worn)| worn.then_some(material))
+    }
+
+    /// Returns the media that border on a visible shape or surround the camera.
+    pub(super) fn media(&self) -> impl Iterator<Item = &'s Medium> {
+        self.scene.media.iter().zip(&self.media).filter_map(|(medium, used)| used.then_some(medium))
     }
 
     fn border(&mut self, medium: MediumId) {
@@ -48,14 +60,14 @@ impl<'s> Visible<'s> {
     }
 
     /// Marks a material and the materials that it mixes as visible. Skips marked materials, so that circular mixes end.
-    fn wear(&mut self, scene: &Scene, first: MaterialId) {
+    fn wear(&mut self, first: MaterialId) {
         let mut waiting = vec![first];
         while let Some(id) = waiting.pop() {
             match self.materials.get_mut(id.0 as usize) {
                 Some(visible) if !*visible => *visible = true,
                 _ => continue,
             }
-            if let MaterialKind::Mix { materials, amount } = &scene.materials[id.0 as usize].kind {
+            if let MaterialKind::Mix { materials, amount } = &self.scene.materials[id.0 as usize].kind {
                 waiting.extend(mixed(materials, *amount));
             }
         }
@@ -70,30 +82,4 @@ fn mixed(materials: &[MaterialId; 2], amount: Scalar) -> impl Iterator<Item = Ma
     };
     let [first, second] = *materials;
     (!without_first).then_some(first).into_iter().chain((!without_second).then_some(second))
-}
-
-/// Returns a shape's opacity as text; `None` if the opacity is 1 everywhere.
-pub(super) fn holes(shape: &Shape) -> Option<String> {
-    match shape.alpha? {
-        Scalar::Constant(alpha) if alpha >= 1.0 => None,
-        Scalar::Constant(alpha) => Some(alpha.to_string()),
-        Scalar::Texture(_) => Some("a texture".into()),
-    }
-}
-
-/// Returns true if a shape scatters no light: a black diffuse surface, or an interface between media.
-pub(super) fn is_black(scene: &Scene, shape: &Shape) -> bool {
-    match scene.materials.get(shape.material.0 as usize).map(|m| &m.kind) {
-        Some(MaterialKind::Diffuse { reflectance }) => *reflectance == Color::Constant([0.0; 3]),
-        Some(MaterialKind::Interface) => true,
-        _ => false,
-    }
-}
-
-/// Returns the times at which motion starts and ends. Equal times mean an end of start + 1.
-pub(super) fn motion_span(scene: &Scene) -> [f64; 2] {
-    match scene.motion_times {
-        [first, second] if first == second => [first, first + 1.0],
-        span => span,
-    }
 }

@@ -2,7 +2,7 @@
 
 use super::nodes::{Placed, rigid};
 use super::{Fault, named};
-use crate::{Camera, FilmSettings, Light, LightKind, Notice, Projection, Scene, Source, SpotFalloff};
+use crate::{Camera, FilmSettings, Light, LightKind, Projection, Scene, Source, SpotFalloff};
 use ::gltf::json::camera::{Orthographic, Perspective};
 use ::gltf::khr_lights_punctual::Kind;
 use ::gltf::{Document, json};
@@ -26,8 +26,7 @@ pub(super) fn add(scene: &mut Scene, document: &Document, placed: &[Placed<'_>],
         let power = light.color().map(|c| c * light.intensity() / LUMENS_PER_WATT);
         let lit = power.iter().all(|c| c.is_finite() && *c >= 0.0) && power.iter().any(|c| *c > 0.0);
         let (Some(pose), true) = (rigid(*to_world), lit) else {
-            let message = format!("{name} has no light or no direction; left out");
-            scene.notices.push(Notice::warning(source.clone(), message));
+            scene.warn(source, format!("{name} has no light or no direction; left out"));
             continue;
         };
         let (kind, to_world) = match light.kind() {
@@ -58,8 +57,7 @@ pub(super) fn set_camera(
     let name = named("camera", camera.index(), camera.name());
     let others: Vec<String> = cameras.map(|(c, _)| named("camera", c.index(), c.name())).collect();
     if !others.is_empty() {
-        let message = format!("{name} is used; left out: {}", others.join(", "));
-        scene.notices.push(Notice::warning(source.clone(), message));
+        scene.warn(source, format!("{name} is used; left out: {}", others.join(", ")));
     }
     let pose = rigid(at.to_world).ok_or_else(|| format!("{name}: its node has no direction; export the file again"))?;
     let json: &json::Camera = &document.as_json().cameras[camera.index()];

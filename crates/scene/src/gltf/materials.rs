@@ -7,7 +7,7 @@ use crate::files::Files;
 use crate::image::Image;
 use crate::{
     ClearCoat, Color, ConductorFresnel, Emission, Material, MaterialId, MaterialKind, Medium, MediumId,
-    MediumInterface, MeshData, Notice, Roughness, Scalar, Scene, Source,
+    MediumInterface, MeshData, Roughness, Scalar, Scene, Source,
 };
 use ::gltf::Document;
 use ::gltf::material::{AlphaMode, Material as GltfMaterial};
@@ -71,7 +71,7 @@ impl<'a> Materials<'a> {
         let surface = match material.index() {
             None => {
                 let kind = MaterialKind::Diffuse { reflectance: Color::Constant(BARE) };
-                let id = self.push(scene, Material::new("bare", kind, self.source.clone()));
+                let id = scene.add_material(Material::new("bare", kind, self.source.clone()));
                 Surface { material: id, emission: None, alpha: None, media: None, uv_set: 0, glow: None }
             }
             Some(index) => self.surface(scene, material, named("material", index, material.name()))?,
@@ -102,8 +102,7 @@ impl<'a> Materials<'a> {
             None => self.alpha(scene, material),
             Some(_) if material.alpha_mode() == AlphaMode::Opaque => None,
             Some(_) => {
-                let message = format!("{}: shines, so that its opacity is left out", look.name);
-                scene.notices.push(Notice::warning(self.source.clone(), message));
+                scene.warn(self.source, format!("{}: shines, so that its opacity is left out", look.name));
                 None
             }
         };
@@ -119,8 +118,7 @@ impl<'a> Materials<'a> {
         sets.extend(material.normal_texture().map(|normal| Use::of_normals(&normal).set));
         let first = sets.first().copied().unwrap_or(0);
         if sets.iter().any(|set| *set != first) {
-            let message = format!("{name}: all of its textures use set {first} of texture coordinates");
-            scene.notices.push(Notice::warning(self.source.clone(), message));
+            scene.warn(self.source, format!("{name}: all of its textures use set {first} of texture coordinates"));
         }
         first
     }
@@ -188,8 +186,7 @@ impl<'a> Materials<'a> {
         }
         let textures = ["clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture"];
         if textures.iter().any(|key| coat.get(key).is_some()) {
-            let message = format!("{}: the textures of its clear coat are left out", look.name);
-            scene.notices.push(Notice::warning(self.source.clone(), message));
+            scene.warn(self.source, format!("{}: the textures of its clear coat are left out", look.name));
         }
         Some(ClearCoat { amount, alpha: rough * rough })
     }
@@ -199,8 +196,7 @@ impl<'a> Materials<'a> {
         let ratio = (look.ior - 1.0) / (look.ior + 1.0);
         let Some(specular) = material.specular() else { return ([ratio * ratio; 3], 1.0) };
         if specular.specular_texture().is_some() || specular.specular_color_texture().is_some() {
-            let message = format!("{}: the textures of its specular reflection are left out", look.name);
-            scene.notices.push(Notice::warning(self.source.clone(), message));
+            scene.warn(self.source, format!("{}: the textures of its specular reflection are left out", look.name));
         }
         let strength = share(specular.specular_factor());
         (specular.specular_color_factor().map(|c| share(ratio * ratio * c) * strength), strength)
@@ -237,12 +233,7 @@ impl<'a> Materials<'a> {
 
     fn add(&self, scene: &mut Scene, look: &Look, kind: MaterialKind) -> MaterialId {
         let material = Material::new(look.name.clone(), kind, self.source.clone());
-        self.push(scene, Material { normal_map: look.normal_map, ..material })
-    }
-
-    fn push(&self, scene: &mut Scene, material: Material) -> MaterialId {
-        scene.materials.push(material);
-        MaterialId(scene.materials.len() as u32 - 1)
+        scene.add_material(Material { normal_map: look.normal_map, ..material })
     }
 
     fn alpha(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>) -> Option<Scalar> {
@@ -266,8 +257,10 @@ impl<'a> Materials<'a> {
     fn medium(&self, scene: &mut Scene, material: &GltfMaterial<'_>, name: &str) -> Option<MediumInterface> {
         let volume = material.volume().filter(|volume| volume.thickness_factor() > 0.0)?;
         if volume.thickness_texture().is_some() {
-            let message = format!("{name}: its texture of thickness is left out; light goes through the mesh as it is");
-            scene.notices.push(Notice::warning(self.source.clone(), message));
+            scene.warn(
+                self.source,
+                format!("{name}: its texture of thickness is left out; light goes through the mesh as it is"),
+            );
         }
         let distance = volume.attenuation_distance();
         let absorption = volume.attenuation_color().map(|c| -libm::logf(c.clamp(1e-6, 1.0)) / distance);

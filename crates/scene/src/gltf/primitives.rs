@@ -5,7 +5,7 @@ use super::materials::{Materials, Surface};
 use super::nodes::Placed;
 use super::{Fault, named};
 use crate::files::Files;
-use crate::{Geometry, Instance, MeshData, Notice, Object, ObjectId, Scene, Shape, Source};
+use crate::{Geometry, Instance, MeshData, Object, ObjectId, Scene, Shape, Source};
 use ::gltf::mesh::{Mode, Primitive, Semantic};
 use ::gltf::{Accessor, Document, Mesh, Node};
 use glam::{DAffine3, DMat4, DVec3};
@@ -59,8 +59,8 @@ impl<'a> Shapes<'a> {
                 continue;
             }
             if to_world.matrix3.determinant() == 0.0 {
-                let message = format!("{} has no extent; left out", named("node", node.index(), node.name()));
-                self.scene.notices.push(Notice::warning(self.source.clone(), message));
+                self.scene
+                    .warn(self.source, format!("{} has no extent; left out", named("node", node.index(), node.name())));
                 continue;
             }
             if !self.meshes.contains_key(&mesh.index()) {
@@ -121,8 +121,7 @@ impl<'a> Shapes<'a> {
         for primitive in mesh.primitives() {
             let name = format!("{}, part {}", named("mesh", mesh.index(), mesh.name()), primitive.index());
             if matches!(primitive.mode(), Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
-                let message = format!("{name} consists of points or lines; left out");
-                self.scene.notices.push(Notice::warning(self.source.clone(), message));
+                self.scene.warn(self.source, format!("{name} consists of points or lines; left out"));
                 continue;
             }
             let surface = self.materials.of(self.scene, &primitive.material())?;
@@ -132,13 +131,14 @@ impl<'a> Shapes<'a> {
                 continue;
             }
             if let Some(count) = data.mend_normals() {
-                let message = format!("{name}: {count} normals are not finite; the faces' own stand for them");
-                self.scene.notices.push(Notice::warning(self.source.clone(), message));
+                self.scene.warn(
+                    self.source,
+                    format!("{name}: {count} normals are not finite; the faces' own stand for them"),
+                );
             }
             data.check().map_err(|e| format!("{name}: {e}"))?;
             if primitive.get(&Semantic::Colors(0)).is_some() {
-                let message = format!("{name}: vertex colours are left out");
-                self.scene.notices.push(Notice::warning(self.source.clone(), message));
+                self.scene.warn(self.source, format!("{name}: vertex colours are left out"));
             }
             for (data, surface) in self.materials.lit_parts(data, surface) {
                 parts.push(Part { geometry: Arc::new(data), surface });

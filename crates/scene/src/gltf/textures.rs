@@ -4,7 +4,7 @@ use super::buffers::{Buffers, beside, read_uri};
 use super::named;
 use crate::files::Files;
 use crate::image::{Encoding, Image, read_image};
-use crate::{Color, Notice, Scalar, Scene, Source, Texture, TextureId, TextureKind, Wrap};
+use crate::{Color, Notice, Scalar, Scene, Source, TextureId, TextureKind, Wrap};
 use ::gltf::json::texture::WrappingMode;
 use ::gltf::material::NormalTexture;
 use ::gltf::texture::{Info, TextureTransform};
@@ -107,7 +107,7 @@ impl<'a> Images<'a> {
             Some(id) if even => Color::Texture(id),
             Some(id) => {
                 let kind = TextureKind::Product { factors: [Color::Constant(factor), Color::Texture(id)] };
-                Color::Texture(self.push(scene, "product".into(), kind))
+                Color::Texture(scene.add_texture("product", kind, self.source))
             }
         }
     }
@@ -135,7 +135,7 @@ impl<'a> Images<'a> {
         let wrap = if wrap[0] == WrappingMode::ClampToEdge { Wrap::Clamp } else { Wrap::Repeat };
         let [scale, shift] = info.transform();
         let kind = TextureKind::Image { image, scale, shift, factor, invert: false, wrap };
-        Some(self.push(scene, name, kind))
+        Some(scene.add_texture(name, kind, self.source))
     }
 
     /// Adds a notice if the coordinates of a use are rotated.
@@ -144,11 +144,6 @@ impl<'a> Images<'a> {
             let name = named("texture", info.texture.index(), info.texture.name());
             self.notice(scene, format!("{name}: the rotation of its coordinates is left out"));
         }
-    }
-
-    fn push(&self, scene: &mut Scene, name: String, kind: TextureKind) -> TextureId {
-        scene.textures.push(Texture { name, kind, source: self.source.clone() });
-        TextureId(scene.textures.len() as u32 - 1)
     }
 
     fn notice(&self, scene: &mut Scene, message: String) {

@@ -8,7 +8,7 @@ use ::exr::block::reader::{ChunksReader, Reader};
 use ::exr::error::Error as ExrError;
 use ::exr::math::Vec2;
 use ::exr::meta::BlockDescription;
-use ::exr::meta::attribute::{AttributeValue, SampleType, Text};
+use ::exr::meta::attribute::{AttributeValue, ChannelDescription, SampleType, Text};
 use ::exr::meta::header::Header;
 use ::exr::prelude::f16;
 use std::borrow::Cow;
@@ -101,8 +101,7 @@ pub fn read_channels(bytes: &[u8], file_name: &str) -> Result<Channels, ImageErr
         }
         let mut channels = Vec::new();
         for (part, header) in headers.iter().enumerate() {
-            let wanted: Vec<usize> = (0..header.channels.list.len()).collect();
-            let planes = read_planes(&file, open()?, part, &wanted)?;
+            let planes = read_planes(&file, open()?, part)?;
             let prefix = header.own_attributes.layer_name.as_ref().filter(|_| headers.len() > 1);
             let name = |text: &Text| prefix.map_or(text.to_string(), |p| format!("{p}.{text}"));
             channels.extend(header.channels.list.iter().map(|c| name(&c.name)).zip(planes));
@@ -116,20 +115,9 @@ pub fn read_channels(bytes: &[u8], file_name: &str) -> Result<Channels, ImageErr
 /// # Errors
 /// The errors of [`read_image`](super::read_image) for a faulty header.
 pub fn read_attributes(bytes: &[u8], file_name: &str) -> Result<Vec<(String, String)>, ImageError> {
-    let file = File { bytes, name: file_name };
-    with_reader(&file, |open| {
-        let reader = open()?;
-        let header = &reader.headers()[0];
-        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-        let mut found: Vec<(String, String)> = header
-            .all_named_attributes()
-            .filter_map(|(name, value)| match value {
-                AttributeValue::Text(value) => Some((text(name), text(value.as_slice()))),
-                _ => None,
-            })
-            .collect();
-        found.sort();
-        Ok(found)
+    attributes(bytes, file_name, |value| match value {
+        AttributeValue::Text(value) => Some(String::from_utf8_lossy(value.as_slice()).into_owned()),
+        _ => None,
     })
 }
 
@@ -138,16 +126,23 @@ pub fn read_attributes(bytes: &[u8], file_name: &str) -> Result<Vec<(String, Str
 /// # Errors
 /// The errors of [`read_image`](super::read_image) for a faulty header.
 pub fn read_integers(bytes: &[u8], file_name: &str) -> Result<Vec<(String, i32)>, ImageError> {
-    let file = File { bytes, name: file_name };
-    with_reader(&file, |open| {
+    attributes(bytes, file_name, |value| match value {
+        AttributeValue::I32(value) => Some(value),
+        _ => None,
+    })
+}
+
+/// Reads the attributes for which `pick` returns a value, sorted by name.
+fn attributes<T: Ord>(
+    bytes: &[u8],
+    file_name: &str,
+    pick: impl Fn(AttributeValue) -> Option<T>,
+) -> Result<Vec<(String, T)>, ImageError> {
+    with_reader(&File { bytes, name: file_name }, |open| {
         let reader = open()?;
-        let mut found: Vec<(String, i32)> = reader.headers()[0]
-            .all_named_attributes()
-            .filter_map(|(name, value)| match value {
-                AttributeValue::I32(value) => Some((String::from_utf8_lossy(name).into_owned(), value)),
-                _ => None,
-            })
-            .collect();
+        let named = reader.headers()[0].all_named_attributes();
+        let name = |name: &[u8]| String::from_utf8_lossy(name).into_owned();
+        let mut found: Vec<_> = named.filter_map(|(key, value)| Some((name(key), pick(value)?))).collect();
         found.sort();
         Ok(found)
     })
@@ -207,24 +202,23 @@ fn main_channels(file: &File<'_>, headers: &[Header]) -> Result<MainChannels, Im
         };
         letters.iter().map(|&l| position(l)).collect()
     };
-    for letters in [&b"RGB"[..], b"Y"] {
-        for &part in &unnamed_first {
-            if let Some(found) = find(part, b"", letters) {
-                if find(part, b"", b"Y").is_some() && [&b"RY"[..], b"BY"].iter().any(|n| has(&headers[part], n)) {
-                    return Err(file.unsupported(FORMAT, "luminance and chroma", "RGB"));
-                }
-                return Ok(MainChannels::new(part, &found, find(part, b"", b"A")));
-            }
-        }
-    }
-    for letters in [&b"RGB"[..], b"Y"] {
-        for &part in &unnamed_first {
-            for channel in &headers[part].channels.list {
+    // Channels without a layer name come first, then those of each layer.
+    for layered in [false, true] {
+        for (letters, &part) in [&b"RGB"[..], b"Y"].iter().flat_map(|l| unnamed_first.iter().map(move |part| (l, part)))
+        {
+            let layer = |channel: &ChannelDescription| {
                 let name = channel.name.as_slice();
                 let dot = name.iter().rposition(|&b| b == b'.').map_or(0, |i| i + 1);
-                if let Some(found) = find(part, &name[..dot], letters) {
-                    return Ok(MainChannels::new(part, &found, find(part, &name[..dot], b"A")));
+                name[..dot].to_vec()
+            };
+            let layers = headers[part].channels.list.iter().map(layer).filter(|layer| layered != layer.is_empty());
+            for layer in layers {
+                let Some(found) = find(part, &layer, letters) else { continue };
+                let has = |name: &[u8]| headers[part].channels.list.iter().any(|c| c.name.as_slice() == name);
+                if !layered && has(b"Y") && (has(b"RY") || has(b"BY")) {
+                    return Err(file.unsupported(FORMAT, "luminance and chroma", "RGB"));
                 }
+                return Ok(MainChannels::new(part, &found, find(part, &layer, b"A")));
             }
         }
     }
@@ -245,25 +239,11 @@ fn main_channels(file: &File<'_>, headers: &[Header]) -> Result<MainChannels, Im
     Err(file.unsupported(FORMAT, &what, "RGB"))
 }
 
-fn has(header: &Header, name: &[u8]) -> bool {
-    header.channels.list.iter().any(|c| c.name.as_slice() == name)
-}
-
-/// An error of the `exr` decoder, or an [`ImageError`] found by this module.
-enum Fault {
-    Exr(ExrError),
-    Ours(ImageError),
-}
+type Fault = super::read::Fault<ExrError>;
 
 impl From<ExrError> for Fault {
     fn from(error: ExrError) -> Self {
-        Self::Exr(error)
-    }
-}
-
-impl From<ImageError> for Fault {
-    fn from(error: ImageError) -> Self {
-        Self::Ours(error)
+        Self::Decoder(error)
     }
 }
 
@@ -283,9 +263,9 @@ fn with_reader<'a, T>(
     };
     work(&mut open).map_err(|fault| match fault {
         Fault::Ours(error) => error,
-        Fault::Exr(ExrError::Io(e)) if e.kind() == std::io::ErrorKind::UnexpectedEof => file.truncated(FORMAT),
-        Fault::Exr(ExrError::NotSupported(what)) => file.unsupported(FORMAT, &what, "scan lines compressed by ZIP"),
-        Fault::Exr(error) => file.malformed(FORMAT, file.bytes.len(), error.to_string()),
+        Fault::Decoder(ExrError::Io(e)) if e.kind() == std::io::ErrorKind::UnexpectedEof => file.truncated(FORMAT),
+        Fault::Decoder(ExrError::NotSupported(what)) => file.unsupported(FORMAT, &what, "scan lines compressed by ZIP"),
+        Fault::Decoder(error) => file.malformed(FORMAT, file.bytes.len(), error.to_string()),
     })
 }
 
@@ -367,32 +347,21 @@ fn check_size(file: &File<'_>, header: &Header, per_pixel: u64) -> Result<(), Im
     file.check_claim(FORMAT, size, per_pixel, block.saturating_mul(BLOCK_COPIES).saturating_add(tables))
 }
 
-/// Reads the channels of one part whose indices are `wanted`, at full resolution, in the order of `wanted`.
-fn read_planes(
-    file: &File<'_>,
-    reader: Reader<Source<'_>>,
-    part: usize,
-    wanted: &[usize],
-) -> Result<Vec<Plane<'static>>, Fault> {
+/// Reads all channels of one part at full resolution.
+fn read_planes(file: &File<'_>, reader: Reader<Source<'_>>, part: usize) -> Result<Vec<Plane<'static>>, Fault> {
     let header = reader.headers()[part].clone();
-    let list = &header.channels.list;
     let count = header.layer_size.area();
-    let mut planes: Vec<Plane<'static>> = wanted
-        .iter()
-        .map(|&c| match list[c].sample_type {
-            SampleType::F32 => Plane::F32(vec![0.0; count].into()),
-            SampleType::F16 => Plane::F16(vec![0.0; count].into()),
-            SampleType::U32 => Plane::U32(vec![0; count].into()),
-        })
-        .collect();
-    let mut target = vec![None; list.len()];
-    wanted.iter().enumerate().for_each(|(i, &c)| target[c] = Some(i));
-
+    let plane = |channel: &ChannelDescription| match channel.sample_type {
+        SampleType::F32 => Plane::F32(vec![0.0; count].into()),
+        SampleType::F16 => Plane::F16(vec![0.0; count].into()),
+        SampleType::U32 => Plane::U32(vec![0; count].into()),
+    };
+    let mut planes: Vec<Plane<'static>> = header.channels.list.iter().map(plane).collect();
     read_lines(file, reader, part, |line, start| {
-        let Some(plane) = target[line.location.channel] else { return Ok(()) };
-        match &mut planes[plane] {
-            Plane::F32(v) => line.read_samples_into_slice(&mut v.to_mut()[start..start + line.location.sample_count]),
-            Plane::U32(v) => line.read_samples_into_slice(&mut v.to_mut()[start..start + line.location.sample_count]),
+        let end = start + line.location.sample_count;
+        match &mut planes[line.location.channel] {
+            Plane::F32(v) => line.read_samples_into_slice(&mut v.to_mut()[start..end]),
+            Plane::U32(v) => line.read_samples_into_slice(&mut v.to_mut()[start..end]),
             Plane::F16(v) => {
                 let values = v.to_mut();
                 floats(&header, line, |i, value| values[start + i] = value)

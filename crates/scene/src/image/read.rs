@@ -73,19 +73,19 @@ pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<I
 
 const HDR: &str = "Radiance HDR";
 
-/// An error of an `image` decoder, or an [`ImageError`] found by this module.
-enum Fault {
-    Decoder(Decoder),
+/// An error of a decoder, or an [`ImageError`] found by this module.
+pub(super) enum Fault<E> {
+    Decoder(E),
     Ours(ImageError),
 }
 
-impl From<Decoder> for Fault {
+impl From<Decoder> for Fault<Decoder> {
     fn from(error: Decoder) -> Self {
         Self::Decoder(error)
     }
 }
 
-impl From<ImageError> for Fault {
+impl<E> From<ImageError> for Fault<E> {
     fn from(error: ImageError) -> Self {
         Self::Ours(error)
     }
@@ -194,7 +194,7 @@ fn decode<D: ImageDecoder>(
     encoding: Encoding,
     working: u64,
     opened: ::image::ImageResult<D>,
-) -> Result<Image, Fault> {
+) -> Result<Image, Fault<Decoder>> {
     let decoder = opened?;
     let (width, height) = decoder.dimensions();
     let color = decoder.color_type();

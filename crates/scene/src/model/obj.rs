@@ -4,11 +4,11 @@
 //! mistakes. It supports neither continued lines nor faces that mix corners with and without texture coordinates.
 
 use super::obj_materials::Materials;
-use super::{UpAxis, model_scene};
+use super::{ModelError, UpAxis, model_scene};
 use crate::files::Files;
 use crate::polygon;
 use crate::readers::{AnyOptions, SceneReader, first_word};
-use crate::{Geometry, MeshData, MeshFault, Notice, ReadError, Scene, Shape, Source};
+use crate::{Geometry, MeshData, ReadError, Scene, Shape, Source};
 use glam::{DAffine3, DVec3};
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -35,10 +35,7 @@ impl SceneReader for ObjReader {
     fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
         let stage = options.model.stage(UpAxis::Y);
         model_scene(files, path, stage, |scene, bytes, source| {
-            let model = read_obj(&bytes).map_err(|e| match e {
-                ObjError::Line { line, what } => ReadError::invalid(Source { line, ..source.clone() }, what),
-                other => ReadError::invalid(source.clone(), other.to_string()),
-            })?;
+            let model = read_obj(&bytes)?;
             drop(bytes);
             add_model(scene, model, files, source);
             Ok(())
@@ -51,7 +48,7 @@ fn add_model(scene: &mut Scene, model: ObjModel, files: &dyn Files, source: &Sou
     let mut materials = Materials::default();
     for (word, line) in model.left_out {
         let source = Source { line, ..source.clone() };
-        scene.notices.push(Notice::warning(source, format!("\"{word}\" is not a surface; left out")));
+        scene.warn(&source, format!("\"{word}\" is not a surface; left out"));
     }
     for (name, line) in model.libraries {
         materials.open(scene, &name, files, &Source { line, ..source.clone() });
@@ -83,26 +80,6 @@ pub struct ObjMesh {
     pub data: MeshData,
 }
 
-/// The error of an OBJ file. Lines count from 1.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum ObjError {
-    /// A line that cannot be read.
-    #[error("line {line}: {what}")]
-    Line {
-        /// Number of the line, from 1.
-        line: u32,
-        /// A description of the error, with its remedy.
-        what: String,
-    },
-    /// The file has no faces.
-    #[error("there are no faces; export a mesh, not points or curves")]
-    NoFaces,
-    /// The mesh is invalid.
-    #[error(transparent)]
-    Mesh(#[from] MeshFault),
-}
-
 /// Reads the meshes of an OBJ file.
 ///
 /// Negative indices count back from the last vertex read so far. Polygons become triangles. Colours and `w` of vertices
@@ -110,12 +87,12 @@ pub enum ObjError {
 ///
 /// # Errors
 /// Returns the first fault in the file.
-pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ObjError> {
+pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ModelError> {
     let text = String::from_utf8_lossy(bytes);
     let mut parser = Parser::default();
     let lines = Lines { rest: &text, number: 0 };
     for (number, line) in lines {
-        parser.line(number, &line).map_err(|what| ObjError::Line { line: number, what })?;
+        parser.line(number, &line).map_err(|what| ModelError::at(number, what))?;
     }
     parser.check_ranges()?;
     let Parser { vertices, groups, libraries, left_out, .. } = parser;
@@ -124,7 +101,10 @@ pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ObjError> {
         let data = vertices.mesh(&group, key.has)?;
         meshes.push(ObjMesh { material: key.material.map(|(line, name)| (name, line)), data });
     }
-    if meshes.is_empty() { Err(ObjError::NoFaces) } else { Ok(ObjModel { meshes, libraries, left_out }) }
+    match meshes.is_empty() {
+        true => Err(ModelError::new("there are no faces; export a mesh, not points or curves")),
+        false => Ok(ObjModel { meshes, libraries, left_out }),
+    }
 }
 
 /// Positions, texture coordinates and normals of the whole OBJ file.
@@ -142,7 +122,7 @@ impl Vertices {
     }
 
     /// Returns the mesh of a group of faces, with one vertex for each distinct corner, in the order of first use.
-    fn mesh(&self, group: &Group, [has_uv, has_normal]: [bool; 2]) -> Result<MeshData, ObjError> {
+    fn mesh(&self, group: &Group, [has_uv, has_normal]: [bool; 2]) -> Result<MeshData, ModelError> {
         let mut data = MeshData::default();
         let mut known: HashMap<Corner, u32> = HashMap::new();
         let mut polygon = Vec::new();
@@ -166,7 +146,7 @@ impl Vertices {
             }
             start = end;
             polygon::triangulate(&polygon, &data.positions, &mut data.triangles)
-                .map_err(|what| ObjError::Line { line, what: what.into() })?;
+                .map_err(|what| ModelError::at(line, what))?;
         }
         data.check()?;
         Ok(data)
@@ -331,16 +311,15 @@ impl Parser {
     }
 
     /// Checks, after the last line, that all indices refer to existing vertices. Faces may precede their vertices.
-    fn check_ranges(&self) -> Result<(), ObjError> {
+    fn check_ranges(&self) -> Result<(), ModelError> {
         for (kind, largest) in self.largest.iter().enumerate() {
             let (count, what) = (self.vertices.counts()[kind], KINDS[kind]);
             if largest.value > count {
                 let what = format!("a corner has number {}, but there are only {count} {what}", largest.value);
-                return Err(ObjError::Line { line: largest.line, what });
+                return Err(ModelError::at(largest.line, what));
             }
             if count > u64::from(u32::MAX) {
-                let what = format!("{count} {what} are too many; split the mesh");
-                return Err(ObjError::Line { line: 1, what });
+                return Err(ModelError::at(1, format!("{count} {what} are too many; split the mesh")));
             }
         }
         Ok(())

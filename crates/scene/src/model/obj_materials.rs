@@ -4,7 +4,7 @@ use super::mtl::{Material as MtlMaterial, read_mtl};
 use super::{GREY, add_material};
 use crate::files::Files;
 use crate::image::{Encoding, Image, read_image};
-use crate::{Color, MaterialId, Notice, Scene, Source, Texture, TextureId, TextureKind, Wrap};
+use crate::{Color, MaterialId, Scene, Source, TextureKind, Wrap};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -24,17 +24,15 @@ impl Materials {
         let bytes = match files.read(&path) {
             Ok(bytes) => bytes,
             Err(e) => {
-                let message = format!("the materials of {} cannot be read ({e}); grey instead", path.display());
-                scene.notices.push(Notice::warning(source.clone(), message));
+                scene.warn(source, format!("the materials of {} cannot be read ({e}); grey instead", path.display()));
                 return;
             }
         };
         let library = read_mtl(&bytes);
         let file = Arc::new(path);
-        let notices = library.notices.into_iter();
-        scene
-            .notices
-            .extend(notices.map(|(line, message)| Notice::warning(Source { file: file.clone(), line }, message)));
+        for (line, message) in library.notices {
+            scene.warn(&Source { file: file.clone(), line }, message);
+        }
         for (name, material) in library.materials {
             self.known.insert(name, (material, file.clone()));
         }
@@ -63,8 +61,7 @@ impl Materials {
                 }
                 None => {
                     let source = Source { line: *line, ..source.clone() };
-                    let message = format!("unknown material \"{name}\"; grey instead");
-                    scene.notices.push(Notice::warning(source.clone(), message));
+                    scene.warn(&source, format!("unknown material \"{name}\"; grey instead"));
                     add_material(scene, name, GREY, &source)
                 }
             },
@@ -82,11 +79,12 @@ impl Materials {
         let even = tint[0] == tint[1] && tint[1] == tint[2];
         let (scale, shift, factor) = ([1.0; 2], [0.0; 2], if even { tint[0] } else { 1.0 });
         let image = TextureKind::Image { image, scale, shift, factor, invert: false, wrap: Wrap::Repeat };
-        let image = add_texture(scene, name, image, source);
+        let image = Color::Texture(scene.add_texture(name, image, source));
         if even {
             return image;
         }
-        add_texture(scene, name, TextureKind::Product { factors: [Color::Constant(tint), image] }, source)
+        let product = TextureKind::Product { factors: [Color::Constant(tint), image] };
+        Color::Texture(scene.add_texture(name, product, source))
     }
 
     /// Returns the image of a file; `None`, with a notice, if it cannot be read. Each file is read once.
@@ -104,20 +102,13 @@ impl Materials {
         let image = match bytes.and_then(read) {
             Ok(image) => Some(Arc::new(image)),
             Err(e) => {
-                let message = format!("the texture cannot be read, Kd stands for it: {e}");
-                scene.notices.push(Notice::warning(source.clone(), message));
+                scene.warn(source, format!("the texture cannot be read, Kd stands for it: {e}"));
                 None
             }
         };
         self.images.insert(path, image.clone());
         image
     }
-}
-
-fn add_texture(scene: &mut Scene, name: &str, kind: TextureKind, source: &Source) -> Color {
-    let id = TextureId(scene.textures.len() as u32);
-    scene.textures.push(Texture { name: name.to_owned(), kind, source: source.clone() });
-    Color::Texture(id)
 }
 
 /// Returns the path of the file `name` relative to the folder of `file`. Accepts backslashes, as Windows writes them.

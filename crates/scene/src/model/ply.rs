@@ -1,6 +1,6 @@
 //! Meshes from PLY files: ASCII, and binary of either byte order [Turk 1994].
 
-use super::{UpAxis, add_mesh, model_scene};
+use super::{ModelError, ModelMesh, UpAxis, add_mesh, model_scene};
 use crate::files::Files;
 use crate::polygon;
 use crate::readers::{AnyOptions, SceneReader};
@@ -12,6 +12,7 @@ use ply_rs_bw::ply::{
     PropertyType, ScalarType,
 };
 use std::borrow::Cow;
+use std::fmt::Display;
 use std::io::BufRead;
 use std::path::Path;
 
@@ -35,68 +36,10 @@ impl SceneReader for PlyReader {
     fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
         let stage = options.model.stage(UpAxis::Y);
         model_scene(files, path, stage, |scene, bytes, source| {
-            let mesh = read_ply(&bytes).map_err(|e| ReadError::invalid(source.clone(), e.to_string()))?;
-            add_mesh(scene, mesh.data, mesh.doubt, source);
+            add_mesh(scene, read_ply(&bytes)?, source);
             Ok(())
         })
     }
-}
-
-/// A mesh from a PLY file, as [`read_ply`] returns it.
-#[derive(Clone, Debug)]
-pub struct PlyMesh {
-    /// The mesh, with polygons cut into triangles.
-    pub data: MeshData,
-    /// A reason to suspect that the file is incomplete; `None` if there is none.
-    pub doubt: Option<String>,
-}
-
-/// The error of a PLY file. Indices of elements count from 0.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum PlyError {
-    /// The header is invalid; with a description of the error.
-    #[error("the PLY header cannot be read ({0}); export the mesh anew")]
-    Header(String),
-    /// The header declares more elements than the file can hold.
-    #[error(
-        "the header promises {count} elements {element}, and only {bytes} bytes follow; the file is cut off or damaged"
-    )]
-    TooShort {
-        /// Name of the element, such as `vertex`.
-        element: String,
-        /// Number of elements that the header declares.
-        count: usize,
-        /// Number of bytes after the header.
-        bytes: usize,
-    },
-    /// An element cannot be read.
-    #[error("{element} {index} cannot be read ({reason}); the file is cut off or damaged")]
-    Element {
-        /// Name of the element, such as `vertex`.
-        element: String,
-        /// Index of the element among those of its name.
-        index: usize,
-        /// The message of the PLY parser.
-        reason: String,
-    },
-    /// The file has no element `vertex` with x, y and z.
-    #[error("there is no element vertex with properties x, y and z; export positions too")]
-    NoPositions,
-    /// The file has no element `face` with a list of vertex indices.
-    #[error("there is no element face with a list vertex_indices; export triangles")]
-    NoFaces,
-    /// A polygon cannot be cut into triangles, or has an invalid vertex index.
-    #[error("face {face}: {what}")]
-    Face {
-        /// Index of the face.
-        face: usize,
-        /// A description of the error, with its remedy.
-        what: String,
-    },
-    /// The mesh is invalid.
-    #[error(transparent)]
-    Mesh(#[from] MeshFault),
 }
 
 /// Reads a mesh from the bytes of a PLY file. Texture coordinates may be called `u v`, `s t`, `texture_u texture_v` or
@@ -106,10 +49,9 @@ pub enum PlyError {
 ///
 /// # Errors
 /// Returns the first fault in the file.
-pub fn read_ply(bytes: &[u8]) -> Result<PlyMesh, PlyError> {
+pub fn read_ply(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
     let mut reader = Reader::new(bytes);
-    let header =
-        Parser::<DefaultElement>::new().read_header(&mut reader).map_err(|e| PlyError::Header(one_line(&e)))?;
+    let header = Parser::<DefaultElement>::new().read_header(&mut reader).map_err(|e| bad_header(&one_line(&e)))?;
     let left = reader.into_inner();
     check_unique(&bytes[..bytes.len() - left.len()], &header)?;
     let mut payload = Payload { left, encoding: header.encoding, line: String::new() };
@@ -127,9 +69,9 @@ pub fn read_ply(bytes: &[u8]) -> Result<PlyMesh, PlyError> {
         }
     }
     if !has_positions {
-        return Err(PlyError::NoPositions);
+        return Err(ModelError::new("there is no element vertex with properties x, y and z; export positions too"));
     }
-    let faces = faces.ok_or(PlyError::NoFaces)?;
+    let faces = faces.ok_or_else(no_faces)?;
     if let Some(vertex) = data.positions.iter().position(|p| !p.is_finite()) {
         return Err(MeshFault::Position { vertex }.into());
     }
@@ -141,17 +83,29 @@ pub fn read_ply(bytes: &[u8]) -> Result<PlyMesh, PlyError> {
     let cut =
         cut_line.then(|| "the last line has no line break; if the file was cut off, a number may be wrong".into());
     let doubts = mended.into_iter().chain(cut).collect::<Vec<String>>().join("; ");
-    Ok(PlyMesh { data, doubt: (!doubts.is_empty()).then_some(doubts) })
+    Ok(ModelMesh { data, doubt: (!doubts.is_empty()).then_some(doubts) })
 }
 
 /// Refuses a header that declares a name twice: the parser would keep one of the two and misread the data.
-fn check_unique(text: &[u8], header: &Header) -> Result<(), PlyError> {
+fn check_unique(text: &[u8], header: &Header) -> Result<(), ModelError> {
     let lines = |word: &[u8]| text.split(|&b| b == b'\n').filter(|line| line.starts_with(word)).count();
     let properties: usize = header.elements.values().map(|def| def.properties.len()).sum();
     if lines(b"element") == header.elements.len() && lines(b"property") == properties {
         return Ok(());
     }
-    Err(PlyError::Header("an element or property is declared twice".into()))
+    Err(bad_header("an element or property is declared twice"))
+}
+
+fn bad_header(what: &str) -> ModelError {
+    ModelError::new(format!("the PLY header cannot be read ({what}); export the mesh anew"))
+}
+
+fn no_faces() -> ModelError {
+    ModelError::new("there is no element face with a list vertex_indices; export triangles")
+}
+
+fn bad_face(face: usize, what: impl Display) -> ModelError {
+    ModelError::new(format!("face {face}: {what}"))
 }
 
 fn one_line(e: &ParseError) -> String {
@@ -173,7 +127,7 @@ struct Payload<'b> {
 
 impl Payload<'_> {
     /// Refuses an element count that the remaining bytes cannot hold, before memory is allocated.
-    fn check_length(&self, def: &ElementDef) -> Result<(), PlyError> {
+    fn check_length(&self, def: &ElementDef) -> Result<(), ModelError> {
         let size = |ty: &PropertyType| match (self.encoding, ty) {
             // The shortest number in ASCII: a digit and a space.
             (Encoding::Ascii, _) => 2,
@@ -186,10 +140,13 @@ impl Payload<'_> {
         if fits || def.count == 0 {
             return Ok(());
         }
-        Err(PlyError::TooShort { element: def.name.clone(), count: def.count, bytes })
+        let (name, count) = (&def.name, def.count);
+        Err(ModelError::new(format!(
+            "the header promises {count} elements {name}, and only {bytes} bytes follow; the file is cut off or damaged"
+        )))
     }
 
-    fn read<E: PropertyAccess>(&mut self, def: &ElementDef, index: usize) -> Result<E, PlyError> {
+    fn read<E: PropertyAccess>(&mut self, def: &ElementDef, index: usize) -> Result<E, ModelError> {
         let parser = Parser::<E>::new();
         let result = match self.encoding {
             Encoding::BinaryLittleEndian => parser.read_little_endian_element(&mut self.left, def),
@@ -202,8 +159,10 @@ impl Payload<'_> {
                 }
             }
         };
-        let element = &def.name;
-        result.map_err(|e| PlyError::Element { element: element.clone(), index, reason: one_line(&e) })
+        result.map_err(|e| {
+            let (name, what) = (&def.name, one_line(&e));
+            ModelError::new(format!("{name} {index} cannot be read ({what}); the file is cut off or damaged"))
+        })
     }
 }
 
@@ -297,7 +256,7 @@ fn slot(name: &str) -> Option<usize> {
     })
 }
 
-fn read_vertices(payload: &mut Payload<'_>, def: &ElementDef, data: &mut MeshData) -> Result<(), PlyError> {
+fn read_vertices(payload: &mut Payload<'_>, def: &ElementDef, data: &mut MeshData) -> Result<(), ModelError> {
     let has = |names: &[&str]| names.iter().all(|name| def.properties.contains_key(*name));
     let pairs = [["u", "v"], ["s", "t"], ["texture_u", "texture_v"], ["texture_s", "texture_t"]];
     let (normals, uvs) = (has(&["nx", "ny", "nz"]), pairs.iter().any(|pair| has(pair)));
@@ -360,19 +319,17 @@ struct Faces {
     ends: Vec<usize>,
 }
 
-fn read_faces(payload: &mut Payload<'_>, def: &ElementDef) -> Result<Faces, PlyError> {
+fn read_faces(payload: &mut Payload<'_>, def: &ElementDef) -> Result<Faces, ModelError> {
     if !def.properties.values().any(|p| is_corners(&p.name) && matches!(p.data_type, PropertyType::List(..))) {
-        return Err(PlyError::NoFaces);
+        return Err(no_faces());
     }
     let mut faces = Faces::default();
     for face in 0..def.count {
         let Face { signed, unsigned } = payload.read(def, face)?;
         faces.corners.extend(unsigned);
         for corner in signed {
-            let corner = u32::try_from(corner).map_err(|_| PlyError::Face {
-                face,
-                what: format!("corner {corner} is negative; corners count vertices from 0"),
-            })?;
+            let negative = |_| bad_face(face, format!("corner {corner} is negative; corners count vertices from 0"));
+            let corner = u32::try_from(corner).map_err(negative)?;
             faces.corners.push(corner);
         }
         faces.ends.push(faces.corners.len());
@@ -381,7 +338,7 @@ fn read_faces(payload: &mut Payload<'_>, def: &ElementDef) -> Result<Faces, PlyE
 }
 
 /// Cuts all polygons into triangles and appends the triangles to `data`.
-fn cut(faces: &Faces, data: &mut MeshData) -> Result<(), PlyError> {
+fn cut(faces: &Faces, data: &mut MeshData) -> Result<(), ModelError> {
     let vertices = data.positions.len();
     data.triangles.reserve(faces.corners.len().saturating_sub(2 * faces.ends.len()));
     let mut start = 0;
@@ -390,14 +347,13 @@ fn cut(faces: &Faces, data: &mut MeshData) -> Result<(), PlyError> {
         start = end;
         if let Some(corner) = corners.iter().find(|&&c| c as usize >= vertices) {
             let what = format!("corner {corner} is beyond the last of {vertices} vertices, which count from 0");
-            return Err(PlyError::Face { face, what });
+            return Err(bad_face(face, what));
         }
         if corners.len() < 3 {
             let what = format!("a face needs 3 corners or more, not {}; remove it", corners.len());
-            return Err(PlyError::Face { face, what });
+            return Err(bad_face(face, what));
         }
-        polygon::triangulate(corners, &data.positions, &mut data.triangles)
-            .map_err(|what| PlyError::Face { face, what: what.into() })?;
+        polygon::triangulate(corners, &data.positions, &mut data.triangles).map_err(|what| bad_face(face, what))?;
     }
     Ok(())
 }

@@ -3,11 +3,10 @@
 mod view;
 
 use super::UpAxis;
-use crate::bundled::directions::{dot, lat_long_direction, mix, normalize, smoothstep};
 use crate::image::Image;
 use crate::{
-    Camera, Color, EnvironmentRadiance, FilmSettings, Geometry, Light, LightKind, Material, MaterialId, MaterialKind,
-    Projection, Scene, Shape, Source,
+    Camera, Color, EnvironmentRadiance, FilmSettings, Geometry, Light, LightKind, Material, MaterialKind, Projection,
+    Scene, Shape, Source,
 };
 use glam::{DAffine3, DMat3, DVec3};
 use std::sync::{Arc, LazyLock};
@@ -142,8 +141,7 @@ fn add_ground(scene: &mut Scene, radius: f64, up: DVec3, source: &Source) {
     });
     let material =
         Material::new("ground", MaterialKind::Diffuse { reflectance: Color::Constant(GROUND) }, source.clone());
-    let id = MaterialId(scene.materials.len() as u32);
-    scene.materials.push(material);
+    let id = scene.add_material(material);
     let (x, y) = up.any_orthonormal_pair();
     let to_world = DAffine3 { matrix3: DMat3::from_cols(x, y, up), translation: middle - up * (GAP * radius) };
     let geometry = Geometry::Disk { height: 0.0, radius: GROUND_RADIUS * radius, inner_radius: 0.0 };
@@ -175,23 +173,51 @@ static STUDIO: LazyLock<Arc<Image>> = LazyLock::new(|| Arc::new(studio()));
 /// shoulder. z is up, and x points to the viewer.
 fn studio() -> Image {
     const SIZE: [u32; 2] = [512, 256];
-    const FLOOR: [f64; 3] = [0.16, 0.15, 0.14];
-    const HORIZON: [f64; 3] = [0.34, 0.34, 0.35];
-    const ZENITH: [f64; 3] = [0.55, 0.60, 0.68];
-    const LAMP: [f64; 3] = [13.0, 12.2, 11.0];
+    const FLOOR: DVec3 = DVec3::new(0.16, 0.15, 0.14);
+    const HORIZON: DVec3 = DVec3::new(0.34, 0.34, 0.35);
+    const ZENITH: DVec3 = DVec3::new(0.55, 0.60, 0.68);
+    const LAMP: DVec3 = DVec3::new(13.0, 12.2, 11.0);
     /// Cosines of the angular radii of the lamp's outer edge (17 degrees) and of its fully bright part (13 degrees).
     const EDGE: [f64; 2] = [0.956, 0.974];
-    let lamp = normalize([0.62, -0.62, 0.72]);
-    let radiance = |x: usize, y: usize| {
-        let direction = lat_long_direction(x, y, SIZE[0] as usize, SIZE[1] as usize);
-        let height = direction[2];
-        let sky = mix(HORIZON, ZENITH, smoothstep(0.0, 1.0, height));
-        let room = mix(sky, FLOOR, smoothstep(0.0, 0.35, -height));
-        mix(room, LAMP, smoothstep(EDGE[0], EDGE[1], dot(direction, lamp))).map(|c| c as f32)
+    let lamp = DVec3::new(0.62, -0.62, 0.72).normalize();
+    let mix = |a: DVec3, b: DVec3, [from, to]: [f64; 2], x: f64| {
+        let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
+        let t = t * t * (3.0 - 2.0 * t);
+        a * (1.0 - t) + b * t
     };
-    let pixels = (0..SIZE[1] as usize).flat_map(|y| (0..SIZE[0] as usize).map(move |x| (x, y)));
-    let pixels = pixels.map(|(x, y)| radiance(x, y)).collect();
+    let radiance = |x: u32, y: u32| {
+        let [sin_phi, cos_phi] = sin_cos((f64::from(x) + 0.5) / f64::from(SIZE[0]));
+        let [sin_theta, cos_theta] = sin_cos(0.5 * (f64::from(y) + 0.5) / f64::from(SIZE[1]));
+        let direction = DVec3::new(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta);
+        let sky = mix(HORIZON, ZENITH, [0.0, 1.0], cos_theta);
+        let room = mix(sky, FLOOR, [0.0, 0.35], -cos_theta);
+        mix(room, LAMP, EDGE, direction.dot(lamp)).as_vec3().to_array()
+    };
+    let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y))).map(|(x, y)| radiance(x, y)).collect();
     Image { size: SIZE, pixels, alpha: Vec::new() }
+}
+
+/// Returns the sine and the cosine of an angle of `turns` full turns, within 1e-12, for `turns` in `[0, 1]`.
+///
+/// Uses Taylor polynomials about the nearest quarter turn: the platform's functions differ in the last bit between
+/// machines.
+fn sin_cos(turns: f64) -> [f64; 2] {
+    let quarter = (4.0 * turns).round();
+    let x = (turns - 0.25 * quarter) * (2.0 * std::f64::consts::PI);
+    let square = x * x;
+    let (mut sine, mut cosine) = (0.0, 0.0);
+    for k in (0..8).rev() {
+        let k = f64::from(k);
+        sine = 1.0 - square / ((2.0 * k + 2.0) * (2.0 * k + 3.0)) * sine;
+        cosine = 1.0 - square / ((2.0 * k + 1.0) * (2.0 * k + 2.0)) * cosine;
+    }
+    let sine = x * sine;
+    match quarter as u32 % 4 {
+        0 => [sine, cosine],
+        1 => [cosine, -sine],
+        2 => [-sine, -cosine],
+        _ => [-cosine, sine],
+    }
 }
 
 #[cfg(test)]

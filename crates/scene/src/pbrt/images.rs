@@ -1,9 +1,9 @@
 //! Images that a pbrt scene names: textures, environment maps and normal maps.
 
+use super::legacy::Version;
 use super::params::Params;
 use super::reader::Reader;
 use super::tokens::shown;
-use super::version::Version;
 use crate::Source;
 use crate::image::{Encoding, Image, read_image};
 use std::collections::BTreeMap;

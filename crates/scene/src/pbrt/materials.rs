@@ -1,4 +1,4 @@
-//! Materials of pbrt-v4. Materials of older versions are in `old_materials`.
+//! Materials of pbrt-v4. Materials of older versions are in `legacy`.
 
 use super::directive::Directive;
 use super::params::{Params, Type, Values};
@@ -50,7 +50,9 @@ impl Reader<'_> {
         let params = self.params(&mut d, "material");
         let name = format!("material {}", self.scene.materials.len());
         let line = d.source.line;
-        let id = self.make_material(name, &d.texts[0], line, params, d.source);
+        let (material, mixes) = self.make_material(name, &d.texts[0], line, params, d.source);
+        let id = self.scene.add_material(material);
+        self.settle_mix(id, mixes);
         self.state.material = MaterialRef::Made(id);
     }
 
@@ -62,8 +64,8 @@ impl Reader<'_> {
         if kind.is_none() {
             params.lacks(d.source.line, "its type; add \"string type\" \"diffuse\"");
         }
-        if let Some(&first) = self.named_materials.get(&name) {
-            let first = &self.scene.materials[first.0 as usize].source;
+        if let Some(first) = self.named_materials.get(&name) {
+            let first = &self.scene.materials[first].source;
             if self.version.is_old() {
                 params.notice(d.source.line, format!("material {} is made anew (first at {first})", shown(&name)));
             } else {
@@ -71,13 +73,21 @@ impl Reader<'_> {
             }
         }
         let (kind, line) = kind.unwrap_or(("diffuse".into(), d.source.line));
-        let id = self.make_material(name.clone(), &kind, line, params, d.source);
-        self.named_materials.insert(name, id);
+        let (material, mixes) = self.make_material(name.clone(), &kind, line, params, d.source);
+        let id = MaterialId(self.named_materials.define(&name, material, &mut self.scene.materials) as u32);
+        self.settle_mix(id, mixes);
     }
 
-    /// Makes a material of type `kind`, adds it to the scene, and returns its index. After an error, adds a placeholder
-    /// so that reading can continue.
-    fn make_material(&mut self, name: String, kind: &str, line: u32, mut params: Params, source: Source) -> MaterialId {
+    /// Makes a material of type `kind`; after an error a placeholder, so that reading can continue. Also returns the names
+    /// of the materials that it mixes, if it is a mix.
+    fn make_material(
+        &mut self,
+        name: String,
+        kind: &str,
+        line: u32,
+        mut params: Params,
+        source: Source,
+    ) -> (Material, Option<[String; 2]>) {
         let shades = !matches!(kind, "mix" | "interface" | "none" | "");
         let (bump_name, has_bump) = match self.version.is_old() {
             true => ("bumpmap", params.has("bumpmap")),
@@ -102,9 +112,17 @@ impl Reader<'_> {
             default_kind().into()
         });
         params.finish(&mut self.log);
-        let id = self.add_material(Material { bump, normal_map, ..Material::new(name, made.kind, source) });
-        self.awaited.mixes.extend(made.mixes.map(|names| (id, names)));
-        id
+        (Material { bump, normal_map, ..Material::new(name, made.kind, source) }, made.mixes)
+    }
+
+    /// Sets the materials of a mix by their names.
+    fn settle_mix(&mut self, mix: MaterialId, names: Option<[String; 2]>) {
+        let Some(names) = names else { return };
+        let source = self.scene.materials[mix.0 as usize].source.clone();
+        let found = names.map(|name| self.material_named(&name, &source));
+        if let MaterialKind::Mix { materials, .. } = &mut self.scene.materials[mix.0 as usize].kind {
+            *materials = found;
+        }
     }
 
     fn diffuse_transmission(&mut self, params: &mut Params, source: &Source) -> MaterialKind {

@@ -5,7 +5,7 @@ use super::reader::Reader;
 use super::spectra::Gamut;
 use super::state::MediaRef;
 use super::tokens::shown;
-use crate::{Medium, MediumId};
+use crate::Medium;
 use std::rc::Rc;
 
 impl Reader<'_> {
@@ -34,16 +34,15 @@ impl Reader<'_> {
         let ok = |v: f64| v >= 0.0 && (largest * v as f32).is_finite();
         let scale = params.float32("scale", 1.0, ok, "at least 0, and its product with the coefficients below 3.4e38");
         let g = params.float32("g", 0.0, |v| v > -1.0 && v < 1.0, "between -1 and 1");
-        if let Some(&first) = self.named_media.get(&name) {
-            let first = &self.scene.media[first.0 as usize].source;
+        if let Some(first) = self.named_media.get(&name) {
+            let first = &self.scene.media[first].source;
             params.problem(line, format!("medium {} is made twice (first at {first})", shown(&name)));
         }
         // Made even after an error, so that its uses cause no further errors.
         let _good = params.finish(&mut self.log);
-        let id = MediumId(self.scene.media.len() as u32);
         let [absorption, scattering] = [absorption, scattering].map(|rgb| rgb.map(|c| c * scale));
-        self.scene.media.push(Medium { name: name.clone(), absorption, scattering, g, source: d.source });
-        self.named_media.insert(name, id);
+        let medium = Medium { name: name.clone(), absorption, scattering, g, source: d.source };
+        self.named_media.define(&name, medium, &mut self.scene.media);
     }
 
     /// Executes `MediumInterface`: sets the media of later shapes, and of the camera.

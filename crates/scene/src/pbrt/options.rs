@@ -4,7 +4,6 @@ use super::directive::Directive;
 use super::params::{Params, Type};
 use super::reader::Reader;
 use super::tokens::shown;
-use super::version::Version;
 use crate::{Camera, PixelFilter, Projection, Source};
 
 impl Reader<'_> {
@@ -59,7 +58,8 @@ impl Reader<'_> {
         self.name_space("camera", [to_world, moved]);
         if params.finish(&mut self.log) {
             // The current outside medium surrounds the camera.
-            self.awaited.camera.clone_from(&self.state.media);
+            let media = self.state.media.clone();
+            let medium = media.and_then(|media| self.medium_named(media.outside.as_deref(), &media.source));
             self.scene.camera = Camera {
                 to_world,
                 moves_to: ctm.moves_to().map(|_| moved),
@@ -69,7 +69,7 @@ impl Reader<'_> {
                 lens_radius,
                 focal_distance,
                 shutter,
-                medium: None,
+                medium,
                 source,
             };
         }
@@ -133,29 +133,6 @@ impl Reader<'_> {
         params.finish(&mut self.log);
     }
 
-    /// Executes `Renderer`, `SurfaceIntegrator` or `VolumeIntegrator`, pbrt-v2's directives in place of `Integrator`.
-    pub(super) fn read_old_transport(&mut self, mut d: Directive<'_>) {
-        let mut params = self.params(&mut d, "");
-        let kind = d.texts[0].as_str();
-        let what = format!("{} (of pbrt-v2) is ignored; {}", params.of(), transport(kind));
-        self.log.ignored_setting(&d.source, what);
-        let depth = match d.word {
-            "SurfaceIntegrator" => {
-                let depth = params.integer("maxdepth", 0, i32::MAX).unwrap_or(5) as u32;
-                // pbrt-v2's path tracer also lights the vertex after the last bounce: one event more than others.
-                Some(if kind == "path" { depth.saturating_add(1) } else { depth })
-            }
-            "Renderer" if kind == "metropolis" => Some(params.integer("maxdepth", 0, i32::MAX).unwrap_or(7) as u32),
-            _ => None,
-        };
-        if let Some(depth) = depth {
-            self.meet("depth", &d.source);
-            self.scene.max_depth = Some(depth);
-        }
-        params.ignore_rest();
-        params.finish(&mut self.log);
-    }
-
     fn read_filter(&mut self, kind: &str, source: &Source, mut params: Params) {
         self.meet("PixelFilter", source);
         let old = self.version.is_old();
@@ -186,19 +163,10 @@ impl Reader<'_> {
             self.scene.film.pixel_filter = filter;
         }
     }
-
-    /// Adds a notice if a pbrt-v2 file names no `SurfaceIntegrator`, since pbrt-v2's default differs from path tracing.
-    pub(super) fn check_old_transport(&mut self, whole: &Source) {
-        if self.version == Version::V2 && !self.once.places.contains_key("depth") {
-            let what = "no SurfaceIntegrator is named: pbrt-v2 would light directly and follow 5 mirrors; \
-                        light is transported by path tracing of that depth";
-            self.log.notice(whole, what);
-        }
-    }
 }
 
 /// Returns the integrator that takes the place of pbrt's by default, and how to request one like it if there is one.
-fn transport(kind: &str) -> String {
+pub(super) fn transport(kind: &str) -> String {
     let (ours, method) = match kind {
         "bdpt" => ("bdpt", "bidirectional path tracing"),
         "mlt" | "metropolis" => ("metropolis", "Metropolis sampling"),

@@ -1,8 +1,8 @@
 //! The parameters of a directive: typed values by name, each taken at most once.
 
 use super::diagnostics::Log;
+use super::legacy::Version;
 use super::tokens::{Fault, Kind, Token, Tokens, number, shown, unescape};
-use super::version::Version;
 use crate::Source;
 use dapple_core::nearest_name;
 use std::path::PathBuf;

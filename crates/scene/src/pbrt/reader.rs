@@ -4,15 +4,15 @@ use super::ReadOptions;
 use super::diagnostics::Log;
 use super::directive::{Directive, Directives};
 use super::images::Images;
-use super::late_names::Awaited;
+use super::legacy::Version;
+use super::names::Names;
 use super::params::{Param, Params, Values};
 use super::state::{Ctm, MaterialRef, State};
 use super::textures::Textures;
 use super::tokens::shown;
-use super::version::Version;
 use crate::ReadError;
 use crate::files::Files;
-use crate::{MaterialId, MediumId, MeshData, ObjectId, PixelFilter, Scene, Source};
+use crate::{MaterialId, MeshData, ObjectId, PixelFilter, Scene, Source};
 use dapple_core::nearest_name;
 use glam::DAffine3;
 use std::collections::BTreeMap;
@@ -60,12 +60,10 @@ pub(super) struct Reader<'a> {
     pub(super) spaces: BTreeMap<String, [DAffine3; 2]>,
     /// The object that new shapes belong to; `None` outside of object definitions.
     pub(super) object: Option<ObjectId>,
-    pub(super) named_objects: BTreeMap<String, ObjectId>,
-    pub(super) named_materials: BTreeMap<String, MaterialId>,
-    pub(super) named_media: BTreeMap<String, MediumId>,
+    pub(super) named_objects: Names,
+    pub(super) named_materials: Names,
+    pub(super) named_media: Names,
     pub(super) default_material: Option<MaterialId>,
-    /// References to names that may be defined later in the file.
-    pub(super) awaited: Awaited,
     pub(super) textures: Textures,
     pub(super) meshes: BTreeMap<PathBuf, Arc<MeshData>>,
     pub(super) images: Images,
@@ -99,11 +97,10 @@ impl<'a> Reader<'a> {
             blocks: Vec::new(),
             spaces: BTreeMap::new(),
             object: None,
-            named_objects: BTreeMap::new(),
-            named_materials: BTreeMap::new(),
-            named_media: BTreeMap::new(),
+            named_objects: Names::new("object", "make it by ObjectBegin"),
+            named_materials: Names::new("material", "make it by MakeNamedMaterial"),
+            named_media: Names::new("medium", "make it by MakeNamedMedium"),
             default_material: None,
-            awaited: Awaited::default(),
             textures: Textures::default(),
             meshes: BTreeMap::new(),
             images: Images::default(),

@@ -2,12 +2,12 @@
 
 use super::directive::Directive;
 use super::images::{Channel, Decoding};
+use super::legacy::Version;
 use super::params::{Params, Type};
 use super::reader::{Reader, unknown_name};
 use super::spectra::Gamut;
 use super::tokens::shown;
-use super::version::Version;
-use crate::{Color, Scalar, Source, Texture, TextureId, TextureKind, Wrap};
+use crate::{Color, Scalar, Source, TextureId, TextureKind, Wrap};
 use std::collections::BTreeMap;
 
 /// The colour in place of an unsupported or invalid texture.
@@ -173,8 +173,7 @@ impl Reader<'_> {
             params.problem(source.line, what);
             return GREY;
         }
-        let id = TextureId(self.scene.textures.len() as u32);
-        self.scene.textures.push(Texture { name: name.to_owned(), kind, source: source.clone() });
+        let id = self.scene.add_texture(name, kind, source);
         self.textures.depths.push(depth);
         Color::Texture(id)
     }

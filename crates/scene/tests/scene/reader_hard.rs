@@ -1,7 +1,7 @@
 //! Files that are truncated, inconsistent or noise.
 
 use dapple_scene::Scene;
-use dapple_scene::model::{PlyError, read_ply};
+use dapple_scene::model::read_ply;
 use dapple_scene::pbrt::{ReadOptions, read_scene_from};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
@@ -104,20 +104,26 @@ fn false_mesh_headers_are_errors_i03() {
         "element nothing 4294967295\n".to_owned(),
         "element face 4294967295\nproperty list uchar int vertex_indices\n".to_owned(),
     ] {
-        assert!(matches!(read_ply(&lie(&element)), Err(PlyError::TooShort { .. })), "{element}");
+        let error = read_ply(&lie(&element)).unwrap_err().to_string();
+        assert!(
+            error.starts_with("the header promises ") && error.contains("only 8 bytes follow"),
+            "{element}: {error}"
+        );
     }
     let list = "element face 1\nproperty list uint int vertex_indices\n";
     let mut bytes = lie(list);
     bytes.truncate(bytes.len() - 8);
     bytes.extend([0xff; 8]);
-    assert!(matches!(read_ply(&bytes), Err(PlyError::Element { .. })));
+    let error = read_ply(&bytes).unwrap_err().to_string();
+    assert!(error.starts_with("face 0 cannot be read ("), "{error}");
 }
 
 #[test]
 fn names_declared_twice_are_refused() {
     let text = String::from_utf8(samples()[0].clone()).unwrap();
     let twice = text.replace("property float y\n", "property float y\nproperty float y\n");
-    assert!(matches!(read_ply(twice.as_bytes()), Err(PlyError::Header(_))));
+    let error = read_ply(twice.as_bytes()).unwrap_err().to_string();
+    assert!(error.starts_with("the PLY header cannot be read ("), "{error}");
 }
 
 #[test]

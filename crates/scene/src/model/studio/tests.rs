@@ -1,5 +1,5 @@
 use super::*;
-use crate::MeshData;
+use crate::{MaterialId, MeshData};
 
 #[test]
 fn the_angle_and_its_tangent_agree() {

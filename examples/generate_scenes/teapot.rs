@@ -1,8 +1,6 @@
 //! Newell's teapot in gold on a tiled floor, in a studio.
 
 use super::Assets;
-#[cfg(test)]
-use super::directions::length;
 use super::directions::{add, cross, dot, mix, normalize, scale, smoothstep, sub};
 use super::images::{lat_long_pfm, tga};
 use super::mesh::Mesh;
@@ -266,32 +264,4 @@ pub(super) fn scene() -> (String, Assets) {
         ("tiles.tga".to_owned(), tga(128, 128, floor_tile)),
     ];
     (text, files)
-}
-
-/// Returns the largest sine of the angle between the normals of neighbouring patches along their shared edges, tips
-/// excluded. 0 means that every seam is smooth.
-#[cfg(test)]
-pub(super) fn largest_seam_angle() -> f64 {
-    let normal = |patch: &Patch, s: f64, t: f64| {
-        let [_, along_s, along_t] = patch_point(patch, s, t);
-        normalize(cross(along_s, along_t))
-    };
-    let mut largest: f64 = 0.0;
-    for part in &parts() {
-        for (piece, ring) in part.iter().enumerate() {
-            for (column, patch) in ring.iter().enumerate() {
-                let beside = &ring[(column + 1) % ring.len()];
-                for step in 0..=STEPS {
-                    let x = step as f64 / STEPS as f64;
-                    if !(step == 0 && is_point(&patch[0]) || step == STEPS && is_point(&patch[3])) {
-                        largest = largest.max(length(cross(normal(patch, x, 1.0), normal(beside, x, 0.0))));
-                    }
-                    if let Some(below) = part.get(piece + 1) {
-                        largest = largest.max(length(cross(normal(patch, 1.0, x), normal(&below[column], 0.0, x))));
-                    }
-                }
-            }
-        }
-    }
-    largest
 }

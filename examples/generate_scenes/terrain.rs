@@ -139,10 +139,3 @@ pub(super) fn scene() -> (String, Assets) {
     files.push(("sky.pfm".to_owned(), lat_long_pfm(8, 256, sky)));
     (text, files)
 }
-
-#[cfg(test)]
-pub(super) fn is_rim([x, y]: [f64; 2]) -> bool {
-    let [right, _] = place(CELLS as f64, 0.0);
-    let near = (y - NEAR).abs() < 1e-9 && x.abs() <= right + 1e-9;
-    near || (y - FAR).abs() < 1e-9 || (x.abs() - (HALF + SPREAD * (y - NEAR))).abs() < 1e-9
-}

@@ -63,7 +63,7 @@ pub(super) fn sin_cos(turns: f64) -> [f64; 2] {
 }
 
 /// Returns the unit direction (z up) through the centre of a pixel of a latitude-longitude image, laid out as in
-/// [`EnvironmentRadiance::LatLong`](crate::EnvironmentRadiance::LatLong).
+/// `dapple_scene::EnvironmentRadiance::LatLong`.
 pub(crate) fn lat_long_direction(column: usize, row: usize, width: usize, height: usize) -> [f64; 3] {
     let [sin_phi, cos_phi] = sin_cos((column as f64 + 0.5) / width as f64);
     let [sin_theta, cos_theta] = sin_cos(0.5 * (row as f64 + 0.5) / height as f64);

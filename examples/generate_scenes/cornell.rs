@@ -65,11 +65,3 @@ pub(super) fn scene() -> String {
     text += "AttributeEnd\n";
     text
 }
-
-#[cfg(test)]
-pub(super) fn quads() -> Vec<(&'static str, Quad)> {
-    let mut quads: Vec<_> = WALLS.iter().map(|&(name, _, quad)| (name, quad)).collect();
-    quads.extend(BLOCKS.iter().flat_map(|&(name, top)| block(top).into_iter().map(move |quad| (name, quad))));
-    quads.push(("lamp", LAMP));
-    quads
-}

@@ -1,7 +1,95 @@
-//! The mean of a texture.
+//! Textures, and parameters that textures may give.
 
-use super::{Color, Scalar, Texture, TextureId, TextureKind};
+use super::Source;
+use crate::image::Image;
 use glam::{DVec3, Vec3};
+use std::sync::Arc;
+
+/// Index of a texture in [`Scene::textures`](super::Scene::textures).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct TextureId(pub u32);
+
+/// A colour: constant, or a texture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Color {
+    /// A constant colour, linear RGB.
+    Constant([f32; 3]),
+    /// A texture that gives the colour.
+    Texture(TextureId),
+}
+
+/// A number: constant, or the first channel of a texture whose channels are equal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Scalar {
+    /// A constant value.
+    Constant(f32),
+    /// The first channel of a texture.
+    Texture(TextureId),
+}
+
+/// A texture with its name and its place in the file.
+#[derive(Clone, Debug)]
+pub struct Texture {
+    /// The texture's name in the file.
+    pub name: String,
+    /// The kind of texture, with its parameters.
+    pub kind: TextureKind,
+    /// File and line of the texture, for messages.
+    pub source: Source,
+}
+
+/// The kind of a texture.
+#[derive(Clone, Debug)]
+pub enum TextureKind {
+    /// A checkerboard in texture coordinates.
+    Checkerboard {
+        /// Factors of u and v, applied before the shift.
+        scale: [f32; 2],
+        /// Offsets added to u and v after `scale`.
+        shift: [f32; 2],
+        /// The colour where `floor(u) + floor(v)` is even, and the colour where it is odd.
+        colors: [Color; 2],
+    },
+    /// An image, interpolated bilinearly. `v = 0` is its bottom edge, `u = 0` its left edge.
+    Image {
+        /// The image, decoded to linear RGB, top row first.
+        image: Arc<Image>,
+        /// Factors of u and v, applied before the shift.
+        scale: [f32; 2],
+        /// Offsets added to u and v after `scale`.
+        shift: [f32; 2],
+        /// Factor applied to every pixel value.
+        factor: f32,
+        /// True if each value, after `factor`, is subtracted from 1; negative results become 0.
+        invert: bool,
+        /// The values beyond the edges of the image.
+        wrap: Wrap,
+    },
+    /// The product of two colours or textures.
+    Product {
+        /// The two factors.
+        factors: [Color; 2],
+    },
+    /// A linear interpolation between two colours or textures.
+    Mix {
+        /// The colour at `amount` 0 and the colour at `amount` 1.
+        colors: [Color; 2],
+        /// Weight of the second colour, 0 to 1.
+        amount: Scalar,
+    },
+}
+
+/// The values of an image texture beyond the edges of its image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Wrap {
+    /// The image repeats.
+    #[default]
+    Repeat,
+    /// Black outside the image.
+    Black,
+    /// The value of the nearest pixel of the image.
+    Clamp,
+}
 
 /// Deepest nesting of textures within textures. Textures nested deeper count as black.
 const DEEPEST: u32 = 8;
@@ -45,9 +133,6 @@ fn mean_within(textures: &[Texture], id: TextureId, depth: u32) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::Image;
-    use crate::{Source, Wrap};
-    use std::sync::Arc;
 
     #[test]
     fn means_of_nested_textures() {

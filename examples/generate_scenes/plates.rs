@@ -71,8 +71,3 @@ pub(super) fn scene() -> String {
     }
     text
 }
-
-#[cfg(test)]
-pub(super) fn plates() -> impl Iterator<Item = [[f64; 3]; 4]> {
-    PLATES.into_iter().map(|(y, z, _)| plate(y, z))
-}

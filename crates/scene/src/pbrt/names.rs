@@ -1,0 +1,216 @@
+//! Names of materials, media and objects, which may be used before their definition. Objects and their instances, and
+//! checks that need the whole file.
+
+use super::diagnostics::Log;
+use super::directive::Directive;
+use super::reader::{Reader, unknown_name};
+use super::state::MaterialRef;
+use super::tokens::shown;
+use crate::{
+    Instance, Material, MaterialId, MaterialKind, Medium, MediumId, MediumInterface, Object, ObjectId, Shape, Source,
+};
+use std::collections::BTreeMap;
+
+/// The deepest nesting of mixed materials. Each level costs a random choice per hit.
+const DEEPEST_MIX: u32 = 8;
+
+/// The names of the scene's materials, media or objects. A use before the definition reserves a place in the scene.
+pub(super) struct Names {
+    /// What the names are of, and how such a thing is made, for messages.
+    what: &'static str,
+    advice: &'static str,
+    /// The index in the scene by name.
+    defined: BTreeMap<String, usize>,
+    /// The reserved index, and the place of the first use, of each name that is not defined yet.
+    awaited: BTreeMap<String, (usize, Source)>,
+}
+
+impl Names {
+    pub(super) fn new(what: &'static str, advice: &'static str) -> Self {
+        Self { what, advice, defined: BTreeMap::new(), awaited: BTreeMap::new() }
+    }
+
+    /// Returns the index of a name; `None` if it is not defined yet.
+    pub(super) fn get(&self, name: &str) -> Option<usize> {
+        self.defined.get(name).copied()
+    }
+
+    /// Defines a name as `item`, which goes to its place in `list`. Returns its index.
+    pub(super) fn define<T>(&mut self, name: &str, item: T, list: &mut Vec<T>) -> usize {
+        let index = self.awaited.remove(name).map_or(list.len(), |(index, _)| index);
+        self.defined.insert(name.to_owned(), index);
+        match list.get_mut(index) {
+            Some(place) => *place = item,
+            None => list.push(item),
+        }
+        index
+    }
+
+    /// Returns the index of a name that is used at `source`. Reserves a place with `item` for a name without one.
+    fn used<T>(&mut self, name: &str, source: &Source, list: &mut Vec<T>, item: impl FnOnce(Source) -> T) -> usize {
+        if let Some(index) = self.get(name).or(self.awaited.get(name).map(|(index, _)| *index)) {
+            return index;
+        }
+        self.awaited.insert(name.to_owned(), (list.len(), source.clone()));
+        list.push(item(source.clone()));
+        list.len() - 1
+    }
+
+    /// Reports the names that are used and not defined, in the order of their first uses.
+    fn check(&self, log: &mut Log) {
+        let mut unknown: Vec<_> = self.awaited.iter().collect();
+        unknown.sort_by_key(|(_, (index, _))| *index);
+        for (name, (_, source)) in unknown {
+            log.problem(source, unknown_name(self.what, name, self.defined.keys(), self.advice));
+        }
+    }
+}
+
+impl Reader<'_> {
+    pub(super) fn material_named(&mut self, name: &str, source: &Source) -> MaterialId {
+        let item = |source| Material::new(name, super::materials::default_kind(), source);
+        MaterialId(self.named_materials.used(name, source, &mut self.scene.materials, item) as u32)
+    }
+
+    pub(super) fn medium_named(&mut self, name: Option<&str>, source: &Source) -> Option<MediumId> {
+        let name = name?;
+        let item = |source| {
+            let (absorption, scattering) = ([0.0; 3], [0.0; 3]);
+            Medium { name: name.to_owned(), absorption, scattering, g: 0.0, source }
+        };
+        Some(MediumId(self.named_media.used(name, source, &mut self.scene.media, item) as u32))
+    }
+
+    fn object_named(&mut self, name: &str, source: &Source) -> ObjectId {
+        let item = |source| Object { name: name.to_owned(), shapes: Vec::new(), source };
+        ObjectId(self.named_objects.used(name, source, &mut self.scene.objects, item) as u32)
+    }
+
+    /// Executes `ObjectBegin`: later shapes belong to this object until `ObjectEnd`.
+    pub(super) fn begin_object(&mut self, d: &Directive<'_>) {
+        if let Some(open) = self.object {
+            let open = &self.scene.objects[open.0 as usize];
+            let what = format!("ObjectBegin within object {} of {}; close that first", shown(&open.name), open.source);
+            self.log.problem(&d.source, what);
+        }
+        let name = d.texts[0].clone();
+        if let Some(first) = self.named_objects.get(&name) {
+            let first = &self.scene.objects[first].source;
+            let what = format!("object {} is made twice (first at {first}); rename one", shown(&name));
+            self.log.problem(&d.source, what);
+        }
+        self.begin_block("ObjectBegin", d.source.clone());
+        let object = Object { name: name.clone(), shapes: Vec::new(), source: d.source.clone() };
+        self.object = Some(ObjectId(self.named_objects.define(&name, object, &mut self.scene.objects) as u32));
+    }
+
+    /// Executes `ObjectInstance`: places an object in the world.
+    pub(super) fn add_instance(&mut self, d: &Directive<'_>) {
+        if self.object.is_some() {
+            let what = "ObjectInstance within an object; objects hold shapes only, so move it out";
+            self.log.problem(&d.source, what);
+            return;
+        }
+        let object = self.object_named(&d.texts[0], &d.source);
+        let ctm = &self.state.ctm;
+        let source = d.source.clone();
+        self.scene.instances.push(Instance { object, to_world: ctm.start, moves_to: ctm.moves_to(), source });
+    }
+
+    /// Adds a shape to the current object or, outside of objects, to the scene. The shape gets the current material and
+    /// media.
+    pub(super) fn keep_shape(&mut self, mut shape: Shape) {
+        shape.material = match self.state.material.clone() {
+            MaterialRef::Made(id) => id,
+            MaterialRef::Named(name, source) => self.material_named(&name, &source),
+            MaterialRef::Default => *self.default_material.get_or_insert_with(|| {
+                let kind = super::materials::default_kind();
+                self.scene.add_material(Material::new("default", kind, shape.source.clone()))
+            }),
+        };
+        // With the same medium on both sides, the surrounding medium stays.
+        if let Some(media) = self.state.media.clone().filter(|media| media.inside != media.outside) {
+            let [inside, outside] =
+                [&media.inside, &media.outside].map(|name| self.medium_named(name.as_deref(), &media.source));
+            shape.media = Some(MediumInterface { inside, outside });
+        }
+        match self.object {
+            Some(id) => self.scene.objects[id.0 as usize].shapes.push(shape),
+            None => self.scene.shapes.push(shape),
+        }
+    }
+
+    /// Reports undefined names and missing parts of the scene: unclosed blocks, no `WorldBegin`, camera, shape or light.
+    /// `whole` is the whole file, for messages.
+    pub(super) fn check_complete(&mut self, whole: &Source) {
+        for names in [&self.named_materials, &self.named_media, &self.named_objects] {
+            names.check(&mut self.log);
+        }
+        self.check_mixes();
+        // An instance of an empty object has no effect.
+        let objects = &self.scene.objects;
+        self.scene.instances.retain(|i| !objects[i.object.0 as usize].shapes.is_empty());
+        for block in std::mem::take(&mut self.blocks) {
+            self.log.problem(&block.source, format!("this {} is never closed", block.begin));
+        }
+        if !self.once.places.contains_key("WorldBegin") {
+            self.log.problem(whole, "there is no WorldBegin; the file holds no scene, or is cut off");
+            return;
+        }
+        self.check_old_transport(whole);
+        if !self.once.places.contains_key("Camera") {
+            self.log.problem(whole, "there is no Camera; add one before WorldBegin, as in Camera \"perspective\"");
+        }
+        if !self.once.places.contains_key("Film") {
+            let [width, height] = self.scene.film.resolution;
+            self.log.notice(whole, format!("there is no Film; the image is {width}x{height}"));
+        }
+        if self.shapes_met == 0 {
+            self.log.problem(whole, "there are no shapes; add a Shape after WorldBegin");
+        }
+        if self.lights_met == 0 {
+            self.log.problem(whole, "nothing gives off light; add a LightSource, or an AreaLightSource before a Shape");
+        }
+        if self.log.has_problems() {
+            return;
+        }
+        // The unsupported features left out may have been the only shapes or lights.
+        if self.scene.shapes.is_empty() && self.scene.instances.is_empty() {
+            let what = if self.scene.objects.iter().any(|o| !o.shapes.is_empty()) {
+                "no shape stands in the world; place an object by ObjectInstance"
+            } else {
+                "no shapes remain once unsupported ones are left out"
+            };
+            self.log.problem(whole, what);
+        }
+        let shines = self.scene.shapes.iter().any(|s| s.emission.is_some());
+        if self.scene.lights.is_empty() && !shines {
+            self.log.problem(whole, "no lights remain; those that there are belong to no shape, or are not supported");
+        }
+    }
+
+    /// Reports mixes that are nested too deep, or contain themselves.
+    fn check_mixes(&mut self) {
+        // The depth of a mix that contains itself exceeds every bound.
+        let mut depths = vec![0; self.scene.materials.len()];
+        for _ in 0..=DEEPEST_MIX {
+            for (mix, material) in self.scene.materials.iter().enumerate() {
+                if let MaterialKind::Mix { materials, .. } = &material.kind {
+                    let deepest = materials.iter().map(|m| depths[m.0 as usize]).max().unwrap_or(0);
+                    depths[mix] = deepest + 1;
+                }
+            }
+        }
+        for (Material { name, source, .. }, _) in
+            self.scene.materials.iter().zip(depths).filter(|(_, d)| *d > DEEPEST_MIX)
+        {
+            if !self.log.has_problems() {
+                let what = format!(
+                    "material {} mixes itself, or mixes more than {DEEPEST_MIX} deep; name other materials",
+                    shown(name)
+                );
+                self.log.problem(source, what);
+            }
+        }
+    }
+}
