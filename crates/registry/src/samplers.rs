@@ -333,8 +333,12 @@ fn then(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result
     let (first, second) = (of("first")?, of("second")?);
     let sampler = Then::new(first.sampler, spp, second.sampler).map_err(|e| p.refuse(e.to_string()))?;
     // The last samples are the second sampler's.
-    let placed = second.placed.or(first.placed);
-    Ok(MadeSampler { sampler: Box::new(sampler), probes: first.probes.joined(second.probes), placed })
+    Ok(MadeSampler {
+        sampler: Box::new(sampler),
+        probes: first.probes.joined(second.probes),
+        #[cfg(feature = "classics")]
+        placed: second.placed.or(first.placed),
+    })
 }
 
 /// The error map that a sampler uses besides the pooled variance: the error that a filter with default parameters
@@ -402,5 +406,6 @@ fn cluster_thesis(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs)
             sampler.with_visibility(visible.ok_or(lacks("shadow rays to the scene's lights (lights=0 needs none)"))?)
         }
     };
-    Ok(MadeSampler { probes: sampler.handle(), sampler: Box::new(sampler), placed: None })
+    let probes = sampler.handle();
+    Ok(MadeSampler { probes, ..sampler.into() })
 }
