@@ -242,7 +242,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
             "parts of pixels split where samples contrast (after Whitted 1980); filter with tree-mean",
             "Whitted, An Improved Illumination Model for Shaded Display, 1980",
             &[SubdivisionOptions::PARAMETERS],
-            crate::coordinates::subdivision,
+            crate::coordinates::placing::<SubdivisionOptions>,
         )
     },
     #[cfg(feature = "classics")]
@@ -291,7 +291,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
             "hierarchical integration of pixels (after Kajiya 1986); filter with tree-mean:tree=contrast",
             "Kajiya, The Rendering Equation, 1986",
             &[HierarchicalOptions::PARAMETERS],
-            crate::coordinates::hierarchical,
+            crate::coordinates::placing::<HierarchicalOptions>,
         )
     },
 ];
