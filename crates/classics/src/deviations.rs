@@ -311,22 +311,11 @@ impl SamplingMethod for EarsOptions {
 mod tests {
     use super::*;
     use crate::test_scenes::{Field, bernoulli, frame, planned_estimates, planned_until_done, run};
-    use dapple_conformance::{sampler, threshold_sampler};
     use dapple_core::{Estimate, Limits};
-    use dapple_low_discrepancy::{Random, Sobol};
+    use dapple_low_discrepancy::Random;
 
     fn with(options: VarianceThresholdOptions, seed: u64) -> VarianceThreshold<Random> {
         VarianceThreshold::with_options(Random::new(seed), options).unwrap()
-    }
-
-    #[test]
-    fn variance_thresholds_conform() {
-        sampler(|| Box::new(VarianceThreshold::new(Sobol::new(1))));
-        let options = VarianceThresholdOptions::default().min(3).step(5).cap(2.0).threshold(0.01);
-        for options in [VarianceThresholdOptions::default(), options] {
-            sampler(|| Box::new(with(options, 1)));
-            threshold_sampler(|| Box::new(with(options.mode(Stopping::Threshold), 1)));
-        }
     }
 
     /// Samples of mean 1 that are nearly normal: sums of four uniform numbers, with standard deviation 0.25.
@@ -404,13 +393,6 @@ mod tests {
         assert!(near > 486, "{near} of 512 pixels, {noisy:?}");
     }
 
-    #[test]
-    fn optimistic_counts_conform() {
-        sampler(|| Box::new(UpperConfidence::new(Sobol::new(1))));
-        let options = UpperConfidenceOptions::default().pilot(3).bonus(0.0).step(0.3);
-        sampler(|| Box::new(UpperConfidence::with_options(Random::new(1), options).unwrap()));
-    }
-
     /// The counts of 100 pixels at 32 samples each. Samples of the last pixel are all equal, those of the others have
     /// deviation 0.3 about the same mean.
     fn counts_beside_a_dark_pilot(options: UpperConfidenceOptions) -> Vec<u64> {
@@ -445,13 +427,6 @@ mod tests {
             let counts = planned_until_done(&mut sampler, frame(10, 10), 3257, sample).counts();
             assert!(counts.iter().all(|n| (32..=33).contains(n)), "{bonus}: {counts:?}");
         }
-    }
-
-    #[test]
-    fn efficiency_aware_counts_conform() {
-        sampler(|| Box::new(Ears::new(Sobol::new(1))));
-        let options = EarsOptions::default().pilot(3).rounds(1).radius(0).most(2.0).outliers(0);
-        sampler(|| Box::new(Ears::with_options(Random::new(1), options).unwrap()));
     }
 
     fn factors(options: EarsOptions, pixels: &[[f64; 2]]) -> Vec<f64> {

@@ -204,34 +204,11 @@ mod tests {
     use super::*;
     use crate::recorders::Singles;
     use crate::test_scenes::{Field, frame, run};
-    use dapple_conformance::{sampler, threshold_sampler};
     use dapple_core::Render;
-    use dapple_low_discrepancy::{Random, Sobol};
+    use dapple_low_discrepancy::Random;
 
     fn with(options: DivergenceOptions, seed: u64) -> Divergence<Random> {
         Divergence::with_options(Random::new(seed), options).unwrap()
-    }
-
-    #[test]
-    fn divergences_conform_with_a_budget_and_with_a_threshold() {
-        sampler(|| Box::new(Divergence::new(Sobol::new(1))));
-        let q = |q| DivergenceOptions::default().by(DivergenceScore::Tsallis).q(q);
-        let by = |by| DivergenceOptions::default().by(by).pilot(3);
-        let scores = [DivergenceScore::Kl, DivergenceScore::Chi2, DivergenceScore::Entropy, DivergenceScore::Geometric];
-        for options in scores.map(by).into_iter().chain([q(0.5), q(1.0), q(2.0).cap(1.5)]) {
-            sampler(|| Box::new(with(options, 1)));
-        }
-        for options in [DivergenceOptions::default(), by(DivergenceScore::Kl).threshold(0.01).step(3)] {
-            threshold_sampler(|| Box::new(with(options.mode(Stopping::Threshold), 1)));
-        }
-    }
-
-    #[test]
-    fn scores_of_single_samples_conform() {
-        let fuzzy = DivergenceOptions::default().by(DivergenceScore::Fuzzy);
-        sampler(|| Box::new(with(fuzzy, 1)));
-        threshold_sampler(|| Box::new(with(fuzzy.pilot(3).mode(Stopping::Threshold), 1)));
-        sampler(|| Box::new(with(DivergenceOptions::default().by(DivergenceScore::Gh), 1)));
     }
 
     #[test]

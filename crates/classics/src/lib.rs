@@ -4,6 +4,8 @@
 //! rather than read in its source is named "after" its authors.
 
 mod awr;
+#[cfg(test)]
+mod conformance;
 mod dct;
 mod deviations;
 mod divergence;
@@ -45,7 +47,7 @@ pub use fourier_dof::{FourierDof, FourierDofOptions, LensBandwidthOptions, Splat
 pub use gem::{Gem, GemFilter, GemFilterOptions, GemOptions};
 pub use james_stein::{JamesStein, JamesSteinOptions, NoiseEstimate};
 pub use mdas::{Mdas, MdasBoxes, MdasBoxesOptions, MdasOptions};
-pub use method::{MethodFilter, MethodSampler, SamplesFilter};
+pub use method::{FilterMethod, MethodFilter, MethodSampler, SamplesFilter, SamplesMethod, SamplingMethod};
 pub use nfor::{Nfor, NforOptions};
 pub use nlm_loop::{HalfVariance, NlmLoop, NlmLoopFilter, NlmLoopFilterOptions, NlmLoopOptions};
 pub use perceptual::{Perceptual, PerceptualOptions};
@@ -56,7 +58,7 @@ pub use placed::{FilmPoints, Placed, PlacedHandle};
 pub use staged::{Staged, StagedOptions};
 pub use sure::{Sure, SureFilter, SureFilterOptions, SureOptions};
 pub use tlfr::{Tlfr, TlfrOptions};
-pub use tree::TreeSampler;
+pub use tree::{Refinement, TreeSampler};
 pub use wavelets::{Basis, Wavelet, WaveletOptions};
 pub use welch::{TestDegrees, Welch, WelchOptions};
 

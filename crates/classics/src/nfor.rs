@@ -291,11 +291,6 @@ mod tests {
     use crate::test_scenes::{frame, near_normal};
     use dapple_core::{Estimate, Filter as _, FirstHit};
 
-    #[test]
-    fn the_filter_conforms() {
-        dapple_conformance::filter(|| Box::new(Nfor::default()));
-    }
-
     const SIDE: usize = 40;
 
     /// A film of 16 samples per pixel, of deviation 0.1 about `truth`, whose features are exact.

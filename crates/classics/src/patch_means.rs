@@ -1,5 +1,6 @@
 //! Means over windows of pixels with similar patches around them, after the program of Rousselle et al. 2012.
 
+use crate::wavelets::mirrored;
 use rayon::prelude::*;
 
 /// A plane with a margin, in which the image is mirrored at its border.
@@ -12,15 +13,10 @@ pub(crate) struct Mirrored {
 impl Mirrored {
     /// The plane of these `values`, row by row, with a margin of so many pixels.
     pub(crate) fn new([width, height]: [usize; 2], margin: usize, values: &[f32]) -> Self {
-        // The image repeats, every second time reversed; the pixels at the border once.
-        let fold = |at: usize, length: usize| {
-            let period = 2 * (length - 1).max(1);
-            let at = (at + margin * period - margin) % period;
-            if at < length { at } else { period - at }
-        };
+        let within = |at: usize, length: usize| mirrored(at as i64 - margin as i64, length);
         let stride = width + 2 * margin;
-        let columns: Vec<usize> = (0..stride).map(|x| fold(x, width).min(width - 1)).collect();
-        let rows = (0..height + 2 * margin).map(|y| &values[fold(y, height).min(height - 1) * width..][..width]);
+        let columns: Vec<usize> = (0..stride).map(|x| within(x, width)).collect();
+        let rows = (0..height + 2 * margin).map(|y| &values[within(y, height) * width..][..width]);
         Self { values: rows.flat_map(|row| columns.iter().map(|&x| row[x])).collect(), stride, margin }
     }
 

@@ -226,7 +226,7 @@ impl<P: PointSet> PointSet for Placed<P> {
 }
 
 /// The samples that a sampler has placed, for filters: those of its last published round.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct PlacedHandle {
     domain: Domain,
     table: Arc<Mutex<Option<Arc<Table>>>>,
@@ -239,12 +239,6 @@ impl PlacedHandle {
 
     fn table(&self) -> Arc<Table> {
         self.table.lock().unwrap_or_else(PoisonError::into_inner).clone().unwrap_or_default()
-    }
-}
-
-impl fmt::Debug for PlacedHandle {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("PlacedHandle")
     }
 }
 

@@ -159,13 +159,6 @@ mod tests {
     }
 
     #[test]
-    fn staged_conforms() {
-        for width in [1.0, 2.5] {
-            dapple_conformance::filter(|| Box::new(staged(film_points(Sobol::new(3), &[], None), width)));
-        }
-    }
-
-    #[test]
     fn films_without_single_samples_are_refused() {
         let film = Film::with_recorders(Frame::new(2, 2).expect("a frame"), Needs::none(), Singles::first(8).list());
         let error = staged(film_points(Sobol::new(3), &[], None), 1.0).apply(&film);

@@ -206,14 +206,7 @@ mod tests {
     use crate::test_scenes::{Field, frame, run};
     use dapple_core::samplers::Uniform;
     use dapple_core::{Draws, Estimate, Filter, FirstHit, Integrator, Limits, Render, Unfiltered, Worker};
-    use dapple_low_discrepancy::{Random, Sobol};
-
-    #[test]
-    fn the_filter_conforms() {
-        dapple_conformance::filter(|| {
-            Box::new(SureFilter::with_options(SureFilterOptions::default().fast(true)).unwrap())
-        });
-    }
+    use dapple_low_discrepancy::Random;
 
     /// Noise of deviation 0.1 about an edge, whose features do not show it.
     fn edge_with_noise() -> Film {
@@ -253,14 +246,6 @@ mod tests {
         let unused =
             run(&mut Field(|_, _| [0.0; 3]), &mut Uniform::new(Random::new(1)), frame(2, 2), &Limits::spp(1.0));
         assert!(matches!(SureFilter::default().apply(&unused), Err(Error::NotRecorded { .. })));
-    }
-
-    #[test]
-    fn the_sampler_conforms() {
-        let options = SureOptions::default().window(2).smooth(1.0);
-        dapple_conformance::sampler(|| Box::new(Sure::with_options(Sobol::new(1), options).unwrap()));
-        let options = options.pilot(3).rounds(3).cap(20);
-        dapple_conformance::sampler(|| Box::new(Sure::with_options(Random::new(1), options).unwrap()));
     }
 
     /// A field on a wall.

@@ -7,8 +7,7 @@ mod planner;
 #[cfg(test)]
 pub(crate) mod test_scenes;
 
-pub(crate) use planner::Refinement;
-pub use planner::TreeSampler;
+pub use planner::{Refinement, TreeSampler};
 
 use crate::recorders::FilmSamples;
 use crate::{Domain, FilmPoints};

@@ -192,7 +192,7 @@ impl Taps {
 }
 
 /// The index of a line that is mirrored at its ends, which are not repeated.
-fn mirrored(at: i64, length: usize) -> usize {
+pub(crate) fn mirrored(at: i64, length: usize) -> usize {
     let period = 2 * (length as i64 - 1).max(1);
     let at = at.rem_euclid(period);
     (if at < length as i64 { at } else { period - at }).min(length as i64 - 1) as usize

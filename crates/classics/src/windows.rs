@@ -68,6 +68,72 @@ fn add(sums: &mut [f64], tap: f64, values: &[f64]) {
     sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += tap * value);
 }
 
+/// The index of the pixel `offset` columns and rows from pixel `i`; `None` outside the image.
+#[inline]
+pub(crate) fn beside([width, height]: [usize; 2], i: usize, [dx, dy]: [isize; 2]) -> Option<usize> {
+    let (x, y) = ((i % width).wrapping_add_signed(dx), (i / width).wrapping_add_signed(dy));
+    (x < width && y < height).then(|| y * width + x)
+}
+
+/// A rectangle of pixels.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PixelTile {
+    pub(crate) left: usize,
+    pub(crate) top: usize,
+    pub(crate) size: [usize; 2],
+}
+
+impl PixelTile {
+    /// The tiles of a band of rows, from left to right; `largest` is the size of those away from the borders.
+    pub(crate) fn of_band([width, height]: [usize; 2], largest: [usize; 2], band: usize) -> impl Iterator<Item = Self> {
+        let top = band * largest[1];
+        let rows = largest[1].min(height - top);
+        (0..width).step_by(largest[0]).map(move |left| Self { left, top, size: [largest[0].min(width - left), rows] })
+    }
+
+    /// The columns and rows of the tile's pixels, row by row.
+    pub(crate) fn pixels(self) -> impl Iterator<Item = [usize; 2]> {
+        let [width, height] = self.size;
+        (0..width * height).map(move |k| [self.left + k % width, self.top + k / width])
+    }
+}
+
+/// Sums over the square patches around a tile's pixels.
+pub(crate) struct PatchSums {
+    patch: usize,
+    /// One sum per pixel of the tile.
+    sums: Vec<f64>,
+    /// Sums over the rows of a patch, for the rows of the tile and of its margins.
+    across: Vec<f64>,
+    row: Vec<f64>,
+}
+
+impl PatchSums {
+    /// Sums over patches of `2 patch + 1` pixels, for tiles up to this size.
+    pub(crate) fn new([width, height]: [usize; 2], patch: usize) -> Self {
+        let (tall, wide) = (height + 2 * patch, width + 2 * patch);
+        Self { patch, sums: vec![0.0; width * height], across: vec![0.0; width * tall], row: vec![0.0; wide] }
+    }
+
+    /// Sums `value(x, y)` over the columns and rows of patches, which may lie outside the image.
+    pub(crate) fn compute(&mut self, tile: PixelTile, value: impl Fn(isize, isize) -> f64) -> &[f64] {
+        let ([width, height], side) = (tile.size, 2 * self.patch + 1);
+        let from = |first: usize, k: usize| (first + k) as isize - self.patch as isize;
+        for (k, across) in self.across.chunks_mut(width).take(height + side - 1).enumerate() {
+            let row = &mut self.row[..width + side - 1];
+            row.iter_mut().enumerate().for_each(|(x, to)| *to = value(from(tile.left, x), from(tile.top, k)));
+            across.iter_mut().zip(row.windows(side)).for_each(|(sum, window)| *sum = window.iter().sum());
+        }
+        for (y, sums) in self.sums.chunks_mut(width).take(height).enumerate() {
+            sums.fill(0.0);
+            for across in self.across.chunks(width).skip(y).take(side) {
+                sums.iter_mut().zip(across).for_each(|(sum, value)| *sum += value);
+            }
+        }
+        &self.sums[..width * height]
+    }
+}
+
 /// The variance of each pixel's mean, averaged over the channels.
 ///
 /// A pixel whose sample variance is 0 or unknown takes the mean sample variance of the 3x3 pixels around it. If none of

@@ -1,9 +1,7 @@
 //! Methods that place samples or read their coordinates.
 
 use crate::{AnyPoints, ClusterInputError, ClusterInputs, MadeSampler, Parameters, RegistryError};
-use dapple_classics::{
-    Dct, DctFilter, Domain, FilmPoints, Hierarchical, Mdas, MdasBoxes, MdasOptions, Staged, Subdivision, Tlfr, TreeMean,
-};
+use dapple_classics::{Dct, Domain, FilmPoints, MdasOptions, Refinement, SamplesFilter, SamplesMethod, TreeSampler};
 use dapple_core::Filter;
 
 /// The part that methods which place samples lack without a scene.
@@ -41,27 +39,15 @@ pub(crate) fn mdas(
         );
         return Err(RegistryError::Points { of: p.of(), why });
     }
-    let sampler = Mdas::new(points, &domain, options)?;
-    let placed = Some(sampler.placed());
-    Ok(MadeSampler { placed, ..sampler.into() })
+    placing::<MdasOptions>(p, points, inputs)
 }
 
-pub(crate) fn subdivision(
+pub(crate) fn placing<R: Refinement + 'static>(
     p: &Parameters,
     points: AnyPoints,
     inputs: &dyn ClusterInputs,
 ) -> Result<MadeSampler, RegistryError> {
-    let sampler = Subdivision::new(points, &domain(p, inputs)?, p.options()?)?;
-    let placed = Some(sampler.placed());
-    Ok(MadeSampler { placed, ..sampler.into() })
-}
-
-pub(crate) fn hierarchical(
-    p: &Parameters,
-    points: AnyPoints,
-    inputs: &dyn ClusterInputs,
-) -> Result<MadeSampler, RegistryError> {
-    let sampler = Hierarchical::new(points, &domain(p, inputs)?, p.options()?)?;
+    let sampler = TreeSampler::<_, R>::new(points, &domain(p, inputs)?, p.options()?)?;
     let placed = Some(sampler.placed());
     Ok(MadeSampler { placed, ..sampler.into() })
 }
@@ -70,27 +56,10 @@ pub(crate) fn dct(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs)
     Ok(Dct::new(points, &domain(p, inputs)?, p.options()?, p.options()?)?.into())
 }
 
-pub(crate) fn dct_filter(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
-    let options = p.options()?;
-    Ok(Box::new(DctFilter::new(film_points(p, inputs)?, options)?))
-}
-
-pub(crate) fn mdas_boxes(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
-    let options = p.options()?;
-    Ok(Box::new(MdasBoxes::new(film_points(p, inputs)?, options)?))
-}
-
-pub(crate) fn tlfr(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
-    let options = p.options()?;
-    Ok(Box::new(Tlfr::new(film_points(p, inputs)?, options)?))
-}
-
-pub(crate) fn staged(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
-    let options = p.options()?;
-    Ok(Box::new(Staged::new(film_points(p, inputs)?, options)?))
-}
-
-pub(crate) fn tree_mean(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
-    let options = p.options()?;
-    Ok(Box::new(TreeMean::new(film_points(p, inputs)?, options)?))
+pub(crate) fn of_samples<M: SamplesMethod + 'static>(
+    p: &Parameters,
+    inputs: &dyn ClusterInputs,
+) -> Result<Box<dyn Filter>, RegistryError> {
+    let options: M = p.options()?;
+    Ok(Box::new(SamplesFilter::new(film_points(p, inputs)?, options)?))
 }

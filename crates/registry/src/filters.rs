@@ -102,7 +102,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
             "samples over image, lens, time and light in boxes, weighted by the boxes' volumes; for mdas",
             "Meister and Hachisuka, multidimensional adaptive sampling on GPUs, JCGT 11(2), 2022",
             &[MdasBoxesOptions::PARAMETERS],
-            crate::coordinates::mdas_boxes,
+            crate::coordinates::of_samples::<MdasBoxesOptions>,
         )
     },
     #[cfg(feature = "classics")]
@@ -126,7 +126,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
             "samples moved over lens and time, for defocus and motion blur (Lehtinen 2011)",
             "Lehtinen et al., Temporal Light Field Reconstruction for Rendering Distribution Effects, 2011",
             &[TlfrOptions::PARAMETERS],
-            crate::coordinates::tlfr,
+            crate::coordinates::of_samples::<TlfrOptions>,
         )
     },
     #[cfg(feature = "classics")]
@@ -174,7 +174,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
             "parts of a pixel weighted by their area or volume; for subdivision and hierarchical",
             "Kajiya, The Rendering Equation, 1986; Whitted, An Improved Illumination Model for Shaded Display, 1980",
             &[TreeMeanOptions::PARAMETERS],
-            crate::coordinates::tree_mean,
+            crate::coordinates::of_samples::<TreeMeanOptions>,
         )
     },
     #[cfg(feature = "classics")]
@@ -186,7 +186,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
             "cosines fitted to the samples of 8x8 pixels, half as many as samples (after Bolin and Meyer 1995)",
             "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995",
             &[CosineOptions::PARAMETERS],
-            crate::coordinates::dct_filter,
+            crate::coordinates::of_samples::<CosineOptions>,
         )
     },
     #[cfg(feature = "classics")]
@@ -198,7 +198,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
             "means over cells of 1/8, 1/4 and 1/2 pixel, so that clumps of samples count little (after Mitchell 1987)",
             "after Mitchell, Generating Antialiased Images at Low Sampling Densities, 1987",
             &[StagedOptions::PARAMETERS],
-            crate::coordinates::staged,
+            crate::coordinates::of_samples::<StagedOptions>,
         )
     },
     #[cfg(feature = "oidn")]

@@ -242,7 +242,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
             "parts of pixels split where samples contrast (after Whitted 1980); filter with tree-mean",
             "Whitted, An Improved Illumination Model for Shaded Display, 1980",
             &[SubdivisionOptions::PARAMETERS],
-            crate::coordinates::subdivision,
+            crate::coordinates::placing::<SubdivisionOptions>,
         )
     },
     #[cfg(feature = "classics")]
@@ -291,7 +291,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
             "hierarchical integration of pixels (after Kajiya 1986); filter with tree-mean:tree=contrast",
             "Kajiya, The Rendering Equation, 1986",
             &[HierarchicalOptions::PARAMETERS],
-            crate::coordinates::hierarchical,
+            crate::coordinates::placing::<HierarchicalOptions>,
         )
     },
 ];
@@ -333,8 +333,12 @@ fn then(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result
     let (first, second) = (of("first")?, of("second")?);
     let sampler = Then::new(first.sampler, spp, second.sampler).map_err(|e| p.refuse(e.to_string()))?;
     // The last samples are the second sampler's.
-    let placed = second.placed.or(first.placed);
-    Ok(MadeSampler { sampler: Box::new(sampler), probes: first.probes.joined(second.probes), placed })
+    Ok(MadeSampler {
+        sampler: Box::new(sampler),
+        probes: first.probes.joined(second.probes),
+        #[cfg(feature = "classics")]
+        placed: second.placed.or(first.placed),
+    })
 }
 
 /// The error map that a sampler uses besides the pooled variance: the error that a filter with default parameters
@@ -402,5 +406,6 @@ fn cluster_thesis(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs)
             sampler.with_visibility(visible.ok_or(lacks("shadow rays to the scene's lights (lights=0 needs none)"))?)
         }
     };
-    Ok(MadeSampler { probes: sampler.handle(), sampler: Box::new(sampler), placed: None })
+    let probes = sampler.handle();
+    Ok(MadeSampler { probes, ..sampler.into() })
 }

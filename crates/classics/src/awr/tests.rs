@@ -5,15 +5,6 @@ use dapple_low_discrepancy::Sobol;
 
 const NEEDS: Needs = Needs::none().with_variance();
 
-#[test]
-fn awr_conforms() {
-    let default = AwrOptions::default();
-    let range = default.basis(Basis::Haar).statistic(SpreadStatistic::Range).priority(BlockPriority::Published);
-    for options in [default, range.rounds(2), default.basis(Basis::Cdf53).levels(1), default.levels(0)] {
-        dapple_conformance::sampler(|| Box::new(Awr::with_options(Sobol::new(7), options).expect("in range")));
-    }
-}
-
 fn queue(film: &Film, options: &AwrOptions) -> Queue {
     let total = 4 * film.counts().iter().sum::<u64>();
     let seen = Feedback::new(1, film, BudgetLeft::new(total).with_spent(total / 4));

@@ -13,26 +13,6 @@ fn filter(seed: u64, options: CosineOptions) -> DctFilter {
 }
 
 #[test]
-fn dct_conforms() {
-    dapple_conformance::sampler(|| Box::new(dct(7, DctOptions::default())));
-}
-
-#[test]
-fn dct_conforms_with_as_many_cosines_as_samples_on_a_logarithmic_scale() {
-    let options = DctOptions::default().pilot(9).growth(1.0).visible(0).masking(0.0);
-    let cosines = CosineOptions::default().share(1.0).scale(CosineScale::Log);
-    dapple_conformance::sampler(|| Box::new(Dct::new(Random::new(7), &domain(&[]), options, cosines).unwrap()));
-}
-
-#[test]
-fn the_filter_conforms_on_both_scales() {
-    for scale in [CosineScale::Linear, CosineScale::Log] {
-        dapple_conformance::filter(|| Box::new(filter(3, CosineOptions::default().scale(scale))));
-    }
-    dapple_conformance::filter(|| Box::new(filter(3, CosineOptions::default().share(1.0).lambda(1e-6))));
-}
-
-#[test]
 fn constant_and_black_images_get_equal_counts() {
     for value in [0.0, 0.7] {
         for size in [[16, 16], [19, 11]] {

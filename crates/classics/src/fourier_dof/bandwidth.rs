@@ -1,7 +1,7 @@
 //! The bandwidth of the image through a lens, the deviation of samples over the lens, and the surfaces that both follow from.
 
 use super::variance_over_lens;
-use crate::windows::window_sums;
+use crate::windows::{beside, window_sums};
 use dapple_core::{FirstHit, Frame};
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
@@ -217,10 +217,10 @@ fn least_grown([width, height]: [usize; 2], values: Vec<f32>, slope: f32) -> Vec
     let before = [([-1, 0], side), ([0, -1], side), ([-1, -1], corner), ([1, -1], corner)];
     let places = 0..width * height;
     for (sign, i) in places.clone().map(|i| (1, i)).chain(places.rev().map(|i| (-1, i))) {
-        for ([dx, dy], step) in before {
-            let (x, y) = ((i % width).wrapping_add_signed(sign * dx), (i / width).wrapping_add_signed(sign * dy));
-            if x < width && y < height && field[y * width + x].0 + step < field[i].0 {
-                field[i] = (field[y * width + x].0 + step, field[y * width + x].1);
+        for (offset, step) in before {
+            let Some(near) = beside([width, height], i, offset.map(|d: isize| sign * d)) else { continue };
+            if field[near].0 + step < field[i].0 {
+                field[i] = (field[near].0 + step, field[near].1);
             }
         }
     }

@@ -3,14 +3,6 @@ use crate::test_films::noisy_film;
 use dapple_core::{BudgetLeft, Filter as _, Progress, Sampler as _};
 use dapple_low_discrepancy::Sobol;
 
-#[test]
-fn gem_conforms() {
-    dapple_conformance::sampler(|| Box::new(Gem::new(Sobol::new(7))));
-    let options = GemOptions::default().gamma(0.4).pilot(2).rounds(3);
-    dapple_conformance::sampler(|| Box::new(Gem::with_options(Sobol::new(7), options).expect("options in range")));
-    dapple_conformance::filter(|| Box::new(GemFilter::default()));
-}
-
 fn planned(film: &Film, total: u64, max_spp: u32) -> Plan {
     let pixels = film.frame().pixels();
     let spent = film.counts().iter().sum();

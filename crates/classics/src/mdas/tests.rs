@@ -12,12 +12,6 @@ fn boxes(points: FilmPoints) -> MdasBoxes {
     MdasBoxes::new(points, MdasBoxesOptions::default()).unwrap()
 }
 
-#[test]
-fn mdas_and_its_filter_conform() {
-    dapple_conformance::sampler(|| Box::new(mdas(&[Role::Time], 7)));
-    dapple_conformance::filter(|| Box::new(boxes(film_points(Sobol::new(3), &[Role::Lens, Role::Lens], None))));
-}
-
 /// The image of mdas and its filter, in samples per pixel.
 fn image(made: Made, roles: &[Role], spp: f64, size: [u32; 2]) -> (Film, Vec<[f32; 3]>) {
     let mut sampler = mdas(roles, 5);

@@ -1,7 +1,8 @@
 //! First-order regression on features, whose fits serve every pixel of their window.
 
-use super::weights::{Guide, Kernel, TILE, TileWeights, WeightTile, tiles_of_band};
+use super::weights::{Guide, Kernel, TILE, TileWeights};
 use super::{FEATURES, Rgb};
+use crate::windows::PixelTile;
 use rayon::prelude::*;
 
 /// The unknowns of a fit: the mean and a slope per feature.
@@ -30,10 +31,10 @@ pub(super) fn regress(guide: &Guide<'_>, kernel: Kernel, data: &Data<'_>) -> Rgb
     let splat = |band: usize| -> Band {
         let mut weights = TileWeights::new(kernel);
         let mut sums = Band::new(guide.size, band, kernel.radius);
-        for tile in tiles_of_band(guide.size, band) {
+        for tile in PixelTile::of_band(guide.size, TILE, band) {
             weights.compute(guide, kernel, tile);
-            for pixel in 0..tile.width * tile.height {
-                sums.fit(guide.size, kernel, data, (tile, pixel), weights.of(pixel));
+            for (pixel, [x, y]) in tile.pixels().enumerate() {
+                sums.fit(guide.size, kernel, data, y * width + x, weights.of(pixel));
             }
         }
         sums
@@ -63,16 +64,8 @@ impl Band {
         Self { first, sums: vec![[0.0; 4]; (end - first) * width] }
     }
 
-    /// Fits the window around the tile's pixel with this number, and adds the fitted values.
-    fn fit(
-        &mut self,
-        [width, _]: [usize; 2],
-        kernel: Kernel,
-        data: &Data<'_>,
-        (tile, pixel): (WeightTile, usize),
-        weights: &[f64],
-    ) {
-        let i = (tile.top + pixel / tile.width) * width + tile.left + pixel % tile.width;
+    /// Fits the window around pixel `i`, and adds the fitted values.
+    fn fit(&mut self, [width, _]: [usize; 2], kernel: Kernel, data: &Data<'_>, i: usize, weights: &[f64]) {
         let near = || {
             let window = weights.iter().zip(kernel.offsets()).filter(|(w, _)| **w > 0.0);
             window.map(|(&w, [dx, dy])| (w, (i as isize + dy * width as isize + dx) as usize))

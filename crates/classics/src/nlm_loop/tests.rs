@@ -5,21 +5,6 @@ use dapple_low_discrepancy::Sobol;
 
 const NEEDS: Needs = Needs::none().with_variance().with_halves();
 
-#[test]
-fn the_filter_conforms() {
-    dapple_conformance::filter(|| Box::new(NlmLoopFilter::default()));
-    let options = NlmLoopFilterOptions::default().window(3).patch(1).alpha(0.5).variance(HalfVariance::Samples);
-    dapple_conformance::filter(|| Box::new(NlmLoopFilter::with_options(options).expect("options in range")));
-}
-
-#[test]
-fn the_sampler_conforms() {
-    let small = NlmLoopOptions::default().window(2).patch(1);
-    for options in [small, small.rounds(8).variance(HalfVariance::Samples)] {
-        dapple_conformance::sampler(|| Box::new(NlmLoop::with_options(Sobol::new(7), options).expect("in range")));
-    }
-}
-
 fn planned(film: &Film, total: u64) -> Plan {
     let spent = film.counts().iter().sum();
     let mut plan = Plan::empty(film.frame().pixels());

@@ -5,17 +5,6 @@ use dapple_low_discrepancy::Sobol;
 
 const NEEDS: Needs = Needs::none().with_variance();
 
-#[test]
-fn perceptual_conforms_with_a_budget_and_with_a_threshold() {
-    for options in [PerceptualOptions::default(), PerceptualOptions::default().adapt(0.2).rounds(1)] {
-        dapple_conformance::sampler(|| Box::new(Perceptual::with_options(Sobol::new(7), options).expect("in range")));
-        let options = options.mode(Stopping::Threshold);
-        dapple_conformance::threshold_sampler(|| {
-            Box::new(Perceptual::with_options(Sobol::new(7), options).expect("in range"))
-        });
-    }
-}
-
 fn mean_difference(film: &Film, options: &PerceptualOptions) -> f64 {
     let all = visible_differences(film, options);
     all.iter().sum::<f64>() / all.len() as f64

@@ -3,18 +3,10 @@ use crate::Role;
 use crate::tree::test_scenes::{domain, film_points, render};
 use dapple_core::Filter;
 use dapple_core::samplers::Uniform;
-use dapple_low_discrepancy::{Random, Sobol};
+use dapple_low_discrepancy::Random;
 
 fn hierarchical(seed: u64) -> Hierarchical<Random> {
     Hierarchical::new(Random::new(seed), &domain(&[Role::Time]), HierarchicalOptions::default()).unwrap()
-}
-
-#[test]
-fn hierarchical_and_its_filter_conform() {
-    dapple_conformance::sampler(|| Box::new(hierarchical(7)));
-    let options = TreeMeanOptions::default().tree(PartRule::Contrast);
-    let filter = || TreeMean::new(film_points(Sobol::new(3), &[Role::Time], None), options);
-    dapple_conformance::filter(|| Box::new(filter().unwrap()));
 }
 
 #[test]

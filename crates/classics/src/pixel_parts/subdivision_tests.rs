@@ -7,15 +7,6 @@ fn subdivision(seed: u64, options: SubdivisionOptions) -> Subdivision<Sobol> {
     Subdivision::new(Sobol::new(seed), &domain(&[]), options).unwrap()
 }
 
-#[test]
-fn subdivision_and_its_filter_conform() {
-    dapple_conformance::sampler(|| Box::new(subdivision(7, SubdivisionOptions::default())));
-    let threshold = SubdivisionOptions::default().mode(Stopping::Threshold);
-    dapple_conformance::threshold_sampler(|| Box::new(subdivision(7, threshold)));
-    let filter = || TreeMean::new(film_points(Sobol::new(3), &[], None), TreeMeanOptions::default());
-    dapple_conformance::filter(|| Box::new(filter().unwrap()));
-}
-
 /// Adds samples in the middle of each quadrant of the parts that the edge at x = 1/3 does not cross, and of those it crosses
 /// after `level` splits.
 fn fill(cell: &mut Cell, [x, y, side]: [f32; 3], level: u32) {

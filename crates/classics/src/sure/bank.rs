@@ -1,6 +1,6 @@
 //! A bank of cross non-local means filters, with Stein's estimate of each one's error, and the planes that they read.
 
-use crate::windows::{per_pixel, window_sums};
+use crate::windows::{PatchSums, PixelTile, per_pixel, window_sums};
 use dapple_core::{Film, Needs, luminance};
 use rayon::prelude::*;
 
@@ -77,17 +77,12 @@ impl Sums {
 
 /// Applies the bank with windows of `2 radius + 1` pixels.
 pub(super) fn apply(planes: &Planes, radius: usize) -> Vec<OfPixel> {
-    let [width, height] = planes.size;
-    let mut all = vec![OfPixel::default(); width * height];
+    let width = planes.size[0];
+    let mut all = vec![OfPixel::default(); width * planes.size[1]];
     all.par_chunks_mut(width * TILE[1]).enumerate().for_each(|(band, pixels)| {
-        let rows = pixels.len() / width;
-        for left in (0..width).step_by(TILE[0]) {
-            let tile = Tile { left, top: band * TILE[1], size: [TILE[0].min(width - left), rows] };
-            let sums = tile.sums(planes, radius as isize);
-            for (k, sums) in sums.iter().enumerate() {
-                let (x, y) = (k % tile.size[0], k / tile.size[0]);
-                let i = (tile.top + y) * width + left + x;
-                pixels[y * width + left + x] = of_pixel(planes, i, sums);
+        for tile in PixelTile::of_band(planes.size, TILE, band) {
+            for ([x, y], sums) in tile.pixels().zip(&sums(planes, tile, radius as isize)) {
+                pixels[(y - tile.top) * width + x] = of_pixel(planes, y * width + x, sums);
             }
         }
     });
@@ -119,38 +114,26 @@ fn of_pixel(planes: &Planes, i: usize, sums: &[Sums; FILTERS]) -> OfPixel {
     result
 }
 
-/// A rectangle of pixels whose sums are taken together.
-struct Tile {
-    left: usize,
-    top: usize,
-    size: [usize; 2],
-}
-
-impl Tile {
-    fn sums(&self, planes: &Planes, radius: isize) -> Vec<[Sums; FILTERS]> {
-        let [w, h] = self.size;
-        let mut sums = vec![[Sums::default(); FILTERS]; w * h];
-        let mut patches = Patches::new(self.size);
-        for dy in -radius..=radius {
-            for dx in -radius..=radius {
-                patches.compare(planes, self, [dx, dy]);
-                for (k, sums) in sums.iter_mut().enumerate() {
-                    let (x, y) = ((self.left + k % w) as isize, (self.top + k / w) as isize);
-                    let Some(j) = planes.at(x + dx, y + dy).filter(|&j| planes.known[j]) else { continue };
-                    let i = y as usize * planes.size[0] + x as usize;
-                    let like = planes.likeness(i, j);
-                    if like < UNLIKE {
-                        continue;
-                    }
-                    let near = dx.abs() <= PATCH && dy.abs() <= PATCH;
-                    let opposite = if near { planes.at(x - dx, y - dy) } else { None };
-                    let pair = Pair { distance: patches.sums[k], like, y: planes.colour[i], other: planes.colour[j] };
-                    pair.add_to(sums, opposite.map(|o| planes.colour[o]));
-                }
+/// The sums of a tile's pixels over windows of `2 radius + 1` pixels.
+fn sums(planes: &Planes, tile: PixelTile, radius: isize) -> Vec<[Sums; FILTERS]> {
+    let mut sums = vec![[Sums::default(); FILTERS]; tile.size[0] * tile.size[1]];
+    let mut patches = PatchSums::new(tile.size, PATCH as usize);
+    for (dy, dx) in (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx))) {
+        let distances = patches.compute(tile, |x, y| planes.squared_difference([x, y], [x + dx, y + dy]));
+        for ((sums, [x, y]), &distance) in sums.iter_mut().zip(tile.pixels()).zip(distances) {
+            let (i, [x, y]) = (y * planes.size[0] + x, [x as isize, y as isize]);
+            let Some(j) = planes.at(x + dx, y + dy).filter(|&j| planes.known[j]) else { continue };
+            let like = planes.likeness(i, j);
+            if like < UNLIKE {
+                continue;
             }
+            let near = dx.abs() <= PATCH && dy.abs() <= PATCH;
+            let opposite = if near { planes.at(x - dx, y - dy) } else { None };
+            let pair = Pair { distance, like, y: planes.colour[i], other: planes.colour[j] };
+            pair.add_to(sums, opposite.map(|o| planes.colour[o]));
         }
-        sums
     }
+    sums
 }
 
 /// A pixel and a neighbour.
@@ -187,48 +170,6 @@ impl Pair {
             }
             let squared = colours * colours;
             colours = squared * squared;
-        }
-    }
-}
-
-/// Squared differences between an image and its shifted copy, summed over patches.
-struct Patches {
-    /// One per pixel of the tile.
-    sums: Vec<f64>,
-    /// Sums over the rows of a patch, for the rows of the tile and of its margins.
-    across: Vec<f64>,
-    row: Vec<f64>,
-}
-
-impl Patches {
-    fn new([w, h]: [usize; 2]) -> Self {
-        let margin = 2 * PATCH as usize;
-        Self { sums: vec![0.0; w * h], across: vec![0.0; w * (h + margin)], row: vec![0.0; w + margin] }
-    }
-
-    /// Computes the sums for the shift `offset`. Pixels outside the image add nothing.
-    fn compare(&mut self, planes: &Planes, tile: &Tile, [dx, dy]: [isize; 2]) {
-        let w = tile.size[0];
-        let patch = 2 * PATCH as usize + 1;
-        for (k, across) in self.across.chunks_mut(w).enumerate() {
-            let y = (tile.top + k) as isize - PATCH;
-            for (k, value) in self.row.iter_mut().enumerate() {
-                let x = (tile.left + k) as isize - PATCH;
-                let both = planes.at(x, y).zip(planes.at(x + dx, y + dy));
-                *value = both.map_or(0.0, |(i, j)| {
-                    let d: [f64; 3] = std::array::from_fn(|c| planes.colour[i][c] - planes.colour[j][c]);
-                    d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
-                });
-            }
-            for (sum, window) in across.iter_mut().zip(self.row.windows(patch)) {
-                *sum = window.iter().sum();
-            }
-        }
-        for (y, sums) in self.sums.chunks_mut(w).enumerate() {
-            sums.fill(0.0);
-            for row in y..y + patch {
-                sums.iter_mut().zip(&self.across[row * w..]).for_each(|(sum, value)| *sum += value);
-            }
         }
     }
 }
@@ -291,6 +232,14 @@ impl Planes {
         let [width, height] = self.size;
         let inside = x >= 0 && y >= 0 && x < width as isize && y < height as isize;
         inside.then(|| y as usize * width + x as usize)
+    }
+
+    /// The squared difference between two places of the image, summed over the channels; 0 if one lies outside.
+    fn squared_difference(&self, [x, y]: [isize; 2], other: [isize; 2]) -> f64 {
+        self.at(x, y).zip(self.at(other[0], other[1])).map_or(0.0, |(i, j)| {
+            let d: [f64; 3] = std::array::from_fn(|c| self.colour[i][c] - self.colour[j][c]);
+            d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+        })
     }
 
     /// The logarithm of the weight that features give to a pair of pixels, 0 or below.
@@ -362,8 +311,7 @@ mod tests {
     }
 
     fn all_estimates(planes: &Planes, i: usize, radius: isize) -> Vec<Estimate> {
-        let tile = Tile { left: i % SIDE, top: i / SIDE, size: [1, 1] };
-        let sums = tile.sums(planes, radius);
+        let sums = sums(planes, PixelTile { left: i % SIDE, top: i / SIDE, size: [1, 1] }, radius);
         (0..FILTERS).map(|filter| sums[0][filter].estimate(filter).unwrap()).collect()
     }
 
@@ -422,8 +370,8 @@ mod tests {
             });
             each.sum::<f64>() / 3.0
         };
-        let tile = Tile { left: 0, top: 0, size: [SIDE; 2] };
-        tile.sums(&planes, 3).into_iter().enumerate().map(excess).sum::<f64>() / (SIDE * SIDE) as f64
+        let tile = PixelTile { left: 0, top: 0, size: [SIDE; 2] };
+        sums(&planes, tile, 3).into_iter().enumerate().map(excess).sum::<f64>() / (SIDE * SIDE) as f64
     }
 
     /// 8 tests within 5 standard errors of 128 replicates fail by chance with probability 2e-5.

@@ -121,13 +121,6 @@ fn noise([x, y]: [f64; 2]) -> Option<[f32; 3]> {
 }
 
 #[test]
-fn tlfr_conforms() {
-    for roles in [&[][..], &ALL] {
-        dapple_conformance::filter(|| Box::new(tlfr(roles, Defocus::new([3.0, -3.0], [1.0, -1.0]), 2)));
-    }
-}
-
-#[test]
 fn a_static_image_in_focus_is_the_input_filtered_by_a_tent() {
     let still = |inverse_depth| Plane { inverse_depth, motion: [0.0; 3], colour: noise };
     let defocus = Defocus::new([20.0, -20.0], [-10.0, 10.0]);

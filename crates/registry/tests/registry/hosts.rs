@@ -214,8 +214,9 @@ fn samples_are_placed_for_renderers_that_name_their_dimensions() {
         let film_points = FilmPoints::new(std::sync::Arc::from(sobol()), domain.clone()).with_placed(made.placed);
         let filter = filter(reconstruction, &host.clone().with_film_points(film_points)).expect("a filter");
         let mut sampler = made.sampler;
-        let film = Render::new(frame, &Limits::spp(8.0)).needs(filter.needs()).recorders(filter.recorders());
-        let film = film.run(&mut Balls, &mut *sampler);
+        let limits = Limits::spp(8.0);
+        let render = Render::new(frame, &limits).needs(filter.needs()).recorders(filter.recorders());
+        let film = render.run(&mut Balls, &mut *sampler);
         let image = filter.apply(&film.expect("a film")).expect("an image").radiance;
         // The sky.
         assert!((image[0][0] - 0.25).abs() < 1e-5, "{name}: {:?}", image[0]);
