@@ -1,10 +1,8 @@
 //! Conformance tests of filters.
 
 use crate::sampler::{Scene, frame, on_threads};
-use dapple_core::{
-    Error, Feedback, Film, Filter, Filtered, Frame, Limits, Needs, Plan, PointSet, Progress, Render, SampleId, Sampler,
-    mix,
-};
+use crate::toys::{Independent, one_round};
+use dapple_core::{Error, Film, Filter, Filtered, Frame, Limits, Needs, Render, Retention, Sampler, mix};
 
 /// Checks a filter that works on frames of any size, created by `make`.
 ///
@@ -75,47 +73,16 @@ enum Counts {
     Uneven,
 }
 
-struct Hashed(Counts);
-
-impl PointSet for Hashed {
-    fn describe(&self) -> String {
-        "hash".into()
-    }
-
-    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
-        let [x, y] = id.pixel.map(u64::from);
-        let key = mix(x ^ (y << 32)) ^ mix(id.index ^ (u64::from(id.stream) << 48) ^ (u64::from(block) << 40));
-        [1, 2, 3, 4].map(|k| (mix(key.wrapping_add(k)) >> 40) as f32 / (1u64 << 24) as f32)
-    }
-
-    fn capacity(&self) -> u64 {
-        u64::MAX
-    }
-}
-
-impl Sampler for Hashed {
-    fn name(&self) -> &str {
-        "hashed-counts"
-    }
-
-    fn points(&self) -> &dyn PointSet {
-        self
-    }
-
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        for (i, n) in plan.counts.iter_mut().enumerate() {
-            let hash = mix(i as u64 + 1);
-            *n = match self.0 {
-                Counts::Sparse => (hash % 4) as u32,
-                Counts::Uneven => 2 + (hash % 39) as u32,
-            };
-        }
-        // All counts may be 0 on a small frame.
-        if plan.total() == 0 {
-            plan.counts[0] = 1;
-        }
-        Ok(if seen.round == 0 { Progress::Trace } else { Progress::Done })
-    }
+/// A sampler of one round whose counts are hashes of the pixels.
+fn hashed(counts: Counts, pixels: usize) -> impl Sampler {
+    let count = |hash: u64| match counts {
+        Counts::Sparse => (hash % 4) as u32,
+        Counts::Uneven => 2 + (hash % 39) as u32,
+    };
+    let mut counts: Vec<u32> = (1..=pixels as u64).map(|i| count(mix(i))).collect();
+    // All counts may be 0 on a small frame.
+    counts[0] = counts[0].max(u32::from(counts.iter().all(|n| *n == 0)));
+    one_round(Independent::new(0), Retention::Keep, counts)
 }
 
 fn film(mut scene: Scene, counts: Counts, filter: Option<&dyn Filter>, frame: Frame) -> Film {
@@ -123,7 +90,7 @@ fn film(mut scene: Scene, counts: Counts, filter: Option<&dyn Filter>, frame: Fr
     limits.min_spp = 0;
     let (needs, recorders) = filter.map_or((Needs::none(), Vec::new()), |filter| (filter.needs(), filter.recorders()));
     let render = Render::new(frame, &limits).needs(needs).recorders(recorders);
-    render.run(&mut scene, &mut Hashed(counts)).expect("a film of the checks")
+    render.run(&mut scene, &mut hashed(counts, frame.pixels())).expect("a film of the checks")
 }
 
 fn finite_and_repeatable(filter: &dyn Filter, scene: Scene, counts: Counts, frame: Frame) {

@@ -52,7 +52,8 @@
 //! # my_filter_conforms();
 //! ```
 //!
-//! [`statistics`] holds tests of claims about images: means, equal images, densities, calibration and bias.
+//! [`statistics`] holds tests of claims about images: means, equal images, densities, calibration and bias. [`toys`] has small
+//! points, integrators, samplers and filters to test with.
 //!
 //! # Limits
 //!
@@ -63,10 +64,11 @@ mod filter;
 mod point_set;
 mod sampler;
 pub mod statistics;
+pub mod toys;
 
 pub use filter::{filter, filter_on_frames, filter_within};
 pub use point_set::point_set;
-pub use sampler::{Spending, bits, sampler, sampler_on_frames, threshold_sampler};
+pub use sampler::{Spending, bits, on_threads, sampler, sampler_on_frames, threshold_sampler};
 
 /// The README's example, run as a doctest.
 #[cfg(doctest)]

@@ -154,6 +154,11 @@ pub fn bits(film: &Film) -> Vec<u64> {
         if film.needs().feature_halves {
             bits.extend(format!("{:?}", [0, 1].map(|half| film.half_features(half, i))).bytes().map(u64::from));
         }
+        let needs = film.needs();
+        if needs.emission || needs.indirect || needs.channels > 0 {
+            let of = |half| (film.emission(half, i), film.indirect(half, i), film.channels(half, i));
+            bits.extend(format!("{:?}", [0, 1].map(of)).bytes().map(u64::from));
+        }
         for words in film.recorder_names().iter().filter_map(|name| film.recorded(name)) {
             for half in 0..2 {
                 let lists = [words.kept(half, i), words.discarded(half, i)];
@@ -167,7 +172,11 @@ pub fn bits(film: &Film) -> Vec<u64> {
 }
 
 /// Runs `work` on a thread pool of `threads` threads.
-pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+///
+/// # Panics
+///
+/// If the pool cannot be made.
+pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool of threads");
     pool.install(work)
 }

@@ -1,14 +1,9 @@
 //! Negative controls: point sets with one fault each, which the checks must report.
 
-use dapple_core::{PointSet, SampleId};
+use dapple_conformance::toys::Points;
+use dapple_core::{PointSet, SampleId, mix};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
-
-fn mix(mut z: u64) -> u64 {
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
 
 fn key(words: &[u64]) -> u64 {
     words.iter().fold(0x9e37_79b9_7f4a_7c15, |h, w| mix(h.wrapping_add(mix(w ^ h.rotate_left(17)))))
@@ -20,21 +15,6 @@ fn four(key: u64) -> [f32; 4] {
 
 fn pixel(id: &SampleId) -> u64 {
     u64::from(id.pixel[0]) | u64::from(id.pixel[1]) << 32
-}
-
-/// A point set from a function, with defaults elsewhere.
-struct Faulty<F>(F);
-
-impl<F: Fn(SampleId, u32) -> [f32; 4] + Send + Sync> PointSet for Faulty<F> {
-    fn describe(&self) -> String {
-        "faulty".into()
-    }
-    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
-        (self.0)(id, block)
-    }
-    fn capacity(&self) -> u64 {
-        u64::MAX
-    }
 }
 
 fn sound(id: SampleId, block: u32) -> [f32; 4] {
@@ -52,7 +32,7 @@ fn rejected(points: &dyn PointSet, fault: &str) {
 
 #[test]
 fn a_sound_set_is_accepted() {
-    dapple_conformance::point_set(&Faulty(sound));
+    dapple_conformance::point_set(&Points(sound));
 }
 
 /// A point set whose second block of two is the next one.
@@ -83,27 +63,27 @@ fn a_coordinate_of_1_is_rejected() {
     // Rounding to nearest reaches 1.0 once in 2^25 numbers; here at one index, so that the check meets it.
     let points =
         |id: SampleId, block| if id.index == 5 && block == 3 { [0.5, 1.0, 0.5, 0.5] } else { sound(id, block) };
-    rejected(&Faulty(points), "not in [0, 1)");
+    rejected(&Points(points), "not in [0, 1)");
 }
 
 #[test]
 fn a_nan_coordinate_is_rejected() {
     let points = |id: SampleId, block| if id.index >> 53 == 1 { [f32::NAN; 4] } else { sound(id, block) };
-    rejected(&Faulty(points), "not in [0, 1)");
+    rejected(&Points(points), "not in [0, 1)");
 }
 
 #[test]
 fn a_cursor_is_rejected() {
     let cursor = AtomicU64::new(0);
     let points = |_: SampleId, _: u32| four(key(&[cursor.fetch_add(1, Ordering::Relaxed)]));
-    rejected(&Faulty(points), "differs from reading forward");
+    rejected(&Points(points), "differs from reading forward");
 }
 
 #[test]
 fn a_scramble_shared_by_pixels_is_rejected() {
     let points =
         |id: SampleId, block| sound(SampleId::new([id.pixel[0] & !63, id.pixel[1]], id.stream, id.index), block);
-    rejected(&Faulty(points), "standard errors from");
+    rejected(&Points(points), "standard errors from");
     // Each repetition is shifted by a quarter, so that moments over the image stay right and only the comparison of
     // pixels fails.
     for (period, apart) in [(2, "pixels (1, 0) apart"), (64, "pixels (64, 0) apart")] {
@@ -116,20 +96,20 @@ fn a_scramble_shared_by_pixels_is_rejected() {
             sound(SampleId::new([first, id.pixel[1]], id.stream, id.index), block)
                 .map(|u| (f64::from(u) + f64::from(repetition) * 0.25).fract() as f32)
         };
-        rejected(&Faulty(points), apart);
+        rejected(&Points(points), apart);
     }
 }
 
 #[test]
 fn a_scramble_shared_by_streams_is_rejected() {
     let points = |id: SampleId, block| sound(SampleId::new(id.pixel, id.stream & !1, id.index), block);
-    rejected(&Faulty(points), "streams 0 and 1");
+    rejected(&Points(points), "streams 0 and 1");
 }
 
 #[test]
 fn blocks_that_wrap_are_rejected() {
     let points = |id: SampleId, block: u32| sound(id, block % 85);
-    rejected(&Faulty(points), "of block 15 and");
+    rejected(&Points(points), "of block 15 and");
 }
 
 #[test]
@@ -139,20 +119,20 @@ fn a_common_order_is_rejected() {
         let place = key(&[pixel(&id), id.stream.into(), block.into(), id.index >> 16]);
         [0, 1, 2, 3].map(|k| (((id.index as u32).reverse_bits() ^ mix(place + k) as u32) >> 8) as f32 / 16_777_216.0)
     };
-    rejected(&Faulty(points), "common order");
+    rejected(&Points(points), "common order");
 }
 
 #[test]
 fn an_index_cut_to_32_bits_is_rejected() {
     let points =
         |id: SampleId, block| sound(SampleId::new(id.pixel, id.stream, id.index as u32 as u64 % 65_536), block);
-    rejected(&Faulty(points), "repeats as");
+    rejected(&Points(points), "repeats as");
 }
 
 #[test]
 fn a_bias_is_rejected() {
     let points = |id: SampleId, block| sound(id, block).map(|u| u * 0.98);
-    rejected(&Faulty(points), "standard errors from");
+    rejected(&Points(points), "standard errors from");
 }
 
 /// Sound points with one wrong method.

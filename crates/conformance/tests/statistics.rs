@@ -5,18 +5,13 @@
 
 use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
 use dapple_conformance::statistics::*;
+use dapple_conformance::toys::Independent;
 use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Limits, PointSet, Render, SampleId, Sampler};
+use dapple_core::{Film, Frame, Limits, Render, Sampler, mix};
 use dapple_metrics::{log_log_fit, ratio_interval, student_t_quantile};
 
 /// SplitMix64.
 struct Noise(u64);
-
-fn mix(x: u64) -> u64 {
-    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
-}
 
 impl Noise {
     fn uniform(&mut self) -> f64 {
@@ -306,26 +301,6 @@ fn a_miscalibrated_error_is_noticed() {
     assert!(!honest(0.64) && !honest(1.44));
 }
 
-/// Independent points.
-#[derive(Clone, Copy)]
-struct Independent(u64);
-
-impl PointSet for Independent {
-    fn describe(&self) -> String {
-        "independent".into()
-    }
-
-    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
-        let words = [id.pixel[0].into(), id.pixel[1].into(), id.stream.into(), id.index, block.into()];
-        let key = words.iter().fold(self.0, |k: u64, w: &u64| mix(k.wrapping_add(0x9e37_79b9_7f4a_7c15) ^ mix(*w)));
-        [1, 2, 3, 4].map(|i| (mix(key.wrapping_add(mix(i))) >> 40) as f32 / (1 << 24) as f32)
-    }
-
-    fn capacity(&self) -> u64 {
-        u64::MAX
-    }
-}
-
 const P: f64 = 0.1;
 
 fn lit(sampler: &mut dyn Sampler, side: u32, spp: u64) -> Film {
@@ -336,7 +311,7 @@ fn lit(sampler: &mut dyn Sampler, side: u32, spp: u64) -> Film {
 
 fn alone(policy: PilotPolicy, seed: u64) -> Adaptive<Independent> {
     let options = VarianceOptions::default().policy(policy).radius(0).pilot(4);
-    Adaptive::variance_with_options(Independent(seed), options).expect("sound options")
+    Adaptive::variance_with_options(Independent::new(seed), options).expect("sound options")
 }
 
 #[test]
@@ -348,7 +323,7 @@ fn the_naive_rule_is_rejected_as_biased() {
         let films: Vec<Film> = (0..64).map(|seed| lit(&mut *make(seed), 32, 64)).collect();
         (films.iter().map(image_mean).collect(), films.iter().map(Pixels::of).collect())
     };
-    let (mean, pixels) = films(&|seed| Box::new(Naive { points: Independent(seed), pilot: 4, total: 64 }));
+    let (mean, pixels) = films(&|seed| Box::new(Naive { points: Independent::new(seed), pilot: 4, total: 64 }));
     assert!(mean.against(P).p() < 1e-12, "{mean:?}");
     assert!(mean.against(closed).p() > FAMILY, "{mean:?} for {closed}");
     assert!(two_sided(count_trend(&pixels)) < 1e-12, "counts tell of values");
@@ -362,7 +337,7 @@ fn the_naive_rule_is_rejected_as_biased() {
         // With halves that decide for each other, a half's samples correlate with the other's count, a part of the sum.
         assert!(policy == PilotPolicy::Cross || two_sided(trend) > FAMILY, "{policy:?}: {trend}");
     }
-    let (_, pixels) = films(&|seed| Box::new(Uniform::new(Independent(2000 + seed))));
+    let (_, pixels) = films(&|seed| Box::new(Uniform::new(Independent::new(2000 + seed))));
     assert_eq!(count_trend(&pixels), 0.0, "counts that never differ");
 }
 
@@ -378,7 +353,7 @@ fn scaling_by_a_power_of_two_scales_every_bit() {
     }
     let film = |scale: f32, seed: u64| {
         let frame = Frame::new(9, 7).expect("a frame");
-        let sampler = &mut Uniform::new(Independent(seed));
+        let sampler = &mut Uniform::new(Independent::new(seed));
         let limits = Limits::samples(1000);
         Render::new(frame, &limits).run(&mut Scaled(scale), sampler).expect("a film")
     };

@@ -4,6 +4,7 @@
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use dapple_adaptive::{Adaptive, VarianceOptions};
+use dapple_conformance::toys::{Points, Traced};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Ladder, Limits, Methods, Needs, Plan,
@@ -11,30 +12,16 @@ use dapple_core::{
 };
 use std::hint::black_box;
 
-struct Cheap;
-
-impl PointSet for Cheap {
-    fn describe(&self) -> String {
-        "cheap".into()
-    }
-
-    fn block(&self, id: SampleId, _: u32) -> [f32; 4] {
+fn cheap() -> Points<fn(SampleId, u32) -> [f32; 4]> {
+    Points(|id, _| {
         let u = (id.index as u32).wrapping_mul(0x9e37_79b9).wrapping_add(id.pixel[0]) >> 8;
         [u as f32 * (1.0 / 16_777_216.0); 4]
-    }
-
-    fn capacity(&self) -> u64 {
-        u64::MAX
-    }
+    })
 }
 
-struct OneBlock;
-
-impl Integrator for OneBlock {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
-        let u = draws.block(Block::new(0));
-        Estimate::new([u[0], u[1], u[2]])
-    }
+fn one_block(draws: &Draws<'_>, _: &mut Worker) -> Estimate {
+    let u = draws.block(Block::new(0));
+    Estimate::new([u[0], u[1], u[2]])
 }
 
 const SIDE: u32 = 128;
@@ -71,26 +58,20 @@ fn direct(integrator: &dyn Integrator, points: &dyn PointSet) -> f64 {
 fn driver(c: &mut Criterion) {
     let mut group = c.benchmark_group("driver");
     group.throughput(Throughput::Elements(u64::from(SIDE * SIDE) * SPP)).sample_size(20);
-    group.bench_function("direct", |b| b.iter(|| direct(black_box(&OneBlock), black_box(&Cheap))));
-    let all = Needs::none()
-        .with_variance()
-        .with_extrema()
-        .with_halves()
-        .with_features()
-        .with_first_hits(1)
-        .with_cost()
-        .with_emission();
+    group.bench_function("direct", |b| b.iter(|| direct(black_box(&Traced(one_block)), black_box(&cheap()))));
+    let all =
+        Needs::none().with_variance().with_halves().with_features().with_first_hits(1).with_cost().with_emission();
     for (name, needs) in [("none", Needs::none()), ("variance", Needs::none().with_variance()), ("all", all)] {
         let limits = Limits::samples(u64::from(SIDE * SIDE) * SPP);
         let once = || {
-            let mut sampler = Uniform::new(Cheap);
-            on_one_thread(|| Render::new(frame(), &limits).needs(needs).run(&mut OneBlock, &mut sampler))
+            let mut sampler = Uniform::new(cheap());
+            on_one_thread(|| Render::new(frame(), &limits).needs(needs).run(&mut Traced(one_block), &mut sampler))
         };
         group.bench_function(BenchmarkId::new("render", name), |b| b.iter(|| once().expect("a film")));
         let pulled = || {
-            let methods = Methods::from(Uniform::new(Cheap)).with_needs(needs);
+            let methods = Methods::from(Uniform::new(cheap())).with_needs(needs);
             let mut session = Session::new(frame(), limits.clone(), methods)?;
-            let (mut worker, integrator): (_, &dyn Integrator) = (Worker::default(), black_box(&OneBlock));
+            let (mut worker, integrator): (_, &dyn Integrator) = (Worker::default(), black_box(&Traced(one_block)));
             while let Some(round) = session.next_round()? {
                 while let Some(mut tile) = round.next_tile() {
                     for sample in tile.samples() {
@@ -140,7 +121,7 @@ fn planning(c: &mut Criterion) {
     group.bench_function("variance", |b| {
         // The film holds the pilot; the plan after it is timed.
         let options = VarianceOptions::default().pilot(4);
-        let mut sampler = Adaptive::variance_with_options(Cheap, options).expect("options");
+        let mut sampler = Adaptive::variance_with_options(cheap(), options).expect("options");
         b.iter(|| {
             let mut plan = Plan::empty(pixels);
             let seen = Feedback::new(1, &film, budget);

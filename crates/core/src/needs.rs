@@ -4,9 +4,9 @@ use crate::snapshot::Broken;
 use crate::snapshot::bytes::{Reader, Writer};
 
 /// Declares the statistics: name, kind, method that adds it, and its name in the error of a film that lacks it (empty for
-/// statistics that methods do without). A number is the most that anybody needs.
+/// statistics that methods do without), and those that it comes with. A number is the most that anybody needs.
 macro_rules! needs {
-    ($($(#[$doc:meta])* $name:ident: $Kind:tt, $with:ident, $called:literal;)*) => {
+    ($($(#[$doc:meta])* $name:ident: $Kind:tt, $with:ident, $called:literal $([$($also:ident),*])?;)*) => {
         /// The per-pixel statistics that the film must record besides sample counts and means.
         ///
         /// A film stores nothing that no sampler, filter or limit requests. What one method alone reads is a
@@ -55,16 +55,17 @@ macro_rules! needs {
                 Ok(Self { $($name: Amount::take(from)?,)* })
             }
 
-            $(needs! { @with $(#[$doc])* $name: $Kind, $with })*
+            $(needs! { @with $(#[$doc])* $name: $Kind, $with $([$($also),*])? })*
         }
     };
-    (@with $(#[$doc:meta])* $name:ident: bool, $with:ident) => {
+    (@with $(#[$doc:meta])* $name:ident: bool, $with:ident $([$($also:ident),*])?) => {
         /// Adds this statistic:
         ///
         $(#[$doc])*
         #[must_use]
         pub const fn $with(mut self) -> Self {
             self.$name = true;
+            $($(self.$also = true;)*)?
             self
         }
     };
@@ -92,8 +93,8 @@ needs! {
     /// Mean and variance of albedo, normal, depth and position of the first rough surface
     /// ([`SurfaceFeatures`](crate::SurfaceFeatures)).
     features: bool, with_features, "first-hit features";
-    /// Features of each half's samples alone, besides those of all samples. Needs halves and features too.
-    feature_halves: bool, with_feature_halves, "first-hit features per half";
+    /// Features of each half's samples alone, besides those of all samples: with halves and features.
+    feature_halves: bool, with_feature_halves, "first-hit features per half" [halves, features];
     /// The number of samples per pixel, from the first on, whose first hits are stored one by one.
     first_hits: u8, with_first_hits, "first hits";
     /// The cost of each pixel's samples, in rays.

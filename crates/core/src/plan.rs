@@ -61,9 +61,9 @@ pub struct Plan {
     /// The rule that combines the means of a pixel's two halves from this round on.
     pub combine: Combine,
     /// A mark per pixel whose kept samples are withdrawn from the image before the round is traced. Withdrawn samples
-    /// join the discarded ones and stay spent. A withdrawn pixel must get kept samples in this round, whose indices
-    /// continue after the withdrawn ones. Withdrawal that depends on the samples' own values is still biased [Kirk and
-    /// Arvo 1991].
+    /// count as discarded and stay spent. A withdrawn pixel must get kept samples in this round, whose indices continue
+    /// after the withdrawn ones. A pixel withdraws once, and a render that withdraws has no discarded rounds. Withdrawal
+    /// that depends on the samples' own values is still biased [Kirk and Arvo 1991].
     pub withdraw: Option<Vec<bool>>,
 }
 

@@ -41,6 +41,11 @@ macro_rules! planes {
                 0 $(+ size_of::<$Value>() * $each as usize)*
             }
 
+            /// The least bytes of a pixel in all planes of a checkpoint.
+            pub(crate) fn least_bytes($layout: &Layout) -> usize {
+                0 $(+ <$Value as Value>::LEAST * $each as usize)*
+            }
+
             /// The part of the planes inside a window.
             pub(crate) fn cut(&self, window: &Window) -> Self {
                 Self { $($plane: window.cut(&self.$plane),)* }
@@ -123,12 +128,16 @@ planes! {
 
 /// A value of a plane, as bytes of a checkpoint.
 pub(crate) trait Value: Clone {
+    /// The least bytes of a value.
+    const LEAST: usize;
     fn put(values: &[Self], to: &mut Writer);
     /// Reads as many values as there are places.
     fn take(from: &mut Reader<'_>, to: &mut [Self]) -> Result<(), Broken>;
 }
 
 impl<T: Number> Value for T {
+    const LEAST: usize = T::SIZE;
+
     fn put(values: &[Self], to: &mut Writer) {
         to.numbers(values);
     }
@@ -140,6 +149,8 @@ impl<T: Number> Value for T {
 }
 
 impl Value for Vec<u32> {
+    const LEAST: usize = 8;
+
     fn put(values: &[Self], to: &mut Writer) {
         values.iter().for_each(|words| to.list(words));
     }

@@ -2,42 +2,41 @@ use super::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// The allocated bytes of a plane: its capacity, not its length.
-fn bytes<T>(plane: &Vec<T>) -> usize {
-    plane.capacity() * size_of::<T>()
-}
-
 #[test]
-fn bytes_per_pixel_are_those_allocated() {
+fn bytes_per_pixel_are_those_of_all_planes_in_memory_and_in_checkpoints() {
     let none = Needs::none();
     let all = none
         .with_variance()
-        .with_extrema()
         .with_halves()
-        .with_features()
+        .with_feature_halves()
         .with_first_hits(3)
         .with_cost()
-        .with_emission();
-    let each = [
-        none.with_variance(),
-        none.with_extrema(),
-        none.with_halves(),
-        none.with_features(),
-        none.with_cost(),
-        none.with_emission(),
-    ];
-    for needs in each.into_iter().chain([none, all, none.with_first_hits(5), none.with_variance().with_halves()]) {
+        .with_emission()
+        .with_indirect()
+        .with_channels(2);
+    let each = [none, none.with_variance(), none.with_halves(), none.with_features(), none.with_cost()];
+    for needs in each.into_iter().chain([none.with_emission(), none.with_indirect(), none.with_channels(5), all]) {
         let film = Film::new(Frame::new(37, 11).unwrap(), needs);
-        let bank = |b: &Bank| {
-            bytes(&b.counts) + bytes(&b.means) + bytes(&b.m2) + bytes(&b.ranges) + bytes(&b.ahead) + bytes(&b.emission)
+        let of = |bank: &Bank| {
+            let Bank { counts, means, m2, emission, indirect, indirect_m2, channels, channels_m2, words } = bank;
+            let wide = 8 * counts.len() + 24 * (means.len() + m2.len()) + 24 * words.len();
+            wide + 12 * (emission.len() + indirect.len() + indirect_m2.len()) + 4 * (channels.len() + channels_m2.len())
         };
-        let banks: usize = film.kept.iter().chain(&film.discarded).map(bank).sum();
-        let rest = bytes(&film.features) + bytes(&film.first_hits) + bytes(&film.costs);
-        assert_eq!(banks + rest, 37 * 11 * Film::bytes_per_pixel(&needs), "{needs:?}");
+        let Beside { features, half_features, first_hits, costs } = &film.beside;
+        let beside = size_of::<FeatureMoments>() * (features.len() + half_features.len())
+            + size_of::<Option<FirstHit>>() * first_hits.len()
+            + 8 * costs.len();
+        let banks: usize = film.kept.iter().map(of).sum();
+        assert_eq!(banks + beside, 37 * 11 * Film::bytes_per_pixel(&needs), "{needs:?}");
+        let mut written = crate::snapshot::bytes::Writer::with_capacity(0);
+        film.kept.iter().for_each(|bank| bank.put(&mut written));
+        film.beside.put(&mut written);
+        let least = film.kept.len() * Bank::least_bytes(&film.layout()) + Beside::least_bytes(&film.layout());
+        assert_eq!(written.finish().len(), 37 * 11 * least, "{needs:?}");
     }
     // The README promises these figures.
     assert_eq!([Film::bytes_per_pixel(&none), Film::bytes_per_pixel(&none.with_variance())], [32, 56]);
-    assert_eq!(Film::bytes_per_pixel(&none.with_extrema()), 64);
+    assert_eq!(Film::bytes_per_pixel(&none.with_splats().with_halves()), 2 * (32 + 48));
 }
 
 /// `E (A - B)^2 = var A + var B`, divided by count, against the spread of the mean over 20,000 pixels. The relative
@@ -127,19 +126,16 @@ fn a_predicted_error_is_not_hidden_by_the_error_itself() {
 }
 
 #[test]
-fn withdrawn_emission_is_averaged_with_that_of_discarded_samples() {
+fn withdrawn_emission_leaves_the_image() {
     let mut film = Film::new(Frame::new(2, 1).unwrap(), Needs::none().with_emission());
-    for (emission, withdraw) in [([1.0, 0.0, 3.0], true), ([4.0; 3], true), ([9.0; 3], false)] {
-        for pixel in [0, 1] {
-            film.push_with_emission(pixel, 0, [10.0; 3], emission);
-        }
+    for (emission, withdraw) in [([1.0, 0.0, 3.0], false), ([4.0; 3], true), ([9.0; 3], false)] {
+        (0..2).for_each(|pixel| film.push_with_emission(pixel, 0, [10.0; 3], emission));
         if withdraw {
-            film.push_with_emission(0, 0, [10.0; 3], emission);
             film.withdraw(&[true, false]);
         }
     }
     assert_eq!([film.emission(0, 0), film.emission(1, 0)], [Some([9.0; 3]); 2]);
     assert_eq!(film.discarded[0].emission, [[2.5, 2.0, 3.5], [0.0; 3]]);
     let kept = film.emission(0, 1).unwrap();
-    assert!((kept[0] - 14.0 / 3.0).abs() < 1e-6 && (film.count(1), film.discarded(0).count) == (3, 4), "{kept:?}");
+    assert!((kept[0] - 14.0 / 3.0).abs() < 1e-6 && (film.count(1), film.discarded(0).count) == (3, 2), "{kept:?}");
 }

@@ -108,8 +108,14 @@ pub(super) fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &Bu
     if withdraw.is_some_and(|w| w.len() != pixels || !kept) {
         return bad("it withdraws samples without a mark for each pixel, or in a round that is not kept".into());
     }
-    if withdraw.is_some_and(|w| (0..pixels).any(|i| w[i] && film.discarded(i).count > 0)) || film.withdrawn && !kept {
-        return bad("it withdraws samples of a pixel that has discarded ones, or discards beside withdrawn ones".into());
+    if withdraw.is_some_and(|w| (0..pixels).any(|i| w[i] && film.discarded(i).count > 0)) {
+        return bad("it withdraws samples of a pixel that has discarded ones".into());
+    }
+    // The planes of discarded samples hold one kind: withdrawn ones shift the indices of kept ones.
+    if film.withdrawn && !kept || withdraw.is_some() && !film.withdrawn && !film.discarded.is_empty() {
+        return bad(
+            "it withdraws samples in a render that discards some, or discards some in one that withdraws".into()
+        );
     }
     let mut deepest = 0;
     for i in 0..pixels {

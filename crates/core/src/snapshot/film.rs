@@ -45,9 +45,11 @@ pub(super) fn take_film(from: &mut Reader<'_>) -> Result<Film, Broken> {
     (film.combine, film.record, film.rejected) = (take_combine(from)?, take_record(from)?, take_rejected(from)?);
     let (pixels, layout) = (film.frame.pixels(), film.layout());
     let halves = if film.needs.halves { 2 } else { 1 };
+    // Memory is made only for statistics that the bytes may hold.
+    let of_banks = halves * Bank::least_bytes(&layout);
+    from.expect(pixels, of_banks + Beside::least_bytes(&layout))?;
     let banks = |from: &mut Reader<'_>| -> Result<Vec<Bank>, Broken> {
-        // Memory is made for pixels only that the bytes may hold.
-        from.expect(pixels, 32)?;
+        from.expect(pixels, of_banks)?;
         (0..halves)
             .map(|_| {
                 let mut bank = Bank::new(pixels, &layout);
@@ -81,6 +83,8 @@ fn check(film: &Film) -> Result<(), Broken> {
 }
 
 impl Value for FeatureMoments {
+    const LEAST: usize = 2 * 4 + 2 * 40 + 2 * (4 + 12);
+
     fn put(values: &[Self], to: &mut Writer) {
         for f in values {
             to.number([f.samples, f.hits]);
@@ -105,6 +109,8 @@ impl Value for FeatureMoments {
 }
 
 impl Value for Option<FirstHit> {
+    const LEAST: usize = 1 + 4 * 12 + 3 * 4 + 3 * 4;
+
     fn put(values: &[Self], to: &mut Writer) {
         for hit in values {
             to.flag(hit.is_some());

@@ -1,11 +1,9 @@
 //! The samplers and the filter of this crate pass what every other must pass; broken ones do not.
 
-use crate::common::{Independent, Planned, mix};
+use crate::common::{Independent, Made, Planned, Points, mix};
 use dapple_conformance as conformance;
 use dapple_core::samplers::Uniform;
-use dapple_core::{
-    Error, Feedback, Film, Filter, Filtered, Needs, Plan, PointSet, Progress, Retention, Sampler, Unfiltered,
-};
+use dapple_core::{Feedback, Film, Filter, Filtered, Needs, Plan, Progress, Retention, Sampler, Unfiltered};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -149,44 +147,16 @@ fn samplers_with_counts_that_vary_from_run_to_run_are_rejected() {
     rejected(by_threads, "threads give other bits");
 }
 
-/// A point set with a cursor.
-struct Cursor(AtomicU32);
-
-impl PointSet for Cursor {
-    fn describe(&self) -> String {
-        "cursor".into()
-    }
-
-    fn block(&self, _: dapple_core::SampleId, _: u32) -> [f32; 4] {
-        let n = self.0.fetch_add(1, Ordering::Relaxed);
-        [0, 1, 2, 3].map(|k| (mix(u64::from(4 * n + k)) >> 40) as f32 / (1u64 << 24) as f32)
-    }
-
-    fn capacity(&self) -> u64 {
-        u64::MAX
-    }
-}
-
 #[test]
 fn a_sampler_with_a_cursor_is_rejected() {
-    rejected(|| Uniform::new(Cursor(AtomicU32::new(0))), "other bits");
-}
-
-/// A filter from a closure.
-struct Made<F>(F, Needs);
-
-impl<F: Fn(&Film) -> Filtered + Send + Sync> Filter for Made<F> {
-    fn name(&self) -> &str {
-        "made"
-    }
-
-    fn needs(&self) -> Needs {
-        self.1
-    }
-
-    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        Ok((self.0)(film))
-    }
+    let cursor = || {
+        let place = AtomicU32::new(0);
+        Points(move |_, _| {
+            let n = place.fetch_add(1, Ordering::Relaxed);
+            [0, 1, 2, 3].map(|k| (mix(u64::from(4 * n + k)) >> 40) as f32 / (1u64 << 24) as f32)
+        })
+    };
+    rejected(|| Uniform::new(cursor()), "other bits");
 }
 
 fn unfiltered(film: &Film) -> Filtered {
@@ -196,7 +166,8 @@ fn unfiltered(film: &Film) -> Filtered {
 #[test]
 fn broken_filters_are_rejected() {
     let rejected = |filter: fn(&Film) -> Filtered, needs: Needs, expected: &str| {
-        let message = failure(|| conformance::filter(|| Box::new(Made(filter, needs))));
+        let made = || Made { name: "made", needs, apply: filter };
+        let message = failure(|| conformance::filter(|| Box::new(made())));
         assert!(message.contains(expected), "rejected for {message:?}, not for {expected:?}");
     };
     let scaled = |film: &Film| {

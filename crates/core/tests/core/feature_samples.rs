@@ -1,7 +1,6 @@
 //! Samples of features alone: where they are traced, and where not.
 
-use crate::common::{Independent, Planned, frame};
-use dapple_core::samplers::Uniform;
+use crate::common::{Independent, Planned, frame, uniform};
 use dapple_core::{
     Block, Budget, Draws, Estimate, Feedback, Film, FirstHit, Integrator, Limits, Methods, Needs, Plan, Progress,
     Render, Sampler, Session, Worker, streams,
@@ -37,7 +36,7 @@ impl Integrator for Walls {
 fn film(alone: bool, spp: f64, needs: Needs) -> Film {
     let limits = Limits::spp(spp);
     let render = Render::new(frame(6, 4), &limits).needs(needs);
-    render.run(&mut Walls { alone }, &mut Uniform::new(Independent::new(5))).unwrap()
+    render.run(&mut Walls { alone }, &mut uniform(5)).unwrap()
 }
 
 fn samples(film: &Film) -> Vec<u32> {
@@ -89,7 +88,7 @@ fn a_later_round_samples_no_features_alone() {
 
 #[test]
 fn a_tile_refuses_features_after_samples() {
-    let (mut sampler, walls) = (Uniform::new(Independent::new(5)), Walls { alone: true });
+    let (mut sampler, walls) = (uniform(5), Walls { alone: true });
     let methods = Methods::from(&mut sampler as &mut dyn Sampler).with_needs(Needs::none().with_features());
     let mut session = Session::new(frame(2, 1), Limits::spp(1.0), methods).unwrap();
     let round = session.next_round().unwrap().unwrap();
@@ -129,7 +128,7 @@ impl Integrator for Lamp {
 
 fn lit(side: u32, spp: f64, needs: Needs) -> Film {
     let limits = Limits::spp(spp);
-    Render::new(frame(side, side), &limits).needs(needs).run(&mut Lamp, &mut Uniform::new(Independent::new(3))).unwrap()
+    Render::new(frame(side, side), &limits).needs(needs).run(&mut Lamp, &mut uniform(3)).unwrap()
 }
 
 fn edges() -> Needs {
@@ -216,7 +215,7 @@ fn a_time_limit_samples_features_in_the_second_round_if_it_leaves_enough_samples
     let film = |budgets: &[u64]| {
         let limits = Limits::new(Budget::Recorded(budgets.iter().map(|spp| 24 * spp).collect()));
         let render = Render::new(frame(6, 4), &limits).needs(Needs::none().with_features());
-        render.run(&mut Walls { alone: true }, &mut Uniform::new(Independent::new(5))).unwrap()
+        render.run(&mut Walls { alone: true }, &mut uniform(5)).unwrap()
     };
     let sampled_alone = |budgets: &[u64]| {
         let film = film(budgets);
@@ -241,7 +240,7 @@ fn the_recorded_budgets_of_a_time_limit_replay_its_features() {
     let draw = |budget: Budget| {
         let limits = Limits::new(budget).with_max_spp(6);
         let render = Render::new(frame(64, 48), &limits).needs(Needs::none().with_features());
-        render.run(&mut Walls { alone: true }, &mut Uniform::new(Independent::new(5))).unwrap()
+        render.run(&mut Walls { alone: true }, &mut uniform(5)).unwrap()
     };
     let timed = draw(Budget::Seconds(60.0));
     let replayed = draw(Budget::Recorded(timed.record().budgets.clone()));

@@ -1,48 +1,30 @@
 //! Halves of films as films, and features per half.
 
-use crate::common::{Independent, Planned, everything, frame, on_threads, run};
+use crate::common::{Independent, Planned, Points, Traced, everything, frame, numbers, on_threads, run};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Combine, Draws, Error, Estimate, Feedback, Film, FirstHit, Integrator, Limits, Needs, Plan, PointSet,
-    Progress, Retention, SampleId, SurfaceFeatures, Worker, streams,
+    Combine, Draws, Error, Estimate, Feedback, Film, FirstHit, Limits, Needs, Plan, PointSet, Progress, Retention,
+    SampleId, SurfaceFeatures, Worker, streams,
 };
 
 /// Noise with hits, emission, channels, splats, costs and rejected samples.
-struct Everything;
-
-impl Integrator for Everything {
-    fn estimate(&self, draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
-        let [a, b, c, d] = draws.block(Block::new(0));
-        let [x, y] = draws.pixel();
-        worker.splat([x, y + 1], [b; 3]);
-        worker.channels().iter_mut().zip([a, b]).for_each(|(to, from)| *to = from);
-        let hit = FirstHit::new([a, b, c], [0.0, 0.0, 1.0], 1.0 + d).with_albedo([b; 3]).with_footprint(0.1);
-        let behind = SurfaceFeatures::from(&hit);
-        let value = if c < 0.1 { -1.0 } else { a };
-        let estimate = Estimate::new([value, b, 0.5 + d])
-            .with_emission([0.1; 3])
-            .with_indirect([c, 0.5 * b, 0.5])
-            .with_cost(x % 3);
-        let estimate = estimate.with_first_hit((d > 0.3).then_some(hit));
-        if d > 0.3 && a > 0.5 { estimate.with_features(behind) } else { estimate }
-    }
+fn trace(draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
+    let [a, b, c, d] = numbers(draws);
+    let [x, y] = draws.pixel();
+    worker.splat([x, y + 1], [b; 3]);
+    worker.channels().iter_mut().zip([a, b]).for_each(|(to, from)| *to = from);
+    let hit = FirstHit::new([a, b, c], [0.0, 0.0, 1.0], 1.0 + d).with_albedo([b; 3]).with_footprint(0.1);
+    let behind = SurfaceFeatures::from(&hit);
+    let value = if c < 0.1 { -1.0 } else { a };
+    let estimate =
+        Estimate::new([value, b, 0.5 + d]).with_emission([0.1; 3]).with_indirect([c, 0.5 * b, 0.5]).with_cost(x % 3);
+    let estimate = estimate.with_first_hit((d > 0.3).then_some(hit));
+    if d > 0.3 && a > 0.5 { estimate.with_features(behind) } else { estimate }
 }
 
 /// The points of one stream, in whatever stream they are asked for.
-struct OneStream(Independent, u32);
-
-impl PointSet for OneStream {
-    fn describe(&self) -> String {
-        "one-stream".into()
-    }
-
-    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
-        self.0.block(SampleId::new(id.pixel, self.1, id.index), block)
-    }
-
-    fn capacity(&self) -> u64 {
-        u64::MAX
-    }
+fn one_stream(points: Independent, stream: u32) -> impl PointSet {
+    Points(move |id: SampleId, block| points.block(SampleId::new(id.pixel, stream, id.index), block))
 }
 
 fn all() -> Needs {
@@ -50,15 +32,14 @@ fn all() -> Needs {
 }
 
 fn render(points: impl PointSet, needs: Needs, spp: f64) -> Film {
-    run(&mut Everything, &mut Uniform::new(points), needs, frame(9, 7), &Limits::spp(spp)).unwrap()
+    run(&mut Traced(trace), &mut Uniform::new(points), needs, frame(9, 7), &Limits::spp(spp)).unwrap()
 }
 
 /// All statistics of a pixel that do not depend on streams of other samples.
 fn statistics(film: &Film, i: usize) -> String {
-    let radiance = (film.count(i), film.mean(i), film.moments(i), film.range(i), film.luminance_range(i));
-    let discarded = (film.discarded(i), film.discarded_range(i), film.discarded_sums(i));
-    let beside = (film.features(i), film.emission(0, i), film.channels(0, i), film.sums(i));
-    format!("{radiance:?} {discarded:?} {beside:?}")
+    let radiance = (film.count(i), film.mean(i), film.moments(i), film.discarded(i));
+    let beside = (film.features(i), film.emission(0, i), film.indirect(0, i), film.channels(0, i));
+    format!("{radiance:?} {beside:?}")
 }
 
 #[test]
@@ -68,8 +49,8 @@ fn a_uniform_half_film_equals_a_render_of_that_stream_alone() {
     let film = render(points, all(), 7.0);
     for (half, spp) in [(0, 4.0), (1, 3.0)] {
         let part = film.half_film(half).unwrap();
-        let alone = render(OneStream(points, streams::HALVES[half]), *part.needs(), spp);
-        let other = render(OneStream(points, streams::HALVES[1 - half]), *part.needs(), spp);
+        let alone = render(one_stream(points, streams::HALVES[half]), *part.needs(), spp);
+        let other = render(one_stream(points, streams::HALVES[1 - half]), *part.needs(), spp);
         assert_eq!((part.needs(), part.frame()), (alone.needs(), film.frame()));
         assert_eq!(part.record().samples, alone.record().samples);
         let mut differ = 0;
@@ -99,7 +80,7 @@ fn half_films_hold_what_the_half_discarded() {
         Progress::Trace
     };
     let mut sampler = Planned { points, needs: all(), plan };
-    let film = run(&mut Everything, &mut sampler, all(), frame(9, 7), &Limits::spp(20.0)).unwrap();
+    let film = run(&mut Traced(trace), &mut sampler, all(), frame(9, 7), &Limits::spp(20.0)).unwrap();
     for (half, kept, discarded) in [(0, 6, 1), (1, 2, 3)] {
         let part = film.half_film(half).unwrap();
         assert_eq!((part.combine(), part.record().samples), (Combine::ByCount, 63 * (kept + discarded)));

@@ -1,28 +1,14 @@
 //! Error limits that concern a filtered image.
 
-use crate::common::{Field, Independent, frame, on_threads};
-use dapple_conformance::bits;
-use dapple_core::samplers::Uniform;
-use dapple_core::{Control, Error, Film, Filter, Filtered, Limits, Monitor, Needs, Render, Schedule, Snapshot, Status};
+use crate::common::{Field, Keeper, Made, bits, frame, on_threads, uniform};
+use dapple_core::{Control, Film, Filter, Filtered, Limits, Monitor, Needs, Render, Schedule, Status};
 
 const SIZE: u32 = 48;
 const GOAL: f64 = 0.0004;
 
 /// Means over 3x3 pixels. It claims `claim` times its true error, a ninth of the unfiltered one; `None` claims nothing.
-pub(crate) struct Blur {
-    pub(crate) claim: Option<f32>,
-}
-
-impl Filter for Blur {
-    fn name(&self) -> &'static str {
-        "blur"
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_halves()
-    }
-
-    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
+fn blur(claim: Option<f32>) -> impl Filter {
+    let apply = move |film: &Film| {
         let size = film.frame().size();
         let [width, height] = size.map(|n| n as usize);
         let (image, pixels) = (film.image(), width * height);
@@ -34,14 +20,15 @@ impl Filter for Blur {
         };
         let mean = |i: usize| std::array::from_fn(|c| near(i).map(|j| image[j][c]).sum::<f32>() / 9.0);
         let radiance = (0..pixels).map(mean).collect();
-        let error = self.claim.map(|claim| {
+        let error = claim.map(|claim| {
             (0..pixels).map(|i| claim * near(i).map(|j| errors[j]).sum::<f32>() / 81.0).collect::<Vec<_>>()
         });
-        Ok(Filtered::new(size, radiance).with_error(error))
-    }
+        Filtered::new(size, radiance).with_error(error)
+    };
+    Made { name: "blur", needs: Needs::none().with_halves(), apply }
 }
 
-pub(crate) fn field(_: [u32; 2], u: [f32; 4]) -> [f32; 3] {
+fn field(_: [u32; 2], u: [f32; 4]) -> [f32; 3] {
     [0.5 + u[0], 2.0 * u[1], 0.1 + u[2] * u[2]]
 }
 
@@ -52,7 +39,7 @@ fn limits() -> Limits {
 fn render(seed: u64, filter: &dyn Filter, monitor: &mut dyn Monitor) -> Film {
     let limits = limits();
     let render = Render::new(frame(SIZE, SIZE), &limits).error_of(filter).monitor(monitor);
-    render.run(&mut Field(field), &mut Uniform::new(Independent::new(seed))).unwrap()
+    render.run(&mut Field(field), &mut uniform(seed)).unwrap()
 }
 
 fn true_relmse(image: &Filtered) -> f64 {
@@ -65,7 +52,7 @@ fn true_relmse(image: &Filtered) -> f64 {
 
 /// Predicted over true relMSE and true over requested, over 12 images.
 fn ratios(claim: f32) -> [f64; 2] {
-    let filter = Blur { claim: Some(claim) };
+    let filter = blur(Some(claim));
     let (mut predicted, mut measured) = (0.0, 0.0);
     for seed in 1..=12 {
         let film = render(seed, &filter, &mut |_: &Status<'_>| Control::Continue);
@@ -83,10 +70,10 @@ fn later_samples_correct_a_filter_that_misjudges_its_error() {
         assert!((0.7..1.25).contains(&reached), "claim {claim}: true over requested {reached}");
     }
     // Negative control: the claims themselves are outside of that range.
-    let film = render(1, &Blur { claim: None }, &mut |_: &Status<'_>| Control::Continue);
-    let claimed = Blur { claim: Some(2.5) }.apply(&film).unwrap();
+    let film = render(1, &blur(None), &mut |_: &Status<'_>| Control::Continue);
+    let claimed = blur(Some(2.5)).apply(&film).unwrap();
     let own = claimed.error.as_ref().unwrap().iter().map(|e| f64::from(*e)).sum::<f64>();
-    let right = Blur { claim: Some(1.0) }.apply(&film).unwrap();
+    let right = blur(Some(1.0)).apply(&film).unwrap();
     let truth = right.error.unwrap().iter().map(|e| f64::from(*e)).sum::<f64>();
     assert!(own / truth > 2.4, "{}", own / truth);
 }
@@ -95,41 +82,26 @@ fn later_samples_correct_a_filter_that_misjudges_its_error() {
 #[test]
 fn a_filter_without_an_estimate_leaves_the_limit_with_the_unfiltered_image() {
     let goes = &mut |_: &Status<'_>| Control::Continue;
-    let film = render(1, &Blur { claim: None }, goes);
+    let film = render(1, &blur(None), goes);
     assert_eq!(film.record().filtered_relmse, None);
     let limits = limits();
-    let plain = Render::new(frame(SIZE, SIZE), &limits).run(&mut Field(field), &mut Uniform::new(Independent::new(1)));
+    let plain = Render::new(frame(SIZE, SIZE), &limits).run(&mut Field(field), &mut uniform(1));
     assert!(bits(&film) == bits(&plain.unwrap()));
-    let filtered = render(1, &Blur { claim: Some(1.0) }, goes);
+    let filtered = render(1, &blur(Some(1.0)), goes);
     assert!(filtered.record().samples < film.record().samples / 3, "{}", filtered.record().samples);
-}
-
-#[derive(Default)]
-struct Keeper(Vec<Vec<u8>>);
-
-impl Monitor for Keeper {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
-        self.0.push(status.snapshot());
-        Control::Continue
-    }
-
-    fn end(&mut self, status: &Status<'_>) {
-        self.0.push(status.snapshot());
-    }
 }
 
 #[test]
 fn a_resumed_error_limit_ends_with_the_same_bits() {
-    let filter = Blur { claim: Some(0.4) };
+    let filter = blur(Some(0.4));
     let mut keeper = Keeper::default();
     let film = render(7, &filter, &mut keeper);
-    assert!(keeper.0.len() > 4, "{}", keeper.0.len());
-    for bytes in &keeper.0 {
-        let snapshot = Snapshot::from_bytes(bytes).unwrap();
+    assert!(keeper.slices.len() > 3, "{}", keeper.slices.len());
+    for snapshot in keeper.all() {
         let limits = limits();
         let resumed = on_threads(3, || {
             let render = Render::new(frame(SIZE, SIZE), &limits).error_of(&filter);
-            render.resume(snapshot, &mut Field(field), &mut Uniform::new(Independent::new(7))).unwrap()
+            render.resume(snapshot, &mut Field(field), &mut uniform(7)).unwrap()
         });
         assert!(bits(&resumed) == bits(&film));
         assert_eq!(resumed.record().filtered_relmse, film.record().filtered_relmse);

@@ -1,12 +1,10 @@
 //! Integrators that prepare themselves before samples.
 
-use crate::common::{Field, Independent, frame, noise, on_threads};
+use crate::common::{Field, Independent, Keeper, bits, cut, frame, noise, numbers, on_threads, snapshot, uniform};
 use dapple_adaptive::Adaptive;
-use dapple_conformance::bits;
-use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Control, Draws, Error, Estimate, Film, Integrator, Limits, Monitor, Needs, Pass, Prepared, Prepares, Render,
-    Sampler, Schedule, Snapshot, Status, Worker,
+    Block, Draws, Error, Estimate, Film, Integrator, Limits, Needs, Pass, Prepared, Prepares, Render, Sampler,
+    Snapshot, Worker,
 };
 
 /// Prepares one number per pass, and adds it to noise.
@@ -27,7 +25,7 @@ impl PassNumber {
 impl Integrator for PassNumber {
     fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let more = self.state.map_or(0.0, |(_, value)| value);
-        Estimate::new(noise(draws.pixel(), draws.block(Block::new(0))).map(|x| x + more))
+        Estimate::new(noise(draws.pixel(), numbers(draws)).map(|x| x + more))
     }
 
     fn prepares(&self) -> Prepares {
@@ -52,17 +50,6 @@ impl Integrator for Idle {
 
     fn prepares(&self) -> Prepares {
         self.0
-    }
-}
-
-/// Keeps a snapshot of every slice.
-#[derive(Default)]
-struct Keeper(Vec<Vec<u8>>);
-
-impl Monitor for Keeper {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
-        self.0.push(status.snapshot());
-        Control::Continue
     }
 }
 
@@ -92,50 +79,39 @@ fn a_preparation_that_does_nothing_changes_no_bit() {
 fn a_prepared_render_is_the_same_on_any_threads_in_any_slices_and_resumed_within_a_pass() {
     for when in [Prepares::Once, Prepares::EveryPass] {
         let mut keeper = Keeper::default();
-        let render = |limits: &Limits, bytes: Option<&[u8]>, integrator: &mut dyn Integrator| match bytes {
-            None => run(integrator, &mut adaptive(), limits),
-            Some(bytes) => {
-                let snapshot = Snapshot::from_bytes(bytes).expect("a snapshot");
-                let render = Render::new(frame(90, 70), limits);
-                render.resume(snapshot, integrator, &mut adaptive()).expect("a film")
-            }
+        let resumed = |kept: Snapshot, limits: &Limits, integrator: &mut dyn Integrator| {
+            Render::new(frame(90, 70), limits).resume(kept, integrator, &mut adaptive()).expect("a film")
         };
         let film = Render::new(frame(90, 70), &limits(9))
             .monitor(&mut keeper)
             .run(&mut PassNumber::new(when), &mut adaptive())
             .expect("a film");
         let whole = bits(&film);
-        let within = keeper.0.iter().map(|bytes| Snapshot::from_bytes(bytes).expect("a snapshot"));
-        let partly = within.filter(|snapshot| !snapshot.film().record().samples.is_multiple_of(6300)).count();
+        let partly = keeper.all().filter(|kept| !kept.film().record().samples.is_multiple_of(6300)).count();
         assert!(partly > 2, "slices go by rows");
-        for (i, bytes) in keeper.0.iter().enumerate() {
-            let (tile_rows, slice_spp, shuffle) = [(1, 0, 0), (16, 1, 5), (33, 7, 0), (7, 0, 9)][i % 4];
-            let schedule =
-                Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle);
-            let limits = limits(9).with_schedule(schedule);
-            let mut integrator = PassNumber::new(when);
-            let resumed = on_threads(1 + i % 4, || render(&limits, Some(bytes), &mut integrator));
+        for (i, kept) in keeper.all().enumerate() {
+            let (limits, mut integrator) = (limits(9).with_schedule(cut(i)), PassNumber::new(when));
+            let resumed = on_threads(1 + i % 4, || resumed(kept, &limits, &mut integrator));
             assert!(bits(&resumed) == whole, "{when:?}, slice {i}");
             let [a, b] = [&resumed, &film].map(|film| film.record());
             assert_eq!((a.passes, a.rays, a.prepare_rays), (b.passes, b.rays, b.prepare_rays), "{when:?}, slice {i}");
         }
         // Negative control: without its preparation, a resumed render gives another image.
-        let last = keeper.0.iter().rev().nth(1).expect("slices");
-        let resumed = render(&limits(9), Some(last), &mut PassNumber::new(Prepares::Never));
-        assert!(bits(&resumed) != whole);
+        let last = snapshot(keeper.slices.iter().rev().nth(1).expect("slices"));
+        assert!(bits(&resumed(last, &limits(9), &mut PassNumber::new(Prepares::Never))) != whole);
     }
 }
 
 #[test]
 fn passes_are_numbered_and_their_rays_recorded() {
     let mut once = PassNumber::new(Prepares::Once);
-    let film = run(&mut once, &mut Uniform::new(Independent::new(1)), &limits(8));
+    let film = run(&mut once, &mut uniform(1), &limits(8));
     assert_eq!((once.numbers, film.record().passes, film.record().prepare_rays), (vec![0], 1, 10));
     assert_eq!(film.record().rays, 8 * 6300 + 10);
     // Two samples per pixel, so that each half of a film may have a preparation of its own.
     for needs in [Needs::none(), Needs::none().with_halves()] {
         let mut every = PassNumber::new(Prepares::EveryPass);
-        let mut sampler = Uniform::new(Independent::new(1));
+        let mut sampler = uniform(1);
         let film = Render::new(frame(90, 70), &limits(9)).needs(needs).run(&mut every, &mut sampler).expect("a film");
         assert_eq!((every.numbers, film.record().passes), ((0..5).collect(), 5));
         assert_eq!(film.record().rays, 9 * 6300 + 50);
@@ -161,6 +137,6 @@ fn a_panic_while_preparing_is_an_error() {
             panic!("no photons")
         }
     }
-    let film = Render::new(frame(4, 4), &Limits::samples(16)).run(&mut Fails, &mut Uniform::new(Independent::new(1)));
+    let film = Render::new(frame(4, 4), &Limits::samples(16)).run(&mut Fails, &mut uniform(1));
     assert!(matches!(film, Err(Error::Panicked { message, .. }) if message == "no photons"));
 }

@@ -1,32 +1,20 @@
 //! Numbers on demand: the cursor over a sample's random numbers, and the generator traits.
 
-use crate::common::{Independent, frame, mix};
-use dapple_core::samplers::Uniform;
-use dapple_core::{Block, Draws, Limits, Needs, PointSet, Rng, SampleId, Session, streams};
+use crate::common::{Independent, Points, frame, mix, uniform};
+use dapple_core::{Block, Draws, Limits, Needs, Rng, SampleId, Session, streams};
 use rand::RngExt;
 use std::collections::HashSet;
 
-/// Dimension `d` of every sample is `d / 256`.
-struct Dimensions;
-
-impl PointSet for Dimensions {
-    fn describe(&self) -> String {
-        "dimensions".into()
-    }
-    fn block(&self, _: SampleId, block: u32) -> [f32; 4] {
-        [0, 1, 2, 3].map(|k| (4 * block + k) as f32 / 256.0)
-    }
-    fn capacity(&self) -> u64 {
-        u64::MAX
-    }
-}
+/// Points of which dimension `d` of every sample is `d / 256`.
+static DIMENSIONS: Points<fn(SampleId, u32) -> [f32; 4]> =
+    Points(|_, block| [0, 1, 2, 3].map(|k| (4 * block + k) as f32 / 256.0));
 
 fn dimension(value: f32) -> u32 {
     (value * 256.0) as u32
 }
 
 fn draws() -> Draws<'static> {
-    Draws::new(&Dimensions, SampleId::new([3, 5], streams::WHOLE, 12))
+    Draws::new(&DIMENSIONS, SampleId::new([3, 5], streams::WHOLE, 12))
 }
 
 #[test]
@@ -86,10 +74,9 @@ fn words_hold_the_numbers_of_the_point_set() {
 #[test]
 fn low_bits_are_as_good_as_random() {
     // Each of the 64 bits is set in half of 4096 words, within 5 standard errors: a false alarm once in 30,000 runs of 64.
-    let points = Dimensions;
     let mut set = [0_i64; 40];
     for i in 0..4096 {
-        let draws = Draws::new(&points, SampleId::new([i % 64, i / 64], 0, mix(u64::from(i)) >> 50));
+        let draws = Draws::new(&DIMENSIONS, SampleId::new([i % 64, i / 64], 0, mix(u64::from(i)) >> 50));
         let word = draws.rng().next_u64();
         (0..40).for_each(|bit| set[bit] += (word >> bit & 1) as i64);
     }
@@ -128,7 +115,7 @@ fn every_version_of_rand_gets_the_same_numbers() {
 #[test]
 fn sample_numbers_run_on_over_halves() {
     let numbers = |needs: Needs| {
-        let methods = dapple_core::Methods::from(Uniform::new(Independent::new(1))).with_needs(needs);
+        let methods = dapple_core::Methods::from(uniform(1)).with_needs(needs);
         let mut session = Session::new(frame(1, 1), Limits::spp(7.0), methods).unwrap();
         let round = session.next_round().unwrap().unwrap();
         round.whole().samples().map(|s| s.sample_number()).collect::<Vec<_>>()

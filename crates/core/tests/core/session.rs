@@ -1,12 +1,11 @@
 //! Sessions: renders whose loop belongs to the caller.
 
-use crate::common::{Independent, Planned, everything, frame, mix};
+use crate::common::*;
 use dapple_adaptive::Adaptive;
-use dapple_conformance::bits;
-use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Control, Draws, Error, Estimate, Feedback, Film, FirstHit, Integrator, InvalidSample, Limits, Methods,
-    Needs, Plan, Progress, Render, Retention, Round, Sampler, Session, Snapshot, Status, Tile, Unfiltered, Worker,
+    Block, Control, Draws, Error, Estimate, Feedback, Film, Filter as _, FirstHit, Integrator, InvalidSample, Limits,
+    Methods, Needs, Plan, Progress, Render, Retention, Round, Sampler, Schedule, Session, Status, Tile, Unfiltered,
+    Worker,
 };
 
 /// Radiance, hits, emission, costs and now and then a bad sample, from the random numbers alone.
@@ -19,25 +18,21 @@ fn trace(draws: &Draws<'_>) -> Estimate {
     Estimate::new([value, u[2], 0.5]).with_first_hit(hit).with_emission([0.0, 0.1, 0.2]).with_cost(cost)
 }
 
-struct Traced;
-
-impl Integrator for Traced {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
-        trace(draws)
-    }
+fn traced() -> impl Integrator {
+    Traced(|draws: &Draws<'_>, _: &mut Worker| trace(draws))
 }
 
-/// Rounds of every kind: discarded, alternating between halves, with counts per half, after withdrawals.
-fn every_kind() -> impl Sampler {
-    let plan = |seen: &Feedback<'_>, plan: &mut Plan| {
+/// Rounds of every kind, alternating between halves and with counts per half: after discarded samples, or with withdrawals.
+fn every_kind(withdraws: bool) -> impl Sampler {
+    let plan = move |seen: &Feedback<'_>, plan: &mut Plan| {
         let pixels = seen.pixels();
         let some = |salt: u64| (0..pixels as u64).map(move |i| (mix(i ^ salt << 32) % 5) as u32);
         plan.counts = some(u64::from(seen.round)).map(|n| n + 1).collect();
         match seen.round {
-            0 => plan.retention = Retention::Discard,
-            1 | 4 => {}
+            0 if !withdraws => plan.retention = Retention::Discard,
+            0 | 1 | 4 => {}
             2 => plan.second_half = Some(some(9).collect()),
-            3 => plan.withdraw = Some(some(11).map(|n| n == 0).collect()),
+            3 => plan.withdraw = withdraws.then(|| some(11).map(|n| n == 0).collect()),
             _ => return Progress::Done,
         }
         Progress::Trace
@@ -48,7 +43,7 @@ fn every_kind() -> impl Sampler {
 const LIMIT: u64 = 100_000;
 
 fn rendered(sampler: &mut dyn Sampler) -> Film {
-    Render::new(frame(45, 38), &Limits::samples(LIMIT)).run(&mut Traced, sampler).unwrap()
+    Render::new(frame(45, 38), &Limits::samples(LIMIT)).run(&mut traced(), sampler).unwrap()
 }
 
 /// Renders by a session whose tiles are traced by `work`, which gets the round.
@@ -105,22 +100,25 @@ fn backwards(round: &Round<'_>) {
 
 #[test]
 fn a_session_gives_the_bits_of_a_render_in_any_order() {
-    let whole = bits(&rendered(&mut every_kind()));
-    for (name, work) in [("in order", in_order as fn(&Round<'_>)), ("wave", wave), ("backwards", backwards)] {
-        assert!(bits(&pulled(every_kind(), work)) == whole, "{name}");
+    for withdraws in [false, true] {
+        let whole = bits(&rendered(&mut every_kind(withdraws)));
+        for (name, work) in [("in order", in_order as fn(&Round<'_>)), ("wave", wave), ("backwards", backwards)] {
+            assert!(bits(&pulled(every_kind(withdraws), work)) == whole, "{name}");
+        }
+        let traced = |round: &Round<'_>| round.trace(trace).unwrap();
+        assert!(bits(&pulled(every_kind(withdraws), traced)) == whole);
+        // Another cost of each sample is seen.
+        let other =
+            |round: &Round<'_>| round.trace(|s| trace(&Draws::new(round.points(), s.id())).with_cost(9)).unwrap();
+        assert!(bits(&pulled(every_kind(withdraws), other)) != whole);
     }
-    let traced = |round: &Round<'_>| round.trace(trace).unwrap();
-    assert!(bits(&pulled(every_kind(), traced)) == whole);
-    // Another cost of each sample is seen.
-    let other = |round: &Round<'_>| round.trace(|s| trace(&Draws::new(round.points(), s.id())).with_cost(9)).unwrap();
-    assert!(bits(&pulled(every_kind(), other)) != whole);
 }
 
 #[test]
 fn adaptive_counts_are_those_of_a_render() {
     let sampler = || Adaptive::variance(Independent::new(3));
     let limits = Limits::spp(12.5);
-    let film = Render::new(frame(40, 40), &limits).run(&mut Traced, &mut sampler()).unwrap();
+    let film = Render::new(frame(40, 40), &limits).run(&mut traced(), &mut sampler()).unwrap();
     let mut session = Session::new(frame(40, 40), limits, sampler()).unwrap();
     while let Some(round) = session.next_round().unwrap() {
         backwards_tiles(&round);
@@ -142,8 +140,8 @@ fn backwards_tiles(round: &Round<'_>) {
 }
 
 /// Kills the session after `tiles` tiles, and continues from the last snapshot.
-fn killed_after(tiles: usize) -> Film {
-    let mut session = Session::new(frame(45, 38), Limits::samples(LIMIT), every_kind()).unwrap();
+fn killed_after(tiles: usize, withdraws: bool) -> Film {
+    let mut session = Session::new(frame(45, 38), Limits::samples(LIMIT), every_kind(withdraws)).unwrap();
     let mut done = 0;
     let bytes = 'killed: {
         while let Some(round) = session.next_round().unwrap() {
@@ -158,8 +156,8 @@ fn killed_after(tiles: usize) -> Film {
         }
         session.snapshot()
     };
-    let snapshot = Snapshot::from_bytes(&bytes).unwrap();
-    let mut session = Session::resume(frame(45, 38), Limits::samples(LIMIT), every_kind(), snapshot).unwrap();
+    let (snapshot, limits) = (snapshot(&bytes), Limits::samples(LIMIT));
+    let mut session = Session::resume(frame(45, 38), limits, every_kind(withdraws), snapshot).unwrap();
     while let Some(round) = session.next_round().unwrap() {
         wave_of_rest(&round);
     }
@@ -175,44 +173,43 @@ fn wave_of_rest(round: &Round<'_>) {
 
 #[test]
 fn a_killed_session_continues_with_the_same_bits_x05() {
-    let whole = bits(&rendered(&mut every_kind()));
-    for tiles in [0, 1, 3, 5, 11, 99] {
-        assert!(bits(&killed_after(tiles)) == whole, "after {tiles} tiles");
+    for withdraws in [false, true] {
+        let whole = bits(&rendered(&mut every_kind(withdraws)));
+        for tiles in [0, 1, 3, 5, 11, 99] {
+            assert!(bits(&killed_after(tiles, withdraws)) == whole, "after {tiles} tiles");
+        }
     }
 }
 
 #[test]
 fn sessions_and_renders_continue_each_other() {
-    let whole = bits(&rendered(&mut every_kind()));
-    // A render that stops in the middle of its second round.
-    let mut saved = Vec::new();
-    let mut stop = |status: &Status<'_>| {
-        saved = status.snapshot();
-        if status.round == 1 { Control::Stop } else { Control::Continue }
-    };
-    let limits = Limits::samples(LIMIT).with_schedule(dapple_core::Schedule::default().with_slice_spp(1));
-    Render::new(frame(45, 38), &limits).monitor(&mut stop).run(&mut Traced, &mut every_kind()).unwrap();
-    let snapshot = Snapshot::from_bytes(&saved).unwrap();
-    let mut session = Session::resume(frame(45, 38), limits.clone(), every_kind(), snapshot).unwrap();
-    let round = session.next_round().unwrap().unwrap();
-    let mut tile = round.next_tile().unwrap();
-    tile.samples().for_each(|s| tile.add(&s, trace(&s)));
-    round.submit(tile).unwrap();
-    let bytes = round.snapshot();
-    drop(round);
-    // The render takes over again.
-    let snapshot = Snapshot::from_bytes(&bytes).unwrap();
-    let film = Render::new(frame(45, 38), &limits).resume(snapshot, &mut Traced, &mut every_kind()).unwrap();
-    assert!(bits(&film) == whole);
-}
-
-fn uniform() -> Uniform<Independent> {
-    Uniform::new(Independent::new(1))
+    for withdraws in [false, true] {
+        let make = || every_kind(withdraws);
+        let whole = bits(&rendered(&mut make()));
+        // A render that stops in the middle of a round.
+        let mut saved = Vec::new();
+        let mut stop = |status: &Status<'_>| {
+            saved = status.snapshot();
+            if status.round == 3 { Control::Stop } else { Control::Continue }
+        };
+        let limits = Limits::samples(LIMIT).with_schedule(Schedule::default().with_slice_spp(1));
+        Render::new(frame(45, 38), &limits).monitor(&mut stop).run(&mut traced(), &mut make()).unwrap();
+        let mut session = Session::resume(frame(45, 38), limits.clone(), make(), snapshot(&saved)).unwrap();
+        let round = session.next_round().unwrap().unwrap();
+        let mut tile = round.next_tile().unwrap();
+        tile.samples().for_each(|s| tile.add(&s, trace(&s)));
+        round.submit(tile).unwrap();
+        let bytes = round.snapshot();
+        drop(round);
+        // The render takes over again.
+        let film = Render::new(frame(45, 38), &limits).resume(snapshot(&bytes), &mut traced(), &mut make()).unwrap();
+        assert!(bits(&film) == whole);
+    }
 }
 
 #[test]
 fn wrong_uses_of_tiles_are_refused_and_named() {
-    let mut session = Session::new(frame(8, 8), Limits::spp(2.0), uniform()).unwrap().with_tile_side(4);
+    let mut session = Session::new(frame(8, 8), Limits::spp(2.0), uniform(1)).unwrap().with_tile_side(4);
     let round = session.next_round().unwrap().unwrap();
     let message = |spoil: &dyn Fn(&mut Tile<'_>)| {
         let mut tile = round.tile([0, 0, 4, 4]).unwrap();
@@ -247,11 +244,11 @@ fn wrong_uses_of_tiles_are_refused_and_named() {
 
 #[test]
 fn a_round_of_which_nothing_comes_back_is_an_error() {
-    let mut session = Session::new(frame(8, 8), Limits::spp(2.0), uniform()).unwrap();
+    let mut session = Session::new(frame(8, 8), Limits::spp(2.0), uniform(1)).unwrap();
     drop(session.next_round().unwrap());
     assert!(matches!(session.next_round(), Err(Error::NothingSubmitted { left: 128 })));
     // A part came back: the same round goes on with the rest.
-    let mut session = Session::new(frame(8, 8), Limits::spp(2.0), uniform()).unwrap().with_tile_side(4);
+    let mut session = Session::new(frame(8, 8), Limits::spp(2.0), uniform(1)).unwrap().with_tile_side(4);
     let part = |round: &Round<'_>| {
         let mut tile = round.next_tile().unwrap();
         tile.samples().for_each(|s| tile.add(&s, [1.0; 3]));
@@ -268,7 +265,7 @@ fn a_round_of_which_nothing_comes_back_is_an_error() {
 
 #[test]
 fn a_session_that_ends_early_keeps_its_samples() {
-    let mut session = Session::new(frame(8, 8), Limits::spp(4.0), uniform()).unwrap().with_tile_side(4);
+    let mut session = Session::new(frame(8, 8), Limits::spp(4.0), uniform(1)).unwrap().with_tile_side(4);
     let round = session.next_round().unwrap().unwrap();
     let mut tile = round.next_tile().unwrap();
     tile.samples().for_each(|s| tile.add(&s, [1.0, 2.0, 3.0]));
@@ -282,7 +279,7 @@ fn a_session_that_ends_early_keeps_its_samples() {
 
 #[test]
 fn renderers_with_numbers_of_their_own_push_as_many_as_asked() {
-    let mut session = Session::new(frame(9, 7), Limits::spp(3.0), uniform()).unwrap();
+    let mut session = Session::new(frame(9, 7), Limits::spp(3.0), uniform(1)).unwrap();
     while let Some(round) = session.next_round().unwrap() {
         while let Some(mut tile) = round.next_tile() {
             for (pixel, count) in tile.counts() {
@@ -296,14 +293,14 @@ fn renderers_with_numbers_of_their_own_push_as_many_as_asked() {
 
 #[test]
 fn invalid_samples_are_listed_alike_or_fail() {
-    let pairs = [in_order as fn(&Round<'_>), wave, backwards].map(|work| pulled(every_kind(), work));
-    let film = rendered(&mut every_kind());
+    let pairs = [in_order as fn(&Round<'_>), wave, backwards].map(|work| pulled(every_kind(true), work));
+    let film = rendered(&mut every_kind(true));
     for pulled in pairs {
         assert_eq!((pulled.rejected(), pulled.record().rejected), (film.rejected(), film.record().rejected));
     }
     assert!(film.record().rejected > 0);
     let limits = Limits::spp(1.0).with_invalid(InvalidSample::Fail);
-    let mut session = Session::new(frame(4, 4), limits, uniform()).unwrap();
+    let mut session = Session::new(frame(4, 4), limits, uniform(1)).unwrap();
     let round = session.next_round().unwrap().unwrap();
     let failed = round.trace(|s| if s.pixel() == [2, 1] { [0.5, -3.0, 0.0] } else { [0.5; 3] });
     let Err(Error::InvalidSample { sample, value, .. }) = failed else { panic!() };
@@ -312,20 +309,13 @@ fn invalid_samples_are_listed_alike_or_fail() {
 
 #[test]
 fn the_film_records_what_the_filter_needs() {
-    struct Wants;
-    impl dapple_core::Filter for Wants {
-        fn name(&self) -> &str {
-            "wants"
-        }
-        fn needs(&self) -> Needs {
-            Needs::none().with_variance().with_halves()
-        }
-        fn apply(&self, film: &Film) -> Result<dapple_core::Filtered, Error> {
-            film.require("wants", &self.needs())?;
-            Unfiltered.apply(film)
-        }
-    }
-    let mut session = Session::new(frame(4, 4), Limits::spp(4.0), Methods::from((uniform(), Wants))).unwrap();
+    let needs = Needs::none().with_variance().with_halves();
+    let apply = move |film: &Film| {
+        film.require("wants", &needs).unwrap();
+        Unfiltered.apply(film).unwrap()
+    };
+    let wants = Made { name: "wants", needs, apply };
+    let mut session = Session::new(frame(4, 4), Limits::spp(4.0), Methods::from((uniform(1), wants))).unwrap();
     while let Some(round) = session.next_round().unwrap() {
         round.trace(|_| [0.5; 3]).unwrap();
     }
@@ -333,37 +323,38 @@ fn the_film_records_what_the_filter_needs() {
     assert_eq!(session.finish().unwrap().radiance, [[0.5; 3]; 16]);
 }
 
-/// Light from a lamp that paths throw at pixels, three channels beside the radiance.
-struct Splatting;
-
+/// Light from a lamp that paths throw at pixels.
 fn thrown(draws: &Draws<'_>) -> ([u32; 2], [f32; 3]) {
     let u = draws.block(Block::new(1));
     // 50 columns and rows: some fall outside the window.
     (([0, 1].map(|k| (u[k] * 50.0) as u32)), [u[2], 2.0 * u[3], if u[0] < 0.01 { f32::NAN } else { 1.0 }])
 }
 
-impl Integrator for Splatting {
-    fn estimate(&self, draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
-        let (pixel, radiance) = thrown(draws);
-        worker.splat(pixel, radiance);
-        let estimate = trace(draws);
-        worker.channels().copy_from_slice(&[radiance[0], 4.0, estimate.radiance[1]]);
-        estimate
-    }
+/// Throws light, and has three channels beside the radiance.
+fn splatting(draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
+    let (pixel, radiance) = thrown(draws);
+    worker.splat(pixel, radiance);
+    let estimate = trace(draws);
+    worker.channels().copy_from_slice(&[radiance[0], 4.0, estimate.radiance[1]]);
+    estimate
 }
 
 #[test]
 fn splats_and_channels_have_the_same_bits_in_any_order() {
+    [false, true].into_iter().for_each(check_splats);
+}
+
+fn check_splats(withdraws: bool) {
     let needs = Needs::none().with_splats().with_channels(3).with_variance();
     let size = frame(45, 38);
     let film = |threads| {
         let limits = Limits::samples(LIMIT);
-        let render = || Render::new(size, &limits).needs(needs).run(&mut Splatting, &mut every_kind());
-        crate::common::on_threads(threads, render).unwrap()
+        let render = || Render::new(size, &limits).needs(needs).run(&mut Traced(splatting), &mut every_kind(withdraws));
+        on_threads(threads, render).unwrap()
     };
     let [one, three] = [1, 3].map(film);
     assert!(bits(&one) == bits(&three));
-    let methods = Methods::from(every_kind()).with_needs(needs);
+    let methods = Methods::from(every_kind(withdraws)).with_needs(needs);
     let mut session = Session::new(size, Limits::samples(LIMIT), methods).unwrap();
     while let Some(round) = session.next_round().unwrap() {
         let mut tile = round.whole();
@@ -376,7 +367,7 @@ fn splats_and_channels_have_the_same_bits_in_any_order() {
         }
         round.submit(tile).unwrap();
         // A snapshot keeps both.
-        let film = Snapshot::from_bytes(&round.snapshot()).unwrap().film().clone();
+        let film = snapshot(&round.snapshot()).film().clone();
         assert!((0..size.pixels()).all(|i| film.channels(0, i).len() == 3));
     }
     let pulled = session.into_film();
@@ -394,18 +385,15 @@ fn splats_and_channels_have_the_same_bits_in_any_order() {
 
 #[test]
 fn splats_add_their_mean_to_the_image() {
-    /// Each sample throws a light of 3 at pixel (1, 0), and sees 0.5 itself.
-    struct Lamp;
-    impl Integrator for Lamp {
-        fn estimate(&self, _: &Draws<'_>, worker: &mut Worker) -> Estimate {
-            worker.splat([1, 0], [3.0, 0.0, 0.25]);
-            Estimate::new([0.5; 3])
-        }
-    }
+    // Each sample throws a light of 3 at pixel (1, 0), and sees 0.5 itself.
+    let mut lamp = Traced(|_: &Draws<'_>, worker: &mut Worker| {
+        worker.splat([1, 0], [3.0, 0.0, 0.25]);
+        Estimate::new([0.5; 3])
+    });
     // Other counts per pixel change nothing: 12 pixels get as many samples as 12 throw.
     for needs in [Needs::none().with_splats(), Needs::none().with_splats().with_halves()] {
-        let mut sampler = crate::common::counts(Independent::new(1), (1..=12).collect());
-        let film = Render::new(frame(4, 3), &Limits::samples(1000)).needs(needs).run(&mut Lamp, &mut sampler).unwrap();
+        let mut sampler = one_round(Independent::new(1), Retention::Keep, (1..=12).collect());
+        let film = Render::new(frame(4, 3), &Limits::samples(1000)).needs(needs).run(&mut lamp, &mut sampler).unwrap();
         let image = film.image();
         assert!((image[1][0] - (0.5 + 3.0 * 12.0)).abs() < 1e-4 && (image[1][2] - (0.5 + 0.25 * 12.0)).abs() < 1e-5);
         assert!(image.iter().enumerate().all(|(i, rgb)| i == 1 || *rgb == [0.5; 3]));
@@ -414,26 +402,16 @@ fn splats_add_their_mean_to_the_image() {
     let window = frame(4, 3).crop(1, 0, 3, 2).unwrap();
     let limits = Limits::samples(40);
     let render = Render::new(window, &limits).needs(Needs::none().with_splats());
-    let film = render.run(&mut Lamp, &mut Uniform::new(Independent::new(1))).unwrap();
+    let film = render.run(&mut lamp, &mut uniform(1)).unwrap();
     assert!((film.image()[0][0] - (0.5 + 3.0 * 12.0)).abs() < 1e-4);
 }
 
 #[test]
 fn samples_that_say_nothing_of_hits_are_refused_by_name() {
-    struct Guided;
-    impl dapple_core::Filter for Guided {
-        fn name(&self) -> &str {
-            "guided"
-        }
-        fn needs(&self) -> Needs {
-            Needs::none().with_features()
-        }
-        fn apply(&self, film: &Film) -> Result<dapple_core::Filtered, Error> {
-            Unfiltered.apply(film)
-        }
-    }
+    let needs = Needs::none().with_features();
+    let guided = || Made { name: "guided", needs, apply: |film: &Film| Unfiltered.apply(film).unwrap() };
     let ends = |trace: &(dyn Fn(&Draws<'_>) -> Estimate + Sync)| {
-        let mut session = Session::new(frame(4, 4), Limits::spp(4.0), (uniform(), Guided)).unwrap();
+        let mut session = Session::new(frame(4, 4), Limits::spp(4.0), (uniform(1), guided())).unwrap();
         session.next_round().unwrap().unwrap().trace(trace).unwrap();
         session.next_round().map(|round| round.is_none())
     };

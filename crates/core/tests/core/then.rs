@@ -1,13 +1,12 @@
 //! Two samplers in sequence: budgets, bits, states and descriptions.
 
-use crate::common::{Field, Independent, Planned, frame, noise};
+use crate::common::{Field, Independent, Keeper, Planned, frame, noise, snapshot};
 use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions};
 use dapple_conformance::{bits, sampler, threshold_sampler};
 use dapple_core::samplers::{Then, Uniform};
 use dapple_core::{
-    BudgetLeft, Control, Error, Feedback, Film, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, Render,
-    Retention, RgbMoments, SampleId, Sampler, Schedule, Shard, ShardFilm, Sharded, Snapshot, Status, Stopping, merge,
-    nested, streams, unnested,
+    BudgetLeft, Error, Feedback, Film, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, Render, Retention,
+    RgbMoments, SampleId, Sampler, Schedule, Stopping, nested, streams, unnested,
 };
 
 const POINTS: fn() -> Independent = || Independent::new(3);
@@ -138,28 +137,8 @@ fn the_description_names_both_samplers_and_their_policies() {
     assert_eq!(sequence.needs(), adaptive(PilotPolicy::Discard).needs());
     let inside = Then::new(sequence, 6, Uniform::new(POINTS())).unwrap();
     assert_eq!(inside.describe(), format!("then:first={},spp=6,second=uniform", nested(&described)));
-    let a_priori = |a: bool, b: bool| {
-        let of = |known: bool| -> Box<dyn Sampler> {
-            if known { Box::new(Uniform::new(POINTS())) } else { Box::new(cycles(Stopping::Budget)) }
-        };
-        Then::new(of(a), 2, of(b)).unwrap().a_priori()
-    };
-    assert_eq!([a_priori(true, true), a_priori(true, false), a_priori(false, true)], [true, false, false]);
     let refused = Then::new(Uniform::new(POINTS()), 0, Uniform::new(POINTS())).err().unwrap().to_string();
     assert_eq!(refused, "spp = 0 is out of range: at least 1 sample per pixel for the first sampler");
-}
-
-#[test]
-fn a_sequence_of_a_priori_samplers_is_sharded() {
-    let (frame, limits) = (frame(7, 9), Limits::samples(5 * 63 + 4));
-    let make = || Then::new(Uniform::new(POINTS()), 2, Uniform::new(POINTS())).unwrap();
-    let whole = Render::new(frame, &limits).run(&mut Field(noise), &mut make()).unwrap();
-    let part = |index| {
-        let (shard, mut inner) = (Shard::new(index, 3).unwrap(), make());
-        let mut sharded = Sharded::new(&mut inner, shard, &limits).unwrap();
-        ShardFilm::new(shard, &Render::new(frame, &limits).run(&mut Field(noise), &mut sharded).unwrap()).unwrap()
-    };
-    assert_eq!(merge(&[part(0), part(1), part(2)]).unwrap().image(), whole.image());
 }
 
 #[test]
@@ -177,15 +156,10 @@ fn states_of_other_samplers_are_refused() {
 fn stages_with_different_points_are_resumed() {
     let (frame, limits) = (frame(5, 4), Limits::spp(9.0).with_schedule(Schedule::default().with_slice_spp(2)));
     let make = || Then::new(Uniform::new(POINTS()), 4, Uniform::new(Independent::new(77))).unwrap();
-    let mut slices = Vec::new();
-    let mut keep = |status: &Status<'_>| {
-        slices.push(status.snapshot());
-        Control::Continue
-    };
-    let whole = Render::new(frame, &limits).monitor(&mut keep).run(&mut Field(noise), &mut make()).unwrap();
-    assert_eq!(slices.len(), 5);
-    for bytes in slices {
-        let snapshot = Snapshot::from_bytes(&bytes).unwrap();
+    let mut keeper = Keeper::default();
+    let whole = Render::new(frame, &limits).monitor(&mut keeper).run(&mut Field(noise), &mut make()).unwrap();
+    assert_eq!(keeper.slices.len(), 5);
+    for snapshot in keeper.all() {
         let film = Render::new(frame, &limits).resume(snapshot, &mut Field(noise), &mut make()).unwrap();
         assert!(bits(&film) == bits(&whole));
     }
@@ -197,14 +171,8 @@ fn stages_with_different_points_are_resumed() {
     assert_eq!(whole.mean(7), moments.mean);
     // Other points are refused all the same.
     let other = || Then::new(Uniform::new(POINTS()), 4, Uniform::new(Independent::new(78))).unwrap();
-    let mut last = Vec::new();
-    let mut stop = |status: &Status<'_>| {
-        last = status.snapshot();
-        if status.round == 1 { Control::Stop } else { Control::Continue }
-    };
-    Render::new(frame, &limits).monitor(&mut stop).run(&mut Field(noise), &mut make()).unwrap();
-    let snapshot = Snapshot::from_bytes(&last).unwrap();
-    let refused = Render::new(frame, &limits).resume(snapshot, &mut Field(noise), &mut other()).unwrap_err();
+    let last = snapshot(&keeper.slices[4]);
+    let refused = Render::new(frame, &limits).resume(last, &mut Field(noise), &mut other()).unwrap_err();
     assert!(refused.to_string().contains("the point set was independent:seed=77"), "{refused}");
 }
 

@@ -1,7 +1,6 @@
 //! Budgets of time.
 
 use crate::common::*;
-use dapple_core::samplers::Uniform;
 use dapple_core::{Control, Error, Film, Filter, Filtered, Limits, Needs, Render, Status};
 
 /// A filter that sleeps for a microsecond per pixel, and would so many times from 4 samples per pixel on.
@@ -28,7 +27,7 @@ fn a_time_limit_leaves_room_for_the_filter() {
     let (frame, limits) = (frame(512, 512), Limits::seconds(2.5));
     let reserved = std::cell::Cell::new(None);
     let traced = |filter: Option<&Sleeper>| {
-        let mut sampler = Uniform::new(Independent::new(5));
+        let mut sampler = uniform(5);
         let mut monitor = |status: &Status<'_>| {
             reserved.set(status.filter_seconds);
             Control::Continue
@@ -58,7 +57,7 @@ fn a_time_limit_leaves_room_for_the_filter() {
 fn endless_time_limits_do_not_overflow() {
     for seconds in [1e30, f64::MAX] {
         let limits = Limits::seconds(seconds).with_max_spp(3);
-        let mut sampler = Uniform::new(Independent::new(5));
+        let mut sampler = uniform(5);
         let film = run(&mut Field(noise), &mut sampler, Needs::none(), frame(5, 4), &limits).unwrap();
         assert_eq!(film.record().samples, 60);
     }

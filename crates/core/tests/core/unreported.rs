@@ -1,17 +1,10 @@
-//! Samples that report neither a hit nor a miss: snapshots and shards keep their number.
+//! Samples that report neither a hit nor a miss: snapshots keep their number.
 
-use crate::common::{Independent, frame};
-use dapple_core::samplers::Uniform;
-use dapple_core::{Error, Film, Limits, Methods, Needs, Sampler, Session, Shard, ShardFilm, Sharded, Snapshot, merge};
+use crate::common::{frame, uniform};
+use dapple_core::{Error, Film, Limits, Methods, Needs, Session, Snapshot};
 
-const SPP: f64 = 4.0;
-
-fn uniform() -> Uniform<Independent> {
-    Uniform::new(Independent::new(2))
-}
-
-fn methods(sampler: &mut dyn Sampler) -> Methods<'_> {
-    Methods::from(sampler).with_needs(Needs::none().with_features())
+fn methods() -> Methods<'static> {
+    Methods::from(uniform(2)).with_needs(Needs::none().with_features())
 }
 
 /// Adds radiance alone to the next tile of a session, or to all.
@@ -34,33 +27,15 @@ fn is_refused(film: &Film) -> bool {
 
 #[test]
 fn a_resumed_session_of_radiance_alone_is_refused_by_readers_of_features() {
-    let (frame, limits) = (frame(7, 5), Limits::spp(SPP));
-    let (mut first, mut second) = (uniform(), uniform());
-    let mut session = Session::new(frame, limits.clone(), methods(&mut first)).unwrap().with_tile_side(3);
+    let (frame, limits) = (frame(7, 5), Limits::spp(4.0));
+    let mut session = Session::new(frame, limits.clone(), methods()).unwrap().with_tile_side(3);
     push(&mut session, false);
     let snapshot = Snapshot::from_bytes(&session.snapshot()).unwrap();
     assert!(is_refused(snapshot.film()), "the snapshot has lost the number");
-    let mut session = Session::resume(frame, limits, methods(&mut second), snapshot).unwrap();
+    let mut session = Session::resume(frame, limits, methods(), snapshot).unwrap();
     push(&mut session, true);
     assert!(session.next_round().unwrap().is_none());
     let film = session.into_film();
     assert_eq!(film.record().samples, 4 * 35);
     assert!(is_refused(&film));
-}
-
-#[test]
-fn a_merged_image_of_radiance_alone_is_refused_by_readers_of_features() {
-    let (frame, limits) = (frame(7, 5), Limits::spp(SPP));
-    let part = |index| {
-        let (shard, mut inner) = (Shard::new(index, 2).unwrap(), uniform());
-        let mut sharded = Sharded::new(&mut inner, shard, &limits).unwrap();
-        let mut session = Session::new(frame, limits.clone(), methods(&mut sharded)).unwrap();
-        push(&mut session, true);
-        assert!(session.next_round().unwrap().is_none());
-        let bytes = ShardFilm::new(shard, &session.into_film()).unwrap().to_bytes();
-        ShardFilm::from_bytes(&bytes).unwrap()
-    };
-    let whole = merge(&[part(0), part(1)]).unwrap();
-    assert_eq!(whole.record().samples, 4 * 35);
-    assert!(is_refused(&whole));
 }

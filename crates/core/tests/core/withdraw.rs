@@ -1,9 +1,9 @@
 //! Samples that are withdrawn from the image pixel by pixel: nothing is lost, nothing restarts.
 
-use crate::common::*;
+use crate::common::{self, Field, Independent, Planned, everything, frame, noise, numbers, on_threads, run};
 use dapple_core::{
-    Draws, Error, Estimate, Feedback, Film, FirstHit, Integrator, Limits, Needs, Plan, Progress, Retention, RgbMoments,
-    Sampler, Worker, luminance, streams,
+    Draws, Error, Estimate, Feedback, Film, FirstHit, Limits, Needs, Plan, Progress, Retention, RgbMoments, Sampler,
+    Worker, streams,
 };
 use std::sync::Mutex;
 
@@ -24,92 +24,79 @@ fn rounds(rounds: Vec<Round>, needs: Needs) -> impl Sampler {
 /// Stream, index and radiance of a sample.
 type Traced = (u32, u64, [f32; 3]);
 
-/// Writes down the column of every sample, and what was traced.
-#[derive(Default)]
-struct Spy(Mutex<Vec<(u32, Traced)>>);
-
-impl Integrator for Spy {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
-        let [r, g, b, _] = draws.block(dapple_core::Block::new(0));
-        let id = draws.id();
-        self.0.lock().unwrap().push((id.pixel[0], (id.stream, id.index, [r, g, b])));
-        let depth = id.index as f32;
-        let (position, normal) = ([0.0; 3], [0.0, 0.0, 1.0]);
-        let hit = FirstHit::new(position, normal, depth).with_albedo([0.5; 3]).with_footprint(1.0);
-        Estimate::new([r, g, b]).with_first_hit(hit)
-    }
-}
-
 /// Pixels 0 and 1 side by side, and what was traced in pixel 1, in order.
 fn trace(plan: &[Round], needs: Needs) -> (Film, Vec<Traced>) {
-    let mut spy = Spy::default();
+    let seen = Mutex::new(Vec::new());
+    let mut spy = common::Traced(|draws: &Draws<'_>, _: &mut Worker| {
+        let ([r, g, b, _], id) = (numbers(draws), draws.id());
+        if id.pixel == [1, 0] {
+            seen.lock().unwrap().push((id.stream, id.index, [r, g, b]));
+        }
+        let hit = FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], id.index as f32).with_albedo([0.5; 3]).with_footprint(1.0);
+        Estimate::new([r, g, b]).with_first_hit(hit)
+    });
     let mut sampler = rounds(plan.to_vec(), needs);
     let film = on_threads(1, || run(&mut spy, &mut sampler, needs, frame(2, 1), &Limits::samples(1000))).unwrap();
-    let all = spy.0.into_inner().unwrap();
-    (film, all.into_iter().filter(|s| s.0 == 1).map(|s| s.1).collect())
+    (film, seen.into_inner().unwrap())
 }
 
 const KEEP: Retention = Retention::Keep;
 const DISCARD: Retention = Retention::Discard;
-const PLAN: [Round; 6] =
-    [(3, DISCARD, false), (4, KEEP, false), (5, KEEP, true), (2, DISCARD, false), (1, KEEP, false), (6, KEEP, true)];
+const DISCARDS: [Round; 4] = [(3, DISCARD, false), (9, KEEP, false), (2, DISCARD, false), (7, KEEP, false)];
+const WITHDRAWS: [Round; 4] = [(4, KEEP, false), (5, KEEP, true), (1, KEEP, false), (6, KEEP, false)];
 
 #[test]
 fn indices_continue_in_every_stream() {
     let indices =
         |traced: &[Traced], stream: u32| -> Vec<u64> { traced.iter().filter(|s| s.0 == stream).map(|s| s.1).collect() };
-    let (_, traced) = trace(&PLAN, Needs::none());
-    assert_eq!(indices(&traced, streams::WHOLE), (0..16).collect::<Vec<_>>());
-    assert_eq!(indices(&traced, streams::DISCARDED), (0..5).collect::<Vec<_>>());
-    let (_, traced) = trace(&PLAN, Needs::none().with_halves());
-    let both = |pair: [u32; 2]| {
-        let [a, b] = pair.map(|s| indices(&traced, s));
-        assert!(a.iter().copied().eq(0..a.len() as u64) && b.iter().copied().eq(0..b.len() as u64));
-        a.len() + b.len()
-    };
-    assert_eq!([both(streams::HALVES), both(streams::DISCARDED_HALVES)], [16, 5]);
+    for (plan, discarded) in [(DISCARDS, 5), (WITHDRAWS, 0)] {
+        let (_, traced) = trace(&plan, Needs::none());
+        assert_eq!(indices(&traced, streams::WHOLE), (0..16).collect::<Vec<_>>());
+        assert_eq!(indices(&traced, streams::DISCARDED), (0..discarded).collect::<Vec<_>>());
+        let (_, traced) = trace(&plan, Needs::none().with_halves());
+        let both = |pair: [u32; 2]| {
+            let [a, b] = pair.map(|s| indices(&traced, s));
+            assert!(a.iter().copied().eq(0..a.len() as u64) && b.iter().copied().eq(0..b.len() as u64));
+            (a.len() + b.len()) as u64
+        };
+        assert_eq!([both(streams::HALVES), both(streams::DISCARDED_HALVES)], [16, discarded]);
+    }
 }
 
 #[test]
 fn withdrawn_samples_are_discarded_ones_and_nothing_is_lost() {
-    for needs in [everything(), Needs::none().with_variance().with_extrema().with_first_hits(20).with_cost()] {
-        let (film, traced) = trace(&PLAN, needs);
-        // Only the last round's six are in the image.
-        let (discarded, kept) = traced.split_at(traced.len() - 6);
-        for (samples, moments, range, luminances) in [
-            (kept, film.moments(1), film.range(1), film.luminance_range(1)),
-            (discarded, film.discarded(1), film.discarded_range(1), film.discarded_luminance_range(1)),
-        ] {
+    let plain = Needs::none().with_variance().with_first_hits(20).with_cost();
+    for (plan, is_kept) in [
+        (DISCARDS, (|sample: &Traced| sample.0 != streams::DISCARDED) as fn(&Traced) -> bool),
+        // Only the samples before the withdrawal are not in the image.
+        (WITHDRAWS, |sample: &Traced| sample.1 >= 4),
+    ] {
+        let (film, traced) = trace(&plan, plain);
+        let (kept, discarded): (Vec<Traced>, Vec<Traced>) = traced.iter().partition(|sample| is_kept(sample));
+        for (samples, moments) in [(kept, film.moments(1)), (discarded, film.discarded(1))] {
             let mut expected = RgbMoments::default();
             samples.iter().for_each(|s| expected.push(s.2));
-            assert_eq!(moments.count, expected.count);
-            let (range, luminances) = (range.unwrap(), luminances.unwrap());
-            for (c, [low, high]) in [0, 1, 2].map(|c| (c, range.map(|v| v[c]))) {
-                assert!((moments.mean[c] - expected.mean[c]).abs() < 1e-14, "{moments:?} for {expected:?}");
-                assert!((moments.m2[c] - expected.m2[c]).abs() < 1e-13, "{moments:?} for {expected:?}");
-                let values = samples.iter().map(|s| s.2[c]);
-                assert_eq!(low, values.clone().fold(f32::INFINITY, f32::min));
-                assert_eq!(high, values.fold(f32::NEG_INFINITY, f32::max));
-            }
-            let of = samples.iter().map(|s| luminance(s.2.map(f64::from)) as f32);
-            assert_eq!(luminances, [of.clone().fold(f32::INFINITY, f32::min), of.fold(0.0, f32::max)]);
+            assert_eq!(moments, expected);
         }
-        assert_eq!(film.record().samples, 2 * 21);
-        assert_eq!(film.cost(1), Some(21));
-        if needs.features {
-            assert_eq!(film.features(1).unwrap().samples, 21);
+        // In halves, each half has as many.
+        let (halves, traced) = trace(&plan, everything());
+        assert_eq!((halves.count(1), halves.discarded(1).count), (film.count(1), film.discarded(1).count));
+        let sum = |moments: RgbMoments| moments.count as f64 * moments.mean[0];
+        let all: f64 = traced.iter().map(|s| f64::from(s.2[0])).sum();
+        assert!((sum(halves.moments(1)) + sum(halves.discarded(1)) - all).abs() < 1e-12);
+        let total = plan.iter().map(|round| u64::from(round.0)).sum::<u64>();
+        for film in [&film, &halves] {
+            assert_eq!((film.record().samples, film.cost(1)), (2 * total, Some(total)));
         }
-        if needs.first_hits == 20 {
-            // Kept samples fill the places by index, so a withdrawal overwrites none.
-            let depths: Vec<f32> = film.first_hits(1)[..16].iter().map(|h| h.unwrap().depth).collect();
-            assert_eq!(depths, (0..16).map(|k| k as f32).collect::<Vec<_>>());
-        }
+        assert_eq!(halves.features(1).map(|f| u64::from(f.samples)), Some(total));
+        // Kept samples fill the places by index, so a withdrawal overwrites none.
+        let depths: Vec<f32> = film.first_hits(1)[..16].iter().map(|h| h.unwrap().depth).collect();
+        assert!(depths.iter().copied().eq((0..16).map(|k| k as f32)));
         // The next pixel is the same as without withdrawals.
-        let without: Vec<Round> = PLAN.iter().map(|&(n, retention, _)| (n, retention, false)).collect();
-        let (other, _) = trace(&without, needs);
+        let without: Vec<Round> = plan.iter().map(|&(n, retention, _)| (n, retention, false)).collect();
+        let (other, _) = trace(&without, plain);
         assert_eq!((film.moments(0), film.discarded(0)), (other.moments(0), other.discarded(0)));
-        assert_eq!((film.count(0), film.range(0)), (16, other.range(0)));
-        assert_eq!(other.count(1), 16);
+        assert_eq!((film.count(0), other.count(1)), (16, 16));
     }
 }
 
@@ -130,6 +117,16 @@ fn invalid_withdrawals_are_refused() {
     assert!(refused(Some(vec![true]), KEEP, [1, 1]).contains("mark for each pixel"));
     assert!(refused(Some(vec![true; 2]), DISCARD, [1, 1]).contains("not kept"));
     assert!(refused(Some(vec![true; 2]), KEEP, [2, 0]).contains("traces none"));
+    // A pixel withdraws once, and no film has samples of both kinds that are not in the image.
+    for plan in [
+        [(1, KEEP, false), (1, KEEP, true), (1, KEEP, true)],
+        [(1, DISCARD, false), (1, KEEP, false), (1, KEEP, true)],
+        [(1, KEEP, false), (1, KEEP, true), (1, DISCARD, false)],
+    ] {
+        let mut sampler = rounds(plan.to_vec(), Needs::none());
+        let answer = run(&mut Field(noise), &mut sampler, Needs::none(), frame(2, 1), &Limits::samples(6));
+        assert!(matches!(answer, Err(Error::BadPlan { .. })), "{plan:?}");
+    }
 }
 
 #[test]

@@ -1,63 +1,20 @@
-//! Point sets, integrators and samplers of the tests' own.
+//! Toys and helpers of several test files.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
+pub use dapple_conformance::toys::{Field, Independent, Learner, Made, Planned, Points, Traced, one_round};
+pub use dapple_conformance::{bits, on_threads};
+pub use dapple_core::mix;
+
+use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet, Progress, Render,
-    Retention, SampleId, Sampler, Sums, Worker,
+    Control, Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Monitor, Needs, Render, Sampler,
+    Schedule, Snapshot, Status, TrainingData, Worker,
 };
-use rand::{RngExt, SeedableRng};
-
-/// Independent points: a PCG generator whose state is a hash of the sample's name.
-#[derive(Clone, Copy, Debug)]
-pub struct Independent {
-    pub seed: u64,
-    pub capacity: u64,
-}
-
-impl Independent {
-    pub fn new(seed: u64) -> Self {
-        Self { seed, capacity: u64::MAX }
-    }
-}
-
-/// The finaliser of SplitMix64.
-pub fn mix(x: u64) -> u64 {
-    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
-}
-
-impl PointSet for Independent {
-    fn describe(&self) -> String {
-        format!("independent:seed={}", self.seed)
-    }
-
-    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
-        let [x, y] = id.pixel.map(u64::from);
-        let place = mix(mix(mix(self.seed ^ 0x5eed).wrapping_add(x)).wrapping_add(y << 20));
-        let name = mix(place.wrapping_add(id.index)).wrapping_add((u64::from(id.stream) << 32) | u64::from(block));
-        let mut rng = rand_pcg::Pcg32::new(mix(name), mix(!name));
-        [rng.random(), rng.random(), rng.random(), rng.random()]
-    }
-
-    fn capacity(&self) -> u64 {
-        self.capacity
-    }
-}
+use rand::SeedableRng;
 
 /// A generator for the tests themselves.
 pub fn rng(seed: u64) -> rand_pcg::Pcg64 {
     rand_pcg::Pcg64::seed_from_u64(seed)
-}
-
-/// An integrator from a closure of the pixel and four numbers.
-pub struct Field<F>(pub F);
-
-impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
-        let radiance = (self.0)(draws.pixel(), draws.block(Block::new(0)));
-        Estimate::new(radiance).with_indirect(radiance.map(|value| 0.5 * value))
-    }
 }
 
 /// Grey noise whose spread grows to the right.
@@ -65,48 +22,32 @@ pub fn noise([x, _]: [u32; 2], u: [f32; 4]) -> [f32; 3] {
     [0.1 + 0.05 * x as f32 * u[0], u[1], u[2] * u[3]]
 }
 
-/// Counts from a closure of the state; done if it returns `None`.
-pub struct Planned<F> {
-    pub points: Independent,
-    pub needs: Needs,
-    pub plan: F,
+/// The numbers of a sample's first block.
+pub fn numbers(draws: &Draws<'_>) -> [f32; 4] {
+    draws.block(dapple_core::Block::new(0))
 }
 
-impl<F: FnMut(&Feedback<'_>, &mut Plan) -> Progress + Send> Sampler for Planned<F> {
-    fn name(&self) -> &str {
-        "planned"
-    }
-
-    fn needs(&self) -> Needs {
-        self.needs
-    }
-
-    fn points(&self) -> &dyn PointSet {
-        &self.points
-    }
-
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        Ok((self.plan)(seen, plan))
-    }
+/// Learns in four passes, reports first hits, and now and then gives a bad sample.
+pub fn learner() -> Learner<impl Fn(&[TrainingData], &Draws<'_>, &mut Worker) -> Estimate + Sync> {
+    Learner::new(4, |learned, draws, worker| {
+        let u = numbers(draws);
+        worker.note(u64::from(draws.pixel()[0] / 5), u[0]);
+        let shift: f64 = learned.iter().flat_map(|pass| pass.entries()).map(|e| e.sum / e.count as f64).sum();
+        let value = if u[3] < 0.01 { -1.0 } else { u[1] + shift as f32 };
+        let hit = FirstHit::new([u[0], u[1], u[2]], [0.0, 0.0, 1.0], u[0])
+            .with_shading_normal([0.0, u[3], 1.0])
+            .with_albedo([0.5, u[1], 0.25])
+            .with_footprint(0.1)
+            .with_material(3)
+            .with_shape(5)
+            .with_primitive(draws.pixel()[1]);
+        let hit = (u[2] > 0.2).then_some(hit);
+        Estimate::new([value, u[2], 0.5]).with_first_hit(hit).with_cost(2 + draws.pixel()[0] % 3)
+    })
 }
 
-/// One kept round of these counts.
-pub fn counts(points: Independent, counts: Vec<u32>) -> Planned<impl FnMut(&Feedback<'_>, &mut Plan) -> Progress> {
-    once(points, Retention::Keep, counts)
-}
-
-/// One round of these counts.
-pub fn once(
-    points: Independent,
-    retention: Retention,
-    counts: Vec<u32>,
-) -> Planned<impl FnMut(&Feedback<'_>, &mut Plan) -> Progress> {
-    let plan = move |seen: &Feedback<'_>, plan: &mut Plan| {
-        plan.counts.clone_from(&counts);
-        plan.retention = retention;
-        if seen.round == 0 { Progress::Trace } else { Progress::Done }
-    };
-    Planned { points, needs: Needs::none(), plan }
+pub fn uniform(seed: u64) -> Uniform<Independent> {
+    Uniform::new(Independent::new(seed))
 }
 
 pub fn frame(width: u32, height: u32) -> Frame {
@@ -127,18 +68,47 @@ pub fn run(
 pub fn everything() -> Needs {
     Needs::none()
         .with_variance()
-        .with_extrema()
         .with_halves()
+        .with_features()
         .with_feature_halves()
         .with_first_hits(3)
         .with_cost()
         .with_emission()
         .with_indirect()
-        .with_sums(Sums::LOG | Sums::ROOT | Sums::ROOT_MOMENTS)
-        .with_samples(5)
         .with_trajectories()
 }
 
-pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
+/// One of four ways to cut a round into tiles and slices.
+pub fn cut(i: usize) -> Schedule {
+    let (tile_rows, slice_spp, shuffle) = [(1, 0, 0), (16, 1, 5), (33, 7, 0), (7, 0, 9)][i % 4];
+    Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle)
+}
+
+/// Keeps a snapshot of every slice, and of the end.
+#[derive(Default)]
+pub struct Keeper {
+    pub slices: Vec<Vec<u8>>,
+    pub end: Vec<u8>,
+}
+
+impl Keeper {
+    /// All snapshots in order.
+    pub fn all(&self) -> impl Iterator<Item = Snapshot> {
+        self.slices.iter().chain([&self.end]).map(|bytes| snapshot(bytes))
+    }
+}
+
+impl Monitor for Keeper {
+    fn slice(&mut self, status: &Status<'_>) -> Control {
+        self.slices.push(status.snapshot());
+        Control::Continue
+    }
+
+    fn end(&mut self, status: &Status<'_>) {
+        self.end = status.snapshot();
+    }
+}
+
+pub fn snapshot(bytes: &[u8]) -> Snapshot {
+    Snapshot::from_bytes(bytes).unwrap()
 }

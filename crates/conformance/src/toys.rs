@@ -1,0 +1,183 @@
+//! Toys for tests: points, integrators, a sampler and a filter that are made of closures.
+//!
+//! ```
+//! use dapple_conformance::toys::{Independent, Traced, one_round};
+//! use dapple_core::{Block, Draws, Estimate, Frame, Limits, Render, Retention, Worker};
+//!
+//! let mut grey = Traced(|draws: &Draws<'_>, _: &mut Worker| Estimate::new([draws.block(Block::new(0))[0]; 3]));
+//! let mut sampler = one_round(Independent::new(7), Retention::Keep, vec![1, 2, 3]);
+//! let film = Render::new(Frame::new(3, 1)?, &Limits::samples(9)).run(&mut grey, &mut sampler)?;
+//! assert_eq!(film.counts(), [1, 2, 3]);
+//! # Ok::<(), dapple_core::Error>(())
+//! ```
+
+use dapple_core::{
+    Block, Draws, Error, Estimate, Feedback, Film, Filter, Filtered, Integrator, Needs, Plan, PointSet, Progress,
+    Retention, SampleId, Sampler, TrainingData, Worker, mix,
+};
+
+/// Independent points: four numbers from a hash of seed, sample and block.
+#[derive(Clone, Copy, Debug)]
+pub struct Independent {
+    /// The seed.
+    pub seed: u64,
+    /// The number of samples of a pixel's stream.
+    pub capacity: u64,
+}
+
+impl Independent {
+    /// Points without an end.
+    pub const fn new(seed: u64) -> Self {
+        Self { seed, capacity: u64::MAX }
+    }
+}
+
+impl PointSet for Independent {
+    fn describe(&self) -> String {
+        format!("independent:seed={}", self.seed)
+    }
+
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        let [x, y] = id.pixel.map(u64::from);
+        let sample = id.index ^ (u64::from(id.stream) << 48) ^ (u64::from(block) << 40);
+        let key = mix(mix(self.seed) ^ x ^ (y << 32)) ^ mix(sample);
+        [1, 2, 3, 4].map(|k| (mix(key.wrapping_add(k)) >> 40) as f32 / (1u64 << 24) as f32)
+    }
+
+    fn capacity(&self) -> u64 {
+        self.capacity
+    }
+}
+
+/// Points from a closure of sample and block.
+pub struct Points<F>(pub F);
+
+impl<F: Fn(SampleId, u32) -> [f32; 4] + Send + Sync> PointSet for Points<F> {
+    fn describe(&self) -> String {
+        "points".into()
+    }
+
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        (self.0)(id, block)
+    }
+
+    fn capacity(&self) -> u64 {
+        u64::MAX
+    }
+}
+
+/// An integrator from a closure of the random numbers and the worker.
+pub struct Traced<F>(pub F);
+
+impl<F: Fn(&Draws<'_>, &mut Worker) -> Estimate + Sync> Integrator for Traced<F> {
+    fn estimate(&self, draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
+        (self.0)(draws, worker)
+    }
+}
+
+/// An integrator from a closure of the pixel and four numbers. Half of the radiance is indirect light.
+pub struct Field<F>(pub F);
+
+impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
+        let radiance = (self.0)(draws.pixel(), draws.block(Block::new(0)));
+        Estimate::new(radiance).with_indirect(radiance.map(|value| 0.5 * value))
+    }
+}
+
+/// An integrator that learns from some passes, from a closure that sees the passes so far.
+pub struct Learner<F> {
+    /// The closure.
+    pub trace: F,
+    /// The number of passes that it wants.
+    pub passes: usize,
+    /// The passes so far.
+    pub learned: Vec<TrainingData>,
+}
+
+impl<F: Fn(&[TrainingData], &Draws<'_>, &mut Worker) -> Estimate + Sync> Learner<F> {
+    /// An integrator that has learned nothing yet.
+    pub fn new(passes: usize, trace: F) -> Self {
+        Self { trace, passes, learned: Vec::new() }
+    }
+}
+
+impl<F: Fn(&[TrainingData], &Draws<'_>, &mut Worker) -> Estimate + Sync> Integrator for Learner<F> {
+    fn estimate(&self, draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
+        (self.trace)(&self.learned, draws, worker)
+    }
+
+    fn wants_training(&self) -> bool {
+        self.learned.len() < self.passes
+    }
+
+    fn learn(&mut self, pass: &TrainingData) {
+        self.learned.push(pass.clone());
+    }
+}
+
+/// A sampler from a closure that plans each round.
+pub struct Planned<F> {
+    /// The points.
+    pub points: Independent,
+    /// The statistics that the closure reads.
+    pub needs: Needs,
+    /// The closure.
+    pub plan: F,
+}
+
+impl<F: FnMut(&Feedback<'_>, &mut Plan) -> Progress + Send> Sampler for Planned<F> {
+    fn name(&self) -> &str {
+        "planned"
+    }
+
+    fn needs(&self) -> Needs {
+        self.needs
+    }
+
+    fn points(&self) -> &dyn PointSet {
+        &self.points
+    }
+
+    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
+        Ok((self.plan)(seen, plan))
+    }
+}
+
+/// A sampler of one round with these counts.
+pub fn one_round(
+    points: Independent,
+    retention: Retention,
+    counts: Vec<u32>,
+) -> Planned<impl FnMut(&Feedback<'_>, &mut Plan) -> Progress + Send> {
+    let plan = move |seen: &Feedback<'_>, plan: &mut Plan| {
+        plan.counts.clone_from(&counts);
+        plan.retention = retention;
+        if seen.round == 0 { Progress::Trace } else { Progress::Done }
+    };
+    Planned { points, needs: Needs::none(), plan }
+}
+
+/// A filter from a closure of the film.
+pub struct Made<F> {
+    /// The filter's name.
+    pub name: &'static str,
+    /// The statistics that the closure reads.
+    pub needs: Needs,
+    /// The closure.
+    pub apply: F,
+}
+
+impl<F: Fn(&Film) -> Filtered + Send + Sync> Filter for Made<F> {
+    fn name(&self) -> &str {
+        self.name
+    }
+
+    fn needs(&self) -> Needs {
+        self.needs
+    }
+
+    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
+        Ok((self.apply)(film))
+    }
+}
