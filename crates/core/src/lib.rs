@@ -92,7 +92,7 @@ pub use exchange::Exchange;
 pub use film::{
     Features, Film, PixelStatistics, Record, Rejected, RejectedReason, RoundRecord, SampleSums, ThirdMoments, luminance,
 };
-pub use filter::{Band, Filter, Filtered, Unfiltered, apply_together};
+pub use filter::{FilmRows, Filter, Filtered, Unfiltered, apply_in_rows};
 pub use frame::Frame;
 pub use integrator::{
     BACKGROUND, Estimate, FirstHit, Integrator, Pass, Prepared, Prepares, SurfaceFeatures, TrainingData, TrainingSum,

@@ -1,9 +1,8 @@
 //! The memory of a render, forecast before it starts.
 
 use crate::bands::{BAND, bands};
-use crate::film::both;
 use crate::render::holdout::Holdout;
-use crate::{Band, Budget, Film, Filter, Frame, Limits, Needs, Sampler, Shard, Trajectory, saturating_u32};
+use crate::{Budget, Film, Filter, Frame, Limits, Needs, Sampler, Shard, Trajectory, saturating_u32};
 
 /// The bytes that a sampler takes besides the film; 0 by default. Counts only memory that grows with the number of
 /// pixels.
@@ -193,19 +192,11 @@ impl Memory {
     }
 
     /// The memory of one process among several that render together [in bands](crate::Render::in_bands): its rows of the
-    /// film and those around them, and the rows that its filter reads. Process 0 gets the film of the statistics `shown` and
-    /// the whole image. Unchanged if every process plans the whole image.
+    /// film and those around them. Process 0 gets the whole film and filters it. Unchanged if every process plans the whole image.
     ///
     /// Bands are dealt by cost; the figures hold if all take the same time.
     #[must_use]
-    pub fn in_bands(
-        self,
-        (sampler, filter): (&dyn Sampler, &dyn Filter),
-        shown: &Needs,
-        frame: &Frame,
-        limits: &Limits,
-        share: Shard,
-    ) -> Self {
+    pub fn in_bands(self, sampler: &dyn Sampler, frame: &Frame, limits: &Limits, share: Shard) -> Self {
         let reads_all = matches!(limits.budget, Budget::Error { .. }) || self.needs.splats;
         let halo = sampler.halo().filter(|_| !reads_all && share.of() > 1);
         let Some(halo) = halo else { return self };
@@ -214,21 +205,12 @@ impl Memory {
             |bytes: u64, rows: u64| (u128::from(bytes) * u128::from(rows.min(height)) / u128::from(height)) as u64;
         let own = (bands(height as usize) as u64).div_ceil(u64::from(share.of())) * BAND as u64;
         let held = own + own / BAND as u64 * 2 * u64::from(halo);
-        let band = Band::of(*frame, share.index(), share.of());
-        let read = band.and_then(|band| filter.rows_read(frame, band.rows()));
         let is_first = share.index() == 0;
-        let delivered = frame.bytes(Film::bytes_per_pixel(&both(&self.needs, shown)));
         let FilterMemory { applying, image } = self.filter;
-        let (filter, delivered) = match (read, is_first) {
-            (Some(rows), _) => {
-                let rows = u64::from(rows.end - rows.start);
-                let applying = part(self.film, rows).saturating_add(part(applying, rows));
-                let image = if is_first { image } else { part(image, own) };
-                (FilterMemory { applying: applying.max(image), image }, if is_first { delivered } else { 0 })
-            }
-            // It filters the whole film.
-            (None, true) => (FilterMemory { applying: self.film.saturating_add(applying), image }, self.film),
-            (None, false) => (FilterMemory::default(), 0),
+        // Process 0 filters the whole film.
+        let (filter, delivered) = match is_first {
+            true => (FilterMemory { applying: self.film.saturating_add(applying), image }, self.film),
+            false => (FilterMemory::default(), 0),
         };
         let planning = self.tracing.saturating_add(part(self.planning.saturating_sub(self.tracing), own));
         Self { film: part(self.film, held), planning, filter, delivered, ..self }
@@ -312,23 +294,6 @@ mod tests {
         assert_eq!(film(all), 5000 * (2 * (32 + 2 * 24) + 4 * (12 + 16)));
     }
 
-    /// Filters a band with one row above and below, in as many bytes as an image.
-    struct Near;
-
-    impl Filter for Near {
-        fn name(&self) -> &str {
-            "near"
-        }
-
-        fn apply(&self, film: &Film) -> Result<crate::Filtered, crate::Error> {
-            Unfiltered.apply(film)
-        }
-
-        fn rows_read(&self, frame: &Frame, rows: std::ops::Range<u32>) -> Option<std::ops::Range<u32>> {
-            Some(rows.start.saturating_sub(1)..(rows.end + 1).min(frame.size()[1]))
-        }
-    }
-
     /// A sampler that plans by rows.
     struct ByRows(Uniform<Points>);
 
@@ -358,22 +323,18 @@ mod tests {
     fn one_process_among_several_takes_its_rows() {
         let (frame, limits) = (Frame::new(100, 160).unwrap(), Limits::new(Budget::Samples(64_000)));
         let sampler = ByRows(Uniform::new(Points));
-        let memory = Memory::of_render(&sampler, &Near, Needs::none().with_features(), &frame, &limits);
+        let memory = Memory::of_render(&sampler, &Unfiltered, Needs::none().with_features(), &frame, &limits);
         let (image, film) = (16 * 16_000, (32 + 120) * 16_000);
         assert_eq!((memory.film, memory.filter.applying), (film, image));
         let of = |index, of| {
             let share = Shard::new(index, of).unwrap();
-            memory.in_bands((&sampler, &Near), &Needs::none(), &frame, &limits, share)
+            memory.in_bands(&sampler, &frame, &limits, share)
         };
         assert_eq!(of(0, 1), memory);
-        // Two bands of 16 rows, each with four more.
-        assert_eq!((of(1, 5).film, of(1, 5).delivered), (film / 160 * 40, 0));
-        assert_eq!(of(1, 5).filter, FilterMemory { applying: (film + image) / 160 * 34, image: image / 160 * 32 });
-        // Process 0 gets counts, means and the image.
-        assert_eq!((of(0, 5).delivered, of(0, 5).filter.image), (32 * 16_000, image));
-        assert_eq!((of(0, 5).peak(), of(1, 5).snapshot()), (film / 4 + image + 32 * 16_000, memory.snapshot()));
-        // A process for each row is too many for bands: process 0 filters the whole film.
-        assert_eq!((of(0, 160).filter.applying, of(9, 160).filter.applying), (film + image, 0));
+        // Two bands of 16 rows, each with four more. Process 0 filters the whole film.
+        assert_eq!((of(1, 5).film, of(1, 5).delivered, of(1, 5).filter), (film / 160 * 40, 0, FilterMemory::default()));
+        assert_eq!(of(0, 5).filter, FilterMemory { applying: film + image, image });
+        assert_eq!((of(0, 5).peak(), of(1, 5).snapshot()), (film / 4 + film + image, memory.snapshot()));
     }
 
     /// Sums beyond 64 bits saturate instead of wrapping.

@@ -233,8 +233,8 @@ impl<'a> Render<'a> {
     }
 
     /// Leaves each of several processes its own rows at the end, where the sampler plans by rows
-    /// ([`Sampler::halo`]), so that none holds the whole film. [`apply_together`](crate::apply_together) filters such films, and
-    /// [`Film::gather`] returns rows of others. Films are [whole](Film::is_whole) where every process plans the whole image.
+    /// ([`Sampler::halo`]), so that none holds the whole film. [`Film::gather`] returns rows of
+    /// others. Films are [whole](Film::is_whole) where every process plans the whole image.
     pub fn in_bands(self) -> Self {
         Self { in_bands: true, ..self }
     }

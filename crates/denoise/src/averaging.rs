@@ -1,12 +1,13 @@
 //! Weighted means over windows of pixels, for both halves of the samples at once. The weights of each half come from a
 //! guide: the colours and variances of the other half.
 
-use crate::dispatch::dispatch;
-use crate::maps::map;
-use crate::planes::{Colours, Inputs, Plane, raised};
+use crate::guide::Guide;
+use crate::inputs::Inputs;
+use crate::loops::dispatch;
+use crate::plane::{Colours, Plane};
 use crate::tile::{
-    Differences, Guide, HEIGHT, LANES, Likeness, LocalGuide, REACH, Stack, Tile, WIDTH, count_weights, exp_minus,
-    number, origins, sharpness, stride, tiles, vectors,
+    Differences, HEIGHT, LANES, Likeness, LocalGuide, REACH, Stack, Tile, WIDTH, count_weights, exp_minus, number,
+    origins, sharpness, stride, tiles, vectors,
 };
 use dapple_core::{FilterMemory, Frame, ImagePlanes};
 use pulp::{Simd, WithSimd};
@@ -40,13 +41,6 @@ impl Form {
             Self::Square => true,
             Self::Disc(square) => dx.unsigned_abs().pow(2) + dy.unsigned_abs().pow(2) <= square,
         }
-    }
-}
-
-impl Window {
-    /// The rows that an average over this window reads above and below its own, if patches of this radius are compared.
-    pub(crate) const fn rows(&self, patch: usize) -> usize {
-        self.radius + patch
     }
 }
 
@@ -254,34 +248,6 @@ fn assembled([width, height]: [usize; 2], tiles: &[Option<Sums>], own: &[f32], h
         }
     });
     all
-}
-
-/// Makes a guide from the mean colours of one half of the samples. `pooled` adds the variances of the three channels;
-/// `demodulated` divides colours by albedo.
-pub(crate) fn guide(inputs: &Inputs, half: usize, pooled: bool, demodulated: bool) -> Guide {
-    let own = &inputs.halves[half];
-    let colour: Colours = std::array::from_fn(|c| {
-        if !demodulated {
-            return own.colour[c].clone();
-        }
-        let [plane] = map([&own.colour[c], &inputs.features.mean[3 + c]], |[v, albedo]| [v / raised(albedo)]);
-        plane
-    });
-    let variance: Colours = std::array::from_fn(|c| {
-        if !demodulated {
-            return own.variance[c].clone();
-        }
-        let [plane] = map([&own.variance[c], &inputs.features.mean[3 + c]], |[v, albedo]| {
-            let divisor = raised(albedo);
-            [v / (divisor * divisor)]
-        });
-        plane
-    });
-    if !pooled {
-        return Guide { colour, variance: variance.into() };
-    }
-    let [sum] = map(variance.each_ref().map(|plane| &plane[..]), |[r, g, b]| [r + g + b]);
-    Guide { colour, variance: vec![sum] }
 }
 
 const _: () = assert!(REACH == 7, "windows wider than that do not fit into a tile's margin");

@@ -1,16 +1,14 @@
 //! The cross-bilateral filter over distance, features, colours and clusters.
 
-use crate::among::{Among, rows_around};
-use crate::averaging::{Form, VANISHING, Window, average_where, guide, memory};
-use crate::cluster_gaussian::ClusterLookup;
-use crate::error_map::{ERROR_ROWS, Pair, filtered};
-use crate::light::Light;
-use crate::parameters::{describe, featureless, recorded};
-use crate::planes::{self, Inputs, Reads};
-use crate::tile::{FeatureScales, HEIGHT, Likeness, REACH};
-use dapple_core::{Band, Error, Exchange, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
+use crate::averaging::{Form, VANISHING, Window, average, memory};
+use crate::guide::guide;
+use crate::inputs::Inputs;
+use crate::one_window::OneWindow;
+use crate::parameters::{ClusterLookup, Reads};
+use crate::plane::Pair;
+use crate::tile::{FeatureScales, Likeness, REACH};
+use dapple_core::{Error, Film, FilmRows, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
 use std::fmt;
-use std::ops::Range;
 
 dapple_core::options! {
     /// The parameters of [`Bilateral`].
@@ -72,9 +70,7 @@ const PATCH: usize = 1;
 #[derive(Clone, Default)]
 pub struct Bilateral {
     options: BilateralOptions,
-    label: Option<ClusterLookup>,
-    described: String,
-    without_features: bool,
+    reads: Reads,
     form: Form,
 }
 
@@ -93,7 +89,7 @@ impl Bilateral {
     /// appended to the filter's description: the parameters of the clusters, such as `k=9,clamp=32`.
     #[must_use]
     pub fn with_clusters(self, label: ClusterLookup, described: impl Into<String>) -> Self {
-        Self { label: Some(label), described: described.into(), ..self }
+        Self { reads: Reads { label: Some(label), described: described.into(), ..self.reads }, ..self }
     }
 
     /// Filters by colours alone, for films without features. Every pixel counts as a miss.
@@ -102,12 +98,7 @@ impl Bilateral {
     /// ([`Error::NoneReported`]).
     #[must_use]
     pub fn without_features(self) -> Self {
-        Self { without_features: true, ..self }
-    }
-
-    /// The statistics that the filter reads besides halves and variance.
-    fn reads(&self) -> Reads<'_> {
-        Reads { features: !self.without_features, label: self.label.as_ref() }
+        Self { reads: Reads { without_features: true, ..self.reads }, ..self }
     }
 
     /// The bilateral filter that makes the first image of `ClusterRegression`. Its weights fall faster with distance than those
@@ -117,34 +108,30 @@ impl Bilateral {
         Self { options, form: Form::Disc(18), ..Self::default() }
     }
 
-    /// Filters both halves of a film's samples, and returns an image from each. Only own rows are right.
-    pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
-        let guides = [0, 1].map(|half| guide(inputs, half, true, true));
-        let BilateralOptions { window: radius, falloff, .. } = self.options;
-        let window = Window { radius, form: self.form, cut: VANISHING, falloff: falloff as f32 };
-        let values = [0, 1].map(|h: usize| &guides[h].colour);
-        let own = |[_, row]: [usize; 2]| inputs.place.has_own_in_tile(row);
-        let mut pair = Pair(average_where(inputs, values, &guides, &self.likeness(), &window, &own));
-        pair.modulate(inputs);
-        pair
-    }
-
-    /// The rows of the planes that [`Bilateral::pair`] reads above and below its own.
-    pub(crate) const fn rows(&self) -> usize {
-        self.options.window + PATCH
-    }
-
-    fn run(&self, film: &Film, top: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
-        let inputs = Inputs::new(Light::all(film), self.reads(), top, among)?;
-        among.share_rows([top, top + inputs.size[1]])?;
-        let [pair] = among.complete(&inputs, [self.pair(&inputs)], Among::rows)?;
-        Ok(inputs.restored(Light::all(film), filtered(&inputs, &pair, among)?))
-    }
-
     fn likeness(&self) -> Likeness {
         let BilateralOptions { colour, features, outside, .. } = self.options;
         let features = FeatureScales { bandwidth: features as f32, floors: [1e-2, 2e-2], slope: 3.0 };
         Likeness { patch: PATCH, colour: colour as f32, features: Some(features), outside: outside as f32 }
+    }
+}
+
+impl OneWindow for Bilateral {
+    fn reads(&self) -> Reads {
+        self.reads.clone()
+    }
+
+    fn radius(&self) -> usize {
+        self.options.window + PATCH
+    }
+
+    fn pair(&self, inputs: &Inputs) -> Pair {
+        let guides = [0, 1].map(|half| guide(inputs, half, true, true));
+        let BilateralOptions { window: radius, falloff, .. } = self.options;
+        let window = Window { radius, form: self.form, cut: VANISHING, falloff: falloff as f32 };
+        let values = [0, 1].map(|h: usize| &guides[h].colour);
+        let mut pair = Pair(average(inputs, values, &guides, &self.likeness(), &window));
+        pair.modulate(inputs.features.albedo());
+        pair
     }
 }
 
@@ -160,29 +147,32 @@ impl Filter for Bilateral {
     }
 
     fn describe(&self) -> String {
-        describe(self.name(), &self.options, &self.described) + featureless(self.without_features)
+        self.reads.describe(self.name(), &self.options)
     }
 
     fn needs(&self) -> Needs {
-        let recorded = recorded(!self.without_features);
-        if self.label.is_some() && self.options.outside < 1.0 { recorded.with_first_hits(1) } else { recorded }
+        let recorded = self.reads.recorded();
+        if self.reads.label.is_some() && self.options.outside < 1.0 { recorded.with_first_hits(1) } else { recorded }
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
-        memory(frame, self.label.is_some() && needs.first_hits > 0, &self.likeness(), true)
+        memory(frame, self.reads.label.is_some() && needs.first_hits > 0, &self.likeness(), true)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        self.run(film, 0, &mut Among::alone(film.frame().size()[1] as usize))
+        Ok(self.image(film))
     }
 
-    fn rows_read(&self, frame: &Frame, rows: Range<u32>) -> Option<Range<u32>> {
-        Some(rows_around(frame, rows, planes::ROWS_READ + self.rows().max(ERROR_ROWS), HEIGHT))
+    fn reach(&self, _: &Frame) -> Option<u32> {
+        Some(self.rows_read())
     }
 
-    fn apply_to_rows(&self, film: &Film, band: &Band, exchange: &mut dyn Exchange) -> Result<Filtered, Error> {
-        let (mut among, top) = Among::new(self, film, band, exchange)?;
-        self.run(film, top, &mut among)
+    fn survey(&self, film: &Film) -> Result<Vec<f64>, Error> {
+        self.globals(film)
+    }
+
+    fn apply_rows(&self, rows: &FilmRows<'_>, survey: &[f64]) -> Result<Filtered, Error> {
+        self.image_of_rows(rows, survey)
     }
 }

@@ -1,9 +1,7 @@
 //! Denoising of image buffers from any renderer: slices in, an image and its error out.
 
-mod camera;
 mod checks;
-mod pixels;
-mod split;
+mod film;
 
 use crate::ClusterRegression;
 use dapple_core::{Error, Film, Filter, Filtered};
@@ -83,12 +81,60 @@ enum Samples<'a> {
     Whole(SampleBuffers<'a>),
 }
 
-/// A buffer of features (normal, albedo, …), and its variance if known.
-#[derive(Clone, Copy, Debug)]
-struct Feature<'a, T = [f32; 3]> {
-    mean: &'a [T],
-    variance: Option<Variance<'a, T>>,
+impl Counts<'_> {
+    /// The number of samples of pixel `i`.
+    fn of(&self, i: usize) -> u64 {
+        u64::from(match self {
+            Self::All(count) => *count,
+            Self::Each(counts) => counts[i],
+        })
+    }
 }
+
+impl<'a> Variance<'a> {
+    /// The variances of the channels of one pixel after the other.
+    fn flat(self) -> Variance<'a, f32> {
+        match self {
+            Self::OfSamples(values) => Variance::OfSamples(values.as_flattened()),
+            Self::OfMean(values) => Variance::OfMean(values.as_flattened()),
+        }
+    }
+
+    /// The variance of one sample of pixel `i`, which has `count` samples.
+    fn of_sample(self, i: usize, count: u64) -> [f64; 3] {
+        [0, 1, 2].map(|c| self.flat().of_sample(3 * i + c, count))
+    }
+}
+
+impl Variance<'_, f32> {
+    /// The variance of one sample from entry `i`, of a pixel with `count` samples.
+    fn of_sample(self, i: usize, count: u64) -> f64 {
+        match self {
+            Self::OfSamples(values) => f64::from(values[i]),
+            Self::OfMean(values) => f64::from(values[i]) * count as f64,
+        }
+    }
+}
+
+/// A buffer of features, one pixel's channels after the other, and its variance if known.
+#[derive(Clone, Copy, Debug)]
+struct Feature<'a> {
+    mean: &'a [f32],
+    variance: Option<Variance<'a, f32>>,
+}
+
+impl<'a> Feature<'a> {
+    /// The values of a feature of three channels.
+    fn colours(&self) -> &'a [[f32; 3]] {
+        self.mean.as_chunks::<3>().0
+    }
+}
+
+/// The places of the features in [`Denoise::features`].
+const NORMAL: usize = 0;
+const ALBEDO: usize = 1;
+const POSITION: usize = 2;
+const DEPTH: usize = 3;
 
 /// Denoises an image given as buffers: two independent halves of its samples, such as two renders with different seeds.
 ///
@@ -143,10 +189,7 @@ pub fn denoise_whole<'a>(size: [u32; 2], all: &SampleBuffers<'a>) -> Denoise<'a>
 pub struct Denoise<'a> {
     size: [u32; 2],
     samples: Samples<'a>,
-    normal: Option<Feature<'a>>,
-    albedo: Option<Feature<'a>>,
-    position: Option<Feature<'a>>,
-    depth: Option<Feature<'a, f32>>,
+    features: [Option<Feature<'a>>; 4],
     coverage: Option<&'a [f32]>,
     emission: Option<&'a [[f32; 3]]>,
     ids: Option<&'a [u32]>,
@@ -155,48 +198,42 @@ pub struct Denoise<'a> {
 
 impl<'a> Denoise<'a> {
     fn new(size: [u32; 2], samples: Samples<'a>) -> Self {
-        Self {
-            size,
-            samples,
-            normal: None,
-            albedo: None,
-            position: None,
-            depth: None,
-            coverage: None,
-            emission: None,
-            ids: None,
-            filter: None,
-        }
+        Self { size, samples, features: [None; 4], coverage: None, emission: None, ids: None, filter: None }
+    }
+
+    fn feature(mut self, place: usize, mean: &'a [f32], variance: Option<Variance<'a, f32>>) -> Self {
+        self.features[place] = Some(Feature { mean, variance });
+        self
     }
 
     /// Adds shading normals, of unit length or shorter where they vary within a pixel.
     pub fn normal(self, mean: &'a [[f32; 3]]) -> Self {
-        Self { normal: Some(Feature { mean, variance: None }), ..self }
+        self.feature(NORMAL, mean.as_flattened(), None)
     }
 
     /// Adds shading normals that are noisy, with their variance.
     pub fn noisy_normal(self, mean: &'a [[f32; 3]], variance: Variance<'a>) -> Self {
-        Self { normal: Some(Feature { mean, variance: Some(variance) }), ..self }
+        self.feature(NORMAL, mean.as_flattened(), Some(variance.flat()))
     }
 
     /// Adds the albedo, linear RGB in 0 to 1.
     pub fn albedo(self, mean: &'a [[f32; 3]]) -> Self {
-        Self { albedo: Some(Feature { mean, variance: None }), ..self }
+        self.feature(ALBEDO, mean.as_flattened(), None)
     }
 
     /// Adds an albedo that is noisy, with its variance.
     pub fn noisy_albedo(self, mean: &'a [[f32; 3]], variance: Variance<'a>) -> Self {
-        Self { albedo: Some(Feature { mean, variance: Some(variance) }), ..self }
+        self.feature(ALBEDO, mean.as_flattened(), Some(variance.flat()))
     }
 
     /// Adds positions, in any unit and any space.
     pub fn position(self, mean: &'a [[f32; 3]]) -> Self {
-        Self { position: Some(Feature { mean, variance: None }), ..self }
+        self.feature(POSITION, mean.as_flattened(), None)
     }
 
     /// Adds positions that are noisy, with their variance.
     pub fn noisy_position(self, mean: &'a [[f32; 3]], variance: Variance<'a>) -> Self {
-        Self { position: Some(Feature { mean, variance: Some(variance) }), ..self }
+        self.feature(POSITION, mean.as_flattened(), Some(variance.flat()))
     }
 
     /// Adds the depth: the distance from the camera, along the ray or along the view axis.
@@ -204,12 +241,12 @@ impl<'a> Denoise<'a> {
     /// Without positions, positions are made of pixel coordinates times depth, for a camera of any field of view. Without
     /// depths, they are made of positions.
     pub fn depth(self, mean: &'a [f32]) -> Self {
-        Self { depth: Some(Feature { mean, variance: None }), ..self }
+        self.feature(DEPTH, mean, None)
     }
 
     /// Adds a depth that is noisy, with its variance.
     pub fn noisy_depth(self, mean: &'a [f32], variance: Variance<'a, f32>) -> Self {
-        Self { depth: Some(Feature { mean, variance: Some(variance) }), ..self }
+        self.feature(DEPTH, mean, Some(variance))
     }
 
     /// Adds the share of the samples that hit a surface, 0 to 1. Features are then means over these samples alone.
@@ -240,7 +277,7 @@ impl<'a> Denoise<'a> {
     ///
     /// Those of [`Denoise::run`].
     pub fn film(&self) -> Result<Film, Error> {
-        pixels::film(self)
+        film::film(self)
     }
 
     /// Denoises the image.

@@ -1,14 +1,12 @@
 //! The Gaussian filter that favours pixels of the same cluster.
 
 use crate::Gaussian;
-use crate::among::Among;
-use crate::membership::{BACKGROUND, MOST_VOTES, Membership, Votes};
-use crate::parameters::describe;
-use crate::pixel_means::{emission, mean_and_presence, normalised, squared_error, variances};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, FirstHit, Frame, ImagePlanes, Needs, Options as _};
+use crate::gaussian::{emission, mean_and_presence, normalised, squared_error, survey, variances};
+use crate::loops::per_pixel;
+use crate::parameters::{BACKGROUND, ClusterLookup, describe};
+use dapple_core::{Error, Film, FilmRows, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
 use rayon::prelude::*;
 use std::fmt;
-use std::sync::Arc;
 
 dapple_core::options! {
     /// The parameters of [`ClusterGaussian`] besides its kernel.
@@ -34,9 +32,6 @@ dapple_core::options! {
         pub hits: u8 = 1, |hits| hits > 0 && usize::from(hits) <= MOST_VOTES, "1 to 8 first hits per pixel";
     }
 }
-
-/// A function from a first hit to its cluster; `None` for the background.
-pub type ClusterLookup = Arc<dyn Fn(&FirstHit) -> Option<u32> + Send + Sync>;
 
 /// The source of a pixel's clusters.
 #[derive(Clone)]
@@ -144,15 +139,19 @@ impl ClusterGaussian {
         Self { described: described.into(), ..self }
     }
 
-    fn blend<M: Membership>(&self, film: &Film, members: &[M]) -> Result<Filtered, Error> {
+    fn blend<M: Membership>(&self, film: &Film, members: &[M], survey: &[f64]) -> Filtered {
         let size = film.frame().size();
         let width = size[0] as usize;
         let pixels = film.frame().pixels();
-        let emission = emission(film, 0, &mut Among::alone(size[1] as usize))?;
+        let emission = emission(film, survey);
         let emission = emission.as_deref();
         let mean = |i| mean_and_presence(film, emission, i);
-        let means = (0..pixels).into_par_iter().with_min_len(1024).map(mean).collect();
-        let plane = Plane { size: size.map(|n| n as usize), means, variances: variances(film), members };
+        let plane = Plane {
+            size: size.map(|n| n as usize),
+            means: per_pixel(pixels, mean),
+            variances: variances(film),
+            members,
+        };
         let mut radiance = vec![[0.0; 3]; pixels];
         let mut error = plane.variances.as_ref().map(|_| vec![0.0; pixels]);
         let row = |y: usize, radiance: &mut [[f32; 3]], error: &mut [f32]| {
@@ -169,7 +168,7 @@ impl ClusterGaussian {
             Some(error) => rows.zip(error.par_chunks_mut(width)).for_each(|((y, r), e)| row(y, r, e)),
             None => rows.for_each(|(y, r)| row(y, r, &mut [])),
         }
-        Ok(Filtered::new(size, radiance).with_error(error))
+        Filtered::new(size, radiance).with_error(error)
     }
 
     /// The weighted sums over the kernel around pixel (x, y): of means and presence, and of variances. Clusters are
@@ -265,17 +264,28 @@ impl Filter for ClusterGaussian {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        match &self.clusters {
-            Clusters::Map { size, clusters } => {
-                let [width, height] = film.frame().size();
-                if *size != [width, height] {
-                    let [w, h] = size;
-                    let what = format!(
-                        "its cluster map has {w}x{h} pixels, the film {width}x{height}; make the map for the rendered window"
-                    );
-                    return Err(Error::Mismatch { who: self.name().to_owned(), what });
-                }
-                self.blend(film, clusters)
+        self.apply_rows(&FilmRows::whole(film), &survey(film))
+    }
+
+    fn reach(&self, frame: &Frame) -> Option<u32> {
+        self.kernel.reach(frame)
+    }
+
+    fn survey(&self, film: &Film) -> Result<Vec<f64>, Error> {
+        Ok(survey(film))
+    }
+
+    fn apply_rows(&self, rows: &FilmRows<'_>, survey: &[f64]) -> Result<Filtered, Error> {
+        let (film, pixels, [width, height]) = (rows.film, rows.film.frame().pixels(), rows.frame.size());
+        let image = match &self.clusters {
+            Clusters::Map { size: [w, h], .. } if [*w, *h] != [width, height] => {
+                let what = format!(
+                    "its cluster map has {w}x{h} pixels, the film {width}x{height}; make the map for the rendered window"
+                );
+                return Err(Error::Mismatch { who: self.name().to_owned(), what });
+            }
+            Clusters::Map { clusters, .. } => {
+                self.blend(film, &clusters[rows.top() as usize * width as usize..][..pixels], survey)
             }
             Clusters::Hits(label) => {
                 let votes = |i| {
@@ -283,10 +293,97 @@ impl Filter for ClusterGaussian {
                     let hits = &film.first_hits(i)[..traced];
                     Votes::count(hits.iter().map(|hit| hit.as_ref().and_then(|h| label(h)).unwrap_or(BACKGROUND)))
                 };
-                let pixels = film.frame().pixels();
-                let members: Vec<Votes> = (0..pixels).into_par_iter().with_min_len(256).map(votes).collect();
-                self.blend(film, &members)
+                self.blend(film, &per_pixel(pixels, votes), survey)
             }
-        }
+        };
+        Ok(rows.of(image))
     }
 }
+
+/// The largest number of samples per pixel whose clusters count.
+const MOST_VOTES: usize = 8;
+
+/// The cluster or clusters that a pixel belongs to.
+trait Membership: Sync {
+    /// The overlap of two pixels' clusters: 1 if both lie in the same cluster, 0 if they have no cluster in common.
+    fn overlap(&self, other: &Self) -> f64;
+}
+
+/// The cluster of a pixel that belongs to only one.
+impl Membership for u32 {
+    #[inline]
+    fn overlap(&self, other: &Self) -> f64 {
+        if self == other { 1.0 } else { 0.0 }
+    }
+}
+
+/// The clusters of a pixel's first samples (up to eight), with the number of samples in each.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Votes {
+    /// The clusters in ascending order. The first `len` entries are used.
+    clusters: [u32; MOST_VOTES],
+    counts: [u8; MOST_VOTES],
+    len: u8,
+    samples: u8,
+}
+
+impl Votes {
+    /// Counts the samples in each cluster. `labels` are the clusters of a pixel's samples, of which the first eight
+    /// count.
+    fn count(labels: impl Iterator<Item = u32>) -> Self {
+        let mut votes = [0; MOST_VOTES];
+        let mut samples = 0;
+        for (vote, label) in votes.iter_mut().zip(labels) {
+            *vote = label;
+            samples += 1;
+        }
+        let votes = &mut votes[..samples];
+        votes.sort_unstable();
+        let mut counted = Self { samples: samples as u8, ..Self::default() };
+        for run in votes.chunk_by(|a, b| a == b) {
+            let slot = usize::from(counted.len);
+            (counted.clusters[slot], counted.counts[slot]) = (run[0], run.len() as u8);
+            counted.len += 1;
+        }
+        counted
+    }
+
+    /// The overlap of two pixels with several clusters each; 1 if either pixel has no samples.
+    #[inline(never)]
+    fn merge(&self, other: &Self) -> f64 {
+        // A pixel without samples matches every pixel.
+        if self.samples == 0 || other.samples == 0 {
+            return 1.0;
+        }
+        let (n, m) = (u32::from(self.samples), u32::from(other.samples));
+        let (mut i, mut j, mut common) = (0, 0, 0);
+        while i < usize::from(self.len) && j < usize::from(other.len) {
+            match self.clusters[i].cmp(&other.clusters[j]) {
+                std::cmp::Ordering::Less => i += 1,
+                std::cmp::Ordering::Greater => j += 1,
+                std::cmp::Ordering::Equal => {
+                    common += (u32::from(self.counts[i]) * m).min(u32::from(other.counts[j]) * n);
+                    i += 1;
+                    j += 1;
+                }
+            }
+        }
+        f64::from(common) / f64::from(n * m)
+    }
+}
+
+impl Membership for Votes {
+    /// The sum over all clusters of the smaller share: the share of one pixel's samples in the cluster or of the
+    /// other's.
+    #[inline]
+    fn overlap(&self, other: &Self) -> f64 {
+        if self.len == 1 && other.len == 1 {
+            return self.clusters[0].overlap(&other.clusters[0]);
+        }
+        self.merge(other)
+    }
+}
+
+#[cfg(test)]
+#[path = "../tests/denoise/internals/votes.rs"]
+mod tests;

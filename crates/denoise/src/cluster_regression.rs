@@ -1,59 +1,35 @@
-//! First-order regression on features and clusters, in two passes with a choice by estimated error and a wide third.
+//! The default filter: first-order regression on features and clusters, in passes with a choice by estimated error and blends.
 
-use crate::among::{Among, rows_around};
-use crate::averaging::guide;
 use crate::bilateral::Bilateral;
-use crate::cluster_gaussian::ClusterLookup;
-use crate::error_map::{ERROR_ROWS, Pair, combined, filtered, filtered_over, relative_weight, select, select_rows};
+use crate::error_map::{ERROR, EVIDENCE, LAST, filtered, relative_weight, select, shrink};
+use crate::guide::{guide, residual_guide};
+use crate::inputs::Inputs;
 use crate::light::{self, Layers, Light};
-use crate::maps::{box_mean, map, update};
+use crate::one_window::OneWindow;
 use crate::outliers;
-use crate::parameters::{describe, featureless, recorded};
-use crate::planes::{self, Inputs, Reads, raised};
-use crate::prefilter::{self, prefilter};
-use crate::regression::{self, bytes, regress};
+use crate::parameters::{ClusterLookup, Reads};
+use crate::plane::Pair;
+use crate::prefilter::prefilter;
+use crate::regression::{bytes, regress};
 use crate::scales::{self, Scales};
-use crate::shrink::{EVIDENCE, LAST, shrink};
-use crate::tile::{FeatureScales, Guide, HEIGHT, Likeness};
+use crate::tile::{FeatureScales, Likeness};
 use crate::wide::{self, wide};
-use dapple_core::{
-    Band, Error, Exchange, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _,
-};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
 use std::fmt;
-use std::ops::Range;
 
 /// The weight of the image that is averaged with the predictions of the first and of the second regression; a window's
 /// centre has the weight 1.
 const BESIDE: [f32; 2] = [0.5, 0.4];
 
-/// The number of passes of a [`ClusterRegression`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Passes {
-    /// One pass of regression.
-    One,
-    /// Two passes of regression. The result is chosen per pixel among both passes, the bilateral image and the
-    /// unfiltered image.
-    Two,
-    /// A third pass over 41x41 pixels, the default. Its image, that of the first two passes and the unfiltered image are
-    /// blended by shrinkage.
-    #[default]
-    Three,
-}
-
-dapple_core::choices!(Passes { One = "1", Two = "2", Three = "3" });
-
 dapple_core::options! {
     /// The parameters of [`ClusterRegression`].
     pub struct ClusterRegressionOptions {
-        /// Passes of regression: 1, 2 with a choice among them, or 3 with a wide pass and blends.
-        pub passes: Passes = Passes::Three => "3";
         /// Weight of a pixel of another cluster relative to one of the same; 1: no clusters.
         pub outside: f64 = 0.2,
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
         /// Parts of the light that are filtered one by one: 2 (direct and indirect), 1, or auto (2 from 16 spp on).
         pub layers: Layers = Layers::Auto => "auto";
-        /// Coarse scales that correct the image of three passes: auto (by the image's size), or 0 (none) to 8.
+        /// Coarse scales that correct the image: auto (by the image's size), or 0 (none) to 8.
         pub scales: Scales = Scales::Auto => "auto", |scales| scales.is_valid(), "auto, or 0 (none) to 8 scales";
     }
 }
@@ -62,11 +38,10 @@ dapple_core::options! {
 ///
 /// ```
 /// use dapple_core::{Estimate, Film, Filter, Frame};
-/// use dapple_denoise::{ClusterRegression, ClusterRegressionOptions, Passes};
+/// use dapple_denoise::ClusterRegression;
 /// use std::sync::Arc;
 ///
-/// let filter = ClusterRegression::with_options(ClusterRegressionOptions::default().passes(Passes::One))?;
-/// let filter = filter.with_clusters(Arc::new(|hit| Some(hit.material)), "");
+/// let filter = ClusterRegression::new().with_clusters(Arc::new(|hit| Some(hit.material)), "");
 /// let mut film = Film::new(Frame::new(16, 16)?, filter.needs());
 /// for pixel in 0..256 {
 ///     for sample in 0..4 {
@@ -85,8 +60,8 @@ dapple_core::options! {
 /// 1. Features are averaged over 9x9 pixels where they are equal up to their noise [after Rousselle 2013].
 ///    Noise of lens, shutter and subpixel geometry is also in the radiance; regression on it would keep it.
 /// 2. [`Bilateral`] over 9x9 pixels without their corners makes a first image.
-/// 3. A plane is fitted to the radiance of a disc 13 pixels wide around every second pixel of every second row. Three passes
-///    leave this first pass out, unless they filter direct light by itself.
+/// 3. A plane is fitted to the radiance of a disc 13 pixels wide around every second pixel of every second row. This first pass
+///    runs only for direct light by itself.
 ///    The regressors are normal, albedo and position [after Bitterli 2016; Moon 2014].
 ///    * A pixel's weight grows with its samples and is `exp(-max(0, d_colour)) exp(-max(0, d_features))`. In another
 ///      cluster it is multiplied by `outside`.
@@ -96,13 +71,13 @@ dapple_core::options! {
 /// 4. These images and the unfiltered image are compared in each pixel by their estimated error over 5x5 pixels.
 ///    The blend of the best ones guides a second pass, without albedo. The halves give its remaining noise.
 ///    Both halves share this guide, and so their weights and normal equations.
-/// 5. The result is the choice among all of them and the second pass by estimated error over 5x5 pixels.
-/// 6. With three passes, the unfiltered image is no candidate in that choice. The choice guides a regression over 41x41
-///    pixels around every sixth pixel of every sixth row, without albedo. The choice is moved towards its image, and the
-///    unfiltered image towards the result, each as far as their difference is noise by the halves [after James and
-///    Stein 1961].
-/// 7. With three passes, outliers are taken out of the halves before step 2: bright colours that the other half lacks.
-///    Their light is spread over the surface around them after step 6.
+/// 5. All filtered images and the second pass are compared by estimated error over 5x5 pixels; the unfiltered image is no
+///    candidate here.
+/// 6. The choice among them guides a regression over 41x41 pixels around every sixth pixel of every sixth row, without albedo.
+///    The choice is moved towards its image, and the unfiltered image towards the result, each as far as their difference is
+///    noise by the halves [after James and Stein 1961].
+/// 7. Outliers are taken out of the halves before step 2: bright colours that the other half lacks. Their light is spread over the
+///    surface around them after step 6.
 /// 8. With coarse `scales`, means of 2x2 pixels make an image of half the size, and so on [after Delbracio 2014; Boughida
 ///    and Boubekeur 2017]. At each of them a regression over 41x41 of its pixels corrects the mean of the finer result.
 ///    The change is added to the finer image where normal and depth are alike. This happens before the last blend of
@@ -119,16 +94,20 @@ dapple_core::options! {
 /// With earlier constants, its mean over an image was 0.5 to 2.9 times the true error on twelve scenes at 8 to 64 samples per
 /// pixel. It is too high under strong noise, and too low where guides and blends follow the noise.
 /// [`relative_errors`](crate::relative_errors) turns it into scores for a sampler.
+///
+/// # Reach
+///
+/// The filter reads the whole film ([`Filter::reach`] is `None`). Thresholds of outliers and the least error come from the image
+/// in the middle of these steps, and coarse scales reach over most of it.
 #[derive(Clone, Default)]
 pub struct ClusterRegression {
     options: ClusterRegressionOptions,
-    label: Option<ClusterLookup>,
-    described: String,
-    without_features: bool,
+    reads: Reads,
+    is_one_pass: bool,
 }
 
 impl ClusterRegression {
-    /// A regression without clusters, in three passes.
+    /// A regression without clusters.
     pub fn new() -> Self {
         Self::default()
     }
@@ -143,12 +122,18 @@ impl ClusterRegression {
         Ok(Self { options, ..Self::default() })
     }
 
+    /// Runs the first pass alone, without coarse scales: a quick estimate of where errors are, for samplers.
+    #[must_use]
+    pub fn one_pass(self) -> Self {
+        Self { is_one_pass: true, ..self }
+    }
+
     /// Multiplies the weight of a pixel in the first pass by `outside` if its first sample lies in another cluster.
     /// Clusters stay those of the first hit, whatever mirrors and glass show behind it.
     /// `described` is appended to the filter's description: the parameters of the clusters, such as `k=9,clamp=32`.
     #[must_use]
     pub fn with_clusters(self, label: ClusterLookup, described: impl Into<String>) -> Self {
-        Self { label: Some(label), described: described.into(), ..self }
+        Self { reads: Reads { label: Some(label), described: described.into(), ..self.reads }, ..self }
     }
 
     /// Filters by colours alone, for films without features. Every pixel counts as a miss.
@@ -157,17 +142,12 @@ impl ClusterRegression {
     /// ([`Error::NoneReported`]).
     #[must_use]
     pub fn without_features(self) -> Self {
-        Self { without_features: true, ..self }
-    }
-
-    /// The statistics that the filter reads besides halves and variance.
-    fn reads(&self) -> Reads<'_> {
-        Reads { features: !self.without_features, label: self.label.as_ref() }
+        Self { reads: Reads { without_features: true, ..self.reads }, ..self }
     }
 
     /// The weight of a pixel in another cluster: 1 without clusters.
     fn outside(&self) -> f64 {
-        if self.label.is_some() { self.options.outside } else { 1.0 }
+        if self.reads.label.is_some() { self.options.outside } else { 1.0 }
     }
 
     /// Runs the first pass on both halves of the samples. `beside` is the bilateral image.
@@ -189,106 +169,83 @@ impl ClusterRegression {
         regress(inputs, &[residual_guide(inputs, guide)], &like, guide, BESIDE[1])
     }
 
-    /// The images that the guide of the second pass is chosen from: that of the first pass and the bilateral one.
+    /// The images that the guide of the second pass is chosen from: that of the first pass, if it runs, and the bilateral one.
     ///
-    /// Before a third pass, only direct light by itself gets a first pass. Without it, all light at once has 1.5 % more error at
-    /// 8 spp for a fifth less time (docs/results/default-image.md).
-    pub(crate) fn before_second(&self, inputs: &Inputs, among: &mut Among<'_>) -> Result<Vec<Pair>, Error> {
+    /// Only direct light by itself gets a first pass. Without it, all light at once has 1.5 % more error at 8 spp for a fifth
+    /// less time (docs/results/default-image.md).
+    pub(crate) fn before_second(&self, inputs: &Inputs) -> Vec<Pair> {
         let averaged = Bilateral::candidate().pair(inputs);
-        if self.options.passes == Passes::Three && !inputs.has_first_pass {
-            return Ok(among.complete(inputs, [averaged], Among::rows)?.into());
+        if !inputs.has_first_pass {
+            return vec![averaged];
         }
-        let first = self.first(inputs, &averaged);
-        Ok(among.complete(inputs, [first, averaged], Among::rows)?.into())
+        vec![self.first(inputs, &averaged), averaged]
     }
 
-    /// The image of one or two passes.
-    fn pair(&self, inputs: &Inputs, among: &mut Among<'_>) -> Result<Pair, Error> {
-        let mut images = self.before_second(inputs, among)?;
-        if self.options.passes == Passes::One {
-            return Ok(images.swap_remove(0));
-        }
-        let weight = relative_weight(inputs, &images[0]);
-        let chosen = select(inputs, &images, &weight, FIRST_CHOICE, Some(0.0));
-        images.extend(among.complete(inputs, [self.second(inputs, &chosen)], Among::rows)?);
-        Ok(select(inputs, &images, &weight, SECOND_CHOICE, Some(0.0)))
-    }
-
-    /// The image of three passes before its blend with the unfiltered image. The unfiltered image guides the second pass
+    /// The image of all passes before its blend with the unfiltered image. The unfiltered image guides the second pass
     /// where its error is less by `certain` standard errors. Detail that the wide pass lacks needs `evidence` of this many.
-    fn smooth(&self, inputs: &Inputs, [certain, evidence]: [f32; 2], among: &mut Among<'_>) -> Result<Pair, Error> {
-        let mut images = self.before_second(inputs, among)?;
+    fn smooth(&self, inputs: &Inputs, [certain, evidence]: [f32; 2]) -> Pair {
+        let mut images = self.before_second(inputs);
         let weight = relative_weight(inputs, &images[0]);
-        let chosen = select(inputs, &images, &weight, FIRST_CHOICE, Some(certain));
-        images.extend(among.complete(inputs, [self.second(inputs, &chosen)], Among::rows)?);
-        let base = select(inputs, &images, &weight, SECOND_CHOICE, None);
+        let chosen = select(inputs, &images, &weight, CHOICE, Some(certain));
+        images.push(self.second(inputs, &chosen));
+        let base = select(inputs, &images, &weight, CHOICE, None);
         drop((images, chosen));
         let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
-        let [smooth] = among.complete(inputs, [smooth], Among::rows)?;
-        Ok(shrink(inputs, base.channels(), &smooth, scales::BLEND, evidence))
+        shrink(inputs, base.channels(), &smooth, scales::BLEND, evidence)
     }
 
-    /// The image of three passes without coarse scales.
-    fn unscaled(&self, inputs: &mut Inputs, among: &mut Among<'_>) -> Result<Filtered, Error> {
-        let light = outliers::take(inputs, among, Among::rows)?;
-        let smooth = self.smooth(inputs, [0.0, scales::evidence(0)], among)?;
-        let mut image = filtered(inputs, &blended(inputs, &smooth, EVIDENCE), among)?;
+    /// The image without coarse scales.
+    fn unscaled(&self, inputs: &mut Inputs) -> Filtered {
+        let light = outliers::take(inputs);
+        let smooth = self.smooth(inputs, [0.0, scales::evidence(0)]);
+        let mut image = filtered(inputs, &blended(inputs, &smooth, EVIDENCE), ERROR);
         if let Some(light) = light {
             let add = |(i, colour): (usize, &mut [f32; 3])| {
-                (0..3).for_each(|c| colour[c] = (colour[c] + light[c][i] * inputs.level).min(f32::MAX));
+                (0..3).for_each(|c| colour[c] = (colour[c] + light[c][i] * inputs.level()).min(f32::MAX));
             };
             image.radiance.iter_mut().enumerate().for_each(add);
         }
-        Ok(image)
+        image
     }
 
-    /// The image of three passes and `scales` coarse scales.
-    fn scaled(&self, inputs: &mut Inputs, scales: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
-        let coarse = scales::coarser(inputs, scales, among)?;
-        let light = outliers::take_halves(inputs, scales::ratio(scales), among, Among::rows)?;
-        let mut image = self.smooth(inputs, [CERTAIN, scales::evidence(scales)], among)?;
+    /// The image with `scales` coarse scales.
+    fn scaled(&self, inputs: &mut Inputs, scales: usize) -> Filtered {
+        let coarse = scales::coarser(inputs);
+        let light = outliers::take_halves(inputs, scales::ratio(scales));
+        let mut image = self.smooth(inputs, [CERTAIN, scales::evidence(scales)]);
         if let Some(light) = light {
             image.add(&light);
             inputs.add(&light);
         }
-        scales::correct(inputs, coarse, &mut image, scales, among)?;
+        scales::correct(inputs, coarse, &mut image, scales);
         // In larger images and in light without edges, more of what looks like detail is noise.
         let evidence = 0.5 * EVIDENCE * (1 + scales) as f32 * inputs.smoothness * inputs.smoothness;
-        filtered_over(inputs, &blended(inputs, &image, evidence), 3 * scales, among)
-    }
-
-    /// The parameters.
-    #[cfg(test)]
-    pub(crate) fn options(&self) -> ClusterRegressionOptions {
-        self.options
+        filtered(inputs, &blended(inputs, &image, evidence), 3 * scales)
     }
 
     /// The image of the light that `inputs` were read from.
-    fn image(&self, inputs: &mut Inputs, light: Light<'_>, among: &mut Among<'_>) -> Result<Filtered, Error> {
-        let image = if self.options.passes != Passes::Three {
-            let image = self.pair(inputs, among)?;
-            filtered(inputs, &image, among)?
-        } else {
-            match self.options.scales.of([inputs.size[0], inputs.place.height]) {
-                0 => self.unscaled(inputs, among)?,
-                scales => self.scaled(inputs, scales, among)?,
+    fn image(&self, inputs: &mut Inputs, light: Light<'_>) -> Filtered {
+        let image = match self.options.scales.of(inputs.size) {
+            _ if self.is_one_pass => {
+                let image = self.first(inputs, &Bilateral::candidate().pair(inputs));
+                filtered(inputs, &image, ERROR)
             }
+            0 => self.unscaled(inputs),
+            scales => self.scaled(inputs, scales),
         };
-        Ok(inputs.restored(light, image))
+        inputs.restored(light, image)
     }
 
-    /// Filters the rows of a film that begin with row `top` of the whole image.
-    pub(crate) fn run(&self, film: &Film, top: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
-        let parts = light::parts(film, self.options.layers, top, among)?;
-        let mut inputs = Inputs::new(parts[0], self.reads(), top, among)?;
-        among.share_rows([top, top + inputs.size[1]])?;
-        prefilter(&mut inputs, among)?;
-        let mut image = self.image(&mut inputs, parts[0], among)?;
+    fn run(&self, film: &Film) -> Filtered {
+        let parts = light::parts(film, self.options.layers);
+        let mut inputs = Inputs::new(parts[0], &self.reads);
+        prefilter(&mut inputs);
+        let mut image = self.image(&mut inputs, parts[0]);
         for &part in &parts[1..] {
-            inputs.read(part, among)?;
-            add(&mut image, self.image(&mut inputs, part, among)?);
+            inputs.read(part);
+            add(&mut image, self.image(&mut inputs, part));
         }
-        Ok(image)
+        image
     }
 }
 
@@ -300,35 +257,8 @@ fn add(image: &mut Filtered, other: Filtered) {
     errors.for_each(|(sum, value)| *sum += value);
 }
 
-/// The radius over which errors are compared for the guide of the second pass, and for its result.
-const FIRST_CHOICE: usize = 2;
-const SECOND_CHOICE: usize = 2;
-
-/// The rows of a film that a filter with these options reads above and below its own, for an image of this size. Grids of
-/// windows and tiles add to them ([`rows_around`]).
-///
-/// Each process makes the results of expensive steps in its own rows, and gets the others' rows of them: the averaged
-/// features, the bilateral image, those of the three regressions and the light of outliers. So the windows of one such step add
-/// up with the cheap steps before it only. Of coarse scales only the planes of the finest image count here; the rest travels
-/// through the exchange.
-pub(crate) fn reach(options: &ClusterRegressionOptions, size: [usize; 2]) -> usize {
-    // The weights of errors take the mean of 3x3 pixels, and errors read colours from which outliers are taken.
-    let errors = outliers::FOUND_ROWS.max(1);
-    let first = regression::ROWS_READ;
-    let second = regression::ROWS_READ + GUIDE_ROWS + select_rows(FIRST_CHOICE) + errors;
-    let chosen = select_rows(SECOND_CHOICE) + errors;
-    let wide = wide::ROWS_READ + GUIDE_ROWS + chosen;
-    let image = match (options.passes, options.scales.of(size)) {
-        (Passes::One, _) => first.max(ERROR_ROWS),
-        (Passes::Two, _) => second.max(ERROR_ROWS + chosen),
-        (Passes::Three, scales) => {
-            let after = if scales == 0 { LAST.rows() + ERROR_ROWS } else { scales::rows_after(scales) };
-            let passes = first.max(second).max(wide).max(after + scales::BLEND.rows() + chosen);
-            passes.max(outliers::SPREAD_ROWS)
-        }
-    };
-    image.max(prefilter::ROWS_READ) + planes::ROWS_READ
-}
+/// The radius over which errors are compared, for the guide of the second pass and for that of the third.
+const CHOICE: usize = 2;
 
 /// The number of standard errors by which the unfiltered image must be better than a filtered one to guide the second pass.
 /// With 1.25, blurred discs of a thin lens have 2 % more error at 8 spp.
@@ -337,33 +267,6 @@ const CERTAIN: f32 = 1.01;
 /// The unfiltered image, moved towards `smooth` as far as their difference is noise.
 fn blended(inputs: &Inputs, smooth: &Pair, evidence: f32) -> Pair {
     shrink(inputs, inputs.unfiltered(), smooth, LAST, evidence)
-}
-
-/// The radius over which the noise of a guide is averaged, and the rows that it reads above and below its own.
-pub(crate) const GUIDE_ROWS: usize = 3;
-
-/// The guide of the second pass: the filtered image without its albedo, and its remaining noise from the difference of
-/// the halves over 7x7 pixels.
-///
-/// The variance is that of one half, `(a - b)^2 / 2`. The variance of the whole image, `(a - b)^2 / 4`, left more
-/// error. One guide serves both halves. It keeps little of their noise and costs half as much as two guides.
-pub(crate) fn residual_guide(inputs: &Inputs, image: &Pair) -> Guide {
-    let ([ra, ga, ba, rb, gb, bb], [na, nb]) = (image.channels(), inputs.counts());
-    let [_, _, _, ar, ag, ab, _] = &inputs.features.mean;
-    let [difference] = map([ra, ga, ba, rb, gb, bb, ar, ag, ab], |[ra, ga, ba, rb, gb, bb, ar, ag, ab]| {
-        let apart = |a: f32, b: f32, albedo: f32| a / raised(albedo) - b / raised(albedo);
-        let [r, g, b] = [apart(ra, rb, ar), apart(ga, gb, ag), apart(ba, bb, ab)];
-        [0.5 * (r * r + g * g + b * b)]
-    });
-    let mut variance = box_mean(&difference, inputs.size, GUIDE_ROWS);
-    // The floor under the variance, as in the first pass: it is not 0 and keeps the filter consistent.
-    update(&mut variance, [na, nb], |noise, [na, nb]| noise + 3.0 * 4e-4 / (na + nb).max(1.0));
-    let colour = [[ra, rb, ar], [ga, gb, ag], [ba, bb, ab]].map(|[a, b, albedo]| {
-        let [mean] =
-            map([a, b, albedo, na, nb], |[a, b, albedo, na, nb]| [combined([a, b], [na, nb]) / raised(albedo)]);
-        mean
-    });
-    Guide { colour, variance: vec![variance] }
 }
 
 impl fmt::Debug for ClusterRegression {
@@ -378,41 +281,39 @@ impl Filter for ClusterRegression {
     }
 
     fn describe(&self) -> String {
-        describe(self.name(), &self.options.outside(self.outside()), &self.described)
-            + featureless(self.without_features)
+        let described = self.reads.describe(self.name(), &self.options.outside(self.outside()));
+        described + if self.is_one_pass { ",passes=1" } else { "" }
     }
 
     fn needs(&self) -> Needs {
-        let recorded = recorded(!self.without_features);
+        let recorded = self.reads.recorded();
         let recorded = if self.options.layers == Layers::One { recorded } else { recorded.with_indirect() };
         if self.outside() < 1.0 { recorded.with_first_hits(1) } else { recorded }
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
-        let [kept, making] = Inputs::bytes_per_pixel(self.label.is_some() && needs.first_hits > 0);
+        let [kept, making] = Inputs::bytes_per_pixel(self.reads.label.is_some() && needs.first_hits > 0);
         let pair = 4 * 6;
         // While the first pass runs, the bilateral pair is in memory. While the second runs, the bilateral, first and chosen
         // pairs are, and a plane of weights. A choice takes the memory of one more pair: errors and shares.
         // The image of the first part of the light is kept meanwhile.
         let parts = if self.options.layers == Layers::One || !needs.indirect { 0 } else { frame.bytes(16) };
-        let at_most = match self.options.passes {
-            Passes::One => frame.bytes(kept + pair).saturating_add(bytes(frame, 2)),
-            Passes::Two => frame.bytes(kept + 4 * pair + 4).saturating_add(bytes(frame, 1)),
+        let at_most = if self.is_one_pass {
+            frame.bytes(kept + pair).saturating_add(bytes(frame, 2))
+        } else {
             // The wide pass runs beside the image of two passes and the unfiltered one.
-            Passes::Three => {
-                let two = frame.bytes(kept + 4 * pair + 4).saturating_add(bytes(frame, 1));
-                let wide = frame.bytes(kept + 2 * pair).saturating_add(wide::bytes(frame));
-                // The light of the outliers is kept meanwhile.
-                let once = two.max(wide).saturating_add(frame.bytes(12));
-                let once = once.max(frame.bytes(kept + outliers::BYTES_PER_PIXEL));
-                if self.options.scales == Scales::Fixed(0) {
-                    once
-                } else {
-                    // The planes of the first coarse scale, and the light of the second half.
-                    let [width, height] = scales::halved(frame.size());
-                    let halves = frame.bytes(outliers::BYTES_OF_HALVES);
-                    once.saturating_add(halves).saturating_add(width * height * kept as u64)
-                }
+            let two = frame.bytes(kept + 4 * pair + 4).saturating_add(bytes(frame, 1));
+            let wide = frame.bytes(kept + 2 * pair).saturating_add(wide::bytes(frame));
+            // The light of the outliers is kept meanwhile.
+            let once = two.max(wide).saturating_add(frame.bytes(12));
+            let once = once.max(frame.bytes(kept + outliers::BYTES_PER_PIXEL));
+            if self.options.scales == Scales::Fixed(0) {
+                once
+            } else {
+                // The planes of the first coarse scale, and the light of the second half.
+                let [width, height] = scales::halved(frame.size());
+                let halves = frame.bytes(outliers::BYTES_OF_HALVES);
+                once.saturating_add(halves).saturating_add(width * height * kept as u64)
             }
         };
         FilterMemory::new(frame, making, ImagePlanes::RadianceAndError).at_least(at_most.saturating_add(parts))
@@ -424,16 +325,6 @@ impl Filter for ClusterRegression {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        self.run(film, 0, &mut Among::alone(film.frame().size()[1] as usize))
-    }
-
-    fn rows_read(&self, frame: &Frame, rows: Range<u32>) -> Option<Range<u32>> {
-        let reach = reach(&self.options, frame.size().map(|n| n as usize));
-        Some(rows_around(frame, rows, reach, HEIGHT))
-    }
-
-    fn apply_to_rows(&self, film: &Film, band: &Band, exchange: &mut dyn Exchange) -> Result<Filtered, Error> {
-        let (mut among, top) = Among::new(self, film, band, exchange)?;
-        self.run(film, top, &mut among)
+        Ok(self.run(film))
     }
 }

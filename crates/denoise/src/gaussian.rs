@@ -1,17 +1,13 @@
 //! The Gaussian filter.
 
-mod weights;
-
-use self::weights::gaussian_weights;
-use crate::among::{Among, rows_around};
+use crate::bright_lamps::Bounds;
+use crate::inputs::Levels;
+use crate::light::Light;
+use crate::loops::per_pixel;
 use crate::parameters::describe;
-use crate::pixel_means::{emission, mean_and_presence, normalised, squared_error, variances};
-use crate::separable::separable;
-use dapple_core::{
-    Band, Error, Exchange, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _,
-};
+use dapple_core::{Error, Film, FilmRows, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
 use rayon::prelude::*;
-use std::ops::Range;
+use std::f64::consts::PI;
 
 dapple_core::options! {
     /// The parameters of [`Gaussian`].
@@ -151,24 +147,22 @@ impl Filter for Gaussian {
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        self.run(film, 0, &mut Among::alone(film.frame().size()[1] as usize))
+        self.apply_rows(&FilmRows::whole(film), &survey(film))
     }
 
-    fn rows_read(&self, frame: &Frame, rows: Range<u32>) -> Option<Range<u32>> {
-        Some(rows_around(frame, rows, self.weights.len() / 2, 1))
+    fn reach(&self, _: &Frame) -> Option<u32> {
+        Some(self.weights.len() as u32 / 2)
     }
 
-    fn apply_to_rows(&self, film: &Film, band: &Band, exchange: &mut dyn Exchange) -> Result<Filtered, Error> {
-        let (mut among, top) = Among::new(self, film, band, exchange)?;
-        self.run(film, top, &mut among)
+    fn survey(&self, film: &Film) -> Result<Vec<f64>, Error> {
+        Ok(survey(film))
     }
-}
 
-impl Gaussian {
-    fn run(&self, film: &Film, top: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
+    fn apply_rows(&self, rows: &FilmRows<'_>, survey: &[f64]) -> Result<Filtered, Error> {
+        let film = rows.film;
         let size = film.frame().size();
         let plane = size.map(|n| n as usize);
-        let emission = emission(film, top, among)?;
+        let emission = emission(film, survey);
         let emission = emission.as_deref();
         let sums = separable(plane, &self.weights, |i| mean_and_presence(film, emission, i), |_, sum| sum);
         let error = variances(film).map(|variances| {
@@ -176,8 +170,205 @@ impl Gaussian {
             separable(plane, &squares, |i| [variances[i]], |i, [sum]| squared_error(sum, sums[i][3]))
         });
         let own = |i| emission.map_or([0.0; 3], |emission| emission[i]);
-        let finish = |(i, sum)| normalised(sum, own(i));
-        let radiance = sums.into_par_iter().enumerate().with_min_len(1024).map(finish).collect();
-        Ok(among.place(0, top).own_rows(Filtered::new(size, radiance).with_error(error)))
+        let radiance = per_pixel(film.frame().pixels(), |i| normalised(sums[i], own(i)));
+        Ok(rows.of(Filtered::new(size, radiance).with_error(error)))
     }
 }
+
+/// The numbers that blurs take from a whole film: the bounds of its emission, or none if it recorded none.
+pub(crate) fn survey(film: &Film) -> Vec<f64> {
+    let bounds = film.needs().emission.then(|| Levels::of(Light::all(film)).bounds.numbers());
+    bounds.into_iter().flatten().collect()
+}
+
+/// The emission that blurs leave in each pixel; `None` if the film recorded none.
+pub(crate) fn emission(film: &Film, survey: &[f64]) -> Option<Vec<[f64; 3]>> {
+    let bounds = Bounds::from_numbers(*survey.first_chunk()?);
+    Some(per_pixel(film.frame().pixels(), |i| bounds.withheld_emission(Light::all(film), i)))
+}
+
+/// The mean of pixel `i` without the `emission` that stays there, followed by 1, or zeros if the pixel has no samples. Weighted sums of these are the numerator
+/// and denominator of a mean over the pixels with samples.
+#[inline]
+pub(crate) fn mean_and_presence(film: &Film, emission: Option<&[[f64; 3]]>, i: usize) -> [f64; 4] {
+    if film.count(i) == 0 {
+        return [0.0; 4];
+    }
+    let [r, g, b] = film.refined_mean(i);
+    let [er, eg, eb] = emission.map_or([0.0; 3], |emission| emission[i]);
+    [r - er, g - eg, b - eb, 1.0]
+}
+
+/// The estimated variance of each pixel's mean, averaged over the channels; `None` if the film recorded none.
+///
+/// The estimate comes from the halves if the film has them, since only these are valid for low-discrepancy samples.
+/// Otherwise it comes from the sample variance. It is infinite where unknown, and 0 in pixels without samples, which no
+/// sum includes.
+pub(crate) fn variances(film: &Film) -> Option<Vec<f64>> {
+    let needs = film.needs();
+    if !needs.halves && !needs.variance {
+        return None;
+    }
+    let variance = |i| {
+        if film.count(i) == 0 {
+            return 0.0;
+        }
+        let known = if needs.halves {
+            film.squared_error(i)
+        } else {
+            let moments = film.moments(i);
+            moments.variance().map(|v| v.map(|v| v / moments.count as f64))
+        };
+        known.map_or(f64::INFINITY, |[r, g, b]| (r + g + b) / 3.0)
+    };
+    Some(per_pixel(film.frame().pixels(), variance))
+}
+
+/// The weighted mean from a weighted sum of [`mean_and_presence`] plus the pixel's own `emission`; black if no sample is in
+/// reach.
+#[inline]
+pub(crate) fn normalised(sum: [f64; 4], emission: [f64; 3]) -> [f32; 3] {
+    if sum[3] > 0.0 { std::array::from_fn(|c| (sum[c] / sum[3] + emission[c]) as f32) } else { [0.0; 3] }
+}
+
+/// The squared error of a weighted mean, from the sum of squared weights times variances and the sum of weights.
+/// Infinite if no sample is in reach.
+#[inline]
+pub(crate) fn squared_error(sum: f64, weight: f64) -> f32 {
+    if weight > 0.0 { (sum / (weight * weight)) as f32 } else { f32::INFINITY }
+}
+
+/// Convolves the values `read(i)` of a `width` x `height` plane with a separable kernel, in two passes. A pixel at the offset (dx, dy) has the weight
+/// `weights[dx + n] weights[dy + n]`.
+///
+/// `weights` has `2 n + 1` entries. Pixels outside the plane count as zeros. `finish` maps a pixel's index and its
+/// weighted sums to the result.
+///
+/// Rows run in parallel. Each sum is computed by one task in a fixed order.
+fn separable<const N: usize, T: Send + Default + Clone>(
+    [width, height]: [usize; 2],
+    weights: &[f64],
+    read: impl Fn(usize) -> [f64; N] + Sync,
+    finish: impl Fn(usize, [f64; N]) -> T + Sync,
+) -> Vec<T> {
+    let n = weights.len() / 2;
+    let mut across = vec![[0.0; N]; width * height];
+    across.par_chunks_mut(width).enumerate().for_each_init(
+        || vec![[0.0; N]; width + 2 * n],
+        |padded, (y, row)| {
+            for (x, value) in padded[n..n + width].iter_mut().enumerate() {
+                *value = read(y * width + x);
+            }
+            for (sum, window) in row.iter_mut().zip(padded.windows(weights.len())) {
+                for (weight, value) in weights.iter().zip(window) {
+                    add(sum, *weight, value);
+                }
+            }
+        },
+    );
+    let mut results = vec![T::default(); width * height];
+    results.par_chunks_mut(width).enumerate().for_each_init(
+        || vec![[0.0; N]; width],
+        |sums, (y, row)| {
+            sums.fill([0.0; N]);
+            for source in y.saturating_sub(n)..(y + n + 1).min(height) {
+                let weight = weights[source + n - y];
+                for (sum, value) in sums.iter_mut().zip(&across[source * width..]) {
+                    add(sum, weight, value);
+                }
+            }
+            for (x, (result, sum)) in row.iter_mut().zip(&*sums).enumerate() {
+                *result = finish(y * width + x, *sum);
+            }
+        },
+    );
+    results
+}
+
+#[inline]
+fn add<const N: usize>(sum: &mut [f64; N], weight: f64, value: &[f64; N]) {
+    for (sum, value) in sum.iter_mut().zip(value) {
+        *sum += weight * value;
+    }
+}
+
+/// The share of the total weight below which a weight is dropped. It would change no `f64` sum, and its square could
+/// underflow to zero and meet an infinite variance.
+const NEGLIGIBLE: f64 = 1e-18;
+
+/// The weights of the pixels `k = -n ..= n` along one axis: the integrals of `max(0, exp(-alpha x^2) - exp(-alpha
+/// radius^2))` over `k - 1/2 .. k + 1/2`, divided by their sum.
+///
+/// The result is symmetric bit for bit. It has at least one entry, none of them zero.
+/// `alpha` and `radius` must be finite and positive.
+fn gaussian_weights(alpha: f64, radius: f64) -> Vec<f64> {
+    let reach = (radius + 0.5).ceil() as usize - 1;
+    let mut half: Vec<f64> = (0..=reach)
+        .map(|k| {
+            let start = (k as f64 - 0.5).max(0.0);
+            let end = (k as f64 + 0.5).min(radius);
+            let mass = mass(alpha, radius, start, end).max(0.0);
+            if k == 0 { 2.0 * mass } else { mass }
+        })
+        .collect();
+    let total = half[0] + 2.0 * half[1..].iter().sum::<f64>();
+    half.iter_mut().for_each(|w| *w /= total);
+    let kept = half.iter().rposition(|w| *w >= NEGLIGIBLE).unwrap_or(0);
+    half.truncate(kept + 1);
+    half[1..].iter().rev().chain(&half).copied().collect()
+}
+
+/// The integral of the kernel `exp(-alpha x^2) - exp(-alpha radius^2)` over `start .. end`, `0 <= start <= end <=
+/// radius`, up to a factor that depends only on `alpha` and `radius`.
+fn mass(alpha: f64, radius: f64, start: f64, end: f64) -> f64 {
+    let root = alpha.sqrt();
+    let drop = (root * radius) * (root * radius);
+    if drop < 1.0 {
+        // The Gaussian is nearly flat, so differences of erf would cancel. With u = x / radius the kernel is
+        // exp(-drop) drop (exp(drop (1 - u^2)) - 1) / drop. The last factor tends to 1 - u^2 and equals it to
+        // all digits long before drop reaches 1e-30.
+        let drop = drop.max(1e-30);
+        gauss_legendre(start / radius, end / radius, |u| (drop * (1.0 - u * u)).exp_m1() / drop)
+    } else {
+        let gaussian = (erfc(root * start) - erfc(root * end)) * (0.5 * PI.sqrt() / root);
+        gaussian - (-drop).exp() * (end - start)
+    }
+}
+
+/// Eight-point Gauss-Legendre quadrature, exact for polynomials of degree 15. Nodes and weights after [Abramowitz and
+/// Stegun 1964, table 25.4].
+fn gauss_legendre(start: f64, end: f64, f: impl Fn(f64) -> f64) -> f64 {
+    const NODES: [[f64; 2]; 4] = [
+        [0.183_434_642_495_649_8, 0.362_683_783_378_362],
+        [0.525_532_409_916_329, 0.313_706_645_877_887_3],
+        [0.796_666_477_413_626_7, 0.222_381_034_453_374_48],
+        [0.960_289_856_497_536_3, 0.101_228_536_290_376_26],
+    ];
+    let (middle, half) = (0.5 * (start + end), 0.5 * (end - start));
+    half * NODES.iter().map(|[x, w]| w * (f(middle - half * x) + f(middle + half * x))).sum::<f64>()
+}
+
+/// The complementary error function of `x >= 0`. Its error is about 1e-15 absolute and, where the value is small, 1e-13
+/// relative.
+fn erfc(x: f64) -> f64 {
+    let gaussian = (-x * x).exp();
+    if x < 3.0 {
+        // After [Abramowitz and Stegun 1964, eq. 7.1.6]: all terms are positive, so nothing cancels.
+        let (mut term, mut sum, mut n) = (x, x, 0.0);
+        while term > sum * 1e-17 {
+            n += 1.0;
+            term *= 2.0 * x * x / (2.0 * n + 1.0);
+            sum += term;
+        }
+        1.0 - 2.0 / PI.sqrt() * gaussian * sum
+    } else {
+        // After [Abramowitz and Stegun 1964, eq. 7.1.14], from the inside out. 40 levels reach the last digit at 3;
+        // larger x need fewer.
+        let tail = (1..=40).rev().fold(x, |tail, k| x + 0.5 * f64::from(k) / tail);
+        gaussian / (PI.sqrt() * tail)
+    }
+}
+
+#[cfg(test)]
+#[path = "../tests/denoise/internals/gaussian.rs"]
+mod tests;

@@ -67,46 +67,45 @@
 //! pixel, gets the other from its four neighbours; so lamps leak one pixel far there.
 //! The difference between the halves shows the whole error, bias included. That estimate is smoothed over 7x7 pixels.
 
-mod among;
 mod averaging;
-#[cfg(test)]
-mod bands;
 mod bilateral;
+mod bright_lamps;
 mod buffers;
 mod cluster_gaussian;
 mod cluster_regression;
-mod dispatch;
 mod error_map;
+mod features;
 mod gaussian;
-#[cfg(test)]
-mod internals;
+mod guide;
+mod inputs;
 mod light;
-mod maps;
-mod membership;
+mod loops;
 mod nl_means;
 mod normal_equations;
+mod one_sample;
+mod one_window;
 mod outliers;
 mod parameters;
-mod pixel_means;
-mod planes;
+mod plane;
 mod prefilter;
 mod regression;
 mod scales;
-mod separable;
-mod shrink;
-mod single;
 mod tile;
 mod wide;
-mod withheld;
+
+#[cfg(test)]
+#[path = "../tests/denoise/internals/fits_and_errors.rs"]
+mod fits_and_errors;
 
 pub use bilateral::{Bilateral, BilateralOptions};
 pub use buffers::{Counts, Denoise, SampleBuffers, Variance, denoise, denoise_whole};
-pub use cluster_gaussian::{ClusterGaussian, ClusterGaussianOptions, ClusterLookup};
-pub use cluster_regression::{ClusterRegression, ClusterRegressionOptions, Passes};
+pub use cluster_gaussian::{ClusterGaussian, ClusterGaussianOptions};
+pub use cluster_regression::{ClusterRegression, ClusterRegressionOptions};
 pub use error_map::relative_errors;
 pub use gaussian::{Gaussian, GaussianOptions};
 pub use light::Layers;
 pub use nl_means::{NlMeans, NlMeansOptions};
+pub use parameters::ClusterLookup;
 pub use scales::Scales;
 
 /// Runs the README's example as a documentation test.

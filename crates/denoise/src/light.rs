@@ -1,7 +1,6 @@
 //! The light of a film that a filter reads: all of it, or the direct or the indirect part.
 
-use crate::among::Among;
-use dapple_core::{Error, Film, RgbMoments};
+use dapple_core::{Film, RgbMoments};
 
 /// The parts of the light that [`ClusterRegression`](crate::ClusterRegression) filters one by one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -29,26 +28,17 @@ impl Layers {
     }
 }
 
-/// The parts of a film's light that are filtered one by one. The film's rows begin with row `top` of the whole image.
-pub(crate) fn parts<'f>(
-    film: &'f Film,
-    layers: Layers,
-    top: usize,
-    among: &mut Among<'_>,
-) -> Result<Vec<Light<'f>>, Error> {
+/// The parts of a film's light that are filtered one by one.
+pub(crate) fn parts(film: &Film, layers: Layers) -> Vec<Light<'_>> {
     let all = vec![Light::all(film)];
     if layers == Layers::One || !film.needs().indirect {
-        return Ok(all);
+        return all;
     }
-    let [width, height] = [film.frame().size()[0] as usize, among.height()];
-    let (own, parts) = (among.place(0, top).own_pixels(width), Light::parts(film));
-    let samples = among.total(own.clone().map(|i| film.count(i)).sum())?;
-    if !layers.are_two(samples as f64 / (width * height) as f64) {
-        return Ok(all);
-    }
+    let (pixels, parts) = (film.frame().pixels(), Light::parts(film));
+    let samples: u64 = (0..pixels).map(|i| film.count(i)).sum();
     // Without indirect light, its image is known to be black.
-    let brightest = own.flat_map(|i| parts[1].mean(i)).fold(0.0, f64::max);
-    Ok(if among.largest(brightest as f32)? > 0.0 { parts.to_vec() } else { all })
+    let is_lit = || (0..pixels).flat_map(|i| parts[1].mean(i)).any(|value| value as f32 > 0.0);
+    if layers.are_two(samples as f64 / pixels as f64) && is_lit() { parts.to_vec() } else { all }
 }
 
 /// A film, and the part of its light that is filtered.
@@ -186,7 +176,7 @@ impl<'a> Light<'a> {
 const ROUNDING: f64 = 1e-5;
 
 /// The difference of two colours, or 0 if it may be rounding alone. Else pixels without direct light would seem to have a trace
-/// of it, and set the image's [`level`](crate::planes::level): most of the real direct light would be out of range.
+/// of it, and set the image's level: most of the real direct light would be out of range.
 fn difference(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [0, 1, 2].map(|c| if a[c] - b[c] > ROUNDING * a[c] { a[c] - b[c] } else { 0.0 })
 }

@@ -1,14 +1,13 @@
 //! Non-local means over two halves of the samples.
 
-use crate::among::{Among, rows_around};
-use crate::averaging::{Form, Window, average, guide, memory};
-use crate::error_map::{ERROR_ROWS, Pair, filtered};
-use crate::light::Light;
-use crate::parameters::{RECORDED, describe};
-use crate::planes::{self, Inputs, Reads};
-use crate::tile::{FeatureScales, HEIGHT, Likeness, REACH};
-use dapple_core::{Band, Error, Exchange, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
-use std::ops::Range;
+use crate::averaging::{Form, Window, average, memory};
+use crate::guide::guide;
+use crate::inputs::Inputs;
+use crate::one_window::OneWindow;
+use crate::parameters::{Reads, describe};
+use crate::plane::Pair;
+use crate::tile::{FeatureScales, Likeness, REACH};
+use dapple_core::{Error, Film, FilmRows, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
 
 dapple_core::options! {
     /// The parameters of [`NlMeans`]: `k` and patches as published, and smaller windows.
@@ -87,27 +86,30 @@ impl NlMeans {
         Ok(Self { options })
     }
 
-    fn run(&self, film: &Film, top: usize, among: &mut Among<'_>) -> Result<Filtered, Error> {
-        let reads = Reads { features: self.options.features.is_some(), label: None };
-        let inputs = Inputs::new(Light::all(film), reads, top, among)?;
-        Ok(inputs.restored(Light::all(film), filtered(&inputs, &self.pair(&inputs), among)?))
-    }
-
     fn likeness(&self) -> Likeness {
         let scales = |k: f64| FeatureScales { bandwidth: k as f32, floors: [1e-2, 2e-2], slope: 3.0 };
         let NlMeansOptions { patch, k, features, .. } = self.options;
         Likeness { patch, colour: k as f32, features: features.map(scales), outside: 1.0 }
     }
+}
 
-    /// Filters both halves of a film's samples, and returns an image from each.
-    pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
+impl OneWindow for NlMeans {
+    fn reads(&self) -> Reads {
+        Reads { without_features: self.options.features.is_none(), ..Reads::default() }
+    }
+
+    fn radius(&self) -> usize {
+        self.options.window + self.options.patch
+    }
+
+    fn pair(&self, inputs: &Inputs) -> Pair {
         let demodulated = self.options.features.is_some();
         let guides = [0, 1].map(|half| guide(inputs, half, demodulated, demodulated));
         let window = Window { radius: self.options.window, form: Form::Square, cut: 0.05, falloff: 0.0 };
         let values = [0, 1].map(|h: usize| &guides[h].colour);
         let mut pair = Pair(average(inputs, values, &guides, &self.likeness(), &window));
         if demodulated {
-            pair.modulate(inputs);
+            pair.modulate(inputs.features.albedo());
         }
         pair
     }
@@ -123,11 +125,7 @@ impl Filter for NlMeans {
     }
 
     fn needs(&self) -> Needs {
-        if self.options.features.is_some() {
-            RECORDED
-        } else {
-            Needs::none().with_variance().with_halves().with_emission()
-        }
+        self.reads().recorded()
     }
 
     fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
@@ -136,16 +134,18 @@ impl Filter for NlMeans {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        self.run(film, 0, &mut Among::alone(film.frame().size()[1] as usize))
+        Ok(self.image(film))
     }
 
-    fn rows_read(&self, frame: &Frame, rows: Range<u32>) -> Option<Range<u32>> {
-        let windows = self.options.window + self.options.patch;
-        Some(rows_around(frame, rows, planes::ROWS_READ + windows + ERROR_ROWS, HEIGHT))
+    fn reach(&self, _: &Frame) -> Option<u32> {
+        Some(self.rows_read())
     }
 
-    fn apply_to_rows(&self, film: &Film, band: &Band, exchange: &mut dyn Exchange) -> Result<Filtered, Error> {
-        let (mut among, top) = Among::new(self, film, band, exchange)?;
-        self.run(film, top, &mut among)
+    fn survey(&self, film: &Film) -> Result<Vec<f64>, Error> {
+        self.globals(film)
+    }
+
+    fn apply_rows(&self, rows: &FilmRows<'_>, survey: &[f64]) -> Result<Filtered, Error> {
+        self.image_of_rows(rows, survey)
     }
 }

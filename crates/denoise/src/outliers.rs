@@ -4,12 +4,10 @@
 //! exceeds its surroundings is taken out before filtering. Afterwards it is added again to up to some 2,000 pixels of
 //! the same surface. The sum over the image stays.
 
-use crate::among::Among;
-use crate::dispatch::dispatch;
-use crate::maps::{box_mean, map};
-use crate::planes::{Colours, Inputs, Plane, raised};
+use crate::inputs::Inputs;
+use crate::loops::{box_mean, dispatch, map_to_one, parts};
+use crate::plane::{Colours, Plane, raised};
 use crate::tile::exp_minus;
-use dapple_core::Error;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -28,11 +26,6 @@ const WIDTHS: [f32; 2] = [8.0, 18.0];
 const AREA: f32 = 80.0;
 /// The brightness below which nothing is an outlier, in units of the image's level.
 const DARK: f32 = 1e-3;
-
-/// The rows around a pixel by which it is found to be an outlier.
-pub(crate) const FOUND_ROWS: usize = NEAR;
-/// The rows of the planes that the windows of own outliers reach, and those of outliers of which an own row gets light.
-pub(crate) const SPREAD_ROWS: usize = REACH;
 
 /// The part of a pixel's colour in one half that exceeds its surroundings, times the half's share in the pixel's
 /// samples.
@@ -56,46 +49,36 @@ impl Outlier {
 ///
 /// A pixel of one half is an outlier if it exceeds [`RATIO`] times each of these: the other half in 3x3 pixels, and
 /// both halves' means over 7x7 pixels, without the pixel itself.
-///
-/// Each process spreads light over its own rows and gets the others. `reads` returns the rows that a process has of the planes.
-pub(crate) fn take<'e>(
-    inputs: &mut Inputs,
-    among: &mut Among<'e>,
-    reads: impl Fn(&Among<'e>, usize) -> [usize; 2],
-) -> Result<Option<Colours>, Error> {
-    let found = find(inputs, RATIO);
-    for outlier in &found {
-        let share = share(inputs, outlier.half, outlier.pixel);
-        for (plane, excess) in inputs.halves[outlier.half].colour.iter_mut().zip(outlier.excess) {
-            plane[outlier.pixel] -= excess / share;
-        }
-    }
-    let Some(found) = shared(inputs, found, among, &reads)? else { return Ok(None) };
-    let mut planes = among.fetch(&inputs.place, spread(inputs, &found).into(), inputs.size[0], reads)?.into_iter();
-    Ok(Some(std::array::from_fn(|_| planes.next().unwrap_or_default())))
+pub(crate) fn take(inputs: &mut Inputs) -> Option<Colours> {
+    let found = take_out(inputs, RATIO, false);
+    (!found.is_empty()).then(|| spread(inputs, &found))
 }
 
 /// Takes outliers out of both halves as [`take`] does, with another ratio. Returns the light of each half by itself, in the
 /// units of that half.
-pub(crate) fn take_halves<'e>(
-    inputs: &mut Inputs,
-    ratio: f32,
-    among: &mut Among<'e>,
-    reads: impl Fn(&Among<'e>, usize) -> [usize; 2],
-) -> Result<Option<[Colours; 2]>, Error> {
+pub(crate) fn take_halves(inputs: &mut Inputs, ratio: f32) -> Option<[Colours; 2]> {
+    let (first, second): (Vec<_>, Vec<_>) =
+        take_out(inputs, ratio, true).into_iter().partition(|found| found.half == 0);
+    (!first.is_empty() || !second.is_empty()).then(|| [first, second].map(|found| spread(inputs, &found)))
+}
+
+/// Takes outliers out of both halves. Their light is per weight, such that the weights' sum over the window gives the outlier: in
+/// the units of its half, or of both halves together.
+fn take_out(inputs: &mut Inputs, ratio: f32, is_of_half: bool) -> Vec<Outlier> {
     let mut found = find(inputs, ratio);
     for outlier in &mut found {
         let share = share(inputs, outlier.half, outlier.pixel);
-        for (plane, excess) in inputs.halves[outlier.half].colour.iter_mut().zip(&mut outlier.excess) {
-            *excess /= share;
-            plane[outlier.pixel] -= *excess;
+        let excess = outlier.excess.map(|excess| excess / share);
+        for (plane, excess) in inputs.halves[outlier.half].colour.iter_mut().zip(excess) {
+            plane[outlier.pixel] -= excess;
+        }
+        if is_of_half {
+            outlier.excess = excess;
         }
     }
-    let Some(found) = shared(inputs, found, among, &reads)? else { return Ok(None) };
-    let (first, second): (Vec<Outlier>, Vec<Outlier>) = found.into_iter().partition(|outlier| outlier.half == 0);
-    let planes = [spread(inputs, &first), spread(inputs, &second)].into_iter().flatten().collect();
-    let mut planes = among.fetch(&inputs.place, planes, inputs.size[0], reads)?.into_iter();
-    Ok(Some([0, 1].map(|_| std::array::from_fn(|_| planes.next().unwrap_or_default()))))
+    let inputs = &*inputs;
+    found.par_iter_mut().for_each(|outlier| outlier.excess = dispatch(WindowTask { inputs, outlier }));
+    found
 }
 
 /// The memory of [`take_halves`] per pixel beyond that of [`take`]: a second list and the light of the other half.
@@ -114,8 +97,7 @@ fn find(inputs: &Inputs, ratio: f32) -> Vec<Outlier> {
     let [width, height] = inputs.size;
     let grey: [Plane; 2] = [0, 1].map(|h: usize| {
         let [r, g, b] = &inputs.halves[h].colour;
-        let [grey] = map([r, g, b], |[r, g, b]| [(r + g + b) / 3.0]);
-        grey
+        map_to_one([r, g, b], |[r, g, b]| (r + g + b) / 3.0)
     });
     let near = [0, 1].map(|h: usize| box_mean(&grey[h], inputs.size, NEAR));
     let pixels = ((2 * NEAR + 1) * (2 * NEAR + 1)) as f32;
@@ -143,53 +125,15 @@ fn find(inputs: &Inputs, ratio: f32) -> Vec<Outlier> {
     (0..inputs.pixels()).into_par_iter().with_min_len(1024).filter_map(of).collect()
 }
 
-/// Turns the light of the own outliers into light per weight, such that the weights' sum over the window gives the outlier.
-/// Adds those of other processes in the rows of the planes. Returns `None` if the whole image has no outliers.
-fn shared<'e>(
-    inputs: &Inputs,
-    mut found: Vec<Outlier>,
-    among: &mut Among<'e>,
-    reads: impl Fn(&Among<'e>, usize) -> [usize; 2],
-) -> Result<Option<Vec<Outlier>>, Error> {
-    let own = inputs.place.own_pixels(inputs.size[0]);
-    found.retain(|outlier| own.contains(&outlier.pixel));
-    if among.total(found.len() as u64)? == 0 {
-        return Ok(None);
-    }
-    found.par_iter_mut().for_each(|outlier| outlier.excess = dispatch(WindowTask { inputs, outlier }));
-    if among.is_alone() {
-        return Ok(Some(found));
-    }
-    // Outliers as planes: light, and the width of the spread, which is negative in the second half and 0 without an outlier.
-    let mut planes = vec![vec![0.0; inputs.pixels()]; 4];
-    for &Outlier { pixel, half, excess: [r, g, b], width } in &found {
-        let width = if half == 0 { width } else { -width };
-        planes.iter_mut().zip([r, g, b, width]).for_each(|(plane, value)| plane[pixel] = value);
-    }
-    let planes = among.fetch(&inputs.place, planes, inputs.size[0], reads)?;
-    let outlier = |(pixel, width): (usize, &f32)| {
-        let excess = std::array::from_fn(|c| planes[c][pixel]);
-        (*width != 0.0).then(|| Outlier { pixel, half: usize::from(*width < 0.0), excess, width: width.abs() })
-    };
-    Ok(Some(planes[3].iter().enumerate().filter_map(outlier).collect()))
-}
-
-/// Spreads each outlier over the own pixels around it, in proportion to their likeness and albedo.
+/// Spreads each outlier over the pixels around it, in proportion to their likeness and albedo.
 fn spread(inputs: &Inputs, found: &[Outlier]) -> Colours {
-    let [width, height] = inputs.size;
-    let mut rows = vec![0.0; 3 * inputs.pixels()];
-    let own = inputs.place.rows();
-    rows.par_chunks_mut(3 * width).enumerate().filter(|(y, _)| own.contains(y)).for_each(|(y, sums)| {
+    let width = inputs.size[0];
+    let row = |(): &mut (), y: usize, sums: [&mut [f32]; 3]| {
         let from = found.partition_point(|outlier| outlier.pixel / width + REACH < y);
         let to = found.partition_point(|outlier| outlier.pixel / width <= y + REACH);
         dispatch(RowTask { inputs, found: &found[from..to], y, sums });
-    });
-    let plane = |c: usize| -> Plane {
-        let mut plane = Vec::with_capacity(width * height);
-        rows.chunks(3 * width).for_each(|row| plane.extend_from_slice(&row[c * width..][..width]));
-        plane
     };
-    std::array::from_fn(plane)
+    parts(inputs.pixels(), width, || (), row)
 }
 
 /// The task of summing the weights in an outlier's window. Its result is the outlier's light per weight.
@@ -249,7 +193,7 @@ struct RowTask<'a> {
     inputs: &'a Inputs,
     found: &'a [Outlier],
     y: usize,
-    sums: &'a mut [f32],
+    sums: [&'a mut [f32]; 3],
 }
 
 impl WithSimd for RowTask<'_> {
@@ -257,7 +201,7 @@ impl WithSimd for RowTask<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { inputs, found, y, sums } = self;
+        let Self { inputs, found, y, mut sums } = self;
         let width = inputs.size[0];
         let mut like = [0.0; SIDE];
         for outlier in found {
@@ -266,8 +210,8 @@ impl WithSimd for RowTask<'_> {
             }
             let window = Row::new(inputs, outlier, y);
             window.likeness(&mut like);
-            for c in 0..3 {
-                let sums = &mut sums[c * width + window.column..][..window.len];
+            for (c, sums) in sums.iter_mut().enumerate() {
+                let sums = &mut sums[window.column..][..window.len];
                 let (like, albedo) = (&like[..window.len], &window.albedo[c][..window.len]);
                 for k in 0..window.len {
                     sums[k] += outlier.excess[c] * like[k] * raised(albedo[k]);

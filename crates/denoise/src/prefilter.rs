@@ -1,12 +1,12 @@
 //! Prefilter of the features (normal, albedo, depth, position). It removes most of the noise from lens blur, motion blur,
 //! subpixel geometry, and surfaces that both reflect and refract.
 
-use crate::among::Among;
 use crate::averaging::{Form, VANISHING, Window, average_where};
-use crate::maps::box_mean;
-use crate::planes::{Colours, Inputs, Plane};
-use crate::tile::{Guide, HEIGHT, Likeness, WIDTH};
-use dapple_core::Error;
+use crate::guide::Guide;
+use crate::inputs::Inputs;
+use crate::loops::box_mean;
+use crate::plane::{Colours, Plane};
+use crate::tile::{HEIGHT, Likeness, WIDTH};
 
 /// The patches (3x3 pixels) and the bandwidth, chosen by measurements at 8 spp on nine scenes (`docs/results/race.md`).
 /// Patches of 1 pixel do not help, 5x5 is no better than 3x3. Bandwidths 0.5 and 1 leave 2 and 4 % more error.
@@ -16,11 +16,6 @@ const WINDOW: Window = Window { radius: 4, form: Form::Square, cut: VANISHING, f
 /// The variance of a mean normal, albedo or log depth up to which the feature counts as free of noise.
 const QUIET: f32 = 1e-5;
 
-/// The rows that [`prefilter`] reads above and below its own: noise anywhere in a tile has all of it averaged. Windows,
-/// patches and pooled variances reach less far.
-pub(crate) const ROWS_READ: usize = HEIGHT - 1;
-const _: () = assert!(WINDOW.rows(LIKE.patch) < ROWS_READ);
-
 /// Averages normal and albedo, then position and depth, over pixels whose patches differ by no more than their noise.
 ///
 /// The weights come from the features themselves [after Rousselle 2013], but with the variance of each pixel's samples
@@ -28,37 +23,27 @@ const _: () = assert!(WINDOW.rows(LIKE.patch) < ROWS_READ);
 ///
 /// The stored variances stay unchanged. Reduced variances would make features separate more pixels: at a quarter of the
 /// variance, 3 % more error is left.
-///
-/// Each process averages its own rows and gets the others.
-pub(crate) fn prefilter(inputs: &mut Inputs, among: &mut Among<'_>) -> Result<(), Error> {
-    let place = inputs.place;
-    let own = |[_, row]: [usize; 2]| place.has_own_in_tile(row);
+pub(crate) fn prefilter(inputs: &mut Inputs) {
     let [nx, ny, nz, r, g, b, depth] = std::mem::take(&mut inputs.features.mean);
     let [vn, va, vd] = &inputs.features.variance;
     let surface = [guide(inputs, [r, g, b], va, |_| QUIET), guide(inputs, [nx, ny, nz], vn, |_| QUIET)];
     let noisy = |[n, a]: [f32; 2]| n > QUIET || a > QUIET;
-    let noise = tiles_with(inputs.size, |i| noisy([vn[i], va[i]]));
-    let wanted = |tile| own(tile) && noise(tile);
+    let wanted = tiles_with(inputs.size, |i| noisy([vn[i], va[i]]));
     // Each value takes its weights from the other guide. Normals are the first value, so their guide is the second.
     let values = [&surface[1].colour, &surface[0].colour];
     let [[nx, ny, nz], [r, g, b]] = average_where(inputs, values, &surface, &LIKE, &WINDOW, &wanted);
     drop(surface);
 
     let position = std::mem::take(&mut inputs.features.position);
-    let noise = tiles_with(inputs.size, |i| vd[i] > QUIET);
-    let wanted = |tile| own(tile) && noise(tile);
+    let wanted = tiles_with(inputs.size, |i| vd[i] > QUIET);
     // Points closer than the width of a pixel count as one place.
     let width = |i: usize| (1.0 / (24.0 * inputs.features.scale[i])).clamp(1e-15, 1e15).powi(2);
     let places = [guide(inputs, position, &inputs.features.scatter, width)];
     let depths: Colours = [depth.clone(), depth.clone(), depth];
     let values = [&places[0].colour, &depths];
     let [[x, y, z], [depth, ..]] = average_where(inputs, values, &places, &LIKE, &WINDOW, &wanted);
-    let planes = vec![nx, ny, nz, r, g, b, depth, x, y, z];
-    let mut planes = among.fetch(&place, planes, inputs.size[0], Among::rows)?.into_iter();
-    let mut next = || planes.next().unwrap_or_default();
-    inputs.features.mean = std::array::from_fn(|_| next());
-    inputs.features.position = std::array::from_fn(|_| next());
-    Ok(())
+    inputs.features.mean = [nx, ny, nz, r, g, b, depth];
+    inputs.features.position = [x, y, z];
 }
 
 /// Makes a guide of features. Its variance is `floor` plus the mean of the pixel's own variance and the variance over

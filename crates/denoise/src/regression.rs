@@ -4,13 +4,13 @@
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
-use crate::dispatch::dispatch;
-use crate::error_map::{Pair, beside_weights, combined};
-use crate::maps::{box_mean, map, parts};
+use crate::guide::Guide;
+use crate::inputs::Inputs;
+use crate::loops::{box_mean, dispatch, map_to_one, parts};
 use crate::normal_equations::{Fit, Sums, add_products, solve};
-use crate::planes::{Colours, Inputs, Plane};
+use crate::plane::{Colours, Pair, Plane, beside_weights, combined};
 use crate::tile::{
-    COLUMNS, Differences, GROUP, Guide, HEIGHT, LANES, Likeness, LocalGuide, MARGIN, ROWS, Row, Stack, Tile, WIDTH,
+    COLUMNS, Differences, GROUP, HEIGHT, LANES, Likeness, LocalGuide, MARGIN, ROWS, Row, Stack, Tile, WIDTH,
     count_weights, number, origins, sharpness, stride, tiles, vectors,
 };
 use dapple_core::Frame;
@@ -53,16 +53,11 @@ pub(crate) const NEGLIGIBLE: f32 = 1e-3;
 /// Width and height in pixels of a tile with the surroundings that its windows predict.
 const HALO: [usize; 2] = [WIDTH + 2 * REACH, HEIGHT + 2 * REACH];
 
-/// The rows that [`regress`] reads above and below its own: windows around the pixel predict it, and read patches.
-pub(crate) const ROWS_READ: usize = 2 * REACH + PATCH;
-
 /// Filters both halves of the samples by regression. The weights of each half come from the other half's guide, or from
 /// a single guide for both.
 ///
 /// The image `beside` is averaged with the predictions of the windows. It has the weight `share`, while a window's
 /// centre has 1. So it replaces pixels that resemble no window's centre.
-///
-/// Only own rows are right. The others lack windows that no own row reads.
 pub(crate) fn regress<const G: usize>(
     inputs: &Inputs,
     guides: &[Guide; G],
@@ -73,23 +68,17 @@ pub(crate) fn regress<const G: usize>(
     let (unfiltered, [na, nb]) = (inputs.unfiltered(), inputs.counts());
     let reference: Colours = std::array::from_fn(|c| {
         // Bounded, so that subtracting it loses no digits.
-        let [mean] =
-            map([unfiltered[c], unfiltered[3 + c], na, nb], |[a, b, na, nb]| [combined([a, b], [na, nb]).min(8.0)]);
+        let mean = map_to_one([unfiltered[c], unfiltered[3 + c], na, nb], |[a, b, na, nb]| {
+            combined([a, b], [na, nb]).min(8.0)
+        });
         box_mean(&mean, inputs.size, 1)
     });
     let sharp = like.features.map(|scales| sharpness(&inputs.features, &scales));
     let sharp = sharp.as_ref();
-    let origins = origins(inputs.size);
-    let tiles: Vec<Vec<f32>> = origins
-        .par_iter()
-        .map_init(Scratch::<G>::default, |scratch, &origin| {
-            let [first, end] = [origin[1] as isize - REACH as isize, (origin[1] + HEIGHT + REACH) as isize];
-            match inputs.place.has_own(first, end) {
-                true => dispatch(TileTask { inputs, guides, like, sharp, reference: &reference, origin, scratch }),
-                false => Vec::new(),
-            }
-        })
-        .collect();
+    let task = |scratch: &mut Scratch<G>, &origin: &[usize; 2]| {
+        dispatch(TileTask { inputs, guides, like, sharp, reference: &reference, origin, scratch })
+    };
+    let tiles: Vec<Vec<f32>> = origins(inputs.size).par_iter().map_init(Scratch::default, task).collect();
     merge(inputs.size, &tiles, beside, share)
 }
 
@@ -482,9 +471,6 @@ fn add_tiles(sums: &mut [f32], [width, height]: [usize; 2], y: usize, tiles: &[V
         let local_y = y + REACH - tile_row * HEIGHT;
         for column in 0..columns {
             let tile = &tiles[number([column, tile_row], height)];
-            if tile.is_empty() {
-                continue;
-            }
             let start = (column * WIDTH).saturating_sub(REACH);
             let end = (column * WIDTH + WIDTH + REACH).min(width);
             let skip = start + REACH - column * WIDTH;

@@ -7,17 +7,16 @@
 //! The two papers filter each scale by itself. Here a coarse scale starts from the finer result, and moves as far from
 //! it as their difference is noise ([`shrink`]). The published step up has no features; across edges it leaves halos.
 
-use crate::among::Among;
-use crate::cluster_regression::{GUIDE_ROWS, residual_guide};
-use crate::error_map::{Pair, error_rows};
-use crate::maps::{parts, update};
+use crate::error_map::{Radii, shrink};
+use crate::features::{Features, slopes};
+use crate::guide::residual_guide;
+use crate::inputs::{Half, Inputs};
+use crate::loops::{parts, per_pixel, sum_pixels, update};
 use crate::outliers;
-use crate::planes::{Colours, Features, Half, Inputs, Plane, raised, slopes};
-use crate::shrink::{LAST, Radii, shrink};
+use crate::plane::{Colours, Pair, Plane, raised};
 use crate::tile::exp_minus;
-use crate::wide::{self, wide};
-use dapple_core::{Error, OptionValue};
-use rayon::prelude::*;
+use crate::wide::wide;
+use dapple_core::OptionValue;
 
 /// The number of coarse scales of a [`ClusterRegression`](crate::ClusterRegression) in three passes. Each has half the
 /// width and height of the one before.
@@ -156,39 +155,11 @@ const COARSE_EVIDENCE: f32 = 0.25;
 /// The radii of the blend of a scale's image with that of the wide pass.
 pub(crate) const BLEND: Radii = Radii { bias: 8, noise: 20, alike: 2 };
 
-/// The rows of a coarse scale's planes that its correction reads above and below its own: those of the wide pass and its guide.
-/// Blends and the light of outliers reach less far.
-const ROWS: usize = wide::ROWS_READ + GUIDE_ROWS + outliers::FOUND_ROWS;
-const _: () = assert!(ROWS > BLEND.rows() && ROWS > outliers::SPREAD_ROWS);
-
-/// The rows of the finest image that must be right, above and below a band, so that its own rows are: those of the last
-/// blend and of the error.
-pub(crate) const fn rows_after(scales: usize) -> usize {
-    LAST.rows() + error_rows(3 * scales)
-}
-
-/// The rows of scale `scale` of `scales` that a process reads: those around its own ones, and those of the corrected image that
-/// the rows of the band and those after it need, with one more of each scale for the step up.
-fn rows_of_process(among: &Among<'_>, process: usize, scale: usize, scales: usize) -> [usize; 2] {
-    let ([mut first, mut end], mut height) = (among.band(process), among.height());
-    (first, end) = (first.saturating_sub(rows_after(scales)), (end + rows_after(scales)).min(height));
-    for _ in 0..scale {
-        height = height.div_ceil(2);
-        (first, end) = ((first / 2).saturating_sub(1), ((end - 1) / 2 + 2).min(height));
-    }
-    let [own, own_end] = among.own(process, scale);
-    let first = first.min(own.saturating_sub(ROWS));
-    // Two rows make one of the next scale.
-    [first - first % 2, end.max(own_end + ROWS).min(height)]
-}
-
 /// The planes of the next coarser scale. Colours are averaged without their albedo.
 ///
 /// All pixels with samples have the same count there. Counts follow the brightness that a pilot met, so weights by counts
 /// over wide windows add light: 0.6 % of a room lit through a slit.
-///
-/// `scales` is the number of coarse scales in all.
-pub(crate) fn coarser(fine: &Inputs, scales: usize, among: &mut Among<'_>) -> Result<Inputs, Error> {
+pub(crate) fn coarser(fine: &Inputs) -> Inputs {
     let size = fine.size.map(|n| n.div_ceil(2));
     let (f, plane) = (&fine.features, |plane: &Plane| down(fine.size, [plane], mean));
     let quarter = |plane: &Plane| down(fine.size, [plane], |[four]| mean([four.map(|value| 0.25 * value)]));
@@ -198,8 +169,7 @@ pub(crate) fn coarser(fine: &Inputs, scales: usize, among: &mut Among<'_>) -> Re
         _ => plane(&f.mean[k]),
     });
     let samples = |i: usize| fine.halves.each_ref().map(|half| f64::from(half.count[i]));
-    let pixels = (fine.size[0] * fine.place.height) as f64;
-    let counts = among.sum_pixels(&fine.place, fine.size[0], samples)?.map(|sum| 4.0 * (sum / pixels) as f32);
+    let counts = sum_pixels(fine.size, samples).map(|sum| 4.0 * (sum / fine.pixels() as f64) as f32);
     let halves = [0, 1].map(|h: usize| {
         let own = &fine.halves[h];
         let colour: Colours = std::array::from_fn(|c| {
@@ -218,104 +188,33 @@ pub(crate) fn coarser(fine: &Inputs, scales: usize, among: &mut Among<'_>) -> Re
         position: f.position.each_ref().map(plane),
         scale: down(fine.size, [&f.scale], |[four]| mean([four.map(|scale| 0.5 * scale)])),
     };
-    fetched(fine, halves, features, scales, among)
-}
-
-/// The rows of the planes of a coarse scale that this process reads, from those that each process made of its rows.
-fn fetched(
-    fine: &Inputs,
-    halves: [Half; 2],
-    features: Features,
-    scales: usize,
-    among: &mut Among<'_>,
-) -> Result<Inputs, Error> {
-    let mut planes = Vec::new();
-    for Half { colour, variance, count } in halves {
-        planes.extend(colour.into_iter().chain(variance).chain([count]));
-    }
-    let Features { mean, variance, scatter, slope, position, scale } = features;
-    planes.extend(mean.into_iter().chain(variance).chain([scatter, slope]).chain(position).chain([scale]));
-    let (planes, top) = rows_fetched(fine, planes, scales, among)?;
-    let mut planes = planes.into_iter();
-    let mut next = || planes.next().unwrap_or_default();
-    let halves = [0, 1].map(|_| Half {
-        colour: std::array::from_fn(|_| next()),
-        variance: std::array::from_fn(|_| next()),
-        count: next(),
-    });
-    let features = Features {
-        mean: std::array::from_fn(|_| next()),
-        variance: std::array::from_fn(|_| next()),
-        scatter: next(),
-        slope: next(),
-        position: std::array::from_fn(|_| next()),
-        scale: next(),
-    };
-    Ok(fine.with_planes(among.place(fine.place.scale + 1, top), halves, features))
-}
-
-/// Planes of the scale above `fine` in the rows that this process reads, and the first of these rows. `planes` are made of
-/// the rows of `fine`.
-fn rows_fetched(
-    fine: &Inputs,
-    planes: Vec<Plane>,
-    scales: usize,
-    among: &mut Among<'_>,
-) -> Result<(Vec<Plane>, usize), Error> {
-    let scale = fine.place.scale + 1;
-    let reads = |among: &Among<'_>, process| rows_of_process(among, process, scale, scales);
-    let top = among.top(|among, me| reads(among, me)[0]);
-    let place = among.place(scale, fine.place.top / 2);
-    Ok((among.fetch(&place, planes, fine.size[0].div_ceil(2), reads)?, top))
+    fine.with_planes(halves, features)
 }
 
 /// An image at the next coarser scale.
-fn down_pair(
-    fine: &Inputs,
-    coarse: &Inputs,
-    image: &Pair,
-    scales: usize,
-    among: &mut Among<'_>,
-) -> Result<Pair, Error> {
-    let albedo = &fine.features.mean[3..6];
-    let demodulated = |(k, plane): (usize, &[f32])| down(fine.size, [plane, &albedo[k % 3][..]], demodulated);
-    let planes = image.channels().into_iter().enumerate().map(demodulated).collect();
-    let (planes, _) = rows_fetched(fine, planes, scales, among)?;
-    let mut planes = planes.into_iter();
-    let mut image = Pair::new(std::array::from_fn(|_| planes.next().unwrap_or_default()));
-    image.modulate(coarse);
-    Ok(image)
+fn down_pair(fine: &Inputs, coarse: &Inputs, image: &Pair) -> Pair {
+    let (albedo, channels) = (fine.features.albedo(), image.channels());
+    let mut image = Pair::new(std::array::from_fn(|k| down(fine.size, [channels[k], &albedo[k % 3]], demodulated)));
+    image.modulate(coarse.features.albedo());
+    image
 }
 
 /// Corrects `image`, made from the planes `fine`, by `scales` scales. `coarse` is the first of them, its outliers not taken
 /// out.
-pub(crate) fn correct(
-    fine: &Inputs,
-    mut coarse: Inputs,
-    image: &mut Pair,
-    scales: usize,
-    among: &mut Among<'_>,
-) -> Result<(), Error> {
-    let all = fine.place.scale + scales;
-    let more = scales > 1 && coarse.size[0] * coarse.place.height > 1;
-    let next = if more { Some(coarser(&coarse, all, among)?) } else { None };
-    let scale = coarse.place.scale;
-    let reads = |among: &Among<'_>, process| rows_of_process(among, process, scale, all);
-    let light = outliers::take_halves(&mut coarse, COARSER * ratio(scales), among, reads)?;
-    let before = down_pair(fine, &coarse, image, all, among)?;
-    let smooth = wide(&coarse, &residual_guide(&coarse, &before), &before);
-    let [mut smooth] = among.complete(&coarse, [smooth], reads)?;
+pub(crate) fn correct(fine: &Inputs, mut coarse: Inputs, image: &mut Pair, scales: usize) {
+    let next = (scales > 1 && coarse.pixels() > 1).then(|| coarser(&coarse));
+    let light = outliers::take_halves(&mut coarse, COARSER * ratio(scales));
+    let before = down_pair(fine, &coarse, image);
+    let mut smooth = wide(&coarse, &residual_guide(&coarse, &before), &before);
     if let Some(light) = light {
         smooth.add(&light);
     }
-    let after = shrink(&coarse, before.channels(), &smooth, BLEND, COARSE_EVIDENCE);
+    let mut after = shrink(&coarse, before.channels(), &smooth, BLEND, COARSE_EVIDENCE);
     drop(smooth);
-    let [mut after] = among.complete(&coarse, [after], reads)?;
     if let Some(next) = next {
-        correct(&coarse, next, &mut after, scales - 1, among)?;
+        correct(&coarse, next, &mut after, scales - 1);
     }
     add_up(fine, &coarse, image, [&before, &after]);
-    Ok(())
 }
 
 /// Adds the change of a coarse image from `before` to `after` to a fine one.
@@ -324,7 +223,6 @@ pub(crate) fn correct(
 /// Its change is small if none is alike.
 fn add_up(fine: &Inputs, coarse: &Inputs, image: &mut Pair, [before, after]: [&Pair; 2]) {
     let ([width, _], [columns, rows]) = (fine.size, coarse.size);
-    let [top, coarse_top] = [fine.place.top, coarse.place.top];
     let change: [Plane; 6] = std::array::from_fn(|k| {
         let (half, c) = (k / 3, k % 3);
         let [before, after] = [&before.0[half][c], &after.0[half][c]];
@@ -337,8 +235,7 @@ fn add_up(fine: &Inputs, coarse: &Inputs, image: &mut Pair, [before, after]: [&P
     };
     let of = |i: usize| -> [f32; 6] {
         let xs = near(i % width, columns);
-        // Rows that the coarse planes lack lie beyond those that must be right.
-        let ys = near(top + i / width, coarse.place.height).map(|y| y.saturating_sub(coarse_top).min(rows - 1));
+        let ys = near(i / width, rows);
         let (f, g) = (&fine.features, &coarse.features);
         let depth = SLOPE * f.slope[i];
         let (mut sums, mut total) = ([0.0; 6], NONE);
@@ -352,7 +249,7 @@ fn add_up(fine: &Inputs, coarse: &Inputs, image: &mut Pair, [before, after]: [&P
         }
         sums.map(|sum| sum / total)
     };
-    let all: Vec<[f32; 6]> = (0..fine.pixels()).into_par_iter().with_min_len(1024).map(of).collect();
+    let all = per_pixel(fine.pixels(), of);
     for (k, plane) in image.0.iter_mut().flatten().enumerate() {
         for (i, (value, change)) in plane.iter_mut().zip(&all).enumerate() {
             *value = (*value + change[k] * fine.features.divisor(k % 3, i)).max(0.0);
@@ -361,14 +258,5 @@ fn add_up(fine: &Inputs, coarse: &Inputs, image: &mut Pair, [before, after]: [&P
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn scales_grow_with_the_image() {
-        let sizes = [[1, 1], [359, 320], [360, 320], [1279, 720], [1280, 720], [3840, 2160], [20_000, 20_000]];
-        let scales = [1, 1, 2, 2, 3, 4, 7];
-        assert_eq!(sizes.map(|size| Scales::Auto.of(size)), scales);
-        assert_eq!(Scales::Fixed(5).of([1, 1]), 5);
-    }
-}
+#[path = "../tests/denoise/internals/scales.rs"]
+mod tests;

@@ -10,27 +10,17 @@
 
 mod stack;
 
-use crate::maps::map;
-use crate::planes::{Colours, Features, Inputs, Plane};
+use crate::features::Features;
+use crate::guide::Guide;
+use crate::inputs::Inputs;
+use crate::loops::map_to_one;
+use crate::plane::Plane;
 use pulp::Simd;
-pub(crate) use stack::Stack;
 use stack::moved;
+pub(crate) use stack::{COLUMNS, HEIGHT, LANES, MARGIN, ROWS, Stack, WIDTH};
 
-/// Width of a tile in pixels.
-pub(crate) const WIDTH: usize = 64;
-/// Height of a tile in pixels.
-pub(crate) const HEIGHT: usize = 16;
-/// The margin around a tile in pixels, an even number. Windows reach 7 pixels beyond the tile, and their patches 3
-/// more.
-pub(crate) const MARGIN: usize = 10;
 /// The largest radius of a window in pixels.
 pub(crate) const REACH: usize = 7;
-/// The number of even (or odd) columns in a tile's planes, margin included, rounded up to whole vectors.
-pub(crate) const COLUMNS: usize = 64;
-/// The number of rows in a tile's planes, margin included.
-pub(crate) const ROWS: usize = HEIGHT + 2 * MARGIN;
-/// The number of even (or odd) pixels in a row of a tile.
-pub(crate) const LANES: usize = WIDTH / 2;
 /// The number of windows whose predictions are added offset by offset. It is a multiple of every machine's vector, so
 /// sums have the same order, and the same bits, on all of them.
 pub(crate) const GROUP: usize = 16;
@@ -45,15 +35,6 @@ pub(crate) type Row = [f32; LANES];
 #[inline(always)]
 pub(crate) const fn stride<S: Simd>() -> usize {
     COLUMNS / S::F32_LANES
-}
-
-/// An image by which a filter compares pixels: a colour per pixel and its variance.
-pub(crate) struct Guide {
-    /// The colour of each pixel.
-    pub(crate) colour: Colours,
-    /// The variance of each pixel's colour: one plane with the sum over the channels, or three planes to compare each
-    /// channel by itself [after Rousselle 2012].
-    pub(crate) variance: Vec<Plane>,
 }
 
 /// A tile's copy of a guide.
@@ -163,12 +144,11 @@ impl Tile {
 pub(crate) fn sharpness(features: &Features, scales: &FeatureScales) -> [Plane; 3] {
     let square = scales.bandwidth * scales.bandwidth;
     std::array::from_fn(|k| {
-        let [plane] = map([&features.variance[k], &features.slope], |[v, slope]| {
+        map_to_one([&features.variance[k], &features.slope], |[v, slope]| {
             let steep = scales.slope * slope;
             let floor = if k < 2 { scales.floors[k] } else { steep * steep + 1e-4 };
-            [1.0 / (square * v.max(floor))]
-        });
-        plane
+            1.0 / (square * v.max(floor))
+        })
     })
 }
 
@@ -429,18 +409,5 @@ pub(crate) fn number([column, row]: [usize; 2], height: usize) -> usize {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn exponentials_are_accurate() {
-        for k in 0..80_000 {
-            let x = k as f32 * 1e-3;
-            let (got, wanted) = (f64::from(exp_minus(x)), (-f64::from(x)).exp());
-            // Rounding x * log2 e costs another x * 6e-8.
-            assert!((got / wanted - 1.0).abs() < 4e-6 + 2e-7 * f64::from(x), "{x}: {got}, not {wanted}");
-        }
-        assert_eq!(exp_minus(0.0), 1.0);
-        assert!(exp_minus(f32::INFINITY) < 1e-34 && exp_minus(1e9) > 0.0);
-    }
-}
+#[path = "../tests/denoise/internals/tile.rs"]
+mod tests;

@@ -10,39 +10,27 @@
 
 mod stack;
 
-use crate::dispatch::dispatch;
-use crate::error_map::{Pair, beside_weights};
-use crate::maps::parts;
+use crate::guide::Guide;
+use crate::inputs::Inputs;
+use crate::loops::{dispatch, parts};
 use crate::normal_equations::{Fit, Sums, add_products, solve};
-use crate::planes::{Inputs, raised};
+use crate::plane::{Pair, beside_weights, raised};
 use crate::regression::NEGLIGIBLE;
-use crate::tile::{FeatureScales, GROUP, Guide, count_weights, excess, exp_minus_all, vectors};
+use crate::tile::{GROUP, count_weights, excess, exp_minus_all, vectors};
 use dapple_core::Frame;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 use stack::{
-    COLOURS, COUNT, FARTHEST, IN_STACK, IN_SUMS, MEANS, PLANES, POSITION, Pixels, ROW, Stack, VARIANCE, stacks,
+    CENTRES, COLOURS, COLUMNS, COUNT, FARTHEST, IN_STACK, IN_SUMS, MEANS, PAD, PATCH, PLANES, POSITION, Pixels, REACH,
+    ROW, STEP, Stack, VARIANCE, stacks,
 };
-use std::ops::Range;
 
-/// The radius of a window in pixels.
-const REACH: usize = 20;
 /// The width of a window in pixels.
 const SIDE: usize = 2 * REACH + 1;
-/// The distance between window centres in pixels, along both axes. Distances of 4 to 6 leave equal errors, 8 leaves 1 %
-/// more.
-const STEP: usize = 6;
 /// The number of rows of pixels whose centres one task takes.
 const BAND: usize = 30;
 /// The number of rows that the windows of a task reach.
 const ROWS: usize = BAND - STEP + 2 * REACH + 1;
-/// The number of columns of window centres that one task takes.
-const CENTRES: usize = 32;
-/// The columns of one phase (column modulo [`STEP`]) beside the centres on either side. Windows and patches reach
-/// that far.
-const PAD: usize = 4;
-/// The columns of one phase that a task reads. It is a constant, so that indices are checked once per pixel of a window.
-const COLUMNS: usize = CENTRES + 2 * PAD;
 /// The number of regressors: normal (3) and position (3). Values are divided by albedo, so albedo would add nothing.
 const REGRESSORS: usize = 6;
 /// The number of values per pixel: the regressors, and the three colour channels of both halves.
@@ -53,42 +41,27 @@ const SEGMENT: usize = 14;
 const FAR: f32 = 8.0;
 /// The bandwidth of colour differences in standard deviations.
 const COLOUR: f32 = 1.5;
-/// The scales of feature differences.
-const FEATURES: FeatureScales = FeatureScales { bandwidth: 7.0, floors: [1e-2, 5e-2], slope: 15.0 };
-/// The radius of the compared patches.
-const PATCH: usize = 1;
 /// The weight of the image beside the predictions, relative to 1 for a window's centre.
 const BESIDE: f32 = 0.5;
 
-/// The rows that [`wide`] reads above and below its own: windows around the pixel predict it, and read patches.
-pub(crate) const ROWS_READ: usize = 2 * REACH + PATCH;
-
 /// Filters both halves with windows of 41x41 pixels, compared by `guide`: the image `beside` without its albedo, and
 /// its remaining noise.
-///
-/// Only own rows are right. The others lack windows that no own row reads.
 pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
     let [width, height] = inputs.size;
     let stacks = stacks(inputs, guide);
     let colour = COLOUR * inputs.smoothness;
     let share = 1.0 / (9.0 * colour * colour);
-    // Rows count from the first one of the whole image's task that the first row belongs to.
-    let skipped = inputs.place.top % BAND;
-    let [bands, tiles] = [(skipped + height).div_ceil(BAND), stacks.len()];
-    let sums: Vec<Vec<f32>> = (0..bands * tiles)
+    let tiles = stacks.len();
+    let sums: Vec<Vec<f32>> = (0..height.div_ceil(BAND) * tiles)
         .into_par_iter()
         .map(|task| {
             let (band, tile) = (task / tiles, task % tiles);
             let columns = width.div_ceil(STEP) - tile * CENTRES;
-            let first = (band * BAND) as isize - (skipped + REACH) as isize;
-            if !inputs.place.has_own(first, first + ROWS as isize) {
-                return Vec::new();
-            }
             let (stack, size) = (&stacks[tile], [columns.min(CENTRES), height]);
-            dispatch(BandTask { stack, size, first: band * BAND, skipped, own: inputs.place.rows(), share })
+            dispatch(BandTask { stack, size, first: band * BAND, share })
         })
         .collect();
-    let albedo = &inputs.features.mean[3..6];
+    let albedo = inputs.features.albedo();
     let row = |row: &mut Vec<f32>, y: usize, image: [&mut [f32]; 6]| {
         let albedo = |k: usize| albedo[k % 3][y * width..][..width].iter().map(|albedo| raised(*albedo));
         for (k, own) in beside.channels().into_iter().enumerate() {
@@ -96,7 +69,7 @@ pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
             to.zip(&own[y * width..]).zip(albedo(k)).for_each(|((to, own), albedo)| *to = BESIDE * own / albedo);
         }
         (0..2).for_each(|half| row[beside_weights(3 * half)[1] * width..][..width].fill(BESIDE));
-        add_bands(row, width, skipped + y, tiles, &sums);
+        add_bands(row, width, y, tiles, &sums);
         for (k, to) in image.into_iter().enumerate() {
             let [values, weights] = beside_weights(k).map(|plane| &row[plane * width..][..width]);
             let mean = values.iter().zip(weights).map(|(value, weight)| (value / weight).max(0.0));
@@ -112,7 +85,7 @@ fn add_bands(row: &mut [f32], width: usize, y: usize, tiles: usize, sums: &[Vec<
     for (band, sums) in sums.chunks(tiles).enumerate().skip(first) {
         let Some(local) = (y + REACH).checked_sub(band * BAND) else { break };
         if local < ROWS {
-            let tiles = sums.iter().enumerate().filter(|(_, sums)| !sums.is_empty());
+            let tiles = sums.iter().enumerate();
             tiles.for_each(|(tile, sums)| add_tile(row, width, tile, &sums[local * STEP * 8 * COLUMNS..]));
         }
     }
@@ -144,15 +117,11 @@ pub(crate) fn bytes(frame: &Frame) -> u64 {
 }
 
 /// The windows whose centres lie in [`BAND`] rows from row `first`. Its result is the sums of weighted predictions and
-/// of weights, from [`REACH`] rows above. `size` is the number of columns of centres and of rows of pixels, which begin
-/// with row `skipped`.
+/// of weights, from [`REACH`] rows above. `size` is the number of columns of centres and of rows of pixels.
 struct BandTask<'a> {
     stack: &'a Stack,
     size: [usize; 2],
     first: usize,
-    skipped: usize,
-    /// The rows that must be right.
-    own: Range<usize>,
     /// The factor on the differences of a patch.
     share: f32,
 }
@@ -170,15 +139,12 @@ impl WithSimd for BandTask<'_> {
             seen.push(Seen::<S>::new(simd));
         }
         let mut windows = Vec::with_capacity(blocks);
-        let end = (self.first + BAND).min(self.skipped + height) - self.skipped;
-        // Centres lie in every sixth row of the whole image.
-        let from = self.first.max(self.skipped.next_multiple_of(STEP)) - self.skipped;
-        for y in (from..end).step_by(STEP).filter(|y| y + REACH >= self.own.start && *y < self.own.end + REACH) {
+        for y in (self.first..(self.first + BAND).min(height)).step_by(STEP) {
             for group in (0..columns).step_by(GROUP) {
                 windows.clear();
                 for (block, k) in (group..columns.min(group + GROUP)).step_by(S::F32_LANES).enumerate() {
                     let centre = Centre::new(simd, self.stack, [y, k], self.size);
-                    weigh(simd, &centre, self.share, [self.first, self.skipped], &mut seen[block]);
+                    weigh(simd, &centre, self.share, self.first, &mut seen[block]);
                     let fits = fit(simd, &centre, &seen[block]);
                     windows.push((centre, fits));
                 }
@@ -256,10 +222,10 @@ impl<S: Simd> Seen<S> {
     }
 }
 
-/// Lists the pixels of the windows with their weights. The sums of the band begin [`REACH`] rows above row `first`; the
-/// planes begin with row `skipped`. `share` is the factor on the summed differences of a patch.
+/// Lists the pixels of the windows with their weights. The sums of the band begin [`REACH`] rows above row `first`. `share` is
+/// the factor on the summed differences of a patch.
 #[inline(always)]
-fn weigh<S: Simd>(simd: S, centre: &Centre<'_, S>, share: f32, [first, skipped]: [usize; 2], seen: &mut Seen<S>) {
+fn weigh<S: Simd>(simd: S, centre: &Centre<'_, S>, share: f32, first: usize, seen: &mut Seen<S>) {
     let (stack, zero) = (centre.stack, simd.splat_f32s(0.0));
     let mut patch = [[zero; 4]; 9];
     let near = centre.rows_near(centre.y);
@@ -278,7 +244,7 @@ fn weigh<S: Simd>(simd: S, centre: &Centre<'_, S>, share: f32, [first, skipped]:
     let mut count = 0;
     for y in centre.y.saturating_sub(REACH)..(centre.y + REACH + 1).min(centre.height) {
         let near = centre.rows_near(y);
-        let row_of_sums = (skipped + y + REACH - first) * STEP * 8 * COLUMNS + centre.k;
+        let row_of_sums = (y + REACH - first) * STEP * 8 * COLUMNS + centre.k;
         for dx in FARTHEST - REACH..=FARTHEST + REACH {
             let index = near[PATCH] + IN_STACK[dx];
             let distance = feature_distance(simd, &features, stack.at::<S>(index));

@@ -262,10 +262,7 @@ impl Job {
             }
         };
         let memory = match together {
-            Some(share) => {
-                let methods = (&*self.sampler as &dyn Sampler, &*self.filter as &dyn Filter);
-                memory.in_bands(methods, &self.outputs.shown(), frame, limits, share)
-            }
+            Some(share) => memory.in_bands(&*self.sampler, frame, limits, share),
             None => memory,
         };
         let limited = matches!(limits.budget, Budget::Error { .. }) && self.is_error_of_filtered();

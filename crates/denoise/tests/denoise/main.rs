@@ -1,6 +1,7 @@
 //! Integration tests in one program, so that shared code is linked and instantiated once.
 
 mod blurred;
+mod bright_lamps;
 mod buffers;
 mod conformance;
 mod consistency;
@@ -9,8 +10,8 @@ mod hard_cases;
 mod lamp_edges;
 mod layers;
 mod lobes_and_tiles;
+mod one_sample;
 mod outside;
+mod rows;
 mod scales;
-mod single;
 mod support;
-mod withheld;

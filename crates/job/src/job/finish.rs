@@ -2,7 +2,7 @@
 
 use super::{Job, time};
 use crate::{BudgetSpec, JobError, Warning};
-use dapple_core::{Budget, Error, Exchange, Film, Filter, Filtered, Unfiltered, apply_together};
+use dapple_core::{Budget, Error, Exchange, Film, Filter, Filtered, Unfiltered};
 use serde::Serialize;
 use std::time::Instant;
 
@@ -81,20 +81,24 @@ impl Job {
             filter = &Unfiltered;
         }
         let clock = Instant::now();
-        let (film, filtered) = match exchange {
-            Some(exchange) => match apply_together(filter, film, &self.outputs.shown(), exchange)? {
-                Some(both) => both,
-                None => return Ok(None),
-            },
+        let film = match exchange {
+            // Process 0 filters.
+            Some(exchange) => {
+                let is_first = exchange.share().index() == 0;
+                let gathered = match film.is_whole() {
+                    true => Some(film).filter(|_| is_first),
+                    false => film.gather(is_first.then(|| 0..film.frame().size()[1]), film.needs(), exchange)?,
+                };
+                let Some(film) = gathered else { return Ok(None) };
+                film
+            }
             None if !film.is_whole() => {
                 let what = "it holds the rows of one process; make the image by finish_together";
                 return Err(Error::Mismatch { who: "the film".into(), what: what.into() }.into());
             }
-            None => {
-                let filtered = filter.apply(&film)?;
-                (film, filtered)
-            }
+            None => film,
         };
+        let filtered = filter.apply(&film)?;
         let seconds = clock.elapsed().as_secs_f64();
         let described = filter.describe();
         Ok(Some(self.image(film, filtered, described, seconds, warnings)))

@@ -192,22 +192,6 @@ impl OutputFiles {
         needs
     }
 
-    /// The recorded statistics that the files show, besides counts and means: those without which a file would lack a layer.
-    pub(crate) fn shown(&self) -> Needs {
-        let layers = OF_FEATURES.iter().any(|name| self.has_layer(name));
-        let one = |(what, _): &(Contents, PathBuf)| match what {
-            Contents::Image(Format::Exr) => {
-                let needs = if self.has_layer("variance") { Needs::none().with_variance() } else { Needs::none() };
-                let needs = if layers { needs.with_features() } else { needs };
-                if self.has_layer("cluster") { needs.with_first_hits(1) } else { needs }
-            }
-            Contents::Clusters => Needs::none().with_first_hits(1),
-            Contents::Albedo | Contents::Normals | Contents::Depth => Needs::none().with_features(),
-            _ => Needs::none(),
-        };
-        self.files.iter().map(one).fold(Needs::none(), Needs::and)
-    }
-
     /// The peak memory in bytes for writing the files, besides film and image. `filtered` states that a filter made the
     /// image.
     pub(crate) fn memory(&self, frame: &Frame, needs: &Needs, filtered: bool) -> u64 {

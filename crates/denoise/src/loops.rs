@@ -1,11 +1,46 @@
 //! Parallel loops that compute planes, in vectors of the machine where nothing but numbers of the same pixel is read.
 //!
 //! Every value is computed by itself, so no bit depends on the parts into which a loop is cut.
+//!
+//! Vectors have 16 lanes, 8, 4 or 1. Debug builds use 8 lanes or 1 on x86-64.
 
-use crate::dispatch::dispatch;
-use crate::planes::Plane;
+use crate::plane::Plane;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
+
+/// The number of lanes that [`dispatch`] uses in tests; 0 for those of the machine. Other tests that run at the same time get the
+/// same bits, or fail as well.
+#[cfg(test)]
+pub(crate) static LANES: std::sync::atomic::AtomicUsize = std::sync::atomic::AtomicUsize::new(0);
+
+/// Runs a task with the vectors of this machine.
+pub(crate) fn dispatch<T: WithSimd>(task: T) -> T::Output {
+    #[cfg(test)]
+    match LANES.load(std::sync::atomic::Ordering::Relaxed) {
+        1 => return task.with_simd(pulp::Scalar),
+        // Emulated vectors take long to compile.
+        #[cfg(any(not(debug_assertions), not(target_arch = "x86_64")))]
+        4 => return task.with_simd(pulp::Scalar128b),
+        // Emulated vectors of eight would be compiled for this test alone.
+        #[cfg(target_arch = "x86_64")]
+        8 => {
+            if let Some(v3) = pulp::x86::V3::try_new() {
+                return pulp::Simd::vectorize(v3, task);
+            }
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        8 => return task.with_simd(pulp::Scalar256b),
+        _ => {}
+    }
+    // Debug builds leave out a copy of all loops for 16 lanes, which takes long to compile.
+    #[cfg(all(debug_assertions, target_arch = "x86_64"))]
+    return match pulp::x86::V3::try_new() {
+        Some(v3) => pulp::Simd::vectorize(v3, task),
+        None => task.with_simd(pulp::Scalar),
+    };
+    #[cfg(not(all(debug_assertions, target_arch = "x86_64")))]
+    pulp::Arch::new().dispatch(task)
+}
 
 /// The number of pixels of a part: they and their planes stay in the second-level cache.
 const CHUNK: usize = 4096;
@@ -42,6 +77,12 @@ pub(crate) fn map<const N: usize, const M: usize>(
             dispatch(MapTask { from, to, of: |_, values| of(values) });
         },
     )
+}
+
+/// Computes a value of every pixel from its values in `N` planes.
+pub(crate) fn map_to_one<const N: usize>(planes: [&[f32]; N], of: impl Fn([f32; N]) -> f32 + Sync + Send) -> Plane {
+    let [plane] = map(planes, |values| [of(values)]);
+    plane
 }
 
 /// Replaces each value of `plane` by a function of itself and the pixel's values in `N` other planes.
@@ -86,6 +127,39 @@ impl<F: Fn([f32; M], [f32; N]) -> [f32; M], const N: usize, const M: usize> With
             }
         }
     }
+}
+
+/// Computes `N` values for every pixel, each into a plane of its own.
+pub(crate) fn planes_of<const N: usize>(pixels: usize, of: impl Fn(usize) -> [f32; N] + Sync + Send) -> [Plane; N] {
+    const CHUNK: usize = 1024;
+    let one = |(): &mut (), number: usize, mut part: [&mut [f32]; N]| {
+        for k in 0..part[0].len() {
+            let values = of(number * CHUNK + k);
+            part.iter_mut().zip(values).for_each(|(plane, value)| plane[k] = value);
+        }
+    };
+    parts(pixels, CHUNK, || (), one)
+}
+
+/// Computes a value for every pixel.
+pub(crate) fn per_pixel<T: Send>(pixels: usize, of: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
+    (0..pixels).into_par_iter().with_min_len(1024).map(of).collect()
+}
+
+/// The sums of values over the pixels of each row, added up from row to row.
+pub(crate) fn sum_pixels<const N: usize>([width, height]: [usize; 2], of: impl Fn(usize) -> [f64; N]) -> [f64; N] {
+    sum((0..height).map(|y| sum((y * width..(y + 1) * width).map(&of))))
+}
+
+/// The sums of values, in order.
+pub(crate) fn sum<const N: usize>(values: impl Iterator<Item = [f64; N]>) -> [f64; N] {
+    values.fold([0.0; N], |sum, value| std::array::from_fn(|k| sum[k] + value[k]))
+}
+
+/// Of `n` positive values in order, the one with `n / share` before it; `None` of no values.
+pub(crate) fn quantile(mut values: Vec<f32>, share: usize) -> Option<f32> {
+    let place = values.len() / share;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(place, f32::total_cmp).1)
 }
 
 /// The mean of a plane over the `(2 radius + 1)^2` pixels around each pixel. Beyond the frame, the border repeats.
@@ -166,33 +240,5 @@ fn sum_shifted(sums: &mut [f32], share: f32, all: &[f32], offsets: &[usize]) {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Windows are summed part by part; the parts of 32 rows or more must not show.
-    #[test]
-    fn means_over_windows_are_those_of_all_their_pixels() {
-        for ([width, height], radius) in [([37, 150], 1), ([70, 97], 3), ([5, 200], 10), ([64, 33], 20), ([1, 1], 2)] {
-            let plane: Plane = (0..width * height).map(|i| ((i * 7919) % 1009) as f32).collect();
-            let mean = box_mean(&plane, [width, height], radius);
-            let near =
-                |k: usize, end: usize| (0..=2 * radius).map(move |d| (k + d).saturating_sub(radius).min(end - 1));
-            for (i, found) in mean.iter().enumerate() {
-                let value = |y: usize| near(i % width, width).map(|x| f64::from(plane[y * width + x])).sum::<f64>();
-                let wanted = near(i / width, height).map(value).sum::<f64>() / ((2 * radius + 1) as f64).powi(2);
-                let apart = (f64::from(*found) - wanted).abs();
-                assert!(apart <= 1e-5 * wanted, "{found}, not {wanted}: {i}, radius {radius}");
-            }
-        }
-    }
-
-    #[test]
-    fn planes_hold_what_is_computed_of_each_pixel() {
-        let planes: [Plane; 2] = std::array::from_fn(|k| (0..10_000).map(|i| (i * (k + 1)) as f32).collect());
-        let [sum, difference] = map([&planes[0], &planes[1]], |[a, b]| [a + b, b - a]);
-        assert!((0..10_000).all(|i| sum[i] == (3 * i) as f32 && difference[i] == i as f32));
-        let mut both = sum.clone();
-        update(&mut both, [&difference], |sum, [difference]| sum - 3.0 * difference);
-        assert!(both.iter().all(|value| *value == 0.0));
-    }
-}
+#[path = "../tests/denoise/internals/loops.rs"]
+mod tests;

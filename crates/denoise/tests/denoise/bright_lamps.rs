@@ -2,9 +2,7 @@
 
 use crate::support::Noise;
 use dapple_core::{Estimate, Film, Filter, Frame, Needs};
-use dapple_denoise::{
-    Bilateral, ClusterGaussian, ClusterRegression, ClusterRegressionOptions, Gaussian, NlMeans, NlMeansOptions, Passes,
-};
+use dapple_denoise::{Bilateral, ClusterGaussian, ClusterRegression, Gaussian, NlMeans, NlMeansOptions};
 
 const SIDE: u32 = 24;
 const PIXELS: usize = (SIDE * SIDE) as usize;
@@ -13,10 +11,6 @@ const SAMPLES: usize = 4;
 /// The radiance of a bright lamp, and the samples of a pixel.
 const BRIGHT: (f32, usize) = (2000.0, 2 * SAMPLES);
 
-fn regression(passes: Passes) -> Box<dyn Filter> {
-    Box::new(ClusterRegression::with_options(ClusterRegressionOptions::default().passes(passes)).unwrap())
-}
-
 /// The filters over halves.
 fn over_halves() -> Vec<Box<dyn Filter>> {
     let guided = NlMeansOptions::default().features(Some(1.0));
@@ -24,9 +18,8 @@ fn over_halves() -> Vec<Box<dyn Filter>> {
         Box::new(NlMeans::default()),
         Box::new(NlMeans::with_options(guided).unwrap()),
         Box::new(Bilateral::default()),
-        regression(Passes::One),
-        regression(Passes::Two),
-        regression(Passes::Three),
+        Box::new(ClusterRegression::new().one_pass()),
+        Box::new(ClusterRegression::new()),
     ]
 }
 

@@ -4,11 +4,12 @@
 //! A lamp may have 10^5 times the radiance of the wall beside it. Hardly any weight is small enough to keep it there.
 //! Within a pixel its emission is almost free of noise. So filters get images without most of it.
 
-use crate::among::{Among, Place};
 use crate::light::Light;
-use crate::planes::BRIGHTEST;
-use dapple_core::{Error, Filtered, RgbMoments};
+use dapple_core::{Filtered, RgbMoments};
 use rayon::prelude::*;
+
+/// The largest radiance in units of the image's level (its mean brightness). Its fourth power fits `f32`.
+pub(crate) const BRIGHTEST: f32 = 1e9;
 
 /// The bound of emission in units of the image's level, for one sample per pixel and a brightest emission of one level.
 const EMISSION: f64 = 3e6;
@@ -21,10 +22,10 @@ const LEAST: f64 = 30.0;
 pub(crate) struct Bounds {
     /// The bound of the emission seen directly.
     emission: f64,
+    /// That bound for filters that read no halves; 0 below two samples per pixel.
+    blurred: f64,
     /// The bound of all other light.
     other: f64,
-    /// `true` if the film has less than two samples per pixel.
-    is_sparse: bool,
 }
 
 impl Bounds {
@@ -34,15 +35,23 @@ impl Bounds {
     /// withheld, blurred lamps of a thin lens have three times the error at 8 samples per pixel. Leaks of brighter lamps
     /// are worse, and more samples leave less noise. So the bound falls with the largest emission and with the number
     /// of samples. On nine scenes, at 8 to 32 samples, it never costs more than noise, and takes up to 16 % off.
-    pub(crate) fn new(light: Light<'_>, level: f32, place: &Place, among: &mut Among<'_>) -> Result<Self, Error> {
-        let (width, level) = (light.film.frame().size()[0] as usize, f64::from(level));
-        let own = place.own_pixels(width);
-        let samples = among.total(own.clone().map(|i| light.film.count(i)).sum())?;
-        let samples = samples as f64 / (width * place.height) as f64;
+    pub(crate) fn new(light: Light<'_>, level: f32) -> Self {
+        let (level, pixels) = (f64::from(level), light.film.frame().pixels());
+        let samples = (0..pixels).map(|i| light.film.count(i)).sum::<u64>() as f64 / pixels as f64;
         let emission = |i| [0, 1].into_iter().filter_map(move |half| light.emission(half, i)).flatten();
-        let brightest = f64::from(among.largest(own.flat_map(emission).fold(0.0, f32::max))?) / level;
-        let bound = (EMISSION / (samples * brightest).max(1e-3)).clamp(LEAST, f64::from(BRIGHTEST));
-        Ok(Self { emission: bound * level, other: f64::from(BRIGHTEST) * level, is_sparse: samples < 2.0 })
+        let brightest = f64::from((0..pixels).flat_map(emission).fold(0.0, f32::max)) / level;
+        let bound = (EMISSION / (samples * brightest).max(1e-3)).clamp(LEAST, f64::from(BRIGHTEST)) * level;
+        let blurred = if samples < 2.0 { 0.0 } else { bound };
+        Self { emission: bound, blurred, other: f64::from(BRIGHTEST) * level }
+    }
+
+    /// The bounds as numbers, for [`Bounds::from_numbers`].
+    pub(crate) fn numbers(self) -> [f64; 3] {
+        [self.emission, self.blurred, self.other]
+    }
+
+    pub(crate) fn from_numbers([emission, blurred, other]: [f64; 3]) -> Self {
+        Self { emission, blurred, other }
     }
 
     /// The largest emission that filters get from a pixel, in radiance.
@@ -55,8 +64,7 @@ impl Bounds {
     pub(crate) fn withheld_emission(self, light: Light<'_>, i: usize) -> [f64; 3] {
         let mean = light.mean(i);
         let emission = light.mean_emission(i);
-        let bound = if self.is_sparse { 0.0 } else { self.emission };
-        std::array::from_fn(|c| (f64::from(emission[c]) - bound).clamp(0.0, mean[c].max(0.0)))
+        std::array::from_fn(|c| (f64::from(emission[c]) - self.blurred).clamp(0.0, mean[c].max(0.0)))
     }
 
     /// The light that is withheld from a mean colour of which `emission` is seen directly.

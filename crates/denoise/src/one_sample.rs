@@ -5,9 +5,10 @@
 //! neighbours there. Both halves are then whole images, and a sample counts in one of them only. Lamps end at their
 //! edges: where samples of features alone have met one, only the other light comes from neighbours.
 
+use crate::bright_lamps::Bounds;
+use crate::features::Features;
 use crate::light::Light;
-use crate::planes::{Colours, Features, Plane};
-use crate::withheld::Bounds;
+use crate::plane::{Colours, Plane};
 use rayon::prelude::*;
 
 /// The factor on the squared difference of normals between neighbours.
@@ -28,15 +29,19 @@ pub(crate) struct Halves {
     pub(crate) known: Plane,
 }
 
-/// The emission of the pixels of a film, as far as filters get it.
-pub(crate) struct Lamps<'a> {
+/// The features and lamps of a film, as far as filters get them.
+pub(crate) struct Surroundings<'a> {
+    pub(crate) features: &'a Features,
     pub(crate) light: Light<'a>,
     pub(crate) bounds: Bounds,
     /// The radiance that planes count as 1.
     pub(crate) level: f32,
+    /// The width of the film, and its first row in the whole image.
+    pub(crate) width: usize,
+    pub(crate) top: usize,
 }
 
-impl Lamps<'_> {
+impl Surroundings<'_> {
     fn in_levels(&self, emission: [f32; 3]) -> [f32; 3] {
         let is_lamp = emission.iter().any(|e| *e > LAMP * self.level);
         emission.map(|e| if is_lamp { e.min(self.bounds.emission()) / self.level } else { 0.0 })
@@ -76,13 +81,9 @@ impl Halves {
     /// colour; `None` if these are the counts, since no pixel lacks just one half.
     ///
     /// Such a pixel then counts half of its samples in each half. The squared difference between the halves estimates the
-    /// variance of one sample where that is not known. `top` is the first row in the whole image.
-    pub(crate) fn complete(
-        &mut self,
-        features: &Features,
-        lamps: &Lamps<'_>,
-        [width, top]: [usize; 2],
-    ) -> Option<[Plane; 2]> {
+    /// variance of one sample where that is not known.
+    pub(crate) fn complete(&mut self, around: &Surroundings<'_>) -> Option<[Plane; 2]> {
+        let Surroundings { width, top, .. } = *around;
         let is_single = |&i: &usize| (self.counts[0][i] > 0.0) != (self.counts[1][i] > 0.0);
         let half = |i: usize| (i % width + i / width + top) % 2;
         let pixels = 0..self.known.len();
@@ -94,8 +95,7 @@ impl Halves {
             let count = samples[0][i] + samples[1][i];
             (samples[half(i)][i], samples[1 - half(i)][i]) = (count, 0.0);
         }
-        let around = Surroundings { features, lamps, width };
-        let between = |i: usize| self.between(i, 1 - half(i), &samples, &around);
+        let between = |i: usize| self.between(i, 1 - half(i), &samples, around);
         let all: Vec<Between> =
             pixels.into_par_iter().with_min_len(1024).filter(is_single).filter_map(between).collect();
         for Between { pixel, colour, samples: of_mean } in all {
@@ -119,8 +119,8 @@ impl Halves {
     /// The mean of half `half` over the four neighbours of pixel `i`, times the ratio of the albedos; `None` if they lack it
     /// too. Where the pixel's own emission is known, it takes the place of theirs. `samples` are the counts by place.
     fn between(&self, i: usize, half: usize, samples: &[Plane; 2], around: &Surroundings<'_>) -> Option<Between> {
-        let Surroundings { features: f, lamps, width } = *around;
-        let emission = lamps.unseen(i);
+        let Surroundings { features: f, width, .. } = *around;
+        let emission = around.unseen(i);
         let x = i % width;
         let near = [
             (x > 0).then(|| i - 1),
@@ -131,7 +131,7 @@ impl Halves {
         let (mut sum, mut weights, mut variance) = ([0.0; 3], 0.0, 0.0);
         for j in near.into_iter().flatten().filter(|j| samples[half][*j] > 0.0) {
             let weight = likeness(f, i, j);
-            let lamp = if emission.is_some() { lamps.not_shared(i, j) } else { [0.0; 3] };
+            let lamp = if emission.is_some() { around.not_shared(i, j) } else { [0.0; 3] };
             (0..3).for_each(|c| sum[c] += weight * (self.colours[half][c][j] - lamp[c]).max(0.0) / f.divisor(c, j));
             weights += weight;
             variance += weight * weight / samples[half][j];
@@ -142,13 +142,6 @@ impl Halves {
     }
 }
 
-/// The features and lamps of a film, and its width in pixels.
-struct Surroundings<'a> {
-    features: &'a Features,
-    lamps: &'a Lamps<'a>,
-    width: usize,
-}
-
 /// The weight of pixel `j` beside its neighbour `i`: it falls with the differences of normal and log depth.
 fn likeness(f: &Features, i: usize, j: usize) -> f32 {
     let turned: f32 = (0..3).map(|k| (f.mean[k][i] - f.mean[k][j]).powi(2)).sum();
@@ -157,103 +150,5 @@ fn likeness(f: &Features, i: usize, j: usize) -> f32 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::LAMP;
-    use crate::among::Among;
-    use crate::light::Light;
-    use crate::planes::{Inputs, Reads};
-    use dapple_core::samplers::Uniform;
-    use dapple_core::{Block, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, Render, Worker};
-    use dapple_low_discrepancy::Sobol;
-
-    const SIDE: usize = 48;
-    const WALL: f32 = 0.25;
-    const PLACE: Block = Block::new(0);
-
-    /// A wall, and a lamp of this radiance, from this place in column 20 to the end of column 29.
-    struct Lamp(f32, f32);
-
-    impl Lamp {
-        fn emission(&self, draws: &Draws<'_>) -> [f32; 3] {
-            let ([x, _], [u, ..]) = (draws.pixel(), draws.block(PLACE));
-            [if (self.1..30.0).contains(&(x as f32 + u)) { self.0 } else { 0.0 }; 3]
-        }
-    }
-
-    impl Integrator for Lamp {
-        fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
-            let (emission, hit) = (self.emission(draws), FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0));
-            Estimate::new(emission.map(|e| e + WALL)).with_first_hit(hit.with_albedo([0.5; 3])).with_emission(emission)
-        }
-
-        fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
-            Some(self.estimate(draws, &mut Worker::default()))
-        }
-    }
-
-    /// One sample per pixel, the planes of its film, and the red of pixel `i` in the half that it lacks and in the other.
-    fn rendered(lamp: Lamp) -> (Film, Inputs, impl Fn(&Inputs, usize) -> [f32; 2]) {
-        let needs = Needs::none().with_variance().with_halves().with_features().with_emission();
-        let (frame, limits) = (Frame::new(SIDE as u32, SIDE as u32).unwrap(), Limits::spp(1.0));
-        let (mut lamp, mut sampler) = (lamp, Uniform::new(Sobol::new(4)));
-        let film = Render::new(frame, &limits).needs(needs).run(&mut lamp, &mut sampler).unwrap();
-        let reads = Reads { features: true, label: None };
-        let inputs = Inputs::new(Light::all(&film), reads, 0, &mut Among::alone(SIDE)).unwrap();
-        let halves = |inputs: &Inputs, i: usize| {
-            let own = (i % SIDE + i / SIDE) % 2;
-            [1 - own, own].map(|half| inputs.halves[half].colour[0][i] * inputs.level)
-        };
-        (film, inputs, halves)
-    }
-
-    /// The pixels at the edge, but for those at the border of the image.
-    fn edge() -> impl Iterator<Item = usize> {
-        (1..SIDE - 1).map(|y| y * SIDE + 20)
-    }
-
-    #[test]
-    fn the_half_that_a_pixel_lacks_has_emission_of_its_own_samples() {
-        let (film, inputs, halves) = rendered(Lamp(40.0, 20.37));
-        let alone = |half, i| film.emission_alone(half, i).unwrap().1[0];
-        assert!(edge().any(|i| alone(0, i) != alone(1, i)), "both halves are alike everywhere");
-        for i in edge() {
-            let unused = usize::from(film.half(0, i).unwrap().count > 0);
-            let [lacking, own] = halves(&inputs, i);
-            let wanted = alone(unused, i) + WALL;
-            assert!((lacking - wanted).abs() < 1e-3 * wanted, "{lacking}, not {wanted}; {own} in the other half");
-        }
-    }
-
-    /// Four samples miss a lamp that covers a tenth of a pixel in two of three pixels. Their light must not end at the lamp beside
-    /// them.
-    #[test]
-    fn pixels_that_may_hide_an_edge_get_light_of_the_lamp_beside_them() {
-        let (film, inputs, halves) = rendered(Lamp(40.0, 20.9));
-        let missed: Vec<usize> = edge().filter(|&i| film.emission_alone(0, i).is_none()).collect();
-        assert!(missed.len() > 20, "{} pixels", missed.len());
-        for i in missed.into_iter().filter(|&i| film.mean(i)[0] < 1.0) {
-            let [lacking, _] = halves(&inputs, i);
-            assert!(lacking >= 0.25 * 40.0, "{lacking}");
-        }
-    }
-
-    #[test]
-    fn dim_emission_is_interpolated_like_other_light() {
-        let (_, inputs, halves) = rendered(Lamp(WALL, 20.37));
-        assert!(WALL < LAMP * inputs.level);
-        for i in edge() {
-            // All neighbours are alike.
-            let wanted = [i - 1, i + 1, i - SIDE, i + SIDE].map(|j| halves(&inputs, j)[1]).iter().sum::<f32>() / 4.0;
-            let [lacking, _] = halves(&inputs, i);
-            assert!((lacking - wanted).abs() < 1e-3 * wanted, "{lacking}, not {wanted}");
-        }
-    }
-
-    #[test]
-    fn emission_that_is_withheld_is_so_in_both_halves() {
-        let (_, inputs, halves) = rendered(Lamp(1e12, 20.37));
-        let most = |k: usize| (0..SIDE * SIDE).map(|i| halves(&inputs, i)[k]).fold(0.0, f32::max);
-        let [lacking, own] = [most(0), most(1)];
-        assert!(own > 1.0 && own < 1e10 && lacking <= 1.01 * own, "{lacking} interpolated, {own} sampled");
-    }
-}
+#[path = "../tests/denoise/internals/one_sample.rs"]
+mod tests;

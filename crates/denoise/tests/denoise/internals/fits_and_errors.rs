@@ -1,30 +1,31 @@
 //! Properties of fits and error estimates that images alone hardly show.
 
-use crate::among::Among;
-use crate::averaging::{Form, VANISHING, Window, average, guide};
-use crate::error_map::{self, Pair, raw_error, select};
+use crate::ClusterRegression;
+use crate::averaging::{Form, VANISHING, Window, average};
+use crate::error_map::{self, ERROR, Radii, raw_error, select, shrink};
+use crate::guide::{Guide, guide};
+use crate::inputs::{Half, Inputs};
 use crate::light::Light;
 use crate::normal_equations::{Fit, Sums, solve};
-use crate::parameters::{NEEDS, RECORDED};
-use crate::planes::{Colours, Half, Inputs, Plane, Reads};
+use crate::parameters::Reads;
+use crate::plane::{Colours, Pair, Plane};
 use crate::regression::regress;
 use crate::scales;
-use crate::shrink::{Radii, shrink};
-use crate::tile::{Guide, Likeness};
-use crate::{ClusterRegression, ClusterRegressionOptions, Passes};
-use dapple_core::{Estimate, Film, Filtered, Frame, SurfaceFeatures};
+use crate::tile::Likeness;
+use dapple_core::{Estimate, Film, Filtered, Frame, Needs, SurfaceFeatures};
 use pulp::Scalar;
 
 const SIDE: usize = 24;
 const PIXELS: usize = SIDE * SIDE;
-const READS: Reads<'_> = Reads { features: true, label: None };
+const NEEDS: Needs = Needs::none().with_variance().with_halves().with_features();
+const RECORDED: Needs = NEEDS.with_emission();
 
 fn whole(film: &Film) -> Inputs {
-    Inputs::new(Light::all(film), READS, 0, &mut Among::alone(film.frame().size()[1] as usize)).unwrap()
+    Inputs::new(Light::all(film), &Reads::default())
 }
 
 fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
-    error_map::filtered(inputs, image, &mut Among::alone(inputs.size[1])).unwrap()
+    error_map::filtered(inputs, image, ERROR)
 }
 
 /// The planes of a film with one sample per half: `value(pixel, half)`. Their level is divided out.
@@ -234,7 +235,7 @@ fn a_sample_of_a_pixel_without_others_counts_in_one_half() {
     let before = film(usize::MAX);
     for changed in [5 * SIDE + 4, 5 * SIDE + 5] {
         let after = film(changed);
-        let scale = after.level / before.level;
+        let scale = after.level() / before.level();
         let differs = |half: usize, i: usize| {
             let [was, is] = [&before, &after].map(|inputs| inputs.halves[half].colour[0][i]);
             (is * scale - was).abs() > 1e-3
@@ -264,7 +265,7 @@ fn a_half_is_interpolated_on_its_surface_and_without_its_albedo() {
         whole(&film)
     };
     let worst = |inputs: &Inputs| -> f32 {
-        let apart = |half: &Half, i: usize| (half.colour[0][i] * inputs.level / (albedo(i) * light(i)) - 1.0).abs();
+        let apart = |half: &Half, i: usize| (half.colour[0][i] * inputs.level() / (albedo(i) * light(i)) - 1.0).abs();
         inputs.halves.iter().flat_map(|half| (0..PIXELS).map(move |i| apart(half, i))).fold(0.0, f32::max)
     };
     let [corner, flat] = [true, false].map(|turns| worst(&film(turns)));
@@ -286,7 +287,7 @@ fn one_sample_per_pixel_has_the_variance_of_its_noise() {
         let half = |i: usize| (i % SIDE + i / SIDE + usize::from(!is_own)) % 2;
         let inside = (0..PIXELS).filter(|i| (2..SIDE - 2).contains(&(i % SIDE)) && (2..SIDE - 2).contains(&(i / SIDE)));
         let values: Vec<f32> = inside.map(|i| inputs.halves[half(i)].variance[0][i]).collect();
-        values.iter().sum::<f32>() / values.len() as f32 * inputs.level * inputs.level * 12.0
+        values.iter().sum::<f32>() / values.len() as f32 * inputs.level() * inputs.level() * 12.0
     };
     let [own, between] = [of(true), of(false)];
     assert!((0.85..1.15).contains(&own) && (0.85..1.15).contains(&(4.0 * between)), "{own}, {between}");
@@ -352,11 +353,7 @@ fn a_first_pass_precedes_two_others_for_direct_light_by_itself_only() {
     }
     let [direct, indirect] = Light::parts(&film);
     for (light, images) in [(Light::all(&film), 1), (direct, 2), (indirect, 1)] {
-        let inputs = Inputs::new(light, READS, 0, &mut Among::alone(SIDE)).unwrap();
-        for (passes, images) in [(Passes::Two, 2), (Passes::Three, images)] {
-            let options = ClusterRegressionOptions::default().passes(passes);
-            let filter = ClusterRegression::with_options(options).unwrap();
-            assert_eq!(filter.before_second(&inputs, &mut Among::alone(SIDE)).unwrap().len(), images, "{passes:?}");
-        }
+        let inputs = Inputs::new(light, &Reads::default());
+        assert_eq!(ClusterRegression::new().before_second(&inputs).len(), images);
     }
 }

@@ -1,0 +1,232 @@
+//! The film of an image that is given as buffers.
+
+use super::{ALBEDO, DEPTH, Denoise, Feature, NORMAL, POSITION, SampleBuffers, Samples, checks};
+use crate::loops::box_mean;
+use dapple_core::{Error, Film, FirstHit, Frame, PixelStatistics, RgbMoments, SurfaceFeatures, mix};
+
+/// The depth from which on a pixel counts as a miss: renderers write numbers like this for the background.
+const FAR: f32 = 1e10;
+
+/// Makes a film of the buffers, after checking them.
+pub(super) fn film(image: &Denoise<'_>) -> Result<Film, Error> {
+    let [width, height] = image.size;
+    let frame = Frame::new(width, height)?;
+    checks::check(image)?;
+    let size = image.size.map(|n| n as usize);
+    let halves = Halves::new(size, &image.samples);
+    let surfaces = Surfaces::new(image);
+    Film::from_pixels(frame, |i| {
+        let halves = halves.of(i);
+        let mut pixel = PixelStatistics::new(halves);
+        if let Some(emission) = image.emission {
+            pixel = pixel.with_emission(emission[i]);
+        }
+        let Some(features) = surfaces.of(i) else { return pixel };
+        let count = halves[0].count + halves[1].count;
+        let coverage = image.coverage.map_or(1.0, |share| share[i]);
+        pixel = pixel.with_features(features, surfaces.variance(i, count), coverage);
+        match image.ids {
+            Some(ids) => {
+                let SurfaceFeatures { position, normal, depth, .. } = features;
+                pixel.with_first_hit(FirstHit::new(position, normal, depth).with_material(ids[i]))
+            }
+            None => pixel,
+        }
+    })
+}
+
+/// The halves of the samples, with a variance for each.
+struct Halves<'a> {
+    samples: &'a Samples<'a>,
+    /// The variance of a sample from the difference of the halves, if neither has one.
+    found: Option<Vec<[f32; 3]>>,
+}
+
+impl<'a> Halves<'a> {
+    fn new(size: [usize; 2], samples: &'a Samples<'a>) -> Self {
+        let found = match samples {
+            Samples::Halves(halves) if halves.iter().all(|half| half.variance.is_none()) => {
+                Some(variance_of_halves(size, halves))
+            }
+            _ => None,
+        };
+        Self { samples, found }
+    }
+
+    fn of(&self, i: usize) -> [RgbMoments; 2] {
+        let halves = match self.samples {
+            Samples::Whole(all) => return split(all, i),
+            Samples::Halves(halves) => halves,
+        };
+        let found = self.found.as_ref().map(|found| found[i].map(f64::from));
+        let own = halves.map(|half| half.variance.map(|v| v.of_sample(i, half.count.of(i))));
+        [0, 1].map(|h: usize| {
+            let (count, mean) = (halves[h].count.of(i), halves[h].mean[i].map(f64::from));
+            let variance = own[h].or(own[1 - h]).or(found).unwrap_or_default();
+            if count > 0 { RgbMoments::new(count, mean, variance) } else { RgbMoments::default() }
+        })
+    }
+}
+
+/// The features of each pixel, with those that follow from others.
+struct Surfaces<'a> {
+    image: &'a Denoise<'a>,
+    width: usize,
+    /// The depth of each pixel, if positions are given without.
+    depth: Option<Vec<f32>>,
+    /// The reciprocal of the longer side in pixels, for positions from depths.
+    unit: f32,
+}
+
+impl<'a> Surfaces<'a> {
+    fn new(image: &'a Denoise<'a>) -> Self {
+        let size = image.size.map(|n| n as usize);
+        let depth = match (image.features[POSITION], image.features[DEPTH]) {
+            (Some(position), None) => Some(depths(size, position.colours(), |i| hit(image, i))),
+            _ => None,
+        };
+        Self { image, width: size[0], depth, unit: 1.0 / size[0].max(size[1]) as f32 }
+    }
+
+    /// The features of pixel `i`; `None` for a miss.
+    fn of(&self, i: usize) -> Option<SurfaceFeatures> {
+        let image = self.image;
+        if !hit(image, i) {
+            return None;
+        }
+        let of = |place: usize, missing: [f32; 3]| image.features[place].map_or(missing, |f| f.colours()[i]);
+        let known = image.features[DEPTH];
+        let depth = self.depth.as_ref().map_or_else(|| known.map_or(1.0, |f| f.mean[i].min(FAR)), |depth| depth[i]);
+        let behind = if known.is_some() { self.behind(i, depth) } else { [0.0; 3] };
+        let features = SurfaceFeatures::new(of(POSITION, behind), of(NORMAL, [0.0; 3]), depth);
+        Some(features.with_albedo(of(ALBEDO, [1.0; 3])))
+    }
+
+    /// A point at this depth behind pixel `i`, for a camera at the origin. Its field of view is unknown; another one
+    /// stretches all positions alike, which changes no linear function of them.
+    fn behind(&self, i: usize, depth: f32) -> [f32; 3] {
+        let [width, height] = self.image.size.map(|n| n as f32);
+        let [x, y] = [(i % self.width) as f32 + 0.5 - 0.5 * width, (i / self.width) as f32 + 0.5 - 0.5 * height];
+        [x * self.unit * depth, y * self.unit * depth, depth]
+    }
+
+    /// The sample variances of normal (3), albedo (3), position (3) and depth (1) in pixel `i`, which has `count` samples.
+    fn variance(&self, i: usize, count: u64) -> [f32; 10] {
+        let of = |place: usize, channel: usize, channels: usize| {
+            let variance = self.image.features[place].and_then(|f| f.variance);
+            variance.map_or(0.0, |v| v.of_sample(channels * i + channel, count) as f32)
+        };
+        let planes = [NORMAL, ALBEDO, POSITION];
+        std::array::from_fn(|k| if k < 9 { of(planes[k / 3], k % 3, 3) } else { of(DEPTH, 0, 1) })
+    }
+}
+
+/// Returns true if pixel `i` shows a surface: a buffer of its geometry is neither 0 nor far away.
+fn hit(image: &Denoise<'_>, i: usize) -> bool {
+    if let Some(share) = image.coverage {
+        return share[i] > 0.0;
+    }
+    let some = |feature: Option<Feature<'_>>| feature.map(|f| f.colours()[i] != [0.0; 3]);
+    let [normal, albedo, position, depth] = image.features;
+    let depth = depth.map(|f| f.mean[i] > 0.0 && f.mean[i] < FAR);
+    let known = [some(normal), some(position), depth];
+    known.contains(&Some(true)) || (known == [None; 3] && albedo.is_some())
+}
+
+/// The moments of both halves in pixel `i` of an image that is split by its own noise.
+///
+/// For normal noise of known variance, `x + s z` and `x - s z` with a normal number `z` are independent [after Rasines and
+/// Young 2022; Leiner et al. 2023]. A random sign for `z` leaves about as much error. As with true halves, one of the two
+/// then has all the light of a bright sample, so that the filter finds it.
+///
+/// Of `n = p + q` samples, the halves get `p` and `q`, and steps of `s sqrt(q / p)` and `s sqrt(p / q)`. So each varies as the
+/// mean of its samples does, and their mean by counts is `x`.
+fn split(all: &SampleBuffers<'_>, i: usize) -> [RgbMoments; 2] {
+    let count = all.count.of(i);
+    if count == 0 {
+        return [RgbMoments::default(); 2];
+    }
+    let (p, q) = ((count - count / 2).max(1), (count / 2).max(1));
+    let variance = all.variance.map_or([0.0; 3], |v| v.of_sample(i, count));
+    let mean = all.mean[i].map(f64::from);
+    let z = sign(i);
+    let half = |own: u64, other: u64, sign: f64| {
+        let step = |c: usize| sign * (variance[c] / count as f64 * other as f64 / own as f64).sqrt();
+        RgbMoments::new(own, std::array::from_fn(|c| mean[c] + step(c)), variance)
+    };
+    [half(p, q, z), half(q, p, -z)]
+}
+
+/// A random sign for pixel `i`.
+fn sign(i: usize) -> f64 {
+    if mix((i as u64).wrapping_add(0x9e37_79b9_7f4a_7c15)) & 1 == 0 { 1.0 } else { -1.0 }
+}
+
+/// The variance of one sample per pixel and channel, from the difference of two halves over 5x5 pixels.
+///
+/// A pixel's own difference has one degree of freedom, too few to stand for its variance.
+fn variance_of_halves(size: [usize; 2], [a, b]: &[SampleBuffers<'_>; 2]) -> Vec<[f32; 3]> {
+    let pixels = size[0] * size[1];
+    let share = |i: usize| {
+        let (p, q) = (a.count.of(i) as f64, b.count.of(i) as f64);
+        if p + q > 0.0 { p * q / (p + q) } else { 0.0 }
+    };
+    let known: Vec<f32> = (0..pixels).map(|i| f32::from(u8::from(share(i) > 0.0))).collect();
+    let near = box_mean(&known, size, 2);
+    let planes = [0, 1, 2].map(|c: usize| {
+        let own = |i: usize| {
+            let apart = f64::from(a.mean[i][c]) - f64::from(b.mean[i][c]);
+            if known[i] > 0.0 { (apart * apart * share(i)).min(1e30) as f32 } else { 0.0 }
+        };
+        box_mean(&(0..pixels).map(own).collect::<Vec<_>>(), size, 2)
+    });
+    (0..pixels).map(|i| [0, 1, 2].map(|c| if near[i] > 0.0 { planes[c][i] / near[i] } else { 0.0 })).collect()
+}
+
+/// The pixels at distance 1 that are as wide as this distance. Only the ratios of depths matter.
+const STEPS: f32 = 1e3;
+/// The radius in pixels over which steps are averaged.
+const NEAR: usize = 3;
+/// The distance, in steps, up to which a pixel beside belongs to the same surface.
+const SAME: f32 = 3.0;
+
+/// The depth of each pixel from the positions around it: the smallest step to a neighbour, averaged over the surface,
+/// times [`STEPS`]. It grows with the distance from the camera, wherever that stands.
+///
+/// Positions are means over places within their pixels, so single steps are noisy. A noisy depth would part pixels of one
+/// surface.
+fn depths([width, height]: [usize; 2], position: &[[f32; 3]], hit: impl Fn(usize) -> bool) -> Vec<f32> {
+    let apart = |i: usize, k: usize| (0..3).map(|c| (position[i][c] - position[k][c]).powi(2)).sum::<f32>().sqrt();
+    let step = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        let beside = [
+            (x > 0).then(|| i - 1),
+            (x + 1 < width).then(|| i + 1),
+            (y > 0).then(|| i - width),
+            (y + 1 < height).then(|| i + width),
+        ];
+        let hits = beside.into_iter().flatten().filter(|&k| hit(k));
+        hits.map(|k| apart(i, k)).filter(|&step| step > 0.0).reduce(f32::min).unwrap_or(1.0 / STEPS)
+    };
+    let steps: Vec<f32> = (0..position.len()).map(|i| if hit(i) { step(i) } else { 0.0 }).collect();
+    let average = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        let (mut sum, mut count) = (0.0, 0.0);
+        for row in y.saturating_sub(NEAR)..(y + NEAR + 1).min(height) {
+            for column in x.saturating_sub(NEAR)..(x + NEAR + 1).min(width) {
+                let k = row * width + column;
+                let pixels = (column.abs_diff(x).pow(2) + row.abs_diff(y).pow(2)) as f32;
+                if steps[k] > 0.0 && apart(i, k) <= SAME * steps[i] * pixels.sqrt() {
+                    sum += steps[k];
+                    count += 1.0;
+                }
+            }
+        }
+        STEPS * sum / count
+    };
+    (0..position.len()).map(|i| if steps[i] > 0.0 { average(i) } else { 0.0 }).collect()
+}
+
+#[cfg(test)]
+#[path = "../../tests/denoise/internals/camera.rs"]
+mod tests;

@@ -1,0 +1,226 @@
+//! The features of each pixel as planes: normal, albedo, depth and position.
+
+use crate::loops::{planes_of, quantile, sum_pixels, update};
+use crate::plane::{Colours, Plane, raised};
+use dapple_core::{Error, Film, FilmRows};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// The number of feature channels: shading normal (3), albedo (3), logarithm of depth (1).
+pub(crate) const FEATURES: usize = 7;
+
+/// The variance assumed for an unknown value, in units of the squared level (the image's mean brightness).
+pub(crate) const UNKNOWN: f32 = 1e6;
+
+/// The features of each pixel: those of the first rough surface. A miss has a zero normal, an albedo of 1 and a large depth.
+pub(crate) struct Features {
+    /// The mean normal (3 planes), albedo (3) and logarithm of depth (1).
+    pub(crate) mean: [Plane; FEATURES],
+    /// The variances of the mean normal, of the mean albedo (each summed over its channels) and of the mean logarithm
+    /// of depth.
+    pub(crate) variance: [Plane; 3],
+    /// The variance of the mean position, summed over its coordinates.
+    pub(crate) scatter: Plane,
+    /// The change of the log depth per pixel, the smallest among 3x3 pixels.
+    pub(crate) slope: Plane,
+    /// The mean position, relative to the mean over the image.
+    pub(crate) position: Colours,
+    /// The reciprocal of the width that 24 pixels have at the pixel's depth.
+    pub(crate) scale: Plane,
+}
+
+/// What features take from the whole film.
+#[derive(Clone, Copy)]
+pub(crate) struct Extent {
+    /// The depth of a miss: twice the largest of all.
+    pub(crate) far: f32,
+    /// The mean of all positions.
+    pub(crate) middle: [f64; 3],
+    /// The approximate width of a pixel at distance 1; `None` before it is known.
+    pub(crate) pixel_angle: Option<f32>,
+}
+
+impl Extent {
+    /// The extent of the scene that a film shows.
+    pub(crate) fn of(film: &Film) -> Self {
+        let size = film.frame().size().map(|n| n as usize);
+        let hit = |i: usize| film.features(i).filter(|f| f.hits > 0);
+        let depth = |i: usize| hit(i).map_or(0.5, |f| f.depth.clamp(1e-18, 1e18));
+        let deepest = (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(depth).reduce(|| 0.5, f32::max);
+        // In f64, because positions may lie far from the origin.
+        let [x, y, z, count] = sum_pixels(size, |i| match hit(i).map(|f| f.position.map(f64::from)) {
+            Some([x, y, z]) => [x, y, z, 1.0],
+            None => [0.0; 4],
+        });
+        let middle = [x, y, z].map(|sum| sum / f64::max(count, 1.0));
+        Self { far: 2.0 * deepest, middle, pixel_angle: None }
+    }
+
+    /// Finds the width of a pixel, `at_once` rows of the film at a time.
+    pub(crate) fn with_pixel_angle(self, film: &Film, read: bool, at_once: u32) -> Result<Self, Error> {
+        let width = film.frame().size()[0] as usize;
+        let steps = FilmRows::each(film, FILLED, at_once, |rows| {
+            let [.., x, y, z, _, _, _, _, depth] = planes(rows.film, read, &self);
+            Ok(steps(&[x, y, z], &depth, width, rows.within()))
+        })?;
+        Ok(Self { pixel_angle: Some(pixel_angle(steps.concat())), ..self })
+    }
+}
+
+impl Features {
+    /// Reads the features of a film, or makes every pixel a miss if they are not to be `read`.
+    pub(crate) fn new(film: &Film, read: bool, extent: &Extent) -> Self {
+        let size = film.frame().size().map(|n| n as usize);
+        let [nx, ny, nz, r, g, b, depth, x, y, z, vn, va, vd, scatter, mut scale] = planes(film, read, extent);
+        let position = [x, y, z];
+        let known = extent.pixel_angle;
+        let unit = 24.0 * known.unwrap_or_else(|| pixel_angle(steps(&position, &scale, size[0], 0..size[1])));
+        update(&mut scale, [], |depth, []| 1.0 / (unit * depth.max(1e-18)));
+        let slope = slopes(&depth, size);
+        let (mean, variance) = ([nx, ny, nz, r, g, b, depth], [vn, va, vd]);
+        Self { mean, variance, scatter, slope, position, scale }
+    }
+
+    /// The red, green and blue of the albedo.
+    pub(crate) fn albedo(&self) -> &[Plane] {
+        &self.mean[3..6]
+    }
+
+    /// One channel of the albedo of pixel `i`, [raised].
+    pub(crate) fn divisor(&self, channel: usize, i: usize) -> f32 {
+        raised(self.mean[3 + channel][i])
+    }
+}
+
+/// The features of one pixel, or a plane of each: the means of normal (3), albedo (3), log depth and position (3), the variances
+/// of normal, albedo and log depth, that of the position, and the depth.
+type Each<T> = [T; 15];
+
+/// The planes of the features of a film.
+fn planes(film: &Film, read: bool, extent: &Extent) -> Each<Plane> {
+    let size = film.frame().size().map(|n| n as usize);
+    let miss = (!read || !film.needs().features).then(|| {
+        let [nx, ny, nz, r, g, b, depth, x, y, z] = miss(extent.far);
+        [nx, ny, nz, r, g, b, depth, x, y, z, 0.0, 0.0, 0.0, 0.0, extent.far]
+    });
+    let of = |i: usize| miss.or_else(|| feature(film, i, extent));
+    planes_of(film.frame().pixels(), |i| of(i).or_else(|| from_neighbours(of, size, i)).unwrap_or_default())
+}
+
+/// The means of a pixel that sees no surface.
+fn miss(far: f32) -> [f32; 10] {
+    [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, ln(far), 0.0, 0.0, 0.0]
+}
+
+/// The features of pixel `i` with its misses blended in and positions relative to the middle; `None` without samples.
+fn feature(film: &Film, i: usize, extent: &Extent) -> Option<Each<f32>> {
+    let Extent { far, middle, .. } = *extent;
+    let f = film.features(i).filter(|f| f.samples > 0)?;
+    let share = f.hits as f32 / f.samples as f32;
+    let depth = if f.hits > 0 { f.depth.clamp(1e-18, far) } else { far };
+    let [nx, ny, nz] = f.normal;
+    let [r, g, b] = f.albedo;
+    let position: [f32; 3] = std::array::from_fn(|k| (f64::from(f.position[k]) - middle[k]) as f32);
+    let hit = [nx, ny, nz, r, g, b, ln(depth), position[0], position[1], position[2]];
+    let miss = miss(far);
+    let mean: [f32; 10] =
+        std::array::from_fn(|k| if f.hits > 0 { miss[k] + share * (hit[k] - miss[k]) } else { miss[k] });
+    let mut within = f.variance.unwrap_or_default();
+    let places = [within[6], within[7], within[8]];
+    within[6] = within[9] / (depth * depth);
+    (0..3).for_each(|k| within[7 + k] = places[k]);
+    let spread = |k: usize| {
+        let gap = if f.hits > 0 { hit[k] - miss[k] } else { 0.0 };
+        (share * within[k] + share * (1.0 - share) * gap * gap) / f.samples as f32
+    };
+    let spreads = [spread(0) + spread(1) + spread(2), spread(3) + spread(4) + spread(5), spread(6)];
+    let [vn, va, vd] = spreads.map(|v| v.min(UNKNOWN));
+    // Bounds that valid normals and albedos never reach; positions keep finite squares.
+    let bounded = |k: usize| if k < 6 { mean[k].clamp(-16.0, 16.0) } else { mean[k].clamp(-1e18, 1e18) };
+    let scatter = (spread(7) + spread(8) + spread(9)).min(1e30);
+    Some(std::array::from_fn(|k| if k < 10 { bounded(k) } else { [vn, va, vd, scatter, depth][k - 10] }))
+}
+
+/// The natural logarithm of a positive normal number, with the same bits on every machine (the standard library's may
+/// differ). Its error is at most 2 units in the last place of `max(1, |ln x|)`.
+///
+/// `x = 2^e m` with `m` in about 0.7 .. 1.4, and `ln m = 2 artanh((m - 1) / (m + 1))`. The series ends after the ninth
+/// power; the remainder is below 1e-9.
+fn ln(x: f32) -> f32 {
+    /// The bits of the square root of 1/2, the least mantissa.
+    const LEAST: u32 = 0x3f35_04f3;
+    let exponent = (x.to_bits().wrapping_sub(LEAST) as i32) >> 23;
+    let m = f32::from_bits(x.to_bits().wrapping_sub((exponent << 23) as u32));
+    let s = (m - 1.0) / (m + 1.0);
+    let q = s * s;
+    let series = 2.0 * s * (1.0 + q * (1.0 / 3.0 + q * (1.0 / 5.0 + q * (1.0 / 7.0 + q * (1.0 / 9.0)))));
+    exponent as f32 * std::f32::consts::LN_2 + series
+}
+
+/// The radius in pixels from which unknown features are filled.
+const FILLED: u32 = 2;
+
+/// The mean of the known features among 5x5 pixels around pixel `i`; `None` if none are known.
+fn from_neighbours(
+    known: impl Fn(usize) -> Option<Each<f32>>,
+    [width, height]: [usize; 2],
+    i: usize,
+) -> Option<Each<f32>> {
+    let (x, y, reach) = (i % width, i / width, FILLED as usize);
+    let (mut sum, mut count) = ([0.0; 15], 0.0f32);
+    for row in y.saturating_sub(reach)..(y + reach + 1).min(height) {
+        for f in (x.saturating_sub(reach)..(x + reach + 1).min(width)).filter_map(|x| known(row * width + x)) {
+            sum.iter_mut().zip(f).for_each(|(sum, value)| *sum += value);
+            count += 1.0;
+        }
+    }
+    // Sums of variances, since neighbours differ.
+    let mean = |k: usize| if (10..14).contains(&k) { sum[k] } else { sum[k] / count };
+    (count > 0.0).then(|| std::array::from_fn(mean))
+}
+
+/// The steps between neighbouring positions in these rows, at distance 1.
+fn steps(position: &Colours, depth: &[f32], width: usize, rows: Range<usize>) -> Vec<f32> {
+    let step = |i: usize| {
+        let apart = position.iter().map(|p| (p[i + 1] - p[i]).powi(2)).sum::<f32>().sqrt();
+        (apart > 0.0).then(|| apart / depth[i])
+    };
+    let pixels = rows.start * width..rows.end * width;
+    pixels.filter(|i| !(i + 1).is_multiple_of(width)).filter_map(step).collect()
+}
+
+/// The approximate width of a pixel at distance 1: the lower quartile of the steps between neighbouring positions.
+fn pixel_angle(steps: Vec<f32>) -> f32 {
+    quantile(steps, 4).map_or(1e-3, |quarter| quarter.clamp(1e-9, 1e9))
+}
+
+/// The smallest change of the log `depth` per pixel among 3x3 pixels.
+pub(crate) fn slopes(depth: &[f32], size: [usize; 2]) -> Plane {
+    let [width, height] = size;
+    let near = |k: usize, end: usize| [k.saturating_sub(1), (k + 1).min(end - 1)];
+    let gradient = |y: usize, row: &mut [f32]| {
+        let [above, below] = near(y, height).map(|row| &depth[row * width..][..width]);
+        let own = &depth[y * width..][..width];
+        for (x, value) in row.iter_mut().enumerate() {
+            let [left, right] = near(x, width);
+            *value = 0.5 * (own[right] - own[left]).abs().max((below[x] - above[x]).abs());
+        }
+    };
+    let mut all = vec![0.0; depth.len()];
+    all.par_chunks_mut(width).enumerate().for_each(|(y, row)| gradient(y, row));
+    let mut smallest = vec![0.0; depth.len()];
+    smallest.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+        let [above, below] = near(y, height).map(|row| &all[row * width..][..width]);
+        let own = &all[y * width..][..width];
+        let least: Plane = above.iter().zip(own).zip(below).map(|((a, o), b)| a.min(*o).min(*b)).collect();
+        for (x, value) in row.iter_mut().enumerate() {
+            let [left, right] = near(x, width);
+            *value = least[left].min(least[x]).min(least[right]);
+        }
+    });
+    smallest
+}
+
+#[cfg(test)]
+#[path = "../tests/denoise/internals/features.rs"]
+mod tests;

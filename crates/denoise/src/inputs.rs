@@ -1,0 +1,285 @@
+//! A film's halves, features and clusters as planes, in the form that the filters read.
+
+use crate::bright_lamps::{BRIGHTEST, Bounds};
+use crate::features::{Extent, FEATURES, Features, UNKNOWN};
+use crate::light::Light;
+use crate::loops::{box_mean, map_to_one, per_pixel, planes_of, quantile, sum_pixels, update};
+use crate::one_sample::{self, Halves, Surroundings};
+use crate::parameters::{BACKGROUND, Reads};
+use crate::plane::{Channels, Colours, Plane, first_share};
+use dapple_core::{Error, Film, FilmRows, Filtered, RgbMoments};
+use rayon::prelude::*;
+
+/// The rows of a film that [`Inputs`] take from above and below their own: features that neighbours fill in, slopes over 3x3 of
+/// their steps, halves interpolated by both, and variances over 5x5 of these.
+pub(crate) const REACH: usize = 7;
+
+/// The variance added to the variance of a sample, in units of the squared level. At one sample, differences of 2 % of
+/// the level then count as noise. With more samples, that limit falls, so filters stay consistent.
+const FLOOR: f32 = 4e-4;
+
+/// The weight, in degrees of freedom, of the variance over 5x5 pixels. A pixel's own variance of `n` samples has the
+/// weight `n - 1`.
+const POOLED: f32 = 6.0;
+
+/// One half of a film's samples.
+pub(crate) struct Half {
+    /// The mean colours, divided by the level of the image ([`Inputs::level`]).
+    pub(crate) colour: Colours,
+    /// The variances of the mean colours, in squared levels. The variance of a sample is shrunk towards that of 5x5
+    /// pixels.
+    pub(crate) variance: Colours,
+    /// The number of samples in each pixel.
+    pub(crate) count: Plane,
+}
+
+/// A film's halves, features and clusters as planes, which the filters read.
+pub(crate) struct Inputs {
+    /// Width and height of the planes.
+    pub(crate) size: [usize; 2],
+    /// The radiance that is 1 in these planes, and the largest light in them; the rest is withheld ([`Inputs::restored`]).
+    levels: Levels,
+    /// The factor on bandwidths ([`Light::smoothness`]).
+    pub(crate) smoothness: f32,
+    /// True if a first regression precedes two wider ones ([`Light::has_first_pass`]).
+    pub(crate) has_first_pass: bool,
+    pub(crate) halves: [Half; 2],
+    pub(crate) features: Features,
+    /// The cluster of each pixel's first sample, modulo 2^24 - 3 so that an `f32` holds it; `None` without clusters.
+    pub(crate) labels: Option<Plane>,
+}
+
+impl Inputs {
+    /// Reads the halves and the sample variance of a film's light, and what else `reads` lists.
+    pub(crate) fn new(light: Light<'_>, reads: &Reads) -> Self {
+        Self::with_globals(light, reads, &Globals::of(light), 0)
+    }
+
+    /// Reads rows of a film that has these globals.
+    pub(crate) fn of_rows(rows: &FilmRows<'_>, reads: &Reads, globals: &Globals) -> Self {
+        Self::with_globals(Light::all(rows.film), reads, globals, rows.top() as usize)
+    }
+
+    /// Reads a film that begins with row `top` of the whole image.
+    fn with_globals(light: Light<'_>, reads: &Reads, globals: &Globals, top: usize) -> Self {
+        let film = light.film;
+        let features = Features::new(film, !reads.without_features, &globals.extent);
+        let levels = globals.levels;
+        let halves = colours(light, &features, levels, top);
+        let labels = reads.label.as_ref().filter(|_| film.needs().first_hits > 0).map(|label| {
+            let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(|hit| label(hit));
+            per_pixel(film.frame().pixels(), |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
+        });
+        let (smoothness, has_first_pass) = (light.smoothness(), light.has_first_pass());
+        let size = film.frame().size().map(|n| n as usize);
+        Self { size, levels, smoothness, has_first_pass, halves, features, labels }
+    }
+
+    /// Reads the colours of another part of the film's light. Features and clusters stay.
+    pub(crate) fn read(&mut self, light: Light<'_>) {
+        self.levels = Levels::of(light);
+        self.halves = colours(light, &self.features, self.levels, 0);
+        (self.smoothness, self.has_first_pass) = (light.smoothness(), light.has_first_pass());
+    }
+
+    /// Planes of half the width and height for the same image, without clusters.
+    pub(crate) fn with_planes(&self, halves: [Half; 2], features: Features) -> Self {
+        let size = self.size.map(|n| n.div_ceil(2));
+        let Self { levels, smoothness, has_first_pass, .. } = *self;
+        Self { size, levels, smoothness, has_first_pass, halves, features, labels: None }
+    }
+
+    /// The number of bytes per pixel that these planes occupy, and the largest number while they are computed.
+    pub(crate) const fn bytes_per_pixel(labels: bool) -> [usize; 2] {
+        let (halves, labels) = (2 * 7, if labels { 1 } else { 0 });
+        let features = FEATURES + 3 + 1 + 1 + 3 + 1;
+        let kept = halves + features + labels;
+        // The planes of halves are made after those of features, and their variances last.
+        [4 * kept, 4 * (kept + one_sample::PLANES)]
+    }
+
+    /// Adds the light that the filter did not get to the image that it made.
+    pub(crate) fn restored(&self, light: Light<'_>, filtered: Filtered) -> Filtered {
+        self.levels.bounds.restore(light, filtered)
+    }
+
+    /// The image's level: the radiance (near the mean of the image) that is scaled to 1 in these planes.
+    pub(crate) fn level(&self) -> f32 {
+        self.levels.level
+    }
+
+    /// Adds `light` to the colours of both halves.
+    pub(crate) fn add(&mut self, light: &[Colours; 2]) {
+        for (plane, light) in self.halves.iter_mut().flat_map(|half| &mut half.colour).zip(light.iter().flatten()) {
+            update(plane, [light], |value, [light]| value + light);
+        }
+    }
+
+    /// The number of pixels.
+    pub(crate) fn pixels(&self) -> usize {
+        self.size[0] * self.size[1]
+    }
+
+    /// The share of the first half in the samples of pixel `i`; 0.5 if the pixel has no samples.
+    pub(crate) fn first_share(&self, i: usize) -> f32 {
+        first_share(self.counts().map(|count| count[i]))
+    }
+
+    /// The number of samples in each pixel of both halves.
+    pub(crate) fn counts(&self) -> [&[f32]; 2] {
+        self.halves.each_ref().map(|half| &half.count[..])
+    }
+
+    /// The colours of both halves.
+    pub(crate) fn unfiltered(&self) -> Channels<'_> {
+        let [[ra, ga, ba], [rb, gb, bb]] = self.halves.each_ref().map(|half| &half.colour);
+        [ra, ga, ba, rb, gb, bb]
+    }
+}
+
+/// What planes take from the whole film.
+#[derive(Clone, Copy)]
+pub(crate) struct Globals {
+    extent: Extent,
+    levels: Levels,
+}
+
+impl Globals {
+    fn of(light: Light<'_>) -> Self {
+        Self { extent: Extent::of(light.film), levels: Levels::of(light) }
+    }
+
+    /// The globals of a film's light and of the features that are read, `at_once` rows at a time.
+    pub(crate) fn survey(film: &Film, reads: &Reads, at_once: u32) -> Result<Self, Error> {
+        let Self { extent, levels } = Self::of(Light::all(film));
+        Ok(Self { extent: extent.with_pixel_angle(film, !reads.without_features, at_once)?, levels })
+    }
+
+    /// The globals as numbers, for [`Globals::from_numbers`].
+    pub(crate) fn numbers(&self) -> [f64; 9] {
+        let Extent { far, middle: [x, y, z], pixel_angle } = self.extent;
+        let [emission, blurred, other] = self.levels.bounds.numbers();
+        let [far, angle, level] = [far, pixel_angle.unwrap_or_default(), self.levels.level].map(f64::from);
+        [far, x, y, z, angle, level, emission, blurred, other]
+    }
+
+    pub(crate) fn from_numbers([far, x, y, z, angle, level, bounds @ ..]: [f64; 9]) -> Self {
+        let extent = Extent { far: far as f32, middle: [x, y, z], pixel_angle: Some(angle as f32) };
+        Self { extent, levels: Levels { level: level as f32, bounds: Bounds::from_numbers(bounds) } }
+    }
+}
+
+/// The brightness of a film's light.
+#[derive(Clone, Copy)]
+pub(crate) struct Levels {
+    /// The image's level: the mean brightness of its pixels, each capped at eight times the median of pixels that are not
+    /// black. It is 1 for a black image.
+    pub(crate) level: f32,
+    /// The largest light that filters get from a pixel.
+    pub(crate) bounds: Bounds,
+}
+
+impl Levels {
+    /// The level and the bounds of a film's light.
+    pub(crate) fn of(light: Light<'_>) -> Self {
+        let (size, pixels) = (light.film.frame().size().map(|n| n as usize), light.film.frame().pixels());
+        let grey = per_pixel(pixels, |i| (light.mean(i).iter().sum::<f64>() / 3.0) as f32);
+        let lit: Vec<f32> = grey.iter().copied().filter(|g| *g > 0.0).collect();
+        let level = quantile(lit, 2).map_or(1.0, |median| {
+            let [sum] = sum_pixels(size, |i| [f64::from(grey[i].min(8.0 * median))]);
+            // Not so small that a division by it overflows.
+            ((sum / pixels as f64) as f32).clamp(1e-18, 1e18)
+        });
+        Self { level, bounds: Bounds::new(light, level) }
+    }
+}
+
+/// The halves of the light of a film that begins with row `top` of the whole image.
+fn colours(light: Light<'_>, features: &Features, Levels { level, bounds }: Levels, top: usize) -> [Half; 2] {
+    let mut halves = halves(light, level, bounds);
+    let width = light.film.frame().size()[0] as usize;
+    let samples = halves.complete(&Surroundings { features, light, bounds, level, width, top });
+    let mut halves = with_variances(light.film, halves, samples);
+    refine(light, &mut halves);
+    halves
+}
+
+/// Lowers the variances of pixels whose emission samples of features alone refine. Variances over 5x5 pixels are made before:
+/// beside such pixels lie some of the same edge that have none.
+fn refine(light: Light<'_>, halves: &mut [Half; 2]) {
+    let left = |i: usize| light.variance_left(i).map(|left| (i, left));
+    let pixels = (0..light.film.frame().pixels()).into_par_iter().with_min_len(1024);
+    let all: Vec<(usize, [f32; 3])> = pixels.filter_map(left).collect();
+    for (i, left) in all {
+        halves.iter_mut().for_each(|half| (0..3).for_each(|c| half.variance[c][i] *= left[c]));
+    }
+}
+
+/// The halves of the samples, without the light that is withheld.
+fn halves(light: Light<'_>, level: f32, bounds: Bounds) -> Halves {
+    let unit = 1.0 / f64::from(level);
+    let value = |x: f64| ((x * unit) as f32).min(BRIGHTEST);
+    let most = f64::from(BRIGHTEST) * f64::from(BRIGHTEST);
+    let of = |i: usize| {
+        let halves = [0, 1].map(|half| light.half(half, i));
+        let withheld = bounds.withheld_of_halves(light, i, &halves);
+        let [[ra, ga, ba], [rb, gb, bb]] = [0, 1].map(|h: usize| {
+            // A missing half takes the film's mean. Its variance is UNKNOWN.
+            let mean = if halves[h].count > 0 { halves[h].mean } else { light.mean(i) };
+            std::array::from_fn(|c| value(mean[c] - withheld[h][c]))
+        });
+        let [na, nb] = halves.map(|half| half.count as f32);
+        let variance = light.variance(i);
+        let known = f32::from(u8::from(variance.is_some()));
+        let variance = variance.map_or([0.0; 3], |variance| without_withheld(&halves, &withheld, variance));
+        let [vr, vg, vb] = variance.map(|v| (v * unit * unit).min(most) as f32);
+        [ra, ga, ba, rb, gb, bb, na, nb, known, vr, vg, vb]
+    };
+    let [ra, ga, ba, rb, gb, bb, na, nb, known, vr, vg, vb] = planes_of(light.film.frame().pixels(), of);
+    Halves { colours: [[ra, ga, ba], [rb, gb, bb]], counts: [na, nb], variance: [vr, vg, vb], known }
+}
+
+/// The halves with the variances of their colours: those of means of so many `samples`, or of the counts.
+fn with_variances(film: &Film, halves: Halves, samples: Option<[Plane; 2]>) -> [Half; 2] {
+    let Halves { colours: [first, second], counts: [na, nb], variance, known } = halves;
+    let sample = pooled_variance(film, variance, &known);
+    let variance = |samples: &Plane, sample: &Plane| -> Plane {
+        map_to_one([sample, samples], |[v, n]| if n > 0.0 { (v + FLOOR) / n } else { UNKNOWN })
+    };
+    let half = |h: usize, colour: Colours, count: Plane| {
+        let samples = samples.as_ref().map_or(&count, |samples| &samples[h]);
+        let variance = sample.each_ref().map(|sample| variance(samples, sample));
+        Half { colour, variance, count }
+    };
+    [half(0, first, na), half(1, second, nb)]
+}
+
+/// The variance of one sample in each pixel, shrunk towards the variance over 5x5 pixels, in squared levels. `own` is the
+/// variance where it is `known`.
+fn pooled_variance(film: &Film, own: Colours, known: &Plane) -> Colours {
+    let size = film.frame().size().map(|n| n as usize);
+    let near = box_mean(known, size, 2);
+    let freedom: Plane = per_pixel(film.frame().pixels(), |i| (film.count(i).max(1) - 1) as f32 * known[i]);
+    own.map(|mut own| {
+        let sums = box_mean(&own, size, 2);
+        update(&mut own, [&sums, &near, &freedom], |own, [sum, near, freedom]| {
+            let pooled = (freedom * own + POOLED * sum / near) / (freedom + POOLED);
+            if near > 0.0 { pooled } else { UNKNOWN }
+        });
+        own
+    })
+}
+
+/// The variance of one sample of a pixel without the light that is withheld, from the sample `variance`.
+///
+/// Withheld light varies at the edges of lamps. There the difference of the halves bounds the variance of the rest.
+fn without_withheld([a, b]: &[RgbMoments; 2], withheld: &[[f64; 3]; 2], variance: [f64; 3]) -> [f64; 3] {
+    if *withheld == [[0.0; 3]; 2] {
+        return variance;
+    }
+    let share = a.count as f64 * b.count as f64 / (a.count + b.count).max(1) as f64;
+    std::array::from_fn(|c| {
+        let rest = a.mean[c] - withheld[0][c] - b.mean[c] + withheld[1][c];
+        variance[c].min(rest * rest * share)
+    })
+}
