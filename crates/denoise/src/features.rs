@@ -1,7 +1,6 @@
 //! The features of each pixel as planes: normal, albedo, depth and position.
 
-use crate::loops::{planes_of, quantile, sum_pixels, update};
-use crate::plane::{Colours, Plane, raised};
+use crate::planes::{Colours, Plane, planes_of, quantile, raised, sum_pixels, update};
 use dapple_core::{Error, Film, FilmRows};
 use rayon::prelude::*;
 use std::ops::Range;

@@ -3,10 +3,11 @@
 use crate::bright_lamps::{BRIGHTEST, Bounds};
 use crate::features::{Extent, FEATURES, Features, UNKNOWN};
 use crate::light::Light;
-use crate::loops::{box_mean, map_to_one, per_pixel, planes_of, quantile, sum_pixels, update};
 use crate::one_sample::{self, Halves, Surroundings};
 use crate::parameters::{BACKGROUND, Reads};
-use crate::plane::{Channels, Colours, Plane, first_share};
+use crate::planes::{
+    Channels, Colours, Plane, box_mean, first_share, map_to_one, per_pixel, planes_of, quantile, sum_pixels, update,
+};
 use dapple_core::{Error, Film, FilmRows, Filtered, RgbMoments};
 use rayon::prelude::*;
 

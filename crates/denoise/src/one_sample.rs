@@ -8,7 +8,7 @@
 use crate::bright_lamps::Bounds;
 use crate::features::Features;
 use crate::light::Light;
-use crate::plane::{Colours, Plane};
+use crate::planes::{Colours, Plane};
 use rayon::prelude::*;
 
 /// The factor on the squared difference of normals between neighbours.

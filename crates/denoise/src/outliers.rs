@@ -5,8 +5,7 @@
 //! the same surface. The sum over the image stays.
 
 use crate::inputs::Inputs;
-use crate::loops::{box_mean, dispatch, map_to_one, parts};
-use crate::plane::{Colours, Plane, raised};
+use crate::planes::{Colours, Plane, box_mean, dispatch, map_to_one, parts, raised};
 use crate::tile::exp_minus;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
