@@ -3,10 +3,7 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_core::samplers::Uniform;
 use dapple_core::{Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, Worker};
-use dapple_denoise::{
-    Bilateral, ClusterGaussian, ClusterGaussianOptions, ClusterRegression, ClusterRegressionOptions, Gaussian, NlMeans,
-    Passes,
-};
+use dapple_denoise::{Bilateral, ClusterGaussian, ClusterGaussianOptions, ClusterRegression, Gaussian, NlMeans};
 use dapple_low_discrepancy::Random;
 use std::hint::black_box;
 use std::sync::Arc;
@@ -73,15 +70,12 @@ fn from_halves(c: &mut Criterion) {
     let limits = Limits::samples(8 * u64::from(PART * PART));
     let film =
         Render::new(frame, &limits).needs(needs).run(&mut Stripes, &mut Uniform::new(Random::new(1))).expect("a film");
-    let clusters = |passes| {
-        let plain = ClusterRegression::with_options(ClusterRegressionOptions::default().passes(passes));
-        plain.expect("passes").with_clusters(Arc::new(|hit| Some(hit.material)), "")
-    };
+    let clusters = |plain: ClusterRegression| plain.with_clusters(Arc::new(|hit| Some(hit.material)), "");
     let cases: [(&str, Box<dyn Filter>); 4] = [
         ("bilateral", Box::new(Bilateral::default())),
         ("nlm", Box::new(NlMeans::default())),
-        ("cluster-regression, one pass", Box::new(clusters(Passes::One))),
-        ("cluster-regression", Box::new(clusters(Passes::Two))),
+        ("cluster-regression, one pass", Box::new(clusters(ClusterRegression::new().one_pass()))),
+        ("cluster-regression", Box::new(clusters(ClusterRegression::new()))),
     ];
     for (name, filter) in cases {
         group.bench_function(name, |b| {

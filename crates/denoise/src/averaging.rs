@@ -3,8 +3,7 @@
 
 use crate::guide::Guide;
 use crate::inputs::Inputs;
-use crate::loops::dispatch;
-use crate::plane::{Colours, Plane};
+use crate::planes::{Colours, Plane, dispatch};
 use crate::tile::{
     Differences, HEIGHT, LANES, Likeness, LocalGuide, REACH, Stack, Tile, WIDTH, count_weights, exp_minus, number,
     origins, sharpness, stride, tiles, vectors,
@@ -18,30 +17,12 @@ use rayon::prelude::*;
 pub(crate) struct Window {
     /// The radius in pixels, at most [`REACH`].
     pub(crate) radius: usize,
-    /// The form of the window.
-    pub(crate) form: Form,
+    /// The largest squared distance in a window that is a disc; `None` for a square.
+    pub(crate) disc: Option<usize>,
     /// The least weight of a pixel that counts; smaller weights are replaced by 0.
     pub(crate) cut: f32,
     /// The falloff of the spatial weight `exp(-falloff r^2)`, with `r` in pixels.
     pub(crate) falloff: f32,
-}
-
-/// The pixels of a window with a radius.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) enum Form {
-    #[default]
-    Square,
-    /// Those whose squared distance is at most this one.
-    Disc(usize),
-}
-
-impl Form {
-    fn holds(self, [dx, dy]: [isize; 2]) -> bool {
-        match self {
-            Self::Square => true,
-            Self::Disc(square) => dx.unsigned_abs().pow(2) + dy.unsigned_abs().pow(2) <= square,
-        }
-    }
 }
 
 /// The weight below which a pixel is left out. It would vanish in a sum, but its products are slow subnormal numbers.
@@ -159,7 +140,8 @@ impl<const G: usize> TileTask<'_, G> {
         let side = 2 * window.radius + 1;
         for o in 0..side * side {
             let offset = [o % side, o / side].map(|d| d as isize - window.radius as isize);
-            if !window.form.holds(offset) {
+            let square = offset.iter().map(|d| d.unsigned_abs().pow(2)).sum::<usize>();
+            if window.disc.is_some_and(|most| square > most) {
                 continue;
             }
             for (differences, guide) in scratch.differences.iter_mut().zip(&scratch.guides) {

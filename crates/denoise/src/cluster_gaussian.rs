@@ -2,8 +2,8 @@
 
 use crate::Gaussian;
 use crate::gaussian::{emission, mean_and_presence, normalised, squared_error, survey, variances};
-use crate::loops::per_pixel;
 use crate::parameters::{BACKGROUND, ClusterLookup, describe};
+use crate::planes::per_pixel;
 use dapple_core::{Error, Film, FilmRows, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
 use rayon::prelude::*;
 use std::fmt;

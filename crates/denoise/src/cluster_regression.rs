@@ -1,14 +1,13 @@
 //! The default filter: first-order regression on features and clusters, in passes with a choice by estimated error and blends.
 
-use crate::bilateral::Bilateral;
 use crate::error_map::{ERROR, EVIDENCE, LAST, filtered, relative_weight, select, shrink};
 use crate::guide::{guide, residual_guide};
 use crate::inputs::Inputs;
 use crate::light::{self, Layers, Light};
-use crate::one_window::OneWindow;
+use crate::one_window::{Bilateral, OneWindow};
 use crate::outliers;
 use crate::parameters::{ClusterLookup, Reads};
-use crate::plane::Pair;
+use crate::planes::Pair;
 use crate::prefilter::prefilter;
 use crate::regression::{bytes, regress};
 use crate::scales::{self, Scales};
@@ -97,8 +96,8 @@ dapple_core::options! {
 ///
 /// # Reach
 ///
-/// The filter reads the whole film ([`Filter::reach`] is `None`). Thresholds of outliers and the least error come from the image
-/// in the middle of these steps, and coarse scales reach over most of it.
+/// The filter reads the whole film ([`Filter::reach`] is `None`). The windows, choices and blends of all passes reach more than a
+/// hundred rows, each coarse scale twice as far as the one before, and the least error is a part of the mean error.
 #[derive(Clone, Default)]
 pub struct ClusterRegression {
     options: ClusterRegressionOptions,
@@ -133,7 +132,7 @@ impl ClusterRegression {
     /// `described` is appended to the filter's description: the parameters of the clusters, such as `k=9,clamp=32`.
     #[must_use]
     pub fn with_clusters(self, label: ClusterLookup, described: impl Into<String>) -> Self {
-        Self { reads: self.reads.with_clusters(label, described.into()), ..self }
+        Self { reads: Reads { label: Some(label), described: described.into(), ..self.reads }, ..self }
     }
 
     /// Filters by colours alone, for films without features. Every pixel counts as a miss.
@@ -142,7 +141,7 @@ impl ClusterRegression {
     /// ([`Error::NoneReported`]).
     #[must_use]
     pub fn without_features(self) -> Self {
-        Self { reads: self.reads.without_features(), ..self }
+        Self { reads: Reads { without_features: true, ..self.reads }, ..self }
     }
 
     /// The weight of a pixel in another cluster: 1 without clusters.

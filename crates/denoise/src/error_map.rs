@@ -1,8 +1,7 @@
 //! Error estimates of filtered images from two halves: for choices and blends, the error of the result, and planned counts.
 
 use crate::inputs::Inputs;
-use crate::loops::{box_mean, map, map_to_one, per_pixel, sum_pixels, update};
-use crate::plane::{Channels, Pair, Plane, combined};
+use crate::planes::{Channels, Pair, Plane, box_mean, combined, map, map_to_one, per_pixel, sum_pixels, update};
 use dapple_core::{Error, Filtered};
 
 /// The constant that relMSE adds to the squared mean.

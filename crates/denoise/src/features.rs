@@ -1,7 +1,6 @@
 //! The features of each pixel as planes: normal, albedo, depth and position.
 
-use crate::loops::{planes_of, quantile, sum_pixels, update};
-use crate::plane::{Colours, Plane, raised};
+use crate::planes::{Colours, Plane, planes_of, quantile, raised, sum_pixels, update};
 use dapple_core::{Error, Film, FilmRows};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -92,37 +91,28 @@ impl Features {
     }
 }
 
-/// The means of normal, albedo, log depth and position, their variances, and the depth.
-fn planes(film: &Film, read: bool, extent: &Extent) -> [Plane; 15] {
+/// The features of one pixel, or a plane of each: the means of normal (3), albedo (3), log depth and position (3), the variances
+/// of normal, albedo and log depth, that of the position, and the depth.
+type Each<T> = [T; 15];
+
+/// The planes of the features of a film.
+fn planes(film: &Film, read: bool, extent: &Extent) -> Each<Plane> {
     let size = film.frame().size().map(|n| n as usize);
-    let miss = (!read || !film.needs().features).then(|| Feature::miss(extent.far));
+    let miss = (!read || !film.needs().features).then(|| {
+        let [nx, ny, nz, r, g, b, depth, x, y, z] = miss(extent.far);
+        [nx, ny, nz, r, g, b, depth, x, y, z, 0.0, 0.0, 0.0, 0.0, extent.far]
+    });
     let of = |i: usize| miss.or_else(|| feature(film, i, extent));
-    let filled = |i: usize| of(i).or_else(|| from_neighbours(of, size, i)).unwrap_or_default();
-    planes_of(film.frame().pixels(), |i| {
-        let Feature { mean: m, variance: [vn, va, vd], scatter, depth } = filled(i);
-        [m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9], vn, va, vd, scatter, depth]
-    })
+    planes_of(film.frame().pixels(), |i| of(i).or_else(|| from_neighbours(of, size, i)).unwrap_or_default())
 }
 
-/// The features of one pixel: means (normal, albedo, logarithm of depth, position), their variances, depth.
-#[derive(Clone, Copy, Default)]
-struct Feature {
-    mean: [f32; 10],
-    variance: [f32; 3],
-    scatter: f32,
-    depth: f32,
-}
-
-impl Feature {
-    /// The features of a pixel that sees no surface.
-    fn miss(far: f32) -> Self {
-        let mean = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, ln(far), 0.0, 0.0, 0.0];
-        Self { mean, depth: far, ..Self::default() }
-    }
+/// The means of a pixel that sees no surface.
+fn miss(far: f32) -> [f32; 10] {
+    [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, ln(far), 0.0, 0.0, 0.0]
 }
 
 /// The features of pixel `i` with its misses blended in and positions relative to the middle; `None` without samples.
-fn feature(film: &Film, i: usize, extent: &Extent) -> Option<Feature> {
+fn feature(film: &Film, i: usize, extent: &Extent) -> Option<Each<f32>> {
     let Extent { far, middle, .. } = *extent;
     let f = film.features(i).filter(|f| f.samples > 0)?;
     let share = f.hits as f32 / f.samples as f32;
@@ -131,7 +121,7 @@ fn feature(film: &Film, i: usize, extent: &Extent) -> Option<Feature> {
     let [r, g, b] = f.albedo;
     let position: [f32; 3] = std::array::from_fn(|k| (f64::from(f.position[k]) - middle[k]) as f32);
     let hit = [nx, ny, nz, r, g, b, ln(depth), position[0], position[1], position[2]];
-    let miss = Feature::miss(far).mean;
+    let miss = miss(far);
     let mean: [f32; 10] =
         std::array::from_fn(|k| if f.hits > 0 { miss[k] + share * (hit[k] - miss[k]) } else { miss[k] });
     let mut within = f.variance.unwrap_or_default();
@@ -142,11 +132,12 @@ fn feature(film: &Film, i: usize, extent: &Extent) -> Option<Feature> {
         let gap = if f.hits > 0 { hit[k] - miss[k] } else { 0.0 };
         (share * within[k] + share * (1.0 - share) * gap * gap) / f.samples as f32
     };
-    let variance = [spread(0) + spread(1) + spread(2), spread(3) + spread(4) + spread(5), spread(6)];
+    let spreads = [spread(0) + spread(1) + spread(2), spread(3) + spread(4) + spread(5), spread(6)];
+    let [vn, va, vd] = spreads.map(|v| v.min(UNKNOWN));
     // Bounds that valid normals and albedos never reach; positions keep finite squares.
-    let within = |k: usize| if k < 6 { mean[k].clamp(-16.0, 16.0) } else { mean[k].clamp(-1e18, 1e18) };
+    let bounded = |k: usize| if k < 6 { mean[k].clamp(-16.0, 16.0) } else { mean[k].clamp(-1e18, 1e18) };
     let scatter = (spread(7) + spread(8) + spread(9)).min(1e30);
-    Some(Feature { mean: std::array::from_fn(within), variance: variance.map(|v| v.min(UNKNOWN)), scatter, depth })
+    Some(std::array::from_fn(|k| if k < 10 { bounded(k) } else { [vn, va, vd, scatter, depth][k - 10] }))
 }
 
 /// The natural logarithm of a positive normal number, with the same bits on every machine (the standard library's may
@@ -169,27 +160,22 @@ fn ln(x: f32) -> f32 {
 const FILLED: u32 = 2;
 
 /// The mean of the known features among 5x5 pixels around pixel `i`; `None` if none are known.
-fn from_neighbours(known: impl Fn(usize) -> Option<Feature>, [width, height]: [usize; 2], i: usize) -> Option<Feature> {
-    let (x, y) = (i % width, i / width);
-    let mut sum = Feature::default();
-    let mut count = 0.0f32;
-    let reach = FILLED as usize;
+fn from_neighbours(
+    known: impl Fn(usize) -> Option<Each<f32>>,
+    [width, height]: [usize; 2],
+    i: usize,
+) -> Option<Each<f32>> {
+    let (x, y, reach) = (i % width, i / width, FILLED as usize);
+    let (mut sum, mut count) = ([0.0; 15], 0.0f32);
     for row in y.saturating_sub(reach)..(y + reach + 1).min(height) {
         for f in (x.saturating_sub(reach)..(x + reach + 1).min(width)).filter_map(|x| known(row * width + x)) {
-            (0..10).for_each(|k| sum.mean[k] += f.mean[k]);
-            (0..3).for_each(|k| sum.variance[k] += f.variance[k]);
-            sum.scatter += f.scatter;
-            sum.depth += f.depth;
+            sum.iter_mut().zip(f).for_each(|(sum, value)| *sum += value);
             count += 1.0;
         }
     }
-    let mean = Feature {
-        mean: sum.mean.map(|m| m / count),
-        variance: sum.variance,
-        scatter: sum.scatter,
-        depth: sum.depth / count,
-    };
-    (count > 0.0).then_some(mean)
+    // Sums of variances, since neighbours differ.
+    let mean = |k: usize| if (10..14).contains(&k) { sum[k] } else { sum[k] / count };
+    (count > 0.0).then(|| std::array::from_fn(mean))
 }
 
 /// The steps between neighbouring positions in these rows, at distance 1.

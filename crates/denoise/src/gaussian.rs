@@ -3,8 +3,8 @@
 use crate::bright_lamps::Bounds;
 use crate::inputs::Levels;
 use crate::light::Light;
-use crate::loops::per_pixel;
 use crate::parameters::describe;
+use crate::planes::per_pixel;
 use dapple_core::{Error, Film, FilmRows, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
 use rayon::prelude::*;
 use std::f64::consts::PI;

@@ -1,8 +1,7 @@
 //! Guides: the images by which filters compare pixels.
 
 use crate::inputs::Inputs;
-use crate::loops::{box_mean, map_to_one, update};
-use crate::plane::{Colours, Pair, Plane, combined, raised};
+use crate::planes::{Colours, Pair, Plane, box_mean, combined, map_to_one, raised, update};
 
 /// An image by which a filter compares pixels: a colour per pixel and its variance.
 pub(crate) struct Guide {

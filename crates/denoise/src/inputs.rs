@@ -3,10 +3,11 @@
 use crate::bright_lamps::{BRIGHTEST, Bounds};
 use crate::features::{Extent, FEATURES, Features, UNKNOWN};
 use crate::light::Light;
-use crate::loops::{box_mean, map_to_one, per_pixel, planes_of, quantile, sum_pixels, update};
-use crate::one_sample::{self, Halves, Lamps};
+use crate::one_sample::{self, Halves, Surroundings};
 use crate::parameters::{BACKGROUND, Reads};
-use crate::plane::{Channels, Colours, Plane, first_share};
+use crate::planes::{
+    Channels, Colours, Plane, box_mean, first_share, map_to_one, per_pixel, planes_of, quantile, sum_pixels, update,
+};
 use dapple_core::{Error, Film, FilmRows, Filtered, RgbMoments};
 use rayon::prelude::*;
 
@@ -197,8 +198,8 @@ impl Levels {
 /// The halves of the light of a film that begins with row `top` of the whole image.
 fn colours(light: Light<'_>, features: &Features, Levels { level, bounds }: Levels, top: usize) -> [Half; 2] {
     let mut halves = halves(light, level, bounds);
-    let lamps = Lamps { light, bounds, level };
-    let samples = halves.complete(features, &lamps, [light.film.frame().size()[0] as usize, top]);
+    let width = light.film.frame().size()[0] as usize;
+    let samples = halves.complete(&Surroundings { features, light, bounds, level, width, top });
     let mut halves = with_variances(light.film, halves, samples);
     refine(light, &mut halves);
     halves

@@ -68,7 +68,6 @@
 //! The difference between the halves shows the whole error, bias included. That estimate is smoothed over 7x7 pixels.
 
 mod averaging;
-mod bilateral;
 mod bright_lamps;
 mod buffers;
 mod cluster_gaussian;
@@ -79,14 +78,12 @@ mod gaussian;
 mod guide;
 mod inputs;
 mod light;
-mod loops;
-mod nl_means;
 mod normal_equations;
 mod one_sample;
 mod one_window;
 mod outliers;
 mod parameters;
-mod plane;
+mod planes;
 mod prefilter;
 mod regression;
 mod scales;
@@ -97,14 +94,13 @@ mod wide;
 #[path = "../tests/denoise/internals/fits_and_errors.rs"]
 mod fits_and_errors;
 
-pub use bilateral::{Bilateral, BilateralOptions};
 pub use buffers::{Counts, Denoise, SampleBuffers, Variance, denoise, denoise_whole};
 pub use cluster_gaussian::{ClusterGaussian, ClusterGaussianOptions};
 pub use cluster_regression::{ClusterRegression, ClusterRegressionOptions};
 pub use error_map::relative_errors;
 pub use gaussian::{Gaussian, GaussianOptions};
 pub use light::Layers;
-pub use nl_means::{NlMeans, NlMeansOptions};
+pub use one_window::{Bilateral, BilateralOptions, NlMeans, NlMeansOptions};
 pub use parameters::ClusterLookup;
 pub use scales::Scales;
 

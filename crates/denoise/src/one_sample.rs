@@ -8,7 +8,7 @@
 use crate::bright_lamps::Bounds;
 use crate::features::Features;
 use crate::light::Light;
-use crate::plane::{Colours, Plane};
+use crate::planes::{Colours, Plane};
 use rayon::prelude::*;
 
 /// The factor on the squared difference of normals between neighbours.
@@ -29,15 +29,19 @@ pub(crate) struct Halves {
     pub(crate) known: Plane,
 }
 
-/// The emission of the pixels of a film, as far as filters get it.
-pub(crate) struct Lamps<'a> {
+/// The features and lamps of a film, as far as filters get them.
+pub(crate) struct Surroundings<'a> {
+    pub(crate) features: &'a Features,
     pub(crate) light: Light<'a>,
     pub(crate) bounds: Bounds,
     /// The radiance that planes count as 1.
     pub(crate) level: f32,
+    /// The width of the film, and its first row in the whole image.
+    pub(crate) width: usize,
+    pub(crate) top: usize,
 }
 
-impl Lamps<'_> {
+impl Surroundings<'_> {
     fn in_levels(&self, emission: [f32; 3]) -> [f32; 3] {
         let is_lamp = emission.iter().any(|e| *e > LAMP * self.level);
         emission.map(|e| if is_lamp { e.min(self.bounds.emission()) / self.level } else { 0.0 })
@@ -77,13 +81,9 @@ impl Halves {
     /// colour; `None` if these are the counts, since no pixel lacks just one half.
     ///
     /// Such a pixel then counts half of its samples in each half. The squared difference between the halves estimates the
-    /// variance of one sample where that is not known. `top` is the first row in the whole image.
-    pub(crate) fn complete(
-        &mut self,
-        features: &Features,
-        lamps: &Lamps<'_>,
-        [width, top]: [usize; 2],
-    ) -> Option<[Plane; 2]> {
+    /// variance of one sample where that is not known.
+    pub(crate) fn complete(&mut self, around: &Surroundings<'_>) -> Option<[Plane; 2]> {
+        let Surroundings { width, top, .. } = *around;
         let is_single = |&i: &usize| (self.counts[0][i] > 0.0) != (self.counts[1][i] > 0.0);
         let half = |i: usize| (i % width + i / width + top) % 2;
         let pixels = 0..self.known.len();
@@ -95,8 +95,7 @@ impl Halves {
             let count = samples[0][i] + samples[1][i];
             (samples[half(i)][i], samples[1 - half(i)][i]) = (count, 0.0);
         }
-        let around = Surroundings { features, lamps, width };
-        let between = |i: usize| self.between(i, 1 - half(i), &samples, &around);
+        let between = |i: usize| self.between(i, 1 - half(i), &samples, around);
         let all: Vec<Between> =
             pixels.into_par_iter().with_min_len(1024).filter(is_single).filter_map(between).collect();
         for Between { pixel, colour, samples: of_mean } in all {
@@ -120,8 +119,8 @@ impl Halves {
     /// The mean of half `half` over the four neighbours of pixel `i`, times the ratio of the albedos; `None` if they lack it
     /// too. Where the pixel's own emission is known, it takes the place of theirs. `samples` are the counts by place.
     fn between(&self, i: usize, half: usize, samples: &[Plane; 2], around: &Surroundings<'_>) -> Option<Between> {
-        let Surroundings { features: f, lamps, width } = *around;
-        let emission = lamps.unseen(i);
+        let Surroundings { features: f, width, .. } = *around;
+        let emission = around.unseen(i);
         let x = i % width;
         let near = [
             (x > 0).then(|| i - 1),
@@ -132,7 +131,7 @@ impl Halves {
         let (mut sum, mut weights, mut variance) = ([0.0; 3], 0.0, 0.0);
         for j in near.into_iter().flatten().filter(|j| samples[half][*j] > 0.0) {
             let weight = likeness(f, i, j);
-            let lamp = if emission.is_some() { lamps.not_shared(i, j) } else { [0.0; 3] };
+            let lamp = if emission.is_some() { around.not_shared(i, j) } else { [0.0; 3] };
             (0..3).for_each(|c| sum[c] += weight * (self.colours[half][c][j] - lamp[c]).max(0.0) / f.divisor(c, j));
             weights += weight;
             variance += weight * weight / samples[half][j];
@@ -141,13 +140,6 @@ impl Halves {
         let colour = [0, 1, 2].map(|c| own[c] + sum[c] / weights * f.divisor(c, i));
         (weights > 0.0).then_some(Between { pixel: i as u32, colour, samples: weights * weights / variance })
     }
-}
-
-/// The features and lamps of a film, and its width in pixels.
-struct Surroundings<'a> {
-    features: &'a Features,
-    lamps: &'a Lamps<'a>,
-    width: usize,
 }
 
 /// The weight of pixel `j` beside its neighbour `i`: it falls with the differences of normal and log depth.

@@ -1,17 +1,330 @@
-//! Filters of one window: the steps that [`NlMeans`](crate::NlMeans) and [`Bilateral`](crate::Bilateral) have in common.
+//! Filters that average over one window around each pixel: non-local means, and the cross-bilateral filter over distance, features,
+//! colours and clusters.
 
+use crate::averaging::{VANISHING, Window, average, memory};
 use crate::error_map::{ERROR, Errors, filtered};
+use crate::guide::guide;
 use crate::inputs::{self, Globals, Inputs};
 use crate::light::Light;
-use crate::loops::sum;
-use crate::parameters::Reads;
-use crate::plane::Pair;
-use dapple_core::{Error, Film, FilmRows, Filter, Filtered};
+use crate::parameters::{ClusterLookup, Reads, describe};
+use crate::planes::{Pair, sum};
+use crate::tile::{FeatureScales, Likeness, REACH};
+use dapple_core::{Error, Film, FilmRows, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
+use std::fmt;
+
+dapple_core::options! {
+    /// The parameters of [`NlMeans`]: `k` and patches as published, and smaller windows.
+    pub struct NlMeansOptions {
+        /// Pixels searched to each side, 0 to 7.
+        pub window: usize = REACH => "7", |window| window <= REACH, "0 to 7 pixels to each side";
+        /// Pixels compared to each side, 0 to 3.
+        pub patch: usize = 3, |patch| patch <= 3, "0 to 3 pixels to each side";
+        /// Differences are measured in this many standard deviations.
+        pub k: f64 = 0.45, |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
+        /// The same for features (normal, albedo and depth); none: only colours count (published).
+        ///
+        /// With features, colours are compared without their albedo.
+        pub features: Option<f64> = None => "none",
+            |k| k.is_none_or(|k| (1e-3..=1e3).contains(&k)), "0.001 to 1000 standard deviations";
+    }
+}
+
+/// Non-local means: each pixel becomes the mean of pixels with similar surroundings.
+///
+/// The patches around two pixels `p` and `q` are compared by the mean over pixels and channels of
+///
+/// `((u_p - u_q)^2 - (v_p + min(v_p, v_q))) / (k^2 (v_p + v_q))`
+///
+/// where `u` is a pixel's mean and `v` its variance. The subtrahend is the squared difference that noise alone causes.
+/// The weight is `exp(-max(0, d))` of that mean `d`, and 0 below 0.05.
+///
+/// Weights from one half of the samples filter the other half, so the filter does not keep the noise that its weights
+/// follow.
+/// The image is the mean of both halves, weighted by their counts [after Rousselle 2012].
+///
+/// [`NlMeansOptions::features`] also compares features, and compares colours without their albedo.
+///
+/// ```
+/// use dapple_core::{Film, Filter, Frame};
+/// use dapple_denoise::{NlMeans, NlMeansOptions};
+///
+/// // 11x11 windows, 5x5 patches
+/// let filter = NlMeans::with_options(NlMeansOptions::default().window(5).patch(2).k(0.6))?;
+/// let mut film = Film::new(Frame::new(16, 16)?, filter.needs());
+/// for pixel in 0..256 {
+///     for sample in 0..4 {
+///         // Samples go to the two halves in turns.
+///         film.push(pixel, sample % 2, [if (pixel + sample / 2) % 2 == 0 { 0.5 } else { 1.5 }; 3]);
+///     }
+/// }
+/// let image = filter.apply(&film)?;
+/// assert!(image.radiance.iter().all(|[red, ..]| (red - 1.0).abs() < 1e-5));
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
+///
+/// # Differences from the paper
+///
+/// * Windows have at most 15x15 pixels, not 21x21.
+/// * A pixel's variance is shrunk to that of 5x5 pixels, not scaled to that of the halves. Its floor goes with 1 / n.
+/// * Each pixel counts by its samples.
+/// * There is one pass, without adaptive sampling.
+///
+/// # Result
+///
+/// Pixels without samples are filled from their window, or black if the window is empty.
+/// [`Filtered::error`] estimates the whole squared error from the halves, bias included.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NlMeans {
+    options: NlMeansOptions,
+}
+
+impl NlMeans {
+    /// The filter with these parameters.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] for the first parameter out of range.
+    pub fn with_options(options: NlMeansOptions) -> Result<Self, Error> {
+        options.check_ranges()?;
+        Ok(Self { options })
+    }
+
+    fn likeness(&self) -> Likeness {
+        let scales = |k: f64| FeatureScales { bandwidth: k as f32, floors: [1e-2, 2e-2], slope: 3.0 };
+        let NlMeansOptions { patch, k, features, .. } = self.options;
+        Likeness { patch, colour: k as f32, features: features.map(scales), outside: 1.0 }
+    }
+}
+
+impl OneWindow for NlMeans {
+    fn reads(&self) -> Reads {
+        Reads { without_features: self.options.features.is_none(), ..Reads::default() }
+    }
+
+    fn radius(&self) -> usize {
+        self.options.window + self.options.patch
+    }
+
+    fn pair(&self, inputs: &Inputs) -> Pair {
+        let demodulated = self.options.features.is_some();
+        let guides = [0, 1].map(|half| guide(inputs, half, demodulated, demodulated));
+        let window = Window { radius: self.options.window, disc: None, cut: 0.05, falloff: 0.0 };
+        let values = [0, 1].map(|h: usize| &guides[h].colour);
+        let mut pair = Pair(average(inputs, values, &guides, &self.likeness(), &window));
+        if demodulated {
+            pair.modulate(inputs.features.albedo());
+        }
+        pair
+    }
+}
+
+impl Filter for NlMeans {
+    fn name(&self) -> &str {
+        "nlm"
+    }
+
+    fn describe(&self) -> String {
+        describe(self.name(), &self.options, "")
+    }
+
+    fn needs(&self) -> Needs {
+        self.reads().recorded()
+    }
+
+    fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
+        memory(frame, false, &self.likeness(), self.options.features.is_some())
+    }
+
+    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
+        film.require(self.name(), &self.needs())?;
+        Ok(self.image(film))
+    }
+
+    fn reach(&self, _: &Frame) -> Option<u32> {
+        Some(self.rows_read())
+    }
+
+    fn survey(&self, film: &Film) -> Result<Vec<f64>, Error> {
+        self.globals(film)
+    }
+
+    fn apply_rows(&self, rows: &FilmRows<'_>, survey: &[f64]) -> Result<Filtered, Error> {
+        self.image_of_rows(rows, survey)
+    }
+}
+
+dapple_core::options! {
+    /// The parameters of [`Bilateral`].
+    pub struct BilateralOptions {
+        /// Pixels averaged to each side, 0 to 7.
+        pub window: usize = REACH => "7", |window| window <= REACH, "0 to 7 pixels to each side";
+        /// The spatial weight is exp(-falloff r^2).
+        pub falloff: f64 = 0.03,
+            |falloff| (0.0..=100.0).contains(&falloff), "0 (a flat window) to 100, per square pixel";
+        /// Differences of colours are measured in this many standard deviations.
+        pub colour: f64 = 0.8, |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
+        /// The same for features: normal, albedo and depth.
+        pub features: f64 = 1.0 => "1", |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
+        /// Weight of a pixel of another cluster relative to one of the same; 1: no clusters.
+        pub outside: f64 = 1.0 => "1",
+            |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
+    }
+}
+
+/// The radius of the compared patches in pixels.
+const PATCH: usize = 1;
+
+/// The cross-bilateral filter [after Eisemann and Durand 2004; Petschnigg 2004], with features and clusters.
+///
+/// The weight of a pixel is the product of
+///
+/// * a Gaussian of its distance, `exp(-falloff r^2)`;
+/// * `exp(-max(0, d_features))`, with the largest difference of normal, albedo and depth in `features` standard
+///   deviations;
+/// * `exp(-max(0, d_colour))`, with the difference of 3x3 pixels in `colour` standard deviations;
+/// * `outside` if the pixels lie in different clusters.
+///
+/// The expected difference due to noise is subtracted as in [`NlMeans`](crate::NlMeans).
+/// Colours are compared without their albedo, in the half of the samples that is not being filtered.
+/// The colour term makes the filter consistent: pixels that differ by more than noise do not mix, however many samples
+/// they have.
+///
+/// [`Filtered::error`] estimates the whole squared error from the halves, bias included.
+///
+/// ```
+/// use dapple_core::{Estimate, Film, Filter, Frame};
+/// use dapple_denoise::{Bilateral, BilateralOptions};
+/// use std::sync::Arc;
+///
+/// // A pixel of another material counts half.
+/// let filter = Bilateral::with_options(BilateralOptions::default().outside(0.5))?;
+/// let filter = filter.with_clusters(Arc::new(|hit| Some(hit.material)), "");
+/// let mut film = Film::new(Frame::new(16, 16)?, filter.needs());
+/// for pixel in 0..256 {
+///     for sample in 0..4 {
+///         let noisy = if (pixel + sample / 2) % 2 == 0 { 0.5 } else { 1.5 };
+///         film.push_estimate(pixel, sample % 2, &Estimate::new([noisy; 3]));
+///     }
+/// }
+/// let image = filter.apply(&film)?;
+/// assert!(image.radiance.iter().all(|[red, ..]| (red - 1.0).abs() < 0.1));
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
+#[derive(Clone, Default)]
+pub struct Bilateral {
+    options: BilateralOptions,
+    reads: Reads,
+    /// The largest squared distance in a window that is a disc.
+    disc: Option<usize>,
+}
+
+impl Bilateral {
+    /// The filter with these parameters, without clusters.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] for the first parameter out of range.
+    pub fn with_options(options: BilateralOptions) -> Result<Self, Error> {
+        options.check_ranges()?;
+        Ok(Self { options, ..Self::default() })
+    }
+
+    /// Multiplies the weight of a pixel by `outside` if its first sample lies in another cluster. `described` is
+    /// appended to the filter's description: the parameters of the clusters, such as `k=9,clamp=32`.
+    #[must_use]
+    pub fn with_clusters(self, label: ClusterLookup, described: impl Into<String>) -> Self {
+        Self { reads: Reads { label: Some(label), described: described.into(), ..self.reads }, ..self }
+    }
+
+    /// Filters by colours alone, for films without features. Every pixel counts as a miss.
+    ///
+    /// A film that has room for features but never got any is otherwise refused
+    /// ([`Error::NoneReported`]).
+    #[must_use]
+    pub fn without_features(self) -> Self {
+        Self { reads: Reads { without_features: true, ..self.reads }, ..self }
+    }
+
+    /// The bilateral filter that makes the first image of `ClusterRegression`. Its weights fall faster with distance than those
+    /// of the default, and slower with features. Corners of the window would have a 150th of the centre's weight, or less.
+    pub(crate) fn candidate() -> Self {
+        let options = BilateralOptions::default().window(4).falloff(0.25).colour(0.75).features(4.0);
+        Self { options, disc: Some(18), ..Self::default() }
+    }
+
+    fn likeness(&self) -> Likeness {
+        let BilateralOptions { colour, features, outside, .. } = self.options;
+        let features = FeatureScales { bandwidth: features as f32, floors: [1e-2, 2e-2], slope: 3.0 };
+        Likeness { patch: PATCH, colour: colour as f32, features: Some(features), outside: outside as f32 }
+    }
+}
+
+impl OneWindow for Bilateral {
+    fn reads(&self) -> Reads {
+        self.reads.clone()
+    }
+
+    fn radius(&self) -> usize {
+        self.options.window + PATCH
+    }
+
+    fn pair(&self, inputs: &Inputs) -> Pair {
+        let guides = [0, 1].map(|half| guide(inputs, half, true, true));
+        let BilateralOptions { window: radius, falloff, .. } = self.options;
+        let window = Window { radius, disc: self.disc, cut: VANISHING, falloff: falloff as f32 };
+        let values = [0, 1].map(|h: usize| &guides[h].colour);
+        let mut pair = Pair(average(inputs, values, &guides, &self.likeness(), &window));
+        pair.modulate(inputs.features.albedo());
+        pair
+    }
+}
+
+impl fmt::Debug for Bilateral {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Bilateral({})", self.describe())
+    }
+}
+
+impl Filter for Bilateral {
+    fn name(&self) -> &str {
+        "bilateral"
+    }
+
+    fn describe(&self) -> String {
+        self.reads.describe(self.name(), &self.options)
+    }
+
+    fn needs(&self) -> Needs {
+        let recorded = self.reads.recorded();
+        if self.reads.label.is_some() && self.options.outside < 1.0 { recorded.with_first_hits(1) } else { recorded }
+    }
+
+    fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
+        memory(frame, self.reads.label.is_some() && needs.first_hits > 0, &self.likeness(), true)
+    }
+
+    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
+        film.require(self.name(), &self.needs())?;
+        Ok(self.image(film))
+    }
+
+    fn reach(&self, _: &Frame) -> Option<u32> {
+        Some(self.rows_read())
+    }
+
+    fn survey(&self, film: &Film) -> Result<Vec<f64>, Error> {
+        self.globals(film)
+    }
+
+    fn apply_rows(&self, rows: &FilmRows<'_>, survey: &[f64]) -> Result<Filtered, Error> {
+        self.image_of_rows(rows, survey)
+    }
+}
 
 /// The rows that are surveyed at once.
 const AT_ONCE: u32 = 128;
 
-/// A filter that makes an image of each half by means over one window.
+/// The steps that both filters have in common. Each makes an image of each half by means over one window.
 pub(crate) trait OneWindow: Filter {
     /// The statistics that the filter reads besides halves and variance.
     fn reads(&self) -> Reads;

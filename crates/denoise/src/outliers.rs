@@ -5,8 +5,7 @@
 //! the same surface. The sum over the image stays.
 
 use crate::inputs::Inputs;
-use crate::loops::{box_mean, dispatch, map_to_one, parts};
-use crate::plane::{Colours, Plane, raised};
+use crate::planes::{Colours, Plane, box_mean, dispatch, map_to_one, parts, raised};
 use crate::tile::exp_minus;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
@@ -50,31 +49,35 @@ impl Outlier {
 /// A pixel of one half is an outlier if it exceeds [`RATIO`] times each of these: the other half in 3x3 pixels, and
 /// both halves' means over 7x7 pixels, without the pixel itself.
 pub(crate) fn take(inputs: &mut Inputs) -> Option<Colours> {
-    let mut found = find(inputs, RATIO);
-    for outlier in &found {
-        let share = share(inputs, outlier.half, outlier.pixel);
-        for (plane, excess) in inputs.halves[outlier.half].colour.iter_mut().zip(outlier.excess) {
-            plane[outlier.pixel] -= excess / share;
-        }
-    }
-    per_weight(inputs, &mut found);
+    let found = take_out(inputs, RATIO, false);
     (!found.is_empty()).then(|| spread(inputs, &found))
 }
 
 /// Takes outliers out of both halves as [`take`] does, with another ratio. Returns the light of each half by itself, in the
 /// units of that half.
 pub(crate) fn take_halves(inputs: &mut Inputs, ratio: f32) -> Option<[Colours; 2]> {
+    let (first, second): (Vec<_>, Vec<_>) =
+        take_out(inputs, ratio, true).into_iter().partition(|found| found.half == 0);
+    (!first.is_empty() || !second.is_empty()).then(|| [first, second].map(|found| spread(inputs, &found)))
+}
+
+/// Takes outliers out of both halves. Their light is per weight, such that the weights' sum over the window gives the outlier: in
+/// the units of its half, or of both halves together.
+fn take_out(inputs: &mut Inputs, ratio: f32, is_of_half: bool) -> Vec<Outlier> {
     let mut found = find(inputs, ratio);
     for outlier in &mut found {
         let share = share(inputs, outlier.half, outlier.pixel);
-        for (plane, excess) in inputs.halves[outlier.half].colour.iter_mut().zip(&mut outlier.excess) {
-            *excess /= share;
-            plane[outlier.pixel] -= *excess;
+        let excess = outlier.excess.map(|excess| excess / share);
+        for (plane, excess) in inputs.halves[outlier.half].colour.iter_mut().zip(excess) {
+            plane[outlier.pixel] -= excess;
+        }
+        if is_of_half {
+            outlier.excess = excess;
         }
     }
-    per_weight(inputs, &mut found);
-    let (first, second): (Vec<Outlier>, Vec<Outlier>) = found.into_iter().partition(|outlier| outlier.half == 0);
-    (!(first.is_empty() && second.is_empty())).then(|| [first, second].map(|found| spread(inputs, &found)))
+    let inputs = &*inputs;
+    found.par_iter_mut().for_each(|outlier| outlier.excess = dispatch(WindowTask { inputs, outlier }));
+    found
 }
 
 /// The memory of [`take_halves`] per pixel beyond that of [`take`]: a second list and the light of the other half.
@@ -119,11 +122,6 @@ fn find(inputs: &Inputs, ratio: f32) -> Vec<Outlier> {
         (part > 0.0).then_some(Outlier { pixel: i, half, excess, width })
     };
     (0..inputs.pixels()).into_par_iter().with_min_len(1024).filter_map(of).collect()
-}
-
-/// Turns the light of outliers into light per weight, such that the weights' sum over the window gives the outlier.
-fn per_weight(inputs: &Inputs, found: &mut [Outlier]) {
-    found.par_iter_mut().for_each(|outlier| outlier.excess = dispatch(WindowTask { inputs, outlier }));
 }
 
 /// Spreads each outlier over the pixels around it, in proportion to their likeness and albedo.

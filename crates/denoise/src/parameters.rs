@@ -21,18 +21,10 @@ pub(crate) struct Reads {
     /// The cluster of each first hit, by this function.
     pub(crate) label: Option<ClusterLookup>,
     /// The description of the clusters.
-    described: String,
+    pub(crate) described: String,
 }
 
 impl Reads {
-    pub(crate) fn with_clusters(self, label: ClusterLookup, described: String) -> Self {
-        Self { label: Some(label), described, ..self }
-    }
-
-    pub(crate) fn without_features(self) -> Self {
-        Self { without_features: true, ..self }
-    }
-
     /// The statistics that the film records, but for first hits. Films without emission are filtered too.
     pub(crate) fn recorded(&self) -> Needs {
         let recorded = Needs::none().with_variance().with_halves().with_emission();

@@ -1,18 +1,17 @@
 //! Prefilter of the features (normal, albedo, depth, position). It removes most of the noise from lens blur, motion blur,
 //! subpixel geometry, and surfaces that both reflect and refract.
 
-use crate::averaging::{Form, VANISHING, Window, average_where};
+use crate::averaging::{VANISHING, Window, average_where};
 use crate::guide::Guide;
 use crate::inputs::Inputs;
-use crate::loops::box_mean;
-use crate::plane::{Colours, Plane};
+use crate::planes::{Colours, Plane, box_mean};
 use crate::tile::{HEIGHT, Likeness, WIDTH};
 
 /// The patches (3x3 pixels) and the bandwidth, chosen by measurements at 8 spp on nine scenes (`docs/results/race.md`).
 /// Patches of 1 pixel do not help, 5x5 is no better than 3x3. Bandwidths 0.5 and 1 leave 2 and 4 % more error.
 const LIKE: Likeness = Likeness { patch: 1, colour: 0.7, features: None, outside: 1.0 };
 /// The window of 9x9 pixels, chosen by the same measurements: 7x7 leaves 1 % more error, 11x11 and 15x15 leave no less.
-const WINDOW: Window = Window { radius: 4, form: Form::Square, cut: VANISHING, falloff: 0.0 };
+const WINDOW: Window = Window { radius: 4, disc: None, cut: VANISHING, falloff: 0.0 };
 /// The variance of a mean normal, albedo or log depth up to which the feature counts as free of noise.
 const QUIET: f32 = 1e-5;
 

@@ -6,9 +6,8 @@
 
 use crate::guide::Guide;
 use crate::inputs::Inputs;
-use crate::loops::{box_mean, dispatch, map_to_one, parts};
 use crate::normal_equations::{Fit, Sums, add_products, solve};
-use crate::plane::{Colours, Pair, Plane, beside_weights, combined};
+use crate::planes::{Colours, Pair, Plane, beside_weights, box_mean, combined, dispatch, map_to_one, parts};
 use crate::tile::{
     COLUMNS, Differences, GROUP, HEIGHT, LANES, Likeness, LocalGuide, MARGIN, ROWS, Row, Stack, Tile, WIDTH,
     count_weights, number, origins, sharpness, stride, tiles, vectors,

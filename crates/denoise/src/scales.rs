@@ -11,9 +11,8 @@ use crate::error_map::{Radii, shrink};
 use crate::features::{Features, slopes};
 use crate::guide::residual_guide;
 use crate::inputs::{Half, Inputs};
-use crate::loops::{parts, per_pixel, sum_pixels, update};
 use crate::outliers;
-use crate::plane::{Colours, Pair, Plane, raised};
+use crate::planes::{Colours, Pair, Plane, parts, per_pixel, raised, sum_pixels, update};
 use crate::tile::exp_minus;
 use crate::wide::wide;
 use dapple_core::OptionValue;
@@ -99,8 +98,8 @@ const SLOPE: f32 = 4.0;
 const NONE: f32 = 0.1;
 
 /// The size of the next coarser scale.
-pub(crate) fn halved<T: Into<u64>>(size: [T; 2]) -> [u64; 2] {
-    size.map(|n| n.into().div_ceil(2))
+pub(crate) fn halved(size: [u32; 2]) -> [u64; 2] {
+    size.map(|n| u64::from(n.div_ceil(2)))
 }
 
 /// A value for every 2x2 pixels. `of` gets the four values of each plane; beyond the frame the border repeats.

@@ -12,9 +12,8 @@ mod stack;
 
 use crate::guide::Guide;
 use crate::inputs::Inputs;
-use crate::loops::{dispatch, parts};
 use crate::normal_equations::{Fit, Sums, add_products, solve};
-use crate::plane::{Pair, beside_weights, raised};
+use crate::planes::{Pair, beside_weights, dispatch, parts, raised};
 use crate::regression::NEGLIGIBLE;
 use crate::tile::{GROUP, count_weights, excess, exp_minus_all, vectors};
 use dapple_core::Frame;

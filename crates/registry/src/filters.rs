@@ -75,7 +75,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
                        few samples",
         ..Entry::new(
             "cluster-regression",
-            "regression on features and clusters, twice, and the best of it and others by estimated error (the default)",
+            "regression on features and clusters in passes, the best of them and others by estimated error, and blends (the default)",
             "Dapple, after Moon et al. 2014 and Bitterli et al. 2016 (docs/results/filters.md)",
             &[ClusterRegressionOptions::PARAMETERS, CLUSTERING],
             cluster_regression,

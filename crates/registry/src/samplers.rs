@@ -15,8 +15,8 @@ use dapple_classics::{
 };
 use dapple_cluster_adaptive::{ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeSource, ProbesHandle};
 use dapple_core::samplers::{Then, Uniform};
-use dapple_core::{Film, Frame, Options as _, PointSet, Sampler};
-use dapple_denoise::relative_errors;
+use dapple_core::{Film, Filter, Frame, Options as _, PointSet, Sampler};
+use dapple_denoise::{ClusterRegression, relative_errors};
 use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions};
 use std::sync::Arc;
 
@@ -348,8 +348,11 @@ fn error_map(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Option<ErrorM
     let [nlm, bilateral, regression] = by;
     let Some(name) = p.choice("by", &[("variance", None), nlm, bilateral, regression])? else { return Ok(None) };
     // The filter runs once per round. Its first pass shows where errors are, at half of the cost and without clusters.
-    let quick = if name == "cluster-regression" { "cluster-regression:passes=1,outside=1" } else { name };
-    let filter = crate::filter(quick, inputs)?;
+    let filter: Box<dyn Filter> = if name == "cluster-regression" {
+        Box::new(ClusterRegression::new().one_pass())
+    } else {
+        crate::filter(name, inputs)?
+    };
     let (needs, epsilon) = (filter.needs(), p.number("epsilon")?);
     let square = Frame::new(1024, 1024)?;
     let bytes_per_pixel = (filter.memory(&square, &needs).applying / square.pixels() as u64) as usize;

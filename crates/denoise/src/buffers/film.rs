@@ -1,7 +1,7 @@
 //! The film of an image that is given as buffers.
 
 use super::{ALBEDO, DEPTH, Denoise, Feature, NORMAL, POSITION, SampleBuffers, Samples, checks};
-use crate::loops::box_mean;
+use crate::planes::box_mean;
 use dapple_core::{Error, Film, FirstHit, Frame, PixelStatistics, RgbMoments, SurfaceFeatures, mix};
 
 /// The depth from which on a pixel counts as a miss: renderers write numbers like this for the background.
@@ -13,10 +13,19 @@ pub(super) fn film(image: &Denoise<'_>) -> Result<Film, Error> {
     let frame = Frame::new(width, height)?;
     checks::check(image)?;
     let size = image.size.map(|n| n as usize);
-    let halves = Halves::new(size, &image.samples);
+    // The variance of a sample from the difference of the halves, if neither has one.
+    let found = match &image.samples {
+        Samples::Halves(halves) if halves.iter().all(|half| half.variance.is_none()) => {
+            Some(variance_of_halves(size, halves))
+        }
+        _ => None,
+    };
     let surfaces = Surfaces::new(image);
     Film::from_pixels(frame, |i| {
-        let halves = halves.of(i);
+        let halves = match &image.samples {
+            Samples::Whole(all) => split(all, i),
+            Samples::Halves(halves) => with_variances(halves, found.as_ref().map(|found| found[i]), i),
+        };
         let mut pixel = PixelStatistics::new(halves);
         if let Some(emission) = image.emission {
             pixel = pixel.with_emission(emission[i]);
@@ -35,47 +44,21 @@ pub(super) fn film(image: &Denoise<'_>) -> Result<Film, Error> {
     })
 }
 
-/// The halves of the samples, with a variance for each.
-struct Halves<'a> {
-    samples: &'a Samples<'a>,
-    /// The variance of a sample from the difference of the halves, if neither has one.
-    found: Option<Vec<[f32; 3]>>,
-}
-
-impl<'a> Halves<'a> {
-    fn new(size: [usize; 2], samples: &'a Samples<'a>) -> Self {
-        let found = match samples {
-            Samples::Halves(halves) if halves.iter().all(|half| half.variance.is_none()) => {
-                Some(variance_of_halves(size, halves))
-            }
-            _ => None,
-        };
-        Self { samples, found }
-    }
-
-    fn of(&self, i: usize) -> [RgbMoments; 2] {
-        let halves = match self.samples {
-            Samples::Whole(all) => return split(all, i),
-            Samples::Halves(halves) => halves,
-        };
-        let found = self.found.as_ref().map(|found| found[i].map(f64::from));
-        let own = halves.map(|half| half.variance.map(|v| v.of_sample(i, half.count.of(i))));
-        [0, 1].map(|h: usize| {
-            let (count, mean) = (halves[h].count.of(i), halves[h].mean[i].map(f64::from));
-            let variance = own[h].or(own[1 - h]).or(found).unwrap_or_default();
-            if count > 0 { RgbMoments::new(count, mean, variance) } else { RgbMoments::default() }
-        })
-    }
+/// The moments of the halves of pixel `i`. A half without a variance takes that of the other, or the one that was `found`.
+fn with_variances(halves: &[SampleBuffers<'_>; 2], found: Option<[f32; 3]>, i: usize) -> [RgbMoments; 2] {
+    let own = halves.map(|half| half.variance.map(|v| v.of_sample(i, half.count.of(i))));
+    [0, 1].map(|h: usize| {
+        let (count, mean) = (halves[h].count.of(i), halves[h].mean[i].map(f64::from));
+        let variance = own[h].or(own[1 - h]).or(found.map(|v| v.map(f64::from))).unwrap_or_default();
+        if count > 0 { RgbMoments::new(count, mean, variance) } else { RgbMoments::default() }
+    })
 }
 
 /// The features of each pixel, with those that follow from others.
 struct Surfaces<'a> {
     image: &'a Denoise<'a>,
-    width: usize,
     /// The depth of each pixel, if positions are given without.
     depth: Option<Vec<f32>>,
-    /// The reciprocal of the longer side in pixels, for positions from depths.
-    unit: f32,
 }
 
 impl<'a> Surfaces<'a> {
@@ -85,7 +68,7 @@ impl<'a> Surfaces<'a> {
             (Some(position), None) => Some(depths(size, position.colours(), |i| hit(image, i))),
             _ => None,
         };
-        Self { image, width: size[0], depth, unit: 1.0 / size[0].max(size[1]) as f32 }
+        Self { image, depth }
     }
 
     /// The features of pixel `i`; `None` for a miss.
@@ -105,9 +88,10 @@ impl<'a> Surfaces<'a> {
     /// A point at this depth behind pixel `i`, for a camera at the origin. Its field of view is unknown; another one
     /// stretches all positions alike, which changes no linear function of them.
     fn behind(&self, i: usize, depth: f32) -> [f32; 3] {
-        let [width, height] = self.image.size.map(|n| n as f32);
-        let [x, y] = [(i % self.width) as f32 + 0.5 - 0.5 * width, (i / self.width) as f32 + 0.5 - 0.5 * height];
-        [x * self.unit * depth, y * self.unit * depth, depth]
+        let [width, height] = self.image.size;
+        let (columns, unit) = (width as usize, 1.0 / width.max(height) as f32);
+        let [x, y] = [(i % columns, width), (i / columns, height)].map(|(k, n)| k as f32 + 0.5 - 0.5 * n as f32);
+        [x * unit * depth, y * unit * depth, depth]
     }
 
     /// The sample variances of normal (3), albedo (3), position (3) and depth (1) in pixel `i`, which has `count` samples.

@@ -2,8 +2,7 @@
 
 use crate::guide::Guide;
 use crate::inputs::Inputs;
-use crate::loops::map_to_one;
-use crate::plane::{Colours, raised};
+use crate::planes::{Colours, map_to_one, raised};
 use crate::tile::{FeatureScales, sharpness, vectors};
 use pulp::Simd;
 use rayon::prelude::*;

@@ -84,8 +84,8 @@ fn the_former_name_of_adaptive_is_understood_and_the_library_has_the_same_defaul
 #[test]
 fn cluster_follows_a_filter_by_its_name() {
     let inputs = inputs();
-    // A plan's regression is the quick one.
-    let quick = "cluster-regression:passes=1,outside=1";
+    // A plan's regression has no clusters.
+    let quick = "cluster-regression:outside=1";
     for (name, read) in [("nlm", "nlm"), ("bilateral", "bilateral"), ("cluster-regression", quick)] {
         let make = |words: &str| {
             let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
@@ -295,11 +295,8 @@ fn descriptions_stay_as_files_hold_them() {
             "bilateral:outside=0.5,falloff=1e-3,colour=10.0",
             "bilateral:window=7,falloff=0.001,colour=10,features=1,outside=0.5",
         ),
-        ("cluster-regression", "cluster-regression:passes=3,outside=0.2,layers=auto,scales=auto"),
-        (
-            "cluster-regression:passes=1,outside=1,scales=2",
-            "cluster-regression:passes=1,outside=1,layers=auto,scales=2",
-        ),
+        ("cluster-regression", "cluster-regression:outside=0.2,layers=auto,scales=auto"),
+        ("cluster-regression:outside=1,scales=2", "cluster-regression:outside=1,layers=auto,scales=2"),
         (
             "cluster-thesis",
             "cluster-thesis:probes=centre,size=box,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0,\

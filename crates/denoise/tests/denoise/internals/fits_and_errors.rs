@@ -1,14 +1,14 @@
 //! Properties of fits and error estimates that images alone hardly show.
 
 use crate::ClusterRegression;
-use crate::averaging::{Form, VANISHING, Window, average};
+use crate::averaging::{VANISHING, Window, average};
 use crate::error_map::{self, ERROR, Radii, raw_error, select, shrink};
 use crate::guide::{Guide, guide};
 use crate::inputs::{Half, Inputs};
 use crate::light::Light;
 use crate::normal_equations::{Fit, Sums, solve};
 use crate::parameters::Reads;
-use crate::plane::{Colours, Pair, Plane};
+use crate::planes::{Colours, Pair, Plane};
 use crate::regression::regress;
 use crate::scales;
 use crate::tile::Likeness;
@@ -82,7 +82,7 @@ fn the_fit_and_the_predictions_of_a_half_take_all_weights_from_the_other_half() 
 #[test]
 fn averages_of_a_half_take_all_weights_from_the_other_half() {
     let inputs = noisy();
-    let window = Window { radius: 4, form: Form::Square, cut: VANISHING, falloff: 0.05 };
+    let window = Window { radius: 4, disc: None, cut: VANISHING, falloff: 0.05 };
     let image = |guides: &[Guide; 2]| {
         let [a, b] = [0, 1].map(|half: usize| &inputs.halves[half].colour);
         average(&inputs, [a, b], guides, &LIKE, &window)
@@ -97,12 +97,12 @@ fn averages_over_a_disc_leave_out_the_corners_of_its_square() {
     let inputs = noisy();
     let guides = [0, 1].map(|half| guide(&inputs, half, true, false));
     let value = grey(|i| if i == PIXELS / 2 + SIDE / 2 { 1.0 } else { 0.0 });
-    let reached = |form| {
-        let window = Window { radius: 4, form, cut: VANISHING, falloff: 0.05 };
+    let reached = |disc| {
+        let window = Window { radius: 4, disc, cut: VANISHING, falloff: 0.05 };
         let [[red, ..], _] = average(&inputs, [&value, &value], &guides, &LIKE, &window);
         red.iter().filter(|v| **v > 0.0).count()
     };
-    assert_eq!([Form::Square, Form::Disc(18)].map(reached), [81, 61]);
+    assert_eq!([None, Some(18)].map(reached), [81, 61]);
 }
 
 /// Regressors that are equal but for rounding: elimination leaves a pivot near 0, of either sign.

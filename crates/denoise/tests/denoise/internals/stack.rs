@@ -1,7 +1,7 @@
 //! Copies of a tile's planes.
 
 use super::*;
-use crate::plane::Plane;
+use crate::planes::Plane;
 
 #[test]
 fn moved_rows_hold_the_moved_pixels() {
