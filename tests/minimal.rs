@@ -55,7 +55,7 @@ fn bundled_scenes_are_what_the_generator_makes() {
     let (made, committed) = (files(folder.path()), files(&committed));
     assert!(made.keys().eq(committed.keys()) && made.len() == 27, "{:?}", made.keys());
     for (name, bytes) in &made {
-        assert!(committed[name] == *bytes, "{name} differs: cargo run --example generate_scenes");
+        assert!(committed[name] == *bytes, "{} differs: cargo run --example generate_scenes", name.display());
     }
 }
 

@@ -4,7 +4,7 @@ use super::image::Image;
 use super::pairs::{in_turn, pairs, seconds};
 use super::{Break, Effort, Error, Ratio, Result, Row};
 use dapple_core::{Control, Monitor, Needs, NoMonitor, Render, Snapshot, Status};
-use dapple_job::checkpoint::{Contents, Identity, Kind, Store};
+use dapple_job::checkpoint::{Identity, Kind, StateFile, Store};
 use dapple_renderer::integrator;
 use std::path::PathBuf;
 
@@ -85,7 +85,7 @@ impl Monitor for Middle<'_> {
         if self.samples == 0 {
             self.samples = status.samples;
             self.seconds = seconds(|| {
-                let contents = Contents { kind: Kind::Checkpoint, identity: identity(), body: status.snapshot() };
+                let contents = StateFile::new(Kind::Checkpoint, identity(), status.snapshot());
                 self.trouble = self.store.save(&contents).err().map(Error::from);
             });
         }
@@ -104,7 +104,7 @@ fn killed(image: &Image, store: &Store) -> Result<Break> {
     middle.trouble.map_or(Ok(()), Err)?;
     let whole = image.render(Needs::none(), &mut NoMonitor)?;
     let found = Store::read(store.path(), Kind::Checkpoint)?;
-    let snapshot = Snapshot::from_bytes(&found.contents.body)?;
+    let snapshot = Snapshot::from_bytes(found.contents.bytes())?;
     let saved = snapshot.film().record().samples;
     let (mut sampler, mut integrator) = (Image::sampler(), integrator(image.world()));
     let limits = image.limits();

@@ -39,7 +39,6 @@ pub(crate) fn finds_caustics(integrator: &str) -> bool {
 mod tests {
     use super::integrator;
     use crate::RenderSpec;
-    use dapple_core::Shard;
     use dapple_scene::bundled;
 
     fn chosen(spec: &RenderSpec) -> String {
@@ -57,7 +56,7 @@ mod tests {
         }
         assert_eq!(chosen(&RenderSpec::new("caustic").integrator("path")), "path");
         assert_eq!(chosen(&RenderSpec::new("cornell").integrator("photons:what=all")), "photons:what=all");
-        let shard = Shard::new(0, 2).expect("a shard");
+        let shard = "1/2".parse().expect("a shard");
         assert_eq!(chosen(&RenderSpec { shard: Some(shard), ..RenderSpec::new("caustic") }), "path");
     }
 }

@@ -8,10 +8,10 @@ mod target;
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Control, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, PointSet, Render, SampleId,
-    Sampler, Shard, ShardFilm, Sharded, Status, Sums, TrainingData, Worker,
+    Block, Control, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Methods, Needs, PointSet, Render,
+    SampleId, Sampler, Session, Status, TracedRows, TrainingData, Worker,
 };
-use dapple_job::checkpoint::{Contents, Identity, Kind};
+use dapple_job::checkpoint::{Identity, Kind, StateFile};
 use std::path::Path;
 
 /// SplitMix64's finaliser.
@@ -80,30 +80,24 @@ fn rendered(sampler: &mut dyn Sampler, needs: Needs) -> (Film, Vec<u8>) {
 fn seeds() -> Vec<(&'static str, Vec<u8>)> {
     let everything = Needs::none()
         .with_variance()
-        .with_extrema()
         .with_halves()
         .with_feature_halves()
         .with_first_hits(1)
         .with_cost()
-        .with_emission()
-        .with_sums(Sums::LOG | Sums::ROOT_MOMENTS);
+        .with_emission();
     let (_, snapshot) = rendered(&mut Uniform::new(Hashed), everything);
     let (_, plain) = rendered(&mut Uniform::new(Hashed), Needs::none());
     let identity = Identity::new([("scene", "teapot"), ("seed", "7")]);
-    let contents = Contents { kind: Kind::Checkpoint, identity, body: plain.clone() };
-    let file = contents.to_bytes().unwrap();
+    let file = StateFile::new(Kind::Checkpoint, identity, plain.clone()).bytes().to_vec();
     let unsigned = file[..file.len() - 4].to_vec();
-    let (shard, limits) = (Shard::new(0, 1).unwrap(), Limits::samples(19));
-    let mut inner = Uniform::new(Hashed);
-    let mut sampler = Sharded::new(&mut inner, shard, &limits).unwrap();
-    let mut go_on = |_: &Status<'_>| Control::Continue;
-    let frame = Frame::new(3, 2).unwrap();
-    let film = Render::new(frame, &limits)
-        .needs(Needs::none().with_variance())
-        .monitor(&mut go_on)
-        .run(&mut Field, &mut sampler)
-        .unwrap();
-    let part = ShardFilm::new(shard, &film).unwrap().to_bytes();
+    let (frame, limits) = (Frame::new(3, 2).unwrap(), Limits::samples(19));
+    let mut sampler = Uniform::new(Hashed);
+    let methods = Methods::from(&mut sampler).with_needs(Needs::none().with_variance());
+    let mut session = Session::new(frame, limits.clone(), methods).unwrap();
+    let stage = session.next_stage(&Field).unwrap().unwrap();
+    let rows = session.rows_of(&stage, 0..2).unwrap();
+    let render = Render::new(frame, &limits).needs(Needs::none().with_variance());
+    let part = render.trace_rows(&rows, &mut 0, &mut Field, &mut Uniform::new(Hashed)).unwrap().unwrap();
     vec![("file", file), ("unsigned", unsigned), ("snapshot", snapshot), ("plain", plain), ("part", part)]
 }
 
@@ -119,7 +113,7 @@ fn checkpoints_bear_damage_i01() {
     }
     let stored = made.iter().map(|(name, _)| std::fs::read(folder.join(name)).unwrap()).collect::<Vec<_>>();
     assert!(dapple_core::Snapshot::from_bytes(&stored[2]).is_ok(), "of another version: set DAPPLE_WRITE_SEEDS=1");
-    assert!(ShardFilm::from_bytes(&stored[4]).is_ok() && Contents::from_bytes(stored[0].clone()).is_ok());
+    assert!(TracedRows::from_bytes(&stored[4]).is_ok() && StateFile::from_bytes(stored[0].clone()).is_ok());
     let mut state = 1;
     let mut random = |below: usize| {
         state = mix(state + 1);

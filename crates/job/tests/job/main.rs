@@ -5,7 +5,6 @@ mod faults;
 mod fuzz_corpus;
 mod predicted_error;
 mod registry;
-mod resumed_together;
 mod spec;
 mod together;
 mod whole_jobs;

@@ -1,6 +1,5 @@
 //! Descriptions of renders as files.
 
-use dapple_core::Shard;
 use dapple_job::{BudgetSpec, CropSpec, PixelFilterSpec, RenderSpec, SpecError};
 use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
@@ -21,7 +20,7 @@ fn full() -> RenderSpec {
         .pixel_filter(PixelFilterSpec::Box)
         .without([Effect::Glossy, Effect::DepthOfField])
         .allow_unsupported(true)
-        .shard(Some(Shard::new(1, 8).expect("a shard")))
+        .shard(Some("2/8".parse().expect("a shard")))
 }
 
 /// Files of version 1 are read by every Dapple of that version: this text never changes.

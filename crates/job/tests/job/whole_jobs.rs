@@ -1,10 +1,10 @@
 //! Renders as jobs: the same bits however they are cut, saved and merged.
 
-use dapple_core::{Control, NoMonitor, Shard, Status};
-use dapple_job::checkpoint::{Contents, Identity, Kind};
+use dapple_core::{Control, NoMonitor, Status, container};
+use dapple_job::checkpoint::{Identity, Kind, StateFile};
 use dapple_job::{
     BudgetSpec, CheckpointOptions, Job, JobError, JobMonitor, LoadOptions, LoadedScene, PixelFilterSpec, RenderSpec,
-    ShardSet,
+    RowsFiles, Shard,
 };
 use std::path::{Path, PathBuf};
 
@@ -19,11 +19,12 @@ fn render(spec: &RenderSpec) -> Vec<[f32; 3]> {
 
 fn shards(folder: &Path, spec: &RenderSpec, of: u32) -> Vec<PathBuf> {
     let shard = |index| {
-        let spec = spec.clone().shard(Some(Shard::new(index, of).expect("a shard")));
+        let shard: Shard = format!("{}/{of}", index + 1).parse().expect("a shard");
+        let spec = spec.clone().shard(Some(shard));
         let mut job = Job::prepare(&spec).unwrap_or_else(|e| panic!("{e}"));
-        let film = job.run(None, &mut NoMonitor).unwrap_or_else(|e| panic!("{e}")).film;
+        let bytes = job.trace_part(None, shard, None, &mut NoMonitor).unwrap_or_else(|e| panic!("{e}"));
         let path = folder.join(format!("{index}.shard"));
-        std::fs::write(&path, job.shard_bytes(&film).unwrap_or_else(|e| panic!("{e}"))).expect("written");
+        std::fs::write(&path, bytes.expect("nothing stops it")).expect("written");
         path
     };
     (0..of).map(shard).collect()
@@ -32,11 +33,20 @@ fn shards(folder: &Path, spec: &RenderSpec, of: u32) -> Vec<PathBuf> {
 #[test]
 fn merged_shards_have_the_bits_of_one_machine() {
     let folder = tempfile::tempdir().expect("a folder");
-    let set = ShardSet::read(&shards(folder.path(), &spec(), 3)).unwrap_or_else(|e| panic!("{e}"));
-    let job = Job::prepare(set.spec()).unwrap_or_else(|e| panic!("{e}"));
+    let set = RowsFiles::read(&shards(folder.path(), &spec(), 3)).unwrap_or_else(|e| panic!("{e}"));
+    let mut job = Job::prepare(set.spec()).unwrap_or_else(|e| panic!("{e}"));
     let whole = render(set.spec());
-    let image = job.merge(set).and_then(|traced| job.finish(traced.film)).unwrap_or_else(|e| panic!("{e}"));
+    let image = job.merge(&set).and_then(|traced| job.finish(traced.film)).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(image.filtered.radiance, whole);
+}
+
+/// Counts that depend on samples of other machines are no shards.
+#[test]
+fn a_sampler_that_reads_samples_has_no_shards() {
+    let shard: Shard = "1/2".parse().expect("a shard");
+    let mut job = Job::prepare(&spec().sampler("variance").shard(Some(shard))).unwrap_or_else(|e| panic!("{e}"));
+    let error = job.trace_part(None, shard, None, &mut NoMonitor).expect_err("it reads").to_string();
+    assert!(error.contains("render in stages"), "{error}");
 }
 
 /// The file holds the description, and no argument of a command line.
@@ -44,11 +54,11 @@ fn merged_shards_have_the_bits_of_one_machine() {
 fn a_shard_carries_the_description_as_json() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = &shards(folder.path(), &spec(), 2)[1];
-    let contents = Contents::read(path, Kind::Shard).unwrap_or_else(|e| panic!("{e}"));
-    let json = contents.identity.value("spec").expect("a description");
-    let expected = spec().shard(Some(Shard::new(1, 2).expect("a shard")));
+    let file = StateFile::read(path, Kind::Rows).unwrap_or_else(|e| panic!("{e}"));
+    let json = file.identity.value("spec").expect("a description");
+    let expected = spec().shard(Some("2/2".parse().expect("a shard")));
     assert_eq!(RenderSpec::from_json(json).unwrap_or_else(|e| panic!("{e}")), expected);
-    let text: Vec<&String> = contents.identity.pairs().iter().map(|(_, value)| value).collect();
+    let text: Vec<&String> = file.identity.pairs().iter().map(|(_, value)| value).collect();
     assert!(text.iter().all(|value| !value.contains("--")), "{text:?}");
 }
 
@@ -56,11 +66,12 @@ fn a_shard_carries_the_description_as_json() {
 fn shards_with_a_description_of_another_version_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let paths = shards(folder.path(), &spec(), 1);
-    let mut contents = Contents::read(&paths[0], Kind::Shard).unwrap_or_else(|e| panic!("{e}"));
+    let file = StateFile::read(&paths[0], Kind::Rows).unwrap_or_else(|e| panic!("{e}"));
     let newer = |(name, value): &(String, String)| (name.clone(), value.replace("\"version\":1", "\"version\":9"));
-    contents.identity = Identity::new(contents.identity.pairs().iter().map(newer));
-    std::fs::write(&paths[0], contents.to_bytes().unwrap_or_else(|e| panic!("{e}"))).expect("written");
-    let error = ShardSet::read(&paths).err().expect("another version").to_string();
+    let identity = Identity::new(file.identity.pairs().iter().map(newer));
+    let file = StateFile::new(Kind::Rows, identity, container::begin(0));
+    std::fs::write(&paths[0], file.bytes()).expect("written");
+    let error = RowsFiles::read(&paths).err().expect("another version").to_string();
     assert!(error.contains("version 9"), "{error}");
 }
 
