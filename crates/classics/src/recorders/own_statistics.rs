@@ -56,7 +56,7 @@ impl Sampler for Ranges {
 
 /// Noise that grows from left to right.
 fn scene() -> Field<impl Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> {
-    Field(|[x, _]: [u32; 2], u: [f32; 4]| [0.1 + u[0] * x as f32 / 13.0, u[1], 0.5])
+    Field(|[x, _]: [u32; 2], u: [f32; 4]| [0.1 + 0.9 * u[0] * x as f32 / 13.0; 3])
 }
 
 fn words(film: &Film) -> Vec<Vec<u32>> {
