@@ -144,8 +144,8 @@ impl Memory {
     /// The memory of a [`Render`](crate::Render) with these arguments, and of `filter` applied to its film. `needs` are
     /// the statistics that the filter and other readers request; those of sampler and limits are added.
     ///
-    /// Samples stored one by one take 12 bytes each, or 28 with [`Needs::trajectories`]. They are [`Needs::samples`] per pixel and
-    /// half, but not more than the budget has in the mean ([`Limits::expected_samples`]).
+    /// [Recorders](crate::Recorder) take the words of as many samples per pixel and half as the budget has in the mean
+    /// ([`Limits::expected_samples`]).
     pub fn of_render(sampler: &dyn Sampler, filter: &dyn Filter, needs: Needs, frame: &Frame, limits: &Limits) -> Self {
         let needs = needs.and(sampler.needs());
         let needs = if matches!(limits.budget, Budget::Error { .. }) { needs.with_halves() } else { needs };
