@@ -50,9 +50,7 @@ impl Integrator for Toy {
         let light = (0..10).map(|path| pass.draws(path).block(Block::new(0))[0]).sum::<f32>();
         self.prepared = 0.1 * light + pass.frame.size()[1] as f32;
         self.preparations += 1;
-        let mut prepared = Prepared::default();
-        prepared.rays = 10;
-        prepared
+        Prepared { rays: 10 }
     }
 
     fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
