@@ -1,6 +1,6 @@
 //! The container of everything that is written: named sections, each with its checksum.
 //!
-//! Bytes begin with [`MAGIC`] and the version. A section is its name and its bytes, each after its length, and the CRC-32 of both.
+//! Bytes begin with a signature and the version. A section is its name and its bytes, each after its length, and the CRC-32 of both.
 //! Sections may be appended: a program adds what it needs to find a state again.
 
 /// The first bytes.
@@ -65,7 +65,7 @@ pub fn append(bytes: &mut Vec<u8>, name: &str, section: &[u8]) {
 /// let mut bytes = begin(0);
 /// append(&mut bytes, "header", b"a scene");
 /// assert_eq!(sections(&bytes)?, [("header", &b"a scene"[..])]);
-/// bytes[30] ^= 1;
+/// bytes[36] ^= 1;
 /// assert_eq!(sections(&bytes), Err(Fault::Checksum));
 /// # Ok::<(), Fault>(())
 /// ```

@@ -300,8 +300,8 @@ impl Film {
     }
 
     /// A film whose radiance is three of the values beside the radiance, so that any filter can be applied to them: three
-    /// bands of a spectrum, for example. Features and counts stay; splats, emission, indirect light and words of recorders are
-    /// left out.
+    /// bands of a spectrum, for example. Features and counts stay; splats, emission, indirect light and words of recorders are left
+    /// out.
     ///
     /// # Errors
     ///

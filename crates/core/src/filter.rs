@@ -82,8 +82,6 @@ pub trait Filter: Send + Sync {
 
     /// The memory in bytes that [`Filter::apply`] takes for a film of this frame that records `needs`. The default
     /// assumes a filter that holds only its image and an error per pixel.
-    ///
-    /// In the forecast of a render, [`Needs::samples`] is at most the mean number per pixel that the film will store.
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let _ = needs;
         FilterMemory::new(frame, 0, ImagePlanes::RadianceAndError)

@@ -214,7 +214,8 @@ impl From<&FirstHit> for SurfaceFeatures {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Trajectory {
-    /// The inverse of the depth along the view direction at the sample's time. 0 for the background.
+    /// The inverse of the depth along the view direction at the sample's time, in the unit of the camera's focal distance. 0 for
+    /// the background.
     pub inverse_depth: f32,
     /// The change of `(x w, y w, w)` from the time when the shutter opens to the time when it closes, divided by the depth at
     /// the sample's time.

@@ -144,7 +144,7 @@ impl Memory {
     /// The memory of a [`Render`](crate::Render) with these arguments, and of `filter` applied to its film. `needs` are
     /// the statistics that the filter and other readers request; those of sampler and limits are added.
     ///
-    /// Recorders are asked for the bytes of the mean number of samples that the budget has per pixel and half
+    /// [Recorders](crate::Recorder) take the words of as many samples per pixel and half as the budget has in the mean
     /// ([`Limits::expected_samples`]).
     pub fn of_render(sampler: &dyn Sampler, filter: &dyn Filter, needs: Needs, frame: &Frame, limits: &Limits) -> Self {
         let needs = needs.and(sampler.needs());

@@ -225,7 +225,7 @@ impl<'a> Render<'a> {
         integrator: &mut dyn Integrator,
         sampler: &mut dyn Sampler,
     ) -> Result<Film, Error> {
-        self.drive(Some(snapshot), integrator, sampler)
+        self.drive(Some(snapshot.of_window()?), integrator, sampler)
     }
 
     fn drive(

@@ -287,6 +287,14 @@ impl Snapshot {
         &self.film
     }
 
+    /// The snapshot, unless it has some rows of a stage alone.
+    pub(crate) fn of_window(self) -> Result<Self, Error> {
+        match self.stage {
+            None => Ok(self),
+            Some(_) => Err(Error::OtherRender { what: "it has rows of a stage alone; trace and join them".into() }),
+        }
+    }
+
     /// Makes an integrator learn the training passes so far.
     pub fn teach(&self, integrator: &mut dyn Integrator) {
         self.passes.iter().for_each(|pass| integrator.learn(pass));

@@ -1,20 +1,32 @@
 //! Any cut of the rows at any stage, by any number of processes, gives the film of one machine.
 
-use dapple_adaptive::Adaptive;
+use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
+use dapple_conformance::toys::{Independent, Made, Planned};
+use dapple_conformance::{bits, on_threads};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, NoMonitor, PointSet, Render,
-    Sampler, Session, Snapshot, TracedRows, TrainingData, Worker,
+    Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, Filter, Filtered, FirstHit, Frame, Integrator,
+    InvalidSample, Limits, Methods, Monitor, Needs, NoMonitor, Pass, Plan, Prepared, Prepares, Progress,
+    RecordedSample, Recorder, Render, Retention, Sampler, Schedule, Session, Snapshot, Status, TracedRows,
+    TrainingData, Worker, mix,
 };
 use dapple_distributed::{coordinate, local, serve};
-use dapple_low_discrepancy::Sobol;
+use std::sync::Arc;
+use std::time::Duration;
 
-/// An edge under noise, with a light whose strength is learned in training passes, and splats.
+/// An edge under noise and invalid samples, with a light whose strength is learned in training passes or prepared, and splats.
 #[derive(Clone, Default)]
 struct Toy {
-    learned: Vec<f64>,
     passes: usize,
+    learned: Vec<f64>,
+    prepares: Prepares,
+    prepared: f32,
+    preparations: u32,
     splats: bool,
+    /// The sample of pixel (3, 20) that panics.
+    panics: Option<u64>,
+    /// Microseconds of a sample in the first column.
+    sleeps: u64,
 }
 
 impl Integrator for Toy {
@@ -30,95 +42,233 @@ impl Integrator for Toy {
         self.learned.push(pass.entries().iter().map(|entry| entry.sum).sum());
     }
 
+    fn prepares(&self) -> Prepares {
+        self.prepares
+    }
+
+    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+        let light = (0..10).map(|path| pass.draws(path).block(Block::new(0))[0]).sum::<f32>();
+        self.prepared = 0.1 * light + pass.frame.size()[1] as f32;
+        self.preparations += 1;
+        Prepared { rays: 10 }
+    }
+
     fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
-        Some(self.estimate(draws, &mut Worker::default()))
+        Some(self.trace(draws, &mut Worker::default()))
     }
 
     fn estimate(&self, draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
-        let ([u, v, w, _], [x, y]) = (draws.block(Block::new(0)), draws.pixel());
+        assert!(draws.pixel() != [3, 20] || self.panics != Some(draws.id().index), "a broken triangle");
+        if draws.pixel()[0] == 0 && self.sleeps > 0 {
+            std::thread::sleep(Duration::from_micros(self.sleeps));
+        }
+        self.trace(draws, worker)
+    }
+}
+
+impl Toy {
+    fn trace(&self, draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
+        let ([u, v, w, t], [x, y]) = (draws.block(Block::new(0)), draws.pixel());
         let lit = f32::from(u8::from(x as f32 + u > 0.3 * y as f32));
         worker.note(u64::from(x / 3), u * lit);
         let learned = 1.0 + self.learned.iter().sum::<f64>() as f32 * 1e-3;
         if self.splats && w < 0.2 {
-            worker.splat([(x * 7 + y) % 20, (y * 5 + x) % 50], [0.1 * v; 3]);
+            worker.splat([(x * 7 + y) % 20, (y * 5 + x) % 50], [0.1 * v, 0.1, if t < 0.01 { f32::NAN } else { 0.1 }]);
         }
         let hit =
             (lit > 0.0).then(|| FirstHit::new([x as f32, y as f32, u], [0.0, 0.0, 1.0], 1.0 + v).with_albedo([v; 3]));
-        Estimate::new([lit * (0.5 + v) * learned, u * v, 0.1]).with_first_hit(hit).with_cost(1 + x % 2)
+        let red = if t < 0.02 { -1.0 } else { lit * (0.5 + v) * learned + self.prepared };
+        Estimate::new([red, u * v, 0.1]).with_first_hit(hit).with_emission([0.1 * v; 3]).with_cost(1 + x % 2)
     }
 }
 
-fn frame() -> Frame {
-    Frame::new(20, 60).unwrap().crop(0, 3, 20, 53).unwrap()
+/// Rounds of every kind: after discarded samples, or with withdrawals; with counts for each half.
+fn every_kind(withdraws: bool) -> Box<dyn Sampler> {
+    let plan = move |seen: &Feedback<'_>, plan: &mut Plan| {
+        let some = |salt: u64| (0..seen.pixels() as u64).map(move |i| (mix(i ^ salt << 32) % 5) as u32);
+        plan.counts = some(seen.round.into()).map(|n| n + 1).collect();
+        match seen.round {
+            0 if !withdraws => plan.retention = Retention::Discard,
+            0 | 1 | 4 => {}
+            2 => plan.second_half = Some(some(9).collect()),
+            3 => plan.withdraw = withdraws.then(|| some(11).map(|n| n == 0).collect()),
+            _ => return Progress::Done,
+        }
+        Progress::Trace
+    };
+    Box::new(Planned { points: Independent::new(7), needs: needs(), plan })
 }
 
-fn samplers() -> Vec<Box<dyn Fn() -> Box<dyn Sampler>>> {
-    fn points() -> impl PointSet {
-        Sobol::new(3)
-    }
-    vec![
-        Box::new(|| Box::new(Uniform::new(points()))),
-        Box::new(|| Box::new(Adaptive::new(points()))),
-        Box::new(|| Box::new(Adaptive::variance(points()))),
-    ]
+fn points() -> Independent {
+    Independent::new(3)
 }
+
+fn by_variance(policy: PilotPolicy) -> Box<dyn Sampler> {
+    Box::new(Adaptive::variance_with_options(points(), VarianceOptions::default().policy(policy)).unwrap())
+}
+
+type Make = fn() -> Box<dyn Sampler>;
+
+const UNIFORM: Make = || Box::new(Uniform::new(points()));
+const ADAPTIVE: Make = || Box::new(Adaptive::new(points()));
+const SAMPLERS: [Make; 6] = [
+    UNIFORM,
+    ADAPTIVE,
+    || by_variance(PilotPolicy::Keep),
+    || by_variance(PilotPolicy::Cross),
+    || every_kind(false),
+    || every_kind(true),
+];
 
 fn needs() -> Needs {
-    Needs::none().with_features().with_variance().with_halves()
+    Needs::none().with_feature_halves().with_variance().with_first_hits(2).with_cost().with_emission()
 }
 
-/// Films are equal but for the seconds.
-fn same(one: &Film, other: &Film) -> bool {
-    let counted =
-        |film: &Film| (film.record().samples, film.record().rays, film.record().rejected, film.record().rounds.len());
-    let pixels = |film: &Film| -> Vec<String> {
-        let of =
-            |i: usize| format!("{:?} {:?} {:?} {:?}", film.half(0, i), film.half(1, i), film.features(i), film.mean(i));
-        (0..film.frame().pixels()).map(of).collect()
-    };
-    counted(one) == counted(other) && pixels(one) == pixels(other)
-}
+/// All green samples.
+struct Greens;
 
-fn alone(toy: &Toy, sampler: &mut dyn Sampler, limits: &Limits) -> Film {
-    Render::new(frame(), limits).needs(needs()).run(&mut toy.clone(), sampler).unwrap()
-}
-
-fn session<'a>(toy: &Toy, sampler: Box<dyn Sampler>, limits: &Limits, from: Option<&[u8]>) -> Session<'a> {
-    let methods = dapple_core::Methods::from(sampler).with_needs(needs().and(toy.needs()));
-    match from {
-        None => Session::new(frame(), limits.clone(), methods).unwrap(),
-        Some(bytes) => Session::resume(frame(), limits.clone(), methods, Snapshot::from_bytes(bytes).unwrap()).unwrap(),
+impl Recorder for Greens {
+    fn name(&self) -> &str {
+        "greens"
     }
+
+    fn record(&self, words: &mut Vec<u32>, sample: &RecordedSample<'_>) {
+        words.extend([sample.count as u32, sample.radiance[1].to_bits()]);
+    }
+
+    fn bytes(&self, samples: u64) -> u64 {
+        8 * samples
+    }
+}
+
+fn recorders() -> Vec<Arc<dyn Recorder>> {
+    vec![Arc::new(Greens)]
+}
+
+/// Means over three rows and three columns, with an estimate of their error.
+fn blur() -> impl Filter {
+    let apply = |film: &Film| {
+        let [width, height] = film.frame().size().map(|n| n as usize);
+        let (image, errors) = (film.image(), film.squared_errors().unwrap());
+        let near = |i: usize| {
+            let (x, y) = (i % width, i / width);
+            (0..9).map(move |k| (y + k / 3 + height - 1) % height * width + (x + k % 3 + width - 1) % width)
+        };
+        let mean = |i: usize| std::array::from_fn(|c| near(i).map(|j| image[j][c]).sum::<f32>() / 9.0);
+        let error = (0..image.len()).map(|i| near(i).map(|j| errors[j]).sum::<f32>() / 81.0).collect::<Vec<_>>();
+        Filtered::new(film.frame().size(), (0..image.len()).map(mean).collect()).with_error(Some(error))
+    };
+    Made { name: "blur", needs: Needs::none().with_halves(), apply }
+}
+
+/// A render and its methods, made anew for each process.
+struct Project {
+    frame: Frame,
+    limits: Limits,
+    toy: Toy,
+    sampler: Make,
+    /// True if an error limit concerns the image of [`blur`].
+    is_filtered: bool,
+}
+
+impl Project {
+    fn new(toy: Toy, sampler: Make, limits: Limits) -> Self {
+        let frame = Frame::new(20, 60).unwrap().crop(0, 3, 20, 53).unwrap();
+        Self { frame, limits, toy, sampler, is_filtered: false }
+    }
+
+    fn render(&self) -> Render<'_> {
+        let filtered = if self.is_filtered { blur().needs() } else { Needs::none() };
+        let needs = needs().and(self.toy.needs()).and(filtered);
+        Render::new(self.frame, &self.limits).needs(needs).recorders(recorders())
+    }
+
+    /// The film of one machine, which begins anew or goes on.
+    fn alone(&self, from: Option<&[u8]>, monitor: &mut dyn Monitor) -> Film {
+        let (filter, mut toy, mut sampler) = (blur(), self.toy.clone(), (self.sampler)());
+        let render = self.render().monitor(monitor);
+        let render = if self.is_filtered { render.error_of(&filter) } else { render };
+        match from {
+            None => render.run(&mut toy, &mut sampler),
+            Some(bytes) => render.resume(Snapshot::from_bytes(bytes).unwrap(), &mut toy, &mut sampler),
+        }
+        .unwrap()
+    }
+
+    fn session(&self, from: Option<&[u8]>) -> Session<'static> {
+        let methods = Methods::from((self.sampler)()).with_needs(needs().and(self.toy.needs()));
+        let methods = methods.with_recorders(recorders());
+        let methods = if self.is_filtered { methods.with_filter(blur()) } else { methods };
+        match from {
+            None => Session::new(self.frame, self.limits.clone(), methods).unwrap(),
+            Some(bytes) => {
+                let snapshot = Snapshot::from_bytes(bytes).unwrap();
+                Session::resume(self.frame, self.limits.clone(), methods, snapshot).unwrap()
+            }
+        }
+    }
+
+    /// Serves with a project of its own.
+    fn serve(&self, end: &mut dyn dapple_distributed::Processes) {
+        let (mut toy, mut sampler, mut learned) = (self.toy.clone(), (self.sampler)(), 0);
+        serve(|rows| self.render().trace_rows(rows, &mut learned, &mut toy, &mut sampler), end).unwrap();
+    }
+
+    /// The film of some processes, whose others trace `theirs`.
+    fn with(&self, theirs: &[Project], from: Option<&[u8]>, monitor: &mut dyn Monitor) -> Result<Film, Error> {
+        let mut ends = local(1 + theirs.len() as u32).into_iter();
+        let mut first = ends.next().unwrap();
+        std::thread::scope(|threads| {
+            for (mut end, project) in ends.zip(theirs) {
+                threads.spawn(move || project.serve(&mut end));
+            }
+            coordinate(self.session(from), &mut self.toy.clone(), &mut first, monitor, &mut || false)
+        })
+    }
+
+    /// The film of so many processes.
+    fn together(&self, size: u32, from: Option<&[u8]>, monitor: &mut dyn Monitor) -> Film {
+        let same = || Project { limits: self.limits.clone(), toy: self.toy.clone(), ..*self };
+        self.with(&(1..size).map(|_| same()).collect::<Vec<_>>(), from, monitor).unwrap()
+    }
+}
+
+/// Keeps a snapshot of every stage or slice, and of the end.
+#[derive(Default)]
+struct Keeper(Vec<Vec<u8>>);
+
+impl Monitor for Keeper {
+    fn slice(&mut self, status: &Status<'_>) -> Control {
+        self.0.push(status.snapshot());
+        Control::Continue
+    }
+
+    fn end(&mut self, status: &Status<'_>) {
+        self.0.push(status.snapshot());
+    }
+}
+
+/// Toys that learn in some passes, or prepare, and splat or not.
+fn toys() -> Vec<Toy> {
+    let learning = |passes, splats| Toy { passes, splats, ..Toy::default() };
+    let preparing = |prepares| Toy { prepares, ..Toy::default() };
+    let both = Toy { prepares: Prepares::EveryPass, ..learning(2, true) };
+    vec![learning(0, false), learning(9, false), preparing(Prepares::Once), preparing(Prepares::EveryPass), both]
 }
 
 #[test]
 fn processes_have_the_film_of_one_machine() {
-    let limits = Limits::spp(9.0);
-    for (case, make) in samplers().iter().enumerate() {
-        for (passes, splats) in [(0, false), (2, false), (1, true)] {
-            let toy = Toy { passes, splats, ..Toy::default() };
-            let whole = alone(&toy, &mut *make(), &limits);
+    for (case, sampler) in SAMPLERS.into_iter().enumerate() {
+        for (number, toy) in toys().into_iter().enumerate() {
+            let project = Project::new(toy, sampler, Limits::spp(17.0));
+            let whole = project.alone(None, &mut NoMonitor);
+            assert!(whole.record().rejected > 100);
             for size in [1, 2, 3, 7] {
-                let mut ends = local(size).into_iter();
-                let mut first = ends.next().unwrap();
-                let film = std::thread::scope(|threads| {
-                    for mut end in ends {
-                        let (toy, limits) = (toy.clone(), &limits);
-                        let mut sampler = make();
-                        threads.spawn(move || {
-                            let (mut toy, mut learned) = (toy, 0);
-                            let needs = needs().and(toy.needs());
-                            let trace = |rows: &[u8]| {
-                                let render = Render::new(frame(), limits).needs(needs);
-                                render.trace_rows(rows, &mut learned, &mut toy, &mut *sampler)
-                            };
-                            serve(trace, &mut end).unwrap();
-                        });
-                    }
-                    let session = session(&toy, make(), &limits, None);
-                    coordinate(session, &mut toy.clone(), &mut first, &mut NoMonitor, &mut || false).unwrap()
-                });
-                assert!(same(&film, &whole), "sampler {case}, {passes} passes, splats {splats}, {size} processes");
+                let film = project.together(size, None, &mut NoMonitor);
+                assert!(bits(&film) == bits(&whole), "sampler {case}, toy {number}, {size} processes");
+                assert_eq!(film.image(), whole.image(), "splats");
+                let of = |film: &Film| (film.record().passes, film.record().prepare_rays);
+                assert_eq!(of(&film), of(&whole), "sampler {case}, toy {number}, {size} processes");
             }
         }
     }
@@ -127,26 +277,25 @@ fn processes_have_the_film_of_one_machine() {
 /// Parts as files: each stage is planned, dealt, traced and joined by programs that know nothing but bytes.
 #[test]
 fn stages_from_bytes_have_the_film_of_one_machine_whatever_the_number_of_parts() {
-    let limits = Limits::spp(7.0);
-    for (case, make) in samplers().iter().enumerate() {
-        let toy = Toy { passes: 2, ..Toy::default() };
-        let whole = alone(&toy, &mut *make(), &limits);
-        let mut plan = session(&toy, make(), &limits, None).snapshot();
+    for (case, sampler) in SAMPLERS.into_iter().enumerate() {
+        let project = Project::new(Toy { passes: 2, ..Toy::default() }, sampler, Limits::spp(17.0));
+        let whole = project.alone(None, &mut NoMonitor);
+        let mut plan = project.session(None).snapshot();
         for parts in [3, 1, 4, 2, 5, 2, 2, 3, 1, 1, 2, 2].into_iter().cycle() {
-            let mut planner = toy.clone();
-            let mut planning = session(&toy, make(), &limits, Some(&plan));
+            let (mut planner, mut planning) = (project.toy.clone(), project.session(Some(&plan)));
             planning.teach(&mut planner);
             let Some(stage) = planning.next_stage(&planner).unwrap() else {
-                assert!(same(&planning.into_film(), &whole), "sampler {case}");
+                assert!(bits(&planning.into_film()) == bits(&whole), "sampler {case}");
                 break;
             };
             let runs = planning.deal(&stage, parts);
             assert_eq!(runs.first().map(|run| run.start), Some(stage.rows().start));
             assert!(runs.len() <= parts as usize && runs.windows(2).all(|two| two[0].end == two[1].start));
+            assert_eq!(runs.last().map(|run| run.end), Some(stage.rows().end));
             for rows in runs.iter().rev() {
                 let task = planning.rows_of(&stage, rows.clone()).unwrap();
-                let render = Render::new(frame(), &limits).needs(needs());
-                let traced = render.trace_rows(&task, &mut 0, &mut toy.clone(), &mut *make()).unwrap().unwrap();
+                let (mut toy, mut sampler) = (project.toy.clone(), sampler());
+                let traced = project.render().trace_rows(&task, &mut 0, &mut toy, &mut sampler).unwrap().unwrap();
                 assert_eq!(planning.join(&stage, TracedRows::from_bytes(&traced).unwrap()).unwrap(), *rows);
             }
             planning.end_stage(&stage, &mut planner).unwrap();
@@ -156,49 +305,168 @@ fn stages_from_bytes_have_the_film_of_one_machine_whatever_the_number_of_parts()
 }
 
 #[test]
-fn rows_of_another_stage_or_untraced_rows_are_refused() {
-    let (limits, toy) = (Limits::spp(8.0), Toy::default());
-    let mut planning = session(&toy, Box::new(Adaptive::new(Sobol::new(3))), &limits, None);
-    let stage = planning.next_stage(&toy).unwrap().unwrap();
+fn a_state_at_a_stage_s_end_is_resumed_by_any_number_of_processes() {
+    for (case, sampler) in SAMPLERS.into_iter().enumerate() {
+        for (number, toy) in toys().into_iter().enumerate().skip(case % 2).step_by(2) {
+            let project = Project::new(toy, sampler, Limits::spp(17.0));
+            let mut keeper = Keeper::default();
+            let whole = bits(&project.together(3, None, &mut keeper));
+            for (k, state) in keeper.0.iter().enumerate() {
+                let case = format!("sampler {case}, toy {number}, state {k}");
+                assert!(bits(&project.alone(Some(state), &mut NoMonitor)) == whole, "{case}, alone");
+                assert!(bits(&project.together(2, Some(state), &mut NoMonitor)) == whole, "{case}, two");
+            }
+        }
+    }
+}
+
+/// Slices go by rows where a sample of each pixel takes long.
+#[test]
+fn a_render_interrupted_within_a_pass_is_resumed_by_several_processes() {
+    for (number, toy) in toys().into_iter().enumerate() {
+        let frame = Frame::new(90, 70).unwrap();
+        let project = Project { frame, ..Project::new(toy, ADAPTIVE, Limits::spp(7.0)) };
+        let mut keeper = Keeper::default();
+        let whole = project.alone(None, &mut keeper);
+        // Some states within passes, and the one after the last sample of the first round.
+        let samples = |state: &[u8]| Snapshot::from_bytes(state).unwrap().film().record().samples;
+        let within = keeper.0.iter().filter(|state| !samples(state).is_multiple_of(6300)).step_by(3);
+        let round = keeper.0.iter().filter(|state| samples(state) == 4 * 6300);
+        let states: Vec<_> = within.chain(round).collect();
+        assert!(states.len() > 2, "{}", states.len());
+        for (k, state) in states.into_iter().enumerate() {
+            let film = project.together(2, Some(state), &mut NoMonitor);
+            assert!(bits(&film) == bits(&whole), "toy {number}, state {k}");
+            assert_eq!(film.record().passes, whole.record().passes, "toy {number}, state {k}");
+        }
+    }
+}
+
+#[test]
+fn a_coordinator_that_prepares_once_does_so_for_all_its_stages() {
+    let project = Project::new(Toy { prepares: Prepares::Once, ..Toy::default() }, ADAPTIVE, Limits::spp(9.0));
+    let (mut first, mut toy) = (local(1).remove(0), project.toy.clone());
+    let film = coordinate(project.session(None), &mut toy, &mut first, &mut NoMonitor, &mut || false).unwrap();
+    assert!(film.record().rounds.len() > 1 && toy.preparations == 1, "{}", toy.preparations);
+}
+
+#[test]
+fn a_limit_of_time_is_that_of_the_first_process() {
+    let toy = |sleeps| Toy { sleeps, passes: 2, ..Toy::default() };
+    let project = |sleeps, limits| Project::new(toy(sleeps), ADAPTIVE, limits);
+    let theirs = [project(150, Limits::seconds(77.0)), project(250, Limits::seconds(77.0))];
+    let film = project(50, Limits::seconds(0.3)).with(&theirs, None, &mut NoMonitor).unwrap();
+    assert!(film.record().rounds.len() > 1 && !film.record().interrupted);
+    let again = project(0, Limits::new(Budget::Recorded(film.record().budgets.clone())));
+    assert!(bits(&again.alone(None, &mut NoMonitor)) == bits(&film));
+}
+
+/// By its seconds, a limit of time finds how many samples it allows.
+#[test]
+fn a_round_takes_the_seconds_of_all_its_stages() {
+    let project = Project::new(Toy { sleeps: 1000, passes: 3, ..Toy::default() }, UNIFORM, Limits::spp(8.0));
+    let mut keeper = Keeper::default();
+    // Eight samples of a millisecond in each of 50 rows, on two threads.
+    let film = on_threads(2, || project.together(1, None, &mut keeper));
+    let (taken, stages) = (film.record().trace_seconds(), keeper.0.len());
+    assert!(taken > 0.2 && film.record().rounds.len() == 1 && stages > 3, "{taken} s in {stages} stages");
+    let resumed = on_threads(2, || project.together(1, Some(&keeper.0[2]), &mut NoMonitor));
+    assert!(resumed.record().trace_seconds() > 0.2);
+}
+
+#[test]
+fn a_limit_of_error_of_the_filtered_image_ends_after_the_same_samples() {
+    let limits = Limits::error(0.0004, 1 << 22);
+    let project = Project { is_filtered: true, ..Project::new(Toy::default(), UNIFORM, limits) };
+    let alone = project.alone(None, &mut NoMonitor);
+    assert!(alone.record().rounds.len() > 2 && alone.record().filtered_relmse.is_some());
+    for size in [1, 3] {
+        let film = project.together(size, None, &mut NoMonitor);
+        assert!(bits(&film) == bits(&alone));
+        assert_eq!(film.record().filtered_relmse, alone.record().filtered_relmse);
+    }
+}
+
+#[test]
+fn rows_of_another_stage_rows_joined_twice_and_missing_rows_are_refused() {
+    let project = Project::new(Toy::default(), ADAPTIVE, Limits::spp(8.0));
+    let mut planning = project.session(None);
+    let stage = planning.next_stage(&project.toy).unwrap().unwrap();
     let task = planning.rows_of(&stage, 0..16).unwrap();
-    assert!(
-        matches!(planning.join(&stage, TracedRows::from_bytes(&task).unwrap()), Err(Error::OtherRender { .. })),
-        "not traced"
-    );
+    let is_refused = |planning: &mut Session<'_>, bytes: &[u8]| {
+        matches!(planning.join(&stage, TracedRows::from_bytes(bytes).unwrap()), Err(Error::OtherRender { .. }))
+    };
+    assert!(is_refused(&mut planning, &task), "not traced");
     let whole = planning.snapshot();
-    assert!(
-        matches!(planning.join(&stage, TracedRows::from_bytes(&whole).unwrap()), Err(Error::OtherRender { .. })),
-        "no rows"
-    );
+    assert!(is_refused(&mut planning, &whole), "no rows");
     let mut damaged = task.clone();
     damaged[100] ^= 1;
     assert!(matches!(TracedRows::from_bytes(&damaged), Err(Error::BadSnapshot { .. })), "damaged");
+    let trace = |task: &[u8]| {
+        let (mut toy, mut sampler) = (project.toy.clone(), (project.sampler)());
+        project.render().trace_rows(task, &mut 0, &mut toy, &mut sampler).unwrap().unwrap()
+    };
+    let traced = trace(&task);
+    planning.join(&stage, TracedRows::from_bytes(&traced).unwrap()).unwrap();
+    let before = bits(planning.film());
+    assert!(is_refused(&mut planning, &traced), "joined twice");
+    assert!(bits(planning.film()) == before);
+    assert!(matches!(planning.end_stage(&stage, &mut project.toy.clone()), Err(Error::OtherRender { .. })), "missing");
+    let rest = trace(&planning.rows_of(&stage, 16..50).unwrap());
+    planning.join(&stage, TracedRows::from_bytes(&rest).unwrap()).unwrap();
+    planning.end_stage(&stage, &mut project.toy.clone()).unwrap();
+    // A part is no render that could go on by itself.
+    for part in [&task, &traced] {
+        let snapshot = || Snapshot::from_bytes(part).unwrap();
+        let resumed = project.render().resume(snapshot(), &mut project.toy.clone(), &mut (project.sampler)());
+        assert!(matches!(resumed, Err(Error::OtherRender { .. })));
+        let methods = Methods::from((project.sampler)()).with_needs(needs()).with_recorders(recorders());
+        let resumed = Session::resume(project.frame, project.limits.clone(), methods, snapshot());
+        assert!(matches!(resumed, Err(Error::OtherRender { .. })));
+    }
 }
 
 #[test]
 fn a_failure_of_one_process_is_the_render_s() {
-    let limits = Limits::spp(4.0);
-    let mut ends = local(2).into_iter();
-    let (mut first, mut second) = (ends.next().unwrap(), ends.next().unwrap());
-    let failed = std::thread::scope(|threads| {
-        threads.spawn(move || serve(|_| Err(Error::other("toy", "no lamp")), &mut second).unwrap());
-        let toy = Toy::default();
-        let session = session(&toy, Box::new(Uniform::new(Sobol::new(3))), &limits, None);
-        coordinate(session, &mut toy.clone(), &mut first, &mut NoMonitor, &mut || false).unwrap_err()
-    });
-    assert!(failed.to_string().contains("process 1") && failed.to_string().contains("no lamp"), "{failed}");
+    let panics = |passes| Toy { panics: Some(5), passes, ..Toy::default() };
+    let strict = Limits::spp(16.0).with_invalid(InvalidSample::Fail);
+    for (toy, limits, expected) in [
+        (panics(0), Limits::spp(16.0), "a broken triangle"),
+        (panics(2), Limits::spp(16.0), "a broken triangle"),
+        (Toy::default(), strict, "replay it"),
+    ] {
+        for size in [1, 3] {
+            let project = |toy: &Toy| Project::new(toy.clone(), UNIFORM, limits.clone());
+            let theirs: Vec<_> = (1..size).map(|_| project(&toy)).collect();
+            let failed = project(&toy).with(&theirs, None, &mut NoMonitor).unwrap_err().to_string();
+            assert!(failed.contains(expected) && failed.contains("(3, 20)") == expected.contains("broken"), "{failed}");
+        }
+    }
+    // A process with other settings reports the difference.
+    let project = |sampler| Project::new(Toy::default(), sampler, Limits::spp(4.0));
+    let failed = project(UNIFORM).with(&[project(ADAPTIVE)], None, &mut NoMonitor).unwrap_err().to_string();
+    assert!(failed.contains("process 1") && failed.contains("the sampler was uniform, not adaptive"), "{failed}");
 }
 
 #[test]
 fn a_stop_anywhere_interrupts_the_render() {
-    let limits = Limits::spp(4.0);
+    let project = Project::new(Toy::default(), UNIFORM, Limits::spp(4.0));
     let mut ends = local(2).into_iter();
     let (mut first, mut second) = (ends.next().unwrap(), ends.next().unwrap());
     let film = std::thread::scope(|threads| {
         threads.spawn(move || serve(|_| Ok(None), &mut second).unwrap());
-        let toy = Toy::default();
-        let session = session(&toy, Box::new(Uniform::new(Sobol::new(3))), &limits, None);
-        coordinate(session, &mut toy.clone(), &mut first, &mut NoMonitor, &mut || false).unwrap()
+        coordinate(project.session(None), &mut Toy::default(), &mut first, &mut NoMonitor, &mut || false).unwrap()
     });
-    assert!(film.record().interrupted);
+    assert!(film.record().interrupted && film.record().samples == 0);
+    // A stop within the first process's own rows, and one after a stage.
+    let schedule = Schedule::default().with_slice_spp(1);
+    let project = Project::new(Toy::default(), ADAPTIVE, Limits::spp(9.0).with_schedule(schedule));
+    let (mut first, mut keeper) = (local(1).remove(0), Keeper::default());
+    let film = coordinate(project.session(None), &mut Toy::default(), &mut first, &mut keeper, &mut || true).unwrap();
+    assert!(film.record().interrupted && film.record().samples == 0);
+    let whole = bits(&project.alone(None, &mut NoMonitor));
+    assert!(bits(&project.together(2, keeper.0.last().map(|state| &state[..]), &mut NoMonitor)) == whole);
+    let film = project.together(3, None, &mut |_: &Status<'_>| Control::Stop);
+    assert!(film.record().interrupted && film.record().samples > 0);
+    assert_eq!(film.counts().iter().sum::<u64>(), film.record().samples);
 }

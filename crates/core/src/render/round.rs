@@ -75,7 +75,7 @@ pub(super) enum Stopped {
     AtEnd,
 }
 
-/// Traces the rest of the open round into the film: all of it, or the bands of this process.
+/// Traces the rest of the open round into the film: all of it, or the rows of a stage.
 pub(super) fn trace(
     integrator: &mut dyn Integrator,
     session: &mut Session<'_>,
@@ -106,6 +106,8 @@ pub(super) fn trace(
         if begins {
             open.cursor.end = open.cursor.start.saturating_add(length).min(longest);
         }
+        // Rows below those that are traced already belong to the pass that was interrupted there.
+        let begins = begins && state.stage.as_ref().is_none_or(|stage| stage.rows().start == 0);
         prepare(&mut *integrator, points, &mut *state, begins)?;
         let State { film, open: Some(open), passes, stage, .. } = state else { return Ok(Stopped::AtEnd) };
         let cursor = &mut open.cursor;

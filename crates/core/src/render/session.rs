@@ -125,7 +125,7 @@ impl<'a> Session<'a> {
         methods: impl Into<Methods<'a>>,
         snapshot: Snapshot,
     ) -> Result<Self, Error> {
-        Self::of_render(frame, &limits, methods.into().with_filter_needs(), Some(snapshot))
+        Self::of_render(frame, &limits, methods.into().with_filter_needs(), Some(snapshot.of_window()?))
     }
 
     /// The session of a render. It records what the methods ask for, and what sampler, limits and an error limit's filter need.

@@ -75,6 +75,11 @@ impl Session<'_> {
         if !self.open()? {
             return Ok(None);
         }
+        // A render may be interrupted after the last sample of a round.
+        if self.state.open.as_ref().is_some_and(|open| open.cursor.start >= open.longest()) {
+            self.close(Stopped::No)?;
+            return self.next_stage(integrator);
+        }
         let (film, open) = (&self.state.film, self.state.open.as_ref());
         let Some(open) = open else { return Ok(None) };
         let (Cursor { start, end, row }, longest, height) = (open.cursor, open.longest(), film.frame.size()[1]);
@@ -97,15 +102,7 @@ impl Session<'_> {
     /// Divides the rows of a stage into at most `parts` runs with about as many samples each. Follows from the plan alone.
     pub fn deal(&self, stage: &Stage, parts: u32) -> Vec<Range<u32>> {
         let Some(open) = &self.state.open else { return Vec::new() };
-        let width = stage.frame.size()[0] as usize;
-        let samples = |band: &Range<u32>| -> u64 {
-            let pixels = band.start as usize * width..band.end as usize * width;
-            let to_come = |counts: &[u32]| -> u64 {
-                let each = counts[pixels.clone()].iter();
-                each.map(|n| u64::from((*n).min(stage.end()).saturating_sub(open.cursor.start))).sum()
-            };
-            to_come(&open.plan.counts) + open.plan.second_half.as_deref().map_or(0, to_come)
-        };
+        let samples = |band: &Range<u32>| planned(open, stage, band);
         // Training data is summed in blocks, so that no block may be cut.
         let bands: Vec<Range<u32>> = (stage.rows().start..stage.rows().end)
             .step_by(BLOCK)
@@ -177,7 +174,8 @@ impl Session<'_> {
         let part = self.part(stage, rows)?;
         let whole = std::mem::replace(&mut self.state, part);
         let traced = trace(integrator, self, monitor);
-        let State { film, round, open, stage, .. } = std::mem::replace(&mut self.state, whole);
+        let State { film, round, open, stage, prepared, .. } = std::mem::replace(&mut self.state, whole);
+        self.state.prepared = prepared;
         Ok((traced? == Stopped::No).then_some(TracedRows { film, round, open, stage }))
     }
 
@@ -204,10 +202,13 @@ impl Session<'_> {
         }
         let top = part.frame.origin()[1] - stage.frame.origin()[1];
         let rows = top..top + part.frame.size()[1];
-        let had = samples_in(film, part.frame);
+        let (had, new) = (samples_in(film, part.frame), planned(open, stage, &rows));
+        if part.record.samples != had + new {
+            return other("the rows are joined already");
+        }
         let record = std::mem::take(&mut part.record);
         part.record = Record {
-            samples: record.samples.saturating_sub(had),
+            samples: new,
             rays: record.rays - record.prepare_rays,
             blocks: record.blocks,
             rejected: record.rejected,
@@ -232,9 +233,14 @@ impl Session<'_> {
     ///
     /// # Errors
     ///
-    /// Those of the sampler's next plan.
+    /// [`Error::OtherRender`] if rows are missing.
     pub fn end_stage(&mut self, stage: &Stage, integrator: &mut dyn Integrator) -> Result<(), Error> {
+        let seconds = self.seconds() - self.began();
         let Some(open) = &mut self.state.open else { return Ok(()) };
+        if self.state.film.record.samples != open.before + open.submitted + open.before(stage.end()) {
+            return Err(Error::OtherRender { what: "rows of the stage are missing; join all of them first".into() });
+        }
+        open.traced_seconds = seconds;
         open.cursor = Cursor { start: stage.end(), end: stage.end(), row: 0 };
         let is_over = stage.end() >= open.longest();
         if integrator.wants_training() {
@@ -298,6 +304,16 @@ impl Render<'_> {
             Stopped::Within | Stopped::AtEnd => Ok(None),
         }
     }
+}
+
+/// The samples of some rows in a stage.
+fn planned(open: &OpenRound, stage: &Stage, rows: &Range<u32>) -> u64 {
+    let width = stage.frame.size()[0] as usize;
+    let to_come = |counts: &Vec<u32>| -> u64 {
+        let own = &counts[rows.start as usize * width..rows.end as usize * width];
+        own.iter().map(|n| u64::from((*n).min(stage.end()).saturating_sub(open.cursor.start))).sum()
+    };
+    to_come(&open.plan.counts) + open.plan.second_half.as_ref().map_or(0, to_come)
 }
 
 fn no_round() -> Error {

@@ -2,8 +2,8 @@
 
 use crate::common::*;
 use dapple_core::{
-    Draws, Error, Feedback, Film, Limits, Methods, Needs, Plan, Progress, RecordedSample, Recorder, Render, Retention,
-    Sampler, Schedule, Session,
+    Draws, Error, Feedback, Film, Filter, Filtered, Limits, Memory, Methods, Needs, Plan, PointSet, Progress,
+    RecordedSample, Recorder, Render, Retention, SampleId, Sampler, Schedule, Session, Unfiltered,
 };
 use std::sync::Arc;
 
@@ -86,8 +86,8 @@ fn rendered((needs, withdraws): (Needs, bool), limits: &Limits) -> Film {
 }
 
 /// The words that a recorder of all reds has of these samples of a pixel.
-fn words(film: &Film, i: usize, ids: impl Iterator<Item = dapple_core::SampleId>) -> Vec<u32> {
-    let red = |id| faulty(film.frame().pixel(i), dapple_core::PointSet::block(&Independent::new(4), id, 0))[0].max(0.0);
+fn words(film: &Film, i: usize, ids: impl Iterator<Item = SampleId>) -> Vec<u32> {
+    let red = |id| faulty(film.frame().pixel(i), Independent::new(4).block(id, 0))[0].max(0.0);
     (1..).zip(ids).flat_map(|(count, id)| [count, red(id).to_bits()]).collect()
 }
 
@@ -222,4 +222,67 @@ fn films_filled_by_hand_record_words_and_other_colours_drop_them() {
     assert!(words.kept(0, 0).is_empty() && words.discarded(1, 1).is_empty());
     assert_eq!(film.of_rows(0..1).unwrap().recorded("reds").unwrap().kept(1, 1), words.kept(1, 1));
     assert!(film.with_channels_as_colour([0, 1, 2]).unwrap().recorded("reds").is_none());
+}
+
+/// A sampler and a filter that record for themselves.
+struct Recording<M>(M, u64);
+
+impl<S: Sampler> Sampler for Recording<S> {
+    fn name(&self) -> &str {
+        self.0.name()
+    }
+
+    fn points(&self) -> &dyn PointSet {
+        self.0.points()
+    }
+
+    fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
+        vec![reds(self.1)]
+    }
+
+    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
+        self.0.next_round(seen, plan)
+    }
+}
+
+impl Filter for Recording<Unfiltered> {
+    fn name(&self) -> &str {
+        self.0.name()
+    }
+
+    fn needs(&self) -> Needs {
+        Needs::none().with_halves()
+    }
+
+    fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
+        vec![reds(self.1)]
+    }
+
+    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
+        self.0.apply(film)
+    }
+}
+
+#[test]
+fn films_have_the_recorders_of_sampler_and_filter_and_forecasts_count_their_words() {
+    let (frame, filter) = (frame(7, 5), Recording(Unfiltered, 5));
+    let sampler = || Recording(uniform(1), 3);
+    let names = |film: &Film| film.recorder_names().to_vec();
+    let alone = run(&mut Field(noise), &mut sampler(), Needs::none(), frame, &Limits::spp(4.0)).unwrap();
+    assert_eq!(names(&alone), ["reds:first=3"]);
+    // A filter's recorders are those of a session, and of a render whose error limit concerns its image.
+    let session = Session::new(frame, Limits::spp(4.0), (sampler(), Recording(Unfiltered, 5))).unwrap();
+    let mut both = names(session.film());
+    both.sort();
+    assert_eq!(both, ["reds:first=3", "reds:first=5"]);
+    for (limits, count) in [(Limits::spp(4.0), 1), (Limits::error(1e-9, 350), 2)] {
+        let film = Render::new(frame, &limits).error_of(&filter).run(&mut Field(noise), &mut sampler()).unwrap();
+        assert_eq!(names(&film).len(), count);
+    }
+    // Eight samples in the mean: four in each half, of which one recorder keeps three.
+    let limits = Limits::spp(8.0);
+    let forecast = |sampler: &dyn Sampler| Memory::of_render(sampler, &filter, filter.needs(), &frame, &limits).film;
+    let (words, lists) = (8 * (3 + 4), 2 * size_of::<Vec<u32>>() as u64);
+    assert_eq!(forecast(&sampler()), 35 * (Film::bytes_per_pixel(&filter.needs()) as u64 + 2 * (words + lists)));
+    assert_eq!(forecast(&uniform(1)), 35 * (Film::bytes_per_pixel(&filter.needs()) as u64 + 2 * (8 * 4 + lists / 2)));
 }
