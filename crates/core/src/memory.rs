@@ -324,7 +324,7 @@ mod tests {
         let (frame, limits) = (Frame::new(100, 160).unwrap(), Limits::new(Budget::Samples(64_000)));
         let sampler = ByRows(Uniform::new(Points));
         let memory = Memory::of_render(&sampler, &Unfiltered, Needs::none().with_features(), &frame, &limits);
-        let (image, film) = (16 * 16_000, (32 + 120) * 16_000);
+        let (image, film) = (12 * 16_000, (32 + 120) * 16_000);
         assert_eq!((memory.film, memory.filter.applying), (film, image));
         let of = |index, of| {
             let share = Shard::new(index, of).unwrap();
