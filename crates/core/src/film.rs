@@ -132,8 +132,8 @@ pub struct Film {
     /// Statistics of discarded samples (those not in the image): one bank, or one per half. Empty until samples are
     /// discarded.
     pub(crate) discarded: Vec<Bank>,
-    /// `true` if the discarded samples were in the image before, and were withdrawn from it.
-    pub(crate) withdrawn: bool,
+    /// The numbers of discarded samples that were in the image before, for each half. Empty until samples are withdrawn.
+    pub(crate) withdrawn: Vec<Vec<u64>>,
     pub(crate) beside: Beside,
     pub(crate) recorders: Recorders,
     pub(crate) splats: Splats,
@@ -170,7 +170,7 @@ impl Film {
             combine: Combine::ByCount,
             kept: Vec::new(),
             discarded: Vec::new(),
-            withdrawn: false,
+            withdrawn: Vec::new(),
             beside: Beside::default(),
             recorders: Recorders::default(),
             splats: Splats::default(),
@@ -401,17 +401,21 @@ impl Film {
     /// the pixel's points.
     pub(crate) fn withdraw(&mut self, marked: &[bool]) {
         self.open_discarded();
-        self.withdrawn = true;
-        self.kept.iter_mut().zip(&mut self.discarded).for_each(|(kept, other)| kept.exchange(other, marked));
+        self.withdrawn.resize(self.kept.len(), vec![0; self.frame.pixels()]);
+        for ((kept, other), withdrawn) in self.kept.iter_mut().zip(&mut self.discarded).zip(&mut self.withdrawn) {
+            let moved = withdrawn.iter_mut().zip(&kept.counts).zip(marked);
+            moved.filter(|(_, marked)| **marked).for_each(|((withdrawn, count), _)| *withdrawn += count);
+            kept.exchange(other, marked);
+        }
     }
 
     /// The index of the next sample of pixel `i`: of the kept or of the discarded ones of a half.
     #[inline]
     pub(crate) fn next_index(&self, retention: Retention, half: usize, i: usize) -> u64 {
+        let withdrawn = self.withdrawn.get(half).map_or(0, |withdrawn| withdrawn[i]);
         match retention {
-            Retention::Keep if self.withdrawn => self.kept[half].counts[i] + self.discarded[half].counts[i],
-            Retention::Keep => self.kept[half].counts[i],
-            Retention::Discard => self.discarded[half].counts[i],
+            Retention::Keep => self.kept[half].counts[i] + withdrawn,
+            Retention::Discard => self.discarded[half].counts[i] - withdrawn,
         }
     }
 
@@ -423,7 +427,7 @@ impl Film {
             (1, Some(half)) => streams::HALVES[half & 1],
             _ => streams::HALVES[half],
         };
-        let withdrawn = if self.withdrawn { self.discarded[half].counts[i] } else { 0 };
+        let withdrawn = self.withdrawn.get(half).map_or(0, |withdrawn| withdrawn[i]);
         SampleId::new(self.frame.pixel(i), stream, withdrawn + number as u64)
     }
 

@@ -62,8 +62,8 @@ pub struct Plan {
     pub combine: Combine,
     /// A mark per pixel whose kept samples are withdrawn from the image before the round is traced. Withdrawn samples
     /// count as discarded and stay spent. A withdrawn pixel must get kept samples in this round, whose indices continue
-    /// after the withdrawn ones. A pixel withdraws once, and a render that withdraws has no discarded rounds. Withdrawal
-    /// that depends on the samples' own values is still biased [Kirk and Arvo 1991].
+    /// after the withdrawn ones. It must have no discarded samples yet. Withdrawal that depends on the samples' own values
+    /// is still biased [Kirk and Arvo 1991].
     pub withdraw: Option<Vec<bool>>,
 }
 

@@ -111,12 +111,6 @@ pub(super) fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &Bu
     if withdraw.is_some_and(|w| (0..pixels).any(|i| w[i] && film.discarded(i).count > 0)) {
         return bad("it withdraws samples of a pixel that has discarded ones".into());
     }
-    // The planes of discarded samples hold one kind: withdrawn ones shift the indices of kept ones.
-    if film.withdrawn && !kept || withdraw.is_some() && !film.withdrawn && !film.discarded.is_empty() {
-        return bad(
-            "it withdraws samples in a render that discards some, or discards some in one that withdraws".into()
-        );
-    }
     let mut deepest = 0;
     for i in 0..pixels {
         let (first, others) = (u64::from(plan.counts[i]), second.map(|s| u64::from(s[i])));

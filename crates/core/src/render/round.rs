@@ -3,7 +3,7 @@
 use super::feature_samples::{self, Turn};
 use super::session::State;
 use super::{Monitor, Session};
-use crate::film::{Bank, BankRows, BesideRows, REJECTED_LISTED, Splats, keep_first, record_first_hit, reserve};
+use crate::film::{BankRows, BesideRows, REJECTED_LISTED, Splats, keep_first, record_first_hit, reserve};
 use crate::integrator::TrainingSum;
 use crate::snapshot::{Cursor, OpenRound};
 use crate::{
@@ -317,15 +317,18 @@ struct Band<'a> {
     samples: [u32; 2],
     banks: Vec<BankRows<'a>>,
     beside: BesideRows<'a>,
-    /// The counts of each half's withdrawn samples, whose indices precede; empty without such samples.
+    /// The counts of each half's withdrawn samples, whose indices precede those of kept ones; empty without such samples.
     withdrawn: Vec<&'a [u64]>,
+    retention: Retention,
 }
 
 impl Band<'_> {
     /// The index of a pixel's next sample in the stream of a half.
     #[inline]
     fn next_index(&self, half: usize, local: usize) -> u64 {
-        self.banks[half].counts[local] + self.withdrawn.get(half).map_or(0, |counts| counts[local])
+        let (count, withdrawn) =
+            (self.banks[half].counts[local], self.withdrawn.get(half).map_or(0, |counts| counts[local]));
+        if self.retention == Retention::Keep { count + withdrawn } else { count - withdrawn }
     }
 }
 
@@ -337,11 +340,7 @@ fn bands(
     size: usize,
 ) -> Vec<Band<'_>> {
     let pixels = film.frame.pixels();
-    let (banks, withdrawn): (&mut [Bank], &[Bank]) = match retention {
-        Retention::Keep if film.withdrawn => (&mut film.kept, &film.discarded),
-        Retention::Keep => (&mut film.kept, &[]),
-        Retention::Discard => (&mut film.discarded, &[]),
-    };
+    let banks = if retention == Retention::Keep { &mut film.kept } else { &mut film.discarded };
     let mut banks: Vec<_> = banks.iter_mut().map(|bank| bank.rows().split(from, pixels).1).collect();
     let mut beside = film.beside.rows().split(from, pixels).1;
     let mut bands = Vec::with_capacity((to - from).div_ceil(size));
@@ -355,8 +354,8 @@ fn bands(
         let own = own.collect();
         let (of_all, rest) = beside.split(size, left);
         beside = rest;
-        let withdrawn = withdrawn.iter().map(|bank| &bank.counts[first..first + size]).collect();
-        bands.push(Band { first, samples, banks: own, beside: of_all, withdrawn });
+        let withdrawn = film.withdrawn.iter().map(|counts| &counts[first..first + size]).collect();
+        bands.push(Band { first, samples, banks: own, beside: of_all, withdrawn, retention });
     }
     bands
 }

@@ -27,7 +27,8 @@ pub(super) fn put_film(to: &mut Writer, film: &Film) {
     film.kept.iter().for_each(|bank| bank.put(to));
     to.flag(!film.discarded.is_empty());
     film.discarded.iter().for_each(|bank| bank.put(to));
-    to.flag(film.withdrawn);
+    to.flag(!film.withdrawn.is_empty());
+    film.withdrawn.iter().for_each(|counts| to.numbers(counts));
     film.beside.put(to);
     if let Some(window) = &film.splats.frame {
         // Rows of a stage splat anywhere in the image.
@@ -59,7 +60,8 @@ pub(super) fn take_film(from: &mut Reader<'_>) -> Result<Film, Broken> {
     };
     film.kept = banks(from)?;
     film.discarded = if from.flag()? { banks(from)? } else { Vec::new() };
-    film.withdrawn = from.flag()?;
+    let withdrawn = if from.flag()? { halves } else { 0 };
+    film.withdrawn = (0..withdrawn).map(|_| from.numbers(pixels)).collect::<Result<_, _>>()?;
     film.beside = Beside::new(pixels, &layout);
     film.beside.take(from)?;
     let (planes, window) = if film.needs.splats { (halves, take_frame(from)?) } else { (0, film.frame) };
@@ -76,8 +78,12 @@ fn check(film: &Film) -> Result<(), Broken> {
     if film.unreported > samples {
         return Err(Broken("more samples report no hits than there are"));
     }
-    if film.withdrawn && film.discarded.is_empty() {
+    if !film.withdrawn.is_empty() && film.discarded.is_empty() {
         return Err(Broken("samples are withdrawn, but the film has no place for them"));
+    }
+    let mut withdrawn = film.withdrawn.iter().zip(&film.discarded).flat_map(|(n, bank)| n.iter().zip(&bank.counts));
+    if withdrawn.any(|(withdrawn, discarded)| withdrawn > discarded) {
+        return Err(Broken("more samples are withdrawn than discarded"));
     }
     if samples == film.record.samples { Ok(()) } else { Err(Broken("counts do not add up to the samples traced")) }
 }

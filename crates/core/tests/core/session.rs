@@ -22,7 +22,8 @@ fn traced() -> impl Integrator {
     Traced(|draws: &Draws<'_>, _: &mut Worker| trace(draws))
 }
 
-/// Rounds of every kind, alternating between halves and with counts per half: after discarded samples, or with withdrawals.
+/// Rounds of every kind, alternating between halves and with counts per half: with discarded samples before, or after
+/// withdrawals.
 fn every_kind(withdraws: bool) -> impl Sampler {
     let plan = move |seen: &Feedback<'_>, plan: &mut Plan| {
         let pixels = seen.pixels();
@@ -30,7 +31,8 @@ fn every_kind(withdraws: bool) -> impl Sampler {
         plan.counts = some(u64::from(seen.round)).map(|n| n + 1).collect();
         match seen.round {
             0 if !withdraws => plan.retention = Retention::Discard,
-            0 | 1 | 4 => {}
+            4 if withdraws => plan.retention = Retention::Discard,
+            0 | 1 | 4 | 5 => {}
             2 => plan.second_half = Some(some(9).collect()),
             3 => plan.withdraw = withdraws.then(|| some(11).map(|n| n == 0).collect()),
             _ => return Progress::Done,

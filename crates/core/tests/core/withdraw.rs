@@ -44,12 +44,13 @@ const KEEP: Retention = Retention::Keep;
 const DISCARD: Retention = Retention::Discard;
 const DISCARDS: [Round; 4] = [(3, DISCARD, false), (9, KEEP, false), (2, DISCARD, false), (7, KEEP, false)];
 const WITHDRAWS: [Round; 4] = [(4, KEEP, false), (5, KEEP, true), (1, KEEP, false), (6, KEEP, false)];
+const BOTH: [Round; 4] = [(4, KEEP, false), (5, KEEP, true), (5, DISCARD, false), (7, KEEP, false)];
 
 #[test]
 fn indices_continue_in_every_stream() {
     let indices =
         |traced: &[Traced], stream: u32| -> Vec<u64> { traced.iter().filter(|s| s.0 == stream).map(|s| s.1).collect() };
-    for (plan, discarded) in [(DISCARDS, 5), (WITHDRAWS, 0)] {
+    for (plan, discarded) in [(DISCARDS, 5), (WITHDRAWS, 0), (BOTH, 5)] {
         let (_, traced) = trace(&plan, Needs::none());
         assert_eq!(indices(&traced, streams::WHOLE), (0..16).collect::<Vec<_>>());
         assert_eq!(indices(&traced, streams::DISCARDED), (0..discarded).collect::<Vec<_>>());
@@ -70,6 +71,7 @@ fn withdrawn_samples_are_discarded_ones_and_nothing_is_lost() {
         (DISCARDS, (|sample: &Traced| sample.0 != streams::DISCARDED) as fn(&Traced) -> bool),
         // Only the samples before the withdrawal are not in the image.
         (WITHDRAWS, |sample: &Traced| sample.1 >= 4),
+        (BOTH, |sample: &Traced| sample.0 != streams::DISCARDED && sample.1 >= 4),
     ] {
         let (film, traced) = trace(&plan, plain);
         let (kept, discarded): (Vec<Traced>, Vec<Traced>) = traced.iter().partition(|sample| is_kept(sample));
@@ -117,12 +119,10 @@ fn invalid_withdrawals_are_refused() {
     assert!(refused(Some(vec![true]), KEEP, [1, 1]).contains("mark for each pixel"));
     assert!(refused(Some(vec![true; 2]), DISCARD, [1, 1]).contains("not kept"));
     assert!(refused(Some(vec![true; 2]), KEEP, [2, 0]).contains("traces none"));
-    // A pixel withdraws once, and no film has samples of both kinds that are not in the image.
-    for plan in [
-        [(1, KEEP, false), (1, KEEP, true), (1, KEEP, true)],
-        [(1, DISCARD, false), (1, KEEP, false), (1, KEEP, true)],
-        [(1, KEEP, false), (1, KEEP, true), (1, DISCARD, false)],
-    ] {
+    // A pixel withdraws once, and before it has discarded samples.
+    for plan in
+        [[(1, KEEP, false), (1, KEEP, true), (1, KEEP, true)], [(1, DISCARD, false), (1, KEEP, false), (1, KEEP, true)]]
+    {
         let mut sampler = rounds(plan.to_vec(), Needs::none());
         let answer = run(&mut Field(noise), &mut sampler, Needs::none(), frame(2, 1), &Limits::samples(6));
         assert!(matches!(answer, Err(Error::BadPlan { .. })), "{plan:?}");
