@@ -5,23 +5,13 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};
 
-const RENDER: &str =
-    "tiny.pbrt --sampler uniform --light-selection power --spp 4 --parts 3 --image image.pfm --image image.png";
-
-/// The default sampler and light selection, which learn from samples of the whole image.
-const LEARNED: &str = "tiny.pbrt --spp 8 --parts 3 --image image.pfm";
+/// The default sampler and light selection, which learn from samples of the whole image, in several stages.
+const RENDER: &str = "tiny.pbrt --spp 8 --parts 3 --image image.pfm --image image.png";
 
 /// A folder with the job of a system.
 fn farm(system: &str, more: &str) -> Folder {
     let folder = Folder::new();
     folder.done(&format!("farm {system} {RENDER} -o job {more}"));
-    folder
-}
-
-/// A folder with a job in several stages.
-fn farm_in_stages(system: &str) -> Folder {
-    let folder = Folder::new();
-    folder.done(&format!("farm {system} {LEARNED} -o job"));
     folder
 }
 
@@ -44,14 +34,8 @@ fn done(folder: &Folder, words: &[&str]) -> String {
     String::from_utf8(output.stdout).expect("UTF-8") + &err
 }
 
-/// The image of one machine, with the light selection of shards.
+/// The image of one machine.
 fn assert_same_image(folder: &Folder) {
-    folder.done("render tiny.pbrt --sampler uniform --spp 4 --light-selection power -o one.pfm -q");
-    assert!(folder.read("one.pfm") == folder.read("job/image.pfm"), "the job's image has other bits");
-}
-
-/// The image of one machine with the default settings.
-fn assert_same_learned_image(folder: &Folder) {
     folder.done("render tiny.pbrt --spp 8 -o one.pfm -q");
     assert!(folder.read("one.pfm") == folder.read("job/image.pfm"), "the job's image has other bits");
 }
@@ -99,52 +83,27 @@ fn with_sbatch(folder: &Folder) {
 }
 
 #[test]
-fn the_scripts_for_slurm_make_the_bits_of_one_machine_and_go_on_after_a_failure() {
-    let folder = farm("slurm", "");
-    with_sbatch(&folder);
-    for script in ["stage.sh", "submit.sh", "render.sbatch", "merge.sbatch"] {
-        assert!(is_shell(&folder.path("job").join(script)), "{script}");
-    }
-    let out = done(&folder, &["job/submit.sh"]);
-    assert!(out.contains("array 1 of 3 parts, then merge 2"), "{out}");
-    assert_same_image(&folder);
-
-    // A lost part is rendered again, alone.
-    std::fs::remove_file(folder.path("job/parts-3/2.shard")).expect("the part");
-    std::fs::remove_file(folder.path("job/image.pfm")).expect("the image");
-    let missing = shell(&folder, &["job/stage.sh", "merge"]);
-    let err = String::from_utf8_lossy(&missing.stderr).into_owned();
-    assert!(!missing.status.success() && err.contains("missing parts in parts-3: 2;"), "{err}");
-    std::fs::remove_file(folder.path("bin/log")).expect("the log");
-    done(&folder, &["job/submit.sh"]);
-    let log = String::from_utf8(folder.read("bin/log")).expect("UTF-8");
-    assert!(log.contains("part 1 is there already") && log.contains("part 3 is there already"), "{log}");
-    assert!(!log.contains("part 2 is there already"), "{log}");
-    assert_same_image(&folder);
-}
-
-#[test]
 fn the_scripts_for_slurm_render_stage_by_stage_to_the_bits_of_one_machine() {
-    let folder = farm_in_stages("slurm");
+    let folder = farm("slurm", "");
     with_sbatch(&folder);
     for script in ["stage.sh", "submit.sh", "render.sbatch", "plan.sbatch"] {
         assert!(is_shell(&folder.path("job").join(script)), "{script}");
     }
     done(&folder, &["job/submit.sh", "--partition=all"]);
     let log = String::from_utf8(folder.read("bin/log")).expect("UTF-8");
-    assert!(log.contains("the plan of stage 1") && log.contains(": done after "), "{log}");
-    assert_same_learned_image(&folder);
+    assert!(log.contains("stages-3/1.plan: a plan;") && log.contains(": done; "), "{log}");
+    assert_same_image(&folder);
     // Again, all is there: only the image is made.
     std::fs::remove_file(folder.path("job/image.pfm")).expect("the image");
     std::fs::remove_file(folder.path("bin/log")).expect("the log");
     done(&folder, &["job/submit.sh"]);
     assert!(!folder.path("bin/log").exists(), "something was submitted");
-    assert_same_learned_image(&folder);
+    assert_same_image(&folder);
 }
 
 #[test]
 fn a_job_in_stages_goes_on_where_it_failed() {
-    let folder = farm_in_stages("slurm");
+    let folder = farm("slurm", "");
     with_sbatch(&folder);
     done(&folder, &["job/stage.sh", "current"]);
     for part in ["1", "2", "3"] {
@@ -161,21 +120,24 @@ fn a_job_in_stages_goes_on_where_it_failed() {
     assert!(out.contains("stage 1"), "{out}");
     let log = String::from_utf8(folder.read("bin/log")).expect("UTF-8");
     assert!(log.contains("part 2 of stage 1 is there already"), "{log}");
-    assert_same_learned_image(&folder);
+    assert_same_image(&folder);
 }
 
 #[test]
 fn a_part_that_cannot_be_rendered_is_tried_again_and_nothing_is_merged() {
     let folder = farm("slurm", "--tries 2");
     with_sbatch(&folder);
+    folder.done("render tiny.pbrt --spp 8 -o 0.plan");
     std::fs::remove_file(folder.path("tiny.pbrt")).expect("the scene");
+    done(&folder, &["-c", "mkdir job/stages-3 && cp 0.plan job/stages-3"]);
     let output = shell(&folder, &["job/submit.sh"]);
     let log = String::from_utf8(folder.read("bin/log")).expect("UTF-8");
-    assert!(!output.status.success(), "the merge was submitted after parts had failed");
+    assert!(!output.status.success(), "the next stage was submitted after parts had failed");
     assert!(log.contains("failed 2 times: render 1") && log.contains("tiny.pbrt"), "{log}");
     assert!(!folder.path("job/image.pfm").exists());
 }
 
+/// Stages beyond the last one do nothing.
 #[test]
 fn templates_of_open_job_description_have_its_form_and_commands_that_run() {
     let folder = farm("openjd", "");
@@ -184,53 +146,26 @@ fn templates_of_open_job_description_have_its_form_and_commands_that_run() {
     let parameter = &template["parameterDefinitions"][0];
     assert_eq!((&parameter["name"], &parameter["type"]), (&Value::from("Folder"), &Value::from("PATH")));
     assert_eq!(parameter["default"], ".", "relative to the template's folder");
-    let at = folder.path("job");
-    let [render, merge] = &template["steps"].as_array().expect("steps")[..] else { panic!("two steps") };
-    assert_eq!(render["parameterSpace"]["taskParameterDefinitions"][0]["range"], "1-3");
-    assert_eq!(merge["dependencies"][0]["dependsOn"], render["name"]);
-    let run = |step: &Value, part: &str| {
-        let action = &step["script"]["actions"]["onRun"];
-        assert_eq!(action["command"], "sh");
-        let word = |word: &Value| {
-            let text = word.as_str().expect("text").replace("{{Param.Folder}}", at.to_str().expect("a path"));
-            text.replace("{{Task.Param.Part}}", part)
-        };
-        let words: Vec<String> = action["args"].as_array().expect("arguments").iter().map(word).collect();
-        done(&folder, &words.iter().map(String::as_str).collect::<Vec<_>>());
-    };
-    ["3", "1", "2"].iter().for_each(|part| run(render, part));
-    run(merge, "");
-    assert_same_image(&folder);
-}
-
-/// Stages beyond the last one do nothing.
-#[test]
-fn templates_with_stages_have_commands_that_run() {
-    let folder = farm_in_stages("openjd");
-    let template = json(&folder, "job/job.template.json");
     let steps = template["steps"].as_array().expect("steps");
     for pair in steps.windows(2) {
         assert_eq!(pair[1]["dependencies"][0]["dependsOn"], pair[0]["name"], "stages follow each other");
     }
     let at = folder.path("job");
     for step in steps {
-        let tasks = if step["parameterSpace"].is_null() { 1 } else { 3 };
-        for part in 1..=tasks {
+        let is_one = step["parameterSpace"].is_null();
+        assert!(is_one || step["parameterSpace"]["taskParameterDefinitions"][0]["range"] == "1-3");
+        let action = &step["script"]["actions"]["onRun"];
+        assert_eq!(action["command"], "sh");
+        for part in 1..=if is_one { 1 } else { 3 } {
             let word = |word: &Value| {
                 let text = word.as_str().expect("text").replace("{{Param.Folder}}", at.to_str().expect("a path"));
                 text.replace("{{Task.Param.Part}}", &part.to_string())
             };
-            let args = step["script"]["actions"]["onRun"]["args"].as_array().expect("arguments");
-            let words: Vec<String> = args.iter().map(word).collect();
+            let words: Vec<String> = action["args"].as_array().expect("arguments").iter().map(word).collect();
             done(&folder, &words.iter().map(String::as_str).collect::<Vec<_>>());
         }
     }
-    assert_same_learned_image(&folder);
-    // As many layers in OpenCue, each with a dependency on the one before.
-    let other = farm_in_stages("opencue");
-    let text = String::from_utf8(other.read("job/job.xml")).expect("UTF-8");
-    assert_eq!(text.matches("<layer name=").count(), steps.len());
-    assert_eq!(text.matches("<depend type=").count(), steps.len() - 1);
+    assert_same_image(&folder);
 }
 
 #[test]
@@ -249,72 +184,52 @@ fn specifications_of_opencue_have_its_form_and_commands_that_run() {
     assert_eq!(names(document.root_element()), ["facility", "show", "shot", "user", "job", "depends"]);
     assert_eq!(names(find("job")[0]), ["paused", "maxretries", "autoeat", "layers"]);
     assert_eq!(names(find("depend")[0]), ["depjob", "deplayer", "onjob", "onlayer"]);
-    let [render, merge] = &find("layer")[..] else { panic!("two layers") };
-    for layer in [render, merge] {
+    let layers = find("layer");
+    for (i, layer) in layers.iter().enumerate() {
         assert_eq!(names(*layer), ["cmd", "range", "chunk", "services"]);
         assert!(["Render", "Util", "Post"].contains(&layer.attribute("type").expect("a type")));
+        if i > 0 {
+            assert_eq!(find("deplayer")[i - 1].text(), layer.attribute("name"));
+            assert_eq!(find("onlayer")[i - 1].text(), layers[i - 1].attribute("name"));
+        }
+        let (command, range) = (find("cmd")[i].text().expect("a command"), find("range")[i].text());
+        let parts = if layer.attribute("type") == Some("Render") { 3 } else { 1 };
+        assert_eq!(range, Some(&*format!("1-{parts}")));
+        for part in 1..=parts {
+            done(&folder, &["-c", &command.replace("#IFRAME#", &part.to_string())]);
+        }
     }
-    assert_eq!(find("deplayer")[0].text(), merge.attribute("name"));
-    assert_eq!(find("onlayer")[0].text(), render.attribute("name"));
-    let [first, second] = [0, 1].map(|k| find("cmd")[k].text().expect("a command").to_owned());
-    assert_eq!(find("range")[0].text(), Some("1-3"));
-    for part in ["1", "2", "3"] {
-        done(&folder, &["-c", &first.replace("#IFRAME#", part)]);
-    }
-    done(&folder, &["-c", &second]);
-    assert_same_image(&folder);
-}
-
-#[test]
-fn jobs_of_kubernetes_have_its_form_and_commands_that_run() {
-    let folder = farm("k8s", "--container registry.example/dapple:1 --claim films --threads 2 --memory 1G");
-    let list = json(&folder, "job/job.json");
-    assert_eq!((&list["kind"], &list["apiVersion"]), (&Value::from("List"), &Value::from("v1")));
-    let [render, merge] = &list["items"].as_array().expect("items")[..] else { panic!("two jobs") };
-    let spec = &render["spec"];
-    assert_eq!((&spec["completionMode"], &spec["completions"]), (&Value::from("Indexed"), &Value::from(3)));
-    assert_eq!(spec["backoffLimitPerIndex"], 2);
-    let container = |job: &Value| {
-        let pod = &job["spec"]["template"]["spec"];
-        assert_eq!(pod["restartPolicy"], "Never", "limits per index need it");
-        assert_eq!(pod["volumes"][0]["persistentVolumeClaim"]["claimName"], "films");
-        pod["containers"][0].clone()
-    };
-    assert_eq!(container(render)["resources"]["requests"]["cpu"], "2");
-    let run = |job: &Value, index: u32| {
-        let (container, mut command) = (container(job), Command::new("sh"));
-        let words =
-            container["command"].as_array().expect("a command").iter().skip(1).map(|word| word.as_str().expect("text"));
-        let environment = &container["env"][0];
-        command.args(words).env("DAPPLE", assert_cmd::cargo::cargo_bin!("dapple"));
-        command.env(environment["name"].as_str().expect("a name"), environment["value"].as_str().expect("a value"));
-        let output = command.env("JOB_COMPLETION_INDEX", index.to_string()).output().expect("a shell");
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    };
-    (0..3).for_each(|index| run(render, index));
-    run(merge, 0);
     assert_same_image(&folder);
 }
 
 /// The pods of all parts run at once, and wait for each other's files.
 #[test]
-fn pods_of_a_job_in_stages_render_together() {
-    let folder = farm_in_stages("k8s");
+fn jobs_of_kubernetes_have_its_form_and_commands_that_run() {
+    let folder = farm("k8s", "--container registry.example/dapple:1 --claim films --threads 2 --memory 1G");
     let list = json(&folder, "job/job.json");
+    assert_eq!((&list["kind"], &list["apiVersion"]), (&Value::from("List"), &Value::from("v1")));
     let [job] = &list["items"].as_array().expect("items")[..] else { panic!("one job") };
-    assert_eq!(job["spec"]["parallelism"], 3);
-    let command = &job["spec"]["template"]["spec"]["containers"][0]["command"];
+    let (spec, pod) = (&job["spec"], &job["spec"]["template"]["spec"]);
+    assert_eq!((&spec["completionMode"], &spec["completions"]), (&Value::from("Indexed"), &Value::from(3)));
+    assert_eq!((&spec["parallelism"], &spec["backoffLimitPerIndex"]), (&Value::from(3), &Value::from(2)));
+    assert_eq!(pod["restartPolicy"], "Never", "limits per index need it");
+    assert_eq!(pod["volumes"][0]["persistentVolumeClaim"]["claimName"], "films");
+    let container = &pod["containers"][0];
+    assert_eq!(container["resources"]["requests"]["cpu"], "2");
+    let environment = &container["env"][0];
     let start = |index: u32| {
-        let words = command.as_array().expect("a command").iter().skip(1).map(|word| word.as_str().expect("text"));
+        let words =
+            container["command"].as_array().expect("a command").iter().skip(1).map(|word| word.as_str().expect("text"));
         let mut shell = Command::new("sh");
-        shell.args(words).env("DAPPLE", assert_cmd::cargo::cargo_bin!("dapple")).env("FOLDER", folder.path("job"));
+        shell.args(words).env("DAPPLE", assert_cmd::cargo::cargo_bin!("dapple"));
+        shell.env(environment["name"].as_str().expect("a name"), environment["value"].as_str().expect("a value"));
         shell.env("JOB_COMPLETION_INDEX", index.to_string()).spawn().expect("a shell")
     };
     let pods: Vec<_> = (0..3).map(start).collect();
     for mut pod in pods {
         assert!(pod.wait().expect("it ends").success());
     }
-    assert_same_learned_image(&folder);
+    assert_same_image(&folder);
 }
 
 #[test]

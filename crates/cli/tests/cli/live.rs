@@ -303,7 +303,7 @@ fn textures_meshes_and_specs_are_never_written_over() {
 fn endless_inputs_and_limited_outputs_are_errors() {
     let folder = Folder::new();
     for (words, message) in [
-        ("study --plan /dev/zero", "/dev/zero: cannot read the plan: it is longer than 16.0 MiB"),
+        ("study /dev/zero", "/dev/zero: cannot read the plan: it is longer than 16.0 MiB"),
         ("render --spec /dev/zero", "/dev/zero: cannot read the file: it is longer than 1.0 MiB"),
     ] {
         let said = folder.run(words);

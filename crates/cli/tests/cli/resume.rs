@@ -291,7 +291,7 @@ fn a_merge_that_does_not_fit_is_refused() {
     for shard in ["1/2", "2/2"] {
         folder.done(&format!("{words} --shard {shard}"));
     }
-    let merge = "merge tiny-1-of-2.shard tiny-2-of-2.shard -o a.pfm";
+    let merge = "merge tiny-1-of-2.part tiny-2-of-2.part -o a.pfm";
     let said = folder.run(&format!("{merge} --memory 64M"));
     assert_eq!(said.status, Some(1), "{}", said.err);
     assert!(
@@ -322,11 +322,11 @@ fn shards_that_make_no_image_x07() {
     folder.done(&format!("{unfiltered} --shard 2/3 --seed 9 -o foreign.shard"));
     folder.done(&format!("{} --shard 2/3 -o more.shard", unfiltered.replace("--spp 2", "--spp 3")));
     folder.done(&format!("{words} --shard 2/3 --filter gaussian -o filtered.shard"));
-    let [a, b, c] = [1, 2, 3].map(|i| format!("tiny-{i}-of-3.shard"));
+    let [a, b, c] = [1, 2, 3].map(|i| format!("tiny-{i}-of-3.part"));
     std::fs::write(folder.path("half.shard"), &folder.read(&b)[..200]).unwrap();
     for (shards, expected) in [
-        (format!("{a} {c}"), "missing shards: 2/3".to_owned()),
-        (format!("{a} {b} {c} {b}"), "shard 2/3 is given twice".into()),
+        (format!("{a} {c}"), "are missing or given twice; give each part once".to_owned()),
+        (format!("{a} {b} {c} {b}"), "its rows are given twice".into()),
         (format!("{a} foreign.shard {c}"), format!("foreign.shard: it is of another render than {a}: seed: 9, not 1")),
         (
             format!("{a} filtered.shard {c}"),
@@ -334,7 +334,7 @@ fn shards_that_make_no_image_x07() {
         ),
         (format!("{a} more.shard {c}"), "it has another budget".into()),
         (format!("{a} half.shard {c}"), "half.shard: it is ".into()),
-        (format!("{a} nowhere.shard {c}"), "nowhere.shard: there is no such file; check the name of the shard".into()),
+        (format!("{a} nowhere.shard {c}"), "nowhere.shard: there is no such file; check the name of the part".into()),
         (format!("{a} tiny.pbrt {c}"), "tiny.pbrt: it is not a file of Dapple's".into()),
     ] {
         let said = folder.run(&format!("merge {shards} -q -o p.pfm"));
@@ -348,7 +348,7 @@ fn shards_that_make_no_image_x07() {
         ("--shard 0/2", 2, "is not a shard I/N"),
         ("--shard 3/2", 2, "is not a shard I/N"),
         ("--shard 1/2 --time 3", 2, "cannot be used with"),
-        ("--shard 1/2 -o a.png", 2, "a .shard file"),
+        ("--shard 1/2 -o a.png", 2, "a .part file"),
         ("-o a.shard", 2, "needs --shard I/N"),
     ] {
         let said = folder.run(&format!("render tiny.pbrt -q {other}"));

@@ -107,7 +107,6 @@ fn output_follows_the_schemas() {
     for words in [
         "",
         "--time 3 --crop 0,0,4,4 --resolution 50% --max-depth 3 --max-spp 9 --light-selection uniform",
-        "--crop 0,0,4,4 --crop-exact",
         "--error 0.1 --error-of unfiltered --resolution 8x8 --without interreflection --pixel-filter box",
     ] {
         check("spec", &folder.done(&format!("render tiny.pbrt --print-spec {words}")));

@@ -333,16 +333,14 @@ fn join(session: &mut Session<'_>, integrator: &mut dyn Integrator, rows: &RowsF
     let (mut joined, mut troubles): (Vec<(u32, u32)>, Vec<String>) = (Vec::new(), Vec::new());
     for (path, file) in &rows.files {
         let path = path.display();
-        if dapple_core::container::sections(file.bytes()).is_ok_and(|found| found.len() == 1) {
-            // A part without rows.
-            continue;
-        }
-        match TracedRows::from_bytes(file.bytes()).and_then(|rows| session.join(&stage, rows)) {
-            Ok(rows) if joined.contains(&(rows.start, rows.end)) => {
-                troubles.push(format!("{path}: its rows are given twice"))
+        for run in file.rows() {
+            match TracedRows::from_bytes(run).and_then(|rows| session.join(&stage, rows)) {
+                Ok(rows) if joined.contains(&(rows.start, rows.end)) => {
+                    troubles.push(format!("{path}: its rows are given twice"))
+                }
+                Ok(rows) => joined.push((rows.start, rows.end)),
+                Err(e) => troubles.push(format!("{path}: {e}")),
             }
-            Ok(rows) => joined.push((rows.start, rows.end)),
-            Err(e) => troubles.push(format!("{path}: {e}")),
         }
     }
     joined.sort_unstable();
