@@ -4,7 +4,7 @@ mod local;
 
 pub use local::{Local, local};
 
-use dapple_core::{Control, Error, Film, Integrator, Monitor, Session, Stage, Status, TracedRows};
+use dapple_core::{Control, Error, Integrator, Monitor, Session, Stage, Status, TracedRows, container};
 use std::ops::Range;
 
 /// The processes of a render, connected by messages: those of an MPI job, or threads ([`local`]).
@@ -32,13 +32,26 @@ pub trait Processes {
     fn receive(&mut self) -> Result<(u32, Vec<u8>), Error>;
 }
 
-/// The first byte of a message to a tracing process: rows follow, or the render is over.
-const ROWS: u8 = 1;
-const OVER: u8 = 0;
-/// The first byte of its answer: rows follow, or it was stopped, or the text of an error follows.
-const TRACED: u8 = 1;
-const STOPPED: u8 = 2;
-const FAILED: u8 = 3;
+// The sections of messages, which are containers: rows to trace and traced rows, the end of the render, and answers without rows.
+const ROWS: &str = "rows";
+const OVER: &str = "over";
+const STOPPED: &str = "stopped";
+const FAILED: &str = "failed";
+
+/// A message of one section.
+fn message(name: &str, section: &[u8]) -> Vec<u8> {
+    let mut bytes = container::begin(section.len());
+    container::append(&mut bytes, name, section);
+    bytes
+}
+
+/// A message of runs of rows. All runs of a process are one message, so that a process that sends meets one that receives:
+/// messages of MPI may wait for that.
+fn rows_message<'a>(runs: impl IntoIterator<Item = &'a Vec<u8>>) -> Vec<u8> {
+    let mut bytes = container::begin(0);
+    runs.into_iter().for_each(|run| container::append(&mut bytes, ROWS, run));
+    bytes
+}
 
 /// The runs of rows of each part of a stage. Runs of a part lie apart, so that parts take about equal times where some rows
 /// of an image cost more than others.
@@ -50,7 +63,8 @@ pub fn rows_of_part(session: &Session<'_>, stage: &Stage, index: u32, parts: u32
     runs.into_iter().skip(index as usize).step_by(parts as usize).collect()
 }
 
-/// Runs a render from process 0. Returns its film, marked as interrupted if any process was stopped.
+/// Runs a render from process 0, to the end of its last stage. Returns `false` if any process was stopped; the session then is at
+/// the end of the stage before.
 ///
 /// The session may be a new one, or one resumed from a snapshot of any render of the same settings, by however many processes.
 /// `monitor` is called after each stage and at the end, `stop` between slices of this process's own rows.
@@ -59,21 +73,22 @@ pub fn rows_of_part(session: &Session<'_>, stage: &Stage, index: u32, parts: u32
 ///
 /// Those of [`Render::run`](dapple_core::Render::run), and [`Error::Other`] with the report of the process that failed.
 pub fn coordinate(
-    mut session: Session<'_>,
+    session: &mut Session<'_>,
     integrator: &mut dyn Integrator,
     processes: &mut dyn Processes,
     monitor: &mut dyn Monitor,
     stop: &mut dyn FnMut() -> bool,
-) -> Result<Film, Error> {
+) -> Result<bool, Error> {
     session.teach(integrator);
-    let outcome = stages(&mut session, integrator, processes, monitor, stop);
+    let outcome = stages(session, integrator, processes, monitor, stop);
     for rank in 1..processes.size() {
-        processes.send(rank, &[OVER])?;
+        processes.send(rank, &message(OVER, &[]))?;
     }
-    if outcome? {
+    let complete = outcome?;
+    if complete {
         session.show_end_to(monitor);
     }
-    Ok(session.into_film())
+    Ok(complete)
 }
 
 /// Traces stage after stage. Returns `false` if a process was stopped.
@@ -85,13 +100,10 @@ fn stages(
     stop: &mut dyn FnMut() -> bool,
 ) -> Result<bool, Error> {
     while let Some(stage) = session.next_stage(integrator)? {
-        let mut answers = 0;
         for rank in 1..processes.size() {
-            for rows in rows_of_part(session, &stage, rank, processes.size()) {
-                let message = [&[ROWS][..], &session.rows_of(&stage, rows)?].concat();
-                processes.send(rank, &message)?;
-                answers += 1;
-            }
+            let runs = rows_of_part(session, &stage, rank, processes.size()).into_iter();
+            let runs = runs.map(|rows| session.rows_of(&stage, rows)).collect::<Result<Vec<_>, _>>()?;
+            processes.send(rank, &rows_message(&runs))?;
         }
         let mut watch = |_: &Status<'_>| if stop() { Control::Stop } else { Control::Continue };
         let mut traced: Vec<Result<Option<TracedRows>, Error>> = Vec::new();
@@ -99,22 +111,21 @@ fn stages(
             traced.push(session.trace_rows_here(&stage, rows, integrator, &mut watch));
         }
         // All answers are taken, whatever happened: nobody is left with a message that no one reads.
-        for _ in 0..answers {
+        for _ in 1..processes.size() {
             let (rank, answer) = processes.receive()?;
-            traced.push(match answer.split_first() {
-                Some((&TRACED, rows)) => TracedRows::from_bytes(rows).map(Some),
-                Some((&FAILED, text)) => {
-                    Err(Error::other(format!("process {rank}"), String::from_utf8_lossy(text).into_owned()))
-                }
-                _ => Ok(None),
-            });
+            let of = |e: &dyn std::fmt::Display| Error::other(format!("process {rank}"), e.to_string());
+            match container::sections(&answer) {
+                Ok(found) => traced.extend(found.into_iter().map(|(name, section)| match name {
+                    ROWS => TracedRows::from_bytes(section).map(Some),
+                    FAILED => Err(of(&String::from_utf8_lossy(section))),
+                    _ => Ok(None),
+                })),
+                Err(fault) => traced.push(Err(of(&fault.text()))),
+            }
         }
         let traced = traced.into_iter().collect::<Result<Vec<_>, _>>()?;
         // A stage that was stopped anywhere counts nowhere, so that the state is always one that a file can hold.
-        let Some(traced) = traced.into_iter().collect::<Option<Vec<_>>>() else {
-            session.show_to(monitor);
-            return Ok(false);
-        };
+        let Some(traced) = traced.into_iter().collect::<Option<Vec<_>>>() else { return Ok(false) };
         for rows in traced {
             session.join(&stage, rows)?;
         }
@@ -139,14 +150,20 @@ pub fn serve(
     processes: &mut dyn Processes,
 ) -> Result<(), Error> {
     loop {
-        let (_, message) = processes.receive()?;
-        let Some((&ROWS, rows)) = message.split_first() else { return Ok(()) };
-        let answer = match trace(rows) {
-            Ok(Some(rows)) => [&[TRACED][..], &rows].concat(),
-            Ok(None) => vec![STOPPED],
-            Err(error) => [&[FAILED][..], error.to_string().as_bytes()].concat(),
-        };
-        processes.send(0, &answer)?;
+        let (_, bytes) = processes.receive()?;
+        let found = container::sections(&bytes).map_err(|fault| Error::other("process 0", fault.text()))?;
+        if found.iter().any(|(name, _)| *name == OVER) {
+            return Ok(());
+        }
+        let traced = found.into_iter().map(|(_, rows)| trace(rows)).collect::<Result<Option<Vec<_>>, _>>();
+        processes.send(
+            0,
+            &match traced {
+                Ok(Some(runs)) => rows_message(&runs),
+                Ok(None) => message(STOPPED, &[]),
+                Err(error) => message(FAILED, error.to_string().as_bytes()),
+            },
+        )?;
     }
 }
 
@@ -165,5 +182,5 @@ pub fn refuse(why: &str, processes: &mut dyn Processes) -> Result<(), Error> {
 ///
 /// As [`Processes::send`].
 pub fn dismiss(processes: &mut dyn Processes) -> Result<(), Error> {
-    (1..processes.size()).try_for_each(|rank| processes.send(rank, &[OVER]))
+    (1..processes.size()).try_for_each(|rank| processes.send(rank, &message(OVER, &[])))
 }

@@ -10,9 +10,21 @@ use dapple_core::{
     RecordedSample, Recorder, Render, Retention, Sampler, Schedule, Session, Snapshot, Status, TracedRows,
     TrainingData, Worker, mix,
 };
-use dapple_distributed::{coordinate, local, serve};
+use dapple_distributed::{Local, coordinate, local, serve};
 use std::sync::Arc;
 use std::time::Duration;
+
+/// The film of a render that process 0 runs.
+fn film_of(
+    mut session: Session<'_>,
+    integrator: &mut dyn Integrator,
+    first: &mut Local,
+    monitor: &mut dyn Monitor,
+    stop: &mut dyn FnMut() -> bool,
+) -> Result<Film, Error> {
+    coordinate(&mut session, integrator, first, monitor, stop)?;
+    Ok(session.into_film())
+}
 
 /// An edge under noise and invalid samples, with a light whose strength is learned in training passes or prepared, and splats.
 #[derive(Clone, Default)]
@@ -223,7 +235,7 @@ impl Project {
             for (mut end, project) in ends.zip(theirs) {
                 threads.spawn(move || project.serve(&mut end));
             }
-            coordinate(self.session(from), &mut self.toy.clone(), &mut first, monitor, &mut || false)
+            film_of(self.session(from), &mut self.toy.clone(), &mut first, monitor, &mut || false)
         })
     }
 
@@ -347,7 +359,7 @@ fn a_render_interrupted_within_a_pass_is_resumed_by_several_processes() {
 fn a_coordinator_that_prepares_once_does_so_for_all_its_stages() {
     let project = Project::new(Toy { prepares: Prepares::Once, ..Toy::default() }, ADAPTIVE, Limits::spp(9.0));
     let (mut first, mut toy) = (local(1).remove(0), project.toy.clone());
-    let film = coordinate(project.session(None), &mut toy, &mut first, &mut NoMonitor, &mut || false).unwrap();
+    let film = film_of(project.session(None), &mut toy, &mut first, &mut NoMonitor, &mut || false).unwrap();
     assert!(film.record().rounds.len() > 1 && toy.preparations == 1, "{}", toy.preparations);
 }
 
@@ -456,14 +468,14 @@ fn a_stop_anywhere_interrupts_the_render() {
     let (mut first, mut second) = (ends.next().unwrap(), ends.next().unwrap());
     let film = std::thread::scope(|threads| {
         threads.spawn(move || serve(|_| Ok(None), &mut second).unwrap());
-        coordinate(project.session(None), &mut Toy::default(), &mut first, &mut NoMonitor, &mut || false).unwrap()
+        film_of(project.session(None), &mut Toy::default(), &mut first, &mut NoMonitor, &mut || false).unwrap()
     });
     assert!(film.record().interrupted && film.record().samples == 0);
     // A stop within the first process's own rows, and one after a stage.
     let schedule = Schedule::default().with_slice_spp(1);
     let project = Project::new(Toy::default(), ADAPTIVE, Limits::spp(9.0).with_schedule(schedule));
     let (mut first, mut keeper) = (local(1).remove(0), Keeper::default());
-    let film = coordinate(project.session(None), &mut Toy::default(), &mut first, &mut keeper, &mut || true).unwrap();
+    let film = film_of(project.session(None), &mut Toy::default(), &mut first, &mut keeper, &mut || true).unwrap();
     assert!(film.record().interrupted && film.record().samples == 0);
     let whole = bits(&project.alone(None, &mut NoMonitor));
     assert!(bits(&project.together(2, keeper.0.last().map(|state| &state[..]), &mut NoMonitor)) == whole);

@@ -1,32 +1,45 @@
-//! Messages of different lengths between all processes, for the tests: `mpirun -n 3 target/debug/examples/messages`.
+//! Messages of different lengths to and from process 0, for the tests: `mpirun -n 3 target/debug/examples/messages`.
 
-use dapple_core::{Error, Exchange};
+use dapple_core::Error;
+use dapple_distributed::Processes;
 
-/// The bytes that process `from` sends to process `to`, some of them none.
-fn bytes(from: usize, to: usize, round: usize) -> Vec<u8> {
-    (0..(from * 7 + to * 3) * round).map(|k| (k * 31 + from + to) as u8).collect()
+/// The bytes that process `rank` gets, some of them none.
+fn bytes(rank: u32, round: u32) -> Vec<u8> {
+    (0..rank * 7 * round).map(|k| (k * 31 + rank) as u8).collect()
 }
 
 fn main() -> Result<(), Error> {
-    let mut processes = dapple_mpi::Processes::start()?;
+    let mut processes = dapple_mpi::MpiProcesses::start()?;
     if let Some(limit) = std::env::args().nth(1).and_then(|n| n.parse().ok()) {
         processes = processes.with_bytes_at_once(limit);
     }
-    let (me, of) = (processes.share().index() as usize, processes.share().of() as usize);
+    let (me, of) = (processes.rank(), processes.size());
     for round in 0..4 {
-        let all = processes.all_gather(bytes(me, 0, round))?;
-        assert!((0..of).all(|from| all[from] == bytes(from, 0, round)) && all.len() == of);
-        let all = processes.all_to_all((0..of).map(|to| bytes(me, to, round)).collect())?;
-        assert!((0..of).all(|from| all[from] == bytes(from, me, round)) && all.len() == of);
+        if me > 0 {
+            let (from, got) = processes.receive()?;
+            assert!(from == 0 && got == bytes(me, round));
+            processes.send(0, &got)?;
+            continue;
+        }
+        for rank in 1..of {
+            processes.send(rank, &bytes(rank, round))?;
+        }
+        let mut got = (1..of).map(|_| processes.receive()).collect::<Result<Vec<_>, _>>()?;
+        got.sort_unstable();
+        assert!(
+            got.iter().map(|(rank, _)| *rank).eq(1..of) && got.iter().all(|(rank, back)| *back == bytes(*rank, round))
+        );
     }
     if std::env::args().nth(2).is_some_and(|victim| victim == me.to_string()) {
         std::process::abort();
     }
-    let all = processes.all_gather(vec![me as u8])?;
-    assert_eq!(all.len(), of);
-    if me == 0 {
-        use std::io::Write as _;
-        let _ = writeln!(std::io::stdout(), "{of} processes");
+    if me > 0 {
+        return processes.send(0, &[1]);
     }
+    for _ in 1..of {
+        processes.receive()?;
+    }
+    use std::io::Write as _;
+    let _ = writeln!(std::io::stdout(), "{of} processes");
     Ok(())
 }

@@ -9,7 +9,9 @@ use crate::{Failure, Outcome, Result, failure};
 use dapple_distributed::{Processes, dismiss, refuse};
 use dapple_job::memory::MemoryLimit;
 use dapple_job::output::FileIdentity;
-use dapple_job::{CheckpointOptions, Job, LoadOptions, OutputFiles, PlanFile, RenderSpec, RowsFiles, Shard, Warning};
+use dapple_job::{
+    BudgetSpec, CheckpointOptions, Job, LoadOptions, OutputFiles, PlanFile, RenderSpec, RowsFiles, Shard, Warning,
+};
 use dapple_scene::image::{check_writable, write_file};
 use std::path::{Path, PathBuf};
 
@@ -53,6 +55,10 @@ impl PlanOptions {
 
 /// Writes the plan of the first stage.
 pub(crate) fn first_plan(spec: &RenderSpec, output: &Path, options: &PlanOptions) -> Result<Outcome> {
+    if matches!(spec.budget, BudgetSpec::Seconds(_)) {
+        let why = "the machines of a plan have no common clock; use --spp, --samples or --error";
+        return Err(Failure::usage("--time", why));
+    }
     let progress = options.progress()?;
     let Some(mut job) = options.job(spec, output, &progress)? else { return Ok(Outcome::Interrupted) };
     progress.phase("planning");

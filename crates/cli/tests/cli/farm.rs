@@ -91,7 +91,7 @@ fn the_scripts_for_slurm_render_stage_by_stage_to_the_bits_of_one_machine() {
     }
     done(&folder, &["job/submit.sh", "--partition=all"]);
     let log = String::from_utf8(folder.read("bin/log")).expect("UTF-8");
-    assert!(log.contains("stages-3/1.plan: a plan;") && log.contains(": done; "), "{log}");
+    assert!(log.contains("stages-3/1.plan: the next plan") && log.contains(": done; "), "{log}");
     assert_same_image(&folder);
     // Again, all is there: only the image is made.
     std::fs::remove_file(folder.path("job/image.pfm")).expect("the image");

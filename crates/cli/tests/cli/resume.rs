@@ -299,10 +299,10 @@ fn a_merge_that_does_not_fit_is_refused() {
         "{}",
         said.err
     );
-    let said = folder.run(&format!("{merge} --memory 238M"));
+    let said = folder.run(&format!("{merge} --memory 239M"));
     assert_eq!(said.status, Some(1), "{}", said.err);
     assert!(
-        said.err.contains("making the image takes ") && said.err.contains("238.0 MiB is the limit"),
+        said.err.contains("making the image takes ") && said.err.contains("239.0 MiB is the limit"),
         "{}",
         said.err
     );
@@ -314,7 +314,7 @@ fn a_merge_that_does_not_fit_is_refused() {
 #[test]
 fn shards_that_make_no_image_x07() {
     let folder = Folder::new();
-    let words = "render tiny.pbrt --sampler uniform --spp 2 -q";
+    let words = "render tiny.pbrt --resolution 24x64 --sampler uniform --spp 2 -q";
     let unfiltered = format!("{words} --filter none");
     for shard in ["1/3", "2/3", "3/3"] {
         folder.done(&format!("{unfiltered} --shard {shard}"));
@@ -325,14 +325,14 @@ fn shards_that_make_no_image_x07() {
     let [a, b, c] = [1, 2, 3].map(|i| format!("tiny-{i}-of-3.part"));
     std::fs::write(folder.path("half.shard"), &folder.read(&b)[..200]).unwrap();
     for (shards, expected) in [
-        (format!("{a} {c}"), "are missing or given twice; give each part once".to_owned()),
-        (format!("{a} {b} {c} {b}"), "its rows are given twice".into()),
+        (format!("{a} {c}"), "are missing; give each part once".to_owned()),
+        (format!("{a} {b} {c} {b}"), "the rows are joined already".into()),
         (format!("{a} foreign.shard {c}"), format!("foreign.shard: it is of another render than {a}: seed: 9, not 1")),
         (
             format!("{a} filtered.shard {c}"),
             format!("filtered.shard: it is of another render than {a}: filter: gaussian"),
         ),
-        (format!("{a} more.shard {c}"), "it has another budget".into()),
+        (format!("{a} more.shard {c}"), "more.shard: the rows are of another stage".into()),
         (format!("{a} half.shard {c}"), "half.shard: it is ".into()),
         (format!("{a} nowhere.shard {c}"), "nowhere.shard: there is no such file; check the name of the part".into()),
         (format!("{a} tiny.pbrt {c}"), "tiny.pbrt: it is not a file of Dapple's".into()),
@@ -342,14 +342,14 @@ fn shards_that_make_no_image_x07() {
     }
     assert!(!folder.path("p.pfm").exists());
     for (other, status, expected) in [
-        ("--shard 1/2 --sampler variance", 1, "sampler \"variance\" cannot be split into shards: it reads samples"),
+        ("--shard 1/2 --sampler variance", 1, "or render in stages (dapple plan)"),
         ("--shard 1/17 --sampler uniform", 1, "a window of 16 rows has 16 shards at most"),
         ("--shard 1/2 --sampler uniform --light-choice cells", 2, "needs samples of the whole image"),
         ("--shard 0/2", 2, "is not a shard I/N"),
         ("--shard 3/2", 2, "is not a shard I/N"),
         ("--shard 1/2 --time 3", 2, "cannot be used with"),
         ("--shard 1/2 -o a.png", 2, "a .part file"),
-        ("-o a.shard", 2, "needs --shard I/N"),
+        ("-o a.part", 2, "needs --shard I/N"),
     ] {
         let said = folder.run(&format!("render tiny.pbrt -q {other}"));
         assert!(said.status == Some(status) && said.err.contains(expected), "{other}: {}", said.err);

@@ -48,7 +48,7 @@ fn stages_make_the_default_image_of_one_machine() {
 #[test]
 fn wrong_plans_and_parts_are_refused() {
     let folder = Folder::new();
-    let words = "render tiny.pbrt --max-depth 4 --sampler uniform --spp 2";
+    let words = "render tiny.pbrt --resolution 24x64 --max-depth 4 --sampler uniform --light-selection power --spp 2";
     folder.done(&format!("{words} -o 0.plan"));
     folder.done(&format!("{words} --seed 9 -o other.plan"));
     folder.done("render --from 0.plan --shard 1/2 -o 1.part");
@@ -59,8 +59,8 @@ fn wrong_plans_and_parts_are_refused() {
     std::fs::write(folder.path("cut.plan"), &folder.read("0.plan")[..long - 9]).unwrap();
     let before = folder.read("0.plan");
     for (words, expected) in [
-        ("plan 1.part -o 1.plan", "are missing or given twice; give each part once"),
-        ("plan 1.part 1.part 2.part -o 1.plan", "1.part: its rows are given twice"),
+        ("plan 1.part -o 1.plan", "are missing; give each part once"),
+        ("plan 1.part 1.part 2.part -o 1.plan", "1.part: the rows are joined already"),
         ("plan 1.part foreign.part -o 1.plan", "foreign.part: it is of another render than 1.part: "),
         ("plan 1.part cut.part -o 1.plan", "cut.part: it is "),
         ("plan 1.part nowhere.part -o 1.plan", "nowhere.part: there is no such file; check the name of the part"),
@@ -73,9 +73,9 @@ fn wrong_plans_and_parts_are_refused() {
         ("render --from 1.part --shard 1/2 -o 3.part", "of another kind"),
         ("render --from 0.plan -o 3.part", "--shard"),
         ("render --from 0.plan --shard 1/2 -o a.png", "a .part file"),
-        ("render tiny.pbrt -o 3.part", "a .part file needs --from"),
+        ("render tiny.pbrt -o 3.part", "a .part file needs --shard I/N"),
         ("render tiny.pbrt --time 3 -o 3.plan", "no common clock"),
-        ("render tiny.pbrt --sampler uniform --shard 1/2 -o 3.plan", "a .plan file is the only output"),
+        ("render tiny.pbrt --sampler uniform --shard 1/2 -o 3.plan", "one --output, a .part file"),
         ("plan -o 1.plan", "required"),
     ] {
         let said = folder.run(words);

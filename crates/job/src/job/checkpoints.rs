@@ -135,7 +135,8 @@ impl<'m> Watched<'m> {
         Self { monitor, writer, time: TimeWatch::default(), min_spp }
     }
 
-    fn save_last(&mut self, status: &Status<'_>) {
+    /// Writes the final checkpoint.
+    pub(super) fn save_last(&mut self, status: &Status<'_>) {
         if let Some(writer) = &mut self.writer {
             writer.finish(status, self.monitor);
         }

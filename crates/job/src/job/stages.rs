@@ -151,13 +151,15 @@ impl Job {
         let identity = Identity::new(pairs);
         let snapshot = plan.map(PlanFile::snapshot).transpose()?;
         let world = self.prepared.world.clone();
+        // One knows the training passes of the plan; the other learns them from the rows.
+        let mut planning = make_integrator(&self.integrator, &world)?;
         let mut integrator = make_integrator(&self.integrator, &world)?;
         let mut session = self.session(snapshot)?;
-        session.teach(&mut *integrator);
-        let stage = session.next_stage(&*integrator)?;
-        let Some(stage) = stage else { return Err(Error::other("the plan", "it is done").into()) };
+        session.teach(&mut *planning);
+        let stage = session.next_stage(&*planning)?;
+        let Some(stage) = stage else { return Err(Error::other("the plan", "all samples are traced").into()) };
         if plan.is_none() {
-            only_stage(&session, &stage, &*integrator, shard)?;
+            only_stage(&session, &stage, &*planning, shard)?;
         }
         let cut = |rows| session.rows_of(&stage, rows);
         let runs = rows_of_part(&session, &stage, shard.index(), shard.of());
@@ -251,8 +253,14 @@ impl Job {
         let mut watched = Watched::new(monitor, checkpoints, identity, self.limits.min_spp);
         let world = self.prepared.world.clone();
         let mut integrator = make_integrator(&self.integrator, &world)?;
-        let session = self.session(snapshot)?;
-        let film = coordinate(session, &mut *integrator, processes, &mut watched, stop)?;
+        let mut session = self.session(snapshot)?;
+        if !coordinate(&mut session, &mut *integrator, processes, &mut watched, stop)? {
+            session.show_to(&mut |status: &Status<'_>| {
+                watched.save_last(status);
+                Control::Stop
+            });
+        }
+        let film = session.into_film();
         let (checkpoint, checkpoints_written) = watched.into_checkpoint();
         Ok(Traced { film, failure: None, checkpoint, checkpoints_written })
     }
@@ -335,22 +343,18 @@ fn join(session: &mut Session<'_>, integrator: &mut dyn Integrator, rows: &RowsF
         let path = path.display();
         for run in file.rows() {
             match TracedRows::from_bytes(run).and_then(|rows| session.join(&stage, rows)) {
-                Ok(rows) if joined.contains(&(rows.start, rows.end)) => {
-                    troubles.push(format!("{path}: its rows are given twice"))
-                }
                 Ok(rows) => joined.push((rows.start, rows.end)),
+                Err(Error::OtherRender { what }) => troubles.push(format!("{path}: {what}")),
                 Err(e) => troubles.push(format!("{path}: {e}")),
             }
         }
     }
     joined.sort_unstable();
+    troubles.dedup();
     let mut next = stage.rows().start;
     for (start, end) in joined.into_iter().chain([(stage.rows().end, stage.rows().end)]) {
         if start != next {
-            troubles.push(format!(
-                "rows {next} to {} of the stage are missing or given twice; give each part once",
-                start.max(next)
-            ));
+            troubles.push(format!("rows {next} to {} of the stage are missing; give each part once", start.max(next)));
         }
         next = end;
     }
