@@ -28,10 +28,10 @@ pub enum Generation {
     Previous,
 }
 
-/// The result of [`Store::read`], or of [`Store::open`].
+/// The result of [`Store::read`].
 #[derive(Debug)]
 pub struct Found {
-    /// The decoded contents of the file, or the file open for reading them.
+    /// The decoded contents of the file.
     pub contents: StateFile,
     /// The version of the file from which the contents come.
     pub generation: Generation,

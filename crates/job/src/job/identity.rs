@@ -59,6 +59,11 @@ pub(super) fn common(identity: &Identity) -> Identity {
     without(identity, &[SPEC, SHARD, PART])
 }
 
+/// The pairs of a file of rows that must be equal to those of the job that joins it.
+pub(super) fn joined(identity: &Identity) -> Identity {
+    without(identity, &[SPEC, SHARD, PART, PLAN, FILTER])
+}
+
 fn without(identity: &Identity, names: &[&str]) -> Identity {
     Identity::new(identity.pairs().iter().filter(|(name, _)| !names.contains(&name.as_str())).cloned())
 }

@@ -1,7 +1,7 @@
 //! Renders by many machines: plan files and the rows that machines trace of them, shards, and processes that run together.
 
 use super::checkpoints::Watched;
-use super::identity::{PART, PLAN, SPEC, common, compared};
+use super::identity::{PART, PLAN, SPEC, common, compared, joined};
 use super::{Checkpoints, Job, JobMonitor, Traced};
 use crate::checkpoint::{Identity, Kind, ROWS, StateFile};
 use crate::memory::MemoryEstimate;
@@ -189,6 +189,7 @@ impl Job {
     pub fn next_plan(&mut self, plan: &PlanFile, rows: &RowsFiles) -> Result<(Vec<u8>, bool), JobError> {
         self.need_any_image();
         self.check_render(plan)?;
+        self.check_rows(rows)?;
         let identity = self.identity()?;
         let world = self.prepared.world.clone();
         let mut integrator = make_integrator(&self.integrator, &world)?;
@@ -224,6 +225,7 @@ impl Job {
     /// [`JobError::Shards`] for shards that do not make an image together.
     pub fn merge(&mut self, shards: &RowsFiles) -> Result<Traced, JobError> {
         self.need_any_image();
+        self.check_rows(shards)?;
         let world = self.prepared.world.clone();
         let mut integrator = make_integrator(&self.integrator, &world)?;
         let mut session = self.session(None)?;
@@ -306,6 +308,16 @@ impl Job {
         })
     }
 
+    /// Refuses rows of another scene, or of other settings.
+    fn check_rows(&self, rows: &RowsFiles) -> Result<(), JobError> {
+        let Some((path, file)) = rows.files.first() else { return Ok(()) };
+        let differences = joined(&self.identity()?).differences(&joined(&file.identity));
+        if differences.is_empty() {
+            return Ok(());
+        }
+        Err(JobError::OtherRender { path: path.clone(), differences })
+    }
+
     fn check_render(&self, plan: &PlanFile) -> Result<(), JobError> {
         let differences = compared(&self.identity()?).differences(&compared(&plan.file.identity));
         if differences.is_empty() {
@@ -338,21 +350,21 @@ fn join(session: &mut Session<'_>, integrator: &mut dyn Integrator, rows: &RowsF
     let Some(stage) = session.next_stage(integrator)? else {
         return Err(JobError::Shards(vec!["the plan is done; dapple merge makes the image".into()]));
     };
-    let (mut joined, mut troubles): (Vec<(u32, u32)>, Vec<String>) = (Vec::new(), Vec::new());
+    let (mut runs, mut troubles): (Vec<(u32, u32)>, Vec<String>) = (Vec::new(), Vec::new());
     for (path, file) in &rows.files {
         let path = path.display();
         for run in file.rows() {
             match TracedRows::from_bytes(run).and_then(|rows| session.join(&stage, rows)) {
-                Ok(rows) => joined.push((rows.start, rows.end)),
+                Ok(rows) => runs.push((rows.start, rows.end)),
                 Err(Error::OtherRender { what }) => troubles.push(format!("{path}: {what}")),
                 Err(e) => troubles.push(format!("{path}: {e}")),
             }
         }
     }
-    joined.sort_unstable();
+    runs.sort_unstable();
     troubles.dedup();
     let mut next = stage.rows().start;
-    for (start, end) in joined.into_iter().chain([(stage.rows().end, stage.rows().end)]) {
+    for (start, end) in runs.into_iter().chain([(stage.rows().end, stage.rows().end)]) {
         if start != next {
             troubles.push(format!("rows {next} to {} of the stage are missing; give each part once", start.max(next)));
         }
