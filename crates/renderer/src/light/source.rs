@@ -32,7 +32,7 @@ pub(crate) trait LightSource {
         false
     }
 
-    /// Samples a ray that leaves the light, as [`Lights::sample_emission`] does. `light` and `pmf` are left to the caller.
+    /// Samples a ray that leaves the light, as [`Lights::sample_emission`](crate::light::Lights::sample_emission) does. `light` and `pmf` are left to the caller.
     fn emit(&self, scene: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight>;
 
     /// Returns the densities of [`Self::emit`]; see [`Lights::emission_pdf`].
@@ -196,7 +196,7 @@ impl SceneSphere {
     }
 }
 
-/// The densities with which [`Lights::sample_emission`] samples a ray, without the selection of the light.
+/// The densities with which [`Lights::sample_emission`](crate::light::Lights::sample_emission) samples a ray, without the selection of the light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EmissionPdf {
     /// The area density of the ray's origin: on the surface of an area light, or on the disk of the scene's radius across
@@ -209,7 +209,7 @@ pub struct EmissionPdf {
 /// A ray that leaves a light, with the light along it.
 #[derive(Clone, Copy, Debug)]
 pub struct EmittedLight {
-    /// The index of the light in [`Lights`].
+    /// The index of the light in [`Lights`](crate::light::Lights).
     pub light: u32,
     /// The probability with which the light was selected.
     pub pmf: f32,
