@@ -33,9 +33,12 @@ fn main() -> Result<(), Error> {
     if std::env::args().nth(2).is_some_and(|victim| victim == me.to_string()) {
         std::process::abort();
     }
+    // A process answers once for each message, so that no answer of a round meets one of the next.
     if me > 0 {
+        processes.receive()?;
         return processes.send(0, &[1]);
     }
+    (1..of).try_for_each(|rank| processes.send(rank, &[]))?;
     for _ in 1..of {
         processes.receive()?;
     }
