@@ -106,7 +106,7 @@ impl WelchOptions {
     }
 }
 
-/// What is the same for all pixels: the circle, and critical values.
+/// The values that all pixels share: the circle, and critical values.
 struct Around {
     circle: Vec<([isize; 2], f32)>,
     criticals: Criticals,

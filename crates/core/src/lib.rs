@@ -103,7 +103,7 @@ pub use point_set::{HostNumbers, PointSet, SampleId, streams};
 pub use policy::{PilotPolicy, Stopping};
 pub use recorder::{RecordedSample, Recorder};
 pub use render::{
-    Control, Methods, Monitor, NoMonitor, Render, Round, Samples, Session, Stage, Status, Tile, TracedRows,
+    Control, Methods, Monitor, NoMonitor, Readiness, Render, Round, Samples, Session, Stage, Status, Tile, TracedRows,
 };
 pub use rng::Rng;
 pub use sampler::{BudgetLeft, Feedback, Sampler};

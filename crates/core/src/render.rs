@@ -16,7 +16,7 @@ mod tile;
 pub use methods::Methods;
 pub use pull::Round;
 pub use session::Session;
-pub use stage::{Stage, TracedRows};
+pub use stage::{Readiness, Stage, TracedRows};
 pub use tile::{Samples, Tile};
 
 use crate::snapshot::View;

@@ -28,7 +28,7 @@ pub(crate) struct Features {
     pub(crate) scale: Plane,
 }
 
-/// What features take from the whole film.
+/// The values that features take from the whole film.
 #[derive(Clone, Copy)]
 pub(crate) struct Extent {
     /// The depth of a miss: twice the largest of all.

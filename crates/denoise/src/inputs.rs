@@ -138,7 +138,7 @@ impl Inputs {
     }
 }
 
-/// What planes take from the whole film.
+/// The values that planes take from the whole film.
 #[derive(Clone, Copy)]
 pub(crate) struct Globals {
     extent: Extent,

@@ -59,7 +59,9 @@ const RUNS: u32 = 8;
 
 /// The rows of a stage that part `index` of `parts` traces, as runs from the top. Follows from the plan alone.
 pub fn rows_of_part(session: &Session<'_>, stage: &Stage, index: u32, parts: u32) -> Vec<Range<u32>> {
-    let runs = session.deal(stage, parts.saturating_mul(RUNS));
+    // An integrator that prepares for each of several passes would do so again for each run.
+    let runs = if stage.passes() > 1 { 1 } else { RUNS };
+    let runs = session.deal(stage, parts.saturating_mul(runs));
     runs.into_iter().skip(index as usize).step_by(parts as usize).collect()
 }
 

@@ -6,7 +6,7 @@ use dapple_conformance::{bits, on_threads};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, Filter, Filtered, FirstHit, Frame, Integrator,
-    InvalidSample, Limits, Methods, Monitor, Needs, NoMonitor, Pass, Plan, Prepared, Prepares, Progress,
+    InvalidSample, Limits, Methods, Monitor, Needs, NoMonitor, Pass, Plan, Prepared, Prepares, Progress, Readiness,
     RecordedSample, Recorder, Render, Retention, Sampler, Schedule, Session, Snapshot, Status, TracedRows,
     TrainingData, Worker, mix,
 };
@@ -223,8 +223,8 @@ impl Project {
 
     /// Serves with a project of its own.
     fn serve(&self, end: &mut dyn dapple_distributed::Processes) {
-        let (mut toy, mut sampler, mut learned) = (self.toy.clone(), (self.sampler)(), 0);
-        serve(|rows| self.render().trace_rows(rows, &mut learned, &mut toy, &mut sampler), end).unwrap();
+        let (mut toy, mut sampler, mut ready) = (self.toy.clone(), (self.sampler)(), Readiness::default());
+        serve(|rows| self.render().trace_rows(rows, &mut ready, &mut toy, &mut sampler), end).unwrap();
     }
 
     /// The film of some processes, whose others trace `theirs`.
@@ -308,7 +308,11 @@ fn stages_from_bytes_have_the_film_of_one_machine_whatever_the_number_of_parts()
             for rows in runs.iter().rev() {
                 let task = planning.rows_of(&stage, rows.clone()).unwrap();
                 let (mut toy, mut sampler) = (project.toy.clone(), sampler());
-                let traced = project.render().trace_rows(&task, &mut 0, &mut toy, &mut sampler).unwrap().unwrap();
+                let traced = project
+                    .render()
+                    .trace_rows(&task, &mut Readiness::default(), &mut toy, &mut sampler)
+                    .unwrap()
+                    .unwrap();
                 assert_eq!(planning.join(&stage, TracedRows::from_bytes(&traced).unwrap()).unwrap(), *rows);
             }
             planning.end_stage(&stage, &mut planner).unwrap();
@@ -417,7 +421,7 @@ fn rows_of_another_stage_rows_joined_twice_and_missing_rows_are_refused() {
     assert!(matches!(TracedRows::from_bytes(&damaged), Err(Error::BadSnapshot { .. })), "damaged");
     let trace = |task: &[u8]| {
         let (mut toy, mut sampler) = (project.toy.clone(), (project.sampler)());
-        project.render().trace_rows(task, &mut 0, &mut toy, &mut sampler).unwrap().unwrap()
+        project.render().trace_rows(task, &mut Readiness::default(), &mut toy, &mut sampler).unwrap().unwrap()
     };
     let traced = trace(&task);
     planning.join(&stage, TracedRows::from_bytes(&traced).unwrap()).unwrap();
@@ -482,4 +486,23 @@ fn a_stop_anywhere_interrupts_the_render() {
     let film = project.together(3, None, &mut |_: &Status<'_>| Control::Stop);
     assert!(film.record().interrupted && film.record().samples > 0);
     assert_eq!(film.counts().iter().sum::<u64>(), film.record().samples);
+}
+
+/// A process prepares its integrator once, not for each run of rows; its rows of several passes are one run.
+#[test]
+fn runs_of_one_process_share_what_the_integrator_prepared() {
+    for (prepares, wanted) in [(Prepares::Once, 1), (Prepares::EveryPass, 4)] {
+        let toy = Toy { prepares, ..Toy::default() };
+        let project = Project::new(toy, || Box::new(Uniform::new(Independent::new(3))), Limits::spp(4.0));
+        let mut session = project.session(None);
+        let stage = session.next_stage(&project.toy).unwrap().unwrap();
+        let (mut toy, mut sampler, mut ready) = (project.toy.clone(), (project.sampler)(), Readiness::default());
+        let runs = dapple_distributed::rows_of_part(&session, &stage, 0, 1);
+        assert_eq!(runs.len() > 1, prepares == Prepares::Once);
+        for rows in &runs {
+            let rows = session.rows_of(&stage, rows.clone()).unwrap();
+            project.render().trace_rows(&rows, &mut ready, &mut toy, &mut sampler).unwrap().unwrap();
+        }
+        assert!(toy.preparations <= wanted && toy.preparations as usize == stage.passes(), "{}", toy.preparations);
+    }
 }

@@ -2,8 +2,8 @@
 
 use crate::test_scenes::{Field, frame};
 use dapple_core::{
-    Block, Error, Feedback, Film, Frame, Integrator, Limits, Methods, Plan, PointSet, Progress, RecordedSample,
-    Recorder, Render, Sampler, Session, Snapshot, TracedRows, luminance,
+    Block, Error, Feedback, Film, Frame, Integrator, Limits, Methods, Plan, PointSet, Progress, Readiness,
+    RecordedSample, Recorder, Render, Sampler, Session, Snapshot, TracedRows, luminance,
 };
 use dapple_low_discrepancy::Random;
 use std::sync::Arc;
@@ -121,7 +121,8 @@ fn it_has_the_same_words_if_rows_are_traced_apart() {
         for rows in session.deal(&stage, 3).into_iter().rev() {
             let bytes = session.rows_of(&stage, rows).expect("rows of the stage");
             let render = Render::new(frame, &limits);
-            let traced = render.trace_rows(&bytes, &mut 0, &mut scene(), &mut Ranges(Random::new(3)));
+            let traced =
+                render.trace_rows(&bytes, &mut Readiness::default(), &mut scene(), &mut Ranges(Random::new(3)));
             let bytes = traced.expect("its rows").expect("nothing stops it");
             session.join(&stage, TracedRows::from_bytes(&bytes).expect("its own bytes")).expect("rows of the stage");
             apart += 1;

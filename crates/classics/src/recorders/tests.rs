@@ -106,7 +106,7 @@ impl Integrator for Moving {
     }
 }
 
-/// What is recorded of a sample with these random numbers.
+/// The words that are recorded of a sample with these random numbers.
 fn expected(u: [f32; 4]) -> ([f32; 3], Trajectory) {
     if u[3] < 0.125 { ([0.0; 3], Trajectory::default()) } else { (noise(u), trajectory(u)) }
 }

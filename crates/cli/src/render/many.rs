@@ -7,10 +7,11 @@ use crate::output::{say, tell, warn};
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, failure};
 use dapple_distributed::{Processes, dismiss, refuse};
-use dapple_job::memory::MemoryLimit;
+use dapple_job::memory::{MemoryEstimate, MemoryLimit};
 use dapple_job::output::FileIdentity;
 use dapple_job::{
-    BudgetSpec, CheckpointOptions, Job, LoadOptions, OutputFiles, PlanFile, RenderSpec, RowsFiles, Shard, Warning,
+    BudgetSpec, CheckpointOptions, Checkpoints, Job, LoadOptions, OutputFiles, PlanFile, RenderSpec, RowsFiles, Shard,
+    Warning,
 };
 use dapple_scene::image::{check_writable, write_file};
 use std::path::{Path, PathBuf};
@@ -207,11 +208,21 @@ pub(super) fn together(args: &RenderArgs, spec: &RenderSpec, mut processes: Box<
         };
         return served.map(|()| Outcome::Done);
     }
-    let outcome = first(args, spec, processes, stop);
-    if outcome.is_err() {
+    let show = Show::from(args);
+    let prepared = first(args, spec, &show, &stop);
+    // Others wait for rows until they are told that none come.
+    if !matches!(prepared, Ok(Some(_))) {
         dismiss(processes).map_err(|e| Failure::lines(&e))?;
     }
-    outcome
+    let Some(First { mut job, expected, cpu, mut progress, checkpoints }) = prepared? else {
+        return Ok(Outcome::Interrupted);
+    };
+    if !args.quiet && !args.json {
+        say("together", &format!("{} processes", processes.size()));
+    }
+    progress.begin(&job);
+    let traced = job.coordinate(checkpoints, &mut progress, processes, &mut || stop.asked());
+    show.deliver(&job, traced.map_err(|e| failure::of_job(&e))?, (Some(&expected), cpu), progress)
 }
 
 /// The job of a process that traces for another.
@@ -225,10 +236,19 @@ fn worker(args: &RenderArgs, spec: &RenderSpec, stop: Stop) -> Result<Job> {
     prepared.map(|(job, _)| job).ok_or_else(|| Failure::new("it was stopped"))
 }
 
-fn first(args: &RenderArgs, spec: &RenderSpec, processes: &mut dyn Processes, stop: Stop) -> Result<Outcome> {
-    let show = Show::from(args);
+/// What process 0 has before the first stage.
+struct First {
+    job: Job,
+    expected: MemoryEstimate,
+    cpu: Option<f64>,
+    progress: Progress,
+    checkpoints: Option<Checkpoints>,
+}
+
+/// Makes process 0 ready; `None` if it was stopped.
+fn first(args: &RenderArgs, spec: &RenderSpec, show: &Show<'_>, stop: &Stop) -> Result<Option<First>> {
     let checkpoints = args.checkpoints().open().map_err(|e| failure::of_job(&e))?;
-    let mut progress = Progress::new(&show, stop.clone(), Live::open(&args.live())?);
+    let progress = Progress::new(show, stop.clone(), Live::open(&args.live())?);
     let limit = args.memory.map_or_else(MemoryLimit::of_machine, MemoryLimit::given);
     progress.phase("reading");
     let loaded = load(spec, &LoadOptions::default().with_limit(limit), limit)?;
@@ -236,13 +256,8 @@ fn first(args: &RenderArgs, spec: &RenderSpec, processes: &mut dyn Processes, st
     file_conflicts::check(args, &loaded, &files)?;
     files.prepare().map_err(|e| failure::of_job(&e))?;
     warn_all(loaded.warnings());
-    let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(Outcome::Interrupted) };
+    let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(None) };
     let expected = job.memory_in_stages().map_err(|e| failure::of_job(&e))?;
     expected.check(limit).map_err(|e| failure::of_job(&e))?;
-    if !args.quiet && !args.json {
-        say("together", &format!("{} processes", processes.size()));
-    }
-    progress.begin(&job);
-    let traced = job.coordinate(checkpoints, &mut progress, processes, &mut || stop.asked());
-    show.deliver(&job, traced.map_err(|e| failure::of_job(&e))?, (Some(&expected), cpu), progress)
+    Ok(Some(First { job, expected, cpu, progress, checkpoints }))
 }

@@ -16,7 +16,7 @@ use std::ops::Range;
 pub struct Stage {
     /// The window of the render.
     pub(crate) frame: Frame,
-    /// The first and the last-but-one row to trace. The rows above them are traced already.
+    /// The first row to trace, and the one after the last. The rows above them are traced already.
     pub(crate) rows: [u32; 2],
     /// The samples of each pixel at which the integrator's passes end, ascending; the last is the end of the stage.
     pub(crate) ends: Vec<u32>,
@@ -33,6 +33,11 @@ impl Stage {
         self.rows[0]..self.rows[1]
     }
 
+    /// The number of passes for which an integrator prepares, at least 1.
+    pub fn passes(&self) -> usize {
+        self.ends.len()
+    }
+
     pub(super) fn end(&self) -> u32 {
         self.ends.last().copied().unwrap_or(0)
     }
@@ -41,6 +46,14 @@ impl Stage {
     pub(super) fn pass_length(&self, start: u32) -> u32 {
         self.ends.iter().find(|end| **end > start).map_or(0, |end| end - start)
     }
+}
+
+/// The training passes that an integrator has learned and the pass that it is prepared for, from one [`Render::trace_rows`]
+/// to the next. New for a new integrator.
+#[derive(Clone, Debug, Default)]
+pub struct Readiness {
+    learned: usize,
+    prepared: Option<u32>,
 }
 
 /// Rows of a stage that are traced, for [`Session::join`].
@@ -278,8 +291,7 @@ impl Render<'_> {
     /// Traces rows that [`Session::rows_of`] has cut out, to the end of their stage. Returns them for [`Session::join`]; `None`
     /// if the monitor stopped it.
     ///
-    /// `learned` is the number of training passes that the integrator has learned already; it is raised to all that the rows
-    /// bring along.
+    /// The integrator learns the training passes that `ready` lacks, and is prepared unless it is for this pass.
     ///
     /// # Errors
     ///
@@ -287,7 +299,7 @@ impl Render<'_> {
     pub fn trace_rows(
         mut self,
         rows: &[u8],
-        learned: &mut usize,
+        ready: &mut Readiness,
         integrator: &mut dyn Integrator,
         sampler: &mut dyn Sampler,
     ) -> Result<Option<Vec<u8>>, Error> {
@@ -296,10 +308,13 @@ impl Render<'_> {
         let monitor: &mut dyn Monitor = self.monitor.take().unwrap_or(&mut unwatched);
         let methods = Methods { needs: self.needs, recorders: self.recorders, ..Methods::from(sampler) };
         let mut session = Session::of_render(self.frame, self.limits, methods, Some(snapshot))?;
-        session.state.passes.iter().skip(*learned).for_each(|pass| integrator.learn(pass));
-        *learned = session.state.passes.len();
+        session.state.passes.iter().skip(ready.learned).for_each(|pass| integrator.learn(pass));
+        ready.learned = session.state.passes.len();
+        session.state.prepared = ready.prepared;
         session.open()?;
-        match trace(integrator, &mut session, monitor)? {
+        let stopped = trace(integrator, &mut session, monitor);
+        ready.prepared = session.state.prepared;
+        match stopped? {
             Stopped::No => Ok(Some(session.view(0.0).write())),
             Stopped::Within | Stopped::AtEnd => Ok(None),
         }

@@ -18,7 +18,7 @@ const FEATURES: [(&str, &str, usize, Rule); 4] = [
     ("depth", "variance of the depth", 1, DEPTH),
 ];
 
-/// What a number must be, and what is wrong with another one.
+/// The condition that a number must meet, and the fault of another one.
 type Rule = (fn(f32) -> bool, &'static str);
 
 const FINITE: Rule = (f32::is_finite, "is NaN or infinite; give a finite number, or count 0 samples there to fill it");

@@ -135,6 +135,11 @@ impl StateFile {
         &self.bytes
     }
 
+    /// The bytes of the file, without a copy.
+    pub fn into_bytes(self) -> Vec<u8> {
+        self.bytes
+    }
+
     /// The traced runs of rows in it.
     pub fn rows(&self) -> impl Iterator<Item = &[u8]> {
         let found = sections(&self.bytes).unwrap_or_default();

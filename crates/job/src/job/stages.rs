@@ -7,10 +7,10 @@ use crate::checkpoint::{Identity, Kind, ROWS, StateFile};
 use crate::memory::MemoryEstimate;
 use crate::{JobError, RenderSpec, Shard};
 use dapple_core::{
-    Budget, Control, Error, Integrator, Methods, Monitor, Render, Session, Snapshot, Stage, Status, TracedRows,
-    container,
+    Budget, Control, Error, Integrator, Methods, Monitor, Readiness, Render, Session, Snapshot, Stage, Status,
+    TracedRows, container,
 };
-use dapple_distributed::{Processes, coordinate, rows_of_part, serve};
+use dapple_distributed::{Processes, coordinate, dismiss, rows_of_part, serve};
 use dapple_transport::make_integrator;
 use std::path::{Path, PathBuf};
 
@@ -124,7 +124,7 @@ impl Job {
         let integrator = make_integrator(&self.integrator, &world)?;
         let mut session = self.session(None)?;
         session.next_stage(&*integrator)?;
-        Ok(StateFile::new(Kind::Plan, identity, session.snapshot()).bytes().to_vec())
+        Ok(StateFile::new(Kind::Plan, identity, session.snapshot()).into_bytes())
     }
 
     /// Traces a part of the rows of a plan's stage, or of the only stage of a render without a plan (a shard). Returns the
@@ -166,19 +166,18 @@ impl Job {
         let runs = runs.into_iter().map(cut).collect::<Result<Vec<_>, _>>()?;
         drop(session);
         let began = checkpoints.as_ref().map(|c| c.state(&identity, monitor)).transpose()?.flatten();
-        let mut file = began.map_or_else(|| rows_file(Kind::Checkpoint, &identity, &[]), Ok)?;
+        let mut done: Vec<Vec<u8>> =
+            began.iter().flat_map(|file| file.rows().map(<[u8]>::to_vec).collect::<Vec<_>>()).collect();
         let mut watched = Watched::new(monitor, None, Identity::default(), self.limits.min_spp);
-        let mut learned = 0;
-        for run in runs.iter().skip(file.rows().count()) {
-            let Some(rows) = self.traced(run, &mut learned, &mut *integrator, &mut watched)? else { return Ok(None) };
-            let done: Vec<Vec<u8>> = file.rows().map(<[u8]>::to_vec).chain([rows]).collect();
-            file = rows_file(Kind::Checkpoint, &identity, &done)?;
+        let mut ready = Readiness::default();
+        for run in &runs[done.len().min(runs.len())..] {
+            let Some(rows) = self.traced(run, &mut ready, &mut *integrator, &mut watched)? else { return Ok(None) };
+            done.push(rows);
             if let Some(checkpoints) = &checkpoints {
-                checkpoints.save(&file)?;
+                checkpoints.save(&rows_file(Kind::Checkpoint, &identity, &done))?;
             }
         }
-        let done: Vec<Vec<u8>> = file.rows().map(<[u8]>::to_vec).collect();
-        Ok(Some(rows_file(Kind::Rows, &identity, &done)?.bytes().to_vec()))
+        Ok(Some(rows_file(Kind::Rows, &identity, &done).into_bytes()))
     }
 
     /// Joins the rows of a stage and plans the next one. Returns the bytes of a plan file, and `true` if no stage is left.
@@ -197,7 +196,7 @@ impl Job {
         session.teach(&mut *integrator);
         join(&mut session, &mut *integrator, rows)?;
         let is_done = session.next_stage(&*integrator)?.is_none();
-        Ok((StateFile::new(Kind::Plan, identity, session.snapshot()).bytes().to_vec(), is_done))
+        Ok((StateFile::new(Kind::Plan, identity, session.snapshot()).into_bytes(), is_done))
     }
 
     /// The film of a plan that is done.
@@ -235,7 +234,8 @@ impl Job {
         Ok(Traced::of(session.into_film()))
     }
 
-    /// Runs the render on process 0 of several, from the beginning or from the checkpoint file in `checkpoints`.
+    /// Runs the render on process 0 of several, from the beginning or from the checkpoint file in `checkpoints`. Ends the other
+    /// processes, after an error too.
     ///
     /// # Errors
     ///
@@ -247,15 +247,19 @@ impl Job {
         processes: &mut dyn Processes,
         stop: &mut dyn FnMut() -> bool,
     ) -> Result<Traced, JobError> {
-        let identity = self.identity()?;
-        let snapshot = checkpoints.as_ref().map(|c| c.snapshot(&identity, monitor)).transpose()?.flatten();
-        if let Some(snapshot) = &snapshot {
-            monitor.resumed(snapshot.film().record().samples as f64 / self.frame.pixels() as f64);
-        }
-        let mut watched = Watched::new(monitor, checkpoints, identity, self.limits.min_spp);
         let world = self.prepared.world.clone();
-        let mut integrator = make_integrator(&self.integrator, &world)?;
-        let mut session = self.session(snapshot)?;
+        let min_spp = self.limits.min_spp;
+        let begun = self.begun(checkpoints.as_ref(), monitor).and_then(|(identity, snapshot)| {
+            Ok((identity, make_integrator(&self.integrator, &world)?, self.session(snapshot)?))
+        });
+        let (identity, mut integrator, mut session) = match begun {
+            Ok(begun) => begun,
+            Err(error) => {
+                dismiss(processes)?;
+                return Err(error);
+            }
+        };
+        let mut watched = Watched::new(monitor, checkpoints, identity, min_spp);
         if !coordinate(&mut session, &mut *integrator, processes, &mut watched, stop)? {
             session.show_to(&mut |status: &Status<'_>| {
                 watched.save_last(status);
@@ -267,6 +271,20 @@ impl Job {
         Ok(Traced { film, failure: None, checkpoint, checkpoints_written })
     }
 
+    /// The settings of the render, and the state in the checkpoint from which it resumes.
+    fn begun(
+        &self,
+        checkpoints: Option<&Checkpoints>,
+        monitor: &mut dyn JobMonitor,
+    ) -> Result<(Identity, Option<Snapshot>), JobError> {
+        let identity = self.identity()?;
+        let snapshot = checkpoints.map(|c| c.snapshot(&identity, monitor)).transpose()?.flatten();
+        if let Some(snapshot) = &snapshot {
+            monitor.resumed(snapshot.film().record().samples as f64 / self.frame.pixels() as f64);
+        }
+        Ok((identity, snapshot))
+    }
+
     /// Traces what process 0 sends, until the render is over.
     ///
     /// # Errors
@@ -274,10 +292,10 @@ impl Job {
     /// [`JobError::Core`] if process 0 is gone.
     pub fn serve(&mut self, processes: &mut dyn Processes, stop: &mut dyn FnMut() -> bool) -> Result<(), JobError> {
         let world = self.prepared.world.clone();
-        let (mut integrator, mut learned) = (make_integrator(&self.integrator, &world)?, 0);
+        let (mut integrator, mut ready) = (make_integrator(&self.integrator, &world)?, Readiness::default());
         let mut monitor = |_: &Status<'_>| if stop() { Control::Stop } else { Control::Continue };
         let trace = |rows: &[u8]| {
-            let traced = self.traced(rows, &mut learned, &mut *integrator, &mut monitor);
+            let traced = self.traced(rows, &mut ready, &mut *integrator, &mut monitor);
             traced.map_err(|e| Error::other("tracing", e.to_string()))
         };
         Ok(serve(trace, processes)?)
@@ -287,12 +305,12 @@ impl Job {
     fn traced(
         &mut self,
         rows: &[u8],
-        learned: &mut usize,
+        ready: &mut Readiness,
         integrator: &mut dyn Integrator,
         monitor: &mut dyn Monitor,
     ) -> Result<Option<Vec<u8>>, JobError> {
         let render = Render::new(self.frame, &self.limits).needs(self.needs).recorders(self.filter.recorders());
-        Ok(render.monitor(monitor).trace_rows(rows, learned, integrator, &mut *self.sampler)?)
+        Ok(render.monitor(monitor).trace_rows(rows, ready, integrator, &mut *self.sampler)?)
     }
 
     /// The session of this render, new or resumed.
@@ -328,10 +346,10 @@ impl Job {
 }
 
 /// A file of traced runs of rows.
-fn rows_file(kind: Kind, identity: &Identity, runs: &[Vec<u8>]) -> Result<StateFile, JobError> {
+fn rows_file(kind: Kind, identity: &Identity, runs: &[Vec<u8>]) -> StateFile {
     let mut bytes = container::begin(runs.iter().map(Vec::len).sum());
     runs.iter().for_each(|run| container::append(&mut bytes, ROWS, run));
-    Ok(StateFile::new(kind, identity.clone(), bytes))
+    StateFile::new(kind, identity.clone(), bytes)
 }
 
 /// Refuses shards of a render that has more than one stage.

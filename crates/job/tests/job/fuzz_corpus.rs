@@ -8,8 +8,8 @@ mod target;
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Control, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Methods, Needs, PointSet, Render,
-    SampleId, Sampler, Session, Status, TracedRows, TrainingData, Worker,
+    Block, Control, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Methods, Needs, PointSet, Readiness,
+    Render, SampleId, Sampler, Session, Status, TracedRows, TrainingData, Worker,
 };
 use dapple_job::checkpoint::{Identity, Kind, StateFile};
 use std::path::Path;
@@ -97,7 +97,8 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
     let stage = session.next_stage(&Field).unwrap().unwrap();
     let rows = session.rows_of(&stage, 0..2).unwrap();
     let render = Render::new(frame, &limits).needs(Needs::none().with_variance());
-    let part = render.trace_rows(&rows, &mut 0, &mut Field, &mut Uniform::new(Hashed)).unwrap().unwrap();
+    let part =
+        render.trace_rows(&rows, &mut Readiness::default(), &mut Field, &mut Uniform::new(Hashed)).unwrap().unwrap();
     vec![("file", file), ("unsigned", unsigned), ("snapshot", snapshot), ("plain", plain), ("part", part)]
 }
 

@@ -163,6 +163,11 @@ fn a_damaged_checkpoint_is_refused_with_the_reason_and_its_older_version_taken()
         let _ = std::fs::remove_file(folder.path().join("checkpoint.previous"));
         let error = run().expect_err("damaged").to_string();
         assert!(error.contains(what) && error.contains("checkpoint: "), "{error}");
+        // Other processes end with the first one, which they would wait for.
+        let together = together(&prepared, &spec, 3, None, &mut |job, end| {
+            job.coordinate(opened(&path), &mut NoMonitor, end, &mut || false)
+        });
+        assert!(together.err().is_some_and(|e| e.to_string().contains(what)));
     }
     std::fs::write(folder.path().join("checkpoint.previous"), &bytes).expect("written");
     std::fs::write(&path, &changed).expect("written");

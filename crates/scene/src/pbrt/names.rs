@@ -16,7 +16,7 @@ const DEEPEST_MIX: u32 = 8;
 
 /// The names of the scene's materials, media or objects. A use before the definition reserves a place in the scene.
 pub(super) struct Names {
-    /// What the names are of, and how such a thing is made, for messages.
+    /// The kind of thing that has the names, and how one is made, for messages.
     what: &'static str,
     advice: &'static str,
     /// The index in the scene by name.
