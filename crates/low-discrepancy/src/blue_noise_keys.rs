@@ -340,8 +340,10 @@ mod tests {
     use crate::blue_noise::tests::mean_squares;
     use crate::{BlueNoise, Sobol};
 
+    type Integrand = fn(f64, f64) -> f64;
+
     /// Two integrands on which no key was optimised, with their means.
-    const INTEGRANDS: [(&str, fn(f64, f64) -> f64, f64); 2] =
+    const INTEGRANDS: [(&str, Integrand, f64); 2] =
         [("half-plane", |x, y| f64::from(u8::from(y < 0.3 + 0.4 * x)), 0.5), ("x y", |x, y| x * y, 0.25)];
 
     fn with_white_keys() -> BlueNoiseKeys {

@@ -13,7 +13,7 @@
 //! | [`downsample`] | an image averaged to a smaller size |
 //! | [`mean_interval`], [`geometric_mean_interval`], [`ratio_interval`] | confidence intervals over seeds |
 //! | [`image_spectrum`], [`point_spectrum`] | radial power spectra of noise and of sample points |
-//! | [`log_log_fit`], [`efficiency`], [`student_t_quantile`] | slopes, efficiency, quantiles |
+//! | [`log_log_fit`], [`efficiency`], [`student_t_quantile`], [`student_t_tail`] | slopes, efficiency, quantiles, tails |
 //!
 //! ```
 //! use dapple_metrics::{Pixels, compare, ratio_interval};
@@ -58,7 +58,7 @@ pub use noisy_reference::{
 pub use spectrum::{SpectrumRing, image_spectrum, point_spectrum};
 pub use statistics::{
     BOOTSTRAP_MIN_COUNT, BOOTSTRAP_RESAMPLES, Interval, IntervalMethod, LogLogFit, StatisticsError, efficiency,
-    geometric_mean_interval, log_log_fit, mean_interval, ratio_interval, student_t_quantile,
+    geometric_mean_interval, log_log_fit, mean_interval, ratio_interval, student_t_quantile, student_t_tail,
 };
 
 /// An error of an image metric. Each message names the remedy.

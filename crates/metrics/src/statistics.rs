@@ -2,7 +2,7 @@
 
 mod student;
 
-pub use student::student_t_quantile;
+pub use student::{student_t_quantile, student_t_tail};
 
 use crate::blocks::percentile;
 use crate::sum::Sum;

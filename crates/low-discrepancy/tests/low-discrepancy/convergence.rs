@@ -57,24 +57,25 @@ fn the_error_of_a_product_equals_owens_formula() {
 #[test]
 fn errors_converge_at_their_rates() {
     type Make = fn(u32) -> Box<dyn PointSet>;
+    type Row = (Make, &'static [u32], u32, [std::ops::Range<f64>; 2]);
+    const POWERS: &[u32] = &[8, 16, 32, 64, 128, 256, 512];
     let exact = |m: i32| owen_variance_of_product(m).sqrt();
-    let powers: [u32; 7] = [8, 16, 32, 64, 128, 256, 512];
-    let of_owen = slope(&powers, |n| exact(n.ilog2() as i32));
+    let of_owen = slope(POWERS, |n| exact(n.ilog2() as i32));
     assert!((of_owen + 1.4).abs() < 0.01, "{of_owen}");
     assert!(((exact(306) / exact(300)).log2() / 6.0 + 1.5).abs() < 0.01, "the limit");
-    let squares: &[u32] = &[16, 64, 256, 1024];
+    let squares: &'static [u32] = &[16, 64, 256, 1024];
     let near = |slope: f64| slope - 0.07..slope + 0.07;
     let below = |slope: f64| f64::NEG_INFINITY..slope;
-    let rows: [(Make, &[u32], u32, [std::ops::Range<f64>; 2]); 9] = [
-        (|_| Box::new(Random::new(0)), &powers, 1, [-0.5, -0.5].map(near)),
-        (|_| Box::new(Sobol::new(0)), &powers, 1, [of_owen, -0.75].map(near)),
+    let rows: [Row; 9] = [
+        (|_| Box::new(Random::new(0)), POWERS, 1, [-0.5, -0.5].map(near)),
+        (|_| Box::new(Sobol::new(0)), POWERS, 1, [of_owen, -0.75].map(near)),
         (|n| Box::new(Stratified::new(0, n.isqrt()).unwrap()), squares, 1, [-1.0, -0.75].map(near)),
         (|n| Box::new(LowDiscrepancy::new(0, n).unwrap()), squares, 1, [-0.93, -0.68].map(below)),
         (|_| Box::new(Halton::new(0)), &[6, 12, 18, 36, 72, 108, 216], 1, [-1.07, -0.68].map(below)),
-        (|_| Box::new(Lattice::new(0)), &powers, 128, [-0.93, -0.68].map(below)),
-        (|_| Box::new(Pmj02::new(0)), &powers, 128, [-0.80, -0.68].map(below)),
-        (|_| Box::new(BlueNoise::new(0, Sobol::new(0))), &powers, 128, [-0.80, -0.68].map(below)),
-        (|n| Box::new(ZSobol::new(0, n).unwrap()), &powers, 128, [-1.33, -0.68].map(below)),
+        (|_| Box::new(Lattice::new(0)), POWERS, 128, [-0.93, -0.68].map(below)),
+        (|_| Box::new(Pmj02::new(0)), POWERS, 128, [-0.80, -0.68].map(below)),
+        (|_| Box::new(BlueNoise::new(0, Sobol::new(0))), POWERS, 128, [-0.80, -0.68].map(below)),
+        (|n| Box::new(ZSobol::new(0, n).unwrap()), POWERS, 128, [-1.33, -0.68].map(below)),
     ];
     for (make, counts, apart, wanted) in rows {
         for (g, wanted) in integrands().iter().zip(wanted) {

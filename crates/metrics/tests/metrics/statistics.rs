@@ -6,7 +6,7 @@ use crate::support::Random;
 use approx::assert_relative_eq;
 use dapple_metrics::{
     BOOTSTRAP_MIN_COUNT, Interval, IntervalMethod, StatisticsError, efficiency, geometric_mean_interval, log_log_fit,
-    mean_interval, ratio_interval, student_t_quantile,
+    mean_interval, ratio_interval, student_t_quantile, student_t_tail,
 };
 
 const A: [f64; 8] = [3.1e-3, 2.7e-3, 4.4e-3, 3.9e-3, 2.2e-3, 3.3e-3, 2.9e-3, 5.1e-3];
@@ -157,6 +157,9 @@ fn quantiles_are_accurate_to_1e_12() {
         let found = student_t_quantile(probability, degrees);
         let error = ((found - expected) / expected).abs();
         assert!(error < 1e-12, "t({probability}, {degrees}) = {found} instead of {expected}: {error:e}");
+        // A rounding of the quantile moves far tails by more.
+        let tail = student_t_tail(expected.abs(), degrees) / probability.min(1.0 - probability) - 1.0;
+        assert!(degrees > 1e8 && degrees.is_finite() || tail.abs() < 1e-11, "{probability} {degrees}: {tail:e}");
     }
 }
 
