@@ -51,16 +51,12 @@ impl<'a> Items<'a> {
         let mut keys = Vec::with_capacity(count);
         for (number, shape) in (0..).zip(shapes) {
             let triangles = 0..shape.mesh().map_or(1, |mesh| mesh.triangles().len()) as u32;
-            let all = triangles.clone().map(|n| key(number, n));
-            match shape {
-                Shape::Mesh(mesh) if mesh.degenerate() > 0 => {
-                    keys.extend(triangles.filter(|&n| !mesh.is_degenerate(n)).map(|n| key(number, n)));
-                }
-                Shape::Moving(mesh) if mesh.degenerate() > 0 => {
-                    keys.extend(triangles.filter(|&n| !mesh.is_degenerate(n)).map(|n| key(number, n)));
-                }
-                Shape::Mesh(_) | Shape::Moving(_) | Shape::Sphere(_) | Shape::Disk(_) => keys.extend(all),
-            }
+            let is_flat = |n: u32| match shape {
+                Shape::Mesh(mesh) => mesh.degenerate() > 0 && mesh.is_degenerate(n),
+                Shape::Moving(mesh) => mesh.degenerate() > 0 && mesh.is_degenerate(n),
+                Shape::Sphere(_) | Shape::Disk(_) => false,
+            };
+            keys.extend(triangles.filter(|&n| !is_flat(n)).map(|n| key(number, n)));
         }
         let still = shapes.iter().all(|shape| matches!(shape, Shape::Mesh(_)));
         Ok(Self { shapes, boxes: &[], keys, still })
