@@ -139,16 +139,13 @@ fn mean_counts(sampler: &mut ClusterThesis<Random>) -> ([f64; 3], Vec<u32>) {
     let (mut sums, mut pixels) = ([0.0; 3], [0.0; 3]);
     for (i, &count) in counts.iter().enumerate() {
         let x = place([(i as u32 % (2 * SIDE)) as f32 + 0.5, 0.0]);
-        let part = if x > 0.75 {
-            0
-        } else if x.abs() < 0.3 {
-            1
-        } else {
-            2
+        let part = match x {
+            0.75.. => 0,
+            -0.3..0.3 => 1,
+            ..-0.75 => 2,
+            _ => continue,
         };
-        if part < 2 || x < -0.75 {
-            (sums[part], pixels[part]) = (sums[part] + f64::from(count), pixels[part] + 1.0);
-        }
+        (sums[part], pixels[part]) = (sums[part] + f64::from(count), pixels[part] + 1.0);
     }
     ([0, 1, 2].map(|k| sums[k] / pixels[k]), counts)
 }

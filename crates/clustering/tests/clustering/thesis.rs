@@ -173,43 +173,41 @@ fn triangles_without_normals_join_clusters() {
 #[test]
 fn errors_tell_what_to_do() {
     let mesh = soup(100, 0.1, 12);
-    let refused = |mesh: &Mesh, params: ClusterParams| mesh.cluster(&params).unwrap_err();
     let default = ClusterParams::default();
     for k in [0.0, -1.0, f64::NAN, f64::INFINITY, 2e6] {
-        assert!(matches!(refused(&mesh, default.with_k(k)), Error::BadK { .. }));
+        assert!(matches!(mesh.cluster(&default.with_k(k)), Err(Error::BadK { .. })));
     }
     for clamp in [0, (1 << 20) + 1, u32::MAX] {
-        assert_eq!(refused(&mesh, default.with_clamp(clamp)), Error::BadClamp { clamp });
+        assert_eq!(mesh.cluster(&default.with_clamp(clamp)), Err(Error::BadClamp { clamp }));
     }
     for angle in [-1.0, 90.1, f64::NAN, f64::INFINITY] {
-        assert!(matches!(refused(&mesh, default.with_angle(angle)), Error::BadAngle { .. }));
+        assert!(matches!(mesh.cluster(&default.with_angle(angle)), Err(Error::BadAngle { .. })));
     }
+    let refused = |edit: &dyn Fn(&mut Mesh), error: Error| {
+        let mut mesh = mesh.clone();
+        edit(&mut mesh);
+        assert_eq!(mesh.cluster(&default), Err(error.clone()));
+        let said = error.to_string();
+        assert!(["give", "ask", "stay below", "leave", "drop"].iter().any(|word| said.contains(word)), "{said}");
+        mesh
+    };
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         for axis in 0..3 {
-            let mut mesh = mesh.clone();
-            mesh.positions[3 * 71 + 1][axis] = bad;
-            assert_eq!(refused(&mesh, default), Error::BadPosition { triangle: 71, vertex: 3 * 71 + 1 });
+            let error = Error::BadPosition { triangle: 71, vertex: 3 * 71 + 1 };
+            let mut mesh = refused(&|mesh| mesh.positions[3 * 71 + 1][axis] = bad, error);
             // Unused by any triangle.
             mesh.indices.remove(71);
             mesh.materials.remove(71);
             assert!(mesh.cluster(&default).is_ok());
         }
     }
-    let mut lost = mesh.clone();
-    lost.indices[40_usize][2] = 300;
-    lost.indices[50_usize][0] = 301;
-    assert_eq!(refused(&lost, default), Error::BadIndex { triangle: 40, index: 300, vertices: 300 });
-    let mut materials = mesh.clone();
-    materials.materials.pop();
-    assert_eq!(refused(&materials, default), Error::BadMaterials { materials: 99, triangles: 100 });
-    let messages = [Error::Empty, Error::BadCount, refused(&lost, default), refused(&mesh, default.with_k(0.0))];
-    for message in messages {
-        let message = message.to_string();
-        assert!(["give", "ask", "stay below", "leave"].iter().any(|word| message.contains(word)), "{message}");
-    }
+    let lost = |mesh: &mut Mesh| (mesh.indices[40][2], mesh.indices[50][0]) = (300, 301);
+    refused(&lost, Error::BadIndex { triangle: 40, index: 300, vertices: 300 });
+    refused(&|mesh| mesh.materials.truncate(99), Error::BadMaterials { materials: 99, triangles: 100 });
+    refused(&|mesh| *mesh = Mesh::default(), Error::Empty);
     // The first bad triangle is named even if it is not in the first chunk.
     let mut many = soup(100_000, 0.1, 13);
     many.positions[3 * 90_000][1] = f32::NAN;
     many.indices[95_000][1] = u32::MAX;
-    assert_eq!(refused(&many, default), Error::BadPosition { triangle: 90_000, vertex: 270_000 });
+    assert_eq!(many.cluster(&default), Err(Error::BadPosition { triangle: 90_000, vertex: 270_000 }));
 }

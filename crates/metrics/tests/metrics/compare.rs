@@ -222,14 +222,6 @@ fn downsampling_averages_by_area() {
     }
 }
 
-#[test]
-fn downsampling_by_whole_numbers_gives_block_means() {
-    let image = ramp(12 * 6);
-    let found = downsample(pixels([12, 6], &image), [4, 3]).unwrap();
-    let means = block_means(pixels([12, 6], &image), [3, 2]).unwrap().means;
-    assert_eq!(found, means.iter().map(|m| m.map(|v| v as f32)).collect::<Vec<_>>());
-}
-
 fn wild() -> impl Strategy<Value = Vec<[f32; 3]>> {
     let value = prop_oneof![-1.0_f32..4.0, Just(0.0), 1e-6_f32..1e-3, 10.0_f32..1e6];
     proptest::collection::vec([value.clone(), value.clone(), value], 45)
