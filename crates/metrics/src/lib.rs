@@ -37,7 +37,7 @@ mod blocks;
 mod compare;
 mod flip;
 mod metric;
-mod noisy_reference;
+mod noise;
 mod spectrum;
 mod statistics;
 mod sum;
@@ -51,7 +51,7 @@ pub use blocks::{BlockRatios, Blocks, block_means, block_ratios, downsample};
 pub use compare::{Comparison, RELATIVE_EPSILON, TRIMMED_SHARE, WORST_BLOCK_SIZE, WorstBlock, compare};
 pub use flip::{Flip, PIXELS_PER_DEGREE, flip};
 pub use metric::{Better, METRICS, Measurement, Metric, ReferenceNoise};
-pub use noisy_reference::{
+pub use noise::{
     Corrected, CorrectedError, Difference, LEAST_RENDERS, Measured, NoisyReference, REFERENCE_LIMIT, compare_corrected,
     difference,
 };
