@@ -96,16 +96,8 @@ fn one_probe_suffices_for_mostly_covered_pixels() {
 fn boxes_overrate_slanted_clusters() {
     // Unit squares: one facing z, one at 45 degrees whose box is a cuboid, both seen along z.
     let r = 0.5f32.sqrt();
-    let positions = [
-        [0.0; 3],
-        [1.0, 0.0, 0.0],
-        [1.0, 1.0, 0.0],
-        [0.0, 1.0, 0.0],
-        [0.0; 3],
-        [r, 0.0, r],
-        [r, 1.0, r],
-        [0.0, 1.0, 0.0],
-    ];
+    let square = |[x, _, z]: [f32; 3]| [[0.0; 3], [x, 0.0, z], [x, 1.0, z], [0.0, 1.0, 0.0]];
+    let positions = [square([1.0, 0.0, 0.0]), square([r, 0.0, r])].concat();
     let indices = [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]];
     let triangles = Triangles::new(&positions, &indices);
     let vectors = AreaVectors::new(&triangles, &[0, 0, 1, 1], 2).unwrap();

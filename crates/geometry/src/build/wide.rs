@@ -8,14 +8,10 @@ use super::items::{Bounds, Item, ItemBox, Items, NOTHING, boxes};
 use super::plans::{SubtreePlan, SubtreePlans, share};
 use crate::bvh::{Bvh, Child, DEEPEST, Node8};
 use crate::huge_pages::Pages;
-#[cfg(target_arch = "x86_64")]
-use crate::lanes::Whole;
-use crate::lanes::{Lanes, Pair, Vectors, WIDTH};
+use crate::lanes::{Lanes, Vectorised, Vectors, WIDTH};
 use crate::leaf::{self, Triangles8};
 use crate::shape::{Quadric, Shape};
-use pulp::NullaryFnOnce;
 use rayon::prelude::*;
-use std::marker::PhantomData;
 
 /// Converts a binary tree to an eight-wide one; `None` if it is empty or needs a deeper traversal stack than
 /// [`DEEPEST`]. The memory of `spent` is used again.
@@ -316,47 +312,24 @@ fn fill(
     }
     parts.into_par_iter().for_each_init(Default::default, |open, (loose, [words, ends], boxes)| {
         let leaves = &members(loose, binary, open)[..loose.len()];
-        fill_batch::<false>(vectors, leaves, items, words, boxes);
+        vectors.run(Fill::<false> { leaves, items, words, boxes });
         if !ends.is_empty() {
-            fill_batch::<true>(vectors, leaves, items, ends, boxes);
+            vectors.run(Fill::<true> { leaves, items, words: ends, boxes });
         }
     });
 }
 
-fn fill_batch<const ENDS: bool>(
-    vectors: Vectors,
-    leaves: &[Members],
-    items: &Items<'_>,
-    words: &mut [f32],
-    boxes: &mut [Bounds],
-) {
-    match vectors {
-        #[cfg(target_arch = "x86_64")]
-        Vectors::Whole(token) => {
-            let lanes = PhantomData::<Whole>;
-            token.vectorize(Fill::<_, ENDS> { token, leaves, items, words, boxes, lanes });
-        }
-        Vectors::Pair => {
-            Fill::<_, ENDS> { token: (), leaves, items, words, boxes, lanes: PhantomData::<Pair> }.call();
-        }
-    }
-}
-
 /// The filling of some leaves, compiled for each kind of vectors.
-struct Fill<'a, L: Lanes, const ENDS: bool> {
-    token: L::Token,
+struct Fill<'a, const ENDS: bool> {
     leaves: &'a [Members],
     items: &'a Items<'a>,
     words: &'a mut [f32],
     boxes: &'a mut [Bounds],
-    lanes: PhantomData<L>,
 }
 
-impl<L: Lanes, const ENDS: bool> NullaryFnOnce for Fill<'_, L, ENDS> {
-    type Output = ();
-
+impl<const ENDS: bool> Vectorised for Fill<'_, ENDS> {
     #[inline(always)]
-    fn call(self) {
+    fn run<L: Lanes>(self, token: L::Token) {
         let mut words = self.words;
         for (members, bounds) in self.leaves.iter().zip(self.boxes) {
             let count = members.count.min(WIDTH);
@@ -376,7 +349,7 @@ impl<L: Lanes, const ENDS: bool> NullaryFnOnce for Fill<'_, L, ENDS> {
                     },
                 );
             }
-            let sides = boxes::<L>(self.token, &triangles);
+            let sides = boxes::<L>(token, &triangles);
             for axis in 0..3 {
                 let [low, high] = &sides[axis];
                 for lane in 0..count {
