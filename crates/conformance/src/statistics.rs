@@ -3,7 +3,7 @@
 //! | claim | test |
 //! |---|---|
 //! | a mean has its expectation | [`Mean::against`], [`Mean::against_estimate`] |
-//! | two images have the same expectation | [`images`], [`image`] |
+//! | two images have the same expectation | [`images`], [`image()`] |
 //! | samples follow their density | [`chi_square`], [`integrate`] |
 //! | a mean is *proven* close to a value | [`Mean::equals`] |
 //! | one of two methods has less error at equal budget | `ratio_interval` and `log_log_fit` of dapple-metrics |

@@ -92,7 +92,7 @@ impl PointSet for Diffused {
 /// Mitchell extends blue noise to the dimensions of distribution ray tracing: samples that are near in the image shall
 /// be far apart on the lens and in time. The construction here is ours, from his aim:
 ///
-/// 1. Positions are those of [`Diffused`](crate::Diffused).
+/// 1. Positions are those of [`Diffused`].
 /// 2. A pattern of 64 x 64 pixels and 16 rounds is filled in random order. Each sample takes the best of 16 candidates for
 ///    lens and time. The best is farthest from its nearest sample, by `|dxy|^2 / 16 + |dlens|^2 + dtime^2` with `dxy` in
 ///    pixels.

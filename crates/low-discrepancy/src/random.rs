@@ -79,7 +79,7 @@ impl PointSet for Random {
 /// # Limits
 ///
 /// * The count must be known beforehand. An unfinished grid is a random subset of its cells, hardly better than
-///   [`Random`](crate::Random) if it is small.
+///   [`Random`] if it is small.
 /// * Projections on one axis have only `strata` strata.
 /// * Samples beyond `strata²` start another grid with its own order and jitter. Multiples of `strata²` are stratified,
 ///   but no finer.
