@@ -152,7 +152,8 @@ pub fn visibility_variances(
 ) -> Result<Vec<f32>, Error> {
     // The probes of each cluster, cluster by cluster.
     let counts = probes.class_counts(clusters)?;
-    let mut ends: Vec<usize> = counts[..clusters].iter().scan(0, |start, &n| Some(replace_added(start, n))).collect();
+    let mut ends: Vec<usize> =
+        counts[..clusters].iter().scan(0, |end, &n| Some(std::mem::replace(end, *end + n as usize))).collect();
     let mut sorted = vec![0u32; probes.all().len() - counts[clusters] as usize];
     for (i, probe) in probes.all().iter().enumerate().filter(|(_, probe)| probe.cluster != BACKGROUND) {
         let end = &mut ends[probe.cluster as usize];
@@ -177,13 +178,6 @@ pub fn visibility_variances(
         (visible * (1.0 - visible)) as f32
     };
     Ok((0..clusters).into_par_iter().map(variance).collect())
-}
-
-/// Adds `n` and returns the former value.
-fn replace_added(sum: &mut usize, n: u64) -> usize {
-    let before = *sum;
-    *sum += n as usize;
-    before
 }
 
 /// A number in `[0, 1)`.

@@ -94,7 +94,7 @@ impl Prior {
 
 /// The sampler of [Lan 2016]: few samples for large clusters, many for small ones.
 ///
-/// First-hit probes find the cluster that each pixel sees. Its importance (see [`importance`]) follows the ratio of the
+/// First-hit probes find the cluster that each pixel sees. Its importance (see [`importance()`]) follows the ratio of the
 /// pixel's area to the cluster's projected area. Every pixel gets a minimum. The rest of the budget is distributed in
 /// proportion to importance, up to a maximum; the excess goes to the others ([`share`]).
 ///

@@ -1,9 +1,9 @@
-//! Clusters a group: the triangles of one material in one voxel.
+//! Clusters a group: the triangles of one material in one voxel. Classes of similar normals are cut into connected pieces by
+//! union-find over shared vertices [after Tarjan 1975].
 
 use crate::Cluster;
-use crate::connected::{Connector, Group};
 use crate::greedy::{Classes, Facet, Rule, classify};
-use crate::grid::Mesh;
+use crate::grid::{Mesh, centroid_sum};
 use crate::params::{ClusterParams, Connection, Grouping, Insertion, Order};
 use crate::small_groups::{Batch, SmallGroups};
 use crate::triangle_normals::{MAX_SMALL, Members, Surface};
@@ -155,4 +155,216 @@ fn cone(normal: [f32; 3], cosines: impl Iterator<Item = f32>, both: bool) -> f32
         cone = if cosine < cone { cosine } else { cone };
     }
     cone.max(-1.0)
+}
+
+/// Marks the absence of a triangle or of a piece.
+const NONE: u32 = u32::MAX;
+
+/// The scratch space of one thread for finding connected pieces.
+#[derive(Default)]
+struct Connector {
+    /// A hash table with open addressing. A slot holds a vertex, with the first triangle or the lowest piece at it.
+    slots: Vec<[u32; 2]>,
+    parent: Vec<u32>,
+}
+
+impl Connector {
+    /// Cuts each class of a group (the triangles of one material in a voxel) into its connected pieces. `class` holds
+    /// the class of each triangle and receives its piece. Pieces are numbered class by class. Returns the number of
+    /// pieces.
+    ///
+    /// Triangles of class `u32::MAX` have no normal and are connected among themselves. Each piece of them joins the
+    /// lowest numbered other piece that shares a vertex with it, or stays on its own.
+    fn cut(&mut self, group: Group<'_>, class: &mut [u32], classes: u32) -> u32 {
+        let mut lists = vec![Vec::new(); classes as usize];
+        let mut flat = Vec::new();
+        for (triangle, &class) in class.iter().enumerate() {
+            match lists.get_mut(class as usize) {
+                Some(list) => list.push(triangle as u32),
+                None => flat.push(triangle as u32),
+            }
+        }
+        self.parent.clear();
+        self.parent.extend(0..class.len() as u32);
+        let mut pieces = 0;
+        for list in &lists {
+            pieces = self.number(group, list, class, pieces);
+        }
+        if !flat.is_empty() {
+            let numbered: Vec<u32> = lists.concat();
+            let touched = self.touched(group, &numbered, &flat, class);
+            pieces = self.number(group, &flat, class, pieces);
+            pieces = hand_over(&flat, &touched, class, pieces);
+        }
+        pieces
+    }
+
+    /// Finds the connected pieces of the triangles in `list` and writes their numbers, from `pieces` on, to `class`.
+    /// Returns the next free number.
+    fn number(&mut self, group: Group<'_>, list: &[u32], class: &mut [u32], pieces: u32) -> u32 {
+        self.join(group, list);
+        let mut roots: Vec<u32> = Vec::new();
+        for &triangle in list {
+            if self.root(triangle) == triangle {
+                roots.push(triangle);
+            }
+        }
+        if roots.len() > 1 && group.order == Order::Canonical {
+            self.order_by_place(group, list, &mut roots);
+        }
+        for (number, &root) in roots.iter().enumerate() {
+            class[root as usize] = pieces + number as u32;
+        }
+        for &triangle in list {
+            class[triangle as usize] = class[self.root(triangle) as usize];
+        }
+        pieces + roots.len() as u32
+    }
+
+    /// Sorts the pieces' root triangles by the smallest centroid of each piece (by x, then y, then z). The result does
+    /// not depend on the order of triangles.
+    fn order_by_place(&mut self, group: Group<'_>, list: &[u32], roots: &mut [u32]) {
+        let mut first: Vec<(u32, [f64; 3])> = Vec::with_capacity(list.len());
+        for &triangle in list {
+            first.push((self.root(triangle), centroid_sum(group.corners(triangle))));
+        }
+        let compare =
+            |a: &[f64; 3], b: &[f64; 3]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]));
+        first.sort_unstable_by(|a, b| compare(&a.1, &b.1).then(a.0.cmp(&b.0)));
+        let mut seen = vec![false; self.parent.len()];
+        let mut ordered = roots.iter_mut();
+        for (root, _) in first {
+            if !std::mem::replace(&mut seen[root as usize], true)
+                && let Some(slot) = ordered.next()
+            {
+                *slot = root;
+            }
+        }
+    }
+
+    /// Unites all triangles of a list that share vertices.
+    fn join(&mut self, group: Group<'_>, list: &[u32]) {
+        self.clear(list.len());
+        for &triangle in list {
+            for vertex in group.vertices(triangle) {
+                let slot = self.slot(group, vertex);
+                if self.slots[slot][1] == NONE {
+                    self.slots[slot] = [vertex, triangle];
+                } else {
+                    self.unite(self.slots[slot][1], triangle);
+                }
+            }
+        }
+    }
+
+    /// Returns, for each triangle of `flat` (those without a normal), the lowest number of the pieces that share a
+    /// vertex with it; [`NONE`] if no piece does.
+    fn touched(&mut self, group: Group<'_>, numbered: &[u32], flat: &[u32], class: &[u32]) -> Vec<u32> {
+        self.clear(numbered.len());
+        for &triangle in numbered {
+            for vertex in group.vertices(triangle) {
+                let slot = self.slot(group, vertex);
+                let lowest = self.slots[slot][1].min(class[triangle as usize]);
+                self.slots[slot] = [vertex, lowest];
+            }
+        }
+        let lowest = |&triangle: &u32| {
+            let slots = group.vertices(triangle).map(|vertex| self.slots[self.slot(group, vertex)][1]);
+            slots[0].min(slots[1]).min(slots[2])
+        };
+        flat.iter().map(lowest).collect()
+    }
+
+    /// Empties the hash table and resizes it for the vertices of `triangles` triangles, which fill at most half of the
+    /// slots.
+    fn clear(&mut self, triangles: usize) {
+        self.slots.clear();
+        self.slots.resize((6 * triangles).next_power_of_two(), [NONE; 2]);
+    }
+
+    /// The index of the slot that holds a vertex, or of the empty slot where it belongs.
+    fn slot(&self, group: Group<'_>, vertex: u32) -> usize {
+        let mask = self.slots.len() - 1;
+        let mut slot = group.hash(vertex) as usize & mask;
+        while self.slots[slot][1] != NONE && !group.same(self.slots[slot][0], vertex) {
+            slot = (slot + 1) & mask;
+        }
+        slot
+    }
+
+    fn root(&mut self, mut triangle: u32) -> u32 {
+        while self.parent[triangle as usize] != triangle {
+            let above = self.parent[self.parent[triangle as usize] as usize];
+            self.parent[triangle as usize] = above;
+            triangle = above;
+        }
+        triangle
+    }
+
+    /// Unites the pieces of triangles `a` and `b`. The root with the smaller number becomes the common root.
+    fn unite(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.root(a), self.root(b));
+        self.parent[a.max(b) as usize] = a.min(b);
+    }
+}
+
+/// Merges each piece of flat triangles (those without a normal) into the lowest numbered piece that it touches. Pieces
+/// of flat triangles have the highest numbers in `class`; those that touch no other piece are renumbered. Returns the
+/// number of pieces left.
+fn hand_over(flat: &[u32], touched: &[u32], class: &mut [u32], pieces: u32) -> u32 {
+    let first = flat.iter().map(|&triangle| class[triangle as usize]).min().unwrap_or(pieces);
+    let mut owner = vec![NONE; (pieces - first) as usize];
+    for (&triangle, &touched) in flat.iter().zip(touched) {
+        let owner = &mut owner[(class[triangle as usize] - first) as usize];
+        *owner = touched.min(*owner);
+    }
+    let mut pieces = first;
+    for owner in &mut owner {
+        if *owner == NONE {
+            *owner = pieces;
+            pieces += 1;
+        }
+    }
+    for &triangle in flat {
+        class[triangle as usize] = owner[(class[triangle as usize] - first) as usize];
+    }
+    pieces
+}
+
+/// The triangles of one material in a voxel. Methods take a triangle's index in this group.
+#[derive(Clone, Copy)]
+struct Group<'a> {
+    mesh: &'a Mesh<'a>,
+    triangles: &'a [u32],
+    weld: bool,
+    order: Order,
+}
+
+impl Group<'_> {
+    fn vertices(&self, triangle: u32) -> [u32; 3] {
+        self.mesh.indices[self.triangles[triangle as usize] as usize]
+    }
+
+    fn corners(&self, triangle: u32) -> [[f32; 4]; 3] {
+        self.mesh.corners(self.triangles[triangle as usize])
+    }
+
+    /// Tests if two vertices count as one: the same index, or with `weld` the same position.
+    fn same(&self, a: u32, b: u32) -> bool {
+        a == b || (self.weld && self.mesh.positions[a as usize] == self.mesh.positions[b as usize])
+    }
+
+    fn hash(&self, vertex: u32) -> u64 {
+        // Odd numbers whose products spread all bits upwards: 2^64 over the golden ratio, and two of its successors
+        // under the same map.
+        const SPREAD: [u64; 3] = [0x9e37_79b9_7f4a_7c15, 0xc2b2_ae3d_27d4_eb4f, 0x1656_67b1_9e37_79f9];
+        let key = if self.weld {
+            // Adding 0.0 turns -0.0 into 0.0.
+            let bits = self.mesh.positions[vertex as usize].map(|x| u64::from((x + 0.0).to_bits()));
+            (0..3).fold(0, |key: u64, axis| (key ^ bits[axis]).wrapping_mul(SPREAD[axis]).rotate_left(29))
+        } else {
+            u64::from(vertex).wrapping_mul(SPREAD[0])
+        };
+        key ^ key >> 32
+    }
 }

@@ -70,8 +70,6 @@
 //! * Permuting axes permutes voxels. Clusters of curved surfaces may differ, since the order of normals begins with z.
 
 mod clusters;
-mod connected;
-mod error;
 mod greedy;
 mod grid;
 mod group;
@@ -82,8 +80,7 @@ mod triangle_normals;
 mod voxels;
 
 pub use clusters::{Cluster, ClusterReport, Clusters};
-pub use error::Error;
-pub use params::{ClusterParams, Connection, Grouping, Insertion, Order, Sides};
+pub use params::{ClusterParams, Connection, Error, Grouping, Insertion, Order, Sides};
 pub use partition::cluster;
 
 /// The triangles to cluster, as plain slices.

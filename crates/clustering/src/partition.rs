@@ -300,52 +300,27 @@ fn join(batches: Vec<Batch>, report: ClusterReport) -> Clusters {
     let count = batches.iter().map(|batch| batch.clusters.len()).sum();
     let triangles = report.triangles as usize;
     let mut labels: Arc<[u32]> = std::iter::repeat_n(0, triangles).collect();
-    let label_of = Arc::make_mut(&mut labels);
+    let mut clusters: Arc<[Cluster]> = std::iter::repeat_n(Cluster::NONE, count).collect();
+    let (label_of, all) = (Arc::make_mut(&mut labels), Arc::make_mut(&mut clusters));
     let mut members = Vec::with_capacity(triangles);
     let mut starts = Vec::with_capacity(count + 1);
-    let mut end = 0;
+    // Groups are numbered on from batch to batch.
+    let (mut end, mut groups) = (0, 0);
     starts.push(end);
     for batch in &batches {
         let mut rest = batch.members.as_slice();
-        for (cluster, label) in batch.clusters.iter().zip(starts.len() as u32 - 1..) {
+        for (cluster, label) in batch.clusters.iter().zip(starts.len() - 1..) {
             let (own, others) = rest.split_at(cluster.triangles as usize);
             rest = others;
             for &triangle in own {
-                label_of[triangle as usize] = label;
+                label_of[triangle as usize] = label as u32;
             }
+            all[label] = Cluster { group: groups + cluster.group, ..*cluster };
             end += cluster.triangles;
             starts.push(end);
         }
         members.extend_from_slice(&batch.members);
+        groups += batch.groups;
     }
-    let mut all = Renumbered { batches: batches.iter(), rest: [].iter(), groups: 0, next: 0 };
-    // By number, so that their count is known in advance.
-    let clusters = (0..count).map(|_| all.next().unwrap_or(Cluster::NONE)).collect();
     Clusters { labels, clusters, members, starts, report }
-}
-
-/// The clusters of all batches, with groups numbered on from batch to batch.
-struct Renumbered<'a> {
-    batches: std::slice::Iter<'a, Batch>,
-    rest: std::slice::Iter<'a, Cluster>,
-    /// The number of groups before those of `rest`, and before those of the next batch.
-    groups: u32,
-    next: u32,
-}
-
-impl Iterator for Renumbered<'_> {
-    type Item = Cluster;
-
-    #[inline(always)]
-    fn next(&mut self) -> Option<Cluster> {
-        loop {
-            if let Some(&cluster) = self.rest.next() {
-                return Some(Cluster { group: self.groups + cluster.group, ..cluster });
-            }
-            let batch = self.batches.next()?;
-            self.rest = batch.clusters.iter();
-            self.groups = self.next;
-            self.next += batch.groups;
-        }
-    }
 }

@@ -8,7 +8,7 @@ use dapple_conformance::statistics::*;
 use dapple_conformance::toys::Independent;
 use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Frame, Limits, Render, Sampler, mix};
-use dapple_metrics::{log_log_fit, ratio_interval, student_t_quantile};
+use dapple_metrics::student_t_quantile;
 
 /// SplitMix64.
 struct Noise(u64);
@@ -220,85 +220,6 @@ fn samples_of_another_density_fail_the_chi_square_test() {
     assert!(drawn(&mut noise, 0.45) < FAMILY);
     assert_eq!(chi_square(&[1, 10], &[0.0, 11.0]), 0.0);
     assert!((integrate(&|x, y| x * x * y, [0.0, 1.0], [0.0, 2.0], 1e-9, 8) - 2.0 / 3.0).abs() < 1e-9);
-}
-
-#[test]
-fn equivalence_is_proven_or_refuted() {
-    let alpha = 1e-3;
-    let n = samples_needed(0.5_f64.sqrt(), 0.005, alpha, 1e-3);
-    assert!((200_000..1_000_000).contains(&n), "{n}");
-    let of = |leak: f64, delta: f64, seed: u64| {
-        let mut noise = Noise(seed);
-        decide(1.0, delta, alpha, 1000, 4 * n, || furnace(&mut noise, leak))
-    };
-    // A true claim is proven with the computed number of samples (the cap leaves room for repeated tests). A value off
-    // by 0.5 % is refuted.
-    for seed in 0..20 {
-        assert_eq!(of(0.0, 0.005, 100 + seed).verdict, Verdict::Pass, "{seed}");
-        assert_eq!(of(HALF_A_PERCENT, 0.0025, 200 + seed).verdict, Verdict::Fail, "{seed}");
-    }
-    // On the border it passes with probability alpha at most, over all tests together.
-    let mut noise = Noise(8);
-    let passed = (0..2000)
-        .filter(|_| decide(0.0, 0.1, 0.05, 64, 1024, || 0.1 + noise.normal()).verdict == Verdict::Pass)
-        .count();
-    assert!(passed <= 100 + 5 * 10, "{passed} of 2000");
-    // Too few samples are not a pass.
-    assert_eq!(decide(1.0, 1e-6, alpha, 100, 200, || furnace(&mut noise, 0.0)).verdict, Verdict::Fail);
-}
-
-#[test]
-fn ratios_and_slopes_are_recovered_at_equal_budget() {
-    // Errors of two methods that share the difficulty of a seed. The first method's are 0.8 of the second's.
-    let errors = |ratio: f64, seed: u64| -> [Vec<f64>; 2] {
-        let mut noise = Noise(seed);
-        (0..32)
-            .map(|_| {
-                let hard = (0.5 * noise.normal()).exp();
-                (ratio * hard * (0.1 * noise.normal()).exp(), hard * (0.1 * noise.normal()).exp())
-            })
-            .unzip()
-            .into()
-    };
-    let interval = |[a, b]: [Vec<f64>; 2]| ratio_interval(&a, &b, 0.95).expect("errors above 0");
-    let held = (0..200).map(|seed| interval(errors(0.8, seed))).filter(|i| i.low <= 0.8 && 0.8 <= i.high).count();
-    assert!(is_rate(held, 200, 0.945), "{held} of 200");
-    assert!(interval(errors(0.8, 900)).high < 1.0);
-    let level = interval(errors(1.0, 901));
-    assert!(level.low < 1.0 && 1.0 < level.high);
-    // Independent samples have a slope of -1/2 within 0.03.
-    let slopes: Vec<f64> = (0..64)
-        .map(|seed| {
-            let mut noise = Noise(mix(seed));
-            let budgets = [64.0, 256.0, 1024.0, 4096.0];
-            let error = |n: &f64| {
-                let off = |_| ((0..*n as u32).map(|_| noise.exponential()).sum::<f64>() / n - 1.0).powi(2);
-                (0..16).map(off).sum::<f64>() / 16.0
-            };
-            let errors: Vec<f64> = budgets.iter().map(error).map(f64::sqrt).collect();
-            log_log_fit(&budgets, &errors, 0.95).expect("budgets differ").slope.value
-        })
-        .collect();
-    let slope: Mean = slopes.into_iter().collect();
-    assert!((slope.mean + 0.5).abs() < 0.03, "{slope:?}");
-}
-
-#[test]
-fn a_miscalibrated_error_is_noticed() {
-    let mut noise = Noise(9);
-    let mut sample = |spread: f64, n: usize| -> Vec<f64> { (0..n).map(|_| spread * noise.exponential()).collect() };
-    let alarms = (0..2000).filter(|_| brown_forsythe(&sample(1.0, 64), &sample(1.0, 64)) < 0.01).count();
-    assert!(is_rate(alarms, 2000, 0.01), "{alarms}");
-    assert!(brown_forsythe(&sample(1.0, 1000), &sample(1.5, 1000)) < FAMILY);
-    let honest = |forecast: f64| {
-        let mut noise = Noise(10);
-        let mut all = Calibration::default();
-        (0..20_000).for_each(|_| all.add(noise.normal(), forecast, 0.0, 0.0, 1.96));
-        all.is_honest()
-    };
-    assert!(honest(1.0));
-    // A standard error off by a fifth is noticed, on either side.
-    assert!(!honest(0.64) && !honest(1.44));
 }
 
 const P: f64 = 0.1;

@@ -32,8 +32,8 @@ struct Run {
 fn main() -> Result<()> {
     let full = std::env::args().any(|word| word == "--full");
     let (rounds, repeats) = if full { (5, 3) } else { (1, 1) };
-    let folder = Folder::new()?;
-    let embree = match compile(&folder.0) {
+    let folder = tempfile::tempdir()?;
+    let embree = match compile(folder.path()) {
         Ok(program) => Some(program),
         Err(why) => {
             println!("Embree is not here, so only our own figures: {why}\n");
@@ -47,7 +47,7 @@ fn main() -> Result<()> {
     println!("|---|---|---|---|---|---|---|---|");
     let mut builds = Vec::new();
     for scene in scenes().iter().take(if full { 4 } else { 1 }) {
-        builds.push(measure(scene, &folder.0, embree.as_deref(), rounds, repeats)?);
+        builds.push(measure(scene, folder.path(), embree.as_deref(), rounds, repeats)?);
     }
     println!(
         "\nBuilding, M triangles a second:\n\n| scene | triangles | ours, one thread | ours, two threads | Embree robust, one thread | bytes a triangle |"
@@ -85,18 +85,9 @@ fn measure(scene: &Scene, folder: &Path, embree: Option<&Path>, rounds: usize, r
             _ => "–".to_owned(),
         };
         let hits = |i: usize| runs[i].first().map_or("–".to_owned(), |run: &Run| run.hits.to_string());
-        println!(
-            "| {} | {kind} | {} | {} | {} | {} | {} | {}, {}, {} |",
-            scene.name,
-            said(&runs[0]),
-            said(&runs[1]),
-            said(&runs[2]),
-            ratio(1),
-            ratio(2),
-            hits(0),
-            hits(1),
-            hits(2)
-        );
+        let [ours, robust, fast] = runs.each_ref().map(|runs| said(runs));
+        let all_hits = [0, 1, 2].map(hits).join(", ");
+        println!("| {} | {kind} | {ours} | {robust} | {fast} | {} | {} | {all_hits} |", scene.name, ratio(1), ratio(2));
     }
     let count = geometry.triangle_count() as f64;
     let rate = |seconds: Vec<f64>| {
@@ -196,21 +187,4 @@ fn write_rays(path: &Path, rays: &[Ray]) -> Result<()> {
 fn median(mut all: Vec<f64>) -> Option<[f64; 3]> {
     all.sort_by(f64::total_cmp);
     Some([*all.first()?, *all.get(all.len() / 2)?, *all.last()?])
-}
-
-/// A folder that is deleted when dropped.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new() -> Result<Self> {
-        let path = std::env::temp_dir().join(format!("dapple-beside-embree-{}", std::process::id()));
-        std::fs::create_dir_all(&path)?;
-        Ok(Self(path))
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
 }

@@ -2,8 +2,6 @@
 
 mod binary;
 mod items;
-mod leaves;
-mod plane;
 mod plans;
 mod reinsertion;
 mod wide;

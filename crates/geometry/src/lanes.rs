@@ -58,6 +58,23 @@ impl Default for Vectors {
     }
 }
 
+/// Work that is compiled for each kind of vectors.
+pub(crate) trait Vectorised {
+    fn run<L: Lanes>(self, token: L::Token);
+}
+
+impl Vectors {
+    /// Does some work with these vectors.
+    #[inline(always)]
+    pub(crate) fn run(self, work: impl Vectorised) {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Whole(token) => token.vectorize(avx::Work(token, work)),
+            Self::Pair => work.run::<Pair>(()),
+        }
+    }
+}
+
 /// Eight f32 in two vectors of four (SSE2 or NEON).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair([Vec4; 2]);
@@ -138,9 +155,21 @@ impl Lanes for Pair {
 /// Eight f32 in one vector, for processors with AVX2.
 #[cfg(target_arch = "x86_64")]
 mod avx {
-    use super::{Add, Div, Lanes, Mul, Sub, WIDTH};
+    use super::{Add, Div, Lanes, Mul, Sub, Vectorised, WIDTH};
     use core::arch::x86_64::__m256;
+    use pulp::NullaryFnOnce;
     use pulp::x86::V3;
+
+    pub(super) struct Work<W>(pub(super) V3, pub(super) W);
+
+    impl<W: Vectorised> NullaryFnOnce for Work<W> {
+        type Output = ();
+
+        #[inline(always)]
+        fn call(self) {
+            self.1.run::<Whole>(self.0);
+        }
+    }
 
     #[derive(Clone, Copy, Debug)]
     pub(crate) struct Whole(__m256, V3);

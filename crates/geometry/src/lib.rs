@@ -2,7 +2,6 @@
 
 mod build;
 mod bvh;
-mod error;
 mod geometry;
 mod huge_pages;
 mod instance;
@@ -12,18 +11,89 @@ mod mesh;
 mod motion;
 mod ray;
 mod shape;
-mod surface;
 mod traverse;
 mod triangle;
 
 #[cfg(test)]
 mod tests;
 
-pub use error::Error;
 pub use geometry::Geometry;
 pub use instance::{Instance, PlacedShape};
 pub use mesh::{Mesh, MovingMesh};
 pub use motion::Motion;
-pub use ray::{Hit, PrimitiveId, Ray};
+pub use ray::{Hit, PrimitiveId, Ray, SurfacePoint, offset_origin, spawn_ray, spawn_ray_to, spawn_ray_to_point};
 pub use shape::{Disk, Shape, Sphere};
-pub use surface::{SurfacePoint, offset_origin, spawn_ray, spawn_ray_to, spawn_ray_to_point};
+
+/// The reason why shapes, motions or instances were refused.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A corner of a triangle is NaN or infinite.
+    #[error("vertex {vertex} of triangle {triangle} is not finite; repair the mesh or leave the triangle out")]
+    NonFinite {
+        /// The triangle's index in its mesh.
+        triangle: u32,
+        /// The vertex's index in its mesh.
+        vertex: u32,
+    },
+    /// A coordinate or a whole shape is too large or too small for exact ray intersections.
+    #[error(
+        "{what} {value:e} is out of range: magnitudes must lie in 1e-18..5e17; scale the scene by a power of two first"
+    )]
+    ScaleOutOfRange {
+        /// The name of the quantity that is out of range, such as "a mesh's largest coordinate".
+        what: &'static str,
+        /// The value of the quantity, in scene units.
+        value: f64,
+    },
+    /// A triangle refers to a vertex that does not exist.
+    #[error(
+        "triangle {triangle} refers to vertex {vertex} of {vertices}: indices count from 0 and stay below {vertices}"
+    )]
+    IndexOutOfRange {
+        /// The triangle's index in its mesh.
+        triangle: u32,
+        /// The index of the missing vertex.
+        vertex: u32,
+        /// The number of vertices of the mesh. Indices must be below it.
+        vertices: usize,
+    },
+    /// A parameter of a shape, a motion or an instance is invalid.
+    #[error("{what} is {value}; {expected}")]
+    BadParameter {
+        /// The name of the parameter, such as "a sphere's radius".
+        what: &'static str,
+        /// The invalid value of the parameter.
+        value: f64,
+        /// The requirement on the parameter, as a clause for the error message.
+        expected: &'static str,
+    },
+    /// A geometry has more triangles, shapes, primitives or instances than it can number.
+    #[error("{count} {what} are too many, fewer than {limit} can be numbered; split the scene")]
+    TooMany {
+        /// The name of the things counted, such as "shapes".
+        what: &'static str,
+        /// The number of things given.
+        count: usize,
+        /// The limit: the number of things must be below it.
+        limit: usize,
+    },
+    /// An instance refers to an object that does not exist.
+    #[error(
+        "instance {instance} refers to object {object} of {objects}: indices count from 0 and stay below {objects}"
+    )]
+    NoSuchObject {
+        /// The index of the instance in the list of instances.
+        instance: u32,
+        /// The index of the missing object in the list of objects.
+        object: u32,
+        /// The number of objects. Indices must be below it.
+        objects: usize,
+    },
+    /// An object of an instance contains instances itself, which is not supported.
+    #[error("object {object} is made of instances; only one level is supported: put its instances into the scene")]
+    Nested {
+        /// The index of the object in the list of objects.
+        object: u32,
+    },
+}

@@ -53,34 +53,22 @@ fn blocks(criterion: &mut Criterion) {
         });
     }
     // The reference, with a seed per pixel and block as its documentation advises for padding.
-    let mut pixel = 0_u32;
-    group.bench_function("sobol_burley::sample_4d", |b| {
-        b.iter(|| {
-            pixel = pixel.wrapping_add(1);
-            let mut sum = 0.0;
-            for index in 0..16 {
-                for block in 0..16_u32 {
-                    let seed = (pixel ^ block << 20).wrapping_mul(0x9e37_79b9);
-                    let [a, b, c, d] = sobol_burley::sample_4d(black_box(index), 0, seed);
-                    sum += a + b + c + d;
-                }
-            }
-            black_box(sum)
+    type Reference = (&'static str, fn(u32, u32) -> f32);
+    let references: [Reference; 2] = [
+        ("sobol_burley::sample_4d", |index, seed| sobol_burley::sample_4d(index, 0, seed).iter().sum()),
+        ("sobol_burley::sample x4", |index, seed| (0..4).map(|d| sobol_burley::sample(index, d, seed)).sum()),
+    ];
+    for (name, sample) in references {
+        let mut pixel = 0_u32;
+        group.bench_function(name, |b| {
+            b.iter(|| {
+                pixel = pixel.wrapping_add(1);
+                let blocks = (0..16).flat_map(|index| (0..16_u32).map(move |block| (index, block)));
+                let seed = |block: u32| (pixel ^ block << 20).wrapping_mul(0x9e37_79b9);
+                black_box(blocks.map(|(index, block)| sample(black_box(index), seed(block))).sum::<f32>())
+            });
         });
-    });
-    group.bench_function("sobol_burley::sample x4", |b| {
-        b.iter(|| {
-            pixel = pixel.wrapping_add(1);
-            let mut sum = 0.0;
-            for index in 0..16 {
-                for block in 0..16_u32 {
-                    let seed = (pixel ^ block << 20).wrapping_mul(0x9e37_79b9);
-                    sum += (0..4).map(|d| sobol_burley::sample(black_box(index), d, seed)).sum::<f32>();
-                }
-            }
-            black_box(sum)
-        });
-    });
+    }
     group.finish();
 }
 

@@ -2,32 +2,39 @@
 
 mod blue_noise;
 mod blue_noise_keys;
-mod diffused;
-mod error;
 mod halton;
 mod keys;
 mod lattice;
 mod low_discrepancy;
-mod mitchell_1991;
-mod optimised_keys;
-mod pixel_pattern;
+mod mitchell;
 mod pmj02;
 mod random;
 mod sobol;
-mod stratified;
-mod void_and_cluster;
-mod zsobol;
 
 pub use blue_noise::BlueNoise;
 pub use blue_noise_keys::BlueNoiseKeys;
-pub use diffused::Diffused;
-pub use error::Error;
 pub use halton::Halton;
 pub use lattice::Lattice;
-pub use low_discrepancy::LowDiscrepancy;
-pub use mitchell_1991::Mitchell1991;
+pub use low_discrepancy::{LowDiscrepancy, ZSobol};
+pub use mitchell::{Diffused, Mitchell1991};
 pub use pmj02::Pmj02;
-pub use random::Random;
+pub use random::{Random, Stratified};
 pub use sobol::Sobol;
-pub use stratified::Stratified;
-pub use zsobol::ZSobol;
+
+/// Invalid parameters of a point set. Each message has a remedy.
+#[non_exhaustive]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Error {
+    /// A number of strata that is 0, or so large that `f32` coordinates cannot distinguish them.
+    #[error("{strata} strata along each axis cannot be used: give 1 to {}", Stratified::MAX_STRATA)]
+    BadStrata {
+        /// The requested number of strata along each axis.
+        strata: u32,
+    },
+    /// A number of samples per pixel that is 0, or so large that `f32` coordinates cannot distinguish them.
+    #[error("a count of {count} samples per pixel cannot be used: give 1 to {}", LowDiscrepancy::MAX_COUNT)]
+    BadCount {
+        /// The requested number of samples per pixel.
+        count: u32,
+    },
+}

@@ -1,6 +1,5 @@
 //! Error metrics of an image against its reference.
 
-use crate::srgb::srgb_encode;
 use crate::sum::Sum;
 use crate::{MetricsError, Pixels};
 
@@ -190,4 +189,21 @@ fn worst_block(relative: &[f64], size: [u32; 2]) -> WorstBlock {
     }
     // `Pixels` has at least one pixel, hence one block.
     worst.unwrap_or(WorstBlock { position: [0, 0], size, rel_mse: 0.0 })
+}
+
+/// Converts a finite linear intensity, clamped to 0..=1, to an sRGB value in 0..=1 [IEC 61966-2-1].
+/// It uses IEEE-exact operations only: the same bits on every machine.
+fn srgb_encode(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1.0);
+    if x <= 0.003_130_8 {
+        return 12.92 * x;
+    }
+    // x^(1/2.4) = ((x^(1/4))^(1/3))^5, the cube root of t in 0.23..=1 by Newton's iteration. `pow` of the platform's
+    // libm would differ between machines.
+    let t = x.sqrt().sqrt();
+    let mut root = (t + 2.0) / 3.0;
+    for _ in 0..6 {
+        root -= (root - t / (root * root)) / 3.0;
+    }
+    1.055 * root.powi(5) - 0.055
 }

@@ -1,12 +1,8 @@
 //! LDR-FLIP: the visible difference of two images that alternate on a display.
 
-mod colour;
-mod convolution;
-
 use crate::compare::check;
 use crate::sum::Sum;
 use crate::{MetricsError, Pixels};
-use convolution::{Kernel, Plane};
 use std::f64::consts::PI;
 
 /// The pixels per degree of visual angle of a display 0.7 m wide with 3840 pixels across, seen from 0.7 m. This is the
@@ -71,7 +67,7 @@ const FEATURE_EXPONENT: f32 = 0.5;
 /// The FLIP difference of the pixel at index `at`, 0 to 1: a feature difference raises the colour difference [after
 /// Andersson 2020].
 fn pixel_difference(image: &PerceivedImage, reference: &PerceivedImage, at: usize) -> f32 {
-    let colour = compress(colour::hyab(image.colours[at], reference.colours[at]));
+    let colour = compress(hyab(image.colours[at], reference.colours[at]));
     let edges = (image.edges[at] - reference.edges[at]).abs();
     let points = (image.points[at] - reference.points[at]).abs();
     let feature = libm::powf(edges.max(points) * std::f32::consts::FRAC_1_SQRT_2, FEATURE_EXPONENT);
@@ -81,7 +77,7 @@ fn pixel_difference(image: &PerceivedImage, reference: &PerceivedImage, at: usiz
 /// Maps a colour distance to 0..=1 and compresses large distances.
 fn compress(distance: f32) -> f32 {
     // The largest distance of displayed colours, that of green and blue.
-    let largest = libm::powf(colour::LARGEST_DISTANCE, COLOUR_EXPONENT);
+    let largest = libm::powf(LARGEST_DISTANCE, COLOUR_EXPONENT);
     let distance = libm::powf(distance, COLOUR_EXPONENT);
     let [share, value] = COLOUR_KNEE;
     let knee = share * largest;
@@ -146,7 +142,7 @@ impl VisionKernels {
 
     fn apply(&self, image: Pixels<'_>) -> PerceivedImage {
         let size = image.size.map(|s| s as usize);
-        let [lightness, red_green, blue_yellow] = colour::opponent_planes(image, size);
+        let [lightness, red_green, blue_yellow] = opponent_planes(image, size);
         let [edges, points] = self.features(&lightness);
         let [y, x, narrow, wide] = &self.sensitivity;
         let filter = |plane: &Plane, kernel| plane.across(kernel).down(kernel).values;
@@ -154,7 +150,7 @@ impl VisionKernels {
         blue_yellow_filtered.iter_mut().zip(filter(&blue_yellow, wide)).for_each(|(sum, v)| *sum += v);
         let [lightness, red_green] = [filter(&lightness, y), filter(&red_green, x)];
         let opponents = lightness.into_iter().zip(red_green).zip(blue_yellow_filtered);
-        let colours = opponents.map(|((y, cx), cz)| colour::perceived([y, cx, cz])).collect();
+        let colours = opponents.map(|((y, cx), cz)| perceived([y, cx, cz])).collect();
         PerceivedImage { colours, edges, points }
     }
 
@@ -167,5 +163,187 @@ impl VisionKernels {
             let down = smooth.down(derivative).values;
             across.iter().zip(&down).map(|(x, y)| (x * x + y * y).sqrt() / 116.0).collect()
         })
+    }
+}
+
+/// The matrix from linear sRGB to CIE XYZ, rounded as in the published implementation.
+const XYZ: [[f64; 3]; 3] = [
+    [10_135_552.0 / 24_577_794.0, 8_788_810.0 / 24_577_794.0, 4_435_075.0 / 24_577_794.0],
+    [2_613_072.0 / 12_288_897.0, 8_788_810.0 / 12_288_897.0, 887_015.0 / 12_288_897.0],
+    [1_425_312.0 / 73_733_382.0, 8_788_810.0 / 73_733_382.0, 70_074_185.0 / 73_733_382.0],
+];
+
+/// The matrix from linear sRGB to XYZ relative to white; each row adds up to 1.
+const RELATIVE_XYZ: [[f32; 3]; 3] = {
+    let mut rows = [[0.0; 3]; 3];
+    let mut i = 0;
+    while i < 9 {
+        let [row, c] = [i / 3, i % 3];
+        rows[row][c] = (XYZ[row][c] / (XYZ[row][0] + XYZ[row][1] + XYZ[row][2])) as f32;
+        i += 1;
+    }
+    rows
+};
+
+/// The inverse of [`RELATIVE_XYZ`]: from XYZ relative to white to linear sRGB. Its columns are products of two rows over
+/// the determinant.
+const RGB: [[f32; 3]; 3] = {
+    const fn cross(a: [f32; 3], b: [f32; 3], c: usize) -> f64 {
+        let [i, j] = [(c + 1) % 3, (c + 2) % 3];
+        a[i] as f64 * b[j] as f64 - a[j] as f64 * b[i] as f64
+    }
+    let m = RELATIVE_XYZ;
+    let first = [cross(m[1], m[2], 0), cross(m[1], m[2], 1), cross(m[1], m[2], 2)];
+    let determinant = m[0][0] as f64 * first[0] + m[0][1] as f64 * first[1] + m[0][2] as f64 * first[2];
+    let mut inverse = [[0.0; 3]; 3];
+    let mut i = 0;
+    while i < 9 {
+        let [row, c] = [i / 3, i % 3];
+        inverse[c][row] = (cross(m[(row + 1) % 3], m[(row + 2) % 3], c) / determinant) as f32;
+        i += 1;
+    }
+    inverse
+};
+
+/// The largest distance of displayable colours: [`hyab`] between [`perceived`] green and blue. Tested below.
+const LARGEST_DISTANCE: f32 = 203.301_62;
+
+fn times(matrix: &[[f32; 3]; 3], v: [f32; 3]) -> [f32; 3] {
+    matrix.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
+}
+
+/// Converts linear RGB to YCxCz, the linear version of L*a*b*: lightness, red-green and blue-yellow.
+fn opponent(rgb: [f32; 3]) -> [f32; 3] {
+    let [x, y, z] = times(&RELATIVE_XYZ, rgb);
+    [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
+}
+
+/// Clamps an image to 0..=1 and converts it to YCxCz ([`opponent`]), one plane per channel.
+fn opponent_planes(image: Pixels<'_>, size: [usize; 2]) -> [Plane; 3] {
+    let mut planes = [(); 3].map(|()| Plane { size, values: Vec::with_capacity(image.values.len()) });
+    for rgb in image.values {
+        let displayed = rgb.map(|v| if v.is_finite() { v.clamp(0.0, 1.0) } else { 0.0 });
+        planes.iter_mut().zip(opponent(displayed)).for_each(|(plane, v)| plane.values.push(v));
+    }
+    planes
+}
+
+/// Converts a YCxCz colour (from [`opponent`]), clamped to the display's gamut, to L*a*b*. Chroma is scaled by
+/// lightness (the Hunt effect) [after Andersson 2020].
+fn perceived([lightness, red_green, blue_yellow]: [f32; 3]) -> [f32; 3] {
+    let y = (lightness + 16.0) / 116.0;
+    let rgb = times(&RGB, [y + red_green / 500.0, y, y - blue_yellow / 200.0]);
+    let [x, y, z] = times(&RELATIVE_XYZ, rgb.map(|v| v.clamp(0.0, 1.0))).map(response);
+    let lightness = 116.0 * y - 16.0;
+    let chroma = 0.01 * lightness;
+    [lightness, chroma * 500.0 * (x - y), chroma * 200.0 * (y - z)]
+}
+
+/// The nonlinear curve of L*a*b* [after CIE 15:2004]: a cube root, and a line below (6/29)^3.
+fn response(t: f32) -> f32 {
+    const KNEE: f32 = 6.0 / 29.0;
+    if t > KNEE * KNEE * KNEE { libm::cbrtf(t) } else { t / (3.0 * KNEE * KNEE) + 4.0 / 29.0 }
+}
+
+/// The HyAB distance of two L*a*b* colours, meant for large differences: the sum of the lightness difference and the
+/// Euclidean chroma difference [after Abasi 2020].
+fn hyab(a: [f32; 3], b: [f32; 3]) -> f32 {
+    let [lightness, red_green, blue_yellow] = std::array::from_fn(|c| a[c] - b[c]);
+    lightness.abs() + (red_green * red_green + blue_yellow * blue_yellow).sqrt()
+}
+
+/// A one-dimensional convolution kernel, with taps at the offsets `-radius..=radius`.
+struct Kernel {
+    taps: Vec<f64>,
+}
+
+impl Kernel {
+    fn sample(radius: i32, value: impl Fn(i32) -> f64) -> Self {
+        Self { taps: (-radius..=radius).map(value).collect() }
+    }
+
+    fn sum(&self) -> f64 {
+        self.taps.iter().sum()
+    }
+
+    fn scale(&mut self, by: f64) {
+        self.taps.iter_mut().for_each(|tap| *tap *= by);
+    }
+
+    /// Scales the kernel so that positive taps add up to 1 and negative ones to -1.
+    fn normalised(mut self) -> Self {
+        let sum = |sign: f64| self.taps.iter().map(|tap| (tap * sign).max(0.0)).sum::<f64>();
+        let [positive, negative] = [sum(1.0), sum(-1.0)];
+        self.taps
+            .iter_mut()
+            .for_each(|tap| *tap /= if *tap > 0.0 { positive } else { negative.max(f64::MIN_POSITIVE) });
+        self
+    }
+
+    fn radius(&self) -> usize {
+        self.taps.len() / 2
+    }
+
+    /// The taps above 1e-12 of the largest one, with their offsets from the first tap. Smaller taps do not change an
+    /// f32 sum.
+    fn effective(&self) -> impl Iterator<Item = (usize, f32)> {
+        let largest = self.taps.iter().fold(0.0, |m: f64, t| m.max(t.abs()));
+        self.taps.iter().map(|&t| t as f32).enumerate().filter(move |(_, t)| f64::from(t.abs()) > 1e-12 * largest)
+    }
+}
+
+/// One f32 value per pixel, row by row.
+struct Plane {
+    size: [usize; 2],
+    values: Vec<f32>,
+}
+
+impl Plane {
+    /// Returns the plane convolved along its rows.
+    fn across(&self, kernel: &Kernel) -> Plane {
+        let [width, radius] = [self.size[0], kernel.radius()];
+        let mut values = vec![0.0; self.values.len()];
+        let mut padded = vec![0.0; width + 2 * radius];
+        for (row, out) in self.values.chunks_exact(width).zip(values.chunks_exact_mut(width)) {
+            padded[..radius].fill(row[0]);
+            padded[radius..radius + width].copy_from_slice(row);
+            padded[radius + width..].fill(row[width - 1]);
+            for (first, tap) in kernel.effective() {
+                add(out, &padded[first..first + width], tap);
+            }
+        }
+        Plane { size: self.size, values }
+    }
+
+    /// Returns the plane convolved along its columns.
+    fn down(&self, kernel: &Kernel) -> Plane {
+        let [width, height] = self.size;
+        let mut values = vec![0.0; self.values.len()];
+        for (y, out) in values.chunks_exact_mut(width).enumerate() {
+            for (offset, tap) in kernel.effective() {
+                let from = (y + offset).saturating_sub(kernel.radius()).min(height - 1);
+                add(out, &self.values[from * width..][..width], tap);
+            }
+        }
+        Plane { size: self.size, values }
+    }
+}
+
+fn add(out: &mut [f32], row: &[f32], tap: f32) {
+    out.iter_mut().zip(row).for_each(|(out, v)| *out += tap * v);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_largest_distance_lies_between_green_and_blue() {
+        let corner = |i: u32| perceived(opponent([0, 1, 2].map(|c| (i >> c & 1) as f32)));
+        let found = hyab(corner(0b010), corner(0b100));
+        assert!((found - LARGEST_DISTANCE).abs() < 1e-4 * found, "{found}");
+        for (a, b) in (0..64).map(|i| (corner(i / 8), corner(i % 8))) {
+            assert!(hyab(a, b) <= found * 1.000_001);
+        }
     }
 }

@@ -13,8 +13,7 @@
 //! | [`downsample`] | an image averaged to a smaller size |
 //! | [`mean_interval`], [`geometric_mean_interval`], [`ratio_interval`] | confidence intervals over seeds |
 //! | [`image_spectrum`], [`point_spectrum`] | radial power spectra of noise and of sample points |
-//! | [`star_discrepancy`], [`l2_star_discrepancy`] | how evenly points fill the unit square |
-//! | [`log_log_fit`], [`efficiency`], [`student_t_quantile`] | slopes, efficiency, quantiles |
+//! | [`log_log_fit`], [`efficiency`], [`student_t_quantile`], [`student_t_tail`] | slopes, efficiency, quantiles, tails |
 //!
 //! ```
 //! use dapple_metrics::{Pixels, compare, ratio_interval};
@@ -36,13 +35,10 @@
 
 mod blocks;
 mod compare;
-mod difference;
-mod discrepancy;
 mod flip;
 mod metric;
-mod noisy_reference;
+mod noise;
 mod spectrum;
-mod srgb;
 mod statistics;
 mod sum;
 
@@ -53,15 +49,16 @@ struct Readme;
 
 pub use blocks::{BlockRatios, Blocks, block_means, block_ratios, downsample};
 pub use compare::{Comparison, RELATIVE_EPSILON, TRIMMED_SHARE, WORST_BLOCK_SIZE, WorstBlock, compare};
-pub use difference::{Difference, LEAST_RENDERS, Measured, difference};
-pub use discrepancy::{l2_star_discrepancy, star_discrepancy};
 pub use flip::{Flip, PIXELS_PER_DEGREE, flip};
 pub use metric::{Better, METRICS, Measurement, Metric, ReferenceNoise};
-pub use noisy_reference::{Corrected, CorrectedError, NoisyReference, REFERENCE_LIMIT, compare_corrected};
+pub use noise::{
+    Corrected, CorrectedError, Difference, LEAST_RENDERS, Measured, NoisyReference, REFERENCE_LIMIT, compare_corrected,
+    difference,
+};
 pub use spectrum::{SpectrumRing, image_spectrum, point_spectrum};
 pub use statistics::{
     BOOTSTRAP_MIN_COUNT, BOOTSTRAP_RESAMPLES, Interval, IntervalMethod, LogLogFit, StatisticsError, efficiency,
-    geometric_mean_interval, log_log_fit, mean_interval, ratio_interval, student_t_quantile,
+    geometric_mean_interval, log_log_fit, mean_interval, ratio_interval, student_t_quantile, student_t_tail,
 };
 
 /// An error of an image metric. Each message names the remedy.
@@ -159,12 +156,7 @@ impl<'a> Pixels<'a> {
     /// # Errors
     /// [`MetricsError::Empty`] if a side is 0; [`MetricsError::PixelCount`] if `values` has another length.
     pub fn new(size: [u32; 2], values: &'a [[f32; 3]]) -> Result<Self, MetricsError> {
-        if size.contains(&0) {
-            return Err(MetricsError::Empty { size });
-        }
-        if u64::from(size[0]) * u64::from(size[1]) != values.len() as u64 {
-            return Err(MetricsError::PixelCount { size, found: values.len() });
-        }
+        check_count(size, values.len())?;
         Ok(Self { size, values })
     }
 
@@ -188,4 +180,15 @@ impl<'a> Pixels<'a> {
     fn rows(&self) -> impl Iterator<Item = &'a [[f32; 3]]> {
         self.values.chunks_exact(self.size[0] as usize)
     }
+}
+
+/// Checks that an image of `size` has `found` values, and at least one.
+fn check_count(size: [u32; 2], found: usize) -> Result<(), MetricsError> {
+    if size.contains(&0) {
+        return Err(MetricsError::Empty { size });
+    }
+    if u64::from(size[0]) * u64::from(size[1]) != found as u64 {
+        return Err(MetricsError::PixelCount { size, found });
+    }
+    Ok(())
 }

@@ -1,6 +1,6 @@
 //! Radial power spectra of images and of points.
 
-use crate::MetricsError;
+use crate::{MetricsError, check_count};
 use std::f64::consts::TAU;
 
 /// The mean power of a spectrum in a ring of frequencies.
@@ -35,12 +35,7 @@ pub struct SpectrumRing {
 /// # Errors
 /// [`MetricsError::Empty`] if a side is 0; [`MetricsError::PixelCount`] if `values` has another length.
 pub fn image_spectrum(size: [u32; 2], values: &[f64]) -> Result<Vec<SpectrumRing>, MetricsError> {
-    if size.contains(&0) {
-        return Err(MetricsError::Empty { size });
-    }
-    if u64::from(size[0]) * u64::from(size[1]) != values.len() as u64 {
-        return Err(MetricsError::PixelCount { size, found: values.len() });
-    }
+    check_count(size, values.len())?;
     let [width, height] = size.map(|side| side as usize);
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     let total: f64 = values.iter().map(|v| (v - mean) * (v - mean)).sum();
@@ -154,109 +149,5 @@ impl Rings {
     fn finish(self) -> Vec<SpectrumRing> {
         let filled = self.sums.into_iter().filter(|sums| sums[2] > 0.0);
         filled.map(|[f, p, n]| SpectrumRing { frequency: f / n, power: p / n, count: n as usize }).collect()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn white(n: u64, seed: u64) -> Vec<f64> {
-        let unit = |k: u64| {
-            let mut z = (seed << 32 | k).wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-            z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-            (z >> 11) as f64 / (1_u64 << 53) as f64
-        };
-        (0..n).map(unit).collect()
-    }
-
-    /// The largest deviation of a ring from 1, in standard errors. Powers are exponentially distributed, so a ring's mean
-    /// has a relative standard error of `1 / sqrt(count)`.
-    fn deviation(rings: &[SpectrumRing]) -> f64 {
-        rings.iter().map(|ring| (ring.power - 1.0).abs() * (ring.count as f64).sqrt()).fold(0.0, f64::max)
-    }
-
-    /// About 30 rings. Rings of few frequencies have long tails, hence 6; a gradient, the negative control, is far beyond.
-    #[test]
-    fn white_noise_is_flat_and_a_gradient_is_not() {
-        for (size, seed) in [([64, 64], 1), ([48, 80], 2), ([33, 57], 3)] {
-            let values = white(u64::from(size[0] * size[1]), seed);
-            let rings = image_spectrum(size, &values).expect("sizes match");
-            assert!(rings.len() >= 28 && deviation(&rings) < 6.0, "{size:?}: {:.1}", deviation(&rings));
-            let gradient: Vec<f64> =
-                values.iter().enumerate().map(|(p, v)| v + (p % size[0] as usize) as f64 * 0.05).collect();
-            let rings = image_spectrum(size, &gradient).expect("sizes match");
-            assert!(deviation(&rings) > 30.0, "the control is flat");
-        }
-    }
-
-    /// Each pixel less the mean of its four neighbours: a known filter, `(1 - (cos 2 pi fx + cos 2 pi fy) / 2)^2`, which
-    /// empties low frequencies. Over `1 + 4/16`, the variance of the sum.
-    #[test]
-    fn a_high_pass_filter_empties_low_frequencies() {
-        let side = 96_usize;
-        let values = white((side * side) as u64, 5);
-        let at = |x: usize, y: usize| values[y % side * side + x % side];
-        let sharp = |x: usize, y: usize| {
-            at(x, y) - 0.25 * (at(x + 1, y) + at(x + side - 1, y) + at(x, y + 1) + at(x, y + side - 1))
-        };
-        let filtered: Vec<f64> = (0..side * side).map(|p| sharp(p % side, p / side)).collect();
-        let rings = image_spectrum([side as u32; 2], &filtered).expect("sizes match");
-        for ring in rings.iter().filter(|ring| ring.count > 50) {
-            // The filter's mean over angles, by 64 directions.
-            let response = |k: u32| {
-                let angle = TAU * f64::from(k) / 64.0;
-                let [x, y] = [angle.cos(), angle.sin()].map(|c| (TAU * ring.frequency * c).cos());
-                (1.0 - 0.5 * (x + y)).powi(2)
-            };
-            let wanted = (0..64).map(response).sum::<f64>() / 64.0 / 1.25;
-            let error = (ring.power / wanted - 1.0) * (ring.count as f64).sqrt();
-            assert!(error.abs() < 6.0, "{}: {} {wanted}", ring.frequency, ring.power);
-        }
-        assert!(rings.iter().take(5).all(|ring| ring.power < 0.01));
-    }
-
-    /// The sum over all frequencies is the number of pixels, by Parseval; in a strip of 1 pixel all are in rings.
-    #[test]
-    fn the_power_of_a_strip_sums_to_its_pixels() {
-        let rings = image_spectrum([1, 64], &white(64, 9)).expect("sizes match");
-        // Frequencies from 1/64 to 1/2; all but the last have a mirror image.
-        let sum: f64 = rings.iter().map(|ring| ring.power * if ring.frequency < 0.5 { 2.0 } else { 1.0 }).sum();
-        assert!(rings.len() == 32 && (sum - 64.0).abs() < 1e-9, "{} {sum}", rings.len());
-    }
-
-    /// Independent points are flat; jittered points of an m x m grid have `1 - sinc^2(fx/m) sinc^2(fy/m)` expected.
-    #[test]
-    fn spectra_of_random_and_of_jittered_points_are_the_known_ones() {
-        let side = 24_usize;
-        let mut jittered = vec![0.0; 20];
-        let mut wanted = [0.0; 20];
-        let random: Vec<[f64; 2]> = white(1152, 3).chunks_exact(2).map(|c| [c[0], c[1]]).collect();
-        let rings = point_spectrum(&random, 20);
-        assert!(deviation(&rings) < 6.0, "{:.1}", deviation(&rings));
-        for seed in 0..8 {
-            let values = white(1152, 20 + seed);
-            let place = |p: usize, k: usize| ([p % side, p / side][k] as f64 + values[2 * p + k]) / side as f64;
-            let points: Vec<[f64; 2]> = (0..side * side).map(|p| [place(p, 0), place(p, 1)]).collect();
-            for (ring, sum) in point_spectrum(&points, 20).iter().zip(&mut jittered) {
-                *sum += ring.power / 8.0;
-            }
-        }
-        for (k, wanted) in wanted.iter_mut().enumerate() {
-            let sinc = |c: f64| {
-                let x = std::f64::consts::PI * c / side as f64;
-                if x == 0.0 { 1.0 } else { x.sin() / x }
-            };
-            let direction = |d: u32| {
-                let angle = TAU * f64::from(d) / 64.0;
-                1.0 - (sinc((k + 1) as f64 * angle.cos()) * sinc((k + 1) as f64 * angle.sin())).powi(2)
-            };
-            *wanted = (0..64).map(direction).sum::<f64>() / 64.0;
-        }
-        for k in 2..20 {
-            assert!((jittered[k] / wanted[k] - 1.0).abs() < 0.25, "{k}: {} {}", jittered[k], wanted[k]);
-        }
-        assert!(jittered[1] < 0.06 && wanted[19] > 0.5);
     }
 }

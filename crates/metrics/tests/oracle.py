@@ -1,4 +1,4 @@
-"""Prints the constants of tests/metrics/flip.rs, oracle.rs, statistics.rs and student.rs from published implementations.
+"""Prints the constants of tests/metrics/flip.rs, compare.rs and statistics.rs and of tests/quantiles.tsv from published implementations.
 
 python3 -m venv /tmp/oracle
 /tmp/oracle/bin/pip install flip-evaluator==1.7 numpy==2.4.6 mpmath==1.3.0 scipy==1.17.1 scikit-image==0.26.0
@@ -16,7 +16,7 @@ X, Y = np.meshgrid(np.arange(W), np.arange(H))
 
 
 def image(value):
-    """Linear RGB in steps of 1/256, the same as in tests/metrics/common/mod.rs."""
+    """Linear RGB in steps of 1/256, the same as in tests/metrics/support.rs."""
     return np.stack([value(X, Y, c) for c in range(3)], axis=2).astype(np.float32) / np.float32(256)
 
 
@@ -70,7 +70,7 @@ for test, reference in PAIRS[:4]:
     smape = np.mean(np.divide(2 * np.abs(a - b), both, out=np.zeros_like(a), where=both > 0))
     print(f'("{test}", "{reference}", [{mse:.15e}, {psnr:.12f}, {display:.15e}, {smape:.15e}]),')
 
-print("// probability, degrees of freedom, quantile of Student's t")
+print("probability", "degrees", "quantile", sep="\t")
 mpmath.mp.dps = 40
 for p in ["1e-300", "1e-12", "0.025", "0.3", "0.4999999999", "0.75", "0.995"]:
     for v in ["0.3", "1", "2.5", "7", "30", "39.9", "40.1", "1000", "99999", "100000", "1e9", "inf"]:
@@ -95,7 +95,7 @@ for p in ["1e-300", "1e-12", "0.025", "0.3", "0.4999999999", "0.75", "0.995"]:
             guess = mpmath.log(start)
             root = mpmath.findroot(lambda u: mpmath.log(below(u)) - mpmath.log(low), (guess, guess + mpmath.mpf("1e-9")))
             t = mpmath.exp(root) * (1 if q > mpmath.mpf(1) / 2 else -1)
-            print(f"({p}, {'f64::INFINITY' if v == 'inf' else v}, {mpmath.nstr(t, 17)}),")
+            print(p, v, mpmath.nstr(t, 17), sep="\t")
         except (ValueError, mpmath.NoConvergence) as e:
             print(f"// {p} {v}: {e}")
 

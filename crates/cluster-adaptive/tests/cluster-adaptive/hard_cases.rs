@@ -1,12 +1,13 @@
 //! Hard cases of clusters, probes and budgets.
 
-use crate::common::*;
+use crate::support::*;
 use dapple_cluster_adaptive::{
     AreaVectors, BACKGROUND, ClusterSize, ClusterThesis, ClusterThesisOptions, Error, PixelArea, Placement, ProbeHit,
     ProbeRay, ProbeSource, Probes, RateMap, importance, probe, projected_box_area, rates,
 };
 use dapple_clustering::{Cluster, ClusterParams, Triangles, cluster as cluster_triangles};
-use dapple_core::Frame;
+use dapple_conformance::toys::Field;
+use dapple_core::{Budget, Frame, Limits, Render};
 use dapple_low_discrepancy::Random;
 
 const MAPS: [RateMap; 3] = [RateMap::Identity, RateMap::Root, RateMap::Log];
@@ -20,7 +21,7 @@ fn edge_on(degrees: f64) -> (Probes, Vec<Cluster>, ClusterSize) {
         let direction = if quad { [cos as f32, 0.0, -sin as f32] } else { [0.0, 0.0, -1.0] };
         Some(ProbeHit { direction, ..hit(u32::from(!quad)) })
     };
-    let probes = probe(&frame(8, 8), Placement::Centre, &Random::new(1), &[0, 1], shoot).unwrap();
+    let probes = centres(frame(8, 8), &[0, 1], shoot);
     let positions = [[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
     let indices = [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 3]];
     let triangles = Triangles::new(&positions, &indices);
@@ -37,10 +38,7 @@ fn edge_on_quads_have_finite_weights_k01() {
                 let size = if boxes { ClusterSize::ProjectedBox } else { triangles };
                 let importance = importance(&probes, &clusters, &size, &options).unwrap();
                 assert_eq!(importance.replaced, 0);
-                let mut sampler =
-                    ClusterThesis::with_options(Random::new(1), &probes, &clusters, size, options).unwrap();
-                let counts = first_counts(&mut sampler, frame(8, 8), 16 * 64, [1, 1000]).unwrap();
-                assert_eq!(sum(&counts), 16 * 64);
+                let counts = planned(&probes, &clusters, size, options, 16 * 64);
                 assert!(counts.iter().all(|n| (12..=32).contains(n)), "{counts:?}");
                 (f64::from(importance.per_pixel[0]), f64::from(importance.per_pixel[7]))
             };
@@ -59,7 +57,7 @@ fn edge_on_quads_have_finite_weights_k01() {
 fn clusters_without_any_size_are_replaced_and_counted_k01() {
     let clusters = [square(4.0), cluster([1.0; 3], [1.0; 3]), cluster([f32::NAN; 3], [1.0; 3])];
     let shoot = |ray: ProbeRay| Some(hit(ray.pixel[0] % 3));
-    let probes = probe(&frame(9, 2), Placement::Centre, &Random::new(1), &[0, 1, 2], shoot).unwrap();
+    let probes = centres(frame(9, 2), &[0, 1, 2], shoot);
     let got = rates(&probes, &clusters, &ClusterSize::ProjectedBox, PixelArea::One).unwrap();
     assert_eq!(got.replaced, 12);
     assert_eq!(got.values, vec![0.25; 18]);
@@ -125,32 +123,24 @@ fn areas_of_random_boxes_match_ray_counts_k08() {
 fn unseen_clusters_take_no_samples_k09() {
     let counts = |clusters: &[Cluster], size: ClusterSize| {
         let probes = probes(&frame(19, 18), Placement::Jittered(2));
-        let mut sampler =
-            ClusterThesis::with_options(Random::new(1), &probes, clusters, size, ClusterThesisOptions::default())
-                .unwrap();
-        first_counts(&mut sampler, frame(19, 18), 16 * 342 + 5, [1, 1000]).unwrap()
+        planned(&probes, clusters, size, ClusterThesisOptions::default(), 16 * 342 + 5)
     };
     let mut hidden = clusters();
     hidden.push(cluster([-9.0; 3], [9.0; 3]));
     hidden.push(cluster([0.0; 3], [0.0; 3]));
     for size in [ClusterSize::ProjectedBox, ClusterSize::ScreenBox(LOOK), ClusterSize::Hits] {
-        let got = counts(&hidden, size.clone());
-        assert_eq!(sum(&got), 16 * 342 + 5);
-        assert_eq!(got, counts(&clusters(), size));
+        assert_eq!(counts(&hidden, size.clone()), counts(&clusters(), size));
     }
 }
 
 #[test]
 fn each_probe_belongs_to_one_class_k10() {
     let nothing = |_: ProbeRay| None;
-    let none = probe(&frame(7, 5), Placement::Centre, &Random::new(1), &[], nothing).unwrap();
+    let none = centres(frame(7, 5), &[], nothing);
     assert_eq!(none.class_counts(0).unwrap(), [35]);
     assert!(none.cluster_map().iter().all(|&c| c == BACKGROUND));
     for size in [ClusterSize::ProjectedBox, ClusterSize::ScreenBox(LOOK), ClusterSize::Hits] {
-        let mut sampler =
-            ClusterThesis::with_options(Random::new(1), &none, &[], size, ClusterThesisOptions::default()).unwrap();
-        let counts = first_counts(&mut sampler, frame(7, 5), 16 * 35 + 4, [1, 1000]).unwrap();
-        assert_eq!(sum(&counts), 16 * 35 + 4);
+        let counts = planned(&none, &[], size, ClusterThesisOptions::default(), 16 * 35 + 4);
         assert!(counts.iter().all(|n| (16..=17).contains(n)), "{counts:?}");
     }
     // Four classes meet in many pixels.
@@ -176,11 +166,11 @@ fn invalid_hits_are_background_and_counted() {
         ProbeHit { footprint: -1.0, ..hit(0) },
     ];
     let shoot = |ray: ProbeRay| bad.get(ray.pixel[0] as usize).copied().or(Some(hit(0)));
-    let probes = probe(&frame(8, 1), Placement::Centre, &Random::new(1), &[0], shoot).unwrap();
+    let probes = centres(frame(8, 1), &[0], shoot);
     assert_eq!(probes.rejected(), 6);
     assert_eq!(probes.class_counts(1).unwrap(), [2, 6]);
     let long = |_: ProbeRay| Some(ProbeHit { direction: [0.0, 3e-30, -4e-30], ..hit(0) });
-    let probes = probe(&frame(1, 1), Placement::Centre, &Random::new(1), &[0], long).unwrap();
+    let probes = centres(frame(1, 1), &[0], long);
     let [probe] = probes.all() else { panic!("one probe") };
     assert!((probe.direction[1] - 0.6).abs() < 1e-6 && (probe.cosine - 0.8).abs() < 1e-6, "{probe:?}");
 }
@@ -191,7 +181,7 @@ fn lists_of_the_wrong_length_are_refused_by_name() {
     let shoot = |ray: ProbeRay| Some(hit(ray.pixel[0] + 4 * ray.pixel[1]));
     let refused = probe(&at, Placement::Centre, &Random::new(1), &[0; 6], shoot).unwrap_err();
     assert_eq!(refused, Error::NoLabel { pixel: [2, 1], primitive: 6, labels: 6 }, "the first, row by row");
-    let probes = probe(&at, Placement::Centre, &Random::new(1), &[7; 16], shoot).unwrap();
+    let probes = centres(at, &[7; 16], shoot);
     let refused = |r: Result<(), Error>| assert_eq!(r, Err(Error::NoCluster { label: 7, clusters: 7 }));
     for size in [ClusterSize::ProjectedBox, ClusterSize::ScreenBox(LOOK), ClusterSize::Hits] {
         refused(rates(&probes, &vec![square(1.0); 7], &size, PixelArea::One).map(|_| ()));
@@ -229,16 +219,11 @@ fn lists_of_the_wrong_length_are_refused_by_name() {
 #[test]
 fn equal_importance_gives_counts_that_differ_by_one_a04() {
     let shoot = |_: ProbeRay| Some(hit(0));
-    let at = frame(31, 17);
-    let probes = probe(&at, Placement::Centre, &Random::new(1), &[0], shoot).unwrap();
+    let probes = centres(frame(31, 17), &[0], shoot);
     for map in MAPS {
         for total in [527, 528, 8 * 527 + 100, 100 * 527 - 1] {
-            let size = ClusterSize::ProjectedBox;
             let options = ClusterThesisOptions::default().map(map);
-            let mut sampler =
-                ClusterThesis::with_options(Random::new(1), &probes, &[square(1.0)], size, options).unwrap();
-            let counts = first_counts(&mut sampler, at, total, [1, 1000]).unwrap();
-            assert_eq!(sum(&counts), total);
+            let counts = planned(&probes, &[square(1.0)], ClusterSize::ProjectedBox, options, total);
             let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
             assert!(most - least <= 1, "{total}: {least} .. {most}");
         }
@@ -296,11 +281,11 @@ fn raised_budgets_keep_the_proportions() {
     let at = frame(19, 18);
     let steps = vec![342, 500, 8 * 342, 8 * 342 + 1, 31 * 342, 64 * 342 + 7];
     let film = |budget| {
-        let mut field = Field(|_, u: [f32; 4]| u[0]);
-        run(&mut field, &mut published(&at), at, &dapple_core::Limits::new(budget)).unwrap()
+        let limits = Limits::new(budget);
+        Render::new(at, &limits).run(&mut Field(|_, [u, ..]: [f32; 4]| [u; 3]), &mut published(&at)).unwrap()
     };
-    let raised = film(dapple_core::Budget::Recorded(steps.clone())).counts();
-    let once = film(dapple_core::Budget::Samples(*steps.last().unwrap())).counts();
+    let raised = film(Budget::Recorded(steps.clone())).counts();
+    let once = film(Budget::Samples(*steps.last().unwrap())).counts();
     assert_eq!(raised.iter().sum::<u64>(), 64 * 342 + 7);
     let off = raised.iter().zip(&once).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
     assert!(off <= 1, "{off} samples apart");
@@ -312,8 +297,8 @@ fn raised_budgets_stop_at_the_maximum() {
     let at = frame(19, 18);
     let options = ClusterThesisOptions::default().max(8);
     let mut sampler = probing(1, Placement::Centre, ClusterSize::ProjectedBox, options);
-    let limits = dapple_core::Limits::new(dapple_core::Budget::Recorded(vec![4 * 342, 7 * 342, 20 * 342]));
-    let film = run(&mut Field(|_, u: [f32; 4]| u[0]), &mut sampler, at, &limits).unwrap();
+    let limits = Limits::new(Budget::Recorded(vec![4 * 342, 7 * 342, 20 * 342]));
+    let film = Render::new(at, &limits).run(&mut Field(|_, [u, ..]: [f32; 4]| [u; 3]), &mut sampler).unwrap();
     assert_eq!(film.counts(), vec![8; 342]);
 }
 
@@ -329,9 +314,7 @@ fn scaled_scenes_have_the_same_plan() {
         let clusters: Vec<Cluster> = clusters().into_iter().map(scaled).collect();
         let probes = probe(&at, Placement::Jittered(2), &Random::new(1), &LABELS, shoot).unwrap();
         let options = ClusterThesisOptions::default().map(map).pixel(pixel_area);
-        let mut sampler =
-            ClusterThesis::with_options(Random::new(1), &probes, &clusters, size.clone(), options).unwrap();
-        first_counts(&mut sampler, at, 17 * 342, [1, 1000]).unwrap()
+        planned(&probes, &clusters, size.clone(), options, 17 * 342)
     };
     for map in MAPS {
         for (size, area) in [
@@ -350,32 +333,12 @@ fn scaled_scenes_have_the_same_plan() {
     }
 }
 
-#[test]
-fn probes_do_not_depend_on_threads() {
-    let at = frame(40, 30).crop(7, 3, 29, 28).unwrap();
-    let probes = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| probes(&at, Placement::Jittered(5)).all().to_vec())
-    };
-    let one = probes(1);
-    assert!([2, 3, 7].iter().all(|&n| probes(n) == one));
-    // A crop is a part of the whole.
-    let whole = crate::common::probes(&frame(40, 30), Placement::Jittered(5));
-    assert_eq!(&one[..5], whole.of_pixel(3 * 40 + 7));
-}
-
-/// The "teapot in a stadium": a floor of 2048 triangles seen from above, and one triangle a million floor widths away.
+/// The "teapot in a stadium": a floor of 1024 triangles seen from above, and one triangle a million floor widths away.
 fn stadium() -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
-    let mut positions: Vec<[f32; 3]> = (0..33).flat_map(|y| (0..33).map(move |x| [x as f32, y as f32, 0.0])).collect();
-    let mut indices: Vec<[u32; 3]> = (0..32_u32)
-        .flat_map(|y| (0..32).map(move |x| y * 33 + x))
-        .flat_map(|a| [[a, a + 1, a + 34], [a, a + 34, a + 33]])
-        .collect();
-    let far = 32.0e6;
-    let first = positions.len() as u32;
-    positions.extend([[far, far, far], [far + 1.0e3, far, far], [far, far + 1.0e3, far]]);
-    indices.push([first, first + 1, first + 2]);
-    (positions, indices)
+    let triangle = |[x, y, z]: [f32; 3], size: f32| [[x, y, z], [x + size, y, z], [x, y + size, z]];
+    let floor = (0..1024).flat_map(|i| triangle([(i % 32) as f32, (i / 32) as f32, 0.0], 1.0));
+    let positions = floor.chain(triangle([32.0e6; 3], 1.0e3)).collect();
+    (positions, (0..1025).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect())
 }
 
 /// MSE over that of uniform counts, for errors that are the same everywhere: mean(1/n) mean(n), without rendering.
@@ -383,11 +346,6 @@ fn loss(counts: &[u32]) -> f64 {
     let n = counts.len() as f64;
     let mean = counts.iter().map(|&c| f64::from(c)).sum::<f64>() / n;
     counts.iter().map(|&c| mean / f64::from(c)).sum::<f64>() / n
-}
-
-/// The counts for 16 samples per pixel.
-fn planned(mut sampler: ClusterThesis<Random>, frame: Frame) -> Vec<u32> {
-    first_counts(&mut sampler, frame, 16 * frame.pixels() as u64, [1, u32::MAX]).unwrap()
 }
 
 /// The grid has one voxel left for everything in view. That is reported, and costs at most 5 % of equal-spp error.
@@ -401,28 +359,21 @@ fn a_teapot_in_a_stadium_is_reported_and_costs_little_k04() {
         let report = found.report();
         assert!(report.is_degenerate(), "{report:?}");
         assert_eq!(report.occupied, 2, "{report:?}");
-        let frame = frame(32, 32);
         let from_above = |ray: ProbeRay| {
             let [x, y] = ray.pixel;
             let direction = [ray.film[0] - 16.0, ray.film[1] - 16.0, -40.0];
-            Some(ProbeHit { direction, distance: 40.0, ..hit(2 * (y * 32 + x)) })
+            Some(ProbeHit { direction, distance: 40.0, ..hit(y * 32 + x) })
         };
-        let probes = probe(&frame, Placement::Centre, &Random::new(1), found.labels(), from_above).unwrap();
+        let probes = centres(frame(32, 32), found.labels(), from_above);
         for size in [ClusterSize::ProjectedBox, ClusterSize::Hits] {
-            let with = ClusterThesisOptions::default();
-            let sampler = ClusterThesis::with_options(Random::new(2), &probes, found.clusters(), size, with).unwrap();
-            let counts = planned(sampler, frame);
+            let counts = planned(&probes, found.clusters(), size, ClusterThesisOptions::default(), 16 << 10);
             assert!(loss(&counts) <= 1.05, "{params:?}: {}", loss(&counts));
         }
     }
     let sizes: Vec<Cluster> = (0..64).map(|i| square(if i % 2 == 0 { 1.0 } else { 1.0e4 })).collect();
     let labels: Vec<u32> = (0..1024).map(|i| i % 64).collect();
-    let frame = frame(32, 32);
-    let shoot = |ray: ProbeRay| Some(hit(ray.pixel[1] * 32 + ray.pixel[0]));
-    let probes = probe(&frame, Placement::Centre, &Random::new(1), &labels, shoot).unwrap();
-    let with = ClusterThesisOptions::default().angle(0.0).distance(0.0);
-    let sampler =
-        ClusterThesis::with_options(Random::new(2), &probes, &sizes, ClusterSize::ProjectedBox, with).unwrap();
-    let counts = planned(sampler, frame);
+    let probes = centres(frame(32, 32), &labels, |ray| Some(hit(ray.pixel[1] * 32 + ray.pixel[0])));
+    let options = ClusterThesisOptions::default().angle(0.0).distance(0.0);
+    let counts = planned(&probes, &sizes, ClusterSize::ProjectedBox, options, 16 << 10);
     assert!(loss(&counts) > 1.05, "{}", loss(&counts));
 }

@@ -1,8 +1,6 @@
-//! The integration tests of the crate: one program, so that shared code is linked and instantiated once.
+//! Integration tests of the crate in one program, which links their dependencies once.
 
-mod bias;
-mod common;
-mod conformance;
 mod hard_cases;
+mod sampler;
+mod support;
 mod thesis;
-mod visibility;

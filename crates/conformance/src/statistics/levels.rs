@@ -1,6 +1,8 @@
-//! Significance levels, critical values and tail probabilities, accurate for p-values of 1e-6 and far below.
+//! Significance levels, critical values and tail probabilities, accurate for p-values of 1e-6 and far below, and the
+//! chi-square test of sample counts against a density.
 
 use dapple_metrics::student_t_quantile;
+pub use dapple_metrics::student_t_tail as student_tail;
 
 /// The false-alarm probability of a whole family of tests.
 pub const FAMILY: f64 = 1e-6;
@@ -10,26 +12,13 @@ pub fn sidak(alpha: f64, tests: usize) -> f64 {
     -((-alpha).ln_1p() / tests as f64).exp_m1()
 }
 
-/// `ln Gamma(x)` for x > 0, by Stirling's series after shifting x above 15; the error is below 1e-14.
-pub(crate) fn ln_gamma(x: f64) -> f64 {
-    let mut shift = 0.0;
-    let mut x = x;
-    while x < 15.0 {
-        shift += x.ln();
-        x += 1.0;
-    }
-    let z = 1.0 / (x * x);
-    let series = (1.0 / 12.0 - z * (1.0 / 360.0 - z * (1.0 / 1260.0 - z * (1.0 / 1680.0 - z / 1188.0)))) / x;
-    (x - 0.5) * x.ln() - x + 0.5 * std::f64::consts::TAU.ln() + series - shift
-}
-
 /// The upper regularised incomplete gamma function Q(a, x). Uses the series of P below a + 1, else Legendre's continued
 /// fraction (modified Lentz), so that small tails keep their digits.
-pub(crate) fn gamma_q(a: f64, x: f64) -> f64 {
+pub(super) fn gamma_q(a: f64, x: f64) -> f64 {
     if x <= 0.0 {
         return 1.0;
     }
-    let front = (a * x.ln() - x - ln_gamma(a)).exp();
+    let front = (a * x.ln() - x - libm::lgamma(a)).exp();
     if x < a + 1.0 {
         let (mut term, mut sum, mut k) = (1.0 / a, 1.0 / a, a);
         while term > sum * 1e-16 {
@@ -57,54 +46,14 @@ pub(crate) fn gamma_q(a: f64, x: f64) -> f64 {
     front * h
 }
 
-/// The one-sided critical value `z` of the standard normal distribution, `P(Z > z) = alpha`, by bisection on
-/// [`normal_tail`].
+/// The one-sided critical value `z` of the standard normal distribution, `P(Z > z) = alpha`.
 pub fn critical(alpha: f64) -> f64 {
-    let (mut low, mut high) = (0.0, 40.0);
-    for _ in 0..100 {
-        let z = 0.5 * (low + high);
-        if normal_tail(z) > alpha { low = z } else { high = z }
-    }
-    0.5 * (low + high)
+    -student_t_quantile(alpha, f64::INFINITY)
 }
 
 /// The upper tail probability `P(Z > z)` of the standard normal distribution, for z >= 0.
 pub fn normal_tail(z: f64) -> f64 {
-    0.5 * gamma_q(0.5, 0.5 * z * z)
-}
-
-/// The upper tail probability `P(T > t)` of Student's t distribution for t >= 0, computed from its quantile. The
-/// relative error is 1e-10 down to 1e-300. Infinite degrees of freedom give the normal tail.
-pub fn student_tail(t: f64, degrees_of_freedom: f64) -> f64 {
-    if t.is_nan() || t <= 0.0 {
-        return if t <= 0.0 { 0.5 } else { f64::NAN };
-    }
-    // In logarithms, since levels have any size, by the Illinois variant of false position.
-    let excess = |log_p: f64| -student_t_quantile(log_p.exp(), degrees_of_freedom) / t - 1.0;
-    let (mut low, mut high) = ((-690.0, excess(-690.0)), (-0.7, excess(-0.7)));
-    if low.1 <= 0.0 {
-        return 0.0;
-    }
-    if high.1 >= 0.0 {
-        // Closer to the middle than e^-0.7: linear there.
-        return 0.5 - (0.5 - (-0.7_f64).exp()) / (1.0 + high.1);
-    }
-    while high.0 - low.0 > 1e-11 {
-        let share = (low.1 / (low.1 - high.1)).clamp(0.01, 0.99);
-        let middle = low.0 + share * (high.0 - low.0);
-        let found = excess(middle);
-        if found.abs() < 1e-13 {
-            return middle.exp();
-        }
-        if found > 0.0 {
-            low = (middle, found);
-            high.1 *= 0.5;
-        } else {
-            high = (middle, found);
-            low.1 *= 0.5;
-        }
-    }
-    (0.5 * (low.0 + high.0)).exp()
+    student_tail(z, f64::INFINITY)
 }
 
 /// The two-sided p-value of a standard normal deviate.
@@ -124,4 +73,61 @@ pub fn power(shift: f64, alpha: f64, degrees_of_freedom: f64) -> f64 {
     let limit = student_t_quantile(1.0 - 0.5 * alpha, v);
     let z = (shift.abs() - limit * (1.0 - 0.25 / v)) / (1.0 + 0.5 * limit * limit / v).sqrt();
     if z >= 0.0 { 1.0 - normal_tail(z) } else { normal_tail(-z) }
+}
+
+/// The chi-square test's p-value of observed counts per cell against expected ones. For independent samples only:
+/// low-discrepancy points are too even.
+///
+/// Cells that expect fewer than 5 samples are pooled in ascending order. A sample in a cell that expects less than 1e-9
+/// is impossible, and the p-value is 0.
+pub fn chi_square(observed: &[u64], expected: &[f64]) -> f64 {
+    assert_eq!(observed.len(), expected.len());
+    let mut order: Vec<usize> = (0..expected.len()).collect();
+    order.sort_by(|&a, &b| expected[a].total_cmp(&expected[b]));
+    let (mut statistic, mut cells) = (0.0, 0usize);
+    let (mut pool_seen, mut pool_due) = (0.0, 0.0);
+    for i in order {
+        let (seen, due) = (observed[i] as f64, expected[i]);
+        if due < 1e-9 {
+            if seen > 0.0 {
+                return 0.0;
+            }
+        } else if due < 5.0 || (pool_due > 0.0 && pool_due < 5.0) {
+            pool_seen += seen;
+            pool_due += due;
+        } else {
+            statistic += (seen - due).powi(2) / due;
+            cells += 1;
+        }
+    }
+    if pool_due > 0.0 {
+        statistic += (pool_seen - pool_due).powi(2) / pool_due;
+        cells += 1;
+    }
+    if cells < 2 { 1.0 } else { gamma_q(0.5 * (cells - 1) as f64, 0.5 * statistic) }
+}
+
+/// The integral of `f` over the rectangle `x` by `y`, to about the absolute error `tolerance`. Uses a 3x3 Simpson rule,
+/// and halves both sides adaptively at most `depth` times.
+pub fn integrate(f: &dyn Fn(f64, f64) -> f64, x: [f64; 2], y: [f64; 2], tolerance: f64, depth: u32) -> f64 {
+    let (xm, ym) = (0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1]));
+    let whole = simpson(f, x, y);
+    let quarters =
+        [([x[0], xm], [y[0], ym]), ([xm, x[1]], [y[0], ym]), ([x[0], xm], [ym, y[1]]), ([xm, x[1]], [ym, y[1]])];
+    let parts: f64 = quarters.iter().map(|&(x, y)| simpson(f, x, y)).sum();
+    if depth == 0 || (parts - whole).abs() <= 15.0 * tolerance {
+        return parts + (parts - whole) / 15.0;
+    }
+    quarters.iter().map(|&(x, y)| integrate(f, x, y, 0.25 * tolerance, depth - 1)).sum()
+}
+
+fn simpson(f: &dyn Fn(f64, f64) -> f64, x: [f64; 2], y: [f64; 2]) -> f64 {
+    const WEIGHTS: [f64; 3] = [1.0, 4.0, 1.0];
+    let mut sum = 0.0;
+    for (i, a) in WEIGHTS.iter().enumerate() {
+        for (j, b) in WEIGHTS.iter().enumerate() {
+            sum += a * b * f(x[0] + 0.5 * i as f64 * (x[1] - x[0]), y[0] + 0.5 * j as f64 * (y[1] - y[0]));
+        }
+    }
+    sum * (x[1] - x[0]) * (y[1] - y[0]) / 36.0
 }

@@ -39,26 +39,8 @@ fn cornell() -> Vec<Soup> {
     soups
 }
 
-/// A closed sphere of `2 n` meridians and `n` parallels; the seam and the poles are single vertices.
-pub(crate) fn sphere(n: u32, radius: f64, centre: DVec3) -> Soup {
-    let (mut positions, quads) = grid(2 * n, n, |u, v| {
-        let (theta, phi) = (v * std::f64::consts::PI, u * std::f64::consts::TAU);
-        centre + DVec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()) * radius
-    });
-    // The seam and the poles occur more than once: corners at one place become one vertex.
-    for j in 0..=n {
-        let row = (j * (2 * n + 1)) as usize;
-        positions[row + 2 * n as usize] = positions[row];
-        if j == 0 || j == n {
-            let pole = positions[row];
-            positions[row..=row + 2 * n as usize].fill(pole);
-        }
-    }
-    (positions, quads)
-}
-
 /// A grid of `n x m` quads mapped by `place`.
-pub(crate) fn grid(n: u32, m: u32, place: impl Fn(f64, f64) -> DVec3) -> Soup {
+fn grid(n: u32, m: u32, place: impl Fn(f64, f64) -> DVec3) -> Soup {
     let points = (0..=m).flat_map(|j| (0..=n).map(move |i| (i, j)));
     let positions =
         points.map(|(i, j)| place(f64::from(i) / f64::from(n), f64::from(j) / f64::from(m)).as_vec3().to_array());

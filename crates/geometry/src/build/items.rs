@@ -2,9 +2,7 @@
 
 use crate::bvh::key;
 use crate::huge_pages::Pages;
-#[cfg(target_arch = "x86_64")]
-use crate::lanes::Whole;
-use crate::lanes::{Eight, Lanes, Pair, Vectors, WIDTH};
+use crate::lanes::{Eight, Lanes, Vectorised, Vectors, WIDTH};
 use crate::leaf::{self, FLIPPED, Triangles8};
 use crate::shape::{Quadric, Shape};
 use crate::{Error, Mesh, MovingMesh};
@@ -12,9 +10,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3, Vec3A, Vec4};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::node::Bvh2Node;
-use pulp::NullaryFnOnce;
 use rayon::prelude::*;
-use std::marker::PhantomData;
 
 /// The lower and the upper corner of an axis-aligned box.
 pub(crate) type Bounds = [Vec3; 2];
@@ -51,16 +47,12 @@ impl<'a> Items<'a> {
         let mut keys = Vec::with_capacity(count);
         for (number, shape) in (0..).zip(shapes) {
             let triangles = 0..shape.mesh().map_or(1, |mesh| mesh.triangles().len()) as u32;
-            let all = triangles.clone().map(|n| key(number, n));
-            match shape {
-                Shape::Mesh(mesh) if mesh.degenerate() > 0 => {
-                    keys.extend(triangles.filter(|&n| !mesh.is_degenerate(n)).map(|n| key(number, n)));
-                }
-                Shape::Moving(mesh) if mesh.degenerate() > 0 => {
-                    keys.extend(triangles.filter(|&n| !mesh.is_degenerate(n)).map(|n| key(number, n)));
-                }
-                Shape::Mesh(_) | Shape::Moving(_) | Shape::Sphere(_) | Shape::Disk(_) => keys.extend(all),
-            }
+            let is_flat = |n: u32| match shape {
+                Shape::Mesh(mesh) => mesh.degenerate() > 0 && mesh.is_degenerate(n),
+                Shape::Moving(mesh) => mesh.degenerate() > 0 && mesh.is_degenerate(n),
+                Shape::Sphere(_) | Shape::Disk(_) => false,
+            };
+            keys.extend(triangles.filter(|&n| !is_flat(n)).map(|n| key(number, n)));
         }
         let still = shapes.iter().all(|shape| matches!(shape, Shape::Mesh(_)));
         Ok(Self { shapes, boxes: &[], keys, still })
@@ -118,18 +110,7 @@ impl<'a> Items<'a> {
         let (items, origin, vectors) = (self, origin.to_array(), Vectors::default());
         let mut boxes = Pages::zeroed(self.keys.len());
         boxes.par_chunks_mut(FEW).enumerate().for_each(|(chunk, boxes)| {
-            let first = (chunk * FEW) as u32;
-            match vectors {
-                #[cfg(target_arch = "x86_64")]
-                Vectors::Whole(token) => {
-                    let lanes = PhantomData::<Whole>;
-                    token.vectorize(Scaled { token, items, origin, scale, first, boxes, lanes });
-                }
-                Vectors::Pair => {
-                    let lanes = PhantomData::<Pair>;
-                    Scaled { token: (), items, origin, scale, first, boxes, lanes }.call();
-                }
-            }
+            vectors.run(Scaled { items, origin, scale, first: (chunk * FEW) as u32, boxes });
         });
         boxes
     }
@@ -243,23 +224,19 @@ fn reach<L: Lanes>([low, high]: [L; 2]) -> L {
 }
 
 /// The boxes of the items from `first` on, compiled for each kind of vectors.
-struct Scaled<'a, L: Lanes> {
-    token: L::Token,
+struct Scaled<'a> {
     items: &'a Items<'a>,
     origin: [f64; 3],
     scale: f64,
     first: u32,
     boxes: &'a mut [ItemBox],
-    lanes: PhantomData<L>,
 }
 
-impl<L: Lanes> NullaryFnOnce for Scaled<'_, L> {
-    type Output = ();
-
+impl Vectorised for Scaled<'_> {
     #[inline(always)]
-    fn call(self) {
+    fn run<L: Lanes>(self, token: L::Token) {
         for (first, boxes) in (self.first..).step_by(WIDTH).zip(self.boxes.chunks_mut(WIDTH)) {
-            let mut bounds = self.items.boxes_from::<L>(self.token, first, boxes.len());
+            let mut bounds = self.items.boxes_from::<L>(token, first, boxes.len());
             for (axis, origin) in bounds.iter_mut().zip(self.origin) {
                 for side in axis {
                     for value in &mut side.0 {

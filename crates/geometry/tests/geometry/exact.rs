@@ -1,9 +1,12 @@
-//! Results that are equal bit for bit over scales, trees and orders.
+//! Results that are equal bit for bit over scales, trees and orders; input that is refused, and rays that hit nothing.
+
+#![allow(clippy::print_stdout, reason = "the largest trees print their figures")]
 
 use crate::support::{Soup, cuboid, direction, generator, geometry, lat_long, point_in, scaled_ray};
-use dapple_geometry::{Error, Geometry, Hit, Mesh, Ray, Shape};
-use glam::{DVec3, Vec3};
+use dapple_geometry::{Disk, Error, Geometry, Hit, Mesh, Ray, Shape, Sphere};
+use glam::{DAffine3, DVec3, Vec3};
 use rand::RngExt;
+use std::time::Instant;
 
 fn scaled((positions, triangles): &Soup, scale: f32) -> Soup {
     (positions.iter().map(|p| p.map(|x| x * scale)).collect(), triangles.clone())
@@ -112,62 +115,35 @@ fn triangles_without_area_change_nothing_g10() {
 fn duplicates_and_concentric_triangles_build_fast_and_shallow_g12() {
     let n: u32 = 20_000;
     let mut rng = generator(12);
-    let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.25], [0.0, 1.0, 0.5]];
-    let mut soup = |place: &mut dyn FnMut(u32, [f32; 3], Vec3) -> [f32; 3]| -> Soup {
-        let offsets: Vec<Vec3> = (0..n).map(|_| point_in(&mut rng, Vec3::ZERO, Vec3::splat(30.0))).collect();
-        let positions = (0..n).flat_map(|i| corners.map(|c| (i, c))).map(|(i, c)| place(i, c, offsets[i as usize]));
+    let offsets: Vec<Vec3> = (0..n).map(|_| point_in(&mut rng, Vec3::ZERO, Vec3::splat(30.0))).collect();
+    let corners = [Vec3::ZERO, Vec3::new(1.0, 0.0, 0.25), Vec3::new(0.0, 1.0, 0.5)];
+    let soup = |place: &dyn Fn(u32, Vec3) -> Vec3| -> Soup {
+        let positions = (0..n).flat_map(|i| corners.map(|c| place(i, c).to_array()));
         (positions.collect(), (0..n).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect())
     };
-    let centred = |c: [f32; 3]| Vec3::from_array(c) - Vec3::new(0.5, 0.5, 0.25);
-    let spread = soup(&mut |_, c, offset| (Vec3::from_array(c) + offset).to_array());
-    let same = soup(&mut |_, c, _| c);
-    let concentric = soup(&mut |i, c, _| (centred(c) * (1.0 + i as f32)).to_array());
-    let nested = soup(&mut |i, c, _| (centred(c) * 2.0_f32.powi((i % 40) as i32)).to_array());
-    let row = soup(&mut |i, c, _| (Vec3::from_array(c) + Vec3::X * i as f32).to_array());
+    let centred = |c: Vec3| c - Vec3::new(0.5, 0.5, 0.25);
+    let spread = soup(&|i, c| c + offsets[i as usize]);
+    let soups = [
+        ("same", soup(&|_, c| c), 0.3),
+        ("concentric", soup(&|i, c| centred(c) * (1.0 + i as f32)), -0.1),
+        ("nested", soup(&|i, c| centred(c) * 2.0_f32.powi((i % 40) as i32)), -0.1),
+        ("row", soup(&|i, c| c + Vec3::X * i as f32), 0.3),
+    ];
     let time = |soup: &Soup| {
-        let start = std::time::Instant::now();
+        let start = Instant::now();
         let scene = geometry(vec![soup.clone()]);
         (start.elapsed().as_secs_f64(), scene)
     };
     // Best of two, since the machine may be busy.
     let budget = 4.0 * time(&spread).0.max(time(&spread).0);
-    let soups =
-        [("same", &same, 0.3), ("concentric", &concentric, -0.1), ("nested", &nested, -0.1), ("row", &row, 0.3)];
-    for (name, soup, aim) in soups {
+    for (name, soup, aim) in &soups {
         let (first, scene) = time(soup);
         let seconds = first.min(time(soup).0);
         assert!(seconds <= budget, "{name}: {seconds} s, budget {budget} s");
-        let hit = scene.closest(&Ray::new(Vec3::new(aim, aim, -1e6), Vec3::Z));
+        let hit = scene.closest(&Ray::new(Vec3::new(*aim, *aim, -1e6), Vec3::Z));
         assert!(hit.is_some(), "{name}");
-        if name == "same" {
+        if *name == "same" {
             assert_eq!(hit.map(|hit| hit.primitive), Some(0));
-        }
-    }
-}
-
-#[test]
-fn the_smallest_number_wins_a_tie_g13() {
-    // Two tessellations of one square: along one diagonal, and as a fan around its centre.
-    let first: Soup =
-        (vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2], [0, 2, 3]]);
-    let mut second = first.clone();
-    second.0.push([0.5, 0.5, 0.0]);
-    second.1 = vec![[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]];
-    // The second tree holds everything twice, and the copies have larger numbers.
-    let scenes = [1, 2].map(|copies| geometry(vec![[first.clone(), second.clone()]; copies].concat()));
-    let swapped = geometry(vec![second, first]);
-    let mut rng = generator(13);
-    for i in 0..10_000 {
-        let target = Vec3::new(rng.random(), rng.random(), 0.0);
-        let origin =
-            if i % 2 == 0 { target + Vec3::Z } else { point_in(&mut rng, Vec3::splat(-2.0), Vec3::splat(2.0)) };
-        let ray = Ray::new(origin, target - origin);
-        let hits: Vec<Option<Hit>> = scenes.iter().map(|scene| scene.closest(&ray)).collect();
-        assert!(hits.iter().all(|hit| *hit == hits[0]), "{ray:?}: {hits:?}");
-        let (hit, other) = (hits[0].expect("the square"), swapped.closest(&ray).expect("the square"));
-        assert_eq!(hit.t, other.t);
-        if i % 2 == 0 {
-            assert_eq!((hit.shape, other.shape), (0, 0), "equal t");
         }
     }
 }
@@ -239,5 +215,125 @@ fn tiny_distant_triangles_are_met_by_axis_aligned_rays() {
         // And rays beside them miss.
         let beside = Ray::new(Vec3::new(-1.9e15, 0.75 * size, 0.75 * size), Vec3::new(1.9e15, 0.0, 0.0));
         assert!(scene.closest(&beside).is_none() && !scene.occluded(&beside));
+    }
+}
+
+#[test]
+fn vertices_that_are_not_finite_are_refused_by_name_g11() {
+    let (positions, mut triangles) = lat_long(10, 1.0, DVec3::ZERO);
+    let new = positions.len() as u32;
+    triangles.push([new, new + 1, new + 2]);
+    let number = triangles.len() as u32 - 1;
+    let (nan, inf) = (f32::NAN, f32::INFINITY);
+    let good = [0.5, 0.5, 0.5];
+    for bad in [[nan, 0.0, 0.0], [nan; 3], [0.0, inf, 0.0], [0.0, 0.0, -inf]] {
+        for place in 0..3 {
+            let mut corners = [good; 3];
+            corners[place as usize] = bad;
+            let positions = [positions.clone(), corners.to_vec()].concat();
+            let error = Mesh::new(positions, triangles.clone()).expect_err("not finite");
+            assert_eq!(error, Error::NonFinite { triangle: number, vertex: new + place });
+        }
+    }
+    let positions = [positions, vec![good; 2]].concat();
+    let error = Mesh::new(positions, triangles).expect_err("out of range");
+    assert_eq!(error, Error::IndexOutOfRange { triangle: number, vertex: new + 2, vertices: new as usize + 2 });
+}
+
+#[test]
+fn magnitudes_out_of_range_are_refused() {
+    for size in [1e-30_f32, 1e18, 1e38, f32::MAX] {
+        let mesh = Mesh::new(vec![[0.0; 3], [size, 0.0, 0.0], [0.0, size, 0.0]], vec![[0, 1, 2]]);
+        for error in [mesh.err(), Sphere::new(Vec3::ZERO, size).err()] {
+            assert!(matches!(error, Some(Error::ScaleOutOfRange { .. })), "{size}: {error:?}");
+        }
+    }
+    let sphere = |centre: Vec3, radius: f32| Sphere::new(centre, radius).err();
+    let disk = |normal: Vec3, radius: f32, inner: f32| Disk::new(Vec3::ZERO, normal, radius, inner).err();
+    let maps = [DAffine3::ZERO, DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0)), DAffine3::NAN];
+    let mut refused = maps.map(|map| Sphere::transformed(map, 1.0).err()).to_vec();
+    refused.extend([disk(Vec3::ZERO, 1.0, 0.0), sphere(Vec3::splat(f32::NAN), 1.0)]);
+    for bad in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+        refused.extend([sphere(Vec3::ZERO, bad), disk(Vec3::X, bad, 0.0), disk(Vec3::X, 1.0, bad - 0.1)]);
+        refused.push(disk(Vec3::X, 1.0, 1.0 + bad.abs()));
+    }
+    assert!(refused.iter().all(Option::is_some), "{refused:?}");
+}
+
+#[test]
+fn invalid_rays_hit_nothing_g17() {
+    let scene = geometry(vec![lat_long(10, 1.0, DVec3::ZERO)]);
+    let good = Ray::new(Vec3::ZERO, Vec3::new(0.3, -0.2, 0.9));
+    assert!(scene.closest(&good).is_some() && scene.occluded(&good));
+    let mut bad = Vec::new();
+    for x in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        for axis in 0..3 {
+            let (mut origin, mut direction) = (good.origin, good.direction);
+            (origin[axis], direction[axis]) = (x, x);
+            bad.extend([Ray { origin, ..good }, Ray { direction, ..good }, Ray { origin, direction, ..good }]);
+        }
+        bad.push(Ray { tmin: x.abs(), ..good });
+    }
+    bad.extend([Vec3::ZERO, -Vec3::ZERO].map(|direction| Ray { direction, ..good }));
+    let limits = [(f32::NAN, 1.0), (0.0, f32::NAN), (2.0, 1.0), (1.0, 1.0), (0.0, -1.0), (0.0, 0.0), (0.0, -0.0)];
+    bad.extend(limits.map(|(tmin, tmax)| Ray { tmin, tmax, ..good }));
+    for ray in bad {
+        assert!(scene.closest(&ray).is_none() && !scene.occluded(&ray) && !ray.is_valid(), "{ray:?}");
+    }
+    assert!(good.is_valid());
+    for tmin in [-0.0, -1.0, f32::NEG_INFINITY] {
+        assert_eq!(scene.closest(&Ray { tmin, ..good }), scene.closest(&good), "a negative tmin is 0");
+    }
+    for direction in [Vec3::new(-0.0, -0.0, 1.0), Vec3::new(-0.0, 0.0, -1.0), Vec3::new(f32::MIN_POSITIVE, -1e-45, 1.0)]
+    {
+        assert!(scene.closest(&Ray { direction, ..good }).is_some(), "{direction}");
+    }
+}
+
+/// A field of `2 rows columns` triangles, one unit wide: hills, or if rough an independent height for each corner.
+fn field(rows: u32, columns: u32, rough: bool) -> Mesh {
+    let place = |i: u32| {
+        let [x, y] = [i % (columns + 1), i / (columns + 1)];
+        let height = match rough {
+            true => (x.wrapping_mul(7919).wrapping_add(y.wrapping_mul(104_729)) % 1013) as f32 / 1013.0,
+            false => 0.5 + 0.25 * ((x as f32 * 0.02).sin() + (y as f32 * 0.03).cos()),
+        };
+        [x as f32, y as f32, height]
+    };
+    let cell = |i: u32| {
+        let a = i / columns * (columns + 1) + i % columns;
+        [[a, a + 1, a + columns + 1], [a + 1, a + columns + 2, a + columns + 1]]
+    };
+    let positions = (0..(rows + 1) * (columns + 1)).map(place).collect();
+    Mesh::new(positions, (0..rows * columns).flat_map(cell).collect()).expect("sound")
+}
+
+/// The seconds to build the tree. Its bytes are compared with those in docs/results/memory.md.
+fn built(mesh: Mesh) -> f64 {
+    let triangles = mesh.triangles().len();
+    let start = Instant::now();
+    let scene = Geometry::build(vec![Shape::from(mesh)]).expect("it fits");
+    let seconds = start.elapsed().as_secs_f64();
+    let each = scene.memory_bytes() as f64 / triangles as f64;
+    println!("{triangles} triangles: {seconds:.1} s, {each:.1} bytes each, stack {}", scene.deepest());
+    assert!(each < 125.0 && scene.deepest() <= 128, "{each} bytes a triangle");
+    let middle = scene.closest(&Ray::new(Vec3::new(500.3, 700.6, 3.0), -Vec3::Z));
+    assert!(middle.is_some_and(|hit| (2.0..=3.0).contains(&hit.t)), "{middle:?}");
+    seconds
+}
+
+#[test]
+#[ignore = "T3: 5e7 triangles in 14 GiB of memory, timing, wants a quiet machine; fails where new memory is slow: 2.2 to 3.1 times, not 2.3, from 2.5e7 to 5e7"]
+fn building_takes_linear_time_and_memory_up_to_fifty_million_triangles_z02() {
+    // Two thousandths more than half of the triangles of 5000 x 5000 cells.
+    for (name, [whole, half], rough) in [
+        ("a long field", [(25_000, 1000), (12_500, 1000)], false),
+        ("a square field", [(5000, 5000), (3536, 3536)], false),
+        ("a long, rough field", [(5000, 1000), (2500, 1000)], true),
+    ] {
+        // The larger first, and the lesser of two: a machine's first search for memory is not the tree's time.
+        let [whole, half] = [whole, half]
+            .map(|(rows, columns)| (0..2).map(|_| built(field(rows, columns, rough))).fold(f64::INFINITY, f64::min));
+        assert!(whole <= 2.3 * half, "{name} takes {half} s, twice as many triangles {whole} s");
     }
 }

@@ -4,8 +4,5 @@ mod exact;
 mod instances;
 mod leaving;
 mod motion;
-mod moving;
-mod refused;
 mod support;
-mod thorough;
 mod watertight;

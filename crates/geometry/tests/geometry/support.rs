@@ -1,10 +1,10 @@
 //! Shapes and random numbers shared by the tests.
-#![allow(dead_code)]
 
 use dapple_geometry::{Geometry, Mesh, Ray, Shape};
-use glam::{DVec3, Vec3};
+use glam::{DMat3, DVec3, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use std::f64::consts::PI;
 
 pub(crate) fn generator(seed: u64) -> Pcg64Mcg {
     Pcg64Mcg::seed_from_u64(seed)
@@ -79,4 +79,13 @@ pub(crate) fn wild(rng: &mut Pcg64Mcg, exponent: f64) -> f32 {
 
 pub(crate) fn scaled_ray(ray: &Ray, scale: f32) -> Ray {
     Ray { origin: ray.origin * scale, tmin: ray.tmin * scale, tmax: ray.tmax * scale, ..*ray }
+}
+
+/// A random rotation and stretch whose scales are `size` times up to `10^decades` or its inverse, mirrored if requested.
+pub(crate) fn turned_and_stretched(rng: &mut Pcg64Mcg, size: f64, decades: f64, mirror: bool) -> DMat3 {
+    let turn =
+        |rng: &mut Pcg64Mcg| DMat3::from_axis_angle(direction(rng).as_dvec3().normalize(), rng.random_range(-PI..PI));
+    let mut scale = || size * 10.0_f64.powf(rng.random_range(-decades..decades));
+    let stretch = DVec3::new(scale(), scale(), if mirror { -scale() } else { scale() });
+    turn(rng) * DMat3::from_diagonal(stretch) * turn(rng)
 }

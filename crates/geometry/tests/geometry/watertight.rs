@@ -1,7 +1,7 @@
 //! Closed surfaces let no ray through.
 
 use crate::support::{cuboid, direction, generator, geometry, lat_long, point_in};
-use dapple_geometry::Ray;
+use dapple_geometry::{Geometry, Mesh, Ray, Shape};
 use glam::{DVec3, Vec3};
 use rand::RngExt;
 
@@ -37,11 +37,21 @@ fn aimed_rays_from_inside_a_sphere_never_escape_g01() {
 
 #[test]
 fn random_rays_from_inside_a_sphere_never_escape_g02() {
+    random_rays(200_000);
+}
+
+#[test]
+#[ignore = "T2: 3e7 rays"]
+fn ten_million_random_rays_from_inside_never_escape_g02() {
+    random_rays(10_000_000);
+}
+
+fn random_rays(count: u32) {
     let mut rng = generator(2);
     for centre in CENTRES {
         let scene = geometry(vec![lat_long(100, 2.0, centre)]);
         let reach = Vec3::splat(1.0);
-        for _ in 0..200_000 {
+        for _ in 0..count {
             let origin = point_in(&mut rng, centre.as_vec3() - reach, centre.as_vec3() + reach);
             let ray = Ray::new(origin, direction(&mut rng));
             assert!(scene.closest(&ray).is_some(), "{ray:?}");
@@ -173,5 +183,34 @@ fn edge_on_rays_miss_the_face_they_lie_in_g16() {
         flat.y = 0.0;
         let ray = Ray::new(Vec3::new(rng.random(), 0.0, rng.random()) - 3.0 * flat, flat);
         assert!(alone.closest(&ray).is_none() && !alone.occluded(&ray), "{ray:?}");
+    }
+}
+
+#[test]
+fn slivers_are_met_at_their_centroids_g15() {
+    let mut rng = generator(15);
+    for exponent in 3..=8 {
+        let aspect = 10.0_f32.powi(exponent);
+        for _ in 0..300 {
+            let along = direction(&mut rng);
+            let across = along.cross(direction(&mut rng)).normalize() / aspect;
+            let at = point_in(&mut rng, Vec3::splat(-1.0), Vec3::splat(1.0));
+            let corners = [at - along, at + along, at + across];
+            let mesh = Mesh::new(corners.map(|c| c.to_array()).to_vec(), vec![[0, 1, 2]]).expect("sound");
+            let degenerate = mesh.degenerate() > 0;
+            let exact = corners.iter().fold(DVec3::ZERO, |sum, c| sum + c.as_dvec3()) / 3.0;
+            let scene = Geometry::build(vec![Shape::from(mesh)]).expect("one");
+            let eye = at + along.cross(across).normalize() * 2.0;
+            let ray = Ray::new(eye, (exact - eye.as_dvec3()).as_vec3());
+            let Some(hit) = scene.closest(&ray) else {
+                assert!(degenerate || exponent > 6, "aspect {aspect}: missed");
+                continue;
+            };
+            let point = scene.surface(&ray, &hit);
+            // The ray is rounded too, by at most half an ulp of its length.
+            let bound = f64::from(point.error.length()) + 4.0 * f64::from(f32::EPSILON);
+            let off = (point.position.as_dvec3() - exact).length();
+            assert!(off <= bound * f64::from(aspect) && (hit.t - 1.0).abs() <= 1e-5, "aspect {aspect}: {off}, {hit:?}");
+        }
     }
 }

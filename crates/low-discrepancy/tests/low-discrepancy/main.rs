@@ -1,8 +1,6 @@
-//! Integration tests in one program, so that shared code is linked and instantiated once.
+//! Integration tests of the crate in one program, which links their dependencies once.
 
-mod common;
-mod conformance;
 mod convergence;
-mod four_dimensions;
-mod hard_cases;
 mod nets;
+mod sets;
+mod support;

@@ -1,11 +1,7 @@
 //! Integration tests of the crate in one program, which links their dependencies once.
 
-mod blocks;
-mod common;
+mod compare;
 mod flip;
-mod metrics;
-mod oracle;
-mod properties;
-mod reference;
+mod noise;
 mod statistics;
-mod student;
+mod support;

@@ -2,32 +2,19 @@
 
 #![allow(clippy::excessive_precision)]
 
+use crate::support::Random;
 use approx::assert_relative_eq;
 use dapple_metrics::{
     BOOTSTRAP_MIN_COUNT, Interval, IntervalMethod, StatisticsError, efficiency, geometric_mean_interval, log_log_fit,
-    mean_interval, ratio_interval, student_t_quantile,
+    mean_interval, ratio_interval, student_t_quantile, student_t_tail,
 };
 
 const A: [f64; 8] = [3.1e-3, 2.7e-3, 4.4e-3, 3.9e-3, 2.2e-3, 3.3e-3, 2.9e-3, 5.1e-3];
 const B: [f64; 8] = [4.0e-3, 2.9e-3, 5.9e-3, 4.1e-3, 3.5e-3, 3.6e-3, 3.0e-3, 6.6e-3];
 const N: [f64; 8] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0];
 
-/// Nearly normal numbers: sums of twelve uniform ones by SplitMix64 [after Steele 2014].
-struct Normal(u64);
-
-impl Normal {
-    fn next(&mut self) -> f64 {
-        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
-    }
-
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ z >> 31) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-}
+/// Probability, degrees of freedom, quantile: 40 digits of mpmath rounded to 17, printed by `oracle.py` in the folder above.
+const QUANTILES: &str = include_str!("../quantiles.tsv");
 
 fn assert_interval(found: Interval, expected: [f64; 3]) {
     assert_relative_eq!([found.value, found.low, found.high][..], expected[..], max_relative = 1e-12);
@@ -77,44 +64,19 @@ fn a_method_does_not_win_against_itself() {
     }
 }
 
-#[test]
-fn swapping_the_methods_inverts_the_ratio() {
-    let [ab, ba] = [ratio_interval(&A, &B, 0.9).unwrap(), ratio_interval(&B, &A, 0.9).unwrap()];
-    let turned = [1.0 / ba.value, 1.0 / ba.high, 1.0 / ba.low];
-    assert_relative_eq!([ab.value, ab.low, ab.high][..], turned[..], max_relative = 1e-12);
-    // Pairing removes the seeds' common variation: unpaired, the interval would contain 1.
-    assert!(!ab.contains(1.0));
-    let [a, b] = [A, B].map(|errors| geometric_mean_interval(&errors, 0.9).unwrap());
-    assert!(a.high > b.low);
-}
-
 /// The number of intervals of `count` values that contain `truth`; the values are 1 plus noise.
 fn covered(count: usize, truth: f64, skewed: bool, trials: u64) -> u64 {
     let holds = |trial: &u64| {
-        let mut random = Normal(trial * 7919 + count as u64);
-        let mut value = || if skewed { -(1.0 - random.uniform()).ln() } else { 1.0 + random.next() };
+        let mut random = Random(trial * 7919 + count as u64);
+        // Exponential numbers, or nearly normal ones: sums of twelve uniform ones.
+        let mut value = || match skewed {
+            true => -(1.0 - random.next()).ln(),
+            false => 1.0 + (0..12).map(|_| random.next()).sum::<f64>() - 6.0,
+        };
         let values: Vec<f64> = (0..count).map(|_| value()).collect();
         mean_interval(&values, 0.95).unwrap().contains(truth)
     };
     (0..trials).filter(holds).count() as u64
-}
-
-#[test]
-fn student_intervals_contain_the_truth_in_95_of_100_cases() {
-    // Binomial of 4000 and 0.95: mean 3800, standard deviation 13.8; 4.9 of them (1e-6 both ways) are 67.
-    for count in [2, 3, 8, 31] {
-        let found = covered(count, 1.0, false, 4000);
-        assert!(found.abs_diff(3800) < 67, "{count}: {found}");
-    }
-    // Negative controls: a truth beside it, and intervals with the normal quantile in place of t's.
-    assert!(covered(31, 1.2, false, 4000) < 3733);
-    let normal = student_t_quantile(0.975, f64::INFINITY) / student_t_quantile(0.975, 2.0);
-    let narrow = (0..4000_u64).filter(|trial| {
-        let mut random = Normal(*trial);
-        let found = mean_interval(&[random.next(), random.next(), random.next()], 0.95).unwrap();
-        found.value.abs() < (found.high - found.value) * normal
-    });
-    assert!(narrow.count() < 3733);
 }
 
 #[test]
@@ -140,20 +102,6 @@ fn a_power_law_is_found_exactly() {
     assert!(fit.deviation < 1e-14 && fit.slope.high - fit.slope.low < 1e-13);
     assert_relative_eq!(fit.predict(9.0), 0.25 / 27.0, max_relative = 1e-13);
     assert_relative_eq!(fit.solve(0.25 / 27.0), 9.0, max_relative = 1e-13);
-}
-
-#[test]
-fn slopes_of_noisy_points_lie_in_their_intervals() {
-    // 95 % of 4000 fits, as above; the control looks for another slope.
-    let found = [-1.0, -1.1].map(|truth| {
-        let fits = (0..4000_u64).filter(|seed| {
-            let mut random = Normal(seed << 20);
-            let errors = N.map(|n| 0.1 / n * (0.1 * random.next()).exp());
-            log_log_fit(&N, &errors, 0.95).unwrap().slope.contains(truth)
-        });
-        fits.count() as u64
-    });
-    assert!(found[0].abs_diff(3800) < 67 && found[1] < 3733, "{found:?}");
 }
 
 #[test]
@@ -186,4 +134,62 @@ fn input_without_a_statistic_is_refused() {
     assert_eq!(log_log_fit(&N[..2], &A[..2], 0.95), Err(E::TooFew { found: 2, needed: 3 }));
     assert_eq!(log_log_fit(&[4.0; 3], &A[..3], 0.95), Err(E::SameAbscissa { x: 4.0 }));
     assert_eq!(log_log_fit(&N, &A[1..], 0.95), Err(E::Lengths { lengths: [8, 7] }));
+}
+
+#[test]
+fn quantiles_are_accurate_to_1e_12() {
+    let rows: Vec<Vec<f64>> =
+        QUANTILES.lines().skip(1).map(|row| row.split('\t').map(|x| x.parse().unwrap()).collect()).collect();
+    assert_eq!(rows.len(), 81);
+    for row in rows {
+        let [probability, degrees, expected] = row[..] else { panic!("three columns: {row:?}") };
+        let found = student_t_quantile(probability, degrees);
+        let error = ((found - expected) / expected).abs();
+        assert!(error < 1e-12, "t({probability}, {degrees}) = {found} instead of {expected}: {error:e}");
+        // A rounding of the quantile moves far tails by more.
+        let tail = student_t_tail(expected.abs(), degrees) / probability.min(1.0 - probability) - 1.0;
+        assert!(degrees > 1e8 && degrees.is_finite() || tail.abs() < 1e-11, "{probability} {degrees}: {tail:e}");
+    }
+}
+
+#[test]
+fn one_and_two_degrees_of_freedom_have_closed_forms() {
+    for i in 1..1000 {
+        let p = f64::from(i) / 1000.0;
+        let cauchy = -1.0 / (std::f64::consts::PI * p).tan();
+        let second = (2.0 * p - 1.0) / (2.0 * p * (1.0 - p)).sqrt();
+        for (degrees, expected) in [(1.0, cauchy), (2.0, second)] {
+            let found = student_t_quantile(p, degrees);
+            assert!((found - expected).abs() <= 2e-12 * expected.abs() + 1e-15, "{p} {degrees}: {found} {expected}");
+        }
+    }
+}
+
+#[test]
+fn quantiles_are_symmetric_and_rise_with_probability_and_fall_with_degrees() {
+    for degrees in [0.5, 1.0, 3.7, 39.0, 41.0, 5e4, 99_999.0, 1e5, 1e6, f64::INFINITY] {
+        let at = |p| student_t_quantile(p, degrees);
+        assert_eq!(at(0.5), 0.0);
+        // Probabilities that have no rounding in 1 - p.
+        let probabilities = (1..1024).map(|i| f64::from(i) / 1024.0);
+        for p in probabilities.clone() {
+            assert_eq!(at(p), -at(1.0 - p), "{p} {degrees}");
+        }
+        assert!(probabilities.map(at).is_sorted_by(|a, b| a < b), "{degrees}");
+    }
+    let degrees = (1..400).map(|i| 1.05_f64.powi(i));
+    assert!(degrees.map(|v| student_t_quantile(0.975, v)).is_sorted_by(|a, b| a > b));
+}
+
+#[test]
+fn invalid_arguments_give_nan_and_ends_are_infinite() {
+    for (p, v) in [(-0.1, 3.0), (1.1, 3.0), (f64::NAN, 3.0), (0.5, 0.0), (0.5, -1.0), (0.5, f64::NAN)] {
+        assert!(student_t_quantile(p, v).is_nan(), "{p} {v}");
+    }
+    for v in [0.3, 3.0, 1e9, f64::INFINITY] {
+        assert_eq!([0.0, 1.0].map(|p| student_t_quantile(p, v)), [f64::NEG_INFINITY, f64::INFINITY]);
+    }
+    // -3e998 is no f64.
+    assert_eq!(student_t_quantile(1e-300, 0.3), f64::NEG_INFINITY);
+    assert!(student_t_quantile(0.9, f64::MIN_POSITIVE) == f64::INFINITY);
 }

@@ -1,28 +1,11 @@
-//! Every metric against closed forms, an independent implementation and statistics.
+//! Metrics against closed forms, an independent implementation, scikit-image and numpy; means of blocks and averages.
 
+use crate::support::{Random, SIZE, pixels, test_image};
 use approx::assert_relative_eq;
-use dapple_metrics::{Comparison, MetricsError, Pixels, WORST_BLOCK_SIZE, compare};
-
-/// Uniform numbers in [0, 1) by SplitMix64 [after Steele 2014].
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ z >> 31) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn image(&mut self, count: usize, value: impl Fn(f64) -> f64) -> Vec<[f32; 3]> {
-        (0..count).map(|_| std::array::from_fn(|_| value(self.next()) as f32)).collect()
-    }
-}
-
-fn pixels(size: [u32; 2], values: &[[f32; 3]]) -> Pixels<'_> {
-    Pixels::new(size, values).unwrap()
-}
+use dapple_metrics::{
+    Comparison, MetricsError, Pixels, WORST_BLOCK_SIZE, block_means, block_ratios, compare, downsample,
+};
+use proptest::prelude::*;
 
 fn figures(c: &Comparison) -> [f64; 9] {
     let worst = c.worst_block.rel_mse;
@@ -135,41 +118,6 @@ fn different_sizes_and_non_finite_references_are_refused_f11() {
     assert!(matches!(Pixels::new([0, 2], &[]), Err(MetricsError::Empty { .. })));
 }
 
-/// Student's t of the mean MSE of 64 pairs of 64x64 noise images of variance 1/12 against `expected`. `shared` is the
-/// share of the first image's noise in the second.
-fn t_of_noise_pairs(seed: u64, expected: f64, shared: f64) -> f64 {
-    let replicates = 64;
-    let size = [64, 64];
-    let mut random = Random(seed);
-    let found: Vec<f64> = (0..replicates)
-        .map(|_| {
-            let a = random.image(64 * 64, |u| u);
-            let mut b = random.image(64 * 64, |u| u);
-            for (b, a) in b.iter_mut().flatten().zip(a.iter().flatten()) {
-                *b += shared as f32 * (a - 0.5);
-            }
-            compare(pixels(size, &a), pixels(size, &b)).unwrap().mse
-        })
-        .collect();
-    let n = f64::from(replicates);
-    let mean = found.iter().sum::<f64>() / n;
-    let variance = found.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    (mean - expected) / (variance / n).sqrt()
-}
-
-#[test]
-fn the_mse_of_two_independent_noise_images_is_twice_their_variance_f11() {
-    // Student's t with 63 degrees of freedom exceeds 5.43 either way in 9.6e-7 of all runs.
-    const BOUND: f64 = 5.43;
-    let t = t_of_noise_pairs(2026, 2.0 / 12.0, 0.0);
-    assert!(t.abs() < BOUND, "t = {t}");
-    // Negative controls: a twentieth of the noise shared, and an expectation 1 % too high.
-    let t = t_of_noise_pairs(2026, 2.0 / 12.0, 0.05);
-    assert!(t < -BOUND, "the control passed: t = {t}");
-    let t = t_of_noise_pairs(2026, 2.0 / 12.0 * 1.01, 0.0);
-    assert!(t < -BOUND, "the control passed: t = {t}");
-}
-
 #[test]
 fn trimming_leaves_out_the_worst_0_1_percent_of_pixels() {
     let reference = vec![[1.0; 3]; 3000];
@@ -202,4 +150,108 @@ fn srgb8_mse_is_the_squared_step_of_8_bit_files() {
     assert_relative_eq!(found.srgb8_mse, 9.0, max_relative = 1e-4);
     let clipped = compare(pixels([1, 1], &[[7.0, 1.0, -3.0]]), pixels([1, 1], &[[1.0, 90.0, 0.0]])).unwrap();
     assert_eq!((clipped.srgb8_mse, clipped.psnr), (0.0, 200.0));
+}
+
+/// Image, reference; MSE, PSNR and MSE of sRGB values, SMAPE of scikit-image and numpy, printed by `oracle.py` in the folder
+/// above.
+#[allow(clippy::excessive_precision)]
+const EXPECTED: [(&str, &str, [f64; 4]); 4] = [
+    ("noisy", "smooth", [1.298656066258748e-03, 29.702846712007, 1.070817176265140e-03, 9.707145595643646e-02]),
+    ("brighter", "smooth", [1.518295870886909e-03, 29.738738744090, 1.062003934190194e-03, 1.056066785568985e-01]),
+    ("shifted", "smooth", [1.795450846354167e-03, 27.442052223588, 1.802165940622338e-03, 3.400569584285602e-02]),
+    ("noise", "smooth", [1.334537929958767e-01, 10.777586973012, 8.360674249827491e-02, 6.839478185780016e-01]),
+];
+
+#[test]
+fn metrics_match_scikit_image() {
+    for (image, reference, expected) in EXPECTED {
+        let [image, reference] = [image, reference].map(test_image);
+        let found = compare(pixels(SIZE, &image), pixels(SIZE, &reference)).unwrap();
+        let found = [found.mse, found.psnr, found.display_mse, found.smape];
+        assert_relative_eq!(found[..], expected[..], max_relative = 1e-12);
+    }
+}
+
+fn ramp(count: usize) -> Vec<[f32; 3]> {
+    (0..count).map(|i| [i as f32, 2.0 * i as f32, 1.0]).collect()
+}
+
+#[test]
+fn block_means_are_those_of_whole_blocks() {
+    let image = ramp(35);
+    let blocks = block_means(pixels([7, 5], &image), [3, 2]).unwrap();
+    assert_eq!(blocks.count, [2, 2]);
+    // The first block: 0, 1, 2, 7, 8, 9; the next is 3 to the right, then 14 down.
+    assert_eq!(blocks.means.iter().map(|m| m[0]).collect::<Vec<_>>(), [4.5, 7.5, 18.5, 21.5]);
+    assert_eq!(blocks.means[3], [21.5, 43.0, 1.0]);
+    for block in [[0, 1], [8, 1], [1, 6]] {
+        assert_eq!(block_means(pixels([7, 5], &image), block), Err(MetricsError::Block { block, size: [7, 5] }));
+    }
+}
+
+#[test]
+fn dark_blocks_do_not_count_in_ratios_and_percentiles() {
+    // Blocks of one pixel. The median is 2; 2 % of it is 0.04, so 0 and 0.03 do not count, 0.05 does.
+    let reference = [0.0, 0.03, 0.05, 2.0, 2.0, 4.0, 8.0].map(|v| [v; 3]);
+    let image = [9.0, 9.0, 0.05, 1.0, 2.0, 6.0, 16.0].map(|v| [v, v, 0.0]);
+    let ratios = block_ratios(pixels([7, 1], &image), pixels([7, 1], &reference), [1, 1]).unwrap();
+    assert_eq!(ratios.count(0), 5);
+    assert_eq!(ratios.sorted(1), [0.5, 1.0, 1.0, 1.5, 2.0]);
+    assert_eq!([ratios.percentile(0.0)[0], ratios.percentile(50.0)[0], ratios.percentile(100.0)[0]], [0.5, 1.0, 2.0]);
+    assert_relative_eq!(ratios.percentile(90.0)[1], 1.8, max_relative = 1e-12);
+    assert_eq!(ratios.percentile(50.0)[2], 0.0);
+    // A channel that is dark beside the others does not count: 2 % of the median of 1, 1 and 0.01 is 0.02.
+    let blue = block_ratios(pixels([1, 1], &image[..1]), pixels([1, 1], &[[1.0, 1.0, 0.01]]), [1, 1]).unwrap();
+    assert_eq!([0, 1, 2].map(|c| blue.count(c)), [1, 1, 0]);
+    let black = [[0.0; 3]; 7];
+    let none = block_ratios(pixels([7, 1], &image), pixels([7, 1], &black), [1, 1]).unwrap();
+    assert!(none.count(0) == 0 && none.percentile(50.0)[0].is_nan());
+}
+
+#[test]
+fn downsampling_averages_by_area() {
+    let image = ramp(6);
+    // Three columns to two: each new one holds an old one and half of the middle one.
+    let found = downsample(pixels([3, 2], &image), [2, 1]).unwrap();
+    // Columns hold 0, 3 | 1, 4 | 2, 5: means 1.5, 2.5, 3.5.
+    assert_relative_eq!(found[0][0], (1.5 + 0.5 * 2.5) / 1.5, max_relative = 1e-6);
+    assert_relative_eq!(found[1][0], (0.5 * 2.5 + 3.5) / 1.5, max_relative = 1e-6);
+    assert_eq!(downsample(pixels([3, 2], &image), [3, 2]).unwrap(), image);
+    for target in [[4, 2], [3, 3], [0, 1]] {
+        assert_eq!(downsample(pixels([3, 2], &image), target), Err(MetricsError::Target { size: [3, 2], target }));
+    }
+}
+
+fn wild() -> impl Strategy<Value = Vec<[f32; 3]>> {
+    let value = prop_oneof![-1.0_f32..4.0, Just(0.0), 1e-6_f32..1e-3, 10.0_f32..1e6];
+    proptest::collection::vec([value.clone(), value.clone(), value], 45)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    #[test]
+    fn powers_of_two_scale_exactly(a in wild(), b in wild(), k in -10_i32..10) {
+        let by = 2.0_f32.powi(k);
+        let of = |by: f32| {
+            let [a, b] = [&a, &b].map(|image| image.iter().map(|p| p.map(|v| v * by)).collect::<Vec<_>>());
+            compare(pixels([9, 5], &a), pixels([9, 5], &b)).unwrap()
+        };
+        let [plain, scaled] = [of(1.0), of(by)];
+        prop_assert_eq!(scaled.mse, plain.mse * f64::from(by) * f64::from(by));
+        prop_assert_eq!((scaled.smape, scaled.mean_ratio), (plain.smape, plain.mean_ratio));
+    }
+
+    #[test]
+    fn downsampling_keeps_the_mean_and_the_range(a in wild(), w in 1_u32..=9, h in 1_u32..=5) {
+        let small = downsample(pixels([9, 5], &a), [w, h]).unwrap();
+        for c in 0..3 {
+            let mean = |p: &[[f32; 3]]| p.iter().map(|v| f64::from(v[c])).sum::<f64>() / p.len() as f64;
+            let size = a.iter().map(|v| f64::from(v[c].abs())).sum::<f64>() / 45.0;
+            prop_assert!((mean(&small) - mean(&a)).abs() <= 1e-6 * size);
+            let most = a.iter().map(|v| v[c]).fold(f32::MIN, f32::max);
+            let least = a.iter().map(|v| v[c]).fold(f32::MAX, f32::min);
+            prop_assert!(small.iter().all(|v| (least..=most).contains(&v[c])));
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! Error metrics against a noisy reference.
+//! Error metrics against a noisy reference, and the difference of two images that are known by noisy renders only.
 
 use crate::compare::{RELATIVE_EPSILON, check};
 use crate::sum::Sum;
@@ -122,4 +122,113 @@ fn check_variance(image: Pixels<'_>, variance: Pixels<'_>) -> Result<(), Metrics
 
 fn channels(image: Pixels<'_>) -> impl Iterator<Item = f64> {
     image.values.as_flattened().iter().map(|&v| f64::from(v))
+}
+
+/// The fewest renders of each image that [`difference`] accepts: two for the numerator, two more for the denominator.
+pub const LEAST_RENDERS: usize = 4;
+
+/// An estimate from independent renders, with its standard error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// The estimated value.
+    pub value: f64,
+    /// The standard error of `value` by the jackknife over n renders, with n - 1 degrees of freedom [after Tukey 1958].
+    pub standard_error: f64,
+}
+
+/// The difference of two images without the noise of their renders, from [`difference`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Difference {
+    /// Mean of `(b - a)^2 / (a^2 + 0.01)` over pixels and channels: relMSE of the noiseless `b` against the noiseless
+    /// `a`. The numerator is unbiased, so the estimate can be below 0 if the images hardly differ.
+    pub rel_mse: Measured,
+    /// The fraction of the mean radiance of `a`, over all channels, that is missing in `b`; below 0 if `b` is brighter.
+    pub mean_lost: Measured,
+}
+
+/// Estimates the difference of images `a` and `b` from independent renders of each.
+///
+/// Renders `a[i]` and `b[i]` may share a seed, which reduces the noise of their difference. `a[i]` and `a[j]` must not.
+///
+/// The square of `b - a` is estimated by `(b[s] - a[s]) (b[t] - a[t])`, averaged over all pairs of renders s and t.
+/// Independent noise then cancels. The `a` of the denominator is the mean of the remaining renders. (If it included all
+/// renders, numerator and denominator would share noise. At a difference of a tenth and noise of a quarter, the value
+/// would be a fifth too small.) The nonlinear denominator leaves a bias: with a relative noise `s` of its mean, the
+/// value is too large by about `3 s^2`. A non-finite channel counts as 0.
+///
+/// ```
+/// # use dapple_metrics::{Pixels, difference};
+/// let noisy = |value: f32| [-0.01, 0.01, 0.02, -0.02].map(|noise| vec![[value + noise; 3]; 16]);
+/// let [a, b] = [noisy(0.5), noisy(0.4)];
+/// # fn pixels(renders: &[Vec<[f32; 3]>]) -> Result<Vec<Pixels<'_>>, dapple_metrics::MetricsError> {
+/// #     renders.iter().map(|render| Pixels::new([4, 4], render)).collect()
+/// # }
+/// let found = difference(&pixels(&a)?, &pixels(&b)?)?;
+/// assert!((found.mean_lost.value - 0.2).abs() < 1e-6);
+/// # Ok::<(), dapple_metrics::MetricsError>(())
+/// ```
+///
+/// # Errors
+/// [`MetricsError::FewRenders`] below [`LEAST_RENDERS`] or for different numbers of renders; [`MetricsError::Sizes`] if
+/// any two renders differ in size.
+pub fn difference(a: &[Pixels<'_>], b: &[Pixels<'_>]) -> Result<Difference, MetricsError> {
+    let n = a.len();
+    if n < LEAST_RENDERS || b.len() != n {
+        return Err(MetricsError::FewRenders { renders: [n, b.len()] });
+    }
+    if let Some(other) = a.iter().chain(b).find(|p| p.size != a[0].size) {
+        return Err(MetricsError::Sizes { image: other.size, reference: a[0].size });
+    }
+    let channels = 3 * a[0].values.len();
+    let mut products = vec![Sum::default(); n * n];
+    let (mut means_a, mut means_b) = (vec![Sum::default(); n], vec![Sum::default(); n]);
+    let (mut known, mut apart) = (vec![0.0; n], vec![0.0; n]);
+    for i in 0..channels {
+        let value = |p: &Pixels<'_>| {
+            let x = p.values[i / 3][i % 3];
+            if x.is_finite() { f64::from(x) } else { 0.0 }
+        };
+        for k in 0..n {
+            let (x, y) = (value(&a[k]), value(&b[k]));
+            means_a[k].add(x);
+            means_b[k].add(y);
+            (known[k], apart[k]) = (x, y - x);
+        }
+        let sum: f64 = known.iter().sum();
+        for (s, t) in pairs(n, n) {
+            let mean = (sum - known[s] - known[t]) / (n - 2) as f64;
+            products[s * n + t].add(apart[s] * apart[t] / (mean * mean + RELATIVE_EPSILON));
+        }
+    }
+    let products: Vec<f64> = products.into_iter().map(|s| s.value() / channels as f64).collect();
+    let rel_mse = |skip: usize| {
+        let of: Vec<f64> = pairs(n, skip).map(|(s, t)| products[s * n + t]).collect();
+        of.iter().sum::<f64>() / of.len() as f64
+    };
+    let rel_mse: Vec<f64> = (0..=n).map(rel_mse).collect();
+    let [a, b] = [means_a, means_b].map(|means| means.into_iter().map(Sum::value).collect::<Vec<_>>());
+    let lost = |skip: usize| {
+        let of = |sums: &[f64]| sums.iter().enumerate().filter(|(k, _)| *k != skip).map(|(_, s)| s).sum::<f64>();
+        let (a, b) = (of(&a), of(&b));
+        if a == b { 0.0 } else { (a - b) / a.abs().max(1e-20) }
+    };
+    let mean_lost: Vec<f64> = (0..=n).map(lost).collect();
+    Ok(Difference { rel_mse: jackknife(&rel_mse), mean_lost: jackknife(&mean_lost) })
+}
+
+/// All pairs of two numbers in `0..n` other than `skip`, each pair once.
+fn pairs(n: usize, skip: usize) -> impl Iterator<Item = (usize, usize)> {
+    let kept = move |k: &usize| *k != skip;
+    (0..n).filter(kept).flat_map(move |s| (s + 1..n).filter(kept).map(move |t| (s, t)))
+}
+
+/// The jackknife estimate and its standard error [after Tukey 1958]. The last of `estimates` uses all renders; each of
+/// the others leaves out one render.
+fn jackknife(estimates: &[f64]) -> Measured {
+    let (without, all) = (&estimates[..estimates.len() - 1], estimates[estimates.len() - 1]);
+    let n = without.len() as f64;
+    let mean = without.iter().sum::<f64>() / n;
+    let squares: f64 = without.iter().map(|x| (x - mean).powi(2)).sum();
+    Measured { value: all, standard_error: ((n - 1.0) / n * squares).sqrt() }
 }

@@ -1,13 +1,11 @@
-//! Made-up surfaces, and a renderer of noise.
-#![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
+//! Made-up surfaces, and plans of them.
+#![allow(unreachable_pub)]
 
 use dapple_cluster_adaptive::{
     ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeHit, ProbeRay, ProbeSource, Probes, probe,
 };
 use dapple_clustering::Cluster;
-use dapple_core::{
-    Block, Draws, Error, Estimate, Film, Frame, Integrator, Limits, Plan, Progress, Render, Sampler, Worker,
-};
+use dapple_core::{Error, Film, Frame, Plan, Progress, Sampler};
 use dapple_low_discrepancy::Random;
 
 /// A cluster that fills this box, facing z.
@@ -72,25 +70,6 @@ pub fn probing(
 pub const LOOK: [[f32; 4]; 4] =
     [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, -1.0, 0.0]];
 
-/// An integrator from a closure of the pixel and four numbers.
-pub struct Field<F>(pub F);
-
-impl<F: Fn([u32; 2], [f32; 4]) -> f32 + Sync> Integrator for Field<F> {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
-        let value = (self.0)(draws.pixel(), draws.block(Block::new(0)));
-        Estimate::new([value; 3])
-    }
-}
-
-pub fn run(
-    integrator: &mut dyn Integrator,
-    sampler: &mut dyn Sampler,
-    frame: Frame,
-    limits: &Limits,
-) -> Result<Film, Error> {
-    Render::new(frame, limits).run(integrator, sampler)
-}
-
 /// The counts of a first round, by the rules of the render loop.
 pub fn first_counts(sampler: &mut dyn Sampler, frame: Frame, total: u64, bounds: [u32; 2]) -> Result<Vec<u32>, Error> {
     let film = Film::new(frame, sampler.needs());
@@ -100,6 +79,25 @@ pub fn first_counts(sampler: &mut dyn Sampler, frame: Frame, total: u64, bounds:
         Progress::Trace => Ok(plan.counts),
         Progress::Done => Ok(vec![0; frame.pixels()]),
     }
+}
+
+/// The counts of a sampler planned from probes, for so many samples in all.
+pub fn planned(
+    probes: &Probes,
+    clusters: &[Cluster],
+    size: ClusterSize,
+    options: ClusterThesisOptions,
+    total: u64,
+) -> Vec<u32> {
+    let mut sampler = ClusterThesis::with_options(Random::new(1), probes, clusters, size, options).unwrap();
+    let counts = first_counts(&mut sampler, *probes.frame(), total, [1, 1000]).unwrap();
+    assert_eq!(sum(&counts), total);
+    counts
+}
+
+/// The probes through the centres of a frame's pixels.
+pub fn centres(frame: Frame, labels: &[u32], shoot: impl Fn(ProbeRay) -> Option<ProbeHit> + Sync) -> Probes {
+    probe(&frame, Placement::Centre, &Random::new(1), labels, shoot).unwrap()
 }
 
 pub fn sum(counts: &[u32]) -> u64 {

@@ -1,5 +1,4 @@
 //! Integrands and statistics that several tests share.
-#![allow(dead_code, reason = "each test takes a part")]
 
 use dapple_core::{PointSet, SampleId};
 use dapple_low_discrepancy::{
@@ -98,17 +97,4 @@ pub(crate) fn rms(numbers: impl Iterator<Item = f64>) -> f64 {
         n += 1.0;
     }
     (sum / n).sqrt()
-}
-
-/// The least-squares slope of log y against log x.
-pub(crate) fn log_slope(points: &[(f64, f64)]) -> f64 {
-    let n = points.len() as f64;
-    let logs: Vec<(f64, f64)> = points.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
-    let (mx, my) = (logs.iter().map(|p| p.0).sum::<f64>() / n, logs.iter().map(|p| p.1).sum::<f64>() / n);
-    let (mut above, mut below) = (0.0, 0.0);
-    for (x, y) in logs {
-        above += (x - mx) * (y - my);
-        below += (x - mx) * (x - mx);
-    }
-    above / below
 }

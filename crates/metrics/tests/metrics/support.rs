@@ -1,4 +1,27 @@
-//! The same images as in `oracle.py`.
+//! Random numbers, and the same images as in `oracle.py`.
+
+use dapple_metrics::Pixels;
+
+/// Uniform numbers in [0, 1) by SplitMix64 [after Steele 2014].
+pub(crate) struct Random(pub(crate) u64);
+
+impl Random {
+    pub(crate) fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ z >> 31) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    pub(crate) fn image(&mut self, count: usize, value: impl Fn(f64) -> f64) -> Vec<[f32; 3]> {
+        (0..count).map(|_| std::array::from_fn(|_| value(self.next()) as f32)).collect()
+    }
+}
+
+pub(crate) fn pixels(size: [u32; 2], values: &[[f32; 3]]) -> Pixels<'_> {
+    Pixels::new(size, values).unwrap()
+}
 
 pub(crate) const SIZE: [u32; 2] = [64, 48];
 

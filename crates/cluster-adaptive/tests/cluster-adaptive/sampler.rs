@@ -1,14 +1,101 @@
-//! Clusters that know the lights' visibility.
+//! The sampler conforms in every combination, reads no radiance, and knows the lights' visibility.
 
-use crate::common::*;
+use crate::support::*;
 use dapple_cluster_adaptive::{
-    ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeRay, ProbeSource, TraceVisibility, probe,
-    visibility_variances,
+    AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, PixelArea, Placement, ProbeRay, ProbeSource,
+    RateMap, TraceVisibility, probe, visibility_variances,
 };
-use dapple_conformance::sampler;
-use dapple_core::Sampler as _;
-use dapple_low_discrepancy::Random;
+use dapple_clustering::Triangles;
+use dapple_conformance::toys::Field;
+use dapple_conformance::{Spending, sampler, sampler_on_frames};
+use dapple_core::{Budget, Limits, Render, Sampler as _};
+use dapple_low_discrepancy::{Random, Sobol};
 use std::sync::Arc;
+
+#[test]
+fn the_published_combination_conforms() {
+    let published = || probing(1, Placement::Centre, ClusterSize::ProjectedBox, ClusterThesisOptions::default());
+    sampler(|| Box::new(published()));
+}
+
+#[test]
+fn it_conforms_with_probes_made_beforehand() {
+    let make = |frame: &dapple_core::Frame| {
+        let made = ClusterThesis::published(Sobol::new(5), &probes(frame, Placement::Centre), &clusters());
+        Box::new(made.unwrap()) as Box<dyn dapple_core::Sampler>
+    };
+    sampler_on_frames(make, Spending::Exact);
+}
+
+fn area_vectors() -> ClusterSize {
+    let positions = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let indices = [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]];
+    let triangles = Triangles::new(&positions, &indices);
+    ClusterSize::ProjectedTriangles(AreaVectors::new(&triangles, &LABELS, 4).unwrap())
+}
+
+#[test]
+fn other_combinations_conform() {
+    let corrected = ClusterThesisOptions::default().pixel(PixelArea::Footprint).angle(0.0).distance(0.0);
+    for (placement, size, options) in [
+        (Placement::Jittered(4), ClusterSize::Hits, corrected.map(RateMap::Identity)),
+        (Placement::Jittered(3), area_vectors(), corrected.map(RateMap::Log)),
+        (Placement::Centre, ClusterSize::ScreenBox(LOOK), corrected.min(1).max(0)),
+        (Placement::Centre, ClusterSize::ProjectedBox, corrected.angle(3.0).max(64)),
+    ] {
+        sampler(|| Box::new(probing(2, placement, size.clone(), options)));
+    }
+}
+
+#[test]
+fn the_description_has_all_parameters() {
+    let sampler = probing(1, Placement::Jittered(4), ClusterSize::Hits, ClusterThesisOptions::default());
+    let said = dapple_core::Sampler::describe(&sampler);
+    let wanted = "cluster-thesis:probes=4,size=hits,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0,lights=0,policy=a-priori";
+    assert_eq!(said, wanted);
+}
+
+#[test]
+fn probes_of_another_frame_are_refused() {
+    let probes = probes(&frame(8, 8), Placement::Centre);
+    let mut sampler = ClusterThesis::published(Random::new(1), &probes, &clusters()).unwrap();
+    let refused = first_counts(&mut sampler, frame(8, 9), 1000, [1, 100]).unwrap_err().to_string();
+    assert!(refused.contains("[8, 8]") && refused.contains("[8, 9]"), "{refused}");
+    let crop = frame(16, 16).crop(0, 0, 8, 8).unwrap();
+    assert!(first_counts(&mut sampler, crop, 1000, [1, 100]).is_err(), "a window of the same size is another frame");
+}
+
+#[test]
+fn probing_later_is_probing_before() {
+    let size = frame(19, 18);
+    let mut later = probing(3, Placement::Jittered(2), ClusterSize::ProjectedBox, ClusterThesisOptions::default());
+    let handle = later.handle();
+    assert!(handle.cost().is_none());
+    let counts = first_counts(&mut later, size, 16 * 342, [1, 1000]).unwrap();
+    let cost = handle.cost().unwrap();
+    assert!(cost.rays == 2 * 342 && cost.seconds > 0.0, "{cost:?}");
+    let probes = probes(&size, Placement::Jittered(2));
+    assert_eq!(handle.probes().unwrap().all(), probes.all());
+    assert_eq!(handle.probes().unwrap().cluster_map().len(), 342);
+    let size_of = ClusterSize::ProjectedBox;
+    let mut before =
+        ClusterThesis::with_options(Random::new(3), &probes, &clusters(), size_of, ClusterThesisOptions::default())
+            .unwrap();
+    assert_eq!(first_counts(&mut before, size, 16 * 342, [1, 1000]).unwrap(), counts);
+}
+
+/// Two images with nothing in common have the same counts. So they do not bias the image.
+#[test]
+fn counts_do_not_read_radiance_a01() {
+    let (at, pixels) = (frame(64, 64), 64 * 64);
+    let limits = Limits::new(Budget::Recorded(vec![pixels, 3 * pixels + 1, 10 * pixels]));
+    let ours = || probing(1, Placement::Centre, ClusterSize::ProjectedBox, ClusterThesisOptions::default());
+    let dark = Render::new(at, &limits).run(&mut Field(|_, _| [0.0; 3]), &mut ours()).unwrap();
+    let mut noisy = Field(|[x, y]: [u32; 2], u: [f32; 4]| [if x > y { f32::NAN } else { 100.0 * u[0] }; 3]);
+    let bright = Render::new(at, &limits).run(&mut noisy, &mut ours()).unwrap();
+    assert_eq!(dark.counts(), bright.counts());
+    assert!(dark.counts().iter().max() > dark.counts().iter().min());
+}
 
 /// The floor's side in clusters. Each covers 2 x 2 pixels.
 const SIDE: u32 = 32;
@@ -52,16 +139,13 @@ fn mean_counts(sampler: &mut ClusterThesis<Random>) -> ([f64; 3], Vec<u32>) {
     let (mut sums, mut pixels) = ([0.0; 3], [0.0; 3]);
     for (i, &count) in counts.iter().enumerate() {
         let x = place([(i as u32 % (2 * SIDE)) as f32 + 0.5, 0.0]);
-        let part = if x > 0.75 {
-            0
-        } else if x.abs() < 0.3 {
-            1
-        } else {
-            2
+        let part = match x {
+            0.75.. => 0,
+            -0.3..0.3 => 1,
+            ..-0.75 => 2,
+            _ => continue,
         };
-        if part < 2 || x < -0.75 {
-            (sums[part], pixels[part]) = (sums[part] + f64::from(count), pixels[part] + 1.0);
-        }
+        (sums[part], pixels[part]) = (sums[part] + f64::from(count), pixels[part] + 1.0);
     }
     ([0, 1, 2].map(|k| sums[k] / pixels[k]), counts)
 }
@@ -103,17 +187,6 @@ fn clusters_in_the_penumbra_get_more_samples_than_those_in_full_light_or_shadow(
         assert!((penumbra - light).abs() < 0.1 && (penumbra - shadow).abs() < 0.1);
         assert!(counts.iter().all(|&n| n == 64));
     }
-}
-
-#[test]
-fn without_shadow_rays_counts_stay_as_they_are() {
-    let size = ClusterSize::ProjectedBox;
-    let mut plain = probing(3, Placement::Jittered(2), size.clone(), ClusterThesisOptions::default());
-    let mut off =
-        probing(3, Placement::Jittered(2), size, ClusterThesisOptions::default()).with_visibility(half_hidden());
-    let counts =
-        |sampler: &mut ClusterThesis<Random>| first_counts(sampler, frame(19, 18), 16 * 342, [1, 1000]).unwrap();
-    assert_eq!(counts(&mut plain), counts(&mut off));
 }
 
 #[test]

@@ -1,9 +1,33 @@
-//! Hard cases for every point set. Test names end with their catalogue ids.
+//! Conformance and hard cases of every point set. Test names end with their catalogue ids.
 
-use crate::common::{all_sets, coupled_sets, every_set, id};
+use crate::support::{all_sets, coupled_sets, every_set, id};
 use dapple_conformance::statistics::{Mean, sidak};
-use dapple_core::{PointSet, streams};
-use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified, ZSobol};
+use dapple_core::PointSet;
+use dapple_low_discrepancy::{BlueNoise, BlueNoiseKeys, Halton, LowDiscrepancy, Random, Sobol, Stratified, ZSobol};
+
+/// Sets beside [`every_set`], with other seeds and counts.
+fn more_sets() -> Vec<Box<dyn PointSet>> {
+    vec![
+        Box::new(Random::new(1)),
+        Box::new(Stratified::new(0, 4).unwrap()),
+        Box::new(Stratified::new(1, 9).unwrap()),
+        Box::new(Sobol::new(1)),
+        Box::new(Sobol::new(u64::MAX)),
+        Box::new(LowDiscrepancy::new(0, 16).unwrap()),
+        Box::new(ZSobol::new(0, 1).unwrap()),
+        Box::new(ZSobol::new(1, 16).unwrap()),
+        Box::new(BlueNoise::new(1, Halton::new(1))),
+        Box::new(BlueNoise::new(2, Stratified::new(2, 4).unwrap())),
+        Box::new(BlueNoiseKeys::new(u64::MAX)),
+    ]
+}
+
+#[test]
+fn every_set_conforms() {
+    for points in every_set(0).into_iter().chain(more_sets()) {
+        dapple_conformance::point_set(&*points);
+    }
+}
 
 const BELOW_ONE: f32 = 1.0 - 1.0 / 16_777_216.0;
 
@@ -26,17 +50,11 @@ fn half_open_interval(draws: u64) {
     }
 }
 
-/// 2 * 10^6 coordinates of each set; 10^7 and 10^9 are tested below. The unit tests of `keys.rs` cover the input of all
+/// 2 * 10^6 coordinates of each set; 10^9 are tested below. The unit tests of `keys.rs` cover the input of all
 /// ones, and `floor(u n) < n` for every `n` up to 2^24.
 #[test]
 fn two_million_coordinates_lie_in_the_half_open_interval_s01() {
     half_open_interval(2_000_000);
-}
-
-#[test]
-#[ignore = "8 s: 10^7 coordinates of each set; 2 * 10^6 are tested always"]
-fn coordinates_lie_in_the_half_open_interval_s01() {
-    half_open_interval(10_000_000);
 }
 
 /// `cargo test --release -p dapple-low-discrepancy --test low-discrepancy hard_cases:: -- --ignored s01`
@@ -64,40 +82,17 @@ fn any_sample_can_be_computed_alone_s03() {
     }
 }
 
-/// The bound on a correlation of neighbours, in standard errors.
-const BOUND: f64 = 4.5;
-
-/// The deviation of the correlation of uniform numbers from 0, in standard errors.
-fn z(a: impl Iterator<Item = f32>, b: impl Iterator<Item = f32>) -> f64 {
-    let (mut sum, mut n) = (0.0, 0.0_f64);
-    for (a, b) in a.zip(b) {
-        sum += 12.0 * (f64::from(a) - 0.5) * (f64::from(b) - 0.5);
-        n += 1.0;
-    }
-    sum / n.sqrt()
-}
-
-#[test]
-fn every_third_coordinate_of_a_thousand_bounces_is_uncorrelated_s04() {
-    check_correlations(3);
-}
-
-#[test]
-#[ignore = "12 s: every two of 50 coordinates; of every third, every two are tested always"]
-fn a_thousand_bounces_are_uncorrelated_s04() {
-    check_correlations(1);
-}
-
-/// Coordinates of 1000 bounces with four blocks each are uncorrelated. Every `step`-th coordinate is tested.
+/// Coordinates of 1000 bounces with four blocks each are uncorrelated.
 ///
-/// 40 coordinates are spread over all 16,000 and over powers of two, where a table would wrap around (1024 in pbrt-v3).
+/// 17 coordinates are spread over all 16,000 and over powers of two, where a table would wrap around (1024 in pbrt-v3).
 /// Every two are correlated over 512 samples in each of 128 pixels, which are replicates. The false alarm rate is 1e-6
 /// per set. The bound for independent numbers is a correlation of 0.025.
-fn check_correlations(step: usize) {
+#[test]
+fn every_third_coordinate_of_a_thousand_bounces_is_uncorrelated_s04() {
     const PIXELS: u32 = 128;
     const SAMPLES: u64 = 512;
     let spread = (0..32).map(|k| 8 + k * 515);
-    let dimensions: Vec<u32> = (0..8).chain(spread).chain((4..14).map(|k| 1 << k)).step_by(step).collect();
+    let dimensions: Vec<u32> = (0..8).chain(spread).chain((4..14).map(|k| 1 << k)).step_by(3).collect();
     assert!(*dimensions.iter().max().unwrap() > 15_970);
     let pairs = dimensions.len() * (dimensions.len() - 1) / 2;
     for points in all_sets(1) {
@@ -179,103 +174,34 @@ fn counters_of_a_large_image_do_not_overflow_s05() {
 #[test]
 fn batches_equal_one_go_s07() {
     for points in every_set(2) {
-        let whole: Vec<_> = (0..64).map(|i| points.block(id([9, 9], 0, i), 2).map(f32::to_bits)).collect();
-        for sizes in [vec![64], vec![4; 16], vec![1; 64], vec![13, 51]] {
-            let mut drawn = Vec::new();
-            for size in sizes {
-                let start = drawn.len() as u64;
-                drawn.extend((start..start + size).map(|i| points.block(id([9, 9], 0, i), 2).map(f32::to_bits)));
-            }
-            assert_eq!(drawn, whole, "{}", points.describe());
+        let read = |i: u64| points.block(id([9, 9], 0, i), 2).map(f32::to_bits);
+        let whole: Vec<_> = (0..64).map(read).collect();
+        for size in [4, 1, 13] {
+            let batches = (0..64).step_by(size).flat_map(|start| (start..start + size as u64).map(read));
+            assert!(batches.zip(&whole).all(|(a, b)| a == *b), "{}", points.describe());
         }
     }
 }
 
-/// The first 64 coordinates at five lags, over 16,384 pixels: 320 comparisons per set.
-#[test]
-fn neighbouring_pixels_are_uncorrelated_s08() {
-    let side = 128_u32;
-    for points in all_sets(5) {
-        for block in 0..16 {
-            let wide = side + 64;
-            let image: Vec<[f32; 4]> =
-                (0..wide * wide).map(|p| points.block(id([p % wide, p / wide], 0, 1), block)).collect();
-            for lag in [[1, 0], [0, 1], [1, 1], [64, 0], [16, 0]] {
-                for k in [0, 1, 2, 3] {
-                    let at = |x: u32, y: u32| image[(y * wide + x) as usize][k];
-                    let pixels = || (0..side).flat_map(|y| (0..side).map(move |x| (x, y)));
-                    let here = pixels().map(|(x, y)| at(x, y));
-                    let there = pixels().map(|(x, y)| at(x + lag[0], y + lag[1]));
-                    let z = z(here, there);
-                    assert!(
-                        z.abs() < BOUND,
-                        "{}: lag {lag:?}, block {block}, coordinate {k}: {z:.1}",
-                        points.describe()
-                    );
-                }
-            }
-        }
-    }
-}
-
+/// Neighbouring seeds, and seeds that differ in one bit, are as good as unrelated ones. Pixels and streams are among what
+/// conformance checks.
 #[test]
 fn two_pairs_of_seeds_are_uncorrelated_s08() {
-    check_seeds(&[(0, 1), (7, 7 | 1 << 63)]);
-}
-
-#[test]
-#[ignore = "7 s: four pairs of seeds; two are tested always"]
-fn neighbouring_seeds_are_uncorrelated_s08() {
-    check_seeds(&[(0, 1), (1, 2), (0, 1 << 32), (7, 7 | 1 << 63)]);
-}
-
-/// Neighbouring seeds, and seeds that differ in one bit, are as good as unrelated ones.
-fn check_seeds(pairs: &[(u64, u64)]) {
-    for &(a, b) in pairs {
+    for (a, b) in [(0, 1), (7, 7 | 1 << 63)] {
         for (p, q) in all_sets(a).into_iter().zip(all_sets(b)) {
-            for (block, k) in (0..8).flat_map(|block| (0..4).map(move |k| (block, k))) {
-                let column = |s: &dyn PointSet| -> Vec<f32> {
-                    (0..1 << 14).map(|x| s.block(id([x % 128, x / 128], 0, 0), block)[k]).collect()
-                };
-                let z = z(column(&*p).into_iter(), column(&*q).into_iter());
-                assert!(
-                    z.abs() < BOUND,
-                    "{} and {}: block {block}, coordinate {k}: {z:.1}",
-                    p.describe(),
-                    q.describe()
-                );
-            }
-        }
-    }
-}
-
-#[test]
-fn streams_are_uncorrelated_s08() {
-    let all = [
-        streams::WHOLE,
-        streams::HALVES[0],
-        streams::HALVES[1],
-        streams::DISCARDED,
-        streams::DISCARDED_HALVES[0],
-        streams::DISCARDED_HALVES[1],
-        streams::PROBE,
-    ];
-    for points in all_sets(5) {
-        for (i, a) in all.iter().enumerate() {
-            for b in &all[..i] {
-                for (block, k) in [(0, 0), (0, 3), (9, 1)] {
-                    let column =
-                        |s: u32| (0..1 << 14).map(move |x| points_at(x, s)).map(|name| points.block(name, block)[k]);
-                    let z = z(column(*a), column(*b));
-                    assert!(z.abs() < BOUND, "{}: streams {a} and {b}: {z:.1}", points.describe());
+            for block in 0..8 {
+                let mut sums = [0.0; 4];
+                for name in (0..1 << 14).map(|x| id([x % 128, x / 128], 0, 0)) {
+                    let [u, v] = [&p, &q].map(|points| points.block(name, block).map(|u| f64::from(u) - 0.5));
+                    (0..4).for_each(|k| sums[k] += 12.0 * u[k] * v[k]);
                 }
+                // In standard errors.
+                let z = sums.map(|sum| sum / 128.0);
+                let (p, q) = (p.describe(), q.describe());
+                assert!(z.iter().all(|z| z.abs() < 4.5), "{p} and {q}: block {block}: {z:.1?}");
             }
         }
     }
-}
-
-fn points_at(x: u32, stream: u32) -> dapple_core::SampleId {
-    id([x % 128, x / 128], stream, 0)
 }
 
 #[test]

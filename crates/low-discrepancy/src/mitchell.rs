@@ -1,0 +1,395 @@
+//! Sample positions spread over pixels, and patterns in image, lens and time, after Mitchell.
+
+use crate::Sobol;
+use crate::keys::{Seed, halves, mix64, nth_key};
+use crate::sobol::{owen_reversed, sobol1_reversed};
+use dapple_core::{PointSet, SampleId};
+use std::sync::LazyLock;
+
+/// Positions in the pixel that are blue noise over the image [after Mitchell 1987]; everything else from [`Sobol`].
+///
+/// Mitchell placed about one sample per pixel by error diffusion on a finer grid. Here each pixel has exactly one
+/// sample per round, and best candidates take the place of diffusion. A pattern of 64 x 64 pixels and 16 rounds is made
+/// once per process. Each round's positions together are a net, so a position is uniform.
+///
+/// * The first pair of block 0 is the position. Each tile of the image, stream and 16 samples read it at an offset.
+/// * All other coordinates are those of [`Sobol`].
+///
+/// ```
+/// use dapple_core::{PointSet, SampleId};
+/// use dapple_low_discrepancy::Diffused;
+///
+/// let points = Diffused::new(7);
+/// let [x, y, ..] = points.block(SampleId::new([3, 4], 0, 5), 0);
+/// assert!((0.0..1.0).contains(&x) && (0.0..1.0).contains(&y));
+/// ```
+///
+/// # Limits
+///
+/// * It gains at one to a few samples per pixel. At more, a pixel's positions are hardly better than random, and
+///   [`Sobol`] wins.
+/// * Below 0.2 cycles per pixel a jittered grid has even less power; from there to 0.6 it has 2x to 4x more.
+/// * The borders of tiles are seams: pixels on either side are independent.
+/// * Light, lens and time are not spread over pixels.
+///
+/// Name: `diffused`. Parameters: `seed`.
+#[derive(Clone, Copy, Debug)]
+pub struct Diffused {
+    seed: Seed,
+    inner: Sobol,
+}
+
+impl Diffused {
+    /// Makes the point set of a seed. The pattern is the same for all seeds, at another offset.
+    pub fn new(seed: u64) -> Self {
+        Self { seed: Seed::new(seed), inner: Sobol::new(seed) }
+    }
+}
+
+/// The block that holds the position in the pixel.
+const POSITION: u32 = 0;
+
+/// The index of a sample in the pattern. Each tile, stream and run of `ROUNDS` samples has an offset of its own.
+fn pattern_index(seed: &Seed, id: &SampleId) -> usize {
+    let tile = SampleId::new(id.pixel.map(|c| c / SIDE as u32), id.stream, 0);
+    let offset = nth_key(seed.key(&tile, POSITION, id.index / ROUNDS as u64), 3);
+    let x = (id.pixel[0] as usize % SIDE + offset as usize % SIDE) % SIDE;
+    let y = (id.pixel[1] as usize % SIDE + (offset >> 32) as usize % SIDE) % SIDE;
+    (id.index % ROUNDS as u64) as usize * PIXELS + y * SIDE + x
+}
+
+/// Random bits for the places within the pattern's steps, the sample's own.
+fn pattern_jitter(seed: &Seed, id: &SampleId, block: u32) -> u64 {
+    nth_key(nth_key(seed.key(id, block, 0), 5), id.index)
+}
+
+impl PointSet for Diffused {
+    fn describe(&self) -> String {
+        format!("diffused:seed={}", self.seed.given())
+    }
+
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        let inner = self.inner.block(id, block);
+        if block != POSITION {
+            return inner;
+        }
+        let [x, y] = places()[pattern_index(&self.seed, &id)];
+        let jitter = pattern_jitter(&self.seed, &id, block);
+        [coordinate(x, jitter as u32), coordinate(y, (jitter >> 12) as u32), inner[2], inner[3]]
+    }
+
+    fn capacity(&self) -> u64 {
+        self.inner.capacity()
+    }
+
+    fn couples_pixels(&self) -> bool {
+        true
+    }
+}
+
+/// Positions, lens points and times that are chosen together over pixels [after Mitchell 1991].
+///
+/// Mitchell extends blue noise to the dimensions of distribution ray tracing: samples that are near in the image shall
+/// be far apart on the lens and in time. The construction here is ours, from his aim:
+///
+/// 1. Positions are those of [`Diffused`].
+/// 2. A pattern of 64 x 64 pixels and 16 rounds is filled in random order. Each sample takes the best of 16 candidates for
+///    lens and time. The best is farthest from its nearest sample, by `|dxy|^2 / 16 + |dlens|^2 + dtime^2` with `dxy` in
+///    pixels.
+///    Candidates are compared with samples of the same round up to 4 pixels away, and with the pixel's own.
+/// 3. The candidates of a round are a net on the lens and strata of time, each used once. So each sample is uniform.
+///
+/// Block 0 holds position and lens, block [`Mitchell1991::TIME_BLOCK`] the time, as in Dapple's integrators. All other
+/// coordinates are those of [`Sobol`].
+///
+/// ```
+/// use dapple_core::{PointSet, SampleId};
+/// use dapple_low_discrepancy::Mitchell1991;
+///
+/// let points = Mitchell1991::new(7);
+/// let [time, ..] = points.block(SampleId::new([3, 4], 0, 5), Mitchell1991::TIME_BLOCK);
+/// assert!((0.0..1.0).contains(&time));
+/// ```
+///
+/// # Limits
+///
+/// * It gains at one to a few samples per pixel. At 16 and more, [`Sobol`] wins.
+/// * The pattern is finite. Each tile of 64 x 64 pixels, and each 16 samples, take it at another offset, with seams.
+/// * Distances, candidates and the order of pixels are not the published ones.
+///
+/// Name: `mitchell-1991`. Parameters: `seed`.
+#[derive(Clone, Copy, Debug)]
+pub struct Mitchell1991 {
+    seed: Seed,
+    inner: Sobol,
+}
+
+impl Mitchell1991 {
+    /// The block whose first coordinate is the time within the exposure: that of Dapple's integrators.
+    pub const TIME_BLOCK: u32 = 1 << 30;
+
+    /// Makes the point set of a seed. The pattern is the same for all seeds, at another offset.
+    pub fn new(seed: u64) -> Self {
+        Self { seed: Seed::new(seed), inner: Sobol::new(seed) }
+    }
+}
+
+impl PointSet for Mitchell1991 {
+    fn describe(&self) -> String {
+        format!("mitchell-1991:seed={}", self.seed.given())
+    }
+
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        if block != 0 && block != Self::TIME_BLOCK {
+            return self.inner.block(id, block);
+        }
+        let at = pattern_index(&self.seed, &id);
+        let jitter = pattern_jitter(&self.seed, &id, block);
+        let bits = |k: u32| (jitter >> (12 * k)) as u32;
+        let [u, v, time] = lens_and_time()[at];
+        if block == Self::TIME_BLOCK {
+            let inner = self.inner.block(id, block);
+            return [coordinate(time, bits(0)), inner[1], inner[2], inner[3]];
+        }
+        let [x, y] = places()[at];
+        [coordinate(x, bits(0)), coordinate(y, bits(1)), coordinate(u, bits(2)), coordinate(v, bits(3))]
+    }
+
+    fn capacity(&self) -> u64 {
+        self.inner.capacity()
+    }
+
+    fn couples_pixels(&self) -> bool {
+        true
+    }
+}
+
+/// Candidates for the lens point and time of each sample. Our choice.
+const CANDIDATES: u64 = 16;
+/// The distance in pixels up to which samples are compared, and the unit of distances in the image. Our choice.
+const REACH: i32 = 4;
+
+/// Lens point and time of each sample of the pattern, in steps: for each round all pixels, row by row.
+fn lens_and_time() -> &'static [[u16; 3]] {
+    static ALL: LazyLock<Vec<[u16; 3]>> = LazyLock::new(spread_lens_and_time);
+    &ALL
+}
+
+/// A sample of the pattern in units of pixels, apertures and exposures.
+type Sample = [f32; 5];
+
+fn sample(place: [u16; 2], by: [i32; 2], values: [u16; 3]) -> Sample {
+    let unit = |step: u16| (f32::from(step) + 0.5) / STEPS as f32;
+    let place = [0, 1].map(|k| (unit(place[k]) + by[k] as f32) / REACH as f32);
+    [place[0], place[1], unit(values[0]), unit(values[1]), unit(values[2])]
+}
+
+fn distance(a: &Sample, b: &Sample) -> f32 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
+}
+
+fn spread_lens_and_time() -> Vec<[u16; 3]> {
+    let places = places();
+    let mut all: Vec<[u16; 3]> = Vec::with_capacity(ROUNDS * PIXELS);
+    for round in 0..ROUNDS {
+        let (first, salt) = (round * PIXELS, (ROUNDS + round) as u64);
+        let mut pool: Vec<[u16; 3]> =
+            net(mix64(!salt)).iter().zip(order(3 * salt)).map(|([u, v], time)| [*u, *v, time as u16]).collect();
+        let mut now: Vec<Option<[u16; 3]>> = vec![None; PIXELS];
+        for pixel in order(2 * salt) {
+            let mut near = Vec::with_capacity(128);
+            for by in (-REACH..=REACH).flat_map(|dy| (-REACH..=REACH).map(move |dx| [dx, dy])) {
+                let from = neighbour(pixel, by);
+                near.extend(now[from].map(|values| sample(places[first + from], by, values)));
+            }
+            near.extend((0..round).map(|r| r * PIXELS + pixel).map(|at| sample(places[at], [0, 0], all[at])));
+            let key = nth_key(mix64(pixel as u64), salt);
+            let candidate = |c| (nth_key(key, c) % pool.len() as u64) as usize;
+            let nearest = |at: usize| {
+                let at = sample(places[first + pixel], [0, 0], pool[at]);
+                near.iter().map(|other| distance(&at, other)).fold(f32::INFINITY, f32::min)
+            };
+            let best =
+                (0..CANDIDATES).map(candidate).map(|at| (nearest(at), at)).reduce(|a, b| if b.0 > a.0 { b } else { a });
+            now[pixel] = Some(pool.swap_remove(best.map_or(0, |best| best.1)));
+        }
+        all.extend(now.into_iter().flatten());
+    }
+    all
+}
+
+/// The side of the pattern in pixels.
+const SIDE: usize = 64;
+/// The number of pixels of the pattern.
+const PIXELS: usize = SIDE * SIDE;
+/// The number of samples of each pixel, placed in rounds of one per pixel.
+const ROUNDS: usize = 16;
+/// Positions are stored in this many steps per pixel, one for each pixel of the pattern.
+const STEPS: u32 = PIXELS as u32;
+
+/// Candidates for the position of each sample. Our choice.
+const PLACES: u64 = 32;
+
+/// The positions in the pixel, in steps: for each round all pixels, row by row.
+///
+/// In each round the positions of all pixels together are a (0,12,2)-net, dealt to the pixels. So a pixel at a random
+/// place of the pattern has a uniform position.
+fn places() -> &'static [[u16; 2]] {
+    static PLACES: LazyLock<Vec<[u16; 2]>> = LazyLock::new(spread_places);
+    &PLACES
+}
+
+/// The pixels of the pattern in a random order.
+fn order(round: u64) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..PIXELS).collect();
+    order.sort_by_key(|p| (nth_key(mix64(round), *p as u64), *p));
+    order
+}
+
+/// The points of an Owen-scrambled (0,12,2)-net, in steps.
+fn net(key: u64) -> Vec<[u16; 2]> {
+    let [kx, ky] = halves(nth_key(key, 0));
+    let coordinate = |reversed: u32, key| (owen_reversed(reversed, key).reverse_bits() >> 20) as u16;
+    (0..STEPS).map(|i| [coordinate(i, kx), coordinate(sobol1_reversed(u64::from(i)) as u32, ky)]).collect()
+}
+
+/// The pixel `(dx, dy)` away, on the torus.
+fn neighbour(pixel: usize, [dx, dy]: [i32; 2]) -> usize {
+    let along = |c: usize, by: i32| (c as i32 + by).rem_euclid(SIDE as i32) as usize;
+    along(pixel / SIDE, dy) * SIDE + along(pixel % SIDE, dx)
+}
+
+/// Deals the positions of each round to pixels in random order. A pixel takes the candidate whose nearest sample, of any
+/// round so far, is farthest.
+fn spread_places() -> Vec<[u16; 2]> {
+    let mut places: Vec<[u16; 2]> = Vec::with_capacity(ROUNDS * PIXELS);
+    for round in 0..ROUNDS {
+        let mut pool = net(mix64(!(round as u64)));
+        let mut now: Vec<Option<[u16; 2]>> = vec![None; PIXELS];
+        for pixel in order(round as u64) {
+            let near = samples_around(&places, &now, pixel);
+            let key = nth_key(mix64(pixel as u64), round as u64);
+            let candidate = |c| (nth_key(key, c) % pool.len() as u64) as usize;
+            let distance = |at: &usize| {
+                let at = pool[*at].map(i64::from);
+                near.iter().map(|p| (p[0] - at[0]).pow(2) + (p[1] - at[1]).pow(2)).min().unwrap_or(0)
+            };
+            let chosen = (0..PLACES).map(candidate).max_by_key(distance).unwrap_or(0);
+            now[pixel] = Some(pool.swap_remove(chosen));
+        }
+        places.extend(now.into_iter().flatten());
+    }
+    places
+}
+
+/// All samples in the pixel and its eight neighbours, in steps from the pixel's corner.
+fn samples_around(places: &[[u16; 2]], now: &[Option<[u16; 2]>], pixel: usize) -> Vec<[i64; 2]> {
+    let mut near = Vec::with_capacity(9 * ROUNDS);
+    for by in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| [dx, dy])) {
+        let from = neighbour(pixel, by);
+        let earlier = places.iter().skip(from).step_by(PIXELS).copied();
+        let moved = |p: [u16; 2]| [0, 1].map(|k| i64::from(p[k]) + i64::from(by[k]) * i64::from(STEPS));
+        near.extend(earlier.chain(now[from]).map(moved));
+    }
+    near
+}
+
+/// Turns a stored step into a coordinate in `[0, 1)`. `jitter` has 12 random bits, for the place within the step.
+#[inline]
+fn coordinate(step: u16, jitter: u32) -> f32 {
+    (u32::from(step) << 12 | jitter & 0xfff) as f32 * (1.0 / 16_777_216.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Random, Stratified};
+    use dapple_metrics::{SpectrumRing, image_spectrum, point_spectrum};
+
+    /// The mean power of rings of frequencies from `from` to `to`: white noise and independent points have 1.
+    fn mean_power(rings: &[SpectrumRing], from: f64, to: f64) -> f64 {
+        let inside = || rings.iter().filter(|ring| (from..to).contains(&ring.frequency));
+        let count = inside().map(|ring| ring.count).sum::<usize>();
+        inside().map(|ring| ring.power * ring.count as f64).sum::<f64>() / count as f64
+    }
+
+    /// Below a quarter of the Nyquist frequency, which is 32 of these steps, under a tenth of white noise. About the Nyquist
+    /// frequency under half of a jittered grid. The jittered grid is `random`, whose positions are independent.
+    #[test]
+    fn positions_have_little_power_up_to_the_nyquist_frequency() {
+        for seed in 0..3 {
+            // The sample positions of 64 x 64 pixels.
+            let of = |points: &dyn PointSet| {
+                let place = |p: u32| {
+                    let [x, y, ..] = points.block(SampleId::new([p % 64, p / 64], 0, 0), 0).map(f64::from);
+                    [(f64::from(p % 64) + x) / 64.0, (f64::from(p / 64) + y) / 64.0]
+                };
+                point_spectrum(&(0..64 * 64).map(place).collect::<Vec<_>>(), 40)
+            };
+            let [ours, jittered] = [of(&Diffused::new(seed)), of(&Random::new(seed))];
+            let low = mean_power(&ours, 0.5, 8.0);
+            assert!(low < 0.1, "seed {seed}: {low:.3} of white noise");
+            let [ours, jittered] = [ours, jittered].map(|rings| mean_power(&rings, 20.0, 40.0));
+            assert!(ours < 0.5 * jittered, "seed {seed}: {ours:.3}, jittered {jittered:.3}");
+        }
+    }
+
+    /// Each position of a round is used by one pixel of the pattern.
+    #[test]
+    fn each_round_is_a_net() {
+        for round in places().chunks_exact(PIXELS) {
+            for (columns, rows) in [(12, 0), (6, 6), (0, 12), (9, 3)] {
+                let mut seen = vec![false; PIXELS];
+                for [x, y] in round {
+                    let cell = usize::from(*x) >> (12 - columns) << rows | usize::from(*y) >> (12 - rows);
+                    assert!(!std::mem::replace(&mut seen[cell], true), "2^{columns} x 2^{rows}");
+                }
+            }
+        }
+    }
+
+    const SIZE: u32 = 64;
+
+    #[test]
+    fn lens_and_time_have_little_power_at_low_frequencies() {
+        let power = |points: &dyn PointSet, block, lane: usize| {
+            let at = |p: u32| f64::from(points.block(SampleId::new([p % SIZE, p / SIZE], 0, 0), block)[lane]);
+            let rings = image_spectrum([SIZE; 2], &(0..SIZE * SIZE).map(at).collect::<Vec<_>>()).unwrap();
+            // Below half of the Nyquist frequency.
+            mean_power(&rings, 0.0, 0.25)
+        };
+        for (block, lane) in [(0, 2), (0, 3), (Mitchell1991::TIME_BLOCK, 0)] {
+            let ours = power(&Mitchell1991::new(1), block, lane);
+            let white = power(&Random::new(1), block, lane);
+            assert!(ours < 0.75, "block {block}, lane {lane}: {ours:.3} of white noise");
+            // 372 frequencies: a standard error of 0.05.
+            assert!((white - 1.0).abs() < 0.2, "block {block}, lane {lane}: the control has {white:.3}");
+        }
+    }
+
+    /// A half-plane whose edge crosses the whole image during the exposure, one sample per pixel: covered if the time is
+    /// below a ramp. After a box of 4 x 4 pixels its error is below that of independent and of jittered samples.
+    #[test]
+    fn a_moving_edge_has_less_error_after_a_box_filter() {
+        let error = |points: &dyn PointSet, seed_column: u32| {
+            let covered = |x: u32, y: u32| {
+                let id = SampleId::new([seed_column * SIZE + x, y], 0, 0);
+                let [place, ..] = points.block(id, 0);
+                let [time, ..] = points.block(id, Mitchell1991::TIME_BLOCK);
+                f64::from(u8::from(time < (x as f32 + place) / SIZE as f32))
+            };
+            let block = |b: u32| {
+                let pixels = (0..16).map(|k| (b % 16 * 4 + k % 4, b / 16 * 4 + k / 4));
+                let (found, wanted) = pixels.fold((0.0, 0.0), |(found, wanted), (x, y)| {
+                    (found + covered(x, y), wanted + (f64::from(x) + 0.5) / f64::from(SIZE))
+                });
+                ((found - wanted) / 16.0).powi(2)
+            };
+            (0..256).map(block).sum::<f64>() / 256.0
+        };
+        let mean = |points: &dyn PointSet| (0..4).map(|c| error(points, c)).sum::<f64>() / 4.0;
+        let ours = mean(&Mitchell1991::new(1));
+        let [random, jittered] = [mean(&Random::new(1)), mean(&Stratified::new(1, 4).unwrap())];
+        assert!(ours < 0.8 * random && ours < 0.8 * jittered, "{ours:.6} against {random:.6} and {jittered:.6}");
+    }
+}
