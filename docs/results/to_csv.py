@@ -14,7 +14,6 @@ KINDS = [
     (("scene", "method", "verdict"), "verdicts"),
     (("scene", "sampler", "filter", "sampler alone"), "interplay"),
     (("method", "slope over spp"), "slopes"),
-    (("target",), "targets"),
     (("what", "8 spp", "seconds over"), "lights"),
     (("what", "sRGB MSE, theirs"), "foreign"),
     (("sampler", "filter"), "errors"),
