@@ -70,14 +70,6 @@ fn a_whole_report_works_in_a_browser() {
 }
 
 #[test]
-#[ignore = "34 s: six screenshots of the whole page; the same checks without them run always"]
-fn a_whole_report_works_in_a_browser_with_screenshots() {
-    let mut expected = whole();
-    expected["screenshots"] = true.into();
-    assert_eq!(open("report-screenshots", &mut example(), true, &expected), Ok(()));
-}
-
-#[test]
 #[ignore = "14 s: a negative control of the test before"]
 fn a_browser_notices_missing_parts() {
     if tools().is_none() {

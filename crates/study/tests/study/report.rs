@@ -62,7 +62,7 @@ fn differences(page: &str, table: &[Vec<String>]) -> Vec<String> {
         if [&value, &low, &high] != [&row[6], &row[7], &row[8]] {
             wrong.push(format!("{key}: {value} [{low}, {high}] on the page, {:?} in summary.csv", &row[6..9]));
         }
-        let shown = text.trim_end_matches(['†', '‡', '§', '¶']).replace('−', "-");
+        let shown = text.trim_end_matches(['§', '¶']).replace('−', "-");
         match (shown.parse::<f64>(), value.parse::<f64>()) {
             (Ok(rounded), Ok(exact)) if (rounded - exact).abs() <= 1.000_001 * half_unit(&shown) => {}
             (Err(_), Err(_)) if shown == "–" => {}

@@ -2,10 +2,7 @@
 
 use crate::common::{Fake, Place, copy, in_process, label};
 use dapple_core::Control;
-use dapple_metrics::ratio_interval;
-use dapple_study::{Method, Run, RunBudget, RunStore, StudyError, StudyMonitor, StudyProgress, StudyStatus};
-use std::io::{self, ErrorKind, Write};
-use std::path::PathBuf;
+use dapple_study::{Method, Run, RunBudget, StudyError, StudyMonitor, StudyProgress, StudyStatus};
 
 #[test]
 fn methods_alternate_run_by_run() {
@@ -96,22 +93,6 @@ fn runs_of_equal_time_take_the_time_of_the_baseline() {
     assert_eq!(spp("uniform/sobol/none"), 16.0);
     assert!((spp("variance/sobol/none") - 16.0 / 1.5).abs() < 0.02);
     assert!((spp("uniform/sobol/gaussian") - (16.0 - 1e-4 / 1e-6 / 64.0)).abs() < 0.02);
-}
-
-/// A filter that costs time and does nothing loses at equal time only.
-#[test]
-fn a_slow_filter_loses_at_equal_time() {
-    let place = Place::new();
-    let plan = place.plan(&["samplers=uniform", "filters=[\"none\", \"gaussian\"]", "seeds=8"]);
-    let study = place.study(plan, "study", &mut Fake::default());
-    let of = |filter: &str, budget: RunBudget| -> Vec<f64> {
-        let of = |r: &&Run| r.method.filter == filter && r.budget == budget;
-        study.runs().iter().filter(of).map(|r| r.errors.get("relmse")).collect()
-    };
-    let ratio = |budget| ratio_interval(&of("gaussian", budget), &of("none", budget), 0.95).unwrap();
-    assert!(ratio(RunBudget::TimeOf(4)).low > 1.1, "{:?}", ratio(RunBudget::TimeOf(4)));
-    let control = ratio(RunBudget::Spp(4));
-    assert!(control.low <= 1.0 && control.high >= 1.0, "{control:?}");
 }
 
 /// A wrong model of a method's time is detected by the first run, and the count is corrected once.
@@ -205,45 +186,6 @@ fn a_folder_is_locked_for_one_process() {
     assert!(said.contains("another process is at work"), "{said}");
     drop(first);
     place.open(place.plan(&[]), "study").unwrap();
-}
-
-/// A disk with this many free bytes. The part of a line that fits is written, and nothing can be cut.
-struct Full {
-    file: PathBuf,
-    free: usize,
-}
-
-impl RunStore for Full {
-    fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
-        let fits = bytes.len().min(self.free);
-        std::fs::OpenOptions::new().append(true).open(&self.file)?.write_all(&bytes[..fits])?;
-        self.free -= fits;
-        if fits < bytes.len() { Err(ErrorKind::StorageFull.into()) } else { Ok(()) }
-    }
-
-    fn cut(&mut self, _: u64) -> io::Result<()> {
-        Err(ErrorKind::StorageFull.into())
-    }
-}
-
-#[test]
-fn a_full_disk_loses_no_finished_run() {
-    let place = Place::new();
-    place.study(place.plan(&[]), "whole", &mut Fake::default());
-    let whole = place.text("whole/runs.jsonl");
-    for free in [0, 1, whole.len() / 3, whole.len() / 2, whole.len() - 1] {
-        let name = format!("full-{free}");
-        let full = Full { file: place.path(&name).join("runs.jsonl"), free };
-        let mut study = place.open(place.plan(&[]), &name).unwrap().with_store(Box::new(full));
-        let said = study.run(&mut Fake::default(), &mut ()).unwrap_err().to_string();
-        let kept = study.runs().len();
-        let expected = format!("the {kept} runs before it are kept");
-        assert!(said.contains("cannot store a finished run") && said.contains(&expected), "{said}");
-        assert_eq!(kept, whole[..free].matches('\n').count());
-        drop(study);
-        place.study(place.plan(&[]), &name, &mut Fake::default());
-        assert_eq!(place.text(&format!("{name}/runs.jsonl")), whole, "{free} bytes were free");
-    }
 }
 
 #[test]
