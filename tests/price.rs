@@ -1,7 +1,7 @@
 //! Failures without a safeguard are the same on every machine. Times are only checked for being positive.
 
 #[allow(dead_code, reason = "a bench, of which this is the test")]
-#[path = "../benches/price.rs"]
+#[path = "../benches/price/main.rs"]
 mod price;
 
 use price::{Ratio, Row, in_turn, of_whole, overflow_checks, prices};

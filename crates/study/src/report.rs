@@ -6,7 +6,7 @@ mod gallery;
 mod page;
 mod tables;
 
-use crate::record::{Method, PHASES, Run};
+use crate::record::{PHASES, Run};
 use crate::summary::{Summary, number};
 use crate::{RecordedStudy, StudyError};
 use dapple_metrics::METRICS;
@@ -50,48 +50,38 @@ fn runs_csv(recorded: &RecordedStudy) -> Result<Vec<u8>, csv::Error> {
     let manifest = &recorded.manifest;
     let names = chart::names(&manifest.methods);
     let mut writer = csv::Writer::from_writer(Vec::new());
-    writer.write_record(columns(&Run::default(), "", "").map(|(name, _)| name))?;
+    let mut head: Vec<String> =
+        ["scene", "lights", "method", "sampler", "points", "filter", "budget", "budget_spp", "seed"]
+            .map(str::to_owned)
+            .to_vec();
+    head.extend(["asked", "samples", "spp", "rays", "seconds", "cpu_seconds"].map(str::to_owned));
+    head.extend(PHASES.iter().map(|(name, _)| format!("seconds_{name}")));
+    head.extend(METRICS.iter().map(|metric| metric.name.to_owned()));
+    head.extend(
+        ["predicted_relmse", "corrected", "reference_limited", "rejected", "load", "fresh", "image"].map(str::to_owned),
+    );
+    writer.write_record(&head)?;
     for run in &recorded.runs {
         let method = manifest.methods.iter().position(|m| *m == run.method).map_or("", |i| &names[i]);
-        let scene = manifest.scenes.iter().find(|scene| scene.name == run.scene);
-        let lights = scene.map_or("", |scene| scene.lights.name());
-        writer.write_record(columns(run, lights, &method.replace('\u{a0}', " ")).map(|(_, value)| value))?;
+        let lights =
+            manifest.scenes.iter().find(|scene| scene.name == run.scene).map_or("", |scene| scene.lights.name());
+        writer.write_record(line(run, lights, &method.replace('\u{a0}', " ")))?;
     }
     writer.into_inner().map_err(|e| e.into_error().into())
 }
 
-/// The name and the value of each column.
-fn columns(run: &Run, lights: &str, method: &str) -> impl Iterator<Item = (String, String)> {
-    let known = |value: Option<f64>| value.filter(|v| !v.is_nan()).map_or_else(String::new, number);
-    let Run { scene, method: Method { sampler, points, filter }, budget, .. } = run;
-    let named = |name: &str, value: &dyn ToString| (name.to_owned(), value.to_string());
-    let first = [
-        named("scene", scene),
-        named("lights", &lights),
-        named("method", &method),
-        named("sampler", sampler),
-        named("points", points),
-        named("filter", filter),
-        named("budget", &if budget.is_timed() { "time" } else { "spp" }),
-        named("budget_spp", &budget.spp()),
-        named("seed", &run.seed),
-        named("asked", &run.asked),
-        named("samples", &run.samples),
-        named("spp", &number(run.spp)),
-        named("rays", &run.rays),
-        named("seconds", &number(run.render_s)),
-        named("cpu_seconds", &known(run.cpu_s)),
-    ];
-    let last = [
-        named("predicted_relmse", &known(run.predicted_relmse)),
-        named("corrected", &run.corrected),
-        named("reference_limited", &run.reference_limited),
-        named("rejected", &run.rejected),
-        named("load", &known(run.load)),
-        named("fresh", &run.fresh),
-        named("image", &run.image.as_deref().unwrap_or_default()),
-    ];
-    let phases = PHASES.iter().map(|(name, of)| (format!("seconds_{name}"), number(of(&run.seconds))));
-    let errors = METRICS.iter().map(move |metric| named(metric.name, &known(Some(run.errors.get(metric.name)))));
-    first.into_iter().chain(phases).chain(errors).chain(last)
+fn line(run: &Run, lights: &str, method: &str) -> Vec<String> {
+    let known = |value: Option<f64>| value.map_or_else(String::new, number);
+    let budget = if run.budget.is_timed() { "time" } else { "spp" };
+    let mut line = [&run.scene, lights, method, &run.method.sampler, &run.method.points, &run.method.filter, budget]
+        .map(str::to_owned)
+        .to_vec();
+    line.extend([run.budget.spp(), run.seed, run.asked, run.samples].map(|n| n.to_string()));
+    line.extend([number(run.spp), run.rays.to_string(), number(run.render_s), known(run.cpu_s)]);
+    line.extend(PHASES.iter().map(|(_, of)| number(of(&run.seconds))));
+    line.extend(METRICS.iter().map(|metric| known(Some(run.errors.get(metric.name)).filter(|v| !v.is_nan()))));
+    line.extend([known(run.predicted_relmse), run.corrected.to_string(), run.reference_limited.to_string()]);
+    line.extend([run.rejected.to_string(), known(run.load), run.fresh.to_string()]);
+    line.push(run.image.clone().unwrap_or_default());
+    line
 }
