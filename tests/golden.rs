@@ -1,6 +1,6 @@
-//! Golden bits: hashes of films and images, which no change of the code's structure may move.
+//! Golden bits: hashes of films and images, which no change of the code's structure may move, and no optimisation.
 //!
-//! `DAPPLE_UPDATE=1 cargo test --test golden` writes the hashes of now to `tests/golden.txt`.
+//! `DAPPLE_UPDATE=1 cargo test --test golden` writes the hashes of now to `tests/golden`.
 
 use dapple::core::{Frame, Integrator, Limits, Snapshot, Worker};
 use dapple::denoise::{SampleBuffers, Variance, denoise};
@@ -8,7 +8,8 @@ use dapple::job::{BudgetSpec, LoadOptions, LoadedScene, PreparedScene, RenderSpe
 use dapple::{Film, Filtered, Session};
 use dapple_scene::bundled;
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::Path;
+use std::process::Command;
 
 const SIZE: [u32; 2] = [64, 48];
 const SEED: u64 = 5;
@@ -81,7 +82,7 @@ fn rendered(scene: &PreparedScene, spec: &RenderSpec) -> u64 {
 
 /// The golden file, named after what its rows vary.
 fn hold(name: &str, rows: &str) {
-    let file = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/golden/{name}.txt"));
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/golden/{name}.txt"));
     if std::env::var_os("DAPPLE_UPDATE").is_some() {
         std::fs::write(&file, rows).expect("it can be written");
         return;
@@ -230,4 +231,35 @@ fn bits_of_a_resumed_session_and_of_buffers_stay() {
         entries.push((format!("buffers {name}"), denoised(&film)));
     }
     hold("hosts", &rows(entries));
+}
+
+/// Unoptimised, optimised and built for this machine's processor, the program writes the same bytes.
+#[test]
+#[ignore = "T2: builds the program three times, ten minutes"]
+fn optimisation_changes_no_pixel_d04() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folder = tempfile::tempdir().expect("a folder");
+    let image = |name: &str, flags: &str, level: &str, profile: &str| -> Vec<u8> {
+        let out = folder.path().join(format!("{name}.pfm"));
+        let output = Command::new(env!("CARGO"))
+            .args(["run", "--quiet", "--profile", profile, "-p", "dapple-cli", "--", "render", "cornell"])
+            .args(
+                "--resolution 40x30 --spp 8 --sampler adaptive:epsilon=0.01 --filter cluster-regression -o".split(' '),
+            )
+            .arg(&out)
+            .env("CARGO_TARGET_DIR", root.join("target/flavours").join(name))
+            .env("RUSTFLAGS", flags)
+            .env("CARGO_PROFILE_DEV_OPT_LEVEL", level)
+            .current_dir(root)
+            .output()
+            .expect("cargo runs");
+        assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
+        std::fs::read(out).expect("an image")
+    };
+    let plain = image("plain", "", "1", "dev");
+    assert!(plain == image("release", "", "1", "release"), "release is another image");
+    assert!(
+        plain == image("native", "-C target-cpu=native", "2", "dev"),
+        "this machine's processor makes another image"
+    );
 }

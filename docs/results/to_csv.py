@@ -14,20 +14,15 @@ KINDS = [
     (("scene", "method", "verdict"), "verdicts"),
     (("scene", "sampler", "filter", "sampler alone"), "interplay"),
     (("method", "slope over spp"), "slopes"),
-    (("target",), "targets"),
     (("what", "8 spp", "seconds over"), "lights"),
     (("what", "sRGB MSE, theirs"), "foreign"),
-    (("sampler", "filter"), "errors"),
-    (("what", "8 spp", "16 spp"), "unfiltered"),
     (("what",), "means"),
-    (("sampler", "spp"), "times"),
     (("scene", "%"), "planning"),
     (("scene", "sampler", "spp", "predicted / true"), "calibration"),
     (("scene", "sampler", "asked"), "stops"),
     (("safeguard",), "prices"),
     (("scene", "rays"), "rays"),
     (("scene", "triangles"), "building"),
-    (("budget",), "budgets"),
     (("scene",), "scenes"),
 ]
 
@@ -82,9 +77,6 @@ def main():
     name, folder = sys.argv[1:]
     files = {}
     for section, title, names, rows in tables(sys.stdin.read().splitlines()):
-        if re.fullmatch(r"\d+ spp", names[0]):
-            rows = [[names[0], *row] for row in rows]
-            names = ["budget", "case", *names[1:]]
         columns, records = files.setdefault(kind(names), ([], []))
         columns += [n for n in names if n not in columns]
         for row in rows:

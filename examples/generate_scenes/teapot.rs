@@ -1,9 +1,8 @@
 //! Newell's teapot in gold on a tiled floor, in a studio.
 
 use super::Assets;
-use super::directions::{add, cross, dot, mix, normalize, scale, smoothstep, sub};
-use super::images::{lat_long_pfm, tga};
-use super::mesh::Mesh;
+use super::arithmetic::{add, cross, dot, mix, normalize, scale, smoothstep, sub};
+use super::files::{Mesh, lat_long_pfm, tga};
 
 /// Number of quadrilaterals along each side of a Bezier patch. The teapot's 32 patches of 2 x 12 x 12 triangles make
 /// about 9000 triangles.
@@ -80,10 +79,10 @@ const SPOUT: [Section; 7] = [
 ];
 
 /// The 4 x 4 control points of a bicubic Bezier patch, indexed `[row][column]`.
-pub(super) type Patch = [[[f64; 3]; 4]; 4];
+type Patch = [[[f64; 3]; 4]; 4];
 
 /// The patches of one part of the teapot, indexed `[piece][column]`. The columns of a piece close to a ring.
-pub(super) type Part = Vec<Vec<Patch>>;
+type Part = Vec<Vec<Patch>>;
 
 /// Returns the patches of a profile turned about the z axis: four quarter turns per cubic piece.
 fn turned(profile: &[Ring]) -> Part {
@@ -122,7 +121,7 @@ fn pieces(points: usize) -> impl Iterator<Item = usize> {
 }
 
 /// Returns the patches of the lid, the body, the handle and the spout.
-pub(super) fn parts() -> [Part; 4] {
+fn parts() -> [Part; 4] {
     [turned(&LID), turned(&BODY), tube(&HANDLE), tube(&SPOUT)]
 }
 
@@ -187,7 +186,7 @@ fn add_part(mesh: &mut Mesh, part: &Part) {
 ///
 /// Its borders are open as in Newell's data: the lid's edge and the rim's inner edge (a gap of 0.08 between them), both
 /// ends of the handle and the foot of the spout (all inside the body), and the spout's mouth.
-pub(super) fn mesh() -> Mesh {
+fn mesh() -> Mesh {
     let mut mesh = Mesh::default();
     for part in &parts() {
         add_part(&mut mesh, part);
@@ -255,13 +254,11 @@ fn floor_tile(column: u16, row: u16) -> [u8; 3] {
     }
 }
 
-/// Returns the text of the scene file, and the name and bytes of the scene's other files.
-pub(super) fn scene() -> (String, Assets) {
-    let text = include_str!("teapot.pbrt").to_owned();
-    let files = vec![
-        ("teapot.ply".to_owned(), mesh().ply()),
-        ("studio.pfm".to_owned(), lat_long_pfm(256, 128, studio)),
-        ("tiles.tga".to_owned(), tga(128, 128, floor_tile)),
-    ];
-    (text, files)
+/// Returns the files beside the scene file.
+pub(crate) fn assets() -> Assets {
+    vec![
+        ("teapot/teapot.ply".to_owned(), mesh().ply()),
+        ("teapot/studio.pfm".to_owned(), lat_long_pfm(256, 128, studio)),
+        ("teapot/tiles.tga".to_owned(), tga([128; 2], floor_tile)),
+    ]
 }

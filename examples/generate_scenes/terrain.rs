@@ -1,10 +1,8 @@
 //! A scene of fractal mountains about a river plain, under sun and sky.
 
 use super::Assets;
-use super::directions::{mix, normalize, smoothstep};
-use super::images::lat_long_pfm;
-use super::mesh::Mesh;
-use super::noise::{fbm, gradient_noise, ridged};
+use super::arithmetic::{fbm, gradient_noise, mix, normalize, ridged, smoothstep};
+use super::files::{Mesh, lat_long_pfm};
 
 /// Number of cells along each side of the ground's grid. Without cells under water, about 2^17 triangles remain.
 const CELLS: usize = 267;
@@ -19,7 +17,7 @@ const DEPTH_KEPT: f64 = -0.04;
 const SEED: u64 = 2016;
 
 /// Number of octaves of noise in the ground. The last octave is about as long as a far cell is wide; more would alias.
-/// `COARSE_OCTAVES` make the smoothed ground, whose slope selects the cover.
+/// `COARSE_OCTAVES` make the smoothed ground, whose slope selects the material.
 const OCTAVES: u32 = 7;
 const COARSE_OCTAVES: u32 = 4;
 
@@ -54,7 +52,7 @@ fn flatness([x, y]: [f64; 2]) -> f64 {
 }
 
 /// Returns the mesh of the ground, without the parts under water.
-pub(super) fn ground() -> Mesh {
+fn ground() -> Mesh {
     let mut mesh = Mesh::default();
     for row in 0..=CELLS {
         for column in 0..=CELLS {
@@ -74,40 +72,20 @@ pub(super) fn ground() -> Mesh {
     mesh.part(|triangle| mesh.corners(triangle).iter().any(|point| point[2] > DEPTH_KEPT))
 }
 
-/// The material of a triangle of the ground.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) enum Cover {
-    Grass,
-    Rock,
-    Snow,
-}
-
-const MATERIALS: [(Cover, &str, &str); 3] = [
-    (Cover::Grass, "grass", "0.11 0.15 0.05"),
-    (Cover::Rock, "rock", "0.30 0.26 0.22"),
-    (Cover::Snow, "snow", "0.78 0.80 0.84"),
-];
-
-/// Returns the cover of a triangle: rock where steep, snow where high, else grass, with borders perturbed by noise. The
+/// Returns the material of a triangle: rock where steep, snow where high, else grass, with borders perturbed by noise. The
 /// slope is taken from the smoothed ground, so that neighbouring triangles agree.
-fn cover(mesh: &Mesh, triangle: [u32; 3]) -> Cover {
+fn cover(mesh: &Mesh, triangle: [u32; 3]) -> &'static str {
     let [a, b, c] = mesh.corners(triangle);
     let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / 3.0);
     let up = flatness([x, y]);
     let wander = fbm([0.9 * x, 0.9 * y], SEED + 300, 5);
     if z > 2.0 + 0.5 * wander && up > 0.62 + 0.1 * wander {
-        Cover::Snow
+        "snow"
     } else if up < 0.80 + 0.08 * wander || z > 1.3 + 0.4 * wander {
-        Cover::Rock
+        "rock"
     } else {
-        Cover::Grass
+        "grass"
     }
-}
-
-/// Returns the ground as one mesh per material, each with the material's name.
-pub(super) fn covers() -> Vec<(&'static str, Mesh)> {
-    let ground = ground();
-    MATERIALS.iter().map(|&(kind, name, _)| (name, ground.part(|triangle| cover(&ground, triangle) == kind))).collect()
 }
 
 /// Returns the sky's radiance from a unit direction: `mix(horizon, zenith, t)`, `t = 1 - (1 - z)^3`. Below the horizon
@@ -117,25 +95,11 @@ fn sky(direction: [f64; 3]) -> [f64; 3] {
     mix([0.72, 0.78, 0.86], [0.16, 0.30, 0.62], 1.0 - low * low * low)
 }
 
-/// Returns the text of the scene file, and the name and bytes of the scene's other files.
-pub(super) fn scene() -> (String, Assets) {
-    let mut text = include_str!("terrain.pbrt").to_owned();
-    for (_, name, reflectance) in MATERIALS {
-        text += &format!(
-            "MakeNamedMaterial \"{name}\" \"string type\" \"diffuse\" \"rgb reflectance\" [ {reflectance} ]\n"
-        );
-    }
-    for (_, name, _) in MATERIALS {
-        text += &format!("\nNamedMaterial \"{name}\"\nShape \"plymesh\" \"string filename\" \"{name}.ply\"\n");
-    }
-    let half = HALF + SPREAD * (FAR - NEAR);
-    text += &format!(
-        "\nNamedMaterial \"water\"\nShape \"trianglemesh\"\n  \
-         \"point3 P\" [ -{HALF} {NEAR} 0  {HALF} {NEAR} 0  {half} {FAR} 0  -{half} {FAR} 0 ]\n  \
-         \"integer indices\" [ 0 1 2  0 2 3 ]\n"
-    );
-    let mut files: Assets = covers().into_iter().map(|(name, mesh)| (format!("{name}.ply"), mesh.ply())).collect();
-    // All columns are alike; eight make an image that no reader finds odd.
-    files.push(("sky.pfm".to_owned(), lat_long_pfm(8, 256, sky)));
-    (text, files)
+/// Returns the files beside the scene file: the ground as one mesh per material, and the sky.
+pub(crate) fn assets() -> Assets {
+    let ground = ground();
+    let part = |name| (format!("terrain/{name}.ply"), ground.part(|triangle| cover(&ground, triangle) == name).ply());
+    // All columns of the sky are alike; eight make an image that no reader finds odd.
+    let sky = ("terrain/sky.pfm".to_owned(), lat_long_pfm(8, 256, sky));
+    ["grass", "rock", "snow"].map(part).into_iter().chain([sky]).collect()
 }

@@ -1,8 +1,8 @@
 //! The bundled scenes: files in the folder beside this module, compiled into the library.
 //!
 //! Each is a pbrt-v4 scene file with the meshes and images that it names. A program can thus render a scene with no
-//! file on disk. `cargo run --example generate_scenes` makes the files, the same on every machine; tests hold them to
-//! their checksums and to what the generator makes.
+//! file on disk. Scene files are written by hand; `cargo run --example generate_scenes` makes the files that are computed, the
+//! same on every machine. Tests hold all of them to their checksums, and those to what the generator makes.
 //!
 //! | name | contents | effects |
 //! |---|---|---|

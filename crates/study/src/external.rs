@@ -25,7 +25,6 @@ use std::time::Instant;
 /// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[non_exhaustive]
 pub struct External {
     /// The name under which methods use the program as their filter.
     pub name: String,

@@ -56,7 +56,7 @@ pub use error::StudyError;
 pub use external::External;
 pub use plan::{Plan, PlanError, PlanSettings, ScenePlan};
 pub use record::{ImageErrors, Machine, Manifest, Method, Phases, ReferenceRecord, Run, RunBudget, SceneRecord};
-pub use records::{RecordedStudy, RunStore};
+pub use records::RecordedStudy;
 pub use report::write_report;
 pub use runner::{InProcess, Processes, RunRequest, Runner};
 pub use scene::View;

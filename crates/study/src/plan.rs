@@ -47,7 +47,6 @@ impl PlanError {
 /// In a plan, it is a table of these keys, or the `source` alone.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[non_exhaustive]
 pub struct ScenePlan {
     /// The name of a bundled scene, or the path of a scene file.
     pub source: String,

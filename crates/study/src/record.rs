@@ -15,31 +15,19 @@ use std::fmt;
 /// # Ok::<(), String>(())
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[non_exhaustive]
+#[serde(deny_unknown_fields, default)]
 pub struct Method {
-    /// The sampler, such as `uniform` or `mitchell:mode=budget`.
+    /// The sampler, such as `mitchell:mode=budget`; default `uniform`.
     pub sampler: String,
     /// The point set, such as `sobol`, the default.
-    #[serde(default = "default_points")]
     pub points: String,
     /// The filter (denoiser), such as `none`, the default.
-    #[serde(default = "no_filter")]
     pub filter: String,
-}
-
-fn default_points() -> String {
-    dapple_job::DEFAULT_POINTS.to_owned()
-}
-
-fn no_filter() -> String {
-    "none".to_owned()
 }
 
 /// The budget of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[non_exhaustive]
 pub enum RunBudget {
     /// The run takes this mean number of samples per pixel.
     Spp(u64),
@@ -82,10 +70,10 @@ impl std::str::FromStr for Method {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let parts: Vec<&str> = text.split('/').map(str::trim).collect();
-        match parts[..] {
-            [sampler] => Ok(Self::new(sampler, dapple_job::DEFAULT_POINTS, "none")),
-            [sampler, points] => Ok(Self::new(sampler, points, "none")),
+        let Self { points, filter, .. } = Self::default();
+        match text.split('/').map(str::trim).collect::<Vec<_>>()[..] {
+            [sampler] => Ok(Self::new(sampler, &points, &filter)),
+            [sampler, points] => Ok(Self::new(sampler, points, &filter)),
             [sampler, points, filter] => Ok(Self::new(sampler, points, filter)),
             _ => Err(format!("\"{text}\" is not a method; write SAMPLER/POINTS/FILTER")),
         }
@@ -94,7 +82,6 @@ impl std::str::FromStr for Method {
 
 /// Wall seconds of each phase of a run; 0 for a phase that the method does not have.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
 pub struct Phases {
     /// Wall seconds of reading the scene, which happens once for all runs of a process.
     pub load: f64,
@@ -119,10 +106,10 @@ impl Method {
     }
 }
 
-/// The method `uniform/sobol/none`.
+/// The method `uniform/sobol/none`, with the point set of `dapple render`.
 impl Default for Method {
     fn default() -> Self {
-        Self::new("uniform", "sobol", "none")
+        Self::new("uniform", dapple_job::DEFAULT_POINTS, "none")
     }
 }
 
@@ -211,7 +198,6 @@ impl<'de> Deserialize<'de> for ImageErrors {
 
 /// One finished run: a line of `runs.jsonl`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
 pub struct Run {
     /// The scene's name in the study.
     pub scene: String,
@@ -263,16 +249,6 @@ pub struct Run {
 }
 
 impl Run {
-    /// Makes a run without results; a [`Runner`](crate::Runner) sets the other fields.
-    pub fn new(scene: &str, method: Method, budget: RunBudget, seed: u64) -> Self {
-        Self { scene: scene.to_owned(), method, budget, seed, ..Self::default() }
-    }
-
-    /// Returns `true` if both runs have the same scene, method, budget and seed.
-    pub(crate) fn is_same_as(&self, other: &Self) -> bool {
-        self.is_of(&other.scene, &other.method, other.budget, other.seed)
-    }
-
     pub(crate) fn is_of(&self, scene: &str, method: &Method, budget: RunBudget, seed: u64) -> bool {
         self.scene == scene && self.method == *method && self.budget == budget && self.seed == seed
     }
@@ -280,7 +256,6 @@ impl Run {
 
 /// The record of a scene's reference image.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
 pub struct ReferenceRecord {
     /// The path of the reference's file, relative to the study's folder or absolute.
     pub file: String,
@@ -298,7 +273,6 @@ pub struct ReferenceRecord {
 
 /// A scene of a study, as recorded in the manifest.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
 pub struct SceneRecord {
     /// The scene's name in the study.
     pub name: String,
@@ -318,7 +292,6 @@ pub struct SceneRecord {
 
 /// The machine on which a study ran.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
 pub struct Machine {
     /// The processor's name; `None` if unknown.
     pub processor: Option<String>,
@@ -333,7 +306,6 @@ pub struct Machine {
 
 /// The contents of `study.json`: the settings and circumstances of a study.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
 pub struct Manifest {
     /// The version of Dapple.
     pub version: String,

@@ -9,24 +9,16 @@ use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// A store to which lines are appended, such as [`std::fs::File`]. A line is on the disk when `append` returns.
-pub trait RunStore {
-    /// Appends bytes and flushes them to the disk.
-    ///
-    /// # Errors
-    ///
-    /// The operating system's error; part of the bytes may be stored.
+/// A file of lines. A line is on the disk when `append` returns.
+trait Lines {
+    /// Appends bytes and flushes them to the disk. After an error, part of the bytes may be stored.
     fn append(&mut self, bytes: &[u8]) -> io::Result<()>;
 
-    /// Truncates the store to `length` bytes.
-    ///
-    /// # Errors
-    ///
-    /// The operating system's error.
+    /// Truncates the file to `length` bytes.
     fn cut(&mut self, length: u64) -> io::Result<()>;
 }
 
-impl RunStore for File {
+impl Lines for File {
     fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.seek(SeekFrom::End(0))?;
         self.write_all(bytes)?;
@@ -43,7 +35,7 @@ impl RunStore for File {
 /// The finished runs of a study, in memory and on disk.
 pub(crate) struct RunLog {
     path: PathBuf,
-    store: Box<dyn RunStore>,
+    store: Box<dyn Lines>,
     length: u64,
     runs: Vec<Run>,
 }
@@ -73,7 +65,8 @@ impl RunLog {
         file.read_to_end(&mut bytes).map_err(wrong("read the file of runs"))?;
         let (runs, whole) = parse(&bytes, path)?;
         for (at, run) in runs.iter().enumerate() {
-            if let Some(first) = runs[..at].iter().position(|earlier| earlier.is_same_as(run)) {
+            let is_same = |earlier: &Run| earlier.is_of(&run.scene, &run.method, run.budget, run.seed);
+            if let Some(first) = runs[..at].iter().position(is_same) {
                 let why = format!("the same run as line {}", first + 1);
                 return Err(StudyError::Line { file: path.to_owned(), line: at + 1, why });
             }
@@ -83,12 +76,6 @@ impl RunLog {
             file.cut(length).map_err(wrong("drop the unfinished last line of the file of runs"))?;
         }
         Ok(Self { path: path.to_owned(), store: Box::new(file), length, runs })
-    }
-
-    /// Replaces the file by another store, for tests of a full disk.
-    pub(crate) fn with_store(mut self, store: Box<dyn RunStore>) -> Self {
-        self.store = store;
-        self
     }
 
     /// The finished runs in the order of their completion.
@@ -189,17 +176,10 @@ impl RecordedStudy {
         Ok(Self { folder: folder.to_owned(), manifest, runs, foreign, repeated, torn: whole < bytes.len() })
     }
 
-    /// The number of planned runs. Equal-time runs of the baseline are not counted if other methods have equal-time
-    /// runs and the baseline has none: its runs at that spp replace them.
+    /// The number of planned runs.
     pub fn expected(&self) -> usize {
         let m = &self.manifest;
-        let timed = |own: bool| {
-            let of_time = |run: &Run| matches!(run.budget, RunBudget::TimeOf(_)) && (run.method == m.baseline) == own;
-            self.runs.iter().any(of_time)
-        };
-        let without = usize::from(timed(false) && !timed(true));
-        let of_time = if m.time_of.is_some() { m.methods.len() - without } else { 0 };
-        m.scenes.len() * m.seeds.len() * (m.methods.len() * m.spp.len() + of_time)
+        m.scenes.len() * m.seeds.len() * m.methods.len() * (m.spp.len() + usize::from(m.time_of.is_some()))
     }
 }
 
@@ -354,13 +334,58 @@ fn readable(value: &Value) -> String {
 mod tests {
     use super::*;
 
+    /// A disk with this many free bytes. The part of a line that fits is written, and nothing can be cut.
+    struct Full {
+        file: PathBuf,
+        free: usize,
+    }
+
+    impl Lines for Full {
+        fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
+            let fits = bytes.len().min(self.free);
+            OpenOptions::new().append(true).open(&self.file)?.write_all(&bytes[..fits])?;
+            self.free -= fits;
+            if fits < bytes.len() { Err(ErrorKind::StorageFull.into()) } else { Ok(()) }
+        }
+
+        fn cut(&mut self, _: u64) -> io::Result<()> {
+            Err(ErrorKind::StorageFull.into())
+        }
+    }
+
+    #[test]
+    fn a_full_disk_loses_no_finished_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let runs: Vec<Run> = (0..5).map(|seed| Run { seed, ..Run::default() }).collect();
+        let keep = |log: &mut RunLog| runs[log.runs().len()..].iter().try_for_each(|run| log.append(run.clone()));
+        let file = folder.path().join("whole");
+        keep(&mut RunLog::open(&file).unwrap()).unwrap();
+        let whole = std::fs::read(&file).unwrap();
+        for free in [0, 1, whole.len() / 3, whole.len() / 2, whole.len() - 1] {
+            let file = folder.path().join(free.to_string());
+            let mut log = RunLog::open(&file).unwrap();
+            log.store = Box::new(Full { file: file.clone(), free });
+            let said = keep(&mut log).unwrap_err().to_string();
+            let kept = log.runs().len();
+            let expected = format!("the {kept} runs before it are kept");
+            assert!(said.contains("cannot store a finished run") && said.contains(&expected), "{said}");
+            assert_eq!(kept, whole[..free].iter().filter(|byte| **byte == b'\n').count());
+            keep(&mut RunLog::open(&file).unwrap()).unwrap();
+            assert!(std::fs::read(&file).unwrap() == whole, "{free} bytes were free");
+        }
+    }
+
     #[test]
     fn dates_match_the_calendar() {
         // From GNU date -u -d @N.
-        assert_eq!(utc(0), "1970-01-01T00:00:00Z");
-        assert_eq!(utc(951_782_400), "2000-02-29T00:00:00Z");
-        assert_eq!(utc(1_709_251_199), "2024-02-29T23:59:59Z");
-        assert_eq!(utc(1_795_271_400), "2026-11-21T14:30:00Z");
-        assert_eq!(utc(4_107_542_400), "2100-03-01T00:00:00Z");
+        for (seconds, date) in [
+            (0, "1970-01-01T00:00:00Z"),
+            (951_782_400, "2000-02-29T00:00:00Z"),
+            (1_709_251_199, "2024-02-29T23:59:59Z"),
+            (1_795_271_400, "2026-11-21T14:30:00Z"),
+            (4_107_542_400, "2100-03-01T00:00:00Z"),
+        ] {
+            assert_eq!(utc(seconds), date);
+        }
     }
 }

@@ -223,7 +223,7 @@ fn render(
     subject: &Subject,
     look: &mut dyn FnMut(f64) -> Control,
 ) -> Result<Option<ReferenceImage>, StudyError> {
-    let pixels = subject.frame()?.pixels() as u64;
+    let pixels = subject.view.pixels();
     let samples = record.spp.unwrap_or(2) / 2 * pixels;
     let method = Method::new("uniform", record.points.as_deref().unwrap_or("random"), "none");
     let mut halves = Vec::new();

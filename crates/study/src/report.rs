@@ -6,7 +6,7 @@ mod gallery;
 mod page;
 mod tables;
 
-use crate::record::{PHASES, Run, RunBudget};
+use crate::record::{PHASES, Run};
 use crate::summary::{Summary, number};
 use crate::{RecordedStudy, StudyError};
 use dapple_metrics::METRICS;
@@ -72,7 +72,7 @@ fn runs_csv(recorded: &RecordedStudy) -> Result<Vec<u8>, csv::Error> {
 
 fn line(run: &Run, lights: &str, method: &str) -> Vec<String> {
     let known = |value: Option<f64>| value.map_or_else(String::new, number);
-    let budget = if matches!(run.budget, RunBudget::Spp(_)) { "spp" } else { "time" };
+    let budget = if run.budget.is_timed() { "time" } else { "spp" };
     let mut line = [&run.scene, lights, method, &run.method.sampler, &run.method.points, &run.method.filter, budget]
         .map(str::to_owned)
         .to_vec();

@@ -13,7 +13,6 @@ use std::process::{Command, Stdio};
 
 /// A request for one run of a study. It can be sent as JSON to another process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
 pub struct RunRequest {
     /// The scene with the settings of its image.
     pub view: View,
@@ -87,7 +86,7 @@ impl InProcess {
 
 /// Renders an image that is not recorded, because the first images of a process are slower.
 fn warm_up(subject: &Subject) -> Result<(), StudyError> {
-    let samples = WARM_UP_SPP * subject.frame()?.pixels() as u64;
+    let samples = WARM_UP_SPP * subject.view.pixels();
     let order = Order { method: &Method::default(), seed: 0, samples, external: None, threads: 0 };
     shoot(subject, order, &mut NoMonitor, || None).map(|_| ())
 }

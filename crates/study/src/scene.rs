@@ -1,7 +1,7 @@
 //! The scenes of a study: their image settings, and the rendering of an image with its cost measured.
 
 use crate::{External, Method, Phases, StudyError};
-use dapple_core::{Film, Filtered, Frame, Monitor, Needs};
+use dapple_core::{Film, Filtered, Monitor, Needs};
 use dapple_job::memory::MemoryLimit;
 use dapple_job::{
     BudgetSpec, ContentHash, CropSpec, JobError, LoadOptions, LoadedScene, PixelFilterSpec, PreparedScene,
@@ -43,6 +43,24 @@ pub(crate) fn is_auto(integrator: &str) -> bool {
 }
 
 impl View {
+    /// The description of a render of this view, with the default sampler, point set and filter.
+    pub(crate) fn spec(&self) -> RenderSpec {
+        let [w, h] = self.resolution;
+        RenderSpec::new(self.source.clone())
+            .resolution(w, h)
+            .crop(CropSpec::Whole)
+            .pixel_filter(PixelFilterSpec::Box)
+            .max_depth(self.max_depth)
+            .allow_unsupported(self.allow_unsupported)
+            .light_selection(self.lights)
+            .integrator(self.integrator.clone())
+    }
+
+    /// The number of pixels of the scene's images.
+    pub(crate) fn pixels(&self) -> u64 {
+        self.resolution.into_iter().map(u64::from).product()
+    }
+
     /// Returns this view with lights selected by power and the scene's own integrator, for rendering the reference: views
     /// that differ in these only thus share one reference.
     pub(crate) fn by_default(&self) -> Self {
@@ -57,7 +75,8 @@ pub(crate) struct Subject {
     pub(crate) scene: Arc<Scene>,
     /// The hash of all bytes that were read for the scene.
     pub(crate) content: ContentHash,
-    prepared: PreparedScene,
+    /// The scene with the world built from it for tracing.
+    pub(crate) prepared: PreparedScene,
 }
 
 /// The default name of a scene: the file name without extension, or the name of the folder if the file is called
@@ -69,21 +88,6 @@ pub(crate) fn name_of(source: &str) -> String {
     match part(path.parent().and_then(Path::file_name)) {
         Some(folder) if stem.starts_with("scene") => folder,
         _ => stem,
-    }
-}
-
-impl View {
-    /// The description of a render of this view, with the default sampler, point set and filter.
-    pub(crate) fn spec(&self) -> RenderSpec {
-        let [w, h] = self.resolution;
-        RenderSpec::new(self.source.clone())
-            .resolution(w, h)
-            .crop(CropSpec::Whole)
-            .pixel_filter(PixelFilterSpec::Box)
-            .max_depth(self.max_depth)
-            .allow_unsupported(self.allow_unsupported)
-            .light_selection(self.lights)
-            .integrator(self.integrator.clone())
     }
 }
 
@@ -102,21 +106,10 @@ impl Subject {
         Ok(Self { view: view.clone(), scene: prepared.scene().clone(), content, prepared })
     }
 
-    /// The scene with the world built from it for tracing.
-    pub(crate) fn prepared(&self) -> &PreparedScene {
-        &self.prepared
-    }
-
     /// The warnings of reading the scene, one line each; bundled scenes have none.
     pub(crate) fn notices(&self) -> Vec<String> {
         let notices = self.prepared.warnings().iter().filter(|warning| matches!(warning, Warning::Notice(_)));
         notices.map(Warning::to_string).collect()
-    }
-
-    /// The frame of the whole image, without a crop.
-    pub(crate) fn frame(&self) -> Result<Frame, StudyError> {
-        let [w, h] = self.view.resolution;
-        Frame::new(w, h).map_err(|e| StudyError::Scene(e.to_string()))
     }
 
     /// A hash of a few rendered pixels in the middle of the image. It changes if a new version of the renderer computes
@@ -182,7 +175,7 @@ pub(crate) fn shoot(
     let filter = if external.is_some() { "none" } else { &method.filter };
     let spec = subject.view.spec().sampler(&method.sampler).points(&method.points).filter(filter);
     let spec = spec.seed(seed).budget(BudgetSpec::Samples(samples));
-    let mut render = subject.prepared().job(&spec).map_err(job)?;
+    let mut render = subject.prepared.job(&spec).map_err(job)?;
     render.record(external.map_or(Needs::none(), External::needs));
     let traced = render.run(None, &mut RenderMonitor(monitor)).map_err(job)?;
     if let Some(panicked) = traced.failure {

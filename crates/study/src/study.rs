@@ -3,7 +3,7 @@
 mod equal_time;
 
 use crate::record::{image_stem, method_file_names, safe_file_name};
-use crate::records::{RunLog, RunStore, differences, manifest_bytes, manifest_of, read_manifest};
+use crate::records::{RunLog, differences, manifest_bytes, manifest_of, read_manifest};
 use crate::reference::{ReferenceImage, ReferenceSource, load_or_render, plan_reference};
 use crate::runner::{RunRequest, Runner};
 use crate::scene::{Subject, View, name_of};
@@ -153,12 +153,6 @@ impl Study {
         self.plan.runs()
     }
 
-    /// Replaces the file of finished runs by another store, for tests of a full disk.
-    pub fn with_store(mut self, store: Box<dyn RunStore>) -> Self {
-        self.log = self.log.with_store(store);
-        self
-    }
-
     /// Makes all missing runs.
     ///
     /// Runs are ordered by scene, then seed, then budget, then method. Methods thus alternate, so that a slower machine
@@ -169,7 +163,7 @@ impl Study {
     /// [`StudyError`] of a run or of the disk. Finished runs are kept.
     pub fn run(&mut self, runner: &mut dyn Runner, monitor: &mut dyn StudyMonitor) -> Result<StudyStatus, StudyError> {
         for at in 0..self.views.len() {
-            let pixels = pixels(&self.views[at]);
+            let pixels = self.views[at].pixels();
             for seed in self.plan.seeds.clone() {
                 for spp in self.plan.spp.clone() {
                     for method in self.plan.methods.clone() {
@@ -279,10 +273,6 @@ fn load_references(
     Ok(true)
 }
 
-fn pixels(view: &View) -> u64 {
-    u64::from(view.resolution[0]) * u64::from(view.resolution[1])
-}
-
 /// Makes the views of a plan's scenes, with their names and resolutions.
 fn views(plan: &Plan) -> Result<Vec<View>, StudyError> {
     let mut views: Vec<View> = Vec::new();
@@ -333,7 +323,7 @@ struct WorkMeter {
 impl WorkMeter {
     fn new(plan: &Plan, views: &[View], wanted: &[ReferenceSource], log: &RunLog) -> Self {
         let spp: u64 = plan.spp.iter().sum::<u64>() + plan.time_of.unwrap_or(0);
-        let of_scene = |view: &View| (spp * pixels(view)) as f64 * (plan.methods.len() * plan.seeds.len()) as f64;
+        let of_scene = |view: &View| (spp * view.pixels()) as f64 * (plan.methods.len() * plan.seeds.len()) as f64;
         let mut meter = Self { began: Instant::now(), done: 0.0, all: 0.0, finished: 0, runs: plan.runs() };
         let references: f64 = wanted.iter().zip(views).map(|(w, view)| meter.of_reference(w, view)).sum();
         let finished: f64 = log.runs().iter().map(|r| r.asked as f64).sum();
@@ -345,7 +335,7 @@ impl WorkMeter {
     /// The number of samples needed to render a reference; 0 if it exists.
     fn of_reference(&self, wanted: &ReferenceSource, view: &View) -> f64 {
         let missing = wanted.rendered.as_ref().is_some_and(|path| !path.exists());
-        if missing { (wanted.record.spp.unwrap_or(0) * pixels(view)) as f64 } else { 0.0 }
+        if missing { (wanted.record.spp.unwrap_or(0) * view.pixels()) as f64 } else { 0.0 }
     }
 
     fn add(&mut self, samples: f64) {

@@ -126,21 +126,10 @@ impl Summary {
             "scene", "sampler", "points", "filter", "budget", "metric", "value", "low", "high", "n", "note",
         ])?;
         for row in &self.rows {
+            let Row { scene, method: Method { sampler, points, filter }, budget, metric, note, .. } = row;
             let [value, low, high] = [row.value, row.low, row.high].map(|v| v.map_or_else(String::new, number));
-            let method = &row.method;
-            writer.write_record([
-                &row.scene,
-                &method.sampler,
-                &method.points,
-                &method.filter,
-                &row.budget,
-                &row.metric,
-                &value,
-                &low,
-                &high,
-                &row.n.to_string(),
-                &row.note,
-            ])?;
+            let n = row.n.to_string();
+            writer.write_record([scene, sampler, points, filter, budget, metric, &value, &low, &high, &n, note])?;
         }
         writer.flush()?;
         Ok(())
@@ -179,15 +168,9 @@ impl<'a> RunTable<'a> {
         Self { manifest, baseline, cells, none: BTreeMap::new() }
     }
 
-    /// The runs of a scene and method (by index) at a budget, by seed; possibly none. For the baseline at equal time,
-    /// its runs at that spp replace missing ones.
+    /// The runs of a scene and method (by index) at a budget, by seed; possibly none.
     fn at(&self, [scene, method]: [usize; 2], budget: RunBudget) -> &Seeds<'a> {
-        let found = |budget| self.cells.get(&(scene, method, budget));
-        let instead = match budget {
-            RunBudget::TimeOf(spp) if method == self.baseline => found(RunBudget::Spp(spp)),
-            _ => None,
-        };
-        found(budget).or(instead).unwrap_or(&self.none)
+        self.cells.get(&(scene, method, budget)).unwrap_or(&self.none)
     }
 
     /// The indices of every pair of scene and method, scene by scene.

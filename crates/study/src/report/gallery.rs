@@ -170,27 +170,17 @@ fn side_for(pixels: f64, count: usize) -> f64 {
 /// The budget whose images are shown: equal time if it has images, else the largest spp with images; `None` without
 /// images.
 fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
-    let shown = || recorded.runs.iter().filter(|run| run.scene == scene.name && run.image.is_some());
-    let spp = |run: &Run| if let RunBudget::Spp(spp) = run.budget { Some(spp) } else { None };
-    let timed = shown().map(|run| run.budget).find(|b| matches!(b, RunBudget::TimeOf(_)));
-    timed.or(shown().filter_map(spp).max().map(RunBudget::Spp))
+    // In their order, equal time comes after samples per pixel.
+    let shown = recorded.runs.iter().filter(|run| run.scene == scene.name && run.image.is_some());
+    shown.map(|run| run.budget).max()
 }
 
-/// The first run of a method at `budget` that has an image, else the first one that has a sample map. For the baseline
-/// at equal time, its run at that spp may replace it.
+/// The first run of a method at `budget` that has an image, else the first one that has a sample map.
 fn run<'a>(recorded: &'a RecordedStudy, scene: &SceneRecord, method: usize, budget: RunBudget) -> Option<&'a Run> {
     let method = &recorded.manifest.methods[method];
-    let find = |budget: RunBudget, has: fn(&Run) -> bool| {
-        let fits = |run: &&Run| run.scene == scene.name && run.method == *method && run.budget == budget && has(run);
-        recorded.runs.iter().find(fits)
-    };
-    let either = |budget| find(budget, |run| run.image.is_some()).or(find(budget, |run| run.sample_map.is_some()));
-    match budget {
-        RunBudget::TimeOf(spp) if *method == recorded.manifest.baseline => {
-            either(budget).or(either(RunBudget::Spp(spp)))
-        }
-        _ => either(budget),
-    }
+    let of = |run: &&Run| run.scene == scene.name && run.method == *method && run.budget == budget;
+    let mut runs = recorded.runs.iter().filter(of);
+    runs.clone().find(|run| run.image.is_some()).or(runs.find(|run| run.sample_map.is_some()))
 }
 
 /// The exposure in whole stops at which a scene's images are shown: 0, unless the reference is far too dark or too

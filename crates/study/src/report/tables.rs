@@ -36,7 +36,7 @@ impl TableCell {
         let write = |value: f64| round(value).replace('-', "−");
         let exact = |v: Option<f64>| v.map_or_else(String::new, number);
         let interval = |[low, high]: [f64; 2]| format!("[{}, {}]", write(low), write(high));
-        let marks = [("extrapolated", "†"), ("mean curve", "‡"), ("reference-limited", "§"), ("arithmetic mean", "¶")];
+        let marks = [("reference-limited", "§"), ("arithmetic mean", "¶")];
         Self {
             key: row.key(),
             metric: row.metric.clone(),

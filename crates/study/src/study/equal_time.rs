@@ -8,7 +8,7 @@
 //!    two.
 //! 4. All seeds use the same number of samples. A resumed study reads it from `runs.jsonl`.
 
-use super::{Study, StudyStatus, pixels};
+use super::{Study, StudyStatus};
 use crate::runner::{RunRequest, Runner};
 use crate::summary::median;
 use crate::{Method, Run, RunBudget, StudyError, study::StudyMonitor};
@@ -36,7 +36,7 @@ impl Study {
                 let found = self.of_method(at, method, budget).next().map(|run| run.asked);
                 let asked = match found {
                     Some(asked) => asked,
-                    None if *method == baseline => time_of * pixels(&self.views[at]),
+                    None if *method == baseline => time_of * self.views[at].pixels(),
                     None => self.solve(at, method, time_of),
                 };
                 let request = self.request(at, method, budget, seed, asked);
@@ -67,7 +67,7 @@ impl Study {
     /// The total number of samples with which a method takes as long as the baseline with `time_of` spp, according to
     /// the time model.
     fn solve(&self, at: usize, method: &Method, time_of: u64) -> u64 {
-        let pixels = pixels(&self.views[at]);
+        let pixels = self.views[at].pixels();
         let baseline = self.of_method(at, &self.plan.settings.baseline, RunBudget::Spp(time_of));
         let target = median(baseline.map(|r| r.render_s).collect());
         let mut spp = time_of as f64;
@@ -102,8 +102,7 @@ fn first_run(request: RunRequest, target: f64, runner: &mut dyn Runner) -> Resul
     let nearer = if off(&first) < off(&second) { first } else { second };
     let fixed = nearer.seconds.fixed();
     let rate = (nearer.render_s - fixed) / nearer.asked as f64;
-    let pixels = u64::from(request.view.resolution[0]) * u64::from(request.view.resolution[1]);
-    let asked = samples(target, fixed, rate, pixels);
+    let asked = samples(target, fixed, rate, request.view.pixels());
     if asked == request.asked {
         return Ok(nearer);
     }

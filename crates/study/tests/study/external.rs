@@ -1,7 +1,7 @@
 //! External filters: their input, their output, and the errors when they fail.
 #![cfg(unix)]
 
-use crate::common::{Place, in_process};
+use crate::support::{Place, in_process};
 use dapple_scene::image::{Image, encode_pfm, read_channels, write_file};
 use dapple_study::{External, Method, Run, StudyError};
 

@@ -1,6 +1,6 @@
 //! References: rendered once, kept, and refused if they do not fit.
 
-use crate::common::{Fake, Place};
+use crate::support::{Fake, Place};
 use dapple_core::Control;
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::{Image, Layer, encode_exr, encode_pfm, read_attributes, write_file};
@@ -75,11 +75,11 @@ fn every_setting_that_matters_gives_another_reference() {
         hashes.push(other.hash);
     }
     // An included file.
-    std::fs::write(place.path("floor.pbrt"), format!("{}# a word\n", crate::common::FLOOR)).unwrap();
+    std::fs::write(place.path("floor.pbrt"), format!("{}# a word\n", crate::support::FLOOR)).unwrap();
     let (other, rendered) = place.reference(place.plan(&[]), "f");
     assert!(rendered && !hashes.contains(&other.hash));
     // The control: the original file.
-    std::fs::write(place.path("floor.pbrt"), crate::common::FLOOR).unwrap();
+    std::fs::write(place.path("floor.pbrt"), crate::support::FLOOR).unwrap();
     assert_eq!(place.reference(place.plan(&[]), "g"), (first.clone(), false));
     // A broken reference is rendered again.
     std::fs::write(&first.file, b"nonsense").unwrap();
@@ -130,7 +130,7 @@ fn a_file_of_another_size_scene_or_setting_is_refused() {
 fn a_reference_of_a_study_keeps_its_variance() {
     let place = Place::new();
     let (made, _) = place.reference(place.plan(&[]), "a");
-    let study = place.study(place.with_reference(made.file.as_ref(), &[]), "b", &mut crate::common::in_process());
+    let study = place.study(place.with_reference(made.file.as_ref(), &[]), "b", &mut crate::support::in_process());
     assert_eq!(study.manifest().scenes[0].reference.relmse, made.relmse);
     assert!(study.runs().iter().all(|r| r.corrected && r.reference_limited), "16 spp limit 8");
 }
@@ -160,7 +160,7 @@ fn a_reference_of_a_multiple_of_the_size_is_averaged() {
     let errors = |reference: PathBuf, folder: &str| {
         let plan = place.with_reference(&reference, &["time_of=0"]);
         place
-            .study(plan, folder, &mut crate::common::in_process())
+            .study(plan, folder, &mut crate::support::in_process())
             .runs()
             .iter()
             .map(|r| r.errors.get("mse"))
@@ -185,7 +185,7 @@ fn light_selections_share_a_reference() {
     assert!(!rendered && power == cells);
     // The runs differ.
     let errors = |lights: LightSelection, folder: &str| {
-        let study = place.study(with(lights, "room"), folder, &mut crate::common::in_process());
+        let study = place.study(with(lights, "room"), folder, &mut crate::support::in_process());
         assert_eq!(study.manifest().scenes[0].lights, lights);
         study.runs().iter().map(|r| r.errors.get("mse")).collect::<Vec<_>>()
     };

@@ -1,32 +1,37 @@
-//! Reports of studies with known results; page and table agree.
+//! Reports of studies with known results, and the files beside them; page and tables agree.
 
-use crate::synthesis::{Law, Study, errors, example};
+use crate::support::{Law, MadeUp, errors, example};
 use dapple_study::summary::{RatioVerdict, Row};
 use dapple_study::{RunBudget, Summary, write_report};
 use std::collections::BTreeMap;
 use std::path::Path;
+use tempfile::TempDir;
 
 struct Written {
+    folder: TempDir,
     summary: Summary,
     page: String,
     table: Vec<Vec<String>>,
 }
 
-fn write(study: &mut Study, images: bool) -> Written {
+fn write(study: &mut MadeUp, images: bool) -> Written {
     let folder = tempfile::tempdir().unwrap();
     study.write(folder.path(), images);
-    read(folder.path())
+    report(folder)
 }
 
-fn read(folder: &Path) -> Written {
-    let summary = write_report(folder).unwrap();
-    let page = std::fs::read_to_string(folder.join("report.html")).unwrap();
-    let mut reader = csv::Reader::from_path(folder.join("summary.csv")).unwrap();
+fn page(folder: &Path) -> (Summary, String) {
+    (write_report(folder).unwrap(), std::fs::read_to_string(folder.join("report.html")).unwrap())
+}
+
+fn report(folder: TempDir) -> Written {
+    let (summary, page) = page(folder.path());
+    let mut reader = csv::Reader::from_path(folder.path().join("summary.csv")).unwrap();
     let headers: Vec<String> = reader.headers().unwrap().iter().map(String::from).collect();
     let columns = ["scene", "sampler", "points", "filter", "budget", "metric", "value", "low", "high", "n", "note"];
     assert_eq!(headers, columns);
     let table = reader.records().map(|line| line.unwrap().iter().map(String::from).collect()).collect();
-    Written { summary, page, table }
+    Written { folder, summary, page, table }
 }
 
 /// The page's `<data>` elements: key, value, low, high, and the visible text.
@@ -62,7 +67,7 @@ fn differences(page: &str, table: &[Vec<String>]) -> Vec<String> {
         if [&value, &low, &high] != [&row[6], &row[7], &row[8]] {
             wrong.push(format!("{key}: {value} [{low}, {high}] on the page, {:?} in summary.csv", &row[6..9]));
         }
-        let shown = text.trim_end_matches(['†', '‡', '§', '¶']).replace('−', "-");
+        let shown = text.trim_end_matches(['§', '¶']).replace('−', "-");
         match (shown.parse::<f64>(), value.parse::<f64>()) {
             (Ok(rounded), Ok(exact)) if (rounded - exact).abs() <= 1.000_001 * half_unit(&shown) => {}
             (Err(_), Err(_)) if shown == "–" => {}
@@ -79,7 +84,7 @@ fn half_unit(number: &str) -> f64 {
     0.5 * 10.0_f64.powi(exponent.parse::<i32>().unwrap() - decimals)
 }
 
-fn row<'a>(found: &'a Written, study: &Study, method: usize, budget: RunBudget, metric: &str) -> &'a Row {
+fn row<'a>(found: &'a Written, study: &MadeUp, method: usize, budget: RunBudget, metric: &str) -> &'a Row {
     let words = budget.to_string();
     let scene = &study.manifest.scenes[0].name;
     let method = &study.manifest.methods[method];
@@ -87,7 +92,7 @@ fn row<'a>(found: &'a Written, study: &Study, method: usize, budget: RunBudget, 
     row.unwrap_or_else(|| panic!("no {metric} of {method:?} at {words}"))
 }
 
-fn verdict(found: &Written, study: &Study, method: usize, budget: RunBudget, metric: &str) -> RatioVerdict {
+fn verdict(found: &Written, study: &MadeUp, method: usize, budget: RunBudget, metric: &str) -> RatioVerdict {
     RatioVerdict::of(row(found, study, method, budget, metric)).unwrap()
 }
 
@@ -135,7 +140,7 @@ fn a_large_study_has_a_page_of_a_few_megabytes() {
         }
     }
     let scenes = ["cornell", "teapot", "garden", "glass", "hall", "dof", "terrain"];
-    let mut study = Study::new(&scenes, &laws, &[4, 8, 16, 32], Some(16), 4).resized([128, 96]);
+    let mut study = MadeUp::new(&scenes, &laws, &[4, 8, 16, 32], Some(16), 4).resized([128, 96]);
     let found = write(&mut study, true);
     assert!(found.page.len() < 6_000_000, "{} bytes", found.page.len());
     assert_eq!(differences(&found.page, &found.table), Vec::<String>::new());
@@ -149,7 +154,7 @@ fn a_slowed_filter_loses_at_equal_time() {
         Law::new("uniform", "slowed").seconds(0.02),
         Law::new("uniform", "free").seconds(0.01),
     ];
-    let mut study = Study::new(&["a"], &laws, &SPP, Some(16), 16);
+    let mut study = MadeUp::new(&["a"], &laws, &SPP, Some(16), 16);
     let found = write(&mut study, false);
     for metric in ["relmse ratio", "relmse_trimmed ratio", "srgb8_mse ratio", "flip ratio"] {
         assert_eq!(verdict(&found, &study, 1, TIMED, metric), RatioVerdict::Loss, "{metric}");
@@ -168,7 +173,7 @@ fn a_slowed_filter_loses_at_equal_time() {
 fn unequal_time_wins_nothing() {
     let laws =
         [Law::new("uniform", "none"), Law::new("late", "none").errors(0.8), Law::new("fair", "none").errors(0.8)];
-    let mut study = Study::new(&["a"], &laws, &SPP, Some(16), 16);
+    let mut study = MadeUp::new(&["a"], &laws, &SPP, Some(16), 16);
     for run in study.runs.iter_mut().filter(|run| run.method.sampler == "late") {
         run.render_s *= 2.0;
     }
@@ -186,7 +191,7 @@ fn a_sampler_against_itself_wins_nothing() {
     let laws = [Law::new("uniform", "none"), Law::new("twin", "none"), Law::new("worse", "none").errors(1.15)];
     let names: Vec<String> = (0..40).map(|i| format!("scene {i}")).collect();
     let scenes: Vec<&str> = names.iter().map(String::as_str).collect();
-    let mut study = Study::new(&scenes, &laws, &[4, 16], Some(16), 8);
+    let mut study = MadeUp::new(&scenes, &laws, &[4, 16], Some(16), 8);
     let found = write(&mut study, false);
     let of = |method: usize| -> Vec<&Row> {
         let method = &study.manifest.methods[method];
@@ -200,7 +205,7 @@ fn a_sampler_against_itself_wins_nothing() {
     assert!(of(2).iter().filter(|r| RatioVerdict::of(r) == Some(RatioVerdict::Loss)).count() > 100);
     // Exactly equal numbers: a ratio of exactly 1.
     let itself = [laws[0].clone(), Law { method: laws[1].method.clone(), ..laws[0].clone() }];
-    let mut study = Study::new(&["a"], &itself, &SPP, Some(16), 4);
+    let mut study = MadeUp::new(&["a"], &itself, &SPP, Some(16), 4);
     let found = write(&mut study, false);
     let row = row(&found, &study, 1, TIMED, "relmse ratio");
     assert_eq!((row.value, row.low, row.high), (Some(1.0), Some(1.0), Some(1.0)));
@@ -211,11 +216,11 @@ fn a_sampler_against_itself_wins_nothing() {
 #[test]
 fn odd_studies_have_a_report_with_remarks() {
     let laws = [Law::new("uniform", "none"), Law::new("mitchell", "none")];
-    let whole = || Study::new(&["a"], &laws, &SPP, Some(16), 4);
-    let mut cases: Vec<(&str, Study, &str)> = Vec::new();
-    cases.push(("one seed", Study::new(&["a"], &laws, &SPP, Some(16), 1), "One seed: there are no intervals"));
-    cases.push(("one method", Study::new(&["a"], &laws[..1], &SPP, None, 4), "the study has one method"));
-    cases.push(("one budget", Study::new(&["a"], &laws, &[16], None, 4), "There are no equal-time runs"));
+    let whole = || MadeUp::new(&["a"], &laws, &SPP, Some(16), 4);
+    let mut cases: Vec<(&str, MadeUp, &str)> = Vec::new();
+    cases.push(("one seed", MadeUp::new(&["a"], &laws, &SPP, Some(16), 1), "One seed: there are no intervals"));
+    cases.push(("one method", MadeUp::new(&["a"], &laws[..1], &SPP, None, 4), "the study has one method"));
+    cases.push(("one budget", MadeUp::new(&["a"], &laws, &[16], None, 4), "There are no equal-time runs"));
     let mut study = whole();
     study.runs.retain(|run| run.method.sampler == "uniform" && run.seed == 1);
     cases.push(("cut short", study, "5 of 40 runs are done"));
@@ -261,7 +266,7 @@ fn odd_studies_have_a_report_with_remarks() {
 #[test]
 fn names_cannot_break_the_page() {
     let laws = [Law::new("uniform", "none"), Law::new("<script>alert(1)</script>", "\"><img src=x>")];
-    let mut study = Study::new(&["a&b'<i>"], &laws, &[4, 8], Some(8), 2);
+    let mut study = MadeUp::new(&["a&b'<i>"], &laws, &[4, 8], Some(8), 2);
     study.runs.iter_mut().for_each(|run| run.image = Some("<b>gone</b>".into()));
     let found = write(&mut study, false);
     assert!(
@@ -275,18 +280,161 @@ fn broken_records_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let error = |folder: &Path| write_report(folder).unwrap_err().to_string();
     assert!(error(folder.path()).contains("study.json"));
-    let mut study = Study::new(&["a"], &[Law::new("uniform", "none")], &[4, 8], None, 2);
+    let mut study = MadeUp::new(&["a"], &[Law::new("uniform", "none")], &[4, 8], None, 2);
     study.write(folder.path(), false);
     let runs = folder.path().join("runs.jsonl");
     let whole = std::fs::read_to_string(&runs).unwrap();
     // A full disk leaves an incomplete last line.
     std::fs::write(&runs, &whole[..whole.len() - 30]).unwrap();
-    assert!(read(folder.path()).page.contains("3 of 4 runs are done"));
+    assert!(page(folder.path()).1.contains("3 of 4 runs are done"));
     std::fs::write(&runs, whole.replacen("\"seed\":1", "\"seed\":x", 1)).unwrap();
     assert!(error(folder.path()).contains("runs.jsonl:1: "));
     std::fs::write(&runs, whole.repeat(2)).unwrap();
-    assert!(read(folder.path()).page.contains("4 runs were made twice"));
+    assert!(page(folder.path()).1.contains("4 runs were made twice"));
     study.manifest.baseline.filter = "other".into();
     study.write(folder.path(), false);
     assert!(error(folder.path()).contains("baseline"));
+}
+
+fn two() -> MadeUp {
+    MadeUp::new(&["a"], &[Law::new("uniform", "none"), Law::new("mitchell", "none")], &[4, 8], Some(8), 3)
+}
+
+#[test]
+fn every_link_of_the_page_leads_to_a_file() {
+    let Written { folder, page, .. } = write(&mut example(), true);
+    let links: Vec<&str> = page.split("href=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
+    let files: Vec<&&str> = links.iter().filter(|link| !link.starts_with('#') && !link.starts_with("data:")).collect();
+    let missing: Vec<_> = files.iter().filter(|file| !folder.path().join(file).is_file()).collect();
+    assert_eq!(missing, Vec::<&&&str>::new());
+    for file in ["runs.csv", "runs.jsonl", "summary.csv", "study.json"] {
+        assert!(files.iter().any(|link| **link == file), "{file}: {files:?}");
+    }
+    // The EXR image and the sample map of each method.
+    assert_eq!(files.iter().filter(|file| file.starts_with("images/")).count(), 2 * 2 * 6);
+}
+
+#[test]
+fn a_busy_machine_is_warned_of_at_the_top() {
+    let mut study = two();
+    study.manifest.machine.cores = Some(2);
+    let Written { page, .. } = write(&mut study, false);
+    assert!(!page.contains("The machine was busy"));
+    for run in study.runs.iter_mut().take(3) {
+        run.load = Some(5.25);
+    }
+    let Written { page, .. } = write(&mut study, false);
+    let warning = "the load was up to 5.2 on 2 cores, and above the cores before 3 of 18 runs";
+    assert!(page.find(warning).is_some_and(|at| at < page.find("<main>").unwrap()), "no warning");
+    // The study's own threads are no other program.
+    study.manifest.machine.cores = Some(6);
+    let Written { page, .. } = write(&mut study, false);
+    assert!(!page.contains("The machine was busy"));
+}
+
+#[test]
+fn an_unknown_commit_is_named_with_the_version() {
+    let mut study = two();
+    assert!(write(&mut study, false).page.contains("Made by Dapple 0.1.0, commit 0123abc+."));
+    study.manifest.commit = None;
+    assert!(write(&mut study, false).page.contains("commit unknown (this build of version 0.1.0 came without git)"));
+}
+
+#[test]
+fn undecided_and_losses_in_flip_are_explained_where_they_stand() {
+    let mut study = two();
+    let Written { page, .. } = write(&mut study, false);
+    let verdicts = page.split("id=\"verdicts\"").nth(1).unwrap();
+    assert!(verdicts.contains("<span class=\"why\">the interval contains 1</span>"), "no reason");
+    // A third of the error in relMSE, twice that in FLIP.
+    for run in study.runs.iter_mut().filter(|run| run.method.sampler == "mitchell") {
+        run.errors.set("relmse", 0.3 * run.errors.get("relmse"));
+        run.errors.set("flip", 2.0 * run.errors.get("flip"));
+    }
+    let Written { page, .. } = write(&mut study, false);
+    assert!(page.contains("loses in FLIP on") && page.contains("▼ 1 lost"), "no loss in FLIP");
+    let cell = page.split("<td class=\"num loss\">").nth(1).expect("a marked cell");
+    assert!(cell.contains("▼") && cell.contains("flip ratio"), "{cell:.200}");
+    study.manifest.seeds = vec![1];
+    let Written { page, .. } = write(&mut study, false);
+    assert!(page.contains("<span class=\"why\">one seed: no interval</span>"), "no reason");
+}
+
+#[test]
+fn each_run_is_a_line_of_the_table_with_its_cpu_seconds() {
+    let mut study = two();
+    study.runs[0].cpu_s = Some(0.25);
+    let Written { folder, .. } = write(&mut study, false);
+    let mut reader = csv::Reader::from_path(folder.path().join("runs.csv")).unwrap();
+    let head = reader.headers().unwrap().clone();
+    let column = |name: &str| head.iter().position(|h| h == name).unwrap_or_else(|| panic!("no {name}: {head:?}"));
+    let lines: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    assert_eq!(lines.len(), study.runs.len());
+    for (line, run) in lines.iter().zip(&study.runs) {
+        assert_eq!(line[column("relmse")].parse::<f64>().unwrap(), run.errors.get("relmse"));
+        assert_eq!(
+            (&line[column("seed")], &line[column("sampler")]),
+            (run.seed.to_string().as_str(), run.method.sampler.as_str())
+        );
+    }
+    assert_eq!((&lines[0][column("cpu_seconds")], &lines[1][column("cpu_seconds")]), ("0.25", ""));
+    assert_eq!((&lines[0][column("budget")], &lines[0][column("budget_spp")]), ("spp", "4"));
+}
+
+/// Images that are too large for the page are embedded smaller, and lie beside it at full resolution.
+#[test]
+fn large_images_lie_beside_the_page() {
+    let laws = [Law::new("uniform", "none"), Law::new("mitchell", "none")];
+    let mut study = MadeUp::new(&["a"], &laws, &[4], None, 2).resized([1024, 640]);
+    let Written { folder, page, .. } = write(&mut study, true);
+    for name in ["uniform-none", "mitchell-none", "reference"] {
+        assert!(page.contains(&format!("data-full=\"viewer/a/{name}.png\"")), "{name}");
+        let png = std::fs::read(folder.path().join(format!("viewer/a/{name}.png"))).unwrap();
+        assert_eq!((&png[16..20], &png[20..24]), (&1024_u32.to_be_bytes()[..], &640_u32.to_be_bytes()[..]), "{name}");
+    }
+    assert!(page.len() < 3_000_000, "{} bytes", page.len());
+}
+
+/// Runs of older versions lack a metric that was added since.
+#[test]
+fn a_metric_that_runs_lack_is_empty_in_all_tables() {
+    for seeds in [1, 3] {
+        let laws = [Law::new("uniform", "none"), Law::new("mitchell", "none")];
+        let mut study = MadeUp::new(&["a"], &laws, &[4, 8], Some(8), seeds);
+        study.runs.iter_mut().for_each(|run| run.errors.set("flip", f64::NAN));
+        let Written { folder, page, .. } = write(&mut study, false);
+        assert!(!page.contains("NaN"));
+        let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+        assert!(!read("summary.csv").contains("NaN") && !read("runs.csv").contains("NaN"));
+        let text = read("runs.jsonl");
+        assert!(text.contains("\"flip\":null"));
+        std::fs::write(folder.path().join("runs.jsonl"), text.replace(",\"flip\":null", "")).unwrap();
+        let _ = write_report(folder.path()).unwrap();
+        assert!(std::fs::read_to_string(folder.path().join("report.html")).unwrap() == page);
+    }
+}
+
+#[test]
+fn charts_are_whole_drawings_with_a_curve_for_each_method() {
+    let mut study = example();
+    let Written { page, .. } = write(&mut study, false);
+    let charts: Vec<&str> =
+        page.split("class=\"chart\"").skip(1).map(|rest| &rest[rest.find("<svg").unwrap()..]).collect();
+    assert_eq!(charts.len(), 4);
+    let curves = study.manifest.methods.len();
+    for chart in charts {
+        let chart = &chart[..chart.find("</svg>").unwrap() + 6];
+        let drawing = roxmltree::Document::parse(chart).unwrap();
+        let count = |tag: &str| drawing.descendants().filter(|node| node.tag_name().name() == tag).count();
+        assert_eq!((count("polyline"), count("polygon")), (curves, curves));
+        // A point of each curve for each budget, inside the frame.
+        let numbers = drawing.descendants().filter_map(|node| node.attribute("points"));
+        for place in numbers.flat_map(|points| points.split(' ')) {
+            let (x, y) = place.split_once(',').unwrap();
+            let [x, y] = [x, y].map(|text| text.parse::<f64>().unwrap());
+            assert!((74.0..=464.0).contains(&x) && (12.0..=294.0).contains(&y), "{place}");
+        }
+        assert_eq!(chart.matches("transform=\"translate").count(), curves * study.manifest.spp.len());
+        assert!(chart.contains(">relMSE</text>") && chart.matches("<text").count() > 8);
+    }
 }

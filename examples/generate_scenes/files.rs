@@ -1,26 +1,26 @@
-//! Meshes under construction, and their binary PLY files.
+//! Meshes under construction as binary PLY files, radiance as PFM and colour as TGA images.
 
-use super::directions::{add, cross, dot, normalize, sub};
+use super::arithmetic::{add, cross, dot, lat_long_direction, normalize, sub};
 
 /// Indexed triangles with one normal per vertex.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Mesh {
-    pub(super) positions: Vec<[f64; 3]>,
+pub(crate) struct Mesh {
+    pub(crate) positions: Vec<[f64; 3]>,
     /// Unit vertex normals, one per position.
-    pub(super) normals: Vec<[f64; 3]>,
-    pub(super) triangles: Vec<[u32; 3]>,
+    pub(crate) normals: Vec<[f64; 3]>,
+    pub(crate) triangles: Vec<[u32; 3]>,
 }
 
 impl Mesh {
     /// Adds a vertex and returns its index.
-    pub(super) fn add(&mut self, position: [f64; 3], normal: [f64; 3]) -> u32 {
+    pub(crate) fn add(&mut self, position: [f64; 3], normal: [f64; 3]) -> u32 {
         self.positions.push(position);
         self.normals.push(normal);
         (self.positions.len() - 1) as u32
     }
 
     /// Adds the quadrilateral `a b c d` as two triangles of the same winding. Skips triangles with two equal vertices.
-    pub(super) fn add_quad(&mut self, [a, b, c, d]: [u32; 4]) {
+    pub(crate) fn add_quad(&mut self, [a, b, c, d]: [u32; 4]) {
         for triangle in [[a, b, c], [a, c, d]] {
             if triangle[0] != triangle[1] && triangle[1] != triangle[2] && triangle[2] != triangle[0] {
                 self.triangles.push(triangle);
@@ -29,12 +29,12 @@ impl Mesh {
     }
 
     /// Returns the positions of a triangle's vertices.
-    pub(super) fn corners(&self, triangle: [u32; 3]) -> [[f64; 3]; 3] {
+    pub(crate) fn corners(&self, triangle: [u32; 3]) -> [[f64; 3]; 3] {
         triangle.map(|corner| self.positions[corner as usize])
     }
 
     /// Returns the normal of a triangle, oriented by its winding. Its length is twice the triangle's area.
-    pub(super) fn face_normal(&self, triangle: [u32; 3]) -> [f64; 3] {
+    pub(crate) fn face_normal(&self, triangle: [u32; 3]) -> [f64; 3] {
         let [a, b, c] = self.corners(triangle);
         cross(sub(b, a), sub(c, a))
     }
@@ -43,7 +43,7 @@ impl Mesh {
     ///
     /// Each mean is then tilted upwards if needed, so that it lies on the outer side of each of these triangles. On
     /// sharp ridges the mean alone would not.
-    pub(super) fn smooth_normals(&mut self) {
+    pub(crate) fn smooth_normals(&mut self) {
         const LEAST_COSINE: f64 = 0.05;
         let mut sums = vec![[0.0; 3]; self.positions.len()];
         for &triangle in &self.triangles {
@@ -67,7 +67,7 @@ impl Mesh {
     }
 
     /// Returns a mesh of the triangles for which `keep` returns true, without unused vertices.
-    pub(super) fn part(&self, keep: impl Fn([u32; 3]) -> bool) -> Self {
+    pub(crate) fn part(&self, keep: impl Fn([u32; 3]) -> bool) -> Self {
         let mut part = Self::default();
         let mut number = vec![u32::MAX; self.positions.len()];
         for &triangle in self.triangles.iter().filter(|&&triangle| keep(triangle)) {
@@ -85,7 +85,7 @@ impl Mesh {
 
     /// Encodes the mesh as a binary little-endian PLY file: x y z nx ny nz as f32, and vertex indices as u16 if these
     /// suffice, else u32.
-    pub(super) fn ply(&self) -> Vec<u8> {
+    pub(crate) fn ply(&self) -> Vec<u8> {
         // With u32, about half of the file would be indices. Terrain is cut into parts that fit u16.
         let short = self.positions.len() <= usize::from(u16::MAX) + 1;
         let index = if short { "ushort" } else { "uint" };
@@ -115,4 +115,46 @@ impl Mesh {
         }
         bytes
     }
+}
+
+/// Encodes a latitude-longitude PFM image. `radiance` returns the RGB radiance from a unit direction (z up); it is
+/// called for each pixel's centre.
+pub(crate) fn lat_long_pfm(width: usize, height: usize, radiance: impl Fn([f64; 3]) -> [f64; 3]) -> Vec<u8> {
+    let mut bytes = format!("PF\n{width} {height}\n-1.0\n").into_bytes();
+    // PFM begins with the bottom row.
+    for row in (0..height).rev() {
+        for column in 0..width {
+            for channel in radiance(lat_long_direction(column, row, width, height)) {
+                bytes.extend((channel as f32).to_le_bytes());
+            }
+        }
+    }
+    bytes
+}
+
+/// Encodes an uncompressed TGA image of grey, RGB or RGBA bytes. `pixel` returns those at a column and a row, counted from
+/// the top left.
+pub(crate) fn tga<const N: usize>([width, height]: [u16; 2], pixel: impl Fn(u16, u16) -> [u8; N]) -> Vec<u8> {
+    // True colour, or grey.
+    let kind = if N == 1 { 3 } else { 2 };
+    // Field by field: no id, no palette, the kind, palette and origin all 0, size, bits per pixel, and the descriptor: from
+    // the top left, with 8 bits of opacity or none.
+    let mut bytes = vec![0, 0, kind, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+    bytes.extend(width.to_le_bytes());
+    bytes.extend(height.to_le_bytes());
+    bytes.extend([8 * N as u8, if N == 4 { 0x28 } else { 0x20 }]);
+    for row in 0..height {
+        for column in 0..width {
+            let mut pixel = pixel(column, row);
+            // The file's order is blue, green, red.
+            if N > 1 {
+                pixel.swap(0, 2);
+            }
+            bytes.extend(pixel);
+        }
+    }
+    // The footer of TGA 2.0, without which some readers do not know the format; no extensions.
+    bytes.extend([0; 8]);
+    bytes.extend(b"TRUEVISION-XFILE.\0");
+    bytes
 }

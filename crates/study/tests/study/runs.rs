@@ -1,11 +1,9 @@
-//! Order, resumption, and refusals of a folder.
+//! Runs: their order, resumption, refusals of a folder, and results that are known, each with a control that must differ.
 
-use crate::common::{Fake, Place, copy, in_process, label};
+use crate::support::{Fake, Place, copy, in_process, label};
 use dapple_core::Control;
-use dapple_metrics::ratio_interval;
-use dapple_study::{Method, Run, RunBudget, RunStore, StudyError, StudyMonitor, StudyProgress, StudyStatus};
-use std::io::{self, ErrorKind, Write};
-use std::path::PathBuf;
+use dapple_metrics::log_log_fit;
+use dapple_study::{Method, PlanSettings, Run, RunBudget, StudyError, StudyMonitor, StudyProgress, StudyStatus};
 
 #[test]
 fn methods_alternate_run_by_run() {
@@ -98,22 +96,6 @@ fn runs_of_equal_time_take_the_time_of_the_baseline() {
     assert!((spp("uniform/sobol/gaussian") - (16.0 - 1e-4 / 1e-6 / 64.0)).abs() < 0.02);
 }
 
-/// A filter that costs time and does nothing loses at equal time only.
-#[test]
-fn a_slow_filter_loses_at_equal_time() {
-    let place = Place::new();
-    let plan = place.plan(&["samplers=uniform", "filters=[\"none\", \"gaussian\"]", "seeds=8"]);
-    let study = place.study(plan, "study", &mut Fake::default());
-    let of = |filter: &str, budget: RunBudget| -> Vec<f64> {
-        let of = |r: &&Run| r.method.filter == filter && r.budget == budget;
-        study.runs().iter().filter(of).map(|r| r.errors.get("relmse")).collect()
-    };
-    let ratio = |budget| ratio_interval(&of("gaussian", budget), &of("none", budget), 0.95).unwrap();
-    assert!(ratio(RunBudget::TimeOf(4)).low > 1.1, "{:?}", ratio(RunBudget::TimeOf(4)));
-    let control = ratio(RunBudget::Spp(4));
-    assert!(control.low <= 1.0 && control.high >= 1.0, "{control:?}");
-}
-
 /// A wrong model of a method's time is detected by the first run, and the count is corrected once.
 #[test]
 fn a_wrong_sample_count_is_corrected_once() {
@@ -165,11 +147,11 @@ fn another_plan_in_the_folder_is_refused_with_the_difference() {
     }
     assert_eq!(place.text("study/runs.jsonl"), before);
     // The scene itself.
-    std::fs::write(place.path("floor.pbrt"), crate::common::FLOOR.replace('9', "8")).unwrap();
+    std::fs::write(place.path("floor.pbrt"), crate::support::FLOOR.replace('9', "8")).unwrap();
     let said = place.open(place.plan(&[]), "study").err().expect("refused").to_string();
     assert!(said.contains("scene tiny or its reference has changed since"), "{said}");
     // The control: the same plan is accepted wherever the scene's file lies.
-    std::fs::write(place.path("floor.pbrt"), crate::common::FLOOR).unwrap();
+    std::fs::write(place.path("floor.pbrt"), crate::support::FLOOR).unwrap();
     place.open(place.plan(&[]), "study").unwrap();
 }
 
@@ -207,45 +189,6 @@ fn a_folder_is_locked_for_one_process() {
     place.open(place.plan(&[]), "study").unwrap();
 }
 
-/// A disk with this many free bytes. The part of a line that fits is written, and nothing can be cut.
-struct Full {
-    file: PathBuf,
-    free: usize,
-}
-
-impl RunStore for Full {
-    fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
-        let fits = bytes.len().min(self.free);
-        std::fs::OpenOptions::new().append(true).open(&self.file)?.write_all(&bytes[..fits])?;
-        self.free -= fits;
-        if fits < bytes.len() { Err(ErrorKind::StorageFull.into()) } else { Ok(()) }
-    }
-
-    fn cut(&mut self, _: u64) -> io::Result<()> {
-        Err(ErrorKind::StorageFull.into())
-    }
-}
-
-#[test]
-fn a_full_disk_loses_no_finished_run() {
-    let place = Place::new();
-    place.study(place.plan(&[]), "whole", &mut Fake::default());
-    let whole = place.text("whole/runs.jsonl");
-    for free in [0, 1, whole.len() / 3, whole.len() / 2, whole.len() - 1] {
-        let name = format!("full-{free}");
-        let full = Full { file: place.path(&name).join("runs.jsonl"), free };
-        let mut study = place.open(place.plan(&[]), &name).unwrap().with_store(Box::new(full));
-        let said = study.run(&mut Fake::default(), &mut ()).unwrap_err().to_string();
-        let kept = study.runs().len();
-        let expected = format!("the {kept} runs before it are kept");
-        assert!(said.contains("cannot store a finished run") && said.contains(&expected), "{said}");
-        assert_eq!(kept, whole[..free].matches('\n').count());
-        drop(study);
-        place.study(place.plan(&[]), &name, &mut Fake::default());
-        assert_eq!(place.text(&format!("{name}/runs.jsonl")), whole, "{free} bytes were free");
-    }
-}
-
 #[test]
 fn scenes_of_one_name_are_numbered() {
     let place = Place::new();
@@ -257,4 +200,73 @@ fn scenes_of_one_name_are_numbered() {
     let said = place.open(same, "other").err().expect("refused").to_string();
     assert!(said.contains("scene name \"a\" is empty or used twice"), "{said}");
     assert_eq!("uniform".parse::<Method>().unwrap(), study.manifest().baseline);
+}
+
+impl Place {
+    /// The runs of uniform sampling with these points.
+    fn runs(&self, points: &str, spp: &[u64], seeds: std::ops::Range<u64>, folder: &str) -> Vec<Run> {
+        let method = Method::new("uniform", points, "none");
+        let seeds: Vec<u64> = seeds.collect();
+        let mut settings = self.settings(&method);
+        (settings.spp, settings.seeds, settings.reference_spp) = (Some(spp.to_vec()), Some(seeds), 2048);
+        self.study(settings.resolve().unwrap(), folder, &mut in_process()).runs().to_vec()
+    }
+
+    /// Settings for a single method, without equal-time runs.
+    fn settings(&self, method: &Method) -> PlanSettings {
+        let settings = self.plan(&["time_of=0", "resolution=20x20"]).settings;
+        PlanSettings { samplers: None, methods: vec![method.clone()], baseline: method.clone(), ..settings }
+    }
+}
+
+fn mse(runs: &[Run], spp: u64) -> Vec<f64> {
+    runs.iter().filter(|r| r.budget == RunBudget::Spp(spp)).map(|r| r.errors.get("mse")).collect()
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// The MSE of independent samples falls with slope -1 +- 0.06.
+#[test]
+fn independent_sampling_has_slope_minus_one() {
+    let place = Place::new();
+    let spp = [4, 16, 64, 256];
+    let slope = |points: &str| {
+        let runs = place.runs(points, &spp, 1..9, points);
+        let errors = spp.map(|n| mean(&mse(&runs, n)));
+        log_log_fit(&spp.map(|n| n as f64), &errors, 0.95).unwrap().slope.value
+    };
+    let independent = slope("random");
+    assert!((independent + 1.0).abs() < 0.06, "{independent}");
+    // The control: points that are not independent converge faster.
+    let scrambled = slope("sobol");
+    assert!(scrambled < -1.06, "{scrambled}");
+}
+
+/// E (a - b)^2 = 2 var a for two independent images.
+#[test]
+fn two_seeds_differ_by_twice_the_variance() {
+    let place = Place::new();
+    // Against the reference: each image's variance.
+    let spp = 16;
+    let alone = place.runs("random", &[spp, 4 * spp], 1..9, "alone");
+    let against = |file: &str| {
+        let method = Method::new("uniform", "random", "none");
+        let mut settings = place.settings(&method);
+        // The first seed's image is the reference.
+        (settings.spp, settings.seeds) = (Some(vec![spp]), Some((2..9).collect()));
+        settings.scenes[0].reference = Some(place.path("alone").join(file));
+        let folder = file.replace(['/', '.'], "-");
+        let study = place.study(settings.resolve().unwrap(), &folder, &mut in_process());
+        assert!(study.runs().iter().all(|r| !r.corrected), "an image's own variance is not known");
+        mean(&mse(study.runs(), spp))
+    };
+    let variance = mean(&mse(&alone, spp));
+    let pairs = against("images/tiny/uniform-none-16spp.exr");
+    // With 1200 values per image, 7 pairs give the ratio within about 4 %.
+    assert!((pairs / (2.0 * variance) - 1.0).abs() < 0.12, "{pairs} and {variance}");
+    // The control: an image of four times the samples adds only a quarter.
+    let other = against("images/tiny/uniform-none-64spp.exr");
+    assert!((other / (2.0 * variance) - 0.625).abs() < 0.12, "{other} and {variance}");
 }
