@@ -66,7 +66,7 @@ fn check_inputs_and<'a>(
     other: Option<Named<'a>>,
     written: impl Iterator<Item = Named<'a>>,
 ) -> Result<()> {
-    let scene = loaded.files().iter().map(|path| ("the scene", path.as_path()));
+    let scene = loaded.files.iter().map(|path| ("the scene", path.as_path()));
     let inputs: Vec<_> = scene.chain(other).map(|(who, path)| (who, path, FileIdentity::of(path))).collect();
     let mut wrong = Vec::new();
     for (option, path) in written {

@@ -32,13 +32,13 @@ pub(crate) struct LiveOptions<'a> {
 
 impl LiveOptions<'_> {
     /// Returns `true` if a live image is shown anywhere.
-    pub(super) fn is_on(&self) -> bool {
+    pub(crate) fn is_on(&self) -> bool {
         self.preview.is_some() || self.view.is_some()
     }
 }
 
 /// The planes of one image.
-pub(super) struct LiveImage {
+pub(crate) struct LiveImage {
     size: [u32; 2],
     radiance: Vec<[f32; 3]>,
     counts: Vec<f32>,
@@ -49,7 +49,7 @@ pub(super) struct LiveImage {
 /// The viewer and the preview file of a render. A thread of its own sends images, so that a slow viewer or disk does not
 /// keep the render waiting.
 #[derive(Default)]
-pub(super) struct Live {
+pub(crate) struct Live {
     places: Option<Places>,
     worker: Option<(Sender<LiveImage>, JoinHandle<()>)>,
     is_busy: Arc<AtomicBool>,
@@ -70,7 +70,7 @@ struct Places {
 
 impl Live {
     /// Connects to the viewer, if one is requested.
-    pub(super) fn open(options: &LiveOptions<'_>) -> Result<Self> {
+    pub(crate) fn open(options: &LiveOptions<'_>) -> Result<Self> {
         if !options.is_on() {
             return Ok(Self::default());
         }
@@ -82,13 +82,13 @@ impl Live {
     }
 
     /// Returns `true` if an image is due and the previous one is through.
-    pub(super) fn is_due(&self) -> bool {
+    pub(crate) fn is_due(&self) -> bool {
         let is_due = self.due.is_some_and(|due| Instant::now() >= due);
         self.worker.is_some() && is_due && !self.is_busy.load(Ordering::Acquire)
     }
 
     /// Starts the thread that shows the images of this job.
-    pub(super) fn begin(&mut self, job: &Job) {
+    pub(crate) fn begin(&mut self, job: &Job) {
         let Some(mut places) = self.places.take() else { return };
         if let Some(viewer) = &mut places.viewer {
             viewer.set_name(&job.scene().name);
@@ -104,14 +104,14 @@ impl Live {
     }
 
     /// Shows the image of a film, if an image is due and the previous one is through.
-    pub(super) fn show(&mut self, film: &Film) {
+    pub(crate) fn show(&mut self, film: &Film) {
         if self.is_due() {
             self.add(film);
         }
     }
 
     /// Adds the next rows of an image, from the top. Shows it when it has all.
-    pub(super) fn add(&mut self, rows: &Film) {
+    pub(crate) fn add(&mut self, rows: &Film) {
         let now = Instant::now();
         let image = LiveImage::of(rows, rows.image(), rows.squared_errors());
         let image = match self.begun.take() {
@@ -127,7 +127,7 @@ impl Live {
     }
 
     /// Shows the final image and waits until it is through.
-    pub(super) fn finish(&mut self, image: &RenderedImage) {
+    pub(crate) fn finish(&mut self, image: &RenderedImage) {
         if self.worker.is_none() {
             return;
         }

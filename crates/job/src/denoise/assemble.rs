@@ -1,6 +1,5 @@
-//! The buffers of an image from the layers of one or two files.
+//! The buffers of an image, features with their variance among them, from the layers of one or two files.
 
-use super::features::Feature;
 use super::layers::{Found, Layers, floats};
 use super::{DenoiseError, DenoiseSpec, LayerKind};
 use dapple_denoise::{ClusterRegression, Denoise, SampleBuffers, Variance, denoise, denoise_whole};
@@ -13,10 +12,10 @@ const ASSUMED_SPP: u32 = 16;
 type Colours = Vec<[f32; 3]>;
 
 /// One file with its channels.
-pub(super) struct Input {
+struct Input {
     path: PathBuf,
-    pub(super) file: Channels,
-    pub(super) layers: Layers,
+    file: Channels,
+    layers: Layers,
     /// Samples per pixel by the header.
     spp: Option<u32>,
 }
@@ -85,30 +84,10 @@ impl Assembled {
             [a, b, ..] => denoise(self.size, &a.buffers(), &b.buffers()),
             sets => denoise_whole(self.size, &sets[0].buffers()),
         };
-        if let Some((mean, variance)) = &self.normal {
-            image = match variance {
-                Some(variance) => image.noisy_normal(mean, Variance::OfMean(variance)),
-                None => image.normal(mean),
-            };
-        }
-        if let Some((mean, variance)) = &self.albedo {
-            image = match variance {
-                Some(variance) => image.noisy_albedo(mean, Variance::OfMean(variance)),
-                None => image.albedo(mean),
-            };
-        }
-        if let Some((mean, variance)) = &self.position {
-            image = match variance {
-                Some(variance) => image.noisy_position(mean, Variance::OfMean(variance)),
-                None => image.position(mean),
-            };
-        }
-        if let Some((mean, variance)) = &self.depth {
-            image = match variance {
-                Some(variance) => image.noisy_depth(mean, Variance::OfMean(variance)),
-                None => image.depth(mean),
-            };
-        }
+        image = added(image, &self.normal, Denoise::normal, Denoise::noisy_normal);
+        image = added(image, &self.albedo, Denoise::albedo, Denoise::noisy_albedo);
+        image = added(image, &self.position, Denoise::position, Denoise::noisy_position);
+        image = added(image, &self.depth, Denoise::depth, Denoise::noisy_depth);
         if let Some((share, _)) = &self.coverage {
             image = image.coverage(share);
         }
@@ -129,6 +108,20 @@ impl Assembled {
             Some(_) => plain.with_clusters(std::sync::Arc::new(|_| None), "ids").describe(),
             None => plain.describe(),
         }
+    }
+}
+
+/// The image with a feature, if it has one, and its variance, if that is known.
+fn added<'a, T>(
+    image: Denoise<'a>,
+    feature: &'a Feature<T>,
+    plain: fn(Denoise<'a>, &'a [T]) -> Denoise<'a>,
+    noisy: fn(Denoise<'a>, &'a [T], Variance<'a, T>) -> Denoise<'a>,
+) -> Denoise<'a> {
+    match feature {
+        None => image,
+        Some((mean, None)) => plain(image, mean),
+        Some((mean, Some(variance))) => noisy(image, mean, Variance::OfMean(variance)),
     }
 }
 
@@ -161,27 +154,27 @@ impl Input {
         Ok(Self { path: path.to_owned(), file, layers, spp: spp.filter(|n| *n > 0) })
     }
 
-    pub(super) fn three(&self, channels: &[usize]) -> Colours {
+    fn three(&self, channels: &[usize]) -> Colours {
         let [x, y, z] = [0, 1, 2].map(|c| floats(&self.file.channels[channels[c]].1));
         x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z]).collect()
     }
 
-    pub(super) fn one(&self, layer: &Found) -> Vec<f32> {
+    fn one(&self, layer: &Found) -> Vec<f32> {
         floats(&self.file.channels[layer.channels[0]].1)
     }
 }
 
 /// The search for layers in all files.
-pub(super) struct Reader<'a> {
+struct Reader<'a> {
     spec: &'a DenoiseSpec,
-    pub(super) inputs: &'a [Input],
-    pub(super) found: Vec<(LayerKind, String)>,
+    inputs: &'a [Input],
+    found: Vec<(LayerKind, String)>,
     notices: Vec<String>,
 }
 
 impl Reader<'_> {
     /// Finds a layer of file `k`, by the caller's name or by known names, and notes it.
-    pub(super) fn find(&mut self, k: usize, kind: LayerKind) -> Result<Option<Found>, DenoiseError> {
+    fn find(&mut self, k: usize, kind: LayerKind) -> Result<Option<Found>, DenoiseError> {
         let input = &self.inputs[k];
         let given = self.spec.layers.iter().find(|(own, _)| *own == kind);
         let found = match given {
@@ -297,7 +290,7 @@ impl Reader<'_> {
         }))
     }
 
-    pub(super) fn broken(&mut self, kind: LayerKind, count: usize) {
+    fn broken(&mut self, kind: LayerKind, count: usize) {
         if count > 0 {
             self.note(format!("{count} values of the {} are NaN or infinite; 0 stands for them", kind.name()));
         }
@@ -332,4 +325,119 @@ fn from_second_moments(input: &Input, second: &Found, mean: &Colours) -> Colours
         rgb.map(|v| relative * v * v)
     };
     squares.iter().zip(&first).zip(mean).map(variance).collect()
+}
+
+/// The mean over the files, and the variance of that mean if it is known: from two files, or from second moments.
+type Feature<T> = Option<(Vec<T>, Option<Vec<T>>)>;
+
+/// The factor of the variance that the difference of two files shows. The square of one difference is mostly far below its
+/// mean (its median is 0.45 of it). This factor leaves 5 % less error on Mitsuba's images, and as much on our bundled scenes.
+const TWO_FILES: f32 = 2.0;
+
+/// A feature in one file: its mean, and the variance of the mean if the file has second moments.
+struct OneFile<T> {
+    mean: Vec<T>,
+    variance: Option<Vec<T>>,
+}
+
+impl Reader<'_> {
+    /// A feature of three channels. `counts` holds the samples per pixel of each file.
+    fn feature(&mut self, kind: LayerKind, counts: &[&[u32]]) -> Result<Feature<[f32; 3]>, DenoiseError> {
+        let Some(layers) = self.in_all(kind)? else { return Ok(None) };
+        let mut each = Vec::new();
+        for ((input, layer), counts) in self.inputs.iter().zip(&layers).zip(counts) {
+            let planes = variances(input, layer, counts);
+            let variance = planes.map(|v| (0..counts.len()).map(|i| [v[0][i], v[1][i], v[2][i]]).collect());
+            each.push(OneFile { mean: input.three(&layer.channels), variance });
+        }
+        let mut broken = 0;
+        let means = each.iter_mut().flat_map(|file| &mut file.mean);
+        for value in means.filter(|value| value.iter().any(|v| !v.is_finite())) {
+            *value = [0.0; 3];
+            broken += 1;
+        }
+        self.broken(kind, broken);
+        Ok(Some(averaged(each, |a, b, f| [0, 1, 2].map(|c| f(a[c], b[c])))))
+    }
+
+    /// A feature of one channel. `counts` holds the samples per pixel of each file.
+    fn scalar(&mut self, kind: LayerKind, counts: &[&[u32]]) -> Result<Feature<f32>, DenoiseError> {
+        let Some(layers) = self.in_all(kind)? else { return Ok(None) };
+        let mut each = Vec::new();
+        for ((input, layer), counts) in self.inputs.iter().zip(&layers).zip(counts) {
+            let variance = variances(input, layer, counts).and_then(|mut planes| planes.pop());
+            each.push(OneFile { mean: input.one(layer), variance });
+        }
+        if let [a, b] = &mut each[..] {
+            // A depth that only one file knows counts for both.
+            for (a, b) in a.mean.iter_mut().zip(&mut b.mean) {
+                match (a.is_infinite(), b.is_infinite()) {
+                    (true, false) => *a = *b,
+                    (false, true) => *b = *a,
+                    _ => {}
+                }
+            }
+        }
+        let mut broken = 0;
+        // An infinite depth is a miss.
+        let wrong = |v: &&mut f32| v.is_nan() || (kind != LayerKind::Depth && v.is_infinite());
+        for value in each.iter_mut().flat_map(|file| &mut file.mean).filter(wrong) {
+            *value = 0.0;
+            broken += 1;
+        }
+        self.broken(kind, broken);
+        if kind == LayerKind::Coverage {
+            each.iter_mut().flat_map(|file| &mut file.mean).for_each(|share| *share = share.clamp(0.0, 1.0));
+        }
+        Ok(Some(averaged(each, |a, b, f| f(*a, *b))))
+    }
+
+    /// The layer of this kind in each file; `None` unless all have one.
+    fn in_all(&mut self, kind: LayerKind) -> Result<Option<Vec<Found>>, DenoiseError> {
+        let layers = (0..self.inputs.len()).map(|k| self.find(k, kind)).collect::<Result<Option<Vec<_>>, _>>()?;
+        if layers.is_none() {
+            self.found.retain(|(found, _)| *found != kind);
+        }
+        Ok(layers)
+    }
+}
+
+/// The variance of the mean of each channel of a layer, if the file has the second moments of the layer.
+///
+/// Differences that rounding can explain count as 0: second moments of far positions are large numbers.
+fn variances(input: &Input, layer: &Found, counts: &[u32]) -> Option<Vec<Vec<f32>>> {
+    let squares = input.layers.second_moment(layer)?;
+    let planes = layer.channels.iter().zip(&squares.channels).map(|(&first, &second)| {
+        let [first, second] = [first, second].map(|channel| &input.file.channels[channel].1);
+        let rounding = if matches!(second, Plane::F16(_)) { 2e-3 } else { 5e-7 };
+        let values = floats(first).into_iter().zip(floats(second)).zip(counts);
+        let variance = values.map(|((mean, square), &count)| {
+            let variance = (square - mean * mean - rounding * square) / count.saturating_sub(1).max(1) as f32;
+            if variance.is_finite() { variance.max(0.0) } else { 0.0 }
+        });
+        variance.collect()
+    });
+    Some(planes.collect())
+}
+
+/// The mean of the values of one or two files, and the variance of that mean: by second moments, else by the difference
+/// of two files.
+fn averaged<T>(
+    mut each: Vec<OneFile<T>>,
+    each_channel: impl Fn(&T, &T, fn(f32, f32) -> f32) -> T,
+) -> (Vec<T>, Option<Vec<T>>) {
+    let (Some(b), a) = (each.pop(), each.pop()) else { return (Vec::new(), None) };
+    let Some(a) = a else { return (b.mean, b.variance) };
+    let of = |a: &[T], b: &[T], f: fn(f32, f32) -> f32| -> Vec<T> {
+        a.iter().zip(b).map(|(a, b)| each_channel(a, b, f)).collect()
+    };
+    let mean = of(&a.mean, &b.mean, |a, b| 0.5 * (a + b));
+    let variance = match (&a.variance, &b.variance) {
+        (Some(a), Some(b)) => of(a, b, |a, b| 0.25 * (a + b)),
+        _ => of(&a.mean, &b.mean, |a, b| {
+            let apart = a - b;
+            if apart.is_finite() { TWO_FILES * 0.25 * apart * apart } else { 0.0 }
+        }),
+    };
+    (mean, Some(variance))
 }

@@ -14,8 +14,8 @@ const TENTS: &str = "Shape \"trianglemesh\" \"integer indices\" [ 0 1 3 1 2 3 ] 
 fn triangles(shapes: &str) -> (WorldTriangles, Vec<[f64; 3]>) {
     let file = format!("LookAt 0 0 9 0 0 0 0 1 0 Camera \"perspective\"\nWorldBegin\nLightSource \"point\"\n{shapes}");
     let files: &[(&str, &[u8])] = &[("scene.pbrt", file.as_bytes())];
-    let scene = read_scene_from(files, "scene.pbrt", &ReadOptions::default()).unwrap_or_else(|e| panic!("{e}"));
-    let world = World::new(&scene).unwrap_or_else(|e| panic!("{e}"));
+    let scene = read_scene_from(files, "scene.pbrt", &ReadOptions::default()).unwrap();
+    let world = World::new(&scene).unwrap();
     let triangles = WorldTriangles::of(&world);
     let positions = triangles.positions.iter().map(|&p| world.space().world(p)).collect();
     (triangles, positions)
