@@ -69,7 +69,7 @@ struct Ready {
 fn ready(args: &RenderArgs, spec: &RenderSpec, show: &Show<'_>, stop: &Stop, in_stages: bool) -> Result<Option<Ready>> {
     // The checkpoint file is locked first, so that a second process with the same file fails at once.
     let checkpoints = args.checkpoints().open()?;
-    let progress = Progress::new(show, stop.clone(), Live::open(&args.live())?);
+    let progress = Progress::new(show, stop.clone(), Live::open(args)?);
     let (keeps, limit) = (checkpoints.is_some(), limit(args.memory));
     progress.phase("reading");
     let loaded = load(spec, limit, keeps || in_stages)?;
@@ -79,7 +79,7 @@ fn ready(args: &RenderArgs, spec: &RenderSpec, show: &Show<'_>, stop: &Stop, in_
     warn_all(&loaded.warnings);
     let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(None) };
     let expected = if in_stages { job.memory_in_stages() } else { job.memory(keeps) };
-    let expected = if args.live().is_on() { expected.with_live_image(job.frame()) } else { expected };
+    let expected = if args.is_live() { expected.with_live_image(job.frame()) } else { expected };
     expected.check(limit)?;
     Ok(Some(Ready { job, expected, cpu, progress, checkpoints }))
 }
@@ -102,7 +102,7 @@ pub(crate) fn merge(
     progress.phase("reading");
     let loaded = load(spec, limit, true)?;
     let files = show.files(&loaded)?;
-    file_conflicts::check_inputs(&loaded, files.paths().map(|path| ("--output", path)))?;
+    file_conflicts::check_inputs(&loaded, None, files.paths().map(|path| ("--output", path)))?;
     files.prepare()?;
     warn_all(&loaded.warnings);
     let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(Outcome::Interrupted) };
@@ -197,7 +197,7 @@ impl Show<'_> {
         Ok(files)
     }
 
-    /// Filters the film, together with other processes if they have it too, writes the image files and prints the summary.
+    /// Filters the film, writes the image files and prints the summary.
     fn deliver(
         &self,
         job: &Job,

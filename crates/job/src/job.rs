@@ -261,13 +261,8 @@ impl Job {
     }
 
     /// Returns `true` if a limit of error concerns the filtered image.
-    fn is_error_of_filtered(&self) -> bool {
+    pub(crate) fn is_error_of_filtered(&self) -> bool {
         self.spec.error_of == ErrorOf::Filtered && self.filter.name() != Unfiltered.name()
-    }
-
-    /// The image that a limit of error concerns, as an adjective.
-    pub(crate) fn error_concerns(&self) -> &'static str {
-        if self.is_error_of_filtered() { "filtered" } else { "unfiltered" }
     }
 
     /// Traces and filters the render, without a monitor, and returns the image.

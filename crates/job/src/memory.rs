@@ -129,20 +129,6 @@ impl MemoryLimit {
     }
 }
 
-/// The suggested remedy for a render that does not fit into memory.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum MemoryAdvice {
-    /// The scene alone is too large: simplify it.
-    Scene,
-    /// The filter needs most of the memory, and the film alone would fit: use another filter.
-    Filter,
-    /// The image is too large: lower the resolution.
-    Image,
-    /// The operating system cannot provide so large an address space.
-    AddressSpace,
-}
-
 /// The peak memory of a render in bytes, part by part.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MemoryEstimate {
@@ -194,8 +180,7 @@ impl MemoryEstimate {
     /// encoding.
     #[must_use]
     pub fn with_live_image(mut self, frame: &Frame) -> Self {
-        /// Bytes per pixel: 20 of planes, 8 of counts as they are copied, 12 of a packet or a PNG file. Rows of several processes
-        /// come in pieces.
+        /// Bytes per pixel: 20 of planes, 8 of counts as they are copied, 12 of a packet or a PNG file.
         const COPY: usize = 40;
         self.stages.iter_mut().for_each(|(_, bytes)| *bytes = bytes.saturating_add(frame.bytes(COPY)));
         self
@@ -225,13 +210,17 @@ impl MemoryEstimate {
         if self.peak() <= limit.bytes {
             // A trial allocation finds films that are larger than the address space, even without a limit.
             let fits = usize::try_from(self.film).is_ok_and(|film| Vec::<u8>::new().try_reserve_exact(film).is_ok());
-            return if fits { Ok(()) } else { refused(MemoryAdvice::AddressSpace) };
+            return if fits { Ok(()) } else { refused("smaller crops fit") };
         }
         let with_film = self.scene.saturating_add(self.film);
         refused(match self.largest_stage() {
-            _ if self.before.max(self.scene) > limit.bytes => MemoryAdvice::Scene,
-            Some((name, _)) if name == "filter" && with_film <= limit.bytes => MemoryAdvice::Filter,
-            _ => MemoryAdvice::Image,
+            _ if self.before.max(self.scene) > limit.bytes => {
+                "the scene alone does not fit; simplify it, or use a machine with more memory"
+            }
+            Some((name, _)) if name == "filter" && with_film <= limit.bytes => {
+                "lower the resolution, leave the filter out, or render crops"
+            }
+            _ => "lower the resolution, or render crops",
         })
     }
 

@@ -1,6 +1,6 @@
 //! The arguments of `dapple render`.
 
-use super::live::{Address, LiveOptions};
+use super::live::Address;
 use super::values::{
     EachLayer, ImageSize, above_zero, crop, error_of, filter, has_extension, integrator, layer, light_selection,
     output, pixel_filter, points, preview, sampler, seconds, size, size_of_image, stops,
@@ -313,14 +313,9 @@ impl RenderArgs {
         }
     }
 
-    /// The options of the live image.
-    pub(crate) fn live(&self) -> LiveOptions<'_> {
-        LiveOptions {
-            preview: self.preview.as_deref(),
-            view: self.view.as_ref(),
-            every: self.preview_every,
-            exposure: self.exposure,
-        }
+    /// Returns `true` if a live image is shown anywhere.
+    pub(crate) fn is_live(&self) -> bool {
+        self.preview.is_some() || self.view.is_some()
     }
 
     /// The options for the checkpoint files to write and to resume from.
@@ -342,7 +337,7 @@ impl RenderArgs {
         if self.checkpoint_every.is_some() && self.checkpoint.is_none() && self.resume.is_none() {
             return Err("--checkpoint-every needs --checkpoint FILE or --resume FILE".into());
         }
-        if self.preview_every.is_some() && self.preview.is_none() && self.view.is_none() {
+        if self.preview_every.is_some() && !self.is_live() {
             return Err("--preview-every needs --preview FILE.png or --view tev".into());
         }
         let are = |extension| self.outputs.iter().filter(|path| has_extension(path, extension)).count();

@@ -43,7 +43,7 @@ impl PlanOptions {
         progress.phase("reading");
         let limit = limit(self.memory);
         let loaded = load(spec, limit, true)?;
-        file_conflicts::check_inputs(&loaded, std::iter::once(("--output", output)))?;
+        file_conflicts::check_inputs(&loaded, None, std::iter::once(("--output", output)))?;
         check_writable(output).map_err(Failure::new)?;
         warn_all(&loaded.warnings);
         let Some((mut job, _)) = prepare(loaded, OutputFiles::none(), progress)? else { return Ok(None) };
@@ -79,7 +79,7 @@ fn next_plan(parts: &[PathBuf], from: Option<&Path>, output: &Path, options: &Pl
     keep(output, parts.iter().map(|part| ("a part", part.as_path())).chain([("--from", from)]))?;
     let plan = PlanFile::read(from)?;
     let progress = options.progress()?;
-    let Some(mut job) = options.job(plan.spec(), output, &progress)? else { return Ok(Outcome::Interrupted) };
+    let Some(mut job) = options.job(&plan.spec, output, &progress)? else { return Ok(Outcome::Interrupted) };
     progress.phase("planning");
     let (bytes, done) = job.next_plan(&plan, &rows)?;
     write_file(output, &bytes).map_err(Failure::new)?;
@@ -98,7 +98,7 @@ fn next_plan(parts: &[PathBuf], from: Option<&Path>, output: &Path, options: &Pl
 pub(super) fn part(args: &RenderArgs, shard: Shard) -> Result<Outcome> {
     let plan = args.from.as_deref().map(PlanFile::read).transpose()?;
     let spec = match &plan {
-        Some(plan) if args.spec.is_none() => plan.spec().clone(),
+        Some(plan) if args.spec.is_none() => plan.spec.clone(),
         _ => args.spec()?,
     };
     if args.print_spec {
@@ -331,13 +331,13 @@ pub(crate) fn merge(args: &MergeArgs) -> Result<Outcome> {
     let (film, mut spec): (Film, RenderSpec) = match (plan, args.shards.len()) {
         (Some(path), 1) => {
             let plan = PlanFile::read(path)?;
-            let spec = plan.spec().clone();
+            let spec = plan.spec.clone();
             (Box::new(move |job| job.finish_plan(&plan)), spec)
         }
         (Some(_), _) => return Err(Failure::usage("merge", "a .plan is the whole image; give it alone")),
         (None, _) => {
             let shards = RowsFiles::read(&args.shards)?;
-            let spec = shards.spec().clone();
+            let spec = shards.spec.clone();
             (Box::new(move |job| job.merge(&shards)), spec)
         }
     };

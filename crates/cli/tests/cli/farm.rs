@@ -219,10 +219,8 @@ fn jobs_that_cannot_run_are_refused() {
         assert!(said.status != Some(0) && said.err.contains(wrong), "{words}: {}", said.err);
     }
     assert!(folder.names().is_empty(), "{:?}", folder.names());
-    let said = folder.run("farm openjd tiny.pbrt -o job");
-    assert!(said.err.contains("--stages"), "{}", said.err);
+    folder.says("farm openjd tiny.pbrt -o job", 1, &["--stages"]);
     folder.done("farm slurm tiny.pbrt --spp 4 -o job");
     folder.done("farm slurm tiny.pbrt --spp 4 --parts 5 -o job");
-    let said = folder.run("farm slurm tiny.pbrt --spp 8 -o job");
-    assert!(said.err.contains("another render"), "{}", said.err);
+    folder.says("farm slurm tiny.pbrt --spp 8 -o job", 1, &["another render"]);
 }

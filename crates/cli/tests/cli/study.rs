@@ -59,14 +59,9 @@ fn a_study_is_made_with_one_command() {
     folder.done(&format!("study {SMALL} -o s"));
     assert_eq!(folder.read("s/runs.jsonl"), before);
     // Another study is refused.
-    let said = folder.run(&format!("study {SMALL} --set filters=none -o s"));
-    assert_eq!(said.status, Some(1));
-    assert!(
-        said.err.contains("\nerror: methods: adaptive/sobol/cluster-regression adaptive/sobol/none"),
-        "{}",
-        said.err
-    );
-    assert!(said.err.contains("the folder holds another study; choose another folder"), "{}", said.err);
+    let methods = "\nerror: methods: adaptive/sobol/cluster-regression adaptive/sobol/none";
+    let wrong = [methods, "the folder holds another study; choose another folder"];
+    folder.says(&format!("study {SMALL} --set filters=none -o s"), 1, &wrong);
     assert_eq!(folder.read("s/runs.jsonl"), before);
 }
 
@@ -164,9 +159,7 @@ fn wrong_words_say_what_there_is() {
         (&format!("--set max_depth=2 {}", with("r.exr")), 1, "its max depth is "),
     ];
     for (words, status, message) in cases {
-        let said = folder.run(&format!("study -o s {words}"));
-        assert_eq!(said.status, Some(status), "{words}: {}", said.err);
-        assert!(said.err.starts_with("error: ") && said.err.contains(message), "{words}: {}", said.err);
+        let said = folder.says(&format!("study -o s {words}"), status, &["error: ", message]);
         assert_eq!((said.out.as_str(), folder.lines("s")), ("", 0), "{words}");
     }
     // The control.

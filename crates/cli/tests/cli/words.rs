@@ -67,10 +67,8 @@ fn settings_are_refused_before_anything_is_rendered_i06() {
     ];
     for (words, status, message) in cases {
         let start = Instant::now();
-        let said = folder.run(&format!("render tiny.pbrt {words}"));
+        let said = folder.says(&format!("render tiny.pbrt {words}"), status, &["error: ", message]);
         let took = start.elapsed();
-        assert_eq!(said.status, Some(status), "{words}: {}", said.err);
-        assert!(said.err.starts_with("error: ") && said.err.contains(message), "{words}: {}", said.err);
         assert!(took < Duration::from_secs(1), "{words}: {took:?}");
         assert_eq!((said.out.as_str(), folder.names()), ("", vec![]), "{words}");
     }
@@ -123,8 +121,7 @@ fn scenes_that_cannot_be_rendered_say_why() {
         (".", "error: .: cannot read .: not a regular file; check the name and that the file is there\n"),
     ];
     // A name with a slip leads to the nearest scene.
-    let said = folder.run("render teapto");
-    assert!(said.err.contains("; did you mean \"teapot\"? The bundled scenes are teapot, "), "{}", said.err);
+    folder.says("render teapto", 1, &["; did you mean \"teapot\"? The bundled scenes are teapot, "]);
     for command in ["render", "info"] {
         for (scene, expected) in golden {
             let said = folder.run(&format!("{command} {scene}"));

@@ -36,9 +36,9 @@ pub(super) struct Assembled {
     normal: Feature<[f32; 3]>,
     albedo: Feature<[f32; 3]>,
     position: Feature<[f32; 3]>,
-    depth: Feature<f32>,
+    depth: Feature<[f32; 1]>,
     emission: Feature<[f32; 3]>,
-    coverage: Feature<f32>,
+    coverage: Feature<[f32; 1]>,
     ids: Option<Vec<u32>>,
     pub(super) found: Vec<(LayerKind, String)>,
     pub(super) notices: Vec<String>,
@@ -64,9 +64,9 @@ impl Assembled {
         let normal = reader.feature(LayerKind::Normal, &counts)?;
         let albedo = reader.feature(LayerKind::Albedo, &counts)?;
         let position = reader.feature(LayerKind::Position, &counts)?;
-        let depth = reader.scalar(LayerKind::Depth, &counts)?;
+        let depth = reader.feature(LayerKind::Depth, &counts)?;
         let emission = reader.feature(LayerKind::Emission, &counts)?;
-        let coverage = reader.scalar(LayerKind::Coverage, &counts)?;
+        let coverage = reader.feature(LayerKind::Coverage, &counts)?;
         let ids = reader.ids()?;
         reader.missing(&[
             (LayerKind::Normal, normal.is_some()),
@@ -87,9 +87,15 @@ impl Assembled {
         image = added(image, &self.normal, Denoise::normal, Denoise::noisy_normal);
         image = added(image, &self.albedo, Denoise::albedo, Denoise::noisy_albedo);
         image = added(image, &self.position, Denoise::position, Denoise::noisy_position);
-        image = added(image, &self.depth, Denoise::depth, Denoise::noisy_depth);
+        if let Some((mean, variance)) = &self.depth {
+            let mean = mean.as_flattened();
+            image = match variance {
+                Some(variance) => image.noisy_depth(mean, Variance::OfMean(variance.as_flattened())),
+                None => image.depth(mean),
+            };
+        }
         if let Some((share, _)) = &self.coverage {
-            image = image.coverage(share);
+            image = image.coverage(share.as_flattened());
         }
         if let Some((emission, _)) = &self.emission {
             image = image.emission(emission);
@@ -154,14 +160,16 @@ impl Input {
         Ok(Self { path: path.to_owned(), file, layers, spp: spp.filter(|n| *n > 0) })
     }
 
-    fn three(&self, channels: &[usize]) -> Colours {
-        let [x, y, z] = [0, 1, 2].map(|c| floats(&self.file.channels[channels[c]].1));
-        x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z]).collect()
+    /// The values of `N` channels, pixel by pixel.
+    fn pixels<const N: usize>(&self, channels: &[usize]) -> Vec<[f32; N]> {
+        let planes: Vec<Vec<f32>> = channels.iter().map(|&channel| floats(&self.file.channels[channel].1)).collect();
+        interleaved(&planes)
     }
+}
 
-    fn one(&self, layer: &Found) -> Vec<f32> {
-        floats(&self.file.channels[layer.channels[0]].1)
-    }
+/// The values of `N` planes, pixel by pixel.
+fn interleaved<const N: usize>(planes: &[Vec<f32>]) -> Vec<[f32; N]> {
+    (0..planes[0].len()).map(|pixel| std::array::from_fn(|c| planes[c][pixel])).collect()
 }
 
 /// The search for layers in all files.
@@ -197,7 +205,7 @@ impl Reader<'_> {
         let Some(color) = self.find(k, LayerKind::Color)? else {
             return Err(DenoiseError::NoImage { path, layers: names });
         };
-        let mut mean = input.three(&color.channels);
+        let mut mean: Colours = input.pixels(&color.channels);
         let count = self.counts(k, mean.len())?;
         let spread = self.variance(k, &mean, count.is_some())?;
         if spread.is_none() && self.inputs.len() == 1 {
@@ -226,7 +234,8 @@ impl Reader<'_> {
     fn counts(&mut self, k: usize, pixels: usize) -> Result<Option<Vec<u32>>, DenoiseError> {
         let known = self.spec.spp.or(self.inputs[k].spp);
         let Some(layer) = self.find(k, LayerKind::Count)? else { return Ok(known.map(|spp| vec![spp; pixels])) };
-        let counts = self.inputs[k].one(&layer);
+        let counts: Vec<[f32; 1]> = self.inputs[k].pixels(&layer.channels);
+        let counts = counts.as_flattened();
         // Cycles writes shares of the largest number.
         let most = counts.iter().copied().fold(0.0, f32::max);
         let shares = most <= 1.0 && (known.is_some() || counts.iter().any(|n| n.fract() > 0.0));
@@ -237,8 +246,8 @@ impl Reader<'_> {
                 "layer \"{name}\" holds shares of an unknown number of samples; {ASSUMED_SPP} is assumed (--spp)"
             ));
         }
-        let number = |n: f32| if n > 0.0 { (n * unit).round().max(1.0) as u32 } else { 0 };
-        Ok(Some(counts.into_iter().map(number).collect()))
+        let number = |&n: &f32| if n > 0.0 { (n * unit).round().max(1.0) as u32 } else { 0 };
+        Ok(Some(counts.iter().map(number).collect()))
     }
 
     /// The variance in file `k`, and true if it is that of the mean. `counted` is true if the number of samples is known.
@@ -254,8 +263,8 @@ impl Reader<'_> {
         let Some(layer) = layer else { return Ok(None) };
         let (mut variance, of_mean) = match layer.kind {
             LayerKind::SecondMoment => (from_second_moments(input, &layer, mean), false),
-            LayerKind::MeanVariance => (input.three(&layer.channels), true),
-            _ => (input.three(&layer.channels), self.spec.variance_of_mean),
+            LayerKind::MeanVariance => (input.pixels(&layer.channels), true),
+            _ => (input.pixels(&layer.channels), self.spec.variance_of_mean),
         };
         let name = layer.name;
         if !of_mean && !counted {
@@ -314,12 +323,12 @@ impl Reader<'_> {
 
 /// Sample variances from second moments. Those of X, Y and Z give the relative variance of Y to all channels.
 fn from_second_moments(input: &Input, second: &Found, mean: &Colours) -> Colours {
-    let squares = input.three(&second.channels);
+    let squares: Colours = input.pixels(&second.channels);
     if !input.layers.is_xyz(second) {
         let variance = |(m2, m): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|c| (m2[c] - m[c] * m[c]).max(0.0));
         return squares.iter().zip(mean).map(variance).collect();
     }
-    let first = input.layers.first_moment(second).map_or_else(|| mean.clone(), |channels| input.three(&channels));
+    let first = input.layers.first_moment(second).map_or_else(|| mean.clone(), |channels| input.pixels(&channels));
     let variance = |((m2, m), rgb): ((&[f32; 3], &[f32; 3]), &[f32; 3])| {
         let relative = if m[1] > 0.0 { (m2[1] / (m[1] * m[1]) - 1.0).max(0.0) } else { 0.0 };
         rgb.map(|v| relative * v * v)
@@ -335,42 +344,27 @@ type Feature<T> = Option<(Vec<T>, Option<Vec<T>>)>;
 const TWO_FILES: f32 = 2.0;
 
 /// A feature in one file: its mean, and the variance of the mean if the file has second moments.
-struct OneFile<T> {
-    mean: Vec<T>,
-    variance: Option<Vec<T>>,
+struct OneFile<const N: usize> {
+    mean: Vec<[f32; N]>,
+    variance: Option<Vec<[f32; N]>>,
 }
 
 impl Reader<'_> {
-    /// A feature of three channels. `counts` holds the samples per pixel of each file.
-    fn feature(&mut self, kind: LayerKind, counts: &[&[u32]]) -> Result<Feature<[f32; 3]>, DenoiseError> {
+    /// A feature of `N` channels. `counts` holds the samples per pixel of each file.
+    fn feature<const N: usize>(
+        &mut self,
+        kind: LayerKind,
+        counts: &[&[u32]],
+    ) -> Result<Feature<[f32; N]>, DenoiseError> {
         let Some(layers) = self.in_all(kind)? else { return Ok(None) };
-        let mut each = Vec::new();
+        let mut each: Vec<OneFile<N>> = Vec::new();
         for ((input, layer), counts) in self.inputs.iter().zip(&layers).zip(counts) {
-            let planes = variances(input, layer, counts);
-            let variance = planes.map(|v| (0..counts.len()).map(|i| [v[0][i], v[1][i], v[2][i]]).collect());
-            each.push(OneFile { mean: input.three(&layer.channels), variance });
+            let variance = variances(input, layer, counts).map(|planes| interleaved(&planes));
+            each.push(OneFile { mean: input.pixels(&layer.channels), variance });
         }
-        let mut broken = 0;
-        let means = each.iter_mut().flat_map(|file| &mut file.mean);
-        for value in means.filter(|value| value.iter().any(|v| !v.is_finite())) {
-            *value = [0.0; 3];
-            broken += 1;
-        }
-        self.broken(kind, broken);
-        Ok(Some(averaged(each, |a, b, f| [0, 1, 2].map(|c| f(a[c], b[c])))))
-    }
-
-    /// A feature of one channel. `counts` holds the samples per pixel of each file.
-    fn scalar(&mut self, kind: LayerKind, counts: &[&[u32]]) -> Result<Feature<f32>, DenoiseError> {
-        let Some(layers) = self.in_all(kind)? else { return Ok(None) };
-        let mut each = Vec::new();
-        for ((input, layer), counts) in self.inputs.iter().zip(&layers).zip(counts) {
-            let variance = variances(input, layer, counts).and_then(|mut planes| planes.pop());
-            each.push(OneFile { mean: input.one(layer), variance });
-        }
-        if let [a, b] = &mut each[..] {
+        if let ([a, b], 1) = (&mut each[..], N) {
             // A depth that only one file knows counts for both.
-            for (a, b) in a.mean.iter_mut().zip(&mut b.mean) {
+            for (a, b) in a.mean.as_flattened_mut().iter_mut().zip(b.mean.as_flattened_mut()) {
                 match (a.is_infinite(), b.is_infinite()) {
                     (true, false) => *a = *b,
                     (false, true) => *b = *a,
@@ -378,18 +372,19 @@ impl Reader<'_> {
                 }
             }
         }
-        let mut broken = 0;
         // An infinite depth is a miss.
-        let wrong = |v: &&mut f32| v.is_nan() || (kind != LayerKind::Depth && v.is_infinite());
-        for value in each.iter_mut().flat_map(|file| &mut file.mean).filter(wrong) {
-            *value = 0.0;
+        let is_wrong = |v: &f32| v.is_nan() || (kind != LayerKind::Depth && v.is_infinite());
+        let mut broken = 0;
+        for value in each.iter_mut().flat_map(|file| &mut file.mean).filter(|value| value.iter().any(is_wrong)) {
+            *value = [0.0; N];
             broken += 1;
         }
         self.broken(kind, broken);
         if kind == LayerKind::Coverage {
-            each.iter_mut().flat_map(|file| &mut file.mean).for_each(|share| *share = share.clamp(0.0, 1.0));
+            each.iter_mut()
+                .for_each(|file| file.mean.iter_mut().for_each(|v| *v = v.map(|share| share.clamp(0.0, 1.0))));
         }
-        Ok(Some(averaged(each, |a, b, f| f(*a, *b))))
+        Ok(Some(averaged(each)))
     }
 
     /// The layer of this kind in each file; `None` unless all have one.
@@ -422,14 +417,11 @@ fn variances(input: &Input, layer: &Found, counts: &[u32]) -> Option<Vec<Vec<f32
 
 /// The mean of the values of one or two files, and the variance of that mean: by second moments, else by the difference
 /// of two files.
-fn averaged<T>(
-    mut each: Vec<OneFile<T>>,
-    each_channel: impl Fn(&T, &T, fn(f32, f32) -> f32) -> T,
-) -> (Vec<T>, Option<Vec<T>>) {
+fn averaged<const N: usize>(mut each: Vec<OneFile<N>>) -> (Vec<[f32; N]>, Option<Vec<[f32; N]>>) {
     let (Some(b), a) = (each.pop(), each.pop()) else { return (Vec::new(), None) };
     let Some(a) = a else { return (b.mean, b.variance) };
-    let of = |a: &[T], b: &[T], f: fn(f32, f32) -> f32| -> Vec<T> {
-        a.iter().zip(b).map(|(a, b)| each_channel(a, b, f)).collect()
+    let of = |a: &[[f32; N]], b: &[[f32; N]], f: fn(f32, f32) -> f32| -> Vec<[f32; N]> {
+        a.iter().zip(b).map(|(a, b)| std::array::from_fn(|c| f(a[c], b[c]))).collect()
     };
     let mean = of(&a.mean, &b.mean, |a, b| 0.5 * (a + b));
     let variance = match (&a.variance, &b.variance) {

@@ -19,13 +19,15 @@ use std::sync::Arc;
 /// A plan file: the state of a render with a stage whose rows machines trace.
 pub struct PlanFile {
     path: PathBuf,
-    spec: RenderSpec,
+    /// The description of the render.
+    pub spec: RenderSpec,
     file: StateFile,
 }
 
 /// Files of traced rows: those of a plan's stage, or the shards of an image.
 pub struct RowsFiles {
-    spec: RenderSpec,
+    /// The description of the render.
+    pub spec: RenderSpec,
     files: Vec<(PathBuf, StateFile)>,
 }
 
@@ -39,11 +41,6 @@ impl PlanFile {
         let file = StateFile::read(path, Kind::Plan)?;
         let spec = RenderSpec::from_json(file.identity.value(SPEC).unwrap_or_default())?;
         Ok(Self { path: path.to_owned(), spec, file })
-    }
-
-    /// The description of the render.
-    pub fn spec(&self) -> &RenderSpec {
-        &self.spec
     }
 
     fn snapshot(&self) -> Result<Snapshot, JobError> {
@@ -83,11 +80,6 @@ impl RowsFiles {
             }
             None => Err(JobError::Shards(troubles)),
         }
-    }
-
-    /// The description of the render.
-    pub fn spec(&self) -> &RenderSpec {
-        &self.spec
     }
 
     /// The plan file of which they are rows, as it was named then; `None` for shards.
@@ -252,7 +244,8 @@ impl Job {
         let (identity, mut integrator, mut session) = match begun {
             Ok(begun) => begun,
             Err(error) => {
-                dismiss(processes)?;
+                // The error that came first counts.
+                let _ = dismiss(processes);
                 return Err(error);
             }
         };

@@ -65,7 +65,8 @@ fn budget(job: &Job) -> String {
         BudgetSpec::Seconds(seconds) => format!("{seconds} seconds"),
         BudgetSpec::Error(relmse) => {
             let most = job.spec().max_spp.unwrap_or(crate::ERROR_SPP);
-            format!("relMSE {relmse} of the {} image, at most {most} spp", job.error_concerns())
+            let image = if job.is_error_of_filtered() { "filtered" } else { "unfiltered" };
+            format!("relMSE {relmse} of the {image} image, at most {most} spp")
         }
         BudgetSpec::Samples(samples) => format!("{samples} samples"),
         BudgetSpec::Scene => "of the scene".into(),

@@ -1,5 +1,6 @@
 //! Faults at every file operation, and damaged files.
 
+use crate::fuzz_corpus::mix;
 use dapple_core::container::{self, Fault as Broken};
 use dapple_job::checkpoint::{Damage, Disk, Error, FileSystem, Identity, Kind, StateFile, Store};
 use std::fs::File;
@@ -157,13 +158,6 @@ fn writing_in_place_would_not_pass_x02() {
     let mut file = faulty.create(&path).unwrap();
     faulty.write(&mut file, contents(body(3)).bytes()).unwrap_err();
     assert!(matches!(Store::read(&path, Kind::Checkpoint), Err(Error::Damaged { .. })));
-}
-
-/// SplitMix64's finaliser.
-fn mix(x: u64) -> u64 {
-    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
 }
 
 #[test]

@@ -1,20 +1,22 @@
-//! Samplers, point sets and filters by name, made for a world.
+//! Samplers, point sets and filters by name, made for a world, and the clusters of its shapes.
 #![allow(clippy::print_stderr, reason = "tests say when they skip")]
 
 use dapple_core::{PointSet as _, SampleId, Sampler as _};
+use dapple_job::WorldTriangles;
 use dapple_job::registry::{
-    FILTERS, MethodInputs, NOT_BUILT, POINTS, Parameter, RegistryError, SAMPLERS, Setting, check_filter, check_sampler,
-    film_points, filter, points, sampler,
+    AnyPoints, FILTERS, MethodInputs, NOT_BUILT, POINTS, Parameter, RegistryError, SAMPLERS, Setting, check_filter,
+    check_sampler, film_points, filter, points, sampler,
 };
 use dapple_renderer::World;
-use dapple_scene::{Effect, bundled};
+use dapple_scene::pbrt::{ReadOptions, read_scene_from};
+use dapple_scene::{Effect, Scene, bundled};
 use std::sync::Arc;
 
 const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
 
 /// A scene in which all methods can be made: light scatters once, from a point light, and the camera has a lens.
 fn inputs() -> MethodInputs {
-    let mut scene = bundled::files("furnace").expect("bundled").read().unwrap();
+    let mut scene = scene("furnace");
     scene.max_depth = Some(1);
     (scene.camera.lens_radius, scene.camera.focal_distance) = (0.05, 1.0);
     let scene = dapple_renderer::without(&scene, Effect::SoftShadows).unwrap();
@@ -22,6 +24,19 @@ fn inputs() -> MethodInputs {
     let points = Arc::from(points("sobol", SETTING).unwrap());
     let points = film_points(&world, points).expect("a box filter");
     MethodInputs { points: Some(points), ..MethodInputs::of(world) }
+}
+
+fn sobol() -> AnyPoints {
+    points("sobol", SETTING).unwrap()
+}
+
+/// The bundled scene, and its world at this size.
+fn world(name: &str, size: [u32; 2]) -> Arc<World> {
+    Arc::new(World::with_resolution(&scene(name), size).unwrap())
+}
+
+fn scene(name: &str) -> Scene {
+    bundled::files(name).expect("bundled").read().unwrap()
 }
 
 /// The filter, or `None` with a message if its shared library is missing.
@@ -71,10 +86,9 @@ fn every_entry_is_made_by_its_name() {
 
 #[test]
 fn the_former_name_of_adaptive_is_understood_and_the_library_has_the_same_defaults() {
-    let points = || points("sobol", SETTING).unwrap();
-    let describe = |name: &str| sampler(name, points(), &MethodInputs::default()).unwrap().sampler.describe();
+    let describe = |name: &str| sampler(name, sobol(), &MethodInputs::default()).unwrap().sampler.describe();
     assert_eq!(describe("cluster"), describe("adaptive"));
-    assert_eq!(dapple_adaptive::Adaptive::new(points()).describe(), describe("adaptive"));
+    assert_eq!(dapple_adaptive::Adaptive::new(sobol()).describe(), describe("adaptive"));
     assert_eq!(describe("adaptive:epsilon=0.2"), describe("adaptive"));
 }
 
@@ -85,10 +99,7 @@ fn cluster_follows_a_filter_by_its_name() {
     // A plan's regression has no clusters.
     let quick = "cluster-regression:outside=1";
     for (name, read) in [("nlm", "nlm"), ("bilateral", "bilateral"), ("cluster-regression", quick)] {
-        let make = |words: &str| {
-            let points = points("sobol", SETTING).unwrap();
-            sampler(words, points, &inputs).unwrap().sampler
-        };
+        let make = |words: &str| sampler(words, sobol(), &inputs).unwrap().sampler;
         let made = make(&format!("adaptive:policy=keep,by={name}"));
         assert!(made.describe().starts_with(&format!("adaptive:by={name},")), "{}", made.describe());
         assert_eq!(make(&made.describe()).describe(), made.describe());
@@ -96,8 +107,7 @@ fn cluster_follows_a_filter_by_its_name() {
         assert_eq!(made.needs().and(wanted), made.needs(), "{name}");
         assert_ne!(made.needs(), make("adaptive").needs(), "{name}");
     }
-    let points = points("sobol", SETTING).unwrap();
-    let refused = refusal(sampler("adaptive:policy=keep,by=gaussian", points, &inputs));
+    let refused = refusal(sampler("adaptive:policy=keep,by=gaussian", sobol(), &inputs));
     assert!(refused.contains("one of variance, nlm, bilateral, cluster-regression"), "{refused}");
 }
 
@@ -115,10 +125,7 @@ fn descriptions_are_words() {
         keys
     };
     for entry in SAMPLERS {
-        let describe = |words: &str| {
-            let points = points("sobol", SETTING).unwrap();
-            sampler(words, points, &inputs).unwrap().sampler.describe()
-        };
+        let describe = |words: &str| sampler(words, sobol(), &inputs).unwrap().sampler.describe();
         let words = format!("{}:{}", entry.name, said(entry.parameters().collect()));
         assert_eq!(describe(&words), describe(entry.name));
         assert_eq!(describe(&describe(entry.name)), describe(entry.name));
@@ -138,8 +145,7 @@ fn descriptions_are_words() {
 
 #[test]
 fn wrong_words_are_refused_with_what_there_is() {
-    let points = || points("sobol", SETTING).unwrap();
-    let sampler = |words: &str| refusal(sampler(words, points(), &MethodInputs::default()));
+    let sampler = |words: &str| refusal(sampler(words, sobol(), &MethodInputs::default()));
     assert!(refusal(dapple_job::registry::points("sobel", SETTING)).contains("Choose among sobol"));
     assert!(sampler("").contains("variance, uniform"));
     assert!(refusal(check_filter("nune")).contains("none"));
@@ -176,24 +182,9 @@ fn optional_filters_are_there_or_name_their_feature() {
 /// Also without a world: a program refuses wrong words before it reads a scene.
 #[test]
 fn wrong_cluster_words_are_refused_without_a_world() {
-    for words in [
-        "probes=0",
-        "probes=many",
-        "size=large",
-        "map=square",
-        "angle=-1",
-        "distance=NaN",
-        "min=9,max=8",
-        "k=0",
-        "k=NaN",
-        "clamp=0",
-        "normals=91",
-        "normals=-1",
-        "sides=3",
-        "policy=keep",
-        "lights=1",
-        "lights=1025",
-    ] {
+    let wrong = "probes=0 probes=many size=large map=square angle=-1 distance=NaN min=9,max=8 k=0 k=NaN clamp=0 normals=91 normals=-1 \
+        sides=3 policy=keep lights=1 lights=1025";
+    for words in wrong.split(' ') {
         assert_ne!(refusal(check_sampler(&format!("cluster-thesis:{words}"))), "", "{words}");
     }
     for words in ["by=guess", "pilot=1", "rounds=65", "pool=sea", "prior=-1", "gain=2", "policy=maybe"] {
@@ -203,15 +194,14 @@ fn wrong_cluster_words_are_refused_without_a_world() {
         assert_ne!(refusal(check_filter(&format!("cluster-gaussian:{words}"))), "", "{words}");
     }
     assert!(check_sampler("cluster-thesis").is_ok() && check_filter("cluster-gaussian").is_ok());
-    let made = sampler("cluster-thesis", points("sobol", SETTING).unwrap(), &MethodInputs::default());
+    let made = sampler("cluster-thesis", sobol(), &MethodInputs::default());
     assert!(refusal(made).contains("world"));
 }
 
 /// Every choice of the cluster sampler renders, to the exact budget.
 #[test]
 fn every_cluster_choice_renders() {
-    let scene = bundled::files("cornell").expect("bundled").read().unwrap();
-    let world = Arc::new(World::with_resolution(&scene, [9, 7]).unwrap());
+    let world = world("cornell", [9, 7]);
     let inputs = MethodInputs::of(world.clone());
     let (mut rays, mut rejected) = (0, 0);
     let clusters = ["insertion=box,order=input", "insertion=centroid,grouping=connected,order=canonical,sides=2"];
@@ -219,8 +209,7 @@ fn every_cluster_choice_renders() {
         for (pixel, map) in [("one", "identity"), ("footprint", "root"), ("one", "log")] {
             for (probes, clusters) in ["centre", "3"].into_iter().zip(clusters) {
                 let words = format!("cluster-thesis:size={size},pixel={pixel},map={map},probes={probes},{clusters}");
-                let points = points("sobol", SETTING).unwrap();
-                let mut made = sampler(&words, points, &inputs).unwrap();
+                let mut made = sampler(&words, sobol(), &inputs).unwrap();
                 let frame = dapple_core::Frame::new(9, 7).expect("not empty");
                 let film = dapple_core::Render::new(frame, &dapple_core::Limits::samples(63 * 8))
                     .run(&mut *dapple_renderer::integrator(&world), &mut *made.sampler);
@@ -240,8 +229,7 @@ fn every_cluster_choice_renders() {
 #[test]
 fn clusters_are_made_once_for_each_set_of_parameters() {
     let mut inputs = inputs();
-    let points = points("sobol", SETTING).unwrap();
-    inputs.clusters = sampler("cluster-thesis", points, &inputs).unwrap().clusters;
+    inputs.clusters = sampler("cluster-thesis", sobol(), &inputs).unwrap().clusters;
     let is_shared = |words: &str| {
         let made = filter(words, &inputs).unwrap();
         let [known, used] = [&inputs.clusters, &made.clusters].map(|set| set.as_ref().expect("clusters were made"));
@@ -260,8 +248,7 @@ fn descriptions_stay_as_files_hold_them() {
     let inputs = inputs();
     let described = |words: &str| {
         if SAMPLERS.iter().any(|entry| entry.is_called(words.split(':').next().unwrap_or(words))) {
-            let points = points("sobol", SETTING).unwrap();
-            return sampler(words, points, &inputs).unwrap().sampler.describe();
+            return sampler(words, sobol(), &inputs).unwrap().sampler.describe();
         }
         filter(words, &inputs).unwrap().filter.describe()
     };
@@ -306,8 +293,7 @@ fn descriptions_stay_as_files_hold_them() {
 
 #[test]
 fn scenes_with_random_numbers_outside_the_domain_are_refused_by_mdas_unless_forced() {
-    let scene = bundled::files("cornell").expect("bundled").read().unwrap();
-    let inputs = MethodInputs::of(Arc::new(World::new(&scene).unwrap()));
+    let inputs = MethodInputs::of(world("cornell", [24, 16]));
     let made = |words: &str| sampler(words, points("random", SETTING).expect("points"), &inputs);
     let error = refusal(made("mdas"));
     assert!(error.contains("light that scatters more than once") && error.contains("force=1"), "{error}");
@@ -317,7 +303,7 @@ fn scenes_with_random_numbers_outside_the_domain_are_refused_by_mdas_unless_forc
 
 #[test]
 fn samples_are_not_placed_in_scenes_with_other_pixel_filters() {
-    let mut scene = bundled::files("cornell").expect("bundled").read().unwrap();
+    let mut scene = scene("cornell");
     scene.film.pixel_filter = dapple_scene::PixelFilter::Triangle { radius: [1.0, 1.0] };
     let inputs = MethodInputs::of(Arc::new(World::new(&scene).unwrap()));
     let error = refusal(sampler("subdivision", points("random", SETTING).expect("points"), &inputs));
@@ -327,10 +313,7 @@ fn samples_are_not_placed_in_scenes_with_other_pixel_filters() {
 
 #[test]
 fn fourier_dof_refuses_scenes_without_a_lens_unless_forced() {
-    let of = |name: &str| {
-        let scene = bundled::files(name).expect("bundled").read().unwrap();
-        MethodInputs::of(Arc::new(World::with_resolution(&scene, [48, 32]).unwrap()))
-    };
+    let of = |name: &str| MethodInputs::of(world(name, [48, 32]));
     let made = |words: &str, inputs: &MethodInputs| sampler(words, points("random", SETTING).expect("points"), inputs);
     let cornell = of("cornell");
     let error = refusal(made("fourier-dof", &cornell));
@@ -344,14 +327,12 @@ fn fourier_dof_refuses_scenes_without_a_lens_unless_forced() {
 /// Few pixels have samples, the budget is exact, and the filter fills the others.
 #[test]
 fn fourier_dof_and_splat_render_a_scene_with_a_lens() {
-    let scene = bundled::files("chess").expect("bundled").read().unwrap();
-    let world = Arc::new(World::with_resolution(&scene, [96, 64]).unwrap());
+    let world = world("chess", [96, 64]);
     let inputs = MethodInputs::of(world.clone());
     let frame = dapple_core::Frame::new(96, 64).expect("not empty");
     let mut limits = dapple_core::Limits::spp(8.0);
     limits.min_spp = 0;
-    let points = points("sobol", SETTING).expect("points");
-    let mut made = sampler("fourier-dof", points, &inputs).unwrap().sampler;
+    let mut made = sampler("fourier-dof", sobol(), &inputs).unwrap().sampler;
     let film = dapple_core::Render::new(frame, &limits).run(&mut *dapple_renderer::integrator(&world), &mut *made);
     let film = film.expect("a film");
     assert_eq!(film.record().samples, 8 * frame.pixels() as u64);
@@ -386,8 +367,7 @@ fn clusters_in_a_penumbra_get_more_samples_with_shadow_rays() {
     let inputs = tessellated_penumbra();
     let counts = |lights: u32| {
         let words = format!("cluster-thesis:size=hits,angle=0,distance=0,min=1,max=1000,sides=2,lights={lights}");
-        let points = points("sobol", SETTING).expect("points");
-        let mut made = sampler(&words, points, &inputs).unwrap();
+        let mut made = sampler(&words, sobol(), &inputs).unwrap();
         let frame = dapple_core::Frame::new(64, 64).expect("not empty");
         let film = dapple_core::Film::new(frame, made.sampler.needs());
         let budget = dapple_core::BudgetLeft::new(64 * frame.pixels() as u64);
@@ -420,7 +400,7 @@ impl dapple_core::Integrator for Tracer<'_> {
 
 /// The scene `lens` with a wide lens, or a moving camera; lit by one point light.
 fn blurred(moves: bool) -> dapple_scene::Scene {
-    let mut scene = bundled::files("lens").expect("bundled").read().unwrap();
+    let mut scene = scene("lens");
     scene.film.pixel_filter = dapple_scene::PixelFilter::default();
     scene.max_depth = Some(1);
     for effect in [Effect::Environment, Effect::SoftShadows, Effect::SeveralLights] {
@@ -468,5 +448,36 @@ fn tlfr_moves_samples_to_where_the_renderer_sees_them() {
             share < 0.8 && control > 2.0 * share,
             "{moves}: {share} of the error is left, {control} in the control"
         );
+    }
+}
+
+const PLACES: [&str; 2] =
+    ["Translate 3 0 1 Rotate 30 0 1 0 Scale 2 1 0.5", "Translate -2 1 0 Rotate 70 1 0.5 0 Scale -1 1 1"];
+const TENTS: &str = "Shape \"trianglemesh\" \"integer indices\" [ 0 1 3 1 2 3 ] \
+    \"point3 P\" [ -1 -1 0  1 -1 0  0 1 0  0 -0.2 1 ]\n Material \"conductor\"\n Shape \"trianglemesh\" \
+    \"integer indices\" [ 0 1 2 ] \"point3 P\" [ 0 0 2  1 0 2  0 1 3 ]\n";
+
+/// Triangles, and their vertices in the units of the file.
+fn triangles(shapes: &str) -> (WorldTriangles, Vec<[f64; 3]>) {
+    let file = format!("LookAt 0 0 9 0 0 0 0 1 0 Camera \"perspective\"\nWorldBegin\nLightSource \"point\"\n{shapes}");
+    let files: &[(&str, &[u8])] = &[("scene.pbrt", file.as_bytes())];
+    let scene = read_scene_from(files, "scene.pbrt", &ReadOptions::default()).unwrap();
+    let world = World::new(&scene).unwrap();
+    let triangles = WorldTriangles::of(&world);
+    let positions = triangles.positions.iter().map(|&p| world.space().world(p)).collect();
+    (triangles, positions)
+}
+
+#[test]
+fn clusters_see_the_triangles_of_instances_as_those_of_copies() {
+    let placed = |shapes: &str| PLACES.map(|place| format!("AttributeBegin {place} {shapes} AttributeEnd\n")).concat();
+    let (instances, of_instances) =
+        triangles(&format!("ObjectBegin \"tents\" {TENTS} ObjectEnd\n{}", placed("ObjectInstance \"tents\"")));
+    let (copies, of_copies) = triangles(&placed(TENTS));
+    assert_eq!(instances.indices, copies.indices);
+    assert_eq!(instances.indices.len(), 6);
+    assert_eq!(instances.positions.len(), 14);
+    for (p, q) in of_instances.iter().zip(&of_copies) {
+        assert!(p.iter().zip(q).all(|(a, b)| (a - b).abs() < 1e-5), "{p:?} {q:?}");
     }
 }

@@ -34,8 +34,8 @@ fn shards(folder: &Path, spec: &RenderSpec, of: u32) -> Vec<PathBuf> {
 fn merged_shards_have_the_bits_of_one_machine() {
     let folder = tempfile::tempdir().expect("a folder");
     let set = RowsFiles::read(&shards(folder.path(), &spec(), 3)).unwrap();
-    let mut job = Job::prepare(set.spec()).unwrap();
-    let whole = render(set.spec());
+    let mut job = Job::prepare(&set.spec).unwrap();
+    let whole = render(&set.spec);
     let image = job.merge(&set).and_then(|traced| job.finish(traced.film)).unwrap();
     assert_eq!(image.filtered.radiance, whole);
 }
