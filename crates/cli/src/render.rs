@@ -117,7 +117,7 @@ pub(crate) fn merge(
 }
 
 fn load(spec: &RenderSpec, limit: MemoryLimit, digest: bool) -> Result<LoadedScene> {
-    let loaded = LoadedScene::read(spec, &LoadOptions { limit, digest, aspect: None })?;
+    let loaded = LoadedScene::read(spec, &LoadOptions { limit, digest })?;
     loaded.memory.check(limit)?;
     Ok(loaded)
 }

@@ -34,7 +34,7 @@ pub use job::{
     CheckpointOptions, Checkpoints, Job, JobMonitor, PhaseSeconds, PlanFile, RenderMonitor, RenderedImage, RowsFiles,
     Traced, pixel_filter,
 };
-pub use load::{LoadOptions, LoadedScene, PreparedScene, check_integrator, read_scene};
+pub use load::{LoadOptions, LoadedScene, PreparedScene, check_integrator};
 pub use output::OutputFiles;
 pub use spec::{
     BudgetSpec, CropSpec, DEFAULT_INTEGRATOR, DEFAULT_SPP, ERROR_SPP, ErrorOf, MOST_SECONDS, PixelFilterSpec,

@@ -14,7 +14,7 @@ use dapple_scene::model::ModelOptions;
 use dapple_scene::pbrt::ReadOptions;
 use dapple_scene::{AnyOptions, Called, Effect, Effects, Geometry, PixelFilter, Scene, Shape, read_any_from};
 use std::cell::RefCell;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -26,14 +26,12 @@ pub struct LoadOptions {
     pub limit: MemoryLimit,
     /// If `true`, hashes every byte read. Checkpoints and shards need this digest.
     pub digest: bool,
-    /// Width over height of the image, which a bare model should fill; `None` is 4:3.
-    pub aspect: Option<f64>,
 }
 
 impl Default for LoadOptions {
     /// Options without a memory limit and with a digest.
     fn default() -> Self {
-        Self { limit: MemoryLimit::none(), digest: true, aspect: None }
+        Self { limit: MemoryLimit::none(), digest: true }
     }
 }
 
@@ -84,14 +82,9 @@ impl LoadedScene {
     pub fn read(spec: &RenderSpec, options: &LoadOptions) -> Result<Self, JobError> {
         spec.check()?;
         let clock = Instant::now();
-        let aspect = spec.resolution.map(|[width, height]| f64::from(width) / f64::from(height.max(1)));
-        let options = LoadOptions { aspect: aspect.or(options.aspect), ..*options };
-        let (scene, digest, files) = read_with_files(&spec.scene, spec.allow_unsupported, &options)?;
-        let mut loaded = Self::from_scene(spec, scene)?;
-        loaded.files = files;
-        loaded.digest = digest;
-        loaded.seconds = clock.elapsed().as_secs_f64();
-        Ok(loaded)
+        let (scene, digest, files) = read(spec, options)?;
+        let loaded = Self::from_scene(spec, scene)?;
+        Ok(Self { files, digest, seconds: clock.elapsed().as_secs_f64(), ..loaded })
     }
 
     /// Uses `scene` instead of reading the scene named in the description. The result has no digest, so the render can
@@ -199,28 +192,12 @@ fn bundle(name: &str) -> Option<Bundle> {
     if Path::new(name).is_file() { None } else { bundled::files(name) }
 }
 
-/// Reads the scene called `name`, a file or a bundled scene, with a digest if the options request one.
-///
-/// # Errors
-///
-/// [`JobError::NoScene`] for an unknown name, [`JobError::Read`] for a scene that cannot be read.
-pub fn read_scene(
-    name: &str,
-    allow_unsupported: bool,
-    options: &LoadOptions,
-) -> Result<(Scene, Option<ContentHash>), JobError> {
-    read_with_files(name, allow_unsupported, options).map(|(scene, digest, _)| (scene, digest))
-}
-
-/// Reads a scene as [`read_scene`] does; also returns the files that were read.
-fn read_with_files(
-    name: &str,
-    allow_unsupported: bool,
-    options: &LoadOptions,
-) -> Result<(Scene, Option<ContentHash>, Vec<PathBuf>), JobError> {
-    let path = Path::new(name);
-    if let Some(bundle) = bundle(name) {
-        let mut digest = ContentHash::new();
+/// Reads the scene of a description, a file or a bundled scene, with a digest if the options request one, and lists the files
+/// that were read.
+fn read(spec: &RenderSpec, options: &LoadOptions) -> Result<(Scene, Option<ContentHash>, Vec<PathBuf>), JobError> {
+    let path = Path::new(&spec.scene);
+    let mut digest = ContentHash::new();
+    if let Some(bundle) = bundle(&spec.scene) {
         for (name, bytes) in bundle.files.iter().filter(|_| options.digest) {
             digest.text(name);
             digest.add(bytes);
@@ -228,38 +205,34 @@ fn read_with_files(
         return Ok((bundle.read()?, options.digest.then_some(digest), Vec::new()));
     }
     if !path.exists() {
-        return Err(JobError::NoScene { name: name.to_owned() });
+        return Err(JobError::NoScene { name: spec.scene.clone() });
     }
     let memory = options.limit.bytes().map(|limit| limit.saturating_sub(resident().map_or(0, |[now, _]| now)));
-    let read_options = ReadOptions::default().with_allow_unsupported(allow_unsupported).with_memory(memory);
-    let files =
-        Recorder { limit: options.limit, read: options.digest.then(RefCell::default), seen: RefCell::default() };
+    let read_options = ReadOptions::default().with_allow_unsupported(spec.allow_unsupported).with_memory(memory);
+    let files = Recorder { options: *options, read: RefCell::default() };
     let mut model = ModelOptions::default();
-    model.aspect = options.aspect;
+    // A bare model fills the image.
+    model.aspect = spec.resolution.map(|[width, height]| f64::from(width) / f64::from(height.max(1)));
     let scene = read_any_from(&files, path, &AnyOptions::default().with_scene(read_options).with_model(model))?;
-    let digest = files.read.map(|read| {
-        let mut digest = ContentHash::new();
-        // Paths are hashed relative to the scene's folder, so that a moved scene has the same digest.
-        let folder = path.parent().unwrap_or(Path::new(""));
-        for (file, of_bytes) in read.into_inner() {
-            digest.text(&file.strip_prefix(folder).unwrap_or(&file).to_string_lossy());
-            digest.text(&of_bytes);
-        }
-        digest
-    });
-    Ok((scene, digest, files.seen.into_inner().into_iter().collect()))
+    let read = files.read.into_inner();
+    // Paths are hashed relative to the scene's folder, so that a moved scene has the same digest.
+    let folder = path.parent().unwrap_or(Path::new(""));
+    for (file, of_bytes) in &read {
+        digest.text(&file.strip_prefix(folder).unwrap_or(file).to_string_lossy());
+        digest.text(of_bytes);
+    }
+    Ok((scene, options.digest.then_some(digest), read.into_keys().collect()))
 }
 
-/// A file reader that limits the size of each file, lists the files, and hashes their bytes.
+/// A file reader that limits the size of each file, lists the files, and hashes their bytes if the digest is requested.
 struct Recorder {
-    limit: MemoryLimit,
-    seen: RefCell<BTreeSet<PathBuf>>,
-    read: Option<RefCell<BTreeMap<PathBuf, String>>>,
+    options: LoadOptions,
+    read: RefCell<BTreeMap<PathBuf, String>>,
 }
 
 impl Files for Recorder {
     fn read(&self, path: &Path) -> std::io::Result<Vec<u8>> {
-        if let Some(most) = self.limit.bytes() {
+        if let Some(most) = self.options.limit.bytes() {
             let length = std::fs::metadata(path)?.len();
             if length > most {
                 let (length, most) = (crate::memory::size(length), crate::memory::size(most));
@@ -268,10 +241,8 @@ impl Files for Recorder {
             }
         }
         let bytes = Disk.read(path)?;
-        self.seen.borrow_mut().insert(path.to_owned());
-        if let Some(read) = &self.read {
-            read.borrow_mut().insert(path.to_owned(), ContentHash::of(&bytes).hex());
-        }
+        let digest = if self.options.digest { ContentHash::of(&bytes).hex() } else { String::new() };
+        self.read.borrow_mut().insert(path.to_owned(), digest);
         Ok(bytes)
     }
 }

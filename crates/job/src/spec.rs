@@ -383,14 +383,6 @@ impl RenderSpec {
         }
     }
 
-    /// The mean samples per pixel of a [`BudgetSpec::Spp`]; `None` for other budgets.
-    pub fn mean_spp(&self) -> Option<f64> {
-        match self.budget {
-            BudgetSpec::Spp(spp) => Some(spp),
-            _ => None,
-        }
-    }
-
     /// Returns `true` if both descriptions need the same world (scene built for tracing), so that one built world
     /// serves both.
     pub(crate) fn has_world_of(&self, other: &Self) -> bool {
