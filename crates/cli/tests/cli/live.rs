@@ -209,36 +209,10 @@ fn a_preview_changes_while_rendering() {
     assert!(folder.read("p.png") == last && seen[0] != last, "the last preview is the image, the first is not");
 }
 
+/// Whatever a scene reads is kept: its texture, its mesh, the description, and files under another name. No output replaces
+/// another.
 #[test]
 fn outputs_replace_neither_inputs_nor_each_other() {
-    let folder = Folder::new();
-    std::fs::create_dir(folder.path("maps")).expect("a folder");
-    let scene = folder.read("tiny.pbrt");
-    #[cfg(unix)]
-    std::os::unix::fs::symlink("tiny.pbrt", folder.path("link.png")).expect("a link");
-    folder.write("spec.json", r#"{"version":1,"scene":"tiny.pbrt"}"#);
-    folder.write("grey.png", b"no image");
-    let mut cases = vec![
-        ("--preview p.png -o p.png", "--preview p.png: this is the file of --output p.png"),
-        ("-o a.pfm -o ./a.pfm", "--output ./a.pfm: this is the file of --output a.pfm"),
-        ("--maps maps -o a.pfm -o maps/../maps/albedo.png", "is the file of --output maps/../maps/albedo.png"),
-        ("--maps new.pfm -o new.pfm", "--maps new.pfm: this is the file of --output new.pfm; give each its own file"),
-        ("--checkpoint a.pfm -o a.pfm", "--checkpoint a.pfm: this is the file of --output a.pfm"),
-    ];
-    if cfg!(unix) {
-        cases.push(("-o link.png", "--output link.png: the scene reads this file (tiny.pbrt), which would be lost"));
-        cases.push(("-o a.png --preview link.png", "--preview link.png: the scene reads this file (tiny.pbrt)"));
-    }
-    for (words, message) in cases {
-        folder.says(&format!("render tiny.pbrt --spp 1 {words}"), 1, &[message]);
-        assert_eq!(folder.read("tiny.pbrt"), scene, "{words}");
-        assert!(!folder.path("new.pfm").exists(), "{words}");
-    }
-}
-
-/// Whatever a scene reads is kept: its texture, its mesh, the description, and files under another name.
-#[test]
-fn textures_meshes_and_specs_are_never_written_over() {
     let folder = Folder::new();
     folder.done("render tiny.pbrt --spp 1 --filter none -o texture.exr -o texture.png -o texture.pfm");
     let mesh = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
@@ -251,21 +225,34 @@ fn textures_meshes_and_specs_are_never_written_over() {
         crate::common::TINY.to_owned() + &more.concat() + "Shape \"plymesh\" \"string filename\" \"mesh.png\"\n";
     folder.write("all.pbrt", scene);
     folder.write("spec.png", r#"{"version":1,"scene":"all.pbrt"}"#);
-    std::fs::create_dir(folder.path("maps")).expect("a folder");
+    ["maps", "new"].map(|name| std::fs::create_dir(folder.path(name)).expect("a folder"));
+    #[cfg(unix)]
+    std::os::unix::fs::symlink("all.pbrt", folder.path("link.png")).expect("a link");
     for (new, old) in [("hard.png", "texture.png"), ("scene.png", "all.pbrt"), ("maps/albedo.png", "mesh.png")] {
         std::fs::hard_link(folder.path(old), folder.path(new)).expect("a link");
     }
-    let before: Vec<_> = folder.names().into_iter().filter(|n| n != "maps").map(|n| (folder.read(&n), n)).collect();
+    let before: Vec<_> =
+        folder.names().into_iter().filter(|n| n != "maps" && n != "new").map(|n| (folder.read(&n), n)).collect();
     let cases = [
         ("all.pbrt -o texture.exr", "--output texture.exr: the scene reads this file (texture.exr)"),
         ("all.pbrt -o ./texture.pfm", "--output ./texture.pfm: the scene reads this file (texture.pfm)"),
         ("all.pbrt -o mesh.png", "--output mesh.png: the scene reads this file (mesh.png)"),
         ("all.pbrt -o hard.png", "--output hard.png: the scene reads this file (texture.png)"),
+        #[cfg(unix)]
+        ("all.pbrt -o link.png", "--output link.png: the scene reads this file (all.pbrt), which would be lost"),
         ("all.pbrt -o scene.png", "--output scene.png: the scene reads this file (all.pbrt)"),
         ("all.pbrt -o a.png --preview hard.png", "--preview hard.png: the scene reads this file (texture.png)"),
         ("all.pbrt -o a.png --checkpoint mesh.png", "mesh.png"),
         ("all.pbrt -o a.pfm --maps maps", "--maps maps/albedo.png: the scene reads this file (mesh.png)"),
         ("--spec spec.png -o spec.png", "--output spec.png: --spec reads this file (spec.png)"),
+        ("all.pbrt --preview p.png -o p.png", "--preview p.png: this is the file of --output p.png"),
+        ("all.pbrt -o a.pfm -o ./a.pfm", "--output ./a.pfm: this is the file of --output a.pfm"),
+        ("all.pbrt --maps new -o new/a.pfm -o new/../new/albedo.png", "is the file of --output new/../new/albedo.png"),
+        (
+            "all.pbrt --maps new.pfm -o new.pfm",
+            "--maps new.pfm: this is the file of --output new.pfm; give each its own",
+        ),
+        ("all.pbrt --checkpoint a.pfm -o a.pfm", "--checkpoint a.pfm: this is the file of --output a.pfm"),
         ("--spec spec.png -o texture.png", "--output texture.png: the scene reads this file (texture.png)"),
     ];
     for (words, message) in cases {
