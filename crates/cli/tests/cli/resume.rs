@@ -162,7 +162,7 @@ fn a_damaged_checkpoint_gives_way_to_the_one_before_x03() {
 fn a_signal_leaves_image_and_checkpoint_x08() {
     for (name, first) in [("INT", "--checkpoint c"), ("TERM", "--checkpoint c --resume c")] {
         let folder = Folder::new();
-        let words = "render tiny.pbrt --sampler uniform --resolution 200x150";
+        let words = "render tiny.pbrt --sampler uniform --resolution 128x96";
         let child = folder.start(&format!("{words} --spp 100000 -q -o a.pfm -o a.exr {first}"));
         assert!(folder.wait_for("c", &None), "no checkpoint");
         // One writer at a time.
@@ -175,7 +175,7 @@ fn a_signal_leaves_image_and_checkpoint_x08() {
         assert_eq!(said.status, Some(130), "{}", said.err);
         assert!(said.err.ends_with("interrupted: the same command with --resume c resumes it\n"), "{}", said.err);
         let size = folder.read("a.pfm").len();
-        assert!(size > 12 * 200 * 150);
+        assert!(size > 12 * 128 * 96);
         // The image is that of the checkpoint: no sample is lost.
         assert_eq!(folder.names(), ["a.exr", "a.pfm", "c", "c.lock", "c.previous"]);
         assert_eq!(folder.header("a.exr", "interrupted"), "true");
