@@ -96,7 +96,7 @@ impl Course {
     fn new(name: &str) -> Self {
         // With `--test`, everything runs once and small.
         let (side, spp) = if std::env::args().any(|word| word == "--test") { (16, 64) } else { (64, 2048) };
-        let spec = RenderSpec::new(name).resolution(side, side).pixel_filter(PixelFilterSpec::Box);
+        let spec = RenderSpec { pixel_filter: PixelFilterSpec::Box, ..RenderSpec::new(name).resolution(side, side) };
         let scene = LoadedScene::read(&spec, &LoadOptions::default()).expect("a bundled scene");
         let scene = scene.build().expect("a sound scene");
         let mut course = Self { scene, spec, side, reference: Vec::new(), seed: Cell::new(REFERENCE_SEED) };

@@ -20,6 +20,7 @@
 //! Off by default; the feature `full` has all of them but `oidn`:
 //!
 //! * `classics` (feature `classics`): published methods of adaptive sampling and reconstruction, for comparison.
+//! * `distributed` (feature `distributed`): one render by many processes, with the bits of one.
 //! * `light_selection` (feature `light-selection`): learned probabilities of selecting each of several lights.
 //! * `metrics` (feature `metrics`): errors of images against references, and their statistics.
 //! * `oidn` (feature `oidn`): Intel Open Image Denoise as a filter; its library is found at run time.
@@ -87,6 +88,8 @@ pub use dapple_clustering as clustering;
 pub use dapple_denoise as denoise;
 #[cfg(feature = "denoise")]
 pub use dapple_denoise::denoise;
+#[cfg(feature = "distributed")]
+pub use dapple_distributed as distributed;
 #[cfg(feature = "geometry")]
 pub use dapple_geometry as geometry;
 #[cfg(feature = "job")]

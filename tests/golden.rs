@@ -225,7 +225,7 @@ fn bits_of_a_resumed_session_and_of_buffers_stay() {
     for name in ["cornell", "tea"] {
         let base = spec(name).budget(BudgetSpec::Spp(8.0));
         let scene = prepared(&base);
-        let integrator = dapple::renderer::integrator(scene.world());
+        let integrator = dapple::renderer::integrator(&scene.world);
         entries.push((format!("session {name}"), pulled(&*integrator)));
         let film = scene.job(&base.sampler("uniform")).expect("a job").render().expect("an image").film;
         entries.push((format!("buffers {name}"), denoised(&film)));

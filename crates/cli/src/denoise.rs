@@ -15,7 +15,7 @@ use std::path::PathBuf;
 /// variance and sample counts, and as guides normal, albedo, position or depth of what each pixel shows. Two files need
 /// no variance.
 #[derive(clap::Args)]
-#[command(after_help = AFTER)]
+#[command(after_help = include_str!("help/denoise.txt").trim_end())]
 pub(crate) struct DenoiseArgs {
     /// OpenEXR file to denoise; with a second one, two renders of the same image with different seeds
     #[arg(value_name = "IN", num_args = 1..=2, required = true)]
@@ -55,12 +55,6 @@ pub(crate) struct DenoiseArgs {
     #[arg(long)]
     json: bool,
 }
-
-const AFTER: &str = "\
-Examples:
-  dapple denoise in.exr -o out.exr -o out.png
-  dapple denoise seed-1.exr seed-2.exr -o out.exr
-  dapple denoise in.exr -o out.exr --layer normal=shading.n --layer variance=noise --spp 64";
 
 fn layer(argument: &str) -> std::result::Result<(LayerKind, String), String> {
     let wrong = || format!("\"{argument}\" is not KIND=NAME, such as normal=nn");

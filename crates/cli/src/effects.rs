@@ -1,18 +1,20 @@
 //! The subcommand `dapple effects SCENE`.
 
-mod measure;
 mod report;
 
-use crate::machine::start_threads;
+use crate::machine::{Stop, cpu_seconds, start_threads};
 use crate::output::{say, tell, warn};
 use crate::render::values::resolution;
-use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, failure};
-use dapple_core::Frame;
-use dapple_job::{LoadOptions, LoadedScene, RenderSpec, Warning};
-use dapple_scene::{Effects, Scene, bundled};
-use measure::Studio;
-use report::Report;
+use dapple_core::{Control, Frame, Status};
+use dapple_job::{
+    BudgetSpec, CropSpec, JobError, JobMonitor, LoadOptions, LoadedScene, PreparedScene, RenderSpec, Warning,
+};
+use dapple_metrics::{Measured, Pixels, difference};
+use dapple_renderer::light::LightSelection;
+use dapple_scene::{Effect, Effects, Scene, bundled};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use report::{Figures, Report};
 use std::path::PathBuf;
 
 /// The longest side in pixels of images if the user sets no resolution. The results hardly depend on the resolution,
@@ -27,7 +29,7 @@ const LONGEST: u32 = 192;
 /// that is lost without the effect, and the relMSE of the image without it, from which noise is subtracted. The light of paths beyond the scene's
 /// depth limit is measured, too. Each value has the half width of its 95 % interval.
 #[derive(clap::Args)]
-#[command(after_help = AFTER)]
+#[command(after_help = include_str!("help/effects.txt").trim_end())]
 pub(crate) struct EffectsArgs {
     /// A scene file, a model (.gltf, .glb, .obj, .ply, .stl), or a bundled scene: teapot, terrain, cornell, furnace, plates, lens, motion, glass, room, grass, door, tea, cabin, many-lights, caustic, chess, zone-plate, penumbra
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
@@ -64,29 +66,22 @@ pub(crate) struct EffectsArgs {
     json: bool,
 }
 
-const AFTER: &str = "\
-Examples:
-  dapple effects scene.pbrt --list
-  dapple effects cornell
-  dapple effects scene.pbrt --resolution 320x180 --spp 64 --seeds 8 --json
-
-`dapple render --without EFFECT` renders the image without it.";
-
 pub(crate) fn run(options: &EffectsArgs) -> Result<Outcome> {
     let stop = Stop::listen()?;
     start_threads(options.threads)?;
-    let spec = RenderSpec::new(options.scene.to_string_lossy()).allow_unsupported(options.allow_unsupported);
-    let loaded = LoadedScene::read(&spec, &LoadOptions::default().without_digest());
-    let loaded = loaded.map_err(|e| failure::of_job(&e))?;
-    for warning in loaded.warnings().iter().filter(|warning| matches!(warning, Warning::Notice(_))) {
+    let spec =
+        RenderSpec { allow_unsupported: options.allow_unsupported, ..RenderSpec::new(options.scene.to_string_lossy()) };
+    let loaded = LoadedScene::read(&spec, &LoadOptions { digest: false, ..LoadOptions::default() });
+    let loaded = loaded?;
+    for warning in loaded.warnings.iter().filter(|warning| matches!(warning, Warning::Notice(_))) {
         warn(failure::warning(warning));
     }
-    let scene = loaded.scene();
+    let scene = &loaded.scene;
     let effects = Effects::of(scene);
     let by_chance = Effects::found_by_chance(scene);
     let mut report = Report::new(scene, &effects, by_chance.as_ref());
     if !options.list {
-        measure(options, scene.clone(), &mut report, &stop)?;
+        measure(options, Scene::clone(scene), &mut report, &stop)?;
     }
     if report.interrupted {
         say("interrupted", "an effect whose images were not all rendered has no figures");
@@ -111,6 +106,159 @@ fn shrink(size: [u32; 2]) -> [u32; 2] {
     let longest = size[0].max(size[1]).max(1);
     let shrunk = |side: u32| (u64::from(side) * u64::from(LONGEST)).div_ceil(u64::from(longest)).max(1) as u32;
     if longest <= LONGEST { size } else { size.map(shrunk) }
+}
+
+/// A rendered image, and the seconds of tracing it.
+struct Render {
+    pixels: Vec<[f32; 3]>,
+    seconds: f64,
+}
+
+/// The number of steps of the progress bar per image.
+const STEPS: u64 = 100;
+
+/// The renderer of images for the measurements, with a progress bar.
+struct Studio {
+    size: [u32; 2],
+    seeds: u64,
+    /// The description of each render: uniform sampling, unfiltered.
+    spec: RenderSpec,
+    stop: Stop,
+    bar: ProgressBar,
+}
+
+impl Studio {
+    fn new(frame: Frame, options: &EffectsArgs, stop: &Stop) -> Self {
+        let [width, height] = frame.resolution();
+        let spec = RenderSpec {
+            light_selection: Some(LightSelection::Power),
+            budget: BudgetSpec::Spp(f64::from(options.spp)),
+            crop: CropSpec::Whole,
+            ..RenderSpec::new("effects").sampler("uniform").points("sobol").filter("none").resolution(width, height)
+        };
+        // The bar hides itself if stderr is not a terminal.
+        let target = if options.json { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+        let bar = ProgressBar::with_draw_target(Some(STEPS), target);
+        if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {prefix}, {eta} left") {
+            bar.set_style(style);
+        }
+        Self { size: frame.size(), seeds: u64::from(options.seeds), spec, stop: stop.clone(), bar }
+    }
+
+    /// Measures every effect of the report by leaving it out. Images with and without the effect alternate, and their
+    /// order changes with the seed, so that a slower machine favours neither.
+    fn measure(mut self, whole: &Scene, report: &mut Report<'_>) -> Result<()> {
+        report.interrupted = self.measure_all(whole, report)?.is_none();
+        self.bar.finish_and_clear();
+        Ok(())
+    }
+
+    /// Fills in the report's figures; `None` if the user stopped it.
+    fn measure_all(&mut self, whole: &Scene, report: &mut Report<'_>) -> Result<Option<()>> {
+        let endless = Scene { max_depth: None, ..whole.clone() };
+        // Without interreflection, paths scatter at most once, and no depth limit cuts them.
+        let cut = whole.max_depth.is_some() && Effects::of(&endless).has(Effect::Interreflection);
+        let with = self.prepare(whole)?;
+        let pairs = report.effects.len() + usize::from(cut);
+        if pairs == 0 {
+            return Ok(Some(()));
+        }
+        self.bar.set_length(STEPS * (1 + 2 * self.seeds * pairs as u64));
+        // The first image is slower because caches are cold, and is not timed.
+        let Some(_) = self.render(&with, 1)? else { return Ok(None) };
+        let mut seconds = Vec::new();
+        for row in &mut report.effects {
+            let effect = row.called.effect;
+            self.bar.set_prefix(format!("without {effect}"));
+            let less = dapple_renderer::without(whole, effect).map_err(|e| e.to_string());
+            let without = match less.and_then(|scene| self.prepare(&scene).map_err(first_line)) {
+                Ok(without) => without,
+                Err(why) => {
+                    self.bar.inc(STEPS * 2 * self.seeds);
+                    row.kept = Some(why);
+                    continue;
+                }
+            };
+            let Some(pairs) = self.pairs(&with, &without)? else { return Ok(None) };
+            seconds.extend(pairs.iter().map(|[a, _]| a.seconds));
+            row.figures = self.figures(pairs)?;
+            report.seconds = Some(seconds.iter().sum::<f64>() / seconds.len() as f64);
+        }
+        if cut {
+            self.bar.set_prefix("beyond the depth");
+            let endless = self.prepare(&endless)?;
+            let Some(pairs) = self.pairs(&endless, &with)? else { return Ok(None) };
+            report.beyond_depth = Some(self.figures(pairs)?);
+        }
+        Ok(Some(()))
+    }
+
+    fn prepare(&self, scene: &Scene) -> std::result::Result<PreparedScene, JobError> {
+        LoadedScene::from_scene(&self.spec, scene.clone())?.build()
+    }
+
+    /// Renders, for each seed, one image of each of two worlds: with and without an effect. `None` if the user stopped
+    /// it.
+    fn pairs(&mut self, with: &PreparedScene, without: &PreparedScene) -> Result<Option<Vec<[Render; 2]>>> {
+        let mut pairs = Vec::new();
+        for seed in 1..=self.seeds {
+            let turned = seed % 2 == 0;
+            let worlds = if turned { [without, with] } else { [with, without] };
+            let Some(first) = self.render(worlds[0], seed)? else { return Ok(None) };
+            let Some(second) = self.render(worlds[1], seed)? else { return Ok(None) };
+            pairs.push(if turned { [second, first] } else { [first, second] });
+        }
+        Ok(Some(pairs))
+    }
+
+    fn render(&mut self, prepared: &PreparedScene, seed: u64) -> Result<Option<Render>> {
+        let mut job = prepared.job(&self.spec.clone().seed(seed))?;
+        let start = self.bar.position();
+        let before = cpu_seconds();
+        let film = job.run(None, self)?.film;
+        let cpu = cpu_seconds().zip(before).map(|(after, before)| after - before);
+        self.bar.set_position(start + STEPS);
+        if film.record().interrupted {
+            return Ok(None);
+        }
+        let seconds = cpu.unwrap_or_else(|| film.record().trace_seconds()).max(1e-9);
+        Ok(Some(Render { pixels: film.image(), seconds }))
+    }
+
+    /// Computes the cost and share of an effect from pairs of renders with and without it.
+    fn figures(&self, pairs: Vec<[Render; 2]>) -> Result<Figures> {
+        let logs: Vec<f64> = pairs.iter().map(|[a, b]| (a.seconds / b.seconds).ln()).collect();
+        let side = |i: usize| {
+            let pixels = pairs.iter().map(|pair| Pixels::new(self.size, &pair[i].pixels));
+            pixels.collect::<std::result::Result<Vec<_>, _>>().map_err(Failure::new)
+        };
+        let image = difference(&side(0)?, &side(1)?).map_err(Failure::new)?;
+        Ok(Figures::new(mean(&logs), image, self.seeds as u32))
+    }
+}
+
+fn first_line(problems: impl ToString) -> String {
+    problems.to_string().lines().next().unwrap_or_default().to_owned()
+}
+
+/// The mean of at least two `values`, with its standard error.
+fn mean(values: &[f64]) -> Measured {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let squares: f64 = values.iter().map(|x| (x - mean).powi(2)).sum();
+    Measured { value: mean, standard_error: (squares / (n - 1.0) / n).sqrt() }
+}
+
+impl JobMonitor for Studio {
+    fn slice(&mut self, status: &Status<'_>) -> Control {
+        if self.stop.asked() {
+            return Control::Stop;
+        }
+        let image = self.bar.position() / STEPS * STEPS;
+        let share = status.samples as f64 / status.expected.max(1) as f64;
+        self.bar.set_position(image + ((share * STEPS as f64) as u64).min(STEPS - 1));
+        Control::Continue
+    }
 }
 
 #[cfg(test)]

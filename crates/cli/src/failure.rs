@@ -1,47 +1,51 @@
-//! Messages for errors and warnings of jobs, with advice that names command-line options.
+//! Messages for errors and warnings of jobs, with advice that names command-line options, and hints for users of other
+//! renderers: their names for what Dapple calls otherwise.
 
 use crate::Failure;
-use crate::render;
-use dapple_job::memory::MemoryAdvice;
-use dapple_job::{JobError, SpecError, Warning};
+use clap::builder::StyledStr;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use dapple_job::registry::{FILTERS, NOT_BUILT, POINTS, RegistryError, SAMPLERS};
+use dapple_job::{JobError, SpecError, Warning, can_be_replayed};
 use dapple_scene::{Problem, ProblemKind, ReadError};
+
+impl From<JobError> for Failure {
+    /// Makes the failure for an error of a job, with one line per line of the error's message.
+    fn from(error: JobError) -> Self {
+        of_job(&error)
+    }
+}
 
 /// Makes the failure for an error of a job, with one line per line of the error's message.
 pub(crate) fn of_job(error: &JobError) -> Failure {
     match error {
         JobError::Spec(error) => of_spec(error),
         JobError::Read(error) => of_reader(error),
-        JobError::NotCalledFor { .. } | JobError::Without { .. } => Failure::new(format!("--{error}")),
-        JobError::NoShard { .. } => Failure::new(format!("--{error}")),
-        JobError::CheckpointExists { path } => {
-            let path = path.display();
-            Failure::new(format!(
-                "{path}: a checkpoint exists; resume from it with --resume {path}, or remove it and {path}.previous"
-            ))
+        JobError::NotCalledFor { .. } | JobError::Without { .. } | JobError::NoShard { .. } => {
+            Failure::new(format!("--{error}"))
         }
-        JobError::Memory { estimate, limit, advice } => {
-            let advice = match advice {
-                MemoryAdvice::Scene if limit.is_given() => {
-                    "the scene alone does not fit; raise --memory, or simplify the scene"
-                }
-                MemoryAdvice::Scene => "the scene alone does not fit; simplify it, or use a machine with more memory",
-                MemoryAdvice::Filter => "lower --resolution, use --filter none, or render crops (--crop)",
-                MemoryAdvice::AddressSpace => {
-                    return Failure::new(format!("this render takes {estimate}; smaller crops (--crop) fit"));
-                }
-                _ => "lower --resolution, or render crops (--crop)",
-            };
-            let of = if limit.is_given() {
-                "the limit (--memory)"
-            } else {
-                "all there is (--memory SIZE sets another limit)"
-            };
-            let limit = limit.bytes().map_or_else(String::new, dapple_job::memory::size);
-            Failure::new(format!("this render takes {estimate}, and {limit} is {of}; {advice}"))
+        JobError::CheckpointExists { path } => {
+            let with = format!("resume from it with --resume {},", path.display());
+            Failure::new(error.to_string().replace("resume from it,", &with))
+        }
+        JobError::Memory { limit, .. } => {
+            let simpler = if limit.is_given() { "raise --memory, or simplify the scene" } else { SIMPLER };
+            let options = [
+                ("lower the resolution", "lower --resolution"),
+                ("leave the filter out", "use --filter none"),
+                ("render crops", "render crops (--crop)"),
+                ("smaller crops", "smaller crops (--crop)"),
+                ("is the limit", "is the limit (--memory)"),
+                ("is all there is", "is all there is (--memory SIZE sets another limit)"),
+                (SIMPLER, simpler),
+            ];
+            Failure::new(options.iter().fold(error.to_string(), |text, (what, option)| text.replace(what, option)))
         }
         _ => Failure::lines(error),
     }
 }
+
+/// The advice for a scene that does not fit into memory.
+const SIMPLER: &str = "simplify it, or use a machine with more memory";
 
 /// Makes the failure for the problems of a scene file. For unsupported features it names the option that allows them.
 pub(crate) fn of_reader(error: &ReadError) -> Failure {
@@ -58,17 +62,9 @@ pub(crate) fn of_reader(error: &ReadError) -> Failure {
 /// Makes the failure for an invalid description of a render, with the name of the wrong command-line option.
 pub(crate) fn of_spec(error: &SpecError) -> Failure {
     match error {
-        SpecError::Field { .. } => Failure::usage("render", option(error)),
+        SpecError::Field { field: "seconds", what } => Failure::usage("render", format!("--time: {what}")),
+        SpecError::Field { field, what } => Failure::usage("render", format!("--{}: {what}", field.replace('_', "-"))),
         _ => Failure::lines(error),
-    }
-}
-
-/// A message with the name of the wrong field's command-line option, and the problem.
-fn option(error: &SpecError) -> String {
-    match error {
-        SpecError::Field { field: "seconds", what } => format!("--time: {what}"),
-        SpecError::Field { field, what } => format!("--{}: {what}", field.replace('_', "-")),
-        _ => error.to_string(),
     }
 }
 
@@ -76,10 +72,163 @@ fn option(error: &SpecError) -> String {
 pub(crate) fn warning(warning: &Warning) -> String {
     match warning {
         Warning::ErrorNotReached { .. } => format!("{warning}; --max-spp raises the latter"),
-        Warning::RejectedSamples { first, .. } => match render::replay(first) {
-            Some(advice) => format!("{warning}; {advice}"),
-            None => warning.to_string(),
-        },
+        Warning::RejectedSamples { first, .. } if can_be_replayed(first) => {
+            let [x, y] = first.sample.pixel;
+            let (spp, right, below) = (first.sample.index + 1, x + 1, y + 1);
+            format!("{warning}; replay it with --sampler uniform --spp {spp} --crop {x},{y},{right},{below}")
+        }
         _ => warning.to_string(),
+    }
+}
+
+/// Options of pbrt, Mitsuba, Cycles and Blender that Dapple lacks, and what to use instead.
+const OPTIONS: &[(&[&str], &str)] = &[
+    (&["--samples", "--sample-count", "--cycles-samples", "--pixelsamples"], "use --spp N, the mean per pixel"),
+    (&["--cropwindow", "--pixelbounds", "--border"], "use --crop X0,Y0,X1,Y1, in pixels from the top left"),
+    (&["--width", "--height", "--size", "--film-size"], "use --resolution WIDTHxHEIGHT"),
+    (&["--scale", "--percentage", "--resolution-percentage"], "use --resolution 50%"),
+    (&["--display-server", "--interactive", "--gui"], "use --view tev, or --preview FILE.png"),
+    (&["--write-partial-images"], "use --preview FILE.png, or --checkpoint FILE"),
+    (&["--denoise", "--use-denoising", "--denoising"], "images are denoised by default; --filter NAME chooses how"),
+    (&["--no-denoise", "--no-denoising"], "use --filter none"),
+    (&["--maxdepth", "--max-bounces", "--bounces", "--rr-depth"], "use --max-depth N"),
+    (&["--adaptive-threshold", "--noise-threshold", "--error-threshold"], "use --error RELMSE"),
+    (&["--time-limit", "--timeout", "--render-time"], "use --time SECONDS"),
+    (&["--num-threads", "--thread-count", "--cores"], "use --threads N"),
+    (&["--render-output", "--out", "--file"], "use --output FILE"),
+    (&["--gpu", "--wavefront", "--device", "--cycles-device", "--optix", "--cuda"], "Dapple renders on the CPU only"),
+    (&["--mode", "--variant"], "Dapple has one mode: linear RGB in 32-bit floats"),
+    (&["--aov", "--aovs", "--passes"], "use --features, or --layers NAME,… for EXR files"),
+];
+
+/// pbrt's samplers that are point sets in Dapple, with the nearest of ours.
+const POINT_SETS: &[(&[&str], &str)] = &[
+    (&["paddedsobol", "owensobol", "02sequence", "ldsampler"], "sobol"),
+    (&["pmj02bn"], "pmj02"),
+    (&["independent", "pcg"], "random"),
+    (&["multijitter", "orthogonal", "jittered"], "stratified"),
+];
+
+/// Adds a hint to an error about an option that another renderer has.
+pub(crate) fn add_to(mut error: clap::Error) -> clap::Error {
+    if error.kind() != ErrorKind::UnknownArgument {
+        return error;
+    }
+    let hint = match error.get(ContextKind::InvalidArg) {
+        Some(ContextValue::String(option)) => option_hint(option),
+        _ => None,
+    };
+    if let Some(hint) = hint {
+        // The option with the most similar letters would only mislead.
+        error.remove(ContextKind::SuggestedArg);
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![StyledStr::from(hint)]));
+    }
+    error
+}
+
+fn option_hint(option: &str) -> Option<&'static str> {
+    let name = option.split(['=', ' ']).next().unwrap_or(option);
+    OPTIONS.iter().find(|(names, _)| names.contains(&name)).map(|&(_, hint)| hint)
+}
+
+/// The message for a wrong sampler; a point set leads to `--points`.
+pub(crate) fn sampler(given: &str, error: &RegistryError) -> String {
+    let name = name(given);
+    let ours = POINTS.iter().find(|entry| entry.is_called(&name)).map(|entry| entry.name);
+    match ours.or_else(|| nearest(POINT_SETS, &name)) {
+        Some(points) if is_unknown(error) => format!(
+            "\"{name}\" places the samples, which Dapple's samplers do not; use --points {points} (--sampler decides how many \
+             samples each pixel gets)"
+        ),
+        _ => error.to_string(),
+    }
+}
+
+/// The message for a wrong point set; a sampler leads to `--sampler`, and other renderers' names to the nearest of ours.
+pub(crate) fn points(given: &str, error: &RegistryError) -> String {
+    let name = name(given);
+    if !is_unknown(error) {
+        return error.to_string();
+    }
+    if let Some(entry) = SAMPLERS.iter().find(|entry| entry.is_called(&name)) {
+        let sampler = entry.name;
+        return format!("\"{name}\" decides how many samples each pixel gets; use --sampler {sampler}");
+    }
+    match nearest(POINT_SETS, &name) {
+        Some(points) => format!("{error}; the nearest to \"{name}\" is {points}"),
+        None => error.to_string(),
+    }
+}
+
+/// The message for a wrong filter: pixel filters lead to `--pixel-filter`, names of denoisers to ours.
+pub(crate) fn filter(given: &str, error: &RegistryError) -> String {
+    let name = name(given);
+    match name.as_str() {
+        "box" | "triangle" | "mitchell" | "sinc" | "blackmanharris" | "blackman_harris" if is_unknown(error) => {
+            format!(
+                "\"{name}\" is a pixel filter (--pixel-filter takes the scene's, or box); --filter is the denoiser: {}",
+                FILTERS.iter().map(|entry| entry.name).collect::<Vec<_>>().join(", ")
+            )
+        }
+        "openimagedenoise" | "optix" | "nlmeans" if is_unknown(error) => {
+            let ours = if name == "nlmeans" { "nlm" } else { "oidn" };
+            match NOT_BUILT.iter().find(|(absent, _)| *absent == ours) {
+                Some((_, feature)) => {
+                    format!(
+                        "{error}; the nearest to \"{name}\" is {ours}, which needs a build with --features {feature}"
+                    )
+                }
+                None => format!("{error}; the nearest to \"{name}\" is {ours}"),
+            }
+        }
+        _ => error.to_string(),
+    }
+}
+
+/// The message for a wrong integrator, with what the path tracer has in common with it.
+pub(crate) fn integrator(given: &str, error: &str) -> String {
+    match name(given).as_str() {
+        "volpath" | "simplevolpath" | "simplepath" | "randomwalk" | "direct" | "directlighting" | "whitted"
+        | "cycles" | "prb" | "volpathmis" => {
+            format!("{error}; path follows media, glass and all lights that Dapple has: use --integrator path")
+        }
+        "sppm" | "photonmap" | "ptracer" | "lightpath" => format!("{error}; use --integrator photons"),
+        "mlt" | "pssmlt" => format!("{error}; use --integrator metropolis"),
+        "igi" | "vpl" => format!("{error}; use --integrator instant"),
+        "ao" | "ambientocclusion" => format!("{error}; use --integrator ambient-occlusion"),
+        _ => error.to_owned(),
+    }
+}
+
+fn name(given: &str) -> String {
+    given.split(':').next().unwrap_or_default().trim().to_ascii_lowercase()
+}
+
+fn nearest(table: &[(&[&str], &'static str)], name: &str) -> Option<&'static str> {
+    table.iter().find(|(names, _)| names.contains(&name)).map(|&(_, ours)| ours)
+}
+
+fn is_unknown(error: &RegistryError) -> bool {
+    matches!(error, RegistryError::Unknown { .. })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Each hint names options and methods that Dapple has.
+    #[test]
+    fn hints_name_what_exists() {
+        use clap::CommandFactory;
+        let command = crate::Arguments::command();
+        let render = command.find_subcommand("render").expect("it exists");
+        let options: Vec<&str> = render.get_arguments().filter_map(clap::Arg::get_long).collect();
+        for (theirs, hint) in OPTIONS {
+            for word in hint.split([' ', ',', ';']).filter_map(|word| word.strip_prefix("--")) {
+                assert!(options.contains(&word), "--{word}");
+            }
+            assert!(theirs.iter().all(|name| !options.contains(&name.trim_start_matches("--"))), "{theirs:?}");
+        }
+        assert!(POINT_SETS.iter().all(|(_, ours)| POINTS.iter().any(|entry| entry.name == *ours)));
     }
 }

@@ -1,6 +1,5 @@
 //! The subcommand `dapple farm`: files of a job for a scheduler or a render farm.
 
-mod files;
 mod systems;
 
 use crate::output::tell;
@@ -11,8 +10,8 @@ use clap::{ArgMatches, Args, Command, FromArgMatches, ValueEnum};
 use dapple_job::{BudgetSpec, RenderSpec};
 use dapple_scene::bundled;
 use dapple_scene::image::Format;
-use files::{Files, quoted};
 use std::path::{Path, PathBuf};
+use systems::{Files, quoted};
 
 /// Write a job that renders an image on many machines: scripts for Slurm, or a template for OpenJD, OpenCue or Kubernetes
 ///
@@ -80,24 +79,8 @@ pub(crate) struct FarmArgs {
 }
 
 /// Options of `dapple render` that concern one process.
-const REFUSED: &[(&str, &str)] = &[
-    ("maps", "--maps"),
-    ("features", "--features"),
-    ("preview", "--preview"),
-    ("view", "--view"),
-    ("preview_every", "--preview-every"),
-    ("progress_every", "--progress-every"),
-    ("layers", "--layers"),
-    ("half", "--half"),
-    ("checkpoint", "--checkpoint"),
-    ("checkpoint_every", "--checkpoint-every"),
-    ("resume", "--resume"),
-    ("shard", "--shard"),
-    ("from", "--from"),
-    ("print_spec", "--print-spec"),
-    ("json", "--json"),
-    ("exposure", "--exposure"),
-];
+const REFUSED: &str = "maps features preview view preview_every progress_every layers half checkpoint checkpoint_every resume \
+    shard from print_spec json exposure";
 
 impl Args for FarmArgs {
     fn augment_args(command: Command) -> Command {
@@ -114,8 +97,8 @@ impl Args for FarmArgs {
                 .help(help)
                 .long_help(help)
         });
-        let mut command = command.after_help(AFTER);
-        for (id, _) in REFUSED {
+        let mut command = command.after_help(include_str!("help/farm.txt").trim_end());
+        for id in REFUSED.split(' ') {
             command = command.mut_arg(id, |argument| argument.hide(true));
         }
         match (short, long) {
@@ -132,7 +115,7 @@ impl Args for FarmArgs {
 impl FromArgMatches for FarmArgs {
     fn from_arg_matches(matches: &ArgMatches) -> std::result::Result<Self, clap::Error> {
         let given = |id: &str| matches.value_source(id) == Some(ValueSource::CommandLine);
-        let refused = REFUSED.iter().find(|(id, _)| given(id)).map(|(_, option)| *option);
+        let refused = REFUSED.split(' ').find(|id| given(id));
         let (options, render) = (FarmOptions::from_arg_matches(matches)?, RenderArgs::from_arg_matches(matches)?);
         Ok(Self { options, render, refused })
     }
@@ -143,20 +126,12 @@ impl FromArgMatches for FarmArgs {
     }
 }
 
-const AFTER: &str = "\
-Examples (docs/CLUSTER.md):
-  dapple farm slurm scene.pbrt --spp 1024 --parts 64 -o job && sh job/submit.sh
-  dapple farm openjd scene.pbrt --spp 1024 -o job          then submit job/job.template.json
-  dapple farm opencue scene.pbrt --spp 1024 -o job         then launch job/job.xml
-  dapple farm k8s scene.pbrt --spp 1024 -o job && kubectl apply -f job/job.json";
-
 pub(crate) fn run(args: &FarmArgs) -> Result<Outcome> {
     let FarmArgs { options, render, refused } = args;
-    if let Some(option) = refused {
-        return Err(Failure::usage(
-            "farm",
-            format!("{option} concerns one process, and has no effect in a job; leave it out"),
-        ));
+    if let Some(id) = refused {
+        let option = id.replace('_', "-");
+        let wrong = format!("--{option} concerns one process, and has no effect in a job; leave it out");
+        return Err(Failure::usage("farm", wrong));
     }
     let [folder] = &render.outputs[..] else {
         return Err(Failure::usage("farm", "--output is the one folder of the job's files"));
@@ -173,7 +148,7 @@ pub(crate) fn run(args: &FarmArgs) -> Result<Outcome> {
     };
     files.finish()?;
     if !render.quiet {
-        tell(format!("{}: {}", folder.display(), job.summary()))?;
+        tell(format!("{}: a job of {} parts", folder.display(), options.parts))?;
         tell(format!("next: {next}"))?;
     }
     Ok(Outcome::Done)
@@ -225,10 +200,6 @@ impl<'a> Job<'a> {
         format!("dapple-{}", name.trim_matches('-'))
     }
 
-    fn summary(&self) -> String {
-        format!("a job of {} parts", self.options.parts)
-    }
-
     /// The number of stages of a job that must state it.
     fn stages(&self) -> Result<u32> {
         let wrong = "the number of stages is not known beforehand; give --spp, or --stages N (later stages do nothing)";
@@ -243,14 +214,26 @@ impl<'a> Job<'a> {
             if self.threads > 0 { format!("#SBATCH --cpus-per-task={}\n", self.threads) } else { String::new() };
         let mebibytes = |bytes: u64| format!("#SBATCH --mem={}M\n", bytes.div_ceil(1 << 20));
         let outputs: String = self.images.iter().map(|image| format!(" -o {}", quoted(image))).collect();
-        text.replace("@PARTS@", &self.options.parts.to_string())
-            .replace("@TRIES@", &self.options.tries.to_string())
-            .replace("@LIMITS@", &format!("{threads}{memory}"))
-            .replace("@OUTPUTS@", &outputs)
-            .replace("@NAME@", &self.plain_name())
-            .replace("@FOLDER@", &quoted(&self.folder))
-            .replace("@NEEDS@", &format!("{cores}{}", self.memory.map_or_else(String::new, mebibytes)))
+        filled(
+            text,
+            &[
+                ("PARTS", &self.options.parts.to_string()),
+                ("TRIES", &self.options.tries.to_string()),
+                ("RETRIES", &(self.options.tries - 1).to_string()),
+                ("SHOW", &self.options.show),
+                ("LIMITS", &format!("{threads}{memory}")),
+                ("OUTPUTS", &outputs),
+                ("NAME", &self.plain_name()),
+                ("FOLDER", &quoted(&self.folder)),
+                ("NEEDS", &format!("{cores}{}", self.memory.map_or_else(String::new, mebibytes))),
+            ],
+        )
     }
+}
+
+/// A text with values in place of their names between `@`.
+fn filled(text: &str, values: &[(&str, &str)]) -> String {
+    values.iter().fold(text.to_owned(), |text, (name, value)| text.replace(&format!("@{name}@"), value))
 }
 
 /// A path as text, which files of jobs can hold.

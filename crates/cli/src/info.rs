@@ -23,13 +23,14 @@ pub(crate) struct InfoArgs {
 }
 
 pub(crate) fn run(args: &InfoArgs) -> Result<Outcome> {
-    let spec = RenderSpec::new(args.scene.to_string_lossy()).allow_unsupported(args.allow_unsupported);
-    let loaded = LoadedScene::read(&spec, &LoadOptions::default().without_digest());
-    let prepared = loaded.and_then(LoadedScene::build).map_err(|e| failure::of_job(&e))?;
-    for warning in prepared.warnings().iter().filter(|warning| matches!(warning, Warning::Notice(_))) {
+    let spec =
+        RenderSpec { allow_unsupported: args.allow_unsupported, ..RenderSpec::new(args.scene.to_string_lossy()) };
+    let loaded = LoadedScene::read(&spec, &LoadOptions { digest: false, ..LoadOptions::default() });
+    let prepared = loaded.and_then(LoadedScene::build)?;
+    for warning in prepared.loaded.warnings.iter().filter(|warning| matches!(warning, Warning::Notice(_))) {
         warn(failure::warning(warning));
     }
-    for (name, what) in facts(prepared.scene(), prepared.world()) {
+    for (name, what) in facts(&prepared.loaded.scene, &prepared.world) {
         tell(format!("{name:<12}{what}"))?;
     }
     let memory = match memory(&spec, &prepared) {
@@ -37,7 +38,7 @@ pub(crate) fn run(args: &InfoArgs) -> Result<Outcome> {
         Err(error) => format!("no render by default: {}", failure::of_job(&error).0.join("; ")),
     };
     tell(format!("{:<12}{memory}", "memory"))?;
-    let effects = prepared.world().effects();
+    let effects = prepared.world.effects();
     tell(format!("{:<12}{}", "effects", effects.called().len()))?;
     for called in effects.called() {
         tell(format!("  {:<18}{} ({})", called.effect.name(), called.because, called.source))?;
@@ -48,8 +49,8 @@ pub(crate) fn run(args: &InfoArgs) -> Result<Outcome> {
 /// The memory estimate of a render with the default arguments.
 fn memory(spec: &RenderSpec, prepared: &PreparedScene) -> std::result::Result<MemoryEstimate, JobError> {
     let mut job = prepared.job(spec)?;
-    job.set_outputs(OutputFiles::defaults(&prepared.scene().name, &spec.sampler));
-    job.memory(false)
+    job.set_outputs(OutputFiles::defaults(&prepared.loaded.scene.name, &spec.sampler));
+    Ok(job.memory(false))
 }
 
 fn facts(scene: &Scene, world: &World) -> Vec<(&'static str, String)> {

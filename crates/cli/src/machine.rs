@@ -1,6 +1,8 @@
-//! Rendering threads and the process clock.
+//! This process: its threads, its clock, its command line and the signals that it gets.
 
 use crate::{Failure, Result};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Starts `threads` rendering threads; 0 is one per core.
 pub(crate) fn start_threads(threads: u16) -> Result<()> {
@@ -38,4 +40,30 @@ pub(crate) fn cpu_seconds() -> Option<f64> {
     }
     #[cfg(not(any(target_os = "linux", target_os = "macos", target_os = "freebsd")))]
     None
+}
+
+/// A flag that Ctrl-C or SIGTERM sets to request a stop: the first signal stops the render and saves it, a second one ends the
+/// program at once. Clones share the flag.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Stop(Arc<AtomicBool>);
+
+impl Stop {
+    /// Installs the handler of Ctrl-C and SIGTERM; may be called once per process.
+    pub(crate) fn listen() -> Result<Self> {
+        let stop = Self::default();
+        let asked = stop.clone();
+        ctrlc::set_handler(move || {
+            if asked.0.swap(true, Ordering::Relaxed) {
+                // A second signal ends the program without waiting for files.
+                #[allow(clippy::exit)]
+                std::process::exit(130);
+            }
+        })
+        .map_err(|e| Failure::new(format!("cannot listen for Ctrl-C: {e}")))?;
+        Ok(stop)
+    }
+
+    pub(crate) fn asked(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
 }

@@ -2,27 +2,22 @@
 //!
 //! The program handles arguments, progress and printing; the libraries do all other work.
 
+mod about;
 mod compare;
 mod denoise;
-mod display;
 mod effects;
 mod failure;
 mod farm;
-mod hints;
 mod info;
-mod lists;
 mod machine;
-mod manual;
-mod merge;
 mod output;
-mod plan;
+mod progress;
 mod render;
-mod schemas;
-mod stop;
 mod study;
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
+use render::many;
 use std::process::ExitCode;
 
 /// The result of the program, from which the exit status follows.
@@ -65,30 +60,17 @@ type Result<T> = std::result::Result<T, Failure>;
 
 /// Puts Monte Carlo samples where an image needs them.
 #[derive(Parser)]
-#[command(name = "dapple", version, after_help = AFTER, arg_required_else_help = true)]
+#[command(name = "dapple", version, after_help = include_str!("help/dapple.txt").trim_end(), arg_required_else_help = true)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
 }
 
-const AFTER: &str = "\
-Examples:
-  dapple render                                  the bundled teapot: teapot.exr, teapot.png, teapot-samples.png
-  dapple render scene.pbrt -o scene.png --time 30
-  dapple compare scene.exr reference.exr
-  dapple denoise in.exr -o out.exr                an image of any renderer, with its layers
-  dapple effects scene.pbrt
-  dapple study --set scenes=teapot -o teapot       accuracy against time: runs.jsonl, report.html
-
-Results go to stdout, progress and warnings to stderr.
-Exit status: 0 done, 1 failed, 2 wrong arguments, 3 done but no checkpoint could be written, 130 interrupted (the image
-so far is saved).";
-
 #[derive(Subcommand)]
 enum Command {
     Render(Box<render::RenderArgs>),
-    Merge(merge::MergeArgs),
-    Plan(plan::PlanArgs),
+    Merge(many::MergeArgs),
+    Plan(many::PlanArgs),
     Compare(compare::CompareArgs),
     Denoise(denoise::DenoiseArgs),
     Info(info::InfoArgs),
@@ -99,25 +81,25 @@ enum Command {
     #[command(hide = true)]
     StudyRun,
     /// List the samplers, which decide how many samples each pixel gets, or describe one
-    Samplers(lists::ListArgs),
+    Samplers(about::ListArgs),
     /// List the point sets, which decide where samples lie, or describe or plot one
-    Points(lists::PointsArgs),
+    Points(about::PointsArgs),
     /// List the integrators, which compute the radiance of a sample, or describe one
-    Integrators(lists::ListArgs),
+    Integrators(about::ListArgs),
     /// List the filters (denoisers), which make the image from the samples, or describe one
-    Filters(lists::ListArgs),
-    Completions(manual::CompletionsArgs),
-    Man(manual::ManArgs),
-    Schemas(schemas::SchemasArgs),
+    Filters(about::ListArgs),
+    Completions(about::CompletionsArgs),
+    Man(about::ManArgs),
+    Schemas(about::SchemasArgs),
 }
 
 fn main() -> ExitCode {
     machine::turn_file_limits_into_errors();
-    let arguments = Arguments::try_parse().unwrap_or_else(|error| hints::add_to(error).exit());
+    let arguments = Arguments::try_parse().unwrap_or_else(|error| failure::add_to(error).exit());
     let outcome = match arguments.command {
         Command::Render(args) => render::run(&args),
-        Command::Merge(args) => merge::run(&args),
-        Command::Plan(args) => plan::run(&args),
+        Command::Merge(args) => many::merge(&args),
+        Command::Plan(args) => many::plan(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Denoise(args) => denoise::run(&args),
         Command::Info(args) => info::run(&args),
@@ -125,13 +107,13 @@ fn main() -> ExitCode {
         Command::Study(args) => study::run(&args),
         Command::Farm(args) => farm::run(&args),
         Command::StudyRun => study::run_one(),
-        Command::Samplers(args) => lists::samplers(&args),
-        Command::Points(args) => lists::points(&args),
-        Command::Integrators(args) => lists::integrators(&args),
-        Command::Filters(args) => lists::filters(&args),
-        Command::Completions(args) => manual::completions(&args),
-        Command::Man(args) => manual::man(&args),
-        Command::Schemas(args) => schemas::run(&args),
+        Command::Samplers(args) => about::samplers(&args),
+        Command::Points(args) => about::points(&args),
+        Command::Integrators(args) => about::integrators(&args),
+        Command::Filters(args) => about::filters(&args),
+        Command::Completions(args) => about::completions(&args),
+        Command::Man(args) => about::man(&args),
+        Command::Schemas(args) => about::schemas(&args),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -4,22 +4,22 @@ pub(crate) mod args;
 mod file_conflicts;
 pub(crate) mod live;
 pub(crate) mod many;
-mod progress;
-mod report;
 pub(crate) mod values;
 
 pub(crate) use args::{RenderArgs, described_in};
 
-use crate::machine::{cpu_seconds, start_threads};
+use crate::machine::{Stop, cpu_seconds, start_threads};
 use crate::output::{say, tell, warn};
-use crate::stop::Stop;
+use crate::progress::Progress;
 use crate::{Failure, Outcome, Result, failure};
-use dapple_job::memory::{MemoryLimit, size};
-use dapple_job::{Job, JobError, LoadOptions, LoadedScene, OutputFiles, RenderSpec, Traced, Warning, can_be_replayed};
+use dapple_job::memory::{MemoryEstimate, MemoryLimit, resident, size};
+use dapple_job::{
+    Checkpoints, Job, JobError, LoadOptions, LoadedScene, OutputFiles, PhaseSeconds, RenderSpec, RenderedImage, Traced,
+    Warning,
+};
 use dapple_scene::Scene;
 use live::Live;
-use progress::Progress;
-use report::Report;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use values::EachLayer;
 
@@ -34,7 +34,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
         return Ok(Outcome::Done);
     }
     if let Some(plan) = args.outputs.iter().find(|path| values::has_extension(path, "plan")) {
-        return many::first_plan(&spec, plan, &many::PlanOptions::from(args));
+        return many::first_plan(&spec, plan, &args.into());
     }
     match many::processes()? {
         Some(processes) => many::together(args, &spec, processes),
@@ -46,27 +46,47 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
 fn alone(args: &RenderArgs, spec: &RenderSpec) -> Result<Outcome> {
     let stop = Stop::listen()?;
     start_threads(args.threads)?;
-    // The checkpoint file is locked first, so that a second process with the same file fails at once.
-    let checkpoints = args.checkpoints().open().map_err(|e| failure::of_job(&e))?;
     let show = Show::from(args);
-    let mut progress = Progress::new(&show, stop, Live::open(&args.live())?);
-    let keeps = checkpoints.is_some();
-    let limit = args.memory.map_or_else(MemoryLimit::of_machine, MemoryLimit::given);
-    let options = LoadOptions::default().with_limit(limit);
-    let options = if keeps { options } else { options.without_digest() };
+    let Some(Ready { mut job, expected, cpu, mut progress, checkpoints }) = ready(args, spec, &show, &stop, false)?
+    else {
+        return Ok(Outcome::Interrupted);
+    };
+    progress.begin(&job);
+    let traced = job.run(checkpoints, &mut progress)?;
+    show.deliver(&job, traced, (Some(&expected), cpu), progress)
+}
+
+/// What a render has before its first sample.
+struct Ready {
+    job: Job,
+    expected: MemoryEstimate,
+    cpu: Option<f64>,
+    progress: Progress,
+    checkpoints: Option<Checkpoints>,
+}
+
+/// Makes a render ready, in stages or not; `None` if it was stopped.
+fn ready(args: &RenderArgs, spec: &RenderSpec, show: &Show<'_>, stop: &Stop, in_stages: bool) -> Result<Option<Ready>> {
+    // The checkpoint file is locked first, so that a second process with the same file fails at once.
+    let checkpoints = args.checkpoints().open()?;
+    let progress = Progress::new(show, stop.clone(), Live::open(args)?);
+    let (keeps, limit) = (checkpoints.is_some(), limit(args.memory));
     progress.phase("reading");
-    let loaded = load(spec, &options, limit)?;
+    let loaded = load(spec, limit, keeps || in_stages)?;
     let files = show.files(&loaded)?;
     file_conflicts::check(args, &loaded, &files)?;
-    files.prepare().map_err(|e| failure::of_job(&e))?;
-    warn_all(loaded.warnings());
-    let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(Outcome::Interrupted) };
-    let expected = job.memory(keeps).map_err(|e| failure::of_job(&e))?;
-    let expected = if args.live().is_on() { expected.with_live_image(job.frame()) } else { expected };
-    expected.check(limit).map_err(|e| failure::of_job(&e))?;
-    progress.begin(&job);
-    let traced = job.run(checkpoints, &mut progress).map_err(|e| failure::of_job(&e))?;
-    show.deliver(&job, traced, (Some(&expected), cpu), progress)
+    files.prepare()?;
+    warn_all(&loaded.warnings);
+    let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(None) };
+    let expected = if in_stages { job.memory_in_stages() } else { job.memory(keeps) };
+    let expected = if args.is_live() { expected.with_live_image(job.frame()) } else { expected };
+    expected.check(limit)?;
+    Ok(Some(Ready { job, expected, cpu, progress, checkpoints }))
+}
+
+/// The limit of memory that is given, or the machine's memory.
+fn limit(given: Option<u64>) -> MemoryLimit {
+    given.map_or_else(MemoryLimit::of_machine, MemoryLimit::given)
 }
 
 /// Filters the merged film of shards, or of a plan whose samples are all traced, and writes the image files.
@@ -80,25 +100,25 @@ pub(crate) fn merge(
     start_threads(threads)?;
     let progress = Progress::new(show, stop, Live::default());
     progress.phase("reading");
-    let loaded = load(spec, &LoadOptions::default().with_limit(limit), limit)?;
+    let loaded = load(spec, limit, true)?;
     let files = show.files(&loaded)?;
-    file_conflicts::check_inputs(&loaded, files.paths().map(|path| ("--output", path)))?;
-    files.prepare().map_err(|e| failure::of_job(&e))?;
-    warn_all(loaded.warnings());
+    file_conflicts::check_inputs(&loaded, None, files.paths().map(|path| ("--output", path)))?;
+    files.prepare()?;
+    warn_all(&loaded.warnings);
     let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(Outcome::Interrupted) };
-    let expected = job.memory(false).map_err(|e| failure::of_job(&e))?.with_film_in_memory();
+    let expected = job.memory(false).with_film_in_memory();
     if expected.check(limit).is_err() {
         let limit = limit.bytes().map_or_else(String::new, size);
         let wrong = format!("making the image takes {expected}, and {limit} is the limit; raise --memory");
         return Err(Failure::new(wrong));
     }
-    let traced = film(&mut job).map_err(|e| failure::of_job(&e))?;
+    let traced = film(&mut job)?;
     show.deliver(&job, traced, (None, cpu), progress)
 }
 
-fn load(spec: &RenderSpec, options: &LoadOptions, limit: MemoryLimit) -> Result<LoadedScene> {
-    let loaded = LoadedScene::read(spec, options).map_err(|e| failure::of_job(&e))?;
-    loaded.memory().check(limit).map_err(|e| failure::of_job(&e))?;
+fn load(spec: &RenderSpec, limit: MemoryLimit, digest: bool) -> Result<LoadedScene> {
+    let loaded = LoadedScene::read(spec, &LoadOptions { limit, digest })?;
+    loaded.memory.check(limit)?;
     Ok(loaded)
 }
 
@@ -106,16 +126,16 @@ fn load(spec: &RenderSpec, options: &LoadOptions, limit: MemoryLimit) -> Result<
 /// is `None` if the user stopped it.
 fn prepare(loaded: LoadedScene, files: OutputFiles, progress: &Progress) -> Result<Option<(Job, Option<f64>)>> {
     progress.phase("building");
-    let (spec, warned) = (loaded.spec().clone(), loaded.warnings().len());
-    let prepared = loaded.build().map_err(|e| failure::of_job(&e))?;
-    warn_all(&prepared.warnings()[warned..]);
+    let (spec, warned) = (loaded.spec.clone(), loaded.warnings.len());
+    let prepared = loaded.build()?;
+    warn_all(&prepared.loaded.warnings[warned..]);
     if progress.stop.asked() {
         warn(NOTHING);
         return Ok(None);
     }
     let cpu = cpu_seconds();
     progress.phase("preparing the methods");
-    let mut job = prepared.job(&spec).map_err(|e| failure::of_job(&e))?;
+    let mut job = prepared.job(&spec)?;
     job.set_outputs(files);
     Ok(Some((job, cpu)))
 }
@@ -145,7 +165,7 @@ pub(crate) struct Show<'a> {
 }
 
 /// The estimated memory of a render, which is unknown for merged shards, and the processor seconds before it.
-type Before<'a> = (Option<&'a dapple_job::memory::MemoryEstimate>, Option<f64>);
+type Before<'a> = (Option<&'a MemoryEstimate>, Option<f64>);
 
 impl<'a> From<&'a RenderArgs> for Show<'a> {
     fn from(args: &'a RenderArgs) -> Self {
@@ -167,21 +187,17 @@ impl Show<'_> {
     /// Returns the image files to write; an empty list for a shard.
     fn files(&self, loaded: &LoadedScene) -> Result<OutputFiles> {
         let files = match self.outputs {
-            [] => OutputFiles::defaults(&name(loaded.scene()), &loaded.spec().sampler),
+            [] => OutputFiles::defaults(&name(&loaded.scene), &loaded.spec.sampler),
             outputs => OutputFiles::images(outputs).map_err(Failure::new)?,
         };
-        let files = self.maps.map_or(files.clone(), |folder| files.with_maps(folder)).with_exposure(self.exposure);
-        let files = files.with_command(crate::machine::command());
-        let files = if self.features { files.with_features() } else { files };
-        let files = if self.half { files.with_half() } else { files };
-        let files = match self.layers {
-            Some(layers) => files.with_layers(layers.iter().filter_map(|layer| layer.0)),
-            None => files,
-        };
+        let mut files = self.maps.map_or(files.clone(), |folder| files.with_maps(folder));
+        (files.exposure, files.features, files.half) = (self.exposure, self.features, self.half);
+        files.layers = self.layers.map(|layers| layers.iter().filter_map(|layer| layer.0.map(str::to_owned)).collect());
+        files.command = Some(crate::machine::command());
         Ok(files)
     }
 
-    /// Filters the film, together with other processes if they have it too, writes the image files and prints the summary.
+    /// Filters the film, writes the image files and prints the summary.
     fn deliver(
         &self,
         job: &Job,
@@ -191,7 +207,7 @@ impl Show<'_> {
     ) -> Result<Outcome> {
         let Traced { film, failure: panicked, checkpoint, checkpoints_written } = traced;
         progress.phase("filter");
-        let mut image = job.finish(film).map_err(|e| failure::of_job(&e))?;
+        let mut image = job.finish(film)?;
         let cpu = cpu_seconds().zip(cpu).map(|(after, before)| after - before);
         let shown = |warning: &&Warning| panicked.is_none() || !matches!(warning, Warning::ErrorNotReached { .. });
         image.warnings.iter().filter(shown).for_each(|warning| warn(failure::warning(warning)));
@@ -202,7 +218,7 @@ impl Show<'_> {
             progress.phase("writing");
             progress.finish(&image);
             let clock = std::time::Instant::now();
-            let (written, warnings) = job.outputs().write(job, &image, cpu).map_err(|e| failure::of_job(&e))?;
+            let (written, warnings) = job.outputs().write(job, &image, cpu)?;
             image.seconds.write = clock.elapsed().as_secs_f64();
             warn_all(&warnings);
             drop(progress);
@@ -261,10 +277,94 @@ fn end(
     }
 }
 
-/// Advice on how to replay only the rejected sample `first`, by command-line options; `None` if that is impossible.
-pub(crate) fn replay(first: &dapple_core::Rejected) -> Option<String> {
-    let [x, y] = first.sample.pixel;
-    let (spp, right, below) = (first.sample.index + 1, x + 1, y + 1);
-    let crop = format!("{x},{y},{right},{below}");
-    can_be_replayed(first).then(|| format!("replay it with --sampler uniform --spp {spp} --crop {crop}"))
+/// A finished image with its job, from which the result is formatted.
+struct Report<'a> {
+    job: &'a Job,
+    image: &'a RenderedImage,
+    cpu: Option<f64>,
+    /// The estimated memory of the render; `None` for merged shards, which other machines rendered.
+    expected: Option<&'a MemoryEstimate>,
+}
+
+/// The JSON line that is printed; its keys have the order of the fields. An unknown value is null.
+#[derive(Serialize)]
+struct Line<'a> {
+    scene: &'a str,
+    sampler: &'a str,
+    points: &'a str,
+    filter: &'a str,
+    seed: u64,
+    threads: usize,
+    resolution: [u32; 2],
+    samples: u64,
+    spp: f64,
+    rays: u64,
+    seconds: PhaseSeconds,
+    render_s: f64,
+    cpu: Option<f64>,
+    predicted_relmse: Option<f64>,
+    predicted_relmse_filtered: Option<f64>,
+    rejected: u64,
+    effects: Vec<&'static str>,
+    without: Vec<&'static str>,
+}
+
+impl Report<'_> {
+    /// Formats the result of the render as one line of JSON.
+    fn json(&self) -> String {
+        let (job, image, record) = (self.job, self.image, self.image.film.record());
+        let line = Line {
+            scene: &job.scene().name,
+            sampler: job.sampler_described(),
+            points: job.points_described(),
+            filter: &image.filter,
+            seed: job.spec().seed,
+            threads: rayon::current_num_threads(),
+            resolution: job.frame().resolution(),
+            samples: record.samples,
+            spp: image.spp(),
+            rays: image.rays(),
+            seconds: image.seconds,
+            render_s: image.seconds.render(),
+            cpu: self.cpu,
+            predicted_relmse: image.film.predicted_relmse(),
+            predicted_relmse_filtered: record.filtered_relmse,
+            rejected: record.rejected,
+            effects: job.world().effects().called().iter().map(|c| c.effect.name()).collect(),
+            without: job.prepared().loaded.without.iter().map(|e| e.name()).collect(),
+        };
+        // Serialising plain numbers and text cannot fail.
+        serde_json::to_string(&line).unwrap_or_default()
+    }
+
+    /// Formats the result of the render as at most five lines of text. The settings are in the header of EXR files, and in
+    /// the line of JSON.
+    fn summary(&self) -> String {
+        let (job, image, film) = (self.job, self.image, &self.image.film);
+        let [w, h] = film.frame().size();
+        let seconds = image.seconds.render();
+        let counts = film.counts();
+        let (least, most) = (counts.iter().min().copied().unwrap_or(0), counts.iter().max().copied().unwrap_or(0));
+        let rate = film.record().rays as f64 / image.seconds.trace.max(1e-9) * 1e-6;
+        let mut lines = vec![
+            format!("{}, {w}x{h}: {:.2} spp ({least} to {most}) in {seconds:.2} s", job.scene().name, image.spp()),
+            format!("{} samples, {} rays, {rate:.2} million rays per second", film.record().samples, image.rays()),
+        ];
+        let record = film.record();
+        if record.passes > 0 {
+            let (passes, rays, seconds) = (record.passes, record.prepare_rays, record.prepare_seconds);
+            let name = job.integrator();
+            lines.push(format!("{name}: {passes} passes from the lights, {rays} rays in {seconds:.2} s of these"));
+        }
+        if let Some(relmse) = film.predicted_relmse() {
+            let filtered = film.record().filtered_relmse;
+            let filtered = filtered.map_or_else(String::new, |filtered| format!(", filtered {filtered:.3e}"));
+            lines.push(format!("predicted relMSE {relmse:.3e}{filtered}"));
+        }
+        if let Some(expected) = self.expected {
+            let taken = resident().map_or_else(String::new, |[_, most]| format!("{} taken, ", size(most)));
+            lines.push(format!("memory: {taken}{expected} expected"));
+        }
+        lines.join("\n")
+    }
 }

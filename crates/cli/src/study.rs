@@ -1,9 +1,8 @@
 //! The subcommand `dapple study`, and the hidden `dapple study-run`.
 
-use crate::display::Display;
-use crate::machine::{cpu_seconds, start_threads};
+use crate::machine::{Stop, cpu_seconds, start_threads};
 use crate::output::{say, tell, warn};
-use crate::stop::Stop;
+use crate::progress::Display;
 use crate::{Failure, Outcome, Result};
 use dapple_core::Control;
 use dapple_job::JobError;
@@ -29,7 +28,7 @@ use std::time::Duration;
 /// The pixel filter of all images is a box one pixel wide. References are rendered once, with a point set that no
 /// method uses, in two halves whose difference estimates the reference's own error.
 #[derive(clap::Args)]
-#[command(after_help = AFTER)]
+#[command(after_help = include_str!("help/study.txt").trim_end())]
 pub(crate) struct StudyArgs {
     /// Plan as a TOML file; without one, the defaults below
     #[arg(value_name = "FILE.toml")]
@@ -58,43 +57,6 @@ pub(crate) struct StudyArgs {
     #[arg(short, long)]
     quiet: bool,
 }
-
-const AFTER: &str = "\
-Examples:
-  dapple study --set quick=true
-  dapple study --set scenes=scene.pbrt -o scene-study
-  dapple study study.toml -o results
-  dapple study study.toml --set 'spp=[8, 16]' --set seeds=4 --set methods=variance/sobol/gaussian -o results
-  dapple study --report-only -o results            the report anew, from runs.jsonl
-
-A plan, every key optional, here with its default or an example:
-  scenes = [\"teapot\", { source = \"box.pbrt\", name = \"box\", reference = \"box.exr\" }]   # teapot, terrain
-  only = [\"box\"]                    # names of those scenes that are taken
-  samplers = [\"adaptive\", \"uniform\"]
-  points = [\"sobol\"]                # each with each sampler and filter
-  filters = [\"cluster-regression\", \"none\"]
-  methods = [\"uniform/halton\", { sampler = \"variance\", points = \"random\", filter = \"gaussian\" }]
-  baseline = \"uniform/sobol/none\"   # the others are compared with it
-  spp = [4, 8, 16, 32]
-  seeds = 8                           # or a list
-  time_of = 16                        # equal time: the baseline's with 16 spp; 0 for none
-  resolution = [128, 128]             # or 128x128; default a reference file's
-  lights = \"learned\"                # or power, uniform
-  reference_spp = 1024
-  max_depth = 5                       # default each scene's
-  threads = 0                         # one per core
-  fresh = false                       # a process for each run
-  allow_unsupported = false
-  quick = false                       # 64x64 pixels, 4 seeds, and 4, 8 and 16 spp
-  [[external]]                        # a filter that is an external program
-  name = \"oidn\"
-  command = \"python3 oidn.py {input} {output}\"
-
-Methods alone (without samplers) are the only ones; with samplers they are added. A scene can also have its own
-resolution, lights and integrator.
-
-Ctrl-C stops after the current run; the same command resumes. `dapple samplers`, `points` and `filters`
-list what can be compared.";
 
 /// The name of the hidden subcommand that makes a single run of a study in its own process.
 const ONE: &str = "study-run";
@@ -181,7 +143,7 @@ pub(crate) fn run_one() -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn itself() -> Result<std::path::PathBuf> {
+fn itself() -> Result<PathBuf> {
     std::env::current_exe().map_err(|e| Failure::new(format!("fresh = true: cannot find this program: {e}")))
 }
 

@@ -27,22 +27,7 @@ const LIMIT: Duration = Duration::from_secs(60);
 const LARGEST: usize = 400_000;
 
 /// Numbers that damage goes for.
-const NUMBERS: [&str; 14] = [
-    "0",
-    "-1",
-    "1e30",
-    "-1e30",
-    "1e-30",
-    "1e-45",
-    "nan",
-    "inf",
-    "2147483648",
-    "4294967296",
-    "99999999",
-    "0.5",
-    "3",
-    "65537",
-];
+const NUMBERS: &str = "0 -1 1e30 -1e30 1e-30 1e-45 nan inf 2147483648 4294967296 99999999 0.5 3 65537";
 
 /// Files of one scene; the first is the one to render.
 type Seed = Vec<(String, Vec<u8>)>;
@@ -67,7 +52,7 @@ fn damage(bytes: &mut Vec<u8>, times: usize, random: &mut Pcg64Mcg) {
                 let digit = |b: &u8| b.is_ascii_digit() || b".-".contains(b);
                 let Some(from) = bytes[at..].iter().position(digit).map(|n| at + n) else { continue };
                 let to = bytes[from..].iter().position(|b| !digit(b)).map_or(bytes.len(), |n| from + n);
-                let number = NUMBERS[random.random_range(0..NUMBERS.len())];
+                let number = NUMBERS.split(' ').nth(random.random_range(0..14)).unwrap_or_default();
                 bytes.splice(from..to, number.bytes());
             }
         }

@@ -49,7 +49,7 @@ fn absurd_time_limits_are_refused() {
     }
     // The description as JSON has the same bound.
     let spec = r#"{"version":1,"scene":"tiny.pbrt","budget":{"seconds":1e30}}"#;
-    std::fs::write(folder.path("spec.json"), spec).expect("written");
+    folder.write("spec.json", spec);
     let said = folder.run("render --spec spec.json");
     assert_eq!(said.status, Some(1), "{}", said.err);
     assert!(said.err.contains("is above 31557600 (a year)"), "{}", said.err);

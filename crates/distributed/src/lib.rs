@@ -83,10 +83,10 @@ pub fn coordinate(
 ) -> Result<bool, Error> {
     session.teach(integrator);
     let outcome = stages(session, integrator, processes, monitor, stop);
-    for rank in 1..processes.size() {
-        processes.send(rank, &message(OVER, &[]))?;
-    }
+    // All are told, whatever happened; the first error is the one that counts.
+    let told = dismiss(processes);
     let complete = outcome?;
+    told?;
     if complete {
         session.show_end_to(monitor);
     }
@@ -178,11 +178,12 @@ pub fn refuse(why: &str, processes: &mut dyn Processes) -> Result<(), Error> {
     serve(|_| Err(Error::other("making ready", why)), processes)
 }
 
-/// Ends the other processes of a render that process 0 could not begin.
+/// Ends the other processes of a render, all that are there, even if some are gone.
 ///
 /// # Errors
 ///
-/// As [`Processes::send`].
+/// The first of [`Processes::send`].
 pub fn dismiss(processes: &mut dyn Processes) -> Result<(), Error> {
-    (1..processes.size()).try_for_each(|rank| processes.send(rank, &message(OVER, &[])))
+    let told: Vec<_> = (1..processes.size()).map(|rank| processes.send(rank, &message(OVER, &[]))).collect();
+    told.into_iter().collect()
 }

@@ -10,7 +10,7 @@ use dapple_core::{
     RecordedSample, Recorder, Render, Retention, Sampler, Schedule, Session, Snapshot, Status, TracedRows,
     TrainingData, Worker, mix,
 };
-use dapple_distributed::{Local, coordinate, local, serve};
+use dapple_distributed::{Processes, coordinate, local, serve};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -18,7 +18,7 @@ use std::time::Duration;
 fn film_of(
     mut session: Session<'_>,
     integrator: &mut dyn Integrator,
-    first: &mut Local,
+    first: &mut dyn Processes,
     monitor: &mut dyn Monitor,
     stop: &mut dyn FnMut() -> bool,
 ) -> Result<Film, Error> {
@@ -463,6 +463,40 @@ fn a_failure_of_one_process_is_the_render_s() {
     let project = |sampler| Project::new(Toy::default(), sampler, Limits::spp(4.0));
     let failed = project(UNIFORM).with(&[project(ADAPTIVE)], None, &mut NoMonitor).unwrap_err().to_string();
     assert!(failed.contains("process 1") && failed.contains("the sampler was uniform, not adaptive"), "{failed}");
+}
+
+/// A connection that breaks: nothing can be received, and process 1 is gone.
+struct Broken(Vec<u32>);
+
+impl Processes for Broken {
+    fn rank(&self) -> u32 {
+        0
+    }
+
+    fn size(&self) -> u32 {
+        4
+    }
+
+    fn send(&mut self, to: u32, bytes: &[u8]) -> Result<(), Error> {
+        if dapple_core::container::sections(bytes).unwrap()[0].0 == "over" {
+            self.0.push(to);
+            return if to == 1 { Err(Error::other("process 1", "it is gone")) } else { Ok(()) };
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self) -> Result<(u32, Vec<u8>), Error> {
+        Err(Error::other("the network", "it is down"))
+    }
+}
+
+#[test]
+fn all_processes_are_told_that_the_render_failed() {
+    let project = Project::new(Toy::default(), UNIFORM, Limits::spp(4.0));
+    let mut broken = Broken(Vec::new());
+    let failed = film_of(project.session(None), &mut Toy::default(), &mut broken, &mut NoMonitor, &mut || false);
+    assert!(failed.unwrap_err().to_string().contains("it is down"));
+    assert_eq!(broken.0, [1, 2, 3]);
 }
 
 #[test]

@@ -7,12 +7,8 @@
 //!
 //! The module knows neither films nor scenes: states are bytes, those of `dapple_core::Status::snapshot`.
 
-mod error;
-mod file_system;
 mod state_file;
 mod store;
 
-pub use error::Error;
-pub use file_system::{Disk, FileSystem};
-pub use state_file::{Damage, Identity, Kind, ROWS, StateFile};
-pub use store::{Found, Generation, Store};
+pub use state_file::{Damage, Error, Identity, Kind, ROWS, StateFile};
+pub use store::{Disk, FileSystem, Found, Store};

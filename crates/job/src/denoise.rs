@@ -4,18 +4,18 @@
 //! that renderers give them ([`KNOWN_LAYERS`]), or by a name that the caller gives.
 
 mod assemble;
-mod error;
-mod features;
 mod layers;
-mod output;
 
-pub use error::DenoiseError;
 pub use layers::{KNOWN_LAYERS, LayerKind};
 
+use crate::output::FileIdentity;
 use crate::registry::{self, MethodInputs, RegistryError};
 use assemble::Assembled;
 use dapple_core::Filtered;
-use std::path::PathBuf;
+use dapple_scene::image::{
+    Format, Image, ImageError, Layer, check_writable, encode_exr, encode_pfm, encode_png, write_file,
+};
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// The files and settings of a denoising run.
@@ -75,4 +75,169 @@ fn filter(description: &str) -> Result<Box<dyn dapple_core::Filter>, DenoiseErro
         Err(RegistryError::NeedsWorld { of, .. }) => Err(DenoiseError::NeedsScene { filter: of }),
         Err(error) => Err(error.into()),
     }
+}
+
+impl DenoiseSpec {
+    /// Checks before reading that every output can be written, and that each is a file of its own and none is an input.
+    ///
+    /// # Errors
+    ///
+    /// [`DenoiseError::Overwrites`], [`DenoiseError::SameOutput`], and [`DenoiseError::Image`] for an unknown extension or a file that cannot be written.
+    pub fn check_outputs(&self, outputs: &[PathBuf]) -> Result<(), DenoiseError> {
+        let inputs: Vec<FileIdentity> = self.inputs.iter().map(|input| FileIdentity::of(input)).collect();
+        for (i, output) in outputs.iter().enumerate() {
+            Format::from_path(output)?;
+            let identity = FileIdentity::of(output);
+            if inputs.iter().any(|input| input.is_same(&identity)) {
+                return Err(DenoiseError::Overwrites { path: output.clone() });
+            }
+            if let Some(first) = outputs[..i].iter().find(|first| FileIdentity::of(first).is_same(&identity)) {
+                return Err(DenoiseError::SameOutput { path: output.clone(), first: first.clone() });
+            }
+            check_writable(output)?;
+        }
+        Ok(())
+    }
+}
+
+impl DenoisedImage {
+    /// Writes the image: EXR with an error layer, PFM, or PNG as sRGB with this exposure in stops. Returns a line about
+    /// the file.
+    ///
+    /// # Errors
+    ///
+    /// [`DenoiseError::Image`] for a file that cannot be written.
+    pub fn write(&self, spec: &DenoiseSpec, path: &Path, exposure: f32) -> Result<String, DenoiseError> {
+        let image = Image::new(self.filtered.size, self.filtered.radiance.clone())?;
+        let (bytes, about) = match Format::from_path(path)? {
+            Format::Exr => (self.exr(spec, &image)?, "the image, with its estimated squared error"),
+            Format::Pfm => (encode_pfm(&image)?, "the image"),
+            Format::Png => (encode_png(&image, exposure)?, "the image, sRGB"),
+        };
+        write_file(path, &bytes)?;
+        Ok(format!("{}: {about}", path.display()))
+    }
+
+    fn exr(&self, spec: &DenoiseSpec, image: &Image) -> Result<Vec<u8>, DenoiseError> {
+        let mut layers = vec![Layer::of_image("", image)];
+        if let Some(error) = &self.filtered.error {
+            layers.push(Layer { name: "error".into(), channels: vec![("Y", error.clone().into())] });
+        }
+        let inputs: Vec<String> = spec.inputs.iter().map(|path| path.display().to_string()).collect();
+        let found: Vec<String> = self.found.iter().map(|(kind, name)| format!("{}={name}", kind.name())).collect();
+        let attributes = [
+            ("dapple:version", env!("CARGO_PKG_VERSION").to_owned()),
+            ("dapple:filter", self.filter.clone()),
+            ("dapple:inputs", inputs.join("\n")),
+            ("dapple:layers", found.join("\n")),
+        ];
+        let attributes: Vec<(String, String)> = attributes.map(|(key, value)| (key.to_owned(), value)).into();
+        Ok(encode_exr(image.size, &layers, &attributes)?.bytes)
+    }
+}
+
+/// The reason why image files cannot be denoised. Each message says what to do.
+#[non_exhaustive]
+#[derive(Debug, thiserror::Error)]
+pub enum DenoiseError {
+    /// No file, or more than two.
+    #[error("{count} files are given; give one OpenEXR file with its variance, or two renders with different seeds")]
+    Files {
+        /// The number of files.
+        count: usize,
+    },
+    /// A file that cannot be opened.
+    #[error("{}: cannot read it: {source}; check the name of the file", path.display())]
+    Open {
+        /// The file.
+        path: PathBuf,
+        /// The system's error.
+        source: std::io::Error,
+    },
+    /// A file of another format, which cannot hold layers.
+    #[error("{}: it is no OpenEXR file; save the image as OpenEXR with its variance, or with a second seed", path.display())]
+    NotExr {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A file that is not an image, or an image that cannot be written.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// Two files of different sizes.
+    #[error("{}: it has {}x{} pixels, and {} has {}x{}; render both alike but for the seed",
+        paths[1].display(), sizes[1][0], sizes[1][1], paths[0].display(), sizes[0][0], sizes[0][1])]
+    Sizes {
+        /// The two files.
+        paths: Box<[PathBuf; 2]>,
+        /// Their sizes in pixels.
+        sizes: [[u32; 2]; 2],
+    },
+    /// A layer that the caller names and that no file has.
+    #[error("{}: it has no layer \"{name}\" for {}; {}its layers are {}", path.display(), kind.name(),
+        near.as_ref().map_or(String::new(), |near| format!("did you mean \"{near}\"? ")), layers.join(", "))]
+    NoLayer {
+        /// The file.
+        path: PathBuf,
+        /// The kind of layer.
+        kind: LayerKind,
+        /// The name that was given.
+        name: String,
+        /// The most similar name of a layer in the file.
+        near: Option<String>,
+        /// All layers of the file.
+        layers: Vec<String>,
+    },
+    /// A file without an image.
+    #[error("{}: no image was found among its layers {}; name it with --layer color=NAME", path.display(), layers.join(", "))]
+    NoImage {
+        /// The file.
+        path: PathBuf,
+        /// All layers of the file.
+        layers: Vec<String>,
+    },
+    /// One file without its variance.
+    #[error("{}: it has no variance, and one image alone does not show its noise; give a second render with another seed, or name the layer with --layer variance=NAME. Its layers are {}",
+        path.display(), layers.join(", "))]
+    NoVariance {
+        /// The file.
+        path: PathBuf,
+        /// All layers of the file.
+        layers: Vec<String>,
+    },
+    /// The variance of a sample, without the number of samples.
+    #[error("{}: layer \"{layer}\" holds the variance of a sample, so the number of samples per pixel is needed; give it with --spp N, or --variance-of-mean if the layer holds the variance of the mean", path.display())]
+    NoCount {
+        /// The file.
+        path: PathBuf,
+        /// The name of the variance layer.
+        layer: String,
+    },
+    /// A filter that reads the clusters of a scene.
+    #[error(
+        "filter \"{filter}\" reads clusters of a scene, which images lack; set outside=1, as in \"{filter}:outside=1\", or leave --filter out"
+    )]
+    NeedsScene {
+        /// The filter's name.
+        filter: &'static str,
+    },
+    /// An output that is one of the inputs.
+    #[error("{}: it is an input; choose another name for the output", path.display())]
+    Overwrites {
+        /// The output.
+        path: PathBuf,
+    },
+    /// Two outputs that are one file.
+    #[error("{}: this is the file of {}; give each output its own file", path.display(), first.display())]
+    SameOutput {
+        /// The later output.
+        path: PathBuf,
+        /// The first output with this file.
+        first: PathBuf,
+    },
+    /// A filter that cannot be made.
+    #[error(transparent)]
+    Registry(#[from] RegistryError),
+    /// Buffers that do not make an image, or an error of the filter.
+    #[error(transparent)]
+    Core(#[from] dapple_core::Error),
 }

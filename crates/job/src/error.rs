@@ -1,6 +1,6 @@
 //! Errors of jobs.
 
-use crate::memory::{MemoryAdvice, MemoryEstimate, MemoryLimit, size};
+use crate::memory::{MemoryEstimate, MemoryLimit, size};
 use crate::registry::RegistryError;
 use crate::{Shard, SpecError, checkpoint};
 use dapple_renderer::{IntegratorError, WorldError};
@@ -62,14 +62,14 @@ pub enum JobError {
         called: Vec<Effect>,
     },
     /// A render that needs more memory than the limit.
-    #[error("{}", refusal(estimate, *limit, *advice))]
+    #[error("{}", refusal(estimate, *limit, advice))]
     Memory {
         /// The estimated memory of the render.
         estimate: Box<MemoryEstimate>,
         /// The largest memory that the render may use.
         limit: MemoryLimit,
         /// The suggested remedy.
-        advice: MemoryAdvice,
+        advice: &'static str,
     },
     /// A checkpoint or a shard that cannot be read or written.
     #[error(transparent)]
@@ -138,16 +138,12 @@ fn list(effects: &[Effect]) -> String {
     if names.is_empty() { "nothing".into() } else { names.join(", ") }
 }
 
-fn refusal(estimate: &MemoryEstimate, limit: MemoryLimit, advice: MemoryAdvice) -> String {
-    let advice = match advice {
-        MemoryAdvice::Scene => "the scene alone does not fit; simplify it, or use a machine with more memory",
-        MemoryAdvice::Filter => "lower the resolution, leave the filter out, or render crops",
-        MemoryAdvice::Image => "lower the resolution, or render crops",
-        MemoryAdvice::AddressSpace => return format!("this render takes {estimate}; smaller crops fit"),
-    };
+fn refusal(estimate: &MemoryEstimate, limit: MemoryLimit, advice: &str) -> String {
     let of = if limit.is_given() { "the limit" } else { "all there is" };
-    let limit = limit.bytes().map_or_else(|| "the address space".to_owned(), size);
-    format!("this render takes {estimate}, and {limit} is {of}; {advice}")
+    match limit.bytes().filter(|bytes| estimate.peak() > *bytes) {
+        Some(bytes) => format!("this render takes {estimate}, and {} is {of}; {advice}", size(bytes)),
+        None => format!("this render takes {estimate}; {advice}"),
+    }
 }
 
 fn other_render(path: &std::path::Path, differences: &[String]) -> String {

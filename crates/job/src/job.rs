@@ -5,7 +5,6 @@ mod finish;
 mod identity;
 mod monitor;
 mod stages;
-mod time;
 
 pub use checkpoints::{CheckpointOptions, Checkpoints};
 pub use finish::{PhaseSeconds, RenderedImage};
@@ -14,12 +13,11 @@ pub use monitor::{JobMonitor, RenderMonitor};
 pub use stages::{PlanFile, RowsFiles};
 
 use crate::checkpoint::Identity;
-use crate::chosen;
-use crate::load::{LoadOptions, LoadedScene, PreparedScene, frame, limits, setting};
+use crate::load::{LoadOptions, LoadedScene, PreparedScene, chosen_integrator, frame, limits, setting};
 use crate::memory::MemoryEstimate;
 use crate::output::OutputFiles;
 use crate::registry::{self, MadeFilter, MadeSampler, MethodInputs};
-use crate::{ErrorOf, JobError, RenderSpec, Warning, WorldClusters};
+use crate::{ErrorOf, JobError, RenderSpec, WorldClusters};
 use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
@@ -49,8 +47,6 @@ pub struct Job {
     limits: Limits,
     points: String,
     integrator: String,
-    /// The bytes of light that the integrator prepares.
-    integrator_bytes: u64,
     described: String,
     sampler: Box<dyn Sampler>,
     filter: Box<dyn Filter>,
@@ -58,8 +54,8 @@ pub struct Job {
     cluster_seconds: f64,
     probes: ProbesHandle,
     needs: Needs,
-    /// The most bytes that the integrator takes by learning.
-    training_bytes: u64,
+    /// The bytes of light that the integrator prepares, and the most that it takes by learning.
+    integrator_bytes: [u64; 2],
     outputs: OutputFiles,
 }
 
@@ -87,10 +83,10 @@ impl Job {
 
     pub(crate) fn on(spec: &RenderSpec, prepared: PreparedScene) -> Result<Self, JobError> {
         spec.check()?;
-        if !spec.has_world_of(&prepared.spec) {
+        if !spec.has_world_of(&prepared.loaded.spec) {
             return Err(JobError::OtherWorld);
         }
-        let frame = frame(spec, &prepared.scene)?;
+        let frame = frame(spec, &prepared.loaded.scene)?;
         let points = registry::points(&spec.points, setting(spec, frame))?;
         let points_described = points.describe();
         let mut inputs = MethodInputs::of(prepared.world.clone());
@@ -107,10 +103,10 @@ impl Job {
             // Keeps at least 1 ms, so that clustering cannot use up the whole limit.
             *seconds = (*seconds - cluster_seconds).max(1e-3);
         }
-        let (integrator, _) = chosen::integrator(spec, &prepared.scene);
+        let (integrator, _) = chosen_integrator(spec, &prepared.loaded.scene);
         let made = make_integrator(&integrator, &prepared.world)?;
-        let (prepares, of_integrator, integrator_bytes) = (made.prepares(), made.needs(), made.memory(&frame));
-        let training_bytes = made.training_memory(frame.pixels() as u64);
+        let (prepares, of_integrator) = (made.prepares(), made.needs());
+        let integrator_bytes = [made.memory(&frame), made.training_memory(frame.pixels() as u64)];
         drop(made);
         if of_integrator.splats && matches!(limits.budget, Budget::Error { .. }) {
             return Err(JobError::SplatsWithoutError { integrator });
@@ -127,7 +123,6 @@ impl Job {
             limits,
             points: points_described,
             integrator,
-            integrator_bytes,
             described: sampler.describe(),
             needs: filter.needs().and(of_integrator),
             sampler,
@@ -135,7 +130,7 @@ impl Job {
             clusters: clusters.or(of_filter),
             cluster_seconds,
             probes,
-            training_bytes,
+            integrator_bytes,
             outputs: OutputFiles::none(),
         })
     }
@@ -158,7 +153,7 @@ impl Job {
 
     /// The scene.
     pub fn scene(&self) -> &Scene {
-        &self.prepared.scene
+        &self.prepared.loaded.scene
     }
 
     /// The world.
@@ -212,36 +207,26 @@ impl Job {
         &self.prepared
     }
 
-    /// The warnings of reading the scene, building the world and clustering.
-    pub fn warnings(&self) -> &[Warning] {
-        &self.prepared.warnings
-    }
-
     /// The clusters that the sampler uses, else those of the filter; `None` if neither uses any.
     pub fn clusters(&self) -> Option<&Arc<WorldClusters>> {
         self.clusters.as_ref()
     }
 
     /// The estimated memory of the render. `keeps` adds the bytes of a checkpoint.
-    ///
-    /// # Errors
-    ///
-    /// None today.
-    pub fn memory(&mut self, keeps: bool) -> Result<MemoryEstimate, JobError> {
-        Ok(self.forecast(keeps)?.0)
+    pub fn memory(&self, keeps: bool) -> MemoryEstimate {
+        self.forecast(keeps).0
     }
 
     /// The estimated memory, and the bytes of the render's state in a file.
-    fn forecast(&mut self, keeps: bool) -> Result<(MemoryEstimate, u64), JobError> {
+    fn forecast(&self, keeps: bool) -> (MemoryEstimate, u64) {
         let (frame, limits, needs) = (&self.frame, &self.limits, self.needs);
         let memory = Memory::of_render(&*self.sampler, &*self.filter, needs, frame, limits);
         let limited = matches!(limits.budget, Budget::Error { .. }) && self.is_error_of_filtered();
         let memory = if limited { memory.with_error_of(frame) } else { memory };
         let files = self.outputs.memory(frame, &memory.needs, self.filter.name() != Unfiltered.name());
-        let estimate = MemoryEstimate::of_render(&self.prepared.expected, &memory, files, keeps)
-            .with_integrator(self.integrator_bytes)
-            .with_training(self.training_bytes);
-        Ok((estimate, memory.snapshot()))
+        let before = &self.prepared.loaded.memory;
+        let estimate = MemoryEstimate::of_render(before, &memory, files, keeps, self.integrator_bytes);
+        (estimate, memory.snapshot())
     }
 
     /// Traces the render, from the beginning or from the checkpoint file in `checkpoints`.
@@ -250,14 +235,10 @@ impl Job {
     ///
     /// [`JobError`] for limits that the sampler cannot meet, or a checkpoint of another render.
     pub fn run(&mut self, checkpoints: Option<Checkpoints>, monitor: &mut dyn JobMonitor) -> Result<Traced, JobError> {
-        let identity = match &checkpoints {
-            Some(_) => self.identity()?,
-            None => Identity::default(),
+        let (identity, snapshot) = match &checkpoints {
+            Some(checkpoints) => self.begun(checkpoints, monitor)?,
+            None => (Identity::default(), None),
         };
-        let snapshot = checkpoints.as_ref().map(|c| c.snapshot(&identity, monitor)).transpose()?.flatten();
-        if let Some(snapshot) = &snapshot {
-            monitor.resumed(snapshot.film().record().samples as f64 / self.frame.pixels() as f64);
-        }
         let mut watched = Watched::new(monitor, checkpoints, identity, self.limits.min_spp);
         let mut integrator = make_integrator(&self.integrator, &self.prepared.world)?;
         let render = Render::new(self.frame, &self.limits).needs(self.needs).recorders(self.filter.recorders());
@@ -268,28 +249,20 @@ impl Job {
             Some(snapshot) => render.resume(snapshot, &mut *integrator, &mut *self.sampler),
         };
         let (checkpoint, checkpoints_written) = watched.into_checkpoint();
-        match film {
-            Ok(film) => Ok(Traced { film, failure: None, checkpoint, checkpoints_written }),
+        let (film, failure) = match film {
+            Ok(film) => (film, None),
             Err(error) => {
                 let message = error.to_string();
-                match error {
-                    Error::Panicked { film, .. } => {
-                        Ok(Traced { film: *film, failure: Some(message), checkpoint, checkpoints_written })
-                    }
-                    other => Err(other.into()),
-                }
+                let Error::Panicked { film, .. } = error else { return Err(error.into()) };
+                (*film, Some(message))
             }
-        }
+        };
+        Ok(Traced { film, failure, checkpoint, checkpoints_written })
     }
 
     /// Returns `true` if a limit of error concerns the filtered image.
-    fn is_error_of_filtered(&self) -> bool {
+    pub(crate) fn is_error_of_filtered(&self) -> bool {
         self.spec.error_of == ErrorOf::Filtered && self.filter.name() != Unfiltered.name()
-    }
-
-    /// The image that a limit of error concerns, as an adjective.
-    pub(crate) fn error_concerns(&self) -> &'static str {
-        if self.is_error_of_filtered() { "filtered" } else { "unfiltered" }
     }
 
     /// Traces and filters the render, without a monitor, and returns the image.

@@ -14,34 +14,30 @@
 struct Readme;
 
 pub mod checkpoint;
-mod chosen;
 mod clusters;
-mod content_hash;
 pub mod denoise;
 mod error;
+mod files;
 mod job;
 mod load;
 pub mod memory;
 pub mod output;
 pub mod registry;
 mod spec;
-mod text_file;
 mod warning;
 
-pub use chosen::check_integrator;
 pub use clusters::{WorldClusters, WorldTriangles};
-pub use content_hash::ContentHash;
 pub use dapple_registry::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER};
 pub use error::JobError;
+pub use files::{ContentHash, read_text};
 pub use job::{
     CheckpointOptions, Checkpoints, Job, JobMonitor, PhaseSeconds, PlanFile, RenderMonitor, RenderedImage, RowsFiles,
     Traced, pixel_filter,
 };
-pub use load::{LoadOptions, LoadedScene, PreparedScene, read_scene};
+pub use load::{LoadOptions, LoadedScene, PreparedScene, check_integrator};
 pub use output::OutputFiles;
 pub use spec::{
     BudgetSpec, CropSpec, DEFAULT_INTEGRATOR, DEFAULT_SPP, ERROR_SPP, ErrorOf, MOST_SECONDS, PixelFilterSpec,
     RenderSpec, SPEC_VERSION, Shard, SpecError,
 };
-pub use text_file::read_text;
 pub use warning::{Warning, can_be_replayed, found_by_chance};

@@ -1,83 +1,75 @@
 //! Reading of scenes, and building of worlds (scenes ready for tracing).
 
-use crate::chosen;
 use crate::memory::{MemoryEstimate, MemoryLimit, resident};
 use crate::registry::{self, Setting};
 use crate::{
-    BudgetSpec, ContentHash, CropSpec, DEFAULT_SPP, ERROR_SPP, Job, JobError, PixelFilterSpec, RenderSpec, Warning,
+    BudgetSpec, ContentHash, CropSpec, DEFAULT_INTEGRATOR, DEFAULT_SPP, ERROR_SPP, Job, JobError, PixelFilterSpec,
+    RenderSpec, Warning,
 };
 use dapple_core::{Budget, Error, Frame, Limits, PointSet};
-use dapple_renderer::World;
+use dapple_renderer::{IntegratorError, World};
 use dapple_scene::bundled::{self, Bundle};
 use dapple_scene::files::{Disk, Files};
 use dapple_scene::model::ModelOptions;
 use dapple_scene::pbrt::ReadOptions;
-use dapple_scene::{AnyOptions, Effect, Effects, Geometry, PixelFilter, Scene, Shape, read_any_from};
+use dapple_scene::{AnyOptions, Called, Effect, Effects, Geometry, PixelFilter, Scene, Shape, read_any_from};
 use std::cell::RefCell;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
 /// Options for reading a scene.
 #[derive(Clone, Copy, Debug)]
-#[non_exhaustive]
 pub struct LoadOptions {
     /// The largest memory of the render; scene files longer than this are not read.
     pub limit: MemoryLimit,
     /// If `true`, hashes every byte read. Checkpoints and shards need this digest.
     pub digest: bool,
-    /// Width over height of the image, which a bare model should fill; `None` is 4:3.
-    pub aspect: Option<f64>,
 }
 
 impl Default for LoadOptions {
     /// Options without a memory limit and with a digest.
     fn default() -> Self {
-        Self { limit: MemoryLimit::none(), digest: true, aspect: None }
-    }
-}
-
-impl LoadOptions {
-    /// Sets the memory limit of the render.
-    #[must_use]
-    pub fn with_limit(self, limit: MemoryLimit) -> Self {
-        Self { limit, ..self }
-    }
-
-    /// Reads without a digest, so that the render has no checkpoints or shards.
-    #[must_use]
-    pub fn without_digest(self) -> Self {
-        Self { digest: false, ..self }
+        Self { limit: MemoryLimit::none(), digest: true }
     }
 }
 
 /// A scene that was read, with the description of its render.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct LoadedScene {
-    spec: RenderSpec,
-    scene: Arc<Scene>,
-    digest: Option<ContentHash>,
-    frame: Frame,
-    without: Vec<Effect>,
-    warnings: Vec<Warning>,
-    expected: MemoryEstimate,
-    load_seconds: f64,
-    files: Vec<PathBuf>,
+    /// The description of the render.
+    pub spec: RenderSpec,
+    /// The scene, changed as the description requires: depth limit, pixel filter and left-out effects.
+    pub scene: Arc<Scene>,
+    /// A hash of all bytes read for the scene; `None` if it was read without.
+    pub digest: Option<ContentHash>,
+    /// The image's resolution, and the window of it that is rendered.
+    pub frame: Frame,
+    /// The effects (kinds of light transport) that are left out of the image.
+    pub without: Vec<Effect>,
+    /// The warnings so far: adjusted or ignored directives of the scene file, another suggested number of samples,
+    /// effects that are left out, lights found by chance only, and, of a built world, triangles without area.
+    pub warnings: Vec<Warning>,
+    /// An estimate of the least memory of the render.
+    pub memory: MemoryEstimate,
+    /// Wall seconds of reading the scene.
+    pub seconds: f64,
+    /// The files that were read for the scene, each once: scene, meshes, textures. Empty for a bundled scene.
+    pub files: Vec<PathBuf>,
 }
 
 /// A scene with the world built from it, ready for tracing. Clones are cheap and share the world.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct PreparedScene {
-    pub(crate) spec: RenderSpec,
-    pub(crate) scene: Arc<Scene>,
-    pub(crate) world: Arc<World>,
-    pub(crate) digest: Option<ContentHash>,
-    pub(crate) without: Vec<Effect>,
-    pub(crate) warnings: Vec<Warning>,
-    pub(crate) expected: MemoryEstimate,
-    pub(crate) load_seconds: f64,
-    pub(crate) build_seconds: f64,
+    /// The scene from which the world was built.
+    pub loaded: LoadedScene,
+    /// The world: the scene in the form in which rays are traced.
+    pub world: Arc<World>,
+    /// Wall seconds of building the world.
+    pub build_seconds: f64,
 }
 
 impl LoadedScene {
@@ -90,14 +82,9 @@ impl LoadedScene {
     pub fn read(spec: &RenderSpec, options: &LoadOptions) -> Result<Self, JobError> {
         spec.check()?;
         let clock = Instant::now();
-        let aspect = spec.resolution.map(|[width, height]| f64::from(width) / f64::from(height.max(1)));
-        let options = LoadOptions { aspect: aspect.or(options.aspect), ..*options };
-        let (scene, digest, files) = read_with_files(&spec.scene, spec.allow_unsupported, &options)?;
-        let mut loaded = Self::from_scene(spec, scene)?;
-        loaded.files = files;
-        loaded.digest = digest;
-        loaded.load_seconds = clock.elapsed().as_secs_f64();
-        Ok(loaded)
+        let (scene, digest, files) = read(spec, options)?;
+        let loaded = Self::from_scene(spec, scene)?;
+        Ok(Self { files, digest, seconds: clock.elapsed().as_secs_f64(), ..loaded })
     }
 
     /// Uses `scene` instead of reading the scene named in the description. The result has no digest, so the render can
@@ -124,7 +111,7 @@ impl LoadedScene {
             let why = format!("a window of {rows} rows has {rows} shards at most");
             return Err(JobError::NoShard { shard, why });
         }
-        let expected = MemoryEstimate::of_scene(&scene, &frame);
+        let memory = MemoryEstimate::of_scene(&scene, &frame);
         let mut warnings = notices(spec, &scene);
         let called = Effects::of(&scene);
         for &effect in &without {
@@ -132,10 +119,10 @@ impl LoadedScene {
             let by = called.called().iter().find(|called| called.effect == effect).cloned();
             warnings.push(Warning::LeftOut { effect, by });
         }
-        let (name, because) = chosen::integrator(spec, &scene);
+        let (name, because) = chosen_integrator(spec, &scene);
         warnings.extend(match because {
             Some(called) => Some(Warning::Photons(called)),
-            None if chosen::finds_caustics(&name) => None,
+            None if finds_caustics(&name) => None,
             None => Effects::found_by_chance(&scene).map(Warning::FoundByChance),
         });
         Ok(Self {
@@ -145,41 +132,10 @@ impl LoadedScene {
             frame,
             without,
             warnings,
-            expected,
-            load_seconds: 0.0,
+            memory,
+            seconds: 0.0,
             files: Vec::new(),
         })
-    }
-
-    /// The scene, changed as the description requires: depth limit, pixel filter and left-out effects.
-    pub fn scene(&self) -> &Scene {
-        &self.scene
-    }
-
-    /// The files that were read for the scene, each once: scene, meshes, textures. Empty for a bundled scene.
-    pub fn files(&self) -> &[PathBuf] {
-        &self.files
-    }
-
-    /// The image's resolution, and the window of it that is rendered.
-    pub fn frame(&self) -> &Frame {
-        &self.frame
-    }
-
-    /// The description of the render.
-    pub fn spec(&self) -> &RenderSpec {
-        &self.spec
-    }
-
-    /// The warnings so far: adjusted or ignored directives of the scene file, another suggested number of samples,
-    /// effects that are left out, and lights found by chance only.
-    pub fn warnings(&self) -> &[Warning] {
-        &self.warnings
-    }
-
-    /// An estimate of the least memory of the render.
-    pub fn memory(&self) -> &MemoryEstimate {
-        &self.expected
     }
 
     /// Builds the world: the scene in the form in which rays are traced.
@@ -187,64 +143,18 @@ impl LoadedScene {
     /// # Errors
     ///
     /// [`JobError::World`] with every problem of the scene.
-    pub fn build(self) -> Result<PreparedScene, JobError> {
+    pub fn build(mut self) -> Result<PreparedScene, JobError> {
         let clock = Instant::now();
         let mut world = World::with_resolution(&self.scene, self.frame.resolution())?;
         world.set_light_selection(self.spec.selection());
-        let mut warnings = self.warnings;
         if world.dropped_triangles() > 0 {
-            warnings.push(Warning::DroppedTriangles(world.dropped_triangles()));
+            self.warnings.push(Warning::DroppedTriangles(world.dropped_triangles()));
         }
-        Ok(PreparedScene {
-            spec: self.spec,
-            scene: self.scene,
-            world: Arc::new(world),
-            digest: self.digest,
-            without: self.without,
-            warnings,
-            expected: self.expected,
-            load_seconds: self.load_seconds,
-            build_seconds: clock.elapsed().as_secs_f64(),
-        })
+        Ok(PreparedScene { loaded: self, world: Arc::new(world), build_seconds: clock.elapsed().as_secs_f64() })
     }
 }
 
 impl PreparedScene {
-    /// The scene description from which the world was built.
-    pub fn scene(&self) -> &Arc<Scene> {
-        &self.scene
-    }
-
-    /// The world: the scene in the form in which rays are traced.
-    pub fn world(&self) -> &Arc<World> {
-        &self.world
-    }
-
-    /// The digest: a hash of all bytes read for the scene. `None` if the scene was read without a digest.
-    pub fn digest(&self) -> Option<&ContentHash> {
-        self.digest.as_ref()
-    }
-
-    /// Wall seconds of reading the scene.
-    pub fn load_seconds(&self) -> f64 {
-        self.load_seconds
-    }
-
-    /// Wall seconds of building the world.
-    pub fn build_seconds(&self) -> f64 {
-        self.build_seconds
-    }
-
-    /// The effects (kinds of light transport) that are left out of the image.
-    pub fn without(&self) -> &[Effect] {
-        &self.without
-    }
-
-    /// The warnings of reading the scene and building the world.
-    pub fn warnings(&self) -> &[Warning] {
-        &self.warnings
-    }
-
     /// Prepares a job (one render) on this world. Its description may differ from that of this world in sampler, point
     /// set, filter, integrator, budget, crop and seed.
     ///
@@ -282,28 +192,12 @@ fn bundle(name: &str) -> Option<Bundle> {
     if Path::new(name).is_file() { None } else { bundled::files(name) }
 }
 
-/// Reads the scene called `name`, a file or a bundled scene, with a digest if the options request one.
-///
-/// # Errors
-///
-/// [`JobError::NoScene`] for an unknown name, [`JobError::Read`] for a scene that cannot be read.
-pub fn read_scene(
-    name: &str,
-    allow_unsupported: bool,
-    options: &LoadOptions,
-) -> Result<(Scene, Option<ContentHash>), JobError> {
-    read_with_files(name, allow_unsupported, options).map(|(scene, digest, _)| (scene, digest))
-}
-
-/// Reads a scene as [`read_scene`] does; also returns the files that were read.
-fn read_with_files(
-    name: &str,
-    allow_unsupported: bool,
-    options: &LoadOptions,
-) -> Result<(Scene, Option<ContentHash>, Vec<PathBuf>), JobError> {
-    let path = Path::new(name);
-    if let Some(bundle) = bundle(name) {
-        let mut digest = ContentHash::new();
+/// Reads the scene of a description, a file or a bundled scene, with a digest if the options request one, and lists the files
+/// that were read.
+fn read(spec: &RenderSpec, options: &LoadOptions) -> Result<(Scene, Option<ContentHash>, Vec<PathBuf>), JobError> {
+    let path = Path::new(&spec.scene);
+    let mut digest = ContentHash::new();
+    if let Some(bundle) = bundle(&spec.scene) {
         for (name, bytes) in bundle.files.iter().filter(|_| options.digest) {
             digest.text(name);
             digest.add(bytes);
@@ -311,38 +205,34 @@ fn read_with_files(
         return Ok((bundle.read()?, options.digest.then_some(digest), Vec::new()));
     }
     if !path.exists() {
-        return Err(JobError::NoScene { name: name.to_owned() });
+        return Err(JobError::NoScene { name: spec.scene.clone() });
     }
     let memory = options.limit.bytes().map(|limit| limit.saturating_sub(resident().map_or(0, |[now, _]| now)));
-    let read_options = ReadOptions::default().with_allow_unsupported(allow_unsupported).with_memory(memory);
-    let files =
-        Recorder { limit: options.limit, read: options.digest.then(RefCell::default), seen: RefCell::default() };
+    let read_options = ReadOptions::default().with_allow_unsupported(spec.allow_unsupported).with_memory(memory);
+    let files = Recorder { options: *options, read: RefCell::default() };
     let mut model = ModelOptions::default();
-    model.aspect = options.aspect;
+    // A bare model fills the image.
+    model.aspect = spec.resolution.map(|[width, height]| f64::from(width) / f64::from(height.max(1)));
     let scene = read_any_from(&files, path, &AnyOptions::default().with_scene(read_options).with_model(model))?;
-    let digest = files.read.map(|read| {
-        let mut digest = ContentHash::new();
-        // Paths are hashed relative to the scene's folder, so that a moved scene has the same digest.
-        let folder = path.parent().unwrap_or(Path::new(""));
-        for (file, of_bytes) in read.into_inner() {
-            digest.text(&file.strip_prefix(folder).unwrap_or(&file).to_string_lossy());
-            digest.text(&of_bytes);
-        }
-        digest
-    });
-    Ok((scene, digest, files.seen.into_inner().into_iter().collect()))
+    let read = files.read.into_inner();
+    // Paths are hashed relative to the scene's folder, so that a moved scene has the same digest.
+    let folder = path.parent().unwrap_or(Path::new(""));
+    for (file, of_bytes) in &read {
+        digest.text(&file.strip_prefix(folder).unwrap_or(file).to_string_lossy());
+        digest.text(of_bytes);
+    }
+    Ok((scene, options.digest.then_some(digest), read.into_keys().collect()))
 }
 
-/// A file reader that limits the size of each file, lists the files, and hashes their bytes.
+/// A file reader that limits the size of each file, lists the files, and hashes their bytes if the digest is requested.
 struct Recorder {
-    limit: MemoryLimit,
-    seen: RefCell<BTreeSet<PathBuf>>,
-    read: Option<RefCell<BTreeMap<PathBuf, String>>>,
+    options: LoadOptions,
+    read: RefCell<BTreeMap<PathBuf, String>>,
 }
 
 impl Files for Recorder {
     fn read(&self, path: &Path) -> std::io::Result<Vec<u8>> {
-        if let Some(most) = self.limit.bytes() {
+        if let Some(most) = self.options.limit.bytes() {
             let length = std::fs::metadata(path)?.len();
             if length > most {
                 let (length, most) = (crate::memory::size(length), crate::memory::size(most));
@@ -351,10 +241,8 @@ impl Files for Recorder {
             }
         }
         let bytes = Disk.read(path)?;
-        self.seen.borrow_mut().insert(path.to_owned());
-        if let Some(read) = &self.read {
-            read.borrow_mut().insert(path.to_owned(), ContentHash::of(&bytes).hex());
-        }
+        let digest = if self.options.digest { ContentHash::of(&bytes).hex() } else { String::new() };
+        self.read.borrow_mut().insert(path.to_owned(), digest);
         Ok(bytes)
     }
 }
@@ -439,5 +327,62 @@ fn check_capacity(spec: &RenderSpec, frame: Frame) -> Result<(), JobError> {
             Err(Error::SequenceExhausted { points, capacity, requested: asked }.into())
         }
         _ => Ok(()),
+    }
+}
+
+/// Checks a request for an integrator: `auto`, or its name and the names of its parameters.
+///
+/// # Errors
+///
+/// [`IntegratorError`] if the integrator or a parameter is unknown.
+pub fn check_integrator(request: &str) -> Result<(), IntegratorError> {
+    if request == DEFAULT_INTEGRATOR { Ok(()) } else { dapple_transport::check_integrator(request) }
+}
+
+/// The integrator of a render, `NAME` or `NAME:key=value,…`, and the caustics that call for photons, if they do.
+///
+/// The default takes photons for a scene with [caustics that paths find by chance only](Effects::found_by_chance). Motion
+/// blur and shards leave it with path tracing, since photons have no time and a shard would trace those of the whole image.
+pub(crate) fn chosen_integrator(spec: &RenderSpec, scene: &Scene) -> (String, Option<Called>) {
+    if spec.integrator != DEFAULT_INTEGRATOR {
+        return (spec.integrator.clone(), None);
+    }
+    let excluded = spec.shard.is_some() || Effects::of(scene).has(Effect::MotionBlur);
+    match Effects::found_by_chance(scene) {
+        Some(called) if !excluded => ("photons".to_owned(), Some(called)),
+        _ => ("path".to_owned(), None),
+    }
+}
+
+/// Returns true if an integrator finds light of small lamps through glass: photons, and paths from the lights that are
+/// connected with the camera.
+fn finds_caustics(integrator: &str) -> bool {
+    let name = integrator.split(':').next().unwrap_or_default().trim();
+    matches!(name, "photons" | "metropolis") || name == "bdpt" && !integrator.contains("splat=0")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::chosen_integrator;
+    use crate::RenderSpec;
+    use dapple_scene::bundled;
+
+    fn chosen(spec: &RenderSpec) -> String {
+        let scene = bundled::files(&spec.scene).expect("a bundled scene").read().expect("a scene");
+        let (name, because) = chosen_integrator(spec, &scene);
+        assert_eq!(because.is_some(), name == "photons" && spec.integrator == "auto");
+        name
+    }
+
+    #[test]
+    fn the_default_takes_photons_where_the_scene_calls_for_them() {
+        assert_eq!(chosen(&RenderSpec::new("caustic")), "photons");
+        for scene in ["cornell", "glass", "tea", "teapot", "many-lights", "motion"] {
+            assert_eq!(chosen(&RenderSpec::new(scene)), "path", "{scene}");
+        }
+        assert_eq!(chosen(&RenderSpec::new("caustic").integrator("path")), "path");
+        assert_eq!(chosen(&RenderSpec::new("cornell").integrator("photons:what=all")), "photons:what=all");
+        let shard = "1/2".parse().expect("a shard");
+        assert_eq!(chosen(&RenderSpec { shard: Some(shard), ..RenderSpec::new("caustic") }), "path");
     }
 }

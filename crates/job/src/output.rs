@@ -3,15 +3,12 @@
 //!
 //! [`OutputFiles`] writes the files; [`image`](dapple_scene::image) encodes them.
 
-mod camera;
-mod file_identity;
 mod files;
 mod header;
 mod layers;
 mod maps;
 
-pub use file_identity::FileIdentity;
+pub use crate::files::FileIdentity;
 pub use files::OutputFiles;
-
 pub use layers::{LAYERS, layers};
 pub use maps::{GrayMap, albedo_map, cluster_ids, cluster_map, depth_map, error_map, normal_map, sample_map};

@@ -1,14 +1,10 @@
 //! The description of a render.
 
-mod names;
-mod shard;
-
-pub use shard::Shard;
-
 use crate::check_integrator;
 use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
 use serde::{Deserialize, Serialize};
+use std::str::FromStr;
 
 /// The version of the JSON format that [`RenderSpec::to_json`] writes.
 pub const SPEC_VERSION: u32 = 1;
@@ -24,7 +20,8 @@ pub const DEFAULT_INTEGRATOR: &str = "auto";
 /// A description of a render: all settings that decide the pixels of an image.
 ///
 /// Shards and checkpoints store the description as JSON, and `dapple render --spec FILE` reads it. Paths are text.
-/// Fields that are missing from the JSON have the values of [`RenderSpec::new`]; unknown fields are refused.
+/// Fields that are missing from the JSON have the values of [`RenderSpec::new`]; unknown fields are refused. The fields that most
+/// renders set have functions of their names.
 ///
 /// ```
 /// use dapple_job::{BudgetSpec, RenderSpec};
@@ -35,7 +32,6 @@ pub const DEFAULT_INTEGRATOR: &str = "auto";
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[non_exhaustive]
 pub struct RenderSpec {
     /// The version of the JSON format: [`SPEC_VERSION`].
     pub version: u32,
@@ -267,28 +263,10 @@ impl RenderSpec {
         Self { integrator: integrator.into(), ..self }
     }
 
-    /// Sets the rule by which light sampling selects one of several lights.
-    #[must_use]
-    pub fn light_selection(self, selection: LightSelection) -> Self {
-        Self { light_selection: Some(selection), ..self }
-    }
-
     /// Sets the condition that ends the render.
     #[must_use]
     pub fn budget(self, budget: BudgetSpec) -> Self {
         Self { budget, ..self }
-    }
-
-    /// Sets the image that a limit of error concerns: filtered or unfiltered.
-    #[must_use]
-    pub fn error_of(self, error_of: ErrorOf) -> Self {
-        Self { error_of, ..self }
-    }
-
-    /// Sets the smallest and the largest number of samples per pixel; `None` sets no largest number.
-    #[must_use]
-    pub fn bounds(self, min_spp: u32, max_spp: Option<u32>) -> Self {
-        Self { min_spp, max_spp, ..self }
     }
 
     /// Sets width and height of the full image in pixels.
@@ -297,52 +275,10 @@ impl RenderSpec {
         Self { resolution: Some([width, height]), ..self }
     }
 
-    /// Sets width and height of the full image to those in the scene times a factor.
-    #[must_use]
-    pub fn scale(self, scale: f64) -> Self {
-        Self { scale: Some(scale), ..self }
-    }
-
-    /// Sets the part of the image to render.
-    #[must_use]
-    pub fn crop(self, crop: CropSpec) -> Self {
-        Self { crop, ..self }
-    }
-
     /// Sets the seed of all random numbers.
     #[must_use]
     pub fn seed(self, seed: u64) -> Self {
         Self { seed, ..self }
-    }
-
-    /// Sets the largest number of scattering events between camera and light; `None` takes the limit in the scene.
-    #[must_use]
-    pub fn max_depth(self, max_depth: Option<u32>) -> Self {
-        Self { max_depth, ..self }
-    }
-
-    /// Sets the pixel filter: the scene's, or a box one pixel wide.
-    #[must_use]
-    pub fn pixel_filter(self, pixel_filter: PixelFilterSpec) -> Self {
-        Self { pixel_filter, ..self }
-    }
-
-    /// Sets the effects (kinds of light transport) that are left out of the scene.
-    #[must_use]
-    pub fn without(self, without: impl IntoIterator<Item = Effect>) -> Self {
-        Self { without: without.into_iter().collect(), ..self }
-    }
-
-    /// Makes unsupported directives of the scene file warnings (`true`) or errors (`false`).
-    #[must_use]
-    pub fn allow_unsupported(self, allow: bool) -> Self {
-        Self { allow_unsupported: allow, ..self }
-    }
-
-    /// Sets the shard (a run of rows) to render; `None` renders the whole image.
-    #[must_use]
-    pub fn shard(self, shard: Option<Shard>) -> Self {
-        Self { shard, ..self }
     }
 
     /// The rule in effect for selecting one of several lights: [`light_selection`](Self::light_selection) if it is set.
@@ -399,89 +335,51 @@ impl RenderSpec {
     ///
     /// [`SpecError::Field`] for the first invalid field.
     pub fn check(&self) -> Result<(), SpecError> {
-        let wrong = |field, what| Err(SpecError::Field { field, what });
-        let (min, most) = (self.min_spp, self.max_spp.unwrap_or(u32::MAX));
-        if min > most {
-            return wrong(
-                "min_spp",
-                format!(
-                    "{min} is above the largest number of samples per pixel, {most}; lower one, or raise the other"
-                ),
-            );
+        self.check_budget()?;
+        if let Some([w, h]) = self.resolution {
+            fine("resolution", dapple_core::Frame::new(w, h))?;
         }
-        let field = self.budget.field();
-        match self.budget {
-            BudgetSpec::Spp(x) | BudgetSpec::Error(x) | BudgetSpec::Seconds(x) if !(x.is_finite() && x > 0.0) => {
-                return wrong(field, format!("{x} is not a finite number above zero"));
-            }
-            BudgetSpec::Seconds(x) if x > MOST_SECONDS => {
-                return wrong(
-                    field,
-                    format!("{x} is above {MOST_SECONDS} (a year); give spp for a render without end"),
-                );
-            }
-            BudgetSpec::Samples(0) => return wrong(field, "0 samples make no image; give at least 1".into()),
-            BudgetSpec::Spp(spp) if spp < f64::from(min) => {
-                return wrong(
-                    field,
-                    format!(
-                        "{spp} is below the smallest number of samples per pixel, {min}; raise one, or lower the other"
-                    ),
-                );
-            }
-            BudgetSpec::Spp(spp) if spp > f64::from(most) => {
-                return wrong(
-                    field,
-                    format!(
-                        "{spp} is above the largest number of samples per pixel, {most}; lower one, or raise the other"
-                    ),
-                );
-            }
-            _ => {}
+        if let Some(scale) = self.scale {
+            refuse(self.resolution.is_some(), "scale", || "a resolution is given too; give one of the two".into())?;
+            refuse(!is_above_zero(scale), "scale", || format!("{scale} is not a finite number above zero"))?;
         }
-        if let Some([w, h]) = self.resolution
-            && let Err(e) = dapple_core::Frame::new(w, h)
-        {
-            return wrong("resolution", e.to_string());
-        }
-        match self.scale {
-            Some(_) if self.resolution.is_some() => {
-                return wrong("scale", "a resolution is given too; give one of the two".into());
-            }
-            Some(scale) if !(scale.is_finite() && scale > 0.0) => {
-                return wrong("scale", format!("{scale} is not a finite number above zero"));
-            }
-            _ => {}
-        }
-        let named = [
-            ("sampler", crate::registry::check_sampler(&self.sampler)),
-            ("points", crate::registry::check_points(&self.points)),
-            ("filter", crate::registry::check_filter(&self.filter)),
-        ];
-        for (field, checked) in named {
-            if let Err(e) = checked {
-                return wrong(field, e.to_string());
-            }
-        }
-        if let Err(e) = check_integrator(&self.integrator) {
-            return wrong("integrator", e.to_string());
-        }
-        if self.shard.is_some() && self.selection() == LightSelection::Learned {
-            let what = "learned light selection needs samples of the whole image, and cannot be sharded; use power, or render \
-                        in stages";
-            return wrong("light_selection", what.into());
-        }
-        if self.shard.is_some() && matches!(self.budget, BudgetSpec::Error(_) | BudgetSpec::Seconds(_)) {
-            return wrong(field, "a shard needs a number of samples; give spp".into());
-        }
-        Ok(())
+        fine("sampler", crate::registry::check_sampler(&self.sampler))?;
+        fine("points", crate::registry::check_points(&self.points))?;
+        fine("filter", crate::registry::check_filter(&self.filter))?;
+        fine("integrator", check_integrator(&self.integrator))?;
+        let learned = self.shard.is_some() && self.selection() == LightSelection::Learned;
+        refuse(learned, "light_selection", || {
+            "learned light selection needs samples of the whole image, and cannot be sharded; use power, or render in stages"
+                .into()
+        })?;
+        let open = self.shard.is_some() && matches!(self.budget, BudgetSpec::Error(_) | BudgetSpec::Seconds(_));
+        refuse(open, self.budget.field(), || "a shard needs a number of samples; give spp".into())
     }
 
-    /// The mean samples per pixel of a [`BudgetSpec::Spp`]; `None` for other budgets.
-    pub fn mean_spp(&self) -> Option<f64> {
+    /// Checks the budget, and the bounds of samples per pixel.
+    fn check_budget(&self) -> Result<(), SpecError> {
+        let (min, most, field) = (self.min_spp, self.max_spp.unwrap_or(u32::MAX), self.budget.field());
+        let above = |what: &dyn std::fmt::Display| {
+            format!("{what} is above the largest number of samples per pixel, {most}; lower one, or raise the other")
+        };
+        refuse(min > most, "min_spp", || above(&min))?;
         match self.budget {
-            BudgetSpec::Spp(spp) => Some(spp),
-            _ => None,
+            BudgetSpec::Spp(x) | BudgetSpec::Error(x) | BudgetSpec::Seconds(x) if !is_above_zero(x) => {
+                refuse(true, field, || format!("{x} is not a finite number above zero"))
+            }
+            BudgetSpec::Seconds(x) => refuse(x > MOST_SECONDS, field, || {
+                format!("{x} is above {MOST_SECONDS} (a year); give spp for a render without end")
+            }),
+            BudgetSpec::Samples(n) => refuse(n == 0, field, || "0 samples make no image; give at least 1".into()),
+            BudgetSpec::Spp(spp) => {
+                refuse(spp < f64::from(min), field, || {
+                    format!(
+                        "{spp} is below the smallest number of samples per pixel, {min}; raise one, or lower the other"
+                    )
+                })?;
+                refuse(spp > f64::from(most), field, || above(&spp))
+            }
+            BudgetSpec::Scene | BudgetSpec::Error(_) => Ok(()),
         }
     }
 
@@ -499,5 +397,125 @@ impl RenderSpec {
             ..Self::new(spec.scene.clone())
         };
         world(self) == world(other)
+    }
+}
+
+/// The error of a field whose value is wrong.
+fn refuse(wrong: bool, field: &'static str, what: impl FnOnce() -> String) -> Result<(), SpecError> {
+    if wrong { Err(SpecError::Field { field, what: what() }) } else { Ok(()) }
+}
+
+/// The error of a check, as that of a field.
+fn fine<T>(field: &'static str, checked: Result<T, impl ToString>) -> Result<(), SpecError> {
+    checked.map(drop).map_err(|e| SpecError::Field { field, what: e.to_string() })
+}
+
+fn is_above_zero(x: f64) -> bool {
+    x.is_finite() && x > 0.0
+}
+
+/// A part of an image that one of several machines renders.
+///
+/// ```
+/// let shard: dapple_job::Shard = "2/4".parse()?;
+/// assert_eq!((shard.index(), shard.of(), shard.to_string()), (1, 4, "2/4".to_owned()));
+/// # Ok::<(), String>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    index: u32,
+    of: u32,
+}
+
+impl Shard {
+    /// The shard's number, from 0.
+    pub const fn index(&self) -> u32 {
+        self.index
+    }
+
+    /// The number of shards of the image.
+    pub const fn of(&self) -> u32 {
+        self.of
+    }
+}
+
+impl FromStr for Shard {
+    type Err = String;
+
+    /// Parses `I/N`, the I-th of N, counted from 1.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parse = |(i, n): (&str, &str)| Some((i.parse::<u32>().ok()?.checked_sub(1)?, n.parse().ok()?));
+        match text.split_once('/').and_then(parse).filter(|(index, of)| index < of) {
+            Some((index, of)) => Ok(Self { index, of }),
+            None => Err(format!("\"{text}\" is not a shard I/N, the I-th of N; examples are 1/4 and 4/4")),
+        }
+    }
+}
+
+impl std::fmt::Display for Shard {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}/{}", self.index + 1, self.of)
+    }
+}
+
+/// Default values of fields, and the serialisation of values that are names in JSON.
+mod names {
+    use super::{DEFAULT_INTEGRATOR, Shard};
+    use dapple_registry::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER};
+
+    pub(super) fn sampler() -> String {
+        DEFAULT_SAMPLER.into()
+    }
+
+    pub(super) fn points() -> String {
+        DEFAULT_POINTS.into()
+    }
+
+    pub(super) fn filter() -> String {
+        DEFAULT_FILTER.into()
+    }
+
+    pub(super) fn integrator() -> String {
+        DEFAULT_INTEGRATOR.into()
+    }
+
+    pub(super) const fn one() -> u32 {
+        1
+    }
+
+    pub(super) const fn seed() -> u64 {
+        1
+    }
+
+    /// Serialisation of effects as a list of their names.
+    pub(super) mod effects {
+        use dapple_scene::Effect;
+        use serde::{Deserialize, Deserializer, Serializer, de::Error};
+
+        pub(crate) fn serialize<S: Serializer>(effects: &[Effect], to: S) -> Result<S::Ok, S::Error> {
+            to.collect_seq(effects.iter().map(|effect| effect.name()))
+        }
+
+        pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Effect>, D::Error> {
+            Vec::<String>::deserialize(from)?.iter().map(|name| name.parse().map_err(D::Error::custom)).collect()
+        }
+    }
+
+    /// Serialisation of a shard as `I/N`, with I from 1.
+    pub(super) mod shard {
+        use super::Shard;
+        use serde::{Deserialize, Deserializer, Serializer, de::Error};
+
+        pub(crate) fn serialize<S: Serializer>(shard: &Option<Shard>, to: S) -> Result<S::Ok, S::Error> {
+            match shard {
+                Some(shard) => to.serialize_some(&shard.to_string()),
+                None => to.serialize_none(),
+            }
+        }
+
+        pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Shard>, D::Error> {
+            let text = Option::<String>::deserialize(from)?;
+            text.map(|text| text.parse().map_err(D::Error::custom)).transpose()
+        }
     }
 }

@@ -2,15 +2,16 @@
 
 use dapple_core::{Rejected, streams};
 use dapple_scene::{Called, Effect, Notice, Source};
-use std::fmt;
 
 /// A condition that a user should know about, but that does not stop the render.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Warning {
     /// A note about a directive of the scene file that was adjusted or ignored.
+    #[error("{}: {}", .0.source, .0.message)]
     Notice(Notice),
     /// An effect (a kind of light transport) that is left out of the image at the user's request.
+    #[error("without {effect}: {}{}", effect.left_out(), caller(by.as_ref()))]
     LeftOut {
         /// The effect that is left out.
         effect: Effect,
@@ -18,20 +19,27 @@ pub enum Warning {
         by: Option<Called>,
     },
     /// A light that a path tracer finds by chance only, such as a small lamp behind glass.
+    #[error("{}: {}", .0.source, found_by_chance(.0))]
     FoundByChance(Called),
     /// A light that a path tracer finds by chance only, and that photons carry instead: the default integrator is
     /// `photons`.
+    #[error("{}: {}; photons carry it (--integrator path leaves specks)", .0.source, .0.because)]
     Photons(Called),
     /// A lamp whose triangles have no area, so that it gives off no light.
+    #[error("{0}: this lamp has no area and gives off no light; make it larger, or remove it")]
     LampWithoutArea(Source),
     /// Triangles without area, which are left out: their number.
+    #[error("{0} triangles have no area and are left out")]
     DroppedTriangles(usize),
     /// The newest version of a checkpoint is missing or damaged: the error of reading it. The render resumes from the
     /// previous version.
+    #[error("{0}; resuming from the checkpoint before it")]
     PreviousCheckpoint(String),
     /// A checkpoint could not be written: the error. The render continues and tries again.
+    #[error("no checkpoint was written: {0}; rendering goes on, and will try again")]
     NoCheckpoint(String),
     /// Samples whose radiance was NaN, infinite or negative, and that count as black.
+    #[error("{rejected} of {samples} samples were NaN, infinite or negative and count as 0; the first is sample {} of stream {} in pixel ({}, {}) with {points}", first.sample.index, first.sample.stream, first.sample.pixel[0], first.sample.pixel[1])]
     RejectedSamples {
         /// The number of rejected samples.
         rejected: u64,
@@ -43,6 +51,9 @@ pub enum Warning {
         points: String,
     },
     /// A clustering grid that is too coarse for the scene: one voxel holds more than half of the triangles.
+    #[error(
+        "one of the clustering grid's {voxels} voxels holds {fullest} of {triangles} triangles, so that clusters separate little; raise k= and clamp=, or leave out objects far away, which stretch the grid"
+    )]
     DegenerateClusters {
         /// The number of voxels of the grid.
         voxels: u64,
@@ -52,8 +63,10 @@ pub enum Warning {
         triangles: u32,
     },
     /// Probe rays whose hit position was NaN or infinite, and that count as background: their number.
+    #[error("{0} probes hit a place that is NaN or infinite, and count as background")]
     RejectedProbes(u64),
     /// A render that ended before its predicted error fell to the goal.
+    #[error("the predicted relMSE is {}, and the goal is {goal}: the sampler's threshold or the largest number of samples ended the render", predicted.map_or_else(|| "unknown".to_owned(), |predicted| format!("{predicted:.2e}")))]
     ErrorNotReached {
         /// The predicted relMSE at the end; `None` if unknown.
         predicted: Option<f64>,
@@ -61,6 +74,7 @@ pub enum Warning {
         goal: f64,
     },
     /// A time limit that the first samples of all pixels exceed, noticed while they are traced.
+    #[error("{} per pixel will take about {} s, and the time limit is {} s; rendering goes on until then, since a pixel without samples is black", least(*min_spp), rounded(*needed), rounded(*limit))]
     TimeTooShort {
         /// The time limit in seconds.
         limit: f64,
@@ -70,6 +84,7 @@ pub enum Warning {
         needed: f64,
     },
     /// A render that took longer than its time limit.
+    #[error("the render took {} s, {} s more than the time limit of {} s: {}", rounded(*taken), rounded(taken - limit), rounded(*limit), reason(*first, *filter))]
     TimeExceeded {
         /// The time limit in seconds.
         limit: f64,
@@ -81,11 +96,13 @@ pub enum Warning {
         filter: f64,
     },
     /// A stopped render whose image is left unfiltered, because the filter would take too long.
+    #[error("stopped: the image is not filtered, since {filter} would take too long")]
     NotFiltered {
         /// The name of the filter that was not applied.
         filter: String,
     },
     /// Pixel values that were too large for the file format, and were clamped to its maximum.
+    #[error("{}: {values} values were too large for it", path.display())]
     Clamped {
         /// The path of the image file.
         path: std::path::PathBuf,
@@ -93,6 +110,7 @@ pub enum Warning {
         values: u64,
     },
     /// A layer of an EXR file that was requested, and that this render does not have.
+    #[error("{}: no layer \"{layer}\": {}", path.display(), missing(layer))]
     NoLayer {
         /// The path of the EXR file.
         path: std::path::PathBuf,
@@ -100,89 +118,33 @@ pub enum Warning {
         layer: String,
     },
     /// A shard (every N-th row of an image) whose file is not written, because its render was stopped.
+    #[error("shard {0} was stopped, and is not written")]
     ShardStopped(crate::Shard),
 }
 
-impl fmt::Display for Warning {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Notice(notice) => write!(f, "{}: {}", notice.source, notice.message),
-            Self::LeftOut { effect, by: Some(by) } => {
-                let left_out = effect.left_out();
-                write!(f, "without {effect}: {left_out}; {} calls for it ({})", by.source, by.because)
-            }
-            Self::LeftOut { effect, by: None } => write!(f, "without {effect}: {}", effect.left_out()),
-            Self::FoundByChance(called) => write!(f, "{}: {}", called.source, found_by_chance(called)),
-            Self::Photons(called) => {
-                write!(f, "{}: {}; photons carry it (--integrator path leaves specks)", called.source, called.because)
-            }
-            Self::LampWithoutArea(source) => {
-                write!(f, "{source}: this lamp has no area and gives off no light; make it larger, or remove it")
-            }
-            Self::DroppedTriangles(dropped) => write!(f, "{dropped} triangles have no area and are left out"),
-            Self::PreviousCheckpoint(trouble) => write!(f, "{trouble}; resuming from the checkpoint before it"),
-            Self::NoCheckpoint(trouble) => {
-                write!(f, "no checkpoint was written: {trouble}; rendering goes on, and will try again")
-            }
-            Self::RejectedSamples { rejected, samples, first, points } => {
-                let id = first.sample;
-                let [x, y] = id.pixel;
-                write!(
-                    f,
-                    "{rejected} of {samples} samples were NaN, infinite or negative and count as 0; the first is sample {} \
-                     of stream {} in pixel ({x}, {y}) with {points}",
-                    id.index, id.stream
-                )
-            }
-            Self::DegenerateClusters { voxels, fullest, triangles } => write!(
-                f,
-                "one of the clustering grid's {voxels} voxels holds {fullest} of {triangles} triangles, so that clusters \
-                 separate little; raise k= and clamp=, or leave out objects far away, which stretch the grid"
-            ),
-            Self::RejectedProbes(rejected) => {
-                write!(f, "{rejected} probes hit a place that is NaN or infinite, and count as background")
-            }
-            Self::ErrorNotReached { predicted, goal } => {
-                let known = predicted.map_or_else(|| "unknown".to_owned(), |predicted| format!("{predicted:.2e}"));
-                write!(
-                    f,
-                    "the predicted relMSE is {known}, and the goal is {goal}: the sampler's threshold or the largest number \
-                     of samples ended the render"
-                )
-            }
-            Self::TimeTooShort { limit, min_spp, needed } => {
-                let (samples, needed, limit) = (least(*min_spp), rounded(*needed), rounded(*limit));
-                write!(
-                    f,
-                    "{samples} per pixel will take about {needed} s, and the time limit is {limit} s; rendering goes on until \
-                     then, since a pixel without samples is black"
-                )
-            }
-            Self::TimeExceeded { limit, taken, first, filter } => {
-                let [over, taken, filter, limit] = [taken - limit, *taken, *filter, *limit].map(rounded);
-                write!(f, "the render took {taken} s, {over} s more than the time limit of {limit} s: ")?;
-                match first {
-                    Some((seconds, spp)) => {
-                        let (samples, seconds) = (least(*spp), rounded(*seconds));
-                        write!(f, "{samples} per pixel took {seconds} s, the filter {filter} s; fewer pixels take less")
-                    }
-                    None => write!(f, "samples were slower than those of the first round; the filter took {filter} s"),
-                }
-            }
-            Self::NotFiltered { filter } => {
-                write!(f, "stopped: the image is not filtered, since {filter} would take too long")
-            }
-            Self::Clamped { path, values } => write!(f, "{}: {values} values were too large for it", path.display()),
-            Self::NoLayer { path, layer } => {
-                let path = path.display();
-                match layer.as_str() {
-                    "unfiltered" => write!(f, "{path}: no layer \"unfiltered\": the image itself is unfiltered"),
-                    "cluster" => write!(f, "{path}: no layer \"cluster\": neither sampler nor filter makes clusters"),
-                    _ => write!(f, "{path}: no layer \"{layer}\": this render does not record it"),
-                }
-            }
-            Self::ShardStopped(shard) => write!(f, "shard {shard} was stopped, and is not written"),
+/// The object that calls for an effect, as the end of a sentence.
+fn caller(by: Option<&Called>) -> String {
+    by.map_or_else(String::new, |by| format!("; {} calls for it ({})", by.source, by.because))
+}
+
+/// The reason why a render took longer than its time limit.
+fn reason(first: Option<(f64, u32)>, filter: f64) -> String {
+    let filter = rounded(filter);
+    match first {
+        Some((seconds, spp)) => {
+            let (samples, seconds) = (least(spp), rounded(seconds));
+            format!("{samples} per pixel took {seconds} s, the filter {filter} s; fewer pixels take less")
         }
+        None => format!("samples were slower than those of the first round; the filter took {filter} s"),
+    }
+}
+
+/// The reason why an EXR file lacks a layer.
+fn missing(layer: &str) -> &'static str {
+    match layer {
+        "unfiltered" => "the image itself is unfiltered",
+        "cluster" => "neither sampler nor filter makes clusters",
+        _ => "this render does not record it",
     }
 }
 

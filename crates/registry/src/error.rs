@@ -1,12 +1,11 @@
 //! Errors of names and parameters.
 
-use std::fmt;
-
 /// An error in the description of a sampler, point set or filter.
 #[non_exhaustive]
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 pub enum RegistryError {
     /// An unknown name.
+    #[error("there is no {kind} \"{name}\"; {}", choice(*nearest, known))]
     Unknown {
         /// The kind of entry: sampler, point set or filter.
         kind: &'static str,
@@ -18,6 +17,7 @@ pub enum RegistryError {
         known: String,
     },
     /// An item that is not `key=value`, an unknown or repeated key, or a wrong value.
+    #[error("{of}: {what}")]
     Parameter {
         /// The name of the entry.
         of: &'static str,
@@ -25,6 +25,7 @@ pub enum RegistryError {
         what: String,
     },
     /// An entry that uses clusters of a scene, without them.
+    #[error("{of} needs {what}; give it a world, or cluster inputs that have this")]
     NeedsWorld {
         /// The name of the entry.
         of: &'static str,
@@ -32,6 +33,7 @@ pub enum RegistryError {
         what: &'static str,
     },
     /// A scene whose surfaces cannot be clustered.
+    #[error("{of}: clusters cannot be made: {why}")]
     Clusters {
         /// The name of the entry.
         of: &'static str,
@@ -39,6 +41,7 @@ pub enum RegistryError {
         why: String,
     },
     /// A scene in which samples cannot be placed, or coordinates have no meaning.
+    #[error("{of}: samples cannot be placed: {why}")]
     Points {
         /// The name of the entry.
         of: &'static str,
@@ -46,6 +49,9 @@ pub enum RegistryError {
         why: String,
     },
     /// A filter that this program was built without.
+    #[error(
+        "the filter \"{of}\" is not in this program; build it with the feature \"{feature}\" (cargo … --features {feature})"
+    )]
     NotBuilt {
         /// The name of the filter.
         of: &'static str,
@@ -53,6 +59,7 @@ pub enum RegistryError {
         feature: &'static str,
     },
     /// A filter whose shared library is missing or unsuitable.
+    #[error("{of}: {why}")]
     NoLibrary {
         /// The name of the filter.
         of: &'static str,
@@ -60,46 +67,15 @@ pub enum RegistryError {
         why: String,
     },
     /// A parameter value that the sampler or filter refuses.
-    Core(dapple_core::Error),
+    #[error(transparent)]
+    Core(#[from] dapple_core::Error),
 }
 
-impl fmt::Display for RegistryError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Unknown { kind, name, nearest: Some(nearest), known } => {
-                write!(f, "there is no {kind} \"{name}\"; did you mean \"{nearest}\"? Choose among {known}")
-            }
-            Self::Unknown { kind, name, nearest: None, known } => {
-                write!(f, "there is no {kind} \"{name}\"; choose among {known}")?;
-                f.write_str(if cfg!(feature = "classics") { "" } else { " (the feature \"classics\" adds more)" })
-            }
-            Self::Parameter { of, what } => write!(f, "{of}: {what}"),
-            Self::NeedsWorld { of, what } => {
-                write!(f, "{of} needs {what}; give it a world, or cluster inputs that have this")
-            }
-            Self::Clusters { of, why } => write!(f, "{of}: clusters cannot be made: {why}"),
-            Self::Points { of, why } => write!(f, "{of}: samples cannot be placed: {why}"),
-            Self::NotBuilt { of, feature } => write!(
-                f,
-                "the filter \"{of}\" is not in this program; build it with the feature \"{feature}\" (cargo … --features {feature})"
-            ),
-            Self::NoLibrary { of, why } => write!(f, "{of}: {why}"),
-            Self::Core(error) => error.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for RegistryError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            Self::Core(error) => error.source(),
-            _ => None,
-        }
-    }
-}
-
-impl From<dapple_core::Error> for RegistryError {
-    fn from(error: dapple_core::Error) -> Self {
-        Self::Core(error)
+/// The end of the message about an unknown name.
+fn choice(nearest: Option<&str>, known: &str) -> String {
+    match nearest {
+        Some(nearest) => format!("did you mean \"{nearest}\"? Choose among {known}"),
+        None if cfg!(feature = "classics") => format!("choose among {known}"),
+        None => format!("choose among {known} (the feature \"classics\" adds more)"),
     }
 }

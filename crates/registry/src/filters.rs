@@ -1,7 +1,5 @@
 //! The filters.
 
-#[cfg(feature = "classics")]
-use crate::CLASSICS;
 use crate::inputs::CLUSTERS;
 use crate::{CLUSTERING, ClusterInputs, Entry, Parameters, RegistryError, clustering};
 #[cfg(feature = "classics")]
@@ -24,191 +22,153 @@ pub type MakeFilter = fn(&Parameters, &dyn ClusterInputs) -> Result<Box<dyn Filt
 
 /// All filters of the registry.
 pub const FILTERS: &[Entry<MakeFilter>] = &[
-    Entry {
-        weakness: "all noise stays",
-        ..Entry::new("none", "each pixel the mean of its own samples", "none: the mean of the samples", &[], |_, _| {
-            Ok(Box::new(Unfiltered))
-        })
-    },
-    Entry {
-        weakness: "blurs edges, textures and shadows alike; its bias stays with any number of samples",
-        ..Entry::new(
-            "gaussian",
-            "a Gaussian over pixel means",
-            "none: a Gaussian over pixels, as in textbooks",
-            &[GaussianOptions::PARAMETERS],
-            |p, _| Ok(Box::new(Gaussian::with_options(p.options()?)?)),
-        )
-    },
-    Entry {
-        weakness: "blurs textures and shadows within a cluster; its bias stays with any number of samples",
-        ..Entry::new(
-            "cluster-gaussian",
-            "the Gaussian, in which pixels of other clusters weigh less (Lan 2016)",
-            "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016 (docs/THESIS.md)",
-            &[GaussianOptions::PARAMETERS, ClusterGaussianOptions::PARAMETERS, CLUSTERING],
-            cluster_gaussian,
-        )
-    },
-    Entry {
-        weakness: "noise of few samples hides which pixels are alike; needs two halves of the samples, each less even than both",
-        ..Entry::new(
-            "nlm",
-            "non-local means with two halves (Rousselle 2012)",
-            "Rousselle, Knaus and Zwicker, Adaptive Rendering with Non-Local Means Filtering, 2012",
-            &[NlMeansOptions::PARAMETERS],
-            |p, _| Ok(Box::new(NlMeans::with_options(p.options()?)?)),
-        )
-    },
-    Entry {
-        weakness: "one width for all pixels: blurs soft shadows and reflections where normals, albedo and depth are alike",
-        ..Entry::new(
-            "bilateral",
-            "cross-bilateral: near, of a similar surface and colour, in the same cluster",
-            "Eisemann and Durand 2004; Petschnigg et al. 2004; with clusters by Dapple",
-            &[BilateralOptions::PARAMETERS, CLUSTERING],
-            bilateral,
-        )
-    },
-    Entry {
-        weakness: "takes as long as tens of samples of a simple scene; detail that no feature shows blurs; blotches on smooth walls at \
+    Entry::new(
+        "none",
+        "each pixel the mean of its own samples",
+        "none: the mean of the samples",
+        "all noise stays",
+        &[],
+        |_, _| Ok(Box::new(Unfiltered)),
+    ),
+    Entry::new(
+        "gaussian",
+        "a Gaussian over pixel means",
+        "none: a Gaussian over pixels, as in textbooks",
+        "blurs edges, textures and shadows alike; its bias stays with any number of samples",
+        &[GaussianOptions::PARAMETERS],
+        |p, _| Ok(Box::new(Gaussian::with_options(p.options()?)?)),
+    ),
+    Entry::new(
+        "cluster-gaussian",
+        "the Gaussian, in which pixels of other clusters weigh less (Lan 2016)",
+        "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016 (docs/THESIS.md)",
+        "blurs textures and shadows within a cluster; its bias stays with any number of samples",
+        &[GaussianOptions::PARAMETERS, ClusterGaussianOptions::PARAMETERS, CLUSTERING],
+        cluster_gaussian,
+    ),
+    Entry::new(
+        "nlm",
+        "non-local means with two halves (Rousselle 2012)",
+        "Rousselle, Knaus and Zwicker, Adaptive Rendering with Non-Local Means Filtering, 2012",
+        "noise of few samples hides which pixels are alike; needs two halves of the samples, each less even than both",
+        &[NlMeansOptions::PARAMETERS],
+        |p, _| Ok(Box::new(NlMeans::with_options(p.options()?)?)),
+    ),
+    Entry::new(
+        "bilateral",
+        "cross-bilateral: near, of a similar surface and colour, in the same cluster",
+        "Eisemann and Durand 2004; Petschnigg et al. 2004; with clusters by Dapple",
+        "one width for all pixels: blurs soft shadows and reflections where normals, albedo and depth are alike",
+        &[BilateralOptions::PARAMETERS, CLUSTERING],
+        bilateral,
+    ),
+    Entry::new(
+        "cluster-regression",
+        "regression on features and clusters in passes, the best of them and others by estimated error, and blends (the default)",
+        "Dapple, after Moon et al. 2014 and Bitterli et al. 2016 (docs/results/filters.md)",
+        "takes as long as tens of samples of a simple scene; detail that no feature shows blurs; blotches on smooth walls at \
                        few samples",
-        ..Entry::new(
-            "cluster-regression",
-            "regression on features and clusters in passes, the best of them and others by estimated error, and blends (the default)",
-            "Dapple, after Moon et al. 2014 and Bitterli et al. 2016 (docs/results/filters.md)",
-            &[ClusterRegressionOptions::PARAMETERS, CLUSTERING],
-            cluster_regression,
-        )
-    },
+        &[ClusterRegressionOptions::PARAMETERS, CLUSTERING],
+        cluster_regression,
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "assumes Gaussian noise: fireflies look exact; 41x41 windows are slow",
-        ..Entry::new(
-            "sure",
-            "a bank of cross non-local means, chosen per pixel by Stein's estimate of the error (Li 2012)",
-            "Li, Wu and Chuang, SURE-based Optimization for Adaptive Sampling and Reconstruction, 2012",
-            &[SureFilterOptions::PARAMETERS],
-            |p, _| Ok(Box::new(SureFilter::with_options(p.options()?)?)),
-        )
-    },
+    Entry::classic(
+        "sure",
+        "a bank of cross non-local means, chosen per pixel by Stein's estimate of the error (Li 2012)",
+        "Li, Wu and Chuang, SURE-based Optimization for Adaptive Sampling and Reconstruction, 2012",
+        "assumes Gaussian noise: fireflies look exact; 41x41 windows are slow",
+        &[SureFilterOptions::PARAMETERS],
+        |p, _| Ok(Box::new(SureFilter::with_options(p.options()?)?)),
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "blurs by up to a pixel at few samples; the noise of paths outside the domain stays",
-        ..Entry::new(
-            "mdas-boxes",
-            "samples over image, lens, time and light in boxes, weighted by the boxes' volumes; for mdas",
-            "Meister and Hachisuka, multidimensional adaptive sampling on GPUs, JCGT 11(2), 2022",
-            &[MdasBoxesOptions::PARAMETERS],
-            crate::coordinates::of_samples::<MdasBoxesOptions>,
-        )
-    },
+    Entry::classic(
+        "mdas-boxes",
+        "samples over image, lens, time and light in boxes, weighted by the boxes' volumes; for mdas",
+        "Meister and Hachisuka, multidimensional adaptive sampling on GPUs, JCGT 11(2), 2022",
+        "blurs by up to a pixel at few samples; the noise of paths outside the domain stays",
+        &[MdasBoxesOptions::PARAMETERS],
+        crate::classics::of_samples::<MdasBoxesOptions>,
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "blurs shadows and reflections on smooth surfaces; slow if all pixels of a smooth image have samples",
-        ..Entry::new(
-            "splat",
-            "Gaussians as wide as lens and surfaces allow, over pixels with samples; for fourier-dof (after Soler 2009)",
-            "after Soler et al., Fourier Depth of Field, 2009",
-            &[SplatOptions::PARAMETERS, LensBandwidthOptions::PARAMETERS],
-            crate::lens::splat,
-        )
-    },
+    Entry::classic(
+        "splat",
+        "Gaussians as wide as lens and surfaces allow, over pixels with samples; for fourier-dof (after Soler 2009)",
+        "after Soler et al., Fourier Depth of Field, 2009",
+        "blurs shadows and reflections on smooth surfaces; slow if all pixels of a smooth image have samples",
+        &[SplatOptions::PARAMETERS, LensBandwidthOptions::PARAMETERS],
+        crate::classics::splat,
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "reflections do not move with their surface; noise from outside lens and time stays; as slow as tens of samples",
-        ..Entry::new(
-            "tlfr",
-            "samples moved over lens and time, for defocus and motion blur (Lehtinen 2011)",
-            "Lehtinen et al., Temporal Light Field Reconstruction for Rendering Distribution Effects, 2011",
-            &[TlfrOptions::PARAMETERS],
-            crate::coordinates::of_samples::<TlfrOptions>,
-        )
-    },
+    Entry::classic(
+        "tlfr",
+        "samples moved over lens and time, for defocus and motion blur (Lehtinen 2011)",
+        "Lehtinen et al., Temporal Light Field Reconstruction for Rendering Distribution Effects, 2011",
+        "reflections do not move with their surface; noise from outside lens and time stays; as slow as tens of samples",
+        &[TlfrOptions::PARAMETERS],
+        crate::classics::of_samples::<TlfrOptions>,
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "the filter sees half of the samples; dark pixels beside bright noisy ones are shrunk too far",
-        ..Entry::new(
-            "james-stein",
-            "another filter's image, taken as far as its difference from the samples is noise (Gu 2022)",
-            "Gu, Iglesias-Guitian and Moon, Neural James-Stein Combiner, 2022, without the network",
-            &[OF, JamesSteinOptions::PARAMETERS],
-            james_stein,
-        )
-    },
+    Entry::classic(
+        "james-stein",
+        "another filter's image, taken as far as its difference from the samples is noise (Gu 2022)",
+        "Gu, Iglesias-Guitian and Moon, Neural James-Stein Combiner, 2022, without the network",
+        "the filter sees half of the samples; dark pixels beside bright noisy ones are shrunk too far",
+        &[OF, JamesSteinOptions::PARAMETERS],
+        james_stein,
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "few samples cannot tell pixels apart, which are then joined; nets look noisier than they are",
-        ..Entry::new(
-            "welch",
-            "the mean of pixels that Welch's test cannot tell apart (after Sakai 2024)",
-            "Sakai et al., A Statistical Approach to Monte Carlo Denoising, 2024",
-            &[WelchOptions::PARAMETERS],
-            |p, _| Ok(Box::new(Welch::with_options(p.options()?)?)),
-        )
-    },
+    Entry::classic(
+        "welch",
+        "the mean of pixels that Welch's test cannot tell apart (after Sakai 2024)",
+        "Sakai et al., A Statistical Approach to Monte Carlo Denoising, 2024",
+        "few samples cannot tell pixels apart, which are then joined; nets look noisier than they are",
+        &[WelchOptions::PARAMETERS],
+        |p, _| Ok(Box::new(Welch::with_options(p.options()?)?)),
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "as slow as tens of samples per pixel; nets look noisier than they are, which widens the weights",
-        ..Entry::new(
-            "nfor",
-            "regression on features in windows weighted by colour, the better of two bandwidths, twice (Bitterli 2016)",
-            "Bitterli et al., Nonlinearly Weighted First-order Regression for Denoising Monte Carlo Renderings, 2016",
-            &[NforOptions::PARAMETERS],
-            |p, _| Ok(Box::new(Nfor::with_options(p.options()?)?)),
-        )
-    },
+    Entry::classic(
+        "nfor",
+        "regression on features in windows weighted by colour, the better of two bandwidths, twice (Bitterli 2016)",
+        "Bitterli et al., Nonlinearly Weighted First-order Regression for Denoising Monte Carlo Renderings, 2016",
+        "as slow as tens of samples per pixel; nets look noisier than they are, which widens the weights",
+        &[NforOptions::PARAMETERS],
+        |p, _| Ok(Box::new(Nfor::with_options(p.options()?)?)),
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "the plain mean is better for well-distributed points of equal counts",
-        ..Entry::new(
-            "tree-mean",
-            "parts of a pixel weighted by their area or volume; for subdivision and hierarchical",
-            "Kajiya, The Rendering Equation, 1986; Whitted, An Improved Illumination Model for Shaded Display, 1980",
-            &[TreeMeanOptions::PARAMETERS],
-            crate::coordinates::of_samples::<TreeMeanOptions>,
-        )
-    },
+    Entry::classic(
+        "tree-mean",
+        "parts of a pixel weighted by their area or volume; for subdivision and hierarchical",
+        "Kajiya, The Rendering Equation, 1986; Whitted, An Improved Illumination Model for Shaded Display, 1980",
+        "the plain mean is better for well-distributed points of equal counts",
+        &[TreeMeanOptions::PARAMETERS],
+        crate::classics::of_samples::<TreeMeanOptions>,
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "blocks show, and cosines ring at edges and around lamps",
-        ..Entry::new(
-            "dct",
-            "cosines fitted to the samples of 8x8 pixels, half as many as samples (after Bolin and Meyer 1995)",
-            "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995",
-            &[CosineOptions::PARAMETERS],
-            crate::coordinates::of_samples::<CosineOptions>,
-        )
-    },
+    Entry::classic(
+        "dct",
+        "cosines fitted to the samples of 8x8 pixels, half as many as samples (after Bolin and Meyer 1995)",
+        "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995",
+        "blocks show, and cosines ring at edges and around lamps",
+        &[CosineOptions::PARAMETERS],
+        crate::classics::of_samples::<CosineOptions>,
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "the plain mean is better for well-distributed points of equal counts; wider boxes blur",
-        ..Entry::new(
-            "staged",
-            "means over cells of 1/8, 1/4 and 1/2 pixel, so that clumps of samples count little (after Mitchell 1987)",
-            "after Mitchell, Generating Antialiased Images at Low Sampling Densities, 1987",
-            &[StagedOptions::PARAMETERS],
-            crate::coordinates::of_samples::<StagedOptions>,
-        )
-    },
+    Entry::classic(
+        "staged",
+        "means over cells of 1/8, 1/4 and 1/2 pixel, so that clumps of samples count little (after Mitchell 1987)",
+        "after Mitchell, Generating Antialiased Images at Low Sampling Densities, 1987",
+        "the plain mean is better for well-distributed points of equal counts; wider boxes blur",
+        &[StagedOptions::PARAMETERS],
+        crate::classics::of_samples::<StagedOptions>,
+    ),
     #[cfg(feature = "oidn")]
     Entry {
         feature: Some(OIDN),
-        weakness: "no estimate of its error; single bright pixels lose their light; other versions and processors give other bits",
         ..Entry::new(
             "oidn",
             "Intel Open Image Denoise, a neural network; its library is found at run time",
             "Intel Open Image Denoise (openimagedenoise.org)",
+            "no estimate of its error; single bright pixels lose their light; other versions and processors give other bits",
             &[OidnOptions::PARAMETERS],
             |p, _| Ok(Box::new(oidn(p)?)),
         )
@@ -216,51 +176,42 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
     #[cfg(feature = "oidn")]
     Entry {
         feature: Some(OIDN),
-        weakness: "no estimate of its error; the default filter alone may be better at many samples",
         ..Entry::new(
             "both",
             "the mean of oidn and cluster-regression",
             "Dapple; the mean with Intel Open Image Denoise (docs/results/oidn.md)",
+            "no estimate of its error; the default filter alone may be better at many samples",
             &[OidnOptions::PARAMETERS, ClusterRegressionOptions::PARAMETERS, CLUSTERING],
             both,
         )
     },
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "round kernels that know no features: textures and edges of shadows blur at few samples",
-        ..Entry::new(
-            "gem",
-            "a Gaussian over pixel means, of the scale with the least estimated error (Rousselle 2011)",
-            "Rousselle, Knaus and Zwicker, Adaptive Sampling and Reconstruction using Greedy Error Minimization, 2011",
-            &[GemFilterOptions::PARAMETERS],
-            |p, _| Ok(Box::new(GemFilter::with_options(p.options()?)?)),
-        )
-    },
+    Entry::classic(
+        "gem",
+        "a Gaussian over pixel means, of the scale with the least estimated error (Rousselle 2011)",
+        "Rousselle, Knaus and Zwicker, Adaptive Sampling and Reconstruction using Greedy Error Minimization, 2011",
+        "round kernels that know no features: textures and edges of shadows blur at few samples",
+        &[GemFilterOptions::PARAMETERS],
+        |p, _| Ok(Box::new(GemFilter::with_options(p.options()?)?)),
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "no features, and the time of tens of samples; nlm is faster",
-        ..Entry::new(
-            "nlm-loop",
-            "non-local means as in the authors' program: 21x21 pixels, pairs of opposite ones (Rousselle 2012)",
-            "Rousselle, Knaus and Zwicker, Adaptive Rendering with Non-Local Means Filtering, 2012",
-            &[NlmLoopFilterOptions::PARAMETERS],
-            |p, _| Ok(Box::new(NlmLoopFilter::with_options(p.options()?)?)),
-        )
-    },
+    Entry::classic(
+        "nlm-loop",
+        "non-local means as in the authors' program: 21x21 pixels, pairs of opposite ones (Rousselle 2012)",
+        "Rousselle, Knaus and Zwicker, Adaptive Rendering with Non-Local Means Filtering, 2012",
+        "no features, and the time of tens of samples; nlm is faster",
+        &[NlmLoopFilterOptions::PARAMETERS],
+        |p, _| Ok(Box::new(NlmLoopFilter::with_options(p.options()?)?)),
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "ringing and blotches at few samples; texture of low contrast vanishes",
-        ..Entry::new(
-            "wavelet",
-            "wavelet coefficients, shrunk by their standard error (after Overbeck 2009)",
-            "after Overbeck, Donner and Ramamoorthi, Adaptive Wavelet Rendering, 2009",
-            &[WaveletOptions::PARAMETERS],
-            |p, _| Ok(Box::new(Wavelet::with_options(p.options()?)?)),
-        )
-    },
+    Entry::classic(
+        "wavelet",
+        "wavelet coefficients, shrunk by their standard error (after Overbeck 2009)",
+        "after Overbeck, Donner and Ramamoorthi, Adaptive Wavelet Rendering, 2009",
+        "ringing and blotches at few samples; texture of low contrast vanishes",
+        &[WaveletOptions::PARAMETERS],
+        |p, _| Ok(Box::new(Wavelet::with_options(p.options()?)?)),
+    ),
 ];
 
 #[cfg(feature = "classics")]
@@ -273,8 +224,7 @@ const OF: &[crate::Parameter] = &[crate::Parameter::new(
 #[cfg(feature = "classics")]
 fn james_stein(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
     let of = p.nested("of", |inner| crate::filter(inner, inputs))?;
-    let filter = JamesStein::with_options(of, p.options()?).map_err(|e| p.refuse(e.to_string()))?;
-    Ok(Box::new(filter))
+    Ok(Box::new(p.made(JamesStein::with_options(of, p.options()?))?))
 }
 
 /// The feature of filters by Open Image Denoise.

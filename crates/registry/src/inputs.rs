@@ -169,15 +169,22 @@ pub struct LensProbes {
 /// ```
 #[derive(Clone, Default)]
 pub struct HostClusters {
-    labels: Option<ClusterLookup>,
-    probes: Option<ClusterProbes>,
-    world_to_clip: Option<[[f32; 4]; 4]>,
-    visibility: Option<TraceVisibility>,
-    lens_probes: Option<LensProbes>,
+    /// The function from a first hit to its cluster; it returns `None` for hits outside all clusters.
+    pub labels: Option<ClusterLookup>,
+    /// The clusters and the function that traces probes, for the sampler `cluster-thesis`.
+    pub probes: Option<ClusterProbes>,
+    /// The camera's matrix from the world to clip space, for `cluster-thesis:size=screen`.
+    pub world_to_clip: Option<[[f32; 4]; 4]>,
+    /// The function that traces shadow rays from the hits of probes, for `cluster-thesis:lights=16`.
+    pub visibility: Option<TraceVisibility>,
+    /// The function that traces first hits through the centre of the lens, for `fourier-dof` and `splat`.
+    pub lens_probes: Option<LensProbes>,
+    /// The dimensions in which samples have a meaning, for samplers that place samples.
     #[cfg(feature = "classics")]
-    domain: Option<Domain>,
+    pub domain: Option<Domain>,
+    /// The points of the film's samples, for filters that read coordinates.
     #[cfg(feature = "classics")]
-    points: Option<FilmPoints>,
+    pub film_points: Option<FilmPoints>,
 }
 
 impl HostClusters {
@@ -186,48 +193,10 @@ impl HostClusters {
         Self::default()
     }
 
-    /// Sets the function from a first hit to its cluster; it returns `None` for hits outside all clusters.
+    /// Sets [`labels`](Self::labels).
     #[must_use]
     pub fn with_labels(self, label: impl Fn(&FirstHit) -> Option<u32> + Send + Sync + 'static) -> Self {
         Self { labels: Some(Arc::new(label)), ..self }
-    }
-
-    /// Sets the clusters and the function that traces probes, for the sampler `cluster-thesis`.
-    #[must_use]
-    pub fn with_probes(self, probes: ClusterProbes) -> Self {
-        Self { probes: Some(probes), ..self }
-    }
-
-    /// Sets the camera's matrix from the world to clip space, for `cluster-thesis:size=screen`.
-    #[must_use]
-    pub fn with_world_to_clip(self, matrix: [[f32; 4]; 4]) -> Self {
-        Self { world_to_clip: Some(matrix), ..self }
-    }
-
-    /// Sets the function that traces shadow rays from the hits of probes, for `cluster-thesis:lights=16`.
-    #[must_use]
-    pub fn with_visibility(self, visible: TraceVisibility) -> Self {
-        Self { visibility: Some(visible), ..self }
-    }
-
-    /// Sets the function that traces first hits through the centre of the lens, for `fourier-dof` and `splat`.
-    #[must_use]
-    pub fn with_lens_probes(self, probes: LensProbes) -> Self {
-        Self { lens_probes: Some(probes), ..self }
-    }
-
-    /// Sets the dimensions in which samples have a meaning, for samplers that place samples.
-    #[cfg(feature = "classics")]
-    #[must_use]
-    pub fn with_domain(self, domain: Domain) -> Self {
-        Self { domain: Some(domain), ..self }
-    }
-
-    /// Sets the points of the film's samples, for filters that read coordinates.
-    #[cfg(feature = "classics")]
-    #[must_use]
-    pub fn with_film_points(self, points: FilmPoints) -> Self {
-        Self { points: Some(points), ..self }
     }
 }
 
@@ -259,33 +228,6 @@ impl ClusterInputs for HostClusters {
 
     #[cfg(feature = "classics")]
     fn film_points(&self) -> Result<Option<FilmPoints>, ClusterInputError> {
-        Ok(self.points.clone())
-    }
-}
-
-/// A scene that is not there yet: descriptions are checked as far as possible.
-pub(crate) struct NoScene;
-
-impl ClusterInputs for NoScene {
-    fn labels(&self, _: &ClusterParams) -> Result<Option<ClusterLookup>, ClusterInputError> {
-        Err(ClusterInputError::NoScene)
-    }
-
-    fn probes(&self, _: &ClusterParams) -> Result<Option<ClusterProbes>, ClusterInputError> {
-        Err(ClusterInputError::NoScene)
-    }
-
-    fn lens_probes(&self) -> Result<Option<LensProbes>, ClusterInputError> {
-        Err(ClusterInputError::NoScene)
-    }
-
-    #[cfg(feature = "classics")]
-    fn domain(&self) -> Result<Option<Domain>, ClusterInputError> {
-        Err(ClusterInputError::NoScene)
-    }
-
-    #[cfg(feature = "classics")]
-    fn film_points(&self) -> Result<Option<FilmPoints>, ClusterInputError> {
-        Err(ClusterInputError::NoScene)
+        Ok(self.film_points.clone())
     }
 }

@@ -1,35 +1,28 @@
 #![doc = include_str!("../README.md")]
 
 #[cfg(feature = "classics")]
-mod coordinates;
-mod defaults;
+mod classics;
 mod error;
 mod filters;
 mod inputs;
-#[cfg(feature = "classics")]
-mod lens;
 mod parameters;
 mod points;
 mod samplers;
-mod verdicts;
 
 pub use dapple_cluster_adaptive::ProbesHandle;
 pub use dapple_core::Parameter;
-pub use defaults::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER, default_pair, default_pair_with};
 pub use error::RegistryError;
 pub use filters::{FILTERS, MakeFilter, NOT_BUILT};
 pub use inputs::{ClusterInputError, ClusterInputs, ClusterProbes, HostClusters, LensProbes, TraceLensProbe};
 pub use parameters::Parameters;
 pub use points::{AnyPoints, MakePoints, POINTS};
 pub use samplers::{MadeSampler, MakeSampler, SAMPLERS};
-pub use verdicts::verdicts;
 
+use dapple_adaptive::Adaptive;
 use dapple_clustering::{ClusterParams, Grouping, Insertion, Order, Sides};
-use dapple_core::Filter;
-
-/// The feature of published methods for comparison.
-#[cfg(feature = "classics")]
-const CLASSICS: &str = "classics";
+use dapple_core::{Filter, Methods, PointSet};
+use dapple_denoise::ClusterRegression;
+use dapple_low_discrepancy::Sobol;
 
 /// An entry of the registry: the name, description, parameters and constructor of a sampler, point set or filter.
 pub struct Entry<Make> {
@@ -55,10 +48,24 @@ impl<Make> Entry<Make> {
         name: &'static str,
         about: &'static str,
         source: &'static str,
+        weakness: &'static str,
         parameters: &'static [&'static [Parameter]],
         make: Make,
     ) -> Self {
-        Self { name, aliases: &[], about, parameters, feature: None, source, weakness: "", make }
+        Self { name, aliases: &[], about, parameters, feature: None, source, weakness, make }
+    }
+
+    /// A published method for comparison.
+    #[cfg(feature = "classics")]
+    const fn classic(
+        name: &'static str,
+        about: &'static str,
+        source: &'static str,
+        weakness: &'static str,
+        parameters: &'static [&'static [Parameter]],
+        make: Make,
+    ) -> Self {
+        Self { name, aliases: &[], about, parameters, feature: Some("classics"), source, weakness, make }
     }
 
     /// Iterates over all parameters of the entry.
@@ -118,7 +125,7 @@ fn clustering(p: &Parameters) -> Result<ClusterParams, RegistryError> {
         .with_grouping(p.choice("grouping", &groupings)?)
         .with_order(p.choice("order", &orders)?)
         .with_sides(p.choice("sides", &sides)?);
-    params.check().map_err(|e| p.refuse(e.to_string()))?;
+    p.made(params.check())?;
     Ok(params)
 }
 
@@ -159,6 +166,36 @@ pub fn filter(description: &str, inputs: &dyn ClusterInputs) -> Result<Box<dyn F
     (entry.make)(&parameters, inputs)
 }
 
+/// The name of the default sampler. The default of its parameter `epsilon` suits the default filter; without a filter,
+/// an `epsilon` of 0.01 is better.
+pub const DEFAULT_SAMPLER: &str = "adaptive";
+/// The name of the default point set.
+pub const DEFAULT_POINTS: &str = "sobol";
+/// The name of the default filter (denoiser).
+pub const DEFAULT_FILTER: &str = "cluster-regression";
+
+/// Makes the default sampler with Sobol' points of this seed, and the default filter without clusters.
+///
+/// ```
+/// use dapple_core::{Frame, Limits, Session};
+///
+/// let pair = dapple_registry::default_pair(7);
+/// assert_eq!((pair.sampler.name(), pair.filter.as_ref().unwrap().name()), ("adaptive", "cluster-regression"));
+/// let session = Session::new(Frame::new(8, 8)?, Limits::spp(16.0), pair)?;
+/// # let _ = session;
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
+pub fn default_pair(seed: u64) -> Methods<'static> {
+    default_pair_with(Sobol::new(seed))
+}
+
+/// Makes the default sampler with these points, and the default filter without clusters.
+///
+/// With [`HostNumbers`](dapple_core::HostNumbers), the pair serves renderers that draw random numbers of their own.
+pub fn default_pair_with(points: impl PointSet + 'static) -> Methods<'static> {
+    Methods::from((Adaptive::new(points), ClusterRegression::new()))
+}
+
 /// Checks the description of a sampler as far as possible without a scene.
 ///
 /// # Errors
@@ -166,7 +203,7 @@ pub fn filter(description: &str, inputs: &dyn ClusterInputs) -> Result<Box<dyn F
 /// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
 pub fn check_sampler(description: &str) -> Result<(), RegistryError> {
     let points = points("random", Setting { seed: 0, spp: None })?;
-    without_scene(sampler(description, points, &inputs::NoScene))
+    without_scene(sampler(description, points, &HostClusters::none()))
 }
 
 /// Checks the description of a point set.
@@ -184,7 +221,7 @@ pub fn check_points(description: &str) -> Result<(), RegistryError> {
 ///
 /// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
 pub fn check_filter(description: &str) -> Result<(), RegistryError> {
-    without_scene(filter(description, &inputs::NoScene))
+    without_scene(filter(description, &HostClusters::none()))
 }
 
 fn without_scene<T>(made: Result<T, RegistryError>) -> Result<(), RegistryError> {
@@ -192,4 +229,26 @@ fn without_scene<T>(made: Result<T, RegistryError>) -> Result<(), RegistryError>
         Err(RegistryError::NeedsWorld { .. }) => Ok(()),
         made => made.map(|_| ()),
     }
+}
+
+/// The rows that `docs/results/methods.py` writes: kind, description of the method and result, with tabs between.
+const TABLE: &str = include_str!("verdicts.tsv");
+
+/// The results of a method in the race of all methods (docs/results/methods.md): each description of it that took part, with its
+/// result in one line.
+///
+/// `kind` is `sampler`, `points` or `filter`; `name` is the entry's. Methods that took no part have none.
+///
+/// ```
+/// assert_eq!(dapple_registry::verdicts("sampler", "none of ours").count(), 0);
+/// ```
+pub fn verdicts<'a>(kind: &'a str, name: &'a str) -> impl Iterator<Item = (&'static str, &'static str)> + 'a {
+    let rows = TABLE.lines().filter_map(|line| {
+        let (of, rest) = line.split_once('\t')?;
+        let (description, result) = rest.split_once('\t')?;
+        Some((of, description, result))
+    });
+    let is_meant = move |of: &str, description: &str| of == kind && description.split([':', ' ']).next() == Some(name);
+    rows.filter(move |(of, description, _)| is_meant(of, description))
+        .map(|(_, description, result)| (description, result))
 }

@@ -24,7 +24,7 @@ pub(crate) fn find<'a, Make>(
         return Err(RegistryError::Unknown { kind, name: name.to_owned(), nearest, known });
     };
     let mut parameters = Parameters { of: entry.name, values: Vec::new() };
-    let given = parse_pairs(given, entry.parameters()).map_err(|e| parameters.refuse(e.to_string()))?;
+    let given = parse_pairs(given, entry.parameters()).map_err(|e| parameters.refuse(e))?;
     parameters.values.extend(given.into_iter().map(|(name, value)| (name, value.to_owned())));
     for parameter in entry.parameters() {
         if !parameters.values.iter().any(|v| v.0 == parameter.name) {
@@ -56,8 +56,13 @@ impl Parameters {
         })
     }
 
-    pub(crate) fn refuse(&self, what: String) -> RegistryError {
-        RegistryError::Parameter { of: self.of, what }
+    pub(crate) fn refuse(&self, what: impl ToString) -> RegistryError {
+        RegistryError::Parameter { of: self.of, what: what.to_string() }
+    }
+
+    /// What was made, or its error as that of the entry's parameters.
+    pub(crate) fn made<T>(&self, made: Result<T, impl ToString>) -> Result<T, RegistryError> {
+        made.map_err(|e| self.refuse(e))
     }
 
     /// The entry's name.
@@ -69,9 +74,9 @@ impl Parameters {
     pub(crate) fn options<T: Options>(&self) -> Result<T, RegistryError> {
         let mut options = T::default();
         for parameter in T::PARAMETERS {
-            options.set(parameter.name, self.value(parameter.name)).map_err(|e| self.refuse(e.to_string()))?;
+            self.made(options.set(parameter.name, self.value(parameter.name)))?;
         }
-        options.check_ranges().map_err(|e| self.refuse(e.to_string()))?;
+        self.made(options.check_ranges())?;
         Ok(options)
     }
 

@@ -15,125 +15,103 @@ pub type MakePoints = fn(&Parameters, Setting) -> Result<AnyPoints, RegistryErro
 
 /// All point sets of the registry.
 pub const POINTS: &[Entry<MakePoints>] = &[
-    Entry {
-        weakness: "errors of neighbouring pixels are independent, so noise has all frequencies; counts between powers of two are less even",
-        ..Entry::new(
-            "sobol",
-            "Owen-scrambled Sobol' pairs, any prefix is good (the default)",
-            "Sobol' 1967; directions: Joe and Kuo 2008; scrambling: Owen 1997, by hashing: Burley 2020",
-            &[],
-            |_, s| Ok(Box::new(Sobol::new(s.seed))),
-        )
-    },
-    Entry {
-        weakness: "the count must be known beforehand: fewer samples are as good as random ones, more begin a new net",
-        ..Entry::new(
-            "lowdiscrepancy",
-            "pbrt-v2's scrambled and shuffled (0,2) points, made for a given count",
-            "Kollig and Keller, Efficient Multidimensional Sampling, 2002, as in pbrt, version 2",
-            &[LowDiscrepancyOptions::PARAMETERS],
-            low_discrepancy,
-        )
-    },
-    Entry {
-        weakness: "points take 9.5 times as long as those of sobol; coordinates of large bases are uneven at few samples",
-        ..Entry::new(
-            "halton",
-            "scrambled Halton points",
-            "Halton, On the Efficiency of Certain Quasi-random Sequences of Points, 1960; scrambling: Owen 1997",
-            &[],
-            |_, s| Ok(Box::new(Halton::new(s.seed))),
-        )
-    },
-    Entry {
-        weakness: "the count must be known beforehand; error falls more slowly than that of nets",
-        ..Entry::new(
-            "stratified",
-            "jittered cells",
-            "none: one jittered sample per cell, as in textbooks",
-            &[StratifiedOptions::PARAMETERS],
-            stratified,
-        )
-    },
-    Entry {
-        weakness: "nothing keeps samples apart, so error falls slowest of all sets",
-        ..Entry::new(
-            "random",
-            "independent random numbers (PCG), the baseline",
-            "O'Neill, PCG: A Family of Simple Fast Space-Efficient Random Number Generators, 2014",
-            &[],
-            |_, s| Ok(Box::new(Random::new(s.seed))),
-        )
-    },
-    Entry {
-        weakness: "counts must be known beforehand; with adaptive counts, pixels do not share errors",
-        ..Entry::new(
-            "zsobol",
-            "one Sobol' sequence dealt to the pixels along a Morton curve",
-            "Ahmed and Wonka, Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of \
+    Entry::new(
+        "sobol",
+        "Owen-scrambled Sobol' pairs, any prefix is good (the default)",
+        "Sobol' 1967; directions: Joe and Kuo 2008; scrambling: Owen 1997, by hashing: Burley 2020",
+        "errors of neighbouring pixels are independent, so noise has all frequencies; counts between powers of two are less even",
+        &[],
+        |_, s| Ok(Box::new(Sobol::new(s.seed))),
+    ),
+    Entry::new(
+        "lowdiscrepancy",
+        "pbrt-v2's scrambled and shuffled (0,2) points, made for a given count",
+        "Kollig and Keller, Efficient Multidimensional Sampling, 2002, as in pbrt, version 2",
+        "the count must be known beforehand: fewer samples are as good as random ones, more begin a new net",
+        &[CountOptions::PARAMETERS],
+        |p, s| Ok(Box::new(p.made(LowDiscrepancy::new(s.seed, count(p, s)?))?)),
+    ),
+    Entry::new(
+        "halton",
+        "scrambled Halton points",
+        "Halton, On the Efficiency of Certain Quasi-random Sequences of Points, 1960; scrambling: Owen 1997",
+        "points take 9.5 times as long as those of sobol; coordinates of large bases are uneven at few samples",
+        &[],
+        |_, s| Ok(Box::new(Halton::new(s.seed))),
+    ),
+    Entry::new(
+        "stratified",
+        "jittered cells",
+        "none: one jittered sample per cell, as in textbooks",
+        "the count must be known beforehand; error falls more slowly than that of nets",
+        &[StratifiedOptions::PARAMETERS],
+        stratified,
+    ),
+    Entry::new(
+        "random",
+        "independent random numbers (PCG), the baseline",
+        "O'Neill, PCG: A Family of Simple Fast Space-Efficient Random Number Generators, 2014",
+        "nothing keeps samples apart, so error falls slowest of all sets",
+        &[],
+        |_, s| Ok(Box::new(Random::new(s.seed))),
+    ),
+    Entry::new(
+        "zsobol",
+        "one Sobol' sequence dealt to the pixels along a Morton curve",
+        "Ahmed and Wonka, Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of \
              Pixels, 2020, as in pbrt, version 4",
-            &[ZSobolOptions::PARAMETERS],
-            zsobol,
-        )
-    },
-    Entry {
-        weakness: "shifts break nets, so single pixels have more error than with sobol (not with keys=optimised); \
-                   nothing gained at many samples",
-        ..Entry::new(
-            "blue-noise",
-            "another set, shifted in each pixel so that errors are blue noise over the image",
-            "Georgiev and Fajardo, Blue-Noise Dithered Sampling, 2016; tile: Ulichney 1993; shifts: Cranley and Patterson 1976; \
+        "counts must be known beforehand; with adaptive counts, pixels do not share errors",
+        &[CountOptions::PARAMETERS],
+        |p, s| Ok(Box::new(p.made(ZSobol::new(s.seed, count(p, s)?))?)),
+    ),
+    Entry::new(
+        "blue-noise",
+        "another set, shifted in each pixel so that errors are blue noise over the image",
+        "Georgiev and Fajardo, Blue-Noise Dithered Sampling, 2016; tile: Ulichney 1993; shifts: Cranley and Patterson 1976; \
              optimised keys: after Heitz et al., A Low-Discrepancy Sampler that Distributes Monte Carlo Errors as a Blue Noise \
              in Screen Space, 2019",
-            &[&[INNER], BlueNoiseOptions::PARAMETERS],
-            blue_noise,
-        )
-    },
-    Entry {
-        weakness: "shifts break nets, so single pixels have more error than with sobol; sequences end at 1024 samples",
-        ..Entry::new(
-            "pmj02",
-            "progressive multi-jittered (0,2) points, with blue noise across pixels",
-            "Christensen et al., Progressive Multi-Jittered Sample Sequences, 2018, as in pbrt, version 4",
-            &[Pmj02Options::PARAMETERS],
-            pmj02,
-        )
-    },
-    Entry {
-        weakness: "aliases on edges along the lattice's directions; gains on periodic functions only",
-        ..Entry::new(
-            "lattice",
-            "extensible rank-1 lattices with random shifts",
-            "Korobov 1959; extensible: Hickernell et al. 2000; the multiplier is our own search's",
-            &[],
-            |_, s| Ok(Box::new(Lattice::new(s.seed))),
-        )
-    },
-    Entry {
-        weakness: "gains at one to a few samples per pixel, and for the position in the pixel only",
-        ..Entry::new(
-            "diffused",
-            "positions spread over pixels, everything else as sobol",
-            "after Mitchell, Generating Antialiased Images at Low Sampling Densities, 1987",
-            &[],
-            |_, s| Ok(Box::new(Diffused::new(s.seed))),
-        )
-    },
-    Entry {
-        weakness: "a finite pattern: nothing gained at many samples, where sobol wins",
-        ..Entry::new(
-            "mitchell-1991",
-            "positions, lens points and times chosen together over pixels",
-            "after Mitchell, Spectrally Optimal Sampling for Distribution Ray Tracing, 1991",
-            &[],
-            |_, s| Ok(Box::new(Mitchell1991::new(s.seed))),
-        )
-    },
+        "shifts break nets, so single pixels have more error than with sobol (not with keys=optimised); \
+                   nothing gained at many samples",
+        &[&[INNER], BlueNoiseOptions::PARAMETERS],
+        blue_noise,
+    ),
+    Entry::new(
+        "pmj02",
+        "progressive multi-jittered (0,2) points, with blue noise across pixels",
+        "Christensen et al., Progressive Multi-Jittered Sample Sequences, 2018, as in pbrt, version 4",
+        "shifts break nets, so single pixels have more error than with sobol; sequences end at 1024 samples",
+        &[Pmj02Options::PARAMETERS],
+        pmj02,
+    ),
+    Entry::new(
+        "lattice",
+        "extensible rank-1 lattices with random shifts",
+        "Korobov 1959; extensible: Hickernell et al. 2000; the multiplier is our own search's",
+        "aliases on edges along the lattice's directions; gains on periodic functions only",
+        &[],
+        |_, s| Ok(Box::new(Lattice::new(s.seed))),
+    ),
+    Entry::new(
+        "diffused",
+        "positions spread over pixels, everything else as sobol",
+        "after Mitchell, Generating Antialiased Images at Low Sampling Densities, 1987",
+        "gains at one to a few samples per pixel, and for the position in the pixel only",
+        &[],
+        |_, s| Ok(Box::new(Diffused::new(s.seed))),
+    ),
+    Entry::new(
+        "mitchell-1991",
+        "positions, lens points and times chosen together over pixels",
+        "after Mitchell, Spectrally Optimal Sampling for Distribution Ray Tracing, 1991",
+        "a finite pattern: nothing gained at many samples, where sobol wins",
+        &[],
+        |_, s| Ok(Box::new(Mitchell1991::new(s.seed))),
+    ),
 ];
 
 dapple_core::options! {
-    /// The parameters of `zsobol`.
-    struct ZSobolOptions {
+    /// The parameters of `lowdiscrepancy` and `zsobol`.
+    struct CountOptions {
         /// Samples per pixel, rounded up to a power of two; 0 takes the mean budget, else 16.
         pub count: u64 = 0;
     }
@@ -177,14 +155,6 @@ const INNER: Parameter =
     Parameter::new("of", "sobol", "The set that is shifted, without parameters or with one: stratified:strata=4.");
 
 dapple_core::options! {
-    /// The parameters of `lowdiscrepancy`.
-    struct LowDiscrepancyOptions {
-        /// Samples per pixel, rounded up to a power of two; 0 takes the mean budget, else 16.
-        pub count: u64 = 0;
-    }
-}
-
-dapple_core::options! {
     /// The parameters of `stratified`.
     struct StratifiedOptions {
         /// Cells along each axis; 0 takes the root of the mean budget, else 4.
@@ -193,19 +163,10 @@ dapple_core::options! {
 }
 
 /// The given count, or the mean budget for 0.
-fn count_of(given: u64, s: Setting) -> u32 {
+fn count(p: &Parameters, s: Setting) -> Result<u32, RegistryError> {
+    let given = p.options::<CountOptions>()?.count;
     let count = if given == 0 { s.spp.unwrap_or(16) } else { given };
-    u32::try_from(count.max(1)).unwrap_or(u32::MAX)
-}
-
-fn low_discrepancy(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
-    let made = LowDiscrepancy::new(s.seed, count_of(p.options::<LowDiscrepancyOptions>()?.count, s));
-    Ok(Box::new(made.map_err(|e| p.refuse(e.to_string()))?))
-}
-
-fn zsobol(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
-    let made = ZSobol::new(s.seed, count_of(p.options::<ZSobolOptions>()?.count, s));
-    Ok(Box::new(made.map_err(|e| p.refuse(e.to_string()))?))
+    Ok(u32::try_from(count.max(1)).unwrap_or(u32::MAX))
 }
 
 fn blue_noise(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
@@ -237,6 +198,5 @@ fn stratified(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
         0 => s.spp.map_or(4, |n| (n as f64).sqrt().ceil().clamp(1.0, 4096.0) as u32),
         strata => strata,
     };
-    let made = Stratified::new(s.seed, strata);
-    Ok(Box::new(made.map_err(|e| p.refuse(e.to_string()))?))
+    Ok(Box::new(p.made(Stratified::new(s.seed, strata))?))
 }

@@ -1,7 +1,5 @@
 //! The samplers.
 
-#[cfg(feature = "classics")]
-use crate::CLASSICS;
 use crate::{
     AnyPoints, CLUSTERING, ClusterInputs, ClusterProbes, Entry, Parameter, Parameters, RegistryError, clustering,
 };
@@ -47,253 +45,201 @@ impl<S: Sampler + 'static> From<S> for MadeSampler {
 
 /// All samplers of the registry.
 pub const SAMPLERS: &[Entry<MakeSampler>] = &[
-    Entry {
-        weakness: "light that the pilot misses gets few samples; gains no more than the unevenness of noise allows",
-        ..Entry::new(
-            "variance",
-            "pooled variance of a pilot, Neyman counts on a ladder",
-            "Dapple; counts in proportion to deviations: Neyman 1934",
-            &[VarianceOptions::PARAMETERS],
-            |p, points, _| Ok(Adaptive::variance_with_options(points, p.options()?)?.into()),
-        )
-    },
-    Entry {
-        weakness: "as many samples where there is no noise as where all of it is",
-        ..Entry::new("uniform", "the same count for every pixel", "none: the baseline", &[], |_, points, _| {
-            Ok(Uniform::new(points).into())
-        })
-    },
+    Entry::new(
+        "variance",
+        "pooled variance of a pilot, Neyman counts on a ladder",
+        "Dapple; counts in proportion to deviations: Neyman 1934",
+        "light that the pilot misses gets few samples; gains no more than the unevenness of noise allows",
+        &[VarianceOptions::PARAMETERS],
+        |p, points, _| Ok(Adaptive::variance_with_options(points, p.options()?)?.into()),
+    ),
+    Entry::new(
+        "uniform",
+        "the same count for every pixel",
+        "none: the baseline",
+        "as many samples where there is no noise as where all of it is",
+        &[],
+        |_, points, _| Ok(Uniform::new(points).into()),
+    ),
     Entry {
         aliases: &["cluster"],
-        weakness: "settings suit the default filter: without a filter, `variance` leaves less error",
         ..Entry::new(
             "adaptive",
             "counts by error: pooled variance of a pilot, or a filter's error map; cells at hit points (the default)",
             "Dapple (docs/results/adaptive.md); counts: Neyman 1934; error maps of filters: Rousselle et al. 2012",
+            "settings suit the default filter: without a filter, `variance` leaves less error",
             &[BY, AdaptiveOptions::PARAMETERS],
             adaptive,
         )
     },
-    Entry {
-        weakness: "contrast takes edges and textures for noise; two rates cannot follow how large noise is",
-        ..Entry::new(
-            "mitchell",
-            "contrast of a pilot, two rates (Mitchell 1987)",
-            "Mitchell, Generating Antialiased Images at Low Sampling Densities, SIGGRAPH 1987",
-            &[MitchellOptions::PARAMETERS],
-            |p, points, _| Ok(Mitchell::with_options(points, p.options()?)?.into()),
-        )
-    },
-    Entry {
-        weakness: "pixels that are refined lose their first samples; noise in four samples refines pixels at random",
-        ..Entry::new(
-            "mitchell-pbrt",
-            "pbrt-v2's variant: samples that deviate from the pixel's mean or hit different shapes, two rates",
-            "pbrt, version 2: src/samplers/adaptive.cpp, by Pharr and Humphreys, 2010",
-            &[MitchellPbrtOptions::PARAMETERS],
-            |p, points, _| Ok(MitchellPbrt::with_options(points, p.options()?)?.into()),
-        )
-    },
-    Entry {
-        weakness: "pixels whose two halves agree by chance stop for ever, which biases them",
-        ..Entry::new(
-            "cycles",
-            "the stopping rule of Blender's Cycles: pixels whose two halves differ go on",
-            "Blender's Cycles: kernel/film/adaptive_sampling.h",
-            &[CyclesOptions::PARAMETERS],
-            |p, points, _| Ok(Cycles::with_options(points, p.options()?)?.into()),
-        )
-    },
-    Entry {
-        weakness: "geometry alone makes the counts: textures, materials and caustics have no part; clusters and probes cost as much as \
+    Entry::new(
+        "mitchell",
+        "contrast of a pilot, two rates (Mitchell 1987)",
+        "Mitchell, Generating Antialiased Images at Low Sampling Densities, SIGGRAPH 1987",
+        "contrast takes edges and textures for noise; two rates cannot follow how large noise is",
+        &[MitchellOptions::PARAMETERS],
+        |p, points, _| Ok(Mitchell::with_options(points, p.options()?)?.into()),
+    ),
+    Entry::new(
+        "mitchell-pbrt",
+        "pbrt-v2's variant: samples that deviate from the pixel's mean or hit different shapes, two rates",
+        "pbrt, version 2: src/samplers/adaptive.cpp, by Pharr and Humphreys, 2010",
+        "pixels that are refined lose their first samples; noise in four samples refines pixels at random",
+        &[MitchellPbrtOptions::PARAMETERS],
+        |p, points, _| Ok(MitchellPbrt::with_options(points, p.options()?)?.into()),
+    ),
+    Entry::new(
+        "cycles",
+        "the stopping rule of Blender's Cycles: pixels whose two halves differ go on",
+        "Blender's Cycles: kernel/film/adaptive_sampling.h",
+        "pixels whose two halves agree by chance stop for ever, which biases them",
+        &[CyclesOptions::PARAMETERS],
+        |p, points, _| Ok(Cycles::with_options(points, p.options()?)?.into()),
+    ),
+    Entry::new(
+        "cluster-thesis",
+        "few samples where large clusters are seen, many where small ones are (Lan 2016), unbiased",
+        "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016 (docs/THESIS.md)",
+        "geometry alone makes the counts: textures, materials and caustics have no part; clusters and probes cost as much as \
                    tens of samples of a simple scene",
-        ..Entry::new(
-            "cluster-thesis",
-            "few samples where large clusters are seen, many where small ones are (Lan 2016), unbiased",
-            "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016 (docs/THESIS.md)",
-            &[PROBES, ClusterThesisOptions::PARAMETERS, A_PRIORI, CLUSTERING],
-            cluster_thesis,
-        )
-    },
+        &[PROBES, ClusterThesisOptions::PARAMETERS, A_PRIORI, CLUSTERING],
+        cluster_thesis,
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "counts suit Gaussians; filters that know features leave other errors",
-        ..Entry::new(
-            "gem",
-            "samples for the pixels with the largest error under a Gaussian of selected scale (Rousselle 2011)",
-            "Rousselle, Knaus and Zwicker, Adaptive Sampling and Reconstruction using Greedy Error Minimization, 2011",
-            &[GemOptions::PARAMETERS],
-            |p, points, _| Ok(Gem::with_options(points, p.options()?)?.into()),
-        )
-    },
+    Entry::classic(
+        "gem",
+        "samples for the pixels with the largest error under a Gaussian of selected scale (Rousselle 2011)",
+        "Rousselle, Knaus and Zwicker, Adaptive Sampling and Reconstruction using Greedy Error Minimization, 2011",
+        "counts suit Gaussians; filters that know features leave other errors",
+        &[GemOptions::PARAMETERS],
+        |p, points, _| Ok(Gem::with_options(points, p.options()?)?.into()),
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "the filter runs once per round, and costs as much time as many samples of a simple scene",
-        ..Entry::new(
-            "nlm-loop",
-            "counts by the difference of two halves after non-local means (Rousselle 2012)",
-            "Rousselle, Knaus and Zwicker, Adaptive Rendering with Non-Local Means Filtering, 2012",
-            &[NlmLoopOptions::PARAMETERS],
-            |p, points, _| Ok(NlmLoop::with_options(points, p.options()?)?.into()),
-        )
-    },
+    Entry::classic(
+        "nlm-loop",
+        "counts by the difference of two halves after non-local means (Rousselle 2012)",
+        "Rousselle, Knaus and Zwicker, Adaptive Rendering with Non-Local Means Filtering, 2012",
+        "the filter runs once per round, and costs as much time as many samples of a simple scene",
+        &[NlmLoopOptions::PARAMETERS],
+        |p, points, _| Ok(NlmLoop::with_options(points, p.options()?)?.into()),
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "counts suit wavelet shrinkage; filters that know features leave other errors",
-        ..Entry::new(
-            "awr",
-            "samples for blocks of pixels by the variance of their wavelets (after Overbeck 2009)",
-            "after Overbeck, Donner and Ramamoorthi, Adaptive Wavelet Rendering, 2009",
-            &[AwrOptions::PARAMETERS],
-            |p, points, _| Ok(Awr::with_options(points, p.options()?)?.into()),
-        )
-    },
+    Entry::classic(
+        "awr",
+        "samples for blocks of pixels by the variance of their wavelets (after Overbeck 2009)",
+        "after Overbeck, Donner and Ramamoorthi, Adaptive Wavelet Rendering, 2009",
+        "counts suit wavelet shrinkage; filters that know features leave other errors",
+        &[AwrOptions::PARAMETERS],
+        |p, points, _| Ok(Awr::with_options(points, p.options()?)?.into()),
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "few samples in busy texture and in the dark: loses by squared error; FLIP is its metric",
-        ..Entry::new(
-            "perceptual",
-            "samples where noise is visible: contrast sensitivity and masking (after Bolin and Meyer 1998)",
-            "after Bolin and Meyer, A Perceptually Based Adaptive Sampling Algorithm, SIGGRAPH 1998",
-            &[PerceptualOptions::PARAMETERS],
-            |p, points, _| Ok(Perceptual::with_options(points, p.options()?)?.into()),
-        )
-    },
-    Entry {
-        weakness: "a first stage that puts samples in the wrong place takes them from the second",
-        ..Entry::new(
-            "then",
-            "one sampler for the first samples, then another, which sees them as its pilot",
-            "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016, as future work (docs/THESIS.md)",
-            &[THEN],
-            then,
-        )
-    },
+    Entry::classic(
+        "perceptual",
+        "samples where noise is visible: contrast sensitivity and masking (after Bolin and Meyer 1998)",
+        "after Bolin and Meyer, A Perceptually Based Adaptive Sampling Algorithm, SIGGRAPH 1998",
+        "few samples in busy texture and in the dark: loses by squared error; FLIP is its metric",
+        &[PerceptualOptions::PARAMETERS],
+        |p, points, _| Ok(Perceptual::with_options(points, p.options()?)?.into()),
+    ),
+    Entry::new(
+        "then",
+        "one sampler for the first samples, then another, which sees them as its pilot",
+        "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016, as future work (docs/THESIS.md)",
+        "a first stage that puts samples in the wrong place takes them from the second",
+        &[THEN],
+        then,
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "pixels whose first samples agree stop for ever; variances are not pooled",
-        ..Entry::new(
-            "variance-threshold",
-            "samples until the confidence interval of the pixel's mean is narrow (after Kajiya 1986)",
-            "Kajiya, The Rendering Equation, SIGGRAPH 1986; interval and defaults: Mitsuba's adaptive integrator",
-            &[VarianceThresholdOptions::PARAMETERS],
-            |p, points, _| Ok(VarianceThreshold::with_options(points, p.options()?)?.into()),
-        )
-    },
+    Entry::classic(
+        "variance-threshold",
+        "samples until the confidence interval of the pixel's mean is narrow (after Kajiya 1986)",
+        "Kajiya, The Rendering Equation, SIGGRAPH 1986; interval and defaults: Mitsuba's adaptive integrator",
+        "pixels whose first samples agree stop for ever; variances are not pooled",
+        &[VarianceThresholdOptions::PARAMETERS],
+        |p, points, _| Ok(VarianceThreshold::with_options(points, p.options()?)?.into()),
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "noise of paths outside the domain looks like detail; a pilot of four samples per box misses what is small",
-        ..Entry::new(
-            "mdas",
-            "samples placed over image, lens, time and light where boxes of them differ; filter with mdas-boxes",
-            "Hachisuka et al., Multidimensional Adaptive Sampling and Reconstruction for Ray Tracing, 2008; boxes: Meister and Hachisuka 2022",
-            &[MdasOptions::PARAMETERS],
-            crate::coordinates::mdas,
-        )
-    },
+    Entry::classic(
+        "mdas",
+        "samples placed over image, lens, time and light where boxes of them differ; filter with mdas-boxes",
+        "Hachisuka et al., Multidimensional Adaptive Sampling and Reconstruction for Ray Tracing, 2008; boxes: Meister and Hachisuka 2022",
+        "noise of paths outside the domain looks like detail; a pilot of four samples per box misses what is small",
+        &[MdasOptions::PARAMETERS],
+        crate::classics::mdas,
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "knows no effect but the lens; shadows and noise of lights have no part in its counts",
-        ..Entry::new(
-            "fourier-dof",
-            "few pixels where the lens blurs, many samples where its light varies (after Soler 2009); filter with splat",
-            "after Soler et al., Fourier Depth of Field, 2009",
-            &[FourierDofOptions::PARAMETERS, LensBandwidthOptions::PARAMETERS],
-            crate::lens::fourier_dof,
-        )
-    },
+    Entry::classic(
+        "fourier-dof",
+        "few pixels where the lens blurs, many samples where its light varies (after Soler 2009); filter with splat",
+        "after Soler et al., Fourier Depth of Field, 2009",
+        "knows no effect but the lens; shadows and noise of lights have no part in its counts",
+        &[FourierDofOptions::PARAMETERS, LensBandwidthOptions::PARAMETERS],
+        crate::classics::fourier_dof,
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "noise looks like detail; counts suit cosines, and filters that know features leave other errors",
-        ..Entry::new(
-            "dct",
-            "samples where cosines fitted to blocks leave visible errors (after Bolin and Meyer 1995); filter with dct",
-            "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995",
-            &[DctOptions::PARAMETERS, CosineOptions::PARAMETERS],
-            crate::coordinates::dct,
-        )
-    },
+    Entry::classic(
+        "dct",
+        "samples where cosines fitted to blocks leave visible errors (after Bolin and Meyer 1995); filter with dct",
+        "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995",
+        "noise looks like detail; counts suit cosines, and filters that know features leave other errors",
+        &[DctOptions::PARAMETERS, CosineOptions::PARAMETERS],
+        crate::classics::dct,
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "the bonus moves counts towards uniform ones; variances are not pooled",
-        ..Entry::new(
-            "ucb",
-            "counts by an upper bound of each pixel's deviation (after Carpentier and Munos 2011)",
-            "Carpentier and Munos, Finite Time Analysis of Stratified Sampling for Monte Carlo, NIPS 2011",
-            &[UpperConfidenceOptions::PARAMETERS],
-            |p, points, _| Ok(UpperConfidence::with_options(points, p.options()?)?.into()),
-        )
-    },
+    Entry::classic(
+        "ucb",
+        "counts by an upper bound of each pixel's deviation (after Carpentier and Munos 2011)",
+        "Carpentier and Munos, Finite Time Analysis of Stratified Sampling for Monte Carlo, NIPS 2011",
+        "the bonus moves counts towards uniform ones; variances are not pooled",
+        &[UpperConfidenceOptions::PARAMETERS],
+        |p, points, _| Ok(UpperConfidence::with_options(points, p.options()?)?.into()),
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "misses what four samples miss; noise keeps all parts of a pixel alive",
-        ..Entry::new(
-            "subdivision",
-            "parts of pixels split where samples contrast (after Whitted 1980); filter with tree-mean",
-            "Whitted, An Improved Illumination Model for Shaded Display, 1980",
-            &[SubdivisionOptions::PARAMETERS],
-            crate::coordinates::placing::<SubdivisionOptions>,
-        )
-    },
+    Entry::classic(
+        "subdivision",
+        "parts of pixels split where samples contrast (after Whitted 1980); filter with tree-mean",
+        "Whitted, An Improved Illumination Model for Shaded Display, 1980",
+        "misses what four samples miss; noise keeps all parts of a pixel alive",
+        &[SubdivisionOptions::PARAMETERS],
+        crate::classics::placing::<SubdivisionOptions>,
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "rays are not time; the published gains come from later vertices of a path",
-        ..Entry::new(
-            "ears",
-            "counts by error per ray: the splitting factor at the camera (after Rath 2022)",
-            "Rath et al., EARS: Efficiency-Aware Russian Roulette and Splitting, 2022",
-            &[EarsOptions::PARAMETERS],
-            |p, points, _| Ok(Ears::with_options(points, p.options()?)?.into()),
-        )
-    },
+    Entry::classic(
+        "ears",
+        "counts by error per ray: the splitting factor at the camera (after Rath 2022)",
+        "Rath et al., EARS: Efficiency-Aware Russian Roulette and Splitting, 2022",
+        "rays are not time; the published gains come from later vertices of a path",
+        &[EarsOptions::PARAMETERS],
+        |p, points, _| Ok(Ears::with_options(points, p.options()?)?.into()),
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "assumes Gaussian noise: fireflies look exact; planning costs as much as filtering",
-        ..Entry::new(
-            "sure",
-            "samples where the best filter of a bank still errs, by Stein's estimate (Li 2012)",
-            "Li, Wu and Chuang, SURE-based Optimization for Adaptive Sampling and Reconstruction, 2012",
-            &[SureOptions::PARAMETERS],
-            |p, points, _| Ok(Sure::with_options(points, p.options()?)?.into()),
-        )
-    },
+    Entry::classic(
+        "sure",
+        "samples where the best filter of a bank still errs, by Stein's estimate (Li 2012)",
+        "Li, Wu and Chuang, SURE-based Optimization for Adaptive Sampling and Reconstruction, 2012",
+        "assumes Gaussian noise: fireflies look exact; planning costs as much as filtering",
+        &[SureOptions::PARAMETERS],
+        |p, points, _| Ok(Sure::with_options(points, p.options()?)?.into()),
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "scores of single pixels are as noisy as their variances, which `variance` pools",
-        ..Entry::new(
-            "divergence",
-            "counts by f-divergences or entropies of each pixel's samples (after Rigau 2003)",
-            "Rigau, Feixas and Sbert, Refinement Criteria Based on f-Divergences, and Entropy-based Adaptive Sampling, 2003; \
+    Entry::classic(
+        "divergence",
+        "counts by f-divergences or entropies of each pixel's samples (after Rigau 2003)",
+        "Rigau, Feixas and Sbert, Refinement Criteria Based on f-Divergences, and Entropy-based Adaptive Sampling, 2003; \
              fuzzy: Xu et al. 2008, not read; gh: Cui 2009, not read",
-            &[DivergenceOptions::PARAMETERS],
-            |p, points, _| Ok(Divergence::with_options(points, p.options()?)?.into()),
-        )
-    },
+        "scores of single pixels are as noisy as their variances, which `variance` pools",
+        &[DivergenceOptions::PARAMETERS],
+        |p, points, _| Ok(Divergence::with_options(points, p.options()?)?.into()),
+    ),
     #[cfg(feature = "classics")]
-    Entry {
-        feature: Some(CLASSICS),
-        weakness: "a well-distributed point set of known count beats it",
-        ..Entry::new(
-            "hierarchical",
-            "hierarchical integration of pixels (after Kajiya 1986); filter with tree-mean:tree=contrast",
-            "Kajiya, The Rendering Equation, 1986",
-            &[HierarchicalOptions::PARAMETERS],
-            crate::coordinates::placing::<HierarchicalOptions>,
-        )
-    },
+    Entry::classic(
+        "hierarchical",
+        "hierarchical integration of pixels (after Kajiya 1986); filter with tree-mean:tree=contrast",
+        "Kajiya, The Rendering Equation, 1986",
+        "a well-distributed point set of known count beats it",
+        &[HierarchicalOptions::PARAMETERS],
+        crate::classics::placing::<HierarchicalOptions>,
+    ),
 ];
 
 const THEN: &[Parameter] = &[
@@ -318,9 +264,9 @@ const A_PRIORI: &[Parameter] =
     &[Parameter::new("policy", "a-priori", "Counts are planned from geometry alone: unbiased.")];
 
 fn adaptive(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
-    let sampler = Adaptive::with_options(points, p.options()?).map_err(|e| p.refuse(e.to_string()))?;
+    let sampler = p.made(Adaptive::with_options(points, p.options()?))?;
     Ok(match error_map(p, inputs)? {
-        Some(map) => sampler.with_error_map(map).map_err(|e| p.refuse(e.to_string()))?.into(),
+        Some(map) => p.made(sampler.with_error_map(map))?.into(),
         None => sampler.into(),
     })
 }
@@ -331,7 +277,7 @@ fn then(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result
     let of = |key: &str| p.nested(key, |inner| crate::sampler(inner, Box::new(points.clone()), inputs));
     let spp = p.number("spp")?;
     let (first, second) = (of("first")?, of("second")?);
-    let sampler = Then::new(first.sampler, spp, second.sampler).map_err(|e| p.refuse(e.to_string()))?;
+    let sampler = p.made(Then::new(first.sampler, spp, second.sampler))?;
     // The last samples are the second sampler's.
     Ok(MadeSampler {
         sampler: Box::new(sampler),
@@ -344,9 +290,10 @@ fn then(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result
 /// The error map that a sampler uses besides the pooled variance: the error that a filter with default parameters
 /// predicts for its image. For the regression filter, the error after one pass. `None` without a filter.
 fn error_map(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Option<ErrorMap>, RegistryError> {
-    let by = ["nlm", "bilateral", "cluster-regression"].map(|name| (name, Some(name)));
-    let [nlm, bilateral, regression] = by;
-    let Some(name) = p.choice("by", &[("variance", None), nlm, bilateral, regression])? else { return Ok(None) };
+    let name = p.choice("by", &["variance", "nlm", "bilateral", "cluster-regression"].map(|name| (name, name)))?;
+    if name == "variance" {
+        return Ok(None);
+    }
     // The filter runs once per round. Its first pass shows where errors are, at half of the cost and without clusters.
     let filter: Box<dyn Filter> = if name == "cluster-regression" {
         Box::new(ClusterRegression::new().one_pass())
@@ -360,15 +307,6 @@ fn error_map(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Option<ErrorM
     Ok(Some(ErrorMap { name: name.to_owned(), needs, of: Box::new(of), bytes_per_pixel }))
 }
 
-/// A cluster's size as the sampler's parameters give it, before the clusters exist.
-#[derive(Clone, Copy)]
-enum Size {
-    Box,
-    Triangles,
-    Screen,
-    Hits,
-}
-
 fn cluster_thesis(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
     let placement = match p.value("probes") {
         "centre" => Placement::Centre,
@@ -379,29 +317,26 @@ fn cluster_thesis(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs)
     if !(1..=256).contains(&placement.per_pixel()) {
         return Err(p.refuse(format!("probes = \"{placement}\": 1 to 256 per pixel, or centre, are required")));
     }
-    let sizes = [("box", Size::Box), ("triangles", Size::Triangles), ("screen", Size::Screen), ("hits", Size::Hits)];
-    let size = p.choice("size", &sizes)?;
+    let size = p.choice("size", &["box", "triangles", "screen", "hits"].map(|size| (size, size)))?;
     let options: ClusterThesisOptions = p.options()?;
     p.choice("policy", &[("a-priori", ())])?;
     let params = clustering(p)?;
-    options.check().map_err(|e| p.refuse(e.to_string()))?;
+    p.made(options.check())?;
 
     let lacks = |what| RegistryError::NeedsWorld { of: p.of(), what };
     let probes = inputs.probes(&params).map_err(|e| e.of(p.of()))?.ok_or(lacks("clusters and first-hit probes"))?;
     let size = match size {
-        Size::Box => ClusterSize::ProjectedBox,
-        Size::Hits => ClusterSize::Hits,
-        Size::Screen => {
-            ClusterSize::ScreenBox(inputs.world_to_clip().ok_or(lacks("the camera's matrix (size=screen)"))?)
-        }
-        Size::Triangles => {
-            let vectors = inputs.area_vectors(&probes).map_err(|e| p.refuse(e.to_string()))?;
+        "box" => ClusterSize::ProjectedBox,
+        "hits" => ClusterSize::Hits,
+        "screen" => ClusterSize::ScreenBox(inputs.world_to_clip().ok_or(lacks("the camera's matrix (size=screen)"))?),
+        _ => {
+            let vectors = p.made(inputs.area_vectors(&probes))?;
             ClusterSize::ProjectedTriangles(vectors.ok_or(lacks("the scene's triangles (size=triangles)"))?)
         }
     };
     let ClusterProbes { labels, clusters, shoot } = probes;
     let source = ProbeSource { labels, clusters, shoot, placement, described: p.described(CLUSTERING) };
-    let sampler = ClusterThesis::probing(points, source, size, options).map_err(|e| p.refuse(e.to_string()))?;
+    let sampler = p.made(ClusterThesis::probing(points, source, size, options))?;
     let sampler = match options.lights {
         0 => sampler,
         _ => {

@@ -46,14 +46,14 @@ impl View {
     /// The description of a render of this view, with the default sampler, point set and filter.
     pub(crate) fn spec(&self) -> RenderSpec {
         let [w, h] = self.resolution;
-        RenderSpec::new(self.source.clone())
-            .resolution(w, h)
-            .crop(CropSpec::Whole)
-            .pixel_filter(PixelFilterSpec::Box)
-            .max_depth(self.max_depth)
-            .allow_unsupported(self.allow_unsupported)
-            .light_selection(self.lights)
-            .integrator(self.integrator.clone())
+        RenderSpec {
+            crop: CropSpec::Whole,
+            pixel_filter: PixelFilterSpec::Box,
+            max_depth: self.max_depth,
+            allow_unsupported: self.allow_unsupported,
+            light_selection: Some(self.lights),
+            ..RenderSpec::new(self.source.clone()).resolution(w, h).integrator(self.integrator.clone())
+        }
     }
 
     /// The number of pixels of the scene's images.
@@ -99,16 +99,16 @@ impl Subject {
     /// [`StudyError::Load`], which lists every problem of the scene's files, also for a scene that does not fit into memory.
     pub(crate) fn load(view: &View) -> Result<Self, StudyError> {
         let limit = MemoryLimit::of_machine();
-        let loaded = LoadedScene::read(&view.spec(), &LoadOptions::default().with_limit(limit))?;
-        loaded.memory().check(limit)?;
+        let loaded = LoadedScene::read(&view.spec(), &LoadOptions { limit, ..LoadOptions::default() })?;
+        loaded.memory.check(limit)?;
         let prepared = loaded.build()?;
-        let content = prepared.digest().cloned().unwrap_or_default();
-        Ok(Self { view: view.clone(), scene: prepared.scene().clone(), content, prepared })
+        let content = prepared.loaded.digest.clone().unwrap_or_default();
+        Ok(Self { view: view.clone(), scene: prepared.loaded.scene.clone(), content, prepared })
     }
 
     /// The warnings of reading the scene, one line each; bundled scenes have none.
     pub(crate) fn notices(&self) -> Vec<String> {
-        let notices = self.prepared.warnings().iter().filter(|warning| matches!(warning, Warning::Notice(_)));
+        let notices = self.prepared.loaded.warnings.iter().filter(|warning| matches!(warning, Warning::Notice(_)));
         notices.map(Warning::to_string).collect()
     }
 
@@ -121,7 +121,7 @@ impl Subject {
         };
         let [(x0, x1), (y0, y1)] = self.view.resolution.map(middle);
         let spec = self.view.spec().sampler("uniform").points("random").filter("none").seed(1);
-        let spec = spec.budget(BudgetSpec::Spp(CANARY_SPP)).crop(CropSpec::Window([x0, y0, x1, y1]));
+        let spec = RenderSpec { crop: CropSpec::Window([x0, y0, x1, y1]), ..spec.budget(BudgetSpec::Spp(CANARY_SPP)) };
         let image = self.prepared.job(&spec).and_then(|mut job| job.render());
         let film = image.map_err(|e| StudyError::Scene(format!("{}: {e}", self.view.name)))?.film;
         let mut digest = ContentHash::new();

@@ -1,9 +1,10 @@
-//! The files of a job for each system.
+//! The files of a job for each system, from templates, and the folder that gets them.
 
-use super::Job;
-use super::files::{Files, quoted};
+use super::{Job, filled};
 use crate::{Failure, Result};
-use serde_json::{Value, json};
+use dapple_scene::image::write_file;
+use serde_json::{Map, Value, json};
+use std::path::{Path, PathBuf};
 
 /// Scripts for Slurm: an array of parts, then a task that depends on all of it and submits the next stage [Slurm `sbatch`:
 /// `--array`, `--dependency=afterok`, `--parsable`, `--requeue`].
@@ -16,170 +17,163 @@ pub(super) fn slurm(job: &Job<'_>, files: &mut Files) -> Result<String> {
     Ok(format!("sh {}/submit.sh", quoted(&job.folder)))
 }
 
+/// A task of a job that states its stages: what it does, the number of its stage, and the arguments of stage.sh.
+type Task = (&'static str, String, String);
+
+/// The tasks in their order. Those that render are one for each part, whose number is `part`.
+fn tasks(job: &Job<'_>, part: &str) -> Result<Vec<Task>> {
+    let stage = |stage: u32| {
+        let [render, plan] = [format!("render {part} {stage}"), format!("plan {stage}")];
+        [("render", stage.to_string(), render), ("plan", stage.to_string(), plan)]
+    };
+    let mut tasks = vec![("start", String::new(), "current".to_owned())];
+    tasks.extend((0..job.stages()?).flat_map(stage));
+    tasks.push(("merge", String::new(), "merge".into()));
+    Ok(tasks)
+}
+
 /// A job template of Open Job Description, version 2023-09, as JSON.
 pub(super) fn openjd(job: &Job<'_>, files: &mut Files) -> Result<String> {
-    let stage = "{{Param.Folder}}/stage.sh";
-    let step = |name: &str, after: Option<&str>, args: &[&str]| -> Value {
+    let name = |(what, stage, _): &Task| format!("{}{}{stage}", what[..1].to_uppercase(), &what[1..]);
+    let (mut steps, mut before) = (Vec::new(), None);
+    for task in tasks(job, "{{Task.Param.Part}}")? {
+        let args: Vec<&str> = ["{{Param.Folder}}/stage.sh"].into_iter().chain(task.2.split(' ')).collect();
         let mut step = json!({
-            "name": name,
+            "name": name(&task),
             "script": { "actions": { "onRun": { "command": "sh", "args": args } } },
         });
-        if args.contains(&PART) {
+        if task.0 == "render" {
             let range = format!("1-{}", job.options.parts);
             step["parameterSpace"] =
                 json!({ "taskParameterDefinitions": [{ "name": "Part", "type": "INT", "range": range }] });
         }
-        if let Some(after) = after {
-            step["dependencies"] = json!([{ "dependsOn": after }]);
+        if let Some(before) = before.replace(name(&task)) {
+            step["dependencies"] = json!([{ "dependsOn": before }]);
         }
-        step
-    };
-    let mut steps = vec![step("Start", None, &[stage, "current"])];
-    let mut before = "Start".to_owned();
-    for number in 0..job.stages()? {
-        let (render, plan) = (format!("Render{number}"), format!("Plan{number}"));
-        let number = number.to_string();
-        steps.push(step(&render, Some(&before), &[stage, "render", PART, &number]));
-        steps.push(step(&plan, Some(&render), &[stage, "plan", &number]));
-        before = plan;
+        steps.push(step);
     }
-    steps.push(step("Merge", Some(&before), &[stage, "merge"]));
-    let template = json!({
-        "specificationVersion": "jobtemplate-2023-09",
-        "name": job.plain_name(),
-        "description": format!("A render in {} parts, and the image of all, written by dapple farm.", job.options.parts),
-        "parameterDefinitions": [{
-            "name": "Folder",
-            "type": "PATH",
-            "objectType": "DIRECTORY",
-            "dataFlow": "INOUT",
-            // Relative to the template's folder: absolute defaults are not allowed.
-            "default": ".",
-            "description": "The job's folder, with stage.sh and render.json, at the same path on all machines.",
-        }],
-        "steps": steps,
-    });
+    let mut template: Value =
+        serde_json::from_str(&job.filled(include_str!("job.template.json"))).map_err(Failure::new)?;
+    template["steps"] = steps.into();
     files.add("job.template.json", &serde_json::to_string_pretty(&template).map_err(Failure::new)?)?;
     Ok(format!("openjd check {0}/job.template.json, and submit it to your farm", job.folder))
 }
 
-/// The number of a part, in the arguments of a step with a task per part.
-const PART: &str = "{{Task.Param.Part}}";
-
 /// A job specification of OpenCue, after its document type `cjsl-1.12`.
 pub(super) fn opencue(job: &Job<'_>, files: &mut Files) -> Result<String> {
-    let name = job.plain_name().replace('-', "_");
-    let parts = format!("1-{}", job.options.parts);
-    // Layers in their order, each with its frames and the arguments of stage.sh.
-    let mut layers: Vec<(String, &str, String)> = vec![("start".to_owned(), "1-1", "current".to_owned())];
-    for number in 0..job.stages()? {
-        layers.push((format!("render_{number}"), &*parts, format!("render #IFRAME# {number}")));
-        layers.push((format!("plan_{number}"), "1-1", format!("plan {number}")));
-    }
-    layers.push(("merge".into(), "1-1", "merge".into()));
-    let described: String =
-        layers.iter().map(|(layer, range, arguments)| layer_of(job, layer, range, arguments)).collect();
-    let depends: String = layers.windows(2).map(|pair| depend(&name, &pair[1].0, &pair[0].0)).collect();
-    let (show, retries) = (&job.options.show, job.options.tries - 1);
-    let text = format!(
-        r#"<?xml version="1.0"?>
-<!DOCTYPE spec PUBLIC "SPI Cue Specification Language" "http://localhost:8080/spcue/dtd/cjsl-1.12.dtd">
-<spec>
-  <facility>local</facility>
-  <show>{show}</show>
-  <shot>render</shot>
-  <user>dapple</user>
-  <job name="{name}">
-    <paused>False</paused>
-    <maxretries>{retries}</maxretries>
-    <autoeat>False</autoeat>
-    <layers>
-{described}    </layers>
-  </job>
-  <depends>
-{depends}  </depends>
-</spec>
-"#
-    );
-    files.add("job.xml", &text)?;
+    let (name, parts) = (job.plain_name().replace('-', "_"), format!("1-{}", job.options.parts));
+    let tasks = tasks(job, "#IFRAME#")?;
+    let layer = |(what, stage, _): &Task| if stage.is_empty() { (*what).into() } else { format!("{what}_{stage}") };
+    let cores = if job.threads > 0 { format!("\n        <cores>{}</cores>", job.threads) } else { String::new() };
+    let gibibytes = |bytes: u64| format!("\n        <memory>{}g</memory>", bytes.div_ceil(1 << 30));
+    let limits = cores + &job.memory.map_or_else(String::new, gibibytes);
+    let described = |task: &Task| {
+        let (kind, range) = if task.0 == "render" { ("Render", &*parts) } else { ("Util", "1-1") };
+        let command = format!("sh {}/stage.sh {}", quoted(&job.folder), task.2);
+        let command = command.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+        let values: [(&str, &str); 5] =
+            [("LAYER", &layer(task)), ("TYPE", kind), ("COMMAND", &command), ("RANGE", range), ("LIMITS", &limits)];
+        filled(include_str!("layer.xml"), &values)
+    };
+    let depend = |pair: &[Task]| {
+        let values: [(&str, &str); 3] = [("JOB", &name), ("LAYER", &layer(&pair[1])), ("ON", &layer(&pair[0]))];
+        filled(include_str!("depend.xml"), &values)
+    };
+    let layers: String = tasks.iter().map(described).collect();
+    let depends: String = tasks.windows(2).map(depend).collect();
+    let text = filled(include_str!("job.xml"), &[("JOB", &name), ("LAYERS", &layers), ("DEPENDS", &depends)]);
+    files.add("job.xml", &job.filled(&text))?;
     Ok(format!("opencue.api.launchSpecAndWait(open('{}/job.xml').read()) in Python", job.folder))
 }
 
-fn layer_of(job: &Job<'_>, name: &str, range: &str, arguments: &str) -> String {
-    let kind = if name.starts_with("render") { "Render" } else { "Util" };
-    let command = escaped(&format!("sh {}/stage.sh {arguments}", quoted(&job.folder)));
-    let cores = if job.threads > 0 { format!("\n        <cores>{}</cores>", job.threads) } else { String::new() };
-    let gibibytes = |bytes: u64| format!("\n        <memory>{}g</memory>", bytes.div_ceil(1 << 30));
-    let memory = job.memory.map_or_else(String::new, gibibytes);
-    format!(
-        r#"      <layer name="{name}" type="{kind}">
-        <cmd>{command}</cmd>
-        <range>{range}</range>
-        <chunk>1</chunk>{cores}{memory}
-        <services><service>shell</service></services>
-      </layer>
-"#
-    )
-}
-
-/// The dependency of a layer on all frames of another.
-fn depend(job: &str, layer: &str, on: &str) -> String {
-    format!(
-        r#"    <depend type="LAYER_ON_LAYER">
-      <depjob>{job}</depjob>
-      <deplayer>{layer}</deplayer>
-      <onjob>{job}</onjob>
-      <onlayer>{on}</onlayer>
-    </depend>
-"#
-    )
-}
-
-/// Text between the tags of XML.
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
-}
-
-/// Jobs of Kubernetes as JSON: an Indexed Job of all parts, whose pod of part 1 plans and merges.
+/// An Indexed Job of Kubernetes for all parts, whose pod of part 1 plans and merges, as JSON. Jobs have no dependencies: all
+/// pods run at once and wait for each other's files.
 pub(super) fn kubernetes(job: &Job<'_>, files: &mut Files) -> Result<String> {
-    let (name, parts, tries) = (job.plain_name(), job.options.parts, job.options.tries);
-    let pod = |arguments: &str| {
-        let command = format!("exec sh \"$FOLDER/stage.sh\" {arguments}");
-        let mut requests = serde_json::Map::new();
-        if job.threads > 0 {
-            requests.insert("cpu".into(), job.threads.to_string().into());
-        }
-        if let Some(bytes) = job.memory {
-            requests.insert("memory".into(), bytes.to_string().into());
-        }
-        json!({
-            "spec": {
-                "restartPolicy": "Never",
-                "containers": [{
-                    "name": "dapple",
-                    "image": job.options.container,
-                    "command": ["sh", "-c", command],
-                    "env": [{ "name": "FOLDER", "value": job.folder }],
-                    "resources": { "requests": requests },
-                    "volumeMounts": [{ "name": "job", "mountPath": job.folder }],
-                }],
-                "volumes": [{ "name": "job", "persistentVolumeClaim": { "claimName": job.options.claim } }],
-            },
-        })
-    };
-    let item = |what: &str, spec: Value| json!({ "apiVersion": "batch/v1", "kind": "Job", "metadata": { "name": format!("{name}-{what}") }, "spec": spec });
-    let indexed = |verb: &str| {
-        json!({
-            "completionMode": "Indexed",
-            "completions": parts,
-            "parallelism": parts,
-            "backoffLimitPerIndex": tries - 1,
-            "template": pod(&format!("{verb} \"$((JOB_COMPLETION_INDEX + 1))\"")),
-        })
-    };
-    // Jobs have no dependencies: all pods run at once and wait for each other's files.
-    let items = [item("render", indexed("work"))];
-    let list = json!({ "apiVersion": "v1", "kind": "List", "items": items });
+    let mut requests = Map::new();
+    if job.threads > 0 {
+        requests.insert("cpu".into(), job.threads.to_string().into());
+    }
+    requests.extend(job.memory.map(|bytes| ("memory".into(), bytes.to_string().into())));
+    let quoted = |text: &str| Value::from(text).to_string();
+    let (options, requests) = (job.options, Value::from(requests).to_string());
+    let values = [quoted(&options.container), quoted(&options.claim), quoted(&job.folder), requests];
+    let values = ["CONTAINER", "CLAIM", "PATH", "REQUESTS"].into_iter().zip(values.each_ref().map(String::as_str));
+    let text = filled(&job.filled(include_str!("job.json")), &values.collect::<Vec<_>>());
+    let list: Value = serde_json::from_str(&text).map_err(Failure::new)?;
     files.add("job.json", &serde_json::to_string_pretty(&list).map_err(Failure::new)?)?;
     Ok(format!("kubectl apply -f {}/job.json", job.folder))
+}
+
+/// The files of a job, to be written together once all are made.
+pub(super) struct Files {
+    folder: PathBuf,
+    all: Vec<(PathBuf, String, bool)>,
+}
+
+impl Files {
+    /// Files for this folder, which is created.
+    pub(super) fn new(folder: &Path) -> Result<Self> {
+        let make = |folder: &Path| {
+            std::fs::create_dir_all(folder)
+                .map_err(|e| Failure::new(format!("{}: cannot make the folder: {e}", folder.display())))
+        };
+        make(folder)?;
+        make(&folder.join("log"))?;
+        Ok(Self { folder: folder.to_owned(), all: Vec::new() })
+    }
+
+    /// Adds a file. The description of the render must be that of the job that is there already.
+    pub(super) fn add(&mut self, name: &str, text: &str) -> Result<()> {
+        let path = self.folder.join(name);
+        if name == DESCRIPTION
+            && let Ok(there) = std::fs::read_to_string(&path)
+            && there.trim() != text.trim()
+        {
+            let folder = self.folder.display();
+            return Err(Failure::new(format!(
+                "{folder} holds a job of another render, whose finished parts would be taken; choose another --output"
+            )));
+        }
+        self.all.push((path, text.trim_end().to_owned() + "\n", false));
+        Ok(())
+    }
+
+    /// Adds a shell script.
+    pub(super) fn add_script(&mut self, name: &str, text: &str) -> Result<()> {
+        self.add(name, text)?;
+        if let Some((_, _, script)) = self.all.last_mut() {
+            *script = true;
+        }
+        Ok(())
+    }
+
+    /// Writes all files.
+    pub(super) fn finish(self) -> Result<()> {
+        for (path, text, script) in self.all {
+            write_file(&path, text.as_bytes()).map_err(Failure::new)?;
+            if script {
+                make_executable(&path).map_err(|e| Failure::new(format!("{}: {e}", path.display())))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The file with the description of the render.
+pub(super) const DESCRIPTION: &str = "render.json";
+
+#[cfg(unix)]
+fn make_executable(path: &Path) -> std::io::Result<()> {
+    use std::os::unix::fs::PermissionsExt as _;
+    std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o755))
+}
+
+#[cfg(not(unix))]
+fn make_executable(_: &Path) -> std::io::Result<()> {
+    Ok(())
+}
+
+/// Text as one argument of a shell.
+pub(super) fn quoted(text: &str) -> String {
+    format!("'{}'", text.replace('\'', r"'\''"))
 }

@@ -1,12 +1,12 @@
 //! The arguments of `dapple render`.
 
-use super::live::{Address, LiveOptions};
+use super::live::Address;
 use super::values::{
-    EachLayer, ImageSize, above_zero, crop, filter, has_extension, integrator, layer, light_selection, output, points,
-    preview, sampler, seconds, size, size_of_image, stops,
+    EachLayer, ImageSize, above_zero, crop, error_of, filter, has_extension, integrator, layer, light_selection,
+    output, pixel_filter, points, preview, sampler, seconds, size, size_of_image, stops,
 };
 use crate::{Failure, Result, failure};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, ErrorOf, PixelFilterSpec, RenderSpec, Shard, read_text};
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::Format;
@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 /// cabin, many-lights, caustic, chess, zone-plate, penumbra. All settings are checked, and all outputs tested to be writable,
 /// before rendering begins.
 #[derive(Args)]
-#[command(after_help = AFTER)]
+#[command(after_help = include_str!("../help/render.txt").trim_end())]
 pub(crate) struct RenderArgs {
     /// A pbrt file, a model (.gltf, .glb, .obj, .ply, .stl), or a bundled scene
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
@@ -59,8 +59,8 @@ pub(crate) struct RenderArgs {
     pub(crate) integrator: String,
 
     /// Pixel filter (pbrt's PixelFilter): that of the scene file, or a box one pixel wide
-    #[arg(long, value_name = "SHAPE", default_value = "scene", help_heading = "Method")]
-    pub(crate) pixel_filter: PixelShape,
+    #[arg(long, value_name = "SHAPE", default_value = "scene", help_heading = "Method", value_parser = pixel_filter())]
+    pub(crate) pixel_filter: PixelFilterSpec,
 
     /// Seed of all random numbers; except with --time, the same seed gives the same image on any number of threads
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Method")]
@@ -81,7 +81,8 @@ pub(crate) struct RenderArgs {
     /// Image that --error concerns; a filter without an estimate of its own error (oidn, both) leaves it with the
     /// unfiltered image
     #[arg(long, value_name = "IMAGE", default_value = "filtered", requires = "error", help_heading = "Bounds")]
-    pub(crate) error_of: ErrorImage,
+    #[arg(value_parser = error_of())]
+    pub(crate) error_of: ErrorOf,
 
     /// Render for about this many seconds, filter included; reading the scene and writing files take extra time
     ///
@@ -261,61 +262,13 @@ pub(crate) fn described_in(path: &Path) -> Result<RenderSpec> {
 /// The largest size in bytes of a file for `--spec`.
 const LONGEST_SPEC: u64 = 1 << 20;
 
-const AFTER: &str = "\
-Examples:
-  dapple render
-  dapple render scene.pbrt -o scene.exr -o scene.png --spp 128
-  dapple render scene.pbrt -o scene.exr --time 30 --maps maps
-  dapple render scene.pbrt -o scene.exr --preview so-far.png --view tev
-  dapple render model.obj -o model.png
-  dapple render terrain -o terrain.pfm --sampler variance:policy=cross --points random --seed 7
-  dapple render cornell -o cornell.png --sampler uniform --spp 16 --resolution 128x128
-  dapple render scene.pbrt -o scene.exr --spp 4096 --checkpoint c --resume c     again and again, until it is done
-  dapple render scene.pbrt --sampler uniform --spp 256 --shard 3/8 -o 3.part     one of eight machines (dapple merge)
-
-Ctrl-C stops, and writes the image so far and the checkpoint, if any; a second one leaves at once.";
-
-impl From<PixelShape> for PixelFilterSpec {
-    fn from(shape: PixelShape) -> Self {
-        match shape {
-            PixelShape::Scene => Self::Scene,
-            PixelShape::Box => Self::Box,
-        }
-    }
-}
-
-/// The choice of the pixel filter.
-/// The image that `--error` concerns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ErrorImage {
-    /// The filtered image
-    Filtered,
-    /// The image before the filter
-    Unfiltered,
-}
-
-impl From<ErrorImage> for ErrorOf {
-    fn from(image: ErrorImage) -> Self {
-        match image {
-            ErrorImage::Filtered => Self::Filtered,
-            ErrorImage::Unfiltered => Self::Unfiltered,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum PixelShape {
-    /// The pixel filter in the scene file
-    Scene,
-    /// A box one pixel wide
-    Box,
-}
-
 impl RenderArgs {
     /// Makes the description of the render, from `--spec` or from the other options.
     pub(crate) fn spec(&self) -> Result<RenderSpec> {
         let spec = match &self.spec {
-            Some(path) if self.shard.is_some() && self.from.is_none() => described_in(path)?.shard(self.shard),
+            Some(path) if self.shard.is_some() && self.from.is_none() => {
+                RenderSpec { shard: self.shard, ..described_in(path)? }
+            }
             Some(path) => described_in(path)?,
             None => self.described(),
         };
@@ -332,50 +285,44 @@ impl RenderArgs {
             (_, _, Some(seconds)) => BudgetSpec::Seconds(seconds),
             (spp, None, None) => spp.map_or(BudgetSpec::Scene, BudgetSpec::Spp),
         };
-        let mut spec = RenderSpec::new(self.scene.to_string_lossy())
-            .sampler(&self.sampler)
-            .points(&self.points)
-            .filter(&self.filter)
-            .integrator(&self.integrator)
-            .budget(budget)
-            .error_of(self.error_of.into())
-            .bounds(self.min_spp, self.max_spp)
-            .crop(self.crop.map_or(CropSpec::Scene, CropSpec::Window))
-            .seed(self.seed)
-            .max_depth(self.max_depth)
-            .pixel_filter(self.pixel_filter.into())
-            .without(self.without.iter().copied())
-            .allow_unsupported(self.allow_unsupported)
-            .shard(self.shard);
-        match self.resolution {
-            Some(ImageSize::Pixels(resolution)) => spec.resolution = Some(resolution),
-            Some(ImageSize::Scale(scale)) => spec.scale = Some(scale),
-            None => {}
+        let (resolution, scale) = match self.resolution {
+            Some(ImageSize::Pixels(resolution)) => (Some(resolution), None),
+            Some(ImageSize::Scale(scale)) => (None, Some(scale)),
+            None => (None, None),
+        };
+        RenderSpec {
+            sampler: self.sampler.clone(),
+            points: self.points.clone(),
+            filter: self.filter.clone(),
+            integrator: self.integrator.clone(),
+            light_selection: self.light_selection,
+            budget,
+            error_of: self.error_of,
+            min_spp: self.min_spp,
+            max_spp: self.max_spp,
+            resolution,
+            scale,
+            crop: self.crop.map_or(CropSpec::Scene, CropSpec::Window),
+            seed: self.seed,
+            max_depth: self.max_depth,
+            pixel_filter: self.pixel_filter,
+            without: self.without.clone(),
+            allow_unsupported: self.allow_unsupported,
+            shard: self.shard,
+            ..RenderSpec::new(self.scene.to_string_lossy())
         }
-        spec.light_selection = self.light_selection;
-        spec
     }
 
-    /// The options of the live image.
-    pub(crate) fn live(&self) -> LiveOptions<'_> {
-        LiveOptions {
-            preview: self.preview.as_deref(),
-            view: self.view.as_ref(),
-            every: self.preview_every,
-            exposure: self.exposure,
-        }
+    /// Returns `true` if a live image is shown anywhere.
+    pub(crate) fn is_live(&self) -> bool {
+        self.preview.is_some() || self.view.is_some()
     }
 
     /// The options for the checkpoint files to write and to resume from.
     pub(crate) fn checkpoints(&self) -> CheckpointOptions {
-        let mut options = CheckpointOptions::default();
-        options.keep.clone_from(&self.checkpoint);
-        options.resume.clone_from(&self.resume);
-        options.every = self.checkpoint_every;
-        options
+        CheckpointOptions { keep: self.checkpoint.clone(), resume: self.resume.clone(), every: self.checkpoint_every }
     }
 
-    /// Checks the options that are not part of the description: checkpoints, shards and outputs.
     /// Checks the outputs of a part.
     pub(crate) fn check_part(&self) -> std::result::Result<(), String> {
         let is_part = |path: &PathBuf| has_extension(path, "part") || has_extension(path, "shard");
@@ -385,11 +332,12 @@ impl RenderArgs {
         Ok(())
     }
 
+    /// Checks the options that are not part of the description: checkpoints and outputs.
     fn check(&self) -> std::result::Result<(), String> {
         if self.checkpoint_every.is_some() && self.checkpoint.is_none() && self.resume.is_none() {
             return Err("--checkpoint-every needs --checkpoint FILE or --resume FILE".into());
         }
-        if self.preview_every.is_some() && self.preview.is_none() && self.view.is_none() {
+        if self.preview_every.is_some() && !self.is_live() {
             return Err("--preview-every needs --preview FILE.png or --view tev".into());
         }
         let are = |extension| self.outputs.iter().filter(|path| has_extension(path, extension)).count();

@@ -25,7 +25,7 @@ pub(super) fn check(args: &RenderArgs, loaded: &LoadedScene, files: &OutputFiles
     written.extend(args.preview.as_deref().map(|path| ("--preview", path)));
     written.extend(args.checkpoint.as_deref().map(|path| ("--checkpoint", path)));
     let spec = args.spec.as_deref().map(|path| ("--spec", path));
-    check_inputs_and(loaded, spec, written.iter().copied())?;
+    check_inputs(loaded, spec, written.iter().copied())?;
     // A checkpoint may be resumed from and written to under one name. A file that is no checkpoint is never written to.
     let resumed = args.resume.as_deref().filter(|path| args.checkpoint.as_deref() != Some(path));
     written.extend(resumed.map(|path| ("--resume", path)));
@@ -52,21 +52,17 @@ fn is_resumption(first: &str, second: &str) -> bool {
     [first, second] == ["--checkpoint", "--resume"]
 }
 
-/// Checks that no file to write is one that the scene reads.
+/// Checks that no file to write is one that the scene or `other` reads.
 ///
 /// # Errors
 ///
 /// A failure with a line for each file that would be lost.
-pub(super) fn check_inputs<'a>(loaded: &LoadedScene, written: impl Iterator<Item = Named<'a>>) -> Result<()> {
-    check_inputs_and(loaded, None, written)
-}
-
-fn check_inputs_and<'a>(
+pub(super) fn check_inputs<'a>(
     loaded: &LoadedScene,
     other: Option<Named<'a>>,
     written: impl Iterator<Item = Named<'a>>,
 ) -> Result<()> {
-    let scene = loaded.files().iter().map(|path| ("the scene", path.as_path()));
+    let scene = loaded.files.iter().map(|path| ("the scene", path.as_path()));
     let inputs: Vec<_> = scene.chain(other).map(|(who, path)| (who, path, FileIdentity::of(path))).collect();
     let mut wrong = Vec::new();
     for (option, path) in written {

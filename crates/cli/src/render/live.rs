@@ -4,6 +4,7 @@ mod tev;
 
 pub(crate) use tev::Address;
 
+use super::RenderArgs;
 use crate::{Failure, Result, output};
 use dapple_core::Film;
 use dapple_job::{Job, RenderedImage};
@@ -21,24 +22,8 @@ const EVERY: f64 = 2.0;
 /// The largest share of the time that copying images may take.
 const COPYING: f64 = 0.02;
 
-/// The options of the live image.
-#[derive(Clone, Copy)]
-pub(crate) struct LiveOptions<'a> {
-    pub(crate) preview: Option<&'a Path>,
-    pub(crate) view: Option<&'a Address>,
-    pub(crate) every: Option<f64>,
-    pub(crate) exposure: f32,
-}
-
-impl LiveOptions<'_> {
-    /// Returns `true` if a live image is shown anywhere.
-    pub(super) fn is_on(&self) -> bool {
-        self.preview.is_some() || self.view.is_some()
-    }
-}
-
 /// The planes of one image.
-pub(super) struct LiveImage {
+pub(crate) struct LiveImage {
     size: [u32; 2],
     radiance: Vec<[f32; 3]>,
     counts: Vec<f32>,
@@ -49,16 +34,13 @@ pub(super) struct LiveImage {
 /// The viewer and the preview file of a render. A thread of its own sends images, so that a slow viewer or disk does not
 /// keep the render waiting.
 #[derive(Default)]
-pub(super) struct Live {
+pub(crate) struct Live {
     places: Option<Places>,
     worker: Option<(Sender<LiveImage>, JoinHandle<()>)>,
     is_busy: Arc<AtomicBool>,
     every: Duration,
+    /// The time of the next image; `None` if none is shown.
     due: Option<Instant>,
-    /// The number of rows of an image.
-    height: u32,
-    /// The rows so far of an image that comes in pieces.
-    begun: Option<LiveImage>,
 }
 
 /// The places where images are shown.
@@ -70,25 +52,18 @@ struct Places {
 
 impl Live {
     /// Connects to the viewer, if one is requested.
-    pub(super) fn open(options: &LiveOptions<'_>) -> Result<Self> {
-        if !options.is_on() {
+    pub(crate) fn open(args: &RenderArgs) -> Result<Self> {
+        if !args.is_live() {
             return Ok(Self::default());
         }
-        let viewer = options.view.map(Viewer::connect).transpose().map_err(Failure::new)?;
-        let preview = options.preview.map(Path::to_owned);
-        let every = Duration::try_from_secs_f64(options.every.unwrap_or(EVERY)).unwrap_or(Duration::MAX);
-        let places = Places { preview, viewer, exposure: options.exposure };
+        let viewer = args.view.as_ref().map(Viewer::connect).transpose().map_err(Failure::new)?;
+        let every = Duration::try_from_secs_f64(args.preview_every.unwrap_or(EVERY)).unwrap_or(Duration::MAX);
+        let places = Places { preview: args.preview.clone(), viewer, exposure: args.exposure };
         Ok(Self { places: Some(places), every, ..Self::default() })
     }
 
-    /// Returns `true` if an image is due and the previous one is through.
-    pub(super) fn is_due(&self) -> bool {
-        let is_due = self.due.is_some_and(|due| Instant::now() >= due);
-        self.worker.is_some() && is_due && !self.is_busy.load(Ordering::Acquire)
-    }
-
     /// Starts the thread that shows the images of this job.
-    pub(super) fn begin(&mut self, job: &Job) {
+    pub(crate) fn begin(&mut self, job: &Job) {
         let Some(mut places) = self.places.take() else { return };
         if let Some(viewer) = &mut places.viewer {
             viewer.set_name(&job.scene().name);
@@ -97,37 +72,22 @@ impl Live {
         let is_busy = self.is_busy.clone();
         let worker = std::thread::Builder::new().name("live image".into());
         match worker.spawn(move || places.show_all(&images, &is_busy)) {
-            Ok(worker) => self.worker = Some((sender, worker)),
+            Ok(worker) => (self.worker, self.due) = (Some((sender, worker)), Some(Instant::now())),
             Err(e) => output::warn(format!("no live image: {e}")),
         }
-        (self.due, self.height) = (Some(Instant::now()), job.frame().size()[1]);
     }
 
     /// Shows the image of a film, if an image is due and the previous one is through.
-    pub(super) fn show(&mut self, film: &Film) {
-        if self.is_due() {
-            self.add(film);
-        }
-    }
-
-    /// Adds the next rows of an image, from the top. Shows it when it has all.
-    pub(super) fn add(&mut self, rows: &Film) {
+    pub(crate) fn show(&mut self, film: &Film) {
         let now = Instant::now();
-        let image = LiveImage::of(rows, rows.image(), rows.squared_errors());
-        let image = match self.begun.take() {
-            Some(begun) => begun.with(image),
-            None => image,
-        };
-        if image.size[1] < self.height {
-            self.begun = Some(image);
-        } else {
-            self.send(image);
+        if self.due.is_some_and(|due| now >= due) && !self.is_busy.load(Ordering::Acquire) {
+            self.send(LiveImage::of(film, film.image(), film.squared_errors()));
+            self.due = now.checked_add(self.every.max(now.elapsed().div_f64(COPYING)));
         }
-        self.due = now.checked_add(self.every.max(now.elapsed().div_f64(COPYING)));
     }
 
     /// Shows the final image and waits until it is through.
-    pub(super) fn finish(&mut self, image: &RenderedImage) {
+    pub(crate) fn finish(&mut self, image: &RenderedImage) {
         if self.worker.is_none() {
             return;
         }
@@ -153,15 +113,6 @@ impl LiveImage {
     fn of(film: &Film, radiance: Vec<[f32; 3]>, error: Option<Vec<f32>>) -> Self {
         let counts = film.counts().into_iter().map(|n| n as f32).collect();
         Self { size: film.frame().size(), radiance, counts, error }
-    }
-
-    /// This image with the rows of another below it.
-    fn with(mut self, below: Self) -> Self {
-        self.size[1] += below.size[1];
-        self.radiance.extend(below.radiance);
-        self.counts.extend(below.counts);
-        self.error = self.error.zip(below.error).map(|(above, below)| [above, below].concat());
-        self
     }
 }
 

@@ -1,27 +1,26 @@
-//! Renders by many machines: plans and their parts in files, and processes that mpirun or srun started together.
+//! Renders by many machines: plans and their parts in files, with the subcommands `dapple plan` and `dapple merge`, and processes
+//! that mpirun or srun started together.
 
-use super::progress::Progress;
-use super::{Live, RenderArgs, Show, file_conflicts, load, prepare, warn_all};
-use crate::machine::start_threads;
+use super::{
+    Live, Ready, RenderArgs, Show, described_in, file_conflicts, limit, load, prepare, ready, values, warn_all,
+};
+use crate::machine::{Stop, start_threads};
 use crate::output::{say, tell, warn};
-use crate::stop::Stop;
+use crate::progress::Progress;
 use crate::{Failure, Outcome, Result, failure};
 use dapple_distributed::{Processes, dismiss, refuse};
-use dapple_job::memory::{MemoryEstimate, MemoryLimit};
+use dapple_job::memory::{MemoryLimit, size};
 use dapple_job::output::FileIdentity;
-use dapple_job::{
-    BudgetSpec, CheckpointOptions, Checkpoints, Job, LoadOptions, OutputFiles, PlanFile, RenderSpec, RowsFiles, Shard,
-    Warning,
-};
+use dapple_job::{BudgetSpec, Job, JobError, OutputFiles, PlanFile, RenderSpec, RowsFiles, Shard, Traced, Warning};
 use dapple_scene::image::{check_writable, write_file};
 use std::path::{Path, PathBuf};
 
 /// The options of work on a plan.
-pub(crate) struct PlanOptions {
-    pub(crate) threads: u16,
-    pub(crate) memory: Option<u64>,
-    pub(crate) quiet: bool,
-    pub(crate) progress_every: Option<f64>,
+pub(super) struct PlanOptions {
+    threads: u16,
+    memory: Option<u64>,
+    quiet: bool,
+    progress_every: Option<f64>,
 }
 
 impl From<&RenderArgs> for PlanOptions {
@@ -42,20 +41,19 @@ impl PlanOptions {
     /// The job of a render, checked to fit into memory; `None` if the program was stopped before.
     fn job(&self, spec: &RenderSpec, output: &Path, progress: &Progress) -> Result<Option<Job>> {
         progress.phase("reading");
-        let limit = self.memory.map_or_else(MemoryLimit::of_machine, MemoryLimit::given);
-        let loaded = load(spec, &LoadOptions::default().with_limit(limit), limit)?;
-        file_conflicts::check_inputs(&loaded, std::iter::once(("--output", output)))?;
+        let limit = limit(self.memory);
+        let loaded = load(spec, limit, true)?;
+        file_conflicts::check_inputs(&loaded, None, std::iter::once(("--output", output)))?;
         check_writable(output).map_err(Failure::new)?;
-        warn_all(loaded.warnings());
+        warn_all(&loaded.warnings);
         let Some((mut job, _)) = prepare(loaded, OutputFiles::none(), progress)? else { return Ok(None) };
-        let expected = job.memory_in_stages().map_err(|e| failure::of_job(&e))?;
-        expected.check(limit).map_err(|e| failure::of_job(&e))?;
+        job.memory_in_stages().check(limit)?;
         Ok(Some(job))
     }
 }
 
 /// Writes the plan of the first stage.
-pub(crate) fn first_plan(spec: &RenderSpec, output: &Path, options: &PlanOptions) -> Result<Outcome> {
+pub(super) fn first_plan(spec: &RenderSpec, output: &Path, options: &PlanOptions) -> Result<Outcome> {
     if matches!(spec.budget, BudgetSpec::Seconds(_)) {
         let why = "the machines of a plan have no common clock; use --spp, --samples or --error";
         return Err(Failure::usage("--time", why));
@@ -63,7 +61,7 @@ pub(crate) fn first_plan(spec: &RenderSpec, output: &Path, options: &PlanOptions
     let progress = options.progress()?;
     let Some(mut job) = options.job(spec, output, &progress)? else { return Ok(Outcome::Interrupted) };
     progress.phase("planning");
-    let bytes = job.first_plan().map_err(|e| failure::of_job(&e))?;
+    let bytes = job.first_plan()?;
     write_file(output, &bytes).map_err(Failure::new)?;
     drop(progress);
     if !options.quiet {
@@ -73,22 +71,17 @@ pub(crate) fn first_plan(spec: &RenderSpec, output: &Path, options: &PlanOptions
 }
 
 /// Joins the parts of a plan, and writes the next plan.
-pub(crate) fn next_plan(
-    parts: &[PathBuf],
-    from: Option<&Path>,
-    output: &Path,
-    options: &PlanOptions,
-) -> Result<Outcome> {
-    let rows = RowsFiles::read(parts).map_err(|e| failure::of_job(&e))?;
+fn next_plan(parts: &[PathBuf], from: Option<&Path>, output: &Path, options: &PlanOptions) -> Result<Outcome> {
+    let rows = RowsFiles::read(parts)?;
     let named =
         || rows.plan().ok_or_else(|| Failure::new("these are shards of an image; dapple merge makes the image"));
     let from = from.map_or_else(named, Ok)?;
     keep(output, parts.iter().map(|part| ("a part", part.as_path())).chain([("--from", from)]))?;
-    let plan = PlanFile::read(from).map_err(|e| failure::of_job(&e))?;
+    let plan = PlanFile::read(from)?;
     let progress = options.progress()?;
-    let Some(mut job) = options.job(plan.spec(), output, &progress)? else { return Ok(Outcome::Interrupted) };
+    let Some(mut job) = options.job(&plan.spec, output, &progress)? else { return Ok(Outcome::Interrupted) };
     progress.phase("planning");
-    let (bytes, done) = job.next_plan(&plan, &rows).map_err(|e| failure::of_job(&e))?;
+    let (bytes, done) = job.next_plan(&plan, &rows)?;
     write_file(output, &bytes).map_err(Failure::new)?;
     drop(progress);
     if !options.quiet {
@@ -103,9 +96,9 @@ pub(crate) fn next_plan(
 
 /// Traces a part of a plan, or of an image without a plan (a shard).
 pub(super) fn part(args: &RenderArgs, shard: Shard) -> Result<Outcome> {
-    let plan = args.from.as_deref().map(PlanFile::read).transpose().map_err(|e| failure::of_job(&e))?;
+    let plan = args.from.as_deref().map(PlanFile::read).transpose()?;
     let spec = match &plan {
-        Some(plan) if args.spec.is_none() => plan.spec().clone(),
+        Some(plan) if args.spec.is_none() => plan.spec.clone(),
         _ => args.spec()?,
     };
     if args.print_spec {
@@ -114,12 +107,12 @@ pub(super) fn part(args: &RenderArgs, shard: Shard) -> Result<Outcome> {
     }
     let output = args.outputs.first().cloned().unwrap_or_else(|| part_name(&spec, shard));
     keep(&output, args.from.iter().map(|plan| ("--from", plan.as_path())))?;
-    let checkpoints = CheckpointOptions::open(args.checkpoints()).map_err(|e| failure::of_job(&e))?;
+    let checkpoints = args.checkpoints().open()?;
     let options = PlanOptions::from(args);
     let mut progress = options.progress()?;
     let Some(mut job) = options.job(&spec, &output, &progress)? else { return Ok(Outcome::Interrupted) };
     progress.begin(&job);
-    let traced = job.trace_part(plan.as_ref(), shard, checkpoints, &mut progress).map_err(|e| failure::of_job(&e))?;
+    let traced = job.trace_part(plan.as_ref(), shard, checkpoints, &mut progress)?;
     let Some(bytes) = traced else {
         warn(failure::warning(&Warning::ShardStopped(shard)));
         return Ok(Outcome::Interrupted);
@@ -209,12 +202,12 @@ pub(super) fn together(args: &RenderArgs, spec: &RenderSpec, mut processes: Box<
         return served.map(|()| Outcome::Done);
     }
     let show = Show::from(args);
-    let prepared = first(args, spec, &show, &stop);
+    let prepared = ready(args, spec, &show, &stop, true);
     // Others wait for rows until they are told that none come.
     if !matches!(prepared, Ok(Some(_))) {
         dismiss(processes).map_err(|e| Failure::lines(&e))?;
     }
-    let Some(First { mut job, expected, cpu, mut progress, checkpoints }) = prepared? else {
+    let Some(Ready { mut job, expected, cpu, mut progress, checkpoints }) = prepared? else {
         return Ok(Outcome::Interrupted);
     };
     if !args.quiet && !args.json {
@@ -222,42 +215,151 @@ pub(super) fn together(args: &RenderArgs, spec: &RenderSpec, mut processes: Box<
     }
     progress.begin(&job);
     let traced = job.coordinate(checkpoints, &mut progress, processes, &mut || stop.asked());
-    show.deliver(&job, traced.map_err(|e| failure::of_job(&e))?, (Some(&expected), cpu), progress)
+    show.deliver(&job, traced?, (Some(&expected), cpu), progress)
 }
 
 /// The job of a process that traces for another.
 fn worker(args: &RenderArgs, spec: &RenderSpec, stop: Stop) -> Result<Job> {
     let show = Show { quiet: true, ..Show::from(args) };
     let progress = Progress::new(&show, stop, Live::default());
-    let limit = args.memory.map_or_else(MemoryLimit::of_machine, MemoryLimit::given);
-    let loaded = load(spec, &LoadOptions::default().with_limit(limit), limit)?;
+    let loaded = load(spec, limit(args.memory), true)?;
     let files = show.files(&loaded)?;
     let prepared = prepare(loaded, files, &progress)?;
     prepared.map(|(job, _)| job).ok_or_else(|| Failure::new("it was stopped"))
 }
 
-/// What process 0 has before the first stage.
-struct First {
-    job: Job,
-    expected: MemoryEstimate,
-    cpu: Option<f64>,
-    progress: Progress,
-    checkpoints: Option<Checkpoints>,
+/// Plan the next stage of a render on many machines, from the parts of the stage before
+///
+/// Samplers and light selection that learn from samples need those of the whole image between two stages. A stage is a
+/// training pass of the light selection, or the rest of a round of the sampler. `dapple render --from PLAN --shard I/N`
+/// traces the parts of a stage, in any order and on any machines. After the last stage this command reports "done", and
+/// `dapple merge PLAN` makes the image, with the bits of a render on one machine.
+#[derive(clap::Args)]
+#[command(after_help = include_str!("../help/plan.txt").trim_end())]
+pub(crate) struct PlanArgs {
+    /// The files of all parts of a stage, in any order
+    #[arg(value_name = "PART", required_unless_present = "spec")]
+    parts: Vec<PathBuf>,
+
+    /// The plan to write, a .plan file
+    #[arg(short, long, value_name = "PLAN")]
+    output: PathBuf,
+
+    /// The plan that the parts were traced from [default: the one that the first part names]
+    #[arg(long, value_name = "PLAN", requires = "parts")]
+    from: Option<PathBuf>,
+
+    /// Plan the first stage of the render that this JSON file describes; without parts
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["parts", "from"])]
+    spec: Option<PathBuf>,
+
+    /// Memory limit, such as 2G, 500M or a number of bytes; larger renders are refused [default: the machine's memory]
+    #[arg(long, value_name = "SIZE", value_parser = values::size)]
+    memory: Option<u64>,
+
+    /// Number of threads; 0 is one per core
+    #[arg(short = 't', long, visible_alias = "nthreads", value_name = "N", default_value_t = 0)]
+    #[arg(value_parser = clap::value_parser!(u16).range(..=1024))]
+    threads: u16,
+
+    /// Show no progress and no summary; warnings are still printed
+    #[arg(short, long)]
+    quiet: bool,
 }
 
-/// Makes process 0 ready; `None` if it was stopped.
-fn first(args: &RenderArgs, spec: &RenderSpec, show: &Show<'_>, stop: &Stop) -> Result<Option<First>> {
-    let checkpoints = args.checkpoints().open().map_err(|e| failure::of_job(&e))?;
-    let progress = Progress::new(show, stop.clone(), Live::open(&args.live())?);
-    let limit = args.memory.map_or_else(MemoryLimit::of_machine, MemoryLimit::given);
-    progress.phase("reading");
-    let loaded = load(spec, &LoadOptions::default().with_limit(limit), limit)?;
-    let files = show.files(&loaded)?;
-    file_conflicts::check(args, &loaded, &files)?;
-    files.prepare().map_err(|e| failure::of_job(&e))?;
-    warn_all(loaded.warnings());
-    let Some((mut job, cpu)) = prepare(loaded, files, &progress)? else { return Ok(None) };
-    let expected = job.memory_in_stages().map_err(|e| failure::of_job(&e))?;
-    expected.check(limit).map_err(|e| failure::of_job(&e))?;
-    Ok(Some(First { job, expected, cpu, progress, checkpoints }))
+pub(crate) fn plan(args: &PlanArgs) -> Result<Outcome> {
+    if !values::has_extension(&args.output, "plan") {
+        return Err(Failure::usage("plan", "--output: a file name that ends in .plan is required"));
+    }
+    let PlanArgs { threads, memory, quiet, .. } = *args;
+    let options = PlanOptions { threads, memory, quiet, progress_every: None };
+    match &args.spec {
+        Some(spec) => first_plan(&described_in(spec)?, &args.output, &options),
+        None => next_plan(&args.parts, args.from.as_deref(), &args.output, &options),
+    }
+}
+
+/// The function that takes over the film of shards or of a plan.
+type Film = Box<dyn FnOnce(&mut Job) -> std::result::Result<Traced, JobError>>;
+
+/// Make an image from shards that several machines rendered, or from the last plan of a render in stages
+///
+/// The image has the same bits as a render on one machine with the same arguments and --light-selection power. The
+/// scene is read again, from the path in the shards or from --scene. It must be the scene that was rendered.
+#[derive(clap::Args)]
+#[command(after_help = include_str!("../help/merge.txt").trim_end())]
+pub(crate) struct MergeArgs {
+    /// The files of all shards, in any order; or one .plan file, when `dapple plan` has reported that it is done
+    #[arg(value_name = "SHARD", required = true)]
+    shards: Vec<PathBuf>,
+
+    /// Image file to write: .exr, .pfm or .png; may be repeated [default: as for dapple render]
+    #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", value_parser = values::output)]
+    outputs: Vec<PathBuf>,
+
+    /// Path of the scene, if it has moved
+    #[arg(long, value_name = "SCENE")]
+    scene: Option<PathBuf>,
+
+    /// Exposure of PNG images in stops; each stop doubles the brightness
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
+    exposure: f32,
+
+    /// Memory limit, such as 2G, 500M or a number of bytes; a larger merge is refused [default: the machine's memory]
+    #[arg(long, value_name = "SIZE", value_parser = values::size)]
+    memory: Option<u64>,
+
+    /// Number of threads; 0 is one per core
+    #[arg(short = 't', long, visible_alias = "nthreads", value_name = "N", default_value_t = 0)]
+    #[arg(value_parser = clap::value_parser!(u16).range(..=1024))]
+    threads: u16,
+
+    /// Print one line of JSON instead of the summary; values are totals over all machines, except "cpu", the CPU
+    /// seconds of the merging
+    #[arg(long)]
+    json: bool,
+
+    /// Show no summary; warnings are still printed, and the line of --json
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+pub(crate) fn merge(args: &MergeArgs) -> Result<Outcome> {
+    let limit = limit(args.memory);
+    check_fits(&args.shards, limit)?;
+    let plan = args.shards.iter().find(|path| values::has_extension(path, "plan"));
+    let (film, mut spec): (Film, RenderSpec) = match (plan, args.shards.len()) {
+        (Some(path), 1) => {
+            let plan = PlanFile::read(path)?;
+            let spec = plan.spec.clone();
+            (Box::new(move |job| job.finish_plan(&plan)), spec)
+        }
+        (Some(_), _) => return Err(Failure::usage("merge", "a .plan is the whole image; give it alone")),
+        (None, _) => {
+            let shards = RowsFiles::read(&args.shards)?;
+            let spec = shards.spec.clone();
+            (Box::new(move |job| job.merge(&shards)), spec)
+        }
+    };
+    if let Some(scene) = &args.scene {
+        spec.scene = scene.to_string_lossy().into_owned();
+    }
+    let MergeArgs { exposure, json, quiet, .. } = *args;
+    let show = Show { outputs: &args.outputs, exposure, json, quiet, ..Show::default() };
+    super::merge(film, &spec, &show, (args.threads, limit))
+}
+
+/// Checks before reading that the films of all shards fit into memory: all parts, the whole, and the file being read. A
+/// file that cannot be looked at counts as empty; reading it reports the error.
+fn check_fits(shards: &[PathBuf], limit: MemoryLimit) -> Result<()> {
+    let lengths: Vec<u64> = shards.iter().map(|path| std::fs::metadata(path).map_or(0, |found| found.len())).collect();
+    let sum = lengths.iter().fold(0_u64, |sum, length| sum.saturating_add(*length));
+    let needed = sum.saturating_mul(2).saturating_add(lengths.iter().copied().max().unwrap_or(0));
+    match limit.bytes().filter(|limit| needed > *limit) {
+        None => Ok(()),
+        Some(limit) => {
+            let (needed, limit) = (size(needed), size(limit));
+            Err(Failure::new(format!("merging these shards takes {needed}, and {limit} is the limit; raise --memory")))
+        }
+    }
 }

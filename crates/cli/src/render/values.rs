@@ -1,13 +1,36 @@
 //! Parsers of the values of options.
 
-use crate::hints;
+use crate::failure;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use dapple_job::output::LAYERS;
-use dapple_job::{MOST_SECONDS, registry};
+use dapple_job::{ErrorOf, MOST_SECONDS, PixelFilterSpec, registry};
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::Format;
 use std::path::{Path, PathBuf};
 
 type Parsed<T> = std::result::Result<T, String>;
+
+/// A parser of names, each with its help and its value.
+fn choice<T: Copy + Send + Sync + 'static>(
+    all: [(&'static str, &'static str, T); 2],
+) -> impl TypedValueParser<Value = T> {
+    let names = all.map(|(name, help, _)| PossibleValue::new(name).help(help));
+    let value =
+        move |given: String| all.iter().find(|(name, ..)| *name == given).map_or(all[0].2, |(.., value)| *value);
+    PossibleValuesParser::new(names).map(value)
+}
+
+/// The choice of the pixel filter.
+pub(crate) fn pixel_filter() -> impl TypedValueParser<Value = PixelFilterSpec> {
+    let scene = ("scene", "The pixel filter in the scene file", PixelFilterSpec::Scene);
+    choice([scene, ("box", "A box one pixel wide", PixelFilterSpec::Box)])
+}
+
+/// The image that `--error` concerns.
+pub(crate) fn error_of() -> impl TypedValueParser<Value = ErrorOf> {
+    let filtered = ("filtered", "The filtered image", ErrorOf::Filtered);
+    choice([filtered, ("unfiltered", "The image before the filter", ErrorOf::Unfiltered)])
+}
 
 pub(crate) fn light_selection(name: &str) -> Parsed<LightSelection> {
     name.parse().map_err(|e: dapple_renderer::light::UnknownLightSelection| e.to_string())
@@ -121,21 +144,21 @@ pub(crate) fn size(text: &str) -> Parsed<u64> {
 
 /// Checks the name of a sampler by making one, so that a wrong name is reported before the scene is read.
 pub(crate) fn sampler(name: &str) -> Parsed<String> {
-    registry::check_sampler(name).map_err(|e| hints::sampler(name, &e))?;
+    registry::check_sampler(name).map_err(|e| failure::sampler(name, &e))?;
     Ok(name.to_owned())
 }
 
 pub(crate) fn points(name: &str) -> Parsed<String> {
-    registry::check_points(name).map_err(|e| hints::points(name, &e))?;
+    registry::check_points(name).map_err(|e| failure::points(name, &e))?;
     Ok(name.to_owned())
 }
 
 pub(crate) fn filter(name: &str) -> Parsed<String> {
-    registry::check_filter(name).map_err(|e| hints::filter(name, &e))?;
+    registry::check_filter(name).map_err(|e| failure::filter(name, &e))?;
     Ok(name.to_owned())
 }
 
 pub(crate) fn integrator(name: &str) -> Parsed<String> {
-    dapple_job::check_integrator(name).map_err(|e| hints::integrator(name, &e.to_string()))?;
+    dapple_job::check_integrator(name).map_err(|e| failure::integrator(name, &e.to_string()))?;
     Ok(name.to_owned())
 }

@@ -1,6 +1,7 @@
 //! The program, run in a folder of its own.
 #![allow(dead_code)] // Each test file uses its share.
 
+use dapple_scene::image::{Channels, read_attributes, read_channels};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use tempfile::TempDir;
@@ -60,6 +61,18 @@ impl Folder {
         Said::of(self.command(words).output().expect("the program starts"))
     }
 
+    /// Runs what must end with this status, and say these parts on stderr.
+    pub(crate) fn says(&self, words: &str, status: i32, parts: &[&str]) -> Said {
+        let said = self.run(words);
+        assert_eq!(said.status, Some(status), "{words}: {}", said.err);
+        parts.iter().for_each(|part| assert!(said.err.contains(part), "{words}: no \"{part}\" in {}", said.err));
+        said
+    }
+
+    pub(crate) fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
+        std::fs::write(self.path(name), bytes).unwrap_or_else(|e| panic!("{name}: {e}"));
+    }
+
     /// Runs what must succeed, and gives its stdout.
     pub(crate) fn done(&self, words: &str) -> String {
         let said = self.run(words);
@@ -67,11 +80,34 @@ impl Folder {
         said.out
     }
 
-    /// The line that `render --json` prints.
-    pub(crate) fn json(&self, words: &str) -> serde_json::Value {
-        let out = self.done(&format!("render --json {words}"));
+    /// The line of JSON that a command prints.
+    pub(crate) fn line(&self, words: &str) -> serde_json::Value {
+        let out = self.done(words);
         assert_eq!(out.matches('\n').count(), 1, "one line: {out}");
         serde_json::from_str(&out).expect("JSON")
+    }
+
+    /// The line that `render --json` prints.
+    pub(crate) fn json(&self, words: &str) -> serde_json::Value {
+        self.line(&format!("render --json {words}"))
+    }
+
+    /// The size and the channels of an EXR file.
+    pub(crate) fn exr(&self, name: &str) -> Channels {
+        read_channels(&self.read(name), name).unwrap_or_else(|e| panic!("{e}"))
+    }
+
+    /// Asserts that two EXR files hold the same channels, NaN included.
+    pub(crate) fn same_channels(&self, a: &str, b: &str) {
+        let text = |name: &str| format!("{:?}", self.exr(name).channels);
+        assert!(text(a) == text(b), "{a} and {b} differ");
+    }
+
+    /// What the header of an EXR file tells of this setting.
+    pub(crate) fn header(&self, name: &str, key: &str) -> String {
+        let all = read_attributes(&self.read(name), name).unwrap_or_else(|e| panic!("{e}"));
+        let found = all.iter().find(|(known, _)| known.strip_prefix("dapple:") == Some(key));
+        found.unwrap_or_else(|| panic!("{key}: {all:?}")).1.clone()
     }
 }
 

@@ -3,11 +3,6 @@
 use crate::common::{Folder, TINY};
 use serde_json::Value;
 
-fn parse(line: &str) -> Value {
-    assert_eq!(line.matches('\n').count(), 1, "one line: {line}");
-    serde_json::from_str(line).expect("JSON")
-}
-
 #[test]
 fn the_list_names_each_effect_with_its_object() {
     let folder = Folder::new();
@@ -16,7 +11,7 @@ fn the_list_names_each_effect_with_its_object() {
     assert_eq!(lines[0], "tiny: 2 effects, depth 5");
     assert!(lines[3].starts_with("soft-shadows") && lines[3].ends_with("tiny.pbrt:11: a sphere shines"), "{list}");
     assert!(lines[4].starts_with("interreflection") && lines.len() == 5, "{list}");
-    let json = parse(&folder.done("effects tiny.pbrt --list --json"));
+    let json = folder.line("effects tiny.pbrt --list --json");
     let first = &json["effects"][0];
     assert_eq!(
         (first["effect"].as_str(), first["line"].as_u64(), first["objects"].as_u64()),
@@ -29,7 +24,7 @@ fn the_list_names_each_effect_with_its_object() {
 #[test]
 fn the_ledger_has_a_row_for_each_effect() {
     let folder = Folder::new();
-    let json = parse(&folder.done("effects tiny.pbrt --resolution 24x16 --spp 16 --seeds 6 --json"));
+    let json = folder.line("effects tiny.pbrt --resolution 24x16 --spp 16 --seeds 6 --json");
     assert_eq!((json["spp"].as_u64(), json["seeds"].as_u64()), (Some(16), Some(6)));
     let effects = json["effects"].as_array().expect("effects");
     assert_eq!(effects.len(), 2);
@@ -47,8 +42,7 @@ fn the_ledger_has_a_row_for_each_effect() {
     for (words, message) in
         [("--seeds 3", "4..=64"), ("--list --spp 4", "cannot be used with"), ("--resolution 0x1", "at least 1")]
     {
-        let said = folder.run(&format!("effects tiny.pbrt {words}"));
-        assert!(said.status == Some(2) && said.err.contains(message), "{words}: {}", said.err);
+        folder.says(&format!("effects tiny.pbrt {words}"), 2, &[message]);
     }
 }
 
@@ -67,8 +61,8 @@ fn furnace(rho: f64, depth: &str) -> String {
 fn what_the_depth_cuts_off_is_reported_l13() {
     let folder = Folder::new();
     for (rho, depth, share) in [(0.5_f64, 3, 0.0625), (0.8, 2, 0.512), (0.5, 0, 0.5)] {
-        std::fs::write(folder.path("furnace.pbrt"), furnace(rho, &depth.to_string())).expect("written");
-        let json = parse(&folder.done("effects furnace.pbrt --spp 64 --seeds 8 --json"));
+        folder.write("furnace.pbrt", furnace(rho, &depth.to_string()));
+        let json = folder.line("effects furnace.pbrt --spp 64 --seeds 8 --json");
         let figure = |key: &str, part: &str| json["beyond_depth"][key][part].as_f64().unwrap_or(f64::NAN);
         let (lost, noise) = (figure("radiance_lost", "value"), figure("radiance_lost", "noise"));
         // The half width of a 95 % interval by 7 degrees of freedom; three of it are one in 10^4.
@@ -83,24 +77,21 @@ fn what_the_depth_cuts_off_is_reported_l13() {
         assert!(table.contains(&format!("beyond depth {depth}: ")), "{table}");
     }
     // Where nothing scatters, no depth cuts: nothing is said.
-    std::fs::write(folder.path("furnace.pbrt"), furnace(0.0, "1")).expect("written");
-    assert!(parse(&folder.done("effects furnace.pbrt --spp 1 --json"))["beyond_depth"].is_null());
+    folder.write("furnace.pbrt", furnace(0.0, "1"));
+    assert!(folder.line("effects furnace.pbrt --spp 1 --json")["beyond_depth"].is_null());
 }
 
 #[test]
 fn what_is_left_out_is_said_three_times() {
     let folder = Folder::new();
     let words = "render tiny.pbrt --spp 4 --json -o a.exr --without interreflection --without soft-shadows";
-    let said = folder.run(words);
-    assert_eq!(said.status, Some(0), "{}", said.err);
-    for line in [
+    let lines = [
         "warning: without soft-shadows: each area light is a point light of the same power, and invisible; ",
         "warning: without interreflection: light scatters once; ",
         "tiny.pbrt:11 calls for it (a sphere shines)",
-    ] {
-        assert!(said.err.contains(line), "{}", said.err);
-    }
-    let json = parse(&said.out);
+    ];
+    let said = folder.says(words, 0, &lines);
+    let json: Value = serde_json::from_str(&said.out).expect("JSON");
     assert_eq!(json["without"], serde_json::json!(["soft-shadows", "interreflection"]));
     assert_eq!(json["effects"], serde_json::json!([]));
     let header = String::from_utf8_lossy(&folder.read("a.exr")).into_owned();
@@ -113,8 +104,10 @@ fn what_is_left_out_is_said_three_times() {
     let dark = TINY
         .replace("AreaLightSource \"diffuse\" \"rgb L\" [ 4 4 4 ]", "")
         .replace("WorldBegin", "WorldBegin\nLightSource \"infinite\" \"rgb L\" [ 1 1 1 ]");
-    std::fs::write(folder.path("sky.pbrt"), dark).expect("written");
-    let said = folder.run("render sky.pbrt --spp 1 --without environment");
-    assert_eq!(said.status, Some(1));
-    assert!(said.err.contains("--without environment: without environment no light is left"), "{}", said.err);
+    folder.write("sky.pbrt", dark);
+    folder.says(
+        "render sky.pbrt --spp 1 --without environment",
+        1,
+        &["--without environment: without environment no light is left"],
+    );
 }

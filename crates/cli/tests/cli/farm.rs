@@ -46,39 +46,11 @@ fn is_shell(path: &Path) -> bool {
 
 /// An `sbatch` that runs what it is given at once, every task of an array in turn, and prints the number of the job.
 /// It refuses a dependency on a job that failed or is not known.
-const SBATCH: &str = r#"#!/bin/sh
-set -u
-jobs="$(dirname "$0")/jobs"
-mkdir -p "$jobs"
-number=$(($(ls "$jobs" | wc -l) + 1))
-script=
-arguments=
-for word in "$@"; do
-    if [ -n "$script" ]; then
-        arguments="$arguments $word"
-        continue
-    fi
-    case $word in
-        --dependency=afterok:*) [ "$(cat "$jobs/${word#--dependency=afterok:}")" = ok ] || exit 1 ;;
-        --*) ;;
-        *) script=$word ;;
-    esac
-done
-echo running > "$jobs/$number"
-array=$(sed -n 's/^#SBATCH --array=1-\([0-9]*\)$/\1/p' "$script")
-result=ok
-task=1
-while [ "$task" -le "${array:-1}" ]; do
-    SLURM_ARRAY_TASK_ID=$task sh "$script" $arguments >> "$jobs/../log" 2>&1 || result=failed
-    task=$((task + 1))
-done
-echo "$result" > "$jobs/$number"
-echo "$number"
-"#;
+const SBATCH: &str = include_str!("sbatch.sh");
 
 fn with_sbatch(folder: &Folder) {
     std::fs::create_dir(folder.path("bin")).expect("a folder");
-    std::fs::write(folder.path("bin/sbatch"), SBATCH).expect("a script");
+    folder.write("bin/sbatch", SBATCH);
     done(folder, &["-c", "chmod +x bin/sbatch"]);
 }
 
@@ -247,10 +219,8 @@ fn jobs_that_cannot_run_are_refused() {
         assert!(said.status != Some(0) && said.err.contains(wrong), "{words}: {}", said.err);
     }
     assert!(folder.names().is_empty(), "{:?}", folder.names());
-    let said = folder.run("farm openjd tiny.pbrt -o job");
-    assert!(said.err.contains("--stages"), "{}", said.err);
+    folder.says("farm openjd tiny.pbrt -o job", 1, &["--stages"]);
     folder.done("farm slurm tiny.pbrt --spp 4 -o job");
     folder.done("farm slurm tiny.pbrt --spp 4 --parts 5 -o job");
-    let said = folder.run("farm slurm tiny.pbrt --spp 8 -o job");
-    assert!(said.err.contains("another render"), "{}", said.err);
+    folder.says("farm slurm tiny.pbrt --spp 8 -o job", 1, &["another render"]);
 }

@@ -137,9 +137,7 @@ fn without_a_viewer_nothing_is_rendered() {
     let expected = format!("error: --view: nothing listens as tev at 127.0.0.1:{port} (");
     assert!(said.err.starts_with(&expected) && said.err.contains("start tev first"), "{}", said.err);
     assert!(folder.names().is_empty());
-    let said = folder.run("render tiny.pbrt --view mpv");
-    assert_eq!(said.status, Some(2));
-    assert!(said.err.contains("there is no viewer \"mpv\"; give tev, tev:HOST or tev:HOST:PORT"), "{}", said.err);
+    folder.says("render tiny.pbrt --view mpv", 2, &["there is no viewer \"mpv\"; give tev, tev:HOST or tev:HOST:PORT"]);
 }
 
 /// A viewer that is closed early costs a warning.
@@ -160,41 +158,27 @@ fn a_viewer_that_leaves_does_not_stop_the_render() {
 }
 
 #[test]
-fn plain_lines_name_the_phases_and_the_error() {
+fn plain_lines_name_the_phases_in_order_and_the_error() {
     let folder = Folder::new();
     // Few pixels, so that predictions are due often, and many samples, so that rounds after the pilot last.
-    let said = folder.run("render cornell --resolution 80x60 --spp 400 --progress-every 1e-4 -o a.pfm");
+    let said = folder.run("render cornell --resolution 80x60 --spp 400 --progress-every 1e-6 -o a.pfm");
     assert_eq!(said.status, Some(0), "{}", said.err);
-    let lines: Vec<&str> = said.err.lines().collect();
-    assert!(lines.iter().all(|line| line.starts_with("progress: ")), "{}", said.err);
-    let has = |what: &[&str]| lines.iter().any(|line| what.iter().all(|part| line.contains(part)));
-    assert!(has(&["%, round ", " of 3, ", " spp, relMSE ", " unfiltered, ", " left"]), "{}", said.err);
-    assert!(has(&["filter, for "]), "{}", said.err);
+    assert!(said.err.lines().all(|line| line.starts_with("progress: ")), "{}", said.err);
+    let mut lines = said.err.lines();
+    for parts in [
+        &["reading, for "][..],
+        &["building, for "],
+        &["preparing the methods, for "],
+        &["%, pilot, "],
+        &["%, round ", " of 3, ", " spp, relMSE ", " unfiltered, ", " left"],
+        &["filter, for "],
+        &["writing, for "],
+    ] {
+        assert!(lines.any(|line| parts.iter().all(|part| line.contains(part))), "{parts:?}: {}", said.err);
+    }
     // Short renders print none by themselves, and silent ones never do.
     for words in ["", "--quiet --progress-every 0.001", "--json --progress-every 0.001"] {
         assert_eq!(folder.run(&format!("render tiny.pbrt --spp 8 -o a.pfm {words}")).err, "", "{words}");
-    }
-}
-
-/// Each phase is named, in this order. Every message that stands for longer than a nanosecond is printed.
-#[test]
-fn plain_lines_name_every_phase_in_order() {
-    let folder = Folder::new();
-    let said =
-        folder.run("render tiny.pbrt --spp 32 --resolution 96x64 --progress-every 1e-6 --sampler adaptive -o a.pfm");
-    assert_eq!(said.status, Some(0), "{}", said.err);
-    let phases = [
-        "reading, for ",
-        "building, for ",
-        "preparing the methods, for ",
-        "%, pilot, ",
-        "%, round ",
-        "filter, for ",
-        "writing, for ",
-    ];
-    let mut lines = said.err.lines();
-    for phase in phases {
-        assert!(lines.any(|line| line.starts_with("progress: ") && line.contains(phase)), "{phase}: {}", said.err);
     }
 }
 
@@ -225,71 +209,54 @@ fn a_preview_changes_while_rendering() {
     assert!(folder.read("p.png") == last && seen[0] != last, "the last preview is the image, the first is not");
 }
 
+/// Whatever a scene reads is kept: its texture, its mesh, the description, and files under another name. No output replaces
+/// another.
 #[test]
 fn outputs_replace_neither_inputs_nor_each_other() {
-    let folder = Folder::new();
-    std::fs::create_dir(folder.path("maps")).expect("a folder");
-    let scene = folder.read("tiny.pbrt");
-    #[cfg(unix)]
-    std::os::unix::fs::symlink("tiny.pbrt", folder.path("link.png")).expect("a link");
-    std::fs::write(folder.path("spec.json"), r#"{"version":1,"scene":"tiny.pbrt"}"#).expect("written");
-    std::fs::write(folder.path("grey.png"), b"no image").expect("written");
-    let mut cases = vec![
-        ("--preview p.png -o p.png", "--preview p.png: this is the file of --output p.png"),
-        ("-o a.pfm -o ./a.pfm", "--output ./a.pfm: this is the file of --output a.pfm"),
-        ("--maps maps -o a.pfm -o maps/../maps/albedo.png", "is the file of --output maps/../maps/albedo.png"),
-        ("--maps new.pfm -o new.pfm", "--maps new.pfm: this is the file of --output new.pfm; give each its own file"),
-        ("--checkpoint a.pfm -o a.pfm", "--checkpoint a.pfm: this is the file of --output a.pfm"),
-    ];
-    if cfg!(unix) {
-        cases.push(("-o link.png", "--output link.png: the scene reads this file (tiny.pbrt), which would be lost"));
-        cases.push(("-o a.png --preview link.png", "--preview link.png: the scene reads this file (tiny.pbrt)"));
-    }
-    for (words, message) in cases {
-        let said = folder.run(&format!("render tiny.pbrt --spp 1 {words}"));
-        assert_eq!(said.status, Some(1), "{words}: {}", said.err);
-        assert!(said.err.contains(message), "{words}: {}", said.err);
-        assert_eq!(folder.read("tiny.pbrt"), scene, "{words}");
-        assert!(!folder.path("new.pfm").exists(), "{words}");
-    }
-}
-
-/// Whatever a scene reads is kept: its texture, its mesh, the description, and files under another name.
-#[test]
-fn textures_meshes_and_specs_are_never_written_over() {
     let folder = Folder::new();
     folder.done("render tiny.pbrt --spp 1 --filter none -o texture.exr -o texture.png -o texture.pfm");
     let mesh = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
         element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
-    std::fs::write(folder.path("mesh.png"), mesh).expect("written");
+    folder.write("mesh.png", mesh);
     let more = ["png", "pfm", "exr"].map(|kind| {
         format!("Texture \"{kind}\" \"spectrum\" \"imagemap\" \"string filename\" \"texture.{kind}\"\nMaterial \"diffuse\" \"texture reflectance\" \"{kind}\"\nShape \"sphere\"\n")
     });
     let scene =
         crate::common::TINY.to_owned() + &more.concat() + "Shape \"plymesh\" \"string filename\" \"mesh.png\"\n";
-    std::fs::write(folder.path("all.pbrt"), scene).expect("written");
-    std::fs::write(folder.path("spec.png"), r#"{"version":1,"scene":"all.pbrt"}"#).expect("written");
-    std::fs::create_dir(folder.path("maps")).expect("a folder");
+    folder.write("all.pbrt", scene);
+    folder.write("spec.png", r#"{"version":1,"scene":"all.pbrt"}"#);
+    ["maps", "new"].map(|name| std::fs::create_dir(folder.path(name)).expect("a folder"));
+    #[cfg(unix)]
+    std::os::unix::fs::symlink("all.pbrt", folder.path("link.png")).expect("a link");
     for (new, old) in [("hard.png", "texture.png"), ("scene.png", "all.pbrt"), ("maps/albedo.png", "mesh.png")] {
         std::fs::hard_link(folder.path(old), folder.path(new)).expect("a link");
     }
-    let before: Vec<_> = folder.names().into_iter().filter(|n| n != "maps").map(|n| (folder.read(&n), n)).collect();
+    let before: Vec<_> =
+        folder.names().into_iter().filter(|n| n != "maps" && n != "new").map(|n| (folder.read(&n), n)).collect();
     let cases = [
         ("all.pbrt -o texture.exr", "--output texture.exr: the scene reads this file (texture.exr)"),
         ("all.pbrt -o ./texture.pfm", "--output ./texture.pfm: the scene reads this file (texture.pfm)"),
         ("all.pbrt -o mesh.png", "--output mesh.png: the scene reads this file (mesh.png)"),
         ("all.pbrt -o hard.png", "--output hard.png: the scene reads this file (texture.png)"),
+        #[cfg(unix)]
+        ("all.pbrt -o link.png", "--output link.png: the scene reads this file (all.pbrt), which would be lost"),
         ("all.pbrt -o scene.png", "--output scene.png: the scene reads this file (all.pbrt)"),
         ("all.pbrt -o a.png --preview hard.png", "--preview hard.png: the scene reads this file (texture.png)"),
         ("all.pbrt -o a.png --checkpoint mesh.png", "mesh.png"),
         ("all.pbrt -o a.pfm --maps maps", "--maps maps/albedo.png: the scene reads this file (mesh.png)"),
         ("--spec spec.png -o spec.png", "--output spec.png: --spec reads this file (spec.png)"),
+        ("all.pbrt --preview p.png -o p.png", "--preview p.png: this is the file of --output p.png"),
+        ("all.pbrt -o a.pfm -o ./a.pfm", "--output ./a.pfm: this is the file of --output a.pfm"),
+        ("all.pbrt --maps new -o new/a.pfm -o new/../new/albedo.png", "is the file of --output new/../new/albedo.png"),
+        (
+            "all.pbrt --maps new.pfm -o new.pfm",
+            "--maps new.pfm: this is the file of --output new.pfm; give each its own",
+        ),
+        ("all.pbrt --checkpoint a.pfm -o a.pfm", "--checkpoint a.pfm: this is the file of --output a.pfm"),
         ("--spec spec.png -o texture.png", "--output texture.png: the scene reads this file (texture.png)"),
     ];
     for (words, message) in cases {
-        let said = folder.run(&format!("render {words}"));
-        assert_eq!(said.status, Some(1), "{words}: {}", said.err);
-        assert!(said.err.contains(message), "{words}: {}", said.err);
+        folder.says(&format!("render {words}"), 1, &[message]);
         assert!(before.iter().all(|(bytes, name)| *bytes == folder.read(name)), "{words}");
         assert!(!folder.path("a.png").exists() && !folder.path("a.pfm").exists(), "{words}");
     }
@@ -306,9 +273,7 @@ fn endless_inputs_and_limited_outputs_are_errors() {
         ("study /dev/zero", "/dev/zero: cannot read the plan: it is longer than 16.0 MiB"),
         ("render --spec /dev/zero", "/dev/zero: cannot read the file: it is longer than 1.0 MiB"),
     ] {
-        let said = folder.run(words);
-        assert_eq!(said.status, Some(1), "{words}: {}", said.err);
-        assert!(said.err.contains(message), "{words}: {}", said.err);
+        folder.says(words, 1, &[message]);
     }
     let program = assert_cmd::cargo::cargo_bin!("dapple").display().to_string();
     let script = format!("ulimit -f 4; exec {program} render tiny.pbrt --spp 1 --resolution 200x200 -o a.pfm -o a.png");

@@ -5,6 +5,7 @@ mod denoise;
 mod effects;
 mod farm;
 mod live;
+mod memory;
 mod models;
 mod options;
 mod programs;

@@ -1,7 +1,7 @@
 //! Options by other renderers' names, sizes in percent, layers, and what the program prints about itself.
 
 use crate::common::Folder;
-use dapple_scene::image::{Plane, read_channels};
+use dapple_scene::image::Plane;
 
 #[test]
 fn aliases_are_the_options_that_they_stand_for() {
@@ -14,8 +14,7 @@ fn aliases_are_the_options_that_they_stand_for() {
     for (words, message) in
         [("-s x", "'--spp <MEAN>'"), ("-t 9999", "0..=1024"), ("-s 4 --time 1", "cannot be used with")]
     {
-        let said = folder.run(&format!("render tiny.pbrt {words}"));
-        assert!(said.status == Some(2) && said.err.contains(message), "{words}: {}", said.err);
+        folder.says(&format!("render tiny.pbrt {words}"), 2, &[message]);
     }
 }
 
@@ -39,13 +38,10 @@ fn names_of_other_renderers_lead_to_ours() {
         ("--display-server localhost:14158", "tip: use --view tev"),
         ("--max-bounces 4", "tip: use --max-depth N"),
     ] {
-        let said = folder.run(&format!("render tiny.pbrt {words}"));
-        assert_eq!(said.status, Some(2), "{words}: {}", said.err);
-        assert!(said.err.contains(message), "{words}: {}", said.err);
+        folder.says(&format!("render tiny.pbrt {words}"), 2, &[message]);
     }
     // A slip of the finger still leads to the nearest option.
-    let said = folder.run("render tiny.pbrt --filtr none");
-    assert!(said.err.contains("tip: a similar argument exists: '--filter'"), "{}", said.err);
+    folder.says("render tiny.pbrt --filtr none", 2, &["tip: a similar argument exists: '--filter'"]);
 }
 
 #[test]
@@ -57,23 +53,25 @@ fn resolutions_may_be_percentages_of_the_scenes() {
     }
     let spec = folder.done("render tiny.pbrt --resolution 50% --spp 1 --print-spec");
     assert!(spec.contains("\"scale\": 0.5"), "{spec}");
-    std::fs::write(folder.path("spec.json"), &spec).expect("written");
+    folder.write("spec.json", &spec);
     assert_eq!(folder.json("--spec spec.json -o a.pfm")["resolution"], serde_json::json!([12, 8]));
-    std::fs::write(folder.path("both.json"), spec.replace("\"scale\"", "\"resolution\": [4, 4], \"scale\""))
-        .expect("written");
-    assert!(folder.run("render --spec both.json").err.contains("scale: a resolution is given too"));
-    for wrong in ["0%", "nan%", "inf%", "%"] {
-        let said = folder.run(&format!("render tiny.pbrt --resolution {wrong}"));
-        assert!(said.status == Some(2) && said.err.contains("such as 50%"), "{wrong}: {}", said.err);
+    for (old, new, message) in [
+        ("\"scale\"", "\"resolution\": [4, 4], \"scale\"", "other.json: scale: a resolution is given too"),
+        ("\"version\": 1", "\"version\": 2", "error: other.json: the render's description has version 2"),
+    ] {
+        folder.write("other.json", spec.replace(old, new));
+        folder.says("render --spec other.json", 1, &[message]);
     }
-    let said = folder.run("render tiny.pbrt --resolution 99999999999%");
-    assert_eq!(said.status, Some(1), "{}", said.err);
+    for wrong in ["0%", "nan%", "inf%", "%"] {
+        folder.says(&format!("render tiny.pbrt --resolution {wrong}"), 2, &["such as 50%"]);
+    }
+    folder.says("render tiny.pbrt --resolution 99999999999%", 1, &[]);
 }
 
 #[test]
 fn layers_are_selected_and_stored_as_half_floats() {
     let folder = Folder::new();
-    let channels = |name: &str| read_channels(&folder.read(name), name).expect("an image").channels;
+    let channels = |name: &str| folder.exr(name).channels;
     let names = |name: &str| channels(name).into_iter().map(|(name, _)| name).collect::<Vec<_>>();
     folder.done("render tiny.pbrt --spp 4 -o all.exr");
     folder.done("render tiny.pbrt --spp 4 -o some.exr --layers Z,albedo,count --half");
@@ -103,9 +101,7 @@ fn layers_are_selected_and_stored_as_half_floats() {
         ("--filter none --layers unfiltered -o a.exr", 0, "no layer \"unfiltered\": the image itself is unfiltered"),
         ("--filter none --sampler uniform --layers cluster -o a.exr", 0, "neither sampler nor filter makes clusters"),
     ] {
-        let said = folder.run(&format!("render tiny.pbrt --spp 2 {words}"));
-        assert_eq!(said.status, Some(status), "{words}: {}", said.err);
-        assert!(said.err.contains(message), "{words}: {}", said.err);
+        folder.says(&format!("render tiny.pbrt --spp 2 {words}"), status, &[message]);
     }
 }
 
@@ -118,8 +114,7 @@ fn points_are_printed() {
     assert_eq!((out.lines().next(), rows.len()), (Some("x,y,sample,d0,d1,d2,d3,d4,d5,d6,d7"), 3 * 2 * 2));
     assert_eq!(rows[11][..3], [2.0, 1.0, 1.0]);
     assert!(rows.iter().all(|row| row.len() == 11 && row[3..].iter().all(|v| (0.0..1.0).contains(v))), "{out}");
-    let said = folder.run("points blue-noise:of=zsobol --csv 1");
-    assert!(said.status == Some(1) && said.err.contains("spreads errors over pixels already"), "{}", said.err);
+    folder.says("points blue-noise:of=zsobol --csv 1", 1, &["spreads errors over pixels already"]);
     assert!(folder.run("points --csv 1").err.contains("NAME"));
 }
 
@@ -140,10 +135,8 @@ fn a_method_is_described_by_name() {
     assert!(folder.done("points random").contains("no parameters"));
     assert!(folder.done("filters cluster-regression").contains("source: Dapple, after Moon"));
     assert!(folder.done("integrators ambient-occlusion").contains("distance=inf"));
-    let said = folder.run("samplers sobol");
-    assert!(said.status == Some(1) && said.err.contains("use --points sobol"), "{}", said.err);
-    let said = folder.run("filters bilaterl");
-    assert!(said.status == Some(1) && said.err.contains("did you mean \"bilateral\"?"), "{}", said.err);
+    folder.says("samplers sobol", 1, &["use --points sobol"]);
+    folder.says("filters bilaterl", 1, &["did you mean \"bilateral\"?"]);
     // Names and parameters never touch their explanations.
     for list in ["samplers", "points", "filters", "integrators"] {
         let out = folder.done(list);

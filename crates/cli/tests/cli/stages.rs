@@ -37,11 +37,7 @@ fn stages_make_the_default_image_of_one_machine() {
         assert_eq!(stages, expected, "{words}");
         folder.done(&format!("merge {stages}.plan -o all.exr -o all.pfm"));
         assert!(folder.read("all.pfm") == folder.read("whole.pfm"), "{words}");
-        let channels = |name: &str| {
-            let channels = dapple_scene::image::read_channels(&folder.read(name), name).expect("a whole file");
-            format!("{:?} {:?}", channels.size, channels.channels)
-        };
-        assert!(channels("all.exr") == channels("whole.exr"), "{words}");
+        folder.same_channels("all.exr", "whole.exr");
     }
 }
 
@@ -54,9 +50,9 @@ fn wrong_plans_and_parts_are_refused() {
     folder.done("render --from 0.plan --shard 1/2 -o 1.part");
     folder.done("render --from other.plan --shard 2/2 -o foreign.part");
     folder.done("render --from 0.plan --shard 2/2 -o 2.part");
-    std::fs::write(folder.path("cut.part"), &folder.read("2.part")[..200]).unwrap();
+    folder.write("cut.part", &folder.read("2.part")[..200]);
     let long = folder.read("0.plan").len();
-    std::fs::write(folder.path("cut.plan"), &folder.read("0.plan")[..long - 9]).unwrap();
+    folder.write("cut.plan", &folder.read("0.plan")[..long - 9]);
     let before = folder.read("0.plan");
     for (words, expected) in [
         ("plan 1.part -o 1.plan", "are missing; give each part once"),
@@ -84,10 +80,8 @@ fn wrong_plans_and_parts_are_refused() {
     assert!(folder.read("0.plan") == before && !folder.path("1.plan").exists() && !folder.path("3.part").exists());
     // A plan that is newer than the parts.
     folder.done("plan 1.part 2.part -o 1.plan");
-    let said = folder.run("plan --from 1.plan 1.part 2.part -o 2.plan");
-    assert!(said.err.contains("the plan is done"), "{}", said.err);
-    let said = folder.run("render --from 1.plan --shard 1/2 -o 3.part");
-    assert!(said.err.contains("all samples are traced"), "{}", said.err);
+    folder.says("plan --from 1.plan 1.part 2.part -o 2.plan", 1, &["the plan is done"]);
+    folder.says("render --from 1.plan --shard 1/2 -o 3.part", 1, &["all samples are traced"]);
 }
 
 #[test]

@@ -1,9 +1,9 @@
 //! The files of a render's state: the core's container with a header of the settings that the state belongs to.
 
-use super::Error;
 use dapple_core::container::{Fault, append, sections};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::io;
+use std::path::{Path, PathBuf};
 
 /// The sections that traced runs of rows are, in the order of tracing.
 pub const ROWS: &str = "rows";
@@ -98,26 +98,27 @@ pub enum Damage {
     Kind,
 }
 
-impl std::fmt::Display for Damage {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Container(Fault::Short) => "it is cut short",
-            Self::Container(Fault::Foreign) => "it is not a file of Dapple's",
-            Self::Container(Fault::Version) => "another version of Dapple wrote it",
-            Self::Container(_) => "it is damaged (its checksum is wrong)",
-            Self::Nonsense => "its contents make no sense",
-            Self::Kind => "it is of another kind: checkpoints, plans and parts are not the same",
-        })
+impl Damage {
+    /// The fault in words, and the remedy.
+    const fn words(self) -> [&'static str; 2] {
+        const RESTORE: &str = "restore it from a copy, or render it again";
+        const NAME: &str = "check the name of the file";
+        match self {
+            Self::Container(Fault::Short) => ["it is cut short", RESTORE],
+            Self::Container(Fault::Foreign) => ["it is not a file of Dapple's", NAME],
+            Self::Container(Fault::Version) => {
+                ["another version of Dapple wrote it", "finish it with that version, or render it again"]
+            }
+            Self::Container(_) => ["it is damaged (its checksum is wrong)", RESTORE],
+            Self::Nonsense => ["its contents make no sense", RESTORE],
+            Self::Kind => ["it is of another kind: checkpoints, plans and parts are not the same", NAME],
+        }
     }
 }
 
-impl Damage {
-    pub(crate) fn remedy(self) -> &'static str {
-        match self {
-            Self::Container(Fault::Foreign) | Self::Kind => "check the name of the file",
-            Self::Container(Fault::Version) => "finish it with that version, or render it again",
-            _ => "restore it from a copy, or render it again",
-        }
+impl std::fmt::Display for Damage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.words()[0])
     }
 }
 
@@ -167,14 +168,78 @@ impl StateFile {
     pub fn read(path: &Path, kind: Kind) -> Result<Self, Error> {
         let read = || match std::fs::metadata(path)?.is_file() {
             true => std::fs::read(path),
-            false => Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, "not a regular file")),
+            false => Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file")),
         };
         let bytes = read().map_err(|source| match source.kind() {
-            std::io::ErrorKind::NotFound => Error::Missing { path: path.to_owned(), kind: kind.name() },
+            io::ErrorKind::NotFound => Error::Missing { path: path.to_owned(), kind: kind.name() },
             _ => Error::Read { path: path.to_owned(), source },
         })?;
         let damaged = |damage| Error::Damaged { path: path.to_owned(), damage };
         let file = Self::from_bytes(bytes).map_err(damaged)?;
         if file.kind == kind { Ok(file) } else { Err(damaged(Damage::Kind)) }
+    }
+}
+
+/// An error of writing or reading a checkpoint or shard file. Each message names the file and the remedy.
+#[non_exhaustive]
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A step of writing a file that failed. An existing file of that name is unchanged.
+    #[error("{}: cannot {step}: {source}; an existing file is unchanged; free some space, or choose another place", path.display())]
+    Write {
+        /// The path of the file that was to be written.
+        path: PathBuf,
+        /// The step that failed, as a verb phrase.
+        step: &'static str,
+        /// The operating system's error.
+        source: io::Error,
+    },
+    /// A file that another process is writing.
+    #[error("{}: another process is writing to it; wait for its end, or choose another file", path.display())]
+    InUse {
+        /// The path of the file that another process is writing.
+        path: PathBuf,
+    },
+    /// A missing file.
+    #[error("{}: there is no such file; check the name of the {kind}", path.display())]
+    Missing {
+        /// The path of the missing file.
+        path: PathBuf,
+        /// The name of the file's kind: `checkpoint` or `shard`.
+        kind: &'static str,
+    },
+    /// A file that the system cannot read.
+    #[error("{}: cannot read it: {source}", path.display())]
+    Read {
+        /// The path of the file that cannot be read.
+        path: PathBuf,
+        /// The operating system's error.
+        source: io::Error,
+    },
+    /// A damaged file, or a file of another kind than requested.
+    #[error("{}: {damage}; {}", path.display(), damage.words()[1])]
+    Damaged {
+        /// The path of the damaged file.
+        path: PathBuf,
+        /// The damage that was found.
+        damage: Damage,
+    },
+    /// A file whose newest and previous versions are both unusable.
+    #[error("{}; and {older}", newer.fault())]
+    NoGeneration {
+        /// The error of reading the file's newest version.
+        newer: Box<Error>,
+        /// The error of reading the file's previous version.
+        older: Box<Error>,
+    },
+}
+
+impl Error {
+    /// The message without its remedy, for a fault that the caller works around.
+    pub(crate) fn fault(&self) -> String {
+        match self {
+            Self::Damaged { path, damage } => format!("{}: {damage}", path.display()),
+            other => other.to_string(),
+        }
     }
 }

@@ -5,10 +5,10 @@
 //! processes hold the lock.
 
 use super::Error;
-use super::file_system::{Disk, FileSystem};
 use super::{Kind, StateFile};
 use std::ffi::OsString;
-use std::fs::{File, OpenOptions, TryLockError};
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 /// A file with its previous version, locked for writing by this process.
@@ -19,23 +19,12 @@ pub struct Store {
     _lock: File,
 }
 
-/// The version of a file from which [`Store::read`] took the contents.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Generation {
-    /// The newest version of the file.
-    Newest,
-    /// The previous version of the file, read because the newest one is missing or damaged.
-    Previous,
-}
-
 /// The result of [`Store::read`].
 #[derive(Debug)]
 pub struct Found {
     /// The decoded contents of the file.
     pub contents: StateFile,
-    /// The version of the file from which the contents come.
-    pub generation: Generation,
-    /// The error of reading the newest version, if the contents come from the previous one.
+    /// The error of reading the newest version, if the contents come from the previous one; `None` for those of the newest.
     pub trouble: Option<Error>,
 }
 
@@ -138,11 +127,11 @@ impl Store {
     /// version, the error of the newest one.
     pub fn read(path: &Path, kind: Kind) -> Result<Found, Error> {
         let newer = match StateFile::read(path, kind) {
-            Ok(contents) => return Ok(Found { contents, generation: Generation::Newest, trouble: None }),
+            Ok(contents) => return Ok(Found { contents, trouble: None }),
             Err(newer) => newer,
         };
         match StateFile::read(&beside(path, "previous"), kind) {
-            Ok(contents) => Ok(Found { contents, generation: Generation::Previous, trouble: Some(newer) }),
+            Ok(contents) => Ok(Found { contents, trouble: Some(newer) }),
             Err(Error::Missing { .. }) => Err(newer),
             Err(older) => Err(Error::NoGeneration { newer: Box::new(newer), older: Box::new(older) }),
         }
@@ -161,3 +150,76 @@ fn beside(path: &Path, what: &str) -> PathBuf {
     name.push(what);
     PathBuf::from(name)
 }
+
+/// The calls to the operating system that write a file. [`Store::save`](super::Store::save) leaves a complete file even
+/// if any of them fails. Tests pass an implementation that fails on purpose.
+pub trait FileSystem: Send + Sync {
+    /// Creates an empty file, replacing an existing one.
+    ///
+    /// # Errors
+    /// The operating system's error.
+    fn create(&self, path: &Path) -> io::Result<File> {
+        OpenOptions::new().write(true).create(true).truncate(true).open(path)
+    }
+
+    /// Appends all bytes to the file.
+    ///
+    /// # Errors
+    /// The operating system's error; part of the bytes may have been written.
+    fn write(&self, file: &mut File, bytes: &[u8]) -> io::Result<()> {
+        file.write_all(bytes)
+    }
+
+    /// Flushes the file to the disk.
+    ///
+    /// # Errors
+    /// The operating system's error.
+    fn sync(&self, file: &File) -> io::Result<()> {
+        file.sync_all()
+    }
+
+    /// Creates `to` as a hard link to the file `from`.
+    ///
+    /// # Errors
+    /// The operating system's error; [`ErrorKind::Unsupported`] and others on disks without hard links.
+    fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
+        fs::hard_link(from, to)
+    }
+
+    /// Renames the file `from` to `to`, replacing an existing file.
+    ///
+    /// # Errors
+    /// The operating system's error.
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        fs::rename(from, to)
+    }
+
+    /// Removes the file, if it exists.
+    ///
+    /// # Errors
+    /// The operating system's error.
+    fn remove(&self, path: &Path) -> io::Result<()> {
+        match fs::remove_file(path) {
+            Err(e) if e.kind() != ErrorKind::NotFound => Err(e),
+            _ => Ok(()),
+        }
+    }
+
+    /// Flushes a folder's list of file names to the disk. Does nothing if the system cannot open folders.
+    ///
+    /// # Errors
+    /// The operating system's error.
+    fn sync_folder(&self, folder: &Path) -> io::Result<()> {
+        match File::open(folder) {
+            // Windows cannot open folders, and does not need this call.
+            Err(_) => Ok(()),
+            Ok(folder) => folder.sync_all(),
+        }
+    }
+}
+
+/// The file system of the operating system.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Disk;
+
+impl FileSystem for Disk {}

@@ -50,43 +50,38 @@ use LayerKind::{
 /// | Mitsuba 3 | `m2_…`, `sh_normal`, `nn`, `albedo`, `position`, `pp`, `dd`, and others: names are the user's |
 /// | Arnold | `RGBA`, `variance`, `N`, `denoise_albedo`, `diffuse_albedo`, `P`, `Z` |
 /// | RenderMan | `mse` |
-pub const KNOWN_LAYERS: &[(LayerKind, &[&str])] = &[
-    (Color, &["unfiltered", "noisy image", "", "combined", "rgba", "beauty", "color", "image"]),
-    (Variance, &["variance"]),
-    (MeanVariance, &["mse", "variance_of_mean"]),
-    (SecondMoment, &[]),
-    (Count, &["count", "debug sample count", "sample_count", "samples", "spp"]),
-    (Normal, &["denoising normal", "normal", "ns", "sh_normal", "shading_normal", "n", "nn", "normals", "geo_normal"]),
-    (Albedo, &["denoising albedo", "albedo", "denoise_albedo", "diffuse_albedo", "diffcol", "base_color", "basecolor"]),
-    (Position, &["position", "p", "pp", "pos", "world_position"]),
-    (Depth, &["denoising depth", "depth", "z", "dd"]),
-    (Coverage, &["coverage"]),
-    (Emission, &["emission", "emit"]),
-    (Id, &["cluster"]),
+pub const KNOWN_LAYERS: &[(LayerKind, &str, &[&str])] = &[
+    (Color, "color", &["unfiltered", "noisy image", "", "combined", "rgba", "beauty", "color", "image"]),
+    (Variance, "variance", &["variance"]),
+    (MeanVariance, "variance-of-mean", &["mse", "variance_of_mean"]),
+    (SecondMoment, "second-moment", &[]),
+    (Count, "count", &["count", "debug sample count", "sample_count", "samples", "spp"]),
+    (
+        Normal,
+        "normal",
+        &["denoising normal", "normal", "ns", "sh_normal", "shading_normal", "n", "nn", "normals", "geo_normal"],
+    ),
+    (
+        Albedo,
+        "albedo",
+        &["denoising albedo", "albedo", "denoise_albedo", "diffuse_albedo", "diffcol", "base_color", "basecolor"],
+    ),
+    (Position, "position", &["position", "p", "pp", "pos", "world_position"]),
+    (Depth, "depth", &["denoising depth", "depth", "z", "dd"]),
+    (Coverage, "coverage", &["coverage"]),
+    (Emission, "emission", &["emission", "emit"]),
+    (Id, "id", &["cluster"]),
 ];
 
 impl LayerKind {
     /// The name of the kind in arguments and messages.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Color => "color",
-            Variance => "variance",
-            MeanVariance => "variance-of-mean",
-            SecondMoment => "second-moment",
-            Count => "count",
-            Normal => "normal",
-            Albedo => "albedo",
-            Position => "position",
-            Depth => "depth",
-            Coverage => "coverage",
-            Emission => "emission",
-            Id => "id",
-        }
+    pub fn name(self) -> &'static str {
+        KNOWN_LAYERS.iter().find(|(kind, ..)| *kind == self).map_or("", |(_, name, _)| name)
     }
 
     /// Iterates over all kinds.
     pub fn all() -> impl Iterator<Item = Self> {
-        KNOWN_LAYERS.iter().map(|(kind, _)| *kind)
+        KNOWN_LAYERS.iter().map(|(kind, ..)| *kind)
     }
 
     /// True for layers of one channel.
@@ -155,7 +150,7 @@ impl Layers {
 
     /// Finds the layer of a kind by its known names.
     pub(super) fn find(&self, kind: LayerKind) -> Option<Found> {
-        let names = KNOWN_LAYERS.iter().find(|(known, _)| *known == kind)?.1;
+        let names = KNOWN_LAYERS.iter().find(|(known, ..)| *known == kind)?.2;
         if kind == SecondMoment {
             let of_image = |(layer, _): &&Group| {
                 first_moment_of(layer).is_some_and(|first| self.named(&first).is_some() && !is_feature(&first))
@@ -225,8 +220,8 @@ fn first_moment_of(layer: &str) -> Option<String> {
 /// Returns true for the names of features, of which a file may hold second moments, too.
 fn is_feature(layer: &str) -> bool {
     let name = layer.rsplit_once('.').map_or(layer, |(_, name)| name).to_lowercase();
-    let kinds = KNOWN_LAYERS.iter().filter(|(kind, _)| [Normal, Albedo, Position, Depth, Emission].contains(kind));
-    kinds.flat_map(|(_, names)| *names).any(|known| *known == name)
+    let kinds = KNOWN_LAYERS.iter().filter(|(kind, ..)| [Normal, Albedo, Position, Depth, Emission].contains(kind));
+    kinds.flat_map(|(.., names)| *names).any(|known| *known == name)
 }
 
 /// The layer of a channel without a dot: `N` for `Nx`, if `Ny` and `Nz` exist.

@@ -1,9 +1,9 @@
 //! Checkpoints of a run, written at intervals by a separate thread while rendering continues.
 
 use super::JobMonitor;
-use super::identity::compared;
-use super::time::TimeWatch;
-use crate::checkpoint::{Error, Generation, Identity, Kind, StateFile, Store};
+use super::identity::{compared, same_render};
+use super::monitor::TimeWatch;
+use crate::checkpoint::{Error, Identity, Kind, StateFile, Store};
 use crate::output::FileIdentity;
 use crate::{JobError, Warning};
 use dapple_core::{Control, Film, Monitor, Snapshot, Status};
@@ -25,7 +25,6 @@ const GUESS: f64 = 0.5e9;
 
 /// The checkpoint file to write and the one to resume from.
 #[derive(Clone, Debug, Default)]
-#[non_exhaustive]
 pub struct CheckpointOptions {
     /// The file to write checkpoints to; `None` writes to `resume`, if that is set.
     pub keep: Option<PathBuf>,
@@ -37,24 +36,6 @@ pub struct CheckpointOptions {
 }
 
 impl CheckpointOptions {
-    /// Sets the file to which checkpoints are written.
-    #[must_use]
-    pub fn keep(self, path: impl Into<PathBuf>) -> Self {
-        Self { keep: Some(path.into()), ..self }
-    }
-
-    /// Sets the checkpoint file from which the render resumes.
-    #[must_use]
-    pub fn resume(self, path: impl Into<PathBuf>) -> Self {
-        Self { resume: Some(path.into()), ..self }
-    }
-
-    /// Sets the seconds between checkpoints.
-    #[must_use]
-    pub fn every(self, seconds: f64) -> Self {
-        Self { every: Some(seconds), ..self }
-    }
-
     /// Locks the checkpoint file; returns `None` if the options name no file.
     ///
     /// # Errors
@@ -93,14 +74,11 @@ impl Checkpoints {
     pub(super) fn state(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<StateFile>, JobError> {
         let Some(path) = &self.resume else { return Ok(None) };
         let found = Store::read(path, Kind::Checkpoint)?;
-        if let (Generation::Previous, Some(trouble)) = (found.generation, &found.trouble) {
+        if let Some(trouble) = &found.trouble {
             monitor.warn(Warning::PreviousCheckpoint(trouble.fault()));
         }
-        let differences = compared(here).differences(&compared(&found.contents.identity));
-        match differences.is_empty() {
-            true => Ok(Some(found.contents)),
-            false => Err(JobError::OtherRender { path: path.clone(), differences }),
-        }
+        same_render(path, &compared(here), &compared(&found.contents.identity))?;
+        Ok(Some(found.contents))
     }
 
     /// Writes the file.
@@ -194,31 +172,17 @@ struct Writer {
 
 impl Writer {
     fn new(Checkpoints { store, every, .. }: Checkpoints, identity: Identity) -> Self {
-        let last = Instant::now();
-        Self {
-            store,
-            identity,
-            every,
-            last,
-            cost: None,
-            is_first: true,
-            writing: None,
-            warned: false,
-            written: 0,
-            trouble: None,
-        }
+        let (last, is_first, warned) = (Instant::now(), true, false);
+        Self { store, identity, every, last, cost: None, is_first, writing: None, warned, written: 0, trouble: None }
     }
 
     /// Starts writing a checkpoint if one is due and none is being written. After a disk error, the next due checkpoint
     /// tries again.
     fn slice(&mut self, status: &Status<'_>, monitor: &mut dyn JobMonitor) {
-        if self.is_due(status) && self.is_idle(monitor) {
-            self.begin(status, monitor);
+        if !self.is_due(status) || self.writing.as_ref().is_some_and(|writing| !writing.is_finished()) {
+            return;
         }
-    }
-
-    /// Starts writing a checkpoint. None is being written.
-    fn begin(&mut self, status: &Status<'_>, monitor: &mut dyn JobMonitor) {
+        self.wait(monitor);
         let began = Instant::now();
         let contents = self.contents(status);
         // The writing thread needs about the same time again for the checksum and for copying the bytes to the system.
@@ -257,15 +221,6 @@ impl Writer {
 
     fn contents(&self, status: &Status<'_>) -> StateFile {
         StateFile::new(Kind::Checkpoint, self.identity.clone(), status.snapshot())
-    }
-
-    /// Returns `true` if no checkpoint is being written. Collects the result of a finished write.
-    fn is_idle(&mut self, monitor: &mut dyn JobMonitor) -> bool {
-        if self.writing.as_ref().is_some_and(|writing| !writing.is_finished()) {
-            return false;
-        }
-        self.wait(monitor);
-        true
     }
 
     fn wait(&mut self, monitor: &mut dyn JobMonitor) {

@@ -1,6 +1,6 @@
 //! The end of a render: the filtered image, its seconds and warnings.
 
-use super::{Job, time};
+use super::{Job, monitor};
 use crate::{BudgetSpec, JobError, Warning};
 use dapple_core::{Budget, Film, Filter, Filtered, Unfiltered};
 use serde::Serialize;
@@ -102,7 +102,7 @@ impl Job {
         }
         let probes = self.probes.cost().unwrap_or_default();
         let seconds = PhaseSeconds {
-            load: self.prepared.load_seconds,
+            load: self.prepared.loaded.seconds,
             bvh: self.prepared.build_seconds,
             cluster: self.cluster_seconds,
             probe: probes.seconds,
@@ -114,7 +114,7 @@ impl Job {
         };
         if let BudgetSpec::Seconds(limit) = self.spec.budget {
             let first = (film.record(), self.limits.min_spp);
-            warnings.extend(time::exceeded(limit, seconds.render(), seconds.filter, first));
+            warnings.extend(monitor::exceeded(limit, seconds.render(), seconds.filter, first));
         }
         RenderedImage { film, filtered, filter, seconds, probe_rays: probes.rays, warnings }
     }

@@ -4,6 +4,7 @@ use super::Job;
 use crate::JobError;
 use crate::checkpoint::Identity;
 use dapple_scene::PixelFilter;
+use std::path::Path;
 
 /// The name of the identity pair that holds the shard, `I/N`; its value differs between shards of one image.
 pub(super) const SHARD: &str = "shard";
@@ -21,10 +22,10 @@ pub(super) const PART: &str = "part";
 /// The identity of a job: all settings that its samples depend on. The budget, which may be raised, and the number of
 /// threads, which does not change the samples, are not compared.
 pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
-    let (spec, scene, frame) = (&job.spec, &job.prepared.scene, &job.frame);
-    let digest = job.prepared.digest.as_ref().ok_or(JobError::NoDigest)?;
+    let (spec, scene, frame) = (&job.spec, &job.prepared.loaded.scene, &job.frame);
+    let digest = job.prepared.loaded.digest.as_ref().ok_or(JobError::NoDigest)?;
     let [[w, h], [x, y], [cw, ch]] = [frame.resolution(), frame.origin(), frame.size()];
-    let without: Vec<&str> = job.prepared.without.iter().map(|effect| effect.name()).collect();
+    let without: Vec<&str> = job.prepared.loaded.without.iter().map(|effect| effect.name()).collect();
     let mut pairs = vec![
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
         ("scene", scene.name.clone()),
@@ -47,6 +48,14 @@ pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
         pairs.push((SHARD, shard.to_string()));
     }
     Ok(Identity::new(pairs))
+}
+
+/// Refuses the file at `path` if its settings differ from those of this render.
+pub(super) fn same_render(path: &Path, here: &Identity, there: &Identity) -> Result<(), JobError> {
+    match here.differences(there) {
+        differences if differences.is_empty() => Ok(()),
+        differences => Err(JobError::OtherRender { path: path.to_owned(), differences }),
+    }
 }
 
 /// The pairs of an identity that must be equal for a checkpoint to be resumed.

@@ -1,7 +1,7 @@
-//! Observers of a job's run.
+//! Observers of a job's run, and warnings about time limits that cannot be met.
 
 use crate::Warning;
-use dapple_core::{Control, Monitor, NoMonitor, Status};
+use dapple_core::{Control, Monitor, NoMonitor, Record, Status};
 
 /// An observer of a job's run.
 pub trait JobMonitor {
@@ -41,4 +41,41 @@ impl JobMonitor for RenderMonitor<'_> {
     fn end(&mut self, status: &Status<'_>) {
         self.0.end(status);
     }
+}
+
+/// The excess over a time limit, as a fraction of the limit, below which there is no warning.
+const TOLERANCE: f64 = 0.1;
+/// The excess in seconds below which there is no warning.
+const LEAST_EXCESS: f64 = 0.1;
+
+/// An observer of the first round of a render with a time limit.
+#[derive(Debug, Default)]
+pub(super) struct TimeWatch {
+    warned: bool,
+}
+
+impl TimeWatch {
+    /// Returns a warning, once, if the rows traced so far show that the first round takes longer than the time limit.
+    pub(super) fn look(&mut self, status: &Status<'_>, min_spp: u32) -> Option<Warning> {
+        let limit = status.seconds_limit.filter(|_| !self.warned && status.round == 0 && status.samples > 0)?;
+        // The first rows may be the slowest; a tenth of the limit, or two seconds, show more.
+        if status.seconds < (0.1 * limit).min(2.0) {
+            return None;
+        }
+        let needed = status.seconds * status.expected as f64 / status.samples as f64;
+        self.warned = needed > limit * (1.0 + 2.0 * TOLERANCE) + LEAST_EXCESS;
+        self.warned.then_some(Warning::TimeTooShort { limit, min_spp, needed })
+    }
+}
+
+/// The warning about a render that took longer than its time limit, if it did.
+pub(super) fn exceeded(limit: f64, taken: f64, filter: f64, (record, min_spp): (&Record, u32)) -> Option<Warning> {
+    if record.interrupted || taken <= limit * (1.0 + TOLERANCE) + LEAST_EXCESS {
+        return None;
+    }
+    let first = match &record.rounds[..] {
+        [first] => Some((first.plan_seconds + first.trace_seconds, min_spp)),
+        _ => None,
+    };
+    Some(Warning::TimeExceeded { limit, taken, first, filter })
 }

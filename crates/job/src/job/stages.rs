@@ -1,7 +1,7 @@
 //! Renders by many machines: plan files and the rows that machines trace of them, shards, and processes that run together.
 
 use super::checkpoints::Watched;
-use super::identity::{PART, PLAN, SPEC, common, compared, joined};
+use super::identity::{PART, PLAN, SPEC, common, compared, joined, same_render};
 use super::{Checkpoints, Job, JobMonitor, Traced};
 use crate::checkpoint::{Identity, Kind, ROWS, StateFile};
 use crate::memory::MemoryEstimate;
@@ -11,19 +11,23 @@ use dapple_core::{
     TracedRows, container,
 };
 use dapple_distributed::{Processes, coordinate, dismiss, rows_of_part, serve};
+use dapple_renderer::World;
 use dapple_transport::make_integrator;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// A plan file: the state of a render with a stage whose rows machines trace.
 pub struct PlanFile {
     path: PathBuf,
-    spec: RenderSpec,
+    /// The description of the render.
+    pub spec: RenderSpec,
     file: StateFile,
 }
 
 /// Files of traced rows: those of a plan's stage, or the shards of an image.
 pub struct RowsFiles {
-    spec: RenderSpec,
+    /// The description of the render.
+    pub spec: RenderSpec,
     files: Vec<(PathBuf, StateFile)>,
 }
 
@@ -37,11 +41,6 @@ impl PlanFile {
         let file = StateFile::read(path, Kind::Plan)?;
         let spec = RenderSpec::from_json(file.identity.value(SPEC).unwrap_or_default())?;
         Ok(Self { path: path.to_owned(), spec, file })
-    }
-
-    /// The description of the render.
-    pub fn spec(&self) -> &RenderSpec {
-        &self.spec
     }
 
     fn snapshot(&self) -> Result<Snapshot, JobError> {
@@ -83,11 +82,6 @@ impl RowsFiles {
         }
     }
 
-    /// The description of the render.
-    pub fn spec(&self) -> &RenderSpec {
-        &self.spec
-    }
-
     /// The plan file of which they are rows, as it was named then; `None` for shards.
     pub fn plan(&self) -> Option<&Path> {
         self.files.first().and_then(|(_, file)| file.identity.value(PLAN)).map(Path::new)
@@ -96,14 +90,10 @@ impl RowsFiles {
 
 impl Job {
     /// The estimated memory of work on a stage: its state is in memory as a film and as bytes.
-    ///
-    /// # Errors
-    ///
-    /// As [`Job::memory`].
-    pub fn memory_in_stages(&mut self) -> Result<MemoryEstimate, JobError> {
+    pub fn memory_in_stages(&mut self) -> MemoryEstimate {
         self.need_any_image();
-        let (estimate, bytes) = self.forecast(false)?;
-        Ok(estimate.with_copies("plan and parts", 4, bytes))
+        let (estimate, bytes) = self.forecast(false);
+        estimate.with_copies("plan and parts", 4, bytes)
     }
 
     /// The statistics that any image of the render may need, since images are chosen at the end.
@@ -119,10 +109,8 @@ impl Job {
     /// As [`Job::run`].
     pub fn first_plan(&mut self) -> Result<Vec<u8>, JobError> {
         let identity = self.identity()?;
-        self.need_any_image();
         let world = self.prepared.world.clone();
-        let integrator = make_integrator(&self.integrator, &world)?;
-        let mut session = self.session(None)?;
+        let (mut session, integrator) = self.open(&world, None)?;
         session.next_stage(&*integrator)?;
         Ok(StateFile::new(Kind::Plan, identity, session.snapshot()).into_bytes())
     }
@@ -141,21 +129,17 @@ impl Job {
         checkpoints: Option<Checkpoints>,
         monitor: &mut dyn JobMonitor,
     ) -> Result<Option<Vec<u8>>, JobError> {
-        self.need_any_image();
         let mut pairs = self.identity()?.pairs().to_vec();
         if let Some(plan) = plan {
-            self.check_render(plan)?;
+            self.check(&plan.path, &plan.file.identity, compared)?;
             pairs.push((PLAN.into(), plan.path.to_string_lossy().into_owned()));
         }
         pairs.push((PART.into(), shard.to_string()));
         let identity = Identity::new(pairs);
-        let snapshot = plan.map(PlanFile::snapshot).transpose()?;
+        // This one learns its training passes from the rows, the other from the plan.
         let world = self.prepared.world.clone();
-        // One knows the training passes of the plan; the other learns them from the rows.
-        let mut planning = make_integrator(&self.integrator, &world)?;
         let mut integrator = make_integrator(&self.integrator, &world)?;
-        let mut session = self.session(snapshot)?;
-        session.teach(&mut *planning);
+        let (mut session, planning) = self.open(&world, plan)?;
         let stage = session.next_stage(&*planning)?;
         let Some(stage) = stage else { return Err(Error::other("the plan", "all samples are traced").into()) };
         if plan.is_none() {
@@ -186,14 +170,11 @@ impl Job {
     ///
     /// [`JobError::Shards`] for rows that do not make a stage together.
     pub fn next_plan(&mut self, plan: &PlanFile, rows: &RowsFiles) -> Result<(Vec<u8>, bool), JobError> {
-        self.need_any_image();
-        self.check_render(plan)?;
+        self.check(&plan.path, &plan.file.identity, compared)?;
         self.check_rows(rows)?;
         let identity = self.identity()?;
         let world = self.prepared.world.clone();
-        let mut integrator = make_integrator(&self.integrator, &world)?;
-        let mut session = self.session(Some(plan.snapshot()?))?;
-        session.teach(&mut *integrator);
+        let (mut session, mut integrator) = self.open(&world, Some(plan))?;
         join(&mut session, &mut *integrator, rows)?;
         let is_done = session.next_stage(&*integrator)?.is_none();
         Ok((StateFile::new(Kind::Plan, identity, session.snapshot()).into_bytes(), is_done))
@@ -205,12 +186,9 @@ impl Job {
     ///
     /// [`JobError::NotDone`] for a plan of which samples are left to trace.
     pub fn finish_plan(&mut self, plan: &PlanFile) -> Result<Traced, JobError> {
-        self.need_any_image();
-        self.check_render(plan)?;
+        self.check(&plan.path, &plan.file.identity, compared)?;
         let world = self.prepared.world.clone();
-        let mut integrator = make_integrator(&self.integrator, &world)?;
-        let mut session = self.session(Some(plan.snapshot()?))?;
-        session.teach(&mut *integrator);
+        let (mut session, integrator) = self.open(&world, Some(plan))?;
         match session.next_stage(&*integrator)? {
             None => Ok(Traced::of(session.into_film())),
             Some(_) => Err(JobError::NotDone { path: plan.path.clone() }),
@@ -223,15 +201,25 @@ impl Job {
     ///
     /// [`JobError::Shards`] for shards that do not make an image together.
     pub fn merge(&mut self, shards: &RowsFiles) -> Result<Traced, JobError> {
-        self.need_any_image();
         self.check_rows(shards)?;
         let world = self.prepared.world.clone();
-        let mut integrator = make_integrator(&self.integrator, &world)?;
-        let mut session = self.session(None)?;
-        session.next_stage(&*integrator)?;
+        let (mut session, mut integrator) = self.open(&world, None)?;
         join(&mut session, &mut *integrator, shards)?;
         session.next_stage(&*integrator)?;
         Ok(Traced::of(session.into_film()))
+    }
+
+    /// The session of a plan or of a new render, for any image of it, and an integrator that knows its training passes.
+    fn open<'w>(
+        &mut self,
+        world: &'w Arc<World>,
+        plan: Option<&PlanFile>,
+    ) -> Result<(Session<'_>, Box<dyn Integrator + 'w>), JobError> {
+        self.need_any_image();
+        let mut integrator = make_integrator(&self.integrator, world)?;
+        let session = self.session(plan.map(PlanFile::snapshot).transpose()?)?;
+        session.teach(&mut *integrator);
+        Ok((session, integrator))
     }
 
     /// Runs the render on process 0 of several, from the beginning or from the checkpoint file in `checkpoints`. Ends the other
@@ -249,13 +237,15 @@ impl Job {
     ) -> Result<Traced, JobError> {
         let world = self.prepared.world.clone();
         let min_spp = self.limits.min_spp;
-        let begun = self.begun(checkpoints.as_ref(), monitor).and_then(|(identity, snapshot)| {
+        let begun = checkpoints.as_ref().map_or_else(|| Ok((self.identity()?, None)), |c| self.begun(c, monitor));
+        let begun = begun.and_then(|(identity, snapshot)| {
             Ok((identity, make_integrator(&self.integrator, &world)?, self.session(snapshot)?))
         });
         let (identity, mut integrator, mut session) = match begun {
             Ok(begun) => begun,
             Err(error) => {
-                dismiss(processes)?;
+                // The error that came first counts.
+                let _ = dismiss(processes);
                 return Err(error);
             }
         };
@@ -272,13 +262,13 @@ impl Job {
     }
 
     /// The settings of the render, and the state in the checkpoint from which it resumes.
-    fn begun(
+    pub(super) fn begun(
         &self,
-        checkpoints: Option<&Checkpoints>,
+        checkpoints: &Checkpoints,
         monitor: &mut dyn JobMonitor,
     ) -> Result<(Identity, Option<Snapshot>), JobError> {
         let identity = self.identity()?;
-        let snapshot = checkpoints.map(|c| c.snapshot(&identity, monitor)).transpose()?.flatten();
+        let snapshot = checkpoints.snapshot(&identity, monitor)?;
         if let Some(snapshot) = &snapshot {
             monitor.resumed(snapshot.film().record().samples as f64 / self.frame.pixels() as f64);
         }
@@ -328,20 +318,12 @@ impl Job {
 
     /// Refuses rows of another scene, or of other settings.
     fn check_rows(&self, rows: &RowsFiles) -> Result<(), JobError> {
-        let Some((path, file)) = rows.files.first() else { return Ok(()) };
-        let differences = joined(&self.identity()?).differences(&joined(&file.identity));
-        if differences.is_empty() {
-            return Ok(());
-        }
-        Err(JobError::OtherRender { path: path.clone(), differences })
+        rows.files.first().map_or(Ok(()), |(path, file)| self.check(path, &file.identity, joined))
     }
 
-    fn check_render(&self, plan: &PlanFile) -> Result<(), JobError> {
-        let differences = compared(&self.identity()?).differences(&compared(&plan.file.identity));
-        if differences.is_empty() {
-            return Ok(());
-        }
-        Err(JobError::OtherRender { path: plan.path.clone(), differences })
+    /// Refuses a file of another render, by the settings that `kept` leaves of an identity.
+    fn check(&self, path: &Path, there: &Identity, kept: fn(&Identity) -> Identity) -> Result<(), JobError> {
+        same_render(path, &kept(&self.identity()?), &kept(there))
     }
 }
 

@@ -1,8 +1,7 @@
 //! The image files of a render.
 
 use super::GrayMap;
-use super::camera::View;
-use super::header::attributes;
+use super::header::{View, attributes};
 use crate::output;
 use crate::{Job, JobError, RenderedImage, Warning};
 use dapple_core::{Frame, Needs};
@@ -62,22 +61,21 @@ impl Contents {
 pub struct OutputFiles {
     files: Vec<(Contents, PathBuf)>,
     maps: Option<PathBuf>,
-    exposure: f32,
-    features: bool,
-    half: bool,
-    /// The layers of EXR files besides the image; `None` for all.
-    layers: Option<Vec<String>>,
-    /// The command that makes the image, for the header.
-    command: Option<String>,
+    /// Exposure of PNG images in stops; one stop doubles the brightness.
+    pub exposure: f32,
+    /// If `true`, EXR files have albedo, normal, depth and coverage layers, whatever sampler and filter read. If `false`, they
+    /// have these layers only if something else needs features.
+    pub features: bool,
+    /// If `true`, image, unfiltered image, albedo, normal and coverage are 16-bit floats in EXR files.
+    pub half: bool,
+    /// The layers of EXR files besides the image, by their names in [`LAYERS`](super::LAYERS); `None` for all. The film records
+    /// what they need.
+    pub layers: Option<Vec<String>>,
+    /// The command that makes the image, which headers record.
+    pub command: Option<String>,
 }
 
 impl OutputFiles {
-    /// Sets the command that makes the image, which headers record.
-    #[must_use]
-    pub fn with_command(self, command: impl Into<String>) -> Self {
-        Self { command: Some(command.into()), ..self }
-    }
-
     /// Returns an empty list of files.
     pub fn none() -> Self {
         Self::default()
@@ -112,32 +110,6 @@ impl OutputFiles {
         self.files.extend(MAPS.iter().map(|&(what, name)| (what, folder.join(name))));
         self.maps = Some(folder.to_owned());
         self
-    }
-
-    /// Sets the exposure of PNG images in stops; one stop doubles the brightness.
-    #[must_use]
-    pub fn with_exposure(self, exposure: f32) -> Self {
-        Self { exposure, ..self }
-    }
-
-    /// Requests albedo, normal, depth and coverage layers in EXR files, whatever sampler and filter read. Without this,
-    /// files have these layers only if something else needs features.
-    #[must_use]
-    pub fn with_features(self) -> Self {
-        Self { features: true, ..self }
-    }
-
-    /// Stores image, unfiltered image, albedo, normal and coverage in EXR files as 16-bit floats.
-    #[must_use]
-    pub fn with_half(self) -> Self {
-        Self { half: true, ..self }
-    }
-
-    /// Selects the layers of EXR files besides the image, by their names in [`LAYERS`](super::LAYERS). The film records
-    /// what they need.
-    #[must_use]
-    pub fn with_layers(self, layers: impl IntoIterator<Item = impl Into<String>>) -> Self {
-        Self { layers: Some(layers.into_iter().map(Into::into).collect()), ..self }
     }
 
     /// Returns `true` if EXR files have this layer, as far as the film knows it.
@@ -250,78 +222,60 @@ impl OutputFiles {
     /// Encodes a file; returns its bytes and a phrase about its contents, or `None` if the film lacks the statistics
     /// for it.
     fn encode(&self, what: Contents, path: &Path, report: &Report<'_>, warnings: &mut Vec<Warning>) -> Encoded {
-        let (film, filtered) = (&report.image.film, &report.image.filtered);
-        let unit = 1.0 / report.job.world().space().scale();
-        let known = |bytes: Vec<u8>, about: String| Ok(Some((bytes, about)));
-        let ids = || output::cluster_ids(film, report.job.clusters()?);
-        let gray = |map: GrayMap, about: String| known(map.png()?, about);
-        match what {
-            Contents::Image(format) => {
-                let image = Image::new(filtered.size, filtered.radiance.clone())?;
-                match format {
-                    Format::Exr => {
-                        let mut layers = output::layers(film, filtered, unit, ids());
-                        let view = View::new(&report.job.scene().camera, report.job.frame().resolution());
-                        layers[0].channels.extend(view.channels(film, unit));
-                        let layers = self.selected(layers, path, warnings);
-                        let mut attributes = attributes(report.job, report.image, report.cpu);
-                        attributes.extend(self.command.clone().map(|command| ("dapple:command".to_owned(), command)));
-                        let software = format!("dapple {}", env!("CARGO_PKG_VERSION"));
-                        let [world_to_camera, world_to_ndc] = view.matrices().map_or([None; 2], |m| m.map(Some));
-                        let header = ExrHeader {
-                            attributes: &attributes,
-                            software: Some(&software),
-                            world_to_camera,
-                            world_to_ndc,
-                        };
-                        let file = encode_exr_with(filtered.size, &layers, &header)?;
-                        if file.clamped > 0 {
-                            warnings.push(Warning::Clamped { path: path.to_owned(), values: file.clamped });
-                        }
-                        let names: Vec<&str> = layers.iter().map(|l| l.name.as_str()).skip(1).collect();
-                        let about = match &names[..] {
-                            [] => "the image".into(),
-                            names => format!("the image, with layers {}", names.join(", ")),
-                        };
-                        known(file.bytes, about)
-                    }
-                    Format::Pfm => known(encode_pfm(&image)?, "the image".into()),
-                    Format::Png => known(encode_png(&image, self.exposure)?, "the image, sRGB".into()),
-                }
-            }
-            Contents::Samples => {
-                let map = output::sample_map(film);
-                let about = format!("the sample map; white is {} samples per pixel", map.white);
-                gray(map, about)
-            }
-            Contents::Clusters => match ids() {
-                Some(ids) => known(output::cluster_map(filtered.size, &ids)?, "clusters, a colour each".into()),
-                None => Ok(None),
-            },
-            Contents::Error => match output::error_map(filtered) {
-                Some(map) => {
-                    let about = format!("the predicted relative error over 5x5 pixels; white is {:.3}", map.white);
-                    gray(map, about)
-                }
-                None => Ok(None),
-            },
-            Contents::Depth => match output::depth_map(film, unit) {
-                Some(map) => {
-                    let about = format!("distances; white is {:.4}, or nothing hit", map.white);
-                    gray(map, about)
-                }
-                None => Ok(None),
-            },
-            Contents::Albedo => match output::albedo_map(film) {
-                Some(png) => known(png?, "albedo, sRGB".into()),
-                None => Ok(None),
-            },
-            Contents::Normals => match output::normal_map(film) {
-                Some(png) => known(png?, "shading normals; -1 is black, 1 is white".into()),
-                None => Ok(None),
-            },
-        }
+        let filtered = &report.image.filtered;
+        let Contents::Image(format) = what else { return map(what, report).transpose() };
+        let image = Image::new(filtered.size, filtered.radiance.clone())?;
+        Ok(Some(match format {
+            Format::Exr => self.exr(path, report, warnings)?,
+            Format::Pfm => (encode_pfm(&image)?, "the image".into()),
+            Format::Png => (encode_png(&image, self.exposure)?, "the image, sRGB".into()),
+        }))
     }
+
+    fn exr(&self, path: &Path, report: &Report<'_>, warnings: &mut Vec<Warning>) -> Result<Named, ImageError> {
+        let Report { job, image, cpu } = *report;
+        let mut layers = output::layers(&image.film, &image.filtered, report.unit(), report.clusters());
+        let view = View::new(&job.scene().camera, job.frame().resolution());
+        layers[0].channels.extend(view.channels(&image.film, report.unit()));
+        let layers = self.selected(layers, path, warnings);
+        let mut attributes = attributes(job, image, cpu);
+        attributes.extend(self.command.clone().map(|command| ("dapple:command".to_owned(), command)));
+        let software = format!("dapple {}", env!("CARGO_PKG_VERSION"));
+        let [world_to_camera, world_to_ndc] = view.matrices().map_or([None; 2], |m| m.map(Some));
+        let header = ExrHeader { attributes: &attributes, software: Some(&software), world_to_camera, world_to_ndc };
+        let file = encode_exr_with(image.filtered.size, &layers, &header)?;
+        if file.clamped > 0 {
+            warnings.push(Warning::Clamped { path: path.to_owned(), values: file.clamped });
+        }
+        let names: Vec<&str> = layers.iter().map(|l| l.name.as_str()).skip(1).collect();
+        let with = if names.is_empty() { String::new() } else { format!(", with layers {}", names.join(", ")) };
+        Ok((file.bytes, format!("the image{with}")))
+    }
+}
+
+/// Encodes a map; `None` if the film lacks the statistics for it.
+fn map(what: Contents, report: &Report<'_>) -> Option<Result<Named, ImageError>> {
+    let (film, filtered) = (&report.image.film, &report.image.filtered);
+    let gray = |map: &GrayMap, about: String| map.png().map(|png| (png, about));
+    let known = |png: Result<Vec<u8>, ImageError>, about: &str| png.map(|png| (png, about.to_owned()));
+    Some(match what {
+        Contents::Image(_) => return None,
+        Contents::Samples => {
+            let map = output::sample_map(film);
+            gray(&map, format!("the sample map; white is {} samples per pixel", map.white))
+        }
+        Contents::Clusters => known(output::cluster_map(filtered.size, &report.clusters()?), "clusters, a colour each"),
+        Contents::Error => {
+            let map = output::error_map(filtered)?;
+            gray(&map, format!("the predicted relative error over 5x5 pixels; white is {:.3}", map.white))
+        }
+        Contents::Depth => {
+            let map = output::depth_map(film, report.unit())?;
+            gray(&map, format!("distances; white is {:.4}, or nothing hit", map.white))
+        }
+        Contents::Albedo => known(output::albedo_map(film)?, "albedo, sRGB"),
+        Contents::Normals => known(output::normal_map(film)?, "shading normals; -1 is black, 1 is white"),
+    })
 }
 
 /// Saves an image in the folder of temporary files, because it could not be written to `path`. Returns the error
@@ -342,7 +296,21 @@ struct Report<'a> {
     cpu: Option<f64>,
 }
 
-type Encoded = std::result::Result<Option<(Vec<u8>, String)>, ImageError>;
+impl Report<'_> {
+    /// The integrator's unit of length in the file's.
+    fn unit(&self) -> f64 {
+        1.0 / self.job.world().space().scale()
+    }
+
+    /// The clusters that pixels show.
+    fn clusters(&self) -> Option<Vec<u32>> {
+        output::cluster_ids(&self.image.film, self.job.clusters()?)
+    }
+}
+
+/// The bytes of a file, and a phrase about its contents.
+type Named = (Vec<u8>, String);
+type Encoded = std::result::Result<Option<Named>, ImageError>;
 
 /// The maps and their file names; the map of clusters is written only if the render has clusters.
 const MAPS: [(Contents, &str); 6] = [

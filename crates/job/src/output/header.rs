@@ -1,7 +1,11 @@
-//! The header of an OpenEXR file: settings and results of the render.
+//! The header of an OpenEXR file: settings and results of the render, its camera, and distances along the camera's axis.
 
+use super::layers::{coverage, depth, of_features};
 use crate::{BudgetSpec, Job, RenderedImage, pixel_filter};
-use dapple_core::{Combine, Film};
+use dapple_core::{Combine, Film, Frame};
+use dapple_scene::image::Plane;
+use dapple_scene::{Camera, Projection};
+use glam::{DMat4, DVec3, DVec4};
 
 /// All settings and results of the render, as pairs of attribute name and text. `cpu` is the processor time in seconds;
 /// `None` if unknown.
@@ -12,7 +16,7 @@ pub(super) fn attributes(job: &Job, image: &RenderedImage, cpu: Option<f64>) -> 
     let budgets: Vec<String> = record.budgets.iter().map(u64::to_string).collect();
     let notices: Vec<String> = scene.notices.iter().map(|n| format!("{}: {}", n.source, n.message)).collect();
     let effects: Vec<&str> = job.world().effects().called().iter().map(|c| c.effect.name()).collect();
-    let without: Vec<&str> = job.prepared().without().iter().map(|e| e.name()).collect();
+    let without: Vec<&str> = job.prepared().loaded.without.iter().map(|e| e.name()).collect();
     let list = [
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
         ("scene", scene.name.clone()),
@@ -61,7 +65,8 @@ fn budget(job: &Job) -> String {
         BudgetSpec::Seconds(seconds) => format!("{seconds} seconds"),
         BudgetSpec::Error(relmse) => {
             let most = job.spec().max_spp.unwrap_or(crate::ERROR_SPP);
-            format!("relMSE {relmse} of the {} image, at most {most} spp", job.error_concerns())
+            let image = if job.is_error_of_filtered() { "filtered" } else { "unfiltered" };
+            format!("relMSE {relmse} of the {image} image, at most {most} spp")
         }
         BudgetSpec::Samples(samples) => format!("{samples} samples"),
         BudgetSpec::Scene => "of the scene".into(),
@@ -93,5 +98,139 @@ fn bias_of_samples(job: &Job, film: &Film) -> &'static str {
         _ if job.is_a_priori() || !decided => "none: no sample of the image decided on its counts",
         Combine::Equally => "none: each half's counts were decided by the other half's samples",
         _ => "biased: samples that are or were in the image decided on its counts",
+    }
+}
+
+/// The distance of the near plane in the matrix to normalized device coordinates, in the file's units. It scales only the
+/// third coordinate.
+const NEAR: f64 = 1e-3;
+/// The distance of a background without a surface, as Blender writes it: programs that filter distances fail at infinity.
+const BACKGROUND: f32 = 1e10;
+
+/// The camera of an image, at the opening of the shutter.
+pub(super) struct View {
+    camera: Camera,
+    resolution: [u32; 2],
+    /// The part of the screen that the image shows: x0, x1, y0, y1, at distance 1 for a perspective camera.
+    window: [f64; 4],
+}
+
+impl View {
+    pub(super) fn new(camera: &Camera, resolution: [u32; 2]) -> Self {
+        let aspect = camera.aspect.unwrap_or(f64::from(resolution[0]) / f64::from(resolution[1]));
+        let window = camera.screen_window.unwrap_or(match aspect {
+            a if a > 1.0 => [-a, a, -1.0, 1.0],
+            a => [-1.0, 1.0, -1.0 / a, 1.0 / a],
+        });
+        let unit = match camera.projection {
+            Projection::Perspective { fov } => (0.5 * fov.to_radians()).tan(),
+            Projection::Orthographic => 1.0,
+        };
+        Self { camera: camera.clone(), resolution, window: window.map(|w| w * unit) }
+    }
+
+    /// The matrix from world space to camera space: x to the right, y up, z forward.
+    fn to_camera(&self) -> DMat4 {
+        DMat4::from(self.camera.to_world.inverse())
+    }
+
+    /// The matrix from world space to normalized device coordinates: -1 to 1 from the left to the right edge of the
+    /// image, and from the bottom to the top edge.
+    fn to_device(&self) -> DMat4 {
+        let [x0, x1, y0, y1] = self.window;
+        let (sx, sy) = (2.0 / (x1 - x0), 2.0 / (y1 - y0));
+        let (cx, cy) = (-(x0 + x1) / (x1 - x0), -(y0 + y1) / (y1 - y0));
+        let project = match self.camera.projection {
+            // x' = sx x + cx z, y' = sy y + cy z, z' = z - near, w' = z.
+            Projection::Perspective { .. } => DMat4::from_cols(
+                DVec4::new(sx, 0.0, 0.0, 0.0),
+                DVec4::new(0.0, sy, 0.0, 0.0),
+                DVec4::new(cx, cy, 1.0, 1.0),
+                DVec4::new(0.0, 0.0, -NEAR, 0.0),
+            ),
+            Projection::Orthographic => DMat4::from_cols(
+                DVec4::new(sx, 0.0, 0.0, 0.0),
+                DVec4::new(0.0, sy, 0.0, 0.0),
+                DVec4::new(0.0, 0.0, 1.0, 0.0),
+                DVec4::new(cx, cy, 0.0, 1.0),
+            ),
+        };
+        project * self.to_camera()
+    }
+
+    /// Returns `worldToCamera` and `worldToNDC` as OpenEXR stores them, row by row for vectors on the left; `None` if one
+    /// isn't finite.
+    pub(super) fn matrices(&self) -> Option<[[f32; 16]; 2]> {
+        // The rows of a matrix for vectors on the left are the columns of ours.
+        let stored = [self.to_camera(), self.to_device()].map(|m| m.to_cols_array().map(|x| x as f32));
+        stored.as_flattened().iter().all(|x| x.is_finite()).then_some(stored)
+    }
+
+    /// Returns the alpha and the distances of an image, in this order; nothing if its film has no features.
+    pub(super) fn channels(&self, film: &Film, unit: f64) -> Vec<(&'static str, Plane<'static>)> {
+        let Some(alpha) = of_features(film, coverage) else { return Vec::new() };
+        let mut depths = of_features(film, |features| depth(features, unit)).unwrap_or_default();
+        depths.iter_mut().enumerate().for_each(|(pixel, d)| *d = self.along_axis(film.frame(), pixel, *d));
+        vec![("A", alpha.into()), ("Z", depths.into())]
+    }
+
+    /// Returns the distance of a pixel's surfaces along the camera's axis, from the `length` of the paths to them.
+    fn along_axis(&self, frame: &Frame, pixel: usize, length: f32) -> f32 {
+        if !length.is_finite() {
+            return BACKGROUND;
+        }
+        (f64::from(length) * self.cosine(frame, pixel)) as f32
+    }
+
+    /// Returns the cosine between the ray through a pixel's centre and the camera's axis.
+    fn cosine(&self, frame: &Frame, pixel: usize) -> f64 {
+        let Projection::Perspective { .. } = self.camera.projection else { return 1.0 };
+        let [x0, x1, y0, y1] = self.window;
+        let ([x, y], [w, h]) = (frame.pixel(pixel), self.resolution.map(f64::from));
+        let right = x0 + (x1 - x0) * (f64::from(x) + 0.5) / w;
+        let up = y1 - (y1 - y0) * (f64::from(y) + 0.5) / h;
+        let axes = self.camera.to_world.matrix3;
+        (axes * DVec3::new(right, up, 1.0)).normalize().dot(axes.z_axis.normalize())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DAffine3, DMat3};
+
+    fn view(projection: Projection) -> View {
+        let matrix3 = DMat3::from_cols(DVec3::NEG_X, DVec3::Y, DVec3::NEG_Z);
+        let to_world = DAffine3 { matrix3, translation: DVec3::new(1.0, 2.0, 10.0) };
+        View::new(&Camera { to_world, projection, ..Camera::default() }, [40, 20])
+    }
+
+    #[test]
+    fn matrices_take_the_corners_of_the_view_to_those_of_the_image() {
+        let view = view(Projection::Perspective { fov: 90.0 });
+        let [to_camera, to_device] = view.matrices().unwrap();
+        // Row vectors: the last row holds the translation.
+        assert_eq!(to_camera[12..15], [1.0, -2.0, 10.0]);
+        let project = |point: [f64; 3]| {
+            let m = DMat4::from_cols_array(&to_device.map(f64::from));
+            let p = m * DVec3::from_array(point).extend(1.0);
+            (p / p.w).to_array()
+        };
+        // At distance 4 along -z the image is 16 wide and 8 high; its right is -x.
+        let corner = project([1.0 - 8.0, 2.0 + 4.0, 6.0]);
+        assert!((corner[0] - 1.0).abs() < 1e-6 && (corner[1] - 1.0).abs() < 1e-6, "{corner:?}");
+        let centre = project([1.0, 2.0, -5.0]);
+        assert!(centre[0].abs() < 1e-6 && centre[1].abs() < 1e-6 && centre[2] < 1.0, "{centre:?}");
+    }
+
+    #[test]
+    fn distances_are_along_the_axis() {
+        let frame = Frame::new(40, 20).unwrap();
+        let wide = view(Projection::Perspective { fov: 90.0 });
+        let corner = wide.along_axis(&frame, 0, 6.0);
+        let cosine = 1.0 / (1.0f64 + 1.95 * 1.95 + 0.95 * 0.95).sqrt();
+        assert!((f64::from(corner) - 6.0 * cosine).abs() < 1e-5, "{corner}");
+        assert_eq!(wide.along_axis(&frame, 0, f32::INFINITY), BACKGROUND);
+        assert_eq!(view(Projection::Orthographic).along_axis(&frame, 0, 6.0), 6.0);
     }
 }

@@ -15,7 +15,7 @@ use dapple_job::checkpoint::{Identity, Kind, StateFile};
 use std::path::Path;
 
 /// SplitMix64's finaliser.
-fn mix(x: u64) -> u64 {
+pub(crate) fn mix(x: u64) -> u64 {
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     x ^ (x >> 31)

@@ -1,6 +1,5 @@
 //! The integration tests of the crate: one program, so that shared code is linked and instantiated once.
 
-mod clusters;
 mod faults;
 mod fuzz_corpus;
 mod predicted_error;

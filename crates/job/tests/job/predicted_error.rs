@@ -7,7 +7,7 @@ use dapple_denoise::relative_errors;
 use dapple_job::{BudgetSpec, Job, PixelFilterSpec, RenderSpec};
 
 fn spec(scene: &str, [width, height]: [u32; 2]) -> RenderSpec {
-    RenderSpec::new(scene).resolution(width, height).pixel_filter(PixelFilterSpec::Box)
+    RenderSpec { pixel_filter: PixelFilterSpec::Box, ..RenderSpec::new(scene).resolution(width, height) }
 }
 
 /// Two independent references. Their noise cancels in a product of differences to both.
@@ -16,7 +16,7 @@ type Truth = [Vec<[f32; 3]>; 2];
 fn truth(scene: &str, size: [u32; 2]) -> Truth {
     [98, 99].map(|seed| {
         let spec = spec(scene, size).sampler("uniform").filter("none").budget(BudgetSpec::Spp(160.0)).seed(seed);
-        Job::prepare(&spec).and_then(|mut job| job.render()).unwrap_or_else(|e| panic!("{e}")).filtered.radiance
+        Job::prepare(&spec).and_then(|mut job| job.render()).unwrap().filtered.radiance
     })
 }
 
@@ -43,7 +43,7 @@ fn ratios(scene: &str, size: [u32; 2], goal: f64, seeds: u64) -> Ratios {
     let (mut predicted, mut own, mut measured) = (0.0, 0.0, 0.0);
     for seed in 1..=seeds {
         let spec = spec(scene, size).budget(BudgetSpec::Error(goal)).seed(seed);
-        let image = Job::prepare(&spec).and_then(|mut job| job.render()).unwrap_or_else(|e| panic!("{e}"));
+        let image = Job::prepare(&spec).and_then(|mut job| job.render()).unwrap();
         predicted += image.film.record().filtered_relmse.expect("a prediction");
         let errors = relative_errors(&image.filtered, 0.01).expect("the filter's own error");
         own += errors.iter().map(|e| f64::from(*e)).sum::<f64>() / errors.len() as f64;

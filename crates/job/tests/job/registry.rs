@@ -1,27 +1,42 @@
-//! Samplers, point sets and filters by name, made for a world.
+//! Samplers, point sets and filters by name, made for a world, and the clusters of its shapes.
 #![allow(clippy::print_stderr, reason = "tests say when they skip")]
 
 use dapple_core::{PointSet as _, SampleId, Sampler as _};
+use dapple_job::WorldTriangles;
 use dapple_job::registry::{
-    FILTERS, MethodInputs, NOT_BUILT, POINTS, Parameter, RegistryError, SAMPLERS, Setting, check_filter, check_sampler,
-    film_points, filter, points, sampler,
+    AnyPoints, FILTERS, MethodInputs, NOT_BUILT, POINTS, Parameter, RegistryError, SAMPLERS, Setting, check_filter,
+    check_sampler, film_points, filter, points, sampler,
 };
 use dapple_renderer::World;
-use dapple_scene::{Effect, bundled};
+use dapple_scene::pbrt::{ReadOptions, read_scene_from};
+use dapple_scene::{Effect, Scene, bundled};
 use std::sync::Arc;
 
 const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
 
 /// A scene in which all methods can be made: light scatters once, from a point light, and the camera has a lens.
 fn inputs() -> MethodInputs {
-    let mut scene = bundled::files("furnace").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+    let mut scene = scene("furnace");
     scene.max_depth = Some(1);
     (scene.camera.lens_radius, scene.camera.focal_distance) = (0.05, 1.0);
-    let scene = dapple_renderer::without(&scene, Effect::SoftShadows).unwrap_or_else(|e| panic!("{e}"));
-    let world = Arc::new(World::new(&scene).unwrap_or_else(|e| panic!("{e}")));
-    let points = Arc::from(points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}")));
+    let scene = dapple_renderer::without(&scene, Effect::SoftShadows).unwrap();
+    let world = Arc::new(World::new(&scene).unwrap());
+    let points = Arc::from(points("sobol", SETTING).unwrap());
     let points = film_points(&world, points).expect("a box filter");
     MethodInputs { points: Some(points), ..MethodInputs::of(world) }
+}
+
+fn sobol() -> AnyPoints {
+    points("sobol", SETTING).unwrap()
+}
+
+/// The bundled scene, and its world at this size.
+fn world(name: &str, size: [u32; 2]) -> Arc<World> {
+    Arc::new(World::with_resolution(&scene(name), size).unwrap())
+}
+
+fn scene(name: &str) -> Scene {
+    bundled::files(name).expect("bundled").read().unwrap()
 }
 
 /// The filter, or `None` with a message if its shared library is missing.
@@ -44,14 +59,14 @@ fn refusal<T>(made: Result<T, RegistryError>) -> String {
 fn every_entry_is_made_by_its_name() {
     let inputs = inputs();
     for entry in POINTS {
-        let points = points(entry.name, SETTING).unwrap_or_else(|e| panic!("{e}"));
+        let points = points(entry.name, SETTING).unwrap();
         assert!(points.describe().starts_with(entry.name), "{}", points.describe());
         let id = SampleId::new([3, 4], 0, 7);
         assert!(points.block(id, 2).iter().all(|u| (0.0..1.0).contains(u)));
     }
     for entry in SAMPLERS {
-        let points = points("random", SETTING).unwrap_or_else(|e| panic!("{e}"));
-        let sampler = sampler(entry.name, points, &inputs).unwrap_or_else(|e| panic!("{e}")).sampler;
+        let points = points("random", SETTING).unwrap();
+        let sampler = sampler(entry.name, points, &inputs).unwrap().sampler;
         assert_eq!(sampler.name(), entry.name);
         assert!(sampler.points().describe().contains("random"));
     }
@@ -71,12 +86,9 @@ fn every_entry_is_made_by_its_name() {
 
 #[test]
 fn the_former_name_of_adaptive_is_understood_and_the_library_has_the_same_defaults() {
-    let points = || points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-    let describe = |name: &str| {
-        sampler(name, points(), &MethodInputs::default()).unwrap_or_else(|e| panic!("{e}")).sampler.describe()
-    };
+    let describe = |name: &str| sampler(name, sobol(), &MethodInputs::default()).unwrap().sampler.describe();
     assert_eq!(describe("cluster"), describe("adaptive"));
-    assert_eq!(dapple_adaptive::Adaptive::new(points()).describe(), describe("adaptive"));
+    assert_eq!(dapple_adaptive::Adaptive::new(sobol()).describe(), describe("adaptive"));
     assert_eq!(describe("adaptive:epsilon=0.2"), describe("adaptive"));
 }
 
@@ -87,19 +99,15 @@ fn cluster_follows_a_filter_by_its_name() {
     // A plan's regression has no clusters.
     let quick = "cluster-regression:outside=1";
     for (name, read) in [("nlm", "nlm"), ("bilateral", "bilateral"), ("cluster-regression", quick)] {
-        let make = |words: &str| {
-            let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-            sampler(words, points, &inputs).unwrap_or_else(|e| panic!("{e}")).sampler
-        };
+        let make = |words: &str| sampler(words, sobol(), &inputs).unwrap().sampler;
         let made = make(&format!("adaptive:policy=keep,by={name}"));
         assert!(made.describe().starts_with(&format!("adaptive:by={name},")), "{}", made.describe());
         assert_eq!(make(&made.describe()).describe(), made.describe());
-        let wanted = filter(read, &inputs).unwrap_or_else(|e| panic!("{e}")).filter.needs();
+        let wanted = filter(read, &inputs).unwrap().filter.needs();
         assert_eq!(made.needs().and(wanted), made.needs(), "{name}");
         assert_ne!(made.needs(), make("adaptive").needs(), "{name}");
     }
-    let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-    let refused = refusal(sampler("adaptive:policy=keep,by=gaussian", points, &inputs));
+    let refused = refusal(sampler("adaptive:policy=keep,by=gaussian", sobol(), &inputs));
     assert!(refused.contains("one of variance, nlm, bilateral, cluster-regression"), "{refused}");
 }
 
@@ -117,10 +125,7 @@ fn descriptions_are_words() {
         keys
     };
     for entry in SAMPLERS {
-        let describe = |words: &str| {
-            let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-            sampler(words, points, &inputs).unwrap_or_else(|e| panic!("{e}")).sampler.describe()
-        };
+        let describe = |words: &str| sampler(words, sobol(), &inputs).unwrap().sampler.describe();
         let words = format!("{}:{}", entry.name, said(entry.parameters().collect()));
         assert_eq!(describe(&words), describe(entry.name));
         assert_eq!(describe(&describe(entry.name)), describe(entry.name));
@@ -130,7 +135,7 @@ fn descriptions_are_words() {
         if available(entry.name, &inputs).is_none() {
             continue;
         }
-        let describe = |words: &str| filter(words, &inputs).unwrap_or_else(|e| panic!("{e}")).filter.describe();
+        let describe = |words: &str| filter(words, &inputs).unwrap().filter.describe();
         let words = format!("{}:{}", entry.name, said(entry.parameters().collect()));
         assert_eq!(describe(&words), describe(entry.name));
         assert_eq!(describe(&describe(entry.name)), describe(entry.name));
@@ -140,8 +145,7 @@ fn descriptions_are_words() {
 
 #[test]
 fn wrong_words_are_refused_with_what_there_is() {
-    let points = || points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-    let sampler = |words: &str| refusal(sampler(words, points(), &MethodInputs::default()));
+    let sampler = |words: &str| refusal(sampler(words, sobol(), &MethodInputs::default()));
     assert!(refusal(dapple_job::registry::points("sobel", SETTING)).contains("Choose among sobol"));
     assert!(sampler("").contains("variance, uniform"));
     assert!(refusal(check_filter("nune")).contains("none"));
@@ -178,24 +182,9 @@ fn optional_filters_are_there_or_name_their_feature() {
 /// Also without a world: a program refuses wrong words before it reads a scene.
 #[test]
 fn wrong_cluster_words_are_refused_without_a_world() {
-    for words in [
-        "probes=0",
-        "probes=many",
-        "size=large",
-        "map=square",
-        "angle=-1",
-        "distance=NaN",
-        "min=9,max=8",
-        "k=0",
-        "k=NaN",
-        "clamp=0",
-        "normals=91",
-        "normals=-1",
-        "sides=3",
-        "policy=keep",
-        "lights=1",
-        "lights=1025",
-    ] {
+    let wrong = "probes=0 probes=many size=large map=square angle=-1 distance=NaN min=9,max=8 k=0 k=NaN clamp=0 normals=91 normals=-1 \
+        sides=3 policy=keep lights=1 lights=1025";
+    for words in wrong.split(' ') {
         assert_ne!(refusal(check_sampler(&format!("cluster-thesis:{words}"))), "", "{words}");
     }
     for words in ["by=guess", "pilot=1", "rounds=65", "pool=sea", "prior=-1", "gain=2", "policy=maybe"] {
@@ -205,16 +194,14 @@ fn wrong_cluster_words_are_refused_without_a_world() {
         assert_ne!(refusal(check_filter(&format!("cluster-gaussian:{words}"))), "", "{words}");
     }
     assert!(check_sampler("cluster-thesis").is_ok() && check_filter("cluster-gaussian").is_ok());
-    let made =
-        sampler("cluster-thesis", points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}")), &MethodInputs::default());
+    let made = sampler("cluster-thesis", sobol(), &MethodInputs::default());
     assert!(refusal(made).contains("world"));
 }
 
 /// Every choice of the cluster sampler renders, to the exact budget.
 #[test]
 fn every_cluster_choice_renders() {
-    let scene = bundled::files("cornell").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
-    let world = Arc::new(World::with_resolution(&scene, [9, 7]).unwrap_or_else(|e| panic!("{e}")));
+    let world = world("cornell", [9, 7]);
     let inputs = MethodInputs::of(world.clone());
     let (mut rays, mut rejected) = (0, 0);
     let clusters = ["insertion=box,order=input", "insertion=centroid,grouping=connected,order=canonical,sides=2"];
@@ -222,12 +209,11 @@ fn every_cluster_choice_renders() {
         for (pixel, map) in [("one", "identity"), ("footprint", "root"), ("one", "log")] {
             for (probes, clusters) in ["centre", "3"].into_iter().zip(clusters) {
                 let words = format!("cluster-thesis:size={size},pixel={pixel},map={map},probes={probes},{clusters}");
-                let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-                let mut made = sampler(&words, points, &inputs).unwrap_or_else(|e| panic!("{words}: {e}"));
+                let mut made = sampler(&words, sobol(), &inputs).unwrap();
                 let frame = dapple_core::Frame::new(9, 7).expect("not empty");
                 let film = dapple_core::Render::new(frame, &dapple_core::Limits::samples(63 * 8))
                     .run(&mut *dapple_renderer::integrator(&world), &mut *made.sampler);
-                let counts = film.unwrap_or_else(|e| panic!("{words}: {e}")).counts();
+                let counts = film.unwrap().counts();
                 assert_eq!(counts.iter().sum::<u64>(), 63 * 8, "{words}");
                 assert_ne!(counts.iter().min(), counts.iter().max(), "{words} tells nothing apart");
                 let probes = made.probes.probes().unwrap_or_else(|| panic!("{words}: no probes"));
@@ -243,17 +229,16 @@ fn every_cluster_choice_renders() {
 #[test]
 fn clusters_are_made_once_for_each_set_of_parameters() {
     let mut inputs = inputs();
-    let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-    inputs.clusters = sampler("cluster-thesis", points, &inputs).unwrap_or_else(|e| panic!("{e}")).clusters;
+    inputs.clusters = sampler("cluster-thesis", sobol(), &inputs).unwrap().clusters;
     let is_shared = |words: &str| {
-        let made = filter(words, &inputs).unwrap_or_else(|e| panic!("{e}"));
+        let made = filter(words, &inputs).unwrap();
         let [known, used] = [&inputs.clusters, &made.clusters].map(|set| set.as_ref().expect("clusters were made"));
         Arc::ptr_eq(known, used)
     };
     assert!(is_shared("cluster-gaussian") && is_shared("cluster-regression"));
     assert!(!is_shared("cluster-gaussian:sides=2"));
     // Without an effect on the image, none are made.
-    assert!(filter("bilateral", &inputs).unwrap_or_else(|e| panic!("{e}")).clusters.is_none());
+    assert!(filter("bilateral", &inputs).unwrap().clusters.is_none());
 }
 
 /// Checkpoints, shards and EXR headers hold these texts.
@@ -263,10 +248,9 @@ fn descriptions_stay_as_files_hold_them() {
     let inputs = inputs();
     let described = |words: &str| {
         if SAMPLERS.iter().any(|entry| entry.is_called(words.split(':').next().unwrap_or(words))) {
-            let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-            return sampler(words, points, &inputs).unwrap_or_else(|e| panic!("{e}")).sampler.describe();
+            return sampler(words, sobol(), &inputs).unwrap().sampler.describe();
         }
-        filter(words, &inputs).unwrap_or_else(|e| panic!("{e}")).filter.describe()
+        filter(words, &inputs).unwrap().filter.describe()
     };
     for (words, expected) in [
         ("none", "none"),
@@ -309,8 +293,7 @@ fn descriptions_stay_as_files_hold_them() {
 
 #[test]
 fn scenes_with_random_numbers_outside_the_domain_are_refused_by_mdas_unless_forced() {
-    let scene = bundled::files("cornell").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
-    let inputs = MethodInputs::of(Arc::new(World::new(&scene).unwrap_or_else(|e| panic!("{e}"))));
+    let inputs = MethodInputs::of(world("cornell", [24, 16]));
     let made = |words: &str| sampler(words, points("random", SETTING).expect("points"), &inputs);
     let error = refusal(made("mdas"));
     assert!(error.contains("light that scatters more than once") && error.contains("force=1"), "{error}");
@@ -320,9 +303,9 @@ fn scenes_with_random_numbers_outside_the_domain_are_refused_by_mdas_unless_forc
 
 #[test]
 fn samples_are_not_placed_in_scenes_with_other_pixel_filters() {
-    let mut scene = bundled::files("cornell").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+    let mut scene = scene("cornell");
     scene.film.pixel_filter = dapple_scene::PixelFilter::Triangle { radius: [1.0, 1.0] };
-    let inputs = MethodInputs::of(Arc::new(World::new(&scene).unwrap_or_else(|e| panic!("{e}"))));
+    let inputs = MethodInputs::of(Arc::new(World::new(&scene).unwrap()));
     let error = refusal(sampler("subdivision", points("random", SETTING).expect("points"), &inputs));
     assert!(error.contains("not a box one pixel wide"), "{error}");
     assert!(refusal(filter("tree-mean", &inputs)).contains("not a box one pixel wide"));
@@ -330,10 +313,7 @@ fn samples_are_not_placed_in_scenes_with_other_pixel_filters() {
 
 #[test]
 fn fourier_dof_refuses_scenes_without_a_lens_unless_forced() {
-    let of = |name: &str| {
-        let scene = bundled::files(name).expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
-        MethodInputs::of(Arc::new(World::with_resolution(&scene, [48, 32]).unwrap_or_else(|e| panic!("{e}"))))
-    };
+    let of = |name: &str| MethodInputs::of(world(name, [48, 32]));
     let made = |words: &str, inputs: &MethodInputs| sampler(words, points("random", SETTING).expect("points"), inputs);
     let cornell = of("cornell");
     let error = refusal(made("fourier-dof", &cornell));
@@ -347,20 +327,18 @@ fn fourier_dof_refuses_scenes_without_a_lens_unless_forced() {
 /// Few pixels have samples, the budget is exact, and the filter fills the others.
 #[test]
 fn fourier_dof_and_splat_render_a_scene_with_a_lens() {
-    let scene = bundled::files("chess").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
-    let world = Arc::new(World::with_resolution(&scene, [96, 64]).unwrap_or_else(|e| panic!("{e}")));
+    let world = world("chess", [96, 64]);
     let inputs = MethodInputs::of(world.clone());
     let frame = dapple_core::Frame::new(96, 64).expect("not empty");
     let mut limits = dapple_core::Limits::spp(8.0);
     limits.min_spp = 0;
-    let points = points("sobol", SETTING).expect("points");
-    let mut made = sampler("fourier-dof", points, &inputs).unwrap_or_else(|e| panic!("{e}")).sampler;
+    let mut made = sampler("fourier-dof", sobol(), &inputs).unwrap().sampler;
     let film = dapple_core::Render::new(frame, &limits).run(&mut *dapple_renderer::integrator(&world), &mut *made);
     let film = film.expect("a film");
     assert_eq!(film.record().samples, 8 * frame.pixels() as u64);
     let empty = film.counts().iter().filter(|&&n| n == 0).count();
     assert!(empty > frame.pixels() / 10, "{empty}");
-    let image = filter("splat", &inputs).unwrap_or_else(|e| panic!("{e}")).filter.apply(&film).expect("an image");
+    let image = filter("splat", &inputs).unwrap().filter.apply(&film).expect("an image");
     assert!(image.radiance.iter().all(|pixel| pixel.iter().sum::<f32>() > 0.0));
 }
 
@@ -380,8 +358,8 @@ fn tessellated_penumbra() -> MethodInputs {
     assert!(text.contains(one));
     let text = text.replace(one, &format!("\"point3 P\" [ {corners}] \"integer indices\" [ {squares}]"));
     bundle.files.iter_mut().filter(|(name, _)| *name == main).for_each(|(_, bytes)| *bytes = text.clone().into_bytes());
-    let scene = bundle.read().unwrap_or_else(|e| panic!("{e}"));
-    MethodInputs::of(Arc::new(World::with_resolution(&scene, [64, 64]).unwrap_or_else(|e| panic!("{e}"))))
+    let scene = bundle.read().unwrap();
+    MethodInputs::of(Arc::new(World::with_resolution(&scene, [64, 64]).unwrap()))
 }
 
 #[test]
@@ -389,8 +367,7 @@ fn clusters_in_a_penumbra_get_more_samples_with_shadow_rays() {
     let inputs = tessellated_penumbra();
     let counts = |lights: u32| {
         let words = format!("cluster-thesis:size=hits,angle=0,distance=0,min=1,max=1000,sides=2,lights={lights}");
-        let points = points("sobol", SETTING).expect("points");
-        let mut made = sampler(&words, points, &inputs).unwrap_or_else(|e| panic!("{e}"));
+        let mut made = sampler(&words, sobol(), &inputs).unwrap();
         let frame = dapple_core::Frame::new(64, 64).expect("not empty");
         let film = dapple_core::Film::new(frame, made.sampler.needs());
         let budget = dapple_core::BudgetLeft::new(64 * frame.pixels() as u64);
@@ -423,12 +400,12 @@ impl dapple_core::Integrator for Tracer<'_> {
 
 /// The scene `lens` with a wide lens, or a moving camera; lit by one point light.
 fn blurred(moves: bool) -> dapple_scene::Scene {
-    let mut scene = bundled::files("lens").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+    let mut scene = scene("lens");
     scene.film.pixel_filter = dapple_scene::PixelFilter::default();
     scene.max_depth = Some(1);
     for effect in [Effect::Environment, Effect::SoftShadows, Effect::SeveralLights] {
         if dapple_scene::Effects::of(&scene).has(effect) {
-            scene = dapple_renderer::without(&scene, effect).unwrap_or_else(|e| panic!("{e}"));
+            scene = dapple_renderer::without(&scene, effect).unwrap();
         }
     }
     let mut end = scene.camera.to_world;
@@ -445,19 +422,19 @@ fn tlfr_moves_samples_to_where_the_renderer_sees_them() {
     use dapple_core::{Film, Filter, Frame, Limits, Render, samplers::Uniform};
     const SIZE: [u32; 2] = [60, 40];
     for moves in [false, true] {
-        let world = World::with_resolution(&blurred(moves), SIZE).unwrap_or_else(|e| panic!("{e}"));
+        let world = World::with_resolution(&blurred(moves), SIZE).unwrap();
         let world = Arc::new(world);
-        let sobol = |seed| points("sobol", Setting { seed, spp: Some(16) }).unwrap_or_else(|e| panic!("{e}"));
+        let sobol = |seed| points("sobol", Setting { seed, spp: Some(16) }).unwrap();
         let render = |seed, spp, of: Option<&dyn Filter>, reports: bool| -> Film {
-            let frame = Frame::new(SIZE[0], SIZE[1]).unwrap_or_else(|e| panic!("{e}"));
+            let frame = Frame::new(SIZE[0], SIZE[1]).unwrap();
             let (limits, mut tracer) = (Limits::spp(spp), Tracer(dapple_renderer::integrator(&world), reports));
             let (needs, recorders) = of.map(|of| (of.needs(), of.recorders())).unwrap_or_default();
             let render = Render::new(frame, &limits).needs(needs).recorders(recorders);
-            render.run(&mut tracer, &mut Uniform::new(sobol(seed))).unwrap_or_else(|e| panic!("{e}"))
+            render.run(&mut tracer, &mut Uniform::new(sobol(seed))).unwrap()
         };
         let points = film_points(&world, Arc::from(sobol(1))).expect("a box filter");
         let inputs = MethodInputs { points: Some(points), ..MethodInputs::of(world.clone()) };
-        let tlfr = filter("tlfr", &inputs).unwrap_or_else(|e| panic!("{e}")).filter;
+        let tlfr = filter("tlfr", &inputs).unwrap().filter;
         let reference = render(2, 256.0, None, false).image();
         let error = |image: &[[f32; 3]]| -> f64 {
             let square = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
@@ -465,11 +442,42 @@ fn tlfr_moves_samples_to_where_the_renderer_sees_them() {
         };
         let [share, control] = [true, false].map(|reports| {
             let film = render(1, 8.0, Some(&*tlfr), reports);
-            error(&tlfr.apply(&film).unwrap_or_else(|e| panic!("{e}")).radiance) / error(&film.image())
+            error(&tlfr.apply(&film).unwrap().radiance) / error(&film.image())
         });
         assert!(
             share < 0.8 && control > 2.0 * share,
             "{moves}: {share} of the error is left, {control} in the control"
         );
+    }
+}
+
+const PLACES: [&str; 2] =
+    ["Translate 3 0 1 Rotate 30 0 1 0 Scale 2 1 0.5", "Translate -2 1 0 Rotate 70 1 0.5 0 Scale -1 1 1"];
+const TENTS: &str = "Shape \"trianglemesh\" \"integer indices\" [ 0 1 3 1 2 3 ] \
+    \"point3 P\" [ -1 -1 0  1 -1 0  0 1 0  0 -0.2 1 ]\n Material \"conductor\"\n Shape \"trianglemesh\" \
+    \"integer indices\" [ 0 1 2 ] \"point3 P\" [ 0 0 2  1 0 2  0 1 3 ]\n";
+
+/// Triangles, and their vertices in the units of the file.
+fn triangles(shapes: &str) -> (WorldTriangles, Vec<[f64; 3]>) {
+    let file = format!("LookAt 0 0 9 0 0 0 0 1 0 Camera \"perspective\"\nWorldBegin\nLightSource \"point\"\n{shapes}");
+    let files: &[(&str, &[u8])] = &[("scene.pbrt", file.as_bytes())];
+    let scene = read_scene_from(files, "scene.pbrt", &ReadOptions::default()).unwrap();
+    let world = World::new(&scene).unwrap();
+    let triangles = WorldTriangles::of(&world);
+    let positions = triangles.positions.iter().map(|&p| world.space().world(p)).collect();
+    (triangles, positions)
+}
+
+#[test]
+fn clusters_see_the_triangles_of_instances_as_those_of_copies() {
+    let placed = |shapes: &str| PLACES.map(|place| format!("AttributeBegin {place} {shapes} AttributeEnd\n")).concat();
+    let (instances, of_instances) =
+        triangles(&format!("ObjectBegin \"tents\" {TENTS} ObjectEnd\n{}", placed("ObjectInstance \"tents\"")));
+    let (copies, of_copies) = triangles(&placed(TENTS));
+    assert_eq!(instances.indices, copies.indices);
+    assert_eq!(instances.indices.len(), 6);
+    assert_eq!(instances.positions.len(), 14);
+    for (p, q) in of_instances.iter().zip(&of_copies) {
+        assert!(p.iter().zip(q).all(|(a, b)| (a - b).abs() < 1e-5), "{p:?} {q:?}");
     }
 }

@@ -5,22 +5,22 @@ use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
 
 fn full() -> RenderSpec {
-    RenderSpec::new("scenes/a.pbrt")
-        .sampler("uniform")
-        .points("halton")
-        .filter("gaussian")
-        .integrator("path")
-        .light_selection(LightSelection::Uniform)
-        .budget(BudgetSpec::Spp(0.1 + 0.2))
-        .bounds(0, Some(99))
-        .resolution(64, 48)
-        .crop(CropSpec::Window([1, 2, 30, 40]))
-        .seed(u64::MAX)
-        .max_depth(Some(3))
-        .pixel_filter(PixelFilterSpec::Box)
-        .without([Effect::Glossy, Effect::DepthOfField])
-        .allow_unsupported(true)
-        .shard(Some("2/8".parse().expect("a shard")))
+    RenderSpec {
+        points: "halton".into(),
+        light_selection: Some(LightSelection::Uniform),
+        budget: BudgetSpec::Spp(0.1 + 0.2),
+        min_spp: 0,
+        max_spp: Some(99),
+        resolution: Some([64, 48]),
+        crop: CropSpec::Window([1, 2, 30, 40]),
+        seed: u64::MAX,
+        max_depth: Some(3),
+        pixel_filter: PixelFilterSpec::Box,
+        without: vec![Effect::Glossy, Effect::DepthOfField],
+        allow_unsupported: true,
+        shard: Some("2/8".parse().expect("a shard")),
+        ..RenderSpec::new("scenes/a.pbrt").sampler("uniform").filter("gaussian").integrator("path")
+    }
 }
 
 /// Files of version 1 are read by every Dapple of that version: this text never changes.

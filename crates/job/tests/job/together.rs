@@ -14,12 +14,12 @@ fn spec(scene: &str) -> RenderSpec {
 }
 
 fn prepared(spec: &RenderSpec) -> PreparedScene {
-    LoadedScene::read(spec, &LoadOptions::default()).and_then(LoadedScene::build).unwrap_or_else(|e| panic!("{e}"))
+    LoadedScene::read(spec, &LoadOptions::default()).and_then(LoadedScene::build).unwrap()
 }
 
 fn job(prepared: &PreparedScene, spec: &RenderSpec) -> Job {
-    let mut job = prepared.clone().job(spec).unwrap_or_else(|e| panic!("{e}"));
-    job.set_outputs(OutputFiles::images(&["a.exr".into()]).unwrap_or_else(|e| panic!("{e}")));
+    let mut job = prepared.clone().job(spec).unwrap();
+    job.set_outputs(OutputFiles::images(&["a.exr".into()]).unwrap());
     job
 }
 
@@ -40,7 +40,7 @@ fn bits(image: &RenderedImage) -> Vec<u64> {
 }
 
 fn alone(prepared: &PreparedScene, spec: &RenderSpec) -> Vec<u64> {
-    bits(&job(prepared, spec).render().unwrap_or_else(|e| panic!("{e}")))
+    bits(&job(prepared, spec).render().unwrap())
 }
 
 /// Renders with processes that are threads. Process 0 is `first`; a process whose rank is `stops` is stopped at once.
@@ -57,7 +57,7 @@ fn together(
         for mut end in ends {
             threads.spawn(move || {
                 let stopped = stops == Some(end.rank());
-                job(prepared, spec).serve(&mut end, &mut || stopped).unwrap_or_else(|e| panic!("{e}"));
+                job(prepared, spec).serve(&mut end, &mut || stopped).unwrap();
             });
         }
         first(&mut job(prepared, spec), &mut coordinator)
@@ -74,8 +74,8 @@ fn processes_render_the_default_image_of_six_scenes_with_the_bits_of_one() {
             let traced = together(&prepared, &spec, size, None, &mut |job, end| {
                 job.coordinate(None, &mut NoMonitor, end, &mut || false)
             });
-            let film = traced.unwrap_or_else(|e| panic!("{e}")).film;
-            let image = job(&prepared, &spec).finish(film).unwrap_or_else(|e| panic!("{e}"));
+            let film = traced.unwrap().film;
+            let image = job(&prepared, &spec).finish(film).unwrap();
             assert!(bits(&image) == wanted, "{scene}, {size} processes");
         }
     }
@@ -88,8 +88,8 @@ fn a_limit_of_error_is_that_of_one_process() {
     let wanted = alone(&prepared, &spec);
     let traced =
         together(&prepared, &spec, 2, None, &mut |job, end| job.coordinate(None, &mut NoMonitor, end, &mut || false));
-    let image = job(&prepared, &spec).finish(traced.unwrap_or_else(|e| panic!("{e}")).film);
-    assert!(bits(&image.unwrap_or_else(|e| panic!("{e}"))) == wanted);
+    let image = job(&prepared, &spec).finish(traced.unwrap().film);
+    assert!(bits(&image.unwrap()) == wanted);
 }
 
 /// Stops after some stages, and notes from where the render goes on.
@@ -110,7 +110,7 @@ impl JobMonitor for Stops {
 }
 
 fn opened(path: &Path) -> Option<Checkpoints> {
-    CheckpointOptions::default().keep(path).resume(path).open().unwrap_or_else(|e| panic!("{e}"))
+    CheckpointOptions { keep: Some(path.into()), resume: Some(path.into()), every: None }.open().unwrap()
 }
 
 #[test]
@@ -125,7 +125,7 @@ fn a_render_that_was_stopped_goes_on_from_its_checkpoint_with_any_number_of_proc
         let traced = together(&prepared, &spec, size, stops, &mut |job, end| {
             job.coordinate(opened(&path), &mut watched, end, &mut || false)
         });
-        (traced.unwrap_or_else(|e| panic!("{e}")), watched.resumed)
+        (traced.unwrap(), watched.resumed)
     };
     let (stopped, from) = run(3, None, 2);
     assert!(stopped.film.record().interrupted && from.is_none());
@@ -136,7 +136,7 @@ fn a_render_that_was_stopped_goes_on_from_its_checkpoint_with_any_number_of_proc
     assert!(again.film.record().interrupted && from.is_some_and(|from| from > 0.0 && from <= spp), "{from:?}, {spp}");
     let (done, from) = run(2, None, u32::MAX);
     assert!(from == Some(spp));
-    let image = job(&prepared, &spec).finish(done.film).unwrap_or_else(|e| panic!("{e}"));
+    let image = job(&prepared, &spec).finish(done.film).unwrap();
     assert!(bits(&image) == wanted);
 }
 
@@ -152,7 +152,7 @@ fn a_damaged_checkpoint_is_refused_with_the_reason_and_its_older_version_taken()
     let mut changed = bytes.clone();
     changed[bytes.len() / 2] ^= 1;
     // A header on a state that is not one.
-    let file = StateFile::from_bytes(bytes.clone()).unwrap_or_else(|e| panic!("{e}"));
+    let file = StateFile::from_bytes(bytes.clone()).unwrap();
     let empty = StateFile::new(Kind::Checkpoint, file.identity, dapple_core::container::begin(0));
     for (damaged, what) in [
         (&bytes[..bytes.len() - 9], "it is cut short"),
@@ -187,7 +187,7 @@ fn part(job: &mut Job, plan: &PlanFile, shard: &str, folder: &Path) -> Result<Pa
 }
 
 fn rows(paths: &[PathBuf]) -> RowsFiles {
-    RowsFiles::read(paths).unwrap_or_else(|e| panic!("{e}"))
+    RowsFiles::read(paths).unwrap()
 }
 
 #[test]
@@ -198,18 +198,17 @@ fn stages_in_files_have_the_bits_of_one_process() {
         let wanted = alone(&prepared, &spec);
         let folder = tempfile::tempdir().expect("a folder");
         let new = || job(&prepared, &spec);
-        let mut bytes = new().first_plan().unwrap_or_else(|e| panic!("{e}"));
+        let mut bytes = new().first_plan().unwrap();
         let image = loop {
             let path = written(folder.path(), "plan", &bytes);
-            let plan = PlanFile::read(&path).unwrap_or_else(|e| panic!("{e}"));
-            let parts = ["1/3", "2/3", "3/3"]
-                .map(|shard| part(&mut new(), &plan, shard, folder.path()).unwrap_or_else(|e| panic!("{e}")));
-            let (next, is_done) = new().next_plan(&plan, &rows(&parts)).unwrap_or_else(|e| panic!("{e}"));
+            let plan = PlanFile::read(&path).unwrap();
+            let parts = ["1/3", "2/3", "3/3"].map(|shard| part(&mut new(), &plan, shard, folder.path()).unwrap());
+            let (next, is_done) = new().next_plan(&plan, &rows(&parts)).unwrap();
             bytes = next;
             if is_done {
-                let plan = PlanFile::read(&written(folder.path(), "plan", &bytes)).unwrap_or_else(|e| panic!("{e}"));
-                let traced = new().finish_plan(&plan).unwrap_or_else(|e| panic!("{e}"));
-                break new().finish(traced.film).unwrap_or_else(|e| panic!("{e}"));
+                let plan = PlanFile::read(&written(folder.path(), "plan", &bytes)).unwrap();
+                let traced = new().finish_plan(&plan).unwrap();
+                break new().finish(traced.film).unwrap();
             }
         };
         assert!(bits(&image) == wanted, "{scene}");
@@ -222,15 +221,15 @@ fn plans_and_parts_of_another_render_are_refused_with_a_list() {
     let prepared = prepared(&here);
     let folder = tempfile::tempdir().expect("a folder");
     let plan = |spec: &RenderSpec, name: &str| {
-        let bytes = job(&prepared, spec).first_plan().unwrap_or_else(|e| panic!("{e}"));
-        PlanFile::read(&written(folder.path(), name, &bytes)).unwrap_or_else(|e| panic!("{e}"))
+        let bytes = job(&prepared, spec).first_plan().unwrap();
+        PlanFile::read(&written(folder.path(), name, &bytes)).unwrap()
     };
     let (mine, theirs) = (plan(&here, "a.plan"), plan(&other, "b.plan"));
     let error =
         part(&mut job(&prepared, &here), &theirs, "1/2", folder.path()).expect_err("another render").to_string();
     assert!(error.contains("b.plan: the file is of another render") && error.contains("seed: 9, not 1"), "{error}");
-    let first = part(&mut job(&prepared, &here), &mine, "1/2", folder.path()).unwrap_or_else(|e| panic!("{e}"));
-    let second = part(&mut job(&prepared, &other), &theirs, "2/2", folder.path()).unwrap_or_else(|e| panic!("{e}"));
+    let first = part(&mut job(&prepared, &here), &mine, "1/2", folder.path()).unwrap();
+    let second = part(&mut job(&prepared, &other), &theirs, "2/2", folder.path()).unwrap();
     let cut = written(folder.path(), "cut", &std::fs::read(&first).expect("a part")[..300]);
     let listed = |outcome: Option<JobError>| match outcome {
         Some(JobError::Shards(lines)) => lines.join("\n"),
@@ -263,21 +262,21 @@ fn a_stopped_part_goes_on_from_its_checkpoint() {
     let spec = spec("cornell").sampler("uniform");
     let prepared = prepared(&spec);
     let folder = tempfile::tempdir().expect("a folder");
-    let bytes = job(&prepared, &spec).first_plan().unwrap_or_else(|e| panic!("{e}"));
-    let plan = PlanFile::read(&written(folder.path(), "plan", &bytes)).unwrap_or_else(|e| panic!("{e}"));
+    let bytes = job(&prepared, &spec).first_plan().unwrap();
+    let plan = PlanFile::read(&written(folder.path(), "plan", &bytes)).unwrap();
     let shard: Shard = "1/1".parse().expect("a part");
     let path = folder.path().join("checkpoint");
     let trace = |checkpoints, monitor: &mut dyn JobMonitor| {
         let traced = job(&prepared, &spec).trace_part(Some(&plan), shard, checkpoints, monitor);
-        traced.unwrap_or_else(|e| panic!("{e}"))
+        traced.unwrap()
     };
     let whole = trace(None, &mut NoMonitor).expect("nothing stops it");
     assert!(trace(opened(&path), &mut StopsAtFile(&path)).is_none());
     let saved = std::fs::read(&path).expect("a checkpoint");
-    let saved = StateFile::from_bytes(saved).unwrap_or_else(|e| panic!("{e}"));
+    let saved = StateFile::from_bytes(saved).unwrap();
     assert!((1..8).contains(&saved.rows().count()), "{}", saved.rows().count());
     let rows = |bytes: Vec<u8>| -> usize {
-        let file = StateFile::from_bytes(bytes).unwrap_or_else(|e| panic!("{e}"));
+        let file = StateFile::from_bytes(bytes).unwrap();
         file.rows().count()
     };
     let went_on = trace(opened(&path), &mut NoMonitor).expect("nothing stops it");

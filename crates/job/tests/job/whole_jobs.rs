@@ -14,15 +14,15 @@ fn spec() -> RenderSpec {
 
 fn render(spec: &RenderSpec) -> Vec<[f32; 3]> {
     let image = Job::prepare(spec).and_then(|mut job| job.render());
-    image.unwrap_or_else(|e| panic!("{e}")).filtered.radiance
+    image.unwrap().filtered.radiance
 }
 
 fn shards(folder: &Path, spec: &RenderSpec, of: u32) -> Vec<PathBuf> {
     let shard = |index| {
         let shard: Shard = format!("{}/{of}", index + 1).parse().expect("a shard");
-        let spec = spec.clone().shard(Some(shard));
-        let mut job = Job::prepare(&spec).unwrap_or_else(|e| panic!("{e}"));
-        let bytes = job.trace_part(None, shard, None, &mut NoMonitor).unwrap_or_else(|e| panic!("{e}"));
+        let spec = RenderSpec { shard: Some(shard), ..spec.clone() };
+        let mut job = Job::prepare(&spec).unwrap();
+        let bytes = job.trace_part(None, shard, None, &mut NoMonitor).unwrap();
         let path = folder.join(format!("{index}.shard"));
         std::fs::write(&path, bytes.expect("nothing stops it")).expect("written");
         path
@@ -33,10 +33,10 @@ fn shards(folder: &Path, spec: &RenderSpec, of: u32) -> Vec<PathBuf> {
 #[test]
 fn merged_shards_have_the_bits_of_one_machine() {
     let folder = tempfile::tempdir().expect("a folder");
-    let set = RowsFiles::read(&shards(folder.path(), &spec(), 3)).unwrap_or_else(|e| panic!("{e}"));
-    let mut job = Job::prepare(set.spec()).unwrap_or_else(|e| panic!("{e}"));
-    let whole = render(set.spec());
-    let image = job.merge(&set).and_then(|traced| job.finish(traced.film)).unwrap_or_else(|e| panic!("{e}"));
+    let set = RowsFiles::read(&shards(folder.path(), &spec(), 3)).unwrap();
+    let mut job = Job::prepare(&set.spec).unwrap();
+    let whole = render(&set.spec);
+    let image = job.merge(&set).and_then(|traced| job.finish(traced.film)).unwrap();
     assert_eq!(image.filtered.radiance, whole);
 }
 
@@ -44,7 +44,8 @@ fn merged_shards_have_the_bits_of_one_machine() {
 #[test]
 fn a_sampler_that_reads_samples_has_no_shards() {
     let shard: Shard = "1/2".parse().expect("a shard");
-    let mut job = Job::prepare(&spec().sampler("variance").shard(Some(shard))).unwrap_or_else(|e| panic!("{e}"));
+    let spec = RenderSpec { shard: Some(shard), ..spec().sampler("variance") };
+    let mut job = Job::prepare(&spec).unwrap();
     let error = job.trace_part(None, shard, None, &mut NoMonitor).expect_err("it reads").to_string();
     assert!(error.contains("render in stages"), "{error}");
 }
@@ -54,10 +55,10 @@ fn a_sampler_that_reads_samples_has_no_shards() {
 fn a_shard_carries_the_description_as_json() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = &shards(folder.path(), &spec(), 2)[1];
-    let file = StateFile::read(path, Kind::Rows).unwrap_or_else(|e| panic!("{e}"));
+    let file = StateFile::read(path, Kind::Rows).unwrap();
     let json = file.identity.value("spec").expect("a description");
-    let expected = spec().shard(Some("2/2".parse().expect("a shard")));
-    assert_eq!(RenderSpec::from_json(json).unwrap_or_else(|e| panic!("{e}")), expected);
+    let expected = RenderSpec { shard: Some("2/2".parse().expect("a shard")), ..spec() };
+    assert_eq!(RenderSpec::from_json(json).unwrap(), expected);
     let text: Vec<&String> = file.identity.pairs().iter().map(|(_, value)| value).collect();
     assert!(text.iter().all(|value| !value.contains("--")), "{text:?}");
 }
@@ -66,7 +67,7 @@ fn a_shard_carries_the_description_as_json() {
 fn shards_with_a_description_of_another_version_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let paths = shards(folder.path(), &spec(), 1);
-    let file = StateFile::read(&paths[0], Kind::Rows).unwrap_or_else(|e| panic!("{e}"));
+    let file = StateFile::read(&paths[0], Kind::Rows).unwrap();
     let newer = |(name, value): &(String, String)| (name.clone(), value.replace("\"version\":1", "\"version\":9"));
     let identity = Identity::new(file.identity.pairs().iter().map(newer));
     let file = StateFile::new(Kind::Rows, identity, container::begin(0));
@@ -90,34 +91,35 @@ fn a_resumed_render_has_the_bits_of_one_that_was_not_stopped() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("c");
     let spec = spec().sampler("variance").budget(BudgetSpec::Spp(12.0));
-    let open = || CheckpointOptions::default().keep(&path).resume(&path).open().unwrap_or_else(|e| panic!("{e}"));
-    let mut job = Job::prepare(&spec).unwrap_or_else(|e| panic!("{e}"));
-    let stopped = job.run(open(), &mut Impatient(1)).unwrap_or_else(|e| panic!("{e}"));
+    let open =
+        || CheckpointOptions { keep: Some(path.clone()), resume: Some(path.clone()), every: None }.open().unwrap();
+    let mut job = Job::prepare(&spec).unwrap();
+    let stopped = job.run(open(), &mut Impatient(1)).unwrap();
     assert!(stopped.film.record().interrupted && stopped.checkpoint.is_some_and(|saved| saved.is_ok()));
     // What was stopped is refused to another render, with the difference.
-    let mut other = Job::prepare(&spec.clone().seed(2)).unwrap_or_else(|e| panic!("{e}"));
+    let mut other = Job::prepare(&spec.clone().seed(2)).unwrap();
     let refused = other.run(open(), &mut NoMonitor).err().expect("another render");
     assert!(matches!(refused, JobError::OtherRender { .. }) && refused.to_string().contains("seed: 1, not 2"));
-    let mut job = Job::prepare(&spec).unwrap_or_else(|e| panic!("{e}"));
-    let film = job.run(open(), &mut NoMonitor).unwrap_or_else(|e| panic!("{e}")).film;
+    let mut job = Job::prepare(&spec).unwrap();
+    let film = job.run(open(), &mut NoMonitor).unwrap().film;
     assert_eq!(film.image(), render(&spec));
 }
 
 #[test]
 fn jobs_share_a_prepared_scene_and_refuse_another() {
     let loaded = LoadedScene::read(&spec(), &LoadOptions::default());
-    let prepared = loaded.and_then(LoadedScene::build).unwrap_or_else(|e| panic!("{e}"));
+    let prepared = loaded.and_then(LoadedScene::build).unwrap();
     let other = spec().seed(5).points("random");
-    let image = prepared.job(&other).and_then(|mut job| job.render()).unwrap_or_else(|e| panic!("{e}"));
+    let image = prepared.job(&other).and_then(|mut job| job.render()).unwrap();
     assert_eq!(image.filtered.radiance, render(&other));
-    let elsewhere = prepared.job(&spec().pixel_filter(PixelFilterSpec::Box).max_depth(Some(1)));
+    let elsewhere = prepared.job(&RenderSpec { pixel_filter: PixelFilterSpec::Box, max_depth: Some(1), ..spec() });
     assert!(matches!(elsewhere.err(), Some(JobError::OtherWorld)));
 }
 
 #[test]
 fn the_clusters_of_a_render_are_those_of_its_sampler_before_those_of_its_filter() {
     let clusters = |sampler: &str, filter: &str| {
-        let job = Job::prepare(&spec().sampler(sampler).filter(filter)).unwrap_or_else(|e| panic!("{e}"));
+        let job = Job::prepare(&spec().sampler(sampler).filter(filter)).unwrap();
         job.clusters().map(|clusters| clusters.clusters().len())
     };
     assert_eq!(clusters("uniform", "none"), None);

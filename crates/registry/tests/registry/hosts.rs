@@ -99,7 +99,7 @@ fn probes() -> ClusterProbes {
 
 #[test]
 fn a_renderer_without_triangles_gets_clusters_by_the_numbers_of_its_objects() {
-    let clusters = HostClusters::none().with_labels(|hit| Some(hit.shape)).with_probes(probes());
+    let clusters = HostClusters { probes: Some(probes()), ..HostClusters::none().with_labels(|hit| Some(hit.shape)) };
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let limits = Limits::samples(16 * frame.pixels() as u64);
     for name in ["cluster-gaussian", "bilateral:outside=0.2", "cluster-regression"] {
@@ -123,17 +123,17 @@ fn a_renderer_without_triangles_gets_clusters_by_the_numbers_of_its_objects() {
 
 #[test]
 fn sizes_of_clusters_that_need_more_of_the_scene_name_it() {
-    let clusters = HostClusters::none().with_probes(probes());
+    let clusters = HostClusters { probes: Some(probes()), ..HostClusters::none() };
     for (words, lacks) in [("size=screen", "the camera's matrix"), ("size=triangles", "the scene's triangles")] {
         let error = refusal(sampler(&format!("cluster-thesis:{words}"), sobol(), &clusters));
         assert!(error.contains(lacks), "{error}");
     }
     let error = refusal(sampler("cluster-thesis:lights=16", sobol(), &clusters));
     assert!(error.contains("shadow rays to the scene's lights"), "{error}");
-    let seen = clusters.clone().with_visibility(std::sync::Arc::new(|_, _| true));
+    let seen = HostClusters { visibility: Some(std::sync::Arc::new(|_, _| true)), ..clusters.clone() };
     assert_eq!(refusal(sampler("cluster-thesis:lights=16", sobol(), &seen)), "");
     let identity = [0, 1, 2, 3].map(|i| [0, 1, 2, 3].map(|j| if i == j { 1.0 } else { 0.0 }));
-    let clusters = clusters.with_world_to_clip(identity);
+    let clusters = HostClusters { world_to_clip: Some(identity), ..clusters };
     assert_eq!(refusal(sampler("cluster-thesis:size=screen", sobol(), &clusters)), "");
 }
 
@@ -177,7 +177,7 @@ fn faults_of_nested_descriptions_name_the_parameter_and_the_remedy() {
 
 #[test]
 fn a_sequence_passes_on_the_probes_of_its_samplers() {
-    let clusters = HostClusters::none().with_probes(probes());
+    let clusters = HostClusters { probes: Some(probes()), ..HostClusters::none() };
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let pixels = frame.pixels() as u64;
     for (words, rays) in [
@@ -200,7 +200,7 @@ fn samples_are_placed_for_renderers_that_name_their_dimensions() {
     use dapple_classics::{Axis, Domain, FilmPoints, Role};
     let place = [0, 1].map(|lane| Axis::new(Role::Place, 0, lane));
     let domain = Domain::new(place).expect("a domain");
-    let host = HostClusters::none().with_domain(domain.clone());
+    let host = HostClusters { domain: Some(domain.clone()), ..HostClusters::none() };
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     for (name, reconstruction) in [
         ("mdas", "mdas-boxes"),
@@ -211,8 +211,9 @@ fn samples_are_placed_for_renderers_that_name_their_dimensions() {
         let error = refusal(sampler(name, sobol(), &HostClusters::none()));
         assert!(error.contains("the meaning of the samples' dimensions"), "{error}");
         let made = sampler(name, sobol(), &host).expect("a sampler");
-        let film_points = FilmPoints::new(std::sync::Arc::from(sobol()), domain.clone()).with_placed(made.placed);
-        let filter = filter(reconstruction, &host.clone().with_film_points(film_points)).expect("a filter");
+        let points = FilmPoints::new(std::sync::Arc::from(sobol()), domain.clone()).with_placed(made.placed);
+        let host = HostClusters { film_points: Some(points), ..host.clone() };
+        let filter = filter(reconstruction, &host).expect("a filter");
         let mut sampler = made.sampler;
         let limits = Limits::spp(8.0);
         let render = Render::new(frame, &limits).needs(filter.needs()).recorders(filter.recorders());

@@ -1,13 +1,17 @@
-//! The subcommands `dapple samplers`, `points`, `filters` and `integrators`, which list names and parameters, or describe
-//! one method.
+//! What the program tells about itself: the subcommands `dapple samplers`, `points`, `filters` and `integrators`, which list
+//! methods with their parameters or describe one, `schemas`, `completions` and `man`.
 
 use crate::output::tell;
 use crate::render::values::resolution;
-use crate::{Failure, Outcome, Result, hints};
+use crate::{Arguments, Failure, Outcome, Result, failure};
+use clap::{Command, CommandFactory};
+use clap_complete::Shell;
 use dapple_core::{Parameter, PointSet, SampleId};
 use dapple_job::registry::{
     self, Entry, FILTERS, NOT_BUILT, POINTS, SAMPLERS, Setting, check_filter, check_points, check_sampler,
 };
+use dapple_scene::image::write_file;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub(crate) struct ListArgs {
@@ -52,12 +56,12 @@ impl<Make> From<&Entry<Make>> for Described {
 }
 
 pub(crate) fn samplers(args: &ListArgs) -> Result<Outcome> {
-    let check = |name: &str| check_sampler(name).map_err(|e| hints::sampler(name, &e));
+    let check = |name: &str| check_sampler(name).map_err(|e| failure::sampler(name, &e));
     list(args, "sampler", SAMPLERS.iter().map(Described::from).collect(), &check)
 }
 
 pub(crate) fn points(args: &PointsArgs) -> Result<Outcome> {
-    let check = |name: &str| check_points(name).map_err(|e| hints::points(name, &e));
+    let check = |name: &str| check_points(name).map_err(|e| failure::points(name, &e));
     match (&args.list.name, args.csv) {
         (Some(name), Some(count)) => {
             check(name).map_err(Failure::new)?;
@@ -71,7 +75,7 @@ pub(crate) fn points(args: &PointsArgs) -> Result<Outcome> {
 /// the place in the pixel, the next two for the lens, and the others for light.
 fn print_points(name: &str, count: u64, [width, height]: [u32; 2]) -> Result<Outcome> {
     let points = registry::points(name, Setting { seed: PRINTED_SEED, spp: Some(count) });
-    let points = points.map_err(|e| Failure::new(hints::points(name, &e)))?;
+    let points = points.map_err(|e| Failure::new(failure::points(name, &e)))?;
     if count > points.capacity() {
         return Err(Failure::new(format!("\"{name}\" has {} points per pixel; lower --csv", points.capacity())));
     }
@@ -91,7 +95,7 @@ fn print_points(name: &str, count: u64, [width, height]: [u32; 2]) -> Result<Out
 const PRINTED_SEED: u64 = 1;
 
 pub(crate) fn filters(args: &ListArgs) -> Result<Outcome> {
-    let check = |name: &str| check_filter(name).map_err(|e| hints::filter(name, &e));
+    let check = |name: &str| check_filter(name).map_err(|e| failure::filter(name, &e));
     list(args, "filter", FILTERS.iter().map(Described::from).collect(), &check)?;
     for (name, feature) in NOT_BUILT.iter().filter(|_| args.name.is_none()) {
         tell(format!("{name:<19}not in this program; build it with the feature \"{feature}\""))?;
@@ -109,7 +113,7 @@ pub(crate) fn integrators(args: &ListArgs) -> Result<Outcome> {
         parameters: entry.parameters.iter().collect(),
     });
     let check =
-        |name: &str| dapple_transport::check_integrator(name).map_err(|e| hints::integrator(name, &e.to_string()));
+        |name: &str| dapple_transport::check_integrator(name).map_err(|e| failure::integrator(name, &e.to_string()));
     list(args, "integrator", described.collect(), &check)
 }
 
@@ -163,6 +167,124 @@ fn list_parameters(parameters: &[&Parameter]) -> Result<()> {
         tell(format!("  {given:<19}{}", parameter.help))?;
     }
     Ok(())
+}
+
+/// List the JSON schemas of the program's output, or print one
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  dapple schemas\n  dapple schemas render > render.schema.json")]
+pub(crate) struct SchemasArgs {
+    #[arg(value_name = "NAME")]
+    name: Option<String>,
+}
+
+/// The name of each schema, the JSON that it describes, and its text.
+const SCHEMAS: [(&str, &str, &str); 7] = [
+    ("render", "dapple render --json, dapple merge --json", include_str!("../schemas/render.schema.json")),
+    ("spec", "dapple render --print-spec, and --spec", include_str!("../schemas/spec.schema.json")),
+    ("compare", "dapple compare --json", include_str!("../schemas/compare.schema.json")),
+    ("denoise", "dapple denoise --json", include_str!("../schemas/denoise.schema.json")),
+    ("effects", "dapple effects --json", include_str!("../schemas/effects.schema.json")),
+    ("run", "each line of a study's runs.jsonl", include_str!("../schemas/run.schema.json")),
+    ("study", "a study's study.json", include_str!("../schemas/study.schema.json")),
+];
+
+pub(crate) fn schemas(args: &SchemasArgs) -> Result<Outcome> {
+    match &args.name {
+        None => SCHEMAS.iter().try_for_each(|(name, what, _)| tell(format!("{name:<10}{what}")))?,
+        Some(requested) => match SCHEMAS.iter().find(|(name, ..)| name == requested) {
+            Some((_, _, text)) => tell(text.trim_end())?,
+            None => {
+                let known = SCHEMAS.map(|(name, ..)| name).join(", ");
+                return Err(Failure::new(format!("there is no schema \"{requested}\"; choose among {known}")));
+            }
+        },
+    }
+    Ok(Outcome::Done)
+}
+
+/// Print the completions of a shell
+#[derive(clap::Args)]
+#[command(after_help = "Examples:
+  dapple completions bash > ~/.local/share/bash-completion/completions/dapple
+  dapple completions zsh > ~/.zfunc/_dapple
+  dapple completions fish > ~/.config/fish/completions/dapple.fish")]
+pub(crate) struct CompletionsArgs {
+    #[arg(value_name = "SHELL")]
+    shell: Shell,
+}
+
+/// Print the man page of this program or of one of its commands
+#[derive(clap::Args)]
+#[command(after_help = "Examples:
+  dapple man render | man -l -
+  dapple man -o ~/.local/share/man/man1")]
+pub(crate) struct ManArgs {
+    /// The command, such as render
+    #[arg(value_name = "COMMAND")]
+    command: Option<String>,
+
+    /// Write the pages of all commands to this folder instead
+    #[arg(short, long = "output", value_name = "DIR", conflicts_with = "command")]
+    output: Option<PathBuf>,
+}
+
+pub(crate) fn completions(args: &CompletionsArgs) -> Result<Outcome> {
+    let mut script = Vec::new();
+    clap_complete::generate(args.shell, &mut Arguments::command(), "dapple", &mut script);
+    print(script)
+}
+
+pub(crate) fn man(args: &ManArgs) -> Result<Outcome> {
+    let mut program = Arguments::command();
+    program.build();
+    if let Some(folder) = &args.output {
+        write_all(&program, folder)?;
+        return Ok(Outcome::Done);
+    }
+    let Some(name) = &args.command else { return print(page(program)?) };
+    match program.get_subcommands().find(|command| command.get_name() == name && !command.is_hide_set()) {
+        Some(command) => print(page(titled(command))?),
+        None => {
+            let known: Vec<&str> = shown(&program).map(Command::get_name).collect();
+            Err(Failure::new(format!("there is no command \"{name}\"; choose among {}", known.join(", "))))
+        }
+    }
+}
+
+fn shown(program: &Command) -> impl Iterator<Item = &Command> {
+    program.get_subcommands().filter(|command| !command.is_hide_set())
+}
+
+/// A command under the name of its page, such as `dapple-render`.
+fn titled(command: &Command) -> Command {
+    let name: &'static str = Box::leak(format!("dapple-{}", command.get_name()).into_boxed_str());
+    command.clone().name(name)
+}
+
+fn page(command: Command) -> Result<Vec<u8>> {
+    let mut roff = Vec::new();
+    let cannot = |e| Failure::new(format!("cannot make the man page: {e}"));
+    clap_mangen::Man::new(command).render(&mut roff).map_err(cannot)?;
+    Ok(roff)
+}
+
+fn write_all(program: &Command, folder: &Path) -> Result<()> {
+    let cannot = |e| Failure::new(format!("{}: cannot make the folder: {e}", folder.display()));
+    std::fs::create_dir_all(folder).map_err(cannot)?;
+    let pages = shown(program).map(titled).chain([program.clone()]);
+    for command in pages {
+        let path = folder.join(format!("{}.1", command.get_name()));
+        write_file(&path, &page(command)?).map_err(Failure::new)?;
+        tell(path.display().to_string())?;
+    }
+    Ok(())
+}
+
+/// Prints a text that ends with a line break of its own.
+fn print(text: Vec<u8>) -> Result<Outcome> {
+    let text = String::from_utf8(text).map_err(Failure::new)?;
+    tell(text.trim_end())?;
+    Ok(Outcome::Done)
 }
 
 #[cfg(test)]

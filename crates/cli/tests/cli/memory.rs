@@ -2,10 +2,7 @@
 
 #![allow(clippy::print_stderr, reason = "tests say when they skip, and what they measure")]
 
-#[path = "cli/common.rs"]
-mod common;
-
-use common::{Folder, Said};
+use crate::common::{Folder, Said};
 
 const MIB: f64 = 1024.0 * 1024.0;
 
@@ -53,13 +50,13 @@ fn what_does_not_fit_is_refused_before_it_starts_z03() {
     let said = folder.run(&format!("{words} --memory 64M --checkpoint c"));
     assert!(said.err.contains("checkpoint 40.0 MiB"), "{}", said.err);
     // Files are read whole.
-    std::fs::write(folder.path("long.pbrt"), vec![b' '; 3 << 20]).expect("a file");
+    folder.write("long.pbrt", vec![b' '; 3 << 20]);
     let said = folder.run("render long.pbrt --memory 2M");
     assert!(said.status == Some(1) && said.err.contains("it is 3.0 MiB long"), "{}", said.err);
     // A subdivision surface is refused before it is made: a pyramid of 2^22 triangles would take some 300 MiB.
     let pyramid = "Shape \"loopsubdiv\" \"integer levels\" [ 10 ] \"integer indices\" [ 0 1 2 0 2 3 0 3 1 1 3 2 ]\n\
         \"point3 P\" [ 0 0 1 1 0 0 -1 1 0 -1 -1 0 ]\n";
-    std::fs::write(folder.path("fine.pbrt"), common::TINY.to_owned() + pyramid).expect("a file");
+    folder.write("fine.pbrt", crate::common::TINY.to_owned() + pyramid);
     let said = folder.run("render fine.pbrt --memory 100M -o a.pfm");
     assert!(said.err.contains("fine.pbrt:13: Shape \"loopsubdiv\" would make 4194304 triangles"), "{}", said.err);
     assert!(said.status == Some(1) && said.err.contains("may be made in all, for lack of memory"), "{}", said.err);

@@ -1,7 +1,10 @@
-//! Methods that place samples or read their coordinates.
+//! Methods that place samples, read their coordinates, or know the lens before they sample.
 
-use crate::{AnyPoints, ClusterInputError, ClusterInputs, MadeSampler, Parameters, RegistryError};
-use dapple_classics::{Dct, Domain, FilmPoints, MdasOptions, Refinement, SamplesFilter, SamplesMethod, TreeSampler};
+use crate::{AnyPoints, ClusterInputError, ClusterInputs, LensProbes, MadeSampler, Parameters, RegistryError};
+use dapple_classics::{
+    Dct, Domain, FilmPoints, FourierDof, FourierDofOptions, MdasOptions, Refinement, SamplesFilter, SamplesMethod,
+    Splat, TreeSampler,
+};
 use dapple_core::Filter;
 
 /// The part that methods which place samples lack without a scene.
@@ -62,4 +65,34 @@ pub(crate) fn of_samples<M: SamplesMethod + 'static>(
 ) -> Result<Box<dyn Filter>, RegistryError> {
     let options: M = p.options()?;
     Ok(Box::new(SamplesFilter::new(film_points(p, inputs)?, options)?))
+}
+
+/// First hits through the centre of the lens.
+fn lens_probes(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<LensProbes, RegistryError> {
+    let lacks = RegistryError::NeedsWorld { of: p.of(), what: "first hits through the centre of the lens" };
+    match inputs.lens_probes() {
+        Ok(probes) => probes.ok_or(lacks),
+        Err(ClusterInputError::NoScene) => Err(lacks),
+        Err(ClusterInputError::Failed(why)) => Err(p.refuse(why)),
+    }
+}
+
+pub(crate) fn fourier_dof(
+    p: &Parameters,
+    points: AnyPoints,
+    inputs: &dyn ClusterInputs,
+) -> Result<MadeSampler, RegistryError> {
+    let (options, bandwidth): (FourierDofOptions, _) = (p.options()?, p.options()?);
+    let probes = lens_probes(p, inputs)?;
+    if !probes.has_lens && options.force == 0 {
+        let why = "the camera has no lens, so nothing is out of focus; give it a lens radius, or force=1 to sample by the \
+                   surfaces alone";
+        return Err(p.refuse(why));
+    }
+    Ok(FourierDof::new(points, probes.trace, options, bandwidth)?.into())
+}
+
+pub(crate) fn splat(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
+    let (options, bandwidth) = (p.options()?, p.options()?);
+    Ok(Box::new(Splat::new(lens_probes(p, inputs)?.trace, options, bandwidth)?))
 }
