@@ -41,7 +41,7 @@ const RUN: [&str; 7] = [
 ];
 
 /// Pages that describe a change of this workspace.
-const ERRANDS: [&str; 7] = [
+const ERRANDS: [&str; 8] = [
     "docs/ADDING-A-SAMPLER.md",
     "docs/ADDING-A-FILTER.md",
     "docs/ADDING-A-LIGHT.md",
@@ -49,6 +49,7 @@ const ERRANDS: [&str; 7] = [
     "docs/ADDING-AN-INTEGRATOR.md",
     "docs/ADDING-A-METRIC.md",
     "docs/ADDING-A-MATERIAL.md",
+    "docs/ADDING-A-LAYER.md",
 ];
 
 /// A fenced block of a page, and the directives above it.

@@ -10,5 +10,5 @@ mod maps;
 
 pub use crate::files::FileIdentity;
 pub use files::OutputFiles;
-pub use layers::{LAYERS, layers};
+pub use layers::{layer_names, layers};
 pub use maps::{GrayMap, albedo_map, cluster_ids, cluster_map, depth_map, error_map, normal_map, sample_map};

@@ -2,7 +2,7 @@
 
 use crate::failure;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use dapple_job::output::LAYERS;
+use dapple_job::output::layer_names;
 use dapple_job::{ErrorOf, MOST_SECONDS, PixelFilterSpec, registry};
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::Format;
@@ -87,11 +87,14 @@ pub(crate) fn size_of_image(text: &str) -> Parsed<ImageSize> {
 pub(crate) struct EachLayer(pub(crate) Option<&'static str>);
 
 pub(crate) fn layer(text: &str) -> Parsed<EachLayer> {
-    let known = LAYERS.iter().copied().find(|name| *name == text.trim());
+    let known = layer_names().find(|name| *name == text.trim());
     match (known, text.trim()) {
         (Some(name), _) => Ok(EachLayer(Some(name))),
         (None, "none") => Ok(EachLayer(None)),
-        _ => Err(format!("there is no layer \"{text}\"; choose among {}, or none", LAYERS.join(", "))),
+        _ => Err(format!(
+            "there is no layer \"{text}\"; choose among {}, or none",
+            layer_names().collect::<Vec<_>>().join(", ")
+        )),
     }
 }
 

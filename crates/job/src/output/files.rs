@@ -2,15 +2,13 @@
 
 use super::GrayMap;
 use super::header::{View, attributes};
+use super::layers::{Asked, LAYERS, LayerEntry, OF_IMAGE, bytes_per_pixel};
 use crate::output;
 use crate::{Job, JobError, RenderedImage, Warning};
 use dapple_core::{Frame, Needs};
 use dapple_scene::image::{ExrHeader, encode_exr_with, encode_pfm, encode_png, rows_at_a_time};
 use dapple_scene::image::{Format, Image, ImageError, Layer, check_writable, write_file};
 use std::path::{Path, PathBuf};
-
-/// The layers that show features.
-const OF_FEATURES: [&str; 6] = ["A", "Z", "albedo", "normal", "depth", "coverage"];
 
 /// The kind of image in a file: the rendered image or one of the maps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,18 +31,13 @@ impl Contents {
         // The compressed data take at most the size of the uncompressed.
         let png = |channels: usize| 3 * channels;
         frame.bytes(match self {
+            // A copy of the image, all layers, the file and the rows being encoded.
             Self::Image(Format::Exr) => {
-                let rgb = 1 + usize::from(filtered) + usize::from(needs.variance) + 2 * usize::from(needs.features);
-                let one =
-                    1 + usize::from(needs.halves) + usize::from(needs.first_hits > 0) + 4 * usize::from(needs.features);
-                let layers = RGB * rgb + 4 * one;
-                // The larger of two peaks. While encoding: a copy of the image, all layers, the file and the rows being
-                // encoded. While making the variance layer: the layers so far, the pixel means and a copy of the
-                // variance.
+                let layers = bytes_per_pixel(needs, filtered);
                 let [width, height] = frame.size().map(|n| n as usize);
                 let batch =
                     frame.bytes(layers).min((layers * width * rows_at_a_time()) as u64) / (width * height) as u64;
-                RGB + (2 * layers + batch as usize).max(RGB * (rgb + 2))
+                RGB + 2 * layers + batch as usize
             }
             Self::Image(Format::Pfm) => RGB + RGB,
             Self::Image(_) => RGB + png(3),
@@ -68,7 +61,7 @@ pub struct OutputFiles {
     pub features: bool,
     /// If `true`, image, unfiltered image, albedo, normal and coverage are 16-bit floats in EXR files.
     pub half: bool,
-    /// The layers of EXR files besides the image, by their names in [`LAYERS`](super::LAYERS); `None` for all. The film records
+    /// The layers of EXR files besides the image, by their names in [name](super::layer_names); `None` for all. The film records
     /// what they need.
     pub layers: Option<Vec<String>>,
     /// The command that makes the image, which headers record.
@@ -146,15 +139,20 @@ impl OutputFiles {
             Contents::Image(Format::Exr) => self.has_layer("cluster"),
             _ => false,
         };
-        let named = |name: &&str| self.layers.is_some() && self.has_layer(name);
-        let features = self.features || OF_FEATURES.iter().any(named);
+        let named = |name: &str| self.layers.is_some() && self.has_layer(name);
+        let asked = |layer: &&LayerEntry| match layer.asked {
+            Asked::Always => self.has_layer(layer.name),
+            Asked::Named => named(layer.name),
+            Asked::Never => false,
+        };
+        let features = self.features || OF_IMAGE.into_iter().any(named);
         if clusters && self.files.iter().any(shown) {
             needs = needs.with_first_hits(1);
         }
         for (what, _) in &self.files {
             match what {
                 Contents::Image(Format::Exr) => {
-                    needs = if self.has_layer("variance") { needs.with_variance() } else { needs };
+                    needs = LAYERS.iter().filter(asked).fold(needs, |needs, layer| (layer.needs)(needs));
                     needs = if features { needs.with_features() } else { needs };
                 }
                 Contents::Albedo | Contents::Normals | Contents::Depth => needs = needs.with_features(),
@@ -212,7 +210,7 @@ impl OutputFiles {
             warnings.push(Warning::NoLayer { path: path.to_owned(), layer: name.clone() });
         }
         layers.retain(|layer| layer.name.is_empty() || self.has_layer(&layer.name));
-        layers[0].channels.retain(|(name, _)| !["A", "Z"].contains(name) || self.has_layer(name));
+        layers[0].channels.retain(|(name, _)| !OF_IMAGE.contains(name) || self.has_layer(name));
         if self.half {
             super::layers::halve(&mut layers);
         }

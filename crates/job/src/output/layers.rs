@@ -1,18 +1,136 @@
 //! The layers of an EXR file.
 
-use dapple_core::{Features, Film, Filtered};
+use dapple_core::{Features, Film, Filtered, Needs};
 use dapple_scene::image::{Layer, Plane};
 
-/// The names of the layers besides the image, in the order of [`layers`].
-pub const LAYERS: [&str; 11] =
-    ["A", "Z", "unfiltered", "variance", "count", "error", "cluster", "albedo", "normal", "depth", "coverage"];
+/// A layer of EXR files besides the image.
+pub(super) struct LayerEntry {
+    /// The layer's name, of lower-case letters.
+    pub(super) name: &'static str,
+    /// The names of its channels.
+    channels: &'static [&'static str],
+    /// `true` if 16-bit floats hold its values with three digits. The range of the others is larger.
+    half: bool,
+    /// Adds the statistics that the layer is made from.
+    pub(super) needs: fn(Needs) -> Needs,
+    /// The files for which the film must record them.
+    pub(super) asked: Asked,
+    /// One plane per channel; `None` if the film lacks the statistics.
+    planes: fn(&Shown<'_>) -> Option<Vec<Plane<'static>>>,
+}
 
-/// The layers whose values 16-bit floats hold with three digits, the image first. The range of the others is larger.
-const HALF: [&str; 5] = ["", "unfiltered", "albedo", "normal", "coverage"];
+/// The files for which a film must record what a layer is made from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Asked {
+    /// Files with all layers, and those whose list names it.
+    Always,
+    /// Files whose list of layers names it.
+    Named,
+    /// None: the layer shows what sampler or filter need anyway.
+    Never,
+}
+
+/// What layers are made from.
+struct Shown<'a> {
+    film: &'a Film,
+    filtered: &'a Filtered,
+    /// The integrator's unit of length, measured in the file's.
+    unit: f64,
+    clusters: Option<Vec<u32>>,
+}
+
+/// The layers besides the image, in the order of [`layers`].
+pub(super) const LAYERS: &[LayerEntry] = &[
+    LayerEntry {
+        name: "unfiltered",
+        channels: &["R", "G", "B"],
+        half: true,
+        needs: |needs| needs,
+        asked: Asked::Never,
+        planes: |shown| Some(shown.film.image()).filter(|means| *means != shown.filtered.radiance).map(|m| rgb(&m)),
+    },
+    LayerEntry {
+        name: "variance",
+        channels: &["R", "G", "B"],
+        half: false,
+        needs: Needs::with_variance,
+        asked: Asked::Always,
+        planes: variance,
+    },
+    LayerEntry {
+        name: "count",
+        channels: &["Y"],
+        half: false,
+        needs: |needs| needs,
+        asked: Asked::Never,
+        planes: |shown| {
+            let count = |n| u32::try_from(n).unwrap_or(u32::MAX);
+            Some(vec![shown.film.counts().into_iter().map(count).collect::<Vec<u32>>().into()])
+        },
+    },
+    LayerEntry {
+        name: "error",
+        channels: &["Y"],
+        half: false,
+        needs: Needs::with_halves,
+        asked: Asked::Never,
+        planes: |shown| shown.filtered.error.clone().map(|error| vec![error.into()]),
+    },
+    LayerEntry {
+        name: "cluster",
+        channels: &["Y"],
+        half: false,
+        needs: |needs| needs.with_first_hits(1),
+        // Whether a render groups triangles is not known here.
+        asked: Asked::Never,
+        planes: |shown| shown.clusters.clone().map(|clusters| vec![clusters.into()]),
+    },
+    LayerEntry {
+        name: "albedo",
+        channels: &["R", "G", "B"],
+        half: true,
+        needs: Needs::with_features,
+        asked: Asked::Named,
+        planes: |shown| shown.features(&[|f, _| f.albedo[0], |f, _| f.albedo[1], |f, _| f.albedo[2]]),
+    },
+    LayerEntry {
+        name: "normal",
+        channels: &["X", "Y", "Z"],
+        half: true,
+        needs: Needs::with_features,
+        asked: Asked::Named,
+        planes: |shown| shown.features(&[|f, _| f.normal[0], |f, _| f.normal[1], |f, _| f.normal[2]]),
+    },
+    LayerEntry {
+        name: "depth",
+        channels: &["Y"],
+        half: false,
+        needs: Needs::with_features,
+        asked: Asked::Named,
+        planes: |shown| shown.features(&[depth]),
+    },
+    LayerEntry {
+        name: "coverage",
+        channels: &["Y"],
+        half: true,
+        needs: Needs::with_features,
+        asked: Asked::Named,
+        planes: |shown| shown.features(&[|f, _| coverage(f)]),
+    },
+];
+
+/// The channels of the image itself that show features, by the names with which lists of layers request them.
+pub(super) const OF_IMAGE: [&str; 2] = ["A", "Z"];
+
+/// The names of all that a list of layers may name.
+pub fn layer_names() -> impl Iterator<Item = &'static str> {
+    OF_IMAGE.into_iter().chain(LAYERS.iter().map(|layer| layer.name))
+}
 
 /// Stores colours, normals and coverage as 16-bit floats.
 pub(super) fn halve(layers: &mut [Layer<'_>]) {
-    for layer in layers.iter_mut().filter(|layer| HALF.contains(&layer.name.as_str())) {
+    let half = |name: &str| name.is_empty() || LAYERS.iter().any(|entry| entry.half && entry.name == name);
+    for layer in layers.iter_mut().filter(|layer| half(&layer.name)) {
         // Halves would be too coarse for distances along the axis.
         for (_, plane) in layer.channels.iter_mut().filter(|(name, _)| *name != "Z" || !layer.name.is_empty()) {
             if let Plane::F32(values) = plane {
@@ -20,6 +138,14 @@ pub(super) fn halve(layers: &mut [Layer<'_>]) {
             }
         }
     }
+}
+
+/// The bytes of a pixel in all layers, the image included, that a film with these statistics has. `filtered` states that a
+/// filter made the image.
+pub(super) fn bytes_per_pixel(needs: &Needs, filtered: bool) -> usize {
+    let shown = |entry: &&LayerEntry| (entry.needs)(*needs) == *needs && (filtered || entry.name != "unfiltered");
+    let besides: usize = LAYERS.iter().filter(shown).map(|entry| entry.channels.len()).sum();
+    4 * (3 + besides + if needs.features { OF_IMAGE.len() } else { 0 })
 }
 
 /// Returns every EXR layer for which the film has statistics, the image first:
@@ -45,41 +171,37 @@ pub(super) fn halve(layers: &mut [Layer<'_>]) {
 /// `unit` is the integrator's unit of length, measured in the file's: `1 / world.space().scale()`. `clusters` come from
 /// [`cluster_ids`](super::cluster_ids).
 pub fn layers(film: &Film, filtered: &Filtered, unit: f64, clusters: Option<Vec<u32>>) -> Vec<Layer<'static>> {
-    let mut layers = vec![rgb("", &filtered.radiance)];
-    let means = film.image();
-    if means != filtered.radiance {
-        layers.push(rgb("unfiltered", &means));
-    }
-    if film.needs().variance {
-        let variance = |i: usize| {
-            let moments = film.moments(i);
-            match moments.count {
-                0 | 1 => [f32::NAN; 3],
-                n => moments.m2.map(|m| (m / (n - 1) as f64) as f32),
-            }
-        };
-        let variances: Vec<[f32; 3]> = (0..film.frame().pixels()).map(variance).collect();
-        layers.push(rgb("variance", &variances));
-    }
-    let counts: Vec<u32> = film.counts().into_iter().map(|n| u32::try_from(n).unwrap_or(u32::MAX)).collect();
-    layers.push(one("count", counts.into()));
-    if let Some(error) = &filtered.error {
-        layers.push(one("error", error.clone().into()));
-    }
-    if let Some(clusters) = clusters {
-        layers.push(one("cluster", clusters.into()));
-    }
-    let channel = |of: &dyn Fn(&Features) -> f32| of_features(film, of).map(Plane::from);
-    let three = |of: fn(&Features) -> [f32; 3]| {
-        Some([channel(&|f| of(f)[0])?, channel(&|f| of(f)[1])?, channel(&|f| of(f)[2])?])
+    let layer = |name: &str, channels: &[&'static str], planes: Vec<Plane<'static>>| Layer {
+        name: name.into(),
+        channels: channels.iter().copied().zip(planes).collect(),
     };
-    if let (Some([r, g, b]), Some([x, y, z])) = (three(|f| f.albedo), three(|f| f.normal)) {
-        layers.push(Layer { name: "albedo".into(), channels: vec![("R", r), ("G", g), ("B", b)] });
-        layers.push(Layer { name: "normal".into(), channels: vec![("X", x), ("Y", y), ("Z", z)] });
-    }
-    layers.extend(channel(&|f| depth(f, unit)).map(|depth| one("depth", depth)));
-    layers.extend(channel(&coverage).map(|coverage| one("coverage", coverage)));
+    let shown = Shown { film, filtered, unit, clusters };
+    let mut layers = vec![layer("", &["R", "G", "B"], rgb(&filtered.radiance))];
+    layers.extend(LAYERS.iter().filter_map(|e| Some(layer(e.name, e.channels, (e.planes)(&shown)?))));
     layers
+}
+
+impl Shown<'_> {
+    /// Planes of features.
+    fn features(&self, of: &[fn(&Features, f64) -> f32]) -> Option<Vec<Plane<'static>>> {
+        of.iter().map(|of| of_features(self.film, |f| of(f, self.unit)).map(Plane::from)).collect()
+    }
+}
+
+fn variance(shown: &Shown<'_>) -> Option<Vec<Plane<'static>>> {
+    let film = shown.film;
+    let variance = |i: usize| {
+        let moments = film.moments(i);
+        match moments.count {
+            0 | 1 => [f32::NAN; 3],
+            n => moments.m2.map(|m| (m / (n - 1) as f64) as f32),
+        }
+    };
+    film.needs().variance.then(|| rgb(&(0..film.frame().pixels()).map(variance).collect::<Vec<_>>()))
+}
+
+fn rgb(pixels: &[[f32; 3]]) -> Vec<Plane<'static>> {
+    (0..3).map(|c| pixels.iter().map(|p| p[c]).collect::<Vec<f32>>().into()).collect()
 }
 
 /// Computes one value per pixel from its features (albedo, normal and depth); `None` if the film has no features. Values are computed pixel by pixel, since a copy of all features would take more memory than most films.
@@ -102,19 +224,10 @@ pub(super) fn coverage(features: &Features) -> f32 {
     features.hits as f32 / features.samples.max(1) as f32
 }
 
-fn rgb(name: &str, pixels: &[[f32; 3]]) -> Layer<'static> {
-    let channel = |c: usize| Plane::from(pixels.iter().map(|p| p[c]).collect::<Vec<f32>>());
-    Layer { name: name.into(), channels: vec![("R", channel(0)), ("G", channel(1)), ("B", channel(2))] }
-}
-
-fn one(name: &str, plane: Plane<'static>) -> Layer<'static> {
-    Layer { name: name.into(), channels: vec![("Y", plane)] }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dapple_core::{Filter, Frame, Needs, Unfiltered};
+    use dapple_core::{Filter, Frame, Unfiltered};
 
     fn names(layers: &[Layer<'_>]) -> Vec<String> {
         layers.iter().map(|l| l.name.clone()).collect()
