@@ -282,13 +282,6 @@ impl Film {
         })
     }
 
-    /// The means of the values beside the radiance over pixel `i`'s kept samples: of half 0 or 1, or of all samples in a
-    /// film without halves. As many as [`Needs::channels`].
-    pub fn channels(&self, half: usize, i: usize) -> &[f32] {
-        let each = usize::from(self.needs.channels);
-        &self.kept[half % self.kept.len()].channels[i * each..][..each]
-    }
-
     /// Count, mean and sum of squared deviations of the indirect light of pixel `i`'s kept samples: of half 0 or 1, or of all
     /// samples in a film without halves. Without [`Needs::variance`] the deviations are NaN. `None` without
     /// [`Needs::indirect`].
@@ -297,34 +290,6 @@ impl Film {
         let mean = bank.indirect.get(i)?.map(f64::from);
         let m2 = bank.indirect_m2.get(i).map_or([f64::NAN; 3], |m2| m2.map(f64::from));
         Some(RgbMoments { count: bank.counts[i], mean, m2 })
-    }
-
-    /// A film whose radiance is three of the values beside the radiance, so that any filter can be applied to them: three
-    /// bands of a spectrum, for example. Features and counts stay; splats, emission, indirect light and words of recorders are left
-    /// out.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::NotRecorded`] for a channel that the film does not record.
-    pub fn with_channels_as_colour(&self, channels: [u16; 3]) -> Result<Self, Error> {
-        if channels.iter().any(|&c| c >= self.needs.channels) {
-            return Err(Error::NotRecorded { who: "with_channels_as_colour".into(), what: "so many channels" });
-        }
-        let (mut film, each) = (self.clone(), usize::from(self.needs.channels));
-        film.needs = Needs { emission: false, indirect: false, splats: false, channels: 0, ..film.needs };
-        (film.splats, film.recorders) = (Splats::default(), Recorders::default());
-        for bank in film.kept.iter_mut().chain(&mut film.discarded) {
-            let colour = |plane: &[f32], i: usize| channels.map(|c| f64::from(plane[i * each + usize::from(c)]));
-            for i in 0..bank.counts.len() {
-                bank.means[i] = colour(&bank.channels, i);
-                if let Some(m2) = bank.m2.get_mut(i) {
-                    *m2 = colour(&bank.channels_m2, i);
-                }
-            }
-            let Bank { counts, means, m2, .. } = std::mem::take(bank);
-            *bank = Bank { counts, means, m2, ..Bank::default() };
-        }
-        Ok(film)
     }
 
     /// The mean emission of light sources that pixel `i`'s kept samples saw directly: of half 0 or 1, or of all samples in

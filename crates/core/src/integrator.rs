@@ -1,6 +1,6 @@
 //! Radiance estimates, first hits and training data of integrators.
 
-use crate::forward::forward;
+use crate::macros::{forward, setters};
 use crate::{Draws, Frame, Needs, Worker};
 use rayon::prelude::*;
 
@@ -67,60 +67,21 @@ impl FirstHit {
         }
     }
 
-    /// Sets a shading normal that differs from the geometry's.
-    #[inline]
-    #[must_use]
-    pub const fn with_shading_normal(mut self, normal: [f32; 3]) -> Self {
-        self.shading_normal = normal;
-        self
-    }
-
-    /// Sets the albedo, linear RGB in `[0, 1]`.
-    #[inline]
-    #[must_use]
-    pub const fn with_albedo(mut self, albedo: [f32; 3]) -> Self {
-        self.albedo = albedo;
-        self
-    }
-
-    /// Sets the width of a pixel projected onto the surface, in the units of `position`.
-    #[inline]
-    #[must_use]
-    pub const fn with_footprint(mut self, footprint: f32) -> Self {
-        self.footprint = footprint;
-        self
-    }
-
-    /// Sets the microfacet roughness, in `[0, 1]`.
-    #[inline]
-    #[must_use]
-    pub const fn with_roughness(mut self, roughness: f32) -> Self {
-        self.roughness = roughness;
-        self
-    }
-
-    /// Sets the index of the material.
-    #[inline]
-    #[must_use]
-    pub const fn with_material(mut self, material: u32) -> Self {
-        self.material = material;
-        self
-    }
-
-    /// Sets the index of the shape.
-    #[inline]
-    #[must_use]
-    pub const fn with_shape(mut self, shape: u32) -> Self {
-        self.shape = shape;
-        self
-    }
-
-    /// Sets the index of the triangle within the shape.
-    #[inline]
-    #[must_use]
-    pub const fn with_primitive(mut self, primitive: u32) -> Self {
-        self.primitive = primitive;
-        self
+    setters! {
+        /// Sets a shading normal that differs from the geometry's.
+        with_shading_normal(shading_normal: [f32; 3]);
+        /// Sets the albedo, linear RGB in `[0, 1]`.
+        with_albedo(albedo: [f32; 3]);
+        /// Sets the width of a pixel projected onto the surface, in the units of `position`.
+        with_footprint(footprint: f32);
+        /// Sets the microfacet roughness, in `[0, 1]`.
+        with_roughness(roughness: f32);
+        /// Sets the index of the material.
+        with_material(material: u32);
+        /// Sets the index of the shape.
+        with_shape(shape: u32);
+        /// Sets the index of the triangle within the shape.
+        with_primitive(primitive: u32);
     }
 
     /// Returns `true` if no number is NaN or infinite. Hits for which this is `false` count as misses.
@@ -169,20 +130,11 @@ impl SurfaceFeatures {
         Self { position, normal, albedo: [1.0; 3], depth, rare: false }
     }
 
-    /// Sets the albedo, linear RGB in `[0, 1]`.
-    #[inline]
-    #[must_use]
-    pub const fn with_albedo(mut self, albedo: [f32; 3]) -> Self {
-        self.albedo = albedo;
-        self
-    }
-
-    /// Sets whether the path took a lobe of little weight.
-    #[inline]
-    #[must_use]
-    pub const fn with_rare(mut self, rare: bool) -> Self {
-        self.rare = rare;
-        self
+    setters! {
+        /// Sets the albedo, linear RGB in `[0, 1]`.
+        with_albedo(albedo: [f32; 3]);
+        /// Sets whether the path took a lobe of little weight.
+        with_rare(rare: bool);
     }
 
     /// Returns `true` if no number is NaN or infinite.
@@ -325,28 +277,13 @@ impl Estimate {
         self
     }
 
-    /// Sets the part of the radiance that light sources emit towards the camera.
-    #[inline]
-    #[must_use]
-    pub const fn with_emission(mut self, emission: [f32; 3]) -> Self {
-        self.emission = emission;
-        self
-    }
-
-    /// Sets the indirect part of the radiance.
-    #[inline]
-    #[must_use]
-    pub const fn with_indirect(mut self, indirect: [f32; 3]) -> Self {
-        self.indirect = indirect;
-        self
-    }
-
-    /// Sets the cost, in rays.
-    #[inline]
-    #[must_use]
-    pub const fn with_cost(mut self, rays: u32) -> Self {
-        self.cost = rays;
-        self
+    setters! {
+        /// Sets the part of the radiance that light sources emit towards the camera.
+        with_emission(emission: [f32; 3]);
+        /// Sets the indirect part of the radiance.
+        with_indirect(indirect: [f32; 3]);
+        /// Sets the cost, in rays.
+        with_cost(cost: u32);
     }
 }
 

@@ -105,8 +105,6 @@ needs! {
     indirect: bool, with_indirect, "";
     /// Light that samples add to other pixels ([`Worker::splat`](crate::Worker::splat)).
     splats: bool, with_splats, "splats";
-    /// The number of values beside the radiance whose means are recorded ([`Worker::channels`](crate::Worker::channels)).
-    channels: u16, with_channels, "values beside the radiance";
     /// The [`Trajectory`](crate::Trajectory) of each sample, which a [`Recorder`](crate::Recorder) keeps.
     trajectories: bool, with_trajectories, "";
 }

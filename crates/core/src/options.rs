@@ -6,8 +6,6 @@ mod value;
 pub use nested::{nested, unnested};
 pub use value::OptionValue;
 
-use std::fmt;
-
 /// A command-line parameter of a sampler, point set or filter: its name, its default as text, and one line of help.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Parameter {
@@ -27,7 +25,8 @@ impl Parameter {
 }
 
 /// A value outside its parameter's range.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{name} = {value} is out of range: {allowed}")]
 pub struct OutOfRange {
     /// The parameter's name.
     pub name: &'static str,
@@ -37,15 +36,6 @@ pub struct OutOfRange {
     pub allowed: &'static str,
 }
 
-impl fmt::Display for OutOfRange {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { name, value, allowed } = self;
-        write!(f, "{name} = {value} is out of range: {allowed}")
-    }
-}
-
-impl std::error::Error for OutOfRange {}
-
 impl From<OutOfRange> for crate::Error {
     fn from(OutOfRange { name, value, allowed }: OutOfRange) -> Self {
         Self::OutOfRange { name, value, allowed }
@@ -54,14 +44,19 @@ impl From<OutOfRange> for crate::Error {
 
 /// An error in a list of `name=value` options.
 #[non_exhaustive]
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum OptionError {
     /// An item without an equals sign.
+    #[error("\"{item}\" is not of the form key=value")]
     NotAPair {
         /// The list item, as given.
         item: String,
     },
     /// An unknown name.
+    #[error(
+        "there is no parameter \"{name}\"; {} takes {known}",
+        .nearest.map_or("it".to_owned(), |n| format!("did you mean \"{n}\"? It"))
+    )]
     Unknown {
         /// The unknown name.
         name: String,
@@ -71,11 +66,13 @@ pub enum OptionError {
         known: String,
     },
     /// A name that is given twice.
+    #[error("\"{name}\" is given twice")]
     Twice {
         /// The repeated name.
         name: &'static str,
     },
     /// A value that does not parse.
+    #[error("{name} = \"{value}\"; give {wanted}")]
     Value {
         /// The parameter's name.
         name: &'static str,
@@ -85,31 +82,8 @@ pub enum OptionError {
         wanted: String,
     },
     /// A value outside its parameter's range.
-    OutOfRange(OutOfRange),
-}
-
-impl fmt::Display for OptionError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NotAPair { item } => write!(f, "\"{item}\" is not of the form key=value"),
-            Self::Unknown { name, nearest, known } => write!(
-                f,
-                "there is no parameter \"{name}\"; {} takes {known}",
-                nearest.map_or("it".to_owned(), |n| format!("did you mean \"{n}\"? It"))
-            ),
-            Self::Twice { name } => write!(f, "\"{name}\" is given twice"),
-            Self::Value { name, value, wanted } => write!(f, "{name} = \"{value}\"; give {wanted}"),
-            Self::OutOfRange(inner) => inner.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for OptionError {}
-
-impl From<OutOfRange> for OptionError {
-    fn from(error: OutOfRange) -> Self {
-        Self::OutOfRange(error)
-    }
+    #[error(transparent)]
+    OutOfRange(#[from] OutOfRange),
 }
 
 /// A struct of options that is parsed from `name=value,name=value`, and written back in the same form.
@@ -213,25 +187,13 @@ pub fn nearest_name<'k>(name: &str, known: impl IntoIterator<Item = &'k str>) ->
     if name.len() > 64 {
         return None;
     }
-    let most = (1 + name.chars().count() / 4).min(3);
-    known.into_iter().map(|k| (edit_distance(name, k), k)).filter(|&(d, _)| d <= most).min().map(|(_, k)| k)
-}
-
-/// The edit distance of `a` and `b` [Levenshtein 1966], ignoring ASCII case: the fewest insertions, deletions and
-/// replacements that make them equal.
-fn edit_distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().map(|c| c.to_ascii_lowercase()).collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().map(|c| c.to_ascii_lowercase()).enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, &y) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(x != y);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
+    let (most, name) = ((1 + name.chars().count() / 4).min(3), name.to_lowercase());
+    known
+        .into_iter()
+        .map(|k| (strsim::levenshtein(&name, &k.to_lowercase()), k))
+        .filter(|&(d, _)| d <= most)
+        .min()
+        .map(|(_, k)| k)
 }
 
 /// Declares a struct of options: its fields, setters, defaults, ranges, table of [`Parameter`]s, parsing and
@@ -374,11 +336,8 @@ mod tests {
     }
 
     #[test]
-    fn distances_and_nearest_names() {
-        assert_eq!(edit_distance("kitten", "sitting"), 3);
-        assert_eq!(edit_distance("", "abc"), 3);
-        assert_eq!(edit_distance("Fov", "fov"), 0);
-        assert_eq!(nearest_name("fob", ["radius", "fov"]), Some("fov"));
+    fn nearest_names() {
+        assert_eq!(nearest_name("FOB", ["radius", "fov"]), Some("fov"));
         assert_eq!(nearest_name("zzz", ["radius", "fov"]), None);
     }
 

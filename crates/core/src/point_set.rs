@@ -1,6 +1,6 @@
 //! Point sets: random numbers as a pure function of a sample's identity.
 
-use crate::forward::forward;
+use crate::macros::forward;
 use crate::mix;
 use std::sync::Arc;
 

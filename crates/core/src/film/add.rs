@@ -41,14 +41,6 @@ impl BankRows<'_> {
         reason
     }
 
-    /// Adds a sample's values beside the radiance.
-    pub(crate) fn add_channels(&mut self, local: usize, values: &[f32]) {
-        let each = self.channels.len() / self.counts.len().max(1);
-        let run = local * each..(local + 1) * each;
-        let m2 = if self.channels_m2.is_empty() { &mut [][..] } else { &mut self.channels_m2[run.clone()] };
-        add_values(self.channels[run].iter_mut(), m2, self.counts[local], values.iter().copied());
-    }
-
     /// Passes a sample to the recorders. Outlined because most films have none.
     #[inline(never)]
     fn record(&mut self, local: usize, (radiance, estimate): ([f32; 3], &Estimate), recorders: &[Arc<dyn Recorder>]) {
@@ -225,12 +217,6 @@ impl Film {
             *cost += u64::from(estimate.cost);
         }
         rejected
-    }
-
-    /// Adds a sample's values beside its radiance.
-    pub(crate) fn add_channels(&mut self, retention: Retention, half: usize, pixel: usize, values: &[f32]) {
-        let banks = if retention == Retention::Keep { &mut self.kept } else { &mut self.discarded };
-        banks[half].rows().add_channels(pixel, values);
     }
 
     /// The half to which a pushed sample belongs: 0 in a film without halves.

@@ -1,6 +1,7 @@
 //! Films from statistics of each pixel that another program gathered.
 
 use super::{FeatureMoments, Film};
+use crate::macros::setters;
 use crate::{Error, FirstHit, Frame, Needs, RgbMoments, SurfaceFeatures};
 
 /// The statistics of one pixel for [`Film::from_pixels`]: both halves of its samples, emission, features and first hit.
@@ -33,10 +34,9 @@ impl PixelStatistics {
         Self { features: Some(mean), feature_variance: variance, coverage, ..self }
     }
 
-    /// Sets the mean emission of light sources seen directly.
-    #[must_use]
-    pub fn with_emission(self, emission: [f32; 3]) -> Self {
-        Self { emission, ..self }
+    setters! {
+        /// Sets the mean emission of light sources seen directly.
+        with_emission(emission: [f32; 3]);
     }
 
     /// Sets the first hit.

@@ -103,10 +103,6 @@ planes! {
         indirect: [f32; 3] = [0.0; 3], layout.needs.indirect;
         /// Sums of squared deviations of the indirect light.
         indirect_m2: [f32; 3] = [0.0; 3], layout.needs.indirect && layout.needs.variance;
-        /// Means of the values beside the radiance.
-        channels: f32 = 0.0, layout.needs.channels;
-        /// Sums of squared deviations of the values beside the radiance.
-        channels_m2: f32 = 0.0, if layout.needs.variance { layout.needs.channels } else { 0 };
         /// The words of the recorders.
         words: Vec<u32> = Vec::new(), layout.recorders;
     }

@@ -51,7 +51,7 @@ pub struct RoundRecord {
 #[non_exhaustive]
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Record {
-    /// The total sample budget in force at each plan. [`Budget::Recorded`](crate::Budget::Recorded) replays it.
+    /// The total sample budget in force at each plan.
     pub budgets: Vec<u64>,
     /// The sample counts and timings of the rounds, in order.
     pub rounds: Vec<RoundRecord>,

@@ -12,15 +12,14 @@ fn bytes_per_pixel_are_those_of_all_planes_in_memory_and_in_checkpoints() {
         .with_first_hits(3)
         .with_cost()
         .with_emission()
-        .with_indirect()
-        .with_channels(2);
+        .with_indirect();
     let each = [none, none.with_variance(), none.with_halves(), none.with_features(), none.with_cost()];
-    for needs in each.into_iter().chain([none.with_emission(), none.with_indirect(), none.with_channels(5), all]) {
+    for needs in each.into_iter().chain([none.with_emission(), none.with_indirect(), all]) {
         let film = Film::new(Frame::new(37, 11).unwrap(), needs);
         let of = |bank: &Bank| {
-            let Bank { counts, means, m2, emission, indirect, indirect_m2, channels, channels_m2, words } = bank;
+            let Bank { counts, means, m2, emission, indirect, indirect_m2, words } = bank;
             let wide = 8 * counts.len() + 24 * (means.len() + m2.len()) + 24 * words.len();
-            wide + 12 * (emission.len() + indirect.len() + indirect_m2.len()) + 4 * (channels.len() + channels_m2.len())
+            wide + 12 * (emission.len() + indirect.len() + indirect_m2.len())
         };
         let Beside { features, half_features, first_hits, costs } = &film.beside;
         let beside = size_of::<FeatureMoments>() * (features.len() + half_features.len())

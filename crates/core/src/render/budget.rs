@@ -11,8 +11,6 @@ pub(super) struct Meter {
     min_spp: u32,
     max_spp: u32,
     total: u64,
-    /// The number of plans so far; it indexes the budgets of a replayed record.
-    barrier: usize,
     /// The seconds of a time limit that are reserved for the filter; `None` before they are measured.
     filter_seconds: Option<f64>,
 }
@@ -52,7 +50,6 @@ impl Meter {
             // One sample per pixel shows the cost of samples; four in two halves show their error.
             Budget::Seconds(_) => pixels * u64::from(min_spp.max(1)),
             Budget::Error { at_most, .. } => (pixels * u64::from(min_spp.max(4))).min(*at_most),
-            Budget::Recorded(totals) => totals.first().copied().unwrap_or(0),
         };
         let (needed, most) = (pixels * u64::from(min_spp), pixels * u64::from(max_spp));
         if total < needed || total == 0 {
@@ -61,7 +58,7 @@ impl Meter {
         if total > most && limits.budget.is_of_samples() {
             return Err(Error::BudgetTooLarge { budget: total, most, pixels: frame.pixels() });
         }
-        Ok(Self { budget: limits.budget.clone(), pixels, min_spp, max_spp, total, barrier: 0, filter_seconds: None })
+        Ok(Self { budget: limits.budget, pixels, min_spp, max_spp, total, filter_seconds: None })
     }
 
     pub(super) fn needs(&self) -> Needs {
@@ -89,14 +86,8 @@ impl Meter {
     /// Returns when features are sampled alone. A time limit sees the cost of samples first: the second round begins with
     /// features if it allows enough samples.
     pub(super) fn features(&self, round: u32) -> Turn {
-        let first = self.pixels * u64::from(self.min_spp.max(1));
-        let is_timed = match &self.budget {
-            Budget::Seconds(_) => true,
-            Budget::Recorded(totals) => totals.first() == Some(&first),
-            _ => false,
-        };
         match round {
-            _ if !is_timed => Turn::First,
+            _ if self.seconds().is_none() => Turn::First,
             1 if self.total >= BESIDE_FEATURES * self.pixels => Turn::Now,
             _ => Turn::Never,
         }
@@ -113,16 +104,9 @@ impl Meter {
     }
 
     /// Restores the budget from a snapshot. A budget of time or error continues with the sample total at the snapshot.
-    pub(super) fn restore(&mut self, film: &Film, total: u64, planned: u64) -> Result<(), Error> {
-        let shown = &film.record().budgets;
-        self.barrier = shown.len();
-        match &self.budget {
-            Budget::Recorded(totals) if !totals.starts_with(shown) => {
-                let what = "its budgets are not those of the record".into();
-                return Err(Error::OtherRender { what });
-            }
-            Budget::Samples(_) | Budget::PerPixel(_) => {}
-            _ => self.total = total,
+    pub(super) fn restore(&mut self, total: u64, planned: u64) -> Result<(), Error> {
+        if !self.budget.is_of_samples() {
+            self.total = total;
         }
         if self.total < planned {
             let what = format!("{planned} samples are traced or planned already, and the budget is {}", self.total);
@@ -139,24 +123,16 @@ impl Meter {
 
     /// Returns the budget for planning round `round`, after `seconds` of rendering.
     pub(super) fn show(&mut self, film: &Film, round: u32, seconds: f64) -> BudgetLeft {
-        let reserved = self.filter_seconds.unwrap_or(0.0);
-        match &self.budget {
-            Budget::Recorded(totals) => {
-                self.total = totals.get(self.barrier).copied().unwrap_or(self.total);
-            }
+        if let (Some(limit), 1) = (self.seconds(), round) {
             // The first round showed the cost of samples: plan the rest at once.
-            Budget::Seconds(limit) if round == 1 => {
-                let left = (limit - reserved - seconds) * (1.0 - RESERVE);
-                let all = self.affordable(film, left);
-                let features = self.samples_for_features(film);
-                let enough = all >= features.saturating_add(BESIDE_FEATURES * self.pixels);
-                let most = BESIDE_FEATURES * self.pixels - 1;
-                let all = if enough { all - features } else { all.min(most) };
-                self.total = self.total.max(all.min(self.pixels * u64::from(self.max_spp)));
-            }
-            _ => {}
+            let left = (limit - self.filter_seconds.unwrap_or(0.0) - seconds) * (1.0 - RESERVE);
+            let all = self.affordable(film, left);
+            let features = self.samples_for_features(film);
+            let enough = all >= features.saturating_add(BESIDE_FEATURES * self.pixels);
+            let most = BESIDE_FEATURES * self.pixels - 1;
+            let all = if enough { all - features } else { all.min(most) };
+            self.total = self.total.max(all.min(self.pixels * u64::from(self.max_spp)));
         }
-        self.barrier += 1;
         self.left(film)
     }
 
@@ -167,7 +143,6 @@ impl Meter {
         let before = self.total;
         match &self.budget {
             Budget::Samples(_) | Budget::PerPixel(_) => return false,
-            Budget::Recorded(totals) => return self.barrier < totals.len(),
             Budget::Seconds(limit) => {
                 let left = limit - self.filter_seconds.unwrap_or(0.0) - seconds;
                 if left < ENOUGH * limit {

@@ -484,18 +484,11 @@ fn trace_sample(
 ) {
     let id = SampleId::new(pixel, round.streams[half], band.next_index(half, local));
     current.set(Some(id));
-    let draws = Draws::of_round(round.points, id, &round.needs);
-    let channels = usize::from(round.needs.channels);
-    if channels > 0 {
-        worker.begin_channels(channels);
-    }
+    let draws = Draws::for_film(round.points, id, round.needs);
     let estimate = round.integrator.estimate(&draws, worker);
     let bank = &mut band.banks[half];
     if let Some(reason) = bank.add(local, &estimate, round.recorders) {
         tally.reject(Rejected { sample: id, reason }, estimate.radiance);
-    }
-    if channels > 0 {
-        bank.add_channels(local, worker.channels());
     }
     if worker.has_splats() {
         worker.take_splats().for_each(|(to, radiance)| tally.splat(round, id, (half, to, radiance)));

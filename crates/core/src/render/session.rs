@@ -348,7 +348,7 @@ fn continued(
     snapshot.restore_sampler(sampler, needs, frame, limits)?;
     let Snapshot { film, round, open, passes, total, seconds, holdout, stage, .. } = snapshot;
     let planned = open.as_ref().map_or(film.record.samples, |open| open.before + open.submitted + open.plan.total());
-    meter.restore(&film, total, planned)?;
+    meter.restore(total, planned)?;
     // The rows of a stage were checked where they were planned.
     if let Some(open) = open.as_ref().filter(|_| stage.is_none()) {
         let rest = open.rest(frame.size()[0] as usize);

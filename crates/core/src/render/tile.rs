@@ -98,7 +98,7 @@ impl<'r> Planned<'r> {
 
     #[inline]
     fn draws(&self, local: usize, turn: u32) -> Draws<'r> {
-        Draws::of_round(self.points, self.id(local, turn), &self.needs).with_turn(turn)
+        Draws::for_film(self.points, self.id(local, turn), self.needs).with_turn(turn)
     }
 
     fn total(&self) -> u64 {
@@ -129,11 +129,10 @@ pub struct Tile<'r> {
     pub(super) invalid: Option<(SampleId, [f32; 3])>,
 }
 
-/// A result that came before an earlier one of its pixel, the blocks it took, and its values beside the radiance.
+/// A result that came before an earlier one of its pixel, and the blocks it took.
 struct Waiting {
     estimate: Estimate,
     blocks: u32,
-    channels: Box<[f32]>,
 }
 
 impl<'r> Tile<'r> {
@@ -230,19 +229,10 @@ impl<'r> Tile<'r> {
     /// [`Round::submit`](crate::Round::submit) reports.
     #[inline]
     pub fn add(&mut self, sample: &Draws<'_>, estimate: impl Into<Estimate>) {
-        self.add_with_channels(sample, estimate, &[]);
-    }
-
-    /// Adds the result of one sample with its values beside the radiance, such as a spectrum or other outputs (AOVs).
-    ///
-    /// A number of values other than [`Needs::channels`](crate::Needs::with_channels) is a mistake that
-    /// [`Round::submit`](crate::Round::submit) reports.
-    #[inline]
-    pub fn add_with_channels(&mut self, sample: &Draws<'_>, estimate: impl Into<Estimate>, channels: &[f32]) {
         let (id, turn) = (sample.id(), sample.turn());
         let local = self.planned.local(id.pixel);
         match local.filter(|&local| turn < self.planned.pixels[local].total() && self.planned.id(local, turn) == id) {
-            Some(local) => self.place(local, turn, &estimate.into(), sample.blocks_requested(), channels),
+            Some(local) => self.place(local, turn, &estimate.into(), sample.blocks_requested()),
             None => self.wrong(id, "belongs to another tile or round; add each sample to the tile that it came from"),
         }
     }
@@ -313,7 +303,7 @@ impl<'r> Tile<'r> {
     pub fn push(&mut self, pixel: [u32; 2], estimate: impl Into<Estimate>) {
         let local = self.planned.local(pixel);
         match local.filter(|&local| self.taken[local] < self.planned.pixels[local].total()) {
-            Some(local) => self.place(local, self.taken[local], &estimate.into(), 0, &[]),
+            Some(local) => self.place(local, self.taken[local], &estimate.into(), 0),
             None => {
                 let [column, row] = pixel;
                 let asked = local.map_or(0, |local| self.planned.pixels[local].total());
@@ -327,16 +317,16 @@ impl<'r> Tile<'r> {
 
     /// Records a result, or keeps it until the pixel's earlier ones are there.
     #[inline]
-    fn place(&mut self, local: usize, turn: u32, estimate: &Estimate, blocks: u32, channels: &[f32]) {
+    fn place(&mut self, local: usize, turn: u32, estimate: &Estimate, blocks: u32) {
         if turn != self.taken[local] {
-            self.keep(local, turn, Waiting { estimate: *estimate, blocks, channels: channels.into() });
+            self.keep(local, turn, Waiting { estimate: *estimate, blocks });
             return;
         }
-        self.record(local, turn, estimate, blocks, channels);
+        self.record(local, turn, estimate, blocks);
         while !self.waiting.is_empty()
-            && let Some(Waiting { estimate, blocks, channels }) = self.waiting.remove(&(local, self.taken[local]))
+            && let Some(Waiting { estimate, blocks }) = self.waiting.remove(&(local, self.taken[local]))
         {
-            self.record(local, self.taken[local], &estimate, blocks, &channels);
+            self.record(local, self.taken[local], &estimate, blocks);
         }
     }
 
@@ -350,25 +340,14 @@ impl<'r> Tile<'r> {
 
     /// Records the next result of a pixel in the film.
     #[inline]
-    fn record(&mut self, local: usize, turn: u32, estimate: &Estimate, blocks: u32, channels: &[f32]) {
+    fn record(&mut self, local: usize, turn: u32, estimate: &Estimate, blocks: u32) {
         let (half, _) = self.planned.pixels[local].sample(self.planned.order, turn);
         let rejected = self.film.add(self.retention, half, local, estimate);
-        let wanted = usize::from(self.planned.needs.channels);
-        if wanted > 0 {
-            self.film.add_channels(self.retention, half, local, channels);
-        }
         self.film.unreported += u64::from(self.planned.needs.wants_first_hit() && !estimate.reports_hit());
         self.film.record.blocks += u64::from(blocks);
         self.halves[half] += 1;
         self.taken[local] += 1;
         self.left -= 1;
-        if channels.len() != wanted {
-            let what = format!(
-                "a sample has {} values beside its radiance, and the film records {wanted}; give as many to Tile::add_with_channels",
-                channels.len()
-            );
-            self.fault.get_or_insert(what);
-        }
         if let Some(reason) = rejected {
             let sample = self.planned.id(local, turn);
             self.reject(Rejected { sample, reason }, estimate.radiance);

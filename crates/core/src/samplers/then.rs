@@ -110,7 +110,7 @@ impl<A: Sampler, B: Sampler> Sampler for Then<A, B> {
         let share = self.share(frame.pixels());
         let total = limits.budget.samples(frame).map(|total| total.min(share));
         let of = |budget: Budget| Limits { budget, ..limits.clone() };
-        let first = self.first.memory(frame, needs, &of(total.map_or(limits.budget.clone(), Budget::Samples)));
+        let first = self.first.memory(frame, needs, &of(total.map_or(limits.budget, Budget::Samples)));
         // The film is not empty before the second sampler's first plan, just as under a limit of time.
         let second = self.second.memory(frame, needs, &of(Budget::Seconds(1.0)));
         SamplerMemory {

@@ -209,43 +209,27 @@ fn a_film_of_one_half_has_the_emission_alone_of_that_half() {
     }
 }
 
-/// Budgets that begin with one sample per pixel are those of a time limit.
 #[test]
 fn a_time_limit_samples_features_in_the_second_round_if_it_leaves_enough_samples() {
-    let film = |budgets: &[u64]| {
-        let limits = Limits::new(Budget::Recorded(budgets.iter().map(|spp| 24 * spp).collect()));
+    let film = |limits: Limits| {
         let render = Render::new(frame(6, 4), &limits).needs(Needs::none().with_features());
         render.run(&mut Walls { alone: true }, &mut uniform(5)).unwrap()
     };
-    let sampled_alone = |budgets: &[u64]| {
-        let film = film(budgets);
+    let timed = |max_spp| Limits::seconds(60.0).with_max_spp(max_spp);
+    let sampled_alone = |limits| {
+        let film = film(limits);
         samples(&film)
             .iter()
             .zip(film.counts())
             .map(|(samples, count)| u64::from(*samples) - count)
             .collect::<Vec<u64>>()
     };
-    assert_eq!(sampled_alone(&[1, 3, 12]), [0; 24]);
-    for budgets in [&[1, 4][..], &[1, 4, 12]] {
-        let alone = sampled_alone(budgets);
+    assert_eq!(sampled_alone(timed(3)), [0; 24]);
+    for max_spp in [4, 12] {
+        let alone = sampled_alone(timed(max_spp));
         // One sample of light is there already.
         assert!(alone.iter().enumerate().all(|(i, n)| *n == 3 || i % 2 == 1 && *n == 11), "{alone:?}");
         assert!(alone.contains(&11), "{alone:?}");
     }
-    assert!(sampled_alone(&[2, 4]).iter().all(|n| *n >= 4));
-}
-
-#[test]
-fn the_recorded_budgets_of_a_time_limit_replay_its_features() {
-    let draw = |budget: Budget| {
-        let limits = Limits::new(budget).with_max_spp(6);
-        let render = Render::new(frame(64, 48), &limits).needs(Needs::none().with_features());
-        render.run(&mut Walls { alone: true }, &mut uniform(5)).unwrap()
-    };
-    let timed = draw(Budget::Seconds(60.0));
-    let replayed = draw(Budget::Recorded(timed.record().budgets.clone()));
-    assert_eq!(timed.record().samples, 6 * 64 * 48);
-    assert_eq!(timed.record().rays, replayed.record().rays);
-    assert!(timed.record().rays > 3 * 6 * 64 * 48, "no features alone");
-    assert!((0..64 * 48).all(|i| timed.features(i) == replayed.features(i)));
+    assert!(sampled_alone(Limits::spp(4.0)).iter().all(|n| *n >= 4));
 }

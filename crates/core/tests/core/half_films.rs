@@ -7,12 +7,11 @@ use dapple_core::{
     SampleId, SurfaceFeatures, Worker, streams,
 };
 
-/// Noise with hits, emission, channels, splats, costs and rejected samples.
+/// Noise with hits, emission, splats, costs and rejected samples.
 fn trace(draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
     let [a, b, c, d] = numbers(draws);
     let [x, y] = draws.pixel();
     worker.splat([x, y + 1], [b; 3]);
-    worker.channels().iter_mut().zip([a, b]).for_each(|(to, from)| *to = from);
     let hit = FirstHit::new([a, b, c], [0.0, 0.0, 1.0], 1.0 + d).with_albedo([b; 3]).with_footprint(0.1);
     let behind = SurfaceFeatures::from(&hit);
     let value = if c < 0.1 { -1.0 } else { a };
@@ -28,7 +27,7 @@ fn one_stream(points: Independent, stream: u32) -> impl PointSet {
 }
 
 fn all() -> Needs {
-    everything().with_channels(2).with_splats()
+    everything().with_splats()
 }
 
 fn render(points: impl PointSet, needs: Needs, spp: f64) -> Film {
@@ -38,7 +37,7 @@ fn render(points: impl PointSet, needs: Needs, spp: f64) -> Film {
 /// All statistics of a pixel that do not depend on streams of other samples.
 fn statistics(film: &Film, i: usize) -> String {
     let radiance = (film.count(i), film.mean(i), film.moments(i), film.discarded(i));
-    let beside = (film.features(i), film.emission(0, i), film.indirect(0, i), film.channels(0, i));
+    let beside = (film.features(i), film.emission(0, i), film.indirect(0, i));
     format!("{radiance:?} {beside:?}")
 }
 

@@ -208,10 +208,10 @@ fn a_render_with_other_recorders_is_not_resumed() {
     assert!(resume(with, recorders()).is_ok() && resume(without, vec![]).is_ok());
 }
 
-/// A film that samples are pushed to, and its colours of another kind.
+/// A film that samples are pushed to.
 #[test]
-fn films_filled_by_hand_record_words_and_other_colours_drop_them() {
-    let needs = Needs::none().with_halves().with_channels(3);
+fn films_filled_by_hand_record_words() {
+    let needs = Needs::none().with_halves();
     let reds: Arc<dyn Recorder> = Arc::new(Reds { name: "reds".into(), first: 2, is_traced: false });
     let mut film = Film::with_recorders(frame(2, 1), needs, [reds]);
     for (half, red) in [(0, 1.0), (1, 2.0), (0, f32::NAN), (0, 4.0)] {
@@ -221,7 +221,6 @@ fn films_filled_by_hand_record_words_and_other_colours_drop_them() {
     assert_eq!((words.kept(0, 1), words.kept(1, 1)), (&[1, 1_f32.to_bits(), 2, 0][..], &[1, 2_f32.to_bits()][..]));
     assert!(words.kept(0, 0).is_empty() && words.discarded(1, 1).is_empty());
     assert_eq!(film.of_rows(0..1).unwrap().recorded("reds").unwrap().kept(1, 1), words.kept(1, 1));
-    assert!(film.with_channels_as_colour([0, 1, 2]).unwrap().recorded("reds").is_none());
 }
 
 /// A sampler and a filter that record for themselves.

@@ -332,22 +332,20 @@ fn thrown(draws: &Draws<'_>) -> ([u32; 2], [f32; 3]) {
     (([0, 1].map(|k| (u[k] * 50.0) as u32)), [u[2], 2.0 * u[3], if u[0] < 0.01 { f32::NAN } else { 1.0 }])
 }
 
-/// Throws light, and has three channels beside the radiance.
+/// Throws light.
 fn splatting(draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
     let (pixel, radiance) = thrown(draws);
     worker.splat(pixel, radiance);
-    let estimate = trace(draws);
-    worker.channels().copy_from_slice(&[radiance[0], 4.0, estimate.radiance[1]]);
-    estimate
+    trace(draws)
 }
 
 #[test]
-fn splats_and_channels_have_the_same_bits_in_any_order() {
+fn splats_have_the_same_bits_in_any_order() {
     [false, true].into_iter().for_each(check_splats);
 }
 
 fn check_splats(withdraws: bool) {
-    let needs = Needs::none().with_splats().with_channels(3).with_variance();
+    let needs = Needs::none().with_splats().with_variance();
     let size = frame(45, 38);
     let film = |threads| {
         let limits = Limits::samples(LIMIT);
@@ -365,24 +363,11 @@ fn check_splats(withdraws: bool) {
             let (pixel, radiance) = thrown(sample);
             let estimate = trace(sample);
             tile.splat(sample, pixel, radiance);
-            tile.add_with_channels(sample, estimate, &[radiance[0], 4.0, estimate.radiance[1]]);
+            tile.add(sample, estimate);
         }
         round.submit(tile).unwrap();
-        // A snapshot keeps both.
-        let film = snapshot(&round.snapshot()).film().clone();
-        assert!((0..size.pixels()).all(|i| film.channels(0, i).len() == 3));
     }
-    let pulled = session.into_film();
-    assert!(bits(&pulled) == bits(&one));
-    for i in 0..size.pixels() {
-        assert_eq!((pulled.channels(0, i), pulled.channels(1, i)), (one.channels(0, i), one.channels(1, i)));
-        assert!(one.count(i) == 0 || (one.channels(0, i)[1] - 4.0).abs() < 1e-5 || one.half(0, i).unwrap().count == 0);
-    }
-    // The second channel as colour is the radiance's green.
-    let green = one.with_channels_as_colour([2, 2, 2]).unwrap();
-    let apart = |i: usize| (green.half(0, i).unwrap().mean[0] - one.channels(0, i)[2] as f64).abs();
-    assert!((0..size.pixels()).all(|i| apart(i) < 1e-6));
-    assert!(one.with_channels_as_colour([0, 1, 3]).is_err());
+    assert!(bits(&session.into_film()) == bits(&one));
 }
 
 #[test]
