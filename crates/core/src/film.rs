@@ -1,29 +1,28 @@
 //! Films: planes of per-pixel statistics, and the record of a render.
 
 mod add;
-mod error;
+mod estimates;
 mod parts;
-mod pixels;
 mod planes;
 mod record;
-mod refined;
 mod splats;
 
 pub use add::luminance;
-pub(crate) use add::{record_first_hit, reserve};
-pub use pixels::PixelStatistics;
-pub(crate) use planes::{Bank, BankRows, Beside, BesideRows, Layout, Value};
+pub(crate) use add::{Strip, record_first_hit};
+use estimates::EmissionAlone;
+pub use parts::PixelStatistics;
+pub(crate) use planes::{Bank, Beside, Layout};
 pub(crate) use record::{REJECTED_LISTED, keep_first, reason_to_reject};
 pub use record::{Record, Rejected, RejectedReason, RoundRecord};
-pub(crate) use refined::EmissionAlone;
 pub(crate) use splats::Splats;
 
 use crate::recorder::{Recorder, Recorders};
 use crate::{Combine, Error, FirstHit, Frame, Needs, Retention, RgbMoments, SampleId, SurfaceFeatures, streams};
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// Running means and sums of squared deviations of a pixel's features: shading normal, albedo, position, depth.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct FeatureMoments {
     pub(crate) samples: u32,
     pub(crate) hits: u32,
@@ -394,13 +393,6 @@ impl Film {
         };
         let withdrawn = self.withdrawn.get(half).map_or(0, |withdrawn| withdrawn[i]);
         SampleId::new(self.frame.pixel(i), stream, withdrawn + number as u64)
-    }
-
-    /// Adds splats, by half, pixel and radiance.
-    pub(crate) fn add_splats(&mut self, splats: Vec<(usize, [u32; 2], [f32; 3])>) {
-        for (half, pixel, radiance) in splats {
-            self.splats.add(half, pixel, radiance);
-        }
     }
 
     /// Counts newly rejected samples and lists the first of them in order of pixel, stream and index.

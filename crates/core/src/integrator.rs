@@ -1,12 +1,9 @@
 //! Radiance estimates, first hits and training data of integrators.
 
 use crate::macros::{forward, setters};
-use crate::{Draws, Frame, Needs, Worker};
+use crate::{Draws, Frame, Needs, PointSet, SampleId, Worker, streams};
 use rayon::prelude::*;
-
-mod pass;
-
-pub use pass::{Pass, Prepared, Prepares};
+use serde::{Deserialize, Serialize};
 
 /// The cluster label of a camera ray that meets no surface; other rays have the label of the cluster they hit.
 pub const BACKGROUND: u32 = u32::MAX;
@@ -25,7 +22,7 @@ pub const BACKGROUND: u32 = u32::MAX;
 /// assert_eq!(hit.shading_normal, [0.0, 1.0, 0.0]);
 /// ```
 #[non_exhaustive]
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FirstHit {
     /// The hit's position, in the integrator's own units of length.
     pub position: [f32; 3],
@@ -413,7 +410,7 @@ forward!(Integrator for &mut T, Box<T>; {
 
 /// The sums of all values noted under one key in one training pass.
 #[non_exhaustive]
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainingSum {
     /// The key that the integrator chose.
     pub key: u64,
@@ -437,7 +434,7 @@ impl TrainingSum {
 ///
 /// Blocks of 16x16 pixels are summed first, then rows of blocks, then all rows in order. The sums are the same bits for
 /// any number of threads.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TrainingData {
     entries: Vec<TrainingSum>,
 }
@@ -471,11 +468,6 @@ impl TrainingData {
         Self { entries }
     }
 
-    /// Makes training data of these entries; `None` if their keys do not ascend.
-    pub(crate) fn sorted(entries: Vec<TrainingSum>) -> Option<Self> {
-        entries.is_sorted_by(|a, b| a.key < b.key).then_some(Self { entries })
-    }
-
     pub(crate) fn into_entries(self) -> Vec<TrainingSum> {
         self.entries
     }
@@ -484,4 +476,50 @@ impl TrainingData {
     pub fn entries(&self) -> &[TrainingSum] {
         &self.entries
     }
+}
+
+/// The times at which an integrator prepares itself ([`Integrator::prepare`](crate::Integrator::prepare)).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Prepares {
+    /// Never.
+    #[default]
+    Never,
+    /// Once, before the first sample.
+    Once,
+    /// Before each pass of about two samples per pixel: one for each half of the film.
+    ///
+    /// A round in which few pixels get samples has passes of more samples for each, so that passes take about the same
+    /// time. Their lengths follow from the plans alone.
+    EveryPass,
+}
+
+/// The inputs of one preparation.
+#[non_exhaustive]
+pub struct Pass<'a> {
+    /// The number of the pass, from 0.
+    pub number: u32,
+    /// The point set of the render.
+    pub points: &'a dyn PointSet,
+    /// The frame of the image.
+    pub frame: Frame,
+}
+
+impl<'a> Pass<'a> {
+    /// The random numbers of one of the pass's paths from the lights, a pure function of point set, pass and path.
+    ///
+    /// Paths of a pass are samples of one pixel of the stream [`streams::LIGHT`], so that they are well distributed
+    /// together.
+    pub fn draws(&self, path: u64) -> Draws<'a> {
+        let capacity = self.points.capacity().max(1);
+        let pixel = [self.number, u32::try_from(path / capacity).unwrap_or(u32::MAX)];
+        Draws::new(self.points, SampleId::new(pixel, streams::LIGHT, path % capacity))
+    }
+}
+
+/// The cost of one preparation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Prepared {
+    /// The number of rays traced.
+    pub rays: u64,
 }

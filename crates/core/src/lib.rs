@@ -60,7 +60,6 @@ mod error;
 mod film;
 mod filter;
 mod frame;
-mod hash;
 mod integrator;
 mod limits;
 mod macros;
@@ -70,7 +69,6 @@ mod needs;
 mod options;
 mod plan;
 mod point_set;
-mod policy;
 mod recorder;
 mod render;
 mod rng;
@@ -85,8 +83,6 @@ pub use error::Error;
 pub use film::{Features, Film, PixelStatistics, Record, Recorded, Rejected, RejectedReason, RoundRecord, luminance};
 pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
-#[doc(hidden)]
-pub use hash::{mix, saturating_u32};
 pub use integrator::{
     BACKGROUND, Estimate, FirstHit, Integrator, Pass, Prepared, Prepares, SurfaceFeatures, TrainingData, TrainingSum,
     Trajectory,
@@ -98,9 +94,12 @@ pub use needs::Needs;
 pub use options::{
     OptionError, OptionValue, Options, OutOfRange, Parameter, nearest_name, nested, parse_pairs, unnested,
 };
-pub use plan::{Combine, Plan, Progress, Retention};
+#[doc(hidden)]
+pub use plan::saturating_u32;
+pub use plan::{Combine, PilotPolicy, Plan, Progress, Retention, Stopping};
+#[doc(hidden)]
+pub use point_set::mix;
 pub use point_set::{HostNumbers, PointSet, SampleId, streams};
-pub use policy::{PilotPolicy, Stopping};
 pub use recorder::{RecordedSample, Recorder};
 pub use render::{
     Control, Methods, Monitor, NoMonitor, Readiness, Render, Round, Samples, Session, Stage, Status, Tile, TracedRows,

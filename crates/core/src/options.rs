@@ -1,10 +1,6 @@
 //! One declaration per parameter: the struct, its defaults, parsing, ranges, help and description.
 
-mod nested;
-mod value;
-
-pub use nested::{nested, unnested};
-pub use value::OptionValue;
+use crate::{PilotPolicy, Stopping};
 
 /// A command-line parameter of a sampler, point set or filter: its name, its default as text, and one line of help.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -325,6 +321,135 @@ macro_rules! choices {
     };
 }
 
+/// A type of option value that is parsed from text and written back as text.
+pub trait OptionValue: Sized {
+    /// Parses `text`; `None` if it is not a value of this type.
+    fn from_text(text: &str) -> Option<Self>;
+
+    /// The value as text, which [`OptionValue::from_text`] parses to the same value.
+    fn text(&self) -> String;
+
+    /// A noun phrase for error messages that describes the accepted values. `allowed` is the parameter's declared
+    /// range, in words.
+    fn wanted(allowed: Option<&str>) -> String;
+
+    /// Parses `value` for the parameter `name`. `allowed` is the declared range, for the error message.
+    ///
+    /// # Errors
+    ///
+    /// [`OptionError::Value`] if `value` does not parse.
+    fn parse_as(name: &'static str, value: &str, allowed: Option<&str>) -> Result<Self, OptionError> {
+        let wrong = || OptionError::Value { name, value: value.to_owned(), wanted: Self::wanted(allowed) };
+        Self::from_text(value).ok_or_else(wrong)
+    }
+}
+
+macro_rules! numbers {
+    ($($Type:ty),*) => {$(
+        impl OptionValue for $Type {
+            fn from_text(text: &str) -> Option<Self> {
+                text.parse().ok()
+            }
+
+            fn text(&self) -> String {
+                self.to_string()
+            }
+
+            fn wanted(allowed: Option<&str>) -> String {
+                allowed.map_or_else(|| "a number".into(), |allowed| format!("a number ({allowed})"))
+            }
+        }
+    )*};
+}
+
+numbers!(u8, u32, u64, usize, i32, f32, f64);
+
+/// Parses `true` and `false`.
+impl OptionValue for bool {
+    fn from_text(text: &str) -> Option<Self> {
+        text.parse().ok()
+    }
+
+    fn text(&self) -> String {
+        self.to_string()
+    }
+
+    fn wanted(allowed: Option<&str>) -> String {
+        allowed.map_or_else(|| "true or false".into(), str::to_owned)
+    }
+}
+
+/// Parses `none` as `None`, and other text as a value of the inner type.
+impl<T: OptionValue> OptionValue for Option<T> {
+    fn from_text(text: &str) -> Option<Self> {
+        if text == "none" { Some(None) } else { T::from_text(text).map(Some) }
+    }
+
+    fn text(&self) -> String {
+        self.as_ref().map_or_else(|| "none".into(), T::text)
+    }
+
+    fn wanted(allowed: Option<&str>) -> String {
+        format!("none, or {}", T::wanted(allowed))
+    }
+}
+
+crate::choices!(PilotPolicy { Keep = "keep", Refined = "refined", Discard = "discard", Cross = "cross", Neighbours = "neighbours" });
+crate::choices!(Stopping { Budget = "budget", Threshold = "threshold" });
+
+/// Writes a description `NAME:key=value,key=value` so that it can be the value of a parameter: `NAME/key=value/key=value`.
+///
+/// Descriptions that are values of this description's own parameters get one more `/` at each separator, so any depth
+/// is unambiguous. [`unnested`] is the inverse.
+///
+/// ```
+/// use dapple_core::{nested, unnested};
+///
+/// let inner = nested("gaussian:alpha=2,radius=1");
+/// assert_eq!(inner, "gaussian/alpha=2/radius=1");
+/// let outer = nested(&format!("blend:of={inner},weight=0.5"));
+/// assert_eq!(outer, "blend/of=gaussian//alpha=2//radius=1/weight=0.5");
+/// assert_eq!(unnested(&unnested(&outer)["blend:of=".len()..].split(',').next().unwrap()), "gaussian:alpha=2,radius=1");
+/// ```
+pub fn nested(description: &str) -> String {
+    let mut text = String::with_capacity(description.len());
+    let mut named = false;
+    let mut before = ' ';
+    for c in description.chars() {
+        match c {
+            ':' if !named => {
+                named = true;
+                text.push('/');
+            }
+            ',' => text.push('/'),
+            // One more at the start of each run.
+            '/' if before != '/' => text.push_str("//"),
+            c => text.push(c),
+        }
+        before = c;
+    }
+    text
+}
+
+/// Reads the value of a parameter that [`nested`] writes: `NAME/key=value/key=value` is the description
+/// `NAME:key=value,key=value`.
+pub fn unnested(value: &str) -> String {
+    let mut text = String::with_capacity(value.len());
+    let mut separators = [':'].into_iter().chain(std::iter::repeat(','));
+    let mut rest = value;
+    while let Some(at) = rest.find('/') {
+        text.push_str(&rest[..at]);
+        let run = rest[at..].len() - rest[at..].trim_start_matches('/').len();
+        match run {
+            1 => text.extend(separators.next()),
+            deeper => text.extend(std::iter::repeat_n('/', deeper - 1)),
+        }
+        rest = &rest[at + run..];
+    }
+    text.push_str(rest);
+    text
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -385,5 +510,24 @@ mod tests {
         assert_eq!(refused("shape=oval"), "shape = \"oval\"; give one of round, square");
         assert_eq!(refused("weight=NaN"), "weight = NaN is out of range: above 0, or none");
         assert_eq!(TestOptions::default().set("other", "1"), Ok(false));
+    }
+
+    #[test]
+    fn descriptions_of_any_depth_are_read_back() {
+        let mut description = "uniform".to_owned();
+        for depth in 0..6 {
+            let value = nested(&description);
+            assert!(!value.contains([':', ',']), "{value} cannot be the value of a parameter");
+            assert_eq!(unnested(&value), description, "depth {depth}");
+            description = format!("then:first={value},spp={depth},second=adaptive/by=nlm/pilot=4");
+        }
+    }
+
+    #[test]
+    fn only_the_first_separator_follows_a_name() {
+        assert_eq!(unnested("a/b=1/c=2/d=3"), "a:b=1,c=2,d=3");
+        assert_eq!(unnested("a"), "a");
+        assert_eq!(unnested("a/of=b//c=1//d=2/e=3"), "a:of=b/c=1/d=2,e=3");
+        assert_eq!((unnested(""), unnested("/"), nested("")), (String::new(), ":".into(), String::new()));
     }
 }

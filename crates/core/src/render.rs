@@ -1,21 +1,18 @@
 //! The render loop: plan a round, trace it, plan the next.
 
 mod budget;
-mod clock;
 mod feature_samples;
-mod filter_time;
 pub(crate) mod holdout;
-mod methods;
 mod plan;
 mod pull;
 mod round;
 mod session;
 mod stage;
 mod tile;
+mod turns;
 
-pub use methods::Methods;
 pub use pull::Round;
-pub use session::Session;
+pub use session::{Methods, Session};
 pub use stage::{Readiness, Stage, TracedRows};
 pub use tile::{Samples, Tile};
 

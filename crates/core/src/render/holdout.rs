@@ -5,9 +5,8 @@
 //! did. [`Points`] corrects for the dependence within a low-discrepancy sequence. The filter's own estimate sees only samples that the filter has fitted. The ratio of both estimates
 //! changes slowly as samples are added, and corrects the filter's estimate for the image of all samples.
 
-use crate::snapshot::Broken;
-use crate::snapshot::bytes::{Reader, Writer};
 use crate::{Error, Film, Filter};
+use serde::{Deserialize, Serialize};
 
 /// The constant that relMSE adds to the squared mean.
 const EPSILON: f64 = 0.01;
@@ -51,7 +50,7 @@ impl Prediction {
 }
 
 /// The filtered image at the last prediction, the halves it was made of, and the ratio measured so far.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Holdout {
     samples: u64,
     /// The relMSE by the filter's own estimate, and the corrected one.
@@ -151,28 +150,11 @@ impl Holdout {
         (gained > 0.0 && before > 0.0).then(|| [of(0), of(1), of(2)])
     }
 
-    pub(crate) fn put(&self, to: &mut Writer) {
-        to.number(self.samples);
-        to.number([self.own, self.relmse, self.fall, self.ratio, self.variance]);
-        to.flag(self.confirmed);
-        to.numbers(&self.image);
-        to.numbers(&self.error);
-        self.counts.iter().for_each(|counts| to.numbers(counts));
-        self.means.iter().for_each(|means| to.numbers(means));
-    }
-
-    pub(crate) fn take(from: &mut Reader<'_>, film: &Film) -> Result<Self, Broken> {
-        if film.kept.len() != 2 {
-            return Err(Broken("an error of the filtered image is predicted, but the film has no halves"));
-        }
+    /// Returns `true` if all planes have the film's pixels.
+    pub(crate) fn fits(&self, film: &Film) -> bool {
         let pixels = film.frame().pixels();
-        let samples = from.number()?;
-        let [own, relmse, fall, ratio, variance] = from.number::<[f64; 5]>()?;
-        let confirmed = from.flag()?;
-        let (image, error) = (from.numbers(pixels)?, from.numbers(pixels)?);
-        let counts = [from.numbers(pixels)?, from.numbers(pixels)?];
-        let means = [from.numbers(pixels)?, from.numbers(pixels)?];
-        Ok(Self { samples, own, relmse, fall, confirmed, ratio, variance, image, error, counts, means })
+        let [counts, means] = [self.counts.each_ref().map(Vec::len), self.means.each_ref().map(Vec::len)];
+        film.kept.len() == 2 && [[self.image.len(), self.error.len()], counts, means] == [[pixels; 2]; 3]
     }
 }
 

@@ -1,11 +1,11 @@
 //! Rounds of a session, cut into tiles.
 
-use super::clock::Clock;
+use super::budget::Clock;
 use super::feature_samples::Turn;
 use super::session::State;
 use super::tile::{Tile, area};
 use crate::snapshot::{Planner, SavedSampler, View};
-use crate::{Draws, Error, Estimate, Frame, InvalidSample, Limits, PointSet, Retention, Sampler};
+use crate::{Draws, Error, Estimate, Frame, InvalidSample, Limits, PointSet, Sampler};
 use rayon::prelude::*;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -128,7 +128,7 @@ impl<'s> Round<'s> {
             let missing = tile.missing();
             return bad(format!("results of {missing} of its samples are missing; add one for each of Tile::samples"));
         }
-        if let (InvalidSample::Fail, Some((sample, value))) = (self.limits.invalid, tile.invalid) {
+        if let (InvalidSample::Fail, Some((sample, value))) = (self.limits.invalid, tile.tally.first_rejected) {
             return Err(Error::InvalidSample { sample, value, points: self.points.describe() });
         }
         let mut shared = self.lock();
@@ -141,7 +141,7 @@ impl<'s> Round<'s> {
         let mut counts = [Some(&mut open.plan.counts), open.plan.second_half.as_mut()].into_iter().flatten();
         let planned =
             |counts: &[u32]| ranges.iter().cloned().flat_map(|r| &counts[r]).map(|&n| u64::from(n)).sum::<u64>();
-        let all = tile.film.record.samples;
+        let all = tile.tally.total();
         let (first, second) = (counts.next(), counts.next());
         let left = [&first, &second].into_iter().flatten().map(|c| planned(c)).sum::<u64>();
         if left != all {
@@ -151,12 +151,9 @@ impl<'s> Round<'s> {
             ranges.iter().cloned().for_each(|range| counts[range].fill(0));
         }
         open.submitted += all;
-        let retention: Retention = tile.retention;
+        let retention = tile.retention;
         film.put_back(tile.film, retention);
-        film.add_splats(tile.splats);
-        if retention == Retention::Keep {
-            film.splats.count(tile.halves);
-        }
+        tile.tally.add_to(film, retention);
         Ok(())
     }
 
@@ -183,8 +180,9 @@ impl<'s> Round<'s> {
         let State { film, round, open, passes, holdout, stage, .. } = &*shared.state;
         let (seconds, holdout, open) = (self.clock.seconds(), holdout.as_ref(), open.as_ref());
         let (total, sampler, limits) = (self.total, Planner::Saved(&self.sampler), self.limits);
+        let bounds = [limits.min_spp, limits.max_spp];
         let stage = stage.as_ref();
-        View { film, round: *round, open, passes, holdout, total, seconds, sampler, limits, stage }.write()
+        View { film, sampler, bounds, round: *round, total, seconds, passes, open, holdout, stage }.write()
     }
 
     fn lock(&self) -> MutexGuard<'_, Shared<'s>> {

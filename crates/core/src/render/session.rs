@@ -1,19 +1,18 @@
 //! The engine of a render: rounds planned by a sampler, traced by whoever asks for them.
 
-use super::budget::Meter;
-use super::clock::Clock;
+use super::budget::{Clock, Meter};
 use super::holdout::Holdout;
-use super::methods::Methods;
 use super::plan::check;
 use super::pull::Round;
 use super::round::Stopped;
 use super::stage::Stage;
 use super::{Monitor, Status};
-use crate::snapshot::{OpenRound, Planner, View};
+use crate::snapshot::{self, OpenRound, Planner, View};
 use crate::{
-    Error, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, Retention, RoundRecord, Sampler, Snapshot,
-    TrainingData, Unfiltered,
+    Error, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, Recorder, Retention, RoundRecord, Sampler,
+    Snapshot, TrainingData, Unfiltered,
 };
+use std::sync::Arc;
 
 /// The state of a render between slices.
 pub(super) struct State {
@@ -247,8 +246,9 @@ impl<'a> Session<'a> {
     pub(super) fn view(&self, seconds: f64) -> View<'_> {
         let State { film, round, open, passes, holdout, stage, .. } = &self.state;
         let (open, holdout, stage) = (open.as_ref(), holdout.as_ref(), stage.as_ref());
-        let (total, sampler, limits) = (self.meter.left(film).total, Planner::Sampler(&*self.sampler), &self.limits);
-        View { film, round: *round, open, passes, holdout, total, seconds, sampler, limits, stage }
+        let (total, sampler) = (self.meter.left(film).total, Planner::Sampler(&*self.sampler));
+        let bounds = [self.limits.min_spp, self.limits.max_spp];
+        View { film, sampler, bounds, round: *round, total, seconds, passes, open, holdout, stage }
     }
 
     /// Makes an integrator learn the training passes so far.
@@ -346,7 +346,8 @@ fn continued(
     frame: &Frame,
 ) -> Result<(State, f64), Error> {
     snapshot.restore_sampler(sampler, needs, frame, limits)?;
-    let Snapshot { film, round, open, passes, total, seconds, holdout, stage, .. } = snapshot;
+    let Snapshot { film, state } = snapshot;
+    let snapshot::State { round, open, passes, total, seconds, holdout, stage, .. } = state;
     let planned = open.as_ref().map_or(film.record.samples, |open| open.before + open.submitted + open.plan.total());
     meter.restore(total, planned)?;
     // The rows of a stage were checked where they were planned.
@@ -357,4 +358,76 @@ fn continued(
         }
     }
     Ok((State { film, round, open, passes, holdout, prepared: None, stage }, seconds))
+}
+
+/// A sampler and a filter that work together: what a [`Session`](crate::Session) needs besides a frame and limits.
+///
+/// ```
+/// # use dapple_core::{PointSet, SampleId};
+/// # struct Centre;
+/// # impl PointSet for Centre {
+/// #     fn describe(&self) -> String { "centre".into() }
+/// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
+/// #     fn capacity(&self) -> u64 { u64::MAX }
+/// # }
+/// use dapple_core::samplers::Uniform;
+/// use dapple_core::{Methods, Unfiltered};
+///
+/// let unfiltered = Methods::from(Uniform::new(Centre));
+/// let methods = Methods::from((Uniform::new(Centre), Unfiltered));
+/// # assert!(unfiltered.filter.is_none() && methods.filter.is_some());
+/// ```
+pub struct Methods<'a> {
+    /// The sampler, which holds its point set.
+    pub sampler: Box<dyn Sampler + 'a>,
+    /// The filter; `None` leaves each pixel the mean of its own samples.
+    pub filter: Option<Box<dyn Filter + 'a>>,
+    /// The statistics that the film records besides those that sampler and filter need.
+    pub needs: Needs,
+    /// The recorders of the film besides those of the sampler.
+    pub recorders: Vec<Arc<dyn Recorder>>,
+}
+
+impl<'a> Methods<'a> {
+    /// Sets the filter.
+    #[must_use]
+    pub fn with_filter(self, filter: impl Filter + 'a) -> Self {
+        Self { filter: Some(Box::new(filter)), ..self }
+    }
+
+    /// Adds the statistics that the filter needs.
+    pub(super) fn with_filter_needs(mut self) -> Self {
+        if let Some(filter) = &self.filter {
+            self.needs = self.needs.and(filter.needs());
+            self.recorders.extend(filter.recorders());
+        }
+        self
+    }
+
+    /// Adds statistics that the film must record besides those that sampler and filter need.
+    #[must_use]
+    pub fn with_needs(self, needs: Needs) -> Self {
+        Self { needs: self.needs.and(needs), ..self }
+    }
+}
+
+impl<'a> Methods<'a> {
+    /// Adds recorders, such as those of a filter that is applied later.
+    #[must_use]
+    pub fn with_recorders(mut self, recorders: impl IntoIterator<Item = Arc<dyn Recorder>>) -> Self {
+        self.recorders.extend(recorders);
+        self
+    }
+}
+
+impl<'a, S: Sampler + 'a> From<S> for Methods<'a> {
+    fn from(sampler: S) -> Self {
+        Self { sampler: Box::new(sampler), filter: None, needs: Needs::none(), recorders: Vec::new() }
+    }
+}
+
+impl<'a, S: Sampler + 'a, F: Filter + 'a> From<(S, F)> for Methods<'a> {
+    fn from((sampler, filter): (S, F)) -> Self {
+        Methods::from(sampler).with_filter(filter)
+    }
 }

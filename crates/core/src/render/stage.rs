@@ -9,10 +9,11 @@ use super::{Control, Methods, Monitor, Render, Session};
 use crate::film::keep_first;
 use crate::snapshot::{Cursor, OpenRound, View};
 use crate::{Error, Film, Frame, Integrator, Plan, Prepares, Record, Sampler, Snapshot};
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// The samples of a render between two barriers.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stage {
     /// The window of the render.
     pub(crate) frame: Frame,
@@ -36,6 +37,13 @@ impl Stage {
     /// The number of passes for which an integrator prepares, at least 1.
     pub fn passes(&self) -> usize {
         self.ends.len()
+    }
+
+    /// Returns `true` if `film` is the frame of some rows of the window, for a stage with rows and passes.
+    pub(crate) fn has(&self, film: &Frame) -> bool {
+        let top = film.origin()[1].checked_sub(self.frame.origin()[1]);
+        let rows = top.and_then(|top| self.frame.rows(top..top + film.size()[1]).ok());
+        rows == Some(*film) && self.rows[0] < self.rows[1] && self.ends.is_sorted() && !self.ends.is_empty()
     }
 
     pub(super) fn end(&self) -> u32 {
@@ -72,8 +80,8 @@ impl TracedRows {
     ///
     /// [`Error::BadSnapshot`] for bytes of another kind or version, damaged or inconsistent ones.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
-        let Snapshot { film, round, open, stage, .. } = Snapshot::from_bytes(bytes)?;
-        Ok(Self { film, round, open, stage })
+        let Snapshot { film, state } = Snapshot::from_bytes(bytes)?;
+        Ok(Self { film, round: state.round, open: state.open, stage: state.stage })
     }
 }
 

@@ -2,8 +2,8 @@
 
 use crate::common::{Independent, Planned, frame, uniform};
 use dapple_core::{
-    Block, Budget, Draws, Estimate, Feedback, Film, FirstHit, Integrator, Limits, Methods, Needs, Plan, Progress,
-    Render, Sampler, Session, Worker, streams,
+    Block, Draws, Estimate, Feedback, Film, FirstHit, Integrator, Limits, Methods, Needs, Plan, Progress, Render,
+    Sampler, Session, Worker, streams,
 };
 
 const PLACE: Block = Block::new(0);
