@@ -440,22 +440,16 @@ pub struct TrainingData {
 }
 
 impl TrainingData {
-    /// Merges the sums of an image's parts, given in the order of the image, on all threads.
-    pub(crate) fn merge(parts: &[Vec<TrainingSum>]) -> Self {
-        Self::merged(parts, |entries| entries.par_sort_by_key(|e| e.key))
-    }
-
-    /// Merges the sums of an image's parts, given in the order of the image, on the calling thread alone. A task that
-    /// waits for a parallel sort would start other tasks meanwhile.
-    pub(crate) fn merge_here(parts: &[Vec<TrainingSum>]) -> Self {
-        Self::merged(parts, |entries| entries.sort_by_key(|e| e.key))
-    }
-
-    /// Merges the sums of an image's parts by sorting them by key. `sort` must be stable, so that equal keys stay in
-    /// order. A tree would take several times as long.
-    fn merged(parts: &[Vec<TrainingSum>], sort: impl FnOnce(&mut [TrainingSum])) -> Self {
+    /// Merges the sums of an image's parts, given in the order of the image, by sorting them by key. A tree would take several
+    /// times as long. A task works `alone`: one that waits for a parallel sort would start other tasks meanwhile.
+    pub(crate) fn merge(parts: &[Vec<TrainingSum>], alone: bool) -> Self {
         let mut entries = parts.concat();
-        sort(&mut entries);
+        // Equal keys stay in order.
+        if alone {
+            entries.sort_by_key(|e| e.key)
+        } else {
+            entries.par_sort_by_key(|e| e.key)
+        }
         entries.dedup_by(|next, kept| {
             let same = next.key == kept.key;
             if same {

@@ -88,7 +88,7 @@ pub use integrator::{
     Trajectory,
 };
 pub use limits::{Budget, InvalidSample, Limits, Schedule};
-pub use memory::{FilterMemory, ImagePlanes, Memory, SamplerMemory};
+pub use memory::{FilterMemory, ImagePlanes, SamplerMemory};
 pub use moments::{Moments, RgbMoments};
 pub use needs::Needs;
 pub use options::{

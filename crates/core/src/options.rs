@@ -344,8 +344,8 @@ pub trait OptionValue: Sized {
     }
 }
 
-macro_rules! numbers {
-    ($($Type:ty),*) => {$(
+macro_rules! parsed {
+    ($($Type:ty: $wanted:expr;)*) => {$(
         impl OptionValue for $Type {
             fn from_text(text: &str) -> Option<Self> {
                 text.parse().ok()
@@ -356,27 +356,20 @@ macro_rules! numbers {
             }
 
             fn wanted(allowed: Option<&str>) -> String {
-                allowed.map_or_else(|| "a number".into(), |allowed| format!("a number ({allowed})"))
+                let wanted: fn(Option<&str>) -> String = $wanted;
+                wanted(allowed)
             }
         }
     )*};
 }
 
-numbers!(u8, u32, u64, usize, i32, f32, f64);
+fn number(allowed: Option<&str>) -> String {
+    allowed.map_or_else(|| "a number".into(), |allowed| format!("a number ({allowed})"))
+}
 
-/// Parses `true` and `false`.
-impl OptionValue for bool {
-    fn from_text(text: &str) -> Option<Self> {
-        text.parse().ok()
-    }
-
-    fn text(&self) -> String {
-        self.to_string()
-    }
-
-    fn wanted(allowed: Option<&str>) -> String {
-        allowed.map_or_else(|| "true or false".into(), str::to_owned)
-    }
+parsed! {
+    u8: number; u32: number; u64: number; usize: number; i32: number; f32: number; f64: number;
+    bool: |allowed| allowed.unwrap_or("true or false").to_owned();
 }
 
 /// Parses `none` as `None`, and other text as a value of the inner type.

@@ -1,11 +1,12 @@
 //! Snapshots: the state of a render between two slices, as bytes.
 
-use crate::film::{Bank, Beside, REJECTED_LISTED, Splats};
+use crate::film::{Beside, Half, REJECTED_LISTED, Splats};
 use crate::recorder::Recorders;
-use crate::render::{Stage, holdout::Holdout};
+use crate::render::filtered_error::FilteredError;
+use crate::render::state::{OpenRound, Stage};
 use crate::{
-    Combine, Error, Film, Frame, Integrator, Limits, Needs, Plan, Record, Rejected, Retention, Sampler, TrainingData,
-    TrainingSum, container,
+    Combine, Error, Film, Frame, Integrator, Limits, Needs, Record, Rejected, Retention, Sampler, TrainingData,
+    container,
 };
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize, Serializer};
@@ -42,78 +43,6 @@ pub(crate) fn decoded<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Broken> {
     }
 }
 
-/// The progress within a round. Pixels in rows before `row` have `end` samples of the round traced, the others `start`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Cursor {
-    pub(crate) start: u32,
-    pub(crate) end: u32,
-    pub(crate) row: u32,
-}
-
-/// A round (a batch of planned samples) that is partly traced.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct OpenRound {
-    pub(crate) plan: Plan,
-    pub(crate) cursor: Cursor,
-    /// The sums of the unfinished training pass. For each traced row of 16x16-pixel blocks: the index of the row of
-    /// blocks, and the sums by key.
-    pub(crate) pending: Vec<(usize, Vec<TrainingSum>)>,
-    /// The number of samples traced before this round.
-    pub(crate) before: u64,
-    /// The number of this round's samples that are traced and no longer in `plan`.
-    pub(crate) submitted: u64,
-    pub(crate) plan_seconds: f64,
-    /// Seconds of tracing this round before the snapshot.
-    pub(crate) traced_seconds: f64,
-}
-
-impl OpenRound {
-    /// The largest number of samples of a pixel.
-    pub(crate) fn longest(&self) -> u32 {
-        self.counts().max().unwrap_or(0)
-    }
-
-    /// The samples among the first `start` of each pixel.
-    pub(crate) fn before(&self, start: u32) -> u64 {
-        self.counts().map(|count| u64::from(count.min(start))).sum()
-    }
-
-    /// The number of pixels with more than `start` samples; those of both halves count twice.
-    pub(crate) fn above(&self, start: u32) -> u64 {
-        self.counts().filter(|count| *count > start).count() as u64
-    }
-
-    /// The counts in the plan, of both halves.
-    fn counts(&self) -> impl Iterator<Item = u32> + '_ {
-        self.plan.counts.iter().chain(self.plan.second_half.iter().flatten()).copied()
-    }
-
-    /// The number of this round's samples already traced in each pixel of `row`.
-    pub(crate) fn done(&self, row: usize) -> u32 {
-        if row < self.cursor.row as usize { self.cursor.end } else { self.cursor.start }
-    }
-
-    /// Keeps only the untraced rest in the plan.
-    pub(crate) fn keep_rest(&mut self, width: usize) {
-        if self.cursor == Cursor::default() {
-            return;
-        }
-        let rest = self.rest(width);
-        self.submitted += self.plan.total() - rest.total();
-        (self.plan, self.cursor) = (rest, Cursor::default());
-    }
-
-    /// The untraced rest of the round as a plan. It withdraws no samples: withdrawals happen when the round begins.
-    pub(crate) fn rest(&self, width: usize) -> Plan {
-        let left = |counts: &[u32]| -> Vec<u32> {
-            counts.iter().enumerate().map(|(i, n)| n.saturating_sub(self.done(i / width))).collect()
-        };
-        let Plan { counts, second_half, retention, combine, withdraw: _ } = &self.plan;
-        let second_half = second_half.as_deref().map(left);
-        Plan { counts: left(counts), second_half, retention: *retention, combine: *combine, withdraw: None }
-    }
-}
-
 /// Borrowed state of a render, complete enough to resume it; the content of a snapshot. All but the film has the fields of
 /// [`State`] in their order.
 #[derive(Clone, Copy, Serialize)]
@@ -128,7 +57,7 @@ pub(crate) struct View<'a> {
     pub(crate) seconds: f64,
     pub(crate) passes: &'a [TrainingData],
     pub(crate) open: Option<&'a OpenRound>,
-    pub(crate) holdout: Option<&'a Holdout>,
+    pub(crate) filtered_error: Option<&'a FilteredError>,
     /// The stage of which the film has some rows; `None` for a film of the whole window.
     pub(crate) stage: Option<&'a Stage>,
 }
@@ -143,7 +72,7 @@ pub(crate) struct State {
     pub(crate) seconds: f64,
     pub(crate) passes: Vec<TrainingData>,
     pub(crate) open: Option<OpenRound>,
-    pub(crate) holdout: Option<Holdout>,
+    pub(crate) filtered_error: Option<FilteredError>,
     pub(crate) stage: Option<Stage>,
 }
 
@@ -320,7 +249,10 @@ impl State {
         let is_ascending = |pass: &TrainingData| pass.entries().is_sorted_by(|a, b| a.key < b.key);
         require(is_time(self.seconds), "a time is not a number of seconds")?;
         require(self.passes.iter().all(is_ascending), "training data is out of order")?;
-        require(self.holdout.as_ref().is_none_or(|holdout| holdout.fits(film)), "a filtered image has another size")?;
+        require(
+            self.filtered_error.as_ref().is_none_or(|filtered_error| filtered_error.fits(film)),
+            "a filtered image has another size",
+        )?;
         require(self.stage.as_ref().is_none_or(|stage| stage.has(film.frame())), "a stage is of another window")?;
         self.open.as_ref().map_or(Ok(()), |open| open.check(film))
     }
@@ -362,15 +294,16 @@ fn is_sound(combine: Combine) -> bool {
 fn film_bytes(film: &Film) -> Vec<u8> {
     let Film { frame, needs, recorders, combine, record, rejected, .. } = film;
     let Film { kept, discarded, withdrawn, beside, splats, unreported, .. } = film;
-    let banks = Film::bytes_per_pixel(needs) + if discarded.is_empty() { 0 } else { Film::bank_bytes_per_pixel(needs) };
+    let each =
+        Film::bytes_per_pixel(needs) + if discarded.is_empty() { 0 } else { Film::halves_bytes_per_pixel(needs) };
     let head = (frame, needs, recorders, combine, record, rejected);
-    encoded(&(head, (kept, discarded, withdrawn, beside, splats, unreported)), frame.pixels() * banks + 4096)
+    encoded(&(head, (kept, discarded, withdrawn, beside, splats, unreported)), frame.pixels() * each + 4096)
 }
 
 /// What precedes the planes of a film.
 type Head = (Frame, Needs, Recorders, Combine, Record, Vec<Rejected>);
 /// The planes of a film.
-type Planes = (Vec<Bank>, Vec<Bank>, Vec<Vec<u64>>, Beside, Splats, u64);
+type Planes = (Vec<Half>, Vec<Half>, Vec<Vec<u64>>, Beside, Splats, u64);
 
 fn film_of(bytes: &[u8]) -> Result<Film, Broken> {
     let (head, planes): (Head, Planes) = decoded(bytes)?;
@@ -385,7 +318,7 @@ fn film_of(bytes: &[u8]) -> Result<Film, Broken> {
 fn check_film(film: &Film) -> Result<(), Broken> {
     let Film { kept, discarded, withdrawn, beside, record, .. } = film;
     let (pixels, layout, halves) = (film.frame.pixels(), film.layout(), if film.needs.halves { 2 } else { 1 });
-    let are_sound = |banks: &[Bank]| banks.len() == halves && banks.iter().all(|bank| bank.is_sound(pixels, &layout));
+    let are_sound = |all: &[Half]| all.len() == halves && all.iter().all(|planes| planes.is_sound(pixels, &layout));
     let is_sound_film = are_sound(kept)
         && (discarded.is_empty() || are_sound(discarded))
         && beside.is_sound(pixels, &layout)
@@ -395,13 +328,13 @@ fn check_film(film: &Film) -> Result<(), Broken> {
     let mut seconds = record.rounds.iter().flat_map(|round| [round.plan_seconds, round.trace_seconds]);
     require(is_time(record.prepare_seconds) && seconds.all(is_time), "a time is not a number of seconds")?;
     require(film.rejected.len() <= REJECTED_LISTED, "the list of rejected samples is too long")?;
-    let mut counts = kept.iter().chain(discarded).flat_map(|bank| &bank.counts);
+    let mut counts = kept.iter().chain(discarded).flat_map(|planes| &planes.counts);
     let samples = counts.try_fold(0_u64, |sum, n| sum.checked_add(*n)).ok_or(Broken("counts overflow"))?;
     require(film.unreported <= samples, "more samples report no hits than there are")?;
     let fits = withdrawn.is_empty() || withdrawn.len() == discarded.len();
     require(fits, "samples are withdrawn, but the film has no place for them")?;
     let mut of_each = withdrawn.iter().zip(discarded);
-    let fewer = of_each.all(|(n, bank)| n.len() == pixels && n.iter().zip(&bank.counts).all(|(n, all)| n <= all));
+    let fewer = of_each.all(|(n, planes)| n.len() == pixels && n.iter().zip(&planes.counts).all(|(n, all)| n <= all));
     require(fewer, "more samples are withdrawn than discarded")?;
     require(samples == record.samples, "counts do not add up to the samples traced")
 }

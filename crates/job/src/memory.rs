@@ -3,9 +3,11 @@
 //! Only meshes and images are counted: names, materials and lights are too small to matter.
 
 mod estimate;
+mod image;
 mod process;
 
 pub use estimate::{MemoryAdvice, MemoryEstimate, MemoryLimit, size};
+pub(crate) use image::ImageMemory;
 pub use process::{available, resident};
 
 use dapple_scene::image::Image;

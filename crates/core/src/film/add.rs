@@ -1,6 +1,6 @@
 //! Samples added to a film: by the render loop, to the planes of some pixels, or one by one.
 
-use super::planes::{Bank, BankRows, BesideRows};
+use super::planes::{BesideRows, Half, HalfRows};
 use super::{FeatureMoments, Film, Rejected, RejectedReason, reason_to_reject};
 use crate::recorder::{RecordedSample, Recorder};
 use crate::{Estimate, FirstHit, Needs, Retention, SampleId, SurfaceFeatures, streams};
@@ -15,7 +15,7 @@ pub fn luminance([r, g, b]: [f64; 3]) -> f64 {
 /// The planes of some pixels of a film that a round of one retention writes. One task writes them.
 pub(crate) struct Strip<'a> {
     /// The statistics of each half; the second is empty in a film without halves.
-    pub(crate) banks: [BankRows<'a>; 2],
+    pub(crate) halves: [HalfRows<'a>; 2],
     pub(crate) beside: BesideRows<'a>,
     /// The counts of each half's withdrawn samples, whose indices precede those of kept ones; empty without such samples.
     withdrawn: [&'a [u64]; 2],
@@ -28,10 +28,10 @@ impl Film {
     /// All pixels, for a round of this retention.
     #[inline]
     pub(crate) fn strip(&mut self, retention: Retention) -> Strip<'_> {
-        let banks = if retention == Retention::Keep { &mut self.kept } else { &mut self.discarded };
-        let (mut banks, mut withdrawn) = (banks.iter_mut(), self.withdrawn.iter());
+        let halves = if retention == Retention::Keep { &mut self.kept } else { &mut self.discarded };
+        let (mut halves, mut withdrawn) = (halves.iter_mut(), self.withdrawn.iter());
         Strip {
-            banks: [0, 1].map(|_| banks.next().map(Bank::rows).unwrap_or_default()),
+            halves: [0, 1].map(|_| halves.next().map(Half::rows).unwrap_or_default()),
             beside: self.beside.rows(),
             withdrawn: [0, 1].map(|_| withdrawn.next().map_or(&[][..], Vec::as_slice)),
             retention,
@@ -43,24 +43,24 @@ impl Film {
 
 impl Strip<'_> {
     pub(crate) fn pixels(&self) -> usize {
-        self.banks[0].counts.len()
+        self.halves[0].counts.len()
     }
 
     /// Splits off the first pixels.
     pub(crate) fn split(self, first: usize) -> (Self, Self) {
         let pixels = self.pixels();
-        let ([a, b], [na, nb]) = (self.banks, self.withdrawn);
+        let ([a, b], [na, nb]) = (self.halves, self.withdrawn);
         let ((a, a_rest), (b, b_rest)) = (a.split(first, pixels), b.split(first, pixels));
         let (beside, beside_rest) = self.beside.split(first, pixels);
         let [(na, na_rest), (nb, nb_rest)] = [na, nb].map(|counts| counts.split_at(first.min(counts.len())));
-        let split = Self { banks: [a, b], beside, withdrawn: [na, nb], ..self };
-        (split, Self { banks: [a_rest, b_rest], beside: beside_rest, withdrawn: [na_rest, nb_rest], ..self })
+        let split = Self { halves: [a, b], beside, withdrawn: [na, nb], ..self };
+        (split, Self { halves: [a_rest, b_rest], beside: beside_rest, withdrawn: [na_rest, nb_rest], ..self })
     }
 
     /// The number of samples of each half of a pixel.
     #[inline]
     pub(crate) fn counts(&self, local: usize) -> [u64; 2] {
-        [0, 1].map(|half: usize| self.banks[half].counts.get(local).copied().unwrap_or(0))
+        [0, 1].map(|half: usize| self.halves[half].counts.get(local).copied().unwrap_or(0))
     }
 
     /// The index of a pixel's next sample in the stream of each half.
@@ -78,9 +78,9 @@ impl Strip<'_> {
     /// radiance is rejected; it then counts as black, and the caller lists it.
     #[inline]
     pub(crate) fn add(&mut self, half: usize, local: usize, estimate: &Estimate) -> Option<RejectedReason> {
-        let rejected = self.banks[half].add(local, estimate, self.recorders);
+        let rejected = self.halves[half].add(local, estimate, self.recorders);
         if self.needs.wants_first_hit() {
-            // Kept and discarded samples fill the places in the order of tracing. This bank's indices give the next place,
+            // Kept and discarded samples fill the places in the order of tracing. These indices give the next place,
             // as long as all rounds have the same retention, which is usual.
             let seen = self.next(local).iter().sum::<u64>() - 1;
             let (BesideRows { features, half_features, first_hits, .. }, k) =
@@ -101,14 +101,14 @@ impl Strip<'_> {
 
     /// Makes room for the words of so many samples of a pixel in each half.
     pub(crate) fn reserve(&mut self, local: usize, samples: [u64; 2]) {
-        for (bank, more) in self.banks.iter_mut().zip(samples).filter(|(bank, _)| !bank.counts.is_empty()) {
-            let words = &mut bank.words[local * self.recorders.len()..][..self.recorders.len()];
+        for (planes, more) in self.halves.iter_mut().zip(samples).filter(|(planes, _)| !planes.counts.is_empty()) {
+            let words = &mut planes.words[local * self.recorders.len()..][..self.recorders.len()];
             words.iter_mut().zip(self.recorders).for_each(|(words, recorder)| recorder.reserve(words, more));
         }
     }
 }
 
-impl BankRows<'_> {
+impl HalfRows<'_> {
     /// Adds a sample to the pixel at place `local`. A rejected one counts as black; the reason is returned.
     #[inline]
     pub(crate) fn add(

@@ -38,8 +38,8 @@ impl Film {
     /// A film of the part `frame` of this film's window, with the statistics that a round of this retention reads and writes.
     pub(crate) fn part(&self, frame: Frame, retention: Retention) -> Film {
         let window = Window::new(&self.frame, &frame);
-        let cut = |banks: &[_], wanted: bool| match wanted {
-            true => banks.iter().map(|bank: &super::Bank| bank.cut(&window)).collect(),
+        let cut = |halves: &[_], wanted: bool| match wanted {
+            true => halves.iter().map(|planes: &super::Half| planes.cut(&window)).collect(),
             false => Vec::new(),
         };
         Film {
@@ -117,7 +117,7 @@ impl Film {
         features.iter_mut().for_each(|f| f.emission.keep(half));
         let own = [streams::HALVES[half], streams::DISCARDED_HALVES[half]];
         let rejected: Vec<_> = self.rejected.iter().filter(|r| own.contains(&r.sample.stream)).copied().collect();
-        let samples = kept.iter().chain(&discarded).flat_map(|bank| &bank.counts).sum();
+        let samples = kept.iter().chain(&discarded).flat_map(|planes| &planes.counts).sum();
         Ok(Self {
             combine: Combine::ByCount,
             kept,
@@ -232,11 +232,11 @@ impl Film {
                 let what = format!("pixel ({x}, {y}) has a NaN or an infinity; give finite numbers, or a count of 0");
                 return Err(Error::BadBuffer { buffer: "pixels", what });
             }
-            for (bank, half) in film.kept.iter_mut().zip(pixel.halves) {
-                (bank.counts[i], bank.means[i], bank.m2[i]) = (half.count, half.mean, half.m2);
+            for (planes, half) in film.kept.iter_mut().zip(pixel.halves) {
+                (planes.counts[i], planes.means[i], planes.m2[i]) = (half.count, half.mean, half.m2);
                 if half.count > 0 {
                     let seen = |c: usize| pixel.emission[c].min(half.mean[c] as f32).max(0.0);
-                    bank.emission[i] = [seen(0), seen(1), seen(2)];
+                    planes.emission[i] = [seen(0), seen(1), seen(2)];
                 }
                 film.record.samples += half.count;
             }

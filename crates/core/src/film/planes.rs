@@ -78,7 +78,7 @@ macro_rules! planes {
 
 planes! {
     /// Statistics of kept or of discarded samples, of one half or of all.
-    Bank, BankRows(layout) {
+    Half, HalfRows(layout) {
         /// The number of samples.
         counts: u64 = 0, 1;
         /// Mean radiance.
@@ -181,7 +181,7 @@ fn exchange<T>(one: &mut [T], other: &mut [T], marked: &[bool]) {
     }
 }
 
-impl Bank {
+impl Half {
     /// Count, mean and sum of squared deviations of the samples of pixel `i`; deviations are NaN if they are not recorded.
     pub(super) fn moments(&self, i: usize) -> RgbMoments {
         RgbMoments { count: self.counts[i], mean: self.means[i], m2: self.m2.get(i).copied().unwrap_or([f64::NAN; 3]) }

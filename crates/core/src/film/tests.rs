@@ -16,8 +16,8 @@ fn bytes_per_pixel_are_those_of_all_planes() {
     let each = [none, none.with_variance(), none.with_halves(), none.with_features(), none.with_cost()];
     for needs in each.into_iter().chain([none.with_emission(), none.with_indirect(), all]) {
         let film = Film::new(Frame::new(37, 11).unwrap(), needs);
-        let of = |bank: &Bank| {
-            let Bank { counts, means, m2, emission, indirect, indirect_m2, words } = bank;
+        let of = |planes: &Half| {
+            let Half { counts, means, m2, emission, indirect, indirect_m2, words } = planes;
             let wide = 8 * counts.len() + 24 * (means.len() + m2.len()) + 24 * words.len();
             wide + 12 * (emission.len() + indirect.len() + indirect_m2.len())
         };
@@ -25,8 +25,8 @@ fn bytes_per_pixel_are_those_of_all_planes() {
         let beside = size_of::<FeatureMoments>() * (features.len() + half_features.len())
             + size_of::<Option<FirstHit>>() * first_hits.len()
             + 8 * costs.len();
-        let banks: usize = film.kept.iter().map(of).sum();
-        assert_eq!(banks + beside, 37 * 11 * Film::bytes_per_pixel(&needs), "{needs:?}");
+        let halves: usize = film.kept.iter().map(of).sum();
+        assert_eq!(halves + beside, 37 * 11 * Film::bytes_per_pixel(&needs), "{needs:?}");
     }
     // The README promises these figures.
     assert_eq!([Film::bytes_per_pixel(&none), Film::bytes_per_pixel(&none.with_variance())], [32, 56]);

@@ -1,7 +1,7 @@
 //! Conversion of budgets of time and error into numbers of samples, and the time that a render takes.
 
 use super::feature_samples::Turn;
-use super::holdout::Prediction;
+use super::filtered_error::Prediction;
 use crate::{Budget, BudgetLeft, Error, Film, Filter, Frame, Limits, Needs};
 use std::ops::Range;
 use std::time::Instant;

@@ -2,7 +2,7 @@
 
 use super::budget::Clock;
 use super::feature_samples::Turn;
-use super::session::State;
+use super::state::State;
 use super::tile::{Tile, area};
 use crate::snapshot::{Planner, SavedSampler, View};
 use crate::{Draws, Error, Estimate, Frame, InvalidSample, Limits, PointSet, Sampler};
@@ -177,12 +177,12 @@ impl<'s> Round<'s> {
     /// far. Tiles that are still being traced will be traced again by the render that continues.
     pub fn snapshot(&self) -> Vec<u8> {
         let shared = self.lock();
-        let State { film, round, open, passes, holdout, stage, .. } = &*shared.state;
-        let (seconds, holdout, open) = (self.clock.seconds(), holdout.as_ref(), open.as_ref());
+        let State { film, round, open, passes, filtered_error, stage, .. } = &*shared.state;
+        let (seconds, filtered_error, open) = (self.clock.seconds(), filtered_error.as_ref(), open.as_ref());
         let (total, sampler, limits) = (self.total, Planner::Saved(&self.sampler), self.limits);
         let bounds = [limits.min_spp, limits.max_spp];
         let stage = stage.as_ref();
-        View { film, sampler, bounds, round: *round, total, seconds, passes, open, holdout, stage }.write()
+        View { film, sampler, bounds, round: *round, total, seconds, passes, open, filtered_error, stage }.write()
     }
 
     fn lock(&self) -> MutexGuard<'_, Shared<'s>> {

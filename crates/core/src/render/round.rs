@@ -1,12 +1,11 @@
 //! Tracing one round: slices of bands of rows.
 
 use super::feature_samples::{self, Turn};
-use super::session::State;
+use super::state::{Cursor, OpenRound, State, Stopped};
 use super::turns::{Order, Tally, Turns, streams_of};
 use super::{Monitor, Session};
 use crate::film::Strip;
 use crate::integrator::TrainingSum;
-use crate::snapshot::{Cursor, OpenRound};
 use crate::{
     Control, Draws, Error, Film, Integrator, InvalidSample, Limits, Needs, Pass, Plan, PointSet, Prepares, Rejected,
     Retention, SampleId, TrainingData, Worker, mix, streams,
@@ -56,16 +55,6 @@ struct Traced {
     panicked: Option<(SampleId, String)>,
 }
 
-/// The result of tracing a round: stopped by a monitor, and where, or not stopped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Stopped {
-    No,
-    /// The monitor stopped the render while samples of the round remained to be traced.
-    Within,
-    /// The monitor stopped the render after the last slice of the round.
-    AtEnd,
-}
-
 /// Traces the rest of the open round into the film: all of it, or the rows of a stage.
 pub(super) fn trace(
     integrator: &mut dyn Integrator,
@@ -84,13 +73,9 @@ pub(super) fn trace(
             return Ok(Stopped::No);
         }
         let wants_training = integrator.wants_training();
-        let pass = match (&state.stage, wants_training, integrator.prepares()) {
-            (Some(stage), ..) => Some(stage.pass_length(open.cursor.start)),
-            (None, true, _) => Some(training_length(open)),
-            (None, false, Prepares::EveryPass) => {
-                Some(prepared_length(open, open.cursor.start, state.film.frame.pixels()))
-            }
-            _ => None,
+        let pass = match &state.stage {
+            Some(stage) => Some(stage.pass_length(open.cursor.start)),
+            None => pass_length(integrator, open, open.cursor.start, state.film.frame.pixels()),
         };
         let (length, rows) = next_slice(open, &state.film, (pass, wants_training), seconds, limits);
         let begins = open.cursor.row == 0;
@@ -118,7 +103,7 @@ pub(super) fn trace(
         let more = cursor.start < longest;
         let seconds = session.seconds();
         session.set_traced(seconds - began);
-        if session.show(monitor, |monitor, status| monitor.slice(status)) == Control::Stop {
+        if session.show_to(monitor) == Control::Stop {
             return Ok(if more { Stopped::Within } else { Stopped::AtEnd });
         }
     }
@@ -133,7 +118,7 @@ pub(super) fn learn(
     let mut pending = std::mem::take(pending);
     pending.sort_by_key(|(row, _)| *row);
     let rows: Vec<_> = pending.into_iter().map(|(_, sums)| sums).collect();
-    let pass = TrainingData::merge(&rows);
+    let pass = TrainingData::merge(&rows, false);
     integrator.learn(&pass);
     passes.push(pass);
 }
@@ -144,26 +129,30 @@ fn panicked((sample, message): (SampleId, String), film: &mut Film, points: &dyn
     Error::Panicked { sample, message, points: points.describe(), film }
 }
 
-/// Samples per pixel of the next training pass: the mean number of all samples before, so that passes double in length.
-/// Follows from the plans alone, not from time.
-pub(super) fn training_length(open: &OpenRound) -> u32 {
-    let traced = open.before(open.cursor.start);
-    let mean = (open.before + open.submitted + traced) / open.plan.counts.len() as u64;
-    u32::try_from(mean).unwrap_or(u32::MAX).max(1)
+/// Samples per pixel of an integrator's pass from sample `start`; `None` if it has no passes. Follows from the plans alone, not
+/// from time.
+///
+/// A training pass has the mean number of all samples before, so that passes double in length. Before a pass of [`PREPARED`]
+/// samples per pixel of the image, handed to those that still have samples in the round, an integrator may prepare.
+pub(super) fn pass_length(integrator: &dyn Integrator, open: &OpenRound, start: u32, pixels: usize) -> Option<u32> {
+    match (integrator.wants_training(), integrator.prepares()) {
+        (true, _) => {
+            let mean = (open.before + open.submitted + open.before(open.cursor.start)) / open.plan.counts.len() as u64;
+            Some(u32::try_from(mean).unwrap_or(u32::MAX).max(1))
+        }
+        (false, Prepares::EveryPass) => {
+            // With counts for each half, a step traces a sample of both.
+            let least = if open.plan.second_half.is_some() { 1 } else { PREPARED };
+            let active = open.above(start).max(1) as usize;
+            Some(u32::try_from((PREPARED * pixels / active).max(least)).unwrap_or(u32::MAX))
+        }
+        (false, _) => None,
+    }
 }
 
 /// Samples per pixel of a pass of an integrator that prepares for each: one for each half of the film, so that the halves can
 /// have preparations of their own.
 const PREPARED: usize = 2;
-
-/// Samples per pixel of the pass from sample `start`: about [`PREPARED`] for each pixel of the image, handed to the pixels that
-/// still have samples in the round. Follows from the plan alone, not from time.
-pub(super) fn prepared_length(open: &OpenRound, start: u32, pixels: usize) -> u32 {
-    let active = open.above(start) as usize;
-    // With counts for each half, a step traces a sample of both.
-    let least = if open.plan.second_half.is_some() { 1 } else { PREPARED };
-    u32::try_from((PREPARED * pixels / active.max(1)).max(least)).unwrap_or(u32::MAX)
-}
 
 /// Prepares the integrator for the slice at the cursor, unless it is prepared for it. Rays and seconds go to the record,
 /// but for the repetition after a resumption.
@@ -349,7 +338,7 @@ fn trace_blocks(
             }
             blocks.push(worker.summarise());
         }
-        ((first_row + top) / BLOCK, TrainingData::merge_here(&blocks).into_entries())
+        ((first_row + top) / BLOCK, TrainingData::merge(&blocks, true).into_entries())
     };
     (0..rows).step_by(BLOCK).map(of_row).collect()
 }

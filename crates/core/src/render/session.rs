@@ -1,34 +1,18 @@
 //! The engine of a render: rounds planned by a sampler, traced by whoever asks for them.
 
+use super::budget;
 use super::budget::{Clock, Meter};
-use super::holdout::Holdout;
-use super::plan::check;
+use super::filtered_error::{FilteredError, Prediction};
+use super::monitor::{Control, Monitor, Status};
+use super::plan::{begin, check};
 use super::pull::Round;
-use super::round::Stopped;
-use super::stage::Stage;
-use super::{Monitor, Status};
-use crate::snapshot::{self, OpenRound, Planner, View};
+use super::state::{OpenRound, State, Stopped};
+use crate::snapshot::{self, Planner, View};
 use crate::{
-    Error, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, Recorder, Retention, RoundRecord, Sampler,
-    Snapshot, TrainingData, Unfiltered,
+    Error, Feedback, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, Plan, Progress, Recorder, Retention,
+    RoundRecord, Sampler, Snapshot, Unfiltered,
 };
 use std::sync::Arc;
-
-/// The state of a render between slices.
-pub(super) struct State {
-    pub(super) film: Film,
-    pub(super) round: u32,
-    /// The round being traced, if any; the next one is planned after it.
-    pub(super) open: Option<OpenRound>,
-    /// The data of all training passes so far, to replay on resuming.
-    pub(super) passes: Vec<TrainingData>,
-    /// The filtered image of the last prediction, if an error limit concerns a filtered image.
-    pub(super) holdout: Option<Holdout>,
-    /// The number of the pass that the integrator is prepared for; `None` before the first and after a resumption.
-    pub(super) prepared: Option<u32>,
-    /// The stage of which the film has some rows; `None` for a film of the whole window.
-    pub(super) stage: Option<Stage>,
-}
 
 /// A render whose loop belongs to the caller: it asks for rounds, traces their samples where and how it likes, and gives
 /// the results back.
@@ -146,8 +130,8 @@ impl<'a> Session<'a> {
         let (state, seconds) = match snapshot {
             None => {
                 let film = Film::with_recorders(frame, needs, recorders);
-                let (open, passes, holdout, prepared, stage) = (None, Vec::new(), None, None, None);
-                (State { film, round: 0, open, passes, holdout, prepared, stage }, 0.0)
+                let (open, passes, filtered_error, prepared, stage) = (None, Vec::new(), None, None, None);
+                (State { film, round: 0, open, passes, filtered_error, prepared, stage }, 0.0)
             }
             Some(mut snapshot) => {
                 snapshot.film.resume_recorders(recorders)?;
@@ -244,11 +228,11 @@ impl<'a> Session<'a> {
 
     /// The content of a snapshot.
     pub(super) fn view(&self, seconds: f64) -> View<'_> {
-        let State { film, round, open, passes, holdout, stage, .. } = &self.state;
-        let (open, holdout, stage) = (open.as_ref(), holdout.as_ref(), stage.as_ref());
+        let State { film, round, open, passes, filtered_error, stage, .. } = &self.state;
+        let (open, filtered_error, stage) = (open.as_ref(), filtered_error.as_ref(), stage.as_ref());
         let (total, sampler) = (self.meter.left(film).total, Planner::Sampler(&*self.sampler));
         let bounds = [self.limits.min_spp, self.limits.max_spp];
-        View { film, sampler, bounds, round: *round, total, seconds, passes, open, holdout, stage }
+        View { film, sampler, bounds, round: *round, total, seconds, passes, open, filtered_error, stage }
     }
 
     /// Makes an integrator learn the training passes so far.
@@ -306,11 +290,7 @@ impl<'a> Session<'a> {
     }
 
     /// Calls the monitor between two slices. Its time is not the render's.
-    pub(super) fn show<T>(
-        &mut self,
-        monitor: &mut dyn Monitor,
-        show: impl FnOnce(&mut dyn Monitor, &Status<'_>) -> T,
-    ) -> T {
+    fn show<T>(&mut self, monitor: &mut dyn Monitor, show: impl FnOnce(&mut dyn Monitor, &Status<'_>) -> T) -> T {
         let seconds = self.clock.seconds();
         let view = self.view(seconds);
         let status = Status {
@@ -328,12 +308,83 @@ impl<'a> Session<'a> {
         answer
     }
 
+    /// Shows the state of the session to a monitor, as a render does after a slice.
+    pub fn show_to(&mut self, monitor: &mut dyn Monitor) -> Control {
+        self.show(monitor, |monitor, status| monitor.slice(status))
+    }
+
     /// Shows the end of the render to the monitor. A resumed render plans the last round again, so the snapshot has no
     /// budget for it.
-    pub(super) fn show_end(&mut self, monitor: &mut dyn Monitor) {
+    pub fn show_end_to(&mut self, monitor: &mut dyn Monitor) {
         let shown = self.state.film.record.budgets.pop();
         self.show(monitor, |monitor, status| monitor.end(status));
         self.state.film.record.budgets.extend(shown);
+    }
+}
+
+impl Session<'_> {
+    /// Requests the plan of the next round from the sampler; `None` at the end of the render.
+    pub(super) fn plan(&mut self) -> Result<Option<OpenRound>, Error> {
+        self.reserve_for_filter()?;
+        let planning = self.clock.seconds();
+        loop {
+            let seconds = self.clock.seconds();
+            let State { film, round, .. } = &mut self.state;
+            let budget = self.meter.show(film, *round, seconds);
+            film.record.budgets.push(budget.total);
+            let mut plan = Plan::empty(film.frame.pixels());
+            let seen = Feedback { round: *round, film, budget };
+            if self.sampler.next_round(&seen, &mut plan)? == Progress::Trace {
+                check(&plan, film, &*self.sampler, &budget)?;
+                return Ok(Some(begin(plan, film, self.clock.seconds() - planning)));
+            }
+            let predicted = self.predict()?;
+            if !self.meter.extend(&self.state.film, self.clock.seconds(), predicted) {
+                // The time of the last prediction belongs to the last round.
+                if let Some(last) = self.state.film.record.rounds.last_mut() {
+                    last.plan_seconds += self.clock.seconds() - planning;
+                }
+                return Ok(None);
+            }
+        }
+    }
+
+    /// Reserves a part of a time limit for the filter, measured after the first round.
+    pub(super) fn reserve_for_filter(&mut self) -> Result<(), Error> {
+        let film = &self.state.film;
+        let Some(limit) = self.meter.seconds().filter(|_| film.record.samples > 0) else { return Ok(()) };
+        if self.meter.filter_seconds().is_some() {
+            return Ok(());
+        }
+        let mut seconds = 0.0;
+        if let Some(filter) = &self.filter {
+            let part = film.of_rows(budget::timed_rows(&film.frame))?;
+            let measured = budget::time_of(filter, &part, film.frame.size()[1]);
+            let spp = film.record.samples as f64 / film.frame.pixels() as f64;
+            let traced: f64 = film.record.rounds.iter().map(|round| round.trace_seconds).sum();
+            seconds = measured * budget::growth(filter, &film.needs, spp, limit / traced);
+        }
+        self.meter.reserve(seconds);
+        Ok(())
+    }
+
+    /// Predicts the error that an error limit concerns; `None` without such a limit. A filter without an estimate leaves the
+    /// limit with the unfiltered image.
+    pub(super) fn predict(&mut self) -> Result<Option<Prediction>, Error> {
+        if self.meter.goal().is_none() {
+            return Ok(None);
+        }
+        let State { film, filtered_error, .. } = &mut self.state;
+        if let Some(filter) = self.filter.as_ref().filter(|_| self.judged) {
+            *filtered_error = FilteredError::next(filtered_error.take(), film, filter)?;
+            if let Some(filtered_error) = filtered_error {
+                let prediction = filtered_error.prediction();
+                film.record.filtered_relmse = Some(prediction.relmse);
+                return Ok(Some(prediction));
+            }
+            self.judged = false;
+        }
+        Ok(Some(Prediction::unfiltered(film)))
     }
 }
 
@@ -347,7 +398,7 @@ fn continued(
 ) -> Result<(State, f64), Error> {
     snapshot.restore_sampler(sampler, needs, frame, limits)?;
     let Snapshot { film, state } = snapshot;
-    let snapshot::State { round, open, passes, total, seconds, holdout, stage, .. } = state;
+    let snapshot::State { round, open, passes, total, seconds, filtered_error, stage, .. } = state;
     let planned = open.as_ref().map_or(film.record.samples, |open| open.before + open.submitted + open.plan.total());
     meter.restore(total, planned)?;
     // The rows of a stage were checked where they were planned.
@@ -357,7 +408,7 @@ fn continued(
             check(&rest, &film, sampler, &meter.left(&film))?;
         }
     }
-    Ok((State { film, round, open, passes, holdout, prepared: None, stage }, seconds))
+    Ok((State { film, round, open, passes, filtered_error, prepared: None, stage }, seconds))
 }
 
 /// A sampler and a filter that work together: what a [`Session`](crate::Session) needs besides a frame and limits.

@@ -1,8 +1,8 @@
 //! Tiles of a round: the samples that one task traces, in any order.
 
 use super::feature_samples::{self, Turn};
+use super::state::OpenRound;
 use super::turns::{Order, Tally, Turns, streams_of};
-use crate::snapshot::OpenRound;
 use crate::{Draws, Estimate, Film, Needs, PointSet, Rejected, Retention, SampleId};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -171,7 +171,7 @@ impl<'r> Tile<'r> {
             return;
         }
         for (local, pixel) in planned.pixels.iter().enumerate() {
-            let kept = self.film.kept.iter().map(|bank| bank.counts[local]).sum();
+            let kept = self.film.kept.iter().map(|planes| planes.counts[local]).sum();
             let moments = &mut self.film.beside.features[local];
             if pixel.total() > 0 && planned.features.is_now(moments, kept, true) {
                 let cost =

@@ -1,9 +1,9 @@
 //! The render loop: the same bits however the work is done, exact budgets, honest failures.
 
 use crate::common::*;
-use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
+use dapple_adaptive::{Adaptive, PilotPolicy, Then, VarianceOptions};
 use dapple_conformance::toys::raised;
-use dapple_core::samplers::{Then, Uniform};
+use dapple_core::samplers::Uniform;
 use dapple_core::{
     Budget, Control, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet as _,
     Progress, Render, Retention, Sampler, Schedule, Status, TrainingData, Worker, streams,
@@ -221,6 +221,14 @@ fn a_larger_budget_continues_the_smaller_x06() {
             }
         }
     }
+}
+
+#[test]
+fn the_largest_number_of_samples_is_known_or_assumed() {
+    let expected = |limits: Limits| limits.expected_samples(&frame(4, 3));
+    let timed = Limits::seconds(1.0);
+    assert_eq!([Limits::samples(7), Limits::spp(2.5), Limits::error(0.1, 99)].map(expected), [7, 30, 99]);
+    assert_eq!([timed.clone(), timed.with_max_spp(5)].map(expected), [64 * 12, 5 * 12]);
 }
 
 #[test]

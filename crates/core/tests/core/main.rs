@@ -14,7 +14,6 @@ mod recorder;
 mod resume;
 mod rng;
 mod session;
-mod then;
 mod time;
 mod unreported;
 mod withdraw;

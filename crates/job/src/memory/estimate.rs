@@ -1,11 +1,11 @@
 //! The estimated memory of a render before it starts, and the refusal of renders that do not fit.
 //!
-//! All memory that grows with the image is counted ([`Memory`]). Memory already in use is measured if the system
+//! All memory that grows with the image is counted ([`ImageMemory`]). Memory already in use is measured if the system
 //! reports it, else estimated. While a scene is read, only the length of each of its files is limited.
 
-use super::{WorldMemory, of_scene, of_world, resident};
+use super::{ImageMemory, WorldMemory, of_scene, of_world, resident};
 use crate::JobError;
-use dapple_core::{Film, Frame, Memory, Needs};
+use dapple_core::{Film, Frame, Needs};
 use dapple_scene::Scene;
 use std::fmt;
 
@@ -100,7 +100,7 @@ impl MemoryEstimate {
     /// The memory of a prepared render. `before` is the estimate from its scene. `files` is the peak in bytes for
     /// writing a file, besides film and image. `keeps` states that the film is also encoded as bytes, for a checkpoint
     /// or shard. Of several processes with their rows each, it passes in pieces.
-    pub(crate) fn of_render(before: &Self, memory: &Memory, files: u64, keeps: bool) -> Self {
+    pub(crate) fn of_render(before: &Self, memory: &ImageMemory, files: u64, keeps: bool) -> Self {
         let [now, most] = resident().unwrap_or([before.scene, 0]);
         let snapshot = if keeps { memory.snapshot() } else { 0 };
         let stages = vec![
@@ -110,10 +110,9 @@ impl MemoryEstimate {
             ("files", memory.filter.image.saturating_add(files)),
         ];
         let scene = now + THREAD * rayon::current_num_threads() as u64;
-        let film = memory.film.saturating_add(memory.holdout);
         Self {
             scene,
-            film,
+            film: memory.film,
             sampler: memory.sampler,
             integrator: 0,
             training: 0,

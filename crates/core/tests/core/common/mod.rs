@@ -5,7 +5,8 @@ pub use dapple_conformance::toys::{Field, Independent, Learner, Made, Planned, P
 pub use dapple_conformance::{bits, on_threads};
 pub use dapple_core::mix;
 
-use dapple_core::samplers::{Then, Uniform};
+use dapple_adaptive::Then;
+use dapple_core::samplers::Uniform;
 use dapple_core::{
     Control, Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Monitor, Needs, Render, Sampler,
     Schedule, Snapshot, Status, TrainingData, Worker,
