@@ -11,7 +11,7 @@ pub use add::luminance;
 pub(crate) use add::{Strip, record_first_hit};
 use estimates::EmissionAlone;
 pub use parts::PixelStatistics;
-pub(crate) use planes::{Beside, Half, Layout};
+pub(crate) use planes::{Beside, Half, Layout, Window};
 pub(crate) use record::{REJECTED_LISTED, keep_first, reason_to_reject};
 pub use record::{Record, Rejected, RejectedReason, RoundRecord};
 pub(crate) use splats::Splats;

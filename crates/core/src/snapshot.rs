@@ -3,7 +3,7 @@
 use crate::film::{Beside, Half, REJECTED_LISTED, Splats};
 use crate::recorder::Recorders;
 use crate::render::filtered_error::FilteredError;
-use crate::render::state::{OpenRound, Stage};
+use crate::render::state::{OpenRound, Stage, State};
 use crate::{
     Combine, Error, Film, Frame, Integrator, Limits, Needs, Record, Rejected, Retention, Sampler, TrainingData,
     container,
@@ -43,37 +43,15 @@ pub(crate) fn decoded<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Broken> {
     }
 }
 
-/// Borrowed state of a render, complete enough to resume it; the content of a snapshot. All but the film has the fields of
-/// [`State`] in their order.
-#[derive(Clone, Copy, Serialize)]
+/// Borrowed state of a render, complete enough to resume it; the content of a snapshot.
+#[derive(Clone, Copy)]
 pub(crate) struct View<'a> {
-    #[serde(skip)]
-    pub(crate) film: &'a Film,
+    pub(crate) state: &'a State,
     pub(crate) sampler: Planner<'a>,
     /// The least and the largest number of samples per pixel.
     pub(crate) bounds: [u32; 2],
-    pub(crate) round: u32,
     pub(crate) total: u64,
     pub(crate) seconds: f64,
-    pub(crate) passes: &'a [TrainingData],
-    pub(crate) open: Option<&'a OpenRound>,
-    pub(crate) filtered_error: Option<&'a FilteredError>,
-    /// The stage of which the film has some rows; `None` for a film of the whole window.
-    pub(crate) stage: Option<&'a Stage>,
-}
-
-/// The state of a render besides its film, as read from bytes.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-pub(crate) struct State {
-    sampler: SavedSampler,
-    bounds: [u32; 2],
-    pub(crate) round: u32,
-    pub(crate) total: u64,
-    pub(crate) seconds: f64,
-    pub(crate) passes: Vec<TrainingData>,
-    pub(crate) open: Option<OpenRound>,
-    pub(crate) filtered_error: Option<FilteredError>,
-    pub(crate) stage: Option<Stage>,
 }
 
 /// A sampler, or what a snapshot says of it.
@@ -108,10 +86,12 @@ impl SavedSampler {
 
 impl View<'_> {
     pub(crate) fn write(&self) -> Vec<u8> {
-        let counts = self.open.map_or(0, |open| open.plan.counts.len());
-        let (state, film) = (encoded(self, 2 * counts + 4096), film_bytes(self.film));
-        let mut bytes = container::begin(state.len() + film.len());
-        container::append(&mut bytes, "render", &state);
+        let State { film, round, open, passes, filtered_error, prepared: _, stage } = self.state;
+        let counts = open.as_ref().map_or(0, |open| open.plan.counts.len());
+        let course = (self.sampler, self.bounds, self.total, self.seconds, round, open, passes, filtered_error, stage);
+        let (course, film) = (encoded(&course, 2 * counts + 4096), film_bytes(film));
+        let mut bytes = container::begin(course.len() + film.len());
+        container::append(&mut bytes, "render", &course);
         container::append(&mut bytes, "film", &film);
         bytes
     }
@@ -160,9 +140,16 @@ impl View<'_> {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
-    pub(crate) film: Film,
     pub(crate) state: State,
+    sampler: SavedSampler,
+    bounds: [u32; 2],
+    pub(crate) total: u64,
+    pub(crate) seconds: f64,
 }
+
+/// What a snapshot holds besides the film: sampler, bounds, total, seconds, and what [`State`] has.
+type Course =
+    (SavedSampler, [u32; 2], u64, f64, u32, Option<OpenRound>, Vec<TrainingData>, Option<FilteredError>, Option<Stage>);
 
 impl Snapshot {
     /// Reads the bytes of [`Status::snapshot`](crate::Status::snapshot). Memory grows with the bytes that are read, even for
@@ -178,17 +165,20 @@ impl Snapshot {
     fn read(bytes: &[u8]) -> Result<Self, Broken> {
         let found = container::sections(bytes).map_err(|fault| Broken(fault.text()))?;
         let section = |name: &str| found.iter().find(|(known, _)| *known == name).map(|(_, section)| *section);
-        let (Some(state), Some(film)) = (section("render"), section("film")) else {
+        let (Some(course), Some(film)) = (section("render"), section("film")) else {
             return Err(Broken("they hold no state of a render"));
         };
-        let (state, film): (State, Film) = (decoded(state)?, film_of(film)?);
-        state.check(&film)?;
-        Ok(Self { film, state })
+        let course: Course = decoded(course)?;
+        let (sampler, bounds, total, seconds, round, open, passes, filtered_error, stage) = course;
+        let state = State { film: film_of(film)?, round, open, passes, filtered_error, prepared: None, stage };
+        let read = Self { state, sampler, bounds, total, seconds };
+        read.check()?;
+        Ok(read)
     }
 
     /// The film (per-pixel statistics) at the time of the snapshot, with valid statistics in every pixel.
     pub fn film(&self) -> &Film {
-        &self.film
+        &self.state.film
     }
 
     /// The snapshot, unless it has some rows of a stage alone.
@@ -212,10 +202,9 @@ impl Snapshot {
         frame: &Frame,
         limits: &Limits,
     ) -> Result<(), Error> {
-        let state = &self.state;
-        if state.sampler.name == sampler.describe() {
+        if self.sampler.name == sampler.describe() {
             // First, since the point set may depend on the state.
-            sampler.restore(&state.sampler.state)?;
+            sampler.restore(&self.sampler.state)?;
         }
         let mut differ = Vec::new();
         let mut compare = |what: &str, was: &str, is: &str| {
@@ -223,38 +212,35 @@ impl Snapshot {
                 differ.push(format!("the {what} was {was}, not {is}"));
             }
         };
-        compare("sampler", &state.sampler.name, &sampler.describe());
-        compare("point set", &state.sampler.points, &sampler.points().describe());
+        compare("sampler", &self.sampler.name, &sampler.describe());
+        compare("point set", &self.sampler.points, &sampler.points().describe());
         let window = |f: &Frame| {
             let ([x, y], [w, h], [full_w, full_h]) = (f.origin(), f.size(), f.resolution());
             format!("{w}x{h} pixels at {x},{y} of {full_w}x{full_h}")
         };
-        let own = state.stage.as_ref().map_or(*self.film.frame(), |stage| stage.frame);
+        let State { film, stage, .. } = &self.state;
+        let own = stage.as_ref().map_or(film.frame, |stage| stage.frame);
         compare("window", &window(&own), &window(frame));
         let bounds = |[min, max]: [u32; 2]| format!("{min} to {max}");
-        compare("range of samples per pixel", &bounds(state.bounds), &bounds([limits.min_spp, limits.max_spp]));
+        compare("range of samples per pixel", &bounds(self.bounds), &bounds([limits.min_spp, limits.max_spp]));
         let halves = |halves: bool| if halves { "two halves" } else { "one sequence" };
-        compare("kind of samples", halves(self.film.needs().halves), halves(needs.halves));
+        compare("kind of samples", halves(film.needs.halves), halves(needs.halves));
         let missing = Needs { halves: false, ..*needs };
-        if let Err(Error::NotRecorded { what, .. }) = self.film.require("", &missing) {
+        if let Err(Error::NotRecorded { what, .. }) = film.require("", &missing) {
             differ.push(format!("{what} was not recorded and is now needed"));
         }
         if differ.is_empty() { Ok(()) } else { Err(Error::OtherRender { what: differ.join("; ") }) }
     }
-}
 
-impl State {
-    /// Checks the state beside the film that it came with.
-    fn check(&self, film: &Film) -> Result<(), Broken> {
+    fn check(&self) -> Result<(), Broken> {
+        let State { film, open, passes, filtered_error, stage, .. } = &self.state;
         let is_ascending = |pass: &TrainingData| pass.entries().is_sorted_by(|a, b| a.key < b.key);
         require(is_time(self.seconds), "a time is not a number of seconds")?;
-        require(self.passes.iter().all(is_ascending), "training data is out of order")?;
-        require(
-            self.filtered_error.as_ref().is_none_or(|filtered_error| filtered_error.fits(film)),
-            "a filtered image has another size",
-        )?;
-        require(self.stage.as_ref().is_none_or(|stage| stage.has(film.frame())), "a stage is of another window")?;
-        self.open.as_ref().map_or(Ok(()), |open| open.check(film))
+        require(passes.iter().all(is_ascending), "training data is out of order")?;
+        let fits = filtered_error.as_ref().is_none_or(|image| image.fits(film));
+        require(fits, "a filtered image has another size")?;
+        require(stage.as_ref().is_none_or(|stage| stage.has(&film.frame)), "a stage is of another window")?;
+        open.as_ref().map_or(Ok(()), |open| open.check(film))
     }
 }
 

@@ -156,7 +156,7 @@ impl Window {
     }
 
     /// The runs of a plane's values inside the rectangle, if the plane has `each` values per pixel.
-    fn runs(&self, each: usize) -> impl Iterator<Item = std::ops::Range<usize>> + use<> {
+    pub(crate) fn runs(&self, each: usize) -> impl Iterator<Item = std::ops::Range<usize>> + use<> {
         let (first, [stride, width]) = (self.first, self.strides);
         (0..self.rows).map(move |row| (first + row * stride) * each..(first + row * stride + width) * each)
     }

@@ -372,8 +372,7 @@ fn trace_pixel(
             current.set(Some(draws.id()));
             round.integrator.features_alone(draws)
         });
-        tally.rays += cost.rays;
-        tally.blocks += cost.blocks;
+        tally.add_cost(&cost);
     }
     for turn in 0..turns.total() {
         let (half, index) = turns.sample(round.order, turn);
@@ -389,9 +388,7 @@ fn trace_pixel(
             let splats = worker.take_splats().filter(|_| wanted);
             splats.for_each(|(to, radiance)| tally.splat(id, half, to, radiance));
         }
-        tally.samples[half] += 1;
-        tally.rays += u64::from(estimate.cost);
-        tally.blocks += u64::from(draws.blocks_requested());
+        tally.count(half, estimate.cost, draws.blocks_requested());
     }
 }
 

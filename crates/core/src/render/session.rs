@@ -7,7 +7,7 @@ use super::monitor::{Control, Monitor, Status};
 use super::plan::{begin, check};
 use super::pull::Round;
 use super::state::{OpenRound, State, Stopped};
-use crate::snapshot::{self, Planner, View};
+use crate::snapshot::{Planner, View};
 use crate::{
     Error, Feedback, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, Plan, Progress, Recorder, Retention,
     RoundRecord, Sampler, Snapshot, Unfiltered,
@@ -129,12 +129,11 @@ impl<'a> Session<'a> {
         }
         let (state, seconds) = match snapshot {
             None => {
-                let film = Film::with_recorders(frame, needs, recorders);
-                let (open, passes, filtered_error, prepared, stage) = (None, Vec::new(), None, None, None);
-                (State { film, round: 0, open, passes, filtered_error, prepared, stage }, 0.0)
+                let (film, passes) = (Film::with_recorders(frame, needs, recorders), Vec::new());
+                (State { film, round: 0, open: None, passes, filtered_error: None, prepared: None, stage: None }, 0.0)
             }
             Some(mut snapshot) => {
-                snapshot.film.resume_recorders(recorders)?;
+                snapshot.state.film.resume_recorders(recorders)?;
                 continued(snapshot, &mut *sampler, &mut meter, (&needs, limits), &frame)?
             }
         };
@@ -228,11 +227,9 @@ impl<'a> Session<'a> {
 
     /// The content of a snapshot.
     pub(super) fn view(&self, seconds: f64) -> View<'_> {
-        let State { film, round, open, passes, filtered_error, stage, .. } = &self.state;
-        let (open, filtered_error, stage) = (open.as_ref(), filtered_error.as_ref(), stage.as_ref());
-        let (total, sampler) = (self.meter.left(film).total, Planner::Sampler(&*self.sampler));
-        let bounds = [self.limits.min_spp, self.limits.max_spp];
-        View { film, sampler, bounds, round: *round, total, seconds, passes, open, filtered_error, stage }
+        let (state, sampler) = (&self.state, Planner::Sampler(&*self.sampler));
+        let (bounds, total) = ([self.limits.min_spp, self.limits.max_spp], self.meter.left(&state.film).total);
+        View { state, sampler, bounds, total, seconds }
     }
 
     /// Makes an integrator learn the training passes so far.
@@ -294,9 +291,9 @@ impl<'a> Session<'a> {
         let seconds = self.clock.seconds();
         let view = self.view(seconds);
         let status = Status {
-            film: view.film,
-            round: view.round,
-            samples: view.film.record.samples,
+            film: &view.state.film,
+            round: view.state.round,
+            samples: view.state.film.record.samples,
             expected: view.total,
             seconds,
             seconds_limit: self.meter.seconds(),
@@ -397,18 +394,18 @@ fn continued(
     frame: &Frame,
 ) -> Result<(State, f64), Error> {
     snapshot.restore_sampler(sampler, needs, frame, limits)?;
-    let Snapshot { film, state } = snapshot;
-    let snapshot::State { round, open, passes, total, seconds, filtered_error, stage, .. } = state;
-    let planned = open.as_ref().map_or(film.record.samples, |open| open.before + open.submitted + open.plan.total());
+    let Snapshot { state, total, seconds, .. } = snapshot;
+    let (film, open) = (&state.film, state.open.as_ref());
+    let planned = open.map_or(film.record.samples, |open| open.before + open.submitted + open.plan.total());
     meter.restore(total, planned)?;
     // The rows of a stage were checked where they were planned.
-    if let Some(open) = open.as_ref().filter(|_| stage.is_none()) {
+    if let Some(open) = open.filter(|_| state.stage.is_none()) {
         let rest = open.rest(frame.size()[0] as usize);
         if rest.total() > 0 {
-            check(&rest, &film, sampler, &meter.left(&film))?;
+            check(&rest, film, sampler, &meter.left(film))?;
         }
     }
-    Ok((State { film, round, open, passes, filtered_error, prepared: None, stage }, seconds))
+    Ok((state, seconds))
 }
 
 /// A sampler and a filter that work together: what a [`Session`](crate::Session) needs besides a frame and limits.

@@ -21,12 +21,7 @@ pub struct Readiness {
 
 /// Rows of a stage that are traced, for [`Session::join`].
 #[derive(Clone, Debug)]
-pub struct TracedRows {
-    film: Film,
-    round: u32,
-    open: Option<OpenRound>,
-    stage: Option<Stage>,
-}
+pub struct TracedRows(State);
 
 impl TracedRows {
     /// Reads the bytes that [`Render::trace_rows`] returns.
@@ -35,8 +30,7 @@ impl TracedRows {
     ///
     /// [`Error::BadSnapshot`] for bytes of another kind or version, damaged or inconsistent ones.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
-        let Snapshot { film, state } = Snapshot::from_bytes(bytes)?;
-        Ok(Self { film, round: state.round, open: state.open, stage: state.stage })
+        Ok(Self(Snapshot::from_bytes(bytes)?.state))
     }
 }
 
@@ -125,8 +119,7 @@ impl Session<'_> {
     ///
     /// [`Error::BadCrop`] for rows outside the window.
     pub fn rows_of(&self, stage: &Stage, rows: Range<u32>) -> Result<Vec<u8>, Error> {
-        let State { film, open, stage, .. } = &self.part(stage, rows)?;
-        Ok(View { film, open: open.as_ref(), filtered_error: None, stage: stage.as_ref(), ..self.view(0.0) }.write())
+        Ok(View { state: &self.part(stage, rows)?, ..self.view(0.0) }.write())
     }
 
     /// Traces some rows of a stage here; `None` if the monitor stopped it. The monitor sees the film of these rows.
@@ -144,9 +137,9 @@ impl Session<'_> {
         let part = self.part(stage, rows)?;
         let whole = std::mem::replace(&mut self.state, part);
         let traced = trace(integrator, self, monitor);
-        let State { film, round, open, stage, prepared, .. } = std::mem::replace(&mut self.state, whole);
-        self.state.prepared = prepared;
-        Ok((traced? == Stopped::No).then_some(TracedRows { film, round, open, stage }))
+        let part = std::mem::replace(&mut self.state, whole);
+        self.state.prepared = part.prepared;
+        Ok((traced? == Stopped::No).then_some(TracedRows(part)))
     }
 
     /// Adds traced rows. Their order does not matter. Returns the rows.
@@ -156,7 +149,7 @@ impl Session<'_> {
     /// [`Error::OtherRender`] for rows of another stage, and rows that were not traced to its end.
     pub fn join(&mut self, stage: &Stage, rows: TracedRows) -> Result<Range<u32>, Error> {
         let other = |what: &str| Err(Error::OtherRender { what: what.into() });
-        let TracedRows { film: mut part, round, open: Some(traced), stage: of } = rows else {
+        let State { film: mut part, round, open: Some(traced), stage: of, .. } = rows.0 else {
             return other("no round is open in the rows");
         };
         if of.as_ref() != Some(stage) || round != self.state.round {

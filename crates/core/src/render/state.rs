@@ -6,19 +6,20 @@ use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// The state of a render between slices.
-pub(super) struct State {
-    pub(super) film: Film,
-    pub(super) round: u32,
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct State {
+    pub(crate) film: Film,
+    pub(crate) round: u32,
     /// The round being traced, if any; the next one is planned after it.
-    pub(super) open: Option<OpenRound>,
+    pub(crate) open: Option<OpenRound>,
     /// The data of all training passes so far, to replay on resuming.
-    pub(super) passes: Vec<TrainingData>,
+    pub(crate) passes: Vec<TrainingData>,
     /// The filtered image of the last prediction, if an error limit concerns a filtered image.
-    pub(super) filtered_error: Option<FilteredError>,
+    pub(crate) filtered_error: Option<FilteredError>,
     /// The number of the pass that the integrator is prepared for; `None` before the first and after a resumption.
-    pub(super) prepared: Option<u32>,
+    pub(crate) prepared: Option<u32>,
     /// The stage of which the film has some rows; `None` for a film of the whole window.
-    pub(super) stage: Option<Stage>,
+    pub(crate) stage: Option<Stage>,
 }
 
 /// The progress within a round. Pixels in rows before `row` have `end` samples of the round traced, the others `start`.

@@ -3,6 +3,7 @@
 use super::feature_samples::{self, Turn};
 use super::state::OpenRound;
 use super::turns::{Order, Tally, Turns, streams_of};
+use crate::film::Window;
 use crate::{Draws, Estimate, Film, Needs, PointSet, Rejected, Retention, SampleId};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -85,12 +86,9 @@ impl<'r> Tile<'r> {
         frame: crate::Frame,
     ) -> Self {
         let (plan, halves) = (&open.plan, film.kept.len() == 2);
-        let (mut part, width) = (film.part(frame, plan.retention), film.frame.size()[0] as usize);
-        let [dx, dy] = [0, 1].map(|axis| (frame.origin()[axis] - film.frame.origin()[axis]) as usize);
-        let columns = frame.size()[0] as usize;
+        let mut part = film.part(frame, plan.retention);
         let (mut strip, order) = (part.strip(plan.retention), Order::of(plan, halves));
-        let turns = |local: usize| {
-            let whole = (dy + local / columns) * width + dx + local % columns;
+        let turns = |(local, whole)| {
             let turns = Turns::new(plan, whole, [0, u32::MAX], &strip, local);
             if strip.has_recorders() {
                 strip.reserve(local, turns.halves(order));
@@ -104,7 +102,7 @@ impl<'r> Tile<'r> {
             area: area(&frame),
             streams: streams_of(plan.retention, halves),
             order,
-            pixels: (0..frame.pixels()).map(turns).collect(),
+            pixels: Window::new(&film.frame, &frame).runs(1).flatten().enumerate().map(turns).collect(),
         };
         let (taken, left) = (vec![0; frame.pixels()], planned.total());
         let (retention, waiting, tally) = (plan.retention, BTreeMap::new(), Tally::default());
@@ -176,8 +174,7 @@ impl<'r> Tile<'r> {
             if pixel.total() > 0 && planned.features.is_now(moments, kept, true) {
                 let cost =
                     feature_samples::add(moments, planned.points, planned.pixel(local), &planned.needs, &mut sample);
-                self.tally.rays += cost.rays;
-                self.tally.blocks += cost.blocks;
+                self.tally.add_cost(&cost);
             }
         }
     }
@@ -194,15 +191,11 @@ impl<'r> Tile<'r> {
     ///
     /// Another number of results than samples is a mistake that [`Round::submit`](crate::Round::submit) reports.
     pub fn add_all<E: Into<Estimate>>(&mut self, samples: &[Draws<'_>], estimates: impl IntoIterator<Item = E>) {
-        let mut estimates = estimates.into_iter();
-        let mut added = 0;
-        for (sample, estimate) in samples.iter().zip(&mut estimates) {
-            self.add(sample, estimate);
-            added += 1;
-        }
-        if added < samples.len() || estimates.next().is_some() {
-            let more = added + estimates.count() + usize::from(added == samples.len());
-            let what = format!("a batch has {} samples and {more} results; give one result for each", samples.len());
+        let estimates: Vec<E> = estimates.into_iter().collect();
+        let (wanted, given) = (samples.len(), estimates.len());
+        samples.iter().zip(estimates).for_each(|(sample, estimate)| self.add(sample, estimate));
+        if wanted != given {
+            let what = format!("a batch has {wanted} samples and {given} results; give one result for each");
             self.fault.get_or_insert(what);
         }
     }
@@ -256,9 +249,7 @@ impl<'r> Tile<'r> {
         let (half, index) = self.planned.pixels[local].sample(self.planned.order, turn);
         let rejected = self.film.strip(self.retention).add(half, local, estimate);
         self.film.unreported += u64::from(self.planned.needs.wants_first_hit() && !estimate.reports_hit());
-        self.tally.rays += u64::from(estimate.cost);
-        self.tally.blocks += u64::from(blocks);
-        self.tally.samples[half] += 1;
+        self.tally.count(half, estimate.cost, blocks);
         self.taken[local] += 1;
         self.left -= 1;
         if let Some(reason) = rejected {

@@ -1,5 +1,6 @@
 //! The order of a pixel's samples in a round, and what a task counts while it traces them.
 
+use super::feature_samples::Cost;
 use crate::film::{REJECTED_LISTED, Splats, Strip, keep_first};
 use crate::{Film, Plan, Rejected, Retention, SampleId, streams};
 
@@ -102,9 +103,9 @@ impl Turns {
 #[derive(Default)]
 pub(super) struct Tally {
     /// The number of samples in each half.
-    pub(super) samples: [u64; 2],
-    pub(super) rays: u64,
-    pub(super) blocks: u64,
+    samples: [u64; 2],
+    rays: u64,
+    blocks: u64,
     /// The number of rejected samples.
     rejections: u64,
     /// The first rejected samples in order of pixel, stream and index; fewer than twice as many as the film lists.
@@ -136,6 +137,19 @@ impl Tally {
         if self.rejected.len() == 2 * REJECTED_LISTED {
             keep_first(&mut self.rejected);
         }
+    }
+
+    /// Counts a sample.
+    #[inline]
+    pub(super) fn count(&mut self, half: usize, rays: u32, blocks: u32) {
+        self.samples[half] += 1;
+        self.add_cost(&Cost { rays: u64::from(rays), blocks: u64::from(blocks) });
+    }
+
+    #[inline]
+    pub(super) fn add_cost(&mut self, cost: &Cost) {
+        self.rays += cost.rays;
+        self.blocks += cost.blocks;
     }
 
     pub(super) fn total(&self) -> u64 {

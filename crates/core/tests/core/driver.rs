@@ -8,7 +8,6 @@ use dapple_core::{
     Budget, Control, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet as _,
     Progress, Render, Retention, Sampler, Schedule, Status, TrainingData, Worker, streams,
 };
-use std::io::Write as _;
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -62,47 +61,6 @@ fn check_tiles(rows: &[u32], orders: &[(u32, u64)]) {
             assert!(image(&limits) == one, "{:?}", limits.schedule);
         }
     }
-}
-
-/// FNV-1a, for printing.
-fn hash(bits: &[u64]) -> u64 {
-    bits.iter().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ b).wrapping_mul(0x0100_0000_01b3))
-}
-
-/// Not a test of its own: `check_fresh_processes` runs it in fresh processes.
-#[test]
-fn child_process_d03() {
-    if std::env::var_os("DAPPLE_D03_CHILD").is_some() {
-        let hash = hash(&image(&Limits::samples(12 * 23 * 37 + 11)));
-        writeln!(std::io::stdout(), "hash={hash:016x}=").unwrap();
-    }
-}
-
-#[test]
-fn three_fresh_processes_give_the_same_bits_d03() {
-    check_fresh_processes(3);
-}
-
-#[test]
-#[ignore = "10 s: 20 processes; three are tested always"]
-fn fresh_processes_give_the_same_bits_d03() {
-    check_fresh_processes(20);
-}
-
-fn check_fresh_processes(processes: u32) {
-    let child = |_| {
-        let mut command = std::process::Command::new(std::env::current_exe().unwrap());
-        let out = command
-            .args(["driver::child_process_d03", "--exact", "--nocapture"])
-            .env("DAPPLE_D03_CHILD", "1")
-            .output()
-            .unwrap();
-        let text = String::from_utf8(out.stdout).unwrap();
-        text.split("hash=").nth(1).and_then(|t| t.split('=').next()).expect("a hash").to_owned()
-    };
-    let hashes: Vec<String> = (0..processes).map(child).collect();
-    let here = format!("{:016x}", hash(&image(&Limits::samples(12 * 23 * 37 + 11))));
-    assert!(hashes.iter().all(|h| *h == here), "{here}: {hashes:?}");
 }
 
 #[test]

@@ -4,8 +4,8 @@ use crate::common::*;
 use dapple_adaptive::Adaptive;
 use dapple_core::{
     Block, Control, Draws, Error, Estimate, Feedback, Film, Filter as _, FirstHit, Integrator, InvalidSample, Limits,
-    Methods, Needs, Plan, Progress, Render, Retention, Round, Sampler, Schedule, Session, Status, Tile, Unfiltered,
-    Worker,
+    Methods, Needs, Plan, Progress, Render, Retention, Round, Sampler, Schedule, Session, Snapshot, Status, Tile,
+    Unfiltered, Worker,
 };
 
 /// Radiance, hits, emission, costs and now and then a bad sample, from the random numbers alone.
@@ -123,22 +123,12 @@ fn adaptive_counts_are_those_of_a_render() {
     let film = Render::new(frame(40, 40), &limits).run(&mut traced(), &mut sampler()).unwrap();
     let mut session = Session::new(frame(40, 40), limits, sampler()).unwrap();
     while let Some(round) = session.next_round().unwrap() {
-        backwards_tiles(&round);
+        in_order(&round);
     }
     let pulled = session.into_film();
     assert_eq!((film.record().samples, pulled.record().samples), (20_000, 20_000));
     assert!(bits(&film) == bits(&pulled) && !pulled.record().interrupted);
     assert_eq!((film.record().rays, film.record().blocks), (pulled.record().rays, pulled.record().blocks));
-}
-
-fn backwards_tiles(round: &Round<'_>) {
-    let mut tiles: Vec<Tile<'_>> = std::iter::from_fn(|| round.next_tile()).collect();
-    while let Some(mut tile) = tiles.pop() {
-        for sample in tile.samples() {
-            tile.add(&sample, trace(&sample));
-        }
-        round.submit(tile).unwrap();
-    }
 }
 
 /// Kills the session after `tiles` tiles, and continues from the last snapshot.
@@ -161,16 +151,9 @@ fn killed_after(tiles: usize, withdraws: bool) -> Film {
     let (snapshot, limits) = (snapshot(&bytes), Limits::samples(LIMIT));
     let mut session = Session::resume(frame(45, 38), limits, every_kind(withdraws), snapshot).unwrap();
     while let Some(round) = session.next_round().unwrap() {
-        wave_of_rest(&round);
+        wave(&round);
     }
     session.into_film()
-}
-
-fn wave_of_rest(round: &Round<'_>) {
-    let mut tile = round.whole();
-    let samples: Vec<_> = tile.samples().collect();
-    samples.iter().rev().for_each(|s| tile.add(s, trace(s)));
-    round.submit(tile).unwrap();
 }
 
 #[test]
@@ -410,4 +393,41 @@ fn samples_that_say_nothing_of_hits_are_refused_by_name() {
         _ => [0.5; 3].into(),
     };
     assert!(ends(&sky).unwrap());
+}
+
+fn methods() -> Methods<'static> {
+    Methods::from(uniform(2)).with_needs(Needs::none().with_features())
+}
+
+/// Adds radiance alone to the next tile of a session, or to all.
+fn push(session: &mut Session<'_>, all: bool) {
+    let round = session.next_round().unwrap().expect("a round");
+    while let Some(mut tile) = round.next_tile() {
+        for (pixel, count) in tile.counts() {
+            (0..count).for_each(|_| tile.push(pixel, [0.5; 3]));
+        }
+        round.submit(tile).unwrap();
+        if !all {
+            break;
+        }
+    }
+}
+
+fn is_refused(film: &Film) -> bool {
+    matches!(film.require("reader", &Needs::none().with_features()), Err(Error::NoneReported { .. }))
+}
+
+#[test]
+fn a_resumed_session_of_radiance_alone_is_refused_by_readers_of_features() {
+    let (frame, limits) = (frame(7, 5), Limits::spp(4.0));
+    let mut session = Session::new(frame, limits.clone(), methods()).unwrap().with_tile_side(3);
+    push(&mut session, false);
+    let snapshot = Snapshot::from_bytes(&session.snapshot()).unwrap();
+    assert!(is_refused(snapshot.film()), "the snapshot has lost the number");
+    let mut session = Session::resume(frame, limits, methods(), snapshot).unwrap();
+    push(&mut session, true);
+    assert!(session.next_round().unwrap().is_none());
+    let film = session.into_film();
+    assert_eq!(film.record().samples, 4 * 35);
+    assert!(is_refused(&film));
 }
