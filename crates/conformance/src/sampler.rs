@@ -1,7 +1,8 @@
 //! Conformance tests of samplers.
 
+use crate::toys::raised;
 use dapple_core::{
-    Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, FirstHit, Frame, Integrator, Limits, Monitor, Plan,
+    Block, Control, Draws, Error, Estimate, Feedback, Film, FirstHit, Frame, Integrator, Limits, Monitor, Needs, Plan,
     Progress, Render, Sampler, Snapshot, Status, Worker,
 };
 
@@ -155,8 +156,8 @@ pub fn bits(film: &Film) -> Vec<u64> {
             bits.extend(format!("{:?}", [0, 1].map(|half| film.half_features(half, i))).bytes().map(u64::from));
         }
         let needs = film.needs();
-        if needs.emission || needs.indirect || needs.channels > 0 {
-            let of = |half| (film.emission(half, i), film.indirect(half, i), film.channels(half, i));
+        if needs.emission || needs.indirect {
+            let of = |half| (film.emission(half, i), film.indirect(half, i));
             bits.extend(format!("{:?}", [0, 1].map(of)).bytes().map(u64::from));
         }
         for words in film.recorder_names().iter().filter_map(|name| film.recorded(name)) {
@@ -204,7 +205,13 @@ fn within(make: Make<'_>, spending: Spending, scene: Scene, frame: Frame, limits
         Err(Error::BudgetTooSmall { .. }) if total < 16 * frame.pixels() as u64 => return None,
         Err(e) => panic!("{case}: {e}"),
     };
-    let spent = film.record().samples;
+    is_within(&film, spending, limits, total, &case);
+    Some(film)
+}
+
+/// Checks that a film has the samples of its budget, within bounds.
+fn is_within(film: &Film, spending: Spending, limits: &Limits, total: u64, case: &str) {
+    let (frame, spent) = (film.frame(), film.record().samples);
     match spending {
         Spending::Exact => assert_eq!(spent, total, "{case}: the budget is not spent exactly"),
         Spending::AtMost => assert!(spent <= total, "{case}: {spent} samples of {total}"),
@@ -218,7 +225,6 @@ fn within(make: Make<'_>, spending: Spending, scene: Scene, frame: Frame, limits
         assert!(count <= u64::from(limits.max_spp), "{case}: {count} samples in pixel {i} are above the ceiling");
         assert!(film.mean(i).iter().all(|v| v.is_finite() && *v >= 0.0), "{case}: pixel {i} is {:?}", film.mean(i));
     }
-    Some(film)
 }
 
 fn spends(make: Make<'_>, spending: Spending, frame: Frame, scene: Scene) {
@@ -300,7 +306,7 @@ impl Monitor for Keeper {
 }
 
 /// Checks that a new sampler resumed from any snapshot ends with the same bits. Resumed from the last one with a larger
-/// budget, it ends with the bits of a render that replays these budgets.
+/// budget, it ends with the bits of the sampler that spent the smaller one.
 fn resumes(make: Make<'_>, frame: Frame, scene: Scene) {
     let pixels = frame.pixels() as u64;
     let mut limits = Limits::samples(21 * pixels + 5);
@@ -326,16 +332,18 @@ fn resumes(make: Make<'_>, frame: Frame, scene: Scene) {
         );
     }
     let later = resumed(&keeper.end, &Limits::samples(43 * pixels), 2);
-    let at_once = Limits::new(Budget::Recorded(later.record().budgets.clone()));
-    let at_once = run(&mut *make(&frame), scene, frame, &at_once).unwrap_or_else(|e| panic!("{case}: {e}"));
-    assert!(bits(&later) == bits(&at_once), "{case}: resumed with a larger budget it gives other bits");
+    let budgets = [21 * pixels + 5, 43 * pixels];
+    let same = raised(&mut { scene }, &mut *make(&frame), Needs::none(), frame, &budgets);
+    assert!(bits(&later) == bits(&same), "{case}: a new sampler goes on otherwise than the one of the first budget");
 }
 
 fn budget_raised(make: Make<'_>, spending: Spending, frame: Frame, scene: Scene) {
     let pixels = frame.pixels() as u64;
     let steps = [16 * pixels, 16 * pixels, 24 * pixels + 7, 24 * pixels + 7, 41 * pixels];
-    let limits = Limits::new(Budget::Recorded(steps.to_vec()));
-    within(make, spending, scene, frame, &limits, 41 * pixels);
+    let mut sampler = make(&frame);
+    let film = raised(&mut { scene }, &mut *sampler, Needs::none(), frame, &steps);
+    let case = format!("{}, {scene:?}, raised to {}", sampler.describe(), steps[4]);
+    is_within(&film, spending, &Limits::samples(steps[4]), steps[4], &case);
 }
 
 /// Checks that counts belong to the pixels of the window, not of the full frame.

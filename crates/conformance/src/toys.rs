@@ -12,8 +12,8 @@
 //! ```
 
 use dapple_core::{
-    Block, Draws, Error, Estimate, Feedback, Film, Filter, Filtered, Integrator, Needs, Plan, PointSet, Progress,
-    Retention, SampleId, Sampler, TrainingData, Worker, mix,
+    Block, Control, Draws, Error, Estimate, Feedback, Film, Filter, Filtered, Frame, Integrator, Limits, Monitor,
+    Needs, Plan, PointSet, Progress, Render, Retention, SampleId, Sampler, Snapshot, Status, TrainingData, Worker, mix,
 };
 
 /// Independent points: four numbers from a hash of seed, sample and block.
@@ -179,5 +179,43 @@ impl<F: Fn(&Film) -> Filtered + Send + Sync> Filter for Made<F> {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         Ok((self.apply)(film))
+    }
+}
+
+/// Renders with a budget that is raised from each of these numbers of samples to the next.
+///
+/// # Panics
+///
+/// If a render fails.
+pub fn raised(
+    integrator: &mut dyn Integrator,
+    sampler: &mut dyn Sampler,
+    needs: Needs,
+    frame: Frame,
+    budgets: &[u64],
+) -> Film {
+    let (mut film, mut end) = (None, End(Vec::new()));
+    for total in budgets {
+        let (limits, before) = (Limits::samples(*total), std::mem::take(&mut end.0));
+        let render = Render::new(frame, &limits).needs(needs).monitor(&mut end);
+        let rendered = match film {
+            None => render.run(integrator, sampler),
+            Some(_) => Snapshot::from_bytes(&before).and_then(|from| render.resume(from, integrator, sampler)),
+        };
+        film = Some(rendered.unwrap_or_else(|e| panic!("a budget of {total}: {e}")));
+    }
+    film.expect("there is a budget")
+}
+
+/// The state at the end of a render.
+struct End(Vec<u8>);
+
+impl Monitor for End {
+    fn slice(&mut self, _: &Status<'_>) -> Control {
+        Control::Continue
+    }
+
+    fn end(&mut self, status: &Status<'_>) {
+        self.0 = status.snapshot();
     }
 }

@@ -69,11 +69,7 @@ pub struct Draws<'a> {
     id: SampleId,
     /// The sample's place among those of its pixel in this round.
     turn: u32,
-    first_hit: bool,
-    features: bool,
-    emission: bool,
-    indirect: bool,
-    trajectory: bool,
+    needs: Needs,
     requested: Cell<u32>,
     /// The number of the next block for a cursor.
     cursor: Cell<u32>,
@@ -83,50 +79,13 @@ impl<'a> Draws<'a> {
     /// The random numbers of sample `id`, without a request for its first hit.
     #[inline]
     pub fn new(points: &'a dyn PointSet, id: SampleId) -> Self {
-        Self::of_round(points, id, &Needs::none())
+        Self::for_film(points, id, Needs::none())
     }
 
-    /// Requests the first hit from the integrator.
+    /// The random numbers of sample `id`, with requests for what a film that records `needs` gets from integrators.
     #[inline]
-    #[must_use]
-    pub fn with_first_hit(self) -> Self {
-        Self { first_hit: true, ..self }
-    }
-
-    /// Requests the first hit and the features from the integrator.
-    #[inline]
-    #[must_use]
-    pub fn with_features(self) -> Self {
-        Self { first_hit: true, features: true, ..self }
-    }
-
-    /// Requests the emission of light sources seen directly from the integrator.
-    #[inline]
-    #[must_use]
-    pub fn with_emission(self) -> Self {
-        Self { emission: true, ..self }
-    }
-
-    /// Requests the indirect part of the radiance from the integrator.
-    #[inline]
-    #[must_use]
-    pub fn with_indirect(self) -> Self {
-        Self { indirect: true, ..self }
-    }
-
-    /// Requests the first hit and its trajectory from the integrator.
-    #[inline]
-    #[must_use]
-    pub fn with_trajectory(self) -> Self {
-        Self { first_hit: true, trajectory: true, ..self }
-    }
-
-    /// The random numbers of sample `id` in a render, with requests for what the film records.
-    #[inline]
-    pub(crate) fn of_round(points: &'a dyn PointSet, id: SampleId, needs: &Needs) -> Self {
-        let Needs { features, emission, indirect, trajectories: trajectory, .. } = *needs;
-        let (first_hit, requested, cursor) = (needs.wants_first_hit(), Cell::new(0), Cell::new(0));
-        Self { points, id, turn: 0, first_hit, features, emission, indirect, trajectory, requested, cursor }
+    pub fn for_film(points: &'a dyn PointSet, id: SampleId, needs: Needs) -> Self {
+        Self { points, id, turn: 0, needs, requested: Cell::new(0), cursor: Cell::new(0) }
     }
 
     /// Sets the sample's place among those of its pixel in this round.
@@ -218,35 +177,35 @@ impl<'a> Draws<'a> {
     /// at `None`.
     #[inline]
     pub fn wants_first_hit(&self) -> bool {
-        self.first_hit
+        self.needs.wants_first_hit()
     }
 
     /// Returns `true` if the film records features. Then [`Draws::wants_first_hit`] returns `true` as well. If not, leave
     /// [`Estimate::features`](crate::Estimate::features) at `None`.
     #[inline]
     pub fn wants_features(&self) -> bool {
-        self.features
+        self.needs.features
     }
 
     /// Returns `true` if the film records the emission of light sources seen directly. If not, leave
     /// [`Estimate::emission`](crate::Estimate::emission) at 0.
     #[inline]
     pub fn wants_emission(&self) -> bool {
-        self.emission
+        self.needs.emission
     }
 
     /// Returns `true` if the film records the indirect part of the radiance. If not, leave
     /// [`Estimate::indirect`](crate::Estimate::indirect) at 0.
     #[inline]
     pub fn wants_indirect(&self) -> bool {
-        self.indirect
+        self.needs.indirect
     }
 
     /// Returns `true` if the film records trajectories. Then [`Draws::wants_first_hit`] returns `true` as well. If not, leave
     /// [`Estimate::trajectory`](crate::Estimate::trajectory) at `None`.
     #[inline]
     pub fn wants_trajectory(&self) -> bool {
-        self.trajectory
+        self.needs.trajectories
     }
 
     /// The number of calls of [`Draws::block`] so far. An effect that is off requests no block.

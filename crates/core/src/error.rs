@@ -1,23 +1,29 @@
 //! Errors of renders, plans and allocations.
 
 use crate::{Film, SampleId};
-use std::fmt;
 
 /// The reason why a render, a plan or an allocation fails. Each message says what to do.
 #[non_exhaustive]
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A frame without pixels.
+    #[error("an image of {}x{} pixels is empty; both sides must be at least 1", .resolution[0], .resolution[1])]
     EmptyFrame {
         /// The requested width and height.
         resolution: [u32; 2],
     },
     /// A frame of more than 2^32 - 1 pixels.
+    #[error("an image of {}x{} has more than 2^32 - 1 pixels; choose a smaller one", .resolution[0], .resolution[1])]
     FrameTooLarge {
         /// The requested width and height.
         resolution: [u32; 2],
     },
     /// A window that is empty or reaches outside the image.
+    #[error(
+        "the crop {},{},{},{} is empty or reaches outside the {}x{} image; give X0,Y0,X1,Y1 with X0 < X1 <= width and Y0 < \
+         Y1 <= height",
+        .crop[0], .crop[1], .crop[2], .crop[3], .resolution[0], .resolution[1]
+    )]
     BadCrop {
         /// The window `[x0, y0, x1, y1]` in pixels.
         crop: [u32; 4],
@@ -25,6 +31,10 @@ pub enum Error {
         resolution: [u32; 2],
     },
     /// A budget smaller than the sum of all pixels' least counts.
+    #[error(
+        "a budget of {budget} samples is too small: {pixels} pixels need at least {needed}; raise the budget or lower the \
+         floor"
+    )]
     BudgetTooSmall {
         /// The budget in samples.
         budget: u64,
@@ -34,6 +44,10 @@ pub enum Error {
         pixels: usize,
     },
     /// A budget larger than the sum of all pixels' largest counts.
+    #[error(
+        "a budget of {budget} samples is too large: {pixels} pixels may take at most {most}; lower the budget or raise the \
+         ceiling"
+    )]
     BudgetTooLarge {
         /// The budget in samples.
         budget: u64,
@@ -43,6 +57,7 @@ pub enum Error {
         pixels: usize,
     },
     /// A parameter outside its range.
+    #[error("{name} = {value} is out of range: {allowed}")]
     OutOfRange {
         /// The parameter's name on the command line.
         name: &'static str,
@@ -52,6 +67,10 @@ pub enum Error {
         allowed: &'static str,
     },
     /// A point set with too few samples per pixel.
+    #[error(
+        "point set \"{points}\" repeats after {capacity} samples per pixel, and {requested} are planned; take another point \
+         set or fewer samples"
+    )]
     SequenceExhausted {
         /// The point set's description.
         points: String,
@@ -61,6 +80,7 @@ pub enum Error {
         requested: u64,
     },
     /// A plan that breaks the rules of [`Plan`](crate::Plan).
+    #[error("sampler \"{sampler}\" made an invalid plan: {what}; this is a bug in the sampler")]
     BadPlan {
         /// The sampler's name.
         sampler: String,
@@ -68,6 +88,7 @@ pub enum Error {
         what: String,
     },
     /// A film that lacks statistics that a sampler or filter reads.
+    #[error("{who} reads {what}, which this film does not hold; pass its needs() to Render::needs")]
     NotRecorded {
         /// The name of the sampler or filter.
         who: String,
@@ -75,6 +96,10 @@ pub enum Error {
         what: &'static str,
     },
     /// A film or session with room for features or first hits, all of whose samples are radiance alone.
+    #[error(
+        "{who} reads {what}, but all samples are radiance alone; give estimates with Estimate::with_first_hit (None for a \
+         miss), in Film::push_estimate or a session, or use a filter that reads no features"
+    )]
     NoneReported {
         /// The name of the sampler or filter.
         who: String,
@@ -82,6 +107,7 @@ pub enum Error {
         what: &'static str,
     },
     /// A buffer of another program from which no film can be made.
+    #[error("buffer \"{buffer}\": {what}")]
     BadBuffer {
         /// The buffer's name, such as `normal`.
         buffer: &'static str,
@@ -89,6 +115,7 @@ pub enum Error {
         what: String,
     },
     /// A film that does not match data that a sampler or filter prepared, such as clusters of another image size.
+    #[error("{who} does not fit this film: {what}")]
     Mismatch {
         /// The name of the sampler or filter.
         who: String,
@@ -96,11 +123,19 @@ pub enum Error {
         what: String,
     },
     /// A round of a [`Session`](crate::Session) that was given out and of which nothing came back.
+    #[error(
+        "nothing of this round was submitted, and {left} of its samples are left; pass each traced tile to Round::submit, or \
+         end with Session::finish"
+    )]
     NothingSubmitted {
         /// The number of samples left in the round.
         left: u64,
     },
     /// A tile that its round does not take.
+    #[error(
+        "the tile of columns {}..{} and rows {}..{} was not taken: {what}",
+        .area[0], .area[2], .area[1], .area[3]
+    )]
     BadTile {
         /// The tile's area `[x0, y0, x1, y1]`, in pixels of the full image.
         area: [u32; 4],
@@ -108,16 +143,25 @@ pub enum Error {
         what: String,
     },
     /// Bytes that are not a snapshot.
+    #[error("these bytes are not a snapshot of a render: {what}")]
     BadSnapshot {
         /// The fault of the bytes, as the end of a sentence.
         what: &'static str,
     },
     /// A snapshot of a render with other settings than the resumed one.
+    #[error(
+        "the snapshot is of another render: {what}; resume with the settings that it was made with, or start a new render"
+    )]
     OtherRender {
         /// The settings that differ, in words.
         what: String,
     },
     /// A sample that is NaN, infinite or negative, under [`InvalidSample::Fail`](crate::InvalidSample).
+    #[error(
+        "sample {} of stream {} in pixel ({}, {}) is {value:?}, with point set \"{points}\"; replay it, or take \
+         InvalidSample::Reject",
+        .sample.index, .sample.stream, .sample.pixel[0], .sample.pixel[1]
+    )]
     InvalidSample {
         /// The invalid sample; the same point set replays it.
         sample: SampleId,
@@ -127,6 +171,10 @@ pub enum Error {
         points: String,
     },
     /// A panic of the integrator.
+    #[error(
+        "the integrator panicked at sample {} of stream {} in pixel ({}, {}), with point set \"{points}\": {message}",
+        .sample.index, .sample.stream, .sample.pixel[0], .sample.pixel[1]
+    )]
     Panicked {
         /// The sample whose estimate panicked; the same point set replays it.
         sample: SampleId,
@@ -138,101 +186,13 @@ pub enum Error {
         film: Box<Film>,
     },
     /// An error that a sampler or filter defines itself.
+    #[error("{who}: {source}")]
     Other {
         /// The name of the sampler or filter.
         who: String,
         /// The original error, for downcasting.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
-}
-
-impl fmt::Display for Error {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::EmptyFrame { resolution } => write!(
-                f,
-                "an image of {}x{} pixels is empty; both sides must be at least 1",
-                resolution[0], resolution[1]
-            ),
-            Self::FrameTooLarge { resolution } => write!(
-                f,
-                "an image of {}x{} has more than 2^32 - 1 pixels; choose a smaller one",
-                resolution[0], resolution[1]
-            ),
-            Self::BadCrop { crop, resolution } => write!(
-                f,
-                "the crop {},{},{},{} is empty or reaches outside the {}x{} image; give X0,Y0,X1,Y1 with X0 < X1 <= \
-                 width and Y0 < Y1 <= height",
-                crop[0], crop[1], crop[2], crop[3], resolution[0], resolution[1]
-            ),
-            Self::BudgetTooSmall { budget, needed, pixels } => write!(
-                f,
-                "a budget of {budget} samples is too small: {pixels} pixels need at least {needed}; raise the budget \
-                 or lower the floor"
-            ),
-            Self::BudgetTooLarge { budget, most, pixels } => write!(
-                f,
-                "a budget of {budget} samples is too large: {pixels} pixels may take at most {most}; lower the \
-                 budget or raise the ceiling"
-            ),
-            Self::OutOfRange { name, value, allowed } => write!(f, "{name} = {value} is out of range: {allowed}"),
-            Self::SequenceExhausted { points, capacity, requested } => write!(
-                f,
-                "point set \"{points}\" repeats after {capacity} samples per pixel, and {requested} are planned; \
-                 take another point set or fewer samples"
-            ),
-            Self::BadPlan { sampler, what } => {
-                write!(f, "sampler \"{sampler}\" made an invalid plan: {what}; this is a bug in the sampler")
-            }
-            Self::NoneReported { who, what } => write!(
-                f,
-                "{who} reads {what}, but all samples are radiance alone; give estimates with Estimate::with_first_hit (None for a miss), in Film::push_estimate or a session, or use a filter that reads no features"
-            ),
-            Self::BadBuffer { buffer, what } => write!(f, "buffer \"{buffer}\": {what}"),
-            Self::NotRecorded { who, what } => {
-                write!(f, "{who} reads {what}, which this film does not hold; pass its needs() to Render::needs")
-            }
-            Self::Mismatch { who, what } => write!(f, "{who} does not fit this film: {what}"),
-            Self::NothingSubmitted { left } => write!(
-                f,
-                "nothing of this round was submitted, and {left} of its samples are left; pass each traced tile to \
-                 Round::submit, or end with Session::finish"
-            ),
-            Self::BadTile { area, what } => write!(
-                f,
-                "the tile of columns {}..{} and rows {}..{} was not taken: {what}",
-                area[0], area[2], area[1], area[3]
-            ),
-            Self::BadSnapshot { what } => write!(f, "these bytes are not a snapshot of a render: {what}"),
-            Self::OtherRender { what } => write!(
-                f,
-                "the snapshot is of another render: {what}; resume with the settings that it was made with, or start \
-                 a new render"
-            ),
-            Self::InvalidSample { sample, value, points } => write!(
-                f,
-                "sample {} of stream {} in pixel ({}, {}) is {value:?}, with point set \"{points}\"; replay it, or \
-                 take InvalidSample::Reject",
-                sample.index, sample.stream, sample.pixel[0], sample.pixel[1]
-            ),
-            Self::Panicked { sample, message, points, .. } => write!(
-                f,
-                "the integrator panicked at sample {} of stream {} in pixel ({}, {}), with point set \"{points}\": \
-                 {message}",
-                sample.index, sample.stream, sample.pixel[0], sample.pixel[1]
-            ),
-            Self::Other { who, source } => write!(f, "{who}: {source}"),
-        }
-    }
-}
-
-impl std::error::Error for Error {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            Self::Other { source, .. } => Some(&**source),
-            _ => None,
-        }
-    }
 }
 
 impl Error {

@@ -1,29 +1,28 @@
 //! Films: planes of per-pixel statistics, and the record of a render.
 
 mod add;
-mod error;
+mod estimates;
 mod parts;
-mod pixels;
 mod planes;
 mod record;
-mod refined;
 mod splats;
 
 pub use add::luminance;
-pub(crate) use add::{record_first_hit, reserve};
-pub use pixels::PixelStatistics;
-pub(crate) use planes::{Bank, BankRows, Beside, BesideRows, Layout, Value};
+pub(crate) use add::{Strip, record_first_hit};
+use estimates::EmissionAlone;
+pub use parts::PixelStatistics;
+pub(crate) use planes::{Beside, Half, Layout, Window};
 pub(crate) use record::{REJECTED_LISTED, keep_first, reason_to_reject};
 pub use record::{Record, Rejected, RejectedReason, RoundRecord};
-pub(crate) use refined::EmissionAlone;
 pub(crate) use splats::Splats;
 
 use crate::recorder::{Recorder, Recorders};
 use crate::{Combine, Error, FirstHit, Frame, Needs, Retention, RgbMoments, SampleId, SurfaceFeatures, streams};
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// Running means and sums of squared deviations of a pixel's features: shading normal, albedo, position, depth.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct FeatureMoments {
     pub(crate) samples: u32,
     pub(crate) hits: u32,
@@ -127,11 +126,11 @@ pub struct Film {
     pub(crate) frame: Frame,
     pub(crate) needs: Needs,
     pub(crate) combine: Combine,
-    /// Statistics of kept samples (those in the image): one bank, or one per half.
-    pub(crate) kept: Vec<Bank>,
-    /// Statistics of discarded samples (those not in the image): one bank, or one per half. Empty until samples are
+    /// Statistics of kept samples (those in the image): of all, or of each half.
+    pub(crate) kept: Vec<Half>,
+    /// Statistics of discarded samples (those not in the image): of all, or of each half. Empty until samples are
     /// discarded.
-    pub(crate) discarded: Vec<Bank>,
+    pub(crate) discarded: Vec<Half>,
     /// The numbers of discarded samples that were in the image before, for each half. Empty until samples are withdrawn.
     pub(crate) withdrawn: Vec<Vec<u64>>,
     pub(crate) beside: Beside,
@@ -156,7 +155,7 @@ impl Film {
         let mut film = Self::without_planes(frame, needs);
         film.recorders = Recorders::new(recorders);
         let (pixels, halves, layout) = (frame.pixels(), if needs.halves { 2 } else { 1 }, film.layout());
-        film.kept = (0..halves).map(|_| Bank::new(pixels, &layout)).collect();
+        film.kept = (0..halves).map(|_| Half::new(pixels, &layout)).collect();
         film.beside = Beside::new(pixels, &layout);
         film.splats = if needs.splats { Splats::new(frame, halves) } else { Splats::default() };
         film
@@ -189,12 +188,12 @@ impl Film {
     pub fn bytes_per_pixel(needs: &Needs) -> usize {
         let halves = if needs.halves { 2 } else { 1 };
         let splats = if needs.splats { halves * size_of::<[i128; 3]>() } else { 0 };
-        Self::bank_bytes_per_pixel(needs) + Beside::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 }) + splats
+        Self::halves_bytes_per_pixel(needs) + Beside::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 }) + splats
     }
 
     /// The bytes per pixel for the statistics of all kept samples, or of all discarded samples.
-    pub(crate) fn bank_bytes_per_pixel(needs: &Needs) -> usize {
-        Bank::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 }) * if needs.halves { 2 } else { 1 }
+    pub fn halves_bytes_per_pixel(needs: &Needs) -> usize {
+        Half::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 }) * if needs.halves { 2 } else { 1 }
     }
 
     /// The names of the film's recorders.
@@ -242,7 +241,7 @@ impl Film {
     pub fn mean(&self, i: usize) -> [f64; 3] {
         let [a, b] = match &self.kept[..] {
             [a, b] => [a, b],
-            banks => return plus(banks[0].means[i], self.splats.mean(0, i)),
+            halves => return plus(halves[0].means[i], self.splats.mean(0, i)),
         };
         let w = self.first_half_weight(i);
         let own = std::array::from_fn(|c| w * a.means[i][c] + (1.0 - w) * b.means[i][c]);
@@ -282,49 +281,14 @@ impl Film {
         })
     }
 
-    /// The means of the values beside the radiance over pixel `i`'s kept samples: of half 0 or 1, or of all samples in a
-    /// film without halves. As many as [`Needs::channels`].
-    pub fn channels(&self, half: usize, i: usize) -> &[f32] {
-        let each = usize::from(self.needs.channels);
-        &self.kept[half % self.kept.len()].channels[i * each..][..each]
-    }
-
     /// Count, mean and sum of squared deviations of the indirect light of pixel `i`'s kept samples: of half 0 or 1, or of all
     /// samples in a film without halves. Without [`Needs::variance`] the deviations are NaN. `None` without
     /// [`Needs::indirect`].
     pub fn indirect(&self, half: usize, i: usize) -> Option<RgbMoments> {
-        let bank = &self.kept[half % self.kept.len()];
-        let mean = bank.indirect.get(i)?.map(f64::from);
-        let m2 = bank.indirect_m2.get(i).map_or([f64::NAN; 3], |m2| m2.map(f64::from));
-        Some(RgbMoments { count: bank.counts[i], mean, m2 })
-    }
-
-    /// A film whose radiance is three of the values beside the radiance, so that any filter can be applied to them: three
-    /// bands of a spectrum, for example. Features and counts stay; splats, emission, indirect light and words of recorders are left
-    /// out.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::NotRecorded`] for a channel that the film does not record.
-    pub fn with_channels_as_colour(&self, channels: [u16; 3]) -> Result<Self, Error> {
-        if channels.iter().any(|&c| c >= self.needs.channels) {
-            return Err(Error::NotRecorded { who: "with_channels_as_colour".into(), what: "so many channels" });
-        }
-        let (mut film, each) = (self.clone(), usize::from(self.needs.channels));
-        film.needs = Needs { emission: false, indirect: false, splats: false, channels: 0, ..film.needs };
-        (film.splats, film.recorders) = (Splats::default(), Recorders::default());
-        for bank in film.kept.iter_mut().chain(&mut film.discarded) {
-            let colour = |plane: &[f32], i: usize| channels.map(|c| f64::from(plane[i * each + usize::from(c)]));
-            for i in 0..bank.counts.len() {
-                bank.means[i] = colour(&bank.channels, i);
-                if let Some(m2) = bank.m2.get_mut(i) {
-                    *m2 = colour(&bank.channels_m2, i);
-                }
-            }
-            let Bank { counts, means, m2, .. } = std::mem::take(bank);
-            *bank = Bank { counts, means, m2, ..Bank::default() };
-        }
-        Ok(film)
+        let planes = &self.kept[half % self.kept.len()];
+        let mean = planes.indirect.get(i)?.map(f64::from);
+        let m2 = planes.indirect_m2.get(i).map_or([f64::NAN; 3], |m2| m2.map(f64::from));
+        Some(RgbMoments { count: planes.counts[i], mean, m2 })
     }
 
     /// The mean emission of light sources that pixel `i`'s kept samples saw directly: of half 0 or 1, or of all samples in
@@ -393,7 +357,7 @@ impl Film {
     pub(crate) fn open_discarded(&mut self) {
         if self.discarded.is_empty() {
             let (pixels, layout) = (self.frame.pixels(), self.layout());
-            self.discarded = self.kept.iter().map(|_| Bank::new(pixels, &layout)).collect();
+            self.discarded = self.kept.iter().map(|_| Half::new(pixels, &layout)).collect();
         }
     }
 
@@ -431,13 +395,6 @@ impl Film {
         SampleId::new(self.frame.pixel(i), stream, withdrawn + number as u64)
     }
 
-    /// Adds splats, by half, pixel and radiance.
-    pub(crate) fn add_splats(&mut self, splats: Vec<(usize, [u32; 2], [f32; 3])>) {
-        for (half, pixel, radiance) in splats {
-            self.splats.add(half, pixel, radiance);
-        }
-    }
-
     /// Counts newly rejected samples and lists the first of them in order of pixel, stream and index.
     pub(crate) fn list_rejected(&mut self, count: u64, first: Vec<Rejected>) {
         self.record.rejected += count;
@@ -461,11 +418,11 @@ impl<'a> Recorded<'a> {
 
     /// The words of pixel `i`'s discarded samples, withdrawn ones included; empty if there are none.
     pub fn discarded(&self, half: usize, i: usize) -> &'a [u32] {
-        self.film.discarded.get(half % self.film.kept.len()).map_or(&[], |bank| self.of(bank, i))
+        self.film.discarded.get(half % self.film.kept.len()).map_or(&[], |planes| self.of(planes, i))
     }
 
-    fn of(&self, bank: &'a Bank, i: usize) -> &'a [u32] {
-        &bank.words[i * self.film.recorders.names().len() + self.number]
+    fn of(&self, planes: &'a Half, i: usize) -> &'a [u32] {
+        &planes.words[i * self.film.recorders.names().len() + self.number]
     }
 }
 
@@ -473,10 +430,10 @@ fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|c| a[c] + b[c])
 }
 
-fn merged(banks: &[Bank], i: usize) -> RgbMoments {
-    let mut moments = banks[0].moments(i);
-    for bank in &banks[1..] {
-        moments.merge(&bank.moments(i));
+fn merged(halves: &[Half], i: usize) -> RgbMoments {
+    let mut moments = halves[0].moments(i);
+    for planes in &halves[1..] {
+        moments.merge(&planes.moments(i));
     }
     moments
 }

@@ -1,6 +1,7 @@
 //! The size of an image and its rendered window.
 
 use crate::Error;
+use serde::{Deserialize, Serialize};
 
 /// An image's full resolution and its rendered window.
 ///
@@ -14,7 +15,8 @@ use crate::Error;
 /// assert_eq!(window.pixel(65), [961, 541]);
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "[[u32; 2]; 3]", into = "[[u32; 2]; 3]")]
 pub struct Frame {
     resolution: [u32; 2],
     origin: [u32; 2],
@@ -92,5 +94,20 @@ impl Frame {
     pub const fn pixel(&self, i: usize) -> [u32; 2] {
         let w = self.size[0] as usize;
         [self.origin[0] + (i % w) as u32, self.origin[1] + (i / w) as u32]
+    }
+}
+
+impl From<Frame> for [[u32; 2]; 3] {
+    fn from(frame: Frame) -> Self {
+        [frame.resolution, frame.origin, frame.size]
+    }
+}
+
+impl TryFrom<[[u32; 2]; 3]> for Frame {
+    type Error = Error;
+
+    /// Makes a frame of resolution, origin and size.
+    fn try_from([[width, height], [x, y], [columns, rows]]: [[u32; 2]; 3]) -> Result<Self, Error> {
+        Self::new(width, height)?.crop(x, y, x.saturating_add(columns), y.saturating_add(rows))
     }
 }

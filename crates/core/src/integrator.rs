@@ -1,12 +1,9 @@
 //! Radiance estimates, first hits and training data of integrators.
 
-use crate::forward::forward;
-use crate::{Draws, Frame, Needs, Worker};
+use crate::macros::{forward, setters};
+use crate::{Draws, Frame, Needs, PointSet, SampleId, Worker, streams};
 use rayon::prelude::*;
-
-mod pass;
-
-pub use pass::{Pass, Prepared, Prepares};
+use serde::{Deserialize, Serialize};
 
 /// The cluster label of a camera ray that meets no surface; other rays have the label of the cluster they hit.
 pub const BACKGROUND: u32 = u32::MAX;
@@ -25,7 +22,7 @@ pub const BACKGROUND: u32 = u32::MAX;
 /// assert_eq!(hit.shading_normal, [0.0, 1.0, 0.0]);
 /// ```
 #[non_exhaustive]
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FirstHit {
     /// The hit's position, in the integrator's own units of length.
     pub position: [f32; 3],
@@ -67,60 +64,21 @@ impl FirstHit {
         }
     }
 
-    /// Sets a shading normal that differs from the geometry's.
-    #[inline]
-    #[must_use]
-    pub const fn with_shading_normal(mut self, normal: [f32; 3]) -> Self {
-        self.shading_normal = normal;
-        self
-    }
-
-    /// Sets the albedo, linear RGB in `[0, 1]`.
-    #[inline]
-    #[must_use]
-    pub const fn with_albedo(mut self, albedo: [f32; 3]) -> Self {
-        self.albedo = albedo;
-        self
-    }
-
-    /// Sets the width of a pixel projected onto the surface, in the units of `position`.
-    #[inline]
-    #[must_use]
-    pub const fn with_footprint(mut self, footprint: f32) -> Self {
-        self.footprint = footprint;
-        self
-    }
-
-    /// Sets the microfacet roughness, in `[0, 1]`.
-    #[inline]
-    #[must_use]
-    pub const fn with_roughness(mut self, roughness: f32) -> Self {
-        self.roughness = roughness;
-        self
-    }
-
-    /// Sets the index of the material.
-    #[inline]
-    #[must_use]
-    pub const fn with_material(mut self, material: u32) -> Self {
-        self.material = material;
-        self
-    }
-
-    /// Sets the index of the shape.
-    #[inline]
-    #[must_use]
-    pub const fn with_shape(mut self, shape: u32) -> Self {
-        self.shape = shape;
-        self
-    }
-
-    /// Sets the index of the triangle within the shape.
-    #[inline]
-    #[must_use]
-    pub const fn with_primitive(mut self, primitive: u32) -> Self {
-        self.primitive = primitive;
-        self
+    setters! {
+        /// Sets a shading normal that differs from the geometry's.
+        with_shading_normal(shading_normal: [f32; 3]);
+        /// Sets the albedo, linear RGB in `[0, 1]`.
+        with_albedo(albedo: [f32; 3]);
+        /// Sets the width of a pixel projected onto the surface, in the units of `position`.
+        with_footprint(footprint: f32);
+        /// Sets the microfacet roughness, in `[0, 1]`.
+        with_roughness(roughness: f32);
+        /// Sets the index of the material.
+        with_material(material: u32);
+        /// Sets the index of the shape.
+        with_shape(shape: u32);
+        /// Sets the index of the triangle within the shape.
+        with_primitive(primitive: u32);
     }
 
     /// Returns `true` if no number is NaN or infinite. Hits for which this is `false` count as misses.
@@ -169,20 +127,11 @@ impl SurfaceFeatures {
         Self { position, normal, albedo: [1.0; 3], depth, rare: false }
     }
 
-    /// Sets the albedo, linear RGB in `[0, 1]`.
-    #[inline]
-    #[must_use]
-    pub const fn with_albedo(mut self, albedo: [f32; 3]) -> Self {
-        self.albedo = albedo;
-        self
-    }
-
-    /// Sets whether the path took a lobe of little weight.
-    #[inline]
-    #[must_use]
-    pub const fn with_rare(mut self, rare: bool) -> Self {
-        self.rare = rare;
-        self
+    setters! {
+        /// Sets the albedo, linear RGB in `[0, 1]`.
+        with_albedo(albedo: [f32; 3]);
+        /// Sets whether the path took a lobe of little weight.
+        with_rare(rare: bool);
     }
 
     /// Returns `true` if no number is NaN or infinite.
@@ -325,28 +274,13 @@ impl Estimate {
         self
     }
 
-    /// Sets the part of the radiance that light sources emit towards the camera.
-    #[inline]
-    #[must_use]
-    pub const fn with_emission(mut self, emission: [f32; 3]) -> Self {
-        self.emission = emission;
-        self
-    }
-
-    /// Sets the indirect part of the radiance.
-    #[inline]
-    #[must_use]
-    pub const fn with_indirect(mut self, indirect: [f32; 3]) -> Self {
-        self.indirect = indirect;
-        self
-    }
-
-    /// Sets the cost, in rays.
-    #[inline]
-    #[must_use]
-    pub const fn with_cost(mut self, rays: u32) -> Self {
-        self.cost = rays;
-        self
+    setters! {
+        /// Sets the part of the radiance that light sources emit towards the camera.
+        with_emission(emission: [f32; 3]);
+        /// Sets the indirect part of the radiance.
+        with_indirect(indirect: [f32; 3]);
+        /// Sets the cost, in rays.
+        with_cost(cost: u32);
     }
 }
 
@@ -476,7 +410,7 @@ forward!(Integrator for &mut T, Box<T>; {
 
 /// The sums of all values noted under one key in one training pass.
 #[non_exhaustive]
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainingSum {
     /// The key that the integrator chose.
     pub key: u64,
@@ -500,28 +434,22 @@ impl TrainingSum {
 ///
 /// Blocks of 16x16 pixels are summed first, then rows of blocks, then all rows in order. The sums are the same bits for
 /// any number of threads.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TrainingData {
     entries: Vec<TrainingSum>,
 }
 
 impl TrainingData {
-    /// Merges the sums of an image's parts, given in the order of the image, on all threads.
-    pub(crate) fn merge(parts: &[Vec<TrainingSum>]) -> Self {
-        Self::merged(parts, |entries| entries.par_sort_by_key(|e| e.key))
-    }
-
-    /// Merges the sums of an image's parts, given in the order of the image, on the calling thread alone. A task that
-    /// waits for a parallel sort would start other tasks meanwhile.
-    pub(crate) fn merge_here(parts: &[Vec<TrainingSum>]) -> Self {
-        Self::merged(parts, |entries| entries.sort_by_key(|e| e.key))
-    }
-
-    /// Merges the sums of an image's parts by sorting them by key. `sort` must be stable, so that equal keys stay in
-    /// order. A tree would take several times as long.
-    fn merged(parts: &[Vec<TrainingSum>], sort: impl FnOnce(&mut [TrainingSum])) -> Self {
+    /// Merges the sums of an image's parts, given in the order of the image, by sorting them by key. A tree would take several
+    /// times as long. A task works `alone`: one that waits for a parallel sort would start other tasks meanwhile.
+    pub(crate) fn merge(parts: &[Vec<TrainingSum>], alone: bool) -> Self {
         let mut entries = parts.concat();
-        sort(&mut entries);
+        // Equal keys stay in order.
+        if alone {
+            entries.sort_by_key(|e| e.key)
+        } else {
+            entries.par_sort_by_key(|e| e.key)
+        }
         entries.dedup_by(|next, kept| {
             let same = next.key == kept.key;
             if same {
@@ -534,11 +462,6 @@ impl TrainingData {
         Self { entries }
     }
 
-    /// Makes training data of these entries; `None` if their keys do not ascend.
-    pub(crate) fn sorted(entries: Vec<TrainingSum>) -> Option<Self> {
-        entries.is_sorted_by(|a, b| a.key < b.key).then_some(Self { entries })
-    }
-
     pub(crate) fn into_entries(self) -> Vec<TrainingSum> {
         self.entries
     }
@@ -547,4 +470,50 @@ impl TrainingData {
     pub fn entries(&self) -> &[TrainingSum] {
         &self.entries
     }
+}
+
+/// The times at which an integrator prepares itself ([`Integrator::prepare`](crate::Integrator::prepare)).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Prepares {
+    /// Never.
+    #[default]
+    Never,
+    /// Once, before the first sample.
+    Once,
+    /// Before each pass of about two samples per pixel: one for each half of the film.
+    ///
+    /// A round in which few pixels get samples has passes of more samples for each, so that passes take about the same
+    /// time. Their lengths follow from the plans alone.
+    EveryPass,
+}
+
+/// The inputs of one preparation.
+#[non_exhaustive]
+pub struct Pass<'a> {
+    /// The number of the pass, from 0.
+    pub number: u32,
+    /// The point set of the render.
+    pub points: &'a dyn PointSet,
+    /// The frame of the image.
+    pub frame: Frame,
+}
+
+impl<'a> Pass<'a> {
+    /// The random numbers of one of the pass's paths from the lights, a pure function of point set, pass and path.
+    ///
+    /// Paths of a pass are samples of one pixel of the stream [`streams::LIGHT`], so that they are well distributed
+    /// together.
+    pub fn draws(&self, path: u64) -> Draws<'a> {
+        let capacity = self.points.capacity().max(1);
+        let pixel = [self.number, u32::try_from(path / capacity).unwrap_or(u32::MAX)];
+        Draws::new(self.points, SampleId::new(pixel, streams::LIGHT, path % capacity))
+    }
+}
+
+/// The cost of one preparation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Prepared {
+    /// The number of rays traced.
+    pub rays: u64,
 }

@@ -59,18 +59,16 @@ mod draws;
 mod error;
 mod film;
 mod filter;
-mod forward;
 mod frame;
-mod hash;
 mod integrator;
 mod limits;
+mod macros;
 mod memory;
 mod moments;
 mod needs;
 mod options;
 mod plan;
 mod point_set;
-mod policy;
 mod recorder;
 mod render;
 mod rng;
@@ -83,24 +81,25 @@ pub use allocate::{Allocation, Ladder, allocate, share};
 pub use draws::{Block, Draws};
 pub use error::Error;
 pub use film::{Features, Film, PixelStatistics, Record, Recorded, Rejected, RejectedReason, RoundRecord, luminance};
-pub use filter::{FilmRows, Filter, Filtered, Unfiltered, apply_in_rows};
+pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
-#[doc(hidden)]
-pub use hash::{mix, saturating_u32};
 pub use integrator::{
     BACKGROUND, Estimate, FirstHit, Integrator, Pass, Prepared, Prepares, SurfaceFeatures, TrainingData, TrainingSum,
     Trajectory,
 };
 pub use limits::{Budget, InvalidSample, Limits, Schedule};
-pub use memory::{FilterMemory, ImagePlanes, Memory, SamplerMemory};
+pub use memory::{FilterMemory, ImagePlanes, SamplerMemory};
 pub use moments::{Moments, RgbMoments};
 pub use needs::Needs;
 pub use options::{
     OptionError, OptionValue, Options, OutOfRange, Parameter, nearest_name, nested, parse_pairs, unnested,
 };
-pub use plan::{Combine, Plan, Progress, Retention};
+#[doc(hidden)]
+pub use plan::saturating_u32;
+pub use plan::{Combine, PilotPolicy, Plan, Progress, Retention, Stopping};
+#[doc(hidden)]
+pub use point_set::mix;
 pub use point_set::{HostNumbers, PointSet, SampleId, streams};
-pub use policy::{PilotPolicy, Stopping};
 pub use recorder::{RecordedSample, Recorder};
 pub use render::{
     Control, Methods, Monitor, NoMonitor, Readiness, Render, Round, Samples, Session, Stage, Status, Tile, TracedRows,

@@ -1,17 +1,18 @@
 //! Budgets and other limits of a render.
 
 use crate::Frame;
+use crate::macros::setters;
 
 /// The amount of work that a render may do.
 #[non_exhaustive]
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Budget {
     /// A number of samples in all. It is spent exactly, unless the sampler stops at a threshold.
     Samples(u64),
     /// A mean number of samples per pixel, above 0. The total is rounded to a whole number of samples, at least 1.
     PerPixel(f64),
     /// A time for planning, tracing and the filter, in seconds, met approximately. Between rounds, the render loop converts
-    /// the time to sample budgets, which the film records. [`Budget::Recorded`] replays these budgets to the same bits.
+    /// the time to sample budgets, which the film records.
     /// Each pixel gets its least number of samples, however long that takes.
     Seconds(f64),
     /// The number of samples that an estimated relMSE of at most `relmse` needs, but at most `at_most`. The film then
@@ -22,10 +23,6 @@ pub enum Budget {
         /// The largest number of samples, spent if the goal is not reached.
         at_most: u64,
     },
-    /// The sample budgets that an earlier render recorded, one per plan. If the first one is the least that a time limit plans,
-    /// all count as those of a time limit. To get the earlier bits, also pass the earlier
-    /// film's [`needs`](crate::Film::needs), since renders with halves use other points.
-    Recorded(Vec<u64>),
 }
 
 /// The treatment of a sample that is NaN, infinite or negative.
@@ -59,23 +56,14 @@ impl Default for Schedule {
 }
 
 impl Schedule {
-    /// Sets the rows of pixels per task.
-    #[must_use]
-    pub const fn with_tile_rows(self, tile_rows: u32) -> Self {
-        Self { tile_rows, ..self }
-    }
-
-    /// Sets the samples per pixel in a slice, the work between two calls of the monitor; 0 makes slices of about 0.2
-    /// seconds.
-    #[must_use]
-    pub const fn with_slice_spp(self, slice_spp: u32) -> Self {
-        Self { slice_spp, ..self }
-    }
-
-    /// Sets the seed of a random permutation of tasks; 0 keeps tasks in order.
-    #[must_use]
-    pub const fn with_shuffle(self, shuffle: u64) -> Self {
-        Self { shuffle, ..self }
+    setters! {
+        /// Sets the rows of pixels per task.
+        with_tile_rows(tile_rows: u32);
+        /// Sets the samples per pixel in a slice, the work between two calls of the monitor; 0 makes slices of about 0.2
+        /// seconds.
+        with_slice_spp(slice_spp: u32);
+        /// Sets the seed of a random permutation of tasks; 0 keeps tasks in order.
+        with_shuffle(shuffle: u64);
     }
 }
 
@@ -157,32 +145,18 @@ impl Limits {
     pub fn expected_samples(&self, frame: &Frame) -> u64 {
         match &self.budget {
             Budget::Error { at_most, .. } => *at_most,
-            Budget::Recorded(budgets) => budgets.last().copied().unwrap_or(0),
             budget => budget.samples(frame).unwrap_or(frame.pixels() as u64 * u64::from(self.max_spp.min(ASSUMED_SPP))),
         }
     }
 
-    /// Sets the least number of samples per pixel.
-    #[must_use]
-    pub fn with_min_spp(self, min_spp: u32) -> Self {
-        Self { min_spp, ..self }
-    }
-
-    /// Sets the largest number of samples per pixel.
-    #[must_use]
-    pub fn with_max_spp(self, max_spp: u32) -> Self {
-        Self { max_spp, ..self }
-    }
-
-    /// Sets the treatment of samples that are NaN, infinite or negative.
-    #[must_use]
-    pub fn with_invalid(self, invalid: InvalidSample) -> Self {
-        Self { invalid, ..self }
-    }
-
-    /// Sets the division of work among threads.
-    #[must_use]
-    pub fn with_schedule(self, schedule: Schedule) -> Self {
-        Self { schedule, ..self }
+    setters! {
+        /// Sets the least number of samples per pixel.
+        with_min_spp(min_spp: u32);
+        /// Sets the largest number of samples per pixel.
+        with_max_spp(max_spp: u32);
+        /// Sets the treatment of samples that are NaN, infinite or negative.
+        with_invalid(invalid: InvalidSample);
+        /// Sets the division of work among threads.
+        with_schedule(schedule: Schedule);
     }
 }

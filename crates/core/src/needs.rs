@@ -1,7 +1,6 @@
 //! Statistics that a film records.
 
-use crate::snapshot::Broken;
-use crate::snapshot::bytes::{Reader, Writer};
+use serde::{Deserialize, Serialize};
 
 /// Declares the statistics: name, kind, method that adds it, and its name in the error of a film that lacks it (empty for
 /// statistics that methods do without), and those that it comes with. A number is the most that anybody needs.
@@ -24,7 +23,7 @@ macro_rules! needs {
         /// assert_eq!(Film::bytes_per_pixel(&sampler), 56);
         /// ```
         #[non_exhaustive]
-        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
         pub struct Needs {
             $($(#[$doc])* pub $name: $Kind,)*
         }
@@ -32,7 +31,7 @@ macro_rules! needs {
         impl Needs {
             /// No statistics besides sample counts and means.
             pub const fn none() -> Self {
-                Self { $($name: <$Kind as Amount>::NONE,)* }
+                Self { $($name: needs! { @none $Kind },)* }
             }
 
             /// Adds the statistics that `other` lists.
@@ -47,17 +46,11 @@ macro_rules! needs {
                 None
             }
 
-            pub(crate) fn put(&self, to: &mut Writer) {
-                $(self.$name.put(to);)*
-            }
-
-            pub(crate) fn take(from: &mut Reader<'_>) -> Result<Self, Broken> {
-                Ok(Self { $($name: Amount::take(from)?,)* })
-            }
-
             $(needs! { @with $(#[$doc])* $name: $Kind, $with $([$($also),*])? })*
         }
     };
+    (@none bool) => { false };
+    (@none $Kind:tt) => { 0 };
     (@with $(#[$doc:meta])* $name:ident: bool, $with:ident $([$($also:ident),*])?) => {
         /// Adds this statistic:
         ///
@@ -105,8 +98,6 @@ needs! {
     indirect: bool, with_indirect, "";
     /// Light that samples add to other pixels ([`Worker::splat`](crate::Worker::splat)).
     splats: bool, with_splats, "splats";
-    /// The number of values beside the radiance whose means are recorded ([`Worker::channels`](crate::Worker::channels)).
-    channels: u16, with_channels, "values beside the radiance";
     /// The [`Trajectory`](crate::Trajectory) of each sample, which a [`Recorder`](crate::Recorder) keeps.
     trajectories: bool, with_trajectories, "";
 }
@@ -117,40 +108,3 @@ impl Needs {
         self.features || self.feature_halves || self.first_hits > 0 || self.trajectories
     }
 }
-
-/// An amount of a statistic: whether it is needed, or how much of it.
-trait Amount: Sized {
-    const NONE: Self;
-    fn put(&self, to: &mut Writer);
-    fn take(from: &mut Reader<'_>) -> Result<Self, Broken>;
-}
-
-impl Amount for bool {
-    const NONE: Self = false;
-
-    fn put(&self, to: &mut Writer) {
-        to.flag(*self);
-    }
-
-    fn take(from: &mut Reader<'_>) -> Result<Self, Broken> {
-        from.flag()
-    }
-}
-
-macro_rules! amount {
-    ($($Kind:ty),*) => {$(
-        impl Amount for $Kind {
-            const NONE: Self = 0;
-
-            fn put(&self, to: &mut Writer) {
-                to.number(*self);
-            }
-
-            fn take(from: &mut Reader<'_>) -> Result<Self, Broken> {
-                from.number()
-            }
-        }
-    )*};
-}
-
-amount!(u8, u16);

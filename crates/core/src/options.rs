@@ -1,12 +1,6 @@
 //! One declaration per parameter: the struct, its defaults, parsing, ranges, help and description.
 
-mod nested;
-mod value;
-
-pub use nested::{nested, unnested};
-pub use value::OptionValue;
-
-use std::fmt;
+use crate::{PilotPolicy, Stopping};
 
 /// A command-line parameter of a sampler, point set or filter: its name, its default as text, and one line of help.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,7 +21,8 @@ impl Parameter {
 }
 
 /// A value outside its parameter's range.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{name} = {value} is out of range: {allowed}")]
 pub struct OutOfRange {
     /// The parameter's name.
     pub name: &'static str,
@@ -37,15 +32,6 @@ pub struct OutOfRange {
     pub allowed: &'static str,
 }
 
-impl fmt::Display for OutOfRange {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { name, value, allowed } = self;
-        write!(f, "{name} = {value} is out of range: {allowed}")
-    }
-}
-
-impl std::error::Error for OutOfRange {}
-
 impl From<OutOfRange> for crate::Error {
     fn from(OutOfRange { name, value, allowed }: OutOfRange) -> Self {
         Self::OutOfRange { name, value, allowed }
@@ -54,14 +40,19 @@ impl From<OutOfRange> for crate::Error {
 
 /// An error in a list of `name=value` options.
 #[non_exhaustive]
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum OptionError {
     /// An item without an equals sign.
+    #[error("\"{item}\" is not of the form key=value")]
     NotAPair {
         /// The list item, as given.
         item: String,
     },
     /// An unknown name.
+    #[error(
+        "there is no parameter \"{name}\"; {} takes {known}",
+        .nearest.map_or("it".to_owned(), |n| format!("did you mean \"{n}\"? It"))
+    )]
     Unknown {
         /// The unknown name.
         name: String,
@@ -71,11 +62,13 @@ pub enum OptionError {
         known: String,
     },
     /// A name that is given twice.
+    #[error("\"{name}\" is given twice")]
     Twice {
         /// The repeated name.
         name: &'static str,
     },
     /// A value that does not parse.
+    #[error("{name} = \"{value}\"; give {wanted}")]
     Value {
         /// The parameter's name.
         name: &'static str,
@@ -85,31 +78,8 @@ pub enum OptionError {
         wanted: String,
     },
     /// A value outside its parameter's range.
-    OutOfRange(OutOfRange),
-}
-
-impl fmt::Display for OptionError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NotAPair { item } => write!(f, "\"{item}\" is not of the form key=value"),
-            Self::Unknown { name, nearest, known } => write!(
-                f,
-                "there is no parameter \"{name}\"; {} takes {known}",
-                nearest.map_or("it".to_owned(), |n| format!("did you mean \"{n}\"? It"))
-            ),
-            Self::Twice { name } => write!(f, "\"{name}\" is given twice"),
-            Self::Value { name, value, wanted } => write!(f, "{name} = \"{value}\"; give {wanted}"),
-            Self::OutOfRange(inner) => inner.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for OptionError {}
-
-impl From<OutOfRange> for OptionError {
-    fn from(error: OutOfRange) -> Self {
-        Self::OutOfRange(error)
-    }
+    #[error(transparent)]
+    OutOfRange(#[from] OutOfRange),
 }
 
 /// A struct of options that is parsed from `name=value,name=value`, and written back in the same form.
@@ -213,25 +183,13 @@ pub fn nearest_name<'k>(name: &str, known: impl IntoIterator<Item = &'k str>) ->
     if name.len() > 64 {
         return None;
     }
-    let most = (1 + name.chars().count() / 4).min(3);
-    known.into_iter().map(|k| (edit_distance(name, k), k)).filter(|&(d, _)| d <= most).min().map(|(_, k)| k)
-}
-
-/// The edit distance of `a` and `b` [Levenshtein 1966], ignoring ASCII case: the fewest insertions, deletions and
-/// replacements that make them equal.
-fn edit_distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().map(|c| c.to_ascii_lowercase()).collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().map(|c| c.to_ascii_lowercase()).enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, &y) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(x != y);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
+    let (most, name) = ((1 + name.chars().count() / 4).min(3), name.to_lowercase());
+    known
+        .into_iter()
+        .map(|k| (strsim::levenshtein(&name, &k.to_lowercase()), k))
+        .filter(|&(d, _)| d <= most)
+        .min()
+        .map(|(_, k)| k)
 }
 
 /// Declares a struct of options: its fields, setters, defaults, ranges, table of [`Parameter`]s, parsing and
@@ -363,6 +321,128 @@ macro_rules! choices {
     };
 }
 
+/// A type of option value that is parsed from text and written back as text.
+pub trait OptionValue: Sized {
+    /// Parses `text`; `None` if it is not a value of this type.
+    fn from_text(text: &str) -> Option<Self>;
+
+    /// The value as text, which [`OptionValue::from_text`] parses to the same value.
+    fn text(&self) -> String;
+
+    /// A noun phrase for error messages that describes the accepted values. `allowed` is the parameter's declared
+    /// range, in words.
+    fn wanted(allowed: Option<&str>) -> String;
+
+    /// Parses `value` for the parameter `name`. `allowed` is the declared range, for the error message.
+    ///
+    /// # Errors
+    ///
+    /// [`OptionError::Value`] if `value` does not parse.
+    fn parse_as(name: &'static str, value: &str, allowed: Option<&str>) -> Result<Self, OptionError> {
+        let wrong = || OptionError::Value { name, value: value.to_owned(), wanted: Self::wanted(allowed) };
+        Self::from_text(value).ok_or_else(wrong)
+    }
+}
+
+macro_rules! parsed {
+    ($($Type:ty: $wanted:expr;)*) => {$(
+        impl OptionValue for $Type {
+            fn from_text(text: &str) -> Option<Self> {
+                text.parse().ok()
+            }
+
+            fn text(&self) -> String {
+                self.to_string()
+            }
+
+            fn wanted(allowed: Option<&str>) -> String {
+                let wanted: fn(Option<&str>) -> String = $wanted;
+                wanted(allowed)
+            }
+        }
+    )*};
+}
+
+fn number(allowed: Option<&str>) -> String {
+    allowed.map_or_else(|| "a number".into(), |allowed| format!("a number ({allowed})"))
+}
+
+parsed! {
+    u8: number; u32: number; u64: number; usize: number; i32: number; f32: number; f64: number;
+    bool: |allowed| allowed.unwrap_or("true or false").to_owned();
+}
+
+/// Parses `none` as `None`, and other text as a value of the inner type.
+impl<T: OptionValue> OptionValue for Option<T> {
+    fn from_text(text: &str) -> Option<Self> {
+        if text == "none" { Some(None) } else { T::from_text(text).map(Some) }
+    }
+
+    fn text(&self) -> String {
+        self.as_ref().map_or_else(|| "none".into(), T::text)
+    }
+
+    fn wanted(allowed: Option<&str>) -> String {
+        format!("none, or {}", T::wanted(allowed))
+    }
+}
+
+crate::choices!(PilotPolicy { Keep = "keep", Refined = "refined", Discard = "discard", Cross = "cross", Neighbours = "neighbours" });
+crate::choices!(Stopping { Budget = "budget", Threshold = "threshold" });
+
+/// Writes a description `NAME:key=value,key=value` so that it can be the value of a parameter: `NAME/key=value/key=value`.
+///
+/// Descriptions that are values of this description's own parameters get one more `/` at each separator, so any depth
+/// is unambiguous. [`unnested`] is the inverse.
+///
+/// ```
+/// use dapple_core::{nested, unnested};
+///
+/// let inner = nested("gaussian:alpha=2,radius=1");
+/// assert_eq!(inner, "gaussian/alpha=2/radius=1");
+/// let outer = nested(&format!("blend:of={inner},weight=0.5"));
+/// assert_eq!(outer, "blend/of=gaussian//alpha=2//radius=1/weight=0.5");
+/// assert_eq!(unnested(&unnested(&outer)["blend:of=".len()..].split(',').next().unwrap()), "gaussian:alpha=2,radius=1");
+/// ```
+pub fn nested(description: &str) -> String {
+    let mut text = String::with_capacity(description.len());
+    let mut named = false;
+    let mut before = ' ';
+    for c in description.chars() {
+        match c {
+            ':' if !named => {
+                named = true;
+                text.push('/');
+            }
+            ',' => text.push('/'),
+            // One more at the start of each run.
+            '/' if before != '/' => text.push_str("//"),
+            c => text.push(c),
+        }
+        before = c;
+    }
+    text
+}
+
+/// Reads the value of a parameter that [`nested`] writes: `NAME/key=value/key=value` is the description
+/// `NAME:key=value,key=value`.
+pub fn unnested(value: &str) -> String {
+    let mut text = String::with_capacity(value.len());
+    let mut separators = [':'].into_iter().chain(std::iter::repeat(','));
+    let mut rest = value;
+    while let Some(at) = rest.find('/') {
+        text.push_str(&rest[..at]);
+        let run = rest[at..].len() - rest[at..].trim_start_matches('/').len();
+        match run {
+            1 => text.extend(separators.next()),
+            deeper => text.extend(std::iter::repeat_n('/', deeper - 1)),
+        }
+        rest = &rest[at + run..];
+    }
+    text.push_str(rest);
+    text
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -374,11 +454,8 @@ mod tests {
     }
 
     #[test]
-    fn distances_and_nearest_names() {
-        assert_eq!(edit_distance("kitten", "sitting"), 3);
-        assert_eq!(edit_distance("", "abc"), 3);
-        assert_eq!(edit_distance("Fov", "fov"), 0);
-        assert_eq!(nearest_name("fob", ["radius", "fov"]), Some("fov"));
+    fn nearest_names() {
+        assert_eq!(nearest_name("FOB", ["radius", "fov"]), Some("fov"));
         assert_eq!(nearest_name("zzz", ["radius", "fov"]), None);
     }
 
@@ -426,5 +503,24 @@ mod tests {
         assert_eq!(refused("shape=oval"), "shape = \"oval\"; give one of round, square");
         assert_eq!(refused("weight=NaN"), "weight = NaN is out of range: above 0, or none");
         assert_eq!(TestOptions::default().set("other", "1"), Ok(false));
+    }
+
+    #[test]
+    fn descriptions_of_any_depth_are_read_back() {
+        let mut description = "uniform".to_owned();
+        for depth in 0..6 {
+            let value = nested(&description);
+            assert!(!value.contains([':', ',']), "{value} cannot be the value of a parameter");
+            assert_eq!(unnested(&value), description, "depth {depth}");
+            description = format!("then:first={value},spp={depth},second=adaptive/by=nlm/pilot=4");
+        }
+    }
+
+    #[test]
+    fn only_the_first_separator_follows_a_name() {
+        assert_eq!(unnested("a/b=1/c=2/d=3"), "a:b=1,c=2,d=3");
+        assert_eq!(unnested("a"), "a");
+        assert_eq!(unnested("a/of=b//c=1//d=2/e=3"), "a:of=b/c=1/d=2,e=3");
+        assert_eq!((unnested(""), unnested("/"), nested("")), (String::new(), ":".into(), String::new()));
     }
 }

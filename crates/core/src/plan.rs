@@ -1,5 +1,7 @@
 //! The samples of one round, as a sampler plans them.
 
+use serde::{Deserialize, Serialize};
+
 /// The outcome of planning a round. Exhaustive, so a `match` needs no wildcard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
@@ -11,7 +13,7 @@ pub enum Progress {
 
 /// The use of a round's samples: in the image, or only as information for the sampler.
 #[non_exhaustive]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Retention {
     /// The samples stay in the image. If they also decide later counts, the image is biased [Kirk and Arvo 1991].
     #[default]
@@ -23,7 +25,7 @@ pub enum Retention {
 
 /// The rule that combines the means of the two halves of a pixel's samples.
 #[non_exhaustive]
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub enum Combine {
     /// The mean of the two halves, weighted by their sample counts.
     #[default]
@@ -48,7 +50,7 @@ pub enum Combine {
 /// assert_eq!(plan.total(), 14);
 /// ```
 #[non_exhaustive]
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// Additional samples per pixel, row by row over the frame's window. All are zero when
     /// [`Sampler::next_round`](crate::Sampler::next_round) gets the plan.
@@ -64,6 +66,7 @@ pub struct Plan {
     /// count as discarded and stay spent. A withdrawn pixel must get kept samples in this round, whose indices continue
     /// after the withdrawn ones. It must have no discarded samples yet. Withdrawal that depends on the samples' own values
     /// is still biased [Kirk and Arvo 1991].
+    #[serde(skip)]
     pub withdraw: Option<Vec<bool>>,
 }
 
@@ -85,4 +88,55 @@ impl Plan {
         let sum = |c: &[u32]| c.iter().map(|&n| u64::from(n)).sum::<u64>();
         sum(&self.counts) + self.second_half.as_deref().map_or(0, sum)
     }
+}
+
+/// The use of pilot samples, which decide the counts, in the image; this determines the image's bias.
+///
+/// A sampler accepts the policies that its documentation names, and refuses the others with
+/// [`Error::OutOfRange`](crate::Error::OutOfRange).
+///
+/// The formulas below give the expected value of a pixel whose samples are 1 with probability `p`, else 0. The pixel
+/// has two pilot samples, and is refined if the two differ.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PilotPolicy {
+    /// The pilot samples stay in the image: least noise. Biased, because kept samples decide how many follow [Kirk and
+    /// Arvo 1991]. With `k` additional samples the expected value (see [`PilotPolicy`]) is `p^2 + 2 p (1 - p) (1 + k p)
+    /// / (2 + k)`. The bias falls with the pilot's size. Decisions pooled over 5x5 pixels reduce it to 1/25.
+    #[default]
+    Keep,
+    /// Pilot samples of refined pixels are discarded; those of other pixels stay in the image, as in pbrt-v2. More
+    /// biased than [`PilotPolicy::Keep`]: the expected value (see [`PilotPolicy`]) is `3 p^2 - 2 p^3`, for any number
+    /// of additional samples.
+    Refined,
+    /// All pilot samples are discarded, so they are lost to the image. Exactly unbiased if the budget is known at the
+    /// start.
+    Discard,
+    /// Each pixel's samples are split into two halves. Each half decides the sample counts of the other half, and the
+    /// means of the halves are averaged with equal weights. Exactly unbiased if the budget is known at the start, but
+    /// two half-length sequences have more error than one. If the budget is raised later, a half's earlier samples
+    /// influence its later counts through the other half.
+    Cross,
+    /// All samples stay in the image, and a pixel's count depends on the samples of its neighbours only.
+    ///
+    /// A first round after the pilot reads the other colour of a chessboard, a second the pixel's own colour. Then no
+    /// path of decisions leads from a pixel's samples to its count. What remains is the pixel's share in the total of all
+    /// scores: a bias of the order of 1 over the number of pixels.
+    Neighbours,
+}
+
+/// The point at which samplers that compare an error estimate with a threshold stop.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Stopping {
+    /// Stop when the budget is spent exactly; the threshold only ranks pixels.
+    #[default]
+    Budget,
+    /// Stop when all error estimates are below the threshold. The budget is an upper bound; the film's record has the
+    /// number of samples spent.
+    Threshold,
+}
+
+/// Converts `n` to 32 bits. Larger numbers become `u32::MAX`.
+#[inline]
+pub fn saturating_u32(n: u64) -> u32 {
+    u32::try_from(n).unwrap_or(u32::MAX)
 }

@@ -1,7 +1,7 @@
 //! Point sets: random numbers as a pure function of a sample's identity.
 
-use crate::forward::forward;
-use crate::mix;
+use crate::macros::forward;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// The identity of one sample of one pixel.
@@ -9,7 +9,7 @@ use std::sync::Arc;
 /// The identity, a block number and the seed held by the [`PointSet`] determine four coordinates, and nothing else
 /// does. So any sample can be replayed alone.
 #[non_exhaustive]
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct SampleId {
     /// Column and row in the full image, also in the render of a crop.
     pub pixel: [u32; 2],
@@ -172,4 +172,12 @@ impl PointSet for HostNumbers {
     fn is_independent(&self) -> bool {
         true
     }
+}
+
+/// A bijective 64-bit mix (the finaliser of SplitMix64, [Steele, Lea and Flood 2014]).
+#[inline]
+pub fn mix(x: u64) -> u64 {
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
 }

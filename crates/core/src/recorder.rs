@@ -1,6 +1,7 @@
 //! Statistics that a method records for itself, beside those of a film.
 
 use crate::{Error, Estimate, Film};
+use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::sync::Arc;
 
@@ -62,10 +63,11 @@ pub struct RecordedSample<'a> {
 }
 
 /// The recorders of a film, by name.
-#[derive(Clone, Default)]
+#[derive(Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Recorders {
     names: Vec<String>,
     /// As many as names; none in a film read from bytes, until a render resumes it.
+    #[serde(skip)]
     pub(crate) active: Vec<Arc<dyn Recorder>>,
 }
 
@@ -80,11 +82,6 @@ impl Recorders {
             }
         }
         united
-    }
-
-    /// Recorders of which only the names are known.
-    pub(crate) fn named(names: Vec<String>) -> Self {
-        Self { names, active: Vec::new() }
     }
 
     pub(crate) fn names(&self) -> &[String] {

@@ -1,109 +1,27 @@
 //! The render loop: plan a round, trace it, plan the next.
 
 mod budget;
-mod clock;
 mod feature_samples;
-mod filter_time;
-pub(crate) mod holdout;
-mod methods;
+pub(crate) mod filtered_error;
+mod monitor;
 mod plan;
 mod pull;
 mod round;
 mod session;
 mod stage;
+pub(crate) mod state;
 mod tile;
+mod turns;
 
-pub use methods::Methods;
+pub use monitor::{Control, Monitor, NoMonitor, Status};
 pub use pull::Round;
-pub use session::Session;
-pub use stage::{Readiness, Stage, TracedRows};
+pub use session::{Methods, Session};
+pub use stage::{Readiness, TracedRows};
+pub use state::Stage;
 pub use tile::{Samples, Tile};
 
-use crate::snapshot::View;
 use crate::{Error, Film, Filter, Frame, Integrator, Limits, Needs, Recorder, Sampler, Snapshot};
 use std::sync::Arc;
-
-/// The state of a render between two slices of tracing (about 0.2 seconds each), passed to a [`Monitor`].
-#[non_exhaustive]
-#[derive(Clone, Copy)]
-pub struct Status<'a> {
-    /// The film so far, with valid statistics in every pixel.
-    pub film: &'a Film,
-    /// The number of the round being traced, from 0.
-    pub round: u32,
-    /// The number of samples traced so far.
-    pub samples: u64,
-    /// The number of samples to trace in all, as far as known; a limit of time or error may change it.
-    pub expected: u64,
-    /// Wall seconds of planning and tracing so far, without the monitor's own time.
-    pub seconds: f64,
-    /// The time limit in seconds, if there is one.
-    pub seconds_limit: Option<f64>,
-    /// The seconds of the time limit that are reserved for the filter, once they are measured: after the first round.
-    pub filter_seconds: Option<f64>,
-    view: View<'a>,
-}
-
-impl Status<'_> {
-    /// The state of the render as bytes for [`Snapshot::from_bytes`], about as many as the film takes in memory. A
-    /// render resumed from them ends with the same bits as this one.
-    pub fn snapshot(&self) -> Vec<u8> {
-        self.view.write()
-    }
-}
-
-/// A monitor's decision about the render.
-#[non_exhaustive]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Control {
-    /// Continue rendering.
-    Continue,
-    /// Stop the render and return the film so far.
-    Stop,
-}
-
-/// An observer of a render, called about five times a second: for progress, previews, checkpoints and Ctrl-C.
-///
-/// A closure `FnMut(&Status) -> Control` is a monitor too.
-///
-/// ```
-/// use dapple_core::{Control, Monitor, Status};
-///
-/// /// Stops after a minute.
-/// struct Minute;
-///
-/// impl Monitor for Minute {
-///     fn slice(&mut self, status: &Status<'_>) -> Control {
-///         if status.seconds < 60.0 { Control::Continue } else { Control::Stop }
-///     }
-/// }
-/// ```
-pub trait Monitor {
-    /// Called after each slice of tracing (about 0.2 seconds). The returned value decides whether the render continues.
-    fn slice(&mut self, status: &Status<'_>) -> Control;
-
-    /// Called once at the end, unless the render was stopped. A render resumed from a snapshot taken here may have
-    /// larger limits.
-    fn end(&mut self, status: &Status<'_>) {
-        let _ = status;
-    }
-}
-
-/// The monitor that does nothing: the render runs to the end.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct NoMonitor;
-
-impl Monitor for NoMonitor {
-    fn slice(&mut self, _: &Status<'_>) -> Control {
-        Control::Continue
-    }
-}
-
-impl<F: FnMut(&Status<'_>) -> Control> Monitor for F {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
-        self(status)
-    }
-}
 
 /// A render to run or resume: the frame, the limits, the statistics to record and a monitor.
 ///
@@ -155,6 +73,9 @@ pub struct Render<'a> {
 }
 
 impl<'a> Render<'a> {
+    /// The bytes per pixel of the last filtered image and the halves it was made of, which [`Render::error_of`] keeps.
+    pub const ERROR_OF_BYTES: usize = 12 + 4 + 2 * (4 + 12);
+
     /// A render of `frame` within `limits`, without a monitor.
     pub fn new(frame: Frame, limits: &'a Limits) -> Self {
         Self { frame, limits, needs: Needs::none(), monitor: None, filter: None, recorders: Vec::new() }
@@ -253,7 +174,7 @@ impl<'a> Render<'a> {
                 return Ok(session.into_film());
             }
         }
-        session.show_end(monitor);
+        session.show_end_to(monitor);
         Ok(session.into_film())
     }
 }

@@ -1,6 +1,6 @@
 //! Sample counts per pixel, planned round by round.
 
-use crate::forward::forward;
+use crate::macros::{forward, setters};
 use crate::{Error, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Recorder, SamplerMemory};
 use std::sync::Arc;
 
@@ -32,22 +32,13 @@ impl BudgetLeft {
         Self { spent: 0, total, min_spp: 1, max_spp: u32::MAX }
     }
 
-    /// Sets the number of samples traced so far, discarded ones included.
-    #[must_use]
-    pub const fn with_spent(self, spent: u64) -> Self {
-        Self { spent, ..self }
-    }
-
-    /// Sets the least number of samples per pixel in the image, discarded ones not counted.
-    #[must_use]
-    pub const fn with_min_spp(self, min_spp: u32) -> Self {
-        Self { min_spp, ..self }
-    }
-
-    /// Sets the largest number of samples per pixel in the image, discarded ones not counted.
-    #[must_use]
-    pub const fn with_max_spp(self, max_spp: u32) -> Self {
-        Self { max_spp, ..self }
+    setters! {
+        /// Sets the number of samples traced so far, discarded ones included.
+        with_spent(spent: u64);
+        /// Sets the least number of samples per pixel in the image, discarded ones not counted.
+        with_min_spp(min_spp: u32);
+        /// Sets the largest number of samples per pixel in the image, discarded ones not counted.
+        with_max_spp(max_spp: u32);
     }
 
     /// The number of samples that may still be planned.

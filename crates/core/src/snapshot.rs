@@ -1,12 +1,15 @@
 //! Snapshots: the state of a render between two slices, as bytes.
 
-pub(crate) mod bytes;
-mod film;
-
-use crate::render::{Stage, holdout::Holdout};
-use crate::{Error, Film, Frame, Integrator, Limits, Needs, Plan, Sampler, TrainingData, TrainingSum, container};
-use bytes::{Reader, Writer};
-use film::{put_combine, put_film, put_frame, put_training, take_combine, take_film, take_frame, take_training};
+use crate::film::{Beside, Half, REJECTED_LISTED, Splats};
+use crate::recorder::Recorders;
+use crate::render::filtered_error::FilteredError;
+use crate::render::state::{OpenRound, Stage, State};
+use crate::{
+    Combine, Error, Film, Frame, Integrator, Limits, Needs, Record, Rejected, Retention, Sampler, TrainingData,
+    container,
+};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize, Serializer};
 
 /// The reason why bytes are not a snapshot, as the end of a sentence.
 #[derive(Debug)]
@@ -18,92 +21,37 @@ impl From<Broken> for Error {
     }
 }
 
-/// The progress within a round. Pixels in rows before `row` have `end` samples of the round traced, the others `start`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Cursor {
-    pub(crate) start: u32,
-    pub(crate) end: u32,
-    pub(crate) row: u32,
+impl From<postcard::Error> for Broken {
+    fn from(error: postcard::Error) -> Self {
+        Self(match error {
+            postcard::Error::DeserializeUnexpectedEnd => "they end too early",
+            _ => "they hold something else than they should",
+        })
+    }
 }
 
-/// A round (a batch of planned samples) that is partly traced.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct OpenRound {
-    pub(crate) plan: Plan,
-    pub(crate) cursor: Cursor,
-    /// The sums of the unfinished training pass. For each traced row of 16x16-pixel blocks: the index of the row of
-    /// blocks, and the sums by key.
-    pub(crate) pending: Vec<(usize, Vec<TrainingSum>)>,
-    /// The number of samples traced before this round.
-    pub(crate) before: u64,
-    /// The number of this round's samples that are traced and no longer in `plan`.
-    pub(crate) submitted: u64,
-    pub(crate) plan_seconds: f64,
-    /// Seconds of tracing this round before the snapshot.
-    pub(crate) traced_seconds: f64,
+/// A value as about so many bytes.
+pub(crate) fn encoded(value: &impl Serialize, size: usize) -> Vec<u8> {
+    postcard::to_extend(value, Vec::with_capacity(size)).expect("memory takes any state")
 }
 
-impl OpenRound {
-    /// The largest number of samples of a pixel.
-    pub(crate) fn longest(&self) -> u32 {
-        self.counts().max().unwrap_or(0)
-    }
-
-    /// The samples among the first `start` of each pixel.
-    pub(crate) fn before(&self, start: u32) -> u64 {
-        self.counts().map(|count| u64::from(count.min(start))).sum()
-    }
-
-    /// The number of pixels with more than `start` samples; those of both halves count twice.
-    pub(crate) fn above(&self, start: u32) -> u64 {
-        self.counts().filter(|count| *count > start).count() as u64
-    }
-
-    /// The counts in the plan, of both halves.
-    fn counts(&self) -> impl Iterator<Item = u32> + '_ {
-        self.plan.counts.iter().chain(self.plan.second_half.iter().flatten()).copied()
-    }
-
-    /// The number of this round's samples already traced in each pixel of `row`.
-    pub(crate) fn done(&self, row: usize) -> u32 {
-        if row < self.cursor.row as usize { self.cursor.end } else { self.cursor.start }
-    }
-
-    /// Keeps only the untraced rest in the plan.
-    pub(crate) fn keep_rest(&mut self, width: usize) {
-        if self.cursor == Cursor::default() {
-            return;
-        }
-        let rest = self.rest(width);
-        self.submitted += self.plan.total() - rest.total();
-        (self.plan, self.cursor) = (rest, Cursor::default());
-    }
-
-    /// The untraced rest of the round as a plan. It withdraws no samples: withdrawals happen when the round begins.
-    pub(crate) fn rest(&self, width: usize) -> Plan {
-        let left = |counts: &[u32]| -> Vec<u32> {
-            counts.iter().enumerate().map(|(i, n)| n.saturating_sub(self.done(i / width))).collect()
-        };
-        let Plan { counts, second_half, retention, combine, withdraw: _ } = &self.plan;
-        let second_half = second_half.as_deref().map(left);
-        Plan { counts: left(counts), second_half, retention: *retention, combine: *combine, withdraw: None }
+/// Reads a value that takes all of the bytes. Memory is made as values are read.
+pub(crate) fn decoded<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Broken> {
+    match postcard::take_from_bytes(bytes)? {
+        (value, []) => Ok(value),
+        _ => Err(Broken("there are bytes after the end")),
     }
 }
 
 /// Borrowed state of a render, complete enough to resume it; the content of a snapshot.
 #[derive(Clone, Copy)]
 pub(crate) struct View<'a> {
-    pub(crate) film: &'a Film,
-    pub(crate) round: u32,
-    pub(crate) open: Option<&'a OpenRound>,
-    pub(crate) passes: &'a [TrainingData],
-    pub(crate) holdout: Option<&'a Holdout>,
+    pub(crate) state: &'a State,
+    pub(crate) sampler: Planner<'a>,
+    /// The least and the largest number of samples per pixel.
+    pub(crate) bounds: [u32; 2],
     pub(crate) total: u64,
     pub(crate) seconds: f64,
-    pub(crate) sampler: Planner<'a>,
-    pub(crate) limits: &'a Limits,
-    /// The stage of which the film has some rows; `None` for a film of the whole window.
-    pub(crate) stage: Option<&'a Stage>,
 }
 
 /// A sampler, or what a snapshot says of it.
@@ -113,74 +61,39 @@ pub(crate) enum Planner<'a> {
     Saved(&'a SavedSampler),
 }
 
+impl Serialize for Planner<'_> {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Saved(saved) => saved.serialize(to),
+            Self::Sampler(sampler) => SavedSampler::of(*sampler).serialize(to),
+        }
+    }
+}
+
 /// The description and state of a sampler during one round.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct SavedSampler {
-    sampler: String,
+    name: String,
     points: String,
     state: Vec<u8>,
 }
 
 impl SavedSampler {
     pub(crate) fn of(sampler: &dyn Sampler) -> Self {
-        Self { sampler: sampler.describe(), points: sampler.points().describe(), state: sampler.save() }
+        Self { name: sampler.describe(), points: sampler.points().describe(), state: sampler.save() }
     }
 }
 
-/// The sections of a state: the sampler and the limits, the film, and what is open.
-const SECTIONS: [&str; 3] = ["render", "film", "open"];
-
 impl View<'_> {
     pub(crate) fn write(&self) -> Vec<u8> {
-        let mut head = Writer::with_capacity(4096);
-        let state = self.put_head(&mut head);
-        let mut film = Writer::with_capacity(film::size(self.film));
-        put_film(&mut film, self.film);
-        let mut end = Writer::with_capacity(self.open.map_or(0, |open| 8 * open.plan.counts.len()));
-        self.put_end(&mut end, &state);
-        let parts = [head, film, end].map(Writer::finish);
-        let mut bytes = container::begin(parts.iter().map(Vec::len).sum());
-        SECTIONS.iter().zip(parts).for_each(|(name, part)| container::append(&mut bytes, name, &part));
+        let State { film, round, open, passes, filtered_error, prepared: _, stage } = self.state;
+        let counts = open.as_ref().map_or(0, |open| open.plan.counts.len());
+        let course = (self.sampler, self.bounds, self.total, self.seconds, round, open, passes, filtered_error, stage);
+        let (course, film) = (encoded(&course, 2 * counts + 4096), film_bytes(film));
+        let mut bytes = container::begin(course.len() + film.len());
+        container::append(&mut bytes, "render", &course);
+        container::append(&mut bytes, "film", &film);
         bytes
-    }
-
-    /// Writes what precedes the film. Returns the sampler's state, which follows it.
-    fn put_head(&self, to: &mut Writer) -> Vec<u8> {
-        let saved;
-        let SavedSampler { sampler, points, state } = match self.sampler {
-            Planner::Saved(saved) => saved,
-            Planner::Sampler(sampler) => {
-                saved = SavedSampler::of(sampler);
-                &saved
-            }
-        };
-        to.text(sampler);
-        to.text(points);
-        to.number([self.limits.min_spp, self.limits.max_spp]);
-        to.number(self.round);
-        to.number(self.total);
-        to.number(self.seconds);
-        state.clone()
-    }
-
-    /// Writes what follows the film.
-    fn put_end(&self, to: &mut Writer, state: &[u8]) {
-        to.list(state);
-        to.number(self.passes.len() as u64);
-        self.passes.iter().for_each(|pass| put_training(to, pass.entries()));
-        to.flag(self.open.is_some());
-        if let Some(open) = self.open {
-            put_round(to, open);
-        }
-        to.flag(self.holdout.is_some());
-        if let Some(holdout) = self.holdout {
-            holdout.put(to);
-        }
-        to.flag(self.stage.is_some());
-        if let Some(stage) = self.stage {
-            put_frame(to, &stage.frame);
-            to.number(stage.rows);
-            to.list(&stage.ends);
-        }
     }
 }
 
@@ -227,23 +140,20 @@ impl View<'_> {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
-    pub(crate) film: Film,
-    pub(crate) round: u32,
-    pub(crate) open: Option<OpenRound>,
-    pub(crate) passes: Vec<TrainingData>,
-    pub(crate) holdout: Option<Holdout>,
+    pub(crate) state: State,
+    sampler: SavedSampler,
+    bounds: [u32; 2],
     pub(crate) total: u64,
     pub(crate) seconds: f64,
-    pub(crate) sampler_state: Vec<u8>,
-    pub(crate) stage: Option<Stage>,
-    sampler: String,
-    points: String,
-    bounds: [u32; 2],
 }
 
+/// What a snapshot holds besides the film: sampler, bounds, total, seconds, and what [`State`] has.
+type Course =
+    (SavedSampler, [u32; 2], u64, f64, u32, Option<OpenRound>, Vec<TrainingData>, Option<FilteredError>, Option<Stage>);
+
 impl Snapshot {
-    /// Reads the bytes of [`Status::snapshot`](crate::Status::snapshot). Allocates at most a few times as many bytes as
-    /// it reads, even for invalid bytes.
+    /// Reads the bytes of [`Status::snapshot`](crate::Status::snapshot). Memory grows with the bytes that are read, even for
+    /// invalid bytes.
     ///
     /// # Errors
     ///
@@ -254,42 +164,26 @@ impl Snapshot {
 
     fn read(bytes: &[u8]) -> Result<Self, Broken> {
         let found = container::sections(bytes).map_err(|fault| Broken(fault.text()))?;
-        let section =
-            |name: &str| found.iter().find(|(known, _)| *known == name).map(|(_, section)| Reader::new(section));
-        let [Some(mut head), Some(mut film), Some(mut end)] = SECTIONS.map(section) else {
+        let section = |name: &str| found.iter().find(|(known, _)| *known == name).map(|(_, section)| *section);
+        let (Some(course), Some(film)) = (section("render"), section("film")) else {
             return Err(Broken("they hold no state of a render"));
         };
-        let (head, film) = (Head::take(&mut head)?, take_film(&mut film)?);
-        Self::take_end(&mut end, head, film)
-    }
-
-    /// Reads what follows the film.
-    fn take_end(from: &mut Reader<'_>, head: Head, film: Film) -> Result<Self, Broken> {
-        let Head { sampler, points, bounds, round, total, seconds } = head;
-        let sampler_state = from.list()?;
-        let count = from.count(8)?;
-        let mut passes = Vec::new();
-        for _ in 0..count {
-            let pass = TrainingData::sorted(take_training(from)?);
-            passes.push(pass.ok_or(Broken("training data is out of order"))?);
-        }
-        let open = if from.flag()? { Some(take_round(from, &film)?) } else { None };
-        let holdout = if from.flag()? { Some(Holdout::take(from, &film)?) } else { None };
-        let stage = if from.flag()? { Some(take_stage(from, &film)?) } else { None };
-        if !from.is_empty() {
-            return Err(Broken("there are bytes after the end"));
-        }
-        Ok(Self { stage, film, round, open, passes, holdout, total, seconds, sampler_state, sampler, points, bounds })
+        let course: Course = decoded(course)?;
+        let (sampler, bounds, total, seconds, round, open, passes, filtered_error, stage) = course;
+        let state = State { film: film_of(film)?, round, open, passes, filtered_error, prepared: None, stage };
+        let read = Self { state, sampler, bounds, total, seconds };
+        read.check()?;
+        Ok(read)
     }
 
     /// The film (per-pixel statistics) at the time of the snapshot, with valid statistics in every pixel.
     pub fn film(&self) -> &Film {
-        &self.film
+        &self.state.film
     }
 
     /// The snapshot, unless it has some rows of a stage alone.
     pub(crate) fn of_window(self) -> Result<Self, Error> {
-        match self.stage {
+        match self.state.stage {
             None => Ok(self),
             Some(_) => Err(Error::OtherRender { what: "it has rows of a stage alone; trace and join them".into() }),
         }
@@ -297,7 +191,7 @@ impl Snapshot {
 
     /// Makes an integrator learn the training passes so far.
     pub fn teach(&self, integrator: &mut dyn Integrator) {
-        self.passes.iter().for_each(|pass| integrator.learn(pass));
+        self.state.passes.iter().for_each(|pass| integrator.learn(pass));
     }
 
     /// Restores the sampler's state, and checks that the snapshot belongs to a render with this sampler, frame and limits, and records these `needs`.
@@ -308,9 +202,9 @@ impl Snapshot {
         frame: &Frame,
         limits: &Limits,
     ) -> Result<(), Error> {
-        if self.sampler == sampler.describe() {
+        if self.sampler.name == sampler.describe() {
             // First, since the point set may depend on the state.
-            sampler.restore(&self.sampler_state)?;
+            sampler.restore(&self.sampler.state)?;
         }
         let mut differ = Vec::new();
         let mut compare = |what: &str, was: &str, is: &str| {
@@ -318,107 +212,115 @@ impl Snapshot {
                 differ.push(format!("the {what} was {was}, not {is}"));
             }
         };
-        compare("sampler", &self.sampler, &sampler.describe());
-        compare("point set", &self.points, &sampler.points().describe());
+        compare("sampler", &self.sampler.name, &sampler.describe());
+        compare("point set", &self.sampler.points, &sampler.points().describe());
         let window = |f: &Frame| {
             let ([x, y], [w, h], [full_w, full_h]) = (f.origin(), f.size(), f.resolution());
             format!("{w}x{h} pixels at {x},{y} of {full_w}x{full_h}")
         };
-        let own = self.stage.as_ref().map_or(*self.film.frame(), |stage| stage.frame);
+        let State { film, stage, .. } = &self.state;
+        let own = stage.as_ref().map_or(film.frame, |stage| stage.frame);
         compare("window", &window(&own), &window(frame));
         let bounds = |[min, max]: [u32; 2]| format!("{min} to {max}");
         compare("range of samples per pixel", &bounds(self.bounds), &bounds([limits.min_spp, limits.max_spp]));
         let halves = |halves: bool| if halves { "two halves" } else { "one sequence" };
-        compare("kind of samples", halves(self.film.needs().halves), halves(needs.halves));
+        compare("kind of samples", halves(film.needs.halves), halves(needs.halves));
         let missing = Needs { halves: false, ..*needs };
-        if let Err(Error::NotRecorded { what, .. }) = self.film.require("", &missing) {
+        if let Err(Error::NotRecorded { what, .. }) = film.require("", &missing) {
             differ.push(format!("{what} was not recorded and is now needed"));
         }
         if differ.is_empty() { Ok(()) } else { Err(Error::OtherRender { what: differ.join("; ") }) }
     }
-}
 
-/// The part of a snapshot before the film.
-struct Head {
-    sampler: String,
-    points: String,
-    bounds: [u32; 2],
-    round: u32,
-    total: u64,
-    seconds: f64,
-}
-
-impl Head {
-    fn take(from: &mut Reader<'_>) -> Result<Self, Broken> {
-        let (sampler, points) = (from.text()?, from.text()?);
-        let bounds = from.number()?;
-        let (round, total, seconds) = (from.number()?, from.number()?, from.number::<f64>()?);
-        match seconds.is_finite() && seconds >= 0.0 {
-            true => Ok(Self { sampler, points, bounds, round, total, seconds }),
-            false => Err(Broken("a time is not a number of seconds")),
-        }
+    fn check(&self) -> Result<(), Broken> {
+        let State { film, open, passes, filtered_error, stage, .. } = &self.state;
+        let is_ascending = |pass: &TrainingData| pass.entries().is_sorted_by(|a, b| a.key < b.key);
+        require(is_time(self.seconds), "a time is not a number of seconds")?;
+        require(passes.iter().all(is_ascending), "training data is out of order")?;
+        let fits = filtered_error.as_ref().is_none_or(|image| image.fits(film));
+        require(fits, "a filtered image has another size")?;
+        require(stage.as_ref().is_none_or(|stage| stage.has(&film.frame)), "a stage is of another window")?;
+        open.as_ref().map_or(Ok(()), |open| open.check(film))
     }
 }
 
-fn put_round(to: &mut Writer, open: &OpenRound) {
-    let Plan { counts, second_half, retention, combine, withdraw: _ } = &open.plan;
-    to.flag(*retention == crate::Retention::Discard);
-    put_combine(to, *combine);
-    to.numbers(counts);
-    to.flag(second_half.is_some());
-    to.numbers(second_half.as_deref().unwrap_or(&[]));
-    let Cursor { start, end, row } = open.cursor;
-    to.number([start, end, row]);
-    to.number([open.before, open.submitted]);
-    to.number([open.plan_seconds, open.traced_seconds]);
-    to.number(open.pending.len() as u64);
-    for (block, observed) in &open.pending {
-        to.number(*block as u64);
-        put_training(to, observed);
+impl OpenRound {
+    /// Checks the round beside the film that it came with.
+    fn check(&self, film: &Film) -> Result<(), Broken> {
+        let ([width, height], pixels) = (film.frame.size(), film.frame.pixels());
+        let Self { plan, cursor, .. } = self;
+        let mut counts = [Some(&plan.counts), plan.second_half.as_ref()].into_iter().flatten();
+        require(counts.all(|counts| counts.len() == pixels), "a plan has another number of pixels")?;
+        require(is_sound(plan.combine), "the rule to combine halves is unknown")?;
+        let fits = plan.second_half.is_none() || film.kept.len() == 2;
+        require(fits, "a plan is for two halves, but the film has one")?;
+        let fits = plan.retention == Retention::Keep || !film.discarded.is_empty();
+        require(fits, "a round discards samples, but the film has no place for them")?;
+        let traced = plan.total() - self.rest(width as usize).total();
+        let all = self.before.checked_add(self.submitted).and_then(|n| n.checked_add(traced));
+        let is_within = cursor.start <= cursor.end && cursor.row < height && all == Some(film.record.samples);
+        let is_within = is_within && is_time(self.plan_seconds) && is_time(self.traced_seconds);
+        require(is_within, "the place within a round is out of range")
     }
 }
 
-fn take_round(from: &mut Reader<'_>, film: &Film) -> Result<OpenRound, Broken> {
-    let [width, height] = film.frame().size().map(|n| n as usize);
-    let mut plan = Plan::empty(0);
-    plan.retention = if from.flag()? { crate::Retention::Discard } else { crate::Retention::Keep };
-    plan.combine = take_combine(from)?;
-    plan.counts = from.numbers(width * height)?;
-    plan.second_half = if from.flag()? { Some(from.numbers(width * height)?) } else { None };
-    let [start, end, row] = from.number()?;
-    let [before, submitted] = from.number()?;
-    let [plan_seconds, traced_seconds] = from.number::<[f64; 2]>()?;
-    let count = from.count(16)?;
-    let mut pending = Vec::with_capacity(count);
-    for _ in 0..count {
-        let block = usize::try_from(from.number::<u64>()?).map_err(|_| Broken("a block is out of range"))?;
-        pending.push((block, take_training(from)?));
-    }
-    let cursor = Cursor { start, end, row };
-    let open = OpenRound { plan, cursor, pending, before, submitted, plan_seconds, traced_seconds };
-    if end < start || row as usize >= height || !(plan_seconds.is_finite() && traced_seconds.is_finite()) {
-        return Err(Broken("the place within a round is out of range"));
-    }
-    if open.plan.second_half.is_some() && film.kept.len() != 2 {
-        return Err(Broken("a plan is for two halves, but the film has one"));
-    }
-    if open.plan.retention == crate::Retention::Discard && film.discarded.is_empty() {
-        return Err(Broken("a round discards samples, but the film has no place for them"));
-    }
-    let traced = open.plan.total() - open.rest(width).total();
-    let all = before.checked_add(submitted).and_then(|n| n.checked_add(traced));
-    if all != Some(film.record.samples) {
-        return Err(Broken("the place within a round is out of range"));
-    }
-    Ok(open)
+fn require(holds: bool, otherwise: &'static str) -> Result<(), Broken> {
+    if holds { Ok(()) } else { Err(Broken(otherwise)) }
 }
 
-fn take_stage(from: &mut Reader<'_>, film: &Film) -> Result<Stage, Broken> {
-    let (frame, rows, ends) = (take_frame(from)?, from.number()?, from.list()?);
-    let stage = Stage { frame, rows, ends };
-    let (own, window) = (film.frame(), &stage.frame);
-    let top = own.origin()[1].checked_sub(window.origin()[1]);
-    let fits = top.and_then(|top| window.rows(top..top + own.size()[1]).ok()).is_some_and(|rows| rows == *own);
-    let is_sound = fits && rows[0] < rows[1] && stage.ends.is_sorted() && !stage.ends.is_empty();
-    if is_sound { Ok(stage) } else { Err(Broken("a stage is of another window")) }
+fn is_time(seconds: f64) -> bool {
+    seconds.is_finite() && seconds >= 0.0
+}
+
+fn is_sound(combine: Combine) -> bool {
+    !matches!(combine, Combine::Fixed(weight) if !weight.is_finite())
+}
+
+/// A film as bytes: its settings and record, then its planes.
+fn film_bytes(film: &Film) -> Vec<u8> {
+    let Film { frame, needs, recorders, combine, record, rejected, .. } = film;
+    let Film { kept, discarded, withdrawn, beside, splats, unreported, .. } = film;
+    let each =
+        Film::bytes_per_pixel(needs) + if discarded.is_empty() { 0 } else { Film::halves_bytes_per_pixel(needs) };
+    let head = (frame, needs, recorders, combine, record, rejected);
+    encoded(&(head, (kept, discarded, withdrawn, beside, splats, unreported)), frame.pixels() * each + 4096)
+}
+
+/// What precedes the planes of a film.
+type Head = (Frame, Needs, Recorders, Combine, Record, Vec<Rejected>);
+/// The planes of a film.
+type Planes = (Vec<Half>, Vec<Half>, Vec<Vec<u64>>, Beside, Splats, u64);
+
+fn film_of(bytes: &[u8]) -> Result<Film, Broken> {
+    let (head, planes): (Head, Planes) = decoded(bytes)?;
+    let (frame, needs, recorders, combine, record, rejected) = head;
+    let (kept, discarded, withdrawn, beside, splats, unreported) = planes;
+    let film = Film { recorders, combine, record, rejected, ..Film::without_planes(frame, needs) };
+    let film = Film { kept, discarded, withdrawn, beside, splats, unreported, ..film };
+    check_film(&film)?;
+    Ok(film)
+}
+
+fn check_film(film: &Film) -> Result<(), Broken> {
+    let Film { kept, discarded, withdrawn, beside, record, .. } = film;
+    let (pixels, layout, halves) = (film.frame.pixels(), film.layout(), if film.needs.halves { 2 } else { 1 });
+    let are_sound = |all: &[Half]| all.len() == halves && all.iter().all(|planes| planes.is_sound(pixels, &layout));
+    let is_sound_film = are_sound(kept)
+        && (discarded.is_empty() || are_sound(discarded))
+        && beside.is_sound(pixels, &layout)
+        && film.splats.is_sound(if film.needs.splats { halves } else { 0 });
+    require(is_sound_film, "a statistic is NaN or infinite, or of another number of pixels")?;
+    require(is_sound(film.combine), "the rule to combine halves is unknown")?;
+    let mut seconds = record.rounds.iter().flat_map(|round| [round.plan_seconds, round.trace_seconds]);
+    require(is_time(record.prepare_seconds) && seconds.all(is_time), "a time is not a number of seconds")?;
+    require(film.rejected.len() <= REJECTED_LISTED, "the list of rejected samples is too long")?;
+    let mut counts = kept.iter().chain(discarded).flat_map(|planes| &planes.counts);
+    let samples = counts.try_fold(0_u64, |sum, n| sum.checked_add(*n)).ok_or(Broken("counts overflow"))?;
+    require(film.unreported <= samples, "more samples report no hits than there are")?;
+    let fits = withdrawn.is_empty() || withdrawn.len() == discarded.len();
+    require(fits, "samples are withdrawn, but the film has no place for them")?;
+    let mut of_each = withdrawn.iter().zip(discarded);
+    let fewer = of_each.all(|(n, planes)| n.len() == pixels && n.iter().zip(&planes.counts).all(|(n, all)| n <= all));
+    require(fewer, "more samples are withdrawn than discarded")?;
+    require(samples == record.samples, "counts do not add up to the samples traced")
 }

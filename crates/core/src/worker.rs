@@ -1,4 +1,4 @@
-//! Memory of one task of the render loop: scratch memory, splats, channels, training notes.
+//! Memory of one task of the render loop: scratch memory, splats, training notes.
 
 use crate::TrainingSum;
 use std::any::Any;
@@ -8,7 +8,6 @@ use std::fmt;
 ///
 /// * [`Worker::scratch`]: memory of any type, reused by later samples of the same thread.
 /// * [`Worker::splat`]: light that this sample adds to other pixels.
-/// * [`Worker::channels`]: values beside the radiance, such as a spectrum or other outputs (AOVs).
 /// * [`Worker::note`]: training data.
 ///
 /// ```
@@ -31,7 +30,6 @@ pub struct Worker {
     notes: Vec<(u64, f32)>,
     scratch: Option<Box<dyn Any + Send>>,
     splats: Vec<([u32; 2], [f32; 3])>,
-    channels: Vec<f32>,
 }
 
 impl Worker {
@@ -57,12 +55,6 @@ impl Worker {
         self.splats.push((pixel, radiance));
     }
 
-    /// The sample's values beside the radiance, as many as [`Needs::channels`](crate::Needs::with_channels), all 0 at first.
-    #[inline]
-    pub fn channels(&mut self) -> &mut [f32] {
-        &mut self.channels
-    }
-
     /// Notes `value` under `key` as training data. NaN and infinite values are dropped.
     #[inline]
     pub fn note(&mut self, key: u64, value: f32) {
@@ -74,13 +66,6 @@ impl Worker {
     /// Drops notes that no training pass reads.
     pub(crate) fn forget_notes(&mut self) {
         self.notes.clear();
-    }
-
-    /// The number of values beside the radiance that the next sample has; they start as 0.
-    #[inline]
-    pub(crate) fn begin_channels(&mut self, channels: usize) {
-        self.channels.clear();
-        self.channels.resize(channels, 0.0);
     }
 
     /// Returns `true` if the last sample has splats.

@@ -45,15 +45,6 @@ impl Bounds {
         Self { emission: bound, blurred, other: f64::from(BRIGHTEST) * level }
     }
 
-    /// The bounds as numbers, for [`Bounds::from_numbers`].
-    pub(crate) fn numbers(self) -> [f64; 3] {
-        [self.emission, self.blurred, self.other]
-    }
-
-    pub(crate) fn from_numbers([emission, blurred, other]: [f64; 3]) -> Self {
-        Self { emission, blurred, other }
-    }
-
     /// The largest emission that filters get from a pixel, in radiance.
     pub(crate) fn emission(self) -> f32 {
         self.emission as f32

@@ -1,10 +1,10 @@
 //! The Gaussian filter that favours pixels of the same cluster.
 
 use crate::Gaussian;
-use crate::gaussian::{emission, mean_and_presence, normalised, squared_error, survey, variances};
+use crate::gaussian::{emission, mean_and_presence, normalised, squared_error, variances};
 use crate::parameters::{BACKGROUND, ClusterLookup, describe};
 use crate::planes::per_pixel;
-use dapple_core::{Error, Film, FilmRows, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
 use rayon::prelude::*;
 use std::fmt;
 
@@ -139,11 +139,11 @@ impl ClusterGaussian {
         Self { described: described.into(), ..self }
     }
 
-    fn blend<M: Membership>(&self, film: &Film, members: &[M], survey: &[f64]) -> Filtered {
+    fn blend<M: Membership>(&self, film: &Film, members: &[M]) -> Filtered {
         let size = film.frame().size();
         let width = size[0] as usize;
         let pixels = film.frame().pixels();
-        let emission = emission(film, survey);
+        let emission = emission(film);
         let emission = emission.as_deref();
         let mean = |i| mean_and_presence(film, emission, i);
         let plane = Plane {
@@ -264,19 +264,7 @@ impl Filter for ClusterGaussian {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        self.apply_rows(&FilmRows::whole(film), &survey(film))
-    }
-
-    fn reach(&self, frame: &Frame) -> Option<u32> {
-        self.kernel.reach(frame)
-    }
-
-    fn survey(&self, film: &Film) -> Result<Vec<f64>, Error> {
-        Ok(survey(film))
-    }
-
-    fn apply_rows(&self, rows: &FilmRows<'_>, survey: &[f64]) -> Result<Filtered, Error> {
-        let (film, pixels, [width, height]) = (rows.film, rows.film.frame().pixels(), rows.frame.size());
+        let (pixels, [width, height]) = (film.frame().pixels(), film.frame().size());
         let image = match &self.clusters {
             Clusters::Map { size: [w, h], .. } if [*w, *h] != [width, height] => {
                 let what = format!(
@@ -284,19 +272,17 @@ impl Filter for ClusterGaussian {
                 );
                 return Err(Error::Mismatch { who: self.name().to_owned(), what });
             }
-            Clusters::Map { clusters, .. } => {
-                self.blend(film, &clusters[rows.top() as usize * width as usize..][..pixels], survey)
-            }
+            Clusters::Map { clusters, .. } => self.blend(film, clusters),
             Clusters::Hits(label) => {
                 let votes = |i| {
                     let traced = film.count(i).min(u64::from(self.options.hits)) as usize;
                     let hits = &film.first_hits(i)[..traced];
                     Votes::count(hits.iter().map(|hit| hit.as_ref().and_then(|h| label(h)).unwrap_or(BACKGROUND)))
                 };
-                self.blend(film, &per_pixel(pixels, votes), survey)
+                self.blend(film, &per_pixel(pixels, votes))
             }
         };
-        Ok(rows.of(image))
+        Ok(image)
     }
 }
 

@@ -96,7 +96,7 @@ dapple_core::options! {
 ///
 /// # Reach
 ///
-/// The filter reads the whole film ([`Filter::reach`] is `None`). The windows, choices and blends of all passes reach more than a
+/// The filter reads the whole film. The windows, choices and blends of all passes reach more than a
 /// hundred rows, each coarse scale twice as far as the one before, and the least error is a part of the mean error.
 #[derive(Clone, Default)]
 pub struct ClusterRegression {

@@ -1,7 +1,7 @@
 //! The features of each pixel as planes: normal, albedo, depth and position.
 
 use crate::planes::{Colours, Plane, planes_of, quantile, raised, sum_pixels, update};
-use dapple_core::{Error, Film, FilmRows};
+use dapple_core::Film;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -35,8 +35,6 @@ pub(crate) struct Extent {
     pub(crate) far: f32,
     /// The mean of all positions.
     pub(crate) middle: [f64; 3],
-    /// The approximate width of a pixel at distance 1; `None` before it is known.
-    pub(crate) pixel_angle: Option<f32>,
 }
 
 impl Extent {
@@ -52,17 +50,7 @@ impl Extent {
             None => [0.0; 4],
         });
         let middle = [x, y, z].map(|sum| sum / f64::max(count, 1.0));
-        Self { far: 2.0 * deepest, middle, pixel_angle: None }
-    }
-
-    /// Finds the width of a pixel, `at_once` rows of the film at a time.
-    pub(crate) fn with_pixel_angle(self, film: &Film, read: bool, at_once: u32) -> Result<Self, Error> {
-        let width = film.frame().size()[0] as usize;
-        let steps = FilmRows::each(film, FILLED, at_once, |rows| {
-            let [.., x, y, z, _, _, _, _, depth] = planes(rows.film, read, &self);
-            Ok(steps(&[x, y, z], &depth, width, rows.within()))
-        })?;
-        Ok(Self { pixel_angle: Some(pixel_angle(steps.concat())), ..self })
+        Self { far: 2.0 * deepest, middle }
     }
 }
 
@@ -72,8 +60,7 @@ impl Features {
         let size = film.frame().size().map(|n| n as usize);
         let [nx, ny, nz, r, g, b, depth, x, y, z, vn, va, vd, scatter, mut scale] = planes(film, read, extent);
         let position = [x, y, z];
-        let known = extent.pixel_angle;
-        let unit = 24.0 * known.unwrap_or_else(|| pixel_angle(steps(&position, &scale, size[0], 0..size[1])));
+        let unit = 24.0 * pixel_angle(steps(&position, &scale, size[0], 0..size[1]));
         update(&mut scale, [], |depth, []| 1.0 / (unit * depth.max(1e-18)));
         let slope = slopes(&depth, size);
         let (mean, variance) = ([nx, ny, nz, r, g, b, depth], [vn, va, vd]);

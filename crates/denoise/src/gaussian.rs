@@ -1,11 +1,10 @@
 //! The Gaussian filter.
 
-use crate::bright_lamps::Bounds;
 use crate::inputs::Levels;
 use crate::light::Light;
 use crate::parameters::describe;
 use crate::planes::per_pixel;
-use dapple_core::{Error, Film, FilmRows, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -147,22 +146,9 @@ impl Filter for Gaussian {
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        self.apply_rows(&FilmRows::whole(film), &survey(film))
-    }
-
-    fn reach(&self, _: &Frame) -> Option<u32> {
-        Some(self.weights.len() as u32 / 2)
-    }
-
-    fn survey(&self, film: &Film) -> Result<Vec<f64>, Error> {
-        Ok(survey(film))
-    }
-
-    fn apply_rows(&self, rows: &FilmRows<'_>, survey: &[f64]) -> Result<Filtered, Error> {
-        let film = rows.film;
         let size = film.frame().size();
         let plane = size.map(|n| n as usize);
-        let emission = emission(film, survey);
+        let emission = emission(film);
         let emission = emission.as_deref();
         let sums = separable(plane, &self.weights, |i| mean_and_presence(film, emission, i), |_, sum| sum);
         let error = variances(film).map(|variances| {
@@ -171,19 +157,13 @@ impl Filter for Gaussian {
         });
         let own = |i| emission.map_or([0.0; 3], |emission| emission[i]);
         let radiance = per_pixel(film.frame().pixels(), |i| normalised(sums[i], own(i)));
-        Ok(rows.of(Filtered::new(size, radiance).with_error(error)))
+        Ok(Filtered::new(size, radiance).with_error(error))
     }
 }
 
-/// The numbers that blurs take from a whole film: the bounds of its emission, or none if it recorded none.
-pub(crate) fn survey(film: &Film) -> Vec<f64> {
-    let bounds = film.needs().emission.then(|| Levels::of(Light::all(film)).bounds.numbers());
-    bounds.into_iter().flatten().collect()
-}
-
 /// The emission that blurs leave in each pixel; `None` if the film recorded none.
-pub(crate) fn emission(film: &Film, survey: &[f64]) -> Option<Vec<[f64; 3]>> {
-    let bounds = Bounds::from_numbers(*survey.first_chunk()?);
+pub(crate) fn emission(film: &Film) -> Option<Vec<[f64; 3]>> {
+    let bounds = film.needs().emission.then(|| Levels::of(Light::all(film)).bounds)?;
     Some(per_pixel(film.frame().pixels(), |i| bounds.withheld_emission(Light::all(film), i)))
 }
 

@@ -8,12 +8,8 @@ use crate::parameters::{BACKGROUND, Reads};
 use crate::planes::{
     Channels, Colours, Plane, box_mean, first_share, map_to_one, per_pixel, planes_of, quantile, sum_pixels, update,
 };
-use dapple_core::{Error, Film, FilmRows, Filtered, RgbMoments};
+use dapple_core::{Film, Filtered, RgbMoments};
 use rayon::prelude::*;
-
-/// The rows of a film that [`Inputs`] take from above and below their own: features that neighbours fill in, slopes over 3x3 of
-/// their steps, halves interpolated by both, and variances over 5x5 of these.
-pub(crate) const REACH: usize = 7;
 
 /// The variance added to the variance of a sample, in units of the squared level. At one sample, differences of 2 % of
 /// the level then count as noise. With more samples, that limit falls, so filters stay consistent.
@@ -54,11 +50,6 @@ impl Inputs {
     /// Reads the halves and the sample variance of a film's light, and what else `reads` lists.
     pub(crate) fn new(light: Light<'_>, reads: &Reads) -> Self {
         Self::with_globals(light, reads, &Globals::of(light), 0)
-    }
-
-    /// Reads rows of a film that has these globals.
-    pub(crate) fn of_rows(rows: &FilmRows<'_>, reads: &Reads, globals: &Globals) -> Self {
-        Self::with_globals(Light::all(rows.film), reads, globals, rows.top() as usize)
     }
 
     /// Reads a film that begins with row `top` of the whole image.
@@ -148,25 +139,6 @@ pub(crate) struct Globals {
 impl Globals {
     fn of(light: Light<'_>) -> Self {
         Self { extent: Extent::of(light.film), levels: Levels::of(light) }
-    }
-
-    /// The globals of a film's light and of the features that are read, `at_once` rows at a time.
-    pub(crate) fn survey(film: &Film, reads: &Reads, at_once: u32) -> Result<Self, Error> {
-        let Self { extent, levels } = Self::of(Light::all(film));
-        Ok(Self { extent: extent.with_pixel_angle(film, !reads.without_features, at_once)?, levels })
-    }
-
-    /// The globals as numbers, for [`Globals::from_numbers`].
-    pub(crate) fn numbers(&self) -> [f64; 9] {
-        let Extent { far, middle: [x, y, z], pixel_angle } = self.extent;
-        let [emission, blurred, other] = self.levels.bounds.numbers();
-        let [far, angle, level] = [far, pixel_angle.unwrap_or_default(), self.levels.level].map(f64::from);
-        [far, x, y, z, angle, level, emission, blurred, other]
-    }
-
-    pub(crate) fn from_numbers([far, x, y, z, angle, level, bounds @ ..]: [f64; 9]) -> Self {
-        let extent = Extent { far: far as f32, middle: [x, y, z], pixel_angle: Some(angle as f32) };
-        Self { extent, levels: Levels { level: level as f32, bounds: Bounds::from_numbers(bounds) } }
     }
 }
 

@@ -14,15 +14,14 @@ pub use stages::{PlanFile, RowsFiles};
 
 use crate::checkpoint::Identity;
 use crate::load::{LoadOptions, LoadedScene, PreparedScene, chosen_integrator, frame, limits, setting};
-use crate::memory::MemoryEstimate;
+use crate::memory::{ImageMemory, MemoryEstimate};
 use crate::output::OutputFiles;
 use crate::registry::{self, MadeFilter, MadeSampler, MethodInputs};
 use crate::{ErrorOf, JobError, RenderSpec, WorldClusters};
 use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
 use dapple_core::{
-    Budget, Error, Film, Filter, Frame, Limits, Memory, Needs, NoMonitor, PointSet, Prepares, Render, Sampler,
-    Unfiltered,
+    Budget, Error, Film, Filter, Frame, Limits, Needs, NoMonitor, PointSet, Prepares, Render, Sampler, Unfiltered,
 };
 use dapple_renderer::World;
 use dapple_scene::Scene;
@@ -220,9 +219,8 @@ impl Job {
     /// The estimated memory, and the bytes of the render's state in a file.
     fn forecast(&self, keeps: bool) -> (MemoryEstimate, u64) {
         let (frame, limits, needs) = (&self.frame, &self.limits, self.needs);
-        let memory = Memory::of_render(&*self.sampler, &*self.filter, needs, frame, limits);
-        let limited = matches!(limits.budget, Budget::Error { .. }) && self.is_error_of_filtered();
-        let memory = if limited { memory.with_error_of(frame) } else { memory };
+        let filter = (&*self.filter, self.is_error_of_filtered());
+        let memory = ImageMemory::new(&*self.sampler, filter, needs, frame, limits);
         let files = self.outputs.memory(frame, &memory.needs, self.filter.name() != Unfiltered.name());
         let before = &self.prepared.loaded.memory;
         let estimate = MemoryEstimate::of_render(before, &memory, files, keeps, self.integrator_bytes);

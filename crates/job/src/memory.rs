@@ -1,11 +1,15 @@
 //! Estimates of the memory of scenes, worlds and renders, before they exist.
 //!
-//! All memory that grows with the image is counted ([`Memory`]). Of scenes, only meshes and images are: names, materials and
+//! All memory that grows with the image is counted ([`ImageMemory`]). Of scenes, only meshes and images are: names, materials and
 //! lights are too small to matter. Memory already in use is measured if the system reports it, else estimated. While a scene is
 //! read, only the length of each of its files is limited.
 
+mod image;
+
+pub(crate) use image::ImageMemory;
+
 use crate::JobError;
-use dapple_core::{Film, Frame, Memory, Needs};
+use dapple_core::{Film, Frame, Needs};
 use dapple_scene::image::Image;
 use dapple_scene::{EnvironmentRadiance, Geometry, LightKind, MeshData, Scene, Shape, TextureKind};
 use std::fmt;
@@ -157,7 +161,7 @@ impl MemoryEstimate {
     /// or shard. `light` and `training` are the bytes of light that the integrator prepares and of what it learns, at most.
     pub(crate) fn of_render(
         before: &Self,
-        memory: &Memory,
+        memory: &ImageMemory,
         files: u64,
         keeps: bool,
         [light, training]: [u64; 2],
@@ -171,9 +175,8 @@ impl MemoryEstimate {
             ("files", memory.filter.image.saturating_add(files)),
         ];
         let scene = now + THREAD * rayon::current_num_threads() as u64;
-        let film = memory.film.saturating_add(memory.holdout);
         let others = [("sampler", memory.sampler), ("light", light), ("light selection at most", training)];
-        Self { scene, film, others, stages, before: before.before.max(most) }
+        Self { scene, film: memory.film, others, stages, before: before.before.max(most) }
     }
 
     /// Adds the copy of the image of `frame` that is shown while the render goes on: radiance, counts and errors, and their

@@ -3,6 +3,7 @@
 use crate::{
     AnyPoints, CLUSTERING, ClusterInputs, ClusterProbes, Entry, Parameter, Parameters, RegistryError, clustering,
 };
+use dapple_adaptive::Then;
 use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, VarianceOptions};
 #[cfg(feature = "classics")]
 use dapple_classics::{
@@ -12,7 +13,7 @@ use dapple_classics::{
     VarianceThreshold, VarianceThresholdOptions,
 };
 use dapple_cluster_adaptive::{ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeSource, ProbesHandle};
-use dapple_core::samplers::{Then, Uniform};
+use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Filter, Frame, Options as _, PointSet, Sampler};
 use dapple_denoise::{ClusterRegression, relative_errors};
 use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions};

@@ -6,4 +6,5 @@ mod conformance;
 mod costs;
 mod decisions;
 mod memory;
+mod then;
 mod variance_bias;

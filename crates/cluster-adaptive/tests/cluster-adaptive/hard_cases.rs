@@ -6,8 +6,8 @@ use dapple_cluster_adaptive::{
     ProbeRay, ProbeSource, Probes, RateMap, importance, probe, projected_box_area, rates,
 };
 use dapple_clustering::{Cluster, ClusterParams, Triangles, cluster as cluster_triangles};
-use dapple_conformance::toys::Field;
-use dapple_core::{Budget, Frame, Limits, Render};
+use dapple_conformance::toys::{Field, raised};
+use dapple_core::{Frame, Needs};
 use dapple_low_discrepancy::Random;
 
 const MAPS: [RateMap; 3] = [RateMap::Identity, RateMap::Root, RateMap::Log];
@@ -279,13 +279,12 @@ fn sums_are_exact_within_the_published_bounds_a07() {
 #[test]
 fn raised_budgets_keep_the_proportions() {
     let at = frame(19, 18);
-    let steps = vec![342, 500, 8 * 342, 8 * 342 + 1, 31 * 342, 64 * 342 + 7];
-    let film = |budget| {
-        let limits = Limits::new(budget);
-        Render::new(at, &limits).run(&mut Field(|_, [u, ..]: [f32; 4]| [u; 3]), &mut published(&at)).unwrap()
+    let steps = [342, 500, 8 * 342, 8 * 342 + 1, 31 * 342, 64 * 342 + 7];
+    let counts = |budgets: &[u64]| {
+        let mut field = Field(|_, [u, ..]: [f32; 4]| [u; 3]);
+        raised(&mut field, &mut published(&at), Needs::none(), at, budgets).counts()
     };
-    let raised = film(Budget::Recorded(steps.clone())).counts();
-    let once = film(Budget::Samples(*steps.last().unwrap())).counts();
+    let (raised, once) = (counts(&steps), counts(&steps[5..]));
     assert_eq!(raised.iter().sum::<u64>(), 64 * 342 + 7);
     let off = raised.iter().zip(&once).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
     assert!(off <= 1, "{off} samples apart");
@@ -297,8 +296,8 @@ fn raised_budgets_stop_at_the_maximum() {
     let at = frame(19, 18);
     let options = ClusterThesisOptions::default().max(8);
     let mut sampler = probing(1, Placement::Centre, ClusterSize::ProjectedBox, options);
-    let limits = Limits::new(Budget::Recorded(vec![4 * 342, 7 * 342, 20 * 342]));
-    let film = Render::new(at, &limits).run(&mut Field(|_, [u, ..]: [f32; 4]| [u; 3]), &mut sampler).unwrap();
+    let budgets = [4 * 342, 7 * 342, 20 * 342];
+    let film = raised(&mut Field(|_, [u, ..]: [f32; 4]| [u; 3]), &mut sampler, Needs::none(), at, &budgets);
     assert_eq!(film.counts(), vec![8; 342]);
 }
 

@@ -88,11 +88,11 @@ fn probing_later_is_probing_before() {
 #[test]
 fn counts_do_not_read_radiance_a01() {
     let (at, pixels) = (frame(64, 64), 64 * 64);
-    let limits = Limits::new(Budget::Recorded(vec![pixels, 3 * pixels + 1, 10 * pixels]));
+    let budgets = [pixels, 3 * pixels + 1, 10 * pixels];
     let ours = || probing(1, Placement::Centre, ClusterSize::ProjectedBox, ClusterThesisOptions::default());
-    let dark = Render::new(at, &limits).run(&mut Field(|_, _| [0.0; 3]), &mut ours()).unwrap();
+    let dark = raised(&mut Field(|_, _| [0.0; 3]), &mut ours(), Needs::none(), at, &budgets);
     let mut noisy = Field(|[x, y]: [u32; 2], u: [f32; 4]| [if x > y { f32::NAN } else { 100.0 * u[0] }; 3]);
-    let bright = Render::new(at, &limits).run(&mut noisy, &mut ours()).unwrap();
+    let bright = raised(&mut noisy, &mut ours(), Needs::none(), at, &budgets);
     assert_eq!(dark.counts(), bright.counts());
     assert!(dark.counts().iter().max() > dark.counts().iter().min());
 }

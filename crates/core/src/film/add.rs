@@ -1,9 +1,9 @@
 //! Samples added to a film: by the render loop, to the planes of some pixels, or one by one.
 
-use super::planes::{BankRows, Beside};
+use super::planes::{BesideRows, Half, HalfRows};
 use super::{FeatureMoments, Film, Rejected, RejectedReason, reason_to_reject};
 use crate::recorder::{RecordedSample, Recorder};
-use crate::{Estimate, FirstHit, Retention, SampleId, SurfaceFeatures, streams};
+use crate::{Estimate, FirstHit, Needs, Retention, SampleId, SurfaceFeatures, streams};
 use std::sync::Arc;
 
 /// Relative luminance of a linear colour with Rec. 709 primaries [ITU-R BT.709].
@@ -12,7 +12,103 @@ pub fn luminance([r, g, b]: [f64; 3]) -> f64 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
-impl BankRows<'_> {
+/// The planes of some pixels of a film that a round of one retention writes. One task writes them.
+pub(crate) struct Strip<'a> {
+    /// The statistics of each half; the second is empty in a film without halves.
+    pub(crate) halves: [HalfRows<'a>; 2],
+    pub(crate) beside: BesideRows<'a>,
+    /// The counts of each half's withdrawn samples, whose indices precede those of kept ones; empty without such samples.
+    withdrawn: [&'a [u64]; 2],
+    retention: Retention,
+    needs: Needs,
+    recorders: &'a [Arc<dyn Recorder>],
+}
+
+impl Film {
+    /// All pixels, for a round of this retention.
+    #[inline]
+    pub(crate) fn strip(&mut self, retention: Retention) -> Strip<'_> {
+        let halves = if retention == Retention::Keep { &mut self.kept } else { &mut self.discarded };
+        let (mut halves, mut withdrawn) = (halves.iter_mut(), self.withdrawn.iter());
+        Strip {
+            halves: [0, 1].map(|_| halves.next().map(Half::rows).unwrap_or_default()),
+            beside: self.beside.rows(),
+            withdrawn: [0, 1].map(|_| withdrawn.next().map_or(&[][..], Vec::as_slice)),
+            retention,
+            needs: self.needs,
+            recorders: &self.recorders.active,
+        }
+    }
+}
+
+impl Strip<'_> {
+    pub(crate) fn pixels(&self) -> usize {
+        self.halves[0].counts.len()
+    }
+
+    /// Splits off the first pixels.
+    pub(crate) fn split(self, first: usize) -> (Self, Self) {
+        let pixels = self.pixels();
+        let ([a, b], [na, nb]) = (self.halves, self.withdrawn);
+        let ((a, a_rest), (b, b_rest)) = (a.split(first, pixels), b.split(first, pixels));
+        let (beside, beside_rest) = self.beside.split(first, pixels);
+        let [(na, na_rest), (nb, nb_rest)] = [na, nb].map(|counts| counts.split_at(first.min(counts.len())));
+        let split = Self { halves: [a, b], beside, withdrawn: [na, nb], ..self };
+        (split, Self { halves: [a_rest, b_rest], beside: beside_rest, withdrawn: [na_rest, nb_rest], ..self })
+    }
+
+    /// The number of samples of each half of a pixel.
+    #[inline]
+    pub(crate) fn counts(&self, local: usize) -> [u64; 2] {
+        [0, 1].map(|half: usize| self.halves[half].counts.get(local).copied().unwrap_or(0))
+    }
+
+    /// The index of a pixel's next sample in the stream of each half.
+    #[inline]
+    pub(crate) fn next(&self, local: usize) -> [u64; 2] {
+        let (counts, is_kept) = (self.counts(local), self.retention == Retention::Keep);
+        [0, 1].map(|half: usize| match self.withdrawn[half].get(local) {
+            Some(withdrawn) if is_kept => counts[half] + withdrawn,
+            Some(withdrawn) => counts[half] - withdrawn,
+            None => counts[half],
+        })
+    }
+
+    /// Adds a sample to a half of the pixel at place `local`, with all that its estimate reports. Returns the reason if its
+    /// radiance is rejected; it then counts as black, and the caller lists it.
+    #[inline]
+    pub(crate) fn add(&mut self, half: usize, local: usize, estimate: &Estimate) -> Option<RejectedReason> {
+        let rejected = self.halves[half].add(local, estimate, self.recorders);
+        if self.needs.wants_first_hit() {
+            // Kept and discarded samples fill the places in the order of tracing. These indices give the next place,
+            // as long as all rounds have the same retention, which is usual.
+            let seen = self.next(local).iter().sum::<u64>() - 1;
+            let (BesideRows { features, half_features, first_hits, .. }, k) =
+                (&mut self.beside, usize::from(self.needs.first_hits));
+            let features = [features.get_mut(local), half_features.get_mut(2 * local + half)];
+            record_first_hit(features, &mut first_hits[k * local..k * (local + 1)], seen, estimate);
+        }
+        if let Some(cost) = self.beside.costs.get_mut(local) {
+            *cost += u64::from(estimate.cost);
+        }
+        rejected
+    }
+
+    #[inline]
+    pub(crate) fn has_recorders(&self) -> bool {
+        !self.recorders.is_empty()
+    }
+
+    /// Makes room for the words of so many samples of a pixel in each half.
+    pub(crate) fn reserve(&mut self, local: usize, samples: [u64; 2]) {
+        for (planes, more) in self.halves.iter_mut().zip(samples).filter(|(planes, _)| !planes.counts.is_empty()) {
+            let words = &mut planes.words[local * self.recorders.len()..][..self.recorders.len()];
+            words.iter_mut().zip(self.recorders).for_each(|(words, recorder)| recorder.reserve(words, more));
+        }
+    }
+}
+
+impl HalfRows<'_> {
     /// Adds a sample to the pixel at place `local`. A rejected one counts as black; the reason is returned.
     #[inline]
     pub(crate) fn add(
@@ -41,26 +137,12 @@ impl BankRows<'_> {
         reason
     }
 
-    /// Adds a sample's values beside the radiance.
-    pub(crate) fn add_channels(&mut self, local: usize, values: &[f32]) {
-        let each = self.channels.len() / self.counts.len().max(1);
-        let run = local * each..(local + 1) * each;
-        let m2 = if self.channels_m2.is_empty() { &mut [][..] } else { &mut self.channels_m2[run.clone()] };
-        add_values(self.channels[run].iter_mut(), m2, self.counts[local], values.iter().copied());
-    }
-
     /// Passes a sample to the recorders. Outlined because most films have none.
     #[inline(never)]
     fn record(&mut self, local: usize, (radiance, estimate): ([f32; 3], &Estimate), recorders: &[Arc<dyn Recorder>]) {
         let sample = RecordedSample { count: self.counts[local], radiance, estimate };
         let words = &mut self.words[local * recorders.len()..][..recorders.len()];
         words.iter_mut().zip(recorders).for_each(|(words, recorder)| recorder.record(words, &sample));
-    }
-
-    /// Makes room for the words of `more` samples.
-    pub(crate) fn reserve(&mut self, local: usize, more: u64, recorders: &[Arc<dyn Recorder>]) {
-        let words = &mut self.words[local * recorders.len()..][..recorders.len()];
-        words.iter_mut().zip(recorders).for_each(|(words, recorder)| recorder.reserve(words, more));
     }
 
     /// Adds a valid sample to count, mean and squared deviations, by Welford's method.
@@ -98,26 +180,6 @@ fn add_values<'m>(
         if let Some(m2) = m2.get_mut(k) {
             *m2 += apart * (value - *mean);
         }
-    }
-}
-
-/// Makes room for the words of a round's samples of one pixel: `first` of them, or `first` and `second` by half.
-pub(crate) fn reserve(
-    banks: &mut [BankRows<'_>],
-    local: usize,
-    (first, second): (u32, Option<u32>),
-    recorders: &[Arc<dyn Recorder>],
-) {
-    let (first, second) = (u64::from(first), second.map(u64::from));
-    match banks {
-        [whole] => whole.reserve(local, first, recorders),
-        [a, b] => {
-            let (before, other) = (a.counts[local], b.counts[local]);
-            let alternating = (before + other + first).div_ceil(2).clamp(before, before + first) - before;
-            a.reserve(local, if second.is_some() { first } else { alternating }, recorders);
-            b.reserve(local, second.unwrap_or(first - alternating), recorders);
-        }
-        _ => {}
     }
 }
 
@@ -166,7 +228,9 @@ impl Film {
     /// If `pixel` is outside the window.
     pub fn push_estimate(&mut self, pixel: usize, half: usize, estimate: &Estimate) {
         let half = self.half_or_whole(half);
-        let rejected = self.add(Retention::Keep, half, pixel, estimate);
+        self.record.samples += 1;
+        self.record.rays += u64::from(estimate.cost);
+        let rejected = self.strip(Retention::Keep).add(half, pixel, estimate);
         self.list_pushed(half, pixel, rejected);
     }
 
@@ -194,43 +258,6 @@ impl Film {
         self.record.samples += 1;
         self.unreported += 1;
         self.list_pushed(half, pixel, rejected);
-    }
-
-    /// Adds a sample at a place of the planes, with all that its estimate reports. Returns the reason if its radiance is rejected; it then counts as
-    /// black, and the caller lists it.
-    #[inline]
-    pub(crate) fn add(
-        &mut self,
-        retention: Retention,
-        half: usize,
-        pixel: usize,
-        estimate: &Estimate,
-    ) -> Option<RejectedReason> {
-        let rejected = match retention {
-            Retention::Keep => self.kept[half].rows().add(pixel, estimate, &self.recorders.active),
-            Retention::Discard => self.discarded[half].rows().add(pixel, estimate, &self.recorders.active),
-        };
-        self.record.samples += 1;
-        self.record.rays += u64::from(estimate.cost);
-        if self.needs.wants_first_hit() {
-            let seen =
-                (0..self.kept.len().max(self.discarded.len())).map(|half| self.next_index(retention, half, pixel));
-            let seen = seen.sum::<u64>() - 1;
-            let Beside { features, half_features, first_hits, .. } = &mut self.beside;
-            let k = usize::from(self.needs.first_hits);
-            let features = [features.get_mut(pixel), half_features.get_mut(2 * pixel + half)];
-            record_first_hit(features, &mut first_hits[k * pixel..k * (pixel + 1)], seen, estimate);
-        }
-        if let Some(cost) = self.beside.costs.get_mut(pixel) {
-            *cost += u64::from(estimate.cost);
-        }
-        rejected
-    }
-
-    /// Adds a sample's values beside its radiance.
-    pub(crate) fn add_channels(&mut self, retention: Retention, half: usize, pixel: usize, values: &[f32]) {
-        let banks = if retention == Retention::Keep { &mut self.kept } else { &mut self.discarded };
-        banks[half].rows().add_channels(pixel, values);
     }
 
     /// The half to which a pushed sample belongs: 0 in a film without halves.

@@ -1,9 +1,8 @@
 //! The planes of a film, each declared once: needs, parts, checkpoints and bytes per pixel follow from the declaration.
 
 use super::FeatureMoments;
-use crate::snapshot::Broken;
-use crate::snapshot::bytes::{Number, Reader, Writer};
 use crate::{FirstHit, Frame, Needs, RgbMoments};
+use serde::{Deserialize, Serialize};
 
 /// The statistics that decide which planes a film has, and how many values a pixel has in each.
 #[derive(Clone, Copy)]
@@ -19,7 +18,7 @@ macro_rules! planes {
         $($(#[$doc:meta])* $plane:ident: $Value:ty = $empty:expr, $each:expr;)*
     }) => {
         $(#[$about])*
-        #[derive(Clone, Debug, Default, PartialEq)]
+        #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
         pub(crate) struct $Planes {
             $($(#[$doc])* pub(crate) $plane: Vec<$Value>,)*
         }
@@ -41,9 +40,9 @@ macro_rules! planes {
                 0 $(+ size_of::<$Value>() * $each as usize)*
             }
 
-            /// The least bytes of a pixel in all planes of a checkpoint.
-            pub(crate) fn least_bytes($layout: &Layout) -> usize {
-                0 $(+ <$Value as Value>::LEAST * $each as usize)*
+            /// Returns `true` if each plane has as many values as the pixels need, and no value is NaN or infinite.
+            pub(crate) fn is_sound(&self, pixels: usize, $layout: &Layout) -> bool {
+                true $(&& self.$plane.len() == pixels * $each as usize && self.$plane.iter().all(Sound::is_sound))*
             }
 
             /// The part of the planes inside a window.
@@ -54,17 +53,6 @@ macro_rules! planes {
             /// Puts a part back.
             pub(crate) fn paste(&mut self, window: &Window, part: Self) {
                 $(window.paste(&mut self.$plane, part.$plane);)*
-            }
-
-            /// Writes all planes.
-            pub(crate) fn put(&self, to: &mut Writer) {
-                $(Value::put(&self.$plane, to);)*
-            }
-
-            /// Reads as many values as the planes have places.
-            pub(crate) fn take(&mut self, from: &mut Reader<'_>) -> Result<(), Broken> {
-                $(Value::take(from, &mut self.$plane)?;)*
-                Ok(())
             }
 
             #[allow(dead_code, reason = "kept and discarded samples alone change places")]
@@ -90,7 +78,7 @@ macro_rules! planes {
 
 planes! {
     /// Statistics of kept or of discarded samples, of one half or of all.
-    Bank, BankRows(layout) {
+    Half, HalfRows(layout) {
         /// The number of samples.
         counts: u64 = 0, 1;
         /// Mean radiance.
@@ -103,10 +91,6 @@ planes! {
         indirect: [f32; 3] = [0.0; 3], layout.needs.indirect;
         /// Sums of squared deviations of the indirect light.
         indirect_m2: [f32; 3] = [0.0; 3], layout.needs.indirect && layout.needs.variance;
-        /// Means of the values beside the radiance.
-        channels: f32 = 0.0, layout.needs.channels;
-        /// Sums of squared deviations of the values beside the radiance.
-        channels_m2: f32 = 0.0, if layout.needs.variance { layout.needs.channels } else { 0 };
         /// The words of the recorders.
         words: Vec<u32> = Vec::new(), layout.recorders;
     }
@@ -126,38 +110,30 @@ planes! {
     }
 }
 
-/// A value of a plane, as bytes of a checkpoint.
-pub(crate) trait Value: Clone {
-    /// The least bytes of a value.
-    const LEAST: usize;
-    fn put(values: &[Self], to: &mut Writer);
-    /// Reads as many values as there are places.
-    fn take(from: &mut Reader<'_>, to: &mut [Self]) -> Result<(), Broken>;
+/// A value of a plane.
+pub(crate) trait Sound {
+    /// Returns `false` for values that are NaN or infinite.
+    fn is_sound(&self) -> bool;
 }
 
-impl<T: Number> Value for T {
-    const LEAST: usize = T::SIZE;
-
-    fn put(values: &[Self], to: &mut Writer) {
-        to.numbers(values);
-    }
-
-    fn take(from: &mut Reader<'_>, to: &mut [Self]) -> Result<(), Broken> {
-        from.fill(to)?;
-        if to.iter().all(Number::is_sound) { Ok(()) } else { Err(Broken("a statistic is NaN or infinite")) }
-    }
+macro_rules! sound {
+    ($($Value:ty: $sound:expr;)*) => {$(
+        impl Sound for $Value {
+            fn is_sound(&self) -> bool {
+                let sound: fn(&Self) -> bool = $sound;
+                sound(self)
+            }
+        }
+    )*};
 }
 
-impl Value for Vec<u32> {
-    const LEAST: usize = 8;
-
-    fn put(values: &[Self], to: &mut Writer) {
-        values.iter().for_each(|words| to.list(words));
-    }
-
-    fn take(from: &mut Reader<'_>, to: &mut [Self]) -> Result<(), Broken> {
-        to.iter_mut().try_for_each(|words| from.list().map(|read| *words = read))
-    }
+sound! {
+    u64: |_| true;
+    Vec<u32>: |_| true;
+    [f32; 3]: |values| values.iter().all(|x| x.is_finite());
+    [f64; 3]: |values| values.iter().all(|x| x.is_finite());
+    FeatureMoments: |features| features.emission.mean.iter().all(Sound::is_sound);
+    Option<FirstHit>: |hit| hit.as_ref().is_none_or(FirstHit::is_finite);
 }
 
 /// A rectangle of a window, cut out of planes and pasted back.
@@ -180,7 +156,7 @@ impl Window {
     }
 
     /// The runs of a plane's values inside the rectangle, if the plane has `each` values per pixel.
-    fn runs(&self, each: usize) -> impl Iterator<Item = std::ops::Range<usize>> + use<> {
+    pub(crate) fn runs(&self, each: usize) -> impl Iterator<Item = std::ops::Range<usize>> + use<> {
         let (first, [stride, width]) = (self.first, self.strides);
         (0..self.rows).map(move |row| (first + row * stride) * each..(first + row * stride + width) * each)
     }
@@ -205,7 +181,7 @@ fn exchange<T>(one: &mut [T], other: &mut [T], marked: &[bool]) {
     }
 }
 
-impl Bank {
+impl Half {
     /// Count, mean and sum of squared deviations of the samples of pixel `i`; deviations are NaN if they are not recorded.
     pub(super) fn moments(&self, i: usize) -> RgbMoments {
         RgbMoments { count: self.counts[i], mean: self.means[i], m2: self.m2.get(i).copied().unwrap_or([f64::NAN; 3]) }

@@ -1,13 +1,14 @@
 //! The record of a render: rounds, totals, and rejected samples.
 
 use crate::SampleId;
+use serde::{Deserialize, Serialize};
 
 /// The largest number of rejected samples that the film lists. [`Record::rejected`] counts all.
 pub(crate) const REJECTED_LISTED: usize = 1024;
 
 /// The reason why a sample is rejected.
 #[non_exhaustive]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum RejectedReason {
     /// A channel of the radiance was NaN or infinite.
     NotFinite,
@@ -25,7 +26,7 @@ impl RejectedReason {
 
 /// A sample that was rejected as NaN, infinite or negative. It counts as black, and can be replayed with the point set.
 #[non_exhaustive]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Rejected {
     /// The pixel, stream and index of the rejected sample.
     pub sample: SampleId,
@@ -35,7 +36,7 @@ pub struct Rejected {
 
 /// The sample count and timings of one round: a batch of samples that are planned together.
 #[non_exhaustive]
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RoundRecord {
     /// The number of samples traced in the round.
     pub samples: u64,
@@ -49,9 +50,9 @@ pub struct RoundRecord {
 
 /// The budgets, rounds, totals and timings of a render.
 #[non_exhaustive]
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// The total sample budget in force at each plan. [`Budget::Recorded`](crate::Budget::Recorded) replays it.
+    /// The total sample budget in force at each plan.
     pub budgets: Vec<u64>,
     /// The sample counts and timings of the rounds, in order.
     pub rounds: Vec<RoundRecord>,
@@ -71,8 +72,10 @@ pub struct Record {
     pub rejected: u64,
     /// The relMSE of the filtered image, as an error limit with [`Render::error_of`](crate::Render::error_of) last
     /// predicted it.
+    #[serde(skip)]
     pub filtered_relmse: Option<f64>,
     /// `true` if a monitor stopped the render before its limits.
+    #[serde(skip)]
     pub interrupted: bool,
 }
 

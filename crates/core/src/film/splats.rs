@@ -1,6 +1,7 @@
 //! Splats: light that samples add to pixels other than their own.
 
 use crate::{Frame, RejectedReason};
+use serde::{Deserialize, Serialize};
 
 /// The unit of the sums: 2^-64.
 const UNIT: f64 = 18_446_744_073_709_551_616.0;
@@ -10,7 +11,7 @@ const LARGEST: f32 = 9.0e17;
 /// The sums of all splats per pixel, for each half of the samples.
 ///
 /// Sums are whole numbers of 2^-64, so that they have the same bits in whatever order splats arrive.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Splats {
     /// The window of the planes; `None` without planes.
     pub(crate) frame: Option<Frame>,
@@ -22,11 +23,13 @@ pub(crate) struct Splats {
 
 impl Splats {
     pub(crate) fn new(frame: Frame, halves: usize) -> Self {
-        Self::of_sums(frame, vec![vec![[0; 3]; frame.pixels()]; halves], [0; 2])
+        Self { frame: Some(frame), sums: vec![vec![[0; 3]; frame.pixels()]; halves], samples: [0; 2] }
     }
 
-    pub(crate) fn of_sums(frame: Frame, sums: Vec<Vec<[i128; 3]>>, samples: [u64; 2]) -> Self {
-        Self { frame: Some(frame).filter(|_| !sums.is_empty()), sums, samples }
+    /// Returns `true` for so many planes of the window's pixels.
+    pub(crate) fn is_sound(&self, planes: usize) -> bool {
+        let pixels = self.frame.map_or(0, |frame| frame.pixels());
+        self.sums.len() == planes && self.sums.iter().all(|sums| sums.len() == pixels)
     }
 
     /// Empty planes of the same window.

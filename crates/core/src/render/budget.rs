@@ -1,8 +1,10 @@
-//! Conversion of budgets of time and error into numbers of samples.
+//! Conversion of budgets of time and error into numbers of samples, and the time that a render takes.
 
 use super::feature_samples::Turn;
-use super::holdout::Prediction;
-use crate::{Budget, BudgetLeft, Error, Film, Frame, Limits, Needs};
+use super::filtered_error::Prediction;
+use crate::{Budget, BudgetLeft, Error, Film, Filter, Frame, Limits, Needs};
+use std::ops::Range;
+use std::time::Instant;
 
 /// Computes the sample budget of each plan from the user's budget, and extends it when it is spent.
 pub(super) struct Meter {
@@ -11,8 +13,6 @@ pub(super) struct Meter {
     min_spp: u32,
     max_spp: u32,
     total: u64,
-    /// The number of plans so far; it indexes the budgets of a replayed record.
-    barrier: usize,
     /// The seconds of a time limit that are reserved for the filter; `None` before they are measured.
     filter_seconds: Option<f64>,
 }
@@ -52,7 +52,6 @@ impl Meter {
             // One sample per pixel shows the cost of samples; four in two halves show their error.
             Budget::Seconds(_) => pixels * u64::from(min_spp.max(1)),
             Budget::Error { at_most, .. } => (pixels * u64::from(min_spp.max(4))).min(*at_most),
-            Budget::Recorded(totals) => totals.first().copied().unwrap_or(0),
         };
         let (needed, most) = (pixels * u64::from(min_spp), pixels * u64::from(max_spp));
         if total < needed || total == 0 {
@@ -61,7 +60,7 @@ impl Meter {
         if total > most && limits.budget.is_of_samples() {
             return Err(Error::BudgetTooLarge { budget: total, most, pixels: frame.pixels() });
         }
-        Ok(Self { budget: limits.budget.clone(), pixels, min_spp, max_spp, total, barrier: 0, filter_seconds: None })
+        Ok(Self { budget: limits.budget, pixels, min_spp, max_spp, total, filter_seconds: None })
     }
 
     pub(super) fn needs(&self) -> Needs {
@@ -89,14 +88,8 @@ impl Meter {
     /// Returns when features are sampled alone. A time limit sees the cost of samples first: the second round begins with
     /// features if it allows enough samples.
     pub(super) fn features(&self, round: u32) -> Turn {
-        let first = self.pixels * u64::from(self.min_spp.max(1));
-        let is_timed = match &self.budget {
-            Budget::Seconds(_) => true,
-            Budget::Recorded(totals) => totals.first() == Some(&first),
-            _ => false,
-        };
         match round {
-            _ if !is_timed => Turn::First,
+            _ if self.seconds().is_none() => Turn::First,
             1 if self.total >= BESIDE_FEATURES * self.pixels => Turn::Now,
             _ => Turn::Never,
         }
@@ -113,16 +106,9 @@ impl Meter {
     }
 
     /// Restores the budget from a snapshot. A budget of time or error continues with the sample total at the snapshot.
-    pub(super) fn restore(&mut self, film: &Film, total: u64, planned: u64) -> Result<(), Error> {
-        let shown = &film.record().budgets;
-        self.barrier = shown.len();
-        match &self.budget {
-            Budget::Recorded(totals) if !totals.starts_with(shown) => {
-                let what = "its budgets are not those of the record".into();
-                return Err(Error::OtherRender { what });
-            }
-            Budget::Samples(_) | Budget::PerPixel(_) => {}
-            _ => self.total = total,
+    pub(super) fn restore(&mut self, total: u64, planned: u64) -> Result<(), Error> {
+        if !self.budget.is_of_samples() {
+            self.total = total;
         }
         if self.total < planned {
             let what = format!("{planned} samples are traced or planned already, and the budget is {}", self.total);
@@ -139,24 +125,16 @@ impl Meter {
 
     /// Returns the budget for planning round `round`, after `seconds` of rendering.
     pub(super) fn show(&mut self, film: &Film, round: u32, seconds: f64) -> BudgetLeft {
-        let reserved = self.filter_seconds.unwrap_or(0.0);
-        match &self.budget {
-            Budget::Recorded(totals) => {
-                self.total = totals.get(self.barrier).copied().unwrap_or(self.total);
-            }
+        if let (Some(limit), 1) = (self.seconds(), round) {
             // The first round showed the cost of samples: plan the rest at once.
-            Budget::Seconds(limit) if round == 1 => {
-                let left = (limit - reserved - seconds) * (1.0 - RESERVE);
-                let all = self.affordable(film, left);
-                let features = self.samples_for_features(film);
-                let enough = all >= features.saturating_add(BESIDE_FEATURES * self.pixels);
-                let most = BESIDE_FEATURES * self.pixels - 1;
-                let all = if enough { all - features } else { all.min(most) };
-                self.total = self.total.max(all.min(self.pixels * u64::from(self.max_spp)));
-            }
-            _ => {}
+            let left = (limit - self.filter_seconds.unwrap_or(0.0) - seconds) * (1.0 - RESERVE);
+            let all = self.affordable(film, left);
+            let features = self.samples_for_features(film);
+            let enough = all >= features.saturating_add(BESIDE_FEATURES * self.pixels);
+            let most = BESIDE_FEATURES * self.pixels - 1;
+            let all = if enough { all - features } else { all.min(most) };
+            self.total = self.total.max(all.min(self.pixels * u64::from(self.max_spp)));
         }
-        self.barrier += 1;
         self.left(film)
     }
 
@@ -167,7 +145,6 @@ impl Meter {
         let before = self.total;
         match &self.budget {
             Budget::Samples(_) | Budget::PerPixel(_) => return false,
-            Budget::Recorded(totals) => return self.barrier < totals.len(),
             Budget::Seconds(limit) => {
                 let left = limit - self.filter_seconds.unwrap_or(0.0) - seconds;
                 if left < ENOUGH * limit {
@@ -210,5 +187,108 @@ impl Meter {
         let seconds: f64 = film.record().rounds.iter().map(|round| round.plan_seconds + round.trace_seconds).sum();
         let rate = spent as f64 / seconds.max(1e-6);
         spent.saturating_add((rate * left.max(0.0)) as u64)
+    }
+}
+
+/// A stopwatch for wall time that leaves out the time in the monitor.
+pub(super) struct Clock {
+    start: Instant,
+    away: f64,
+}
+
+impl Clock {
+    /// Starts a stopwatch that shows `seconds` now.
+    pub(super) fn start(seconds: f64) -> Self {
+        Self { start: Instant::now(), away: -seconds }
+    }
+
+    pub(super) fn seconds(&self) -> f64 {
+        self.start.elapsed().as_secs_f64() - self.away
+    }
+
+    /// Takes back the time since the stopwatch showed `seconds`.
+    pub(super) fn leave_out_since(&mut self, seconds: f64) {
+        self.away += self.seconds() - seconds;
+    }
+}
+
+/// The part of an image, as a fraction of its rows, on which a filter is timed.
+const PART: u32 = 16;
+/// The least number of pixels on which a filter is timed; smaller images are filtered whole. More would take a large part
+/// of a short limit.
+const LEAST: u32 = 1 << 12;
+
+/// The rows of the window, in the middle of the image, on which a filter is timed.
+pub(super) fn timed_rows(frame: &Frame) -> Range<u32> {
+    let [width, height] = frame.size();
+    let rows = (height / PART).max(LEAST.div_ceil(width)).min(height);
+    let top = (height - rows) / 2;
+    top..top + rows
+}
+
+/// Estimates the wall seconds that a filter takes on an image of some height: the time that it takes on some rows, in
+/// proportion to the pixels. 0 if the filter refuses them.
+///
+/// A quarter of the rows is filtered before, untimed: the first run may start threads or load a library.
+pub(super) fn time_of(filter: &dyn Filter, part: &Film, height: u32) -> f64 {
+    let rows = part.frame.size()[1];
+    if part.of_rows(0..rows.div_ceil(4)).and_then(|quarter| filter.apply(&quarter)).is_err() {
+        return 0.0;
+    }
+    let clock = Instant::now();
+    let is_done = filter.apply(part).is_ok();
+    let seconds = if is_done { clock.elapsed().as_secs_f64() } else { 0.0 };
+    seconds * f64::from(height) / f64::from(rows)
+}
+
+/// The filter's time for a film with `more` times as many samples, relative to its time for `spp` samples per pixel.
+pub(super) fn growth(filter: &dyn Filter, needs: &Needs, spp: f64, more: f64) -> f64 {
+    let runs = |spp: f64| f64::from(filter.runs(needs, spp).max(1));
+    runs(spp * more.max(1.0)) / runs(spp)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Error, Filtered, Needs};
+    use std::time::Duration;
+
+    /// A filter that takes 50 ns per pixel, or refuses every film.
+    struct Slow(bool);
+
+    impl Filter for Slow {
+        fn name(&self) -> &str {
+            "slow"
+        }
+
+        fn runs(&self, _: &Needs, spp: f64) -> u32 {
+            if spp < 16.0 { 1 } else { 3 }
+        }
+
+        fn apply(&self, film: &Film) -> Result<Filtered, Error> {
+            if self.0 {
+                return Err(Error::NotRecorded { who: "slow".into(), what: "anything" });
+            }
+            std::thread::sleep(Duration::from_nanos(50 * film.frame().pixels() as u64));
+            Ok(Filtered::new(film.frame().size(), film.image()))
+        }
+    }
+
+    #[test]
+    fn a_filter_is_timed_on_a_part_of_the_image() {
+        let frame = Frame::new(1024, 700).unwrap().crop(0, 100, 1024, 612).unwrap();
+        let film = Film::new(frame, Needs::none());
+        let part = film.of_rows(timed_rows(&frame)).unwrap();
+        let whole = 50e-9 * 1024.0 * 512.0;
+        let estimated = time_of(&Slow(false), &part, 512);
+        assert!((whole..5.0 * whole).contains(&estimated), "{estimated} for {whole}");
+        assert_eq!(time_of(&Slow(true), &part, 512), 0.0);
+    }
+
+    #[test]
+    fn a_filter_that_runs_more_often_on_more_samples_gets_more_time() {
+        for (spp, more, wanted) in [(4.0, 3.9, 1.0), (4.0, 4.0, 3.0), (32.0, 4.0, 1.0), (16.0, 0.1, 1.0)] {
+            assert_eq!(growth(&Slow(false), &Needs::none(), spp, more), wanted, "{spp} spp, {more} times as many");
+        }
     }
 }

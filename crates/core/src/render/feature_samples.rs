@@ -69,7 +69,7 @@ pub(super) fn add(
     let wanted = Needs { features: true, emission: needs.emission, ..Needs::none() };
     let mut cost = Cost::default();
     let mut next = |moments: &mut FeatureMoments, stream: u32, index: u64| {
-        let draws = Draws::of_round(points, SampleId::new(pixel, stream, index), &wanted);
+        let draws = Draws::for_film(points, SampleId::new(pixel, stream, index), wanted);
         let estimate = sample(&draws)?;
         record_first_hit([Some(moments), None], &mut [], u64::MAX, &estimate);
         cost.rays += u64::from(estimate.cost);

@@ -1,79 +1,11 @@
-//! Planning of a session's rounds: budgets, clocks and predictions before a plan, and checks of the plan.
+//! Checks of plans, and rounds that begin with one.
 
-use super::filter_time;
-use super::holdout::{Holdout, Prediction};
-use super::session::{Session, State};
-use crate::snapshot::{Cursor, OpenRound};
-use crate::{BudgetLeft, Error, Feedback, Film, Plan, Progress, Retention, Sampler};
-
-impl Session<'_> {
-    /// Requests the plan of the next round from the sampler; `None` at the end of the render.
-    pub(super) fn plan(&mut self) -> Result<Option<OpenRound>, Error> {
-        self.reserve_for_filter()?;
-        let planning = self.clock.seconds();
-        loop {
-            let seconds = self.clock.seconds();
-            let State { film, round, .. } = &mut self.state;
-            let budget = self.meter.show(film, *round, seconds);
-            film.record.budgets.push(budget.total);
-            let mut plan = Plan::empty(film.frame.pixels());
-            let seen = Feedback { round: *round, film, budget };
-            if self.sampler.next_round(&seen, &mut plan)? == Progress::Trace {
-                check(&plan, film, &*self.sampler, &budget)?;
-                return Ok(Some(begin(plan, film, self.clock.seconds() - planning)));
-            }
-            let predicted = self.predict()?;
-            if !self.meter.extend(&self.state.film, self.clock.seconds(), predicted) {
-                // The time of the last prediction belongs to the last round.
-                if let Some(last) = self.state.film.record.rounds.last_mut() {
-                    last.plan_seconds += self.clock.seconds() - planning;
-                }
-                return Ok(None);
-            }
-        }
-    }
-
-    /// Reserves a part of a time limit for the filter, measured after the first round.
-    pub(super) fn reserve_for_filter(&mut self) -> Result<(), Error> {
-        let film = &self.state.film;
-        let Some(limit) = self.meter.seconds().filter(|_| film.record.samples > 0) else { return Ok(()) };
-        if self.meter.filter_seconds().is_some() {
-            return Ok(());
-        }
-        let mut seconds = 0.0;
-        if let Some(filter) = &self.filter {
-            let part = film.of_rows(filter_time::rows(&film.frame))?;
-            let measured = filter_time::estimate(filter, &part, film.frame.size()[1]);
-            let spp = film.record.samples as f64 / film.frame.pixels() as f64;
-            let traced: f64 = film.record.rounds.iter().map(|round| round.trace_seconds).sum();
-            seconds = measured * filter_time::growth(filter, &film.needs, spp, limit / traced);
-        }
-        self.meter.reserve(seconds);
-        Ok(())
-    }
-
-    /// Predicts the error that an error limit concerns; `None` without such a limit. A filter without an estimate leaves the
-    /// limit with the unfiltered image.
-    pub(super) fn predict(&mut self) -> Result<Option<Prediction>, Error> {
-        if self.meter.goal().is_none() {
-            return Ok(None);
-        }
-        let State { film, holdout, .. } = &mut self.state;
-        if let Some(filter) = self.filter.as_ref().filter(|_| self.judged) {
-            *holdout = Holdout::next(holdout.take(), film, filter)?;
-            if let Some(holdout) = holdout {
-                let prediction = holdout.prediction();
-                film.record.filtered_relmse = Some(prediction.relmse);
-                return Ok(Some(prediction));
-            }
-            self.judged = false;
-        }
-        Ok(Some(Prediction::unfiltered(film)))
-    }
-}
+use super::state::{Cursor, OpenRound};
+use super::turns::{Order, Turns};
+use crate::{BudgetLeft, Error, Film, Plan, Retention, Sampler};
 
 /// Applies a plan's withdrawals and discarding to the film, and returns the round to trace.
-fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {
+pub(super) fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {
     if plan.retention == Retention::Discard {
         film.open_discarded();
     }
@@ -113,8 +45,7 @@ pub(super) fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &Bu
     }
     let mut deepest = 0;
     for i in 0..pixels {
-        let (first, others) = (u64::from(plan.counts[i]), second.map(|s| u64::from(s[i])));
-        let more = first + others.unwrap_or(0);
+        let more = u64::from(plan.counts[i]) + second.map_or(0, |s| u64::from(s[i]));
         let withdrawn = withdraw.is_some_and(|w| w[i]);
         if withdrawn && more == 0 {
             return bad("it withdraws all samples of a pixel and traces none".into());
@@ -123,12 +54,15 @@ pub(super) fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &Bu
         if kept && more > 0 && before + more > u64::from(budget.max_spp) {
             return bad(format!("a pixel gets {} samples, above max_spp = {}", before + more, budget.max_spp));
         }
-        let more = match others {
-            Some(others) => Planned::Halves(first, others),
-            None if film.kept.len() == 2 => Planned::Alternating(first),
-            None => Planned::Whole(first),
+        let halves = if kept { &film.kept } else { &film.discarded };
+        let of = |half: usize| {
+            halves.get(half).map_or([0; 2], |planes| [planes.counts[i], film.next_index(plan.retention, half, i)])
         };
-        deepest = deepest.max(used_after((film, plan.retention), i, more, withdrawn));
+        let [[a, next_a], [b, next_b]] = [0, 1].map(of);
+        let lead = if withdrawn { 0 } else { a as i64 - b as i64 };
+        let turns = Turns { counts: [plan.counts[i], second.map_or(0, |s| s[i])], next: [next_a, next_b], lead };
+        let [more_a, more_b] = turns.halves(Order::of(plan, film.kept.len() == 2));
+        deepest = deepest.max(next_a + more_a).max(next_b + more_b);
     }
     let points = sampler.points();
     if deepest > points.capacity() {
@@ -136,30 +70,4 @@ pub(super) fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &Bu
         return Err(Error::SequenceExhausted { points, capacity, requested: deepest });
     }
     Ok(())
-}
-
-/// The number of additional samples of a pixel in a round, by half.
-enum Planned {
-    Whole(u64),
-    Alternating(u64),
-    Halves(u64, u64),
-}
-
-/// The number of points that pixel `i` will have used after `more` samples: the larger number of its two streams (point
-/// sequences).
-fn used_after((film, retention): (&Film, Retention), i: usize, more: Planned, withdrawn: bool) -> u64 {
-    let banks = if retention == Retention::Keep { &film.kept } else { &film.discarded };
-    let used = |half: usize| banks.get(half).map_or(0, |_| film.next_index(retention, half, i));
-    let counted = |half: usize| banks.get(half).filter(|_| !withdrawn).map_or(0, |bank| bank.counts[i]);
-    let [first, second] = match more {
-        Planned::Whole(n) => [n, 0],
-        Planned::Halves(a, b) => [a, b],
-        Planned::Alternating(n) => {
-            // Samples go to the half with fewer of them until both are level.
-            let (a, b) = (counted(0), counted(1));
-            let first = (a + b + n).div_ceil(2).clamp(a, a + n) - a;
-            [first, n - first]
-        }
-    };
-    (used(0) + first).max(used(1) + second)
 }

@@ -1,11 +1,12 @@
 //! Rounds of a session, cut into tiles.
 
-use super::clock::Clock;
+use super::budget::Clock;
 use super::feature_samples::Turn;
-use super::session::State;
+use super::state::{OpenRound, State};
 use super::tile::{Tile, area};
+use crate::film::Window;
 use crate::snapshot::{Planner, SavedSampler, View};
-use crate::{Draws, Error, Estimate, Frame, InvalidSample, Limits, PointSet, Retention, Sampler};
+use crate::{Draws, Error, Estimate, Film, Frame, InvalidSample, Limits, PointSet, Sampler};
 use rayon::prelude::*;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -71,12 +72,7 @@ impl<'s> Round<'s> {
         loop {
             let [x0, y0, x1, y1] = shared.areas.next()?;
             let open = shared.state.open.as_ref()?;
-            let tile = Tile::new(
-                self.points,
-                &shared.state.film,
-                (open, self.features),
-                self.frame.crop(x0, y0, x1, y1).ok()?,
-            );
+            let tile = self.cut(&shared.state.film, open, self.frame.crop(x0, y0, x1, y1).ok()?);
             if tile.left() > 0 {
                 return Some(tile);
             }
@@ -94,9 +90,7 @@ impl<'s> Round<'s> {
         let inside = x0 >= window[0] && y0 >= window[1] && x1 <= window[2] && y1 <= window[3];
         let shared = self.lock();
         match (self.frame.crop(x0, y0, x1, y1), &shared.state.open) {
-            (Ok(frame), Some(open)) if inside => {
-                Ok(Tile::new(self.points, &shared.state.film, (open, self.features), frame))
-            }
+            (Ok(frame), Some(open)) if inside => Ok(self.cut(&shared.state.film, open, frame)),
             _ => {
                 let [left, top, right, bottom] = window;
                 let what = format!("it is empty or reaches outside columns {left}..{right} and rows {top}..{bottom}");
@@ -109,7 +103,11 @@ impl<'s> Round<'s> {
     pub fn whole(&self) -> Tile<'s> {
         let shared = self.lock();
         let open = shared.state.open.as_ref().expect("a round is open as long as it is borrowed");
-        Tile::new(self.points, &shared.state.film, (open, self.features), self.frame)
+        self.cut(&shared.state.film, open, self.frame)
+    }
+
+    fn cut(&self, film: &Film, open: &OpenRound, frame: Frame) -> Tile<'s> {
+        Tile::new(self.points, film, (open, self.features), frame)
     }
 
     /// Takes the results of a tile, all of them.
@@ -128,35 +126,25 @@ impl<'s> Round<'s> {
             let missing = tile.missing();
             return bad(format!("results of {missing} of its samples are missing; add one for each of Tile::samples"));
         }
-        if let (InvalidSample::Fail, Some((sample, value))) = (self.limits.invalid, tile.invalid) {
+        if let (InvalidSample::Fail, Some((sample, value))) = (self.limits.invalid, tile.tally.first_rejected) {
             return Err(Error::InvalidSample { sample, value, points: self.points.describe() });
         }
         let mut shared = self.lock();
         let State { film, open, .. } = &mut *shared.state;
         let Some(open) = open else { return bad("its round is over".into()) };
-        let width = film.frame.size()[0] as usize;
-        let first = (area[1] - film.frame.origin()[1]) as usize * width + (area[0] - film.frame.origin()[0]) as usize;
-        let rows = (0..(area[3] - area[1]) as usize).map(|row| first + row * width);
-        let ranges: Vec<_> = rows.map(|start| start..start + (area[2] - area[0]) as usize).collect();
-        let mut counts = [Some(&mut open.plan.counts), open.plan.second_half.as_mut()].into_iter().flatten();
-        let planned =
-            |counts: &[u32]| ranges.iter().cloned().flat_map(|r| &counts[r]).map(|&n| u64::from(n)).sum::<u64>();
-        let all = tile.film.record.samples;
-        let (first, second) = (counts.next(), counts.next());
-        let left = [&first, &second].into_iter().flatten().map(|c| planned(c)).sum::<u64>();
-        if left != all {
+        let pixels: Vec<_> = Window::new(&film.frame, &tile.film.frame).runs(1).flatten().collect();
+        let mut counts: Vec<_> =
+            [Some(&mut open.plan.counts), open.plan.second_half.as_mut()].into_iter().flatten().collect();
+        let (all, of) =
+            (tile.tally.total(), |counts: &[u32]| pixels.iter().map(|&i| u64::from(counts[i])).sum::<u64>());
+        if counts.iter().map(|counts| of(counts)).sum::<u64>() != all {
             return bad("some of its pixels were submitted already; trace each pixel once in a round".into());
         }
-        for counts in [first, second].into_iter().flatten() {
-            ranges.iter().cloned().for_each(|range| counts[range].fill(0));
-        }
+        counts.iter_mut().for_each(|counts| pixels.iter().for_each(|&i| counts[i] = 0));
         open.submitted += all;
-        let retention: Retention = tile.retention;
+        let retention = tile.retention;
         film.put_back(tile.film, retention);
-        film.add_splats(tile.splats);
-        if retention == Retention::Keep {
-            film.splats.count(tile.halves);
-        }
+        tile.tally.add_to(film, retention);
         Ok(())
     }
 
@@ -180,11 +168,8 @@ impl<'s> Round<'s> {
     /// far. Tiles that are still being traced will be traced again by the render that continues.
     pub fn snapshot(&self) -> Vec<u8> {
         let shared = self.lock();
-        let State { film, round, open, passes, holdout, stage, .. } = &*shared.state;
-        let (seconds, holdout, open) = (self.clock.seconds(), holdout.as_ref(), open.as_ref());
-        let (total, sampler, limits) = (self.total, Planner::Saved(&self.sampler), self.limits);
-        let stage = stage.as_ref();
-        View { film, round: *round, open, passes, holdout, total, seconds, sampler, limits, stage }.write()
+        let (sampler, bounds) = (Planner::Saved(&self.sampler), [self.limits.min_spp, self.limits.max_spp]);
+        View { state: shared.state, sampler, bounds, total: self.total, seconds: self.clock.seconds() }.write()
     }
 
     fn lock(&self) -> MutexGuard<'_, Shared<'s>> {

@@ -1,35 +1,18 @@
 //! The engine of a render: rounds planned by a sampler, traced by whoever asks for them.
 
-use super::budget::Meter;
-use super::clock::Clock;
-use super::holdout::Holdout;
-use super::methods::Methods;
-use super::plan::check;
+use super::budget;
+use super::budget::{Clock, Meter};
+use super::filtered_error::{FilteredError, Prediction};
+use super::monitor::{Control, Monitor, Status};
+use super::plan::{begin, check};
 use super::pull::Round;
-use super::round::Stopped;
-use super::stage::Stage;
-use super::{Monitor, Status};
-use crate::snapshot::{OpenRound, Planner, View};
+use super::state::{OpenRound, State, Stopped};
+use crate::snapshot::{Planner, View};
 use crate::{
-    Error, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, Retention, RoundRecord, Sampler, Snapshot,
-    TrainingData, Unfiltered,
+    Error, Feedback, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, Plan, Progress, Recorder, Retention,
+    RoundRecord, Sampler, Snapshot, Unfiltered,
 };
-
-/// The state of a render between slices.
-pub(super) struct State {
-    pub(super) film: Film,
-    pub(super) round: u32,
-    /// The round being traced, if any; the next one is planned after it.
-    pub(super) open: Option<OpenRound>,
-    /// The data of all training passes so far, to replay on resuming.
-    pub(super) passes: Vec<TrainingData>,
-    /// The filtered image of the last prediction, if an error limit concerns a filtered image.
-    pub(super) holdout: Option<Holdout>,
-    /// The number of the pass that the integrator is prepared for; `None` before the first and after a resumption.
-    pub(super) prepared: Option<u32>,
-    /// The stage of which the film has some rows; `None` for a film of the whole window.
-    pub(super) stage: Option<Stage>,
-}
+use std::sync::Arc;
 
 /// A render whose loop belongs to the caller: it asks for rounds, traces their samples where and how it likes, and gives
 /// the results back.
@@ -146,12 +129,11 @@ impl<'a> Session<'a> {
         }
         let (state, seconds) = match snapshot {
             None => {
-                let film = Film::with_recorders(frame, needs, recorders);
-                let (open, passes, holdout, prepared, stage) = (None, Vec::new(), None, None, None);
-                (State { film, round: 0, open, passes, holdout, prepared, stage }, 0.0)
+                let (film, passes) = (Film::with_recorders(frame, needs, recorders), Vec::new());
+                (State { film, round: 0, open: None, passes, filtered_error: None, prepared: None, stage: None }, 0.0)
             }
             Some(mut snapshot) => {
-                snapshot.film.resume_recorders(recorders)?;
+                snapshot.state.film.resume_recorders(recorders)?;
                 continued(snapshot, &mut *sampler, &mut meter, (&needs, limits), &frame)?
             }
         };
@@ -245,10 +227,9 @@ impl<'a> Session<'a> {
 
     /// The content of a snapshot.
     pub(super) fn view(&self, seconds: f64) -> View<'_> {
-        let State { film, round, open, passes, holdout, stage, .. } = &self.state;
-        let (open, holdout, stage) = (open.as_ref(), holdout.as_ref(), stage.as_ref());
-        let (total, sampler, limits) = (self.meter.left(film).total, Planner::Sampler(&*self.sampler), &self.limits);
-        View { film, round: *round, open, passes, holdout, total, seconds, sampler, limits, stage }
+        let (state, sampler) = (&self.state, Planner::Sampler(&*self.sampler));
+        let (bounds, total) = ([self.limits.min_spp, self.limits.max_spp], self.meter.left(&state.film).total);
+        View { state, sampler, bounds, total, seconds }
     }
 
     /// Makes an integrator learn the training passes so far.
@@ -306,17 +287,13 @@ impl<'a> Session<'a> {
     }
 
     /// Calls the monitor between two slices. Its time is not the render's.
-    pub(super) fn show<T>(
-        &mut self,
-        monitor: &mut dyn Monitor,
-        show: impl FnOnce(&mut dyn Monitor, &Status<'_>) -> T,
-    ) -> T {
+    fn show<T>(&mut self, monitor: &mut dyn Monitor, show: impl FnOnce(&mut dyn Monitor, &Status<'_>) -> T) -> T {
         let seconds = self.clock.seconds();
         let view = self.view(seconds);
         let status = Status {
-            film: view.film,
-            round: view.round,
-            samples: view.film.record.samples,
+            film: &view.state.film,
+            round: view.state.round,
+            samples: view.state.film.record.samples,
             expected: view.total,
             seconds,
             seconds_limit: self.meter.seconds(),
@@ -328,12 +305,83 @@ impl<'a> Session<'a> {
         answer
     }
 
+    /// Shows the state of the session to a monitor, as a render does after a slice.
+    pub fn show_to(&mut self, monitor: &mut dyn Monitor) -> Control {
+        self.show(monitor, |monitor, status| monitor.slice(status))
+    }
+
     /// Shows the end of the render to the monitor. A resumed render plans the last round again, so the snapshot has no
     /// budget for it.
-    pub(super) fn show_end(&mut self, monitor: &mut dyn Monitor) {
+    pub fn show_end_to(&mut self, monitor: &mut dyn Monitor) {
         let shown = self.state.film.record.budgets.pop();
         self.show(monitor, |monitor, status| monitor.end(status));
         self.state.film.record.budgets.extend(shown);
+    }
+}
+
+impl Session<'_> {
+    /// Requests the plan of the next round from the sampler; `None` at the end of the render.
+    pub(super) fn plan(&mut self) -> Result<Option<OpenRound>, Error> {
+        self.reserve_for_filter()?;
+        let planning = self.clock.seconds();
+        loop {
+            let seconds = self.clock.seconds();
+            let State { film, round, .. } = &mut self.state;
+            let budget = self.meter.show(film, *round, seconds);
+            film.record.budgets.push(budget.total);
+            let mut plan = Plan::empty(film.frame.pixels());
+            let seen = Feedback { round: *round, film, budget };
+            if self.sampler.next_round(&seen, &mut plan)? == Progress::Trace {
+                check(&plan, film, &*self.sampler, &budget)?;
+                return Ok(Some(begin(plan, film, self.clock.seconds() - planning)));
+            }
+            let predicted = self.predict()?;
+            if !self.meter.extend(&self.state.film, self.clock.seconds(), predicted) {
+                // The time of the last prediction belongs to the last round.
+                if let Some(last) = self.state.film.record.rounds.last_mut() {
+                    last.plan_seconds += self.clock.seconds() - planning;
+                }
+                return Ok(None);
+            }
+        }
+    }
+
+    /// Reserves a part of a time limit for the filter, measured after the first round.
+    pub(super) fn reserve_for_filter(&mut self) -> Result<(), Error> {
+        let film = &self.state.film;
+        let Some(limit) = self.meter.seconds().filter(|_| film.record.samples > 0) else { return Ok(()) };
+        if self.meter.filter_seconds().is_some() {
+            return Ok(());
+        }
+        let mut seconds = 0.0;
+        if let Some(filter) = &self.filter {
+            let part = film.of_rows(budget::timed_rows(&film.frame))?;
+            let measured = budget::time_of(filter, &part, film.frame.size()[1]);
+            let spp = film.record.samples as f64 / film.frame.pixels() as f64;
+            let traced: f64 = film.record.rounds.iter().map(|round| round.trace_seconds).sum();
+            seconds = measured * budget::growth(filter, &film.needs, spp, limit / traced);
+        }
+        self.meter.reserve(seconds);
+        Ok(())
+    }
+
+    /// Predicts the error that an error limit concerns; `None` without such a limit. A filter without an estimate leaves the
+    /// limit with the unfiltered image.
+    pub(super) fn predict(&mut self) -> Result<Option<Prediction>, Error> {
+        if self.meter.goal().is_none() {
+            return Ok(None);
+        }
+        let State { film, filtered_error, .. } = &mut self.state;
+        if let Some(filter) = self.filter.as_ref().filter(|_| self.judged) {
+            *filtered_error = FilteredError::next(filtered_error.take(), film, filter)?;
+            if let Some(filtered_error) = filtered_error {
+                let prediction = filtered_error.prediction();
+                film.record.filtered_relmse = Some(prediction.relmse);
+                return Ok(Some(prediction));
+            }
+            self.judged = false;
+        }
+        Ok(Some(Prediction::unfiltered(film)))
     }
 }
 
@@ -346,15 +394,88 @@ fn continued(
     frame: &Frame,
 ) -> Result<(State, f64), Error> {
     snapshot.restore_sampler(sampler, needs, frame, limits)?;
-    let Snapshot { film, round, open, passes, total, seconds, holdout, stage, .. } = snapshot;
-    let planned = open.as_ref().map_or(film.record.samples, |open| open.before + open.submitted + open.plan.total());
-    meter.restore(&film, total, planned)?;
+    let Snapshot { state, total, seconds, .. } = snapshot;
+    let (film, open) = (&state.film, state.open.as_ref());
+    let planned = open.map_or(film.record.samples, |open| open.before + open.submitted + open.plan.total());
+    meter.restore(total, planned)?;
     // The rows of a stage were checked where they were planned.
-    if let Some(open) = open.as_ref().filter(|_| stage.is_none()) {
+    if let Some(open) = open.filter(|_| state.stage.is_none()) {
         let rest = open.rest(frame.size()[0] as usize);
         if rest.total() > 0 {
-            check(&rest, &film, sampler, &meter.left(&film))?;
+            check(&rest, film, sampler, &meter.left(film))?;
         }
     }
-    Ok((State { film, round, open, passes, holdout, prepared: None, stage }, seconds))
+    Ok((state, seconds))
+}
+
+/// A sampler and a filter that work together: what a [`Session`](crate::Session) needs besides a frame and limits.
+///
+/// ```
+/// # use dapple_core::{PointSet, SampleId};
+/// # struct Centre;
+/// # impl PointSet for Centre {
+/// #     fn describe(&self) -> String { "centre".into() }
+/// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
+/// #     fn capacity(&self) -> u64 { u64::MAX }
+/// # }
+/// use dapple_core::samplers::Uniform;
+/// use dapple_core::{Methods, Unfiltered};
+///
+/// let unfiltered = Methods::from(Uniform::new(Centre));
+/// let methods = Methods::from((Uniform::new(Centre), Unfiltered));
+/// # assert!(unfiltered.filter.is_none() && methods.filter.is_some());
+/// ```
+pub struct Methods<'a> {
+    /// The sampler, which holds its point set.
+    pub sampler: Box<dyn Sampler + 'a>,
+    /// The filter; `None` leaves each pixel the mean of its own samples.
+    pub filter: Option<Box<dyn Filter + 'a>>,
+    /// The statistics that the film records besides those that sampler and filter need.
+    pub needs: Needs,
+    /// The recorders of the film besides those of the sampler.
+    pub recorders: Vec<Arc<dyn Recorder>>,
+}
+
+impl<'a> Methods<'a> {
+    /// Sets the filter.
+    #[must_use]
+    pub fn with_filter(self, filter: impl Filter + 'a) -> Self {
+        Self { filter: Some(Box::new(filter)), ..self }
+    }
+
+    /// Adds the statistics that the filter needs.
+    pub(super) fn with_filter_needs(mut self) -> Self {
+        if let Some(filter) = &self.filter {
+            self.needs = self.needs.and(filter.needs());
+            self.recorders.extend(filter.recorders());
+        }
+        self
+    }
+
+    /// Adds statistics that the film must record besides those that sampler and filter need.
+    #[must_use]
+    pub fn with_needs(self, needs: Needs) -> Self {
+        Self { needs: self.needs.and(needs), ..self }
+    }
+}
+
+impl<'a> Methods<'a> {
+    /// Adds recorders, such as those of a filter that is applied later.
+    #[must_use]
+    pub fn with_recorders(mut self, recorders: impl IntoIterator<Item = Arc<dyn Recorder>>) -> Self {
+        self.recorders.extend(recorders);
+        self
+    }
+}
+
+impl<'a, S: Sampler + 'a> From<S> for Methods<'a> {
+    fn from(sampler: S) -> Self {
+        Self { sampler: Box::new(sampler), filter: None, needs: Needs::none(), recorders: Vec::new() }
+    }
+}
+
+impl<'a, S: Sampler + 'a, F: Filter + 'a> From<(S, F)> for Methods<'a> {
+    fn from((sampler, filter): (S, F)) -> Self {
+        Methods::from(sampler).with_filter(filter)
+    }
 }

@@ -3,50 +3,13 @@
 //! At a barrier all pixels meet: a sampler plans the next round, or an integrator learns from a training pass. Between two
 //! barriers, rows of the image have nothing to do with each other, so that any machine may trace any of them.
 
-use super::round::{BLOCK, Stopped, learn, prepared_length, trace, training_length};
-use super::session::State;
-use super::{Control, Methods, Monitor, Render, Session};
+use super::round::{BLOCK, learn, pass_length, trace};
+use super::state::{Cursor, OpenRound, Stage, State, Stopped};
+use super::{Methods, Monitor, NoMonitor, Render, Session};
 use crate::film::keep_first;
-use crate::snapshot::{Cursor, OpenRound, View};
-use crate::{Error, Film, Frame, Integrator, Plan, Prepares, Record, Sampler, Snapshot};
+use crate::snapshot::View;
+use crate::{Error, Film, Frame, Integrator, Plan, Record, Sampler, Snapshot};
 use std::ops::Range;
-
-/// The samples of a render between two barriers.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Stage {
-    /// The window of the render.
-    pub(crate) frame: Frame,
-    /// The first row to trace, and the one after the last. The rows above them are traced already.
-    pub(crate) rows: [u32; 2],
-    /// The samples of each pixel at which the integrator's passes end, ascending; the last is the end of the stage.
-    pub(crate) ends: Vec<u32>,
-}
-
-impl Stage {
-    /// The window of the render.
-    pub fn frame(&self) -> Frame {
-        self.frame
-    }
-
-    /// The rows of the window that are to be traced.
-    pub fn rows(&self) -> Range<u32> {
-        self.rows[0]..self.rows[1]
-    }
-
-    /// The number of passes for which an integrator prepares, at least 1.
-    pub fn passes(&self) -> usize {
-        self.ends.len()
-    }
-
-    pub(super) fn end(&self) -> u32 {
-        self.ends.last().copied().unwrap_or(0)
-    }
-
-    /// Samples per pixel of the pass from sample `start`.
-    pub(super) fn pass_length(&self, start: u32) -> u32 {
-        self.ends.iter().find(|end| **end > start).map_or(0, |end| end - start)
-    }
-}
 
 /// The training passes that an integrator has learned and the pass that it is prepared for, from one [`Render::trace_rows`]
 /// to the next. New for a new integrator.
@@ -58,12 +21,7 @@ pub struct Readiness {
 
 /// Rows of a stage that are traced, for [`Session::join`].
 #[derive(Clone, Debug)]
-pub struct TracedRows {
-    film: Film,
-    round: u32,
-    open: Option<OpenRound>,
-    stage: Option<Stage>,
-}
+pub struct TracedRows(State);
 
 impl TracedRows {
     /// Reads the bytes that [`Render::trace_rows`] returns.
@@ -72,8 +30,7 @@ impl TracedRows {
     ///
     /// [`Error::BadSnapshot`] for bytes of another kind or version, damaged or inconsistent ones.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
-        let Snapshot { film, round, open, stage, .. } = Snapshot::from_bytes(bytes)?;
-        Ok(Self { film, round, open, stage })
+        Ok(Self(Snapshot::from_bytes(bytes)?.state))
     }
 }
 
@@ -96,18 +53,12 @@ impl Session<'_> {
         let (film, open) = (&self.state.film, self.state.open.as_ref());
         let Some(open) = open else { return Ok(None) };
         let (Cursor { start, end, row }, longest, height) = (open.cursor, open.longest(), film.frame.size()[1]);
-        let mut ends = Vec::new();
-        match (integrator.wants_training(), integrator.prepares()) {
-            _ if row > 0 => ends.push(end),
-            (true, _) => ends.push(start.saturating_add(training_length(open)).min(longest)),
-            (false, Prepares::EveryPass) => {
-                let mut at = start;
-                while at < longest {
-                    at = at.saturating_add(prepared_length(open, at, film.frame.pixels())).min(longest);
-                    ends.push(at);
-                }
-            }
-            (false, _) => ends.push(longest),
+        let mut ends = if row > 0 { vec![end] } else { Vec::new() };
+        // Integrators learn at the end of a stage, and prepare within one.
+        while ends.last().is_none_or(|at| row == 0 && *at < longest && !integrator.wants_training()) {
+            let at = ends.last().copied().unwrap_or(start);
+            let length = pass_length(integrator, open, at, film.frame.pixels());
+            ends.push(length.map_or(longest, |length| at.saturating_add(length).min(longest)));
         }
         Ok(Some(Stage { frame: film.frame, rows: [row, height], ends }))
     }
@@ -159,7 +110,7 @@ impl Session<'_> {
         open.before -= open.plan.total() - open.rest(width).total();
         let (round, passes, open, stage) =
             (self.state.round, self.state.passes.clone(), Some(open), Some(stage.clone()));
-        Ok(State { film, round, open, passes, holdout: None, prepared: self.state.prepared, stage })
+        Ok(State { film, round, open, passes, filtered_error: None, prepared: self.state.prepared, stage })
     }
 
     /// The state of some rows of a stage as bytes, for [`Render::trace_rows`] on any machine.
@@ -168,8 +119,7 @@ impl Session<'_> {
     ///
     /// [`Error::BadCrop`] for rows outside the window.
     pub fn rows_of(&self, stage: &Stage, rows: Range<u32>) -> Result<Vec<u8>, Error> {
-        let State { film, open, stage, .. } = &self.part(stage, rows)?;
-        Ok(View { film, open: open.as_ref(), holdout: None, stage: stage.as_ref(), ..self.view(0.0) }.write())
+        Ok(View { state: &self.part(stage, rows)?, ..self.view(0.0) }.write())
     }
 
     /// Traces some rows of a stage here; `None` if the monitor stopped it. The monitor sees the film of these rows.
@@ -187,9 +137,9 @@ impl Session<'_> {
         let part = self.part(stage, rows)?;
         let whole = std::mem::replace(&mut self.state, part);
         let traced = trace(integrator, self, monitor);
-        let State { film, round, open, stage, prepared, .. } = std::mem::replace(&mut self.state, whole);
-        self.state.prepared = prepared;
-        Ok((traced? == Stopped::No).then_some(TracedRows { film, round, open, stage }))
+        let part = std::mem::replace(&mut self.state, whole);
+        self.state.prepared = part.prepared;
+        Ok((traced? == Stopped::No).then_some(TracedRows(part)))
     }
 
     /// Adds traced rows. Their order does not matter. Returns the rows.
@@ -199,7 +149,7 @@ impl Session<'_> {
     /// [`Error::OtherRender`] for rows of another stage, and rows that were not traced to its end.
     pub fn join(&mut self, stage: &Stage, rows: TracedRows) -> Result<Range<u32>, Error> {
         let other = |what: &str| Err(Error::OtherRender { what: what.into() });
-        let TracedRows { film: mut part, round, open: Some(traced), stage: of } = rows else {
+        let State { film: mut part, round, open: Some(traced), stage: of, .. } = rows.0 else {
             return other("no round is open in the rows");
         };
         if of.as_ref() != Some(stage) || round != self.state.round {
@@ -275,16 +225,6 @@ impl Session<'_> {
         let Some(open) = &self.state.open else { return 0 };
         open.before(stage.end()) - open.before(open.cursor.start)
     }
-
-    /// Shows the state of the session to a monitor, as a render does after a slice.
-    pub fn show_to(&mut self, monitor: &mut dyn Monitor) -> Control {
-        self.show(monitor, |monitor, status| monitor.slice(status))
-    }
-
-    /// Shows the end of the render to a monitor.
-    pub fn show_end_to(&mut self, monitor: &mut dyn Monitor) {
-        self.show_end(monitor);
-    }
 }
 
 impl Render<'_> {
@@ -304,7 +244,7 @@ impl Render<'_> {
         sampler: &mut dyn Sampler,
     ) -> Result<Option<Vec<u8>>, Error> {
         let snapshot = Snapshot::from_bytes(rows)?;
-        let mut unwatched = super::NoMonitor;
+        let mut unwatched = NoMonitor;
         let monitor: &mut dyn Monitor = self.monitor.take().unwrap_or(&mut unwatched);
         let methods = Methods { needs: self.needs, recorders: self.recorders, ..Methods::from(sampler) };
         let mut session = Session::of_render(self.frame, self.limits, methods, Some(snapshot))?;
@@ -338,8 +278,8 @@ fn no_round() -> Error {
 /// The kept and discarded samples in some rows of a film.
 fn samples_in(film: &Film, rows: Frame) -> u64 {
     let first = (rows.origin()[1] - film.frame.origin()[1]) as usize * film.frame.size()[0] as usize;
-    let banks = film.kept.iter().chain(&film.discarded);
-    banks.flat_map(|bank| &bank.counts[first..first + rows.pixels()]).sum()
+    let halves = film.kept.iter().chain(&film.discarded);
+    halves.flat_map(|planes| &planes.counts[first..first + rows.pixels()]).sum()
 }
 
 impl Film {

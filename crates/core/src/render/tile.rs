@@ -1,9 +1,9 @@
 //! Tiles of a round: the samples that one task traces, in any order.
 
 use super::feature_samples::{self, Turn};
-use super::round::streams_of;
-use crate::film::{Bank, Splats, reserve};
-use crate::snapshot::OpenRound;
+use super::state::OpenRound;
+use super::turns::{Order, Tally, Turns, streams_of};
+use crate::film::Window;
 use crate::{Draws, Estimate, Film, Needs, PointSet, Rejected, Retention, SampleId};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -16,60 +16,7 @@ pub(super) struct Planned<'r> {
     pub(super) area: [u32; 4],
     streams: [u32; 2],
     order: Order,
-    pixels: Vec<PlannedPixel>,
-}
-
-/// The samples of one pixel in a round.
-#[derive(Clone, Copy)]
-struct PlannedPixel {
-    /// The number of samples, and the number for the second half if halves have counts of their own.
-    counts: [u32; 2],
-    /// The index of the next sample in each stream.
-    next: [u64; 2],
-    /// The lead of the first half before the round, in samples.
-    lead: i64,
-}
-
-/// The division of a pixel's samples between two halves.
-#[derive(Clone, Copy, PartialEq)]
-enum Order {
-    /// There is one half.
-    Whole,
-    /// Samples go to the half with fewer of them, and alternate when both are level.
-    Alternating,
-    /// Each half has its count. Samples alternate until the smaller count is reached.
-    Counts,
-}
-
-impl PlannedPixel {
-    fn total(&self) -> u32 {
-        self.counts[0] + self.counts[1]
-    }
-
-    /// The half and the index of the pixel's sample number `turn` in this round.
-    #[inline]
-    fn sample(&self, order: Order, turn: u32) -> (usize, u64) {
-        match order {
-            Order::Whole => (0, self.next[0] + u64::from(turn)),
-            Order::Alternating => {
-                let behind = usize::from(self.lead > 0);
-                let level = u64::from(turn).checked_sub(self.lead.unsigned_abs());
-                let Some(after) = level else { return (behind, self.next[behind] + u64::from(turn)) };
-                let half = (after & 1) as usize;
-                let before = if half == behind { self.lead.unsigned_abs() } else { 0 };
-                (half, self.next[half] + before + after / 2)
-            }
-            Order::Counts => {
-                let both = self.counts[0].min(self.counts[1]);
-                if turn < 2 * both {
-                    let half = (turn & 1) as usize;
-                    return (half, self.next[half] + u64::from(turn / 2));
-                }
-                let half = usize::from(self.counts[1] > self.counts[0]);
-                (half, self.next[half] + u64::from(turn - both))
-            }
-        }
-    }
+    pixels: Vec<Turns>,
 }
 
 impl<'r> Planned<'r> {
@@ -98,7 +45,7 @@ impl<'r> Planned<'r> {
 
     #[inline]
     fn draws(&self, local: usize, turn: u32) -> Draws<'r> {
-        Draws::of_round(self.points, self.id(local, turn), &self.needs).with_turn(turn)
+        Draws::for_film(self.points, self.id(local, turn), self.needs).with_turn(turn)
     }
 
     fn total(&self) -> u64 {
@@ -119,21 +66,15 @@ pub struct Tile<'r> {
     left: u64,
     /// Results that wait for earlier ones, by pixel and turn.
     waiting: BTreeMap<(usize, u32), Waiting>,
-    /// Half, pixel and radiance of splats.
-    pub(super) splats: Vec<(usize, [u32; 2], [f32; 3])>,
-    /// The number of samples added in each half.
-    pub(super) halves: [u64; 2],
+    pub(super) tally: Tally,
     /// The first wrong use of the tile.
     pub(super) fault: Option<String>,
-    /// The first rejected sample, with its radiance.
-    pub(super) invalid: Option<(SampleId, [f32; 3])>,
 }
 
-/// A result that came before an earlier one of its pixel, the blocks it took, and its values beside the radiance.
+/// A result that came before an earlier one of its pixel, and the blocks it took.
 struct Waiting {
     estimate: Estimate,
     blocks: u32,
-    channels: Box<[f32]>,
 }
 
 impl<'r> Tile<'r> {
@@ -144,56 +85,28 @@ impl<'r> Tile<'r> {
         (open, features): (&OpenRound, Turn),
         frame: crate::Frame,
     ) -> Self {
-        let mut part = film.part(frame, open.plan.retention);
-        let banks = if open.plan.retention == Retention::Keep { &part.kept } else { &part.discarded };
-        let width = film.frame.size()[0] as usize;
-        let [dx, dy] = [0, 1].map(|axis| (frame.origin()[axis] - film.frame.origin()[axis]) as usize);
-        let columns = frame.size()[0] as usize;
-        let pixel = |local: usize| {
-            let whole = (dy + local / columns) * width + dx + local % columns;
-            let second = open.plan.second_half.as_ref().map_or(0, |second| second[whole]);
-            let next =
-                [0, 1].map(|half| banks.get(half).map_or(0, |_| part.next_index(open.plan.retention, half, local)));
-            let lead = banks.get(1).map_or(0, |second| banks[0].counts[local] as i64 - second.counts[local] as i64);
-            PlannedPixel { counts: [open.plan.counts[whole], second], next, lead }
+        let (plan, halves) = (&open.plan, film.kept.len() == 2);
+        let mut part = film.part(frame, plan.retention);
+        let (mut strip, order) = (part.strip(plan.retention), Order::of(plan, halves));
+        let turns = |(local, whole)| {
+            let turns = Turns::new(plan, whole, [0, u32::MAX], &strip, local);
+            if strip.has_recorders() {
+                strip.reserve(local, turns.halves(order));
+            }
+            turns
         };
-        let halves = banks.len() == 2;
         let planned = Planned {
             points,
             needs: film.needs,
-            features: features.of_film(&film.needs, open.plan.retention),
+            features: features.of_film(&film.needs, plan.retention),
             area: area(&frame),
-            streams: streams_of(open.plan.retention, halves),
-            order: match (halves, &open.plan.second_half) {
-                (false, _) => Order::Whole,
-                (true, None) => Order::Alternating,
-                (true, Some(_)) => Order::Counts,
-            },
-            pixels: (0..frame.pixels()).map(pixel).collect(),
+            streams: streams_of(plan.retention, halves),
+            order,
+            pixels: Window::new(&film.frame, &frame).runs(1).flatten().enumerate().map(turns).collect(),
         };
-        if !film.recorders.active.is_empty() {
-            let banks = if open.plan.retention == Retention::Keep { &mut part.kept } else { &mut part.discarded };
-            let mut rows: Vec<_> = banks.iter_mut().map(Bank::rows).collect();
-            for (local, pixel) in planned.pixels.iter().enumerate() {
-                let second = open.plan.second_half.as_ref().map(|_| pixel.counts[1]);
-                reserve(&mut rows, local, (pixel.counts[0], second), &film.recorders.active);
-            }
-        }
         let (taken, left) = (vec![0; frame.pixels()], planned.total());
-        let (retention, waiting) = (open.plan.retention, BTreeMap::new());
-        let (splats, halves) = (Vec::new(), [0; 2]);
-        Self {
-            planned: Arc::new(planned),
-            retention,
-            film: part,
-            taken,
-            left,
-            waiting,
-            splats,
-            halves,
-            fault: None,
-            invalid: None,
-        }
+        let (retention, waiting, tally) = (plan.retention, BTreeMap::new(), Tally::default());
+        Self { planned: Arc::new(planned), retention, film: part, tally, taken, left, waiting, fault: None }
     }
 
     /// Columns and rows `[x0, y0, x1, y1]` of the tile in the full image; the last ones are excluded.
@@ -230,19 +143,10 @@ impl<'r> Tile<'r> {
     /// [`Round::submit`](crate::Round::submit) reports.
     #[inline]
     pub fn add(&mut self, sample: &Draws<'_>, estimate: impl Into<Estimate>) {
-        self.add_with_channels(sample, estimate, &[]);
-    }
-
-    /// Adds the result of one sample with its values beside the radiance, such as a spectrum or other outputs (AOVs).
-    ///
-    /// A number of values other than [`Needs::channels`](crate::Needs::with_channels) is a mistake that
-    /// [`Round::submit`](crate::Round::submit) reports.
-    #[inline]
-    pub fn add_with_channels(&mut self, sample: &Draws<'_>, estimate: impl Into<Estimate>, channels: &[f32]) {
         let (id, turn) = (sample.id(), sample.turn());
         let local = self.planned.local(id.pixel);
         match local.filter(|&local| turn < self.planned.pixels[local].total() && self.planned.id(local, turn) == id) {
-            Some(local) => self.place(local, turn, &estimate.into(), sample.blocks_requested(), channels),
+            Some(local) => self.place(local, turn, &estimate.into(), sample.blocks_requested()),
             None => self.wrong(id, "belongs to another tile or round; add each sample to the tile that it came from"),
         }
     }
@@ -265,26 +169,21 @@ impl<'r> Tile<'r> {
             return;
         }
         for (local, pixel) in planned.pixels.iter().enumerate() {
-            let kept = self.film.kept.iter().map(|bank| bank.counts[local]).sum();
+            let kept = self.film.kept.iter().map(|planes| planes.counts[local]).sum();
             let moments = &mut self.film.beside.features[local];
             if pixel.total() > 0 && planned.features.is_now(moments, kept, true) {
                 let cost =
                     feature_samples::add(moments, planned.points, planned.pixel(local), &planned.needs, &mut sample);
-                self.film.record.rays += cost.rays;
-                self.film.record.blocks += cost.blocks;
+                self.tally.add_cost(&cost);
             }
         }
     }
 
     /// Adds light of a sample to another pixel, as [`Worker::splat`](crate::Worker::splat) does.
     pub fn splat(&mut self, sample: &Draws<'_>, pixel: [u32; 2], radiance: [f32; 3]) {
-        let (id, streams) = (sample.id(), self.planned.streams);
-        if !self.planned.needs.splats || self.retention != Retention::Keep {
-            return;
-        }
-        match Splats::reason_to_reject(radiance) {
-            Some(reason) => self.reject(Rejected { sample: id, reason }, radiance),
-            None => self.splats.push((usize::from(id.stream != streams[0]), pixel, radiance)),
+        if self.planned.needs.splats && self.retention == Retention::Keep {
+            let half = usize::from(sample.id().stream != self.planned.streams[0]);
+            self.tally.splat(sample.id(), half, pixel, radiance);
         }
     }
 
@@ -292,15 +191,11 @@ impl<'r> Tile<'r> {
     ///
     /// Another number of results than samples is a mistake that [`Round::submit`](crate::Round::submit) reports.
     pub fn add_all<E: Into<Estimate>>(&mut self, samples: &[Draws<'_>], estimates: impl IntoIterator<Item = E>) {
-        let mut estimates = estimates.into_iter();
-        let mut added = 0;
-        for (sample, estimate) in samples.iter().zip(&mut estimates) {
-            self.add(sample, estimate);
-            added += 1;
-        }
-        if added < samples.len() || estimates.next().is_some() {
-            let more = added + estimates.count() + usize::from(added == samples.len());
-            let what = format!("a batch has {} samples and {more} results; give one result for each", samples.len());
+        let estimates: Vec<E> = estimates.into_iter().collect();
+        let (wanted, given) = (samples.len(), estimates.len());
+        samples.iter().zip(estimates).for_each(|(sample, estimate)| self.add(sample, estimate));
+        if wanted != given {
+            let what = format!("a batch has {wanted} samples and {given} results; give one result for each");
             self.fault.get_or_insert(what);
         }
     }
@@ -313,7 +208,7 @@ impl<'r> Tile<'r> {
     pub fn push(&mut self, pixel: [u32; 2], estimate: impl Into<Estimate>) {
         let local = self.planned.local(pixel);
         match local.filter(|&local| self.taken[local] < self.planned.pixels[local].total()) {
-            Some(local) => self.place(local, self.taken[local], &estimate.into(), 0, &[]),
+            Some(local) => self.place(local, self.taken[local], &estimate.into(), 0),
             None => {
                 let [column, row] = pixel;
                 let asked = local.map_or(0, |local| self.planned.pixels[local].total());
@@ -327,16 +222,16 @@ impl<'r> Tile<'r> {
 
     /// Records a result, or keeps it until the pixel's earlier ones are there.
     #[inline]
-    fn place(&mut self, local: usize, turn: u32, estimate: &Estimate, blocks: u32, channels: &[f32]) {
+    fn place(&mut self, local: usize, turn: u32, estimate: &Estimate, blocks: u32) {
         if turn != self.taken[local] {
-            self.keep(local, turn, Waiting { estimate: *estimate, blocks, channels: channels.into() });
+            self.keep(local, turn, Waiting { estimate: *estimate, blocks });
             return;
         }
-        self.record(local, turn, estimate, blocks, channels);
+        self.record(local, turn, estimate, blocks);
         while !self.waiting.is_empty()
-            && let Some(Waiting { estimate, blocks, channels }) = self.waiting.remove(&(local, self.taken[local]))
+            && let Some(Waiting { estimate, blocks }) = self.waiting.remove(&(local, self.taken[local]))
         {
-            self.record(local, self.taken[local], &estimate, blocks, &channels);
+            self.record(local, self.taken[local], &estimate, blocks);
         }
     }
 
@@ -350,36 +245,17 @@ impl<'r> Tile<'r> {
 
     /// Records the next result of a pixel in the film.
     #[inline]
-    fn record(&mut self, local: usize, turn: u32, estimate: &Estimate, blocks: u32, channels: &[f32]) {
-        let (half, _) = self.planned.pixels[local].sample(self.planned.order, turn);
-        let rejected = self.film.add(self.retention, half, local, estimate);
-        let wanted = usize::from(self.planned.needs.channels);
-        if wanted > 0 {
-            self.film.add_channels(self.retention, half, local, channels);
-        }
+    fn record(&mut self, local: usize, turn: u32, estimate: &Estimate, blocks: u32) {
+        let (half, index) = self.planned.pixels[local].sample(self.planned.order, turn);
+        let rejected = self.film.strip(self.retention).add(half, local, estimate);
         self.film.unreported += u64::from(self.planned.needs.wants_first_hit() && !estimate.reports_hit());
-        self.film.record.blocks += u64::from(blocks);
-        self.halves[half] += 1;
+        self.tally.count(half, estimate.cost, blocks);
         self.taken[local] += 1;
         self.left -= 1;
-        if channels.len() != wanted {
-            let what = format!(
-                "a sample has {} values beside its radiance, and the film records {wanted}; give as many to Tile::add_with_channels",
-                channels.len()
-            );
-            self.fault.get_or_insert(what);
-        }
         if let Some(reason) = rejected {
-            let sample = self.planned.id(local, turn);
-            self.reject(Rejected { sample, reason }, estimate.radiance);
+            let sample = SampleId::new(self.planned.pixel(local), self.planned.streams[half], index);
+            self.tally.reject(Rejected { sample, reason }, estimate.radiance);
         }
-    }
-
-    /// Counts and lists a rejected sample, or a sample with a rejected splat.
-    #[cold]
-    fn reject(&mut self, rejected: Rejected, radiance: [f32; 3]) {
-        self.invalid.get_or_insert((rejected.sample, radiance));
-        self.film.list_rejected(1, vec![rejected]);
     }
 
     #[cold]

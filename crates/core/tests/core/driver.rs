@@ -1,12 +1,13 @@
 //! The render loop: the same bits however the work is done, exact budgets, honest failures.
 
 use crate::common::*;
-use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
+use dapple_adaptive::{Adaptive, PilotPolicy, Then, VarianceOptions};
+use dapple_conformance::toys::raised;
+use dapple_core::samplers::Uniform;
 use dapple_core::{
     Budget, Control, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet as _,
-    Progress, Render, Retention, Schedule, Status, TrainingData, Worker, streams,
+    Progress, Render, Retention, Sampler, Schedule, Status, TrainingData, Worker, streams,
 };
-use std::io::Write as _;
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -60,47 +61,6 @@ fn check_tiles(rows: &[u32], orders: &[(u32, u64)]) {
             assert!(image(&limits) == one, "{:?}", limits.schedule);
         }
     }
-}
-
-/// FNV-1a, for printing.
-fn hash(bits: &[u64]) -> u64 {
-    bits.iter().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ b).wrapping_mul(0x0100_0000_01b3))
-}
-
-/// Not a test of its own: `check_fresh_processes` runs it in fresh processes.
-#[test]
-fn child_process_d03() {
-    if std::env::var_os("DAPPLE_D03_CHILD").is_some() {
-        let hash = hash(&image(&Limits::samples(12 * 23 * 37 + 11)));
-        writeln!(std::io::stdout(), "hash={hash:016x}=").unwrap();
-    }
-}
-
-#[test]
-fn three_fresh_processes_give_the_same_bits_d03() {
-    check_fresh_processes(3);
-}
-
-#[test]
-#[ignore = "10 s: 20 processes; three are tested always"]
-fn fresh_processes_give_the_same_bits_d03() {
-    check_fresh_processes(20);
-}
-
-fn check_fresh_processes(processes: u32) {
-    let child = |_| {
-        let mut command = std::process::Command::new(std::env::current_exe().unwrap());
-        let out = command
-            .args(["driver::child_process_d03", "--exact", "--nocapture"])
-            .env("DAPPLE_D03_CHILD", "1")
-            .output()
-            .unwrap();
-        let text = String::from_utf8(out.stdout).unwrap();
-        text.split("hash=").nth(1).and_then(|t| t.split('=').next()).expect("a hash").to_owned()
-    };
-    let hashes: Vec<String> = (0..processes).map(child).collect();
-    let here = format!("{:016x}", hash(&image(&Limits::samples(12 * 23 * 37 + 11))));
-    assert!(hashes.iter().all(|h| *h == here), "{here}: {hashes:?}");
 }
 
 #[test]
@@ -209,9 +169,9 @@ fn crops_are_the_full_frame_r06() {
 #[test]
 fn a_larger_budget_continues_the_smaller_x06() {
     for needs in [Needs::none().with_variance(), everything()] {
-        let draw = |budget| run(&mut Field(noise), &mut uniform(5), needs, frame(9, 8), &Limits::new(budget)).unwrap();
+        let draw = |budgets: &[u64]| raised(&mut Field(noise), &mut uniform(5), needs, frame(9, 8), budgets);
         for (first, all) in [(64 * 72, 128 * 72), (64 * 72 + 5, 128 * 72 + 61), (72, 73), (100, 130)] {
-            let (at_once, later) = (draw(Budget::Samples(all)), draw(Budget::Recorded(vec![first, all])));
+            let (at_once, later) = (draw(&[all]), draw(&[first, all]));
             assert_eq!((at_once.record().rounds.len(), later.record().rounds.len()), (1, 2));
             for i in 0..72 {
                 assert_eq!((at_once.moments(i), at_once.mean(i)), (later.moments(i), later.mean(i)));
@@ -219,6 +179,14 @@ fn a_larger_budget_continues_the_smaller_x06() {
             }
         }
     }
+}
+
+#[test]
+fn the_largest_number_of_samples_is_known_or_assumed() {
+    let expected = |limits: Limits| limits.expected_samples(&frame(4, 3));
+    let timed = Limits::seconds(1.0);
+    assert_eq!([Limits::samples(7), Limits::spp(2.5), Limits::error(0.1, 99)].map(expected), [7, 30, 99]);
+    assert_eq!([timed.clone(), timed.with_max_spp(5)].map(expected), [64 * 12, 5 * 12]);
 }
 
 #[test]
@@ -255,30 +223,29 @@ fn tiny_budgets_are_spent_or_refused_a06() {
 fn a_monitor_stops_between_slices_and_leaves_whole_pixels() {
     let mut limits = Limits::samples(64 * 100);
     limits.schedule.slice_spp = 13;
-    let stop_after = |calls: u32, limits: &Limits| -> Film {
+    let stop_after = |calls: u32, limits: &Limits, sampler: &mut dyn Sampler| -> Film {
         let mut called = 0;
         let mut monitor = |status: &Status<'_>| {
             called += 1;
             assert_eq!(status.samples, status.film.counts().iter().sum::<u64>());
             if called == calls { Control::Stop } else { Control::Continue }
         };
-        let mut sampler = uniform(5);
         Render::new(frame(10, 10), limits)
             .needs(Needs::none().with_variance())
             .monitor(&mut monitor)
-            .run(&mut Field(noise), &mut sampler)
+            .run(&mut Field(noise), sampler)
             .unwrap()
     };
-    let film = stop_after(3, &limits);
+    let film = stop_after(3, &limits, &mut uniform(5));
     assert!(film.record().interrupted && film.counts().iter().all(|n| *n == 39));
     // The same as a render with that budget.
-    let whole = stop_after(99, &Limits::samples(3900));
+    let whole = stop_after(99, &Limits::samples(3900), &mut uniform(5));
     assert!(!whole.record().interrupted && (0..100).all(|i| whole.moments(i) == film.moments(i)));
     // At the end of an earlier round it is an interruption, at the end of the last it is none.
-    let steps = Limits::new(Budget::Recorded(vec![500, 900]));
-    let film = stop_after(1, &steps);
+    let (steps, mut two_rounds) = (Limits::samples(900), Then::new(uniform(5), 5, uniform(5)).unwrap());
+    let film = stop_after(1, &steps, &mut two_rounds);
     assert_eq!((film.record().interrupted, film.record().samples), (true, 500));
-    let film = stop_after(2, &steps);
+    let film = stop_after(2, &steps, &mut two_rounds);
     assert_eq!((film.record().interrupted, film.record().samples), (false, 900));
 }
 
@@ -324,9 +291,8 @@ fn shifted(learned: &[TrainingData], draws: &Draws<'_>, observed: &mut Worker) -
 fn learning_does_not_depend_on_threads_or_tiles() {
     let draw = |threads, schedule| {
         let mut learner = Learner::new(usize::MAX, shifted);
-        let mut limits = Limits::new(Budget::Recorded(vec![4000, 9000, 20_000]));
-        limits.schedule = schedule;
-        let mut sampler = uniform(1);
+        let limits = Limits::samples(20_000).with_schedule(schedule);
+        let mut sampler = three_rounds(1, [2, 5]);
         let film =
             on_threads(threads, || run(&mut learner, &mut sampler, Needs::none(), frame(37, 50), &limits)).unwrap();
         (learner.learned, bits(&film))
@@ -356,7 +322,7 @@ fn exhausted_points_are_refused_before_tracing() {
     let points = Independent { seed: 1, capacity: 64 };
     let mut never = Field(|_, _| -> [f32; 3] { panic!("traced") });
     let draw = |integrator: &mut dyn Integrator, needs, spp: u64| {
-        run(integrator, &mut dapple_core::samplers::Uniform::new(points), needs, frame(2, 2), &Limits::samples(4 * spp))
+        run(integrator, &mut Uniform::new(points), needs, frame(2, 2), &Limits::samples(4 * spp))
     };
     let refused = draw(&mut never, Needs::none(), 65);
     assert!(matches!(refused, Err(Error::SequenceExhausted { capacity: 64, requested: 65, .. })));
@@ -371,9 +337,8 @@ fn exhausted_points_are_refused_before_tracing() {
         assert_eq!(discarded.is_ok(), fits, "{spp} discarded samples in two halves");
     }
     // The same over several rounds.
-    let limits = Limits::new(Budget::Recorded(vec![4 * 40, 4 * 65]));
-    let later =
-        run(&mut Field(noise), &mut dapple_core::samplers::Uniform::new(points), Needs::none(), frame(2, 2), &limits);
+    let mut two_rounds = Then::new(Uniform::new(points), 40, Uniform::new(points)).unwrap();
+    let later = run(&mut Field(noise), &mut two_rounds, Needs::none(), frame(2, 2), &Limits::samples(4 * 65));
     assert!(matches!(later, Err(Error::SequenceExhausted { requested: 65, .. })));
 }
 
@@ -411,10 +376,6 @@ fn a_time_limit_stops_near_its_time_a11() {
         // A machine shared with others may be late, but not by this much.
         assert!((0.2..3.0).contains(&took), "{took} s of 0.6");
         assert!(film.record().rounds.len() >= 2 && !film.record().interrupted);
-        let replay = Limits::new(Budget::Recorded(film.record().budgets.clone()));
-        let again =
-            on_threads(3, || run(&mut Field(slow_where_bright), &mut adaptive(policy), Needs::none(), size, &replay));
-        assert!(bits(&again.unwrap()) == bits(&film), "the record does not replay");
     }
 }
 
@@ -426,10 +387,8 @@ fn an_error_limit_ends_near_its_error() {
     let field = |_: [u32; 2], u: [f32; 4]| [0.5 + u[0], 2.0 * u[1], 0.1 + u[2] * u[2]];
     let truth = [1.0, 1.0, 0.1 + 1.0 / 3.0];
     for (relmse, seed) in [(0.01, 1), (0.003, 2)] {
-        let draw = |budget, needs| {
-            run(&mut Field(field), &mut uniform(seed), needs, frame(60, 60), &Limits::new(budget)).unwrap()
-        };
-        let film = draw(Budget::Error { relmse, at_most: 1 << 22 }, Needs::none());
+        let draw = |limits| run(&mut Field(field), &mut uniform(seed), Needs::none(), frame(60, 60), &limits).unwrap();
+        let film = draw(Limits::error(relmse, 1 << 22));
         let predicted = film.predicted_relmse().unwrap();
         let error = |x: &[f32; 3]| {
             (0..3).map(|c| (f64::from(x[c]) - truth[c]).powi(2) / (truth[c].powi(2) + 0.01)).sum::<f64>()
@@ -438,9 +397,7 @@ fn an_error_limit_ends_near_its_error() {
         assert!(predicted <= relmse && predicted > 0.4 * relmse, "{predicted} for {relmse}");
         // 1 / (mean^2 + 0.01) is not linear in a noisy mean: allow for its spread at few samples.
         assert!((1.0 / 1.2..1.2).contains(&(predicted / actual)), "{predicted} predicted, {actual} measured");
-        let replay = draw(Budget::Recorded(film.record().budgets.clone()), *film.needs());
-        assert!(bits(&replay) == bits(&film));
-        let capped = draw(Budget::Error { relmse: 1e-9, at_most: 50_001 }, Needs::none());
+        let capped = draw(Limits::error(1e-9, 50_001));
         assert_eq!(capped.record().samples, 50_001);
     }
 }

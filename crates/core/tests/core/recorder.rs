@@ -2,8 +2,8 @@
 
 use crate::common::*;
 use dapple_core::{
-    Draws, Error, Feedback, Film, Filter, Filtered, Limits, Memory, Methods, Needs, Plan, PointSet, Progress,
-    RecordedSample, Recorder, Render, Retention, SampleId, Sampler, Schedule, Session, Unfiltered,
+    Draws, Error, Feedback, Film, Filter, Filtered, Limits, Methods, Needs, Plan, PointSet, Progress, RecordedSample,
+    Recorder, Render, Retention, SampleId, Sampler, Schedule, Session, Unfiltered,
 };
 use std::sync::Arc;
 
@@ -208,10 +208,10 @@ fn a_render_with_other_recorders_is_not_resumed() {
     assert!(resume(with, recorders()).is_ok() && resume(without, vec![]).is_ok());
 }
 
-/// A film that samples are pushed to, and its colours of another kind.
+/// A film that samples are pushed to.
 #[test]
-fn films_filled_by_hand_record_words_and_other_colours_drop_them() {
-    let needs = Needs::none().with_halves().with_channels(3);
+fn films_filled_by_hand_record_words() {
+    let needs = Needs::none().with_halves();
     let reds: Arc<dyn Recorder> = Arc::new(Reds { name: "reds".into(), first: 2, is_traced: false });
     let mut film = Film::with_recorders(frame(2, 1), needs, [reds]);
     for (half, red) in [(0, 1.0), (1, 2.0), (0, f32::NAN), (0, 4.0)] {
@@ -221,7 +221,6 @@ fn films_filled_by_hand_record_words_and_other_colours_drop_them() {
     assert_eq!((words.kept(0, 1), words.kept(1, 1)), (&[1, 1_f32.to_bits(), 2, 0][..], &[1, 2_f32.to_bits()][..]));
     assert!(words.kept(0, 0).is_empty() && words.discarded(1, 1).is_empty());
     assert_eq!(film.of_rows(0..1).unwrap().recorded("reds").unwrap().kept(1, 1), words.kept(1, 1));
-    assert!(film.with_channels_as_colour([0, 1, 2]).unwrap().recorded("reds").is_none());
 }
 
 /// A sampler and a filter that record for themselves.
@@ -264,7 +263,7 @@ impl Filter for Recording<Unfiltered> {
 }
 
 #[test]
-fn films_have_the_recorders_of_sampler_and_filter_and_forecasts_count_their_words() {
+fn films_have_the_recorders_of_sampler_and_filter() {
     let (frame, filter) = (frame(7, 5), Recording(Unfiltered, 5));
     let sampler = || Recording(uniform(1), 3);
     let names = |film: &Film| film.recorder_names().to_vec();
@@ -279,10 +278,4 @@ fn films_have_the_recorders_of_sampler_and_filter_and_forecasts_count_their_word
         let film = Render::new(frame, &limits).error_of(&filter).run(&mut Field(noise), &mut sampler()).unwrap();
         assert_eq!(names(&film).len(), count);
     }
-    // Eight samples in the mean: four in each half, of which one recorder keeps three.
-    let limits = Limits::spp(8.0);
-    let forecast = |sampler: &dyn Sampler| Memory::of_render(sampler, &filter, filter.needs(), &frame, &limits).film;
-    let (words, lists) = (8 * (3 + 4), 2 * size_of::<Vec<u32>>() as u64);
-    assert_eq!(forecast(&sampler()), 35 * (Film::bytes_per_pixel(&filter.needs()) as u64 + 2 * (words + lists)));
-    assert_eq!(forecast(&uniform(1)), 35 * (Film::bytes_per_pixel(&filter.needs()) as u64 + 2 * (8 * 4 + lists / 2)));
 }

@@ -4,8 +4,8 @@ use crate::common::*;
 use dapple_adaptive::Adaptive;
 use dapple_core::{
     Block, Control, Draws, Error, Estimate, Feedback, Film, Filter as _, FirstHit, Integrator, InvalidSample, Limits,
-    Methods, Needs, Plan, Progress, Render, Retention, Round, Sampler, Schedule, Session, Status, Tile, Unfiltered,
-    Worker,
+    Methods, Needs, Plan, Progress, Render, Retention, Round, Sampler, Schedule, Session, Snapshot, Status, Tile,
+    Unfiltered, Worker,
 };
 
 /// Radiance, hits, emission, costs and now and then a bad sample, from the random numbers alone.
@@ -123,22 +123,12 @@ fn adaptive_counts_are_those_of_a_render() {
     let film = Render::new(frame(40, 40), &limits).run(&mut traced(), &mut sampler()).unwrap();
     let mut session = Session::new(frame(40, 40), limits, sampler()).unwrap();
     while let Some(round) = session.next_round().unwrap() {
-        backwards_tiles(&round);
+        in_order(&round);
     }
     let pulled = session.into_film();
     assert_eq!((film.record().samples, pulled.record().samples), (20_000, 20_000));
     assert!(bits(&film) == bits(&pulled) && !pulled.record().interrupted);
     assert_eq!((film.record().rays, film.record().blocks), (pulled.record().rays, pulled.record().blocks));
-}
-
-fn backwards_tiles(round: &Round<'_>) {
-    let mut tiles: Vec<Tile<'_>> = std::iter::from_fn(|| round.next_tile()).collect();
-    while let Some(mut tile) = tiles.pop() {
-        for sample in tile.samples() {
-            tile.add(&sample, trace(&sample));
-        }
-        round.submit(tile).unwrap();
-    }
 }
 
 /// Kills the session after `tiles` tiles, and continues from the last snapshot.
@@ -161,16 +151,9 @@ fn killed_after(tiles: usize, withdraws: bool) -> Film {
     let (snapshot, limits) = (snapshot(&bytes), Limits::samples(LIMIT));
     let mut session = Session::resume(frame(45, 38), limits, every_kind(withdraws), snapshot).unwrap();
     while let Some(round) = session.next_round().unwrap() {
-        wave_of_rest(&round);
+        wave(&round);
     }
     session.into_film()
-}
-
-fn wave_of_rest(round: &Round<'_>) {
-    let mut tile = round.whole();
-    let samples: Vec<_> = tile.samples().collect();
-    samples.iter().rev().for_each(|s| tile.add(s, trace(s)));
-    round.submit(tile).unwrap();
 }
 
 #[test]
@@ -332,22 +315,20 @@ fn thrown(draws: &Draws<'_>) -> ([u32; 2], [f32; 3]) {
     (([0, 1].map(|k| (u[k] * 50.0) as u32)), [u[2], 2.0 * u[3], if u[0] < 0.01 { f32::NAN } else { 1.0 }])
 }
 
-/// Throws light, and has three channels beside the radiance.
+/// Throws light.
 fn splatting(draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
     let (pixel, radiance) = thrown(draws);
     worker.splat(pixel, radiance);
-    let estimate = trace(draws);
-    worker.channels().copy_from_slice(&[radiance[0], 4.0, estimate.radiance[1]]);
-    estimate
+    trace(draws)
 }
 
 #[test]
-fn splats_and_channels_have_the_same_bits_in_any_order() {
+fn splats_have_the_same_bits_in_any_order() {
     [false, true].into_iter().for_each(check_splats);
 }
 
 fn check_splats(withdraws: bool) {
-    let needs = Needs::none().with_splats().with_channels(3).with_variance();
+    let needs = Needs::none().with_splats().with_variance();
     let size = frame(45, 38);
     let film = |threads| {
         let limits = Limits::samples(LIMIT);
@@ -365,24 +346,11 @@ fn check_splats(withdraws: bool) {
             let (pixel, radiance) = thrown(sample);
             let estimate = trace(sample);
             tile.splat(sample, pixel, radiance);
-            tile.add_with_channels(sample, estimate, &[radiance[0], 4.0, estimate.radiance[1]]);
+            tile.add(sample, estimate);
         }
         round.submit(tile).unwrap();
-        // A snapshot keeps both.
-        let film = snapshot(&round.snapshot()).film().clone();
-        assert!((0..size.pixels()).all(|i| film.channels(0, i).len() == 3));
     }
-    let pulled = session.into_film();
-    assert!(bits(&pulled) == bits(&one));
-    for i in 0..size.pixels() {
-        assert_eq!((pulled.channels(0, i), pulled.channels(1, i)), (one.channels(0, i), one.channels(1, i)));
-        assert!(one.count(i) == 0 || (one.channels(0, i)[1] - 4.0).abs() < 1e-5 || one.half(0, i).unwrap().count == 0);
-    }
-    // The second channel as colour is the radiance's green.
-    let green = one.with_channels_as_colour([2, 2, 2]).unwrap();
-    let apart = |i: usize| (green.half(0, i).unwrap().mean[0] - one.channels(0, i)[2] as f64).abs();
-    assert!((0..size.pixels()).all(|i| apart(i) < 1e-6));
-    assert!(one.with_channels_as_colour([0, 1, 3]).is_err());
+    assert!(bits(&session.into_film()) == bits(&one));
 }
 
 #[test]
@@ -425,4 +393,41 @@ fn samples_that_say_nothing_of_hits_are_refused_by_name() {
         _ => [0.5; 3].into(),
     };
     assert!(ends(&sky).unwrap());
+}
+
+fn methods() -> Methods<'static> {
+    Methods::from(uniform(2)).with_needs(Needs::none().with_features())
+}
+
+/// Adds radiance alone to the next tile of a session, or to all.
+fn push(session: &mut Session<'_>, all: bool) {
+    let round = session.next_round().unwrap().expect("a round");
+    while let Some(mut tile) = round.next_tile() {
+        for (pixel, count) in tile.counts() {
+            (0..count).for_each(|_| tile.push(pixel, [0.5; 3]));
+        }
+        round.submit(tile).unwrap();
+        if !all {
+            break;
+        }
+    }
+}
+
+fn is_refused(film: &Film) -> bool {
+    matches!(film.require("reader", &Needs::none().with_features()), Err(Error::NoneReported { .. }))
+}
+
+#[test]
+fn a_resumed_session_of_radiance_alone_is_refused_by_readers_of_features() {
+    let (frame, limits) = (frame(7, 5), Limits::spp(4.0));
+    let mut session = Session::new(frame, limits.clone(), methods()).unwrap().with_tile_side(3);
+    push(&mut session, false);
+    let snapshot = Snapshot::from_bytes(&session.snapshot()).unwrap();
+    assert!(is_refused(snapshot.film()), "the snapshot has lost the number");
+    let mut session = Session::resume(frame, limits, methods(), snapshot).unwrap();
+    push(&mut session, true);
+    assert!(session.next_round().unwrap().is_none());
+    let film = session.into_film();
+    assert_eq!(film.record().samples, 4 * 35);
+    assert!(is_refused(&film));
 }

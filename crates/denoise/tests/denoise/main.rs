@@ -12,6 +12,5 @@ mod layers;
 mod lobes_and_tiles;
 mod one_sample;
 mod outside;
-mod rows;
 mod scales;
 mod support;

@@ -1,7 +1,8 @@
 //! The number of samples spent, their places, and the time of the decision.
 
 use crate::common::*;
-use dapple_core::{Budget, BudgetLeft, Error, Feedback, Film, Integrator, Limits, Plan, Progress, Render, Sampler};
+use dapple_conformance::toys::raised;
+use dapple_core::{BudgetLeft, Error, Feedback, Film, Integrator, Limits, Needs, Plan, Progress, Render, Sampler};
 use dapple_mitchell::{MitchellOptions, MitchellPbrtOptions, PilotPolicy, Rates, Stopping};
 use proptest::prelude::*;
 
@@ -170,14 +171,13 @@ fn budgets_that_grow_are_spent_and_change_no_decision() {
     for policy in POLICIES {
         let options = alone(4, 12, Stopping::Threshold, policy);
         let steps = [1, 8, 8, 30, 30, 60].map(|n: u64| n * pixels);
-        let film = run(&mut field(), &mut mitchell(options, 1), size, &Limits::new(Budget::Recorded(steps.to_vec())));
+        let film = raised(&mut field(), &mut mitchell(options, 1), Needs::none(), size, &steps);
         let at_once = run(&mut field(), &mut mitchell(options, 1), size, &Limits::samples(60 * pixels));
         assert_eq!(film.counts(), at_once.counts(), "{policy:?}");
         assert!(film.counts().iter().enumerate().all(|(i, &n)| n == 4 || n == 16 && i % 16 >= 8), "{policy:?}");
         assert!(film.counts().contains(&16));
         for mut sampler in samplers(Stopping::Budget) {
-            let limits = Limits::new(Budget::Recorded(steps.map(|n| n + 7).to_vec()));
-            let film = run(&mut field(), &mut *sampler, size, &limits);
+            let film = raised(&mut field(), &mut *sampler, Needs::none(), size, &steps.map(|n| n + 7));
             assert_eq!(film.record().samples, 60 * pixels + 7, "{}", sampler.describe());
         }
     }
@@ -214,8 +214,8 @@ fn rates_by_the_budget_stay_while_it_grows_a_little() {
     let pixels = size.pixels() as u64;
     let field = || Field(|[x, _]: [u32; 2], u: [f32; 4]| [if x < 12 { 0.5 } else { u[0] }; 3]);
     let counts = |steps: [u64; 3]| {
-        let limits = Limits::new(Budget::Recorded(steps.map(|n| n * pixels).to_vec()));
-        run(&mut field(), &mut mitchell(MitchellOptions::default(), 1), size, &limits).counts()
+        let mut sampler = mitchell(MitchellOptions::default(), 1);
+        raised(&mut field(), &mut sampler, Needs::none(), size, &steps.map(|n| n * pixels)).counts()
     };
     assert_eq!(Rates::for_mean(24), Rates { initial: 8, additional: 20 });
     let off_rates = |counts: &[u64]| counts.iter().filter(|&&n| n < 8 || !(n - 8).is_multiple_of(20)).count();

@@ -1,7 +1,8 @@
 //! Both samplers conform.
 
+use dapple_adaptive::Then;
 use dapple_conformance as conformance;
-use dapple_core::samplers::{Then, Uniform};
+use dapple_core::samplers::Uniform;
 use dapple_low_discrepancy::{Random, Sobol};
 use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PbrtTest, PilotPolicy, Stopping};
 

@@ -55,7 +55,7 @@ mod tests {
     use super::*;
     use crate::shading::warp::concentric_disk;
     use crate::{blocks, integrator};
-    use dapple_core::{Draws, PointSet, SampleId, Worker};
+    use dapple_core::{Draws, Needs, PointSet, SampleId, Worker};
     use dapple_low_discrepancy::Random;
     use dapple_scene::{PixelFilter, Scene, bundled};
     use glam::{DAffine3, Vec2};
@@ -154,7 +154,8 @@ mod tests {
             for k in 0..200 {
                 let id = SampleId::new([k % SIZE[0], k / SIZE[0] % SIZE[1]], 0, u64::from(k));
                 let plain = tracer.estimate(&Draws::new(&points, id), &mut Worker::default());
-                let asked = tracer.estimate(&Draws::new(&points, id).with_trajectory(), &mut Worker::default());
+                let asked = tracer
+                    .estimate(&Draws::for_film(&points, id, Needs::none().with_trajectories()), &mut Worker::default());
                 assert_eq!((plain.radiance, plain.trajectory), (asked.radiance, None));
                 assert!(asked.first_hit.is_none() || asked.trajectory.is_some());
                 (hits, misses) =

@@ -413,7 +413,7 @@ fn features_without_light_are_those_of_whole_samples() {
             let (mut behind, mut lit, mut worker) = (0, 0, Worker::default());
             for i in 0..4 * SIZE[0] * SIZE[1] {
                 let id = SampleId::new([i % 40, i / 40 % 30], streams::WHOLE, u64::from(i / 1200));
-                let draws = Draws::new(&points, id).with_first_hit().with_features().with_emission();
+                let draws = Draws::for_film(&points, id, Needs::none().with_features().with_emission());
                 let whole = integrator.estimate(&draws, &mut worker);
                 let alone = integrator.features_alone(&draws).expect("paths have features");
                 let told = || format!("{name}, {request}, {id:?}");

@@ -5,6 +5,7 @@ pub use dapple_conformance::toys::{Field, Independent, Learner, Made, Planned, P
 pub use dapple_conformance::{bits, on_threads};
 pub use dapple_core::mix;
 
+use dapple_adaptive::Then;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
     Control, Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Monitor, Needs, Render, Sampler,
@@ -48,6 +49,11 @@ pub fn learner() -> Learner<impl Fn(&[TrainingData], &Draws<'_>, &mut Worker) ->
 
 pub fn uniform(seed: u64) -> Uniform<Independent> {
     Uniform::new(Independent::new(seed))
+}
+
+/// Uniform sampling in three rounds, of which the first two end at these samples per pixel.
+pub fn three_rounds(seed: u64, [first, second]: [u32; 2]) -> impl Sampler {
+    Then::new(uniform(seed), first, Then::new(uniform(seed), second, uniform(seed)).unwrap()).unwrap()
 }
 
 pub fn frame(width: u32, height: u32) -> Frame {

@@ -5,9 +5,8 @@
 //! did. [`Points`] corrects for the dependence within a low-discrepancy sequence. The filter's own estimate sees only samples that the filter has fitted. The ratio of both estimates
 //! changes slowly as samples are added, and corrects the filter's estimate for the image of all samples.
 
-use crate::snapshot::Broken;
-use crate::snapshot::bytes::{Reader, Writer};
 use crate::{Error, Film, Filter};
+use serde::{Deserialize, Serialize};
 
 /// The constant that relMSE adds to the squared mean.
 const EPSILON: f64 = 0.01;
@@ -51,8 +50,8 @@ impl Prediction {
 }
 
 /// The filtered image at the last prediction, the halves it was made of, and the ratio measured so far.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Holdout {
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct FilteredError {
     samples: u64,
     /// The relMSE by the filter's own estimate, and the corrected one.
     own: f64,
@@ -68,10 +67,7 @@ pub(crate) struct Holdout {
     means: [Vec<[f32; 3]>; 2],
 }
 
-impl Holdout {
-    /// The number of bytes per pixel.
-    pub(crate) const BYTES: usize = 12 + 4 + 2 * (4 + 12);
-
+impl FilteredError {
     /// Filters the film and predicts the error of the image. `None` if the filter has no estimate of its own.
     pub(crate) fn next(before: Option<Self>, film: &Film, filter: &dyn Filter) -> Result<Option<Self>, Error> {
         let samples = film.record().samples;
@@ -98,8 +94,8 @@ impl Holdout {
             fall = if fell.is_finite() { fell.clamp(FALLS[0], FALLS[1]) } else { before.fall };
         }
         let counts =
-            [first, second].map(|bank| bank.counts.iter().map(|&n| n.try_into().unwrap_or(u32::MAX)).collect());
-        let means = [first, second].map(|bank| bank.means.iter().map(|m| m.map(|x| x as f32)).collect());
+            [first, second].map(|planes| planes.counts.iter().map(|&n| n.try_into().unwrap_or(u32::MAX)).collect());
+        let means = [first, second].map(|planes| planes.means.iter().map(|m| m.map(|x| x as f32)).collect());
         let (image, relmse) = (image.radiance, own * (ratio + CAUTION * variance.sqrt()));
         Ok(Some(Self { samples, own, relmse, fall, confirmed, ratio, variance, image, error, counts, means }))
     }
@@ -143,36 +139,19 @@ impl Holdout {
 
     /// The mean of the samples that a half of pixel `i` has gained. `None` if it gained none, lost some, or had none.
     fn fresh(&self, film: &Film, half: usize, i: usize) -> Option<[f64; 3]> {
-        let bank = &film.kept[half];
+        let planes = &film.kept[half];
         let before = f64::from(self.counts[half][i]);
-        let now = bank.counts[i] as f64;
+        let now = planes.counts[i] as f64;
         let gained = now - before;
-        let of = |c: usize| (now * bank.means[i][c] - before * f64::from(self.means[half][i][c])) / gained;
+        let of = |c: usize| (now * planes.means[i][c] - before * f64::from(self.means[half][i][c])) / gained;
         (gained > 0.0 && before > 0.0).then(|| [of(0), of(1), of(2)])
     }
 
-    pub(crate) fn put(&self, to: &mut Writer) {
-        to.number(self.samples);
-        to.number([self.own, self.relmse, self.fall, self.ratio, self.variance]);
-        to.flag(self.confirmed);
-        to.numbers(&self.image);
-        to.numbers(&self.error);
-        self.counts.iter().for_each(|counts| to.numbers(counts));
-        self.means.iter().for_each(|means| to.numbers(means));
-    }
-
-    pub(crate) fn take(from: &mut Reader<'_>, film: &Film) -> Result<Self, Broken> {
-        if film.kept.len() != 2 {
-            return Err(Broken("an error of the filtered image is predicted, but the film has no halves"));
-        }
+    /// Returns `true` if all planes have the film's pixels.
+    pub(crate) fn fits(&self, film: &Film) -> bool {
         let pixels = film.frame().pixels();
-        let samples = from.number()?;
-        let [own, relmse, fall, ratio, variance] = from.number::<[f64; 5]>()?;
-        let confirmed = from.flag()?;
-        let (image, error) = (from.numbers(pixels)?, from.numbers(pixels)?);
-        let counts = [from.numbers(pixels)?, from.numbers(pixels)?];
-        let means = [from.numbers(pixels)?, from.numbers(pixels)?];
-        Ok(Self { samples, own, relmse, fall, confirmed, ratio, variance, image, error, counts, means })
+        let [counts, means] = [self.counts.each_ref().map(Vec::len), self.means.each_ref().map(Vec::len)];
+        film.kept.len() == 2 && [[self.image.len(), self.error.len()], counts, means] == [[pixels; 2]; 3]
     }
 }
 

@@ -1,7 +1,6 @@
 //! Two samplers in sequence.
 
-use crate::snapshot::bytes::{Reader, Writer};
-use crate::{
+use dapple_core::{
     Budget, BudgetLeft, Error, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Recorder, Sampler,
     SamplerMemory, nested, saturating_u32,
 };
@@ -30,7 +29,8 @@ use std::sync::Arc;
 /// #     fn capacity(&self) -> u64 { u64::MAX }
 /// # }
 /// use dapple_core::Sampler;
-/// use dapple_core::samplers::{Then, Uniform};
+/// use dapple_adaptive::Then;
+/// use dapple_core::samplers::Uniform;
 ///
 /// let sampler = Then::new(Uniform::new(Centre), 4, Uniform::new(Centre))?;
 /// assert_eq!(sampler.describe(), "then:first=uniform,spp=4,second=uniform");
@@ -76,7 +76,7 @@ impl<A: Sampler, B: Sampler> Then<A, B> {
         let beyond_floors = seen.budget.total.saturating_sub(pixels * u64::from(min_spp));
         let is_tight = affordable < min_spp && beyond_floors < total;
         let max_spp = if is_tight { min_spp.min(max_spp) } else { max_spp };
-        BudgetLeft { total, min_spp: min_spp.min(affordable), max_spp, ..seen.budget }
+        BudgetLeft::new(total).with_spent(seen.budget.spent).with_min_spp(min_spp.min(affordable)).with_max_spp(max_spp)
     }
 }
 
@@ -109,16 +109,20 @@ impl<A: Sampler, B: Sampler> Sampler for Then<A, B> {
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
         let share = self.share(frame.pixels());
         let total = limits.budget.samples(frame).map(|total| total.min(share));
-        let of = |budget: Budget| Limits { budget, ..limits.clone() };
-        let first = self.first.memory(frame, needs, &of(total.map_or(limits.budget.clone(), Budget::Samples)));
+        let of = |budget: Budget| {
+            let mut limits = limits.clone();
+            limits.budget = budget;
+            limits
+        };
+        let first = self.first.memory(frame, needs, &of(total.map_or(limits.budget, Budget::Samples)));
         // The film is not empty before the second sampler's first plan, just as under a limit of time.
         let second = self.second.memory(frame, needs, &of(Budget::Seconds(1.0)));
-        SamplerMemory {
-            discarded: first.discarded.max(second.discarded),
-            state: first.state.saturating_add(second.state),
-            planning: first.planning.max(second.planning),
-            plan: first.plan.max(second.plan),
-        }
+        let mut memory = SamplerMemory::default();
+        memory.discarded = first.discarded.max(second.discarded);
+        memory.state = first.state.saturating_add(second.state);
+        memory.planning = first.planning.max(second.planning);
+        memory.plan = first.plan.max(second.plan);
+        memory
     }
 
     fn points(&self) -> &dyn PointSet {
@@ -136,7 +140,7 @@ impl<A: Sampler, B: Sampler> Sampler for Then<A, B> {
         }
         if !self.is_second && seen.budget.spent < self.share(seen.pixels()) {
             let budget = self.first_budget(seen);
-            if self.first.next_round(&Feedback { budget, ..*seen }, plan)? == Progress::Trace {
+            if self.first.next_round(&Feedback::new(seen.round, seen.film, budget), plan)? == Progress::Trace {
                 return Ok(Progress::Trace);
             }
             *plan = Plan::empty(seen.pixels());
@@ -146,21 +150,20 @@ impl<A: Sampler, B: Sampler> Sampler for Then<A, B> {
     }
 
     fn save(&self) -> Vec<u8> {
-        let mut to = Writer::with_capacity(0);
-        to.flag(self.is_second);
-        to.list(&self.first.save());
-        to.list(&self.second.save());
-        to.finish()
+        let (first, second) = (self.first.save(), self.second.save());
+        [&[u8::from(self.is_second)][..], &(first.len() as u64).to_le_bytes(), &first, &second].concat()
     }
 
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        let mut from = Reader::new(saved);
-        let (is_second, first, second) = (from.flag()?, from.list::<u8>()?, from.list::<u8>()?);
-        if !from.is_empty() {
-            return Err(Error::BadSnapshot { what: "there are bytes after the state of two samplers" });
-        }
+        let parts = || {
+            let (stage @ (0 | 1), rest) = saved.split_first()? else { return None };
+            let (length, rest) = rest.split_first_chunk()?;
+            let (first, second) = rest.split_at_checked(u64::from_le_bytes(*length).try_into().ok()?)?;
+            Some((*stage == 1, first, second))
+        };
+        let (is_second, first, second) = parts().ok_or(Error::BadSnapshot { what: "they are not of two samplers" })?;
         self.is_second = is_second;
-        self.first.restore(&first)?;
-        self.second.restore(&second)
+        self.first.restore(first)?;
+        self.second.restore(second)
     }
 }

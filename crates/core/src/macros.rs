@@ -1,4 +1,4 @@
-//! Traits on references and boxes.
+//! Macros that spare repetition: traits on references and boxes, and methods that set a field.
 
 /// Implements a trait for references and boxes of its implementers. Lists the methods that take `&self` after `ref`, then
 /// those that take `&mut self` after `mut`.
@@ -27,3 +27,18 @@ macro_rules! forward {
 }
 
 pub(crate) use forward;
+
+/// Declares methods that set one field each: the method's documentation, its name, and the field with its type.
+macro_rules! setters {
+    ($($(#[$doc:meta])* $set:ident($field:ident: $Type:ty);)*) => {$(
+        $(#[$doc])*
+        #[inline]
+        #[must_use]
+        pub const fn $set(mut self, $field: $Type) -> Self {
+            self.$field = $field;
+            self
+        }
+    )*};
+}
+
+pub(crate) use setters;

@@ -1,13 +1,19 @@
 //! Two samplers in sequence: budgets, bits, states and descriptions.
 
-use crate::common::{Field, Independent, Keeper, Planned, frame, noise, snapshot};
-use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions};
+use crate::common::frame;
+use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, Then};
+use dapple_conformance::toys::{Field, Independent, Planned};
 use dapple_conformance::{bits, sampler, threshold_sampler};
-use dapple_core::samplers::{Then, Uniform};
+use dapple_core::samplers::Uniform;
 use dapple_core::{
-    BudgetLeft, Error, Feedback, Film, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, Render, Retention,
-    RgbMoments, SampleId, Sampler, Schedule, Stopping, nested, streams, unnested,
+    BudgetLeft, Control, Error, Feedback, Film, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, Render,
+    Retention, RgbMoments, SampleId, Sampler, Schedule, Snapshot, Status, Stopping, nested, streams, unnested,
 };
+
+/// Grey noise whose spread grows to the right.
+fn noise([x, _]: [u32; 2], u: [f32; 4]) -> [f32; 3] {
+    [0.1 + 0.05 * x as f32 * u[0], u[1], u[2] * u[3]]
+}
 
 const POINTS: fn() -> Independent = || Independent::new(3);
 
@@ -156,10 +162,14 @@ fn states_of_other_samplers_are_refused() {
 fn stages_with_different_points_are_resumed() {
     let (frame, limits) = (frame(5, 4), Limits::spp(9.0).with_schedule(Schedule::default().with_slice_spp(2)));
     let make = || Then::new(Uniform::new(POINTS()), 4, Uniform::new(Independent::new(77))).unwrap();
-    let mut keeper = Keeper::default();
-    let whole = Render::new(frame, &limits).monitor(&mut keeper).run(&mut Field(noise), &mut make()).unwrap();
-    assert_eq!(keeper.slices.len(), 5);
-    for snapshot in keeper.all() {
+    let mut slices = Vec::new();
+    let mut keep = |status: &Status<'_>| {
+        slices.push(Snapshot::from_bytes(&status.snapshot()).unwrap());
+        Control::Continue
+    };
+    let whole = Render::new(frame, &limits).monitor(&mut keep).run(&mut Field(noise), &mut make()).unwrap();
+    assert_eq!(slices.len(), 5);
+    for snapshot in slices.clone() {
         let film = Render::new(frame, &limits).resume(snapshot, &mut Field(noise), &mut make()).unwrap();
         assert!(bits(&film) == bits(&whole));
     }
@@ -171,7 +181,7 @@ fn stages_with_different_points_are_resumed() {
     assert_eq!(whole.mean(7), moments.mean);
     // Other points are refused all the same.
     let other = || Then::new(Uniform::new(POINTS()), 4, Uniform::new(Independent::new(78))).unwrap();
-    let last = snapshot(&keeper.slices[4]);
+    let last = slices.remove(4);
     let refused = Render::new(frame, &limits).resume(last, &mut Field(noise), &mut other()).unwrap_err();
     assert!(refused.to_string().contains("the point set was independent:seed=77"), "{refused}");
 }

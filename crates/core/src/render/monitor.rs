@@ -1,0 +1,86 @@
+//! What a render shows while it runs, and to whom.
+
+use crate::Film;
+use crate::snapshot::View;
+
+/// The state of a render between two slices of tracing (about 0.2 seconds each), passed to a [`Monitor`].
+#[non_exhaustive]
+#[derive(Clone, Copy)]
+pub struct Status<'a> {
+    /// The film so far, with valid statistics in every pixel.
+    pub film: &'a Film,
+    /// The number of the round being traced, from 0.
+    pub round: u32,
+    /// The number of samples traced so far.
+    pub samples: u64,
+    /// The number of samples to trace in all, as far as known; a limit of time or error may change it.
+    pub expected: u64,
+    /// Wall seconds of planning and tracing so far, without the monitor's own time.
+    pub seconds: f64,
+    /// The time limit in seconds, if there is one.
+    pub seconds_limit: Option<f64>,
+    /// The seconds of the time limit that are reserved for the filter, once they are measured: after the first round.
+    pub filter_seconds: Option<f64>,
+    pub(super) view: View<'a>,
+}
+
+impl Status<'_> {
+    /// The state of the render as bytes for [`Snapshot::from_bytes`], about as many as the film takes in memory. A
+    /// render resumed from them ends with the same bits as this one.
+    pub fn snapshot(&self) -> Vec<u8> {
+        self.view.write()
+    }
+}
+
+/// A monitor's decision about the render.
+#[non_exhaustive]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Control {
+    /// Continue rendering.
+    Continue,
+    /// Stop the render and return the film so far.
+    Stop,
+}
+
+/// An observer of a render, called about five times a second: for progress, previews, checkpoints and Ctrl-C.
+///
+/// A closure `FnMut(&Status) -> Control` is a monitor too.
+///
+/// ```
+/// use dapple_core::{Control, Monitor, Status};
+///
+/// /// Stops after a minute.
+/// struct Minute;
+///
+/// impl Monitor for Minute {
+///     fn slice(&mut self, status: &Status<'_>) -> Control {
+///         if status.seconds < 60.0 { Control::Continue } else { Control::Stop }
+///     }
+/// }
+/// ```
+pub trait Monitor {
+    /// Called after each slice of tracing (about 0.2 seconds). The returned value decides whether the render continues.
+    fn slice(&mut self, status: &Status<'_>) -> Control;
+
+    /// Called once at the end, unless the render was stopped. A render resumed from a snapshot taken here may have
+    /// larger limits.
+    fn end(&mut self, status: &Status<'_>) {
+        let _ = status;
+    }
+}
+
+/// The monitor that does nothing: the render runs to the end.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct NoMonitor;
+
+impl Monitor for NoMonitor {
+    fn slice(&mut self, _: &Status<'_>) -> Control {
+        Control::Continue
+    }
+}
+
+impl<F: FnMut(&Status<'_>) -> Control> Monitor for F {
+    fn slice(&mut self, status: &Status<'_>) -> Control {
+        self(status)
+    }
+}

@@ -1,0 +1,149 @@
+//! The state of a render between slices: the film, the open round, and what of it one machine traces.
+
+use super::filtered_error::FilteredError;
+use crate::{Film, Frame, Plan, TrainingData, TrainingSum};
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+
+/// The state of a render between slices.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct State {
+    pub(crate) film: Film,
+    pub(crate) round: u32,
+    /// The round being traced, if any; the next one is planned after it.
+    pub(crate) open: Option<OpenRound>,
+    /// The data of all training passes so far, to replay on resuming.
+    pub(crate) passes: Vec<TrainingData>,
+    /// The filtered image of the last prediction, if an error limit concerns a filtered image.
+    pub(crate) filtered_error: Option<FilteredError>,
+    /// The number of the pass that the integrator is prepared for; `None` before the first and after a resumption.
+    pub(crate) prepared: Option<u32>,
+    /// The stage of which the film has some rows; `None` for a film of the whole window.
+    pub(crate) stage: Option<Stage>,
+}
+
+/// The progress within a round. Pixels in rows before `row` have `end` samples of the round traced, the others `start`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Cursor {
+    pub(crate) start: u32,
+    pub(crate) end: u32,
+    pub(crate) row: u32,
+}
+
+/// A round (a batch of planned samples) that is partly traced.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct OpenRound {
+    pub(crate) plan: Plan,
+    pub(crate) cursor: Cursor,
+    /// The sums of the unfinished training pass. For each traced row of 16x16-pixel blocks: the index of the row of
+    /// blocks, and the sums by key.
+    pub(crate) pending: Vec<(usize, Vec<TrainingSum>)>,
+    /// The number of samples traced before this round.
+    pub(crate) before: u64,
+    /// The number of this round's samples that are traced and no longer in `plan`.
+    pub(crate) submitted: u64,
+    pub(crate) plan_seconds: f64,
+    /// Seconds of tracing this round before the snapshot.
+    pub(crate) traced_seconds: f64,
+}
+
+impl OpenRound {
+    /// The largest number of samples of a pixel.
+    pub(crate) fn longest(&self) -> u32 {
+        self.counts().max().unwrap_or(0)
+    }
+
+    /// The samples among the first `start` of each pixel.
+    pub(crate) fn before(&self, start: u32) -> u64 {
+        self.counts().map(|count| u64::from(count.min(start))).sum()
+    }
+
+    /// The number of pixels with more than `start` samples; those of both halves count twice.
+    pub(crate) fn above(&self, start: u32) -> u64 {
+        self.counts().filter(|count| *count > start).count() as u64
+    }
+
+    /// The counts in the plan, of both halves.
+    fn counts(&self) -> impl Iterator<Item = u32> + '_ {
+        self.plan.counts.iter().chain(self.plan.second_half.iter().flatten()).copied()
+    }
+
+    /// The number of this round's samples already traced in each pixel of `row`.
+    pub(crate) fn done(&self, row: usize) -> u32 {
+        if row < self.cursor.row as usize { self.cursor.end } else { self.cursor.start }
+    }
+
+    /// Keeps only the untraced rest in the plan.
+    pub(crate) fn keep_rest(&mut self, width: usize) {
+        if self.cursor == Cursor::default() {
+            return;
+        }
+        let rest = self.rest(width);
+        self.submitted += self.plan.total() - rest.total();
+        (self.plan, self.cursor) = (rest, Cursor::default());
+    }
+
+    /// The untraced rest of the round as a plan. It withdraws no samples: withdrawals happen when the round begins.
+    pub(crate) fn rest(&self, width: usize) -> Plan {
+        let left = |counts: &[u32]| -> Vec<u32> {
+            counts.iter().enumerate().map(|(i, n)| n.saturating_sub(self.done(i / width))).collect()
+        };
+        let Plan { counts, second_half, retention, combine, withdraw: _ } = &self.plan;
+        let second_half = second_half.as_deref().map(left);
+        Plan { counts: left(counts), second_half, retention: *retention, combine: *combine, withdraw: None }
+    }
+}
+
+/// The samples of a render between two barriers.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Stage {
+    /// The window of the render.
+    pub(crate) frame: Frame,
+    /// The first row to trace, and the one after the last. The rows above them are traced already.
+    pub(crate) rows: [u32; 2],
+    /// The samples of each pixel at which the integrator's passes end, ascending; the last is the end of the stage.
+    pub(crate) ends: Vec<u32>,
+}
+
+impl Stage {
+    /// The window of the render.
+    pub fn frame(&self) -> Frame {
+        self.frame
+    }
+
+    /// The rows of the window that are to be traced.
+    pub fn rows(&self) -> Range<u32> {
+        self.rows[0]..self.rows[1]
+    }
+
+    /// The number of passes for which an integrator prepares, at least 1.
+    pub fn passes(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// Returns `true` if `film` is the frame of some rows of the window, for a stage with rows and passes.
+    pub(crate) fn has(&self, film: &Frame) -> bool {
+        let top = film.origin()[1].checked_sub(self.frame.origin()[1]);
+        let rows = top.and_then(|top| self.frame.rows(top..top + film.size()[1]).ok());
+        rows == Some(*film) && self.rows[0] < self.rows[1] && self.ends.is_sorted() && !self.ends.is_empty()
+    }
+
+    pub(super) fn end(&self) -> u32 {
+        self.ends.last().copied().unwrap_or(0)
+    }
+
+    /// Samples per pixel of the pass from sample `start`.
+    pub(super) fn pass_length(&self, start: u32) -> u32 {
+        self.ends.iter().find(|end| **end > start).map_or(0, |end| end - start)
+    }
+}
+
+/// The result of tracing a round: stopped by a monitor, and where, or not stopped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Stopped {
+    No,
+    /// The monitor stopped the render while samples of the round remained to be traced.
+    Within,
+    /// The monitor stopped the render after the last slice of the round.
+    AtEnd,
+}
