@@ -1,7 +1,7 @@
 //! Methods that place samples or read their coordinates.
 
 use crate::{AnyPoints, ClusterInputError, ClusterInputs, MadeSampler, Parameters, RegistryError};
-use dapple_classics::{Dct, Domain, FilmPoints, MdasOptions, Refinement, SamplesFilter, SamplesMethod, TreeSampler};
+use dapple_classics::{Dct, Domain, FilmPoints, FilterMethod, MdasOptions, MethodFilter, Refinement, TreeSampler};
 use dapple_core::Filter;
 
 /// The part that methods which place samples lack without a scene.
@@ -56,10 +56,10 @@ pub(crate) fn dct(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs)
     Ok(Dct::new(points, &domain(p, inputs)?, p.options()?, p.options()?)?.into())
 }
 
-pub(crate) fn of_samples<M: SamplesMethod + 'static>(
+pub(crate) fn of_samples<M: FilterMethod<FilmPoints> + 'static>(
     p: &Parameters,
     inputs: &dyn ClusterInputs,
 ) -> Result<Box<dyn Filter>, RegistryError> {
     let options: M = p.options()?;
-    Ok(Box::new(SamplesFilter::new(film_points(p, inputs)?, options)?))
+    Ok(Box::new(MethodFilter::new(film_points(p, inputs)?, options)?))
 }
