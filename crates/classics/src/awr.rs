@@ -1,38 +1,12 @@
 //! Adaptive wavelet rendering: samples for blocks of pixels by the variance of their wavelets.
 
 use crate::method::{MethodSampler, SamplingMethod};
-use crate::rounds::{next_step, with_extra};
+use crate::method::{next_step, with_extra};
 use crate::wavelets::{Basis, Taps, coefficient_variances, high_band, sizes, transform};
 use crate::windows::{around, filled_means, per_pixel};
-use dapple_core::{
-    Error, Feedback, Film, Frame, Needs, PilotPolicy, Plan, Recorder, Retention, SamplerMemory, mix, saturating_u32,
-};
-use dapple_mitchell::Extrema;
+use dapple_core::{Error, Feedback, Film, PilotPolicy, Plan, mix, saturating_u32};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
-use std::sync::Arc;
-
-/// The statistic by which a pixel's variance is estimated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SpreadStatistic {
-    /// The sample variance relative to the squared brightness, averaged over 3x3 pixels.
-    Variance,
-    /// The square of half the range of the samples' luminance.
-    Range,
-}
-
-dapple_core::choices!(SpreadStatistic { Variance = "variance", Range = "range" });
-
-/// The measure of what a block of pixels would gain from samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BlockPriority {
-    /// The variance less the mean square of the wavelet coefficients.
-    Published,
-    /// The same, but without the share of noise in the squares.
-    Debiased,
-}
-
-dapple_core::choices!(BlockPriority { Published = "published", Debiased = "debiased" });
 
 dapple_core::options! {
     /// The parameters of [`Awr`].
@@ -41,10 +15,6 @@ dapple_core::options! {
         pub basis: Basis = Basis::Cdf97 => "cdf97";
         /// Number of levels.
         pub levels: usize = 5, |levels| levels <= 8, "0 to 8";
-        /// Statistic of a pixel's samples: variance (of 3x3 pixels) or range (as re-implemented).
-        pub statistic: SpreadStatistic = SpreadStatistic::Variance => "variance";
-        /// Priority of a block: debiased, or published (as re-implemented), in which noise hides itself.
-        pub priority: BlockPriority = BlockPriority::Debiased => "debiased";
         /// Samples per pixel before counts adapt.
         pub pilot: u32 = 4, |pilot| pilot >= 2, "a variance needs 2 samples or more";
         /// Rounds after the pilot, which share the rest of the budget equally.
@@ -64,9 +34,9 @@ dapple_core::options! {
 /// [`Wavelet`](crate::Wavelet) is the matching filter.
 ///
 /// The difference `V - w^2` is that of a re-implementation; the authors' own priority could not be read. On noise the mean
-/// of `w^2` is `V` itself, which hides all noise. [`BlockPriority::Debiased`] therefore subtracts only what exceeds it. The
-/// statistic, the variance of a block (that of its scaling coefficient with Haar wavelets only), the levels, the batches, the
-/// number of rounds and the pilot are ours too.
+/// of `w^2` is `V` itself, which would hide all noise, so only what exceeds it is subtracted. The statistic is the sample
+/// variance relative to the squared brightness, averaged over 3x3 pixels. It, the variance of a block (that of its scaling
+/// coefficient with Haar wavelets only), the levels, the batches, the number of rounds and the pilot are ours too.
 ///
 /// *Guarantees*: spends the budget exactly, and takes the pilot in every pixel if the budget allows. *Bias*: all samples
 /// are kept and decide how many follow [Kirk and Arvo 1991].
@@ -76,27 +46,15 @@ pub type Awr<P> = MethodSampler<P, AwrOptions>;
 
 impl SamplingMethod for AwrOptions {
     const NAME: &'static str = "awr";
+    // The image and its transposed copy with variances; then blocks of all levels and the heap.
+    const PLANNING: usize = 108 + 2 * (size_of::<WaveletBlock>() + size_of::<Waiting>()) * 4 / 3;
 
-    fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
-        if self.statistic == SpreadStatistic::Range { Extrema::list() } else { Vec::new() }
+    fn pilot_and_rounds(&self, _: u64) -> (u32, Option<u32>) {
+        (self.pilot, Some(self.rounds))
     }
 
-    fn number_of_rounds(&self) -> Option<u32> {
-        Some(1 + self.rounds)
-    }
-
-    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
-        // The image and its transposed copy with variances; then blocks of all levels and the heap.
-        let making = 2 * 24 + 2 * 8 + 4 * 8;
-        SamplerMemory::planning(frame, making + (2 * size_of::<WaveletBlock>() + 2 * size_of::<Waiting>()) * 4 / 3 + 12)
-    }
-
-    fn pilot_samples(&self, _: u64) -> u32 {
-        self.pilot
-    }
-
-    fn refine(&self, seen: &Feedback<'_>, first: u32, plan: &mut Plan) -> Result<(), Error> {
-        let mut queue = Queue::new(seen, self)?;
+    fn refine(&self, seen: &Feedback<'_>, first: u32, _: &mut Option<f64>, plan: &mut Plan) -> Result<(), Error> {
+        let mut queue = Queue::new(seen, self);
         let left = queue.hand_out(next_step(seen, first, self.rounds));
         let counts: Vec<u32> = queue.pixels.iter().map(|pixel| pixel.added).collect();
         plan.counts = with_extra(seen, counts, left)?;
@@ -168,20 +126,17 @@ struct Queue {
 const BLACK: f64 = 0.01;
 
 impl Queue {
-    fn new(seen: &Feedback<'_>, options: &AwrOptions) -> Result<Self, Error> {
+    fn new(seen: &Feedback<'_>, options: &AwrOptions) -> Self {
         let size = seen.frame().size().map(|n| n as usize);
         let (mut image, unpooled) = filled_means(seen.film);
-        let variances = match options.statistic {
-            SpreadStatistic::Variance => pooled(seen.film, size, &image, &unpooled),
-            SpreadStatistic::Range => squared_half_ranges(seen.film)?,
-        };
+        let variances = pooled(seen.film, size, &image, &unpooled);
         let sizes = sizes(size, options.levels);
         let finest = |i: usize| WaveletBlock { sum: variances[i], area: 1.0, ..WaveletBlock::new(&image[i], 0.0) };
         let mut levels = vec![per_pixel(seen.film, finest)];
         let cascade = options.basis.cascade(options.levels);
         for level in 1..=options.levels {
-            transform(options.basis, size, level - 1..level, &mut image);
-            let mut blocks = coarse_blocks(options.priority, &image, size, level, &variances, &cascade[level - 1]);
+            transform(options.basis, size, level - 1..level, false, &mut image);
+            let mut blocks = coarse_blocks(&image, size, level, &variances, &cascade[level - 1]);
             let columns = sizes[level - 1][0];
             for (i, block) in levels[level - 1].iter().enumerate() {
                 let parent = &mut blocks[i / columns / 2 * sizes[level][0] + i % columns / 2];
@@ -200,7 +155,7 @@ impl Queue {
         });
         let heap = blocks.collect();
         let (ceiling, salt) = (seen.budget.max_spp, mix(seen.budget.spent));
-        Ok(Self { size, sizes, levels, pixels, heap, ceiling, salt })
+        Self { size, sizes, levels, pixels, heap, ceiling, salt }
     }
 
     /// Hands out `total` samples in batches, and returns the number of those that no block with a positive key could take.
@@ -300,19 +255,8 @@ fn pooled(film: &Film, size: [usize; 2], image: &[[f64; 3]], unpooled: &[f64]) -
     })
 }
 
-/// The square of half the range of each pixel's luminances, divided by the number of its samples.
-fn squared_half_ranges(film: &Film) -> Result<Vec<f64>, Error> {
-    let extrema = Extrema::of(film, AwrOptions::NAME)?;
-    Ok(per_pixel(film, |i| {
-        let range = extrema.of_pixel(Retention::Keep, i).map(|range| range.map(|values| f64::from(values[3])));
-        let half = range.map_or(0.0, |[least, most]| 0.5 * (most - least));
-        half * half / film.count(i).max(1) as f64
-    }))
-}
-
 /// The blocks of a level of the transformed image, without their pixels.
 fn coarse_blocks(
-    priority: BlockPriority,
     image: &[[f64; 3]],
     size: [usize; 2],
     level: usize,
@@ -331,14 +275,126 @@ fn coarse_blocks(
         };
         let squares = ranges.iter().map(square).sum::<f64>() / 3.0;
         let noise = bands.iter().map(|band| band[i]).sum::<f64>() / 3.0;
-        let detail = match priority {
-            BlockPriority::Published => squares,
-            BlockPriority::Debiased => (squares - noise).max(0.0),
-        };
-        WaveletBlock::new(&image[y * size[0] + x], detail)
+        WaveletBlock::new(&image[y * size[0] + x], (squares - noise).max(0.0))
     };
     (0..columns * rows).map(of).collect()
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::support::{ANY, VARIANCE, next_counts, noisy_film};
+    use dapple_core::BudgetLeft;
+    use dapple_low_discrepancy::Sobol;
+
+    fn queue(film: &Film, options: &AwrOptions) -> Queue {
+        let total = 4 * film.counts().iter().sum::<u64>();
+        let seen = Feedback::new(1, film, BudgetLeft::new(total).with_spent(total / 4));
+        Queue::new(&seen, options)
+    }
+
+    fn haar() -> AwrOptions {
+        AwrOptions::default().basis(Basis::Haar)
+    }
+
+    /// A constant image with noise of one variance, known exactly.
+    fn white(seed: u64) -> Film {
+        noisy_film([128, 128], 4, VARIANCE, seed, |_, _| 10.0, |_, _| 1.0)
+    }
+
+    #[test]
+    fn on_noise_the_key_is_flat_over_levels() {
+        let mut keys = [0.0; 6];
+        for queue in (0..8).map(|seed| queue(&white(seed), &haar())) {
+            for (sum, blocks) in keys.iter_mut().zip(&queue.levels) {
+                *sum += blocks.iter().map(WaveletBlock::key).sum::<f64>() / (8 * blocks.len()) as f64;
+            }
+        }
+        for level in 1..=3 {
+            // The excess of a sum of three squares over its mean is 0.3 of it on average.
+            let ratio = keys[level] / keys[1];
+            assert!((ratio - 1.0).abs() < 0.06, "level {level}: {ratio}");
+        }
+        // 4 samples, relative.
+        assert!((keys[0] / (0.25 / 100.0) - 1.0).abs() < 0.03, "{}", keys[0]);
+    }
+
+    #[test]
+    fn equal_keys_go_to_the_coarsest_block() {
+        let waiting = (0..6).flat_map(|level| (0..4).map(move |block| waiting(1.0, level, block)));
+        let order: Vec<u32> = waiting.collect::<BinaryHeap<_>>().into_sorted_vec().iter().rev().map(|w| w.1).collect();
+        assert!(order.is_sorted_by(|a, b| a >= b) && order[0] == 5);
+    }
+
+    #[test]
+    fn an_edge_is_sampled_by_small_blocks_and_flat_noise_by_large_ones() {
+        // One edge and noise of equal variance left and right.
+        let image = |x: u32, _: u32| if x < 37 { 10.0 } else { 20.0 };
+        let film = noisy_film([128, 64], 16, VARIANCE, 4, image, |x, _| if x < 37 { 1.0 } else { 2.0 });
+        let queue = queue(&film, &haar());
+        let keys = |level: usize, columns: std::ops::Range<usize>| {
+            let width = queue.sizes[level][0];
+            let blocks = queue.levels[level].iter().enumerate().filter(|(i, _)| columns.contains(&(i % width)));
+            let (sum, number) = blocks.fold((0.0, 0.0), |(sum, n), (_, block)| (sum + block.key(), n + 1.0));
+            sum / number
+        };
+        for level in 1..=4 {
+            let [edge, flat] = [keys(level, 37 >> level..(37 >> level) + 1), keys(level, 64 >> level..128 >> level)];
+            assert!(edge < 0.0 && flat > 0.0, "level {level}: {edge} at the edge, {flat} on flat noise");
+        }
+        assert!(keys(0, 37..38) > 0.0, "the pixels at the edge are sampled by themselves");
+    }
+
+    #[test]
+    fn samples_go_where_the_variance_is_and_lower_it() {
+        for basis in [Basis::Cdf97, Basis::Cdf53, Basis::Haar] {
+            let film = noisy_film([64, 64], 4, VARIANCE, 6, |_, _| 10.0, |x, _| if x < 32 { 0.1 } else { 2.0 });
+            let mut queue = queue(&film, &AwrOptions::default().basis(basis));
+            let before = queue.levels[5].iter().map(|block| block.sum).sum::<f64>();
+            assert_eq!(queue.hand_out(4096), 0);
+            let added: Vec<u32> = queue.pixels.iter().map(|pixel| pixel.added).collect();
+            assert_eq!(added.iter().sum::<u32>(), 4096);
+            let right: u32 = added.iter().enumerate().filter(|(i, _)| i % 64 >= 32).map(|(_, n)| n).sum();
+            assert!(right > 3500, "{basis:?}: {right} of 4096");
+            let after = queue.levels[5].iter().map(|block| block.sum).sum::<f64>();
+            let of = |pixel: &PixelCount| pixel.variance / f64::from(pixel.before + pixel.added);
+            let exact = queue.pixels.iter().map(of).sum::<f64>();
+            assert!(after < before && (after / exact - 1.0).abs() < 1e-9, "{before} {after} {exact}");
+        }
+    }
+
+    #[test]
+    fn constant_images_get_even_counts() {
+        let film = noisy_film([32, 32], 4, VARIANCE, 6, |_, _| 10.0, |_, _| 0.0);
+        // A quarter of what is left, evenly.
+        assert_eq!(next_counts(&mut Awr::new(Sobol::new(1)), &film, 8 * 1024, ANY), [1; 1024]);
+    }
+
+    /// Blocks whose variance never falls would take all samples.
+    #[test]
+    fn a_small_noisy_lamp_shares_its_samples_evenly() {
+        let is_lamp = |x: u32, y: u32| (29..37).contains(&x) && (13..21).contains(&y);
+        let image = move |x: u32, y: u32| if is_lamp(x, y) { 1000.0 } else { 1.0 };
+        let noise = move |x: u32, y: u32| if is_lamp(x, y) { 200.0 } else { 0.01 };
+        let film = noisy_film([64, 64], 4, VARIANCE, 6, image, noise);
+        for basis in [Basis::Cdf97, Basis::Cdf53, Basis::Haar] {
+            let mut queue = queue(&film, &AwrOptions::default().basis(basis));
+            queue.hand_out(4096);
+            let near = |i: &usize| (27..39).contains(&(i % 64)) && (11..23).contains(&(i / 64));
+            let (lamp, rest): (Vec<usize>, Vec<usize>) = (0..4096).partition(near);
+            let added = |pixels: &[usize]| pixels.iter().map(|&i| queue.pixels[i].added).sum::<u32>();
+            assert!(added(&lamp) > 2 * added(&rest), "{basis:?}: {} in the lamp", added(&lamp));
+            let most = queue.pixels.iter().map(|pixel| pixel.added).max();
+            assert!(most < Some(4 * 4096 / 64), "{basis:?}: a pixel gets {most:?} samples of 64 on average");
+        }
+    }
+
+    #[test]
+    fn a_large_block_samples_all_its_pixels() {
+        let mut queue = queue(&white(1), &haar());
+        assert_eq!((0..64).map(|_| queue.sample(5, 0, 64)).sum::<u64>(), 4096);
+        let block: Vec<u32> = (0..1024).map(|i| queue.pixels[i / 32 * 128 + i % 32].added).collect();
+        assert!(block.iter().all(|n| (1..=9).contains(n)), "{:?}", block.iter().min().zip(block.iter().max()));
+        assert_eq!(block.iter().sum::<u32>(), 4096);
+    }
+}

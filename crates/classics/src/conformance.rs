@@ -1,6 +1,6 @@
 //! Methods of this crate conform: a test for each line of the table.
 
-use crate::tree::test_scenes::{domain, film_points};
+use crate::support::{domain, film_points};
 use crate::*;
 use Role::{Lens, Time};
 use dapple_core::Options;
@@ -37,7 +37,7 @@ fn points(roles: &[Role]) -> FilmPoints {
 
 conforms! {
     sampler awr: Awr::with_options(sobol(), of(""));
-    sampler awr_of_ranges: Awr::with_options(sobol(), of("basis=haar,statistic=range,priority=published,rounds=2"));
+    sampler awr_of_haar: Awr::with_options(sobol(), of("basis=haar,rounds=2"));
     sampler awr_of_one_level: Awr::with_options(sobol(), of("basis=cdf53,levels=1"));
     sampler awr_without_levels: Awr::with_options(sobol(), of("levels=0"));
     sampler dct: Dct::new(random(), &domain(&[]), of(""), of(""));

@@ -4,15 +4,14 @@ mod cosines;
 
 pub use cosines::{CosineOptions, CosineScale};
 
-use crate::method::{SamplesFilter, SamplesMethod};
+use crate::method::{FilterMethod, MethodFilter, counts_so_far, total};
 use crate::recorders::{FilmSamples, Singles};
-use crate::rounds::{counts_so_far, total};
-use crate::tree::{Cell, Cells, seed_of};
+use crate::tree::{Cell, Cells, Known, image_of_cells, seed_of};
 use crate::{Domain, FilmPoints};
 use cosines::{Fit, SIDE, masking, weight};
 use dapple_core::{
-    Error, Feedback, Filtered, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Recorder,
-    Sampler, SamplerMemory, allocate, mix,
+    Error, Feedback, Film, Filtered, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress,
+    Recorder, Sampler, SamplerMemory, allocate, mix,
 };
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -69,20 +68,19 @@ pub struct Dct<P> {
     domain: Domain,
     options: DctOptions,
     cosines: CosineOptions,
-    /// The errors of each block, as far as they are known.
-    known: Vec<Known>,
+    known: Known<BlockErrors>,
 }
 
-/// A block's errors. They follow from its samples, so they hold until their number changes.
+/// A block's errors.
 #[derive(Clone, Debug, Default)]
-struct Known {
-    samples: Option<u64>,
+struct BlockErrors {
+    samples: usize,
     luminance: f64,
     /// The number of each cell, and its squared error before masking.
     cells: Vec<(u32, f64)>,
 }
 
-impl Known {
+impl BlockErrors {
     /// The masked error of each cell, in an image of this mean luminance.
     fn errors(&self, mean: f64, exponent: f64) -> impl Iterator<Item = f64> {
         let mask = masking(self.luminance, mean, exponent);
@@ -102,7 +100,7 @@ impl<P: PointSet> Dct<P> {
     pub fn new(points: P, domain: &Domain, options: DctOptions, cosines: CosineOptions) -> Result<Self, Error> {
         options.check_ranges()?;
         cosines.check_ranges()?;
-        Ok(Self { points, domain: domain.place(), options, cosines, known: Vec::new() })
+        Ok(Self { points, domain: domain.place(), options, cosines, known: Known::default() })
     }
 
     /// Plans what cells lack of the pilot, and pixels of their floor.
@@ -127,37 +125,20 @@ impl<P: PointSet> Dct<P> {
         let counts = allocate(&scores, &floors, ceiling, total)?.counts;
         for (number, count) in counts.into_iter().enumerate() {
             let more = cells.pixels(number).fold(count, |more, i| more.saturating_sub(round.now[i]));
-            round.give(|| cells.pixels(number), more, seen);
+            round.give(cells, number, more, seen);
         }
         Ok(())
-    }
-
-    /// Fits the blocks whose samples have changed.
-    fn fit(&mut self, seen: &Feedback<'_>, recorded: &FilmSamples<'_>) {
-        let blocks = Cells::new(seen.frame(), SIDE);
-        if self.known.len() != blocks.count() {
-            self.known = vec![Known::default(); blocks.count()];
-        }
-        let columns = seen.frame().size()[0].div_ceil(CELL);
-        let (points, domain, film) = (&self.points, &self.domain, seen.film);
-        let visible = self.options.visible == 1;
-        self.known.par_iter_mut().enumerate().for_each_init(Cell::default, |block, (number, known)| {
-            let samples = blocks.pixels(number).map(|i| film.count(i)).sum();
-            if known.samples != Some(samples) {
-                blocks.read(number, recorded, points, domain, block);
-                *known = Known { samples: Some(samples), ..errors(block, columns, &self.cosines, visible) };
-            }
-        });
     }
 
     /// The samples that each block may get until it is fitted anew, with the error that each takes away.
     fn gains(&self, seen: &Feedback<'_>, now: &[u32]) -> Vec<Gain> {
         let (cells, exponent) = (Cells::new(seen.frame(), CELL), self.options.masking);
-        let mean = self.known.iter().map(|known| known.luminance).sum::<f64>() / self.known.len() as f64;
-        let sum: f64 = self.known.iter().flat_map(|known| known.errors(mean, exponent)).sum();
+        let known = || self.known.0.iter().map(|(_, known)| known);
+        let mean = known().map(|known| known.luminance).sum::<f64>() / self.known.0.len() as f64;
+        let sum: f64 = known().flat_map(|known| known.errors(mean, exponent)).sum();
         // Without errors, all pixels are alike.
         let least = if sum > 0.0 { LEAST * sum / cells.count() as f64 } else { 1.0 };
-        let gains = |known: &Known| {
+        let gains = |(_, known): &(_, BlockErrors)| {
             let open = known.cells.iter().zip(known.errors(mean, exponent));
             let mut open: Vec<Open> = open
                 .map(|(&(number, _), error)| {
@@ -171,18 +152,20 @@ impl<P: PointSet> Dct<P> {
                     Open { number, score: f64::from(pixels * pixels) * error.max(least), samples, room }
                 })
                 .collect();
-            let quota = libm::ceil(self.options.growth * known.samples.unwrap_or(0) as f64);
+            let quota = libm::ceil(self.options.growth * known.samples as f64);
             greedy(&mut open, quota.max(1.0) as u64)
         };
-        self.known.par_iter().flat_map_iter(gains).collect()
+        self.known.0.par_iter().flat_map_iter(gains).collect()
     }
 
-    /// Plans a round of the samples that take away the most.
+    /// Fits the blocks whose samples have changed, and plans a round of the samples that take away the most.
     fn plan_round(&mut self, seen: &Feedback<'_>, recorded: &FilmSamples<'_>, round: &mut Round) {
-        self.fit(seen, recorded);
+        let (columns, visible) = (seen.frame().size()[0].div_ceil(CELL), self.options.visible == 1);
+        let errors = |_, block: &Cell| errors(block, columns, &self.cosines, visible);
+        self.known.refresh(Cells::new(seen.frame(), SIDE), recorded, &self.points, &self.domain, errors);
         let mut gains = self.gains(seen, &round.now);
         let step = (0.5 * self.options.growth * round.kept() as f64) as u64;
-        let step = step.max(self.known.len() as u64).min(seen.budget.left());
+        let step = step.max(self.known.0.len() as u64).min(seen.budget.left());
         let step = usize::try_from(step).unwrap_or(usize::MAX);
         if step < gains.len() {
             let tie = |cell: u32| mix(round.seed ^ u64::from(cell));
@@ -194,47 +177,42 @@ impl<P: PointSet> Dct<P> {
         let mut counts = vec![0; cells.count()];
         gains.iter().for_each(|&(_, cell)| counts[cell as usize] += 1);
         for (number, count) in counts.into_iter().enumerate() {
-            round.give(|| cells.pixels(number), count, seen);
+            round.give(cells, number, count, seen);
         }
     }
 }
 
-/// The squared deviations of a cell's samples from the fit, summed for each channel, and the number of samples.
-#[derive(Clone, Copy, Default)]
-struct Deviations {
-    squares: [f64; 3],
-    samples: f64,
-}
-
 /// The errors of a block's cells; `columns` is the number of cells in a row of the image.
-fn errors(block: &Cell, columns: u32, cosines: &CosineOptions, visible: bool) -> Known {
+fn errors(block: &Cell, columns: u32, cosines: &CosineOptions, visible: bool) -> BlockErrors {
     let [width, height] = block.size.map(|n| n.div_ceil(CELL));
     let number = |i: u32| (block.corner[1] / CELL + i / width) * columns + block.corner[0] / CELL + i % width;
     let Some(fit) = Fit::new(block, cosines) else {
-        return Known { cells: (0..width * height).map(|i| (number(i), 0.0)).collect(), ..Known::default() };
+        let cells = (0..width * height).map(|i| (number(i), 0.0)).collect();
+        return BlockErrors { cells, ..BlockErrors::default() };
     };
-    let mut cells = vec![Deviations::default(); (width * height) as usize];
+    // The squared deviations of each cell's samples from the fit, summed for each channel, and the number of samples.
+    let mut cells = vec![[0.0; 4]; (width * height) as usize];
     for (at, &value) in block.at.iter().zip(&block.values) {
         let (fitted, colour) = (fit.at(at), cosines.scale.opponent(value));
         let [x, y] = [at[0], at[1]].map(|x| x as u32 / CELL);
         let cell = &mut cells[(y * width + x) as usize];
-        cell.samples += 1.0;
-        (0..3).for_each(|c| cell.squares[c] += (colour[c] - fitted[c]).powi(2));
+        cell[3] += 1.0;
+        (0..3).for_each(|c| cell[c] += (colour[c] - fitted[c]).powi(2));
     }
     let luminance = fit.coefficients[0][0].max(0.0);
     let mut errors = vec![0.0; cells.len()];
     for c in 0..3 {
         let samples = block.at.len() as f64;
-        let mean = cells.iter().map(|cell| cell.squares[c]).sum::<f64>() / samples;
+        let mean = cells.iter().map(|cell| cell[c]).sum::<f64>() / samples;
         // Coefficients take up a part of the deviations.
         let taken_up = samples / (samples - fit.coefficients[c].len() as f64).max(1.0);
         let (expected, weight) = (fit.expected_energy(c), if visible { weight(&fit, c) } else { 1.0 });
         for (error, cell) in errors.iter_mut().zip(&cells) {
-            let square = (cell.squares[c] + mean) / (cell.samples + 1.0) * taken_up + expected;
+            let square = (cell[c] + mean) / (cell[3] + 1.0) * taken_up + expected;
             *error += if square > ROUNDING * luminance * luminance { weight * square } else { 0.0 };
         }
     }
-    Known { samples: None, luminance, cells: (0..).map(number).zip(errors).collect() }
+    BlockErrors { samples: block.at.len(), luminance, cells: (0..).map(number).zip(errors).collect() }
 }
 
 /// A cell that may get samples, and the number that its pixels can still take.
@@ -273,21 +251,17 @@ struct Round {
 }
 
 impl Round {
-    fn new(seen: &Feedback<'_>, seed: u64) -> Self {
-        Self { seed, now: counts_so_far(seen), counts: vec![0; seen.pixels()] }
-    }
-
     /// The number of samples before the round.
     fn kept(&self) -> u64 {
         total(&self.now)
     }
 
     /// Adds samples to a cell: each to a pixel with the fewest so far, below the ceiling. Equal pixels take turns at random.
-    fn give<I: Iterator<Item = usize>>(&mut self, pixels: impl Fn() -> I, count: u32, seen: &Feedback<'_>) {
+    fn give(&mut self, cells: Cells, number: usize, count: u32, seen: &Feedback<'_>) {
         for _ in 0..count {
             let samples = |i: usize| self.now[i].saturating_add(self.counts[i]);
             let turn = |i: usize| mix(self.seed ^ mix(i as u64) ^ u64::from(samples(i)) << 40);
-            let open = pixels().filter(|&i| samples(i) < seen.budget.max_spp);
+            let open = cells.pixels(number).filter(|&i| samples(i) < seen.budget.max_spp);
             let Some(i) = open.min_by_key(|&i| (samples(i), turn(i))) else { return };
             self.counts[i] += 1;
         }
@@ -304,15 +278,14 @@ impl<P: PointSet> Sampler for Dct<P> {
     }
 
     fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
-        Singles::ALL.list()
+        Singles::All.list()
     }
 
     fn memory(&self, frame: &Frame, _: &Needs, limits: &Limits) -> SamplerMemory {
         let cells = Cells::new(frame, CELL).count() * size_of::<(u32, f64)>();
-        let blocks = Cells::new(frame, SIDE).count() * size_of::<Known>();
         let gains = limits.expected_samples(frame) as f64 * self.options.growth * size_of::<Gain>() as f64;
         let mut memory = SamplerMemory::planning(frame, 16);
-        memory.state = (cells + blocks) as u64;
+        memory.state = cells as u64 + Known::<BlockErrors>::bytes(frame, SIDE);
         memory.planning = memory.planning.saturating_add(gains as u64);
         memory
     }
@@ -322,14 +295,15 @@ impl<P: PointSet> Sampler for Dct<P> {
     }
 
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        let recorded = Singles::ALL.of(seen.film, self.name())?;
+        let recorded = Singles::All.of(seen.film, self.name())?;
         if seen.round == 0 {
-            self.known.clear();
+            self.known.0.clear();
         }
         if seen.budget.left() == 0 {
             return Ok(Progress::Done);
         }
-        let mut round = Round::new(seen, seed_of(&self.points));
+        let (seed, now) = (seed_of(&self.points), counts_so_far(seen));
+        let mut round = Round { seed, now, counts: vec![0; seen.pixels()] };
         self.plan_pilot(seen, &mut round)?;
         if round.counts.iter().all(|&count| count == 0) {
             self.plan_round(seen, &recorded, &mut round);
@@ -339,7 +313,7 @@ impl<P: PointSet> Sampler for Dct<P> {
     }
 
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.known.clear();
+        self.known.0.clear();
         match saved {
             [] => Ok(()),
             _ => Err(Error::BadSnapshot { what: "the sampler dct keeps no state between rounds" }),
@@ -358,17 +332,14 @@ impl<P: PointSet> Sampler for Dct<P> {
 /// without samples are black. There is no error estimate. Opponent space, penalty and the share of chroma are ours.
 ///
 /// *Bias*: of the frequencies that are left out. *Weaknesses*: blocks show; cosines ring at edges and around lamps.
-pub type DctFilter = SamplesFilter<CosineOptions>;
+pub type DctFilter = MethodFilter<CosineOptions, FilmPoints>;
 
-impl SamplesMethod for CosineOptions {
+impl FilterMethod<FilmPoints> for CosineOptions {
     const NAME: &'static str = "dct";
+    const SAMPLES: Option<Singles> = Some(Singles::All);
 
-    fn dimensions(&self, domain: &Domain) -> Domain {
-        domain.place()
-    }
-
-    fn image(&self, samples: &FilmSamples<'_>, points: &FilmPoints) -> Filtered {
-        Cells::new(samples.film.frame(), SIDE).image(samples, points, |block, image| {
+    fn image(&self, film: &Film, points: &FilmPoints) -> Result<Filtered, Error> {
+        image_of_cells((film, Self::NAME), SIDE, points, &points.domain().place(), |block, image| {
             let Some(fit) = Fit::new(block, self) else { return };
             let width = block.size[0] as usize;
             for (i, pixel) in image.iter_mut().enumerate() {
@@ -379,4 +350,115 @@ impl SamplesMethod for CosineOptions {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::support::{Field, Made, domain, film_points, image, mean_of_columns, render, run, squared_error};
+    use dapple_core::samplers::Uniform;
+    use dapple_low_discrepancy::Random;
+
+    fn dct(seed: u64, options: DctOptions) -> Dct<Random> {
+        Dct::new(Random::new(seed), &domain(&[]), options, CosineOptions::default()).unwrap()
+    }
+
+    fn filter(points: impl PointSet + 'static) -> DctFilter {
+        DctFilter::new(film_points(points, &[], None), CosineOptions::default()).unwrap()
+    }
+
+    #[test]
+    fn constant_and_black_images_get_equal_counts() {
+        for (value, size) in [(0.0, [16, 16]), (0.7, [16, 16]), (0.0, [19, 11]), (0.7, [19, 11])] {
+            let mut constant = Field(|_: [u32; 2], _: [f32; 4]| [value, 0.5 * value, 0.25 * value]);
+            let film = run(&mut constant, &mut dct(2, DctOptions::default()), size, &Limits::spp(8.0));
+            let (low, high) = film.counts().iter().fold((u64::MAX, 0), |(low, high), &n| (low.min(n), high.max(n)));
+            // Counts of cells of one and two pixels are rounded.
+            let spread = if size == [16, 16] { 0 } else { 2 };
+            assert!(high - low <= spread, "{size:?}, {value}: {low} to {high}");
+        }
+    }
+
+    fn mean_counts<const N: usize>(film: &Film, columns: [std::ops::Range<usize>; N]) -> [f64; N] {
+        columns.map(|columns| mean_of_columns(film, columns, |i| film.count(i) as f64))
+    }
+
+    #[test]
+    fn what_low_frequencies_explain_takes_no_samples() {
+        // From the left: a block of one cosine, a constant, an edge within the block.
+        let scene: Made = |[x, y], _| match x as u32 / 8 {
+            0 => 1.0 + 0.5 * (std::f32::consts::PI * y / 8.0).cos(),
+            1 => 1.0,
+            _ => f32::from(u8::from(x + 0.37 * y < 22.0)) + 0.5,
+        };
+        let film = render(scene, &mut dct(5, DctOptions::default()), [24, 24], 16.0);
+        let [cosine, flat, edge] = mean_counts(&film, [0..8, 8..16, 16..24]);
+        assert!(edge > 3.0 * cosine && cosine < 1.6 * flat, "{cosine}, {flat} and {edge} samples");
+    }
+
+    #[test]
+    fn bright_parts_get_fewer_samples_unless_nothing_masks_errors() {
+        // Noise of equal deviation, on dark and on bright ground.
+        let mut noise = Field(|[x, _]: [u32; 2], u: [f32; 4]| [if x < 16 { 0.5 } else { 4.0 } + 0.5 * u[2]; 3]);
+        let [masked, plain] = [0.65, 0.0].map(|masking| {
+            let options = DctOptions::default().masking(masking);
+            let [dark, bright] =
+                mean_counts(&run(&mut noise, &mut dct(3, options), [32, 32], &Limits::spp(16.0)), [0..16, 16..32]);
+            dark / bright
+        });
+        assert!(masked > 2.0 && (0.8..1.25).contains(&plain), "{masked} and {plain}");
+    }
+
+    /// The image of `made` in closed form: the mean over each pixel, by the midpoints of 32x32 parts.
+    fn exact(made: Made, width: usize) -> impl Fn(usize) -> f64 {
+        move |i| {
+            let part = |k: usize| (k as f32 + 0.5) / 32.0;
+            let at = |k: usize| [(i % width) as f32 + part(k % 32), (i / width) as f32 + part(k / 32)];
+            (0..1024).map(|k| f64::from(made(at(k), [0.0; 4]))).sum::<f64>() / 1024.0
+        }
+    }
+
+    #[test]
+    fn the_filter_recovers_smooth_images_and_its_error_falls_with_the_count() {
+        let smooth: Made = |[x, y]: [f32; 2], _| 2.0 + (0.21 * x).sin() + (0.17 * y + 0.05 * x).cos();
+        let errors = [2.0, 8.0].map(|spp| {
+            let film = render(smooth, &mut Uniform::new(Random::new(4)), [20, 17], spp);
+            let images = [image(&filter(Random::new(4)), &film), film.image()];
+            let found = images.map(|image| squared_error(&image, exact(smooth, 20)).sqrt());
+            assert!(found[0] < 0.5 * found[1], "{spp} samples: {found:?}");
+            found[0]
+        });
+        // Both fits have all 64 cosines. To them, higher frequencies are noise: four times the samples halve the error, about.
+        assert!(errors[1] < 0.6 * errors[0], "{errors:?}");
+    }
+
+    #[test]
+    fn the_pilot_has_a_sample_in_each_cell_if_pixels_need_none() {
+        let mut limits = Limits::samples(35);
+        limits.min_spp = 0;
+        let mut constant = Field(|_: [u32; 2], _: [f32; 4]| [1.0; 3]);
+        let film = run(&mut constant, &mut dct(1, DctOptions::default()), [13, 10], &limits);
+        let cells = Cells::new(film.frame(), CELL);
+        let counts = |number| cells.pixels(number).map(|i| film.count(i));
+        assert!(cells.count() == 35 && (0..35).all(|number| counts(number).sum::<u64>() == 1));
+        // In large cells the sample is in any of the four pixels.
+        let corners = (0..35).filter(|&number| counts(number).next() == Some(1)).count();
+        assert!((6..25).contains(&corners), "{corners}");
+    }
+
+    #[test]
+    fn samples_go_where_the_error_falls_most_as_far_as_there_is_room() {
+        let open = |score: f64, samples| Open { number: samples, score, samples, room: 100 };
+        let gains = greedy(&mut [open(1.0, 4), open(8.0, 5), open(0.0, 0)], 4);
+        let numbers: Vec<u32> = gains.iter().map(|gain| gain.1).collect();
+        // First the empty cell, then by score / (n (n + 1)): 8 / 30, 8 / 42, 8 / 56 before 1 / 20.
+        assert_eq!(numbers, [0, 5, 5, 5]);
+        assert!(gains.is_sorted_by(|a, b| a.0 >= b.0));
+        let mut full = [Open { room: 2, ..open(1.0, 1) }];
+        assert_eq!(greedy(&mut full, 9).len(), 2);
+    }
+
+    #[test]
+    fn parameters_out_of_range_are_refused() {
+        let of = |options, cosines| Dct::new(Random::new(1), &domain(&[]), options, cosines).is_ok();
+        let (options, cosines) = (DctOptions::default(), CosineOptions::default());
+        assert!(of(options, cosines) && !of(options, cosines.share(2.0)) && !of(options.pilot(0), cosines));
+    }
+}

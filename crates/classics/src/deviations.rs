@@ -2,12 +2,11 @@
 //! and efficiency-aware splitting at the camera.
 
 use crate::method::{MethodSampler, SamplingMethod};
-use crate::rounds::{WorstFirst, counts_so_far, lacking, total};
-use crate::student::two_sided_critical;
+use crate::method::{WorstFirst, counts_so_far, lacking, total};
+use crate::welch::two_sided_critical;
 use crate::windows::{per_pixel, window_sums};
 use dapple_core::{
-    Error, Feedback, Film, Filter as _, Frame, Needs, PilotPolicy, Plan, SamplerMemory, Stopping, allocate, luminance,
-    saturating_u32, share,
+    Error, Feedback, Film, Filter as _, Needs, PilotPolicy, Plan, Stopping, allocate, luminance, saturating_u32, share,
 };
 use dapple_denoise::Gaussian;
 
@@ -77,20 +76,17 @@ const DARKEST: f64 = 0.01;
 
 impl SamplingMethod for VarianceThresholdOptions {
     const NAME: &'static str = "variance-threshold";
+    // A score per pixel.
+    const PLANNING: usize = 8 + WorstFirst::BYTES;
 
-    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
-        // A score per pixel.
-        SamplerMemory::planning(frame, 8 + WorstFirst::BYTES)
-    }
-
-    fn pilot_samples(&self, mean: u64) -> u32 {
+    fn pilot_and_rounds(&self, mean: u64) -> (u32, Option<u32>) {
         match self.mode {
-            Stopping::Threshold => self.min,
-            Stopping::Budget => self.min.min(saturating_u32(mean / 4)).max(2),
+            Stopping::Threshold => (self.min, None),
+            Stopping::Budget => (self.min.min(saturating_u32(mean / 4)).max(2), None),
         }
     }
 
-    fn refine(&self, seen: &Feedback<'_>, _: u32, plan: &mut Plan) -> Result<(), Error> {
+    fn refine(&self, seen: &Feedback<'_>, _: u32, _: &mut Option<f64>, plan: &mut Plan) -> Result<(), Error> {
         let Self { mode, step, cap, .. } = *self;
         WorstFirst { mode, step, cap }.plan(seen, &self.scores(seen.film), plan)
     }
@@ -167,17 +163,14 @@ fn grey([r, g, b]: [f64; 3]) -> f64 {
 
 impl SamplingMethod for UpperConfidenceOptions {
     const NAME: &'static str = "ucb";
+    // The bound and its copy in `allocate`, the counts so far and those wanted.
+    const PLANNING: usize = 8 + 8 + 4 + 4;
 
-    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
-        // Per pixel: the bound and its copy in `allocate`, the counts so far and those wanted.
-        SamplerMemory::planning(frame, 8 + 8 + 4 + 4)
+    fn pilot_and_rounds(&self, _: u64) -> (u32, Option<u32>) {
+        (self.pilot, None)
     }
 
-    fn pilot_samples(&self, _: u64) -> u32 {
-        self.pilot
-    }
-
-    fn refine(&self, seen: &Feedback<'_>, _: u32, plan: &mut Plan) -> Result<(), Error> {
+    fn refine(&self, seen: &Feedback<'_>, _: u32, _: &mut Option<f64>, plan: &mut Plan) -> Result<(), Error> {
         let (budget, now) = (seen.budget, counts_so_far(seen));
         let floors: Vec<u32> = now.iter().map(|&n| n.max(budget.min_spp)).collect();
         let needed = total(&floors) - total(&now);
@@ -272,32 +265,23 @@ impl EarsOptions {
 
 impl SamplingMethod for EarsOptions {
     const NAME: &'static str = "ears";
+    // The denoiser's sums of rows and columns, and its emission; sums of windows, factors and counts take less.
+    const PLANNING: usize = 2 * 32 + 24;
 
     fn needs(&self) -> Needs {
         Needs::none().with_variance().with_cost()
     }
 
-    fn number_of_rounds(&self) -> Option<u32> {
-        Some(1 + self.rounds)
+    fn pilot_and_rounds(&self, mean: u64) -> (u32, Option<u32>) {
+        let pilot = if self.pilot > 0 { self.pilot } else { saturating_u32(mean / 4).max(4) };
+        (pilot, Some(self.rounds))
     }
 
-    fn planning(&self, frame: &Frame, needs: &Needs) -> SamplerMemory {
-        // The denoised pixels beside sums of rows and of windows; then factors, counts and their shares.
-        let mut memory = SamplerMemory::planning(frame, 12 + 2 * 32);
-        let denoising = Gaussian::default().memory(frame, needs).applying;
-        memory.planning = memory.planning.max(memory.plan.saturating_add(denoising));
-        memory
-    }
-
-    fn pilot_samples(&self, mean: u64) -> u32 {
-        if self.pilot > 0 { self.pilot } else { saturating_u32(mean / 4).max(4) }
-    }
-
-    fn refine(&self, seen: &Feedback<'_>, _: u32, plan: &mut Plan) -> Result<(), Error> {
+    fn refine(&self, seen: &Feedback<'_>, _: u32, _: &mut Option<f64>, plan: &mut Plan) -> Result<(), Error> {
         let (budget, pixels, now) = (seen.budget, seen.pixels() as u64, counts_so_far(seen));
         let floors: Vec<u32> = now.iter().map(|&n| n.max(budget.min_spp)).collect();
         // The budget after the pilot is divided into equal steps.
-        let pilot = self.pilot_samples(budget.total / pixels);
+        let (pilot, _) = self.pilot_and_rounds(budget.total / pixels);
         let after = budget.total.saturating_sub(u64::from(pilot) * pixels);
         let needed = total(&floors) - total(&now);
         let step = after.div_ceil(self.rounds.into()).max(needed).clamp(1, budget.left());
@@ -310,7 +294,8 @@ impl SamplingMethod for EarsOptions {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_scenes::{Field, bernoulli, frame, planned_estimates, planned_until_done, run};
+    use crate::support::{Field, planned_until_done, run};
+    use dapple_conformance::statistics::Bernoulli;
     use dapple_core::{Estimate, Limits};
     use dapple_low_discrepancy::Random;
 
@@ -318,133 +303,100 @@ mod tests {
         VarianceThreshold::with_options(Random::new(seed), options).unwrap()
     }
 
-    /// Samples of mean 1 that are nearly normal: sums of four uniform numbers, with standard deviation 0.25.
+    /// The standard deviation of samples of mean 1 that are nearly normal: sums of four uniform numbers.
     const DEVIATION: f64 = 0.25;
 
-    fn near_normal() -> impl dapple_core::Integrator {
-        Field(|_, u: [f32; 4]| {
+    /// The counts at which 64x64 pixels of such samples stop, and the share whose interval contains the expectation.
+    fn stopped(options: VarianceThresholdOptions) -> (Vec<f64>, f64) {
+        let mut near_normal = Field(|_, u: [f32; 4]| {
             let sum = u.iter().map(|&u| f64::from(u) - 0.5).sum::<f64>();
             [(1.0 + DEVIATION * 3f64.sqrt() * sum) as f32; 3]
-        })
-    }
-
-    /// The counts at which 64x64 pixels stop, and the share whose interval contains the expectation.
-    fn stopped(options: VarianceThresholdOptions, seed: u64) -> (Vec<f64>, f64) {
-        let size = frame(64, 64);
-        let options = options.mode(Stopping::Threshold);
-        let film = run(&mut near_normal(), &mut with(options, seed), size, &Limits::spp(10_000.0));
-        let covered = (0..size.pixels()).filter(|&i| {
+        });
+        let mut sampler = with(options.mode(Stopping::Threshold), 3);
+        let film = run(&mut near_normal, &mut sampler, [64, 64], &Limits::spp(10_000.0));
+        let covered = (0..4096).filter(|&i| {
             let (moments, n) = (film.moments(i), film.count(i) as f64);
             let width = two_sided_critical(options.alpha, n - 1.0) * (moments.variance().unwrap()[0] / n).sqrt();
             (moments.mean[0] - 1.0).abs() <= width
         });
-        let share = covered.count() as f64 / size.pixels() as f64;
+        let share = covered.count() as f64 / 4096.0;
         (film.counts().iter().map(|&n| n as f64).collect(), share)
     }
 
     #[test]
     fn counts_concentrate_where_the_interval_is_as_wide_as_allowed() {
         for threshold in [0.05, 0.025] {
-            let (counts, covered) = stopped(VarianceThresholdOptions::default().threshold(threshold), 3);
+            let (counts, covered) = stopped(VarianceThresholdOptions::default().threshold(threshold));
             let expected = (1.96 * DEVIATION / threshold).powi(2);
-            let mean = counts.iter().sum::<f64>() / counts.len() as f64;
+            let mean = counts.iter().sum::<f64>() / 4096.0;
             let near = counts.iter().filter(|&n| (n / expected - 1.0).abs() < 0.35).count();
             assert!((mean / expected - 1.0).abs() < 0.1, "{mean} for {expected}");
-            assert!(near as f64 > 0.85 * counts.len() as f64, "{near} of {}", counts.len());
-            assert!(covered >= 0.9, "{covered}");
+            assert!(near as f64 > 0.85 * 4096.0 && covered >= 0.9, "{near} of 4096, {covered}");
         }
         // The control: an interval of 80 % covers less than 90 %.
-        let (_, covered) = stopped(VarianceThresholdOptions::default().alpha(0.2), 3);
+        let (_, covered) = stopped(VarianceThresholdOptions::default().alpha(0.2));
         assert!(covered < 0.85, "{covered}");
     }
 
+    /// The defect that pooling removes: nothing ever samples a pixel again whose pilot saw no light.
     #[test]
     fn pixels_with_equal_samples_stop_for_long() {
-        check_equal_samples(60.0);
-    }
-
-    #[test]
-    #[ignore = "8 s: up to 1000 samples per pixel; up to 60 are tested always"]
-    fn pixels_with_equal_samples_stop_for_ever() {
-        check_equal_samples(1000.0);
-    }
-
-    /// The defect that pooling removes: nothing ever samples a pixel again whose pilot saw no light.
-    fn check_equal_samples(spp: f64) {
-        let size = frame(64, 64);
         let options = VarianceThresholdOptions::default().mode(Stopping::Threshold);
-        let film = run(&mut bernoulli(0.01), &mut with(options, 4), size, &Limits::spp(spp));
+        let film = run(&mut Bernoulli(0.01), &mut with(options, 4), [64, 64], &Limits::spp(60.0));
         let stopped = film.counts().iter().filter(|&&n| n == 8).count() as f64;
-        let (share, pixels) = (0.99f64.powi(8), size.pixels() as f64);
-        assert!((stopped - share * pixels).abs() < 5.0 * (share * (1.0 - share) * pixels).sqrt(), "{stopped}");
+        let share = 0.99f64.powi(8);
+        assert!((stopped - share * 4096.0).abs() < 5.0 * (share * (1.0 - share) * 4096.0).sqrt(), "{stopped}");
     }
 
     #[test]
     fn a_budget_goes_to_the_noisy_half() {
-        let size = frame(32, 32);
         let mut field = Field(|[x, _]: [u32; 2], u: [f32; 4]| [if x < 16 { 0.5 } else { u[0] }; 3]);
-        let film = run(&mut field, &mut with(VarianceThresholdOptions::default(), 5), size, &Limits::spp(32.0));
-        let of = |left: bool| (0..size.pixels()).filter(move |i| (i % 32 < 16) == left).map(|i| film.count(i));
-        assert!(of(true).all(|n| n == 8), "flat pixels keep the pilot");
-        let noisy: Vec<u64> = of(false).collect();
-        assert_eq!(noisy.iter().sum::<u64>(), 56 * 512);
+        let mut sampler = with(VarianceThresholdOptions::default(), 5);
+        let counts = run(&mut field, &mut sampler, [32, 32], &Limits::spp(32.0)).counts();
+        let (flat, noisy): (Vec<_>, Vec<_>) = counts.chunks(32).map(|row| row.split_at(16)).unzip();
+        assert!(flat.concat().iter().all(|&n| n == 8), "flat pixels keep the pilot");
+        assert_eq!(noisy.concat().iter().sum::<u64>(), 56 * 512);
         // A few pixels keep 8 or a little more, since their first samples happen to agree.
-        let near = noisy.iter().filter(|&n| (32..=96).contains(n)).count();
+        let near = noisy.concat().iter().filter(|&n| (32..=96).contains(n)).count();
         assert!(near > 486, "{near} of 512 pixels, {noisy:?}");
     }
 
-    /// The counts of 100 pixels at 32 samples each. Samples of the last pixel are all equal, those of the others have
-    /// deviation 0.3 about the same mean.
-    fn counts_beside_a_dark_pilot(options: UpperConfidenceOptions) -> Vec<u64> {
+    /// Samples of mean 1 and deviation 0.3, in turns.
+    fn alternating(k: u64) -> Estimate {
+        Estimate::new([if k.is_multiple_of(2) { 0.7 } else { 1.3 }; 3])
+    }
+
+    fn ucb_counts(bonus: f64, total: u64, sample: impl Fn(usize, u64) -> Estimate) -> Vec<u64> {
+        let options = UpperConfidenceOptions::default().bonus(bonus);
         let mut sampler = UpperConfidence::with_options(Random::new(1), options).unwrap();
-        let sample = |pixel: usize, k: u64| match (pixel, k % 2) {
-            (99, _) => [1.0; 3],
-            (_, 0) => [0.7; 3],
-            _ => [1.3; 3],
-        };
-        planned_until_done(&mut sampler, frame(10, 10), 3200, sample).counts()
+        planned_until_done(&mut sampler, [10, 10], total, sample).counts()
     }
 
     #[test]
     fn pixels_whose_pilot_saw_nothing_get_half_of_the_uniform_count() {
-        let counts = counts_beside_a_dark_pilot(UpperConfidenceOptions::default());
+        // Samples of the last pixel are all equal, with the mean of the others.
+        let sample = |pixel: usize, k: u64| if pixel == 99 { Estimate::new([1.0; 3]) } else { alternating(k) };
+        let counts = ucb_counts(0.5, 3200, sample);
         // The fixed point of n = 32 (bound of the pixel) / (mean bound) is 15.
         assert!((14..=16).contains(&counts[99]), "{}", counts[99]);
-        let others = &counts[..99];
-        let (least, most) = (others.iter().min().unwrap(), others.iter().max().unwrap());
+        let (least, most) = (counts[..99].iter().min().unwrap(), counts[..99].iter().max().unwrap());
         assert!(most - least <= 1, "{least} .. {most}");
         // The control: without the bonus it keeps its pilot.
-        assert_eq!(counts_beside_a_dark_pilot(UpperConfidenceOptions::default().bonus(0.0))[99], 4);
-    }
-
-    #[test]
-    fn equal_deviations_give_uniform_counts() {
-        for bonus in [0.0, 0.5, 2.0] {
-            let options = UpperConfidenceOptions::default().bonus(bonus);
-            let mut sampler = UpperConfidence::with_options(Random::new(1), options).unwrap();
-            // Every pixel takes the same samples, of which each round adds more.
-            let sample = |_: usize, k: u64| [if k.is_multiple_of(2) { 0.7 } else { 1.3 }; 3];
-            let counts = planned_until_done(&mut sampler, frame(10, 10), 3257, sample).counts();
-            assert!(counts.iter().all(|n| (32..=33).contains(n)), "{bonus}: {counts:?}");
-        }
-    }
-
-    fn factors(options: EarsOptions, pixels: &[[f64; 2]]) -> Vec<f64> {
-        options.factors(pixels)
+        assert_eq!(ucb_counts(0.0, 3200, sample)[99], 4);
     }
 
     #[test]
     fn factors_are_the_published_ones_within_their_clamps() {
         let all = |pixel: [f64; 2]| [pixel].into_iter().chain([[4.0, 2.0]; 999]).collect::<Vec<_>>();
-        let of = |pixel| factors(EarsOptions::default(), &all(pixel))[0];
+        let options = EarsOptions::default();
         // Of 1000 pixels, one barely moves the mean cost, and none the variance.
         for (pixel, expected) in [([16.0, 2.0], 2.0), ([4.0, 8.0], 0.5), ([0.0, 2.0], 0.05), ([1e30, 2.0], 20.0)] {
-            assert!((of(pixel) / expected - 1.0).abs() < 0.01, "{pixel:?}: {}", of(pixel));
+            let found = options.factors(&all(pixel))[0];
+            assert!((found / expected - 1.0).abs() < 0.01, "{pixel:?}: {found}");
         }
         // The control: with outliers, one firefly hides the variance of all others.
-        let kept = factors(EarsOptions::default().outliers(0), &all([1e30, 2.0]));
-        assert_eq!(kept[1], 0.05);
-        assert_eq!(factors(EarsOptions::default(), &[[0.0, 3.0]; 20]), [1.0; 20]);
+        assert_eq!(options.outliers(0).factors(&all([1e30, 2.0]))[1], 0.05);
+        assert_eq!(options.factors(&[[0.0, 3.0]; 20]), [1.0; 20]);
     }
 
     /// The counts of pixels with equal deviations, whose right half costs four times as many rays.
@@ -452,14 +404,10 @@ mod tests {
     fn counts_of_two_regions_go_with_the_inverse_root_of_their_costs() {
         let options = EarsOptions::default().radius(0).rounds(1);
         let mut ears = Ears::with_options(Random::new(1), options).unwrap();
-        let sample = |i: usize, k: u64| {
-            Estimate::new([if k.is_multiple_of(2) { 0.7 } else { 1.3 }; 3]).with_cost(if i % 16 < 8 { 1 } else { 4 })
-        };
-        let counts = planned_estimates(&mut ears, frame(16, 16), 48 * 256, sample).counts();
+        let sample = |i: usize, k: u64| alternating(k).with_cost(if i % 16 < 8 { 1 } else { 4 });
+        let counts = planned_until_done(&mut ears, [16, 16], 48 * 256, sample).counts();
         // Denoised pixels differ from 1 by rounding only.
-        assert!(
-            counts.iter().enumerate().all(|(i, n)| n.abs_diff(if i % 16 < 8 { 64 } else { 32 }) <= 1),
-            "{counts:?}"
-        );
+        let is_near = |(i, n): (usize, &u64)| n.abs_diff(if i % 16 < 8 { 64 } else { 32 }) <= 1;
+        assert!(counts.iter().enumerate().all(is_near), "{counts:?}");
     }
 }

@@ -1,14 +1,13 @@
 //! Counts by divergences and entropies of a pixel's samples.
 
-mod geometric;
 mod scores;
 
 pub use scores::DivergenceScore;
 
-use crate::rounds::{WorstFirst, counts_so_far, first_samples, lacking, plan_first, total, with_extra};
+use crate::method::{MethodSampler, SamplingMethod, WorstFirst, counts_so_far, lacking, total, with_extra};
+use crate::recorders::{SampleSums, Singles};
 use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Recorder,
-    Sampler, SamplerMemory, Stopping, allocate, saturating_u32,
+    Error, Feedback, Film, FirstHit, Needs, PilotPolicy, Plan, Recorder, Stopping, allocate, saturating_u32,
 };
 use std::mem;
 use std::sync::Arc;
@@ -60,41 +59,14 @@ dapple_core::options! {
 /// 8`. `hellinger` reacts least to fireflies. Later samples do not change `geometric`, `fuzzy` and `gh`: with
 /// [`Stopping::Threshold`], a pixel whose pilot exceeds the threshold is refined up to the cap. The factor of the published
 /// score is recalled, and refinement there descends a tree over the image, which this sampler does not have.
-pub struct Divergence<P> {
-    points: P,
-    options: DivergenceOptions,
-    /// The threshold that was chosen after the pilot.
-    chosen: Option<f64>,
-}
+pub type Divergence<P> = MethodSampler<P, DivergenceOptions>;
 
-impl<P: PointSet> Divergence<P> {
-    /// Makes a sampler that uses this point set, with the default parameters.
-    pub fn new(points: P) -> Self {
-        Self { points, options: DivergenceOptions::default(), chosen: None }
-    }
-
-    /// Makes a sampler that uses this point set, with these parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn with_options(points: P, options: DivergenceOptions) -> Result<Self, Error> {
-        options.check_ranges()?;
-        Ok(Self { points, options, chosen: None })
-    }
-
-    fn pilot(&self, mean: u64) -> u32 {
-        match self.options.mode {
-            Stopping::Threshold => self.options.pilot,
-            Stopping::Budget => self.options.pilot.min(saturating_u32(mean / 2)).max(2),
-        }
-    }
-
+impl DivergenceOptions {
     /// The score of each pixel, 0 or above.
     fn scores(&self, film: &Film) -> Result<Vec<f64>, Error> {
-        let DivergenceOptions { by, q, k, a, pilot, .. } = self.options;
+        let Self { by, q, k, a, pilot, .. } = *self;
         match by {
-            DivergenceScore::Geometric => Ok(geometric::scores(film)),
+            DivergenceScore::Geometric => Ok(geometric_scores(film)),
             DivergenceScore::Fuzzy => scores::of_samples(film, pilot, |samples| scores::fuzzy(samples, k)),
             DivergenceScore::Gh => scores::of_samples(film, pilot, |x| scores::generalised_hellinger(x, a)),
             _ => scores::of_sums(by, q, film),
@@ -111,7 +83,7 @@ impl<P: PointSet> Divergence<P> {
         let least = SCORE_FLOOR * errors.iter().map(|e| e / errors.len() as f64).sum::<f64>();
         errors.iter_mut().for_each(|e| *e = e.max(least));
         let floors: Vec<u32> = now.iter().map(|&n| n.max(budget.min_spp)).collect();
-        let cap = (self.options.cap * total as f64 / now.len() as f64).ceil().min(f64::from(budget.max_spp)) as u32;
+        let cap = (self.cap * total as f64 / now.len() as f64).ceil().min(f64::from(budget.max_spp)) as u32;
         let mut shared = allocate(&errors, &floors, cap, total)?;
         if shared.unspent > 0 {
             shared = allocate(&errors, &floors, budget.max_spp, total)?;
@@ -120,11 +92,17 @@ impl<P: PointSet> Divergence<P> {
         Ok(())
     }
 
-    /// Plans a step for each pixel above the threshold.
-    fn plan_threshold(&mut self, seen: &Feedback<'_>, mut scores: Vec<f64>, plan: &mut Plan) -> Result<(), Error> {
-        let DivergenceOptions { threshold, kappa, step, cap, mode, .. } = self.options;
+    /// Plans a step for each pixel above the threshold, which is chosen after the pilot unless it is given.
+    fn plan_threshold(
+        &self,
+        seen: &Feedback<'_>,
+        mut scores: Vec<f64>,
+        chosen: &mut Option<f64>,
+        plan: &mut Plan,
+    ) -> Result<(), Error> {
+        let Self { threshold, kappa, step, cap, mode, .. } = *self;
         let mean = scores.iter().map(|s| s / scores.len() as f64).sum::<f64>();
-        let threshold = if threshold > 0.0 { threshold } else { *self.chosen.get_or_insert(kappa * mean) };
+        let threshold = if threshold > 0.0 { threshold } else { *chosen.get_or_insert(kappa * mean) };
         if threshold > 0.0 {
             scores.iter_mut().for_each(|s| *s /= threshold);
             WorstFirst { mode, step, cap }.plan(seen, &scores, plan)?;
@@ -136,75 +114,144 @@ impl<P: PointSet> Divergence<P> {
 /// The smallest squared score of a pixel, as a share of the mean.
 const SCORE_FLOOR: f64 = 0.01;
 
-impl<P: PointSet> Sampler for Divergence<P> {
-    fn name(&self) -> &str {
-        "divergence"
-    }
-
-    fn describe(&self) -> String {
-        format!("divergence:{}", self.options.describe())
-    }
+impl SamplingMethod for DivergenceOptions {
+    const NAME: &'static str = "divergence";
+    // A score per pixel; then its error, counts so far, floors, and what `allocate` takes.
+    const PLANNING: usize = 8 + 28;
 
     fn needs(&self) -> Needs {
-        scores::needs(self.options.by, self.options.q, self.options.pilot as u8)
+        match self.by {
+            DivergenceScore::Chi2 => Needs::none().with_variance(),
+            DivergenceScore::Tsallis if self.q > 1.0 => Needs::none().with_variance(),
+            DivergenceScore::Geometric => Needs::none().with_first_hits(self.pilot as u8),
+            _ => Needs::none(),
+        }
     }
 
     fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
-        scores::recorders(self.options.by, self.options.q, self.options.pilot)
-    }
-
-    fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
-        // A score per pixel; then its error, counts so far, floors, and what `allocate` takes.
-        SamplerMemory::planning(frame, 8 + (8 + 4 + 4 + 8 + 4).max(WorstFirst::BYTES))
-    }
-
-    fn points(&self) -> &dyn PointSet {
-        &self.points
-    }
-
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        seen.film.require(self.name(), &self.needs())?;
-        if seen.round == 0 {
-            self.chosen = None;
+        match self.by {
+            DivergenceScore::Fuzzy | DivergenceScore::Gh => Singles::First.list(),
+            by => scores::sums(by, self.q).map_or(Vec::new(), SampleSums::list),
         }
-        if seen.budget.left() == 0 {
-            return Ok(Progress::Done);
+    }
+
+    fn pilot_and_rounds(&self, mean: u64) -> (u32, Option<u32>) {
+        match self.mode {
+            Stopping::Threshold => (self.pilot, None),
+            Stopping::Budget => (self.pilot.min(saturating_u32(mean / 2)).max(2), None),
         }
-        let pilot = self.pilot(seen.budget.total / seen.pixels() as u64);
-        if !plan_first(seen, first_samples(seen, pilot), plan) {
-            let scores = self.scores(seen.film)?;
-            match self.options.mode {
-                Stopping::Threshold => self.plan_threshold(seen, scores, plan)?,
-                Stopping::Budget if scores.iter().all(|&s| s == 0.0) => {
-                    plan.counts = with_extra(seen, mem::take(&mut plan.counts), seen.budget.left())?;
-                }
-                Stopping::Budget => self.plan_budget(seen, &scores, plan)?,
+    }
+
+    fn refine(&self, seen: &Feedback<'_>, _: u32, chosen: &mut Option<f64>, plan: &mut Plan) -> Result<(), Error> {
+        let scores = self.scores(seen.film)?;
+        match self.mode {
+            Stopping::Threshold => self.plan_threshold(seen, scores, chosen, plan)?,
+            Stopping::Budget if scores.iter().all(|&s| s == 0.0) => {
+                plan.counts = with_extra(seen, mem::take(&mut plan.counts), seen.budget.left())?;
             }
+            Stopping::Budget => self.plan_budget(seen, &scores, plan)?,
         }
-        Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
-    }
-
-    /// The chosen threshold.
-    fn save(&self) -> Vec<u8> {
-        self.chosen.map_or_else(Vec::new, |t| t.to_le_bytes().to_vec())
-    }
-
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.chosen = match <[u8; 8]>::try_from(saved).map(f64::from_le_bytes) {
-            Ok(threshold) if threshold >= 0.0 => Some(threshold),
-            Err(_) if saved.is_empty() => None,
-            _ => return Err(Error::BadSnapshot { what: "they do not hold a threshold of the sampler divergence" }),
-        };
         Ok(())
     }
+}
+
+/// The contrast `1 - H / ln n` of each pixel's first hits, with shares in proportion to `cos(theta) / d^2` [Rigau 2003,
+/// GI]. Misses have no share. 0 for pixels without hits, or with fewer than two samples.
+fn geometric_scores(film: &Film) -> Vec<f64> {
+    let eye = eye(film);
+    let score = |i: usize| {
+        let hits = film.first_hits(i);
+        // Places of samples that were not traced hold no hit.
+        let taken = hits.len().min(usize::try_from(film.count(i)).unwrap_or(usize::MAX));
+        contrast(hits[..taken].iter().map(|hit| hit.as_ref().map_or(0.0, |hit| projected(hit, eye))))
+    };
+    (0..film.frame().pixels()).map(score).collect()
+}
+
+/// The contrast of non-negative values.
+fn contrast(values: impl Iterator<Item = f64>) -> f64 {
+    let (mut count, mut sum, mut logs) = (0.0, 0.0, 0.0);
+    for value in values {
+        count += 1.0;
+        sum += value;
+        logs += if value > 0.0 { value * libm::log(value) } else { 0.0 };
+    }
+    if count < 2.0 || sum <= 0.0 {
+        return 0.0;
+    }
+    let divergence = logs / sum - libm::log(sum / count);
+    if divergence > 1e-12 { divergence / libm::log(count) } else { 0.0 }
+}
+
+/// `cos(theta) / d^2` of a hit, seen from `eye`. Without it the cosine is taken as 1.
+fn projected(hit: &FirstHit, eye: Option<[f64; 3]>) -> f64 {
+    let depth = f64::from(hit.depth).max(1e-9);
+    let cosine = eye.map_or(1.0, |eye| {
+        let (mut dot, mut square) = (0.0, 0.0);
+        for ((eye, position), normal) in eye.into_iter().zip(hit.position).zip(hit.geometric_normal) {
+            let d = eye - f64::from(position);
+            dot += d * f64::from(normal);
+            square += d * d;
+        }
+        if square > 0.0 { (dot.abs() / square.sqrt()).clamp(1e-3, 1.0) } else { 1.0 }
+    });
+    cosine / (depth * depth)
+}
+
+/// The point whose distances from all first hits are their depths: the camera. `None` if hits do not determine it, because
+/// all lie in a plane.
+///
+/// `|p - e|^2 = d^2` is linear in `e` and `|e|^2`, and solved by least squares.
+fn eye(film: &Film) -> Option<[f64; 3]> {
+    let hits = || (0..film.frame().pixels()).flat_map(|i| film.first_hits(i)).flatten();
+    let (mut count, mut centre) = (0.0, [0.0; 3]);
+    for hit in hits() {
+        count += 1.0;
+        (0..3).for_each(|c| centre[c] += f64::from(hit.position[c]));
+    }
+    let centre = centre.map(|sum| sum / f64::max(count, 1.0));
+    // Rows of the normal equations, the right side last.
+    let mut rows = [[0.0; 5]; 4];
+    for hit in hits() {
+        let p: [f64; 3] = std::array::from_fn(|c| f64::from(hit.position[c]) - centre[c]);
+        let square = p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
+        let row = [2.0 * p[0], 2.0 * p[1], 2.0 * p[2], -1.0, square - f64::from(hit.depth).powi(2)];
+        for k in 0..4 {
+            (0..5).for_each(|c| rows[k][c] += row[k] * row[c]);
+        }
+    }
+    let [x, y, z, _] = solved(rows)?;
+    Some([x + centre[0], y + centre[1], z + centre[2]])
+}
+
+/// Solves four linear equations by Gaussian elimination with pivots; `None` if they are nearly dependent.
+fn solved(mut rows: [[f64; 5]; 4]) -> Option<[f64; 4]> {
+    let largest = [0, 1, 2, 3].map(|k| rows[k][k].abs());
+    for k in 0..4 {
+        let pivot = (k..4).max_by(|&a, &b| rows[a][k].abs().total_cmp(&rows[b][k].abs()))?;
+        rows.swap(k, pivot);
+        if !rows[k][k].is_finite() || rows[k][k].abs() <= 1e-9 * largest[k] {
+            return None;
+        }
+        for below in k + 1..4 {
+            let factor = rows[below][k] / rows[k][k];
+            let pivot = rows[k];
+            rows[below].iter_mut().zip(pivot).skip(k).for_each(|(value, pivot)| *value -= factor * pivot);
+        }
+    }
+    let mut solution = [0.0; 4];
+    for k in (0..4).rev() {
+        let known: f64 = (k + 1..4).map(|c| rows[k][c] * solution[c]).sum();
+        solution[k] = (rows[k][4] - known) / rows[k][k];
+    }
+    solution.iter().all(|x| x.is_finite()).then_some(solution)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recorders::Singles;
-    use crate::test_scenes::{Field, frame, run};
-    use dapple_core::Render;
+    use crate::support::{Field, frame, mean_of_columns, run};
+    use dapple_core::{Estimate, Limits, Options as _, Sampler as _};
     use dapple_low_discrepancy::Random;
 
     fn with(options: DivergenceOptions, seed: u64) -> Divergence<Random> {
@@ -212,16 +259,13 @@ mod tests {
     }
 
     #[test]
-    fn samples_that_others_store_do_not_change_the_counts() {
-        let counts = |by, recorders| {
-            let mut sampler = with(DivergenceOptions::default().by(by), 4);
-            let render = Render::new(frame(16, 16), &Limits::spp(20.0))
-                .recorders(recorders)
-                .run(&mut half_noise(), &mut sampler);
-            render.unwrap().counts()
-        };
-        for by in [DivergenceScore::Fuzzy, DivergenceScore::Gh] {
-            assert_eq!(counts(by, Vec::new()), counts(by, Singles::ALL.list()));
+    fn only_scores_of_single_samples_store_any() {
+        for by in ["kl", "chi2", "hellinger", "entropy", "geometric", "tsallis", "fuzzy", "gh"] {
+            let recorders = DivergenceOptions::parse(&format!("by={by}")).unwrap().recorders();
+            let bytes: Vec<_> = recorders.iter().map(|one| [5, 8, 99].map(|n| one.bytes(n))).collect();
+            let stores = ["fuzzy", "gh"].contains(&by);
+            assert!(bytes.iter().all(|&[a, b, c]| if stores { [a, b, c] == [60, 96, 96] } else { a == c }), "{by}");
+            assert!(!stores || bytes.len() == 1);
         }
     }
 
@@ -232,37 +276,24 @@ mod tests {
 
     #[test]
     fn noise_gets_the_samples_by_every_divergence() {
-        for by in [
-            DivergenceScore::Kl,
-            DivergenceScore::Chi2,
-            DivergenceScore::Hellinger,
-            DivergenceScore::Entropy,
-            DivergenceScore::Tsallis,
-            DivergenceScore::Fuzzy,
-            DivergenceScore::Gh,
-        ] {
-            let film = run(
-                &mut half_noise(),
-                &mut with(DivergenceOptions::default().by(by), 2),
-                frame(32, 32),
-                &Limits::spp(32.0),
-            );
-            let flat = (0..1024).filter(|i| i % 32 < 16).map(|i| film.count(i)).sum::<u64>() as f64 / 512.0;
-            assert!((8.0..12.0).contains(&flat), "{by:?}: {flat} samples in flat pixels");
+        for by in ["kl", "chi2", "hellinger", "entropy", "tsallis", "fuzzy", "gh"] {
+            let options = DivergenceOptions::parse(&format!("by={by}")).unwrap();
+            let film = run(&mut half_noise(), &mut with(options, 2), [32, 32], &Limits::spp(32.0));
+            let flat = mean_of_columns(&film, 0..16, |i| film.count(i) as f64);
+            assert!((8.0..12.0).contains(&flat), "{by}: {flat} samples in flat pixels");
         }
     }
 
     #[test]
     fn a_threshold_stops_where_scores_are_below_it() {
         let options = DivergenceOptions::default().mode(Stopping::Threshold).cap(1e3).threshold(0.004);
-        let film = run(&mut half_noise(), &mut with(options, 3), frame(32, 32), &Limits::spp(1e4));
-        let scores = with(options, 3).scores(&film).unwrap();
-        for (i, score) in scores.into_iter().enumerate() {
+        let film = run(&mut half_noise(), &mut with(options, 3), [32, 32], &Limits::spp(1e4));
+        for (i, score) in options.scores(&film).unwrap().into_iter().enumerate() {
             assert!(score <= 0.004 && (i % 32 >= 16 || film.count(i) == 8), "pixel {i}: {score}");
             // The score falls with the inverse of the count.
             assert!(i % 32 < 16 || film.count(i) < 200, "{}", film.count(i));
         }
-        let mean = film.counts().iter().sum::<u64>() as f64 / 1024.0;
+        let mean = mean_of_columns(&film, 0..32, |i| film.count(i) as f64);
         assert!(mean > 16.0, "{mean}");
     }
 
@@ -273,5 +304,47 @@ mod tests {
         for bytes in [&[1u8, 2][..], &f64::NAN.to_le_bytes(), &(-1f64).to_le_bytes()] {
             assert!(matches!(sampler.restore(bytes), Err(Error::BadSnapshot { .. })));
         }
+    }
+
+    const EYE: [f64; 3] = [3.0, -2.0, 5.0];
+
+    /// A hit on a surface that faces along the last axis.
+    fn hit(position: [f32; 3]) -> FirstHit {
+        let d: f64 = (0..3).map(|c| (f64::from(position[c]) - EYE[c]).powi(2)).sum();
+        FirstHit::new(position, [0.0, 0.0, 1.0], d.sqrt() as f32)
+    }
+
+    fn film(hits: impl Fn(usize, u32) -> Option<FirstHit>) -> Film {
+        let mut film = Film::new(frame([4, 4]), Needs::none().with_first_hits(4));
+        for (i, k) in (0..16).flat_map(|i| (0..4).map(move |k| (i, k))) {
+            film.push_estimate(i, 0, &Estimate::new([1.0; 3]).with_first_hit(hits(i, k)));
+        }
+        film
+    }
+
+    #[test]
+    fn the_camera_is_found_from_depths() {
+        let curved = film(|i, k| Some(hit([i as f32, k as f32, (i * i % 7) as f32])));
+        let found = eye(&curved).unwrap();
+        assert!((0..3).all(|c| (found[c] - EYE[c]).abs() < 1e-3), "{found:?}");
+        assert_eq!(eye(&film(|i, k| Some(hit([i as f32, k as f32, 0.0])))), None);
+        assert_eq!(eye(&film(|_, _| None)), None);
+    }
+
+    #[test]
+    fn edges_have_contrast_and_parallel_surfaces_have_little() {
+        let near = |i: usize, k: u32| hit([3.0 + 0.01 * i as f32, -2.0 + 0.01 * k as f32, 0.01 * (i * i % 5) as f32]);
+        let scores = geometric_scores(&film(|i, k| match i {
+            // One sample of four misses.
+            0 => (k > 0).then(|| near(i, k)),
+            // One sample of four sees a surface at twice the distance.
+            1 if k == 0 => Some(hit([3.0, -2.0, -5.0])),
+            2 => None,
+            _ => Some(near(i, k)),
+        }));
+        let entropy = |p: &[f64]| 1.0 + p.iter().map(|p| p * p.ln()).sum::<f64>() / 4f64.ln();
+        assert!((scores[0] - entropy(&[1.0 / 3.0; 3])).abs() < 1e-3, "{}", scores[0]);
+        assert!((scores[1] - entropy(&[1.0 / 13.0, 4.0 / 13.0, 4.0 / 13.0, 4.0 / 13.0])).abs() < 1e-3, "{}", scores[1]);
+        assert!(scores[2] == 0.0 && scores[3..].iter().all(|&s| s < 1e-3), "{scores:?}");
     }
 }

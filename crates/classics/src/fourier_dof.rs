@@ -4,7 +4,7 @@ mod bandwidth;
 
 pub use bandwidth::LensBandwidthOptions;
 
-use crate::rounds::{counts_so_far, lacking, total};
+use crate::method::{counts_so_far, lacking, total};
 use bandwidth::{LensBandwidth, NYQUIST};
 use dapple_core::{
     Error, Feedback, Film, Filter, FilterMemory, Filtered, FirstHit, Frame, ImagePlanes, Limits, Needs, Options as _,

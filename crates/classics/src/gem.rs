@@ -1,11 +1,9 @@
 //! Greedy error minimisation: Gaussians of selected scales, and samples for the pixels with the largest error.
 
 use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
-use crate::rounds::{next_step, within_ceiling};
-use crate::windows::{convolve, gaussian_taps, per_pixel, squared, variances_of_means};
-use dapple_core::{
-    Error, Feedback, Film, FilterMemory, Filtered, Frame, ImagePlanes, Needs, PilotPolicy, Plan, SamplerMemory, mix,
-};
+use crate::method::{next_step, within_ceiling};
+use crate::windows::{convolve, gaussian_taps, per_pixel, variances_of_means};
+use dapple_core::{Error, Feedback, Film, Filtered, ImagePlanes, Needs, PilotPolicy, Plan, mix};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -55,14 +53,14 @@ pub type GemFilter = MethodFilter<GemFilterOptions>;
 
 impl GemFilterOptions {
     /// The squared error of each pixel: its variance, and the squared bias around it if that is positive.
-    fn errors(&self, film: &Film, selection: &Selection) -> Vec<f32> {
+    fn errors(&self, film: &Film, selection: &[Selected]) -> Vec<f32> {
         let size = film.frame().size().map(|n| n as usize);
-        let own: Vec<[f64; 2]> = selection.biases.iter().map(|bias| [*bias, 1.0]).collect();
+        let own: Vec<[f64; 2]> = selection.iter().map(|pixel| [pixel.bias, 1.0]).collect();
         let around = convolve(size, &gaussian_taps(SMOOTHING), &own);
         let error = |i: usize| {
             let [bias, weight] = around[i];
-            let is_black = selection.scales[i] == 0 && film.count(i) == 0;
-            let error = selection.variances[i] + (bias / weight).max(0.0);
+            let is_black = selection[i].scale == 0 && film.count(i) == 0;
+            let error = selection[i].variance + (bias / weight).max(0.0);
             if is_black { f32::INFINITY } else { error as f32 }
         };
         per_pixel(film, error)
@@ -74,14 +72,16 @@ const SMOOTHING: f64 = 8.0;
 
 impl FilterMethod for GemFilterOptions {
     const NAME: &'static str = "gem";
+    const BYTES: usize = Selected::BYTES;
+    const PLANES: ImagePlanes = ImagePlanes::RadianceAndError;
 
-    fn applying(&self, frame: &Frame) -> FilterMemory {
-        FilterMemory::new(frame, Selection::BYTES, ImagePlanes::RadianceAndError)
+    fn needs(&self) -> Needs {
+        Needs::none().with_variance()
     }
 
-    fn image(&self, film: &Film) -> Result<Filtered, Error> {
+    fn image(&self, film: &Film, (): &()) -> Result<Filtered, Error> {
         let selection = select(film, &Bank::of_image(), self.gamma);
-        let radiance = selection.means.iter().map(|mean| mean.map(|x| x as f32)).collect();
+        let radiance = selection.iter().map(|pixel| pixel.mean.map(|x| x as f32)).collect();
         Ok(Filtered::new(film.frame().size(), radiance).with_error(self.errors(film, &selection)))
     }
 }
@@ -103,21 +103,13 @@ pub type Gem<P> = MethodSampler<P, GemOptions>;
 
 impl SamplingMethod for GemOptions {
     const NAME: &'static str = "gem";
+    const PLANNING: usize = Selected::BYTES;
 
-    fn number_of_rounds(&self) -> Option<u32> {
-        Some(1 + self.rounds)
+    fn pilot_and_rounds(&self, _: u64) -> (u32, Option<u32>) {
+        (self.pilot, Some(self.rounds))
     }
 
-    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
-        // Selection; then priorities, order and counts.
-        SamplerMemory::planning(frame, Selection::BYTES.max(49 + 8 + 4 + 8))
-    }
-
-    fn pilot_samples(&self, _: u64) -> u32 {
-        self.pilot
-    }
-
-    fn refine(&self, seen: &Feedback<'_>, first: u32, plan: &mut Plan) -> Result<(), Error> {
+    fn refine(&self, seen: &Feedback<'_>, first: u32, _: &mut Option<f64>, plan: &mut Plan) -> Result<(), Error> {
         let bank = Bank::between_rounds();
         let selection = select(seen.film, &bank, self.gamma);
         let drawn = draw(seen, &bank, &selection, next_step(seen, first, self.rounds));
@@ -127,12 +119,13 @@ impl SamplingMethod for GemOptions {
 }
 
 /// Hands out `total` samples: picks pixels by error, and draws the pixels that receive each pick's samples.
-fn draw(seen: &Feedback<'_>, bank: &Bank, selection: &Selection, total: u64) -> Vec<u32> {
+fn draw(seen: &Feedback<'_>, bank: &Bank, selection: &[Selected], total: u64) -> Vec<u32> {
     let pixels = seen.pixels();
     let each = (seen.budget.total / pixels as u64).max(1);
     let priority = |i: usize| {
-        let grey = selection.means[i].iter().sum::<f64>() / 3.0;
-        let priority = selection.errors[i] / (1e-3 + grey * grey) / (each as f64 + selection.samples[i]);
+        let Selected { mean: [r, g, b], error, samples, .. } = selection[i];
+        let grey = (r + g + b) / 3.0;
+        let priority = error / (1e-3 + grey * grey) / (each as f64 + samples);
         if priority.is_finite() { priority } else { f64::MAX }
     };
     let priorities: Vec<f64> = (0..pixels).into_par_iter().with_min_len(1024).map(priority).collect();
@@ -151,7 +144,7 @@ fn draw(seen: &Feedback<'_>, bank: &Bank, selection: &Selection, total: u64) -> 
     // Sums of integers do not depend on the order.
     order.par_iter().enumerate().with_min_len(64).for_each(|(rank, &pixel)| {
         let own = if rank < picks { if rank + 1 == picks && cut > 0 { cut } else { each } } else { 0 };
-        let scale = selection.scales[pixel as usize];
+        let scale = selection[pixel as usize].scale;
         let key = mix(mix(seen.budget.spent).wrapping_add(pixel.into()));
         for j in 0..all * each + own {
             received[kernels.draw(pixel, scale, key.wrapping_add(j << 8))].fetch_add(1, Ordering::Relaxed);
@@ -172,15 +165,14 @@ impl Kernels {
     const TRIES: u64 = 64;
 
     fn new(bank: &Bank, size: [u32; 2]) -> Self {
-        let cumulate = |sigma: &f64| {
-            let mut sum = 0.0;
-            let add = |tap| {
-                sum += tap;
-                sum
-            };
-            gaussian_taps(*sigma).into_iter().map(add).collect()
+        let cumulated = |sigma: &f64| {
+            let sums = gaussian_taps(*sigma).into_iter().scan(0.0, |sum, tap| {
+                *sum += tap;
+                Some(*sum)
+            });
+            sums.collect()
         };
-        Self { cumulated: bank.sigmas.iter().map(cumulate).collect(), size: size.map(i64::from) }
+        Self { cumulated: bank.sigmas.iter().map(cumulated).collect(), size: size.map(i64::from) }
     }
 
     /// The pixel that receives a sample of the picked `pixel`, drawn again while it lies outside the image. The hash `key`
@@ -196,14 +188,12 @@ impl Kernels {
         };
         let [width, height] = self.size;
         let (x, y) = (i64::from(pixel) % width, i64::from(pixel) / width);
-        for attempt in 0..Self::TRIES {
+        let drawn = |attempt: u64| {
             let bits = mix(key.wrapping_add(attempt));
             let (x, y) = (x + offset(bits), y + offset(bits >> 32));
-            if (0..width).contains(&x) && (0..height).contains(&y) {
-                return (y * width + x) as usize;
-            }
-        }
-        pixel as usize
+            ((0..width).contains(&x) && (0..height).contains(&y)).then_some((y * width + x) as usize)
+        };
+        (0..Self::TRIES).find_map(drawn).unwrap_or(pixel as usize)
     }
 }
 
@@ -265,7 +255,9 @@ impl Level {
     fn blurred(&self, size: [usize; 2], sigma: f64) -> Self {
         let taps = gaussian_taps(sigma);
         let mut means = convolve(size, &taps, &self.means);
-        let mut variances = convolved(size, &squared(&taps), &self.variances);
+        // Variances of independent pixels add up by squared weights.
+        let squares: Vec<f64> = taps.iter().map(|tap| tap * tap).collect();
+        let mut variances = convolved(size, &squares, &self.variances);
         let inside = inside(size, &taps);
         means.par_iter_mut().zip(&mut variances).enumerate().with_min_len(1024).for_each(|(i, (mean, variance))| {
             let weight = mean[3];
@@ -282,10 +274,6 @@ impl Level {
     fn samples(&self, i: usize) -> f64 {
         let peak = self.taps[self.taps.len() / 2];
         self.means[i][4] / (peak * peak)
-    }
-
-    fn is_empty(&self, i: usize) -> bool {
-        self.means[i][3] <= 0.0
     }
 }
 
@@ -362,64 +350,44 @@ fn smoothed(size: [usize; 2], sigma: f64, flags: &[[f64; 1]]) -> Vec<bool> {
     sums.par_iter().enumerate().with_min_len(1024).map(round).collect()
 }
 
-/// The scale of each pixel, and the image there.
-struct Selection {
+/// A pixel at its scale.
+struct Selected {
     /// The number of steps taken: 0 for the pixel's own mean, `s` for the bank's Gaussian `s - 1`.
-    scales: Vec<u8>,
+    scale: u8,
     /// The mean at that scale, linear RGB.
-    means: Vec<[f64; 3]>,
+    mean: [f64; 3],
     /// The estimated squared error there as published, averaged over the channels: the variance plus all losses. Noise
     /// raises the losses.
-    errors: Vec<f64>,
-    /// The estimated squared bias there, averaged over the channels and free of the share of noise. Single values may be
-    /// negative. All are 0 for a bank that is not the image's.
-    biases: Vec<f64>,
+    error: f64,
+    /// The estimated squared bias there, averaged over the channels and free of the share of noise. It may be negative. It is 0
+    /// for a bank that is not the image's.
+    bias: f64,
     /// The variance there, averaged over the channels.
-    variances: Vec<f64>,
+    variance: f64,
     /// The number of samples under the kernel of peak 1.
-    samples: Vec<f64>,
+    samples: f64,
 }
 
-impl Selection {
-    /// The bytes per pixel at the peak of [`select`].
-    const BYTES: usize = {
-        let level = size_of::<[f64; 5]>() + 8;
-        let own = 1 + 24 + 4 * 8;
-        // The finest level, two more, the sums along rows of one, variances, errors, biases and marks, steps and flags.
-        3 * level + size_of::<[f64; 5]>() + 25 + size_of::<Step>() + 17 + 8 + own
-    };
+impl Selected {
+    /// The bytes per pixel at the peak of [`select`]: the finest level, two more, the sums along rows of one, variances, errors
+    /// and marks, steps and flags.
+    const BYTES: usize = 4 * 48 + 25 + size_of::<Step>() + 17 + 8 + size_of::<Self>();
 
-    fn new(level: &Level) -> Self {
-        let pixels = level.means.len();
-        Self {
-            scales: vec![0; pixels],
-            means: level.means.iter().map(|[r, g, b, ..]| [*r, *g, *b]).collect(),
-            errors: level.variances.clone(),
-            biases: vec![0.0; pixels],
-            variances: level.variances.clone(),
-            samples: level.means.iter().map(|mean| mean[4]).collect(),
-        }
-    }
-
-    fn take(&mut self, i: usize, level: &Level, step: usize, [error, bias]: [f64; 2]) {
+    fn new(level: &Level, i: usize, scale: u8, [error, bias]: [f64; 2]) -> Self {
         let [r, g, b, ..] = level.means[i];
-        self.scales[i] = step as u8 + 1;
-        self.means[i] = [r, g, b];
-        self.errors[i] = error;
-        self.biases[i] = bias;
-        self.variances[i] = level.variances[i];
-        self.samples[i] = level.samples(i);
+        Self { scale, mean: [r, g, b], error, bias, variance: level.variances[i], samples: level.samples(i) }
     }
 }
 
 /// Selects each pixel's scale. A pixel goes from scale to scale until the first step that is flagged.
 ///
 /// If nothing is known of the noise, as in an image of one sample, no scale is selected.
-fn select(film: &Film, bank: &Bank, gamma: f64) -> Selection {
+fn select(film: &Film, bank: &Bank, gamma: f64) -> Vec<Selected> {
     let size = film.frame().size().map(|n| n as usize);
     let variances = variances_of_means(film);
     let finest = Level::finest(film, &variances);
-    let mut selection = Selection::new(&finest);
+    let own = |i| Selected::new(&finest, i, 0, [variances[i], 0.0]);
+    let mut selection: Vec<Selected> = (0..variances.len()).map(own).collect();
     if variances.iter().any(|v| v.is_infinite()) {
         return selection; // nothing is known of the noise
     }
@@ -438,12 +406,12 @@ fn select(film: &Film, bank: &Bank, gamma: f64) -> Selection {
         for (i, Step { flag, loss, gain }) in steps.into_iter().enumerate() {
             let bias = noise.as_ref().map_or(0.0, |noise| loss - beta * noise[i]);
             let [error, squared_bias] = errors[i];
-            let is_new = fine.is_empty(i);
+            let is_new = fine.means[i][3] <= 0.0;
             errors[i] = if is_new { [coarse.variances[i], 0.0] } else { [error + loss - gain, squared_bias + bias] };
             let stops = stops[i] && (!bank.only_removes || flag > 0.0) && !is_new;
             open[i] &= !stops;
             if open[i] {
-                selection.take(i, &coarse, step, errors[i]);
+                selection[i] = Selected::new(&coarse, i, step as u8 + 1, errors[i]);
             }
         }
         last = Some(coarse);
@@ -451,7 +419,5 @@ fn select(film: &Film, bank: &Bank, gamma: f64) -> Selection {
     selection
 }
 
-#[cfg(test)]
-mod scale_tests;
 #[cfg(test)]
 mod tests;

@@ -200,16 +200,16 @@ impl<F: Filter> Filter for JamesStein<F> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_scenes::{Field, frame, near_normal};
+    use crate::support::{Field, frame, image, normal, squared_error as error};
     use dapple_conformance::statistics::Mean;
     use dapple_core::samplers::Uniform;
-    use dapple_core::{Limits, Render, Unfiltered};
+    use dapple_core::{Limits, Render};
     use dapple_denoise::{Gaussian, NlMeans};
     use dapple_low_discrepancy::Random;
 
     /// The squared error of 25 shrunk pixels of variance 1, for a filtered image that differs from the truth by `bias`.
     fn risk(draw: u64, bias: f64) -> f64 {
-        let noise: Vec<f64> = (0..25).map(|k| near_normal(draw, k)).collect();
+        let noise: Vec<f64> = (0..25).map(|k| normal(draw << 8 | k)).collect();
         let squares: f64 = noise.iter().map(|z| (z - bias).powi(2)).sum();
         let rho = factor(25.0, 1.0, squares);
         noise.iter().map(|z| (bias + rho * (z - bias)).powi(2)).sum()
@@ -230,7 +230,7 @@ mod tests {
             }
         }
         // The control: without shrinkage it is 25, and with all of it 25 times the squared bias.
-        let plain: Mean = (0..20_000).map(|d| (0..25).map(|k| near_normal(d, k).powi(2)).sum::<f64>()).collect();
+        let plain: Mean = (0..20_000).map(|d| (0..25).map(|k| normal(d << 8 | k).powi(2)).sum::<f64>()).collect();
         assert!((plain.mean - 25.0).abs() < 0.3, "{plain:?}");
     }
 
@@ -241,36 +241,36 @@ mod tests {
         });
         let needs = Needs::none().with_variance().with_halves();
         let limits = Limits::spp(spp);
-        Render::new(frame(48, 48), &limits).needs(needs).run(&mut field, &mut Uniform::new(Random::new(seed))).unwrap()
+        Render::new(frame([48, 48]), &limits)
+            .needs(needs)
+            .run(&mut field, &mut Uniform::new(Random::new(seed)))
+            .unwrap()
     }
 
-    fn squared_error(red: impl Iterator<Item = f64>) -> f64 {
-        let truth = |i: usize| if (i % 48 / 2 + i / 48 / 2).is_multiple_of(2) { 0.2 } else { 0.8 };
-        red.enumerate().map(|(i, red)| (red - truth(i)).powi(2)).sum::<f64>() / 2304.0
-    }
-
-    fn of_image(filter: &dyn Filter, film: &Film) -> f64 {
-        squared_error(filter.apply(film).unwrap().radiance.iter().map(|c| f64::from(c[0])))
+    fn squared_error(image: &[[f32; 3]]) -> f64 {
+        error(image, |i| if (i % 48 / 2 + i / 48 / 2).is_multiple_of(2) { 0.2 } else { 0.8 })
     }
 
     #[test]
     fn biased_filters_no_longer_flatten_images_of_many_samples() {
+        let blur = Gaussian::default();
         for noise in [NoiseEstimate::Halves, NoiseEstimate::Samples] {
-            let blur = Gaussian::default();
             let filter = JamesStein::with_options(blur.clone(), JamesSteinOptions::default().noise(noise)).unwrap();
             for spp in [4.0, 16.0, 64.0] {
                 let gain = |(seed, half): (u64, usize)| {
                     let film = render(spp, seed);
-                    let other = blur.apply(&film.half_film(1 - half).unwrap()).unwrap().radiance;
-                    let shrunk = squared_error(filter.shrunk(&film, half, &other).iter().map(|c| c[0]));
-                    squared_error((0..2304).map(|i| film.half(half, i).unwrap().mean[0])) - shrunk
+                    let other = image(&blur, &film.half_film(1 - half).unwrap());
+                    let shrunk: Vec<_> =
+                        filter.shrunk(&film, half, &other).iter().map(|c| c.map(|x| x as f32)).collect();
+                    squared_error(&film.half_film(half).unwrap().image()) - squared_error(&shrunk)
                 };
                 // Six comparisons beyond 3 standard errors; chance passes one with probability 1e-3.
                 let gains: Mean = (0..16).flat_map(|seed| [(seed, 0), (seed, 1)]).map(gain).collect();
                 assert!(gains.deviation(0.0) > 3.0, "{noise:?}, {spp}: {gains:?}");
             }
             let film = render(512.0, 99);
-            let [shrunk, plain, blurred] = [&filter as &dyn Filter, &Unfiltered, &blur].map(|f| of_image(f, &film));
+            let images = [image(&filter, &film), film.image(), image(&blur, &film)];
+            let [shrunk, plain, blurred] = images.map(|image| squared_error(&image));
             // The control: the blur does not improve with more samples.
             assert!(shrunk < 1.01 * plain && blurred > 0.04, "{shrunk} {plain} {blurred}");
         }

@@ -1,10 +1,10 @@
 //! Multidimensional adaptive sampling: a sampler, and its reconstruction from boxes.
 
-use crate::method::{SamplesFilter, SamplesMethod};
-use crate::recorders::FilmSamples;
-use crate::tree::{At, Bounds, Cell, Cells, Division, Items, Leaf, Refinement, TreeSampler, leaves, mean, unit};
+use crate::method::{FilterMethod, MethodFilter};
+use crate::recorders::Singles;
+use crate::tree::{At, Bounds, Cell, Division, Items, Leaf, Refinement, TreeSampler, image_of_boxes, mean, unit};
 use crate::{Domain, FilmPoints};
-use dapple_core::{Error, Filtered, PilotPolicy, mix};
+use dapple_core::{Error, Film, Filtered, PilotPolicy, mix};
 
 dapple_core::options! {
     /// The parameters of [`Mdas`].
@@ -50,15 +50,7 @@ const SIDE: u32 = 2;
 /// The least share of a box's error, so that boxes without contrast are refined by their volume.
 const LEAST: f64 = 1e-5;
 
-/// The rule of multidimensional adaptive sampling: the longest axis is cut at the gap in the middle of the samples. Of
-/// equally long axes, it is the one over which the samples spread most.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MedianGap {
-    leaf: u32,
-    pixel: f64,
-}
-
-impl MedianGap {
+impl MdasOptions {
     /// The extent along an axis, in units of the axes other than the place.
     fn extent(&self, bounds: &Bounds, axis: usize) -> f64 {
         bounds.extent(axis) * if axis < 2 { self.pixel } else { 1.0 }
@@ -72,7 +64,9 @@ fn spread(cell: &Cell, items: &Items, axis: usize) -> f32 {
     high - low
 }
 
-impl Division for MedianGap {
+impl Division for MdasOptions {
+    /// Cuts the longest axis at the gap in the middle of the samples. Of equally long axes, it is the one over which the samples
+    /// spread most.
     fn cut(&self, cell: &Cell, items: &mut Items, bounds: &Bounds, _: u32) -> Option<(usize, f32)> {
         if items.len() <= self.leaf as usize {
             return None;
@@ -116,11 +110,6 @@ fn error(cell: &Cell, leaf: &Leaf<'_>) -> f64 {
 impl Refinement for MdasOptions {
     const NAME: &'static str = "mdas";
     const SIDE: u32 = SIDE;
-    type Division = MedianGap;
-
-    fn division(&self) -> MedianGap {
-        MedianGap { leaf: self.leaf, pixel: self.pixel }
-    }
 
     /// All, unless there are random numbers outside.
     fn dimensions(&self, domain: &Domain) -> Result<Domain, Error> {
@@ -211,33 +200,149 @@ pub type Mdas<P> = TreeSampler<P, MdasOptions>;
 ///
 /// *Bias*: of constant boxes, of their width. *Weaknesses*: blurs by up to a pixel at few samples; noise from outside the domain
 /// stays.
-pub type MdasBoxes = SamplesFilter<MdasBoxesOptions>;
+pub type MdasBoxes = MethodFilter<MdasBoxesOptions, FilmPoints>;
 
-impl SamplesMethod for MdasBoxesOptions {
+impl FilterMethod<FilmPoints> for MdasBoxesOptions {
     const NAME: &'static str = "mdas-boxes";
+    const SAMPLES: Option<Singles> = Some(Singles::All);
 
-    fn image(&self, samples: &FilmSamples<'_>, points: &FilmPoints) -> Filtered {
-        let rule = MedianGap { leaf: self.leaf, pixel: self.pixel };
-        Cells::new(samples.film.frame(), SIDE).image(samples, points, |cell, image| {
-            let mut sums = [[0.0; 4]; (SIDE * SIDE) as usize];
-            leaves(&rule, cell, &mut |leaf| {
-                if leaf.items.is_empty() {
-                    return;
-                }
-                let mean = mean(cell, leaf.items);
-                for (i, sum) in sums[..image.len()].iter_mut().enumerate() {
-                    let pixel = [i as u32 % cell.size[0], i as u32 / cell.size[0]];
-                    let within = leaf.bounds.volume_in_pixel(pixel, cell.axes);
-                    (0..3).for_each(|c| sum[c] += within * mean[c]);
-                    sum[3] += within;
-                }
-            });
-            for (pixel, [r, g, b, volume]) in image.iter_mut().zip(sums) {
-                *pixel = [r, g, b].map(|x| if volume > 0.0 { (x / volume) as f32 } else { 0.0 });
-            }
-        })
+    fn image(&self, film: &Film, points: &FilmPoints) -> Result<Filtered, Error> {
+        let rule = MdasOptions { leaf: self.leaf, pixel: self.pixel, ..MdasOptions::default() };
+        image_of_boxes((film, Self::NAME), SIDE, points, points.domain(), &rule)
     }
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::Role;
+    use crate::support::{Made, domain, film_points, image, mean_of_columns, render_with, squared_error};
+    use crate::tree::leaves;
+    use dapple_core::Needs;
+    use dapple_low_discrepancy::{Random, Sobol};
+
+    const OPTIONS: MdasBoxesOptions = MdasBoxesOptions { leaf: 4, pixel: 0.5 };
+
+    /// The film and the image of mdas and its filter, in samples per pixel.
+    fn integrated(made: Made, needs: Needs, spp: f64, size: [u32; 2]) -> (Film, Vec<[f32; 3]>) {
+        let mut sampler = Mdas::new(Sobol::new(5), &domain(&[Role::Time]), MdasOptions::default()).unwrap();
+        let points = film_points(Sobol::new(5), &[Role::Time], Some(sampler.placed()));
+        let film = render_with(needs, made, &mut sampler, size, spp);
+        let image = image(&MdasBoxes::new(points, OPTIONS).unwrap(), &film);
+        (film, image)
+    }
+
+    /// A step over time: 1 before 1/3, in all pixels.
+    fn step(_: [f32; 2], rest: [f32; 4]) -> f32 {
+        f32::from(u8::from(rest[2] < 1.0 / 3.0))
+    }
+
+    #[test]
+    fn a_step_over_time_is_integrated_ever_better() {
+        // The median, since cells in which the pilot misses the step starve.
+        let errors = [4.0, 16.0, 64.0].map(|spp| {
+            let (_, image) = integrated(step, Needs::none(), spp, [16, 16]);
+            let mut errors: Vec<f64> = image.iter().map(|x| (f64::from(x[0]) - 1.0 / 3.0).abs()).collect();
+            errors.sort_by(f64::total_cmp);
+            errors[errors.len() / 2]
+        });
+        // The step is a surface in three dimensions. Four times the samples there halve its boxes, and four times as many
+        // boxes share a pixel's error.
+        assert!(errors.windows(2).all(|pair| pair[1] < 0.25 * pair[0]), "{errors:?}");
+        // 64 random samples have an error of 0.059, and a median of 0.04.
+        assert!(errors[2] < 0.005, "{errors:?}");
+    }
+
+    #[test]
+    fn samples_gather_where_the_function_varies() {
+        // Columns 0 to 3 are constant, columns 4 to 7 have the step.
+        let half = |place: [f32; 2], rest: [f32; 4]| if place[0] < 4.0 { 0.5 } else { step(place, rest) };
+        let (film, image) = integrated(half, Needs::none(), 16.0, [8, 8]);
+        let mean = |columns| mean_of_columns(&film, columns, |i| film.count(i) as f64);
+        // The constant half hardly gets more than the pilot.
+        assert!(mean(0..8) == 16.0 && (4.0..4.4).contains(&mean(0..4)), "{}", mean(0..4));
+        assert!(image.iter().step_by(8).all(|x| (x[0] - 0.5).abs() < 1e-6));
+    }
+
+    /// With one set of samples and with two halves.
+    #[test]
+    fn a_product_of_place_and_time_is_integrated_to_its_closed_form() {
+        let product = |[x, y]: [f32; 2], rest: [f32; 4]| (1.0 + (x * 0.7).sin() * (y * 0.4).cos()) * (0.2 + rest[2]);
+        let integral = |low: usize, scale: f64, of: fn(f64) -> f64| {
+            (of((low + 1) as f64 * scale) - of(low as f64 * scale)) / scale
+        };
+        let exact = |i: usize| 0.7 * (1.0 + integral(i % 9, 0.7, |x| -x.cos()) * integral(i / 9, 0.4, f64::sin));
+        for needs in [Needs::none(), Needs::none().with_halves()] {
+            let errors =
+                [32.0, 256.0].map(|spp| squared_error(&integrated(product, needs, spp, [9, 7]).1, exact).sqrt());
+            // Eight times the samples halve the boxes in all three dimensions, and each box has a random error of its own.
+            assert!(errors[1] < 0.4 * errors[0] && errors[1] < 0.01, "{errors:?}");
+        }
+    }
+
+    /// The boxes of a cell of white samples.
+    fn divided(at: Vec<At>, axes: usize) -> (Cell, Vec<(Bounds, Vec<u32>)>) {
+        let values = vec![[1.0; 3]; at.len()];
+        let cell = Cell { at, values, size: [2, 2], corner: [0, 0], axes };
+        let mut found = Vec::new();
+        leaves(&MdasOptions::default(), &cell, &mut |leaf| found.push((*leaf.bounds, leaf.items.to_vec())));
+        (cell, found)
+    }
+
+    fn random_samples(count: u64, axes: usize) -> Vec<At> {
+        let bounds = divided(Vec::new(), axes).1[0].0;
+        (0..count).map(|k| bounds.point(axes, |axis| unit(k * 8 + axis as u64))).collect()
+    }
+
+    #[test]
+    fn boxes_partition_the_cell_and_hold_their_samples() {
+        for (count, axes) in [(0, 3), (4, 2), (5, 2), (300, 5), (300, 6), (77, 3)] {
+            let (cell, found) = divided(random_samples(count, axes), axes);
+            let volume: f64 = found.iter().map(|(bounds, _)| bounds.volume(axes)).sum();
+            assert!((volume - 4.0).abs() < 1e-5, "{count} samples in {axes} axes: {volume}");
+            assert_eq!(found.iter().map(|(_, items)| items.len()).sum::<usize>(), count as usize);
+            for (bounds, items) in &found {
+                let is_inside = |at: &At| (0..axes).all(|k| bounds.low[k] <= at[k] && at[k] < bounds.high[k]);
+                assert!(items.len() <= 4 && items.iter().all(|&item| is_inside(&cell.at[item as usize])));
+            }
+        }
+        let (_, equal) = divided(vec![[0.5; Domain::MOST]; 40], 4);
+        assert_eq!((equal.len(), equal[0].1.len()), (1, 40), "equal samples stay in one box");
+    }
+
+    #[test]
+    fn exchanged_axes_of_the_lens_exchange_the_boxes() {
+        let samples = random_samples(200, 4);
+        let mut exchanged = samples.clone();
+        exchanged.iter_mut().for_each(|at| at.swap(2, 3));
+        let boxes = |samples| {
+            let mut found = divided(samples, 4).1;
+            found.sort_by_key(|(_, items)| items[0]);
+            found
+        };
+        let mut expected = boxes(samples);
+        for (bounds, _) in &mut expected {
+            bounds.low.swap(2, 3);
+            bounds.high.swap(2, 3);
+        }
+        assert!(expected.len() > 50 && boxes(exchanged) == expected);
+    }
+
+    #[test]
+    fn one_white_sample_of_four_has_an_error_of_one_and_a_half_per_channel() {
+        let mut cell = divided(random_samples(4, 2), 2).0;
+        cell.values[..3].fill([0.0; 3]);
+        let bounds = Bounds { low: At::default(), high: [2.0; Domain::MOST] };
+        let found = error(&cell, &Leaf { bounds: &bounds, items: &[0, 1, 2, 3], depth: 0 });
+        assert!((found - 4.0 * (1e-5 + 3.0 * 1.5)).abs() < 1e-12, "{found}");
+    }
+
+    #[test]
+    fn scenes_with_random_numbers_outside_the_domain_are_refused_unless_forced() {
+        let noisy = domain(&[Role::Time]).with_outside("light that scatters more than once");
+        let made = |options| Mdas::new(Random::new(1), &noisy, options);
+        let error = made(MdasOptions::default()).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(error.contains("light that scatters more than once") && error.contains("force=1"), "{error}");
+        assert!(made(MdasOptions::default().force(1)).is_ok());
+    }
+}

@@ -1,13 +1,10 @@
 //! Adaptive rendering with non-local means: the filter and the sampler of the authors' program.
 
 use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
+use crate::method::{next_step, within_ceiling};
 use crate::patch_means::{Mirrored, PatchGuide, Patches, patch_means};
-use crate::rounds::{next_step, within_ceiling};
 use crate::windows::{convolve, gaussian_taps, per_pixel};
-use dapple_core::{
-    Error, Feedback, Film, FilterMemory, Filtered, Frame, ImagePlanes, Needs, PilotPolicy, Plan, SamplerMemory,
-    saturating_u32, share,
-};
+use dapple_core::{Error, Feedback, Film, Filtered, ImagePlanes, Needs, PilotPolicy, Plan, saturating_u32, share};
 
 /// The source of the variance of a half's pixel means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,12 +102,18 @@ impl NlmLoopFilterOptions {
                 colour: halves[other].colour.each_ref().map(plane),
                 variance: variances[other].each_ref().map(plane),
             };
-            let value = |c: usize| per_pixel(film, |i| film.half(half, i).unwrap_or_default().mean[c] as f32);
-            let [r, g, b] = [0, 1, 2].map(|c| plane(&value(c)));
-            let known: Vec<f32> = halves[half].count.iter().map(|n| f32::from(u8::from(*n > 0.0))).collect();
-            patch_means(size, &guide, &[r, g, b, plane(&halves[half].count), plane(&known)], like)
+            let mean = |i, c| film.half(half, i).unwrap_or_default().mean[c] as f32;
+            let [r, g, b] = planes(film, mean).each_ref().map(plane);
+            let count = &halves[half].count;
+            let known = per_pixel(film, |i| f32::from(u8::from(count[i] > 0.0)));
+            patch_means(size, &guide, &[r, g, b, plane(count), plane(&known)], like)
         })
     }
+}
+
+/// A plane for each channel.
+fn planes(film: &Film, of: impl Fn(usize, usize) -> f32 + Sync + Send) -> [Vec<f32>; 3] {
+    [0, 1, 2].map(|c| per_pixel(film, |i| of(i, c)))
 }
 
 /// The variance of a pixel without samples, in squared levels.
@@ -131,39 +134,26 @@ struct Half {
 impl Half {
     fn new(film: &Film, half: usize) -> Self {
         let unit = 1.0 / median(film);
-        let known = |i: usize| {
-            let own = film.half(half, i).unwrap_or_default();
-            let mean = if own.count > 0 { own.mean } else { film.mean(i) };
-            (own.count, mean.map(|x| (x * unit).min(LARGEST) as f32))
+        let of = |i: usize| film.half(half, i).unwrap_or_default();
+        // Sample variances are averaged over 3x3 pixels. The program's own pixel filter mixes those of neighbours too.
+        let own = per_pixel(film, |i| {
+            let known = |variance: [f64; 3]| {
+                let [r, g, b] = variance.map(|v| (v * unit * unit).min(LARGEST * LARGEST));
+                [r, g, b, 1.0]
+            };
+            of(i).variance().map_or([0.0; 4], known)
+        });
+        let near = convolve(film.frame().size().map(|n| n as usize), &[1.0; 3], &own);
+        let colour = |i, c: usize| {
+            let mean = if of(i).count > 0 { of(i).mean } else { film.mean(i) };
+            (mean[c] * unit).min(LARGEST) as f32
         };
-        let all = per_pixel(film, known);
-        let sample_variance = near_sample_variance(film, half, unit);
-        let count: Vec<f32> = all.iter().map(|(count, _)| *count as f32).collect();
-        let of_mean = |(v, n): (&f32, &f32)| if *n > 0.0 { v / n } else { UNKNOWN };
-        Self {
-            colour: std::array::from_fn(|c| all.iter().map(|(_, colour)| colour[c]).collect()),
-            variance: sample_variance.each_ref().map(|plane| plane.iter().zip(&count).map(of_mean).collect()),
-            sample_variance,
-            count,
-        }
+        let of_sample = |i: usize, c: usize| if near[i][3] > 0.0 { (near[i][c] / near[i][3]) as f32 } else { UNKNOWN };
+        let of_mean = |i, c| if of(i).count > 0 { of_sample(i, c) / of(i).count as f32 } else { UNKNOWN };
+        let count = per_pixel(film, |i| of(i).count as f32);
+        let (colour, sample_variance) = (planes(film, colour), planes(film, of_sample));
+        Self { colour, sample_variance, variance: planes(film, of_mean), count }
     }
-}
-
-/// The variance of one sample of a half, averaged over 3x3 pixels. The program's own pixel filter mixes those of neighbours
-/// too.
-fn near_sample_variance(film: &Film, half: usize, unit: f64) -> [Vec<f32>; 3] {
-    let own = per_pixel(film, |i| match film.half(half, i).and_then(|moments| moments.variance()) {
-        Some(variance) => {
-            let [r, g, b] = variance.map(|v| (v * unit * unit).min(LARGEST * LARGEST));
-            [r, g, b, 1.0]
-        }
-        None => [0.0; 4],
-    });
-    let near = convolve(film.frame().size().map(|n| n as usize), &[1.0; 3], &own);
-    std::array::from_fn(|c| {
-        let mean = |sum: &[f64; 4]| if sum[3] > 0.0 { (sum[c] / sum[3]) as f32 } else { UNKNOWN };
-        near.iter().map(mean).collect()
-    })
 }
 
 /// The median brightness of the pixels that are not black; 1 in a black image.
@@ -182,23 +172,20 @@ fn median(film: &Film) -> f64 {
 fn smoothed_variance(film: &Film, [a, b]: &[Half; 2], like: Patches) -> [Vec<f32>; 3] {
     let size = film.frame().size().map(|n| n as usize);
     let like = Patches { window: 1, alpha: 4.0, ..like };
-    let plane = |values: &[f32]| Mirrored::new(size, like.window, values);
-    let half_square = |a: &[f32], b: &[f32]| -> Vec<f32> {
-        a.iter().zip(b).map(|(a, b)| 0.5 * (a - b).clamp(-1e15, 1e15) * (a - b).clamp(-1e15, 1e15)).collect()
-    };
-    let roots = |planes: &[Vec<f32>; 3]| planes.each_ref().map(|plane| plane.iter().map(|v| v.min(1e15)).collect());
-    let [sample_a, sample_b]: [[Vec<f32>; 3]; 2] = [roots(&a.sample_variance), roots(&b.sample_variance)];
+    let plane = |values: Vec<f32>| Mirrored::new(size, like.window, &values);
+    let half_square = |a: f32, b: f32| 0.5 * (a - b).clamp(-1e15, 1e15) * (a - b).clamp(-1e15, 1e15);
+    let of_sample = |half: &Half, i: usize, c: usize| half.sample_variance[c][i].min(1e15);
+    let variance = |i, c| half_square(of_sample(a, i, c), of_sample(b, i, c));
     let guide = PatchGuide {
-        colour: sample_a.each_ref().map(|values| plane(values)),
-        variance: std::array::from_fn(|c| plane(&half_square(&sample_a[c], &sample_b[c]))),
+        colour: planes(film, |i, c| of_sample(a, i, c)).map(plane),
+        variance: planes(film, variance).map(plane),
     };
-    let known: Vec<f32> =
-        a.count.iter().zip(&b.count).map(|(a, b)| f32::from(u8::from(*a > 0.0 && *b > 0.0))).collect();
-    let [red, green, blue] = std::array::from_fn(|c| plane(&half_square(&a.colour[c], &b.colour[c])));
-    let smooth = patch_means(size, &guide, &[red, green, blue, plane(&known)], like);
-    std::array::from_fn(|c| {
-        let most = a.variance[c].iter().zip(&b.variance[c]).map(|(a, b)| a.max(*b));
-        smooth.iter().zip(most).map(|(smooth, most)| if smooth[3] > 0.0 { smooth[c].min(most) } else { most }).collect()
+    let known = plane(per_pixel(film, |i| f32::from(u8::from(a.count[i] > 0.0 && b.count[i] > 0.0))));
+    let [red, green, blue] = planes(film, |i, c| half_square(a.colour[c][i], b.colour[c][i])).map(plane);
+    let smooth = patch_means(size, &guide, &[red, green, blue, known], like);
+    planes(film, |i, c| {
+        let most = a.variance[c][i].max(b.variance[c][i]);
+        if smooth[i][3] > 0.0 { smooth[i][c].min(most) } else { most }
     })
 }
 
@@ -207,16 +194,14 @@ const FILTER_BYTES: usize = 4 * (2 * 10 + 2 * 3 + 11 + 2 * 5) + 80;
 
 impl FilterMethod for NlmLoopFilterOptions {
     const NAME: &'static str = "nlm-loop";
+    const BYTES: usize = FILTER_BYTES;
+    const PLANES: ImagePlanes = ImagePlanes::RadianceAndError;
 
     fn needs(&self) -> Needs {
         Needs::none().with_variance().with_halves()
     }
 
-    fn applying(&self, frame: &Frame) -> FilterMemory {
-        FilterMemory::new(frame, FILTER_BYTES, ImagePlanes::RadianceAndError)
-    }
-
-    fn image(&self, film: &Film) -> Result<Filtered, Error> {
+    fn image(&self, film: &Film, (): &()) -> Result<Filtered, Error> {
         let [a, b] = self.halves(film);
         let combined = |i: usize| {
             let [na, nb] = [0, 1].map(|half| film.half(half, i).unwrap_or_default().count as f32);
@@ -275,24 +260,17 @@ impl NlmLoopOptions {
 
 impl SamplingMethod for NlmLoopOptions {
     const NAME: &'static str = "nlm-loop";
+    const PLANNING: usize = FILTER_BYTES;
 
     fn needs(&self) -> Needs {
         Needs::none().with_variance().with_halves()
     }
 
-    fn number_of_rounds(&self) -> Option<u32> {
-        Some(1 + self.rounds)
+    fn pilot_and_rounds(&self, _: u64) -> (u32, Option<u32>) {
+        (self.pilot, Some(self.rounds))
     }
 
-    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
-        SamplerMemory::planning(frame, FILTER_BYTES)
-    }
-
-    fn pilot_samples(&self, _: u64) -> u32 {
-        self.pilot
-    }
-
-    fn refine(&self, seen: &Feedback<'_>, first: u32, plan: &mut Plan) -> Result<(), Error> {
+    fn refine(&self, seen: &Feedback<'_>, first: u32, _: &mut Option<f64>, plan: &mut Plan) -> Result<(), Error> {
         let total = next_step(seen, first, self.rounds);
         let most = saturating_u32(2 * (seen.budget.total / seen.pixels() as u64).max(1));
         let planned = share(&self.errors(seen.film), 0, &vec![0; seen.pixels()], most, total)?.counts;
@@ -302,4 +280,65 @@ impl SamplingMethod for NlmLoopOptions {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::support::{ANY, next_counts, noisy_film, normal, squared_error};
+    use dapple_core::Filter as _;
+    use dapple_low_discrepancy::Sobol;
+
+    const NEEDS: Needs = Needs::none().with_variance().with_halves();
+
+    fn planned(film: &Film, total: u64) -> Vec<u32> {
+        next_counts(&mut NlmLoop::new(Sobol::new(1)), film, total, ANY)
+    }
+
+    #[test]
+    fn samples_follow_the_difference_of_the_halves() {
+        // A flat part, and a part in which no patch is like another, with the same noise.
+        let image = |x: u32, y: u32| if x < 32 { 20.0 } else { 20.0 + 3.0 * normal(u64::from(x + 64 * y)) };
+        let film = noisy_film([64, 64], 4, NEEDS, 2, image, |_, _| 1.0);
+        let counts = planned(&film, 16 * 4096);
+        assert_eq!(counts.iter().sum::<u32>(), 4 * 4096, "a third of what the pilot left");
+        let sum = |columns: std::ops::Range<usize>| {
+            counts.iter().enumerate().filter(|(i, _)| columns.contains(&(i % 64))).map(|(_, n)| n).sum::<u32>()
+        };
+        let (flat, busy) = (sum(0..28), sum(36..64));
+        assert!(busy > 4 * flat, "{busy} in the texture, {flat} in the flat part");
+        assert!(counts.iter().all(|n| *n <= 32), "no more than twice the mean budget");
+    }
+
+    #[test]
+    fn equal_halves_make_uniform_counts() {
+        let film = noisy_film([16, 16], 4, NEEDS, 2, |x, _| f64::from(x), |_, _| 0.0);
+        assert_eq!(planned(&film, 10 * 256), [2; 256]);
+    }
+
+    #[test]
+    fn variances_of_halves_are_right_on_average_and_no_more_than_those_of_samples() {
+        let film = noisy_film([64, 64], 16, NEEDS, 5, |_, _| 10.0, |_, _| 1.0);
+        let halves = [0, 1].map(|half| Half::new(&film, half));
+        let like = Patches { window: 7, patch: 3, k: 0.45, alpha: 0.5 };
+        let smooth = smoothed_variance(&film, &halves, like);
+        let unit = median(&film) * median(&film);
+        let mean = smooth[0].iter().map(|v| f64::from(*v) * unit).sum::<f64>() / 4096.0;
+        // 1 / 8 less what the bound takes off.
+        assert!((0.095..0.13).contains(&mean), "{mean}");
+        for (i, smooth) in smooth[0].iter().enumerate() {
+            assert!(*smooth <= halves[0].variance[0][i].max(halves[1].variance[0][i]), "pixel {i}");
+        }
+    }
+
+    #[test]
+    fn the_filter_smooths_noise_and_keeps_edges() {
+        let image = |x: u32, _: u32| if x < 32 { 10.0 } else { 20.0 };
+        let film = noisy_film([64, 48], 8, NEEDS, 4, image, |_, _| 1.0);
+        let filtered = NlmLoopFilter::default().apply(&film).expect("a film with halves");
+        let truth = |i: usize| image(i as u32 % 64, 0);
+        let error = squared_error(&filtered.radiance, truth);
+        assert!(error < 0.15 / 8.0, "{error} is left of {}", 1.0 / 8.0);
+        let wrong = |i: usize| (f64::from(filtered.radiance[i][0]) - truth(i)).abs();
+        assert!((0..48).all(|y| wrong(y * 64 + 31) < 1.5 && wrong(y * 64 + 32) < 1.5));
+        let predicted = filtered.error.expect("an error").iter().map(|e| f64::from(*e)).sum::<f64>() / (64.0 * 48.0);
+        assert!(predicted > 0.5 * error && predicted < 2.0 * error, "{predicted} predicted, {error} true");
+    }
+}

@@ -1,12 +1,9 @@
 //! Samples where noise is visible: a sampler with a model of contrast sensitivity and masking.
 
 use crate::method::{MethodSampler, SamplingMethod};
-use crate::rounds::{counts_so_far, lacking, next_step, total};
+use crate::method::{counts_so_far, lacking, next_step, total};
 use crate::windows::{convolve, filled_means, per_pixel};
-use dapple_core::{
-    Error, Feedback, Film, Frame, Needs, PilotPolicy, Plan, SamplerMemory, Stopping, allocate, luminance,
-    saturating_u32,
-};
+use dapple_core::{Error, Feedback, Film, PilotPolicy, Plan, Stopping, allocate, luminance, saturating_u32};
 
 dapple_core::options! {
     /// The parameters of [`Perceptual`].
@@ -205,17 +202,14 @@ fn visible_differences(film: &Film, options: &PerceptualOptions) -> Vec<f64> {
 
 impl SamplingMethod for PerceptualOptions {
     const NAME: &'static str = "perceptual";
+    // Means and variances, two sums over windows and their rows, brightness, response; then the pyramid and differences.
+    const PLANNING: usize = 24 + 8 + 3 * 16 + 8 + 16;
 
-    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
-        // Means and variances, two sums over windows and their rows, brightness, response; then the pyramid and differences.
-        SamplerMemory::planning(frame, 24 + 8 + 3 * 16 + 8 + 16)
+    fn pilot_and_rounds(&self, _: u64) -> (u32, Option<u32>) {
+        (self.pilot, None)
     }
 
-    fn pilot_samples(&self, _: u64) -> u32 {
-        self.pilot
-    }
-
-    fn refine(&self, seen: &Feedback<'_>, first: u32, plan: &mut Plan) -> Result<(), Error> {
+    fn refine(&self, seen: &Feedback<'_>, first: u32, _: &mut Option<f64>, plan: &mut Plan) -> Result<(), Error> {
         let differences = visible_differences(seen.film, self);
         match self.mode {
             Stopping::Threshold => self.plan_threshold(seen, &differences, plan),
@@ -228,4 +222,102 @@ impl SamplingMethod for PerceptualOptions {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::support::{ANY, VARIANCE, next_counts, noisy_film, normal};
+    use dapple_low_discrepancy::Sobol;
+
+    fn mean_difference(film: &Film, options: &PerceptualOptions) -> f64 {
+        let all = visible_differences(film, options);
+        all.iter().sum::<f64>() / all.len() as f64
+    }
+
+    #[test]
+    fn without_noise_nothing_is_visible() {
+        let film = noisy_film([37, 20], 4, VARIANCE, 1, |x, y| f64::from(x * y % 7), |_, _| 0.0);
+        assert!(visible_differences(&film, &PerceptualOptions::default()).iter().all(|d| *d == 0.0));
+    }
+
+    #[test]
+    fn more_noise_is_more_visible_and_more_samples_are_less() {
+        let of = |spp: u64, noise: f64| {
+            mean_difference(
+                &noisy_film([64, 64], spp, VARIANCE, 1, |_, _| 10.0, |_, _| noise),
+                &PerceptualOptions::default(),
+            )
+        };
+        let [quiet, loud, long] = [of(8, 0.5), of(8, 1.0), of(32, 1.0)];
+        // Noise masks itself a little, so that the ratio is below 2.
+        assert!((1.8..2.0).contains(&(loud / quiet)), "{quiet} {loud}");
+        assert!((1.8..2.0).contains(&(loud / long)), "{loud} {long}");
+    }
+
+    #[test]
+    fn texture_masks_noise() {
+        // A contrast of 0.5 around the same mean, in all bands, and the same noise.
+        let grey = noisy_film([64, 64], 8, VARIANCE, 1, |_, _| 10.0, |_, _| 0.5);
+        let texture = |x: u32, y: u32| 10.0 + 5.0 * normal(u64::from(64 * y + x)).signum();
+        let texture = noisy_film([64, 64], 8, VARIANCE, 1, texture, |_, _| 0.5);
+        let options = PerceptualOptions::default().adapt(10.0);
+        let [grey, texture] = [grey, texture].map(|film| mean_difference(&film, &options));
+        assert!(texture < 0.8 * grey, "{texture} in the texture, {grey} on grey");
+    }
+
+    #[test]
+    fn exposure_has_no_effect_if_the_eye_adapts() {
+        let of = |k: f64, adapt: f64| {
+            let film = noisy_film([32, 32], 8, VARIANCE, 1, |x, _| k * (10.0 + f64::from(x)), |_, _| k);
+            visible_differences(&film, &PerceptualOptions::default().adapt(adapt))
+        };
+        for (a, b) in [(of(1.0, 0.0), of(1024.0, 0.0)), (of(1.0, 5.0), of(0.125, 0.625))] {
+            assert!(a.iter().zip(&b).all(|(a, b)| (a / b - 1.0).abs() < 1e-6));
+        }
+        assert!(of(1.0, 5.0) != of(1.0, 10.0));
+    }
+
+    #[test]
+    fn the_error_of_a_contrast_is_that_of_many_draws() {
+        let pyramid = |draw: u64| {
+            let film = noisy_film([13, 11], 2, VARIANCE, 77 + draw, |_, _| 100.0, |_, _| 1.0);
+            let exact = |[mean, _]: Response| [mean, (1.0f64 / 200.0).powi(2) / 2.0];
+            Pyramid::new([13, 11], responses(&film, 100.0).into_iter().map(exact).collect())
+        };
+        let pyramids: Vec<Pyramid> = (0..400).map(pyramid).collect();
+        let mean = |of: &dyn Fn(&Pyramid) -> f64| pyramids.iter().map(of).sum::<f64>() / 400.0;
+        let predicted = |band: usize, at: [usize; 2]| mean(&|pyramid| pyramid.contrast(band, at)[1].powi(2));
+        for (band, at) in (0..BANDS).flat_map(|band| [[5, 6], [12, 3], [0, 10]].map(|at| (band, at))) {
+            let wanted = predicted(band, at);
+            let got = mean(&|pyramid| {
+                let [fine, coarse, below] = [band, band + 1, (band + 2).min(BANDS)].map(|b| pyramid.block(b, at)[0]);
+                ((fine - coarse) / below).powi(2)
+            });
+            // Four standard errors of 400 squares.
+            assert!((got - wanted).abs() <= 0.29 * wanted + 1e-12, "band {band}, {at:?}: {got}, not {wanted}");
+        }
+        let of = |band| predicted(band, [5, 6]);
+        assert!(of(0) > 3.0 * of(1) && of(5) == 0.0, "the image is smaller than the last blocks");
+    }
+
+    #[test]
+    fn sensitivity_peaks_at_four_cycles_per_degree() {
+        let all = sensitivities(67.0, 100.0);
+        assert!(all.iter().all(|s| *s <= 100.0) && all[2] > 90.0 && all[0] < all[1] && all[5] < all[4], "{all:?}");
+        let peak = sensitivities(8.0 * std::f64::consts::SQRT_2, 100.0)[0];
+        assert!((peak - 100.0).abs() < 1e-9, "{peak}");
+    }
+
+    #[test]
+    fn thresholds_stop_converged_pixels_and_at_most_double_others() {
+        let film = noisy_film([64, 32], 8, VARIANCE, 5, |_, _| 10.0, |x, _| if x < 32 { 1e-4 } else { 3.0 });
+        let options = PerceptualOptions::default().mode(Stopping::Threshold);
+        let mut sampler = Perceptual::with_options(Sobol::new(1), options).expect("in range");
+        for (i, n) in next_counts(&mut sampler, &film, 1 << 20, ANY).iter().enumerate() {
+            let expected = match i % 64 {
+                0..24 => 0,
+                40.. => 8,
+                _ => continue, // windows and blocks reach across
+            };
+            assert_eq!(*n, expected, "pixel {i}");
+        }
+    }
+}

@@ -162,72 +162,58 @@ impl FilmSums<'_> {
 
 /// The recorder of a pixel's samples one by one, in the order of tracing. A rejected sample is 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Singles {
-    limit: u32,
-    trajectories: bool,
+pub enum Singles {
+    /// All samples.
+    All,
+    /// All samples with their trajectories. Those without a sound one have inverse depth 0 and no motion.
+    Moving,
+    /// The first 8 samples of each half.
+    First,
 }
 
 impl Singles {
-    /// All samples.
-    pub const ALL: Self = Self { limit: u32::MAX, trajectories: false };
-    /// All samples with their trajectories. Those without a sound one have inverse depth 0 and no motion.
-    pub const MOVING: Self = Self { limit: u32::MAX, trajectories: true };
-
-    /// The first samples of each half.
-    pub const fn first(limit: u32) -> Self {
-        Self { limit, trajectories: false }
-    }
+    /// The number of first samples.
+    pub(crate) const FIRST: usize = 8;
 
     /// The statistics that integrators must deliver.
     pub(crate) fn needs(self) -> Needs {
-        if self.trajectories { Needs::none().with_trajectories() } else { Needs::none() }
+        if self == Self::Moving { Needs::none().with_trajectories() } else { Needs::none() }
     }
 
     pub(crate) fn list(self) -> Vec<Arc<dyn Recorder>> {
-        vec![Arc::new(SingleRecorder { of: self, name: self.name() })]
-    }
-
-    fn name(self) -> String {
-        match self {
-            Self::ALL => "samples".to_owned(),
-            Self::MOVING => "samples with trajectories".to_owned(),
-            Self { limit, .. } => format!("samples:first={limit}"),
-        }
+        vec![Arc::new(self)]
     }
 
     /// The words of a sample.
     fn each(self) -> usize {
-        if self.trajectories { 7 } else { 3 }
+        if self == Self::Moving { 7 } else { 3 }
+    }
+
+    /// The most samples of a pixel in a half.
+    fn most(self) -> usize {
+        if self == Self::First { Self::FIRST } else { usize::MAX }
     }
 
     /// The samples of a film for the reader `who`.
     pub(crate) fn of<'f>(self, film: &'f Film, who: &str) -> Result<FilmSamples<'f>, Error> {
-        let recorded = recorded(film, who, &self.name(), "samples one by one")?;
+        let recorded = recorded(film, who, self.name(), "samples one by one")?;
         Ok(FilmSamples { film, recorded, each: self.each() })
     }
 }
 
-struct SingleRecorder {
-    of: Singles,
-    name: String,
-}
-
-impl SingleRecorder {
-    /// The most words that may follow those of a pixel.
-    fn room(&self, words: &[u32]) -> usize {
-        (self.of.limit as usize).saturating_mul(self.of.each()).saturating_sub(words.len())
-    }
-}
-
-impl Recorder for SingleRecorder {
+impl Recorder for Singles {
     fn name(&self) -> &str {
-        &self.name
+        match self {
+            Self::All => "samples",
+            Self::Moving => "samples with trajectories",
+            Self::First => "first samples",
+        }
     }
 
     fn record(&self, words: &mut Vec<u32>, sample: &RecordedSample<'_>) {
-        if self.room(words) > 0 {
+        if words.len() / self.each() < self.most() {
             words.extend(sample.radiance.map(f32::to_bits));
-            if self.of.trajectories {
+            if *self == Self::Moving {
                 let Trajectory { inverse_depth, motion: [x, y, w], .. } =
                     sample.estimate.trajectory.filter(Trajectory::is_sound).unwrap_or_default();
                 words.extend([inverse_depth, x, y, w].map(f32::to_bits));
@@ -236,18 +222,19 @@ impl Recorder for SingleRecorder {
     }
 
     fn reserve(&self, words: &mut Vec<u32>, more: u64) {
-        let more = usize::try_from(more).unwrap_or(usize::MAX).saturating_mul(self.of.each());
-        words.reserve_exact(more.min(self.room(words)));
+        let room = self.most().saturating_sub(words.len() / self.each());
+        let more = usize::try_from(more).unwrap_or(usize::MAX).min(room);
+        words.reserve_exact(more.saturating_mul(self.each()));
     }
 
     fn bytes(&self, samples: u64) -> u64 {
-        samples.min(self.of.limit.into()).saturating_mul(4 * self.of.each() as u64)
+        samples.min(self.most() as u64).saturating_mul(4 * self.each() as u64)
     }
 }
 
 /// The kept samples of a film, one by one.
 #[derive(Clone, Copy)]
-pub struct FilmSamples<'f> {
+pub(crate) struct FilmSamples<'f> {
     pub(crate) film: &'f Film,
     recorded: Recorded<'f>,
     each: usize,
@@ -274,6 +261,127 @@ impl<'f> FilmSamples<'f> {
 }
 
 #[cfg(test)]
-mod own_statistics;
-#[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::support::{Traced, frame};
+    use dapple_core::samplers::Uniform;
+    use dapple_core::{Block, Draws, Estimate, Limits, PointSet, Render, Worker, mix};
+    use dapple_low_discrepancy::Random;
+
+    const KINDS: [SampleSums; 3] = [SampleSums::Logs, SampleSums::Roots, SampleSums::RootMoments];
+
+    /// Recorders of everything.
+    fn everything() -> Vec<Arc<dyn Recorder>> {
+        let singles = [Singles::All, Singles::Moving, Singles::First].into_iter().flat_map(Singles::list);
+        KINDS.into_iter().flat_map(SampleSums::list).chain(singles).collect()
+    }
+
+    /// All values of the sums in two passes: of `x ln x`, of roots, and the moments of transformed roots.
+    fn two_passes(samples: &[[f32; 3]]) -> [[f64; 3]; 5] {
+        let of = |f: &dyn Fn(f64) -> f64| -> [f64; 3] {
+            [0, 1, 2].map(|c: usize| samples.iter().map(|x| f(f64::from(x[c]))).sum::<f64>())
+        };
+        let root = |x: f64| 2.0 * (x.sqrt() - 1.0);
+        let mean = of(&root).map(|sum| sum / samples.len().max(1) as f64);
+        let power = |k: i32| {
+            [0, 1, 2].map(|c: usize| samples.iter().map(|x| (root(f64::from(x[c])) - mean[c]).powi(k)).sum::<f64>())
+        };
+        [of(&|x| if x > 0.0 { x * x.ln() } else { 0.0 }), of(&f64::sqrt), mean, power(2), power(3)]
+    }
+
+    #[track_caller]
+    fn close(film: &Film, i: usize, samples: &[[f32; 3]]) {
+        let [logs, roots, moments] = KINDS.map(|kind| kind.of(film, "a test").unwrap());
+        let ThirdMoments { count, mean, m2, m3 } = moments.moments(i);
+        assert_eq!(count, samples.len() as u64);
+        let found = [logs.sum(i), roots.sum(i), mean, m2, m3];
+        for (k, (a, b)) in found.as_flattened().iter().zip(two_passes(samples).as_flattened()).enumerate() {
+            assert!((a - b).abs() <= 1e-11 * (1.0 + b.abs()), "value {k}: {a} is not {b}");
+        }
+    }
+
+    /// Values over a wide range, some of them 0.
+    fn values(count: u64) -> Vec<[f32; 3]> {
+        let unit = |k: u64| (mix(11 + k) >> 40) as f32 / (1 << 24) as f32;
+        let of = |k: u64| [unit(3 * k), 40.0 * unit(3 * k + 1).powi(5), if unit(3 * k + 2) < 0.5 { 0.0 } else { 2.0 }];
+        (0..count).map(of).collect()
+    }
+
+    fn film(needs: Needs, samples: &[[f32; 3]], half: impl Fn(usize) -> usize) -> Film {
+        let mut film = Film::with_recorders(frame([2, 1]), needs, everything());
+        samples.iter().enumerate().for_each(|(k, &x)| film.push(1, half(k), x));
+        film
+    }
+
+    #[test]
+    fn sums_agree_with_two_passes_for_any_number_of_samples() {
+        for count in [0, 1, 2, 3, 7, 500] {
+            let all = values(count);
+            close(&film(Needs::none(), &all, |_| 0), 1, &all);
+            close(&film(Needs::none(), &all, |_| 0), 0, &[]);
+            for cut in [0, 1, count / 2, count] {
+                close(&film(Needs::none().with_halves(), &all, |k| usize::from(k as u64 >= cut)), 1, &all);
+            }
+        }
+    }
+
+    #[test]
+    fn rejected_samples_count_as_zero() {
+        let film = film(Needs::none(), &[[0.25; 3], [f32::NAN; 3], [4.0; 3], [-1.0; 3]], |_| 0);
+        close(&film, 1, &[[0.25; 3], [0.0; 3], [4.0; 3], [0.0; 3]]);
+        let samples = Singles::All.of(&film, "a test").unwrap();
+        assert!(samples.of_half(0, 1).map(|(x, _)| x[0]).eq([0.25, 0.0, 4.0, 0.0]));
+    }
+
+    #[test]
+    fn films_without_a_recorder_are_refused() {
+        let film = Film::with_recorders(frame([1, 1]), Needs::none(), Singles::First.list());
+        assert!(Singles::First.of(&film, "reader").is_ok());
+        for refused in [Singles::All, Singles::Moving].map(|singles| singles.of(&film, "reader").err()) {
+            assert!(refused.is_some_and(|error| error.to_string().starts_with("reader reads samples one by one")));
+        }
+        assert!(matches!(SampleSums::Logs.of(&film, "reader"), Err(Error::NotRecorded { .. })));
+    }
+
+    /// Noise, which is NaN in one sample of eight.
+    fn noise(u: [f32; 4]) -> [f32; 3] {
+        if u[3] < 0.125 { [f32::NAN, 1.0, 1.0] } else { [u[0], 8.0 * u[1], u[2] * u[3]] }
+    }
+
+    fn trajectory(u: [f32; 4]) -> Trajectory {
+        Trajectory::new(if u[3] < 0.125 { f32::NAN } else { u[0] }, [u[1], -u[2], u[3]])
+    }
+
+    /// The words that are recorded of a sample with these random numbers.
+    fn expected(u: [f32; 4]) -> ([f32; 3], Trajectory) {
+        if u[3] < 0.125 { ([0.0; 3], Trajectory::default()) } else { (noise(u), trajectory(u)) }
+    }
+
+    #[test]
+    fn samples_are_those_of_the_points_in_either_half() {
+        for halves in [false, true] {
+            let needs = Singles::Moving.needs();
+            let needs = if halves { needs.with_halves() } else { needs };
+            let limits = Limits::samples(40 * 19 + 7);
+            let render = Render::new(frame([8, 5]), &limits).needs(needs).recorders(everything());
+            let mut moving = Traced(|draws: &Draws<'_>, _: &mut Worker| {
+                let u = draws.block(Block::new(0));
+                Estimate::new(noise(u)).with_trajectory(draws.wants_trajectory().then(|| trajectory(u)))
+            });
+            let film = render.run(&mut moving, &mut Uniform::new(Random::new(3))).unwrap();
+            let of = |singles: Singles| singles.of(&film, "a test").unwrap();
+            let mut read = 0;
+            for (i, (half, (number, sample))) in
+                (0..40).flat_map(|i| of(Singles::Moving).of_pixel(i).map(move |s| (i, s)))
+            {
+                let id = film.sample_id(half, i, number);
+                assert_eq!(sample, expected(Random::new(3).block(id, 0)), "{id:?}");
+                assert_eq!(of(Singles::All).of_half(half, i).nth(number), Some((sample.0, Trajectory::default())));
+                let first = of(Singles::First).of_half(half, i).nth(number).map(|(x, _)| x);
+                assert_eq!(first, (number < 8).then_some(sample.0));
+                read += 1;
+            }
+            assert_eq!(read, film.record().samples);
+        }
+    }
+}

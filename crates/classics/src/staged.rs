@@ -1,10 +1,10 @@
 //! Pixels as means of means over ever larger cells.
 
-use crate::method::{SamplesFilter, SamplesMethod};
-use crate::recorders::FilmSamples;
+use crate::FilmPoints;
+use crate::method::{FilterMethod, MethodFilter};
+use crate::recorders::Singles;
 use crate::tree::{Cell, Cells};
-use crate::{Domain, FilmPoints};
-use dapple_core::Filtered;
+use dapple_core::{Error, Film, Filtered};
 use rayon::prelude::*;
 use std::array;
 
@@ -27,7 +27,7 @@ dapple_core::options! {
 ///
 /// *Bias*: none at `width=1` if samples are independent and uniform in the pixel. Wider boxes blur. *Weaknesses*: with
 /// well-distributed points of equal counts, the plain mean is better. A clump in part of a cell still pulls the cell's mean.
-pub type Staged = SamplesFilter<StagedOptions>;
+pub type Staged = MethodFilter<StagedOptions, FilmPoints>;
 
 /// A mean radiance; `None` without samples.
 type Mean = Option<[f64; 3]>;
@@ -99,42 +99,34 @@ fn last_box(width: f64, all: &[HalfPixels], size: [usize; 2], i: usize) -> [f32;
     mean.map_or([0.0; 3], |mean| mean.map(|x| x as f32))
 }
 
-impl SamplesMethod for StagedOptions {
+impl FilterMethod<FilmPoints> for StagedOptions {
     const NAME: &'static str = "staged";
+    const BYTES: usize = size_of::<HalfPixels>() + 12;
+    const SAMPLES: Option<Singles> = Some(Singles::All);
 
-    fn dimensions(&self, domain: &Domain) -> Domain {
-        domain.place()
-    }
-
-    fn bytes(&self) -> usize {
-        size_of::<HalfPixels>() + 12
-    }
-
-    fn image(&self, samples: &FilmSamples<'_>, points: &FilmPoints) -> Filtered {
-        let frame = samples.film.frame();
-        let (now, pixels) = (points.now(), Cells::new(frame, 1));
+    fn image(&self, film: &Film, points: &FilmPoints) -> Result<Filtered, Error> {
+        let (frame, samples) = (film.frame(), Singles::All.of(film, Self::NAME)?);
+        let (now, domain, pixels) = (points.now(), points.domain().place(), Cells::new(frame, 1));
         let all: Vec<HalfPixels> = (0..frame.pixels())
             .into_par_iter()
             .map_init(Cell::default, |pixel, i| {
-                pixels.read(i, samples, &now, points.domain(), pixel);
+                pixels.read(i, &samples, &now, &domain, pixel);
                 half_pixels(pixel).map(|mean| mean.map(|mean| mean.map(|x| x as f32)))
             })
             .collect();
         let size = frame.size();
         let image = |i| last_box(self.width, &all, size.map(|n| n as usize), i);
-        Filtered::new(size, (0..all.len()).into_par_iter().map(image).collect())
+        Ok(Filtered::new(size, (0..all.len()).into_par_iter().map(image).collect()))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recorders::Singles;
+    use crate::support::{Made, domain, film_points, image, mean_of, render, squared_error};
     use crate::tree::At;
-    use crate::tree::test_scenes::{Made, domain, film_points, render};
     use crate::{Subdivision, SubdivisionOptions};
     use dapple_core::samplers::Uniform;
-    use dapple_core::{Error, Film, Filter as _, Frame, Needs};
     use dapple_low_discrepancy::{Random, Sobol};
 
     fn staged(points: FilmPoints, width: f64) -> Staged {
@@ -150,23 +142,12 @@ mod tests {
             pixel.at.push(at);
             pixel.values.push([value; 3]);
         }
-        mean_of(half_pixels(&pixel).map(|mean| (1.0, mean))).map_or(0.0, |mean| mean[0])
+        super::mean_of(half_pixels(&pixel).map(|mean| (1.0, mean))).map_or(0.0, |mean| mean[0])
     }
 
     /// The middles of all cells of 1/`side` pixel.
     fn middles(side: usize) -> impl Iterator<Item = [f32; 2]> + Clone {
         (0..side * side).map(move |i| [i % side, i / side].map(|k| (k as f32 + 0.5) / side as f32))
-    }
-
-    #[test]
-    fn films_without_single_samples_are_refused() {
-        let film = Film::with_recorders(Frame::new(2, 2).expect("a frame"), Needs::none(), Singles::first(8).list());
-        let error = staged(film_points(Sobol::new(3), &[], None), 1.0).apply(&film);
-        assert!(matches!(error, Err(Error::NotRecorded { .. })), "{error:?}");
-        for width in [0.5, 9.0, f64::NAN] {
-            let options = StagedOptions::default().width(width);
-            assert!(Staged::new(film_points(Sobol::new(3), &[], None), options).is_err(), "{width}");
-        }
     }
 
     #[test]
@@ -209,7 +190,7 @@ mod tests {
             (2.0, [1.0 / 3.0, 1.5, 4.5, 22.0 / 3.0]),
             (3.0, [0.5, 5.0 / 3.0, 14.0 / 3.0, 6.5]),
         ] {
-            let image = staged(film_points(Sobol::new(5), &[], None), width).apply(&film).expect("samples").radiance;
+            let image = image(&staged(film_points(Sobol::new(5), &[], None), width), &film);
             for (found, expected) in image.iter().zip(expected) {
                 assert!((f64::from(found[0]) - expected).abs() < 1e-5, "{width}: {image:?}");
             }
@@ -222,11 +203,11 @@ mod tests {
     #[test]
     fn independent_samples_have_no_bias() {
         let film = render(EDGE, &mut Uniform::new(Random::new(6)), [64; 2], 6.0);
-        let image = staged(film_points(Random::new(6), &[], None), 1.0).apply(&film).expect("samples").radiance;
-        let mean = image.iter().map(|x| f64::from(x[0])).sum::<f64>() / 4096.0;
-        let variance = image.iter().map(|x| (f64::from(x[0]) - mean).powi(2)).sum::<f64>() / 4095.0;
-        let off = |truth: f64| (mean - truth).abs() / (variance / 4096.0).sqrt();
-        assert!(off(0.2) < 5.0 && off(0.23) > 5.0 && off(0.17) > 5.0, "{mean} with a variance of {variance}");
+        let image = image(&staged(film_points(Random::new(6), &[], None), 1.0), &film);
+        let mean = mean_of(&image);
+        let error = (squared_error(&image, |_| mean) / 4095.0).sqrt();
+        let off = |truth: f64| (mean - truth).abs() / error;
+        assert!(off(0.2) < 5.0 && off(0.23) > 5.0 && off(0.17) > 5.0, "{mean} with an error of {error}");
     }
 
     #[test]
@@ -234,9 +215,7 @@ mod tests {
         let mut sampler = Subdivision::new(Sobol::new(4), &domain(&[]), SubdivisionOptions::default()).expect("axes");
         let filter = staged(film_points(Sobol::new(4), &[], Some(sampler.placed())), 1.0);
         let film = render(EDGE, &mut sampler, [8, 8], 200.0);
-        let image = filter.apply(&film).expect("samples").radiance;
-        let error = |image: &[[f32; 3]]| image.iter().map(|x| f64::from(x[0] - 0.2).abs()).sum::<f64>() / 64.0;
-        let (plain, staged) = (error(&film.image()), error(&image));
-        assert!(plain > 0.1 && staged < 0.1 * plain, "{plain} and {staged}");
+        let [plain, staged] = [film.image(), image(&filter, &film)].map(|image| squared_error(&image, |_| 0.2));
+        assert!(plain > 0.01 && staged < 0.01 * plain, "{plain} and {staged}");
     }
 }

@@ -3,12 +3,9 @@
 mod bank;
 
 use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
-use crate::rounds::{counts_so_far, lacking, total, with_extra};
+use crate::method::{counts_so_far, lacking, total, with_extra};
 use bank::{BANK, NEEDS, OfPixel, Planes};
-use dapple_core::{
-    Error, Feedback, Film, FilterMemory, Filtered, Frame, ImagePlanes, Needs, PilotPolicy, Plan, SamplerMemory,
-    saturating_u32, share,
-};
+use dapple_core::{Error, Feedback, Film, Filtered, ImagePlanes, Needs, PilotPolicy, Plan, saturating_u32, share};
 use rayon::prelude::*;
 
 dapple_core::options! {
@@ -56,16 +53,14 @@ const FAST: usize = 5;
 
 impl FilterMethod for SureFilterOptions {
     const NAME: &'static str = "sure";
+    const BYTES: usize = BYTES;
+    const PLANES: ImagePlanes = ImagePlanes::RadianceAndError;
 
     fn needs(&self) -> Needs {
         NEEDS
     }
 
-    fn applying(&self, frame: &Frame) -> FilterMemory {
-        FilterMemory::new(frame, BYTES, ImagePlanes::RadianceAndError)
-    }
-
-    fn image(&self, film: &Film) -> Result<Filtered, Error> {
+    fn image(&self, film: &Film, (): &()) -> Result<Filtered, Error> {
         let radius = if self.fast { self.window.min(FAST) } else { self.window };
         let chosen = choose(film, radius, self.smooth);
         let error = chosen.iter().map(|pixel| pixel.error.max(0.0) as f32).collect::<Vec<_>>();
@@ -108,7 +103,7 @@ fn chosen(planes: &Planes, all: &[OfPixel], i: usize, spatial: &[f64]) -> Chosen
     let (mut weight, mut error, mut priority) = (0.0, [0.0; BANK], [0.0; BANK]);
     for dy in -reach..=reach {
         for dx in -reach..=reach {
-            let Some(j) = planes.at(x + dx, y + dy).filter(|&j| planes.known[j]) else { continue };
+            let Some(j) = planes.at(x + dx, y + dy).filter(|&j| planes.means.known[j]) else { continue };
             let near = spatial[dx.unsigned_abs()] + spatial[dy.unsigned_abs()];
             let w = libm::exp(near + planes.likeness(i, j));
             weight += w;
@@ -120,13 +115,13 @@ fn chosen(planes: &Planes, all: &[OfPixel], i: usize, spatial: &[f64]) -> Chosen
     }
     // A pixel without samples takes the widest filter, and its own error is unknown.
     let widest = 1;
-    if !planes.known[i] || weight <= 0.0 {
+    if !planes.means.known[i] || weight <= 0.0 {
         let unknown = if weight > 0.0 { error[widest] / weight } else { f64::INFINITY };
         let priority = if weight > 0.0 { priority[widest] / weight } else { 0.0 };
         return Chosen { radiance: all[i].filtered[0], error: unknown, priority: priority.max(0.0) };
     }
     let best = (1..BANK).fold(0, |best, k| if error[k] < error[best] { k } else { best });
-    let radiance = if best == 0 { planes.colour[i].map(|c| c as f32) } else { all[i].filtered[best - 1] };
+    let radiance = if best == 0 { planes.means.colour[i].map(|c| c as f32) } else { all[i].filtered[best - 1] };
     Chosen { radiance, error: error[best] / weight, priority: (priority[best] / weight).max(0.0) }
 }
 
@@ -163,27 +158,20 @@ pub type Sure<P> = MethodSampler<P, SureOptions>;
 
 impl SamplingMethod for SureOptions {
     const NAME: &'static str = "sure";
+    const PLANNING: usize = BYTES + 8;
 
     fn needs(&self) -> Needs {
         NEEDS
     }
 
-    fn number_of_rounds(&self) -> Option<u32> {
-        Some(1 + self.rounds)
+    fn pilot_and_rounds(&self, mean: u64) -> (u32, Option<u32>) {
+        (self.pilot.min(saturating_u32(mean / 2).max(1)), Some(self.rounds))
     }
 
-    fn planning(&self, frame: &Frame, _: &Needs) -> SamplerMemory {
-        SamplerMemory::planning(frame, BYTES + 8)
-    }
-
-    fn pilot_samples(&self, mean: u64) -> u32 {
-        self.pilot.min(saturating_u32(mean / 2).max(1))
-    }
-
-    fn refine(&self, seen: &Feedback<'_>, _: u32, plan: &mut Plan) -> Result<(), Error> {
+    fn refine(&self, seen: &Feedback<'_>, _: u32, _: &mut Option<f64>, plan: &mut Plan) -> Result<(), Error> {
         let (budget, pixels, now) = (seen.budget, seen.pixels() as u64, counts_so_far(seen));
         let floors: Vec<u32> = now.iter().map(|&n| budget.min_spp.saturating_sub(n)).collect();
-        let pilot = self.pilot_samples(budget.total / pixels);
+        let (pilot, _) = self.pilot_and_rounds(budget.total / pixels);
         let after = budget.total.saturating_sub(u64::from(pilot) * pixels);
         let step = after.div_ceil(self.rounds.into()).max(total(&floors)).clamp(1, budget.left());
         let chosen = choose(seen.film, self.window, self.smooth);
@@ -203,9 +191,9 @@ impl SamplingMethod for SureOptions {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_scenes::{Field, frame, run};
+    use crate::support::{Field, Traced, frame, image, mean_of_columns, run, squared_error};
     use dapple_core::samplers::Uniform;
-    use dapple_core::{Draws, Estimate, Filter, FirstHit, Integrator, Limits, Render, Unfiltered, Worker};
+    use dapple_core::{Block, Draws, Estimate, Filter, FirstHit, Limits, Render, Worker};
     use dapple_low_discrepancy::Random;
 
     /// Noise of deviation 0.1 about an edge, whose features do not show it.
@@ -214,64 +202,47 @@ mod tests {
             let noise = u.iter().map(|u| u - 0.5).sum::<f32>() * 0.346;
             [if x < 16 { 0.5 } else { 1.0 } + noise; 3]
         });
-        let needs = NEEDS;
         let (mut sampler, limits) = (Uniform::new(Random::new(3)), Limits::spp(16.0));
-        Render::new(frame(32, 32), &limits).needs(needs).run(&mut field, &mut sampler).unwrap()
+        Render::new(frame([32, 32]), &limits).needs(NEEDS).run(&mut field, &mut sampler).unwrap()
+    }
+
+    fn filter(options: SureFilterOptions) -> SureFilter {
+        SureFilter::with_options(options).unwrap()
     }
 
     #[test]
     fn the_best_filter_keeps_edges_and_removes_noise() {
         let film = edge_with_noise();
-        let squared_error = |image: &Filtered| {
-            let each = image.radiance.iter().enumerate();
-            each.map(|(i, c)| (c[0] - if i % 32 < 16 { 0.5 } else { 1.0 }).powi(2)).sum::<f32>() / 1024.0
-        };
-        let filter = SureFilter::with_options(SureFilterOptions::default().window(7)).unwrap();
-        let (filtered, raw) = (filter.apply(&film).unwrap(), Unfiltered.apply(&film).unwrap());
-        let (error, before) = (squared_error(&filtered), squared_error(&raw));
+        let filtered = filter(SureFilterOptions::default().window(7)).apply(&film).unwrap();
+        let truth = |i: usize| if i % 32 < 16 { 0.5 } else { 1.0 };
+        let [error, before] = [&filtered.radiance, &film.image()].map(|image| squared_error(image, truth));
         assert!(error < 0.1 * before, "{error} of {before}");
         // The reported error is that of the image.
-        let reported = filtered.error.unwrap().iter().sum::<f32>() / 1024.0;
+        let reported = f64::from(filtered.error.unwrap().iter().sum::<f32>()) / 1024.0;
         assert!((reported / error - 1.0).abs() < 0.7, "{reported} for {error}");
     }
 
     #[test]
     fn fast_searches_five_pixels() {
-        let of = |options: SureFilterOptions| SureFilter::with_options(options).unwrap();
         let film = edge_with_noise();
-        let fast = of(SureFilterOptions::default().fast(true)).apply(&film).unwrap();
-        assert_eq!(fast, of(SureFilterOptions::default().window(5)).apply(&film).unwrap());
-        assert_ne!(fast, of(SureFilterOptions::default().window(4)).apply(&film).unwrap());
+        let of = |options| image(&filter(options), &film);
+        let [five, four] = [5, 4].map(|window| of(SureFilterOptions::default().window(window)));
+        assert!(of(SureFilterOptions::default().fast(true)) == five && five != four);
         assert!(SureFilter::with_options(SureFilterOptions::default().window(21)).is_err());
-        let unused =
-            run(&mut Field(|_, _| [0.0; 3]), &mut Uniform::new(Random::new(1)), frame(2, 2), &Limits::spp(1.0));
-        assert!(matches!(SureFilter::default().apply(&unused), Err(Error::NotRecorded { .. })));
-    }
-
-    /// A field on a wall.
-    struct OnWall<F>(Field<F>);
-
-    impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for OnWall<F> {
-        fn estimate(&self, draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
-            let hit = FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0);
-            self.0.estimate(draws, worker).with_first_hit(hit)
-        }
     }
 
     #[test]
     fn samples_go_where_filters_err() {
-        // Flat on the left; stripes of one pixel under noise on the right, which no filter can smooth.
-        let field = Field(|[x, y]: [u32; 2], u: [f32; 4]| {
+        // A wall: flat on the left; stripes of one pixel under noise on the right, which no filter can smooth.
+        let mut wall = Traced(|draws: &Draws<'_>, _: &mut Worker| {
+            let ([x, y], [u, ..]) = (draws.pixel(), draws.block(Block::new(0)));
             let stripe = if x >= 16 && (x + y) % 2 == 0 { 0.8 } else { 0.2 };
-            [if x < 16 { 0.5 } else { stripe + 0.3 * u[0] }; 3]
+            let radiance = [if x < 16 { 0.5 } else { stripe + 0.3 * u }; 3];
+            Estimate::new(radiance).with_first_hit(FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0))
         });
-        let options = SureOptions::default().window(5);
-        let mut sampler = Sure::with_options(Random::new(1), options).unwrap();
-        let film = run(&mut OnWall(field), &mut sampler, frame(32, 32), &Limits::spp(32.0));
-        let mean = |left: bool| {
-            let of = (0..1024).filter(|i| (i % 32 < 12) == left && (left || i % 32 > 19));
-            of.clone().map(|i| film.count(i) as f64).sum::<f64>() / of.count() as f64
-        };
-        assert!(mean(true) < 12.0 && mean(false) > 45.0, "{} {}", mean(true), mean(false));
+        let mut sampler = Sure::with_options(Random::new(1), SureOptions::default().window(5)).unwrap();
+        let film = run(&mut wall, &mut sampler, [32, 32], &Limits::spp(32.0));
+        let [flat, striped] = [0..12, 20..32].map(|x| mean_of_columns(&film, x, |i| film.count(i) as f64));
+        assert!(flat < 12.0 && striped > 45.0, "{flat} {striped}");
     }
 }

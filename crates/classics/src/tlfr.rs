@@ -1,15 +1,13 @@
 //! Temporal light field reconstruction: a filter that moves samples over lens and time.
 
 mod samples;
-mod tree;
 
-use crate::method::{SamplesFilter, SamplesMethod};
-use crate::recorders::{FilmSamples, Singles};
+use crate::method::{FilterMethod, MethodFilter};
+use crate::recorders::Singles;
 use crate::{Defocus, FilmPoints};
-use dapple_core::{Error, Filtered};
+use dapple_core::{Error, Film, Filtered};
 use rayon::prelude::*;
-use samples::{At, Axes, Seen};
-use tree::Tree;
+use samples::{At, Axes, Seen, Tree};
 
 dapple_core::options! {
     /// The parameters of [`Tlfr`].
@@ -45,11 +43,12 @@ const ASSUMED_SPP: usize = 64;
 /// *Bias*: biased. *Weaknesses*: highlights and reflections do not move with their surface, and what is behind glass moves with
 /// the glass. Noise that is not from lens and time is averaged over the tent alone. Rotation is taken as linear motion.
 /// Surfaces of less than four samples are mixed with the one behind.
-pub type Tlfr = SamplesFilter<TlfrOptions>;
+pub type Tlfr = MethodFilter<TlfrOptions, FilmPoints>;
 
-impl SamplesMethod for TlfrOptions {
+impl FilterMethod<FilmPoints> for TlfrOptions {
     const NAME: &'static str = "tlfr";
-    const READS: Singles = Singles::MOVING;
+    const BYTES: usize = 12 + ASSUMED_SPP * Tree::BYTES;
+    const SAMPLES: Option<Singles> = Some(Singles::Moving);
 
     /// Refuses samples that depend on a lens of unknown blur.
     fn check(&self, points: &FilmPoints) -> Result<(), Error> {
@@ -60,14 +59,9 @@ impl SamplesMethod for TlfrOptions {
         Ok(())
     }
 
-    fn bytes(&self) -> usize {
-        12 + ASSUMED_SPP * Tree::BYTES
-    }
-
-    fn image(&self, samples: &FilmSamples<'_>, points: &FilmPoints) -> Filtered {
-        let (film, axes) = (samples.film, Axes::of(points.domain()));
-        let frame = film.frame();
-        let field = LightField::new(samples, points, self.points);
+    fn image(&self, film: &Film, points: &FilmPoints) -> Result<Filtered, Error> {
+        let (frame, axes) = (film.frame(), Axes::of(points.domain()));
+        let field = LightField::new(film, points, self.points)?;
         let mut radiance = vec![[0.0; 3]; frame.pixels()];
         radiance.par_iter_mut().enumerate().for_each_init(Scratch::default, |scratch, (i, pixel)| {
             let mut sum = ([0.0; 3], 0);
@@ -80,7 +74,7 @@ impl SamplesMethod for TlfrOptions {
             }
             *pixel = if sum.1 > 0 { sum.0.map(|x| x / f64::from(sum.1)) } else { film.mean(i) }.map(|x| x as f32);
         });
-        Filtered::new(frame.size(), radiance)
+        Ok(Filtered::new(frame.size(), radiance))
     }
 }
 
@@ -115,13 +109,13 @@ struct LightField {
 
 impl LightField {
     /// The light field of a film, of which `output` points are reconstructed in each pixel.
-    fn new(samples: &FilmSamples<'_>, points: &FilmPoints, output: u32) -> Self {
-        let lens = points.defocus().filter(|_| Axes::of(points.domain()).has_lens());
-        let defocus = lens.unwrap_or(Defocus::new([0.0; 2], [0.0; 2]));
-        let pixels = samples.film.frame().pixels();
-        let samples = samples::read(samples, points, &defocus);
-        let (radius, width) = (dispersion(samples.len() as f64 / pixels as f64), f64::from(output).sqrt().recip());
-        Self { tree: Tree::new(samples, defocus), radius, widths: [width, 0.5 * width] }
+    fn new(film: &Film, points: &FilmPoints, output: u32) -> Result<Self, Error> {
+        let axes = Axes::of(points.domain());
+        let defocus = points.defocus().filter(|_| axes.has_lens()).unwrap_or(Defocus::new([0.0; 2], [0.0; 2]));
+        let samples = axes.samples(&Singles::Moving.of(film, TlfrOptions::NAME)?, points, &defocus);
+        let spp = samples.len() as f64 / film.frame().pixels() as f64;
+        let width = f64::from(output).sqrt().recip();
+        Ok(Self { tree: Tree::new(samples, defocus), radius: dispersion(spp), widths: [width, 0.5 * width] })
     }
 
     /// The colour at a point; `None` if there are no samples around it.

@@ -4,14 +4,12 @@
 //! box until it returns no more cuts. Nothing is kept from round to round: the boxes follow from the samples alone.
 
 mod planner;
-#[cfg(test)]
-pub(crate) mod test_scenes;
 
 pub use planner::{Refinement, TreeSampler};
 
-use crate::recorders::FilmSamples;
+use crate::recorders::{FilmSamples, Singles};
 use crate::{Domain, FilmPoints};
-use dapple_core::{Filtered, Frame, PointSet, SampleId, mix, streams};
+use dapple_core::{Error, Film, Filtered, Frame, PointSet, SampleId, mix, streams};
 use rayon::prelude::*;
 
 /// The coordinates of a sample: the place in pixels from the cell's corner, then the other axes in `[0, 1)`.
@@ -36,7 +34,7 @@ pub struct Cell {
 /// The cells of a window, of `side` pixels each; those at the right and at the bottom may be smaller.
 #[derive(Clone, Copy)]
 pub(crate) struct Cells {
-    pub(crate) side: u32,
+    side: u32,
     window: [u32; 2],
 }
 
@@ -87,33 +85,93 @@ impl Cells {
             }
         }
     }
+}
 
-    /// The image of which `of_cell` makes the pixels of each cell, row by row.
-    pub(crate) fn image(
-        &self,
+/// What is known of each cell. It follows from the cell's samples, so it holds until their number changes.
+#[derive(Default)]
+pub(crate) struct Known<T>(pub(crate) Vec<(Option<u64>, T)>);
+
+impl<T: Clone + Default + Send> Known<T> {
+    /// The bytes of what is known of a frame's cells of `side` pixels.
+    pub(crate) fn bytes(frame: &Frame, side: u32) -> u64 {
+        (Cells::new(frame, side).count() * size_of::<(Option<u64>, T)>()) as u64
+    }
+
+    /// Computes it anew, from a cell's number and samples, where samples came.
+    pub(crate) fn refresh(
+        &mut self,
+        cells: Cells,
         samples: &FilmSamples<'_>,
-        points: &FilmPoints,
-        of_cell: impl Fn(&Cell, &mut [[f32; 3]]) + Sync,
-    ) -> Filtered {
-        let (now, domain) = (points.now(), points.domain());
-        let [width, height] = self.window.map(|n| n as usize);
-        let columns = width.div_ceil(self.side as usize);
-        let mut radiance = vec![[0.0; 3]; width * height];
-        let bands = radiance.par_chunks_mut(width * self.side as usize).enumerate();
-        bands.for_each_init(Default::default, |(cell, made): &mut (Cell, Vec<_>), (band, rows)| {
-            for number in band * columns..(band + 1) * columns {
-                self.read(number, samples, &now, domain, cell);
-                let [columns, lines] = cell.size.map(|n| n as usize);
-                made.clear();
-                made.resize(columns * lines, [0.0; 3]);
-                of_cell(cell, made);
-                for (y, made) in made.chunks(columns).enumerate() {
-                    rows[y * width + cell.corner[0] as usize..][..columns].copy_from_slice(made);
-                }
+        points: &dyn PointSet,
+        domain: &Domain,
+        of: impl Fn(usize, &Cell) -> T + Sync,
+    ) {
+        self.0.resize(cells.count(), Default::default());
+        self.0.par_iter_mut().enumerate().for_each_init(Cell::default, |cell, (number, known)| {
+            let now = Some(cells.pixels(number).map(|i| samples.film.count(i)).sum());
+            if known.0 != now {
+                cells.read(number, samples, points, domain, cell);
+                *known = (now, of(number, cell));
             }
         });
-        Filtered::new(self.window, radiance)
     }
+}
+
+/// The image of a film, whose filter is `who`: a pixel is the sum over the boxes of its cell, of `side` pixels, of their mean
+/// times their volume in the pixel. Boxes without samples are left out, and pixels without boxes are black.
+pub(crate) fn image_of_boxes(
+    (film, who): (&Film, &str),
+    side: u32,
+    points: &FilmPoints,
+    domain: &Domain,
+    rule: &dyn Division,
+) -> Result<Filtered, Error> {
+    image_of_cells((film, who), side, points, domain, |cell, image| {
+        let mut sums = vec![[0.0; 4]; image.len()];
+        leaves(rule, cell, &mut |leaf| {
+            if leaf.items.is_empty() {
+                return;
+            }
+            let mean = mean(cell, leaf.items);
+            for (i, sum) in (0..).zip(&mut sums) {
+                let within = leaf.bounds.volume_in_pixel([i % cell.size[0], i / cell.size[0]], cell.axes);
+                (0..3).for_each(|c| sum[c] += within * mean[c]);
+                sum[3] += within;
+            }
+        });
+        for (pixel, [r, g, b, volume]) in image.iter_mut().zip(sums) {
+            *pixel = [r, g, b].map(|x| if volume > 0.0 { (x / volume) as f32 } else { 0.0 });
+        }
+    })
+}
+
+/// The image of a film, whose filter is `who`: `of_cell` makes the pixels of each cell of `side` pixels, row by row, from
+/// samples with coordinates in `domain`.
+pub(crate) fn image_of_cells(
+    (film, who): (&Film, &str),
+    side: u32,
+    points: &FilmPoints,
+    domain: &Domain,
+    of_cell: impl Fn(&Cell, &mut [[f32; 3]]) + Sync,
+) -> Result<Filtered, Error> {
+    let (samples, now, cells) = (Singles::All.of(film, who)?, points.now(), Cells::new(film.frame(), side));
+    let [width, height] = cells.window.map(|n| n as usize);
+    let columns = width.div_ceil(side as usize);
+    let mut radiance = vec![[0.0; 3]; width * height];
+    let bands = radiance.par_chunks_mut(width * side as usize).enumerate();
+    bands.for_each_init(Default::default, |(cell, made): &mut (Cell, Vec<_>), (band, rows)| {
+        for number in band * columns..(band + 1) * columns {
+            cells.read(number, &samples, &now, domain, cell);
+            let [columns, lines] = cell.size.map(|n| n as usize);
+            made.clear();
+            made.resize(columns * lines, [0.0; 3]);
+            of_cell(cell, made);
+            for (y, made) in made.chunks(columns).enumerate() {
+                rows[y * width + cell.corner[0] as usize..][..columns].copy_from_slice(made);
+            }
+        }
+    });
+    Ok(Filtered::new(cells.window, radiance))
 }
 
 /// The coordinate `u` in `[0, 1)` behind the pixel's edge, still within the pixel.

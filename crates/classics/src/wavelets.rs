@@ -2,7 +2,7 @@
 
 use crate::method::{FilterMethod, MethodFilter};
 use crate::windows::filled_means;
-use dapple_core::{Error, Film, FilterMemory, Filtered, Frame, ImagePlanes};
+use dapple_core::{Error, Film, Filtered, Needs};
 use rayon::prelude::*;
 
 /// A biorthogonal wavelet basis.
@@ -44,56 +44,42 @@ impl Basis {
         [constant[0], alternating[1]]
     }
 
-    /// Transforms a line in place: the low band, then the high band. Constants have their value in the low band.
-    fn forward<const N: usize>(self, line: &mut [[f64; N]], scratch: &mut Vec<[f64; N]>) {
+    /// Transforms a line in place: the low band, then the high band. Constants have their value in the low band. Or undoes it, if
+    /// `back`.
+    fn transform<const N: usize>(self, back: bool, line: &mut [[f64; N]], scratch: &mut Vec<[f64; N]>) {
         if line.len() < 2 {
             return;
         }
         let evens = line.len().div_ceil(2);
-        scratch.clear();
-        scratch.extend(line.iter().step_by(2).chain(line.iter().skip(1).step_by(2)));
-        line.copy_from_slice(scratch);
+        if !back {
+            scratch.clear();
+            scratch.extend(line.iter().step_by(2).chain(line.iter().skip(1).step_by(2)));
+            line.copy_from_slice(scratch);
+        }
         let (low, high) = line.split_at_mut(evens);
-        if self == Self::Haar {
-            for (a, b) in low.iter_mut().zip(high) {
-                for c in 0..N {
-                    (a[c], b[c]) = (0.5 * (a[c] + b[c]), 0.5 * (b[c] - a[c]));
+        let (steps, [of_low, of_high]) = (self.steps().iter().enumerate(), self.gains());
+        match (self, back) {
+            (Self::Haar, _) => {
+                for (a, b) in low.as_flattened_mut().iter_mut().zip(high.as_flattened_mut()) {
+                    (*a, *b) = if back { (*a - *b, *a + *b) } else { (0.5 * (*a + *b), 0.5 * (*b - *a)) };
                 }
             }
-            return;
-        }
-        for (k, step) in self.steps().iter().enumerate() {
-            lift(low, high, k, *step);
-        }
-        let [of_low, of_high] = self.gains();
-        scale(low, 1.0 / of_low);
-        scale(high, 1.0 / of_high);
-    }
-
-    /// The inverse of [`Basis::forward`].
-    fn inverse<const N: usize>(self, line: &mut [[f64; N]], scratch: &mut Vec<[f64; N]>) {
-        if line.len() < 2 {
-            return;
-        }
-        let evens = line.len().div_ceil(2);
-        let (low, high) = line.split_at_mut(evens);
-        if self == Self::Haar {
-            for (a, b) in low.iter_mut().zip(high) {
-                for c in 0..N {
-                    (a[c], b[c]) = (a[c] - b[c], a[c] + b[c]);
-                }
+            (_, false) => {
+                steps.for_each(|(k, step)| lift(low, high, k, *step));
+                scale(low, 1.0 / of_low);
+                scale(high, 1.0 / of_high);
             }
-        } else {
-            let [of_low, of_high] = self.gains();
-            scale(low, of_low);
-            scale(high, of_high);
-            for (k, step) in self.steps().iter().enumerate().rev() {
-                lift(low, high, k, -step);
+            (_, true) => {
+                scale(low, of_low);
+                scale(high, of_high);
+                steps.rev().for_each(|(k, step)| lift(low, high, k, -step));
             }
         }
-        scratch.clear();
-        scratch.extend((0..line.len()).map(|i| if i % 2 == 0 { line[i / 2] } else { line[evens + i / 2] }));
-        line.copy_from_slice(scratch);
+        if back {
+            scratch.clear();
+            scratch.extend((0..line.len()).map(|i| if i % 2 == 0 { line[i / 2] } else { line[evens + i / 2] }));
+            line.copy_from_slice(scratch);
+        }
     }
 
     /// The filters of one level, as weights at whole offsets from the even sample: low band and high band.
@@ -104,7 +90,7 @@ impl Basis {
         for at in 0..LENGTH {
             let mut line = [[0.0]; LENGTH];
             line[at] = [1.0];
-            self.forward(&mut line, &mut scratch);
+            self.transform(false, &mut line, &mut scratch);
             // The coefficients at the even sample in the middle.
             filters[0].weights[at] = line[LENGTH / 4][0];
             filters[1].weights[at] = line[LENGTH / 2 + LENGTH / 4][0];
@@ -203,23 +189,18 @@ pub(crate) fn sizes(size: [usize; 2], levels: usize) -> Vec<[usize; 2]> {
     (0..=levels).map(|level| size.map(|n| n.div_ceil(1 << level))).collect()
 }
 
-/// Transforms an image in place: the levels `levels`, counted from 0. The low band of each level lies in the upper left
-/// corner of the finer one's.
+/// Transforms an image in place: the levels `levels`, counted from 0; or undoes it, if `back`. The low band of each level lies in
+/// the upper left corner of the finer one's.
 pub(crate) fn transform<const N: usize>(
     basis: Basis,
     size: [usize; 2],
     levels: std::ops::Range<usize>,
+    back: bool,
     image: &mut Vec<[f64; N]>,
 ) {
-    for level in levels {
-        along_both(size, sizes(size, level)[level], image, |line, scratch| basis.forward(line, scratch));
-    }
-}
-
-/// The inverse of [`transform`] for the first `levels` levels.
-pub(crate) fn restore<const N: usize>(basis: Basis, size: [usize; 2], levels: usize, image: &mut Vec<[f64; N]>) {
-    for level in (0..levels).rev() {
-        along_both(size, sizes(size, level)[level], image, |line, scratch| basis.inverse(line, scratch));
+    for level in levels.clone() {
+        let level = if back { levels.start + levels.end - 1 - level } else { level };
+        along_both(size, sizes(size, level)[level], image, |line, scratch| basis.transform(back, line, scratch));
     }
 }
 
@@ -308,7 +289,7 @@ impl WaveletOptions {
     /// Shrinks the coefficients of an image whose pixels have these variances.
     fn shrink(&self, size: [usize; 2], image: &mut Vec<[f64; 3]>, variances: &[f64]) {
         let Self { basis, levels, gamma } = *self;
-        transform(basis, size, 0..levels, image);
+        transform(basis, size, 0..levels, false, image);
         for (below, filters) in basis.cascade(levels).iter().enumerate() {
             let level = below + 1;
             let columns = size[0].div_ceil(1 << level);
@@ -324,19 +305,20 @@ impl WaveletOptions {
                 });
             }
         }
-        restore(basis, size, levels, image);
+        transform(basis, size, 0..levels, true, image);
     }
 }
 
 impl FilterMethod for WaveletOptions {
     const NAME: &'static str = "wavelet";
+    // The image and its transposed copy, variances, and half of three planes along an axis with their copies.
+    const BYTES: usize = 2 * 24 + 8 + 4 * 8 + 12;
 
-    fn applying(&self, frame: &Frame) -> FilterMemory {
-        // The image and its transposed copy, variances, and half of three planes along an axis with their copies.
-        FilterMemory::new(frame, 2 * 24 + 8 + 4 * 8 + 12, ImagePlanes::Radiance)
+    fn needs(&self) -> Needs {
+        Needs::none().with_variance()
     }
 
-    fn image(&self, film: &Film) -> Result<Filtered, Error> {
+    fn image(&self, film: &Film, (): &()) -> Result<Filtered, Error> {
         let size = film.frame().size();
         let (mut image, variances) = filled_means(film);
         self.shrink(size.map(|n| n as usize), &mut image, &variances);
@@ -345,4 +327,128 @@ impl FilterMethod for WaveletOptions {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::support::{VARIANCE, image, noisy_film, normal};
+
+    const BASES: [Basis; 3] = [Basis::Cdf97, Basis::Cdf53, Basis::Haar];
+
+    #[test]
+    fn transforms_are_inverted_at_any_size() {
+        for basis in BASES {
+            for size in [[1, 1], [1, 7], [2, 2], [37, 19], [64, 33]] {
+                let image: Vec<[f64; 2]> = (0..size[0] * size[1]).map(|i| [normal(i as u64), i as f64]).collect();
+                let mut changed = image.clone();
+                transform(basis, size, 0..5, false, &mut changed);
+                assert!(size == [1, 1] || changed != image);
+                transform(basis, size, 0..5, true, &mut changed);
+                for (a, b) in image.iter().zip(&changed) {
+                    assert!((0..2).all(|c| (a[c] - b[c]).abs() < 1e-9), "{basis:?} {size:?}: {a:?} {b:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn filters_are_those_of_the_literature() {
+        let [low, high] = Basis::Cdf53.filters();
+        assert_eq!((low.first, high.first), (-2, 0));
+        let expected: [&[f64]; 2] = [&[-0.125, 0.25, 0.75, 0.25, -0.125], &[-0.25, 0.5, -0.25]];
+        for (taps, expected) in [&low, &high].into_iter().zip(expected) {
+            assert_eq!(taps.weights.len(), expected.len());
+            assert!(taps.weights.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12 || (a + b).abs() < 1e-12));
+        }
+        // The low band of JPEG 2000, from its middle.
+        let [low, high] = Basis::Cdf97.filters();
+        let expected =
+            [0.602_949_018_236, 0.266_864_118_443, -0.078_223_266_529, -0.016_864_118_443, 0.026_748_757_411];
+        assert_eq!((low.weights.len(), low.first, high.weights.len()), (9, -4, 7));
+        assert!(expected.iter().enumerate().all(|(k, w)| (low.weights[4 + k] - w).abs() < 1e-9), "{low:?}");
+        for basis in BASES {
+            let [low, high] = basis.filters();
+            let [low, high] = [low, high].map(|taps| taps.weights.iter().sum::<f64>());
+            assert!((low - 1.0).abs() < 1e-12 && high.abs() < 1e-12, "{basis:?}");
+        }
+    }
+
+    #[test]
+    fn variances_of_coefficients_are_those_of_noise() {
+        let size = [128, 128];
+        for basis in BASES {
+            let cascade = basis.cascade(3);
+            let variance = |i: usize| if i % 128 < 64 { 1.0 } else { 4.0 };
+            let variances: Vec<f64> = (0..16384).map(variance).collect();
+            let mut squares = vec![0.0; 16384];
+            const DRAWS: u64 = 150;
+            for draw in 0..DRAWS {
+                let mut image: Vec<[f64; 1]> =
+                    (0..16384).map(|i| [variance(i).sqrt() * normal(draw * 16384 + i as u64)]).collect();
+                transform(basis, size, 0..3, false, &mut image);
+                squares.iter_mut().zip(&image).for_each(|(sum, [w])| *sum += w * w / DRAWS as f64);
+            }
+            for level in 1..=3 {
+                let [_, predicted @ ..] = coefficient_variances(&cascade[level - 1], level, size, &variances);
+                for (band, predicted) in predicted.iter().enumerate() {
+                    let [xs, ys] = high_band(size, level, band);
+                    // Away from the border, where mirrored pixels are not independent. The step is in the middle.
+                    let columns = 128 >> level;
+                    let middle = columns / 4..columns - columns / 4;
+                    let (mut got, mut wanted) = ([0.0; 2], [0.0; 2]);
+                    for (y, x) in middle.clone().flat_map(|y| middle.clone().map(move |x| (y, x))) {
+                        let part = usize::from(x >= columns / 2);
+                        got[part] += squares[(ys.start + y) * 128 + xs.start + x];
+                        wanted[part] += predicted[y * columns + x];
+                    }
+                    let ratios = [0, 1].map(|part| got[part] / wanted[part]);
+                    let are_one = ratios.iter().all(|ratio| (ratio - 1.0).abs() < 0.08);
+                    assert!(are_one, "{basis:?}, level {level}, band {band}: {ratios:?}");
+                }
+            }
+        }
+    }
+
+    fn wavelet(basis: Basis, gamma: f64) -> Wavelet {
+        Wavelet::with_options(WaveletOptions::default().basis(basis).gamma(gamma)).expect("options in range")
+    }
+
+    /// The energy that shrinkage by g standard errors leaves of a coefficient of pure noise is 2 [(1 + g^2) Phi(-g) - g
+    /// phi(g)].
+    #[test]
+    fn shrunk_noise_has_the_energy_of_the_closed_form() {
+        let size = [256, 256];
+        for (gamma, wanted) in [(1.0, 0.1507), (2.0, 0.0115)] {
+            let mut image: Vec<[f64; 3]> = (0..65536).map(|i| [0, 1, 2].map(|c| normal(3 * i + c))).collect();
+            WaveletOptions::default().basis(Basis::Haar).gamma(gamma).shrink(size, &mut image, &vec![1.0; 65536]);
+            transform(Basis::Haar, size, 0..1, false, &mut image);
+            // Each coefficient of the first level has a variance of 1/4.
+            let finest = (0..65536).filter(|i| i % 256 >= 128 || i / 256 >= 128);
+            let energy = finest.flat_map(|i| image[i]).map(|w| w * w).sum::<f64>() / (3.0 * 49152.0) / 0.25;
+            // The standard error of 147456 squares is below 0.5 % and 2 %.
+            assert!((energy / wanted - 1.0).abs() < 0.04, "{gamma}: {energy}, not {wanted}");
+        }
+    }
+
+    #[test]
+    fn noise_falls_beside_an_edge_that_stays() {
+        let truth = |x: u32, y: u32| if x + y < 64 { 10.0 } else { 20.0 };
+        let film = noisy_film([64, 64], 8, VARIANCE, 3, truth, |_, _| 1.0);
+        for basis in BASES {
+            let filtered = image(&wavelet(basis, 1.5), &film);
+            let wrong = |i: usize| f64::from(filtered[i][0]) - truth(i as u32 % 64, i as u32 / 64);
+            let (flat, edge): (Vec<_>, Vec<_>) = (0..4096usize).partition(|i| (i % 64 + i / 64).abs_diff(64) > 20);
+            let error = flat.iter().map(|&i| wrong(i) * wrong(i)).sum::<f64>() / flat.len() as f64;
+            assert!(error < 0.25 / 8.0, "{basis:?}: {error} of {} is left", 1.0 / 8.0);
+            assert!(edge.iter().all(|&i| wrong(i).abs() < 3.0), "{basis:?}: the edge is washed out");
+        }
+    }
+
+    #[test]
+    fn pixels_without_samples_are_filled() {
+        let mut film = noisy_film([16, 16], 0, VARIANCE, 0, |_, _| 1.0, |_, _| 0.0);
+        for i in (0..256).filter(|i| i % 5 != 0) {
+            (0..4).for_each(|s| film.push(i, 0, [1.0 + 0.1 * s as f32; 3]));
+        }
+        let image = image(&wavelet(Basis::Cdf97, 1.0), &film);
+        assert!(image.iter().all(|colour| (colour[0] - 1.15).abs() < 1e-5));
+    }
+}

@@ -1,11 +1,12 @@
-//! Means over the pixels that a statistical test cannot tell apart.
+//! Means over the pixels that a statistical test cannot tell apart, and critical values of Student's t distribution, with the same bits
+//! on every machine.
 
 use crate::method::{FilterMethod, MethodFilter};
 use crate::recorders::{SampleSums, ThirdMoments};
-use crate::student::two_sided_critical;
-use crate::windows::{beside, per_pixel};
-use dapple_core::{Error, Film, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Recorder, RgbMoments};
+use crate::windows::{beside, feature_moments, per_pixel};
+use dapple_core::{Error, Film, Filtered, ImagePlanes, Needs, Recorder, RgbMoments};
 use rayon::prelude::*;
+use std::f64::consts::{FRAC_PI_2, SQRT_2};
 use std::sync::Arc;
 
 /// The degrees of freedom of [`Welch`]'s test.
@@ -144,9 +145,8 @@ impl WelchPixel {
             (pixel.mean[c], pixel.variance[c]) = (mean as f32, (shrink * variance) as f32);
         }
         if let Some(f) = film.features(i).filter(|f| f.hits > 0) {
-            let share = f.hits as f32 / f.samples as f32;
-            pixel.albedo = f.albedo.map(|a| (share * a).clamp(-1e9, 1e9));
-            pixel.normal = f.normal.map(|n| (share * n).clamp(-1e9, 1e9));
+            let [[nx, ny, nz, r, g, b, _], _] = feature_moments(&f, 1.0);
+            (pixel.normal, pixel.albedo) = ([nx, ny, nz], [r, g, b]);
         }
         let of_mean = |moments: RgbMoments| Some(moments.variance()?.iter().sum::<f64>() / 3.0 / n);
         pixel.error = of_mean(film.moments(i)).unwrap_or(0.0).min(f64::from(f32::MAX)) as f32;
@@ -210,6 +210,8 @@ impl Criticals {
 
 impl FilterMethod for WelchOptions {
     const NAME: &'static str = "welch";
+    const BYTES: usize = size_of::<WelchPixel>() + 32 + 16;
+    const PLANES: ImagePlanes = ImagePlanes::RadianceAndError;
 
     fn needs(&self) -> Needs {
         Needs::none().with_variance().with_features()
@@ -219,11 +221,7 @@ impl FilterMethod for WelchOptions {
         SampleSums::RootMoments.list()
     }
 
-    fn applying(&self, frame: &Frame) -> FilterMemory {
-        FilterMemory::new(frame, size_of::<WelchPixel>() + 32 + 16, ImagePlanes::RadianceAndError)
-    }
-
-    fn image(&self, film: &Film) -> Result<Filtered, Error> {
+    fn image(&self, film: &Film, (): &()) -> Result<Filtered, Error> {
         let size = film.frame().size().map(|n| n as usize);
         let sums = SampleSums::RootMoments.of(film, Self::NAME)?;
         let planes = per_pixel(film, |i| WelchPixel::new(film, i, &sums.moments(i), self.shrink));
@@ -236,12 +234,59 @@ impl FilterMethod for WelchOptions {
     }
 }
 
+/// The value that `|t|` exceeds with probability `level`, for `freedom` degrees of freedom [after Hill 1970].
+///
+/// `level` lies in `(0, 1)`. Degrees of freedom need not be whole; those below 1 count as 1. The relative error is
+/// below 1e-4.
+pub(crate) fn two_sided_critical(level: f64, freedom: f64) -> f64 {
+    let n = freedom.max(1.0);
+    if n == 1.0 {
+        return libm::cos(level * FRAC_PI_2) / libm::sin(level * FRAC_PI_2);
+    }
+    if n == 2.0 {
+        return (2.0 / (level * (2.0 - level)) - 2.0).sqrt();
+    }
+    let a = 1.0 / (n - 0.5);
+    let b = 48.0 / (a * a);
+    let c = ((20_700.0 * a / b - 98.0) * a - 16.0) * a + 96.36;
+    let d = ((94.5 / (b + c) - 3.0) / b + 1.0) * (a * FRAC_PI_2).sqrt() * n;
+    let y = libm::pow(d * level, 2.0 / n);
+    let ratio = if y > 0.05 + a {
+        // Around the normal distribution.
+        let x = -normal_critical(level);
+        let y = x * x;
+        let c = if n < 5.0 { c + 0.3 * (n - 4.5) * (x + 0.6) } else { c };
+        let c = (((0.05 * d * x - 5.0) * x - 7.0) * x - 2.0) * x + b + c;
+        let y = (((((0.4 * y + 6.3) * y + 36.0) * y + 94.5) / c - y - 3.0) / b + 1.0) * x;
+        libm::expm1(a * y * y)
+    } else {
+        // The far tail.
+        let inner = 1.0 / (((n + 6.0) / (n * y) - 0.089 * d - 0.822) * (n + 2.0) * 3.0) + 0.5 / (n + 4.0);
+        (inner * y - 1.0) * (n + 1.0) / (n + 2.0) + 1.0 / y
+    };
+    (n * ratio).sqrt()
+}
+
+/// The value that the absolute value of a standard normal number exceeds with probability `level`, by Newton's
+/// iteration on the logarithm of the tail.
+pub(crate) fn normal_critical(level: f64) -> f64 {
+    // A start above the root: the tail is below exp(-z^2 / 2).
+    let mut z = (-2.0 * libm::log(level)).sqrt();
+    for _ in 0..12 {
+        let tail = libm::erfc(z / SQRT_2);
+        let slope = (2.0 / std::f64::consts::PI).sqrt() * libm::exp(-0.5 * z * z) / tail;
+        z = (z + libm::log(tail / level) / slope).max(0.0);
+    }
+    z
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_scenes::{Field, frame, near_normal};
+    use crate::support::{Field, frame, normal, squared_error};
+    use dapple_conformance::statistics::{normal_tail, student_tail};
     use dapple_core::samplers::Uniform;
-    use dapple_core::{Filter as _, Limits, Render, Unfiltered};
+    use dapple_core::{Filter as _, Limits, Render};
     use dapple_low_discrepancy::Random;
 
     /// A pixel of `n` transformed samples with these values.
@@ -255,7 +300,7 @@ mod tests {
     }
 
     fn normals(seed: u64, n: u64, shift: f64) -> WelchPixel {
-        pixel_of(&(0..n).map(|k| near_normal(seed, k) + shift).collect::<Vec<_>>())
+        pixel_of(&(0..n).map(|k| normal(seed << 8 | k) + shift).collect::<Vec<_>>())
     }
 
     const DRAWS: u64 = 40_000;
@@ -279,22 +324,10 @@ mod tests {
     }
 
     #[test]
-    fn shifts_of_several_standard_errors_are_told_apart() {
-        let difference = (2.0f64 / 16.0).sqrt();
-        for (errors, expected) in [(5.0, 0.967), (5.5, 0.990), (6.0, 0.997)] {
-            let found = told_apart(TestDegrees::Counts, errors * difference);
-            assert!((found - expected).abs() < 0.005, "{errors}: {found}");
-        }
-        // Five standard errors of one mean are only 3.5 of the difference.
-        let found = told_apart(TestDegrees::Counts, 5.0 / 4.0);
-        assert!((found - 0.69).abs() < 0.02, "{found}");
-    }
-
-    #[test]
     fn the_correction_reduces_the_skewness_of_the_statistic() {
         // Exponential samples have skewness 2: their t-statistic is low on average, by 1 / sqrt n.
         let exponential = |seed: u64, k: u64| {
-            let z = [near_normal(seed, 2 * k), near_normal(seed, 2 * k + 1)];
+            let z = [0, 1].map(|z| normal((seed << 8) | (2 * k + z)));
             0.5 * (z[0] * z[0] + z[1] * z[1])
         };
         let (mut plain, mut adjusted) = (0.0, 0.0);
@@ -320,20 +353,30 @@ mod tests {
 
     #[test]
     fn noise_is_removed_and_an_edge_without_features_stays() {
-        let truth = |i: usize| if i % 48 < 24 { 0.3f32 } else { 0.9 };
+        let truth = |i: usize| if i % 48 < 24 { 0.3 } else { 0.9 };
         let mut field = Field(|[x, _]: [u32; 2], u: [f32; 4]| [if x < 24 { 0.3 } else { 0.9 } * (0.5 + u[0]); 3]);
-        let filter = Welch::default();
-        let limits = Limits::spp(32.0);
-        let film = Render::new(frame(48, 48), &limits).needs(filter.needs()).recorders(filter.recorders());
+        let (filter, limits) = (Welch::default(), Limits::spp(32.0));
+        let film = Render::new(frame([48, 48]), &limits).needs(filter.needs()).recorders(filter.recorders());
         let film = film.run(&mut field, &mut Uniform::new(Random::new(3))).unwrap();
-        let error = |image: &Filtered| {
-            image.radiance.iter().enumerate().map(|(i, c)| (c[0] - truth(i)).powi(2)).sum::<f32>() / 2304.0
-        };
         let filtered = filter.apply(&film).unwrap();
-        let (after, before) = (error(&filtered), error(&Unfiltered.apply(&film).unwrap()));
+        let [after, before] = [&filtered.radiance, &film.image()].map(|image| squared_error(image, truth));
         assert!(after < 0.02 * before, "{after} of {before}");
         // The reported variance is that of the result, but for pixels that noise has told apart.
-        let reported = filtered.error.unwrap().iter().sum::<f32>() / 2304.0;
+        let reported = f64::from(filtered.error.unwrap().iter().sum::<f32>()) / 2304.0;
         assert!(reported < after && reported > 0.2 * after, "{reported} for {after}");
+    }
+
+    #[test]
+    fn critical_values_have_their_probability() {
+        for level in [0.3, 0.1, 0.05, 0.01, 0.005, 1e-3] {
+            let found = 2.0 * normal_tail(normal_critical(level));
+            assert!((found / level - 1.0).abs() < 1e-10, "{level}: {found}");
+            for freedom in [1.0, 2.0, 2.5, 3.0, 4.0, 4.7, 5.0, 7.0, 11.3, 30.0, 254.0, 1e5] {
+                let t = two_sided_critical(level, freedom);
+                // Compared as values of t: a step of 1e-4 to either side brackets the level.
+                let [above, below] = [0.9999, 1.0001].map(|k| 2.0 * student_tail(k * t, freedom));
+                assert!(below < level && level < above, "{level}, {freedom}: {t} has {above} .. {below}");
+            }
+        }
     }
 }

@@ -1,6 +1,7 @@
-//! Sums over the pixels around each pixel: convolution with separable kernels, square windows, and variances of means.
+//! Sums over the pixels around each pixel: convolution with separable kernels, square windows, and patches; and the means, variances and
+//! features of pixels.
 
-use dapple_core::Film;
+use dapple_core::{Features, Film};
 use rayon::prelude::*;
 
 /// Samples of a Gaussian with standard deviation `sigma` at whole pixels, out to `3 sigma`.
@@ -12,11 +13,6 @@ pub(crate) fn gaussian_taps(sigma: f64) -> Vec<f64> {
     let sum: f64 = taps.iter().sum();
     taps.iter_mut().for_each(|tap| *tap /= sum);
     taps
-}
-
-/// The squares of `taps`: the weights by which variances of independent pixels add up.
-pub(crate) fn squared(taps: &[f64]) -> Vec<f64> {
-    taps.iter().map(|tap| tap * tap).collect()
 }
 
 /// Convolves N values per pixel with the product of `taps` along both axes. Pixels outside the image count as zeros.
@@ -181,6 +177,71 @@ fn variance_around(film: &Film, size: [usize; 2], i: usize) -> f64 {
 
 fn sum_and_number(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((0.0, 0.0), |(sum, number), value| (sum + value, number + 1.0))
+}
+
+/// The radius of the window from which pixels without samples or variance take them.
+const NEAR: usize = 2;
+
+/// The means of a film's pixels, of all samples or of those of one half.
+pub(crate) struct Means {
+    /// The mean radiance; for pixels without samples, that of both halves or of 5x5 pixels.
+    pub(crate) colour: Vec<[f64; 3]>,
+    /// The variance of the mean.
+    pub(crate) variance: Vec<[f64; 3]>,
+    /// `true` for pixels with samples.
+    pub(crate) known: Vec<bool>,
+}
+
+impl Means {
+    /// The bytes per pixel, and those of the sums from which they are made.
+    pub(crate) const BYTES: [usize; 2] = [24 + 24 + 1, 2 * 64];
+
+    pub(crate) fn new(film: &Film, half: Option<usize>) -> Self {
+        let size = film.frame().size().map(|n| n as usize);
+        let own = |i: usize| match half {
+            None => (film.count(i), film.mean(i)),
+            Some(half) => film.half(half, i).map_or((0, [0.0; 3]), |moments| (moments.count, moments.mean)),
+        };
+        // Per pixel: a 1 if there are samples, the mean, degrees of freedom of both halves, and squared deviations.
+        let sums = window_sums(size, NEAR, |i| {
+            let ((count, [r, g, b]), all) = (own(i), film.moments(i));
+            let [vr, vg, vb] = all.m2;
+            [f64::from(u8::from(count > 0)), r, g, b, all.count.saturating_sub(1) as f64, vr, vg, vb]
+        });
+        let near = |i: usize, c: usize| sums[i][c] / sums[i][if c > 4 { 4 } else { 0 }].max(1.0);
+        let colour = |i: usize| match own(i) {
+            (1.., mean) => mean,
+            _ if film.count(i) > 0 => film.mean(i),
+            _ => [1, 2, 3].map(|c| near(i, c)),
+        };
+        let variance = |i: usize| {
+            let of_sample = film.moments(i).variance().unwrap_or_else(|| [5, 6, 7].map(|c| near(i, c)));
+            of_sample.map(|v| v / own(i).0.max(1) as f64)
+        };
+        let known = per_pixel(film, |i| own(i).0 > 0);
+        Self { colour: per_pixel(film, colour), variance: per_pixel(film, variance), known }
+    }
+}
+
+/// The number of features: normal (3), albedo (3) and depth.
+pub(crate) const FEATURES: usize = 7;
+
+/// Means and sample variances of features. Depths are multiplied by `unit`. Samples without a hit have features 0.
+pub(crate) fn feature_moments(f: &Features, unit: f32) -> [[f32; FEATURES]; 2] {
+    let ([nx, ny, nz], [r, g, b], v) = (f.normal, f.albedo, f.variance.unwrap_or_default());
+    let mean = [nx, ny, nz, r, g, b, f.depth * unit];
+    let variance = [v[0], v[1], v[2], v[3], v[4], v[5], v[9] * unit * unit];
+    let share = f.hits as f32 / f.samples.max(1) as f32;
+    let bounded = |x: f32| x.clamp(-1e9, 1e9);
+    let spread = |k: usize| bounded(share * variance[k] + share * (1.0 - share) * mean[k] * mean[k]);
+    [mean.map(|m| bounded(share * m)), std::array::from_fn(spread)]
+}
+
+/// The factor that makes the largest depth of a film 1.
+pub(crate) fn unit_of_depth(film: &Film) -> f32 {
+    let depths = (0..film.frame().pixels()).filter_map(|i| film.features(i)).map(|f| f.depth);
+    let depth = depths.fold(0.0, f32::max);
+    if depth > 0.0 { 1.0 / depth } else { 0.0 }
 }
 
 /// The mean and the variance of the mean of every pixel. Pixels without samples take those of Gaussians around them; they

@@ -2,8 +2,8 @@
 
 use crate::{AnyPoints, ClusterInputError, ClusterInputs, LensProbes, MadeSampler, Parameters, RegistryError};
 use dapple_classics::{
-    Dct, Domain, FilmPoints, FourierDof, FourierDofOptions, MdasOptions, Refinement, SamplesFilter, SamplesMethod,
-    Splat, TreeSampler,
+    Dct, Domain, FilmPoints, FilterMethod, FourierDof, FourierDofOptions, MdasOptions, MethodFilter, Refinement, Splat,
+    TreeSampler,
 };
 use dapple_core::Filter;
 
@@ -59,12 +59,12 @@ pub(crate) fn dct(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs)
     Ok(Dct::new(points, &domain(p, inputs)?, p.options()?, p.options()?)?.into())
 }
 
-pub(crate) fn of_samples<M: SamplesMethod + 'static>(
+pub(crate) fn of_samples<M: FilterMethod<FilmPoints> + 'static>(
     p: &Parameters,
     inputs: &dyn ClusterInputs,
 ) -> Result<Box<dyn Filter>, RegistryError> {
     let options: M = p.options()?;
-    Ok(Box::new(SamplesFilter::new(film_points(p, inputs)?, options)?))
+    Ok(Box::new(MethodFilter::new(film_points(p, inputs)?, options)?))
 }
 
 /// First hits through the centre of the lens.

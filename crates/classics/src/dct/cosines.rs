@@ -304,7 +304,7 @@ const DARKEST: f64 = 0.01;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_films::normal;
+    use crate::support::normal;
     use crate::tree::unit;
 
     /// A fit that is nearly a projection.
@@ -346,15 +346,6 @@ mod tests {
                     assert!((found - expected).abs() < 5e-7, "{size:?}, {count} samples, {frequency:?}, {j}: {found}");
                 }
             }
-        }
-    }
-
-    #[test]
-    fn a_constant_has_no_cosines_whatever_the_penalty() {
-        for lambda in [1e-9, 1e-3, 10.0] {
-            let fit = Fit::new(&block([8, 8], 50, 7, |_, _| 0.75), &CosineOptions { lambda, ..PLAIN }).unwrap();
-            assert!((fit.coefficients[0][0] - 0.75).abs() < 1e-13);
-            assert!(fit.coefficients[0][1..].iter().all(|a| a.abs() < 1e-12), "{:?}", fit.coefficients[0]);
         }
     }
 

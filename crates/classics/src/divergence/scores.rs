@@ -1,9 +1,8 @@
 //! Divergences from streaming sums, and from a pixel's first samples, which are recorded one by one.
 
 use crate::recorders::{SampleSums, Singles};
-use dapple_core::{Error, Film, Needs, Recorder};
+use dapple_core::{Error, Film};
 use std::f64::consts::LN_2;
-use std::sync::Arc;
 
 /// The score by which [`Divergence`](super::Divergence) ranks pixels.
 ///
@@ -58,32 +57,14 @@ const WEIGHTS: [f64; 3] = [0.213, 0.715, 0.072];
 /// The divergence that counts as 0: rounding of equal samples.
 const ROUNDING: f64 = 1e-12;
 
-/// The statistics that a score reads, for a pilot of `pilot` samples per pixel.
-pub(super) fn needs(by: DivergenceScore, q: f64, pilot: u8) -> Needs {
-    match by {
-        DivergenceScore::Chi2 => Needs::none().with_variance(),
-        DivergenceScore::Tsallis if q > 1.0 => Needs::none().with_variance(),
-        DivergenceScore::Geometric => Needs::none().with_first_hits(pilot),
-        _ => Needs::none(),
-    }
-}
-
 /// The sums that a score reads.
-fn sums(by: DivergenceScore, q: f64) -> Option<SampleSums> {
+pub(super) fn sums(by: DivergenceScore, q: f64) -> Option<SampleSums> {
     match by {
         DivergenceScore::Kl | DivergenceScore::Entropy => Some(SampleSums::Logs),
         DivergenceScore::Hellinger => Some(SampleSums::Roots),
         DivergenceScore::Tsallis if q == 1.0 => Some(SampleSums::Logs),
         DivergenceScore::Tsallis if q < 1.0 => Some(SampleSums::Roots),
         _ => None,
-    }
-}
-
-/// The recorders of what a score reads, for a pilot of `pilot` samples per pixel.
-pub(super) fn recorders(by: DivergenceScore, q: f64, pilot: u32) -> Vec<Arc<dyn Recorder>> {
-    match by {
-        DivergenceScore::Fuzzy | DivergenceScore::Gh => reads(pilot).list(),
-        _ => sums(by, q).map_or(Vec::new(), SampleSums::list),
     }
 }
 
@@ -178,21 +159,13 @@ fn of_channel(by: DivergenceScore, q: f64, sums: &ChannelSums) -> f64 {
     }
 }
 
-/// The largest number of samples of a pixel that a score reads.
-const MOST: u32 = 8;
-
-/// The samples that scores read, for a pilot of `pilot` samples per pixel.
-pub(super) fn reads(pilot: u32) -> Singles {
-    Singles::first(pilot.min(MOST))
-}
-
-/// The score of each pixel's first samples, for a pilot of `pilot` samples per pixel. `of_channel` returns that of one
-/// channel's samples.
+/// The score of each pixel's first samples: as many as the pilot has per pixel, `pilot`, but at most 8. `of_channel` returns
+/// that of one channel's samples.
 ///
 /// In a film with halves, each half has half of these samples. Further recorded samples are not read.
 pub(super) fn of_samples(film: &Film, pilot: u32, of_channel: impl Fn(&[f64]) -> f64) -> Result<Vec<f64>, Error> {
-    let recorded = reads(pilot).of(film, "divergence")?;
-    let most = pilot.min(MOST) as usize;
+    let recorded = Singles::First.of(film, "divergence")?;
+    let most = Singles::FIRST.min(pilot as usize);
     let shares = if film.needs().halves { [most.div_ceil(2), most / 2] } else { [most, 0] };
     let mut samples = Vec::with_capacity(most);
     let score = |i: usize| {
@@ -256,24 +229,12 @@ fn power_of_divergence(samples: &[f64], a: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_scenes::frame;
+    use crate::support::{VARIANCE, frame};
+    use dapple_core::Needs;
 
-    #[test]
-    fn only_scores_of_single_samples_store_any() {
-        let stored = |by| recorders(by, 2.0, 20).iter().filter(|one| one.bytes(9) != one.bytes(20)).count();
-        let streaming = [DivergenceScore::Kl, DivergenceScore::Chi2, DivergenceScore::Hellinger];
-        let others = [DivergenceScore::Entropy, DivergenceScore::Geometric, DivergenceScore::Tsallis];
-        assert!(streaming.into_iter().chain(others).all(|by| stored(by) == 0));
-        for by in [DivergenceScore::Fuzzy, DivergenceScore::Gh] {
-            let [of_first] = &recorders(by, 2.0, 20)[..] else { panic!("one recorder") };
-            assert_eq!([5, 8, 99].map(|n| of_first.bytes(n)), [60, 96, 96]);
-        }
-    }
-
-    fn sums(samples: &[f64]) -> ChannelSums {
+    fn sums_of(samples: &[f64]) -> ChannelSums {
         let kinds = [SampleSums::Logs, SampleSums::Roots];
-        let needs = Needs::none().with_variance();
-        let mut film = Film::with_recorders(frame(1, 1), needs, kinds.into_iter().flat_map(SampleSums::list));
+        let mut film = Film::with_recorders(frame([1, 1]), VARIANCE, kinds.into_iter().flat_map(SampleSums::list));
         samples.iter().for_each(|&x| film.push(0, 0, [x as f32; 3]));
         let (moments, [log, root]) = (film.moments(0), kinds.map(|kind| kind.of(&film, "a test").unwrap().sum(0)[0]));
         ChannelSums { count: samples.len() as f64, mean: moments.mean[0], deviations: moments.m2[0], log, root }
@@ -284,13 +245,17 @@ mod tests {
         assert!((found - expected).abs() < 1e-9 * (1.0 + expected.abs()), "{found}, not {expected}");
     }
 
+    /// Samples of some kinds: one with light, pairs, and others.
+    const SAMPLES: [&[f64]; 4] =
+        [&[0.25, 1.5, 0.0, 3.0, 0.75], &[2.0, 2.5], &[1.0, 0.0, 0.0, 8.0], &[0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0]];
+
     #[test]
     fn streaming_sums_give_the_divergences_of_their_definitions() {
-        for samples in [&[0.25, 1.5, 0.0, 3.0, 0.75][..], &[2.0, 2.5], &[1.0, 0.0, 0.0, 8.0]] {
+        for samples in SAMPLES {
             let (n, sum) = (samples.len() as f64, samples.iter().sum::<f64>());
             let over = |f: &dyn Fn(f64) -> f64| samples.iter().map(|x| f(x / sum)).sum::<f64>();
             let entropy = -over(&|p| if p > 0.0 { p * p.ln() } else { 0.0 });
-            let found = sums(samples);
+            let found = sums_of(samples);
             close(found.kl(), n.ln() - entropy);
             close(found.chi2(), over(&|p| (p - 1.0 / n).powi(2) * n));
             close(found.hellinger(), over(&|p| (p.sqrt() - (1.0 / n).sqrt()).powi(2) / 2.0));
@@ -304,69 +269,14 @@ mod tests {
     }
 
     #[test]
-    fn one_sample_with_light_is_farthest_from_equal_shares() {
-        for n in [2usize, 8, 100] {
-            let mut samples = vec![0.0; n];
-            samples[n / 2] = 0.5;
-            let (found, n) = (sums(&samples), n as f64);
-            close(found.kl(), n.ln());
-            close(found.chi2(), n - 1.0);
-            close(found.hellinger(), 1.0 - 1.0 / n.sqrt());
-            close(found.entropy(), 1.0);
-            [0.5, 1.0, 2.0].into_iter().for_each(|q| close(found.tsallis(q), 1.0));
-        }
-    }
-
-    #[test]
-    fn equal_samples_have_none_and_scale_changes_none() {
-        let all = |s: &ChannelSums| [s.kl(), s.chi2(), s.hellinger(), s.entropy(), s.tsallis(0.5), s.tsallis(2.0)];
-        assert_eq!(all(&sums(&[0.7; 9])), [0.0; 6]);
-        let (once, scaled) = (sums(&[0.25, 1.5, 0.0, 3.0]), sums(&[16.0, 96.0, 0.0, 192.0]));
-        all(&once).into_iter().zip(all(&scaled)).for_each(|(a, b)| close(a, b));
-        assert!(all(&once).iter().all(|&d| d > 0.1), "{once:?}");
-    }
-
-    /// All orders of six samples give the same score up to rounding, and other samples another one.
-    #[test]
-    fn the_order_of_samples_changes_no_score() {
-        let samples = [0.25, 1.5, 0.0, 3.0, 0.75, 11.0];
-        let all = |x: &[f64]| {
-            let s = sums(x);
-            let streaming =
-                [s.kl(), s.chi2(), s.hellinger(), s.entropy(), s.tsallis(0.5), s.tsallis(1.0), s.tsallis(2.0)];
-            let stored = [fuzzy(x, 1.0), generalised_hellinger(x, 0.25), generalised_hellinger(x, 1.0)];
-            streaming.into_iter().chain(stored).collect::<Vec<_>>()
-        };
-        let once = all(&samples);
-        let mut order = samples;
-        // The orders by Heap's algorithm, without recursion.
-        let (mut counters, mut k, mut orders) = ([0; 6], 1, 1);
-        while k < order.len() {
-            if counters[k] < k {
-                order.swap(if k % 2 == 0 { 0 } else { counters[k] }, k);
-                all(&order).into_iter().zip(&once).for_each(|(found, &expected)| close(found, expected));
-                (counters[k], k, orders) = (counters[k] + 1, 1, orders + 1);
-            } else {
-                (counters[k], k) = (0, k + 1);
-            }
-        }
-        assert_eq!(orders, 720);
-        let other = all(&[0.25, 1.5, 0.0, 3.0, 0.75, 11.5]);
-        assert!(other.iter().zip(&once).all(|(a, b)| (a - b).abs() > 1e-4), "{other:?} and {once:?}");
-    }
-
-    #[test]
-    fn divergences_of_small_deviations_are_shares_of_the_squared_variation() {
-        let found = sums(&[0.99, 1.01, 0.99, 1.01]);
-        let square = 1e-4;
-        assert!((found.kl() / (square / 2.0) - 1.0).abs() < 1e-3 && (found.chi2() / square - 1.0).abs() < 1e-3);
-        assert!((found.hellinger() / (square / 8.0) - 1.0).abs() < 1e-3);
+    fn equal_samples_have_none() {
+        let s = sums_of(&[0.7; 9]);
+        assert_eq!([s.kl(), s.chi2(), s.hellinger(), s.entropy(), s.tsallis(0.5), s.tsallis(2.0)], [0.0; 6]);
     }
 
     #[test]
     fn scores_are_weighted_by_channels_and_black_pixels_have_none() {
-        let needs = Needs::none().with_variance();
-        let mut film = Film::new(frame(2, 1), needs);
+        let mut film = Film::new(frame([2, 1]), VARIANCE);
         for x in [1.0, 3.0] {
             film.push(0, 0, [0.0, x, 0.0]);
             film.push(1, 0, [0.0; 3]);
@@ -388,34 +298,25 @@ mod tests {
         close(fuzzy(&[0.0, 2.0], 3.0), entropy * 2.0f64.sqrt());
     }
 
-    #[test]
-    fn fuzzy_scores_scale_with_the_samples() {
-        let (once, scaled) = ([0.25, 1.5, 0.0, 3.0], [16.0, 96.0, 0.0, 192.0]);
-        close(fuzzy(&scaled, 1.0), 64.0 * fuzzy(&once, 1.0));
-        assert!(fuzzy(&once, 1.0) > 0.5, "{}", fuzzy(&once, 1.0));
-    }
-
-    /// Black samples, single ones and equal ones.
-    fn without_contrast() -> Vec<Vec<f64>> {
-        let equal = (2..=8).flat_map(|n| [0.1f32, 0.7, 1e20, f32::MAX].map(|x| vec![f64::from(x); n]));
-        [vec![], vec![3.0], vec![0.0], vec![0.0; 8]].into_iter().chain(equal).collect()
-    }
-
-    #[test]
-    fn constant_black_and_single_samples_have_a_fuzzy_score_of_zero() {
-        for samples in without_contrast() {
-            [0.001, 1.0, 1000.0].into_iter().for_each(|k| assert_eq!(fuzzy(&samples, k), 0.0, "{samples:?}, {k}"));
-        }
-        for samples in [&[f64::from(f32::MAX), 0.0][..], &[1e-45, 0.0, 0.0]] {
-            assert!([0.001, 1.0, 1000.0].into_iter().all(|k| (0.0..1e39).contains(&fuzzy(samples, k))));
-        }
-    }
-
     const EXPONENTS: [f64; 6] = [1e-9, 0.01, 0.25, 0.5, 0.75, 1.0];
 
     #[test]
+    fn constant_black_and_single_samples_have_a_score_of_zero() {
+        let equal = (2..=8).flat_map(|n| [0.1f32, 0.7, 1e20, f32::MAX].map(|x| vec![f64::from(x); n]));
+        for samples in [vec![], vec![3.0], vec![0.0], vec![0.0; 8]].into_iter().chain(equal) {
+            [0.001, 1.0, 1000.0].into_iter().for_each(|k| assert_eq!(fuzzy(&samples, k), 0.0, "{samples:?}, {k}"));
+            EXPONENTS.into_iter().for_each(|a| assert_eq!(generalised_hellinger(&samples, a), 0.0, "{samples:?}, {a}"));
+        }
+        // Powers that underflow without their common factor.
+        for samples in [&[1.0, 2.0][..], &[f64::from(f32::MAX), 0.0], &[1e-45, 0.0, 0.0]] {
+            assert!([0.001, 1.0, 1000.0].into_iter().all(|k| (0.0..1e39).contains(&fuzzy(samples, k))));
+            assert!(EXPONENTS.into_iter().all(|a| (1e-12..=1.0).contains(&power_of_divergence(samples, a))));
+        }
+    }
+
+    #[test]
     fn an_exponent_of_one_half_is_hellinger_and_one_is_total_variation() {
-        for samples in [&[0.25, 1.5, 0.0, 3.0, 0.75][..], &[2.0, 2.5], &[1.0, 0.0, 0.0, 8.0]] {
+        for samples in SAMPLES {
             let (n, sum) = (samples.len() as f64, samples.iter().sum::<f64>());
             let roots: f64 = samples.iter().map(|x| x.sqrt()).sum();
             let hellinger = 1.0 - roots / (n * sum).sqrt();
@@ -423,58 +324,29 @@ mod tests {
             close(generalised_hellinger(samples, 0.5), sum / (n * n) * hellinger.sqrt());
             let variation = samples.iter().map(|x| (x / sum - 1.0 / n).abs()).sum::<f64>() / 2.0;
             close(power_of_divergence(samples, 1.0), variation);
-            close(power_of_divergence(samples, 0.25).powi(4), divergence(samples, 0.25));
-            close(power_of_divergence(samples, 0.75).powf(4.0 / 3.0), divergence(samples, 0.75));
-        }
-    }
-
-    /// The definition.
-    fn divergence(samples: &[f64], a: f64) -> f64 {
-        let (n, sum) = (samples.len() as f64, samples.iter().sum::<f64>());
-        let term = |x: &f64| ((x / sum).powf(a) - (1.0 / n).powf(a)).abs().powf(1.0 / a);
-        samples.iter().map(term).sum::<f64>() / 2.0
-    }
-
-    /// One share is 1, the others are 0.
-    #[test]
-    fn one_sample_with_light_has_the_divergence_of_the_closed_form() {
-        for (n, a) in [2usize, 3, 8].into_iter().flat_map(|n| EXPONENTS.map(|a| (n, a))).filter(|(_, a)| *a >= 0.25) {
-            let mut samples = vec![0.0; n];
-            samples[n / 2] = 0.5;
-            let n = n as f64;
-            let expected = ((1.0 - n.powf(-a)).powf(1.0 / a) + (n - 1.0) / n) / 2.0;
-            close(power_of_divergence(&samples, a).powf(1.0 / a), expected);
-        }
-    }
-
-    #[test]
-    fn constant_black_and_single_samples_have_a_generalised_divergence_of_zero() {
-        for samples in without_contrast() {
-            EXPONENTS.into_iter().for_each(|a| assert_eq!(generalised_hellinger(&samples, a), 0.0, "{samples:?}, {a}"));
-        }
-        // Powers that underflow without their common factor.
-        for samples in [&[1.0, 2.0][..], &[f64::from(f32::MAX), 0.0], &[1e-45, 0.0, 0.0]] {
-            assert!(EXPONENTS.into_iter().all(|a| (1e-12..=1.0).contains(&power_of_divergence(samples, a))));
+            for a in [0.25, 0.75] {
+                let term = |x: &f64| ((x / sum).powf(a) - (1.0 / n).powf(a)).abs().powf(1.0 / a);
+                let expected = samples.iter().map(term).sum::<f64>() / 2.0;
+                close(power_of_divergence(samples, a).powf(1.0 / a), expected);
+            }
         }
     }
 
     #[test]
     fn scores_read_the_first_samples_of_all_halves_and_no_more() {
         let values: Vec<f32> = (0..24).map(|k| 1.0 + (k * k % 7) as f32).collect();
-        let film = |needs: Needs, pilot: u32, taken: usize| {
-            let mut film = Film::with_recorders(frame(1, 1), needs, reads(pilot).list());
+        let sum = |needs: Needs, pilot: u32, taken: usize| {
+            let mut film = Film::with_recorders(frame([1, 1]), needs, Singles::First.list());
             let half = |k: usize| if needs.halves { k % 2 } else { 0 };
             (0..taken).for_each(|k| film.push(0, half(k), [0.0, values[k], 0.0]));
-            film
+            of_samples(&film, pilot, |x| x.iter().sum()).unwrap()[0] / 0.715
         };
-        let sum = |film: &Film, pilot| of_samples(film, pilot, |x| x.iter().sum()).unwrap()[0] / 0.715;
         let expected = |n: usize| values[..n].iter().map(|&x| f64::from(x)).sum::<f64>();
         for (pilot, read) in [(8, 8), (5, 5), (20, 8)] {
-            assert_eq!(reads(pilot), Singles::first(read as u32));
             for needs in [Needs::none(), Needs::none().with_halves()] {
-                [read, 24].into_iter().for_each(|taken| close(sum(&film(needs, pilot, taken), pilot), expected(read)));
+                [read, 24].into_iter().for_each(|taken| close(sum(needs, pilot, taken), expected(read)));
             }
         }
-        close(sum(&film(Needs::none(), 8, 3), 8), expected(3));
+        close(sum(Needs::none(), 8, 3), expected(3));
     }
 }

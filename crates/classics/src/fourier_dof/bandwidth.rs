@@ -89,10 +89,10 @@ fn detail(size: [usize; 2], surfaces: &[Surface], breaks: &Breaks, window: usize
         for [before, after] in [0, 1].into_iter().filter_map(|axis| breaks.unbroken(i, axis)) {
             let [before, here, after] = [before, i, after].map(|i| &surfaces[i]);
             for c in 0..3 {
-                let [a, b, d] = [before, here, after].map(|s| f64::from(s.albedo[c]));
+                let [a, b, d] = [before, here, after].map(|s| f64::from(s.hit.albedo[c]));
                 sums[0] += (a - 2.0 * b + d).powi(2);
                 sums[1] += (d - b).powi(2);
-                sums[2] += f64::from(after.normal[c] - here.normal[c]).powi(2);
+                sums[2] += f64::from(after.hit.shading_normal[c] - here.hit.shading_normal[c]).powi(2);
             }
             sums[3] += 1.0;
         }
@@ -103,7 +103,7 @@ fn detail(size: [usize; 2], surfaces: &[Surface], breaks: &Breaks, window: usize
             return 0.0;
         }
         let texture = libm::asin((second / (first + ROUNDING * count)).sqrt().min(2.0) * 0.5) / PI;
-        let (curvature, gloss) = ((turn / count).sqrt(), 1.0 - f64::from(surface.roughness).clamp(0.0, 1.0));
+        let (curvature, gloss) = ((turn / count).sqrt(), 1.0 - f64::from(surface.hit.roughness).clamp(0.0, 1.0));
         texture.max((curvature * gloss.max(curvature)).sqrt()).min(NYQUIST)
     };
     sums.par_iter().zip(surfaces).with_min_len(1024).map(of).collect()
@@ -113,7 +113,7 @@ fn detail(size: [usize; 2], surfaces: &[Surface], breaks: &Breaks, window: usize
 /// the surface itself if it mirrors. Infinite at other pixels.
 fn edge(i: usize, surfaces: &[Surface], breaks: &Breaks, mirror: f64) -> f32 {
     let here = &surfaces[i];
-    let reflection = (here.is_hit && f64::from(here.roughness) < mirror).then(|| here.confusion.abs());
+    let reflection = (here.is_hit && f64::from(here.hit.roughness) < mirror).then(|| here.confusion.abs());
     let nearer = |j: usize| here.confusion.min(surfaces[j].confusion).abs();
     breaks.across(i).map(nearer).chain(reflection).fold(f32::INFINITY, f32::min)
 }
@@ -158,7 +158,7 @@ fn blurs(
 fn deviations(size: [usize; 2], surfaces: &[Surface], blurs: &[Blur], normals: f64) -> Vec<f64> {
     let table = Prefix::new(size, |i| {
         let (surface, grey) = (&surfaces[i], surfaces[i].grey());
-        let [x, y, z] = surface.normal.map(|n| f64::from(n) * normals.sqrt());
+        let [x, y, z] = surface.hit.shading_normal.map(|n| f64::from(n) * normals.sqrt());
         let hit = f64::from(u8::from(surface.is_hit));
         [grey, x, y, z, hit, grey * grey + x * x + y * y + z * z + hit]
     });
@@ -227,15 +227,12 @@ fn least_grown([width, height]: [usize; 2], values: Vec<f32>, slope: f32) -> Vec
     field
 }
 
-/// The surface behind a pixel's centre. Without a hit all but the circle of confusion is 0.
-#[derive(Clone, Copy, Debug, Default)]
+/// The surface behind a pixel's centre.
+#[derive(Clone, Copy)]
 struct Surface {
     is_hit: bool,
-    position: [f32; 3],
-    normal: [f32; 3],
-    albedo: [f32; 3],
-    roughness: f32,
-    shape: u32,
+    /// All that is read of it is 0 without a hit.
+    hit: FirstHit,
     /// The radius of the circle of confusion in pixels, negative in front of the plane in focus; finite.
     confusion: f32,
 }
@@ -243,26 +240,18 @@ struct Surface {
 impl Surface {
     /// The surface of a probe. Hits with a NaN or an infinity count as none, and radii are at most `largest`.
     fn new((hit, confusion): (Option<FirstHit>, f32), largest: f32) -> Self {
+        let none = FirstHit::new([0.0; 3], [0.0; 3], 0.0).with_albedo([0.0; 3]).with_roughness(0.0);
+        let hit = hit.filter(|hit| {
+            let values = [hit.position, hit.shading_normal, hit.albedo, [hit.roughness; 3]];
+            values.iter().flatten().all(|v| v.is_finite())
+        });
         let confusion = if confusion.is_nan() { 0.0 } else { confusion.clamp(-largest, largest) };
-        let Some(hit) = hit else { return Self { confusion, ..Self::default() } };
-        let values = [hit.position, hit.shading_normal, hit.albedo, [hit.roughness; 3]];
-        if !values.iter().flatten().all(|v| v.is_finite()) {
-            return Self { confusion, ..Self::default() };
-        }
-        Self {
-            is_hit: true,
-            position: hit.position,
-            normal: hit.shading_normal,
-            albedo: hit.albedo,
-            roughness: hit.roughness,
-            shape: hit.shape,
-            confusion,
-        }
+        Self { is_hit: hit.is_some(), hit: hit.unwrap_or(none), confusion }
     }
 
     /// The mean albedo of the three channels.
     fn grey(&self) -> f64 {
-        self.albedo.iter().map(|&a| f64::from(a)).sum::<f64>() / 3.0
+        self.hit.albedo.iter().map(|&a| f64::from(a)).sum::<f64>() / 3.0
     }
 }
 
@@ -318,18 +307,19 @@ impl Breaks {
 /// Returns `true` between different shapes, across steps in depth, turns of the normal, and steps of the albedo. `limits` are
 /// the sine and cosine of the largest angle, and the largest step of the albedo.
 fn is_break(a: &Surface, b: &Surface, [sine, cosine, contrast]: [f32; 3]) -> bool {
-    if a.is_hit != b.is_hit || a.shape != b.shape {
+    if a.is_hit != b.is_hit || a.hit.shape != b.hit.shape {
         return true;
     }
     if !a.is_hit {
         return false;
     }
+    let (a, b) = (&a.hit, &b.hit);
     let apart: [f32; 3] = std::array::from_fn(|k| b.position[k] - a.position[k]);
     // A step leaves the tangent plane at an angle.
-    let rise = dot(apart, a.normal).abs().max(dot(apart, b.normal).abs());
+    let rise = dot(apart, a.shading_normal).abs().max(dot(apart, b.shading_normal).abs());
     let is_step = rise > sine * dot(apart, apart).sqrt();
     let is_texture = a.albedo.iter().zip(b.albedo).any(|(a, b)| (a - b).abs() > contrast);
-    is_step || dot(a.normal, b.normal) < cosine || is_texture
+    is_step || dot(a.shading_normal, b.shading_normal) < cosine || is_texture
 }
 
 #[cfg(test)]

@@ -1,34 +1,32 @@
 //! Rounds of samples placed in the boxes with the largest scores.
 
-use super::{At, Cell, Cells, Division, Leaf, leaves, seed_of};
+use super::{At, Cell, Cells, Division, Known, Leaf, leaves, seed_of};
+use crate::method::{counts_so_far, total, with_extra};
 use crate::recorders::{FilmSamples, Singles};
-use crate::rounds::{counts_so_far, total};
 use crate::{Domain, Placed, PlacedHandle};
 use dapple_core::{
-    Error, Feedback, Frame, Limits, Needs, Options, Plan, PointSet, Progress, Recorder, SampleId, Sampler,
-    SamplerMemory, allocate, mix, streams,
+    Error, Feedback, Frame, Limits, Needs, Options, Plan, PointSet, Progress, Recorder, Sampler, SamplerMemory,
+    allocate, mix,
 };
 use rayon::prelude::*;
+use std::mem;
 use std::sync::Arc;
 
-/// A rule by which boxes are cut, scored and get samples.
-pub trait Refinement: Options + Copy + Send + Sync {
+/// A rule by which boxes, as its [`Division`] cuts them, are scored and get samples.
+pub trait Refinement: Division + Options + Copy + Send {
     /// The sampler's name.
     const NAME: &'static str;
     /// The side of a cell in pixels.
     const SIDE: u32;
-    /// The rule by which boxes are cut.
-    type Division: Division;
 
-    /// The rule by which boxes are cut.
-    fn division(&self) -> Self::Division;
-
-    /// The dimensions in which samples are placed.
+    /// The dimensions in which samples are placed; all by default.
     ///
     /// # Errors
     ///
     /// [`Error::OutOfRange`] for a domain that the method refuses.
-    fn dimensions(&self, domain: &Domain) -> Result<Domain, Error>;
+    fn dimensions(&self, domain: &Domain) -> Result<Domain, Error> {
+        Ok(domain.clone())
+    }
 
     /// Returns `true` if the whole budget is spent.
     fn is_exact(&self) -> bool {
@@ -72,15 +70,8 @@ const LEAST: u64 = 16;
 pub struct TreeSampler<P, R> {
     points: Placed<P>,
     options: R,
-    /// The boxes of each cell, as far as they are known.
-    known: Vec<Known>,
-}
-
-/// The boxes of a cell that may get samples. They follow from its samples, so they hold until their number changes.
-#[derive(Clone, Default)]
-struct Known {
-    samples: Option<u64>,
-    boxes: Vec<Candidate>,
+    /// The boxes of each cell that may get samples.
+    known: Known<Vec<Candidate>>,
 }
 
 /// A box that may get samples: its score, and its place among all boxes.
@@ -105,7 +96,7 @@ impl<P: PointSet, R: Refinement> Sampler for TreeSampler<P, R> {
     }
 
     fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
-        Singles::ALL.list()
+        Singles::All.list()
     }
 
     /// The placed samples and a box for every second sample; and while a round is planned: the boxes again, the places chosen,
@@ -115,8 +106,8 @@ impl<P: PointSet, R: Refinement> Sampler for TreeSampler<P, R> {
         let planned = samples / OF_SAMPLES * (size_of::<At>() + 8) as u64;
         let boxes = samples / 2 * size_of::<Candidate>() as u64;
         let mut memory = SamplerMemory::planning(frame, 64);
-        let cells = Cells::new(frame, R::SIDE).count() * size_of::<Known>();
-        memory.state = self.points.domain().placed_bytes(frame, needs, limits).saturating_add(boxes + cells as u64);
+        let cells = Known::<Vec<Candidate>>::bytes(frame, R::SIDE);
+        memory.state = self.points.domain().placed_bytes(frame, needs, limits).saturating_add(boxes + cells);
         memory.planning = memory.planning.saturating_add(planned).saturating_add(boxes);
         memory
     }
@@ -128,10 +119,10 @@ impl<P: PointSet, R: Refinement> Sampler for TreeSampler<P, R> {
     /// Plans the pilot, and then rounds of samples in the boxes with the largest scores. What then remains of the budget is spread
     /// evenly if it must be spent.
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        let samples = Singles::ALL.of(seen.film, R::NAME)?;
+        let samples = Singles::All.of(seen.film, R::NAME)?;
         if seen.round == 0 {
             self.points.clear();
-            self.known.clear();
+            self.known.0.clear();
         }
         if seen.budget.left() == 0 {
             return Ok(Progress::Done);
@@ -146,7 +137,7 @@ impl<P: PointSet, R: Refinement> Sampler for TreeSampler<P, R> {
         }
         self.points.publish();
         plan.counts = round.counts;
-        Ok(if round.total == 0 { Progress::Done } else { Progress::Trace })
+        Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
 
     fn save(&self) -> Vec<u8> {
@@ -154,7 +145,7 @@ impl<P: PointSet, R: Refinement> Sampler for TreeSampler<P, R> {
     }
 
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.known.clear();
+        self.known.0.clear();
         self.points.restore(saved)
     }
 }
@@ -168,7 +159,7 @@ impl<P: PointSet, R: Refinement> TreeSampler<P, R> {
     pub fn new(points: P, domain: &Domain, options: R) -> Result<Self, Error> {
         options.check_ranges()?;
         let domain = options.dimensions(domain)?;
-        Ok(Self { points: Placed::new(points, domain), options, known: Vec::new() })
+        Ok(Self { points: Placed::new(points, domain), options, known: Known::default() })
     }
 
     /// The samples that it places, for filters.
@@ -192,7 +183,7 @@ impl<P: PointSet, R: Refinement> TreeSampler<P, R> {
             for number in round.now[i]..wanted {
                 let seed = mix(round.seed ^ mix(i as u64));
                 match self.options.pilot_sample(number, seed) {
-                    Some(at) => self.add(seen.frame(), round, i, &at)?,
+                    Some(at) => self.add(seen, round, i, &at)?,
                     None => round.take(i),
                 }
             }
@@ -205,31 +196,26 @@ impl<P: PointSet, R: Refinement> TreeSampler<P, R> {
         let cells = Cells::new(seen.frame(), R::SIDE);
         let chosen = self.choose(seen, samples, cells);
         let of_cell: Vec<&[Candidate]> = chosen.chunk_by(|a, b| a.cell == b.cell).collect();
-        let (seed, division) = (round.seed, self.options.division());
-        let placed: Vec<([u32; 2], Vec<At>)> = of_cell
-            .par_iter()
-            .map_init(Cell::default, |cell, chosen| {
-                let mut places = Vec::new();
-                let number = chosen[0].cell as usize;
-                cells.read(number, samples, &self.points, self.points.domain(), cell);
-                let (cell, mut leaf, mut next) = (&*cell, 0, 0);
-                leaves(&division, cell, &mut |at| {
-                    if let Some(&Candidate { count, .. }) = chosen.get(next).filter(|c| c.leaf == leaf) {
-                        let name = mix(seed ^ mix(number as u64 ^ u64::from(leaf) << 32)) ^ mix(cell.at.len() as u64);
-                        self.options.place(cell, at, count, name, &mut places);
-                        next += 1;
-                    }
-                    leaf += 1;
-                });
-                (cell.corner, places)
-            })
-            .collect();
+        let seed = round.seed;
         let size = seen.frame().size();
-        for (corner, at) in placed.iter().flat_map(|(corner, places)| places.iter().map(move |at| (*corner, at))) {
-            let (pixel, inside) = pixel_of(size, corner, at);
+        let placed = of_cell.par_iter().map_init(Cell::default, |cell, chosen| {
+            let number = chosen[0].cell as usize;
+            cells.read(number, samples, &self.points, self.points.domain(), cell);
+            let (cell, mut places, mut leaf, mut next) = (&*cell, Vec::new(), 0, 0);
+            leaves(&self.options, cell, &mut |at| {
+                if let Some(&Candidate { count, .. }) = chosen.get(next).filter(|c| c.leaf == leaf) {
+                    let name = mix(seed ^ mix(number as u64 ^ u64::from(leaf) << 32)) ^ mix(cell.at.len() as u64);
+                    self.options.place(cell, at, count, name, &mut places);
+                    next += 1;
+                }
+                leaf += 1;
+            });
+            places.iter().map(|at| pixel_of(size, cell.corner, at)).collect::<Vec<_>>()
+        });
+        for (pixel, inside) in placed.collect::<Vec<_>>().into_iter().flatten() {
             let i = pixel[1] as usize * size[0] as usize + pixel[0] as usize;
             if round.total < seen.budget.left() && round.now[i] + round.counts[i] < seen.budget.max_spp {
-                self.add(seen.frame(), round, i, &inside)?;
+                self.add(seen, round, i, &inside)?;
             }
         }
         Ok(())
@@ -237,30 +223,21 @@ impl<P: PointSet, R: Refinement> TreeSampler<P, R> {
 
     /// The boxes that get samples in this round, by cell and place.
     fn choose(&mut self, seen: &Feedback<'_>, recorded: &FilmSamples<'_>, cells: Cells) -> Vec<Candidate> {
-        let (budget, rule, division) = (seen.budget, self.options, self.options.division());
-        if self.known.len() != cells.count() {
-            self.known = vec![Known::default(); cells.count()];
-        }
-        let (points, domain) = (&self.points, self.points.domain());
-        self.known.par_iter_mut().enumerate().for_each_init(Cell::default, |cell, (number, known)| {
-            let samples = cells.pixels(number).map(|i| seen.film.count(i)).sum();
-            if known.samples == Some(samples) {
-                return;
-            }
-            *known = Known { samples: Some(samples), boxes: Vec::new() };
-            cells.read(number, recorded, points, domain, cell);
-            let mut leaf = 0;
-            leaves(&division, cell, &mut |at| {
+        let (budget, rule) = (seen.budget, self.options);
+        self.known.refresh(cells, recorded, &self.points, self.points.domain(), |number, cell| {
+            let (mut boxes, mut leaf) = (Vec::new(), 0);
+            leaves(&rule, cell, &mut |at| {
                 let (score, samples) = (rule.score(cell, at), at.items.len() as u32);
                 if score > 0.0 {
-                    known.boxes.push(Candidate { score, cell: number as u32, leaf, samples, count: 0 });
+                    boxes.push(Candidate { score, cell: number as u32, leaf, samples, count: 0 });
                 }
                 leaf += 1;
             });
+            boxes
         });
         let is_open = |cell: usize| cells.pixels(cell).any(|i| seen.film.count(i) < u64::from(budget.max_spp));
-        let open = self.known.iter().enumerate().filter(|(cell, _)| is_open(*cell));
-        let mut all: Vec<Candidate> = open.flat_map(|(_, known)| &known.boxes).copied().collect();
+        let open = self.known.0.iter().enumerate().filter(|(cell, _)| is_open(*cell));
+        let mut all: Vec<Candidate> = open.flat_map(|(_, (_, boxes))| boxes).copied().collect();
         let step = (seen.pixels() as u64 / OF_PIXELS).max(budget.spent / OF_SAMPLES).max(1).min(budget.left());
         let least = (seen.pixels() as u64).max(budget.spent).div_ceil(LEAST).min(step);
         let level = rule.least_share() * all.iter().map(|c| c.score).fold(0.0, f64::max);
@@ -271,10 +248,11 @@ impl<P: PointSet, R: Refinement> TreeSampler<P, R> {
     }
 
     /// Places the next sample of pixel `i`.
-    fn add(&mut self, frame: &Frame, round: &mut Round, i: usize, at: &At) -> Result<(), Error> {
-        let id = round.next_id(frame, i);
+    fn add(&mut self, seen: &Feedback<'_>, round: &mut Round, i: usize, at: &At) -> Result<(), Error> {
+        let half = round.half(i);
+        let id = seen.film.sample_id(half, i, round.taken[i][half] as usize);
         round.take(i);
-        self.points.add(frame, id, &at[..self.points.domain().axes().len()])
+        self.points.add(seen.frame(), id, &at[..self.points.domain().axes().len()])
     }
 }
 
@@ -323,47 +301,28 @@ struct Round {
     now: Vec<u32>,
     counts: Vec<u32>,
     total: u64,
-    /// The index of the next sample in each half, and the number of samples there.
-    next: Vec<[(u64, u64); 2]>,
+    /// The samples of each half.
+    taken: Vec<[u64; 2]>,
     halves: bool,
 }
 
 impl Round {
     fn new(seen: &Feedback<'_>, seed: u64) -> Self {
         let (film, pixels) = (seen.film, seen.pixels());
-        let halves = film.needs().halves;
-        let next = |i: usize| {
-            [0, 1].map(|half| {
-                let count = film.half(half, i).map_or(film.count(i), |moments| moments.count);
-                (film.sample_id(half, i, count as usize).index, count)
-            })
-        };
-        Self {
-            seed,
-            now: counts_so_far(seen),
-            counts: vec![0; pixels],
-            total: 0,
-            next: (0..pixels).map(next).collect(),
-            halves,
-        }
+        let taken = |i| [0, 1].map(|half| film.half(half, i).map_or(film.count(i), |moments| moments.count));
+        let (now, taken) = (counts_so_far(seen), (0..pixels).map(taken).collect());
+        Self { seed, now, counts: vec![0; pixels], total: 0, taken, halves: film.needs().halves }
     }
 
     /// The half of pixel `i`'s next sample: the one with fewer, as in the render loop.
     fn half(&self, i: usize) -> usize {
-        usize::from(self.halves && self.next[i][1].1 < self.next[i][0].1)
-    }
-
-    fn next_id(&self, frame: &Frame, i: usize) -> SampleId {
-        let half = self.half(i);
-        let stream = if self.halves { streams::HALVES[half] } else { streams::WHOLE };
-        SampleId::new(frame.pixel(i), stream, self.next[i][half].0)
+        usize::from(self.halves && self.taken[i][1] < self.taken[i][0])
     }
 
     /// Adds a sample to pixel `i`.
     fn take(&mut self, i: usize) {
         let half = self.half(i);
-        let (index, count) = &mut self.next[i][half];
-        (*index, *count) = (*index + 1, *count + 1);
+        self.taken[i][half] += 1;
         self.counts[i] += 1;
         self.total += 1;
     }
@@ -372,16 +331,9 @@ impl Round {
     /// pixels at their ceiling lost.
     fn fill(&mut self, seen: &Feedback<'_>) -> Result<(), Error> {
         let left = seen.budget.left();
-        let step = (seen.pixels() as u64 / OF_PIXELS).min(left);
-        let target = if self.total == 0 { left } else { step };
-        if seen.budget.max_spp == u32::MAX && self.total > 0 || self.total >= target {
-            return Ok(());
-        }
-        let floors: Vec<u32> = self.now.iter().zip(&self.counts).map(|(now, more)| now + more).collect();
-        let total = total(&self.now) + target;
-        let wanted = allocate(&vec![1.0; floors.len()], &floors, seen.budget.max_spp, total)?.counts;
-        for (i, wanted) in wanted.into_iter().enumerate() {
-            (floors[i]..wanted).for_each(|_| self.take(i));
+        let target = if self.total == 0 { left } else { (seen.pixels() as u64 / OF_PIXELS).min(left) };
+        if seen.budget.max_spp < u32::MAX || self.total == 0 {
+            self.counts = with_extra(seen, mem::take(&mut self.counts), target.saturating_sub(self.total))?;
         }
         Ok(())
     }

@@ -6,9 +6,9 @@ use dapple_cluster_adaptive::{
     RateMap, TraceVisibility, probe, visibility_variances,
 };
 use dapple_clustering::Triangles;
-use dapple_conformance::toys::Field;
+use dapple_conformance::toys::{Field, raised};
 use dapple_conformance::{Spending, sampler, sampler_on_frames};
-use dapple_core::{Budget, Limits, Render, Sampler as _};
+use dapple_core::{Budget, Limits, Needs, Render, Sampler as _};
 use dapple_low_discrepancy::{Random, Sobol};
 use std::sync::Arc;
 
