@@ -314,12 +314,12 @@ fn read_with_files(
         return Err(JobError::NoScene { name: name.to_owned() });
     }
     let memory = options.limit.bytes().map(|limit| limit.saturating_sub(resident().map_or(0, |[now, _]| now)));
-    let read_options = ReadOptions::default().with_allow_unsupported(allow_unsupported).with_memory(memory);
+    let read_options = ReadOptions { allow_unsupported, memory };
     let files =
         Recorder { limit: options.limit, read: options.digest.then(RefCell::default), seen: RefCell::default() };
     let mut model = ModelOptions::default();
     model.aspect = options.aspect;
-    let scene = read_any_from(&files, path, &AnyOptions::default().with_scene(read_options).with_model(model))?;
+    let scene = read_any_from(&files, path, &AnyOptions { scene: read_options, model })?;
     let digest = files.read.map(|read| {
         let mut digest = ContentHash::new();
         // Paths are hashed relative to the scene's folder, so that a moved scene has the same digest.

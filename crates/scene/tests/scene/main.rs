@@ -5,13 +5,16 @@
 mod bundled;
 mod effects_found;
 mod gltf;
-mod image;
+/// Images: reading every format, and writing files.
+#[allow(clippy::print_stderr)] // A skipped test has to say so.
+mod image {
+    mod read;
+    mod write;
+}
 mod models;
 mod reader_directives;
 mod reader_hard;
-mod reader_materials;
 mod reader_messages;
 mod reader_old;
 mod reader_scenes;
-mod snippets;
 mod support;

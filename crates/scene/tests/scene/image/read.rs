@@ -350,10 +350,12 @@ fn images_check_their_length_and_find_what_is_not_finite() {
     assert!(matches!(Image::new([2, 2], vec![[0.0; 3]; 3]), Err(ImageError::PixelCount { found: 3, .. })));
     assert!(matches!(Image::filled([0, 2], [0.0; 3]), Err(ImageError::Empty { .. })));
     let mut image = image();
-    assert_eq!((image.non_finite(), image.row(1)[2], image.pixel(2, 1)), (None, image.pixels[7], image.pixels[7]));
+    assert_eq!((image.row(1)[2], image.pixel(2, 1)), (image.pixels[7], image.pixels[7]));
+    assert_eq!(image.clone().checked_finite("a.pfm").unwrap(), image);
     image.pixels[7][2] = f32::NEG_INFINITY;
     image.pixels[14] = [f32::NAN; 3];
-    assert_eq!(image.non_finite(), Some(NonFinite { count: 2, first: [2, 1] }));
+    let message = image.checked_finite("a.pfm").unwrap_err().to_string();
+    assert!(message.starts_with("a.pfm: the pixel in column 2 of row 1 is NaN or infinite, and 1 more: "), "{message}");
 }
 
 /// A folder of `../shared` or beside the repository; `None` (with a line saying so) where there is none.
