@@ -5,12 +5,7 @@
 mod bundled;
 mod effects_found;
 mod gltf;
-/// Images: reading every format, and writing files.
-#[allow(clippy::print_stderr)] // A skipped test has to say so.
-mod image {
-    mod read;
-    mod write;
-}
+mod image;
 mod models;
 mod reader_directives;
 mod reader_hard;
